@@ -1,0 +1,105 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Pose: where the sensor is and how it is turned, R = Rz(heading) Ry(pitch) Rx(roll) (D1, D2)."""
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from maxcon.errors import ArrayError
+from maxcon.geometry.arrays import as_points
+
+__all__ = ["Pose", "rotation_matrices", "wrap_angle"]
+
+
+def wrap_angle(angle: float) -> float:
+    """Return `angle` (rad) wrapped to [-pi, pi)."""
+    wrapped = (angle + math.pi) % (2.0 * math.pi) - math.pi
+    return -math.pi if wrapped >= math.pi else wrapped
+
+
+def rotation_matrices(roll: ArrayLike, pitch: ArrayLike, heading: ArrayLike) -> NDArray[np.float64]:
+    """Rotation matrices Rz(heading) Ry(pitch) Rx(roll) (D2).
+
+    Parameters
+    ----------
+    roll, pitch, heading : array_like, shape (...)
+        Angles, rad.
+
+    Returns
+    -------
+    array, shape (..., 3, 3)
+        Each maps sensor axes to map axes.
+    """
+    roll, pitch, heading = np.broadcast_arrays(
+        *(np.asarray(angle, dtype=np.float64) for angle in (roll, pitch, heading))
+    )
+    cr, sr = np.cos(roll), np.sin(roll)
+    cp, sp = np.cos(pitch), np.sin(pitch)
+    ch, sh = np.cos(heading), np.sin(heading)
+    rows = [
+        [ch * cp, ch * sp * sr - sh * cr, ch * sp * cr + sh * sr],
+        [sh * cp, sh * sp * sr + ch * cr, sh * sp * cr - ch * sr],
+        [-sp, cp * sr, cp * cr],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """T_map_sensor: position and orientation of the sensor in the map.
+
+    `T_a_b` maps from b to a, so `pose.apply(points_sensor)` are the points in the map's frame.
+
+    Parameters
+    ----------
+    x, y, z : float
+        Position of the sensor, m. z is up.
+    roll, pitch, heading : float
+        Orientation, rad: R = Rz(heading) Ry(pitch) Rx(roll). Heading is counter-clockwise from +x
+        and is kept in [-pi, pi).
+
+    Raises
+    ------
+    ArrayError
+        If a value is not a finite number.
+    """
+
+    x: float
+    y: float
+    z: float
+    roll: float
+    pitch: float
+    heading: float
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = float(getattr(self, field.name))
+            if not math.isfinite(value):
+                raise ArrayError(
+                    f"Expected a finite number for `{field.name}` of a Pose, got {value}. Leave this pose out."
+                )
+            object.__setattr__(self, field.name, value)
+        object.__setattr__(self, "heading", wrap_angle(self.heading))
+
+    @property
+    def position(self) -> NDArray[np.float64]:
+        """x, y, z in m, shape (3,)."""
+        return np.array([self.x, self.y, self.z])
+
+    @property
+    def rotation(self) -> NDArray[np.float64]:
+        """R_map_sensor, shape (3, 3)."""
+        return rotation_matrices(self.roll, self.pitch, self.heading)
+
+    def apply(self, points_sensor: ArrayLike) -> NDArray[np.float64]:
+        """Points in the map's frame, shape (n, 3), m, from points in the sensor frame."""
+        points = as_points(points_sensor, "points_sensor")
+        return points @ self.rotation.T + self.position
+
+    def translated(self, offset: ArrayLike) -> "Pose":
+        """Return the same orientation at a position moved by `offset`, shape (3,), m."""
+        x, y, z = self.position + np.asarray(offset, dtype=np.float64)
+        return Pose(x, y, z, self.roll, self.pitch, self.heading)
