@@ -1,0 +1,73 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Accumulator: the moments of every cell of a search space (D5)."""
+
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.errors import ArrayError
+from maxcon.geometry import Pose
+from maxcon.objectives import Moments, Objective, Scores
+from maxcon.search_space import Cell, SearchSpace
+
+__all__ = ["Accumulator"]
+
+
+@dataclass(frozen=True, slots=True)
+class Accumulator:
+    """What one pass over all matches leaves: every objective is a function of it.
+
+    Parameters
+    ----------
+    moments : array, shape (headings, ny, nx, 4)
+        Count, Nxx, Nxy and Nyy of each cell (equation (4)).
+    space : SearchSpace
+        The cells.
+    prior : Pose
+        The pose the cells lie around, local frame.
+    """
+
+    moments: Moments
+    space: SearchSpace
+    prior: Pose
+
+    def __post_init__(self) -> None:
+        expected = (*self.space.shape, 4)
+        if self.moments.shape != expected:
+            raise ArrayError(f"Expected `moments` to have shape {expected}, got {self.moments.shape}.")
+
+    def score(self, objective: Objective) -> Scores:
+        """Scores of all cells, shape (headings, ny, nx)."""
+        return objective.score(self.moments)
+
+    def best_cell(self, objective: Objective) -> Cell:
+        """Return the cell with the highest score; the first in index order at ties (D8).
+
+        Raises
+        ------
+        ArrayError
+            If the objective returns scores of another shape, or NaN.
+        """
+        return highest(self.score(objective), self.space)
+
+    def normal_matrix(self, cell: Cell) -> NDArray[np.float64]:
+        """N of one cell, shape (2, 2)."""
+        _, nxx, nxy, nyy = self.moments[cell].astype(np.float64)
+        return np.array([[nxx, nxy], [nxy, nyy]])
+
+
+def highest(scores: Scores, space: SearchSpace) -> Cell:
+    """Return the cell with the highest of `scores`, the first in index order at ties (D8)."""
+    scores = np.asarray(scores)
+    if scores.shape != space.shape:
+        raise ArrayError(
+            f"Expected an objective to return scores of shape {space.shape}, got {scores.shape}."
+            " Reduce the last axis of the moments only."
+        )
+    best = int(np.argmax(scores))
+    if np.isnan(scores.flat[best]):
+        raise ArrayError("Expected scores that are numbers, got NaN. Let the objective return 0 where it has none.")
+    return cast(Cell, tuple(int(index) for index in np.unravel_index(best, scores.shape)))

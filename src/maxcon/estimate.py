@@ -1,0 +1,72 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Estimate: what a method answers for one epoch, and in which words it fails."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.geometry import Pose
+from maxcon.search_space import Cell
+
+__all__ = ["Estimate", "Status"]
+
+
+class Status(StrEnum):
+    """How far an estimate may be trusted; the values are the words a user reads."""
+
+    LOCALIZED = "localized"
+    UNDETERMINED = "undetermined"
+    AT_RIM = "at the rim"
+    NO_MATCH = "no match"
+
+    @property
+    def explanation(self) -> str:
+        """What happened and what to do about it, in a sentence."""
+        return _EXPLANATIONS[self]
+
+
+_EXPLANATIONS = {
+    Status.LOCALIZED: "The best cell lies inside the search space and its matches determine x and y.",
+    Status.UNDETERMINED: "The matches leave a direction open (a single wall, a bare street): do not use x and y.",
+    Status.AT_RIM: "The best cell lies on the rim of the search space: the true pose may lie outside. Widen it.",
+    Status.NO_MATCH: "No scan point matched the map: is the prior inside the map, and is its height right?",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """The answer of a method for one epoch.
+
+    Parameters
+    ----------
+    pose : Pose
+        T_map_sensor, local frame of the map. The prior where nothing matched.
+    score : float
+        Worth of the best cell, in units of the objective.
+    cell : tuple of 3 int
+        (heading, y, x) of the best cell in the search space.
+    status : Status
+        Whether the pose may be used, with words.
+    cofactor : array, shape (2, 2)
+        Q = N^-1 of x and y at the best cell (equation (4)): the covariance up to the variance factor, in
+        units of one match's variance. Infinite on the diagonal where the matches leave a direction open.
+    """
+
+    pose: Pose
+    score: float
+    cell: Cell
+    status: Status
+    cofactor: NDArray[np.float64]
+
+    @property
+    def is_localized(self) -> bool:
+        """Whether the pose may be used."""
+        return self.status is Status.LOCALIZED
+
+    @property
+    def helmert_point_error(self) -> float:
+        """sqrt(tr Q): Helmert's point error, in units of one match's standard deviation."""
+        return float(np.sqrt(np.trace(self.cofactor)))

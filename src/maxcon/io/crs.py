@@ -1,0 +1,64 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Coordinate reference systems: of text, and whether two are the same (D1)."""
+
+from functools import lru_cache
+from typing import Any
+
+from maxcon.errors import CrsError
+
+__all__ = ["crs_name", "metric_crs", "same_crs"]
+
+
+@lru_cache(maxsize=32)
+def _parse(text: str) -> Any:
+    import pyproj
+    from pyproj.exceptions import CRSError
+
+    try:
+        return pyproj.CRS.from_user_input(text)
+    except CRSError as error:
+        reason = str(error).splitlines()[0][:120]
+        raise CrsError(
+            f"Expected a coordinate reference system such as EPSG:25832, or WKT, got {text[:80]!r}: {reason}."
+        ) from None
+
+
+def metric_crs(text: str) -> str:
+    """WKT of a projected (or local) CRS in metres.
+
+    Parameters
+    ----------
+    text : str
+        A code such as "EPSG:25832", or WKT.
+
+    Raises
+    ------
+    CrsError
+        If it is unknown, or its horizontal axes are not in metres.
+    """
+    crs = _parse(text)
+    horizontal = crs.sub_crs_list[0] if crs.is_compound else crs
+    units = {axis.unit_name for axis in horizontal.axis_info[:2]}
+    if horizontal.is_geographic or not units <= {"metre", "meter", "m"}:
+        raise CrsError(
+            f"Expected a projected CRS in metres, got {crs.name} in"
+            f" {', '.join(sorted(units)) or 'unknown units'}."
+            " Reproject the points first, to the UTM zone for example."
+        )
+    wkt: str = crs.to_wkt()
+    return wkt
+
+
+def same_crs(one: str, other: str) -> bool:
+    """Whether two CRS, as WKT, mean the same, whatever the order of their axes."""
+    return one == other or bool(_parse(one).equals(_parse(other), ignore_axis_order=True))
+
+
+def crs_name(wkt: str | None) -> str:
+    """Return "ETRS89 / UTM zone 32N (EPSG:25832)" or the like, "unknown" for None."""
+    if wkt is None:
+        return "unknown"
+    crs = _parse(wkt)
+    authority = crs.to_authority()
+    return f"{crs.name} ({':'.join(authority)})" if authority else str(crs.name)

@@ -1,0 +1,218 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Building a map on disk from point clouds: read, drop, sort into tiles, fit normals, write (D10)."""
+
+import math
+import os
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from maxcon.atomic import atomic_folder
+from maxcon.errors import ArrayError, MapError, OptionError
+from maxcon.io.clouds import CloudHeader
+from maxcon.mapping.classes import DEFAULT_DROP, class_name, parse_classes
+from maxcon.mapping.sources import SourceCounts, check_sides, common_crs, open_headers, read_source
+from maxcon.mapping.spill import TileSpill
+from maxcon.mapping.tiles import TileMaker
+from maxcon.point_map import TileKey
+from maxcon.point_map.store import Manifest, TileEntry, write_manifest, write_tile
+from maxcon.trajectory import Trajectory
+
+__all__ = ["MapOptions", "build_map"]
+
+Progress = Callable[[str, int, int], None]
+"""Called with the step's name, how many points or tiles are done, and of how many."""
+
+# The local frame begins at a round number south-west of the first points (m).
+ORIGIN_STEP = 100.0
+
+
+@dataclass(frozen=True, slots=True)
+class MapOptions:
+    """How a map is made of its points.
+
+    Parameters
+    ----------
+    cell : float
+        Voxel edge, m.
+    drop : sequence of str, optional
+        Classes to leave out, by name or number; ground, vegetation, noise, temporal exclusion and the
+        vehicle classes if None, and then nothing where a source has no classes.
+    vehicle_classes : iterable of int
+        Class numbers that mean vehicles.
+    trajectory : Trajectory, optional
+        Sensor positions, matched by the points' times, to turn normals to the sensor's side.
+    normals_have_sides : bool
+        Whether the sources' own normals are turned to the sensor's side already.
+    crs : str, optional
+        CRS of sources that name none.
+    """
+
+    cell: float = 0.06
+    drop: Sequence[str] | None = None
+    vehicle_classes: Iterable[int] = ()
+    trajectory: Trajectory | None = None
+    normals_have_sides: bool = False
+    crs: str | None = None
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.cell) and self.cell > 0.0):
+            raise ArrayError(f"Expected a positive voxel edge in m, got {self.cell}.")
+
+    @property
+    def dropped_classes(self) -> frozenset[int]:
+        """Class numbers that are left out."""
+        vehicles = tuple(self.vehicle_classes)
+        named = parse_classes(DEFAULT_DROP if self.drop is None else self.drop, vehicles)
+        return named | frozenset(vehicles) if self.drop is None else named
+
+
+def build_map(
+    sources: Sequence[str | os.PathLike[str]],
+    out: str | os.PathLike[str],
+    options: MapOptions | None = None,
+    *,
+    overwrite: bool = False,
+    n_threads: int | None = None,
+    progress: Progress | None = None,
+) -> Manifest:
+    """Build a map on disk; memory is bounded by the tiles, not by the sources.
+
+    Parameters
+    ----------
+    sources : sequence of path
+        LAS, LAZ, PLY and NPZ files.
+    out : path
+        Folder of the map; it appears when all is done.
+    options : MapOptions, optional
+        How; the defaults if None.
+    overwrite : bool
+        Whether a map that stands there is replaced.
+    n_threads : int, optional
+        Tiles made at the same time; the number of processors if None. The map does not depend on it.
+    progress : callable, optional
+        Called with (step, done, of how many).
+
+    Returns
+    -------
+    Manifest
+        What the map is made of.
+
+    Raises
+    ------
+    FileError, CrsError, OptionError, TrajectoryError, MapError
+        If a source, an option or their combination cannot be used, or `out` cannot be written.
+    """
+    options = options or MapOptions()
+    report = progress or (lambda step, done, total: None)
+    headers = open_headers(sources)
+    crs = common_crs(headers, options.crs)
+    drop = options.dropped_classes
+    _check_classes(headers, options)
+    with atomic_folder(out, overwrite=overwrite) as folder:
+        spill_folder = folder / "points"
+        spill_folder.mkdir()
+        spill = TileSpill(spill_folder, options.cell)
+        use_normals = all(header.has_normals for header in headers)
+        origin, counts = _sort_into_tiles(headers, spill, drop, options, use_normals, report)
+        is_signed = options.trajectory is not None or (use_normals and options.normals_have_sides)
+        maker = TileMaker(spill, spill_folder, options.cell, has_normals=use_normals, is_signed=is_signed)
+        entries = _make_tiles(folder, maker, spill.keys, n_threads or os.cpu_count() or 1, report)
+        spill_folder.rmdir()
+        build = _description(counts, drop, use_normals)
+        manifest = Manifest(options.cell, origin, crs, is_signed, tuple(entries), build)
+        write_manifest(folder, manifest)
+    return manifest
+
+
+def _check_classes(headers: Sequence[CloudHeader], options: MapOptions) -> None:
+    """Refuse to drop classes by name from a source that has none: it would stay silent."""
+    if not options.drop:
+        return
+    for header in headers:
+        if not header.has_classes:
+            raise OptionError(
+                f"Expected classes in {header.path} to drop {', '.join(options.drop)}, but it has none."
+                " Leave out --drop, or classify it."
+            )
+
+
+def _sort_into_tiles(
+    headers: Sequence[CloudHeader],
+    spill: TileSpill,
+    drop: frozenset[int],
+    options: MapOptions,
+    use_normals: bool,
+    report: Progress,
+) -> tuple[tuple[float, float, float], list[SourceCounts]]:
+    """Read all sources into the spill; return the origin of the local frame and what was read."""
+    counts = [SourceCounts(header.path.name) for header in headers]
+    n_total = sum(header.n_points for header in headers)
+    origin = None
+    for header, counted in zip(headers, counts, strict=True):
+        for part in read_source(header, counted, drop, options.trajectory, use_normals=use_normals):
+            if origin is None and len(part.points):
+                origin = np.floor(part.points.min(axis=0) / ORIGIN_STEP) * ORIGIN_STEP
+            if origin is not None:
+                spill.add(part.points - origin, part.sides)
+            report("reading points", sum(source.n_points for source in counts), n_total)
+    spill.flush()
+    if origin is None:
+        n_read = sum(source.n_points for source in counts)
+        raise MapError(
+            f"Expected points for the map, but none of the {n_read:,} points in"
+            f" {', '.join(source.name for source in counts)} is left. Check what is dropped."
+        )
+    if options.trajectory is not None:
+        check_sides(counts, options.trajectory)
+    x, y, z = origin.tolist()
+    return (x, y, z), counts
+
+
+def _make_tiles(
+    folder: Path, maker: TileMaker, keys: Sequence[TileKey], n_threads: int, report: Progress
+) -> list[TileEntry]:
+    """Make and write every tile, several at a time, in two rounds: a tile's normals need its neighbours."""
+    n_steps = 2 * len(keys)
+    with ThreadPoolExecutor(n_threads) as pool:
+        try:
+            for done, _ in enumerate(pool.map(maker.gather, keys), 1):
+                report("making tiles", done, n_steps)
+            entries = []
+            for entry in pool.map(lambda key: write_tile(folder, maker.make(key)), keys):
+                entries.append(entry)
+                report("making tiles", len(keys) + len(entries), n_steps)
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+    maker.clear(keys)
+    return entries
+
+
+def _description(
+    counts: Sequence[SourceCounts], drop: frozenset[int], use_normals: bool
+) -> dict[str, object]:
+    """What the manifest says of how the map was made."""
+    from maxcon import __version__
+
+    return {
+        "program": f"maxcon {__version__}",
+        "normals": "of the sources" if use_normals else "from neighbourhoods",
+        "drop": {str(number): class_name(number) for number in sorted(drop)},
+        "sources": [
+            {
+                "name": source.name,
+                "n_points": source.n_points,
+                "n_kept": source.n_kept,
+                "n_invalid": source.n_invalid,
+                "n_without_side": source.n_without_side,
+                "n_dropped": {str(number): n for number, n in sorted(source.n_dropped.items())},
+                "is_classified": source.is_classified,
+            }
+            for source in counts
+        ],
+    }

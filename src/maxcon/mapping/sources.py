@@ -1,0 +1,199 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Where a map's points come from: their CRS, what is dropped of them, and which side of a surface they saw."""
+
+import os
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.errors import CrsError, FileError, OptionError, TrajectoryError
+from maxcon.io.clouds import CloudChunk, CloudHeader, open_cloud
+from maxcon.io.crs import metric_crs, same_crs
+from maxcon.mapping.classes import UNCLASSIFIED
+from maxcon.trajectory import Trajectory
+
+__all__ = ["SidedPoints", "SourceCounts", "common_crs", "open_headers", "read_source"]
+
+# Farther from any pose of the trajectory than this, a point's sensor position is not known (s).
+LARGEST_TIME_GAP = 0.5
+
+
+@dataclass(slots=True)
+class SourceCounts:
+    """What became of the points of one file."""
+
+    name: str
+    n_points: int = 0
+    n_invalid: int = 0
+    n_without_side: int = 0
+    n_dropped: Counter[int] = field(default_factory=Counter)
+    is_classified: bool = False
+
+    @property
+    def n_kept(self) -> int:
+        """Points that went into the map."""
+        return self.n_points - self.n_invalid - self.n_dropped.total()
+
+
+@dataclass(frozen=True, slots=True)
+class SidedPoints:
+    """Points for the map: shape (n, 3), global, m; and their side, shape (n, 3): a direction or zeros."""
+
+    points: NDArray[np.float64]
+    sides: NDArray[np.float32]
+
+
+def open_headers(paths: Sequence[str | os.PathLike[str]]) -> list[CloudHeader]:
+    """Headers of all sources, so that what cannot work is said before anything is read.
+
+    Raises
+    ------
+    FileError
+        If there is no source, one is named twice, or one cannot be read.
+    """
+    if not paths:
+        raise FileError("Expected at least one point cloud, got none. Name LAS, LAZ, PLY or NPZ files.")
+    files = [Path(path) for path in paths]
+    twice = [file for file, number in Counter(file.resolve() for file in files).items() if number > 1]
+    if twice:
+        raise FileError(f"Expected each point cloud once, got {twice[0]} more than once. Name it once.")
+    headers = []
+    for file in files:
+        with open_cloud(file) as reader:
+            headers.append(reader.header)
+    return headers
+
+
+def common_crs(headers: Sequence[CloudHeader], crs: str | None) -> str | None:
+    """Return the one CRS of all sources as WKT; None where none is named.
+
+    Parameters
+    ----------
+    headers : sequence of CloudHeader
+        The sources.
+    crs : str or None
+        The CRS of sources that name none.
+
+    Raises
+    ------
+    CrsError
+        If sources disagree, or some name a CRS and some do not and `crs` is None.
+    """
+    wanted = metric_crs(crs) if crs is not None else None
+    first: tuple[CloudHeader, str] | None = None
+    for header in headers:
+        own = metric_crs(header.crs) if header.crs is not None else wanted
+        if own is None:
+            continue
+        if wanted is not None and not same_crs(own, wanted):
+            raise CrsError(
+                f"Expected {header.path} to be in the CRS given, {crs}, but it names another itself."
+                " Reproject it, or leave out --crs."
+            )
+        if first is not None and not same_crs(own, first[1]):
+            raise CrsError(
+                f"Expected all point clouds in one CRS, but {first[0].path} and {header.path} name different"
+                " ones. Reproject one of them."
+            )
+        first = first or (header, own)
+    without = [header for header in headers if header.crs is None]
+    if first is not None and wanted is None and without:
+        raise CrsError(
+            f"Expected all point clouds to name their CRS as {first[0].path} does, but {without[0].path} names"
+            " none. Say it with --crs."
+        )
+    return first[1] if first is not None else None
+
+
+def read_source(
+    header: CloudHeader,
+    counts: SourceCounts,
+    drop: frozenset[int],
+    trajectory: Trajectory | None,
+    *,
+    use_normals: bool,
+) -> Iterator[SidedPoints]:
+    """Yield the points of a source that belong in the map, and count the others.
+
+    Parameters
+    ----------
+    header : CloudHeader
+        The source.
+    counts : SourceCounts
+        Filled as it is read.
+    drop : frozenset of int
+        Classes to leave out.
+    trajectory : Trajectory or None
+        Where the sensor was, to tell the side of a surface it saw.
+    use_normals : bool
+        Whether the sides are the normals of the source (turned to the sensor where it is known).
+
+    Raises
+    ------
+    OptionError
+        If the trajectory needs times and the source has none.
+    """
+    if trajectory is not None and not header.has_times:
+        raise OptionError(
+            f"Expected times in {header.path} to match with the trajectory, but it has none."
+            " Leave out --trajectory, or export the points with gps_time."
+        )
+    with open_cloud(header.path) as reader:
+        for chunk in reader.chunks():
+            yield _keep(chunk, counts, drop, trajectory, use_normals)
+
+
+def _keep(
+    chunk: CloudChunk, counts: SourceCounts, drop: frozenset[int], trajectory: Trajectory | None, use_normals: bool
+) -> SidedPoints:
+    counts.n_points += len(chunk.points)
+    keep = np.isfinite(chunk.points).all(axis=1)
+    counts.n_invalid += int((~keep).sum())
+    if chunk.classes is not None:
+        n_of_class = np.bincount(chunk.classes[keep], minlength=256)
+        present = np.flatnonzero(n_of_class)
+        counts.is_classified |= not UNCLASSIFIED.issuperset(present.tolist())
+        dropped = [number for number in present.tolist() if number in drop]
+        counts.n_dropped.update({number: int(n_of_class[number]) for number in dropped})
+        keep &= ~np.isin(chunk.classes, dropped)
+    points = chunk.points[keep]
+    sides = np.zeros((len(points), 3))
+    if use_normals and chunk.normals is not None:
+        sides = _unit(np.nan_to_num(chunk.normals[keep], posinf=0.0, neginf=0.0))
+    if trajectory is not None and chunk.times is not None:
+        to_sensor = _unit(trajectory.positions_at(chunk.times[keep], LARGEST_TIME_GAP) - points)
+        is_known = np.isfinite(to_sensor).all(axis=1)
+        counts.n_without_side += int((~is_known).sum())
+        to_sensor[~is_known] = 0.0
+        if use_normals:
+            sides *= np.sign((sides * to_sensor).sum(axis=1))[:, None]
+        else:
+            sides = to_sensor
+    return SidedPoints(points, sides.astype(np.float32))
+
+
+def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    lengths = np.sqrt((vectors * vectors).sum(axis=1))
+    return np.divide(vectors, lengths[:, None], out=np.zeros_like(vectors), where=lengths[:, None] != 0.0)
+
+
+def check_sides(counts: Sequence[SourceCounts], trajectory: Trajectory) -> None:
+    """Refuse a trajectory that says of no point where its sensor was.
+
+    Raises
+    ------
+    TrajectoryError
+        If no point has a pose near its time.
+    """
+    n_kept = sum(source.n_kept for source in counts)
+    if n_kept and sum(source.n_without_side for source in counts) == n_kept:
+        raise TrajectoryError(
+            f"Expected times of the points within those of the trajectory, {trajectory.times[0]:.3f} to"
+            f" {trajectory.times[-1]:.3f} s, but no point has a pose within {LARGEST_TIME_GAP} s."
+            " Do both use the same clock (LAS: GPS week seconds or adjusted standard time)?"
+        )

@@ -1,0 +1,91 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Points on their way into tiles: written to one file per tile, so that memory does not grow with the input."""
+
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.geometry import voxel_indices
+from maxcon.point_map import TILE_VOXELS, TileKey
+
+__all__ = ["RECORD", "TileSpill"]
+
+RECORD = np.dtype([("column", "<i2", 2), ("layer", "<i4"), ("inside", "<f4", 3), ("side", "<f4", 3)])
+"""One point: its voxel, its place in the voxel (m), and the direction to the sensor, its normal, or zeros."""
+
+BUFFER_BYTES = 128 * 2**20
+
+
+class TileSpill:
+    """Sorts points into tiles and keeps them on disk until each tile is made.
+
+    Parameters
+    ----------
+    folder : Path
+        An empty folder for the files; the caller removes it.
+    cell : float
+        Voxel edge, m.
+    """
+
+    def __init__(self, folder: Path, cell: float) -> None:
+        self._folder = folder
+        self._cell = cell
+        self._buffers: dict[TileKey, list[NDArray[np.void]]] = defaultdict(list)
+        self._buffered_bytes = 0
+        self._keys: set[TileKey] = set()
+
+    @property
+    def keys(self) -> list[TileKey]:
+        """Tiles that got points, sorted."""
+        return sorted(self._keys)
+
+    def add(self, points: NDArray[np.float64], sides: NDArray[np.float32]) -> None:
+        """Take points, shape (n, 3), local frame, m, and their sides, shape (n, 3)."""
+        if not len(points):
+            return
+        indices = voxel_indices(points, self._cell)
+        records = np.empty(len(points), RECORD)
+        keys = indices[:, :2] // TILE_VOXELS
+        records["column"] = indices[:, :2] - keys * TILE_VOXELS
+        records["layer"] = indices[:, 2]
+        records["inside"] = points - indices * self._cell
+        records["side"] = sides
+        corner = keys.min(axis=0)
+        keys -= corner
+        width = int(keys[:, 0].max()) + 1
+        slots = keys[:, 1].astype(np.int64) * width + keys[:, 0]
+        order = np.argsort(slots, kind="stable")
+        starts = np.flatnonzero(np.diff(slots[order], prepend=-1))
+        for group in np.split(order, starts[1:]):
+            x, y = keys[group[0]] + corner
+            self._buffers[(int(x), int(y))].append(records[group])
+        self._buffered_bytes += records.nbytes
+        if self._buffered_bytes > BUFFER_BYTES:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write out what is buffered."""
+        for key, parts in self._buffers.items():
+            with self._path(key).open("ab") as file:
+                for part in parts:
+                    file.write(part.tobytes())
+        self._keys.update(self._buffers)
+        self._buffers.clear()
+        self._buffered_bytes = 0
+
+    def records(self, key: TileKey, n_at_once: int = 4_000_000) -> Iterator[NDArray[np.void]]:
+        """Yield the points of a tile, at most `n_at_once` together."""
+        with self._path(key).open("rb") as file:
+            while part := file.read(n_at_once * RECORD.itemsize):
+                yield np.frombuffer(part, RECORD)
+
+    def remove(self, key: TileKey) -> None:
+        """Delete the points of a tile that is made."""
+        self._path(key).unlink()
+
+    def _path(self, key: TileKey) -> Path:
+        return self._folder / f"{key[0]}_{key[1]}.points"

@@ -1,0 +1,69 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""What a cell is worth: functions of the moments its matches added (D5).
+
+A new objective is a class with one method, ``score(moments)``; nothing has to be registered. The
+moments of a cell are count, Nxx, Nxy and Nyy: the number of its matches and the normal matrix
+N = sum of w n n^T over them (equation (4)).
+"""
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Count", "Helmert", "MaxEigenvalue", "Moments", "Objective", "Scores"]
+
+Moments = NDArray[np.floating]
+Scores = NDArray[np.float64]
+
+# A normal matrix of float32 sums is exact to about 1e-7 of its trace; below that a determinant is noise.
+SINGULAR_RATIO = 1e-6
+
+
+class Objective(Protocol):
+    """Anything that scores moments; higher is better."""
+
+    def score(self, moments: Moments) -> Scores:
+        """Scores, shape (...), of moments, shape (..., 4): count, Nxx, Nxy, Nyy. Never NaN."""
+        ...
+
+
+def _eigenvalues(moments: Moments) -> tuple[Scores, Scores]:
+    """Return smaller and larger eigenvalue of N; the smaller is 0 where it cannot be told from rounding."""
+    nxx, nxy, nyy = (moments[..., channel].astype(np.float64) for channel in (1, 2, 3))
+    middle = 0.5 * (nxx + nyy)
+    larger = middle + np.hypot(0.5 * (nxx - nyy), nxy)
+    determinant = nxx * nyy - nxy * nxy
+    is_regular = determinant > SINGULAR_RATIO * larger * larger
+    smaller = np.divide(determinant, larger, out=np.zeros_like(larger), where=is_regular)
+    return smaller, larger
+
+
+class Count:
+    """The number of matches, Psi of equation (2)."""
+
+    def score(self, moments: Moments) -> Scores:
+        """Scores, shape (...), of moments, shape (..., 4)."""
+        return moments[..., 0].astype(np.float64)
+
+
+class Helmert:
+    """1 / tr(Q), the inverse square of Helmert's point error, equation (6).
+
+    Equal to det N / tr N, and to n1 n2 / (n1 + n2) for the eigenvalues n1, n2 of N; 0 where the
+    matches leave a direction undetermined.
+    """
+
+    def score(self, moments: Moments) -> Scores:
+        """Scores, shape (...), of moments, shape (..., 4)."""
+        smaller, larger = _eigenvalues(moments)
+        return np.divide(smaller * larger, smaller + larger, out=np.zeros_like(larger), where=smaller > 0.0)
+
+
+class MaxEigenvalue:
+    """1 / max(lambda_1, lambda_2) of Q, the paper's first loss: the smallest eigenvalue of N."""
+
+    def score(self, moments: Moments) -> Scores:
+        """Scores, shape (...), of moments, shape (..., 4)."""
+        return _eigenvalues(moments)[0]

@@ -1,0 +1,158 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""PointMap: the voxels of a dense point cloud, in tiles around a local frame (D1, D4)."""
+
+import math
+import os
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from maxcon.errors import ArrayError
+from maxcon.geometry import LocalFrame
+from maxcon.geometry.arrays import as_points, as_unit_normals
+from maxcon.point_map.tile import TILE_VOXELS, TileKey, VoxelTile
+from maxcon.point_map.voxelize import split_into_tiles, voxelize
+
+__all__ = ["PointMap", "TileSource"]
+
+
+class TileSource(Protocol):
+    """Where a map's tiles come from: memory, or a folder on disk."""
+
+    @property
+    def keys(self) -> frozenset[TileKey]:
+        """Keys of the tiles there are."""
+        ...
+
+    def load(self, key: TileKey) -> VoxelTile:
+        """Return one of them."""
+        ...
+
+
+class _TilesInMemory:
+    """Tiles that were made here."""
+
+    def __init__(self, tiles: dict[TileKey, VoxelTile]) -> None:
+        self._tiles = tiles
+
+    @property
+    def keys(self) -> frozenset[TileKey]:
+        return frozenset(self._tiles)
+
+    def load(self, key: TileKey) -> VoxelTile:
+        return self._tiles[key]
+
+
+class PointMap:
+    """The map a scan is localized in. Make one with `from_points` or `open`.
+
+    Attributes
+    ----------
+    frame : LocalFrame
+        Where the local frame lies in global coordinates.
+    cell : float
+        Voxel edge, m: the cell edge of any search in this map.
+    is_signed : bool
+        Whether normals are turned to the sensor's side. If not, w = |n_scan . n_map| (D5).
+    """
+
+    def __init__(self, frame: LocalFrame, cell: float, is_signed: bool, tiles: TileSource) -> None:
+        self.frame = frame
+        self.cell = cell
+        self.is_signed = is_signed
+        self._tiles = tiles
+
+    @classmethod
+    def from_points(
+        cls,
+        points: ArrayLike,
+        normals: ArrayLike,
+        cell: float = 0.06,
+        *,
+        frame: LocalFrame | None = None,
+        is_signed: bool = True,
+    ) -> "PointMap":
+        """Rasterize points with normals into a map in memory.
+
+        Parameters
+        ----------
+        points, normals : array_like, shape (m, 3)
+            Local frame, m; unit normals, a row of zeros where there is none.
+        cell : float
+            Voxel edge, m.
+        frame : LocalFrame, optional
+            Where the local frame lies; at the global origin, without a CRS, if not given.
+        is_signed : bool
+            Whether the normals are turned to the sensor's side.
+
+        Raises
+        ------
+        ArrayError
+            If a shape is wrong, a value is not finite, a normal is not a unit vector, or `cell` is not positive.
+        """
+        if not (math.isfinite(cell) and cell > 0.0):
+            raise ArrayError(f"Expected a positive voxel edge `cell` in m, got {cell}.")
+        points = as_points(points, "points")
+        normals = as_unit_normals(normals, len(points), "normals")
+        indices, counts, mean_normals = voxelize(points, normals, cell, is_signed=is_signed)
+        tiles = split_into_tiles(indices, counts, mean_normals)
+        return cls(frame or LocalFrame(), float(cell), is_signed, _TilesInMemory(tiles))
+
+    @classmethod
+    def open(cls, path: str | os.PathLike[str], *, cache_bytes: int = 2**31) -> "PointMap":
+        """Open a map on disk; tiles are loaded when a search comes near them.
+
+        Parameters
+        ----------
+        path : path
+            The folder `maxcon map build` made.
+        cache_bytes : int
+            Tiles are kept up to this size in all, the ones used longest ago go first.
+
+        Raises
+        ------
+        MapError
+            If it is not a map, is of another format version, or its manifest is broken.
+        """
+        from maxcon.point_map.store import TileStore, read_manifest
+
+        manifest = read_manifest(path)
+        store = TileStore(path, manifest, cache_bytes=cache_bytes)
+        return cls(LocalFrame(manifest.origin, manifest.crs), manifest.cell, manifest.is_signed, store)
+
+    @property
+    def tile_keys(self) -> frozenset[TileKey]:
+        """Keys of all tiles, loaded or not."""
+        return self._tiles.keys
+
+    def tiles_within(self, x: float, y: float, reach: float) -> list[VoxelTile]:
+        """Tiles that meet the square of half width `reach` (m) around (x, y), local frame, ordered by key."""
+        edge = TILE_VOXELS * self.cell
+        wanted = [
+            key
+            for key in self._tiles.keys
+            if key[0] * edge <= x + reach
+            and (key[0] + 1) * edge >= x - reach
+            and key[1] * edge <= y + reach
+            and (key[1] + 1) * edge >= y - reach
+        ]
+        return [self._tiles.load(key) for key in sorted(wanted)]
+
+    def covers(self, x: float, y: float, reach: float = 0.0) -> bool:
+        """Whether any tile lies within `reach` (m) of (x, y), local frame; loads nothing."""
+        edge = TILE_VOXELS * self.cell
+        return any(
+            max(kx * edge - x, x - (kx + 1) * edge) <= reach and max(ky * edge - y, y - (ky + 1) * edge) <= reach
+            for kx, ky in self._tiles.keys
+        )
+
+    def all_voxels(self) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]:
+        """Indices (m, 3), counts (m,) and normals (m, 3) of every voxel: for small maps and tests."""
+        tiles = [self._tiles.load(key) for key in sorted(self._tiles.keys)]
+        return (
+            np.concatenate([tile.voxels for tile in tiles] or [np.empty((0, 3), np.int32)]),
+            np.concatenate([tile.counts for tile in tiles] or [np.empty(0, np.int32)]),
+            np.concatenate([tile.normals for tile in tiles] or [np.empty((0, 3), np.float32)]),
+        )

@@ -1,0 +1,84 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""From points with normals to voxels with a count and a mean unit normal (D4), and from voxels to tiles."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.geometry import voxel_indices
+from maxcon.point_map.tile import TILE_VOXELS, TileKey, VoxelTile, search_order
+
+__all__ = ["mean_normals", "split_into_tiles", "tile_of_voxels", "voxelize"]
+
+# Normals that cancel (both faces of a thin wall in one voxel) leave no direction.
+CANCELLED_LENGTH = 1e-3
+
+
+def voxelize(
+    points: NDArray[np.float64], normals: NDArray[np.float64], cell: float, *, is_signed: bool
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]:
+    """Gather points into voxels of edge `cell`.
+
+    Parameters
+    ----------
+    points, normals : array, shape (n, 3)
+        Local frame, m; unit normals, zeros for none.
+    cell : float
+        Voxel edge, m.
+    is_signed : bool
+        Whether normals are turned to the sensor's side; otherwise n and -n mean the same.
+
+    Returns
+    -------
+    indices : array, shape (m, 3), int32
+        (x, y, z) voxel indices, each once.
+    counts : array, shape (m,), int32
+        Points in each.
+    normals : array, shape (m, 3), float32
+        Mean unit normal of each; zeros where there is none or they cancel.
+    """
+    indices, first, voxel, counts = np.unique(
+        voxel_indices(points, cell), axis=0, return_index=True, return_inverse=True, return_counts=True
+    )
+    if not is_signed:
+        along = (normals * normals[first][voxel]).sum(axis=1)
+        normals = np.where(along[:, None] < 0.0, -normals, normals)
+    sums = np.zeros((len(indices), 3))
+    for axis in range(3):
+        sums[:, axis] = np.bincount(voxel, weights=normals[:, axis], minlength=len(indices))
+    return indices.astype(np.int32), counts.astype(np.int32), mean_normals(sums, counts)
+
+
+def mean_normals(sums: NDArray[np.float64], counts: NDArray[np.integer]) -> NDArray[np.float32]:
+    """Unit vectors along sums of `counts` unit normals, shape (n, 3); zeros where they cancel."""
+    lengths = np.linalg.norm(sums, axis=1)
+    has_direction = lengths > CANCELLED_LENGTH * np.maximum(counts, 1)
+    unit = np.divide(sums, lengths[:, None], out=np.zeros_like(sums), where=has_direction[:, None])
+    return unit.astype(np.float32)
+
+
+def tile_of_voxels(
+    key: TileKey,
+    columns: NDArray[np.int16],
+    layers: NDArray[np.int32],
+    counts: NDArray[np.int32],
+    normals: NDArray[np.float32],
+) -> VoxelTile:
+    """Make a tile from voxels in any order."""
+    order = search_order(columns, layers)
+    return VoxelTile(key, columns[order], layers[order], counts[order], normals[order])
+
+
+def split_into_tiles(
+    indices: NDArray[np.int32], counts: NDArray[np.int32], normals: NDArray[np.float32]
+) -> dict[TileKey, VoxelTile]:
+    """Tiles of voxels with (x, y, z) `indices`, shape (n, 3)."""
+    keys, tile = np.unique(indices[:, :2] // TILE_VOXELS, axis=0, return_inverse=True)
+    tiles = {}
+    for number, (x, y) in enumerate(keys.tolist()):
+        members = np.flatnonzero(tile == number)
+        columns = (indices[members, :2] - np.array([x, y]) * TILE_VOXELS).astype(np.int16)
+        tiles[(x, y)] = tile_of_voxels(
+            (x, y), columns, indices[members, 2], counts[members], normals[members]
+        )
+    return tiles

@@ -1,0 +1,55 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Scan: the points of one epoch, in the sensor frame."""
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from maxcon.errors import ArrayError
+from maxcon.geometry.arrays import as_points, as_unit_normals
+
+__all__ = ["Scan"]
+
+
+class Scan:
+    """The points of one epoch with their normals.
+
+    Parameters
+    ----------
+    points : array_like, shape (n, 3)
+        Sensor frame, m, finite. Drop (0, 0, 0) and NaN returns first (the readers do).
+    normals : array_like, shape (n, 3), optional
+        Unit normals in the sensor frame, turned to the sensor's side; a row of zeros where there is
+        none (such a point is counted but constrains nothing). Estimated from the points when first
+        asked for if None.
+    time : float
+        When the scan was taken, s.
+
+    Raises
+    ------
+    ArrayError
+        If a shape is wrong, a value is not finite or a normal is not a unit vector.
+    """
+
+    def __init__(self, points: ArrayLike, normals: ArrayLike | None = None, time: float = 0.0) -> None:
+        self.points: NDArray[np.float64] = as_points(points, "points")
+        self.time = float(time)
+        if not np.isfinite(self.time):
+            raise ArrayError(f"Expected a finite `time` of the scan, got {time}.")
+        if normals is not None:
+            self.normals = as_unit_normals(normals, len(self.points), "normals")
+
+    @cached_property
+    def normals(self) -> NDArray[np.float64]:
+        """Unit normals, sensor frame, shape (n, 3); zeros where the points around do not determine one."""
+        from maxcon.geometry.scan_normals import estimate_scan_normals
+
+        return estimate_scan_normals(self.points)
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def __repr__(self) -> str:
+        return f"Scan({len(self)} points, time={self.time!r})"

@@ -1,0 +1,9 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Searches: the definition and the fast paths that equal it."""
+
+from maxcon.search import reference
+from maxcon.search.exhaustive import exhaustive
+from maxcon.search.matching import Multiplicity
+
+__all__ = ["Multiplicity", "exhaustive", "reference"]

@@ -1,0 +1,97 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""What every search agrees on: how often a match counts, and where a scan point comes to lie (D2, D4)."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.errors import OptionError, SearchSpaceError
+from maxcon.geometry import Pose, rotation_matrices
+from maxcon.point_map import PointMap
+from maxcon.scan import Scan
+from maxcon.search_space import SearchSpace
+
+__all__ = ["CONTRIBUTION_STEP", "LevelledScan", "Multiplicity", "check_cell_edge", "level", "turn"]
+
+CONTRIBUTION_STEP = 2.0**-24
+"""What a match adds to N is rounded to whole multiples of this, so that float64 sums are exact, and
+equal in any order, up to 2^29 matches in a cell (D8)."""
+
+
+class Multiplicity(StrEnum):
+    """How much a match weighs (D4)."""
+
+    POINTS = "points"
+    """As many as the map points in the voxel: the paper's count, biased by map density."""
+
+    OCCUPIED = "occupied"
+    """One: free of density."""
+
+    @classmethod
+    def parse(cls, value: "str | Multiplicity") -> "Multiplicity":
+        """Return the multiplicity of that name.
+
+        Raises
+        ------
+        OptionError
+            If there is none.
+        """
+        try:
+            return cls(value)
+        except ValueError:
+            raise OptionError(f"Expected `multiplicity` to be 'occupied' or 'points', got {value!r}.") from None
+
+
+@dataclass(frozen=True, slots=True)
+class LevelledScan:
+    """A scan turned by the prior's roll and pitch and raised by its z; the heading is still to come (D2).
+
+    Parameters
+    ----------
+    points : array, shape (n, 3)
+        m; x and y about the sensor, z in the local frame of the map.
+    normals : array, shape (n, 3)
+        Unit normals or zeros, same axes.
+    """
+
+    points: NDArray[np.float64]
+    normals: NDArray[np.float64]
+
+
+def _rotate(vectors: NDArray[np.float64], rotation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """R v for each row, term by term: a row's result must not depend on its place, as with BLAS it may."""
+    x, y, z = vectors.T
+    return np.column_stack([x * row[0] + y * row[1] + z * row[2] for row in rotation])
+
+
+def level(scan: Scan, prior: Pose) -> LevelledScan:
+    """Turn a scan by the prior's roll and pitch, and raise it by its z (D2)."""
+    rotation = rotation_matrices(prior.roll, prior.pitch, 0.0)
+    points = _rotate(scan.points, rotation)
+    points[:, 2] += prior.z
+    return LevelledScan(points, _rotate(scan.normals, rotation))
+
+
+def turn(vectors: NDArray[np.float64], heading: float) -> NDArray[np.float64]:
+    """Rz(heading) v for each row of `vectors`, shape (n, 3)."""
+    cosine, sine = np.cos(heading), np.sin(heading)
+    x, y, z = vectors.T
+    return np.column_stack([x * cosine - y * sine, x * sine + y * cosine, z])
+
+
+def check_cell_edge(space: SearchSpace, point_map: PointMap) -> None:
+    """Refuse a search space whose cells are not the map's voxels: a shift by a cell is one by a voxel (D4).
+
+    Raises
+    ------
+    SearchSpaceError
+        If the edges differ.
+    """
+    if not np.isclose(space.cell, point_map.cell, rtol=1e-9, atol=0.0):
+        raise SearchSpaceError(
+            f"Expected the cell edge of the search space to be the map's voxel edge, {point_map.cell:g} m,"
+            f" got {space.cell:g} m. Build the map with that cell, or search with the map's."
+        )

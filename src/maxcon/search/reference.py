@@ -1,0 +1,159 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""The definition: plain NumPy, to be read beside the paper (D4, D7).
+
+Slow on purpose. Every faster search must give the same accumulator; `pairs` is equation (2) to the
+letter and needs no voxels.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from maxcon.accumulator import Accumulator
+from maxcon.geometry import Pose, voxel_indices
+from maxcon.geometry.arrays import as_points, as_unit_normals
+from maxcon.point_map import PointMap
+from maxcon.scan import Scan
+from maxcon.search.matching import CONTRIBUTION_STEP, Multiplicity, check_cell_edge, level, turn
+from maxcon.search_space import SearchSpace
+
+__all__ = ["pairs", "voxels"]
+
+
+def pairs(
+    scan: Scan,
+    points_map: ArrayLike,
+    normals_map: ArrayLike,
+    prior: Pose,
+    space: SearchSpace,
+    *,
+    threshold: float,
+    multiplicity: str | Multiplicity = Multiplicity.POINTS,
+    is_signed: bool = True,
+) -> Accumulator:
+    """Moments of every cell from all pairs of a scan point and a map point, equation (2).
+
+    Parameters
+    ----------
+    scan : Scan
+        n points with normals, sensor frame.
+    points_map, normals_map : array_like, shape (m, 3)
+        Local frame, m; unit normals (zeros for none).
+    prior : Pose
+        T_map_sensor before localization, local frame.
+    space : SearchSpace
+        The cells to try.
+    threshold : float
+        A pair matches if its l-infinity distance is at most this, m. The paper takes the cell edge; with
+        half of it each pair votes for one cell.
+    multiplicity : {"points", "occupied"}
+        Whether each pair of a scan point counts, or all of them count once, with their mean normal.
+    is_signed : bool
+        Whether map normals are turned to the sensor's side; otherwise w = |n_scan . n_map| (D5).
+
+    Returns
+    -------
+    Accumulator
+    """
+    points_map = as_points(points_map, "points_map")
+    normals_map = as_unit_normals(normals_map, len(points_map), "normals_map")
+    once = Multiplicity.parse(multiplicity) is Multiplicity.OCCUPIED
+    levelled = level(scan, prior)
+    moments = np.zeros((*space.shape, 4))
+    for h, heading in enumerate(prior.heading + space.headings):
+        points_scan = turn(levelled.points, heading) + [prior.x, prior.y, 0.0]
+        normals_scan = turn(levelled.normals, heading)
+        for iy, offset_y in enumerate(space.offsets):
+            for ix, offset_x in enumerate(space.offsets):
+                shifted = points_scan + [offset_x, offset_y, 0.0]
+                distances = np.abs(shifted[:, None, :] - points_map[None, :, :]).max(axis=2)
+                i, j = np.nonzero(distances <= threshold)  # the indicator of equation (2)
+                matched = normals_map[j]
+                if once:
+                    i, matched = _merge(i, matched)
+                weights = _weights(normals_scan[i], matched, is_signed)
+                moments[h, iy, ix] = _moments(weights, matched, np.ones(len(i)))
+    return Accumulator(moments, space, prior)
+
+
+def voxels(
+    scan: Scan,
+    point_map: PointMap,
+    prior: Pose,
+    space: SearchSpace,
+    *,
+    multiplicity: str | Multiplicity = Multiplicity.OCCUPIED,
+) -> Accumulator:
+    """Moments of every cell, a scan point matching the map voxel it falls in (D4).
+
+    Parameters
+    ----------
+    scan : Scan
+        n points with normals, sensor frame.
+    point_map : PointMap
+        Voxels of the space's cell edge.
+    prior : Pose
+        T_map_sensor before localization, local frame.
+    space : SearchSpace
+        The cells to try.
+    multiplicity : {"points", "occupied"}
+        Whether a match weighs as many as the voxel's map points, or one.
+
+    Returns
+    -------
+    Accumulator
+
+    Raises
+    ------
+    SearchSpaceError
+        If the cell edge is not the map's.
+    """
+    check_cell_edge(space, point_map)
+    once = Multiplicity.parse(multiplicity) is Multiplicity.OCCUPIED
+    levelled = level(scan, prior)
+    indices, counts, normals_map = point_map.all_voxels()
+    row_of = {tuple(index): row for row, index in enumerate(indices.tolist())}
+    n_headings, ny, nx = space.shape
+    moments = np.zeros((*space.shape, 4))
+    for h, heading in enumerate(prior.heading + space.headings):
+        points_scan = turn(levelled.points, heading) + [prior.x, prior.y, 0.0]
+        normals_scan = turn(levelled.normals, heading).astype(np.float32)
+        base = voxel_indices(points_scan, point_map.cell)
+        for iy in range(ny):
+            for ix in range(nx):
+                # A shift by one cell is a shift by one voxel.
+                shifted = base + np.array([ix - nx // 2, iy - ny // 2, 0], dtype=np.int32)
+                rows = np.array([row_of.get(tuple(index), -1) for index in shifted.tolist()], dtype=np.int64)
+                i, j = np.flatnonzero(rows >= 0), rows[rows >= 0]
+                times = np.ones(len(j)) if once else counts[j].astype(np.float64)
+                weights = _weights(normals_scan[i], normals_map[j], point_map.is_signed)
+                moments[h, iy, ix] = _moments(weights, normals_map[j], times)
+    return Accumulator(moments, space, prior)
+
+
+def _weights(
+    normals_scan: NDArray[np.floating], normals_map: NDArray[np.floating], is_signed: bool
+) -> NDArray[np.floating]:
+    """w = max(0, n_scan . n_map), the diagonal of P; |n_scan . n_map| where the map has no side (D5)."""
+    cosines = (normals_scan * normals_map).sum(axis=1)
+    return np.maximum(0.0, cosines) if is_signed else np.abs(cosines)
+
+
+def _moments(
+    weights: NDArray[np.floating], normals: NDArray[np.floating], times: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Count and N = A^T P A, equation (4), of one cell's matches, each taken `times` times."""
+    outer = normals[:, [0, 0, 1]] * normals[:, [0, 1, 1]]  # nx nx, nx ny, ny ny
+    contributions = (times * weights.astype(np.float64))[:, None] * outer.astype(np.float64)
+    contributions = np.rint(contributions / CONTRIBUTION_STEP) * CONTRIBUTION_STEP
+    return np.array([times.sum(), *contributions.sum(axis=0)])
+
+
+def _merge(
+    i: NDArray[np.int64], normals: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Let each scan point count once, with the mean unit normal of the map points it matches."""
+    merged = np.unique(i)
+    sums = np.array([normals[i == point].sum(axis=0) for point in merged]).reshape(-1, 3)
+    lengths = np.linalg.norm(sums, axis=1, keepdims=True)
+    return merged, np.divide(sums, lengths, out=np.zeros_like(sums), where=lengths > 0.0)
