@@ -1,0 +1,53 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Point clouds from files, read chunk by chunk; the suffix says how."""
+
+import os
+from pathlib import Path
+
+from maxcon.errors import FileError
+from maxcon.io.clouds.base import CloudChunk, CloudHeader, CloudReader
+from maxcon.io.clouds.las import LasReader
+from maxcon.io.clouds.npz import NpzReader
+from maxcon.io.clouds.ply import PlyReader
+
+__all__ = ["CLOUD_SUFFIXES", "CloudChunk", "CloudHeader", "CloudReader", "open_cloud"]
+
+_READERS: dict[str, type[LasReader] | type[PlyReader] | type[NpzReader]] = {
+    ".las": LasReader,
+    ".laz": LasReader,
+    ".ply": PlyReader,
+    ".npz": NpzReader,
+}
+CLOUD_SUFFIXES = tuple(_READERS)
+
+
+def open_cloud(path: str | os.PathLike[str]) -> CloudReader:
+    """Return a reader of the point cloud in `path`; use it in a `with` block.
+
+    Parameters
+    ----------
+    path : path
+        A file with suffix .las, .laz, .ply or .npz.
+
+    Returns
+    -------
+    CloudReader
+
+    Raises
+    ------
+    FileError
+        If the file is missing, empty, not what its suffix says, or of a kind that is not read.
+    """
+    file = Path(path)
+    reader = _READERS.get(file.suffix.lower())
+    if reader is None:
+        raise FileError(
+            f"Expected a point cloud with suffix {', '.join(CLOUD_SUFFIXES)}, got {file}. Convert it to"
+            " one of these."
+        )
+    if file.is_dir():
+        raise FileError(f"Expected a point-cloud file, got the folder {file}. Name the files in it.")
+    if not file.exists():
+        raise FileError(f"Expected a point cloud at {file}, got no such file. Check the path.")
+    return reader(file)

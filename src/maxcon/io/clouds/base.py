@@ -1,0 +1,180 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""What every reader of point clouds offers: a header, then chunks of points in global coordinates."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.errors import FileError, MaxconError, OptionError
+
+__all__ = [
+    "CloudChunk",
+    "CloudHeader",
+    "CloudReader",
+    "as_classes",
+    "as_file_error",
+    "as_float64",
+    "rows_at_a_time",
+]
+
+# Most bytes of a file's records that are held at a time: long records make shorter chunks.
+MAX_CHUNK_BYTES = 2**28
+
+
+@dataclass(frozen=True, slots=True)
+class CloudHeader:
+    """What is known of a cloud before its points are read.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    n_points : int
+        How many points it holds.
+    crs : str or None
+        Coordinate reference system as WKT; None where the file names none.
+    has_normals, has_classes, has_times : bool
+        Which of these come with each chunk.
+    """
+
+    path: Path
+    n_points: int
+    crs: str | None = None
+    has_normals: bool = False
+    has_classes: bool = False
+    has_times: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CloudChunk:
+    """Some points of a cloud, as they stand in the file: also those with NaN or infinite coordinates.
+
+    Parameters
+    ----------
+    points : array, shape (k, 3), float64
+        Global coordinates, m.
+    normals : array, shape (k, 3), float64, or None
+        Not checked to be unit vectors.
+    classes : array, shape (k,), uint8, or None
+        Classification codes, e.g. 2 for ground.
+    times : array, shape (k,), float64, or None
+        gps_time, s.
+    """
+
+    points: NDArray[np.float64]
+    normals: NDArray[np.float64] | None = None
+    classes: NDArray[np.uint8] | None = None
+    times: NDArray[np.float64] | None = None
+
+
+class CloudReader(ABC):
+    """An open cloud. Opening reads the header only; each call of `chunks` begins at the first point."""
+
+    header: CloudHeader
+
+    def __init__(self) -> None:
+        self._running: list[Generator[CloudChunk]] = []
+
+    @abstractmethod
+    def _read(self, max_points: int) -> Generator[CloudChunk]:
+        """Yield all points, at most `max_points` at a time, and hold the file open only in between."""
+
+    def close(self) -> None:
+        """End all iterations, which closes the file."""
+        while self._running:
+            self._running.pop().close()
+
+    def chunks(self, max_points: int = 1_000_000) -> Iterator[CloudChunk]:
+        """Yield the points in order, never holding more than one chunk.
+
+        Parameters
+        ----------
+        max_points : int
+            Most points of one chunk; a million take about 100 MB while they are read.
+
+        Yields
+        ------
+        CloudChunk
+
+        Raises
+        ------
+        FileError
+            If the points do not match the header: the file is truncated or broken.
+        OptionError
+            If `max_points` is not 1 or more.
+        """
+        if max_points < 1:
+            raise OptionError(f"Expected max_points >= 1, got {max_points}. The default is 1,000,000.")
+        self._running.append(self._read(max_points))
+        return self._running[-1]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+@contextmanager
+def as_file_error(file: Path, kind: str) -> Iterator[None]:
+    """Turn whatever a parser raises on a broken file (also the panics of compiled ones) into FileError.
+
+    Parameters
+    ----------
+    file : Path
+        For the message.
+    kind : str
+        What it should be, e.g. "a LAS or LAZ file".
+    """
+    try:
+        yield
+    except (MaxconError, KeyboardInterrupt, SystemExit, GeneratorExit):
+        raise
+    except BaseException as error:
+        words = str(error).strip().splitlines()
+        raise FileError(
+            f"Expected {file} to be {kind}, complete, got:"
+            f" {words[0][:120] if words else type(error).__name__}."
+            " Copy it again, or write it anew with the program it comes from."
+        ) from error
+
+
+def as_classes(file: Path, name: str, values: NDArray[np.generic]) -> NDArray[np.uint8]:
+    """Return class codes as uint8; `values` may be of any type of number.
+
+    Raises
+    ------
+    FileError
+        If a value is not a whole number from 0 to 255.
+    """
+    if values.dtype != np.uint8:
+        numbers = values.astype(np.float64)
+        is_code = (numbers >= 0) & (numbers <= 255) & (numbers == np.floor(numbers))
+        if not is_code.all():
+            raise FileError(
+                f"Expected class codes from 0 to 255 as {name!r} in {file}, got {numbers[~is_code][0]:g}."
+                " Rename it, if it does not hold classes, or map it to such codes."
+            )
+        return numbers.astype(np.uint8)
+    return np.array(values, dtype=np.uint8)
+
+
+def as_float64(values: NDArray[Any]) -> NDArray[np.float64]:
+    """Return a copy as float64; broken files hold bit patterns that numpy would warn of."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        return values.astype(np.float64)
+
+
+def rows_at_a_time(max_points: int, record_bytes: int) -> int:
+    """How many records of a file to hold at a time: at most `max_points`, and at most 256 MiB."""
+    return max(1, min(max_points, MAX_CHUNK_BYTES // max(1, record_bytes)))

@@ -1,0 +1,208 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""LAS and LAZ, read through laspy; the header is held against the file before laspy trusts it."""
+
+import math
+import struct
+from collections.abc import Generator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
+
+import numpy as np
+
+from maxcon.errors import CrsError, FileError
+from maxcon.io.clouds.base import CloudChunk, CloudHeader, CloudReader, as_file_error, rows_at_a_time
+from maxcon.io.clouds.laz import LazChunks, check_layers, read_laz_chunks
+
+if TYPE_CHECKING:
+    import laspy
+
+__all__ = ["LasReader"]
+
+HEADER_BYTES = 227  # of LAS 1.0 to 1.2; 1.4 has 375
+# The parallel decompressor holds whole chunks (usually 50,000 points); larger ones are read in one thread.
+MAX_PARALLEL_CHUNK = 2_000_000
+# Records between header and points; real files have kilobytes.
+MAX_RECORDS_BYTES = 2**28
+MAX_EVLRS = 10_000
+MAX_WKT_BYTES = 2**20
+
+
+class _Layout(NamedTuple):
+    """What the header says of where the points are, checked against the size of the file."""
+
+    n_points: int
+    start: int
+    record_length: int
+    is_compressed: bool
+    evlr_start: int
+    n_evlrs: int
+
+
+def _read_layout(file: Path, stream: BinaryIO) -> _Layout:
+    size = stream.seek(0, 2)
+    stream.seek(0)
+    head = stream.read(375).ljust(375, b"\0")
+    if size < HEADER_BYTES or head[:4] != b"LASF":
+        raise FileError(
+            f"Expected {file} to begin with a LAS header of {HEADER_BYTES} bytes, got {size} bytes that"
+            " begin with"
+            f" {head[: min(size, 4)]!r}. Is it a LAS or LAZ file, and complete?"
+        )
+    header_bytes, start, n_vlrs, kind, record_length, n_points = struct.unpack_from("<HIIBHI", head, 94)
+    minor, evlr_start, n_evlrs = head[25], 0, 0
+    if minor >= 4:
+        evlr_start, n_evlrs, n_points = struct.unpack_from("<QIQ", head, 235)
+    layout = _Layout(n_points, start, record_length, bool(kind & 0xC0), evlr_start, n_evlrs)
+    scales = struct.unpack_from("<6d", head, 131)
+    if not all(map(math.isfinite, scales)) or 0.0 in scales[:3]:
+        raise FileError(
+            f"Expected finite scales and offsets in {file}, got {scales}. Its header is broken; write it"
+            " anew."
+        )
+    if n_points == 0:
+        raise FileError(f"Expected points in {file}, got a header that says 0 points. Leave this file out.")
+    if start > size or start > MAX_RECORDS_BYTES or n_vlrs * 54 > start - header_bytes or record_length == 0:
+        raise FileError(
+            f"Expected the points of {file} within its {size} bytes, got a header with {n_vlrs} records"
+            " and points of"
+            f" {record_length} bytes from byte {start}. Is the file complete? Copy it again."
+        )
+    if not layout.is_compressed and start + n_points * record_length > size:
+        n_there = (size - start) // record_length
+        raise FileError(
+            f"Expected {n_points} points in {file}, got bytes for {n_there}: truncated. Copy it again."
+        )
+    return layout
+
+
+def _wkt_after_points(file: Path, stream: BinaryIO, layout: _Layout) -> str | None:
+    """Return the WKT in the extended records at the end of the file, if there is one."""
+    size = stream.seek(0, 2)
+    at = layout.evlr_start
+    if layout.n_evlrs > MAX_EVLRS:
+        raise FileError(
+            f"Expected at most {MAX_EVLRS} extended records in {file}, got {layout.n_evlrs}. Its header is"
+            " broken."
+        )
+    for _ in range(layout.n_evlrs):
+        stream.seek(min(at, size))
+        head = stream.read(60)
+        length = struct.unpack_from("<Q", head, 20)[0] if len(head) == 60 else size
+        if at + 60 + length > size:
+            raise FileError(
+                f"Expected {layout.n_evlrs} extended records in {file}, got the end of the file: truncated."
+                " Copy it again."
+            )
+        user, record = head[2:18].rstrip(b"\0"), struct.unpack_from("<H", head, 18)[0]
+        if user == b"LASF_Projection" and record == 2112 and length <= MAX_WKT_BYTES:
+            return stream.read(length).rstrip(b"\0").decode("utf-8")
+        at += 60 + length
+    return None
+
+
+def _read_crs(file: Path, stream: BinaryIO, header: "laspy.LasHeader", layout: _Layout) -> str | None:
+    """Return the WKT of the file's CRS, or None if it names none (or a user-defined one without WKT)."""
+    import pyproj
+
+    wkt = _wkt_after_points(file, stream, layout)
+    try:
+        crs = header.parse_crs()
+        if crs is None and wkt:
+            crs = pyproj.CRS.from_wkt(wkt)
+    except pyproj.exceptions.CRSError as error:
+        raise CrsError(
+            f"Expected a coordinate reference system that PROJ knows in {file}, got:"
+            f" {str(error).splitlines()[0][:120]}."
+            " Assign it anew, e.g. from its EPSG code."
+        ) from error
+    return None if crs is None else str(crs.to_wkt())
+
+
+class LasReader(CloudReader):
+    """Points, classes and gps_time of a LAS or LAZ file, LAS 1.0 to 1.4, all point formats.
+
+    Parameters
+    ----------
+    file : Path
+        An existing file.
+
+    Raises
+    ------
+    FileError
+        If it is not LAS or LAZ, says 0 points, or is shorter than its header says.
+    CrsError
+        If its coordinate reference system is not known.
+    """
+
+    def __init__(self, file: Path) -> None:
+        import laspy
+
+        super().__init__()
+        with as_file_error(file, "a LAS or LAZ file"), file.open("rb") as stream:
+            self._layout = _read_layout(file, stream)
+            stream.seek(0)
+            header = laspy.LasHeader.read_from(stream, read_evlrs=False)
+            self._chunks = self._read_chunks(file, stream, header)
+            self.header = CloudHeader(
+                path=file,
+                n_points=self._layout.n_points,
+                crs=_read_crs(file, stream, header, self._layout),
+                has_classes=True,
+                has_times="gps_time" in header.point_format.dimension_names,
+            )
+
+    def _read_chunks(self, file: Path, stream: BinaryIO, header: "laspy.LasHeader") -> LazChunks | None:
+        if not self._layout.is_compressed:
+            return None
+        found = header.vlrs.get("LasZipVlr")
+        if not found:
+            raise FileError(
+                f"Expected a LASzip record in {file}, got none. Its header is broken; write it anew."
+            )
+        layout = self._layout
+        return read_laz_chunks(
+            file, stream, layout.start, layout.record_length, layout.n_points, found[0].record_data
+        )
+
+    def _read(self, max_points: int) -> Generator[CloudChunk]:
+        import laspy
+
+        file, n_left = self.header.path, self.header.n_points
+        backend = laspy.LazBackend.LazrsParallel
+        with as_file_error(file, "a LAS or LAZ file"), file.open("rb") as stream:
+            if self._chunks is not None:
+                check_layers(file, stream, self._chunks, self._layout.record_length)
+                if max(self._chunks.n_points) > MAX_PARALLEL_CHUNK:
+                    backend = laspy.LazBackend.Lazrs
+            stream.seek(0)
+            selection = laspy.DecompressionSelection.base() | laspy.DecompressionSelection.Z
+            selection |= laspy.DecompressionSelection.CLASSIFICATION | laspy.DecompressionSelection.GPS_TIME
+            reader = laspy.LasReader(
+                stream,
+                closefd=False,
+                laz_backend=backend,
+                read_evlrs=False,
+                decompression_selection=selection,
+            )
+            n_most = rows_at_a_time(max_points, self._layout.record_length)
+            while n_left > 0:
+                n_wanted = min(n_left, n_most)
+                record = reader.read_points(n_wanted)
+                if len(record) != n_wanted:
+                    raise FileError(
+                        f"Expected {self.header.n_points} points in {file}, got {n_left - len(record)} fewer:"
+                        " truncated. Copy it again."
+                    )
+                yield self._chunk(record, reader.header)
+                n_left -= n_wanted
+
+    def _chunk(self, record: Any, header: "laspy.LasHeader") -> CloudChunk:  # noqa: ANN401
+        points = np.empty((len(record), 3))
+        with np.errstate(over="ignore"):  # scales of a broken header
+            for axis, name in enumerate("XYZ"):
+                np.multiply(record.array[name], header.scales[axis], out=points[:, axis])
+            points += header.offsets
+        classes = np.array(record["classification"], dtype=np.uint8)
+        times = np.array(record["gps_time"], dtype=np.float64) if self.header.has_times else None
+        return CloudChunk(points, None, classes, times)

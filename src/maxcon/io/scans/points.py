@@ -1,0 +1,67 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""The points of one scan file, whole; the suffix says how they are read."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.errors import FileError
+from maxcon.io.clouds import CLOUD_SUFFIXES, open_cloud
+from maxcon.io.clouds.base import as_float64
+from maxcon.io.scans.pcd import read_pcd_points
+
+__all__ = ["MAX_SCAN_POINTS", "SCAN_SUFFIXES", "read_scan_points"]
+
+SCAN_SUFFIXES = (".bin", ".pcd", *CLOUD_SUFFIXES)
+# The densest scanners return some millions of points per turn; more is a map in the wrong place.
+MAX_SCAN_POINTS = 50_000_000
+KITTI_RECORD = 16
+
+
+def read_scan_points(file: Path) -> NDArray[np.float64]:
+    """Return all points of a scan, shape (n, 3), sensor frame, m, also those that are no returns.
+
+    Raises
+    ------
+    FileError
+        If the file is empty, truncated or broken, or has more than 50 million points.
+    MissingExtraError
+        If it is a PCD file and the extra `pcd` is not installed.
+    """
+    suffix = file.suffix.lower()
+    try:
+        if suffix == ".bin":
+            return _read_kitti(file)
+        return read_pcd_points(file, MAX_SCAN_POINTS) if suffix == ".pcd" else _read_cloud(file)
+    except OSError as error:
+        raise FileError(
+            f"Expected to be able to read {file}, got: {error.strerror}. Check the file."
+        ) from error
+
+
+def _check_count(file: Path, n_points: int) -> None:
+    if n_points > MAX_SCAN_POINTS:
+        raise FileError(
+            f"Expected a scan of at most {MAX_SCAN_POINTS:,} points, got {n_points:,} in {file}. Is it a map?"
+        )
+
+
+def _read_kitti(file: Path) -> NDArray[np.float64]:
+    n_bytes = file.stat().st_size
+    if n_bytes == 0 or n_bytes % KITTI_RECORD:
+        raise FileError(
+            f"Expected float32 x, y, z, reflectance in {file}, {KITTI_RECORD} bytes per point, got"
+            f" {n_bytes} bytes."
+            " Is the file empty or truncated? Copy it again."
+        )
+    _check_count(file, n_bytes // KITTI_RECORD)
+    return as_float64(np.fromfile(file, dtype="<f4").reshape(-1, 4)[:, :3])
+
+
+def _read_cloud(file: Path) -> NDArray[np.float64]:
+    with open_cloud(file) as reader:
+        _check_count(file, reader.header.n_points)
+        chunks = [chunk.points for chunk in reader.chunks()]
+    return np.concatenate(chunks) if chunks else np.empty((0, 3))

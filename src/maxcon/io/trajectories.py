@@ -1,0 +1,203 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Trajectories in files: TUM text, and CSV with a header such as POSES.csv."""
+
+import csv
+import math
+import os
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.atomic import atomic_file
+from maxcon.errors import FileError, TrajectoryError
+from maxcon.io.text import numbered_lines, parse_float
+from maxcon.trajectory import Trajectory, first_fault, quaternions_from_angles
+
+__all__ = ["read_trajectory", "write_csv", "write_tum"]
+
+TUM_COLUMNS = "time x y z qx qy qz qw"
+CSV_COLUMNS = ("time", "x", "y", "z", "roll", "pitch", "heading")
+
+Line = tuple[int, str]
+Row = tuple[int, list[float]]
+
+
+def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
+    """Return the trajectory in `path`, T_map_sensor in global coordinates.
+
+    Parameters
+    ----------
+    path : path
+        `.txt` or `.tum`: one pose per line, `time x y z qx qy qz qw` (s, m), `#` begins a comment.
+        `.csv`: a header with time, x, y, z, roll, pitch, heading (s, m, rad), or roll_deg, pitch_deg,
+        heading_deg in degrees; other columns are ignored, and so are rows with an empty x (not localized).
+
+    Raises
+    ------
+    FileError
+        If the file is missing, not a file, cannot be read, or has another suffix.
+    TrajectoryError
+        If a line is not a pose, times do not increase, or there is no pose; file and line are named.
+    """
+    file = Path(path)
+    readers = {".txt": _tum_rows, ".tum": _tum_rows, ".csv": _csv_rows}
+    read = readers.get(file.suffix.lower())
+    if read is None:
+        raise FileError(
+            f"Expected a trajectory with suffix .txt, .tum or .csv, got {file}."
+            f" Rename it: .txt for lines of '{TUM_COLUMNS}', .csv for a table with a header."
+        )
+    rows = list(read(file, numbered_lines(file, "a trajectory")))
+    if not rows:
+        raise TrajectoryError(f"{file}: Expected at least one pose, got none. Was it written to its end?")
+    return _trajectory(file, rows)
+
+
+def write_tum(path: str | os.PathLike[str], trajectory: Trajectory, comment: str = "") -> None:
+    """Write `trajectory` as TUM text; every number reads back as the same float64.
+
+    Parameters
+    ----------
+    path : path
+        Replaced if it exists.
+    trajectory : Trajectory
+        What to write, s and m.
+    comment : str
+        Put at the top, each line behind a `#`.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written.
+    """
+    lines = [f"# {line}".rstrip() for line in comment.splitlines()]
+    lines.append("# time_s x_m y_m z_m qx qy qz qw")
+    for time, position, quaternion in zip(
+        trajectory.times, trajectory.positions, trajectory.quaternions_xyzw, strict=True
+    ):
+        texts = [_text(time, 6), *(_text(v, 4) for v in position), *(_text(v, 9) for v in quaternion)]
+        lines.append(" ".join(texts))
+    _write(path, lines)
+
+
+def write_csv(path: str | os.PathLike[str], trajectory: Trajectory) -> None:
+    """Write `trajectory` as CSV: time, x, y, z, roll, pitch, heading in s, m, rad.
+
+    Parameters
+    ----------
+    path : path
+        Replaced if it exists.
+    trajectory : Trajectory
+        What to write. Times and positions read back as the same float64.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written.
+    """
+    lines = [",".join(CSV_COLUMNS)]
+    for time, position, angles in zip(trajectory.times, trajectory.positions, trajectory.angles, strict=True):
+        texts = [_text(time, 6), *(_text(v, 4) for v in position), *(_text(v, 9) for v in angles)]
+        lines.append(",".join(texts))
+    _write(path, lines)
+
+
+def _text(value: float, decimals: int) -> str:
+    """Return the shortest decimals that read back as `value`, and at least `decimals` of them."""
+    return np.format_float_positional(value, unique=True, min_digits=decimals)
+
+
+def _write(path: str | os.PathLike[str], lines: list[str]) -> None:
+    with atomic_file(path) as partial:
+        partial.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
+
+
+def _refuse(file: Path, number: int, words: str) -> NoReturn:
+    raise TrajectoryError(f"{file}, line {number}: {words}") from None
+
+
+def _numbers(file: Path, number: int, texts: list[str], names: str) -> list[float]:
+    values = [parse_float(text) for text in texts]
+    if None in values:
+        text = texts[values.index(None)][:40]
+        _refuse(
+            file, number, f"Expected finite numbers for '{names}', got {text!r}. Correct or remove this line."
+        )
+    return [value for value in values if value is not None]
+
+
+def _tum_rows(file: Path, lines: Iterable[Line]) -> Iterator[Row]:
+    for number, line in lines:
+        texts = line.partition("#")[0].split()
+        if not texts:
+            continue
+        if len(texts) != 8:
+            hint = " Is it CSV? Then name it .csv." if "," in line else " Correct or remove this line."
+            _refuse(file, number, f"Expected 8 columns '{TUM_COLUMNS}', got {len(texts)}.{hint}")
+        yield number, _numbers(file, number, texts, TUM_COLUMNS)
+
+
+def _csv_rows(file: Path, lines: Iterable[Line]) -> Iterator[Row]:
+    """Rows as time, x, y, z, qx, qy, qz, qw."""
+    header: list[str] = []
+    columns: list[tuple[int, float]] = []
+    names = ",".join(CSV_COLUMNS)
+    for number, line in lines:
+        if line.startswith("#"):
+            continue
+        texts = _cells(file, number, line)
+        if not columns:
+            header = texts
+            columns = _columns(file, number, header)
+            continue
+        if len(texts) != len(header):
+            _refuse(
+                file,
+                number,
+                f"Expected {len(header)} columns as in the header, got {len(texts)}. Correct this line.",
+            )
+        if not texts[columns[1][0]]:
+            continue
+        values = _numbers(file, number, [texts[index] for index, _ in columns], names)
+        scaled = [value * scale for value, (_, scale) in zip(values, columns, strict=True)]
+        yield number, [*scaled[:4], *quaternions_from_angles(*scaled[4:]).tolist()]
+
+
+def _cells(file: Path, number: int, line: str) -> list[str]:
+    try:
+        return [text.strip() for text in next(csv.reader([line], strict=True))]
+    except csv.Error as error:
+        _refuse(file, number, f"Expected comma-separated values, got: {error}. Correct or remove this line.")
+
+
+def _columns(file: Path, number: int, header: list[str]) -> list[tuple[int, float]]:
+    """For each of time, x, y, z, roll, pitch, heading: its column, and what makes it s, m, rad."""
+    columns = []
+    for name in CSV_COLUMNS:
+        found = [(header.index(name), 1.0)] if name in header else []
+        if name in CSV_COLUMNS[4:] and f"{name}_deg" in header:
+            found.append((header.index(f"{name}_deg"), math.pi / 180.0))
+        if len(found) != 1 or header.count(header[found[0][0]]) != 1:
+            got = ",".join(header)[:80]
+            what = "no" if not found else "more than one"
+            _refuse(
+                file,
+                number,
+                f"Expected a header with {','.join(CSV_COLUMNS)} (angles in rad, or as roll_deg,pitch_deg,"
+                f"heading_deg), got {what} {name!r} in {got!r}. Name the columns so, separated by commas.",
+            )
+        columns.append(found[0])
+    return columns
+
+
+def _trajectory(file: Path, rows: list[Row]) -> Trajectory:
+    values: NDArray[np.float64] = np.array([row for _, row in rows])
+    times, positions, quaternions = values[:, 0], values[:, 1:4], values[:, 4:]
+    fault = first_fault(times, positions, quaternions)
+    if fault is not None:
+        _refuse(file, rows[fault.row][0], fault.words)
+    return Trajectory(times, positions, quaternions)

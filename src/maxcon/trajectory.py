@@ -1,0 +1,298 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Trajectory: poses with their times, and the pose at any time between them."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from maxcon.errors import ArrayError, OptionError, TrajectoryError
+from maxcon.geometry import Pose
+
+__all__ = [
+    "Trajectory",
+    "TrajectoryFault",
+    "angles_from_quaternions",
+    "first_fault",
+    "quaternions_from_angles",
+]
+
+# A time this near to a pose's is that pose's: loggers round to the millisecond.
+SAME_TIME = 1e-3
+# Files with two decimals are off by 0.01; anything farther is another order of columns, not rounding.
+QUATERNION_TOLERANCE = 1e-2
+
+
+def quaternions_from_angles(roll: ArrayLike, pitch: ArrayLike, heading: ArrayLike) -> NDArray[np.float64]:
+    """Return unit quaternions (x, y, z, w), shape (..., 4), of Rz(heading) Ry(pitch) Rx(roll); rad (D2)."""
+    halves = np.broadcast_arrays(
+        *(np.asarray(angle, dtype=np.float64) / 2.0 for angle in (roll, pitch, heading))
+    )
+    (cr, cp, ch), (sr, sp, sh) = np.cos(halves), np.sin(halves)
+    return np.stack(
+        [
+            sr * cp * ch - cr * sp * sh,
+            cr * sp * ch + sr * cp * sh,
+            cr * cp * sh - sr * sp * ch,
+            cr * cp * ch + sr * sp * sh,
+        ],
+        axis=-1,
+    )
+
+
+def angles_from_quaternions(quaternions_xyzw: ArrayLike) -> NDArray[np.float64]:
+    """Roll, pitch and heading, shape (..., 3), rad, of unit quaternions of shape (..., 4).
+
+    Notes
+    -----
+    Pitch is in [-pi/2, pi/2]. Where it is +-pi/2, roll and heading turn about the same axis: roll is 0 there.
+    """
+    x, y, z, w = np.moveaxis(np.asarray(quaternions_xyzw, dtype=np.float64), -1, 0)
+    forward_x, forward_y = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + z * w)
+    level = np.hypot(forward_x, forward_y)
+    pitch = np.arctan2(2.0 * (y * w - x * z), level)
+    is_vertical = level < 1e-9
+    roll = np.where(is_vertical, 0.0, np.arctan2(2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)))
+    upright = np.arctan2(2.0 * (z * w - x * y), 1.0 - 2.0 * (x * x + z * z))
+    heading = np.where(is_vertical, upright, np.arctan2(forward_y, forward_x))
+    return np.stack([roll, pitch, heading], axis=-1)
+
+
+class TrajectoryFault(NamedTuple):
+    """The first row of a trajectory that cannot be used, and why."""
+
+    row: int
+    words: str
+
+
+def first_fault(
+    times: NDArray[np.float64], positions: NDArray[np.float64], quaternions_xyzw: NDArray[np.float64]
+) -> TrajectoryFault | None:
+    """Return the first row whose time, position or quaternion cannot be used, or None if all can.
+
+    Parameters
+    ----------
+    times : array, shape (n,)
+        s.
+    positions : array, shape (n, 3)
+        m.
+    quaternions_xyzw : array, shape (n, 4)
+        Not yet normalized.
+    """
+    lengths = np.hypot.reduce(quaternions_xyzw, axis=1)
+    is_finite = np.isfinite(times) & np.isfinite(positions).all(axis=1) & np.isfinite(lengths)
+    is_later = np.ones(len(times), dtype=bool)
+    is_later[1:] = ~(times[1:] <= times[:-1])
+    is_unit = ~(np.abs(lengths - 1.0) > QUATERNION_TOLERANCE)
+    is_good = is_finite & is_later & is_unit
+    if is_good.all():
+        return None
+    row = int(np.argmin(is_good))
+    if not is_finite[row]:
+        return TrajectoryFault(row, "Expected finite numbers, got NaN or infinity. Leave this pose out.")
+    if not is_later[row]:
+        return TrajectoryFault(
+            row,
+            f"Expected times that increase, got {times[row]:.9f} s after {times[row - 1]:.9f} s."
+            " Sort the poses by time and keep one of each time.",
+        )
+    return TrajectoryFault(
+        row,
+        f"Expected a unit quaternion (qx, qy, qz, qw), got length {lengths[row]:.3g}."
+        " Check the order of the columns, or leave this pose out.",
+    )
+
+
+def _as_array(values: ArrayLike, shape: tuple[int, ...], name: str) -> NDArray[np.float64]:
+    """Return a copy of `values` as float64; -1 in `shape` stands for any length of one or more."""
+    wanted = (
+        "("
+        + ", ".join("n" if size < 0 else str(size) for size in shape)
+        + ("," if len(shape) == 1 else "")
+        + ")"
+    )
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ArrayError(
+            f"Expected `{name}` to be numbers of shape {wanted}, got {type(values).__name__}. Give an"
+            " array of numbers."
+        ) from error
+    fits = array.ndim == len(shape) and all(
+        size in (-1, got) for size, got in zip(shape, array.shape, strict=True)
+    )
+    if not fits:
+        raise ArrayError(
+            f"Expected `{name}` to have shape {wanted}, got {array.shape}. Give one row per pose."
+        )
+    return array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trajectory:
+    """Poses T_map_sensor over time, in global coordinates; the arrays are read-only copies.
+
+    Parameters
+    ----------
+    times : array_like, shape (n,)
+        s, strictly increasing; at least one.
+    positions : array_like, shape (n, 3)
+        Global coordinates, m.
+    quaternions_xyzw : array_like, shape (n, 4)
+        Orientation of the sensor; unit length within 1 %, normalized here.
+
+    Raises
+    ------
+    ArrayError
+        If a shape is wrong or something is not a number.
+    TrajectoryError
+        If there is no pose, a number is not finite, times do not increase or a quaternion is not a unit one.
+    """
+
+    times: NDArray[np.float64]
+    positions: NDArray[np.float64]
+    quaternions_xyzw: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        times = _as_array(self.times, (-1,), "times")
+        positions = _as_array(self.positions, (len(times), 3), "positions")
+        quaternions = _as_array(self.quaternions_xyzw, (len(times), 4), "quaternions_xyzw")
+        if len(times) == 0:
+            raise TrajectoryError(
+                "Expected a trajectory of at least one pose, got none. Check where it comes from."
+            )
+        fault = first_fault(times, positions, quaternions)
+        if fault is not None:
+            raise TrajectoryError(f"Row {fault.row} of the trajectory (counted from 0): {fault.words}")
+        quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
+        for name, array in (("times", times), ("positions", positions), ("quaternions_xyzw", quaternions)):
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+
+    @classmethod
+    def from_poses(cls, times: ArrayLike, poses: Sequence[Pose]) -> Self:
+        """Return the trajectory of `poses` at `times` (s), one pose per time."""
+        values = np.array([(p.x, p.y, p.z, p.roll, p.pitch, p.heading) for p in poses]).reshape(-1, 6)
+        angles = values[:, 3:].T
+        return cls(np.asarray(times), values[:, :3], quaternions_from_angles(*angles))
+
+    def __len__(self) -> int:
+        """How many poses there are."""
+        return len(self.times)
+
+    @property
+    def angles(self) -> NDArray[np.float64]:
+        """Roll, pitch and heading of each pose, shape (n, 3), rad."""
+        return angles_from_quaternions(self.quaternions_xyzw)
+
+    def pose(self, i: int) -> Pose:
+        """Return pose number `i`."""
+        return _pose(self.positions[i], self.quaternions_xyzw[i])
+
+    def poses(self) -> list[Pose]:
+        """Return all poses, in order of time."""
+        return [self.pose(i) for i in range(len(self))]
+
+    def at(self, time: float, max_gap: float = 0.5) -> Pose:
+        """Return the pose at `time`: positions are linear between poses, turns take the shortest arc.
+
+        Parameters
+        ----------
+        time : float
+            s. Within 1 ms of a pose's time it is that pose.
+        max_gap : float
+            Largest time between two poses to interpolate across, s.
+
+        Raises
+        ------
+        TrajectoryError
+            If `time` lies outside the trajectory, or between two poses farther apart than `max_gap`.
+        """
+        _check_gap(max_gap)
+        if not math.isfinite(time):
+            raise TrajectoryError(f"Expected a finite time, got {time}. Leave this epoch out.")
+        later = int(np.searchsorted(self.times, time))
+        near = [i for i in (later - 1, later) if 0 <= i < len(self)]
+        nearest = min(near, key=lambda i: abs(self.times[i] - time))
+        distance = abs(float(self.times[nearest]) - time)
+        if distance <= SAME_TIME:
+            return self.pose(nearest)
+        if len(near) == 1:
+            raise TrajectoryError(
+                f"Expected a time within the trajectory, {self.times[0]:.6f} to {self.times[-1]:.6f} s, got"
+                f" {time:.6f} s, {distance:.6f} s from the nearest pose. Check that both use the same clock,"
+                " or leave this epoch out."
+            )
+        before, after = (float(self.times[i]) for i in near)
+        if after - before > max_gap:
+            raise TrajectoryError(
+                f"Expected poses at most {max_gap:g} s apart around {time:.6f} s, got a gap of"
+                f" {after - before:.6f} s from {before:.6f} to {after:.6f} s, {distance:.6f} s from the"
+                " nearest"
+                " pose. Raise max_gap to interpolate across it, or leave this epoch out."
+            )
+        part = (time - before) / (after - before)
+        position = (1.0 - part) * self.positions[later - 1] + part * self.positions[later]
+        first, second = self.quaternions_xyzw[later - 1 : later + 1]
+        return _pose(position, _slerp(first, second, part))
+
+    def positions_at(self, times: ArrayLike, max_gap: float = 0.5) -> NDArray[np.float64]:
+        """Where the sensor was at many times, e.g. those of a map's points.
+
+        Parameters
+        ----------
+        times : array_like, shape (n,)
+            s, in any order.
+        max_gap : float
+            Largest time between two poses to interpolate across, s. Elsewhere the nearest pose's position
+            stands in, if it is within half of `max_gap`.
+
+        Returns
+        -------
+        array, shape (n, 3)
+            Global coordinates, m; rows of NaN where no pose is near enough.
+        """
+        _check_gap(max_gap)
+        wanted = np.asarray(times, dtype=np.float64)
+        if wanted.ndim != 1:
+            raise ArrayError(f"Expected `times` to have shape (n,), got {wanted.shape}. Flatten it.")
+        found = np.empty((len(wanted), 3))
+        for axis in range(3):
+            found[:, axis] = np.interp(wanted, self.times, self.positions[:, axis])
+        later = np.minimum(np.searchsorted(self.times, wanted), len(self) - 1)
+        earlier = np.maximum(later - 1, 0)
+        to_earlier, to_later = wanted - self.times[earlier], self.times[later] - wanted
+        gap = self.times[later] - self.times[earlier]
+        is_between = (wanted >= self.times[0]) & (wanted <= self.times[-1]) & (gap <= max_gap)
+        rows = np.flatnonzero(~is_between)
+        nearest = np.where(np.abs(to_earlier[rows]) < np.abs(to_later[rows]), earlier[rows], later[rows])
+        is_near = np.abs(wanted[rows] - self.times[nearest]) <= max_gap / 2.0
+        found[rows] = np.where(is_near[:, None], self.positions[nearest], np.nan)
+        return found
+
+
+def _check_gap(max_gap: float) -> None:
+    if not max_gap >= 0.0:
+        raise OptionError(f"Expected max_gap >= 0 s, got {max_gap}. The default is 0.5 s.")
+
+
+def _pose(position: NDArray[np.float64], quaternion_xyzw: NDArray[np.float64]) -> Pose:
+    roll, pitch, heading = angles_from_quaternions(quaternion_xyzw)
+    return Pose(*(float(value) for value in (*position, roll, pitch, heading)))
+
+
+def _slerp(first: NDArray[np.float64], second: NDArray[np.float64], part: float) -> NDArray[np.float64]:
+    """Return the unit quaternion at `part` (0 to 1) of the shortest arc from `first` to `second`."""
+    cosine = float(first @ second)
+    if cosine < 0.0:  # q and -q are the same orientation; the nearer of the two gives the shorter arc
+        second, cosine = -second, -cosine
+    if cosine > 1.0 - 1e-10:  # the sine below would vanish; the chord is the arc to 1e-15 here
+        mixed = (1.0 - part) * first + part * second
+    else:
+        arc = math.acos(cosine)
+        mixed = math.sin((1.0 - part) * arc) * first + math.sin(part * arc) * second
+    return np.asarray(mixed / np.linalg.norm(mixed), dtype=np.float64)

@@ -1,0 +1,203 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""LAS and LAZ: every point format, chunks, CRS, and headers that claim what is not there."""
+
+import resource
+import struct
+
+import laspy
+import numpy as np
+import pyproj
+import pytest
+
+from maxcon.errors import CrsError, FileError, OptionError
+from maxcon.io.clouds import las as las_reader
+from maxcon.io.clouds import open_cloud
+
+FORMATS = [(0, "1.2"), (1, "1.2"), (3, "1.3"), (6, "1.4"), (7, "1.4"), (8, "1.4")]
+
+
+def write_las(path, n=1000, point_format=6, version="1.4", epsg=None, extra=False):
+    rng = np.random.default_rng(5)
+    header = laspy.LasHeader(point_format=point_format, version=version)
+    header.scales, header.offsets = [0.001] * 3, [458000.0, 5429000.0, 100.0]
+    if epsg:
+        header.add_crs(pyproj.CRS.from_epsg(epsg))
+    if extra:
+        header.add_extra_dim(laspy.ExtraBytesParams("reflectance", "float32"))
+    las = laspy.LasData(header)
+    points = header.offsets + rng.integers(0, 100_000, (n, 3)) * 0.001
+    las.xyz = points
+    las.classification = rng.integers(0, 32, n).astype(np.uint8)
+    if "gps_time" in header.point_format.dimension_names:
+        las.gps_time = 47451.0 + np.arange(n) * 1e-4
+    las.write(path)
+    return las
+
+
+def read_all(path, max_points=1_000_000):
+    with open_cloud(path) as reader:
+        chunks = list(reader.chunks(max_points))
+        n_points = reader.header.n_points
+    points = np.concatenate([chunk.points for chunk in chunks])
+    assert len(points) == n_points
+    return points, chunks
+
+
+@pytest.mark.parametrize(("point_format", "version"), FORMATS)
+@pytest.mark.parametrize("suffix", [".las", ".laz", ".LAZ"])
+@pytest.mark.parametrize("extra", [False, True])
+def test_points_classes_and_times_of_every_format(tmp_path, point_format, version, suffix, extra):
+    path = tmp_path / f"cloud{suffix}"
+    las = write_las(path, 1000, point_format, version, extra=extra)
+    points, chunks = read_all(path, max_points=300)
+    assert [len(chunk.points) for chunk in chunks] == [300, 300, 300, 100]
+    np.testing.assert_allclose(points, las.xyz, rtol=0, atol=1e-6)
+    classes = np.concatenate([chunk.classes for chunk in chunks])
+    assert classes.dtype == np.uint8
+    np.testing.assert_array_equal(classes, np.array(las.classification))
+    with open_cloud(path) as reader:
+        assert (reader.header.path, reader.header.n_points, reader.header.crs) == (path, 1000, None)
+        assert (reader.header.has_normals, reader.header.has_classes) == (False, True)
+        assert reader.header.has_times == (point_format != 0)
+    if point_format:
+        np.testing.assert_array_equal(np.concatenate([chunk.times for chunk in chunks]), las.gps_time)
+    else:
+        assert chunks[0].times is None
+
+
+def test_chunks_cross_the_compressed_ones(tmp_path):
+    las = write_las(tmp_path / "a.laz", 120_000)
+    points, chunks = read_all(tmp_path / "a.laz", 33_333)
+    assert len(chunks) == 4
+    np.testing.assert_allclose(points, las.xyz, rtol=0, atol=1e-6)
+
+
+def test_large_compressed_chunks_are_read_in_one_thread_with_the_same_points(tmp_path, monkeypatch):
+    las = write_las(tmp_path / "a.laz", 60_000)
+    monkeypatch.setattr(las_reader, "MAX_PARALLEL_CHUNK", 1000)
+    np.testing.assert_allclose(read_all(tmp_path / "a.laz", 7000)[0], las.xyz, rtol=0, atol=1e-6)
+
+
+def test_each_iteration_begins_anew_and_leaving_the_block_ends_it(tmp_path):
+    write_las(tmp_path / "a.las")
+    with open_cloud(tmp_path / "a.las") as reader:
+        first = next(reader.chunks(10)).points
+        running = reader.chunks(10)
+        np.testing.assert_array_equal(next(running).points, first)
+        with pytest.raises(OptionError, match="max_points >= 1"):
+            reader.chunks(0)
+    assert list(running) == []
+
+
+@pytest.mark.parametrize(("point_format", "version"), [(1, "1.2"), (6, "1.4")])
+def test_the_crs_is_read(tmp_path, point_format, version):
+    write_las(tmp_path / "a.laz", 10, point_format, version, epsg=25832)
+    with open_cloud(tmp_path / "a.laz") as reader:
+        assert pyproj.CRS.from_wkt(reader.header.crs).to_epsg() == 25832
+
+
+def with_evlr(path, user, record, content, claimed=None):
+    """Append an extended record and enter it into the LAS 1.4 header."""
+    whole = bytearray(path.read_bytes())
+    struct.pack_into("<QI", whole, 235, len(whole), 1)
+    length = len(content) if claimed is None else claimed
+    whole += struct.pack("<H16sHQ32s", 0, user, record, length, b"") + content
+    path.write_bytes(whole)
+
+
+def test_the_crs_is_found_behind_the_points(tmp_path):
+    write_las(tmp_path / "a.las", 10)
+    wkt = pyproj.CRS.from_epsg(25833).to_wkt().encode()
+    with_evlr(tmp_path / "a.las", b"LASF_Projection", 2112, wkt + b"\0")
+    with open_cloud(tmp_path / "a.las") as reader:
+        assert pyproj.CRS.from_wkt(reader.header.crs).to_epsg() == 25833
+    with_evlr(tmp_path / "a.las", b"LASF_Projection", 2112, b"nonsense")
+    with pytest.raises(CrsError, match=r"a\.las.*Assign it anew"):
+        open_cloud(tmp_path / "a.las")
+
+
+def test_an_extended_record_that_is_not_there_is_refused(tmp_path):
+    write_las(tmp_path / "a.las", 10)
+    with_evlr(tmp_path / "a.las", b"someone", 1, b"abc", claimed=2**62)
+    with pytest.raises(FileError, match=r"Expected 1 extended records in .*a\.las.*truncated"):
+        open_cloud(tmp_path / "a.las")
+
+
+def patched(path, offset, layout, *values):
+    whole = bytearray(path.read_bytes())
+    struct.pack_into(layout, whole, offset, *values)
+    path.write_bytes(whole)
+
+
+@pytest.mark.parametrize("suffix", [".las", ".laz"])
+@pytest.mark.parametrize(
+    ("offset", "layout", "value", "words"),
+    [
+        (0, "<I", 0, "begin with a LAS header"),
+        (96, "<I", 2**32 - 1, "Is the file complete"),
+        (100, "<I", 2**32 - 1, "Is the file complete"),
+        (105, "<H", 0, "points of 0 bytes"),
+        (131, "<d", 0.0, "finite scales"),
+        (155, "<d", float("nan"), "finite scales"),
+        (247, "<Q", 0, "header that says 0 points"),
+        (243, "<I", 2**32 - 1, "extended records"),
+    ],
+)
+def test_a_header_that_cannot_be_is_refused(tmp_path, suffix, offset, layout, value, words):
+    path = tmp_path / f"a{suffix}"
+    write_las(path)
+    patched(path, offset, layout, value)
+    with pytest.raises(FileError, match=words) as caught:
+        open_cloud(path)
+    assert str(path) in str(caught.value)
+
+
+def test_more_points_than_bytes_are_refused_before_they_are_read(tmp_path):
+    for suffix, words in (
+        (".las", r"Expected 1099511627776 points .*got bytes for 1000"),
+        (".laz", "chunks of 50000"),
+    ):
+        path = tmp_path / f"a{suffix}"
+        write_las(path)
+        patched(path, 247, "<Q", 2**40)
+        with pytest.raises(FileError, match=words):
+            open_cloud(path)
+
+
+def test_fewer_points_in_a_chunk_than_claimed_are_noticed(tmp_path):
+    write_las(tmp_path / "a.laz")
+    patched(tmp_path / "a.laz", 247, "<Q", 40_000)
+    with pytest.raises(FileError, match=r"a\.laz"):
+        read_all(tmp_path / "a.laz")
+
+
+@pytest.mark.parametrize("part", [0.0, 0.1, 0.5, 0.9, 0.999])
+@pytest.mark.parametrize("suffix", [".las", ".laz"])
+def test_a_truncated_file_is_refused_when_opened(tmp_path, suffix, part):
+    path = tmp_path / f"a{suffix}"
+    write_las(path, 5000)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(part * len(whole))])
+    with pytest.raises(FileError, match=rf"a\{suffix}"):
+        open_cloud(path)
+
+
+def test_layers_longer_than_the_file_are_refused_without_allocating(tmp_path):
+    path = tmp_path / "a.laz"
+    write_las(path, 60_000)
+    start = struct.unpack_from("<I", path.read_bytes(), 96)[0]
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    for layer in range(9):
+        patched(path, start + 8 + 30 + 4 + 4 * layer, "<I", 0xE0000000)
+    with pytest.raises(FileError, match=r"chunk 0 to have .* layers of"):
+        read_all(path)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000  # kB
+
+
+@pytest.mark.parametrize(("point_format", "version"), [(1, "1.2"), (6, "1.4")])
+@pytest.mark.parametrize("suffix", [".las", ".laz"])
+def test_broken_las_ends_in_an_error_of_ours(tmp_path, survives_breaking, point_format, version, suffix):
+    path = tmp_path / f"whole{suffix}"
+    write_las(path, 200, point_format, version, epsg=25832)
+    survives_breaking(path.read_bytes(), suffix, read_all, n_copies=120)

@@ -1,0 +1,246 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""PLY: encodings, types, names, other elements, and what is refused."""
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from maxcon.errors import FileError
+from maxcon.io.clouds import open_cloud
+
+ENCODINGS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
+TYPES = {
+    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
+    "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
+    "float32": "f4", "float64": "f8",
+}  # fmt: skip
+
+
+def ply(encoding, properties, columns, before="", after="", body_before=b"", body_after=b"", end="\n"):
+    """Bytes of a PLY file of `properties` [(type, name)] with these columns."""
+    n = len(columns[0])
+    lines = [
+        "ply",
+        f"format {encoding} 1.0",
+        "comment made by a test",
+        *before.split("|"),
+        f"element vertex {n}",
+    ]
+    lines += [f"property {kind} {name}" for kind, name in properties] + [*after.split("|"), "end_header"]
+    head = end.join(line for line in lines if line) + end
+    if encoding == "ascii":
+        texts = [
+            [repr(v.item()) for v in np.asarray(c).astype(TYPES[k])]
+            for (k, _), c in zip(properties, columns, strict=True)
+        ]
+        body = "".join(" ".join(row) + end for row in zip(*texts, strict=True)).encode()
+    else:
+        records = np.empty(
+            n, [(f"f{i}", ENCODINGS[encoding] + TYPES[k]) for i, (k, _) in enumerate(properties)]
+        )
+        for i, column in enumerate(columns):
+            records[f"f{i}"] = column
+        body = records.tobytes()
+    return head.encode() + body_before + body + body_after
+
+
+def read(path, max_points=1_000_000):
+    with open_cloud(path) as reader:
+        return reader.header, list(reader.chunks(max_points))
+
+
+def read_bytes(tmp_path, content, max_points=1_000_000):
+    path = tmp_path / "a.ply"
+    path.write_bytes(content)
+    return read(path, max_points)
+
+
+XYZ = [("double", "x"), ("double", "y"), ("double", "z")]
+POINTS = np.random.default_rng(6).uniform(4e5, 6e6, (7, 3))
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_everything_reads_back_in_chunks(tmp_path, encoding, end):
+    properties = [
+        ("uchar", "red"), ("float", "nz"), ("float", "nx"), ("float", "ny"), ("ushort", "classification"),
+        ("double", "y"), ("double", "x"), ("double", "z"), ("double", "gps_time"),
+    ]  # fmt: skip
+    normals = np.random.default_rng(7).normal(size=(7, 3)).astype(np.float32)
+    classes, times = np.array([0, 2, 255, 6, 5, 1, 2]), 1.7e9 + np.arange(7) * 0.1
+    columns = [
+        np.arange(7),
+        normals[:, 2],
+        normals[:, 0],
+        normals[:, 1],
+        classes,
+        *POINTS.T[[1, 0, 2]],
+        times,
+    ]
+    header, chunks = read_bytes(tmp_path, ply(encoding, properties, columns, end=end), 3)
+    assert (header.n_points, header.crs) == (7, None)
+    assert (header.has_normals, header.has_classes, header.has_times) == (True, True, True)
+    assert [len(chunk.points) for chunk in chunks] == [3, 3, 1]
+    np.testing.assert_array_equal(np.concatenate([c.points for c in chunks]), POINTS)
+    np.testing.assert_array_equal(np.concatenate([c.normals for c in chunks]), normals)
+    np.testing.assert_array_equal(np.concatenate([c.classes for c in chunks]), classes)
+    np.testing.assert_array_equal(np.concatenate([c.times for c in chunks]), times)
+    assert [a.dtype for a in (chunks[0].points, chunks[0].normals, chunks[0].classes, chunks[0].times)] == [
+        np.float64, np.float64, np.uint8, np.float64,
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+@pytest.mark.parametrize("kind", TYPES)
+def test_coordinates_of_any_type(tmp_path, encoding, kind):
+    columns = [np.array([1, 2]), np.array([3, 4]), np.array([5, 127])]
+    _, chunks = read_bytes(tmp_path, ply(encoding, [(kind, name) for name in "xyz"], columns))
+    np.testing.assert_array_equal(chunks[0].points, np.transpose(columns))
+    assert chunks[0].normals is chunks[0].classes is chunks[0].times is None
+
+
+@given(
+    st.sampled_from(list(ENCODINGS)),
+    st.lists(st.tuples(*[st.floats()] * 3), min_size=1, max_size=9),
+    st.integers(1, 4),
+)
+@settings(max_examples=60)
+def test_any_float64_reads_back_also_nan_and_infinity(encoding, rows, max_points):
+    points = np.array(rows)
+    with tempfile.TemporaryDirectory() as folder:
+        _, chunks = read_bytes(Path(folder), ply(encoding, XYZ, points.T), max_points)
+    np.testing.assert_array_equal(np.concatenate([chunk.points for chunk in chunks]), points)
+
+
+@pytest.mark.parametrize("name", ["classification", "class", "label", "scalar_Classification"])
+def test_names_of_classes(tmp_path, name):
+    header, chunks = read_bytes(
+        tmp_path, ply("binary_little_endian", [*XYZ, ("float", name)], [*POINTS.T, np.arange(7)])
+    )
+    assert header.has_classes
+    np.testing.assert_array_equal(chunks[0].classes, np.arange(7))
+
+
+@pytest.mark.parametrize("name", ["gps_time", "time", "scalar_GpsTime"])
+def test_names_of_times(tmp_path, name):
+    _, chunks = read_bytes(
+        tmp_path, ply("binary_big_endian", [*XYZ, ("float", name)], [*POINTS.T, np.arange(7)])
+    )
+    np.testing.assert_array_equal(chunks[0].times, np.arange(7))
+
+
+@pytest.mark.parametrize("value", [-1, 256])
+def test_class_codes_that_do_not_fit_are_refused(tmp_path, value):
+    content = ply("ascii", [*XYZ, ("int", "label")], [*POINTS.T, np.full(7, value)])
+    with pytest.raises(
+        FileError, match=rf"codes from 0 to 255 as 'label' in .*a\.ply, got {value}\. Rename it"
+    ):
+        read_bytes(tmp_path, content)
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_other_elements_are_passed_over(tmp_path, encoding):
+    camera = (
+        b"1 2\n3 4\n"
+        if encoding == "ascii"
+        else np.array([(1, 2), (3, 4)], ENCODINGS[encoding] + "f4").tobytes()
+    )
+    faces = b"3 0 1 2\n" if encoding == "ascii" else b"\x03" + bytes(12)
+    content = ply(
+        encoding, XYZ, POINTS.T,
+        before="element camera 2|property float f|property float cx",
+        after="element face 1|property list uchar int vertex_indices",
+        body_before=camera, body_after=faces,
+    )  # fmt: skip
+    _, chunks = read_bytes(tmp_path, content, 4)
+    np.testing.assert_array_equal(np.concatenate([chunk.points for chunk in chunks]), POINTS)
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_lists_before_the_end_of_the_vertices_are_refused(tmp_path, encoding):
+    before = ply(encoding, XYZ, POINTS.T, before="element face 1|property list uchar int i")
+    within = ply(encoding, XYZ, POINTS.T, after="property list uchar int neighbours")
+    for content, name in ((before, "face"), (within, "vertex")):
+        with pytest.raises(FileError, match=rf"a\.ply, got a list in '{name}'. Export the points alone"):
+            read_bytes(tmp_path, content)
+
+
+HEAD = "ply\nformat ascii 1.0\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("", "begin with the line 'ply'"),
+        ("plx\n", "begin with the line 'ply'"),
+        ("ply\nformat ascii 1.0\nelement vertex 1\n", "ends with 'end_header'"),
+        ("ply\n" + "comment\n" * 40_000, "ends with 'end_header'"),
+        ("ply\nelement vertex 1\nproperty float x\nend_header\n", "Expected a line 'format"),
+        ("ply\nformat binary_middle_endian 1.0\nend_header\n", "got the line 'format binary_middle"),
+        (HEAD + "end_header\n", "element 'vertex' in .*got none"),
+        (HEAD + "element face 0\nend_header\n", "element 'vertex' in .*got face"),
+        (HEAD + "element vertex -1\nend_header\n", "got the line 'element vertex -1'"),
+        (HEAD + "element vertex 1\nproperty quad x\nend_header\n", "got the line 'property quad x'"),
+        (HEAD + "property float x\nend_header\n", "got the line 'property float x'"),
+        (HEAD + "element vertex 0\nproperty float x\nend_header\n", "says 0 vertices"),
+        (
+            HEAD + "element vertex 1\nproperty float x\nproperty float y\nend_header\n1 2\n",
+            "one property 'z'.*got 0 in 'x y'",
+        ),
+        (
+            HEAD + "element vertex 1\n" + "property float x\n" * 2 + "end_header\n1 2\n",
+            "one property 'x'.*got 2",
+        ),
+        (
+            HEAD + "element vertex 99999999999\nproperty float x\nend_header\n1\n",
+            "Expected 99999999999 vertices.*truncated",
+        ),
+    ],
+)
+def test_headers_that_cannot_be_are_refused(tmp_path, content, words):
+    with pytest.raises(FileError, match=words) as caught:
+        read_bytes(tmp_path, content.encode())
+    assert "a.ply" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        ("1 2 3\n4.000 5\n", "3 numbers per point in .*a.ply, got: the number of columns changed"),
+        ("1 2.000\n4 5.000\n", "3 numbers per point in .*a.ply, got: 2 in a row"),
+        ("1 2 3 4\n4 5 6 7\n", "got: 4 in a row"),
+        ("1 2 3\n4 five 6\n", "five"),
+        ("1 2 3 \n\n \n\n\n\n", "Expected 2 vertices .*got 1 fewer: truncated"),
+        ("1 2 3\n" + "4" * 200_000 + "\n", "over 100000 characters"),
+    ],
+)
+def test_ascii_rows_that_cannot_be_are_refused(tmp_path, rows, words):
+    head = HEAD + "element vertex 2\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
+    with pytest.raises(FileError, match=words):
+        read_bytes(tmp_path, (head + rows).encode())
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_a_truncated_file_is_refused(tmp_path, encoding):
+    content = ply(encoding, XYZ, POINTS.T)
+    for cut in (1, 30, 100):
+        with pytest.raises(FileError, match=r"a\.ply.*truncated|numbers per point in .*a\.ply"):
+            read_bytes(tmp_path, content[:-cut] if encoding != "ascii" or cut > 1 else content[:-40])
+
+
+def test_a_million_times_too_many_vertices_are_refused_before_they_are_read(tmp_path):
+    content = ply("binary_little_endian", XYZ, POINTS.T).replace(b"vertex 7", b"vertex 700000000000")
+    with pytest.raises(FileError, match="Expected 700000000000 vertices"):
+        read_bytes(tmp_path, content)
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_broken_ply_ends_in_an_error_of_ours(survives_breaking, encoding):
+    properties = [*XYZ, ("float", "nx"), ("float", "ny"), ("float", "nz"), ("uchar", "class")]
+    columns = [*POINTS.T, *POINTS.T, np.arange(7)]
+    survives_breaking(ply(encoding, properties, columns), ".ply", read)

@@ -1,0 +1,167 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""PCD scans: three encodings, legal variants of the header, and headers that lie."""
+
+import struct
+import sys
+
+import numpy as np
+import pytest
+
+from maxcon.errors import FileError, MissingExtraError
+from maxcon.io.scans.pcd import read_pcd_points
+
+# Few distinct values: what does not compress, pypcd4 writes uncompressed.
+POINTS = np.random.default_rng(9).integers(-3, 4, (50, 3)).astype(np.float32)
+
+
+def header(**changes):
+    lines = {
+        "VERSION": "0.7", "FIELDS": "x y z", "SIZE": "4 4 4", "TYPE": "F F F", "COUNT": "1 1 1", "WIDTH": "2",
+        "HEIGHT": "1", "VIEWPOINT": "0 0 0 1 0 0 0", "POINTS": "2", "DATA": "ascii",
+    }  # fmt: skip
+    lines.update(changes)
+    return "# .PCD\n" + "".join(f"{key} {value}\n" for key, value in lines.items() if value is not None)
+
+
+def read(tmp_path, content):
+    path = tmp_path / "a.pcd"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return read_pcd_points(path, 1000)
+
+
+def compressed(tmp_path, n_extra=0):
+    """Bytes of a compressed file, with `n_extra` numbers per point in one field between x and y."""
+    pypcd4 = pytest.importorskip("pypcd4")
+    extra = np.arange(50 * n_extra, dtype=np.uint16).reshape(n_extra, 50)
+    columns = [POINTS[:, 0], *extra, POINTS[:, 1], POINTS[:, 2]]
+    names = ("x", *[f"e{i}" for i in range(n_extra)], "y", "z")
+    types = (np.float32, *[np.uint16] * n_extra, np.float32, np.float32)
+    pypcd4.PointCloud.from_points(columns, names, types).save(
+        tmp_path / "c.pcd", encoding=pypcd4.Encoding.BINARY_COMPRESSED
+    )
+    whole = (tmp_path / "c.pcd").read_bytes()
+    assert b"DATA binary_compressed\n" in whole
+    return whole
+
+
+def test_ascii_with_any_blanks(tmp_path):
+    content = (
+        header(FIELDS="i y x z", SIZE="4 4 4 4", TYPE="U F F F", COUNT="2 1 1 1")
+        + "9 9 2  1\t3 \r\n\n8 8 5 4 nan\n"
+    )
+    np.testing.assert_array_equal(read(tmp_path, content), [[1, 2, 3], [4, 5, np.nan]])
+
+
+def test_binary_of_mixed_types(tmp_path):
+    records = np.zeros(50, [("n", "<u2", 3), ("z", "<f8"), ("x", "<f8"), ("ring", "u1"), ("y", "<f4")])
+    for axis, name in enumerate("xyz"):
+        records[name] = POINTS[:, axis]
+    head = header(
+        FIELDS="_ z x _ y", SIZE="2 8 8 1 4", TYPE="U F F U F", COUNT="3 1 1 1 1", WIDTH="10",
+        HEIGHT="5", POINTS="50", DATA="binary",
+    )  # fmt: skip
+    np.testing.assert_array_equal(read(tmp_path, head.encode() + records.tobytes()), POINTS)
+
+
+@pytest.mark.parametrize("n_extra", [0, 1, 3])
+def test_binary_compressed(tmp_path, n_extra):
+    np.testing.assert_array_equal(read(tmp_path, compressed(tmp_path, n_extra)), POINTS)
+
+
+def test_lines_that_a_header_may_leave_out(tmp_path):
+    body = "1 2 3\n4 5 6\n"
+    for changes in (
+        {"COUNT": None},
+        {"VIEWPOINT": None},
+        {"POINTS": None},
+        {"VERSION": ".6"},
+        {"HEIGHT": None},
+    ):
+        np.testing.assert_array_equal(read(tmp_path, header(**changes) + body), [[1, 2, 3], [4, 5, 6]])
+    whole = compressed(tmp_path)
+    start = whole.index(b"COUNT")
+    assert len(read(tmp_path, whole[:start] + whole[whole.index(b"\n", start) + 1 :])) == 50
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"FIELDS": "x y i"}, "one field 'z'.*got FIELDS x y i"),
+        ({"FIELDS": "x x z"}, "one field 'x'"),
+        ({"COUNT": "2 1 1"}, "one field 'x'"),
+        ({"COUNT": "1 1"}, "of the same length"),
+        ({"COUNT": "0 1 1"}, "of the same length"),
+        ({"COUNT": "1 1 99999999999"}, "of the same length"),
+        ({"COUNT": "1 1 -1"}, "whole numbers as COUNT"),
+        ({"SIZE": "4 4"}, "of the same length"),
+        ({"SIZE": "4 4 3"}, "with types F, U, I"),
+        ({"TYPE": "F F X"}, "with types F, U, I"),
+        ({"FIELDS": None}, "of the same length"),
+        ({"POINTS": "3"}, "POINTS to be WIDTH times HEIGHT, got 3 and 2|POINTS to be WIDTH times HEIGHT in"),
+        ({"POINTS": "0", "WIDTH": "0"}, "1 to 1,000 points"),
+        ({"POINTS": "1001", "WIDTH": "1001"}, "1 to 1,000 points.*got 1,001"),
+        ({"POINTS": "1e3"}, "whole numbers as POINTS.*'1e3'"),
+        ({"WIDTH": "2 2"}, "one number as WIDTH"),
+        ({"DATA": "zip"}, "DATA ascii, binary, binary_compressed.*got 'zip'"),
+        ({"DATA": ""}, "DATA ascii, binary"),
+        ({"DATA": None}, "header lines"),
+        ({"COLOUR": "red", "DATA": None}, "header lines VERSION.*got 'COLOUR'"),
+        ({"DATA": "binary", "POINTS": "900", "WIDTH": "900"}, "10800 bytes of points.*truncated"),
+        ({"DATA": "binary_compressed"}, "points that unpack to 24 bytes"),
+        ({"POINTS": "900", "WIDTH": "900"}, "bytes of points.*truncated"),
+        ({"POINTS": "3", "WIDTH": "3"}, "Expected 3 points .*got 2: truncated|bytes of points"),
+    ],
+)
+def test_headers_that_cannot_be_are_refused(tmp_path, changes, words):
+    with pytest.raises(FileError, match=words) as caught:
+        read(tmp_path, header(**changes) + "1.00 2.00 3.00\n4.00 5.00 6.00\n")
+    assert "a.pcd" in str(caught.value)
+
+
+@pytest.mark.parametrize("content", [b"", b"DATA", b"\x00" * 100, b"# c\n" * 30_000])
+def test_what_is_no_pcd_is_refused(tmp_path, content):
+    with pytest.raises(FileError, match=r"header of at most .*a\.pcd|a\.pcd"):
+        read(tmp_path, content)
+
+
+@pytest.mark.parametrize(
+    ("packed", "unpacked", "words"),
+    [
+        (2**32 - 1, 600, "bytes of points.*truncated"),
+        (100, 2**32 - 1, "points that unpack to 600 bytes"),
+        (1, 600, "points that unpack to 600 bytes in .* got 600 from 1 bytes"),
+        (50, 600, "to be a PCD file, complete"),
+    ],
+)
+def test_compressed_sizes_that_lie_are_refused(tmp_path, packed, unpacked, words):
+    whole = compressed(tmp_path)
+    at = whole.index(b"DATA binary_compressed\n") + 23
+    with pytest.raises(FileError, match=words):
+        read(tmp_path, whole[:at] + struct.pack("<II", packed, unpacked) + whole[at + 8 :])
+
+
+def test_compressed_points_need_the_extra(tmp_path, monkeypatch):
+    whole = compressed(tmp_path)
+    monkeypatch.setitem(sys.modules, "pypcd4.pypcd4", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'maxcon\[pcd\]'"):
+        read(tmp_path, whole)
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "binary", "binary_compressed"])
+def test_broken_pcd_ends_in_an_error_of_ours(tmp_path, survives_breaking, encoding):
+    head = header(WIDTH="50", POINTS="50", DATA=encoding).encode()
+    body = {
+        "ascii": "".join(f"{x} {y} {z}\n" for x, y, z in POINTS).encode(),
+        "binary": POINTS.tobytes(),
+    }
+    whole = head + body[encoding] if encoding in body else compressed(tmp_path)
+    survives_breaking(whole, ".pcd", lambda path: read_pcd_points(path, 1000))
+
+
+def test_real_scans(shared_data):
+    paths = sorted((shared_data / "street-pcd").glob("*.pcd"))
+    if not paths:
+        pytest.skip(f"no PCD scans in {shared_data / 'street-pcd'}")
+    shapes = [read_pcd_points(path, 1_000_000).shape for path in paths]
+    assert shapes == [(119_978, 3), (116_651, 3), (115_151, 3)]

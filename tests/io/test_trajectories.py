@@ -1,0 +1,189 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Trajectories in TUM and CSV files: round trips, and every way a file can be wrong."""
+
+import math
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as st_np
+
+from maxcon.errors import FileError, MaxconError, TrajectoryError
+from maxcon.geometry import Pose
+from maxcon.io.trajectories import read_trajectory, write_csv, write_tum
+from maxcon.trajectory import Trajectory, quaternions_from_angles
+
+TUM_LINE = "47452.193478 458888.4217 5429081.5413 115.0739 0 0 0.6 0.8\n"
+HEADER = "time,x,y,z,roll,pitch,heading\n"
+
+
+def sample(n=5):
+    rng = np.random.default_rng(4)
+    angles = rng.uniform(-1.5, 1.5, (n, 3)) * [0.1, 0.1, 2.0]
+    times = 1.7e9 + np.cumsum(rng.uniform(0.01, 0.2, n))
+    return Trajectory(times, rng.uniform(4e5, 6e6, (n, 3)), quaternions_from_angles(*angles.T))
+
+
+def write(tmp_path, name, content):
+    path = tmp_path / name
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
+@pytest.mark.parametrize(("name", "save"), [("a.txt", write_tum), ("a.TUM", write_tum), ("a.csv", write_csv)])
+def test_what_is_written_reads_back(tmp_path, name, save):
+    wanted = sample()
+    save(tmp_path / name, wanted)
+    got = read_trajectory(tmp_path / name)
+    np.testing.assert_array_equal(got.times, wanted.times)
+    np.testing.assert_array_equal(got.positions, wanted.positions)
+    for one, other in zip(got.poses(), wanted.poses(), strict=True):
+        np.testing.assert_allclose(one.rotation, other.rotation, atol=1e-14)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+NUMBER = st.floats(-1e8, 1e8)
+
+
+@given(
+    st.lists(NUMBER, min_size=1, max_size=6, unique=True).map(sorted),
+    st_np.arrays(np.float64, (6, 3), elements=NUMBER),
+    st_np.arrays(np.float64, (6, 3), elements=st.floats(-math.pi, math.pi)),
+)
+def test_any_trajectory_reads_back_from_tum(times, positions, angles):
+    n = len(times)
+    wanted = Trajectory(times, positions[:n], quaternions_from_angles(*angles[:n].T))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "any.tum"
+        write_tum(path, wanted)
+        got = read_trajectory(path)
+    np.testing.assert_array_equal(got.times, wanted.times)
+    np.testing.assert_array_equal(got.positions, wanted.positions)
+    np.testing.assert_allclose(got.quaternions_xyzw, wanted.quaternions_xyzw, atol=1e-14)
+
+
+def test_a_comment_stands_at_the_top_of_tum(tmp_path):
+    write_tum(tmp_path / "a.txt", sample(1), comment="T_map_sensor\nEPSG:25832")
+    lines = (tmp_path / "a.txt").read_text().splitlines()
+    assert lines[:2] == ["# T_map_sensor", "# EPSG:25832"]
+    assert len(lines) == 4
+
+
+def test_tum_takes_any_blanks_comments_and_line_ends(tmp_path):
+    content = "\ufeff# a comment\r\n\r\n 1\t2  3 4 0 0 0 1 # here too\r\n2 2 3 4 0 0 0 1"
+    got = read_trajectory(write(tmp_path, "a.txt", content))
+    np.testing.assert_array_equal(got.times, [1.0, 2.0])
+    assert got.pose(0) == Pose(2, 3, 4, 0, 0, 0)
+
+
+def test_csv_takes_extra_columns_any_order_and_leaves_out_epochs_not_localized(tmp_path):
+    content = (
+        "time,status,x,y,z,heading,pitch,roll,score,ms\n"
+        "1.0,ok,458888.5,5429081.25,115.0,0.5,0.02,0.01,33.1,60\n"
+        "2.0,not determined,,,,,,,,61\n"
+        '3.0,"ok, but near the rim",458889.5,5429081.25,115.0,-0.5,0.02,0.01,33.1,60\n'
+    )
+    got = read_trajectory(write(tmp_path, "POSES.csv", content))
+    np.testing.assert_array_equal(got.times, [1.0, 3.0])
+    np.testing.assert_array_equal(got.positions[0], [458888.5, 5429081.25, 115.0])
+    np.testing.assert_allclose(got.angles, [[0.01, 0.02, 0.5], [0.01, 0.02, -0.5]], atol=1e-15)
+
+
+def test_csv_takes_degrees(tmp_path):
+    content = "time,x,y,z,roll_deg,pitch_deg,heading_deg\n0,1,2,3,1,2,-179\n"
+    got = read_trajectory(write(tmp_path, "a.csv", content))
+    np.testing.assert_allclose(np.degrees(got.angles), [[1.0, 2.0, -179.0]])
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        (
+            "a.txt",
+            TUM_LINE + "1 2 3\n",
+            r"a\.txt, line 2: Expected 8 columns 'time x y z qx qy qz qw', got 3",
+        ),
+        ("a.txt", "1,2,3,4,0,0,0,1\n", r"line 1: Expected 8 columns .*got 1.*Is it CSV"),
+        (
+            "a.txt",
+            "# c\n\n1 2 3 four 0 0 0 1\n",
+            r"line 3: Expected finite numbers for .*got 'four'.*Correct or remove",
+        ),
+        ("a.txt", "1 2 3 nan 0 0 0 1\n", r"line 1: Expected finite numbers .*got 'nan'"),
+        ("a.txt", "1 2 3 1e999 0 0 0 1\n", r"line 1: Expected finite numbers .*got '1e999'"),
+        (
+            "a.txt",
+            "# c\n" + TUM_LINE + TUM_LINE,
+            r"line 3: Expected times that increase, got 47452\.193478.*Sort",
+        ),
+        (
+            "a.txt",
+            "2 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n",
+            r"line 2: Expected times that increase, got 1\.0+ s after 2\.0+ s",
+        ),
+        ("a.txt", "1 2 3 4 0 0 0 0\n", r"line 1: Expected a unit quaternion .*got length 0"),
+        ("a.txt", "1 2 3 4 0 0 3 4\n", r"line 1: Expected a unit quaternion .*got length 5"),
+        ("a.txt", "", r"a\.txt: Expected at least one pose, got none"),
+        ("a.txt", "# only a comment\n", "Expected at least one pose"),
+        ("a.txt", b"\x00\x01\x02" * 50, r"a\.txt, line 1: Expected 8 columns"),
+        ("a.txt", b"\xff\xfe\x80" * 50, r"a\.txt, after line 0: Expected a trajectory as UTF-8 text"),
+        ("a.txt", b"\0" * 20_000, r"line 1: Expected a trajectory in lines of text, got one of over 10000"),
+        ("a.csv", "", "Expected at least one pose"),
+        ("a.csv", HEADER, "Expected at least one pose"),
+        ("a.csv", HEADER + "1,,,,,,\n", "Expected at least one pose"),
+        ("a.csv", "time,x,y,z\n1,2,3,4\n", r"a\.csv, line 1: Expected a header with time,x,.*got no 'roll'"),
+        ("a.csv", TUM_LINE, r"line 1: Expected a header .*got no 'time'"),
+        ("a.csv", "time;x;y;z;roll;pitch;heading\n", r"got no 'time' in .*separated by commas"),
+        ("a.csv", "time,x,x,y,z,roll,pitch,heading\n", r"got more than one 'x'"),
+        ("a.csv", "time,x,y,z,roll,pitch,heading,heading_deg\n", r"got more than one 'heading'"),
+        ("a.csv", HEADER + "1,2,3,4,5,6\n", r"line 2: Expected 7 columns as in the header, got 6"),
+        ("a.csv", HEADER + "1,2,3,4,0,0,north\n", r"line 2: Expected finite numbers .*got 'north'"),
+        ("a.csv", HEADER + "1,2,3,4,0,0,inf\n", r"line 2: Expected finite numbers .*got 'inf'"),
+        ("a.csv", HEADER + "1,2,3,4,0,0,0\n1,2,3,4,0,0,0\n", r"line 3: Expected times that increase"),
+        ("a.csv", HEADER + '1,"2,3,4,0,0,0\n', r"line 2: Expected comma-separated values"),
+    ],
+)
+def test_a_malformed_file_is_refused_with_file_and_line(tmp_path, name, content, words):
+    path = write(tmp_path, name, content)
+    with pytest.raises((TrajectoryError, FileError), match=words) as caught:
+        read_trajectory(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("missing.txt", "no such file"),
+        ("folder.txt", "got the folder"),
+        ("a.xyz", r"suffix \.txt, \.tum or \.csv"),
+    ],
+)
+def test_no_file_to_read(tmp_path, name, words):
+    (tmp_path / "folder.txt").mkdir()
+    with pytest.raises(FileError, match=words):
+        read_trajectory(tmp_path / name)
+
+
+def test_no_folder_to_write_to(tmp_path):
+    for save in (write_tum, write_csv):
+        with pytest.raises(FileError, match="able to write"):
+            save(tmp_path / "missing" / "a.txt", sample())
+
+
+@pytest.mark.parametrize(("suffix", "save"), [(".txt", write_tum), (".csv", write_csv)])
+def test_broken_files_end_in_an_error_of_ours(tmp_path, survives_breaking, suffix, save):
+    save(tmp_path / f"whole{suffix}", sample(8))
+    survives_breaking((tmp_path / f"whole{suffix}").read_bytes(), suffix, read_trajectory)
+
+
+@given(st.binary(max_size=300), st.sampled_from([".txt", ".csv"]))
+def test_junk_ends_in_an_error_of_ours(content, suffix):
+    with tempfile.TemporaryDirectory() as folder:
+        path = write(Path(folder), f"junk{suffix}", content)
+        with pytest.raises(MaxconError):
+            read_trajectory(path)
