@@ -1,0 +1,183 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""City: a seeded inner city as triangles with classes, with parked cars that come and go."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.simulation.facades import HOUSE_DEPTH, draw_style, house
+from maxcon.simulation.furniture import draw_car, draw_hedge, draw_sign, draw_tree, lamp_pole
+from maxcon.simulation.las_classes import LasClass
+from maxcon.simulation.patches import Patch, join
+from maxcon.simulation.street_grid import SIDEWALK, Frontage, blocks, centre_lines, frontages, ground
+
+__all__ = ["City", "Seed", "build_city"]
+
+Seed = int | Sequence[int]
+"""What numpy.random.default_rng takes; the same seed gives the same city."""
+
+HOUSE_WIDTH = 13.0
+"""Typical, m."""
+NO_PARKING = 9.0
+"""From a crossing's building line, m."""
+CAR_SIDE = SIDEWALK + 1.05
+"""From the building line to the middle of a parked car, m."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class City:
+    """Triangles with classes in city metres: z is up, the main crossing is the origin.
+
+    Parameters
+    ----------
+    vertices : array, shape (v, 3)
+        m.
+    triangles : array, shape (t, 3), int32
+        Rows of `vertices`. Parked cars come last.
+    classes : array, shape (t,), uint8
+        LasClass of each triangle.
+    street_lines : array, shape (k, 2, 2)
+        Start and end (x, y) of each street's centre line, m; the main street is the first, the cross
+        street the second.
+    parking_lanes : array, shape (k, 2, 2)
+        Start and end (x, y) of each row of parked cars, m.
+    street_angle : float
+        Direction of the main street, rad, counter-clockwise from +x.
+    """
+
+    vertices: NDArray[np.float64]
+    triangles: NDArray[np.int32]
+    classes: NDArray[np.uint8]
+    street_lines: NDArray[np.float64]
+    parking_lanes: NDArray[np.float64]
+    street_angle: float
+
+    @property
+    def corners(self) -> NDArray[np.float64]:
+        """Corners of each triangle, shape (t, 3, 3), m."""
+        return self.vertices[self.triangles]
+
+    def with_parked_cars(self, seed: Seed, occupancy: float = 0.7) -> "City":
+        """Return the same city on another day: other cars stand at the kerbs.
+
+        Parameters
+        ----------
+        seed : int or sequence of int
+            The same seed gives the same cars.
+        occupancy : float
+            About which part of the parking lanes is taken, 0 to 1.
+        """
+        rng = np.random.default_rng(seed)
+        cars = [car for lane in self.parking_lanes for car in _cars_along(lane, occupancy, rng)]
+        stays = self.classes != LasClass.VEHICLE
+        return _city([Patch(self.corners[stays], self.classes[stays]), *cars], self)
+
+
+def build_city(seed: Seed, *, street_angle_deg: float = 31.0) -> City:
+    """Return a city without parked cars.
+
+    Parameters
+    ----------
+    seed : int or sequence of int
+        The same seed gives the same city.
+    street_angle_deg : float
+        Direction of the main street, degrees, counter-clockwise from +x; by default nothing is parallel
+        to an axis.
+    """
+    rng = np.random.default_rng(seed)
+    sides = [side for block in blocks() for side in frontages(block)]
+    parts = [ground()]
+    for side in sides:
+        parts += [*_houses(side, rng), *_sidewalk(side, rng)]
+    angle = math.radians(street_angle_deg)
+    turn = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
+    lanes = np.array(
+        [[side.point(x, CAR_SIDE) for x in (NO_PARKING, side.length - NO_PARKING)] for side in sides]
+    )
+    whole = join(parts).placed(0.0, 0.0, heading=angle)
+    bare = City(
+        np.empty((0, 3)),
+        np.empty((0, 3), np.int32),
+        np.empty(0, np.uint8),
+        centre_lines() @ turn,
+        lanes @ turn,
+        angle,
+    )
+    return _city([whole], bare)
+
+
+def _city(patches: list[Patch], like: City) -> City:
+    """Return the city of `patches` with the streets of `like`."""
+    patch = join(patches)
+    vertices = patch.corners.reshape(-1, 3)
+    triangles = np.arange(len(vertices), dtype=np.int32).reshape(-1, 3)
+    return City(vertices, triangles, patch.classes, like.street_lines, like.parking_lanes, like.street_angle)
+
+
+def _houses(side: Frontage, rng: np.random.Generator) -> Iterator[Patch]:
+    """Row of houses along a frontage: differing setbacks, a gap and at times a front garden."""
+    runs_along_u = abs(math.sin(side.heading)) < 0.5
+    start = 0.0 if runs_along_u else HOUSE_DEPTH
+    length = side.length - 2.0 * start
+    n_houses = max(2, round(length / HOUSE_WIDTH))
+    shares = rng.uniform(0.7, 1.3, n_houses)
+    edges = start + np.concatenate([[0.0], np.cumsum(shares)]) * length / shares.sum()
+    gap_after, garden = rng.integers(1, n_houses - 1, 2) if n_houses > 3 else (-1, -1)
+    has_garden = rng.random() < 0.4
+    for i in range(n_houses):
+        is_corner = runs_along_u and i in (0, n_houses - 1)
+        setback = 0.0 if is_corner else _setback(rng, has_garden=has_garden and i == garden)
+        width = edges[i + 1] - edges[i] - (3.2 if i == gap_after else 0.0)
+        building = house(
+            draw_style(width, rng),
+            rng,
+            shows_left=runs_along_u and i == 0,
+            shows_right=runs_along_u and i == n_houses - 1,
+        )
+        yield side.placed(building, edges[i], -setback)
+        if setback > 1.0:
+            yield side.placed(draw_hedge(0.4 * width, rng), edges[i] + 0.25 * width, -0.6)
+
+
+def _setback(rng: np.random.Generator, *, has_garden: bool) -> float:
+    """How far a front stands behind the building line, m: mostly centimetres."""
+    if has_garden:
+        return float(rng.uniform(1.3, 2.0))
+    return float(rng.uniform(0.0, 0.12) if rng.random() < 0.7 else rng.uniform(0.15, 0.6))
+
+
+def _sidewalk(side: Frontage, rng: np.random.Generator) -> Iterator[Patch]:
+    """Lamp poles, trees and signs along the kerb, tubs with bushes along the houses."""
+    for x in np.arange(12.0 + rng.uniform(0.0, 8.0), side.length - 8.0, 28.0):
+        yield side.placed(lamp_pole(), x, SIDEWALK - 0.4)
+    for x in np.arange(18.0 + rng.uniform(0.0, 6.0), side.length - 12.0, 17.0):
+        if rng.random() < 0.45:
+            yield side.placed(draw_tree(rng), x + rng.uniform(-2.0, 2.0), SIDEWALK - 0.7)
+    for x in rng.uniform(10.0, side.length - 10.0, int(side.length / 30.0)):
+        yield side.placed(draw_hedge(1.2, rng), x, 0.5)
+    for x in (3.0, side.length - 3.0, *rng.uniform(10.0, side.length - 10.0, int(side.length / 35.0))):
+        yield side.placed(draw_sign(rng), x, SIDEWALK - 0.35)
+
+
+def _cars_along(lane: NDArray[np.float64], occupancy: float, rng: np.random.Generator) -> Iterator[Patch]:
+    """Cars in a row, each a little off its line; every fourth stands the other way round."""
+    (x0, y0), (x1, y1) = lane
+    length, heading = math.hypot(x1 - x0, y1 - y0), math.atan2(y1 - y0, x1 - x0)
+    along = rng.uniform(0.0, 3.0)
+    while True:
+        car, size = draw_car(rng)
+        place = along + 0.5 * size
+        along += size + rng.uniform(0.5, 1.3)
+        if along > length:
+            return
+        if rng.random() > occupancy:
+            continue
+        out = rng.normal(0.0, 0.07)
+        turn = heading + rng.normal(0.0, math.radians(1.0)) + (math.pi if rng.random() < 0.25 else 0.0)
+        x = x0 + place * math.cos(heading) - out * math.sin(heading)
+        y = y0 + place * math.sin(heading) + out * math.cos(heading)
+        yield car.placed(x, y, heading=turn)

@@ -1,0 +1,209 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Drive: where a vehicle is at any time on its way over the crossing, and how wrong its priors are."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from maxcon.errors import OptionError
+from maxcon.geometry import Pose
+
+__all__ = ["Drive", "PriorErrors", "Route", "drive_along", "route_over_crossing"]
+
+STEP = 0.05
+"""Between two points of a route, m."""
+TURN_RADIUS = 9.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Route:
+    """The line a vehicle follows.
+
+    Parameters
+    ----------
+    points : array, shape (k, 2)
+        (x, y) every few centimetres, city metres.
+    stop_at : float
+        How far along the route the crossing makes it slow down, m.
+    """
+
+    points: NDArray[np.float64]
+    stop_at: float
+
+    @property
+    def distances(self) -> NDArray[np.float64]:
+        """How far along the route each point lies, shape (k,), m."""
+        steps = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
+        return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def route_over_crossing(street_angle: float, before: float, after: float, lane: float = 1.5) -> Route:
+    """Return a route that comes along the main street and turns left at the crossing.
+
+    Parameters
+    ----------
+    street_angle : float
+        Direction of the main street, rad.
+    before, after : float
+        How far from the middle of the crossing it begins and ends, m.
+    lane : float
+        How far right of the centre line it runs, m.
+
+    Raises
+    ------
+    OptionError
+        If the route would begin or end within its turn.
+    """
+    reach = TURN_RADIUS - lane
+    if not (before > reach and after > reach):
+        raise OptionError(
+            f"Expected a route of more than {reach:g} m before and after the crossing, got {before} m and"
+            f" {after} m. Take 75 m and 50 m?"
+        )
+    u = np.arange(-before, -reach, STEP)
+    turn = np.arange(0.0, 0.5 * math.pi, STEP / TURN_RADIUS)
+    v = np.arange(reach, after, STEP)
+    arc = np.column_stack([TURN_RADIUS * np.sin(turn) - reach, -TURN_RADIUS * np.cos(turn) + reach])
+    grid = np.concatenate(
+        [np.column_stack([u, np.full(len(u), -lane)]), arc, np.column_stack([np.full(len(v), lane), v])]
+    )
+    cosine, sine = math.cos(street_angle), math.sin(street_angle)
+    return Route(grid @ np.array([[cosine, sine], [-sine, cosine]]), stop_at=before - reach)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drive:
+    """Poses of a vehicle over time, T_city_vehicle, close enough together to interpolate linearly.
+
+    Parameters
+    ----------
+    times : array, shape (k,)
+        s, rising.
+    positions : array, shape (k, 3)
+        City metres.
+    angles : array, shape (k, 3)
+        Roll, pitch and heading, rad; the heading goes on beyond pi.
+    """
+
+    times: NDArray[np.float64]
+    positions: NDArray[np.float64]
+    angles: NDArray[np.float64]
+
+    def at(self, times: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Positions and angles at `times` (s), shape (n, 3) each, m and rad."""
+        wanted = np.asarray(times, dtype=np.float64)
+        both = np.concatenate([self.positions, self.angles], axis=1)
+        found = np.stack([np.interp(wanted, self.times, column) for column in both.T], axis=1)
+        return found[:, :3], found[:, 3:]
+
+    def poses(self, times: ArrayLike) -> list[Pose]:
+        """Return the poses at `times` (s)."""
+        positions, angles = self.at(times)
+        return [
+            Pose(*position, *angle)
+            for position, angle in zip(positions.tolist(), angles.tolist(), strict=True)
+        ]
+
+
+def drive_along(
+    route: Route,
+    seed: int | Sequence[int],
+    *,
+    speed: float = 8.0,
+    slowest: float = 0.12,
+    height: float = 2.0,
+    start_time: float = 0.0,
+) -> Drive:
+    """Return a drive along `route` that changes speed, slows down for the crossing and sways a little.
+
+    Parameters
+    ----------
+    route : Route
+        Where it goes.
+    seed : int or sequence of int
+        Of speed and sway.
+    speed : float
+        On the straight parts, m/s; it varies by about a fifth.
+    slowest : float
+        Part of `speed` that is left at the crossing.
+    height : float
+        Of the sensor above the carriageway, m.
+    start_time : float
+        s.
+
+    Raises
+    ------
+    OptionError
+        If `speed` or `slowest` is not above 0.
+    """
+    if not (speed > 0.0 and 0.0 < slowest <= 1.0):
+        raise OptionError(
+            f"Expected a speed above 0 m/s and a slowest part of it above 0 and up to 1, got {speed}"
+            f" and {slowest}. Leave them out for the defaults."
+        )
+    rng = np.random.default_rng(seed)
+    distances = route.distances
+    dip = 1.0 - (1.0 - slowest) * np.exp(-(((distances - route.stop_at) / 6.0) ** 2))
+    speeds = speed * dip * (1.0 + _sway(distances, 0.2, (25.0, 80.0), rng))
+    times = start_time + np.concatenate(
+        [[0.0], np.cumsum(np.diff(distances) * 2.0 / (speeds[1:] + speeds[:-1]))]
+    )
+    steps = np.gradient(route.points, axis=0)
+    heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+    roll = _sway(distances, math.radians(0.8), (6.0, 40.0), rng)
+    pitch = _sway(distances, math.radians(0.8), (6.0, 40.0), rng)
+    z = height + _sway(distances, 0.02, (5.0, 30.0), rng)
+    return Drive(times, np.column_stack([route.points, z]), np.column_stack([roll, pitch, heading]))
+
+
+def _sway(
+    distances: NDArray[np.float64],
+    amplitude: float,
+    wavelengths: tuple[float, float],
+    rng: np.random.Generator,
+) -> NDArray[np.float64]:
+    """Smooth wobble over the distance (m), never beyond `amplitude`."""
+    waves = rng.uniform(*wavelengths, 4)
+    phases = rng.uniform(0.0, 2.0 * math.pi, 4)
+    sines = np.sin(2.0 * math.pi * distances[:, None] / waves + phases)
+    return np.asarray(amplitude * sines.mean(axis=1), dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class PriorErrors:
+    """How far a prior may be off the reference pose: each error is uniform within plus and minus its bound.
+
+    Parameters
+    ----------
+    offset : float
+        In x and in y, m.
+    heading_deg : float
+        degrees.
+    z : float
+        m.
+    tilt_deg : float
+        In roll and in pitch, degrees.
+    """
+
+    offset: float = 2.5
+    heading_deg: float = 1.8
+    z: float = 0.01
+    tilt_deg: float = 0.05
+
+    def prior(self, reference: Pose, rng: np.random.Generator) -> Pose:
+        """Return a prior for `reference`."""
+        tilt, turn = math.radians(self.tilt_deg), math.radians(self.heading_deg)
+        bounds = np.array([self.offset, self.offset, self.z, tilt, tilt, turn])
+        x, y, z, roll, pitch, heading = (bounds * rng.uniform(-1.0, 1.0, 6)).tolist()
+        return Pose(
+            reference.x + x,
+            reference.y + y,
+            reference.z + z,
+            reference.roll + roll,
+            reference.pitch + pitch,
+            reference.heading + heading,
+        )
