@@ -11,7 +11,23 @@ from pathlib import Path
 
 from maxcon.errors import FileError
 
-__all__ = ["atomic_file", "atomic_folder"]
+__all__ = ["atomic_file", "atomic_folder", "make_folder"]
+
+
+def make_folder(path: str | os.PathLike[str]) -> None:
+    """Make a folder for outputs, if it is not there.
+
+    Raises
+    ------
+    FileError
+        If it cannot be made.
+    """
+    try:
+        Path(path).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileError(
+            f"Expected to be able to make the folder {path}, got: {error.strerror or error}. Choose another."
+        ) from error
 
 
 def _beside(path: Path) -> Path:

@@ -21,6 +21,9 @@ class Status(StrEnum):
     UNDETERMINED = "undetermined"
     AT_RIM = "at the rim"
     NO_MATCH = "no match"
+    NO_POINTS = "no points"
+    NO_PRIOR = "no prior"
+    OUTSIDE_MAP = "outside the map"
 
     @property
     def explanation(self) -> str:
@@ -33,6 +36,9 @@ _EXPLANATIONS = {
     Status.UNDETERMINED: "The matches leave a direction open (a single wall, a bare street): do not use x and y.",
     Status.AT_RIM: "The best cell lies on the rim of the search space: the true pose may lie outside. Widen it.",
     Status.NO_MATCH: "No scan point matched the map: is the prior inside the map, and is its height right?",
+    Status.NO_POINTS: "The scan has no point within the range limits.",
+    Status.NO_PRIOR: "The prior trajectory has no pose at, or closely around, the time of the scan.",
+    Status.OUTSIDE_MAP: "The prior lies outside the map.",
 }
 
 

@@ -127,6 +127,16 @@ class PointMap:
         """Keys of all tiles, loaded or not."""
         return self._tiles.keys
 
+    @property
+    def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """(x, y) of the lower and of the upper corner of all tiles, local frame, m."""
+        edge = TILE_VOXELS * self.cell
+        keys = np.array(sorted(self._tiles.keys)).reshape(-1, 2)
+        if not len(keys):
+            return (0.0, 0.0), (0.0, 0.0)
+        (x_low, y_low), (x_high, y_high) = keys.min(axis=0) * edge, (keys.max(axis=0) + 1) * edge
+        return (float(x_low), float(y_low)), (float(x_high), float(y_high))
+
     def tiles_within(self, x: float, y: float, reach: float) -> list[VoxelTile]:
         """Tiles that meet the square of half width `reach` (m) around (x, y), local frame, ordered by key."""
         edge = TILE_VOXELS * self.cell

@@ -3,7 +3,8 @@
 """Searches: the definition and the fast paths that equal it."""
 
 from maxcon.search import reference
+from maxcon.search.consensus import consensus_set
 from maxcon.search.exhaustive import exhaustive
 from maxcon.search.matching import Multiplicity
 
-__all__ = ["Multiplicity", "exhaustive", "reference"]
+__all__ = ["Multiplicity", "consensus_set", "exhaustive", "reference"]

@@ -1,0 +1,60 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""The command line: it parses, calls and prints; the work is done by importable functions."""
+
+import signal
+import sys
+from types import FrameType
+from typing import Annotated
+
+import typer
+
+from maxcon.cli import demo, localize, maps, simulate
+from maxcon.errors import MaxconError
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(
+    name="maxcon",
+    help="Maximum-consensus localization of LiDAR scans in a point-cloud map.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+app.add_typer(maps.app, name="map")
+app.command("localize")(localize.localize)
+app.command("simulate")(simulate.simulate)
+app.command("demo")(demo.demo)
+
+
+def _print_version(is_wanted: bool) -> None:
+    if is_wanted:
+        from maxcon import __version__
+
+        typer.echo(f"maxcon {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version and end.", callback=_print_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Maximum-consensus localization of LiDAR scans in a point-cloud map."""
+
+
+def _stop(number: int, frame: FrameType | None) -> None:
+    """End in order when asked to (SIGTERM), so that partial outputs are removed."""
+    raise SystemExit(128 + number)
+
+
+def main() -> None:
+    """Run the command line; what the user can mend is one line on stderr and exit code 2."""
+    signal.signal(signal.SIGTERM, _stop)
+    try:
+        app()
+    except MaxconError as error:
+        typer.echo(f"maxcon: {error}", err=True)
+        sys.exit(2)

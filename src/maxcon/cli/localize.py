@@ -1,0 +1,186 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""`maxcon localize`."""
+
+from collections.abc import Callable
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from maxcon.cli.progress import progress_bar
+
+if TYPE_CHECKING:
+    from maxcon.drive import EpochEstimate
+    from maxcon.maximum_consensus import MaximumConsensus
+    from maxcon.objectives import Objective
+    from maxcon.point_map import PointMap
+
+__all__ = ["ObjectiveName", "localize"]
+
+# Pictures drawn when none are asked for by number, evenly over the drive.
+N_PICTURES = 10
+
+
+class ObjectiveName(StrEnum):
+    """Objectives by the names of the command line."""
+
+    HELMERT = "helmert"
+    COUNT = "count"
+    MAX_EIGENVALUE = "max-eigenvalue"
+
+    @property
+    def objective(self) -> "Objective":
+        """The objective of that name."""
+        from maxcon.objectives import Count, Helmert, MaxEigenvalue
+
+        objectives: dict[ObjectiveName, type[Objective]] = {
+            ObjectiveName.HELMERT: Helmert,
+            ObjectiveName.COUNT: Count,
+            ObjectiveName.MAX_EIGENVALUE: MaxEigenvalue,
+        }
+        return objectives[self]()
+
+
+class MultiplicityName(StrEnum):
+    """Multiplicities; search.Multiplicity without its imports."""
+
+    OCCUPIED = "occupied"
+    POINTS = "points"
+
+
+def localize(
+    map_folder: Annotated[Path, typer.Argument(metavar="MAP", help="Map made by `maxcon map build`.")],
+    scans: Annotated[
+        Path, typer.Argument(metavar="SCANS", help="Folder of .bin (KITTI), .pcd, .ply, .npz, .las or .laz scans.")
+    ],
+    prior: Annotated[
+        Path, typer.Option(metavar="TUM|CSV", help="Rough poses T_map_sensor, in the CRS of the map.")
+    ],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="POSES.csv", help="Table to write, a row per epoch.")],
+    objective: Annotated[ObjectiveName, typer.Option(help="What a cell is worth.")] = ObjectiveName.HELMERT,
+    multiplicity: Annotated[
+        MultiplicityName, typer.Option(help="A match weighs one, or as many as the voxel's map points.")
+    ] = MultiplicityName.OCCUPIED,
+    half_width: Annotated[float, typer.Option(metavar="M", help="Largest offset from the prior in x and y, m.")] = 3.0,
+    heading_half_width_deg: Annotated[
+        float, typer.Option(metavar="DEG", help="Largest turn from the prior's heading, degrees.")
+    ] = 2.0,
+    heading_step_deg: Annotated[float, typer.Option(metavar="DEG", help="Step between headings, degrees.")] = 0.5,
+    min_range: Annotated[float, typer.Option(metavar="M", help="Nearer points are left out.")] = 1.0,
+    max_range: Annotated[float, typer.Option(metavar="M", help="Farther points are left out.")] = 120.0,
+    max_gap: Annotated[float, typer.Option(metavar="S", help="Largest gap in the prior to interpolate across.")] = 0.5,
+    times: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Time of each scan; default times.txt there, or the names.")
+    ] = None,
+    tum: Annotated[Path | None, typer.Option(metavar="FILE", help="Also write the localized poses as TUM.")] = None,
+    plot: Annotated[Path | None, typer.Option(metavar="DIR", help="Draw epochs into this folder.")] = None,
+    plot_epochs: Annotated[
+        str | None, typer.Option(metavar="LIST", help="Epochs to draw: 0,5,10-20 or all. Default: ten over the drive.")
+    ] = None,
+    threads: Annotated[int, typer.Option(min=1, help="Headings searched at once.")] = 1,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
+) -> None:
+    """Localize every scan of a drive in a map.
+
+    Exit code 0: every epoch is localized; 1: some are not (the status column says why); 2: bad input.
+    """
+    from maxcon.drive import DriveOptions, localize_drive
+    from maxcon.io.scans import open_scans
+    from maxcon.io.trajectories import read_trajectory, write_tum
+    from maxcon.maximum_consensus import MaximumConsensus
+    from maxcon.point_map import PointMap
+    from maxcon.poses_table import localized_trajectory, write_poses
+    from maxcon.search_space import SearchSpace
+
+    point_map = PointMap.open(map_folder)
+    folder = open_scans(scans, times)
+    space = SearchSpace(half_width, point_map.cell, heading_half_width_deg, heading_step_deg)
+    method = MaximumConsensus(space, objective.objective, multiplicity.value, n_threads=threads)
+    wanted = parse_epochs(plot_epochs, len(folder)) if plot is not None else frozenset()
+    draw = _drawer(plot, point_map, method, objective) if plot is not None else None
+    epochs = []
+    options = DriveOptions(min_range, max_range, max_gap)
+    with progress_bar("localizing", len(folder), "epochs", quiet) as advance:
+        for epoch in localize_drive(point_map, folder, read_trajectory(prior), method, options):
+            if draw is not None and epoch.epoch in wanted:
+                draw(epoch)
+            epochs.append(epoch.without_points())
+            advance()
+    write_poses(out, epochs)
+    trajectory = localized_trajectory(epochs)
+    if tum is not None and trajectory is not None:
+        write_tum(tum, trajectory, "T_map_sensor, localized by maxcon")
+    _print_summary(epochs, out)
+    if any(epoch.pose_global is None for epoch in epochs):
+        raise typer.Exit(1)
+
+
+def parse_epochs(text: str | None, n_epochs: int) -> frozenset[int]:
+    """Epoch numbers of "0,5,10-20" or "all"; ten evenly over the drive for None.
+
+    Raises
+    ------
+    OptionError
+        If the text is not such a list or a number is not an epoch.
+    """
+    from maxcon.errors import OptionError
+
+    if text is None:
+        step = max(1, -(-n_epochs // N_PICTURES))
+        return frozenset(range(0, n_epochs, step))
+    if text.strip().lower() == "all":
+        return frozenset(range(n_epochs))
+    numbers: set[int] = set()
+    for part in text.split(","):
+        first, _, last = part.strip().partition("-")
+        last = last or first
+        is_listed = first.isascii() and first.isdigit() and last.isascii() and last.isdigit()
+        if not (is_listed and int(first) <= int(last) < n_epochs):
+            raise OptionError(
+                f"Expected --plot-epochs to list epochs from 0 to {n_epochs - 1}, such as 0,5,10-20, or all,"
+                f" got {part.strip()!r}."
+            )
+        numbers.update(range(int(first), int(last) + 1))
+    return frozenset(numbers)
+
+
+def _drawer(
+    folder: Path, point_map: "PointMap", method: "MaximumConsensus", objective: ObjectiveName
+) -> Callable[["EpochEstimate"], None]:
+    """Return a function that draws an epoch into the folder."""
+    from maxcon.atomic import make_folder
+    from maxcon.report.epoch import plot_epoch
+
+    make_folder(folder)
+
+    def draw(epoch: "EpochEstimate") -> None:
+        if epoch.estimate is None or epoch.prior is None:
+            return
+        plot_epoch(
+            folder / f"{epoch.epoch:06d}.png",
+            accumulator=method.accumulate(epoch.scan, point_map, epoch.prior),
+            objective=method.objective,
+            estimate=epoch.estimate,
+            scan=epoch.scan,
+            point_map=point_map,
+            prior=epoch.prior,
+            title=f"Epoch {epoch.epoch} ({epoch.raw.name}), {objective.value}, {method.multiplicity}",
+        )
+
+    return draw
+
+
+def _print_summary(epochs: "list[EpochEstimate]", out: Path) -> None:
+    from collections import Counter
+
+    import numpy as np
+
+    n_localized = sum(epoch.pose_global is not None for epoch in epochs)
+    taken = [epoch.milliseconds for epoch in epochs if epoch.estimate is not None]
+    median = f", median {np.median(taken):.0f} ms" if taken else ""
+    typer.echo(f"{n_localized} of {len(epochs)} epochs localized{median}; written to {out}")
+    others = Counter(epoch.status for epoch in epochs if epoch.pose_global is None)
+    for status, number in sorted(others.items()):
+        typer.echo(f"{number} {status.value}: {status.explanation}")

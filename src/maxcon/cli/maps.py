@@ -1,0 +1,130 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""`maxcon map build` and `maxcon map info`."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from maxcon.cli.progress import step_bars
+
+if TYPE_CHECKING:
+    from maxcon.point_map.store import Manifest
+
+__all__ = ["app"]
+
+app = typer.Typer(help="Build a map from point clouds, or say what is in one.", no_args_is_help=True, rich_markup_mode=None)
+
+
+@app.command()
+def build(
+    clouds: Annotated[list[Path], typer.Argument(metavar="CLOUD...", help="LAS, LAZ, PLY or NPZ files.")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="MAP", help="Folder of the map to write.")],
+    trajectory: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="TUM|CSV",
+            help="Where the mapping sensor was, matched by the points' gps_time: turns normals to its side.",
+        ),
+    ] = None,
+    cell: Annotated[float, typer.Option(metavar="M", help="Voxel edge, and cell edge of the search, in m.")] = 0.06,
+    drop: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="CLASS",
+            help="Class to leave out, by name or number; repeatable. Default for classified points: ground,"
+            " vegetation, noise, temporal-exclusion, and the vehicle classes.",
+        ),
+    ] = None,
+    keep_all: Annotated[bool, typer.Option("--keep-all", help="Drop no class.")] = False,
+    vehicle_class: Annotated[
+        list[int] | None,
+        typer.Option(metavar="NUMBER", help="Class number that means vehicles in these files; repeatable."),
+    ] = None,
+    signed_normals: Annotated[
+        bool, typer.Option("--signed-normals", help="The clouds' own normals are turned to the sensor already.")
+    ] = False,
+    crs: Annotated[
+        str | None, typer.Option(metavar="EPSG:N|WKT", help="CRS of clouds that name none themselves.")
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the map if there is one.")] = False,
+    threads: Annotated[int | None, typer.Option(min=1, help="Tiles made at once. Default: all processors.")] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
+) -> None:
+    """Build a map: drop classes, find normals, rasterize into voxels, write tiles."""
+    from maxcon.errors import OptionError
+    from maxcon.io.trajectories import read_trajectory
+    from maxcon.mapping import MapOptions, build_map
+
+    if keep_all and drop:
+        raise OptionError("Expected either --drop or --keep-all, got both. Leave one out.")
+    options = MapOptions(
+        cell=cell,
+        drop=() if keep_all else drop or None,
+        vehicle_classes=tuple(vehicle_class or ()),
+        trajectory=read_trajectory(trajectory) if trajectory is not None else None,
+        normals_have_sides=signed_normals,
+        crs=crs,
+    )
+    with step_bars("points", quiet) as report:
+        manifest = build_map(clouds, out, options, overwrite=overwrite, n_threads=threads, progress=report)
+    typer.echo(f"{out}")
+    _describe(manifest)
+
+
+@app.command()
+def info(
+    path: Annotated[Path, typer.Argument(metavar="MAP", help="Folder of a map.")],
+    check: Annotated[bool, typer.Option("--check", help="Also read every tile and verify its checksum.")] = False,
+) -> None:
+    """Print what a map is made of."""
+    from maxcon.point_map.store import TileStore, read_manifest
+
+    manifest = read_manifest(path)
+    _describe(manifest)
+    if check:
+        store = TileStore(path, manifest, cache_bytes=0)
+        for key in sorted(store.keys):
+            store.load(key)
+        typer.echo(f"checked      all {len(store.keys)} tiles are as they were written")
+
+
+def _describe(manifest: "Manifest") -> None:
+    from maxcon.io.crs import crs_name
+    from maxcon.point_map import TILE_VOXELS
+
+    edge = TILE_VOXELS * manifest.cell
+    keys = [tile.key for tile in manifest.tiles]
+    x_low, y_low = (min(key[axis] for key in keys) * edge + manifest.origin[axis] for axis in (0, 1))
+    x_high, y_high = ((max(key[axis] for key in keys) + 1) * edge + manifest.origin[axis] for axis in (0, 1))
+    signed = "turned to the sensor's side" if manifest.is_signed else "unsigned (no sensor side: w = |cos|)"
+    rows = [
+        ("voxels", f"{manifest.n_voxels:,} of {manifest.cell:g} m, from {manifest.n_points:,} points"),
+        ("tiles", f"{len(keys):,} of {edge:g} m"),
+        ("extent", f"x {x_low:.1f} to {x_high:.1f}, y {y_low:.1f} to {y_high:.1f} m"),
+        ("origin", ", ".join(f"{value:g}" for value in manifest.origin)),
+        ("CRS", crs_name(manifest.crs)),
+        ("normals", f"{manifest.build.get('normals', 'unknown')}, {signed}"),
+        ("made by", str(manifest.build.get("program", "unknown"))),
+    ]
+    for name, text in rows:
+        typer.echo(f"{name:<12} {text}")
+    for source in manifest.build.get("sources", []):
+        typer.echo(f"{'source':<12} {_describe_source(source)}")
+
+
+def _describe_source(source: dict[str, object]) -> str:
+    from maxcon.mapping.classes import class_name
+
+    text = f"{source['name']}: {source['n_points']:,} points, {source['n_kept']:,} kept"
+    dropped = source["n_dropped"]
+    if isinstance(dropped, dict) and dropped:
+        text += "; dropped " + ", ".join(f"{n:,} {class_name(int(key))}" for key, n in dropped.items())
+    if source["n_invalid"]:
+        text += f"; dropped {source['n_invalid']:,} without finite coordinates"
+    if source["n_without_side"]:
+        text += f"; {source['n_without_side']:,} without a pose near their time"
+    if not source["is_classified"]:
+        text += "; not classified: ground, vegetation and vehicles were not dropped"
+    return text

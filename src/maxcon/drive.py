@@ -1,0 +1,178 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Localizing a drive: epoch after epoch, each with its prior from a trajectory."""
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from maxcon.errors import MapError, TrajectoryError
+from maxcon.estimate import Estimate, Status
+from maxcon.geometry import Pose
+from maxcon.io.scans import RawScan, ScanFolder
+from maxcon.point_map import PointMap
+from maxcon.scan import Scan
+from maxcon.trajectory import Trajectory
+
+__all__ = ["DriveOptions", "EpochEstimate", "Method", "localize_drive"]
+
+
+class Method(Protocol):
+    """Anything that localizes a scan (D6)."""
+
+    def localize(self, scan: Scan, point_map: PointMap, prior: Pose) -> Estimate:
+        """Return the estimate of one epoch; poses in the local frame of the map."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class DriveOptions:
+    """Which points and which priors are used.
+
+    Parameters
+    ----------
+    min_range, max_range : float
+        Points nearer or farther than this are left out, m.
+    max_gap : float
+        Largest time between two poses of the prior trajectory to interpolate across, s.
+    """
+
+    min_range: float = 1.0
+    max_range: float = 120.0
+    max_gap: float = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class EpochEstimate:
+    """The answer for one epoch of a drive.
+
+    Parameters
+    ----------
+    epoch : int
+        Number of the scan in the drive, from 0.
+    raw : RawScan
+        What was read, and what was dropped of it.
+    status : Status
+        Whether the pose may be used, with words.
+    milliseconds : float
+        From points in memory to the pose, scan normals included.
+    scan : Scan
+        The points localized; none once `without_points`.
+    prior : Pose or None
+        Local frame; None without one.
+    estimate : Estimate or None
+        Local frame; None where nothing was searched.
+    pose_global : Pose or None
+        The pose in global coordinates; None unless localized.
+    """
+
+    epoch: int
+    raw: RawScan
+    status: Status
+    milliseconds: float
+    scan: Scan
+    prior: Pose | None = None
+    estimate: Estimate | None = None
+    pose_global: Pose | None = None
+
+    def without_points(self) -> "EpochEstimate":
+        """Return the same answer without the points, to keep over a long drive."""
+        nothing = np.empty((0, 3))
+        return replace(self, raw=replace(self.raw, points=nothing), scan=Scan(nothing, time=self.scan.time))
+
+
+def localize_drive(
+    point_map: PointMap,
+    scans: ScanFolder,
+    prior: Trajectory,
+    method: Method,
+    options: DriveOptions | None = None,
+) -> Iterator[EpochEstimate]:
+    """Yield the estimate of each scan, in order of time.
+
+    Parameters
+    ----------
+    point_map : PointMap
+        The map.
+    scans : ScanFolder
+        The scans; one is in memory at a time.
+    prior : Trajectory
+        T_map_sensor before localization, global coordinates in the CRS of the map.
+    method : Method
+        How each is localized.
+    options : DriveOptions, optional
+        Range limits and the largest gap of the prior.
+
+    Raises
+    ------
+    TrajectoryError
+        If the prior has no pose for any scan.
+    MapError
+        If the prior lies outside the map at every scan, or a tile cannot be read.
+    FileError
+        If a scan cannot be read.
+    """
+    options = options or DriveOptions()
+    priors = [_prior_at(prior, float(at), options.max_gap) for at in scans.times]
+    _check_times(scans, prior, priors)
+    local = [point_map.frame.pose_to_local(pose) if pose is not None else None for pose in priors]
+    _check_inside(point_map, local)
+    for epoch, pose in enumerate(local):
+        yield _localize_epoch(epoch, point_map, scans, pose, method, options)
+
+
+def _localize_epoch(
+    epoch: int,
+    point_map: PointMap,
+    scans: ScanFolder,
+    prior: Pose | None,
+    method: Method,
+    options: DriveOptions,
+) -> EpochEstimate:
+    raw = scans.read(epoch, options.min_range, options.max_range)
+    scan = Scan(raw.points, time=raw.time)
+    if prior is None:
+        return EpochEstimate(epoch, raw, Status.NO_PRIOR, 0.0, scan)
+    if not point_map.covers(prior.x, prior.y):
+        return EpochEstimate(epoch, raw, Status.OUTSIDE_MAP, 0.0, scan, prior)
+    if len(scan) == 0:
+        return EpochEstimate(epoch, raw, Status.NO_POINTS, 0.0, scan, prior)
+    start = time.perf_counter()
+    estimate = method.localize(scan, point_map, prior)
+    milliseconds = 1e3 * (time.perf_counter() - start)
+    pose = point_map.frame.pose_to_global(estimate.pose) if estimate.is_localized else None
+    return EpochEstimate(epoch, raw, estimate.status, milliseconds, scan, prior, estimate, pose)
+
+
+def _prior_at(prior: Trajectory, at: float, max_gap: float) -> Pose | None:
+    """Return the prior's pose at a time, None where it has none: such an epoch gets a status, not an error."""
+    try:
+        return prior.at(at, max_gap)
+    except TrajectoryError:
+        return None
+
+
+def _check_times(scans: ScanFolder, prior: Trajectory, priors: list[Pose | None]) -> None:
+    if all(pose is None for pose in priors):
+        raise TrajectoryError(
+            f"Expected a prior pose for the scans, {scans.times[0]:.3f} to {scans.times[-1]:.3f} s, but the"
+            f" prior trajectory has none near any of them ({prior.times[0]:.3f} to {prior.times[-1]:.3f} s)."
+            " Do both use the same clock? Give the scans' times with --times."
+        )
+
+
+def _check_inside(point_map: PointMap, priors: list[Pose | None]) -> None:
+    known = [pose for pose in priors if pose is not None]
+    if any(point_map.covers(pose.x, pose.y) for pose in known):
+        return
+    first = point_map.frame.pose_to_global(known[0])
+    (x_low, y_low), (x_high, y_high) = point_map.bounds
+    low = point_map.frame.to_global([[x_low, y_low, 0.0]])[0]
+    high = point_map.frame.to_global([[x_high, y_high, 0.0]])[0]
+    raise MapError(
+        f"Expected the prior inside the map, x {low[0]:.0f} to {high[0]:.0f} and y {low[1]:.0f} to"
+        f" {high[1]:.0f} m, got x {first.x:.0f}, y {first.y:.0f} m. Are both in the same CRS?"
+    )

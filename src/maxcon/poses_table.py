@@ -1,0 +1,49 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""POSES.csv: one row per epoch of a drive, localized or not."""
+
+import csv
+import os
+from collections.abc import Sequence
+
+from maxcon.atomic import atomic_file
+from maxcon.drive import EpochEstimate
+from maxcon.trajectory import Trajectory
+
+__all__ = ["COLUMNS", "localized_trajectory", "write_poses"]
+
+COLUMNS = ("time", "x", "y", "z", "roll", "pitch", "heading", "score", "status", "ms")
+
+
+def write_poses(path: str | os.PathLike[str], epochs: Sequence[EpochEstimate]) -> None:
+    """Write time (s), pose (global, m, rad), score, status and milliseconds of every epoch.
+
+    The pose is empty unless the status is "localized": a row cannot be mistaken for a pose.
+
+    Raises
+    ------
+    FileError
+        If it cannot be written.
+    """
+    with atomic_file(path) as partial, partial.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(COLUMNS)
+        writer.writerows(_row(epoch) for epoch in epochs)
+
+
+def _row(epoch: EpochEstimate) -> list[str]:
+    pose = epoch.pose_global
+    position = ["", "", ""] if pose is None else [f"{value:.4f}" for value in (pose.x, pose.y, pose.z)]
+    angles = ["", "", ""] if pose is None else [f"{value:.9f}" for value in (pose.roll, pose.pitch, pose.heading)]
+    score = "" if epoch.estimate is None else f"{epoch.estimate.score:.6g}"
+    return [
+        f"{epoch.raw.time:.9f}", *position, *angles, score, epoch.status.value, f"{epoch.milliseconds:.2f}"
+    ]  # fmt: skip
+
+
+def localized_trajectory(epochs: Sequence[EpochEstimate]) -> Trajectory | None:
+    """Return the localized poses as a trajectory, None if there is none."""
+    found = [(epoch.raw.time, epoch.pose_global) for epoch in epochs if epoch.pose_global is not None]
+    if not found:
+        return None
+    return Trajectory.from_poses([time for time, _ in found], [pose for _, pose in found])
