@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from maxcon.cli import demo, localize, maps, simulate
+from maxcon.cli import localize, maps
 from maxcon.errors import MaxconError
 
 __all__ = ["app", "main"]
@@ -24,8 +24,6 @@ app = typer.Typer(
 )
 app.add_typer(maps.app, name="map")
 app.command("localize")(localize.localize)
-app.command("simulate")(simulate.simulate)
-app.command("demo")(demo.demo)
 
 
 def _print_version(is_wanted: bool) -> None:
