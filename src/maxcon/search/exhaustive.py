@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from maxcon.accumulator import Accumulator
 from maxcon.errors import SearchSpaceError
 from maxcon.geometry import Pose, voxel_indices
-from maxcon.point_map import BLOCK_VOXELS, TILE_BLOCKS, TILE_VOXELS, PointMap, TileKey, VoxelTile
+from maxcon.point_map import BLOCK_VOXELS, TILE_VOXELS, PointMap, TileKey, VoxelTile
 from maxcon.scan import Scan
 from maxcon.search.matching import LevelledScan, Multiplicity, check_cell_edge, level
 from maxcon.search_space import SearchSpace
@@ -158,12 +158,12 @@ def _search_heading(field: _Field, prior: Pose, space: SearchSpace, heading: int
         points, normals, np.cos(angle), np.sin(angle), prior.x, prior.y, space.cell, columns, turned
     )
     first, last = -(nx // 2), nx - 1 - nx // 2
-    starts, numbers = kernels.points_of_tiles(columns, first, last, TILE_VOXELS, field.corner, field.shape)
+    starts, numbers = kernels.points_of_tiles(columns, first, last, field.corner, field.shape)
     for slot, (tile, layers) in field.tiles.items():
         kernels.accumulate_tile(
             numbers[starts[slot] : starts[slot + 1]], columns, field.ranks, layers, turned,
             (tile.key[0] * TILE_VOXELS, tile.key[1] * TILE_VOXELS), tile.index.block_starts,
             tile.columns, tile.normals, tile.index.factors, tile.counts[:0] if field.is_once else tile.counts,
-            TILE_BLOCKS, BLOCK_VOXELS, (first, nx), field.is_signed, sums.reshape(-1),
+            (first, nx), field.is_signed, sums.reshape(-1),
         )  # fmt: skip
     return sums[rim : rim + ny, rim : rim + nx]
