@@ -89,7 +89,7 @@ class _Field:
     Parameters
     ----------
     levelled : LevelledScan
-        n points, sorted so that neighbours follow each other: they read the same voxels (half the time).
+        n points, sorted so that neighbours follow each other: they read the same voxels.
     ranks : array, shape (n,)
         Number of each point's height layer among those of the scan.
     tiles : dict

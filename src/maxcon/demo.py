@@ -1,0 +1,131 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""The demo: a small city is simulated, mapped, driven and localized, by the same road as real data."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from maxcon.drive import EpochEstimate, localize_drive
+from maxcon.evaluation import Accuracy, PoseError, pose_error, summarize
+from maxcon.geometry import Pose
+from maxcon.io.scans import open_scans
+from maxcon.io.trajectories import read_trajectory
+from maxcon.mapping import MapOptions, build_map
+from maxcon.maximum_consensus import MaximumConsensus
+from maxcon.objectives import Count, Helmert
+from maxcon.point_map import PointMap
+from maxcon.poses_table import write_poses
+from maxcon.simulation import SimulatedDataset, simulate
+from maxcon.simulation.las_classes import LasClass
+from maxcon.trajectory import Trajectory
+
+__all__ = ["DEMO_METHODS", "DemoDrive", "DemoMethod", "MethodResult", "localize_demo", "prepare_demo"]
+
+Progress = Callable[[str, int, int], None]
+"""Called with the step's name, how much is done, and of how much."""
+
+
+@dataclass(frozen=True, slots=True)
+class DemoMethod:
+    """A method of the demo and the name it goes by."""
+
+    name: str
+    slug: str
+    method: MaximumConsensus
+
+
+DEMO_METHODS = (
+    DemoMethod("Count, every map point", "count-points", MaximumConsensus(objective=Count(), multiplicity="points")),
+    DemoMethod("Helmert, every map point", "helmert-points", MaximumConsensus(objective=Helmert(), multiplicity="points")),
+    DemoMethod("Count, a voxel once", "count-occupied", MaximumConsensus(objective=Count())),
+    DemoMethod("Helmert, a voxel once", "helmert-occupied", MaximumConsensus(objective=Helmert())),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class DemoDrive:
+    """The simulated drive, opened: the map, the scans, the priors and the reference."""
+
+    point_map: PointMap
+    dataset: SimulatedDataset
+    prior: Trajectory
+    reference: Trajectory
+
+    def reference_at(self, time: float) -> Pose:
+        """Return the reference pose at a time, local frame of the map."""
+        return self.point_map.frame.pose_to_local(self.reference.at(time))
+
+
+@dataclass(frozen=True, slots=True)
+class MethodResult:
+    """What one method answered over the drive."""
+
+    method: DemoMethod
+    epochs: tuple[EpochEstimate, ...]
+    errors: tuple[PoseError | None, ...]
+
+    @property
+    def accuracy(self) -> Accuracy:
+        """Success, median and worst error."""
+        return summarize(self.errors)
+
+    @property
+    def n_localized(self) -> int:
+        """Epochs the method itself calls localized."""
+        return sum(epoch.pose_global is not None for epoch in self.epochs)
+
+    @property
+    def median_milliseconds(self) -> float:
+        """From points in memory to the pose, the first epoch (compilation, first look at the map) left out."""
+        taken = [epoch.milliseconds for epoch in self.epochs]
+        return float(np.median(taken[1:] or taken))
+
+
+def prepare_demo(
+    folder: Path, *, n_epochs: int, seed: int, progress: Progress, before: float = 75.0
+) -> DemoDrive:
+    """Simulate the dataset, from `before` (m) the crossing on, and build its map inside `folder`."""
+    dataset = simulate(
+        folder / "dataset",
+        n_epochs=n_epochs,
+        seed=seed,
+        before=before,
+        progress=lambda done, total: progress("simulating the city and its drives", done, total),
+    )
+    options = MapOptions(
+        trajectory=read_trajectory(dataset.map_trajectory), vehicle_classes=(int(LasClass.VEHICLE),)
+    )
+    build_map(dataset.map_clouds, folder / "city.map", options, progress=progress)
+    return DemoDrive(
+        PointMap.open(folder / "city.map"),
+        dataset,
+        read_trajectory(dataset.prior),
+        read_trajectory(dataset.reference),
+    )
+
+
+def localize_demo(
+    drive: DemoDrive, folder: Path, methods: Sequence[DemoMethod], *, progress: Progress
+) -> list[MethodResult]:
+    """Localize the drive with each method and write its poses to `folder`."""
+    scans = open_scans(drive.dataset.scans)
+    results = []
+    for number, method in enumerate(methods):
+        epochs: list[EpochEstimate] = []
+        errors: list[PoseError | None] = []
+        for epoch in localize_drive(drive.point_map, scans, drive.prior, method.method):
+            epochs.append(epoch.without_points())
+            errors.append(_error(epoch, drive))
+            progress("localizing", number * len(scans) + len(epochs), len(methods) * len(scans))
+        write_poses(folder / f"poses-{method.slug}.csv", epochs)
+        results.append(MethodResult(method, tuple(epochs), tuple(errors)))
+    return results
+
+
+def _error(epoch: EpochEstimate, drive: DemoDrive) -> PoseError | None:
+    if epoch.estimate is None or epoch.pose_global is None:
+        return None
+    return pose_error(epoch.estimate.pose, drive.reference_at(epoch.raw.time))
