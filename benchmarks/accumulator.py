@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 """How long do all four moments of the paper's search space take on one core?
 
-    python benchmarks/accumulator.py
+python benchmarks/accumulator.py
 """
 
 import tempfile
@@ -41,7 +41,9 @@ def main() -> None:
                 f"| {number} | {len(scan):,} | {n_matches / 1e6:.1f} M | {a:.1f} | {b:.1f} | {b / a:.2f}"
                 f" | {c:.1f} | {c / a:.2f} |"
             )
-        print(f"\nmedian over the scans {np.median(medians):.1f} ms, worst {max(medians):.1f} ms, on one core")
+        print(
+            f"\nmedian over the scans {np.median(medians):.1f} ms, worst {max(medians):.1f} ms, on one core"
+        )
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 """How long do the normals of a ring scan take on one core?
 
-    python benchmarks/scan_normals.py
+python benchmarks/scan_normals.py
 """
 
 import tempfile

@@ -9,6 +9,8 @@ The names below are the public face; they are loaded when first used, so that ``
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from maxcon.version import __version__
+
 if TYPE_CHECKING:
     from maxcon import search
     from maxcon.accumulator import Accumulator
@@ -22,8 +24,6 @@ if TYPE_CHECKING:
     from maxcon.search import Multiplicity
     from maxcon.search_space import SearchSpace
     from maxcon.trajectory import Trajectory
-
-__version__ = "0.1.0"
 
 __all__ = [
     "Accumulator",

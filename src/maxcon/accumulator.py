@@ -69,5 +69,7 @@ def highest(scores: Scores, space: SearchSpace) -> Cell:
         )
     best = int(np.argmax(scores))
     if np.isnan(scores.flat[best]):
-        raise ArrayError("Expected scores that are numbers, got NaN. Let the objective return 0 where it has none.")
+        raise ArrayError(
+            "Expected scores that are numbers, got NaN. Let the objective return 0 where it has none."
+        )
     return cast(Cell, tuple(int(index) for index in np.unravel_index(best, scores.shape)))

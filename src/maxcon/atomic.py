@@ -76,7 +76,9 @@ def atomic_folder(path: str | os.PathLike[str], *, overwrite: bool = False) -> I
     """
     target = Path(path)
     if target.exists() and not overwrite:
-        raise FileError(f"Expected {target} not to exist yet, but it does. Remove it, or allow overwriting it.")
+        raise FileError(
+            f"Expected {target} not to exist yet, but it does. Remove it, or allow overwriting it."
+        )
     partial = _beside(target)
     try:
         partial.mkdir()

@@ -19,7 +19,7 @@ from maxcon.objectives import SINGULAR_RATIO, Helmert, Objective
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
 from maxcon.search import Multiplicity, exhaustive
-from maxcon.search_space import Cell, SearchSpace
+from maxcon.search_space import SearchSpace
 
 __all__ = ["MaximumConsensus"]
 
@@ -100,7 +100,11 @@ class MaximumConsensus:
             status = Status.AT_RIM
         else:
             status = Status.LOCALIZED
-        pose = accumulator.prior if status is Status.NO_MATCH else accumulator.space.pose(cell, accumulator.prior)
+        pose = (
+            accumulator.prior
+            if status is Status.NO_MATCH
+            else accumulator.space.pose(cell, accumulator.prior)
+        )
         return Estimate(pose, float(scores[cell]), cell, status, cofactor)
 
 
@@ -109,4 +113,4 @@ def _invert(normal_matrix: NDArray[np.float64]) -> tuple[bool, NDArray[np.float6
     smallest, largest = np.linalg.eigvalsh(normal_matrix)
     if smallest <= SINGULAR_RATIO * largest:
         return False, np.diag([np.inf, np.inf])
-    return bool(smallest >= LEAST_EIGENVALUE), np.linalg.inv(normal_matrix)
+    return bool(smallest >= LEAST_EIGENVALUE), np.asarray(np.linalg.inv(normal_matrix), dtype=np.float64)

@@ -34,7 +34,9 @@ def write_poses(path: str | os.PathLike[str], epochs: Sequence[EpochEstimate]) -
 def _row(epoch: EpochEstimate) -> list[str]:
     pose = epoch.pose_global
     position = ["", "", ""] if pose is None else [f"{value:.4f}" for value in (pose.x, pose.y, pose.z)]
-    angles = ["", "", ""] if pose is None else [f"{value:.9f}" for value in (pose.roll, pose.pitch, pose.heading)]
+    angles = (
+        ["", "", ""] if pose is None else [f"{value:.9f}" for value in (pose.roll, pose.pitch, pose.heading)]
+    )
     score = "" if epoch.estimate is None else f"{epoch.estimate.score:.6g}"
     return [
         f"{epoch.raw.time:.9f}", *position, *angles, score, epoch.status.value, f"{epoch.milliseconds:.2f}"

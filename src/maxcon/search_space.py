@@ -81,13 +81,14 @@ class SearchSpace:
     def offsets(self) -> NDArray[np.float64]:
         """Offset of each column (and of each row) from the prior, shape (nx,), m."""
         n_offsets = self.shape[2]
-        return (np.arange(n_offsets) - n_offsets // 2) * self.cell
+        return np.asarray((np.arange(n_offsets) - n_offsets // 2) * self.cell, dtype=np.float64)
 
     @property
     def headings(self) -> NDArray[np.float64]:
         """Turn of each heading from the prior's, shape (headings,), rad."""
         n_headings = self.shape[0]
-        return np.radians((np.arange(n_headings) - n_headings // 2) * self.heading_step_deg)
+        turns_deg = (np.arange(n_headings) - n_headings // 2) * self.heading_step_deg
+        return np.asarray(np.radians(turns_deg), dtype=np.float64)
 
     @property
     def reach(self) -> float:

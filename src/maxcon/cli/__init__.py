@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from maxcon.cli import localize, maps
+from maxcon.cli import demo, localize, maps, simulate
 from maxcon.errors import MaxconError
 
 __all__ = ["app", "main"]
@@ -24,6 +24,8 @@ app = typer.Typer(
 )
 app.add_typer(maps.app, name="map")
 app.command("localize")(localize.localize)
+app.command("simulate")(simulate.simulate)
+app.command("demo")(demo.demo)
 
 
 def _print_version(is_wanted: bool) -> None:
@@ -37,7 +39,8 @@ def _print_version(is_wanted: bool) -> None:
 @app.callback()
 def _options(
     version: Annotated[
-        bool, typer.Option("--version", help="Print the version and end.", callback=_print_version, is_eager=True)
+        bool,
+        typer.Option("--version", help="Print the version and end.", callback=_print_version, is_eager=True),
     ] = False,
 ) -> None:
     """Maximum-consensus localization of LiDAR scans in a point-cloud map."""

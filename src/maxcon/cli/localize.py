@@ -53,31 +53,44 @@ class MultiplicityName(StrEnum):
 def localize(
     map_folder: Annotated[Path, typer.Argument(metavar="MAP", help="Map made by `maxcon map build`.")],
     scans: Annotated[
-        Path, typer.Argument(metavar="SCANS", help="Folder of .bin (KITTI), .pcd, .ply, .npz, .las or .laz scans.")
+        Path,
+        typer.Argument(metavar="SCANS", help="Folder of .bin (KITTI), .pcd, .ply, .npz, .las or .laz scans."),
     ],
     prior: Annotated[
         Path, typer.Option(metavar="TUM|CSV", help="Rough poses T_map_sensor, in the CRS of the map.")
     ],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="POSES.csv", help="Table to write, a row per epoch.")],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="POSES.csv", help="Table to write, a row per epoch.")
+    ],
     objective: Annotated[ObjectiveName, typer.Option(help="What a cell is worth.")] = ObjectiveName.HELMERT,
     multiplicity: Annotated[
         MultiplicityName, typer.Option(help="A match weighs one, or as many as the voxel's map points.")
     ] = MultiplicityName.OCCUPIED,
-    half_width: Annotated[float, typer.Option(metavar="M", help="Largest offset from the prior in x and y, m.")] = 3.0,
+    half_width: Annotated[
+        float, typer.Option(metavar="M", help="Largest offset from the prior in x and y, m.")
+    ] = 3.0,
     heading_half_width_deg: Annotated[
         float, typer.Option(metavar="DEG", help="Largest turn from the prior's heading, degrees.")
     ] = 2.0,
-    heading_step_deg: Annotated[float, typer.Option(metavar="DEG", help="Step between headings, degrees.")] = 0.5,
+    heading_step_deg: Annotated[
+        float, typer.Option(metavar="DEG", help="Step between headings, degrees.")
+    ] = 0.5,
     min_range: Annotated[float, typer.Option(metavar="M", help="Nearer points are left out.")] = 1.0,
     max_range: Annotated[float, typer.Option(metavar="M", help="Farther points are left out.")] = 120.0,
-    max_gap: Annotated[float, typer.Option(metavar="S", help="Largest gap in the prior to interpolate across.")] = 0.5,
+    max_gap: Annotated[
+        float, typer.Option(metavar="S", help="Largest gap in the prior to interpolate across.")
+    ] = 0.5,
     times: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Time of each scan; default times.txt there, or the names.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Time of each scan; default times.txt there, or the names."),
     ] = None,
-    tum: Annotated[Path | None, typer.Option(metavar="FILE", help="Also write the localized poses as TUM.")] = None,
+    tum: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Also write the localized poses as TUM.")
+    ] = None,
     plot: Annotated[Path | None, typer.Option(metavar="DIR", help="Draw epochs into this folder.")] = None,
     plot_epochs: Annotated[
-        str | None, typer.Option(metavar="LIST", help="Epochs to draw: 0,5,10-20 or all. Default: ten over the drive.")
+        str | None,
+        typer.Option(metavar="LIST", help="Epochs to draw: 0,5,10-20 or all. Default: ten over the drive."),
     ] = None,
     threads: Annotated[int, typer.Option(min=1, help="Headings searched at once.")] = 1,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
@@ -165,7 +178,6 @@ def _drawer(
             estimate=epoch.estimate,
             scan=epoch.scan,
             point_map=point_map,
-            prior=epoch.prior,
             title=f"Epoch {epoch.epoch} ({epoch.raw.name}), {objective.value}, {method.multiplicity}",
         )
 

@@ -14,7 +14,9 @@ if TYPE_CHECKING:
 
 __all__ = ["app"]
 
-app = typer.Typer(help="Build a map from point clouds, or say what is in one.", no_args_is_help=True, rich_markup_mode=None)
+app = typer.Typer(
+    help="Build a map from point clouds, or say what is in one.", no_args_is_help=True, rich_markup_mode=None
+)
 
 
 @app.command()
@@ -28,7 +30,9 @@ def build(
             help="Where the mapping sensor was, matched by the points' gps_time: turns normals to its side.",
         ),
     ] = None,
-    cell: Annotated[float, typer.Option(metavar="M", help="Voxel edge, and cell edge of the search, in m.")] = 0.06,
+    cell: Annotated[
+        float, typer.Option(metavar="M", help="Voxel edge, and cell edge of the search, in m.")
+    ] = 0.06,
     drop: Annotated[
         list[str] | None,
         typer.Option(
@@ -43,13 +47,16 @@ def build(
         typer.Option(metavar="NUMBER", help="Class number that means vehicles in these files; repeatable."),
     ] = None,
     signed_normals: Annotated[
-        bool, typer.Option("--signed-normals", help="The clouds' own normals are turned to the sensor already.")
+        bool,
+        typer.Option("--signed-normals", help="The clouds' own normals are turned to the sensor already."),
     ] = False,
     crs: Annotated[
         str | None, typer.Option(metavar="EPSG:N|WKT", help="CRS of clouds that name none themselves.")
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the map if there is one.")] = False,
-    threads: Annotated[int | None, typer.Option(min=1, help="Tiles made at once. Default: all processors.")] = None,
+    threads: Annotated[
+        int | None, typer.Option(min=1, help="Tiles made at once. Default: all processors.")
+    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
 ) -> None:
     """Build a map: drop classes, find normals, rasterize into voxels, write tiles."""
@@ -67,7 +74,7 @@ def build(
         normals_have_sides=signed_normals,
         crs=crs,
     )
-    with step_bars("points", quiet) as report:
+    with step_bars("", quiet) as report:
         manifest = build_map(clouds, out, options, overwrite=overwrite, n_threads=threads, progress=report)
     typer.echo(f"{out}")
     _describe(manifest)
@@ -76,7 +83,9 @@ def build(
 @app.command()
 def info(
     path: Annotated[Path, typer.Argument(metavar="MAP", help="Folder of a map.")],
-    check: Annotated[bool, typer.Option("--check", help="Also read every tile and verify its checksum.")] = False,
+    check: Annotated[
+        bool, typer.Option("--check", help="Also read every tile and verify its checksum.")
+    ] = False,
 ) -> None:
     """Print what a map is made of."""
     from maxcon.point_map.store import TileStore, read_manifest

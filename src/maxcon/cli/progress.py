@@ -17,7 +17,7 @@ def _bars(unit: str, is_quiet: bool) -> Iterator[Any]:
     class Rate(TextColumn):
         def render(self, task: Any) -> Any:
             speed = task.finished_speed or task.speed
-            self.text_format = f"{speed:,.1f} {unit}/s" if speed else ""
+            self.text_format = f"{speed:,.1f} {unit}/s" if speed and unit else ""
             return super().render(task)
 
     with Progress(

@@ -16,13 +16,15 @@ def simulate(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the dataset to write.")],
     epochs: Annotated[int, typer.Option(min=1, help="How many scans.")] = 40,
     seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same dataset.")] = 0,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the folder if there is one.")] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace the folder if there is one.")
+    ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
 ) -> None:
     """Simulate a small city: map clouds (LAZ), scans, reference and priors (TUM). Needs the extra demo."""
     from maxcon.simulation import simulate as simulate_dataset
 
-    with step_bars("steps", quiet) as report:
+    with step_bars("", quiet) as report:
         dataset = simulate_dataset(
             out,
             n_epochs=epochs,
@@ -32,7 +34,10 @@ def simulate(
         )
     typer.echo(f"{dataset.folder}")
     for name, path in (
-        ("map clouds", f"{dataset.map_clouds[0].parent}/*.laz ({len(dataset.map_clouds)} files, vehicles are class 64)"),
+        (
+            "map clouds",
+            f"{dataset.map_clouds[0].parent}/*.laz ({len(dataset.map_clouds)} files, vehicles are class 64)",
+        ),
         ("mapping", dataset.map_trajectory),
         ("scans", dataset.scans),
         ("reference", dataset.reference),

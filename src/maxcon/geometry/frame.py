@@ -34,16 +34,22 @@ class LocalFrame:
     def __post_init__(self) -> None:
         origin = tuple(float(value) for value in self.origin)
         if len(origin) != 3 or not np.isfinite(origin).all():
-            raise ArrayError(f"Expected three finite numbers as the origin of a LocalFrame, got {self.origin}.")
+            raise ArrayError(
+                f"Expected three finite numbers as the origin of a LocalFrame, got {self.origin}."
+            )
         object.__setattr__(self, "origin", origin)
 
     def to_local(self, points_global: ArrayLike) -> NDArray[np.float64]:
         """Local coordinates, shape (n, 3), m, of global ones."""
-        return as_points(points_global, "points_global") - np.array(self.origin)
+        points = as_points(points_global, "points_global")
+        points_local: NDArray[np.float64] = points - np.array(self.origin)
+        return points_local
 
     def to_global(self, points_local: ArrayLike) -> NDArray[np.float64]:
         """Global coordinates, shape (n, 3), m, of local ones."""
-        return as_points(points_local, "points_local") + np.array(self.origin)
+        points = as_points(points_local, "points_local")
+        points_global: NDArray[np.float64] = points + np.array(self.origin)
+        return points_global
 
     def pose_to_local(self, pose_global: Pose) -> Pose:
         """Return the same pose with its position in this frame."""

@@ -81,7 +81,5 @@ def estimate_scan_normals(points: NDArray[np.float64]) -> NDArray[np.float64]:
         return normals
     ranges, elevations, azimuths = spherical(points)
     layout = ring_layout(elevations)
-    ring_normals(
-        points, ranges, elevations, azimuths, layout.ring_spacing, layout.point_spacing, normals
-    )
+    ring_normals(points, ranges, elevations, azimuths, layout.ring_spacing, layout.point_spacing, normals)
     return normals

@@ -21,6 +21,7 @@ from maxcon.mapping.tiles import TileMaker
 from maxcon.point_map import TileKey
 from maxcon.point_map.store import Manifest, TileEntry, write_manifest, write_tile
 from maxcon.trajectory import Trajectory
+from maxcon.version import __version__
 
 __all__ = ["MapOptions", "build_map"]
 
@@ -197,8 +198,6 @@ def _description(
     counts: Sequence[SourceCounts], drop: frozenset[int], use_normals: bool
 ) -> dict[str, object]:
     """What the manifest says of how the map was made."""
-    from maxcon import __version__
-
     return {
         "program": f"maxcon {__version__}",
         "normals": "of the sources" if use_normals else "from neighbourhoods",

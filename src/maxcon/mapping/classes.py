@@ -27,7 +27,9 @@ CLASS_NAMES: dict[str, tuple[int, ...]] = {
     "snow": (21,),
     "temporal-exclusion": (22,),
 }
-GROUPS: dict[str, tuple[str, ...]] = {"vegetation": ("low-vegetation", "medium-vegetation", "high-vegetation")}
+GROUPS: dict[str, tuple[str, ...]] = {
+    "vegetation": ("low-vegetation", "medium-vegetation", "high-vegetation")
+}
 
 DEFAULT_DROP = ("ground", "vegetation", "noise", "temporal-exclusion")
 

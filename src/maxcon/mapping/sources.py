@@ -149,7 +149,11 @@ def read_source(
 
 
 def _keep(
-    chunk: CloudChunk, counts: SourceCounts, drop: frozenset[int], trajectory: Trajectory | None, use_normals: bool
+    chunk: CloudChunk,
+    counts: SourceCounts,
+    drop: frozenset[int],
+    trajectory: Trajectory | None,
+    use_normals: bool,
 ) -> SidedPoints:
     counts.n_points += len(chunk.points)
     keep = np.isfinite(chunk.points).all(axis=1)
@@ -179,7 +183,9 @@ def _keep(
 
 def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     lengths = np.sqrt((vectors * vectors).sum(axis=1))
-    return np.divide(vectors, lengths[:, None], out=np.zeros_like(vectors), where=lengths[:, None] != 0.0)
+    unit: NDArray[np.float64] = np.zeros_like(vectors)
+    np.divide(vectors, lengths[:, None], out=unit, where=lengths[:, None] != 0.0)
+    return unit
 
 
 def check_sides(counts: Sequence[SourceCounts], trajectory: Trajectory) -> None:

@@ -51,7 +51,7 @@ class VoxelMoments:
 
     @property
     def keys(self) -> NDArray[np.int64]:
-        """z LAYER + y ROW + x of each voxel, ascending."""
+        """Z LAYER + y ROW + x of each voxel, ascending."""
         return voxel_keys(self.indices)
 
     @classmethod
@@ -95,7 +95,11 @@ class VoxelMoments:
         """Keep some voxels, with x and y moved by `shift` voxels."""
         indices = self.indices[is_chosen] + np.array([*shift, 0], dtype=np.int32)
         return type(self)(
-            indices, self.counts[is_chosen], self.sums[is_chosen], self.outers[is_chosen], self.sides[is_chosen]
+            indices,
+            self.counts[is_chosen],
+            self.sums[is_chosen],
+            self.outers[is_chosen],
+            self.sides[is_chosen],
         )
 
     def coarser(self, edge: float) -> Self:
@@ -115,7 +119,12 @@ class VoxelMoments:
         """Write to an uncompressed NPZ file."""
         with path.open("wb") as file:
             np.savez(
-                file, indices=self.indices, counts=self.counts, sums=self.sums, outers=self.outers, sides=self.sides
+                file,
+                indices=self.indices,
+                counts=self.counts,
+                sums=self.sums,
+                outers=self.outers,
+                sides=self.sides,
             )
 
     @classmethod
@@ -128,7 +137,8 @@ class VoxelMoments:
 def voxel_keys(indices: NDArray[np.int32]) -> NDArray[np.int64]:
     """One number per voxel that ascends with (z, y, x); rows are padded, so neighbours in x differ by 1."""
     x, y, z = indices.T.astype(np.int64)
-    return z * LAYER + (y + PADDING) * ROW + (x + PADDING)
+    keys: NDArray[np.int64] = z * LAYER + (y + PADDING) * ROW + (x + PADDING)
+    return keys
 
 
 def _zeros(

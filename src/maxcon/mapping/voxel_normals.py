@@ -71,4 +71,5 @@ def turn_to_side(normals: NDArray[np.float64], sides: NDArray[np.float64]) -> ND
     sides : array, shape (n, 3)
         Directions to the sensor, zeros where not known.
     """
-    return normals * np.sign((normals * sides).sum(axis=1))[:, None]
+    turned: NDArray[np.float64] = normals * np.sign((normals * sides).sum(axis=1))[:, None]
+    return turned

@@ -154,7 +154,8 @@ class PointMap:
         """Whether any tile lies within `reach` (m) of (x, y), local frame; loads nothing."""
         edge = TILE_VOXELS * self.cell
         return any(
-            max(kx * edge - x, x - (kx + 1) * edge) <= reach and max(ky * edge - y, y - (ky + 1) * edge) <= reach
+            max(kx * edge - x, x - (kx + 1) * edge) <= reach
+            and max(ky * edge - y, y - (ky + 1) * edge) <= reach
             for kx, ky in self._tiles.keys
         )
 

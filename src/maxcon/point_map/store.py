@@ -24,7 +24,16 @@ import numpy as np
 from maxcon.errors import MapError
 from maxcon.point_map.tile import TILE_VOXELS, TileKey, VoxelTile
 
-__all__ = ["FORMAT", "FORMAT_VERSION", "Manifest", "TileEntry", "TileStore", "read_manifest", "write_manifest", "write_tile"]
+__all__ = [
+    "FORMAT",
+    "FORMAT_VERSION",
+    "Manifest",
+    "TileEntry",
+    "TileStore",
+    "read_manifest",
+    "write_manifest",
+    "write_tile",
+]
 
 FORMAT = "maxcon map"
 FORMAT_VERSION = 1
@@ -122,7 +131,12 @@ def write_tile(folder: Path, tile: VoxelTile) -> TileEntry:
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:
     """Write the manifest: the last step of a build."""
-    content = {"format": FORMAT, "format_version": FORMAT_VERSION, "tile_voxels": TILE_VOXELS, **asdict(manifest)}
+    content = {
+        "format": FORMAT,
+        "format_version": FORMAT_VERSION,
+        "tile_voxels": TILE_VOXELS,
+        **asdict(manifest),
+    }
     (folder / MANIFEST).write_text(json.dumps(content, indent=1) + "\n")
 
 
@@ -139,7 +153,9 @@ def read_manifest(path: str | os.PathLike[str]) -> Manifest:
         content = json.loads(file.read_text())
     except (FileNotFoundError, NotADirectoryError):
         what = "no such folder" if not Path(path).exists() else f"no {MANIFEST} in it"
-        raise MapError(f"Expected {path} to be a map, got {what}. Build one with `maxcon map build`.") from None
+        raise MapError(
+            f"Expected {path} to be a map, got {what}. Build one with `maxcon map build`."
+        ) from None
     except (OSError, ValueError) as error:
         raise MapError(f"Expected {file} to be the manifest of a map, got: {error}. {REBUILD}") from None
     if not isinstance(content, dict) or content.get("format") != FORMAT:
@@ -152,7 +168,9 @@ def read_manifest(path: str | os.PathLike[str]) -> Manifest:
     try:
         return _parse_manifest(content)
     except (KeyError, TypeError, ValueError) as error:
-        raise MapError(f"Expected a whole manifest in {file}, got a broken entry: {error!r}. {REBUILD}") from None
+        raise MapError(
+            f"Expected a whole manifest in {file}, got a broken entry: {error!r}. {REBUILD}"
+        ) from None
 
 
 def _parse_manifest(content: Mapping[str, Any]) -> Manifest:
@@ -242,5 +260,7 @@ class TileStore:
             batch.column("normal").flatten().to_numpy().reshape(-1, 3),
         )
         if not tile.is_in_order:
-            raise MapError(f"Expected the voxels of {path} in the order of the search, got another. {REBUILD}")
+            raise MapError(
+                f"Expected the voxels of {path} in the order of the search, got another. {REBUILD}"
+            )
         return tile

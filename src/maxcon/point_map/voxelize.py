@@ -49,12 +49,14 @@ def voxelize(
     return indices.astype(np.int32), counts.astype(np.int32), mean_normals(sums, counts)
 
 
-def mean_normals(sums: NDArray[np.float64], counts: NDArray[np.integer]) -> NDArray[np.float32]:
+def mean_normals(
+    sums: NDArray[np.float64], counts: NDArray[np.integer] | NDArray[np.float64]
+) -> NDArray[np.float32]:
     """Unit vectors along sums of `counts` unit normals, shape (n, 3); zeros where they cancel."""
     lengths = np.linalg.norm(sums, axis=1)
     has_direction = lengths > CANCELLED_LENGTH * np.maximum(counts, 1)
     unit = np.divide(sums, lengths[:, None], out=np.zeros_like(sums), where=has_direction[:, None])
-    return unit.astype(np.float32)
+    return np.asarray(unit, dtype=np.float32)
 
 
 def tile_of_voxels(

@@ -39,7 +39,11 @@ def consensus_set(
     check_cell_edge(space, point_map)
     heading, iy, ix = cell
     _, ny, nx = space.shape
-    points = turn(level(scan, prior).points, prior.heading + space.headings[heading]) + [prior.x, prior.y, 0.0]
+    points = turn(level(scan, prior).points, prior.heading + space.headings[heading]) + [
+        prior.x,
+        prior.y,
+        0.0,
+    ]
     indices = voxel_indices(points, space.cell) + np.array([ix - nx // 2, iy - ny // 2, 0], dtype=np.int32)
     if len(indices) == 0:
         return np.zeros(0, bool)
@@ -57,4 +61,5 @@ def consensus_set(
 
 def _flat(indices: NDArray[np.int32], size: NDArray[np.int64]) -> NDArray[np.int64]:
     x, y, z = indices.T.astype(np.int64)
-    return (z * size[1] + y) * size[0] + x
+    numbers: NDArray[np.int64] = (z * size[1] + y) * size[0] + x
+    return numbers

@@ -128,7 +128,10 @@ class _Field:
         return cls(
             levelled,
             ranks,
-            {int(slot): (tile, _layers_in(tile, scan_layers)) for slot, tile in zip(slots, tiles, strict=True)},
+            {
+                int(slot): (tile, _layers_in(tile, scan_layers))
+                for slot, tile in zip(slots, tiles, strict=True)
+            },
             (int(corner[0]), int(corner[1])),
             (int(ny), int(nx)),
             multiplicity is Multiplicity.OCCUPIED,

@@ -42,7 +42,9 @@ class Multiplicity(StrEnum):
         try:
             return cls(value)
         except ValueError:
-            raise OptionError(f"Expected `multiplicity` to be 'occupied' or 'points', got {value!r}.") from None
+            raise OptionError(
+                f"Expected `multiplicity` to be 'occupied' or 'points', got {value!r}."
+            ) from None
 
 
 @dataclass(frozen=True, slots=True)

@@ -113,7 +113,7 @@ def voxels(
     levelled = level(scan, prior)
     indices, counts, normals_map = point_map.all_voxels()
     row_of = {tuple(index): row for row, index in enumerate(indices.tolist())}
-    n_headings, ny, nx = space.shape
+    _, ny, nx = space.shape
     moments = np.zeros((*space.shape, 4))
     for h, heading in enumerate(prior.heading + space.headings):
         points_scan = turn(levelled.points, heading) + [prior.x, prior.y, 0.0]
@@ -134,9 +134,10 @@ def voxels(
 def _weights(
     normals_scan: NDArray[np.floating], normals_map: NDArray[np.floating], is_signed: bool
 ) -> NDArray[np.floating]:
-    """w = max(0, n_scan . n_map), the diagonal of P; |n_scan . n_map| where the map has no side (D5)."""
+    """W = max(0, n_scan . n_map), the diagonal of P; |n_scan . n_map| where the map has no side (D5)."""
     cosines = (normals_scan * normals_map).sum(axis=1)
-    return np.maximum(0.0, cosines) if is_signed else np.abs(cosines)
+    weights: NDArray[np.floating] = np.maximum(0.0, cosines) if is_signed else np.abs(cosines)
+    return weights
 
 
 def _moments(

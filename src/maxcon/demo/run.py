@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The demo: a small city is simulated, mapped, driven and localized, by the same road as real data."""
+"""Running the demo, by the same road as real data: dataset, map, poses."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -38,8 +38,14 @@ class DemoMethod:
 
 
 DEMO_METHODS = (
-    DemoMethod("Count, every map point", "count-points", MaximumConsensus(objective=Count(), multiplicity="points")),
-    DemoMethod("Helmert, every map point", "helmert-points", MaximumConsensus(objective=Helmert(), multiplicity="points")),
+    DemoMethod(
+        "Count, every map point", "count-points", MaximumConsensus(objective=Count(), multiplicity="points")
+    ),
+    DemoMethod(
+        "Helmert, every map point",
+        "helmert-points",
+        MaximumConsensus(objective=Helmert(), multiplicity="points"),
+    ),
     DemoMethod("Count, a voxel once", "count-occupied", MaximumConsensus(objective=Count())),
     DemoMethod("Helmert, a voxel once", "helmert-occupied", MaximumConsensus(objective=Helmert())),
 )

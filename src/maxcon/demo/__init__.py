@@ -1,0 +1,16 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""The demo: a small city is simulated, mapped, driven, localized and reported."""
+
+from maxcon.demo.report import report_demo
+from maxcon.demo.run import DEMO_METHODS, DemoDrive, DemoMethod, MethodResult, localize_demo, prepare_demo
+
+__all__ = [
+    "DEMO_METHODS",
+    "DemoDrive",
+    "DemoMethod",
+    "MethodResult",
+    "localize_demo",
+    "prepare_demo",
+    "report_demo",
+]

@@ -1,0 +1,21 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Pictures and pages for people; they need ``pip install 'maxcon[demo]'``."""
+
+from maxcon.report.drive_plot import plot_drive
+from maxcon.report.epoch import plot_epoch
+from maxcon.report.errors_plot import plot_errors
+from maxcon.report.page import DemoPage, MethodSummary, Picture, write_demo_page
+from maxcon.report.search_spaces import SearchSpaceView, plot_search_spaces
+
+__all__ = [
+    "DemoPage",
+    "MethodSummary",
+    "Picture",
+    "SearchSpaceView",
+    "plot_drive",
+    "plot_epoch",
+    "plot_errors",
+    "plot_search_spaces",
+    "write_demo_page",
+]

@@ -1,0 +1,124 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""The map from above, as grey squares: dark where many voxels stand over each other, as walls do."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.point_map import PointMap
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["MapFromAbove", "Window", "draw_map", "draw_scale_bar"]
+
+# Squares along the longer side of a window; finer ones than a picture's pixels would only make it larger.
+N_SQUARES = 700
+
+
+class Window(NamedTuple):
+    """A rectangle of the ground, local frame, m."""
+
+    west: float
+    east: float
+    south: float
+    north: float
+
+    @classmethod
+    def around(cls, x: float, y: float, half_width: float) -> "Window":
+        """Return the square around a place."""
+        return cls(x - half_width, x + half_width, y - half_width, y + half_width)
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and height, m."""
+        return self.east - self.west, self.north - self.south
+
+
+@dataclass(frozen=True)
+class MapFromAbove:
+    """How many voxels of a map stand over each square of the ground.
+
+    Parameters
+    ----------
+    window : Window
+        What is seen.
+    n_voxels : array, shape (ny, nx)
+        South to north, west to east.
+    """
+
+    window: Window
+    n_voxels: NDArray[np.int64]
+
+    @classmethod
+    def look(cls, point_map: PointMap, window: Window) -> "MapFromAbove":
+        """Count the voxels of a window, tile by tile."""
+        width, height = window.size
+        edge = max(point_map.cell, max(width, height) / N_SQUARES)
+        nx, ny = max(1, int(np.ceil(width / edge))), max(1, int(np.ceil(height / edge)))
+        n_voxels = np.zeros(ny * nx, np.int64)
+        center_x, center_y = window.west + 0.5 * width, window.south + 0.5 * height
+        for tile in point_map.tiles_within(center_x, center_y, 0.5 * max(width, height)):
+            centers = (tile.voxels[:, :2] + 0.5) * point_map.cell
+            squares = np.floor((centers - [window.west, window.south]) / edge).astype(np.int64)
+            is_inside = ((squares >= 0) & (squares < [nx, ny])).all(axis=1)
+            x, y = squares[is_inside].T
+            n_voxels += np.bincount(y * nx + x, minlength=ny * nx)
+        shown = Window(window.west, window.west + nx * edge, window.south, window.south + ny * edge)
+        return cls(shown, n_voxels.reshape(ny, nx))
+
+
+def draw_map(axes: "Axes", point_map: PointMap, window: Window) -> None:
+    """Draw the map in light greys and fix the axes to the window, equal in x and y."""
+    seen = MapFromAbove.look(point_map, window)
+    top = max(2.0, float(np.percentile(seen.n_voxels[seen.n_voxels > 0], 95))) if seen.n_voxels.any() else 2.0
+    shades = 0.28 + 0.72 * np.clip(np.log1p(seen.n_voxels) / np.log1p(top), 0.0, 1.0)
+    axes.imshow(
+        np.ma.masked_where(seen.n_voxels == 0, shades),
+        origin="lower",
+        extent=seen.window,
+        cmap="Greys",
+        vmin=0.0,
+        vmax=1.9,
+        interpolation="nearest",
+        zorder=0,
+    )
+    axes.set_xlim(window.west, window.east)
+    axes.set_ylim(window.south, window.north)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x, local frame [m]")
+    axes.set_ylabel("y, local frame [m]")
+
+
+def draw_scale_bar(axes: "Axes", window: Window) -> None:
+    """Draw a bar of a round length, about a sixth of the window, in its lower left corner."""
+    from matplotlib.patches import Rectangle
+
+    width, height = window.size
+    length = _round_length(width / 6.0)
+    margin, thick = 0.02 * width, 0.006 * height
+    x, y = window.west + 1.6 * margin, window.south + 0.025 * height
+    axes.add_patch(
+        Rectangle(
+            (x - margin, y - 1.6 * thick),
+            length + 2.0 * margin,
+            0.065 * height,
+            facecolor="white",
+            alpha=0.85,
+            edgecolor="none",
+            zorder=8,
+        )
+    )
+    axes.add_patch(Rectangle((x, y), length, thick, facecolor="black", edgecolor="none", zorder=9))
+    axes.text(
+        x + 0.5 * length, y + 2.0 * thick, f"{length:g} m", ha="center", va="bottom", fontsize=9.5, zorder=9
+    )
+
+
+def _round_length(length: float) -> float:
+    """Return the longest of 1, 2 and 5 times a power of ten that is not above `length`."""
+    power = 10.0 ** np.floor(np.log10(length))
+    return float(max(digit * power for digit in (1.0, 2.0, 5.0) if digit * power <= length * (1.0 + 1e-9)))
