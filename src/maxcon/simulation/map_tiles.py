@@ -75,7 +75,7 @@ class MapTiles:
         record.number_of_returns[:] = 1
         writer.write_points(record)
 
-    def _open(self, tile: tuple[int, int]) -> Any:  # noqa: ANN401, laspy has no types
+    def _open(self, tile: tuple[int, int]) -> Any:
         east, north = (round(index * TILE_EDGE) for index in tile)
         header = self._laspy.LasHeader(point_format=6, version="1.4")
         header.scales = np.full(3, RESOLUTION)

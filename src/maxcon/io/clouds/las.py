@@ -197,7 +197,7 @@ class LasReader(CloudReader):
                 yield self._chunk(record, reader.header)
                 n_left -= n_wanted
 
-    def _chunk(self, record: Any, header: "laspy.LasHeader") -> CloudChunk:  # noqa: ANN401
+    def _chunk(self, record: Any, header: "laspy.LasHeader") -> CloudChunk:
         points = np.empty((len(record), 3))
         with np.errstate(over="ignore"):  # scales of a broken header
             for axis, name in enumerate("XYZ"):
