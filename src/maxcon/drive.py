@@ -20,6 +20,10 @@ from maxcon.trajectory import Trajectory
 __all__ = ["DriveOptions", "EpochEstimate", "Method", "localize_drive"]
 
 
+# A prior farther from any voxel tile lies outside the map. A wide square may have nothing but ground (m).
+MAP_MARGIN = 30.0
+
+
 class Method(Protocol):
     """Anything that localizes a scan (D6)."""
 
@@ -136,7 +140,7 @@ def _localize_epoch(
     scan = Scan(raw.points, time=raw.time)
     if prior is None:
         return EpochEstimate(epoch, raw, Status.NO_PRIOR, 0.0, scan)
-    if not point_map.covers(prior.x, prior.y):
+    if not point_map.covers(prior.x, prior.y, MAP_MARGIN):
         return EpochEstimate(epoch, raw, Status.OUTSIDE_MAP, 0.0, scan, prior)
     if len(scan) == 0:
         return EpochEstimate(epoch, raw, Status.NO_POINTS, 0.0, scan, prior)
@@ -166,7 +170,7 @@ def _check_times(scans: ScanFolder, prior: Trajectory, priors: list[Pose | None]
 
 def _check_inside(point_map: PointMap, priors: list[Pose | None]) -> None:
     known = [pose for pose in priors if pose is not None]
-    if any(point_map.covers(pose.x, pose.y) for pose in known):
+    if any(point_map.covers(pose.x, pose.y, MAP_MARGIN) for pose in known):
         return
     first = point_map.frame.pose_to_global(known[0])
     (x_low, y_low), (x_high, y_high) = point_map.bounds

@@ -122,6 +122,6 @@ class SearchSpace:
         )
 
     def is_at_rim(self, cell: Cell) -> bool:
-        """Whether `cell` lies in the outermost rows or columns of offsets."""
+        """Whether `cell` lies in the outermost rows or columns of offsets (if there are several)."""
         _, ny, nx = self.shape
-        return cell[1] in (0, ny - 1) or cell[2] in (0, nx - 1)
+        return (ny > 1 and cell[1] in (0, ny - 1)) or (nx > 1 and cell[2] in (0, nx - 1))

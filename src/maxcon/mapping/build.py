@@ -48,7 +48,8 @@ class MapOptions:
     trajectory : Trajectory, optional
         Sensor positions, matched by the points' times, to turn normals to the sensor's side.
     normals_have_sides : bool
-        Whether the sources' own normals are turned to the sensor's side already.
+        Whether the sources' own normals are turned to the sensor's side already. Own normals are used if
+        their side is known, from this or from the trajectory; otherwise planes are fitted.
     crs : str, optional
         CRS of sources that name none.
     """
@@ -113,14 +114,15 @@ def build_map(
     headers = open_headers(sources)
     crs = common_crs(headers, options.crs)
     drop = options.dropped_classes
-    _check_classes(headers, options)
+    _check_contents(headers, options)
     with atomic_folder(out, overwrite=overwrite) as folder:
         spill_folder = folder / "points"
         spill_folder.mkdir()
         spill = TileSpill(spill_folder, options.cell)
-        use_normals = all(header.has_normals for header in headers)
+        has_sides = options.trajectory is not None or options.normals_have_sides
+        use_normals = has_sides and all(header.has_normals for header in headers)
         origin, counts = _sort_into_tiles(headers, spill, drop, options, use_normals, report)
-        is_signed = options.trajectory is not None or (use_normals and options.normals_have_sides)
+        is_signed = options.trajectory is not None or use_normals
         maker = TileMaker(spill, spill_folder, options.cell, has_normals=use_normals, is_signed=is_signed)
         entries = _make_tiles(folder, maker, spill.keys, n_threads or os.cpu_count() or 1, report)
         spill_folder.rmdir()
@@ -130,12 +132,15 @@ def build_map(
     return manifest
 
 
-def _check_classes(headers: Sequence[CloudHeader], options: MapOptions) -> None:
-    """Refuse to drop classes by name from a source that has none: it would stay silent."""
-    if not options.drop:
-        return
+def _check_contents(headers: Sequence[CloudHeader], options: MapOptions) -> None:
+    """Refuse sources without what the options speak of: it would silently have no effect."""
     for header in headers:
-        if not header.has_classes:
+        if options.normals_have_sides and not header.has_normals:
+            raise OptionError(
+                f"Expected normals in {header.path}, said to be turned to the sensor, but it has none."
+                " Leave out --signed-normals."
+            )
+        if options.drop and not header.has_classes:
             raise OptionError(
                 f"Expected classes in {header.path} to drop {', '.join(options.drop)}, but it has none."
                 " Leave out --drop, or classify it."

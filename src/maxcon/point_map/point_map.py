@@ -139,25 +139,21 @@ class PointMap:
 
     def tiles_within(self, x: float, y: float, reach: float) -> list[VoxelTile]:
         """Tiles that meet the square of half width `reach` (m) around (x, y), local frame, ordered by key."""
-        edge = TILE_VOXELS * self.cell
-        wanted = [
-            key
-            for key in self._tiles.keys
-            if key[0] * edge <= x + reach
-            and (key[0] + 1) * edge >= x - reach
-            and key[1] * edge <= y + reach
-            and (key[1] + 1) * edge >= y - reach
-        ]
-        return [self._tiles.load(key) for key in sorted(wanted)]
+        return [self._tiles.load(key) for key in sorted(self._keys_within(x, y, reach))]
 
     def covers(self, x: float, y: float, reach: float = 0.0) -> bool:
-        """Whether any tile lies within `reach` (m) of (x, y), local frame; loads nothing."""
+        """Whether any tile meets the square of half width `reach` (m) around (x, y), local frame; loads nothing."""
+        return bool(self._keys_within(x, y, reach))
+
+    def _keys_within(self, x: float, y: float, reach: float) -> list[TileKey]:
         edge = TILE_VOXELS * self.cell
-        return any(
-            max(kx * edge - x, x - (kx + 1) * edge) <= reach
-            and max(ky * edge - y, y - (ky + 1) * edge) <= reach
-            for kx, ky in self._tiles.keys
-        )
+        x_first, x_last = math.floor((x - reach) / edge), math.floor((x + reach) / edge)
+        y_first, y_last = math.floor((y - reach) / edge), math.floor((y + reach) / edge)
+        keys = self._tiles.keys
+        if (x_last - x_first + 1) * (y_last - y_first + 1) <= len(keys):
+            columns, rows = range(x_first, x_last + 1), range(y_first, y_last + 1)
+            return [(kx, ky) for kx in columns for ky in rows if (kx, ky) in keys]
+        return [(kx, ky) for kx, ky in keys if x_first <= kx <= x_last and y_first <= ky <= y_last]
 
     def all_voxels(self) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]:
         """Indices (m, 3), counts (m,) and normals (m, 3) of every voxel: for small maps and tests."""

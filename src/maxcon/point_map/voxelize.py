@@ -37,11 +37,14 @@ def voxelize(
     normals : array, shape (m, 3), float32
         Mean unit normal of each; zeros where there is none or they cancel.
     """
-    indices, first, voxel, counts = np.unique(
-        voxel_indices(points, cell), axis=0, return_index=True, return_inverse=True, return_counts=True
+    indices, voxel, counts = np.unique(
+        voxel_indices(points, cell), axis=0, return_inverse=True, return_counts=True
     )
     if not is_signed:
-        along = (normals * normals[first][voxel]).sum(axis=1)
+        rows = np.flatnonzero(normals.any(axis=1))[::-1]
+        first = np.zeros(len(indices), np.int64)
+        first[voxel[rows]] = rows  # the last to be written is the first that has a normal
+        along = (normals * normals[first[voxel]]).sum(axis=1)
         normals = np.where(along[:, None] < 0.0, -normals, normals)
     sums = np.zeros((len(indices), 3))
     for axis in range(3):
