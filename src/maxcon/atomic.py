@@ -5,13 +5,21 @@
 import os
 import shutil
 import uuid
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 from maxcon.errors import FileError
 
-__all__ = ["atomic_file", "atomic_folder", "make_folder"]
+__all__ = [
+    "atomic_file",
+    "atomic_folder",
+    "check_folder",
+    "check_replaceable",
+    "check_writable",
+    "make_folder",
+]
 
 
 def make_folder(path: str | os.PathLike[str]) -> None:
@@ -30,16 +38,102 @@ def make_folder(path: str | os.PathLike[str]) -> None:
         ) from error
 
 
+def check_writable(path: str | os.PathLike[str]) -> None:
+    """Refuse a file that cannot be written, before the work whose outcome it shall hold.
+
+    Raises
+    ------
+    FileError
+        If it is a folder, or its own folder does not exist or takes no files.
+    """
+    partial = _beside(Path(path))
+    try:
+        if Path(path).is_dir():
+            raise FileError(f"Expected a file to write, got the folder {path}. Name a file in it.")
+        partial.touch()
+    except OSError as error:
+        raise _cannot_write(path, error) from error
+    finally:
+        _remove(partial)
+
+
+def check_folder(path: str | os.PathLike[str]) -> None:
+    """Refuse a folder for outputs that is a file, before the work whose outcome it shall hold.
+
+    Raises
+    ------
+    FileError
+        If it is a file, or no name of a folder.
+    """
+    try:
+        is_file = Path(path).is_file()
+    except OSError as error:
+        raise _cannot_write(path, error) from error
+    if is_file:
+        raise FileError(f"Expected a folder to write into, got the file {path}. Name another.")
+
+
+def check_replaceable(path: str | os.PathLike[str], what: str, names: Sequence[str]) -> None:
+    """Refuse to overwrite anything but a folder of the kind that is to be written.
+
+    Parameters
+    ----------
+    path : path
+        May be missing.
+    what : str
+        The kind, for the message, e.g. "a map".
+    names : sequence of str
+        Names and patterns (`poses-*.csv`) of all that such a folder may hold; the first it must hold, if it
+        is not empty.
+
+    Raises
+    ------
+    FileError
+        If it is a file, or a folder that holds something else.
+    """
+    folder = Path(path)
+    try:
+        there = sorted(child.name for child in folder.iterdir())
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise FileError(
+            f"Expected {folder} to be {what}, to overwrite it, got: {error.strerror}. Name another folder."
+        ) from error
+    others = [name for name in there if not any(fnmatchcase(name, pattern) for pattern in names)]
+    if others:
+        raise FileError(
+            f"Expected {folder} to be {what}, to overwrite it, but it holds {others[0]}."
+            " Move that away, or name another folder."
+        )
+    if there and names[0] not in there:
+        raise FileError(
+            f"Expected {folder} to be {what}, to overwrite it, but it holds no {names[0]}."
+            " Remove it yourself, or name another folder."
+        )
+
+
+def _cannot_write(path: str | os.PathLike[str], error: OSError) -> FileError:
+    return FileError(
+        f"Expected to be able to write {path}, got: {error.strerror or error}."
+        " Check the folder, its permissions and the free disk space; nothing was written."
+    )
+
+
 def _beside(path: Path) -> Path:
     """Return a name in the same folder (same file system) that nobody else uses."""
+    if path.name in ("", ".."):
+        raise FileError(f"Expected the name of what to write, got '{path}'. Put a name behind it.")
     return path.with_name(f".{path.name}.partial-{uuid.uuid4().hex[:8]}")
 
 
 def _remove(path: Path) -> None:
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path, ignore_errors=True)
-    else:
-        path.unlink(missing_ok=True)
+    """Remove a file or a folder, if it can be: an error that is on its way says more than one of cleaning up."""
+    with suppress(OSError):
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
 
 
 @contextmanager
@@ -57,10 +151,7 @@ def atomic_file(path: str | os.PathLike[str]) -> Iterator[Path]:
         yield partial
         partial.replace(target)
     except OSError as error:
-        raise FileError(
-            f"Expected to be able to write {target}, got: {error.strerror or error}."
-            " Check the folder, its permissions and the free disk space; nothing was written."
-        ) from error
+        raise _cannot_write(target, error) from error
     finally:
         _remove(partial)
 
@@ -75,20 +166,18 @@ def atomic_folder(path: str | os.PathLike[str], *, overwrite: bool = False) -> I
         If `path` exists and `overwrite` is False, or the folder cannot be written.
     """
     target = Path(path)
-    if target.exists() and not overwrite:
-        raise FileError(
-            f"Expected {target} not to exist yet, but it does. Remove it, or allow overwriting it."
-        )
     partial = _beside(target)
     try:
+        if target.exists() and not overwrite:
+            raise FileError(
+                f"Expected {target} not to exist yet, but it does."
+                " Name another, remove it, or allow overwriting it (--overwrite)."
+            )
         partial.mkdir()
         yield partial
         _exchange(partial, target)
     except OSError as error:
-        raise FileError(
-            f"Expected to be able to write {target}, got: {error.strerror or error}."
-            " Check the folder, its permissions and the free disk space; nothing was written."
-        ) from error
+        raise _cannot_write(target, error) from error
     finally:
         _remove(partial)
 

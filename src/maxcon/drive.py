@@ -177,6 +177,6 @@ def _check_inside(point_map: PointMap, priors: list[Pose | None]) -> None:
     low = point_map.frame.to_global([[x_low, y_low, 0.0]])[0]
     high = point_map.frame.to_global([[x_high, y_high, 0.0]])[0]
     raise MapError(
-        f"Expected the prior inside the map, x {low[0]:.0f} to {high[0]:.0f} and y {low[1]:.0f} to"
-        f" {high[1]:.0f} m, got x {first.x:.0f}, y {first.y:.0f} m. Are both in the same CRS?"
+        f"Expected the prior inside the map, x {low[0]:.7g} to {high[0]:.7g} and y {low[1]:.7g} to"
+        f" {high[1]:.7g} m, got x {first.x:.7g}, y {first.y:.7g} m. Are both in the same CRS?"
     )

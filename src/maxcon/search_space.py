@@ -22,6 +22,7 @@ def _n_steps(half_width: float, step: float, what: str, unit: str) -> int:
     if not (math.isfinite(half_width) and math.isfinite(step) and step > 0.0 and half_width >= 0.0):
         raise SearchSpaceError(
             f"Expected a half width >= 0 and a step > 0 for the {what}, got {half_width} {unit} and {step} {unit}."
+            " The defaults are 3 m by 0.06 m and 2 degrees by 0.5 degrees."
         )
     steps = half_width / step
     n_steps = round(steps)

@@ -46,16 +46,30 @@ def _options(
     """Maximum-consensus localization of LiDAR scans in a point-cloud map."""
 
 
-def _stop(number: int, frame: FrameType | None) -> None:
-    """End in order when asked to (SIGTERM), so that partial outputs are removed."""
-    raise SystemExit(128 + number)
+def _stop_in_order() -> list[int]:
+    """Let signals end the program by an exception, so that partial outputs are removed; return what came."""
+    received: list[int] = []
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        received.append(number)
+        raise SystemExit(128 + number)
+
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        # Not where it is ignored, as under nohup.
+        if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
+            signal.signal(number, stop)
+    return received
 
 
 def main() -> None:
     """Run the command line; what the user can mend is one line on stderr and exit code 2."""
-    signal.signal(signal.SIGTERM, _stop)
+    received = _stop_in_order()
     try:
         app()
-    except MaxconError as error:
+    except (MaxconError, SystemError) as error:
+        if received:  # in a compiled function or a reader, where the exception became another one
+            sys.exit(128 + received[0])
+        if isinstance(error, SystemError):
+            raise
         typer.echo(f"maxcon: {error}", err=True)
         sys.exit(2)

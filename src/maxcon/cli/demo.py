@@ -29,11 +29,12 @@ def demo(
 
     Needs the extra demo. A demo that stands in DIR is replaced; anything else there is an error.
     """
-    from maxcon.atomic import atomic_folder
-    from maxcon.demo import DEMO_METHODS, localize_demo, prepare_demo, report_demo
+    from maxcon.atomic import atomic_folder, check_replaceable
+    from maxcon.demo import DEMO_METHODS, DEMO_NAMES, check_extras, localize_demo, prepare_demo, report_demo
 
-    is_demo = (out / "dataset" / "dataset.toml").exists() and (out / "report.html").exists()
-    with step_bars("", quiet) as progress, atomic_folder(out, overwrite=is_demo) as folder:
+    check_extras()
+    check_replaceable(out, "a demo", DEMO_NAMES)
+    with step_bars("", quiet) as progress, atomic_folder(out, overwrite=True) as folder:
         drive = prepare_demo(folder, n_epochs=epochs, seed=seed, progress=progress)
         results = localize_demo(drive, folder, DEMO_METHODS, progress=progress)
         report_demo(folder, drive, results, seed=seed, progress=progress)

@@ -99,6 +99,7 @@ def localize(
 
     Exit code 0: every epoch is localized; 1: some are not (the status column says why); 2: bad input.
     """
+    from maxcon.atomic import check_folder, check_writable
     from maxcon.drive import DriveOptions, localize_drive
     from maxcon.io.scans import open_scans
     from maxcon.io.trajectories import read_trajectory, write_tum
@@ -107,8 +108,15 @@ def localize(
     from maxcon.poses_table import localized_trajectory, write_poses
     from maxcon.search_space import SearchSpace
 
+    _check_options(prior, out, tum, plot, plot_epochs)
+    for path in (out, tum):
+        if path is not None:
+            check_writable(path)
+    if plot is not None:
+        check_folder(plot)
     point_map = PointMap.open(map_folder)
     folder = open_scans(scans, times)
+    prior_trajectory = read_trajectory(prior)
     space = SearchSpace(half_width, point_map.cell, heading_half_width_deg, heading_step_deg)
     method = MaximumConsensus(space, objective.objective, multiplicity.value, n_threads=threads)
     wanted = parse_epochs(plot_epochs, len(folder)) if plot is not None else frozenset()
@@ -116,7 +124,7 @@ def localize(
     epochs = []
     options = DriveOptions(min_range, max_range, max_gap)
     with progress_bar("localizing", len(folder), "epochs", quiet) as advance:
-        for epoch in localize_drive(point_map, folder, read_trajectory(prior), method, options):
+        for epoch in localize_drive(point_map, folder, prior_trajectory, method, options):
             if draw is not None and epoch.epoch in wanted:
                 draw(epoch)
             epochs.append(epoch.without_points())
@@ -126,8 +134,21 @@ def localize(
     if tum is not None and trajectory is not None:
         write_tum(tum, trajectory, "T_map_sensor, localized by maxcon")
     _print_summary(epochs, out)
+    if tum is not None and trajectory is None:
+        typer.echo(f"no pose to write: {tum} is not written")
     if any(epoch.pose_global is None for epoch in epochs):
         raise typer.Exit(1)
+
+
+def _check_options(prior: Path, out: Path, tum: Path | None, plot: Path | None, numbers: str | None) -> None:
+    """Refuse outputs that would replace each other or the prior, and options without effect."""
+    from maxcon.errors import OptionError
+
+    named = [path.resolve() for path in (prior, out, tum) if path is not None]
+    if len(set(named)) < len(named):
+        raise OptionError("Expected different files as --prior, --out and --tum, got one twice. Rename one.")
+    if numbers is not None and plot is None:
+        raise OptionError("Expected --plot DIR with --plot-epochs, got none. Name a folder for the pictures.")
 
 
 def parse_epochs(text: str | None, n_epochs: int) -> frozenset[int]:
@@ -147,13 +168,13 @@ def parse_epochs(text: str | None, n_epochs: int) -> frozenset[int]:
         return frozenset(range(n_epochs))
     numbers: set[int] = set()
     for part in text.split(","):
-        first, _, last = part.strip().partition("-")
-        last = last or first
-        is_listed = first.isascii() and first.isdigit() and last.isascii() and last.isdigit()
+        first, dash, last = part.strip().partition("-")
+        last = last if dash else first
+        is_listed = all(n.isascii() and n.isdigit() and len(n) < 19 for n in (first, last))
         if not (is_listed and int(first) <= int(last) < n_epochs):
             raise OptionError(
                 f"Expected --plot-epochs to list epochs from 0 to {n_epochs - 1}, such as 0,5,10-20, or all,"
-                f" got {part.strip()!r}."
+                f" got {part.strip()[:40]!r}."
             )
         numbers.update(range(int(first), int(last) + 1))
     return frozenset(numbers)
@@ -165,12 +186,14 @@ def _drawer(
     """Return a function that draws an epoch into the folder."""
     from maxcon.atomic import make_folder
     from maxcon.report.epoch import plot_epoch
+    from maxcon.report.figure import check_matplotlib
 
-    make_folder(folder)
+    check_matplotlib()
 
     def draw(epoch: "EpochEstimate") -> None:
         if epoch.estimate is None or epoch.prior is None:
             return
+        make_folder(folder)
         plot_epoch(
             folder / f"{epoch.epoch:06d}.png",
             accumulator=method.accumulate(epoch.scan, point_map, epoch.prior),
@@ -193,6 +216,10 @@ def _print_summary(epochs: "list[EpochEstimate]", out: Path) -> None:
     taken = [epoch.milliseconds for epoch in epochs if epoch.estimate is not None]
     median = f", median {np.median(taken):.0f} ms" if taken else ""
     typer.echo(f"{n_localized} of {len(epochs)} epochs localized{median}; written to {out}")
+    n_invalid = sum(epoch.raw.n_dropped_invalid for epoch in epochs)
+    n_out_of_range = sum(epoch.raw.n_dropped_range for epoch in epochs)
+    if n_invalid or n_out_of_range:
+        typer.echo(f"left out: {n_invalid:,} points that are no returns, {n_out_of_range:,} out of range")
     others = Counter(epoch.status for epoch in epochs if epoch.pose_global is None)
     for status, number in sorted(others.items()):
         typer.echo(f"{number} {status.value}: {status.explanation}")

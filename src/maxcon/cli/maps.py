@@ -112,7 +112,7 @@ def _describe(manifest: "Manifest") -> None:
         ("voxels", f"{manifest.n_voxels:,} of {manifest.cell:g} m, from {manifest.n_points:,} points"),
         ("tiles", f"{len(keys):,} of {edge:g} m"),
         ("extent", f"x {x_low:.1f} to {x_high:.1f}, y {y_low:.1f} to {y_high:.1f} m"),
-        ("origin", ", ".join(f"{value:g}" for value in manifest.origin)),
+        ("origin", ", ".join(f"{value:.12g}" for value in manifest.origin) + " m"),
         ("CRS", crs_name(manifest.crs)),
         ("normals", f"{manifest.build.get('normals', 'unknown')}, {signed}"),
         ("made by", str(manifest.build.get("program", "unknown"))),

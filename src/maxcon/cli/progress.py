@@ -1,16 +1,19 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""A progress bar on stderr that also tells the rate."""
+"""Progress bars on stderr that also tell the rate; none where stderr is not a terminal."""
 
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
 
 __all__ = ["progress_bar", "step_bars"]
 
 
-@contextmanager
-def _bars(unit: str, is_quiet: bool) -> Iterator[Any]:
+def _new_bars(unit: str) -> "Progress":
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -20,35 +23,48 @@ def _bars(unit: str, is_quiet: bool) -> Iterator[Any]:
             self.text_format = f"{speed:,.1f} {unit}/s" if speed and unit else ""
             return super().render(task)
 
-    with Progress(
+    return Progress(
         TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
         Rate(""),
         TimeRemainingColumn(),
         console=Console(stderr=True),
-        disable=is_quiet,
-    ) as progress:
-        yield progress
+    )
 
 
 @contextmanager
 def progress_bar(title: str, total: int, unit: str, is_quiet: bool) -> Iterator[Callable[[], None]]:
     """Yield a function to call after each of `total` units."""
-    with _bars(unit, is_quiet) as progress:
-        task = progress.add_task(title, total=total)
-        yield lambda: progress.advance(task)
+    n_done = 0
+    with step_bars(unit, is_quiet) as report:
+
+        def advance() -> None:
+            nonlocal n_done
+            n_done += 1
+            report(title, n_done, total)
+
+        yield advance
 
 
 @contextmanager
 def step_bars(unit: str, is_quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
     """Yield a function to call with (step, done, of how many); each step gets a bar of its own."""
-    with _bars(unit, is_quiet) as progress:
-        tasks: dict[str, Any] = {}
+    if is_quiet or not sys.stderr.isatty():
+        yield lambda step, done, total: None
+        return
+    bars = _new_bars(unit)
+    tasks: dict[str, Any] = {}
 
-        def report(step: str, done: int, total: int) -> None:
-            if step not in tasks:
-                tasks[step] = progress.add_task(step, total=total)
-            progress.update(tasks[step], completed=done, total=total)
+    def report(step: str, done: int, total: int) -> None:
+        if not tasks:
+            bars.start()
+        if step not in tasks:
+            tasks[step] = bars.add_task(step, total=total)
+        bars.update(tasks[step], completed=done, total=total)
 
+    try:
         yield report
+    finally:
+        if tasks:
+            bars.stop()

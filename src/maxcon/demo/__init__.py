@@ -3,13 +3,24 @@
 """The demo: a small city is simulated, mapped, driven, localized and reported."""
 
 from maxcon.demo.report import report_demo
-from maxcon.demo.run import DEMO_METHODS, DemoDrive, DemoMethod, MethodResult, localize_demo, prepare_demo
+from maxcon.demo.run import (
+    DEMO_METHODS,
+    DEMO_NAMES,
+    DemoDrive,
+    DemoMethod,
+    MethodResult,
+    check_extras,
+    localize_demo,
+    prepare_demo,
+)
 
 __all__ = [
     "DEMO_METHODS",
+    "DEMO_NAMES",
     "DemoDrive",
     "DemoMethod",
     "MethodResult",
+    "check_extras",
     "localize_demo",
     "prepare_demo",
     "report_demo",

@@ -18,11 +18,26 @@ from maxcon.maximum_consensus import MaximumConsensus
 from maxcon.objectives import Count, Helmert
 from maxcon.point_map import PointMap
 from maxcon.poses_table import write_poses
+from maxcon.report.figure import check_matplotlib
+from maxcon.report.page import check_jinja2
 from maxcon.simulation import SimulatedDataset, simulate
 from maxcon.simulation.las_classes import LasClass
+from maxcon.simulation.ray_caster import check_embreex
 from maxcon.trajectory import Trajectory
 
-__all__ = ["DEMO_METHODS", "DemoDrive", "DemoMethod", "MethodResult", "localize_demo", "prepare_demo"]
+__all__ = [
+    "DEMO_METHODS",
+    "DEMO_NAMES",
+    "DemoDrive",
+    "DemoMethod",
+    "MethodResult",
+    "check_extras",
+    "localize_demo",
+    "prepare_demo",
+]
+
+DEMO_NAMES = ("report.html", "dataset", "city.map", "pictures", "poses-*.csv")
+"""All that the folder of a demo holds."""
 
 Progress = Callable[[str, int, int], None]
 """Called with the step's name, how much is done, and of how much."""
@@ -88,6 +103,19 @@ class MethodResult:
         """From points in memory to the pose, the first epoch (compilation, first look at the map) left out."""
         taken = [epoch.milliseconds for epoch in self.epochs]
         return float(np.median(taken[1:] or taken))
+
+
+def check_extras() -> None:
+    """Say what is missing for a demo before a minute is spent on it.
+
+    Raises
+    ------
+    MissingExtraError
+        If embreex, matplotlib or jinja2 is not installed.
+    """
+    check_embreex()
+    check_matplotlib()
+    check_jinja2()
 
 
 def prepare_demo(

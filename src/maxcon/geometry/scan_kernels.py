@@ -26,6 +26,8 @@ LEAST_EXTENT_METRES = 0.03
 FLATNESS = 0.25
 MOST_ROWS = 1024
 MOST_COLUMNS = 1024
+# Longer cells are not sorted by insertion: a thousand points in one direction would take forever.
+INSERTION_LIMIT = 32
 
 
 @njit(nogil=True, cache=True)
@@ -42,8 +44,31 @@ def spherical(points):
 
 
 @njit(nogil=True, cache=True)
+def _sort_cell(order, first, last, azimuths, elevations):
+    """Sort order[first:last] by azimuth, then elevation, in place."""
+    if last - first > INSERTION_LIMIT:
+        part = order[first:last]
+        part = part[np.argsort(elevations[part], kind="mergesort")]
+        order[first:last] = part[np.argsort(azimuths[part], kind="mergesort")]
+        return
+    for k in range(first + 1, last):
+        i = order[k]
+        place = k
+        while place > first:
+            j = order[place - 1]
+            if azimuths[j] < azimuths[i] or (azimuths[j] == azimuths[i] and elevations[j] <= elevations[i]):
+                break
+            order[place] = j
+            place -= 1
+        order[place] = i
+
+
+@njit(nogil=True, cache=True)
 def _sort_by_angle(elevations, azimuths, row_step, n_rows, n_columns):
-    """Counting sort into a grid of (elevation, azimuth): starts (rows * columns + 1,) and point numbers."""
+    """Sort into a grid of (elevation, azimuth): starts (rows * columns + 1,) and point numbers.
+
+    In each cell by azimuth, so that the same points are picked whatever order they come in.
+    """
     lowest = elevations.min()
     cells = np.empty(len(elevations), np.int64)
     starts = np.zeros(n_rows * n_columns + 1, np.int64)
@@ -58,6 +83,8 @@ def _sort_by_angle(elevations, azimuths, row_step, n_rows, n_columns):
     for i in range(len(elevations)):
         order[place[cells[i]]] = i
         place[cells[i]] += 1
+    for cell in range(n_rows * n_columns):
+        _sort_cell(order, starts[cell], starts[cell + 1], azimuths, elevations)
     return starts, order, cells
 
 

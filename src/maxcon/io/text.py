@@ -35,8 +35,6 @@ def numbered_lines(file: Path, what: str) -> Iterator[tuple[int, str]]:
     FileError
         If the file is missing, a folder, not readable, or not text.
     """
-    if file.is_dir():
-        raise FileError(f"Expected {what} in a file, got the folder {file}. Name a file in it.")
     number = 0
     try:
         with file.open(encoding="utf-8-sig") as stream:
@@ -51,6 +49,8 @@ def numbered_lines(file: Path, what: str) -> Iterator[tuple[int, str]]:
                     yield number, line
     except FileNotFoundError as error:
         raise FileError(f"Expected {what} at {file}, got no such file. Check the path.") from error
+    except IsADirectoryError as error:
+        raise FileError(f"Expected {what} in a file, got the folder {file}. Name a file in it.") from error
     except UnicodeDecodeError as error:
         raise FileError(
             f"{file}, after line {number}: Expected {what} as UTF-8 text, got other bytes. Is it the right"
@@ -58,7 +58,7 @@ def numbered_lines(file: Path, what: str) -> Iterator[tuple[int, str]]:
         ) from error
     except OSError as error:
         raise FileError(
-            f"Expected to be able to read {file}, got: {error.strerror}. Check its permissions."
+            f"Expected to be able to read {file}, got: {error.strerror}. Check its path and permissions."
         ) from error
 
 

@@ -10,16 +10,25 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from maxcon.atomic import atomic_folder
+from maxcon.atomic import atomic_folder, check_replaceable
 from maxcon.errors import ArrayError, MapError, OptionError
+from maxcon.geometry.voxels import INDEX_LIMIT
 from maxcon.io.clouds import CloudHeader
 from maxcon.mapping.classes import DEFAULT_DROP, class_name, parse_classes
-from maxcon.mapping.sources import SourceCounts, check_sides, common_crs, open_headers, read_source
+from maxcon.mapping.sources import (
+    SidedPoints,
+    SourceCounts,
+    check_sides,
+    common_crs,
+    open_headers,
+    read_source,
+)
 from maxcon.mapping.spill import TileSpill
 from maxcon.mapping.tiles import TileMaker
 from maxcon.point_map import TileKey
-from maxcon.point_map.store import Manifest, TileEntry, write_manifest, write_tile
+from maxcon.point_map.store import MAP_NAMES, Manifest, TileEntry, write_manifest, write_tile
 from maxcon.trajectory import Trajectory
 from maxcon.version import __version__
 
@@ -63,7 +72,7 @@ class MapOptions:
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.cell) and self.cell > 0.0):
-            raise ArrayError(f"Expected a positive voxel edge in m, got {self.cell}.")
+            raise ArrayError(f"Expected a positive voxel edge in m, got {self.cell}. The default is 0.06.")
 
     @property
     def dropped_classes(self) -> frozenset[int]:
@@ -93,7 +102,7 @@ def build_map(
     options : MapOptions, optional
         How; the defaults if None.
     overwrite : bool
-        Whether a map that stands there is replaced.
+        Whether a map that stands there is replaced; anything else there is an error.
     n_threads : int, optional
         Tiles made at the same time; the number of processors if None. The map does not depend on it.
     progress : callable, optional
@@ -115,6 +124,8 @@ def build_map(
     crs = common_crs(headers, options.crs)
     drop = options.dropped_classes
     _check_contents(headers, options)
+    if overwrite:
+        check_replaceable(out, "a map", MAP_NAMES)
     with atomic_folder(out, overwrite=overwrite) as folder:
         spill_folder = folder / "points"
         spill_folder.mkdir()
@@ -164,19 +175,33 @@ def _sort_into_tiles(
             if origin is None and len(part.points):
                 origin = np.floor(part.points.min(axis=0) / ORIGIN_STEP) * ORIGIN_STEP
             if origin is not None:
-                spill.add(part.points - origin, part.sides)
+                _add(spill, part, origin, header, options.cell)
             report("reading points", sum(source.n_points for source in counts), n_total)
     spill.flush()
     if origin is None:
         n_read = sum(source.n_points for source in counts)
+        n_invalid = sum(source.n_invalid for source in counts)
         raise MapError(
             f"Expected points for the map, but none of the {n_read:,} points in"
-            f" {', '.join(source.name for source in counts)} is left. Check what is dropped."
+            f" {', '.join(source.name for source in counts)} is left: {n_invalid:,} have no finite coordinates,"
+            f" {n_read - n_invalid:,} are of classes that are dropped. Check the files, or keep more classes."
         )
     if options.trajectory is not None:
         check_sides(counts, options.trajectory)
     x, y, z = origin.tolist()
     return (x, y, z), counts
+
+
+def _add(
+    spill: TileSpill, part: SidedPoints, origin: NDArray[np.float64], header: CloudHeader, cell: float
+) -> None:
+    try:
+        spill.add(part.points - origin, part.sides)
+    except ArrayError as error:
+        raise MapError(
+            f"Expected all points within {INDEX_LIMIT * cell:.3g} m ({INDEX_LIMIT:,} voxels) of the first, got"
+            f" one in {header.path} farther away. Remove it from the cloud, or enlarge the cell."
+        ) from error
 
 
 def _make_tiles(

@@ -70,7 +70,7 @@ def parse_classes(names: Sequence[str], vehicle_classes: Iterable[int] = ()) -> 
             numbers.update(CLASS_NAMES[key])
         elif key in ("vehicle", "vehicles") and vehicles:
             numbers.update(vehicles)
-        elif key.isascii() and key.isdigit():
+        elif key.isascii() and key.isdigit() and len(key) < 19:
             numbers.add(_checked(int(key)))
         else:
             known = ", ".join([*CLASS_NAMES, *GROUPS])
@@ -83,5 +83,5 @@ def parse_classes(names: Sequence[str], vehicle_classes: Iterable[int] = ()) -> 
 
 def _checked(number: int) -> int:
     if not 0 <= number <= LARGEST_CLASS:
-        raise OptionError(f"Expected a class number from 0 to {LARGEST_CLASS}, got {number}.")
+        raise OptionError(f"Expected a class number from 0 to {LARGEST_CLASS}, got {number}. Correct it.")
     return number

@@ -14,7 +14,7 @@ import json
 import math
 import os
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ from maxcon.point_map.tile import TILE_VOXELS, TileKey, VoxelTile
 __all__ = [
     "FORMAT",
     "FORMAT_VERSION",
+    "MAP_NAMES",
     "Manifest",
     "TileEntry",
     "TileStore",
@@ -38,6 +39,8 @@ __all__ = [
 FORMAT = "maxcon map"
 FORMAT_VERSION = 1
 MANIFEST = "manifest.json"
+MAP_NAMES = (MANIFEST, "tiles")
+"""All that the folder of a map holds."""
 REBUILD = "Build the map again with `maxcon map build`."
 
 
@@ -152,11 +155,16 @@ def read_manifest(path: str | os.PathLike[str]) -> Manifest:
     try:
         content = json.loads(file.read_text())
     except (FileNotFoundError, NotADirectoryError):
-        what = "no such folder" if not Path(path).exists() else f"no {MANIFEST} in it"
+        what = "a file" if Path(path).is_file() else "no such folder"
+        what = f"no {MANIFEST} in it" if Path(path).is_dir() else what
         raise MapError(
             f"Expected {path} to be a map, got {what}. Build one with `maxcon map build`."
         ) from None
-    except (OSError, ValueError) as error:
+    except OSError as error:
+        raise MapError(
+            f"Expected to be able to read {file}, got: {error.strerror}. Check the path and its permissions."
+        ) from None
+    except (ValueError, RecursionError) as error:
         raise MapError(f"Expected {file} to be the manifest of a map, got: {error}. {REBUILD}") from None
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise MapError(f"Expected {file} to say it is a {FORMAT}, but it does not. {REBUILD}")
@@ -167,10 +175,9 @@ def read_manifest(path: str | os.PathLike[str]) -> Manifest:
         )
     try:
         return _parse_manifest(content)
-    except (KeyError, TypeError, ValueError) as error:
-        raise MapError(
-            f"Expected a whole manifest in {file}, got a broken entry: {error!r}. {REBUILD}"
-        ) from None
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        words = f"no {error}" if isinstance(error, KeyError) else f"a broken entry: {error}"
+        raise MapError(f"Expected a whole manifest in {file}, got {words}. {REBUILD}") from None
 
 
 def _parse_manifest(content: Mapping[str, Any]) -> Manifest:
@@ -183,13 +190,29 @@ def _parse_manifest(content: Mapping[str, Any]) -> Manifest:
     crs = content["crs"]
     if not (crs is None or isinstance(crs, str)):
         raise TypeError("crs")
+    if not isinstance(content["is_signed"], bool):
+        raise TypeError("is_signed")
     tiles = []
     for entry in content["tiles"]:
         key_x, key_y = (int(value) for value in entry["key"])
         tiles.append(
             TileEntry((key_x, key_y), int(entry["n_voxels"]), int(entry["n_points"]), str(entry["sha256"]))
         )
-    return Manifest(cell, (x, y, z), crs, bool(content["is_signed"]), tuple(tiles), dict(content["build"]))
+    if not tiles:
+        raise ValueError("no tiles")
+    build = dict(content["build"])
+    _check_sources(build.get("sources", []))
+    return Manifest(cell, (x, y, z), crs, bool(content["is_signed"]), tuple(tiles), build)
+
+
+def _check_sources(sources: Sequence[Mapping[str, Any]]) -> None:
+    for source in sources:
+        numbers = [source[name] for name in ("n_points", "n_kept", "n_invalid", "n_without_side")]
+        numbers += [number for pair in source["n_dropped"].items() for number in (int(pair[0]), pair[1])]
+        if not (isinstance(source["name"], str) and isinstance(source["is_classified"], bool)):
+            raise TypeError("sources")
+        if not all(isinstance(number, int) for number in numbers):
+            raise TypeError("sources")
 
 
 class TileStore:
@@ -249,7 +272,8 @@ class TileStore:
                 raise MapError(f"Expected {path} to be as it was written, got another checksum. {REBUILD}")
             batch = pa.ipc.open_file(pa.memory_map(str(path))).get_batch(0)
         except (OSError, pa.ArrowException) as error:
-            raise MapError(f"Expected {path} to be a tile of the map, got: {error}. {REBUILD}") from None
+            words = getattr(error, "strerror", None) or str(error).partition("\n")[0]
+            raise MapError(f"Expected {path} to be a tile of the map, got: {words}. {REBUILD}") from None
         if not batch.schema.equals(_schema()) or batch.num_rows != entry.n_voxels:
             raise MapError(f"Expected {entry.n_voxels} voxels in {path}, got {batch.num_rows}. {REBUILD}")
         tile = VoxelTile(

@@ -14,7 +14,7 @@ from maxcon.errors import MissingExtraError, OptionError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["INK", "MUTED", "SERIES", "draw_titles", "saved_figure"]
+__all__ = ["INK", "MUTED", "SERIES", "check_matplotlib", "draw_titles", "saved_figure"]
 
 INK = "#1f2430"
 MUTED = "#5b6270"
@@ -48,6 +48,22 @@ _STYLE: dict[Any, Any] = {
 _METADATA: dict[str, dict[str, Any]] = {"png": {"Software": None}, "svg": {"Date": None, "Creator": None}}
 
 
+def check_matplotlib() -> None:
+    """Say that matplotlib is missing before the work whose outcome it shall draw.
+
+    Raises
+    ------
+    MissingExtraError
+        If matplotlib is not installed.
+    """
+    try:
+        import matplotlib  # noqa: F401
+    except ImportError as error:
+        raise MissingExtraError(
+            "Expected matplotlib to draw pictures, but it is not installed. Run: pip install 'maxcon[demo]'"
+        ) from error
+
+
 @contextmanager
 def saved_figure(path: str | os.PathLike[str], width: float, height: float) -> Iterator["Figure"]:
     """Yield an empty figure to draw on; it is written to `path` when the block ends well.
@@ -73,14 +89,11 @@ def saved_figure(path: str | os.PathLike[str], width: float, height: float) -> I
         raise OptionError(
             f"Expected the name of a picture to end in .png or .svg, got {os.fspath(path)!r}. Rename it."
         )
-    try:
-        import matplotlib
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MissingExtraError(
-            "Expected matplotlib to draw pictures, but it is not installed. Run: pip install 'maxcon[demo]'"
-        ) from error
+    check_matplotlib()
+    import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(_STYLE)

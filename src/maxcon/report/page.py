@@ -134,6 +134,22 @@ class DemoPage:
     facts: tuple[tuple[str, str], ...] = ()
 
 
+def check_jinja2() -> None:
+    """Say that jinja2 is missing before the work that the page shall tell of.
+
+    Raises
+    ------
+    MissingExtraError
+        If jinja2 is not installed.
+    """
+    try:
+        import jinja2  # noqa: F401
+    except ImportError as error:
+        raise MissingExtraError(
+            "Expected jinja2 to write a page, but it is not installed. Run: pip install 'maxcon[demo]'"
+        ) from error
+
+
 def write_demo_page(path: str | os.PathLike[str], page: DemoPage) -> None:
     """Write a page as one HTML file, pictures inside.
 
@@ -151,12 +167,9 @@ def write_demo_page(path: str | os.PathLike[str], page: DemoPage) -> None:
     FileError
         If a picture cannot be read or the page cannot be written.
     """
-    try:
-        import jinja2
-    except ImportError as error:
-        raise MissingExtraError(
-            "Expected jinja2 to write a page, but it is not installed. Run: pip install 'maxcon[demo]'"
-        ) from error
+    check_jinja2()
+    import jinja2
+
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("maxcon.report"),
         autoescape=True,

@@ -44,7 +44,9 @@ def consensus_set(
         prior.y,
         0.0,
     ]
-    indices = voxel_indices(points, space.cell) + np.array([ix - nx // 2, iy - ny // 2, 0], dtype=np.int32)
+    indices = voxel_indices(points, point_map.cell) + np.array(
+        [ix - nx // 2, iy - ny // 2, 0], dtype=np.int32
+    )
     if len(indices) == 0:
         return np.zeros(0, bool)
     low, high = indices.min(axis=0), indices.max(axis=0)

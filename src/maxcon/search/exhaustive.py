@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.accumulator import Accumulator
-from maxcon.errors import SearchSpaceError
+from maxcon.errors import OptionError, SearchSpaceError
 from maxcon.geometry import Pose, voxel_indices
 from maxcon.point_map import BLOCK_VOXELS, TILE_VOXELS, PointMap, TileKey, VoxelTile
 from maxcon.scan import Scan
@@ -58,10 +58,14 @@ def exhaustive(
     SearchSpaceError
         If the cell edge is not the map's or the space has too many cells.
     OptionError
-        If the multiplicity is unknown.
+        If the multiplicity is unknown or there is no thread.
+    ArrayError
+        If the prior lies so far out that voxels have no index there (64,000 km at 6 cm).
     """
     check_cell_edge(space, point_map)
     multiplicity = Multiplicity.parse(multiplicity)
+    if n_threads < 1:
+        raise OptionError(f"Expected `n_threads` to be 1 or more, got {n_threads}. One is the default.")
     if space.n_cells > CELL_LIMIT:
         raise SearchSpaceError(
             f"Expected at most {CELL_LIMIT:,} cells in an exhaustive search, got {space.n_cells:,}."
@@ -96,6 +100,8 @@ class _Field:
         Tiles by their slot in the grid, with the layer each rank has in the tile (-1 for none).
     corner, shape : tuple of 2 int
         Key (x, y) of the first tile of the grid that covers the tiles, and its size (ny, nx).
+    cell : float
+        Voxel edge of the map, m: that of the space may differ from it by rounding.
     is_once, is_signed : bool
         Whether a voxel counts once, and whether the map's normals have a side.
     """
@@ -105,6 +111,7 @@ class _Field:
     tiles: dict[int, tuple[VoxelTile, NDArray[np.int64]]]
     corner: TileKey
     shape: tuple[int, int]
+    cell: float
     is_once: bool
     is_signed: bool
 
@@ -113,13 +120,17 @@ class _Field:
         cls, scan: Scan, point_map: PointMap, prior: Pose, space: SearchSpace, multiplicity: Multiplicity
     ) -> "_Field":
         levelled = level(scan, prior)
-        layers = voxel_indices(levelled.points, space.cell)[:, 2]
-        patches = np.floor(levelled.points[:, :2] / (64 * space.cell))
+        cell = point_map.cell
+        layers = voxel_indices(levelled.points, cell)[:, 2]
+        patches = np.floor(levelled.points[:, :2] / (64 * cell))
         order = np.lexsort((patches[:, 0], patches[:, 1], layers))
         levelled = LevelledScan(levelled.points[order], levelled.normals[order])
         scan_layers, ranks = np.unique(layers[order], return_inverse=True)
         distances = np.hypot(levelled.points[:, 0], levelled.points[:, 1])
-        reach = float(distances.max(initial=0.0)) + space.reach + space.cell
+        reach = float(distances.max(initial=0.0)) + space.reach + cell
+        voxel_indices(
+            prior.position + [[-reach, -reach, 0.0], [reach, reach, 0.0]], cell
+        )  # all have an index
         tiles = point_map.tiles_within(prior.x, prior.y, reach)
         keys = np.array([tile.key for tile in tiles], dtype=np.int64).reshape(-1, 2)
         corner = keys.min(axis=0, initial=2**31)
@@ -134,6 +145,7 @@ class _Field:
             },
             (int(corner[0]), int(corner[1])),
             (int(ny), int(nx)),
+            cell,
             multiplicity is Multiplicity.OCCUPIED,
             point_map.is_signed,
         )
@@ -158,7 +170,7 @@ def _search_heading(field: _Field, prior: Pose, space: SearchSpace, heading: int
     columns = np.empty((len(points), 2), np.int64)
     turned = np.empty((len(points), 3), np.float32)
     kernels.turn_to_voxels(
-        points, normals, np.cos(angle), np.sin(angle), prior.x, prior.y, space.cell, columns, turned
+        points, normals, np.cos(angle), np.sin(angle), prior.x, prior.y, field.cell, columns, turned
     )
     first, last = -(nx // 2), nx - 1 - nx // 2
     starts, numbers = kernels.points_of_tiles(columns, first, last, field.corner, field.shape)

@@ -13,6 +13,7 @@ from maxcon.accumulator import Accumulator
 from maxcon.geometry import Pose, voxel_indices
 from maxcon.geometry.arrays import as_points, as_unit_normals
 from maxcon.point_map import PointMap
+from maxcon.point_map.voxelize import mean_normals, turn_alike
 from maxcon.scan import Scan
 from maxcon.search.matching import CONTRIBUTION_STEP, Multiplicity, check_cell_edge, level, turn
 from maxcon.search_space import SearchSpace
@@ -70,7 +71,7 @@ def pairs(
                 i, j = np.nonzero(distances <= threshold)  # the indicator of equation (2)
                 matched = normals_map[j]
                 if once:
-                    i, matched = _merge(i, matched)
+                    i, matched = _merge(i, matched, is_signed)
                 weights = _weights(normals_scan[i], matched, is_signed)
                 moments[h, iy, ix] = _moments(weights, matched, np.ones(len(i)))
     return Accumulator(moments, space, prior)
@@ -151,10 +152,11 @@ def _moments(
 
 
 def _merge(
-    i: NDArray[np.int64], normals: NDArray[np.float64]
+    i: NDArray[np.int64], normals: NDArray[np.float64], is_signed: bool
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Let each scan point count once, with the mean unit normal of the map points it matches."""
-    merged = np.unique(i)
+    merged, group, counts = np.unique(i, return_inverse=True, return_counts=True)
+    if not is_signed:
+        normals = turn_alike(normals, group, len(merged))
     sums = np.array([normals[i == point].sum(axis=0) for point in merged]).reshape(-1, 3)
-    lengths = np.linalg.norm(sums, axis=1, keepdims=True)
-    return merged, np.divide(sums, lengths, out=np.zeros_like(sums), where=lengths > 0.0)
+    return merged, mean_normals(sums, counts).astype(np.float64)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon import __version__
-from maxcon.atomic import atomic_folder
+from maxcon.atomic import atomic_folder, check_replaceable
 from maxcon.errors import FileError, OptionError
 from maxcon.geometry import LocalFrame, Pose
 from maxcon.io.trajectories import write_tum
@@ -32,6 +32,8 @@ CITY_ORIGIN = (550_000.0, 5_802_000.0, 60.0)
 TRAJECTORY_STEP = 0.02
 """Between two poses of the mapping vehicle's trajectory, s."""
 DESCRIPTION = "dataset.toml"
+DATASET_NAMES = (DESCRIPTION, "map", "scans", "reference.txt", "prior.txt")
+"""All that the folder of a dataset holds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +133,7 @@ def simulate(
     prior_errors : PriorErrors, optional
         How far the priors are off; up to 2.5 m and 1.8 degrees if None.
     overwrite : bool
-        Whether `out` may exist and be replaced.
+        Whether a dataset that stands there is replaced; anything else there is an error.
     progress : callable, optional
         Called with (done, total) after each step.
 
@@ -155,6 +157,8 @@ def simulate(
     """
     if n_epochs < 1:
         raise OptionError(f"Expected at least one epoch, got n_epochs = {n_epochs}. The default is 40.")
+    if overwrite:
+        check_replaceable(out, "a simulated dataset", DATASET_NAMES)
     with atomic_folder(out, overwrite=overwrite) as folder:
         world = SimulatedWorld.build(seed, before, after)
         epochs = world.epochs(n_epochs, prior_errors or PriorErrors())

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: MIT
 """MapTiles: the map cloud of a simulated drive, streamed to square LAZ files."""
 
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -18,6 +19,17 @@ __all__ = ["MapTiles"]
 TILE_EDGE = 50.0
 RESOLUTION = 0.001
 """Of the stored coordinates, m."""
+
+
+@contextmanager
+def _as_os_error() -> Iterator[None]:
+    """The compressor has an error of its own for a disk that is full."""
+    import lazrs  # type: ignore[import-untyped, unused-ignore]
+
+    try:
+        yield
+    except lazrs.LazrsError as error:
+        raise OSError(str(error)) from error
 
 
 class MapTiles:
@@ -48,10 +60,17 @@ class MapTiles:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._open_files.close()
+        with _as_os_error():
+            self._open_files.close()
 
     def write(self, echoes: Echoes) -> None:
-        """Append `echoes` to the files they fall in."""
+        """Append `echoes` to the files they fall in.
+
+        Raises
+        ------
+        OSError
+            If they cannot be written (full disk).
+        """
         points = self._frame.to_global(echoes.points)
         tiles = np.floor(points[:, :2] / TILE_EDGE).astype(np.int64)
         order = np.lexsort((tiles[:, 1], tiles[:, 0]))
@@ -73,7 +92,8 @@ class MapTiles:
         record.gps_time = echoes.times[rows]
         record.return_number[:] = 1
         record.number_of_returns[:] = 1
-        writer.write_points(record)
+        with _as_os_error():
+            writer.write_points(record)
 
     def _open(self, tile: tuple[int, int]) -> Any:
         east, north = (round(index * TILE_EDGE) for index in tile)

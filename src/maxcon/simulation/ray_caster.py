@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from maxcon.errors import MissingExtraError
 from maxcon.simulation.city import City
 
-__all__ = ["Hits", "RayCaster"]
+__all__ = ["Hits", "RayCaster", "check_embreex"]
 
 
 class Hits(NamedTuple):
@@ -28,6 +28,23 @@ class Hits(NamedTuple):
     triangles: NDArray[np.int32]
 
 
+def check_embreex() -> None:
+    """Say that embreex is missing before the work that leads to its rays.
+
+    Raises
+    ------
+    MissingExtraError
+        If embreex is not installed.
+    """
+    try:
+        import embreex  # noqa: F401
+    except ImportError as error:
+        raise MissingExtraError(
+            "Expected embreex to cast rays in a simulated city, but it is not installed."
+            " Run: pip install 'maxcon[demo]'"
+        ) from error
+
+
 class RayCaster:
     """A city made ready for casting rays (Embree).
 
@@ -43,14 +60,10 @@ class RayCaster:
     """
 
     def __init__(self, city: City) -> None:
-        try:
-            from embreex import rtcore_scene
-            from embreex.mesh_construction import TriangleMesh
-        except ImportError as error:
-            raise MissingExtraError(
-                "Expected embreex to cast rays in a simulated city, but it is not installed."
-                " Run: pip install 'maxcon[demo]'"
-            ) from error
+        check_embreex()
+        from embreex import rtcore_scene
+        from embreex.mesh_construction import TriangleMesh
+
         corners = city.corners
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)

@@ -3,6 +3,7 @@
 """Point clouds from files, read chunk by chunk; the suffix says how."""
 
 import os
+import stat
 from pathlib import Path
 
 from maxcon.errors import FileError
@@ -40,14 +41,22 @@ def open_cloud(path: str | os.PathLike[str]) -> CloudReader:
         If the file is missing, empty, not what its suffix says, or of a kind that is not read.
     """
     file = Path(path)
+    try:
+        status = file.stat()
+    except FileNotFoundError as error:
+        raise FileError(f"Expected a point cloud at {file}, got no such file. Check the path.") from error
+    except OSError as error:
+        raise FileError(
+            f"Expected a point cloud at {file}, got: {error.strerror}. Check the path."
+        ) from error
+    if stat.S_ISDIR(status.st_mode):
+        raise FileError(f"Expected a point-cloud file, got the folder {file}. Name the files in it.")
     reader = _READERS.get(file.suffix.lower())
     if reader is None:
         raise FileError(
             f"Expected a point cloud with suffix {', '.join(CLOUD_SUFFIXES)}, got {file}. Convert it to"
             " one of these."
         )
-    if file.is_dir():
-        raise FileError(f"Expected a point-cloud file, got the folder {file}. Name the files in it.")
-    if not file.exists():
-        raise FileError(f"Expected a point cloud at {file}, got no such file. Check the path.")
+    if status.st_size == 0:
+        raise FileError(f"Expected points in {file}, got an empty file. Copy it again, or leave it out.")
     return reader(file)

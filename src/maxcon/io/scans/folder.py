@@ -127,8 +127,16 @@ def open_scans(path: str | os.PathLike[str], times: str | os.PathLike[str] | Non
         If there is no scan, scans are of several kinds, or times are missing or do not fit the scans.
     """
     root = Path(path)
-    if not root.exists():
-        raise FileError(f"Expected a folder of scans at {root}, got no such folder or file. Check the path.")
+    try:
+        root.stat()
+    except FileNotFoundError as error:
+        raise FileError(
+            f"Expected a folder of scans at {root}, got no such folder or file. Check the path."
+        ) from error
+    except OSError as error:
+        raise FileError(
+            f"Expected a folder of scans at {root}, got: {error.strerror}. Check the path."
+        ) from error
     folder = root if root.is_dir() else root.parent
     paths = in_natural_order(_scan_paths(root))
     beside = folder / "times.txt"

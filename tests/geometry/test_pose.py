@@ -1,0 +1,101 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Pose and its rotation."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from maxcon import Pose
+from maxcon.errors import ArrayError
+from maxcon.geometry import rotation_matrices, wrap_angle
+
+ANGLE = st.floats(-math.pi, math.pi)
+
+
+@given(st.floats(-1e6, 1e6))
+def test_wrapped_angles_lie_in_the_half_open_turn(angle):
+    wrapped = wrap_angle(angle)
+    assert -math.pi <= wrapped < math.pi
+    assert math.cos(wrapped - angle) == pytest.approx(1.0, abs=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("angle", "wrapped"),
+    [
+        (0.0, 0.0), (math.pi, -math.pi), (-math.pi, -math.pi), (3 * math.pi, -math.pi), (2 * math.pi, 0.0),
+        (math.nextafter(-math.pi, -4.0), -math.pi), (math.pi - 1e-9, math.pi - 1e-9),
+    ],
+)  # fmt: skip
+def test_wrapped_angles_by_hand(angle, wrapped):
+    assert wrap_angle(angle) == pytest.approx(wrapped, abs=1e-12)
+    assert -math.pi <= wrap_angle(angle) < math.pi
+
+
+@given(ANGLE, ANGLE, ANGLE)
+def test_the_rotation_is_rz_ry_rx(roll, pitch, heading):
+    wanted = Rotation.from_euler("ZYX", [heading, pitch, roll]).as_matrix()
+    rotation = rotation_matrices(roll, pitch, heading)
+    np.testing.assert_allclose(rotation, wanted, atol=1e-14)
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-14)
+    assert np.linalg.det(rotation) == pytest.approx(1.0)
+    np.testing.assert_allclose(Pose(0, 0, 0, roll, pitch, heading).rotation, wanted, atol=1e-13)
+
+
+def test_each_angle_turns_as_its_axis_says():
+    quarter = math.pi / 2
+    x, y, z = np.eye(3)
+    np.testing.assert_allclose(rotation_matrices(0, 0, quarter) @ x, y, atol=1e-15)  # counter-clockwise
+    np.testing.assert_allclose(rotation_matrices(0, quarter, 0) @ x, -z, atol=1e-15)
+    np.testing.assert_allclose(rotation_matrices(quarter, 0, 0) @ y, z, atol=1e-15)
+
+
+def test_many_rotations_at_once_broadcast():
+    headings = np.linspace(-3.0, 3.0, 5)
+    many = rotation_matrices(0.1, np.zeros((2, 1)), headings)
+    assert many.shape == (2, 5, 3, 3)
+    np.testing.assert_array_equal(many[1, 3], rotation_matrices(0.1, 0.0, headings[3]))
+
+
+@given(st.floats(-1e4, 1e4), st.floats(-1e4, 1e4), st.floats(-100, 100), ANGLE, ANGLE, ANGLE)
+def test_apply_maps_the_sensor_frame_to_the_map(x, y, z, roll, pitch, heading):
+    pose = Pose(x, y, z, roll, pitch, heading)
+    points = np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 3.0], [-4.0, 0.5, 0.0]])
+    applied = pose.apply(points)
+    np.testing.assert_allclose(applied[0], [x, y, z])
+    np.testing.assert_allclose((applied - pose.position) @ pose.rotation, points, atol=1e-10)
+
+
+def test_a_pose_keeps_its_heading_wrapped_and_its_numbers_plain():
+    pose = Pose(np.float32(1.5), np.int64(2), 3, 0.0, 0.0, 7.0)
+    assert pose.heading == pytest.approx(7.0 - 2 * math.pi)
+    assert all(type(value) is float for value in (pose.x, pose.y, pose.z, pose.heading))
+    assert pose.translated([1.0, -1.0, 0.5]) == Pose(2.5, 1.0, 3.5, 0.0, 0.0, 7.0)
+    with pytest.raises(AttributeError):
+        pose.x = 2.0
+
+
+@pytest.mark.parametrize("name", ["x", "y", "z", "roll", "pitch", "heading"])
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_numbers_that_are_not_finite_are_refused_by_name(name, value):
+    values = {"x": 0.0, "y": 0.0, "z": 0.0, "roll": 0.0, "pitch": 0.0, "heading": 0.0, name: value}
+    with pytest.raises(ArrayError, match=f"finite number for `{name}` of a Pose, got {value}"):
+        Pose(**values)
+
+
+def test_points_of_another_shape_are_refused():
+    pose = Pose(0, 0, 0, 0, 0, 0)
+    with pytest.raises(
+        ArrayError, match=r"`points_sensor` to have shape \(n, 3\), got \(3, 7\)\. Transpose it\?"
+    ):
+        pose.apply(np.zeros((3, 7)))
+    with pytest.raises(ArrayError, match=r"`points_sensor` to have shape \(n, 3\), got \(3,\)\.$"):
+        pose.apply([1.0, 2.0, 3.0])
+    with pytest.raises(ArrayError, match=r"got 1 of 2 rows with NaN or infinity\. Drop those rows"):
+        pose.apply([[0.0, 0.0, 0.0], [0.0, math.nan, 0.0]])
+    with pytest.raises(ArrayError, match="to be numbers"):
+        pose.apply([["a", "b", "c"]])

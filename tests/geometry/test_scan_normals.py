@@ -1,0 +1,254 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Scan normals against surfaces that are known, seen by a synthetic ring scanner."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from maxcon.errors import ArrayError
+from maxcon.geometry.scan_normals import estimate_scan_normals, ring_layout
+
+STREET = np.radians(31.0)
+GROUND = ((0.0, 0.0, 1.0), 1.7, (-2.0, 9.0))
+
+
+def directions(n_rings=16, low_deg=-15.0, high_deg=15.0, step_deg=0.2, jitter_deg=0.0, seed=0):
+    """Unit vectors of the beams of a ring scanner: 16 rings, 2 degrees apart, as of a VLP-16."""
+    rng = np.random.default_rng(seed)
+    elevations = np.radians(np.linspace(low_deg, high_deg, n_rings))
+    azimuths = np.radians(np.arange(0.0, 360.0, step_deg))
+    elevations, azimuths = (grid.ravel() for grid in np.meshgrid(elevations, azimuths, indexing="ij"))
+    elevations = elevations + np.radians(rng.normal(0.0, jitter_deg, len(elevations)))
+    level = np.cos(elevations)
+    return np.column_stack([level * np.cos(azimuths), level * np.sin(azimuths), np.sin(elevations)])
+
+
+def unit(*vector):
+    return np.array(vector) / np.linalg.norm(vector)
+
+
+def cast(beams, planes, noise=0.03, seed=0):
+    """Points on the nearest of some planes (normal to the sensor, distance, heights), and their true normals."""
+    ranges = np.full(len(beams), np.inf)
+    hit = np.zeros(len(beams), int)
+    for number, (normal, distance, (low, high)) in enumerate(planes):
+        with np.errstate(divide="ignore"):
+            along = -distance / (beams @ np.asarray(normal))
+        is_hit = (along > 0.5) & (along < np.minimum(ranges, 100.0))
+        heights = beams[:, 2] * np.where(is_hit, along, 0.0)
+        is_hit &= (heights > low) & (heights < high)
+        ranges[is_hit], hit[is_hit] = along[is_hit], number
+    seen = np.isfinite(ranges)
+    noisy = ranges[seen] + np.random.default_rng(seed).normal(0.0, noise, seen.sum())
+    true = np.array([plane[0] for plane in planes], float)[hit[seen]]
+    return beams[seen] * noisy[:, None], true
+
+
+def angle_errors_deg(normals, true):
+    return np.degrees(np.arccos(np.clip((normals * true).sum(axis=1), -1.0, 1.0)))
+
+
+def assert_good(points, true, normals, *, within=40.0):
+    """Near to 10 m the median error stays below 3 degrees, beyond below 1; most points have a normal."""
+    ranges = np.linalg.norm(points, axis=1)
+    has_normal = normals.any(axis=1)
+    errors = angle_errors_deg(normals, true)
+    n_checked = 0
+    for low, high, bound in ((3.0, 5.0, 3.5), (5.0, 10.0, 2.5), (10.0, 20.0, 1.2), (20.0, within, 0.6)):
+        is_in = (ranges >= low) & (ranges < high)
+        if is_in.sum() < 200:
+            continue
+        n_checked += 1
+        assert has_normal[is_in].mean() > 0.85
+        assert np.median(errors[is_in & has_normal]) < bound
+        assert np.quantile(errors[is_in & has_normal], 0.9) < 2.5 * bound
+    assert n_checked
+
+
+def assert_unit_and_turned_to_the_sensor(points, normals):
+    lengths = np.linalg.norm(normals, axis=1)
+    np.testing.assert_allclose(lengths[lengths > 0.0], 1.0, atol=1e-12)
+    assert ((normals * points).sum(axis=1) <= 0.0).all()
+
+
+def wall(distance, heading=0.0):
+    return (-np.sin(heading), -np.cos(heading), 0.0), distance, (-1.7, 8.0)
+
+
+@pytest.mark.parametrize("distance", [4.0, 6.0, 9.0, 12.0, 20.0])
+@pytest.mark.parametrize("heading", [0.0, STREET, 2.9])
+def test_a_wall(distance, heading):
+    points, true = cast(directions(), [wall(distance, heading)])
+    normals = estimate_scan_normals(points)
+    assert_good(points, true, normals, within=25.0)
+    assert_unit_and_turned_to_the_sensor(points, normals)
+    assert angle_errors_deg(normals, true)[normals.any(axis=1)].max() < 45.0
+
+
+def test_a_street_at_31_degrees():
+    across = unit(-np.sin(STREET), np.cos(STREET), 0.0)
+    points, true = cast(directions(), [(-across, 6.0, (-1.7, 12.0)), (across, 7.0, (-1.7, 12.0)), GROUND])
+    normals = estimate_scan_normals(points)
+    assert_unit_and_turned_to_the_sensor(points, normals)
+    is_wall = true[:, 2] == 0.0
+    assert_good(points[is_wall], true[is_wall], normals[is_wall], within=25.0)
+
+
+def test_a_tilted_roof():
+    points, true = cast(directions(), [(unit(0.0, -0.6, -0.8), 8.0, (-1.0, 8.0))])
+    normals = estimate_scan_normals(points)
+    near = np.linalg.norm(points, axis=1) < 20.0
+    assert_good(points[near], true[near], normals[near])
+    assert np.median(np.abs(normals[normals.any(axis=1), 2])) == pytest.approx(0.8, abs=0.02)
+
+
+def test_beyond_a_corner_each_wall_keeps_its_own_normal():
+    points, true = cast(directions(), [wall(6.0), wall(6.0, np.pi / 2)])
+    normals = estimate_scan_normals(points)
+    from_edge = np.hypot(points[:, 0] - 6.0, points[:, 1] - 6.0)
+    away = from_edge > 1.0
+    assert_good(points[away], true[away], normals[away], within=20.0)
+    errors = angle_errors_deg(normals, true)[normals.any(axis=1) & ~away]
+    assert np.quantile(errors, 0.95) < 60.0
+    assert_unit_and_turned_to_the_sensor(points, normals)
+
+
+def test_a_step_in_depth_is_not_bridged():
+    """A pillar 2 m before a wall: at its edges no normal looks along the step."""
+    beams = directions()
+    before = np.abs(np.arctan2(beams[:, 0], beams[:, 1])) < 0.2
+    front, front_true = cast(beams[before], [wall(6.0)], seed=1)
+    back, back_true = cast(beams[~before], [wall(8.0)], seed=2)
+    points, true = np.concatenate([front, back]), np.concatenate([front_true, back_true])
+    normals = estimate_scan_normals(points)
+    has_normal = normals.any(axis=1)
+    errors = angle_errors_deg(normals, true)[has_normal]
+    assert has_normal.mean() > 0.9
+    assert np.quantile(errors, 0.99) < 15.0
+
+
+def test_rings_of_unequal_spacing_as_kittis_every_fourth():
+    """64 layers in two blocks, every fourth kept, with jitter, 0.17 degrees apart."""
+    layers = np.concatenate([np.linspace(2.0, -8.33, 32), np.linspace(-8.87, -24.33, 32)])[::4]
+    beams = np.concatenate(
+        [directions(1, low, low, 0.17, 0.02, seed=number) for number, low in enumerate(layers)]
+    )
+    points, true = cast(beams, [wall(8.0, STREET), (GROUND[0], 1.73, (-2.0, 9.0))])
+    normals = estimate_scan_normals(points)
+    assert_unit_and_turned_to_the_sensor(points, normals)
+    is_wall = (true[:, 2] == 0.0) & (points[:, 2] > -1.2)
+    ranges = np.linalg.norm(points, axis=1)
+    errors = angle_errors_deg(normals, true)
+    for low, high, bound in ((8.0, 10.0, 3.0), (10.0, 20.0, 1.5)):
+        chosen = is_wall & (ranges >= low) & (ranges < high)
+        assert normals[chosen].any(axis=1).mean() > 0.8
+        assert np.median(errors[chosen & normals.any(axis=1)]) < bound
+
+
+def test_points_in_any_order_get_the_same_normals():
+    points, _ = cast(directions(), [wall(5.0, STREET), GROUND])
+    normals = estimate_scan_normals(points)
+    for seed in range(3):
+        order = np.random.default_rng(seed).permutation(len(points))
+        np.testing.assert_array_equal(estimate_scan_normals(points[order]), normals[order])
+
+
+def test_turning_the_scan_turns_its_normals():
+    points, _ = cast(directions(), [wall(6.0)])
+    normals = estimate_scan_normals(points)
+    for angle in (0.7, np.pi, -2.0):
+        c, s = np.cos(angle), np.sin(angle)
+        rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        turned = estimate_scan_normals(points @ rotation.T)
+        both = turned.any(axis=1) & normals.any(axis=1)
+        assert both.mean() > 0.95
+        assert np.median(angle_errors_deg(turned[both], (normals @ rotation.T)[both])) < 2.0
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_wall_behind_the_seam_of_azimuths(side):
+    """At 180 degrees azimuth jumps from pi to -pi; points there have neighbours on both sides all the same."""
+    errors = {}
+    for middle in (0.0, np.pi):
+        normal = np.array([-np.cos(middle), 0.0, 0.0])
+        for seed in range(8):
+            points, true = cast(directions(), [(normal, 6.0, (-1.7, 8.0))], seed=seed)
+            across = side * points[:, 1] / (points @ -normal)  # tangent of the angle from the middle
+            is_beside = (across > 0.0) & (across < np.radians(1.0)) & (points @ normal < 0.0)
+            normals = estimate_scan_normals(points)
+            assert normals[is_beside].any(axis=1).all()
+            errors.setdefault(middle, []).extend(angle_errors_deg(normals, true)[is_beside])
+    assert len(errors[np.pi]) > 400
+    assert np.median(errors[np.pi]) < 1.3 * np.median(errors[0.0]) < 3.0
+
+
+@pytest.mark.parametrize("distance", [3.0, 6.0, 12.0])
+def test_a_single_ring_says_nothing_of_a_wall(distance):
+    beams = directions(1, 1.0, 1.0)
+    points, _ = cast(beams, [wall(distance)], noise=0.01)
+    assert len(points) > 500
+    assert not estimate_scan_normals(points).any()
+    # Noise of 3 cm makes a band of a line: where that passes for a plane, it lies level and constrains nothing.
+    normals = estimate_scan_normals(cast(beams, [wall(distance)], noise=0.03)[0])
+    has_normal = normals.any(axis=1)
+    assert has_normal.mean() < 0.2
+    assert (np.abs(normals[has_normal, 2]) > 0.95).all()
+
+
+@pytest.mark.parametrize("n", range(6))
+def test_fewer_than_six_points_have_no_normals(n):
+    points, _ = cast(directions(), [wall(6.0)])
+    normals = estimate_scan_normals(points[:n])
+    assert normals.shape == (n, 3)
+    assert not normals.any()
+
+
+def test_points_scattered_in_space_have_few_normals():
+    points = np.random.default_rng(0).uniform(-20, 20, (2000, 3))
+    normals = estimate_scan_normals(points)
+    assert_unit_and_turned_to_the_sensor(points, normals)
+    assert normals.any(axis=1).mean() < 0.2
+
+
+def test_duplicates_and_points_at_the_sensor_do_no_harm():
+    points, true = cast(directions(), [wall(6.0)])
+    there = len(points)
+    many = np.concatenate([points, points, np.zeros((50, 3)), np.tile(points[:1], (500, 1))])
+    normals = estimate_scan_normals(many)
+    assert np.isfinite(normals).all()
+    np.testing.assert_array_equal(normals[2 * there : 2 * there + 50], 0.0)
+    assert np.median(angle_errors_deg(normals[:there], true)) < 3.0
+    same = estimate_scan_normals(np.tile([[3.0, 4.0, 1.0]], (1000, 1)))
+    assert not same.any()
+    assert not estimate_scan_normals(np.zeros((100, 3))).any()
+
+
+@given(st.integers(0, 2**32), st.integers(0, 200), st.sampled_from([1e-6, 1e-2, 1.0, 50.0, 1e6]))
+@settings(max_examples=60)
+def test_whatever_comes_normals_are_unit_vectors_or_zeros(seed, n, scale):
+    rng = np.random.default_rng(seed)
+    points = rng.normal(size=(n, 3)) * scale
+    points[rng.random(n) < 0.1] = 0.0
+    points[rng.random(n) < 0.3, 2] = 0.0
+    points[rng.random(n) < 0.1, :2] = 0.0  # straight up and down
+    normals = estimate_scan_normals(points)
+    assert normals.shape == points.shape
+    assert_unit_and_turned_to_the_sensor(points, normals)
+
+
+def test_the_layout_of_a_scan():
+    points, _ = cast(directions(), [wall(6.0), wall(6.0, np.pi)])
+    layout = ring_layout(np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1])))
+    assert np.degrees(layout.ring_spacing) == pytest.approx(2.0, rel=0.1)
+    continuous = ring_layout(np.random.default_rng(0).uniform(-0.3, 0.3, 20_000))
+    assert np.degrees(continuous.ring_spacing) == pytest.approx(0.6)
+    assert np.isfinite(ring_layout(np.zeros(1000)).point_spacing)
+
+
+def test_what_is_refused():
+    with pytest.raises(ArrayError, match=r"`points` to have shape \(n, 3\), got \(3, 9\)\. Transpose it\?"):
+        estimate_scan_normals(np.zeros((3, 9)))
+    with pytest.raises(ArrayError, match="got 1 of 2 rows with NaN or infinity"):
+        estimate_scan_normals(np.array([[0.0, 0.0, 0.0], [np.inf, 0.0, 0.0]]))

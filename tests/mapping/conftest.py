@@ -1,0 +1,81 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Small point clouds, written to files of each kind."""
+
+import laspy
+import numpy as np
+import pyproj
+import pytest
+
+
+def write_npz(path, points, **arrays):
+    np.savez(path, points=points, **{name: values for name, values in arrays.items() if values is not None})
+    return path
+
+
+def write_ply(path, points, normals=None, classes=None):
+    columns = [("x", "<f8"), ("y", "<f8"), ("z", "<f8")]
+    columns += [] if normals is None else [("nx", "<f8"), ("ny", "<f8"), ("nz", "<f8")]
+    rows = np.empty(len(points), columns)
+    for name, values in zip("xyz", points.T, strict=True):
+        rows[name] = values
+    if normals is not None:
+        for name, values in zip(("nx", "ny", "nz"), normals.T, strict=True):
+            rows[name] = values
+    header = [f"property double {name}" for name, _ in columns]
+    text = "\n".join(
+        ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}", *header, "end_header"]
+    )
+    path.write_bytes(text.encode() + b"\n" + rows.tobytes())
+    return path
+
+
+def write_las(path, points, classes=None, times=None, crs=None, scale=0.001):
+    """Write LAS or LAZ; coordinates become whole multiples of `scale`."""
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.scales = [scale] * 3
+    header.offsets = np.floor(points.min(axis=0)) if len(points) else np.zeros(3)
+    if crs is not None:
+        header.add_crs(pyproj.CRS.from_user_input(crs))
+    cloud = laspy.LasData(header)
+    cloud.x, cloud.y, cloud.z = points.T
+    cloud.classification = np.zeros(len(points), np.uint8) if classes is None else classes
+    if times is not None:
+        cloud.gps_time = times
+    cloud.write(str(path))
+    return path
+
+
+class CloudFiles:
+    """Writers, as methods, for tests."""
+
+    npz = staticmethod(write_npz)
+    ply = staticmethod(write_ply)
+    las = staticmethod(write_las)
+
+
+@pytest.fixture(scope="session")
+def cloud_files():
+    return CloudFiles
+
+
+class Surfaces:
+    """Points on surfaces, in global coordinates near a UTM place; the frame's origin is (458800, 5429000, 100)."""
+
+    origin = np.array([458_800.0, 5_429_000.0, 100.0])
+
+    @classmethod
+    def wall(cls, n, start, end, z=(1.0, 4.0), noise=0.0, seed=0):
+        """Points on a wall from `start` to `end`, (x, y) from the origin; its normal is to the left of that way."""
+        rng = np.random.default_rng(seed)
+        start, end = np.asarray(start, float), np.asarray(end, float)
+        along = (end - start) / np.linalg.norm(end - start)
+        normal = np.array([-along[1], along[0], 0.0])
+        at = start + rng.random((n, 1)) * (end - start)
+        points = np.column_stack([at, rng.uniform(*z, n)]) + rng.normal(0.0, noise, (n, 1)) * normal
+        return cls.origin + points, np.tile(normal, (n, 1))
+
+
+@pytest.fixture(scope="session")
+def surfaces():
+    return Surfaces

@@ -1,0 +1,371 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""The compiled search equals the definition, to the last bit (D7), whatever the order and the threads (D8)."""
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import event, given, settings
+from hypothesis import strategies as st
+
+from maxcon import Count, Helmert, MaxEigenvalue, PointMap, Pose, Scan, SearchSpace
+from maxcon.errors import ArrayError, OptionError, SearchSpaceError
+from maxcon.geometry import rotation_matrices, voxel_indices
+from maxcon.point_map import TILE_VOXELS
+from maxcon.search import consensus_set, exhaustive, reference
+from maxcon.search.matching import CONTRIBUTION_STEP, level, turn
+
+X = [1.0, 0.0, 0.0]
+OBJECTIVES = (Count(), Helmert(), MaxEigenvalue())
+
+
+def unit_vectors(rng, n):
+    vectors = rng.normal(size=(n, 3))
+    vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
+    vectors[rng.random(n) < 0.1] = 0.0
+    return vectors
+
+
+def random_scene(seed, n_scan, n_map, cell, space, *, corner=(0, 0), is_signed=True, tilt=0.2, spread=20):
+    """Map points around a tile's corner; scan points that fall on some of them at one cell, and elsewhere."""
+    rng = np.random.default_rng(seed)
+    voxels = rng.integers(-spread, spread, (n_map, 3)) // [1, 1, 8]
+    voxels[:, :2] += np.array(corner) * TILE_VOXELS
+    points_map = (voxels + rng.random((n_map, 3))) * cell
+    normals_map = unit_vectors(rng, n_map)
+    roll, pitch = rng.uniform(-tilt, tilt, 2)
+    position = np.array([*corner, 0]) * TILE_VOXELS * cell + rng.uniform(-30, 30, 3) * cell
+    prior = Pose(*position, roll, pitch, rng.uniform(-4, 4))
+    truth = space.pose(tuple(int(rng.integers(n)) for n in space.shape), prior)
+    n_hits = min(n_scan - n_scan // 4, n_map)
+    hit = rng.integers(0, n_map, n_hits) if n_map else np.empty(0, int)
+    outside = rng.uniform(-200, 200, (n_scan - len(hit), 3)) * cell
+    points = np.concatenate([(points_map[hit] - truth.position) @ truth.rotation, outside])
+    scan = Scan(points, unit_vectors(rng, n_scan))
+    return scan, PointMap.from_points(points_map, normals_map, cell, is_signed=is_signed), prior
+
+
+def by_votes(scan, point_map, prior, space, multiplicity):
+    """The same moments the other way round: each scan point votes with each voxel of its height."""
+    indices, counts, normals_map = point_map.all_voxels()
+    levelled = level(scan, prior)
+    n_headings, ny, nx = space.shape
+    moments = np.zeros((*space.shape, 4))
+    outer = (normals_map[:, [0, 0, 1]] * normals_map[:, [0, 1, 1]]).astype(np.float64)
+    times = np.ones(len(counts)) if multiplicity == "occupied" else counts.astype(np.float64)
+    for h in range(n_headings):
+        heading = prior.heading + space.headings[h]
+        base = voxel_indices(turn(levelled.points, heading) + [prior.x, prior.y, 0.0], point_map.cell)
+        normals = turn(levelled.normals, heading).astype(np.float32)
+        for voxel, normal in zip(base.astype(np.int64), normals, strict=True):
+            ix, iy = indices[:, 0] - voxel[0] + nx // 2, indices[:, 1] - voxel[1] + ny // 2
+            is_in = (indices[:, 2] == voxel[2]) & (ix >= 0) & (ix < nx) & (iy >= 0) & (iy < ny)
+            a, b = normal * normals_map[is_in], np.zeros(is_in.sum(), np.float32)
+            cosine = (a[:, 0] + a[:, 1]) + a[:, 2]
+            weight = np.maximum(b, cosine) if point_map.is_signed else np.abs(cosine)
+            added = (times[is_in] * weight.astype(np.float64))[:, None] * outer[is_in]
+            added = np.rint(added / CONTRIBUTION_STEP) * CONTRIBUTION_STEP
+            np.add.at(moments[h], (iy[is_in], ix[is_in]), np.column_stack([times[is_in], added]))
+    return moments
+
+
+def assert_same(accumulator, moments):
+    __tracebackhide__ = True
+    assert accumulator.moments.dtype == np.float64
+    assert accumulator.moments.shape == moments.shape
+    assert (accumulator.moments == moments).all()
+
+
+SEEDS = st.integers(0, 2**32)
+
+
+@given(
+    seed=SEEDS,
+    n_scan=st.integers(0, 16),
+    n_map=st.integers(0, 60),
+    cell=st.sampled_from([0.03, 0.06, 0.1, 0.25, 0.5]),
+    n_steps=st.integers(0, 9),
+    turns=st.sampled_from([(0.0, 0.5), (0.5, 0.5), (2.0, 2.0)]),
+    corner=st.tuples(st.sampled_from([-3, -1, 0, 2]), st.sampled_from([-2, 0, 1])),
+    multiplicity=st.sampled_from(["occupied", "points"]),
+    is_signed=st.booleans(),
+    n_threads=st.integers(1, 4),
+)
+@settings(max_examples=60)
+def test_it_equals_the_definition(
+    seed, n_scan, n_map, cell, n_steps, turns, corner, multiplicity, is_signed, n_threads
+):
+    space = SearchSpace(n_steps * cell, cell, *turns)
+    scan, point_map, prior = random_scene(
+        seed, n_scan, n_map, cell, space, corner=corner, is_signed=is_signed, spread=8
+    )
+    accumulator = exhaustive(scan, point_map, prior, space, multiplicity=multiplicity, n_threads=n_threads)
+    wanted = reference.voxels(scan, point_map, prior, space, multiplicity=multiplicity)
+    event(f"matches: {bool(wanted.moments.any())}")
+    assert_same(accumulator, wanted.moments)
+    assert_same(accumulator, by_votes(scan, point_map, prior, space, multiplicity))
+    for objective in OBJECTIVES:
+        assert accumulator.best_cell(objective) == wanted.best_cell(objective)
+
+
+@given(
+    seed=SEEDS,
+    n_scan=st.integers(1, 60),
+    n_map=st.integers(1, 400),
+    cell=st.sampled_from([0.03, 0.06, 0.0625, 0.5]) | st.floats(0.03, 0.5),
+    n_steps=st.sampled_from([7, 8, 9, 31, 100]),
+    spread=st.sampled_from([5, 40, 600]),
+    corner=st.tuples(st.integers(-100, 100), st.integers(-100, 100)),
+    multiplicity=st.sampled_from(["occupied", "points"]),
+    is_signed=st.booleans(),
+    n_threads=st.integers(1, 4),
+)
+@settings(max_examples=40)
+def test_it_equals_the_votes_of_wider_windows(
+    seed, n_scan, n_map, cell, n_steps, spread, corner, multiplicity, is_signed, n_threads
+):
+    space = SearchSpace(n_steps * cell, cell, 1.0, 1.0)
+    scan, point_map, prior = random_scene(
+        seed, n_scan, n_map, cell, space, corner=corner, is_signed=is_signed, spread=spread
+    )
+    accumulator = exhaustive(scan, point_map, prior, space, multiplicity=multiplicity, n_threads=n_threads)
+    moments = by_votes(scan, point_map, prior, space, multiplicity)
+    event(f"matches: {bool(moments.any())}")
+    assert_same(accumulator, moments)
+
+
+def test_the_random_scenes_do_match():
+    """Otherwise the tests above would compare zeros."""
+    space = SearchSpace(0.6, 0.06, 0.5, 0.5)
+    shares = []
+    for seed in range(20):
+        scan, point_map, prior = random_scene(seed, 20, 60, 0.06, space)
+        counts = exhaustive(scan, point_map, prior, space).moments[..., 0]
+        shares.append(counts.max() / 20)
+    assert np.median(shares) >= 0.7
+
+
+@pytest.mark.parametrize(
+    ("half_width", "cell"),
+    [
+        (20.0, 0.5),  # the window is far larger than the map
+        (36.0, 0.06),  # 1,200 cells: wider than two tiles of 512
+        (15.36, 0.03),  # exactly two tiles
+    ],
+)
+def test_windows_wider_than_blocks_tiles_and_the_map(half_width, cell):
+    space = SearchSpace(half_width, cell, 0.0, 0.5)
+    for seed in range(2):
+        scan, point_map, prior = random_scene(seed, 12, 80, cell, space, corner=(-1, 0), spread=30)
+        accumulator = exhaustive(scan, point_map, prior, space)
+        assert accumulator.moments[..., 0].max() >= 8
+        assert_same(accumulator, by_votes(scan, point_map, prior, space, "occupied"))
+
+
+@pytest.mark.parametrize("n_steps", range(1, 20))
+def test_every_offset_of_a_window_to_blocks_and_tiles(n_steps):
+    """One voxel, one scan point, at each place around a tile's corner: one vote, in the right cell."""
+    cell = 0.0625
+    space = SearchSpace(n_steps * cell, cell, 0.0, 0.5)
+    for at in (0, 1, 15, 16, 17, TILE_VOXELS - 17, TILE_VOXELS - 16, TILE_VOXELS - 1, -1, -16, -17):
+        place = np.array([[at + 0.5, -at + 0.5, 3.5]]) * cell
+        point_map = PointMap.from_points(place, [X], cell)
+        for dx, dy in itertools.product((-n_steps - 1, -n_steps, 0, n_steps - 1, n_steps), repeat=2):
+            prior = Pose(*(place[0] - [dx * cell, dy * cell, 0.0]), 0.0, 0.0, 0.0)
+            moments = exhaustive(Scan([[0.0, 0.0, 0.0]], [X]), point_map, prior, space).moments
+            is_inside = max(dx, dy) < n_steps and min(dx, dy) >= -n_steps
+            assert moments[..., 0].sum() == is_inside
+            if is_inside:
+                np.testing.assert_array_equal(moments[0, dy + n_steps, dx + n_steps], [1.0, 1.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("sign_x", [-1, 1])
+@pytest.mark.parametrize("sign_y", [-1, 1])
+def test_forty_kilometres_from_the_origin(sign_x, sign_y):
+    """Products of indices there exceed 2^31."""
+    cell = 0.03
+    tile = int(40_000 / cell / TILE_VOXELS)
+    space = SearchSpace(0.9, cell, 0.5, 0.5)
+    for seed in range(4):
+        scan, point_map, prior = random_scene(
+            seed, 15, 60, cell, space, corner=(sign_x * tile, sign_y * tile), spread=10
+        )
+        assert abs(prior.x) > 39_000
+        accumulator = exhaustive(scan, point_map, prior, space, multiplicity="points")
+        assert accumulator.moments[..., 0].max() >= 8
+        assert_same(accumulator, by_votes(scan, point_map, prior, space, "points"))
+
+
+def test_tiles_far_apart_at_once():
+    """A map of two places 40 km apart, and a scan that reaches both."""
+    cell = 0.5
+    places = np.array([[0.25, 0.25, 0.25], [40_000.25, -40_000.25, 0.25]])
+    point_map = PointMap.from_points(places, [X, X], cell)
+    space = SearchSpace(2.0, cell, 0.0, 0.5)
+    prior = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    moments = exhaustive(Scan(places, [X, X]), point_map, prior, space).moments
+    np.testing.assert_array_equal(moments[0, 4, 4], [2.0, 2.0, 0.0, 0.0])
+    assert moments[..., 0].sum() == 2
+
+
+@given(SEEDS, st.integers(-70_000, 70_000), st.integers(-70_000, 70_000))
+@settings(max_examples=25)
+def test_moving_map_and_prior_by_whole_cells_changes_nothing(seed, cells_x, cells_y):
+    cell = 0.0625  # all coordinates are multiples of 2^-12, so that sums are exact
+    rng = np.random.default_rng(seed)
+    space = SearchSpace(12 * cell, cell, 0.0, 0.5)
+    points_map = rng.integers(-8192, 8192, (200, 3)) * [1, 1, 1 / 16] // 1 / 4096
+    normals = unit_vectors(rng, 200)
+    scan = Scan(points_map[:20] - [0.125, 0.25, 0.0], unit_vectors(rng, 20))
+    prior = Pose(0.25, 0.125, 0.0, 0.0, 0.0, 0.0)
+    shift = np.array([cells_x, cells_y, 0.0]) * cell
+    here = exhaustive(scan, PointMap.from_points(points_map, normals, cell), prior, space)
+    there = exhaustive(
+        scan, PointMap.from_points(points_map + shift, normals, cell), prior.translated(shift), space
+    )
+    assert here.moments.any()
+    assert_same(there, here.moments)
+
+
+@given(SEEDS, st.sampled_from(["occupied", "points"]))
+@settings(max_examples=15)
+def test_the_order_of_scan_and_map_points_and_the_threads_do_not_matter(seed, multiplicity):
+    space = SearchSpace(1.2, 0.06, 1.0, 0.5)
+    scan, point_map, prior = random_scene(seed, 300, 500, 0.06, space)
+    first = exhaustive(scan, point_map, prior, space, multiplicity=multiplicity)
+    order = np.random.default_rng(seed).permutation(len(scan))
+    shuffled = Scan(scan.points[order], scan.normals[order])
+    for n_threads in (1, 2, 3, 4, 16):
+        again = exhaustive(shuffled, point_map, prior, space, multiplicity=multiplicity, n_threads=n_threads)
+        assert_same(again, first.moments)
+
+
+@pytest.mark.parametrize("distance", [50.0, 1e4, 1e6])
+def test_a_prior_far_from_the_map_finds_nothing(distance):
+    space = SearchSpace(0.6, 0.06, 0.5, 0.5)
+    scan, point_map, prior = random_scene(0, 10, 50, 0.06, space, spread=8)
+    far = prior.translated([distance, -distance, 0.0])
+    accumulator = exhaustive(Scan(scan.points[:5], scan.normals[:5]), point_map, far, space)
+    assert not accumulator.moments.any()
+    assert accumulator.best_cell(Helmert()) == (0, 0, 0)
+
+
+def test_a_prior_at_another_height_finds_nothing():
+    space = SearchSpace(0.6, 0.06, 0.5, 0.5)
+    scan, point_map, prior = random_scene(0, 10, 50, 0.06, space)
+    assert exhaustive(scan, point_map, prior, space).moments.any()
+    for height in (-1000.0, 1000.0):
+        raised = prior.translated([0.0, 0.0, height])
+        assert not exhaustive(scan, point_map, raised, space).moments.any()
+
+
+def test_a_voxel_of_a_million_points_weighs_a_million():
+    place = [[0.03, 0.03, 0.03]]
+    n = 1_000_000
+    point_map = PointMap.from_points(place * n, np.tile([0.6, 0.8, 0.0], (n, 1)), 0.06)
+    space, prior = SearchSpace(0.06, 0.06, 0.0, 0.5), Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    scan = Scan(place * 3, [X] * 3)
+    accumulator = exhaustive(scan, point_map, prior, space, multiplicity="points")
+    assert_same(accumulator, reference.voxels(scan, point_map, prior, space, multiplicity="points").moments)
+    np.testing.assert_allclose(
+        accumulator.moments[0, 1, 1], 3e6 * np.array([1, 0.216, 0.288, 0.384]), rtol=1e-6
+    )
+
+
+def test_ties_go_to_the_first_cell_in_index_order():
+    """A point on a floor matches equally everywhere; two equal points tie in two cells."""
+    cell = 0.0625
+    floor = np.array([[x, y, 0] for x, y in itertools.product(range(-20, 20), repeat=2)]) * cell + cell / 2
+    point_map = PointMap.from_points(floor, np.tile(X, (len(floor), 1)), cell)
+    space, prior = SearchSpace(4 * cell, cell, 1.0, 1.0), Pose(cell / 2, cell / 2, cell / 2, 0.0, 0.0, 0.0)
+    for n_threads in (1, 3):
+        accumulator = exhaustive(Scan([[0.0] * 3], [X]), point_map, prior, space, n_threads=n_threads)
+        assert (accumulator.moments[..., 0] == 1).all()
+        assert accumulator.best_cell(Count()) == (0, 0, 0)
+    two = PointMap.from_points(np.array([[2, 1, 0], [1, 2, 0]]) * cell + cell / 2, [X, X], cell)
+    accumulator = exhaustive(Scan([[0.0] * 3], [X]), two, prior, space)
+    assert accumulator.best_cell(Count()) == (0, 4 + 1, 4 + 2)
+
+
+def test_the_cell_edges_may_differ_by_rounding_only():
+    """0.1 + 0.2 is not 0.3; both searches must then use the same edge."""
+    map_cell, space = 0.1 + 0.2, SearchSpace(3.0, 0.3, 0.0, 0.5)
+    rng = np.random.default_rng(1)
+    points = np.round(rng.uniform(-9, 9, (3000, 3)) / 0.3) * 0.3  # on the borders of voxels
+    normals = unit_vectors(rng, len(points))
+    point_map = PointMap.from_points(points, normals, map_cell)
+    scan, prior = Scan(points[:50], normals[:50]), Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    wanted = reference.voxels(scan, point_map, prior, space)
+    assert_same(exhaustive(scan, point_map, prior, space), wanted.moments)
+    for cell in ((0, 10, 10), (0, 3, 12)):
+        matched = consensus_set(scan, point_map, prior, space, cell)
+        assert matched.sum() == wanted.moments[cell][0]
+
+
+@given(SEEDS, st.integers(0, 20), st.integers(0, 200))
+@settings(max_examples=30)
+def test_the_consensus_set_of_a_cell_is_what_its_count_counts(seed, n_scan, n_map):
+    space = SearchSpace(0.3, 0.06, 1.0, 1.0)
+    scan, point_map, prior = random_scene(seed, n_scan, n_map, 0.06, space, spread=8, corner=(-1, 1))
+    accumulator = exhaustive(scan, point_map, prior, space)
+    voxels = {tuple(index) for index in point_map.all_voxels()[0].tolist()}
+    best = accumulator.best_cell(Count())
+    for cell in (best, (0, 0, 0), (2, 9, 4)):
+        matched = consensus_set(scan, point_map, prior, space, cell)
+        assert matched.shape == (len(scan),)
+        assert matched.sum() == accumulator.moments[cell][0]
+    pose = space.pose(best, prior)
+    inner = np.floor(pose.apply(scan.points) / 0.06).astype(int)
+    is_in_map = np.array([tuple(index) in voxels for index in inner.tolist()], dtype=bool)
+    n_other = np.count_nonzero(is_in_map != consensus_set(scan, point_map, prior, space, best))
+    assert n_other <= 1  # a point on the border of two voxels may fall to either side
+
+
+@pytest.mark.parametrize("half_width", [600.0, 60_000.0, 60_000_000.0])
+def test_a_space_too_large_is_refused_before_memory_is_asked_for(half_width):
+    scan, point_map, prior = random_scene(0, 5, 5, 0.06, SearchSpace())
+    with pytest.raises(
+        SearchSpaceError, match=r"at most 67,108,864 cells .* got [\d,]+\. Narrow the search space"
+    ):
+        exhaustive(scan, point_map, prior, SearchSpace(half_width, 0.06))
+
+
+def test_another_cell_edge_is_refused():
+    scan, point_map, prior = random_scene(0, 5, 5, 0.06, SearchSpace())
+    message = (
+        r"the map's voxel edge, 0\.06 m, got 0\.05 m\. Build the map with that cell, or search with the map's"
+    )
+    for search in (exhaustive, reference.voxels):
+        with pytest.raises(SearchSpaceError, match=message):
+            search(scan, point_map, prior, SearchSpace(1.0, 0.05))
+    with pytest.raises(SearchSpaceError, match=message):
+        consensus_set(scan, point_map, prior, SearchSpace(1.0, 0.05), (0, 0, 0))
+
+
+def test_other_options_are_refused():
+    scan, point_map, prior = random_scene(0, 5, 5, 0.06, SearchSpace())
+    with pytest.raises(OptionError, match="'occupied' or 'points', got 'all'"):
+        exhaustive(scan, point_map, prior, SearchSpace(), multiplicity="all")
+    with pytest.raises(OptionError, match="Expected `n_threads` to be 1 or more, got 0"):
+        exhaustive(scan, point_map, prior, SearchSpace(), n_threads=0)
+
+
+def test_beyond_the_reach_of_indices_both_searches_refuse():
+    scan, point_map, prior = random_scene(0, 5, 5, 0.06, SearchSpace(0.06, 0.06))
+    far = prior.translated([1e9, 0.0, 0.0])
+    for search in (exhaustive, reference.voxels):
+        with pytest.raises(ArrayError, match="of the local origin"):
+            search(scan, point_map, far, SearchSpace(0.06, 0.06))
+
+
+def test_levelling_and_turning_are_the_rotation_of_the_prior():
+    rng = np.random.default_rng(3)
+    scan = Scan(rng.normal(size=(50, 3)), unit_vectors(rng, 50))
+    prior = Pose(1.0, 2.0, 3.0, 0.3, -0.4, 2.5)
+    levelled = level(scan, prior)
+    np.testing.assert_allclose(
+        turn(levelled.points, prior.heading) + [1.0, 2.0, 0.0], prior.apply(scan.points), atol=1e-13
+    )
+    rotation = rotation_matrices(0.3, -0.4, 2.5)
+    np.testing.assert_allclose(turn(levelled.normals, 2.5), scan.normals @ rotation.T, atol=1e-13)

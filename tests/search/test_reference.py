@@ -1,0 +1,428 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""The definition, on scenes whose answer is known by hand and against loops in plain Python."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from maxcon import Count, Helmert, MaxEigenvalue, MaximumConsensus, PointMap, Pose, Scan, SearchSpace
+from maxcon.errors import ArrayError, OptionError, SearchSpaceError
+from maxcon.search import reference
+
+CELL = 0.06
+HERE = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+ONE_CELL = SearchSpace(0.0, CELL, 0.0, 0.5)
+SMALL = SearchSpace(0.3, CELL, 0.0, 0.5)  # 10 x 10 cells
+STREET = math.radians(31.0)
+X, Y = [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]
+MULTIPLICITIES = ("points", "occupied")
+
+
+def by_pairs(scene, prior, space, multiplicity):
+    return reference.pairs(
+        scene.scan, scene.points, scene.normals, prior, space, threshold=CELL / 2, multiplicity=multiplicity
+    )
+
+
+def by_voxels(scene, prior, space, multiplicity):
+    return reference.voxels(scene.scan, scene.point_map, prior, space, multiplicity=multiplicity)
+
+
+both_models = pytest.mark.parametrize("model", [by_pairs, by_voxels])
+both_multiplicities = pytest.mark.parametrize("multiplicity", MULTIPLICITIES)
+
+
+def assert_only_best(accumulator, objective, cell):
+    scores = accumulator.score(objective)
+    assert accumulator.best_cell(objective) == cell
+    assert np.count_nonzero(scores == scores.max()) == 1
+
+
+# --- scenes -------------------------------------------------------------------------------------------
+
+
+@both_models
+@both_multiplicities
+@pytest.mark.parametrize("objective", [Count(), Helmert(), MaxEigenvalue()])
+def test_two_walls_at_right_angles_have_one_best_cell(scene, model, multiplicity, objective):
+    scene.wall((-3, 5), (3, 5)).wall((4, -3), (4, 3))
+    accumulator = model(scene, scene.prior(2, -3), SMALL, multiplicity)
+    assert_only_best(accumulator, objective, (0, 5 - 3, 5 + 2))
+
+
+def test_two_walls_score_what_the_paper_says(scene):
+    scene.wall((-3, 5), (3, 5)).wall((4, -3), (4, 3), heights=(1.02,))
+    n_y, n_x = 24, 12  # scan points on the wall along x, two rows, and on the one along y
+    accumulator = by_voxels(scene, scene.prior(0, 0), SMALL, "occupied")
+    np.testing.assert_array_equal(accumulator.moments[0, 5, 5], [n_x + n_y, n_x, 0.0, n_y])
+    assert accumulator.score(Helmert())[0, 5, 5] == pytest.approx(n_x * n_y / (n_x + n_y), rel=1e-12)
+
+
+@both_models
+@both_multiplicities
+@pytest.mark.parametrize("turn_deg", [0.0, 31.0, 90.0, 137.0])
+def test_one_wall_determines_nothing(scene, model, multiplicity, turn_deg):
+    scene.wall((-3, 5), (3, 5), turn=math.radians(turn_deg))
+    accumulator = model(scene, scene.prior(1, 2), SMALL, multiplicity)
+    assert accumulator.moments[..., 0].max() >= 24
+    assert not accumulator.score(Helmert()).any()
+    assert not accumulator.score(MaxEigenvalue()).any()
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 31.0, 90.0])
+def test_one_wall_is_said_to_be_undetermined(scene, turn_deg):
+    scene.wall((-3, 5), (3, 5), turn=math.radians(turn_deg))
+    for objective in (Helmert(), Count()):
+        method = MaximumConsensus(SMALL, objective)
+        estimate = method.localize(scene.scan, scene.point_map, scene.prior(1, 2))
+        assert estimate.status == "undetermined"
+        assert not estimate.is_localized
+        assert np.isinf(np.diag(estimate.cofactor)).all()
+        assert estimate.helmert_point_error == np.inf
+
+
+def bare_street(scene, turn):
+    scene.wall((-4, 5), (4, 5), turn=turn, heights=(1.02,))
+    return scene.wall((-4, -6), (4, -6), turn=turn, heights=(1.02,))
+
+
+def street_with_surfaces_across(scene, turn):
+    bare_street(scene, turn)
+    for x, y in ((-3.1, 5.0), (2.0, 5.0), (3.7, -6.3)):
+        scene.wall((x, y), (x, y + 0.3), turn=turn, scan_step=0.1)
+    return scene
+
+
+def test_a_bare_street_is_undetermined(turned_scene):
+    scene = bare_street(turned_scene, STREET)
+    estimate = MaximumConsensus(SMALL).localize(scene.scan, scene.point_map, scene.prior(1, 2))
+    assert (estimate.status, estimate.score) == ("undetermined", 0.0)
+
+
+@both_models
+@both_multiplicities
+def test_a_street_at_31_degrees_with_a_few_surfaces_across(turned_scene, model, multiplicity):
+    scene = street_with_surfaces_across(turned_scene, STREET)
+    space = SearchSpace(0.18, CELL, 1.0, 1.0)
+    accumulator = model(scene, scene.prior(1, -2, 1.0), space, multiplicity)
+    assert_only_best(accumulator, Helmert(), (2, 3 - 2, 3 + 1))
+
+
+@both_multiplicities
+@pytest.mark.parametrize("objective", [Count(), Helmert()])
+def test_a_crossing(turned_scene, multiplicity, objective):
+    for x, y in itertools.product((-6, 6), repeat=2):
+        turned_scene.wall((x, y), (3 * x, y), turn=STREET).wall((x, y), (x, 3 * y), turn=STREET)
+    space = SearchSpace(0.3, CELL, 1.0, 1.0)
+    accumulator = by_voxels(turned_scene, turned_scene.prior(-5, 4, -1.0), space, multiplicity)
+    assert_only_best(accumulator, objective, (0, 9, 0))
+
+
+@pytest.fixture
+def uneven_street(scene):
+    """A street along x, surveyed 20 times as densely from 1.2 m before the sensor on; the scan is densest there."""
+    for y in (5.0, -6.0):
+        scene.wall((-8, y), (-1.0, y)).wall((-1.0, y), (0.2, y), scan_step=0.06)
+        scene.wall((0.2, y), (8, y))
+        scene.wall((0.2, y), (1.4, y), repeat=20, in_scan=False)
+    for x, y in ((-3.1, 5.0), (3.0, 5.0), (4.7, -6.3)):
+        scene.wall((x, y), (x, y + 0.3), scan_step=0.1)
+    return scene
+
+
+def test_uneven_map_density_draws_the_count_along_the_street_but_not_helmert(uneven_street):
+    """Figure "merged", (d) to (f), of the paper."""
+    space = SearchSpace(1.8, CELL, 0.0, 0.5)
+    middle = (0, 30, 30)
+    accumulator = by_voxels(uneven_street, uneven_street.prior(0, 0), space, "points")
+    _, iy, ix = accumulator.best_cell(Count())
+    assert iy == 30
+    assert ix > 30 + 10  # along the street, by more than 0.6 m, towards the dense part
+    assert_only_best(accumulator, Helmert(), middle)
+    free_of_density = by_voxels(uneven_street, uneven_street.prior(0, 0), space, "occupied")
+    assert_only_best(free_of_density, Count(), middle)
+    assert_only_best(free_of_density, Helmert(), middle)
+
+
+def test_pairs_too_prefer_the_dense_part_by_count_and_the_truth_by_helmert(uneven_street):
+    cells = {}
+    for name, shift in (("truth", 0), ("drawn", 20)):
+        prior = uneven_street.prior(-shift, 0)  # the only cell lies that far along the street
+        cells[name] = by_pairs(uneven_street, prior, ONE_CELL, "points")
+    score = {
+        name: {type(o): o.score(a.moments).item() for o in (Count(), Helmert())} for name, a in cells.items()
+    }
+    assert score["drawn"][Count] > 1.5 * score["truth"][Count]
+    assert score["truth"][Helmert] > 2.0 * score["drawn"][Helmert]
+
+
+# --- the paper's closed forms -------------------------------------------------------------------------
+
+
+def unit_matches(n1, n2, turn):
+    """n1 scan points on a surface with normal u, n2 on one at right angles; u at an angle to x."""
+    c, s = math.cos(turn), math.sin(turn)
+    u, v = [c, s, 0.0], [-s, c, 0.0]
+    places = [[0.09, 0.03, 0.03], [0.33, 0.03, 0.03]]
+    scan = Scan([places[0]] * n1 + [places[1]] * n2, [u] * n1 + [v] * n2)
+    return scan, places, [u, v]
+
+
+@given(st.integers(1, 40), st.integers(1, 40), st.floats(0.0, math.pi))
+@settings(max_examples=40)
+def test_unit_matches_at_right_angles(n1, n2, turn):
+    scan, places, normals = unit_matches(n1, n2, turn)
+    for accumulator in (
+        reference.pairs(scan, places, normals, HERE, ONE_CELL, threshold=CELL / 2),
+        reference.voxels(scan, PointMap.from_points(places, normals, CELL), HERE, ONE_CELL),
+    ):
+        score = float(accumulator.score(Helmert())[0, 0, 0])
+        assert score == pytest.approx(n1 * n2 / (n1 + n2), rel=1e-5)
+        if n1 == n2:
+            assert score == pytest.approx(n1 / 2, rel=1e-5)
+        assert accumulator.score(MaxEigenvalue())[0, 0, 0] == pytest.approx(min(n1, n2), rel=1e-5)
+
+
+@pytest.mark.parametrize("n2", [1, 10, 1000, 100_000])
+@pytest.mark.parametrize("turn_deg", [0.0, 31.0])
+def test_one_lone_match_across_stays_below_one(n2, turn_deg):
+    scan, places, normals = unit_matches(1, n2, math.radians(turn_deg))
+    point_map = PointMap.from_points(places, normals, CELL)
+    score = float(reference.voxels(scan, point_map, HERE, ONE_CELL).score(Helmert())[0, 0, 0])
+    assert score == pytest.approx(n2 / (n2 + 1), rel=0.02)
+    assert score < 1.0 or turn_deg != 0.0  # at 31 degrees float32 products leave 1e-7 of n2
+
+
+# --- equation (2) to the letter -----------------------------------------------------------------------
+
+
+def random_pairs(seed, n_scan, n_map, cell):
+    """Scan and map points on a grid of cell / 8, exactly representable, with normals of all directions."""
+    rng = np.random.default_rng(seed)
+    scan_points = rng.integers(-12, 13, (n_scan, 3)) * [1, 1, 0.25] * cell / 8
+    map_points = rng.integers(-24, 25, (n_map, 3)) * [1, 1, 0.25] * cell / 8
+    normals = rng.normal(size=(n_scan + n_map, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals[rng.random(len(normals)) < 0.1] = 0.0
+    return Scan(scan_points, normals[:n_scan]), map_points, normals[n_scan:]
+
+
+def triple_loop(scan, map_points, map_normals, prior, space, threshold, *, is_signed):
+    moments = np.zeros((*space.shape, 4))
+    for h, heading in enumerate(space.headings):
+        c, s = math.cos(prior.heading + heading), math.sin(prior.heading + heading)
+        for (px, py, pz), (mx, my, mz) in zip(scan.points.tolist(), scan.normals.tolist(), strict=True):
+            x, y, z = c * px - s * py + prior.x, s * px + c * py + prior.y, pz + prior.z
+            ax, ay, az = c * mx - s * my, s * mx + c * my, mz
+            for (qx, qy, qz), (nx, ny, nz) in zip(map_points.tolist(), map_normals.tolist(), strict=True):
+                cosine = ax * nx + ay * ny + az * nz
+                w = max(0.0, cosine) if is_signed else abs(cosine)
+                for iy, dy in enumerate(space.offsets):
+                    for ix, dx in enumerate(space.offsets):
+                        if max(abs(x + dx - qx), abs(y + dy - qy), abs(z - qz)) <= threshold:
+                            moments[h, iy, ix] += [1.0, w * nx * nx, w * nx * ny, w * ny * ny]
+    return moments
+
+
+@given(
+    st.integers(0, 2**32), st.integers(0, 4), st.integers(0, 6), st.sampled_from([0.5, 1.0]),
+    st.floats(-math.pi, math.pi), st.booleans(),
+)  # fmt: skip
+@settings(max_examples=40)
+def test_pairs_are_equation_2(seed, n_scan, n_map, share, heading, is_signed):
+    cell = 0.0625
+    scan, map_points, map_normals = random_pairs(seed, n_scan, n_map, cell)
+    # 0.01 off the grid, so that rounding decides nothing
+    prior = Pose(0.01, -0.01, 0.001, 0.0, 0.0, heading)
+    space = SearchSpace(3 * cell, cell, 0.5, 0.5)
+    accumulator = reference.pairs(
+        scan, map_points, map_normals, prior, space, threshold=share * cell, is_signed=is_signed
+    )
+    wanted = triple_loop(scan, map_points, map_normals, prior, space, share * cell, is_signed=is_signed)
+    np.testing.assert_array_equal(accumulator.moments[..., 0], wanted[..., 0])
+    np.testing.assert_allclose(accumulator.moments, wanted, atol=1e-6)
+
+
+def test_the_threshold_itself_still_matches():
+    cell = 0.0625
+    space = SearchSpace(2 * cell, cell, 0.0, 0.5)
+    scan = Scan([[0.0, 0.0, 0.0]], [X])
+    counts = {}
+    for share in (0.5, 1.0):
+        accumulator = reference.pairs(
+            scan, [[0.0, 0.0, share * cell]], [X], HERE, space, threshold=share * cell
+        )
+        counts[share] = accumulator.moments[0, ..., 0]
+    # l-infinity: with the cell edge a pair votes for 3 x 3 cells, with half of it for one.
+    np.testing.assert_array_equal(counts[1.0], [[0, 0, 0, 0], [0, 1, 1, 1], [0, 1, 1, 1], [0, 1, 1, 1]])
+    np.testing.assert_array_equal(counts[0.5], [[0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 0]])
+    accumulator = reference.pairs(scan, [[0.0, 0.0, 1.01 * cell]], [X], HERE, space, threshold=cell)
+    assert not accumulator.moments.any()
+
+
+@given(st.integers(0, 2**32), st.integers(0, 8), st.integers(0, 12))
+@settings(max_examples=60)
+def test_half_the_edge_is_rounding_each_pair_to_its_nearest_cell(seed, n_scan, n_map):
+    cell = 0.0625
+    scan, map_points, map_normals = random_pairs(seed, n_scan, n_map, cell)
+    prior = Pose(cell / 32, cell / 32, cell / 64, 0.0, 0.0, 0.0)  # off all ties
+    space = SearchSpace(8 * cell, cell, 0.0, 0.5)
+    accumulator = reference.pairs(scan, map_points, map_normals, prior, space, threshold=cell / 2)
+    counts = np.zeros(space.shape)
+    n_inside = 0
+    for point, q in itertools.product(scan.points + prior.position, map_points):
+        dx, dy, dz = (q - point) / cell
+        ix, iy = round(dx) + 8, round(dy) + 8
+        if abs(dz) <= 0.5 and 0 <= ix < 16 and 0 <= iy < 16:
+            counts[0, iy, ix] += 1
+            n_inside += 1
+    np.testing.assert_array_equal(accumulator.moments[..., 0], counts)
+    assert accumulator.moments[..., 0].sum() == n_inside  # one vote each
+
+
+@given(st.integers(0, 2**32), st.integers(0, 10), st.integers(1, 12))
+@settings(max_examples=40)
+def test_voxels_are_pairs_where_map_points_are_voxel_centres(seed, n_scan, n_map):
+    """The two models agree where the rasterized map has moved no point."""
+    cell = 0.0625
+    rng = np.random.default_rng(seed)
+    scan, _, normals = random_pairs(seed, n_scan, n_map, cell)
+    centres = np.unique((rng.integers(-6, 7, (n_map, 3)) * [1, 1, 0] + 0.5) * cell, axis=0)
+    repeats = rng.integers(1, 4, len(centres))
+    map_points = np.repeat(centres, repeats, axis=0)
+    map_normals = np.repeat(normals[: len(centres)], repeats, axis=0)
+    prior = Pose(cell / 32, cell / 32, cell / 64, 0.0, 0.0, 0.0)
+    space = SearchSpace(6 * cell, cell, 0.0, 0.5)
+    point_map = PointMap.from_points(map_points, map_normals, cell)
+    for multiplicity in MULTIPLICITIES:
+        pairs = reference.pairs(
+            scan, map_points, map_normals, prior, space, threshold=cell / 2, multiplicity=multiplicity
+        )
+        voxels = reference.voxels(scan, point_map, prior, space, multiplicity=multiplicity)
+        np.testing.assert_array_equal(pairs.moments[..., 0], voxels.moments[..., 0])
+        np.testing.assert_allclose(pairs.moments, voxels.moments, atol=1e-5)
+
+
+# --- what a match adds --------------------------------------------------------------------------------
+
+
+def one_match(n_scan, n_map, *, is_signed):
+    """Moments of one scan point and one map point in the same place, by both models."""
+    place = [[0.03, 0.03, 0.03]]
+    scan = Scan(place, [n_scan])
+    pairs = reference.pairs(
+        scan, place, [n_map], HERE, ONE_CELL, threshold=CELL / 2, is_signed=is_signed
+    ).moments
+    point_map = PointMap.from_points(place, [n_map], CELL, is_signed=is_signed)
+    voxels = reference.voxels(scan, point_map, HERE, ONE_CELL).moments
+    np.testing.assert_allclose(pairs, voxels, atol=1e-6)
+    return pairs[0, 0, 0]
+
+
+SLANTED = [0.6, 0.0, 0.8]
+
+
+@pytest.mark.parametrize(
+    ("n_scan", "n_map", "is_signed", "weight"),
+    [
+        (X, X, True, 1.0),
+        ([-1.0, 0.0, 0.0], X, True, 0.0),  # the back of a wall is counted but constrains nothing
+        ([-1.0, 0.0, 0.0], X, False, 1.0),
+        (SLANTED, X, True, 0.6),
+        ([-0.6, 0.0, 0.8], X, True, 0.0),
+        ([-0.6, 0.0, 0.8], X, False, 0.6),
+        (Y, X, True, 0.0),
+        (Y, X, False, 0.0),
+        ([0.0, 0.0, 0.0], X, True, 0.0),  # no scan normal
+        ([0.0, 0.0, 0.0], X, False, 0.0),
+        (X, [0.0, 0.0, 0.0], True, 0.0),  # no map normal
+    ],
+)
+def test_the_weight_is_the_cosine_between_the_normals(n_scan, n_map, is_signed, weight):
+    expected = [1.0, weight * n_map[0] ** 2, 0.0, 0.0]
+    np.testing.assert_allclose(one_match(n_scan, n_map, is_signed=is_signed), expected, atol=1e-6)
+
+
+def test_normals_are_three_dimensional():
+    """A slanted roof constrains x by the square of its level part, though both normals agree."""
+    moments = one_match(SLANTED, SLANTED, is_signed=True)
+    np.testing.assert_allclose(moments, [1.0, 0.36, 0.0, 0.0], atol=1e-6)
+    flat = one_match([0.0, 0.0, 1.0], [0.0, 0.0, 1.0], is_signed=True)
+    np.testing.assert_allclose(flat, [1.0, 0.0, 0.0, 0.0], atol=1e-12)
+
+
+def test_multiplicity_weighs_a_voxel_by_its_points_or_once():
+    places, normals = [[0.03, 0.03, 0.03]] * 7, [X] * 7
+    scan = Scan(places[:2], [SLANTED] * 2)
+    point_map = PointMap.from_points(places, normals, CELL)
+    for multiplicity, n in (("points", 14), ("occupied", 2)):
+        for moments in (
+            reference.voxels(scan, point_map, HERE, ONE_CELL, multiplicity=multiplicity).moments,
+            reference.pairs(
+                scan, places, normals, HERE, ONE_CELL, threshold=CELL / 2, multiplicity=multiplicity
+            ).moments,
+        ):
+            np.testing.assert_allclose(moments[0, 0, 0], [n, 0.6 * n, 0.0, 0.0], rtol=1e-6)
+
+
+def test_once_takes_opposite_normals_for_the_same_where_sides_mean_nothing():
+    """Map normals of no side may point either way; they must not cancel."""
+    places = [[0.03, 0.03, 0.03]] * 3
+    normals = [[0.0, 0.0, 0.0], X, [-1.0, 0.0, 0.0]]
+    scan = Scan(places[:1], [X])
+    pairs = reference.pairs(
+        scan, places, normals, HERE, ONE_CELL, threshold=CELL / 2, multiplicity="occupied", is_signed=False
+    )
+    point_map = PointMap.from_points(places, normals, CELL, is_signed=False)
+    voxels = reference.voxels(scan, point_map, HERE, ONE_CELL)
+    for accumulator in (pairs, voxels):
+        np.testing.assert_allclose(accumulator.moments[0, 0, 0], [1.0, 1.0, 0.0, 0.0], atol=1e-6)
+
+
+def test_the_prior_turns_and_raises_the_scan():
+    """Roll, pitch and z come from the prior; headings turn about the sensor (D2)."""
+    pose = Pose(10.0, -4.0, 1.5, 0.1, -0.2, 2.0)
+    place = np.array([[13.03, -2.97, 2.13]])
+    normal = np.array([[0.6, 0.0, 0.8]])
+    scan = Scan((place - pose.position) @ pose.rotation, normal @ pose.rotation)
+    prior = Pose(10.0 - 2 * CELL, -4.0 + CELL, 1.5, 0.1, -0.2, 2.0 + math.radians(0.5))
+    space = SearchSpace(4 * CELL, CELL, 1.0, 0.5)
+    for accumulator in (
+        reference.pairs(scan, place, normal, prior, space, threshold=CELL / 2),
+        reference.voxels(scan, PointMap.from_points(place, normal, CELL), prior, space),
+    ):
+        np.testing.assert_allclose(accumulator.moments[1, 4 - 1, 4 + 2], [1.0, 0.36, 0.0, 0.0], atol=1e-6)
+
+
+# --- nothing to match, and what is refused ------------------------------------------------------------
+
+
+@both_multiplicities
+def test_no_points_match_nothing(multiplicity):
+    nothing = np.empty((0, 3))
+    point_map = PointMap.from_points(nothing, nothing, CELL)
+    for scan in (Scan(nothing), Scan([[1.0, 2.0, 3.0]], [X])):
+        assert not reference.voxels(scan, point_map, HERE, SMALL, multiplicity=multiplicity).moments.any()
+        assert not reference.pairs(
+            scan, nothing, nothing, HERE, SMALL, threshold=CELL, multiplicity=multiplicity
+        ).moments.any()
+
+
+def test_what_the_definition_refuses():
+    point_map = PointMap.from_points([[0.0, 0.0, 0.0]], [X], CELL)
+    scan = Scan([[0.0, 0.0, 0.0]], [X])
+    with pytest.raises(SearchSpaceError, match=r"voxel edge, 0\.06 m, got 0\.05 m\. Build the map"):
+        reference.voxels(scan, point_map, HERE, SearchSpace(0.1, 0.05))
+    with pytest.raises(OptionError, match="Expected `multiplicity` to be 'occupied' or 'points', got 'once'"):
+        reference.voxels(scan, point_map, HERE, SMALL, multiplicity="once")
+    with pytest.raises(
+        ArrayError, match=r"`points_map` to have shape \(n, 3\), got \(3, 5\)\. Transpose it\?"
+    ):
+        reference.pairs(scan, np.zeros((3, 5)), np.zeros((3, 5)), HERE, SMALL, threshold=CELL)
+    with pytest.raises(ArrayError, match=r"unit normals in `normals_map` .*length 2 in row 1"):
+        reference.pairs(scan, np.zeros((2, 3)), [X, [2.0, 0.0, 0.0]], HERE, SMALL, threshold=CELL)

@@ -1,0 +1,255 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""MaximumConsensus, its accumulator and its estimates."""
+
+import math
+
+import numpy as np
+import pytest
+
+import maxcon
+from maxcon import (
+    Accumulator,
+    Count,
+    Estimate,
+    Helmert,
+    MaximumConsensus,
+    PointMap,
+    Pose,
+    Scan,
+    SearchSpace,
+    Status,
+)
+from maxcon.errors import ArrayError, OptionError, SearchSpaceError
+
+CELL = 0.06
+TRUTH = Pose(5.0, -3.0, 1.5, 0.01, -0.02, 0.7)
+SPACE = SearchSpace(0.6, CELL, 1.0, 0.5)
+
+
+def corner(noise_deg=0.0, seed=0):
+    """Points and normals of two walls at right angles, 60 and 40 of them scanned, in map axes."""
+    rng = np.random.default_rng(seed)
+    along_x = np.column_stack([rng.uniform(0, 12, 60), np.full(60, 4.03), rng.uniform(0, 3, 60)])
+    along_y = np.column_stack([np.full(40, 14.03), rng.uniform(-9, 3, 40), rng.uniform(0, 3, 40)])
+    normals = np.concatenate([np.tile([0.0, -1.0, 0.0], (60, 1)), np.tile([-1.0, 0.0, 0.0], (40, 1))])
+    normals += rng.normal(size=normals.shape) * math.radians(noise_deg)
+    return np.concatenate([along_x, along_y]), normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+def as_scan(points, normals, pose=TRUTH):
+    return Scan((points - pose.position) @ pose.rotation, normals @ pose.rotation)
+
+
+@pytest.fixture
+def points_and_normals():
+    return corner()
+
+
+@pytest.fixture
+def point_map(points_and_normals):
+    return PointMap.from_points(*points_and_normals, CELL)
+
+
+@pytest.fixture
+def scan(points_and_normals):
+    return as_scan(*points_and_normals)
+
+
+def prior_of(cells_x, cells_y, turn_deg):
+    return Pose(
+        TRUTH.x - cells_x * CELL, TRUTH.y - cells_y * CELL, TRUTH.z,
+        TRUTH.roll, TRUTH.pitch, TRUTH.heading - math.radians(turn_deg),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("multiplicity", ["occupied", "points"])
+@pytest.mark.parametrize("objective", [Count(), Helmert()])
+@pytest.mark.parametrize("n_threads", [1, 3])
+def test_it_finds_the_pose(scan, point_map, multiplicity, objective, n_threads):
+    method = MaximumConsensus(SPACE, objective, multiplicity, n_threads)
+    estimate = method.localize(scan, point_map, prior_of(4, -7, 0.5))
+    assert estimate.status is Status.LOCALIZED
+    assert estimate.is_localized
+    assert estimate.cell == (3, 10 - 7, 10 + 4)
+    np.testing.assert_allclose(estimate.pose.position, TRUTH.position, atol=1e-9)
+    assert estimate.pose.heading == pytest.approx(TRUTH.heading)
+    assert (estimate.pose.roll, estimate.pose.pitch) == (TRUTH.roll, TRUTH.pitch)
+
+
+def test_the_cofactor_is_the_inverse_of_n_and_the_score_that_of_its_trace(scan, point_map):
+    method = MaximumConsensus(SPACE)
+    accumulator = method.accumulate(scan, point_map, prior_of(0, 0, 0))
+    estimate = method.conclude(accumulator)
+    n_x, n_y = accumulator.moments[estimate.cell][[1, 3]]
+    assert n_x >= 38
+    assert n_y >= 58
+    np.testing.assert_allclose(estimate.cofactor, np.diag([1 / n_x, 1 / n_y]), rtol=1e-9, atol=1e-12)
+    assert estimate.score == pytest.approx(1.0 / np.trace(estimate.cofactor), rel=1e-9)
+    assert estimate.helmert_point_error == pytest.approx(math.sqrt(1 / n_x + 1 / n_y), rel=1e-9)
+    np.testing.assert_allclose(
+        accumulator.normal_matrix(estimate.cell) @ estimate.cofactor, np.eye(2), atol=1e-9
+    )
+
+
+def test_the_least_certain_direction_is_that_of_fewer_surfaces():
+    points, normals = corner()
+    keep = np.r_[0:60, 60:65]  # five points only fix x
+    estimate = MaximumConsensus(SPACE).localize(
+        as_scan(points[keep], normals[keep]), PointMap.from_points(points, normals, CELL), TRUTH
+    )
+    assert estimate.cofactor[0, 0] > 10 * estimate.cofactor[1, 1]
+
+
+def test_one_match_short_of_one_across_is_undetermined():
+    """Half a match in x: a point whose normal is turned by 60 degrees from the map's."""
+    points, normals = corner()
+    scan_normals = normals.copy()
+    scan_normals[60] = [-math.cos(math.radians(60)), -math.sin(math.radians(60)), 0.0]
+    keep = np.r_[0:61]
+    estimate = MaximumConsensus(SearchSpace(0.12, CELL, 0.0, 0.5)).localize(
+        as_scan(points[keep], scan_normals[keep]), PointMap.from_points(points, normals, CELL), TRUTH
+    )
+    assert estimate.status is Status.UNDETERMINED
+    assert np.isfinite(estimate.cofactor).all()
+    assert not estimate.is_localized
+
+
+def test_the_best_cell_on_the_rim_is_said_so(scan, point_map):
+    estimate = MaximumConsensus(SPACE).localize(scan, point_map, prior_of(-10, 0, 0))
+    assert (estimate.status, estimate.cell[2]) == (Status.AT_RIM, 0)
+    assert "Widen" in estimate.status.explanation
+    np.testing.assert_allclose(estimate.pose.position, TRUTH.position, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "prior", [prior_of(0, 0, 0).translated([1000, 0, 0]), prior_of(0, 0, 0).translated([0, 0, 99])]
+)
+def test_without_a_match_the_prior_is_given_back(scan, point_map, prior):
+    for objective in (Count(), Helmert()):
+        estimate = MaximumConsensus(SPACE, objective).localize(scan, point_map, prior)
+        assert estimate.status is Status.NO_MATCH
+        assert (estimate.pose, estimate.score) == (prior, 0.0)
+        assert np.isinf(np.diag(estimate.cofactor)).all()
+
+
+def test_an_empty_scan_or_map_matches_nothing(scan, point_map):
+    nothing = np.empty((0, 3))
+    empty = PointMap.from_points(nothing, nothing, CELL)
+    for a_scan, a_map in ((Scan(nothing), point_map), (scan, empty), (Scan(nothing), empty)):
+        assert MaximumConsensus(SPACE).localize(a_scan, a_map, TRUTH).status is Status.NO_MATCH
+
+
+def test_every_status_explains_itself():
+    for status in Status:
+        assert status.explanation.endswith((".", "?"))
+        assert status.value == str(status)
+
+
+# --- objectives of the user's own ---------------------------------------------------------------------
+
+
+class Trace:
+    """The sum of weights of level matches."""
+
+    def score(self, moments):
+        return moments[..., 1] + moments[..., 3]
+
+
+class Returns:
+    """Whatever it was given."""
+
+    def __init__(self, make):
+        self.make = make
+
+    def score(self, moments):
+        return self.make(moments)
+
+
+def test_an_objective_of_ones_own_needs_no_registration(scan, point_map):
+    estimate = MaximumConsensus(SPACE, Trace()).localize(scan, point_map, prior_of(2, 3, 0.0))
+    assert estimate.cell == (2, 10 + 3, 10 + 2)
+    assert estimate.score == pytest.approx(100.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.int64])
+def test_its_scores_may_be_of_any_type_of_number(scan, point_map, dtype):
+    objective = Returns(lambda moments: moments[..., 0].astype(dtype))
+    estimate = MaximumConsensus(SPACE, objective).localize(scan, point_map, TRUTH)
+    assert (estimate.cell, type(estimate.score)) == ((2, 10, 10), float)
+
+
+def test_scores_of_another_shape_are_refused(scan, point_map):
+    objective = Returns(lambda moments: moments[..., 0].sum(axis=0))
+    with pytest.raises(
+        ArrayError, match=r"scores of shape \(5, 20, 20\), got \(20, 20\)\. Reduce the last axis"
+    ):
+        MaximumConsensus(SPACE, objective).localize(scan, point_map, TRUTH)
+
+
+def test_nan_among_the_scores_is_refused(scan, point_map):
+    def with_nan(moments):
+        scores = moments[..., 0].copy()
+        scores[3, 2, 1] = np.nan
+        return scores
+
+    with pytest.raises(ArrayError, match=r"scores that are numbers, got NaN\. Let the objective return 0"):
+        MaximumConsensus(SPACE, Returns(with_nan)).localize(scan, point_map, TRUTH)
+
+
+# --- what is refused ----------------------------------------------------------------------------------
+
+
+def test_what_is_refused(scan, point_map):
+    with pytest.raises(OptionError, match="Expected `multiplicity` to be 'occupied' or 'points', got 'both'"):
+        MaximumConsensus(multiplicity="both")
+    with pytest.raises(SearchSpaceError, match=r"0\.06 m, got 0\.05 m"):
+        MaximumConsensus(SearchSpace(1.0, 0.05)).localize(scan, point_map, TRUTH)
+    with pytest.raises(ArrayError, match=r"`moments` to have shape \(5, 20, 20, 4\), got \(4, 20, 20, 5\)"):
+        Accumulator(np.zeros((4, 20, 20, 5)), SPACE, TRUTH)
+
+
+# --- scans --------------------------------------------------------------------------------------------
+
+
+def test_a_scan_takes_lists_and_keeps_its_normals():
+    scan = Scan([[1, 2, 3], [4, 5, 6]], [[1, 0, 0], [0, 0, 0]], time=7)
+    assert (len(scan), scan.time, scan.points.dtype) == (2, 7.0, np.float64)
+    np.testing.assert_array_equal(scan.normals, [[1, 0, 0], [0, 0, 0]])
+
+
+def test_a_scan_estimates_normals_when_asked():
+    scan = Scan(np.empty((0, 3)))
+    assert scan.normals.shape == (0, 3)
+    assert Scan([[1.0, 2.0, 3.0]]).normals.tolist() == [[0.0, 0.0, 0.0]]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((np.zeros((3, 8)),), r"`points` to have shape \(n, 3\), got \(3, 8\)\. Transpose it\?"),
+        (([[0.0, math.nan, 0.0]],), "finite coordinates in `points`, got 1 of 1 rows"),
+        ((np.zeros((2, 3)), np.zeros((1, 3))), "`normals` to have one row per point, 2, got 1"),
+        (
+            (np.zeros((1, 3)), [[1.0, 1.0, 0.0]]),
+            r"unit normals in `normals` .*got length 1\.41 in row 0\. Divide",
+        ),
+        ((np.zeros((1, 3)), None, math.nan), "finite `time` of the scan, got nan"),
+    ],
+)
+def test_scans_that_are_refused(arguments, words):
+    with pytest.raises(ArrayError, match=words):
+        Scan(*arguments)
+
+
+# --- the public face ----------------------------------------------------------------------------------
+
+
+def test_every_public_name_loads():
+    for name in maxcon.__all__:
+        assert getattr(maxcon, name) is not None
+    assert dir(maxcon) == maxcon.__all__
+    with pytest.raises(AttributeError, match="module 'maxcon' has no attribute 'Nothing'"):
+        maxcon.Nothing  # noqa: B018
+    assert maxcon.search.exhaustive is not None
+    assert Estimate is maxcon.estimate.Estimate

@@ -1,0 +1,89 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""A real drive: a map of 7.8 million points, real scans, and priors that are metres and degrees wrong."""
+
+import math
+
+import numpy as np
+import pytest
+
+from maxcon import MaximumConsensus, PointMap, Scan, SearchSpace
+from maxcon.drive import localize_drive
+from maxcon.geometry import wrap_angle
+from maxcon.io.scans import open_scans
+from maxcon.io.scans.folder import ScanFolder
+from maxcon.io.trajectories import read_trajectory
+from maxcon.mapping import MapOptions, build_map
+from maxcon.search import exhaustive, reference
+
+
+@pytest.fixture(scope="module")
+def drive_folder(shared_data):
+    folder = shared_data / "kitti-0013"
+    if not folder.is_dir():
+        pytest.skip(f"no drive at {folder}")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def city(drive_folder, tmp_path_factory):
+    out = tmp_path_factory.mktemp("real") / "city.map"
+    options = MapOptions(trajectory=read_trajectory(drive_folder / "map" / "trajectory.txt"))
+    manifest = build_map(sorted((drive_folder / "map").glob("*.laz")), out, options)
+    return manifest, PointMap.open(out)
+
+
+@pytest.fixture(scope="module")
+def every_seventh(drive_folder):
+    scans = open_scans(drive_folder / "scans")
+    chosen = slice(None, None, 7)
+    return ScanFolder(scans.paths[chosen], scans.times[chosen])
+
+
+def test_what_the_map_is_made_of(city):
+    manifest, point_map = city
+    counts = manifest.build["sources"]
+    assert sum(source["n_points"] for source in counts) > 7_000_000
+    assert sum(source["n_kept"] for source in counts) == manifest.n_points
+    assert all(source["is_classified"] and source["n_dropped"]["2"] > 100_000 for source in counts)
+    assert sum(source["n_without_side"] for source in counts) < 0.01 * manifest.n_points
+    assert point_map.is_signed
+    assert "25832" in point_map.frame.crs
+    assert 20 < len(manifest.tiles) < 200
+    _, _, normals = point_map.all_voxels()
+    assert normals.any(axis=1).mean() > 0.5  # the rest are bushes, and points alone
+
+
+def test_every_seventh_scan_is_localized(drive_folder, city, every_seventh):
+    _, point_map = city
+    prior, wanted = (
+        read_trajectory(drive_folder / f"{name}.txt") for name in ("prior_perturbed", "reference")
+    )
+    method = MaximumConsensus(n_threads=2)
+    errors, turns_deg = [], []
+    for epoch in localize_drive(point_map, every_seventh, prior, method):
+        assert epoch.status == "localized"
+        pose = wanted.at(epoch.raw.time)
+        errors.append(math.hypot(epoch.pose_global.x - pose.x, epoch.pose_global.y - pose.y))
+        turns_deg.append(abs(math.degrees(wrap_angle(epoch.pose_global.heading - pose.heading))))
+    assert len(errors) == 10
+    assert max(errors) < 0.3
+    assert max(turns_deg) < 1.0
+    assert np.median(errors) < 0.08
+
+
+@pytest.mark.parametrize("multiplicity", ["occupied", "points"])
+def test_the_search_equals_the_definition_on_a_real_scan(drive_folder, city, every_seventh, multiplicity):
+    _, point_map = city
+    raw = every_seventh.read(3)
+    whole = Scan(raw.points)
+    chosen = np.linspace(0, len(whole) - 1, 300).astype(int)
+    scan = Scan(whole.points[chosen], whole.normals[chosen])
+    pose = read_trajectory(drive_folder / "reference.txt").at(raw.time)
+    prior = point_map.frame.pose_to_local(pose)
+    space = SearchSpace(0.24, 0.06, 0.5, 0.5)
+    wanted = reference.voxels(scan, point_map, prior, space, multiplicity=multiplicity)
+    assert wanted.moments[..., 0].max() > 30
+    for n_threads in (1, 2):
+        found = exhaustive(scan, point_map, prior, space, multiplicity=multiplicity, n_threads=n_threads)
+        assert (found.moments == wanted.moments).all()
