@@ -253,3 +253,17 @@ def test_every_public_name_loads():
         maxcon.Nothing  # noqa: B018
     assert maxcon.search.exhaustive is not None
     assert Estimate is maxcon.estimate.Estimate
+
+
+@pytest.mark.parametrize("noise_deg", [0.5, 1.0, 2.0])
+def test_a_wall_with_noisy_normals_is_still_undetermined(noise_deg):
+    """Normals that are off by a degree or two must not pass for surfaces across the street."""
+    rng = np.random.default_rng(3)
+    points = np.column_stack([rng.uniform(-9, 9, 60_000), np.full(60_000, 5.01), rng.uniform(0, 4, 60_000)])
+    angles = np.radians(noise_deg) * rng.normal(size=len(points))
+    normals = np.column_stack([np.sin(angles), -np.cos(angles), np.zeros(len(points))])
+    point_map = PointMap.from_points(points, normals)
+    scan = Scan(points[:8000], normals[:8000])
+    space = SearchSpace(half_width=0.6, heading_half_width_deg=0.5)
+    estimate = MaximumConsensus(space).localize(scan, point_map, Pose(0, 0, 0, 0, 0, 0))
+    assert estimate.status is Status.UNDETERMINED

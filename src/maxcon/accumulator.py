@@ -13,7 +13,7 @@ from maxcon.geometry import Pose
 from maxcon.objectives import Moments, Objective, Scores
 from maxcon.search_space import Cell, SearchSpace
 
-__all__ = ["Accumulator"]
+__all__ = ["Accumulator", "highest"]
 
 
 @dataclass(frozen=True, slots=True)

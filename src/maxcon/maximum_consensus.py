@@ -7,12 +7,13 @@ pose; each match of a scan point with the map adds to its cell; the cell whose m
 position best is the answer.
 """
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.accumulator import Accumulator
+from maxcon.accumulator import Accumulator, highest
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
 from maxcon.objectives import SINGULAR_RATIO, Helmert, Objective
@@ -23,8 +24,10 @@ from maxcon.search_space import SearchSpace
 
 __all__ = ["MaximumConsensus"]
 
-# Less than one full match in the least determined direction does not fix a position.
+# Less than one full match in the least determined direction does not fix a position, nor does what a single
+# wall's matches add there when their normals are 3 degrees off: sin^2 of that, of each.
 LEAST_EIGENVALUE = 1.0
+LEAST_EIGENVALUE_RATIO = math.sin(math.radians(3.0)) ** 2
 
 
 @dataclass(frozen=True)
@@ -89,7 +92,7 @@ class MaximumConsensus:
     def conclude(self, accumulator: Accumulator) -> Estimate:
         """Take the best cell of an accumulator, and say what it is worth."""
         scores = accumulator.score(self.objective)
-        cell = accumulator.best_cell(self.objective)
+        cell = highest(scores, accumulator.space)
         normal_matrix = accumulator.normal_matrix(cell)
         is_determined, cofactor = _invert(normal_matrix)
         if not accumulator.moments[..., 0].any():
@@ -113,4 +116,5 @@ def _invert(normal_matrix: NDArray[np.float64]) -> tuple[bool, NDArray[np.float6
     smallest, largest = np.linalg.eigvalsh(normal_matrix)
     if smallest <= SINGULAR_RATIO * largest:
         return False, np.diag([np.inf, np.inf])
-    return bool(smallest >= LEAST_EIGENVALUE), np.asarray(np.linalg.inv(normal_matrix), dtype=np.float64)
+    is_determined = smallest >= max(LEAST_EIGENVALUE, LEAST_EIGENVALUE_RATIO * largest)
+    return bool(is_determined), np.asarray(np.linalg.inv(normal_matrix), dtype=np.float64)

@@ -13,14 +13,9 @@ from hypothesis import strategies as st
 from maxcon import Helmert, PointMap, Pose, Scan, SearchSpace
 from maxcon.errors import MapError
 from maxcon.point_map import TILE_VOXELS
-from maxcon.point_map.store import (
-    FORMAT_VERSION,
-    Manifest,
-    TileStore,
-    read_manifest,
-    write_manifest,
-    write_tile,
-)
+from maxcon.point_map import manifest as manifests
+from maxcon.point_map.manifest import FORMAT_VERSION, Manifest, read_manifest, write_manifest
+from maxcon.point_map.store import TileStore, write_tile
 from maxcon.search import exhaustive
 
 CELL = 0.06
@@ -215,14 +210,18 @@ def test_the_tile_of_another_place_is_noticed(copy):
 # --- broken manifests ---------------------------------------------------------------------------------
 
 
+def rewrite(folder, **changes):
+    """Change entries of a manifest, with a checksum that fits: as another program would write it."""
+    path = folder / "manifest.json"
+    content = {**json.loads(path.read_text()), **changes}
+    path.write_text(json.dumps({**content, "sha256": manifests._checksum(content)}))
+
+
 @pytest.mark.parametrize("version", [FORMAT_VERSION - 1, FORMAT_VERSION + 1, 99, "1", None])
 def test_another_format_version_is_refused_with_both_numbers(copy, version):
-    path = copy / "manifest.json"
-    content = json.loads(path.read_text())
-    path.write_text(json.dumps({**content, "format_version": version}))
-    with pytest.raises(
-        MapError, match=rf"map format version {FORMAT_VERSION}, got {version!r}\..* map build"
-    ):
+    rewrite(copy, format_version=version)
+    remedy = "Update maxcon" if version in (FORMAT_VERSION + 1, 99) else "map build"
+    with pytest.raises(MapError, match=rf"map format version {FORMAT_VERSION}, got {version!r}\..*{remedy}"):
         PointMap.open(copy)
 
 
@@ -325,10 +324,15 @@ def test_a_manifest_of_broken_bytes_is_read_or_refused(manifest_folder, data):
         path.write_bytes(whole)
 
 
-def test_tile_edge_of_another_program_is_refused(copy):
+def test_a_changed_digit_is_noticed(copy):
     path = copy / "manifest.json"
-    content = json.loads(path.read_text())
-    path.write_text(json.dumps({**content, "tile_voxels": 2 * TILE_VOXELS}))
+    path.write_text(path.read_text().replace('"cell": 0.', '"cell": 1.'))
+    with pytest.raises(MapError, match=r"manifest\.json to be as it was written, got another checksum"):
+        PointMap.open(copy)
+
+
+def test_tile_edge_of_another_program_is_refused(copy):
+    rewrite(copy, tile_voxels=2 * TILE_VOXELS)
     with pytest.raises(MapError, match=r"broken entry: .*tile_voxels 1024"):
         PointMap.open(copy)
 
@@ -336,8 +340,6 @@ def test_tile_edge_of_another_program_is_refused(copy):
 @pytest.mark.parametrize("value", ["false", 0, None])
 def test_whether_normals_have_sides_is_said_plainly(copy, value):
     """A text "false" must not read as true: it would silently drop every match seen from behind."""
-    path = copy / "manifest.json"
-    content = json.loads(path.read_text())
-    path.write_text(json.dumps({**content, "is_signed": value}))
+    rewrite(copy, is_signed=value)
     with pytest.raises(MapError, match=r"broken entry: .*is_signed"):
         PointMap.open(copy)

@@ -10,7 +10,7 @@ import typer
 from maxcon.cli.progress import step_bars
 
 if TYPE_CHECKING:
-    from maxcon.point_map.store import Manifest
+    from maxcon.point_map.manifest import Manifest
 
 __all__ = ["app"]
 
@@ -88,7 +88,8 @@ def info(
     ] = False,
 ) -> None:
     """Print what a map is made of."""
-    from maxcon.point_map.store import TileStore, read_manifest
+    from maxcon.point_map.manifest import read_manifest
+    from maxcon.point_map.store import TileStore
 
     manifest = read_manifest(path)
     _describe(manifest)

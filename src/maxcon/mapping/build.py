@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from maxcon.atomic import atomic_folder, check_replaceable
 from maxcon.errors import ArrayError, MapError, OptionError
@@ -22,13 +21,15 @@ from maxcon.mapping.sources import (
     SourceCounts,
     check_sides,
     common_crs,
+    first_point,
     open_headers,
     read_source,
 )
 from maxcon.mapping.spill import TileSpill
 from maxcon.mapping.tiles import TileMaker
-from maxcon.point_map import TileKey
-from maxcon.point_map.store import MAP_NAMES, Manifest, TileEntry, write_manifest, write_tile
+from maxcon.point_map import TILE_VOXELS, TileKey
+from maxcon.point_map.manifest import MAP_NAMES, Manifest, TileEntry, write_manifest
+from maxcon.point_map.store import write_tile
 from maxcon.trajectory import Trajectory
 from maxcon.version import __version__
 
@@ -36,9 +37,6 @@ __all__ = ["MapOptions", "build_map"]
 
 Progress = Callable[[str, int, int], None]
 """Called with the step's name, how many points or tiles are done, and of how many."""
-
-# The local frame begins at a round number south-west of the first points (m).
-ORIGIN_STEP = 100.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +130,8 @@ def build_map(
         spill = TileSpill(spill_folder, options.cell)
         has_sides = options.trajectory is not None or options.normals_have_sides
         use_normals = has_sides and all(header.has_normals for header in headers)
-        origin, counts = _sort_into_tiles(headers, spill, drop, options, use_normals, report)
+        origin = _origin(headers, options.cell)
+        counts = _sort_into_tiles(headers, origin, spill, drop, options, use_normals, report)
         is_signed = options.trajectory is not None or use_normals
         maker = TileMaker(spill, spill_folder, options.cell, has_normals=use_normals, is_signed=is_signed)
         entries = _make_tiles(folder, maker, spill.keys, n_threads or os.cpu_count() or 1, report)
@@ -158,27 +157,35 @@ def _check_contents(headers: Sequence[CloudHeader], options: MapOptions) -> None
             )
 
 
+def _origin(headers: Sequence[CloudHeader], cell: float) -> tuple[float, float, float]:
+    """Return the origin of the local frame: a tile's corner near the points, whatever the order of the sources.
+
+    Origins are whole tiles apart, so that maps of one cell edge share their voxels.
+    """
+    edge = TILE_VOXELS * cell
+    lowest = np.min([first_point(header) for header in headers], axis=0)
+    x, y, z = (np.floor(lowest / edge) * edge if np.isfinite(lowest).all() else np.zeros(3)).tolist()
+    return x, y, z
+
+
 def _sort_into_tiles(
     headers: Sequence[CloudHeader],
+    origin: tuple[float, float, float],
     spill: TileSpill,
     drop: frozenset[int],
     options: MapOptions,
     use_normals: bool,
     report: Progress,
-) -> tuple[tuple[float, float, float], list[SourceCounts]]:
-    """Read all sources into the spill; return the origin of the local frame and what was read."""
+) -> list[SourceCounts]:
+    """Read all sources into the spill; return what was read."""
     counts = [SourceCounts(header.path.name) for header in headers]
     n_total = sum(header.n_points for header in headers)
-    origin = None
     for header, counted in zip(headers, counts, strict=True):
         for part in read_source(header, counted, drop, options.trajectory, use_normals=use_normals):
-            if origin is None and len(part.points):
-                origin = np.floor(part.points.min(axis=0) / ORIGIN_STEP) * ORIGIN_STEP
-            if origin is not None:
-                _add(spill, part, origin, header, options.cell)
+            _add(spill, part, origin, header, options.cell)
             report("reading points", sum(source.n_points for source in counts), n_total)
     spill.flush()
-    if origin is None:
+    if not spill.keys:
         n_read = sum(source.n_points for source in counts)
         n_invalid = sum(source.n_invalid for source in counts)
         raise MapError(
@@ -188,12 +195,15 @@ def _sort_into_tiles(
         )
     if options.trajectory is not None:
         check_sides(counts, options.trajectory)
-    x, y, z = origin.tolist()
-    return (x, y, z), counts
+    return counts
 
 
 def _add(
-    spill: TileSpill, part: SidedPoints, origin: NDArray[np.float64], header: CloudHeader, cell: float
+    spill: TileSpill,
+    part: SidedPoints,
+    origin: tuple[float, float, float],
+    header: CloudHeader,
+    cell: float,
 ) -> None:
     try:
         spill.add(part.points - origin, part.sides)

@@ -17,10 +17,20 @@ from maxcon.io.crs import metric_crs, same_crs
 from maxcon.mapping.classes import UNCLASSIFIED
 from maxcon.trajectory import Trajectory
 
-__all__ = ["SidedPoints", "SourceCounts", "common_crs", "open_headers", "read_source"]
+__all__ = [
+    "SidedPoints",
+    "SourceCounts",
+    "check_sides",
+    "common_crs",
+    "first_point",
+    "open_headers",
+    "read_source",
+]
 
 # Farther from any pose of the trajectory than this, a point's sensor position is not known (s).
 LARGEST_TIME_GAP = 0.5
+# Among so many at the start of a source its first finite point is looked for.
+FIRST_POINTS = 1000
 
 
 @dataclass(slots=True)
@@ -67,6 +77,15 @@ def open_headers(paths: Sequence[str | os.PathLike[str]]) -> list[CloudHeader]:
         with open_cloud(file) as reader:
             headers.append(reader.header)
     return headers
+
+
+def first_point(header: CloudHeader) -> NDArray[np.float64]:
+    """First point of a source with finite coordinates, shape (3,), global, m; infinity if none is near the start."""
+    with open_cloud(header.path) as reader:
+        for chunk in reader.chunks(FIRST_POINTS):
+            finite = chunk.points[np.isfinite(chunk.points).all(axis=1)]
+            return finite[0] if len(finite) else np.full(3, np.inf)
+    return np.full(3, np.inf)
 
 
 def common_crs(headers: Sequence[CloudHeader], crs: str | None) -> str | None:

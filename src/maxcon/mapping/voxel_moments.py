@@ -51,7 +51,7 @@ class VoxelMoments:
 
     @property
     def keys(self) -> NDArray[np.int64]:
-        """Z LAYER + y ROW + x of each voxel, ascending."""
+        """Number z * LAYER + y * ROW + x of each voxel, ascending."""
         return voxel_keys(self.indices)
 
     @classmethod

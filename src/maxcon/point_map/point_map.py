@@ -116,7 +116,8 @@ class PointMap:
         MapError
             If it is not a map, is of another format version, or its manifest is broken.
         """
-        from maxcon.point_map.store import TileStore, read_manifest
+        from maxcon.point_map.manifest import read_manifest
+        from maxcon.point_map.store import TileStore
 
         manifest = read_manifest(path)
         store = TileStore(path, manifest, cache_bytes=cache_bytes)

@@ -135,7 +135,7 @@ def voxels(
 def _weights(
     normals_scan: NDArray[np.floating], normals_map: NDArray[np.floating], is_signed: bool
 ) -> NDArray[np.floating]:
-    """W = max(0, n_scan . n_map), the diagonal of P; |n_scan . n_map| where the map has no side (D5)."""
+    """Weights max(0, n_scan . n_map), the diagonal of P; |n_scan . n_map| where the map has no side (D5)."""
     cosines = (normals_scan * normals_map).sum(axis=1)
     weights: NDArray[np.floating] = np.maximum(0.0, cosines) if is_signed else np.abs(cosines)
     return weights

@@ -1,0 +1,176 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""The manifest of a map on disk: what it is made of, and how that is read and written (D10)."""
+
+import hashlib
+import json
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from maxcon.errors import MapError
+from maxcon.point_map.tile import TILE_VOXELS, TileKey
+
+__all__ = [
+    "FORMAT",
+    "FORMAT_VERSION",
+    "MAP_NAMES",
+    "REBUILD",
+    "Manifest",
+    "TileEntry",
+    "read_manifest",
+    "write_manifest",
+]
+
+FORMAT = "maxcon map"
+FORMAT_VERSION = 1
+MANIFEST = "manifest.json"
+MAP_NAMES = (MANIFEST, "tiles")
+"""All that the folder of a map holds."""
+REBUILD = "Build the map again with `maxcon map build`."
+
+
+@dataclass(frozen=True, slots=True)
+class TileEntry:
+    """What the manifest knows of a tile."""
+
+    key: TileKey
+    n_voxels: int
+    n_points: int
+    sha256: str
+
+
+@dataclass(frozen=True, slots=True)
+class Manifest:
+    """What a map is made of; `maxcon map info` prints it.
+
+    Parameters
+    ----------
+    cell : float
+        Voxel edge, m.
+    origin : tuple of 3 float
+        Global coordinates of the local frame's origin, m.
+    crs : str or None
+        WKT.
+    is_signed : bool
+        Whether normals are turned to the sensor's side.
+    tiles : tuple of TileEntry
+        One per tile file.
+    build : mapping
+        How it was made: sources, points read and dropped, the program's version.
+    """
+
+    cell: float
+    origin: tuple[float, float, float]
+    crs: str | None
+    is_signed: bool
+    tiles: tuple[TileEntry, ...]
+    build: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def n_points(self) -> int:
+        """Points in all voxels."""
+        return sum(tile.n_points for tile in self.tiles)
+
+    @property
+    def n_voxels(self) -> int:
+        """Occupied voxels."""
+        return sum(tile.n_voxels for tile in self.tiles)
+
+
+def write_manifest(folder: Path, manifest: Manifest) -> None:
+    """Write the manifest: the last step of a build."""
+    content = {
+        "format": FORMAT,
+        "format_version": FORMAT_VERSION,
+        "tile_voxels": TILE_VOXELS,
+        **asdict(manifest),
+    }
+    content["sha256"] = _checksum(content)
+    (folder / MANIFEST).write_text(json.dumps(content, indent=1) + "\n")
+
+
+def _checksum(content: Mapping[str, Any]) -> str:
+    """SHA-256 of all entries of a manifest but itself, in a form that spaces and order do not change."""
+    entries = {name: value for name, value in content.items() if name != "sha256"}
+    return hashlib.sha256(json.dumps(entries, sort_keys=True).encode()).hexdigest()
+
+
+def read_manifest(path: str | os.PathLike[str]) -> Manifest:
+    """Read the manifest of a map.
+
+    Raises
+    ------
+    MapError
+        If `path` is not a map, its format version is another, or its manifest is broken.
+    """
+    file = Path(path) / MANIFEST
+    try:
+        content = json.loads(file.read_text())
+        checksum = _checksum(content) if isinstance(content, dict) else None
+    except (FileNotFoundError, NotADirectoryError):
+        what = "a file" if Path(path).is_file() else "no such folder"
+        what = f"no {MANIFEST} in it" if Path(path).is_dir() else what
+        raise MapError(
+            f"Expected {path} to be a map, got {what}. Build one with `maxcon map build`."
+        ) from None
+    except OSError as error:
+        raise MapError(
+            f"Expected to be able to read {file}, got: {error.strerror}. Check the path and its permissions."
+        ) from None
+    except (ValueError, RecursionError) as error:
+        raise MapError(f"Expected {file} to be the manifest of a map, got: {error}. {REBUILD}") from None
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise MapError(f"Expected {file} to say it is a {FORMAT}, but it does not. {REBUILD}")
+    version = content.get("format_version")
+    if version != FORMAT_VERSION:
+        is_newer = isinstance(version, int) and version > FORMAT_VERSION
+        raise MapError(
+            f"Expected {path} to have map format version {FORMAT_VERSION}, got {version!r}."
+            f" {'Update maxcon, or build the map again with this version.' if is_newer else REBUILD}"
+        )
+    if content.get("sha256") != checksum:
+        raise MapError(f"Expected {file} to be as it was written, got another checksum. {REBUILD}")
+    try:
+        return _parse_manifest(content)
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        words = f"no {error}" if isinstance(error, KeyError) else f"a broken entry: {error}"
+        raise MapError(f"Expected a whole manifest in {file}, got {words}. {REBUILD}") from None
+
+
+def _parse_manifest(content: Mapping[str, Any]) -> Manifest:
+    cell = float(content["cell"])
+    x, y, z = (float(value) for value in content["origin"])
+    if not (cell > 0.0 and all(map(math.isfinite, (cell, x, y, z)))):
+        raise ValueError(f"cell {cell}, origin {(x, y, z)}")
+    if content["tile_voxels"] != TILE_VOXELS:
+        raise ValueError(f"tile_voxels {content['tile_voxels']}")
+    crs = content["crs"]
+    if not (crs is None or isinstance(crs, str)):
+        raise TypeError("crs")
+    if not isinstance(content["is_signed"], bool):
+        raise TypeError("is_signed")
+    tiles = []
+    for entry in content["tiles"]:
+        key_x, key_y = (int(value) for value in entry["key"])
+        tiles.append(
+            TileEntry((key_x, key_y), int(entry["n_voxels"]), int(entry["n_points"]), str(entry["sha256"]))
+        )
+    if not tiles:
+        raise ValueError("no tiles")
+    build = dict(content["build"])
+    _check_sources(build.get("sources", []))
+    return Manifest(cell, (x, y, z), crs, bool(content["is_signed"]), tuple(tiles), build)
+
+
+def _check_sources(sources: Sequence[Mapping[str, Any]]) -> None:
+    for source in sources:
+        numbers = [source[name] for name in ("n_points", "n_kept", "n_invalid", "n_without_side")]
+        numbers += [number for pair in source["n_dropped"].items() for number in (int(pair[0]), pair[1])]
+        if not (isinstance(source["name"], str) and isinstance(source["is_classified"], bool)):
+            raise TypeError("sources")
+        if not all(isinstance(number, int) for number in numbers):
+            raise TypeError("sources")
