@@ -10,6 +10,7 @@ from maxcon.io.clouds import CLOUD_SUFFIXES, open_cloud
 
 def test_other_suffixes_are_refused_with_a_list_of_what_is_read(tmp_path):
     for name in ("a.xyz", "a", "a.e57"):
+        (tmp_path / name).write_text("0 0 0")
         with pytest.raises(FileError, match=r"suffix \.las, \.laz, \.ply, \.npz, got .*a.* Convert"):
             open_cloud(tmp_path / name)
 

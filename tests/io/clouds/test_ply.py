@@ -176,7 +176,7 @@ HEAD = "ply\nformat ascii 1.0\n"
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ("", "begin with the line 'ply'"),
+        ("", "got an empty file"),
         ("plx\n", "begin with the line 'ply'"),
         ("ply\nformat ascii 1.0\nelement vertex 1\n", "ends with 'end_header'"),
         ("ply\n" + "comment\n" * 40_000, "ends with 'end_header'"),

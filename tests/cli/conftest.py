@@ -1,0 +1,164 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""A small drive and its map, the command line in this process and in one of its own, and what an error is."""
+
+import os
+import signal
+import subprocess
+import sys
+import warnings
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from maxcon.cli import main
+from maxcon.io.trajectories import read_trajectory
+from maxcon.mapping import MapOptions, build_map
+from maxcon.simulation import ProfileScanner, SimulatedDataset, simulate
+
+SCRIPT = "from maxcon.cli import main; main()"
+THIN_PROFILES = tuple(
+    ProfileScanner(turn_deg=turn, line_rate=25.0, points_per_line=300) for turn in (45.0, -45.0)
+)
+
+
+class Ended(NamedTuple):
+    """How a command ended."""
+
+    code: int
+    out: str
+    err: str
+
+
+class Drive(NamedTuple):
+    """A simulated drive of four epochs, and the map of its city."""
+
+    dataset: SimulatedDataset
+    city: str
+    reference: object
+
+
+@pytest.fixture(scope="session")
+def drive(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("drive")
+    dataset = simulate(
+        folder / "dataset", n_epochs=4, seed=3, before=30.0, after=20.0, mapping_scanners=THIN_PROFILES
+    )
+    options = MapOptions(trajectory=read_trajectory(dataset.map_trajectory), vehicle_classes=(64,))
+    build_map(dataset.map_clouds, folder / "city.map", options)
+    return Drive(dataset, str(folder / "city.map"), read_trajectory(dataset.reference))
+
+
+@pytest.fixture
+def maxcon(monkeypatch, capfd):
+    """Run the command line in this process; a Python warning is a failure: its lines would stand on stderr."""
+    signals = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["maxcon", *map(str, arguments)])
+        capfd.readouterr()
+        code = 0
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            try:
+                main()
+            except SystemExit as ended:
+                code = ended.code or 0
+        return Ended(code, *capfd.readouterr())
+
+    yield run
+    for number, handler in signals.items():
+        signal.signal(number, handler)
+
+
+@pytest.fixture(scope="session")
+def maxcon_process():
+    """Start the command line in a process of its own."""
+
+    def start(*arguments, script=SCRIPT, **options):
+        command = [sys.executable, "-c", script, *map(str, arguments)]
+        environment = {**os.environ, "COLUMNS": "100", **options.pop("env", {})}
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        return subprocess.Popen(command, env=environment, **{**pipes, **options})
+
+    return start
+
+
+@pytest.fixture(scope="session")
+def maxcon_in_process_of_its_own(maxcon_process):
+    """Run the command line in a process of its own, to its end."""
+
+    def run(*arguments, **options):
+        with maxcon_process(*arguments, **options) as process:
+            out, err = process.communicate(timeout=120)
+        return Ended(process.returncode, out, err)
+
+    return run
+
+
+@pytest.fixture
+def refused():
+    """Check that a command ended as bad input does: exit code 2, and one line that says `words`."""
+
+    def check(ended, *words):
+        assert ended.code == 2, ended
+        assert ended.out == ""
+        assert ended.err.startswith("maxcon: "), ended.err
+        assert ended.err.endswith(".\n") or ended.err.endswith("?\n") or "pip install" in ended.err, ended.err
+        assert ended.err.count("\n") == 1, ended.err
+        assert "Traceback" not in ended.err
+        for word in words:
+            assert str(word) in ended.err, f"{word!r} is not in: {ended.err}"
+
+    return check
+
+
+@pytest.fixture
+def street():
+    """Points of two walls, shape (n, 3), in global coordinates of UTM, m."""
+    rng = np.random.default_rng(1)
+    along, up = rng.uniform(0.0, 8.0, (2, 3000))
+    points = np.column_stack([along, np.where(np.arange(3000) % 2, 0.03, 6.03), up])
+    points[:500, :2] = points[:500, 1::-1]
+    return points + [550_000.0, 5_802_000.0, 60.0]
+
+
+@pytest.fixture
+def street_npz(tmp_path, street):
+    path = tmp_path / "street.npz"
+    np.savez(path, points=street)
+    return path
+
+
+@pytest.fixture
+def write_las(tmp_path, street):
+    """Write the street as LAS or LAZ, with a CRS or none."""
+    import laspy
+    import pyproj
+
+    def write(name="street.laz", crs="EPSG:25832", classes=6):
+        header = laspy.LasHeader(point_format=6, version="1.4")
+        header.offsets, header.scales = np.floor(street.min(axis=0)), np.full(3, 0.001)
+        if crs is not None:
+            header.add_crs(pyproj.CRS.from_user_input(crs))
+        las = laspy.LasData(header)
+        las.x, las.y, las.z = street.T
+        las.classification = np.full(len(street), classes, np.uint8)
+        las.gps_time = np.linspace(100.0, 110.0, len(street))
+        las.write(tmp_path / name)
+        return tmp_path / name
+
+    return write
+
+
+@pytest.fixture
+def truncated():
+    """Cut a file to a part of its length."""
+
+    def cut(path, part=0.6):
+        content = path.read_bytes()
+        path.write_bytes(content[: int(part * len(content))])
+        return path
+
+    return cut

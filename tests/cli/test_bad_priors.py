@@ -1,0 +1,120 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""`localize` with priors that cannot be used: one line, and no table."""
+
+import pytest
+
+
+@pytest.fixture
+def rows(drive):
+    """The prior's rows of numbers, as text."""
+    return [line.split() for line in drive.dataset.prior.read_text().splitlines() if not line.startswith("#")]
+
+
+@pytest.fixture
+def not_localized(maxcon, refused, drive, tmp_path):
+    """Check that localizing with a prior is refused with these words, and that nothing was written."""
+
+    def check(content, *words, name="prior.txt", options=()):
+        path = tmp_path / name
+        if content is not None:
+            path.write_text(
+                content if isinstance(content, str) else "".join(f"{' '.join(row)}\n" for row in content)
+            )
+        out = tmp_path / "out"
+        out.mkdir(exist_ok=True)
+        outputs = ("-o", out / "poses.csv", "--tum", out / "poses.txt", "--plot", out / "pictures")
+        refused(
+            maxcon("localize", drive.city, drive.dataset.scans, "--prior", path, *outputs, *options), *words
+        )
+        assert list(out.iterdir()) == []
+
+    return check
+
+
+def test_no_file(not_localized, tmp_path):
+    not_localized(None, tmp_path / "prior.txt", "no such file", "Check the path")
+
+
+def test_an_empty_file(not_localized, tmp_path):
+    not_localized("", tmp_path / "prior.txt", "at least one pose")
+    not_localized("# only a comment\n", "at least one pose")
+    not_localized("", tmp_path / "prior.csv", "at least one pose", name="prior.csv")
+
+
+def test_wrong_suffix(not_localized, rows):
+    not_localized(rows, "prior.json", ".txt, .tum or .csv", "Rename it", name="prior.json")
+
+
+def test_a_zero_quaternion(not_localized, rows, tmp_path):
+    rows[1][4:] = "0000"
+    not_localized(rows, f"{tmp_path / 'prior.txt'}, line 2", "unit quaternion", "length 0")
+
+
+def test_times_out_of_order(not_localized, rows, tmp_path):
+    not_localized(rows[::-1], f"{tmp_path / 'prior.txt'}, line 2", "increase", "Sort")
+    not_localized([rows[0], rows[0]], "line 2", "increase")
+
+
+def test_numbers_that_are_none(not_localized, rows, tmp_path):
+    for text in ("nan", "inf", "x", "1,5"):
+        not_localized([[rows[0][0], text, *rows[0][2:]]], f"{tmp_path / 'prior.txt'}, line 1", repr(text))
+    not_localized([rows[0][:7]], "line 1", "8 columns", "got 7")
+
+
+def test_a_csv_without_the_columns(not_localized):
+    not_localized("time,lat,lon\n1,2,3\n", "prior.csv", "time,x,y,z,roll,pitch,heading", name="prior.csv")
+
+
+def test_a_binary_file(not_localized, tmp_path):
+    (tmp_path / "prior.txt").write_bytes(b"\xff\xfe" + bytes(range(256)) * 100)
+    not_localized(None, tmp_path / "prior.txt", "text")
+
+
+def test_times_that_do_not_overlap(not_localized, rows):
+    for row in rows:
+        row[0] = str(float(row[0]) + 1e9)
+    not_localized(rows, "386400.000", "same clock", "--times")
+
+
+def test_a_prior_outside_the_map(not_localized, rows):
+    for row in rows:
+        row[2] = str(float(row[2]) - 1_000_000)
+    not_localized(rows, "inside the map", "y 5801", "same CRS")
+
+
+def test_a_prior_far_beyond_any_map(not_localized, rows):
+    for row in rows:
+        row[1] = "1e300"
+    not_localized(rows, "inside the map")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--half-width", "1"), ("multiple", "1.02 m")),
+        (("--half-width", "-3"), ("half width >= 0", "-3")),
+        (("--half-width", "nan"), ("nan",)),
+        (("--half-width", "60000"), ("cells", "Narrow")),
+        (("--heading-half-width-deg", "-1"), ("-1",)),
+        (("--heading-half-width-deg", "0.7"), ("multiple", "1 degrees")),
+        (("--heading-step-deg", "0"), ("step > 0",)),
+        (("--heading-step-deg", "-0.5"), ("step > 0",)),
+        (("--min-range", "-1"), ("min_range", "-1")),
+        (("--min-range", "5", "--max-range", "4"), ("5.0 m and 4.0 m",)),
+        (("--max-range", "nan"), ("nan",)),
+        (("--max-gap", "-1"), ("max_gap", "-1")),
+        (("--plot-epochs", "nonsense"), ("--plot-epochs", "0 to 3", "'nonsense'")),
+        (("--plot-epochs", "4"), ("--plot-epochs", "0 to 3", "'4'")),
+        (("--plot-epochs", "2-1"), ("--plot-epochs", "'2-1'")),
+    ],
+    ids=lambda value: " ".join(value) if value[0].startswith("--") else "",
+)
+def test_options_with_impossible_numbers(not_localized, rows, options, words):
+    not_localized(rows, *words, options=options)
+
+
+def test_epochs_to_plot_without_a_folder(maxcon, refused, drive, tmp_path):
+    arguments = ("--prior", drive.dataset.prior, "-o", tmp_path / "poses.csv", "--plot-epochs", "0")
+    refused(maxcon("localize", drive.city, drive.dataset.scans, *arguments), "--plot DIR")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,170 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""`maxcon localize`: tables, pictures, options, and drives that are localized in part."""
+
+import csv
+
+import numpy as np
+import pytest
+
+from maxcon.cli.localize import parse_epochs
+from maxcon.errors import OptionError
+from maxcon.io.trajectories import read_trajectory
+
+POSE = ("x", "y", "z", "roll", "pitch", "heading")
+
+
+def _rows(path):
+    with path.open() as file:
+        return list(csv.DictReader(file))
+
+
+def _without_ms(path):
+    return [line.rpartition(",")[0] for line in path.read_text().splitlines()]
+
+
+@pytest.fixture
+def localize(maxcon, drive, tmp_path):
+    """Localize the drive into poses.csv; `prior` replaces its priors."""
+
+    def run(*options, prior=None, out="poses.csv"):
+        prior = prior or drive.dataset.prior
+        return maxcon(
+            "localize", drive.city, drive.dataset.scans, "--prior", prior, "-o", tmp_path / out, *options
+        )
+
+    return run
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--objective", "count"),
+        ("--objective", "max-eigenvalue"),
+        ("--multiplicity", "points"),
+        ("--half-width", "2.7", "--heading-half-width-deg", "3", "--heading-step-deg", "1"),
+        ("--min-range", "3", "--max-range", "60"),
+    ],
+    ids=lambda options: " ".join(options[:2]),
+)
+def test_options_of_the_search(localize, drive, tmp_path, options):
+    ended = localize(*options)
+    assert (ended.code, ended.err) == (0, ""), ended
+    found = read_trajectory(tmp_path / "poses.csv")
+    np.testing.assert_array_equal(found.times, drive.reference.times)
+    assert np.abs(found.positions[:, :2] - drive.reference.positions[:, :2]).max() < 0.2
+
+
+def test_the_answer_does_not_depend_on_the_threads(localize, tmp_path):
+    for threads in (1, 2):
+        assert localize("--threads", threads, out=f"{threads}.csv").code == 0
+    assert _without_ms(tmp_path / "1.csv") == _without_ms(tmp_path / "2.csv")
+
+
+def test_scores_are_those_of_the_objective(localize, tmp_path):
+    localize("--objective", "count", "--multiplicity", "points", out="count.csv")
+    scores = [float(row["score"]) for row in _rows(tmp_path / "count.csv")]
+    assert all(score == int(score) and score > 500 for score in scores)
+
+
+def test_an_existing_table_is_replaced(localize, tmp_path):
+    (tmp_path / "poses.csv").write_text("old")
+    assert localize().code == 0
+    assert len(_rows(tmp_path / "poses.csv")) == 4
+
+
+def test_epochs_without_an_answer_have_no_pose_and_end_with_1(localize, drive, tmp_path):
+    lines = drive.dataset.prior.read_text().splitlines()
+    header = [line for line in lines if line.startswith("#")]
+    first, _, third, fourth = (line for line in lines if not line.startswith("#"))
+    time, x, *others = third.split()
+    outside = " ".join([time, str(float(x) + 10_000.0), *others])
+    prior = tmp_path / "prior.txt"
+    prior.write_text("\n".join([*header, first, outside, fourth]) + "\n")
+    ended = localize("--tum", tmp_path / "found.tum", prior=prior)
+    assert (ended.code, ended.err) == (1, "")
+    assert ended.out.startswith("2 of 4 epochs localized, median ")
+    assert "\n1 no prior: The prior trajectory has no pose" in ended.out
+    assert "\n1 outside the map: The prior lies outside the map.\n" in ended.out
+    rows = _rows(tmp_path / "poses.csv")
+    assert [row["status"] for row in rows] == ["localized", "no prior", "outside the map", "localized"]
+    for row in rows:
+        is_empty = {row[name] == "" for name in POSE}
+        assert is_empty == {row["status"] != "localized"}
+        assert row["time"] != "" and row["ms"] != ""
+    for found in (tmp_path / "poses.csv", tmp_path / "found.tum"):
+        np.testing.assert_allclose(read_trajectory(found).times, drive.reference.times[[0, 3]], atol=1e-6)
+
+
+def test_no_epoch_localized_writes_a_table_and_no_trajectory(localize, drive, tmp_path):
+    ended = localize("--min-range", "119.99", "--max-range", "120", "--tum", tmp_path / "found.tum")
+    assert (ended.code, ended.err) == (1, "")
+    assert ended.out.startswith("0 of 4 epochs localized")
+    assert "\n4 no points: The scan has no point within the range limits.\n" in ended.out
+    assert [row["score"] for row in _rows(tmp_path / "poses.csv")] == [""] * 4
+    assert not (tmp_path / "found.tum").exists()
+    assert ended.out.endswith("found.tum is not written\n")
+
+
+def test_a_prior_at_the_wrong_height_matches_nothing(localize, drive, tmp_path):
+    lines = drive.dataset.prior.read_text().splitlines()
+    rows = [line.split() for line in lines if not line.startswith("#")]
+    prior = tmp_path / "high.txt"
+    prior.write_text("".join(f"{' '.join([*row[:3], '500', *row[4:]])}\n" for row in rows))
+    ended = localize(prior=prior)
+    assert ended.code == 1
+    assert "\n4 no match: No scan point matched the map" in ended.out
+
+
+def test_a_space_too_small_for_the_prior_is_told(localize):
+    ended = localize("--half-width", "0.12", "--heading-half-width-deg", "0")
+    assert ended.code == 1
+    assert "at the rim: The best cell lies on the rim of the search space" in ended.out
+
+
+def test_prior_as_csv_and_times_from_a_file(localize, maxcon, drive, tmp_path):
+    assert localize().code == 0
+    times = tmp_path / "clock.txt"
+    times.write_text((drive.dataset.scans / "times.txt").read_text())
+    ended = localize("--times", times, prior=tmp_path / "poses.csv", out="again.csv")
+    assert ended.code == 0
+    again, first = (read_trajectory(tmp_path / name) for name in ("again.csv", "poses.csv"))
+    assert np.abs(again.positions - first.positions).max() < 0.0601
+
+
+def test_pictures(localize, tmp_path):
+    pictures = tmp_path / "new" / "pictures"
+    ended = localize("--plot", pictures, "--plot-epochs", "0,2-2")
+    assert (ended.code, ended.err) == (0, "")
+    assert sorted(path.name for path in pictures.iterdir()) == ["000000.png", "000002.png"]
+    for path in pictures.iterdir():
+        assert path.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+        assert path.stat().st_size > 20_000
+
+
+@pytest.mark.parametrize(
+    ("text", "n_epochs", "wanted"),
+    [
+        ("0", 1, {0}),
+        ("0,2", 3, {0, 2}),
+        (" 1 , 0-1", 3, {0, 1}),
+        ("all", 3, {0, 1, 2}),
+        ("ALL", 2, {0, 1}),
+        (None, 3, {0, 1, 2}),
+        (None, 40, set(range(0, 40, 4))),
+        (None, 41, set(range(0, 41, 5))),
+        ("3-5,4", 6, {3, 4, 5}),
+    ],
+)
+def test_lists_of_epochs(text, n_epochs, wanted):
+    assert parse_epochs(text, n_epochs) == wanted
+
+
+@pytest.mark.parametrize(
+    "text", ["", ",", "-1", "1-", "2-1", "9", "0-9", "1.5", "one", "²", "0;1", "9" * 5000, "0-1-2"]
+)
+def test_lists_of_epochs_that_are_none(text):
+    with pytest.raises(
+        OptionError, match=r"--plot-epochs to list epochs from 0 to 3, such as 0,5,10-20, or all"
+    ):
+        parse_epochs(text, 4)

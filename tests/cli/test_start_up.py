@@ -1,0 +1,86 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""What is loaded at the start, help, version, and mistyped commands."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import maxcon as package
+
+HEAVY = (
+    "numpy numba scipy pyarrow laspy lazrs pyproj matplotlib jinja2 embreex trimesh pypcd4 rich.progress rich.table"
+    " asyncio multiprocessing"
+)
+COMMANDS = (("map",), ("map", "build"), ("map", "info"), ("localize",), ("simulate",), ("demo",))
+
+
+def test_nothing_heavy_is_loaded_before_it_is_needed(maxcon_in_process_of_its_own):
+    script = (
+        f"import sys; from maxcon.cli import app; print([n for n in {HEAVY.split()!r} if n in sys.modules])"
+    )
+    assert maxcon_in_process_of_its_own(script=script) == (0, "[]\n", "")
+
+
+def test_help_loads_nothing_heavy_either(maxcon_in_process_of_its_own):
+    script = f"""
+import atexit, sys
+from maxcon.cli import main
+atexit.register(lambda: print([n for n in {HEAVY.split()!r} if n in sys.modules]))
+main()
+"""
+    ended = maxcon_in_process_of_its_own("localize", "--help", script=script)
+    assert ended.code == 0 and ended.out.endswith("\n[]\n")
+
+
+def test_the_console_script_prints_the_version():
+    script = Path(sys.executable).parent / "maxcon"
+    printed = subprocess.run([script, "--version"], capture_output=True, text=True, check=True)
+    assert printed.stdout == f"maxcon {package.__version__}\n"
+    assert printed.stderr == ""
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
+def test_every_command_has_help(maxcon, command):
+    ended = maxcon(*command, "--help")
+    assert (ended.code, ended.err) == (0, "")
+    assert f"maxcon {' '.join(command)}" in ended.out
+    assert "Traceback" not in ended.out
+
+
+def test_help_lists_the_commands(maxcon):
+    ended = maxcon("--help")
+    for command in ("map", "localize", "simulate", "demo"):
+        assert f"\n  {command} " in ended.out
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("nonsense",),
+        ("map", "nonsense"),
+        ("--nonsense",),
+        ("localize", "--nonsense"),
+        ("localize", "city.map"),
+        ("localize", "m", "s", "--prior", "p", "-o", "o", "--objective", "nonsense"),
+        ("localize", "m", "s", "--prior", "p", "-o", "o", "--threads", "0"),
+        ("localize", "m", "s", "--prior", "p", "-o", "o", "--half-width", "wide"),
+        ("map", "build"),
+        ("map", "build", "a.laz"),
+        ("simulate", "out", "--epochs", "0"),
+        ("demo", "--seed", "-1"),
+    ],
+)
+def test_what_the_parser_refuses_ends_with_2(maxcon, arguments):
+    ended = maxcon(*arguments)
+    assert ended.code == 2 and ended.out == ""
+    assert "Traceback" not in ended.err
+    assert "Error" in ended.err
+
+
+def test_unknown_values_of_an_option_are_told_with_the_known_ones(maxcon):
+    ended = maxcon("localize", "m", "s", "--prior", "p", "-o", "o", "--objective", "nonsense")
+    for name in ("helmert", "count", "max-eigenvalue"):
+        assert name in ended.err

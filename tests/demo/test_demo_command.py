@@ -1,0 +1,96 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""`maxcon demo`: the table, the report, the same answers again, and what is not replaced."""
+
+import re
+
+import pytest
+
+from maxcon.demo import DEMO_METHODS, DEMO_NAMES
+from maxcon.io.trajectories import read_trajectory
+from maxcon.point_map import PointMap
+from maxcon.simulation import SimulatedDataset
+
+TABLES = [f"poses-{method.slug}.csv" for method in DEMO_METHODS]
+
+
+def _poses(folder):
+    """Each table without the milliseconds."""
+    return {
+        name: re.sub(r",[^,\n]*$", "", (folder / name).read_text(), flags=re.MULTILINE) for name in TABLES
+    }
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory, run_demo):
+    folder = tmp_path_factory.mktemp("demo") / "out"
+    return folder, run_demo("--epochs", "4", "--out", folder)
+
+
+def test_it_ends_well(demo):
+    _, ended = demo
+    assert (ended.returncode, ended.stderr) == (0, "")
+
+
+def test_the_table_has_a_row_for_each_method(demo):
+    _, ended = demo
+    for method in DEMO_METHODS:
+        rows = [line for line in ended.stdout.splitlines() if method.name in line]
+        assert len(rows) == 1
+        assert re.search(r"\d of 4 .*\d\.\d{3} .*\d\.\d{3} .*\d\.\d\d .*\d+", rows[0])
+    assert re.search(r"Helmert, a voxel once\D+4 of 4", ended.stdout)
+
+
+def test_everything_it_made_is_there(demo):
+    folder, ended = demo
+    assert sorted(path.name for path in folder.iterdir()) == sorted([*DEMO_NAMES[:-1], *TABLES])
+    assert f"The report with pictures: {folder / 'report.html'}" in " ".join(ended.stdout.split("\n"))
+    assert sorted(path.name for path in folder.parent.iterdir()) == ["out"]
+    assert len(PointMap.open(folder / "city.map").tile_keys) > 1
+    assert len(list(SimulatedDataset.open(folder / "dataset").scans.glob("*.bin"))) == 4
+    for name in TABLES:
+        assert len(read_trajectory(folder / name)) >= 3
+
+
+def test_the_report_shows_the_figures_of_the_table(demo):
+    folder, ended = demo
+    page = (folder / "report.html").read_text()
+    assert "<title>maxcon demo: a simulated street</title>" in page
+    assert "maxcon demo --epochs 4 --seed 0" in page
+    assert page.count("<img") == 5
+    row = next(line for line in ended.stdout.splitlines() if "Helmert, a voxel once" in line)
+    assert re.findall(r"\d\.\d{3}", row)[0] in page
+
+
+def test_a_second_run_replaces_it_by_the_same_poses(demo, run_demo):
+    folder, _ = demo
+    before, page = _poses(folder), (folder / "report.html").stat().st_mtime_ns
+    ended = run_demo("--epochs", "4", "--out", folder, "--quiet")
+    assert (ended.returncode, ended.stderr) == (0, "")
+    assert _poses(folder) == before
+    assert (folder / "report.html").stat().st_mtime_ns > page
+    assert sorted(path.name for path in folder.parent.iterdir()) == ["out"]
+
+
+def _assert_refused(ended, *words):
+    assert (ended.returncode, ended.stdout) == (2, "")
+    assert ended.stderr.startswith("maxcon: Expected") and ended.stderr.count("\n") == 1
+    for word in words:
+        assert str(word) in ended.stderr
+
+
+def test_anything_else_is_not_replaced(run_demo, tmp_path):
+    (tmp_path / "pictures").mkdir()
+    _assert_refused(run_demo("--out", tmp_path), tmp_path, "a demo", "no report.html")
+    (tmp_path / "report.html").touch()
+    (tmp_path / "thesis.tex").touch()
+    _assert_refused(run_demo("--out", tmp_path), tmp_path, "a demo", "thesis.tex", "name another folder")
+    _assert_refused(run_demo("--out", tmp_path / "thesis.tex"), "thesis.tex", "a demo", "Not a directory")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["pictures", "report.html", "thesis.tex"]
+
+
+def test_a_missing_parent_folder(run_demo, tmp_path):
+    _assert_refused(
+        run_demo("--out", tmp_path / "missing" / "demo"), tmp_path / "missing", "No such file or directory"
+    )
+    assert list(tmp_path.iterdir()) == []

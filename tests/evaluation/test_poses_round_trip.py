@@ -1,0 +1,82 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""POSES.csv: what is written reads back, and only localized epochs have a pose."""
+
+import csv
+import math
+
+import numpy as np
+import pytest
+
+from maxcon import Estimate, Pose, Scan, Status
+from maxcon.drive import EpochEstimate
+from maxcon.errors import FileError
+from maxcon.io.scans import RawScan
+from maxcon.io.trajectories import read_trajectory
+from maxcon.poses_table import COLUMNS, localized_trajectory, write_poses
+
+NOTHING = np.empty((0, 3))
+# ETRS89 / UTM 32N, where a float32 has steps of half a metre.
+POSE = Pose(549936.5193, 5801960.0921, 62.0056, 0.0012345678, -0.004494209, 3.0430433691)
+
+
+def _epoch(number, status=Status.LOCALIZED, pose=POSE, score=256.0771):
+    """An epoch as `localize_drive` yields it; a pose only where it is localized."""
+    raw = RawScan(NOTHING, 386_400.123456789 + number, f"{number:06d}.bin", 10, 1, 2)
+    estimate = Estimate(Pose(1.0, 2.0, 3.0, 0.0, 0.0, 0.0), score, (4, 50, 50), status, np.eye(2))
+    is_searched = status not in (Status.NO_PRIOR, Status.NO_POINTS, Status.OUTSIDE_MAP)
+    is_localized = status is Status.LOCALIZED
+    return EpochEstimate(
+        number, raw, status, 12.345, Scan(NOTHING, time=raw.time), None,
+        estimate if is_searched else None, pose if is_localized else None,
+    )  # fmt: skip
+
+
+def test_the_table_reads_back_as_a_trajectory(tmp_path):
+    turned = Pose(POSE.x + 10.0, POSE.y, POSE.z, -0.01, 0.02, -math.pi)
+    write_poses(tmp_path / "poses.csv", [_epoch(0), _epoch(1, pose=turned)])
+    found = read_trajectory(tmp_path / "poses.csv")
+    np.testing.assert_allclose(found.times, [386_400.123456789, 386_401.123456789], rtol=0, atol=1e-9)
+    for read, written in zip(found.poses(), (POSE, turned), strict=True):
+        np.testing.assert_allclose(read.position, written.position, rtol=0, atol=5e-5)
+        np.testing.assert_allclose(read.rotation, written.rotation, rtol=0, atol=1e-8)
+
+
+def test_columns_and_text(tmp_path):
+    write_poses(tmp_path / "poses.csv", [_epoch(0)])
+    header, row = (tmp_path / "poses.csv").read_text().splitlines()
+    assert header == "time,x,y,z,roll,pitch,heading,score,status,ms" == ",".join(COLUMNS)
+    assert row == (
+        "386400.123456789,549936.5193,5801960.0921,62.0056,"
+        "0.001234568,-0.004494209,3.043043369,256.077,localized,12.35"
+    )
+
+
+@pytest.mark.parametrize("status", list(Status))
+def test_only_localized_epochs_have_a_pose(tmp_path, status):
+    write_poses(tmp_path / "poses.csv", [_epoch(0, status)])
+    with (tmp_path / "poses.csv").open() as file:
+        (row,) = csv.DictReader(file)
+    assert row["status"] == status.value
+    has_pose = {row[name] != "" for name in COLUMNS[1:7]}
+    assert has_pose == {status is Status.LOCALIZED}
+    assert (row["score"] != "") == (status not in (Status.NO_PRIOR, Status.NO_POINTS, Status.OUTSIDE_MAP))
+
+
+def test_epochs_without_a_pose_are_passed_over_when_read(tmp_path):
+    write_poses(tmp_path / "poses.csv", [_epoch(0, Status.NO_PRIOR), _epoch(1), _epoch(2, Status.AT_RIM)])
+    assert len(read_trajectory(tmp_path / "poses.csv")) == 1
+
+
+def test_the_trajectory_of_the_localized_epochs():
+    assert localized_trajectory([]) is None
+    assert localized_trajectory([_epoch(0, Status.NO_MATCH)]) is None
+    found = localized_trajectory([_epoch(0), _epoch(1, Status.UNDETERMINED), _epoch(2)])
+    np.testing.assert_array_equal(found.times, [386_400.123456789, 386_402.123456789])
+    np.testing.assert_array_equal(found.positions[0], POSE.position)
+
+
+def test_no_folder(tmp_path):
+    with pytest.raises(FileError, match=r"poses\.csv, got: No such file or directory.*nothing was written"):
+        write_poses(tmp_path / "missing" / "poses.csv", [_epoch(0)])
+    assert list(tmp_path.iterdir()) == []
