@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 """How well does each objective localize a drive with a reference, with either multiplicity?
 
-    python benchmarks/accuracy.py MAP SCANS --prior PRIOR --reference REFERENCE
+python benchmarks/accuracy.py MAP SCANS --prior PRIOR --reference REFERENCE
 """
 
 import argparse

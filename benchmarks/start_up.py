@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 """How long does `maxcon --help` take, as a whole process?
 
-    python benchmarks/start_up.py
+python benchmarks/start_up.py
 """
 
 import subprocess

@@ -95,7 +95,7 @@ def localize_drive(
     method: Method,
     options: DriveOptions | None = None,
 ) -> Iterator[EpochEstimate]:
-    """Yield the estimate of each scan, in order of time.
+    """Return an iterator over the estimates of all scans, in order of time; what cannot work is said at once.
 
     Parameters
     ----------
@@ -124,8 +124,9 @@ def localize_drive(
     _check_times(scans, prior, priors)
     local = [point_map.frame.pose_to_local(pose) if pose is not None else None for pose in priors]
     _check_inside(point_map, local)
-    for epoch, pose in enumerate(local):
-        yield _localize_epoch(epoch, point_map, scans, pose, method, options)
+    return (
+        _localize_epoch(epoch, point_map, scans, pose, method, options) for epoch, pose in enumerate(local)
+    )
 
 
 def _localize_epoch(

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: MIT
 """`maxcon localize`."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -123,8 +124,10 @@ def localize(
     draw = _drawer(plot, point_map, method, objective) if plot is not None else None
     epochs = []
     options = DriveOptions(min_range, max_range, max_gap)
+    with _naming(prior, scans, map_folder):
+        drive = localize_drive(point_map, folder, prior_trajectory, method, options)
     with progress_bar("localizing", len(folder), "epochs", quiet) as advance:
-        for epoch in localize_drive(point_map, folder, prior_trajectory, method, options):
+        for epoch in drive:
             if draw is not None and epoch.epoch in wanted:
                 draw(epoch)
             epochs.append(epoch.without_points())
@@ -138,6 +141,19 @@ def localize(
         typer.echo(f"no pose to write: {tum} is not written")
     if any(epoch.pose_global is None for epoch in epochs):
         raise typer.Exit(1)
+
+
+@contextmanager
+def _naming(prior: Path, scans: Path, map_folder: Path) -> Iterator[None]:
+    """Put the names of the files before what the library says of a prior that fits neither scans nor map."""
+    from maxcon.errors import MapError, TrajectoryError
+
+    try:
+        yield
+    except TrajectoryError as error:
+        raise TrajectoryError(f"{prior} and {scans}: {error}") from error
+    except MapError as error:
+        raise MapError(f"{prior} and {map_folder}: {error}") from error
 
 
 def _check_options(prior: Path, out: Path, tum: Path | None, plot: Path | None, numbers: str | None) -> None:

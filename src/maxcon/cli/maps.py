@@ -44,7 +44,7 @@ def build(
     keep_all: Annotated[bool, typer.Option("--keep-all", help="Drop no class.")] = False,
     vehicle_class: Annotated[
         list[int] | None,
-        typer.Option(metavar="NUMBER", help="Class number that means vehicles in these files; repeatable."),
+        typer.Option(metavar="NUMBER", help="Class number that means vehicles in these files: left out too; repeatable."),
     ] = None,
     signed_normals: Annotated[
         bool,
@@ -64,8 +64,9 @@ def build(
     from maxcon.io.trajectories import read_trajectory
     from maxcon.mapping import MapOptions, build_map
 
-    if keep_all and drop:
-        raise OptionError("Expected either --drop or --keep-all, got both. Leave one out.")
+    if keep_all and (drop or vehicle_class):
+        other = "--drop" if drop else "--vehicle-class"
+        raise OptionError(f"Expected either {other} or --keep-all, got both. Leave one out.")
     options = MapOptions(
         cell=cell,
         drop=() if keep_all else drop or None,

@@ -51,7 +51,7 @@ class MapOptions:
         Classes to leave out, by name or number; ground, vegetation, noise, temporal exclusion and the
         vehicle classes if None, and then nothing where a source has no classes.
     vehicle_classes : iterable of int
-        Class numbers that mean vehicles.
+        Class numbers that mean vehicles; they are left out whatever `drop` names.
     trajectory : Trajectory, optional
         Sensor positions, matched by the points' times, to turn normals to the sensor's side.
     normals_have_sides : bool
@@ -77,7 +77,7 @@ class MapOptions:
         """Class numbers that are left out."""
         vehicles = tuple(self.vehicle_classes)
         named = parse_classes(DEFAULT_DROP if self.drop is None else self.drop, vehicles)
-        return named | frozenset(vehicles) if self.drop is None else named
+        return named | parse_classes([str(number) for number in vehicles])
 
 
 def build_map(
