@@ -37,6 +37,7 @@ def main() -> None:
         for objective in OBJECTIVES
     }
     errors = {name: [] for name in methods}
+    trusted = {name: [] for name in methods}
     taken = {"points": [], "occupied": []}
     for raw in scans.scans():
         scan = maxcon.Scan(raw.points, time=raw.time)
@@ -48,17 +49,20 @@ def main() -> None:
             taken[multiplicity].append(1e3 * (time.perf_counter() - begin))
             for objective in OBJECTIVES:
                 name = (type(objective).__name__, multiplicity)
-                estimate = methods[name].conclude(accumulator)
-                errors[name].append(pose_error(estimate.pose, truth) if estimate.is_localized else None)
+                estimate = methods[name].conclude(accumulator, scan, point_map)
+                errors[name].append(pose_error(estimate.pose, truth))
+                trusted[name].append(estimate.is_localized)
     header(f"Accuracy over {len(scans)} epochs")
-    print("| objective | multiplicity | localized | within 0.3 m, 1 deg | median m | worst m | worst deg |")
-    print("|---|---|---|---|---|---|---|")
+    print("| objective | multiplicity | success | median m | worst m | worst deg | trusted | of these wrong |")
+    print("|---|---|---|---|---|---|---|---|")
     for (objective, multiplicity), found in errors.items():
         accuracy = summarize(found)
-        n_localized = sum(error is not None for error in found)
+        is_trusted = trusted[objective, multiplicity]
+        n_wrong = sum(not error.is_success for error, yes in zip(found, is_trusted, strict=True) if yes)
         print(
-            f"| {objective} | {multiplicity} | {n_localized} | {accuracy.n_success} | {accuracy.median_distance:.3f}"
-            f" | {accuracy.worst_distance:.3f} | {math.degrees(accuracy.worst_heading):.2f} |"
+            f"| {objective} | {multiplicity} | {accuracy.n_success} | {accuracy.median_distance:.3f}"
+            f" | {accuracy.worst_distance:.3f} | {math.degrees(accuracy.worst_heading):.2f} | {sum(is_trusted)}"
+            f" | {n_wrong} |"
         )
     for multiplicity, values in taken.items():
         print(f"\nsearch, {multiplicity}: median {np.median(values):.0f} ms per epoch, normals not included")

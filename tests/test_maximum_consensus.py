@@ -80,7 +80,7 @@ def test_it_finds_the_pose(scan, point_map, multiplicity, objective, n_threads):
 def test_the_cofactor_is_the_inverse_of_n_and_the_score_that_of_its_trace(scan, point_map):
     method = MaximumConsensus(SPACE)
     accumulator = method.accumulate(scan, point_map, prior_of(0, 0, 0))
-    estimate = method.conclude(accumulator)
+    estimate = method.conclude(accumulator, scan, point_map)
     n_x, n_y = accumulator.moments[estimate.cell][[1, 3]]
     assert n_x >= 38
     assert n_y >= 58

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from maxcon.errors import MaxconError
     from maxcon.estimate import Estimate, Status
     from maxcon.geometry import LocalFrame, Pose
+    from maxcon.integrity import Trust
     from maxcon.maximum_consensus import MaximumConsensus
     from maxcon.objectives import Count, Helmert, MaxEigenvalue, Objective
     from maxcon.point_map import PointMap
@@ -42,6 +43,7 @@ __all__ = [
     "SearchSpace",
     "Status",
     "Trajectory",
+    "Trust",
     "__version__",
     "search",
 ]
@@ -63,6 +65,7 @@ _HOME = {
     "SearchSpace": "maxcon.search_space",
     "Status": "maxcon.estimate",
     "Trajectory": "maxcon.trajectory",
+    "Trust": "maxcon.integrity",
 }
 
 

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: MIT
 """Estimate: what a method answers for one epoch, and in which words it fails."""
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -20,6 +21,8 @@ class Status(StrEnum):
     LOCALIZED = "localized"
     UNDETERMINED = "undetermined"
     AT_RIM = "at the rim"
+    AMBIGUOUS = "ambiguous"
+    FEW_MATCHES = "few matches"
     NO_MATCH = "no match"
     NO_POINTS = "no points"
     NO_PRIOR = "no prior"
@@ -34,7 +37,10 @@ class Status(StrEnum):
 _EXPLANATIONS = {
     Status.LOCALIZED: "The best cell lies inside the search space and its matches determine x and y.",
     Status.UNDETERMINED: "The matches leave a direction open (a single wall, a bare street): do not use x and y.",
-    Status.AT_RIM: "The best cell lies on the rim of the search space: the true pose may lie outside. Widen it.",
+    Status.AT_RIM: "The scores still rise at the rim of the search space: the true pose may lie outside. Widen it.",
+    Status.AMBIGUOUS: "Another place scores nearly as high: the scan fits there too. Narrow the prior.",
+    Status.FEW_MATCHES: "Few of the scan's points match the map even at the best cell: is the prior far off, or the"
+    " map old or thin?",
     Status.NO_MATCH: "No scan point matched the map: is the prior inside the map, and is its height right?",
     Status.NO_POINTS: "The scan has no point within the range limits.",
     Status.NO_PRIOR: "The prior trajectory has no pose at, or closely around, the time of the scan.",
@@ -59,6 +65,11 @@ class Estimate:
     cofactor : array, shape (2, 2)
         Q = N^-1 of x and y at the best cell (equation (4)): the covariance up to the variance factor, in
         units of one match's variance. Infinite on the diagonal where the matches leave a direction open.
+    share : float
+        Of the scan's points, how many match the map at the best cell, 0 to 1.
+    runner_up : float
+        Helmert's score of the second highest place, farther than a guard radius away, over that of the best
+        cell: near 0 where the answer is distinct, near 1 where it is ambiguous.
     """
 
     pose: Pose
@@ -66,6 +77,8 @@ class Estimate:
     cell: Cell
     status: Status
     cofactor: NDArray[np.float64]
+    share: float = 0.0
+    runner_up: float = math.inf
 
     @property
     def is_localized(self) -> bool:

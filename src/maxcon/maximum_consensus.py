@@ -8,26 +8,19 @@ position best is the answer.
 """
 
 import math
-from dataclasses import dataclass, field
-
-import numpy as np
-from numpy.typing import NDArray
+from dataclasses import dataclass, field, replace
 
 from maxcon.accumulator import Accumulator, highest
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
-from maxcon.objectives import SINGULAR_RATIO, Helmert, Objective
+from maxcon.integrity import Trust, invert, runner_up_ratio
+from maxcon.objectives import Helmert, Objective
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
 from maxcon.search import Multiplicity, exhaustive
-from maxcon.search_space import SearchSpace
+from maxcon.search_space import Cell, SearchSpace
 
 __all__ = ["MaximumConsensus"]
-
-# Less than one full match in the least determined direction does not fix a position, nor does what a single
-# wall's matches add there when their normals are 3 degrees off: sin^2 of that, of each.
-LEAST_EIGENVALUE = 1.0
-LEAST_EIGENVALUE_RATIO = math.sin(math.radians(3.0)) ** 2
 
 
 @dataclass(frozen=True)
@@ -44,6 +37,8 @@ class MaximumConsensus:
         Whether a match weighs one, or as many as the voxel's map points (D4).
     n_threads : int
         Headings searched at the same time; the answer does not depend on it.
+    trust : Trust
+        From where on an answer is not called localized.
 
     Raises
     ------
@@ -55,6 +50,7 @@ class MaximumConsensus:
     objective: Objective = field(default_factory=Helmert)
     multiplicity: str | Multiplicity = Multiplicity.OCCUPIED
     n_threads: int = 1
+    trust: Trust = field(default_factory=Trust)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "multiplicity", Multiplicity.parse(self.multiplicity))
@@ -81,7 +77,7 @@ class MaximumConsensus:
         SearchSpaceError
             If the cell edge is not the map's, or the space is too large.
         """
-        return self.conclude(self.accumulate(scan, point_map, prior))
+        return self.conclude(self.accumulate(scan, point_map, prior), scan, point_map)
 
     def accumulate(self, scan: Scan, point_map: PointMap, prior: Pose) -> Accumulator:
         """Moments of every cell: what `conclude` decides on, and what plots show."""
@@ -89,32 +85,50 @@ class MaximumConsensus:
             scan, point_map, prior, self.space, multiplicity=self.multiplicity, n_threads=self.n_threads
         )
 
-    def conclude(self, accumulator: Accumulator) -> Estimate:
-        """Take the best cell of an accumulator, and say what it is worth."""
+    def conclude(self, accumulator: Accumulator, scan: Scan, point_map: PointMap) -> Estimate:
+        """Take the best cell of an accumulator of this scan, and say how far it may be trusted."""
+        space, prior, moments = accumulator.space, accumulator.prior, accumulator.moments
         scores = accumulator.score(self.objective)
-        cell = highest(scores, accumulator.space)
-        normal_matrix = accumulator.normal_matrix(cell)
-        is_determined, cofactor = _invert(normal_matrix)
-        if not accumulator.moments[..., 0].any():
-            status = Status.NO_MATCH
-        elif not is_determined:
-            status = Status.UNDETERMINED
-        elif accumulator.space.is_at_rim(cell):
-            status = Status.AT_RIM
-        else:
-            status = Status.LOCALIZED
-        pose = (
-            accumulator.prior
-            if status is Status.NO_MATCH
-            else accumulator.space.pose(cell, accumulator.prior)
+        cell = highest(scores, space)
+        is_determined, cofactor = invert(accumulator.normal_matrix(cell))
+        if not moments[..., 0].any():
+            return Estimate(prior, 0.0, cell, Status.NO_MATCH, cofactor)
+        pose = space.pose(cell, prior)
+        share = _matched_share(accumulator, cell, self.multiplicity, scan, point_map)
+        helmert = scores if isinstance(self.objective, Helmert) else accumulator.score(Helmert())
+        runner_up = runner_up_ratio(helmert, cell, space, self.trust.guard_radius)
+        status = self.trust.judge(
+            is_determined=is_determined,
+            share=share,
+            is_at_rim=space.is_at_rim(cell) or self._rises_beyond(accumulator, cell, scan, point_map),
+            runner_up=runner_up,
         )
-        return Estimate(pose, float(scores[cell]), cell, status, cofactor)
+        return Estimate(pose, float(scores[cell]), cell, status, cofactor, share, runner_up)
+
+    def _rises_beyond(self, accumulator: Accumulator, cell: Cell, scan: Scan, point_map: PointMap) -> bool:
+        """Whether the best heading is the outermost, and one more step would score higher still."""
+        space, prior = accumulator.space, accumulator.prior
+        n_headings = space.shape[0]
+        if n_headings == 1 or cell[0] not in (0, n_headings - 1):
+            return False
+        step = math.radians(space.heading_step_deg)
+        beyond = space.headings[cell[0]] + (step if cell[0] > 0 else -step)
+        turned = replace(prior, heading=prior.heading + float(beyond))
+        one_heading = replace(space, heading_half_width_deg=0.0)
+        further = exhaustive(scan, point_map, turned, one_heading, multiplicity=self.multiplicity)
+        return bool(further.score(self.objective).max() > accumulator.score(self.objective)[cell])
 
 
-def _invert(normal_matrix: NDArray[np.float64]) -> tuple[bool, NDArray[np.float64]]:
-    """Whether N determines x and y, and Q = N^-1 (equation (4)); infinite variances where it is singular."""
-    smallest, largest = np.linalg.eigvalsh(normal_matrix)
-    if smallest <= SINGULAR_RATIO * largest:
-        return False, np.diag([np.inf, np.inf])
-    is_determined = smallest >= max(LEAST_EIGENVALUE, LEAST_EIGENVALUE_RATIO * largest)
-    return bool(is_determined), np.asarray(np.linalg.inv(normal_matrix), dtype=np.float64)
+def _matched_share(
+    accumulator: Accumulator,
+    cell: Cell,
+    multiplicity: str | Multiplicity,
+    scan: Scan,
+    point_map: PointMap,
+) -> float:
+    """Share of the scan's points that match at a cell; a count of map points has to be counted anew."""
+    if multiplicity == Multiplicity.OCCUPIED:
+        return float(accumulator.moments[cell][0]) / len(scan)
+    here = SearchSpace(half_width=0.0, cell=accumulator.space.cell, heading_half_width_deg=0.0)
+    pose = accumulator.space.pose(cell, accumulator.prior)
+    return float(exhaustive(scan, point_map, pose, here).moments[0, 0, 0, 0]) / len(scan)

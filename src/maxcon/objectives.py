@@ -17,7 +17,7 @@ __all__ = ["Count", "Helmert", "MaxEigenvalue", "Moments", "Objective", "Scores"
 Moments = NDArray[np.floating]
 Scores = NDArray[np.float64]
 
-# A normal matrix of float32 sums is exact to about 1e-7 of its trace; below that a determinant is noise.
+# The products of float32 normals are exact to about 1e-7; a determinant below a few of these is noise.
 SINGULAR_RATIO = 1e-6
 
 
@@ -52,7 +52,7 @@ class Helmert:
     """1 / tr(Q), the inverse square of Helmert's point error, equation (6).
 
     Equal to det N / tr N, and to n1 n2 / (n1 + n2) for the eigenvalues n1, n2 of N; 0 where the
-    matches leave a direction undetermined.
+    matches leave a direction undetermined: where one eigenvalue is below a millionth of the other.
     """
 
     def score(self, moments: Moments) -> Scores:

@@ -13,8 +13,15 @@ from maxcon.geometry.arrays import as_points, as_unit_normals
 __all__ = ["Scan"]
 
 
+def _frozen(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A copy that nobody changes: normals are kept with the points they were estimated from."""
+    copy = values.copy()
+    copy.flags.writeable = False
+    return copy
+
+
 class Scan:
-    """The points of one epoch with their normals.
+    """The points of one epoch with their normals, as read-only copies.
 
     Parameters
     ----------
@@ -34,19 +41,19 @@ class Scan:
     """
 
     def __init__(self, points: ArrayLike, normals: ArrayLike | None = None, time: float = 0.0) -> None:
-        self.points: NDArray[np.float64] = as_points(points, "points")
+        self.points: NDArray[np.float64] = _frozen(as_points(points, "points"))
         self.time = float(time)
         if not np.isfinite(self.time):
             raise ArrayError(f"Expected a finite `time` of the scan, got {time}.")
         if normals is not None:
-            self.normals = as_unit_normals(normals, len(self.points), "normals")
+            self.normals = _frozen(as_unit_normals(normals, len(self.points), "normals"))
 
     @cached_property
     def normals(self) -> NDArray[np.float64]:
         """Unit normals, sensor frame, shape (n, 3); zeros where the points around do not determine one."""
         from maxcon.geometry.scan_normals import estimate_scan_normals
 
-        return estimate_scan_normals(self.points)
+        return _frozen(estimate_scan_normals(self.points))
 
     def __len__(self) -> int:
         return len(self.points)

@@ -13,6 +13,9 @@ from maxcon.geometry import Pose, wrap_angle
 
 __all__ = ["Cell", "SearchSpace"]
 
+# Enough for 6 km at 6 cm; it keeps every number of cells finite.
+MOST_STEPS = 100_000
+
 Cell = tuple[int, int, int]
 """(heading, y, x) indices of one cell; a search over z will stand between heading and y."""
 
@@ -25,6 +28,11 @@ def _n_steps(half_width: float, step: float, what: str, unit: str) -> int:
             " The defaults are 3 m by 0.06 m and 2 degrees by 0.5 degrees."
         )
     steps = half_width / step
+    if steps > MOST_STEPS:
+        raise SearchSpaceError(
+            f"Expected at most {MOST_STEPS:,} cells in the half width of the {what}, got {half_width:g} {unit} by"
+            f" {step:g} {unit}. Narrow the search space, or take larger steps."
+        )
     n_steps = round(steps)
     if abs(steps - n_steps) > 1e-6 * max(1.0, steps):
         raise SearchSpaceError(
@@ -123,6 +131,6 @@ class SearchSpace:
         )
 
     def is_at_rim(self, cell: Cell) -> bool:
-        """Whether `cell` lies in the outermost rows or columns of offsets (if there are several)."""
+        """Whether `cell` lies in the outermost rows or columns of offsets (where there are others)."""
         _, ny, nx = self.shape
-        return (ny > 1 and cell[1] in (0, ny - 1)) or (nx > 1 and cell[2] in (0, nx - 1))
+        return (ny > 2 and cell[1] in (0, ny - 1)) or (nx > 2 and cell[2] in (0, nx - 1))

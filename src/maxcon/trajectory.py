@@ -203,7 +203,7 @@ class Trajectory:
         Parameters
         ----------
         time : float
-            s. Within 1 ms of a pose's time it is that pose.
+            s. Within 1 ms of a pose at an end or beside a gap it is that pose.
         max_gap : float
             Largest time between two poses to interpolate across, s.
 
@@ -219,7 +219,8 @@ class Trajectory:
         near = [i for i in (later - 1, later) if 0 <= i < len(self)]
         nearest = min(near, key=lambda i: abs(self.times[i] - time))
         distance = abs(float(self.times[nearest]) - time)
-        if distance <= SAME_TIME:
+        is_inside = len(near) == 2 and self.times[later] - self.times[later - 1] <= max_gap
+        if distance <= SAME_TIME and not is_inside:
             return self.pose(nearest)
         if len(near) == 1:
             raise TrajectoryError(

@@ -19,7 +19,7 @@ from maxcon.simulation import ProfileScanner, SimulatedDataset, simulate
 
 SCRIPT = "from maxcon.cli import main; main()"
 THIN_PROFILES = tuple(
-    ProfileScanner(turn_deg=turn, line_rate=25.0, points_per_line=300) for turn in (45.0, -45.0)
+    ProfileScanner(turn_deg=turn, line_rate=80.0, points_per_line=720) for turn in (45.0, -45.0)
 )
 
 

@@ -228,4 +228,4 @@ def test_several_clouds_at_once_and_a_crs_by_option(build, write_las, street, tm
     ended = build(write_las(), tmp_path / "more.npz", "--crs", "EPSG:25832")
     assert (ended.code, ended.err) == (0, "")
     assert "from 6,000 points" in ended.out
-    assert "more.npz: 3,000 points, 3,000 kept; not classified: ground, vegetation" in ended.out
+    assert "more.npz: 3,000 points, 3,000 kept; no ASPRS classes: ground, vegetation" in ended.out

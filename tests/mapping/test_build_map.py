@@ -529,3 +529,26 @@ def test_building_takes_no_longer_than_it_should(tmp_path, cloud_files, surfaces
     begin = time.perf_counter()
     build_map([path], tmp_path / "a.map")
     assert time.perf_counter() - begin < 10.0
+
+
+def test_classes_of_another_scheme_are_not_dropped_by_default(tmp_path, cloud_files, some_points):
+    """A PLY's "class" 2 may be anything: buildings, in a well-known data set."""
+    classes = np.full(len(some_points), 2, np.uint8)
+    path = cloud_files.npz(tmp_path / "a.npz", some_points, classes=classes)
+    manifest = build_map([path], tmp_path / "a.map")
+    assert manifest.n_points == len(some_points)
+    assert not manifest.build["sources"][0]["is_classified"]
+    with pytest.raises(MapError, match="none of the"):
+        build_map([path], tmp_path / "b.map", MapOptions(drop=["ground"]))
+
+
+def test_withheld_points_of_a_las_are_left_out_and_counted(tmp_path, cloud_files, some_points):
+    import laspy
+
+    path = cloud_files.las(tmp_path / "a.las", some_points)
+    las = laspy.read(path)
+    las.withheld[: len(some_points) // 2] = 1
+    las.write(path)
+    manifest = build_map([path], tmp_path / "a.map")
+    assert manifest.build["sources"][0]["n_withheld"] == len(some_points) // 2
+    assert manifest.n_points == len(some_points) - len(some_points) // 2

@@ -27,7 +27,7 @@ class Epoch(NamedTuple):
         """Accumulator, objective and estimate, as `plot_epoch` takes them."""
         objective = objective or maxcon.Helmert()
         accumulator = self.accumulate(space)
-        estimate = maxcon.MaximumConsensus(space, objective).conclude(accumulator)
+        estimate = maxcon.MaximumConsensus(space, objective).conclude(accumulator, self.scan, self.point_map)
         return {"accumulator": accumulator, "objective": objective, "estimate": estimate}
 
 

@@ -81,6 +81,16 @@ def localize(
     max_gap: Annotated[
         float, typer.Option(metavar="S", help="Largest gap in the prior to interpolate across.")
     ] = 0.5,
+    least_share: Annotated[
+        float,
+        typer.Option(
+            metavar="0..1", help="Fewer of the scan's points matched: not trusted. Lower it for thin maps."
+        ),
+    ] = 0.05,
+    largest_runner_up: Annotated[
+        float,
+        typer.Option(metavar="0..1", help="A second place that scores more than this share: not trusted."),
+    ] = 0.8,
     times: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Time of each scan; default times.txt there, or the names."),
@@ -102,6 +112,7 @@ def localize(
     """
     from maxcon.atomic import check_folder, check_writable
     from maxcon.drive import DriveOptions, localize_drive
+    from maxcon.integrity import Trust
     from maxcon.io.scans import open_scans
     from maxcon.io.trajectories import read_trajectory, write_tum
     from maxcon.maximum_consensus import MaximumConsensus
@@ -119,7 +130,8 @@ def localize(
     folder = open_scans(scans, times)
     prior_trajectory = read_trajectory(prior)
     space = SearchSpace(half_width, point_map.cell, heading_half_width_deg, heading_step_deg)
-    method = MaximumConsensus(space, objective.objective, multiplicity.value, n_threads=threads)
+    trust = Trust(least_share, largest_runner_up)
+    method = MaximumConsensus(space, objective.objective, multiplicity.value, threads, trust)
     wanted = parse_epochs(plot_epochs, len(folder)) if plot is not None else frozenset()
     draw = _drawer(plot, point_map, method, objective) if plot is not None else None
     epochs = []

@@ -37,14 +37,17 @@ def build(
         list[str] | None,
         typer.Option(
             metavar="CLASS",
-            help="Class to leave out, by name or number; repeatable. Default for classified points: ground,"
+            help="Class to leave out, by name or number; repeatable. Default for classified LAS: ground,"
             " vegetation, noise, temporal-exclusion, and the vehicle classes.",
         ),
     ] = None,
     keep_all: Annotated[bool, typer.Option("--keep-all", help="Drop no class.")] = False,
     vehicle_class: Annotated[
         list[int] | None,
-        typer.Option(metavar="NUMBER", help="Class number that means vehicles in these files: left out too; repeatable."),
+        typer.Option(
+            metavar="NUMBER",
+            help="Class number that means vehicles in these files: left out too; repeatable.",
+        ),
     ] = None,
     signed_normals: Annotated[
         bool,
@@ -55,7 +58,8 @@ def build(
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the map if there is one.")] = False,
     threads: Annotated[
-        int | None, typer.Option(min=1, help="Tiles made at once. Default: all processors.")
+        int | None,
+        typer.Option(min=1, help="Tiles made at once, 0.25 GiB each. Default: processors, at most 4."),
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
 ) -> None:
@@ -134,8 +138,10 @@ def _describe_source(source: dict[str, object]) -> str:
         text += "; dropped " + ", ".join(f"{n:,} {class_name(int(key))}" for key, n in dropped.items())
     if source["n_invalid"]:
         text += f"; dropped {source['n_invalid']:,} without finite coordinates"
+    if source.get("n_withheld"):
+        text += f"; {source['n_withheld']:,} marked as withheld"
     if source["n_without_side"]:
         text += f"; {source['n_without_side']:,} without a pose near their time"
     if not source["is_classified"]:
-        text += "; not classified: ground, vegetation and vehicles were not dropped"
+        text += "; no ASPRS classes: ground, vegetation and vehicles were not dropped"
     return text

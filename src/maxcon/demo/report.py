@@ -95,7 +95,7 @@ def _epoch_picture(folder: Path, drive: DemoDrive, result: MethodResult, epoch: 
         path,
         accumulator=accumulator,
         objective=method.objective,
-        estimate=method.conclude(accumulator),
+        estimate=method.conclude(accumulator, scan, drive.point_map),
         scan=scan,
         point_map=drive.point_map,
         title=f"Epoch {epoch.epoch}, in the street: {result.method.name}",

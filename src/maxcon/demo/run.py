@@ -160,6 +160,7 @@ def localize_demo(
 
 
 def _error(epoch: EpochEstimate, drive: DemoDrive) -> PoseError | None:
-    if epoch.estimate is None or epoch.pose_global is None:
+    """Error of the best cell, whether the method trusts it or not: the comparison is of scores."""
+    if epoch.estimate is None:
         return None
     return pose_error(epoch.estimate.pose, drive.reference_at(epoch.raw.time))

@@ -35,12 +35,11 @@ def metric_crs(text: str) -> str:
     Raises
     ------
     CrsError
-        If it is unknown, or its horizontal axes are not in metres.
+        If it is unknown, not a projected one, or an axis (also the heights') is not in metres.
     """
     crs = _parse(text)
-    horizontal = crs.sub_crs_list[0] if crs.is_compound else crs
-    units = {axis.unit_name for axis in horizontal.axis_info[:2]}
-    if horizontal.is_geographic or not units <= {"metre", "meter", "m"}:
+    units = {axis.unit_name for axis in crs.axis_info}
+    if crs.is_geographic or crs.is_geocentric or not units <= {"metre", "meter", "m"}:
         raise CrsError(
             f"Expected a projected CRS in metres, got {crs.name} in"
             f" {', '.join(sorted(units)) or 'unknown units'}."

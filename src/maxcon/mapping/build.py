@@ -35,6 +35,9 @@ from maxcon.version import __version__
 
 __all__ = ["MapOptions", "build_map"]
 
+# Each thread holds a part of a tile's points and its voxels, about 0.25 GiB: more threads only on demand.
+MOST_THREADS = 4
+
 Progress = Callable[[str, int, int], None]
 """Called with the step's name, how many points or tiles are done, and of how many."""
 
@@ -49,7 +52,7 @@ class MapOptions:
         Voxel edge, m.
     drop : sequence of str, optional
         Classes to leave out, by name or number; ground, vegetation, noise, temporal exclusion and the
-        vehicle classes if None, and then nothing where a source has no classes.
+        vehicle classes if None, and of these only the last where classes are not the ASPRS's (not LAS).
     vehicle_classes : iterable of int
         Class numbers that mean vehicles; they are left out whatever `drop` names.
     trajectory : Trajectory, optional
@@ -69,15 +72,15 @@ class MapOptions:
     crs: str | None = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "vehicle_classes", tuple(self.vehicle_classes))
         if not (math.isfinite(self.cell) and self.cell > 0.0):
             raise ArrayError(f"Expected a positive voxel edge in m, got {self.cell}. The default is 0.06.")
 
-    @property
-    def dropped_classes(self) -> frozenset[int]:
-        """Class numbers that are left out."""
-        vehicles = tuple(self.vehicle_classes)
-        named = parse_classes(DEFAULT_DROP if self.drop is None else self.drop, vehicles)
-        return named | parse_classes([str(number) for number in vehicles])
+    def dropped_classes(self, *, are_asprs: bool = True) -> frozenset[int]:
+        """Class numbers that are left out of a source; the default speaks of ASPRS classes only."""
+        default = DEFAULT_DROP if are_asprs else ()
+        named = parse_classes(default if self.drop is None else self.drop, self.vehicle_classes)
+        return named | parse_classes([str(number) for number in self.vehicle_classes])
 
 
 def build_map(
@@ -102,7 +105,8 @@ def build_map(
     overwrite : bool
         Whether a map that stands there is replaced; anything else there is an error.
     n_threads : int, optional
-        Tiles made at the same time; the number of processors if None. The map does not depend on it.
+        Tiles made at the same time; the number of processors, but at most 4, if None. Each takes about
+        0.25 GiB. The map does not depend on it.
     progress : callable, optional
         Called with (step, done, of how many).
 
@@ -120,7 +124,7 @@ def build_map(
     report = progress or (lambda step, done, total: None)
     headers = open_headers(sources)
     crs = common_crs(headers, options.crs)
-    drop = options.dropped_classes
+    drop = options.dropped_classes()
     _check_contents(headers, options)
     if overwrite:
         check_replaceable(out, "a map", MAP_NAMES)
@@ -131,10 +135,11 @@ def build_map(
         has_sides = options.trajectory is not None or options.normals_have_sides
         use_normals = has_sides and all(header.has_normals for header in headers)
         origin = _origin(headers, options.cell)
-        counts = _sort_into_tiles(headers, origin, spill, drop, options, use_normals, report)
+        counts = _sort_into_tiles(headers, origin, spill, options, use_normals, report)
         is_signed = options.trajectory is not None or use_normals
         maker = TileMaker(spill, spill_folder, options.cell, has_normals=use_normals, is_signed=is_signed)
-        entries = _make_tiles(folder, maker, spill.keys, n_threads or os.cpu_count() or 1, report)
+        n_threads = n_threads or min(MOST_THREADS, os.cpu_count() or 1)
+        entries = _make_tiles(folder, maker, spill.keys, n_threads, report)
         spill_folder.rmdir()
         build = _description(counts, drop, use_normals)
         manifest = Manifest(options.cell, origin, crs, is_signed, tuple(entries), build)
@@ -172,7 +177,6 @@ def _sort_into_tiles(
     headers: Sequence[CloudHeader],
     origin: tuple[float, float, float],
     spill: TileSpill,
-    drop: frozenset[int],
     options: MapOptions,
     use_normals: bool,
     report: Progress,
@@ -181,6 +185,8 @@ def _sort_into_tiles(
     counts = [SourceCounts(header.path.name) for header in headers]
     n_total = sum(header.n_points for header in headers)
     for header, counted in zip(headers, counts, strict=True):
+        drop = options.dropped_classes(are_asprs=header.has_asprs_classes)
+        counted.has_known_classes = header.has_asprs_classes or options.drop is not None or bool(drop)
         for part in read_source(header, counted, drop, options.trajectory, use_normals=use_normals):
             _add(spill, part, origin, header, options.cell)
             report("reading points", sum(source.n_points for source in counts), n_total)
@@ -248,6 +254,7 @@ def _description(
                 "n_points": source.n_points,
                 "n_kept": source.n_kept,
                 "n_invalid": source.n_invalid,
+                "n_withheld": source.n_withheld,
                 "n_without_side": source.n_without_side,
                 "n_dropped": {str(number): n for number, n in sorted(source.n_dropped.items())},
                 "is_classified": source.is_classified,

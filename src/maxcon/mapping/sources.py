@@ -40,14 +40,16 @@ class SourceCounts:
     name: str
     n_points: int = 0
     n_invalid: int = 0
+    n_withheld: int = 0
     n_without_side: int = 0
     n_dropped: Counter[int] = field(default_factory=Counter)
+    has_known_classes: bool = True
     is_classified: bool = False
 
     @property
     def n_kept(self) -> int:
         """Points that went into the map."""
-        return self.n_points - self.n_invalid - self.n_dropped.total()
+        return self.n_points - self.n_invalid - self.n_withheld - self.n_dropped.total()
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,10 +179,13 @@ def _keep(
     counts.n_points += len(chunk.points)
     keep = np.isfinite(chunk.points).all(axis=1)
     counts.n_invalid += int((~keep).sum())
+    if chunk.is_withheld is not None:
+        counts.n_withheld += int((keep & chunk.is_withheld).sum())
+        keep &= ~chunk.is_withheld
     if chunk.classes is not None:
         n_of_class = np.bincount(chunk.classes[keep], minlength=256)
         present = np.flatnonzero(n_of_class)
-        counts.is_classified |= not UNCLASSIFIED.issuperset(present.tolist())
+        counts.is_classified |= counts.has_known_classes and not UNCLASSIFIED.issuperset(present.tolist())
         dropped = [number for number in present.tolist() if number in drop]
         counts.n_dropped.update({number: int(n_of_class[number]) for number in dropped})
         keep &= ~np.isin(chunk.classes, dropped)

@@ -77,7 +77,7 @@ class TileSpill:
         self._buffers.clear()
         self._buffered_bytes = 0
 
-    def records(self, key: TileKey, n_at_once: int = 4_000_000) -> Iterator[NDArray[np.void]]:
+    def records(self, key: TileKey, n_at_once: int = 2_000_000) -> Iterator[NDArray[np.void]]:
         """Yield the points of a tile, at most `n_at_once` together."""
         with self._path(key).open("rb") as file:
             while part := file.read(n_at_once * RECORD.itemsize):

@@ -86,6 +86,7 @@ class TileStore:
         self._cache_bytes = cache_bytes
         self._used_bytes = 0
         self._lock = threading.Lock()
+        self._verified: set[TileKey] = set()
 
     @property
     def keys(self) -> frozenset[TileKey]:
@@ -118,10 +119,14 @@ class TileStore:
 
         path = _tile_path(self._folder, entry.key)
         try:
-            with path.open("rb") as file:
-                checksum = hashlib.file_digest(file, "sha256").hexdigest()
-            if checksum != entry.sha256:
-                raise MapError(f"Expected {path} to be as it was written, got another checksum. {REBUILD}")
+            if entry.key not in self._verified:
+                with path.open("rb") as file:
+                    checksum = hashlib.file_digest(file, "sha256").hexdigest()
+                if checksum != entry.sha256:
+                    raise MapError(
+                        f"Expected {path} to be as it was written, got another checksum. {REBUILD}"
+                    )
+                self._verified.add(entry.key)
             batch = pa.ipc.open_file(pa.memory_map(str(path))).get_batch(0)
         except (OSError, pa.ArrowException) as error:
             words = getattr(error, "strerror", None) or str(error).partition("\n")[0]

@@ -5,6 +5,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon.errors import MapError
 from maxcon.geometry import voxel_indices
 from maxcon.point_map.tile import TILE_VOXELS, TileKey, VoxelTile, search_order
 
@@ -12,6 +13,7 @@ __all__ = ["mean_normals", "split_into_tiles", "tile_of_voxels", "turn_alike", "
 
 # Normals that cancel (both faces of a thin wall in one voxel) leave no direction.
 CANCELLED_LENGTH = 1e-3
+MOST_LAYERS = 16_384
 
 
 def voxelize(
@@ -89,7 +91,19 @@ def tile_of_voxels(
     counts: NDArray[np.int32],
     normals: NDArray[np.float32],
 ) -> VoxelTile:
-    """Make a tile from voxels in any order."""
+    """Make a tile from voxels in any order.
+
+    Raises
+    ------
+    MapError
+        If they lie in more than 16,384 layers (983 m at 6 cm): the index of a tile takes 8 KiB for each.
+    """
+    n_layers = len(np.unique(layers))
+    if n_layers > MOST_LAYERS:
+        raise MapError(
+            f"Expected voxels in at most {MOST_LAYERS:,} height layers of tile {key}, got {n_layers:,}."
+            " Remove stray points far above and below (class them as noise)."
+        )
     order = search_order(columns, layers)
     return VoxelTile(key, columns[order], layers[order], counts[order], normals[order])
 
@@ -98,10 +112,11 @@ def split_into_tiles(
     indices: NDArray[np.int32], counts: NDArray[np.int32], normals: NDArray[np.float32]
 ) -> dict[TileKey, VoxelTile]:
     """Tiles of voxels with (x, y, z) `indices`, shape (n, 3)."""
-    keys, tile = np.unique(indices[:, :2] // TILE_VOXELS, axis=0, return_inverse=True)
+    keys, tile, _ = _unique_rows(indices[:, :2] // TILE_VOXELS)
+    order = np.argsort(tile, kind="stable")
+    groups = np.split(order, np.flatnonzero(np.diff(tile[order])) + 1) if len(order) else []
     tiles = {}
-    for number, (x, y) in enumerate(keys.tolist()):
-        members = np.flatnonzero(tile == number)
+    for (x, y), members in zip(keys.tolist(), groups, strict=True):
         columns = (indices[members, :2] - np.array([x, y]) * TILE_VOXELS).astype(np.int16)
         tiles[(x, y)] = tile_of_voxels(
             (x, y), columns, indices[members, 2], counts[members], normals[members]

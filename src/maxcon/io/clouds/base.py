@@ -41,6 +41,8 @@ class CloudHeader:
         How many points it holds.
     crs : str or None
         Coordinate reference system as WKT; None where the file names none.
+    has_asprs_classes : bool
+        Whether classes are those of the ASPRS (LAS), not of any scheme.
     has_normals, has_classes, has_times : bool
         Which of these come with each chunk.
     """
@@ -51,6 +53,7 @@ class CloudHeader:
     has_normals: bool = False
     has_classes: bool = False
     has_times: bool = False
+    has_asprs_classes: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,12 +70,15 @@ class CloudChunk:
         Classification codes, e.g. 2 for ground.
     times : array, shape (k,), float64, or None
         gps_time, s.
+    is_withheld : array, shape (k,), bool, or None
+        Points that the file marks as deleted (LAS).
     """
 
     points: NDArray[np.float64]
     normals: NDArray[np.float64] | None = None
     classes: NDArray[np.uint8] | None = None
     times: NDArray[np.float64] | None = None
+    is_withheld: NDArray[np.bool_] | None = None
 
 
 class CloudReader(ABC):

@@ -149,6 +149,7 @@ class LasReader(CloudReader):
                 n_points=self._layout.n_points,
                 crs=_read_crs(file, stream, header, self._layout),
                 has_classes=True,
+                has_asprs_classes=True,
                 has_times="gps_time" in header.point_format.dimension_names,
             )
 
@@ -178,6 +179,7 @@ class LasReader(CloudReader):
             stream.seek(0)
             selection = laspy.DecompressionSelection.base() | laspy.DecompressionSelection.Z
             selection |= laspy.DecompressionSelection.CLASSIFICATION | laspy.DecompressionSelection.GPS_TIME
+            selection |= laspy.DecompressionSelection.FLAGS
             reader = laspy.LasReader(
                 stream,
                 closefd=False,
@@ -205,4 +207,4 @@ class LasReader(CloudReader):
             points += header.offsets
         classes = np.array(record["classification"], dtype=np.uint8)
         times = np.array(record["gps_time"], dtype=np.float64) if self.header.has_times else None
-        return CloudChunk(points, None, classes, times)
+        return CloudChunk(points, None, classes, times, np.array(record["withheld"], dtype=bool))
