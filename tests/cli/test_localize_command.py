@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: MIT
 """`maxcon localize`: tables, pictures, options, and drives that are localized in part."""
 
-import re
 import csv
+import re
 
 import numpy as np
 import pytest

@@ -66,7 +66,9 @@ def test_voxels_are_those_of_the_same_points_in_memory(tmp_path, cloud_files, sc
     path = writer(tmp_path / f"a.{kind}", points)
     manifest = build_map([path], tmp_path / "a.map")
     opened = PointMap.open(tmp_path / "a.map")
-    np.testing.assert_allclose(np.array(opened.frame.origin) % (512 * CELL) % (512 * CELL - 1e-6), 0.0, atol=1e-5)
+    np.testing.assert_allclose(
+        np.array(opened.frame.origin) % (512 * CELL) % (512 * CELL - 1e-6), 0.0, atol=1e-5
+    )
     if kind in ("las", "laz"):
         from maxcon.io.clouds import open_cloud
 

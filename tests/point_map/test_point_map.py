@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from maxcon import LocalFrame, PointMap
 from maxcon.errors import ArrayError
-from maxcon.point_map import BLOCK_VOXELS, TILE_VOXELS, VoxelTile
+from maxcon.point_map import PATCH_VOXELS, TILE_VOXELS, VoxelTile
 
 SEEDS = st.integers(0, 2**32)
 CELLS = st.sampled_from([0.03, 0.06, 0.25, 1.0])
@@ -116,16 +116,16 @@ def test_tiles_are_in_the_order_the_search_reads(seed, n, corner):
         assert tile.is_in_order
         assert ((tile.voxels[:, :2] // TILE_VOXELS) == key).all()
         x, y = tile.columns.T.astype(int)
-        order = list(zip(tile.layers, y // BLOCK_VOXELS, x // BLOCK_VOXELS, y, x, strict=True))
+        order = list(zip(tile.layers, y // PATCH_VOXELS, x // PATCH_VOXELS, y, x, strict=True))
         assert order == sorted(order)
         index = tile.index
-        blocks = TILE_VOXELS // BLOCK_VOXELS
+        patches = TILE_VOXELS // PATCH_VOXELS
         for k, by, bx in {(np.searchsorted(index.layers, z), by, bx) for z, by, bx, _, _ in order}:
-            number = (k * blocks + by) * blocks + bx
-            members = slice(index.block_starts[number], index.block_starts[number + 1])
-            wanted = (tile.layers == index.layers[k]) & (y // BLOCK_VOXELS == by) & (x // BLOCK_VOXELS == bx)
+            number = (k * patches + by) * patches + bx
+            members = slice(index.patch_starts[number], index.patch_starts[number + 1])
+            wanted = (tile.layers == index.layers[k]) & (y // PATCH_VOXELS == by) & (x // PATCH_VOXELS == bx)
             np.testing.assert_array_equal(np.flatnonzero(wanted), np.arange(members.start, members.stop))
-        assert index.block_starts[-1] == len(tile)
+        assert index.patch_starts[-1] == len(tile)
 
 
 def test_a_tile_out_of_order_is_noticed():

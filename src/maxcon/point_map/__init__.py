@@ -3,6 +3,6 @@
 """The map: voxels in tiles, in memory or on disk."""
 
 from maxcon.point_map.point_map import PointMap
-from maxcon.point_map.tile import BLOCK_VOXELS, TILE_BLOCKS, TILE_VOXELS, TileKey, VoxelTile
+from maxcon.point_map.tile import PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS, TileKey, VoxelTile
 
-__all__ = ["BLOCK_VOXELS", "TILE_BLOCKS", "TILE_VOXELS", "PointMap", "TileKey", "VoxelTile"]
+__all__ = ["PATCH_VOXELS", "TILE_PATCHES", "TILE_VOXELS", "PointMap", "TileKey", "VoxelTile"]

@@ -63,6 +63,7 @@ class PointMap:
         self.cell = cell
         self.is_signed = is_signed
         self._tiles = tiles
+        self._sorted_keys = np.array(sorted(tiles.keys), dtype=np.int64).reshape(-1, 2)
 
     @classmethod
     def from_points(
@@ -141,6 +142,21 @@ class PointMap:
     def tiles_within(self, x: float, y: float, reach: float) -> list[VoxelTile]:
         """Tiles that meet the square of half width `reach` (m) around (x, y), local frame, ordered by key."""
         return [self._tiles.load(key) for key in sorted(self._keys_within(x, y, reach))]
+
+    def tiles_met(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> list[VoxelTile]:
+        """Tiles that meet any of the rectangles from `low` to `high`, shape (n, 2), local frame, m, ordered by key."""
+        edge = TILE_VOXELS * self.cell
+        rectangles = np.unique(np.floor(np.column_stack([low, high]) / edge), axis=0)
+        if not len(rectangles):
+            return []
+        first, last = rectangles[:, :2], rectangles[:, 2:]
+        keys = self._sorted_keys
+        near = keys[((keys >= first.min(axis=0)) & (keys <= last.max(axis=0))).all(axis=1)]
+        return [
+            self._tiles.load((x, y))
+            for x, y in near.tolist()
+            if ((first <= (x, y)) & (last >= (x, y))).all(axis=1).any()
+        ]
 
     def covers(self, x: float, y: float, reach: float = 0.0) -> bool:
         """Whether any tile meets the square of half width `reach` (m) around (x, y), local frame; loads nothing."""

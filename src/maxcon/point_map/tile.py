@@ -8,33 +8,33 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BLOCK_VOXELS", "TILE_BLOCKS", "TILE_VOXELS", "TileIndex", "TileKey", "VoxelTile", "search_order"]
+__all__ = ["PATCH_VOXELS", "TILE_PATCHES", "TILE_VOXELS", "TileIndex", "TileKey", "VoxelTile", "search_order"]
 
 TileKey = tuple[int, int]
 """(x, y) index of a tile: floor(voxel index / TILE_VOXELS)."""
 
 TILE_VOXELS = 512
-BLOCK_VOXELS = 16
-TILE_BLOCKS = TILE_VOXELS // BLOCK_VOXELS
+PATCH_VOXELS = 16
+TILE_PATCHES = TILE_VOXELS // PATCH_VOXELS
 
 
 @dataclass(frozen=True, slots=True)
 class TileIndex:
-    """Where each block of 16 x 16 voxels of one height layer begins in its tile.
+    """Where each patch of 16 x 16 voxels of one height layer begins in its tile.
 
     Parameters
     ----------
     layers : array, shape (n_layers,), int32
         The z indices that occur, ascending.
-    block_starts : array, shape (n_layers * TILE_BLOCKS**2 + 1,), int64
-        The voxels of block (by, bx) of layer k are those from number (k * TILE_BLOCKS + by) * TILE_BLOCKS
-        + bx to the next. Blocks that follow each other along x are one run of voxels.
+    patch_starts : array, shape (n_layers * TILE_PATCHES**2 + 1,), int64
+        The voxels of patch (py, px) of layer k are those from number (k * TILE_PATCHES + py) * TILE_PATCHES
+        + px to the next. Patches that follow each other along x are one run of voxels.
     factors : array, shape (4 n,), float32
         1, nx nx, nx ny, ny ny of each voxel: what a match of weight one adds to its cell.
     """
 
     layers: NDArray[np.int32]
-    block_starts: NDArray[np.int64]
+    patch_starts: NDArray[np.int64]
     factors: NDArray[np.float32]
 
 
@@ -42,7 +42,7 @@ class TileIndex:
 class VoxelTile:
     """The voxels of one tile of the map: 512 x 512 columns, 30.72 m at 6 cm.
 
-    Sorted by (z, block y, block x, y, x), see `search_order`. The arrays may be read-only views of a
+    Sorted by (z, patch y, patch x, y, x), see `search_order`. The arrays may be read-only views of a
     mapped file.
 
     Parameters
@@ -70,26 +70,26 @@ class VoxelTile:
 
     @cached_property
     def index(self) -> TileIndex:
-        """Where each block begins; made when first asked for."""
-        layers, block = self._blocks()
-        sizes = np.bincount(block, minlength=len(layers) * TILE_BLOCKS**2)
+        """Where each patch begins; made when first asked for."""
+        layers, patch = self._patches()
+        sizes = np.bincount(patch, minlength=len(layers) * TILE_PATCHES**2)
         factors = np.ones((len(self), 4), np.float32)
         factors[:, 1:] = self.normals[:, [0, 0, 1]] * self.normals[:, [0, 1, 1]]
         return TileIndex(layers, np.concatenate([[0], np.cumsum(sizes)]), factors.reshape(-1))
 
-    def _blocks(self) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-        """Return the z indices that occur, and the number of each voxel's block."""
+    def _patches(self) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+        """Return the z indices that occur, and the number of each voxel's patch."""
         layers, layer_of_voxel = np.unique(self.layers, return_inverse=True)
-        blocks = self.columns.astype(np.int64) // BLOCK_VOXELS
-        return layers, (layer_of_voxel * TILE_BLOCKS + blocks[:, 1]) * TILE_BLOCKS + blocks[:, 0]
+        patches = self.columns.astype(np.int64) // PATCH_VOXELS
+        return layers, (layer_of_voxel * TILE_PATCHES + patches[:, 1]) * TILE_PATCHES + patches[:, 0]
 
     @property
     def is_in_order(self) -> bool:
-        """Whether columns lie inside the tile and blocks follow each other: what the search relies on."""
+        """Whether columns lie inside the tile and patches follow each other: what the search relies on."""
         if not len(self):
             return True
         is_inside = self.columns.min() >= 0 and self.columns.max() < TILE_VOXELS
-        return bool(is_inside and (np.diff(self._blocks()[1]) >= 0).all())
+        return bool(is_inside and (np.diff(self._patches()[1]) >= 0).all())
 
     @property
     def voxels(self) -> NDArray[np.int32]:
@@ -101,11 +101,11 @@ class VoxelTile:
     def n_bytes(self) -> int:
         """Memory this tile holds once its index is made."""
         arrays = (self.columns, self.layers, self.counts, self.normals)
-        index = (self.index.layers, self.index.block_starts, self.index.factors)
+        index = (self.index.layers, self.index.patch_starts, self.index.factors)
         return sum(array.nbytes for array in arrays + index)
 
 
 def search_order(columns: NDArray[np.int16], layers: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Return the order (z, block y, block x, y, x) of voxels with these indices."""
-    blocks = columns // BLOCK_VOXELS
-    return np.lexsort((columns[:, 0], columns[:, 1], blocks[:, 0], blocks[:, 1], layers))
+    """Return the order (z, patch y, patch x, y, x) of voxels with these indices."""
+    patches = columns // PATCH_VOXELS
+    return np.lexsort((columns[:, 0], columns[:, 1], patches[:, 0], patches[:, 1], layers))

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from maxcon.geometry import Pose, voxel_indices
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
-from maxcon.search.matching import check_cell_edge, level, turn
+from maxcon.search.matching import check_cell_edge, level, tiles_met, turn
 from maxcon.search_space import Cell, SearchSpace
 
 __all__ = ["consensus_set"]
@@ -39,7 +39,8 @@ def consensus_set(
     check_cell_edge(space, point_map)
     heading, iy, ix = cell
     _, ny, nx = space.shape
-    points = turn(level(scan, prior).points, prior.heading + space.headings[heading]) + [
+    levelled = level(scan, prior)
+    points = turn(levelled.points, prior.heading + space.headings[heading]) + [
         prior.x,
         prior.y,
         0.0,
@@ -53,8 +54,7 @@ def consensus_set(
     size = (high - low + 1).astype(np.int64)
     wanted = _flat(indices - low, size)
     is_matched = np.zeros(len(indices), bool)
-    reach = float(np.hypot(scan.points[:, 0], scan.points[:, 1]).max()) + np.abs(scan.points[:, 2]).max()
-    for tile in point_map.tiles_within(prior.x, prior.y, reach + space.reach + space.cell):
+    for tile in tiles_met(levelled.points, point_map, prior, space):
         voxels = tile.voxels
         is_near = ((voxels >= low) & (voxels <= high)).all(axis=1)
         is_matched |= np.isin(wanted, _flat(voxels[is_near] - low, size))

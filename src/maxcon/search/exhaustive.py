@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from maxcon.accumulator import Accumulator
 from maxcon.errors import OptionError, SearchSpaceError
 from maxcon.geometry import Pose, voxel_indices
-from maxcon.point_map import BLOCK_VOXELS, TILE_VOXELS, PointMap, TileKey, VoxelTile
+from maxcon.point_map import PATCH_VOXELS, TILE_VOXELS, PointMap, TileKey, VoxelTile
 from maxcon.scan import Scan
-from maxcon.search.matching import LevelledScan, Multiplicity, check_cell_edge, level
+from maxcon.search.matching import LevelledScan, Multiplicity, check_cell_edge, level, tiles_met
 from maxcon.search_space import SearchSpace
 
 __all__ = ["exhaustive"]
@@ -38,7 +38,7 @@ def exhaustive(
     scan : Scan
         Points with normals, sensor frame.
     point_map : PointMap
-        Voxels of the space's cell edge. A scan or window that reaches past the map finds nothing there.
+        Voxels of the space's cell edge. A scan or space that reaches past the map finds nothing there.
     prior : Pose
         T_map_sensor before localization, local frame of the map.
     space : SearchSpace
@@ -122,16 +122,13 @@ class _Field:
         levelled = level(scan, prior)
         cell = point_map.cell
         layers = voxel_indices(levelled.points, cell)[:, 2]
-        patches = np.floor(levelled.points[:, :2] / (64 * cell))
-        order = np.lexsort((patches[:, 0], patches[:, 1], layers))
+        places = np.floor(levelled.points[:, :2] / (64 * cell))
+        order = np.lexsort((places[:, 0], places[:, 1], layers))
         levelled = LevelledScan(levelled.points[order], levelled.normals[order])
         scan_layers, ranks = np.unique(layers[order], return_inverse=True)
-        distances = np.hypot(levelled.points[:, 0], levelled.points[:, 1])
-        reach = float(distances.max(initial=0.0)) + space.reach + cell
-        voxel_indices(
-            prior.position + [[-reach, -reach, 0.0], [reach, reach, 0.0]], cell
-        )  # all have an index
-        tiles = point_map.tiles_within(prior.x, prior.y, reach)
+        reach = float(np.hypot(*levelled.points[:, :2].T).max(initial=0.0)) + space.reach + cell
+        _check_indices(prior, reach, cell)
+        tiles = tiles_met(levelled.points, point_map, prior, space)
         keys = np.array([tile.key for tile in tiles], dtype=np.int64).reshape(-1, 2)
         corner = keys.min(axis=0, initial=2**31)
         nx, ny = keys.max(axis=0, initial=-(2**31)) - corner + 1 if tiles else (0, 0)
@@ -151,6 +148,11 @@ class _Field:
         )
 
 
+def _check_indices(prior: Pose, reach: float, cell: float) -> None:
+    """Refuse a prior so far out that voxels within reach have no index."""
+    voxel_indices(prior.position + [[-reach, -reach, 0.0], [reach, reach, 0.0]], cell)
+
+
 def _layers_in(tile: VoxelTile, scan_layers: NDArray[np.int32]) -> NDArray[np.int64]:
     """Number of each layer of the scan among the tile's, -1 where the tile has none."""
     layers = tile.index.layers
@@ -163,7 +165,7 @@ def _search_heading(field: _Field, prior: Pose, space: SearchSpace, heading: int
     from maxcon.search import kernels
 
     _, ny, nx = space.shape
-    rim = BLOCK_VOXELS - 1
+    rim = PATCH_VOXELS - 1
     sums = np.zeros((ny + 2 * rim, nx + 2 * rim, 4))
     angle = prior.heading + space.headings[heading]
     points, normals = field.levelled.points, field.levelled.normals
@@ -177,7 +179,7 @@ def _search_heading(field: _Field, prior: Pose, space: SearchSpace, heading: int
     for slot, (tile, layers) in field.tiles.items():
         kernels.accumulate_tile(
             numbers[starts[slot] : starts[slot + 1]], columns, field.ranks, layers, turned,
-            (tile.key[0] * TILE_VOXELS, tile.key[1] * TILE_VOXELS), tile.index.block_starts,
+            (tile.key[0] * TILE_VOXELS, tile.key[1] * TILE_VOXELS), tile.index.patch_starts,
             tile.columns, tile.normals, tile.index.factors, tile.counts[:0] if field.is_once else tile.counts,
             (first, nx), field.is_signed, sums.reshape(-1),
         )  # fmt: skip

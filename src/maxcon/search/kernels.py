@@ -7,7 +7,7 @@ from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic
 
-from maxcon.point_map import BLOCK_VOXELS, TILE_BLOCKS, TILE_VOXELS
+from maxcon.point_map import PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS
 
 __all__ = ["accumulate_tile", "points_of_tiles", "turn_to_voxels"]
 
@@ -17,7 +17,7 @@ ROUNDER = 1.5 * 2.0**52 * 2.0**-24
 
 # Shifts instead of divisions: with these the search took 1.16 times as long.
 TILE_BITS = TILE_VOXELS.bit_length() - 1
-BLOCK_BITS = BLOCK_VOXELS.bit_length() - 1
+PATCH_BITS = PATCH_VOXELS.bit_length() - 1
 
 
 @intrinsic
@@ -70,9 +70,9 @@ def turn_to_voxels(points, normals, cosine, sine, x, y, cell, columns, turned):
 
 @njit(nogil=True, cache=True)
 def points_of_tiles(columns, first, last, corner, shape):
-    """For each tile of a grid, the points whose window meets it.
+    """For each tile of a grid, the points that meet it at some offset.
 
-    columns : (n, 2) int64, (x, y) voxel of each point; its window is columns + first .. columns + last.
+    columns : (n, 2) int64, (x, y) voxel of each point; it meets columns + first .. columns + last.
     corner : (x, y) key of the grid's first tile; shape : (ny, nx) tiles.
     Returns starts, (ny * nx + 1,), and points, so that tile t has points[starts[t] : starts[t + 1]].
     """
@@ -104,8 +104,8 @@ def points_of_tiles(columns, first, last, corner, shape):
 
 @njit(nogil=True, cache=True)
 def accumulate_tile(
-    points, columns, ranks, layers, normals, corner, block_starts, voxel_columns, voxel_normals, factors, counts,
-    window, is_signed, sums,
+    points, columns, ranks, layers, normals, corner, patch_starts, voxel_columns, voxel_normals, factors, counts,
+    offsets, is_signed, sums,
 ):  # fmt: skip
     """Add all matches of some scan points with one tile to the sums of one heading.
 
@@ -114,11 +114,11 @@ def accumulate_tile(
     float32, turned.
     corner : (x, y) voxel index of the tile; voxel_columns : (m, 2) int16; voxel_normals : (m, 3) float32;
     factors : (4 m,) float32, 1, nx nx, nx ny, ny ny; counts : (m,) int32, or empty where a voxel counts once.
-    window : (first offset, number of cells) along x and along y; sums : flat (ny + 2 r, nx + 2 r, 4)
-    float64 with a rim of r = BLOCK_VOXELS - 1 cells, where the rest of a block falls that the window cuts.
+    offsets : (first, number of cells) along x and along y; sums : flat (ny + 2 r, nx + 2 r, 4)
+    float64 with a rim of r = PATCH_VOXELS - 1 cells, where the rest of a patch falls that the offsets cut.
     """
-    first, n_cells = window
-    rim = BLOCK_VOXELS - 1
+    first, n_cells = offsets
+    rim = PATCH_VOXELS - 1
     stride = n_cells + 2 * rim
     is_once = counts.shape[0] == 0
     # w = max(c, 0) where normals have a side, |c| = max(c, -c) where not.
@@ -129,15 +129,15 @@ def accumulate_tile(
             continue
         x_first = columns[i, 0] + first - corner[0]
         y_first = columns[i, 1] + first - corner[1]
-        bx_first = max(x_first >> BLOCK_BITS, 0)
-        bx_last = min((x_first + n_cells - 1) >> BLOCK_BITS, TILE_BLOCKS - 1)
-        by_first = max(y_first >> BLOCK_BITS, 0)
-        by_last = min((y_first + n_cells - 1) >> BLOCK_BITS, TILE_BLOCKS - 1)
+        px_first = max(x_first >> PATCH_BITS, 0)
+        px_last = min((x_first + n_cells - 1) >> PATCH_BITS, TILE_PATCHES - 1)
+        py_first = max(y_first >> PATCH_BITS, 0)
+        py_last = min((y_first + n_cells - 1) >> PATCH_BITS, TILE_PATCHES - 1)
         nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
         base = (rim - y_first) * stride + rim - x_first
-        for by in range(by_first, by_last + 1):
-            row = (layer * TILE_BLOCKS + by) * TILE_BLOCKS
-            run_start, run_end = block_starts[row + bx_first], block_starts[row + bx_last + 1]
+        for py in range(py_first, py_last + 1):
+            row = (layer * TILE_PATCHES + py) * TILE_PATCHES
+            run_start, run_end = patch_starts[row + px_first], patch_starts[row + px_last + 1]
             if is_once:
                 for k in range(run_start, run_end):
                     cosine = nx * voxel_normals[k, 0] + ny * voxel_normals[k, 1] + nz * voxel_normals[k, 2]

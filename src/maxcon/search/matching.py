@@ -10,11 +10,19 @@ from numpy.typing import NDArray
 
 from maxcon.errors import OptionError, SearchSpaceError
 from maxcon.geometry import Pose, rotation_matrices
-from maxcon.point_map import PointMap
+from maxcon.point_map import PointMap, VoxelTile
 from maxcon.scan import Scan
 from maxcon.search_space import SearchSpace
 
-__all__ = ["CONTRIBUTION_STEP", "LevelledScan", "Multiplicity", "check_cell_edge", "level", "turn"]
+__all__ = [
+    "CONTRIBUTION_STEP",
+    "LevelledScan",
+    "Multiplicity",
+    "check_cell_edge",
+    "level",
+    "tiles_met",
+    "turn",
+]
 
 CONTRIBUTION_STEP = 2.0**-24
 """What a match adds to N is rounded to whole multiples of this, so that float64 sums are exact, and
@@ -82,6 +90,28 @@ def turn(vectors: NDArray[np.float64], heading: float) -> NDArray[np.float64]:
     cosine, sine = np.cos(heading), np.sin(heading)
     x, y, z = vectors.T
     return np.column_stack([x * cosine - y * sine, x * sine + y * cosine, z])
+
+
+def tiles_met(
+    points: NDArray[np.float64], point_map: PointMap, prior: Pose, space: SearchSpace
+) -> list[VoxelTile]:
+    """Tiles of the map that a levelled scan can fall in at any cell.
+
+    Parameters
+    ----------
+    points : array, shape (n, 3)
+        Levelled, m, about the sensor.
+    point_map : PointMap
+        The map.
+    prior : Pose
+        T_map_sensor before localization, local frame.
+    space : SearchSpace
+        The cells.
+    """
+    places = turn(points, prior.heading)[:, :2] + [prior.x, prior.y]
+    largest_turn = float(np.abs(space.headings).max())
+    reach = np.hypot(points[:, 0], points[:, 1]) * largest_turn + space.reach + space.cell
+    return point_map.tiles_met(places - reach[:, None], places + reach[:, None])
 
 
 def check_cell_edge(space: SearchSpace, point_map: PointMap) -> None:
