@@ -18,6 +18,10 @@ from maxcon.point_map.voxelize import split_into_tiles, voxelize
 __all__ = ["PointMap", "TileSource"]
 
 
+# Comparisons of rectangles with tiles that are made at once: a few MB.
+MOST_AT_ONCE = 1_000_000
+
+
 class TileSource(Protocol):
     """Where a map's tiles come from: memory, or a folder on disk."""
 
@@ -146,17 +150,21 @@ class PointMap:
     def tiles_met(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> list[VoxelTile]:
         """Tiles that meet any of the rectangles from `low` to `high`, shape (n, 2), local frame, m, ordered by key."""
         edge = TILE_VOXELS * self.cell
-        rectangles = np.unique(np.floor(np.column_stack([low, high]) / edge), axis=0)
-        if not len(rectangles):
+        if not len(low):
             return []
-        first, last = rectangles[:, :2], rectangles[:, 2:]
+        first, last = np.floor(low / edge), np.floor(high / edge)
+        is_new = np.ones(
+            len(first), bool
+        )  # neighbours meet the same tiles: most are told apart by the one before
+        is_new[1:] = ((first[1:] != first[:-1]) | (last[1:] != last[:-1])).any(axis=1)
+        first, last = first[is_new], last[is_new]
         keys = self._sorted_keys
         near = keys[((keys >= first.min(axis=0)) & (keys <= last.max(axis=0))).all(axis=1)]
-        return [
-            self._tiles.load((x, y))
-            for x, y in near.tolist()
-            if ((first <= (x, y)) & (last >= (x, y))).all(axis=1).any()
+        met = [
+            part[((first[:, None] <= part) & (last[:, None] >= part)).all(axis=2).any(axis=0)]
+            for part in np.array_split(near, 1 + len(near) * len(first) // MOST_AT_ONCE)
         ]
+        return [self._tiles.load((x, y)) for x, y in np.concatenate(met).tolist()]
 
     def covers(self, x: float, y: float, reach: float = 0.0) -> bool:
         """Whether any tile meets the square of half width `reach` (m) around (x, y), local frame; loads nothing."""

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: MIT
 """The exhaustive search: the definition's accumulator, compiled (D5, D7)."""
 
+import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -122,8 +123,7 @@ class _Field:
         levelled = level(scan, prior)
         cell = point_map.cell
         layers = voxel_indices(levelled.points, cell)[:, 2]
-        places = np.floor(levelled.points[:, :2] / (64 * cell))
-        order = np.lexsort((places[:, 0], places[:, 1], layers))
+        order = _reading_order(levelled.points, layers, 64 * cell)
         levelled = LevelledScan(levelled.points[order], levelled.normals[order])
         scan_layers, ranks = np.unique(layers[order], return_inverse=True)
         reach = float(np.hypot(*levelled.points[:, :2].T).max(initial=0.0)) + space.reach + cell
@@ -146,6 +146,21 @@ class _Field:
             multiplicity is Multiplicity.OCCUPIED,
             point_map.is_signed,
         )
+
+
+def _reading_order(points: NDArray[np.float64], layers: NDArray[np.int32], edge: float) -> NDArray[np.int64]:
+    """Order of points by height layer, then by squares of this edge (m) along y and x."""
+    if len(points) == 0:
+        return np.empty(0, np.int64)
+    places = np.floor(points[:, :2] / edge)
+    columns = [layers.astype(np.float64), places[:, 1], places[:, 0]]
+    sizes = [float(column.max() - column.min() + 1.0) for column in columns]
+    if math.prod(sizes) >= 2.0**53:  # too far apart for one number each, which sorts faster
+        return np.lexsort(columns[::-1])
+    number = np.zeros(len(points))
+    for column, size in zip(columns, sizes, strict=True):
+        number = number * size + (column - column.min())
+    return np.argsort(number.astype(np.int64), kind="stable")
 
 
 def _check_indices(prior: Pose, reach: float, cell: float) -> None:
