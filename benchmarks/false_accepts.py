@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 """When the true pose lies outside the search space, how often is the wrong answer called localized?
 
-    python benchmarks/false_accepts.py MAP SCANS --reference REFERENCE
+python benchmarks/false_accepts.py MAP SCANS --reference REFERENCE
 """
 
 import argparse
@@ -17,7 +17,17 @@ from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory
 
 # How far the prior is from the reference: x and y in m, heading in degrees.
-MOVES = ((10, 11, 0), (5, 0, 0), (-5, 0, 0), (0, 5, 0), (0, -5, 0), (-8, 6, 0), (0, 0, 180), (0, 0, 4), (0.7, 0.7, 3))
+MOVES = (
+    (10, 11, 0),
+    (5, 0, 0),
+    (-5, 0, 0),
+    (0, 5, 0),
+    (0, -5, 0),
+    (-8, 6, 0),
+    (0, 0, 180),
+    (0, 0, 4),
+    (0.7, 0.7, 3),
+)
 
 
 def main() -> None:
