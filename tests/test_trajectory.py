@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from maxcon.errors import ArrayError, OptionError, TrajectoryError
 from maxcon.geometry import Pose, rotation_matrices
-from maxcon.trajectory import Trajectory, angles_from_quaternions, quaternions_from_angles
+from maxcon.geometry.quaternions import angles_from_quaternions, quaternions_from_angles
+from maxcon.trajectory import Trajectory
 
 UTM = np.array([458888.4217, 5429081.5413, 115.0739])
 ANGLE = st.floats(-math.pi, math.pi)

@@ -12,54 +12,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from maxcon.errors import ArrayError, OptionError, TrajectoryError
 from maxcon.geometry import Pose
+from maxcon.geometry.quaternions import angles_from_quaternions, quaternions_from_angles
 
 __all__ = [
     "Trajectory",
     "TrajectoryFault",
-    "angles_from_quaternions",
     "first_fault",
-    "quaternions_from_angles",
 ]
 
 # A time this near to a pose's is that pose's: loggers round to the millisecond.
 SAME_TIME = 1e-3
 # Files with two decimals are off by 0.01; anything farther is another order of columns, not rounding.
 QUATERNION_TOLERANCE = 1e-2
-
-
-def quaternions_from_angles(roll: ArrayLike, pitch: ArrayLike, heading: ArrayLike) -> NDArray[np.float64]:
-    """Return unit quaternions (x, y, z, w), shape (..., 4), of Rz(heading) Ry(pitch) Rx(roll); rad (D2)."""
-    halves = np.broadcast_arrays(
-        *(np.asarray(angle, dtype=np.float64) / 2.0 for angle in (roll, pitch, heading))
-    )
-    (cr, cp, ch), (sr, sp, sh) = np.cos(halves), np.sin(halves)
-    return np.stack(
-        [
-            sr * cp * ch - cr * sp * sh,
-            cr * sp * ch + sr * cp * sh,
-            cr * cp * sh - sr * sp * ch,
-            cr * cp * ch + sr * sp * sh,
-        ],
-        axis=-1,
-    )
-
-
-def angles_from_quaternions(quaternions_xyzw: ArrayLike) -> NDArray[np.float64]:
-    """Roll, pitch and heading, shape (..., 3), rad, of unit quaternions of shape (..., 4).
-
-    Notes
-    -----
-    Pitch is in [-pi/2, pi/2]. Where it is +-pi/2, roll and heading turn about the same axis: roll is 0 there.
-    """
-    x, y, z, w = np.moveaxis(np.asarray(quaternions_xyzw, dtype=np.float64), -1, 0)
-    forward_x, forward_y = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + z * w)
-    level = np.hypot(forward_x, forward_y)
-    pitch = np.arctan2(2.0 * (y * w - x * z), level)
-    is_vertical = level < 1e-9
-    roll = np.where(is_vertical, 0.0, np.arctan2(2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)))
-    upright = np.arctan2(2.0 * (z * w - x * y), 1.0 - 2.0 * (x * x + z * z))
-    heading = np.where(is_vertical, upright, np.arctan2(forward_y, forward_x))
-    return np.stack([roll, pitch, heading], axis=-1)
 
 
 class TrajectoryFault(NamedTuple):

@@ -14,8 +14,9 @@ from hypothesis.extra import numpy as st_np
 
 from maxcon.errors import FileError, MaxconError, TrajectoryError
 from maxcon.geometry import Pose
+from maxcon.geometry.quaternions import quaternions_from_angles
 from maxcon.io.trajectories import read_trajectory, write_csv, write_tum
-from maxcon.trajectory import Trajectory, quaternions_from_angles
+from maxcon.trajectory import Trajectory
 
 TUM_LINE = "47452.193478 458888.4217 5429081.5413 115.0739 0 0 0.6 0.8\n"
 HEADER = "time,x,y,z,roll,pitch,heading\n"

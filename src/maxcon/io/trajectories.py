@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from maxcon.atomic import atomic_file
 from maxcon.errors import FileError, TrajectoryError
+from maxcon.geometry.quaternions import quaternions_from_angles
 from maxcon.io.text import numbered_lines, parse_float
-from maxcon.trajectory import Trajectory, first_fault, quaternions_from_angles
+from maxcon.trajectory import Trajectory, first_fault
 
 __all__ = ["read_trajectory", "write_csv", "write_tum"]
 

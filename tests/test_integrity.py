@@ -1,0 +1,141 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Which answers are not to be trusted, on scenes where the reason is known."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from maxcon import Count, MaximumConsensus, PointMap, Pose, Scan, SearchSpace, Status, Trust
+from maxcon.errors import OptionError
+from maxcon.integrity import runner_up_ratio
+
+SPACE = SearchSpace(half_width=1.2, heading_half_width_deg=1.0)
+HERE = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def wall(start, end, n, seed, height=3.0):
+    """Points on an upright wall, and its normal to the left of the way from start to end."""
+    rng = np.random.default_rng(seed)
+    along = rng.uniform(0.0, 1.0, n)[:, None]
+    ground = np.asarray(start) * (1.0 - along) + np.asarray(end) * along
+    way = np.subtract(end, start) / np.linalg.norm(np.subtract(end, start))
+    normals = np.tile([-way[1], way[0], 0.0], (n, 1))
+    return np.column_stack([ground, rng.uniform(0.0, height, n)]), normals
+
+
+def joined(*walls):
+    return tuple(np.concatenate(parts) for parts in zip(*walls, strict=True))
+
+
+@pytest.fixture(scope="module")
+def corner():
+    """Two walls at right angles, dense: every scan point of them matches."""
+    return joined(wall((5.01, -6), (5.01, 6), 60_000, 0), wall((6, 5.01), (-6, 5.01), 60_000, 1))
+
+
+def scan_of(points, normals, n=3000, seed=2):
+    chosen = np.random.default_rng(seed).permutation(len(points))[:n]
+    return Scan(points[chosen], normals[chosen])
+
+
+def test_a_corner_is_localized_and_tells_its_share_and_runner_up(corner):
+    estimate = MaximumConsensus(SPACE).localize(scan_of(*corner), PointMap.from_points(*corner), HERE)
+    assert estimate.status is Status.LOCALIZED
+    assert estimate.share > 0.9
+    assert 0.0 <= estimate.runner_up < 0.5
+
+
+@pytest.mark.parametrize("multiplicity", ["occupied", "points"])
+def test_the_share_counts_scan_points_whatever_the_multiplicity(corner, multiplicity):
+    """Half of the scan lies where the map has nothing; a count of map points must not hide it."""
+    points, normals = corner
+    scan = scan_of(*corner)
+    stray = Scan(np.concatenate([scan.points, scan.points + [0, 0, 50.0]]), np.tile(scan.normals, (2, 1)))
+    method = MaximumConsensus(SPACE, multiplicity=multiplicity)
+    point_map = PointMap.from_points(points, normals)
+    share = method.localize(scan, point_map, HERE).share
+    assert method.localize(stray, point_map, HERE).share == pytest.approx(share / 2, rel=0.02)
+
+
+def test_few_matches(corner):
+    scan = scan_of(*corner, n=300)
+    elsewhere = np.random.default_rng(3).uniform(-40, 40, (20_000, 3)) + [0, 0, 100.0]
+    mostly_new = Scan(np.concatenate([scan.points, elsewhere]), np.concatenate([scan.normals, 0 * elsewhere]))
+    point_map = PointMap.from_points(*corner)
+    assert MaximumConsensus(SPACE).localize(mostly_new, point_map, HERE).status is Status.FEW_MATCHES
+    trusting = MaximumConsensus(SPACE, trust=Trust(least_share=0.0))
+    assert trusting.localize(mostly_new, point_map, HERE).status is Status.LOCALIZED
+
+
+@pytest.mark.parametrize("objective", [None, Count()])
+def test_a_facade_that_repeats_is_ambiguous(objective):
+    """Pilasters every 0.9 m along a wall: moved by a period nearly all of them match again."""
+    wide = wall((40, 5.01), (-40, 5.01), 200_000, 4)
+    sides = [wall((x, 5.01), (x, 4.71), 3000, 10 + k) for k, x in enumerate(np.arange(-36.09, 36.1, 0.9))]
+    point_map = PointMap.from_points(*joined(wide, *sides))
+    scan = scan_of(*joined(wide, *sides), n=8000)
+    method = MaximumConsensus(SPACE) if objective is None else MaximumConsensus(SPACE, objective)
+    estimate = method.localize(scan, point_map, HERE)
+    assert estimate.runner_up > 0.8
+    assert estimate.status is Status.AMBIGUOUS
+    sure = replace(method, trust=Trust(largest_runner_up=1.0))
+    assert sure.localize(scan, point_map, HERE).status in (Status.LOCALIZED, Status.AMBIGUOUS)
+
+
+@pytest.mark.parametrize("turn_deg", [-1.6, 1.6])
+def test_a_heading_beyond_the_space_is_at_the_rim(corner, turn_deg):
+    prior = replace(HERE, heading=math.radians(turn_deg))
+    estimate = MaximumConsensus(SPACE).localize(scan_of(*corner), PointMap.from_points(*corner), prior)
+    assert estimate.cell[0] in (0, SPACE.shape[0] - 1)
+    assert estimate.status is Status.AT_RIM
+
+
+def test_the_outermost_heading_may_be_the_answer(corner):
+    prior = replace(HERE, heading=math.radians(1.0))
+    estimate = MaximumConsensus(SPACE).localize(scan_of(*corner), PointMap.from_points(*corner), prior)
+    assert estimate.cell[0] == 0
+    assert estimate.status is Status.LOCALIZED
+
+
+def test_an_offset_at_the_rim_is_told(corner):
+    prior = replace(HERE, x=1.2)
+    estimate = MaximumConsensus(SPACE).localize(scan_of(*corner), PointMap.from_points(*corner), prior)
+    assert estimate.status is Status.AT_RIM
+
+
+def test_the_runner_up_by_hand():
+    space = SearchSpace(half_width=0.6, heading_half_width_deg=0.5)
+    scores = np.zeros(space.shape)
+    scores[1, 10, 10] = 8.0  # the best cell
+    scores[1, 10, 11] = 7.9  # its slope, next to it
+    scores[0, 10, 18] = 6.0  # another peak, 0.48 m away, at another heading
+    scores[2, 2, 2] = 4.0  # a lower one, farther away
+    assert runner_up_ratio(scores, (1, 10, 10), space, 0.3) == 6.0 / 8.0
+    assert runner_up_ratio(scores, (1, 10, 10), space, 0.5) == 4.0 / 8.0
+    assert runner_up_ratio(scores, (1, 10, 10), space, 5.0) == 0.0
+    assert runner_up_ratio(scores, (1, 0, 0), space, 0.3) == math.inf
+
+
+def test_a_slope_is_no_runner_up():
+    """Cells beyond the guard radius that only lead up to the peak are no place of their own."""
+    space = SearchSpace(half_width=0.6, heading_half_width_deg=0.0)
+    y, x = np.mgrid[:20, :20]
+    scores = 20.0 - np.hypot(y - 10, x - 10)[None]
+    assert runner_up_ratio(scores, (0, 10, 10), space, 0.3) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"least_share": -0.1}, "`least_share` from 0 to 1, got -0.1. The default is 0.05"),
+        ({"largest_runner_up": 1.5}, "`largest_runner_up` from 0 to 1, got 1.5. The default is 0.8"),
+        ({"least_share": math.nan}, "`least_share` from 0 to 1, got nan"),
+        ({"guard_radius": math.inf}, "`guard_radius` >= 0 m, got inf. The default is 0.5"),
+    ],
+)
+def test_what_trust_cannot_be(options, words):
+    with pytest.raises(OptionError, match=words):
+        Trust(**options)
