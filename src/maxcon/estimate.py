@@ -27,6 +27,7 @@ class Status(StrEnum):
     NO_POINTS = "no points"
     NO_PRIOR = "no prior"
     OUTSIDE_MAP = "outside the map"
+    NOT_CONVERGED = "not converged"
 
     @property
     def explanation(self) -> str:
@@ -45,6 +46,7 @@ _EXPLANATIONS = {
     Status.NO_POINTS: "The scan has no point within the range limits.",
     Status.NO_PRIOR: "The prior trajectory has no pose at, or closely around, the time of the scan.",
     Status.OUTSIDE_MAP: "The prior lies outside the map.",
+    Status.NOT_CONVERGED: "The iteration did not come to rest within its limit: start nearer, or allow more steps.",
 }
 
 
@@ -58,8 +60,8 @@ class Estimate:
         T_map_sensor, local frame of the map. The prior where nothing matched.
     score : float
         Worth of the best cell, in units of the objective.
-    cell : tuple of 3 int
-        (heading, y, x) of the best cell in the search space.
+    cell : tuple of 3 int, or None
+        (heading, y, x) of the best cell in the search space; None for a method without cells.
     status : Status
         Whether the pose may be used, with words.
     cofactor : array, shape (2, 2)
@@ -74,7 +76,7 @@ class Estimate:
 
     pose: Pose
     score: float
-    cell: Cell
+    cell: Cell | None
     status: Status
     cofactor: NDArray[np.float64]
     share: float = 0.0

@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 
 from maxcon.cli import main
+from maxcon.dataset import Dataset
 from maxcon.io.trajectories import read_trajectory
 from maxcon.mapping import MapOptions, build_map
-from maxcon.simulation import ProfileScanner, SimulatedDataset, simulate
+from maxcon.simulation import ProfileScanner, simulate
 
 SCRIPT = "from maxcon.cli import main; main()"
 THIN_PROFILES = tuple(
@@ -34,7 +35,7 @@ class Ended(NamedTuple):
 class Drive(NamedTuple):
     """A simulated drive of four epochs, and the map of its city."""
 
-    dataset: SimulatedDataset
+    dataset: Dataset
     city: str
     reference: object
 

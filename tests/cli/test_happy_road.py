@@ -7,8 +7,8 @@ import csv
 import numpy as np
 import pytest
 
+from maxcon.dataset import Dataset
 from maxcon.io.trajectories import read_trajectory
-from maxcon.simulation import SimulatedDataset
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +34,7 @@ def road(tmp_path_factory, maxcon_in_process_of_its_own):
 
 def test_simulate_says_what_it_wrote(road):
     folder, printed = road
-    dataset = SimulatedDataset.open(folder / "dataset")
+    dataset = Dataset.open(folder / "dataset")
     assert printed["simulate"].splitlines()[0] == "dataset"
     assert f"({len(dataset.map_clouds)} files, vehicles are class 64)" in printed["simulate"]
     for path in ("dataset/map/trajectory.txt", "dataset/scans", "dataset/reference.txt", "dataset/prior.txt"):

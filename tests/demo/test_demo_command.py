@@ -6,10 +6,10 @@ import re
 
 import pytest
 
+from maxcon.dataset import Dataset
 from maxcon.demo import DEMO_METHODS, DEMO_NAMES
 from maxcon.io.trajectories import read_trajectory
 from maxcon.point_map import PointMap
-from maxcon.simulation import SimulatedDataset
 
 TABLES = [f"poses-{method.slug}.csv" for method in DEMO_METHODS]
 
@@ -47,7 +47,7 @@ def test_everything_it_made_is_there(demo):
     assert f"The report with pictures: {folder / 'report.html'}" in " ".join(ended.stdout.split("\n"))
     assert sorted(path.name for path in folder.parent.iterdir()) == ["out"]
     assert len(PointMap.open(folder / "city.map").tile_keys) > 1
-    assert len(list(SimulatedDataset.open(folder / "dataset").scans.glob("*.bin"))) == 4
+    assert len(list(Dataset.open(folder / "dataset").scans.glob("*.bin"))) == 4
     for name in TABLES:
         assert len(read_trajectory(folder / name)) >= 3
 

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from maxcon.dataset import Dataset
 from maxcon.errors import FileError, OptionError
 from maxcon.io.trajectories import read_trajectory
-from maxcon.simulation import LasClass, SimulatedDataset, simulate
+from maxcon.simulation import LasClass, simulate
 
 
 def _map_points(dataset):
@@ -79,7 +80,7 @@ def test_reference_poses_explain_the_scans(dataset):
 
 
 def test_dataset_opens_again(dataset):
-    assert SimulatedDataset.open(dataset.folder) == dataset
+    assert Dataset.open(dataset.folder) == dataset
 
 
 def test_same_seed_same_files(dataset, tmp_path, thin_profiles):
@@ -145,14 +146,6 @@ def test_wrong_options_are_refused(tmp_path, wrong, words):
     with pytest.raises(OptionError, match=words):
         simulate(tmp_path / "out", **wrong)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_what_is_no_dataset_is_refused(tmp_path):
-    with pytest.raises(FileError, match=r"Expected a simulated dataset with a dataset\.toml"):
-        SimulatedDataset.open(tmp_path)
-    (tmp_path / "dataset.toml").write_text("[map]\n")
-    with pytest.raises(FileError, match="Simulate it again"):
-        SimulatedDataset.open(tmp_path)
 
 
 def test_importing_is_light():

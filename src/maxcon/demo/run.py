@@ -8,20 +8,20 @@ from pathlib import Path
 
 import numpy as np
 
+from maxcon.dataset import Dataset
 from maxcon.drive import EpochEstimate, localize_drive
 from maxcon.evaluation import Accuracy, PoseError, pose_error, summarize
 from maxcon.geometry import Pose
 from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory
-from maxcon.mapping import MapOptions, build_map
+from maxcon.mapping import build_map, dataset_map_options
 from maxcon.maximum_consensus import MaximumConsensus
 from maxcon.objectives import Count, Helmert
 from maxcon.point_map import PointMap
 from maxcon.poses_table import write_poses
 from maxcon.report.figure import check_matplotlib
 from maxcon.report.page import check_jinja2
-from maxcon.simulation import SimulatedDataset, simulate
-from maxcon.simulation.las_classes import LasClass
+from maxcon.simulation import simulate
 from maxcon.simulation.ray_caster import check_embreex
 from maxcon.trajectory import Trajectory
 
@@ -71,7 +71,7 @@ class DemoDrive:
     """The simulated drive, opened: the map, the scans, the priors and the reference."""
 
     point_map: PointMap
-    dataset: SimulatedDataset
+    dataset: Dataset
     prior: Trajectory
     reference: Trajectory
 
@@ -129,10 +129,7 @@ def prepare_demo(
         before=before,
         progress=lambda done, total: progress("simulating the city and its drives", done, total),
     )
-    options = MapOptions(
-        trajectory=read_trajectory(dataset.map_trajectory), vehicle_classes=(int(LasClass.VEHICLE),)
-    )
-    build_map(dataset.map_clouds, folder / "city.map", options, progress=progress)
+    build_map(dataset.map_clouds, folder / "city.map", dataset_map_options(dataset), progress=progress)
     return DemoDrive(
         PointMap.open(folder / "city.map"),
         dataset,

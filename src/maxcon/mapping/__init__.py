@@ -3,5 +3,6 @@
 """From point clouds to a map on disk."""
 
 from maxcon.mapping.build import MapOptions, build_map
+from maxcon.mapping.dataset_options import dataset_map_options
 
-__all__ = ["MapOptions", "build_map"]
+__all__ = ["MapOptions", "build_map", "dataset_map_options"]

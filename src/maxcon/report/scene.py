@@ -66,7 +66,9 @@ class Scene:
 
     @property
     def is_matched(self) -> NDArray[np.bool_]:
-        """Whether each scan point belongs to the consensus set of the best cell, shape (n,)."""
+        """Whether each scan point belongs to the consensus set of the best cell, if any, shape (n,)."""
+        if self.estimate.cell is None:
+            return np.zeros(len(self.scan), bool)
         return consensus_set(self.scan, self.point_map, self.prior, self.space, self.estimate.cell)
 
     @property

@@ -3,7 +3,7 @@
 """A seeded city, ray-cast by a mapping vehicle and by a car, so that a demo walks the road of real data."""
 
 from maxcon.simulation.city import City, build_city
-from maxcon.simulation.dataset import SimulatedDataset, simulate
+from maxcon.simulation.dataset import simulate
 from maxcon.simulation.drive import Drive, PriorErrors, Route, drive_along, route_over_crossing
 from maxcon.simulation.las_classes import LasClass
 from maxcon.simulation.ray_caster import Hits, RayCaster
@@ -22,7 +22,6 @@ __all__ = [
     "RayCaster",
     "RotatingScanner",
     "Route",
-    "SimulatedDataset",
     "SimulatedWorld",
     "build_city",
     "drive_along",

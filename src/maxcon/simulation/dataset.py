@@ -4,9 +4,7 @@
 
 import itertools
 import os
-import tomllib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +12,8 @@ from numpy.typing import NDArray
 
 from maxcon import __version__
 from maxcon.atomic import atomic_folder, check_replaceable
-from maxcon.errors import FileError, OptionError
+from maxcon.dataset import DESCRIPTION, Dataset
+from maxcon.errors import OptionError
 from maxcon.geometry import LocalFrame, Pose
 from maxcon.io.trajectories import write_tum
 from maxcon.simulation.drive import PriorErrors
@@ -24,81 +23,15 @@ from maxcon.simulation.scanners import ProfileScanner, RotatingScanner, mobile_m
 from maxcon.simulation.world import Epoch, SimulatedWorld
 from maxcon.trajectory import Trajectory
 
-__all__ = ["CITY_ORIGIN", "CRS", "SimulatedDataset", "simulate"]
+__all__ = ["CITY_ORIGIN", "CRS", "simulate"]
 
 CRS = "EPSG:25832"
 CITY_ORIGIN = (550_000.0, 5_802_000.0, 60.0)
 """Global coordinates (ETRS89 / UTM 32N, m) of the middle of the crossing."""
 TRAJECTORY_STEP = 0.02
 """Between two poses of the mapping vehicle's trajectory, s."""
-DESCRIPTION = "dataset.toml"
 DATASET_NAMES = (DESCRIPTION, "map", "scans", "reference.txt", "prior.txt")
 """All that the folder of a dataset holds."""
-
-
-@dataclass(frozen=True, slots=True)
-class SimulatedDataset:
-    """Where the parts of a simulated dataset lie.
-
-    Parameters
-    ----------
-    folder : Path
-        Holds everything.
-    map_clouds : tuple of Path
-        LAZ files with class and time of each point, global coordinates, m.
-    map_trajectory : Path
-        TUM, of the mapping vehicle, on the clock of the map clouds.
-    scans : Path
-        Folder of KITTI `.bin` files (float32 x, y, z, intensity; sensor frame) with their `times.txt`.
-    reference, prior : Path
-        TUM, T_map_sensor in global coordinates, one pose per scan.
-    crs : str
-        Of all global coordinates.
-    """
-
-    folder: Path
-    map_clouds: tuple[Path, ...]
-    map_trajectory: Path
-    scans: Path
-    reference: Path
-    prior: Path
-    crs: str
-
-    @classmethod
-    def open(cls, folder: str | os.PathLike[str]) -> "SimulatedDataset":
-        """Return the dataset in `folder`, as its dataset.toml names the parts.
-
-        Raises
-        ------
-        FileError
-            If the folder has no readable dataset.toml, or a part is missing.
-        """
-        root = Path(folder)
-        try:
-            named = tomllib.loads((root / DESCRIPTION).read_text(encoding="utf-8"))
-            clouds = tuple(sorted(root.glob(named["map"]["clouds"])))
-            dataset = cls(
-                folder=root,
-                map_clouds=clouds,
-                map_trajectory=root / named["map"]["trajectory"],
-                scans=root / named["scans"]["folder"],
-                reference=root / named["scans"]["reference"],
-                prior=root / named["scans"]["prior"],
-                crs=str(named["map"]["crs"]),
-            )
-        except (OSError, KeyError, ValueError, TypeError) as error:
-            raise FileError(
-                f"Expected a simulated dataset with a {DESCRIPTION} in {root}, got: {error}."
-                " Simulate it again."
-            ) from error
-        parts = (dataset.map_trajectory, dataset.scans, dataset.reference, dataset.prior)
-        missing = [str(part) for part in parts if not part.exists()]
-        if missing or not clouds:
-            raise FileError(
-                f"Expected a whole dataset in {root}, got no {', '.join(missing) or 'map clouds'}."
-                " Simulate it again."
-            )
-        return dataset
 
 
 def simulate(
@@ -113,7 +46,7 @@ def simulate(
     prior_errors: PriorErrors | None = None,
     overwrite: bool = False,
     progress: Callable[[int, int], None] | None = None,
-) -> SimulatedDataset:
+) -> Dataset:
     """Write a seeded dataset: a city is mapped, and driven through on another day.
 
     Parameters
@@ -139,7 +72,7 @@ def simulate(
 
     Returns
     -------
-    SimulatedDataset
+    Dataset
         Where its parts lie.
 
     Raises
@@ -167,7 +100,7 @@ def simulate(
         _write_description(folder, seed, n_epochs)
         _write_map(folder, world, profiles, tick)
         _write_scans(folder, world, epochs, scanner or RotatingScanner(), tick)
-    return SimulatedDataset.open(out)
+    return Dataset.open(out)
 
 
 def _ticker(progress: Callable[[int, int], None] | None, n_steps: int) -> Callable[[], None]:
@@ -233,23 +166,22 @@ def _write_trajectory(path: Path, times: NDArray[np.float64], poses: Sequence[Po
 
 
 def _write_description(folder: Path, seed: int, n_epochs: int) -> None:
-    classes = "\n".join(f"{member.name.lower()} = {member.value}" for member in LasClass)
-    text = f"""# A dataset simulated by maxcon {__version__}.
-seed = {seed}
-n_epochs = {n_epochs}
+    classes = ", ".join(f"{member.name.lower()} {member.value}" for member in LasClass)
+    text = f"""# A dataset simulated by maxcon {__version__}: seed {seed}, {n_epochs} epochs.
+# Classes of the map: {classes}.
 
 [map]
 clouds = "map/tile_*.laz"
 trajectory = "map/trajectory.txt"
 crs = "{CRS}"
+vehicle_classes = [{LasClass.VEHICLE.value}]
 
 [scans]
 folder = "scans"
 times = "scans/times.txt"
 reference = "reference.txt"
-prior = "prior.txt"
 
-[classes]
-{classes}
+[priors]
+uniform = "prior.txt"
 """
     (folder / DESCRIPTION).write_text(text, encoding="utf-8", newline="\n")

@@ -1,0 +1,35 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""How the map of a dataset is made: what its description says, as options of a map."""
+
+from maxcon.dataset import Dataset
+from maxcon.io.trajectories import read_trajectory
+from maxcon.mapping.build import MapOptions
+
+__all__ = ["dataset_map_options"]
+
+
+def dataset_map_options(dataset: Dataset, *, cell: float = 0.06) -> MapOptions:
+    """Return the options to build the map of a dataset from its clouds.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        What is dropped, which classes mean vehicles, and where the mapping sensor was.
+    cell : float
+        Voxel edge, m.
+
+    Raises
+    ------
+    FileError
+        If the trajectory of the mapping sensor cannot be read.
+    """
+    trajectory = dataset.map_trajectory
+    return MapOptions(
+        cell=cell,
+        drop=dataset.drop,
+        vehicle_classes=dataset.vehicle_classes,
+        trajectory=read_trajectory(trajectory) if trajectory is not None else None,
+        normals_have_sides=dataset.normals_have_sides,
+        crs=dataset.crs,
+    )

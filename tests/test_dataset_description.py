@@ -1,0 +1,96 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""What a dataset.toml may say, and what is said of one that is wrong."""
+
+import pytest
+
+from maxcon.dataset import Dataset
+from maxcon.errors import FileError
+from maxcon.mapping import dataset_map_options
+
+PLAIN = """
+[map]
+clouds = "map/*.laz"
+[scans]
+folder = "scans"
+reference = "reference.txt"
+[priors]
+gnss = "gnss.txt"
+rough = "rough.txt"
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "map").mkdir()
+    (tmp_path / "scans").mkdir()
+    for name in ("map/b.laz", "map/a.laz", "reference.txt", "gnss.txt", "rough.txt"):
+        (tmp_path / name).touch()
+    (tmp_path / "map/mapping.txt").write_text("0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n")
+    (tmp_path / "city.map").mkdir()
+    return tmp_path
+
+
+def opened(folder, text):
+    (folder / "dataset.toml").write_text(text)
+    return Dataset.open(folder)
+
+
+def test_parts_are_named_relative_to_the_file(folder):
+    dataset = opened(folder, PLAIN)
+    assert [path.name for path in dataset.map_clouds] == ["a.laz", "b.laz"]
+    assert dataset.scans == folder / "scans"
+    assert list(dataset.priors) == ["gnss", "rough"]
+    assert dataset.prior == folder / "gnss.txt"
+    assert (dataset.map_path, dataset.map_trajectory, dataset.crs, dataset.drop) == (None, None, None, None)
+    (folder / "dataset.toml").rename(folder / "other.toml")
+    assert Dataset.open(folder / "other.toml").map_clouds == dataset.map_clouds
+
+
+def test_a_built_map_stands_in_for_clouds(folder):
+    dataset = opened(folder, PLAIN.replace('clouds = "map/*.laz"', 'path = "city.map"'))
+    assert (dataset.map_path, dataset.map_clouds) == (folder / "city.map", ())
+
+
+def test_what_it_says_of_the_map_becomes_its_options(folder):
+    more = 'trajectory = "map/mapping.txt"\ncrs = "EPSG:25832"\ndrop = ["ground"]\nvehicle_classes = [64]\n'
+    options = dataset_map_options(opened(folder, PLAIN.replace("[scans]", more + "[scans]")), cell=0.1)
+    assert (options.cell, options.crs, options.drop) == (0.1, "EPSG:25832", ("ground",))
+    assert options.dropped_classes() >= {2, 64}
+    assert len(options.trajectory) == 2
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("[map]", "[map", "Expected a dataset's description in"),
+        ('[priors]\ngnss = "gnss.txt"\nrough = "rough.txt"', "", r"Expected a table \[priors\]"),
+        ("clouds", "cluods", "got cluods"),
+        ("map/*.laz", "map/*.las", "got none for 'map/\\*.las'"),
+        ('"map/*.laz"', "3", "to be a list, got 3"),
+        ('"map/*.laz"', "[3]", "to be a list of str"),
+        ('clouds = "map/*.laz"', "", r"Expected a table \[map\]"),
+        ('"map/*.laz"', '"map/*.laz"\npath = "city.map"', "got both"),
+        ('folder = "scans"', "", r"Expected folder under \[scans\]"),
+        ('"reference.txt"', '"referense.txt"', "to name what exists"),
+        ('"gnss.txt"', "7", "Expected gnss under .* to be a str, got 7"),
+        ('"map/*.laz"', '"map/*.laz"\nvehicle_classes = [true]', "list of int"),
+    ],
+)
+def test_what_is_wrong_is_said(folder, old, new, words):
+    assert old in PLAIN
+    with pytest.raises(FileError, match=words):
+        opened(folder, PLAIN.replace(old, new))
+
+
+def test_what_is_no_dataset_is_refused(tmp_path):
+    with pytest.raises(FileError, match=r"No such file.*Write a dataset\.toml"):
+        Dataset.open(tmp_path)
+    with pytest.raises(FileError, match="No such file"):
+        Dataset.open(tmp_path / "nowhere")
+    (tmp_path / "dataset.toml").write_bytes(b"#" * (2**20 + 1))
+    with pytest.raises(FileError, match="more than 1,048,576 bytes"):
+        Dataset.open(tmp_path)
+    (tmp_path / "dataset.toml").write_bytes(b"\xff\xfe")
+    with pytest.raises(FileError, match="Expected a dataset's description"):
+        Dataset.open(tmp_path)
