@@ -20,7 +20,7 @@ from maxcon.objectives import Count, Helmert
 from maxcon.point_map import PointMap
 from maxcon.poses_table import write_poses
 from maxcon.report.figure import check_matplotlib
-from maxcon.report.page import check_jinja2
+from maxcon.report.html import check_jinja2
 from maxcon.simulation import simulate
 from maxcon.simulation.ray_caster import check_embreex
 from maxcon.trajectory import Trajectory

@@ -5,7 +5,8 @@
 from maxcon.report.drive_plot import plot_drive
 from maxcon.report.epoch import plot_epoch
 from maxcon.report.errors_plot import plot_errors
-from maxcon.report.page import DemoPage, MethodSummary, Picture, write_demo_page
+from maxcon.report.html import Picture
+from maxcon.report.page import DemoPage, MethodSummary, write_demo_page
 from maxcon.report.search_spaces import SearchSpaceView, plot_search_spaces
 
 __all__ = [

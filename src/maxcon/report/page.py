@@ -1,16 +1,13 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""One page that tells what was done, how well it went and why: one file that asks no host for anything."""
+"""The page of a demo: what was done, how well it went and why."""
 
-import base64
 import os
 from dataclasses import dataclass
-from pathlib import Path
 
-from maxcon.atomic import atomic_file
-from maxcon.errors import FileError, MissingExtraError
+from maxcon.report.html import Picture, write_page
 
-__all__ = ["DemoPage", "MethodSummary", "Picture", "write_demo_page"]
+__all__ = ["DemoPage", "MethodSummary", "write_demo_page"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,58 +39,6 @@ class MethodSummary:
     worst_error: float | None
     worst_heading_error_deg: float | None
     median_ms: float | None
-
-
-@dataclass(frozen=True, slots=True)
-class Picture:
-    """A PNG or SVG, with words.
-
-    Parameters
-    ----------
-    title, caption : str
-        What is written above and below.
-    alt : str
-        What the picture shows, for those who cannot see it.
-    source : path or bytes
-        The file, or what is in it.
-    """
-
-    title: str
-    caption: str
-    alt: str
-    source: str | os.PathLike[str] | bytes
-
-    @property
-    def data_uri(self) -> str:
-        """The picture itself, as an address that needs no host.
-
-        Raises
-        ------
-        FileError
-            If the file cannot be read, or is neither a PNG nor an SVG.
-        """
-        content, name = self._content()
-        if content.startswith(b"\x89PNG\r\n\x1a\n"):
-            kind = "image/png"
-        elif content.lstrip().startswith((b"<?xml", b"<svg")) and b"<svg" in content:
-            kind = "image/svg+xml"
-        else:
-            raise FileError(
-                f"Expected {name} to be a PNG or an SVG, got {content[:8]!r}. Draw it as one of these."
-            )
-        return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
-
-    def _content(self) -> tuple[bytes, str]:
-        """Return the bytes of the picture, and what to call it in a message."""
-        if isinstance(self.source, bytes):
-            return self.source, f"the picture {self.title!r}"
-        try:
-            return Path(self.source).read_bytes(), os.fspath(self.source)
-        except OSError as error:
-            raise FileError(
-                f"Expected to read the picture {os.fspath(self.source)}, got: {error.strerror}."
-                " Draw it first."
-            ) from error
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,22 +79,6 @@ class DemoPage:
     facts: tuple[tuple[str, str], ...] = ()
 
 
-def check_jinja2() -> None:
-    """Say that jinja2 is missing before the work that the page shall tell of.
-
-    Raises
-    ------
-    MissingExtraError
-        If jinja2 is not installed.
-    """
-    try:
-        import jinja2  # noqa: F401
-    except ImportError as error:
-        raise MissingExtraError(
-            "Expected jinja2 to write a page, but it is not installed. Run: pip install 'maxcon[demo]'"
-        ) from error
-
-
 def write_demo_page(path: str | os.PathLike[str], page: DemoPage) -> None:
     """Write a page as one HTML file, pictures inside.
 
@@ -167,23 +96,4 @@ def write_demo_page(path: str | os.PathLike[str], page: DemoPage) -> None:
     FileError
         If a picture cannot be read or the page cannot be written.
     """
-    check_jinja2()
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("maxcon.report"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    environment.filters["number"] = _number
-    text = environment.get_template("demo.html.j2").render(page=page)
-    with atomic_file(path) as partial:
-        partial.write_text(text, encoding="utf-8", newline="\n")
-
-
-def _number(value: float | None, digits: int) -> str:
-    """Return a number for a table; a dash where there is none."""
-    return "–" if value is None or value != value else f"{value:,.{digits}f}"
+    write_page(path, "demo.html.j2", page)
