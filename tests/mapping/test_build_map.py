@@ -100,6 +100,20 @@ def test_the_map_does_not_depend_on_chunks_files_their_order_or_threads(
         assert_same_voxels(opened, wanted)
 
 
+@pytest.mark.parametrize("keep_every", [2, 7])
+def test_a_thinner_map_takes_every_nth_point(tmp_path, cloud_files, scene, keep_every, monkeypatch):
+    whole = cloud_files.npz(tmp_path / "whole.npz", scene)
+    part = cloud_files.npz(tmp_path / "part.npz", scene[::keep_every])
+    chunks = CloudReader.chunks
+    monkeypatch.setattr(CloudReader, "chunks", lambda self, max_points=517: chunks(self, max_points))
+    thin = build_map([whole], tmp_path / "thin.map", MapOptions(keep_every=keep_every))
+    build_map([part], tmp_path / "part.map")
+    assert_same_voxels(PointMap.open(tmp_path / "thin.map"), PointMap.open(tmp_path / "part.map"))
+    (source,) = thin.build["sources"]
+    assert source["n_kept"] == len(scene[::keep_every]) == thin.n_points
+    assert source["n_thinned"] == len(scene) - len(scene[::keep_every])
+
+
 def test_the_voxels_of_a_large_map_do_not_depend_on_the_order_of_files(tmp_path, cloud_files, surfaces):
     west, _ = surfaces.wall(500, (10, 20), (90, 20))
     east, _ = surfaces.wall(500, (110, 20), (190, 20), seed=1)

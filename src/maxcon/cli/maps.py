@@ -56,6 +56,9 @@ def build(
     crs: Annotated[
         str | None, typer.Option(metavar="EPSG:N|WKT", help="CRS of clouds that name none themselves.")
     ] = None,
+    keep_every: Annotated[
+        int, typer.Option(min=1, metavar="N", help="Take only every N-th point of each cloud: a thinner map.")
+    ] = 1,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the map if there is one.")] = False,
     threads: Annotated[
         int | None,
@@ -78,6 +81,7 @@ def build(
         trajectory=read_trajectory(trajectory) if trajectory is not None else None,
         normals_have_sides=signed_normals,
         crs=crs,
+        keep_every=keep_every,
     )
     with step_bars("", quiet) as report:
         manifest = build_map(clouds, out, options, overwrite=overwrite, n_threads=threads, progress=report)
@@ -138,6 +142,8 @@ def _describe_source(source: dict[str, object]) -> str:
         text += "; dropped " + ", ".join(f"{n:,} {class_name(int(key))}" for key, n in dropped.items())
     if source["n_invalid"]:
         text += f"; dropped {source['n_invalid']:,} without finite coordinates"
+    if source.get("n_thinned"):
+        text += f"; {source['n_thinned']:,} thinned out"
     if source.get("n_withheld"):
         text += f"; {source['n_withheld']:,} marked as withheld"
     if source["n_without_side"]:

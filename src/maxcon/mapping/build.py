@@ -62,6 +62,8 @@ class MapOptions:
         their side is known, from this or from the trajectory; otherwise planes are fitted.
     crs : str, optional
         CRS of sources that name none.
+    keep_every : int
+        Of so many points, in the order of each source, one is kept: a thinner map to compare with.
     """
 
     cell: float = 0.06
@@ -70,11 +72,14 @@ class MapOptions:
     trajectory: Trajectory | None = None
     normals_have_sides: bool = False
     crs: str | None = None
+    keep_every: int = 1
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "vehicle_classes", tuple(self.vehicle_classes))
         if not (math.isfinite(self.cell) and self.cell > 0.0):
             raise ArrayError(f"Expected a positive voxel edge in m, got {self.cell}. The default is 0.06.")
+        if self.keep_every < 1:
+            raise OptionError(f"Expected to keep one point of 1 or more, got {self.keep_every}. 1 keeps all.")
 
     def dropped_classes(self, *, are_asprs: bool = True) -> frozenset[int]:
         """Class numbers that are left out of a source; the default speaks of ASPRS classes only."""
@@ -187,12 +192,15 @@ def _sort_into_tiles(
     for header, counted in zip(headers, counts, strict=True):
         drop = options.dropped_classes(are_asprs=header.has_asprs_classes)
         counted.has_known_classes = header.has_asprs_classes or options.drop is not None or bool(drop)
-        for part in read_source(header, counted, drop, options.trajectory, use_normals=use_normals):
+        for part in read_source(
+            header, counted, drop, options.trajectory, use_normals=use_normals, keep_every=options.keep_every
+        ):
             _add(spill, part, origin, header, options.cell)
             report("reading points", sum(source.n_points for source in counts), n_total)
     spill.flush()
     if not spill.keys:
         n_read = sum(source.n_points for source in counts)
+        n_read -= sum(source.n_thinned for source in counts)
         n_invalid = sum(source.n_invalid for source in counts)
         raise MapError(
             f"Expected points for the map, but none of the {n_read:,} points in"
@@ -253,6 +261,7 @@ def _description(
                 "name": source.name,
                 "n_points": source.n_points,
                 "n_kept": source.n_kept,
+                "n_thinned": source.n_thinned,
                 "n_invalid": source.n_invalid,
                 "n_withheld": source.n_withheld,
                 "n_without_side": source.n_without_side,

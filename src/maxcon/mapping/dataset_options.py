@@ -5,11 +5,14 @@
 from maxcon.dataset import Dataset
 from maxcon.io.trajectories import read_trajectory
 from maxcon.mapping.build import MapOptions
+from maxcon.mapping.classes import DEFAULT_DROP
 
 __all__ = ["dataset_map_options"]
 
 
-def dataset_map_options(dataset: Dataset, *, cell: float = 0.06) -> MapOptions:
+def dataset_map_options(
+    dataset: Dataset, *, cell: float = 0.06, keep_every: int = 1, keeps_ground: bool = False
+) -> MapOptions:
     """Return the options to build the map of a dataset from its clouds.
 
     Parameters
@@ -18,6 +21,10 @@ def dataset_map_options(dataset: Dataset, *, cell: float = 0.06) -> MapOptions:
         What is dropped, which classes mean vehicles, and where the mapping sensor was.
     cell : float
         Voxel edge, m.
+    keep_every : int
+        Of so many points one is kept.
+    keeps_ground : bool
+        Whether the ground stays in the map: a baseline that needs it may have it.
 
     Raises
     ------
@@ -27,9 +34,15 @@ def dataset_map_options(dataset: Dataset, *, cell: float = 0.06) -> MapOptions:
     trajectory = dataset.map_trajectory
     return MapOptions(
         cell=cell,
-        drop=dataset.drop,
+        drop=_without_ground(dataset.drop) if keeps_ground else dataset.drop,
         vehicle_classes=dataset.vehicle_classes,
         trajectory=read_trajectory(trajectory) if trajectory is not None else None,
         normals_have_sides=dataset.normals_have_sides,
         crs=dataset.crs,
+        keep_every=keep_every,
     )
+
+
+def _without_ground(drop: tuple[str, ...] | None) -> tuple[str, ...]:
+    """Return what is dropped, but for the ground."""
+    return tuple(name for name in (DEFAULT_DROP if drop is None else drop) if name not in ("ground", "2"))

@@ -39,6 +39,7 @@ class SourceCounts:
 
     name: str
     n_points: int = 0
+    n_thinned: int = 0
     n_invalid: int = 0
     n_withheld: int = 0
     n_without_side: int = 0
@@ -49,7 +50,8 @@ class SourceCounts:
     @property
     def n_kept(self) -> int:
         """Points that went into the map."""
-        return self.n_points - self.n_invalid - self.n_withheld - self.n_dropped.total()
+        left_out = self.n_thinned + self.n_invalid + self.n_withheld + self.n_dropped.total()
+        return self.n_points - left_out
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,6 +140,7 @@ def read_source(
     trajectory: Trajectory | None,
     *,
     use_normals: bool,
+    keep_every: int = 1,
 ) -> Iterator[SidedPoints]:
     """Yield the points of a source that belong in the map, and count the others.
 
@@ -153,6 +156,8 @@ def read_source(
         Where the sensor was, to tell the side of a surface it saw.
     use_normals : bool
         Whether the sides are the normals of the source (turned to the sensor where it is known).
+    keep_every : int
+        Of so many points, in the order of the file, one is kept.
 
     Raises
     ------
@@ -166,19 +171,22 @@ def read_source(
         )
     with open_cloud(header.path) as reader:
         for chunk in reader.chunks():
-            yield _keep(chunk, counts, drop, trajectory, use_normals)
+            is_wanted = (counts.n_points + np.arange(len(chunk.points))) % keep_every == 0
+            yield _keep(chunk, is_wanted, counts, drop, trajectory, use_normals)
 
 
 def _keep(
     chunk: CloudChunk,
+    is_wanted: NDArray[np.bool_],
     counts: SourceCounts,
     drop: frozenset[int],
     trajectory: Trajectory | None,
     use_normals: bool,
 ) -> SidedPoints:
     counts.n_points += len(chunk.points)
-    keep = np.isfinite(chunk.points).all(axis=1)
-    counts.n_invalid += int((~keep).sum())
+    counts.n_thinned += int((~is_wanted).sum())
+    keep = is_wanted & np.isfinite(chunk.points).all(axis=1)
+    counts.n_invalid += int((is_wanted & ~keep).sum())
     if chunk.is_withheld is not None:
         counts.n_withheld += int((keep & chunk.is_withheld).sum())
         keep &= ~chunk.is_withheld
