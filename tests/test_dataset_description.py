@@ -71,6 +71,7 @@ def test_what_it_says_of_the_map_becomes_its_options(folder):
         ('"map/*.laz"', "[3]", "to be a list of str"),
         ('clouds = "map/*.laz"', "", r"Expected a table \[map\]"),
         ('"map/*.laz"', '"map/*.laz"\npath = "city.map"', "got both"),
+        ("rough =", "reference =", "other than reference"),
         ('folder = "scans"', "", r"Expected folder under \[scans\]"),
         ('"reference.txt"', '"referense.txt"', "to name what exists"),
         ('"gnss.txt"', "7", "Expected gnss under .* to be a str, got 7"),

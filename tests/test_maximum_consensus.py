@@ -21,6 +21,7 @@ from maxcon import (
     Status,
 )
 from maxcon.errors import ArrayError, OptionError, SearchSpaceError
+from maxcon.search import Weighting
 
 CELL = 0.06
 TRUTH = Pose(5.0, -3.0, 1.5, 0.01, -0.02, 0.7)
@@ -90,6 +91,41 @@ def test_the_cofactor_is_the_inverse_of_n_and_the_score_that_of_its_trace(scan, 
     np.testing.assert_allclose(
         accumulator.normal_matrix(estimate.cell) @ estimate.cofactor, np.eye(2), atol=1e-9
     )
+
+
+def test_weights_of_one_do_not_need_scan_normals(scan, point_map):
+    """Without them the paper's weights are all 0; the count stays what it is."""
+    bare = Scan(scan.points, np.zeros_like(scan.normals))
+    prior = prior_of(4, -7, 0.5)
+    cosine, one = MaximumConsensus(SPACE), MaximumConsensus(SPACE, weighting="one")
+    assert (cosine.weighting, one.weighting) == (Weighting.COSINE, Weighting.ONE)
+    assert cosine.localize(bare, point_map, prior).status is Status.UNDETERMINED
+    estimate = one.localize(bare, point_map, prior)
+    assert (estimate.status, estimate.cell) == (Status.LOCALIZED, (3, 10 - 7, 10 + 4))
+    np.testing.assert_array_equal(
+        one.accumulate(bare, point_map, prior).moments[..., 0],
+        cosine.accumulate(bare, point_map, prior).moments[..., 0],
+    )
+
+
+@pytest.mark.parametrize("multiplicity", ["occupied", "points"])
+@pytest.mark.parametrize("turn_deg", [-1.5, 1.5])
+def test_the_heading_beyond_the_space_is_scored_with_the_same_weights(scan, multiplicity, turn_deg):
+    """The true heading is one step past the last; with cosines a scan without normals would score 0 there."""
+    along, up = (part.ravel() for part in np.mgrid[0:12:0.05, 0:3:0.05])
+    walls = np.concatenate(
+        [
+            np.column_stack([along, np.full(along.shape, 4.03), up]),
+            np.column_stack([np.full(along.shape, 14.03), along - 9.0, up]),
+        ]
+    )
+    normals = np.repeat([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0]], len(along), axis=0)
+    bare = Scan(scan.points, np.zeros_like(scan.normals))
+    method = MaximumConsensus(SPACE, multiplicity=multiplicity, weighting="one")
+    estimate = method.localize(bare, PointMap.from_points(walls, normals, CELL), prior_of(0, 0, turn_deg))
+    assert estimate.cell[0] == (4 if turn_deg > 0 else 0)
+    assert not SPACE.is_at_rim(estimate.cell)
+    assert estimate.status is Status.AT_RIM
 
 
 def test_the_least_certain_direction_is_that_of_fewer_surfaces():
@@ -203,6 +239,8 @@ def test_nan_among_the_scores_is_refused(scan, point_map):
 def test_what_is_refused(scan, point_map):
     with pytest.raises(OptionError, match="Expected `multiplicity` to be 'occupied' or 'points', got 'both'"):
         MaximumConsensus(multiplicity="both")
+    with pytest.raises(OptionError, match="Expected `weighting` to be 'cosine' or 'one', got 'none'"):
+        MaximumConsensus(weighting="none")
     with pytest.raises(SearchSpaceError, match=r"0\.06 m, got 0\.05 m"):
         MaximumConsensus(SearchSpace(1.0, 0.05)).localize(scan, point_map, TRUTH)
     with pytest.raises(ArrayError, match=r"`moments` to have shape \(5, 20, 20, 4\), got \(4, 20, 20, 5\)"):

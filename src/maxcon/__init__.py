@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from maxcon.objectives import Count, Helmert, MaxEigenvalue, Objective
     from maxcon.point_map import PointMap
     from maxcon.scan import Scan
-    from maxcon.search import Multiplicity
+    from maxcon.search import Multiplicity, Weighting
     from maxcon.search_space import SearchSpace
     from maxcon.trajectory import Trajectory
 
@@ -44,6 +44,7 @@ __all__ = [
     "Status",
     "Trajectory",
     "Trust",
+    "Weighting",
     "__version__",
     "search",
 ]
@@ -66,6 +67,7 @@ _HOME = {
     "Status": "maxcon.estimate",
     "Trajectory": "maxcon.trajectory",
     "Trust": "maxcon.integrity",
+    "Weighting": "maxcon.search",
 }
 
 

@@ -52,7 +52,7 @@ class Dataset:
     reference : Path
         Poses held for true, T_map_sensor, global coordinates.
     priors : dict of str to Path
-        Rough poses by name, T_map_sensor, global coordinates; at least one.
+        Rough poses by name, T_map_sensor, global coordinates; at least one, none by the name "reference".
     """
 
     path: Path
@@ -135,6 +135,11 @@ def _check_keys(file: Path, named: Mapping[str, Any]) -> None:
     for key in ("map", "scans", "priors"):
         if not isinstance(named.get(key), dict) or not named[key]:
             raise FileError(f"Expected a table [{key}] in {file}, got none. Add it (docs/study.md).")
+    if "reference" in named["priors"]:
+        raise FileError(
+            f"Expected a prior's name under [priors] in {file} other than reference: it stands for the reference"
+            " itself. Rename it."
+        )
     for table, known in _KEYS.items():
         unknown = sorted(set(named[table]) - known)
         if unknown:

@@ -12,12 +12,19 @@ import numpy as np
 from maxcon.errors import MapError, TrajectoryError
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
-from maxcon.io.scans import RawScan, ScanFolder
+from maxcon.io.scans import RawScan, ScanFolder, check_range
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
 from maxcon.trajectory import Trajectory
 
-__all__ = ["DriveOptions", "EpochEstimate", "Method", "localize_drive"]
+__all__ = [
+    "DriveOptions",
+    "EpochEstimate",
+    "Method",
+    "localize_drive",
+    "pose_or_none",
+    "status_without_search",
+]
 
 
 # A prior farther from any voxel tile lies outside the map. A wide square may have nothing but ground (m).
@@ -42,11 +49,19 @@ class DriveOptions:
         Points nearer or farther than this are left out, m.
     max_gap : float
         Largest time between two poses of the prior trajectory to interpolate across, s.
+
+    Raises
+    ------
+    OptionError
+        If not 0 <= min_range < max_range.
     """
 
     min_range: float = 1.0
     max_range: float = 120.0
     max_gap: float = 0.5
+
+    def __post_init__(self) -> None:
+        check_range(self.min_range, self.max_range)
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +135,7 @@ def localize_drive(
         If a scan cannot be read.
     """
     options = options or DriveOptions()
-    priors = [_prior_at(prior, float(at), options.max_gap) for at in scans.times]
+    priors = [pose_or_none(prior, float(at), options.max_gap) for at in scans.times]
     _check_times(scans, prior, priors)
     local = [point_map.frame.pose_to_local(pose) if pose is not None else None for pose in priors]
     _check_inside(point_map, local)
@@ -139,12 +154,9 @@ def _localize_epoch(
 ) -> EpochEstimate:
     raw = scans.read(epoch, options.min_range, options.max_range)
     scan = Scan(raw.points, time=raw.time)
-    if prior is None:
-        return EpochEstimate(epoch, raw, Status.NO_PRIOR, 0.0, scan)
-    if not point_map.covers(prior.x, prior.y, MAP_MARGIN):
-        return EpochEstimate(epoch, raw, Status.OUTSIDE_MAP, 0.0, scan, prior)
-    if len(scan) == 0:
-        return EpochEstimate(epoch, raw, Status.NO_POINTS, 0.0, scan, prior)
+    status = status_without_search(point_map, scan, prior)
+    if status is not None or prior is None:
+        return EpochEstimate(epoch, raw, status or Status.NO_PRIOR, 0.0, scan, prior)
     start = time.perf_counter()
     estimate = method.localize(scan, point_map, prior)
     milliseconds = 1e3 * (time.perf_counter() - start)
@@ -152,10 +164,19 @@ def _localize_epoch(
     return EpochEstimate(epoch, raw, estimate.status, milliseconds, scan, prior, estimate, pose)
 
 
-def _prior_at(prior: Trajectory, at: float, max_gap: float) -> Pose | None:
-    """Return the prior's pose at a time, None where it has none: such an epoch gets a status, not an error."""
+def status_without_search(point_map: PointMap, scan: Scan, prior: Pose | None) -> Status | None:
+    """Return why there is nothing to search for a scan and its prior (local frame); None if there is."""
+    if prior is None:
+        return Status.NO_PRIOR
+    if not point_map.covers(prior.x, prior.y, MAP_MARGIN):
+        return Status.OUTSIDE_MAP
+    return Status.NO_POINTS if len(scan) == 0 else None
+
+
+def pose_or_none(trajectory: Trajectory, at: float, max_gap: float) -> Pose | None:
+    """Return the pose at a time (s), None where there is none: such an epoch gets a status, not an error."""
     try:
-        return prior.at(at, max_gap)
+        return trajectory.at(at, max_gap)
     except TrajectoryError:
         return None
 

@@ -28,6 +28,8 @@ class Status(StrEnum):
     NO_PRIOR = "no prior"
     OUTSIDE_MAP = "outside the map"
     NOT_CONVERGED = "not converged"
+    UNREADABLE = "unreadable scan"
+    FAILED = "failed"
 
     @property
     def explanation(self) -> str:
@@ -47,6 +49,8 @@ _EXPLANATIONS = {
     Status.NO_PRIOR: "The prior trajectory has no pose at, or closely around, the time of the scan.",
     Status.OUTSIDE_MAP: "The prior lies outside the map.",
     Status.NOT_CONVERGED: "The iteration did not come to rest within its limit: start nearer, or allow more steps.",
+    Status.UNREADABLE: "The scan cannot be read: see the reason beside it.",
+    Status.FAILED: "The method ended with an error: see the reason beside it.",
 }
 
 

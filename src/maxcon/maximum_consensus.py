@@ -17,7 +17,7 @@ from maxcon.integrity import Trust, invert, runner_up_ratio
 from maxcon.objectives import Helmert, Objective
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
-from maxcon.search import Multiplicity, exhaustive
+from maxcon.search import Multiplicity, Weighting, exhaustive
 from maxcon.search_space import Cell, SearchSpace
 
 __all__ = ["MaximumConsensus"]
@@ -39,11 +39,13 @@ class MaximumConsensus:
         Headings searched at the same time; the answer does not depend on it.
     trust : Trust
         From where on an answer is not called localized.
+    weighting : {"cosine", "one"}
+        Weight of a match in N: max(0, n_scan . n_map), the paper's, or 1 (D5).
 
     Raises
     ------
     OptionError
-        If the multiplicity is unknown.
+        If the multiplicity or the weighting is unknown.
     """
 
     space: SearchSpace = field(default_factory=SearchSpace)
@@ -51,9 +53,11 @@ class MaximumConsensus:
     multiplicity: str | Multiplicity = Multiplicity.OCCUPIED
     n_threads: int = 1
     trust: Trust = field(default_factory=Trust)
+    weighting: str | Weighting = Weighting.COSINE
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "multiplicity", Multiplicity.parse(self.multiplicity))
+        object.__setattr__(self, "weighting", Weighting.parse(self.weighting))
 
     def localize(self, scan: Scan, point_map: PointMap, prior: Pose) -> Estimate:
         """Find the pose of a scan in the map.
@@ -82,8 +86,9 @@ class MaximumConsensus:
     def accumulate(self, scan: Scan, point_map: PointMap, prior: Pose) -> Accumulator:
         """Moments of every cell: what `conclude` decides on, and what plots show."""
         return exhaustive(
-            scan, point_map, prior, self.space, multiplicity=self.multiplicity, n_threads=self.n_threads
-        )
+            scan, point_map, prior, self.space,
+            multiplicity=self.multiplicity, weighting=self.weighting, n_threads=self.n_threads,
+        )  # fmt: skip
 
     def conclude(self, accumulator: Accumulator, scan: Scan, point_map: PointMap) -> Estimate:
         """Take the best cell of an accumulator of this scan, and say how far it may be trusted."""
@@ -115,7 +120,9 @@ class MaximumConsensus:
         beyond = space.headings[cell[0]] + (step if cell[0] > 0 else -step)
         turned = replace(prior, heading=prior.heading + float(beyond))
         one_heading = replace(space, heading_half_width_deg=0.0)
-        further = exhaustive(scan, point_map, turned, one_heading, multiplicity=self.multiplicity)
+        further = exhaustive(
+            scan, point_map, turned, one_heading, multiplicity=self.multiplicity, weighting=self.weighting
+        )
         return bool(further.score(self.objective).max() > accumulator.score(self.objective)[cell])
 
 

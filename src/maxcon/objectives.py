@@ -7,6 +7,7 @@ moments of a cell are count, Nxx, Nxy and Nyy: the number of its matches and the
 N = sum of w n n^T over them (equation (4)).
 """
 
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -40,6 +41,7 @@ def _eigenvalues(moments: Moments) -> tuple[Scores, Scores]:
     return smaller, larger
 
 
+@dataclass(frozen=True)
 class Count:
     """The number of matches, Psi of equation (2)."""
 
@@ -48,6 +50,7 @@ class Count:
         return moments[..., 0].astype(np.float64)
 
 
+@dataclass(frozen=True)
 class Helmert:
     """1 / tr(Q), the inverse square of Helmert's point error, equation (6).
 
@@ -61,6 +64,7 @@ class Helmert:
         return np.divide(smaller * larger, smaller + larger, out=np.zeros_like(larger), where=smaller > 0.0)
 
 
+@dataclass(frozen=True)
 class MaxEigenvalue:
     """1 / max(lambda_1, lambda_2) of Q, the paper's first loss: the smallest eigenvalue of N."""
 

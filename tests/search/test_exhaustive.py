@@ -46,7 +46,7 @@ def random_scene(seed, n_scan, n_map, cell, space, *, corner=(0, 0), is_signed=T
     return scan, PointMap.from_points(points_map, normals_map, cell, is_signed=is_signed), prior
 
 
-def by_votes(scan, point_map, prior, space, multiplicity):
+def by_votes(scan, point_map, prior, space, multiplicity, weighting="cosine"):
     """The same moments the other way round: each scan point votes with each voxel of its height."""
     indices, counts, normals_map = point_map.all_voxels()
     levelled = level(scan, prior)
@@ -64,6 +64,7 @@ def by_votes(scan, point_map, prior, space, multiplicity):
             a, b = normal * normals_map[is_in], np.zeros(is_in.sum(), np.float32)
             cosine = (a[:, 0] + a[:, 1]) + a[:, 2]
             weight = np.maximum(b, cosine) if point_map.is_signed else np.abs(cosine)
+            weight = np.ones_like(cosine) if weighting == "one" else weight
             added = (times[is_in] * weight.astype(np.float64))[:, None] * outer[is_in]
             added = np.rint(added / CONTRIBUTION_STEP) * CONTRIBUTION_STEP
             np.add.at(moments[h], (iy[is_in], ix[is_in]), np.column_stack([times[is_in], added]))
@@ -89,22 +90,24 @@ SEEDS = st.integers(0, 2**32)
     turns=st.sampled_from([(0.0, 0.5), (0.5, 0.5), (2.0, 2.0)]),
     corner=st.tuples(st.sampled_from([-3, -1, 0, 2]), st.sampled_from([-2, 0, 1])),
     multiplicity=st.sampled_from(["occupied", "points"]),
+    weighting=st.sampled_from(["cosine", "one"]),
     is_signed=st.booleans(),
     n_threads=st.integers(1, 4),
 )
 @settings(max_examples=60)
 def test_it_equals_the_definition(
-    seed, n_scan, n_map, cell, n_steps, turns, corner, multiplicity, is_signed, n_threads
+    seed, n_scan, n_map, cell, n_steps, turns, corner, multiplicity, weighting, is_signed, n_threads
 ):
     space = SearchSpace(n_steps * cell, cell, *turns)
     scan, point_map, prior = random_scene(
         seed, n_scan, n_map, cell, space, corner=corner, is_signed=is_signed, spread=8
     )
-    accumulator = exhaustive(scan, point_map, prior, space, multiplicity=multiplicity, n_threads=n_threads)
-    wanted = reference.voxels(scan, point_map, prior, space, multiplicity=multiplicity)
+    options = {"multiplicity": multiplicity, "weighting": weighting}
+    accumulator = exhaustive(scan, point_map, prior, space, **options, n_threads=n_threads)
+    wanted = reference.voxels(scan, point_map, prior, space, **options)
     event(f"matches: {bool(wanted.moments.any())}")
     assert_same(accumulator, wanted.moments)
-    assert_same(accumulator, by_votes(scan, point_map, prior, space, multiplicity))
+    assert_same(accumulator, by_votes(scan, point_map, prior, space, **options))
     for objective in OBJECTIVES:
         assert accumulator.best_cell(objective) == wanted.best_cell(objective)
 
@@ -118,19 +121,21 @@ def test_it_equals_the_definition(
     spread=st.sampled_from([5, 40, 600]),
     corner=st.tuples(st.integers(-100, 100), st.integers(-100, 100)),
     multiplicity=st.sampled_from(["occupied", "points"]),
+    weighting=st.sampled_from(["cosine", "one"]),
     is_signed=st.booleans(),
     n_threads=st.integers(1, 4),
 )
 @settings(max_examples=40)
 def test_it_equals_the_votes_of_wider_windows(
-    seed, n_scan, n_map, cell, n_steps, spread, corner, multiplicity, is_signed, n_threads
+    seed, n_scan, n_map, cell, n_steps, spread, corner, multiplicity, weighting, is_signed, n_threads
 ):
     space = SearchSpace(n_steps * cell, cell, 1.0, 1.0)
     scan, point_map, prior = random_scene(
         seed, n_scan, n_map, cell, space, corner=corner, is_signed=is_signed, spread=spread
     )
-    accumulator = exhaustive(scan, point_map, prior, space, multiplicity=multiplicity, n_threads=n_threads)
-    moments = by_votes(scan, point_map, prior, space, multiplicity)
+    options = {"multiplicity": multiplicity, "weighting": weighting}
+    accumulator = exhaustive(scan, point_map, prior, space, **options, n_threads=n_threads)
+    moments = by_votes(scan, point_map, prior, space, **options)
     event(f"matches: {bool(moments.any())}")
     assert_same(accumulator, moments)
 
@@ -226,6 +231,20 @@ def test_moving_map_and_prior_by_whole_cells_changes_nothing(seed, cells_x, cell
     )
     assert here.moments.any()
     assert_same(there, here.moments)
+
+
+@given(SEEDS, st.sampled_from(["occupied", "points"]), st.booleans())
+@settings(max_examples=30)
+def test_the_count_does_not_depend_on_the_weighting_and_n_is_largest_with_ones(seed, multiplicity, is_signed):
+    space = SearchSpace(0.6, 0.06, 0.5, 0.5)
+    scan, point_map, prior = random_scene(seed, 40, 80, 0.06, space, is_signed=is_signed, spread=8)
+    cosine, one = (
+        exhaustive(scan, point_map, prior, space, multiplicity=multiplicity, weighting=weighting).moments
+        for weighting in ("cosine", "one")
+    )
+    assert (cosine[..., 0] == one[..., 0]).all()
+    assert (cosine[..., [1, 3]] <= one[..., [1, 3]]).all()
+    assert (one[..., 1] + one[..., 3]).max() > 1.2 * (cosine[..., 1] + cosine[..., 3]).max()
 
 
 @given(SEEDS, st.sampled_from(["occupied", "points"]))
@@ -347,6 +366,8 @@ def test_other_options_are_refused():
     scan, point_map, prior = random_scene(0, 5, 5, 0.06, SearchSpace())
     with pytest.raises(OptionError, match="'occupied' or 'points', got 'all'"):
         exhaustive(scan, point_map, prior, SearchSpace(), multiplicity="all")
+    with pytest.raises(OptionError, match="Expected `weighting` to be 'cosine' or 'one', got 'two'"):
+        exhaustive(scan, point_map, prior, SearchSpace(), weighting="two")
     with pytest.raises(OptionError, match="Expected `n_threads` to be 1 or more, got 0"):
         exhaustive(scan, point_map, prior, SearchSpace(), n_threads=0)
 

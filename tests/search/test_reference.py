@@ -212,7 +212,7 @@ def random_pairs(seed, n_scan, n_map, cell):
     return Scan(scan_points, normals[:n_scan]), map_points, normals[n_scan:]
 
 
-def triple_loop(scan, map_points, map_normals, prior, space, threshold, *, is_signed):
+def triple_loop(scan, map_points, map_normals, prior, space, threshold, *, is_signed, weighting):
     moments = np.zeros((*space.shape, 4))
     for h, heading in enumerate(space.headings):
         c, s = math.cos(prior.heading + heading), math.sin(prior.heading + heading)
@@ -222,6 +222,7 @@ def triple_loop(scan, map_points, map_normals, prior, space, threshold, *, is_si
             for (qx, qy, qz), (nx, ny, nz) in zip(map_points.tolist(), map_normals.tolist(), strict=True):
                 cosine = ax * nx + ay * ny + az * nz
                 w = max(0.0, cosine) if is_signed else abs(cosine)
+                w = 1.0 if weighting == "one" else w
                 for iy, dy in enumerate(space.offsets):
                     for ix, dx in enumerate(space.offsets):
                         if max(abs(x + dx - qx), abs(y + dy - qy), abs(z - qz)) <= threshold:
@@ -231,19 +232,20 @@ def triple_loop(scan, map_points, map_normals, prior, space, threshold, *, is_si
 
 @given(
     st.integers(0, 2**32), st.integers(0, 4), st.integers(0, 6), st.sampled_from([0.5, 1.0]),
-    st.floats(-math.pi, math.pi), st.booleans(),
+    st.floats(-math.pi, math.pi), st.booleans(), st.sampled_from(["cosine", "one"]),
 )  # fmt: skip
-@settings(max_examples=40)
-def test_pairs_are_equation_2(seed, n_scan, n_map, share, heading, is_signed):
+@settings(max_examples=60)
+def test_pairs_are_equation_2(seed, n_scan, n_map, share, heading, is_signed, weighting):
     cell = 0.0625
     scan, map_points, map_normals = random_pairs(seed, n_scan, n_map, cell)
     # 0.01 off the grid, so that rounding decides nothing
     prior = Pose(0.01, -0.01, 0.001, 0.0, 0.0, heading)
     space = SearchSpace(3 * cell, cell, 0.5, 0.5)
+    options = {"is_signed": is_signed, "weighting": weighting}
     accumulator = reference.pairs(
-        scan, map_points, map_normals, prior, space, threshold=share * cell, is_signed=is_signed
+        scan, map_points, map_normals, prior, space, threshold=share * cell, **options
     )
-    wanted = triple_loop(scan, map_points, map_normals, prior, space, share * cell, is_signed=is_signed)
+    wanted = triple_loop(scan, map_points, map_normals, prior, space, share * cell, **options)
     np.testing.assert_array_equal(accumulator.moments[..., 0], wanted[..., 0])
     np.testing.assert_allclose(accumulator.moments, wanted, atol=1e-6)
 
@@ -311,15 +313,15 @@ def test_voxels_are_pairs_where_map_points_are_voxel_centres(seed, n_scan, n_map
 # --- what a match adds --------------------------------------------------------------------------------
 
 
-def one_match(n_scan, n_map, *, is_signed):
+def one_match(n_scan, n_map, *, is_signed, **options):
     """Moments of one scan point and one map point in the same place, by both models."""
     place = [[0.03, 0.03, 0.03]]
     scan = Scan(place, [n_scan])
     pairs = reference.pairs(
-        scan, place, [n_map], HERE, ONE_CELL, threshold=CELL / 2, is_signed=is_signed
+        scan, place, [n_map], HERE, ONE_CELL, threshold=CELL / 2, is_signed=is_signed, **options
     ).moments
     point_map = PointMap.from_points(place, [n_map], CELL, is_signed=is_signed)
-    voxels = reference.voxels(scan, point_map, HERE, ONE_CELL).moments
+    voxels = reference.voxels(scan, point_map, HERE, ONE_CELL, **options).moments
     np.testing.assert_allclose(pairs, voxels, atol=1e-6)
     return pairs[0, 0, 0]
 
@@ -348,12 +350,38 @@ def test_the_weight_is_the_cosine_between_the_normals(n_scan, n_map, is_signed, 
     np.testing.assert_allclose(one_match(n_scan, n_map, is_signed=is_signed), expected, atol=1e-6)
 
 
+@both_multiplicities
+@pytest.mark.parametrize("is_signed", [True, False])
+@pytest.mark.parametrize("n_scan", [X, [-1.0, 0.0, 0.0], SLANTED, Y, [0.0, 0.0, 0.0]])
+def test_with_weights_of_one_the_scan_normal_does_not_matter(n_scan, is_signed, multiplicity):
+    options = {"is_signed": is_signed, "multiplicity": multiplicity, "weighting": "one"}
+    np.testing.assert_allclose(one_match(n_scan, X, **options), [1.0, 1.0, 0.0, 0.0], atol=1e-6)
+    np.testing.assert_allclose(one_match(n_scan, SLANTED, **options), [1.0, 0.36, 0.0, 0.0], atol=1e-6)
+    nothing = one_match(n_scan, [0.0, 0.0, 0.0], **options)  # the map's normal still does
+    np.testing.assert_array_equal(nothing, [1.0, 0.0, 0.0, 0.0])
+
+
 def test_normals_are_three_dimensional():
     """A slanted roof constrains x by the square of its level part, though both normals agree."""
     moments = one_match(SLANTED, SLANTED, is_signed=True)
     np.testing.assert_allclose(moments, [1.0, 0.36, 0.0, 0.0], atol=1e-6)
     flat = one_match([0.0, 0.0, 1.0], [0.0, 0.0, 1.0], is_signed=True)
     np.testing.assert_allclose(flat, [1.0, 0.0, 0.0, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("weighting", ["cosine", "one"])
+def test_n_of_a_voxel_of_many_points_by_hand(weighting):
+    """5 map points in one voxel, 2 scan points whose normals are 0 and 60 degrees off the map's."""
+    places = [[0.03, 0.03, 0.03]] * 5
+    scan = Scan(places[:2], [X, [0.5, math.sqrt(0.75), 0.0]])
+    point_map = PointMap.from_points(places, [X] * 5, CELL)
+    for multiplicity, n in (("points", 5), ("occupied", 1)):
+        options = {"multiplicity": multiplicity, "weighting": weighting}
+        wanted = [2 * n, n * (1.5 if weighting == "cosine" else 2.0), 0.0, 0.0]
+        pairs = reference.pairs(scan, places, [X] * 5, HERE, ONE_CELL, threshold=CELL / 2, **options)
+        voxels = reference.voxels(scan, point_map, HERE, ONE_CELL, **options)
+        for accumulator in (pairs, voxels):
+            np.testing.assert_allclose(accumulator.moments[0, 0, 0], wanted, atol=1e-6)
 
 
 def test_multiplicity_weighs_a_voxel_by_its_points_or_once():
@@ -420,6 +448,10 @@ def test_what_the_definition_refuses():
         reference.voxels(scan, point_map, HERE, SearchSpace(0.1, 0.05))
     with pytest.raises(OptionError, match="Expected `multiplicity` to be 'occupied' or 'points', got 'once'"):
         reference.voxels(scan, point_map, HERE, SMALL, multiplicity="once")
+    with pytest.raises(OptionError, match="Expected `weighting` to be 'cosine' or 'one', got 'sine'"):
+        reference.voxels(scan, point_map, HERE, SMALL, weighting="sine")
+    with pytest.raises(OptionError, match="Expected `weighting` to be 'cosine' or 'one', got 1"):
+        reference.pairs(scan, np.zeros((1, 3)), [X], HERE, SMALL, threshold=CELL, weighting=1)
     with pytest.raises(
         ArrayError, match=r"`points_map` to have shape \(n, 3\), got \(3, 5\)\. Transpose it\?"
     ):

@@ -3,14 +3,22 @@
 """Errors against a reference pose, and how many epochs succeed."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from maxcon.geometry import Pose, wrap_angle
 
-__all__ = ["SUCCESS_DISTANCE", "SUCCESS_HEADING", "Accuracy", "PoseError", "pose_error", "summarize"]
+__all__ = [
+    "SUCCESS_DISTANCE",
+    "SUCCESS_HEADING",
+    "Accuracy",
+    "PoseError",
+    "Quantiles",
+    "pose_error",
+    "summarize",
+]
 
 SUCCESS_DISTANCE = 0.3
 SUCCESS_HEADING = math.radians(1.0)
@@ -18,18 +26,26 @@ SUCCESS_HEADING = math.radians(1.0)
 
 @dataclass(frozen=True, slots=True)
 class PoseError:
-    """How far a pose is from the reference.
+    """How far a pose is from the reference, in x, y and heading.
 
     Parameters
     ----------
-    distance : float
-        In x and y, m.
+    along : float
+        Signed, in the direction of the reference's heading, m.
+    across : float
+        Signed, to the left of it, m.
     heading : float
-        Signed, rad.
+        Signed, counter-clockwise, rad.
     """
 
-    distance: float
+    along: float
+    across: float
     heading: float
+
+    @property
+    def distance(self) -> float:
+        """In x and y, m."""
+        return math.hypot(self.along, self.across)
 
     @property
     def is_success(self) -> bool:
@@ -39,8 +55,41 @@ class PoseError:
 
 def pose_error(pose: Pose, reference: Pose) -> PoseError:
     """Return the error of `pose`; both in the same frame."""
-    distance = math.hypot(pose.x - reference.x, pose.y - reference.y)
-    return PoseError(distance, wrap_angle(pose.heading - reference.heading))
+    dx, dy = pose.x - reference.x, pose.y - reference.y
+    cosine, sine = math.cos(reference.heading), math.sin(reference.heading)
+    return PoseError(
+        along=dx * cosine + dy * sine,
+        across=dy * cosine - dx * sine,
+        heading=wrap_angle(pose.heading - reference.heading),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Quantiles:
+    """How large absolute errors are; all NaN where there is none.
+
+    Parameters
+    ----------
+    median, p95, p99 : float
+        The error that 50, 95 and 99 % of the epochs do not exceed, interpolated linearly between the two
+        epochs next to that rank. Of fewer than 100 epochs, `p99` is nearly the worst.
+    worst : float
+        The largest.
+    """
+
+    median: float
+    p95: float
+    p99: float
+    worst: float
+
+    @classmethod
+    def of(cls, errors: Iterable[float]) -> "Quantiles":
+        """Return the quantiles of the absolute values of `errors`; NaN among them makes all NaN."""
+        absolute = np.abs(list(errors))
+        if len(absolute) == 0:
+            return cls(math.nan, math.nan, math.nan, math.nan)
+        median, p95, p99, worst = np.quantile(absolute, [0.5, 0.95, 0.99, 1.0])
+        return cls(float(median), float(p95), float(p99), float(worst))
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,23 +102,43 @@ class Accuracy:
         All epochs.
     n_success : int
         Localized within 0.3 m and 1 degree.
-    median_distance, worst_distance : float
-        m; NaN where nothing was localized.
-    worst_heading : float
-        Largest absolute error, rad; NaN where nothing was localized.
+    distance, along, across : Quantiles
+        Of the absolute errors of the epochs that were localized, m.
+    heading : Quantiles
+        The same, rad.
     """
 
     n_epochs: int
     n_success: int
-    median_distance: float
-    worst_distance: float
-    worst_heading: float
+    distance: Quantiles
+    along: Quantiles
+    across: Quantiles
+    heading: Quantiles
+
+    @property
+    def median_distance(self) -> float:
+        """m; NaN where nothing was localized."""
+        return self.distance.median
+
+    @property
+    def worst_distance(self) -> float:
+        """m; NaN where nothing was localized."""
+        return self.distance.worst
+
+    @property
+    def worst_heading(self) -> float:
+        """Largest absolute error, rad; NaN where nothing was localized."""
+        return self.heading.worst
 
 
 def summarize(errors: Sequence[PoseError | None]) -> Accuracy:
     """Summarize the errors of all epochs, None for those that were not localized."""
     known = [error for error in errors if error is not None]
-    distances = [error.distance for error in known] or [math.nan]
-    headings = [abs(error.heading) for error in known] or [math.nan]
-    n_success = sum(error.is_success for error in known)
-    return Accuracy(len(errors), n_success, float(np.median(distances)), max(distances), max(headings))
+    return Accuracy(
+        n_epochs=len(errors),
+        n_success=sum(error.is_success for error in known),
+        distance=Quantiles.of(error.distance for error in known),
+        along=Quantiles.of(error.along for error in known),
+        across=Quantiles.of(error.across for error in known),
+        heading=Quantiles.of(error.heading for error in known),
+    )

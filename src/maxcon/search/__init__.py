@@ -5,6 +5,6 @@
 from maxcon.search import reference
 from maxcon.search.consensus import consensus_set
 from maxcon.search.exhaustive import exhaustive
-from maxcon.search.matching import Multiplicity
+from maxcon.search.matching import Multiplicity, Weighting
 
-__all__ = ["Multiplicity", "consensus_set", "exhaustive", "reference"]
+__all__ = ["Multiplicity", "Weighting", "consensus_set", "exhaustive", "reference"]

@@ -5,6 +5,7 @@
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +15,15 @@ from maxcon.errors import OptionError, SearchSpaceError
 from maxcon.geometry import Pose, voxel_indices
 from maxcon.point_map import PATCH_VOXELS, TILE_VOXELS, PointMap, TileKey, VoxelTile
 from maxcon.scan import Scan
-from maxcon.search.matching import LevelledScan, Multiplicity, check_cell_edge, level, tiles_met
+from maxcon.search.matching import LevelledScan, Multiplicity, Weighting, check_cell_edge, level, tiles_met
 from maxcon.search_space import SearchSpace
 
 __all__ = ["exhaustive"]
 
 # An accumulator takes 32 bytes a cell; 2^26 cells are 2 GiB.
 CELL_LIMIT = 2**26
+
+_Float = TypeVar("_Float", np.float32, np.float64)
 
 
 def exhaustive(
@@ -30,6 +33,7 @@ def exhaustive(
     space: SearchSpace,
     *,
     multiplicity: str | Multiplicity = Multiplicity.OCCUPIED,
+    weighting: str | Weighting = Weighting.COSINE,
     n_threads: int = 1,
 ) -> Accumulator:
     """Moments of every cell of the search space; equal to `reference.voxels`, to the last bit.
@@ -46,6 +50,8 @@ def exhaustive(
         The cells to try; at most 2^26 of them (2 GiB of moments).
     multiplicity : {"occupied", "points"}
         Whether a match weighs one, or as many as the voxel's map points (D4).
+    weighting : {"cosine", "one"}
+        Weight of a match in N: max(0, n_scan . n_map), or 1 (D5).
     n_threads : int
         Headings are shared out among that many threads; the result does not depend on it (D8).
 
@@ -59,12 +65,12 @@ def exhaustive(
     SearchSpaceError
         If the cell edge is not the map's or the space has too many cells.
     OptionError
-        If the multiplicity is unknown or there is no thread.
+        If the multiplicity or the weighting is unknown or there is no thread.
     ArrayError
         If the prior lies so far out that voxels have no index there (64,000 km at 6 cm).
     """
     check_cell_edge(space, point_map)
-    multiplicity = Multiplicity.parse(multiplicity)
+    multiplicity, weighting = Multiplicity.parse(multiplicity), Weighting.parse(weighting)
     if n_threads < 1:
         raise OptionError(f"Expected `n_threads` to be 1 or more, got {n_threads}. One is the default.")
     if space.n_cells > CELL_LIMIT:
@@ -72,7 +78,7 @@ def exhaustive(
             f"Expected at most {CELL_LIMIT:,} cells in an exhaustive search, got {space.n_cells:,}."
             " Narrow the search space, or enlarge the cell or the heading step."
         )
-    field = _Field.prepare(scan, point_map, prior, space, multiplicity)
+    field = _Field.prepare(scan, point_map, prior, space, multiplicity, weighting)
     moments = np.zeros((*space.shape, 4))
 
     def search(heading: int) -> None:
@@ -94,11 +100,13 @@ class _Field:
     Parameters
     ----------
     levelled : LevelledScan
-        n points, sorted so that neighbours follow each other: they read the same voxels.
+        n points, sorted so that neighbours follow each other: they read the same voxels. With weights of
+        one, all normals point up.
     ranks : array, shape (n,)
         Number of each point's height layer among those of the scan.
     tiles : dict
-        Tiles by their slot in the grid, with the layer each rank has in the tile (-1 for none).
+        Tiles by their slot in the grid, with the layer each rank has in the tile (-1 for none), and the
+        normals, shape (m, 3), that weights are cosines with: the voxels', or up with weights of one.
     corner, shape : tuple of 2 int
         Key (x, y) of the first tile of the grid that covers the tiles, and its size (ny, nx).
     cell : float
@@ -109,7 +117,7 @@ class _Field:
 
     levelled: LevelledScan
     ranks: NDArray[np.int64]
-    tiles: dict[int, tuple[VoxelTile, NDArray[np.int64]]]
+    tiles: dict[int, tuple[VoxelTile, NDArray[np.int64], NDArray[np.float32]]]
     corner: TileKey
     shape: tuple[int, int]
     cell: float
@@ -118,13 +126,19 @@ class _Field:
 
     @classmethod
     def prepare(
-        cls, scan: Scan, point_map: PointMap, prior: Pose, space: SearchSpace, multiplicity: Multiplicity
+        cls,
+        scan: Scan,
+        point_map: PointMap,
+        prior: Pose,
+        space: SearchSpace,
+        multiplicity: Multiplicity,
+        weighting: Weighting,
     ) -> "_Field":
         levelled = level(scan, prior)
         cell = point_map.cell
         layers = voxel_indices(levelled.points, cell)[:, 2]
         order = _reading_order(levelled.points, layers, 64 * cell)
-        levelled = LevelledScan(levelled.points[order], levelled.normals[order])
+        levelled = LevelledScan(levelled.points[order], _directions(levelled.normals[order], weighting))
         scan_layers, ranks = np.unique(layers[order], return_inverse=True)
         reach = float(np.hypot(*levelled.points[:, :2].T).max(initial=0.0)) + space.reach + cell
         _check_indices(prior, reach, cell)
@@ -137,7 +151,7 @@ class _Field:
             levelled,
             ranks,
             {
-                int(slot): (tile, _layers_in(tile, scan_layers))
+                int(slot): (tile, _layers_in(tile, scan_layers), _directions(tile.normals, weighting))
                 for slot, tile in zip(slots, tiles, strict=True)
             },
             (int(corner[0]), int(corner[1])),
@@ -161,6 +175,19 @@ def _reading_order(points: NDArray[np.float64], layers: NDArray[np.int32], edge:
     for column, size in zip(columns, sizes, strict=True):
         number = number * size + (column - column.min())
     return np.argsort(number.astype(np.int64), kind="stable")
+
+
+def _directions(normals: NDArray[_Float], weighting: Weighting) -> NDArray[_Float]:
+    """Unit vectors, shape (n, 3), whose cosines are the weights: the normals, or up at both sides (D5).
+
+    The cosine of up with up, at any heading, is 1 without rounding: the kernel needs no second way.
+    """
+    if weighting is Weighting.COSINE:
+        return normals
+    up = np.zeros_like(normals)
+    up[:, 2] = 1.0
+    up.flags.writeable = normals.flags.writeable  # the kernel is compiled once for each of the two
+    return up
 
 
 def _check_indices(prior: Pose, reach: float, cell: float) -> None:
@@ -191,11 +218,11 @@ def _search_heading(field: _Field, prior: Pose, space: SearchSpace, heading: int
     )
     first, last = -(nx // 2), nx - 1 - nx // 2
     starts, numbers = kernels.points_of_tiles(columns, first, last, field.corner, field.shape)
-    for slot, (tile, layers) in field.tiles.items():
+    for slot, (tile, layers, directions) in field.tiles.items():
         kernels.accumulate_tile(
             numbers[starts[slot] : starts[slot + 1]], columns, field.ranks, layers, turned,
             (tile.key[0] * TILE_VOXELS, tile.key[1] * TILE_VOXELS), tile.index.patch_starts,
-            tile.columns, tile.normals, tile.index.factors, tile.counts[:0] if field.is_once else tile.counts,
+            tile.columns, directions, tile.index.factors, tile.counts[:0] if field.is_once else tile.counts,
             (first, nx), field.is_signed, sums.reshape(-1),
         )  # fmt: skip
     return sums[rim : rim + ny, rim : rim + nx]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""What every search agrees on: how often a match counts, and where a scan point comes to lie (D2, D4)."""
+"""What every search agrees on: what a match counts and weighs, and where a scan point comes to lie."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -18,6 +18,7 @@ __all__ = [
     "CONTRIBUTION_STEP",
     "LevelledScan",
     "Multiplicity",
+    "Weighting",
     "check_cell_edge",
     "level",
     "tiles_met",
@@ -53,6 +54,32 @@ class Multiplicity(StrEnum):
             raise OptionError(
                 f"Expected `multiplicity` to be 'occupied' or 'points', got {value!r}."
             ) from None
+
+
+class Weighting(StrEnum):
+    """The weight w of a match in N, equation (4); its count does not depend on it (D5)."""
+
+    COSINE = "cosine"
+    """max(0, n_scan . n_map), the paper's; |n_scan . n_map| where the map's normals have no side. A scan
+    point without a normal constrains nothing."""
+
+    ONE = "one"
+    """1, whatever the normal of the scan point, and where it has none: what the paper's weights are
+    compared with. A map voxel without a normal still constrains nothing."""
+
+    @classmethod
+    def parse(cls, value: "str | Weighting") -> "Weighting":
+        """Return the weighting of that name.
+
+        Raises
+        ------
+        OptionError
+            If there is none.
+        """
+        try:
+            return cls(value)
+        except ValueError:
+            raise OptionError(f"Expected `weighting` to be 'cosine' or 'one', got {value!r}.") from None
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from maxcon.geometry.arrays import as_points, as_unit_normals
 from maxcon.point_map import PointMap
 from maxcon.point_map.voxelize import mean_normals, turn_alike
 from maxcon.scan import Scan
-from maxcon.search.matching import CONTRIBUTION_STEP, Multiplicity, check_cell_edge, level, turn
+from maxcon.search.matching import CONTRIBUTION_STEP, Multiplicity, Weighting, check_cell_edge, level, turn
 from maxcon.search_space import SearchSpace
 
 __all__ = ["pairs", "voxels"]
@@ -30,6 +30,7 @@ def pairs(
     *,
     threshold: float,
     multiplicity: str | Multiplicity = Multiplicity.POINTS,
+    weighting: str | Weighting = Weighting.COSINE,
     is_signed: bool = True,
 ) -> Accumulator:
     """Moments of every cell from all pairs of a scan point and a map point, equation (2).
@@ -49,6 +50,8 @@ def pairs(
         half of it each pair votes for one cell.
     multiplicity : {"points", "occupied"}
         Whether each pair of a scan point counts, or all of them count once, with their mean normal.
+    weighting : {"cosine", "one"}
+        Weight of a match in N: max(0, n_scan . n_map), or 1.
     is_signed : bool
         Whether map normals are turned to the sensor's side; otherwise w = |n_scan . n_map| (D5).
 
@@ -59,6 +62,7 @@ def pairs(
     points_map = as_points(points_map, "points_map")
     normals_map = as_unit_normals(normals_map, len(points_map), "normals_map")
     once = Multiplicity.parse(multiplicity) is Multiplicity.OCCUPIED
+    weighting = Weighting.parse(weighting)
     levelled = level(scan, prior)
     moments = np.zeros((*space.shape, 4))
     for h, heading in enumerate(prior.heading + space.headings):
@@ -72,7 +76,7 @@ def pairs(
                 matched = normals_map[j]
                 if once:
                     i, matched = _merge(i, matched, is_signed)
-                weights = _weights(normals_scan[i], matched, is_signed)
+                weights = _weights(normals_scan[i], matched, is_signed, weighting)
                 moments[h, iy, ix] = _moments(weights, matched, np.ones(len(i)))
     return Accumulator(moments, space, prior)
 
@@ -84,6 +88,7 @@ def voxels(
     space: SearchSpace,
     *,
     multiplicity: str | Multiplicity = Multiplicity.OCCUPIED,
+    weighting: str | Weighting = Weighting.COSINE,
 ) -> Accumulator:
     """Moments of every cell, a scan point matching the map voxel it falls in (D4).
 
@@ -99,6 +104,8 @@ def voxels(
         The cells to try.
     multiplicity : {"points", "occupied"}
         Whether a match weighs as many as the voxel's map points, or one.
+    weighting : {"cosine", "one"}
+        Weight of a match in N: max(0, n_scan . n_map), or 1.
 
     Returns
     -------
@@ -111,6 +118,7 @@ def voxels(
     """
     check_cell_edge(space, point_map)
     once = Multiplicity.parse(multiplicity) is Multiplicity.OCCUPIED
+    weighting = Weighting.parse(weighting)
     levelled = level(scan, prior)
     indices, counts, normals_map = point_map.all_voxels()
     row_of = {tuple(index): row for row, index in enumerate(indices.tolist())}
@@ -127,15 +135,20 @@ def voxels(
                 rows = np.array([row_of.get(tuple(index), -1) for index in shifted.tolist()], dtype=np.int64)
                 i, j = np.flatnonzero(rows >= 0), rows[rows >= 0]
                 times = np.ones(len(j)) if once else counts[j].astype(np.float64)
-                weights = _weights(normals_scan[i], normals_map[j], point_map.is_signed)
+                weights = _weights(normals_scan[i], normals_map[j], point_map.is_signed, weighting)
                 moments[h, iy, ix] = _moments(weights, normals_map[j], times)
     return Accumulator(moments, space, prior)
 
 
 def _weights(
-    normals_scan: NDArray[np.floating], normals_map: NDArray[np.floating], is_signed: bool
+    normals_scan: NDArray[np.floating],
+    normals_map: NDArray[np.floating],
+    is_signed: bool,
+    weighting: Weighting,
 ) -> NDArray[np.floating]:
-    """Weights max(0, n_scan . n_map), the diagonal of P; |n_scan . n_map| where the map has no side (D5)."""
+    """Weights, the diagonal of P: max(0, n_scan . n_map), |n_scan . n_map| where the map has no side, or 1 (D5)."""
+    if weighting is Weighting.ONE:
+        return np.ones(len(normals_scan))
     cosines = (normals_scan * normals_map).sum(axis=1)
     weights: NDArray[np.floating] = np.maximum(0.0, cosines) if is_signed else np.abs(cosines)
     return weights

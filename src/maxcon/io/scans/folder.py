@@ -14,7 +14,7 @@ from maxcon.errors import FileError, OptionError
 from maxcon.io.scans.points import SCAN_SUFFIXES, read_scan_points
 from maxcon.io.scans.times import in_natural_order, times_from_file, times_from_names
 
-__all__ = ["RawScan", "ScanFolder", "open_scans"]
+__all__ = ["RawScan", "ScanFolder", "check_range", "open_scans"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,12 +83,7 @@ class ScanFolder:
         OptionError
             If not 0 <= min_range < max_range.
         """
-        if not 0.0 <= min_range < max_range:
-            raise OptionError(
-                f"Expected 0 <= min_range < max_range, got {min_range} m and {max_range} m. The defaults"
-                " are 1 and"
-                " 120 m."
-            )
+        check_range(min_range, max_range)
         points = read_scan_points(self.paths[i])
         is_return = np.isfinite(points).all(axis=1) & points.any(axis=1)
         returns = points[is_return]
@@ -107,6 +102,21 @@ class ScanFolder:
         """Yield all scans in order of time; parameters and errors as of `read`."""
         for i in range(len(self)):
             yield self.read(i, min_range, max_range)
+
+
+def check_range(min_range: float, max_range: float) -> None:
+    """Refuse range limits that leave nothing.
+
+    Raises
+    ------
+    OptionError
+        If not 0 <= min_range < max_range.
+    """
+    if not 0.0 <= min_range < max_range:
+        raise OptionError(
+            f"Expected 0 <= min_range < max_range, got {min_range} m and {max_range} m. The defaults are 1 and"
+            " 120 m."
+        )
 
 
 def open_scans(path: str | os.PathLike[str], times: str | os.PathLike[str] | None = None) -> ScanFolder:
