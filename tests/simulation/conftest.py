@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""One small world and one small dataset, built once."""
+"""One small world and one small dataset, and the two campaigns, built once."""
 
 import pytest
 
-from maxcon.simulation import ProfileScanner, SimulatedWorld, simulate
+from maxcon.simulation import CampaignWorld, ProfileScanner, RotatingScanner, SimulatedWorld, simulate
 
 SEED = 3
 THIN_PROFILES = (
@@ -32,3 +32,19 @@ def thin_profiles():
 def dataset(tmp_path_factory):
     out = tmp_path_factory.mktemp("simulated") / "dataset"
     return simulate(out, n_epochs=3, seed=SEED, before=30.0, after=20.0, mapping_scanners=THIN_PROFILES)
+
+
+@pytest.fixture(scope="session")
+def campaign():
+    return CampaignWorld.build(SEED)
+
+
+@pytest.fixture(scope="session")
+def hard_campaign():
+    return CampaignWorld.build(SEED, 1, is_hard=True)
+
+
+@pytest.fixture(scope="session")
+def thin_scanner():
+    """A VLP-16 with a tenth of the points."""
+    return RotatingScanner(azimuth_step_deg=2.0)

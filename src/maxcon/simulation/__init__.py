@@ -2,30 +2,49 @@
 # SPDX-License-Identifier: MIT
 """A seeded city, ray-cast by a mapping vehicle and by a car, so that a demo walks the road of real data."""
 
+from maxcon.simulation.campaign import simulate_campaign
+from maxcon.simulation.campaign_world import CampaignEpoch, CampaignWorld
+from maxcon.simulation.circuit import Circuit, circuit_through
 from maxcon.simulation.city import City, build_city
 from maxcon.simulation.dataset import simulate
 from maxcon.simulation.drive import Drive, PriorErrors, Route, drive_along, route_over_crossing
+from maxcon.simulation.georeferencing import GeoreferencingErrors, draw_georeferencing_errors
+from maxcon.simulation.gnss_priors import GnssErrors
 from maxcon.simulation.las_classes import LasClass
 from maxcon.simulation.ray_caster import Hits, RayCaster
+from maxcon.simulation.round_drive import RoundDriver, drive_round
 from maxcon.simulation.scanners import Echoes, ProfileScanner, RotatingScanner, mobile_mapping_scanners
+from maxcon.simulation.street_grid import CAMPAIGN_GRID, StreetGrid
 from maxcon.simulation.world import Epoch, SimulatedWorld
 
 __all__ = [
+    "CAMPAIGN_GRID",
+    "CampaignEpoch",
+    "CampaignWorld",
+    "Circuit",
     "City",
     "Drive",
     "Echoes",
     "Epoch",
+    "GeoreferencingErrors",
+    "GnssErrors",
     "Hits",
     "LasClass",
     "PriorErrors",
     "ProfileScanner",
     "RayCaster",
     "RotatingScanner",
+    "RoundDriver",
     "Route",
     "SimulatedWorld",
+    "StreetGrid",
     "build_city",
+    "circuit_through",
+    "draw_georeferencing_errors",
     "drive_along",
+    "drive_round",
     "mobile_mapping_scanners",
     "route_over_crossing",
     "simulate",
+    "simulate_campaign",
 ]

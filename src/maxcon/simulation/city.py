@@ -13,19 +13,17 @@ from maxcon.simulation.facades import HOUSE_DEPTH, draw_style, house
 from maxcon.simulation.furniture import draw_car, draw_hedge, draw_sign, draw_tree, lamp_pole
 from maxcon.simulation.las_classes import LasClass
 from maxcon.simulation.patches import Patch, join
-from maxcon.simulation.street_grid import SIDEWALK, Frontage, blocks, centre_lines, frontages, ground
+from maxcon.simulation.street_grid import Frontage, StreetGrid
 
-__all__ = ["City", "Seed", "build_city"]
+__all__ = ["City", "Seed", "build_city", "city_of", "pavement"]
 
 Seed = int | Sequence[int]
 """What numpy.random.default_rng takes; the same seed gives the same city."""
 
 HOUSE_WIDTH = 13.0
 """Typical, m."""
-NO_PARKING = 9.0
-"""From a crossing's building line, m."""
-CAR_SIDE = SIDEWALK + 1.05
-"""From the building line to the middle of a parked car, m."""
+CAR_SIDE = 1.05
+"""From the kerb to the middle of a parked car, m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,7 +75,7 @@ class City:
         return _city([Patch(self.corners[stays], self.classes[stays]), *cars], self)
 
 
-def build_city(seed: Seed, *, street_angle_deg: float = 31.0) -> City:
+def build_city(seed: Seed, *, street_angle_deg: float = 31.0, grid: StreetGrid | None = None) -> City:
     """Return a city without parked cars.
 
     Parameters
@@ -87,25 +85,46 @@ def build_city(seed: Seed, *, street_angle_deg: float = 31.0) -> City:
     street_angle_deg : float
         Direction of the main street, degrees, counter-clockwise from +x; by default nothing is parallel
         to an axis.
+    grid : StreetGrid, optional
+        Where its streets are; those of the demo if None.
     """
+    streets = grid or StreetGrid()
     rng = np.random.default_rng(seed)
-    sides = [side for block in blocks() for side in frontages(block)]
-    parts = [ground()]
-    for side in sides:
-        parts += [*_houses(side, rng), *_sidewalk(side, rng)]
-    angle = math.radians(street_angle_deg)
-    turn = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
+    parts = [streets.ground()]
+    for side in streets.all_frontages():
+        parts += [*_houses(side, rng), *pavement(side, streets.sidewalk, rng)]
+    return city_of(parts, streets, math.radians(street_angle_deg))
+
+
+def city_of(parts: Sequence[Patch], grid: StreetGrid, street_angle: float) -> City:
+    """Return the city without parked cars that `parts`, in the frame of the grid, are.
+
+    Parameters
+    ----------
+    parts : sequence of Patch
+        Ground, houses and all that stands.
+    grid : StreetGrid
+        Its streets.
+    street_angle : float
+        Direction of the main street, rad, counter-clockwise from +x.
+    """
+    cosine, sine = math.cos(street_angle), math.sin(street_angle)
+    turn = np.array([[cosine, sine], [-sine, cosine]])
+    out = grid.sidewalk + CAR_SIDE
     lanes = np.array(
-        [[side.point(x, CAR_SIDE) for x in (NO_PARKING, side.length - NO_PARKING)] for side in sides]
+        [
+            [side.point(x, out) for x in (grid.no_parking, side.length - grid.no_parking)]
+            for side in grid.all_frontages()
+        ]
     )
-    whole = join(parts).placed(0.0, 0.0, heading=angle)
+    whole = join(parts).placed(0.0, 0.0, heading=street_angle)
     bare = City(
         np.empty((0, 3)),
         np.empty((0, 3), np.int32),
         np.empty(0, np.uint8),
-        centre_lines() @ turn,
+        grid.centre_lines() @ turn,
         lanes @ turn,
-        angle,
+        street_angle,
     )
     return _city([whole], bare)
 
@@ -150,17 +169,27 @@ def _setback(rng: np.random.Generator, *, has_garden: bool) -> float:
     return float(rng.uniform(0.0, 0.12) if rng.random() < 0.7 else rng.uniform(0.15, 0.6))
 
 
-def _sidewalk(side: Frontage, rng: np.random.Generator) -> Iterator[Patch]:
-    """Lamp poles, trees and signs along the kerb, tubs with bushes along the houses."""
+def pavement(side: Frontage, sidewalk: float, rng: np.random.Generator) -> Iterator[Patch]:
+    """Yield lamp poles, trees and signs along the kerb and tubs with bushes along the houses, one by one.
+
+    Parameters
+    ----------
+    side : Frontage
+        What they stand along.
+    sidewalk : float
+        From the kerb to the building line, m.
+    rng : numpy.random.Generator
+        Of places and sizes.
+    """
     for x in np.arange(12.0 + rng.uniform(0.0, 8.0), side.length - 8.0, 28.0):
-        yield side.placed(lamp_pole(), x, SIDEWALK - 0.4)
+        yield side.placed(lamp_pole(), x, sidewalk - 0.4)
     for x in np.arange(18.0 + rng.uniform(0.0, 6.0), side.length - 12.0, 17.0):
         if rng.random() < 0.45:
-            yield side.placed(draw_tree(rng), x + rng.uniform(-2.0, 2.0), SIDEWALK - 0.7)
+            yield side.placed(draw_tree(rng), x + rng.uniform(-2.0, 2.0), sidewalk - 0.7)
     for x in rng.uniform(10.0, side.length - 10.0, int(side.length / 30.0)):
         yield side.placed(draw_hedge(1.2, rng), x, 0.5)
     for x in (3.0, side.length - 3.0, *rng.uniform(10.0, side.length - 10.0, int(side.length / 35.0))):
-        yield side.placed(draw_sign(rng), x, SIDEWALK - 0.35)
+        yield side.placed(draw_sign(rng), x, sidewalk - 0.35)
 
 
 def _cars_along(lane: NDArray[np.float64], occupancy: float, rng: np.random.Generator) -> Iterator[Patch]:

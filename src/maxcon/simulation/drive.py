@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from maxcon.errors import OptionError
 from maxcon.geometry import Pose
 
-__all__ = ["Drive", "PriorErrors", "Route", "drive_along", "route_over_crossing"]
+__all__ = ["Drive", "PriorErrors", "Route", "drive_along", "off_by", "route_over_crossing", "sway"]
 
 STEP = 0.05
 """Between two points of a route, m."""
@@ -148,29 +148,42 @@ def drive_along(
     rng = np.random.default_rng(seed)
     distances = route.distances
     dip = 1.0 - (1.0 - slowest) * np.exp(-(((distances - route.stop_at) / 6.0) ** 2))
-    speeds = speed * dip * (1.0 + _sway(distances, 0.2, (25.0, 80.0), rng))
+    speeds = speed * dip * (1.0 + sway(distances, 0.2, (25.0, 80.0), rng))
     times = start_time + np.concatenate(
         [[0.0], np.cumsum(np.diff(distances) * 2.0 / (speeds[1:] + speeds[:-1]))]
     )
     steps = np.gradient(route.points, axis=0)
     heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
-    roll = _sway(distances, math.radians(0.8), (6.0, 40.0), rng)
-    pitch = _sway(distances, math.radians(0.8), (6.0, 40.0), rng)
-    z = height + _sway(distances, 0.02, (5.0, 30.0), rng)
+    roll = sway(distances, math.radians(0.8), (6.0, 40.0), rng)
+    pitch = sway(distances, math.radians(0.8), (6.0, 40.0), rng)
+    z = height + sway(distances, 0.02, (5.0, 30.0), rng)
     return Drive(times, np.column_stack([route.points, z]), np.column_stack([roll, pitch, heading]))
 
 
-def _sway(
+def sway(
     distances: NDArray[np.float64],
     amplitude: float,
     wavelengths: tuple[float, float],
     rng: np.random.Generator,
 ) -> NDArray[np.float64]:
-    """Smooth wobble over the distance (m), never beyond `amplitude`."""
+    """Return a smooth wobble over the distance (m), never beyond `amplitude`, shape (k,)."""
     waves = rng.uniform(*wavelengths, 4)
     phases = rng.uniform(0.0, 2.0 * math.pi, 4)
     sines = np.sin(2.0 * math.pi * distances[:, None] / waves + phases)
     return np.asarray(amplitude * sines.mean(axis=1), dtype=np.float64)
+
+
+def off_by(reference: Pose, errors: Sequence[float]) -> Pose:
+    """Return `reference` with errors of x, y, z (m), roll, pitch and heading (rad) added."""
+    x, y, z, roll, pitch, heading = errors
+    return Pose(
+        reference.x + x,
+        reference.y + y,
+        reference.z + z,
+        reference.roll + roll,
+        reference.pitch + pitch,
+        reference.heading + heading,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,12 +211,4 @@ class PriorErrors:
         """Return a prior for `reference`."""
         tilt, turn = math.radians(self.tilt_deg), math.radians(self.heading_deg)
         bounds = np.array([self.offset, self.offset, self.z, tilt, tilt, turn])
-        x, y, z, roll, pitch, heading = (bounds * rng.uniform(-1.0, 1.0, 6)).tolist()
-        return Pose(
-            reference.x + x,
-            reference.y + y,
-            reference.z + z,
-            reference.roll + roll,
-            reference.pitch + pitch,
-            reference.heading + heading,
-        )
+        return off_by(reference, (bounds * rng.uniform(-1.0, 1.0, 6)).tolist())

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from maxcon.simulation.las_classes import LasClass
 from maxcon.simulation.patches import Patch, boxes, join, prism, quads, triangles
 
-__all__ = ["HOUSE_DEPTH", "HouseStyle", "draw_style", "house", "relief"]
+__all__ = ["HOUSE_DEPTH", "HouseStyle", "balcony", "draw_style", "house", "rain_pipe", "relief", "steps"]
 
 HOUSE_DEPTH = 12.0
 """From front to back of every house, m."""
@@ -113,7 +113,7 @@ def house(style: HouseStyle, rng: np.random.Generator, *, shows_left: bool, show
         else:
             parts.append(_upright([[[x, 0.0, 0.0], [x, -HOUSE_DEPTH, 0.0]]], style.height))
     pipe_x = 0.15 if rng.random() < 0.5 else style.width - 0.15
-    parts.append(_round_post(pipe_x, 0.09, 0.05, style.height))
+    parts.append(rain_pipe(pipe_x, style.height))
     return join(parts)
 
 
@@ -208,31 +208,50 @@ def _column_center(style: HouseStyle, column: int) -> float:
 
 def _entrance(style: HouseStyle) -> list[Patch]:
     """Two steps up to the door."""
-    center = _column_center(style, style.door_column)
+    return [steps(_column_center(style, style.door_column))]
+
+
+def steps(center: float) -> Patch:
+    """Return two steps before `center` (m) along the front."""
     lows = [[center - 0.8, -DOOR_RECESS, 0.0], [center - 0.8, -DOOR_RECESS, 0.0]]
     highs = [[center + 0.8, 0.6, 0.15], [center + 0.8, 0.3, 0.3]]
-    return [boxes(lows, highs, LasClass.BUILDING)]
+    return boxes(lows, highs, LasClass.BUILDING)
 
 
 def _balconies(style: HouseStyle, rng: np.random.Generator) -> list[Patch]:
-    """One balcony on each upper floor: slab, parapet and its two sides."""
+    """One balcony on each upper floor."""
     if style.balcony_column is None:
         return []
     center = _column_center(style, style.balcony_column)
-    half, out, wall = rng.uniform(1.0, 1.5), rng.uniform(0.9, 1.3), 0.06
-    lows, highs = [], []
-    for storey in range(style.n_storeys - 1):
-        z = style.ground_height + storey * style.storey_height
-        lows += [[center - half, 0.0, z - 0.15], [center - half, out - wall, z]]
-        highs += [[center + half, out, z], [center + half, out, z + 1.0]]
-        lows += [[center - half, 0.0, z], [center + half - wall, 0.0, z]]
-        highs += [[center - half + wall, out - wall, z + 1.0], [center + half, out - wall, z + 1.0]]
-    return [boxes(lows, highs, LasClass.BUILDING)]
+    half, out = rng.uniform(1.0, 1.5), rng.uniform(0.9, 1.3)
+    floors = [style.ground_height + storey * style.storey_height for storey in range(style.n_storeys - 1)]
+    return [balcony(center, half, out, z) for z in floors]
 
 
-def _round_post(x: float, y: float, radius: float, height: float) -> Patch:
+def balcony(center: float, half: float, out: float, z: float) -> Patch:
+    """Return a balcony: slab, parapet and its two sides.
+
+    Parameters
+    ----------
+    center, half : float
+        Its middle along the front, and half of its width, m.
+    out : float
+        How far it stands out, m.
+    z : float
+        Height of its floor, m.
+    """
+    wall = 0.06
+    lows = [[center - half, 0.0, z - 0.15], [center - half, out - wall, z]]
+    highs = [[center + half, out, z], [center + half, out, z + 1.0]]
+    lows += [[center - half, 0.0, z], [center + half - wall, 0.0, z]]
+    highs += [[center - half + wall, out - wall, z + 1.0], [center + half, out - wall, z + 1.0]]
+    return boxes(lows, highs, LasClass.BUILDING)
+
+
+def rain_pipe(x: float, height: float) -> Patch:
+    """Return a round pipe of 10 cm before the front, up to `height` (m)."""
     angles = np.arange(8) * math.pi / 4.0
-    outline = np.stack([x + radius * np.cos(angles), y + radius * np.sin(angles)], axis=1)
+    outline = np.stack([x + 0.05 * np.cos(angles), 0.09 + 0.05 * np.sin(angles)], axis=1)
     return prism(outline, 0.0, height, LasClass.BUILDING)
 
 

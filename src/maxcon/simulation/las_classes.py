@@ -21,7 +21,7 @@ class LasClass(IntEnum):
     BUILDING = 6
     """Facades with their balconies, steps and rain pipes; roofs."""
     VEHICLE = 64
-    """Parked cars."""
+    """Parked cars; in the scans of a hard campaign also moving vehicles and pedestrians."""
     POLE = 65
     """Lamp poles and traffic signs."""
 

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""RayCaster: which triangle of a city each ray meets first, and how far away."""
+"""RayCaster: which triangle each ray meets first, and how far away."""
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 from maxcon.errors import MissingExtraError
 from maxcon.simulation.city import City
 
-__all__ = ["Hits", "RayCaster", "check_embreex"]
+__all__ = ["Caster", "Hits", "RayCaster", "TriangleScene", "check_embreex"]
 
 
 class Hits(NamedTuple):
-    """Where rays met the city; rays that met nothing have triangle -1.
+    """Where rays met triangles; rays that met nothing have triangle -1.
 
     Parameters
     ----------
     ranges : array, shape (n,), float32
         m; meaningless where nothing was met.
     triangles : array, shape (n,), int32
-        Row of `City.triangles`, or -1.
+        Row of the triangle, or -1.
     """
 
     ranges: NDArray[np.float32]
@@ -45,13 +45,28 @@ def check_embreex() -> None:
         ) from error
 
 
-class RayCaster:
-    """A city made ready for casting rays (Embree).
+class Caster(Protocol):
+    """What a scanner casts its rays into.
+
+    `normals`, shape (t, 3), and `classes`, shape (t,), belong to the triangles that `cast` answers with.
+    """
+
+    @property
+    def normals(self) -> NDArray[np.float32]: ...  # noqa: D102
+
+    @property
+    def classes(self) -> NDArray[np.uint8]: ...  # noqa: D102
+
+    def cast(self, origins: NDArray[np.float32], directions: NDArray[np.float32]) -> Hits: ...  # noqa: D102
+
+
+class TriangleScene:
+    """Triangles made ready for casting rays (Embree).
 
     Parameters
     ----------
-    city : City
-        Its coordinates must be small: rays are cast in float32, whose steps are 0.01 mm at 150 m.
+    corners : array, shape (t, 3, 3)
+        Of each triangle, m. They must be small: rays are cast in float32, whose steps are 0.01 mm at 150 m.
 
     Raises
     ------
@@ -59,15 +74,13 @@ class RayCaster:
         If embreex is not installed.
     """
 
-    def __init__(self, city: City) -> None:
+    def __init__(self, corners: NDArray[np.float64]) -> None:
         check_embreex()
         from embreex import rtcore_scene
         from embreex.mesh_construction import TriangleMesh
 
-        corners = city.corners
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-        self.city = city
         self.normals: NDArray[np.float32] = (normals / np.where(lengths > 0.0, lengths, 1.0)).astype(
             np.float32
         )
@@ -80,7 +93,40 @@ class RayCaster:
         Parameters
         ----------
         origins, directions : array, shape (n, 3), float32
-            City metres; unit directions.
+            In the frame of the corners, m; unit directions.
         """
         found = self._scene.run(np.ascontiguousarray(origins), np.ascontiguousarray(directions), output=True)
         return Hits(found["tfar"], found["primID"])
+
+
+class RayCaster:
+    """A city made ready for casting rays.
+
+    Parameters
+    ----------
+    city : City
+        In city metres.
+
+    Raises
+    ------
+    MissingExtraError
+        If embreex is not installed.
+    """
+
+    def __init__(self, city: City) -> None:
+        self.city = city
+        self._scene = TriangleScene(city.corners)
+
+    @property
+    def normals(self) -> NDArray[np.float32]:
+        """Unit normal of each triangle, shape (t, 3); either side may be meant."""
+        return self._scene.normals
+
+    @property
+    def classes(self) -> NDArray[np.uint8]:
+        """LasClass of each triangle, shape (t,)."""
+        return self.city.classes
+
+    def cast(self, origins: NDArray[np.float32], directions: NDArray[np.float32]) -> Hits:
+        """First hits of rays, shape (n, 3) each: see `TriangleScene.cast`."""
+        return self._scene.cast(origins, directions)

@@ -13,7 +13,7 @@ from maxcon.errors import OptionError
 from maxcon.geometry import Pose, rotation_matrices
 from maxcon.simulation.drive import Drive
 from maxcon.simulation.las_classes import REFLECTANCES
-from maxcon.simulation.ray_caster import RayCaster
+from maxcon.simulation.ray_caster import Caster, Hits
 
 __all__ = ["Echoes", "ProfileScanner", "RotatingScanner", "mobile_mapping_scanners"]
 
@@ -30,7 +30,7 @@ class Echoes(NamedTuple):
     times : array, shape (n,)
         s.
     triangles : array, shape (n,), int32
-        Row of `City.triangles` that was hit.
+        Row of the caster's triangles that was hit.
     classes : array, shape (n,), uint8
         LasClass of that triangle.
     intensities : array, shape (n,), float32
@@ -72,9 +72,14 @@ class RangeFinder:
                 f" {self.max_range}. Leave them out for the scanner's own."
             )
 
+    def returns(self, hits: Hits) -> NDArray[np.bool_]:
+        """Which hits come back but for dropouts, shape (n,)."""
+        is_near = (hits.ranges >= self.min_range) & (hits.ranges <= self.max_range)
+        return np.asarray((hits.triangles >= 0) & is_near)
+
     def measure(
         self,
-        caster: RayCaster,
+        caster: Caster,
         origins: NDArray[np.float64],
         directions: NDArray[np.float64],
         times: NDArray[np.float64],
@@ -82,12 +87,11 @@ class RangeFinder:
     ) -> Echoes:
         """Return the echoes of rays, shape (n, 3), that start at `times`, shape (n,)."""
         hits = caster.cast(origins.astype(np.float32), directions.astype(np.float32))
-        is_near = (hits.ranges >= self.min_range) & (hits.ranges <= self.max_range)
-        rows = np.flatnonzero((hits.triangles >= 0) & is_near & (rng.random(len(origins)) >= self.dropout))
+        rows = np.flatnonzero(self.returns(hits) & (rng.random(len(origins)) >= self.dropout))
         triangles = hits.triangles[rows]
         starts, ways = origins[rows], directions[rows]
         ranges = hits.ranges[rows] + self.noise * rng.standard_normal(len(rows))
-        classes = caster.city.classes[triangles]
+        classes = caster.classes[triangles]
         cosines = np.abs(np.einsum("ij,ij->i", caster.normals[triangles], ways))
         reflectances = np.zeros(256)
         reflectances[list(REFLECTANCES)] = list(REFLECTANCES.values())
@@ -132,7 +136,12 @@ class RotatingScanner:
                 "Expected at least one layer and an azimuth step above 0 and up to 360 degrees, got"
                 f" {self.n_layers} layers and {self.azimuth_step_deg} degrees. Leave them out for a VLP-16."
             )
-        RangeFinder(self.noise, self.dropout, self.min_range, self.max_range)
+        _ = self.range_finder
+
+    @property
+    def range_finder(self) -> RangeFinder:
+        """How well it measures along a ray."""
+        return RangeFinder(self.noise, self.dropout, self.min_range, self.max_range)
 
     @property
     def elevations(self) -> NDArray[np.float64]:
@@ -147,12 +156,11 @@ class RotatingScanner:
         level = np.cos(elevation)
         return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=1)
 
-    def scan(self, caster: RayCaster, pose: Pose, time: float, rng: np.random.Generator) -> Echoes:
+    def scan(self, caster: Caster, pose: Pose, time: float, rng: np.random.Generator) -> Echoes:
         """Return one scan from `pose` (T_city_sensor) at `time` (s)."""
         directions = self.directions @ pose.rotation.T
         origins = np.broadcast_to(pose.position, directions.shape)
-        finder = RangeFinder(self.noise, self.dropout, self.min_range, self.max_range)
-        return finder.measure(caster, origins, directions, np.full(len(directions), time), rng)
+        return self.range_finder.measure(caster, origins, directions, np.full(len(directions), time), rng)
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,7 +229,7 @@ class ProfileScanner:
         return int((drive.times[-1] - drive.times[0]) * self.line_rate)
 
     def scan(
-        self, caster: RayCaster, drive: Drive, first: int, n_lines: int, rng: np.random.Generator
+        self, caster: Caster, drive: Drive, first: int, n_lines: int, rng: np.random.Generator
     ) -> Echoes:
         """Return `n_lines` profiles of a drive from number `first` on; the vehicle moves within a profile."""
         starts = drive.times[0] + np.arange(first, first + n_lines + 1) / self.line_rate

@@ -15,19 +15,10 @@ from numpy.typing import NDArray
 from maxcon.simulation.las_classes import LasClass
 from maxcon.simulation.patches import Patch, boxes, join, quads
 
-__all__ = ["KERB_HEIGHT", "SIDEWALK", "Block", "Frontage", "blocks", "centre_lines", "frontages", "ground"]
+__all__ = ["CAMPAIGN_GRID", "KERB_HEIGHT", "Block", "Frontage", "StreetGrid"]
 
-CARRIAGEWAY = 5.0
-"""From a street's centre line to its kerb, m: a lane and a row of parked cars."""
-SIDEWALK = 2.75
-"""From the kerb to the building line, m."""
 KERB_HEIGHT = 0.12
-
-U_LINES = (-150.0, 0.0, 110.0)
-V_LINES = (-95.0, 0.0, 100.0)
-"""Where streets cross the main street and the cross street, m: far apart, so that a street looks endless."""
-MARGIN = 45.0
-"""How far the city goes on behind the outer streets, m."""
+"""m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,48 +61,109 @@ class Frontage:
         return self.u + along * cosine - out * sine, self.v + along * sine + out * cosine
 
 
-def centre_lines() -> NDArray[np.float64]:
-    """Start and end of each street, shape (k, 2, 2), frame of the grid, m; the main street is the first."""
-    u_ends = (U_LINES[0] - MARGIN, U_LINES[-1] + MARGIN)
-    v_ends = (V_LINES[0] - MARGIN, V_LINES[-1] + MARGIN)
-    along_u = [[[u_ends[0], v], [u_ends[1], v]] for v in sorted(V_LINES, key=abs)]
-    along_v = [[[u, v_ends[0]], [u, v_ends[1]]] for u in sorted(U_LINES, key=abs)]
-    return np.array([along_u[0], along_v[0], *along_u[1:], *along_v[1:]])
+@dataclass(frozen=True, slots=True)
+class StreetGrid:
+    """Straight streets that cross at right angles; the default is the grid of the demo.
+
+    Parameters
+    ----------
+    u_lines, v_lines : tuple of float
+        Where streets cross the main street and the cross street, m, rising; 0 is among both. By default
+        they are far apart, so that a street looks endless.
+    carriageway : float
+        From a street's centre line to its kerb, m: a lane and a row of parked cars.
+    sidewalk : float
+        From the kerb to the building line, m.
+    no_parking : float
+        From the corner of a block to its first parked car, m.
+    margin : float
+        How far the city goes on behind the outer streets, m.
+    """
+
+    u_lines: tuple[float, ...] = (-150.0, 0.0, 110.0)
+    v_lines: tuple[float, ...] = (-95.0, 0.0, 100.0)
+    carriageway: float = 5.0
+    sidewalk: float = 2.75
+    no_parking: float = 9.0
+    margin: float = 45.0
+
+    @property
+    def half_width(self) -> float:
+        """From a street's centre line to the building line, m."""
+        return self.carriageway + self.sidewalk
+
+    @property
+    def u_ends(self) -> tuple[float, float]:
+        """Where the city ends along the main street, m."""
+        return self.u_lines[0] - self.margin, self.u_lines[-1] + self.margin
+
+    @property
+    def v_ends(self) -> tuple[float, float]:
+        """Where the city ends along the cross street, m."""
+        return self.v_lines[0] - self.margin, self.v_lines[-1] + self.margin
+
+    def centre_lines(self) -> NDArray[np.float64]:
+        """Start and end of each street, shape (k, 2, 2), frame of the grid, m; the main street is the first."""
+        u_ends, v_ends = self.u_ends, self.v_ends
+        along_u = [[[u_ends[0], v], [u_ends[1], v]] for v in sorted(self.v_lines, key=abs)]
+        along_v = [[[u, v_ends[0]], [u, v_ends[1]]] for u in sorted(self.u_lines, key=abs)]
+        return np.array([along_u[0], along_v[0], *along_u[1:], *along_v[1:]])
+
+    def blocks(self, gap: float | None = None) -> list[Block]:
+        """Return all blocks, each `gap` (m) away from the centre lines of the streets around it.
+
+        Parameters
+        ----------
+        gap : float, optional
+            The blocks end at the building lines if None.
+        """
+        away = self.half_width if gap is None else gap
+        return [
+            Block(*u, *v)
+            for u in self._intervals(self.u_lines, away)
+            for v in self._intervals(self.v_lines, away)
+        ]
+
+    def frontages(self, block: Block) -> list[Frontage]:
+        """Return the sides of `block` that lie at a street; houses along u stand at the corners."""
+        along_u, along_v = block.u_high - block.u_low, block.v_high - block.v_low
+        sides = []
+        if block.v_low > self.v_lines[0]:
+            sides.append(Frontage(block.u_high, block.v_low, math.pi, along_u))
+        if block.v_high < self.v_lines[-1]:
+            sides.append(Frontage(block.u_low, block.v_high, 0.0, along_u))
+        if block.u_low > self.u_lines[0]:
+            sides.append(Frontage(block.u_low, block.v_low, 0.5 * math.pi, along_v))
+        if block.u_high < self.u_lines[-1]:
+            sides.append(Frontage(block.u_high, block.v_high, -0.5 * math.pi, along_v))
+        return sides
+
+    def all_frontages(self) -> list[Frontage]:
+        """Return the frontages of all blocks."""
+        return [side for block in self.blocks() for side in self.frontages(block)]
+
+    def ground(self) -> Patch:
+        """Carriageways at z = 0, and blocks with their sidewalks one kerb higher."""
+        (u0, u1), (v0, v1) = self.u_ends, self.v_ends
+        carriageway = quads([[[u0, v0, 0.0], [u1, v0, 0.0], [u1, v1, 0.0], [u0, v1, 0.0]]], LasClass.GROUND)
+        raised = self.blocks(self.carriageway)
+        lows = [[block.u_low, block.v_low, -0.1] for block in raised]
+        highs = [[block.u_high, block.v_high, KERB_HEIGHT] for block in raised]
+        return join([carriageway, boxes(lows, highs, LasClass.GROUND)])
+
+    def _intervals(self, lines: tuple[float, ...], gap: float) -> list[tuple[float, float]]:
+        """Return what the streets leave between them, out to the margin of the city."""
+        starts = [lines[0] - self.margin, *(line + gap for line in lines)]
+        ends = [*(line - gap for line in lines), lines[-1] + self.margin]
+        return list(zip(starts, ends, strict=True))
 
 
-def _intervals(lines: tuple[float, ...], gap: float) -> list[tuple[float, float]]:
-    """Return what the streets leave between them, out to the margin of the city."""
-    starts = [lines[0] - MARGIN, *(line + gap for line in lines)]
-    ends = [*(line - gap for line in lines), lines[-1] + MARGIN]
-    return list(zip(starts, ends, strict=True))
-
-
-def blocks(gap: float = CARRIAGEWAY + SIDEWALK) -> list[Block]:
-    """Return all blocks, each `gap` (m) away from the centre lines of the streets around it."""
-    return [Block(*u, *v) for u in _intervals(U_LINES, gap) for v in _intervals(V_LINES, gap)]
-
-
-def frontages(block: Block) -> list[Frontage]:
-    """Return the sides of `block` that lie at a street; houses along u stand at the corners."""
-    along_u, along_v = block.u_high - block.u_low, block.v_high - block.v_low
-    sides = []
-    if block.v_low > V_LINES[0]:
-        sides.append(Frontage(block.u_high, block.v_low, math.pi, along_u))
-    if block.v_high < V_LINES[-1]:
-        sides.append(Frontage(block.u_low, block.v_high, 0.0, along_u))
-    if block.u_low > U_LINES[0]:
-        sides.append(Frontage(block.u_low, block.v_low, 0.5 * math.pi, along_v))
-    if block.u_high < U_LINES[-1]:
-        sides.append(Frontage(block.u_high, block.v_high, -0.5 * math.pi, along_v))
-    return sides
-
-
-def ground() -> Patch:
-    """Carriageways at z = 0, and blocks with their sidewalks one kerb higher."""
-    u0, u1 = U_LINES[0] - MARGIN, U_LINES[-1] + MARGIN
-    v0, v1 = V_LINES[0] - MARGIN, V_LINES[-1] + MARGIN
-    carriageway = quads([[[u0, v0, 0.0], [u1, v0, 0.0], [u1, v1, 0.0], [u0, v1, 0.0]]], LasClass.GROUND)
-    raised = blocks(CARRIAGEWAY)
-    lows = [[block.u_low, block.v_low, -0.1] for block in raised]
-    highs = [[block.u_high, block.v_high, KERB_HEIGHT] for block in raised]
-    return join([carriageway, boxes(lows, highs, LasClass.GROUND)])
+CAMPAIGN_GRID = StreetGrid(
+    u_lines=(-150.0, -66.0, 0.0, 81.0, 156.0),
+    v_lines=(-144.0, -81.0, 0.0, 69.0, 147.0),
+    carriageway=4.2,
+    sidewalk=1.8,
+    no_parking=7.0,
+    margin=60.0,
+)
+"""Dense blocks and narrow streets; all lengths fit a period of 3 m, building lines included."""

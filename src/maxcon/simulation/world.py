@@ -9,11 +9,13 @@ from enum import IntEnum
 from typing import NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from maxcon.errors import OptionError
 from maxcon.geometry import Pose
 from maxcon.simulation.city import build_city
 from maxcon.simulation.drive import Drive, PriorErrors, drive_along, route_over_crossing
+from maxcon.simulation.map_pieces import drive_poses, map_echoes, map_pieces
 from maxcon.simulation.ray_caster import RayCaster
 from maxcon.simulation.scanners import Echoes, ProfileScanner, RotatingScanner
 
@@ -31,7 +33,6 @@ MAP_START, SCAN_START = 300_000.0, 386_400.0
 """Seconds of the week: the car comes a day after the mapping vehicle."""
 PAUSE = 60.0
 """Between the mapping drives, s."""
-LINES_PER_PIECE = 250
 
 
 class _Stream(IntEnum):
@@ -103,24 +104,16 @@ class SimulatedWorld:
 
     def n_pieces(self, scanners: Sequence[ProfileScanner]) -> int:
         """How many pieces `map_echoes` yields."""
-        return len(self._pieces(scanners))
+        return len(map_pieces(self.map_drives, scanners))
 
     def map_echoes(self, scanners: Sequence[ProfileScanner]) -> Iterator[Echoes]:
         """Measure the map piece by piece, in order of time."""
-        for i, (drive, scanner, first) in enumerate(self._pieces(scanners)):
-            rng = np.random.default_rng([self.seed, _Stream.MAP_NOISE, i])
-            n_lines = min(LINES_PER_PIECE, scanner.n_lines(drive) - first)
-            yield scanner.scan(self.map_caster, drive, first, n_lines, rng)
+        pieces = map_pieces(self.map_drives, scanners)
+        return map_echoes(self.map_caster, pieces, [self.seed, _Stream.MAP_NOISE])
 
-    def _pieces(self, scanners: Sequence[ProfileScanner]) -> list[tuple[Drive, ProfileScanner, int]]:
-        """Drive, scanner and first profile of each piece, in order of time."""
-        pieces = [
-            (drive, scanner, first)
-            for drive in self.map_drives
-            for scanner in scanners
-            for first in range(0, scanner.n_lines(drive), LINES_PER_PIECE)
-        ]
-        return sorted(pieces, key=lambda piece: piece[0].times[0] + piece[2] / piece[1].line_rate)
+    def map_poses(self) -> tuple[NDArray[np.float64], list[Pose]]:
+        """Times (s) and poses (T_city_vehicle) of the mapping vehicle."""
+        return drive_poses(self.map_drives)
 
     def epochs(self, n_epochs: int, errors: PriorErrors) -> list[Epoch]:
         """Return `n_epochs` evenly spaced in time, with priors that are wrong by `errors`."""

@@ -1,0 +1,245 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""CampaignWorld: an inner city on two days, five rounds of a mapping vehicle, and one round of a car."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.errors import OptionError
+from maxcon.geometry import Pose
+from maxcon.simulation.circuit import Circuit, circuit_through
+from maxcon.simulation.city import City, build_city
+from maxcon.simulation.drive import Drive, PriorErrors, off_by
+from maxcon.simulation.georeferencing import GeoreferencingErrors, draw_georeferencing_errors
+from maxcon.simulation.gnss_priors import GnssErrors
+from maxcon.simulation.map_pieces import drive_poses, map_echoes, map_pieces
+from maxcon.simulation.periodic_city import build_periodic_city
+from maxcon.simulation.ray_caster import Caster, RayCaster, check_embreex
+from maxcon.simulation.road_users import CrowdedCaster
+from maxcon.simulation.round_drive import RoundDriver, drive_round
+from maxcon.simulation.scanners import Echoes, ProfileScanner, RotatingScanner
+from maxcon.simulation.street_grid import CAMPAIGN_GRID
+from maxcon.simulation.traffic import Traffic
+
+__all__ = ["MOST_EPOCHS", "CampaignEpoch", "CampaignWorld"]
+
+MOST_EPOCHS = 3001
+EPOCH_STEP = 0.1
+"""Between two epochs when all are taken, s: the scanner turns ten times a second."""
+ROUND_TIME = (MOST_EPOCHS - 1) * EPOCH_STEP
+"""Of the car, s."""
+MAP_START, SCAN_START = 300_000.0, 386_400.0
+"""Seconds of the week: the car comes a day after the mapping vehicle."""
+PAUSE = 60.0
+"""Between two rounds of the mapping vehicle, s."""
+MAP_HEIGHT, SCAN_HEIGHT = 2.4, 2.0
+"""Of the sensors above the carriageway, m."""
+OCCUPANCY, HARD_OCCUPANCY = 0.85, 0.95
+"""Which part of the kerbs is parked on."""
+SCAN_DRIVER = RoundDriver(speed=5.5, turn_speed=2.8, n_stops=1)
+
+
+class _Stream(IntEnum):
+    """What is drawn from a seed, each by itself, so that one can change without the others."""
+
+    CITY = 0
+    CARS_OF_MAP = 1
+    CARS_OF_SCANS = 2
+    MAP_DRIVE = 3
+    SCAN_DRIVE = 4
+    MAP_NOISE = 5
+    SCAN_NOISE = 6
+    UNIFORM_PRIORS = 7
+    GNSS_PRIORS = 8
+    GEOREFERENCING = 9
+    GONE = 10
+    ROAD_USERS = 11
+    TRAFFIC = 12
+
+
+class CampaignEpoch(NamedTuple):
+    """One scan to take: tenths of a second since the round began, time (s), reference pose T_city_sensor."""
+
+    tick: int
+    time: float
+    reference: Pose
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CampaignWorld:
+    """The campaign before anything is measured.
+
+    Parameters
+    ----------
+    seed : int
+        Of everything in it.
+    circuit : Circuit
+        What all rounds follow.
+    map_caster, scan_caster : RayCaster
+        The city on the day of the map and on the day of the scans: other cars are parked.
+    map_drives : tuple of Drive
+        Rounds of the mapping vehicle, as they truly were.
+    georeferencing : GeoreferencingErrors
+        How wrong its trajectory is, and the map with it.
+    scan_drive : Drive
+        The round of the car, 300 s long.
+    traffic : Traffic or None
+        What moves about the car; nothing if None.
+    """
+
+    seed: int
+    circuit: Circuit
+    map_caster: RayCaster
+    scan_caster: RayCaster
+    map_drives: tuple[Drive, ...]
+    georeferencing: GeoreferencingErrors
+    scan_drive: Drive
+    traffic: Traffic | None = None
+
+    @classmethod
+    def build(cls, seed: int, n_rounds: int = 5, *, is_hard: bool = False) -> Self:
+        """Return the world of `seed`, mapped in `n_rounds`.
+
+        Parameters
+        ----------
+        seed : int
+            The same seed gives the same world.
+        n_rounds : int
+            How often the circuit is mapped.
+        is_hard : bool
+            Whether the facades are periodic, a quarter of the items before them is gone on the day of the
+            scans, cars are parked more densely, and traffic hides 30 % of each scan.
+
+        Raises
+        ------
+        OptionError
+            If `seed` is negative or `n_rounds` is below 1.
+        MissingExtraError
+            If embreex is not installed.
+        """
+        if seed < 0:
+            raise OptionError(f"Expected a seed of 0 or more, got {seed}. Take another whole number.")
+        if n_rounds < 1:
+            raise OptionError(f"Expected at least one round of mapping, got {n_rounds}. The default is 5.")
+        check_embreex()
+        map_city, scan_city = _hard_cities(seed) if is_hard else _cities(seed)
+        circuit = circuit_through(street_angle=map_city.street_angle)
+        drives = _mapping_rounds(circuit, seed, n_rounds)
+        return cls(
+            seed=seed,
+            circuit=circuit,
+            map_caster=RayCaster(map_city),
+            scan_caster=RayCaster(scan_city),
+            map_drives=drives,
+            georeferencing=draw_georeferencing_errors(
+                [seed, _Stream.GEOREFERENCING], float(drives[0].times[0]), float(drives[-1].times[-1])
+            ),
+            scan_drive=drive_round(
+                circuit,
+                SCAN_DRIVER,
+                [seed, _Stream.SCAN_DRIVE],
+                height=SCAN_HEIGHT,
+                start_time=SCAN_START,
+                duration=ROUND_TIME,
+            ),
+            traffic=(
+                Traffic(CAMPAIGN_GRID, map_city.street_angle, [seed, _Stream.ROAD_USERS]) if is_hard else None
+            ),
+        )
+
+    def n_pieces(self, scanners: Sequence[ProfileScanner]) -> int:
+        """How many pieces `map_echoes` yields."""
+        return len(map_pieces(self.map_drives, scanners))
+
+    def map_echoes(self, scanners: Sequence[ProfileScanner]) -> Iterator[Echoes]:
+        """Measure the map piece by piece, in order of time, and place it as the map's maker believes."""
+        pieces = map_pieces(self.map_drives, scanners)
+        for echoes in map_echoes(self.map_caster, pieces, [self.seed, _Stream.MAP_NOISE]):
+            offsets = self.georeferencing.at(echoes.times)
+            yield echoes._replace(points=echoes.points + offsets, origins=echoes.origins + offsets)
+
+    def map_poses(self) -> tuple[NDArray[np.float64], list[Pose]]:
+        """Times (s) and poses (T_city_vehicle) of the mapping vehicle, as the map's maker believes."""
+        times, poses = drive_poses(self.map_drives)
+        offsets = self.georeferencing.at(times)
+        return times, [pose.translated(offset) for pose, offset in zip(poses, offsets, strict=True)]
+
+    def epochs(self, n_epochs: int = MOST_EPOCHS) -> list[CampaignEpoch]:
+        """Return `n_epochs` of the 3001, spread evenly over the round; the first and the last are among them."""
+        ticks = np.rint(np.linspace(0, MOST_EPOCHS - 1, n_epochs)).astype(np.int64)
+        times = np.round(SCAN_START + EPOCH_STEP * ticks, 6)
+        poses = self.scan_drive.poses(times)
+        return [
+            CampaignEpoch(tick, time, pose)
+            for tick, time, pose in zip(ticks.tolist(), times.tolist(), poses, strict=True)
+        ]
+
+    def gnss_priors(self, epochs: Sequence[CampaignEpoch], errors: GnssErrors) -> list[Pose]:
+        """Priors whose errors change slowly over the round."""
+        rows = errors.draw(MOST_EPOCHS, EPOCH_STEP, [self.seed, _Stream.GNSS_PRIORS])
+        return [off_by(epoch.reference, rows[epoch.tick].tolist()) for epoch in epochs]
+
+    def uniform_priors(self, epochs: Sequence[CampaignEpoch], errors: PriorErrors) -> list[Pose]:
+        """Priors whose errors know nothing of each other."""
+        return [
+            errors.prior(
+                epoch.reference, np.random.default_rng([self.seed, _Stream.UNIFORM_PRIORS, epoch.tick])
+            )
+            for epoch in epochs
+        ]
+
+    def scan(self, epoch: CampaignEpoch, scanner: RotatingScanner) -> Echoes:
+        """Measure the scan of one epoch from its reference pose: the same, whichever others are taken."""
+        rng = np.random.default_rng([self.seed, _Stream.SCAN_NOISE, epoch.tick])
+        return scanner.scan(self._caster_at(epoch, scanner), epoch.reference, epoch.time, rng)
+
+    def _caster_at(self, epoch: CampaignEpoch, scanner: RotatingScanner) -> Caster:
+        """Return the city of the scans with the traffic of this epoch."""
+        if self.traffic is None:
+            return self.scan_caster
+        rng = np.random.default_rng([self.seed, _Stream.TRAFFIC, epoch.tick])
+        return CrowdedCaster(
+            self.scan_caster, self.traffic.draw(self.scan_caster, scanner, epoch.reference, rng)
+        )
+
+
+def _cities(seed: int) -> tuple[City, City]:
+    """Return the city on the day of the map and on the day of the scans: other cars are parked."""
+    city = build_city([seed, _Stream.CITY], grid=CAMPAIGN_GRID)
+    return (
+        city.with_parked_cars([seed, _Stream.CARS_OF_MAP], OCCUPANCY),
+        city.with_parked_cars([seed, _Stream.CARS_OF_SCANS], OCCUPANCY),
+    )
+
+
+def _hard_cities(seed: int) -> tuple[City, City]:
+    """Return the periodic city on both days: other and more cars are parked, and items are gone."""
+    city = build_periodic_city([seed, _Stream.CITY])
+    gone = city.draw_gone([seed, _Stream.GONE])
+    return (
+        city.city().with_parked_cars([seed, _Stream.CARS_OF_MAP], OCCUPANCY),
+        city.city(gone).with_parked_cars([seed, _Stream.CARS_OF_SCANS], HARD_OCCUPANCY),
+    )
+
+
+def _mapping_rounds(circuit: Circuit, seed: int, n_rounds: int) -> tuple[Drive, ...]:
+    """Return rounds of differing speed, each with stops of its own."""
+    drives: list[Drive] = []
+    start = MAP_START
+    for i in range(n_rounds):
+        rng = np.random.default_rng([seed, _Stream.MAP_DRIVE, i, 0])
+        driver = RoundDriver(
+            speed=rng.uniform(9.0, 14.0),
+            turn_speed=rng.uniform(3.5, 4.5),
+            acceleration=2.0,
+            n_stops=int(rng.integers(0, 4)),
+        )
+        stream = [seed, _Stream.MAP_DRIVE, i, 1]
+        drives.append(drive_round(circuit, driver, stream, height=MAP_HEIGHT, start_time=start))
+        start = float(drives[-1].times[-1]) + PAUSE
+    return tuple(drives)

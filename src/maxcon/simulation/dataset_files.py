@@ -1,0 +1,134 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""The files of a simulated dataset: map clouds, scans, trajectories and their description."""
+
+import itertools
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon import __version__
+from maxcon.dataset import DESCRIPTION
+from maxcon.geometry import LocalFrame, Pose
+from maxcon.io.trajectories import write_tum
+from maxcon.simulation.las_classes import LasClass
+from maxcon.simulation.map_tiles import MapTiles
+from maxcon.simulation.scanners import Echoes
+from maxcon.trajectory import Trajectory
+
+__all__ = [
+    "CITY_ORIGIN",
+    "CRS",
+    "DATASET_NAMES",
+    "ticker",
+    "write_description",
+    "write_map_clouds",
+    "write_scans",
+    "write_trajectory",
+]
+
+CRS = "EPSG:25832"
+CITY_ORIGIN = (550_000.0, 5_802_000.0, 60.0)
+"""Global coordinates (ETRS89 / UTM 32N, m) of the middle of the crossing."""
+DATASET_NAMES = (DESCRIPTION, "map", "scans", "reference.txt", "prior.txt", "prior_*.txt")
+"""All that the folder of a dataset may hold."""
+
+
+def ticker(progress: Callable[[int, int], None] | None, n_steps: int) -> Callable[[], None]:
+    """Return what to call after each step, so that `progress` hears of it."""
+    done = itertools.count(1)
+
+    def tick() -> None:
+        if progress is not None:
+            progress(next(done), n_steps)
+
+    return tick
+
+
+def write_map_clouds(folder: Path, pieces: Iterable[Echoes], tick: Callable[[], None]) -> None:
+    """Stream the map, measured piece by piece, to the LAZ files of `folder`/map."""
+    import pyproj
+
+    frame = LocalFrame(CITY_ORIGIN, pyproj.CRS.from_user_input(CRS).to_wkt())
+    (folder / "map").mkdir()
+    with MapTiles(folder / "map", frame) as tiles:
+        for echoes in pieces:
+            tiles.write(echoes)
+            tick()
+
+
+def write_scans(
+    folder: Path,
+    times: NDArray[np.float64],
+    references: Sequence[Pose],
+    scans: Iterable[Echoes],
+    tick: Callable[[], None],
+) -> None:
+    """Stream scans in the sensor frame to `folder`/scans, with their times and reference poses.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the dataset.
+    times : array, shape (n,)
+        s.
+    references : sequence of Pose
+        T_city_sensor, one per scan.
+    scans : iterable of Echoes
+        City metres, one per scan.
+    tick : callable
+        Called after each scan.
+    """
+    place = folder / "scans"
+    place.mkdir()
+    for number, (reference, echoes) in enumerate(zip(references, scans, strict=True)):
+        points_sensor = (echoes.points - reference.position) @ reference.rotation
+        rows = np.column_stack([points_sensor, echoes.intensities]).astype("<f4")
+        (place / f"{number:06d}.bin").write_bytes(rows.tobytes())
+        tick()
+    (place / "times.txt").write_text(
+        "".join(f"{time:.6f}\n" for time in times), encoding="utf-8", newline="\n"
+    )
+    write_trajectory(folder / "reference.txt", times, references, "T_map_sensor")
+
+
+def write_trajectory(path: Path, times: NDArray[np.float64], poses: Sequence[Pose], what: str) -> None:
+    """Write `poses` (T_city_sensor) in global coordinates."""
+    poses_global = [pose.translated(CITY_ORIGIN) for pose in poses]
+    write_tum(path, Trajectory.from_poses(times, poses_global), f"{what}, {CRS}, seconds of the week")
+
+
+def write_description(folder: Path, words: str, priors: Mapping[str, str]) -> None:
+    """Write the description of the dataset in `folder`.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the dataset.
+    words : str
+        What it is, for the comment at the top: seed and number of epochs.
+    priors : mapping of str to str
+        File in `folder` by the name of the prior.
+    """
+    classes = ", ".join(f"{member.name.lower()} {member.value}" for member in LasClass)
+    named = "\n".join(f'{name} = "{file}"' for name, file in priors.items())
+    text = f"""# A dataset simulated by maxcon {__version__}: {words}.
+# Classes of the map: {classes}.
+
+[map]
+clouds = "map/tile_*.laz"
+trajectory = "map/trajectory.txt"
+crs = "{CRS}"
+vehicle_classes = [{LasClass.VEHICLE.value}]
+
+[scans]
+folder = "scans"
+times = "scans/times.txt"
+reference = "reference.txt"
+
+[priors]
+{named}
+"""
+    (folder / DESCRIPTION).write_text(text, encoding="utf-8", newline="\n")

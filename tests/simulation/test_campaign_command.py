@@ -1,0 +1,76 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""`maxcon simulate --campaign`: what is passed on, what is printed, what is refused."""
+
+import sys
+from dataclasses import replace
+
+import pytest
+
+import maxcon.simulation
+from maxcon.cli import main
+from maxcon.simulation import ProfileScanner, simulate_campaign
+
+THINNEST = (ProfileScanner(line_rate=2.0, points_per_line=30),)
+
+
+@pytest.fixture
+def run(monkeypatch, capsys):
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["maxcon", "simulate", *map(str, arguments)])
+        try:
+            main()
+        except SystemExit as ended:
+            return ended.code or 0, capsys.readouterr()
+        return 0, capsys.readouterr()
+
+    return call
+
+
+@pytest.fixture
+def asked(monkeypatch, campaign, thin_scanner):
+    """What simulate_campaign is asked for; it writes one epoch and a thin map."""
+    calls = []
+    world = replace(campaign, map_drives=campaign.map_drives[:1])
+    monkeypatch.setattr(maxcon.simulation.CampaignWorld, "build", lambda *_, **__: world)
+
+    def thinly(out, **options):
+        calls.append({key: options[key] for key in ("n_epochs", "seed", "is_hard", "overwrite")})
+        options["n_epochs"] = 1
+        return simulate_campaign(out, **options, mapping_scanners=THINNEST, scanner=thin_scanner)
+
+    monkeypatch.setattr(maxcon.simulation, "simulate_campaign", thinly)
+    return calls
+
+
+def test_campaign_says_what_it_wrote(run, asked, tmp_path):
+    code, printed = run(tmp_path / "out", "--campaign")
+    assert (code, printed.err) == (0, "")
+    assert asked == [{"n_epochs": 3001, "seed": 0, "is_hard": False, "overwrite": False}]
+    lines = printed.out.splitlines()
+    assert lines[0] == str(tmp_path / "out")
+    parts = {line[:13].strip(): line[13:].strip() for line in lines[1:]}
+    assert list(parts) == ["map clouds", "mapping", "scans", "reference", "prior gnss", "prior uniform"]
+    assert parts["prior gnss"] == str(tmp_path / "out" / "prior_gnss.txt")
+    assert parts["prior uniform"] == str(tmp_path / "out" / "prior_uniform.txt")
+
+
+def test_hard_and_the_number_of_epochs_are_passed_on(run, asked, tmp_path):
+    code, _ = run(tmp_path / "out", "--campaign", "--hard", "--epochs", "200", "--seed", "4")
+    assert code == 0
+    assert asked == [{"n_epochs": 200, "seed": 4, "is_hard": True, "overwrite": False}]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--hard",), "maxcon: Expected --hard together with --campaign, got it alone."),
+        (("--campaign", "--epochs", "3002"), "maxcon: Expected 1 to 3001 epochs of a campaign"),
+    ],
+)
+def test_wrong_options_are_refused(run, tmp_path, options, words):
+    code, printed = run(tmp_path / "out", *options)
+    assert code == 2
+    assert printed.err.startswith(words)
+    assert printed.err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
