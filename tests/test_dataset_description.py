@@ -47,6 +47,19 @@ def test_parts_are_named_relative_to_the_file(folder):
     assert Dataset.open(folder / "other.toml").map_clouds == dataset.map_clouds
 
 
+def test_clouds_are_named_once_and_literally(folder):
+    (folder / "map/c[1].laz").touch()
+    dataset = opened(folder, PLAIN.replace('"map/*.laz"', '["map/c[1].laz", "map/*.laz", "map/a.laz"]'))
+    assert [path.name for path in dataset.map_clouds] == ["c[1].laz", "a.laz", "b.laz"]
+
+
+@pytest.mark.parametrize("name", ["ground", " Ground", "02"])
+def test_the_ground_can_be_kept_however_it_is_named(folder, name):
+    dataset = opened(folder, PLAIN.replace("[scans]", f'drop = ["{name}", "noise"]\n[scans]'))
+    assert 2 in dataset_map_options(dataset).dropped_classes()
+    assert dataset_map_options(dataset, keeps_ground=True).drop == ("noise",)
+
+
 def test_a_built_map_stands_in_for_clouds(folder):
     dataset = opened(folder, PLAIN.replace('clouds = "map/*.laz"', 'path = "city.map"'))
     assert (dataset.map_path, dataset.map_clouds) == (folder / "city.map", ())
@@ -72,6 +85,10 @@ def test_what_it_says_of_the_map_becomes_its_options(folder):
         ('clouds = "map/*.laz"', "", r"Expected a table \[map\]"),
         ('"map/*.laz"', '"map/*.laz"\npath = "city.map"', "got both"),
         ("rough =", "reference =", "other than reference"),
+        ("[map]", 'crs = "EPSG:25832"\n[map]', r"Expected the tables \[map\]"),
+        ('clouds = "map/*.laz"', 'path = "city.map"\ncrs = "EPSG:25832"', "beside the path of a built map"),
+        ("map/*.laz", "/", "got none for '/'"),
+        ("map/*.laz", "map/**.laz", None),
         ('folder = "scans"', "", r"Expected folder under \[scans\]"),
         ('"reference.txt"', '"referense.txt"', "to name what exists"),
         ('"gnss.txt"', "7", "Expected gnss under .* to be a str, got 7"),
@@ -80,6 +97,10 @@ def test_what_it_says_of_the_map_becomes_its_options(folder):
 )
 def test_what_is_wrong_is_said(folder, old, new, words):
     assert old in PLAIN
+    if words is None:
+        words = "got none"
+        (folder / "map/a.laz").unlink()
+        (folder / "map/b.laz").unlink()
     with pytest.raises(FileError, match=words):
         opened(folder, PLAIN.replace(old, new))
 

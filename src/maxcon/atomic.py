@@ -6,7 +6,7 @@ import os
 import shutil
 import uuid
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from fnmatch import fnmatchcase
 from pathlib import Path
 
@@ -18,6 +18,7 @@ __all__ = [
     "check_folder",
     "check_replaceable",
     "check_writable",
+    "locked",
     "make_folder",
 ]
 
@@ -195,3 +196,50 @@ def _exchange(partial: Path, target: Path) -> None:
         old.replace(target)
         raise
     _remove(old)
+
+
+@contextmanager
+def locked(path: str | os.PathLike[str], what: str) -> Iterator[None]:
+    """Hold the lock of a file while the block runs; the system lets go of it when the process ends, however.
+
+    Parameters
+    ----------
+    path : path
+        Made if it is not there; it stays, empty.
+    what : str
+        What must not be done twice at once, for the message.
+
+    Raises
+    ------
+    FileError
+        If another process holds it, or the file cannot be made.
+    """
+    with ExitStack() as stack:
+        try:
+            file = stack.enter_context(Path(path).open("ab"))
+        except OSError as error:
+            raise _cannot_write(path, error) from error
+        if not _try_lock(file.fileno()):
+            raise FileError(
+                f"Expected {what} to be left alone, but another process is at work on it. Wait for it, or stop it."
+            )
+        yield
+
+
+def _try_lock(descriptor: int) -> bool:
+    """Take the lock of an open file, if nobody else has it."""
+    if os.name == "nt":
+        import msvcrt
+
+        try:
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined, unused-ignore]
+        except OSError:
+            return False
+        return True
+    import fcntl
+
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True

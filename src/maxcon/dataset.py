@@ -21,6 +21,7 @@ _KEYS = {
     "map": {"clouds", "path", "trajectory", "crs", "drop", "vehicle_classes", "normals_have_sides"},
     "scans": {"folder", "times", "reference"},
 }
+_FOR_CLOUDS = ("trajectory", "crs", "drop", "vehicle_classes", "normals_have_sides")
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +107,12 @@ class Dataset:
             reference=table.needed_path("scans", "reference"),
             priors={name: table.needed_path("priors", name) for name in named["priors"]},
         )
+        useless = [key for key in _FOR_CLOUDS if key in named["map"]]
+        if dataset.map_path is not None and useless:
+            raise FileError(
+                f"Expected no {', '.join(useless)} under [map] in {file} beside the path of a built map: it would have"
+                " no effect. Remove it."
+            )
         if (dataset.map_path is None) == (not dataset.map_clouds):
             raise FileError(
                 f"Expected {file} to name either clouds or the path of a built map under [map], got"
@@ -139,6 +146,12 @@ def _check_keys(file: Path, named: Mapping[str, Any]) -> None:
         raise FileError(
             f"Expected a prior's name under [priors] in {file} other than reference: it stands for the reference"
             " itself. Rename it."
+        )
+    unknown_tables = sorted(set(named) - {"map", "scans", "priors"})
+    if unknown_tables:
+        raise FileError(
+            f"Expected the tables [map], [scans] and [priors] in {file}, got {', '.join(unknown_tables)}."
+            " Put it into the table it belongs to, or remove it."
         )
     for table, known in _KEYS.items():
         unknown = sorted(set(named[table]) - known)
@@ -207,10 +220,15 @@ class _Table:
                     f"Expected clouds under [map] in {self.file} to name files, got none for {pattern!r}. Correct it."
                 )
             found += files
-        return tuple(found)
+        return tuple(dict.fromkeys(found))
 
 
 def _matching(folder: Path, pattern: str) -> list[Path]:
     """Return the files of a pattern whose folder part is plain and whose name may have wildcards."""
     place = folder / pattern
-    return sorted(file for file in place.parent.glob(place.name) if file.is_file())
+    if place.is_file():
+        return [place]
+    try:
+        return sorted(file for file in place.parent.glob(place.name) if file.is_file())
+    except ValueError:  # no pattern at all, such as a bare root
+        return []

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from maxcon.cli import demo, localize, maps, simulate
+from maxcon.cli import demo, localize, maps, report, simulate, study
 from maxcon.errors import MaxconError
 
 __all__ = ["app", "main"]
@@ -25,6 +25,8 @@ app = typer.Typer(
 app.add_typer(maps.app, name="map")
 app.command("localize")(localize.localize)
 app.command("simulate")(simulate.simulate)
+app.command("study")(study.study)
+app.command("report")(report.report)
 app.command("demo")(demo.demo)
 
 

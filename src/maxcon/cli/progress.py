@@ -12,6 +12,9 @@ if TYPE_CHECKING:
 
 __all__ = ["progress_bar", "step_bars"]
 
+SPEED_PERIOD = 600.0
+"""The time left is estimated from the last so many seconds: a step of a study may take a minute."""
+
 
 def _new_bars(unit: str) -> "Progress":
     from rich.console import Console
@@ -30,6 +33,7 @@ def _new_bars(unit: str) -> "Progress":
         Rate(""),
         TimeRemainingColumn(),
         console=Console(stderr=True),
+        speed_estimate_period=SPEED_PERIOD,
     )
 
 

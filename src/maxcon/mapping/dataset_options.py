@@ -5,7 +5,7 @@
 from maxcon.dataset import Dataset
 from maxcon.io.trajectories import read_trajectory
 from maxcon.mapping.build import MapOptions
-from maxcon.mapping.classes import DEFAULT_DROP
+from maxcon.mapping.classes import DEFAULT_DROP, parse_classes
 
 __all__ = ["dataset_map_options"]
 
@@ -45,4 +45,7 @@ def dataset_map_options(
 
 def _without_ground(drop: tuple[str, ...] | None) -> tuple[str, ...]:
     """Return what is dropped, but for the ground."""
-    return tuple(name for name in (DEFAULT_DROP if drop is None else drop) if name not in ("ground", "2"))
+    ground = parse_classes(["ground"])
+    return tuple(
+        name for name in (DEFAULT_DROP if drop is None else drop) if not parse_classes([name]) <= ground
+    )

@@ -145,7 +145,15 @@ class PointMap:
 
     def tiles_within(self, x: float, y: float, reach: float) -> list[VoxelTile]:
         """Tiles that meet the square of half width `reach` (m) around (x, y), local frame, ordered by key."""
-        return [self._tiles.load(key) for key in sorted(self._keys_within(x, y, reach))]
+        return [self._tiles.load(key) for key in self.keys_within(x, y, reach)]
+
+    def keys_within(self, x: float, y: float, reach: float) -> list[TileKey]:
+        """Keys of the tiles that `tiles_within` gives, in order; loads nothing."""
+        return sorted(self._keys_within(x, y, reach))
+
+    def tile(self, key: TileKey) -> VoxelTile:
+        """Load one tile, a key of `tile_keys`."""
+        return self._tiles.load(key)
 
     def tiles_met(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> list[VoxelTile]:
         """Tiles that meet any of the rectangles from `low` to `high`, shape (n, 2), local frame, m, ordered by key."""

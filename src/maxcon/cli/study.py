@@ -1,0 +1,123 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""`maxcon study`."""
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from maxcon.cli.progress import step_bars
+
+if TYPE_CHECKING:
+    from maxcon.study import MethodStatistics, Study
+
+__all__ = ["study"]
+
+
+def study(
+    dataset: Annotated[
+        Path, typer.Argument(metavar="DATASET", help="Folder with a dataset.toml, or such a file.")
+    ],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="STUDY", help="Folder to write; a study there goes on.")
+    ],
+    methods: Annotated[
+        str,
+        typer.Option(
+            metavar="LIST",
+            help="Names of methods and sets (consensus, baselines, ground, weights, cells, density).",
+        ),
+    ] = "consensus,baselines",
+    prior: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Prior of the dataset, or reference; repeatable. Default: all of the dataset.",
+        ),
+    ] = None,
+    epochs: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="So many scans, evenly spread. Default: all.")
+    ] = None,
+    half_width: Annotated[
+        float, typer.Option(metavar="M", help="Largest offset from the prior in x and y, m.")
+    ] = 3.0,
+    heading_half_width_deg: Annotated[
+        float, typer.Option(metavar="DEG", help="Largest turn from the prior's heading, degrees.")
+    ] = 2.0,
+    heading_step_deg: Annotated[
+        float, typer.Option(metavar="DEG", help="Step between headings, degrees.")
+    ] = 0.5,
+    min_range: Annotated[float, typer.Option(metavar="M", help="Nearer points are left out.")] = 1.0,
+    max_range: Annotated[float, typer.Option(metavar="M", help="Farther points are left out.")] = 120.0,
+    max_gap: Annotated[
+        float, typer.Option(metavar="S", help="Largest gap in prior and reference to interpolate across.")
+    ] = 0.5,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes, about 1 GiB each. Default: as many as processors.")
+    ] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
+) -> None:
+    """Compare methods over the epochs of a dataset: one table, a row per epoch and method.
+
+    Stopped or killed, the same command goes on; with other methods, priors or epochs it adds to the table.
+    """
+    from maxcon.dataset import Dataset
+    from maxcon.drive import DriveOptions
+    from maxcon.search_space import SearchSpace
+    from maxcon.study import choose_methods, run_study
+
+    opened = Dataset.open(dataset)
+    space = SearchSpace(half_width, _cell_of(opened.map_path), heading_half_width_deg, heading_step_deg)
+    chosen = choose_methods([name.strip() for name in methods.split(",") if name.strip()], space)
+    with step_bars("", quiet) as report:
+        done = run_study(
+            opened,
+            out,
+            chosen,
+            priors=prior,
+            n_epochs=epochs,
+            n_workers=workers,
+            options=DriveOptions(min_range, max_range, max_gap),
+            progress=report,
+        )
+    _print_summary(done)
+
+
+def _cell_of(map_path: Path | None) -> float:
+    """Voxel edge of a built map; that of the standard map where it is still to be built."""
+    from maxcon.point_map.manifest import read_manifest
+    from maxcon.study.map_variants import MAP_VARIANTS, STANDARD
+
+    return MAP_VARIANTS[STANDARD].cell if map_path is None else read_manifest(map_path).cell
+
+
+def _print_summary(done: "Study") -> None:
+    from maxcon.study import rows_by_method, statistics
+
+    found = [statistics(rows) for rows in rows_by_method(done.table, tuple(done.configuration.methods))]
+    width = max(len(method.method) for method in found)
+    for number, method in enumerate(found):
+        if number == 0 or method.prior != found[number - 1].prior:
+            typer.echo(f"prior {method.prior}")
+            typer.echo(f"  {'method':<{width}}   success    trusted  wrong  median m  worst m      ms")
+        typer.echo(f"  {method.method:<{width}} {_numbers(method)}")
+        others = {status: n for status, n in method.statuses.items() if status in _NO_ANSWER}
+        if others:
+            typer.echo(f"  {'':<{width}}   " + ", ".join(f"{n} {status}" for status, n in others.items()))
+    typer.echo(f"{len(done.table):,} rows in {done.folder / 'table.parquet'}")
+    typer.echo(f"page         maxcon report {done.folder} -o report.html")
+
+
+_NO_ANSWER = ("unreadable scan", "failed", "no prior", "no points", "no match", "outside the map")
+
+
+def _numbers(method: "MethodStatistics") -> str:
+    def shown(value: float, digits: int) -> str:
+        return "-" if math.isnan(value) else f"{value:.{digits}f}"
+
+    return (
+        f"{f'{method.n_success}/{method.n_epochs}':>10} {method.n_localized:>9} {method.n_false:>6}"
+        f" {shown(method.distance.median, 3):>9} {shown(method.distance.worst, 2):>8} {shown(method.ms, 0):>7}"
+    )

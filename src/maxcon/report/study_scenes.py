@@ -1,0 +1,198 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""The figures of a study that need its dataset again: scene, headings, crossing and street."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from maxcon.accumulator import Accumulator
+from maxcon.estimate import Estimate
+from maxcon.geometry import Pose
+from maxcon.maximum_consensus import MaximumConsensus
+from maxcon.objectives import Count, Helmert
+from maxcon.point_map import PointMap
+from maxcon.report.comparison_plot import ComparisonRow, plot_comparison
+from maxcon.report.headings_plot import plot_headings
+from maxcon.report.html import Picture
+from maxcon.report.overview_plot import plot_overview
+from maxcon.report.search_spaces import SearchSpaceView
+from maxcon.report.study_statistics import common_epochs
+from maxcon.scan import Scan
+from maxcon.search_space import SearchSpace
+from maxcon.study import MethodRows
+from maxcon.study.bench import Bench
+
+__all__ = ["PictureEpochs", "StudyScenes", "pick_epochs"]
+
+# Epochs whose search spaces may be drawn on the ground: this far apart along the drive, to either side, m.
+SPACE_EVERY, SPACES_REACH = 3.0, 45.0
+
+
+@dataclass(frozen=True, slots=True)
+class PictureEpochs:
+    """Which epochs the pictures show, and why.
+
+    Parameters
+    ----------
+    crossing : int
+        Where the count is the most distinct.
+    street : int
+        Where the count fails by most and Helmert's score does not, or else is the least distinct.
+    street_words : str
+        Which of the two.
+    """
+
+    crossing: int
+    street: int
+    street_words: str
+
+
+def pick_epochs(count: MethodRows, helmert: MethodRows) -> PictureEpochs | None:
+    """Pick the epochs to show by what the table says of count and Helmert; None if nothing succeeded."""
+    epochs = common_epochs({"count": count, "helmert": helmert}, ("count", "helmert"))
+    here = [np.isin(rows.numbers("epoch"), epochs) for rows in (count, helmert)]
+    succeeds = [
+        rows.numbers("is_success")[at] == 1.0 for rows, at in zip((count, helmert), here, strict=True)
+    ]
+    distinct = np.nan_to_num(count.numbers("kurtosis")[here[0]])
+    errors = np.nan_to_num(count.numbers("distance")[here[0]])
+    is_good, is_lost = succeeds[0] & succeeds[1], ~succeeds[0] & succeeds[1] & (errors > 0.0)
+    if not is_good.any():
+        return None
+    crossing = int(np.argmax(np.where(is_good, distinct, -1.0)))
+    if is_lost.any():
+        street = int(np.argmax(np.where(is_lost, errors, -1.0)))
+        words = "where the count is farthest off while Helmert's score is right"
+    else:
+        street = int(np.argmin(np.where(is_good, distinct, np.inf)))
+        words = "where the count is the least distinct (it fails nowhere in this study)"
+    return PictureEpochs(int(epochs[crossing]), int(epochs[street]), words)
+
+
+@dataclass(frozen=True)
+class StudyScenes:
+    """Epochs of a study, searched again for its pictures.
+
+    Parameters
+    ----------
+    bench : Bench
+        The dataset, opened.
+    prior : str
+        Name of the prior.
+    point_map : PointMap
+        The standard map.
+    space : SearchSpace
+        What was searched.
+    multiplicity : str
+        Whether a match weighs one, or as many as the voxel's map points.
+    """
+
+    bench: Bench
+    prior: str
+    point_map: PointMap
+    space: SearchSpace
+    multiplicity: str
+
+    @property
+    def method(self) -> MaximumConsensus:
+        """Helmert's score, as in the study."""
+        return MaximumConsensus(self.space, Helmert(), self.multiplicity)
+
+    def scan(self, epoch: int) -> Scan:
+        """Read the scan of an epoch."""
+        raw = self.bench.scans.read(epoch, self.bench.options.min_range, self.bench.options.max_range)
+        return Scan(raw.points, time=raw.time)
+
+    def poses(self, epoch: int) -> tuple[Pose, Pose]:
+        """Prior and reference of an epoch, local frame."""
+        at, gap = float(self.bench.scans.times[epoch]), self.bench.options.max_gap
+        both = (self.bench.priors[self.prior].at(at, gap), self.bench.reference.at(at, gap))
+        prior, reference = (self.point_map.frame.pose_to_local(pose) for pose in both)
+        return prior, reference
+
+    def search(self, epoch: int) -> tuple[Scan, Accumulator, Estimate]:
+        """Search an epoch around its prior."""
+        scan = self.scan(epoch)
+        accumulator = self.method.accumulate(scan, self.point_map, self.poses(epoch)[0])
+        return scan, accumulator, self.method.conclude(accumulator, scan, self.point_map)
+
+    def overview(self, path: Path, epoch: int, helmert: MethodRows) -> Picture:
+        """Draw the map, the scan, the consensus set and the search spaces along the drive (the paper's figure 3)."""
+        scan, accumulator, estimate = self.search(epoch)
+        others = [self.search(other)[1:] for other in self._neighbours(epoch, helmert)]
+        plot_overview(
+            path, point_map=self.point_map, scan=scan, prior=accumulator.prior, estimate=estimate,
+            accumulator=accumulator, objective=Helmert(), others=others, title=f"Epoch {epoch} and its neighbours",
+        )  # fmt: skip
+        return Picture(
+            "Map, scan, consensus set and search spaces",
+            f"Epoch {epoch} from above: the map, the scan at its prior, and the points that match at the answer. The"
+            " squares on the ground are the search spaces of this epoch and of others along the drive, in the colours"
+            " of Helmert's score.",
+            "A street from above with a scan in it and coloured squares along the drive.",
+            path,
+        )
+
+    def headings(self, path: Path, epoch: int) -> Picture:
+        """Draw all headings of an epoch around its best cell (the paper's figure 2)."""
+        _, accumulator, _ = self.search(epoch)
+        reference = self.poses(epoch)[1]
+        plot_headings(
+            path, accumulator, Helmert(), reference=reference, title=f"Epoch {epoch}: every heading, ±1 m"
+        )
+        return Picture(
+            "All headings",
+            "Helmert's score within 1 m of the best cell, a panel for each heading, in one scale of colours: the peak"
+            " vanishes as the heading turns away.",
+            "Panels of the search space, one for each heading.",
+            path,
+        )
+
+    def comparison(self, path: Path, epochs: PictureEpochs) -> Picture:
+        """Draw crossing and street, count beside Helmert (the paper's figure 4)."""
+        rows = []
+        for label, epoch in (("crossing", epochs.crossing), ("street", epochs.street)):
+            reference = self.poses(epoch)[1]
+            scan, accumulator, _ = self.search(epoch)
+            views = (SearchSpaceView(accumulator, Count()), SearchSpaceView(accumulator, Helmert()))
+            rows.append(ComparisonRow(f"{label}, epoch {epoch}", scan, self.point_map, reference, views))
+        plot_comparison(path, rows, title="Count beside Helmert's score")
+        return Picture(
+            "A crossing and a street, count beside Helmert's score",
+            f"Offsets are from the reference: the best cell should be at (0, 0). Above epoch {epochs.crossing}, where"
+            f" the count is the most distinct; below epoch {epochs.street}, {epochs.street_words}.",
+            "Two rows: the scan in the map, the search space of the count, and that of Helmert's score.",
+            path,
+        )
+
+    def _neighbours(self, epoch: int, rows: MethodRows) -> list[int]:
+        """Other epochs of the study at steps along the drive, before and behind this one."""
+        numbers = rows.numbers("epoch").astype(int)
+        places = np.column_stack([rows.numbers("reference_x"), rows.numbers("reference_y")])
+        has_answer = np.isfinite(rows.numbers("x")) & np.isfinite(places).all(axis=1)
+        numbers, places = numbers[has_answer], places[has_answer]
+        here = places[numbers == epoch][0]
+        chosen: list[int] = []
+        for side in (numbers[numbers > epoch], numbers[numbers < epoch][::-1]):
+            last = here
+            for number in side.tolist():
+                place = places[numbers == number][0]
+                if math.dist(place, here) > SPACES_REACH:
+                    break
+                if math.dist(place, last) >= SPACE_EVERY:
+                    chosen.append(number)
+                    last = place
+        return chosen
+
+
+def space_of(configuration_methods: Mapping[str, dict[str, object]], name: str) -> SearchSpace | None:
+    """Search space that a study's configuration gives a method, None if it has none."""
+    method = configuration_methods.get(name, {}).get("method")
+    space = method.get("space") if isinstance(method, dict) else None
+    if not isinstance(space, dict):
+        return None
+    return SearchSpace(**{key: float(value) for key, value in space.items() if key != "class"})

@@ -1,0 +1,297 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Bench: a dataset with its maps opened, where the methods of a study meet one epoch after the other."""
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from maxcon.accumulator import Accumulator
+from maxcon.baselines import Gicp, Icp, MultiStart
+from maxcon.dataset import Dataset
+from maxcon.drive import DriveOptions, Method, pose_or_none, status_without_search
+from maxcon.errors import FileError, MaxconError, MissingExtraError, TrajectoryError
+from maxcon.estimate import Estimate, Status
+from maxcon.evaluation import Distinctness, distinctness, pose_error
+from maxcon.geometry import Pose
+from maxcon.io.scans import RawScan, ScanFolder, open_scans
+from maxcon.io.trajectories import read_trajectory
+from maxcon.maximum_consensus import MaximumConsensus
+from maxcon.objectives import Helmert, Objective
+from maxcon.point_map import PointMap
+from maxcon.scan import Scan
+from maxcon.study.methods import StudyMethod
+from maxcon.study.table import Row
+from maxcon.trajectory import Trajectory
+
+__all__ = ["REFERENCE", "Bench", "BenchPlan"]
+
+REFERENCE = "reference"
+"""Name of the reference as a prior: the search space lies around the true pose, as in the paper's figures."""
+
+MEASURES = ("peak_ratio", "kurtosis", "divergence", "spread")
+# Tiles of all maps of one process together are kept up to this size.
+CACHE_BYTES = 2**30
+
+
+@dataclass(frozen=True, slots=True)
+class _Epoch:
+    """One epoch before any method has seen it: poses in global coordinates."""
+
+    number: int
+    prior_name: str
+    raw: RawScan
+    scan: Scan
+    prior: Pose | None
+    reference: Pose | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Answer:
+    """What a method said of an epoch: poses in the local frame of its map."""
+
+    estimate: Estimate
+    milliseconds: float
+    distinctness: Distinctness | None = None
+    starts: tuple[Estimate, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class BenchPlan:
+    """Which parts a bench is made of: what another process needs to open its own.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Scans, reference and priors.
+    maps : dict of str to Path
+        By name of the variant.
+    options : DriveOptions
+        Range limits, and gaps of the trajectories to interpolate across.
+    """
+
+    dataset: Dataset
+    maps: dict[str, Path]
+    options: DriveOptions = field(default_factory=DriveOptions)
+
+    def open(self) -> "Bench":
+        """Open the parts of the dataset and the maps made of it.
+
+        Raises
+        ------
+        FileError, TrajectoryError, MapError
+            If a part cannot be read.
+        """
+        reference = read_trajectory(self.dataset.reference)
+        priors = {name: read_trajectory(path) for name, path in self.dataset.priors.items()}
+        cache_bytes = CACHE_BYTES // max(1, len(self.maps))
+        return Bench(
+            open_scans(self.dataset.scans, self.dataset.times),
+            reference,
+            priors | {REFERENCE: reference},
+            {name: PointMap.open(path, cache_bytes=cache_bytes) for name, path in self.maps.items()},
+            self.options,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Bench:
+    """Everything a study of one dataset needs.
+
+    Parameters
+    ----------
+    scans : ScanFolder
+        The epochs.
+    reference : Trajectory
+        Poses held for true, global.
+    priors : dict of str to Trajectory
+        By name, global; the reference is one of them.
+    maps : dict of str to PointMap
+        By name of the variant.
+    options : DriveOptions
+        Range limits, and gaps of the trajectories to interpolate across.
+    """
+
+    scans: ScanFolder
+    reference: Trajectory
+    priors: dict[str, Trajectory]
+    maps: dict[str, PointMap]
+    options: DriveOptions
+
+    def check_times(self, prior_names: Sequence[str], numbers: Sequence[int]) -> None:
+        """Refuse a prior or a reference that has no pose at any of the epochs: it is on another clock.
+
+        Raises
+        ------
+        TrajectoryError
+            If there is one.
+        """
+        for name in dict.fromkeys((REFERENCE, *prior_names)):
+            poses, times = self.priors[name], self.scans.times[list(numbers)]
+            if all(pose_or_none(poses, float(at), self.options.max_gap) is None for at in times):
+                raise TrajectoryError(
+                    f"Expected poses of {name} for the scans, {times[0]:.3f} to {times[-1]:.3f} s, but it has none near"
+                    f" any of them ({poses.times[0]:.3f} to {poses.times[-1]:.3f} s). Do both use the same clock?"
+                )
+
+    def evaluate(self, prior_name: str, number: int, methods: Sequence[StudyMethod]) -> list[Row]:
+        """Return a row for each method: its answer to one epoch, or why there is none.
+
+        Parameters
+        ----------
+        prior_name : str
+            Which prior.
+        number : int
+            The epoch.
+        methods : sequence of StudyMethod
+            Those of maximum consensus that differ in what they make of an accumulator share it; each is
+            charged with its time.
+        """
+        at = float(self.scans.times[number])
+        row: dict[str, Any] = {
+            "prior": prior_name,
+            "epoch": number,
+            "time": at,
+            "scan": self.scans.paths[number].name,
+        }
+        prior = pose_or_none(self.priors[prior_name], at, self.options.max_gap)
+        reference = pose_or_none(self.reference, at, self.options.max_gap)
+        row |= {"is_localized": False, "is_success": None if reference is None else False}
+        row |= _reference_columns(prior, reference)
+        try:
+            raw = self.scans.read(number, self.options.min_range, self.options.max_range)
+        except FileError as error:
+            failed = {"status": Status.UNREADABLE.value, "reason": str(error)}
+            return [row | failed | {"method": method.name} for method in methods]
+        row["n_points"] = len(raw.points)
+        epoch = _Epoch(number, prior_name, raw, Scan(raw.points, time=raw.time), prior, reference)
+        shared = _SharedAccumulators(epoch.scan)
+        return [row | {"method": method.name} | self._columns(epoch, method, shared) for method in methods]
+
+    def _columns(self, epoch: _Epoch, method: StudyMethod, shared: "_SharedAccumulators") -> dict[str, Any]:
+        """What one method adds to the row of an epoch."""
+        point_map = self.maps[method.map_name]
+        start = epoch.reference if method.around_reference else epoch.prior
+        start = point_map.frame.pose_to_local(start) if start is not None else None
+        status = status_without_search(point_map, epoch.scan, start)
+        if start is None and method.around_reference:
+            return {"status": Status.NO_PRIOR.value, "reason": "no reference pose to start around"}
+        if start is None or status is not None:
+            return {"status": (status or Status.NO_PRIOR).value}
+        try:
+            answer = _answer(method, epoch.scan, point_map, start, shared)
+        except MissingExtraError:
+            raise  # true of every epoch
+        except MaxconError as error:
+            return {"status": Status.FAILED.value, "reason": str(error)}
+        reference = point_map.frame.pose_to_local(epoch.reference) if epoch.reference is not None else None
+        return _answer_columns(answer, reference, point_map)
+
+
+class _SharedAccumulators:
+    """Accumulators of one scan that several objectives look at, with the time each took (D5)."""
+
+    def __init__(self, scan: Scan) -> None:
+        self._found: dict[tuple[str, MaximumConsensus, Pose], tuple[Accumulator, float]] = {}
+        self._scan = scan
+        self._normals_ms: float | None = None
+
+    def of(
+        self, method: MaximumConsensus, map_name: str, point_map: PointMap, prior: Pose
+    ) -> tuple[Accumulator, float]:
+        """Return the accumulator of a method, and how long it takes from the scan's points on, ms."""
+        if self._normals_ms is None:
+            start = time.perf_counter()
+            _ = self._scan.normals
+            self._normals_ms = 1e3 * (time.perf_counter() - start)
+        key = (map_name, replace(method, objective=Helmert()), prior)
+        if key not in self._found:
+            start = time.perf_counter()
+            accumulator = method.accumulate(self._scan, point_map, prior)
+            self._found[key] = accumulator, 1e3 * (time.perf_counter() - start)
+        accumulator, milliseconds = self._found[key]
+        return accumulator, self._normals_ms + milliseconds
+
+
+def _answer(
+    method: StudyMethod, scan: Scan, point_map: PointMap, start: Pose, shared: _SharedAccumulators
+) -> _Answer:
+    """Let a method localize an epoch, and take what else it can tell."""
+    if isinstance(method.method, MaximumConsensus):
+        accumulator, taken = shared.of(method.method, method.map_name, point_map, start)
+        clock = time.perf_counter()
+        estimate = method.method.conclude(accumulator, scan, point_map)
+        taken += 1e3 * (time.perf_counter() - clock)
+        if estimate.status is Status.NO_MATCH:
+            return _Answer(estimate, taken)
+        return _Answer(estimate, taken, _distinctness_or_none(accumulator, method.method.objective))
+    scan = Scan(scan.points, time=scan.time)  # whatever it needs of the scan is charged to it
+    _prepare_map(method.method, scan, point_map, start)
+    clock = time.perf_counter()
+    if isinstance(method.method, MultiStart):
+        starts = method.method.estimates(scan, point_map, start)
+        estimate = method.method.choose(starts)
+    else:
+        starts, estimate = [], method.method.localize(scan, point_map, start)
+    return _Answer(estimate, 1e3 * (time.perf_counter() - clock), starts=tuple(starts))
+
+
+def _prepare_map(method: Method, scan: Scan, point_map: PointMap, start: Pose) -> None:
+    """Let a baseline find its part of the map before the clock runs: methods share it, the first would pay."""
+    if isinstance(method, MultiStart):
+        method.method.prepare(scan, point_map, start, method.largest_offset)
+    elif isinstance(method, Icp | Gicp):
+        method.prepare(scan, point_map, start)
+
+
+def _distinctness_or_none(accumulator: Accumulator, objective: Objective) -> Distinctness | None:
+    """Measures of distinctness; none for scores that they are not defined for, below 0 or infinite."""
+    scores = accumulator.score(objective)
+    if not (np.isfinite(scores).all() and (scores >= 0.0).all()):
+        return None
+    return distinctness(accumulator, objective, scores=scores)
+
+
+def _reference_columns(prior: Pose | None, reference: Pose | None) -> dict[str, Any]:
+    """Where the epoch really was, and how far off its prior is; nothing where that is not known."""
+    columns: dict[str, Any] = {}
+    if reference is not None:
+        columns |= {f"reference_{name}": getattr(reference, name) for name in ("x", "y", "z", "heading")}
+    if reference is not None and prior is not None:
+        error = pose_error(prior, reference)
+        columns |= {"prior_distance": error.distance, "prior_heading_error": error.heading}
+    return columns
+
+
+def _answer_columns(answer: _Answer, reference: Pose | None, point_map: PointMap) -> dict[str, Any]:
+    """Pose, errors and measures of an answer; the pose whether the method trusts it or not."""
+    estimate = answer.estimate
+    columns: dict[str, Any] = {"status": estimate.status.value, "is_localized": estimate.is_localized}
+    columns |= {"ms": answer.milliseconds, "score": estimate.score, "share": estimate.share}
+    if math.isfinite(estimate.runner_up):
+        columns["runner_up"] = estimate.runner_up
+    if answer.starts:
+        columns["n_starts"] = len(answer.starts)
+    if estimate.status is Status.NO_MATCH:
+        return columns | ({"n_converged": 0} if answer.starts else {})
+    pose = point_map.frame.pose_to_global(estimate.pose)
+    columns |= {name: getattr(pose, name) for name in ("x", "y", "z", "roll", "pitch", "heading")}
+    if answer.distinctness is not None:
+        measures = {name: getattr(answer.distinctness, name) for name in MEASURES}
+        columns |= {name: value for name, value in measures.items() if math.isfinite(value)}
+    if reference is not None:
+        error = pose_error(estimate.pose, reference)
+        columns |= {"distance": error.distance, "along": error.along, "across": error.across}
+        columns |= {"heading_error": error.heading, "is_success": error.is_success}
+        if answer.starts:
+            n_converged = sum(
+                start.status is not Status.NO_MATCH and pose_error(start.pose, reference).is_success
+                for start in answer.starts
+            )
+            columns |= {"n_converged": n_converged, "is_success": n_converged == len(answer.starts)}
+    return columns

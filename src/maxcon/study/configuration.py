@@ -1,0 +1,160 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""What a study was run with, saved beside its table; a study that goes on must go on with the same."""
+
+import hashlib
+import json
+from collections.abc import Collection, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from maxcon.atomic import atomic_file
+from maxcon.dataset import Dataset
+from maxcon.drive import DriveOptions
+from maxcon.errors import FileError, OptionError
+from maxcon.study.description import describe
+from maxcon.study.map_variants import MAP_VARIANTS
+from maxcon.study.methods import StudyMethod
+from maxcon.version import __version__
+
+__all__ = ["CONFIGURATION", "Configuration"]
+
+CONFIGURATION = "study.json"
+LARGEST_CONFIGURATION = 2**24
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """What a study is made of.
+
+    Parameters
+    ----------
+    version : str
+        Of maxcon.
+    dataset : str
+        Path of the dataset's TOML file.
+    dataset_sha256 : str
+        Of that file.
+    n_scans : int
+        Scans in the dataset.
+    options : dict
+        Range limits of the scans, and gaps of prior and reference to interpolate across.
+    methods : dict
+        What each method is made of, by its name, in the order of the table.
+    maps : dict
+        How each map differs, by its name.
+    runs : list of dict
+        Each run: methods, priors, number of epochs, processes; and seconds and rows made, once it is done.
+    """
+
+    version: str
+    dataset: str
+    dataset_sha256: str
+    n_scans: int
+    options: dict[str, Any] = field(default_factory=dict)
+    methods: dict[str, Any] = field(default_factory=dict)
+    maps: dict[str, Any] = field(default_factory=dict)
+    runs: list[dict[str, Any]] = field(default_factory=list)
+
+    @classmethod
+    def of(
+        cls, dataset: Dataset, n_scans: int, options: DriveOptions, methods: Sequence[StudyMethod]
+    ) -> "Configuration":
+        """Return the configuration of a study that begins."""
+        return cls(
+            __version__,
+            str(dataset.path.resolve()),
+            hashlib.sha256(dataset.path.read_bytes()).hexdigest(),
+            n_scans,
+            describe(asdict(options)),
+            {
+                method.name: {
+                    "method": describe(method.method),
+                    "map": method.map_name,
+                    "starts": "around the reference" if method.around_reference else "from the prior",
+                }
+                for method in methods
+            },
+            {
+                name: {"path": str(dataset.map_path)} if dataset.map_path else describe(MAP_VARIANTS[name])
+                for name in dict.fromkeys(method.map_name for method in methods)
+            },
+        )
+
+    @classmethod
+    def read(cls, folder: Path) -> "Configuration":
+        """Return the configuration of the study in a folder.
+
+        Raises
+        ------
+        FileError
+            If there is none, or it is broken.
+        """
+        path = folder / CONFIGURATION
+        try:
+            with path.open("rb") as stream:
+                text = stream.read(LARGEST_CONFIGURATION + 1)
+            named = json.loads(text.decode("utf-8"))
+            found = cls(**named)
+            tables = (found.options, found.methods, found.maps, *found.methods.values(), *found.runs)
+            if not all(isinstance(value, dict) for value in tables):
+                raise TypeError("what should be a table is none")
+        except (OSError, ValueError, TypeError, RecursionError) as error:
+            reason = error.strerror if isinstance(error, OSError) else error
+            raise FileError(
+                f"Expected a study in {folder}, got: {reason} ({path.name})."
+                " Make one with maxcon study DATASET -o STUDY."
+            ) from error
+        return found
+
+    def write(self, folder: Path) -> None:
+        """Write it into the folder of a study.
+
+        Raises
+        ------
+        FileError
+            If it cannot be written.
+        """
+        with atomic_file(folder / CONFIGURATION) as partial:
+            partial.write_text(json.dumps(asdict(self), indent=1) + "\n", encoding="utf-8", newline="\n")
+
+    def joined(self, other: "Configuration", with_rows: Collection[str]) -> "Configuration":
+        """Return this configuration with the methods of another run of the same study.
+
+        Parameters
+        ----------
+        other : Configuration
+            Of the run that begins.
+        with_rows : collection of str
+            Methods that have rows already: they must be the same as before.
+
+        Raises
+        ------
+        OptionError
+            If the other is of another version, of another dataset or means something else by a method's name.
+        """
+        for what, mine, theirs in (
+            ("made by maxcon", self.version, other.version),
+            ("of the dataset", self.dataset, other.dataset),
+            ("of a dataset with the description", self.dataset_sha256[:12], other.dataset_sha256[:12]),
+            ("of a dataset with scans", self.n_scans, other.n_scans),
+            ("with the options", self.options, other.options),
+        ):
+            if mine != theirs:
+                raise OptionError(
+                    f"Expected to go on with the study {what} {mine}, got {theirs}."
+                    " Name another folder for a new study."
+                )
+        for name in other.methods:
+            if name in with_rows and self.methods.get(name) != other.methods[name]:
+                raise OptionError(
+                    f"Expected {name} to be made as before in this study, {json.dumps(self.methods.get(name))}, got"
+                    f" {json.dumps(other.methods[name])}. Give it another name, or name another folder."
+                )
+        kept = {name: method for name, method in self.methods.items() if name in with_rows}
+        return replace(self, methods=kept | other.methods, maps=self.maps | other.maps)
+
+    def with_run(self, run: dict[str, Any]) -> "Configuration":
+        """Return the configuration with one more run, which may be filled in later."""
+        return replace(self, runs=[*self.runs, run])

@@ -1,0 +1,64 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""What a method is made of, in plain words and numbers: for the configuration that is saved with a study."""
+
+import hashlib
+import os
+from dataclasses import fields, is_dataclass
+from enum import Enum
+from typing import Any
+
+import numpy as np
+
+from maxcon.errors import OptionError
+
+__all__ = ["describe"]
+
+
+def describe(value: Any) -> Any:
+    """Return what JSON can hold: a class by its name and the values of its public fields, one below the other.
+
+    Two methods that are made alike have the same description; it is not meant to be read back into one.
+
+    Raises
+    ------
+    OptionError
+        If something in it has no description: a function or a lock, say.
+    """
+    if isinstance(value, Enum):
+        return describe(value.value)
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, np.generic):
+        return describe(value.item())
+    if isinstance(value, np.ndarray):
+        digest = hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()
+        return {"class": "array", "type": str(value.dtype), "shape": list(value.shape), "sha256": digest}
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if isinstance(value, tuple | list):
+        return [describe(item) for item in value]
+    if isinstance(value, dict):
+        return {str(key): describe(item) for key, item in value.items()}
+    return {"class": _name(type(value)), **{key: describe(item) for key, item in _fields(value).items()}}
+
+
+def _name(kind: type) -> str:
+    """Name of a class; with its module where it is not one of ours."""
+    return (
+        kind.__qualname__
+        if kind.__module__.startswith("maxcon.")
+        else f"{kind.__module__}.{kind.__qualname__}"
+    )
+
+
+def _fields(value: Any) -> dict[str, Any]:
+    """Public values of an object by their names."""
+    if is_dataclass(value):
+        return {field.name: getattr(value, field.name) for field in fields(value) if field.repr}
+    if not hasattr(value, "__dict__") or isinstance(value, type) or callable(value):
+        raise OptionError(
+            f"Expected a method made of numbers, words and objects of such, got {value!r} in it, which cannot be"
+            " written down. Make it a dataclass, or hide it behind an underscore."
+        )
+    return {key: item for key, item in sorted(vars(value).items()) if not key.startswith("_")}

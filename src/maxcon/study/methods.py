@@ -1,0 +1,149 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""The methods a study compares, by name, and sets of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from maxcon.baselines import Gicp, Icp, MapTargets, MultiStart
+from maxcon.drive import Method
+from maxcon.errors import OptionError
+from maxcon.maximum_consensus import MaximumConsensus
+from maxcon.objectives import Count, Helmert, MaxEigenvalue, Objective
+from maxcon.search_space import SearchSpace
+from maxcon.study.map_variants import MAP_VARIANTS, STANDARD
+
+__all__ = ["DEFAULT_SETS", "METHOD_SETS", "StudyMethod", "choose_methods", "known_methods"]
+
+
+@dataclass(frozen=True)
+class StudyMethod:
+    """A method of a study and the name it goes by.
+
+    Parameters
+    ----------
+    name : str
+        In the table and in figures.
+    method : Method
+        Anything with ``localize(scan, point_map, prior)``; it is sent to other processes, so its class must be
+        importable.
+    map_name : str
+        Which map it gets, a name of `MAP_VARIANTS`.
+    around_reference : bool
+        Whether it starts from the reference pose instead of the prior: for starts spread around the true
+        pose, as the paper's.
+    """
+
+    name: str
+    method: Method
+    map_name: str = STANDARD
+    around_reference: bool = False
+
+
+METHOD_SETS: dict[str, tuple[str, ...]] = {
+    "consensus": (
+        "count-points", "helmert-points", "max-eigenvalue-points",
+        "count-occupied", "helmert-occupied", "max-eigenvalue-occupied",
+    ),
+    "baselines": (
+        "icp-point-1m", "icp-point-3m", "icp-plane-1m", "icp-plane-3m", "gicp-1m", "gicp-3m",
+        "icp-plane-1m-5x5", "icp-plane-3m-5x5",
+    ),
+    "ground": ("helmert-ground", "icp-plane-1m-ground", "icp-plane-3m-ground", "gicp-3m-ground"),
+    "weights": (
+        "helmert-points", "helmert-points-unweighted", "helmert-occupied", "helmert-occupied-unweighted",
+    ),
+    "cells": ("helmert-cell-0.03", "helmert-occupied", "helmert-cell-0.12", "helmert-cell-0.20"),
+    "density": tuple(
+        f"{objective}-{multiplicity}{density}"
+        for density in ("", "-density-1/4", "-density-1/16")
+        for objective in ("count", "helmert")
+        for multiplicity in ("points", "occupied")
+    ),
+}  # fmt: skip
+"""Names of methods that answer one question together."""
+
+DEFAULT_SETS = ("consensus", "baselines")
+
+
+def known_methods(space: SearchSpace) -> dict[str, StudyMethod]:
+    """Return all methods that have a name; those of maximum consensus search in `space`.
+
+    A map with another cell edge gets the same space in cells of that edge.
+    """
+    found = [*_consensus_methods(space), *_baseline_methods()]
+    return {method.name: method for method in found}
+
+
+def choose_methods(names: Sequence[str], space: SearchSpace) -> list[StudyMethod]:
+    """Return the methods of these names and names of sets, each once, in their order.
+
+    Raises
+    ------
+    OptionError
+        If a name is neither a method nor a set.
+    """
+    known = known_methods(space)
+    chosen: dict[str, StudyMethod] = {}
+    for name in names:
+        if name not in known and name not in METHOD_SETS:
+            raise OptionError(
+                f"Expected methods to be of {', '.join(known)}, or the sets {', '.join(METHOD_SETS)}, got {name!r}."
+            )
+        chosen.update({member: known[member] for member in METHOD_SETS.get(name, (name,))})
+    if not chosen:
+        raise OptionError(f"Expected at least one method, got none. Sets are {', '.join(METHOD_SETS)}.")
+    return list(chosen.values())
+
+
+def _consensus_methods(space: SearchSpace) -> list[StudyMethod]:
+    """Every objective with either multiplicity; and Helmert's, and the count's, with one thing changed."""
+    objectives: dict[str, Objective] = {
+        "count": Count(),
+        "helmert": Helmert(),
+        "max-eigenvalue": MaxEigenvalue(),
+    }
+    methods = []
+    for multiplicity in ("points", "occupied"):
+        for name, objective in objectives.items():
+            method = MaximumConsensus(space, objective, multiplicity)
+            methods.append(StudyMethod(f"{name}-{multiplicity}", method))
+            if name == "max-eigenvalue":
+                continue
+            methods += [
+                StudyMethod(f"{name}-{multiplicity}-{density}", method, density)
+                for density in ("density-1/4", "density-1/16")
+            ]
+        unweighted = MaximumConsensus(space, Helmert(), multiplicity, weighting="one")
+        methods.append(StudyMethod(f"helmert-{multiplicity}-unweighted", unweighted))
+    methods += [
+        StudyMethod(f"helmert-{name}", MaximumConsensus(_in_cells_of(space, MAP_VARIANTS[name].cell)), name)
+        for name in ("cell-0.03", "cell-0.12", "cell-0.20")
+    ]
+    methods.append(StudyMethod("helmert-ground", MaximumConsensus(space), "ground"))
+    return methods
+
+
+def _in_cells_of(space: SearchSpace, cell: float) -> SearchSpace:
+    """Return the space in cells of another edge, widened to whole cells."""
+    n_cells = -(-space.half_width // cell) if space.half_width % cell > 1e-9 else space.half_width / cell
+    return SearchSpace(round(n_cells) * cell, cell, space.heading_half_width_deg, space.heading_step_deg)
+
+
+def _baseline_methods() -> list[StudyMethod]:
+    """ICP and GICP with both gates from the prior, and 5 x 5 starts around the reference."""
+    methods, targets = [], MapTargets()
+    for gate in (1.0, 3.0):
+        end = f"{gate:.0f}m"
+        point, plane = (Icp(residual, gate, targets=targets) for residual in ("point", "plane"))
+        gicp = Gicp(gate, targets=targets)
+        methods += [
+            StudyMethod(f"icp-point-{end}", point),
+            StudyMethod(f"icp-plane-{end}", plane),
+            StudyMethod(f"gicp-{end}", gicp),
+            StudyMethod(f"icp-point-{end}-5x5", MultiStart(point), around_reference=True),
+            StudyMethod(f"icp-plane-{end}-5x5", MultiStart(plane), around_reference=True),
+            StudyMethod(f"icp-plane-{end}-ground", plane, "ground"),
+            StudyMethod(f"gicp-{end}-ground", gicp, "ground"),
+        ]
+    return methods

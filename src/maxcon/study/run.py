@@ -1,0 +1,230 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""A study: methods x epochs of a dataset, on all processors, into one table; it goes on where it stopped."""
+
+import os
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from maxcon.atomic import check_folder, locked, make_folder
+from maxcon.baselines import Gicp, MultiStart, check_small_gicp
+from maxcon.dataset import Dataset
+from maxcon.drive import DriveOptions
+from maxcon.errors import FileError, OptionError
+from maxcon.io.scans import open_scans
+from maxcon.study.bench import REFERENCE, BenchPlan
+from maxcon.study.configuration import CONFIGURATION, Configuration
+from maxcon.study.map_variants import Progress, make_maps
+from maxcon.study.methods import StudyMethod
+from maxcon.study.pool import Task, run_tasks
+from maxcon.study.table import Key, TableParts, keys_of
+
+if TYPE_CHECKING:
+    import pyarrow
+
+__all__ = ["Study", "run_study", "spread_epochs"]
+
+# Consecutive epochs see the same tiles; more of them at once would be lost together when a study is stopped.
+EPOCHS_PER_TASK = 3
+LOCK = ".lock"
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study on disk.
+
+    Parameters
+    ----------
+    folder : Path
+        Holds study.json, table.parquet and maps/.
+    configuration : Configuration
+        What ran.
+    table : pyarrow.Table
+        A row per epoch, method and prior (`COLUMNS`).
+    """
+
+    folder: Path
+    configuration: Configuration
+    table: "pyarrow.Table"
+
+    @classmethod
+    def open(cls, folder: str | os.PathLike[str]) -> "Study":
+        """Open a study, done or not.
+
+        Raises
+        ------
+        FileError
+            If there is none, or a part of it is broken.
+        """
+        root = Path(folder)
+        return cls(root, Configuration.read(root), TableParts(root).read())
+
+
+def run_study(
+    dataset: Dataset,
+    folder: str | os.PathLike[str],
+    methods: Sequence[StudyMethod],
+    *,
+    priors: Sequence[str] | None = None,
+    n_epochs: int | None = None,
+    n_workers: int | None = None,
+    options: DriveOptions | None = None,
+    progress: Progress | None = None,
+) -> Study:
+    """Let methods localize epochs of a dataset; rows that are in the folder already are not made again.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Map, scans, reference and priors.
+    folder : path
+        Of the study; made if it is not there. More methods, priors or epochs can be added to a study later.
+    methods : sequence of StudyMethod
+        Each by a name of its own.
+    priors : sequence of str, optional
+        Names of the dataset's priors, or "reference" for the reference itself; all of the dataset's if None.
+    n_epochs : int, optional
+        So many of the dataset's scans, evenly spread; all if None.
+    n_workers : int, optional
+        Processes; as many as there are processors if None.
+    options : DriveOptions, optional
+        Range limits, and gaps of the trajectories to interpolate across.
+    progress : callable, optional
+        Called with (step, done, of how many).
+
+    Returns
+    -------
+    Study
+
+    Raises
+    ------
+    OptionError
+        If a prior or a number does not exist, or the folder holds a study made otherwise.
+    FileError, MapError, TrajectoryError, CrsError, MissingExtraError
+        If the dataset cannot be used, or the folder cannot be written.
+    """
+    root, options = Path(folder), options or DriveOptions()
+    names = _checked(dataset, methods, priors, n_workers)
+    scans = open_scans(dataset.scans, dataset.times)
+    numbers = spread_epochs(len(scans), n_epochs)
+    wanted = Configuration.of(dataset, len(scans), options, methods)
+    _check_folder(root)
+    make_folder(root)
+    with locked(root / LOCK, f"the study {root}"):
+        parts = TableParts(root)
+        done = set(keys_of(parts.read()))
+        if (root / CONFIGURATION).exists():
+            wanted = Configuration.read(root).joined(wanted, {method for _, method, _ in done})
+        map_names = [method.map_name for method in methods]
+        plan = BenchPlan(dataset, make_maps(dataset, root / "maps", map_names, progress), options)
+        plan.open().check_times(
+            names, numbers
+        )  # what cannot be done is said here, not by a process that ends
+        tasks = _missing(methods, names, numbers, done)
+        n_workers = min(n_workers or _n_processors(), max(1, len(tasks)))
+        run = {"methods": [method.name for method in methods], "priors": names, "n_epochs": len(numbers)}
+        wanted = wanted.with_run(run | {"n_workers": n_workers}) if tasks else wanted
+        wanted.write(root)
+        _work_off(tasks, plan, methods, n_workers, parts, wanted, progress)
+        return Study(root, Configuration.read(root), parts.merge())
+
+
+def _work_off(
+    tasks: Sequence[Task],
+    plan: BenchPlan,
+    methods: Sequence[StudyMethod],
+    n_workers: int,
+    parts: TableParts,
+    configuration: Configuration,
+    progress: Progress | None,
+) -> None:
+    """Let the processes do the tasks, and write down what each made and how long all took."""
+    started, n_done, n_total = time.perf_counter(), 0, sum(task.n_rows for task in tasks)
+    report = progress or (lambda step, done, total: None)
+    if tasks:
+        report("localizing", 0, n_total)
+    for rows in run_tasks(tasks, plan, methods, n_workers):
+        parts.add(rows)
+        n_done += len(rows)
+        report("localizing", n_done, n_total)
+        if n_done == n_total:
+            seconds = round(time.perf_counter() - started, 1)
+            configuration.runs[-1].update(n_rows=n_done, seconds=seconds)
+            configuration.write(parts.folder)
+
+
+def spread_epochs(n_scans: int, n_epochs: int | None) -> list[int]:
+    """Return `n_epochs` of the numbers of `n_scans` scans, evenly spread; all if None.
+
+    Raises
+    ------
+    OptionError
+        If there are fewer scans, or none is wanted.
+    """
+    if n_epochs is None:
+        return list(range(n_scans))
+    if not 1 <= n_epochs <= n_scans:
+        raise OptionError(f"Expected 1 to {n_scans} epochs, as the dataset has, got {n_epochs}. Take fewer.")
+    return [int(number) for number in np.linspace(0, n_scans - 1, n_epochs).round()]
+
+
+def _checked(
+    dataset: Dataset, methods: Sequence[StudyMethod], priors: Sequence[str] | None, n_workers: int | None
+) -> list[str]:
+    """Return the names of the priors; refuse what is not there, before anything is made."""
+    names = list(dict.fromkeys(dataset.priors if priors is None else priors))
+    for name in names:
+        if name not in (*dataset.priors, REFERENCE):
+            raise OptionError(
+                f"Expected a prior of {', '.join(dataset.priors)}, as {dataset.path} names them, or {REFERENCE}, got"
+                f" {name!r}."
+            )
+    if not methods or len({method.name for method in methods}) < len(methods):
+        raise OptionError("Expected at least one method, each with a name of its own. Rename one.")
+    if n_workers is not None and n_workers < 1:
+        raise OptionError(
+            f"Expected at least one process, got {n_workers}. Leave it out for one per processor."
+        )
+    for method in methods:
+        inner = method.method.method if isinstance(method.method, MultiStart) else method.method
+        if isinstance(inner, Gicp):
+            check_small_gicp()
+    return names
+
+
+def _check_folder(root: Path) -> None:
+    """Refuse a folder that holds something else than a study."""
+    check_folder(root)
+    others = [path.name for path in root.iterdir() if path.name != LOCK] if root.exists() else []
+    if others and CONFIGURATION not in others:
+        raise FileError(
+            f"Expected a study or an empty folder in {root}, but it holds {sorted(others)[0]}. Name another folder."
+        )
+
+
+def _n_processors() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _missing(
+    methods: Sequence[StudyMethod], priors: Iterable[str], numbers: Sequence[int], done: set[Key]
+) -> list[Task]:
+    """Return what is still to do, a few epochs at a time that lack the same methods."""
+    tasks: list[Task] = []
+    for prior in priors:
+        for number in numbers:
+            lacking = tuple(method.name for method in methods if (prior, method.name, number) not in done)
+            if not lacking:
+                continue
+            last = tasks[-1] if tasks else None
+            if last and (last.prior, last.methods) == (prior, lacking) and len(last.epochs) < EPOCHS_PER_TASK:
+                tasks[-1] = Task(prior, (*last.epochs, number), lacking)
+            else:
+                tasks.append(Task(prior, (number,), lacking))
+    return tasks

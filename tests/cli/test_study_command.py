@@ -1,0 +1,135 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""`maxcon study` and `maxcon report`: what they print, what they refuse, and that a kill loses nothing."""
+
+import signal
+import time
+from pathlib import Path
+
+import pytest
+
+from maxcon.study import Study
+from maxcon.study.table import TableParts, keys_of
+
+METHODS = ("--methods", "helmert-occupied,count-points,helmert-points-unweighted")
+SMALL = ("--half-width", "1.2", "--heading-half-width-deg", "1")
+
+
+@pytest.fixture
+def described(drive, tmp_path):
+    """A description of the drive with its built map, many times the same few scans."""
+    scans = tmp_path / "scans"
+    scans.mkdir()
+    lines = drive.dataset.reference.read_text().splitlines()
+    poses = [line.split() for line in lines if not line.startswith("#")]
+    kept, times = [], []
+    for number in range(40):
+        scan = drive.dataset.scans / f"{number % len(poses):06d}.bin"
+        (scans / f"{number:06d}.bin").symlink_to(scan)
+        times.append(f"{number / 10.0:.6f}")
+        kept.append(" ".join([times[-1], *poses[number % len(poses)][1:]]))
+    (scans / "times.txt").write_text("\n".join(times) + "\n")
+    (tmp_path / "reference.txt").write_text("\n".join(kept) + "\n")
+    description = tmp_path / "drive.toml"
+    description.write_text(
+        f'[map]\npath = "{drive.city}"\n[scans]\nfolder = "scans"\nreference = "reference.txt"\n'
+        '[priors]\nexact = "reference.txt"\n'
+    )
+    return description
+
+
+def children_of(pid):
+    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def is_alive(pid):
+    """A zombie that nobody waits for counts as ended."""
+    try:
+        return "Z" not in Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except FileNotFoundError:
+        return False
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc: processes cannot be watched")
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_a_study_that_is_stopped_goes_on(described, maxcon_process, maxcon, tmp_path, number):
+    out = tmp_path / "study"
+    arguments = ("study", described, "-o", out, *METHODS, *SMALL, "--workers", "2", "--quiet")
+    with maxcon_process(*arguments) as process:
+        while len(list(out.glob("parts/[!.]*.parquet"))) < 2 and process.poll() is None:
+            time.sleep(0.002)
+        children = children_of(process.pid)
+        process.send_signal(number)
+        _, err = process.communicate(timeout=60)
+    assert process.returncode == (-number if number == signal.SIGKILL else 128 + number)
+    assert "Traceback" not in err
+    deadline = time.monotonic() + 30.0
+    while any(is_alive(child) for child in children) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not [child for child in children if is_alive(child)]
+    assert not (out / "table.parquet").exists()
+    before = TableParts(out).read().to_pylist()
+    assert 0 < len(before) < 120
+    assert maxcon(*arguments).code == 0
+    table = Study.open(out).table
+    assert len(table) == len(set(keys_of(table))) == 120
+    assert not (out / "parts").exists()
+    after = {(row["method"], row["epoch"]): row for row in table.to_pylist()}
+    assert all(after[row["method"], row["epoch"]] == row for row in before)  # times and all: not made again
+
+
+def test_study_and_report_say_what_they_did(described, maxcon, tmp_path):
+    out, page = tmp_path / "study", tmp_path / "page.html"
+    ended = maxcon("study", described, "-o", out, *METHODS, *SMALL, "--epochs", "3", "--workers", "1")
+    assert (ended.code, ended.err) == (0, "")
+    lines = ended.out.splitlines()
+    assert lines[0] == "prior exact"
+    assert [line.split()[:2] for line in lines[2:5]] == [
+        ["helmert-occupied", "3/3"], ["count-points", "3/3"], ["helmert-points-unweighted", "3/3"],
+    ]  # fmt: skip
+    assert lines[5:] == [
+        f"9 rows in {out / 'table.parquet'}",
+        f"page         maxcon report {out} -o report.html",
+    ]
+    ended = maxcon("report", out, "-o", page)
+    assert (ended.code, ended.err) == (0, "")
+    assert ended.out.splitlines() == [str(page), f"figures      {tmp_path / 'page-figures'}"]
+    assert "helmert-points-unweighted" in page.read_text()
+
+
+def test_statuses_without_an_answer_are_printed(described, maxcon, tmp_path):
+    scan = tmp_path / "scans" / "000000.bin"
+    scan.unlink()
+    scan.write_bytes(b"123")
+    ended = maxcon(
+        "study", described, "-o", tmp_path / "study", *METHODS, *SMALL, "--epochs", "2", "--workers", "1"
+    )
+    assert ended.code == 0
+    assert ended.out.count("1 unreadable scan") == 3
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        (("--methods", "helmet"), "Expected methods to be of"),
+        (("--methods", ","), "Expected at least one method"),
+        (("--prior", "gnss"), "Expected a prior of exact"),
+        (("--epochs", "41"), "Expected 1 to 40 epochs"),
+        (("--methods", "cells"), "Expected clouds in"),
+        (("--half-width", "0.1"), "multiple of its step"),
+        (("--min-range", "9", "--max-range", "3"), "Expected 0 <= min_range < max_range"),
+    ],
+)
+def test_what_cannot_be_studied_is_one_line(described, maxcon, refused, tmp_path, wrong, words):
+    refused(maxcon("study", described, "-o", tmp_path / "study", *wrong), words)
+
+
+def test_paths_that_are_wrong_are_one_line(described, drive, maxcon, refused, tmp_path):
+    refused(
+        maxcon("study", tmp_path / "nowhere", "-o", tmp_path / "study"), "Expected a dataset's description"
+    )
+    refused(maxcon("study", described, "-o", described), "drive.toml")
+    refused(maxcon("study", described, "-o", drive.dataset.folder), "it holds")
+    refused(maxcon("report", tmp_path, "-o", tmp_path / "page.html"), "Expected a study in")
+    assert not (tmp_path / "page.html").exists()
+    assert not (tmp_path / "study").exists()
