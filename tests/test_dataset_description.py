@@ -90,7 +90,7 @@ def test_what_it_says_of_the_map_becomes_its_options(folder):
         ("map/*.laz", "/", "got none for '/'"),
         ("map/*.laz", "map/**.laz", None),
         ('folder = "scans"', "", r"Expected folder under \[scans\]"),
-        ('"reference.txt"', '"referense.txt"', "to name what exists"),
+        ('"reference.txt"', '"nowhere.txt"', "to name what exists"),
         ('"gnss.txt"', "7", "Expected gnss under .* to be a str, got 7"),
         ('"map/*.laz"', '"map/*.laz"\nvehicle_classes = [true]', "list of int"),
     ],

@@ -50,11 +50,14 @@ class Icp:
         Distance of a scan point from the plane of its partner, or from its partner.
     gate : float
         A scan point farther than this from every map point (in x, y and z together) has no partner, m.
-        **State it with every figure**: success swings from a half to all of the epochs between 1 m and 3 m.
+        **State it with every figure**: from the paper's 5 x 5 starts, point-to-plane fails in 37 of 40 epochs
+        of a simulated drive with 1 m and in none with 3 m; wrong partners within 3 m cost precision instead
+        (median error from a wrong prior 0.7 cm and 4 cm; on a real drive 4 cm and 15 cm).
     thinning : float
         The scan is thinned to one point, the mean, per cube of this edge, m; 0 for all points. The near
-        ground and the nearest facade have most of a scan's points: without thinning they outvote the rest,
-        and on real scans fewer starts converge.
+        ground and the nearest facade have most of a scan's points, and without thinning outvote the rest: on
+        a real drive point-to-plane ends right from 65 of 70 wrong priors with 0.75 m, from three quarters with
+        0.25 m. In a simulated street with a gate of 1 m it costs a few per cent of the starts.
     max_iterations : int
         Largest number of steps. Point-to-point slides along a wall by a little in each step: 50 are too few.
     step_tolerance, turn_tolerance : float
