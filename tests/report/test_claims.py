@@ -111,8 +111,8 @@ def test_measures_along_the_ray_are_taken_around_the_reference_where_they_can():
     centred = methods(helmert_points=[HELMERT] * 2, count_points=[COUNT] * 2)
     found = paper_claims(around_prior, 0.06, centred)
     assert [found[k].verdict for k in (3, 4, 5)] == [Verdict.DIFFERS, Verdict.AGREES, Verdict.AGREES]
-    assert found[4].study.startswith("Around the reference: ")
-    assert paper_claims(around_prior, 0.06)[4].study.startswith("Around this prior: ")
+    assert found[4].study.startswith("Around the reference, ")
+    assert paper_claims(around_prior, 0.06)[4].study.startswith("Around this prior, ")
 
 
 def test_icp_is_compared_where_it_is_right():
@@ -145,12 +145,17 @@ def test_pictures_show_the_most_distinct_and_the_worst_epoch():
         helmert_points=[HELMERT] * 4,
     )
     picked = pick_epochs(found["count-points"], found["helmert-points"])
-    assert (picked.crossing, picked.street) == (1, 3)
-    assert "farthest off" in picked.street_words
+    assert (picked.crossing, picked.street, picked.failure) == (1, 2, 3)
     found = methods(count_points=[COUNT, COUNT | {"kurtosis": 1.8}], helmert_points=[HELMERT] * 2)
     picked = pick_epochs(found["count-points"], found["helmert-points"])
-    assert (picked.crossing, picked.street) == (0, 1)
-    assert "least distinct" in picked.street_words
+    assert (picked.crossing, picked.street, picked.failure) == (0, 1, None)
+    near = {"prior_distance": 1.0}
+    found = methods(
+        count_points=[COUNT | {"kurtosis": 9.0, "prior_distance": 2.9}, COUNT | near],
+        helmert_points=[HELMERT] * 2,
+    )
+    picked = pick_epochs(found["count-points"], found["helmert-points"])
+    assert (picked.crossing, picked.street) == (1, 1)  # where the whole neighbourhood is in the search space
     found = methods(count_points=[lost], helmert_points=[lost])
     assert pick_epochs(found["count-points"], found["helmert-points"]) is None
 

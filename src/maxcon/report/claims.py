@@ -70,7 +70,7 @@ def paper_claims(
     Only epochs count that say something about the methods (`MethodStatistics.n_tried`).
     """
     found = {name: statistics(rows) for name, rows in methods.items()}
-    along_ray, where = (centred, "Around the reference: ") if centred else (methods, "Around this prior: ")
+    along_ray, where = (centred, "Around the reference, ") if centred else (methods, "Around this prior, ")
     return [
         _helmert_succeeds(found),
         _count_fails(found),
@@ -78,7 +78,7 @@ def paper_claims(
         _compared(
             "The ratio of second highest to highest score is lower for Helmert's score in general; some critical"
             " epochs remain.",
-            methods, "peak_ratio", "median ratio", lambda helmert, count: helmert < count,
+            methods, "peak_ratio", "Median ratio", lambda helmert, count: helmert < count,
         ),
         _compared(
             "The kurtosis along the significant ray is much higher for Helmert's score.",

@@ -117,7 +117,7 @@ def _draw_scenes(
     try:
         return [
             scenes.overview(folder / "scene.svg", epochs.street, helmert),
-            scenes.headings(folder / "headings.svg", epochs.street),
+            scenes.headings(folder / "headings.svg", epochs.crossing),
             scenes.comparison(folder / "comparison.svg", epochs),
         ]
     except MaxconError as error:

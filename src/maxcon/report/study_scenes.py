@@ -30,47 +30,56 @@ __all__ = ["PictureEpochs", "StudyScenes", "pick_epochs"]
 
 # Epochs whose search spaces may be drawn on the ground: this far apart along the drive, to either side, m.
 SPACE_EVERY, SPACES_REACH = 3.0, 45.0
+NEAR = 1.5
+SHOWN_BECAUSE = {
+    "crossing": "where the count is the most distinct",
+    "street": "where the count is right and the least distinct",
+    "count fails": "where the count is farthest off while Helmert's score is right",
+}
 
 
 @dataclass(frozen=True, slots=True)
 class PictureEpochs:
-    """Which epochs the pictures show, and why.
+    """Which epochs the pictures show, by what the table says of them.
 
     Parameters
     ----------
     crossing : int
-        Where the count is the most distinct.
+        Where the count is the most distinct: surfaces face in several directions.
     street : int
-        Where the count fails by most and Helmert's score does not, or else is the least distinct.
-    street_words : str
-        Which of the two.
+        Where the count is right and the least distinct: nearly all surfaces face across.
+    failure : int or None
+        Where the count is farthest off while Helmert's score is right, if it is anywhere.
     """
 
     crossing: int
     street: int
-    street_words: str
+    failure: int | None
 
 
 def pick_epochs(count: MethodRows, helmert: MethodRows) -> PictureEpochs | None:
-    """Pick the epochs to show by what the table says of count and Helmert; None if nothing succeeded."""
+    """Pick the epochs to show; None if count and Helmert's score succeed nowhere together.
+
+    Crossing and street are taken from epochs whose prior is within 1.5 m, if there are any: there the search
+    space shows what lies around on all sides.
+    """
     epochs = common_epochs({"count": count, "helmert": helmert}, ("count", "helmert"))
     here = [np.isin(rows.numbers("epoch"), epochs) for rows in (count, helmert)]
     succeeds = [
         rows.numbers("is_success")[at] == 1.0 for rows, at in zip((count, helmert), here, strict=True)
     ]
-    distinct = np.nan_to_num(count.numbers("kurtosis")[here[0]])
-    errors = np.nan_to_num(count.numbers("distance")[here[0]])
-    is_good, is_lost = succeeds[0] & succeeds[1], ~succeeds[0] & succeeds[1] & (errors > 0.0)
+    is_good, is_lost = succeeds[0] & succeeds[1], ~succeeds[0] & succeeds[1]
     if not is_good.any():
         return None
-    crossing = int(np.argmax(np.where(is_good, distinct, -1.0)))
-    if is_lost.any():
-        street = int(np.argmax(np.where(is_lost, errors, -1.0)))
-        words = "where the count is farthest off while Helmert's score is right"
-    else:
-        street = int(np.argmin(np.where(is_good, distinct, np.inf)))
-        words = "where the count is the least distinct (it fails nowhere in this study)"
-    return PictureEpochs(int(epochs[crossing]), int(epochs[street]), words)
+    is_near = is_good & (np.nan_to_num(count.numbers("prior_distance")[here[0]]) <= NEAR)
+    is_shown = is_near if is_near.any() else is_good
+    distinct = np.nan_to_num(count.numbers("kurtosis")[here[0]])
+    errors = np.where(is_lost, np.nan_to_num(count.numbers("distance")[here[0]]), 0.0)
+    return PictureEpochs(
+        crossing=int(epochs[np.argmax(np.where(is_shown, distinct, -1.0))]),
+        street=int(epochs[np.argmin(np.where(is_shown, distinct, np.inf))]),
+        failure=int(epochs[np.argmax(errors)]) if errors.any() else None,
+    )
 
 
 @dataclass(frozen=True)
@@ -153,19 +162,22 @@ class StudyScenes:
         )
 
     def comparison(self, path: Path, epochs: PictureEpochs) -> Picture:
-        """Draw crossing and street, count beside Helmert (the paper's figure 4)."""
-        rows = []
-        for label, epoch in (("crossing", epochs.crossing), ("street", epochs.street)):
-            reference = self.poses(epoch)[1]
+        """Draw crossing and street, and where the count fails, count beside Helmert (the paper's figure 4)."""
+        chosen = {"crossing": epochs.crossing, "street": epochs.street, "count fails": epochs.failure}
+        rows, words = [], []
+        for label, epoch in chosen.items():
+            if epoch is None:
+                continue
             scan, accumulator, _ = self.search(epoch)
             views = (SearchSpaceView(accumulator, Count()), SearchSpaceView(accumulator, Helmert()))
+            reference = self.poses(epoch)[1]
             rows.append(ComparisonRow(f"{label}, epoch {epoch}", scan, self.point_map, reference, views))
+            words.append(f"epoch {epoch}, {SHOWN_BECAUSE[label]}")
         plot_comparison(path, rows, title="Count beside Helmert's score")
         return Picture(
             "A crossing and a street, count beside Helmert's score",
-            f"Offsets are from the reference: the best cell should be at (0, 0). Above epoch {epochs.crossing}, where"
-            f" the count is the most distinct; below epoch {epochs.street}, {epochs.street_words}.",
-            "Two rows: the scan in the map, the search space of the count, and that of Helmert's score.",
+            f"Offsets are from the reference: the best cell should be at (0, 0). From above: {'; '.join(words)}.",
+            "Rows of epochs: the scan in the map, the search space of the count, and that of Helmert's score.",
             path,
         )
 
