@@ -3,7 +3,7 @@
 """Localizing a drive: epoch after epoch, each with its prior from a trajectory."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -21,6 +21,7 @@ __all__ = [
     "DriveOptions",
     "EpochEstimate",
     "Method",
+    "check_inside",
     "localize_drive",
     "pose_or_none",
     "status_without_search",
@@ -138,7 +139,7 @@ def localize_drive(
     priors = [pose_or_none(prior, float(at), options.max_gap) for at in scans.times]
     _check_times(scans, prior, priors)
     local = [point_map.frame.pose_to_local(pose) if pose is not None else None for pose in priors]
-    _check_inside(point_map, local)
+    check_inside(point_map, local)
     return (
         _localize_epoch(epoch, point_map, scans, pose, method, options) for epoch, pose in enumerate(local)
     )
@@ -190,7 +191,14 @@ def _check_times(scans: ScanFolder, prior: Trajectory, priors: list[Pose | None]
         )
 
 
-def _check_inside(point_map: PointMap, priors: list[Pose | None]) -> None:
+def check_inside(point_map: PointMap, priors: Sequence[Pose | None], what: str = "the prior") -> None:
+    """Refuse poses (local frame) that all lie outside the map.
+
+    Raises
+    ------
+    MapError
+        If they do.
+    """
     known = [pose for pose in priors if pose is not None]
     if any(point_map.covers(pose.x, pose.y, MAP_MARGIN) for pose in known):
         return
@@ -199,6 +207,6 @@ def _check_inside(point_map: PointMap, priors: list[Pose | None]) -> None:
     low = point_map.frame.to_global([[x_low, y_low, 0.0]])[0]
     high = point_map.frame.to_global([[x_high, y_high, 0.0]])[0]
     raise MapError(
-        f"Expected the prior inside the map, x {low[0]:.7g} to {high[0]:.7g} and y {low[1]:.7g} to"
+        f"Expected {what} inside the map, x {low[0]:.7g} to {high[0]:.7g} and y {low[1]:.7g} to"
         f" {high[1]:.7g} m, got x {first.x:.7g}, y {first.y:.7g} m. Are both in the same CRS?"
     )

@@ -111,7 +111,7 @@ def test_statuses_without_an_answer_are_printed(described, maxcon, tmp_path):
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        (("--methods", "helmet"), "Expected methods to be of"),
+        (("--methods", "helmet"), "Did you mean helmert"),
         (("--methods", ","), "Expected at least one method"),
         (("--prior", "gnss"), "Expected a prior of exact"),
         (("--epochs", "41"), "Expected 1 to 40 epochs"),

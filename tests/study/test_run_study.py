@@ -10,7 +10,7 @@ import pytest
 from maxcon.atomic import locked
 from maxcon.dataset import Dataset
 from maxcon.drive import DriveOptions, localize_drive
-from maxcon.errors import ArrayError, FileError, OptionError, TrajectoryError
+from maxcon.errors import ArrayError, FileError, MapError, OptionError, TrajectoryError
 from maxcon.estimate import Estimate, Status
 from maxcon.evaluation import distinctness, pose_error
 from maxcon.io.scans import open_scans
@@ -32,6 +32,14 @@ def rows_of(study, method, prior="uniform"):
 
 def without_times(table):
     return table.drop_columns(["ms"]).to_pylist()
+
+
+@dataclass(frozen=True)
+class Careless:
+    """Returns a pose where an estimate is expected."""
+
+    def localize(self, scan, point_map, prior):
+        return prior
 
 
 @dataclass(frozen=True)
@@ -253,6 +261,40 @@ def test_bad_epochs_become_rows(copied, tmp_path, small_space):
         assert [row["x"] is None for row in rows] == [True, True, True, True, False, True]
 
 
+def test_a_method_of_the_user_s_may_fail_as_it_likes(copied, tmp_path):
+    study = run_study(copied, tmp_path / "study", [StudyMethod("mine", Careless())], n_epochs=2, n_workers=1)
+    assert [(row["status"], row["reason"]) for row in rows_of(study, "mine")] == [
+        ("failed", "AttributeError: 'Pose' object has no attribute 'status'")
+    ] * 2
+
+
+def test_parts_that_changed_are_refused_and_new_priors_are_not(copied, tmp_path, small_space):
+    folder, chosen = tmp_path / "study", choose_methods(["helmert-occupied"], small_space)
+    run_study(copied, folder, chosen, n_epochs=1, n_workers=1)
+    (copied.folder / "second.txt").write_bytes(copied.prior.read_bytes())
+    copied.path.write_text(copied.path.read_text() + '# a comment\nsecond = "second.txt"\n')
+    more = run_study(Dataset.open(copied.path), folder, chosen, n_epochs=1, n_workers=1)
+    assert {row["prior"] for row in more.table.to_pylist()} == {"uniform", "second"}
+    copied.folder.rename(tmp_path / "moved")
+    moved = Dataset.open(tmp_path / "moved")
+    assert run_study(moved, folder, chosen, n_epochs=1, n_workers=1).table.equals(more.table)
+    moved.prior.write_text(moved.prior.read_text().replace("\n", " \n", 1))
+    with pytest.raises(OptionError, match="Expected the prior uniform of the dataset to be as before"):
+        run_study(moved, folder, chosen, n_epochs=2, n_workers=1)
+
+
+def test_another_crs_is_said_at_once(copied, tmp_path, small_space):
+    lines = copied.reference.read_text().splitlines()
+    poses = [
+        line if line.startswith("#") else " ".join([line.split()[0], "9.0", *line.split()[2:]])
+        for line in lines
+    ]
+    copied.reference.write_text("\n".join(poses) + "\n")
+    chosen = choose_methods(["helmert-occupied"], small_space)
+    with pytest.raises(MapError, match=r"Expected poses of reference inside the map.* in the same CRS"):
+        run_study(copied, tmp_path / "study", chosen, n_workers=1)
+
+
 def test_a_method_that_fails_is_a_row_with_its_reason(copied, tmp_path):
     study = run_study(copied, tmp_path / "study", [StudyMethod("mine", Contrary())], n_workers=1)
     rows = rows_of(study, "mine")
@@ -265,10 +307,14 @@ def test_a_method_that_fails_is_a_row_with_its_reason(copied, tmp_path):
 
 
 def test_a_study_goes_on_only_with_the_same(study, simulated, copied, methods, tmp_path, small_space):
-    with pytest.raises(OptionError, match="go on with the study of the dataset"):
+    with pytest.raises(
+        OptionError, match="Expected the description of map and scans of the dataset to be as before"
+    ):
         run_study(copied, study.folder, methods)
     wider = choose_methods(["helmert-occupied"], type(small_space)(half_width=1.5))
-    with pytest.raises(OptionError, match="Expected helmert-occupied to be made as before"):
+    with pytest.raises(
+        OptionError, match=r"as before in this study, with method\.space\.half_width 1\.2, got 1\.5; "
+    ):
         run_study(simulated, study.folder, wider)
     (tmp_path / "letters.txt").touch()
     with pytest.raises(FileError, match=r"holds .*dataset"):

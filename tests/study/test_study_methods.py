@@ -42,7 +42,7 @@ def test_names_and_sets_mix():
     assert [method.name for method in chosen] == [
         "helmert-occupied", "helmert-points", "helmert-points-unweighted", "helmert-occupied-unweighted",
     ]  # fmt: skip
-    with pytest.raises(OptionError, match="got 'helmet'"):
+    with pytest.raises(OptionError, match=r"got 'helmet'\. Did you mean"):
         choose_methods(["helmet"], SearchSpace())
     with pytest.raises(OptionError, match="at least one method"):
         choose_methods([], SearchSpace())
@@ -62,9 +62,17 @@ def test_a_description_tells_methods_apart():
         def __init__(self):
             self.power, self._cache = 2.0, object()
 
-    assert describe([Mine(), Count(), None]) == [
-        {"class": f"{Mine.__module__}.{Mine.__qualname__}", "power": 2.0}, {"class": "Count"}, None,
-    ]  # fmt: skip
+    mine, count, nothing = describe([Mine(), Count(), None])
+    source = mine.pop("source")
+    assert mine == {"class": f"{Mine.__module__}.{Mine.__qualname__}", "power": 2.0}
+    assert (count, nothing) == ({"class": "Count"}, None)
+    assert len(source) == 16  # another source is another method, though its values are the same
+
+    class Other:
+        def __init__(self):
+            self.power, self._cache = 3.0 - 1.0, object()
+
+    assert describe(Other())["source"] != source
 
 
 def test_values_that_differ_are_described_apart():

@@ -74,6 +74,7 @@ def test_a_moved_dataset_leaves_the_scenes_out_and_says_so(copied, small_space, 
     with pytest.raises(FileError, match="Expected a dataset"):
         report_study(tmp_path / "study", tmp_path / "no.html", dataset=tmp_path / "nowhere")
     assert not (tmp_path / "no.html").exists()
+    assert "Some methods have 3 epochs only" in (tmp_path / "found.html").read_text()
 
 
 def test_a_bad_epoch_leaves_the_page_whole(copied, small_space, tmp_path):
@@ -93,8 +94,8 @@ def test_a_dataset_that_was_changed_gives_no_scenes(copied, small_space, tmp_pat
     run_study(copied, tmp_path / "study", choose_methods(names, small_space), n_epochs=2, n_workers=1)
     copied.path.write_text(copied.path.read_text().replace("uniform =", "other ="))
     report_study(tmp_path / "study", tmp_path / "page.html")
-    assert "No scenes: Expected the dataset of the study" in (tmp_path / "page.html").read_text()
-    with pytest.raises(FileError, match="Expected the dataset of the study"):
+    assert "No scenes: Expected the prior uniform in" in (tmp_path / "page.html").read_text()
+    with pytest.raises(FileError, match="Expected the prior uniform in"):
         report_study(tmp_path / "study", tmp_path / "page.html", dataset=copied.path)
 
 
@@ -127,6 +128,8 @@ def test_what_cannot_be_reported_is_said(study, simulated, small_space, tmp_path
         report_study(tmp_path, tmp_path / "report.html")
     with pytest.raises(OptionError, match="Expected a prior of the study, uniform, got 'gnss'"):
         report_study(study.folder, tmp_path / "report.html", prior="gnss")
+    with pytest.raises(OptionError, match=r"to end in \.html, got .*page\.pdf"):
+        report_study(study.folder, tmp_path / "page.pdf")
     with pytest.raises(FileError, match="Expected to be able to write"):
         report_study(study.folder, tmp_path / "no" / "report.html")
     (tmp_path / "study.json").write_bytes((study.folder / "study.json").read_bytes())

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: MIT
 """Which pictures a study can have: what is missing is said in a note, and leaves the rest of the page whole."""
 
-import hashlib
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -15,7 +14,8 @@ from maxcon.report.html import Picture
 from maxcon.report.study_scenes import StudyScenes, pick_epochs, space_of
 from maxcon.report.study_statistics import draw_statistics
 from maxcon.study import MethodRows, Study
-from maxcon.study.bench import BenchPlan
+from maxcon.study.bench import REFERENCE, BenchPlan
+from maxcon.study.configuration import check_parts, dataset_parts
 from maxcon.study.map_variants import STANDARD
 
 __all__ = ["Progress", "draw_pictures", "open_scenes"]
@@ -53,10 +53,9 @@ def open_scenes(
         return None
     try:
         opened = Dataset.open(dataset or configuration.dataset)
-        if hashlib.sha256(opened.path.read_bytes()).hexdigest() != configuration.dataset_sha256:
-            raise FileError(
-                f"Expected the dataset of the study, got another description, or a changed one, in {opened.path}."
-            )
+        check_parts(configuration.parts, dataset_parts(opened))
+        if prior not in (*opened.priors, REFERENCE):
+            raise FileError(f"Expected the prior {prior} in {opened.path}, got {', '.join(opened.priors)}.")
         path = opened.map_path or study.folder / "maps" / f"{STANDARD}.map"
         bench = BenchPlan(opened, {STANDARD: path}, DriveOptions(**configuration.options)).open()
         if len(bench.scans) != configuration.n_scans:

@@ -20,11 +20,13 @@ from maxcon.report.study_pictures import Progress, draw_pictures, open_scenes
 from maxcon.report.study_scenes import space_of
 from maxcon.report.study_tables import method_tables
 from maxcon.search_space import SearchSpace
-from maxcon.study import MethodRows, Study, rows_by_method, statistics
+from maxcon.study import MethodRows, Study, known_methods, rows_by_method, statistics
 from maxcon.study.bench import REFERENCE
 from maxcon.version import __version__
 
 __all__ = ["report_study"]
+
+FEW_EPOCHS = 50
 
 
 def report_study(
@@ -66,6 +68,8 @@ def report_study(
     check_jinja2()
     page = Path(path)
     folder = page.with_name(f"{page.stem}-figures") if figures is None else Path(figures)
+    if page.suffix.lower() not in (".html", ".htm"):
+        raise OptionError(f"Expected the name of a page to end in .html, got {os.fspath(path)!r}. Rename it.")
     check_writable(page)
     check_folder(folder)
     study = Study.open(study_folder)
@@ -74,7 +78,7 @@ def report_study(
     methods = by_prior[prior]
     make_folder(folder)
     report = progress or (lambda step, done, total: None)
-    notes: list[str] = []
+    notes = _cautions(study, methods)
     scenes = open_scenes(study, dataset, prior, notes)
     drawn, pictures = draw_pictures(folder, scenes, methods, notes, report)
     space = space_of(study.configuration.methods, HELMERT) or SearchSpace()
@@ -120,10 +124,24 @@ def _checked_prior(by_prior: dict[str, dict[str, MethodRows]], prior: str | None
     return prior or next(iter(by_prior))
 
 
+def _cautions(study: Study, methods: dict[str, MethodRows]) -> list[str]:
+    """Say what a reader of the verdicts should know of the epochs behind them."""
+    notes = []
+    if any("n_rows" not in run for run in study.configuration.runs[-1:]):
+        notes.append("This study is not finished, or was stopped: the same maxcon study command goes on.")
+    n_epochs = {len(rows) for rows in methods.values()}
+    if min(n_epochs) < FEW_EPOCHS:
+        notes.append(f"Some methods have {min(n_epochs)} epochs only: rates from so few say little.")
+    if len(n_epochs) > 1:
+        notes.append("Not all methods were studied over the same epochs; the tables say over how many.")
+    return notes
+
+
 def _headline(methods: dict[str, MethodRows], prior: str) -> str:
     """Say in a sentence or two what came out."""
     known = (HELMERT, COUNT, "helmert-occupied", "icp-plane-1m", "icp-plane-3m", "gicp-3m")
-    names = [name for name in known if name in methods] or list(methods)[:6]
+    own = [name for name in methods if name not in known_methods(SearchSpace())]
+    names = [*own, *(name for name in known if name in methods)] or list(methods)[:6]
     found = [statistics(methods[name]) for name in names]
     words = "; ".join(f"{method.method} {method.n_success:,} of {method.n_epochs:,}" for method in found)
     return f"Epochs within 0.3 m and 1° of the reference, from the prior “{prior}”: {words}."

@@ -15,7 +15,8 @@ from maxcon.report.error_shares_plot import plot_error_shares
 from maxcon.report.html import Picture
 from maxcon.report.kurtosis_map import plot_kurtosis_map
 from maxcon.report.success_plot import plot_success
-from maxcon.study import MethodRows
+from maxcon.search_space import SearchSpace
+from maxcon.study import MethodRows, known_methods
 
 __all__ = ["draw_statistics"]
 
@@ -62,7 +63,9 @@ def draw_statistics(
         if _have(methods, pair, "kurtosis", "reference_x"):
             pictures.append(_kurtosis(folder / f"{stem}.svg", methods, pair, point_map))
             break
-    shown = [name for name in SHOWN if name in methods] or sorted(methods)[: len(SHOWN)]
+    known = known_methods(SearchSpace())
+    own = [name for name in methods if name not in known]
+    shown = [*own, *(name for name in SHOWN if name in methods)][: len(SHOWN)] or list(methods)[: len(SHOWN)]
     pictures += _success(folder / "success.svg", methods, shown)
     if len(common_epochs(methods, shown)):
         pictures.append(_error_shares(folder / "errors.svg", methods, shown))
@@ -155,8 +158,8 @@ def _success(path: Path, methods: Mapping[str, MethodRows], shown: Sequence[str]
     return [
         Picture(
             "Success against the error of the prior",
-            "Epochs within 0.3 m and 1° of the reference, by how far off the prior was; trusted or not. Maximum"
-            " consensus needs the true pose within its search space and no more; an iteration needs to start near.",
+            "Epochs within 0.3 m and 1° of the reference, by how far off the prior was; trusted or not. At most eight"
+            " methods are drawn; the tables have all.",
             "Success rates over the distance of the prior, a line for each method.",
             path,
         )

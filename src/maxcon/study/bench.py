@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: MIT
 """Bench: a dataset with its maps opened, where the methods of a study meet one epoch after the other."""
 
-import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -14,10 +13,10 @@ import numpy as np
 from maxcon.accumulator import Accumulator
 from maxcon.baselines import Gicp, Icp, MultiStart
 from maxcon.dataset import Dataset
-from maxcon.drive import DriveOptions, Method, pose_or_none, status_without_search
+from maxcon.drive import DriveOptions, Method, check_inside, pose_or_none, status_without_search
 from maxcon.errors import FileError, MaxconError, MissingExtraError, TrajectoryError
-from maxcon.estimate import Estimate, Status
-from maxcon.evaluation import Distinctness, distinctness, pose_error
+from maxcon.estimate import Status
+from maxcon.evaluation import Distinctness, distinctness
 from maxcon.geometry import Pose
 from maxcon.io.scans import RawScan, ScanFolder, open_scans
 from maxcon.io.trajectories import read_trajectory
@@ -25,6 +24,7 @@ from maxcon.maximum_consensus import MaximumConsensus
 from maxcon.objectives import Helmert, Objective
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
+from maxcon.study.answers import Answer, answer_columns, reference_columns
 from maxcon.study.methods import StudyMethod
 from maxcon.study.table import Row
 from maxcon.trajectory import Trajectory
@@ -34,7 +34,6 @@ __all__ = ["REFERENCE", "Bench", "BenchPlan"]
 REFERENCE = "reference"
 """Name of the reference as a prior: the search space lies around the true pose, as in the paper's figures."""
 
-MEASURES = ("peak_ratio", "kurtosis", "divergence", "spread")
 # Tiles of all maps of one process together are kept up to this size.
 CACHE_BYTES = 2**30
 
@@ -49,16 +48,6 @@ class _Epoch:
     scan: Scan
     prior: Pose | None
     reference: Pose | None
-
-
-@dataclass(frozen=True, slots=True)
-class _Answer:
-    """What a method said of an epoch: poses in the local frame of its map."""
-
-    estimate: Estimate
-    milliseconds: float
-    distinctness: Distinctness | None = None
-    starts: tuple[Estimate, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,16 +113,24 @@ class Bench:
     options: DriveOptions
 
     def check_times(self, prior_names: Sequence[str], numbers: Sequence[int]) -> None:
-        """Refuse a prior or a reference that has no pose at any of the epochs: it is on another clock.
+        """Refuse a prior or a reference that has no pose at any of the epochs, or none inside the map.
 
         Raises
         ------
         TrajectoryError
-            If there is one.
+            If it is on another clock.
+        MapError
+            If it is in another CRS.
         """
         for name in dict.fromkeys((REFERENCE, *prior_names)):
             poses, times = self.priors[name], self.scans.times[list(numbers)]
-            if all(pose_or_none(poses, float(at), self.options.max_gap) is None for at in times):
+            found = [pose_or_none(poses, float(at), self.options.max_gap) for at in times]
+            known = [pose for pose in found if pose is not None]
+            if known:
+                point_map = next(iter(self.maps.values()))
+                local = [point_map.frame.pose_to_local(pose) for pose in known]
+                check_inside(point_map, local, f"poses of {name}")
+            else:
                 raise TrajectoryError(
                     f"Expected poses of {name} for the scans, {times[0]:.3f} to {times[-1]:.3f} s, but it has none near"
                     f" any of them ({poses.times[0]:.3f} to {poses.times[-1]:.3f} s). Do both use the same clock?"
@@ -162,7 +159,7 @@ class Bench:
         prior = pose_or_none(self.priors[prior_name], at, self.options.max_gap)
         reference = pose_or_none(self.reference, at, self.options.max_gap)
         row |= {"is_localized": False, "is_success": None if reference is None else False}
-        row |= _reference_columns(prior, reference)
+        row |= reference_columns(prior, reference)
         try:
             raw = self.scans.read(number, self.options.min_range, self.options.max_range)
         except FileError as error:
@@ -183,14 +180,18 @@ class Bench:
             return {"status": Status.NO_PRIOR.value, "reason": "no reference pose to start around"}
         if start is None or status is not None:
             return {"status": (status or Status.NO_PRIOR).value}
+        reference = point_map.frame.pose_to_local(epoch.reference) if epoch.reference is not None else None
         try:
             answer = _answer(method, epoch.scan, point_map, start, shared)
+            return answer_columns(answer, reference, point_map)
         except MissingExtraError:
             raise  # true of every epoch
         except MaxconError as error:
             return {"status": Status.FAILED.value, "reason": str(error)}
-        reference = point_map.frame.pose_to_local(epoch.reference) if epoch.reference is not None else None
-        return _answer_columns(answer, reference, point_map)
+        except Exception as error:
+            if type(method.method).__module__.startswith("maxcon."):
+                raise  # a defect of ours; a user's own method may fail as it likes
+            return {"status": Status.FAILED.value, "reason": f"{type(error).__name__}: {error}"}
 
 
 class _SharedAccumulators:
@@ -220,7 +221,7 @@ class _SharedAccumulators:
 
 def _answer(
     method: StudyMethod, scan: Scan, point_map: PointMap, start: Pose, shared: _SharedAccumulators
-) -> _Answer:
+) -> Answer:
     """Let a method localize an epoch, and take what else it can tell."""
     if isinstance(method.method, MaximumConsensus):
         accumulator, taken = shared.of(method.method, method.map_name, point_map, start)
@@ -228,8 +229,8 @@ def _answer(
         estimate = method.method.conclude(accumulator, scan, point_map)
         taken += 1e3 * (time.perf_counter() - clock)
         if estimate.status is Status.NO_MATCH:
-            return _Answer(estimate, taken)
-        return _Answer(estimate, taken, _distinctness_or_none(accumulator, method.method.objective))
+            return Answer(estimate, taken)
+        return Answer(estimate, taken, _distinctness_or_none(accumulator, method.method.objective))
     scan = Scan(scan.points, time=scan.time)  # whatever it needs of the scan is charged to it
     _prepare_map(method.method, scan, point_map, start)
     clock = time.perf_counter()
@@ -238,7 +239,7 @@ def _answer(
         estimate = method.method.choose(starts)
     else:
         starts, estimate = [], method.method.localize(scan, point_map, start)
-    return _Answer(estimate, 1e3 * (time.perf_counter() - clock), starts=tuple(starts))
+    return Answer(estimate, 1e3 * (time.perf_counter() - clock), starts=tuple(starts))
 
 
 def _prepare_map(method: Method, scan: Scan, point_map: PointMap, start: Pose) -> None:
@@ -255,43 +256,3 @@ def _distinctness_or_none(accumulator: Accumulator, objective: Objective) -> Dis
     if not (np.isfinite(scores).all() and (scores >= 0.0).all()):
         return None
     return distinctness(accumulator, objective, scores=scores)
-
-
-def _reference_columns(prior: Pose | None, reference: Pose | None) -> dict[str, Any]:
-    """Where the epoch really was, and how far off its prior is; nothing where that is not known."""
-    columns: dict[str, Any] = {}
-    if reference is not None:
-        columns |= {f"reference_{name}": getattr(reference, name) for name in ("x", "y", "z", "heading")}
-    if reference is not None and prior is not None:
-        error = pose_error(prior, reference)
-        columns |= {"prior_distance": error.distance, "prior_heading_error": error.heading}
-    return columns
-
-
-def _answer_columns(answer: _Answer, reference: Pose | None, point_map: PointMap) -> dict[str, Any]:
-    """Pose, errors and measures of an answer; the pose whether the method trusts it or not."""
-    estimate = answer.estimate
-    columns: dict[str, Any] = {"status": estimate.status.value, "is_localized": estimate.is_localized}
-    columns |= {"ms": answer.milliseconds, "score": estimate.score, "share": estimate.share}
-    if math.isfinite(estimate.runner_up):
-        columns["runner_up"] = estimate.runner_up
-    if answer.starts:
-        columns["n_starts"] = len(answer.starts)
-    if estimate.status is Status.NO_MATCH:
-        return columns | ({"n_converged": 0} if answer.starts else {})
-    pose = point_map.frame.pose_to_global(estimate.pose)
-    columns |= {name: getattr(pose, name) for name in ("x", "y", "z", "roll", "pitch", "heading")}
-    if answer.distinctness is not None:
-        measures = {name: getattr(answer.distinctness, name) for name in MEASURES}
-        columns |= {name: value for name, value in measures.items() if math.isfinite(value)}
-    if reference is not None:
-        error = pose_error(estimate.pose, reference)
-        columns |= {"distance": error.distance, "along": error.along, "across": error.across}
-        columns |= {"heading_error": error.heading, "is_success": error.is_success}
-        if answer.starts:
-            n_converged = sum(
-                start.status is not Status.NO_MATCH and pose_error(start.pose, reference).is_success
-                for start in answer.starts
-            )
-            columns |= {"n_converged": n_converged, "is_success": n_converged == len(answer.starts)}
-    return columns

@@ -4,7 +4,7 @@
 
 import hashlib
 import json
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from maxcon.study.map_variants import MAP_VARIANTS
 from maxcon.study.methods import StudyMethod
 from maxcon.version import __version__
 
-__all__ = ["CONFIGURATION", "Configuration"]
+__all__ = ["CONFIGURATION", "Configuration", "check_parts", "dataset_parts"]
 
 CONFIGURATION = "study.json"
 LARGEST_CONFIGURATION = 2**24
@@ -34,8 +34,8 @@ class Configuration:
         Of maxcon.
     dataset : str
         Path of the dataset's TOML file.
-    dataset_sha256 : str
-        Of that file.
+    parts : dict
+        Hashes of what the dataset is made of: its description of map and scans, its reference and each prior.
     n_scans : int
         Scans in the dataset.
     options : dict
@@ -50,7 +50,7 @@ class Configuration:
 
     version: str
     dataset: str
-    dataset_sha256: str
+    parts: dict[str, str]
     n_scans: int
     options: dict[str, Any] = field(default_factory=dict)
     methods: dict[str, Any] = field(default_factory=dict)
@@ -65,7 +65,7 @@ class Configuration:
         return cls(
             __version__,
             str(dataset.path.resolve()),
-            hashlib.sha256(dataset.path.read_bytes()).hexdigest(),
+            dataset_parts(dataset),
             n_scans,
             describe(asdict(options)),
             {
@@ -97,7 +97,14 @@ class Configuration:
                 text = stream.read(LARGEST_CONFIGURATION + 1)
             named = json.loads(text.decode("utf-8"))
             found = cls(**named)
-            tables = (found.options, found.methods, found.maps, *found.methods.values(), *found.runs)
+            tables = (
+                found.parts,
+                found.options,
+                found.methods,
+                found.maps,
+                *found.methods.values(),
+                *found.runs,
+            )
             if not all(isinstance(value, dict) for value in tables):
                 raise TypeError("what should be a table is none")
         except (OSError, ValueError, TypeError, RecursionError) as error:
@@ -136,8 +143,6 @@ class Configuration:
         """
         for what, mine, theirs in (
             ("made by maxcon", self.version, other.version),
-            ("of the dataset", self.dataset, other.dataset),
-            ("of a dataset with the description", self.dataset_sha256[:12], other.dataset_sha256[:12]),
             ("of a dataset with scans", self.n_scans, other.n_scans),
             ("with the options", self.options, other.options),
         ):
@@ -146,15 +151,64 @@ class Configuration:
                     f"Expected to go on with the study {what} {mine}, got {theirs}."
                     " Name another folder for a new study."
                 )
+        check_parts(self.parts, other.parts)
         for name in other.methods:
             if name in with_rows and self.methods.get(name) != other.methods[name]:
                 raise OptionError(
-                    f"Expected {name} to be made as before in this study, {json.dumps(self.methods.get(name))}, got"
-                    f" {json.dumps(other.methods[name])}. Give it another name, or name another folder."
+                    f"Expected {name} to be made as before in this study, with"
+                    f" {_differences(self.methods.get(name), other.methods[name])}. Name another folder, or give your"
+                    " own method another name."
                 )
         kept = {name: method for name, method in self.methods.items() if name in with_rows}
-        return replace(self, methods=kept | other.methods, maps=self.maps | other.maps)
+        return replace(
+            self,
+            dataset=other.dataset,
+            parts=self.parts | other.parts,
+            methods=kept | other.methods,
+            maps=self.maps | other.maps,
+        )
 
     def with_run(self, run: dict[str, Any]) -> "Configuration":
         """Return the configuration with one more run, which may be filled in later."""
         return replace(self, runs=[*self.runs, run])
+
+
+def dataset_parts(dataset: Dataset) -> dict[str, str]:
+    """Return hashes of the parts of a dataset that a study depends on; scans and clouds are too large for one."""
+    described = {name: value for name, value in asdict(dataset).items() if name not in ("path", "priors")}
+    inside = dataset.folder.resolve()
+    words = json.dumps(
+        described, default=lambda path: str(path.resolve()).removeprefix(str(inside)), sort_keys=True
+    )
+    files = {
+        "reference": dataset.reference,
+        **{f"prior {name}": path for name, path in dataset.priors.items()},
+    }
+    return {
+        "description of map and scans": hashlib.sha256(words.encode()).hexdigest(),
+        **{name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in files.items()},
+    }
+
+
+def check_parts(mine: Mapping[str, str], theirs: Mapping[str, str]) -> None:
+    """Refuse a dataset whose parts are not those of a study; other priors may come.
+
+    Raises
+    ------
+    OptionError
+        If one has changed.
+    """
+    for name in mine.keys() & theirs.keys():
+        if mine[name] != theirs[name]:
+            raise OptionError(
+                f"Expected the {name} of the dataset to be as before in this study, but it has changed."
+                " Name another folder for a new study."
+            )
+
+
+def _differences(before: Any, now: Any, where: str = "") -> str:
+    """Say what differs between two descriptions: "space.half_width 3.0, got 3.6"."""
+    if not (isinstance(before, dict) and isinstance(now, dict)):
+        return f"{where or 'it'} {before}, got {now}"
+    keys = [key for key in {**before, **now} if before.get(key) != now.get(key)]
+    return "; ".join(_differences(before.get(key), now.get(key), f"{where}.{key}".strip(".")) for key in keys)

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: MIT
 """The methods a study compares, by name, and sets of them."""
 
+import difflib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -87,8 +88,10 @@ def choose_methods(names: Sequence[str], space: SearchSpace) -> list[StudyMethod
     chosen: dict[str, StudyMethod] = {}
     for name in names:
         if name not in known and name not in METHOD_SETS:
+            near = difflib.get_close_matches(name, [*known, *METHOD_SETS], n=3, cutoff=0.4)
             raise OptionError(
-                f"Expected methods to be of {', '.join(known)}, or the sets {', '.join(METHOD_SETS)}, got {name!r}."
+                f"Expected a method or a set, got {name!r}. Did you mean {' or '.join(near) or 'consensus'}?"
+                f" Sets are {', '.join(METHOD_SETS)}; docs/study.md lists the methods."
             )
         chosen.update({member: known[member] for member in METHOD_SETS.get(name, (name,))})
     if not chosen:

@@ -84,8 +84,9 @@ def run_tasks(
             epochs = sorted({epoch for task in running.values() for epoch in task.epochs})
             raise MaxconError(
                 "Expected the processes of the study to live on, but one ended by itself, at work on epochs"
-                f" {', '.join(map(str, epochs))}. Out of memory, a method that crashes there, or one whose class other"
-                " processes cannot import? What is done is kept: run the same command again, with fewer --workers."
+                f' {", ".join(map(str, epochs))}. A script needs its last lines behind if __name__ == "__main__", and a'
+                " method a class in a module; else a method crashes there, or memory is short: take fewer --workers."
+                " What is done is kept."
             ) from error
         finally:
             if running:  # an error or a signal: nobody waits for what is in work, its rows are made anew

@@ -1,0 +1,78 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""What an epoch and an answer to it put into a row of the table."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from maxcon.estimate import Estimate, Status
+from maxcon.evaluation import Distinctness, pose_error
+from maxcon.geometry import Pose
+from maxcon.point_map import PointMap
+
+__all__ = ["Answer", "answer_columns", "reference_columns"]
+
+MEASURES = ("peak_ratio", "kurtosis", "divergence", "spread")
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What a method said of an epoch: poses in the local frame of its map.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The answer.
+    milliseconds : float
+        From points in memory to the pose.
+    distinctness : Distinctness, optional
+        Of methods that have scores of cells.
+    starts : tuple of Estimate
+        Where each start of a method with several ended.
+    """
+
+    estimate: Estimate
+    milliseconds: float
+    distinctness: Distinctness | None = None
+    starts: tuple[Estimate, ...] = ()
+
+
+def reference_columns(prior: Pose | None, reference: Pose | None) -> dict[str, Any]:
+    """Where the epoch really was, and how far off its prior is; nothing where that is not known."""
+    columns: dict[str, Any] = {}
+    if reference is not None:
+        columns |= {f"reference_{name}": getattr(reference, name) for name in ("x", "y", "z", "heading")}
+    if reference is not None and prior is not None:
+        error = pose_error(prior, reference)
+        columns |= {"prior_distance": error.distance, "prior_heading_error": error.heading}
+    return columns
+
+
+def answer_columns(answer: Answer, reference: Pose | None, point_map: PointMap) -> dict[str, Any]:
+    """Pose, errors and measures of an answer; the pose whether the method trusts it or not."""
+    estimate = answer.estimate
+    columns: dict[str, Any] = {"status": estimate.status.value, "is_localized": estimate.is_localized}
+    columns |= {"ms": answer.milliseconds, "score": estimate.score, "share": estimate.share}
+    if math.isfinite(estimate.runner_up):
+        columns["runner_up"] = estimate.runner_up
+    if answer.starts:
+        columns["n_starts"] = len(answer.starts)
+    if estimate.status is Status.NO_MATCH:
+        return columns | ({"n_converged": 0} if answer.starts else {})
+    pose = point_map.frame.pose_to_global(estimate.pose)
+    columns |= {name: getattr(pose, name) for name in ("x", "y", "z", "roll", "pitch", "heading")}
+    if answer.distinctness is not None:
+        measures = {name: getattr(answer.distinctness, name) for name in MEASURES}
+        columns |= {name: value for name, value in measures.items() if math.isfinite(value)}
+    if reference is not None:
+        error = pose_error(estimate.pose, reference)
+        columns |= {"distance": error.distance, "along": error.along, "across": error.across}
+        columns |= {"heading_error": error.heading, "is_success": error.is_success}
+        if answer.starts:
+            n_converged = sum(
+                start.status is not Status.NO_MATCH and pose_error(start.pose, reference).is_success
+                for start in answer.starts
+            )
+            columns |= {"n_converged": n_converged, "is_success": n_converged == len(answer.starts)}
+    return columns
