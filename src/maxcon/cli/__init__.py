@@ -24,10 +24,10 @@ app = typer.Typer(
 )
 app.add_typer(maps.app, name="map")
 app.command("localize")(localize.localize)
-app.command("simulate")(simulate.simulate)
-app.command("study")(study.study)
-app.command("report")(report.report)
-app.command("demo")(demo.demo)
+app.command("simulate", short_help="Simulate a city, its mapping and scans.")(simulate.simulate)
+app.command("study", short_help="Compare methods over the epochs of a dataset.")(study.study)
+app.command("report", short_help="Write the page of a study.")(report.report)
+app.command("demo", short_help="Simulate, map, localize and report a small city.")(demo.demo)
 
 
 def _print_version(is_wanted: bool) -> None:
