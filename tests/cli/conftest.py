@@ -18,8 +18,9 @@ from maxcon.io.trajectories import read_trajectory
 from maxcon.mapping import MapOptions, build_map
 from maxcon.simulation import ProfileScanner, simulate
 
+SCRIPT = "from maxcon.cli import main; main()"
 # A shell's background jobs ignore interrupts, and so do their children: the tests must not depend on it.
-SCRIPT = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); from maxcon.cli import main; main()"
+INTERRUPTIBLE = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
 THIN_PROFILES = tuple(
     ProfileScanner(turn_deg=turn, line_rate=80.0, points_per_line=720) for turn in (45.0, -45.0)
 )
@@ -79,7 +80,7 @@ def maxcon_process():
     """Start the command line in a process of its own."""
 
     def start(*arguments, script=SCRIPT, **options):
-        command = [sys.executable, "-c", script, *map(str, arguments)]
+        command = [sys.executable, "-c", INTERRUPTIBLE + script, *map(str, arguments)]
         environment = {**os.environ, "COLUMNS": "100", **options.pop("env", {})}
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
         return subprocess.Popen(command, env=environment, **{**pipes, **options})
