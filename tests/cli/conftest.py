@@ -19,8 +19,13 @@ from maxcon.mapping import MapOptions, build_map
 from maxcon.simulation import ProfileScanner, simulate
 
 SCRIPT = "from maxcon.cli import main; main()"
-# A shell's background jobs ignore interrupts, and so do their children: the tests must not depend on it.
-INTERRUPTIBLE = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+# A shell's background jobs ignore interrupts, those of nohup hangups, and so do their children: the tests must
+# not depend on it.
+INTERRUPTIBLE = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
+"""
 THIN_PROFILES = tuple(
     ProfileScanner(turn_deg=turn, line_rate=80.0, points_per_line=720) for turn in (45.0, -45.0)
 )
