@@ -14,10 +14,9 @@ __all__ = ["Scan"]
 
 
 def _frozen(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A copy that nobody changes: normals are kept with the points they were estimated from."""
-    copy = values.copy()
-    copy.flags.writeable = False
-    return copy
+    """The array, from now on for nobody to change: normals are kept with the points they were estimated from."""
+    values.flags.writeable = False
+    return values
 
 
 class Scan:
@@ -41,12 +40,12 @@ class Scan:
     """
 
     def __init__(self, points: ArrayLike, normals: ArrayLike | None = None, time: float = 0.0) -> None:
-        self.points: NDArray[np.float64] = _frozen(as_points(points, "points"))
+        self.points: NDArray[np.float64] = _frozen(as_points(points, "points").copy())
         self.time = float(time)
         if not np.isfinite(self.time):
             raise ArrayError(f"Expected a finite `time` of the scan, got {time}.")
         if normals is not None:
-            self.normals = _frozen(as_unit_normals(normals, len(self.points), "normals"))
+            self.normals = _frozen(as_unit_normals(normals, len(self.points), "normals").copy())
 
     @cached_property
     def normals(self) -> NDArray[np.float64]:

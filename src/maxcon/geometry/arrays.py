@@ -50,7 +50,7 @@ def as_unit_normals(values: ArrayLike, n_points: int, name: str) -> NDArray[np.f
     normals = as_points(values, name)
     if len(normals) != n_points:
         raise ArrayError(f"Expected `{name}` to have one row per point, {n_points}, got {len(normals)}.")
-    lengths = np.linalg.norm(normals, axis=1)
+    lengths = np.sqrt(np.einsum("ij,ij->i", normals, normals))
     wrong = (np.abs(lengths - 1.0) > UNIT_TOLERANCE) & (lengths != 0.0)
     if wrong.any():
         raise ArrayError(

@@ -1,11 +1,20 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Compiled: the plane through points, from their second moments."""
+"""Compiled: the plane through points, from their second moments.
+
+`covariance` and `plane_normal` are the definition, for one neighbourhood; `sum_near` and `plane_normals` are for
+thousands of them: a block at a time, one number of each side by side, so that the loops are vectorized.
+"""
 
 import numpy as np
 from numba import njit
 
-__all__ = ["covariance", "plane_normal"]
+__all__ = ["BLOCK", "covariance", "plane_normal", "plane_normals", "sum_near"]
+
+# Neighbourhoods in a block. Its moments: BLOCK counts, then BLOCK sums of x, of y, of z, of xx, xy, xz, yy, yz, zz.
+BLOCK = 64
+# Steps from 0 to the smallest eigenvalue: exact to the last digits where it is below half the middle one.
+NEWTON_STEPS = 7
 
 
 @njit(nogil=True, cache=True)
@@ -71,3 +80,82 @@ def _null_vector(matrix, eigenvalue, vector):
             best = squared
             length = np.sqrt(squared)
             vector[0], vector[1], vector[2] = x / length, y / length, z / length
+
+
+@njit(nogil=True, cache=True, fastmath={"reassoc", "nsz", "contract"})
+def sum_near(candidates, stride, n, x0, y0, z0, gate, moments, place):
+    """Write the moments, about (x0, y0, z0), of the candidates that lie within `gate` (m) of it.
+
+    candidates : flat float64, x of n candidates, from `stride` on y, from 2 `stride` on z, m; moments : (10 BLOCK,)
+    float64, out at `place` of the block. In whatever order and rounding is fastest, the same for the same candidates.
+    """
+    squared_gate = gate * gate
+    count = 0.0
+    sum_x = sum_y = sum_z = 0.0
+    xx = xy = xz = yy = yz = zz = 0.0
+    for k in range(n):
+        x, y, z = candidates[k] - x0, candidates[stride + k] - y0, candidates[2 * stride + k] - z0
+        is_near = x * x + y * y + z * z <= squared_gate
+        x = x if is_near else 0.0
+        y = y if is_near else 0.0
+        z = z if is_near else 0.0
+        count += 1.0 if is_near else 0.0
+        sum_x += x
+        sum_y += y
+        sum_z += z
+        xx += x * x
+        xy += x * y
+        xz += x * z
+        yy += y * y
+        yz += y * z
+        zz += z * z
+    moments[place] = count
+    moments[BLOCK + place], moments[2 * BLOCK + place], moments[3 * BLOCK + place] = sum_x, sum_y, sum_z
+    moments[4 * BLOCK + place], moments[5 * BLOCK + place], moments[6 * BLOCK + place] = xx, xy, xz
+    moments[7 * BLOCK + place], moments[8 * BLOCK + place], moments[9 * BLOCK + place] = yy, yz, zz
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def plane_normals(n, moments, planes):
+    """Find smallest and middle eigenvalue, and the eigenvector of the smallest, of n covariance matrices.
+
+    The same as `covariance` and `plane_normal`, up to rounding, where the smallest eigenvalue is at most half the
+    middle one, which is how a plane shows; elsewhere only that it is more. NaN where all points coincide.
+    Newton's steps on the characteristic polynomial climb from 0 to its smallest root without overshooting it.
+    moments : (10 BLOCK,) float64; planes : (5 BLOCK,) float64, out: BLOCK smallest, BLOCK middle eigenvalues,
+    BLOCK x, y, z of the vectors.
+    """
+    for k in range(n):
+        share = 1.0 / moments[k]
+        mean_x, mean_y = moments[BLOCK + k] * share, moments[2 * BLOCK + k] * share
+        mean_z = moments[3 * BLOCK + k] * share
+        xx = moments[4 * BLOCK + k] * share - mean_x * mean_x
+        xy = moments[5 * BLOCK + k] * share - mean_x * mean_y
+        xz = moments[6 * BLOCK + k] * share - mean_x * mean_z
+        yy = moments[7 * BLOCK + k] * share - mean_y * mean_y
+        yz = moments[8 * BLOCK + k] * share - mean_y * mean_z
+        zz = moments[9 * BLOCK + k] * share - mean_z * mean_z
+        trace = xx + yy + zz
+        minor_x, minor_y, minor_z = yy * zz - yz * yz, xx * zz - xz * xz, xx * yy - xy * xy
+        minors = minor_x + minor_y + minor_z
+        determinant = xx * minor_x - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)
+        smallest = 0.0
+        for _ in range(NEWTON_STEPS):
+            slope = (3.0 * smallest - 2.0 * trace) * smallest + minors
+            smallest -= (((smallest - trace) * smallest + minors) * smallest - determinant) / slope
+        smallest = max(smallest, 0.0)
+        others = trace - smallest
+        product = minors - smallest * others
+        middle = 2.0 * product / (others + np.sqrt(max(others * others - 4.0 * product, 0.0)))
+        # The adjugate of (matrix - smallest I) is the vector times itself: its column with the largest diagonal.
+        xx, yy, zz = xx - smallest, yy - smallest, zz - smallest
+        ax, ay, az = yy * zz - yz * yz, yz * xz - xy * zz, xy * yz - yy * xz
+        by, bz = xx * zz - xz * xz, xy * xz - xx * yz
+        cz = xx * yy - xy * xy
+        is_second, is_third = by > ax, cz > max(ax, by)
+        x = az if is_third else (ay if is_second else ax)
+        y = bz if is_third else (by if is_second else ay)
+        z = cz if is_third else (bz if is_second else az)
+        scale = 1.0 / np.sqrt(x * x + y * y + z * z)
+        planes[k], planes[BLOCK + k] = smallest, middle
+        planes[2 * BLOCK + k], planes[3 * BLOCK + k], planes[4 * BLOCK + k] = x * scale, y * scale, z * scale

@@ -43,10 +43,15 @@ def ring_layout(elevations: NDArray[np.float64]) -> RingLayout:
     """Layout of a scan from the elevations (rad) of its points, by counting the peaks of their histogram."""
     if len(elevations) < LEAST_POINTS:
         return RingLayout(np.radians(2.0), np.radians(2.0))
-    low, high = np.quantile(elevations, [0.005, 0.995])
+    from maxcon.geometry.angle_kernels import count_in_bins, quantiles
+
+    low, high = quantiles(elevations, np.array([0.005, 0.995]))
+    if high == low:
+        return RingLayout(float(DENSE_SPACING), 2.0 * np.pi / len(elevations))
     bins = max(1, int((high - low) / HISTOGRAM_STEP))
-    histogram, _ = np.histogram(elevations, bins=bins, range=(low, high))
-    is_peak = histogram > 0.2 * np.quantile(histogram, 0.98)
+    histogram = count_in_bins(elevations, np.linspace(low, high, bins + 1)).astype(np.float64)
+    (high_count,) = quantiles(histogram, np.array([0.98]))
+    is_peak = histogram > 0.2 * high_count
     n_rings = int(np.count_nonzero(np.diff(is_peak.astype(np.int8), prepend=0) == 1))
     is_continuous = n_rings < 4 or is_peak.mean() > 0.7
     spacing = DENSE_SPACING if is_continuous else (high - low) / (n_rings - 1)
@@ -73,13 +78,17 @@ def estimate_scan_normals(points: NDArray[np.float64]) -> NDArray[np.float64]:
     ArrayError
         If the shape is not (n, 3) or a coordinate is not finite.
     """
-    from maxcon.geometry.scan_kernels import ring_normals, spherical
+    from maxcon.geometry.angle_kernels import azimuths_of, elevations_of, extremes
+    from maxcon.geometry.scan_kernels import ring_normals
 
-    points = as_points(points, "points")
-    normals = np.zeros_like(points)
+    points = np.ascontiguousarray(as_points(points, "points"))
+    normals = np.empty_like(points)
     if len(points) == 0:
         return normals
-    ranges, elevations, azimuths = spherical(points)
+    elevations, azimuths = elevations_of(points.ravel()), azimuths_of(points.ravel())
+    lowest, highest = extremes(elevations)
     layout = ring_layout(elevations)
-    ring_normals(points, ranges, elevations, azimuths, layout.ring_spacing, layout.point_spacing, normals)
+    ring_normals(
+        points, elevations, azimuths, lowest, highest, layout.ring_spacing, layout.point_spacing, normals
+    )
     return normals

@@ -85,23 +85,37 @@ class ScanFolder:
         """
         check_range(min_range, max_range)
         points = read_scan_points(self.paths[i])
-        is_return = np.isfinite(points).all(axis=1) & points.any(axis=1)
-        returns = points[is_return]
-        ranges = np.linalg.norm(returns, axis=1)
-        kept = returns[(ranges >= min_range) & (ranges <= max_range)]
+        ranges, is_return = _ranges(points)
+        is_kept = is_return & (ranges >= min_range) & (ranges <= max_range)
+        kept = points if is_kept.all() else points.compress(is_kept, axis=0)
+        n_returns = int(np.count_nonzero(is_return))
         return RawScan(
             points=kept,
             time=float(self.times[i]),
             name=self.paths[i].name,
             n_returns=len(points),
-            n_dropped_invalid=len(points) - len(returns),
-            n_dropped_range=len(returns) - len(kept),
+            n_dropped_invalid=len(points) - n_returns,
+            n_dropped_range=n_returns - len(kept),
         )
 
     def scans(self, min_range: float = 1.0, max_range: float = 120.0) -> Iterator[RawScan]:
         """Yield all scans in order of time; parameters and errors as of `read`."""
         for i in range(len(self)):
             yield self.read(i, min_range, max_range)
+
+
+def _ranges(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Range of each point, m, and whether it is a return: finite, and not at (0, 0, 0)."""
+    x, y, z = points.T
+    with np.errstate(over="ignore"):
+        squared = x * x
+        squared += y * y
+        squared += z * z
+    is_return = (squared > 0.0) & (squared < np.inf)
+    # Squares leave the range of float64 before coordinates do: what looks like no return is looked at.
+    rows = np.flatnonzero(~is_return)
+    is_return[rows] = np.isfinite(points[rows]).all(axis=1) & points[rows].any(axis=1)
+    return np.sqrt(squared), is_return
 
 
 def check_range(min_range: float, max_range: float) -> None:
