@@ -1,49 +1,174 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""How long do all four moments of the paper's search space take on one core?
+"""How long do all four moments of the paper's search space take on one core, and on what?
 
-python benchmarks/accumulator.py
+python benchmarks/accumulator.py [STUDY --every N]
+
+On scans of the street that the benchmarks share, or on every N-th of a study. All calls for a scan take turns.
+"First" is the first version of the search, "roofline" its additions alone (see roofline.py). The parts: preparation
+(level, sort and group the scan, find its tiles), turning (voxels and normals at each heading, which voxels to
+visit), kernel, and the rest (memory for the sums, and the copy of them that is returned).
 """
 
+import argparse
+import importlib
 import tempfile
+import time
+from collections import defaultdict
+from contextlib import contextmanager
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
-from scene import header, scans, street, times_ms
+from first_accumulator import FirstVersion
+from roofline import add_all, addresses_of_matches
+from scene import header, scans, street
 
 import maxcon
+from maxcon.dataset import Dataset
+from maxcon.search import exhaustive, kernels, visit_kernels
+from maxcon.study import Study
+from maxcon.study.bench import BenchPlan
 
 SPACE = maxcon.SearchSpace()
+N_CALLS = 11
+PARTS = {
+    "preparation": ["_Field.prepare"],
+    "turning": ["turn_to_voxels", "plan_visits", "visits_of_tiles"],
+    "kernel": ["accumulate_tile"],
+}
 
 
-def main() -> None:
-    with tempfile.TemporaryDirectory() as folder:
-        drive = street(Path(folder))
-        n_voxels = len(drive.point_map.all_voxels()[0])
-        header("All four moments, 9 x 100 x 100 cells of 6 cm")
-        print(f"{n_voxels:,} voxels; ms, medians of 15 calls, normals known\n")
-        print("| scan | points | matches | occupied | points | ratio | 2 threads | ratio |")
-        print("|---|---|---|---|---|---|---|---|")
-        medians = []
-        for number, (scan, prior) in enumerate(scans(drive, 8)):
-            assert scan.normals is not None
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("study", nargs="?")
+    parser.add_argument("--every", type=int, default=20)
+    arguments = parser.parse_args()
+    header("All four moments, 9 x 100 x 100 cells of 6 cm, on one core")
+    if arguments.study:
+        report(*of_study(arguments.study, arguments.every))
+    else:
+        with tempfile.TemporaryDirectory() as folder:
+            drive = street(Path(folder))
+            report(drive.point_map, scans(drive, 8))
 
-            def search(scan=scan, prior=prior, **options):
-                return maxcon.search.exhaustive(scan, drive.point_map, prior, SPACE, **options)
 
-            once = times_ms(search)
-            points = times_ms(lambda search=search: search(multiplicity="points"))
-            two = times_ms(lambda search=search: search(n_threads=2))
-            a, b, c = (float(np.median(taken)) for taken in (once, points, two))
-            n_matches = search().moments[..., 0].sum()
-            medians.append(a)
-            print(
-                f"| {number} | {len(scan):,} | {n_matches / 1e6:.1f} M | {a:.1f} | {b:.1f} | {b / a:.2f}"
-                f" | {c:.1f} | {c / a:.2f} |"
-            )
-        print(
-            f"\nmedian over the scans {np.median(medians):.1f} ms, worst {max(medians):.1f} ms, on one core"
-        )
+def of_study(folder, every):
+    """Map, and every N-th scan with its prior, of a study."""
+    study = Study.open(folder)
+    dataset = Dataset.open(study.configuration.dataset)
+    maps = {"standard": dataset.map_path or study.folder / "maps" / "standard.map"}
+    bench = BenchPlan(dataset, maps).open()
+    point_map = bench.maps["standard"]
+    found = []
+    for epoch in range(every // 2, len(bench.scans), every):
+        raw = bench.scans.read(epoch)
+        prior = point_map.frame.pose_to_local(bench.priors[next(iter(dataset.priors))].at(raw.time))
+        found.append((maxcon.Scan(raw.points), prior))
+    return point_map, found
+
+
+def report(point_map, epochs):
+    first = FirstVersion.of(point_map)
+    print("ms, medians of calls that take turns; normals known; ns and G/s per match\n")
+    print(
+        "| scan | points | matches | first | now | times faster | ns | G/s | preparation | turning | kernel | rest"
+        " | roofline | now / roofline | kernel / roofline | `points` | 2 threads |"
+    )
+    print("|" + "---|" * 17)
+    rows = []
+    for number, (scan, prior) in enumerate(epochs):
+        rows.append(measure(first, point_map, scan, prior))
+        print(f"| {number} | {len(scan):,} |" + row(rows[-1]), flush=True)
+    print("| median | |" + row(np.median(rows, axis=0)))
+
+
+def row(numbers):
+    (
+        n_matches,
+        once,
+        now,
+        faster,
+        preparation,
+        turning,
+        kernel,
+        rest,
+        roofline,
+        ratio,
+        kernel_ratio,
+        *others,
+    ) = numbers
+    return (
+        f" {n_matches / 1e6:.1f} M | {once:.1f} | {now:.1f} | {faster:.2f} | {1e6 * now / n_matches:.2f}"
+        f" | {n_matches / now / 1e6:.2f} | {preparation:.1f} | {turning:.1f} | {kernel:.1f} | {rest:.1f}"
+        f" | {roofline:.1f} | {ratio:.2f} | {kernel_ratio:.2f} | {others[0]:.1f} | {others[1]:.1f} |"
+    )
+
+
+def measure(first, point_map, scan, prior):
+    """Matches, and medians in ms and of ratios."""
+    assert scan.normals is not None
+    search = (scan, point_map, prior, SPACE)
+    moments = exhaustive(*search).moments
+    assert (first(*search) == moments).all()
+    n_matches = int(moments[..., 0].sum())
+    calls = []
+    accumulate = kernels.accumulate_tile
+    with mock.patch.object(kernels, "accumulate_tile", lambda *call: calls.append(call) or accumulate(*call)):
+        exhaustive(*search)
+    sums = calls[0][-1].reshape(-1)
+    addresses = addresses_of_matches(calls, n_matches)
+    contenders = {
+        "first": lambda: first(*search),
+        "now": lambda: exhaustive(*search),
+        "roofline": lambda: add_all(addresses, sums),
+        "points": lambda: exhaustive(*search, multiplicity="points"),
+        "threads": lambda: exhaustive(*search, n_threads=2),
+    }
+    taken, parts = defaultdict(list), defaultdict(list)
+    for turn in range(N_CALLS + 1):
+        for name, call in contenders.items():
+            with timed_parts() as seconds:
+                start = time.perf_counter()
+                call()
+                passed = time.perf_counter() - start
+            if turn == 0:  # to warm up
+                continue
+            taken[name].append(1e3 * passed)
+            if name == "now":
+                for part, names in PARTS.items():
+                    parts[part].append(1e3 * sum(seconds[each] for each in names))
+    times = {name: np.array(values) for name, values in (taken | parts).items()}
+    rest = times["now"] - sum(times[part] for part in PARTS)
+    columns = [times["first"], times["now"], times["first"] / times["now"]]
+    columns += [*(times[part] for part in PARTS), rest, times["roofline"]]
+    columns += [times["now"] / times["roofline"], times["kernel"] / times["roofline"]]
+    return [n_matches, *(np.median(column) for column in (*columns, times["points"], times["threads"]))]
+
+
+@contextmanager
+def timed_parts():
+    """Seconds spent in each function of PARTS."""
+    module = importlib.import_module("maxcon.search.exhaustive")
+    seconds = defaultdict(float)
+
+    def timed(name, function):
+        def call(*arguments):
+            start = time.perf_counter()
+            result = function(*arguments)
+            seconds[name] += time.perf_counter() - start
+            return result
+
+        return call
+
+    with mock.patch.object(module._Field, "prepare", timed("_Field.prepare", module._Field.prepare)):
+        planning = {name: timed(name, getattr(visit_kernels, name)) for name in PARTS["turning"]}
+        kernel = timed("accumulate_tile", kernels.accumulate_tile)
+        with (
+            mock.patch.multiple(visit_kernels, **planning),
+            mock.patch.object(kernels, "accumulate_tile", kernel),
+        ):
+            yield seconds
 
 
 if __name__ == "__main__":

@@ -140,6 +140,38 @@ def test_it_equals_the_votes_of_wider_windows(
     assert_same(accumulator, moments)
 
 
+@given(
+    seed=SEEDS,
+    n_steps=st.sampled_from([0, 1, 12, 35]),
+    turns=st.sampled_from([(0.0, 0.5), (2.0, 1.0), (60.0, 20.0), (180.0, 9.0)]),
+    multiplicity=st.sampled_from(["occupied", "points"]),
+    weighting=st.sampled_from(["cosine", "one"]),
+    is_signed=st.booleans(),
+    n_threads=st.integers(1, 5),
+)
+@settings(max_examples=30)
+def test_crowded_voxels_and_scans(seed, n_steps, turns, multiplicity, weighting, is_signed, n_threads):
+    """Hundreds of voxels about each scan point, many points in a voxel, points and voxels without a normal."""
+    cell = 0.0625
+    rng = np.random.default_rng(seed)
+    voxels = rng.integers(-25, 25, (3000, 3)) // [1, 1, 25]
+    points_map = (voxels + rng.random((3000, 3))) * cell
+    normals_map, normals = unit_vectors(rng, 3000), unit_vectors(rng, 50)
+    normals_map[rng.random(3000) < 0.4] = 0.0
+    normals[rng.random(50) < 0.4] = 0.0
+    points = np.repeat(rng.uniform(-1.0, 1.0, (10, 3)) * [1, 1, 0.03], 5, axis=0) + rng.uniform(
+        0.0, 0.03, (50, 3)
+    )
+    scan = Scan(points[rng.permutation(50)], normals)
+    point_map = PointMap.from_points(points_map, normals_map, cell, is_signed=is_signed)
+    prior = Pose(0.3, -0.2, 0.0, 0.01, -0.02, rng.uniform(-4, 4))
+    space = SearchSpace(n_steps * cell, cell, *turns)
+    options = {"multiplicity": multiplicity, "weighting": weighting}
+    accumulator = exhaustive(scan, point_map, prior, space, **options, n_threads=n_threads)
+    assert n_steps < 12 or accumulator.moments[..., 0].max() >= 5
+    assert_same(accumulator, by_votes(scan, point_map, prior, space, **options))
+
+
 def test_the_random_scenes_do_match():
     """Otherwise the tests above would compare zeros."""
     space = SearchSpace(0.6, 0.06, 0.5, 0.5)

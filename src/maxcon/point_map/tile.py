@@ -29,13 +29,10 @@ class TileIndex:
     patch_starts : array, shape (n_layers * TILE_PATCHES**2 + 1,), int64
         The voxels of patch (py, px) of layer k are those from number (k * TILE_PATCHES + py) * TILE_PATCHES
         + px to the next. Patches that follow each other along x are one run of voxels.
-    factors : array, shape (4 n,), float32
-        1, nx nx, nx ny, ny ny of each voxel: what a match of weight one adds to its cell.
     """
 
     layers: NDArray[np.int32]
     patch_starts: NDArray[np.int64]
-    factors: NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -73,9 +70,7 @@ class VoxelTile:
         """Where each patch begins; made when first asked for."""
         layers, patch = self._patches()
         sizes = np.bincount(patch, minlength=len(layers) * TILE_PATCHES**2)
-        factors = np.ones((len(self), 4), np.float32)
-        factors[:, 1:] = self.normals[:, [0, 0, 1]] * self.normals[:, [0, 1, 1]]
-        return TileIndex(layers, np.concatenate([[0], np.cumsum(sizes)]), factors.reshape(-1))
+        return TileIndex(layers, np.concatenate([[0], np.cumsum(sizes)]))
 
     def _patches(self) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
         """Return the z indices that occur, and the number of each voxel's patch."""
@@ -101,7 +96,7 @@ class VoxelTile:
     def n_bytes(self) -> int:
         """Memory this tile holds once its index is made."""
         arrays = (self.columns, self.layers, self.counts, self.normals)
-        index = (self.index.layers, self.index.patch_starts, self.index.factors)
+        index = (self.index.layers, self.index.patch_starts)
         return sum(array.nbytes for array in arrays + index)
 
 

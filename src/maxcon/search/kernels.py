@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Compiled inner loops of the exhaustive search. Arrays in, arrays out; shapes are checked above."""
+"""The compiled inner loops of the exhaustive search: from visits to sums. Arrays in, arrays out."""
 
 import numpy as np
 from llvmlite import ir
@@ -8,146 +8,269 @@ from numba import njit, types
 from numba.extending import intrinsic
 
 from maxcon.point_map import PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS
+from maxcon.search.visit_kernels import RIM
 
-__all__ = ["accumulate_tile", "points_of_tiles", "turn_to_voxels"]
+__all__ = ["accumulate_tile"]
+
+# Voxels that a visit takes at a time, a multiple of BLOCK: laid out they fit into the L1 cache.
+CAPACITY = 256
+
+# Weights are made by so many at a time: what the compiler makes of a whole block has no remainder.
+BLOCK = 32
 
 # Adding and subtracting 1.5 * 2^52 * step rounds a float64 to whole multiples of the step, ties to even,
 # as numpy.rint does. The step is search.matching.CONTRIBUTION_STEP.
 ROUNDER = 1.5 * 2.0**52 * 2.0**-24
 
 # Shifts instead of divisions: with these the search took 1.16 times as long.
-TILE_BITS = TILE_VOXELS.bit_length() - 1
 PATCH_BITS = PATCH_VOXELS.bit_length() - 1
 
 
-@intrinsic
-def _add_contribution(typing_context, sums, cell, factors, voxel, times, weighted):
-    """sums[cell : cell + 4] += round((times, weighted, weighted, weighted) * factors[voxel : voxel + 4]).
+def _adding(is_once):
+    """Make the one vector operation of a match; the compiler does not find it in four scalar ones.
 
-    As one vector operation: the compiler does not find it in four scalar ones.
+    add(sums, cell, factors, weights, times, j): sums[cell : cell + 4] += (1 or times[j], rounded products of
+    weights[j] and factors[4 j + 1 : 4 j + 4]). Lane 0 of the factors is 0.
     """
-    signature = types.void(sums, types.int64, factors, types.int64, types.float64, types.float64)
 
-    def generate(context, builder, signature, arguments):
-        sums, cell, factors, voxel, times, weighted = arguments
-        four_floats = ir.VectorType(ir.FloatType(), 4)
-        four_doubles = ir.VectorType(ir.DoubleType(), 4)
-        index = ir.IntType(32)
+    @intrinsic
+    def add(typing_context, sums, cell, factors, weights, times, j):
+        signature = types.void(sums, types.int64, factors, weights, times, types.int64)
 
-        def at(array, array_type, position, vector_type):
-            data = context.make_array(array_type)(context, builder, array).data
-            return builder.bitcast(builder.gep(data, [position]), vector_type.as_pointer())
+        def generate(context, builder, signature, arguments):
+            sums, cell, factors, weights, times, j = arguments
+            four_doubles = ir.VectorType(ir.DoubleType(), 4)
+            index = ir.IntType(32)
+            undefined = ir.Constant(four_doubles, ir.Undefined)
 
-        factor_pointer = at(factors, signature.args[2], voxel, four_floats)
-        factor = builder.fpext(builder.load(factor_pointer, align=4), four_doubles)
-        weights = ir.Constant(four_doubles, ir.Undefined)
-        for lane, value in enumerate((times, weighted, weighted, weighted)):
-            weights = builder.insert_element(weights, value, ir.Constant(index, lane))
-        rounder = ir.Constant(four_doubles, [ROUNDER] * 4)
-        product = builder.fmul(weights, factor)
-        product = builder.fsub(builder.fadd(product, rounder), rounder)
-        sum_pointer = at(sums, signature.args[0], cell, four_doubles)
-        total = builder.fadd(builder.load(sum_pointer, align=8), product)
-        builder.store(total, sum_pointer, align=8)
-        return context.get_dummy_value()
+            def at(array, number, position):
+                data = context.make_array(signature.args[number])(context, builder, array).data
+                return builder.gep(data, [position])
 
-    return signature, generate
+            def four_at(array, number, position):
+                return builder.bitcast(at(array, number, position), four_doubles.as_pointer())
+
+            factor = builder.load(four_at(factors, 2, builder.shl(j, ir.Constant(j.type, 2))), align=8)
+            weight = builder.insert_element(undefined, builder.load(at(weights, 3, j)), ir.Constant(index, 0))
+            weight = builder.shuffle_vector(weight, undefined, ir.Constant(ir.VectorType(index, 4), [0] * 4))
+            rounder = ir.Constant(four_doubles, [ROUNDER] * 4)
+            # The product of two numbers of 24 bits is exact: to fuse it with the sum changes nothing. With
+            # times it is not.
+            flags = ("contract",) if is_once else ()
+            product = builder.fadd(builder.fmul(weight, factor, flags=flags), rounder, flags=flags)
+            lane_0 = ROUNDER - 1.0 if is_once else ROUNDER
+            product = builder.fsub(product, ir.Constant(four_doubles, [lane_0] + [ROUNDER] * 3))
+            if not is_once:
+                product = builder.insert_element(
+                    product, builder.load(at(times, 4, j)), ir.Constant(index, 0)
+                )
+            pointer = four_at(sums, 0, cell)
+            builder.store(builder.fadd(builder.load(pointer, align=8), product), pointer, align=8)
+            return context.get_dummy_value()
+
+        return signature, generate
+
+    return add
+
+
+_add_once = _adding(True)
+_add_times = _adding(False)
 
 
 @njit(nogil=True, cache=True)
-def turn_to_voxels(points, normals, cosine, sine, x, y, cell, columns, turned):
-    """Turn a levelled scan by a heading about the sensor: voxel columns and normals in the map's axes.
-
-    points, normals : (n, 3) float64; columns : (n, 2) int64, out; turned : (n, 3) float32, out.
-    """
-    for i in range(points.shape[0]):
-        columns[i, 0] = np.int64(np.floor((points[i, 0] * cosine - points[i, 1] * sine + x) / cell))
-        columns[i, 1] = np.int64(np.floor((points[i, 0] * sine + points[i, 1] * cosine + y) / cell))
-        turned[i, 0] = normals[i, 0] * cosine - normals[i, 1] * sine
-        turned[i, 1] = normals[i, 0] * sine + normals[i, 1] * cosine
-        turned[i, 2] = normals[i, 2]
+def _take(voxel_columns, first, last, low, span, taken, n_taken):
+    """Append to `taken` those voxels of a run that lie in a rectangle; without a branch. Returns how many."""
+    for k in range(first, last):
+        taken[n_taken] = k
+        x = np.uint32(np.int32(voxel_columns[np.uint64(k), 0]) - low[0])
+        y = np.uint32(np.int32(voxel_columns[np.uint64(k), 1]) - low[1])
+        n_taken += np.uint64((x <= span[0]) & (y <= span[1]))
+    return n_taken
 
 
 @njit(nogil=True, cache=True)
-def points_of_tiles(columns, first, last, corner, shape):
-    """For each tile of a grid, the points that meet it at some offset.
+def _lay_out(taken, voxel_columns, voxel_normals, counts, stride, normals, factors, cells, times):
+    """Lay out the taken voxels as the votes read them: those with a normal first, then the others.
 
-    columns : (n, 2) int64, (x, y) voxel of each point; it meets columns + first .. columns + last.
-    corner : (x, y) key of the grid's first tile; shape : (ny, nx) tiles.
-    Returns starts, (ny * nx + 1,), and points, so that tile t has points[starts[t] : starts[t + 1]].
+    normals : (3, c) float32; factors : (4 c,) float64, 0, nx nx, nx ny, ny ny; cells : (c,) int32, where in the
+    sums a scan point in voxel (0, 0) meets them; times : (c,) float64, their counts, if any. All out.
+    Returns how many have a normal.
     """
-    ny, nx = shape
-    starts = np.zeros(ny * nx + 1, np.int64)
-    points = np.empty(0, np.int64)
-    for is_filling in (False, True):
-        for i in range(columns.shape[0]):
-            tx_first = max(((columns[i, 0] + first) >> TILE_BITS) - corner[0], 0)
-            tx_last = min(((columns[i, 0] + last) >> TILE_BITS) - corner[0], nx - 1)
-            ty_first = max(((columns[i, 1] + first) >> TILE_BITS) - corner[1], 0)
-            ty_last = min(((columns[i, 1] + last) >> TILE_BITS) - corner[1], ny - 1)
-            for ty in range(ty_first, ty_last + 1):
-                for tx in range(tx_first, tx_last + 1):
-                    tile = ty * nx + tx
-                    if is_filling:
-                        points[starts[tile]] = i
-                        starts[tile] += 1
-                    else:
-                        starts[tile + 1] += 1
-        if is_filling:
-            starts[1:] = starts[:-1].copy()
-            starts[0] = 0
-        else:
-            starts = np.cumsum(starts)
-            points = np.empty(starts[-1], np.int64)
-    return starts, points
+    has_counts = counts.shape[0] > 0
+    one, n_normals, n_left = np.uint64(1), np.uint64(0), np.uint64(taken.shape[0])
+    for number in taken:
+        k = np.uint64(number)
+        nx, ny, nz = voxel_normals[k, 0], voxel_normals[k, 1], voxel_normals[k, 2]
+        has_normal = np.uint64((nx != 0.0) | (ny != 0.0) | (nz != 0.0))
+        n_left -= one - has_normal
+        to = n_normals if has_normal == one else n_left
+        n_normals += has_normal
+        normals[0, to], normals[1, to], normals[2, to] = nx, ny, nz
+        at = np.uint64(4) * to
+        factors[at + np.uint64(1)] = nx * nx
+        factors[at + np.uint64(2)] = nx * ny
+        factors[at + np.uint64(3)] = ny * ny
+        cells[to] = np.int32(4) * (np.int32(voxel_columns[k, 1]) * stride + np.int32(voxel_columns[k, 0]))
+        if has_counts:
+            times[to] = counts[k]
+    return np.int64(n_normals)
+
+
+@njit(nogil=True, cache=True, forceinline=True)
+def _weigh(normals, n_normals, turned, i, weighting, weights):
+    """Weights of the matches of a scan point: w = max(c, 0) where normals have a side, |c| = max(c, -c) where not.
+
+    weighting : whether weights are cosines, or stay as they are; 0 or -1.
+    """
+    is_weighted, back = weighting
+    if is_weighted:
+        nx, ny, nz = turned[0, i], turned[1, i], turned[2, i]
+        for j in range((n_normals + BLOCK - 1) // BLOCK * BLOCK):
+            cosine = nx * normals[0, j] + ny * normals[1, j] + nz * normals[2, j]
+            weights[j] = max(cosine, back * cosine)
+
+
+@njit(nogil=True, cache=True)
+def _vote(
+    headings, points, columns, turned, origin, stride, weighting, n_normals, n_taken, normals, factors, cells, times,
+    weights, sums,
+):  # fmt: skip
+    """Add the matches of scan points with the laid out voxels to the sums of some headings.
+
+    headings, points : first and end; origin : where in the sums a point in voxel (0, 0) meets a voxel (0, 0).
+    """
+    for heading in range(headings[0], headings[1]):
+        cell_sums = sums[heading]
+        for i in range(points[0], points[1]):
+            base = 4 * ((origin[1] - columns[heading, 1, i]) * stride + origin[0] - columns[heading, 0, i])
+            _weigh(normals, n_normals, turned[heading], i, weighting, weights)
+            for j in range(n_normals):
+                _add_once(cell_sums, base + cells[j], factors, weights, times, j)
+            for j in range(n_normals, n_taken):
+                cell_sums[np.uint64(base + cells[j])] += 1.0
+
+
+@njit(nogil=True, cache=True)
+def _vote_times(
+    headings, points, columns, turned, origin, stride, weighting, n_normals, n_taken, normals, factors, cells, times,
+    weights, sums,
+):  # fmt: skip
+    """As `_vote`, each voxel as often as it has points."""
+    for heading in range(headings[0], headings[1]):
+        cell_sums = sums[heading]
+        for i in range(points[0], points[1]):
+            base = 4 * ((origin[1] - columns[heading, 1, i]) * stride + origin[0] - columns[heading, 0, i])
+            weights[:n_normals] = 1.0
+            _weigh(normals, n_normals, turned[heading], i, weighting, weights)
+            for j in range(n_normals):
+                weights[j] *= times[j]
+            for j in range(n_normals):
+                _add_times(cell_sums, base + cells[j], factors, weights, times, j)
+            for j in range(n_normals, n_taken):
+                cell_sums[np.uint64(base + cells[j])] += times[j]
+
+
+@njit(nogil=True, cache=True)
+def _count(headings, points, columns, origin, stride, n_taken, cells, times, sums):
+    """Add the counts of the matches of scan points without a normal: they have no more to add.
+
+    headings, points : first and end; points in one voxel follow each other, and are counted at once.
+    times : empty where a voxel counts once.
+    """
+    is_once = times.shape[0] == 0
+    for heading in range(headings[0], headings[1]):
+        cell_sums, i = sums[heading], points[0]
+        while i < points[1]:
+            x, y, n_alike = columns[heading, 0, i], columns[heading, 1, i], 0.0
+            while i < points[1] and columns[heading, 0, i] == x and columns[heading, 1, i] == y:
+                n_alike += 1.0
+                i += 1
+            base = 4 * ((origin[1] - y) * stride + origin[0] - x)
+            if is_once:
+                for j in range(n_taken):
+                    cell_sums[np.uint64(base + cells[j])] += n_alike
+            else:
+                for j in range(n_taken):
+                    cell_sums[np.uint64(base + cells[j])] += n_alike * times[j]
+
+
+@njit(nogil=True, cache=True)
+def _visit(
+    taken, headings, points, columns, turned, voxel_columns, voxel_normals, counts, origin, stride, weighting,
+    normals, factors, cells, times, weights, sums,
+):  # fmt: skip
+    """Add the matches of the scan points of a visit with the taken voxels, at all its headings."""
+    n_taken = taken.shape[0]
+    n_normals = _lay_out(taken, voxel_columns, voxel_normals, counts, stride, normals, factors, cells, times)
+    first, middle, end = points
+    if times.shape[0] == 0:
+        _vote(
+            headings, (first, middle), columns, turned, origin, stride, weighting, n_normals, n_taken, normals,
+            factors, cells, times, weights, sums,
+        )  # fmt: skip
+    else:
+        _vote_times(
+            headings, (first, middle), columns, turned, origin, stride, weighting, n_normals, n_taken, normals,
+            factors, cells, times, weights, sums,
+        )  # fmt: skip
+    if middle < end:
+        _count(headings, (middle, end), columns, origin, stride, n_taken, cells, times, sums)
 
 
 @njit(nogil=True, cache=True)
 def accumulate_tile(
-    points, columns, ranks, layers, normals, corner, patch_starts, voxel_columns, voxel_normals, factors, counts,
-    offsets, is_signed, sums,
+    numbers, visits, starts, middles, ranks, layers, columns, turned, corner, patch_starts, voxel_columns,
+    voxel_normals, counts, offsets, is_weighted, is_signed, sums,
 ):  # fmt: skip
-    """Add all matches of some scan points with one tile to the sums of one heading.
+    """Add all matches of some scan points with one tile to the sums of some headings.
 
-    points : numbers of the scan points; columns : (n, 2) int64, their voxels; ranks : (n,) int64, number of
-    their height layer among the scan's; layers : its number in the tile, -1 for none; normals : (n, 3)
-    float32, turned.
-    corner : (x, y) voxel index of the tile; voxel_columns : (m, 2) int16; voxel_normals : (m, 3) float32;
-    factors : (4 m,) float32, 1, nx nx, nx ny, ny ny; counts : (m,) int32, or empty where a voxel counts once.
-    offsets : (first, number of cells) along x and along y; sums : flat (ny + 2 r, nx + 2 r, 4)
-    float64 with a rim of r = PATCH_VOXELS - 1 cells, where the rest of a patch falls that the offsets cut.
+    numbers : which visits; visits : (m, 7) as planned; starts : (groups + 1,), first point of each group;
+    middles : (groups,), its first point without a normal; ranks : (groups,), number of its height layer among
+    the scan's; layers : that layer's number in the tile, -1 for none; columns : (headings, 2, n) int32, the
+    points' voxels; turned : (headings, 3, n) float32, their normals.
+    corner : (x, y) voxel index of the tile; voxel_columns : (k, 2) int16; voxel_normals : (k, 3) float32;
+    counts : (k,) int32, or empty where a voxel counts once.
+    offsets : (first, number of cells, cells from one row of the sums to the next) along x and along y;
+    is_weighted : whether weights are cosines, or one; sums : (headings, 4 rows stride) float64, with a rim of
+    RIM cells where voxels fall that only other points of a visit meet.
     """
-    first, n_cells = offsets
-    rim = PATCH_VOXELS - 1
-    stride = n_cells + 2 * rim
-    is_once = counts.shape[0] == 0
-    # w = max(c, 0) where normals have a side, |c| = max(c, -c) where not.
-    back = np.float32(0.0 if is_signed else -1.0)
-    for i in points:
-        layer = layers[ranks[i]]
+    first, n_cells, stride = offsets[0], offsets[1], np.int32(offsets[2])
+    last = first + n_cells - 1
+    origin = (RIM + corner[0] - first, RIM + corner[1] - first)
+    weighting = (is_weighted, np.float32(0.0 if is_signed else -1.0))
+    taken = np.empty(CAPACITY, np.int64)
+    normals, factors = np.zeros((3, CAPACITY), np.float32), np.zeros(4 * CAPACITY)
+    cells, weights = np.empty(CAPACITY, np.int32), np.ones(CAPACITY)
+    times = np.empty(CAPACITY if counts.shape[0] > 0 else 0)
+    for number in numbers:
+        group = visits[number, 0]
+        layer = layers[ranks[group]]
         if layer < 0:
             continue
-        x_first = columns[i, 0] + first - corner[0]
-        y_first = columns[i, 1] + first - corner[1]
-        px_first = max(x_first >> PATCH_BITS, 0)
-        px_last = min((x_first + n_cells - 1) >> PATCH_BITS, TILE_PATCHES - 1)
-        py_first = max(y_first >> PATCH_BITS, 0)
-        py_last = min((y_first + n_cells - 1) >> PATCH_BITS, TILE_PATCHES - 1)
-        nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
-        base = (rim - y_first) * stride + rim - x_first
-        for py in range(py_first, py_last + 1):
+        headings = (visits[number, 1], visits[number, 2])
+        points = (starts[group], middles[group], starts[group + 1])
+        x_first = max(visits[number, 3] + first - corner[0], 0)
+        x_last = min(visits[number, 4] + last - corner[0], TILE_VOXELS - 1)
+        y_first = max(visits[number, 5] + first - corner[1], 0)
+        y_last = min(visits[number, 6] + last - corner[1], TILE_VOXELS - 1)
+        low, span = (x_first, y_first), (np.uint32(x_last - x_first), np.uint32(y_last - y_first))
+        n_taken = np.uint64(0)
+        for py in range(y_first >> PATCH_BITS, (y_last >> PATCH_BITS) + 1):
             row = (layer * TILE_PATCHES + py) * TILE_PATCHES
-            run_start, run_end = patch_starts[row + px_first], patch_starts[row + px_last + 1]
-            if is_once:
-                for k in range(run_start, run_end):
-                    cosine = nx * voxel_normals[k, 0] + ny * voxel_normals[k, 1] + nz * voxel_normals[k, 2]
-                    weight = np.float64(max(cosine, back * cosine))
-                    cell = voxel_columns[k, 1] * stride + voxel_columns[k, 0] + base
-                    _add_contribution(sums, 4 * cell, factors, 4 * k, 1.0, weight)
-            else:
-                for k in range(run_start, run_end):
-                    cosine = nx * voxel_normals[k, 0] + ny * voxel_normals[k, 1] + nz * voxel_normals[k, 2]
-                    weight = np.float64(max(cosine, back * cosine))
-                    cell = voxel_columns[k, 1] * stride + voxel_columns[k, 0] + base
-                    times = np.float64(counts[k])
-                    _add_contribution(sums, 4 * cell, factors, 4 * k, times, times * weight)
+            k = patch_starts[row + (x_first >> PATCH_BITS)]
+            run_end = patch_starts[row + (x_last >> PATCH_BITS) + 1]
+            while k < run_end:
+                end = min(run_end, k + CAPACITY - np.int64(n_taken))
+                n_taken = _take(voxel_columns, k, end, low, span, taken, n_taken)
+                k = end
+                if n_taken == CAPACITY:
+                    _visit(
+                        taken, headings, points, columns, turned, voxel_columns, voxel_normals, counts, origin,
+                        stride, weighting, normals, factors, cells, times, weights, sums,
+                    )  # fmt: skip
+                    n_taken = np.uint64(0)
+        if n_taken > 0:
+            _visit(
+                taken[:n_taken], headings, points, columns, turned, voxel_columns, voxel_normals, counts, origin,
+                stride, weighting, normals, factors, cells, times, weights, sums,
+            )  # fmt: skip

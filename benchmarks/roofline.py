@@ -1,0 +1,84 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""What the accumulator cannot be faster than: its additions alone.
+
+`addresses_of_matches` writes down where in the sums each match of a search is added, in the order in which the
+search adds them: visit by visit, at each heading, for each scan point, for each voxel inside its window. `add_all`
+then adds four float64 at each of these addresses, in sums of the same size and layout: one address is read, one
+cell is read, changed and written for each match. Nothing is looked up, weighed or rounded. The search itself adds
+less in one case: points without a normal only add a count, once for all in one voxel.
+"""
+
+import numpy as np
+from llvmlite import ir
+from numba import njit, types
+from numba.extending import intrinsic
+
+from maxcon.point_map import PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS
+from maxcon.search.visit_kernels import RIM
+
+
+def addresses_of_matches(calls, n_matches):
+    """Number of the first float64 of each match's cell, (n_matches,) int32, from all calls of accumulate_tile."""
+    addresses = np.empty(n_matches, np.int32)
+    n = 0
+    for call in calls:
+        numbers, visits, starts, _, ranks, layers, columns, _, corner, patch_starts, voxel_columns = call[:11]
+        n = write_addresses(
+            numbers, visits, starts, ranks, layers, columns, corner, patch_starts, voxel_columns, call[13],
+            call[16].shape[1], addresses, n,
+        )  # fmt: skip
+    assert n == n_matches, (n, n_matches)
+    return addresses
+
+
+@njit(nogil=True)
+def write_addresses(
+    numbers, visits, starts, ranks, layers, columns, corner, patch_starts, voxel_columns, offsets, size, addresses, n
+):  # fmt: skip
+    first, n_cells, stride = offsets
+    for number in numbers:
+        group = visits[number, 0]
+        layer = layers[ranks[group]]
+        if layer < 0:
+            continue
+        for heading in range(visits[number, 1], visits[number, 2]):
+            for i in range(starts[group], starts[group + 1]):
+                x_first = columns[heading, 0, i] + first - corner[0]
+                y_first = columns[heading, 1, i] + first - corner[1]
+                px_first = max(x_first // PATCH_VOXELS, 0)
+                px_last = min((x_first + n_cells - 1) // PATCH_VOXELS, TILE_PATCHES - 1)
+                if px_last < 0 or px_first >= TILE_PATCHES:
+                    continue
+                y_end = min(y_first + n_cells, TILE_VOXELS)
+                for py in range(max(y_first // PATCH_VOXELS, 0), (y_end - 1) // PATCH_VOXELS + 1):
+                    row = (layer * TILE_PATCHES + py) * TILE_PATCHES
+                    for k in range(patch_starts[row + px_first], patch_starts[row + px_last + 1]):
+                        x, y = voxel_columns[k, 0] - x_first, voxel_columns[k, 1] - y_first
+                        if x >= 0 and x < n_cells and y >= 0 and y < n_cells:
+                            addresses[n] = heading * size + 4 * ((y + RIM) * stride + x + RIM)
+                            n += 1
+    return n
+
+
+@intrinsic
+def _add_four(typing_context, sums, cell):
+    """sums[cell : cell + 4] += 1, as one vector operation."""
+    signature = types.void(sums, types.int64)
+
+    def generate(context, builder, signature, arguments):
+        four_doubles = ir.VectorType(ir.DoubleType(), 4)
+        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        pointer = builder.bitcast(builder.gep(data, [arguments[1]]), four_doubles.as_pointer())
+        total = builder.fadd(builder.load(pointer, align=8), ir.Constant(four_doubles, [1.0] * 4))
+        builder.store(total, pointer, align=8)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@njit(nogil=True)
+def add_all(addresses, sums):
+    """Add 1 to the four float64 at each address of the flat sums."""
+    for i in range(addresses.shape[0]):
+        _add_four(sums, np.int64(addresses[i]))

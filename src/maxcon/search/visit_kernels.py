@@ -1,0 +1,107 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Which scan points visit which voxels of the map together, compiled. Arrays in, arrays out."""
+
+import numpy as np
+from numba import njit
+
+from maxcon.point_map import TILE_VOXELS
+
+__all__ = ["RIM", "SQUARE_VOXELS", "plan_visits", "turn_to_voxels", "visits_of_tiles"]
+
+# Points of one height layer in a square of so many voxels visit the map together, ...
+SQUARE_VOXELS = 16
+# ... at all headings at which they lie within so many voxels of each other; a turned square is 23 wide.
+RIM = 30
+
+TILE_BITS = TILE_VOXELS.bit_length() - 1
+
+
+@njit(nogil=True, cache=True)
+def turn_to_voxels(points, normals, cosine, sine, x, y, cell, columns, turned):
+    """Turn a levelled scan by a heading about the sensor: voxel columns and normals in the map's axes.
+
+    points : (2, n) float64; normals : (3, n) float64; columns : (2, n) int32, out; turned : (3, n) float32,
+    out.
+    """
+    for i in range(points.shape[1]):
+        columns[0, i] = np.int32(np.floor((points[0, i] * cosine - points[1, i] * sine + x) / cell))
+        columns[1, i] = np.int32(np.floor((points[0, i] * sine + points[1, i] * cosine + y) / cell))
+    for i in range(points.shape[1]):
+        turned[0, i] = normals[0, i] * cosine - normals[1, i] * sine
+        turned[1, i] = normals[0, i] * sine + normals[1, i] * cosine
+        turned[2, i] = normals[2, i]
+
+
+@njit(nogil=True, cache=True)
+def _box(columns, first, last):
+    """(x first, x last, y first, y last) voxel of some points at one heading."""
+    x_first = x_last = np.int64(columns[0, first])
+    y_first = y_last = np.int64(columns[1, first])
+    for i in range(first + 1, last):
+        x_first, x_last = min(x_first, columns[0, i]), max(x_last, columns[0, i])
+        y_first, y_last = min(y_first, columns[1, i]), max(y_last, columns[1, i])
+    return x_first, x_last, y_first, y_last
+
+
+@njit(nogil=True, cache=True)
+def plan_visits(starts, columns):
+    """Part the headings of each group of points into runs at which it keeps within RIM voxels.
+
+    starts : (groups + 1,), first point of each group; columns : (headings, 2, n) int32.
+    Returns visits, (m, 7) int64: group, first heading, end of headings, x first, x last, y first, y last.
+    """
+    n_headings, n_groups = columns.shape[0], starts.shape[0] - 1
+    visits = np.empty((n_headings * n_groups, 7), np.int64)
+    n_visits = 0
+    for group in range(n_groups):
+        since = 0
+        x_first, x_last, y_first, y_last = _box(columns[0], starts[group], starts[group + 1])
+        for heading in range(1, n_headings):
+            box = _box(columns[heading], starts[group], starts[group + 1])
+            x_low, x_high = min(x_first, box[0]), max(x_last, box[1])
+            y_low, y_high = min(y_first, box[2]), max(y_last, box[3])
+            if max(x_high - x_low, y_high - y_low) > RIM:
+                visits[n_visits] = (group, since, heading, x_first, x_last, y_first, y_last)
+                n_visits += 1
+                since = heading
+                x_first, x_last, y_first, y_last = box
+            else:
+                x_first, x_last, y_first, y_last = x_low, x_high, y_low, y_high
+        visits[n_visits] = (group, since, n_headings, x_first, x_last, y_first, y_last)
+        n_visits += 1
+    return visits[:n_visits]
+
+
+@njit(nogil=True, cache=True)
+def visits_of_tiles(visits, first, last, corner, shape):
+    """For each tile of a grid, the visits that meet it at some offset.
+
+    first, last : offsets; the box of a visit meets voxels from its first + first to its last + last.
+    corner : (x, y) key of the grid's first tile; shape : (ny, nx) tiles.
+    Returns starts, (ny * nx + 1,), and numbers, so that tile t has numbers[starts[t] : starts[t + 1]].
+    """
+    ny, nx = shape
+    starts = np.zeros(ny * nx + 1, np.int64)
+    numbers = np.empty(0, np.int64)
+    for is_filling in (False, True):
+        for i in range(visits.shape[0]):
+            tx_first = max(((visits[i, 3] + first) >> TILE_BITS) - corner[0], 0)
+            tx_last = min(((visits[i, 4] + last) >> TILE_BITS) - corner[0], nx - 1)
+            ty_first = max(((visits[i, 5] + first) >> TILE_BITS) - corner[1], 0)
+            ty_last = min(((visits[i, 6] + last) >> TILE_BITS) - corner[1], ny - 1)
+            for ty in range(ty_first, ty_last + 1):
+                for tx in range(tx_first, tx_last + 1):
+                    tile = ty * nx + tx
+                    if is_filling:
+                        numbers[starts[tile]] = i
+                        starts[tile] += 1
+                    else:
+                        starts[tile + 1] += 1
+        if is_filling:
+            starts[1:] = starts[:-1].copy()
+            starts[0] = 0
+        else:
+            starts = np.cumsum(starts)
+            numbers = np.empty(starts[-1], np.int64)
+    return starts, numbers
