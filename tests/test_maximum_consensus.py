@@ -305,3 +305,33 @@ def test_a_wall_with_noisy_normals_is_still_undetermined(noise_deg):
     space = SearchSpace(half_width=0.6, heading_half_width_deg=0.5)
     estimate = MaximumConsensus(space).localize(scan, point_map, Pose(0, 0, 0, 0, 0, 0))
     assert estimate.status is Status.UNDETERMINED
+
+
+@pytest.mark.parametrize("objective", [Helmert(), Count(), maxcon.MaxEigenvalue()])
+@pytest.mark.parametrize("multiplicity", ["occupied", "points"])
+@pytest.mark.parametrize("offset", [0.0, 0.5, 3.0, 500.0])
+def test_both_searches_give_the_same_estimate(objective, multiplicity, offset):
+    """Near the truth, at the rim, beyond it and outside the map."""
+    points, normals = corner(noise_deg=3.0)
+    around = np.repeat(points, 20, axis=0) + np.random.default_rng(1).uniform(
+        -0.02, 0.02, (20 * len(points), 3)
+    )
+    point_map = PointMap.from_points(around, np.repeat(normals, 20, axis=0))
+    scan = Scan((points - TRUTH.position) @ TRUTH.rotation, normals @ TRUTH.rotation)
+    prior = TRUTH.translated([offset, -0.2, 0.0])
+    wanted, found = (
+        MaximumConsensus(SPACE, objective, multiplicity, search=search).localize(scan, point_map, prior)
+        for search in ("exhaustive", "branch and bound")
+    )
+    assert (found.pose, found.cell, found.score) == (wanted.pose, wanted.cell, wanted.score)
+    assert (found.status, found.share) == (wanted.status, wanted.share)
+    assert (found.cofactor == wanted.cofactor).all()
+    assert found.runner_up >= wanted.runner_up
+    assert found.runner_up <= max(wanted.runner_up, maxcon.Trust().largest_runner_up)
+
+
+def test_an_unknown_search_is_refused():
+    with pytest.raises(
+        OptionError, match="Expected `search` to be 'exhaustive' or 'branch and bound', got 'bbs'"
+    ):
+        MaximumConsensus(search="bbs")

@@ -75,7 +75,8 @@ class Estimate:
         Of the scan's points, how many match the map at the best cell, 0 to 1.
     runner_up : float
         Helmert's score of the second highest place, farther than a guard radius away, over that of the best
-        cell: near 0 where the answer is distinct, near 1 where it is ambiguous.
+        cell: near 0 where the answer is distinct, near 1 where it is ambiguous. A search by bounds gives what it
+        proved: no other place scores more than this, exact where that is too much to be trusted.
     """
 
     pose: Pose

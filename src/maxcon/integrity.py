@@ -13,7 +13,7 @@ from maxcon.estimate import Status
 from maxcon.objectives import SINGULAR_RATIO, Scores
 from maxcon.search_space import Cell, SearchSpace
 
-__all__ = ["Trust", "invert", "runner_up_ratio"]
+__all__ = ["Trust", "highest_beyond", "invert", "runner_up_ratio"]
 
 # Less than one full match in the least determined direction does not fix a position, nor does what a single
 # wall's matches add there when their normals are 3 degrees off: sin^2 of that, of each.
@@ -107,3 +107,22 @@ def runner_up_ratio(scores: Scores, cell: Cell, space: SearchSpace, guard_radius
     distance = np.hypot(np.arange(ny)[:, None] - cell[1], np.arange(nx)[None, :] - cell[2]) * space.cell
     is_rival = (highest == around) & (distance > guard_radius)
     return float(highest[is_rival].max(initial=0.0) / scores[cell])
+
+
+def highest_beyond(scores: Scores, cell: Cell, space: SearchSpace, guard_radius: float) -> float:
+    """Return the highest score of any cell farther than the guard radius from one, at any heading; 0 for none.
+
+    Parameters
+    ----------
+    scores : array, shape (headings, ny, nx)
+        Scores of all cells.
+    cell : tuple of 3 int
+        The cell.
+    space : SearchSpace
+        The cells.
+    guard_radius : float
+        Places nearer to the cell do not count, m.
+    """
+    _, ny, nx = scores.shape
+    distance = np.hypot(np.arange(ny)[:, None] - cell[1], np.arange(nx)[None, :] - cell[2]) * space.cell
+    return float(scores.max(axis=0).max(where=distance > guard_radius, initial=0.0))

@@ -8,12 +8,21 @@ N = sum of w n n^T over them (equation (4)).
 """
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Count", "Helmert", "MaxEigenvalue", "Moments", "Objective", "Scores"]
+__all__ = [
+    "BoundedByAxes",
+    "BoundedByCount",
+    "Count",
+    "Helmert",
+    "MaxEigenvalue",
+    "Moments",
+    "Objective",
+    "Scores",
+]
 
 Moments = NDArray[np.floating]
 Scores = NDArray[np.float64]
@@ -28,6 +37,32 @@ class Objective(Protocol):
     def score(self, moments: Moments) -> Scores:
         """Scores, shape (...), of moments, shape (..., 4): count, Nxx, Nxy, Nyy. Never NaN."""
         ...
+
+
+@runtime_checkable
+class BoundedByCount(Objective, Protocol):
+    """An objective that branch and bound can bound by the number of matches; it depends on that only."""
+
+    def bound_by_count(self, count: Scores) -> Scores:
+        """Most that a cell with at most so many matches scores; never falls when the count grows."""
+        ...
+
+
+@runtime_checkable
+class BoundedByAxes(Objective, Protocol):
+    """An objective that branch and bound can bound by N along two axes; it depends on N only."""
+
+    def bound_by_axes(self, along_u: Scores, along_v: Scores) -> Scores:
+        """Most that a cell scores whose N has u^T N u and v^T N v of at most this, for some orthonormal u and v.
+
+        Never falls when one of the two grows. It must hold for scores as they are computed, rounding included.
+        """
+        ...
+
+
+# Scores are computed from N with an error of a few times 2^-52 of its largest eigenvalue squared in det N, which is
+# above SINGULAR_RATIO of that: less than 1e-9 of the score.
+ROUNDING = 1.0 + 1e-9
 
 
 def _eigenvalues(moments: Moments) -> tuple[Scores, Scores]:
@@ -49,6 +84,10 @@ class Count:
         """Scores, shape (...), of moments, shape (..., 4)."""
         return moments[..., 0].astype(np.float64)
 
+    def bound_by_count(self, count: Scores) -> Scores:
+        """The count itself."""
+        return count
+
 
 @dataclass(frozen=True)
 class Helmert:
@@ -63,6 +102,12 @@ class Helmert:
         smaller, larger = _eigenvalues(moments)
         return np.divide(smaller * larger, smaller + larger, out=np.zeros_like(larger), where=smaller > 0.0)
 
+    def bound_by_axes(self, along_u: Scores, along_v: Scores) -> Scores:
+        """Nuu Nvv / (Nuu + Nvv): det N <= Nuu Nvv, and the trace is the same in any axes (design section 3)."""
+        total = along_u + along_v
+        bound = np.divide(along_u * along_v, total, out=np.zeros_like(total), where=total > 0.0)
+        return bound * ROUNDING
+
 
 @dataclass(frozen=True)
 class MaxEigenvalue:
@@ -71,3 +116,7 @@ class MaxEigenvalue:
     def score(self, moments: Moments) -> Scores:
         """Scores, shape (...), of moments, shape (..., 4)."""
         return _eigenvalues(moments)[0]
+
+    def bound_by_axes(self, along_u: Scores, along_v: Scores) -> Scores:
+        """The smaller of Nuu and Nvv: the smallest eigenvalue is the least u^T N u of any axis."""
+        return np.minimum(along_u, along_v) * ROUNDING

@@ -80,11 +80,14 @@ class VoxelTile:
 
     @property
     def is_in_order(self) -> bool:
-        """Whether columns lie inside the tile and patches follow each other: what the search relies on."""
+        """Whether columns lie inside the tile, and voxels in the order of the search: what it relies on."""
         if not len(self):
             return True
-        is_inside = self.columns.min() >= 0 and self.columns.max() < TILE_VOXELS
-        return bool(is_inside and (np.diff(self._patches()[1]) >= 0).all())
+        if self.columns.min() < 0 or self.columns.max() >= TILE_VOXELS:
+            return False
+        inside = self.columns.astype(np.int64) % PATCH_VOXELS
+        places = (self._patches()[1] * PATCH_VOXELS + inside[:, 1]) * PATCH_VOXELS + inside[:, 0]
+        return bool((np.diff(places) > 0).all())
 
     @property
     def voxels(self) -> NDArray[np.int32]:

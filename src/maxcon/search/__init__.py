@@ -3,8 +3,18 @@
 """Searches: the definition and the fast paths that equal it."""
 
 from maxcon.search import reference
+from maxcon.search.branch_and_bound import Found, branch_and_bound
 from maxcon.search.consensus import consensus_set
 from maxcon.search.exhaustive import exhaustive
-from maxcon.search.matching import Multiplicity, Weighting
+from maxcon.search.matching import Multiplicity, SearchMethod, Weighting
 
-__all__ = ["Multiplicity", "Weighting", "consensus_set", "exhaustive", "reference"]
+__all__ = [
+    "Found",
+    "Multiplicity",
+    "SearchMethod",
+    "Weighting",
+    "branch_and_bound",
+    "consensus_set",
+    "exhaustive",
+    "reference",
+]

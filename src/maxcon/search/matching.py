@@ -18,6 +18,7 @@ __all__ = [
     "CONTRIBUTION_STEP",
     "LevelledScan",
     "Multiplicity",
+    "SearchMethod",
     "Weighting",
     "check_cell_edge",
     "level",
@@ -80,6 +81,32 @@ class Weighting(StrEnum):
             return cls(value)
         except ValueError:
             raise OptionError(f"Expected `weighting` to be 'cosine' or 'one', got {value!r}.") from None
+
+
+class SearchMethod(StrEnum):
+    """How the best cell is found; it is the same one (D7)."""
+
+    EXHAUSTIVE = "exhaustive"
+    """Look at every cell."""
+
+    BRANCH_AND_BOUND = "branch and bound"
+    """Bound every cell, and look at those that could be the best."""
+
+    @classmethod
+    def parse(cls, value: "str | SearchMethod") -> "SearchMethod":
+        """Return the method of that name.
+
+        Raises
+        ------
+        OptionError
+            If there is none.
+        """
+        try:
+            return cls(value)
+        except ValueError:
+            raise OptionError(
+                f"Expected `search` to be 'exhaustive' or 'branch and bound', got {value!r}."
+            ) from None
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,237 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Branch and bound finds the cell of the exhaustive search, to the last bit, and what it proves is true (D7)."""
+
+import importlib
+
+import numpy as np
+import pytest
+from hypothesis import event, given, settings
+from hypothesis import strategies as st
+
+from maxcon import Count, Helmert, MaxEigenvalue, PointMap, Pose, Scan, SearchSpace
+from maxcon.errors import ArrayError, OptionError, SearchSpaceError
+from maxcon.search import Multiplicity, Weighting, branch_and_bound, exhaustive
+from maxcon.search.bounds import Axis, Bounds
+from maxcon.search.field import Field
+
+module = importlib.import_module("maxcon.search.branch_and_bound")
+
+CELL = 0.1
+OBJECTIVES = (Count(), Helmert(), MaxEigenvalue())
+
+
+class OwnObjective:
+    """One that knows no bounds."""
+
+    def score(self, moments):
+        return np.sqrt(moments[..., 1] * moments[..., 3])
+
+
+def street(seed, space, *, n_walls=8, is_signed=True, azimuth=None, n_points=400):
+    """Walls along and across a street of any azimuth, in part also scanned, from a pose of the space; and clutter."""
+    rng = np.random.default_rng(seed)
+    azimuth = rng.uniform(-np.pi, np.pi) if azimuth is None else azimuth
+    along, across = (
+        np.array([np.cos(azimuth), np.sin(azimuth)]),
+        np.array([-np.sin(azimuth), np.cos(azimuth)]),
+    )
+    points, normals = [], []
+    for number in range(n_walls):
+        is_facade = number % 4 != 0
+        run, facing = (along, across) if is_facade else (across, along)
+        start = rng.uniform(-12.0, 12.0) * along + rng.choice([-5.0, 5.0]) * across
+        length = rng.uniform(3.0, 12.0) if is_facade else rng.uniform(0.3, 1.0)
+        steps = np.arange(0.0, length, CELL / 2)
+        for height in np.arange(0.05, 1.0, 2 * CELL):
+            points.append(np.column_stack([start + steps[:, None] * run, np.full(len(steps), height)]))
+            side = -np.sign(facing @ start) or 1.0
+            noisy = np.array([*(side * facing), 0.0]) + rng.normal(0.0, 0.05, (len(steps), 3))
+            normals.append(noisy / np.linalg.norm(noisy, axis=1, keepdims=True))
+    points, normals = np.concatenate(points), np.concatenate(normals)
+    normals[rng.random(len(normals)) < 0.05] = 0.0
+    point_map = PointMap.from_points(points, normals, CELL, is_signed=is_signed)
+    prior = Pose(*rng.uniform(-0.5, 0.5, 2), 0.5, *rng.uniform(-0.02, 0.02, 2), rng.uniform(-4.0, 4.0))
+    truth = space.pose(tuple(int(rng.integers(n)) for n in space.shape), prior)
+    seen = rng.permutation(len(points))[:n_points]
+    wrong = rng.random(len(seen)) < 0.3
+    at = points[seen] + np.where(wrong[:, None], rng.uniform(-2.0, 2.0, (len(seen), 3)) * [1, 1, 0], 0.0)
+    scan = Scan((at - truth.position) @ truth.rotation, normals[seen] @ truth.rotation)
+    return scan, point_map, prior
+
+
+def assert_it_is_the_best(found, accumulator, objective, space, share, guard_radius):
+    __tracebackhide__ = True
+    scores = accumulator.score(objective)
+    best = accumulator.best_cell(objective)
+    assert found.cell == best
+    assert found.score == scores[best] == found.bound
+    assert (found.moments == accumulator.moments[best]).all()
+    _, ny, nx = space.shape
+    distance = np.hypot(np.arange(ny)[:, None] - best[1], np.arange(nx)[None, :] - best[2]) * space.cell
+    runner_up = scores.max(axis=0).max(where=distance > guard_radius, initial=0.0)
+    assert found.rest >= runner_up
+    if runner_up >= share * scores[best]:
+        assert found.rest == runner_up
+    else:
+        assert found.rest < share * scores[best] or found.rest == runner_up == 0.0
+
+
+SEEDS = st.integers(0, 2**32)
+
+
+@given(
+    seed=SEEDS,
+    objective=st.sampled_from(OBJECTIVES),
+    multiplicity=st.sampled_from(["occupied", "points"]),
+    weighting=st.sampled_from(["cosine", "one"]),
+    is_signed=st.booleans(),
+    n_steps=st.sampled_from([0, 1, 3, 10, 24]),
+    turns=st.sampled_from([(0.0, 0.5), (1.0, 0.5), (2.0, 0.5), (20.0, 4.0)]),
+    share=st.sampled_from([1.0, 0.8, 0.3]),
+    guard_radius=st.sampled_from([0.0, 0.3, 1.0]),
+)
+@settings(max_examples=150)
+def test_it_finds_what_the_exhaustive_search_finds(
+    seed, objective, multiplicity, weighting, is_signed, n_steps, turns, share, guard_radius
+):
+    space = SearchSpace(n_steps * CELL, CELL, *turns)
+    scan, point_map, prior = street(seed, space, is_signed=is_signed)
+    options = {"multiplicity": multiplicity, "weighting": weighting}
+    found = branch_and_bound(
+        scan, point_map, prior, space, objective, **options, share=share, guard_radius=guard_radius
+    )
+    accumulator = exhaustive(scan, point_map, prior, space, **options)
+    assert_it_is_the_best(found, accumulator, objective, space, share, guard_radius)
+    event(f"scored exhaustively: {found.n_scored == space.n_cells}")
+
+
+@given(
+    seed=SEEDS,
+    azimuth=st.floats(-np.pi, np.pi),
+    multiplicity=st.sampled_from(list(Multiplicity)),
+    weighting=st.sampled_from(list(Weighting)),
+    is_signed=st.booleans(),
+    n_steps=st.sampled_from([0, 1, 2, 7, 16]),
+    direction=st.floats(-np.pi, np.pi) | st.none(),
+    least=st.sampled_from([0.0, 0.01, 0.2]),
+)
+@settings(max_examples=100)
+def test_no_cell_has_more_than_its_bound(
+    seed, azimuth, multiplicity, weighting, is_signed, n_steps, direction, least
+):
+    space = SearchSpace(n_steps * CELL, CELL, 1.0, 0.5)
+    scan, point_map, prior = street(seed, space, is_signed=is_signed, azimuth=azimuth)
+    bounds = Bounds.of(Field.prepare(scan, point_map, prior, space, multiplicity, weighting), prior, space)
+    axis = Axis.none() if direction is None else Axis.at(direction)
+    (heading_pass,) = bounds.passes()
+    upper = heading_pass.along(axis, least * bounds.fullest)
+    moments = exhaustive(
+        scan, point_map, prior, space, multiplicity=multiplicity, weighting=weighting
+    ).moments
+    if direction is None:
+        along = moments[..., 0]
+    else:
+        c, s = np.cos(direction), np.sin(direction)
+        along = moments @ [0.0, c * c, 2.0 * c * s, s * s]
+    assert (upper >= along).all()
+    if least == 0.0:  # and not much less: rounding only
+        assert (upper <= along + 1e-4 * bounds.most(axis) * bounds.fullest + 1e-6).all()
+    assert (along <= bounds.most(axis)).all()
+
+
+def test_objectives_are_bounded_by_their_axes():
+    rng = np.random.default_rng(0)
+    directions, weights = rng.normal(size=(20_000, 12, 2)), rng.random((20_000, 12))
+    directions[:10_000, :, 0] *= 1e-3  # nearly singular: the rounding of scores is at its largest
+    x, y = directions[..., 0], directions[..., 1]
+    sums = [(weights * values).sum(axis=1) for values in (np.ones_like(x), x * x, x * y, y * y)]
+    moments = np.stack(sums, axis=-1)
+    angle = rng.uniform(-np.pi, np.pi, len(moments))
+    angle[::2] = 0.5 * np.arctan2(2.0 * moments[::2, 2], moments[::2, 1] - moments[::2, 3])  # the tightest
+    c, s = np.cos(angle), np.sin(angle)
+    along_u = c * c * moments[:, 1] + 2.0 * c * s * moments[:, 2] + s * s * moments[:, 3]
+    along_v = moments[:, 1] + moments[:, 3] - along_u
+    for objective in (Helmert(), MaxEigenvalue()):
+        upper = objective.bound_by_axes(along_u * (1 + 1e-12), along_v * (1 + 1e-12))
+        assert (upper >= objective.score(moments)).all()
+        plain = objective.bound_by_axes(along_u, along_v)
+        assert (objective.bound_by_axes(along_u + 1.0, along_v) >= plain).all()
+        assert (objective.bound_by_axes(along_u, along_v + 1.0) >= plain).all()
+        assert objective.bound_by_axes(np.zeros(2), np.array([0.0, 5.0])).tolist() == [0.0, 0.0]
+    assert (Count().bound_by_count(moments[:, 0]) >= Count().score(moments)).all()
+
+
+def test_few_cells_are_scored_in_a_street():
+    space = SearchSpace(3.0, CELL, 2.0, 0.5)
+    n_scored = []
+    for seed in range(10):
+        scan, point_map, prior = street(seed, space, n_walls=30, n_points=3000)
+        n_scored.append(branch_and_bound(scan, point_map, prior, space, Helmert()).n_scored)
+    assert np.median(n_scored) < 0.002 * space.n_cells
+
+
+def test_the_first_of_equal_cells_wins(scene):
+    scene.wall((-5.0, 4.0), (5.0, 4.0))
+    space = SearchSpace(0.6, 0.06, 0.0, 0.5)
+    for objective in OBJECTIVES:  # along a single wall many cells are alike
+        found = branch_and_bound(scene.scan, scene.point_map, scene.sensor, space, objective)
+        accumulator = exhaustive(scene.scan, scene.point_map, scene.sensor, space)
+        assert found.cell == accumulator.best_cell(objective)
+
+
+@pytest.mark.parametrize("objective", OBJECTIVES)
+def test_nothing_matches(objective):
+    space = SearchSpace(1.0, CELL, 1.0, 0.5)
+    _, point_map, prior = street(0, space)
+    scan = Scan([[500.0, 500.0, 500.0], [-500.0, 20.0, 3.0]], [[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    empty = Scan(np.empty((0, 3)), np.empty((0, 3)))
+    for nothing in (scan, empty):
+        found = branch_and_bound(nothing, point_map, prior, space, objective, share=0.5)
+        assert (found.cell, found.score, found.rest) == ((0, 0, 0), 0.0, 0.0)
+        assert not found.moments.any()
+
+
+def test_an_objective_without_bounds_is_searched_exhaustively():
+    space = SearchSpace(0.8, CELL, 1.0, 0.5)
+    scan, point_map, prior = street(3, space)
+    found = branch_and_bound(scan, point_map, prior, space, OwnObjective(), share=0.5)
+    assert found.n_scored == space.n_cells
+    accumulator = exhaustive(scan, point_map, prior, space)
+    assert_it_is_the_best(found, accumulator, OwnObjective(), space, 0.5, 0.3)
+
+
+def test_bounds_that_decide_nothing_leave_it_to_the_exhaustive_search(monkeypatch):
+    space = SearchSpace(0.8, CELL, 1.0, 0.5)
+    scan, point_map, prior = street(3, space)
+    wanted = branch_and_bound(scan, point_map, prior, space, Helmert())
+    monkeypatch.setattr(module, "HOPELESS", -1)
+    found = branch_and_bound(scan, point_map, prior, space, Helmert())
+    assert found.n_scored == space.n_cells > wanted.n_scored
+    assert (found.cell, found.score, found.bound) == (wanted.cell, wanted.score, wanted.bound)
+
+
+def test_headings_are_searched_in_parts(monkeypatch):
+    bounds = importlib.import_module("maxcon.search.bounds")
+    space = SearchSpace(0.8, CELL, 2.0, 0.5)
+    scan, point_map, prior = street(5, space)
+    wanted = branch_and_bound(scan, point_map, prior, space, Helmert(), share=0.5)
+    monkeypatch.setattr(bounds, "PASS_HEADINGS", 2)
+    found = branch_and_bound(scan, point_map, prior, space, Helmert(), share=0.5)
+    assert (found.cell, found.score) == (wanted.cell, wanted.score)
+    assert_it_is_the_best(found, exhaustive(scan, point_map, prior, space), Helmert(), space, 0.5, 0.3)
+
+
+def test_refusals():
+    space = SearchSpace(0.8, CELL, 1.0, 0.5)
+    scan, point_map, prior = street(3, space)
+    with pytest.raises(SearchSpaceError, match=r"voxel edge, 0\.1 m, got 0\.06 m"):
+        branch_and_bound(scan, point_map, prior, SearchSpace(), Helmert())
+    for options in ({"share": 0.0}, {"share": 1.5}, {"guard_radius": -1.0}, {"guard_radius": np.inf}):
+        with pytest.raises(OptionError, match=f"Expected `{next(iter(options))}`"):
+            branch_and_bound(scan, point_map, prior, space, Helmert(), **options)
+    with pytest.raises(OptionError, match="multiplicity"):
+        branch_and_bound(scan, point_map, prior, space, Helmert(), multiplicity="all")
+    far = Pose(1e12, 0.0, 0.0, 0.0, 0.0, 0.0)
+    with pytest.raises(ArrayError, match="local frame"):
+        branch_and_bound(scan, point_map, far, space, Helmert())
