@@ -125,3 +125,131 @@ def test_the_suggestion_is_accepted():
 )
 def test_rounding_refuses_no_multiple(half_width, cell):
     assert SearchSpace(half_width, cell).shape[1] == 2 * round(half_width / cell)
+
+
+VARIANCES = st.one_of(st.just(0.0), st.floats(1e-6, 400.0))
+ANGLE_VARIANCES = st.one_of(st.just(0.0), st.floats(1e-8, 0.5))
+FACTORS = st.lists(st.floats(-1.0, 1.0), min_size=9, max_size=9)
+STEPS = st.floats(0.05, 5.0)
+
+
+def _full(factors, variances):
+    """A covariance with these variances, correlated as the product of a matrix of factors with its transpose."""
+    factors = np.reshape(factors, (3, 3)) + 0.01 * np.eye(3)
+    product = factors @ factors.T
+    scales = np.sqrt(variances / np.diag(product))
+    return product * scales * scales[:, None]
+
+
+@given(
+    FACTORS, st.tuples(VARIANCES, VARIANCES, ANGLE_VARIANCES), st.floats(0.5, 6.0), STEPS, STEPS,
+    st.tuples(*[st.floats(-1.0, 1.0)] * 3),
+)  # fmt: skip
+def test_every_pose_within_k_sigma_lies_in_the_space(factors, variances, k, cell, step_deg, shares):
+    space = SearchSpace.from_covariance(
+        _full(factors, np.array(variances)), k=k, cell=cell, heading_step_deg=step_deg
+    )
+    for part in (shares, np.sign(shares)):  # also where it ends
+        dx, dy, turn = k * np.sqrt(variances) * part
+        pose = Pose(PRIOR.x + dx, PRIOR.y + dy, 0.0, 0.0, 0.0, PRIOR.heading + turn)
+        found = space.pose(space.nearest_cell(pose, PRIOR), PRIOR)
+        near = 0.5 * cell + 1e-6
+        assert abs(found.x - pose.x) <= near
+        assert abs(found.y - pose.y) <= near
+        between = math.remainder(found.heading - pose.heading, math.tau)
+        assert abs(math.degrees(between)) <= 0.5 * step_deg + 1e-6
+
+
+@given(VARIANCES, VARIANCES, ANGLE_VARIANCES, st.floats(0.5, 6.0), STEPS, STEPS)
+def test_half_widths_of_a_covariance_are_rounded_up_and_no_wider(xx, yy, hh, k, cell, step_deg):
+    space = SearchSpace.from_covariance(np.diag([xx, yy, hh]), k=k, cell=cell, heading_step_deg=step_deg)
+    wanted = k * math.sqrt(max(xx, yy))
+    assert wanted <= space.half_width <= wanted + 1.5 * cell + 1e-6
+    turn_deg = min(k * math.degrees(math.sqrt(hh)), 180.0)
+    assert turn_deg - 1e-6 <= space.heading_half_width_deg <= turn_deg + step_deg + 1e-6
+    assert (space.half_width == 0.0) == (max(xx, yy) == 0.0)
+    assert (space.heading_half_width_deg == 0.0) == (hh == 0.0)
+
+
+@given(FACTORS, st.floats(1e-4, 9.0), st.floats(1e-6, 0.1))
+def test_correlations_do_not_matter_and_the_larger_variance_counts(factors, variance, angle_variance):
+    space = SearchSpace.from_covariance(np.diag([variance, variance, angle_variance]))
+    for variances in ((variance, variance), (variance, 0.3 * variance), (0.0, variance)):
+        full = _full(factors, np.array([*variances, angle_variance]))
+        full[np.diag_indices(3)] = [*variances, angle_variance]
+        assert SearchSpace.from_covariance(full) == space
+
+
+def test_spaces_of_a_covariance_by_hand():
+    covariance = np.diag([1.0, 0.25, math.radians(2.0 / 3.0) ** 2])
+    space = SearchSpace.from_covariance(covariance)  # 3 m are 50 cells, and half a cell more is searched
+    assert (space.half_width, space.heading_half_width_deg) == (pytest.approx(51 * 0.06), 2.0)
+    assert (space.cell, space.heading_step_deg) == (0.06, 0.5)
+    wider = SearchSpace.from_covariance(covariance, k=1.0, cell=0.1, heading_step_deg=0.3)
+    assert wider.half_width == pytest.approx(1.1)
+    assert wider.heading_half_width_deg == pytest.approx(0.9)
+    assert SearchSpace.from_covariance(np.zeros((3, 3))).shape == (1, 1, 1)
+    assert SearchSpace.from_covariance(np.diag([0.0, 0.0, 1e4])).heading_half_width_deg == 180.0
+
+
+def test_a_space_of_a_covariance_is_cut_to_the_largest():
+    covariance = np.diag([4.0, 1.0, 0.01])
+    cut = SearchSpace.from_covariance(covariance, largest_half_width=3.0, largest_heading_half_width_deg=2.2)
+    assert (cut.half_width, cut.heading_half_width_deg) == (3.0, 2.0)
+    one = SearchSpace.from_covariance(covariance, largest_half_width=0.0, largest_heading_half_width_deg=0.1)
+    assert one.n_cells == 1
+    free = SearchSpace.from_covariance(covariance)
+    assert free == SearchSpace.from_covariance(
+        covariance, largest_half_width=100.0, largest_heading_half_width_deg=100.0
+    )
+    huge = SearchSpace.from_covariance(np.diag([1e12, 1.0, 0.01]), largest_half_width=3.0)
+    assert huge.half_width == 3.0
+
+
+def test_a_covariance_printed_with_few_digits_is_taken():
+    full = _full([0.3, 0.3, 0.3, -0.3, -0.3, -0.3, 0.3, 0.3, 0.3], np.array([0.7, 0.2, 3e-4]))
+    printed = np.array([[float(f"{value:.8g}") for value in row] for row in full])
+    printed[0, 1] *= 1.0 + 1e-7
+    assert SearchSpace.from_covariance(printed) == SearchSpace.from_covariance(np.diag(np.diag(printed)))
+
+
+@pytest.mark.parametrize(
+    ("covariance", "words"),
+    [
+        (np.eye(2), r"shape \(3, 3\), got \(2, 2\)\. Take its rows"),
+        (np.eye(6), r"shape \(3, 3\), got \(6, 6\)"),
+        ([1.0, 1.0, 0.1], r"shape \(3, 3\), got \(3,\)"),
+        ("exact", r"numbers of shape \(3, 3\), got str"),
+        ([[1.0], [1.0, 2.0], [3.0]], r"numbers of shape \(3, 3\), got list"),
+        (np.diag([1.0, np.nan, 0.1]), "finite numbers .* Without a covariance, give half widths"),
+        (np.diag([1.0, np.inf, 0.1]), "finite numbers"),
+        (np.diag([1.0, 1.0, -0.1]), "variances >= 0 .*got -0.1"),
+        ([[1.0, 0.1, 0.0], [0.2, 1.0, 0.0], [0.0, 0.0, 0.1]], "symmetric .*mean of it and its transpose"),
+        ([[1.0, 1.1, 0.0], [1.1, 1.0, 0.0], [0.0, 0.0, 0.1]], "positive semidefinite"),
+        ([[1.0, 0.0, 0.1], [0.0, 1.0, 0.0], [0.1, 0.0, 0.0]], "positive semidefinite"),
+        ([[1.0, 0.0, 2e-3], [0.0, 1.0, 0.0], [2e-3, 0.0, 1e-6]], "positive semidefinite"),
+    ],
+)
+def test_covariances_that_are_none(covariance, words):
+    with pytest.raises(SearchSpaceError, match=words):
+        SearchSpace.from_covariance(covariance)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"k": 0.0}, "`k` > 0 standard deviations, got 0.0. The default is 3"),
+        ({"k": math.nan}, "`k` > 0"),
+        ({"k": math.inf}, "`k` > 0"),
+        ({"cell": 0.0}, "a step > 0 for the offsets, got 0.0 m and 0.0 m"),
+        ({"heading_step_deg": -1.0}, "a step > 0 for the headings"),
+        ({"largest_half_width": -1.0}, "`largest_half_width` >= 0, got -1.0"),
+        ({"largest_heading_half_width_deg": math.nan}, "`largest_heading_half_width_deg` >= 0, got nan"),
+        ({"k": 1e5}, "at most 100,000 cells in the half width of the offsets, got 100000 m"),
+        ({"k": 1e300}, "at most 100,000 cells"),
+        ({"heading_step_deg": 1e-6}, "at most 100,000 cells in the half width of the headings"),
+    ],
+)
+def test_numbers_that_make_no_space_of_a_covariance(options, words):
+    with pytest.raises(SearchSpaceError, match=words):
+        SearchSpace.from_covariance(np.diag([1.0, 1.0, 0.01]), **options)

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from maxcon.errors import SearchSpaceError
 from maxcon.geometry import Pose, wrap_angle
@@ -15,6 +15,9 @@ __all__ = ["Cell", "SearchSpace"]
 
 # Enough for 6 km at 6 cm; it keeps every number of cells finite.
 MOST_STEPS = 100_000
+
+# Covariances come printed with some six digits: what they violate by less is rounding.
+ROUNDING = 1e-6
 
 Cell = tuple[int, int, int]
 """(heading, y, x) indices of one cell; a search over z will stand between heading and y."""
@@ -40,6 +43,54 @@ def _n_steps(half_width: float, step: float, what: str, unit: str) -> int:
             f" {step} {unit}. Take {math.ceil(steps) * step:g} {unit}?"
         )
     return n_steps
+
+
+def _sigmas(covariance: ArrayLike) -> NDArray[np.float64]:
+    """Standard deviations of x, y (m) and heading (rad), shape (3,), of a covariance that can be one."""
+    try:
+        matrix = np.asarray(covariance, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise SearchSpaceError(
+            f"Expected `covariance` to be numbers of shape (3, 3), got {type(covariance).__name__}."
+        ) from error
+    if matrix.shape != (3, 3):
+        raise SearchSpaceError(
+            f"Expected `covariance` of (x, y, heading) to have shape (3, 3), got {matrix.shape}."
+            " Take its rows and columns of x, y and heading."
+        )
+    if not np.isfinite(matrix).all():
+        raise SearchSpaceError(
+            "Expected finite numbers in `covariance`, got NaN or infinity. Without a covariance, give half widths."
+        )
+    variances = np.diag(matrix)
+    if variances.min() < 0.0:
+        raise SearchSpaceError(
+            f"Expected variances >= 0 on the diagonal of `covariance`, got {variances.min():g}."
+        )
+    sigmas = np.sqrt(variances)
+    scales = np.where(sigmas > 0.0, sigmas, 1.0)
+    correlations = matrix / scales / scales[:, None]  # free of units: m^2 beside rad^2
+    if np.abs(correlations - correlations.T).max() > ROUNDING:
+        raise SearchSpaceError(
+            f"Expected a symmetric `covariance`, got {matrix.tolist()}. Take the mean of it and its transpose?"
+        )
+    if np.linalg.eigvalsh(correlations).min() < -ROUNDING:
+        raise SearchSpaceError(
+            f"Expected `covariance` to be positive semidefinite, got {matrix.tolist()}: its covariances are too"
+            " large for its variances. Are all in m and rad, and none a standard deviation?"
+        )
+    return np.asarray(sigmas, dtype=np.float64)
+
+
+def _rounded_up(reach: float, step: float, largest: float | None, rim: float = 0.0) -> float:
+    """Return the whole steps that hold `reach` and `rim` steps more, but no more than fit into `largest`."""
+    steps = reach / step + rim if reach > 0.0 else 0.0
+    most = math.inf if largest is None else largest / step
+    if min(steps, most) > MOST_STEPS:
+        return min(reach, largest or math.inf)  # refused, in the words for any half width
+    if most < steps:
+        return math.floor(most + 1e-6) * step
+    return math.ceil(steps - 1e-9 * max(1.0, steps)) * step
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +124,64 @@ class SearchSpace:
     def __post_init__(self) -> None:
         _n_steps(self.half_width, self.cell, "offsets", "m")
         _n_steps(self.heading_half_width_deg, self.heading_step_deg, "headings", "degrees")
+
+    @classmethod
+    def from_covariance(
+        cls,
+        covariance: ArrayLike,
+        *,
+        k: float = 3.0,
+        cell: float = 0.06,
+        heading_step_deg: float = 0.5,
+        largest_half_width: float | None = None,
+        largest_heading_half_width_deg: float | None = None,
+    ) -> "SearchSpace":
+        """Return the space that holds every pose within k standard deviations of a prior (D2).
+
+        Parameters
+        ----------
+        covariance : array_like, shape (3, 3)
+            Of the prior's x, y and heading: m^2, m rad and rad^2, axes of the map. x and y share the larger
+            variance of the two, as the window is a square; how they are correlated does not matter.
+        k : float
+            Half widths in standard deviations, > 0.
+        cell : float
+            Cell edge e, m. The map must have the same.
+        heading_step_deg : float
+            Step between headings, degrees.
+        largest_half_width, largest_heading_half_width_deg : float, optional
+            The space is cut to these, m and degrees: poses beyond are not searched then.
+
+        Raises
+        ------
+        SearchSpaceError
+            If the covariance is not of shape (3, 3), finite, symmetric and positive semidefinite; if a number
+            is negative or not finite, or the space has too many cells.
+
+        Notes
+        -----
+        Half widths are rounded up to whole cells and steps. As the last column stands one cell before the half
+        width, that is at least k sigma and half a cell: every pose within k sigma lies within half a cell of one that
+        is tried. A variance of 0 gives one cell, or one heading; headings reach 180 degrees at most.
+        """
+        _n_steps(0.0, cell, "offsets", "m")
+        _n_steps(0.0, heading_step_deg, "headings", "degrees")
+        if not 0.0 < k < math.inf:
+            raise SearchSpaceError(f"Expected `k` > 0 standard deviations, got {k}. The default is 3.")
+        for name, largest in (
+            ("largest_half_width", largest_half_width),
+            ("largest_heading_half_width_deg", largest_heading_half_width_deg),
+        ):
+            if largest is not None and not 0.0 <= largest < math.inf:
+                raise SearchSpaceError(f"Expected `{name}` >= 0, got {largest}. Leave it out for no limit.")
+        sigma_x, sigma_y, sigma_heading = _sigmas(covariance).tolist()
+        turn_deg = min(k * math.degrees(sigma_heading), 180.0)
+        return cls(
+            _rounded_up(k * max(sigma_x, sigma_y), cell, largest_half_width, rim=0.5),
+            cell,
+            _rounded_up(turn_deg, heading_step_deg, largest_heading_half_width_deg),
+            heading_step_deg,
+        )
 
     @property
     def shape(self) -> tuple[int, int, int]:

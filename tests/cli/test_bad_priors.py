@@ -4,6 +4,8 @@
 
 import pytest
 
+SIGMAS = ("--sigma-position", "1", "--sigma-heading-deg", "0.5")
+
 
 @pytest.fixture
 def rows(drive):
@@ -98,6 +100,19 @@ def test_a_prior_far_beyond_any_map(not_localized, rows):
         (("--half-width", "60000"), ("cells", "Narrow")),
         (("--heading-half-width-deg", "-1"), ("-1",)),
         (("--heading-half-width-deg", "0.7"), ("multiple", "1 degrees")),
+        (("--sigma-position", "1"), ("--sigma-position and --sigma-heading-deg", "no --sigma-heading-deg")),
+        (("--sigma-heading-deg", "1"), ("together", "no --sigma-position", "0 if it is exact")),
+        (("--sigmas", "3"), ("together", "no --sigma-position")),
+        ((*SIGMAS, "--half-width", "3"), ("either half widths or standard deviations", "--half-width")),
+        ((*SIGMAS, "--heading-half-width-deg", "2"), ("either", "--heading-half-width-deg", "Leave one")),
+        (("--sigmas", "3", "--half-width", "3"), ("either", "--half-width")),
+        (("--sigma-position", "-1", "--sigma-heading-deg", "1"), ("--sigma-position", ">= 0", "-1")),
+        (("--sigma-position", "1", "--sigma-heading-deg", "nan"), ("--sigma-heading-deg", "nan")),
+        ((*SIGMAS, "--sigmas", "0"), ("--sigmas > 0", "got 0.0", "3")),
+        ((*SIGMAS, "--sigmas", "inf"), ("--sigmas > 0", "inf")),
+        ((*SIGMAS, "--sigmas", "1e5"), ("cells", "Narrow")),
+        (("--sigma-position", "1e200", "--sigma-heading-deg", "1"), ("finite",)),
+        ((*SIGMAS, "--heading-step-deg", "0"), ("step > 0",)),
         (("--heading-step-deg", "0"), ("step > 0",)),
         (("--heading-step-deg", "-0.5"), ("step > 0",)),
         (("--min-range", "-1"), ("min_range", "-1")),

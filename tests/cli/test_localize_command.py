@@ -56,10 +56,35 @@ def test_options_of_the_search(localize, drive, tmp_path, options):
     assert np.abs(found.positions[:, :2] - drive.reference.positions[:, :2]).max() < 0.2
 
 
+def test_standard_deviations_instead_of_half_widths(localize, drive, tmp_path):
+    sigmas = ("--sigma-position", "1", "--sigma-heading-deg", "0.7", "--heading-step-deg", "0.75")
+    fixed = ("--half-width", "2.04", "--heading-half-width-deg", "1.5", "--heading-step-deg", "0.75")
+    ended = localize(*sigmas, "--sigmas", "2", out="sigmas.csv")
+    assert (ended.code, ended.err) == (0, ""), ended
+    localize(*fixed, out="fixed.csv")
+    assert _without_ms(tmp_path / "sigmas.csv") == _without_ms(tmp_path / "fixed.csv")
+    localize(*sigmas, out="default.csv")
+    wider = ("--half-width", "3.06", "--heading-half-width-deg", "2.25", "--heading-step-deg", "0.75")
+    localize(*wider, out="wider.csv")
+    assert _without_ms(tmp_path / "default.csv") == _without_ms(tmp_path / "wider.csv")
+
+
+def test_a_prior_of_few_centimetres_searches_little(localize):
+    ended = localize("--sigma-position", "0.04", "--sigma-heading-deg", "0")
+    assert ended.code == 1 and "0 of 4 epochs localized" in ended.out
+
+
 def test_the_answer_does_not_depend_on_the_threads(localize, tmp_path):
     for threads in (1, 2):
         assert localize("--threads", threads, out=f"{threads}.csv").code == 0
     assert _without_ms(tmp_path / "1.csv") == _without_ms(tmp_path / "2.csv")
+
+
+@pytest.mark.parametrize("objective", ["helmert", "count"])
+def test_the_answer_does_not_depend_on_the_search(localize, tmp_path, objective):
+    for search in ("exhaustive", "branch-and-bound"):
+        assert localize("--objective", objective, "--search", search, out=f"{search}.csv").code == 0
+    assert _without_ms(tmp_path / "exhaustive.csv") == _without_ms(tmp_path / "branch-and-bound.csv")
 
 
 def test_scores_are_those_of_the_objective(localize, tmp_path):

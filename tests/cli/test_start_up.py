@@ -14,7 +14,7 @@ HEAVY = (
     "numpy numba scipy pyarrow laspy lazrs pyproj matplotlib jinja2 embreex trimesh pypcd4 rich.progress rich.table"
     " asyncio multiprocessing"
 )
-COMMANDS = (("map",), ("map", "build"), ("map", "info"), ("localize",), ("simulate",), ("demo",))
+COMMANDS = (("map",), ("map", "build"), ("map", "info"), ("localize",), ("simulate",), ("demo",), ("warmup",))
 
 
 def test_nothing_heavy_is_loaded_before_it_is_needed(maxcon_in_process_of_its_own):
@@ -52,7 +52,7 @@ def test_every_command_has_help(maxcon, command):
 
 def test_help_lists_the_commands(maxcon):
     ended = maxcon("--help")
-    for command in ("map", "localize", "simulate", "demo"):
+    for command in ("map", "localize", "simulate", "demo", "warmup"):
         assert f"\n  {command} " in ended.out
 
 

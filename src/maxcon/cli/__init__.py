@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from maxcon.cli import demo, localize, maps, report, simulate, study
+from maxcon.cli import demo, localize, maps, report, simulate, study, warmup
 from maxcon.errors import MaxconError
 
 __all__ = ["app", "main"]
@@ -28,6 +28,7 @@ app.command("simulate", short_help="Simulate a city, its mapping and scans.")(si
 app.command("study", short_help="Compare methods over the epochs of a dataset.")(study.study)
 app.command("report", short_help="Write the page of a study.")(report.report)
 app.command("demo", short_help="Simulate, map, localize and report a small city.")(demo.demo)
+app.command("warmup", short_help="Compile once, so that the first call does not pause.")(warmup.warmup)
 
 
 def _print_version(is_wanted: bool) -> None:

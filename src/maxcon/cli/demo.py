@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from maxcon.cli.compiling import compiling_told
 from maxcon.cli.progress import step_bars
 
 if TYPE_CHECKING:
@@ -34,7 +35,11 @@ def demo(
 
     check_extras()
     check_replaceable(out, "a demo", DEMO_NAMES)
-    with step_bars("", quiet) as progress, atomic_folder(out, overwrite=True) as folder:
+    with (
+        step_bars("", quiet) as progress,
+        compiling_told(quiet),
+        atomic_folder(out, overwrite=True) as folder,
+    ):
         drive = prepare_demo(folder, n_epochs=epochs, seed=seed, progress=progress)
         results = localize_demo(drive, folder, DEMO_METHODS, progress=progress)
         report_demo(folder, drive, results, seed=seed, progress=progress)

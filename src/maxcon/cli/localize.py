@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from maxcon.cli.compiling import compiling_told
 from maxcon.cli.progress import progress_bar
+from maxcon.cli.search_space import chosen_space
 
 if TYPE_CHECKING:
     from maxcon.drive import EpochEstimate
@@ -51,6 +53,13 @@ class MultiplicityName(StrEnum):
     POINTS = "points"
 
 
+class SearchName(StrEnum):
+    """Ways to find the best cell; search.SearchMethod as words on a command line."""
+
+    EXHAUSTIVE = "exhaustive"
+    BRANCH_AND_BOUND = "branch-and-bound"
+
+
 def localize(
     map_folder: Annotated[Path, typer.Argument(metavar="MAP", help="Map made by `maxcon map build`.")],
     scans: Annotated[
@@ -67,12 +76,28 @@ def localize(
     multiplicity: Annotated[
         MultiplicityName, typer.Option(help="A match weighs one, or as many as the voxel's map points.")
     ] = MultiplicityName.OCCUPIED,
+    search: Annotated[
+        SearchName, typer.Option(help="How the best cell is found; it is the same one.")
+    ] = SearchName.EXHAUSTIVE,
     half_width: Annotated[
-        float, typer.Option(metavar="M", help="Largest offset from the prior in x and y, m.")
-    ] = 3.0,
+        float | None,
+        typer.Option(metavar="M", help="Largest offset from the prior in x and y, m; 3 if not given."),
+    ] = None,
     heading_half_width_deg: Annotated[
-        float, typer.Option(metavar="DEG", help="Largest turn from the prior's heading, degrees.")
-    ] = 2.0,
+        float | None,
+        typer.Option(metavar="DEG", help="Largest turn from the prior's heading, degrees; 2 if not given."),
+    ] = None,
+    sigma_position: Annotated[
+        float | None,
+        typer.Option(metavar="M", help="Instead: standard deviation of the prior's x, and of its y, m."),
+    ] = None,
+    sigma_heading_deg: Annotated[
+        float | None, typer.Option(metavar="DEG", help="And of its heading, degrees.")
+    ] = None,
+    sigmas: Annotated[
+        float | None,
+        typer.Option(metavar="K", help="How many standard deviations to search; 3 if not given."),
+    ] = None,
     heading_step_deg: Annotated[
         float, typer.Option(metavar="DEG", help="Step between headings, degrees.")
     ] = 0.5,
@@ -103,7 +128,7 @@ def localize(
         str | None,
         typer.Option(metavar="LIST", help="Epochs to draw: 0,5,10-20 or all. Default: ten over the drive."),
     ] = None,
-    threads: Annotated[int, typer.Option(min=1, help="Headings searched at once.")] = 1,
+    threads: Annotated[int, typer.Option(min=1, help="Headings searched at once, exhaustively.")] = 1,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
 ) -> None:
     """Localize every scan of a drive in a map.
@@ -118,7 +143,6 @@ def localize(
     from maxcon.maximum_consensus import MaximumConsensus
     from maxcon.point_map import PointMap
     from maxcon.poses_table import localized_trajectory, write_poses
-    from maxcon.search_space import SearchSpace
 
     _check_options(prior, out, tum, plot, plot_epochs)
     for path in (out, tum):
@@ -129,16 +153,21 @@ def localize(
     point_map = PointMap.open(map_folder)
     folder = open_scans(scans, times)
     prior_trajectory = read_trajectory(prior)
-    space = SearchSpace(half_width, point_map.cell, heading_half_width_deg, heading_step_deg)
+    space = chosen_space(
+        point_map.cell, heading_step_deg, half_width=half_width, heading_half_width_deg=heading_half_width_deg,
+        sigma_position=sigma_position, sigma_heading_deg=sigma_heading_deg, sigmas=sigmas,
+    )  # fmt: skip
     trust = Trust(least_share, largest_runner_up)
-    method = MaximumConsensus(space, objective.objective, multiplicity.value, threads, trust)
+    method = MaximumConsensus(
+        space, objective.objective, multiplicity.value, threads, trust, search=search.value.replace("-", " ")
+    )
     wanted = parse_epochs(plot_epochs, len(folder)) if plot is not None else frozenset()
     draw = _drawer(plot, point_map, method, objective) if plot is not None else None
     epochs = []
     options = DriveOptions(min_range, max_range, max_gap)
     with _naming(prior, scans, map_folder):
         drive = localize_drive(point_map, folder, prior_trajectory, method, options)
-    with progress_bar("localizing", len(folder), "epochs", quiet) as advance:
+    with progress_bar("localizing", len(folder), "epochs", quiet) as advance, compiling_told(quiet):
         for epoch in drive:
             if draw is not None and epoch.epoch in wanted:
                 draw(epoch)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from maxcon.cli.compiling import compiling_told
 from maxcon.cli.progress import step_bars
 
 if TYPE_CHECKING:
@@ -83,7 +84,7 @@ def build(
         crs=crs,
         keep_every=keep_every,
     )
-    with step_bars("", quiet) as report:
+    with step_bars("", quiet) as report, compiling_told(quiet):
         manifest = build_map(clouds, out, options, overwrite=overwrite, n_threads=threads, progress=report)
     typer.echo(f"{out}")
     _describe(manifest)

@@ -1,0 +1,155 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Compiling before the first real call: a tiny room is mapped and a scan localized in it, in every way there is.
+
+No kernel is named here: what the public functions call is compiled, also what they will call one day.
+"""
+
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from enum import Enum
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.compiled import on_compilation
+from maxcon.geometry import Pose
+from maxcon.mapping import MapOptions, build_map
+from maxcon.maximum_consensus import MaximumConsensus
+from maxcon.objectives import Count, Helmert, MaxEigenvalue, Objective
+from maxcon.point_map import PointMap
+from maxcon.scan import Scan
+from maxcon.search import consensus_set
+from maxcon.search_space import SearchSpace
+
+__all__ = ["OBJECTIVES", "Compiled", "options_of_the_method", "warm_up"]
+
+PRIOR = Pose(0.02, -0.03, 0.0, 0.0, 0.0, 0.0)
+SPACE = SearchSpace(half_width=0.24, heading_half_width_deg=0.5)
+OBJECTIVES: tuple[Objective, ...] = (Helmert(), Count(), MaxEigenvalue())
+# A tile of the map with a single point: arrays of one row are of another memory layout, and so of another type.
+LONELY = np.array([[40.0, 0.0, 0.0]])
+
+
+@dataclass(frozen=True, slots=True)
+class Compiled:
+    """What became of one part of the warm-up.
+
+    Parameters
+    ----------
+    seconds : float
+        How long it took.
+    n_functions : int
+        Functions compiled; 0 if their code was there already.
+    """
+
+    seconds: float
+    n_functions: int
+
+
+Report = Callable[[str, Compiled | None], None]
+"""Called with a part and None before it begins, and again with what became of it."""
+
+
+def warm_up(report: Report) -> None:
+    """Compile all that building maps and localizing call, and keep the code for later processes.
+
+    Parameters
+    ----------
+    report : callable
+        Called before and after each part.
+
+    Raises
+    ------
+    FileError
+        If the maps of the warm-up cannot be written to the temporary folder.
+    """
+    with tempfile.TemporaryDirectory(prefix="maxcon-warmup-") as folder:
+        for part, run in (
+            ("building maps", lambda: _build(Path(folder))),
+            ("normals of scans", lambda: _scan().normals),
+            ("search in maps in memory", _search_in_memory),
+            ("search in maps on disk", lambda: _search_on_disk(Path(folder))),
+        ):
+            report(part, None)
+            report(part, _timed(run))
+
+
+def _timed(run: Callable[[], object]) -> Compiled:
+    n_functions = 0
+
+    def count() -> None:
+        nonlocal n_functions
+        n_functions += 1
+
+    start = time.perf_counter()
+    with on_compilation(count):
+        run()
+    return Compiled(time.perf_counter() - start, n_functions)
+
+
+def _room() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Points of a room of 8 by 6 m as a scanner of 8 rings sees them, and their normals, shape (n, 3), m."""
+    azimuths, elevations = np.meshgrid(
+        np.radians(np.arange(0.0, 360.0, 2.0)), np.radians(np.arange(-7.0, 8.0, 2.0))
+    )
+    x, y = np.cos(azimuths).ravel(), np.sin(azimuths).ravel()
+    is_end = np.abs(x) * 3.0 > np.abs(y) * 4.0
+    distances = 1.0 / np.where(is_end, np.abs(x) / 4.0, np.abs(y) / 3.0)
+    points = np.column_stack([x, y, np.tan(elevations).ravel()]) * distances[:, None]
+    normals = np.column_stack([-np.sign(x) * is_end, -np.sign(y) * ~is_end, np.zeros(len(x))])
+    return points, normals
+
+
+def _scan() -> Scan:
+    return Scan(_room()[0])
+
+
+def _build(folder: Path) -> None:
+    """Build a map whose normals have sides, and one whose normals are fitted, in `folder`."""
+    points, normals = _room()
+    points = np.concatenate([points, LONELY])
+    normals = np.concatenate([normals, [[0.0, 0.0, 1.0]]]).astype(np.float32)
+    np.savez(folder / "signed.npz", points=points, normals=normals)
+    np.savez(folder / "unsigned.npz", points=points)
+    for name, is_signed in (("signed", True), ("unsigned", False)):
+        build_map(
+            [folder / f"{name}.npz"],
+            folder / f"{name}.map",
+            MapOptions(normals_have_sides=is_signed),
+            n_threads=1,
+        )
+
+
+def _search_in_memory() -> None:
+    points, normals = _room()
+    for is_signed in (True, False):
+        _search(PointMap.from_points(points, normals, SPACE.cell, is_signed=is_signed))
+
+
+def _search_on_disk(folder: Path) -> None:
+    """Search in mapped files: their arrays are read-only, which is another type."""
+    for name in ("signed", "unsigned"):
+        _search(PointMap.open(folder / f"{name}.map"))
+
+
+def _search(point_map: PointMap) -> None:
+    scan = _scan()
+    for objective, options in product(OBJECTIVES, options_of_the_method()):
+        MaximumConsensus(SPACE, objective, **options).localize(scan, point_map, PRIOR)
+    consensus_set(scan, point_map, PRIOR, SPACE, cell=(0, 0, 0))
+
+
+def options_of_the_method() -> list[dict[str, Any]]:
+    """All values of all options of the method that have names for values, each with each."""
+    choices = {
+        field.name: type(field.default)
+        for field in fields(MaximumConsensus)
+        if isinstance(field.default, Enum)
+    }
+    return [dict(zip(choices, values, strict=True)) for values in product(*choices.values())]

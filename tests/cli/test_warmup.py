@@ -1,0 +1,210 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""`maxcon warmup`: what it compiles, what it says, and that nothing is left to compile for real calls."""
+
+import os
+from contextlib import suppress
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+
+import maxcon as package
+from maxcon.cli.compiling import LINE, compiling_told
+from maxcon.cli.warmup import _where
+from maxcon.compiled import code_folders, on_compilation
+
+PARTS = ("building maps", "normals of scans", "search in maps in memory", "search in maps on disk")
+
+ALL_OPTIONS = """
+import sys
+from maxcon import MaximumConsensus, PointMap
+from maxcon.drive import localize_drive
+from maxcon.io.scans import open_scans
+from maxcon.io.trajectories import read_trajectory
+from maxcon.warmup import OBJECTIVES, options_of_the_method
+
+point_map, scans, prior = PointMap.open(sys.argv[1]), open_scans(sys.argv[2]), read_trajectory(sys.argv[3])
+for options in options_of_the_method():
+    for objective in OBJECTIVES:
+        method = MaximumConsensus(objective=objective, **options)
+        print(next(localize_drive(point_map, scans, prior, method)).status.value)
+"""
+
+
+@pytest.fixture(scope="module")
+def in_cache(maxcon_in_process_of_its_own):
+    """Run the command line with a folder for compiled code."""
+
+    def run(cache, *arguments):
+        return maxcon_in_process_of_its_own(*arguments, env={"NUMBA_CACHE_DIR": str(cache)})
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def warmed(tmp_path_factory, in_cache):
+    """A folder that a first warm-up filled, and how that ended."""
+    cache = tmp_path_factory.mktemp("warmed") / "cache"
+    return cache, in_cache(cache, "warmup")
+
+
+def _code(cache):
+    return {path.relative_to(cache): path.stat().st_mtime_ns for path in cache.rglob("*.nbc")}
+
+
+def test_a_first_call_says_what_it_compiles_and_where_that_is_kept(warmed):
+    cache, ended = warmed
+    assert (ended.code, ended.err) == (0, "")
+    *lines, last = ended.out.splitlines()
+    assert [line.partition("  ")[0] for line in lines] == list(PARTS)
+    assert all(" compiled in " in line and line.endswith(" s") for line in lines)
+    assert last.startswith("compiled in ")
+    assert last.endswith(f" s; the code is kept in {cache}, which NUMBA_CACHE_DIR names")
+    assert len(_code(cache)) >= len(PARTS)
+
+
+def test_a_second_call_has_nothing_to_compile_and_says_so(warmed, in_cache):
+    cache, _ = warmed
+    before = _code(cache)
+    ended = in_cache(cache, "warmup")
+    assert (ended.code, ended.err) == (0, "")
+    *lines, last = ended.out.splitlines()
+    assert [line.split("  ")[0] for line in lines] == list(PARTS)
+    assert all(line.endswith(" compiled already") for line in lines)
+    words = f"everything was compiled already; the code is kept in {cache}, which NUMBA_CACHE_DIR names"
+    assert last == words
+    assert in_cache(cache, "warmup", "--quiet").out == words + "\n"
+    assert _code(cache) == before
+
+
+@pytest.mark.parametrize(
+    "options", [(), ("--multiplicity", "points", "--objective", "count", "--threads", "2")]
+)
+def test_nothing_is_left_to_compile_when_localizing(warmed, in_cache, drive, tmp_path, options):
+    cache, _ = warmed
+    before = _code(cache)
+    prior, out = ("--prior", drive.dataset.prior), ("-o", tmp_path / "poses.csv")
+    ended = in_cache(cache, "localize", drive.city, drive.dataset.scans, *prior, *out, *options)
+    assert ended.code == 0 and ended.out.startswith("4 of 4 epochs localized"), ended
+    assert _code(cache) == before
+
+
+def test_nothing_is_left_to_compile_for_any_option_of_the_method(
+    warmed, maxcon_in_process_of_its_own, drive, tmp_path
+):
+    cache, _ = warmed
+    before = _code(cache)
+    folders = (drive.city, drive.dataset.scans, drive.dataset.prior)
+    ended = maxcon_in_process_of_its_own(*folders, script=ALL_OPTIONS, env={"NUMBA_CACHE_DIR": str(cache)})
+    assert (ended.code, ended.err) == (0, "")
+    assert set(ended.out.split()) == {"localized"}
+    assert _code(cache) == before
+
+
+def test_nothing_is_left_to_compile_when_building_a_map(warmed, in_cache, drive, tmp_path):
+    cache, _ = warmed
+    before = _code(cache)
+    trajectory = ("--trajectory", drive.dataset.map_trajectory)
+    ended = in_cache(
+        cache, "map", "build", *drive.dataset.map_clouds, *trajectory, "-o", tmp_path / "city.map"
+    )
+    assert ended.code == 0, ended
+    assert _code(cache) == before
+
+
+def test_a_tile_of_one_point_needs_nothing_else(warmed, in_cache, street, tmp_path):
+    cache, _ = warmed
+    before = _code(cache)
+    np.savez(tmp_path / "street.npz", points=np.concatenate([street, street[:1] + [100.0, 0.0, 0.0]]))
+    ended = in_cache(cache, "map", "build", tmp_path / "street.npz", "-o", tmp_path / "street.map")
+    assert ended.code == 0, ended
+    assert _code(cache) == before
+
+
+def test_a_named_folder_that_cannot_be_written_is_refused(in_cache, refused, tmp_path):
+    (tmp_path / "file").write_text("")
+    folder = tmp_path / "file" / "cache"
+    refused(in_cache(folder, "warmup"), folder, "NUMBA_CACHE_DIR")
+
+
+@pytest.mark.skipif(not hasattr(numba.config, "CACHE_LOCATOR_CLASSES"), reason="this numba cannot be told")
+@pytest.mark.parametrize(
+    "command", [("warmup",), ("map", "build", "{cloud}", "-o", "{out}")], ids=lambda c: c[0]
+)
+def test_no_folder_at_all_is_refused(maxcon_in_process_of_its_own, refused, street_npz, tmp_path, command):
+    # As where neither the program's nor the user's folder can be written: which a test by root cannot make.
+    environment = {"NUMBA_CACHE_LOCATOR_CLASSES": "IPythonCacheLocator", "NUMBA_CACHE_DIR": ""}
+    arguments = [word.format(cloud=street_npz, out=tmp_path / "map") for word in command]
+    refused(maxcon_in_process_of_its_own(*arguments, env=environment), "compiled code", "NUMBA_CACHE_DIR")
+    assert not (tmp_path / "map").exists()
+
+
+def _on_terminal(start, *arguments, cache):
+    """Run a command whose stderr is a terminal; what that showed."""
+    master, slave = os.openpty()
+    shown = b""
+    with start(*arguments, stderr=slave, env={"NUMBA_CACHE_DIR": str(cache)}) as process:
+        os.close(slave)
+        with suppress(OSError):  # the other end is closed
+            while part := os.read(master, 4096):
+                shown += part
+        process.communicate()
+    os.close(master)
+    assert process.returncode == 0, shown
+    return shown.decode()
+
+
+def test_a_command_that_pauses_to_compile_says_so_once(maxcon_process, street_npz, tmp_path):
+    build, cache = ("map", "build", street_npz, "-o"), tmp_path / "cache"
+    first = _on_terminal(maxcon_process, *build, tmp_path / "1.map", cache=cache)
+    assert first.count(LINE) == 1
+    assert _code(cache)
+    second = _on_terminal(maxcon_process, *build, tmp_path / "2.map", cache=cache)
+    assert "making tiles" in second and "compiling" not in second
+
+
+def _new_kernel(module):
+    def kernel(x):
+        return x + 1
+
+    kernel.__module__ = module
+    return numba.njit(kernel)
+
+
+@pytest.mark.parametrize(
+    ("is_quiet", "is_terminal", "n_lines"), [(False, True, 1), (True, True, 0), (False, False, 0)]
+)
+def test_nothing_is_said_where_quiet_or_no_terminal(monkeypatch, capsys, is_quiet, is_terminal, n_lines):
+    monkeypatch.setattr("sys.stderr.isatty", lambda: is_terminal)
+    kernel = _new_kernel("maxcon.kernels")
+    with compiling_told(is_quiet):
+        kernel(1), kernel(1.0), kernel(2)
+    assert capsys.readouterr().err == f"{LINE}\n" * n_lines
+
+
+def test_each_compilation_counts_once_and_those_of_others_do_not():
+    kernel, other, calls = _new_kernel("maxcon.kernels"), _new_kernel("elsewhere"), []
+    with on_compilation(lambda: calls.append(1)):
+        assert (kernel(1), kernel(2), kernel(1.0), other(1)) == (2, 3, 2.0, 2)
+    assert len(calls) == 2
+    kernel(1j)
+    assert len(calls) == 2
+
+
+def test_words_for_the_folders(monkeypatch, tmp_path):
+    program = Path(package.__file__).parent
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    beside = [program / part / "__pycache__" for part in ("geometry", "search")]
+    assert _where(beside) == f"beside the program, in the folders __pycache__ of {program}"
+    users = [tmp_path / "numba" / part for part in ("geometry_1", "search_2")]
+    assert _where(users) == f"in {tmp_path / 'numba'}, for this user: that of the program cannot be written"
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "numba"))
+    assert _where(users) == f"in {tmp_path / 'numba'}, which NUMBA_CACHE_DIR names"
+
+
+def test_folders_of_kernels_that_are_loaded():
+    from maxcon.search import kernels
+
+    assert Path(kernels.accumulate_tile.stats.cache_path) in code_folders()
