@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: MIT
 """MaximumConsensus, its accumulator and its estimates."""
 
+import gc
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -335,3 +337,29 @@ def test_an_unknown_search_is_refused():
         OptionError, match="Expected `search` to be 'exhaustive' or 'branch and bound', got 'bbs'"
     ):
         MaximumConsensus(search="bbs")
+
+
+@pytest.mark.parametrize("search", ["exhaustive", "branch and bound"])
+def test_memory_does_not_grow_from_epoch_to_epoch(search):
+    points, normals = corner(noise_deg=3.0)
+    point_map = PointMap.from_points(points, normals)
+    method = MaximumConsensus(SPACE, search=search)
+
+    def localize(n_epochs):
+        for number in range(n_epochs):
+            prior = TRUTH.translated([0.01 * (number % 7), 0.0, 0.0])
+            scan = Scan((points - TRUTH.position) @ TRUTH.rotation, normals @ TRUTH.rotation)
+            assert method.localize(scan, point_map, prior).score > 0.0
+
+    localize(5)
+    tracemalloc.start()
+    try:
+        localize(5)
+        gc.collect()
+        held, _ = tracemalloc.get_traced_memory()
+        localize(50)
+        gc.collect()
+        held_after, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert held_after - held < 20_000  # an accumulator of this space takes 64,000 bytes, a scan 4,800
