@@ -11,7 +11,6 @@ visit), kernel, and the rest (memory for the sums, and the copy of them that is 
 """
 
 import argparse
-import importlib
 import tempfile
 import time
 from collections import defaultdict
@@ -27,13 +26,14 @@ from scene import header, scans, street
 import maxcon
 from maxcon.dataset import Dataset
 from maxcon.search import exhaustive, kernels, visit_kernels
+from maxcon.search.field import Field
 from maxcon.study import Study
 from maxcon.study.bench import BenchPlan
 
 SPACE = maxcon.SearchSpace()
 N_CALLS = 11
 PARTS = {
-    "preparation": ["_Field.prepare"],
+    "preparation": ["Field.prepare"],
     "turning": ["turn_to_voxels", "plan_visits", "visits_of_tiles"],
     "kernel": ["accumulate_tile"],
 }
@@ -149,7 +149,6 @@ def measure(first, point_map, scan, prior):
 @contextmanager
 def timed_parts():
     """Seconds spent in each function of PARTS."""
-    module = importlib.import_module("maxcon.search.exhaustive")
     seconds = defaultdict(float)
 
     def timed(name, function):
@@ -161,7 +160,7 @@ def timed_parts():
 
         return call
 
-    with mock.patch.object(module._Field, "prepare", timed("_Field.prepare", module._Field.prepare)):
+    with mock.patch.object(Field, "prepare", timed("Field.prepare", Field.prepare)):
         planning = {name: timed(name, getattr(visit_kernels, name)) for name in PARTS["turning"]}
         kernel = timed("accumulate_tile", kernels.accumulate_tile)
         with (
