@@ -11,7 +11,7 @@ from numba.extending import intrinsic
 
 from maxcon.geometry import voxel_indices
 from maxcon.point_map import PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS
-from maxcon.search.matching import level, tiles_met
+from maxcon.search.matching import level, turn
 
 ROUNDER = 1.5 * 2.0**52 * 2.0**-24
 TILE_BITS = TILE_VOXELS.bit_length() - 1
@@ -74,6 +74,14 @@ class FirstVersion:
                 sums.reshape(-1),
             )  # fmt: skip
         return sums[rim : rim + n_cells, rim : rim + n_cells]
+
+
+def tiles_met(points, point_map, prior, space):
+    """Tiles of the map that a levelled scan, (n, 3), can fall in at any cell."""
+    places = turn(points, prior.heading)[:, :2] + [prior.x, prior.y]
+    largest_turn = float(np.abs(space.headings).max())
+    reach = np.hypot(points[:, 0], points[:, 1]) * largest_turn + space.reach + space.cell
+    return point_map.tiles_met(places - reach[:, None], places + reach[:, None])
 
 
 def reading_order(points, layers, edge):

@@ -25,6 +25,7 @@ from pathlib import Path
 os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import numpy as np
+from latency_plot import plot
 from scene import header
 
 import maxcon
@@ -36,8 +37,6 @@ from maxcon.dataset import Dataset
 from maxcon.drive import DriveOptions
 from maxcon.evaluation import pose_error
 from maxcon.geometry import Pose
-from maxcon.report.figure import INK, MUTED, SERIES, draw_titles, saved_figure
-from maxcon.report.method_style import draw_number_ticks
 from maxcon.search import exhaustive
 from maxcon.study import Study
 from maxcon.study.bench import Bench, BenchPlan
@@ -331,36 +330,7 @@ def scaling(drive):
 
 
 # Inches: the picture is read on phones, so it is narrow and its letters are large.
-WIDTH, LEFT, RIGHT, TOP, BOTTOM, ROW, PANEL_TITLE = 6.4, 2.45, 0.75, 1.15, 0.65, 0.29, 0.42
-GAP = 0.35  # rows, between stages, searches and registrations
-
-
-def plot(path, all_measured):
-    """Draw p50, p95 and p99 of each stage of the first search, and of each method end to end."""
-    panels = [_panel_rows(measured) for measured in all_measured]
-    heights = [ROW * (len(rows) + 2 * GAP) + PANEL_TITLE for rows in panels]
-    height = TOP + sum(heights) + BOTTOM
-    values = np.array([numbers for rows in panels for _, numbers, _ in rows])
-    nice = np.outer(10.0 ** np.arange(-3, 2), (1, 2, 5)).ravel()
-    limits = nice[nice < 0.95 * values.min()].max(), 1.25 * values.max()
-    with saved_figure(path, WIDTH, height) as figure:
-        draw_titles(
-            figure,
-            "One epoch on one core",
-            "Processor time. Mark: median of epochs; thick line: to p95, thin: to p99.",
-        )
-        _draw_key(figure, height)
-        top = height - TOP
-        for measured, rows, panel_height in zip(all_measured, panels, heights, strict=True):
-            box = (LEFT, top - panel_height, WIDTH - LEFT - RIGHT, panel_height - PANEL_TITLE)
-            axes = figure.add_axes((box[0] / WIDTH, box[1] / height, box[2] / WIDTH, box[3] / height))
-            _draw_panel(axes, measured.drive.name, rows, limits)
-            top -= panel_height
-        axes.tick_params(labelbottom=True)
-        axes.set_xlabel("ms, logarithmic")
-
-
-def _panel_rows(measured):
+def panel_rows(measured):
     """Label, percentiles and style of each row: 0 for stages, 1 for searches and 2 for registrations."""
     found = []
     for label, stages, name in measured.rows:
@@ -370,51 +340,6 @@ def _panel_rows(measured):
             words = words.removesuffix(f", {FIRST}") if len(SEARCHES) == 1 else words
             found.append((words, measured.percentiles(stages), style))
     return sorted(found, key=lambda row: row[2])
-
-
-STYLES = (
-    (SERIES[0], "o", "a stage"),
-    (INK, "D", "the search, end to end"),
-    (SERIES[1], "s", "registration, end to end"),
-)
-
-
-def _draw_key(figure, height):
-    from matplotlib.lines import Line2D
-
-    marks = [
-        Line2D([], [], ls="", marker=mark, ms=7, color=color, label=words) for color, mark, words in STYLES
-    ]
-    place = {"loc": "upper left", "bbox_to_anchor": (0.15 / WIDTH, 1.0 - 0.72 / height)}
-    figure.legend(handles=marks, ncols=3, handletextpad=0.1, columnspacing=0.9, fontsize=10.5, **place)
-
-
-def _draw_panel(axes, title, rows, limits):
-    places = [number + GAP * style for number, (_, _, style) in enumerate(rows)]
-    axes.set(xscale="log", xlim=limits, ylim=(places[-1] + 0.5, -0.5), yticks=places)
-    axes.set_yticklabels([label for label, _, _ in rows], fontsize=11, color=INK)
-    axes.set_title(
-        title, loc="left", x=-LEFT / (WIDTH - LEFT - RIGHT) + 0.085, fontweight="bold", fontsize=12.5
-    )
-    axes.set_title("p50 ms", loc="right", x=1.0 + 0.68 / (WIDTH - LEFT - RIGHT), fontsize=11, color=MUTED)
-    draw_number_ticks(axes.xaxis, *limits)
-    axes.tick_params(labelbottom=False, labelsize=10.5)
-    axes.tick_params(axis="y", length=0, labelcolor=INK)
-    axes.grid(axis="x", color="#dfe2e8", lw=0.7)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right", "left"]].set_visible(False)
-    for y, (_, (p50, p95, p99), style) in zip(places, rows, strict=True):
-        color, mark, _ = STYLES[style]
-        axes.plot([p50, p99], [y, y], color=color, lw=1.2)
-        axes.plot([p50, p95], [y, y], color=color, lw=4.0, solid_capstyle="butt", alpha=0.55)
-        axes.plot([p99, p99], [y - 0.16, y + 0.16], color=color, lw=1.2)
-        axes.plot(p50, y, mark, color=color, ms=7.5, mec="white", mew=0.8)
-        place = {"xycoords": ("axes fraction", "data"), "ha": "right", "va": "center_baseline"}
-        weight = "bold" if style else "normal"
-        x = 1.0 + 0.68 / (WIDTH - LEFT - RIGHT)
-        axes.annotate(
-            f"{p50:.1f}", (x, y), fontsize=11, color=INK, fontweight=weight, annotation_clip=False, **place
-        )
 
 
 def put_into(page, lines):
@@ -444,7 +369,7 @@ def main():
         lines += _printed(all_measured[-1].table())
     lines += _printed(scaling(drives[0]))
     put_into(arguments.page, lines)
-    plot(arguments.out, all_measured)
+    plot(arguments.out, {measured.drive.name: panel_rows(measured) for measured in all_measured})
 
 
 if __name__ == "__main__":

@@ -104,8 +104,7 @@ def runner_up_ratio(scores: Scores, cell: Cell, space: SearchSpace, guard_radius
     ny, nx = highest.shape
     padded = np.pad(highest, 1, constant_values=-np.inf)
     around = np.max([padded[y : y + ny, x : x + nx] for y in range(3) for x in range(3)], axis=0)
-    distance = np.hypot(np.arange(ny)[:, None] - cell[1], np.arange(nx)[None, :] - cell[2]) * space.cell
-    is_rival = (highest == around) & (distance > guard_radius)
+    is_rival = (highest == around) & _is_beyond(cell, space, guard_radius)
     return float(highest[is_rival].max(initial=0.0) / scores[cell])
 
 
@@ -123,6 +122,11 @@ def highest_beyond(scores: Scores, cell: Cell, space: SearchSpace, guard_radius:
     guard_radius : float
         Places nearer to the cell do not count, m.
     """
-    _, ny, nx = scores.shape
+    return float(scores.max(axis=0).max(where=_is_beyond(cell, space, guard_radius), initial=0.0))
+
+
+def _is_beyond(cell: Cell, space: SearchSpace, guard_radius: float) -> NDArray[np.bool_]:
+    """Whether each place, shape (ny, nx), lies farther than the guard radius (m) from a cell."""
+    _, ny, nx = space.shape
     distance = np.hypot(np.arange(ny)[:, None] - cell[1], np.arange(nx)[None, :] - cell[2]) * space.cell
-    return float(scores.max(axis=0).max(where=distance > guard_radius, initial=0.0))
+    return np.asarray(distance > guard_radius)

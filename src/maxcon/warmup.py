@@ -7,7 +7,7 @@ No kernel is named here: what the public functions call is compiled, also what t
 
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
 from enum import Enum
 from itertools import product
@@ -27,7 +27,7 @@ from maxcon.scan import Scan
 from maxcon.search import consensus_set
 from maxcon.search_space import SearchSpace
 
-__all__ = ["OBJECTIVES", "Compiled", "options_of_the_method", "warm_up"]
+__all__ = ["OBJECTIVES", "SPACE", "Compiled", "options_of_the_method", "search_room", "warm_up"]
 
 PRIOR = Pose(0.02, -0.03, 0.0, 0.0, 0.0, 0.0)
 SPACE = SearchSpace(half_width=0.24, heading_half_width_deg=0.5)
@@ -126,22 +126,34 @@ def _build(folder: Path) -> None:
         )
 
 
-def _search_in_memory() -> None:
+def search_room(methods: Iterable[MaximumConsensus], *, is_signed: bool = True) -> None:
+    """Let methods with the space `SPACE` localize a scan of the room in a map in memory."""
     points, normals = _room()
+    _search(PointMap.from_points(points, normals, SPACE.cell, is_signed=is_signed), methods)
+
+
+def _search_in_memory() -> None:
     for is_signed in (True, False):
-        _search(PointMap.from_points(points, normals, SPACE.cell, is_signed=is_signed))
+        search_room(_all_methods(), is_signed=is_signed)
 
 
 def _search_on_disk(folder: Path) -> None:
     """Search in mapped files: their arrays are read-only, which is another type."""
     for name in ("signed", "unsigned"):
-        _search(PointMap.open(folder / f"{name}.map"))
+        _search(PointMap.open(folder / f"{name}.map"), _all_methods())
 
 
-def _search(point_map: PointMap) -> None:
+def _all_methods() -> list[MaximumConsensus]:
+    return [
+        MaximumConsensus(SPACE, objective, **options)
+        for objective, options in product(OBJECTIVES, options_of_the_method())
+    ]
+
+
+def _search(point_map: PointMap, methods: Iterable[MaximumConsensus]) -> None:
     scan = _scan()
-    for objective, options in product(OBJECTIVES, options_of_the_method()):
-        MaximumConsensus(SPACE, objective, **options).localize(scan, point_map, PRIOR)
+    for method in methods:
+        method.localize(scan, point_map, PRIOR)
     consensus_set(scan, point_map, PRIOR, SPACE, cell=(0, 0, 0))
 
 

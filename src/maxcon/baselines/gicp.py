@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from maxcon.baselines.map_targets import MapTargets
 from maxcon.baselines.place import Place
-from maxcon.baselines.started import check_number, check_steps
+from maxcon.baselines.started import check_iteration, check_steps
 from maxcon.baselines.thinning import thin
 from maxcon.errors import MissingExtraError, OptionError
 from maxcon.estimate import Estimate, Status
@@ -109,12 +109,7 @@ class Gicp:
     targets: MapTargets = field(default_factory=MapTargets, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        check_number("gate", self.gate, 3.0, "m")
-        check_number("thinning", self.thinning, 0.75, "m", may_be_zero=True)
-        check_steps("max_iterations", self.max_iterations, 50)
-        check_number("step_tolerance", self.step_tolerance, 1e-3, "m")
-        check_number("turn_tolerance", self.turn_tolerance, 2e-3, "rad")
-        check_number("target_edge", self.target_edge, 0.5, "m")
+        check_iteration(self)
         check_steps("n_neighbours", self.n_neighbours, 10)
         if self.n_neighbours < LEAST_NEIGHBOURS:
             raise OptionError(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from maxcon.baselines.map_targets import MapTargets
 from maxcon.baselines.place import Place
 from maxcon.baselines.residuals import Residual, smallest_step
-from maxcon.baselines.started import check_number, check_steps
+from maxcon.baselines.started import check_iteration
 from maxcon.baselines.thinning import thin
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
@@ -89,12 +89,7 @@ class Icp:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "residual", Residual.parse(self.residual))
-        check_number("gate", self.gate, 1.0, "m")
-        check_number("thinning", self.thinning, 0.75, "m", may_be_zero=True)
-        check_steps("max_iterations", self.max_iterations, 100)
-        check_number("step_tolerance", self.step_tolerance, 3e-3, "m")
-        check_number("turn_tolerance", self.turn_tolerance, 5e-4, "rad")
-        check_number("target_edge", self.target_edge, 0.25, "m")
+        check_iteration(self)
 
     def localize(self, scan: Scan, point_map: PointMap, prior: Pose) -> Estimate:
         """Find the pose of a scan in the map.

@@ -2,12 +2,10 @@
 # SPDX-License-Identifier: MIT
 """What ICP makes small, and its normal equations for x, y and heading."""
 
-from enum import StrEnum
-
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.errors import OptionError
+from maxcon.named_option import NamedOption
 
 __all__ = ["NormalEquations", "Residual", "smallest_step"]
 
@@ -18,7 +16,7 @@ NormalEquations = tuple[NDArray[np.float64], NDArray[np.float64]]
 OPEN_RATIO = 1e-6
 
 
-class Residual(StrEnum):
+class Residual(NamedOption, option="residual"):
     """How far a scan point is from its partner in the map, r = p - q."""
 
     PLANE = "plane"
@@ -30,20 +28,6 @@ class Residual(StrEnum):
 
     POINT = "point"
     """r itself."""
-
-    @classmethod
-    def parse(cls, value: "str | Residual") -> "Residual":
-        """Return the residual of that name.
-
-        Raises
-        ------
-        OptionError
-            If there is none.
-        """
-        try:
-            return cls(value)
-        except ValueError:
-            raise OptionError(f"Expected `residual` to be 'plane' or 'point', got {value!r}.") from None
 
     def normal_equations(
         self, arms: NDArray[np.float64], offsets: NDArray[np.float64], normals: NDArray[np.float64]

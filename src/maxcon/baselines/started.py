@@ -3,7 +3,8 @@
 """What the baselines have in common: they go from a start, and share work between the starts of one scan."""
 
 import math
-from typing import Protocol
+from dataclasses import fields
+from typing import TYPE_CHECKING, Protocol, cast
 
 from maxcon.errors import OptionError
 from maxcon.estimate import Estimate
@@ -11,7 +12,11 @@ from maxcon.geometry import Pose
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
 
-__all__ = ["Aligner", "StartedMethod", "check_number", "check_steps"]
+if TYPE_CHECKING:
+    from maxcon.baselines.gicp import Gicp
+    from maxcon.baselines.icp import Icp
+
+__all__ = ["Aligner", "StartedMethod", "check_iteration", "check_number", "check_steps"]
 
 
 class Aligner(Protocol):
@@ -68,3 +73,24 @@ def check_steps(name: str, value: int, default: int) -> None:
         raise OptionError(
             f"Expected `{name}` to be a whole number from 1, got {value}. The default is {default}."
         )
+
+
+def check_iteration(method: "Icp | Gicp") -> None:
+    """Refuse options that all methods which iterate from a start have; defaults are those of its class.
+
+    Raises
+    ------
+    OptionError
+        If one is out of its range.
+    """
+    defaults = {option.name: option.default for option in fields(method)}
+
+    def check(name: str, unit: str, *, may_be_zero: bool = False) -> None:
+        check_number(name, getattr(method, name), cast(float, defaults[name]), unit, may_be_zero=may_be_zero)
+
+    check("gate", "m")
+    check("thinning", "m", may_be_zero=True)
+    check_steps("max_iterations", method.max_iterations, cast(int, defaults["max_iterations"]))
+    check("step_tolerance", "m")
+    check("turn_tolerance", "rad")
+    check("target_edge", "m")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from maxcon.cli.compiling import compiling_told
+from maxcon.cli.options import HeadingStepDeg, MaxRange, MinRange
 from maxcon.cli.progress import progress_bar
 from maxcon.cli.search_space import chosen_space
 
@@ -98,11 +99,9 @@ def localize(
         float | None,
         typer.Option(metavar="K", help="How many standard deviations to search; 3 if not given."),
     ] = None,
-    heading_step_deg: Annotated[
-        float, typer.Option(metavar="DEG", help="Step between headings, degrees.")
-    ] = 0.5,
-    min_range: Annotated[float, typer.Option(metavar="M", help="Nearer points are left out.")] = 1.0,
-    max_range: Annotated[float, typer.Option(metavar="M", help="Farther points are left out.")] = 120.0,
+    heading_step_deg: HeadingStepDeg = 0.5,
+    min_range: MinRange = 1.0,
+    max_range: MaxRange = 120.0,
     max_gap: Annotated[
         float, typer.Option(metavar="S", help="Largest gap in the prior to interpolate across.")
     ] = 0.5,

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rich.progress import Progress
 
+    from maxcon.progress import Progress as StepProgress
+
 __all__ = ["progress_bar", "step_bars"]
 
 SPEED_PERIOD = 600.0
@@ -52,7 +54,7 @@ def progress_bar(title: str, total: int, unit: str, is_quiet: bool) -> Iterator[
 
 
 @contextmanager
-def step_bars(unit: str, is_quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
+def step_bars(unit: str, is_quiet: bool) -> Iterator["StepProgress"]:
     """Yield a function to call with (step, done, of how many); each step gets a bar of its own."""
     if is_quiet or not sys.stderr.isatty():
         yield lambda step, done, total: None

@@ -12,7 +12,6 @@ if TYPE_CHECKING:
 
 __all__ = ["chosen_space"]
 
-HALF_WIDTH, HEADING_HALF_WIDTH_DEG = 3.0, 2.0
 SIGMAS = 3.0
 
 
@@ -38,10 +37,11 @@ def chosen_space(
     from maxcon.search_space import SearchSpace
 
     if sigma_position is None and sigma_heading_deg is None and sigmas is None:
+        usual = SearchSpace()
         return SearchSpace(
-            HALF_WIDTH if half_width is None else half_width,
+            usual.half_width if half_width is None else half_width,
             cell,
-            HEADING_HALF_WIDTH_DEG if heading_half_width_deg is None else heading_half_width_deg,
+            usual.heading_half_width_deg if heading_half_width_deg is None else heading_half_width_deg,
             heading_step_deg,
         )
     if half_width is not None or heading_half_width_deg is not None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from maxcon.cli.options import HeadingStepDeg, MaxRange, MinRange
 from maxcon.cli.progress import step_bars
 
 if TYPE_CHECKING:
@@ -46,11 +47,9 @@ def study(
     heading_half_width_deg: Annotated[
         float, typer.Option(metavar="DEG", help="Largest turn from the prior's heading, degrees.")
     ] = 2.0,
-    heading_step_deg: Annotated[
-        float, typer.Option(metavar="DEG", help="Step between headings, degrees.")
-    ] = 0.5,
-    min_range: Annotated[float, typer.Option(metavar="M", help="Nearer points are left out.")] = 1.0,
-    max_range: Annotated[float, typer.Option(metavar="M", help="Farther points are left out.")] = 120.0,
+    heading_step_deg: HeadingStepDeg = 0.5,
+    min_range: MinRange = 1.0,
+    max_range: MaxRange = 120.0,
     max_gap: Annotated[
         float, typer.Option(metavar="S", help="Largest gap in prior and reference to interpolate across.")
     ] = 0.5,

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from maxcon.atomic import make_folder
-from maxcon.demo.run import DemoDrive, MethodResult, Progress
+from maxcon.demo.run import DemoDrive, MethodResult
 from maxcon.drive import EpochEstimate
 from maxcon.geometry import Pose
 from maxcon.io.scans import open_scans
+from maxcon.progress import Progress
 from maxcon.report import (
     DemoPage,
     MethodSummary,

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 """Running the demo, by the same road as real data: dataset, map, poses."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from maxcon.maximum_consensus import MaximumConsensus
 from maxcon.objectives import Count, Helmert
 from maxcon.point_map import PointMap
 from maxcon.poses_table import write_poses
+from maxcon.progress import Progress
 from maxcon.report.figure import check_matplotlib
 from maxcon.report.html import check_jinja2
 from maxcon.simulation import simulate
@@ -38,9 +39,6 @@ __all__ = [
 
 DEMO_NAMES = ("report.html", "dataset", "city.map", "pictures", "poses-*.csv")
 """All that the folder of a demo holds."""
-
-Progress = Callable[[str, int, int], None]
-"""Called with the step's name, how much is done, and of how much."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@
 
 import math
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +30,7 @@ from maxcon.mapping.tiles import TileMaker
 from maxcon.point_map import TILE_VOXELS, TileKey
 from maxcon.point_map.manifest import MAP_NAMES, Manifest, TileEntry, write_manifest
 from maxcon.point_map.store import write_tile
+from maxcon.progress import Progress
 from maxcon.trajectory import Trajectory
 from maxcon.version import __version__
 
@@ -37,9 +38,6 @@ __all__ = ["MapOptions", "build_map"]
 
 # Each thread holds a part of a tile's points and its voxels, about 0.25 GiB: more threads only on demand.
 MOST_THREADS = 4
-
-Progress = Callable[[str, int, int], None]
-"""Called with the step's name, how many points or tiles are done, and of how many."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,6 +30,11 @@ class Verdict(StrEnum):
     DIFFERS = "differs"
     NOT_STUDIED = "not studied"
 
+    @classmethod
+    def of(cls, is_so: bool, is_partly: bool = False) -> "Verdict":
+        """Return how a studied claim fares: that it is so goes before that it partly is."""
+        return cls.AGREES if is_so else cls.PARTLY if is_partly else cls.DIFFERS
+
 
 @dataclass(frozen=True, slots=True)
 class Claim:
@@ -104,17 +109,22 @@ def _left_out(method: MethodStatistics) -> str:
     return f" ({n_left_out:,} more could not be tried)" if n_left_out else ""
 
 
+def _lacking(found: Mapping[str, MethodStatistics], name: str) -> str:
+    """Say what a claim about a method lacks; nothing if there is an answer."""
+    if name not in found:
+        return name
+    return "" if found[name].n_tried else f"an answer of {name}"
+
+
 def _not_studied(paper: str, names: str) -> Claim:
     return Claim(paper, f"No epoch with {names}.", Verdict.NOT_STUDIED)
 
 
 def _helmert_succeeds(found: Mapping[str, MethodStatistics]) -> Claim:
     paper = "Maximum consensus with Helmert's score always finds the true pose: 3001 of 3001 epochs."
-    if HELMERT not in found:
-        return _not_studied(paper, HELMERT)
+    if lacking := _lacking(found, HELMERT):
+        return _not_studied(paper, lacking)
     method = found[HELMERT]
-    if not method.n_tried:
-        return _not_studied(paper, f"an answer of {HELMERT}")
     words = f"{_share(method.n_success, method.n_tried)} epochs within 0.3 m and 1°"
     if "helmert-occupied" in found:
         other = found["helmert-occupied"]
@@ -122,18 +132,14 @@ def _helmert_succeeds(found: Mapping[str, MethodStatistics]) -> Claim:
     words += _left_out(method)
     is_all = method.n_success == method.n_tried
     is_most = method.n_success >= 0.99 * method.n_tried
-    return Claim(
-        paper, words + ".", Verdict.AGREES if is_all else Verdict.PARTLY if is_most else Verdict.DIFFERS
-    )
+    return Claim(paper, words + ".", Verdict.of(is_all, is_most))
 
 
 def _count_fails(found: Mapping[str, MethodStatistics]) -> Claim:
     paper = "The count fails in some epochs, where the density of the map is uneven."
-    if COUNT not in found:
-        return _not_studied(paper, COUNT)
+    if lacking := _lacking(found, COUNT):
+        return _not_studied(paper, lacking)
     method = found[COUNT]
-    if not method.n_tried:
-        return _not_studied(paper, f"an answer of {COUNT}")
     n_failed = method.n_tried - method.n_success
     words = f"The count fails in {_share(n_failed, method.n_tried)} epochs"
     words += f", by up to {method.distance.worst:.2f} m" if method.distance.worst > 0.3 else ""
@@ -141,7 +147,7 @@ def _count_fails(found: Mapping[str, MethodStatistics]) -> Claim:
         other = found["count-occupied"]
         words += f"; in {_share(other.n_tried - other.n_success, other.n_tried)} where a voxel counts once"
     words += _left_out(method)
-    return Claim(paper, words + ".", Verdict.AGREES if n_failed else Verdict.DIFFERS)
+    return Claim(paper, words + ".", Verdict.of(n_failed > 0))
 
 
 def _icp_fails(found: Mapping[str, MethodStatistics]) -> Claim:
@@ -158,11 +164,7 @@ def _icp_fails(found: Mapping[str, MethodStatistics]) -> Claim:
         for method in studied
     ) + _left_out(studied[0])
     exceeds = [share > 0.2 for share in shares]
-    return Claim(
-        paper,
-        words + ".",
-        Verdict.AGREES if all(exceeds) else Verdict.PARTLY if any(exceeds) else Verdict.DIFFERS,
-    )
+    return Claim(paper, words + ".", Verdict.of(all(exceeds), any(exceeds)))
 
 
 def _compared(
@@ -186,12 +188,11 @@ def _compared(
     n_better = sum(is_better(helmert[epoch], count[epoch]) for epoch in both)
     is_so, is_general = is_better(*medians), n_better >= 0.9 * len(both)
     is_general &= medians[0] >= factor * medians[1] if factor > 1.0 else True
-    verdict = Verdict.AGREES if is_so and is_general else Verdict.PARTLY if is_so else Verdict.DIFFERS
     return Claim(
         paper,
         f"{where}{words} of Helmert's score {medians[0]:.3g}, of the count {medians[1]:.3g}; Helmert's is the more"
         f" distinct in {_share(n_better, len(both))} epochs.",
-        verdict,
+        Verdict.of(is_so and is_general, is_so),
     )
 
 
@@ -218,11 +219,7 @@ def _spread(methods: Mapping[str, MethodRows], cell: float) -> Claim:
     )
     shares = [near / len(values) for near, values in zip(n_near, spreads, strict=True)]
     is_so = shares[0] == 1.0 and shares[1] < 1.0
-    return Claim(
-        paper,
-        words,
-        Verdict.AGREES if is_so else Verdict.PARTLY if shares[0] > shares[1] else Verdict.DIFFERS,
-    )
+    return Claim(paper, words, Verdict.of(is_so, shares[0] > shares[1]))
 
 
 def _precision(methods: Mapping[str, MethodRows]) -> Claim:
@@ -241,9 +238,7 @@ def _precision(methods: Mapping[str, MethodRows]) -> Claim:
     words = (
         f"Where both succeed ({len(both):,} epochs), median error of {name} {medians[0]:.3f} m, of {HELMERT}"
     )
-    return Claim(
-        paper, f"{words} {medians[1]:.3f} m.", Verdict.AGREES if medians[0] < medians[1] else Verdict.DIFFERS
-    )
+    return Claim(paper, f"{words} {medians[1]:.3f} m.", Verdict.of(medians[0] < medians[1]))
 
 
 def _successes(rows: MethodRows) -> dict[int, float]:

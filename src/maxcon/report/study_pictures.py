@@ -3,12 +3,13 @@
 """Which pictures a study can have: what is missing is said in a note, and leaves the rest of the page whole."""
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 from maxcon.dataset import Dataset
 from maxcon.drive import DriveOptions
 from maxcon.errors import FileError, MaxconError
+from maxcon.progress import Progress
 from maxcon.report.claims import HELMERT
 from maxcon.report.html import Picture
 from maxcon.report.study_scenes import StudyScenes, pick_epochs, space_of
@@ -18,10 +19,7 @@ from maxcon.study.bench import REFERENCE, BenchPlan
 from maxcon.study.configuration import check_parts, dataset_parts
 from maxcon.study.map_variants import STANDARD
 
-__all__ = ["Progress", "draw_pictures", "open_scenes"]
-
-Progress = Callable[[str, int, int], None]
-"""Called with (step, done, of how many)."""
+__all__ = ["draw_pictures", "open_scenes"]
 
 
 def open_scenes(

@@ -12,11 +12,12 @@ from pathlib import Path
 from maxcon.atomic import check_folder, check_writable, make_folder
 from maxcon.dataset import DESCRIPTION
 from maxcon.errors import OptionError
+from maxcon.progress import Progress
 from maxcon.report.claims import COUNT, HELMERT, paper_claims
 from maxcon.report.figure import check_matplotlib
 from maxcon.report.html import check_jinja2
 from maxcon.report.study_page import StudyPage, write_study_page
-from maxcon.report.study_pictures import Progress, draw_pictures, open_scenes
+from maxcon.report.study_pictures import draw_pictures, open_scenes
 from maxcon.report.study_scenes import space_of
 from maxcon.report.study_tables import method_tables
 from maxcon.search_space import SearchSpace

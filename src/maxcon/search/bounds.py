@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.geometry import Pose
-from maxcon.point_map import TILE_VOXELS
 from maxcon.search.field import Field
 from maxcon.search_space import SearchSpace
 
@@ -153,15 +152,12 @@ class HeadingPass:
         first, last = self.offsets
         n_cells = last - first + 1
         visits = self.visits if every == 1 else self.visits[self.visits[:, 0] % every == 0]
-        starts, numbers = visit_kernels.visits_of_tiles(visits, first, last, field.corner, field.shape)
         width, unit = n_cells + 2 * rim, self.bounds.unit
         shape = (len(self.headings), width, width)
         sums = np.zeros(shape, np.int32 if field.is_once else np.int64)
-        for slot, (tile, layers) in field.tiles.items():
+        for numbers, layers, tile in field.visited(visits, first, last):
             bound_kernels.bound_tile(
-                numbers[starts[slot] : starts[slot + 1]], visits, field.starts, field.middles, field.ranks, layers,
-                self.columns, self.turned, (tile.key[0] * TILE_VOXELS, tile.key[1] * TILE_VOXELS),
-                tile.index.patch_starts, tile.columns, tile.normals, tile.counts[:0] if field.is_once else tile.counts,
+                numbers, visits, field.starts, field.middles, field.ranks, layers, self.columns, self.turned, *tile,
                 (first, n_cells, width), field.is_weighted and not axis.is_none, field.is_signed, (axis.x, axis.y),
                 np.float32(least), np.float32(1.0 / unit), sums.reshape(len(self.headings), -1),
             )  # fmt: skip

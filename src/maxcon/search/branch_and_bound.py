@@ -217,8 +217,8 @@ class _Search:
         upper = self._upper([along])
         if np.count_nonzero(upper >= self._asked) > MOST_CANDIDATES:
             self.scores.score(_cells(heading_pass, np.argpartition(upper, -AT_ONCE, axis=None)[-AT_ONCE:]))
-        here = np.flatnonzero((upper >= self._asked).any(axis=(1, 2)))
         if len(axes) > 1 and np.count_nonzero(upper >= self._asked) > MOST_CANDIDATES:
+            here = np.flatnonzero((upper >= self._asked).any(axis=(1, 2)))
             other = self.bounds.heading_pass(heading_pass.headings[here]).along(axes[1], least)
             upper[here] = np.minimum(upper[here], self._upper([along[here], other]))
         is_left = upper >= self._asked

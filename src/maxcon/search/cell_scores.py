@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.objectives import BoundedByCount, Moments, Objective, Scores
-from maxcon.point_map import TILE_VOXELS
-from maxcon.search.bounds import Bounds
+from maxcon.search.bounds import Bounds, HeadingPass
 from maxcon.search_space import Cell
 
 __all__ = ["Candidates", "CellScores"]
@@ -71,6 +70,7 @@ class CellScores:
     best: float = -math.inf
     cell: Cell = (0, 0, 0)
     scored: dict[Cell, tuple[float, Moments]] = field(default_factory=dict)
+    _turned: dict[int, HeadingPass] = field(default_factory=dict)
 
     def score(self, cells: NDArray[np.int64]) -> None:
         """Score cells that are not yet, and keep the best."""
@@ -92,22 +92,19 @@ class CellScores:
 
         Without points that have no normal only N is whole.
         """
-        from maxcon.search import exact_kernels, visit_kernels
+        from maxcon.search import exact_kernels
 
-        searched, space, prior = self.bounds.field, self.bounds.space, self.bounds.prior
-        columns, turned = searched.turned(prior, [prior.heading + space.headings[heading]])
-        offsets = cells[:, :0:-1] - space.shape[2] // 2
-        visits = visit_kernels.plan_visits(searched.starts, columns)
-        first, last = int(offsets.min()), int(offsets.max())
-        starts, numbers = visit_kernels.visits_of_tiles(visits, first, last, searched.corner, searched.shape)
+        if heading not in self._turned:
+            self._turned[heading] = self.bounds.heading_pass(np.array([heading]))
+        turned, searched = self._turned[heading], self.bounds.field
+        offsets = cells[:, :0:-1] + turned.offsets[0]
+        ends = searched.starts[1:] if with_all else searched.middles
         moments = np.zeros((len(cells), 4))
-        for slot, (tile, layers) in searched.tiles.items():
+        tiles = searched.visited(turned.visits, int(offsets.min()), int(offsets.max()))
+        for numbers, layers, tile in tiles:
             exact_kernels.moments_of_cells(
-                offsets, visits[numbers[starts[slot] : starts[slot + 1]], 0], searched.starts,
-                searched.starts[1:] if with_all else searched.middles, searched.ranks, layers, columns[0], turned[0],
-                (tile.key[0] * TILE_VOXELS, tile.key[1] * TILE_VOXELS), tile.index.patch_starts, tile.columns,
-                tile.normals, tile.counts[:0] if searched.is_once else tile.counts, searched.is_weighted,
-                searched.is_signed, moments,
+                offsets, turned.visits[numbers, 0], searched.starts, ends, searched.ranks, layers, turned.columns[0],
+                turned.turned[0], *tile, searched.is_weighted, searched.is_signed, moments,
             )  # fmt: skip
         return moments
 

@@ -5,10 +5,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.geometry import Pose, voxel_indices
+from maxcon.geometry import Pose, voxel_centers, voxel_indices
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
-from maxcon.search.matching import check_cell_edge, level, tiles_met, turn
+from maxcon.search.matching import check_cell_edge, level, turn
 from maxcon.search_space import Cell, SearchSpace
 
 __all__ = ["consensus_set"]
@@ -53,8 +53,9 @@ def consensus_set(
     low, high = indices.min(axis=0), indices.max(axis=0)
     size = (high - low + 1).astype(np.int64)
     wanted = _flat(indices - low, size)
+    centers = voxel_centers(indices, point_map.cell)[:, :2]
     is_matched = np.zeros(len(indices), bool)
-    for tile in tiles_met(levelled.points, point_map, prior, space):
+    for tile in point_map.tiles_met(centers, centers):
         voxels = tile.voxels
         is_near = ((voxels >= low) & (voxels <= high)).all(axis=1)
         is_matched |= np.isin(wanted, _flat(voxels[is_near] - low, size))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from maxcon.accumulator import Accumulator
 from maxcon.errors import OptionError, SearchSpaceError
 from maxcon.geometry import Pose
-from maxcon.point_map import TILE_VOXELS, PointMap
+from maxcon.point_map import PointMap
 from maxcon.scan import Scan
 from maxcon.search.field import Field
 from maxcon.search.matching import Multiplicity, Weighting, check_cell_edge
@@ -115,16 +115,13 @@ def _search_headings(
     columns, turned = field.turned(prior, headings)
     first, last = -(nx // 2), nx - 1 - nx // 2
     visits = visit_kernels.plan_visits(field.starts, columns)
-    starts, numbers = visit_kernels.visits_of_tiles(visits, first, last, field.corner, field.shape)
     rim = visit_kernels.RIM
     width = nx + 2 * rim
     width += (2 - width) % 4  # an odd number of cache lines: cells above each other do not share a cache set
     sums = _aligned_zeros((n_headings, ny + 2 * rim, width, 4))
-    for slot, (tile, layers) in field.tiles.items():
+    for numbers, layers, tile in field.visited(visits, first, last):
         kernels.accumulate_tile(
-            numbers[starts[slot] : starts[slot + 1]], visits, field.starts, field.middles, field.ranks, layers,
-            columns, turned, (tile.key[0] * TILE_VOXELS, tile.key[1] * TILE_VOXELS), tile.index.patch_starts,
-            tile.columns, tile.normals, tile.counts[:0] if field.is_once else tile.counts,
+            numbers, visits, field.starts, field.middles, field.ranks, layers, columns, turned, *tile,
             (first, nx, width), field.is_weighted, field.is_signed, sums.reshape(n_headings, -1),
         )  # fmt: skip
     moments[...] = sums[:, rim : rim + ny, rim : rim + nx]

@@ -3,18 +3,25 @@
 """Field: what the compiled searches make of a scan, a prior and the tiles around before they begin."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from maxcon.geometry import Pose, voxel_indices
-from maxcon.point_map import PointMap, TileKey, VoxelTile
+from maxcon.point_map import TILE_VOXELS, PointMap, TileKey, VoxelTile
 from maxcon.scan import Scan
 from maxcon.search.matching import Multiplicity, Weighting, level
 from maxcon.search_space import SearchSpace
 
 __all__ = ["Field"]
+
+TileArrays = tuple[
+    tuple[int, int], NDArray[np.int64], NDArray[np.int16], NDArray[np.float32], NDArray[np.int32]
+]
+"""(x, y) voxel index of a tile, its patch starts, and columns, normals and counts of its voxels; no counts where a
+voxel counts once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,6 +123,36 @@ class Field:
     def turned(self, prior: Pose, headings: ArrayLike) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
         """Voxel columns (h, 2, n) and normals (h, 3, n) of the points at h headings, in the map's axes."""
         return _turned(self.points, self.normals, prior, headings, self.cell)
+
+    def visited(
+        self, visits: NDArray[np.int64], first: int, last: int
+    ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], TileArrays]]:
+        """Yield each tile as the kernels take it, with what meets it.
+
+        Parameters
+        ----------
+        visits : array, shape (m, 7)
+            As `visit_kernels.plan_visits` planned them.
+        first, last : int
+            Offsets, voxels.
+
+        Yields
+        ------
+        numbers : array
+            The visits that meet the tile at some offset.
+        layers : array
+            The layer that each rank has in the tile, -1 for none.
+        tile : tuple
+            Its arrays.
+        """
+        from maxcon.search import visit_kernels
+
+        starts, numbers = visit_kernels.visits_of_tiles(visits, first, last, self.corner, self.shape)
+        for slot, (tile, layers) in self.tiles.items():
+            corner = (tile.key[0] * TILE_VOXELS, tile.key[1] * TILE_VOXELS)
+            counts = tile.counts[:0] if self.is_once else tile.counts
+            arrays = (corner, tile.index.patch_starts, tile.columns, tile.normals, counts)
+            yield numbers[starts[slot] : starts[slot + 1]], layers, arrays
 
 
 def _groups(

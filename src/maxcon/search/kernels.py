@@ -7,8 +7,8 @@ from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic
 
-from maxcon.point_map import PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS
-from maxcon.search.visit_kernels import RIM
+from maxcon.point_map import PATCH_VOXELS, TILE_PATCHES
+from maxcon.search.visit_kernels import RIM, rectangle_in_tile
 
 __all__ = ["accumulate_tile"]
 
@@ -249,10 +249,7 @@ def accumulate_tile(
             continue
         headings = (visits[number, 1], visits[number, 2])
         points = (starts[group], middles[group], starts[group + 1])
-        x_first = max(visits[number, 3] + first - corner[0], 0)
-        x_last = min(visits[number, 4] + last - corner[0], TILE_VOXELS - 1)
-        y_first = max(visits[number, 5] + first - corner[1], 0)
-        y_last = min(visits[number, 6] + last - corner[1], TILE_VOXELS - 1)
+        x_first, x_last, y_first, y_last = rectangle_in_tile(visits[number], first, last, corner)
         low, span = (x_first, y_first), (np.uint32(x_last - x_first), np.uint32(y_last - y_first))
         n_taken = np.uint64(0)
         for py in range(y_first >> PATCH_BITS, (y_last >> PATCH_BITS) + 1):

@@ -3,14 +3,14 @@
 """What every search agrees on: what a match counts and weighs, and where a scan point comes to lie."""
 
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.errors import OptionError, SearchSpaceError
+from maxcon.errors import SearchSpaceError
 from maxcon.geometry import Pose, rotation_matrices
-from maxcon.point_map import PointMap, VoxelTile
+from maxcon.named_option import NamedOption
+from maxcon.point_map import PointMap
 from maxcon.scan import Scan
 from maxcon.search_space import SearchSpace
 
@@ -22,7 +22,6 @@ __all__ = [
     "Weighting",
     "check_cell_edge",
     "level",
-    "tiles_met",
     "turn",
 ]
 
@@ -31,33 +30,17 @@ CONTRIBUTION_STEP = 2.0**-24
 equal in any order, up to 2^29 matches in a cell (D8)."""
 
 
-class Multiplicity(StrEnum):
+class Multiplicity(NamedOption, option="multiplicity"):
     """How much a match weighs (D4)."""
-
-    POINTS = "points"
-    """As many as the map points in the voxel: the paper's count, biased by map density."""
 
     OCCUPIED = "occupied"
     """One: free of density."""
 
-    @classmethod
-    def parse(cls, value: "str | Multiplicity") -> "Multiplicity":
-        """Return the multiplicity of that name.
-
-        Raises
-        ------
-        OptionError
-            If there is none.
-        """
-        try:
-            return cls(value)
-        except ValueError:
-            raise OptionError(
-                f"Expected `multiplicity` to be 'occupied' or 'points', got {value!r}."
-            ) from None
+    POINTS = "points"
+    """As many as the map points in the voxel: the paper's count, biased by map density."""
 
 
-class Weighting(StrEnum):
+class Weighting(NamedOption, option="weighting"):
     """The weight w of a match in N, equation (4); its count does not depend on it (D5)."""
 
     COSINE = "cosine"
@@ -68,22 +51,8 @@ class Weighting(StrEnum):
     """1, whatever the normal of the scan point, and where it has none: what the paper's weights are
     compared with. A map voxel without a normal still constrains nothing."""
 
-    @classmethod
-    def parse(cls, value: "str | Weighting") -> "Weighting":
-        """Return the weighting of that name.
 
-        Raises
-        ------
-        OptionError
-            If there is none.
-        """
-        try:
-            return cls(value)
-        except ValueError:
-            raise OptionError(f"Expected `weighting` to be 'cosine' or 'one', got {value!r}.") from None
-
-
-class SearchMethod(StrEnum):
+class SearchMethod(NamedOption, option="search"):
     """How the best cell is found; it is the same one (D7)."""
 
     EXHAUSTIVE = "exhaustive"
@@ -91,22 +60,6 @@ class SearchMethod(StrEnum):
 
     BRANCH_AND_BOUND = "branch and bound"
     """Bound every cell, and look at those that could be the best."""
-
-    @classmethod
-    def parse(cls, value: "str | SearchMethod") -> "SearchMethod":
-        """Return the method of that name.
-
-        Raises
-        ------
-        OptionError
-            If there is none.
-        """
-        try:
-            return cls(value)
-        except ValueError:
-            raise OptionError(
-                f"Expected `search` to be 'exhaustive' or 'branch and bound', got {value!r}."
-            ) from None
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,28 +97,6 @@ def turn(vectors: NDArray[np.float64], heading: float) -> NDArray[np.float64]:
     cosine, sine = np.cos(heading), np.sin(heading)
     x, y, z = vectors.T
     return np.column_stack([x * cosine - y * sine, x * sine + y * cosine, z])
-
-
-def tiles_met(
-    points: NDArray[np.float64], point_map: PointMap, prior: Pose, space: SearchSpace
-) -> list[VoxelTile]:
-    """Tiles of the map that a levelled scan can fall in at any cell.
-
-    Parameters
-    ----------
-    points : array, shape (n, 3)
-        Levelled, m, about the sensor.
-    point_map : PointMap
-        The map.
-    prior : Pose
-        T_map_sensor before localization, local frame.
-    space : SearchSpace
-        The cells.
-    """
-    places = turn(points, prior.heading)[:, :2] + [prior.x, prior.y]
-    largest_turn = float(np.abs(space.headings).max())
-    reach = np.hypot(points[:, 0], points[:, 1]) * largest_turn + space.reach + space.cell
-    return point_map.tiles_met(places - reach[:, None], places + reach[:, None])
 
 
 def check_cell_edge(space: SearchSpace, point_map: PointMap) -> None:

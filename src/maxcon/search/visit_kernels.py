@@ -7,7 +7,7 @@ from numba import njit
 
 from maxcon.point_map import TILE_VOXELS
 
-__all__ = ["RIM", "SQUARE_VOXELS", "plan_visits", "turn_to_voxels", "visits_of_tiles"]
+__all__ = ["RIM", "SQUARE_VOXELS", "plan_visits", "rectangle_in_tile", "turn_to_voxels", "visits_of_tiles"]
 
 # Points of one height layer in a square of so many voxels visit the map together, ...
 SQUARE_VOXELS = 16
@@ -105,3 +105,17 @@ def visits_of_tiles(visits, first, last, corner, shape):
             starts = np.cumsum(starts)
             numbers = np.empty(starts[-1], np.int64)
     return starts, numbers
+
+
+@njit(nogil=True, cache=True)
+def rectangle_in_tile(visit, first, last, corner):
+    """(x first, x last, y first, y last) voxel of a tile that a visit meets at some offset, from `first` to `last`.
+
+    corner : (x, y) voxel index of the tile.
+    """
+    return (
+        max(visit[3] + first - corner[0], 0),
+        min(visit[4] + last - corner[0], TILE_VOXELS - 1),
+        max(visit[5] + first - corner[1], 0),
+        min(visit[6] + last - corner[1], TILE_VOXELS - 1),
+    )

@@ -18,7 +18,7 @@ from maxcon.errors import FileError, MaxconError, MissingExtraError, TrajectoryE
 from maxcon.estimate import Status
 from maxcon.evaluation import Distinctness, distinctness
 from maxcon.geometry import Pose
-from maxcon.io.scans import RawScan, ScanFolder, open_scans
+from maxcon.io.scans import ScanFolder, open_scans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.maximum_consensus import MaximumConsensus
 from maxcon.objectives import Helmert, Objective
@@ -42,9 +42,6 @@ CACHE_BYTES = 2**30
 class _Epoch:
     """One epoch before any method has seen it: poses in global coordinates."""
 
-    number: int
-    prior_name: str
-    raw: RawScan
     scan: Scan
     prior: Pose | None
     reference: Pose | None
@@ -166,7 +163,7 @@ class Bench:
             failed = {"status": Status.UNREADABLE.value, "reason": str(error)}
             return [row | failed | {"method": method.name} for method in methods]
         row["n_points"] = len(raw.points)
-        epoch = _Epoch(number, prior_name, raw, Scan(raw.points, time=raw.time), prior, reference)
+        epoch = _Epoch(Scan(raw.points, time=raw.time), prior, reference)
         shared = _SharedAccumulators(epoch.scan)
         return [row | {"method": method.name} | self._columns(epoch, method, shared) for method in methods]
 

@@ -2,20 +2,18 @@
 # SPDX-License-Identifier: MIT
 """The maps a study compares: the standard one, and others of the same clouds with one thing changed."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 from maxcon.atomic import make_folder
 from maxcon.dataset import Dataset
 from maxcon.errors import OptionError
+from maxcon.progress import Progress
 
-__all__ = ["MAP_VARIANTS", "STANDARD", "MapVariant", "Progress", "make_maps"]
+__all__ = ["MAP_VARIANTS", "STANDARD", "MapVariant", "make_maps"]
 
 STANDARD = "standard"
-
-Progress = Callable[[str, int, int], None]
-"""Called with (step, done, of how many)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,8 +13,6 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from maxcon.errors import MaxconError
 from maxcon.study.bench import Bench, BenchPlan
 from maxcon.study.methods import StudyMethod
@@ -139,21 +137,10 @@ def _end_with(lifeline: "Connection") -> None:
 
 def _warm_up() -> None:
     """Load what is compiled at first use, so that it is not charged to the first epoch."""
-    from maxcon.geometry import Pose
     from maxcon.maximum_consensus import MaximumConsensus
-    from maxcon.point_map import PointMap
-    from maxcon.scan import Scan
+    from maxcon.warmup import SPACE, search_room
 
-    azimuths = np.radians(np.arange(0.0, 360.0, 2.0))
-    ring = np.column_stack([5.0 * np.cos(azimuths), 5.0 * np.sin(azimuths)])
-    points = np.concatenate([np.column_stack([ring, np.full(len(ring), z)]) for z in (0.0, 0.2, 0.4)])
-    point_map = PointMap.from_points(
-        points, -points / np.linalg.norm(points, axis=1, keepdims=True), cell=0.06
-    )
-    for multiplicity in ("points", "occupied"):
-        MaximumConsensus(multiplicity=multiplicity).localize(
-            Scan(points), point_map, Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        )
+    search_room(MaximumConsensus(SPACE, multiplicity=multiplicity) for multiplicity in ("points", "occupied"))
 
 
 def _work(task: Task) -> list[Row]:

@@ -17,9 +17,10 @@ from maxcon.dataset import Dataset
 from maxcon.drive import DriveOptions
 from maxcon.errors import FileError, OptionError
 from maxcon.io.scans import open_scans
+from maxcon.progress import Progress
 from maxcon.study.bench import REFERENCE, BenchPlan
 from maxcon.study.configuration import CONFIGURATION, Configuration
-from maxcon.study.map_variants import Progress, make_maps
+from maxcon.study.map_variants import make_maps
 from maxcon.study.methods import StudyMethod
 from maxcon.study.pool import Task, run_tasks
 from maxcon.study.table import Key, TableParts, keys_of
