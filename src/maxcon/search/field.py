@@ -2,17 +2,16 @@
 # SPDX-License-Identifier: MIT
 """Field: what the compiled searches make of a scan, a prior and the tiles around before they begin."""
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from maxcon.geometry import Pose, voxel_indices
+from maxcon.geometry import Pose, rotation_matrices, voxel_indices
 from maxcon.point_map import TILE_VOXELS, PointMap, TileKey, VoxelTile
 from maxcon.scan import Scan
-from maxcon.search.matching import Multiplicity, Weighting, level
+from maxcon.search.matching import Multiplicity, Weighting
 from maxcon.search_space import SearchSpace
 
 __all__ = ["Field"]
@@ -82,35 +81,31 @@ class Field:
         ArrayError
             If the prior lies so far out that voxels have no index there.
         """
-        levelled = level(scan, prior)
-        cell = point_map.cell
-        is_weighted = weighting is Weighting.COSINE
-        layers = voxel_indices(levelled.points, cell)[:, 2]
-        radii = np.hypot(levelled.points[:, 0], levelled.points[:, 1])
-        _check_indices(prior, float(radii.max(initial=0.0)) + space.reach + cell, cell)
-        points, normals = (
-            np.ascontiguousarray(levelled.points[:, :2].T),
-            np.ascontiguousarray(levelled.normals.T),
-        )
-        columns, _ = _turned(points, normals, prior, [prior.heading], cell)
-        is_plain = np.asarray(~normals.any(axis=0) & is_weighted, dtype=np.bool_)
-        order, starts = _groups(columns[0], layers, is_plain)
-        n_plain = np.concatenate([[0], np.cumsum(is_plain[order])])
-        scan_layers, ranks = np.unique(layers[order[starts[:-1]]], return_inverse=True)
-        tiles = _tiles_met(point_map, space, columns[0].take(order, axis=1), radii[order], starts)
-        keys = np.array([tile.key for tile in tiles], dtype=np.int64).reshape(-1, 2)
-        corner = keys.min(axis=0, initial=2**31)
-        nx, ny = keys.max(axis=0, initial=-(2**31)) - corner + 1 if tiles else (0, 0)
-        slots = (keys[:, 1] - corner[1]) * nx + keys[:, 0] - corner[0]
+        from maxcon.search import group_kernels
+
+        cell, is_weighted = point_map.cell, weighting is Weighting.COSINE
+        points, normals = _levelled(scan, prior)
+        _check_indices(points, prior, space.reach, cell)
+        columns, layers = _columns(points, prior, cell), group_kernels.to_layers(points[2], cell)
+        order, keys = group_kernels.sort_keys(_keys(columns, layers, normals, is_weighted))
+        points, normals = group_kernels.gather(points[:2], order), group_kernels.gather(normals, order)
+        groups = group_kernels.find_groups(keys, order, points, columns, layers)
+        starts, middles, group_layers, boxes, radii = groups
+        ranks, scan_layers = group_kernels.rank(group_layers)
+        tiles = _tiles_met(point_map, prior, space, boxes, radii)
+        tile_keys = np.array([tile.key for tile in tiles], dtype=np.int64).reshape(-1, 2)
+        corner = tile_keys.min(axis=0, initial=2**31)
+        nx, ny = tile_keys.max(axis=0, initial=-(2**31)) - corner + 1 if tiles else (0, 0)
+        slots = (tile_keys[:, 1] - corner[1]) * nx + tile_keys[:, 0] - corner[0]
         return cls(
-            points.take(order, axis=1),
-            normals.take(order, axis=1),
+            points,
+            normals,
             starts,
-            starts[1:] - np.diff(n_plain[starts]),
+            middles,
             ranks,
             {
-                int(slot): (tile, _layers_in(tile, scan_layers))
-                for slot, tile in zip(slots, tiles, strict=True)
+                slot: (tile, group_kernels.number_layers(tile.index.layers, scan_layers))
+                for slot, tile in zip(slots.tolist(), tiles, strict=True)
             },
             (int(corner[0]), int(corner[1])),
             (int(ny), int(nx)),
@@ -122,7 +117,17 @@ class Field:
 
     def turned(self, prior: Pose, headings: ArrayLike) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
         """Voxel columns (h, 2, n) and normals (h, 3, n) of the points at h headings, in the map's axes."""
-        return _turned(self.points, self.normals, prior, headings, self.cell)
+        from maxcon.search import visit_kernels
+
+        headings = np.asarray(headings)
+        columns = np.empty((len(headings), *self.points.shape), np.int32)
+        turned = np.empty((len(headings), *self.normals.shape), np.float32)
+        for i, heading in enumerate(headings):
+            visit_kernels.turn_to_voxels(
+                self.points, self.normals, np.cos(heading), np.sin(heading), prior.x, prior.y, self.cell, columns[i],
+                turned[i],
+            )  # fmt: skip
+        return columns, turned
 
     def visited(
         self, visits: NDArray[np.int64], first: int, last: int
@@ -155,73 +160,91 @@ class Field:
             yield numbers[starts[slot] : starts[slot + 1]], layers, arrays
 
 
-def _groups(
-    columns: NDArray[np.int32], layers: NDArray[np.int32], is_plain: NDArray[np.bool_]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Order of points by square, height layer, whether they lack a normal, y and x; first point of each group."""
-    from maxcon.search.visit_kernels import SQUARE_VOXELS
+def _levelled(scan: Scan, prior: Pose) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Points (3, n) and normals (3, n) as `matching.level` gives them, to the last bit, but as rows."""
+    from maxcon.search import group_kernels
 
-    if columns.shape[1] == 0:
-        return np.empty(0, np.int64), np.zeros(1, np.int64)
-    (x, y), (square_x, square_y) = columns, columns // SQUARE_VOXELS
-    places = (y - square_y * SQUARE_VOXELS) * SQUARE_VOXELS + x - square_x * SQUARE_VOXELS
-    parts = [square_y, square_x, layers, is_plain, places]
-    lows = [int(part.min()) for part in parts]
-    sizes = [int(part.max()) - low + 1 for part, low in zip(parts, lows, strict=True)]
-    if math.prod(sizes) < 2**63:  # one number for each point sorts faster
-        number = np.zeros(len(x), np.int64)
-        for part, low, size in zip(parts, lows, sizes, strict=True):
-            number *= size
-            number += part
-            number -= low
-        order = np.argsort(number)
-    else:
-        order = np.lexsort(parts[::-1])
-    is_first = np.ones(len(x), bool)
-    is_first[1:] = np.any([part[order[1:]] != part[order[:-1]] for part in parts[:3]], axis=0)
-    return order, np.append(np.flatnonzero(is_first), len(x))
+    rotation = np.ascontiguousarray(rotation_matrices(prior.roll, prior.pitch, 0.0))
+    points = group_kernels.level(_read_only(scan.points), rotation)
+    normals = group_kernels.level(_read_only(scan.normals), rotation)
+    points[2] += prior.z
+    return points, normals
 
 
-def _tiles_met(
-    point_map: PointMap,
-    space: SearchSpace,
-    columns: NDArray[np.int32],
-    radii: NDArray[np.float64],
-    starts: NDArray[np.int64],
-) -> list[VoxelTile]:
-    """Tiles that any group can fall in at any cell, from its voxels (2, n) and distances (n,), m, at the prior."""
-    if columns.shape[1] == 0:
-        return []
-    largest_turn = float(np.abs(space.headings).max())
-    reach = np.maximum.reduceat(radii, starts[:-1]) * largest_turn + space.reach + point_map.cell
-    low = np.minimum.reduceat(columns, starts[:-1], axis=1) * point_map.cell - reach
-    high = (np.maximum.reduceat(columns, starts[:-1], axis=1) + 1) * point_map.cell + reach
-    return point_map.tiles_met(low.T, high.T)
+def _read_only(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The vectors as a view of one type: a scan that was unpickled can be written, for which kernels would differ."""
+    view = np.ascontiguousarray(vectors).view()
+    view.flags.writeable = False
+    return view
 
 
-def _turned(
-    points: NDArray[np.float64], normals: NDArray[np.float64], prior: Pose, headings: ArrayLike, cell: float
-) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-    """Voxel columns (h, 2, n) and normals (h, 3, n) of a levelled scan at h headings, in the map's axes."""
-    from maxcon.search import visit_kernels
-
-    headings = np.asarray(headings)
-    columns = np.empty((len(headings), *points.shape), np.int32)
-    turned = np.empty((len(headings), *normals.shape), np.float32)
-    for i, heading in enumerate(headings):
-        visit_kernels.turn_to_voxels(
-            points, normals, np.cos(heading), np.sin(heading), prior.x, prior.y, cell, columns[i], turned[i]
-        )
-    return columns, turned
-
-
-def _check_indices(prior: Pose, reach: float, cell: float) -> None:
-    """Refuse a prior so far out that voxels within reach have no index."""
+def _check_indices(points: NDArray[np.float64], prior: Pose, reach: float, cell: float) -> None:
+    """Refuse points, (3, n), or a prior, so far out that voxels within reach of them have no index."""
+    extremes = np.array([points.min(axis=1, initial=0.0), points.max(axis=1, initial=0.0)])
+    voxel_indices(extremes, cell)
+    squares = points[0] * points[0]
+    squares += points[1] * points[1]
+    reach += float(np.sqrt(squares.max(initial=0.0))) + cell
     voxel_indices(prior.position + [[-reach, -reach, 0.0], [reach, reach, 0.0]], cell)
 
 
-def _layers_in(tile: VoxelTile, scan_layers: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Number of each layer of the scan among the tile's, -1 where the tile has none."""
-    layers = tile.index.layers
-    numbers = np.minimum(np.searchsorted(layers, scan_layers), len(layers) - 1)
-    return np.where(layers[numbers] == scan_layers, numbers, -1)
+def _columns(points: NDArray[np.float64], prior: Pose, cell: float) -> NDArray[np.int32]:
+    """Voxel columns (2, n) of levelled points (3, n) at the prior."""
+    from maxcon.search import visit_kernels
+
+    columns = np.empty((2, points.shape[1]), np.int32)
+    cosine, sine = np.cos(prior.heading), np.sin(prior.heading)
+    visit_kernels.turn_to_columns(points[:2], cosine, sine, prior.x, prior.y, cell, columns)
+    return columns
+
+
+def _keys(
+    columns: NDArray[np.int32], layers: NDArray[np.int32], normals: NDArray[np.float64], is_weighted: bool
+) -> NDArray[np.uint64]:
+    """Numbers by which points with normals (3, n) are sorted, see `group_kernels.key_points`."""
+    from maxcon.search import group_kernels
+    from maxcon.search.visit_kernels import SQUARE_VOXELS
+
+    if not len(layers):
+        return np.empty(0, np.uint64)
+    low_x, low_y = (columns.min(axis=1) // SQUARE_VOXELS).tolist()
+    high_x, high_y = (columns.max(axis=1) // SQUARE_VOXELS).tolist()
+    low, nx, ny = int(layers.min()), high_x - low_x + 1, high_y - low_y + 1
+    n_layers = int(layers.max()) - low + 1
+    if ny * nx * n_layers * group_kernels.GROUP_KEYS > 2**63:
+        return _keys(*_closed_up(columns, layers), normals, is_weighted)
+    lows, sizes = (low_y, low_x, low), (nx, n_layers)
+    keys: NDArray[np.uint64] = group_kernels.key_points(columns, layers, normals, is_weighted, lows, sizes)
+    return keys
+
+
+def _closed_up(
+    columns: NDArray[np.int32], layers: NDArray[np.int32]
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Columns and layers of the same groups in the same order, but without the empty space between them.
+
+    Points thousands of kilometres apart have keys of 64 bits again; there is no need for that to be fast.
+    """
+    from maxcon.search.visit_kernels import SQUARE_VOXELS
+
+    squares = columns.astype(np.int64) // SQUARE_VOXELS
+    inside = columns - squares * SQUARE_VOXELS
+    _, number = np.unique(squares[1] * 2**32 + squares[0], return_inverse=True)
+    _, layer = np.unique(layers, return_inverse=True)
+    return np.array([number * SQUARE_VOXELS + inside[0], inside[1]], np.int32), layer.astype(np.int32)
+
+
+def _tiles_met(
+    point_map: PointMap, prior: Pose, space: SearchSpace, boxes: NDArray[np.int64], radii: NDArray[np.float64]
+) -> list[VoxelTile]:
+    """Tiles that any group can fall in at any cell, from its box (4,) of voxels and its radius, m, at the prior."""
+    from maxcon.search import group_kernels
+
+    if not len(boxes):
+        return []
+    cell, largest_turn = point_map.cell, float(np.abs(space.headings).max())
+    reaches = radii * largest_turn + (space.reach + cell)
+    farthest = float((radii + reaches).max()) + 2.0 * cell  # a box may stick out of its circle by a cell
+    near = np.array(point_map.keys_within(prior.x, prior.y, farthest), dtype=np.int64).reshape(-1, 2)
+    is_met = group_kernels.meets_tiles(boxes, reaches, cell, TILE_VOXELS * cell, near)
+    return [point_map.tile((x, y)) for x, y in near[is_met].tolist()]

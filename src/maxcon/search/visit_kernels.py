@@ -7,7 +7,15 @@ from numba import njit
 
 from maxcon.point_map import TILE_VOXELS
 
-__all__ = ["RIM", "SQUARE_VOXELS", "plan_visits", "rectangle_in_tile", "turn_to_voxels", "visits_of_tiles"]
+__all__ = [
+    "RIM",
+    "SQUARE_VOXELS",
+    "plan_visits",
+    "rectangle_in_tile",
+    "turn_to_columns",
+    "turn_to_voxels",
+    "visits_of_tiles",
+]
 
 # Points of one height layer in a square of so many voxels visit the map together, ...
 SQUARE_VOXELS = 16
@@ -18,15 +26,20 @@ TILE_BITS = TILE_VOXELS.bit_length() - 1
 
 
 @njit(nogil=True, cache=True)
-def turn_to_voxels(points, normals, cosine, sine, x, y, cell, columns, turned):
-    """Turn a levelled scan by a heading about the sensor: voxel columns and normals in the map's axes.
+def turn_to_columns(points, cosine, sine, x, y, cell, columns):
+    """Turn a levelled scan by a heading about the sensor: voxel columns in the map's axes.
 
-    points : (2, n) float64; normals : (3, n) float64; columns : (2, n) int32, out; turned : (3, n) float32,
-    out.
+    points : (2, n) float64; columns : (2, n) int32, out.
     """
     for i in range(points.shape[1]):
         columns[0, i] = np.int32(np.floor((points[0, i] * cosine - points[1, i] * sine + x) / cell))
         columns[1, i] = np.int32(np.floor((points[0, i] * sine + points[1, i] * cosine + y) / cell))
+
+
+@njit(nogil=True, cache=True)
+def turn_to_voxels(points, normals, cosine, sine, x, y, cell, columns, turned):
+    """As `turn_to_columns`, and normals too: (3, n) float64; turned : (3, n) float32, out."""
+    turn_to_columns(points, cosine, sine, x, y, cell, columns)
     for i in range(points.shape[1]):
         turned[0, i] = normals[0, i] * cosine - normals[1, i] * sine
         turned[1, i] = normals[0, i] * sine + normals[1, i] * cosine
@@ -34,14 +47,34 @@ def turn_to_voxels(points, normals, cosine, sine, x, y, cell, columns, turned):
 
 
 @njit(nogil=True, cache=True)
-def _box(columns, first, last):
-    """(x first, x last, y first, y last) voxel of some points at one heading."""
-    x_first = x_last = np.int64(columns[0, first])
-    y_first = y_last = np.int64(columns[1, first])
-    for i in range(first + 1, last):
-        x_first, x_last = min(x_first, columns[0, i]), max(x_last, columns[0, i])
-        y_first, y_last = min(y_first, columns[1, i]), max(y_last, columns[1, i])
-    return x_first, x_last, y_first, y_last
+def _boxes(starts, columns, boxes):
+    """Boxes of groups at one heading, (groups, 4) int32, out: x first, x last, y first, y last voxel.
+
+    Group by group at one heading, not heading by heading for one group: that reads columns in a row, and made
+    planning twice as fast.
+    """
+    i = np.uint64(0)
+    for group in range(boxes.shape[0]):
+        x_first = x_last = columns[0, i]
+        y_first = y_last = columns[1, i]
+        end = np.uint64(starts[group + 1])
+        while i < end:
+            x, y = columns[0, i], columns[1, i]
+            x_first, x_last = min(x_first, x), max(x_last, x)
+            y_first, y_last = min(y_first, y), max(y_last, y)
+            i += np.uint64(1)
+        boxes[group, 0], boxes[group, 1], boxes[group, 2], boxes[group, 3] = x_first, x_last, y_first, y_last
+
+
+@njit(nogil=True, cache=True)
+def _box(boxes, group):
+    """(x first, x last, y first, y last) of a group."""
+    return (
+        np.int64(boxes[group, 0]),
+        np.int64(boxes[group, 1]),
+        np.int64(boxes[group, 2]),
+        np.int64(boxes[group, 3]),
+    )
 
 
 @njit(nogil=True, cache=True)
@@ -52,13 +85,16 @@ def plan_visits(starts, columns):
     Returns visits, (m, 7) int64: group, first heading, end of headings, x first, x last, y first, y last.
     """
     n_headings, n_groups = columns.shape[0], starts.shape[0] - 1
+    boxes = np.empty((n_headings, n_groups, 4), np.int32)
+    for heading in range(n_headings):
+        _boxes(starts, columns[heading], boxes[heading])
     visits = np.empty((n_headings * n_groups, 7), np.int64)
     n_visits = 0
     for group in range(n_groups):
         since = 0
-        x_first, x_last, y_first, y_last = _box(columns[0], starts[group], starts[group + 1])
+        x_first, x_last, y_first, y_last = _box(boxes[0], group)
         for heading in range(1, n_headings):
-            box = _box(columns[heading], starts[group], starts[group + 1])
+            box = _box(boxes[heading], group)
             x_low, x_high = min(x_first, box[0]), max(x_last, box[1])
             y_low, y_high = min(y_first, box[2]), max(y_last, box[3])
             if max(x_high - x_low, y_high - y_low) > RIM:

@@ -1,0 +1,215 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Which points of a scan form groups, and which tiles those can fall in, compiled. Arrays in, arrays out."""
+
+import numpy as np
+from numba import njit
+
+from maxcon.search.visit_kernels import SQUARE_VOXELS
+
+__all__ = [
+    "GROUP_KEYS",
+    "find_groups",
+    "gather",
+    "key_points",
+    "level",
+    "meets_tiles",
+    "number_layers",
+    "rank",
+    "sort_keys",
+    "to_layers",
+]
+
+SQUARE_BITS = SQUARE_VOXELS.bit_length() - 1
+PLACE_BITS = 2 * SQUARE_BITS
+INSIDE = SQUARE_VOXELS - 1
+
+# So many keys are of one group: one for each place in the square with a normal, and one for each without.
+GROUP_KEYS = 2 ** (PLACE_BITS + 1)
+
+# Keys are sorted by so many bits at a time, at most: the 4096 counters fit into the L1 cache.
+MOST_DIGIT_BITS = 12
+
+
+@njit(nogil=True, cache=True)
+def level(vectors, rotation):
+    """Turn vectors, (n, 3) float64, by a rotation, (3, 3), with the arithmetic of `matching.level`; (3, n)."""
+    levelled = np.empty((3, vectors.shape[0]))
+    for row in range(3):
+        a, b, c = rotation[row, 0], rotation[row, 1], rotation[row, 2]
+        for i in range(vectors.shape[0]):
+            levelled[row, i] = vectors[i, 0] * a + vectors[i, 1] * b + vectors[i, 2] * c
+    return levelled
+
+
+@njit(nogil=True, cache=True)
+def to_layers(heights, cell):
+    """Height layer, (n,) int32, of each height, (n,) float64, m."""
+    layers = np.empty(heights.shape[0], np.int32)
+    for i in range(heights.shape[0]):
+        layers[i] = np.int32(np.floor(heights[i] / cell))
+    return layers
+
+
+@njit(nogil=True, cache=True)
+def key_points(columns, layers, normals, is_weighted, lows, sizes):
+    """Number points such that their groups, and points in them, are in the order of the numbers.
+
+    That is by square along y and x, layer, whether they lack a normal, y and x: a key is GROUP_KEYS times the
+    number of the group, and more for the place in it.
+
+    columns : (2, n) int32; layers : (n,) int32; normals : (3, n) float64; is_weighted : whether it matters if there
+    is a normal; lows : least square along y and x, and least layer; sizes : number of squares along x, and of layers.
+    Returns keys, (n,) uint64.
+    """
+    keys = np.empty(layers.shape[0], np.uint64)
+    for i in range(layers.shape[0]):
+        x, y = np.int64(columns[0, i]), np.int64(columns[1, i])
+        is_plain = is_weighted & (normals[0, i] == 0.0) & (normals[1, i] == 0.0) & (normals[2, i] == 0.0)
+        group = ((y >> SQUARE_BITS) - lows[0]) * sizes[0] + (x >> SQUARE_BITS) - lows[1]
+        group = group * sizes[1] + np.int64(layers[i]) - lows[2]
+        place = ((y & INSIDE) << SQUARE_BITS) | (x & INSIDE)
+        keys[i] = np.uint64((group << (PLACE_BITS + 1)) | (np.int64(is_plain) << PLACE_BITS) | place)
+    return keys
+
+
+@njit(nogil=True, cache=True)
+def sort_keys(keys):
+    """Sort keys by counting those that are alike in a few bits, from the last bits to the first.
+
+    keys : (n,) uint64, overwritten. Returns their order, (n,) uint32, stable, and the keys in it.
+    """
+    n, used, n_bits = keys.shape[0], np.uint64(0), 0
+    for i in range(n):
+        used |= keys[i]
+    while n_bits < 64 and used >> np.uint64(n_bits):
+        n_bits += 1
+    n_passes = max(1, -(-n_bits // MOST_DIGIT_BITS))
+    digit_bits = np.uint64(-(-n_bits // n_passes))
+    mask = (np.uint64(1) << digit_bits) - np.uint64(1)
+    counts = np.zeros((n_passes, np.int64(mask) + 1), np.uint32)
+    order, other_order, other_keys = np.empty(n, np.uint32), np.empty(n, np.uint32), np.empty(n, np.uint64)
+    for i in range(n):
+        order[i], rest = i, keys[i]
+        for number in range(n_passes):
+            counts[number, rest & mask] += np.uint32(1)
+            rest >>= digit_bits
+    for number in range(n_passes):
+        starts, n_before = counts[number], np.uint32(0)
+        for value in range(starts.shape[0]):
+            n_alike = starts[value]
+            starts[value] = n_before
+            n_before += n_alike
+        shift = np.uint64(number) * digit_bits
+        for i in range(n):
+            digit = (keys[i] >> shift) & mask
+            to = np.uint64(starts[digit])
+            starts[digit] += np.uint32(1)
+            other_keys[to], other_order[to] = keys[i], order[i]
+        keys, other_keys, order, other_order = other_keys, keys, other_order, order
+    return order, keys
+
+
+@njit(nogil=True, cache=True)
+def gather(rows, order):
+    """Rows, (k, n) float64, with their columns in an order, (n,) uint32."""
+    gathered = np.empty(rows.shape)
+    for row in range(rows.shape[0]):
+        for i in range(order.shape[0]):
+            gathered[row, i] = rows[row, np.uint64(order[i])]
+    return gathered
+
+
+@njit(nogil=True, cache=True)
+def find_groups(keys, order, points, columns, layers):
+    """Find the groups in points that were sorted by their keys.
+
+    keys : (n,) uint64, sorted; order : (n,) uint32; points : (2, n) float64, in order; columns : (2, n) int32 and
+    layers : (n,) int32, not in order.
+    Returns starts, (groups + 1,), middles, layers, boxes, (groups, 4): x first, x last, y first, y last voxel; all
+    int64; and the farthest that a point is from the sensor, (groups,), m.
+    """
+    n = keys.shape[0]
+    starts, middles, group_layers = np.empty(n + 1, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
+    boxes, radii = np.empty((n, 4), np.int64), np.empty(n)
+    n_groups, first = 0, 0
+    while first < n:
+        group = keys[first] >> np.uint64(PLACE_BITS + 1)
+        end, n_plain, farthest = first, np.int64(0), 0.0
+        x_first = y_first = np.int64(INSIDE)
+        x_last = y_last = np.int64(0)
+        while end < n and keys[end] >> np.uint64(PLACE_BITS + 1) == group:
+            key = np.int64(keys[end])
+            x, y = key & INSIDE, (key >> SQUARE_BITS) & INSIDE
+            n_plain += (key >> PLACE_BITS) & 1
+            x_first, x_last = min(x_first, x), max(x_last, x)
+            y_first, y_last = min(y_first, y), max(y_last, y)
+            farthest = max(farthest, points[0, end] * points[0, end] + points[1, end] * points[1, end])
+            end += 1
+        at = np.uint64(order[first])
+        x, y = np.int64(columns[0, at]) & ~INSIDE, np.int64(columns[1, at]) & ~INSIDE
+        starts[n_groups], middles[n_groups], group_layers[n_groups] = first, end - n_plain, layers[at]
+        boxes[n_groups] = (x + x_first, x + x_last, y + y_first, y + y_last)
+        radii[n_groups] = np.sqrt(farthest)
+        n_groups += 1
+        first = end
+    starts[n_groups] = n
+    return (
+        starts[: n_groups + 1].copy(),
+        middles[:n_groups].copy(),
+        group_layers[:n_groups].copy(),
+        boxes[:n_groups].copy(),
+        radii[:n_groups].copy(),
+    )
+
+
+@njit(nogil=True, cache=True)
+def rank(layers):
+    """Ranks of layers, (groups,) int64, among those that occur; and these, ascending, (m,) int64."""
+    n_groups, low = layers.shape[0], np.int64(0)
+    for layer in layers:
+        low = min(low, layer)
+    order, keys = sort_keys((layers - low).astype(np.uint64))
+    ranks, occurring, n_occurring = np.empty(n_groups, np.int64), np.empty(n_groups, np.int64), 0
+    for i in range(n_groups):
+        if i == 0 or keys[i] != keys[i - 1]:
+            occurring[n_occurring] = np.int64(keys[i]) + low
+            n_occurring += 1
+        ranks[order[i]] = n_occurring - 1
+    return ranks, occurring[:n_occurring].copy()
+
+
+@njit(nogil=True, cache=True)
+def meets_tiles(boxes, reaches, cell, edge, keys):
+    """Whether any group can fall in a tile, for each.
+
+    boxes : (groups, 4) as found; reaches : (groups,), how far beyond its box a group can fall, m; cell : voxel edge,
+    edge : of a tile, m; keys : (tiles, 2) int64, (x, y).
+    """
+    is_met = np.zeros(keys.shape[0], np.bool_)
+    x_first, x_last, y_first, y_last = 0.0, -1.0, 0.0, -1.0
+    for group in range(reaches.shape[0]):
+        before = (x_first, x_last, y_first, y_last)
+        x_first = np.floor((boxes[group, 0] * cell - reaches[group]) / edge)
+        x_last = np.floor(((boxes[group, 1] + 1) * cell + reaches[group]) / edge)
+        y_first = np.floor((boxes[group, 2] * cell - reaches[group]) / edge)
+        y_last = np.floor(((boxes[group, 3] + 1) * cell + reaches[group]) / edge)
+        if before == (x_first, x_last, y_first, y_last):  # as most neighbours do
+            continue
+        for tile in range(keys.shape[0]):
+            x, y = keys[tile, 0], keys[tile, 1]
+            is_met[tile] |= x_first <= x <= x_last and y_first <= y <= y_last
+    return is_met
+
+
+@njit(nogil=True, cache=True)
+def number_layers(tile_layers, layers):
+    """Number of each layer of a scan, (m,) int64, among a tile's, (k,) int32, -1 where it has none; both ascending."""
+    numbers = np.full(layers.shape[0], -1)
+    k = 0
+    for i in range(layers.shape[0]):
+        while k < tile_layers.shape[0] and tile_layers[k] < layers[i]:
+            k += 1
+        if k < tile_layers.shape[0] and tile_layers[k] == layers[i]:
+            numbers[i] = k
+    return numbers

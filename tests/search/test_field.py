@@ -1,0 +1,157 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""What the compiled searches prepare is what plain NumPy makes of the definitions, to the last bit."""
+
+import numpy as np
+import pytest
+from hypothesis import event, given, settings
+from hypothesis import strategies as st
+
+from maxcon import PointMap, Pose, Scan, SearchSpace
+from maxcon.errors import ArrayError
+from maxcon.geometry import voxel_indices
+from maxcon.point_map import TILE_VOXELS
+from maxcon.search import Multiplicity, Weighting, group_kernels
+from maxcon.search.field import Field
+from maxcon.search.matching import level, turn
+from maxcon.search.visit_kernels import SQUARE_VOXELS
+
+CELL = 0.25
+TILE = TILE_VOXELS * CELL
+SPACE = SearchSpace(2.0, CELL, 2.0, 0.5)
+
+
+def random_scan(rng, n_points, spread, height):
+    """Points of which some share a voxel, a quarter of them without a normal."""
+    points = rng.uniform(-1.0, 1.0, (n_points, 3)) * [spread, spread, height]
+    points = points[rng.integers(0, max(1, n_points // 2), n_points)] + rng.normal(0.0, CELL, (n_points, 3))
+    normals = rng.normal(size=(n_points, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals[rng.random(n_points) < 0.25] = 0.0
+    return Scan(points, normals)
+
+
+def random_map(rng, prior, n_points, spread):
+    points = rng.uniform(-1.0, 1.0, (n_points, 3)) * [spread, spread, 2.0] + prior.position
+    return PointMap.from_points(points, np.tile([1.0, 0.0, 0.0], (n_points, 1)), CELL)
+
+
+def random_prior(rng):
+    return Pose(*rng.uniform(-3 * TILE, 3 * TILE, 2), *rng.uniform(-0.1, 0.1, 3), rng.uniform(-4.0, 4.0))
+
+
+def plainly(scan, prior, weighting):
+    """Points, normals, columns, layers, in order; group of each; middles: as `Field` describes them."""
+    levelled = level(scan, prior)
+    layers = voxel_indices(levelled.points, CELL)[:, 2]
+    turned = turn(levelled.points, prior.heading) + [prior.x, prior.y, 0.0]
+    x, y, _ = voxel_indices(turned, CELL).T
+    is_plain = ~levelled.normals.any(axis=1) & (weighting is Weighting.COSINE)
+    parts = [y // SQUARE_VOXELS, x // SQUARE_VOXELS, layers]
+    order = np.lexsort([x, y, is_plain, *parts[::-1]])
+    _, groups = np.unique(np.array(parts)[:, order], axis=1, return_inverse=True)
+    n_with_normal = np.bincount(groups, ~is_plain[order])
+    points = levelled.points[order]
+    return points, levelled.normals[order], np.array([x, y])[:, order], layers[order], groups, n_with_normal
+
+
+@given(
+    seed=st.integers(0, 2**32),
+    n_points=st.integers(1, 80) | st.just(400),
+    spread=st.sampled_from([0.0, 2.0, 60.0, 3000.0, 1e8]),
+    height=st.sampled_from([0.0, 3.0, 1e8]),
+    weighting=st.sampled_from(list(Weighting)),
+)
+@settings(max_examples=150)
+def test_groups_and_tiles_are_those_of_the_definition(seed, n_points, spread, height, weighting):
+    rng = np.random.default_rng(seed)
+    prior = random_prior(rng)
+    scan = random_scan(rng, n_points, spread, height)
+    point_map = random_map(rng, prior, 60, 3 * TILE)
+    field = Field.prepare(scan, point_map, prior, SPACE, Multiplicity.OCCUPIED, weighting)
+
+    points, normals, columns, layers, groups, n_with_normal = plainly(scan, prior, weighting)
+    assert (field.points == points[:, :2].T).all()
+    assert (field.normals == normals.T).all()
+    assert field.starts.tolist() == [*np.flatnonzero(np.diff(groups, prepend=-1)), n_points]
+    assert (field.middles == field.starts[:-1] + n_with_normal).all()
+    scan_layers, ranks = np.unique(layers, return_inverse=True)
+    assert (field.ranks == ranks[field.starts[:-1]]).all()
+
+    reach = np.hypot(*points[:, :2].T) * np.abs(SPACE.headings).max() + SPACE.reach + CELL
+    reach = np.maximum.reduceat(reach, field.starts[:-1])
+    low = np.minimum.reduceat(columns, field.starts[:-1], axis=1) * CELL - reach
+    high = (np.maximum.reduceat(columns, field.starts[:-1], axis=1) + 1) * CELL + reach
+    met = point_map.tiles_met(low.T, high.T)
+    event(f"tiles: {min(len(met), 3)}, far apart: {spread > 1e6 or height > 1e6}")
+    assert [tile.key for tile, _ in field.tiles.values()] == [tile.key for tile in met]
+    for slot, (tile, numbers) in field.tiles.items():
+        row, column = divmod(slot, field.shape[1])
+        assert (field.corner[0] + column, field.corner[1] + row) == tile.key
+        assert row < field.shape[0]
+        wanted = {layer: number for number, layer in enumerate(tile.index.layers.tolist())}
+        assert numbers.tolist() == [wanted.get(layer, -1) for layer in scan_layers.tolist()]
+
+
+@given(seed=st.integers(0, 2**32), n_points=st.integers(0, 60), n_headings=st.integers(1, 4))
+def test_turned_is_what_the_definition_turns(seed, n_points, n_headings):
+    rng = np.random.default_rng(seed)
+    prior = random_prior(rng)
+    scan = random_scan(rng, n_points, 30.0, 3.0)
+    point_map = random_map(rng, prior, 10, 10.0)
+    field = Field.prepare(scan, point_map, prior, SPACE, Multiplicity.OCCUPIED, Weighting.ONE)
+    headings = rng.uniform(-4.0, 4.0, n_headings)
+    columns, turned = field.turned(prior, headings)
+    points = np.vstack([field.points, np.zeros(n_points)]).T
+    for i, heading in enumerate(headings):
+        places = turn(points, heading) + [prior.x, prior.y, 0.0]
+        assert (columns[i] == voxel_indices(places, CELL).T[:2]).all()
+        assert (turned[i] == turn(field.normals.T, heading).T.astype(np.float32)).all()
+
+
+@given(seed=st.integers(0, 2**32), n=st.integers(0, 300), n_bits=st.integers(0, 64), has_ties=st.booleans())
+def test_keys_are_sorted_as_numpy_does(seed, n, n_bits, has_ties):
+    rng = np.random.default_rng(seed)
+    keys = rng.integers(0, 2**n_bits - 1, n, dtype=np.uint64, endpoint=True)
+    keys = rng.choice(keys, n) if has_ties and n else keys
+    wanted = np.argsort(keys, kind="stable")
+    order, ordered = group_kernels.sort_keys(keys.copy())
+    assert (order == wanted).all()
+    assert (ordered == keys[wanted]).all()
+
+
+def test_an_empty_scan_has_no_groups_and_loads_no_tile():
+    rng = np.random.default_rng(1)
+    prior = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    nothing = np.empty((0, 3))
+    field = Field.prepare(
+        Scan(nothing, nothing), random_map(rng, prior, 5, 1.0), prior, SPACE, Multiplicity.POINTS, Weighting.COSINE
+    )  # fmt: skip
+    assert field.starts.tolist() == [0]
+    assert (field.points.shape, field.normals.shape) == ((2, 0), (3, 0))
+    assert (len(field.middles), len(field.ranks), field.tiles, field.shape) == (0, 0, {}, (0, 0))
+
+
+@pytest.mark.parametrize("far", [[3e8, 0.0, 0.0], [0.0, 0.0, -3e8]])
+def test_points_and_priors_beyond_all_indices_are_refused(far):
+    here = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    point_map = random_map(np.random.default_rng(1), here, 5, 1.0)
+    for place, prior in ((far, here), ([1.0, 2.0, 3.0], here.translated(far))):
+        scan = Scan([place], [[1.0, 0.0, 0.0]])
+        with pytest.raises(ArrayError, match=r"within 2\.68e\+08 m of the local origin, got 3e\+08 m"):
+            Field.prepare(scan, point_map, prior, SPACE, Multiplicity.OCCUPIED, Weighting.COSINE)
+
+
+def test_a_scan_that_can_be_written_needs_no_other_code():
+    """As one that comes from another process: its arrays are of another type for the compiler."""
+    rng = np.random.default_rng(1)
+    prior = random_prior(rng)
+    scan, point_map = random_scan(rng, 20, 3.0, 1.0), random_map(rng, prior, 5, 1.0)
+    options = (prior, SPACE, Multiplicity.OCCUPIED, Weighting.COSINE)
+    wanted = Field.prepare(scan, point_map, *options)
+    before = list(group_kernels.level.signatures)
+    writable = Scan(scan.points, scan.normals)
+    writable.points, writable.normals = scan.points.copy(), np.asfortranarray(scan.normals)
+    field = Field.prepare(writable, point_map, *options)
+    assert (field.points == wanted.points).all() and (field.normals == wanted.normals).all()
+    assert group_kernels.level.signatures == before
