@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from maxcon import Count, Helmert, MaxEigenvalue, PointMap, Pose, Scan, SearchSpace
 from maxcon.errors import ArrayError, OptionError, SearchSpaceError
 from maxcon.search import Multiplicity, Weighting, branch_and_bound, exhaustive
-from maxcon.search.bounds import Axis, Bounds
+from maxcon.search.bounds import Bounds
+from maxcon.search.facing import LEAST_FACING, N_AXES, Axis
 from maxcon.search.field import Field
 
 module = importlib.import_module("maxcon.search.branch_and_bound")
@@ -90,17 +91,19 @@ SEEDS = st.integers(0, 2**32)
     turns=st.sampled_from([(0.0, 0.5), (1.0, 0.5), (2.0, 0.5), (20.0, 4.0)]),
     share=st.sampled_from([1.0, 0.8, 0.3]),
     guard_radius=st.sampled_from([0.0, 0.3, 1.0]),
+    n_threads=st.sampled_from([1, 2]),
 )
 @settings(max_examples=150)
 def test_it_finds_what_the_exhaustive_search_finds(
-    seed, objective, multiplicity, weighting, is_signed, n_steps, turns, share, guard_radius
+    seed, objective, multiplicity, weighting, is_signed, n_steps, turns, share, guard_radius, n_threads
 ):
     space = SearchSpace(n_steps * CELL, CELL, *turns)
     scan, point_map, prior = street(seed, space, is_signed=is_signed)
     options = {"multiplicity": multiplicity, "weighting": weighting}
     found = branch_and_bound(
-        scan, point_map, prior, space, objective, **options, share=share, guard_radius=guard_radius
-    )
+        scan, point_map, prior, space, objective,
+        **options, share=share, guard_radius=guard_radius, n_threads=n_threads,
+    )  # fmt: skip
     accumulator = exhaustive(scan, point_map, prior, space, **options)
     assert_it_is_the_best(found, accumulator, objective, space, share, guard_radius)
     event(f"scored exhaustively: {found.n_scored == space.n_cells}")
@@ -113,31 +116,54 @@ def test_it_finds_what_the_exhaustive_search_finds(
     weighting=st.sampled_from(list(Weighting)),
     is_signed=st.booleans(),
     n_steps=st.sampled_from([0, 1, 2, 7, 16]),
-    direction=st.floats(-np.pi, np.pi) | st.none(),
+    axis=st.integers(-1, N_AXES - 1).map(Axis),
     least=st.sampled_from([0.0, 0.01, 0.2]),
+    n_threads=st.sampled_from([1, 2]),
 )
-@settings(max_examples=100)
+@settings(max_examples=150)
 def test_no_cell_has_more_than_its_bound(
-    seed, azimuth, multiplicity, weighting, is_signed, n_steps, direction, least
+    seed, azimuth, multiplicity, weighting, is_signed, n_steps, axis, least, n_threads
 ):
     space = SearchSpace(n_steps * CELL, CELL, 1.0, 0.5)
     scan, point_map, prior = street(seed, space, is_signed=is_signed, azimuth=azimuth)
-    bounds = Bounds.of(Field.prepare(scan, point_map, prior, space, multiplicity, weighting), prior, space)
-    axis = Axis.none() if direction is None else Axis.at(direction)
+    field = Field.prepare(scan, point_map, prior, space, multiplicity, weighting)
+    bounds = Bounds.of(field if axis.is_none else field.with_normals(), prior, space)
     (heading_pass,) = bounds.passes()
-    upper = heading_pass.along(axis, least * bounds.fullest)
+    bounds_along = heading_pass.along(axis, least, n_threads)
+    cells = np.argwhere(np.ones(space.shape, bool))
+    upper = bounds_along.at(cells).reshape(space.shape)
     moments = exhaustive(
         scan, point_map, prior, space, multiplicity=multiplicity, weighting=weighting
     ).moments
-    if direction is None:
+    if axis.is_none:
         along = moments[..., 0]
     else:
-        c, s = np.cos(direction), np.sin(direction)
+        c, s = np.cos(axis.number * np.pi / N_AXES), np.sin(axis.number * np.pi / N_AXES)
         along = moments @ [0.0, c * c, 2.0 * c * s, s * s]
     assert (upper >= along).all()
-    if least == 0.0:  # and not much less: rounding only
-        assert (upper <= along + 1e-4 * bounds.most(axis) * bounds.fullest + 1e-6).all()
-    assert (along <= bounds.most(axis)).all()
+    if least <= LEAST_FACING:  # and not much less: rounding, and what does not face along the axis
+        left_out = 0.0 if axis.is_none else bounds.n_points * LEAST_FACING
+        assert (upper <= along + left_out + 1e-3 * bounds.most * bounds.fullest + 1e-6).all()
+    assert (along <= bounds.most).all()
+
+
+@pytest.mark.parametrize("axis", [Axis(5), Axis.none()])
+def test_bounds_that_reach_something_and_the_highest(axis):
+    space = SearchSpace(0.8, CELL, 1.0, 0.5)
+    scan, point_map, prior = street(3, space)
+    field = Field.prepare(scan, point_map, prior, space, Multiplicity.OCCUPIED, Weighting.COSINE)
+    headings = np.array([1, 3, 4])
+    along = Bounds.of(field.with_normals(), prior, space).heading_pass(headings).along(axis)
+    _, ny, nx = space.shape
+    all_cells = np.array([(h, y, x) for h in headings for y in range(ny) for x in range(nx)])
+    bounds = along.at(all_cells)
+    for least in (-1.0, *np.quantile(bounds, [0.2, 0.9, 1.0]), bounds.max() + 1.0):
+        cells, highest = along.reaching(least)
+        assert (cells == all_cells[bounds >= least]).all()
+        assert highest == bounds[bounds < least].max(initial=0.0)
+    for n_cells in (1, 7, len(bounds), len(bounds) + 1):
+        got = np.sort(along.at(along.highest(n_cells)))
+        assert (got == np.sort(bounds)[-n_cells:]).all()
 
 
 def test_objectives_are_bounded_by_their_axes():
@@ -205,7 +231,8 @@ def test_bounds_that_decide_nothing_leave_it_to_the_exhaustive_search(monkeypatc
     space = SearchSpace(0.8, CELL, 1.0, 0.5)
     scan, point_map, prior = street(3, space)
     wanted = branch_and_bound(scan, point_map, prior, space, Helmert())
-    monkeypatch.setattr(module, "HOPELESS", -1)
+    monkeypatch.setattr(module, "HOPELESS", 10**9)
+    monkeypatch.setattr(module, "AT_ONCE", 0)
     found = branch_and_bound(scan, point_map, prior, space, Helmert())
     assert found.n_scored == space.n_cells > wanted.n_scored
     assert (found.cell, found.score, found.bound) == (wanted.cell, wanted.score, wanted.bound)
@@ -227,7 +254,9 @@ def test_refusals():
     scan, point_map, prior = street(3, space)
     with pytest.raises(SearchSpaceError, match=r"voxel edge, 0\.1 m, got 0\.06 m"):
         branch_and_bound(scan, point_map, prior, SearchSpace(), Helmert())
-    for options in ({"share": 0.0}, {"share": 1.5}, {"guard_radius": -1.0}, {"guard_radius": np.inf}):
+    for options in (
+        {"share": 0.0}, {"share": 1.5}, {"guard_radius": -1.0}, {"guard_radius": np.inf}, {"n_threads": 0}
+    ):  # fmt: skip
         with pytest.raises(OptionError, match=f"Expected `{next(iter(options))}`"):
             branch_and_bound(scan, point_map, prior, space, Helmert(), **options)
     with pytest.raises(OptionError, match="multiplicity"):

@@ -155,3 +155,22 @@ def test_a_scan_that_can_be_written_needs_no_other_code():
     field = Field.prepare(writable, point_map, *options)
     assert (field.points == wanted.points).all() and (field.normals == wanted.normals).all()
     assert group_kernels.level.signatures == before
+
+
+@pytest.mark.parametrize("weighting", list(Weighting))
+def test_the_field_of_the_points_with_normals(weighting):
+    rng = np.random.default_rng(0)
+    prior = random_prior(rng)
+    scan, point_map = random_scan(rng, 500, 20.0, 2.0), random_map(rng, prior, 500, 20.0)
+    whole = Field.prepare(scan, point_map, prior, SPACE, Multiplicity.OCCUPIED, weighting)
+    part = whole.with_normals()
+    numbers = [
+        np.arange(start, middle) for start, middle in zip(whole.starts[:-1], whole.middles, strict=True)
+    ]
+    kept = np.concatenate(numbers)
+    assert (part.points == whole.points[:, kept]).all()
+    assert (part.normals == whole.normals[:, kept]).all()
+    assert np.diff(part.starts).tolist() == [len(each) for each in numbers if len(each)]
+    assert (part.middles == part.starts[1:]).all()
+    assert part.ranks.tolist() == [rank for rank, each in zip(whole.ranks, numbers, strict=True) if len(each)]
+    assert len(kept) == len(scan) if weighting is Weighting.ONE else 300 < len(kept) < 450

@@ -75,7 +75,8 @@ class TileStore:
     manifest : Manifest
         Its manifest.
     cache_bytes : int
-        Size of all kept tiles and their indices; the ones used longest ago go first.
+        Size of all kept tiles, their indices and what searches derived from them, counted whenever a tile is read;
+        the ones used longest ago go first.
     """
 
     def __init__(self, path: str | os.PathLike[str], manifest: Manifest, *, cache_bytes: int) -> None:
@@ -84,7 +85,6 @@ class TileStore:
         self._keys = frozenset(self._entries)
         self._cache: OrderedDict[TileKey, VoxelTile] = OrderedDict()
         self._cache_bytes = cache_bytes
-        self._used_bytes = 0
         self._lock = threading.Lock()
         self._verified: set[TileKey] = set()
 
@@ -108,10 +108,11 @@ class TileStore:
                 return tile
             tile = self._read(self._entries[key])
             self._cache[key] = tile
-            self._used_bytes += tile.n_bytes
-            while self._used_bytes > self._cache_bytes and len(self._cache) > 1:
+            # Searches derive more from tiles while they are kept: all are counted anew.
+            used_bytes = sum(kept.n_bytes for kept in self._cache.values())
+            while used_bytes > self._cache_bytes and len(self._cache) > 1:
                 _, oldest = self._cache.popitem(last=False)
-                self._used_bytes -= oldest.n_bytes
+                used_bytes -= oldest.n_bytes
             return tile
 
     def _read(self, entry: TileEntry) -> VoxelTile:

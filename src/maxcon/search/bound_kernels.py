@@ -3,132 +3,198 @@
 """The compiled inner loops of the bounds: what matches add along one axis, at most. Arrays in, arrays out."""
 
 import numpy as np
-from numba import njit
+from llvmlite import ir
+from numba import njit, types
+from numba.extending import intrinsic
 
 from maxcon.point_map import PATCH_VOXELS, TILE_PATCHES
 from maxcon.search.visit_kernels import RIM, rectangle_in_tile
 
-__all__ = ["bound_tile"]
+__all__ = ["bases_of_points", "bound_tile"]
 
 # Voxels that a visit takes at a time: laid out they fit into the L1 cache.
 CAPACITY = 256
 
+# Voxels whose votes are made at once.
+LANES = 8
+
 PATCH_BITS = PATCH_VOXELS.bit_length() - 1
 
 
-@njit(nogil=True, cache=True)
-def _take(voxel_columns, voxel_normals, counts, first, last, low, span, axis, least, taken, values, n_taken):
-    """Append to `taken` those voxels of a run that lie in a rectangle and add more than `least`; without a branch.
+@intrinsic
+def _cells_at(typing_context, cells, j):
+    """Read LANES cells from number j on, so that they stay in registers while many points vote."""
+    signature = types.UniTuple(types.int64, LANES)(cells, types.int64)
 
-    values : (c,) float32, out, what a match of weight one adds along the axis. Returns how many are taken.
+    def generate(context, builder, signature, arguments):
+        cells, j = arguments
+        data = context.make_array(signature.args[0])(context, builder, cells).data
+        numbers = (builder.add(j, ir.Constant(j.type, lane)) for lane in range(LANES))
+        loaded = [builder.load(builder.gep(data, [number])) for number in numbers]
+        wide = [builder.sext(cell, ir.IntType(64)) for cell in loaded]
+        return context.make_tuple(builder, signature.return_type, wide)
+
+    return signature, generate
+
+
+@intrinsic
+def _vote(typing_context, sums, base, cells, rows, j, normal, back):
+    """Add to sums[base + cell] what the match of a point with each of LANES voxels adds, rounded up to a whole number.
+
+    rows : (4, CAPACITY) float32; normal : 4 float32, of which the product with the rows is the weight times what the
+    voxel adds. Two more are added: one to round up, one for what float32 and the rounded sums of the search may
+    differ. The compiler does not find this in a loop.
     """
-    has_counts, is_count = counts.shape[0] > 0, axis[0] == 0.0 and axis[1] == 0.0
-    for k in range(first, last):
-        along = voxel_normals[np.uint64(k), 0] * axis[0] + voxel_normals[np.uint64(k), 1] * axis[1]
-        value = np.float32(1.0) if is_count else along * along
-        if has_counts:
-            value *= np.float32(counts[k])
-        taken[n_taken] = k
-        values[n_taken] = value
-        x = np.uint32(np.int32(voxel_columns[np.uint64(k), 0]) - low[0])
-        y = np.uint32(np.int32(voxel_columns[np.uint64(k), 1]) - low[1])
-        n_taken += np.uint64((x <= span[0]) & (y <= span[1]) & (value > least))
+    signature = types.void(sums, types.int64, cells, rows, types.int64, normal, types.float32)
+
+    def generate(context, builder, signature, arguments):
+        sums, base, cells, rows, j, normal, back = arguments
+        floats, index = ir.VectorType(ir.FloatType(), LANES), ir.IntType(32)
+        data = context.make_array(signature.args[3])(context, builder, rows).data
+        undefined = ir.Constant(floats, ir.Undefined)
+
+        def row(number):
+            position = builder.add(j, ir.Constant(j.type, number * CAPACITY))
+            return builder.load(builder.bitcast(builder.gep(data, [position]), floats.as_pointer()), align=4)
+
+        def all_lanes(scalar):
+            vector = builder.insert_element(undefined, scalar, ir.Constant(index, 0))
+            return builder.shuffle_vector(
+                vector, undefined, ir.Constant(ir.VectorType(index, LANES), [0] * LANES)
+            )
+
+        flags = ("contract",)
+        product = builder.fmul(row(0), all_lanes(builder.extract_value(normal, 0)), flags=flags)
+        for number in range(1, 4):
+            term = builder.fmul(row(number), all_lanes(builder.extract_value(normal, number)), flags=flags)
+            product = builder.fadd(product, term, flags=flags)
+        turned = builder.fmul(product, all_lanes(back))
+        product = builder.select(builder.fcmp_ordered(">", product, turned), product, turned)
+        rounded = builder.fadd(product, ir.Constant(floats, [2.0] * LANES))
+        added = builder.fptosi(rounded, ir.VectorType(index, LANES))
+        start = builder.gep(context.make_array(signature.args[0])(context, builder, sums).data, [base])
+        for lane in range(LANES):
+            pointer = builder.gep(start, [builder.extract_value(cells, lane)])
+            value = builder.extract_element(added, ir.Constant(index, lane))
+            if pointer.type.pointee.width > value.type.width:
+                value = builder.sext(value, pointer.type.pointee)
+            builder.store(builder.add(builder.load(pointer), value), pointer)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@njit(nogil=True, cache=True)
+def bases_of_points(columns, stride, plane):
+    """Where a voxel (0, 0) meets each point in the sums of each heading, less the origin; (n, headings) int64.
+
+    columns : (headings, 2, n) int32; stride, plane : cells from one row, and from one heading, to the next.
+    All headings of a point are read together.
+    """
+    bases = np.empty((columns.shape[2], columns.shape[0]), np.int64)
+    for i in range(columns.shape[2]):
+        for heading in range(columns.shape[0]):
+            x, y = np.int64(columns[heading, 0, i]), np.int64(columns[heading, 1, i])
+            bases[i, heading] = heading * plane - y * stride - x
+    return bases
+
+
+@njit(nogil=True, cache=True)
+def _take(voxel_columns, voxels, first, last, low, span, least, scale, stride, cells, rows, n_taken):
+    """Lay out those voxels of a run that lie in a rectangle and add more than `least`; without a branch.
+
+    voxels : (k, 4) float32, normal, and what a match of weight one adds along the axis; scale : units in one.
+    rows : (4, c) float32, out, the normal times that, and that; cells : (c,) int32, out. Returns how many there are.
+    """
+    for k in range(np.uint64(first), np.uint64(last)):
+        x, y = np.int32(voxel_columns[k, 0]), np.int32(voxel_columns[k, 1])
+        value = voxels[k, 3]
+        units = value * scale
+        cells[n_taken] = y * stride + x
+        rows[0, n_taken], rows[1, n_taken] = voxels[k, 0] * units, voxels[k, 1] * units
+        rows[2, n_taken], rows[3, n_taken] = voxels[k, 2] * units, units
+        is_inside = (np.uint32(x - low[0]) <= span[0]) & (np.uint32(y - low[1]) <= span[1])
+        n_taken += np.uint64(is_inside & (value > least))
     return n_taken
 
 
 @njit(nogil=True, cache=True)
-def _vote(
-    taken, values, visit, points, columns, turned, voxel_columns, voxel_normals, origin, stride, weighting, scale,
-    normals, units, cells, added, sums,
-):  # fmt: skip
-    """Add what the matches of scan points with the taken voxels add along the axis, rounded up, to the sums.
+def _turn(headings, points, bases, normals, turns, origin, turned, places):
+    """Lay out points at the headings of a visit. Returns how many.
 
-    weighting : whether weights are cosines, or one; 0 or -1. normals : (3, c), units : (c,) float32,
-    cells : (c,) int32, added : (c,) of the type of the sums: scratch.
+    turned : (p, 4) float32, places : (p,) int64, out.
     """
-    is_weighted, back = weighting
-    n = taken.shape[0]
-    for j in range(n):
-        k = np.uint64(taken[j])
-        normals[0, j], normals[1, j], normals[2, j] = (
-            voxel_normals[k, 0],
-            voxel_normals[k, 1],
-            voxel_normals[k, 2],
-        )
-        units[j] = values[j] * scale
-        cells[j] = np.int32(voxel_columns[k, 1]) * stride + np.int32(voxel_columns[k, 0])
-    for heading in range(visit[1], visit[2]):
-        cell_sums = sums[heading]
-        for i in range(points[0], points[1]):
-            base = (origin[1] - columns[heading, 1, i]) * stride + origin[0] - columns[heading, 0, i]
-            if is_weighted:
-                nx, ny, nz = turned[heading, 0, i], turned[heading, 1, i], turned[heading, 2, i]
-                for j in range(n):
-                    cosine = nx * normals[0, j] + ny * normals[1, j] + nz * normals[2, j]
-                    # Two more: one to round up, one for what float32 and the rounded sums of the search may differ.
-                    added[j] = np.int32(max(cosine, back * cosine) * units[j] + np.float32(2.0))
-            else:
-                for j in range(n):
-                    added[j] = np.int32(units[j] + np.float32(2.0))
-            for j in range(n):
-                cell_sums[np.uint64(base + cells[j])] += added[j]
+    n = np.uint64(0)
+    for i in range(points[0], points[1]):
+        nx, ny = normals[i, 0], normals[i, 1]
+        for heading in range(headings[0], headings[1]):
+            cosine, sine = turns[heading, 0], turns[heading, 1]
+            turned[n, 0], turned[n, 1] = nx * cosine - ny * sine, nx * sine + ny * cosine
+            turned[n, 2], turned[n, 3] = normals[i, 2], normals[i, 3]
+            places[n] = origin + bases[i, heading]
+            n += np.uint64(1)
+    return n
+
+
+@njit(nogil=True, cache=True)
+def _vote_all(n_taken, n_turned, turned, places, back, cells, rows, sums):
+    """Let points as they are laid out vote for the cells at which they meet the voxels laid out."""
+    n_padded = (n_taken + LANES - 1) // LANES * LANES
+    cells[n_taken:n_padded] = cells[n_taken - 1]  # these add two units to a cell, no more
+    rows[:, n_taken:n_padded] = np.float32(0.0)
+    for j in range(0, n_padded, LANES):
+        cells_here = _cells_at(cells, j)
+        for n in range(np.uint64(n_turned)):
+            normal = (turned[n, 0], turned[n, 1], turned[n, 2], turned[n, 3])
+            _vote(sums, places[n], cells_here, rows, j, normal, back)
 
 
 @njit(nogil=True, cache=True)
 def bound_tile(
-    numbers, visits, starts, middles, ranks, layers, columns, turned, corner, patch_starts, voxel_columns,
-    voxel_normals, counts, offsets, is_weighted, is_signed, axis, least, scale, sums,
+    numbers, visits, starts, ranks, layers, bases, normals, turns, within, corner, patch_starts, voxel_columns, voxels,
+    offsets, is_signed, least, scale, sums,
 ):  # fmt: skip
-    """Add what all matches of some scan points with one tile add to N along an axis, at most, to sums.
+    """Add what all matches of some scan points with one tile add along an axis, at most, to sums.
 
-    As `kernels.accumulate_tile`, but for: points without a normal add nothing; voxels that add no more than
-    `least` are left out. axis : (x, y) float32, unit, or zeros to count matches, those of points without a normal
-    too; scale : float32, units of the sums in one. sums : (headings, rows stride) int32 or int64.
+    numbers : which visits; visits : (m, 7) as planned; starts : (groups + 1,), first point of each group;
+    ranks, layers : as for `kernels.accumulate_tile`; bases : (n, headings), see above; normals : (n, 4) float32,
+    normal at heading 0 and 0, or zeros and 1 where all weights are one; turns : (headings, 2) float32, cosine and
+    sine; within : first and end of the headings to look at.
+    corner : (x, y) voxel index of the tile; patch_starts, voxel_columns, voxels : those that face along the axis.
+    offsets : (first, number of cells, cells from one row of the sums to the next); least : voxels that add no more
+    are left out; scale : float32, units of the sums in one; sums : (headings * rows * stride,) int32 or int64.
     """
     first, last, stride = offsets[0], offsets[0] + offsets[1] - 1, np.int32(offsets[2])
-    origin = (RIM + corner[0] - first, RIM + corner[1] - first)
-    weighting = (is_weighted, np.float32(0.0 if is_signed else -1.0))
-    taken, values = np.empty(CAPACITY, np.int64), np.empty(CAPACITY, np.float32)
-    normals, units = np.zeros((3, CAPACITY), np.float32), np.zeros(CAPACITY, np.float32)
-    cells, added = np.empty(CAPACITY, np.int32), np.empty(CAPACITY, sums.dtype)
+    origin = (RIM + corner[1] - first) * np.int64(stride) + RIM + corner[0] - first
+    back = np.float32(0.0 if is_signed else -1.0)
+    cells, rows = np.empty(CAPACITY, np.int32), np.empty((4, CAPACITY), np.float32)
+    n_most = np.max(np.diff(starts)) * turns.shape[0]
+    turned, places = np.empty((n_most, 4), np.float32), np.empty(n_most, np.int64)
     for number in numbers:
         group = visits[number, 0]
         layer = layers[ranks[group]]
-        points = (starts[group], starts[group + 1] if axis[0] == 0.0 and axis[1] == 0.0 else middles[group])
-        if layer < 0 or points[0] == points[1]:
+        points = (starts[group], starts[group + 1])
+        headings = (max(visits[number, 1], within[0]), min(visits[number, 2], within[1]))
+        if layer < 0 or headings[0] >= headings[1]:
             continue
         x_first, x_last, y_first, y_last = rectangle_in_tile(visits[number], first, last, corner)
-        low, span = (x_first, y_first), (np.uint32(x_last - x_first), np.uint32(y_last - y_first))
+        low = (np.int32(x_first), np.int32(y_first))
+        span = (np.uint32(x_last - x_first), np.uint32(y_last - y_first))
         n_taken = np.uint64(0)
         for py in range(y_first >> PATCH_BITS, (y_last >> PATCH_BITS) + 1):
             row = (layer * TILE_PATCHES + py) * TILE_PATCHES
-            k = patch_starts[row + (x_first >> PATCH_BITS)]
-            run_end = patch_starts[row + (x_last >> PATCH_BITS) + 1]
+            k = np.int64(patch_starts[row + (x_first >> PATCH_BITS)])
+            run_end = np.int64(patch_starts[row + (x_last >> PATCH_BITS) + 1])
             while k < run_end:
                 end = min(run_end, k + CAPACITY - np.int64(n_taken))
                 n_taken = _take(
-                    voxel_columns,
-                    voxel_normals,
-                    counts,
-                    k,
-                    end,
-                    low,
-                    span,
-                    axis,
-                    least,
-                    taken,
-                    values,
-                    n_taken,
+                    voxel_columns, voxels, k, end, low, span, least, scale, stride, cells, rows, n_taken
                 )
                 k = end
                 if n_taken == CAPACITY:
-                    _vote(
-                        taken, values, visits[number], points, columns, turned, voxel_columns, voxel_normals, origin,
-                        stride, weighting, scale, normals, units, cells, added, sums,
-                    )  # fmt: skip
+                    n_turned = _turn(headings, points, bases, normals, turns, origin, turned, places)
+                    _vote_all(CAPACITY, n_turned, turned, places, back, cells, rows, sums)
                     n_taken = np.uint64(0)
         if n_taken > 0:
-            _vote(
-                taken[:n_taken], values, visits[number], points, columns, turned, voxel_columns, voxel_normals, origin,
-                stride, weighting, scale, normals, units, cells, added, sums,
-            )  # fmt: skip
+            n_turned = _turn(headings, points, bases, normals, turns, origin, turned, places)
+            _vote_all(np.int64(n_taken), n_turned, turned, places, back, cells, rows, sums)

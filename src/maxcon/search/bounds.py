@@ -4,16 +4,19 @@
 
 import math
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.geometry import Pose
+from maxcon.search.facing import LEAST_FACING, Axis, Facing
 from maxcon.search.field import Field
 from maxcon.search_space import SearchSpace
 
-__all__ = ["Axis", "Bounds", "HeadingPass"]
+__all__ = ["Along", "Bounds", "HeadingPass"]
 
 # Sums of headings that are made together take so many cells at most, 64 MiB, unless one heading alone takes more.
 PASS_HEADINGS, PASS_CELLS = 16, 2**24
@@ -27,36 +30,13 @@ amount to, of the sum over all points. A few times 2^-24 would do."""
 
 
 @dataclass(frozen=True, slots=True)
-class Axis:
-    """A horizontal direction, unit vector (x, y) in float32; (0, 0) stands for counting."""
-
-    x: np.float32
-    y: np.float32
-
-    @classmethod
-    def at(cls, azimuth: float) -> "Axis":
-        """Return the axis of an azimuth, rad."""
-        return cls(np.float32(math.cos(azimuth)), np.float32(math.sin(azimuth)))
-
-    @classmethod
-    def none(cls) -> "Axis":
-        """Count matches instead."""
-        return cls(np.float32(0.0), np.float32(0.0))
-
-    @property
-    def is_none(self) -> bool:
-        """Whether matches are counted."""
-        return not (self.x or self.y)
-
-
-@dataclass(frozen=True, slots=True)
 class Bounds:
     """What all matches in each cell add along an axis, at most.
 
     Parameters
     ----------
     field : Field
-        The scan and the tiles around.
+        The points that add anything, and the tiles around.
     prior : Pose
         T_map_sensor before localization, local frame.
     space : SearchSpace
@@ -72,46 +52,54 @@ class Bounds:
 
     @classmethod
     def of(cls, field: Field, prior: Pose, space: SearchSpace) -> "Bounds":
-        """Bounds for a scan in its field."""
+        """Bounds for points in their field."""
         fullest = 1
         if not field.is_once:
             fullest = max((int(tile.counts.max(initial=1)) for tile, _ in field.tiles.values()), default=1)
         return cls(field, prior, space, fullest)
 
-    def most(self, axis: Axis) -> float:
+    @property
+    def n_points(self) -> int:
+        """How many points there are."""
+        return int(self.field.points.shape[1])
+
+    @property
+    def most(self) -> float:
         """What a cell can have along any axis if every point matches."""
-        n_points = self.field.points.shape[1]
-        if not axis.is_none:
-            n_points = int(np.sum(self.field.middles - self.field.starts[:-1]))
-        return float(n_points * self.fullest) * (1.0 + SLACK)
+        return float(self.n_points * self.fullest) * (1.0 + SLACK)
+
+    def left_out(self, axis: Axis, least: float) -> float:
+        """What voxels that add no more than `least`, and rounding, can amount to in a cell."""
+        least = 0.0 if axis.is_none else max(least, LEAST_FACING)
+        return self.most * SLACK + self.n_points * least * (1.0 + SLACK)
 
     def passes(self) -> Iterator["HeadingPass"]:
-        """Yield all headings of the space, as many at a time as memory allows."""
+        """Yield all headings of the space, as many at a time as memory allows, from those near the prior's on."""
         n_headings, ny, nx = self.space.shape
         most_headings = max(1, min(PASS_HEADINGS, PASS_CELLS // (ny * nx)))
-        for first in range(0, n_headings, most_headings):
-            yield self.heading_pass(np.arange(first, min(first + most_headings, n_headings)))
+        parts = np.array_split(np.arange(n_headings), -(-n_headings // most_headings))
+        for part in sorted(parts, key=lambda part: abs(part.mean() - (n_headings - 1) / 2)):
+            yield self.heading_pass(part)
 
     def heading_pass(self, headings: NDArray[np.int64]) -> "HeadingPass":
         """Get some headings, by number, ready for their bounds."""
         from maxcon.search import visit_kernels
 
         nx = self.space.shape[2]
-        columns, turned = self.field.turned(self.prior, self.prior.heading + self.space.headings[headings])
+        columns = self.field.voxels_at(self.prior, self.prior.heading + self.space.headings[headings])
         visits = visit_kernels.plan_visits(self.field.starts, columns)
-        return HeadingPass(self, headings, columns, turned, visits, (-(nx // 2), nx - 1 - nx // 2))
+        return HeadingPass(self, headings, columns, visits, (-(nx // 2), nx - 1 - nx // 2))
 
     @property
     def unit(self) -> float:
         """Unit of the sums, a power of two: they stay below 2^30 (2^62 for counts), and what is added below 2^22."""
-        n_points = max(1, self.field.points.shape[1])
-        largest = 2.0**30 / n_points if self.field.is_once else 2.0**22
+        largest = 2.0**30 / max(1, self.n_points) if self.field.is_once else 2.0**22
         return max(FINEST_UNIT, math.ldexp(1.0, math.ceil(math.log2((self.fullest + 2.0) / largest))))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class HeadingPass:
-    """Some headings, with the scan turned by them.
+    """Some headings, with the points turned by them.
 
     Parameters
     ----------
@@ -119,8 +107,8 @@ class HeadingPass:
         Of the scan.
     headings : array, shape (h,)
         Their numbers in the search space.
-    columns, turned : array, shape (h, 2, n) and (h, 3, n)
-        Voxels and normals of the points at each heading.
+    columns : array, shape (h, 2, n)
+        Voxels of the points at each heading.
     visits : array, shape (m, 7)
         As `visit_kernels.plan_visits` planned them.
     offsets : tuple of 2 int
@@ -130,37 +118,112 @@ class HeadingPass:
     bounds: Bounds
     headings: NDArray[np.int64]
     columns: NDArray[np.int32]
-    turned: NDArray[np.float32]
     visits: NDArray[np.int64]
     offsets: tuple[int, int]
 
-    def along(self, axis: Axis, least: float, every: int = 1) -> NDArray[np.float64]:
-        """Bound what matches add along an axis in all cells, shape (h, ny, nx).
+    def along(self, axis: Axis, least: float = LEAST_FACING, n_threads: int = 1) -> "Along":
+        """Bound what matches add along an axis in all cells.
 
         Parameters
         ----------
         axis : Axis
             Along which direction.
         least : float
-            Voxels that add no more than this are not looked at; each point is taken to match one of them.
-        every : int
-            Only every so many-th group of scan points: an idea of the bounds, but none.
+            Voxels that add no more than this are not looked at; each point is taken to match one of them. Those that
+            add no more than LEAST_FACING never are.
+        n_threads : int
+            Headings are shared out among them; the bounds do not depend on it.
         """
         from maxcon.search import bound_kernels, visit_kernels
 
-        field, rim = self.bounds.field, visit_kernels.RIM
-        first, last = self.offsets
-        n_cells = last - first + 1
-        visits = self.visits if every == 1 else self.visits[self.visits[:, 0] % every == 0]
-        width, unit = n_cells + 2 * rim, self.bounds.unit
-        shape = (len(self.headings), width, width)
-        sums = np.zeros(shape, np.int32 if field.is_once else np.int64)
-        for numbers, layers, tile in field.visited(visits, first, last):
-            bound_kernels.bound_tile(
-                numbers, visits, field.starts, field.middles, field.ranks, layers, self.columns, self.turned, *tile,
-                (first, n_cells, width), field.is_weighted and not axis.is_none, field.is_signed, (axis.x, axis.y),
-                np.float32(least), np.float32(1.0 / unit), sums.reshape(len(self.headings), -1),
-            )  # fmt: skip
-        bounds: NDArray[np.float64] = sums[:, rim:-rim, rim:-rim] * (unit * (1.0 + SLACK))
-        bounds += self.bounds.most(axis) * (SLACK + least / self.bounds.fullest * (1.0 + SLACK))
-        return bounds
+        field, rim, (first, last) = self.bounds.field, visit_kernels.RIM, self.offsets
+        width, unit = last - first + 1 + 2 * rim, self.bounds.unit
+        sums = np.zeros((len(self.headings), width, width), np.int32 if field.is_once else np.int64)
+        bases = bound_kernels.bases_of_points(self.columns, width, width**2)
+        normals = self._normals(is_weighted=field.is_weighted and not axis.is_none)
+
+        def vote(headings: NDArray[np.int64]) -> None:
+            for numbers, layers, tile in field.visited(self.visits, first, last):
+                facing = Facing.of(tile, axis, is_once=field.is_once)
+                bound_kernels.bound_tile(
+                    numbers, self.visits, field.starts, field.ranks, layers, bases, normals, self._turns,
+                    (int(headings[0]), int(headings[-1]) + 1), tile.corner, facing.patch_starts, facing.columns,
+                    facing.voxels, (first, last - first + 1, width), field.is_signed, np.float32(least),
+                    np.float32(1.0 / unit), sums.reshape(-1),
+                )  # fmt: skip
+
+        parts = np.array_split(np.arange(len(self.headings)), min(n_threads, len(self.headings)))
+        if len(parts) == 1:
+            vote(parts[0])
+        else:
+            with ThreadPoolExecutor(len(parts)) as pool:
+                list(pool.map(vote, parts))
+        inner = sums[:, rim:-rim, rim:-rim]
+        return Along(self.headings, inner, unit * (1.0 + SLACK), self.bounds.left_out(axis, least))
+
+    def _normals(self, *, is_weighted: bool) -> NDArray[np.float32]:
+        """Normals of the points as the kernel takes them, shape (n, 4): zeros and 1 where all weights are one."""
+        normals = np.zeros((self.bounds.n_points, 4), np.float32)
+        if is_weighted:
+            normals[:, :3] = self.bounds.field.normals.T
+        else:
+            normals[:, 3] = 1.0
+        return normals
+
+    @cached_property
+    def _turns(self) -> NDArray[np.float32]:
+        """Cosine and sine of each heading, shape (h, 2)."""
+        headings = self.bounds.prior.heading + self.bounds.space.headings[self.headings]
+        return np.column_stack([np.cos(headings), np.sin(headings)]).astype(np.float32)
+
+
+@dataclass(frozen=True, slots=True)
+class Along:
+    """What matches add along an axis at most, in all cells of some headings.
+
+    Parameters
+    ----------
+    headings : array, shape (h,)
+        Their numbers in the search space.
+    sums : array, shape (h, ny, nx), int32 or int64
+        What they add, in units.
+    unit : float
+        One unit.
+    left_out : float
+        What the sums leave out, at most.
+    """
+
+    headings: NDArray[np.int64]
+    sums: NDArray[np.signedinteger]
+    unit: float
+    left_out: float
+
+    def at(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Bounds of some cells (n, 3), of headings that are there."""
+        passed = np.searchsorted(self.headings, cells[:, 0])
+        units: NDArray[np.float64] = self.sums[passed, cells[:, 1], cells[:, 2]].astype(np.float64)
+        return units * self.unit + self.left_out
+
+    def reaching(self, least: float) -> tuple[NDArray[np.int64], float]:
+        """Cells (n, 3), in index order, whose bound reaches `least`; and the highest of the others, 0 for none."""
+        is_reached = self.sums >= (least - self.left_out) / self.unit
+        cells = np.argwhere(is_reached)
+        cells[:, 0] = self.headings[cells[:, 0]]
+        if len(cells) == self.sums.size:
+            return cells, 0.0
+        highest = self.sums.max(where=~is_reached, initial=0) if len(cells) else self.sums.max()
+        return cells, float(highest) * self.unit + self.left_out
+
+    def highest(self, n_cells: int) -> NDArray[np.int64]:
+        """The cells (n, 3) of the highest bounds."""
+        highest_of_rows = self.sums.max(axis=2)
+        n_rows = min(n_cells, highest_of_rows.size)
+        rows = np.unravel_index(
+            np.argpartition(highest_of_rows, -n_rows, axis=None)[-n_rows:], highest_of_rows.shape
+        )
+        candidates = self.sums[rows]
+        n_cells = min(n_cells, candidates.size)
+        numbers, x = np.divmod(
+            np.argpartition(candidates, -n_cells, axis=None)[-n_cells:], candidates.shape[1]
+        )
+        return np.stack([self.headings[rows[0][numbers]], rows[1][numbers], x], axis=1)

@@ -4,6 +4,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,23 +16,28 @@ from maxcon.integrity import highest_beyond
 from maxcon.objectives import BoundedByAxes, BoundedByCount, Moments, Objective, Scores
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
-from maxcon.search.bounds import Axis, Bounds, HeadingPass
+from maxcon.search.bounds import Along, Bounds, HeadingPass
 from maxcon.search.cell_scores import Candidates, CellScores
 from maxcon.search.exhaustive import exhaustive
+from maxcon.search.facing import LEAST_FACING, Axis
 from maxcon.search.field import Field
 from maxcon.search.matching import Multiplicity, Weighting, check_cell_edge
 from maxcon.search_space import Cell, SearchSpace
 
 __all__ = ["Found", "branch_and_bound"]
 
-# A first idea of the best cell comes from about so many scan points; so many of its best cells are scored.
-SAMPLE_POINTS, SAMPLE_CELLS = 500, 4
-# Voxels are left out of the bounds that together add less than this share of the best score.
-LEFT_OUT = 0.15
+# So many cells of the highest bounds are scored first: the better the best is early, the less is left.
+FIRST_CELLS = 2
+# Voxels are left out of the bounds that together add less than this share of the best score, ...
+LEFT_OUT = 0.3
+# ... or, before there is one, of what all scan points could add along the axis that they determine least.
+LEFT_OUT_OF_SCAN = 0.015
 # More candidates than this are bounded along the second axis too, before they are scored.
-MOST_CANDIDATES = 48
-# Where they leave more than this to be scored, an exhaustive search is faster.
-HOPELESS = 200
+MOST_CANDIDATES = 256
+# Where more than one in so many cells is left to be scored, an exhaustive search is faster.
+HOPELESS = 100
+# From so many steps of what matches add along an axis one is found from which on cells are candidates.
+BOUND_STEPS = 4096
 # Candidates are scored so many at a time, from the most promising on.
 AT_ONCE = 16
 
@@ -77,6 +83,7 @@ def branch_and_bound(
     share: float = 1.0,
     guard_radius: float = 0.3,
     guarded: Cell | None = None,
+    n_threads: int = 1,
 ) -> Found:
     """Find the best cell of a search space: the same as that of the exhaustive search, its score and moments too.
 
@@ -108,6 +115,8 @@ def branch_and_bound(
     guarded : tuple of 3 int, optional
         The cell that it lies far from, and whose score it is compared with, if not the best one: that of another
         objective.
+    n_threads : int
+        Headings are shared out among that many threads; the result does not depend on it (D8).
 
     Returns
     -------
@@ -118,7 +127,7 @@ def branch_and_bound(
     SearchSpaceError
         If the cell edge is not the map's, or bounds decide too little in a space too large to be searched exhaustively.
     OptionError
-        If the multiplicity or the weighting is unknown, or the share or the guard radius out of range.
+        If the multiplicity or the weighting is unknown, the share, the guard radius or the threads out of range.
     ArrayError
         If the prior lies so far out that voxels have no index there.
     """
@@ -128,16 +137,21 @@ def branch_and_bound(
         raise OptionError(
             f"Expected `share` above 0 and at most 1, got {share}. With 1 only the best cell is found."
         )
+    if n_threads < 1:
+        raise OptionError(f"Expected `n_threads` to be 1 or more, got {n_threads}. One is the default.")
     if not 0.0 <= guard_radius < math.inf:
         raise OptionError(f"Expected `guard_radius` >= 0 m, got {guard_radius}. The default is 0.3.")
-    if isinstance(objective, BoundedByAxes | BoundedByCount):
+    is_count = isinstance(objective, BoundedByCount)
+    if is_count or isinstance(objective, BoundedByAxes):
         searched = Field.prepare(scan, point_map, prior, space, multiplicity, weighting)
-        bounds = Bounds.of(searched, prior, space)
-        scores_of_cells = CellScores(bounds, objective, guard_radius, guarded)
-        found = _Search(bounds, objective, share, scores_of_cells).run()
+        bounds = Bounds.of(searched if is_count else searched.with_normals(), prior, space)
+        scores_of_cells = CellScores(searched, prior, space, objective, is_count, guard_radius, guarded)
+        found = _Search(bounds, objective, share, scores_of_cells, n_threads).run()
         if found is not None:
             return found
-    accumulator = exhaustive(scan, point_map, prior, space, multiplicity=multiplicity, weighting=weighting)
+    accumulator = exhaustive(
+        scan, point_map, prior, space, multiplicity=multiplicity, weighting=weighting, n_threads=n_threads
+    )
     scores = accumulator.score(objective)
     cell = highest(scores, space)
     rest = highest_beyond(scores, guarded or cell, space, guard_radius)
@@ -150,9 +164,10 @@ class _Search:
     """One search, and how far it has come."""
 
     bounds: Bounds
-    objective: BoundedByAxes | BoundedByCount
+    objective: Objective
     share: float
     scores: CellScores
+    n_threads: int
     highest_left_out: float = 0.0
 
     def run(self) -> Found | None:
@@ -163,13 +178,10 @@ class _Search:
             return Found(scores.cell, scores.best, np.zeros(4), scores.best, scores.best, 1)
         if scores.guarded is not None:
             scores.score(np.array([scores.guarded]))
-        candidates, is_sampled = Candidates.none(), False
+        candidates = Candidates.none()
         for heading_pass in self.bounds.passes():
-            if not is_sampled:
-                self._score_sample(heading_pass)
-                is_sampled = True
             candidates = candidates.joined(self._bound(heading_pass))
-            if len(candidates) > HOPELESS:
+            if len(candidates) > max(AT_ONCE, self.bounds.space.n_cells // HOPELESS):
                 return None
         self._decide(candidates)
         moments = scores.moments(scores.cell[0], np.array([scores.cell]), with_all=True)[0]
@@ -177,61 +189,73 @@ class _Search:
         return Found(scores.cell, scores.best, moments, scores.best, rest, len(scores.scored))
 
     @property
+    def _is_count(self) -> bool:
+        return self.scores.with_all
+
+    @property
     def _asked(self) -> float:
         """Score from which on a cell is looked for."""
         guarded = self.scores.guarded
         return self.share * (self.scores.best if guarded is None else self.scores.scored[guarded][0])
 
-    def _axes_of_scan(self) -> tuple[Axis, ...]:
-        """Axis that the scan's normals determine least, and the other one; or the count."""
-        if isinstance(self.objective, BoundedByCount):
-            return (Axis.none(),)
-        x, y, _ = self.bounds.field.normals
-        xx, xy, yy = (float((a * b).sum()) for a, b in ((x, x), (x, y), (y, y)))
-        return _axes(xx, xy, yy, turn=self.bounds.prior.heading)
-
-    def _axes_of_best(self) -> tuple[Axis, ...]:
-        """Axis that the matches in the best cell so far determine least, and the other one; or the count."""
-        if isinstance(self.objective, BoundedByCount):
-            return (Axis.none(),)
-        _, moments = self.scores.scored[self.scores.cell]
-        return _axes(*(float(moment) for moment in moments[1:]))
-
-    def _score_sample(self, heading_pass: HeadingPass) -> None:
-        """Score cells that are good for a sample of the scan: the better the best is early, the less is left."""
-        axes = self._axes_of_scan()
-        every = max(1, round(self.bounds.most(axes[0]) / self.bounds.fullest / SAMPLE_POINTS))
-        upper = self._upper([heading_pass.along(axis, 0.0, every) for axis in axes])
-        n_cells = min(SAMPLE_CELLS, upper.size)
-        self.scores.score(
-            _cells(heading_pass, np.sort(np.argpartition(upper, -n_cells, axis=None)[-n_cells:]))
-        )
+    def _plan(self) -> tuple[Axis, float]:
+        """Axis that the best cell so far, or else the scan, determines least, and which voxels to leave out."""
+        if self._is_count:
+            return Axis.none(), 0.0
+        if self.scores.best > 0.0:
+            _, (_, xx, xy, yy) = self.scores.scored[self.scores.cell]
+            axis, turn, left_out = _weak_azimuth(xx, xy, yy)[0], 0.0, LEFT_OUT * self.scores.best
+        else:
+            x, y, _ = self.bounds.field.normals
+            axis, least = _weak_azimuth(*(float((a * b).sum()) for a, b in ((x, x), (x, y), (y, y))))
+            turn, left_out = self.bounds.prior.heading, LEFT_OUT_OF_SCAN * least
+        weak = Axis.near(axis + turn)
+        return weak, max(LEAST_FACING, left_out / max(1, self.bounds.n_points))
 
     def _bound(self, heading_pass: HeadingPass) -> Candidates:
         """Cells that may reach the asked share of the best score, of some headings."""
-        axes = self._axes_of_best()
-        least = (
-            LEFT_OUT * max(self.scores.best, 0.0) / max(1.0, self.bounds.most(axes[0])) * self.bounds.fullest
-        )
-        along = heading_pass.along(axes[0], least)
-        upper = self._upper([along])
-        if np.count_nonzero(upper >= self._asked) > MOST_CANDIDATES:
-            self.scores.score(_cells(heading_pass, np.argpartition(upper, -AT_ONCE, axis=None)[-AT_ONCE:]))
-        if len(axes) > 1 and np.count_nonzero(upper >= self._asked) > MOST_CANDIDATES:
-            here = np.flatnonzero((upper >= self._asked).any(axis=(1, 2)))
-            other = self.bounds.heading_pass(heading_pass.headings[here]).along(axes[1], least)
-            upper[here] = np.minimum(upper[here], self._upper([along[here], other]))
-        is_left = upper >= self._asked
-        self.highest_left_out = max(self.highest_left_out, float(upper.max(where=~is_left, initial=0.0)))
-        places = np.flatnonzero(is_left)
-        return Candidates(_cells(heading_pass, places), upper.reshape(-1)[places])
+        axis, least = self._plan()
+        along = heading_pass.along(axis, least, self.n_threads)
+        if self.scores.best <= 0.0:
+            self.scores.score(along.highest(FIRST_CELLS))
+        candidates = self._reaching(along)
+        if len(candidates) > MOST_CANDIDATES:
+            self.scores.score(candidates[np.argsort(-candidates.upper, kind="stable")[:AT_ONCE]].cells)
+            candidates = self._reaching(along)
+        if len(candidates) > MOST_CANDIDATES and self._plan() != (axis, least):
+            axis, least = self._plan()
+            along = heading_pass.along(axis, least, self.n_threads)
+            candidates = self._reaching(along)
+        if len(candidates) > MOST_CANDIDATES and not axis.is_none:
+            here = np.unique(candidates.cells[:, 0])
+            across = self.bounds.heading_pass(here).along(axis.across, least, self.n_threads)
+            upper = self._upper(along.at(candidates.cells), across.at(candidates.cells))
+            candidates = self._left(Candidates(candidates.cells, upper))
+        return candidates
 
-    def _upper(self, along: list[NDArray[np.float64]]) -> Scores:
+    def _reaching(self, along: Along) -> Candidates:
+        """Cells whose bound along one axis leaves it open whether they reach the asked score."""
+        steps = np.linspace(0.0, self.bounds.most, BOUND_STEPS)
+        is_open = self._upper(steps) >= self._asked
+        first_open = int(np.argmax(is_open)) if is_open.any() else BOUND_STEPS
+        cells, highest = along.reaching(steps[max(first_open - 1, 0)])
+        self.highest_left_out = max(self.highest_left_out, float(self._upper(np.array([highest]))[0]))
+        return self._left(Candidates(cells, self._upper(along.at(cells))))
+
+    def _left(self, candidates: Candidates) -> Candidates:
+        """Those that may reach the asked score."""
+        is_left = candidates.upper >= self._asked
+        left_out = candidates.upper[~is_left].max(initial=0.0)
+        self.highest_left_out = max(self.highest_left_out, float(left_out))
+        return candidates[is_left]
+
+    def _upper(self, along: NDArray[np.float64], across: NDArray[np.float64] | None = None) -> Scores:
         """Most that cells score, from what their matches add along one or both axes at most."""
-        if isinstance(self.objective, BoundedByCount):
-            return self.objective.bound_by_count(along[0])
-        other = along[1] if len(along) > 1 else np.full_like(along[0], self.bounds.most(Axis.at(0.0)))
-        return self.objective.bound_by_axes(along[0], other)
+        if self._is_count:
+            return cast(BoundedByCount, self.objective).bound_by_count(along)
+        if across is None:
+            across = np.full_like(along, self.bounds.most)
+        return cast(BoundedByAxes, self.objective).bound_by_axes(along, across)
 
     def _decide(self, candidates: Candidates) -> None:
         """Score candidates until none is left that could be the best, or the runner-up that is asked for."""
@@ -249,14 +273,7 @@ class _Search:
         self.highest_left_out = max(self.highest_left_out, float(others.upper[place:].max(initial=0.0)))
 
 
-def _cells(heading_pass: HeadingPass, places: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Cells (n, 3) at some places of the bounds of a pass, numbered in index order."""
-    n_cells = heading_pass.offsets[1] - heading_pass.offsets[0] + 1
-    headings, y, x = np.unravel_index(places, (len(heading_pass.headings), n_cells, n_cells))
-    return np.stack([heading_pass.headings[headings], y, x], axis=1)
-
-
-def _axes(xx: float, xy: float, yy: float, turn: float = 0.0) -> tuple[Axis, Axis]:
-    """Axes of the smaller and of the larger eigenvalue of a matrix, in a frame turned back by `turn`, rad."""
-    strong = 0.5 * math.atan2(2.0 * xy, xx - yy) + turn
-    return Axis.at(strong + 0.5 * math.pi), Axis.at(strong)
+def _weak_azimuth(xx: float, xy: float, yy: float) -> tuple[float, float]:
+    """Azimuth of the eigenvector of the smaller eigenvalue of a matrix, rad, and that eigenvalue."""
+    azimuth = 0.5 * math.atan2(2.0 * xy, xx - yy) + 0.5 * math.pi
+    return azimuth, 0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)

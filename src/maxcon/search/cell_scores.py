@@ -3,15 +3,19 @@
 """Cells that may be the best, and the scores of those that were looked at."""
 
 import math
+from collections import defaultdict
 from dataclasses import dataclass, field
-from typing import cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.objectives import BoundedByCount, Moments, Objective, Scores
-from maxcon.search.bounds import Bounds, HeadingPass
-from maxcon.search_space import Cell
+from maxcon.geometry import Pose
+from maxcon.objectives import Moments, Objective, Scores
+from maxcon.point_map import TILE_PATCHES
+from maxcon.point_map.tile import Addresses
+from maxcon.search.field import Field
+from maxcon.search_space import Cell, SearchSpace
 
 __all__ = ["Candidates", "CellScores"]
 
@@ -41,16 +45,59 @@ class Candidates:
         return Candidates(self.cells[which], self.upper[which])
 
 
+@dataclass(frozen=True, slots=True)
+class TileTable:
+    """The tiles of a field in one array, so that one call of the kernel looks up points in all of them.
+
+    Parameters
+    ----------
+    rows : array, shape (n_tiles + 1, 8), uint64
+        Addresses of the arrays of each tile, as `exact_kernels.moments_of_cells` reads them. The first row is for
+        where there is no tile.
+    grid : array, shape (ny, nx), int32
+        Rows of the tiles, by their keys.
+    kept : tuple
+        What lies at the addresses: it lives as long as the table.
+    """
+
+    rows: NDArray[np.uint64]
+    grid: NDArray[np.int32]
+    kept: tuple[NDArray[Any] | Addresses, ...]
+
+    @classmethod
+    def of(cls, searched: Field) -> "TileTable":
+        """Table of the tiles of a field."""
+        n_ranks = int(searched.ranks.max(initial=0)) + 1
+        layers = np.zeros((len(searched.tiles) + 1, n_ranks), np.int32)
+        nothing, kept = np.zeros(TILE_PATCHES**2, np.uint64), []
+        rows, grid = np.empty((len(layers), 8), np.uint64), np.zeros(searched.shape, np.int32)
+        rows[:, 0] = layers.ctypes.data + layers.strides[0] * np.arange(len(layers))
+        rows[0, 1:] = [1, *[nothing.ctypes.data] * 6]
+        for row, (slot, (tile, tile_layers)) in enumerate(searched.tiles.items(), 1):
+            grid.flat[slot] = row
+            layers[row] = tile_layers
+            layers[row, tile_layers < 0] = len(tile.index.layers)  # none
+            rows[row, 1], rows[row, 2:] = tile.occupancy.held.shape[2], tile.addresses.values
+            kept.append(tile.addresses)
+        return cls(rows, grid, (layers, nothing, *kept))
+
+
 @dataclass
 class CellScores:
     """Scores of single cells, equal to those of the exhaustive search.
 
     Parameters
     ----------
-    bounds : Bounds
-        The scan, its prior and the space.
+    searched : Field
+        The scan and the tiles around.
+    prior : Pose
+        T_map_sensor before localization, local frame.
+    space : SearchSpace
+        The cells.
     objective : Objective
         What a cell is worth.
+    with_all : bool
+        Whether that depends on the points that have no normal too, which only count.
     guard_radius : float
         The runner-up lies farther than this from the guarded cell, m.
     guarded : tuple of 3 int, optional
@@ -63,29 +110,35 @@ class CellScores:
         Score and moments of each cell that was scored.
     """
 
-    bounds: Bounds
+    searched: Field
+    prior: Pose
+    space: SearchSpace
     objective: Objective
+    with_all: bool
     guard_radius: float
     guarded: Cell | None = None
     best: float = -math.inf
     cell: Cell = (0, 0, 0)
     scored: dict[Cell, tuple[float, Moments]] = field(default_factory=dict)
-    _turned: dict[int, HeadingPass] = field(default_factory=dict)
+    _table: TileTable | None = None
+    _points: dict[bool, tuple[NDArray[np.int32], NDArray[np.int32]]] = field(default_factory=dict)
+    _turned: dict[tuple[int, bool], tuple[NDArray[np.uint64], NDArray[np.float32]]] = field(
+        default_factory=dict
+    )
 
     def score(self, cells: NDArray[np.int64]) -> None:
         """Score cells that are not yet, and keep the best."""
-        new = np.array([cell for cell in map(tuple, cells.tolist()) if cell not in self.scored], np.int64)
-        for heading in np.unique(new[:, 0]) if len(new) else ():
-            mine = new[new[:, 0] == heading]
-            with_all = isinstance(self.objective, BoundedByCount)
-            moments = self.moments(int(heading), mine, with_all=with_all)
-            for cell, score, four in zip(
-                mine.tolist(), self.objective.score(moments).tolist(), moments, strict=True
-            ):
-                at = cast(Cell, tuple(cell))
-                self.scored[at] = score, four
-                if (-score, at) < (-self.best, self.cell):
-                    self.best, self.cell = score, at
+        new: dict[int, list[Cell]] = defaultdict(list)
+        for heading, y, x in dict.fromkeys(map(tuple, cells.tolist())):
+            if (heading, y, x) not in self.scored:
+                new[heading].append((heading, y, x))
+        for heading, mine in new.items():
+            moments = self.moments(heading, np.array(mine, np.int64), with_all=self.with_all)
+            scores = self.objective.score(moments).tolist()
+            for cell, score, four in zip(mine, scores, moments, strict=True):
+                self.scored[cell] = score, four
+                if (-score, cell) < (-self.best, self.cell):
+                    self.best, self.cell = score, cell
 
     def moments(self, heading: int, cells: NDArray[np.int64], *, with_all: bool) -> Moments:
         """Moments of some cells of one heading, shape (n, 4), to the last bit those of the exhaustive search.
@@ -94,24 +147,38 @@ class CellScores:
         """
         from maxcon.search import exact_kernels
 
-        if heading not in self._turned:
-            self._turned[heading] = self.bounds.heading_pass(np.array([heading]))
-        turned, searched = self._turned[heading], self.bounds.field
-        offsets = cells[:, :0:-1] + turned.offsets[0]
-        ends = searched.starts[1:] if with_all else searched.middles
+        searched = self.searched
+        if self._table is None:
+            self._table = TileTable.of(searched)
+        _, ny, nx = self.space.shape
+        offsets = cells[:, :0:-1] - np.array([nx // 2, ny // 2])
+        voxels, normals = self._laid_out(heading, with_all)
         moments = np.zeros((len(cells), 4))
-        tiles = searched.visited(turned.visits, int(offsets.min()), int(offsets.max()))
-        for numbers, layers, tile in tiles:
-            exact_kernels.moments_of_cells(
-                offsets, turned.visits[numbers, 0], searched.starts, ends, searched.ranks, layers, turned.columns[0],
-                turned.turned[0], *tile, searched.is_weighted, searched.is_signed, moments,
-            )  # fmt: skip
+        exact_kernels.moments_of_cells(
+            offsets, voxels, normals, self._points[with_all][1], self._table.rows, self._table.grid, searched.corner,
+            searched.is_once, searched.is_weighted, searched.is_signed, moments,
+        )  # fmt: skip
         return moments
+
+    def _laid_out(self, heading: int, with_all: bool) -> tuple[NDArray[np.uint64], NDArray[np.float32]]:
+        """Voxels and normals at a heading of all points, or of those with a normal, as the kernel takes them."""
+        from maxcon.search import exact_kernels, group_kernels
+
+        if (heading, with_all) not in self._turned:
+            searched = self.searched
+            if with_all not in self._points:
+                ends = searched.starts[1:] if with_all else searched.middles
+                self._points[with_all] = group_kernels.points_of_groups(searched.starts, ends, searched.ranks)
+            azimuth = self.prior.heading + self.space.headings[heading]
+            (columns,), (turned,) = searched.turned(self.prior, [azimuth])
+            numbers, _ = self._points[with_all]
+            self._turned[heading, with_all] = exact_kernels.lay_out(columns, turned, numbers)
+        return self._turned[heading, with_all]
 
     def is_beyond(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Whether cells lie farther than the guard radius from the guarded one."""
         offsets = cells[:, 1:] - np.array((self.guarded or self.cell)[1:])
-        return np.asarray(np.hypot(offsets[:, 0], offsets[:, 1]) * self.bounds.space.cell > self.guard_radius)
+        return np.asarray(np.hypot(offsets[:, 0], offsets[:, 1]) * self.space.cell > self.guard_radius)
 
     def runner_up(self) -> float:
         """Highest score beyond the guard radius among the cells that were scored."""

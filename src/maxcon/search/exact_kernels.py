@@ -3,66 +3,214 @@
 """The compiled inner loops for single cells. Arrays in, arrays out."""
 
 import numpy as np
-from numba import njit
+from llvmlite import ir
+from numba import njit, types
+from numba.extending import intrinsic
 
 from maxcon.point_map import PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS
 from maxcon.search.kernels import ROUNDER
+from maxcon.search.matching import CONTRIBUTION_STEP
 
-__all__ = ["moments_of_cells"]
+__all__ = ["lay_out", "moments_of_cells"]
 
-PATCH_BITS = PATCH_VOXELS.bit_length() - 1
+# Points that are looked up at a time: what is made of them fits into the L1 cache.
+CAPACITY = 1024
+
+TILE_BITS, PATCH_BITS = TILE_VOXELS.bit_length() - 1, PATCH_VOXELS.bit_length() - 1
+
+# Columns of the table of tiles, see `moments_of_cells`.
+LAYERS, N_HELD, HELD, NUMBERS, WORDS, FIRSTS, NORMALS, COUNTS = range(8)
+
+# A voxel (x, y) of a tile is one number, x + y * 2^32. Bits that are set in none; ...
+OUTSIDE = (2**64 - 1) ^ ((TILE_VOXELS - 1) * (2**32 + 1))
+# ... and those of its place (py, px) among the patches, where shifts have brought them.
+PATCH_X, PATCH_Y = TILE_PATCHES - 1, (TILE_PATCHES - 1) * TILE_PATCHES
+PATCH_ROW_BITS = TILE_PATCHES.bit_length() - 1
+
+# A bit of a tile is one number too: row of the tile, number of the word in it, number of the bit in that.
+BIT_BITS, WORD_BITS = 6, 34
+
+
+def _reading(item, llvm_item):
+    """Make the function that reads item `number` of an array of which only the address is known.
+
+    A scan meets tens of tiles: to hand over their arrays took longer than to look up all points in them.
+    """
+
+    @intrinsic
+    def read(typing_context, address, number):
+        def generate(context, builder, signature, arguments):
+            start = builder.inttoptr(arguments[0], llvm_item.as_pointer())
+            return builder.load(builder.gep(start, [arguments[1]]))
+
+        return item(types.uint64, types.uint64), generate
+
+    return read
+
+
+_int32_at = _reading(types.int32, ir.IntType(32))
+_uint64_at = _reading(types.uint64, ir.IntType(64))
+_float32_at = _reading(types.float32, ir.FloatType())
+
+
+@intrinsic
+def _n_bits(typing_context, word):
+    """How many bits of a uint64 are set."""
+
+    def generate(context, builder, signature, arguments):
+        return builder.ctpop(arguments[0])
+
+    return types.uint64(types.uint64), generate
 
 
 @njit(nogil=True, cache=True)
-def _voxel(x, y, layer, patch_starts, voxel_columns):
-    """Number of the voxel (x, y) of a layer of a tile, -1 where there is none."""
-    patch = (layer * TILE_PATCHES + (y >> PATCH_BITS)) * TILE_PATCHES + (x >> PATCH_BITS)
-    low, end = patch_starts[patch], patch_starts[patch + 1]
-    high = end
-    while low < high:  # voxels of a patch are sorted by y, then x
-        middle = (low + high) >> 1
-        at_x, at_y = voxel_columns[middle, 0], voxel_columns[middle, 1]
-        if at_y < y or (at_y == y and at_x < x):
-            low = middle + 1
-        else:
-            high = middle
-    return low if low < end and voxel_columns[low, 0] == x and voxel_columns[low, 1] == y else -1
+def lay_out(columns, turned, numbers):
+    """Voxels (n,) uint64, x + y * 2^32, and normals (n, 3) float32 of some points, in the order of the look-ups.
+
+    columns : (2, m) int32; turned : (3, m) float32; numbers : (n,), which points.
+    """
+    voxels, normals = np.empty(numbers.shape[0], np.uint64), np.empty((numbers.shape[0], 3), np.float32)
+    for j in range(numbers.shape[0]):
+        i = np.uint64(numbers[j])
+        voxels[j] = np.uint64(np.int64(columns[0, i]) + (np.int64(columns[1, i]) << 32))
+        normals[j, 0], normals[j, 1], normals[j, 2] = turned[0, i], turned[1, i], turned[2, i]
+    return voxels, normals
+
+
+@njit(nogil=True, cache=True)
+def _tile_and_shift(voxel, offset, grid, corner):
+    """Row in the table of the tile in which a voxel falls at an offset, and the offset less the tile's corner."""
+    x = np.int64(np.int32(voxel & np.uint64(2**32 - 1)))
+    y = ((np.int64(voxel) - x) >> 32) + offset[1]
+    x += offset[0]
+    slot_x, slot_y = (x >> TILE_BITS) - corner[0], (y >> TILE_BITS) - corner[1]
+    tile = np.uint64(0)
+    if 0 <= slot_x < grid.shape[1] and 0 <= slot_y < grid.shape[0]:
+        tile = np.uint64(grid[slot_y, slot_x])
+    x_shift = offset[0] - ((x >> TILE_BITS) << TILE_BITS)
+    y_shift = offset[1] - ((y >> TILE_BITS) << TILE_BITS)
+    return tile, np.uint64(x_shift + (y_shift << 32))
+
+
+@njit(nogil=True, cache=True)
+def _find(first, end, offset, voxels, ranks, tiles, grid, corner, found, matched):
+    """Find those of some points that fall in a patch that holds voxels, at an offset. Returns how many.
+
+    found : (c,) int32, their numbers; matched : (c,) uint64, bits of the voxels they fall in. Both out.
+    """
+    n, row, shift = np.uint64(0), np.uint64(0), np.uint64(2**63)  # that of no tile
+    layers, n_held, held, numbers = tiles[0, LAYERS], tiles[0, N_HELD], tiles[0, HELD], tiles[0, NUMBERS]
+    for number in range(first, end):
+        j = np.uint64(number)
+        voxel = voxels[j] + shift
+        if voxel & np.uint64(OUTSIDE):  # points in one tile follow each other
+            tile, shift = _tile_and_shift(voxels[j], offset, grid, corner)
+            voxel = voxels[j] + shift
+            layers, n_held = tiles[tile, LAYERS], tiles[tile, N_HELD]
+            held, numbers = tiles[tile, HELD], tiles[tile, NUMBERS]
+            row = tile << np.uint64(BIT_BITS + WORD_BITS)
+        # From here on without a branch: which points match is as good as random.
+        place = (voxel >> np.uint64(32 + PATCH_BITS - PATCH_ROW_BITS)) & np.uint64(PATCH_Y)
+        place |= (voxel >> np.uint64(PATCH_BITS)) & np.uint64(PATCH_X)
+        layer = np.uint64(_int32_at(layers, np.uint64(ranks[j])))
+        place = place * n_held + (layer >> np.uint64(6))
+        patches, in_patches = _uint64_at(held, place), layer & np.uint64(63)
+        before = patches & ((np.uint64(1) << in_patches) - np.uint64(1))
+        patch = np.uint64(_int32_at(numbers, place)) + _n_bits(before)
+        word = np.uint64(4) * patch + ((voxel >> np.uint64(34)) & np.uint64(3))
+        bit = (voxel >> np.uint64(32 - PATCH_BITS)) | (voxel & np.uint64(PATCH_VOXELS - 1))
+        bit &= np.uint64(2**BIT_BITS - 1)
+        found[n] = number
+        matched[n] = row | (word << np.uint64(BIT_BITS)) | bit
+        n += (patches >> in_patches) & np.uint64(1)
+    return np.int64(n)
+
+
+@njit(nogil=True, cache=True)
+def _sift(n, tiles, found, matched):
+    """Keep those of n points that fall in a voxel. Returns how many.
+
+    found : (c,) int32, in and out; matched : (c,) uint64, in and out, instead of bits then the voxels they are of.
+    """
+    n_kept = np.uint64(0)
+    for number in range(n):
+        m = np.uint64(number)
+        bit, tile = matched[m] & np.uint64(2**BIT_BITS - 1), matched[m] >> np.uint64(BIT_BITS + WORD_BITS)
+        word = (matched[m] >> np.uint64(BIT_BITS)) & np.uint64(2**WORD_BITS - 1)
+        voxels = _uint64_at(tiles[tile, WORDS], word)
+        before = voxels & ((np.uint64(1) << bit) - np.uint64(1))
+        voxel = np.uint64(_int32_at(tiles[tile, FIRSTS], word)) + _n_bits(before)
+        found[n_kept], matched[n_kept] = found[m], (tile << np.uint64(WORD_BITS)) | voxel
+        n_kept += (voxels >> bit) & np.uint64(1)
+    return np.int64(n_kept)
+
+
+@njit(nogil=True, cache=True)
+def _fetch(n, found, matched, normals, tiles, fetched, times):
+    """Fetch the normals of n points that match, and of the voxels they match: (6, c) float32, out.
+
+    times : (c,) int32, out, how often each voxel counts; empty where once.
+    """
+    for number in range(n):
+        m = np.uint64(number)
+        j, tile = np.uint64(found[m]), matched[m] >> np.uint64(WORD_BITS)
+        k = matched[m] & np.uint64(2**WORD_BITS - 1)
+        for axis in range(3):
+            at = np.uint64(axis)
+            fetched[at, m] = normals[j, at]
+            fetched[np.uint64(3) + at, m] = _float32_at(tiles[tile, NORMALS], np.uint64(3) * k + at)
+        if times.shape[0] > 0:
+            times[m] = _int32_at(tiles[tile, COUNTS], k)
+
+
+@njit(nogil=True, cache=True)
+def _add(n, fetched, times, is_weighted, back, moments):
+    """Add n matches to the moments of a cell, (4,).
+
+    With the arithmetic of `kernels.accumulate_tile`; as whole numbers of steps they are added in any order.
+    """
+    n_all, xx, xy, yy = np.int64(0), np.int64(0), np.int64(0), np.int64(0)
+    for m in range(n):
+        nx, ny, nz = fetched[3, m], fetched[4, m], fetched[5, m]
+        weight = 1.0
+        if is_weighted:
+            cosine = fetched[0, m] * nx + fetched[1, m] * ny + fetched[2, m] * nz
+            weight = np.float64(max(cosine, back * cosine))
+        if times.shape[0] > 0:
+            weight *= np.float64(times[m])
+            n_all += times[m]
+        xx += np.int64((weight * np.float64(nx * nx) + ROUNDER - ROUNDER) * (1.0 / CONTRIBUTION_STEP))
+        xy += np.int64((weight * np.float64(nx * ny) + ROUNDER - ROUNDER) * (1.0 / CONTRIBUTION_STEP))
+        yy += np.int64((weight * np.float64(ny * ny) + ROUNDER - ROUNDER) * (1.0 / CONTRIBUTION_STEP))
+    moments[0] += n_all if times.shape[0] > 0 else n
+    moments[1] += xx * CONTRIBUTION_STEP
+    moments[2] += xy * CONTRIBUTION_STEP
+    moments[3] += yy * CONTRIBUTION_STEP
 
 
 @njit(nogil=True, cache=True)
 def moments_of_cells(
-    offsets, groups, starts, ends, ranks, layers, columns, turned, corner, patch_starts, voxel_columns, voxel_normals,
-    counts, is_weighted, is_signed, moments,
+    offsets, voxels, normals, ranks, tiles, grid, corner, is_once, is_weighted, is_signed, moments
 ):  # fmt: skip
-    """Add the matches of some groups of scan points with one tile to the moments of some cells of one heading.
+    """Add the matches of scan points, turned by one heading, to the moments of some of its cells.
 
-    offsets : (c, 2) int64, (x, y) of each cell, voxels; groups : their numbers; starts, ends : points of each group;
-    ranks : number of its layer among the scan's; layers : that layer's number in the tile, -1 for none;
-    columns : (2, n) int32, turned : (3, n) float32. The tile as for `kernels.accumulate_tile`, and with the same
-    arithmetic. moments : (c, 4) float64, in and out.
+    offsets : (c, 2) int64, (x, y) of each cell, voxels; voxels, normals : as `lay_out` made them; ranks : (n,) int32,
+    number of each point's layer among the scan's.
+    tiles : (t + 1, 8) uint64, a row for each tile and a first one for where there is none. Addresses of: number of
+    each layer of the scan in the tile (int32); the tile's `Occupancy`, held, numbers, words and firsts; normals and
+    counts of its voxels. In the second column how many words each column of patches has.
+    grid : (ny, nx) int32, rows of the tiles; corner : key (x, y) of the first.
+    is_once : whether a voxel counts once; is_weighted : whether weights are cosines, or one.
+    moments : (c, 4) float64, in and out.
     """
     back = np.float32(0.0 if is_signed else -1.0)
-    for group in groups:
-        layer = layers[ranks[group]]
-        if layer < 0:
-            continue
-        for i in range(starts[group], ends[group]):
-            for c in range(offsets.shape[0]):
-                x = columns[0, i] + offsets[c, 0] - corner[0]
-                y = columns[1, i] + offsets[c, 1] - corner[1]
-                if x < 0 or y < 0 or x >= TILE_VOXELS or y >= TILE_VOXELS:
-                    continue
-                k = _voxel(x, y, layer, patch_starts, voxel_columns)
-                if k < 0:
-                    continue
-                nx, ny, nz = voxel_normals[k, 0], voxel_normals[k, 1], voxel_normals[k, 2]
-                weight = 1.0
-                if is_weighted:
-                    cosine = turned[0, i] * nx + turned[1, i] * ny + turned[2, i] * nz
-                    weight = np.float64(max(cosine, back * cosine))
-                times = np.float64(counts[k]) if counts.shape[0] > 0 else 1.0
-                weight *= times
-                moments[c, 0] += times
-                moments[c, 1] += weight * np.float64(nx * nx) + ROUNDER - ROUNDER
-                moments[c, 2] += weight * np.float64(nx * ny) + ROUNDER - ROUNDER
-                moments[c, 3] += weight * np.float64(ny * ny) + ROUNDER - ROUNDER
+    found, matched = np.empty(CAPACITY, np.int32), np.empty(CAPACITY, np.uint64)
+    fetched, times = np.empty((6, CAPACITY), np.float32), np.empty(0 if is_once else CAPACITY, np.int32)
+    for first in range(0, voxels.shape[0], CAPACITY):
+        end = min(first + CAPACITY, voxels.shape[0])
+        for c in range(offsets.shape[0]):
+            offset = (offsets[c, 0], offsets[c, 1])
+            n = _find(first, end, offset, voxels, ranks, tiles, grid, corner, found, matched)
+            n = _sift(n, tiles, found, matched)
+            _fetch(n, found, matched, normals, tiles, fetched, times)
+            _add(n, fetched, times, is_weighted, back, moments[c])

@@ -121,7 +121,8 @@ def _search_headings(
     sums = _aligned_zeros((n_headings, ny + 2 * rim, width, 4))
     for numbers, layers, tile in field.visited(visits, first, last):
         kernels.accumulate_tile(
-            numbers, visits, field.starts, field.middles, field.ranks, layers, columns, turned, *tile,
+            numbers, visits, field.starts, field.middles, field.ranks, layers, columns, turned, tile.corner,
+            tile.index.patch_starts, tile.columns, tile.normals, tile.counts[:0] if field.is_once else tile.counts,
             (first, nx, width), field.is_weighted, field.is_signed, sums.reshape(n_headings, -1),
         )  # fmt: skip
     moments[...] = sums[:, rim : rim + ny, rim : rim + nx]

@@ -3,7 +3,7 @@
 """Field: what the compiled searches make of a scan, a prior and the tiles around before they begin."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,12 +15,6 @@ from maxcon.search.matching import Multiplicity, Weighting
 from maxcon.search_space import SearchSpace
 
 __all__ = ["Field"]
-
-TileArrays = tuple[
-    tuple[int, int], NDArray[np.int64], NDArray[np.int16], NDArray[np.float32], NDArray[np.int32]
-]
-"""(x, y) voxel index of a tile, its patch starts, and columns, normals and counts of its voxels; no counts where a
-voxel counts once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,10 +123,40 @@ class Field:
             )  # fmt: skip
         return columns, turned
 
+    def with_normals(self) -> "Field":
+        """The field of those points that add to N: the others only count."""
+        if not self.is_weighted:
+            return self
+        from maxcon.search import group_kernels
+
+        numbers, _ = group_kernels.points_of_groups(self.starts, self.middles, self.ranks)
+        sizes = self.middles - self.starts[:-1]
+        starts = np.append(0, np.cumsum(sizes[sizes > 0]))
+        return replace(
+            self,
+            points=group_kernels.gather(self.points, numbers),
+            normals=group_kernels.gather(self.normals, numbers),
+            starts=starts,
+            middles=starts[1:],
+            ranks=self.ranks[sizes > 0],
+        )
+
+    def voxels_at(self, prior: Pose, headings: ArrayLike) -> NDArray[np.int32]:
+        """Voxel columns (h, 2, n) of the points at h headings, in the map's axes."""
+        from maxcon.search import visit_kernels
+
+        headings = np.asarray(headings)
+        columns = np.empty((len(headings), *self.points.shape), np.int32)
+        for i, heading in enumerate(headings):
+            visit_kernels.turn_to_columns(
+                self.points, np.cos(heading), np.sin(heading), prior.x, prior.y, self.cell, columns[i]
+            )
+        return columns
+
     def visited(
         self, visits: NDArray[np.int64], first: int, last: int
-    ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], TileArrays]]:
-        """Yield each tile as the kernels take it, with what meets it.
+    ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], VoxelTile]]:
+        """Yield each tile with what meets it.
 
         Parameters
         ----------
@@ -147,17 +171,13 @@ class Field:
             The visits that meet the tile at some offset.
         layers : array
             The layer that each rank has in the tile, -1 for none.
-        tile : tuple
-            Its arrays.
+        tile : VoxelTile
         """
         from maxcon.search import visit_kernels
 
         starts, numbers = visit_kernels.visits_of_tiles(visits, first, last, self.corner, self.shape)
         for slot, (tile, layers) in self.tiles.items():
-            corner = (tile.key[0] * TILE_VOXELS, tile.key[1] * TILE_VOXELS)
-            counts = tile.counts[:0] if self.is_once else tile.counts
-            arrays = (corner, tile.index.patch_starts, tile.columns, tile.normals, counts)
-            yield numbers[starts[slot] : starts[slot + 1]], layers, arrays
+            yield numbers[starts[slot] : starts[slot + 1]], layers, tile
 
 
 def _levelled(scan: Scan, prior: Pose) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -15,6 +15,7 @@ __all__ = [
     "level",
     "meets_tiles",
     "number_layers",
+    "points_of_groups",
     "rank",
     "sort_keys",
     "to_layers",
@@ -112,8 +113,8 @@ def sort_keys(keys):
 
 @njit(nogil=True, cache=True)
 def gather(rows, order):
-    """Rows, (k, n) float64, with their columns in an order, (n,) uint32."""
-    gathered = np.empty(rows.shape)
+    """Some columns of rows, (k, n) float64, in an order; their numbers : (m,) uint32 or int32."""
+    gathered = np.empty((rows.shape[0], order.shape[0]))
     for row in range(rows.shape[0]):
         for i in range(order.shape[0]):
             gathered[row, i] = rows[row, np.uint64(order[i])]
@@ -213,3 +214,18 @@ def number_layers(tile_layers, layers):
         if k < tile_layers.shape[0] and tile_layers[k] == layers[i]:
             numbers[i] = k
     return numbers
+
+
+@njit(nogil=True, cache=True)
+def points_of_groups(starts, ends, ranks):
+    """Numbers of the points from the start to the end of each group, and the ranks of their layers, (n,) int32."""
+    n = 0
+    for group in range(ranks.shape[0]):
+        n += ends[group] - starts[group]
+    numbers, of_points = np.empty(n, np.int32), np.empty(n, np.int32)
+    n = 0
+    for group in range(ranks.shape[0]):
+        for i in range(starts[group], ends[group]):
+            numbers[n], of_points[n] = i, ranks[group]
+            n += 1
+    return numbers, of_points
