@@ -79,7 +79,7 @@ def localize(
     ] = MultiplicityName.OCCUPIED,
     search: Annotated[
         SearchName, typer.Option(help="How the best cell is found; it is the same one.")
-    ] = SearchName.EXHAUSTIVE,
+    ] = SearchName.BRANCH_AND_BOUND,
     half_width: Annotated[
         float | None,
         typer.Option(metavar="M", help="Largest offset from the prior in x and y, m; 3 if not given."),
@@ -127,7 +127,7 @@ def localize(
         str | None,
         typer.Option(metavar="LIST", help="Epochs to draw: 0,5,10-20 or all. Default: ten over the drive."),
     ] = None,
-    threads: Annotated[int, typer.Option(min=1, help="Headings searched at once, exhaustively.")] = 1,
+    threads: Annotated[int, typer.Option(min=1, help="Headings searched at once.")] = 1,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
 ) -> None:
     """Localize every scan of a drive in a map.

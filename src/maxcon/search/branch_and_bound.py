@@ -29,17 +29,17 @@ __all__ = ["Found", "branch_and_bound"]
 # So many cells of the highest bounds are scored first: the better the best is early, the less is left.
 FIRST_CELLS = 2
 # Voxels are left out of the bounds that together add less than this share of the best score, ...
-LEFT_OUT = 0.3
+LEFT_OUT = 0.1
 # ... or, before there is one, of what all scan points could add along the axis that they determine least.
-LEFT_OUT_OF_SCAN = 0.015
+LEFT_OUT_OF_SCAN = 0.01
 # More candidates than this are bounded along the second axis too, before they are scored.
-MOST_CANDIDATES = 256
+MOST_CANDIDATES = 192
 # Where more than one in so many cells is left to be scored, an exhaustive search is faster.
 HOPELESS = 100
 # From so many steps of what matches add along an axis one is found from which on cells are candidates.
 BOUND_STEPS = 4096
 # Candidates are scored so many at a time, from the most promising on.
-AT_ONCE = 16
+AT_ONCE = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,9 +173,9 @@ class _Search:
     def run(self) -> Found | None:
         """The best cell; None if bounds leave so much that an exhaustive search is faster."""
         scores = self.scores
-        if not self.bounds.field.tiles:  # nothing to match: all cells are alike
+        if not (self.bounds.n_points and self.bounds.field.tiles):  # nothing adds to N: all cells are alike
             scores.score(np.zeros((1, 3), np.int64))
-            return Found(scores.cell, scores.best, np.zeros(4), scores.best, scores.best, 1)
+            return self._found(rest=scores.best)
         if scores.guarded is not None:
             scores.score(np.array([scores.guarded]))
         candidates = Candidates.none()
@@ -184,8 +184,11 @@ class _Search:
             if len(candidates) > max(AT_ONCE, self.bounds.space.n_cells // HOPELESS):
                 return None
         self._decide(candidates)
+        return self._found(rest=max(self.highest_left_out, scores.runner_up()))
+
+    def _found(self, rest: float) -> Found:
+        scores = self.scores
         moments = scores.moments(scores.cell[0], np.array([scores.cell]), with_all=True)[0]
-        rest = max(self.highest_left_out, scores.runner_up())
         return Found(scores.cell, scores.best, moments, scores.best, rest, len(scores.scored))
 
     @property
