@@ -28,8 +28,8 @@ TileKey = tuple[int, int]
 TILE_VOXELS = 512
 PATCH_VOXELS = 16
 TILE_PATCHES = TILE_VOXELS // PATCH_VOXELS
-# A drive turns: along and across two streets, twice, as axes come in steps.
-MOST_DERIVED = 8
+# A drive turns: along and across two streets.
+MOST_DERIVED = 4
 WORD_BITS = 64
 PATCH_WORDS = PATCH_VOXELS**2 // WORD_BITS
 

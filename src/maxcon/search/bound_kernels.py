@@ -8,6 +8,7 @@ from numba import njit, types
 from numba.extending import intrinsic
 
 from maxcon.point_map import PATCH_VOXELS, TILE_PATCHES
+from maxcon.search.facing_kernels import NORMAL_STEP
 from maxcon.search.visit_kernels import RIM, rectangle_in_tile
 
 __all__ = ["bases_of_points", "bound_tile"]
@@ -41,9 +42,9 @@ def _cells_at(typing_context, cells, j):
 def _vote(typing_context, sums, base, cells, rows, j, normal, back):
     """Add to sums[base + cell] what the match of a point with each of LANES voxels adds, rounded up to a whole number.
 
-    rows : (4, CAPACITY) float32; normal : 4 float32, of which the product with the rows is the weight times what the
-    voxel adds. Two more are added: one to round up, one for what float32 and the rounded sums of the search may
-    differ. The compiler does not find this in a loop.
+    rows : (4, CAPACITY) float32; normal : 4 float32. The product of the first three with their rows is the weight
+    times what the voxel adds, that of the last is added. Two more are added: one to round up, one for what float32 and
+    the rounded sums of the search may differ. The compiler does not find this in a loop.
     """
     signature = types.void(sums, types.int64, cells, rows, types.int64, normal, types.float32)
 
@@ -64,13 +65,16 @@ def _vote(typing_context, sums, base, cells, rows, j, normal, back):
             )
 
         flags = ("contract",)
-        product = builder.fmul(row(0), all_lanes(builder.extract_value(normal, 0)), flags=flags)
-        for number in range(1, 4):
-            term = builder.fmul(row(number), all_lanes(builder.extract_value(normal, number)), flags=flags)
-            product = builder.fadd(product, term, flags=flags)
+        terms = [
+            builder.fmul(row(number), all_lanes(builder.extract_value(normal, number)), flags=flags)
+            for number in range(4)
+        ]
+        product = builder.fadd(builder.fadd(terms[0], terms[1], flags=flags), terms[2], flags=flags)
         turned = builder.fmul(product, all_lanes(back))
-        product = builder.select(builder.fcmp_ordered(">", product, turned), product, turned)
-        rounded = builder.fadd(product, ir.Constant(floats, [2.0] * LANES))
+        weight = builder.select(builder.fcmp_ordered(">", product, turned), product, turned)
+        rounded = builder.fadd(
+            builder.fadd(weight, terms[3], flags=flags), ir.Constant(floats, [2.0] * LANES)
+        )
         added = builder.fptosi(rounded, ir.VectorType(index, LANES))
         start = builder.gep(context.make_array(signature.args[0])(context, builder, sums).data, [base])
         for lane in range(LANES):
@@ -100,19 +104,24 @@ def bases_of_points(columns, stride, plane):
 
 
 @njit(nogil=True, cache=True)
-def _take(voxel_columns, voxels, first, last, low, span, least, scale, stride, cells, rows, n_taken):
+def _take(
+    voxel_columns, normal_steps, values, first, last, low, span, least, scale, stride, cells, rows, n_taken
+):  # fmt: skip
     """Lay out those voxels of a run that lie in a rectangle and add more than `least`; without a branch.
 
-    voxels : (k, 4) float32, normal, and what a match of weight one adds along the axis; scale : units in one.
+    normal_steps : (k, 3) int16, normals in NORMAL_STEP; values : (k,) float32, what a match of weight one adds along
+    the axis; scale : units in one.
     rows : (4, c) float32, out, the normal times that, and that; cells : (c,) int32, out. Returns how many there are.
     """
     for k in range(np.uint64(first), np.uint64(last)):
         x, y = np.int32(voxel_columns[k, 0]), np.int32(voxel_columns[k, 1])
-        value = voxels[k, 3]
+        value = values[k]
         units = value * scale
+        per_step = units * np.float32(NORMAL_STEP)
         cells[n_taken] = y * stride + x
-        rows[0, n_taken], rows[1, n_taken] = voxels[k, 0] * units, voxels[k, 1] * units
-        rows[2, n_taken], rows[3, n_taken] = voxels[k, 2] * units, units
+        for i in range(3):
+            rows[i, n_taken] = np.float32(normal_steps[k, i]) * per_step
+        rows[3, n_taken] = units
         is_inside = (np.uint32(x - low[0]) <= span[0]) & (np.uint32(y - low[1]) <= span[1])
         n_taken += np.uint64(is_inside & (value > least))
     return n_taken
@@ -151,16 +160,17 @@ def _vote_all(n_taken, n_turned, turned, places, back, cells, rows, sums):
 
 @njit(nogil=True, cache=True)
 def bound_tile(
-    numbers, visits, starts, ranks, layers, bases, normals, turns, within, corner, patch_starts, voxel_columns, voxels,
-    offsets, is_signed, least, scale, sums,
+    numbers, visits, starts, ranks, layers, bases, normals, turns, within, corner, patch_starts, voxel_columns,
+    normal_steps, values, offsets, is_signed, least, scale, sums,
 ):  # fmt: skip
     """Add what all matches of some scan points with one tile add along an axis, at most, to sums.
 
     numbers : which visits; visits : (m, 7) as planned; starts : (groups + 1,), first point of each group;
     ranks, layers : as for `kernels.accumulate_tile`; bases : (n, headings), see above; normals : (n, 4) float32,
-    normal at heading 0 and 0, or zeros and 1 where all weights are one; turns : (headings, 2) float32, cosine and
-    sine; within : first and end of the headings to look at.
-    corner : (x, y) voxel index of the tile; patch_starts, voxel_columns, voxels : those that face along the axis.
+    normal at heading 0, or zeros where all weights are one, and what is added to the weight; turns : (headings, 2)
+    float32, cosine and sine; within : first and end of the headings to look at.
+    corner : (x, y) voxel index of the tile; patch_starts, voxel_columns, normal_steps, values : the voxels that face
+    along the axis.
     offsets : (first, number of cells, cells from one row of the sums to the next); least : voxels that add no more
     are left out; scale : float32, units of the sums in one; sums : (headings * rows * stride,) int32 or int64.
     """
@@ -188,8 +198,8 @@ def bound_tile(
             while k < run_end:
                 end = min(run_end, k + CAPACITY - np.int64(n_taken))
                 n_taken = _take(
-                    voxel_columns, voxels, k, end, low, span, least, scale, stride, cells, rows, n_taken
-                )
+                    voxel_columns, normal_steps, values, k, end, low, span, least, scale, stride, cells, rows, n_taken
+                )  # fmt: skip
                 k = end
                 if n_taken == CAPACITY:
                     n_turned = _turn(headings, points, bases, normals, turns, origin, turned, places)

@@ -18,8 +18,11 @@ from maxcon.search_space import SearchSpace
 
 __all__ = ["Along", "Bounds", "HeadingPass"]
 
-# Sums of headings that are made together take so many cells at most, 64 MiB, unless one heading alone takes more.
-PASS_HEADINGS, PASS_CELLS = 16, 2**24
+# Sums of headings that are made together take so many cells at most, 16 MiB, unless one heading alone takes more.
+PASS_HEADINGS, PASS_CELLS = 16, 2**22
+
+WEIGHT_ROUNDING = 4e-5
+"""Products with normals of the map rounded to steps of 1 / 32767 are that exact: sqrt(3) / 2 steps, and float32."""
 
 FINEST_UNIT = 2.0**-14
 """What matches add is rounded up to a multiple of this; finer would not fit into the sums of a scan."""
@@ -148,8 +151,8 @@ class HeadingPass:
                 bound_kernels.bound_tile(
                     numbers, self.visits, field.starts, field.ranks, layers, bases, normals, self._turns,
                     (int(headings[0]), int(headings[-1]) + 1), tile.corner, facing.patch_starts, facing.columns,
-                    facing.voxels, (first, last - first + 1, width), field.is_signed, np.float32(least),
-                    np.float32(1.0 / unit), sums.reshape(-1),
+                    facing.normal_steps, facing.values, (first, last - first + 1, width), field.is_signed,
+                    np.float32(least), np.float32(1.0 / unit), sums.reshape(-1),
                 )  # fmt: skip
 
         parts = np.array_split(np.arange(len(self.headings)), min(n_threads, len(self.headings)))
@@ -162,12 +165,14 @@ class HeadingPass:
         return Along(self.headings, inner, unit * (1.0 + SLACK), self.bounds.left_out(axis, least))
 
     def _normals(self, *, is_weighted: bool) -> NDArray[np.float32]:
-        """Normals of the points as the kernel takes them, shape (n, 4): zeros and 1 where all weights are one."""
+        """Normals of the points as the kernel takes them, shape (n, 4): zeros and 1 where all weights are one.
+
+        The last is what is added to each weight: otherwise what rounding can have taken from it.
+        """
         normals = np.zeros((self.bounds.n_points, 4), np.float32)
         if is_weighted:
             normals[:, :3] = self.bounds.field.normals.T
-        else:
-            normals[:, 3] = 1.0
+        normals[:, 3] = WEIGHT_ROUNDING if is_weighted else 1.0
         return normals
 
     @cached_property

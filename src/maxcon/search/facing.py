@@ -70,13 +70,16 @@ class Facing:
         As those of the tile's index.
     columns : array, shape (n, 2), int16
         (x, y) voxel index less the tile's first.
-    voxels : array, shape (n, 4), float32
-        Normal, and what a match of weight one adds along the axis: (n . u)^2, as often as the voxel counts.
+    normal_steps : array, shape (n, 3), int16
+        Normals, in `facing_kernels.NORMAL_STEP`.
+    values : array, shape (n,), float32
+        What a match of weight one adds along the axis: (n . u)^2, as often as the voxel counts.
     """
 
     patch_starts: NDArray[np.int32]
     columns: NDArray[np.int16]
-    voxels: NDArray[np.float32]
+    normal_steps: NDArray[np.int16]
+    values: NDArray[np.float32]
 
     @classmethod
     def of(cls, tile: VoxelTile, axis: Axis, *, is_once: bool) -> "Facing":
@@ -86,16 +89,19 @@ class Facing:
             from maxcon.search.facing_kernels import facing_voxels
 
             starts = np.empty(len(tile.index.patch_starts), np.int32)
-            columns, voxels = np.empty((len(tile) + 1, 2), np.int16), np.empty((len(tile) + 1, 4), np.float32)
+            columns, steps = np.empty((len(tile) + 1, 2), np.int16), np.empty((len(tile) + 1, 3), np.int16)
+            values = np.empty(len(tile) + 1, np.float32)
             n_facing = facing_voxels(
                 tile.index.patch_starts, tile.columns, tile.normals, tile.counts[:0] if is_once else tile.counts,
-                axis.vector, np.float32(LEAST_FACING), starts, columns, voxels,
+                axis.vector, np.float32(LEAST_FACING), starts, columns, steps, values,
             )  # fmt: skip
-            return cls(starts, columns[: n_facing + 1].copy(), voxels[: n_facing + 1].copy())
+            end = n_facing + 1  # the kernel writes one too many before it knows
+            return cls(starts, columns[:end].copy(), steps[:end].copy(), values[:end].copy())
 
         return tile.derived((Facing, axis, is_once), make)
 
     @property
     def n_bytes(self) -> int:
         """Memory it takes."""
-        return self.patch_starts.nbytes + self.columns.nbytes + self.voxels.nbytes
+        arrays = (self.patch_starts, self.columns, self.normal_steps, self.values)
+        return sum(array.nbytes for array in arrays)

@@ -140,7 +140,12 @@ def _warm_up() -> None:
     from maxcon.maximum_consensus import MaximumConsensus
     from maxcon.warmup import SPACE, search_room
 
-    search_room(MaximumConsensus(SPACE, multiplicity=multiplicity) for multiplicity in ("points", "occupied"))
+    search_room(
+        MaximumConsensus(
+            SPACE, multiplicity=multiplicity, search="exhaustive"
+        )  # what a study looks at: all cells
+        for multiplicity in ("points", "occupied")
+    )
 
 
 def _work(task: Task) -> list[Row]:
