@@ -17,7 +17,7 @@ import os
 import time
 from collections import defaultdict
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -54,6 +54,7 @@ SEARCHES: dict[str, Callable[[Scan, PointMap, Pose, SearchSpace], maxcon.Accumul
 FIRST = next(iter(SEARCHES))
 GATE, THINNING = 3.0, 0.75
 N_ROUNDS = 3
+CACHE_BYTES = 2**33
 PROCESSOR, WALL = 0, 1
 PERCENTILES = (50, 95, 99)
 DENSITIES = {"density-1-4": "map of every 4th point", "density-1-16": "map of every 16th point"}
@@ -77,9 +78,10 @@ class Drive:
         dataset = Dataset.open(study.configuration.dataset)
         maps = {"standard": dataset.map_path or study.folder / "maps" / "standard.map"}
         others = {name: study.folder / "maps" / f"{name}.map" for name in DENSITIES}
-        bench = BenchPlan(
-            dataset, maps | {name: path for name, path in others.items() if path.exists()}
-        ).open()
+        maps |= {name: path for name, path in others.items() if path.exists()}
+        # Round after round over the whole drive: all its tiles stay, with what searches derive from them.
+        kept = {name: PointMap.open(path, cache_bytes=CACHE_BYTES) for name, path in maps.items()}
+        bench = replace(BenchPlan(dataset, maps).open(), maps=kept)
         prior_name = study.table["prior"][0].as_py()
         return cls(Path(folder).stem, bench, prior_name, spread_epochs(len(bench.scans), n_epochs))
 

@@ -232,7 +232,7 @@ def test_bounds_that_decide_nothing_leave_it_to_the_exhaustive_search(monkeypatc
     scan, point_map, prior = street(3, space)
     wanted = branch_and_bound(scan, point_map, prior, space, Helmert())
     monkeypatch.setattr(module, "HOPELESS", 10**9)
-    monkeypatch.setattr(module, "AT_ONCE", 0)
+    monkeypatch.setattr(module, "MOST_CANDIDATES", 0)
     found = branch_and_bound(scan, point_map, prior, space, Helmert())
     assert found.n_scored == space.n_cells > wanted.n_scored
     assert (found.cell, found.score, found.bound) == (wanted.cell, wanted.score, wanted.bound)

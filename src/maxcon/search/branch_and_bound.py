@@ -34,8 +34,10 @@ LEFT_OUT = 0.1
 LEFT_OUT_OF_SCAN = 0.01
 # More candidates than this are bounded along the second axis too, before they are scored.
 MOST_CANDIDATES = 192
-# Where more than one in so many cells is left to be scored, an exhaustive search is faster.
+# Where more than one in so many cells is left to be scored, an exhaustive search is faster; ...
 HOPELESS = 100
+# ... and where the first bound leaves more than one in so many, others will not help.
+UNDECIDED = 4
 # From so many steps of what matches add along an axis one is found from which on cells are candidates.
 BOUND_STEPS = 4096
 # Candidates are scored so many at a time, from the most promising on.
@@ -181,7 +183,7 @@ class _Search:
         candidates = Candidates.none()
         for heading_pass in self.bounds.passes():
             candidates = candidates.joined(self._bound(heading_pass))
-            if len(candidates) > max(AT_ONCE, self.bounds.space.n_cells // HOPELESS):
+            if len(candidates) > max(MOST_CANDIDATES, self.bounds.space.n_cells // HOPELESS):
                 return None
         self._decide(candidates)
         return self._found(rest=max(self.highest_left_out, scores.runner_up()))
@@ -225,6 +227,8 @@ class _Search:
         if len(candidates) > MOST_CANDIDATES:
             self.scores.score(candidates[np.argsort(-candidates.upper, kind="stable")[:AT_ONCE]].cells)
             candidates = self._reaching(along)
+        if len(candidates) > max(MOST_CANDIDATES, along.sums.size // UNDECIDED):
+            return candidates
         if len(candidates) > MOST_CANDIDATES and self._plan() != (axis, least):
             axis, least = self._plan()
             along = heading_pass.along(axis, least, self.n_threads)
