@@ -115,6 +115,14 @@ def test_the_disk_is_full_while_building(maxcon_in_process_of_its_own, refused, 
     assert list(out.iterdir()) == []
 
 
+@pytest.fixture
+def nothing_to_compile(maxcon_in_process_of_its_own, localize, tmp_path):
+    """Compiled code is kept in files too: it must be there before the disk is full."""
+    options = ("--plot", tmp_path / "warm", "--plot-epochs", "0")
+    maxcon_in_process_of_its_own(*localize, tmp_path / "warm.csv", *options)
+
+
+@pytest.mark.usefixtures("nothing_to_compile")
 def test_the_disk_is_full_while_writing_poses(maxcon_in_process_of_its_own, refused, localize, out):
     (out / "poses.csv").write_text("the table of yesterday")
     ended = maxcon_in_process_of_its_own(*localize, out / "poses.csv", preexec_fn=_small_disk(100))
@@ -123,6 +131,7 @@ def test_the_disk_is_full_while_writing_poses(maxcon_in_process_of_its_own, refu
     assert (out / "poses.csv").read_text() == "the table of yesterday"
 
 
+@pytest.mark.usefixtures("nothing_to_compile")
 def test_the_disk_is_full_while_drawing(maxcon_in_process_of_its_own, refused, localize, out):
     arguments = (out / "poses.csv", "--plot", out / "pictures", "--plot-epochs", "0")
     ended = maxcon_in_process_of_its_own(*localize, *arguments, preexec_fn=_small_disk(20_000))

@@ -89,10 +89,10 @@ def branch_and_bound(
 ) -> Found:
     """Find the best cell of a search space: the same as that of the exhaustive search, its score and moments too.
 
-    Every cell is bounded by what its matches add to N along the axis that the best cell so far determines least: a
-    single number, for which voxels that add little are not even looked at (design section 3, facts 2 and 3). Where
-    more than a few cells could still be the best, they are bounded along the other axis too. What remains is scored,
-    from the highest bound on, until no bound reaches the best score.
+    Every cell is bounded by what its matches add to N along the axis that the scan determines least: a single number,
+    for which voxels that add little are not even looked at (design section 3, facts 2 and 3). Where many cells could
+    still be the best, they are bounded along the axis that the best cell so far determines least, and along the other
+    one too. What remains is scored, from the highest bound on, until no bound reaches the best score.
 
     Parameters
     ----------
