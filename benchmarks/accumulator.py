@@ -34,7 +34,7 @@ SPACE = maxcon.SearchSpace()
 N_CALLS = 11
 PARTS = {
     "preparation": ["Field.prepare"],
-    "turning": ["turn_to_voxels", "plan_visits", "visits_of_tiles"],
+    "turning": ["Field.turned", "plan_visits", "visits_of_tiles"],
     "kernel": ["accumulate_tile"],
 }
 
@@ -160,8 +160,11 @@ def timed_parts():
 
         return call
 
-    with mock.patch.object(Field, "prepare", timed("Field.prepare", Field.prepare)):
-        planning = {name: timed(name, getattr(visit_kernels, name)) for name in PARTS["turning"]}
+    with (
+        mock.patch.object(Field, "prepare", timed("Field.prepare", Field.prepare)),
+        mock.patch.object(Field, "turned", timed("Field.turned", Field.turned)),
+    ):
+        planning = {name: timed(name, getattr(visit_kernels, name)) for name in PARTS["turning"][1:]}
         kernel = timed("accumulate_tile", kernels.accumulate_tile)
         with (
             mock.patch.multiple(visit_kernels, **planning),

@@ -205,7 +205,7 @@ def _facts(drive: DemoDrive, results: Sequence[MethodResult]) -> tuple[tuple[str
         ("Map", f"{len(drive.dataset.map_clouds)} LAZ clouds, {n_tiles} tiles of voxels of {space.cell:g} m"),
         (
             "Search",
-            f"{n_headings} headings x {ny} x {nx} cells: {space.n_cells:,} poses per epoch, all scored",
+            f"{n_headings} headings x {ny} x {nx} cells: {space.n_cells:,} poses per epoch, none left out",
         ),
         (
             "Scans",

@@ -157,6 +157,11 @@ class VoxelTile:
         return TileIndex(layers, np.concatenate([[0], np.cumsum(sizes)]))
 
     @cached_property
+    def fullest(self) -> int:
+        """How many map points the fullest voxel holds; counted when first asked for."""
+        return int(self.counts.max(initial=1))
+
+    @cached_property
     def occupancy(self) -> Occupancy:
         """Which voxels there are; made when first asked for."""
         sizes, n_layers = np.diff(self.index.patch_starts), len(self.index.layers)

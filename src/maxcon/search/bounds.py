@@ -58,7 +58,7 @@ class Bounds:
         """Bounds for points in their field."""
         fullest = 1
         if not field.is_once:
-            fullest = max((int(tile.counts.max(initial=1)) for tile, _ in field.tiles.values()), default=1)
+            fullest = max((tile.fullest for tile, _ in field.tiles.values()), default=1)
         return cls(field, prior, space, fullest)
 
     @property

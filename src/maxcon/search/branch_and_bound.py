@@ -21,7 +21,7 @@ from maxcon.search.cell_scores import Candidates, CellScores
 from maxcon.search.exhaustive import exhaustive
 from maxcon.search.facing import LEAST_FACING, Axis
 from maxcon.search.field import Field
-from maxcon.search.matching import Multiplicity, Weighting, check_cell_edge
+from maxcon.search.matching import Multiplicity, Weighting, check_cell_edge, check_threads
 from maxcon.search_space import Cell, SearchSpace
 
 __all__ = ["Found", "branch_and_bound"]
@@ -139,8 +139,7 @@ def branch_and_bound(
         raise OptionError(
             f"Expected `share` above 0 and at most 1, got {share}. With 1 only the best cell is found."
         )
-    if n_threads < 1:
-        raise OptionError(f"Expected `n_threads` to be 1 or more, got {n_threads}. One is the default.")
+    check_threads(n_threads)
     if not 0.0 <= guard_radius < math.inf:
         raise OptionError(f"Expected `guard_radius` >= 0 m, got {guard_radius}. The default is 0.3.")
     is_count = isinstance(objective, BoundedByCount)
@@ -229,8 +228,9 @@ class _Search:
             candidates = self._reaching(along)
         if len(candidates) > max(MOST_CANDIDATES, along.sums.size // UNDECIDED):
             return candidates
-        if len(candidates) > MOST_CANDIDATES and self._plan() != (axis, least):
-            axis, least = self._plan()
+        plan = self._plan()
+        if len(candidates) > MOST_CANDIDATES and plan != (axis, least):
+            axis, least = plan
             along = heading_pass.along(axis, least, self.n_threads)
             candidates = self._reaching(along)
         if len(candidates) > MOST_CANDIDATES and not axis.is_none:
@@ -246,15 +246,18 @@ class _Search:
         is_open = self._upper(steps) >= self._asked
         first_open = int(np.argmax(is_open)) if is_open.any() else BOUND_STEPS
         cells, highest = along.reaching(steps[max(first_open - 1, 0)])
-        self.highest_left_out = max(self.highest_left_out, float(self._upper(np.array([highest]))[0]))
+        self._leave_out(self._upper(np.array([highest])))
         return self._left(Candidates(cells, self._upper(along.at(cells))))
 
     def _left(self, candidates: Candidates) -> Candidates:
         """Those that may reach the asked score."""
         is_left = candidates.upper >= self._asked
-        left_out = candidates.upper[~is_left].max(initial=0.0)
-        self.highest_left_out = max(self.highest_left_out, float(left_out))
+        self._leave_out(candidates.upper[~is_left])
         return candidates[is_left]
+
+    def _leave_out(self, upper: Scores) -> None:
+        """Keep the most that cells score which are not looked at."""
+        self.highest_left_out = max(self.highest_left_out, float(upper.max(initial=0.0)))
 
     def _upper(self, along: NDArray[np.float64], across: NDArray[np.float64] | None = None) -> Scores:
         """Most that cells score, from what their matches add along one or both axes at most."""
@@ -277,7 +280,7 @@ class _Search:
         while place < len(others) and others.upper[place] >= max(self._asked, self.scores.runner_up()):
             self.scores.score(others.cells[place : place + AT_ONCE])
             place += AT_ONCE
-        self.highest_left_out = max(self.highest_left_out, float(others.upper[place:].max(initial=0.0)))
+        self._leave_out(others.upper[place:])
 
 
 def _weak_azimuth(xx: float, xy: float, yy: float) -> tuple[float, float]:

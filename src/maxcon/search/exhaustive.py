@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.accumulator import Accumulator
-from maxcon.errors import OptionError, SearchSpaceError
+from maxcon.errors import SearchSpaceError
 from maxcon.geometry import Pose
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
 from maxcon.search.field import Field
-from maxcon.search.matching import Multiplicity, Weighting, check_cell_edge
+from maxcon.search.matching import Multiplicity, Weighting, check_cell_edge, check_threads
 from maxcon.search_space import SearchSpace
 
 __all__ = ["exhaustive"]
@@ -72,8 +72,7 @@ def exhaustive(
     """
     check_cell_edge(space, point_map)
     multiplicity, weighting = Multiplicity.parse(multiplicity), Weighting.parse(weighting)
-    if n_threads < 1:
-        raise OptionError(f"Expected `n_threads` to be 1 or more, got {n_threads}. One is the default.")
+    check_threads(n_threads)
     if space.n_cells > CELL_LIMIT:
         raise SearchSpaceError(
             f"Expected at most {CELL_LIMIT:,} cells in an exhaustive search, got {space.n_cells:,}."

@@ -114,14 +114,10 @@ class Field:
         from maxcon.search import visit_kernels
 
         headings = np.asarray(headings)
-        columns = np.empty((len(headings), *self.points.shape), np.int32)
         turned = np.empty((len(headings), *self.normals.shape), np.float32)
         for i, heading in enumerate(headings):
-            visit_kernels.turn_to_voxels(
-                self.points, self.normals, np.cos(heading), np.sin(heading), prior.x, prior.y, self.cell, columns[i],
-                turned[i],
-            )  # fmt: skip
-        return columns, turned
+            visit_kernels.turn_normals(self.normals, np.cos(heading), np.sin(heading), turned[i])
+        return self.voxels_at(prior, headings), turned
 
     def with_normals(self) -> "Field":
         """The field of those points that add to N: the others only count."""

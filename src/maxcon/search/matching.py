@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.errors import SearchSpaceError
+from maxcon.errors import OptionError, SearchSpaceError
 from maxcon.geometry import Pose, rotation_matrices
 from maxcon.named_option import NamedOption
 from maxcon.point_map import PointMap
@@ -21,6 +21,7 @@ __all__ = [
     "SearchMethod",
     "Weighting",
     "check_cell_edge",
+    "check_threads",
     "level",
     "turn",
 ]
@@ -112,3 +113,15 @@ def check_cell_edge(space: SearchSpace, point_map: PointMap) -> None:
             f"Expected the cell edge of the search space to be the map's voxel edge, {point_map.cell:g} m,"
             f" got {space.cell:g} m. Build the map with that cell, or search with the map's."
         )
+
+
+def check_threads(n_threads: int) -> None:
+    """Refuse to search on no thread.
+
+    Raises
+    ------
+    OptionError
+        If there is none.
+    """
+    if n_threads < 1:
+        raise OptionError(f"Expected `n_threads` to be 1 or more, got {n_threads}. One is the default.")

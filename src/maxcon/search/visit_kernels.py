@@ -12,8 +12,8 @@ __all__ = [
     "SQUARE_VOXELS",
     "plan_visits",
     "rectangle_in_tile",
+    "turn_normals",
     "turn_to_columns",
-    "turn_to_voxels",
     "visits_of_tiles",
 ]
 
@@ -37,10 +37,9 @@ def turn_to_columns(points, cosine, sine, x, y, cell, columns):
 
 
 @njit(nogil=True, cache=True)
-def turn_to_voxels(points, normals, cosine, sine, x, y, cell, columns, turned):
-    """As `turn_to_columns`, and normals too: (3, n) float64; turned : (3, n) float32, out."""
-    turn_to_columns(points, cosine, sine, x, y, cell, columns)
-    for i in range(points.shape[1]):
+def turn_normals(normals, cosine, sine, turned):
+    """Turn normals, (3, n) float64, by a heading; turned : (3, n) float32, out."""
+    for i in range(normals.shape[1]):
         turned[0, i] = normals[0, i] * cosine - normals[1, i] * sine
         turned[1, i] = normals[0, i] * sine + normals[1, i] * cosine
         turned[2, i] = normals[2, i]
