@@ -26,7 +26,7 @@ def addresses_of_matches(calls, n_matches):
         numbers, visits, starts, _, ranks, layers, columns, _, corner, patch_starts, voxel_columns = call[:11]
         n = write_addresses(
             numbers, visits, starts, ranks, layers, columns, corner, patch_starts, voxel_columns, call[13],
-            call[16].shape[1], addresses, n,
+            call[14], call[17].shape[1], addresses, n,
         )  # fmt: skip
     assert n == n_matches, (n, n_matches)
     return addresses
@@ -34,9 +34,10 @@ def addresses_of_matches(calls, n_matches):
 
 @njit(nogil=True)
 def write_addresses(
-    numbers, visits, starts, ranks, layers, columns, corner, patch_starts, voxel_columns, offsets, size, addresses, n
+    numbers, visits, starts, ranks, layers, columns, corner, patch_starts, voxel_columns, window, stride, size,
+    addresses, n,
 ):  # fmt: skip
-    first, n_cells, stride = offsets
+    nx, ny = window[1] - window[0] + 1, window[3] - window[2] + 1
     for number in numbers:
         group = visits[number, 0]
         layer = layers[ranks[group]]
@@ -44,18 +45,18 @@ def write_addresses(
             continue
         for heading in range(visits[number, 1], visits[number, 2]):
             for i in range(starts[group], starts[group + 1]):
-                x_first = columns[heading, 0, i] + first - corner[0]
-                y_first = columns[heading, 1, i] + first - corner[1]
+                x_first = columns[heading, 0, i] + window[0] - corner[0]
+                y_first = columns[heading, 1, i] + window[2] - corner[1]
                 px_first = max(x_first // PATCH_VOXELS, 0)
-                px_last = min((x_first + n_cells - 1) // PATCH_VOXELS, TILE_PATCHES - 1)
+                px_last = min((x_first + nx - 1) // PATCH_VOXELS, TILE_PATCHES - 1)
                 if px_last < 0 or px_first >= TILE_PATCHES:
                     continue
-                y_end = min(y_first + n_cells, TILE_VOXELS)
+                y_end = min(y_first + ny, TILE_VOXELS)
                 for py in range(max(y_first // PATCH_VOXELS, 0), (y_end - 1) // PATCH_VOXELS + 1):
                     row = (layer * TILE_PATCHES + py) * TILE_PATCHES
                     for k in range(patch_starts[row + px_first], patch_starts[row + px_last + 1]):
                         x, y = voxel_columns[k, 0] - x_first, voxel_columns[k, 1] - y_first
-                        if x >= 0 and x < n_cells and y >= 0 and y < n_cells:
+                        if x >= 0 and x < nx and y >= 0 and y < ny:
                             addresses[n] = heading * size + 4 * ((y + RIM) * stride + x + RIM)
                             n += 1
     return n

@@ -15,6 +15,7 @@ from maxcon.search import Multiplicity, Weighting, branch_and_bound, exhaustive
 from maxcon.search.bounds import Bounds
 from maxcon.search.facing import LEAST_FACING, N_AXES, Axis
 from maxcon.search.field import Field
+from maxcon.search.window import Window
 
 module = importlib.import_module("maxcon.search.branch_and_bound")
 
@@ -146,6 +147,20 @@ def test_no_cell_has_more_than_its_bound(
         assert (upper <= along + left_out + 1e-3 * bounds.most * bounds.fullest + 1e-6).all()
     assert (along <= bounds.most).all()
 
+    rng = np.random.default_rng(
+        seed
+    )  # a window has the bounds of the whole, up to the units that rounding adds
+    cells = np.unique(cells[rng.integers(0, len(cells), 3)], axis=0)
+    window = Window.around(cells, space)
+    part = bounds.heading_pass(np.unique(cells[:, 0]), window).along(axis, least, n_threads)
+    assert (part.at(cells) >= along[tuple(cells.T)]).all()
+    assert np.allclose(part.at(cells), upper[tuple(cells.T)], rtol=0.0, atol=1e-3 * bounds.most)
+    (y, x), (ny, nx) = window.first_cell(space), window.shape
+    in_window, highest = part.reaching(-1.0)
+    assert highest == 0.0
+    assert {*in_window[:, 1]} == {*range(y, y + ny)}
+    assert {*in_window[:, 2]} == {*range(x, x + nx)}
+
 
 @pytest.mark.parametrize("axis", [Axis(5), Axis.none()])
 def test_bounds_that_reach_something_and_the_highest(axis):
@@ -153,7 +168,7 @@ def test_bounds_that_reach_something_and_the_highest(axis):
     scan, point_map, prior = street(3, space)
     field = Field.prepare(scan, point_map, prior, space, Multiplicity.OCCUPIED, Weighting.COSINE)
     headings = np.array([1, 3, 4])
-    along = Bounds.of(field.with_normals(), prior, space).heading_pass(headings).along(axis)
+    along = Bounds.of(field.with_normals(), prior, space).heading_pass(headings, Window.of(space)).along(axis)
     _, ny, nx = space.shape
     all_cells = np.array([(h, y, x) for h in headings for y in range(ny) for x in range(nx)])
     bounds = along.at(all_cells)
@@ -238,12 +253,14 @@ def test_bounds_that_decide_nothing_leave_it_to_the_exhaustive_search(monkeypatc
     assert (found.cell, found.score, found.bound) == (wanted.cell, wanted.score, wanted.bound)
 
 
-def test_headings_are_searched_in_parts(monkeypatch):
+@pytest.mark.parametrize(("headings", "cells"), [(2, 2**22), (16, 100), (16, 1)])
+def test_a_space_is_searched_in_parts(monkeypatch, headings, cells):
     bounds = importlib.import_module("maxcon.search.bounds")
     space = SearchSpace(0.8, CELL, 2.0, 0.5)
     scan, point_map, prior = street(5, space)
     wanted = branch_and_bound(scan, point_map, prior, space, Helmert(), share=0.5)
-    monkeypatch.setattr(bounds, "PASS_HEADINGS", 2)
+    monkeypatch.setattr(bounds, "PASS_HEADINGS", headings)
+    monkeypatch.setattr(bounds, "PASS_CELLS", cells)
     found = branch_and_bound(scan, point_map, prior, space, Helmert(), share=0.5)
     assert (found.cell, found.score) == (wanted.cell, wanted.score)
     assert_it_is_the_best(found, exhaustive(scan, point_map, prior, space), Helmert(), space, 0.5, 0.3)

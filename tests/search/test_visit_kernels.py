@@ -53,14 +53,14 @@ def test_visits_are_the_runs_within_the_rim(seed, n_groups, n_headings, drift, s
     assert visit_kernels.plan_visits(starts, columns).tolist() == wanted
 
 
-@given(**GROUPS, window=st.sampled_from([(0, 0), (-3, 2), (-600, 599)]))
+@given(**GROUPS, window=st.sampled_from([(0, 0, 0, 0), (-3, 2, 5, 5), (-600, 599, -2, 40)]))
 def test_tiles_get_the_visits_that_meet_them(seed, n_groups, n_headings, drift, window):
     visits = visit_kernels.plan_visits(*random_groups(seed, n_groups, n_headings, drift, 1500))
     corner, (ny, nx) = (-2, -1), (3, 4)
-    starts, numbers = visit_kernels.visits_of_tiles(visits, *window, corner, (ny, nx))
-    first, last = window
+    starts, numbers = visit_kernels.visits_of_tiles(visits, window, corner, (ny, nx))
+    x_first, x_last, y_first, y_last = window
     for tile in range(ny * nx):
         x, y = (corner[0] + tile % nx) * TILE_VOXELS, (corner[1] + tile // nx) * TILE_VOXELS
-        is_met = (visits[:, 3] + first < x + TILE_VOXELS) & (visits[:, 4] + last >= x)
-        is_met &= (visits[:, 5] + first < y + TILE_VOXELS) & (visits[:, 6] + last >= y)
+        is_met = (visits[:, 3] + x_first < x + TILE_VOXELS) & (visits[:, 4] + x_last >= x)
+        is_met &= (visits[:, 5] + y_first < y + TILE_VOXELS) & (visits[:, 6] + y_last >= y)
         assert numbers[starts[tile] : starts[tile + 1]].tolist() == np.flatnonzero(is_met).tolist()

@@ -161,7 +161,7 @@ def _vote_all(n_taken, n_turned, turned, places, back, cells, rows, sums):
 @njit(nogil=True, cache=True)
 def bound_tile(
     numbers, visits, starts, ranks, layers, bases, normals, turns, within, corner, patch_starts, voxel_columns,
-    normal_steps, values, offsets, is_signed, least, scale, sums,
+    normal_steps, values, window, stride, is_signed, least, scale, sums,
 ):  # fmt: skip
     """Add what all matches of some scan points with one tile add along an axis, at most, to sums.
 
@@ -171,11 +171,12 @@ def bound_tile(
     float32, cosine and sine; within : first and end of the headings to look at.
     corner : (x, y) voxel index of the tile; patch_starts, voxel_columns, normal_steps, values : the voxels that face
     along the axis.
-    offsets : (first, number of cells, cells from one row of the sums to the next); least : voxels that add no more
-    are left out; scale : float32, units of the sums in one; sums : (headings * rows * stride,) int32 or int64.
+    window : (x first, x last, y first, y last) offset; stride : cells from one row of the sums to the next;
+    least : voxels that add no more are left out; scale : float32, units of the sums in one; sums : (headings * rows *
+    stride,) int32 or int64.
     """
-    first, last, stride = offsets[0], offsets[0] + offsets[1] - 1, np.int32(offsets[2])
-    origin = (RIM + corner[1] - first) * np.int64(stride) + RIM + corner[0] - first
+    stride = np.int32(stride)
+    origin = (RIM + corner[1] - window[2]) * np.int64(stride) + RIM + corner[0] - window[0]
     back = np.float32(0.0 if is_signed else -1.0)
     cells, rows = np.empty(CAPACITY, np.int32), np.empty((4, CAPACITY), np.float32)
     n_most = np.max(np.diff(starts)) * turns.shape[0]
@@ -187,7 +188,7 @@ def bound_tile(
         headings = (max(visits[number, 1], within[0]), min(visits[number, 2], within[1]))
         if layer < 0 or headings[0] >= headings[1]:
             continue
-        x_first, x_last, y_first, y_last = rectangle_in_tile(visits[number], first, last, corner)
+        x_first, x_last, y_first, y_last = rectangle_in_tile(visits[number], window, corner)
         low = (np.int32(x_first), np.int32(y_first))
         span = (np.uint32(x_last - x_first), np.uint32(y_last - y_first))
         n_taken = np.uint64(0)

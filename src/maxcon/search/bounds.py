@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from maxcon.geometry import Pose
 from maxcon.search.facing import LEAST_FACING, Axis, Facing
 from maxcon.search.field import Field
+from maxcon.search.window import Window
 from maxcon.search_space import SearchSpace
 
 __all__ = ["Along", "Bounds", "HeadingPass"]
 
-# Sums of headings that are made together take so many cells at most, 16 MiB, unless one heading alone takes more.
+# Sums that are made together take so many cells at most, 16 MiB, unless one row takes more.
 PASS_HEADINGS, PASS_CELLS = 16, 2**22
 
 WEIGHT_ROUNDING = 4e-5
@@ -77,21 +78,23 @@ class Bounds:
         return self.most * SLACK + self.n_points * least * (1.0 + SLACK)
 
     def passes(self) -> Iterator["HeadingPass"]:
-        """Yield all headings of the space, as many at a time as memory allows, from those near the prior's on."""
+        """Yield all cells of the space, as many at a time as memory allows, from those near the prior on."""
         n_headings, ny, nx = self.space.shape
         most_headings = max(1, min(PASS_HEADINGS, PASS_CELLS // (ny * nx)))
         parts = np.array_split(np.arange(n_headings), -(-n_headings // most_headings))
+        bands = list(Window.of(self.space).bands(PASS_CELLS))
         for part in sorted(parts, key=lambda part: abs(part.mean() - (n_headings - 1) / 2)):
-            yield self.heading_pass(part)
+            for window in sorted(bands, key=lambda window: abs(window.y_first + window.y_last)):
+                yield self.heading_pass(part, window)
 
-    def heading_pass(self, headings: NDArray[np.int64]) -> "HeadingPass":
-        """Get some headings, by number, ready for their bounds."""
+    def heading_pass(self, headings: NDArray[np.int64], window: Window) -> "HeadingPass":
+        """Get a window at some headings, by number, ready for the bounds of its cells."""
         from maxcon.search import visit_kernels
 
-        nx = self.space.shape[2]
         columns = self.field.voxels_at(self.prior, self.prior.heading + self.space.headings[headings])
-        visits = visit_kernels.plan_visits(self.field.starts, columns)
-        return HeadingPass(self, headings, columns, visits, (-(nx // 2), nx - 1 - nx // 2))
+        return HeadingPass(
+            self, headings, window, columns, visit_kernels.plan_visits(self.field.starts, columns)
+        )
 
     @property
     def unit(self) -> float:
@@ -102,7 +105,7 @@ class Bounds:
 
 @dataclass(frozen=True)
 class HeadingPass:
-    """Some headings, with the points turned by them.
+    """A window of cells at some headings, with the points turned by them.
 
     Parameters
     ----------
@@ -110,19 +113,19 @@ class HeadingPass:
         Of the scan.
     headings : array, shape (h,)
         Their numbers in the search space.
+    window : Window
+        The offsets of the cells.
     columns : array, shape (h, 2, n)
         Voxels of the points at each heading.
     visits : array, shape (m, 7)
         As `visit_kernels.plan_visits` planned them.
-    offsets : tuple of 2 int
-        Offset of the first and of the last cell, voxels.
     """
 
     bounds: Bounds
     headings: NDArray[np.int64]
+    window: Window
     columns: NDArray[np.int32]
     visits: NDArray[np.int64]
-    offsets: tuple[int, int]
 
     def along(self, axis: Axis, least: float = LEAST_FACING, n_threads: int = 1) -> "Along":
         """Bound what matches add along an axis in all cells.
@@ -139,19 +142,19 @@ class HeadingPass:
         """
         from maxcon.search import bound_kernels, visit_kernels
 
-        field, rim, (first, last) = self.bounds.field, visit_kernels.RIM, self.offsets
-        width, unit = last - first + 1 + 2 * rim, self.bounds.unit
-        sums = np.zeros((len(self.headings), width, width), np.int32 if field.is_once else np.int64)
-        bases = bound_kernels.bases_of_points(self.columns, width, width**2)
+        field, rim, unit = self.bounds.field, visit_kernels.RIM, self.bounds.unit
+        height, width = (n_cells + 2 * rim for n_cells in self.window.shape)
+        sums = np.zeros((len(self.headings), height, width), np.int32 if field.is_once else np.int64)
+        bases = bound_kernels.bases_of_points(self.columns, width, height * width)
         normals = self._normals(is_weighted=field.is_weighted and not axis.is_none)
 
         def vote(headings: NDArray[np.int64]) -> None:
-            for numbers, layers, tile in field.visited(self.visits, first, last):
+            for numbers, layers, tile in field.visited(self.visits, self.window):
                 facing = Facing.of(tile, axis, is_once=field.is_once)
                 bound_kernels.bound_tile(
                     numbers, self.visits, field.starts, field.ranks, layers, bases, normals, self._turns,
                     (int(headings[0]), int(headings[-1]) + 1), tile.corner, facing.patch_starts, facing.columns,
-                    facing.normal_steps, facing.values, (first, last - first + 1, width), field.is_signed,
+                    facing.normal_steps, facing.values, tuple(self.window), width, field.is_signed,
                     np.float32(least), np.float32(1.0 / unit), sums.reshape(-1),
                 )  # fmt: skip
 
@@ -162,7 +165,10 @@ class HeadingPass:
             with ThreadPoolExecutor(len(parts)) as pool:
                 list(pool.map(vote, parts))
         inner = sums[:, rim:-rim, rim:-rim]
-        return Along(self.headings, inner, unit * (1.0 + SLACK), self.bounds.left_out(axis, least))
+        first_cell = self.window.first_cell(self.bounds.space)
+        return Along(
+            self.headings, first_cell, inner, unit * (1.0 + SLACK), self.bounds.left_out(axis, least)
+        )
 
     def _normals(self, *, is_weighted: bool) -> NDArray[np.float32]:
         """Normals of the points as the kernel takes them, shape (n, 4): zeros and 1 where all weights are one.
@@ -184,12 +190,14 @@ class HeadingPass:
 
 @dataclass(frozen=True, slots=True)
 class Along:
-    """What matches add along an axis at most, in all cells of some headings.
+    """What matches add along an axis at most, in a window of cells at some headings.
 
     Parameters
     ----------
     headings : array, shape (h,)
         Their numbers in the search space.
+    first_cell : tuple of 2 int
+        Index (y, x) in the search space of the window's first cell.
     sums : array, shape (h, ny, nx), int32 or int64
         What they add, in units.
     unit : float
@@ -199,21 +207,22 @@ class Along:
     """
 
     headings: NDArray[np.int64]
+    first_cell: tuple[int, int]
     sums: NDArray[np.signedinteger]
     unit: float
     left_out: float
 
     def at(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Bounds of some cells (n, 3), of headings that are there."""
+        """Bounds of some cells (n, 3) that are there."""
         passed = np.searchsorted(self.headings, cells[:, 0])
-        units: NDArray[np.float64] = self.sums[passed, cells[:, 1], cells[:, 2]].astype(np.float64)
+        y, x = (cells[:, 1:] - self.first_cell).T
+        units: NDArray[np.float64] = self.sums[passed, y, x].astype(np.float64)
         return units * self.unit + self.left_out
 
     def reaching(self, least: float) -> tuple[NDArray[np.int64], float]:
         """Cells (n, 3), in index order, whose bound reaches `least`; and the highest of the others, 0 for none."""
         is_reached = self.sums >= (least - self.left_out) / self.unit
-        cells = np.argwhere(is_reached)
-        cells[:, 0] = self.headings[cells[:, 0]]
+        cells = self._cells(np.nonzero(is_reached))
         if len(cells) == self.sums.size:
             return cells, 0.0
         highest = self.sums.max(where=~is_reached, initial=0) if len(cells) else self.sums.max()
@@ -231,4 +240,9 @@ class Along:
         numbers, x = np.divmod(
             np.argpartition(candidates, -n_cells, axis=None)[-n_cells:], candidates.shape[1]
         )
-        return np.stack([self.headings[rows[0][numbers]], rows[1][numbers], x], axis=1)
+        return self._cells((rows[0][numbers], rows[1][numbers], x))
+
+    def _cells(self, places: tuple[NDArray[np.int64], ...]) -> NDArray[np.int64]:
+        """Cells (n, 3) of the space, from places in the sums."""
+        passed, y, x = places
+        return np.stack([self.headings[passed], y + self.first_cell[0], x + self.first_cell[1]], axis=1)

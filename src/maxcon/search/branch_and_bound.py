@@ -22,6 +22,7 @@ from maxcon.search.exhaustive import exhaustive
 from maxcon.search.facing import LEAST_FACING, Axis
 from maxcon.search.field import Field
 from maxcon.search.matching import Multiplicity, Weighting, check_cell_edge, check_threads
+from maxcon.search.window import Window
 from maxcon.search_space import Cell, SearchSpace
 
 __all__ = ["Found", "branch_and_bound"]
@@ -103,7 +104,7 @@ def branch_and_bound(
     prior : Pose
         T_map_sensor before localization, local frame of the map.
     space : SearchSpace
-        The cells. Memory does not grow with the number of headings.
+        The cells. Memory does not grow with their number, only with the tiles of the map in reach.
     objective : Objective
         What a cell is worth. One without bounds (`BoundedByAxes`, `BoundedByCount`) is searched exhaustively.
     multiplicity : {"occupied", "points"}
@@ -225,20 +226,31 @@ class _Search:
         candidates = self._reaching(along)
         if len(candidates) > MOST_CANDIDATES:
             self.scores.score(candidates[np.argsort(-candidates.upper, kind="stable")[:AT_ONCE]].cells)
-            candidates = self._reaching(along)
-        if len(candidates) > max(MOST_CANDIDATES, along.sums.size // UNDECIDED):
-            return candidates
-        plan = self._plan()
-        if len(candidates) > MOST_CANDIDATES and plan != (axis, least):
-            axis, least = plan
-            along = heading_pass.along(axis, least, self.n_threads)
-            candidates = self._reaching(along)
-        if len(candidates) > MOST_CANDIDATES and not axis.is_none:
-            here = np.unique(candidates.cells[:, 0])
-            across = self.bounds.heading_pass(here).along(axis.across, least, self.n_threads)
-            upper = self._upper(along.at(candidates.cells), across.at(candidates.cells))
-            candidates = self._left(Candidates(candidates.cells, upper))
+            candidates = self._left(candidates)
+        if MOST_CANDIDATES < len(candidates) <= along.sums.size // UNDECIDED and not axis.is_none:
+            candidates = self._bound_again(candidates, along, axis, least)
         return candidates
+
+    def _bound_again(self, candidates: Candidates, along: Along, axis: Axis, least: float) -> Candidates:
+        """Those that bounds along the axis that the best cell so far determines least, and across it, leave open.
+
+        Only the window around them is looked at.
+        """
+        plan = self._plan()
+        if plan != (axis, least):
+            axis, least = plan
+            along = self._around(candidates).along(axis, least, self.n_threads)
+            candidates = self._left(candidates.below(self._upper(along.at(candidates.cells))))
+        if len(candidates) > MOST_CANDIDATES:
+            across = self._around(candidates).along(axis.across, least, self.n_threads)
+            upper = self._upper(along.at(candidates.cells), across.at(candidates.cells))
+            candidates = self._left(candidates.below(upper))
+        return candidates
+
+    def _around(self, candidates: Candidates) -> HeadingPass:
+        """The smallest window around candidates, at their headings."""
+        window = Window.around(candidates.cells, self.bounds.space)
+        return self.bounds.heading_pass(np.unique(candidates.cells[:, 0]), window)
 
     def _reaching(self, along: Along) -> Candidates:
         """Cells whose bound along one axis leaves it open whether they reach the asked score."""

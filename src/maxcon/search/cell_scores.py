@@ -38,6 +38,10 @@ class Candidates:
             np.concatenate([self.cells, other.cells]), np.concatenate([self.upper, other.upper])
         )
 
+    def below(self, upper: Scores) -> "Candidates":
+        """The same cells, also bounded by this."""
+        return Candidates(self.cells, np.minimum(self.upper, upper))
+
     def __len__(self) -> int:
         return len(self.cells)
 

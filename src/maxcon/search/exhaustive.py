@@ -15,6 +15,7 @@ from maxcon.point_map import PointMap
 from maxcon.scan import Scan
 from maxcon.search.field import Field
 from maxcon.search.matching import Multiplicity, Weighting, check_cell_edge, check_threads
+from maxcon.search.window import Window
 from maxcon.search_space import SearchSpace
 
 __all__ = ["exhaustive"]
@@ -80,11 +81,12 @@ def exhaustive(
         )
     field = Field.prepare(scan, point_map, prior, space, multiplicity, weighting)
     moments = np.empty((*space.shape, 4))
+    headings = prior.heading + space.headings
     n_passes = _n_passes(space, n_threads)
 
     def search(number: int) -> None:
         first, end = (part * space.shape[0] // n_passes for part in (number, number + 1))
-        _search_headings(field, prior, space, first, moments[first:end])
+        add_up(field, prior, headings[first:end], Window.of(space), moments[first:end])
 
     if n_threads == 1 or n_passes == 1:
         for number in range(n_passes):
@@ -103,26 +105,24 @@ def _n_passes(space: SearchSpace, n_threads: int) -> int:
     return min(n_headings, n_rounds * n_threads)
 
 
-def _search_headings(
-    field: Field, prior: Pose, space: SearchSpace, first_heading: int, moments: NDArray[np.float64]
+def add_up(
+    field: Field, prior: Pose, headings: NDArray[np.float64], window: Window, moments: NDArray[np.float64]
 ) -> None:
-    """Moments of some headings, shape (headings, ny, nx, 4), out."""
+    """Moments of a window of cells at some headings, rad, shape (headings, ny, nx, 4), out."""
     from maxcon.search import kernels, visit_kernels
 
     n_headings, ny, nx, _ = moments.shape
-    headings = prior.heading + space.headings[first_heading : first_heading + n_headings]
     columns, turned = field.turned(prior, headings)
-    first, last = -(nx // 2), nx - 1 - nx // 2
     visits = visit_kernels.plan_visits(field.starts, columns)
     rim = visit_kernels.RIM
     width = nx + 2 * rim
     width += (2 - width) % 4  # an odd number of cache lines: cells above each other do not share a cache set
     sums = _aligned_zeros((n_headings, ny + 2 * rim, width, 4))
-    for numbers, layers, tile in field.visited(visits, first, last):
+    for numbers, layers, tile in field.visited(visits, window):
         kernels.accumulate_tile(
             numbers, visits, field.starts, field.middles, field.ranks, layers, columns, turned, tile.corner,
             tile.index.patch_starts, tile.columns, tile.normals, tile.counts[:0] if field.is_once else tile.counts,
-            (first, nx, width), field.is_weighted, field.is_signed, sums.reshape(n_headings, -1),
+            tuple(window), width, field.is_weighted, field.is_signed, sums.reshape(n_headings, -1),
         )  # fmt: skip
     moments[...] = sums[:, rim : rim + ny, rim : rim + nx]
 

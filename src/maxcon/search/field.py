@@ -12,6 +12,7 @@ from maxcon.geometry import Pose, rotation_matrices, voxel_indices
 from maxcon.point_map import TILE_VOXELS, PointMap, TileKey, VoxelTile
 from maxcon.scan import Scan
 from maxcon.search.matching import Multiplicity, Weighting
+from maxcon.search.window import Window
 from maxcon.search_space import SearchSpace
 
 __all__ = ["Field"]
@@ -150,7 +151,7 @@ class Field:
         return columns
 
     def visited(
-        self, visits: NDArray[np.int64], first: int, last: int
+        self, visits: NDArray[np.int64], window: Window
     ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], VoxelTile]]:
         """Yield each tile with what meets it.
 
@@ -158,20 +159,20 @@ class Field:
         ----------
         visits : array, shape (m, 7)
             As `visit_kernels.plan_visits` planned them.
-        first, last : int
-            Offsets, voxels.
+        window : Window
+            Offsets.
 
         Yields
         ------
         numbers : array
-            The visits that meet the tile at some offset.
+            The visits that meet the tile at some offset of the window.
         layers : array
             The layer that each rank has in the tile, -1 for none.
         tile : VoxelTile
         """
         from maxcon.search import visit_kernels
 
-        starts, numbers = visit_kernels.visits_of_tiles(visits, first, last, self.corner, self.shape)
+        starts, numbers = visit_kernels.visits_of_tiles(visits, tuple(window), self.corner, self.shape)
         for slot, (tile, layers) in self.tiles.items():
             yield numbers[starts[slot] : starts[slot + 1]], layers, tile
 

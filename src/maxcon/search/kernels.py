@@ -220,7 +220,7 @@ def _visit(
 @njit(nogil=True, cache=True)
 def accumulate_tile(
     numbers, visits, starts, middles, ranks, layers, columns, turned, corner, patch_starts, voxel_columns,
-    voxel_normals, counts, offsets, is_weighted, is_signed, sums,
+    voxel_normals, counts, window, stride, is_weighted, is_signed, sums,
 ):  # fmt: skip
     """Add all matches of some scan points with one tile to the sums of some headings.
 
@@ -230,13 +230,12 @@ def accumulate_tile(
     points' voxels; turned : (headings, 3, n) float32, their normals.
     corner : (x, y) voxel index of the tile; voxel_columns : (k, 2) int16; voxel_normals : (k, 3) float32;
     counts : (k,) int32, or empty where a voxel counts once.
-    offsets : (first, number of cells, cells from one row of the sums to the next) along x and along y;
+    window : (x first, x last, y first, y last) offset; stride : cells from one row of the sums to the next;
     is_weighted : whether weights are cosines, or one; sums : (headings, 4 rows stride) float64, with a rim of
     RIM cells where voxels fall that only other points of a visit meet.
     """
-    first, n_cells, stride = offsets[0], offsets[1], np.int32(offsets[2])
-    last = first + n_cells - 1
-    origin = (RIM + corner[0] - first, RIM + corner[1] - first)
+    stride = np.int32(stride)
+    origin = (RIM + corner[0] - window[0], RIM + corner[1] - window[2])
     weighting = (is_weighted, np.float32(0.0 if is_signed else -1.0))
     taken = np.empty(CAPACITY, np.int64)
     normals, factors = np.zeros((3, CAPACITY), np.float32), np.zeros(4 * CAPACITY)
@@ -249,7 +248,7 @@ def accumulate_tile(
             continue
         headings = (visits[number, 1], visits[number, 2])
         points = (starts[group], middles[group], starts[group + 1])
-        x_first, x_last, y_first, y_last = rectangle_in_tile(visits[number], first, last, corner)
+        x_first, x_last, y_first, y_last = rectangle_in_tile(visits[number], window, corner)
         low, span = (x_first, y_first), (np.uint32(x_last - x_first), np.uint32(y_last - y_first))
         n_taken = np.uint64(0)
         for py in range(y_first >> PATCH_BITS, (y_last >> PATCH_BITS) + 1):

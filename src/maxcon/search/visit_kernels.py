@@ -109,22 +109,24 @@ def plan_visits(starts, columns):
 
 
 @njit(nogil=True, cache=True)
-def visits_of_tiles(visits, first, last, corner, shape):
-    """For each tile of a grid, the visits that meet it at some offset.
+def visits_of_tiles(visits, window, corner, shape):
+    """For each tile of a grid, the visits that meet it at some offset of a window.
 
-    first, last : offsets; the box of a visit meets voxels from its first + first to its last + last.
+    window : (x first, x last, y first, y last) offset; the box of a visit meets voxels from its first + the first to
+    its last + the last.
     corner : (x, y) key of the grid's first tile; shape : (ny, nx) tiles.
     Returns starts, (ny * nx + 1,), and numbers, so that tile t has numbers[starts[t] : starts[t + 1]].
     """
     ny, nx = shape
+    x_first, x_last, y_first, y_last = window
     starts = np.zeros(ny * nx + 1, np.int64)
     numbers = np.empty(0, np.int64)
     for is_filling in (False, True):
         for i in range(visits.shape[0]):
-            tx_first = max(((visits[i, 3] + first) >> TILE_BITS) - corner[0], 0)
-            tx_last = min(((visits[i, 4] + last) >> TILE_BITS) - corner[0], nx - 1)
-            ty_first = max(((visits[i, 5] + first) >> TILE_BITS) - corner[1], 0)
-            ty_last = min(((visits[i, 6] + last) >> TILE_BITS) - corner[1], ny - 1)
+            tx_first = max(((visits[i, 3] + x_first) >> TILE_BITS) - corner[0], 0)
+            tx_last = min(((visits[i, 4] + x_last) >> TILE_BITS) - corner[0], nx - 1)
+            ty_first = max(((visits[i, 5] + y_first) >> TILE_BITS) - corner[1], 0)
+            ty_last = min(((visits[i, 6] + y_last) >> TILE_BITS) - corner[1], ny - 1)
             for ty in range(ty_first, ty_last + 1):
                 for tx in range(tx_first, tx_last + 1):
                     tile = ty * nx + tx
@@ -143,14 +145,15 @@ def visits_of_tiles(visits, first, last, corner, shape):
 
 
 @njit(nogil=True, cache=True)
-def rectangle_in_tile(visit, first, last, corner):
-    """(x first, x last, y first, y last) voxel of a tile that a visit meets at some offset, from `first` to `last`.
+def rectangle_in_tile(visit, window, corner):
+    """(x first, x last, y first, y last) voxel of a tile that a visit meets at some offset of a window.
 
-    corner : (x, y) voxel index of the tile.
+    window : (x first, x last, y first, y last) offset; corner : (x, y) voxel index of the tile.
     """
+    x_first, x_last, y_first, y_last = window
     return (
-        max(visit[3] + first - corner[0], 0),
-        min(visit[4] + last - corner[0], TILE_VOXELS - 1),
-        max(visit[5] + first - corner[1], 0),
-        min(visit[6] + last - corner[1], TILE_VOXELS - 1),
+        max(visit[3] + x_first - corner[0], 0),
+        min(visit[4] + x_last - corner[0], TILE_VOXELS - 1),
+        max(visit[5] + y_first - corner[1], 0),
+        min(visit[6] + y_last - corner[1], TILE_VOXELS - 1),
     )
