@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 
 from maxcon import Helmert, PointMap, Pose, Scan, SearchSpace
 from maxcon.search import Multiplicity, Weighting, exhaustive
-from maxcon.search.cell_scores import CellScores
+from maxcon.search.cell_scores import Candidates, CellScores
 from maxcon.search.field import Field
+from maxcon.search.window import Window
 
 CELL = 0.1
 TILE = 512 * CELL
@@ -88,3 +89,19 @@ def test_scores_and_the_best_cell(seed):
         ((wanted[tuple(cell)], tuple(cell)) for cell in cells.tolist()),
         key=lambda each: (each[0], [-index for index in each[1]]),
     )
+
+
+@pytest.mark.parametrize("n_threads", [1, 2])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_window_is_scored_at_once(seed, n_threads):
+    moments, scores = scene(seed, (0.0, 0.0), 3000, True, Multiplicity.OCCUPIED, Weighting.COSINE)
+    wanted = Helmert().score(moments)
+    headings, window = np.array([0, 2, 3]), Window.around(np.array([[0, 3, 10], [0, 9, 25]]), SPACE)
+    grid = scores.score_window(headings, window, n_threads)
+    assert (grid.numbers == wanted[headings, 3:10, 10:26]).all()
+    (cell,) = map(tuple, grid.first_highest().tolist())
+    assert (scores.best, scores.cell, scores.n_in_windows) == (wanted[cell], cell, 3 * 7 * 16)
+    assert (scores.scored[cell][1] == moments[cell]).all()
+    scores.kept = Candidates(*((cells := grid.highest(9)), grid.at(cells)))
+    far = cells[scores.is_beyond(cells)]
+    assert scores.runner_up() == max([*wanted[tuple(far.T)], 0.0])

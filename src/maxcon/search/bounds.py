@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.geometry import Pose
+from maxcon.search.cell_grid import CellGrid
 from maxcon.search.facing import LEAST_FACING, Axis, Facing
 from maxcon.search.field import Field
 from maxcon.search.window import Window
@@ -165,10 +166,8 @@ class HeadingPass:
             with ThreadPoolExecutor(len(parts)) as pool:
                 list(pool.map(vote, parts))
         inner = sums[:, rim:-rim, rim:-rim]
-        first_cell = self.window.first_cell(self.bounds.space)
-        return Along(
-            self.headings, first_cell, inner, unit * (1.0 + SLACK), self.bounds.left_out(axis, least)
-        )
+        grid = CellGrid.of(self.bounds.space, self.headings, self.window, inner)
+        return Along(grid, unit * (1.0 + SLACK), self.bounds.left_out(axis, least))
 
     def _normals(self, *, is_weighted: bool) -> NDArray[np.float32]:
         """Normals of the points as the kernel takes them, shape (n, 4): zeros and 1 where all weights are one.
@@ -194,55 +193,28 @@ class Along:
 
     Parameters
     ----------
-    headings : array, shape (h,)
-        Their numbers in the search space.
-    first_cell : tuple of 2 int
-        Index (y, x) in the search space of the window's first cell.
-    sums : array, shape (h, ny, nx), int32 or int64
-        What they add, in units.
+    sums : CellGrid
+        What they add, in units: whole numbers.
     unit : float
         One unit.
     left_out : float
         What the sums leave out, at most.
     """
 
-    headings: NDArray[np.int64]
-    first_cell: tuple[int, int]
-    sums: NDArray[np.signedinteger]
+    sums: CellGrid
     unit: float
     left_out: float
 
     def at(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:
         """Bounds of some cells (n, 3) that are there."""
-        passed = np.searchsorted(self.headings, cells[:, 0])
-        y, x = (cells[:, 1:] - self.first_cell).T
-        units: NDArray[np.float64] = self.sums[passed, y, x].astype(np.float64)
+        units: NDArray[np.float64] = self.sums.at(cells).astype(np.float64)
         return units * self.unit + self.left_out
 
     def reaching(self, least: float) -> tuple[NDArray[np.int64], float]:
         """Cells (n, 3), in index order, whose bound reaches `least`; and the highest of the others, 0 for none."""
-        is_reached = self.sums >= (least - self.left_out) / self.unit
-        cells = self._cells(np.nonzero(is_reached))
-        if len(cells) == self.sums.size:
-            return cells, 0.0
-        highest = self.sums.max(where=~is_reached, initial=0) if len(cells) else self.sums.max()
-        return cells, float(highest) * self.unit + self.left_out
+        cells, highest = self.sums.reaching((least - self.left_out) / self.unit)
+        return cells, 0.0 if highest is None else highest * self.unit + self.left_out
 
     def highest(self, n_cells: int) -> NDArray[np.int64]:
         """The cells (n, 3) of the highest bounds."""
-        highest_of_rows = self.sums.max(axis=2)
-        n_rows = min(n_cells, highest_of_rows.size)
-        rows = np.unravel_index(
-            np.argpartition(highest_of_rows, -n_rows, axis=None)[-n_rows:], highest_of_rows.shape
-        )
-        candidates = self.sums[rows]
-        n_cells = min(n_cells, candidates.size)
-        numbers, x = np.divmod(
-            np.argpartition(candidates, -n_cells, axis=None)[-n_cells:], candidates.shape[1]
-        )
-        return self._cells((rows[0][numbers], rows[1][numbers], x))
-
-    def _cells(self, places: tuple[NDArray[np.int64], ...]) -> NDArray[np.int64]:
-        """Cells (n, 3) of the space, from places in the sums."""
-        passed, y, x = places
-        return np.stack([self.headings[passed], y + self.first_cell[0], x + self.first_cell[1]], axis=1)
+        return self.sums.highest(n_cells)

@@ -18,7 +18,7 @@ from maxcon.point_map import PointMap
 from maxcon.scan import Scan
 from maxcon.search.bounds import Along, Bounds, HeadingPass
 from maxcon.search.cell_scores import Candidates, CellScores
-from maxcon.search.exhaustive import exhaustive
+from maxcon.search.exhaustive import PASS_CELLS, exhaustive
 from maxcon.search.facing import LEAST_FACING, Axis
 from maxcon.search.field import Field
 from maxcon.search.matching import Multiplicity, Weighting, check_cell_edge, check_threads
@@ -35,10 +35,12 @@ LEFT_OUT = 0.1
 LEFT_OUT_OF_SCAN = 0.01
 # More candidates than this are bounded along the second axis too, before they are scored.
 MOST_CANDIDATES = 192
-# Where more than one in so many cells is left to be scored, an exhaustive search is faster; ...
-HOPELESS = 100
-# ... and where the first bound leaves more than one in so many, others will not help.
-UNDECIDED = 4
+# Where the first bound leaves more than one in so many, others will not help.
+UNDECIDED = 20
+# To score a cell by itself takes as long as so many cells of a window that is searched exhaustively, ...
+ONE_BY_ONE = 120
+# ... and what visits reach beside a window takes as long as so many more rows and columns of it.
+BESIDE = 24
 # From so many steps of what matches add along an axis one is found from which on cells are candidates.
 BOUND_STEPS = 4096
 # Candidates are scored so many at a time, from the most promising on.
@@ -63,7 +65,7 @@ class Found:
         Proved: no cell farther than the guard radius from the guarded one, at any heading, scores higher. It is the
         score of the runner-up if that reaches the asked share of the best score; otherwise it lies between the two.
     n_scored : int
-        Cells whose moments were computed; all others were only bounded.
+        Cells whose moments were computed, a few of them twice; all others were only bounded.
     """
 
     cell: Cell
@@ -148,9 +150,7 @@ def branch_and_bound(
         searched = Field.prepare(scan, point_map, prior, space, multiplicity, weighting)
         bounds = Bounds.of(searched if is_count else searched.with_normals(), prior, space)
         scores_of_cells = CellScores(searched, prior, space, objective, is_count, guard_radius, guarded)
-        found = _Search(bounds, objective, share, scores_of_cells, n_threads).run()
-        if found is not None:
-            return found
+        return _Search(bounds, objective, share, scores_of_cells, n_threads).run()
     accumulator = exhaustive(
         scan, point_map, prior, space, multiplicity=multiplicity, weighting=weighting, n_threads=n_threads
     )
@@ -172,8 +172,8 @@ class _Search:
     n_threads: int
     highest_left_out: float = 0.0
 
-    def run(self) -> Found | None:
-        """The best cell; None if bounds leave so much that an exhaustive search is faster."""
+    def run(self) -> Found:
+        """The best cell, and what is proved of the others."""
         scores = self.scores
         if not (self.bounds.n_points and self.bounds.field.tiles):  # nothing adds to N: all cells are alike
             scores.score(np.zeros((1, 3), np.int64))
@@ -182,16 +182,18 @@ class _Search:
             scores.score(np.array([scores.guarded]))
         candidates = Candidates.none()
         for heading_pass in self.bounds.passes():
-            candidates = candidates.joined(self._bound(heading_pass))
-            if len(candidates) > max(MOST_CANDIDATES, self.bounds.space.n_cells // HOPELESS):
-                return None
+            left = self._bound(heading_pass)
+            candidates = candidates.joined(
+                left if len(left) <= MOST_CANDIDATES else self._search_around(left)
+            )
         self._decide(candidates)
         return self._found(rest=max(self.highest_left_out, scores.runner_up()))
 
     def _found(self, rest: float) -> Found:
         scores = self.scores
         moments = scores.moments(scores.cell[0], np.array([scores.cell]), with_all=True)[0]
-        return Found(scores.cell, scores.best, moments, scores.best, rest, len(scores.scored))
+        n_scored = len(scores.scored) + scores.n_in_windows
+        return Found(scores.cell, scores.best, moments, scores.best, rest, n_scored)
 
     @property
     def _is_count(self) -> bool:
@@ -227,7 +229,7 @@ class _Search:
         if len(candidates) > MOST_CANDIDATES:
             self.scores.score(candidates[np.argsort(-candidates.upper, kind="stable")[:AT_ONCE]].cells)
             candidates = self._left(candidates)
-        if MOST_CANDIDATES < len(candidates) <= along.sums.size // UNDECIDED and not axis.is_none:
+        if MOST_CANDIDATES < len(candidates) <= along.sums.numbers.size // UNDECIDED and not axis.is_none:
             candidates = self._bound_again(candidates, along, axis, least)
         return candidates
 
@@ -246,6 +248,21 @@ class _Search:
             upper = self._upper(along.at(candidates.cells), across.at(candidates.cells))
             candidates = self._left(candidates.below(upper))
         return candidates
+
+    def _search_around(self, candidates: Candidates) -> Candidates:
+        """Search the window around candidates exhaustively, if that is faster than to score each; what is left then."""
+        space, headings = self.bounds.space, np.unique(candidates.cells[:, 0])
+        window = Window.around(candidates.cells, space)
+        n_cells = len(headings) * math.prod(n + BESIDE for n in window.shape)
+        if n_cells > ONE_BY_ONE * len(candidates):
+            return candidates
+        n_parts = -(-len(headings) * math.prod(window.shape) // PASS_CELLS)
+        for part in np.array_split(headings, min(n_parts, len(headings))):
+            grid = self.scores.score_window(part, window, self.n_threads)
+            cells, highest = grid.reaching(self._asked)
+            self.scores.kept = self.scores.kept.joined(Candidates(cells, grid.at(cells)))
+            self._leave_out(np.array([] if highest is None else [highest]))
+        return Candidates.none()
 
     def _around(self, candidates: Candidates) -> HeadingPass:
         """The smallest window around candidates, at their headings."""

@@ -14,7 +14,10 @@ from maxcon.geometry import Pose
 from maxcon.objectives import Moments, Objective, Scores
 from maxcon.point_map import TILE_PATCHES
 from maxcon.point_map.tile import Addresses
+from maxcon.search.cell_grid import CellGrid
+from maxcon.search.exhaustive import moments_of_window
 from maxcon.search.field import Field
+from maxcon.search.window import Window
 from maxcon.search_space import Cell, SearchSpace
 
 __all__ = ["Candidates", "CellScores"]
@@ -111,7 +114,11 @@ class CellScores:
     cell : tuple of 3 int
         Its cell, the first in index order at ties (D8).
     scored : dict
-        Score and moments of each cell that was scored.
+        Score and moments of each cell that was scored by itself, and of the best.
+    kept : Candidates
+        Cells of windows of which all cells were scored, with their scores.
+    n_in_windows : int
+        How many cells these windows have.
     """
 
     searched: Field
@@ -124,6 +131,8 @@ class CellScores:
     best: float = -math.inf
     cell: Cell = (0, 0, 0)
     scored: dict[Cell, tuple[float, Moments]] = field(default_factory=dict)
+    kept: Candidates = field(default_factory=Candidates.none)
+    n_in_windows: int = 0
     _table: TileTable | None = None
     _points: dict[bool, tuple[NDArray[np.int32], NDArray[np.int32]]] = field(default_factory=dict)
     _turned: dict[tuple[int, bool], tuple[NDArray[np.uint64], NDArray[np.float32]]] = field(
@@ -140,9 +149,25 @@ class CellScores:
             moments = self.moments(heading, np.array(mine, np.int64), with_all=self.with_all)
             scores = self.objective.score(moments).tolist()
             for cell, score, four in zip(mine, scores, moments, strict=True):
-                self.scored[cell] = score, four
-                if (-score, cell) < (-self.best, self.cell):
-                    self.best, self.cell = score, cell
+                self._note(cell, score, four)
+
+    def score_window(self, headings: NDArray[np.int64], window: Window, n_threads: int) -> CellGrid:
+        """Scores of all cells of a window at some headings; keep the best."""
+        azimuths = self.prior.heading + self.space.headings[headings]
+        moments = moments_of_window(self.searched, self.prior, azimuths, window, n_threads)
+        grid = CellGrid.of(self.space, headings, window, self.objective.score(moments))
+        four = CellGrid.of(self.space, headings, window, moments)
+        highest = grid.first_highest()
+        heading, y, x = highest[0].tolist()
+        self._note((heading, y, x), float(grid.at(highest)[0]), four.at(highest)[0])
+        self.n_in_windows += grid.numbers.size
+        return grid
+
+    def _note(self, cell: Cell, score: float, moments: Moments) -> None:
+        """Keep what a cell scores, and whether it is the best."""
+        self.scored[cell] = score, moments
+        if (-score, cell) < (-self.best, self.cell):
+            self.best, self.cell = score, cell
 
     def moments(self, heading: int, cells: NDArray[np.int64], *, with_all: bool) -> Moments:
         """Moments of some cells of one heading, shape (n, 4), to the last bit those of the exhaustive search.
@@ -185,7 +210,9 @@ class CellScores:
         return np.asarray(np.hypot(offsets[:, 0], offsets[:, 1]) * self.space.cell > self.guard_radius)
 
     def runner_up(self) -> float:
-        """Highest score beyond the guard radius among the cells that were scored."""
-        is_beyond = self.is_beyond(np.array(list(self.scored), np.int64))
-        scores = np.array([score for score, _ in self.scored.values()])
-        return float(scores.max(where=is_beyond, initial=0.0))
+        """Highest score beyond the guard radius among the cells that were scored and kept."""
+        singles = Candidates(
+            np.array(list(self.scored), np.int64), np.array([score for score, _ in self.scored.values()])
+        )
+        scored = self.kept.joined(singles)
+        return float(scored.upper.max(where=self.is_beyond(scored.cells), initial=0.0))

@@ -18,7 +18,7 @@ from maxcon.search.matching import Multiplicity, Weighting, check_cell_edge, che
 from maxcon.search.window import Window
 from maxcon.search_space import SearchSpace
 
-__all__ = ["exhaustive"]
+__all__ = ["exhaustive", "moments_of_window"]
 
 # An accumulator takes 32 bytes a cell; 2^26 cells are 2 GiB.
 CELL_LIMIT = 2**26
@@ -80,13 +80,20 @@ def exhaustive(
             " Narrow the search space, or enlarge the cell or the heading step."
         )
     field = Field.prepare(scan, point_map, prior, space, multiplicity, weighting)
-    moments = np.empty((*space.shape, 4))
-    headings = prior.heading + space.headings
-    n_passes = _n_passes(space, n_threads)
+    moments = moments_of_window(field, prior, prior.heading + space.headings, Window.of(space), n_threads)
+    return Accumulator(moments, space, prior)
+
+
+def moments_of_window(
+    field: Field, prior: Pose, headings: NDArray[np.float64], window: Window, n_threads: int
+) -> NDArray[np.float64]:
+    """Moments of all cells of a window at some headings, rad, shape (headings, ny, nx, 4)."""
+    moments = np.empty((len(headings), *window.shape, 4))
+    n_passes = _n_passes(len(headings), math.prod(window.shape), n_threads)
 
     def search(number: int) -> None:
-        first, end = (part * space.shape[0] // n_passes for part in (number, number + 1))
-        add_up(field, prior, headings[first:end], Window.of(space), moments[first:end])
+        first, end = (part * len(headings) // n_passes for part in (number, number + 1))
+        _search_headings(field, prior, headings[first:end], window, moments[first:end])
 
     if n_threads == 1 or n_passes == 1:
         for number in range(n_passes):
@@ -94,18 +101,17 @@ def exhaustive(
     else:
         with ThreadPoolExecutor(n_threads) as pool:
             list(pool.map(search, range(n_passes)))
-    return Accumulator(moments, space, prior)
+    return moments
 
 
-def _n_passes(space: SearchSpace, n_threads: int) -> int:
+def _n_passes(n_headings: int, n_cells: int, n_threads: int) -> int:
     """How many parts the headings are searched in: as few as memory allows, and a multiple of the threads."""
-    n_headings = space.shape[0]
-    most = min(PASS_HEADINGS, max(1, PASS_CELLS * n_headings // space.n_cells))
+    most = min(PASS_HEADINGS, max(1, PASS_CELLS // n_cells))
     n_rounds = -(-n_headings // (most * n_threads))
     return min(n_headings, n_rounds * n_threads)
 
 
-def add_up(
+def _search_headings(
     field: Field, prior: Pose, headings: NDArray[np.float64], window: Window, moments: NDArray[np.float64]
 ) -> None:
     """Moments of a window of cells at some headings, rad, shape (headings, ny, nx, 4), out."""
