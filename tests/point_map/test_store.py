@@ -160,21 +160,6 @@ def test_the_cache_keeps_within_its_bytes(whole):
         assert len(store._cache) == len(keys) or limit < sum(sizes)
 
 
-class Lump:
-    n_bytes = 10**9
-
-
-def test_what_is_derived_from_tiles_counts_too(whole):
-    store = TileStore(whole, read_manifest(whole), cache_bytes=10**9)
-    first, second, third = sorted(store.keys)[:3]
-    tile = store.load(first)
-    store.load(second)
-    assert tile.derived("lump", lambda tile: Lump()).n_bytes == 10**9
-    assert store.load(first) is tile  # it is found when a tile is read
-    store.load(third)
-    assert list(store._cache) == [third]
-
-
 # --- broken tiles -------------------------------------------------------------------------------------
 
 

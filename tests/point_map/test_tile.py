@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from maxcon.point_map import PATCH_VOXELS, TILE_VOXELS, VoxelTile
-from maxcon.point_map.tile import MOST_DERIVED, search_order
+from maxcon.point_map import PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS, VoxelTile
+from maxcon.point_map.tile import search_order
 
 
 def tile_of(voxels):
@@ -114,26 +114,45 @@ def test_the_size_is_known_before_anything_is_made(n, height):
     assert told == sum(array.nbytes for array in arrays)
 
 
-class Derived:
-    n_bytes = 1000
+def plain_patches(tile):
+    """Number of each voxel's patch among those of all layers."""
+    _, layer = np.unique(tile.layers, return_inverse=True)
+    x, y = tile.columns.T.astype(np.int64) // PATCH_VOXELS
+    return (layer * TILE_PATCHES + y) * TILE_PATCHES + x
 
 
-def test_what_is_derived_is_kept_while_it_is_asked_for():
-    tile = tile_of([[1, 2, 3]])
-    n_bytes, made = tile.n_bytes, []
+@given(
+    seed=st.integers(0, 2**32), n=st.sampled_from([0, 1, 2, 300]), width=st.sampled_from([20, TILE_VOXELS])
+)
+def test_patches_begin_where_their_voxels_do(seed, n, width):
+    rng = np.random.default_rng(seed)
+    tile = tile_of(rng.integers([0, 0, -4], [width, width, 9], (n, 3)))
+    assert (tile.index.layers == np.unique(tile.layers)).all()
+    n_patches = len(tile.index.layers) * TILE_PATCHES**2
+    wanted = np.searchsorted(plain_patches(tile), np.arange(n_patches + 1))
+    assert (tile.index.patch_starts == wanted).all()
 
-    def make(tile):
-        made.append(tile)
-        return Derived()
 
-    first = tile.derived(0, make)
-    assert tile.derived(0, make) is first
-    assert tile.n_bytes == n_bytes + 1000
-    for key in range(1, MOST_DERIVED + 3):
-        tile.derived(key, make)
-        tile.derived(0, make)
-    assert tile.derived(0, make) is first
-    assert len(made) == MOST_DERIVED + 3
-    assert tile.n_bytes == n_bytes + 1000 * MOST_DERIVED
-    tile.derived(1, make)
-    assert len(made) == MOST_DERIVED + 4
+@given(
+    seed=st.integers(0, 2**32), n=st.sampled_from([1, 2, 3, 40]), width=st.sampled_from([2, 20, TILE_VOXELS])
+)
+def test_other_orders_are_noticed(seed, n, width):
+    rng = np.random.default_rng(seed)
+    tile = tile_of(rng.integers([0, 0, 0], [width, width, 3], (n, 3)))
+    order = rng.permutation(len(tile))
+    if len(tile) > 2:  # mostly two neighbours only
+        k = rng.integers(len(tile) - 1)
+        order = np.arange(len(tile))
+        order[[k, k + 1]] = order[[k + 1, k]]
+    other = VoxelTile(
+        tile.key, tile.columns[order], tile.layers[order], tile.counts[order], tile.normals[order]
+    )
+    assert other.is_in_order == (order == np.arange(len(tile))).all()
+    for bad in (-1, TILE_VOXELS):
+        columns = tile.columns.copy()
+        columns[rng.integers(len(tile)), rng.integers(2)] = bad
+        assert not VoxelTile(tile.key, columns, tile.layers, tile.counts, tile.normals).is_in_order
+    twice = np.repeat(np.arange(len(tile)), 2)
+    assert not VoxelTile(
+        tile.key, tile.columns[twice], tile.layers[twice], tile.counts[twice], tile.normals[twice]
+    ).is_in_order

@@ -75,8 +75,7 @@ class TileStore:
     manifest : Manifest
         Its manifest.
     cache_bytes : int
-        Size of all kept tiles, their indices and what searches derived from them, counted whenever a tile is read;
-        the ones used longest ago go first.
+        Size of all kept tiles and their indices; the ones used longest ago go first.
     """
 
     def __init__(self, path: str | os.PathLike[str], manifest: Manifest, *, cache_bytes: int) -> None:
@@ -108,7 +107,6 @@ class TileStore:
                 return tile
             tile = self._read(self._entries[key])
             self._cache[key] = tile
-            # Searches derive more from tiles while they are kept: all are counted anew.
             used_bytes = sum(kept.n_bytes for kept in self._cache.values())
             while used_bytes > self._cache_bytes and len(self._cache) > 1:
                 _, oldest = self._cache.popitem(last=False)
@@ -120,15 +118,15 @@ class TileStore:
 
         path = _tile_path(self._folder, entry.key)
         try:
+            mapped = pa.memory_map(str(path)).read_buffer()
             if entry.key not in self._verified:
-                with path.open("rb") as file:
-                    checksum = hashlib.file_digest(file, "sha256").hexdigest()
+                checksum = hashlib.sha256(mapped).hexdigest()
                 if checksum != entry.sha256:
                     raise MapError(
                         f"Expected {path} to be as it was written, got another checksum. {REBUILD}"
                     )
                 self._verified.add(entry.key)
-            batch = pa.ipc.open_file(pa.memory_map(str(path))).get_batch(0)
+            batch = pa.ipc.open_file(mapped).get_batch(0)
         except (OSError, pa.ArrowException) as error:
             words = getattr(error, "strerror", None) or str(error).partition("\n")[0]
             raise MapError(f"Expected {path} to be a tile of the map, got: {words}. {REBUILD}") from None

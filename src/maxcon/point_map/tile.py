@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: MIT
 """VoxelTile: the voxels of one square of the map, in the order the search reads them."""
 
-from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol, TypeVar, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,22 +27,8 @@ TileKey = tuple[int, int]
 TILE_VOXELS = 512
 PATCH_VOXELS = 16
 TILE_PATCHES = TILE_VOXELS // PATCH_VOXELS
-# A drive turns: along and across two streets.
-MOST_DERIVED = 4
 WORD_BITS = 64
 PATCH_WORDS = PATCH_VOXELS**2 // WORD_BITS
-
-
-class Sized(Protocol):
-    """Anything that knows what memory it takes."""
-
-    @property
-    def n_bytes(self) -> int:
-        """Bytes."""
-        ...
-
-
-T = TypeVar("T", bound=Sized)
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,9 +137,12 @@ class VoxelTile:
     @cached_property
     def index(self) -> TileIndex:
         """Where each patch begins; made when first asked for."""
-        layers, patch = self._patches()
-        sizes = np.bincount(patch, minlength=len(layers) * TILE_PATCHES**2)
-        return TileIndex(layers, np.concatenate([[0], np.cumsum(sizes)]))
+        from maxcon.point_map import tile_kernels
+
+        layers = np.empty(self._n_layers_and_patches[0], np.int32)
+        patch_starts = np.empty(len(layers) * TILE_PATCHES**2 + 1, np.int64)
+        tile_kernels.find_patches(self._voxel_columns, self._voxel_layers, layers, patch_starts)
+        return TileIndex(layers, patch_starts)
 
     @cached_property
     def fullest(self) -> int:
@@ -164,24 +152,16 @@ class VoxelTile:
     @cached_property
     def occupancy(self) -> Occupancy:
         """Which voxels there are; made when first asked for."""
-        sizes, n_layers = np.diff(self.index.patch_starts), len(self.index.layers)
-        patches = np.flatnonzero(sizes)
-        n_words = n_layers // WORD_BITS + 1
-        layer, place = np.divmod(patches, TILE_PATCHES**2)
-        order = np.lexsort((layer, place))
-        held, numbers = _set_bits((place * n_words * WORD_BITS + layer)[order], TILE_PATCHES**2 * n_words)
-        number_of_patch = np.empty(len(patches), np.int64)
-        number_of_patch[order] = np.arange(len(patches))
-        x, y = self.columns.T & (PATCH_VOXELS - 1)
-        bits = np.repeat(number_of_patch * PATCH_VOXELS**2, sizes[patches]) + (y * PATCH_VOXELS + x)
-        words, firsts = _set_bits(bits, len(patches) * PATCH_WORDS)
+        from maxcon.point_map import tile_kernels
+
+        starts, n_words = self.index.patch_starts, len(self.index.layers) // WORD_BITS + 1
+        held = np.zeros((TILE_PATCHES**2, n_words), np.uint64)
+        numbers = np.empty(held.shape, np.int32)
+        n_patches = tile_kernels.number_patches(starts, held, numbers)
+        words, firsts = (np.zeros((n_patches, PATCH_WORDS), dtype) for dtype in (np.uint64, np.int32))
+        tile_kernels.set_bits(starts, self._voxel_columns, numbers, words, firsts)
         shape = (TILE_PATCHES, TILE_PATCHES, n_words)
-        return Occupancy(
-            held.reshape(shape),
-            numbers.reshape(shape),
-            words.reshape(-1, PATCH_WORDS),
-            firsts.reshape(-1, PATCH_WORDS),
-        )
+        return Occupancy(held.reshape(shape), numbers.reshape(shape), words, firsts)
 
     @cached_property
     def addresses(self) -> Addresses:
@@ -194,61 +174,42 @@ class VoxelTile:
         bits = (occupancy.held, occupancy.numbers, occupancy.words, occupancy.firsts)
         return Addresses.of(*bits, normals, counts)
 
-    def derived(self, key: Hashable, make: Callable[["VoxelTile"], T]) -> T:
-        """What is made of this tile for a search, kept with it as long as it is among the last ones asked for.
-
-        Parameters
-        ----------
-        key : hashable
-            What it is.
-        make : callable
-            Makes it, of this tile. It has `n_bytes`.
-        """
-        kept = self._derived
-        made = kept.pop(key, None)
-        if made is None:
-            made = make(self)
-        kept[key] = made
-        while len(kept) > MOST_DERIVED:
-            kept.pop(next(iter(kept)), None)  # another thread may have been here
-        return cast(T, made)
-
-    @cached_property
-    def _derived(self) -> dict[Hashable, "Sized"]:
-        return {}
-
-    def _patches(self) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-        """Return the z indices that occur, and the number of each voxel's patch."""
-        layers, layer_of_voxel = np.unique(self.layers, return_inverse=True)
-        patches = self.columns.astype(np.int64) // PATCH_VOXELS
-        return layers, (layer_of_voxel * TILE_PATCHES + patches[:, 1]) * TILE_PATCHES + patches[:, 0]
-
     @property
     def is_in_order(self) -> bool:
         """Whether columns lie inside the tile, and voxels in the order of the search: what it relies on."""
-        if not len(self):
-            return True
-        if self.columns.min() < 0 or self.columns.max() >= TILE_VOXELS:
-            return False
-        inside = self.columns.astype(np.int64) % PATCH_VOXELS
-        places = (self._patches()[1] * PATCH_VOXELS + inside[:, 1]) * PATCH_VOXELS + inside[:, 0]
-        return bool((np.diff(places) > 0).all())
+        return self._n_layers_and_patches[0] >= 0
+
+    @cached_property
+    def _n_layers_and_patches(self) -> tuple[int, int]:
+        """How many layers there are, and patches that hold voxels; -1 for both if voxels are not in order."""
+        from maxcon.point_map import tile_kernels
+
+        n_layers, n_patches = tile_kernels.count_layers_and_patches(self._voxel_columns, self._voxel_layers)
+        return n_layers, n_patches
+
+    @property
+    def _voxel_columns(self) -> NDArray[np.int16]:
+        """Columns as the kernels take them: in one piece, whether in memory or of a mapped file."""
+        return _read_only(self.columns)
+
+    @property
+    def _voxel_layers(self) -> NDArray[np.int32]:
+        return _read_only(self.layers)
 
     @property
     def voxels(self) -> NDArray[np.int32]:
         """(x, y, z) voxel indices in the local frame, shape (n, 3)."""
         return np.column_stack([self.columns + np.array(self.corner, dtype=np.int32), self.layers])
 
-    @property
+    @cached_property
     def n_bytes(self) -> int:
-        """Memory this tile holds once its index and its occupancy are made, and what is derived from it by now."""
+        """Memory this tile holds once its index and its occupancy are made."""
         arrays = (self.columns, self.layers, self.counts, self.normals)
         index = (self.index.layers, self.index.patch_starts)
         n_words = TILE_PATCHES**2 * (len(self.index.layers) // WORD_BITS + 1)
-        n_words += PATCH_WORDS * int(np.count_nonzero(np.diff(self.index.patch_starts)))
+        n_words += PATCH_WORDS * self._n_layers_and_patches[1]
         occupancy = n_words * (np.uint64().nbytes + np.int32().nbytes)
-        derived = sum(made.n_bytes for made in list(self._derived.values()))
-        return sum(array.nbytes for array in arrays + index) + occupancy + derived
+        return sum(array.nbytes for array in arrays + index) + occupancy
 
 
 def search_order(columns: NDArray[np.int16], layers: NDArray[np.int32]) -> NDArray[np.int64]:
@@ -257,16 +218,8 @@ def search_order(columns: NDArray[np.int16], layers: NDArray[np.int32]) -> NDArr
     return np.lexsort((columns[:, 0], columns[:, 1], patches[:, 0], patches[:, 1], layers))
 
 
-def _set_bits(bits: NDArray[np.int64], n_words: int) -> tuple[NDArray[np.uint64], NDArray[np.int32]]:
-    """Words in which these bits are set, and how many come before each that is not empty.
-
-    Bits of a word follow each other.
-    """
-    words, before = np.zeros(n_words, np.uint64), np.zeros(n_words, np.int32)
-    if len(bits):
-        word = bits >> (WORD_BITS.bit_length() - 1)
-        firsts = np.flatnonzero(np.diff(word, prepend=-1))
-        one = np.left_shift(np.uint64(1), (bits & (WORD_BITS - 1)).astype(np.uint64))
-        words[word[firsts]] = np.bitwise_or.reduceat(one, firsts)
-        before[word[firsts]] = firsts
-    return words, before
+def _read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """The array as a view of one type: kernels would be compiled once more for arrays that can be written."""
+    view = np.ascontiguousarray(array).view()
+    view.flags.writeable = False
+    return view

@@ -8,7 +8,6 @@ from numba import njit, types
 from numba.extending import intrinsic
 
 from maxcon.point_map import PATCH_VOXELS, TILE_PATCHES
-from maxcon.search.facing_kernels import NORMAL_STEP
 from maxcon.search.visit_kernels import RIM, rectangle_in_tile
 
 __all__ = ["bases_of_points", "bound_tile"]
@@ -105,22 +104,25 @@ def bases_of_points(columns, stride, plane):
 
 @njit(nogil=True, cache=True)
 def _take(
-    voxel_columns, normal_steps, values, first, last, low, span, least, scale, stride, cells, rows, n_taken
+    voxel_columns, voxel_normals, counts, axis, first, last, low, span, least, scale, stride, cells, rows, n_taken
 ):  # fmt: skip
     """Lay out those voxels of a run that lie in a rectangle and add more than `least`; without a branch.
 
-    normal_steps : (k, 3) int16, normals in NORMAL_STEP; values : (k,) float32, what a match of weight one adds along
-    the axis; scale : units in one.
-    rows : (4, c) float32, out, the normal times that, and that; cells : (c,) int32, out. Returns how many there are.
+    axis : (x, y) float32, unit, or zeros to count; scale : units in one.
+    rows : (4, c) float32, out, normal times what a match of weight one adds along the axis, and that; cells : (c,)
+    int32, out. Returns how many there are.
     """
+    has_counts, is_count = counts.shape[0] > 0, axis[0] == 0.0 and axis[1] == 0.0
     for k in range(np.uint64(first), np.uint64(last)):
         x, y = np.int32(voxel_columns[k, 0]), np.int32(voxel_columns[k, 1])
-        value = values[k]
+        nx, ny, nz = voxel_normals[k, 0], voxel_normals[k, 1], voxel_normals[k, 2]
+        along = nx * axis[0] + ny * axis[1]
+        value = np.float32(1.0) if is_count else along * along
+        if has_counts:
+            value *= np.float32(counts[k])
         units = value * scale
-        per_step = units * np.float32(NORMAL_STEP)
         cells[n_taken] = y * stride + x
-        for i in range(3):
-            rows[i, n_taken] = np.float32(normal_steps[k, i]) * per_step
+        rows[0, n_taken], rows[1, n_taken], rows[2, n_taken] = nx * units, ny * units, nz * units
         rows[3, n_taken] = units
         is_inside = (np.uint32(x - low[0]) <= span[0]) & (np.uint32(y - low[1]) <= span[1])
         n_taken += np.uint64(is_inside & (value > least))
@@ -161,7 +163,7 @@ def _vote_all(n_taken, n_turned, turned, places, back, cells, rows, sums):
 @njit(nogil=True, cache=True)
 def bound_tile(
     numbers, visits, starts, ranks, layers, bases, normals, turns, within, corner, patch_starts, voxel_columns,
-    normal_steps, values, window, stride, is_signed, least, scale, sums,
+    voxel_normals, counts, axis, window, stride, is_signed, least, scale, sums,
 ):  # fmt: skip
     """Add what all matches of some scan points with one tile add along an axis, at most, to sums.
 
@@ -169,8 +171,8 @@ def bound_tile(
     ranks, layers : as for `kernels.accumulate_tile`; bases : (n, headings), see above; normals : (n, 4) float32,
     normal at heading 0, or zeros where all weights are one, and what is added to the weight; turns : (headings, 2)
     float32, cosine and sine; within : first and end of the headings to look at.
-    corner : (x, y) voxel index of the tile; patch_starts, voxel_columns, normal_steps, values : the voxels that face
-    along the axis.
+    corner : (x, y) voxel index of the tile; voxel_columns : (k, 2) int16; voxel_normals : (k, 3) float32; counts :
+    (k,) int32, or empty where a voxel counts once; axis : (x, y) float32, unit, or zeros to count.
     window : (x first, x last, y first, y last) offset; stride : cells from one row of the sums to the next;
     least : voxels that add no more are left out; scale : float32, units of the sums in one; sums : (headings * rows *
     stride,) int32 or int64.
@@ -199,7 +201,8 @@ def bound_tile(
             while k < run_end:
                 end = min(run_end, k + CAPACITY - np.int64(n_taken))
                 n_taken = _take(
-                    voxel_columns, normal_steps, values, k, end, low, span, least, scale, stride, cells, rows, n_taken
+                    voxel_columns, voxel_normals, counts, axis, k, end, low, span, least, scale, stride, cells, rows,
+                    n_taken,
                 )  # fmt: skip
                 k = end
                 if n_taken == CAPACITY:

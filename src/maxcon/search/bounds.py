@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.geometry import Pose
+from maxcon.search.axis import Axis
 from maxcon.search.cell_grid import CellGrid
-from maxcon.search.facing import LEAST_FACING, Axis, Facing
 from maxcon.search.field import Field
 from maxcon.search.window import Window
 from maxcon.search_space import SearchSpace
@@ -23,15 +23,12 @@ __all__ = ["Along", "Bounds", "HeadingPass"]
 # Sums that are made together take so many cells at most, 16 MiB, unless one row takes more.
 PASS_HEADINGS, PASS_CELLS = 16, 2**22
 
-WEIGHT_ROUNDING = 4e-5
-"""Products with normals of the map rounded to steps of 1 / 32767 are that exact: sqrt(3) / 2 steps, and float32."""
-
 FINEST_UNIT = 2.0**-14
 """What matches add is rounded up to a multiple of this; finer would not fit into the sums of a scan."""
 
-SLACK = 1e-6
+SLACK = 2e-6
 """Axes are unit vectors at right angles up to float32, weights and products of normals are float32: what that can
-amount to, of the sum over all points. A few times 2^-24 would do."""
+amount to, of the sum over all points. Some twenty roundings of 2^-24 add up to less."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +72,7 @@ class Bounds:
 
     def left_out(self, axis: Axis, least: float) -> float:
         """What voxels that add no more than `least`, and rounding, can amount to in a cell."""
-        least = 0.0 if axis.is_none else max(least, LEAST_FACING)
+        least = 0.0 if axis.is_none else least
         return self.most * SLACK + self.n_points * least * (1.0 + SLACK)
 
     def passes(self) -> Iterator["HeadingPass"]:
@@ -128,7 +125,7 @@ class HeadingPass:
     columns: NDArray[np.int32]
     visits: NDArray[np.int64]
 
-    def along(self, axis: Axis, least: float = LEAST_FACING, n_threads: int = 1) -> "Along":
+    def along(self, axis: Axis, least: float = 0.0, n_threads: int = 1) -> "Along":
         """Bound what matches add along an axis in all cells.
 
         Parameters
@@ -136,8 +133,7 @@ class HeadingPass:
         axis : Axis
             Along which direction.
         least : float
-            Voxels that add no more than this are not looked at; each point is taken to match one of them. Those that
-            add no more than LEAST_FACING never are.
+            Voxels that add no more than this are not looked at; each point is taken to match one of them.
         n_threads : int
             Headings are shared out among them; the bounds do not depend on it.
         """
@@ -151,12 +147,11 @@ class HeadingPass:
 
         def vote(headings: NDArray[np.int64]) -> None:
             for numbers, layers, tile in field.visited(self.visits, self.window):
-                facing = Facing.of(tile, axis, is_once=field.is_once)
                 bound_kernels.bound_tile(
                     numbers, self.visits, field.starts, field.ranks, layers, bases, normals, self._turns,
-                    (int(headings[0]), int(headings[-1]) + 1), tile.corner, facing.patch_starts, facing.columns,
-                    facing.normal_steps, facing.values, tuple(self.window), width, field.is_signed,
-                    np.float32(least), np.float32(1.0 / unit), sums.reshape(-1),
+                    (int(headings[0]), int(headings[-1]) + 1), tile.corner, tile.index.patch_starts, tile.columns,
+                    tile.normals, tile.counts[:0] if field.is_once else tile.counts, axis.vector, tuple(self.window),
+                    width, field.is_signed, np.float32(least), np.float32(1.0 / unit), sums.reshape(-1),
                 )  # fmt: skip
 
         parts = np.array_split(np.arange(len(self.headings)), min(n_threads, len(self.headings)))
@@ -170,14 +165,15 @@ class HeadingPass:
         return Along(grid, unit * (1.0 + SLACK), self.bounds.left_out(axis, least))
 
     def _normals(self, *, is_weighted: bool) -> NDArray[np.float32]:
-        """Normals of the points as the kernel takes them, shape (n, 4): zeros and 1 where all weights are one.
+        """Normals of the points as the kernel takes them, and what is added to each weight, shape (n, 4).
 
-        The last is what is added to each weight: otherwise what rounding can have taken from it.
+        Where all weights are one that is 1, and the normals are zeros.
         """
         normals = np.zeros((self.bounds.n_points, 4), np.float32)
         if is_weighted:
             normals[:, :3] = self.bounds.field.normals.T
-        normals[:, 3] = WEIGHT_ROUNDING if is_weighted else 1.0
+        else:
+            normals[:, 3] = 1.0
         return normals
 
     @cached_property

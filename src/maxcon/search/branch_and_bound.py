@@ -16,10 +16,10 @@ from maxcon.integrity import highest_beyond
 from maxcon.objectives import BoundedByAxes, BoundedByCount, Moments, Objective, Scores
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
+from maxcon.search.axis import Axis
 from maxcon.search.bounds import Along, Bounds, HeadingPass
 from maxcon.search.cell_scores import Candidates, CellScores
 from maxcon.search.exhaustive import PASS_CELLS, exhaustive
-from maxcon.search.facing import LEAST_FACING, Axis
 from maxcon.search.field import Field
 from maxcon.search.matching import Multiplicity, Weighting, check_cell_edge, check_threads
 from maxcon.search.window import Window
@@ -217,7 +217,7 @@ class _Search:
             axis, least = _weak_azimuth(*(float((a * b).sum()) for a, b in ((x, x), (x, y), (y, y))))
             turn, left_out = self.bounds.prior.heading, LEFT_OUT_OF_SCAN * least
         weak = Axis.near(axis + turn)
-        return weak, max(LEAST_FACING, left_out / max(1, self.bounds.n_points))
+        return weak, left_out / max(1, self.bounds.n_points)
 
     def _bound(self, heading_pass: HeadingPass) -> Candidates:
         """Cells that may reach the asked share of the best score, of some headings."""
