@@ -17,7 +17,7 @@ from maxcon.search.bounds import Bounds
 from maxcon.search.field import Field
 from maxcon.search.window import Window
 
-module = importlib.import_module("maxcon.search.branch_and_bound")
+module = importlib.import_module("maxcon.search.bounded_search")
 
 CELL = 0.1
 OBJECTIVES = (Count(), Helmert(), MaxEigenvalue())

@@ -1,0 +1,241 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""BoundedSearch: in which order cells are bounded, bounded again and scored, until the best one is proved."""
+
+import math
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.objectives import BoundedByAxes, BoundedByCount, Moments, Objective, Scores
+from maxcon.search.axis import Axis
+from maxcon.search.bounds import Along, Bounds, HeadingPass
+from maxcon.search.cell_scores import Candidates, CellScores
+from maxcon.search.exhaustive import PASS_CELLS
+from maxcon.search.window import Window
+from maxcon.search_space import Cell
+
+__all__ = ["BoundedSearch", "Found"]
+
+# So many cells of the highest bounds are scored first: the better the best is early, the less is left.
+FIRST_CELLS = 2
+# Voxels are left out of the bounds that together add less than this share of the best score, ...
+LEFT_OUT = 0.1
+# ... or, before there is one, of what all scan points could add along the axis that they determine least.
+LEFT_OUT_OF_SCAN = 0.01
+# More candidates than this are bounded along the second axis too, before they are scored.
+MOST_CANDIDATES = 192
+# Where the first bound leaves more than one in so many, others will not help.
+UNDECIDED = 20
+# To score a cell by itself takes as long as so many cells of a window that is searched exhaustively, ...
+ONE_BY_ONE = 120
+# ... and what visits reach beside a window takes as long as so many more rows and columns of it.
+BESIDE = 24
+# From so many steps of what matches add along an axis one is found from which on cells are candidates.
+BOUND_STEPS = 4096
+# Candidates are scored so many at a time, from the most promising on.
+AT_ONCE = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """The best cell of a search space, and what was proved of the others.
+
+    Parameters
+    ----------
+    cell : tuple of 3 int
+        (heading, y, x) of the best cell, the first in index order at ties (D8).
+    score : float
+        Its score.
+    moments : array, shape (4,)
+        Its count, Nxx, Nxy and Nyy.
+    bound : float
+        Proved: no cell scores higher. It is the score, since the search does not end before.
+    rest : float
+        Proved: no cell farther than the guard radius from the guarded one, at any heading, scores higher. It is the
+        score of the runner-up if that reaches the asked share of the best score; otherwise it lies between the two.
+    n_scored : int
+        Cells whose moments were computed, a few of them twice; all others were only bounded.
+    """
+
+    cell: Cell
+    score: float
+    moments: Moments
+    bound: float
+    rest: float
+    n_scored: int
+
+
+@dataclass
+class BoundedSearch:
+    """One search, and how far it has come.
+
+    Parameters
+    ----------
+    bounds : Bounds
+        Of the scan.
+    objective : Objective
+        What a cell is worth: `BoundedByAxes` or `BoundedByCount`.
+    share : float
+        Cells are looked for that reach this share of the best score.
+    scores : CellScores
+        The cells scored so far.
+    n_threads : int
+        Headings are shared out among that many threads.
+    highest_left_out : float
+        Most that cells can score which were left out so far.
+    """
+
+    bounds: Bounds
+    objective: Objective
+    share: float
+    scores: CellScores
+    n_threads: int
+    highest_left_out: float = 0.0
+
+    def run(self) -> Found:
+        """The best cell, and what is proved of the others."""
+        scores = self.scores
+        if not (self.bounds.n_points and self.bounds.field.tiles):  # nothing adds to N: all cells are alike
+            scores.score(np.zeros((1, 3), np.int64))
+            return self._found(rest=scores.best)
+        if scores.guarded is not None:
+            scores.score(np.array([scores.guarded]))
+        candidates = Candidates.none()
+        for heading_pass in self.bounds.passes():
+            left = self._bound(heading_pass)
+            candidates = candidates.joined(
+                left if len(left) <= MOST_CANDIDATES else self._search_around(left)
+            )
+        self._decide(candidates)
+        return self._found(rest=max(self.highest_left_out, scores.runner_up()))
+
+    def _found(self, rest: float) -> Found:
+        scores = self.scores
+        moments = scores.moments(scores.cell[0], np.array([scores.cell]), with_all=True)[0]
+        n_scored = len(scores.scored) + scores.n_in_windows
+        return Found(scores.cell, scores.best, moments, scores.best, rest, n_scored)
+
+    @property
+    def _is_count(self) -> bool:
+        return self.scores.with_all
+
+    @property
+    def _asked(self) -> float:
+        """Score from which on a cell is looked for."""
+        guarded = self.scores.guarded
+        return self.share * (self.scores.best if guarded is None else self.scores.scored[guarded][0])
+
+    def _plan(self) -> tuple[Axis, float]:
+        """Axis that the best cell so far, or else the scan, determines least, and which voxels to leave out."""
+        if self._is_count:
+            return Axis.none(), 0.0
+        if self.scores.best > 0.0:
+            _, (_, xx, xy, yy) = self.scores.scored[self.scores.cell]
+            axis, turn, left_out = _weak_azimuth(xx, xy, yy)[0], 0.0, LEFT_OUT * self.scores.best
+        else:
+            x, y, _ = self.bounds.field.normals
+            axis, least = _weak_azimuth(*(float((a * b).sum()) for a, b in ((x, x), (x, y), (y, y))))
+            turn, left_out = self.bounds.prior.heading, LEFT_OUT_OF_SCAN * least
+        weak = Axis.near(axis + turn)
+        return weak, left_out / max(1, self.bounds.n_points)
+
+    def _bound(self, heading_pass: HeadingPass) -> Candidates:
+        """Cells that may reach the asked share of the best score, of some headings."""
+        axis, least = self._plan()
+        along = heading_pass.along(axis, least, self.n_threads)
+        if self.scores.best <= 0.0:
+            self.scores.score(along.highest(FIRST_CELLS))
+        candidates = self._reaching(along)
+        if len(candidates) > MOST_CANDIDATES:
+            self.scores.score(candidates[np.argsort(-candidates.upper, kind="stable")[:AT_ONCE]].cells)
+            candidates = self._left(candidates)
+        if MOST_CANDIDATES < len(candidates) <= along.sums.numbers.size // UNDECIDED and not axis.is_none:
+            candidates = self._bound_again(candidates, along, axis, least)
+        return candidates
+
+    def _bound_again(self, candidates: Candidates, along: Along, axis: Axis, least: float) -> Candidates:
+        """Those that bounds along the axis that the best cell so far determines least, and across it, leave open.
+
+        Only the window around them is looked at.
+        """
+        plan = self._plan()
+        if plan != (axis, least):
+            axis, least = plan
+            along = self._around(candidates).along(axis, least, self.n_threads)
+            candidates = self._left(candidates.below(self._upper(along.at(candidates.cells))))
+        if len(candidates) > MOST_CANDIDATES:
+            across = self._around(candidates).along(axis.across, least, self.n_threads)
+            upper = self._upper(along.at(candidates.cells), across.at(candidates.cells))
+            candidates = self._left(candidates.below(upper))
+        return candidates
+
+    def _search_around(self, candidates: Candidates) -> Candidates:
+        """Search the window around candidates exhaustively, if that is faster than to score each; what is left then."""
+        space, headings = self.bounds.space, np.unique(candidates.cells[:, 0])
+        window = Window.around(candidates.cells, space)
+        n_cells = len(headings) * math.prod(n + BESIDE for n in window.shape)
+        if n_cells > ONE_BY_ONE * len(candidates):
+            return candidates
+        n_parts = -(-len(headings) * math.prod(window.shape) // PASS_CELLS)
+        for part in np.array_split(headings, min(n_parts, len(headings))):
+            grid = self.scores.score_window(part, window, self.n_threads)
+            cells, highest = grid.reaching(self._asked)
+            self.scores.kept = self.scores.kept.joined(Candidates(cells, grid.at(cells)))
+            self._leave_out(np.array([] if highest is None else [highest]))
+        return Candidates.none()
+
+    def _around(self, candidates: Candidates) -> HeadingPass:
+        """The smallest window around candidates, at their headings."""
+        window = Window.around(candidates.cells, self.bounds.space)
+        return self.bounds.heading_pass(np.unique(candidates.cells[:, 0]), window)
+
+    def _reaching(self, along: Along) -> Candidates:
+        """Cells whose bound along one axis leaves it open whether they reach the asked score."""
+        steps = np.linspace(0.0, self.bounds.most, BOUND_STEPS)
+        is_open = self._upper(steps) >= self._asked
+        first_open = int(np.argmax(is_open)) if is_open.any() else BOUND_STEPS
+        cells, highest = along.reaching(steps[max(first_open - 1, 0)])
+        self._leave_out(self._upper(np.array([highest])))
+        return self._left(Candidates(cells, self._upper(along.at(cells))))
+
+    def _left(self, candidates: Candidates) -> Candidates:
+        """Those that may reach the asked score."""
+        is_left = candidates.upper >= self._asked
+        self._leave_out(candidates.upper[~is_left])
+        return candidates[is_left]
+
+    def _leave_out(self, upper: Scores) -> None:
+        """Keep the most that cells score which are not looked at."""
+        self.highest_left_out = max(self.highest_left_out, float(upper.max(initial=0.0)))
+
+    def _upper(self, along: NDArray[np.float64], across: NDArray[np.float64] | None = None) -> Scores:
+        """Most that cells score, from what their matches add along one or both axes at most."""
+        if self._is_count:
+            return cast(BoundedByCount, self.objective).bound_by_count(along)
+        if across is None:
+            across = np.full_like(along, self.bounds.most)
+        return cast(BoundedByAxes, self.objective).bound_by_axes(along, across)
+
+    def _decide(self, candidates: Candidates) -> None:
+        """Score candidates until none is left that could be the best, or the runner-up that is asked for."""
+        candidates = candidates[np.argsort(-candidates.upper, kind="stable")]
+        place = 0
+        while place < len(candidates) and candidates.upper[place] >= self.scores.best:
+            self.scores.score(candidates.cells[place : place + AT_ONCE])
+            place += AT_ONCE
+        others = candidates[place:]
+        others = others[self.scores.is_beyond(others.cells)]
+        place = 0
+        while place < len(others) and others.upper[place] >= max(self._asked, self.scores.runner_up()):
+            self.scores.score(others.cells[place : place + AT_ONCE])
+            place += AT_ONCE
+        self._leave_out(others.upper[place:])
+
+
+def _weak_azimuth(xx: float, xy: float, yy: float) -> tuple[float, float]:
+    """Azimuth of the eigenvector of the smaller eigenvalue of a matrix, rad, and that eigenvalue."""
+    azimuth = 0.5 * math.atan2(2.0 * xy, xx - yy) + 0.5 * math.pi
+    return azimuth, 0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)
