@@ -5,6 +5,7 @@
 import numpy as np
 from llvmlite import ir
 from numba import njit, types
+from numba.core import cgutils
 from numba.extending import intrinsic
 
 from maxcon.point_map import PATCH_VOXELS, TILE_PATCHES
@@ -22,40 +23,31 @@ PATCH_BITS = PATCH_VOXELS.bit_length() - 1
 
 
 @intrinsic
-def _cells_at(typing_context, cells, j):
-    """Read LANES cells from number j on, so that they stay in registers while many points vote."""
-    signature = types.UniTuple(types.int64, LANES)(cells, types.int64)
+def _vote(typing_context, sums, cells, rows, j, turned, places, n_turned, back):
+    """Let points vote for the cells at which they meet LANES voxels, from number j on.
 
-    def generate(context, builder, signature, arguments):
-        cells, j = arguments
-        data = context.make_array(signature.args[0])(context, builder, cells).data
-        numbers = (builder.add(j, ir.Constant(j.type, lane)) for lane in range(LANES))
-        loaded = [builder.load(builder.gep(data, [number])) for number in numbers]
-        wide = [builder.sext(cell, ir.IntType(64)) for cell in loaded]
-        return context.make_tuple(builder, signature.return_type, wide)
+    For each point, sums[place + cell] of each voxel grows by what their match adds, rounded up to a whole number.
 
-    return signature, generate
-
-
-@intrinsic
-def _vote(typing_context, sums, base, cells, rows, j, normal, back):
-    """Add to sums[base + cell] what the match of a point with each of LANES voxels adds, rounded up to a whole number.
-
-    rows : (4, CAPACITY) float32; normal : 4 float32. The product of the first three with their rows is the weight
+    rows : (4, CAPACITY) float32; turned : (n, 4) float32. The product of the first three with their rows is the weight
     times what the voxel adds, that of the last is added. Two more are added: one to round up, one for what float32 and
-    the rounded sums of the search may differ. The compiler does not find this in a loop.
+    the rounded sums of the search may differ. The compiler does not find this in a loop: what belongs to the voxels
+    stays in registers.
     """
-    signature = types.void(sums, types.int64, cells, rows, types.int64, normal, types.float32)
+    signature = types.void(sums, cells, rows, types.int64, turned, places, types.int64, types.float32)
 
     def generate(context, builder, signature, arguments):
-        sums, base, cells, rows, j, normal, back = arguments
+        sums, cells, rows, turned, places = (
+            context.make_array(signature.args[i])(context, builder, arguments[i]).data
+            for i in (0, 1, 2, 4, 5)
+        )
+        j, n_turned, back = arguments[3], arguments[6], arguments[7]
         floats, index = ir.VectorType(ir.FloatType(), LANES), ir.IntType(32)
-        data = context.make_array(signature.args[3])(context, builder, rows).data
         undefined = ir.Constant(floats, ir.Undefined)
+        flags = ("contract",)
 
         def row(number):
             position = builder.add(j, ir.Constant(j.type, number * CAPACITY))
-            return builder.load(builder.bitcast(builder.gep(data, [position]), floats.as_pointer()), align=4)
+            return builder.load(builder.bitcast(builder.gep(rows, [position]), floats.as_pointer()), align=4)
 
         def all_lanes(scalar):
             vector = builder.insert_element(undefined, scalar, ir.Constant(index, 0))
@@ -63,25 +55,33 @@ def _vote(typing_context, sums, base, cells, rows, j, normal, back):
                 vector, undefined, ir.Constant(ir.VectorType(index, LANES), [0] * LANES)
             )
 
-        flags = ("contract",)
-        terms = [
-            builder.fmul(row(number), all_lanes(builder.extract_value(normal, number)), flags=flags)
-            for number in range(4)
+        voxels = [row(number) for number in range(4)]
+        lanes = [builder.add(j, ir.Constant(j.type, lane)) for lane in range(LANES)]
+        cells_here = [
+            builder.sext(builder.load(builder.gep(cells, [lane])), ir.IntType(64)) for lane in lanes
         ]
-        product = builder.fadd(builder.fadd(terms[0], terms[1], flags=flags), terms[2], flags=flags)
-        turned = builder.fmul(product, all_lanes(back))
-        weight = builder.select(builder.fcmp_ordered(">", product, turned), product, turned)
-        rounded = builder.fadd(
-            builder.fadd(weight, terms[3], flags=flags), ir.Constant(floats, [2.0] * LANES)
-        )
-        added = builder.fptosi(rounded, ir.VectorType(index, LANES))
-        start = builder.gep(context.make_array(signature.args[0])(context, builder, sums).data, [base])
-        for lane in range(LANES):
-            pointer = builder.gep(start, [builder.extract_value(cells, lane)])
-            value = builder.extract_element(added, ir.Constant(index, lane))
-            if pointer.type.pointee.width > value.type.width:
-                value = builder.sext(value, pointer.type.pointee)
-            builder.store(builder.add(builder.load(pointer), value), pointer)
+        back = all_lanes(back)
+        with cgutils.for_range(builder, n_turned) as loop:
+            first = builder.mul(loop.index, ir.Constant(j.type, 4))
+            normal = [
+                builder.load(builder.gep(turned, [builder.add(first, ir.Constant(j.type, i))]))
+                for i in range(4)
+            ]
+            terms = [builder.fmul(voxels[i], all_lanes(normal[i]), flags=flags) for i in range(4)]
+            product = builder.fadd(builder.fadd(terms[0], terms[1], flags=flags), terms[2], flags=flags)
+            opposite = builder.fmul(product, back)
+            weight = builder.select(builder.fcmp_ordered(">", product, opposite), product, opposite)
+            rounded = builder.fadd(
+                builder.fadd(weight, terms[3], flags=flags), ir.Constant(floats, [2.0] * LANES)
+            )
+            added = builder.fptosi(rounded, ir.VectorType(index, LANES))
+            start = builder.gep(sums, [builder.load(builder.gep(places, [loop.index]))])
+            for lane in range(LANES):
+                pointer = builder.gep(start, [cells_here[lane]])
+                value = builder.extract_element(added, ir.Constant(index, lane))
+                if pointer.type.pointee.width > value.type.width:
+                    value = builder.sext(value, pointer.type.pointee)
+                builder.store(builder.add(builder.load(pointer), value), pointer)
         return context.get_dummy_value()
 
     return signature, generate
@@ -154,10 +154,7 @@ def _vote_all(n_taken, n_turned, turned, places, back, cells, rows, sums):
     cells[n_taken:n_padded] = cells[n_taken - 1]  # these add two units to a cell, no more
     rows[:, n_taken:n_padded] = np.float32(0.0)
     for j in range(0, n_padded, LANES):
-        cells_here = _cells_at(cells, j)
-        for n in range(np.uint64(n_turned)):
-            normal = (turned[n, 0], turned[n, 1], turned[n, 2], turned[n, 3])
-            _vote(sums, places[n], cells_here, rows, j, normal, back)
+        _vote(sums, cells, rows, j, turned, places, n_turned, back)
 
 
 @njit(nogil=True, cache=True)
