@@ -56,13 +56,14 @@ def street(seed, space, *, n_walls=8, is_signed=True, azimuth=None, n_points=400
     prior = Pose(*rng.uniform(-0.5, 0.5, 2), 0.5, *rng.uniform(-0.02, 0.02, 2), rng.uniform(-4.0, 4.0))
     truth = space.pose(tuple(int(rng.integers(n)) for n in space.shape), prior)
     seen = rng.permutation(len(points))[:n_points]
+    normals *= rng.uniform(0.996, 1.004, (len(normals), 1))  # as long as is allowed
     wrong = rng.random(len(seen)) < 0.3
     at = points[seen] + np.where(wrong[:, None], rng.uniform(-2.0, 2.0, (len(seen), 3)) * [1, 1, 0], 0.0)
     scan = Scan((at - truth.position) @ truth.rotation, normals[seen] @ truth.rotation)
     return scan, point_map, prior
 
 
-def assert_it_is_the_best(found, accumulator, objective, space, share, guard_radius):
+def assert_it_is_the_best(found, accumulator, objective, space, share, guard_radius, guarded=None):
     __tracebackhide__ = True
     scores = accumulator.score(objective)
     best = accumulator.best_cell(objective)
@@ -70,13 +71,14 @@ def assert_it_is_the_best(found, accumulator, objective, space, share, guard_rad
     assert found.score == scores[best] == found.bound
     assert (found.moments == accumulator.moments[best]).all()
     _, ny, nx = space.shape
-    distance = np.hypot(np.arange(ny)[:, None] - best[1], np.arange(nx)[None, :] - best[2]) * space.cell
+    guarded = guarded or best
+    distance = np.hypot(np.arange(ny)[:, None] - guarded[1], np.arange(nx)[None, :] - guarded[2]) * space.cell
     runner_up = scores.max(axis=0).max(where=distance > guard_radius, initial=0.0)
     assert found.rest >= runner_up
-    if runner_up >= share * scores[best]:
+    if runner_up >= share * scores[guarded]:
         assert found.rest == runner_up
     else:
-        assert found.rest < share * scores[best] or found.rest == runner_up == 0.0
+        assert found.rest < share * scores[guarded] or found.rest == runner_up == 0.0
 
 
 SEEDS = st.integers(0, 2**32)
@@ -92,21 +94,34 @@ SEEDS = st.integers(0, 2**32)
     turns=st.sampled_from([(0.0, 0.5), (1.0, 0.5), (2.0, 0.5), (20.0, 4.0)]),
     share=st.sampled_from([1.0, 0.8, 0.3]),
     guard_radius=st.sampled_from([0.0, 0.3, 1.0]),
+    is_guarded=st.booleans(),
     n_threads=st.sampled_from([1, 2]),
 )
-@settings(max_examples=150)
+@settings(max_examples=200)
 def test_it_finds_what_the_exhaustive_search_finds(
-    seed, objective, multiplicity, weighting, is_signed, n_steps, turns, share, guard_radius, n_threads
+    seed,
+    objective,
+    multiplicity,
+    weighting,
+    is_signed,
+    n_steps,
+    turns,
+    share,
+    guard_radius,
+    is_guarded,
+    n_threads,
 ):
     space = SearchSpace(n_steps * CELL, CELL, *turns)
     scan, point_map, prior = street(seed, space, is_signed=is_signed)
+    rng = np.random.default_rng(seed)
+    guarded = tuple(int(rng.integers(n)) for n in space.shape) if is_guarded else None
     options = {"multiplicity": multiplicity, "weighting": weighting}
     found = branch_and_bound(
         scan, point_map, prior, space, objective,
-        **options, share=share, guard_radius=guard_radius, n_threads=n_threads,
+        **options, share=share, guard_radius=guard_radius, guarded=guarded, n_threads=n_threads,
     )  # fmt: skip
     accumulator = exhaustive(scan, point_map, prior, space, **options)
-    assert_it_is_the_best(found, accumulator, objective, space, share, guard_radius)
+    assert_it_is_the_best(found, accumulator, objective, space, share, guard_radius, guarded)
     event(f"all cells scored: {found.n_scored >= space.n_cells}")
 
 
@@ -129,7 +144,8 @@ def test_no_cell_has_more_than_its_bound(
     scan, point_map, prior = street(seed, space, is_signed=is_signed, azimuth=azimuth)
     field = Field.prepare(scan, point_map, prior, space, multiplicity, weighting)
     bounds = Bounds.of(field if axis.is_none else field.with_normals(), prior, space)
-    (heading_pass,) = bounds.passes()
+    (part,) = bounds.parts()
+    heading_pass = bounds.heading_pass(*part)
     bounds_along = heading_pass.along(axis, least, n_threads)
     cells = np.argwhere(np.ones(space.shape, bool))
     upper = bounds_along.at(cells).reshape(space.shape)
@@ -242,27 +258,68 @@ def test_an_objective_without_bounds_is_searched_exhaustively():
 
 
 @pytest.mark.parametrize("objective", OBJECTIVES)
-@pytest.mark.parametrize("share", [1.0, 0.5])
-def test_where_bounds_decide_little_windows_are_searched_exhaustively(monkeypatch, objective, share):
+@pytest.mark.parametrize("share", [1.0, 0.5, 1e-6])
+@pytest.mark.parametrize(("pass_cells", "n_threads"), [(2**20, 1), (50, 2)])
+def test_where_bounds_decide_little_windows_are_searched_exhaustively(
+    monkeypatch, objective, share, pass_cells, n_threads
+):
     space = SearchSpace(0.8, CELL, 1.0, 0.5)
     scan, point_map, prior = street(3, space)
     accumulator = exhaustive(scan, point_map, prior, space)
     monkeypatch.setattr(module, "ONE_BY_ONE", 10**9)
     monkeypatch.setattr(module, "MOST_CANDIDATES", 0)
+    monkeypatch.setattr(module, "PASS_CELLS", pass_cells)
     for undecided in (4, 10**9):  # bounded again before, or not
         monkeypatch.setattr(module, "UNDECIDED", undecided)
-        found = branch_and_bound(scan, point_map, prior, space, objective, share=share)
+        found = branch_and_bound(scan, point_map, prior, space, objective, share=share, n_threads=n_threads)
         assert_it_is_the_best(found, accumulator, objective, space, share, 0.3)
 
 
+def test_a_large_space_in_which_nothing_stands_out_is_refused(monkeypatch):
+    space = SearchSpace(0.8, CELL, 1.0, 0.5)
+    scan, point_map, prior = street(3, space)
+    monkeypatch.setattr(module, "ONE_BY_ONE", 10**9)
+    monkeypatch.setattr(module, "MOST_CANDIDATES", 0)
+    monkeypatch.setattr(module, "CELL_LIMIT", 10)
+    with pytest.raises(SearchSpaceError, match="at most 10 cells"):
+        branch_and_bound(scan, point_map, prior, space, Helmert(), share=0.5)
+
+
+def test_a_single_wall_determines_no_cell(scene):
+    scene.wall((-5.0, 4.0), (5.0, 4.0))
+    space = SearchSpace(3.0, 0.06, 1.0, 0.5)
+    found = branch_and_bound(scene.scan, scene.point_map, scene.sensor, space, Helmert(), share=0.5)
+    accumulator = exhaustive(scene.scan, scene.point_map, scene.sensor, space)
+    assert_it_is_the_best(found, accumulator, Helmert(), space, 0.5, 0.3)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_very_full_voxels(seed):
+    space = SearchSpace(0.8, CELL, 1.0, 0.5)
+    scan, point_map, prior = street(seed, space)
+    rng = np.random.default_rng(seed)
+    indices, counts, normals = point_map.all_voxels()
+    often = np.where(rng.random(len(counts)) < 0.01, rng.integers(1, 3000, len(counts)), 1)
+    points = np.repeat((indices + 0.5) * CELL, often, axis=0)
+    fuller = PointMap.from_points(points, np.repeat(normals, often, axis=0), CELL)
+    field = Field.prepare(scan, fuller, prior, space, Multiplicity.POINTS, Weighting.COSINE)
+    assert Bounds.of(field, prior, space).unit > 2.0**-14
+    for objective in OBJECTIVES:
+        found = branch_and_bound(scan, fuller, prior, space, objective, multiplicity="points", share=0.7)
+        accumulator = exhaustive(scan, fuller, prior, space, multiplicity="points")
+        assert_it_is_the_best(found, accumulator, objective, space, 0.7, 0.3)
+
+
+@pytest.mark.parametrize("most_kept", [2**14, 0])
 @pytest.mark.parametrize(("headings", "cells"), [(2, 2**22), (16, 100), (16, 1)])
-def test_a_space_is_searched_in_parts(monkeypatch, headings, cells):
+def test_a_space_is_searched_in_parts(monkeypatch, headings, cells, most_kept):
     bounds = importlib.import_module("maxcon.search.bounds")
     space = SearchSpace(0.8, CELL, 2.0, 0.5)
     scan, point_map, prior = street(5, space)
     wanted = branch_and_bound(scan, point_map, prior, space, Helmert(), share=0.5)
     monkeypatch.setattr(bounds, "PASS_HEADINGS", headings)
     monkeypatch.setattr(bounds, "PASS_CELLS", cells)
+    monkeypatch.setattr(module, "MOST_KEPT", most_kept)
     found = branch_and_bound(scan, point_map, prior, space, Helmert(), share=0.5)
     assert (found.cell, found.score) == (wanted.cell, wanted.score)
     assert_it_is_the_best(found, exhaustive(scan, point_map, prior, space), Helmert(), space, 0.5, 0.3)

@@ -63,11 +63,9 @@ def _vote(typing_context, sums, cells, rows, j, turned, places, n_turned, back):
         back = all_lanes(back)
         with cgutils.for_range(builder, n_turned) as loop:
             first = builder.mul(loop.index, ir.Constant(j.type, 4))
-            normal = [
-                builder.load(builder.gep(turned, [builder.add(first, ir.Constant(j.type, i))]))
-                for i in range(4)
-            ]
-            terms = [builder.fmul(voxels[i], all_lanes(normal[i]), flags=flags) for i in range(4)]
+            numbers = [builder.add(first, ir.Constant(j.type, i)) for i in range(4)]
+            normal = [all_lanes(builder.load(builder.gep(turned, [number]))) for number in numbers]
+            terms = [builder.fmul(voxels[i], normal[i], flags=flags) for i in range(4)]
             product = builder.fadd(builder.fadd(terms[0], terms[1], flags=flags), terms[2], flags=flags)
             opposite = builder.fmul(product, back)
             weight = builder.select(builder.fcmp_ordered(">", product, opposite), product, opposite)

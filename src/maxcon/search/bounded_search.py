@@ -9,11 +9,12 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon.errors import SearchSpaceError
 from maxcon.objectives import BoundedByAxes, BoundedByCount, Moments, Objective, Scores
 from maxcon.search.axis import Axis
 from maxcon.search.bounds import Along, Bounds, HeadingPass
 from maxcon.search.cell_scores import Candidates, CellScores
-from maxcon.search.exhaustive import PASS_CELLS
+from maxcon.search.exhaustive import CELL_LIMIT, PASS_CELLS
 from maxcon.search.window import Window
 from maxcon.search_space import Cell
 
@@ -21,12 +22,14 @@ __all__ = ["BoundedSearch", "Found"]
 
 # So many cells of the highest bounds are scored first: the better the best is early, the less is left.
 FIRST_CELLS = 2
-# Voxels are left out of the bounds that together add less than this share of the best score, ...
+# Voxels are left out of the bounds that together add less than this share of the asked score, ...
 LEFT_OUT = 0.1
 # ... or, before there is one, of what all scan points could add along the axis that they determine least.
 LEFT_OUT_OF_SCAN = 0.01
-# More candidates than this are bounded along the second axis too, before they are scored.
+# More candidates than this are bounded along the second axis too, and perhaps searched in their window.
 MOST_CANDIDATES = 192
+# More than this are not kept before the other parts of a large space are bounded: there may be better cells.
+MOST_KEPT = 2**14
 # Where the first bound leaves more than one in so many, others will not help.
 UNDECIDED = 20
 # To score a cell by itself takes as long as so many cells of a window that is searched exhaustively, ...
@@ -79,7 +82,7 @@ class BoundedSearch:
     objective : Objective
         What a cell is worth: `BoundedByAxes` or `BoundedByCount`.
     share : float
-        Cells are looked for that reach this share of the best score.
+        Cells are looked for that reach this share of the guarded cell's score, or else of the best.
     scores : CellScores
         The cells scored so far.
     n_threads : int
@@ -103,12 +106,20 @@ class BoundedSearch:
             return self._found(rest=scores.best)
         if scores.guarded is not None:
             scores.score(np.array([scores.guarded]))
+        parts = self.bounds.parts()
+        of_parts, undecided = [], []
+        for part in parts:
+            along = self._bound(self.bounds.heading_pass(*part))
+            if len(parts) > 1 and along.count_reaching(self._open_from) > MOST_KEPT:
+                undecided.append(part)  # the best cell may lie in another part
+            else:
+                of_parts.append(self._left_open(along))
         candidates = Candidates.none()
-        for heading_pass in self.bounds.passes():
-            left = self._bound(heading_pass)
-            candidates = candidates.joined(
-                left if len(left) <= MOST_CANDIDATES else self._search_around(left)
-            )
+        for left in of_parts:
+            candidates = candidates.joined(self._search_around(self._left(left)))
+        for part in undecided:
+            left = self._left_open(self._bound(self.bounds.heading_pass(*part)))
+            candidates = candidates.joined(self._search_around(left))
         self._decide(candidates)
         return self._found(rest=max(self.highest_left_out, scores.runner_up()))
 
@@ -134,7 +145,7 @@ class BoundedSearch:
             return Axis.none(), 0.0
         if self.scores.best > 0.0:
             _, (_, xx, xy, yy) = self.scores.scored[self.scores.cell]
-            axis, turn, left_out = _weak_azimuth(xx, xy, yy)[0], 0.0, LEFT_OUT * self.scores.best
+            axis, turn, left_out = _weak_azimuth(xx, xy, yy)[0], 0.0, LEFT_OUT * self._asked
         else:
             x, y, _ = self.bounds.field.normals
             axis, least = _weak_azimuth(*(float((a * b).sum()) for a, b in ((x, x), (x, y), (y, y))))
@@ -142,28 +153,31 @@ class BoundedSearch:
         weak = Axis.near(axis + turn)
         return weak, left_out / max(1, self.bounds.n_points)
 
-    def _bound(self, heading_pass: HeadingPass) -> Candidates:
-        """Cells that may reach the asked share of the best score, of some headings."""
-        axis, least = self._plan()
-        along = heading_pass.along(axis, least, self.n_threads)
+    def _bound(self, heading_pass: HeadingPass) -> Along:
+        """Bound all cells of a part, and score the first of them."""
+        along = heading_pass.along(*self._plan(), self.n_threads)
         if self.scores.best <= 0.0:
             self.scores.score(along.highest(FIRST_CELLS))
+        n_open = along.count_reaching(self._open_from)
+        if n_open:
+            self.scores.score(along.highest(FIRST_CELLS if n_open <= MOST_CANDIDATES else AT_ONCE))
+        return along
+
+    def _left_open(self, along: Along) -> Candidates:
+        """Cells that may reach the asked share of the best score."""
         candidates = self._reaching(along)
-        if len(candidates) > MOST_CANDIDATES:
-            self.scores.score(candidates[np.argsort(-candidates.upper, kind="stable")[:AT_ONCE]].cells)
-            candidates = self._left(candidates)
-        if MOST_CANDIDATES < len(candidates) <= along.sums.numbers.size // UNDECIDED and not axis.is_none:
-            candidates = self._bound_again(candidates, along, axis, least)
+        most = along.sums.numbers.size // UNDECIDED
+        if MOST_CANDIDATES < len(candidates) <= most and not along.axis.is_none:
+            return self._bound_again(candidates, along)
         return candidates
 
-    def _bound_again(self, candidates: Candidates, along: Along, axis: Axis, least: float) -> Candidates:
+    def _bound_again(self, candidates: Candidates, along: Along) -> Candidates:
         """Those that bounds along the axis that the best cell so far determines least, and across it, leave open.
 
         Only the window around them is looked at.
         """
-        plan = self._plan()
-        if plan != (axis, least):
-            axis, least = plan
+        axis, least = self._plan()
+        if (axis, least) != (along.axis, along.least):
             along = self._around(candidates).along(axis, least, self.n_threads)
             candidates = self._left(candidates.below(self._upper(along.at(candidates.cells))))
         if len(candidates) > MOST_CANDIDATES:
@@ -173,18 +187,26 @@ class BoundedSearch:
         return candidates
 
     def _search_around(self, candidates: Candidates) -> Candidates:
-        """Search the window around candidates exhaustively, if that is faster than to score each; what is left then."""
+        """Search the window around many candidates exhaustively, if that is faster; those that are left then."""
+        if len(candidates) <= MOST_CANDIDATES:
+            return candidates
         space, headings = self.bounds.space, np.unique(candidates.cells[:, 0])
         window = Window.around(candidates.cells, space)
         n_cells = len(headings) * math.prod(n + BESIDE for n in window.shape)
         if n_cells > ONE_BY_ONE * len(candidates):
             return candidates
+        n_scored = self.scores.n_in_windows + len(headings) * math.prod(window.shape)
+        if n_scored > CELL_LIMIT:
+            raise SearchSpaceError(
+                f"Expected bounds to leave at most {CELL_LIMIT:,} cells of the search space to be looked at, got"
+                f" {n_scored:,}: nothing stands out. Narrow the search space, or see whether scan and map belong together."
+            )
         n_parts = -(-len(headings) * math.prod(window.shape) // PASS_CELLS)
         for part in np.array_split(headings, min(n_parts, len(headings))):
             grid = self.scores.score_window(part, window, self.n_threads)
-            cells, highest = grid.reaching(self._asked)
-            self.scores.kept = self.scores.kept.joined(Candidates(cells, grid.at(cells)))
+            cells, highest = grid.reaching(max(self._asked, np.nextafter(0.0, 1.0)))
             self._leave_out(np.array([] if highest is None else [highest]))
+            self.scores.kept = self._left(self.scores.kept.joined(Candidates(cells, grid.at(cells))))
         return Candidates.none()
 
     def _around(self, candidates: Candidates) -> HeadingPass:
@@ -192,12 +214,17 @@ class BoundedSearch:
         window = Window.around(candidates.cells, self.bounds.space)
         return self.bounds.heading_pass(np.unique(candidates.cells[:, 0]), window)
 
-    def _reaching(self, along: Along) -> Candidates:
-        """Cells whose bound along one axis leaves it open whether they reach the asked score."""
+    @property
+    def _open_from(self) -> float:
+        """What matches must add along an axis, in steps, for a cell to reach the asked score."""
         steps = np.linspace(0.0, self.bounds.most, BOUND_STEPS)
         is_open = self._upper(steps) >= self._asked
         first_open = int(np.argmax(is_open)) if is_open.any() else BOUND_STEPS
-        cells, highest = along.reaching(steps[max(first_open - 1, 0)])
+        return float(steps[max(first_open - 1, 0)])
+
+    def _reaching(self, along: Along) -> Candidates:
+        """Cells whose bound along one axis leaves it open whether they reach the asked score."""
+        cells, highest = along.reaching(self._open_from)
         self._leave_out(self._upper(np.array([highest])))
         return self._left(Candidates(cells, self._upper(along.at(cells))))
 
@@ -228,9 +255,11 @@ class BoundedSearch:
             place += AT_ONCE
         others = candidates[place:]
         others = others[self.scores.is_beyond(others.cells)]
-        place = 0
-        while place < len(others) and others.upper[place] >= max(self._asked, self.scores.runner_up()):
-            self.scores.score(others.cells[place : place + AT_ONCE])
+        place, runner_up = 0, self.scores.runner_up()
+        while place < len(others) and others.upper[place] >= max(self._asked, runner_up):
+            some = others.cells[place : place + AT_ONCE]
+            self.scores.score(some)
+            runner_up = max(runner_up, self.scores.highest_of(some))
             place += AT_ONCE
         self._leave_out(others.upper[place:])
 

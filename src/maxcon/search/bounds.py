@@ -3,7 +3,6 @@
 """Bounds of all cells: what their matches add along one axis, at most (design section 3, fact 2)."""
 
 import math
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,7 +19,7 @@ from maxcon.search_space import SearchSpace
 
 __all__ = ["Along", "Bounds", "HeadingPass"]
 
-# Sums that are made together take so many cells at most, 16 MiB, unless one row takes more.
+# Sums that are made together are of so many cells at most, 16 or 32 MiB, unless one row has more; and of a rim.
 PASS_HEADINGS, PASS_CELLS = 16, 2**22
 
 FINEST_UNIT = 2.0**-14
@@ -45,12 +44,15 @@ class Bounds:
         The cells.
     fullest : int
         Map points in the fullest voxel, where a voxel counts as often as it has points, otherwise 1.
+    largest_weight : float
+        Weights are no larger: 1, or the length of the longest normal, as unit normals are a little longer or shorter.
     """
 
     field: Field
     prior: Pose
     space: SearchSpace
     fullest: int
+    largest_weight: float
 
     @classmethod
     def of(cls, field: Field, prior: Pose, space: SearchSpace) -> "Bounds":
@@ -58,7 +60,8 @@ class Bounds:
         fullest = 1
         if not field.is_once:
             fullest = max((tile.fullest for tile, _ in field.tiles.values()), default=1)
-        return cls(field, prior, space, fullest)
+        squares = (field.normals * field.normals).sum(axis=0) if field.is_weighted else np.ones(1)
+        return cls(field, prior, space, fullest, math.sqrt(max(1.0, squares.max(initial=1.0))))
 
     @property
     def n_points(self) -> int:
@@ -68,22 +71,22 @@ class Bounds:
     @property
     def most(self) -> float:
         """What a cell can have along any axis if every point matches."""
-        return float(self.n_points * self.fullest) * (1.0 + SLACK)
+        return float(self.n_points * self.fullest) * self.largest_weight * (1.0 + SLACK)
 
     def left_out(self, axis: Axis, least: float) -> float:
         """What voxels that add no more than `least`, and rounding, can amount to in a cell."""
         least = 0.0 if axis.is_none else least
-        return self.most * SLACK + self.n_points * least * (1.0 + SLACK)
+        return self.most * SLACK + self.n_points * least * self.largest_weight * (1.0 + SLACK)
 
-    def passes(self) -> Iterator["HeadingPass"]:
-        """Yield all cells of the space, as many at a time as memory allows, from those near the prior on."""
+    def parts(self) -> list[tuple[NDArray[np.int64], Window]]:
+        """Headings and windows that make up the space, as large as memory allows, from those near the prior on."""
         n_headings, ny, nx = self.space.shape
         most_headings = max(1, min(PASS_HEADINGS, PASS_CELLS // (ny * nx)))
         parts = np.array_split(np.arange(n_headings), -(-n_headings // most_headings))
         bands = list(Window.of(self.space).bands(PASS_CELLS))
-        for part in sorted(parts, key=lambda part: abs(part.mean() - (n_headings - 1) / 2)):
-            for window in sorted(bands, key=lambda window: abs(window.y_first + window.y_last)):
-                yield self.heading_pass(part, window)
+        parts.sort(key=lambda headings: abs(headings.mean() - (n_headings - 1) / 2))
+        bands.sort(key=lambda window: abs(window.y_first + window.y_last))
+        return [(headings, window) for headings in parts for window in bands]
 
     def heading_pass(self, headings: NDArray[np.int64], window: Window) -> "HeadingPass":
         """Get a window at some headings, by number, ready for the bounds of its cells."""
@@ -162,7 +165,7 @@ class HeadingPass:
                 list(pool.map(vote, parts))
         inner = sums[:, rim:-rim, rim:-rim]
         grid = CellGrid.of(self.bounds.space, self.headings, self.window, inner)
-        return Along(grid, unit * (1.0 + SLACK), self.bounds.left_out(axis, least))
+        return Along(axis, least, grid, unit * (1.0 + SLACK), self.bounds.left_out(axis, least))
 
     def _normals(self, *, is_weighted: bool) -> NDArray[np.float32]:
         """Normals of the points as the kernel takes them, and what is added to each weight, shape (n, 4).
@@ -189,6 +192,8 @@ class Along:
 
     Parameters
     ----------
+    axis, least
+        As they were asked for.
     sums : CellGrid
         What they add, in units: whole numbers.
     unit : float
@@ -197,6 +202,8 @@ class Along:
         What the sums leave out, at most.
     """
 
+    axis: Axis
+    least: float
     sums: CellGrid
     unit: float
     left_out: float
@@ -205,6 +212,10 @@ class Along:
         """Bounds of some cells (n, 3) that are there."""
         units: NDArray[np.float64] = self.sums.at(cells).astype(np.float64)
         return units * self.unit + self.left_out
+
+    def count_reaching(self, least: float) -> int:
+        """How many cells have a bound that reaches `least`."""
+        return int(np.count_nonzero(self.sums.numbers >= (least - self.left_out) / self.unit))
 
     def reaching(self, least: float) -> tuple[NDArray[np.int64], float]:
         """Cells (n, 3), in index order, whose bound reaches `least`; and the highest of the others, 0 for none."""

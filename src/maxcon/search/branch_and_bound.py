@@ -41,7 +41,8 @@ def branch_and_bound(
     Every cell is bounded by what its matches add to N along the axis that the scan determines least: a single number,
     for which voxels that add little are not even looked at (design section 3, facts 2 and 3). Where many cells could
     still be the best, they are bounded along the axis that the best cell so far determines least, and along the other
-    one too. What remains is scored, from the highest bound on, until no bound reaches the best score.
+    one too, in the window around them. What remains is scored, from the highest bound on, until no bound reaches the
+    best score; or all cells of that window are, where that is faster.
 
     Parameters
     ----------
@@ -52,7 +53,7 @@ def branch_and_bound(
     prior : Pose
         T_map_sensor before localization, local frame of the map.
     space : SearchSpace
-        The cells. Memory does not grow with their number, only with the tiles of the map in reach.
+        The cells. Sums do not take more memory for more of them, only the tiles of the map in reach do.
     objective : Objective
         What a cell is worth. One without bounds (`BoundedByAxes`, `BoundedByCount`) is searched exhaustively.
     multiplicity : {"occupied", "points"}
@@ -76,7 +77,8 @@ def branch_and_bound(
     Raises
     ------
     SearchSpaceError
-        If the cell edge is not the map's, or bounds decide too little in a space too large to be searched exhaustively.
+        If the cell edge is not the map's; or the space is too large to be searched exhaustively, and bounds decide too
+        little or the objective has none.
     OptionError
         If the multiplicity or the weighting is unknown, the share, the guard radius or the threads out of range.
     ArrayError

@@ -22,6 +22,9 @@ from maxcon.search_space import Cell, SearchSpace
 
 __all__ = ["Candidates", "CellScores"]
 
+# The scan is kept as it lies at so many headings.
+MOST_TURNED = 32
+
 
 @dataclass(frozen=True, slots=True)
 class Candidates:
@@ -114,7 +117,7 @@ class CellScores:
     cell : tuple of 3 int
         Its cell, the first in index order at ties (D8).
     scored : dict
-        Score and moments of each cell that was scored by itself, and of the best.
+        Score and moments of each cell that was scored by itself, and of the best of each window.
     kept : Candidates
         Cells of windows of which all cells were scored, with their scores.
     n_in_windows : int
@@ -202,12 +205,18 @@ class CellScores:
             (columns,), (turned,) = searched.turned(self.prior, [azimuth])
             numbers, _ = self._points[with_all]
             self._turned[heading, with_all] = exact_kernels.lay_out(columns, turned, numbers)
+        while len(self._turned) > MOST_TURNED:
+            self._turned.pop(next(iter(self._turned)))
         return self._turned[heading, with_all]
 
     def is_beyond(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Whether cells lie farther than the guard radius from the guarded one."""
         offsets = cells[:, 1:] - np.array((self.guarded or self.cell)[1:])
         return np.asarray(np.hypot(offsets[:, 0], offsets[:, 1]) * self.space.cell > self.guard_radius)
+
+    def highest_of(self, cells: NDArray[np.int64]) -> float:
+        """Highest score of some cells that were scored by themselves."""
+        return max(self.scored[heading, y, x][0] for heading, y, x in cells.tolist())
 
     def runner_up(self) -> float:
         """Highest score beyond the guard radius among the cells that were scored and kept."""
