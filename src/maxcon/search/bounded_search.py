@@ -199,7 +199,8 @@ class BoundedSearch:
         if n_scored > CELL_LIMIT:
             raise SearchSpaceError(
                 f"Expected bounds to leave at most {CELL_LIMIT:,} cells of the search space to be looked at, got"
-                f" {n_scored:,}: nothing stands out. Narrow the search space, or see whether scan and map belong together."
+                f" {n_scored:,}: nothing stands out. Narrow the search space, or see whether scan and map belong"
+                " together."
             )
         n_parts = -(-len(headings) * math.prod(window.shape) // PASS_CELLS)
         for part in np.array_split(headings, min(n_parts, len(headings))):
