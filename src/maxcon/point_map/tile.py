@@ -39,13 +39,13 @@ class TileIndex:
     ----------
     layers : array, shape (n_layers,), int32
         The z indices that occur, ascending.
-    patch_starts : array, shape (n_layers * TILE_PATCHES**2 + 1,), int64
+    patch_starts : array, shape (n_layers * TILE_PATCHES**2 + 1,), int32
         The voxels of patch (py, px) of layer k are those from number (k * TILE_PATCHES + py) * TILE_PATCHES
         + px to the next. Patches that follow each other along x are one run of voxels.
     """
 
     layers: NDArray[np.int32]
-    patch_starts: NDArray[np.int64]
+    patch_starts: NDArray[np.int32]
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +140,7 @@ class VoxelTile:
         from maxcon.point_map import tile_kernels
 
         layers = np.empty(self._n_layers_and_patches[0], np.int32)
-        patch_starts = np.empty(len(layers) * TILE_PATCHES**2 + 1, np.int64)
+        patch_starts = np.empty(len(layers) * TILE_PATCHES**2 + 1, np.int32)
         tile_kernels.find_patches(self._voxel_columns, self._voxel_layers, layers, patch_starts)
         return TileIndex(layers, patch_starts)
 

@@ -53,7 +53,7 @@ def count_layers_and_patches(columns, layers):
 def find_patches(columns, layers, z_indices, patch_starts):
     """Find the z index of each layer, and the first voxel of each patch of each layer; of voxels in order.
 
-    z_indices : (n_layers,) int32; patch_starts : (n_layers * TILE_PATCHES**2 + 1,) int64. Both out.
+    z_indices : (n_layers,) int32; patch_starts : (n_layers * TILE_PATCHES**2 + 1,) int32. Both out.
     """
     layer, patch = -1, -1
     for k in range(columns.shape[0]):

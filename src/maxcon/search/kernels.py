@@ -253,8 +253,8 @@ def accumulate_tile(
         n_taken = np.uint64(0)
         for py in range(y_first >> PATCH_BITS, (y_last >> PATCH_BITS) + 1):
             row = (layer * TILE_PATCHES + py) * TILE_PATCHES
-            k = patch_starts[row + (x_first >> PATCH_BITS)]
-            run_end = patch_starts[row + (x_last >> PATCH_BITS) + 1]
+            k = np.int64(patch_starts[row + (x_first >> PATCH_BITS)])
+            run_end = np.int64(patch_starts[row + (x_last >> PATCH_BITS) + 1])
             while k < run_end:
                 end = min(run_end, k + CAPACITY - np.int64(n_taken))
                 n_taken = _take(voxel_columns, k, end, low, span, taken, n_taken)
