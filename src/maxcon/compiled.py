@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The compiled loops, seen from outside: when one is compiled, and where its code is kept."""
+"""The compiled loops, seen from outside: what they are given, when one is compiled, and where its code is kept."""
 
 import os
 import sys
@@ -8,10 +8,14 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from maxcon.errors import FileError
 
-__all__ = ["check_code_folder", "code_folders", "failures_to_keep_told", "on_compilation"]
+__all__ = ["check_code_folder", "code_folders", "failures_to_keep_told", "on_compilation", "read_only_view"]
 
 NAME_A_FOLDER = "Name a folder that you can write in NUMBA_CACHE_DIR."
 
@@ -35,6 +39,16 @@ def on_compilation(call: Callable[[], None]) -> Iterator[None]:
         yield
     finally:
         event.unregister("numba:compile", listener)  # type: ignore[no-untyped-call]
+
+
+def read_only_view(array: NDArray[Any]) -> NDArray[Any]:
+    """Return the array in one piece, as a view that cannot be written.
+
+    Arrays of a mapped file cannot be written, those in memory can: kernels would be compiled for either.
+    """
+    view = np.ascontiguousarray(array).view()
+    view.flags.writeable = False
+    return view
 
 
 def code_folders() -> list[Path]:

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon.compiled import read_only_view
+
 __all__ = [
     "PATCH_VOXELS",
     "TILE_PATCHES",
@@ -190,11 +192,11 @@ class VoxelTile:
     @property
     def _voxel_columns(self) -> NDArray[np.int16]:
         """Columns as the kernels take them: in one piece, whether in memory or of a mapped file."""
-        return _read_only(self.columns)
+        return read_only_view(self.columns)
 
     @property
     def _voxel_layers(self) -> NDArray[np.int32]:
-        return _read_only(self.layers)
+        return read_only_view(self.layers)
 
     @property
     def voxels(self) -> NDArray[np.int32]:
@@ -216,10 +218,3 @@ def search_order(columns: NDArray[np.int16], layers: NDArray[np.int32]) -> NDArr
     """Return the order (z, patch y, patch x, y, x) of voxels with these indices."""
     patches = columns // PATCH_VOXELS
     return np.lexsort((columns[:, 0], columns[:, 1], patches[:, 0], patches[:, 1], layers))
-
-
-def _read_only(array: NDArray[Any]) -> NDArray[Any]:
-    """The array as a view of one type: kernels would be compiled once more for arrays that can be written."""
-    view = np.ascontiguousarray(array).view()
-    view.flags.writeable = False
-    return view

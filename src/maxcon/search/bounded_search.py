@@ -156,11 +156,14 @@ class BoundedSearch:
     def _bound(self, heading_pass: HeadingPass) -> Along:
         """Bound all cells of a part, and score the first of them."""
         along = heading_pass.along(*self._plan(), self.n_threads)
-        if self.scores.best <= 0.0:
+        is_first = self.scores.best <= 0.0
+        if is_first:
             self.scores.score(along.highest(FIRST_CELLS))
         n_open = along.count_reaching(self._open_from)
-        if n_open:
-            self.scores.score(along.highest(FIRST_CELLS if n_open <= MOST_CANDIDATES else AT_ONCE))
+        if n_open > MOST_CANDIDATES:
+            self.scores.score(along.highest(AT_ONCE))
+        elif n_open and not is_first:
+            self.scores.score(along.highest(FIRST_CELLS))
         return along
 
     def _left_open(self, along: Along) -> Candidates:
@@ -178,10 +181,12 @@ class BoundedSearch:
         """
         axis, least = self._plan()
         if (axis, least) != (along.axis, along.least):
-            along = self._around(candidates).along(axis, least, self.n_threads)
+            along = self.bounds.heading_pass(*self._around(candidates)).along(axis, least, self.n_threads)
             candidates = self._left(candidates.below(self._upper(along.at(candidates.cells))))
         if len(candidates) > MOST_CANDIDATES:
-            across = self._around(candidates).along(axis.across, least, self.n_threads)
+            across = self.bounds.heading_pass(*self._around(candidates)).along(
+                axis.across, least, self.n_threads
+            )
             upper = self._upper(along.at(candidates.cells), across.at(candidates.cells))
             candidates = self._left(candidates.below(upper))
         return candidates
@@ -190,8 +195,7 @@ class BoundedSearch:
         """Search the window around many candidates exhaustively, if that is faster; those that are left then."""
         if len(candidates) <= MOST_CANDIDATES:
             return candidates
-        space, headings = self.bounds.space, np.unique(candidates.cells[:, 0])
-        window = Window.around(candidates.cells, space)
+        headings, window = self._around(candidates)
         n_cells = len(headings) * math.prod(n + BESIDE for n in window.shape)
         if n_cells > ONE_BY_ONE * len(candidates):
             return candidates
@@ -210,10 +214,9 @@ class BoundedSearch:
             self.scores.kept = self._left(self.scores.kept.joined(Candidates(cells, grid.at(cells))))
         return Candidates.none()
 
-    def _around(self, candidates: Candidates) -> HeadingPass:
-        """The smallest window around candidates, at their headings."""
-        window = Window.around(candidates.cells, self.bounds.space)
-        return self.bounds.heading_pass(np.unique(candidates.cells[:, 0]), window)
+    def _around(self, candidates: Candidates) -> tuple[NDArray[np.int64], Window]:
+        """The headings of candidates, and the smallest window around them: a part of the space."""
+        return np.unique(candidates.cells[:, 0]), Window.around(candidates.cells, self.bounds.space)
 
     @property
     def _open_from(self) -> float:

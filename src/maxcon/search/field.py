@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from maxcon.compiled import read_only_view
 from maxcon.geometry import Pose, rotation_matrices, voxel_indices
 from maxcon.point_map import TILE_VOXELS, PointMap, TileKey, VoxelTile
 from maxcon.scan import Scan
@@ -182,17 +183,10 @@ def _levelled(scan: Scan, prior: Pose) -> tuple[NDArray[np.float64], NDArray[np.
     from maxcon.search import group_kernels
 
     rotation = np.ascontiguousarray(rotation_matrices(prior.roll, prior.pitch, 0.0))
-    points = group_kernels.level(_read_only(scan.points), rotation)
-    normals = group_kernels.level(_read_only(scan.normals), rotation)
+    points = group_kernels.level(read_only_view(scan.points), rotation)
+    normals = group_kernels.level(read_only_view(scan.normals), rotation)
     points[2] += prior.z
     return points, normals
-
-
-def _read_only(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The vectors as a view of one type: a scan that was unpickled can be written, for which kernels would differ."""
-    view = np.ascontiguousarray(vectors).view()
-    view.flags.writeable = False
-    return view
 
 
 def _check_indices(points: NDArray[np.float64], prior: Pose, reach: float, cell: float) -> None:
