@@ -46,7 +46,7 @@ def random_scene(seed, n_scan, n_map, cell, space, *, corner=(0, 0), is_signed=T
     return scan, PointMap.from_points(points_map, normals_map, cell, is_signed=is_signed), prior
 
 
-def by_votes(scan, point_map, prior, space, multiplicity, weighting="cosine"):
+def by_votes(scan, point_map, prior, space, multiplicity="occupied", weighting="cosine"):
     """The same moments the other way round: each scan point votes with each voxel of its height."""
     indices, counts, normals_map = point_map.all_voxels()
     levelled = level(scan, prior)
@@ -64,7 +64,10 @@ def by_votes(scan, point_map, prior, space, multiplicity, weighting="cosine"):
             a, b = normal * normals_map[is_in], np.zeros(is_in.sum(), np.float32)
             cosine = (a[:, 0] + a[:, 1]) + a[:, 2]
             weight = np.maximum(b, cosine) if point_map.is_signed else np.abs(cosine)
-            weight = np.ones_like(cosine) if weighting == "one" else weight
+            if weighting == "one":
+                weight = np.ones_like(cosine)
+            elif not normal.any():
+                weight = np.full_like(cosine, {"cosine": 0.5, "published": 0.0}[weighting])
             added = (times[is_in] * weight.astype(np.float64))[:, None] * outer[is_in]
             added = np.rint(added / CONTRIBUTION_STEP) * CONTRIBUTION_STEP
             np.add.at(moments[h], (iy[is_in], ix[is_in]), np.column_stack([times[is_in], added]))
@@ -90,7 +93,7 @@ SEEDS = st.integers(0, 2**32)
     turns=st.sampled_from([(0.0, 0.5), (0.5, 0.5), (2.0, 2.0)]),
     corner=st.tuples(st.sampled_from([-3, -1, 0, 2]), st.sampled_from([-2, 0, 1])),
     multiplicity=st.sampled_from(["occupied", "points"]),
-    weighting=st.sampled_from(["cosine", "one"]),
+    weighting=st.sampled_from(["cosine", "published", "one"]),
     is_signed=st.booleans(),
     n_threads=st.integers(1, 4),
 )
@@ -121,7 +124,7 @@ def test_it_equals_the_definition(
     spread=st.sampled_from([5, 40, 600]),
     corner=st.tuples(st.integers(-100, 100), st.integers(-100, 100)),
     multiplicity=st.sampled_from(["occupied", "points"]),
-    weighting=st.sampled_from(["cosine", "one"]),
+    weighting=st.sampled_from(["cosine", "published", "one"]),
     is_signed=st.booleans(),
     n_threads=st.integers(1, 4),
 )
@@ -145,7 +148,7 @@ def test_it_equals_the_votes_of_wider_windows(
     n_steps=st.sampled_from([0, 1, 12, 35]),
     turns=st.sampled_from([(0.0, 0.5), (2.0, 1.0), (60.0, 20.0), (180.0, 9.0)]),
     multiplicity=st.sampled_from(["occupied", "points"]),
-    weighting=st.sampled_from(["cosine", "one"]),
+    weighting=st.sampled_from(["cosine", "published", "one"]),
     is_signed=st.booleans(),
     n_threads=st.integers(1, 5),
 )
@@ -270,13 +273,30 @@ def test_moving_map_and_prior_by_whole_cells_changes_nothing(seed, cells_x, cell
 def test_the_count_does_not_depend_on_the_weighting_and_n_is_largest_with_ones(seed, multiplicity, is_signed):
     space = SearchSpace(0.6, 0.06, 0.5, 0.5)
     scan, point_map, prior = random_scene(seed, 40, 80, 0.06, space, is_signed=is_signed, spread=8)
-    cosine, one = (
+    published, cosine, one = (
         exhaustive(scan, point_map, prior, space, multiplicity=multiplicity, weighting=weighting).moments
-        for weighting in ("cosine", "one")
+        for weighting in ("published", "cosine", "one")
     )
+    assert (published[..., 0] == cosine[..., 0]).all()
     assert (cosine[..., 0] == one[..., 0]).all()
+    assert (published[..., [1, 3]] <= cosine[..., [1, 3]]).all()
     assert (cosine[..., [1, 3]] <= one[..., [1, 3]]).all()
     assert (one[..., 1] + one[..., 3]).max() > 1.2 * (cosine[..., 1] + cosine[..., 3]).max()
+
+
+@given(SEEDS, st.sampled_from(["occupied", "points"]), st.booleans())
+@settings(max_examples=30)
+def test_a_scan_without_normals_has_half_of_what_weights_of_one_add(seed, multiplicity, is_signed):
+    space = SearchSpace(0.6, 0.06, 0.5, 0.5)
+    scan, point_map, prior = random_scene(seed, 40, 80, 0.06, space, is_signed=is_signed, spread=8)
+    bare = Scan(scan.points, np.zeros_like(scan.points))
+    published, cosine, one = (
+        exhaustive(bare, point_map, prior, space, multiplicity=multiplicity, weighting=weighting).moments
+        for weighting in ("published", "cosine", "one")
+    )
+    assert not published[..., 1:].any()
+    assert one[..., 1:].any()
+    np.testing.assert_allclose(cosine[..., 1:], 0.5 * one[..., 1:], rtol=0.0, atol=len(scan) * 2.0**-24 * 1e3)
 
 
 @given(SEEDS, st.sampled_from(["occupied", "points"]))
@@ -398,7 +418,7 @@ def test_other_options_are_refused():
     scan, point_map, prior = random_scene(0, 5, 5, 0.06, SearchSpace())
     with pytest.raises(OptionError, match="'occupied' or 'points', got 'all'"):
         exhaustive(scan, point_map, prior, SearchSpace(), multiplicity="all")
-    with pytest.raises(OptionError, match="Expected `weighting` to be 'cosine' or 'one', got 'two'"):
+    with pytest.raises(OptionError, match="Expected `weighting` to be 'cosine' or 'published' or 'one', got 'two'"):
         exhaustive(scan, point_map, prior, SearchSpace(), weighting="two")
     with pytest.raises(OptionError, match="Expected `n_threads` to be 1 or more, got 0"):
         exhaustive(scan, point_map, prior, SearchSpace(), n_threads=0)

@@ -46,13 +46,14 @@ def plainly(scan, prior, weighting):
     layers = voxel_indices(levelled.points, CELL)[:, 2]
     turned = turn(levelled.points, prior.heading) + [prior.x, prior.y, 0.0]
     x, y, _ = voxel_indices(turned, CELL).T
-    is_plain = ~levelled.normals.any(axis=1) & (weighting is Weighting.COSINE)
+    is_plain = ~levelled.normals.any(axis=1) | (weighting is Weighting.ONE)
     parts = [y // SQUARE_VOXELS, x // SQUARE_VOXELS, layers]
+    normals = np.where(is_plain[:, None], 0.0, levelled.normals)
     order = np.lexsort([x, y, is_plain, *parts[::-1]])
     _, groups = np.unique(np.array(parts)[:, order], axis=1, return_inverse=True)
     n_with_normal = np.bincount(groups, ~is_plain[order])
     points = levelled.points[order]
-    return points, levelled.normals[order], np.array([x, y])[:, order], layers[order], groups, n_with_normal
+    return points, normals[order], np.array([x, y])[:, order], layers[order], groups, n_with_normal
 
 
 @given(
@@ -73,6 +74,8 @@ def test_groups_and_tiles_are_those_of_the_definition(seed, n_points, spread, he
     points, normals, columns, layers, groups, n_with_normal = plainly(scan, prior, weighting)
     assert (field.points == points[:, :2].T).all()
     assert (field.normals == normals.T).all()
+    nx, ny, _ = level(scan, prior).normals.T
+    np.testing.assert_allclose(field.spread, [nx @ nx, nx @ ny, ny @ ny], atol=1e-9)
     assert field.starts.tolist() == [*np.flatnonzero(np.diff(groups, prepend=-1)), n_points]
     assert (field.middles == field.starts[:-1] + n_with_normal).all()
     scan_layers, ranks = np.unique(layers, return_inverse=True)
@@ -99,7 +102,7 @@ def test_turned_is_what_the_definition_turns(seed, n_points, n_headings):
     prior = random_prior(rng)
     scan = random_scan(rng, n_points, 30.0, 3.0)
     point_map = random_map(rng, prior, 10, 10.0)
-    field = Field.prepare(scan, point_map, prior, SPACE, Multiplicity.OCCUPIED, Weighting.ONE)
+    field = Field.prepare(scan, point_map, prior, SPACE, Multiplicity.OCCUPIED, Weighting.COSINE)
     headings = rng.uniform(-4.0, 4.0, n_headings)
     columns, turned = field.turned(prior, headings)
     points = np.vstack([field.points, np.zeros(n_points)]).T
@@ -158,19 +161,21 @@ def test_a_scan_that_can_be_written_needs_no_other_code():
 
 
 @pytest.mark.parametrize("weighting", list(Weighting))
-def test_the_field_of_the_points_with_normals(weighting):
+def test_the_field_of_the_points_that_constrain(weighting):
     rng = np.random.default_rng(0)
     prior = random_prior(rng)
     scan, point_map = random_scan(rng, 500, 20.0, 2.0), random_map(rng, prior, 500, 20.0)
     whole = Field.prepare(scan, point_map, prior, SPACE, Multiplicity.OCCUPIED, weighting)
-    part = whole.with_normals()
-    numbers = [
-        np.arange(start, middle) for start, middle in zip(whole.starts[:-1], whole.middles, strict=True)
-    ]
+    part = whole.constraining()
+    ends = whole.middles if weighting is Weighting.PUBLISHED else whole.starts[1:]
+    numbers = [np.arange(start, end) for start, end in zip(whole.starts[:-1], ends, strict=True)]
     kept = np.concatenate(numbers)
     assert (part.points == whole.points[:, kept]).all()
     assert (part.normals == whole.normals[:, kept]).all()
     assert np.diff(part.starts).tolist() == [len(each) for each in numbers if len(each)]
-    assert (part.middles == part.starts[1:]).all()
     assert part.ranks.tolist() == [rank for rank, each in zip(whole.ranks, numbers, strict=True) if len(each)]
-    assert len(kept) == len(scan) if weighting is Weighting.ONE else 300 < len(kept) < 450
+    if weighting is Weighting.PUBLISHED:
+        assert (part.middles == part.starts[1:]).all()
+        assert 300 < len(kept) < 450
+    else:
+        assert len(kept) == len(scan)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from maxcon import Count, Helmert, MaxEigenvalue, MaximumConsensus, PointMap, Pose, Scan, SearchSpace
 from maxcon.errors import ArrayError, OptionError, SearchSpaceError
-from maxcon.search import reference
+from maxcon.search import Weighting, reference
 
 CELL = 0.06
 HERE = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -222,7 +222,8 @@ def triple_loop(scan, map_points, map_normals, prior, space, threshold, *, is_si
             for (qx, qy, qz), (nx, ny, nz) in zip(map_points.tolist(), map_normals.tolist(), strict=True):
                 cosine = ax * nx + ay * ny + az * nz
                 w = max(0.0, cosine) if is_signed else abs(cosine)
-                w = 1.0 if weighting == "one" else w
+                if weighting == "one" or (mx, my, mz) == (0.0, 0.0, 0.0):
+                    w = {"cosine": 0.5, "published": 0.0, "one": 1.0}[weighting]
                 for iy, dy in enumerate(space.offsets):
                     for ix, dx in enumerate(space.offsets):
                         if max(abs(x + dx - qx), abs(y + dy - qy), abs(z - qz)) <= threshold:
@@ -232,7 +233,7 @@ def triple_loop(scan, map_points, map_normals, prior, space, threshold, *, is_si
 
 @given(
     st.integers(0, 2**32), st.integers(0, 4), st.integers(0, 6), st.sampled_from([0.5, 1.0]),
-    st.floats(-math.pi, math.pi), st.booleans(), st.sampled_from(["cosine", "one"]),
+    st.floats(-math.pi, math.pi), st.booleans(), st.sampled_from(list(Weighting)),
 )  # fmt: skip
 @settings(max_examples=60)
 def test_pairs_are_equation_2(seed, n_scan, n_map, share, heading, is_signed, weighting):
@@ -340,14 +341,23 @@ SLANTED = [0.6, 0.0, 0.8]
         ([-0.6, 0.0, 0.8], X, False, 0.6),
         (Y, X, True, 0.0),
         (Y, X, False, 0.0),
-        ([0.0, 0.0, 0.0], X, True, 0.0),  # no scan normal
-        ([0.0, 0.0, 0.0], X, False, 0.0),
+        ([0.0, 0.0, 0.0], X, True, 0.5),  # no scan normal: the mean of the cosine over a half space
+        ([0.0, 0.0, 0.0], X, False, 0.5),
+        ([0.0, 0.0, 0.0], [0.0, 0.0, 0.0], True, 0.0),  # no direction of the observation either
         (X, [0.0, 0.0, 0.0], True, 0.0),  # no map normal
     ],
 )
 def test_the_weight_is_the_cosine_between_the_normals(n_scan, n_map, is_signed, weight):
     expected = [1.0, weight * n_map[0] ** 2, 0.0, 0.0]
     np.testing.assert_allclose(one_match(n_scan, n_map, is_signed=is_signed), expected, atol=1e-6)
+
+
+@both_multiplicities
+@pytest.mark.parametrize("is_signed", [True, False])
+def test_as_published_a_scan_point_without_a_normal_counts_and_constrains_nothing(is_signed, multiplicity):
+    options = {"is_signed": is_signed, "multiplicity": multiplicity, "weighting": "published"}
+    np.testing.assert_array_equal(one_match([0.0, 0.0, 0.0], X, **options), [1.0, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(one_match(SLANTED, X, **options), [1.0, 0.6, 0.0, 0.0], atol=1e-6)
 
 
 @both_multiplicities
@@ -448,9 +458,9 @@ def test_what_the_definition_refuses():
         reference.voxels(scan, point_map, HERE, SearchSpace(0.1, 0.05))
     with pytest.raises(OptionError, match="Expected `multiplicity` to be 'occupied' or 'points', got 'once'"):
         reference.voxels(scan, point_map, HERE, SMALL, multiplicity="once")
-    with pytest.raises(OptionError, match="Expected `weighting` to be 'cosine' or 'one', got 'sine'"):
+    with pytest.raises(OptionError, match="Expected `weighting` to be 'cosine' or 'published' or 'one', got 'sine'"):
         reference.voxels(scan, point_map, HERE, SMALL, weighting="sine")
-    with pytest.raises(OptionError, match="Expected `weighting` to be 'cosine' or 'one', got 1"):
+    with pytest.raises(OptionError, match="Expected `weighting` to be 'cosine' or 'published' or 'one', got 1"):
         reference.pairs(scan, np.zeros((1, 3)), [X], HERE, SMALL, threshold=CELL, weighting=1)
     with pytest.raises(
         ArrayError, match=r"`points_map` to have shape \(n, 3\), got \(3, 5\)\. Transpose it\?"

@@ -164,7 +164,7 @@ def bound_tile(
 
     numbers : which visits; visits : (m, 7) as planned; starts : (groups + 1,), first point of each group;
     ranks, layers : as for `kernels.accumulate_tile`; bases : (n, headings), see above; normals : (n, 4) float32,
-    normal at heading 0, or zeros where all weights are one, and what is added to the weight; turns : (headings, 2)
+    normal at heading 0, or zeros for none, and what is added to the weight; turns : (headings, 2)
     float32, cosine and sine; within : first and end of the headings to look at.
     corner : (x, y) voxel index of the tile; voxel_columns : (k, 2) int16; voxel_normals : (k, 3) float32; counts :
     (k,) int32, or empty where a voxel counts once; axis : (x, y) float32, unit, or zeros to count.

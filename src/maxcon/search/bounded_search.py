@@ -125,13 +125,9 @@ class BoundedSearch:
 
     def _found(self, rest: float) -> Found:
         scores = self.scores
-        moments = scores.moments(scores.cell[0], np.array([scores.cell]), with_all=True)[0]
+        _, moments = scores.scored[scores.cell]
         n_scored = len(scores.scored) + scores.n_in_windows
-        return Found(scores.cell, scores.best, moments, scores.best, rest, n_scored)
-
-    @property
-    def _is_count(self) -> bool:
-        return self.scores.with_all
+        return Found(scores.cell, scores.best, moments.copy(), scores.best, rest, n_scored)
 
     @property
     def _asked(self) -> float:
@@ -141,17 +137,16 @@ class BoundedSearch:
 
     def _plan(self) -> tuple[Axis, float]:
         """Axis that the best cell so far, or else the scan, determines least, and which voxels to leave out."""
-        if self._is_count:
+        if self.bounds.is_count:
             return Axis.none(), 0.0
         if self.scores.best > 0.0:
             _, (_, xx, xy, yy) = self.scores.scored[self.scores.cell]
             axis, turn, left_out = _weak_azimuth(xx, xy, yy)[0], 0.0, LEFT_OUT * self._asked
         else:
-            x, y, _ = self.bounds.field.normals
-            axis, least = _weak_azimuth(*(float((a * b).sum()) for a, b in ((x, x), (x, y), (y, y))))
+            axis, least = _weak_azimuth(*self.bounds.field.spread.tolist())
             turn, left_out = self.bounds.prior.heading, LEFT_OUT_OF_SCAN * least
         weak = Axis.near(axis + turn)
-        return weak, left_out / max(1, self.bounds.n_points)
+        return weak, left_out / max(1.0, self.bounds.total_weight)
 
     def _bound(self, heading_pass: HeadingPass) -> Along:
         """Bound all cells of a part, and score the first of them."""
@@ -244,7 +239,7 @@ class BoundedSearch:
 
     def _upper(self, along: NDArray[np.float64], across: NDArray[np.float64] | None = None) -> Scores:
         """Most that cells score, from what their matches add along one or both axes at most."""
-        if self._is_count:
+        if self.bounds.is_count:
             return cast(BoundedByCount, self.objective).bound_by_count(along)
         if across is None:
             across = np.full_like(along, self.bounds.most)

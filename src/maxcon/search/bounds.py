@@ -42,26 +42,35 @@ class Bounds:
         T_map_sensor before localization, local frame.
     space : SearchSpace
         The cells.
+    is_count : bool
+        Whether matches are counted instead: each adds one, or as often as the voxel counts.
     fullest : int
         Map points in the fullest voxel, where a voxel counts as often as it has points, otherwise 1.
-    largest_weight : float
-        Weights are no larger: 1, or the length of the longest normal, as unit normals are a little longer or shorter.
+    total_weight : float
+        Sum over all points of the largest weight that a match of each can have: the length of the longest normal, or
+        1 if that is less, as unit normals are a little longer or shorter; or the weight of points without one.
     """
 
     field: Field
     prior: Pose
     space: SearchSpace
+    is_count: bool
     fullest: int
-    largest_weight: float
+    total_weight: float
 
     @classmethod
-    def of(cls, field: Field, prior: Pose, space: SearchSpace) -> "Bounds":
+    def of(cls, field: Field, prior: Pose, space: SearchSpace, *, is_count: bool) -> "Bounds":
         """Bounds for points in their field."""
         fullest = 1
         if not field.is_once:
             fullest = max((tile.fullest for tile, _ in field.tiles.values()), default=1)
-        squares = (field.normals * field.normals).sum(axis=0) if field.is_weighted else np.ones(1)
-        return cls(field, prior, space, fullest, math.sqrt(max(1.0, squares.max(initial=1.0))))
+        total_weight = float(field.points.shape[1])
+        if not is_count:
+            squares = (field.normals * field.normals).sum(axis=0)
+            n_without = int(np.count_nonzero(squares == 0.0))
+            longest = math.sqrt(squares.max(initial=1.0))
+            total_weight = (len(squares) - n_without) * longest + n_without * field.without_normal
+        return cls(field, prior, space, is_count, fullest, total_weight)
 
     @property
     def n_points(self) -> int:
@@ -71,12 +80,12 @@ class Bounds:
     @property
     def most(self) -> float:
         """What a cell can have along any axis if every point matches."""
-        return float(self.n_points * self.fullest) * self.largest_weight * (1.0 + SLACK)
+        return self.total_weight * self.fullest * (1.0 + SLACK)
 
     def left_out(self, axis: Axis, least: float) -> float:
         """What voxels that add no more than `least`, and rounding, can amount to in a cell."""
         least = 0.0 if axis.is_none else least
-        return self.most * SLACK + self.n_points * least * self.largest_weight * (1.0 + SLACK)
+        return self.most * SLACK + self.total_weight * least * (1.0 + SLACK)
 
     def parts(self) -> list[tuple[NDArray[np.int64], Window]]:
         """Headings and windows that make up the space, as large as memory allows, from those near the prior on."""
@@ -146,12 +155,11 @@ class HeadingPass:
         height, width = (n_cells + 2 * rim for n_cells in self.window.shape)
         sums = np.zeros((len(self.headings), height, width), np.int32 if field.is_once else np.int64)
         bases = bound_kernels.bases_of_points(self.columns, width, height * width)
-        normals = self._normals(is_weighted=field.is_weighted and not axis.is_none)
 
         def vote(headings: NDArray[np.int64]) -> None:
             for numbers, layers, tile in field.visited(self.visits, self.window):
                 bound_kernels.bound_tile(
-                    numbers, self.visits, field.starts, field.ranks, layers, bases, normals, self._turns,
+                    numbers, self.visits, field.starts, field.ranks, layers, bases, self._normals, self._turns,
                     (int(headings[0]), int(headings[-1]) + 1), tile.corner, tile.index.patch_starts, tile.columns,
                     tile.normals, tile.counts[:0] if field.is_once else tile.counts, axis.vector, tuple(self.window),
                     width, field.is_signed, np.float32(least), np.float32(1.0 / unit), sums.reshape(-1),
@@ -167,16 +175,19 @@ class HeadingPass:
         grid = CellGrid.of(self.bounds.space, self.headings, self.window, inner)
         return Along(axis, least, grid, unit * (1.0 + SLACK), self.bounds.left_out(axis, least))
 
-    def _normals(self, *, is_weighted: bool) -> NDArray[np.float32]:
+    @cached_property
+    def _normals(self) -> NDArray[np.float32]:
         """Normals of the points as the kernel takes them, and what is added to each weight, shape (n, 4).
 
-        Where all weights are one that is 1, and the normals are zeros.
+        Where matches are counted that is 1, and the normals are zeros.
         """
+        field = self.bounds.field
         normals = np.zeros((self.bounds.n_points, 4), np.float32)
-        if is_weighted:
-            normals[:, :3] = self.bounds.field.normals.T
-        else:
+        if self.bounds.is_count:
             normals[:, 3] = 1.0
+        else:
+            normals[:, :3] = field.normals.T
+            normals[:, 3] = np.where(field.normals.any(axis=0), 0.0, field.without_normal)
         return normals
 
     @cached_property

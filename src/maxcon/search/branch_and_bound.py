@@ -58,8 +58,8 @@ def branch_and_bound(
         What a cell is worth. One without bounds (`BoundedByAxes`, `BoundedByCount`) is searched exhaustively.
     multiplicity : {"occupied", "points"}
         Whether a match weighs one, or as many as the voxel's map points (D4).
-    weighting : {"cosine", "one"}
-        Weight of a match in N: max(0, n_scan . n_map), or 1 (D5).
+    weighting : {"cosine", "published", "one"}
+        Weight of a match in N, see `Weighting` (D5).
     share : float
         1 to find the best cell only; less, above 0, to find the runner-up too, if it reaches this share of the best.
     guard_radius : float
@@ -96,8 +96,8 @@ def branch_and_bound(
     is_count = isinstance(objective, BoundedByCount)
     if is_count or isinstance(objective, BoundedByAxes):
         searched = Field.prepare(scan, point_map, prior, space, multiplicity, weighting)
-        bounds = Bounds.of(searched if is_count else searched.with_normals(), prior, space)
-        scores_of_cells = CellScores(searched, prior, space, objective, is_count, guard_radius, guarded)
+        bounds = Bounds.of(searched if is_count else searched.constraining(), prior, space, is_count=is_count)
+        scores_of_cells = CellScores(searched, prior, space, objective, guard_radius, guarded)
         return BoundedSearch(bounds, objective, share, scores_of_cells, n_threads).run()
     accumulator = exhaustive(
         scan, point_map, prior, space, multiplicity=multiplicity, weighting=weighting, n_threads=n_threads

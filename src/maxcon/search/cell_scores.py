@@ -106,8 +106,6 @@ class CellScores:
         The cells.
     objective : Objective
         What a cell is worth.
-    with_all : bool
-        Whether that depends on the points that have no normal too, which only count.
     guard_radius : float
         The runner-up lies farther than this from the guarded cell, m.
     guarded : tuple of 3 int, optional
@@ -128,7 +126,6 @@ class CellScores:
     prior: Pose
     space: SearchSpace
     objective: Objective
-    with_all: bool
     guard_radius: float
     guarded: Cell | None = None
     best: float = -math.inf
@@ -137,10 +134,8 @@ class CellScores:
     kept: Candidates = field(default_factory=Candidates.none)
     n_in_windows: int = 0
     _table: TileTable | None = None
-    _points: dict[bool, tuple[NDArray[np.int32], NDArray[np.int32]]] = field(default_factory=dict)
-    _turned: dict[tuple[int, bool], tuple[NDArray[np.uint64], NDArray[np.float32]]] = field(
-        default_factory=dict
-    )
+    _points: tuple[NDArray[np.int32], NDArray[np.int32]] | None = None
+    _turned: dict[int, tuple[NDArray[np.uint64], NDArray[np.float32]]] = field(default_factory=dict)
 
     def score(self, cells: NDArray[np.int64]) -> None:
         """Score cells that are not yet, and keep the best."""
@@ -149,7 +144,7 @@ class CellScores:
             if (heading, y, x) not in self.scored:
                 new[heading].append((heading, y, x))
         for heading, mine in new.items():
-            moments = self.moments(heading, np.array(mine, np.int64), with_all=self.with_all)
+            moments = self.moments(heading, np.array(mine, np.int64))
             scores = self.objective.score(moments).tolist()
             for cell, score, four in zip(mine, scores, moments, strict=True):
                 self._note(cell, score, four)
@@ -172,11 +167,8 @@ class CellScores:
         if (-score, cell) < (-self.best, self.cell):
             self.best, self.cell = score, cell
 
-    def moments(self, heading: int, cells: NDArray[np.int64], *, with_all: bool) -> Moments:
-        """Moments of some cells of one heading, shape (n, 4), to the last bit those of the exhaustive search.
-
-        Without points that have no normal only N is whole.
-        """
+    def moments(self, heading: int, cells: NDArray[np.int64]) -> Moments:
+        """Moments of some cells of one heading, shape (n, 4), to the last bit those of the exhaustive search."""
         from maxcon.search import exact_kernels
 
         searched = self.searched
@@ -184,30 +176,33 @@ class CellScores:
             self._table = TileTable.of(searched)
         _, ny, nx = self.space.shape
         offsets = cells[:, :0:-1] - np.array([nx // 2, ny // 2])
-        voxels, normals = self._laid_out(heading, with_all)
+        voxels, normals, ranks = self._laid_out(heading)
         moments = np.zeros((len(cells), 4))
         exact_kernels.moments_of_cells(
-            offsets, voxels, normals, self._points[with_all][1], self._table.rows, self._table.grid, searched.corner,
-            searched.is_once, searched.is_weighted, searched.is_signed, moments,
+            offsets, voxels, normals, ranks, self._table.rows, self._table.grid, searched.corner,
+            searched.is_once, searched.is_signed, moments,
         )  # fmt: skip
         return moments
 
-    def _laid_out(self, heading: int, with_all: bool) -> tuple[NDArray[np.uint64], NDArray[np.float32]]:
-        """Voxels and normals at a heading of all points, or of those with a normal, as the kernel takes them."""
+    def _laid_out(
+        self, heading: int
+    ) -> tuple[NDArray[np.uint64], NDArray[np.float32], NDArray[np.int32]]:
+        """Voxels, normals and ranks of layers of all points at a heading, as the kernel takes them."""
         from maxcon.search import exact_kernels, group_kernels
 
-        if (heading, with_all) not in self._turned:
-            searched = self.searched
-            if with_all not in self._points:
-                ends = searched.starts[1:] if with_all else searched.middles
-                self._points[with_all] = group_kernels.points_of_groups(searched.starts, ends, searched.ranks)
+        searched = self.searched
+        if self._points is None:
+            self._points = group_kernels.points_of_groups(
+                searched.starts, searched.starts[1:], searched.ranks
+            )
+        numbers, ranks = self._points
+        if heading not in self._turned:
             azimuth = self.prior.heading + self.space.headings[heading]
             (columns,), (turned,) = searched.turned(self.prior, [azimuth])
-            numbers, _ = self._points[with_all]
-            self._turned[heading, with_all] = exact_kernels.lay_out(columns, turned, numbers)
+            self._turned[heading] = exact_kernels.lay_out(columns, turned, numbers, searched.without_normal)
         while len(self._turned) > MOST_TURNED:
             self._turned.pop(next(iter(self._turned)))
-        return self._turned[heading, with_all]
+        return *self._turned[heading], ranks
 
     def is_beyond(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Whether cells lie farther than the guard radius from the guarded one."""

@@ -64,16 +64,19 @@ def _n_bits(typing_context, word):
 
 
 @njit(nogil=True, cache=True)
-def lay_out(columns, turned, numbers):
-    """Voxels (n,) uint64, x + y * 2^32, and normals (n, 3) float32 of some points, in the order of the look-ups.
+def lay_out(columns, turned, numbers, without_normal):
+    """Voxels (n,) uint64, x + y * 2^32, and normals (n, 4) float32 of some points, in the order of the look-ups.
 
-    columns : (2, m) int32; turned : (3, m) float32; numbers : (n,), which points.
+    columns : (2, m) int32; turned : (3, m) float32; numbers : (n,), which points; without_normal : weight of a match
+    whose point has no normal. The last of the four is what is added to the weight of the normal: that, or 0.
     """
-    voxels, normals = np.empty(numbers.shape[0], np.uint64), np.empty((numbers.shape[0], 3), np.float32)
+    voxels, normals = np.empty(numbers.shape[0], np.uint64), np.empty((numbers.shape[0], 4), np.float32)
     for j in range(numbers.shape[0]):
         i = np.uint64(numbers[j])
         voxels[j] = np.uint64(np.int64(columns[0, i]) + (np.int64(columns[1, i]) << 32))
-        normals[j, 0], normals[j, 1], normals[j, 2] = turned[0, i], turned[1, i], turned[2, i]
+        nx, ny, nz = turned[0, i], turned[1, i], turned[2, i]
+        normals[j, 0], normals[j, 1], normals[j, 2] = nx, ny, nz
+        normals[j, 3] = without_normal if (nx == 0.0) & (ny == 0.0) & (nz == 0.0) else 0.0
     return voxels, normals
 
 
@@ -147,7 +150,9 @@ def _sift(n, tiles, found, matched):
 
 @njit(nogil=True, cache=True)
 def _fetch(n, found, matched, normals, tiles, fetched, times):
-    """Fetch the normals of n points that match, and of the voxels they match: (6, c) float32, out.
+    """Fetch the normals of n points that match, with what is added to their weight, and those of their voxels.
+
+    fetched : (7, c) float32, out.
 
     times : (c,) int32, out, how often each voxel counts; empty where once.
     """
@@ -155,6 +160,7 @@ def _fetch(n, found, matched, normals, tiles, fetched, times):
         m = np.uint64(number)
         j, tile = np.uint64(found[m]), matched[m] >> np.uint64(WORD_BITS)
         k = matched[m] & np.uint64(2**WORD_BITS - 1)
+        fetched[np.uint64(6), m] = normals[j, np.uint64(3)]
         for axis in range(3):
             at = np.uint64(axis)
             fetched[at, m] = normals[j, at]
@@ -164,7 +170,7 @@ def _fetch(n, found, matched, normals, tiles, fetched, times):
 
 
 @njit(nogil=True, cache=True)
-def _add(n, fetched, times, is_weighted, back, moments):
+def _add(n, fetched, times, back, moments):
     """Add n matches to the moments of a cell, (4,).
 
     With the arithmetic of `kernels.accumulate_tile`; as whole numbers of steps they are added in any order.
@@ -172,10 +178,8 @@ def _add(n, fetched, times, is_weighted, back, moments):
     n_all, xx, xy, yy = np.int64(0), np.int64(0), np.int64(0), np.int64(0)
     for m in range(n):
         nx, ny, nz = fetched[3, m], fetched[4, m], fetched[5, m]
-        weight = 1.0
-        if is_weighted:
-            cosine = fetched[0, m] * nx + fetched[1, m] * ny + fetched[2, m] * nz
-            weight = np.float64(max(cosine, back * cosine))
+        cosine = fetched[0, m] * nx + fetched[1, m] * ny + fetched[2, m] * nz
+        weight = np.float64(max(cosine, back * cosine) + fetched[6, m])
         if times.shape[0] > 0:
             weight *= np.float64(times[m])
             n_all += times[m]
@@ -190,7 +194,7 @@ def _add(n, fetched, times, is_weighted, back, moments):
 
 @njit(nogil=True, cache=True)
 def moments_of_cells(
-    offsets, voxels, normals, ranks, tiles, grid, corner, is_once, is_weighted, is_signed, moments
+    offsets, voxels, normals, ranks, tiles, grid, corner, is_once, is_signed, moments
 ):  # fmt: skip
     """Add the matches of scan points, turned by one heading, to the moments of some of its cells.
 
@@ -200,12 +204,12 @@ def moments_of_cells(
     each layer of the scan in the tile (int32); the tile's `Occupancy`, held, numbers, words and firsts; normals and
     counts of its voxels. In the second column how many words each column of patches has.
     grid : (ny, nx) int32, rows of the tiles; corner : key (x, y) of the first.
-    is_once : whether a voxel counts once; is_weighted : whether weights are cosines, or one.
+    is_once : whether a voxel counts once; is_signed : whether the map's normals have a side.
     moments : (c, 4) float64, in and out.
     """
     back = np.float32(0.0 if is_signed else -1.0)
     found, matched = np.empty(CAPACITY, np.int32), np.empty(CAPACITY, np.uint64)
-    fetched, times = np.empty((6, CAPACITY), np.float32), np.empty(0 if is_once else CAPACITY, np.int32)
+    fetched, times = np.empty((7, CAPACITY), np.float32), np.empty(0 if is_once else CAPACITY, np.int32)
     for first in range(0, voxels.shape[0], CAPACITY):
         end = min(first + CAPACITY, voxels.shape[0])
         for c in range(offsets.shape[0]):
@@ -213,4 +217,4 @@ def moments_of_cells(
             n = _find(first, end, offset, voxels, ranks, tiles, grid, corner, found, matched)
             n = _sift(n, tiles, found, matched)
             _fetch(n, found, matched, normals, tiles, fetched, times)
-            _add(n, fetched, times, is_weighted, back, moments[c])
+            _add(n, fetched, times, back, moments[c])

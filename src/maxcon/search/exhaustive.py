@@ -52,8 +52,8 @@ def exhaustive(
         The cells to try; at most 2^26 of them (2 GiB of moments).
     multiplicity : {"occupied", "points"}
         Whether a match weighs one, or as many as the voxel's map points (D4).
-    weighting : {"cosine", "one"}
-        Weight of a match in N: max(0, n_scan . n_map), or 1 (D5).
+    weighting : {"cosine", "published", "one"}
+        Weight of a match in N, see `Weighting` (D5).
     n_threads : int
         Headings are shared out among that many threads; the result does not depend on it (D8).
 
@@ -128,7 +128,7 @@ def _search_headings(
         kernels.accumulate_tile(
             numbers, visits, field.starts, field.middles, field.ranks, layers, columns, turned, tile.corner,
             tile.index.patch_starts, tile.columns, tile.normals, tile.counts[:0] if field.is_once else tile.counts,
-            tuple(window), width, field.is_weighted, field.is_signed, sums.reshape(n_headings, -1),
+            tuple(window), width, field.without_normal, field.is_signed, sums.reshape(n_headings, -1),
         )  # fmt: skip
     moments[...] = sums[:, rim : rim + ny, rim : rim + nx]
 

@@ -25,7 +25,7 @@ class Field:
 
     Points of one height layer in one square of SQUARE_VOXELS voxels, at the prior's heading, are a group.
     Those with a normal come first in it, those in one voxel follow each other; neighbouring groups read the
-    same voxels. With weights of one all points count as if they had a normal.
+    same voxels. With weights of one no point has a normal: all of them weigh the same.
 
     Parameters
     ----------
@@ -43,8 +43,12 @@ class Field:
         Key (x, y) of the first tile of the grid that covers the tiles, and its size (ny, nx).
     cell : float
         Voxel edge of the map, m: that of the space may differ from it by rounding.
-    is_once, is_weighted, is_signed : bool
-        Whether a voxel counts once, whether weights are cosines, and whether the map's normals have a side.
+    is_once, is_signed : bool
+        Whether a voxel counts once, and whether the map's normals have a side.
+    without_normal : float
+        Weight of the matches of points without a normal.
+    spread : array, shape (3,)
+        Sums of nx nx, nx ny and ny ny over all normals of the scan, levelled: what points can add to N.
     """
 
     points: NDArray[np.float64]
@@ -57,8 +61,9 @@ class Field:
     shape: tuple[int, int]
     cell: float
     is_once: bool
-    is_weighted: bool
     is_signed: bool
+    without_normal: float
+    spread: NDArray[np.float64]
 
     @classmethod
     def prepare(
@@ -79,11 +84,14 @@ class Field:
         """
         from maxcon.search import group_kernels
 
-        cell, is_weighted = point_map.cell, weighting is Weighting.COSINE
+        cell = point_map.cell
         points, normals = _levelled(scan, prior)
+        spread = (normals[[0, 0, 1]] * normals[[0, 1, 1]]).sum(axis=1)
+        if weighting is Weighting.ONE:
+            normals[:] = 0.0
         _check_indices(points, prior, space.reach, cell)
         columns, layers = _columns(points, prior, cell), group_kernels.to_layers(points[2], cell)
-        order, keys = group_kernels.sort_keys(_keys(columns, layers, normals, is_weighted))
+        order, keys = group_kernels.sort_keys(_keys(columns, layers, normals))
         points, normals = group_kernels.gather(points[:2], order), group_kernels.gather(normals, order)
         groups = group_kernels.find_groups(keys, order, points, columns, layers)
         starts, middles, group_layers, boxes, radii = groups
@@ -107,8 +115,9 @@ class Field:
             (int(ny), int(nx)),
             cell,
             multiplicity is Multiplicity.OCCUPIED,
-            is_weighted,
             point_map.is_signed,
+            weighting.without_normal,
+            spread,
         )
 
     def turned(self, prior: Pose, headings: ArrayLike) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
@@ -121,9 +130,9 @@ class Field:
             visit_kernels.turn_normals(self.normals, np.cos(heading), np.sin(heading), turned[i])
         return self.voxels_at(prior, headings), turned
 
-    def with_normals(self) -> "Field":
+    def constraining(self) -> "Field":
         """The field of those points that add to N: the others only count."""
-        if not self.is_weighted:
+        if self.without_normal > 0.0:
             return self
         from maxcon.search import group_kernels
 
@@ -210,7 +219,7 @@ def _columns(points: NDArray[np.float64], prior: Pose, cell: float) -> NDArray[n
 
 
 def _keys(
-    columns: NDArray[np.int32], layers: NDArray[np.int32], normals: NDArray[np.float64], is_weighted: bool
+    columns: NDArray[np.int32], layers: NDArray[np.int32], normals: NDArray[np.float64]
 ) -> NDArray[np.uint64]:
     """Numbers by which points with normals (3, n) are sorted, see `group_kernels.key_points`."""
     from maxcon.search import group_kernels
@@ -223,9 +232,9 @@ def _keys(
     low, nx, ny = int(layers.min()), high_x - low_x + 1, high_y - low_y + 1
     n_layers = int(layers.max()) - low + 1
     if ny * nx * n_layers * group_kernels.GROUP_KEYS > 2**63:
-        return _keys(*_closed_up(columns, layers), normals, is_weighted)
+        return _keys(*_closed_up(columns, layers), normals)
     lows, sizes = (low_y, low_x, low), (nx, n_layers)
-    keys: NDArray[np.uint64] = group_kernels.key_points(columns, layers, normals, is_weighted, lows, sizes)
+    keys: NDArray[np.uint64] = group_kernels.key_points(columns, layers, normals, lows, sizes)
     return keys
 
 

@@ -53,20 +53,20 @@ def to_layers(heights, cell):
 
 
 @njit(nogil=True, cache=True)
-def key_points(columns, layers, normals, is_weighted, lows, sizes):
+def key_points(columns, layers, normals, lows, sizes):
     """Number points such that their groups, and points in them, are in the order of the numbers.
 
     That is by square along y and x, layer, whether they lack a normal, y and x: a key is GROUP_KEYS times the
     number of the group, and more for the place in it.
 
-    columns : (2, n) int32; layers : (n,) int32; normals : (3, n) float64; is_weighted : whether it matters if there
-    is a normal; lows : least square along y and x, and least layer; sizes : number of squares along x, and of layers.
+    columns : (2, n) int32; layers : (n,) int32; normals : (3, n) float64; lows : least square along y and x, and
+    least layer; sizes : number of squares along x, and of layers.
     Returns keys, (n,) uint64.
     """
     keys = np.empty(layers.shape[0], np.uint64)
     for i in range(layers.shape[0]):
         x, y = np.int64(columns[0, i]), np.int64(columns[1, i])
-        is_plain = is_weighted & (normals[0, i] == 0.0) & (normals[1, i] == 0.0) & (normals[2, i] == 0.0)
+        is_plain = (normals[0, i] == 0.0) & (normals[1, i] == 0.0) & (normals[2, i] == 0.0)
         group = ((y >> SQUARE_BITS) - lows[0]) * sizes[0] + (x >> SQUARE_BITS) - lows[1]
         group = group * sizes[1] + np.int64(layers[i]) - lows[2]
         place = ((y & INSIDE) << SQUARE_BITS) | (x & INSIDE)

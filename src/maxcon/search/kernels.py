@@ -77,6 +77,33 @@ _add_once = _adding(True)
 _add_times = _adding(False)
 
 
+@intrinsic
+def _add_alike(typing_context, sums, cell, rows, n_alike, j):
+    """sums[cell : cell + 4] += n_alike * rows[4 j : 4 j + 4], in one vector operation."""
+    signature = types.void(sums, types.int64, rows, types.float64, types.int64)
+
+    def generate(context, builder, signature, arguments):
+        sums, cell, rows, n_alike, j = arguments
+        four_doubles, index = ir.VectorType(ir.DoubleType(), 4), ir.IntType(32)
+        undefined = ir.Constant(four_doubles, ir.Undefined)
+
+        def four_at(array, number, position):
+            data = context.make_array(signature.args[number])(context, builder, array).data
+            return builder.bitcast(builder.gep(data, [position]), four_doubles.as_pointer())
+
+        row = builder.load(four_at(rows, 2, builder.shl(j, ir.Constant(j.type, 2))), align=8)
+        times = builder.insert_element(undefined, n_alike, ir.Constant(index, 0))
+        times = builder.shuffle_vector(times, undefined, ir.Constant(ir.VectorType(index, 4), [0] * 4))
+        pointer = four_at(sums, 0, cell)
+        # Both are multiples of a step that float64 holds exactly: to fuse them changes nothing.
+        added = builder.fmul(times, row, flags=("contract",))
+        total = builder.fadd(builder.load(pointer, align=8), added, flags=("contract",))
+        builder.store(total, pointer, align=8)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
 @njit(nogil=True, cache=True)
 def _take(voxel_columns, first, last, low, span, taken, n_taken):
     """Append to `taken` those voxels of a run that lie in a rectangle; without a branch. Returns how many."""
@@ -89,12 +116,15 @@ def _take(voxel_columns, first, last, low, span, taken, n_taken):
 
 
 @njit(nogil=True, cache=True)
-def _lay_out(taken, voxel_columns, voxel_normals, counts, stride, normals, factors, cells, times):
+def _lay_out(
+    taken, voxel_columns, voxel_normals, counts, stride, without_normal, normals, factors, cells, times, rows
+):  # fmt: skip
     """Lay out the taken voxels as the votes read them: those with a normal first, then the others.
 
+    without_normal : weight of a match whose scan point has no normal.
     normals : (3, c) float32; factors : (4 c,) float64, 0, nx nx, nx ny, ny ny; cells : (c,) int32, where in the
-    sums a scan point in voxel (0, 0) meets them; times : (c,) float64, their counts, if any. All out.
-    Returns how many have a normal.
+    sums a scan point in voxel (0, 0) meets them; times : (c,) float64, their counts, if any; rows : (4 c,) float64,
+    what a match of a scan point without a normal adds. All out. Returns how many have a normal.
     """
     has_counts = counts.shape[0] > 0
     one, n_normals, n_left = np.uint64(1), np.uint64(0), np.uint64(taken.shape[0])
@@ -111,28 +141,30 @@ def _lay_out(taken, voxel_columns, voxel_normals, counts, stride, normals, facto
         factors[at + np.uint64(2)] = nx * ny
         factors[at + np.uint64(3)] = ny * ny
         cells[to] = np.int32(4) * (np.int32(voxel_columns[k, 1]) * stride + np.int32(voxel_columns[k, 0]))
+        weight, rows[at] = without_normal, 1.0
         if has_counts:
             times[to] = counts[k]
+            weight, rows[at] = weight * times[to], times[to]
+        for channel in range(np.uint64(1), np.uint64(4)):
+            rows[at + channel] = weight * factors[at + channel] + ROUNDER - ROUNDER
     return np.int64(n_normals)
 
 
 @njit(nogil=True, cache=True, forceinline=True)
-def _weigh(normals, n_normals, turned, i, weighting, weights):
+def _weigh(normals, n_normals, turned, i, back, weights):
     """Weights of the matches of a scan point: w = max(c, 0) where normals have a side, |c| = max(c, -c) where not.
 
-    weighting : whether weights are cosines, or stay as they are; 0 or -1.
+    back : 0, or -1 where not.
     """
-    is_weighted, back = weighting
-    if is_weighted:
-        nx, ny, nz = turned[0, i], turned[1, i], turned[2, i]
-        for j in range((n_normals + BLOCK - 1) // BLOCK * BLOCK):
-            cosine = nx * normals[0, j] + ny * normals[1, j] + nz * normals[2, j]
-            weights[j] = max(cosine, back * cosine)
+    nx, ny, nz = turned[0, i], turned[1, i], turned[2, i]
+    for j in range((n_normals + BLOCK - 1) // BLOCK * BLOCK):
+        cosine = nx * normals[0, j] + ny * normals[1, j] + nz * normals[2, j]
+        weights[j] = max(cosine, back * cosine)
 
 
 @njit(nogil=True, cache=True)
 def _vote(
-    headings, points, columns, turned, origin, stride, weighting, n_normals, n_taken, normals, factors, cells, times,
+    headings, points, columns, turned, origin, stride, back, n_normals, n_taken, normals, factors, cells, times,
     weights, sums,
 ):  # fmt: skip
     """Add the matches of scan points with the laid out voxels to the sums of some headings.
@@ -143,7 +175,7 @@ def _vote(
         cell_sums = sums[heading]
         for i in range(points[0], points[1]):
             base = 4 * ((origin[1] - columns[heading, 1, i]) * stride + origin[0] - columns[heading, 0, i])
-            _weigh(normals, n_normals, turned[heading], i, weighting, weights)
+            _weigh(normals, n_normals, turned[heading], i, back, weights)
             for j in range(n_normals):
                 _add_once(cell_sums, base + cells[j], factors, weights, times, j)
             for j in range(n_normals, n_taken):
@@ -152,7 +184,7 @@ def _vote(
 
 @njit(nogil=True, cache=True)
 def _vote_times(
-    headings, points, columns, turned, origin, stride, weighting, n_normals, n_taken, normals, factors, cells, times,
+    headings, points, columns, turned, origin, stride, back, n_normals, n_taken, normals, factors, cells, times,
     weights, sums,
 ):  # fmt: skip
     """As `_vote`, each voxel as often as it has points."""
@@ -160,8 +192,7 @@ def _vote_times(
         cell_sums = sums[heading]
         for i in range(points[0], points[1]):
             base = 4 * ((origin[1] - columns[heading, 1, i]) * stride + origin[0] - columns[heading, 0, i])
-            weights[:n_normals] = 1.0
-            _weigh(normals, n_normals, turned[heading], i, weighting, weights)
+            _weigh(normals, n_normals, turned[heading], i, back, weights)
             for j in range(n_normals):
                 weights[j] *= times[j]
             for j in range(n_normals):
@@ -171,13 +202,11 @@ def _vote_times(
 
 
 @njit(nogil=True, cache=True)
-def _count(headings, points, columns, origin, stride, n_taken, cells, times, sums):
-    """Add the counts of the matches of scan points without a normal: they have no more to add.
+def _vote_alike(headings, points, columns, origin, stride, n_taken, cells, rows, sums):
+    """Add the matches of scan points without a normal: those in one voxel add the same, and are added at once.
 
-    headings, points : first and end; points in one voxel follow each other, and are counted at once.
-    times : empty where a voxel counts once.
+    headings, points : first and end; points in one voxel follow each other.
     """
-    is_once = times.shape[0] == 0
     for heading in range(headings[0], headings[1]):
         cell_sums, i = sums[heading], points[0]
         while i < points[1]:
@@ -186,41 +215,40 @@ def _count(headings, points, columns, origin, stride, n_taken, cells, times, sum
                 n_alike += 1.0
                 i += 1
             base = 4 * ((origin[1] - y) * stride + origin[0] - x)
-            if is_once:
-                for j in range(n_taken):
-                    cell_sums[np.uint64(base + cells[j])] += n_alike
-            else:
-                for j in range(n_taken):
-                    cell_sums[np.uint64(base + cells[j])] += n_alike * times[j]
+            for j in range(n_taken):
+                _add_alike(cell_sums, base + cells[j], rows, n_alike, j)
 
 
 @njit(nogil=True, cache=True)
 def _visit(
     taken, headings, points, columns, turned, voxel_columns, voxel_normals, counts, origin, stride, weighting,
-    normals, factors, cells, times, weights, sums,
+    normals, factors, cells, times, weights, rows, sums,
 ):  # fmt: skip
     """Add the matches of the scan points of a visit with the taken voxels, at all its headings."""
     n_taken = taken.shape[0]
-    n_normals = _lay_out(taken, voxel_columns, voxel_normals, counts, stride, normals, factors, cells, times)
+    without_normal, back = weighting
+    n_normals = _lay_out(
+        taken, voxel_columns, voxel_normals, counts, stride, without_normal, normals, factors, cells, times, rows
+    )  # fmt: skip
     first, middle, end = points
     if times.shape[0] == 0:
         _vote(
-            headings, (first, middle), columns, turned, origin, stride, weighting, n_normals, n_taken, normals,
+            headings, (first, middle), columns, turned, origin, stride, back, n_normals, n_taken, normals,
             factors, cells, times, weights, sums,
         )  # fmt: skip
     else:
         _vote_times(
-            headings, (first, middle), columns, turned, origin, stride, weighting, n_normals, n_taken, normals,
+            headings, (first, middle), columns, turned, origin, stride, back, n_normals, n_taken, normals,
             factors, cells, times, weights, sums,
         )  # fmt: skip
     if middle < end:
-        _count(headings, (middle, end), columns, origin, stride, n_taken, cells, times, sums)
+        _vote_alike(headings, (middle, end), columns, origin, stride, n_taken, cells, rows, sums)
 
 
 @njit(nogil=True, cache=True)
 def accumulate_tile(
     numbers, visits, starts, middles, ranks, layers, columns, turned, corner, patch_starts, voxel_columns,
-    voxel_normals, counts, window, stride, is_weighted, is_signed, sums,
+    voxel_normals, counts, window, stride, without_normal, is_signed, sums,
 ):  # fmt: skip
     """Add all matches of some scan points with one tile to the sums of some headings.
 
@@ -231,15 +259,15 @@ def accumulate_tile(
     corner : (x, y) voxel index of the tile; voxel_columns : (k, 2) int16; voxel_normals : (k, 3) float32;
     counts : (k,) int32, or empty where a voxel counts once.
     window : (x first, x last, y first, y last) offset; stride : cells from one row of the sums to the next;
-    is_weighted : whether weights are cosines, or one; sums : (headings, 4 rows stride) float64, with a rim of
+    without_normal : weight of a match whose scan point has no normal; sums : (headings, 4 rows stride) float64, with a rim of
     RIM cells where voxels fall that only other points of a visit meet.
     """
     stride = np.int32(stride)
     origin = (RIM + corner[0] - window[0], RIM + corner[1] - window[2])
-    weighting = (is_weighted, np.float32(0.0 if is_signed else -1.0))
+    weighting = (np.float64(without_normal), np.float32(0.0 if is_signed else -1.0))
     taken = np.empty(CAPACITY, np.int64)
     normals, factors = np.zeros((3, CAPACITY), np.float32), np.zeros(4 * CAPACITY)
-    cells, weights = np.empty(CAPACITY, np.int32), np.ones(CAPACITY)
+    cells, weights, rows = np.empty(CAPACITY, np.int32), np.empty(CAPACITY), np.empty(4 * CAPACITY)
     times = np.empty(CAPACITY if counts.shape[0] > 0 else 0)
     for number in numbers:
         group = visits[number, 0]
@@ -262,11 +290,11 @@ def accumulate_tile(
                 if n_taken == CAPACITY:
                     _visit(
                         taken, headings, points, columns, turned, voxel_columns, voxel_normals, counts, origin,
-                        stride, weighting, normals, factors, cells, times, weights, sums,
+                        stride, weighting, normals, factors, cells, times, weights, rows, sums,
                     )  # fmt: skip
                     n_taken = np.uint64(0)
         if n_taken > 0:
             _visit(
                 taken[:n_taken], headings, points, columns, turned, voxel_columns, voxel_normals, counts, origin,
-                stride, weighting, normals, factors, cells, times, weights, sums,
+                stride, weighting, normals, factors, cells, times, weights, rows, sums,
             )  # fmt: skip

@@ -42,15 +42,29 @@ class Multiplicity(NamedOption, option="multiplicity"):
 
 
 class Weighting(NamedOption, option="weighting"):
-    """The weight w of a match in N, equation (4); its count does not depend on it (D5)."""
+    """The weight w of a match in N, equation (4); its count does not depend on it (D5).
+
+    The direction of an observation is the map's normal; the scan's only weighs it. A map voxel without a normal
+    constrains nothing, whatever the weight.
+    """
 
     COSINE = "cosine"
-    """max(0, n_scan . n_map), the paper's; |n_scan . n_map| where the map's normals have no side. A scan
-    point without a normal constrains nothing."""
+    """max(0, n_scan . n_map); |n_scan . n_map| where the map's normals have no side. 1/2, its mean over all
+    directions that the sensor can see, where the scan point has no normal."""
+
+    PUBLISHED = "published"
+    """The same, but 0 where the scan point has no normal: it counts, and constrains nothing."""
 
     ONE = "one"
-    """1, whatever the normal of the scan point, and where it has none: what the paper's weights are
-    compared with. A map voxel without a normal still constrains nothing."""
+    """1, whatever the normal of the scan point, and where it has none: what the other weights are compared with."""
+
+    @property
+    def without_normal(self) -> float:
+        """Weight of a match whose scan point has no normal."""
+        return _WEIGHTS_WITHOUT_NORMAL[self]
+
+
+_WEIGHTS_WITHOUT_NORMAL = {Weighting.COSINE: 0.5, Weighting.PUBLISHED: 0.0, Weighting.ONE: 1.0}
 
 
 class SearchMethod(NamedOption, option="search"):

@@ -50,8 +50,8 @@ def pairs(
         half of it each pair votes for one cell.
     multiplicity : {"points", "occupied"}
         Whether each pair of a scan point counts, or all of them count once, with their mean normal.
-    weighting : {"cosine", "one"}
-        Weight of a match in N: max(0, n_scan . n_map), or 1.
+    weighting : {"cosine", "published", "one"}
+        Weight of a match in N, see `Weighting` (D5).
     is_signed : bool
         Whether map normals are turned to the sensor's side; otherwise w = |n_scan . n_map| (D5).
 
@@ -104,8 +104,8 @@ def voxels(
         The cells to try.
     multiplicity : {"points", "occupied"}
         Whether a match weighs as many as the voxel's map points, or one.
-    weighting : {"cosine", "one"}
-        Weight of a match in N: max(0, n_scan . n_map), or 1.
+    weighting : {"cosine", "published", "one"}
+        Weight of a match in N, see `Weighting` (D5).
 
     Returns
     -------
@@ -146,12 +146,15 @@ def _weights(
     is_signed: bool,
     weighting: Weighting,
 ) -> NDArray[np.floating]:
-    """Weights, the diagonal of P: max(0, n_scan . n_map), |n_scan . n_map| where the map has no side, or 1 (D5)."""
+    """Weights, the diagonal of P: max(0, n_scan . n_map), |n_scan . n_map| where the map has no side, or 1 (D5).
+
+    Where the scan point has no normal, what the weighting says of it.
+    """
     if weighting is Weighting.ONE:
         return np.ones(len(normals_scan))
     cosines = (normals_scan * normals_map).sum(axis=1)
     weights: NDArray[np.floating] = np.maximum(0.0, cosines) if is_signed else np.abs(cosines)
-    return weights
+    return np.where(normals_scan.any(axis=1), weights, weighting.without_normal)
 
 
 def _moments(
