@@ -95,19 +95,46 @@ def test_the_cofactor_is_the_inverse_of_n_and_the_score_that_of_its_trace(scan, 
     )
 
 
-def test_weights_of_one_do_not_need_scan_normals(scan, point_map):
-    """Without them the paper's weights are all 0; the count stays what it is."""
+def test_a_scan_without_normals_is_localized_but_not_as_published(scan, point_map):
+    """As published all its weights are 0; the count stays what it is."""
     bare = Scan(scan.points, np.zeros_like(scan.normals))
     prior = prior_of(4, -7, 0.5)
-    cosine, one = MaximumConsensus(SPACE), MaximumConsensus(SPACE, weighting="one")
-    assert (cosine.weighting, one.weighting) == (Weighting.COSINE, Weighting.ONE)
-    assert cosine.localize(bare, point_map, prior).status is Status.UNDETERMINED
-    estimate = one.localize(bare, point_map, prior)
-    assert (estimate.status, estimate.cell) == (Status.LOCALIZED, (3, 10 - 7, 10 + 4))
-    np.testing.assert_array_equal(
-        one.accumulate(bare, point_map, prior).moments[..., 0],
-        cosine.accumulate(bare, point_map, prior).moments[..., 0],
+    published, cosine, one = (
+        MaximumConsensus(SPACE, weighting=name) for name in ("published", "cosine", "one")
     )
+    assert MaximumConsensus(SPACE).weighting is cosine.weighting is Weighting.COSINE
+    assert published.localize(bare, point_map, prior).status is Status.UNDETERMINED
+    for method in (cosine, one):
+        estimate = method.localize(bare, point_map, prior)
+        assert (estimate.status, estimate.cell) == (Status.LOCALIZED, (3, 10 - 7, 10 + 4))
+        np.testing.assert_array_equal(
+            method.accumulate(bare, point_map, prior).moments[..., 0],
+            published.accumulate(bare, point_map, prior).moments[..., 0],
+        )
+
+
+@pytest.mark.parametrize("search", ["branch and bound", "exhaustive"])
+def test_the_scan_is_thinned_before_the_search(points_and_normals, point_map, search):
+    points, normals = points_and_normals
+    beside = points + [0.001, 0.001, 0.001]  # in the same cubes, mostly
+    scan = as_scan(np.concatenate([points, beside]), np.concatenate([normals, normals]))
+    prior = prior_of(4, -7, 0.5)
+    default, whole = (
+        MaximumConsensus(SPACE, search=search),
+        MaximumConsensus(SPACE, search=search, thinning=0.0),
+    )
+    assert default.thinning == 0.25
+    thinned = scan.thinned(0.25)
+    assert len(thinned) < 120
+    estimate = default.localize(scan, point_map, prior)
+    by_hand = whole.localize(thinned, point_map, prior)
+    assert (estimate.cell, estimate.score, estimate.share, estimate.runner_up) == (
+        by_hand.cell, by_hand.score, by_hand.share, by_hand.runner_up,
+    )  # fmt: skip
+    assert estimate.score < whole.localize(scan, point_map, prior).score
+    accumulator = default.accumulate(scan, point_map, prior)
+    assert (accumulator.moments == whole.accumulate(thinned, point_map, prior).moments).all()
+    assert default.conclude(accumulator, scan, point_map).share == estimate.share
 
 
 @pytest.mark.parametrize("multiplicity", ["occupied", "points"])
@@ -207,7 +234,7 @@ class Returns:
 def test_an_objective_of_ones_own_needs_no_registration(scan, point_map):
     estimate = MaximumConsensus(SPACE, Trace()).localize(scan, point_map, prior_of(2, 3, 0.0))
     assert estimate.cell == (2, 10 + 3, 10 + 2)
-    assert estimate.score == pytest.approx(100.0, abs=1e-3)
+    assert estimate.score == pytest.approx(len(scan.thinned(0.25)), abs=1e-3)
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.int64])
@@ -241,7 +268,9 @@ def test_nan_among_the_scores_is_refused(scan, point_map):
 def test_what_is_refused(scan, point_map):
     with pytest.raises(OptionError, match="Expected `multiplicity` to be 'occupied' or 'points', got 'both'"):
         MaximumConsensus(multiplicity="both")
-    with pytest.raises(OptionError, match="Expected `weighting` to be 'cosine' or 'one', got 'none'"):
+    with pytest.raises(
+        OptionError, match="Expected `weighting` to be 'cosine', 'published' or 'one', got 'none'"
+    ):
         MaximumConsensus(weighting="none")
     with pytest.raises(SearchSpaceError, match=r"0\.06 m, got 0\.05 m"):
         MaximumConsensus(SearchSpace(1.0, 0.05)).localize(scan, point_map, TRUTH)

@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from maxcon.errors import MapError, TrajectoryError
+from maxcon.errors import FileError, MapError, TrajectoryError
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
 from maxcon.io.scans import RawScan, ScanFolder, check_range
@@ -87,6 +87,8 @@ class EpochEstimate:
         Local frame; None where nothing was searched.
     pose_global : Pose or None
         The pose in global coordinates; None unless localized.
+    reason : str
+        Why there is no answer, or what casts doubt on it, where the status does not say all.
     """
 
     epoch: int
@@ -97,6 +99,7 @@ class EpochEstimate:
     prior: Pose | None = None
     estimate: Estimate | None = None
     pose_global: Pose | None = None
+    reason: str = ""
 
     def without_points(self) -> "EpochEstimate":
         """Return the same answer without the points, to keep over a long drive."""
@@ -132,8 +135,10 @@ def localize_drive(
         If the prior has no pose for any scan.
     MapError
         If the prior lies outside the map at every scan, or a tile cannot be read.
-    FileError
-        If a scan cannot be read.
+
+    Notes
+    -----
+    A scan that cannot be read is an epoch with that status and the reason, and the drive goes on.
     """
     options = options or DriveOptions()
     priors = [pose_or_none(prior, float(at), options.max_gap) for at in scans.times]
@@ -153,7 +158,13 @@ def _localize_epoch(
     method: Method,
     options: DriveOptions,
 ) -> EpochEstimate:
-    raw = scans.read(epoch, options.min_range, options.max_range)
+    try:
+        raw = scans.read(epoch, options.min_range, options.max_range)
+    except FileError as error:
+        nothing = np.empty((0, 3))
+        raw = RawScan(nothing, float(scans.times[epoch]), scans.paths[epoch].name, 0, 0, 0)
+        scan = Scan(nothing, time=raw.time)
+        return EpochEstimate(epoch, raw, Status.UNREADABLE, 0.0, scan, prior, reason=str(error))
     scan = Scan(raw.points, time=raw.time)
     status = status_without_search(point_map, scan, prior)
     if status is not None or prior is None:
@@ -162,7 +173,9 @@ def _localize_epoch(
     estimate = method.localize(scan, point_map, prior)
     milliseconds = 1e3 * (time.perf_counter() - start)
     pose = point_map.frame.pose_to_global(estimate.pose) if estimate.is_localized else None
-    return EpochEstimate(epoch, raw, estimate.status, milliseconds, scan, prior, estimate, pose)
+    return EpochEstimate(
+        epoch, raw, estimate.status, milliseconds, scan, prior, estimate, pose, estimate.warning
+    )
 
 
 def status_without_search(point_map: PointMap, scan: Scan, prior: Pose | None) -> Status | None:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Whether the best cell of a search may be trusted, and in which word it may not."""
+"""Whether the best cell of a search may be trusted, in which word it may not, and what casts doubt on it."""
 
 import math
 from dataclasses import dataclass
@@ -10,15 +10,26 @@ from numpy.typing import NDArray
 
 from maxcon.errors import OptionError
 from maxcon.estimate import Status
-from maxcon.objectives import SINGULAR_RATIO, Scores
+from maxcon.geometry import Pose, rotation_matrices
+from maxcon.objectives import SINGULAR_RATIO, Moments, Scores
+from maxcon.scan import Scan
 from maxcon.search_space import Cell, SearchSpace
 
-__all__ = ["Trust", "highest_beyond", "invert", "runner_up_ratio"]
+__all__ = ["Trust", "doubts_about_answer", "doubts_about_scan", "highest_beyond", "invert", "runner_up_ratio"]
 
 # Less than one full match in the least determined direction does not fix a position, nor does what a single
 # wall's matches add there when their normals are 3 degrees off: sin^2 of that, of each.
 LEAST_EIGENVALUE = 1.0
 LEAST_EIGENVALUE_RATIO = math.sin(math.radians(3.0)) ** 2
+
+# Of real scans of 16 rings at least FEWEST_NORMALS of the points have a normal, and FEWEST_HORIZONTAL of the points
+# a horizontal one, within 30 degrees: decision 16.
+FEWEST_POINTS = 500
+FEWEST_NORMALS = 0.1
+FEWEST_HORIZONTAL = 0.03
+HORIZONTAL = math.sin(math.radians(30.0))
+# An answer that so few full matches carry along its least determined direction rests on a single small surface.
+FEWEST_CARRYING = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +78,42 @@ class Trust:
         if runner_up > self.largest_runner_up:
             return Status.AMBIGUOUS
         return Status.LOCALIZED
+
+
+def doubts_about_scan(scan: Scan, prior: Pose) -> list[str]:
+    """What is unusual about a scan, in words that name the likely cause; nothing about most.
+
+    Parameters
+    ----------
+    scan : Scan
+        All its points, sensor frame.
+    prior : Pose
+        Its roll and pitch say what is horizontal.
+    """
+    n_points = len(scan)
+    if n_points < FEWEST_POINTS:
+        return [f"only {n_points} points: is the scan cut, or are range limits too narrow?"]
+    has_normal = scan.normals.any(axis=1)
+    up = scan.normals @ rotation_matrices(prior.roll, prior.pitch, 0.0)[2]
+    n_horizontal = int(np.count_nonzero(has_normal & (np.abs(up) < HORIZONTAL)))
+    share, horizontal = float(has_normal.mean()), n_horizontal / n_points
+    if share >= FEWEST_NORMALS and horizontal >= FEWEST_HORIZONTAL:
+        return []
+    level = "none horizontal" if n_horizontal == 0 else f"horizontal ones on {100.0 * horizontal:.1f} %"
+    cause = "few walls around, single rings, or a sensor frame that is not z up?"
+    return [f"normals on {100.0 * share:.0f} % of the points, {level}: {cause}"]
+
+
+def doubts_about_answer(moments: Moments) -> list[str]:
+    """What is unusual about the matches of the best cell, shape (4,): whether few carry it in some direction."""
+    _, nxx, nxy, nyy = (float(moment) for moment in moments)
+    (smallest, _), vectors = np.linalg.eigh(np.array([[nxx, nxy], [nxy, nyy]]))
+    if not 0.0 < smallest < FEWEST_CARRYING:
+        return []
+    azimuth = math.degrees(math.atan2(vectors[1, 0], vectors[0, 0])) % 180.0
+    return [
+        f"only {smallest:.1f} full matches carry it along {azimuth:.0f} degrees from +x, where the map says least"
+    ]
 
 
 def invert(normal_matrix: NDArray[np.float64]) -> tuple[bool, NDArray[np.float64]]:

@@ -13,9 +13,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from maxcon.accumulator import Accumulator, highest
+from maxcon.errors import OptionError
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
-from maxcon.integrity import Trust, highest_beyond, invert
+from maxcon.integrity import Trust, doubts_about_answer, doubts_about_scan, highest_beyond, invert
 from maxcon.objectives import BoundedByAxes, BoundedByCount, Helmert, Moments, Objective
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
@@ -44,17 +45,21 @@ class MaximumConsensus:
         Headings searched at the same time; the answer does not depend on it.
     trust : Trust
         From where on an answer is not called localized.
-    weighting : {"cosine", "one"}
-        Weight of a match in N: max(0, n_scan . n_map), the paper's, or 1 (D5).
+    weighting : {"cosine", "published", "one"}
+        Weight of a match in N: max(0, n_scan . n_map), and 1/2 where the scan point has no normal; the same, but 0
+        there, as published; or 1 (D5).
     search : {"branch and bound", "exhaustive"}
         How the best cell is found; it is the same one. Branch and bound takes a fraction of the time. Of the
         runner-up it proves what `trust` asks for, not what it scores. An objective without bounds (`BoundedByAxes`,
         `BoundedByCount`) is searched exhaustively.
+    thinning : float
+        One point of the scan is searched with in each cube of this edge, m; 0 for all, as published. Near surfaces
+        have most of the points, and would outvote the far ones.
 
     Raises
     ------
     OptionError
-        If the multiplicity, the weighting or the search is unknown.
+        If the multiplicity, the weighting or the search is unknown, or the edge of the thinning negative.
     """
 
     space: SearchSpace = field(default_factory=SearchSpace)
@@ -64,11 +69,16 @@ class MaximumConsensus:
     trust: Trust = field(default_factory=Trust)
     weighting: str | Weighting = Weighting.COSINE
     search: str | SearchMethod = SearchMethod.BRANCH_AND_BOUND
+    thinning: float = 0.25
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "multiplicity", Multiplicity.parse(self.multiplicity))
         object.__setattr__(self, "weighting", Weighting.parse(self.weighting))
         object.__setattr__(self, "search", SearchMethod.parse(self.search))
+        if not 0.0 <= self.thinning < math.inf:
+            raise OptionError(
+                f"Expected `thinning` to be an edge >= 0 m, got {self.thinning}. With 0 all points are searched with."
+            )
 
     def localize(self, scan: Scan, point_map: PointMap, prior: Pose) -> Estimate:
         """Find the pose of a scan in the map.
@@ -94,7 +104,7 @@ class MaximumConsensus:
         """
         has_bounds = isinstance(self.objective, BoundedByAxes | BoundedByCount)
         if self.search is SearchMethod.BRANCH_AND_BOUND and has_bounds:
-            answer = self._by_bounds(scan, point_map, prior)
+            answer = self._by_bounds(scan.thinned(self.thinning), point_map, prior)
             if answer is not None:
                 return self._judge(answer, scan, point_map, prior)
         return self.conclude(self.accumulate(scan, point_map, prior), scan, point_map)
@@ -102,7 +112,7 @@ class MaximumConsensus:
     def accumulate(self, scan: Scan, point_map: PointMap, prior: Pose) -> Accumulator:
         """Moments of every cell: what `conclude` decides on, and what plots show."""
         return exhaustive(
-            scan, point_map, prior, self.space,
+            scan.thinned(self.thinning), point_map, prior, self.space,
             multiplicity=self.multiplicity, weighting=self.weighting, n_threads=self.n_threads,
         )  # fmt: skip
 
@@ -113,7 +123,8 @@ class MaximumConsensus:
         cell = highest(scores, space)
         if not moments[..., 0].any():
             _, cofactor = invert(accumulator.normal_matrix(cell))
-            return Estimate(prior, 0.0, cell, Status.NO_MATCH, cofactor)
+            warning = "; ".join(doubts_about_scan(scan, prior))
+            return Estimate(prior, 0.0, cell, Status.NO_MATCH, cofactor, warning=warning)
         helmert = scores if isinstance(self.objective, Helmert) else accumulator.score(Helmert())
         beyond = highest_beyond(helmert, cell, space, self.trust.guard_radius)
         runner_up = beyond / float(helmert[cell]) if helmert[cell] > 0.0 else math.inf
@@ -138,20 +149,20 @@ class MaximumConsensus:
         return _Answer(self.space, found.cell, found.score, found.moments, helmert.rest / score)
 
     def _judge(self, answer: "_Answer", scan: Scan, point_map: PointMap, prior: Pose) -> Estimate:
-        """Say how far the best cell may be trusted."""
-        space, cell = answer.space, answer.cell
+        """Say how far the best cell may be trusted, and what casts doubt on it."""
+        space, cell, searched = answer.space, answer.cell, scan.thinned(self.thinning)
         _, nxx, nxy, nyy = (float(moment) for moment in answer.moments)
         is_determined, cofactor = invert(np.array([[nxx, nxy], [nxy, nyy]]))
-        share = _matched_share(answer, self.multiplicity, scan, point_map, prior)
+        share = _matched_share(answer, self.multiplicity, searched, point_map, prior)
         status = self.trust.judge(
             is_determined=is_determined,
             share=share,
-            is_at_rim=space.is_at_rim(cell) or self._rises_beyond(answer, scan, point_map, prior),
+            is_at_rim=space.is_at_rim(cell) or self._rises_beyond(answer, searched, point_map, prior),
             runner_up=answer.runner_up,
         )
-        return Estimate(
-            space.pose(cell, prior), answer.score, cell, status, cofactor, share, answer.runner_up
-        )
+        warning = "; ".join(doubts_about_scan(scan, prior) + doubts_about_answer(answer.moments))
+        pose = space.pose(cell, prior)
+        return Estimate(pose, answer.score, cell, status, cofactor, share, answer.runner_up, warning)
 
     def _rises_beyond(self, answer: "_Answer", scan: Scan, point_map: PointMap, prior: Pose) -> bool:
         """Whether the best heading is the outermost, and one more step would score higher still."""

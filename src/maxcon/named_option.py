@@ -31,5 +31,6 @@ class NamedOption(StrEnum):
         try:
             return cls(value)
         except ValueError:
-            names = " or ".join(repr(member.value) for member in cls)
+            *others, last = (repr(member.value) for member in cls)
+            names = f"{', '.join(others)} or {last}"
             raise OptionError(f"Expected `{cls.option}` to be {names}, got {value!r}.") from None

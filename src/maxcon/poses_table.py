@@ -12,13 +12,14 @@ from maxcon.trajectory import Trajectory
 
 __all__ = ["COLUMNS", "localized_trajectory", "write_poses"]
 
-COLUMNS = ("time", "x", "y", "z", "roll", "pitch", "heading", "score", "status", "ms")
+COLUMNS = ("time", "x", "y", "z", "roll", "pitch", "heading", "score", "status", "ms", "reason")
 
 
 def write_poses(path: str | os.PathLike[str], epochs: Sequence[EpochEstimate]) -> None:
-    """Write time (s), pose (global, m, rad), score, status and milliseconds of every epoch.
+    """Write time (s), pose (global, m, rad), score, status, milliseconds and reason of every epoch.
 
-    The pose is empty unless the status is "localized": a row cannot be mistaken for a pose.
+    The pose is empty unless the status is "localized": a row cannot be mistaken for a pose. The reason is empty
+    where the status says all.
 
     Raises
     ------
@@ -39,7 +40,8 @@ def _row(epoch: EpochEstimate) -> list[str]:
     )
     score = "" if epoch.estimate is None else f"{epoch.estimate.score:.6g}"
     return [
-        f"{epoch.raw.time:.9f}", *position, *angles, score, epoch.status.value, f"{epoch.milliseconds:.2f}"
+        f"{epoch.raw.time:.9f}", *position, *angles, score, epoch.status.value, f"{epoch.milliseconds:.2f}",
+        " ".join(epoch.reason.split()),
     ]  # fmt: skip
 
 

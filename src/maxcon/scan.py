@@ -2,12 +2,13 @@
 # SPDX-License-Identifier: MIT
 """Scan: the points of one epoch, in the sensor frame."""
 
+import math
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from maxcon.errors import ArrayError
+from maxcon.errors import ArrayError, OptionError
 from maxcon.geometry.arrays import as_points, as_unit_normals
 
 __all__ = ["Scan"]
@@ -28,7 +29,7 @@ class Scan:
         Sensor frame, m, finite. Drop (0, 0, 0) and NaN returns first (the readers do).
     normals : array_like, shape (n, 3), optional
         Unit normals in the sensor frame, turned to the sensor's side; a row of zeros where there is
-        none (such a point is counted but constrains nothing). Estimated from the points when first
+        none (the weighting says what such a point weighs). Estimated from the points when first
         asked for if None.
     time : float
         When the scan was taken, s.
@@ -42,6 +43,7 @@ class Scan:
     def __init__(self, points: ArrayLike, normals: ArrayLike | None = None, time: float = 0.0) -> None:
         self.points: NDArray[np.float64] = _frozen(as_points(points, "points").copy())
         self.time = float(time)
+        self._thinned: dict[float, Scan] = {}
         if not np.isfinite(self.time):
             raise ArrayError(f"Expected a finite `time` of the scan, got {time}.")
         if normals is not None:
@@ -53,6 +55,28 @@ class Scan:
         from maxcon.geometry.scan_normals import estimate_scan_normals
 
         return _frozen(estimate_scan_normals(self.points))
+
+    def thinned(self, edge: float) -> "Scan":
+        """Return the scan with one of its points in each cube of an edge (m) of a grid in the sensor frame; 0 for all.
+
+        A point with a normal comes before one without, then the nearest to the middle of the cube: which points are
+        kept does not depend on their order. The normals are those of the whole scan.
+
+        Raises
+        ------
+        OptionError
+            If the edge is negative or not finite.
+        """
+        if not 0.0 <= edge < math.inf:
+            raise OptionError(f"Expected `edge` of thinning >= 0 m, got {edge}. With 0 all points are kept.")
+        if edge == 0.0 or len(self) == 0:
+            return self
+        if edge not in self._thinned:
+            from maxcon.geometry.scan_thinning import one_per_cube
+
+            kept = one_per_cube(self.points, self.normals, edge)
+            self._thinned[edge] = Scan(self.points[kept], self.normals[kept], self.time)
+        return self._thinned[edge]
 
     def __len__(self) -> int:
         return len(self.points)

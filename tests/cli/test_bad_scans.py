@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: MIT
 """`localize` on scans that cannot be used: one line, and no table."""
 
+import csv
 import shutil
 
 import numpy as np
@@ -84,9 +85,27 @@ def test_names_that_are_no_times(not_localized, scans):
     not_localized(scans, "first.bin", "times.txt")
 
 
-def test_a_scan_truncated_in_the_middle_of_the_drive(not_localized, scans, truncated):
+def test_a_scan_truncated_in_the_middle_of_the_drive_is_a_row_with_its_reason(
+    maxcon, drive, scans, truncated, tmp_path
+):
     path = truncated(scans / "000002.bin", 0.5001)
-    not_localized(scans, path, "16 bytes per point", "truncated")
+    out = tmp_path / "poses.csv"
+    ended = maxcon("localize", drive.city, scans, "--prior", drive.dataset.prior, "-o", out, "--quiet")
+    assert (ended.code, ended.err) == (1, "")
+    assert "3 of 4 epochs localized" in ended.out
+    assert "1 unreadable scan" in ended.out
+    assert "the first, epoch 2: Expected float32 x, y, z, reflectance" in ended.out
+    with out.open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["status"] for row in rows] == ["localized", "localized", "unreadable scan", "localized"]
+    assert str(path) in rows[2]["reason"] and "truncated" in rows[2]["reason"]
+    assert (rows[2]["x"], rows[2]["score"]) == ("", "")
+    assert float(rows[1]["time"]) < float(rows[2]["time"]) < float(rows[3]["time"])
+
+
+def test_a_drive_without_a_readable_scan_is_refused(not_localized, scans, truncated):
+    paths = [truncated(path, 0.5001) for path in sorted(scans.glob("*.bin"))]
+    not_localized(scans, paths[0], "16 bytes per point", "truncated")
 
 
 @pytest.mark.parametrize("suffix", ["bin", "pcd", "ply", "npz", "las", "laz"])

@@ -4,6 +4,7 @@
 
 import csv
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -45,11 +46,20 @@ def test_the_table_reads_back_as_a_trajectory(tmp_path):
 def test_columns_and_text(tmp_path):
     write_poses(tmp_path / "poses.csv", [_epoch(0)])
     header, row = (tmp_path / "poses.csv").read_text().splitlines()
-    assert header == "time,x,y,z,roll,pitch,heading,score,status,ms" == ",".join(COLUMNS)
+    assert header == "time,x,y,z,roll,pitch,heading,score,status,ms,reason" == ",".join(COLUMNS)
     assert row == (
         "386400.123456789,549936.5193,5801960.0921,62.0056,"
-        "0.001234568,-0.004494209,3.043043369,256.077,localized,12.35"
+        "0.001234568,-0.004494209,3.043043369,256.077,localized,12.35,"
     )
+
+
+def test_a_reason_of_many_words_is_read_back_and_does_not_disturb_the_others(tmp_path):
+    reason = 'Expected a "scan", got 3 bytes,\nof 16. Copy it again.'
+    write_poses(tmp_path / "poses.csv", [_epoch(0), replace(_epoch(1), reason=reason)])
+    with (tmp_path / "poses.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["reason"] for row in rows] == ["", 'Expected a "scan", got 3 bytes, of 16. Copy it again.']
+    assert len(read_trajectory(tmp_path / "poses.csv")) == 2
 
 
 @pytest.mark.parametrize("status", list(Status))

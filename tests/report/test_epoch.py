@@ -98,7 +98,7 @@ def test_consensus_set_is_what_the_best_cell_counted(epoch, space):
     estimate = parts["estimate"]
     scene = Scene(epoch.scan, epoch.point_map, epoch.prior, space, estimate)
     assert scene.is_matched.sum() == parts["accumulator"].moments[estimate.cell][0] > 900
-    assert scene.is_standing.all()
+    assert scene.is_drawn.all()
 
 
 def test_other_kinds_of_files_are_refused(epoch, space, tmp_path):

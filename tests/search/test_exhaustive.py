@@ -418,7 +418,9 @@ def test_other_options_are_refused():
     scan, point_map, prior = random_scene(0, 5, 5, 0.06, SearchSpace())
     with pytest.raises(OptionError, match="'occupied' or 'points', got 'all'"):
         exhaustive(scan, point_map, prior, SearchSpace(), multiplicity="all")
-    with pytest.raises(OptionError, match="Expected `weighting` to be 'cosine' or 'published' or 'one', got 'two'"):
+    with pytest.raises(
+        OptionError, match="Expected `weighting` to be 'cosine', 'published' or 'one', got 'two'"
+    ):
         exhaustive(scan, point_map, prior, SearchSpace(), weighting="two")
     with pytest.raises(OptionError, match="Expected `n_threads` to be 1 or more, got 0"):
         exhaustive(scan, point_map, prior, SearchSpace(), n_threads=0)

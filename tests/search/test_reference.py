@@ -458,9 +458,11 @@ def test_what_the_definition_refuses():
         reference.voxels(scan, point_map, HERE, SearchSpace(0.1, 0.05))
     with pytest.raises(OptionError, match="Expected `multiplicity` to be 'occupied' or 'points', got 'once'"):
         reference.voxels(scan, point_map, HERE, SMALL, multiplicity="once")
-    with pytest.raises(OptionError, match="Expected `weighting` to be 'cosine' or 'published' or 'one', got 'sine'"):
+    with pytest.raises(
+        OptionError, match="Expected `weighting` to be 'cosine', 'published' or 'one', got 'sine'"
+    ):
         reference.voxels(scan, point_map, HERE, SMALL, weighting="sine")
-    with pytest.raises(OptionError, match="Expected `weighting` to be 'cosine' or 'published' or 'one', got 1"):
+    with pytest.raises(OptionError, match="Expected `weighting` to be 'cosine', 'published' or 'one', got 1"):
         reference.pairs(scan, np.zeros((1, 3)), [X], HERE, SMALL, threshold=CELL, weighting=1)
     with pytest.raises(
         ArrayError, match=r"`points_map` to have shape \(n, 3\), got \(3, 5\)\. Transpose it\?"

@@ -54,6 +54,14 @@ class MultiplicityName(StrEnum):
     POINTS = "points"
 
 
+class WeightingName(StrEnum):
+    """Weightings; search.Weighting without its imports."""
+
+    COSINE = "cosine"
+    PUBLISHED = "published"
+    ONE = "one"
+
+
 class SearchName(StrEnum):
     """Ways to find the best cell; search.SearchMethod as words on a command line."""
 
@@ -77,6 +85,20 @@ def localize(
     multiplicity: Annotated[
         MultiplicityName, typer.Option(help="A match weighs one, or as many as the voxel's map points.")
     ] = MultiplicityName.OCCUPIED,
+    weighting: Annotated[
+        WeightingName,
+        typer.Option(
+            help="Weight of a match: the cosine between the normals, and 1/2 where the scan point has none;"
+            " as published, where it is 0 then; or one."
+        ),
+    ] = WeightingName.COSINE,
+    thinning: Annotated[
+        float,
+        typer.Option(
+            metavar="M",
+            help="Search with one point of the scan in each cube of this edge, m; 0: all, as published.",
+        ),
+    ] = 0.25,
     search: Annotated[
         SearchName, typer.Option(help="How the best cell is found; it is the same one.")
     ] = SearchName.BRANCH_AND_BOUND,
@@ -136,6 +158,8 @@ def localize(
     """
     from maxcon.atomic import check_folder, check_writable
     from maxcon.drive import DriveOptions, localize_drive
+    from maxcon.errors import FileError
+    from maxcon.estimate import Status
     from maxcon.integrity import Trust
     from maxcon.io.scans import open_scans
     from maxcon.io.trajectories import read_trajectory, write_tum
@@ -158,8 +182,9 @@ def localize(
     )  # fmt: skip
     trust = Trust(least_share, largest_runner_up)
     method = MaximumConsensus(
-        space, objective.objective, multiplicity.value, threads, trust, search=search.value.replace("-", " ")
-    )
+        space, objective.objective, multiplicity.value, threads, trust, weighting.value,
+        search.value.replace("-", " "), thinning,
+    )  # fmt: skip
     wanted = parse_epochs(plot_epochs, len(folder)) if plot is not None else frozenset()
     draw = _drawer(plot, point_map, method, objective) if plot is not None else None
     epochs = []
@@ -172,6 +197,8 @@ def localize(
                 draw(epoch)
             epochs.append(epoch.without_points())
             advance()
+    if all(epoch.status is Status.UNREADABLE for epoch in epochs):
+        raise FileError(epochs[0].reason)
     write_poses(out, epochs)
     trajectory = localized_trajectory(epochs)
     if tum is not None and trajectory is not None:
@@ -279,3 +306,9 @@ def _print_summary(epochs: "list[EpochEstimate]", out: Path) -> None:
     others = Counter(epoch.status for epoch in epochs if epoch.pose_global is None)
     for status, number in sorted(others.items()):
         typer.echo(f"{number} {status.value}: {status.explanation}")
+    doubtful = [epoch for epoch in epochs if epoch.reason]
+    if doubtful:
+        first = doubtful[0]
+        typer.echo(
+            f"{len(doubtful)} have a reason beside them; the first, epoch {first.epoch}: {first.reason}"
+        )

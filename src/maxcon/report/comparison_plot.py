@@ -18,7 +18,7 @@ from maxcon.point_map import PointMap
 from maxcon.report.figure import SERIES, draw_titles, saved_figure
 from maxcon.report.from_above import Window, draw_map, draw_scale_bar
 from maxcon.report.objective_names import objective_name
-from maxcon.report.scene import STANDING_NORMAL
+from maxcon.report.scene import is_off_the_ground
 from maxcon.report.score_panel import draw_scores, ground_of, offset_words, put_mark, scale_words
 from maxcon.report.search_spaces import COLORS, SearchSpaceView, cell_marks
 from maxcon.scan import Scan
@@ -154,9 +154,7 @@ def best_from(view: SearchSpaceView, reference: Pose) -> tuple[float, float, flo
 
 def _draw_ground(axes: "Axes", row: ComparisonRow) -> None:
     """Draw the map from above with the scan at the reference, without level ground."""
-    normals = row.scan.normals @ row.reference.rotation.T
-    is_standing = np.hypot(normals[:, 0], normals[:, 1]) > STANDING_NORMAL
-    points = row.reference.apply(row.scan.points[is_standing])
+    points = row.reference.apply(row.scan.points[is_off_the_ground(row.scan, row.reference)])
     draw_map(axes, row.point_map, row.window)
     axes.plot(*points[:, :2].T, ls="", marker="o", mew=0, ms=1.2, color=SCAN_COLOR, zorder=2, rasterized=True)
     mark = cell_marks()[1]

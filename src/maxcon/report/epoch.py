@@ -191,4 +191,5 @@ def _answer_words(estimate: Estimate, prior: Pose, reference: Pose | None) -> st
         error_deg = math.degrees(abs(wrap_angle(pose.heading - reference.heading)))
         words += f"; {error:.2f} m and {error_deg:.2f}° from the reference"
     headline = "Localized." if estimate.is_localized else f"NOT LOCALIZED: {estimate.status.value}."
-    return f"{headline} {estimate.status.explanation}\n{words}"
+    explanation = estimate.warning[:1].upper() + estimate.warning[1:] or estimate.status.explanation
+    return f"{headline} {explanation}\n{words}"

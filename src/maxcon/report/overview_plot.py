@@ -124,7 +124,7 @@ def _draw_points(axes: "Axes", scene: Scene) -> list["Artist"]:
     from matplotlib.patches import Patch
 
     is_matched = scene.is_matched
-    points = scene.prior.apply(scene.scan.points[scene.is_standing])
+    points = scene.prior.apply(scene.scan.points[scene.is_drawn])
     sets = [("scan at the prior", PRIOR_COLOR, points, 1.3)]
     if scene.has_answer and scene.estimate.cell is not None:
         points = scene.estimate.pose.apply(scene.scan.points[is_matched])

@@ -23,11 +23,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.lines import Line2D
 
-__all__ = ["Scene", "draw_scene"]
+__all__ = ["Scene", "draw_scene", "is_off_the_ground"]
 
 PRIOR_COLOR, SCAN_COLOR, CONSENSUS_COLOR = "#d55e00", "#56b4e9", "#00468b"
 # Level part of a normal from which on a surface is no ground: 30 degrees from level.
 STANDING_NORMAL = 0.5
+# Kerbs and the crown of the road are lower, m.
+ABOVE_GROUND = 0.4
 # Farther points are few, and would make the street too small to see the search space in it.
 MOST_HALF_WIDTH, LEAST_HALF_WIDTH = 45.0, 5.0
 
@@ -72,10 +74,9 @@ class Scene:
         return consensus_set(self.scan, self.point_map, self.prior, self.space, self.estimate.cell)
 
     @property
-    def is_standing(self) -> NDArray[np.bool_]:
-        """Whether each scan point lies on a surface steep enough to say something of x and y, shape (n,)."""
-        normals = self.scan.normals @ self.prior.rotation.T
-        return np.hypot(normals[:, 0], normals[:, 1]) > STANDING_NORMAL
+    def is_drawn(self) -> NDArray[np.bool_]:
+        """Whether each scan point is drawn, shape (n,): not those on level ground."""
+        return is_off_the_ground(self.scan, self.prior)
 
     @property
     def window(self) -> Window:
@@ -84,6 +85,20 @@ class Scene:
         half_width = float(np.percentile(ranges, 92)) if len(ranges) else 0.0
         half_width = min(max(half_width, LEAST_HALF_WIDTH), MOST_HALF_WIDTH)
         return Window.around(self.prior.x, self.prior.y, max(half_width, 1.25 * self.space.reach))
+
+
+def is_off_the_ground(scan: Scan, pose: Pose) -> NDArray[np.bool_]:
+    """Whether each scan point is drawn from above, shape (n,): not those that lie, or may lie, on level ground.
+
+    A point without a normal is drawn where it is higher than the level surfaces below the sensor; all of them are
+    where there are none.
+    """
+    normals, heights = scan.normals @ pose.rotation.T, scan.points @ pose.rotation[2]
+    has_normal = normals.any(axis=1)
+    is_standing = np.hypot(normals[:, 0], normals[:, 1]) > STANDING_NORMAL
+    is_ground = has_normal & ~is_standing & (heights < 0.0)
+    ground = float(np.median(heights[is_ground])) if is_ground.any() else -np.inf
+    return np.asarray(is_standing | (~has_normal & (heights > ground + ABOVE_GROUND)))
 
 
 def draw_scene(axes: "Axes", scene: Scene) -> list["Artist"]:
@@ -105,7 +120,7 @@ def _draw_scans(axes: "Axes", scene: Scene) -> list["Artist"]:
     """Draw the scan at the prior and, if anything matched, at the answer."""
     from matplotlib.lines import Line2D
 
-    is_drawn = scene.is_standing
+    is_drawn = scene.is_drawn
     sets = [("scan at the prior", PRIOR_COLOR, scene.prior.apply(scene.scan.points[is_drawn]), 1.3)]
     if scene.has_answer:
         points, is_matched = scene.estimate.pose.apply(scene.scan.points), scene.is_matched

@@ -184,9 +184,7 @@ class CellScores:
         )  # fmt: skip
         return moments
 
-    def _laid_out(
-        self, heading: int
-    ) -> tuple[NDArray[np.uint64], NDArray[np.float32], NDArray[np.int32]]:
+    def _laid_out(self, heading: int) -> tuple[NDArray[np.uint64], NDArray[np.float32], NDArray[np.int32]]:
         """Voxels, normals and ranks of layers of all points at a heading, as the kernel takes them."""
         from maxcon.search import exact_kernels, group_kernels
 

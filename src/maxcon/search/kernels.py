@@ -259,8 +259,8 @@ def accumulate_tile(
     corner : (x, y) voxel index of the tile; voxel_columns : (k, 2) int16; voxel_normals : (k, 3) float32;
     counts : (k,) int32, or empty where a voxel counts once.
     window : (x first, x last, y first, y last) offset; stride : cells from one row of the sums to the next;
-    without_normal : weight of a match whose scan point has no normal; sums : (headings, 4 rows stride) float64, with a rim of
-    RIM cells where voxels fall that only other points of a visit meet.
+    without_normal : weight of a match whose scan point has no normal; sums : (headings, 4 rows stride) float64, with a
+    rim of RIM cells where voxels fall that only other points of a visit meet.
     """
     stride = np.int32(stride)
     origin = (RIM + corner[0] - window[0], RIM + corner[1] - window[2])

@@ -30,7 +30,7 @@ COLUMNS: dict[str, tuple[str, str]] = {
     "scan": ("string", "name of the scan's file"),
     "n_points": ("int32", "points of the scan within the range limits"),
     "status": ("string", "the method's own word on its answer"),
-    "reason": ("string", "why there is no answer, where the status does not say all"),
+    "reason": ("string", "why there is no answer, or what casts doubt on it, where the status does not say all"),
     "is_localized": ("bool", "whether the status says that the pose may be used"),
     "is_success": ("bool", "within 0.3 m and 1 degree of the reference, trusted or not; of several starts: all"),
     "x": ("float64", "answer, global, m; null without one; given whether trusted or not"),

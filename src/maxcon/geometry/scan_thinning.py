@@ -1,0 +1,35 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Thinning a scan: near surfaces have most of its points, and would outvote the far ones."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.compiled import read_only_view
+
+__all__ = ["one_per_cube"]
+
+
+def one_per_cube(points: NDArray[np.float64], normals: NDArray[np.float64], edge: float) -> NDArray[np.int64]:
+    """Numbers of one measured point of those in each cube of a grid, in ascending order.
+
+    A point with a normal comes before one without, then the nearest to the middle of the cube, then the one of the
+    smallest x, y, z: which points are kept does not depend on the order they come in.
+
+    Parameters
+    ----------
+    points : array, shape (n, 3)
+        m. The grid has a corner at (0, 0, 0) and the axes of the points.
+    normals : array, shape (n, 3)
+        Unit normals, zeros for none.
+    edge : float
+        Of a cube, m, above 0.
+
+    Returns
+    -------
+    array, shape (m,), int64
+    """
+    from maxcon.geometry import scan_thinning_kernels
+
+    kept = scan_thinning_kernels.one_per_cube(read_only_view(points), read_only_view(normals), edge)
+    return np.sort(kept)

@@ -1,0 +1,89 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Compiled: one point of those in each cube of a grid."""
+
+import numpy as np
+from numba import njit
+
+__all__ = ["one_per_cube"]
+
+NONE = np.int64(-1)
+# Of a 64-bit hash, as many upper bits are taken as the table needs; the factors are large odd numbers.
+FACTOR_X, FACTOR_Y, FACTOR_Z = 0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9
+
+
+@njit(nogil=True, cache=True)
+def _whole(value):
+    """A whole float64 number as 64 bits; those that do not fit are all the same."""
+    return np.uint64(np.int64(min(max(value, -(2.0**62)), 2.0**62)))
+
+
+@njit(nogil=True, cache=True)
+def _slot(x, y, z, shift):
+    """Where the search for a cube (x, y, z), whole float64 numbers, begins in a table."""
+    mixed = _whole(x) * np.uint64(FACTOR_X)
+    mixed ^= _whole(y) * np.uint64(FACTOR_Y)
+    mixed ^= _whole(z) * np.uint64(FACTOR_Z)
+    mixed ^= mixed >> np.uint64(29)
+    return (mixed * np.uint64(FACTOR_X)) >> shift
+
+
+@njit(nogil=True, cache=True)
+def _comes_before(i, j, distances, points, normals):
+    """Whether the first of two points of a cube is kept: with a normal, nearer to the middle, by x, y, z, by normal."""
+    has_i = (normals[i, 0] != 0.0) | (normals[i, 1] != 0.0) | (normals[i, 2] != 0.0)
+    has_j = (normals[j, 0] != 0.0) | (normals[j, 1] != 0.0) | (normals[j, 2] != 0.0)
+    if has_i != has_j:
+        return has_i
+    if distances[i] != distances[j]:
+        return distances[i] < distances[j]
+    for axis in range(3):
+        if points[i, axis] != points[j, axis]:
+            return points[i, axis] < points[j, axis]
+    for axis in range(3):
+        if normals[i, axis] != normals[j, axis]:
+            return normals[i, axis] < normals[j, axis]
+    return False
+
+
+@njit(nogil=True, cache=True)
+def one_per_cube(points, normals, edge):
+    """Numbers, (m,) int64, of one point of those in each cube; see `scan_thinning.one_per_cube`.
+
+    points, normals : (n, 3) float64; edge : of a cube, m. In the order in which cubes are first met.
+    """
+    n = points.shape[0]
+    n_bits = np.uint64(4)
+    while (np.int64(1) << np.int64(n_bits)) < 2 * n:
+        n_bits += np.uint64(1)
+    shift, mask = np.uint64(64) - n_bits, (np.uint64(1) << n_bits) - np.uint64(1)
+    table = np.full(1 << np.int64(n_bits), NONE)  # number of each cube among those met
+    cubes, kept, distances = np.empty((n, 3)), np.empty(n, np.int64), np.empty(n)
+    n_cubes = 0
+    for i in range(n):
+        x, y, z = (
+            np.floor(points[i, 0] / edge),
+            np.floor(points[i, 1] / edge),
+            np.floor(points[i, 2] / edge),
+        )
+        dx, dy, dz = (
+            points[i, 0] / edge - x - 0.5,
+            points[i, 1] / edge - y - 0.5,
+            points[i, 2] / edge - z - 0.5,
+        )
+        distances[i] = dx * dx + dy * dy + dz * dz
+        slot = _slot(x, y, z, shift)
+        while True:
+            cube = table[slot]
+            if cube == NONE:
+                table[slot] = n_cubes
+                cubes[n_cubes, 0], cubes[n_cubes, 1], cubes[n_cubes, 2] = x, y, z
+                kept[n_cubes] = i
+                n_cubes += 1
+                break
+            if cubes[cube, 0] == x and cubes[cube, 1] == y and cubes[cube, 2] == z:
+                if _comes_before(i, kept[cube], distances, points, normals):
+                    kept[cube] = i
+                break
+            slot = (slot + np.uint64(1)) & mask
+    return kept[:n_cubes].copy()

@@ -1,0 +1,107 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Of the points in each cube one is kept, whatever their order."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from maxcon import Scan
+from maxcon.errors import OptionError
+from maxcon.geometry.scan_thinning import one_per_cube
+
+
+def plainly(points, normals, edge):
+    """The definition, a cube at a time."""
+    cubes = {}
+    for number, point in enumerate(points.tolist()):
+        cubes.setdefault(tuple(np.floor(np.array(point) / edge)), []).append(number)
+    kept = []
+    for cube, numbers in cubes.items():
+
+        def rank(i, cube=cube):
+            x, y, z = points[i] / edge - cube - 0.5
+            return (not normals[i].any(), x * x + y * y + z * z, *points[i], *normals[i])
+
+        kept.append(min(numbers, key=rank))
+    return sorted(kept)
+
+
+def random_points(rng, n, spread):
+    points = (
+        np.round(rng.uniform(-spread, spread, (n, 3)) * 16) / 16
+    )  # so that some are equally far, or the same
+    normals = rng.normal(size=(n, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals[rng.random(n) < 0.6] = 0.0
+    return points, normals
+
+
+@given(
+    seed=st.integers(0, 2**32),
+    n=st.integers(1, 80) | st.just(1500),
+    spread=st.sampled_from([0.0, 0.4, 2.0, 30.0]),
+    edge=st.sampled_from([0.25, 0.3, 1.0, 100.0]),
+)
+def test_one_point_of_each_cube_is_kept(seed, n, spread, edge):
+    points, normals = random_points(np.random.default_rng(seed), n, spread)
+    assert one_per_cube(points, normals, edge).tolist() == plainly(points, normals, edge)
+
+
+@given(seed=st.integers(0, 2**32), edge=st.sampled_from([0.25, 1.0]))
+def test_which_points_are_kept_does_not_depend_on_their_order(seed, edge):
+    rng = np.random.default_rng(seed)
+    points, normals = random_points(rng, 200, 1.0)
+    order = rng.permutation(len(points))
+    here, there = Scan(points, normals).thinned(edge), Scan(points[order], normals[order]).thinned(edge)
+    rows = [np.unique(np.hstack([scan.points, scan.normals]), axis=0) for scan in (here, there)]
+    assert (rows[0] == rows[1]).all()
+    assert len(rows[0]) == len(here)
+
+
+def test_a_thinned_scan_has_measured_points_with_the_normals_of_the_whole_scan():
+    rng = np.random.default_rng(0)
+    points, normals = random_points(rng, 400, 2.0)
+    scan = Scan(points, normals, time=7.0)
+    thinned = scan.thinned(0.5)
+    assert thinned.time == 7.0
+    assert 0 < len(thinned) < len(scan)
+    measured = {(*point, *normal) for point, normal in zip(points.tolist(), normals.tolist(), strict=True)}
+    kept = {(*p, *n) for p, n in zip(thinned.points.tolist(), thinned.normals.tolist(), strict=True)}
+    assert kept <= measured
+    again = thinned.thinned(0.5)  # nothing is left to thin
+    assert (again.points == thinned.points).all()
+    assert (again.normals == thinned.normals).all()
+
+
+def test_a_point_with_a_normal_comes_first():
+    points = [[0.5, 0.5, 0.5], [0.9, 0.9, 0.9], [0.1, 0.1, 0.1]]
+    normals = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
+    assert Scan(points, normals).thinned(1.0).points.tolist() == [points[1]]
+    assert Scan(points, np.zeros((3, 3))).thinned(1.0).points.tolist() == [points[0]]
+
+
+def test_points_on_both_sides_of_the_sensor_and_far_away():
+    points = np.array(
+        [[-0.1, 0.0, 0.0], [0.1, 0.0, 0.0], [1e300, 0.0, 0.0], [-1e18, 3.0, 0.0], [-1e18, 3.1, 0.0]]
+    )
+    assert one_per_cube(points, np.zeros((5, 3)), 0.25).tolist() == [
+        0,
+        1,
+        2,
+        4,
+    ]  # the last is nearer to the middle of its cube
+
+
+def test_all_points_are_kept_with_an_edge_of_0_and_of_an_empty_scan():
+    scan = Scan([[1.0, 2.0, 3.0]] * 3, np.zeros((3, 3)))
+    assert scan.thinned(0.0) is scan
+    empty = Scan(np.empty((0, 3)), np.empty((0, 3)))
+    assert len(empty.thinned(0.25)) == 0
+
+
+@pytest.mark.parametrize("edge", [-0.1, np.nan, np.inf])
+def test_refusals(edge):
+    with pytest.raises(OptionError, match="Expected `edge` of thinning >= 0 m"):
+        Scan([[1.0, 2.0, 3.0]], [[1.0, 0.0, 0.0]]).thinned(edge)
