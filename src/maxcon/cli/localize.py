@@ -4,13 +4,13 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from maxcon.cli.compiling import compiling_told
+from maxcon.cli.method_options import MultiplicityName, ObjectiveName, SearchName, WeightingName
 from maxcon.cli.options import HeadingStepDeg, MaxRange, MinRange
 from maxcon.cli.progress import progress_bar
 from maxcon.cli.search_space import chosen_space
@@ -18,55 +18,12 @@ from maxcon.cli.search_space import chosen_space
 if TYPE_CHECKING:
     from maxcon.drive import EpochEstimate
     from maxcon.maximum_consensus import MaximumConsensus
-    from maxcon.objectives import Objective
     from maxcon.point_map import PointMap
 
-__all__ = ["ObjectiveName", "localize"]
+__all__ = ["localize"]
 
 # Pictures drawn when none are asked for by number, evenly over the drive.
 N_PICTURES = 10
-
-
-class ObjectiveName(StrEnum):
-    """Objectives by the names of the command line."""
-
-    HELMERT = "helmert"
-    COUNT = "count"
-    MAX_EIGENVALUE = "max-eigenvalue"
-
-    @property
-    def objective(self) -> "Objective":
-        """The objective of that name."""
-        from maxcon.objectives import Count, Helmert, MaxEigenvalue
-
-        objectives: dict[ObjectiveName, type[Objective]] = {
-            ObjectiveName.HELMERT: Helmert,
-            ObjectiveName.COUNT: Count,
-            ObjectiveName.MAX_EIGENVALUE: MaxEigenvalue,
-        }
-        return objectives[self]()
-
-
-class MultiplicityName(StrEnum):
-    """Multiplicities; search.Multiplicity without its imports."""
-
-    OCCUPIED = "occupied"
-    POINTS = "points"
-
-
-class WeightingName(StrEnum):
-    """Weightings; search.Weighting without its imports."""
-
-    COSINE = "cosine"
-    PUBLISHED = "published"
-    ONE = "one"
-
-
-class SearchName(StrEnum):
-    """Ways to find the best cell; search.SearchMethod as words on a command line."""
-
-    EXHAUSTIVE = "exhaustive"
-    BRANCH_AND_BOUND = "branch-and-bound"
 
 
 def localize(
@@ -158,8 +115,6 @@ def localize(
     """
     from maxcon.atomic import check_folder, check_writable
     from maxcon.drive import DriveOptions, localize_drive
-    from maxcon.errors import FileError
-    from maxcon.estimate import Status
     from maxcon.integrity import Trust
     from maxcon.io.scans import open_scans
     from maxcon.io.trajectories import read_trajectory, write_tum
@@ -187,18 +142,10 @@ def localize(
     )  # fmt: skip
     wanted = parse_epochs(plot_epochs, len(folder)) if plot is not None else frozenset()
     draw = _drawer(plot, point_map, method, objective) if plot is not None else None
-    epochs = []
     options = DriveOptions(min_range, max_range, max_gap)
     with _naming(prior, scans, map_folder):
         drive = localize_drive(point_map, folder, prior_trajectory, method, options)
-    with progress_bar("localizing", len(folder), "epochs", quiet) as advance, compiling_told(quiet):
-        for epoch in drive:
-            if draw is not None and epoch.epoch in wanted:
-                draw(epoch)
-            epochs.append(epoch.without_points())
-            advance()
-    if all(epoch.status is Status.UNREADABLE for epoch in epochs):
-        raise FileError(epochs[0].reason)
+    epochs = _localized(drive, len(folder), draw, wanted, quiet)
     write_poses(out, epochs)
     trajectory = localized_trajectory(epochs)
     if tum is not None and trajectory is not None:
@@ -208,6 +155,35 @@ def localize(
         typer.echo(f"no pose to write: {tum} is not written")
     if any(epoch.pose_global is None for epoch in epochs):
         raise typer.Exit(1)
+
+
+def _localized(
+    drive: "Iterator[EpochEstimate]",
+    n_epochs: int,
+    draw: Callable[["EpochEstimate"], None] | None,
+    wanted: frozenset[int],
+    quiet: bool,
+) -> "list[EpochEstimate]":
+    """Return the estimates of a drive without their points, with a bar of progress; draw those that are wanted.
+
+    Raises
+    ------
+    FileError
+        If not one scan can be read.
+    """
+    from maxcon.errors import FileError
+    from maxcon.estimate import Status
+
+    epochs = []
+    with progress_bar("localizing", n_epochs, "epochs", quiet) as advance, compiling_told(quiet):
+        for epoch in drive:
+            if draw is not None and epoch.epoch in wanted:
+                draw(epoch)
+            epochs.append(epoch.without_points())
+            advance()
+    if all(epoch.status is Status.UNREADABLE for epoch in epochs):
+        raise FileError(epochs[0].reason)
+    return epochs
 
 
 @contextmanager
