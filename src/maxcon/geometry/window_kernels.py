@@ -1,0 +1,110 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Compiled: how high a window must be to hold points of more than one ring, looked up in a sample of directions.
+
+A guess where to begin: whether a point's neighbours lie on more than one ring is decided at the point.
+"""
+
+import numpy as np
+from numba import njit
+
+__all__ = ["BANDS", "LEAST_NEIGHBOURS", "LEAST_SPREAD", "N_WINDOWS", "WINDOWS", "first_windows"]
+
+# Half the heights of the windows, rad: for scanners of 128 rings to those of eight.
+WINDOWS = tuple(np.radians(0.5 * 1.6**k) for k in range(6))
+N_WINDOWS = len(WINDOWS)
+# A plane needs as many points, and more than one ring: a deviation across the rings of this share of half the height.
+LEAST_NEIGHBOURS = 6
+LEAST_SPREAD = 0.22
+# The rings of some scanners are denser in the middle: elevations are looked at in so many bands.
+BANDS = 32
+LEAST_VOTES = 16
+# Directions are sampled in at most so many strips of azimuth, of about so many points each.
+MOST_STRIPS = 32
+STRIP_POINTS = 64
+MOST_COLUMNS = 4096
+# The window that is high enough for this share of the sample is tried first.
+FIRST_SHARE = 0.2
+
+
+@njit(nogil=True, cache=True)
+def _collect_strips(elevations, azimuths):
+    """Elevations of points in some strips of azimuth, strip by strip; where each begins; their width, rad."""
+    n_columns = min(max(len(azimuths) // STRIP_POINTS, 8), MOST_COLUMNS)
+    every = (n_columns + MOST_STRIPS - 1) // MOST_STRIPS
+    n_strips = (n_columns + every - 1) // every
+    strips = np.empty(len(azimuths), np.int32)
+    starts = np.zeros(n_strips + 2, np.int64)
+    for i in range(len(azimuths)):
+        column = min(int((azimuths[i] + np.pi) / (2.0 * np.pi) * n_columns), n_columns - 1)
+        strips[i] = column // every if column % every == 0 else n_strips
+        starts[strips[i] + 1] += 1
+    for strip in range(n_strips + 1):
+        starts[strip + 1] += starts[strip]
+    places, collected = starts.copy(), np.empty(starts[n_strips])
+    for i in range(len(azimuths)):
+        if strips[i] < n_strips:
+            collected[places[strips[i]]] = elevations[i]
+            places[strips[i]] += 1
+    return collected, starts[: n_strips + 1], 2.0 * np.pi / n_columns
+
+
+@njit(nogil=True, cache=True)
+def _window_of(elevations, k, width):
+    """Return the number of the lowest window around the k-th of ascending elevations with more than one ring.
+
+    N_WINDOWS if there is none. width : of the strip the points lie in, rad; a window is as wide as half its height.
+    """
+    low, high = k, k
+    total, square = 0.0, 0.0
+    for window in range(N_WINDOWS):
+        reach = WINDOWS[window]
+        while low > 0 and elevations[k] - elevations[low - 1] <= reach:
+            low -= 1
+            offset = elevations[low] - elevations[k]
+            total, square = total + offset, square + offset * offset
+        while high + 1 < len(elevations) and elevations[high + 1] - elevations[k] <= reach:
+            high += 1
+            offset = elevations[high] - elevations[k]
+            total, square = total + offset, square + offset * offset
+        count = high + 1 - low
+        mean = total / count
+        if count * min(1.0, reach / width) < LEAST_NEIGHBOURS:
+            continue
+        if square / count - mean * mean >= (LEAST_SPREAD * reach) ** 2:
+            return window
+    return N_WINDOWS
+
+
+@njit(nogil=True, cache=True)
+def _low_window(votes):
+    """Return the number of the window that is high enough for FIRST_SHARE of the votes, (N_WINDOWS + 1,)."""
+    so_far, total = 0, votes.sum()
+    for window in range(N_WINDOWS - 1):
+        so_far += votes[window]
+        if so_far > FIRST_SHARE * total:
+            return window
+    return N_WINDOWS - 1
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def first_windows(elevations, azimuths, lowest, highest, first):
+    """Write the number of the window to try first in each of BANDS bands, and return the lowest of them.
+
+    elevations, azimuths : (n,), rad, n > 0; lowest, highest : of the elevations, rad; first : (BANDS,) int64, out.
+    """
+    collected, starts, width = _collect_strips(elevations, azimuths)
+    votes = np.zeros((BANDS, N_WINDOWS + 1), np.int64)
+    for strip in range(len(starts) - 1):
+        ascending = np.sort(collected[starts[strip] : starts[strip + 1]])
+        # Thousands of points in one strip are thinned: there are no more of them than that in any window.
+        step = 1 + len(ascending) // (8 * STRIP_POINTS)
+        ascending = ascending[::step]
+        for k in range(len(ascending)):
+            band = int((ascending[k] - lowest) / max(highest - lowest, 1e-9) * BANDS)
+            votes[min(band, BANDS - 1), _window_of(ascending, k, width / step)] += 1
+    overall = _low_window(votes.sum(axis=0))
+    for band in range(BANDS):
+        is_enough = votes[band].sum() >= LEAST_VOTES
+        first[band] = max(overall, _low_window(votes[band])) if is_enough else overall
+    return overall
