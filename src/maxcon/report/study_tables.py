@@ -12,7 +12,11 @@ __all__ = ["method_tables"]
 QUESTIONS: dict[str, tuple[str, str]] = {
     "weights": (
         "Weights of normals",
-        "With w = max(0, n_scan · n_map) as published, and with w = 1.",
+        "With w = max(0, n_scan · n_map), where a scan point has no normal 0 (published) or 1/2; and with w = 1.",
+    ),
+    "thinning": (
+        "Thinning of the scan",
+        "All its points, and one in each cube of 0.25 m (the default) or 0.40 m; every map point counted (points).",
     ),
     "cells": (
         "Edge of a cell",

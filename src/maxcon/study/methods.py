@@ -5,6 +5,7 @@
 import difflib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from maxcon.baselines import Gicp, Icp, MapTargets, MultiStart
 from maxcon.drive import Method
@@ -52,7 +53,12 @@ METHOD_SETS: dict[str, tuple[str, ...]] = {
     ),
     "ground": ("helmert-ground", "icp-plane-1m-ground", "icp-plane-3m-ground", "gicp-3m-ground"),
     "weights": (
-        "helmert-points", "helmert-points-unweighted", "helmert-occupied", "helmert-occupied-unweighted",
+        "helmert-points", "helmert-points-unweighted", "helmert-occupied-published", "helmert-occupied-unweighted",
+        "helmert-occupied",
+    ),
+    "thinning": (
+        "helmert-occupied-whole-scan", "helmert-occupied", "helmert-occupied-thinned-0.40",
+        "count-occupied-whole-scan", "count-occupied", "helmert-points-thinned",
     ),
     "cells": ("helmert-cell-0.03", "helmert-occupied", "helmert-cell-0.12", "helmert-cell-0.20"),
     "density": tuple(
@@ -65,6 +71,9 @@ METHOD_SETS: dict[str, tuple[str, ...]] = {
 """Names of methods that answer one question together."""
 
 DEFAULT_SETS = ("consensus", "baselines")
+
+AS_PUBLISHED: dict[str, Any] = {"weighting": "published", "thinning": 0.0}
+"""A scan point without a normal constrains nothing, and all of them are searched with."""
 
 
 def known_methods(space: SearchSpace) -> dict[str, StudyMethod]:
@@ -100,16 +109,16 @@ def choose_methods(names: Sequence[str], space: SearchSpace) -> list[StudyMethod
 
 
 def _consensus_methods(space: SearchSpace) -> list[StudyMethod]:
-    """Every objective with either multiplicity; and Helmert's, and the count's, with one thing changed."""
+    """Every objective as published, `points`, and with our defaults, `occupied`; and some with one thing changed."""
     objectives: dict[str, Objective] = {
         "count": Count(),
         "helmert": Helmert(),
         "max-eigenvalue": MaxEigenvalue(),
     }
     methods = []
-    for multiplicity in ("points", "occupied"):
+    for multiplicity, options in (("points", AS_PUBLISHED), ("occupied", {})):
         for name, objective in objectives.items():
-            method = MaximumConsensus(space, objective, multiplicity)
+            method = MaximumConsensus(space, objective, multiplicity, **options)
             methods.append(StudyMethod(f"{name}-{multiplicity}", method))
             if name == "max-eigenvalue":
                 continue
@@ -117,8 +126,15 @@ def _consensus_methods(space: SearchSpace) -> list[StudyMethod]:
                 StudyMethod(f"{name}-{multiplicity}-{density}", method, density)
                 for density in ("density-1/4", "density-1/16")
             ]
-        unweighted = MaximumConsensus(space, Helmert(), multiplicity, weighting="one")
+        unweighted = MaximumConsensus(space, Helmert(), multiplicity, **{**options, "weighting": "one"})
         methods.append(StudyMethod(f"helmert-{multiplicity}-unweighted", unweighted))
+    methods += [
+        StudyMethod("helmert-occupied-published", MaximumConsensus(space, **AS_PUBLISHED)),
+        StudyMethod("helmert-occupied-whole-scan", MaximumConsensus(space, thinning=0.0)),
+        StudyMethod("helmert-occupied-thinned-0.40", MaximumConsensus(space, thinning=0.4)),
+        StudyMethod("helmert-points-thinned", MaximumConsensus(space, multiplicity="points")),
+        StudyMethod("count-occupied-whole-scan", MaximumConsensus(space, Count(), thinning=0.0)),
+    ]
     methods += [
         StudyMethod(f"helmert-{name}", MaximumConsensus(_in_cells_of(space, MAP_VARIANTS[name].cell)), name)
         for name in ("cell-0.03", "cell-0.12", "cell-0.20")
