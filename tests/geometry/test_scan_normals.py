@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from maxcon import Scan
 from maxcon.errors import ArrayError
-from maxcon.geometry.scan_normals import estimate_scan_normals, ring_layout
+from maxcon.geometry.scan_normals import estimate_scan_normals
 
 STREET = np.radians(31.0)
 GROUND = ((0.0, 0.0, 1.0), 1.7, (-2.0, 9.0))
@@ -241,58 +241,6 @@ def test_whatever_comes_normals_are_unit_vectors_or_zeros(seed, n, scale):
     assert_unit_and_turned_to_the_sensor(points, normals)
 
 
-def plain_normals(points):
-    """The definition: neighbours by angle, one point after the other, planes by numpy. Points in any order."""
-    level = np.hypot(points[:, 0], points[:, 1])
-    ranges = np.linalg.norm(points, axis=1)
-    elevations, azimuths = np.arctan2(points[:, 2], level), np.arctan2(points[:, 1], points[:, 0])
-    layout = ring_layout(elevations)
-    n_rows = int(np.ptp(elevations) / (0.5 * layout.ring_spacing) + 1.0)
-    row_step = max(0.5 * layout.ring_spacing, np.ptp(elevations) / n_rows)
-    n_columns = int(min(1024, max(8.0, 2.0 * np.pi / (2.0 * layout.point_spacing))))
-    rows = np.minimum(((elevations - elevations.min()) / row_step).astype(int), n_rows - 1)
-    columns = ((azimuths + np.pi) / (2.0 * np.pi) * n_columns).astype(int) % n_columns
-    order = np.lexsort([azimuths, columns])
-    reach = int(np.ceil(1.3 * layout.ring_spacing / row_step))
-    normals = np.zeros_like(points)
-    for i in range(len(points)):
-        along = max(4.0 * layout.point_spacing, min(0.25 / max(level[i], 1e-3), 0.5))
-        wide = min(int(along / (2.0 * np.pi) * n_columns + 0.5), n_columns // 2 - 1)
-        low, high = columns[i] - wide, columns[i] + wide
-        chosen = []
-        for row in range(rows[i] - reach, rows[i] + reach + 1):
-            for first, last in ((low + n_columns, n_columns), (low, high), (0, high - n_columns)):
-                is_in = (rows == row) & (columns >= first) & (columns <= last)
-                run = [k for k in order if is_in[k]]
-                chosen += run[:: max(1, -(-len(run) // 12))]
-        gate = max(0.3, 1.6 * layout.ring_spacing * ranges[i])
-        near = [k for k in chosen if np.linalg.norm(points[k] - points[i]) <= gate]
-        extent = max(0.25 * layout.ring_spacing * ranges[i], 0.03)
-        if len(near) >= 6:
-            values, vectors = np.linalg.eigh(np.cov(points[near].T, bias=True))
-            if values[1] >= extent**2 and values[0] <= 0.25 * values[1]:
-                normals[i] = -np.sign(vectors[:, 0] @ points[i]) * vectors[:, 0]
-    return normals
-
-
-@given(st.integers(0, 2**32), st.sampled_from([0.8, 2.0]), st.sampled_from([2.0, 5.0, 20.0]))
-@settings(max_examples=6)
-def test_normals_are_those_of_the_definition(seed, step_deg, distance):
-    """Walls all around, so that every seam is met; near ones so that rows are thinned, far ones so that not.
-
-    Noise in both angles, and a prime number of points: nothing lies on the edge of a cell, where rounding decides.
-    """
-    rng = np.random.default_rng(seed)
-    beams = directions(rng.integers(4, 9), -8.0, 8.0, step_deg, jitter_deg=0.05, seed=seed)
-    beams[:, :2] += rng.normal(0.0, 1e-4, (len(beams), 2))
-    walls = [((-np.cos(turn), -np.sin(turn), 0.0), distance, (-9.0, 9.0)) for turn in (0.3, 2.0, 3.1, 4.5)]
-    points, _ = cast(beams[rng.random(len(beams)) < 0.9], walls, seed=seed)
-    points = points[rng.permutation(len(points))[:701]]
-    normals, expected = estimate_scan_normals(points), plain_normals(points)
-    np.testing.assert_allclose(normals, expected, rtol=0.0, atol=1e-9)
-    assert expected.any(axis=1).mean() > 0.1
-
-
 @pytest.fixture
 def allocation_stats():
     """Counts of what compiled loops took and gave back."""
@@ -333,15 +281,6 @@ def test_memory_does_not_grow_with_the_epochs(allocation_stats):
     largest = max(scan.nbytes for scan in scans)
     assert held_after - held < 0.1 * largest
     assert peak - held < 12 * largest
-
-
-def test_the_layout_of_a_scan():
-    points, _ = cast(directions(), [wall(6.0), wall(6.0, np.pi)])
-    layout = ring_layout(np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1])))
-    assert np.degrees(layout.ring_spacing) == pytest.approx(2.0, rel=0.1)
-    continuous = ring_layout(np.random.default_rng(0).uniform(-0.3, 0.3, 20_000))
-    assert np.degrees(continuous.ring_spacing) == pytest.approx(0.6)
-    assert np.isfinite(ring_layout(np.zeros(1000)).point_spacing)
 
 
 def test_what_is_refused():

@@ -14,6 +14,7 @@ from maxcon.geometry.arrays import as_points
 
 __all__ = ["estimate_scan_normals"]
 
+
 def estimate_scan_normals(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Unit normals of a scan's points, turned to the sensor.
 
