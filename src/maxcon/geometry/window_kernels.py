@@ -70,7 +70,7 @@ def _window_of(elevations, k, width):
             total, square = total + offset, square + offset * offset
         count = high + 1 - low
         mean = total / count
-        if count * min(1.0, reach / width) < LEAST_NEIGHBOURS:
+        if count < 3 or count * reach / width < LEAST_NEIGHBOURS:
             continue
         if square / count - mean * mean >= (LEAST_SPREAD * reach) ** 2:
             return window
