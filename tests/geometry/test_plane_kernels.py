@@ -91,7 +91,7 @@ def test_squares_across_are_what_a_line_leaves_of_the_elevations(seed, n):
         offsets = rng.normal(size=(int(rng.integers(4, 40)), 3)) * rng.uniform(0.01, 1.0, 3)
         count, sums, outers = moments_of(offsets)
         moments[:, k] = [count, *sums, *outers]
-        x, y, z = centers[:, k]
+        x, y, _ = centers[:, k]
         along = np.array([-y, x, 0.0]) / np.hypot(x, y)
         up = np.cross(centers[:, k], along) / np.linalg.norm(centers[:, k])
         centered = offsets - offsets.mean(axis=0)

@@ -8,12 +8,14 @@ A guess where to begin: whether a point's neighbours lie on more than one ring i
 import numpy as np
 from numba import njit
 
-__all__ = ["BANDS", "GROWTH", "LEAST_NEIGHBOURS", "LEAST_SPREAD", "WINDOWS", "first_windows"]
+__all__ = ["BANDS", "GROWTH", "HIGHEST", "LEAST_NEIGHBOURS", "LEAST_SPREAD", "WINDOWS", "first_windows"]
 
 # Half the heights of the windows, rad: for scanners of 128 rings to those of eight.
 GROWTH = 1.6
 WINDOWS = tuple(np.radians(0.5 * GROWTH**k) for k in range(6))
 N_WINDOWS = len(WINDOWS)
+# Windows that find nothing grow, up to this half height, rad.
+HIGHEST = 0.12
 # A plane needs as many points, and more than one ring: a deviation across the rings of this share of half the height.
 LEAST_NEIGHBOURS = 6
 LEAST_SPREAD = 0.22
