@@ -14,12 +14,13 @@ from scene import header, scans, street
 
 from maxcon.geometry.angle_kernels import azimuths_of, elevations_of, extremes
 from maxcon.geometry.arrays import as_points
-from maxcon.geometry.scan_kernels import ring_normals
-from maxcon.geometry.scan_normals import estimate_scan_normals, ring_layout
+from maxcon.geometry.scan_kernels import scan_planes
+from maxcon.geometry.scan_normals import estimate_scan_normals
+from maxcon.geometry.window_kernels import BANDS, first_windows
 from maxcon.io.scans import open_scans
 
 ROUNDS = 16
-STAGES = ("reading", "checking", "angles", "layout", "sorting and planes", "all but reading")
+STAGES = ("reading", "checking", "angles", "first windows", "these, sorting and planes", "all but reading")
 
 
 def stages_ms(folder, i):
@@ -32,12 +33,10 @@ def stages_ms(folder, i):
     elevations, azimuths = elevations_of(points.ravel()), azimuths_of(points.ravel())
     lowest, highest = extremes(elevations)
     ticks.append(time.perf_counter())
-    layout = ring_layout(elevations)
+    first_windows(elevations, azimuths, lowest, highest, np.empty(BANDS, np.int64))
     ticks.append(time.perf_counter())
     normals = np.empty_like(points)
-    ring_normals(
-        points, elevations, azimuths, lowest, highest, layout.ring_spacing, layout.point_spacing, normals
-    )
+    scan_planes(points, elevations, azimuths, lowest, highest, normals)
     ticks.append(time.perf_counter())
     found = estimate_scan_normals(raw.points)
     ticks.append(time.perf_counter())

@@ -6,7 +6,14 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from maxcon.geometry.plane_kernels import BLOCK, covariance, plane_normal, plane_normals, sum_near
+from maxcon.geometry.plane_kernels import (
+    BLOCK,
+    covariance,
+    plane_normal,
+    plane_normals,
+    squares_across,
+    sum_near,
+)
 
 STRIDE = 80
 
@@ -73,3 +80,31 @@ def test_sums_are_of_what_is_near(seed, n, gate):
     found = moments.reshape(10, BLOCK)
     np.testing.assert_allclose(found[:, 5], [count, *sums, *outers], rtol=1e-12, atol=1e-12)
     assert np.isnan(np.delete(found, 5, axis=1)).all()
+
+
+@given(st.integers(0, 2**32), st.integers(1, BLOCK))
+def test_squares_across_are_what_a_line_leaves_of_the_elevations(seed, n):
+    rng = np.random.default_rng(seed)
+    centers, moments, squares = rng.normal(size=(3, BLOCK)) * 10.0, np.zeros((10, BLOCK)), np.zeros(BLOCK)
+    expected = []
+    for k in range(n):
+        offsets = rng.normal(size=(int(rng.integers(4, 40)), 3)) * rng.uniform(0.01, 1.0, 3)
+        count, sums, outers = moments_of(offsets)
+        moments[:, k] = [count, *sums, *outers]
+        x, y, _ = centers[:, k]
+        along = np.array([-y, x, 0.0]) / np.hypot(x, y)
+        up = np.cross(centers[:, k], along) / np.linalg.norm(centers[:, k])
+        centered = offsets - offsets.mean(axis=0)
+        a, e = centered @ along, centered @ up
+        expected.append(((e - (a @ e) / (a @ a) * a) ** 2).mean())
+    squares_across(n, centers.ravel(), moments.ravel(), squares)
+    np.testing.assert_allclose(squares[:n], expected, rtol=1e-8, atol=1e-12)
+
+
+def test_a_sloping_line_of_points_has_nothing_across():
+    centers, moments, squares = np.ones(3 * BLOCK), np.ones((10, BLOCK)), np.zeros(BLOCK)
+    offsets = np.outer(np.linspace(-1.0, 1.0, 9), [0.3, -0.5, 0.1])
+    count, sums, outers = moments_of(offsets)
+    moments[:, 0] = [count, *sums, *outers]
+    squares_across(1, centers, moments.ravel(), squares)
+    assert abs(squares[0]) < 1e-15

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Compiled: the directions in which the points of a scan lie, and how they are spread over the elevations."""
+"""Compiled: the directions in which the points of a scan lie."""
 
 import numpy as np
 from numba import njit
 
-__all__ = ["azimuths_of", "count_in_bins", "elevations_of", "extremes", "quantiles"]
+__all__ = ["azimuths_of", "elevations_of", "extremes"]
 
 TAN_PI_8 = np.sqrt(2.0) - 1.0
 # (arctan(t) / t - 1) / t^2 as a polynomial in t^2: Chebyshev interpolation up to t = tan(pi / 8); arctan(t) / t is
@@ -17,9 +17,6 @@ ARCTAN = (
 )  # fmt: skip
 # What float64 leaves of pi.
 PI_REST = 1.2246467991473532e-16
-# Values are counted in so many bins before one of them is picked by its rank.
-RANK_BINS = 2048
-SMALL = 32
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -44,16 +41,13 @@ def _angle(y, x):
     return np.copysign(angle, y)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def elevations_of(coordinates):
-    """Elevation of each point, (n,), rad, of (3 n,) float64: x, y, z of the first, ...
-
-    By arctan2, whose error is the smallest there is: points of one ring of a perfect scanner keep one elevation.
-    """
+    """Elevation of each point, (n,), rad, of (3 n,) float64: x, y, z of the first, ..."""
     elevations = np.empty(len(coordinates) // 3)
     for i in range(len(elevations)):
         x, y = coordinates[3 * i], coordinates[3 * i + 1]
-        elevations[i] = np.arctan2(coordinates[3 * i + 2], np.sqrt(x * x + y * y))
+        elevations[i] = _angle(coordinates[3 * i + 2], np.sqrt(x * x + y * y))
     return elevations
 
 
@@ -74,76 +68,3 @@ def extremes(values):
         lowest = value if value < lowest else lowest
         highest = value if value > highest else highest
     return lowest, highest
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def _count_in_rank_bins(values, lowest, highest):
-    """Bin of each value, (n,), and how many values there are in each; lowest < highest."""
-    bins = np.empty(len(values), np.uint16)
-    for i in range(len(values)):
-        bins[i] = np.uint16((values[i] - lowest) / (highest - lowest) * (RANK_BINS - 1))
-    counts = np.zeros(RANK_BINS, np.int64)
-    for i in range(len(values)):
-        counts[bins[i]] += 1
-    return bins, counts
-
-
-@njit(nogil=True, cache=True)
-def _value_of_rank(values, bins, counts, rank):
-    """Return the value that `rank` values precede when sorted: its bin is split into bins until one is small."""
-    while True:
-        wanted, before = 0, 0
-        while before + counts[wanted] <= rank:
-            before += counts[wanted]
-            wanted += 1
-        found = np.empty(counts[wanted] + 1)
-        n = 0
-        for i in range(len(values)):
-            found[n] = values[i]
-            n += bins[i] == wanted
-        values = found[:n]
-        rank -= before
-        lowest, highest = extremes(values)
-        if lowest == highest:
-            return lowest
-        if n <= SMALL:
-            return np.sort(values)[rank]
-        bins, counts = _count_in_rank_bins(values, lowest, highest)
-
-
-@njit(nogil=True, cache=True)
-def quantiles(values, shares):
-    """Quantiles, (m,), of finite values, (n,), n > 0: those of np.quantile, to the last digit, in fewer steps.
-
-    shares : (m,) float64, 0 to 1.
-    """
-    lowest, highest = extremes(values)
-    found = np.full(len(shares), lowest)
-    if lowest == highest:
-        return found
-    bins, counts = _count_in_rank_bins(values, lowest, highest)
-    for q in range(len(shares)):
-        place = shares[q] * (len(values) - 1)
-        rank = int(np.floor(place))
-        low = _value_of_rank(values, bins, counts, rank)
-        high = _value_of_rank(values, bins, counts, min(rank + 1, len(values) - 1))
-        t, step = place - rank, high - low
-        found[q] = low + step * t if t < 0.5 else high - step * (1.0 - t)
-    return found
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def count_in_bins(values, edges):
-    """How many of the values, (n,), lie in each bin: np.histogram for evenly spaced ascending edges, (m + 1,)."""
-    n_bins = len(edges) - 1
-    low, high = edges[0], edges[n_bins]
-    counts = np.zeros(n_bins, np.int64)
-    for value in values:
-        if low <= value <= high:
-            k = min(int((value - low) / (high - low) * n_bins), n_bins - 1)
-            if value < edges[k]:
-                k -= 1
-            elif value >= edges[k + 1] and k < n_bins - 1:
-                k += 1
-            counts[k] += 1
-    return counts

@@ -9,7 +9,7 @@ thousands of them: a block at a time, one number of each side by side, so that t
 import numpy as np
 from numba import njit
 
-__all__ = ["BLOCK", "covariance", "plane_normal", "plane_normals", "sum_near"]
+__all__ = ["BLOCK", "covariance", "plane_normal", "plane_normals", "squares_across", "sum_near"]
 
 # Neighbourhoods in a block. Its moments: BLOCK counts, then BLOCK sums of x, of y, of z, of xx, xy, xz, yy, yz, zz.
 BLOCK = 64
@@ -159,3 +159,40 @@ def plane_normals(n, moments, planes):
         scale = 1.0 / np.sqrt(x * x + y * y + z * z)
         planes[k], planes[BLOCK + k] = smallest, middle
         planes[2 * BLOCK + k], planes[3 * BLOCK + k], planes[4 * BLOCK + k] = x * scale, y * scale, z * scale
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def squares_across(n, points, moments, squares):
+    """Write the square deviation of n neighbourhoods from the best line through each, as the sensor sees them.
+
+    What is left of the deviation in elevation beside a straight line along the azimuths: a single ring has next to
+    none, however noisy its ranges are, also where the movement of the sensor made it slope.
+    points : (3 BLOCK,) float64, x of the points about which the moments are, then y, then z, m; moments : (10 BLOCK,)
+    float64; squares : (BLOCK,) float64, out, m^2, NaN straight above and below the sensor.
+    """
+    for k in range(n):
+        x, y, z = points[k], points[BLOCK + k], points[2 * BLOCK + k]
+        share = 1.0 / moments[k]
+        mean_x, mean_y = moments[BLOCK + k] * share, moments[2 * BLOCK + k] * share
+        mean_z = moments[3 * BLOCK + k] * share
+        xx, xy = (
+            moments[4 * BLOCK + k] * share - mean_x * mean_x,
+            moments[5 * BLOCK + k] * share - mean_x * mean_y,
+        )
+        xz, yy = (
+            moments[6 * BLOCK + k] * share - mean_x * mean_z,
+            moments[7 * BLOCK + k] * share - mean_y * mean_y,
+        )
+        yz, zz = (
+            moments[8 * BLOCK + k] * share - mean_y * mean_z,
+            moments[9 * BLOCK + k] * share - mean_z * mean_z,
+        )
+        # To rising elevation, (up_x, up_y, up_z), and along the ring, (-y, x, 0): at right angles, not of unit length.
+        square = x * x + y * y
+        up_x, up_y, up_z = -x * z, -y * z, square
+        a, b = xx * up_x + xy * up_y + xz * up_z, xy * up_x + yy * up_y + yz * up_z
+        c = xz * up_x + yz * up_y + zz * up_z
+        both = x * b - y * a
+        along = y * y * xx - 2.0 * x * y * xy + x * x * yy
+        across = up_x * a + up_y * b + up_z * c - both * both / max(along, 1e-12 * square)
+        squares[k] = across / (square * (square + z * z))

@@ -1,10 +1,11 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Normals of sparse ring scans, turned to the sensor.
+"""Normals of sparse scans, turned to the sensor.
 
 A ring scanner's points lie 0.2 degrees apart along a ring and 2 degrees apart across: the nearest neighbours
-of a point are all on its own ring, and say nothing of the surface. So neighbours are taken by angle, from
-the point's ring and the rings above and below.
+of a point are all on its own ring, and say nothing of the surface. So neighbours are taken by angle, from a
+window around the point that grows until more than one ring is in it, wherever the next rings are: they may lie
+evenly or not, be smeared by the movement of the sensor, thinned, or not be there at all.
 """
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from maxcon.geometry.arrays import as_points
 
 __all__ = ["estimate_scan_normals"]
+
 
 def estimate_scan_normals(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Unit normals of a scan's points, turned to the sensor.
@@ -25,12 +27,18 @@ def estimate_scan_normals(points: NDArray[np.float64]) -> NDArray[np.float64]:
     Returns
     -------
     array, shape (n, 3)
-        Sensor frame; zeros where the neighbours are too few, lie on a line or on no plane (bushes, edges).
+        Sensor frame; zeros where the neighbours are too few, lie on one ring or on no plane (bushes, edges). Points
+        of the ground mostly have none: seen at a flat angle, its rings lie too far apart.
 
     Raises
     ------
     ArrayError
         If the shape is not (n, 3) or a coordinate is not finite.
+
+    Notes
+    -----
+    Neighbours lie at most 6.9 degrees above or below a point: of scanners whose rings lie further apart, only points
+    within some metres have normals. The same points in another order have the same normals, to the last bit.
     """
     from maxcon.geometry.angle_kernels import azimuths_of, elevations_of, extremes
     from maxcon.geometry.scan_kernels import scan_planes

@@ -8,11 +8,14 @@ A guess where to begin: whether a point's neighbours lie on more than one ring i
 import numpy as np
 from numba import njit
 
-__all__ = ["BANDS", "LEAST_NEIGHBOURS", "LEAST_SPREAD", "N_WINDOWS", "WINDOWS", "first_windows"]
+__all__ = ["BANDS", "GROWTH", "HIGHEST", "LEAST_NEIGHBOURS", "LEAST_SPREAD", "WINDOWS", "first_windows"]
 
 # Half the heights of the windows, rad: for scanners of 128 rings to those of eight.
-WINDOWS = tuple(np.radians(0.5 * 1.6**k) for k in range(6))
+GROWTH = 1.6
+WINDOWS = tuple(np.radians(0.5 * GROWTH**k) for k in range(6))
 N_WINDOWS = len(WINDOWS)
+# Windows that find nothing grow, up to this half height, rad.
+HIGHEST = 0.12
 # A plane needs as many points, and more than one ring: a deviation across the rings of this share of half the height.
 LEAST_NEIGHBOURS = 6
 LEAST_SPREAD = 0.22
@@ -20,11 +23,11 @@ LEAST_SPREAD = 0.22
 BANDS = 32
 LEAST_VOTES = 16
 # Directions are sampled in at most so many strips of azimuth, of about so many points each.
-MOST_STRIPS = 32
+MOST_STRIPS = 20
 STRIP_POINTS = 64
 MOST_COLUMNS = 4096
 # The window that is high enough for this share of the sample is tried first.
-FIRST_SHARE = 0.2
+FIRST_SHARE = 0.4
 
 
 @njit(nogil=True, cache=True)
@@ -69,7 +72,7 @@ def _window_of(elevations, k, width):
             total, square = total + offset, square + offset * offset
         count = high + 1 - low
         mean = total / count
-        if count * min(1.0, reach / width) < LEAST_NEIGHBOURS:
+        if count < 3 or count * reach / width < LEAST_NEIGHBOURS:
             continue
         if square / count - mean * mean >= (LEAST_SPREAD * reach) ** 2:
             return window
