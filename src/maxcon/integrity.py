@@ -93,10 +93,10 @@ def doubts_about_scan(scan: Scan, prior: Pose) -> list[str]:
     n_points = len(scan)
     if n_points < FEWEST_POINTS:
         return [f"only {n_points} points: is the scan cut, or are range limits too narrow?"]
-    has_normal = scan.normals.any(axis=1)
+    has_normal = np.einsum("ij,ij->i", scan.normals, scan.normals) > 0.0
     up = scan.normals @ rotation_matrices(prior.roll, prior.pitch, 0.0)[2]
     n_horizontal = int(np.count_nonzero(has_normal & (np.abs(up) < HORIZONTAL)))
-    share, horizontal = float(has_normal.mean()), n_horizontal / n_points
+    share, horizontal = np.count_nonzero(has_normal) / n_points, n_horizontal / n_points
     if share >= FEWEST_NORMALS and horizontal >= FEWEST_HORIZONTAL:
         return []
     level = "none horizontal" if n_horizontal == 0 else f"horizontal ones on {100.0 * horizontal:.1f} %"

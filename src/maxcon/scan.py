@@ -75,7 +75,10 @@ class Scan:
             from maxcon.geometry.scan_thinning import one_per_cube
 
             kept = one_per_cube(self.points, self.normals, edge)
-            self._thinned[edge] = Scan(self.points[kept], self.normals[kept], self.time)
+            thinned = object.__new__(Scan)  # of parts that were checked already
+            thinned.points, thinned.normals = _frozen(self.points[kept]), _frozen(self.normals[kept])
+            thinned.time, thinned._thinned = self.time, {}
+            self._thinned[edge] = thinned
         return self._thinned[edge]
 
     def __len__(self) -> int:

@@ -18,9 +18,9 @@ __all__ = [
 ]
 
 # Points of one height layer in a square of so many voxels visit the map together, ...
-SQUARE_VOXELS = 16
-# ... at all headings at which they lie within so many voxels of each other; a turned square is 23 wide.
-RIM = 30
+SQUARE_VOXELS = 32
+# ... at all headings at which they lie within so many voxels of each other; a turned square is 46 wide.
+RIM = 50
 
 TILE_BITS = TILE_VOXELS.bit_length() - 1
 
