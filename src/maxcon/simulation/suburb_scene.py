@@ -26,8 +26,10 @@ __all__ = ["suburb_on_day"]
 PLOT_WIDTH = (15.0, 26.0)
 DRIVEWAY = 3.4
 """Width of the opening in what bounds a garden, m."""
-EDGES = {"hedge": 0.5, "picket": 0.12, "wire": 0.12, "wall": 0.14, "open": 0.12}
+EDGES = {"hedge": 0.55, "picket": 0.1, "wire": 0.1, "wall": 0.15, "open": 0.1}
 """What bounds a garden to the road, and how often."""
+LIKE_NEIGHBOUR = 0.5
+"""How often a garden is bounded as the one before it: there are long hedges, and open stretches."""
 PARKED_LEFT, PARKED_RIGHT = 2.2, -4.0
 """Where cars stand, m to the left of the centre line: at the left kerb, and on the verge on the right."""
 PARKED_SHARE = 0.2
@@ -84,19 +86,25 @@ def _side(
 ) -> Iterator[Patch]:
     """Plot after plot."""
     side = _Side(road, is_left=is_left)
-    begin = -BEYOND + rng.uniform(1.0, 8.0)
+    begin, edge = -BEYOND + rng.uniform(1.0, 8.0), "hedge"
     while begin < road.length + BEYOND - PLOT_WIDTH[1]:
         width = rng.uniform(*PLOT_WIDTH)
-        yield from _plot(side, begin, width, rng, day)
+        if rng.random() > LIKE_NEIGHBOUR:
+            edge = str(rng.choice(list(EDGES), p=list(EDGES.values())))
+        yield from _plot(side, begin, width, edge, rng, day)
         begin += width
 
 
 def _plot(
-    side: _Side, begin: float, width: float, rng: np.random.Generator, day: np.random.Generator
+    side: _Side,
+    begin: float,
+    width: float,
+    edge: str,
+    rng: np.random.Generator,
+    day: np.random.Generator,
 ) -> Iterator[Patch]:
     """A garden with what bounds it, a house, plants, and what stands about."""
     driveway = begin + (0.6 if rng.random() < 0.5 else width - DRIVEWAY - 0.6)
-    edge = rng.choice(list(EDGES), p=list(EDGES.values()))
     for start, end in ((begin, driveway), (driveway + DRIVEWAY, begin + width)):
         if end - start > 1.0 and edge != "open":
             yield side.laid(_bound(edge, end - start, rng, day), start, 0.35)
@@ -141,7 +149,7 @@ def _bound(edge: str, length: float, rng: np.random.Generator, day: np.random.Ge
             if rng.random() < 0.4
             else join([wall, draw_hedge_row(length, rng.uniform(0.9, 1.6), rng, day)])
         )
-    return draw_hedge_row(length, rng.uniform(1.1, 2.3), rng, day)
+    return draw_hedge_row(length, rng.uniform(1.3, 2.4), rng, day)
 
 
 def _between_gardens(
