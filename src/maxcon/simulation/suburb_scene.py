@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from maxcon.simulation.furniture import draw_car, lamp_pole
 from maxcon.simulation.patches import Patch, join
@@ -32,6 +33,8 @@ LIKE_NEIGHBOUR = 0.5
 """How often a garden is bounded as the one before it: there are long hedges, and open stretches."""
 PARKED_LEFT, PARKED_RIGHT = 2.2, -4.0
 """Where cars stand, m to the left of the centre line: at the left kerb, and on the verge on the right."""
+BAY, TREE_EVERY = 6.5, 3
+"""Length of a place for a car, m; every third on the verge is a tree's."""
 PARKED_SHARE = 0.2
 """Of the places for cars that are taken."""
 
@@ -184,18 +187,24 @@ def _along_kerbs(
     left, right = _Side(road, is_left=True), _Side(road, is_left=False)
     for along in np.arange(-BEYOND + rng.uniform(3.0, 20.0), road.length + BEYOND, 38.0):
         yield left.stood(lamp_pole(), along, -0.25)
-    for along in np.arange(-BEYOND + rng.uniform(3.0, 12.0), road.length + BEYOND, 16.0):
-        if rng.random() < 0.5:
+    for along in _bays(road)[TREE_EVERY - 1 :: TREE_EVERY]:
+        if rng.random() < 0.7:
             tree = draw_garden_tree(rng, day, rng.uniform(4.0, 8.0))
-            yield right.stood(tree, along, -2.3)
+            yield right.stood(tree, along, -2.4)
+
+
+def _bays(road: ResidentialRoad) -> NDArray[np.float64]:
+    """How far along the road the middle of each place for a car is, m."""
+    return np.arange(-BEYOND + 5.0, road.length + BEYOND - 5.0, BAY)
 
 
 def _cars(road: ResidentialRoad, day: np.random.Generator) -> Iterator[Patch]:
     """Parked cars of the day; every fourth stands the other way round."""
     for left in (PARKED_LEFT, PARKED_RIGHT):
-        for along in np.arange(-BEYOND + 5.0, road.length + BEYOND - 5.0, 6.5):
+        for number, along in enumerate(_bays(road)):
             car, _ = draw_car(day)
             turn = day.normal(0.0, math.radians(1.5)) + (math.pi if day.random() < 0.25 else 0.0)
             place = along + day.uniform(-0.6, 0.6), left + day.normal(0.0, 0.1)
-            if day.random() < PARKED_SHARE:
+            is_for_tree = left == PARKED_RIGHT and number % TREE_EVERY == TREE_EVERY - 1
+            if day.random() < PARKED_SHARE and not is_for_tree:
                 yield road.laid(car, *place, turn)
