@@ -1,10 +1,17 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""One small world and one small dataset, and the two campaigns, built once."""
+"""One small world and one small dataset, the two campaigns, and a piece of a suburb, built once."""
 
 import pytest
 
-from maxcon.simulation import CampaignWorld, ProfileScanner, RotatingScanner, SimulatedWorld, simulate
+from maxcon.simulation import (
+    CampaignWorld,
+    ProfileScanner,
+    RotatingScanner,
+    SimulatedWorld,
+    SuburbWorld,
+    simulate,
+)
 
 SEED = 3
 THIN_PROFILES = (
@@ -42,6 +49,11 @@ def campaign():
 @pytest.fixture(scope="session")
 def hard_campaign():
     return CampaignWorld.build(SEED, 1, is_hard=True)
+
+
+@pytest.fixture(scope="session")
+def suburb():
+    return SuburbWorld.build(SEED, 60.0)
 
 
 @pytest.fixture(scope="session")

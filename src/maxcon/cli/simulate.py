@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: MIT
 """`maxcon simulate`."""
 
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -11,7 +12,14 @@ from maxcon.cli.progress import step_bars
 from maxcon.dataset import Dataset
 from maxcon.errors import OptionError
 
-__all__ = ["simulate"]
+__all__ = ["Scene", "simulate"]
+
+
+class Scene(StrEnum):
+    """Where the drive goes."""
+
+    CITY = "city"
+    SUBURB = "suburb"
 
 
 def simulate(
@@ -24,9 +32,22 @@ def simulate(
         bool,
         typer.Option("--hard", help="With --campaign: periodic facades, things gone, 30 % unmapped returns."),
     ] = False,
+    scene: Annotated[
+        Scene, typer.Option("--scene", help="A city, or a suburb: hedges, gardens, slopes, a moving scanner.")
+    ] = Scene.CITY,
+    scanner: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="The car's scanner: vlp-16 (the default), vlp-32c, hdl-64e or os1-64.",
+            show_default=False,
+        ),
+    ] = None,
     epochs: Annotated[
         int | None,
-        typer.Option(min=1, help="How many scans; 40, or 3001 with --campaign.", show_default=False),
+        typer.Option(
+            min=1, help="How many scans; 40, 3001 with --campaign, 200 in a suburb.", show_default=False
+        ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same dataset.")] = 0,
     overwrite: Annotated[
@@ -34,26 +55,32 @@ def simulate(
     ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
 ) -> None:
-    """Simulate a small city: map clouds (LAZ), scans, reference and priors (TUM). Needs the extra demo."""
+    """Simulate a city or a suburb: map clouds (LAZ), scans, reference and priors (TUM). Needs the extra demo."""
     from maxcon import simulation
 
     if hard and not campaign:
         raise OptionError(
             "Expected --hard together with --campaign, got it alone. Add --campaign, or leave it out."
         )
+    if campaign and scene is not Scene.CITY:
+        raise OptionError(
+            f"Expected --campaign in the city, got it with --scene {scene.value}. Leave one of them out."
+        )
+    options: dict[str, Any] = {"seed": seed, "overwrite": overwrite}
+    if scanner is not None:
+        options["scanner"] = simulation.ScannerLayout.parse(scanner).scanner()
     with step_bars("", quiet) as report:
 
         def progress(done: int, total: int) -> None:
             report("simulating", done, total)
 
+        options["progress"] = progress
         if campaign:
-            dataset = simulation.simulate_campaign(
-                out, n_epochs=epochs or 3001, seed=seed, is_hard=hard, overwrite=overwrite, progress=progress
-            )
+            dataset = simulation.simulate_campaign(out, n_epochs=epochs or 3001, is_hard=hard, **options)
+        elif scene is Scene.SUBURB:
+            dataset = simulation.simulate_suburb(out, n_epochs=epochs or 200, **options)
         else:
-            dataset = simulation.simulate(
-                out, n_epochs=epochs or 40, seed=seed, overwrite=overwrite, progress=progress
-            )
+            dataset = simulation.simulate(out, n_epochs=epochs or 40, **options)
     _say_what_was_written(dataset)
 
 

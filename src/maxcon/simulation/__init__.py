@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""A seeded city, ray-cast by a mapping vehicle and by a car, so that a demo walks the road of real data."""
+"""A seeded city or suburb, ray-cast by a mapping vehicle and by a car, so that a demo walks the road of real data."""
 
 from maxcon.simulation.campaign import simulate_campaign
 from maxcon.simulation.campaign_world import CampaignEpoch, CampaignWorld
@@ -11,10 +11,15 @@ from maxcon.simulation.drive import Drive, PriorErrors, Route, drive_along, rout
 from maxcon.simulation.georeferencing import GeoreferencingErrors, draw_georeferencing_errors
 from maxcon.simulation.gnss_priors import GnssErrors
 from maxcon.simulation.las_classes import LasClass
+from maxcon.simulation.moving_scanner import DeskewErrors, MovingScanner
 from maxcon.simulation.ray_caster import Hits, RayCaster
 from maxcon.simulation.round_drive import RoundDriver, drive_round
+from maxcon.simulation.scanner_layouts import ScannerLayout
 from maxcon.simulation.scanners import Echoes, ProfileScanner, RotatingScanner, mobile_mapping_scanners
 from maxcon.simulation.street_grid import CAMPAIGN_GRID, StreetGrid
+from maxcon.simulation.suburb import simulate_suburb
+from maxcon.simulation.suburb_road import ResidentialRoad, draw_road
+from maxcon.simulation.suburb_world import SuburbWorld
 from maxcon.simulation.world import Epoch, SimulatedWorld
 
 __all__ = [
@@ -23,6 +28,7 @@ __all__ = [
     "CampaignWorld",
     "Circuit",
     "City",
+    "DeskewErrors",
     "Drive",
     "Echoes",
     "Epoch",
@@ -30,21 +36,27 @@ __all__ = [
     "GnssErrors",
     "Hits",
     "LasClass",
+    "MovingScanner",
     "PriorErrors",
     "ProfileScanner",
     "RayCaster",
+    "ResidentialRoad",
     "RotatingScanner",
     "RoundDriver",
     "Route",
+    "ScannerLayout",
     "SimulatedWorld",
     "StreetGrid",
+    "SuburbWorld",
     "build_city",
     "circuit_through",
     "draw_georeferencing_errors",
+    "draw_road",
     "drive_along",
     "drive_round",
     "mobile_mapping_scanners",
     "route_over_crossing",
     "simulate",
     "simulate_campaign",
+    "simulate_suburb",
 ]

@@ -4,20 +4,17 @@
 
 import os
 from collections.abc import Callable, Sequence
-from pathlib import Path
-
-import numpy as np
 
 from maxcon.atomic import atomic_folder, check_replaceable
 from maxcon.dataset import Dataset
 from maxcon.errors import OptionError
-from maxcon.simulation.campaign_world import MOST_EPOCHS, CampaignEpoch, CampaignWorld
+from maxcon.simulation.campaign_world import MOST_EPOCHS, CampaignWorld
 from maxcon.simulation.dataset_files import (
     DATASET_NAMES,
     ticker,
     write_description,
+    write_epochs,
     write_map_clouds,
-    write_scans,
     write_trajectory,
 )
 from maxcon.simulation.drive import PriorErrors
@@ -102,24 +99,11 @@ def simulate_campaign(
         write_description(folder, words, PRIORS)
         write_map_clouds(folder, world.map_echoes(profiles), tick)
         write_trajectory(folder / "map/trajectory.txt", *world.map_poses(), "T_map_vehicle")
-        _write_scans(folder, world, world.epochs(n_epochs), scanner or RotatingScanner(), tick)
+        epochs = world.epochs(n_epochs)
+        rotating = scanner or RotatingScanner()
+        priors = {
+            PRIORS["gnss"]: world.gnss_priors(epochs, GnssErrors()),
+            PRIORS["uniform"]: world.uniform_priors(epochs, PriorErrors()),
+        }
+        write_epochs(folder, epochs, (world.scan(epoch, rotating) for epoch in epochs), priors, tick)
     return Dataset.open(out)
-
-
-def _write_scans(
-    folder: Path,
-    world: CampaignWorld,
-    epochs: Sequence[CampaignEpoch],
-    scanner: RotatingScanner,
-    tick: Callable[[], None],
-) -> None:
-    """Write scans with their times, reference and both priors."""
-    times = np.array([epoch.time for epoch in epochs])
-    scans = (world.scan(epoch, scanner) for epoch in epochs)
-    write_scans(folder, times, [epoch.reference for epoch in epochs], scans, tick)
-    priors = {
-        "gnss": world.gnss_priors(epochs, GnssErrors()),
-        "uniform": world.uniform_priors(epochs, PriorErrors()),
-    }
-    for name, poses in priors.items():
-        write_trajectory(folder / PRIORS[name], times, poses, f"T_map_sensor, prior {name}")

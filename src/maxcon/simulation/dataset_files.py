@@ -13,6 +13,7 @@ from maxcon import __version__
 from maxcon.dataset import DESCRIPTION
 from maxcon.geometry import LocalFrame, Pose
 from maxcon.io.trajectories import write_tum
+from maxcon.simulation.campaign_world import CampaignEpoch
 from maxcon.simulation.las_classes import LasClass
 from maxcon.simulation.map_tiles import MapTiles
 from maxcon.simulation.scanners import Echoes
@@ -24,6 +25,7 @@ __all__ = [
     "DATASET_NAMES",
     "ticker",
     "write_description",
+    "write_epochs",
     "write_map_clouds",
     "write_scans",
     "write_trajectory",
@@ -94,6 +96,35 @@ def write_scans(
     write_trajectory(folder / "reference.txt", times, references, "T_map_sensor")
 
 
+def write_epochs(
+    folder: Path,
+    epochs: Sequence[CampaignEpoch],
+    scans: Iterable[Echoes],
+    priors: Mapping[str, Sequence[Pose]],
+    tick: Callable[[], None],
+) -> None:
+    """Write scans with their times and reference poses, and the priors.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the dataset.
+    epochs : sequence of CampaignEpoch
+        One per scan.
+    scans : iterable of Echoes
+        City metres.
+    priors : mapping of str to sequence of Pose
+        T_city_sensor, one per scan, by the file in `folder` to write: `prior_NAME.txt`.
+    tick : callable
+        Called after each scan.
+    """
+    times = np.array([epoch.time for epoch in epochs])
+    write_scans(folder, times, [epoch.reference for epoch in epochs], scans, tick)
+    for file, poses in priors.items():
+        name = Path(file).stem.removeprefix("prior_")
+        write_trajectory(folder / file, times, poses, f"T_map_sensor, prior {name}")
+
+
 def write_trajectory(path: Path, times: NDArray[np.float64], poses: Sequence[Pose], what: str) -> None:
     """Write `poses` (T_city_sensor) in global coordinates."""
     poses_global = [pose.translated(CITY_ORIGIN) for pose in poses]
@@ -112,7 +143,9 @@ def write_description(folder: Path, words: str, priors: Mapping[str, str]) -> No
     priors : mapping of str to str
         File in `folder` by the name of the prior.
     """
-    classes = ", ".join(f"{member.name.lower()} {member.value}" for member in LasClass)
+    classes = ", ".join(
+        f"{member.name.lower()} {member.value}" for member in LasClass if member is not LasClass.UNCLASSIFIED
+    )
     named = "\n".join(f'{name} = "{file}"' for name, file in priors.items())
     text = f"""# A dataset simulated by maxcon {__version__}: {words}.
 # Classes of the map: {classes}.

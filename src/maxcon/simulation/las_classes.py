@@ -10,6 +10,8 @@ __all__ = ["REFLECTANCES", "LasClass"]
 class LasClass(IntEnum):
     """Classes of LAS 1.4 (ASPRS); 64 and above are free for users."""
 
+    UNCLASSIFIED = 1
+    """In a suburb: fences, garden walls, bins, and most hedges and bushes, as surveys leave them."""
     GROUND = 2
     """Carriageway, kerbs, sidewalks and yards."""
     LOW_VEGETATION = 3
@@ -27,6 +29,7 @@ class LasClass(IntEnum):
 
 
 REFLECTANCES: dict[LasClass, float] = {
+    LasClass.UNCLASSIFIED: 0.45,
     LasClass.GROUND: 0.25,
     LasClass.LOW_VEGETATION: 0.5,
     LasClass.MEDIUM_VEGETATION: 0.45,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from maxcon.geometry import Pose
 from maxcon.simulation.drive import Drive
-from maxcon.simulation.ray_caster import RayCaster
+from maxcon.simulation.ray_caster import Caster
 from maxcon.simulation.scanners import Echoes, ProfileScanner
 
 __all__ = ["MapPiece", "drive_poses", "map_echoes", "map_pieces"]
@@ -39,12 +39,12 @@ def map_pieces(drives: Sequence[Drive], scanners: Sequence[ProfileScanner]) -> l
     return sorted(pieces, key=lambda piece: piece.drive.times[0] + piece.first / piece.scanner.line_rate)
 
 
-def map_echoes(caster: RayCaster, pieces: Sequence[MapPiece], seed: Sequence[int]) -> Iterator[Echoes]:
+def map_echoes(caster: Caster, pieces: Sequence[MapPiece], seed: Sequence[int]) -> Iterator[Echoes]:
     """Measure `pieces` one by one.
 
     Parameters
     ----------
-    caster : RayCaster
+    caster : Caster
         The city on the day of the map.
     pieces : sequence of MapPiece
         See `map_pieces`.

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import MissingExtraError
-from maxcon.simulation.city import City
 
-__all__ = ["Caster", "Hits", "RayCaster", "TriangleScene", "check_embreex"]
+__all__ = ["Caster", "Hits", "RayCaster", "Surfaces", "TriangleScene", "check_embreex"]
 
 
 class Hits(NamedTuple):
@@ -99,12 +98,22 @@ class TriangleScene:
         return Hits(found["tfar"], found["primID"])
 
 
+class Surfaces(Protocol):
+    """What a world is made of: triangles, shape (t, 3, 3), m, and the LasClass of each, shape (t,)."""
+
+    @property
+    def corners(self) -> NDArray[np.float64]: ...  # noqa: D102
+
+    @property
+    def classes(self) -> NDArray[np.uint8]: ...  # noqa: D102
+
+
 class RayCaster:
-    """A city made ready for casting rays.
+    """A city, or a suburb, made ready for casting rays.
 
     Parameters
     ----------
-    city : City
+    city : Surfaces
         In city metres.
 
     Raises
@@ -113,7 +122,7 @@ class RayCaster:
         If embreex is not installed.
     """
 
-    def __init__(self, city: City) -> None:
+    def __init__(self, city: Surfaces) -> None:
         self.city = city
         self._scene = TriangleScene(city.corners)
 

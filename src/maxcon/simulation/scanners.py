@@ -4,6 +4,7 @@
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -104,16 +105,18 @@ class RotatingScanner:
     """A scanner with layers of fixed elevation that turns about its z axis; the default is a Velodyne VLP-16.
 
     Sensor axes: x forward, y left, z up. The rays of one turn start at one place: ego-motion within a
-    scan is held for corrected.
+    scan is held for corrected (`MovingScanner` has it, and what is left of it).
 
     Parameters
     ----------
     n_layers, lowest_deg, highest_deg : int, float, float
-        Layers, evenly spaced in elevation.
+        Layers, evenly spaced in elevation; without effect where `elevations_deg` are given.
     azimuth_step_deg : float
         Between two columns of points.
     noise, dropout, min_range, max_range : float
         See `RangeFinder`: m, part, m, m.
+    elevations_deg : tuple of float
+        Of each layer, rising, where they are not evenly spaced, degrees.
 
     Raises
     ------
@@ -129,8 +132,14 @@ class RotatingScanner:
     dropout: float = 0.03
     min_range: float = 1.0
     max_range: float = 100.0
+    elevations_deg: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
+        is_rising = all(low < high for low, high in pairwise(self.elevations_deg))
+        if not is_rising or not all(abs(elevation) <= 90.0 for elevation in self.elevations_deg):
+            raise OptionError(
+                f"Expected rising elevations of -90 to 90 degrees, got {self.elevations_deg}. Sort them?"
+            )
         if self.n_layers < 1 or not 0.0 < self.azimuth_step_deg <= 360.0:
             raise OptionError(
                 "Expected at least one layer and an azimuth step above 0 and up to 360 degrees, got"
@@ -146,12 +155,19 @@ class RotatingScanner:
     @property
     def elevations(self) -> NDArray[np.float64]:
         """Elevation of each layer, lowest first, shape (n_layers,), rad."""
+        if self.elevations_deg:
+            return np.radians(self.elevations_deg)
         return np.radians(np.linspace(self.lowest_deg, self.highest_deg, self.n_layers))
+
+    @property
+    def n_columns(self) -> int:
+        """How many columns of points a turn has."""
+        return round(360.0 / self.azimuth_step_deg)
 
     @property
     def directions(self) -> NDArray[np.float64]:
         """Unit rays of one turn in the sensor frame, column by column, shape (n_columns * n_layers, 3)."""
-        azimuths = np.radians(np.arange(round(360.0 / self.azimuth_step_deg)) * self.azimuth_step_deg)
+        azimuths = np.radians(np.arange(self.n_columns) * self.azimuth_step_deg)
         azimuth, elevation = (grid.ravel() for grid in np.meshgrid(azimuths, self.elevations, indexing="ij"))
         level = np.cos(elevation)
         return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=1)

@@ -1,0 +1,107 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""A dataset from a suburb: hedges, gardens and few facades, on slopes, scanned from a moving car."""
+
+import os
+from collections.abc import Callable, Sequence
+
+from maxcon.atomic import atomic_folder, check_replaceable
+from maxcon.dataset import Dataset
+from maxcon.errors import OptionError
+from maxcon.simulation.dataset_files import (
+    DATASET_NAMES,
+    ticker,
+    write_description,
+    write_epochs,
+    write_map_clouds,
+    write_trajectory,
+)
+from maxcon.simulation.drive import PriorErrors
+from maxcon.simulation.gnss_priors import GnssErrors
+from maxcon.simulation.moving_scanner import DeskewErrors, MovingScanner
+from maxcon.simulation.scanner_layouts import ScannerLayout
+from maxcon.simulation.scanners import ProfileScanner, RotatingScanner, mobile_mapping_scanners
+from maxcon.simulation.suburb_world import ROAD_LENGTH, SuburbWorld, n_epochs_on
+
+__all__ = ["simulate_suburb"]
+
+PRIORS = {"gnss": "prior_gnss.txt", "uniform": "prior_uniform.txt"}
+"""File of each prior by its name."""
+
+
+def simulate_suburb(
+    out: str | os.PathLike[str],
+    *,
+    n_epochs: int = 200,
+    seed: int = 0,
+    road_length: float = ROAD_LENGTH,
+    mapping_scanners: Sequence[ProfileScanner] | None = None,
+    scanner: RotatingScanner | None = None,
+    deskew_errors: DeskewErrors | None = None,
+    overwrite: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> Dataset:
+    """Write a seeded suburb: a residential road is mapped there and back, and driven on another day.
+
+    Parameters
+    ----------
+    out : path
+        Folder to write; it appears only when everything in it is whole.
+    n_epochs : int
+        How many scans. 601 are 0.1 s apart and take the minute of the drive; fewer are some of these,
+        spread evenly over the same drive.
+    seed : int
+        The same seed gives the same suburb, drives, scans, priors and map points.
+    road_length : float
+        m.
+    mapping_scanners : sequence of ProfileScanner, optional
+        On the mapping vehicle; two turned by 45 degrees to either side if None.
+    scanner : RotatingScanner, optional
+        On the car; a VLP-16 if None. `ScannerLayout` has others.
+    deskew_errors : DeskewErrors, optional
+        Of the motion that scans are deskewed by.
+    overwrite : bool
+        Whether a dataset that stands there is replaced; anything else there is an error.
+    progress : callable, optional
+        Called with (done, total) after each step.
+
+    Returns
+    -------
+    Dataset
+        Where its parts lie. Its priors are `gnss` and `uniform`, as those of `simulate_campaign`.
+
+    Raises
+    ------
+    OptionError
+        If there are not as many epochs on the road, or it is too short or too long, or `seed` is negative.
+    MissingExtraError
+        If embreex is not installed.
+    FileError
+        If `out` exists and `overwrite` is False, or cannot be written.
+
+    Notes
+    -----
+    The map is streamed to disk and never stands in memory as a whole, and so are the scans.
+    """
+    if not 1 <= n_epochs <= n_epochs_on(road_length):
+        raise OptionError(
+            f"Expected 1 to {n_epochs_on(road_length)} epochs of a suburb, got n_epochs = {n_epochs}."
+            " The drive has no more: the scanner turns ten times a second. Take another seed for more."
+        )
+    if overwrite:
+        check_replaceable(out, "a simulated dataset", DATASET_NAMES)
+    with atomic_folder(out, overwrite=overwrite) as folder:
+        world = SuburbWorld.build(seed, road_length)
+        profiles = mapping_scanners or mobile_mapping_scanners()
+        tick = ticker(progress, world.n_pieces(profiles) + n_epochs)
+        write_description(folder, f"suburb, seed {seed}, {n_epochs} epochs", PRIORS)
+        write_map_clouds(folder, world.map_echoes(profiles), tick)
+        write_trajectory(folder / "map/trajectory.txt", *world.map_poses(), "T_map_vehicle")
+        epochs = world.epochs(n_epochs)
+        moving = MovingScanner(scanner or ScannerLayout.VLP_16.scanner(), deskew_errors or DeskewErrors())
+        priors = {
+            PRIORS["gnss"]: world.gnss_priors(epochs, GnssErrors()),
+            PRIORS["uniform"]: world.uniform_priors(epochs, PriorErrors()),
+        }
+        write_epochs(folder, epochs, (world.scan(epoch, moving) for epoch in epochs), priors, tick)
+    return Dataset.open(out)

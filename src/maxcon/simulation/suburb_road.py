@@ -1,0 +1,235 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""ResidentialRoad: a winding road up and down a hillside, and the ground to both sides of it.
+
+Places are given along the road and to the left of its centre line, m: a curved frame that follows the road.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from maxcon.errors import OptionError
+from maxcon.simulation.city import Seed
+from maxcon.simulation.drive import Drive, Route, sway
+from maxcon.simulation.las_classes import LasClass
+from maxcon.simulation.patches import Patch, quads
+
+__all__ = ["BEYOND", "GARDEN_LEFT", "GARDEN_RIGHT", "ResidentialRoad", "draw_road"]
+
+HALF_WIDTH = 3.1
+"""From the centre line to either kerb, m."""
+GARDEN_LEFT, GARDEN_RIGHT = 4.7, -6.5
+"""Where gardens begin, m to the left: behind a sidewalk on the left, a grass verge and a sidewalk on the right."""
+SIDEWALK_RIGHT = -5.0
+"""Where the sidewalk on the right begins, m to the left."""
+KERB_HEIGHT = 0.1
+CAMBER, SIDEWALK_SLOPE = 0.02, 0.03
+"""How much the carriageway falls to its sides, and how much sidewalks rise from it."""
+BEYOND = 45.0
+"""How far the world goes on before and behind the road, and to its sides, m."""
+STEP = 0.25
+"""Between two points of the centre line, and of the ground, m."""
+MIN_RADIUS = 75.0
+"""Of the narrowest curve, m: more than `BEYOND`, so that no place has two addresses."""
+STEEPEST = 0.07
+"""Of the road, as rise over run, at most."""
+TRACK, WHEELBASE = 1.5, 2.6
+"""Between the wheels of a vehicle, m."""
+ASPHALT, GRASS = 0.004, 0.03
+"""Roughness: standard deviation of the ground's height, m."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ResidentialRoad:
+    """A road in a suburb; it begins at 0, and the world goes on before it and behind it.
+
+    Parameters
+    ----------
+    length : float
+        m.
+    centers : array, shape (k, 2)
+        (x, y) of the centre line every 0.25 m, from `BEYOND` before its begin to `BEYOND` behind its end, m.
+    headings : array, shape (k,)
+        Direction of travel there, rad.
+    heights : array, shape (k,)
+        Of the centre line, m.
+    tilts : array, shape (k,)
+        Cross fall: how much the road rises to the left, rise over run.
+    banks : array, shape (k, 2)
+        How much the gardens on the left and on the right rise away from the road, rise over run.
+    """
+
+    length: float
+    centers: NDArray[np.float64]
+    headings: NDArray[np.float64]
+    heights: NDArray[np.float64]
+    tilts: NDArray[np.float64]
+    banks: NDArray[np.float64]
+
+    @property
+    def alongs(self) -> NDArray[np.float64]:
+        """How far along the road each point of its centre line lies, shape (k,), m."""
+        return np.arange(len(self.centers), dtype=np.float64) * STEP - BEYOND
+
+    def heading(self, along: float) -> float:
+        """Direction of the road, rad."""
+        return float(np.interp(along, self.alongs, self.headings))
+
+    def places(self, along: ArrayLike, left: ArrayLike) -> NDArray[np.float64]:
+        """Positions (x, y) of places in the frame of the road, shape (..., 2), m."""
+        along, left = np.broadcast_arrays(
+            np.asarray(along, dtype=np.float64), np.asarray(left, dtype=np.float64)
+        )
+        x, y, heading = (
+            np.interp(along, self.alongs, column)
+            for column in (self.centers[:, 0], self.centers[:, 1], self.headings)
+        )
+        return np.stack([x - left * np.sin(heading), y + left * np.cos(heading)], axis=-1)
+
+    def ground_heights(self, along: ArrayLike, left: ArrayLike) -> NDArray[np.float64]:
+        """Heights of the ground without its roughness, m, at places in the frame of the road."""
+        along, left = np.broadcast_arrays(
+            np.asarray(along, dtype=np.float64), np.asarray(left, dtype=np.float64)
+        )
+        heights, tilts, bank_left, bank_right = (
+            np.interp(along, self.alongs, column) for column in (self.heights, self.tilts, *self.banks.T)
+        )
+        out = np.abs(left)
+        heights = heights + tilts * np.clip(left, GARDEN_RIGHT, GARDEN_LEFT)
+        heights -= CAMBER * np.minimum(out, HALF_WIDTH)
+        heights += KERB_HEIGHT * np.clip((out - HALF_WIDTH) / 0.02, 0.0, 1.0)
+        heights += SIDEWALK_SLOPE * np.clip(out - HALF_WIDTH, 0.0, 3.4)
+        heights += bank_left * np.maximum(left - GARDEN_LEFT, 0.0)
+        heights += bank_right * np.maximum(GARDEN_RIGHT - left, 0.0)
+        return np.asarray(heights, dtype=np.float64)
+
+    def laid(self, patch: Patch, along: float, left: float, heading: float = 0.0) -> Patch:
+        """Return `patch` laid on the ground: it bends with the road and stands on every slope.
+
+        Parameters
+        ----------
+        patch : Patch
+            Its x runs along the road and its y to the left before it is turned by `heading` (rad).
+        along, left : float
+            Where its origin comes to, m.
+        """
+        turned = patch.placed(along, left, heading=heading).corners
+        level = self.places(turned[..., 0], turned[..., 1])
+        heights = self.ground_heights(turned[..., 0], turned[..., 1]) + turned[..., 2]
+        return Patch(np.concatenate([level, heights[..., None]], axis=-1), patch.classes)
+
+    def stood(self, patch: Patch, along: float, left: float, heading: float = 0.0) -> Patch:
+        """Return `patch` upright and undistorted, its origin on the ground `along` and `left` (m)."""
+        (x, y), z = self.places(along, left).tolist(), float(self.ground_heights(along, left))
+        return patch.placed(x, y, z, self.heading(along) + heading)
+
+    def ground(self, seed: Seed) -> Patch:
+        """Return carriageway, kerbs, verges, sidewalks and gardens; grass is rougher than asphalt."""
+        rng = np.random.default_rng(seed)
+        near = np.arange(GARDEN_LEFT, 14.0, 0.3)
+        far = np.arange(14.0, BEYOND + 1.0, 1.0)
+        paved = np.array([0.0, 1.0, 2.0, HALF_WIDTH, HALF_WIDTH + 0.02, 3.8])
+        verge = np.arange(3.5, -GARDEN_RIGHT, 0.25)
+        lefts = np.unique(np.concatenate([paved, near, far, -paved, -verge, -near, -far]).round(3))
+        along, left = np.meshgrid(self.alongs, lefts, indexing="ij")
+        is_verge = (left < -HALF_WIDTH - 0.1) & (left > SIDEWALK_RIGHT)
+        is_grass = is_verge | (left > GARDEN_LEFT) | (left < GARDEN_RIGHT)
+        roughness = np.where(is_grass, GRASS, ASPHALT) * rng.standard_normal(along.shape)
+        heights = self.ground_heights(along, left) + roughness
+        grid = np.concatenate([self.places(along, left), heights[..., None]], axis=-1)
+        around = [grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]]
+        return quads(np.stack([corner.reshape(-1, 3) for corner in around], axis=1), LasClass.GROUND)
+
+    def route(self, lane: float, seed: Seed, *, start: float = 0.0, is_back: bool = False) -> Route:
+        """Return the way along the road, from its begin or back from its end.
+
+        Parameters
+        ----------
+        lane : float
+            To the left of the centre line, m; it wanders by up to 0.2 m.
+        seed : int or sequence of int
+            Of where it wanders and slows down.
+        start : float
+            How far before the road it begins and behind the road it ends, m.
+        is_back : bool
+            Whether it comes back from the end.
+        """
+        rng = np.random.default_rng(seed)
+        along = np.arange(-start, self.length + start, 0.05)
+        lefts = lane + sway(along, 0.2, (40.0, 200.0), rng)
+        points = self.places(along, lefts)
+        slows_at = float(rng.uniform(0.2, 0.8)) * float(along[-1] - along[0])
+        return Route(points[::-1] if is_back else points, slows_at)
+
+    def on_ground(self, drive: Drive) -> Drive:
+        """Return a drive over level ground as one over this ground: it climbs, pitches and rolls with it.
+
+        Positions must lie within `BEYOND` of the road.
+        """
+        along, left = self.addresses(drive.positions[:, :2])
+        turn = np.cos(drive.angles[:, 2] - np.interp(along, self.alongs, self.headings))
+        forward = np.where(turn > 0.0, 1.0, -1.0)
+        front, back = (
+            self.ground_heights(along + side * forward * 0.5 * WHEELBASE, left) for side in (1, -1)
+        )
+        on_left, on_right = (
+            self.ground_heights(along, left + side * forward * 0.5 * TRACK) for side in (1, -1)
+        )
+        slopes = np.column_stack(
+            [
+                np.arctan((on_left - on_right) / TRACK),
+                -np.arctan((front - back) / WHEELBASE),
+                np.zeros(len(along)),
+            ]
+        )
+        lift = np.column_stack([np.zeros((len(along), 2)), 0.25 * (front + back + on_left + on_right)])
+        return Drive(drive.times, drive.positions + lift, drive.angles + slopes)
+
+    def addresses(self, places: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """How far along the road and to its left places (x, y), shape (n, 2), lie, shape (n,) each, m."""
+        from scipy.spatial import cKDTree
+
+        _, rows = cKDTree(self.centers).query(places)
+        away = places - self.centers[rows]
+        cosine, sine = np.cos(self.headings[rows]), np.sin(self.headings[rows])
+        return (
+            self.alongs[rows] + away[:, 0] * cosine + away[:, 1] * sine,
+            away[:, 1] * cosine - away[:, 0] * sine,
+        )
+
+
+def draw_road(length: float, seed: Seed) -> ResidentialRoad:
+    """Return a road of `length` (m) that winds and climbs.
+
+    Raises
+    ------
+    OptionError
+        If it is shorter than 60 m or longer than 2000 m.
+    """
+    if not 60.0 <= length <= 2000.0:
+        raise OptionError(f"Expected a road of 60 to 2000 m, got {length} m. The default is 460 m.")
+    rng = np.random.default_rng(seed)
+    along = STEP * np.arange(round((length + 2.0 * BEYOND) / STEP) + 1, dtype=np.float64)
+    bends = rng.uniform(0.35, 0.6) * np.sin(
+        2.0 * math.pi * along / rng.uniform(180.0, 260.0) + rng.uniform(0, 6)
+    )
+    bends += rng.uniform(0.1, 0.2) * np.sin(
+        2.0 * math.pi * along / rng.uniform(70.0, 110.0) + rng.uniform(0, 6)
+    )
+    bends *= min(1.0, STEP / MIN_RADIUS / np.abs(np.diff(bends)).max())
+    headings = bends + rng.uniform(-math.pi, math.pi)
+    steps = STEP * np.column_stack([np.cos(headings), np.sin(headings)])
+    centers = np.cumsum(steps, axis=0) - steps.sum(axis=0) / 2.0
+    slopes = STEEPEST * sway(along, 1.0, (130.0, 320.0), rng)
+    heights = STEP * np.cumsum(slopes)
+    return ResidentialRoad(
+        length=length,
+        centers=centers,
+        headings=headings,
+        heights=heights - heights.mean(),
+        tilts=sway(along, 0.04, (80.0, 200.0), rng),
+        banks=np.column_stack([sway(along, 0.18, (60.0, 160.0), rng) for _ in ("left", "right")]),
+    )

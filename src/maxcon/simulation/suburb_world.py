@@ -1,0 +1,197 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""SuburbWorld: a residential road on two days, mapped there and back, and driven by a car with a scanner."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.errors import OptionError
+from maxcon.geometry import Pose
+from maxcon.simulation.campaign_world import CampaignEpoch
+from maxcon.simulation.drive import Drive, PriorErrors, drive_along, off_by
+from maxcon.simulation.georeferencing import GeoreferencingErrors, draw_georeferencing_errors
+from maxcon.simulation.gnss_priors import GnssErrors
+from maxcon.simulation.map_pieces import drive_poses, map_echoes, map_pieces
+from maxcon.simulation.moving_scanner import MovingScanner
+from maxcon.simulation.ray_caster import RayCaster, check_embreex
+from maxcon.simulation.scanners import Echoes, ProfileScanner
+from maxcon.simulation.suburb_road import ResidentialRoad, draw_road
+from maxcon.simulation.suburb_scene import suburb_on_day
+
+__all__ = ["ROAD_LENGTH", "SuburbWorld"]
+
+ROAD_LENGTH = 460.0
+"""m: a minute at 28 km/h."""
+EPOCH_STEP = 0.1
+"""Between two epochs when all are taken, s: the scanner turns ten times a second."""
+MEAN_SPEED = ROAD_LENGTH / 60.0
+"""Of the car, m/s: it has 601 epochs on the whole road."""
+MAP_START, SCAN_START = 300_000.0, 386_400.0
+"""Seconds of the week: the car comes a day after the mapping vehicle."""
+PAUSE = 60.0
+"""Between two drives of the mapping vehicle, s."""
+MAP_BEYOND = 35.0
+"""How far the mapping vehicle goes on before and behind the road, m."""
+MAP_HEIGHT, SCAN_HEIGHT = 2.4, 1.8
+"""Of the sensors above the carriageway, m."""
+LANE_THERE, LANE_BACK = -1.2, 0.1
+"""To the left of the centre line, m: cars parked on one side send who comes back to the middle."""
+
+
+class _Stream(IntEnum):
+    """What is drawn from a seed, each by itself, so that one can change without the others."""
+
+    ROAD = 0
+    SCENE = 1
+    DAY_OF_MAP = 2
+    DAY_OF_SCANS = 3
+    MAP_DRIVE = 4
+    SCAN_DRIVE = 5
+    MAP_NOISE = 6
+    SCAN_NOISE = 7
+    UNIFORM_PRIORS = 8
+    GNSS_PRIORS = 9
+    GEOREFERENCING = 10
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SuburbWorld:
+    """The suburb before anything is measured.
+
+    Parameters
+    ----------
+    seed : int
+        Of everything in it.
+    road : ResidentialRoad
+        What all drives follow.
+    map_caster, scan_caster : RayCaster
+        The suburb on the day of the map and on the day of the scans: leaves, cars and bins differ.
+    map_drives : tuple of Drive
+        Of the mapping vehicle, there and back, as they truly were.
+    georeferencing : GeoreferencingErrors
+        How wrong its trajectory is, and the map with it.
+    scan_drive : Drive
+        Of the car. It goes on for a second before the first and behind the last epoch.
+    """
+
+    seed: int
+    road: ResidentialRoad
+    map_caster: RayCaster
+    scan_caster: RayCaster
+    map_drives: tuple[Drive, ...]
+    georeferencing: GeoreferencingErrors
+    scan_drive: Drive
+
+    @classmethod
+    def build(cls, seed: int, road_length: float = ROAD_LENGTH) -> Self:
+        """Return the world of `seed` along a road of `road_length` (m).
+
+        Raises
+        ------
+        OptionError
+            If `seed` is negative or the road too short or too long.
+        MissingExtraError
+            If embreex is not installed.
+        """
+        if seed < 0:
+            raise OptionError(f"Expected a seed of 0 or more, got {seed}. Take another whole number.")
+        check_embreex()
+        road = draw_road(road_length, [seed, _Stream.ROAD])
+        days = (_Stream.DAY_OF_MAP, _Stream.DAY_OF_SCANS)
+        map_caster, scan_caster = (RayCaster(suburb_on_day(road, seed, _Stream.SCENE, day)) for day in days)
+        drives = _mapping_drives(road, seed)
+        return cls(
+            seed=seed,
+            road=road,
+            map_caster=map_caster,
+            scan_caster=scan_caster,
+            map_drives=drives,
+            georeferencing=draw_georeferencing_errors(
+                [seed, _Stream.GEOREFERENCING], float(drives[0].times[0]), float(drives[-1].times[-1])
+            ),
+            scan_drive=_scan_drive(road, seed),
+        )
+
+    @property
+    def most_epochs(self) -> int:
+        """How many scans there are when none is left out."""
+        return n_epochs_on(self.road.length)
+
+    def n_pieces(self, scanners: Sequence[ProfileScanner]) -> int:
+        """How many pieces `map_echoes` yields."""
+        return len(map_pieces(self.map_drives, scanners))
+
+    def map_echoes(self, scanners: Sequence[ProfileScanner]) -> Iterator[Echoes]:
+        """Measure the map piece by piece, in order of time, and place it as the map's maker believes."""
+        pieces = map_pieces(self.map_drives, scanners)
+        for echoes in map_echoes(self.map_caster, pieces, [self.seed, _Stream.MAP_NOISE]):
+            offsets = self.georeferencing.at(echoes.times)
+            yield echoes._replace(points=echoes.points + offsets, origins=echoes.origins + offsets)
+
+    def map_poses(self) -> tuple[NDArray[np.float64], list[Pose]]:
+        """Times (s) and poses (T_city_vehicle) of the mapping vehicle, as the map's maker believes."""
+        times, poses = drive_poses(self.map_drives)
+        offsets = self.georeferencing.at(times)
+        return times, [pose.translated(offset) for pose, offset in zip(poses, offsets, strict=True)]
+
+    def epochs(self, n_epochs: int) -> list[CampaignEpoch]:
+        """Return `n_epochs` of all, spread evenly over the drive; the first and the last are among them."""
+        ticks = np.rint(np.linspace(0, self.most_epochs - 1, n_epochs)).astype(np.int64)
+        times = np.round(SCAN_START + EPOCH_STEP * ticks, 6)
+        poses = self.scan_drive.poses(times)
+        return [
+            CampaignEpoch(tick, time, pose)
+            for tick, time, pose in zip(ticks.tolist(), times.tolist(), poses, strict=True)
+        ]
+
+    def gnss_priors(self, epochs: Sequence[CampaignEpoch], errors: GnssErrors) -> list[Pose]:
+        """Priors whose errors change slowly over the drive."""
+        rows = errors.draw(self.most_epochs, EPOCH_STEP, [self.seed, _Stream.GNSS_PRIORS])
+        return [off_by(epoch.reference, rows[epoch.tick].tolist()) for epoch in epochs]
+
+    def uniform_priors(self, epochs: Sequence[CampaignEpoch], errors: PriorErrors) -> list[Pose]:
+        """Priors whose errors know nothing of each other."""
+        return [
+            errors.prior(
+                epoch.reference, np.random.default_rng([self.seed, _Stream.UNIFORM_PRIORS, epoch.tick])
+            )
+            for epoch in epochs
+        ]
+
+    def scan(self, epoch: CampaignEpoch, scanner: MovingScanner) -> Echoes:
+        """Measure the scan of one epoch while the car moves: the same, whichever others are taken."""
+        rng = np.random.default_rng([self.seed, _Stream.SCAN_NOISE, epoch.tick])
+        return scanner.scan(self.scan_caster, self.scan_drive, epoch.time, rng)
+
+
+def n_epochs_on(road_length: float) -> int:
+    """How many scans a road of `road_length` (m) has when none is left out."""
+    return 1 + round(road_length / MEAN_SPEED / EPOCH_STEP)
+
+
+def _mapping_drives(road: ResidentialRoad, seed: int) -> tuple[Drive, ...]:
+    """Return a drive there and one back, each slow somewhere."""
+    drives: list[Drive] = []
+    start = MAP_START
+    for i, lane in enumerate((LANE_THERE, LANE_BACK)):
+        stream = [seed, _Stream.MAP_DRIVE, i]
+        route = road.route(lane, [*stream, 0], start=MAP_BEYOND, is_back=i % 2 == 1)
+        level = drive_along(route, [*stream, 1], slowest=0.3, height=MAP_HEIGHT, start_time=start)
+        drives.append(road.on_ground(level))
+        start = float(level.times[-1]) + PAUSE
+    return tuple(drives)
+
+
+def _scan_drive(road: ResidentialRoad, seed: int) -> Drive:
+    """Return the drive of the car: it begins and ends 8 m beyond the road, at the time of no epoch."""
+    stream = [seed, _Stream.SCAN_DRIVE]
+    route = road.route(LANE_THERE, [*stream, 0], start=8.0)
+    level = road.on_ground(drive_along(route, [*stream, 1], slowest=0.4, height=SCAN_HEIGHT))
+    duration = EPOCH_STEP * (n_epochs_on(road.length) - 1)
+    first, last = np.interp([8.0, 8.0 + road.length], route.distances, level.times)
+    return replace(level, times=SCAN_START + (level.times - first) * duration / (last - first))
