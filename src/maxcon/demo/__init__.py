@@ -13,15 +13,19 @@ from maxcon.demo.run import (
     localize_demo,
     prepare_demo,
 )
+from maxcon.demo.wide import WIDE_NAMES, WideResult, try_wide_priors
 
 __all__ = [
     "DEMO_METHODS",
     "DEMO_NAMES",
+    "WIDE_NAMES",
     "DemoDrive",
     "DemoMethod",
     "MethodResult",
+    "WideResult",
     "check_extras",
     "localize_demo",
     "prepare_demo",
     "report_demo",
+    "try_wide_priors",
 ]

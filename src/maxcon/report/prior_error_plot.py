@@ -11,11 +11,13 @@ import numpy as np
 
 from maxcon.errors import OptionError
 from maxcon.report.figure import INK, MUTED, SERIES, draw_titles, saved_figure
-from maxcon.study.prior_trials import TrialSummary
+from maxcon.report.method_style import METHOD_STYLES, check_methods
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from maxcon.study.prior_trials import TrialSummary
 
 __all__ = ["plot_prior_error"]
 
@@ -37,24 +39,24 @@ class _Look(NamedTuple):
 
 
 FIRST = _Look(SERIES[0], 2.6, (0, None), "o", 7.5)
-OTHERS = (
-    _Look(SERIES[2], 5.5, (0, None), "D", 9.5),
-    _Look("#9fd4c3", 9.0, (0, None), "s", 0.0),
-    _Look(SERIES[1], 1.5, (0, (1.2, 1.2)), "^", 5.5),
-    _Look(SERIES[1], 1.5, (0, None), "^", 6.5),
-    _Look(SERIES[1], 1.5, (0, (6, 2)), "^", 5.5),
-    _Look(SERIES[3], 1.5, (0, (1.2, 1.2)), "v", 5.5),
-    _Look(SERIES[3], 1.5, (0, None), "v", 6.5),
-)
-"""In the order of `methods_at`: what searches a window is drawn wide, as it all lies at 100 %; one start is drawn thin."""
+DOTTED, SOLID, DASHED = (0.0, (1.2, 1.2)), (0.0, None), (0.0, (6.0, 2.0))
+LOOKS = {
+    "count 1 m, then GICP": _Look(SERIES[2], 5.5, SOLID, "D", 9.5),
+    "GICP from 75 starts": _Look("#9fd4c3", 9.0, SOLID, "s", 0.0),
+    "GICP, gate 1 m": _Look(SERIES[1], 1.5, DOTTED, "^", 5.5),
+    "GICP, gate 3 m": _Look(SERIES[1], 1.5, SOLID, "^", 6.5),
+    "GICP, gate 6 m": _Look(SERIES[1], 1.5, DASHED, "^", 5.5),
+    "ICP, gate 1 m": _Look(SERIES[3], 1.5, DOTTED, "v", 5.5),
+    "ICP, gate 3 m": _Look(SERIES[3], 1.5, SOLID, "v", 6.5),
+}
+"""What searches a window is drawn wide, one around the other, as it all lies at 100 %; one start is drawn thin."""
 
 
 def plot_prior_error(
     path: str | os.PathLike[str],
-    summaries_by_drive: Mapping[str, Sequence[TrialSummary]],
+    summaries_by_drive: Mapping[str, Sequence["TrialSummary"]],
     *,
     title: str = "How wrong may the prior be?",
-    looks: Mapping[str, int] | None = None,
 ) -> None:
     """Draw the share of epochs that are right, and below it of those wrong but called good, over the prior's error.
 
@@ -63,11 +65,9 @@ def plot_prior_error(
     path : path
         A .png or .svg to write.
     summaries_by_drive : mapping of str to sequence of TrialSummary
-        One column per drive, at most 4, by its name; all of the same methods, at most 8, the first emphasized.
+        One column per drive, at most 4, by its name; of at most 8 methods, the first emphasized.
     title : str
         What is written above.
-    looks : mapping of str to int, optional
-        Which of the looks each method has, from 0; in their order if None.
 
     Raises
     ------
@@ -78,16 +78,12 @@ def plot_prior_error(
     FileError
         If the file cannot be written.
     """
-    names = list(dict.fromkeys(one.method for found in summaries_by_drive.values() for one in found))
-    if not (1 <= len(summaries_by_drive) <= MOST_DRIVES and 1 <= len(names) <= 1 + len(OTHERS)):
-        raise OptionError(
-            f"Expected 1 to {MOST_DRIVES} drives and 1 to {1 + len(OTHERS)} methods, got {len(summaries_by_drive)} and"
-            f" {len(names)}. Draw several pictures."
-        )
-    styles = {
-        name: (FIRST, *OTHERS)[looks[name] if looks else number] for number, name in enumerate(names)
-    }
+    names = dict.fromkeys(one.method for found in summaries_by_drive.values() for one in found)
+    check_methods(names)
     n_drives = len(summaries_by_drive)
+    if n_drives > MOST_DRIVES:
+        raise OptionError(f"Expected 1 to {MOST_DRIVES} drives, got {n_drives}. Draw several pictures.")
+    styles = {name: _look(name, number) for number, name in enumerate(names)}
     width = max(NARROWEST, LEFT + n_drives * PANEL + (n_drives - 1) * GAP + RIGHT)
     panel = (width - LEFT - RIGHT - (n_drives - 1) * GAP) / n_drives
     n_rows = -(-len(names) // _n_columns(width))
@@ -118,13 +114,19 @@ def plot_prior_error(
         _draw_legend(figure, styles, {name: _median_ms(name, summaries_by_drive) for name in styles})
 
 
-def _top_of_wrong(summaries_by_drive: Mapping[str, Sequence[TrialSummary]]) -> float:
+def _look(name: str, number: int) -> _Look:
+    """Return the look of a method: known ones always look the same, whatever they stand beside."""
+    style = METHOD_STYLES[number]
+    return FIRST if number == 0 else LOOKS.get(name, _Look(style.color, 1.5, style.line, style.marker, 6.0))
+
+
+def _top_of_wrong(summaries_by_drive: Mapping[str, Sequence["TrialSummary"]]) -> float:
     """Where the lower axis ends, %: at the next 20 above all."""
     shares = [one.n_wrong_but_good / one.n_epochs for found in summaries_by_drive.values() for one in found]
     return max(20.0, 20.0 * math.ceil(5.0 * max(shares) - 1e-9)) + 1.0
 
 
-def _median_ms(name: str, summaries_by_drive: Mapping[str, Sequence[TrialSummary]]) -> float:
+def _median_ms(name: str, summaries_by_drive: Mapping[str, Sequence["TrialSummary"]]) -> float:
     """Median over the drives of a method's median time at the widest level, ms."""
     widest = [
         max((one for one in found if one.method == name), key=lambda one: one.offset)
@@ -134,7 +136,7 @@ def _median_ms(name: str, summaries_by_drive: Mapping[str, Sequence[TrialSummary
 
 
 def _draw_drive(
-    above: "Axes", below: "Axes", drive: str, found: Sequence[TrialSummary], styles: Mapping[str, _Look]
+    above: "Axes", below: "Axes", drive: str, found: Sequence["TrialSummary"], styles: Mapping[str, _Look]
 ) -> None:
     """Draw one column."""
     n_epochs = max(one.n_epochs for one in found)
@@ -186,7 +188,7 @@ def _rounded(ms: float) -> str:
 
 
 def _n_columns(width: float) -> int:
-    return max(2, int(width / 2.45))
+    return max(2, int(width / 2.9))
 
 
 def _draw_legend(figure: "Figure", styles: Mapping[str, _Look], ms: Mapping[str, float]) -> None:
