@@ -68,7 +68,7 @@ class CountThenGicp:
         check_number("thinning", self.thinning, 0.75, "m", may_be_zero=True)
 
     @property
-    def space(self) -> SearchSpace:
+    def window(self) -> SearchSpace:
         """Cells of the coarse search."""
         n_cells = math.ceil(self.half_width / self.voxel - 1e-9) + 1
         n_turns = math.ceil(self.heading_half_width_deg / self.heading_step_deg - 1e-9)
@@ -107,14 +107,14 @@ class CountThenGicp:
         self, scan: Scan, point_map: PointMap, around: Pose, spread: float = 0.0
     ) -> "_CountThenGicpAligner":
         """Thin the scan, and make both maps around it, which all priors within `spread` (m) share."""
-        spread += math.sqrt(2.0) * self.space.half_width
+        spread += math.sqrt(2.0) * self.window.half_width
         place = Place.of_scan(scan.points, around, self.gicp.gate, spread)
         points = thin(scan.points, self.thinning)
         targets: MapTargets = self.gicp.targets
         key = ("count", place, self.voxel, self.gicp.target_edge)
         coarse = targets.get(point_map, key, lambda: self._coarse(point_map, place))
         fine = self.gicp.prepare(scan, point_map, around, spread)
-        return _CountThenGicpAligner(self.space, Scan(points, np.zeros_like(points)), coarse, fine)
+        return _CountThenGicpAligner(self.window, Scan(points, np.zeros_like(points)), coarse, fine)
 
     def _coarse(self, point_map: PointMap, place: Place) -> PointMap:
         points, _ = self.gicp.targets.planes(point_map, place, self.gicp.target_edge)

@@ -83,7 +83,7 @@ class MultiStart:
         check_number("overlap_distance", self.overlap_distance, 0.3, "m")
 
     def starts(self, centre: Pose) -> list[Pose]:
-        """Poses of the grid around `centre`, in map axes, in the order (heading, y, x); all else is that of `centre`."""
+        """Poses around `centre`, in map axes, in the order (heading, y, x); all else is that of `centre`."""
         offsets = _steps_about_zero(self.n_side, self.spacing)
         turns = _steps_about_zero(self.n_headings, math.radians(self.heading_spacing_deg))
         return [
@@ -130,8 +130,8 @@ class MultiStart:
     def choose(self, estimates: Sequence[Estimate]) -> Estimate:
         """Return the end with the highest score, the first of equal ones: correspondences, or the overlap.
 
-        By agreement, what would be `LOCALIZED` is `AMBIGUOUS` if not all starts ended within 0.3 m and 1 degree of it (the
-        options say how near). Most correspondences need not be the right place: in a street of equal houses
+        By agreement, what would be `LOCALIZED` is `AMBIGUOUS` if not all starts ended within 0.3 m and 1 degree of
+        it (the options say how near). Most correspondences need not be the right place: in a street of equal houses
         every house has about as many.
 
         Raises

@@ -13,12 +13,11 @@ from maxcon.demo.run import (
     localize_demo,
     prepare_demo,
 )
-from maxcon.demo.wide import WIDE_NAMES, WideResult, try_wide_priors
+from maxcon.demo.wide import WideResult, try_wide_priors
 
 __all__ = [
     "DEMO_METHODS",
     "DEMO_NAMES",
-    "WIDE_NAMES",
     "DemoDrive",
     "DemoMethod",
     "MethodResult",

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: MIT
 """What wide priors make of each method, on the demo's own street: why to search at all."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,17 +10,17 @@ from maxcon.demo.run import DemoDrive
 from maxcon.errors import MissingExtraError
 from maxcon.mapping import build_map, dataset_map_options
 from maxcon.progress import Progress
+from maxcon.simulation import PriorErrors
 from maxcon.study.bench import BenchPlan
 from maxcon.study.methods import StudyMethod
 from maxcon.study.prior_levels import GICP_FROM_MANY, MAXCON, methods_at, prior_level
 from maxcon.study.prior_trials import PriorTrial, TrialSummary, summarize_trials, try_epoch, write_trials
 from maxcon.study.run import spread_epochs
 
-__all__ = ["WIDE_LEVELS", "WIDE_NAMES", "WideResult", "try_wide_priors"]
+__all__ = ["WIDE_LEVELS", "WideResult", "try_wide_priors"]
 
 WIDE_LEVELS = (prior_level(3.0, 2.0), prior_level(6.0, 5.0), prior_level(12.0, 10.0))
-WIDE_NAMES = ("city-with-ground.map", "prior-error.csv")
-"""What is added to the folder of a demo."""
+GROUND_MAP, TABLE = "city-with-ground.map", "prior-error.csv"
 MOST_EPOCHS = 10
 """A search 24 m wide takes half a second: of a longer drive some epochs are shown."""
 
@@ -33,13 +32,10 @@ class WideResult:
     Parameters
     ----------
     trials : tuple of PriorTrial
-        Epoch by epoch.
-    has_gicp : bool
-        Whether small_gicp is installed, so that its methods stand beside the others.
+        Epoch by epoch; those of GICP only where small_gicp is installed.
     """
 
     trials: tuple[PriorTrial, ...]
-    has_gicp: bool
 
     @property
     def summaries(self) -> list[TrialSummary]:
@@ -75,55 +71,49 @@ class WideResult:
             )
             return f"{told} What searches the window first can do it too: {fair}."
         return (
-            f"{told} What searches the window first can do it too: a coarse count followed by GICP. It needs small_gicp;"
-            " to see it here: pip install 'maxcon[baselines]'"
+            f"{told} What searches the window first can do it too: a coarse count followed by GICP. It needs"
+            " small_gicp; to see it here: pip install 'maxcon[baselines]'"
         )
 
 
-def _methods(has_gicp: bool, level_number: int) -> list[StudyMethod]:
-    """Methods of a level: those that small_gicp is not needed for, or all but the many starts, which take too long."""
-    found = methods_at(WIDE_LEVELS[level_number], gates=(1.0, 3.0))
-    if has_gicp:
-        return [method for method in found if method.name != GICP_FROM_MANY]
-    return [method for method in found if "GICP" not in method.name]
+def _has_small_gicp() -> bool:
+    try:
+        check_small_gicp()
+    except MissingExtraError:
+        return False
+    return True
 
 
-def try_wide_priors(
-    drive: DemoDrive, folder: Path, *, seed: int, progress: Progress, n_epochs: int | None = None
-) -> WideResult:
+def _methods(level: PriorErrors) -> list[StudyMethod]:
+    """Methods of a level that can run here, without the many starts, which take too long."""
+    left_out = GICP_FROM_MANY if _has_small_gicp() else "GICP"
+    return [method for method in methods_at(level, gates=(1.0, 3.0)) if left_out not in method.name]
+
+
+def try_wide_priors(drive: DemoDrive, folder: Path, *, seed: int, progress: Progress) -> WideResult:
     """Localize some epochs of the drive from ever wider priors and write the trials to `folder`.
 
     Parameters
     ----------
     drive : DemoDrive
-        The simulated drive; the map with ground, for the peers, is built here.
+        The simulated drive.
     folder : Path
-        Of the demo.
+        Of the demo; the map with ground, for the peers, is built there.
     seed : int
         Of the priors.
     progress : callable
         Called with (step, done, of how many).
-    n_epochs : int, optional
-        So many, evenly spread; 10 at most if None.
     """
-    try:
-        check_small_gicp()
-        has_gicp = True
-    except MissingExtraError:
-        has_gicp = False
-    ground = folder / WIDE_NAMES[0]
     options = dataset_map_options(drive.dataset, keeps_ground=True)
-    build_map(drive.dataset.map_clouds, ground, options, progress=progress)
-    bench = BenchPlan(drive.dataset, {"standard": folder / "city.map", "ground": ground}).open()
-    n_scans = len(bench.scans)
-    epochs = spread_epochs(n_scans, n_epochs or min(n_scans, MOST_EPOCHS))
-    by_level: Sequence[list[StudyMethod]] = [
-        _methods(has_gicp, number) for number in range(len(WIDE_LEVELS))
-    ]
+    build_map(drive.dataset.map_clouds, folder / GROUND_MAP, options, progress=progress)
+    maps = {"standard": folder / "city.map", "ground": folder / GROUND_MAP}
+    bench = BenchPlan(drive.dataset, maps).open()
+    epochs = spread_epochs(len(bench.scans), min(len(bench.scans), MOST_EPOCHS))
+    by_level = [(level, _methods(level)) for level in WIDE_LEVELS]
     trials: list[PriorTrial] = []
     for done, epoch in enumerate(epochs, 1):
-        for level, methods in zip(WIDE_LEVELS, by_level, strict=True):
+        for level, methods in by_level:
             trials += try_epoch(bench, epoch, level, methods, seed)
         progress("localizing from wide priors", done, len(epochs))
-    write_trials(folder / WIDE_NAMES[1], trials)
-    return WideResult(tuple(trials), has_gicp)
+    write_trials(folder / TABLE, trials)
+    return WideResult(tuple(trials))

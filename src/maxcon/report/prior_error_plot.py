@@ -142,7 +142,7 @@ def _draw_drive(
     n_epochs = max(one.n_epochs for one in found)
     above.set_title(f"{drive}, {n_epochs} epochs", loc="left", fontweight="bold", parse_math=False)
     levels = sorted({(one.offset, one.heading_deg) for one in found})
-    for rank, (name, look) in enumerate(reversed(styles.items())):
+    for rank, (name, look) in enumerate(reversed(list(styles.items()))):
         rows = sorted((one for one in found if one.method == name), key=lambda one: one.offset)
         places = [one.offset for one in rows]
         for axes, shares in (

@@ -50,7 +50,10 @@ METHOD_SETS: dict[str, tuple[str, ...]] = {
         "icp-point-1m", "icp-point-3m", "icp-plane-1m", "icp-plane-3m", "gicp-1m", "gicp-3m",
         "icp-plane-1m-5x5", "icp-plane-3m-5x5", "count-1m-then-gicp",
     ),
-    "ground": ("helmert-ground", "icp-plane-1m-ground", "icp-plane-3m-ground", "gicp-3m-ground", "count-1m-then-gicp-ground"),
+    "ground": (
+        "helmert-ground", "icp-plane-1m-ground", "icp-plane-3m-ground", "gicp-3m-ground",
+        "count-1m-then-gicp-ground",
+    ),
     "weights": (
         "helmert-points", "helmert-points-unweighted", "helmert-occupied", "helmert-occupied-unweighted",
     ),

@@ -15,7 +15,16 @@ from maxcon.search_space import SearchSpace
 from maxcon.simulation import PriorErrors
 from maxcon.study.methods import StudyMethod
 
-__all__ = ["GICP_FROM_MANY", "LEVELS", "MAXCON", "methods_at", "parse_level", "prior_at", "prior_level", "space_of"]
+__all__ = [
+    "GICP_FROM_MANY",
+    "LEVELS",
+    "MAXCON",
+    "methods_at",
+    "parse_level",
+    "prior_at",
+    "prior_level",
+    "space_of",
+]
 
 MAXCON, GICP_FROM_MANY = "maxcon", "GICP from 75 starts"
 """Names among `methods_at`: of maximum consensus, and of what takes longest."""
@@ -29,7 +38,9 @@ def prior_level(offset: float, heading_deg: float) -> PriorErrors:
     return PriorErrors(offset, heading_deg, z=0.0, tilt_deg=0.0)
 
 
-LEVELS = tuple(prior_level(*level) for level in ((1.0, 1.0), (3.0, 2.0), (6.0, 5.0), (9.0, 7.5), (12.0, 10.0)))
+LEVELS = tuple(
+    prior_level(*level) for level in ((1.0, 1.0), (3.0, 2.0), (6.0, 5.0), (9.0, 7.5), (12.0, 10.0))
+)
 """From a good satellite fix to a poor one."""
 
 
