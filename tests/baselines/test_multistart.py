@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from maxcon import Estimate, Pose, Scan, Status
-from maxcon.baselines import Gicp, Icp, MultiStart
+from maxcon.baselines import Choice, Gicp, Icp, MultiStart
 from maxcon.errors import OptionError
 
 CENTRE = Pose(10.0, 20.0, 1.5, 0.01, 0.02, 0.3)
@@ -23,8 +23,8 @@ def estimate(x, y, score, status=Status.LOCALIZED, heading=0.3):
 class Recorded:
     """A method that ends at given estimates, and remembers what it was asked for."""
 
-    def __init__(self, ends):
-        self.ends, self.prepared, self.starts = list(ends), [], []
+    def __init__(self, ends, overlaps=None):
+        self.ends, self.prepared, self.starts, self.overlaps = list(ends), [], [], overlaps
 
     def prepare(self, scan, point_map, around, spread=0.0):
         self.prepared.append((scan, point_map, around, spread))
@@ -33,6 +33,9 @@ class Recorded:
     def align(self, start):
         self.starts.append(start)
         return self.ends[len(self.starts) - 1]
+
+    def n_near_map(self, pose, distance):
+        return self.overlaps[pose.x, distance]
 
 
 def test_the_papers_grid_is_five_by_five_at_one_metre():
@@ -108,6 +111,52 @@ def test_how_near_is_an_option():
     assert wide.choose(ends).is_localized
 
 
+def test_headings_of_starts_are_about_the_centre_s():
+    many = MultiStart(Icp(), n_side=2, spacing=0.5, n_headings=3, heading_spacing_deg=4.0)
+    starts = many.starts(CENTRE)
+    assert len(starts) == 12
+    assert [round(math.degrees(start.heading - CENTRE.heading), 9) for start in starts[::4]] == [
+        -4.0,
+        0.0,
+        4.0,
+    ]
+    assert [(start.x, start.y) for start in starts[:4]] == [(start.x, start.y) for start in starts[8:]]
+
+
+def test_by_overlap_the_end_nearest_to_the_map_wins_and_says_its_own_word():
+    ends = [
+        estimate(1.0, 0.0, 9.0),
+        estimate(2.0, 0.0, 5.0, Status.NOT_CONVERGED),
+        estimate(3.0, 0.0, 5.0),
+        estimate(4.0, 0.0, 7.0),
+    ]
+    overlaps = {(1.0, 0.2): 3, (2.0, 0.2): 8, (3.0, 0.2): 8, (4.0, 0.2): 7}
+    many = MultiStart(Recorded(ends, overlaps), n_side=2, choice="overlap", overlap_distance=0.2)
+    found = many.localize(Scan(np.empty((0, 3))), object(), CENTRE)
+    assert (found.pose, found.score, found.status) == (ends[1].pose, 8.0, Status.NOT_CONVERGED)
+    assert many.choice is Choice.OVERLAP
+
+
+def test_by_overlap_one_good_start_is_enough(street, street_map, street_scan):
+    prior = street.prior(7.0, 2.0, 6.0)
+    options = {"spacing": 4.8, "n_headings": 3, "heading_spacing_deg": 6.7}
+    found = MultiStart(Icp(gate=3.0), **options, choice="overlap").localize(street_scan, street_map, prior)
+    assert found.is_localized
+    assert street.distance(found.pose) < 0.1
+    wary = MultiStart(Icp(gate=3.0), **options).localize(street_scan, street_map, prior)
+    assert not wary.is_localized
+
+
+@pytest.mark.parametrize("method", [Icp(), Gicp()])
+def test_points_near_the_map_are_counted_at_a_pose(street, street_map, street_scan, method):
+    if isinstance(method, Gicp):
+        pytest.importorskip("small_gicp")
+    aligner = method.prepare(street_scan, street_map, street.sensor)
+    n_points = aligner.n_near_map(street.sensor, 50.0)
+    assert aligner.n_near_map(street.sensor, 0.5) > 0.95 * n_points > 0
+    assert aligner.n_near_map(street.prior(0.0, 2.0), 0.5) < 0.5 * n_points
+
+
 def test_no_estimates_are_refused():
     with pytest.raises(OptionError, match="at least one start"):
         MultiStart(Icp()).choose([])
@@ -159,6 +208,10 @@ def test_pickled_with_its_method(same, street, street_map, street_scan):
     [
         ({"n_side": 0}, "`n_side` to be a whole number from 1, got 0"),
         ({"spacing": 0.0}, "`spacing` > 0 m"),
+        ({"n_headings": 0}, "`n_headings` to be a whole number from 1, got 0"),
+        ({"heading_spacing_deg": 0.0}, "`heading_spacing_deg` > 0 degrees"),
+        ({"overlap_distance": 0.0}, "`overlap_distance` > 0 m"),
+        ({"choice": "best"}, "`choice` to be 'agreement' or 'overlap', got 'best'"),
         ({"agreement_distance": -1.0}, "`agreement_distance` > 0 m"),
         ({"agreement_heading_deg": math.nan}, "`agreement_heading_deg` > 0 degrees"),
     ],

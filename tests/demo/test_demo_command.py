@@ -10,6 +10,7 @@ from maxcon.dataset import Dataset
 from maxcon.demo import DEMO_METHODS, DEMO_NAMES
 from maxcon.io.trajectories import read_trajectory
 from maxcon.point_map import PointMap
+from maxcon.study.prior_trials import read_trials, summarize_trials
 
 TABLES = [f"poses-{method.slug}.csv" for method in DEMO_METHODS]
 
@@ -41,6 +42,20 @@ def test_the_table_has_a_row_for_each_method(demo):
     assert re.search(r"Helmert, a voxel once\D+4 of 4", ended.stdout)
 
 
+def test_from_wide_priors_maximum_consensus_is_right_and_one_start_is_not(demo):
+    folder, ended = demo
+    trials = [trial for trial in read_trials(folder / "prior-error.csv") if trial.offset == 12.0]
+    widest = {one.method: one for one in summarize_trials(trials)}
+    assert (widest["maxcon"].n_right, widest["maxcon"].n_wrong_but_good) == (4, 0)
+    assert sum(one.n_wrong_but_good for name, one in widest.items() if name.startswith("ICP")) > 0
+    assert min(one.n_right for name, one in widest.items() if name.startswith("ICP")) < 4
+    for name, one in widest.items():
+        assert re.search(rf"{name} .* {one.n_right} of 4 .* {one.n_wrong_but_good} ", ended.stdout)
+    told = " ".join(ended.stdout.split())
+    assert "maximum consensus is right in 4 of 4 epochs; registration from one start in" in told
+    assert "What searches the window first can do it too" in told
+
+
 def test_everything_it_made_is_there(demo):
     folder, ended = demo
     assert sorted(path.name for path in folder.iterdir()) == sorted([*DEMO_NAMES[:-1], *TABLES])
@@ -57,7 +72,7 @@ def test_the_report_shows_the_figures_of_the_table(demo):
     page = (folder / "report.html").read_text()
     assert "<title>maxcon demo: a simulated street</title>" in page
     assert "maxcon demo --epochs 4 --seed 0" in page
-    assert page.count("<img") == 5
+    assert page.count("<img") == 6
     row = next(line for line in ended.stdout.splitlines() if "Helmert, a voxel once" in line)
     assert re.findall(r"\d\.\d{3}", row)[0] in page
 

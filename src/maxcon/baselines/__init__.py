@@ -2,15 +2,18 @@
 # SPDX-License-Identifier: MIT
 """What maximum consensus is compared with: iterative methods that need a start, all with `localize` (D6)."""
 
+from maxcon.baselines.count_then_gicp import CountThenGicp
 from maxcon.baselines.gicp import Gicp, check_small_gicp
 from maxcon.baselines.icp import Icp
 from maxcon.baselines.map_targets import MapTargets
-from maxcon.baselines.multistart import MultiStart
+from maxcon.baselines.multistart import Choice, MultiStart
 from maxcon.baselines.residuals import Residual
 from maxcon.baselines.started import Aligner, StartedMethod
 
 __all__ = [
     "Aligner",
+    "Choice",
+    "CountThenGicp",
     "Gicp",
     "Icp",
     "MapTargets",

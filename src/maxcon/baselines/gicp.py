@@ -203,6 +203,15 @@ class _GicpAligner:
         status = status if is_determined else Status.UNDETERMINED
         return Estimate(pose, float(n_matched), None, status, cofactor, share)
 
+    def n_near_map(self, pose: Pose, distance: float) -> int:
+        """How many points of the thinned scan lie within `distance` (m) of the map's points at a pose."""
+        if not (self.source.n_points and self.target.n_points):
+            return 0
+        points = np.asarray(self.source.cloud.points())[:, :3]
+        placed = points @ pose.rotation.T + (pose.position - self.target.origin)
+        _, squares = self.target.tree.batch_nearest_neighbor_search(placed)
+        return int((np.asarray(squares) <= distance**2).sum())
+
 
 def _normal_matrix(hessian: NDArray[np.float64], rotation: NDArray[np.float64]) -> NDArray[np.float64]:
     """N of x and y in map axes; small_gicp's unknowns are rotation, then translation, in sensor axes."""

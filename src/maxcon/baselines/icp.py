@@ -172,3 +172,9 @@ class _IcpAligner:
         pose = Pose(x, y, start.z, start.roll, start.pitch, heading)
         n_matched, n_points = len(matched), len(points)
         return Estimate(pose, float(n_matched), None, status, cofactor, n_matched / n_points)
+
+    def n_near_map(self, pose: Pose, distance: float) -> int:
+        """How many points of the thinned scan lie within `distance` (m) of the map's points at a pose."""
+        placed = pose.apply(self.scan.points)
+        _, nearest = self.target.tree.query(placed, distance_upper_bound=distance)
+        return int((nearest < len(self.target.points)).sum())

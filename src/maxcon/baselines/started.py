@@ -26,6 +26,10 @@ class Aligner(Protocol):
         """Return where the method ends from a start: T_map_sensor, local frame of the map."""
         ...
 
+    def n_near_map(self, pose: Pose, distance: float) -> int:
+        """How many points of the thinned scan lie within `distance` (m) of the map's points at a pose."""
+        ...
+
 
 class StartedMethod(Protocol):
     """A method whose answer depends on where it starts."""

@@ -13,7 +13,7 @@ from maxcon.cli.compiling import compiling_told
 from maxcon.cli.progress import step_bars
 
 if TYPE_CHECKING:
-    from maxcon.demo import MethodResult
+    from maxcon.demo import MethodResult, WideResult
 
 __all__ = ["demo"]
 
@@ -26,12 +26,20 @@ def demo(
     seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same answers.")] = 0,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bars.")] = False,
 ) -> None:
-    """Simulate a small city, map it, drive it, localize by count and by Helmert, and report.
+    """Simulate a small city, map it, drive it, localize from near and from wide priors, and report.
 
     Needs the extra demo. A demo that stands in DIR is replaced; anything else there is an error.
     """
     from maxcon.atomic import atomic_folder, check_replaceable
-    from maxcon.demo import DEMO_METHODS, DEMO_NAMES, check_extras, localize_demo, prepare_demo, report_demo
+    from maxcon.demo import (
+        DEMO_METHODS,
+        DEMO_NAMES,
+        check_extras,
+        localize_demo,
+        prepare_demo,
+        report_demo,
+        try_wide_priors,
+    )
 
     check_extras()
     check_replaceable(out, "a demo", DEMO_NAMES)
@@ -42,8 +50,10 @@ def demo(
     ):
         drive = prepare_demo(folder, n_epochs=epochs, seed=seed, progress=progress)
         results = localize_demo(drive, folder, DEMO_METHODS, progress=progress)
-        report_demo(folder, drive, results, seed=seed, progress=progress)
+        wide = try_wide_priors(drive, folder, seed=seed, progress=progress)
+        report_demo(folder, drive, results, wide, seed=seed, progress=progress)
     _print_table(results)
+    _print_wide(wide)
     typer.echo(f"\nThe report with pictures: {out / 'report.html'}")
 
 
@@ -68,3 +78,24 @@ def _print_table(results: "Sequence[MethodResult]") -> None:
             f"{result.median_milliseconds:.0f}",
         )
     Console().print(table)
+
+
+def _print_wide(wide: "WideResult") -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    widest = wide.widest
+    level = f"{widest[0].offset:g} m and {widest[0].heading_deg:g} degrees"
+    table = Table(title=f"The same, from priors wrong by up to {level}, beside registration")
+    table.add_column("method")
+    for name in ("success", "wrong, but called good", "median ms"):
+        table.add_column(name, justify="right")
+    for one in widest:
+        table.add_row(
+            one.method,
+            f"{one.n_right} of {one.n_epochs}",
+            str(one.n_wrong_but_good),
+            f"{one.median_ms:.0f}",
+        )
+    Console().print("", table)
+    Console(soft_wrap=True).print(wide.words, markup=False, highlight=False)

@@ -13,6 +13,7 @@ from maxcon.demo.run import (
     localize_demo,
     prepare_demo,
 )
+from maxcon.demo.wide import WideResult, try_wide_priors
 
 __all__ = [
     "DEMO_METHODS",
@@ -20,8 +21,10 @@ __all__ = [
     "DemoDrive",
     "DemoMethod",
     "MethodResult",
+    "WideResult",
     "check_extras",
     "localize_demo",
     "prepare_demo",
     "report_demo",
+    "try_wide_priors",
 ]

@@ -37,7 +37,15 @@ __all__ = [
     "prepare_demo",
 ]
 
-DEMO_NAMES = ("report.html", "dataset", "city.map", "pictures", "poses-*.csv")
+DEMO_NAMES = (
+    "report.html",
+    "dataset",
+    "city.map",
+    "city-with-ground.map",
+    "prior-error.csv",
+    "pictures",
+    "poses-*.csv",
+)
 """All that the folder of a demo holds."""
 
 

@@ -57,6 +57,8 @@ class DemoPage:
         Some epochs: a street by count and by Helmert, a crossing.
     errors, drive : Picture, optional
         Errors over the drive, and the drive from above.
+    wide : Picture, optional
+        What ever wider priors make of each method.
     facts : sequence of (str, str)
         What and how much: ("Map", "4.1 million points").
     command : str
@@ -76,6 +78,7 @@ class DemoPage:
     seed: int | None = None
     errors: Picture | None = None
     drive: Picture | None = None
+    wide: Picture | None = None
     facts: tuple[tuple[str, str], ...] = ()
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from maxcon.accumulator import Accumulator
-from maxcon.baselines import Gicp, Icp, MultiStart
+from maxcon.baselines import CountThenGicp, Gicp, Icp, MultiStart
 from maxcon.dataset import Dataset
 from maxcon.drive import DriveOptions, Method, check_inside, pose_or_none, status_without_search
 from maxcon.errors import FileError, MaxconError, MissingExtraError, TrajectoryError
@@ -29,7 +29,7 @@ from maxcon.study.methods import StudyMethod
 from maxcon.study.table import Row
 from maxcon.trajectory import Trajectory
 
-__all__ = ["REFERENCE", "Bench", "BenchPlan"]
+__all__ = ["REFERENCE", "Bench", "BenchPlan", "prepare_map"]
 
 REFERENCE = "reference"
 """Name of the reference as a prior: the search space lies around the true pose, as in the paper's figures."""
@@ -229,7 +229,7 @@ def _answer(
             return Answer(estimate, taken)
         return Answer(estimate, taken, _distinctness_or_none(accumulator, method.method.objective))
     scan = Scan(scan.points, time=scan.time)  # whatever it needs of the scan is charged to it
-    _prepare_map(method.method, scan, point_map, start)
+    prepare_map(method.method, scan, point_map, start)
     clock = time.perf_counter()
     if isinstance(method.method, MultiStart):
         starts = method.method.estimates(scan, point_map, start)
@@ -239,12 +239,14 @@ def _answer(
     return Answer(estimate, 1e3 * (time.perf_counter() - clock), starts=tuple(starts))
 
 
-def _prepare_map(method: Method, scan: Scan, point_map: PointMap, start: Pose) -> None:
-    """Let a baseline find its part of the map before the clock runs: methods share it, the first would pay."""
-    if isinstance(method, MultiStart):
-        method.method.prepare(scan, point_map, start, method.largest_offset)
-    elif isinstance(method, Icp | Gicp):
+def prepare_map(method: Method, scan: Scan, point_map: PointMap, start: Pose) -> None:
+    """Let a method make its part of the map before the clock runs: methods share it, the first would pay."""
+    if isinstance(method, MultiStart | Icp | Gicp | CountThenGicp):
         method.prepare(scan, point_map, start)
+    elif isinstance(method, MaximumConsensus):
+        # Tiles are read and indexed when they are first searched: one heading meets nearly all of them.
+        one_heading = replace(method.space, heading_half_width_deg=0.0)
+        replace(method, space=one_heading).localize(scan, point_map, start)
 
 
 def _distinctness_or_none(accumulator: Accumulator, objective: Objective) -> Distinctness | None:

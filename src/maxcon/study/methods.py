@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from maxcon.baselines import Gicp, Icp, MapTargets, MultiStart
+from maxcon.baselines import CountThenGicp, Gicp, Icp, MapTargets, MultiStart
 from maxcon.drive import Method
 from maxcon.errors import OptionError
 from maxcon.maximum_consensus import MaximumConsensus
@@ -49,9 +49,12 @@ METHOD_SETS: dict[str, tuple[str, ...]] = {
     ),
     "baselines": (
         "icp-point-1m", "icp-point-3m", "icp-plane-1m", "icp-plane-3m", "gicp-1m", "gicp-3m",
-        "icp-plane-1m-5x5", "icp-plane-3m-5x5",
+        "icp-plane-1m-5x5", "icp-plane-3m-5x5", "count-1m-then-gicp",
     ),
-    "ground": ("helmert-ground", "icp-plane-1m-ground", "icp-plane-3m-ground", "gicp-3m-ground"),
+    "ground": (
+        "helmert-ground", "icp-plane-1m-ground", "icp-plane-3m-ground", "gicp-3m-ground",
+        "count-1m-then-gicp-ground",
+    ),
     "weights": (
         "helmert-points", "helmert-points-unweighted", "helmert-occupied-published", "helmert-occupied-unweighted",
         "helmert-occupied",
@@ -81,7 +84,7 @@ def known_methods(space: SearchSpace) -> dict[str, StudyMethod]:
 
     A map with another cell edge gets the same space in cells of that edge.
     """
-    found = [*_consensus_methods(space), *_baseline_methods()]
+    found = [*_consensus_methods(space), *_baseline_methods(space)]
     return {method.name: method for method in found}
 
 
@@ -149,8 +152,8 @@ def _in_cells_of(space: SearchSpace, cell: float) -> SearchSpace:
     return SearchSpace(round(n_cells) * cell, cell, space.heading_half_width_deg, space.heading_step_deg)
 
 
-def _baseline_methods() -> list[StudyMethod]:
-    """ICP and GICP with both gates from the prior, and 5 x 5 starts around the reference."""
+def _baseline_methods(space: SearchSpace) -> list[StudyMethod]:
+    """ICP and GICP with both gates from the prior, 5 x 5 starts around the reference, and a count before GICP."""
     methods, targets = [], MapTargets()
     for gate in (1.0, 3.0):
         end = f"{gate:.0f}m"
@@ -165,4 +168,6 @@ def _baseline_methods() -> list[StudyMethod]:
             StudyMethod(f"icp-plane-{end}-ground", plane, "ground"),
             StudyMethod(f"gicp-{end}-ground", gicp, "ground"),
         ]
-    return methods
+    name = "count-1m-then-gicp"
+    count = CountThenGicp(space.half_width, space.heading_half_width_deg, gicp=Gicp(3.0, targets=targets))
+    return [*methods, StudyMethod(name, count), StudyMethod(f"{name}-ground", count, "ground")]

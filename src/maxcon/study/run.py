@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from maxcon.atomic import check_folder, locked, make_folder
-from maxcon.baselines import Gicp, MultiStart, check_small_gicp
+from maxcon.baselines import CountThenGicp, Gicp, MultiStart, check_small_gicp
 from maxcon.dataset import Dataset
 from maxcon.drive import DriveOptions
 from maxcon.errors import FileError, OptionError
@@ -193,7 +193,7 @@ def _checked(
         )
     for method in methods:
         inner = method.method.method if isinstance(method.method, MultiStart) else method.method
-        if isinstance(inner, Gicp):
+        if isinstance(inner, Gicp | CountThenGicp):
             check_small_gicp()
     return names
 
