@@ -4,8 +4,8 @@
 
 python benchmarks/variants.py MAP SCANS --reference REFERENCE --prior PRIOR [--prior PRIOR ...]
 
-Points in another order; every second ring of the scanner left out; a tenth of the points replaced by clutter; priors 0.2 m
-too low or too high. The same epochs and priors for maximum consensus and for registrations from the prior.
+Points in another order; every second ring of the scanner left out; a tenth of the points replaced by clutter; priors
+0.2 m too low or too high. The same epochs and priors for maximum consensus and for registrations from the prior.
 """
 
 import argparse
@@ -82,7 +82,9 @@ def main() -> None:
             for number, raw in enumerate(scans.scans()):
                 rng = np.random.default_rng([number, zlib.crc32(variant.encode())])
                 points = change(raw.points, rng)
-                start, truth = (point_map.frame.pose_to_local(poses.at(raw.time)) for poses in (prior, reference))
+                start, truth = (
+                    point_map.frame.pose_to_local(poses.at(raw.time)) for poses in (prior, reference)
+                )
                 start = replace(start, z=truth.z + raised if raised else start.z)
                 for name, method in methods.items():
                     estimate = method.localize(maxcon.Scan(points, time=raw.time), point_map, start)

@@ -9,6 +9,7 @@ import pytest
 
 from maxcon import MaximumConsensus, PointMap, Scan, SearchSpace
 from maxcon.drive import localize_drive
+from maxcon.evaluation import pose_error
 from maxcon.geometry import wrap_angle
 from maxcon.io.scans import open_scans
 from maxcon.io.scans.folder import ScanFolder
@@ -87,3 +88,51 @@ def test_the_search_equals_the_definition_on_a_real_scan(drive_folder, city, eve
     for n_threads in (1, 2):
         found = exhaustive(scan, point_map, prior, space, multiplicity=multiplicity, n_threads=n_threads)
         assert (found.moments == wanted.moments).all()
+
+
+def localized(folder, point_map, scans, prior_name):
+    """Whether each epoch is right, and whether it is called localized, of scans with a prior."""
+    prior, wanted = (read_trajectory(folder / f"{name}.txt") for name in (prior_name, "reference"))
+    right, trusted, distances = [], [], []
+    for epoch in localize_drive(point_map, scans, prior, MaximumConsensus()):
+        pose = point_map.frame.pose_to_local(wanted.at(epoch.raw.time))
+        error = pose_error(epoch.estimate.pose, pose)
+        right.append(error.is_success)
+        trusted.append(epoch.estimate.is_localized)
+        distances.append(error.distance)
+    return np.array(right), np.array(trusted), np.array(distances)
+
+
+@pytest.mark.parametrize("prior", ["prior_perturbed", "prior_gnss"])
+def test_every_epoch_of_the_main_road_is_right(drive_folder, city, prior):
+    right, trusted, _ = localized(drive_folder, city[1], open_scans(drive_folder / "scans"), prior)
+    assert len(right) == 70
+    assert right.all()
+    assert trusted.sum() >= 69
+
+
+@pytest.fixture(scope="module")
+def suburb(shared_data, tmp_path_factory):
+    folder = shared_data / "kitti360-suburb"
+    if not folder.is_dir():
+        pytest.skip(f"no drive at {folder}")
+    out = tmp_path_factory.mktemp("suburb") / "suburb.map"
+    options = MapOptions(trajectory=read_trajectory(folder / "map" / "trajectory.txt"))
+    build_map([folder / "map" / "map.laz"], out, options)
+    return folder, PointMap.open(out)
+
+
+def test_every_epoch_of_the_suburb_is_right(suburb):
+    folder, point_map = suburb
+    right, trusted, distances = localized(folder, point_map, open_scans(folder / "scans"), "prior_perturbed")
+    assert len(right) == 25
+    assert right.all()
+    assert trusted.sum() >= 24
+    assert np.median(distances) < 0.06
+
+
+def test_no_answer_from_scans_that_were_not_deskewed_is_called_localized_far_off(suburb):
+    folder, point_map = suburb
+    scans = open_scans(folder / "scans_raw", folder / "scans" / "times.txt")
+    _, trusted, distances = localized(folder, point_map, scans, "prior_perturbed")
+    assert distances[trusted].max() < 0.6

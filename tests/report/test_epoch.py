@@ -10,7 +10,7 @@ import maxcon
 from maxcon.errors import FileError, MissingExtraError, OptionError
 from maxcon.report import plot_epoch
 from maxcon.report.epoch import _answer_words, _panel_places
-from maxcon.report.scene import Scene
+from maxcon.report.scene import Scene, is_off_the_ground
 
 
 def draw(path, epoch, space, **changes):
@@ -74,6 +74,31 @@ def test_title_says_in_plain_words_what_happened(epoch, space, status):
     assert words.startswith("Localized." if estimate.is_localized else f"NOT LOCALIZED: {status.value}.")
     assert status.explanation in words.replace("\n", " ")
     assert len(words.splitlines()) == 2
+
+
+def test_a_scan_without_normals_is_drawn_and_its_title_says_so(epoch, space, tmp_path):
+    bare = epoch._replace(scan=maxcon.Scan(epoch.scan.points, np.zeros_like(epoch.scan.points)))
+    parts = bare.conclude(space)
+    assert Scene(bare.scan, bare.point_map, bare.prior, space, parts["estimate"]).is_drawn.all()
+    draw(tmp_path / "bare.png", bare, space)
+    draw(tmp_path / "whole.png", epoch, space)
+    assert (tmp_path / "bare.png").read_bytes() != (tmp_path / "whole.png").read_bytes()
+    words = _answer_words(parts["estimate"], bare.prior, bare.reference)
+    assert "Normals on 0 % of the points, none horizontal" in words
+
+
+def test_points_on_level_ground_are_not_drawn():
+    rng = np.random.default_rng(0)
+    ground = np.column_stack([rng.uniform(-9.0, 9.0, (300, 2)), rng.normal(-1.8, 0.02, 300)])
+    bush = rng.uniform([3.0, 3.0, -1.2], [4.0, 4.0, 0.5], (50, 3))
+    wall = np.column_stack([np.full(50, 8.0), rng.uniform(-5.0, 5.0, 50), rng.uniform(-1.8, 2.0, 50)])
+    normals = np.zeros((400, 3))
+    normals[:150, 2], normals[350:, 0] = 1.0, -1.0  # half of the ground has a normal, the bush none
+    is_drawn = is_off_the_ground(
+        maxcon.Scan(np.concatenate([ground, bush, wall]), normals), maxcon.Pose(0, 0, 1.8, 0, 0, 0)
+    )
+    assert not is_drawn[:300].any()
+    assert is_drawn[300:].all()
 
 
 def test_title_gives_the_distance_to_the_reference(epoch, space):
