@@ -44,14 +44,24 @@ from maxcon.study.run import spread_epochs
 
 SPACE = SearchSpace()
 OPTIONS = DriveOptions()
-# What is found is an Accumulator, or an Estimate if there is nothing left to conclude.
+# By branch and bound but for the first. What is found is an Accumulator, or an Estimate if there is nothing left to conclude. A thinned scan is kept with the
+# scan: its stage is timed before.
 SEARCHES: dict[str, Callable[[Scan, PointMap, Pose, SearchSpace], maxcon.Accumulator | Estimate]] = {
-    "exhaustive": exhaustive,
-    "branch and bound": lambda scan, point_map, prior, space: maxcon.MaximumConsensus(
-        space, search="branch and bound"
+    "exhaustive": lambda scan, point_map, prior, space: maxcon.MaximumConsensus(space).accumulate(
+        scan, point_map, prior
+    ),
+    "branch and bound": lambda scan, point_map, prior, space: maxcon.MaximumConsensus(space).localize(
+        scan, point_map, prior
+    ),
+    "whole scan": lambda scan, point_map, prior, space: maxcon.MaximumConsensus(space, thinning=0.0).localize(
+        scan, point_map, prior
+    ),
+    "as published": lambda scan, point_map, prior, space: maxcon.MaximumConsensus(
+        space, weighting="published", thinning=0.0
     ).localize(scan, point_map, prior),
 }
 FIRST = next(iter(SEARCHES))
+WITHOUT_THINNING = ("whole scan", "as published")
 GATE, THINNING = 3.0, 0.75
 N_ROUNDS = 3
 CACHE_BYTES = 2**33
@@ -218,6 +228,7 @@ class Measured:
         estimates = {}
         scan = times("read", drive.scan, epoch)
         times("normals", getattr, scan, "normals")
+        times("thin", scan.thinned, MaximumConsensus().thinning)
         for name, search in SEARCHES.items():
             found = times(f"search, {name}", search, scan, point_map, prior, SPACE)
             if isinstance(found, Estimate):
@@ -236,11 +247,16 @@ class Measured:
     @cached_property
     def rows(self):
         """Of the table: what is timed, its stages, and whose answer it ends with."""
-        rows = [("read", ["read"], None), ("normals", ["normals"], None)]
+        rows = [(stage, [stage], None) for stage in ("read", "normals", "thin")]
         for name in SEARCHES:
-            stages = ["read", "normals", f"search, {name}"]
+            stages = [
+                "read",
+                "normals",
+                *([] if name in WITHOUT_THINNING else ["thin"]),
+                f"search, {name}",
+            ]
             stages += [f"conclude, {name}"] if name in self.concluded else []
-            rows += [(stage, [stage], None) for stage in stages[2:]]
+            rows += [(stage, [stage], None) for stage in stages if stage.endswith(name)]
             rows.append((f"end to end, {name}", stages, name))
         for name in self.methods:
             stages = [f"{name}: scan", f"{name}: align"]
@@ -275,8 +291,9 @@ class Measured:
             scan, prior = drive.scan(epoch), drive.prior(epoch)
             reach = np.linalg.norm(scan.points[:, :2], axis=1).max(initial=0.0) + SPACE.reach
             n_voxels = sum(len(tile.voxels) for tile in point_map.tiles_within(prior.x, prior.y, reach))
-            n_matches = exhaustive(scan, point_map, prior, SPACE).moments[..., 0].sum()
-            thinned = [len(thin(scan.points, edge)) for edge in (THINNING, 0.25)]
+            searched = scan.thinned(MaximumConsensus().thinning)
+            n_matches = exhaustive(searched, point_map, prior, SPACE).moments[..., 0].sum()
+            thinned = [len(thin(scan.points, THINNING)), len(searched)]
             off = pose_error(prior, drive.reference(epoch)).distance
             sizes.append((len(scan), n_voxels, n_matches, *thinned, off))
         points, voxels, matches, thinned, finer, off = np.median(sizes, axis=0)
@@ -306,7 +323,7 @@ def scaling(drive):
             whole = drive.scan(epoch)
             for case, (space, every, map_name) in cases.items():
                 scan = Scan(whole.points[::every], whole.normals[::every])
-                n_points[case].append(len(scan))
+                n_points[case].append(len(scan.thinned(MaximumConsensus().thinning)))
                 there = drive.bench.maps[map_name], drive.prior(epoch, map_name)
                 for name, search in SEARCHES.items():
                     times((case, name), search, scan, *there, space)
