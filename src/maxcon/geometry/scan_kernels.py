@@ -15,7 +15,7 @@ from maxcon.geometry.window_kernels import GROWTH, HIGHEST, LEAST_NEIGHBOURS, LE
 __all__ = ["scan_planes"]
 
 # Near the sensor windows are at least so many metres high: in less, the noise of ranges is as large as any extent.
-NEAR_METRES = 0.18
+NEAR_METRES = 0.15
 MOST_GROWTHS = 8
 # A window reaches this share of its half height (and at least so many metres, at most so many rad) to either side.
 ALONG = 0.5
@@ -27,12 +27,9 @@ GATE_METRES = 0.3
 # Neighbours are spread in two dimensions if they deviate, across the rings and along the second axis of their plane,
 # by LEAST_SPREAD of the half height and by so many metres: rings of real scanners are not quite level, and near
 # ranges are some centimetres off from ring to ring. A single ring must not pass for two.
-LEAST_SPREAD_METRES = 0.1
+LEAST_SPREAD_METRES = 0.08
 # A plane's smallest eigenvalue is below this share of the middle one.
 FLATNESS = 0.25
-# Windows with rings on both sides of the point, as far as they reach, grow no more; further off than this they grow
-# once: there, what lies beyond the gate is rarely ground.
-FAR_METRES = 20.0
 # Windows grow as often as a sample of about so many points says they must to find this share of the planes that are
 # not level. What is level is mostly ground, and constrains no position.
 SAMPLE = 256
@@ -140,8 +137,7 @@ def _fit_pending(grid, pending, factor, normals):
             place = places[k]
             normals[place, 0], normals[place, 1] = found[k], found[BLOCK + k]
             normals[place, 2] = found[2 * BLOCK + k]
-            is_far = factor == 1.0 and points[k] ** 2 + points[BLOCK + k] ** 2 > FAR_METRES**2
-            if not (is_spread[k] or (is_full[k] and not is_far)):
+            if not (is_spread[k] or is_full[k]):
                 pending[n_left] = place
                 n_left += 1
     return n_left

@@ -27,7 +27,7 @@ MOST_STRIPS = 20
 STRIP_POINTS = 64
 MOST_COLUMNS = 4096
 # The window that is high enough for this share of the sample is tried first.
-FIRST_SHARE = 0.3
+FIRST_SHARE = 0.4
 
 
 @njit(nogil=True, cache=True)
