@@ -44,8 +44,8 @@ from maxcon.study.run import spread_epochs
 
 SPACE = SearchSpace()
 OPTIONS = DriveOptions()
-# By branch and bound but for the first. What is found is an Accumulator, or an Estimate if there is nothing left to conclude. A thinned scan is kept with the
-# scan: its stage is timed before.
+# By branch and bound but for the first. What is found is an Accumulator, or an Estimate if there is nothing left to
+# conclude. A thinned scan is kept with the scan: its stage is timed before.
 SEARCHES: dict[str, Callable[[Scan, PointMap, Pose, SearchSpace], maxcon.Accumulator | Estimate]] = {
     "exhaustive": lambda scan, point_map, prior, space: maxcon.MaximumConsensus(space).accumulate(
         scan, point_map, prior
