@@ -158,3 +158,31 @@ def test_all_python_is_licensed(folder):
 def test_names_of_test_files_are_unique():
     names = [path.name for path in (ROOT / "tests").rglob("test_*.py")]
     assert sorted(names) == sorted(set(names))
+
+
+# A number with what it counts or is measured in: "70 of 70", "4.1 cm", "2 million points".
+FIGURE = re.compile(r"\d[\d,]*(?:\.\d+)?\s(?:of\s\d[\d,]*|million|cm\b|ms\b|s\b|GiB|epochs|poses|points|%)")
+MEASURED_PARTS = ("## What was measured", "![Right answers")
+
+
+def _plain(text):
+    """The words of Markdown, a blank between them."""
+    text = re.sub(r"\]\([^)]*\)", "]", text)
+    return " ".join(re.sub(r"[*`\[\]]", "", text).split())
+
+
+def _measured_in_the_readme():
+    """Parts of the README that state figures: from each mark to the next heading or picture."""
+    text = (ROOT / "README.md").read_text()
+    parts = []
+    for mark in MEASURED_PARTS:
+        rest = text[text.index(mark) + len(mark) :]
+        parts.append(_plain(re.split(r"\n(?:## |!\[)", rest)[0]))
+    return " ".join(parts)
+
+
+def test_the_figures_of_the_readme_are_those_of_the_page_of_figures():
+    found = FIGURE.findall(_measured_in_the_readme())
+    page = _plain((ROOT / "docs" / "figures.md").read_text())
+    assert len(found) > 10
+    assert [figure for figure in found if not re.search(rf"(?<![\d.,]){re.escape(figure)}", page)] == []

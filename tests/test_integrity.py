@@ -10,7 +10,7 @@ import pytest
 
 from maxcon import Count, MaximumConsensus, PointMap, Pose, Scan, SearchSpace, Status, Trust
 from maxcon.errors import OptionError
-from maxcon.integrity import doubts_about_answer, doubts_about_scan, runner_up_ratio
+from maxcon.integrity import reasons_to_doubt_answer, reasons_to_doubt_scan, runner_up_ratio
 
 SPACE = SearchSpace(half_width=1.2, heading_half_width_deg=1.0)
 HERE = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -156,7 +156,7 @@ def a_scan(n, share_upright, share_level):
 
 
 def test_an_ordinary_scan_is_not_doubted():
-    assert doubts_about_scan(a_scan(1000, 0.1, 0.1), HERE) == []
+    assert reasons_to_doubt_scan(a_scan(1000, 0.1, 0.1), HERE) == []
 
 
 def test_the_likely_cause_is_named():
@@ -167,29 +167,29 @@ def test_the_likely_cause_is_named():
         (0.05, 0.0, "normals on 5 % of the points, horizontal ones on 5.0 %"),
         (0.0, 0.0, "normals on 0 % of the points, none horizontal"),
     ):
-        assert doubts_about_scan(a_scan(1000, upright, level), HERE) == [f"{words}: {cause}"]
-    assert doubts_about_scan(a_scan(30, 1.0, 0.0), HERE) == [
+        assert reasons_to_doubt_scan(a_scan(1000, upright, level), HERE) == [f"{words}: {cause}"]
+    assert reasons_to_doubt_scan(a_scan(30, 1.0, 0.0), HERE) == [
         "only 30 points: is the scan cut, or are range limits too narrow?"
     ]
 
 
 def test_what_is_horizontal_is_said_by_the_roll_and_pitch_of_the_prior():
     lying = replace(HERE, pitch=math.radians(90.0))  # a sensor mounted on its nose
-    assert doubts_about_scan(a_scan(1000, 0.5, 0.0), HERE) == []
-    assert "none horizontal" in doubts_about_scan(a_scan(1000, 0.5, 0.0), lying)[0]
-    assert doubts_about_scan(a_scan(1000, 0.0, 0.5), lying) == []
+    assert reasons_to_doubt_scan(a_scan(1000, 0.5, 0.0), HERE) == []
+    assert "none horizontal" in reasons_to_doubt_scan(a_scan(1000, 0.5, 0.0), lying)[0]
+    assert reasons_to_doubt_scan(a_scan(1000, 0.0, 0.5), lying) == []
 
 
 def test_few_matches_along_a_direction_are_named_with_it():
-    assert doubts_about_answer(np.array([300.0, 200.0, 0.0, 50.0])) == []
-    (words,) = doubts_about_answer(np.array([300.0, 200.0, 0.0, 4.25]))
-    assert words == "only 4.2 full matches carry it along 90 degrees from +x, where the map says least"
+    assert reasons_to_doubt_answer(np.array([300.0, 200.0, 0.0, 50.0])) == []
+    (words,) = reasons_to_doubt_answer(np.array([300.0, 200.0, 0.0, 4.25]))
+    assert words == "only 4.2 full matches fix the position along 90 degrees from +x (of 180)"
     c, s = math.cos(math.radians(31.0)), math.sin(math.radians(31.0))
-    (words,) = doubts_about_answer(
+    (words,) = reasons_to_doubt_answer(
         np.array([300.0, 100 * s * s + 2 * c * c, (2.0 - 100.0) * s * c, 100 * c * c + 2 * s * s])
     )
-    assert "only 2.0 full matches carry it along 31 degrees" in words
-    assert doubts_about_answer(np.zeros(4)) == []
+    assert "only 2.0 full matches fix the position along 31 degrees" in words
+    assert reasons_to_doubt_answer(np.zeros(4)) == []
 
 
 @pytest.mark.parametrize("search", ["exhaustive", "branch and bound"])
@@ -198,7 +198,7 @@ def test_a_scan_without_normals_says_so_beside_its_answer(corner, search):
     bare = Scan(scan_of(points, normals).points, np.zeros((3000, 3)))
     estimate = MaximumConsensus(SPACE, search=search).localize(bare, PointMap.from_points(*corner), HERE)
     assert estimate.status is Status.LOCALIZED
-    assert estimate.warning.startswith("normals on 0 % of the points, none horizontal")
+    assert estimate.reason.startswith("normals on 0 % of the points, none horizontal")
     assert (
         MaximumConsensus(SPACE, search=search)
         .localize(scan_of(points, normals), PointMap.from_points(*corner), HERE)
@@ -209,4 +209,4 @@ def test_a_scan_without_normals_says_so_beside_its_answer(corner, search):
         bare, PointMap.from_points(*corner), replace(HERE, z=500.0)
     )
     assert nowhere.status is Status.NO_MATCH
-    assert nowhere.warning == estimate.warning
+    assert nowhere.reason == estimate.reason

@@ -174,7 +174,7 @@ def _localize_epoch(
     milliseconds = 1e3 * (time.perf_counter() - start)
     pose = point_map.frame.pose_to_global(estimate.pose) if estimate.is_localized else None
     return EpochEstimate(
-        epoch, raw, estimate.status, milliseconds, scan, prior, estimate, pose, estimate.warning
+        epoch, raw, estimate.status, milliseconds, scan, prior, estimate, pose, estimate.reason
     )
 
 

@@ -41,8 +41,8 @@ _EXPLANATIONS = {
     Status.LOCALIZED: "The best cell lies inside the search space and its matches determine x and y.",
     Status.UNDETERMINED: "The matches leave a direction open (a single wall, a bare street): do not use x and y.",
     Status.AT_RIM: "The scores still rise at the rim of the search space: the true pose may lie outside. Widen it.",
-    Status.AMBIGUOUS: "Another place scores nearly as high: the scan fits there too. If no reason stands beside it,"
-    " narrow the prior.",
+    Status.AMBIGUOUS: "Another place scores nearly as high: the scan fits there too. Narrow the prior, or first mend"
+    " what the reason beside it names.",
     Status.FEW_MATCHES: "Few of the scan's points match the map even at the best cell: is the prior far off, or the"
     " map old or thin?",
     Status.NO_MATCH: "No scan point matched the map: is the prior inside the map, and is its height right?",
@@ -78,9 +78,9 @@ class Estimate:
         Helmert's score of the second highest place, farther than a guard radius away, over that of the best
         cell: near 0 where the answer is distinct, near 1 where it is ambiguous. A search by bounds gives what it
         proved: no other place scores more than this, exact where that is too much to be trusted.
-    warning : str
-        What is unusual about the scan or about what carries the answer, in words; empty if nothing is. It stands
-        beside answers of any status.
+    reason : str
+        Why the answer, of whatever status, is to be doubted: what is unusual about the scan or about the matches that
+        carry it, in words; empty if nothing is.
     """
 
     pose: Pose
@@ -90,7 +90,7 @@ class Estimate:
     cofactor: NDArray[np.float64]
     share: float = 0.0
     runner_up: float = math.inf
-    warning: str = ""
+    reason: str = ""
 
     @property
     def is_localized(self) -> bool:

@@ -15,7 +15,14 @@ from maxcon.objectives import SINGULAR_RATIO, Moments, Scores
 from maxcon.scan import Scan
 from maxcon.search_space import Cell, SearchSpace
 
-__all__ = ["Trust", "doubts_about_answer", "doubts_about_scan", "highest_beyond", "invert", "runner_up_ratio"]
+__all__ = [
+    "Trust",
+    "highest_beyond",
+    "invert",
+    "reasons_to_doubt_answer",
+    "reasons_to_doubt_scan",
+    "runner_up_ratio",
+]
 
 # Less than one full match in the least determined direction does not fix a position, nor does what a single
 # wall's matches add there when their normals are 3 degrees off: sin^2 of that, of each.
@@ -80,8 +87,8 @@ class Trust:
         return Status.LOCALIZED
 
 
-def doubts_about_scan(scan: Scan, prior: Pose) -> list[str]:
-    """What is unusual about a scan, in words that name the likely cause; nothing about most.
+def reasons_to_doubt_scan(scan: Scan, prior: Pose) -> list[str]:
+    """What is unusual about a scan, in words that name the likely cause; nothing for an ordinary one.
 
     Parameters
     ----------
@@ -104,16 +111,14 @@ def doubts_about_scan(scan: Scan, prior: Pose) -> list[str]:
     return [f"normals on {100.0 * share:.0f} % of the points, {level}: {cause}"]
 
 
-def doubts_about_answer(moments: Moments) -> list[str]:
-    """What is unusual about the matches of the best cell, shape (4,): whether few carry it in some direction."""
+def reasons_to_doubt_answer(moments: Moments) -> list[str]:
+    """Whether few matches fix the position in some direction, in words; from moments, shape (4,), a voxel once."""
     _, nxx, nxy, nyy = (float(moment) for moment in moments)
     (smallest, _), vectors = np.linalg.eigh(np.array([[nxx, nxy], [nxy, nyy]]))
     if not 0.0 < smallest < FEWEST_CARRYING:
         return []
     azimuth = math.degrees(math.atan2(vectors[1, 0], vectors[0, 0])) % 180.0
-    return [
-        f"only {smallest:.1f} full matches carry it along {azimuth:.0f} degrees from +x, where the map says least"
-    ]
+    return [f"only {smallest:.1f} full matches fix the position along {azimuth:.0f} degrees from +x (of 180)"]
 
 
 def invert(normal_matrix: NDArray[np.float64]) -> tuple[bool, NDArray[np.float64]]:

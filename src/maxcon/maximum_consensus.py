@@ -16,7 +16,7 @@ from maxcon.accumulator import Accumulator, highest
 from maxcon.errors import OptionError
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
-from maxcon.integrity import Trust, doubts_about_answer, doubts_about_scan, highest_beyond, invert
+from maxcon.integrity import Trust, highest_beyond, invert, reasons_to_doubt_answer, reasons_to_doubt_scan
 from maxcon.objectives import BoundedByAxes, BoundedByCount, Helmert, Moments, Objective
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
@@ -123,8 +123,8 @@ class MaximumConsensus:
         cell = highest(scores, space)
         if not moments[..., 0].any():
             _, cofactor = invert(accumulator.normal_matrix(cell))
-            warning = "; ".join(doubts_about_scan(scan, prior))
-            return Estimate(prior, 0.0, cell, Status.NO_MATCH, cofactor, warning=warning)
+            reason = "; ".join(reasons_to_doubt_scan(scan, prior))
+            return Estimate(prior, 0.0, cell, Status.NO_MATCH, cofactor, reason=reason)
         helmert = scores if isinstance(self.objective, Helmert) else accumulator.score(Helmert())
         beyond = highest_beyond(helmert, cell, space, self.trust.guard_radius)
         runner_up = beyond / float(helmert[cell]) if helmert[cell] > 0.0 else math.inf
@@ -160,9 +160,13 @@ class MaximumConsensus:
             is_at_rim=space.is_at_rim(cell) or self._rises_beyond(answer, searched, point_map, prior),
             runner_up=answer.runner_up,
         )
-        warning = "; ".join(doubts_about_scan(scan, prior) + doubts_about_answer(answer.moments))
+        reasons = reasons_to_doubt_scan(scan, prior)
+        if self.multiplicity is Multiplicity.OCCUPIED:  # otherwise N counts map points, not matches
+            reasons += reasons_to_doubt_answer(answer.moments)
         pose = space.pose(cell, prior)
-        return Estimate(pose, answer.score, cell, status, cofactor, share, answer.runner_up, warning)
+        return Estimate(
+            pose, answer.score, cell, status, cofactor, share, answer.runner_up, "; ".join(reasons)
+        )
 
     def _rises_beyond(self, answer: "_Answer", scan: Scan, point_map: PointMap, prior: Pose) -> bool:
         """Whether the best heading is the outermost, and one more step would score higher still."""

@@ -22,7 +22,7 @@ MOST_COLUMNS = 1024
 MOST_PER_ROW = 16
 MOST_PER_COLUMN = 108
 LEAST_PER_ROW = 4
-# A window does not grow where so many points in it, rings above and rings below have made no plane.
+# A window with so many points, some of them in rings above and some in rings below, is final, plane or not.
 ENOUGH = 12
 # Longer cells are not sorted by insertion: a thousand points in one direction would take forever.
 INSERTION_LIMIT = 32

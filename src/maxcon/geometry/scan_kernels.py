@@ -70,7 +70,10 @@ def _reaches(n, points, heights, n_columns, row_step, gates, rows, columns):
         reach = heights[k] * np.sqrt(square + z * z)
         gates[k] = max(GATE_METRES, GATE * reach)
         rows[k] = min(int(np.ceil(heights[k] / row_step - 1e-9)), MOST_REACH)
-        along = min(max(ALONG * reach, ALONG_METRES) / max(np.sqrt(square), 1e-3), MOST_ALONG)
+        along = max(ALONG * reach, ALONG_METRES) / max(np.sqrt(square), 1e-3)
+        along = (
+            along if along <= MOST_ALONG else MOST_ALONG
+        )  # also where it is no number: points that far out are
         columns[k] = min(int(along / (2.0 * np.pi) * n_columns + 0.5), n_columns // 2 - 1)
 
 

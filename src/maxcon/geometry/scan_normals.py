@@ -38,7 +38,7 @@ def estimate_scan_normals(points: NDArray[np.float64]) -> NDArray[np.float64]:
     Notes
     -----
     Neighbours lie at most 6.9 degrees above or below a point: of scanners whose rings lie further apart, only points
-    within some metres have normals. The same points in another order have the same normals, to the last bit.
+    within some metres have normals; and points nearer than 1.25 m have none. The same points in another order have the same normals, to the last bit.
     """
     from maxcon.geometry.angle_kernels import azimuths_of, elevations_of, extremes
     from maxcon.geometry.scan_kernels import scan_planes

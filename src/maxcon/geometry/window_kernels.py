@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 """Compiled: how high a window must be to hold points of more than one ring, looked up in a sample of directions.
 
-A guess where to begin: whether a point's neighbours lie on more than one ring is decided at the point.
+Only a first guess: `scan_kernels` decides at each point whether its window holds two rings.
 """
 
 import numpy as np

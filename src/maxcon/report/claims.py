@@ -128,7 +128,7 @@ def _helmert_succeeds(found: Mapping[str, MethodStatistics]) -> Claim:
     words = f"{_share(method.n_success, method.n_tried)} epochs within 0.3 m and 1°"
     if "helmert-occupied" in found:
         other = found["helmert-occupied"]
-        words += f"; {_share(other.n_success, other.n_tried)} where a voxel counts once"
+        words += f"; {_share(other.n_success, other.n_tried)} by our defaults"
     words += _left_out(method)
     is_all = method.n_success == method.n_tried
     is_most = method.n_success >= 0.99 * method.n_tried
@@ -145,7 +145,7 @@ def _count_fails(found: Mapping[str, MethodStatistics]) -> Claim:
     words += f", by up to {method.distance.worst:.2f} m" if method.distance.worst > 0.3 else ""
     if "count-occupied" in found:
         other = found["count-occupied"]
-        words += f"; in {_share(other.n_tried - other.n_success, other.n_tried)} where a voxel counts once"
+        words += f"; in {_share(other.n_tried - other.n_success, other.n_tried)} by our defaults"
     words += _left_out(method)
     return Claim(paper, words + ".", Verdict.of(n_failed > 0))
 

@@ -177,9 +177,10 @@ def _score_words(score: float) -> str:
 
 
 def _answer_words(estimate: Estimate, prior: Pose, reference: Pose | None) -> str:
-    """Return what was found, in plain words, in two lines."""
+    """Return what was found, in plain words, in two lines; what casts doubt on it in a third."""
+    reason = f"\n{estimate.reason[:1].upper()}{estimate.reason[1:]}" if estimate.reason else ""
     if estimate.status is Status.NO_MATCH:
-        return f"NOT LOCALIZED: {estimate.status.value}.\n{estimate.status.explanation}"
+        return f"NOT LOCALIZED: {estimate.status.value}.\n{estimate.status.explanation}{reason}"
     pose = estimate.pose
     turn = math.degrees(wrap_angle(pose.heading - prior.heading))
     words = (
@@ -191,5 +192,4 @@ def _answer_words(estimate: Estimate, prior: Pose, reference: Pose | None) -> st
         error_deg = math.degrees(abs(wrap_angle(pose.heading - reference.heading)))
         words += f"; {error:.2f} m and {error_deg:.2f}° from the reference"
     headline = "Localized." if estimate.is_localized else f"NOT LOCALIZED: {estimate.status.value}."
-    explanation = estimate.warning[:1].upper() + estimate.warning[1:] or estimate.status.explanation
-    return f"{headline} {explanation}\n{words}"
+    return f"{headline} {estimate.status.explanation}\n{words}{reason}"

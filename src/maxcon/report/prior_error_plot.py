@@ -128,10 +128,15 @@ def _top_of_wrong(summaries_by_drive: Mapping[str, Sequence["TrialSummary"]]) ->
 
 def _median_ms(name: str, summaries_by_drive: Mapping[str, Sequence["TrialSummary"]]) -> float:
     """Median over the drives of a method's median time at the widest level, ms."""
-    widest = [
-        max((one for one in found if one.method == name), key=lambda one: one.offset)
-        for found in summaries_by_drive.values()
-    ]
+    widest = []
+    for drive, found in summaries_by_drive.items():
+        mine = [one for one in found if one.method == name]
+        if not mine:
+            raise OptionError(
+                f"Expected every drive to have trials of the same methods, got none of {name!r} in {drive!r}."
+                " Finish its trials."
+            )
+        widest.append(max(mine, key=lambda one: one.offset))
     return float(np.median([one.median_ms for one in widest]))
 
 

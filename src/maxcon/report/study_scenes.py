@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from maxcon.report.search_spaces import SearchSpaceView
 from maxcon.report.study_statistics import common_epochs
 from maxcon.scan import Scan
 from maxcon.search_space import SearchSpace
-from maxcon.study import MethodRows
+from maxcon.study import MethodRows, known_methods
 from maxcon.study.bench import Bench
 
 __all__ = ["PictureEpochs", "StudyScenes", "pick_epochs"]
@@ -108,8 +109,8 @@ class StudyScenes:
 
     @property
     def method(self) -> MaximumConsensus:
-        """Helmert's score, as in the study."""
-        return MaximumConsensus(self.space, Helmert(), self.multiplicity)
+        """Helmert's score, as the study's method of that name searches."""
+        return cast(MaximumConsensus, known_methods(self.space)[f"helmert-{self.multiplicity}"].method)
 
     def scan(self, epoch: int) -> Scan:
         """Read the scan of an epoch."""

@@ -26,10 +26,10 @@ SHOWN = (
     "icp-plane-1m", "icp-plane-3m", "gicp-3m", "icp-point-3m",
 )  # fmt: skip
 NAMES = {
-    "helmert-points": "Helmert, every map point",
-    "helmert-occupied": "Helmert, a voxel once",
-    "count-points": "Count, every map point",
-    "count-occupied": "Count, a voxel once",
+    "helmert-points": "Helmert, as published",
+    "helmert-occupied": "Helmert, our defaults",
+    "count-points": "Count, as published",
+    "count-occupied": "Count, our defaults",
 }
 OCCUPIED = ("count-occupied", "helmert-occupied")
 
@@ -55,7 +55,7 @@ def draw_statistics(
             "distinctness-points",
             "as published",
         ),
-        (OCCUPIED, "distinctness-occupied", "a voxel counts once"),
+        (OCCUPIED, "distinctness-occupied", "by our defaults"),
     ):
         if _have(methods, pair, "kurtosis"):
             pictures.append(_distinctness(folder / f"{stem}.svg", methods, pair, words))

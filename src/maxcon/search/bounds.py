@@ -47,8 +47,8 @@ class Bounds:
     fullest : int
         Map points in the fullest voxel, where a voxel counts as often as it has points, otherwise 1.
     total_weight : float
-        Sum over all points of the largest weight that a match of each can have: the length of the longest normal, or
-        1 if that is less, as unit normals are a little longer or shorter; or the weight of points without one.
+        Sum over all points of the largest weight that a match of each can have: the length of the longest normal, at
+        least 1, for each point with a normal; `Field.without_normal` for each other.
     """
 
     field: Field

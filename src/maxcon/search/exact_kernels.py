@@ -150,9 +150,9 @@ def _sift(n, tiles, found, matched):
 
 @njit(nogil=True, cache=True)
 def _fetch(n, found, matched, normals, tiles, fetched, times):
-    """Fetch the normals of n points that match, with what is added to their weight, and those of their voxels.
+    """Fetch what belongs to n points that match.
 
-    fetched : (7, c) float32, out.
+    fetched : (7, c) float32, out: normal of the point, normal of its voxel, weight added where the point has none.
 
     times : (c,) int32, out, how often each voxel counts; empty where once.
     """

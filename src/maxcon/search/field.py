@@ -25,7 +25,7 @@ class Field:
 
     Points of one height layer in one square of SQUARE_VOXELS voxels, at the prior's heading, are a group.
     Those with a normal come first in it, those in one voxel follow each other; neighbouring groups read the
-    same voxels. With weights of one no point has a normal: all of them weigh the same.
+    same voxels. With weights of one normals are dropped here: all points take `without_normal`.
 
     Parameters
     ----------
@@ -48,7 +48,8 @@ class Field:
     without_normal : float
         Weight of the matches of points without a normal.
     spread : array, shape (3,)
-        Sums of nx nx, nx ny and ny ny over all normals of the scan, levelled: what points can add to N.
+        Sums of nx nx, nx ny and ny ny over all normals of the scan, levelled: they tell which axis is probably
+        determined least before anything is scored.
     """
 
     points: NDArray[np.float64]
@@ -86,7 +87,8 @@ class Field:
 
         cell = point_map.cell
         points, normals = _levelled(scan, prior)
-        spread = (normals[[0, 0, 1]] * normals[[0, 1, 1]]).sum(axis=1)
+        nx, ny, _ = normals
+        spread = np.array([nx @ nx, nx @ ny, ny @ ny])
         if weighting is Weighting.ONE:
             normals[:] = 0.0
         _check_indices(points, prior, space.reach, cell)

@@ -116,15 +116,12 @@ def _take(voxel_columns, first, last, low, span, taken, n_taken):
 
 
 @njit(nogil=True, cache=True)
-def _lay_out(
-    taken, voxel_columns, voxel_normals, counts, stride, without_normal, normals, factors, cells, times, rows
-):  # fmt: skip
+def _lay_out(taken, voxel_columns, voxel_normals, counts, stride, normals, factors, cells, times):
     """Lay out the taken voxels as the votes read them: those with a normal first, then the others.
 
-    without_normal : weight of a match whose scan point has no normal.
     normals : (3, c) float32; factors : (4 c,) float64, 0, nx nx, nx ny, ny ny; cells : (c,) int32, where in the
-    sums a scan point in voxel (0, 0) meets them; times : (c,) float64, their counts, if any; rows : (4 c,) float64,
-    what a match of a scan point without a normal adds. All out. Returns how many have a normal.
+    sums a scan point in voxel (0, 0) meets them; times : (c,) float64, their counts, if any. All out.
+    Returns how many have a normal.
     """
     has_counts = counts.shape[0] > 0
     one, n_normals, n_left = np.uint64(1), np.uint64(0), np.uint64(taken.shape[0])
@@ -141,13 +138,25 @@ def _lay_out(
         factors[at + np.uint64(2)] = nx * ny
         factors[at + np.uint64(3)] = ny * ny
         cells[to] = np.int32(4) * (np.int32(voxel_columns[k, 1]) * stride + np.int32(voxel_columns[k, 0]))
-        weight, rows[at] = without_normal, 1.0
         if has_counts:
             times[to] = counts[k]
-            weight, rows[at] = weight * times[to], times[to]
+    return np.int64(n_normals)
+
+
+@njit(nogil=True, cache=True)
+def _lay_out_alike(n_taken, without_normal, factors, times, rows):
+    """Lay out what a match of a scan point without a normal adds at each voxel: rows : (4 c,) float64, out.
+
+    without_normal : weight of such a match; factors, times : as `_lay_out` made them.
+    """
+    has_counts = times.shape[0] > 0
+    for j in range(n_taken):
+        at, n_points = np.uint64(4 * j), 1.0
+        if has_counts:
+            n_points = times[j]
+        weight, rows[at] = without_normal * n_points, n_points
         for channel in range(np.uint64(1), np.uint64(4)):
             rows[at + channel] = weight * factors[at + channel] + ROUNDER - ROUNDER
-    return np.int64(n_normals)
 
 
 @njit(nogil=True, cache=True, forceinline=True)
@@ -227,9 +236,7 @@ def _visit(
     """Add the matches of the scan points of a visit with the taken voxels, at all its headings."""
     n_taken = taken.shape[0]
     without_normal, back = weighting
-    n_normals = _lay_out(
-        taken, voxel_columns, voxel_normals, counts, stride, without_normal, normals, factors, cells, times, rows
-    )  # fmt: skip
+    n_normals = _lay_out(taken, voxel_columns, voxel_normals, counts, stride, normals, factors, cells, times)
     first, middle, end = points
     if times.shape[0] == 0:
         _vote(
@@ -242,6 +249,7 @@ def _visit(
             factors, cells, times, weights, sums,
         )  # fmt: skip
     if middle < end:
+        _lay_out_alike(n_taken, without_normal, factors, times, rows)
         _vote_alike(headings, (middle, end), columns, origin, stride, n_taken, cells, rows, sums)
 
 

@@ -34,6 +34,9 @@ __all__ = [
 CRS = "EPSG:25832"
 CITY_ORIGIN = (550_000.0, 5_802_000.0, 60.0)
 """Global coordinates (ETRS89 / UTM 32N, m) of the middle of the crossing."""
+SURVEYED = tuple(member for member in LasClass if member is not LasClass.UNCLASSIFIED)
+"""Classes of a map in which every point has one."""
+
 DATASET_NAMES = (DESCRIPTION, "map", "scans", "reference.txt", "prior.txt", "prior_*.txt")
 """All that the folder of a dataset may hold."""
 
@@ -131,7 +134,9 @@ def write_trajectory(path: Path, times: NDArray[np.float64], poses: Sequence[Pos
     write_tum(path, Trajectory.from_poses(times, poses_global), f"{what}, {CRS}, seconds of the week")
 
 
-def write_description(folder: Path, words: str, priors: Mapping[str, str]) -> None:
+def write_description(
+    folder: Path, words: str, priors: Mapping[str, str], classes: Iterable[LasClass] = SURVEYED
+) -> None:
     """Write the description of the dataset in `folder`.
 
     Parameters
@@ -142,13 +147,13 @@ def write_description(folder: Path, words: str, priors: Mapping[str, str]) -> No
         What it is, for the comment at the top: seed and number of epochs.
     priors : mapping of str to str
         File in `folder` by the name of the prior.
+    classes : iterable of LasClass
+        Those of the points of the map.
     """
-    classes = ", ".join(
-        f"{member.name.lower()} {member.value}" for member in LasClass if member is not LasClass.UNCLASSIFIED
-    )
+    classes_named = ", ".join(f"{member.name.lower()} {member.value}" for member in classes)
     named = "\n".join(f'{name} = "{file}"' for name, file in priors.items())
     text = f"""# A dataset simulated by maxcon {__version__}: {words}.
-# Classes of the map: {classes}.
+# Classes of the map: {classes_named}.
 
 [map]
 clouds = "map/tile_*.laz"

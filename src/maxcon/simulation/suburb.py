@@ -18,9 +18,11 @@ from maxcon.simulation.dataset_files import (
 )
 from maxcon.simulation.drive import PriorErrors
 from maxcon.simulation.gnss_priors import GnssErrors
+from maxcon.simulation.las_classes import LasClass
 from maxcon.simulation.moving_scanner import DeskewErrors, MovingScanner
 from maxcon.simulation.scanner_layouts import ScannerLayout
 from maxcon.simulation.scanners import ProfileScanner, RotatingScanner, mobile_mapping_scanners
+from maxcon.simulation.suburb_road import check_road_length
 from maxcon.simulation.suburb_world import ROAD_LENGTH, SuburbWorld, n_epochs_on
 
 __all__ = ["simulate_suburb"]
@@ -83,10 +85,11 @@ def simulate_suburb(
     -----
     The map is streamed to disk and never stands in memory as a whole, and so are the scans.
     """
+    check_road_length(road_length)
     if not 1 <= n_epochs <= n_epochs_on(road_length):
         raise OptionError(
             f"Expected 1 to {n_epochs_on(road_length)} epochs of a suburb, got n_epochs = {n_epochs}."
-            " The drive has no more: the scanner turns ten times a second. Take another seed for more."
+            " The drive has no more: the scanner turns ten times a second. Take a longer road for more."
         )
     if overwrite:
         check_replaceable(out, "a simulated dataset", DATASET_NAMES)
@@ -94,7 +97,7 @@ def simulate_suburb(
         world = SuburbWorld.build(seed, road_length)
         profiles = mapping_scanners or mobile_mapping_scanners()
         tick = ticker(progress, world.n_pieces(profiles) + n_epochs)
-        write_description(folder, f"suburb, seed {seed}, {n_epochs} epochs", PRIORS)
+        write_description(folder, f"suburb, seed {seed}, {n_epochs} epochs", PRIORS, LasClass)
         write_map_clouds(folder, world.map_echoes(profiles), tick)
         write_trajectory(folder / "map/trajectory.txt", *world.map_poses(), "T_map_vehicle")
         epochs = world.epochs(n_epochs)

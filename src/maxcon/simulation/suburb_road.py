@@ -17,7 +17,7 @@ from maxcon.simulation.drive import Drive, Route, sway
 from maxcon.simulation.las_classes import LasClass
 from maxcon.simulation.patches import Patch, quads
 
-__all__ = ["BEYOND", "GARDEN_LEFT", "GARDEN_RIGHT", "ResidentialRoad", "draw_road"]
+__all__ = ["BEYOND", "GARDEN_LEFT", "GARDEN_RIGHT", "ResidentialRoad", "check_road_length", "draw_road"]
 
 HALF_WIDTH = 3.1
 """From the centre line to either kerb, m."""
@@ -201,8 +201,8 @@ class ResidentialRoad:
         )
 
 
-def draw_road(length: float, seed: Seed) -> ResidentialRoad:
-    """Return a road of `length` (m) that winds and climbs.
+def check_road_length(length: float) -> None:
+    """Refuse a road on which there is no drive, or none that the map holds.
 
     Raises
     ------
@@ -211,6 +211,17 @@ def draw_road(length: float, seed: Seed) -> ResidentialRoad:
     """
     if not 60.0 <= length <= 2000.0:
         raise OptionError(f"Expected a road of 60 to 2000 m, got {length} m. The default is 460 m.")
+
+
+def draw_road(length: float, seed: Seed) -> ResidentialRoad:
+    """Return a road of `length` (m) that winds and climbs.
+
+    Raises
+    ------
+    OptionError
+        If it is shorter than 60 m or longer than 2000 m.
+    """
+    check_road_length(length)
     rng = np.random.default_rng(seed)
     along = STEP * np.arange(round((length + 2.0 * BEYOND) / STEP) + 1, dtype=np.float64)
     bends = rng.uniform(0.35, 0.6) * np.sin(

@@ -54,8 +54,8 @@ def answer_columns(answer: Answer, reference: Pose | None, point_map: PointMap) 
     estimate = answer.estimate
     columns: dict[str, Any] = {"status": estimate.status.value, "is_localized": estimate.is_localized}
     columns |= {"ms": answer.milliseconds, "score": estimate.score, "share": estimate.share}
-    if estimate.warning:
-        columns["reason"] = estimate.warning
+    if estimate.reason:
+        columns["reason"] = estimate.reason
     if math.isfinite(estimate.runner_up):
         columns["runner_up"] = estimate.runner_up
     if answer.starts:
