@@ -37,8 +37,9 @@ def estimate_scan_normals(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
     Notes
     -----
-    Neighbours lie at most 6.9 degrees above or below a point: of scanners whose rings lie further apart, only points
-    within some metres have normals; and points nearer than 1.25 m have none. The same points in another order have the same normals, to the last bit.
+    Windows reach at most 6.9 degrees above and below a point, rounded up to whole cells of a grid: neighbours lie
+    at most 10.5 degrees above or below it. Points nearer than 1.25 m have no normals: 15 cm are more than 6.9
+    degrees there. The same points in another order have the same normals, to the last bit.
     """
     from maxcon.geometry.angle_kernels import azimuths_of, elevations_of, extremes
     from maxcon.geometry.scan_kernels import scan_planes
