@@ -202,7 +202,7 @@ def test_a_scan_without_normals_says_so_beside_its_answer(corner, search):
     assert (
         MaximumConsensus(SPACE, search=search)
         .localize(scan_of(points, normals), PointMap.from_points(*corner), HERE)
-        .warning
+        .reason
         == ""
     )
     nowhere = MaximumConsensus(SPACE, search=search).localize(

@@ -46,7 +46,7 @@ def test_the_default_is_a_vlp_16():
 
 
 def test_wrong_names_and_elevations_are_refused():
-    with pytest.raises(OptionError, match=r"Expected `scanner` to be 'vlp-16' or .* got 'vlp16'"):
+    with pytest.raises(OptionError, match=r"Expected `scanner` to be 'vlp-16', .* got 'vlp16'"):
         ScannerLayout.parse("vlp16")
     with pytest.raises(OptionError, match="Expected rising elevations"):
         RotatingScanner(elevations_deg=(1.0, 0.0))

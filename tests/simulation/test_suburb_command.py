@@ -77,7 +77,7 @@ def test_the_city_takes_a_scanner_too(run, monkeypatch, tmp_path, dataset, optio
         (("--scene", "suburb", "--epochs", "602"), "maxcon: Expected 1 to 601 epochs of a suburb"),
         (
             ("--scanner", "vlp16"),
-            "maxcon: Expected `scanner` to be 'vlp-16' or 'vlp-32c' or 'hdl-64e' or 'os1-64'",
+            "maxcon: Expected `scanner` to be 'vlp-16', 'vlp-32c', 'hdl-64e' or 'os1-64'",
         ),
     ],
 )
