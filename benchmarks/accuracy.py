@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 """How well does each objective localize a drive with a reference, with either multiplicity?
 
-python benchmarks/accuracy.py MAP SCANS --prior PRIOR --reference REFERENCE
+python benchmarks/accuracy.py MAP SCANS --prior PRIOR --reference REFERENCE [--times TIMES]
 """
 
 import argparse
@@ -24,10 +24,11 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("map")
     parser.add_argument("scans")
+    parser.add_argument("--times", help="time of each scan, where the folder has none")
     parser.add_argument("--prior", required=True)
     parser.add_argument("--reference", required=True)
     options = parser.parse_args()
-    point_map, scans = maxcon.PointMap.open(options.map), open_scans(options.scans)
+    point_map, scans = maxcon.PointMap.open(options.map), open_scans(options.scans, options.times)
     prior, reference = read_trajectory(options.prior), read_trajectory(options.reference)
     methods = {
         (type(objective).__name__, multiplicity): maxcon.MaximumConsensus(

@@ -16,6 +16,7 @@ import maxcon
 from maxcon.dataset import Dataset
 from maxcon.study import Study, rows_by_method
 from maxcon.study.bench import BenchPlan
+from maxcon.study.methods import AS_PUBLISHED
 
 OBJECTIVES = {"count-points": maxcon.Count(), "helmert-points": maxcon.Helmert()}
 SPACE = maxcon.SearchSpace()
@@ -36,7 +37,9 @@ def ratios(bench, point_map, prior_name, epoch, objective):
     poses = (bench.priors[prior_name].at(raw.time), bench.reference.at(raw.time))
     prior, reference = (point_map.frame.pose_to_local(pose) for pose in poses)
     points, once = (
-        maxcon.MaximumConsensus(SPACE, objective, multiplicity).accumulate(scan, point_map, prior)
+        maxcon.MaximumConsensus(SPACE, objective, multiplicity, **AS_PUBLISHED).accumulate(
+            scan, point_map, prior
+        )
         for multiplicity in ("points", "occupied")
     )
     wrong = points.best_cell(objective)

@@ -145,10 +145,7 @@ def _lay_out(taken, voxel_columns, voxel_normals, counts, stride, normals, facto
 
 @njit(nogil=True, cache=True)
 def _lay_out_alike(n_taken, without_normal, factors, times, rows):
-    """Lay out what a match of a scan point without a normal adds at each voxel: rows : (4 c,) float64, out.
-
-    without_normal : weight of such a match; factors, times : as `_lay_out` made them.
-    """
+    """Lay out what a match of weight `without_normal` adds at each voxel: rows : (4 c,) float64, out."""
     has_counts = times.shape[0] > 0
     for j in range(n_taken):
         at, n_points = np.uint64(4 * j), 1.0
