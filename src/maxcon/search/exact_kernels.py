@@ -8,7 +8,7 @@ from numba import njit, types
 from numba.extending import intrinsic
 
 from maxcon.point_map import PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS
-from maxcon.search.kernels import ROUNDER
+from maxcon.search.adding_kernels import ROUNDER
 from maxcon.search.matching import CONTRIBUTION_STEP
 
 __all__ = ["lay_out", "moments_of_cells"]

@@ -3,11 +3,10 @@
 """The compiled inner loops of the exhaustive search: from visits to sums. Arrays in, arrays out."""
 
 import numpy as np
-from llvmlite import ir
-from numba import njit, types
-from numba.extending import intrinsic
+from numba import njit
 
 from maxcon.point_map import PATCH_VOXELS, TILE_PATCHES
+from maxcon.search.adding_kernels import ROUNDER, add_alike, add_once, add_times
 from maxcon.search.visit_kernels import RIM, rectangle_in_tile
 
 __all__ = ["accumulate_tile"]
@@ -18,90 +17,8 @@ CAPACITY = 256
 # Weights are made by so many at a time: what the compiler makes of a whole block has no remainder.
 BLOCK = 32
 
-# Adding and subtracting 1.5 * 2^52 * step rounds a float64 to whole multiples of the step, ties to even,
-# as numpy.rint does. The step is search.matching.CONTRIBUTION_STEP.
-ROUNDER = 1.5 * 2.0**52 * 2.0**-24
-
 # Shifts instead of divisions: with these the search took 1.16 times as long.
 PATCH_BITS = PATCH_VOXELS.bit_length() - 1
-
-
-def _adding(is_once):
-    """Make the one vector operation of a match; the compiler does not find it in four scalar ones.
-
-    add(sums, cell, factors, weights, times, j): sums[cell : cell + 4] += (1 or times[j], rounded products of
-    weights[j] and factors[4 j + 1 : 4 j + 4]). Lane 0 of the factors is 0.
-    """
-
-    @intrinsic
-    def add(typing_context, sums, cell, factors, weights, times, j):
-        signature = types.void(sums, types.int64, factors, weights, times, types.int64)
-
-        def generate(context, builder, signature, arguments):
-            sums, cell, factors, weights, times, j = arguments
-            four_doubles = ir.VectorType(ir.DoubleType(), 4)
-            index = ir.IntType(32)
-            undefined = ir.Constant(four_doubles, ir.Undefined)
-
-            def at(array, number, position):
-                data = context.make_array(signature.args[number])(context, builder, array).data
-                return builder.gep(data, [position])
-
-            def four_at(array, number, position):
-                return builder.bitcast(at(array, number, position), four_doubles.as_pointer())
-
-            factor = builder.load(four_at(factors, 2, builder.shl(j, ir.Constant(j.type, 2))), align=8)
-            weight = builder.insert_element(undefined, builder.load(at(weights, 3, j)), ir.Constant(index, 0))
-            weight = builder.shuffle_vector(weight, undefined, ir.Constant(ir.VectorType(index, 4), [0] * 4))
-            rounder = ir.Constant(four_doubles, [ROUNDER] * 4)
-            # The product of two numbers of 24 bits is exact: to fuse it with the sum changes nothing. With
-            # times it is not.
-            flags = ("contract",) if is_once else ()
-            product = builder.fadd(builder.fmul(weight, factor, flags=flags), rounder, flags=flags)
-            lane_0 = ROUNDER - 1.0 if is_once else ROUNDER
-            product = builder.fsub(product, ir.Constant(four_doubles, [lane_0] + [ROUNDER] * 3))
-            if not is_once:
-                product = builder.insert_element(
-                    product, builder.load(at(times, 4, j)), ir.Constant(index, 0)
-                )
-            pointer = four_at(sums, 0, cell)
-            builder.store(builder.fadd(builder.load(pointer, align=8), product), pointer, align=8)
-            return context.get_dummy_value()
-
-        return signature, generate
-
-    return add
-
-
-_add_once = _adding(True)
-_add_times = _adding(False)
-
-
-@intrinsic
-def _add_alike(typing_context, sums, cell, rows, n_alike, j):
-    """sums[cell : cell + 4] += n_alike * rows[4 j : 4 j + 4], in one vector operation."""
-    signature = types.void(sums, types.int64, rows, types.float64, types.int64)
-
-    def generate(context, builder, signature, arguments):
-        sums, cell, rows, n_alike, j = arguments
-        four_doubles, index = ir.VectorType(ir.DoubleType(), 4), ir.IntType(32)
-        undefined = ir.Constant(four_doubles, ir.Undefined)
-
-        def four_at(array, number, position):
-            data = context.make_array(signature.args[number])(context, builder, array).data
-            return builder.bitcast(builder.gep(data, [position]), four_doubles.as_pointer())
-
-        row = builder.load(four_at(rows, 2, builder.shl(j, ir.Constant(j.type, 2))), align=8)
-        times = builder.insert_element(undefined, n_alike, ir.Constant(index, 0))
-        times = builder.shuffle_vector(times, undefined, ir.Constant(ir.VectorType(index, 4), [0] * 4))
-        pointer = four_at(sums, 0, cell)
-        # Both are multiples of a step that float64 holds exactly: to fuse them changes nothing.
-        added = builder.fmul(times, row, flags=("contract",))
-        total = builder.fadd(builder.load(pointer, align=8), added, flags=("contract",))
-        builder.store(total, pointer, align=8)
-        return context.get_dummy_value()
-
-    return signature, generate
 
 
 @njit(nogil=True, cache=True)
@@ -183,7 +100,7 @@ def _vote(
             base = 4 * ((origin[1] - columns[heading, 1, i]) * stride + origin[0] - columns[heading, 0, i])
             _weigh(normals, n_normals, turned[heading], i, back, weights)
             for j in range(n_normals):
-                _add_once(cell_sums, base + cells[j], factors, weights, times, j)
+                add_once(cell_sums, base + cells[j], factors, weights, times, j)
             for j in range(n_normals, n_taken):
                 cell_sums[np.uint64(base + cells[j])] += 1.0
 
@@ -202,7 +119,7 @@ def _vote_times(
             for j in range(n_normals):
                 weights[j] *= times[j]
             for j in range(n_normals):
-                _add_times(cell_sums, base + cells[j], factors, weights, times, j)
+                add_times(cell_sums, base + cells[j], factors, weights, times, j)
             for j in range(n_normals, n_taken):
                 cell_sums[np.uint64(base + cells[j])] += times[j]
 
@@ -222,7 +139,7 @@ def _vote_alike(headings, points, columns, origin, stride, n_taken, cells, rows,
                 i += 1
             base = 4 * ((origin[1] - y) * stride + origin[0] - x)
             for j in range(n_taken):
-                _add_alike(cell_sums, base + cells[j], rows, n_alike, j)
+                add_alike(cell_sums, base + cells[j], rows, n_alike, j)
 
 
 @njit(nogil=True, cache=True)
