@@ -3,11 +3,14 @@
 """`maxcon localize`: tables, pictures, options, and drives that are localized in part."""
 
 import csv
+import inspect
 import re
 
 import numpy as np
 import pytest
 
+import maxcon as library
+from maxcon.cli.localize import localize as command
 from maxcon.cli.localize import parse_epochs
 from maxcon.errors import OptionError
 from maxcon.io.trajectories import read_trajectory
@@ -195,3 +198,13 @@ def test_lists_of_epochs_that_are_none(text):
         OptionError, match=r"--plot-epochs to list epochs from 0 to 3, such as 0,5,10-20, or all"
     ):
         parse_epochs(text, 4)
+
+
+def test_what_is_not_given_is_what_the_method_takes():
+    given = {name: parameter.default for name, parameter in inspect.signature(command).parameters.items()}
+    method, trust = library.MaximumConsensus(), library.Trust()
+    assert given["thinning"] == method.thinning
+    assert given["weighting"].value == method.weighting
+    assert given["multiplicity"].value == method.multiplicity
+    assert given["search"].value.replace("-", " ") == method.search
+    assert (given["least_share"], given["largest_runner_up"]) == (trust.least_share, trust.largest_runner_up)

@@ -3,7 +3,7 @@
 """A seeded city or suburb, ray-cast by a mapping vehicle and by a car, so that a demo walks the road of real data."""
 
 from maxcon.simulation.campaign import simulate_campaign
-from maxcon.simulation.campaign_world import CampaignEpoch, CampaignWorld
+from maxcon.simulation.campaign_world import CampaignWorld
 from maxcon.simulation.circuit import Circuit, circuit_through
 from maxcon.simulation.city import City, build_city
 from maxcon.simulation.dataset import simulate
@@ -11,6 +11,7 @@ from maxcon.simulation.drive import Drive, PriorErrors, Route, drive_along, rout
 from maxcon.simulation.georeferencing import GeoreferencingErrors, draw_georeferencing_errors
 from maxcon.simulation.gnss_priors import GnssErrors
 from maxcon.simulation.las_classes import LasClass
+from maxcon.simulation.mapped_drives import ScanEpoch
 from maxcon.simulation.moving_scanner import DeskewErrors, MovingScanner
 from maxcon.simulation.ray_caster import Hits, RayCaster
 from maxcon.simulation.round_drive import RoundDriver, drive_round
@@ -24,7 +25,6 @@ from maxcon.simulation.world import Epoch, SimulatedWorld
 
 __all__ = [
     "CAMPAIGN_GRID",
-    "CampaignEpoch",
     "CampaignWorld",
     "Circuit",
     "City",
@@ -44,6 +44,7 @@ __all__ = [
     "RotatingScanner",
     "RoundDriver",
     "Route",
+    "ScanEpoch",
     "ScannerLayout",
     "SimulatedWorld",
     "StreetGrid",

@@ -5,7 +5,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +14,18 @@ from maxcon.errors import OptionError
 from maxcon.geometry import Pose
 from maxcon.simulation.circuit import Circuit, circuit_through
 from maxcon.simulation.city import City, build_city
-from maxcon.simulation.drive import Drive, PriorErrors, off_by
+from maxcon.simulation.drive import Drive, PriorErrors
 from maxcon.simulation.georeferencing import GeoreferencingErrors, draw_georeferencing_errors
 from maxcon.simulation.gnss_priors import GnssErrors
-from maxcon.simulation.map_pieces import drive_poses, map_echoes, map_pieces
+from maxcon.simulation.map_pieces import map_pieces
+from maxcon.simulation.mapped_drives import (
+    ScanEpoch,
+    believed_echoes,
+    believed_poses,
+    evenly_spread_epochs,
+    gnss_priors,
+    uniform_priors,
+)
 from maxcon.simulation.periodic_city import build_periodic_city
 from maxcon.simulation.ray_caster import Caster, RayCaster, check_embreex
 from maxcon.simulation.road_users import CrowdedCaster
@@ -26,7 +34,7 @@ from maxcon.simulation.scanners import Echoes, ProfileScanner, RotatingScanner
 from maxcon.simulation.street_grid import CAMPAIGN_GRID
 from maxcon.simulation.traffic import Traffic
 
-__all__ = ["MOST_EPOCHS", "CampaignEpoch", "CampaignWorld"]
+__all__ = ["MOST_EPOCHS", "CampaignWorld"]
 
 MOST_EPOCHS = 3001
 EPOCH_STEP = 0.1
@@ -60,14 +68,6 @@ class _Stream(IntEnum):
     GONE = 10
     ROAD_USERS = 11
     TRAFFIC = 12
-
-
-class CampaignEpoch(NamedTuple):
-    """One scan to take: tenths of a second since the round began, time (s), reference pose T_city_sensor."""
-
-    tick: int
-    time: float
-    reference: Pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,47 +158,31 @@ class CampaignWorld:
 
     def map_echoes(self, scanners: Sequence[ProfileScanner]) -> Iterator[Echoes]:
         """Measure the map piece by piece, in order of time, and place it as the map's maker believes."""
-        pieces = map_pieces(self.map_drives, scanners)
-        for echoes in map_echoes(self.map_caster, pieces, [self.seed, _Stream.MAP_NOISE]):
-            offsets = self.georeferencing.at(echoes.times)
-            yield echoes._replace(points=echoes.points + offsets, origins=echoes.origins + offsets)
+        stream = [self.seed, _Stream.MAP_NOISE]
+        return believed_echoes(self.map_caster, self.map_drives, scanners, self.georeferencing, stream)
 
     def map_poses(self) -> tuple[NDArray[np.float64], list[Pose]]:
         """Times (s) and poses (T_city_vehicle) of the mapping vehicle, as the map's maker believes."""
-        times, poses = drive_poses(self.map_drives)
-        offsets = self.georeferencing.at(times)
-        return times, [pose.translated(offset) for pose, offset in zip(poses, offsets, strict=True)]
+        return believed_poses(self.map_drives, self.georeferencing)
 
-    def epochs(self, n_epochs: int = MOST_EPOCHS) -> list[CampaignEpoch]:
+    def epochs(self, n_epochs: int = MOST_EPOCHS) -> list[ScanEpoch]:
         """Return `n_epochs` of the 3001, spread evenly over the round; the first and the last are among them."""
-        ticks = np.rint(np.linspace(0, MOST_EPOCHS - 1, n_epochs)).astype(np.int64)
-        times = np.round(SCAN_START + EPOCH_STEP * ticks, 6)
-        poses = self.scan_drive.poses(times)
-        return [
-            CampaignEpoch(tick, time, pose)
-            for tick, time, pose in zip(ticks.tolist(), times.tolist(), poses, strict=True)
-        ]
+        return evenly_spread_epochs(self.scan_drive, n_epochs, MOST_EPOCHS, SCAN_START, EPOCH_STEP)
 
-    def gnss_priors(self, epochs: Sequence[CampaignEpoch], errors: GnssErrors) -> list[Pose]:
+    def gnss_priors(self, epochs: Sequence[ScanEpoch], errors: GnssErrors) -> list[Pose]:
         """Priors whose errors change slowly over the round."""
-        rows = errors.draw(MOST_EPOCHS, EPOCH_STEP, [self.seed, _Stream.GNSS_PRIORS])
-        return [off_by(epoch.reference, rows[epoch.tick].tolist()) for epoch in epochs]
+        return gnss_priors(epochs, errors, MOST_EPOCHS, EPOCH_STEP, [self.seed, _Stream.GNSS_PRIORS])
 
-    def uniform_priors(self, epochs: Sequence[CampaignEpoch], errors: PriorErrors) -> list[Pose]:
+    def uniform_priors(self, epochs: Sequence[ScanEpoch], errors: PriorErrors) -> list[Pose]:
         """Priors whose errors know nothing of each other."""
-        return [
-            errors.prior(
-                epoch.reference, np.random.default_rng([self.seed, _Stream.UNIFORM_PRIORS, epoch.tick])
-            )
-            for epoch in epochs
-        ]
+        return uniform_priors(epochs, errors, [self.seed, _Stream.UNIFORM_PRIORS])
 
-    def scan(self, epoch: CampaignEpoch, scanner: RotatingScanner) -> Echoes:
+    def scan(self, epoch: ScanEpoch, scanner: RotatingScanner) -> Echoes:
         """Measure the scan of one epoch from its reference pose: the same, whichever others are taken."""
         rng = np.random.default_rng([self.seed, _Stream.SCAN_NOISE, epoch.tick])
         return scanner.scan(self._caster_at(epoch, scanner), epoch.reference, epoch.time, rng)
 
-    def _caster_at(self, epoch: CampaignEpoch, scanner: RotatingScanner) -> Caster:
+    def _caster_at(self, epoch: ScanEpoch, scanner: RotatingScanner) -> Caster:
         """Return the city of the scans with the traffic of this epoch."""
         if self.traffic is None:
             return self.scan_caster

@@ -13,9 +13,9 @@ from maxcon import __version__
 from maxcon.dataset import DESCRIPTION
 from maxcon.geometry import LocalFrame, Pose
 from maxcon.io.trajectories import write_tum
-from maxcon.simulation.campaign_world import CampaignEpoch
 from maxcon.simulation.las_classes import LasClass
 from maxcon.simulation.map_tiles import MapTiles
+from maxcon.simulation.mapped_drives import ScanEpoch
 from maxcon.simulation.scanners import Echoes
 from maxcon.trajectory import Trajectory
 
@@ -101,7 +101,7 @@ def write_scans(
 
 def write_epochs(
     folder: Path,
-    epochs: Sequence[CampaignEpoch],
+    epochs: Sequence[ScanEpoch],
     scans: Iterable[Echoes],
     priors: Mapping[str, Sequence[Pose]],
     tick: Callable[[], None],
@@ -112,7 +112,7 @@ def write_epochs(
     ----------
     folder : Path
         Of the dataset.
-    epochs : sequence of CampaignEpoch
+    epochs : sequence of ScanEpoch
         One per scan.
     scans : iterable of Echoes
         City metres.

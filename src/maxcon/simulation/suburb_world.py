@@ -12,11 +12,18 @@ from numpy.typing import NDArray
 
 from maxcon.errors import OptionError
 from maxcon.geometry import Pose
-from maxcon.simulation.campaign_world import CampaignEpoch
-from maxcon.simulation.drive import Drive, PriorErrors, drive_along, off_by
+from maxcon.simulation.drive import Drive, PriorErrors, drive_along
 from maxcon.simulation.georeferencing import GeoreferencingErrors, draw_georeferencing_errors
 from maxcon.simulation.gnss_priors import GnssErrors
-from maxcon.simulation.map_pieces import drive_poses, map_echoes, map_pieces
+from maxcon.simulation.map_pieces import map_pieces
+from maxcon.simulation.mapped_drives import (
+    ScanEpoch,
+    believed_echoes,
+    believed_poses,
+    evenly_spread_epochs,
+    gnss_priors,
+    uniform_priors,
+)
 from maxcon.simulation.moving_scanner import MovingScanner
 from maxcon.simulation.ray_caster import RayCaster, check_embreex
 from maxcon.simulation.scanners import Echoes, ProfileScanner
@@ -128,42 +135,26 @@ class SuburbWorld:
 
     def map_echoes(self, scanners: Sequence[ProfileScanner]) -> Iterator[Echoes]:
         """Measure the map piece by piece, in order of time, and place it as the map's maker believes."""
-        pieces = map_pieces(self.map_drives, scanners)
-        for echoes in map_echoes(self.map_caster, pieces, [self.seed, _Stream.MAP_NOISE]):
-            offsets = self.georeferencing.at(echoes.times)
-            yield echoes._replace(points=echoes.points + offsets, origins=echoes.origins + offsets)
+        stream = [self.seed, _Stream.MAP_NOISE]
+        return believed_echoes(self.map_caster, self.map_drives, scanners, self.georeferencing, stream)
 
     def map_poses(self) -> tuple[NDArray[np.float64], list[Pose]]:
         """Times (s) and poses (T_city_vehicle) of the mapping vehicle, as the map's maker believes."""
-        times, poses = drive_poses(self.map_drives)
-        offsets = self.georeferencing.at(times)
-        return times, [pose.translated(offset) for pose, offset in zip(poses, offsets, strict=True)]
+        return believed_poses(self.map_drives, self.georeferencing)
 
-    def epochs(self, n_epochs: int) -> list[CampaignEpoch]:
+    def epochs(self, n_epochs: int) -> list[ScanEpoch]:
         """Return `n_epochs` of all, spread evenly over the drive; the first and the last are among them."""
-        ticks = np.rint(np.linspace(0, self.most_epochs - 1, n_epochs)).astype(np.int64)
-        times = np.round(SCAN_START + EPOCH_STEP * ticks, 6)
-        poses = self.scan_drive.poses(times)
-        return [
-            CampaignEpoch(tick, time, pose)
-            for tick, time, pose in zip(ticks.tolist(), times.tolist(), poses, strict=True)
-        ]
+        return evenly_spread_epochs(self.scan_drive, n_epochs, self.most_epochs, SCAN_START, EPOCH_STEP)
 
-    def gnss_priors(self, epochs: Sequence[CampaignEpoch], errors: GnssErrors) -> list[Pose]:
+    def gnss_priors(self, epochs: Sequence[ScanEpoch], errors: GnssErrors) -> list[Pose]:
         """Priors whose errors change slowly over the drive."""
-        rows = errors.draw(self.most_epochs, EPOCH_STEP, [self.seed, _Stream.GNSS_PRIORS])
-        return [off_by(epoch.reference, rows[epoch.tick].tolist()) for epoch in epochs]
+        return gnss_priors(epochs, errors, self.most_epochs, EPOCH_STEP, [self.seed, _Stream.GNSS_PRIORS])
 
-    def uniform_priors(self, epochs: Sequence[CampaignEpoch], errors: PriorErrors) -> list[Pose]:
+    def uniform_priors(self, epochs: Sequence[ScanEpoch], errors: PriorErrors) -> list[Pose]:
         """Priors whose errors know nothing of each other."""
-        return [
-            errors.prior(
-                epoch.reference, np.random.default_rng([self.seed, _Stream.UNIFORM_PRIORS, epoch.tick])
-            )
-            for epoch in epochs
-        ]
+        return uniform_priors(epochs, errors, [self.seed, _Stream.UNIFORM_PRIORS])
 
-    def scan(self, epoch: CampaignEpoch, scanner: MovingScanner) -> Echoes:
+    def scan(self, epoch: ScanEpoch, scanner: MovingScanner) -> Echoes:
         """Measure the scan of one epoch while the car moves: the same, whichever others are taken."""
         rng = np.random.default_rng([self.seed, _Stream.SCAN_NOISE, epoch.tick])
         return scanner.scan(self.scan_caster, self.scan_drive, epoch.time, rng)

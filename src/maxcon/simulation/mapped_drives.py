@@ -1,0 +1,81 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""What all simulated worlds share: the map as its maker believes it to be, the epochs of a drive, and their priors."""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.geometry import Pose
+from maxcon.simulation.drive import Drive, PriorErrors, off_by
+from maxcon.simulation.georeferencing import GeoreferencingErrors
+from maxcon.simulation.gnss_priors import GnssErrors
+from maxcon.simulation.map_pieces import drive_poses, map_echoes, map_pieces
+from maxcon.simulation.ray_caster import RayCaster
+from maxcon.simulation.scanners import Echoes, ProfileScanner
+
+__all__ = [
+    "ScanEpoch",
+    "believed_echoes",
+    "believed_poses",
+    "evenly_spread_epochs",
+    "gnss_priors",
+    "uniform_priors",
+]
+
+
+class ScanEpoch(NamedTuple):
+    """One scan to take: its number among all that the drive could take, time (s), reference pose T_city_sensor."""
+
+    tick: int
+    time: float
+    reference: Pose
+
+
+def believed_echoes(
+    caster: RayCaster,
+    drives: Sequence[Drive],
+    scanners: Sequence[ProfileScanner],
+    georeferencing: GeoreferencingErrors,
+    seed: Sequence[int],
+) -> Iterator[Echoes]:
+    """Measure a map piece by piece, in order of time, and place it where its maker believes it to be."""
+    for echoes in map_echoes(caster, map_pieces(drives, scanners), seed):
+        offsets = georeferencing.at(echoes.times)
+        yield echoes._replace(points=echoes.points + offsets, origins=echoes.origins + offsets)
+
+
+def believed_poses(
+    drives: Sequence[Drive], georeferencing: GeoreferencingErrors
+) -> tuple[NDArray[np.float64], list[Pose]]:
+    """Times (s) and poses (T_city_vehicle) of the mapping vehicle, as the map's maker believes."""
+    times, poses = drive_poses(drives)
+    offsets = georeferencing.at(times)
+    return times, [pose.translated(offset) for pose, offset in zip(poses, offsets, strict=True)]
+
+
+def evenly_spread_epochs(
+    drive: Drive, n_epochs: int, most_epochs: int, start: float, step: float
+) -> list[ScanEpoch]:
+    """Return some of `most_epochs`, every `step` seconds from `start` on; the first and the last are among them."""
+    ticks = np.rint(np.linspace(0, most_epochs - 1, n_epochs)).astype(np.int64)
+    times = np.round(start + step * ticks, 6)
+    return [
+        ScanEpoch(tick, time, pose)
+        for tick, time, pose in zip(ticks.tolist(), times.tolist(), drive.poses(times), strict=True)
+    ]
+
+
+def gnss_priors(
+    epochs: Sequence[ScanEpoch], errors: GnssErrors, most_epochs: int, step: float, seed: Sequence[int]
+) -> list[Pose]:
+    """Priors whose errors change slowly over the drive."""
+    rows = errors.draw(most_epochs, step, seed)
+    return [off_by(epoch.reference, rows[epoch.tick].tolist()) for epoch in epochs]
+
+
+def uniform_priors(epochs: Sequence[ScanEpoch], errors: PriorErrors, seed: Sequence[int]) -> list[Pose]:
+    """Priors whose errors know nothing of each other."""
+    return [errors.prior(epoch.reference, np.random.default_rng([*seed, epoch.tick])) for epoch in epochs]
