@@ -30,7 +30,7 @@ LEAST_EIGENVALUE = 1.0
 LEAST_EIGENVALUE_RATIO = math.sin(math.radians(3.0)) ** 2
 
 # Of real scans of 16 rings at least FEWEST_NORMALS of the points have a normal, and FEWEST_HORIZONTAL of the points
-# a horizontal one, within 30 degrees: decision 16.
+# a horizontal one, within 30 degrees: decision 4.
 FEWEST_POINTS = 500
 FEWEST_NORMALS = 0.1
 FEWEST_HORIZONTAL = 0.03

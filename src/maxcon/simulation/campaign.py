@@ -11,6 +11,7 @@ from maxcon.errors import OptionError
 from maxcon.simulation.campaign_world import MOST_EPOCHS, CampaignWorld
 from maxcon.simulation.dataset_files import (
     DATASET_NAMES,
+    PRIORS,
     ticker,
     write_description,
     write_epochs,
@@ -22,9 +23,6 @@ from maxcon.simulation.gnss_priors import GnssErrors
 from maxcon.simulation.scanners import ProfileScanner, RotatingScanner, mobile_mapping_scanners
 
 __all__ = ["simulate_campaign"]
-
-PRIORS = {"gnss": "prior_gnss.txt", "uniform": "prior_uniform.txt"}
-"""File of each prior by its name."""
 
 
 def simulate_campaign(
@@ -102,8 +100,8 @@ def simulate_campaign(
         epochs = world.epochs(n_epochs)
         rotating = scanner or RotatingScanner()
         priors = {
-            PRIORS["gnss"]: world.gnss_priors(epochs, GnssErrors()),
-            PRIORS["uniform"]: world.uniform_priors(epochs, PriorErrors()),
+            "gnss": world.gnss_priors(epochs, GnssErrors()),
+            "uniform": world.uniform_priors(epochs, PriorErrors()),
         }
         write_epochs(folder, epochs, (world.scan(epoch, rotating) for epoch in epochs), priors, tick)
     return Dataset.open(out)

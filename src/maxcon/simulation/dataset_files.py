@@ -23,6 +23,7 @@ __all__ = [
     "CITY_ORIGIN",
     "CRS",
     "DATASET_NAMES",
+    "PRIORS",
     "ticker",
     "write_description",
     "write_epochs",
@@ -36,6 +37,9 @@ CITY_ORIGIN = (550_000.0, 5_802_000.0, 60.0)
 """Global coordinates (ETRS89 / UTM 32N, m) of the middle of the crossing."""
 SURVEYED = tuple(member for member in LasClass if member is not LasClass.UNCLASSIFIED)
 """Classes of a map in which every point has one."""
+
+PRIORS = {"gnss": "prior_gnss.txt", "uniform": "prior_uniform.txt"}
+"""File of each prior of a dataset with two, by its name."""
 
 DATASET_NAMES = (DESCRIPTION, "map", "scans", "reference.txt", "prior.txt", "prior_*.txt")
 """All that the folder of a dataset may hold."""
@@ -117,15 +121,14 @@ def write_epochs(
     scans : iterable of Echoes
         City metres.
     priors : mapping of str to sequence of Pose
-        T_city_sensor, one per scan, by the file in `folder` to write: `prior_NAME.txt`.
+        T_city_sensor, one per scan, by their name, one of `PRIORS`.
     tick : callable
         Called after each scan.
     """
     times = np.array([epoch.time for epoch in epochs])
     write_scans(folder, times, [epoch.reference for epoch in epochs], scans, tick)
-    for file, poses in priors.items():
-        name = Path(file).stem.removeprefix("prior_")
-        write_trajectory(folder / file, times, poses, f"T_map_sensor, prior {name}")
+    for name, poses in priors.items():
+        write_trajectory(folder / PRIORS[name], times, poses, f"T_map_sensor, prior {name}")
 
 
 def write_trajectory(path: Path, times: NDArray[np.float64], poses: Sequence[Pose], what: str) -> None:

@@ -10,6 +10,7 @@ from maxcon.dataset import Dataset
 from maxcon.errors import OptionError
 from maxcon.simulation.dataset_files import (
     DATASET_NAMES,
+    PRIORS,
     ticker,
     write_description,
     write_epochs,
@@ -26,9 +27,6 @@ from maxcon.simulation.suburb_road import check_road_length
 from maxcon.simulation.suburb_world import ROAD_LENGTH, SuburbWorld, n_epochs_on
 
 __all__ = ["simulate_suburb"]
-
-PRIORS = {"gnss": "prior_gnss.txt", "uniform": "prior_uniform.txt"}
-"""File of each prior by its name."""
 
 
 def simulate_suburb(
@@ -103,8 +101,8 @@ def simulate_suburb(
         epochs = world.epochs(n_epochs)
         moving = MovingScanner(scanner or ScannerLayout.VLP_16.scanner(), deskew_errors or DeskewErrors())
         priors = {
-            PRIORS["gnss"]: world.gnss_priors(epochs, GnssErrors()),
-            PRIORS["uniform"]: world.uniform_priors(epochs, PriorErrors()),
+            "gnss": world.gnss_priors(epochs, GnssErrors()),
+            "uniform": world.uniform_priors(epochs, PriorErrors()),
         }
         write_epochs(folder, epochs, (world.scan(epoch, moving) for epoch in epochs), priors, tick)
     return Dataset.open(out)
