@@ -115,6 +115,22 @@ def sum_near(candidates, stride, n, x0, y0, z0, gate, moments, place):
     moments[7 * BLOCK + place], moments[8 * BLOCK + place], moments[9 * BLOCK + place] = yy, yz, zz
 
 
+@njit(nogil=True, cache=True, error_model="numpy", forceinline=True)
+def _covariance_in_block(moments, k):
+    """Covariance of neighbourhood k of a block, from its moments: xx, xy, xz, yy, yz, zz."""
+    share = 1.0 / moments[k]
+    mean_x, mean_y = moments[BLOCK + k] * share, moments[2 * BLOCK + k] * share
+    mean_z = moments[3 * BLOCK + k] * share
+    return (
+        moments[4 * BLOCK + k] * share - mean_x * mean_x,
+        moments[5 * BLOCK + k] * share - mean_x * mean_y,
+        moments[6 * BLOCK + k] * share - mean_x * mean_z,
+        moments[7 * BLOCK + k] * share - mean_y * mean_y,
+        moments[8 * BLOCK + k] * share - mean_y * mean_z,
+        moments[9 * BLOCK + k] * share - mean_z * mean_z,
+    )
+
+
 @njit(nogil=True, cache=True, error_model="numpy")
 def plane_normals(n, moments, planes):
     """Find smallest and middle eigenvalue, and the eigenvector of the smallest, of n covariance matrices.
@@ -126,15 +142,7 @@ def plane_normals(n, moments, planes):
     BLOCK x, y, z of the vectors.
     """
     for k in range(n):
-        share = 1.0 / moments[k]
-        mean_x, mean_y = moments[BLOCK + k] * share, moments[2 * BLOCK + k] * share
-        mean_z = moments[3 * BLOCK + k] * share
-        xx = moments[4 * BLOCK + k] * share - mean_x * mean_x
-        xy = moments[5 * BLOCK + k] * share - mean_x * mean_y
-        xz = moments[6 * BLOCK + k] * share - mean_x * mean_z
-        yy = moments[7 * BLOCK + k] * share - mean_y * mean_y
-        yz = moments[8 * BLOCK + k] * share - mean_y * mean_z
-        zz = moments[9 * BLOCK + k] * share - mean_z * mean_z
+        xx, xy, xz, yy, yz, zz = _covariance_in_block(moments, k)
         trace = xx + yy + zz
         minor_x, minor_y, minor_z = yy * zz - yz * yz, xx * zz - xz * xz, xx * yy - xy * xy
         minors = minor_x + minor_y + minor_z
@@ -172,21 +180,7 @@ def squares_across(n, points, moments, squares):
     """
     for k in range(n):
         x, y, z = points[k], points[BLOCK + k], points[2 * BLOCK + k]
-        share = 1.0 / moments[k]
-        mean_x, mean_y = moments[BLOCK + k] * share, moments[2 * BLOCK + k] * share
-        mean_z = moments[3 * BLOCK + k] * share
-        xx, xy = (
-            moments[4 * BLOCK + k] * share - mean_x * mean_x,
-            moments[5 * BLOCK + k] * share - mean_x * mean_y,
-        )
-        xz, yy = (
-            moments[6 * BLOCK + k] * share - mean_x * mean_z,
-            moments[7 * BLOCK + k] * share - mean_y * mean_y,
-        )
-        yz, zz = (
-            moments[8 * BLOCK + k] * share - mean_y * mean_z,
-            moments[9 * BLOCK + k] * share - mean_z * mean_z,
-        )
+        xx, xy, xz, yy, yz, zz = _covariance_in_block(moments, k)
         # To rising elevation, (up_x, up_y, up_z), and along the ring, (-y, x, 0): at right angles, not of unit length.
         square = x * x + y * y
         up_x, up_y, up_z = -x * z, -y * z, square
