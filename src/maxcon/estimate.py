@@ -3,7 +3,7 @@
 """Estimate: what a method answers for one epoch, and in which words it fails."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
@@ -81,6 +81,12 @@ class Estimate:
     reason : str
         Why the answer, of whatever status, is to be doubted: what is unusual about the scan or about the matches that
         carry it, in words; empty if nothing is.
+    covariance : array, shape (6, 6)
+        Of x, y, z, roll, pitch and heading, map axes, m^2, m rad and rad^2; infinite on the diagonal where it is not
+        known.
+    protection_level : tuple of 2 float
+        Along and across the vehicle's heading: the error is larger with at most the method's stated risk, m; infinite
+        where that is not known.
     """
 
     pose: Pose
@@ -91,6 +97,8 @@ class Estimate:
     share: float = 0.0
     runner_up: float = math.inf
     reason: str = ""
+    covariance: NDArray[np.float64] = field(default_factory=lambda: np.diag(np.full(6, np.inf)))
+    protection_level: tuple[float, float] = (math.inf, math.inf)
 
     @property
     def is_localized(self) -> bool:

@@ -55,9 +55,9 @@ def test_a_name_too_long(maxcon, refused):
 
 
 def test_another_format_version(not_localized, maxcon, refused, city):
-    for version, advice in ((2, "Update maxcon, or build the map again"), (0, "Build the map again")):
+    for version, advice in ((3, "Update maxcon, or build the map again"), (1, "Build the map again")):
         _edit(city, format_version=version)
-        words = (city, f"format version 1, got {version}", advice)
+        words = (city, f"format version 2, got {version}", advice)
         not_localized(city, *words)
         refused(maxcon("map", "info", city), *words)
 

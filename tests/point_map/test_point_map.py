@@ -70,6 +70,20 @@ def test_the_order_of_points_does_not_matter(seed, n):
     np.testing.assert_allclose(first[2], again[2], atol=1e-4)
 
 
+@given(SEEDS, st.integers(1, 300), CELLS, st.tuples(st.integers(-40, 40), st.integers(-40, 40)))
+@settings(max_examples=50)
+def test_voxels_keep_the_mean_of_their_points(seed, n, cell, corner):
+    points, normals = random_cloud(seed, n, cell, corner)
+    of_voxels = defaultdict(list)
+    for point in points:
+        of_voxels[tuple(math.floor(value / cell) for value in point.tolist())].append(point)
+    point_map = PointMap.from_points(points, normals, cell)
+    for tile in point_map.tiles_within(*point_map.bounds[0], 1e6):
+        for voxel, mean in zip(tile.voxels.tolist(), tile.mean_points(cell), strict=True):
+            wanted = np.mean(of_voxels[tuple(voxel)], axis=0)
+            np.testing.assert_allclose(mean, wanted, rtol=0.0, atol=cell / 512 + 1e-9)
+
+
 @given(SEEDS, st.integers(1, 200))
 @settings(max_examples=30)
 def test_without_sides_turned_normals_do_not_cancel(seed, n):
@@ -130,10 +144,10 @@ def test_tiles_are_in_the_order_the_search_reads(seed, n, corner):
 
 def test_a_tile_out_of_order_is_noticed():
     columns = np.array([[0, 0], [100, 0], [0, 100]], np.int16)
-    counts, normals = np.ones(3, np.int32), np.zeros((3, 3), np.float32)
+    counts, normals, means = np.ones(3, np.int32), np.zeros((3, 3), np.float32), np.zeros((3, 3), np.uint8)
 
     def tile(columns, layers):
-        return VoxelTile((0, 0), columns, np.array(layers, np.int32), counts, normals)
+        return VoxelTile((0, 0), columns, np.array(layers, np.int32), counts, normals, means)
 
     assert tile(columns, [0, 0, 0]).is_in_order
     assert tile(columns[::-1].copy(), [0, 1, 2]).is_in_order

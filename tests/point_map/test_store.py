@@ -101,7 +101,7 @@ def test_the_search_finds_the_same_in_both(whole, in_memory):
 def test_tiles_are_mapped_not_copied(whole):
     opened = PointMap.open(whole)
     for tile in opened.tiles_within(0.0, 0.0, 100.0):
-        for array in (tile.columns, tile.layers, tile.counts, tile.normals):
+        for array in (tile.columns, tile.layers, tile.counts, tile.normals, tile.means):
             assert not array.flags.owndata
             assert not array.flags.writeable
             with pytest.raises(ValueError, match="read-only"):

@@ -4,6 +4,7 @@
 
 import copy
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,9 +21,14 @@ def tile_of(voxels):
     columns, layers = voxels[:, :2].astype(np.int16), voxels[:, 2].astype(np.int32)
     order = search_order(columns, layers)
     n = len(order)
-    return VoxelTile(
-        (3, -4), columns[order], layers[order], np.ones(n, np.int32), np.zeros((n, 3), np.float32)
-    )
+    counts, normals, means = np.ones(n, np.int32), np.zeros((n, 3), np.float32), np.zeros((n, 3), np.uint8)
+    return VoxelTile((3, -4), columns[order], layers[order], counts, normals, means)
+
+
+def rows_of(tile, rows):
+    """A tile of some rows of another."""
+    arrays = (tile.columns, tile.layers, tile.counts, tile.normals, tile.means)
+    return VoxelTile(tile.key, *(array[rows] for array in arrays))
 
 
 def number_of(tile, x, y, layer):
@@ -97,7 +103,7 @@ def test_addresses_are_those_of_the_arrays_also_of_a_copy():
 def test_arrays_in_pieces_are_copied():
     tile = tile_of(np.random.default_rng(0).integers(0, 100, (500, 3)))
     counts, normals = np.arange(1000, dtype=np.int32)[::2], np.asfortranarray(tile.normals + np.float32(0.5))
-    addresses = VoxelTile(tile.key, tile.columns, tile.layers, counts, normals).addresses
+    addresses = VoxelTile(tile.key, tile.columns, tile.layers, counts, normals, tile.means).addresses
     for array, kept in zip((normals, counts), addresses.kept[4:], strict=True):
         assert kept.flags.c_contiguous and (array == kept).all()
 
@@ -109,7 +115,8 @@ def test_the_size_is_known_before_anything_is_made(n, height):
     told = tile.n_bytes
     assert "occupancy" not in vars(tile)
     index, occupancy = tile.index, tile.occupancy
-    arrays = [tile.columns, tile.layers, tile.counts, tile.normals, index.layers, index.patch_starts]
+    arrays = [tile.columns, tile.layers, tile.counts, tile.normals, tile.means]
+    arrays += [index.layers, index.patch_starts]
     arrays += [occupancy.held, occupancy.numbers, occupancy.words, occupancy.firsts]
     assert told == sum(array.nbytes for array in arrays)
 
@@ -144,15 +151,10 @@ def test_other_orders_are_noticed(seed, n, width):
         k = rng.integers(len(tile) - 1)
         order = np.arange(len(tile))
         order[[k, k + 1]] = order[[k + 1, k]]
-    other = VoxelTile(
-        tile.key, tile.columns[order], tile.layers[order], tile.counts[order], tile.normals[order]
-    )
-    assert other.is_in_order == (order == np.arange(len(tile))).all()
+    assert rows_of(tile, order).is_in_order == (order == np.arange(len(tile))).all()
     for bad in (-1, TILE_VOXELS):
         columns = tile.columns.copy()
         columns[rng.integers(len(tile)), rng.integers(2)] = bad
-        assert not VoxelTile(tile.key, columns, tile.layers, tile.counts, tile.normals).is_in_order
+        assert not replace(tile, columns=columns).is_in_order
     twice = np.repeat(np.arange(len(tile)), 2)
-    assert not VoxelTile(
-        tile.key, tile.columns[twice], tile.layers[twice], tile.counts[twice], tile.normals[twice]
-    ).is_in_order
+    assert not rows_of(tile, twice).is_in_order

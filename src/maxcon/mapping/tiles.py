@@ -11,7 +11,7 @@ from maxcon.mapping.spill import TileSpill
 from maxcon.mapping.voxel_moments import HALO_VOXELS, VoxelMoments
 from maxcon.mapping.voxel_normals import plane_normals, turn_to_side
 from maxcon.point_map import TILE_VOXELS, TileKey, VoxelTile
-from maxcon.point_map.voxelize import mean_normals, tile_of_voxels
+from maxcon.point_map.voxelize import mean_normals, mean_steps, tile_of_voxels
 
 __all__ = ["TileMaker"]
 
@@ -66,6 +66,7 @@ class TileMaker:
             np.ascontiguousarray(own.indices[:, 2]),
             own.counts.astype(np.int32),
             normals,
+            mean_steps(own.sums, own.counts, self._cell),
         )
 
     def clear(self, keys: Sequence[TileKey]) -> None:

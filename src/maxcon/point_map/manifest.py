@@ -26,7 +26,7 @@ __all__ = [
 ]
 
 FORMAT = "maxcon map"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 MANIFEST = "manifest.json"
 MAP_NAMES = (MANIFEST, "tiles")
 """All that the folder of a map holds."""

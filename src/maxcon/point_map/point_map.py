@@ -101,8 +101,7 @@ class PointMap:
             raise ArrayError(f"Expected a positive voxel edge `cell` in m, got {cell}.")
         points = as_points(points, "points")
         normals = as_unit_normals(normals, len(points), "normals")
-        indices, counts, mean_normals = voxelize(points, normals, cell, is_signed=is_signed)
-        tiles = split_into_tiles(indices, counts, mean_normals)
+        tiles = split_into_tiles(*voxelize(points, normals, cell, is_signed=is_signed))
         return cls(frame or LocalFrame(), float(cell), is_signed, _TilesInMemory(tiles))
 
     @classmethod

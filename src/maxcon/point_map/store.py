@@ -5,7 +5,8 @@
 ```
 city.map/
   manifest.json          format version, CRS, origin, cell, what was dropped, sources, a checksum per tile
-  tiles/{x}_{y}.arrow    one record batch: column (int16 x 2), layer (int32), count (int32), normal (float x 3)
+  tiles/{x}_{y}.arrow    one record batch: column (int16 x 2), layer (int32), count (int32), normal (float x 3),
+                         mean (uint8 x 3)
 ```
 """
 
@@ -38,6 +39,7 @@ def _schema() -> Any:
             pa.field("layer", pa.int32(), nullable=False),
             pa.field("count", pa.int32(), nullable=False),
             pa.field("normal", pa.list_(pa.field("item", pa.float32(), nullable=False), 3), nullable=False),
+            pa.field("mean", pa.list_(pa.field("item", pa.uint8(), nullable=False), 3), nullable=False),
         ]
     )
 
@@ -55,6 +57,7 @@ def write_tile(folder: Path, tile: VoxelTile) -> TileEntry:
             pa.array(tile.layers),
             pa.array(tile.counts),
             pa.FixedSizeListArray.from_arrays(tile.normals.reshape(-1), type=schema.field("normal").type),
+            pa.FixedSizeListArray.from_arrays(tile.means.reshape(-1), type=schema.field("mean").type),
         ],
         schema=schema,
     )
@@ -138,6 +141,7 @@ class TileStore:
             batch.column("layer").to_numpy(),
             batch.column("count").to_numpy(),
             batch.column("normal").flatten().to_numpy().reshape(-1, 3),
+            batch.column("mean").flatten().to_numpy().reshape(-1, 3),
         )
         if not tile.is_in_order:
             raise MapError(

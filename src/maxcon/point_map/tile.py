@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from maxcon.compiled import read_only_view
 
 __all__ = [
+    "MEAN_STEPS",
     "PATCH_VOXELS",
     "TILE_PATCHES",
     "TILE_VOXELS",
@@ -30,6 +31,8 @@ TILE_VOXELS = 512
 PATCH_VOXELS = 16
 TILE_PATCHES = TILE_VOXELS // PATCH_VOXELS
 WORD_BITS = 64
+MEAN_STEPS = 256
+"""Steps of a voxel's edge in which the mean of its points is kept."""
 PATCH_WORDS = PATCH_VOXELS**2 // WORD_BITS
 
 
@@ -120,6 +123,8 @@ class VoxelTile:
         How many map points the voxel holds.
     normals : array, shape (n, 3), float32
         Their mean unit normal; zeros where there is none.
+    means : array, shape (n, 3), uint8
+        Where in the voxel their mean lies, in 256ths of its edge, from its corner.
     """
 
     key: TileKey
@@ -127,6 +132,7 @@ class VoxelTile:
     layers: NDArray[np.int32]
     counts: NDArray[np.int32]
     normals: NDArray[np.float32]
+    means: NDArray[np.uint8]
 
     def __len__(self) -> int:
         return len(self.layers)
@@ -203,10 +209,15 @@ class VoxelTile:
         """(x, y, z) voxel indices in the local frame, shape (n, 3)."""
         return np.column_stack([self.columns + np.array(self.corner, dtype=np.int32), self.layers])
 
+    def mean_points(self, cell: float) -> NDArray[np.float64]:
+        """Mean of the points of each voxel of edge `cell` (m), local frame, shape (n, 3), m; to 1/512 of the edge."""
+        inside = (self.means + 0.5) / MEAN_STEPS
+        return np.asarray((self.voxels + inside) * cell, dtype=np.float64)
+
     @cached_property
     def n_bytes(self) -> int:
         """Memory this tile holds once its index and its occupancy are made."""
-        arrays = (self.columns, self.layers, self.counts, self.normals)
+        arrays = (self.columns, self.layers, self.counts, self.normals, self.means)
         index = (self.index.layers, self.index.patch_starts)
         n_words = TILE_PATCHES**2 * (len(self.index.layers) // WORD_BITS + 1)
         n_words += PATCH_WORDS * self._n_layers_and_patches[1]

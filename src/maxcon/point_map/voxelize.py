@@ -1,15 +1,15 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""From points with normals to voxels with a count and a mean unit normal (D4), and from voxels to tiles."""
+"""From points with normals to voxels with a count, a mean unit normal and a mean point (D4), and on to tiles."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import MapError
 from maxcon.geometry import voxel_indices
-from maxcon.point_map.tile import TILE_VOXELS, TileKey, VoxelTile, search_order
+from maxcon.point_map.tile import MEAN_STEPS, TILE_VOXELS, TileKey, VoxelTile, search_order
 
-__all__ = ["mean_normals", "split_into_tiles", "tile_of_voxels", "turn_alike", "voxelize"]
+__all__ = ["mean_normals", "mean_steps", "split_into_tiles", "tile_of_voxels", "turn_alike", "voxelize"]
 
 # Normals that cancel (both faces of a thin wall in one voxel) leave no direction.
 CANCELLED_LENGTH = 1e-3
@@ -18,7 +18,7 @@ MOST_LAYERS = 16_384
 
 def voxelize(
     points: NDArray[np.float64], normals: NDArray[np.float64], cell: float, *, is_signed: bool
-) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]:
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32], NDArray[np.uint8]]:
     """Gather points into voxels of edge `cell`.
 
     Parameters
@@ -38,14 +38,23 @@ def voxelize(
         Points in each.
     normals : array, shape (m, 3), float32
         Mean unit normal of each; zeros where there is none or they cancel.
+    means : array, shape (m, 3), uint8
+        Where in the voxel the mean of its points lies, see `mean_steps`.
     """
-    indices, voxel, counts = _unique_rows(voxel_indices(points, cell))
+    of_points = voxel_indices(points, cell)
+    indices, voxel, counts = _unique_rows(of_points)
     if not is_signed:
         normals = turn_alike(normals, voxel, len(indices))
-    sums = np.zeros((len(indices), 3))
-    for axis in range(3):
-        sums[:, axis] = np.bincount(voxel, weights=normals[:, axis], minlength=len(indices))
-    return indices, counts.astype(np.int32), mean_normals(sums, counts)
+    inside = points - of_points * cell
+
+    def sums(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        summed = np.zeros((len(indices), 3))
+        for axis in range(3):
+            summed[:, axis] = np.bincount(voxel, weights=values[:, axis], minlength=len(indices))
+        return summed
+
+    means = mean_steps(sums(inside), counts, cell)
+    return indices, counts.astype(np.int32), mean_normals(sums(normals), counts), means
 
 
 def _unique_rows(
@@ -84,12 +93,21 @@ def mean_normals(
     return np.asarray(unit, dtype=np.float32)
 
 
+def mean_steps(
+    sums: NDArray[np.float64], counts: NDArray[np.integer] | NDArray[np.float64], cell: float
+) -> NDArray[np.uint8]:
+    """Means of points in voxels, in 256ths of the edge `cell` (m), from sums of positions from corners, (n, 3), m."""
+    steps = np.floor(sums / (np.asarray(counts)[:, None] * (cell / MEAN_STEPS)))
+    return np.clip(steps, 0, MEAN_STEPS - 1).astype(np.uint8)
+
+
 def tile_of_voxels(
     key: TileKey,
     columns: NDArray[np.int16],
     layers: NDArray[np.int32],
     counts: NDArray[np.int32],
     normals: NDArray[np.float32],
+    means: NDArray[np.uint8],
 ) -> VoxelTile:
     """Make a tile from voxels in any order.
 
@@ -105,11 +123,14 @@ def tile_of_voxels(
             " Remove stray points far above and below (class them as noise)."
         )
     order = search_order(columns, layers)
-    return VoxelTile(key, columns[order], layers[order], counts[order], normals[order])
+    return VoxelTile(key, columns[order], layers[order], counts[order], normals[order], means[order])
 
 
 def split_into_tiles(
-    indices: NDArray[np.int32], counts: NDArray[np.int32], normals: NDArray[np.float32]
+    indices: NDArray[np.int32],
+    counts: NDArray[np.int32],
+    normals: NDArray[np.float32],
+    means: NDArray[np.uint8],
 ) -> dict[TileKey, VoxelTile]:
     """Tiles of voxels with (x, y, z) `indices`, shape (n, 3)."""
     keys, tile, _ = _unique_rows(indices[:, :2] // TILE_VOXELS)
@@ -119,6 +140,6 @@ def split_into_tiles(
     for (x, y), members in zip(keys.tolist(), groups, strict=True):
         columns = (indices[members, :2] - np.array([x, y]) * TILE_VOXELS).astype(np.int16)
         tiles[(x, y)] = tile_of_voxels(
-            (x, y), columns, indices[members, 2], counts[members], normals[members]
+            (x, y), columns, indices[members, 2], counts[members], normals[members], means[members]
         )
     return tiles
