@@ -22,6 +22,8 @@ class Status(StrEnum):
     UNDETERMINED = "undetermined"
     AT_RIM = "at the rim"
     AMBIGUOUS = "ambiguous"
+    WALLS_MISSING = "walls missing"
+    NOT_CONFIRMED = "not confirmed"
     FEW_MATCHES = "few matches"
     NO_MATCH = "no match"
     NO_POINTS = "no points"
@@ -43,6 +45,10 @@ _EXPLANATIONS = {
     Status.AT_RIM: "The scores still rise at the rim of the search space: the true pose may lie outside. Widen it.",
     Status.AMBIGUOUS: "Another place scores nearly as high: the scan fits there too. Narrow the prior, or first mend"
     " what the reason beside it names.",
+    Status.WALLS_MISSING: "Of the walls that the scan sees in one direction hardly any stand in the map there: the"
+    " pose fits the others only, or the place has changed. See the reason beside it.",
+    Status.NOT_CONFIRMED: "Adjusted to the surfaces of the map the pose moves away from the best cell, or few surfaces"
+    " carry it: the place may be right, the centimetres are not.",
     Status.FEW_MATCHES: "Few of the scan's points match the map even at the best cell: is the prior far off, or the"
     " map old or thin?",
     Status.NO_MATCH: "No scan point matched the map: is the prior inside the map, and is its height right?",
@@ -62,11 +68,12 @@ class Estimate:
     Parameters
     ----------
     pose : Pose
-        T_map_sensor, local frame of the map. The prior where nothing matched.
+        T_map_sensor, local frame of the map: refined, or that of the best cell. The prior where nothing matched.
     score : float
         Worth of the best cell, in units of the objective.
     cell : tuple of 3 int, or None
-        (heading, y, x) of the best cell in the search space; None for a method without cells.
+        (heading, y, x) of the best cell in the search space; None for a method without cells, and for an answer
+        outside of the space.
     status : Status
         Whether the pose may be used, with words.
     cofactor : array, shape (2, 2)
@@ -87,6 +94,8 @@ class Estimate:
     protection_level : tuple of 2 float
         Along and across the vehicle's heading: the error is larger with at most the method's stated risk, m; infinite
         where that is not known.
+    was_widened : bool
+        Whether the answer was in doubt and searched for again, farther around.
     """
 
     pose: Pose
@@ -99,6 +108,7 @@ class Estimate:
     reason: str = ""
     covariance: NDArray[np.float64] = field(default_factory=lambda: np.diag(np.full(6, np.inf)))
     protection_level: tuple[float, float] = (math.inf, math.inf)
+    was_widened: bool = False
 
     @property
     def is_localized(self) -> bool:

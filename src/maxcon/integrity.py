@@ -4,6 +4,7 @@
 
 import math
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ __all__ = [
     "Trust",
     "highest_beyond",
     "invert",
+    "protection_level",
     "reasons_to_doubt_answer",
     "reasons_to_doubt_scan",
     "runner_up_ratio",
@@ -37,6 +39,8 @@ FEWEST_HORIZONTAL = 0.03
 HORIZONTAL = math.sin(math.radians(30.0))
 # An answer that so few full matches carry along its least determined direction rests on a single small surface.
 FEWEST_CARRYING = 10.0
+# Share of wrong answers among those localized that trials could exclude: decision 17.
+WRONG_PLACE = 0.005
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +57,15 @@ class Trust:
     guard_radius : float
         The runner-up lies farther than this from the best cell, m: a peak that is half a metre wide is a
         matter of precision, not of another place.
+    least_wall_share : float
+        Of the wall points of each facing, so many must lie on walls of the map at the refined pose, 0 to 1; where
+        less do, a wider search has to find the same place.
+    least_confirmed_share : float
+        The same once a wider search found that place.
+    fewest_planes : int
+        So many points must lie on planes of the map at the refined pose.
+    farthest_move : float
+        The refined pose may lie so far from the best cell, m.
 
     Raises
     ------
@@ -63,16 +76,23 @@ class Trust:
     least_share: float = 0.05
     largest_runner_up: float = 0.8
     guard_radius: float = 0.5
+    least_wall_share: float = 0.05
+    least_confirmed_share: float = 0.02
+    fewest_planes: int = 100
+    farthest_move: float = 0.25
 
     def __post_init__(self) -> None:
-        for name in ("least_share", "largest_runner_up"):
+        for name in ("least_share", "largest_runner_up", "least_wall_share", "least_confirmed_share"):
             value = getattr(self, name)
             if not 0.0 <= value <= 1.0:
                 raise OptionError(
                     f"Expected `{name}` from 0 to 1, got {value}. The default is {getattr(Trust(), name)}."
                 )
-        if not 0.0 <= self.guard_radius < math.inf:
-            raise OptionError(f"Expected `guard_radius` >= 0 m, got {self.guard_radius}. The default is 0.5.")
+        for name in ("guard_radius", "fewest_planes", "farthest_move"):
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise OptionError(
+                    f"Expected `{name}` >= 0, got {getattr(self, name)}. The default is {getattr(Trust(), name)}."
+                )
 
     def judge(self, *, is_determined: bool, share: float, is_at_rim: bool, runner_up: float) -> Status:
         """Return the status of a best cell that has matches."""
@@ -85,6 +105,29 @@ class Trust:
         if runner_up > self.largest_runner_up:
             return Status.AMBIGUOUS
         return Status.LOCALIZED
+
+    def judge_refined(
+        self, *, n_planes: int, moved: float, wall_share: float | None, is_confirmed: bool
+    ) -> Status:
+        """Return the status of a best cell that was localized, after its pose was adjusted to the map.
+
+        Parameters
+        ----------
+        n_planes : int
+            Points that lie on planes of the map.
+        moved : float
+            From the cell to the refined pose, m.
+        wall_share : float or None
+            The least share of wall points found, of all facings; None where no facing has enough.
+        is_confirmed : bool
+            Whether a wider search found the same place.
+        """
+        if n_planes < self.fewest_planes or moved > self.farthest_move:
+            return Status.NOT_CONFIRMED
+        if wall_share is None:
+            return Status.LOCALIZED if is_confirmed else Status.WALLS_MISSING
+        least = self.least_confirmed_share if is_confirmed else self.least_wall_share
+        return Status.LOCALIZED if wall_share >= least else Status.WALLS_MISSING
 
 
 def reasons_to_doubt_scan(scan: Scan, prior: Pose) -> list[str]:
@@ -128,6 +171,31 @@ def invert(normal_matrix: NDArray[np.float64]) -> tuple[bool, NDArray[np.float64
         return False, np.diag([np.inf, np.inf])
     is_determined = smallest >= max(LEAST_EIGENVALUE, LEAST_EIGENVALUE_RATIO * largest)
     return bool(is_determined), np.asarray(np.linalg.inv(normal_matrix), dtype=np.float64)
+
+
+def protection_level(covariance: NDArray[np.float64], heading: float, risk: float) -> tuple[float, float]:
+    """How large the error of a localized pose may be, along and across its heading, m, with at most a stated risk.
+
+    Part of the risk is that of another place altogether, `WRONG_PLACE`: no level covers that, so that it is infinite
+    where the stated risk is smaller. The rest is shared by the two directions, normally distributed.
+
+    Parameters
+    ----------
+    covariance : array, shape (6, 6)
+        Of x, y, z, roll, pitch and heading, map axes.
+    heading : float
+        rad.
+    risk : float
+        Above 0, below 1, in an epoch.
+    """
+    left = risk - WRONG_PLACE
+    if left <= 0.0:
+        return math.inf, math.inf
+    factor = NormalDist().inv_cdf(1.0 - left / 4.0)  # two directions, two sides
+    along = np.array([math.cos(heading), math.sin(heading)])
+    across = np.array([-along[1], along[0]])
+    variances = [float(axis @ covariance[:2, :2] @ axis) for axis in (along, across)]
+    return factor * math.sqrt(variances[0]), factor * math.sqrt(variances[1])
 
 
 def runner_up_ratio(scores: Scores, cell: Cell, space: SearchSpace, guard_radius: float) -> float:

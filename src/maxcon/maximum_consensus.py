@@ -4,7 +4,8 @@
 
 The paper's method in the order of the paper: every cell of a search space around the prior is a candidate
 pose; each match of a scan point with the map adds to its cell; the cell whose matches determine the
-position best is the answer.
+position best is the answer. Then what the paper does not have: its pose is adjusted to the surfaces of the
+map, examined, and where in doubt searched for once more, wider (D12).
 """
 
 import math
@@ -16,9 +17,17 @@ from maxcon.accumulator import Accumulator, highest
 from maxcon.errors import OptionError
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
-from maxcon.integrity import Trust, highest_beyond, invert, reasons_to_doubt_answer, reasons_to_doubt_scan
+from maxcon.integrity import (
+    Trust,
+    highest_beyond,
+    invert,
+    protection_level,
+    reasons_to_doubt_answer,
+    reasons_to_doubt_scan,
+)
 from maxcon.objectives import BoundedByAxes, BoundedByCount, Helmert, Moments, Objective
 from maxcon.point_map import PointMap
+from maxcon.refine import covariance, least_wall_share, refine
 from maxcon.scan import Scan
 from maxcon.search import Found, Multiplicity, SearchMethod, Weighting, branch_and_bound, exhaustive
 from maxcon.search_space import Cell, SearchSpace
@@ -55,11 +64,19 @@ class MaximumConsensus:
     thinning : float
         One point of the scan is searched with in each cube of this edge, m; 0 for all, as published. Near surfaces
         have most of the points, and would outvote the far ones.
+    refinement : bool
+        Whether the pose of the best cell is adjusted to the surfaces of the map and examined there, and a covariance
+        given. Without, the answer is the cell, as published.
+    wider : float
+        Where an answer is in doubt, all places within so much of it along x and y are searched too, m; 0 for never, as
+        where the prior is certain to hold the true pose.
+    risk : float
+        The error may be larger than the protection level with at most this probability.
 
     Raises
     ------
     OptionError
-        If the multiplicity, the weighting or the search is unknown, or the edge of the thinning negative.
+        If the multiplicity, the weighting or the search is unknown, or a number out of its range.
     """
 
     space: SearchSpace = field(default_factory=SearchSpace)
@@ -70,6 +87,9 @@ class MaximumConsensus:
     weighting: str | Weighting = Weighting.COSINE
     search: str | SearchMethod = SearchMethod.BRANCH_AND_BOUND
     thinning: float = 0.25
+    refinement: bool = True
+    wider: float = 12.0
+    risk: float = 0.01
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "multiplicity", Multiplicity.parse(self.multiplicity))
@@ -79,6 +99,12 @@ class MaximumConsensus:
             raise OptionError(
                 f"Expected `thinning` to be an edge >= 0 m, got {self.thinning}. With 0 all points are searched with."
             )
+        if not 0.0 <= self.wider < math.inf:
+            raise OptionError(
+                f"Expected `wider` to be a half width >= 0 m, got {self.wider}. With 0 nothing wider is searched."
+            )
+        if not 0.0 < self.risk < 1.0:
+            raise OptionError(f"Expected `risk` above 0 and below 1, got {self.risk}. The default is 0.01.")
 
     def localize(self, scan: Scan, point_map: PointMap, prior: Pose) -> Estimate:
         """Find the pose of a scan in the map.
@@ -102,12 +128,10 @@ class MaximumConsensus:
         SearchSpaceError
             If the cell edge is not the map's, or the space is too large.
         """
-        has_bounds = isinstance(self.objective, BoundedByAxes | BoundedByCount)
-        if self.search is SearchMethod.BRANCH_AND_BOUND and has_bounds:
-            answer = self._by_bounds(scan.thinned(self.thinning), point_map, prior)
-            if answer is not None:
-                return self._judge(answer, scan, point_map, prior)
-        return self.conclude(self.accumulate(scan, point_map, prior), scan, point_map)
+        estimate = self._search(scan, point_map, prior)
+        if estimate.status in (Status.LOCALIZED, Status.UNDETERMINED) or not self.refinement:
+            return estimate
+        return self._search_wider(estimate, scan, point_map, prior)
 
     def accumulate(self, scan: Scan, point_map: PointMap, prior: Pose) -> Accumulator:
         """Moments of every cell: what `conclude` decides on, and what plots show."""
@@ -117,19 +141,82 @@ class MaximumConsensus:
         )  # fmt: skip
 
     def conclude(self, accumulator: Accumulator, scan: Scan, point_map: PointMap) -> Estimate:
-        """Take the best cell of an accumulator of this scan, and say how far it may be trusted."""
+        """Take the best cell of an accumulator of this scan, refine its pose, and say how far it may be trusted."""
         space, prior, moments = accumulator.space, accumulator.prior, accumulator.moments
         scores = accumulator.score(self.objective)
         cell = highest(scores, space)
         if not moments[..., 0].any():
             _, cofactor = invert(accumulator.normal_matrix(cell))
             reason = "; ".join(reasons_to_doubt_scan(scan, prior))
-            return Estimate(prior, 0.0, cell, Status.NO_MATCH, cofactor, reason=reason)
+            return Estimate(prior, 0.0, None, Status.NO_MATCH, cofactor, reason=reason)
         helmert = scores if isinstance(self.objective, Helmert) else accumulator.score(Helmert())
         beyond = highest_beyond(helmert, cell, space, self.trust.guard_radius)
         runner_up = beyond / float(helmert[cell]) if helmert[cell] > 0.0 else math.inf
         answer = _Answer(space, cell, float(scores[cell]), moments[cell], runner_up)
-        return self._judge(answer, scan, point_map, prior)
+        return self._refine(self._judge(answer, scan, point_map, prior), scan, point_map)
+
+    def _search(self, scan: Scan, point_map: PointMap, prior: Pose) -> Estimate:
+        """The refined answer within the search space."""
+        if self.search is SearchMethod.BRANCH_AND_BOUND and self._has_bounds:
+            answer = self._by_bounds(scan.thinned(self.thinning), point_map, prior)
+            if answer is not None:
+                return self._refine(self._judge(answer, scan, point_map, prior), scan, point_map)
+        return self.conclude(self.accumulate(scan, point_map, prior), scan, point_map)
+
+    def _search_wider(self, doubted: Estimate, scan: Scan, point_map: PointMap, prior: Pose) -> Estimate:
+        """Search all around an answer in doubt: the same place may win there too, or another one.
+
+        What wins is refined and examined; the same place needs less evidence then.
+        """
+        cell = point_map.cell
+        space = replace(self.space, half_width=math.floor(self.wider / cell + 1e-9) * cell)
+        if space.half_width <= self.space.half_width:
+            return doubted
+        around = prior if doubted.cell is None else self.space.pose(doubted.cell, prior)
+        objective = self.objective if self._has_bounds else Helmert()
+        wide = replace(self, space=space, objective=objective)
+        answer = wide._by_bounds(scan.thinned(self.thinning), point_map, around)
+        if answer is None:
+            return doubted
+        judged = wide._judge(answer, scan, point_map, around)
+        moved = math.hypot(judged.pose.x - around.x, judged.pose.y - around.y)
+        is_same = doubted.cell is not None and moved <= self.trust.guard_radius
+        found = wide._refine(judged, scan, point_map, is_confirmed=is_same)
+        return replace(found, cell=doubted.cell if is_same else None, was_widened=True)
+
+    def _refine(
+        self, judged: Estimate, scan: Scan, point_map: PointMap, *, is_confirmed: bool = False
+    ) -> Estimate:
+        """Adjust the pose of a best cell to the map, and judge it once more; nothing where it is not determined."""
+        if not self.refinement or judged.status is Status.UNDETERMINED:
+            return judged
+        refined = refine(scan, point_map, judged.pose)
+        walls = least_wall_share(refined)
+        status: Status = judged.status
+        reasons = [judged.reason] if judged.reason else []
+        if status is Status.LOCALIZED:
+            share = None if walls is None else walls.share
+            status = self.trust.judge_refined(
+                n_planes=refined.n_planes, moved=refined.moved, wall_share=share, is_confirmed=is_confirmed
+            )
+        if status is Status.WALLS_MISSING:
+            reasons.append("the scan has hardly any wall points" if walls is None else walls.words)
+        if status is Status.NOT_CONFIRMED:
+            reasons.append(
+                f"{refined.n_planes} points on planes of the map, {refined.moved:.2f} m from the best cell"
+            )
+        reason = "; ".join(reasons)
+        if status is not Status.LOCALIZED:
+            return replace(judged, status=status, reason=reason)
+        errors = covariance(refined, point_map.sigma)
+        level = protection_level(errors, refined.pose.heading, self.risk)
+        return replace(
+            judged, pose=refined.pose, status=status, reason=reason, covariance=errors, protection_level=level
+        )
+
+    @property
+    def _has_bounds(self) -> bool:
+        return isinstance(self.objective, BoundedByAxes | BoundedByCount)
 
     def _by_bounds(self, scan: Scan, point_map: PointMap, prior: Pose) -> "_Answer | None":
         """The best cell by branch and bound; None where nothing scores, and all cells have to be looked at."""

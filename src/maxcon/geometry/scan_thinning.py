@@ -10,7 +10,9 @@ from maxcon.compiled import read_only_view
 __all__ = ["one_per_cube"]
 
 
-def one_per_cube(points: NDArray[np.float64], normals: NDArray[np.float64], edge: float) -> NDArray[np.int64]:
+def one_per_cube(
+    points: NDArray[np.float64], normals: NDArray[np.float64], edge: float, *, by_lot: bool = False
+) -> NDArray[np.int64]:
     """Numbers of one measured point of those in each cube of a grid, in ascending order.
 
     A point with a normal comes before one without, then the nearest to the middle of the cube, then the one of the
@@ -24,6 +26,9 @@ def one_per_cube(points: NDArray[np.float64], normals: NDArray[np.float64], edge
         Unit normals, zeros for none.
     edge : float
         Of a cube, m, above 0.
+    by_lot : bool
+        Whether a hash of the coordinates stands for the distance from the middle: of the points of a noisy surface the
+        middle prefers those on its own side, which moves a pose by millimetres.
 
     Returns
     -------
@@ -31,5 +36,5 @@ def one_per_cube(points: NDArray[np.float64], normals: NDArray[np.float64], edge
     """
     from maxcon.geometry import scan_thinning_kernels
 
-    kept = scan_thinning_kernels.one_per_cube(read_only_view(points), read_only_view(normals), edge)
+    kept = scan_thinning_kernels.one_per_cube(read_only_view(points), read_only_view(normals), edge, by_lot)
     return np.sort(kept)

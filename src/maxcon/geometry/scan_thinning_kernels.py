@@ -11,6 +11,9 @@ NONE = np.int64(-1)
 # Of a 64-bit hash, as many upper bits are taken as the table needs; the factors are large odd numbers.
 FACTOR_X, FACTOR_Y, FACTOR_Z = 0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9
 
+# Of a metre: coordinates that differ by less draw the same lot.
+LOT_STEPS = 65536.0
+
 
 @njit(nogil=True, cache=True)
 def _whole(value):
@@ -47,10 +50,11 @@ def _comes_before(i, j, distances, points, normals):
 
 
 @njit(nogil=True, cache=True)
-def one_per_cube(points, normals, edge):
+def one_per_cube(points, normals, edge, by_lot):
     """Numbers, (m,) int64, of one point of those in each cube; see `scan_thinning.one_per_cube`.
 
-    points, normals : (n, 3) float64; edge : of a cube, m. In the order in which cubes are first met.
+    points, normals : (n, 3) float64; edge : of a cube, m; by_lot : whether a hash of the
+    coordinates stands for the distance from the middle. In the order in which cubes are first met.
     """
     n = points.shape[0]
     n_bits = np.uint64(4)
@@ -72,6 +76,10 @@ def one_per_cube(points, normals, edge):
             points[i, 2] / edge - z - 0.5,
         )
         distances[i] = dx * dx + dy * dy + dz * dz
+        if by_lot:
+            x_fine, y_fine = np.floor(points[i, 0] * LOT_STEPS), np.floor(points[i, 1] * LOT_STEPS)
+            lot = _slot(x_fine, y_fine, np.floor(points[i, 2] * LOT_STEPS), np.uint64(32))
+            distances[i] = np.float64(lot)
         slot = _slot(x, y, z, shift)
         while True:
             cube = table[slot]

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from maxcon.errors import MapError
+from maxcon.point_map.sigma import UNKNOWN_SIGMA
 from maxcon.point_map.tile import TILE_VOXELS, TileKey
 
 __all__ = [
@@ -61,6 +62,8 @@ class Manifest:
         One per tile file.
     build : mapping
         How it was made: sources, points read and dropped, the program's version.
+    sigma : float
+        Standard deviation of the map's position along any axis, m.
     """
 
     cell: float
@@ -69,6 +72,7 @@ class Manifest:
     is_signed: bool
     tiles: tuple[TileEntry, ...]
     build: Mapping[str, Any] = field(default_factory=dict)
+    sigma: float = UNKNOWN_SIGMA
 
     @property
     def n_points(self) -> int:
@@ -142,10 +146,12 @@ def read_manifest(path: str | os.PathLike[str]) -> Manifest:
 
 
 def _parse_manifest(content: Mapping[str, Any]) -> Manifest:
-    cell = float(content["cell"])
+    cell, sigma = float(content["cell"]), float(content["sigma"])
     x, y, z = (float(value) for value in content["origin"])
     if not (cell > 0.0 and all(map(math.isfinite, (cell, x, y, z)))):
         raise ValueError(f"cell {cell}, origin {(x, y, z)}")
+    if not 0.0 <= sigma < math.inf:
+        raise ValueError(f"sigma {sigma}")
     if content["tile_voxels"] != TILE_VOXELS:
         raise ValueError(f"tile_voxels {content['tile_voxels']}")
     crs = content["crs"]
@@ -163,7 +169,7 @@ def _parse_manifest(content: Mapping[str, Any]) -> Manifest:
         raise ValueError("no tiles")
     build = dict(content["build"])
     _check_sources(build.get("sources", []))
-    return Manifest(cell, (x, y, z), crs, bool(content["is_signed"]), tuple(tiles), build)
+    return Manifest(cell, (x, y, z), crs, bool(content["is_signed"]), tuple(tiles), build, sigma)
 
 
 def _check_sources(sources: Sequence[Mapping[str, Any]]) -> None:

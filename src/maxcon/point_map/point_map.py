@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from maxcon.errors import ArrayError
 from maxcon.geometry import LocalFrame
 from maxcon.geometry.arrays import as_points, as_unit_normals
+from maxcon.point_map.sigma import UNKNOWN_SIGMA, check_sigma
 from maxcon.point_map.tile import TILE_VOXELS, TileKey, VoxelTile
 from maxcon.point_map.voxelize import split_into_tiles, voxelize
 
@@ -60,12 +61,17 @@ class PointMap:
         Voxel edge, m: the cell edge of any search in this map.
     is_signed : bool
         Whether normals are turned to the sensor's side. If not, w = |n_scan . n_map| (D5).
+    sigma : float
+        How well the map is known: standard deviation of its position along any axis, m.
     """
 
-    def __init__(self, frame: LocalFrame, cell: float, is_signed: bool, tiles: TileSource) -> None:
+    def __init__(
+        self, frame: LocalFrame, cell: float, is_signed: bool, tiles: TileSource, sigma: float = UNKNOWN_SIGMA
+    ) -> None:
         self.frame = frame
         self.cell = cell
         self.is_signed = is_signed
+        self.sigma = sigma
         self._tiles = tiles
         self._sorted_keys = np.array(sorted(tiles.keys), dtype=np.int64).reshape(-1, 2)
 
@@ -78,6 +84,7 @@ class PointMap:
         *,
         frame: LocalFrame | None = None,
         is_signed: bool = True,
+        sigma: float = UNKNOWN_SIGMA,
     ) -> "PointMap":
         """Rasterize points with normals into a map in memory.
 
@@ -91,18 +98,22 @@ class PointMap:
             Where the local frame lies; at the global origin, without a CRS, if not given.
         is_signed : bool
             Whether the normals are turned to the sensor's side.
+        sigma : float
+            How well the points are known: standard deviation of their common position along any axis, m.
 
         Raises
         ------
         ArrayError
-            If a shape is wrong, a value is not finite, a normal is not a unit vector, or `cell` is not positive.
+            If a shape is wrong, a value is not finite, a normal is not a unit vector, `cell` is not positive or `sigma`
+            negative.
         """
+        check_sigma(sigma)
         if not (math.isfinite(cell) and cell > 0.0):
             raise ArrayError(f"Expected a positive voxel edge `cell` in m, got {cell}.")
         points = as_points(points, "points")
         normals = as_unit_normals(normals, len(points), "normals")
         tiles = split_into_tiles(*voxelize(points, normals, cell, is_signed=is_signed))
-        return cls(frame or LocalFrame(), float(cell), is_signed, _TilesInMemory(tiles))
+        return cls(frame or LocalFrame(), float(cell), is_signed, _TilesInMemory(tiles), float(sigma))
 
     @classmethod
     def open(cls, path: str | os.PathLike[str], *, cache_bytes: int = 2**31) -> "PointMap":
@@ -125,7 +136,13 @@ class PointMap:
 
         manifest = read_manifest(path)
         store = TileStore(path, manifest, cache_bytes=cache_bytes)
-        return cls(LocalFrame(manifest.origin, manifest.crs), manifest.cell, manifest.is_signed, store)
+        return cls(
+            LocalFrame(manifest.origin, manifest.crs),
+            manifest.cell,
+            manifest.is_signed,
+            store,
+            manifest.sigma,
+        )
 
     @property
     def tile_keys(self) -> frozenset[TileKey]:
@@ -172,6 +189,27 @@ class PointMap:
             for part in np.array_split(near, 1 + len(near) * len(first) // MOST_AT_ONCE)
         ]
         return [self._tiles.load((x, y)) for x, y in np.concatenate(met).tolist()]
+
+    def tiles_around(self, places: NDArray[np.float64], margin: float) -> list[VoxelTile]:
+        """Tiles within `margin` (m), along x and y, of any of the places, shape (n, 2), local frame, ordered by key.
+
+        As `tiles_met` of squares, for thousands of them; the margin is at most the edge of a tile.
+        """
+        if not (len(places) and len(self._sorted_keys)):
+            return []
+        edge, first, last = (
+            TILE_VOXELS * self.cell,
+            self._sorted_keys.min(axis=0),
+            self._sorted_keys.max(axis=0),
+        )
+        is_met = np.zeros((last - first + 3)[::-1], bool)  # with a rim for what lies outside
+        for dx in (-margin, margin):
+            for dy in (-margin, margin):
+                keys = np.floor((places + [dx, dy]) / edge)
+                x, y = (np.clip(keys, first - 1, last + 1) - (first - 1)).astype(np.int64).T
+                is_met[y, x] = True
+        x, y = (self._sorted_keys - (first - 1)).T
+        return [self._tiles.load((kx, ky)) for kx, ky in self._sorted_keys[is_met[y, x]].tolist()]
 
     def covers(self, x: float, y: float, reach: float = 0.0) -> bool:
         """Whether any tile meets the square of half width `reach` (m) around (x, y), local frame; loads nothing."""

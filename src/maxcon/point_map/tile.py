@@ -81,11 +81,11 @@ class Occupancy:
 
 @dataclass(frozen=True, slots=True)
 class Addresses:
-    """Where the arrays of a tile lie in memory: its occupancy (held, numbers, words, firsts), normals and counts.
+    """Where the arrays of a tile lie in memory: occupancy (held, numbers, words, firsts), normals, counts and means.
 
     Parameters
     ----------
-    values : array, shape (6,), uint64
+    values : array, shape (7,), uint64
         Addresses of their first items.
     kept : tuple of arrays
         The arrays, in one piece each: they live as long as their addresses.
@@ -180,7 +180,7 @@ class VoxelTile:
             self.counts.astype(np.int32, copy=False),
         )
         bits = (occupancy.held, occupancy.numbers, occupancy.words, occupancy.firsts)
-        return Addresses.of(*bits, normals, counts)
+        return Addresses.of(*bits, normals, counts, self.means)
 
     @property
     def is_in_order(self) -> bool:

@@ -87,7 +87,7 @@ class TileTable:
             grid.flat[slot] = row
             layers[row] = tile_layers
             layers[row, tile_layers < 0] = len(tile.index.layers)  # none
-            rows[row, 1], rows[row, 2:] = tile.occupancy.held.shape[2], tile.addresses.values
+            rows[row, 1], rows[row, 2:] = tile.occupancy.held.shape[2], tile.addresses.values[:6]
             kept.append(tile.addresses)
         return cls(rows, grid, (layers, nothing, *kept))
 

@@ -3,11 +3,10 @@
 """The compiled inner loops for single cells. Arrays in, arrays out."""
 
 import numpy as np
-from llvmlite import ir
-from numba import njit, types
-from numba.extending import intrinsic
+from numba import njit
 
 from maxcon.point_map import PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS
+from maxcon.point_map.lookup_kernels import float32_at, int32_at, n_bits, uint64_at
 from maxcon.search.adding_kernels import ROUNDER
 from maxcon.search.matching import CONTRIBUTION_STEP
 
@@ -29,38 +28,6 @@ PATCH_ROW_BITS = TILE_PATCHES.bit_length() - 1
 
 # A bit of a tile is one number too: row of the tile, number of the word in it, number of the bit in that.
 BIT_BITS, WORD_BITS = 6, 34
-
-
-def _reading(item, llvm_item):
-    """Make the function that reads item `number` of an array of which only the address is known.
-
-    A scan meets tens of tiles: to hand over their arrays took longer than to look up all points in them.
-    """
-
-    @intrinsic
-    def read(typing_context, address, number):
-        def generate(context, builder, signature, arguments):
-            start = builder.inttoptr(arguments[0], llvm_item.as_pointer())
-            return builder.load(builder.gep(start, [arguments[1]]))
-
-        return item(types.uint64, types.uint64), generate
-
-    return read
-
-
-_int32_at = _reading(types.int32, ir.IntType(32))
-_uint64_at = _reading(types.uint64, ir.IntType(64))
-_float32_at = _reading(types.float32, ir.FloatType())
-
-
-@intrinsic
-def _n_bits(typing_context, word):
-    """How many bits of a uint64 are set."""
-
-    def generate(context, builder, signature, arguments):
-        return builder.ctpop(arguments[0])
-
-    return types.uint64(types.uint64), generate
 
 
 @njit(nogil=True, cache=True)
@@ -115,11 +82,11 @@ def _find(first, end, offset, voxels, ranks, tiles, grid, corner, found, matched
         # From here on without a branch: which points match is as good as random.
         place = (voxel >> np.uint64(32 + PATCH_BITS - PATCH_ROW_BITS)) & np.uint64(PATCH_Y)
         place |= (voxel >> np.uint64(PATCH_BITS)) & np.uint64(PATCH_X)
-        layer = np.uint64(_int32_at(layers, np.uint64(ranks[j])))
+        layer = np.uint64(int32_at(layers, np.uint64(ranks[j])))
         place = place * n_held + (layer >> np.uint64(6))
-        patches, in_patches = _uint64_at(held, place), layer & np.uint64(63)
+        patches, in_patches = uint64_at(held, place), layer & np.uint64(63)
         before = patches & ((np.uint64(1) << in_patches) - np.uint64(1))
-        patch = np.uint64(_int32_at(numbers, place)) + _n_bits(before)
+        patch = np.uint64(int32_at(numbers, place)) + n_bits(before)
         word = np.uint64(4) * patch + ((voxel >> np.uint64(34)) & np.uint64(3))
         bit = (voxel >> np.uint64(32 - PATCH_BITS)) | (voxel & np.uint64(PATCH_VOXELS - 1))
         bit &= np.uint64(2**BIT_BITS - 1)
@@ -140,9 +107,9 @@ def _sift(n, tiles, found, matched):
         m = np.uint64(number)
         bit, tile = matched[m] & np.uint64(2**BIT_BITS - 1), matched[m] >> np.uint64(BIT_BITS + WORD_BITS)
         word = (matched[m] >> np.uint64(BIT_BITS)) & np.uint64(2**WORD_BITS - 1)
-        voxels = _uint64_at(tiles[tile, WORDS], word)
+        voxels = uint64_at(tiles[tile, WORDS], word)
         before = voxels & ((np.uint64(1) << bit) - np.uint64(1))
-        voxel = np.uint64(_int32_at(tiles[tile, FIRSTS], word)) + _n_bits(before)
+        voxel = np.uint64(int32_at(tiles[tile, FIRSTS], word)) + n_bits(before)
         found[n_kept], matched[n_kept] = found[m], (tile << np.uint64(WORD_BITS)) | voxel
         n_kept += (voxels >> bit) & np.uint64(1)
     return np.int64(n_kept)
@@ -164,9 +131,9 @@ def _fetch(n, found, matched, normals, tiles, fetched, times):
         for axis in range(3):
             at = np.uint64(axis)
             fetched[at, m] = normals[j, at]
-            fetched[np.uint64(3) + at, m] = _float32_at(tiles[tile, NORMALS], np.uint64(3) * k + at)
+            fetched[np.uint64(3) + at, m] = float32_at(tiles[tile, NORMALS], np.uint64(3) * k + at)
         if times.shape[0] > 0:
-            times[m] = _int32_at(tiles[tile, COUNTS], k)
+            times[m] = int32_at(tiles[tile, COUNTS], k)
 
 
 @njit(nogil=True, cache=True)

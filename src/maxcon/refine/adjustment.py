@@ -1,0 +1,156 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""A pose adjusted to the surfaces of the map: robust, point to plane, all six unknowns."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.geometry import Pose
+from maxcon.geometry.scan_thinning import one_per_cube
+from maxcon.point_map import PointMap
+from maxcon.point_map.voxel_lookup import VoxelLookup
+from maxcon.scan import Scan
+
+__all__ = ["Refined", "refine"]
+
+THINNING = 0.4
+"""One point in each cube of this edge is adjusted, m: more cost time, and bring nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Round:
+    """How partners are looked for, once.
+
+    Parameters
+    ----------
+    along, around : int
+        How many voxels a partner may lie away: along the normal of a point, and along the axes from one without.
+    gate : float
+        Partners from this distance on do not count, m.
+    every : int
+        One point of so many is used; 0 for those that had a partner in the round before.
+    """
+
+    along: int
+    around: int
+    gate: float
+    every: int
+
+
+# Few points and far at first, for starts a cell and half a heading step away; then near.
+ROUNDS = (
+    Round(5, 3, gate=0.6, every=8),
+    Round(5, 3, gate=0.36, every=8),
+    Round(5, 3, gate=0.36, every=8),
+    Round(5, 3, gate=0.21, every=8),
+    Round(4, 2, gate=0.21, every=1),
+    Round(2, 1, gate=0.21, every=0),
+    Round(2, 1, gate=0.21, every=0),
+)
+STEPS_PER_ROUND = 2
+AT_REST = 1e-4
+"""A step that moves less, m, and turns less than a hundredth of it, rad, ends a round."""
+LEAST_COSINE = 0.8
+REACH = 1.0
+"""How far points may move while a pose is adjusted, m: tiles within that are looked at."""
+MATCH_SIGMA = 0.05
+"""Of one match, m: what the start is weighed against, which is an observation of these standard deviations."""
+START_SIGMAS = (1.0, 1.0, 0.3, math.radians(1.0), math.radians(1.0), math.radians(5.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Refined:
+    """A pose adjusted to the map, and what carries it.
+
+    Parameters
+    ----------
+    pose : Pose
+        T_map_sensor, local frame.
+    points, normals : array, shape (n, 3)
+        The scan's, sensor frame, m.
+    planes : array, shape (n, 4)
+        The plane of the map on which each point lies, local frame: unit normal, and its scalar product with a point of
+        the plane; zeros where none was found.
+    residuals : array, shape (n,)
+        Signed distance of each point from its plane, m; infinite without one.
+    weights : array, shape (n,)
+        Weight of each point, 0 to 1.
+    normal_matrix : array, shape (6, 6)
+        Of x, y, z, roll, pitch and heading: sum of w g g' over the points, g the gradient of a distance.
+    start_weights : array, shape (6,)
+        What the start adds to its diagonal, being an observation too.
+    moved : float
+        How far the start lies away in x and y, m.
+    turned : float
+        How far the start is turned away in heading, rad.
+    """
+
+    pose: Pose
+    points: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    planes: NDArray[np.float64]
+    residuals: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    normal_matrix: NDArray[np.float64]
+    start_weights: NDArray[np.float64]
+    moved: float
+    turned: float
+
+    @property
+    def n_planes(self) -> int:
+        """How many points lie on a plane of the map, so near that they have a weight."""
+        return int(np.count_nonzero(self.weights))
+
+
+def refine(scan: Scan, point_map: PointMap, start: Pose) -> Refined:
+    """Adjust a pose to the map: the sum of weighted squares of n . r, scalar products of normals and distances.
+
+    Each point has one partner at a time: of the voxels along its normal that face as it does the one whose plane is
+    nearest; of those along the axes the one whose mean is nearest, if it has no normal. Planes go through the means of
+    voxels, not their middles. Partners are looked for anew as the pose moves; weights are Tukey's, of partners farther
+    away than 0.21 m there is nothing left (design, section 5).
+
+    Parameters
+    ----------
+    scan : Scan
+        All its points, with normals, sensor frame.
+    point_map : PointMap
+        The map.
+    start : Pose
+        T_map_sensor to start from, local frame, within some 0.2 m and a degree; its height, roll and pitch are
+        observations too, of 0.3 m and 1 degree.
+    """
+    from maxcon.refine import kernels
+
+    kept = one_per_cube(scan.points, scan.normals, THINNING, by_lot=True)
+    points, normals = scan.points[kept], scan.normals[kept]
+    lookup = _lookup(points, point_map, start)
+    planes, residuals, weights = np.zeros((len(points), 4)), np.empty(len(points)), np.empty(len(points))
+    normal_matrix, start_weights = np.empty((6, 6)), (MATCH_SIGMA / np.array(START_SIGMAS)) ** 2
+    first = np.array([start.x, start.y, start.z, start.roll, start.pitch, start.heading])
+    unknowns = first.copy()
+    for each in ROUNDS:
+        kernels.find_partners(
+            points, normals, unknowns, each.every, point_map.cell, (each.along, each.around), LEAST_COSINE,
+            point_map.is_signed, lookup.rows, lookup.grid, lookup.corner, planes,
+        )  # fmt: skip
+        kernels.adjust(
+            points, planes, unknowns, first, start_weights, each.gate, STEPS_PER_ROUND, AT_REST, normal_matrix,
+            residuals, weights,
+        )  # fmt: skip
+    return Refined(
+        Pose(*unknowns.tolist()), points, normals, planes, residuals, weights, normal_matrix, start_weights,
+        moved=math.hypot(unknowns[0] - first[0], unknowns[1] - first[1]), turned=abs(unknowns[5] - first[5]),
+    )  # fmt: skip
+
+
+def _lookup(points: NDArray[np.float64], point_map: PointMap, start: Pose) -> VoxelLookup:
+    """The voxels that partners of scan points, sensor frame, can be among."""
+    placed = points @ start.rotation.T + start.position
+    tiles = point_map.tiles_around(placed[:, :2], REACH)
+    low, high = placed[:, 2].min(initial=start.z), placed[:, 2].max(initial=start.z)
+    z_first, z_last = (math.floor(z / point_map.cell) for z in (low - REACH, high + REACH))
+    return VoxelLookup.of(tiles, z_first, z_last)

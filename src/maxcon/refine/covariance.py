@@ -1,0 +1,90 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""How well a refined pose is known: its covariance, from how the residuals of whole surfaces scatter."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.refine.adjustment import MATCH_SIGMA, Refined
+
+__all__ = ["covariance"]
+
+CLUSTER_EDGE = 3.0
+"""Points of one facing within a cube of this edge scatter together, m; so do walls of one facing within this depth."""
+N_FACINGS = 12
+STEEPEST = 0.7
+"""Of a facing by azimuth the normal's vertical part is below this; others face up or down."""
+SCATTER_FACTORS = np.array([0.7, 0.7, 1.9, 1.9, 1.9, 0.7])
+"""Errors of x, y, z, roll, pitch and heading over what clusters scatter; the few numbers of this model: decision 17."""
+WALL_SIGMA = 0.00375
+"""How far a whole wall lies off its planes, m."""
+TILT_LENGTH, TURN_LENGTH = 20.0, 100.0
+"""Over so many metres an error of the map tilts a pose, and turns it."""
+
+
+def covariance(refined: Refined, map_sigma: float) -> NDArray[np.float64]:
+    """Covariance of x, y, z, roll, pitch and heading, shape (6, 6), map axes, m^2, m rad and rad^2.
+
+    Three parts. What the adjustment scatters, as the sandwich A^-1 B A^-1: A are its normal equations, B sums the outer
+    products of what each cluster of points pulls with, for points of one surface are wrong together; as independent
+    ones they would promise a fraction of a millimetre. What whole walls lie off their planes, carried through the same
+    equations. And what the map itself is wrong by.
+
+    Parameters
+    ----------
+    refined : Refined
+        The adjusted pose.
+    map_sigma : float
+        Standard deviation of the map's own position along any axis, m.
+    """
+    from maxcon.refine import kernels
+
+    pose, used = refined.pose, np.flatnonzero(refined.weights)
+    unknowns = np.array([pose.x, pose.y, pose.z, pose.roll, pose.pitch, pose.heading])
+
+    def pulls(groups: NDArray[np.int64], pull: NDArray[np.float64]) -> NDArray[np.float64]:
+        sums = np.zeros((int(groups.max(initial=-1)) + 1, 6))
+        kernels.sum_gradients(
+            refined.points[used], refined.planes[used], groups, unknowns, refined.weights[used] * pull, sums
+        )
+        return sums.T @ sums
+
+    clusters, walls = _clusters(refined, used), _walls(refined, used)
+    A = np.linalg.inv(refined.normal_matrix + np.diag(refined.start_weights))
+    scatter = pulls(clusters, refined.residuals[used]) + np.diag(refined.start_weights) * MATCH_SIGMA**2
+    of_scatter = SCATTER_FACTORS[:, None] * (A @ scatter @ A) * SCATTER_FACTORS
+    of_walls = WALL_SIGMA**2 * A @ pulls(walls, np.ones(len(used))) @ A
+    tilt, turn = map_sigma / TILT_LENGTH, map_sigma / TURN_LENGTH
+    of_map = np.diag(np.array([map_sigma, map_sigma, map_sigma, tilt, tilt, turn]) ** 2)
+    return np.asarray(of_scatter + of_walls + of_map, dtype=np.float64)
+
+
+def _facings(normals: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Number of the facing of each normal, shape (n, 3): by azimuth, and one for those up or down."""
+    azimuths = np.arctan2(normals[:, 1], normals[:, 0]) / (2.0 * np.pi) * N_FACINGS
+    return np.where(
+        np.abs(normals[:, 2]) > STEEPEST, N_FACINGS, np.floor(azimuths).astype(np.int64) % N_FACINGS
+    )
+
+
+def _clusters(refined: Refined, used: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Number of the cluster of some points: those of one facing in one cube."""
+    cubes = np.floor(refined.points[used] / CLUSTER_EDGE).astype(np.int64)
+    return _numbers([*cubes.T, _facings(refined.planes[used, :3])])
+
+
+def _walls(refined: Refined, used: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Number of the wall of some points: those of one facing, and about as far from the sensor along their normal."""
+    normals, offsets = refined.planes[used, :3], refined.planes[used, 3]
+    depths = np.floor((offsets - normals @ refined.pose.position) / CLUSTER_EDGE).astype(np.int64)
+    return _numbers([depths, _facings(normals)])
+
+
+def _numbers(columns: list[NDArray[np.int64]]) -> NDArray[np.int64]:
+    """Number of each row among the different ones."""
+    if not len(columns[0]):
+        return np.empty(0, np.int64)
+    columns = [column - column.min() for column in columns]
+    flat = np.ravel_multi_index(columns, [int(column.max()) + 1 for column in columns])
+    _, numbers = np.unique(flat, return_inverse=True)
+    return np.asarray(numbers, dtype=np.int64)

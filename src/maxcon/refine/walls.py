@@ -1,0 +1,68 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""How many of the walls that a scan sees stand in the map at a refined pose, facing by facing."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from maxcon.refine.adjustment import Refined
+
+__all__ = ["WallShare", "least_wall_share"]
+
+# A wall point has a normal that is more level than upright; it is found where its plane lies within this, m.
+LEVEL = 0.5
+FOUND_WITHIN = 0.08
+N_FACINGS = 6
+FEWEST_POINTS = 20
+# Added to the found and to all: 2 of 20 are less certain than 20 of 200.
+FOUND_BEFORE, ALL_BEFORE = 2, 4
+
+
+@dataclass(frozen=True, slots=True)
+class WallShare:
+    """Of the wall points of one facing, how many lie on walls of the map.
+
+    Parameters
+    ----------
+    azimuth : float
+        Middle of the facing, rad from +x, 0 to pi: both sides of a wall are one facing.
+    n_points, n_found : int
+        Wall points of the facing, and those within 8 cm of a wall of the map.
+    """
+
+    azimuth: float
+    n_points: int
+    n_found: int
+
+    @property
+    def share(self) -> float:
+        """Found over all, 0 to 1, drawn to a half where there are few."""
+        return (self.n_found + FOUND_BEFORE) / (self.n_points + ALL_BEFORE)
+
+    @property
+    def words(self) -> str:
+        """The same for a reader."""
+        azimuth = math.degrees(self.azimuth)
+        return f"of {self.n_points} wall points facing {azimuth:.0f} degrees from +x (of 180) {self.n_found} lie on the map"
+
+
+def least_wall_share(refined: Refined) -> WallShare | None:
+    """The facing, of six of 30 degrees, whose walls are found least; None where no facing has 20 wall points.
+
+    At a wrong place along a street the walls along it fit all the same; those across do not.
+    """
+    normals = refined.normals @ refined.pose.rotation.T
+    is_wall = normals.any(axis=1) & (np.abs(normals[:, 2]) < LEVEL)
+    azimuths = np.arctan2(normals[is_wall, 1], normals[is_wall, 0]) % math.pi
+    facings = np.minimum((azimuths * (N_FACINGS / math.pi)).astype(np.int64), N_FACINGS - 1)
+    is_found = np.abs(refined.residuals[is_wall]) <= FOUND_WITHIN
+    n_points = np.bincount(facings, minlength=N_FACINGS)
+    n_found = np.bincount(facings[is_found], minlength=N_FACINGS)
+    shares = [
+        WallShare((k + 0.5) * math.pi / N_FACINGS, int(n_points[k]), int(n_found[k]))
+        for k in range(N_FACINGS)
+        if n_points[k] >= FEWEST_POINTS
+    ]
+    return min(shares, key=lambda each: each.share, default=None)
