@@ -44,8 +44,8 @@ class WallShare:
     @property
     def words(self) -> str:
         """The same for a reader."""
-        azimuth = math.degrees(self.azimuth)
-        return f"of {self.n_points} wall points facing {azimuth:.0f} degrees from +x (of 180) {self.n_found} lie on the map"
+        facing = f"{math.degrees(self.azimuth):.0f} degrees from +x (of 180)"
+        return f"of {self.n_points} wall points facing {facing} {self.n_found} lie on the map"
 
 
 def least_wall_share(refined: Refined) -> WallShare | None:
