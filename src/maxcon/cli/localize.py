@@ -59,6 +59,18 @@ def localize(
     search: Annotated[
         SearchName, typer.Option(help="How the best cell is found; it is the same one.")
     ] = SearchName.BRANCH_AND_BOUND,
+    refinement: Annotated[
+        bool,
+        typer.Option(help="Adjust the pose of the best cell to the surfaces of the map, and examine it there."),
+    ] = True,
+    wider: Annotated[
+        float,
+        typer.Option(metavar="M", help="Search so far around an answer that is in doubt, m; 0: never."),
+    ] = 12.0,
+    risk: Annotated[
+        float,
+        typer.Option(metavar="0..1", help="Errors exceed the protection level with at most this probability."),
+    ] = 0.01,
     half_width: Annotated[
         float | None,
         typer.Option(metavar="M", help="Largest offset from the prior in x and y, m; 3 if not given."),
@@ -138,7 +150,7 @@ def localize(
     trust = Trust(least_share, largest_runner_up)
     method = MaximumConsensus(
         space, objective.objective, multiplicity.value, threads, trust, weighting.value,
-        search.value.replace("-", " "), thinning,
+        search.value.replace("-", " "), thinning, refinement, wider, risk,
     )  # fmt: skip
     wanted = parse_epochs(plot_epochs, len(folder)) if plot is not None else frozenset()
     draw = _drawer(plot, point_map, method, objective) if plot is not None else None
@@ -279,6 +291,9 @@ def _print_summary(epochs: "list[EpochEstimate]", out: Path) -> None:
     n_out_of_range = sum(epoch.raw.n_dropped_range for epoch in epochs)
     if n_invalid or n_out_of_range:
         typer.echo(f"left out: {n_invalid:,} points that are no returns, {n_out_of_range:,} out of range")
+    n_widened = sum(epoch.estimate is not None and epoch.estimate.was_widened for epoch in epochs)
+    if n_widened:
+        typer.echo(f"{n_widened} were in doubt and searched for farther around")
     others = Counter(epoch.status for epoch in epochs if epoch.pose_global is None)
     for status, number in sorted(others.items()):
         typer.echo(f"{number} {status.value}: {status.explanation}")

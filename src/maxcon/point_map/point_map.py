@@ -193,7 +193,7 @@ class PointMap:
     def tiles_around(self, places: NDArray[np.float64], margin: float) -> list[VoxelTile]:
         """Tiles within `margin` (m), along x and y, of any of the places, shape (n, 2), local frame, ordered by key.
 
-        As `tiles_met` of squares, for thousands of them; the margin is at most the edge of a tile.
+        As `tiles_met` of squares, for thousands of them; the margin is at most half the edge of a tile.
         """
         if not (len(places) and len(self._sorted_keys)):
             return []

@@ -96,7 +96,7 @@ def find_partners(
 
     points, normals : (n, 3) float64, sensor frame, m; a normal of zeros where there is none.
     unknowns : (6,), the pose: x, y, z, roll, pitch, heading. every : see `adjustment.Round`.
-    reaches : how many voxels a partner may lie away, along the normal of the point, and along the axes from one without.
+    reaches : how many voxels a partner may lie away, along the normal of a point, and along the axes from one without.
     least_cosine : of the angle between the normals of point and voxel.
     planes : (n, 4) float64, out, unit normal and its scalar product with a point of the plane, map frame; zeros for
     none, and for the points between.
@@ -209,8 +209,8 @@ def adjust(
 def sum_gradients(points, planes, groups, unknowns, factors, sums):
     """Add factor times gradient of each point's distance to the sum of its group.
 
-    points : (n, 3), sensor frame, m; planes : (n, 4); groups : (n,), numbers; unknowns : (6,), the pose; factors : (n,).
-    sums : (n_groups, 6), in zeros, out.
+    points : (n, 3), sensor frame, m; planes : (n, 4); groups : (n,), numbers; unknowns : (6,), the pose;
+    factors : (n,); sums : (n_groups, 6), in zeros, out.
     """
     gradient = np.empty(6)
     rotation, axes = _rotation(unknowns[3:])

@@ -184,7 +184,7 @@ def _answer_words(estimate: Estimate, prior: Pose, reference: Pose | None) -> st
     pose = estimate.pose
     turn = math.degrees(wrap_angle(pose.heading - prior.heading))
     words = (
-        f"Best cell: {pose.x - prior.x:+.2f} m in x, {pose.y - prior.y:+.2f} m in y, {turn:+.2f}°"
+        f"Answer: {pose.x - prior.x:+.2f} m in x, {pose.y - prior.y:+.2f} m in y, {turn:+.2f}°"
         f" from the prior; score {_score_words(estimate.score)}"
     ).replace("-", "−")
     if reference is not None:

@@ -1,0 +1,49 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Single voxels are found as in a dictionary of them; tiles around places as by the rectangles around them."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from maxcon.point_map import TILE_VOXELS, PointMap
+from maxcon.point_map.lookup_kernels import find_voxel
+from maxcon.point_map.voxel_lookup import VoxelLookup
+
+
+def map_of(rng, n, spread):
+    points = rng.normal(0.0, spread, (n, 3)) * [1.0, 1.0, 0.2]
+    return PointMap.from_points(points, np.zeros((n, 3)), 0.06)
+
+
+@given(st.integers(0, 2**32), st.sampled_from([0, 1, 500]), st.sampled_from([0.3, 30.0]))
+@settings(max_examples=30)
+def test_voxels_are_found_as_in_a_dictionary(seed, n, spread):
+    rng = np.random.default_rng(seed)
+    point_map = map_of(rng, n, spread)
+    tiles = point_map.tiles_within(0.0, 0.0, 1e3)
+    there = {
+        tuple(voxel): (row, k)
+        for row, tile in enumerate(tiles, 1)
+        for k, voxel in enumerate(tile.voxels.tolist())
+    }
+    heights = [voxel[2] for voxel in there] or [0]
+    z_first, z_last = min(heights) + (n == 500), max(heights)
+    lookup = VoxelLookup.of(tiles, z_first, z_last)
+    near = [tuple(np.add(voxel, rng.integers(-1, 2, 3)).tolist()) for voxel in there]
+    far = rng.integers(-3 * TILE_VOXELS, 3 * TILE_VOXELS, (50, 3)).tolist()
+    for x, y, z in [*there, *near, *map(tuple, far)]:
+        wanted = there.get((x, y, z), (0, 0)) if z_first <= z <= z_last else (0, 0)
+        row, number = find_voxel(x, y, z, lookup.rows, lookup.grid, lookup.corner)
+        assert (row, number if row else 0) == wanted
+
+
+@given(st.integers(0, 2**32), st.integers(0, 40), st.floats(0.0, 15.0))
+@settings(max_examples=40)
+def test_tiles_around_places_are_those_that_squares_meet(seed, n, margin):
+    rng = np.random.default_rng(seed)
+    point_map = map_of(rng, 300, 60.0)
+    places = rng.normal(0.0, 100.0, (n, 2))
+    got = [tile.key for tile in point_map.tiles_around(places, margin)]
+    assert got == [tile.key for tile in point_map.tiles_met(places - margin, places + margin)]
+    assert PointMap.from_points(np.empty((0, 3)), np.empty((0, 3))).tiles_around(places, margin) == []

@@ -1,0 +1,202 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""The adjusted pose on scenes whose true pose is known, and its partners against a plain search for them."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from maxcon import PointMap, Pose, Scan
+from maxcon.evaluation import pose_error
+from maxcon.geometry import wrap_angle
+from maxcon.refine import kernels, refine
+from maxcon.refine.adjustment import _lookup
+
+HERE = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def off(truth, rng, metres=0.09, degrees=0.25):
+    """A start as a search leaves it: within a cell and a half, and half a heading step."""
+    dx, dy = rng.uniform(-metres, metres, 2)
+    turned = replace(truth, heading=truth.heading + math.radians(rng.uniform(-degrees, degrees)))
+    return turned.translated([dx, dy, 0.0])
+
+
+@pytest.mark.parametrize("share_with_normals", [1.0, 0.3, 0.0])
+@pytest.mark.parametrize("seed", range(6))
+def test_thin_walls_at_any_offset_from_the_voxels(yard, seed, share_with_normals):
+    scan, point_map, truth = yard(seed, share_with_normals=share_with_normals)
+    rng = np.random.default_rng(seed)
+    for _ in range(3):
+        refined = refine(scan, point_map, off(truth, rng))
+        assert pose_error(refined.pose, truth).distance < 0.002
+        assert abs(wrap_angle(refined.pose.heading - truth.heading)) < math.radians(0.02)
+        assert abs(refined.pose.z - truth.z) < 0.002
+        assert max(abs(refined.pose.roll - truth.roll), abs(refined.pose.pitch - truth.pitch)) < math.radians(
+            0.02
+        )
+
+
+def test_there_is_no_bias_over_offsets_and_noise(yard):
+    errors = []
+    for seed in range(12):
+        scan, point_map, truth = yard(100 + seed, noise=0.015)
+        error = pose_error(refine(scan, point_map, off(truth, np.random.default_rng(seed))).pose, truth)
+        errors.append((error.along, error.across))
+    assert np.abs(np.mean(errors, axis=0)).max() < 0.0015
+    assert np.abs(errors).max() < 0.005
+
+
+def test_height_and_tilt_are_found_where_eaves_tell_them_and_kept_where_nothing_does(yard):
+    scan, point_map, truth = yard(3)
+    tilted = replace(truth.translated([0.0, 0.0, 0.1]), roll=truth.roll + 0.01, pitch=truth.pitch - 0.01)
+    refined = refine(scan, point_map, tilted).pose
+    assert abs(refined.z - truth.z) < 0.003
+    assert max(abs(refined.roll - truth.roll), abs(refined.pitch - truth.pitch)) < 0.001
+    is_wall = np.abs((scan.normals @ truth.rotation.T)[:, 2]) < 0.5
+    walls = Scan(scan.points[is_wall], scan.normals[is_wall])
+    higher = truth.translated([0.0, 0.0, 0.1])
+    refined = refine(walls, point_map, higher).pose
+    assert abs(refined.z - higher.z) < 0.02
+    assert pose_error(refined, truth).distance < 0.003
+
+
+def test_a_tenth_of_clutter_and_a_moved_wall_do_not_pull(yard):
+    scan, point_map, truth = yard(5)
+    rng = np.random.default_rng(0)
+    points, normals = scan.points.copy(), scan.normals.copy()
+    n = len(points) // 10
+    points[:n] += rng.uniform(-3.0, 3.0, (n, 3))
+    normals[:n] = 0.0
+    moved = (
+        np.abs(points @ [0.0, 1.0, 0.0] - points[:, 1].max()) < 0.4
+    )  # a part of one wall stands half a metre off
+    points[moved] += 0.5 * normals[moved]
+    refined = refine(Scan(points, normals), point_map, off(truth, rng))
+    assert pose_error(refined.pose, truth).distance < 0.003
+
+
+def test_without_a_map_the_start_is_kept(yard):
+    scan, _, truth = yard(1)
+    nothing = PointMap.from_points(np.empty((0, 3)), np.empty((0, 3)))
+    refined = refine(scan, nothing, truth)
+    assert refined.pose == truth
+    assert (refined.n_planes, refined.moved, refined.turned) == (0, 0.0, 0.0)
+    nobody = refine(Scan(np.empty((0, 3)), np.empty((0, 3))), nothing, truth)
+    assert nobody.pose == truth
+
+
+def test_a_single_wall_leaves_the_rest_at_the_start():
+    rng = np.random.default_rng(0)
+    points = np.column_stack([np.full(4000, 5.013), rng.uniform(-4, 4, 4000), rng.uniform(-1, 3, 4000)])
+    normals = np.tile([-1.0, 0.0, 0.0], (4000, 1))
+    refined = refine(
+        Scan(points, normals), PointMap.from_points(points, normals), Pose(0.05, 0.07, 0.0, 0, 0, 0)
+    )
+    assert refined.pose.x == pytest.approx(0.0, abs=0.001)
+    assert refined.pose.y == pytest.approx(0.07, abs=0.02)
+
+
+def test_the_same_for_far_coordinates(planes_of_yard):
+    rng = np.random.default_rng(2)
+    far = np.array([60_000.0, -40_000.0, 300.0])
+    points, normals = planes_of_yard(np.zeros(3), 400, rng)
+    pose = Pose(*far, 0.0, 0.0, 0.4)
+    seen, of_seen = planes_of_yard(np.zeros(3), 40, rng)
+    scan = Scan(seen @ pose.rotation, of_seen @ pose.rotation)
+    refined = refine(scan, PointMap.from_points(points + far, normals), pose.translated([0.05, -0.04, 0.0]))
+    assert pose_error(refined.pose, pose).distance < 0.002
+
+
+def along_normal(point, normal, voxels, cell, step, least_cosine):
+    """(distance of the plane, voxel) of those a step along the normal, to both sides, that face as the point does."""
+    places = [np.floor((point + t * cell * normal) / cell).astype(int) for t in {step, -step}]
+    there = [voxels[tuple(place)] for place in places if tuple(place) in voxels]
+    return [(abs(n @ (mean - point)), (n, mean)) for n, mean in there if n @ normal >= least_cosine]
+
+
+def along_axes(point, voxels, cell, step):
+    """(squared distance of the mean, voxel) of those a step along the axes that have a normal."""
+    own = np.floor(point / cell).astype(int)
+    places = {tuple(own + t * axis) for axis in np.eye(3, dtype=int) for t in (step, -step)}
+    there = [voxels[place] for place in places if place in voxels]
+    return [(((mean - point) ** 2).sum(), (n, mean)) for n, mean in there if n.any()]
+
+
+def plain_partner(point, normal, voxels, cell, along, around, least_cosine):
+    """The plane of a point, by the words of `refine`: `voxels` maps indices to (normal, mean)."""
+    if normal.any():
+        rings = [along_normal(point, normal, voxels, cell, step, least_cosine) for step in range(along + 1)]
+        first = next((k for k, ring in enumerate(rings) if ring), 0)
+        found = [each for ring in rings[: first + 2] for each in ring]
+    else:
+        found = next(filter(None, (along_axes(point, voxels, cell, step) for step in range(around + 1))), [])
+    return min(found, key=lambda each: each[0])[1] if found else None
+
+
+@given(st.integers(0, 2**32), st.integers(0, 5), st.integers(0, 3))
+@settings(max_examples=40)
+def test_partners_are_those_of_a_plain_search(seed, along, around):
+    rng = np.random.default_rng(seed)
+    cell = 0.06
+    points = rng.uniform(-0.4, 0.4, (300, 3))
+    normals = rng.normal(size=(300, 3)) * [1.0, 1.0, 0.3]
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    normals[rng.random(300) < 0.2] = 0.0
+    point_map = PointMap.from_points(points, normals, cell)
+    voxels = {}
+    for tile in point_map.tiles_within(0.0, 0.0, 1.0):
+        means = tile.mean_points(cell)
+        for index, normal, mean in zip(tile.voxels.tolist(), tile.normals.astype(float), means, strict=True):
+            voxels[tuple(index)] = (normal, mean)
+    seen = points[:100] + rng.normal(0.0, 0.05, (100, 3))
+    facing = normals[:100].copy()
+    planes = np.zeros((100, 4))
+    lookup = _lookup(seen, point_map, HERE)
+    kernels.find_partners(
+        seen,
+        facing,
+        np.zeros(6),
+        1,
+        cell,
+        (along, around),
+        0.8,
+        True,
+        lookup.rows,
+        lookup.grid,
+        lookup.corner,
+        planes,
+    )
+    for point, normal, plane in zip(seen, facing, planes, strict=True):
+        wanted = plain_partner(point, normal, voxels, cell, along, around, 0.8)
+        if wanted is None:
+            assert not plane.any()
+        else:
+            np.testing.assert_allclose(plane[:3], wanted[0], atol=1e-12)
+            assert plane[3] == pytest.approx(wanted[0] @ wanted[1], abs=1e-9)
+
+
+@given(st.integers(0, 2**32))
+@settings(max_examples=20)
+def test_gradients_are_those_of_the_distances(seed):
+    """The pull of one point is how its distance falls with each unknown: against differences."""
+    rng = np.random.default_rng(seed)
+    point, normal = rng.uniform(-20, 20, (1, 3)), rng.normal(size=3)
+    normal /= np.linalg.norm(normal)
+    plane = np.array([[*normal, rng.uniform(-5, 5)]])
+    unknowns = np.concatenate([rng.uniform(-3, 3, 3), rng.uniform(-0.2, 0.2, 2), rng.uniform(-3, 3, 1)])
+
+    def distance(at):
+        return plane[0, 3] - normal @ Pose(*at).apply(point)[0]
+
+    pull = np.zeros((1, 6))
+    kernels.sum_gradients(point, plane, np.zeros(1, np.int64), unknowns, np.ones(1), pull)
+    for k in range(6):
+        step = np.zeros(6)
+        step[k] = 1e-6
+        falls = (distance(unknowns - step) - distance(unknowns + step)) / 2e-6
+        assert pull[0, k] == pytest.approx(falls, abs=1e-6)

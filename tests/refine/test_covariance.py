@@ -1,0 +1,85 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""What the covariance says, and against a plain computation of it."""
+
+import math
+
+import numpy as np
+import pytest
+
+from maxcon import PointMap, Pose, Scan
+from maxcon.refine import covariance, refine
+from maxcon.refine.adjustment import MATCH_SIGMA
+from maxcon.refine.covariance import CLUSTER_EDGE, N_FACINGS, SCATTER_FACTORS, STEEPEST, WALL_SIGMA
+
+
+def plain_covariance(refined, map_sigma):
+    """The docstring's words, point by point."""
+    pose = refined.pose
+    at = np.array([pose.x, pose.y, pose.z, pose.roll, pose.pitch, pose.heading])
+    pulls, walls = {}, {}
+    A = np.diag(refined.start_weights)
+    for point, plane, residual, weight in zip(
+        refined.points, refined.planes, refined.residuals, refined.weights, strict=True
+    ):
+        if weight == 0.0:
+            continue
+        gradient = np.empty(6)
+        for k in range(6):
+            step = np.zeros(6)
+            step[k] = 1e-5
+            there, back = Pose(*(at + step)).apply(point[None])[0], Pose(*(at - step)).apply(point[None])[0]
+            gradient[k] = plane[:3] @ (there - back) / 2e-5
+        facing = N_FACINGS
+        if abs(plane[2]) <= STEEPEST:
+            facing = math.floor(math.atan2(plane[1], plane[0]) / (2 * math.pi) * N_FACINGS) % N_FACINGS
+        cube = tuple(np.floor(point / CLUSTER_EDGE).astype(int))
+        depth = math.floor((plane[3] - plane[:3] @ pose.position) / CLUSTER_EDGE)
+        pulls[cube, facing] = pulls.get((cube, facing), 0.0) + weight * residual * gradient
+        walls[depth, facing] = walls.get((depth, facing), 0.0) + weight * gradient
+        A = A + weight * np.outer(gradient, gradient)
+    scatter = (
+        sum(np.outer(pull, pull) for pull in pulls.values()) + np.diag(refined.start_weights) * MATCH_SIGMA**2
+    )
+    wall = sum(np.outer(pull, pull) for pull in walls.values())
+    inverse = np.linalg.inv(A)
+    factors = np.diag(SCATTER_FACTORS)
+    of_map = np.diag(np.array([1, 1, 1, 1 / 20, 1 / 20, 1 / 100]) * map_sigma) ** 2
+    return factors @ inverse @ scatter @ inverse @ factors + WALL_SIGMA**2 * inverse @ wall @ inverse + of_map
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_it_is_what_its_words_say(yard, seed):
+    scan, point_map, truth = yard(seed, noise=0.01, share_with_normals=0.6)
+    refined = refine(scan, point_map, truth.translated([0.03, 0.02, 0.0]))
+    got, wanted = covariance(refined, 0.013), plain_covariance(refined, 0.013)
+    scale = np.sqrt(np.diag(wanted))
+    np.testing.assert_allclose(got / scale / scale[:, None], wanted / scale / scale[:, None], atol=1e-4)
+    assert np.linalg.eigvalsh(got / scale / scale[:, None]).min() > 0.0
+
+
+def test_the_map_adds_what_it_is_wrong_by(yard):
+    scan, point_map, truth = yard(0)
+    refined = refine(scan, point_map, truth)
+    added = covariance(refined, 0.05) - covariance(refined, 0.0)
+    np.testing.assert_allclose(np.sqrt(np.diag(added)), [0.05, 0.05, 0.05, 0.0025, 0.0025, 0.0005], rtol=1e-6)
+
+
+def test_between_two_walls_the_open_direction_is_as_uncertain_as_the_start():
+    rng = np.random.default_rng(0)
+    points = np.column_stack(
+        [rng.choice([-5.0, 6.0], 6000), rng.uniform(-9, 9, 6000), rng.uniform(-1, 4, 6000)]
+    )
+    normals = np.column_stack([-np.sign(points[:, 0]), np.zeros(6000), np.zeros(6000)])
+    refined = refine(Scan(points, normals), PointMap.from_points(points, normals), Pose(0, 0, 0, 0, 0, 0))
+    sigmas = np.sqrt(np.diag(covariance(refined, 0.0)))
+    assert sigmas[0] < 0.01
+    assert 0.3 < sigmas[1] < 1.5
+
+
+def test_without_partners_it_is_that_of_the_start(yard):
+    scan, _, truth = yard(0)
+    nothing = PointMap.from_points(np.empty((0, 3)), np.empty((0, 3)))
+    sigmas = np.sqrt(np.diag(covariance(refine(scan, nothing, truth), 0.0)))
+    start = [1.0, 1.0, 0.3, math.radians(1), math.radians(1), math.radians(5)]
+    np.testing.assert_allclose(sigmas, SCATTER_FACTORS * start)

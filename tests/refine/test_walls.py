@@ -1,0 +1,52 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Walls that are not there are told, facing by facing."""
+
+import math
+
+import numpy as np
+import pytest
+
+from maxcon import PointMap, Pose, Scan
+from maxcon.refine import least_wall_share, refine
+
+
+def wall(azimuth, distance, n, seed):
+    """Points of a wall that faces the origin, seen at an azimuth (rad); and its normals."""
+    rng = np.random.default_rng(seed)
+    out = np.array([math.cos(azimuth), math.sin(azimuth), 0.0])
+    along = np.array([-out[1], out[0], 0.0])
+    points = (
+        distance * out + rng.uniform(-6, 6, (n, 1)) * along + rng.uniform(-1, 4, (n, 1)) * [0.0, 0.0, 1.0]
+    )
+    return points, np.tile(-out, (n, 1))
+
+
+def joined(*walls):
+    return tuple(np.concatenate(parts) for parts in zip(*walls, strict=True))
+
+
+HERE = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def test_the_least_found_facing_is_given():
+    along = [wall(math.radians(75), 5.0, 30_000, 0), wall(math.radians(255), 7.0, 30_000, 1)]
+    across = wall(math.radians(165), 9.0, 30_000, 2)
+    point_map = PointMap.from_points(*joined(*along, across))
+    seen = least_wall_share(refine(Scan(*joined(*along, across)), point_map, HERE))
+    assert seen.share > 0.95
+    nearer = Scan(*joined(*along, wall(math.radians(165), 4.0, 30_000, 3)))
+    elsewhere = least_wall_share(refine(nearer, point_map, HERE))
+    assert elsewhere.n_found == 0
+    assert elsewhere.azimuth == pytest.approx(math.radians(165))
+    assert f"of {elsewhere.n_points} wall points facing 165 degrees" in elsewhere.words
+    assert elsewhere.words.endswith("0 lie on the map")
+
+
+def test_few_points_of_a_facing_say_nothing():
+    walls = [wall(math.radians(15), 5.0, 30_000, 0), wall(math.radians(105), 5.0, 30_000, 1)]
+    point_map = PointMap.from_points(*joined(*walls))
+    few = wall(math.radians(50), 3.0, 12, 2)
+    assert least_wall_share(refine(Scan(*joined(*walls, few)), point_map, HERE)).share > 0.95
+    bare = Scan(walls[0][0], np.zeros_like(walls[0][1]))
+    assert least_wall_share(refine(bare, point_map, HERE)) is None
