@@ -39,7 +39,7 @@ FEWEST_HORIZONTAL = 0.03
 HORIZONTAL = math.sin(math.radians(30.0))
 # An answer that so few full matches carry along its least determined direction rests on a single small surface.
 FEWEST_CARRYING = 10.0
-# Share of wrong answers among those localized that trials could exclude: decision 17.
+# Share of wrong answers among those localized that trials could exclude: decision 20.
 WRONG_PLACE = 0.005
 
 

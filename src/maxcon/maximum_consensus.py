@@ -128,10 +128,12 @@ class MaximumConsensus:
         SearchSpaceError
             If the cell edge is not the map's, or the space is too large.
         """
-        estimate = self._search(scan, point_map, prior)
-        if estimate.status in (Status.LOCALIZED, Status.UNDETERMINED) or not self.refinement:
-            return estimate
-        return self._search_wider(estimate, scan, point_map, prior)
+        if self.search is SearchMethod.BRANCH_AND_BOUND and self._has_bounds:
+            answer = self._by_bounds(scan.thinned(self.thinning), point_map, prior)
+            if answer is not None:
+                judged = self._judge(answer, scan, point_map, prior)
+                return self._examine(judged, scan, point_map)
+        return self.conclude(self.accumulate(scan, point_map, prior), scan, point_map)
 
     def accumulate(self, scan: Scan, point_map: PointMap, prior: Pose) -> Accumulator:
         """Moments of every cell: what `conclude` decides on, and what plots show."""
@@ -141,29 +143,29 @@ class MaximumConsensus:
         )  # fmt: skip
 
     def conclude(self, accumulator: Accumulator, scan: Scan, point_map: PointMap) -> Estimate:
-        """Take the best cell of an accumulator of this scan, refine its pose, and say how far it may be trusted."""
+        """Take the best cell of an accumulator of this scan, refine and examine its pose: what `localize` answers."""
         space, prior, moments = accumulator.space, accumulator.prior, accumulator.moments
         scores = accumulator.score(self.objective)
         cell = highest(scores, space)
         if not moments[..., 0].any():
             _, cofactor = invert(accumulator.normal_matrix(cell))
             reason = "; ".join(reasons_to_doubt_scan(scan, prior))
-            return Estimate(prior, 0.0, None, Status.NO_MATCH, cofactor, reason=reason)
+            nothing = Estimate(prior, 0.0, cell, Status.NO_MATCH, cofactor, reason=reason)
+            return self._examine(nothing, scan, point_map)
         helmert = scores if isinstance(self.objective, Helmert) else accumulator.score(Helmert())
         beyond = highest_beyond(helmert, cell, space, self.trust.guard_radius)
         runner_up = beyond / float(helmert[cell]) if helmert[cell] > 0.0 else math.inf
         answer = _Answer(space, cell, float(scores[cell]), moments[cell], runner_up)
-        return self._refine(self._judge(answer, scan, point_map, prior), scan, point_map)
+        return self._examine(self._judge(answer, scan, point_map, prior), scan, point_map)
 
-    def _search(self, scan: Scan, point_map: PointMap, prior: Pose) -> Estimate:
-        """The refined answer within the search space."""
-        if self.search is SearchMethod.BRANCH_AND_BOUND and self._has_bounds:
-            answer = self._by_bounds(scan.thinned(self.thinning), point_map, prior)
-            if answer is not None:
-                return self._refine(self._judge(answer, scan, point_map, prior), scan, point_map)
-        return self.conclude(self.accumulate(scan, point_map, prior), scan, point_map)
+    def _examine(self, judged: Estimate, scan: Scan, point_map: PointMap) -> Estimate:
+        """Refine the pose of the best cell, and search wider where the answer is in doubt (D12)."""
+        if not self.refinement or judged.status is Status.UNDETERMINED:
+            return judged
+        refined = self._refine(judged, scan, point_map)
+        return refined if refined.is_localized else self._search_wider(refined, scan, point_map)
 
-    def _search_wider(self, doubted: Estimate, scan: Scan, point_map: PointMap, prior: Pose) -> Estimate:
+    def _search_wider(self, doubted: Estimate, scan: Scan, point_map: PointMap) -> Estimate:
         """Search all around an answer in doubt: the same place may win there too, or another one.
 
         What wins is refined and examined; the same place needs less evidence then.
@@ -172,7 +174,7 @@ class MaximumConsensus:
         space = replace(self.space, half_width=math.floor(self.wider / cell + 1e-9) * cell)
         if space.half_width <= self.space.half_width:
             return doubted
-        around = prior if doubted.cell is None else self.space.pose(doubted.cell, prior)
+        around = doubted.pose
         objective = self.objective if self._has_bounds else Helmert()
         wide = replace(self, space=space, objective=objective)
         answer = wide._by_bounds(scan.thinned(self.thinning), point_map, around)
@@ -180,25 +182,25 @@ class MaximumConsensus:
             return doubted
         judged = wide._judge(answer, scan, point_map, around)
         moved = math.hypot(judged.pose.x - around.x, judged.pose.y - around.y)
-        is_same = doubted.cell is not None and moved <= self.trust.guard_radius
+        is_same = doubted.status is not Status.NO_MATCH and moved <= self.trust.guard_radius
         found = wide._refine(judged, scan, point_map, is_confirmed=is_same)
         return replace(found, cell=doubted.cell if is_same else None, was_widened=True)
 
     def _refine(
         self, judged: Estimate, scan: Scan, point_map: PointMap, *, is_confirmed: bool = False
     ) -> Estimate:
-        """Adjust the pose of a best cell to the map, and judge it once more; nothing where it is not determined."""
-        if not self.refinement or judged.status is Status.UNDETERMINED:
+        """Adjust the pose of a best cell to the map, and judge it once more; a doubted one stays as it is."""
+        if not judged.is_localized:
             return judged
         refined = refine(scan, point_map, judged.pose)
         walls = least_wall_share(refined)
-        status: Status = judged.status
+        status = self.trust.judge_refined(
+            n_planes=refined.n_planes,
+            moved=refined.moved,
+            wall_share=None if walls is None else walls.share,
+            is_confirmed=is_confirmed,
+        )
         reasons = [judged.reason] if judged.reason else []
-        if status is Status.LOCALIZED:
-            share = None if walls is None else walls.share
-            status = self.trust.judge_refined(
-                n_planes=refined.n_planes, moved=refined.moved, wall_share=share, is_confirmed=is_confirmed
-            )
         if status is Status.WALLS_MISSING:
             reasons.append("the scan has hardly any wall points" if walls is None else walls.words)
         if status is Status.NOT_CONFIRMED:

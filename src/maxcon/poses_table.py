@@ -27,7 +27,8 @@ def write_poses(path: str | os.PathLike[str], epochs: Sequence[EpochEstimate]) -
 
     That is the protection level along and across the heading, m, and the upper triangle of the covariance of x, y, z,
     roll, pitch and heading, row by row, axes of the CRS, m^2, m rad and rad^2. Pose, level and covariance are empty
-    unless the status is "localized": a row cannot be mistaken for a pose. The reason is empty where the status says all.
+    unless the status is "localized": a row cannot be mistaken for a pose. The reason is empty where the status says
+    all.
 
     Raises
     ------

@@ -61,7 +61,9 @@ def localize(
     ] = SearchName.BRANCH_AND_BOUND,
     refinement: Annotated[
         bool,
-        typer.Option(help="Adjust the pose of the best cell to the surfaces of the map, and examine it there."),
+        typer.Option(
+            help="Adjust the pose of the best cell to the surfaces of the map, and examine it there."
+        ),
     ] = True,
     wider: Annotated[
         float,
@@ -69,7 +71,9 @@ def localize(
     ] = 12.0,
     risk: Annotated[
         float,
-        typer.Option(metavar="0..1", help="Errors exceed the protection level with at most this probability."),
+        typer.Option(
+            metavar="0..1", help="Errors exceed the protection level with at most this probability."
+        ),
     ] = 0.01,
     half_width: Annotated[
         float | None,

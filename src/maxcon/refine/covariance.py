@@ -15,7 +15,7 @@ N_FACINGS = 12
 STEEPEST = 0.7
 """Of a facing by azimuth the normal's vertical part is below this; others face up or down."""
 SCATTER_FACTORS = np.array([0.7, 0.7, 1.9, 1.9, 1.9, 0.7])
-"""Errors of x, y, z, roll, pitch and heading over what clusters scatter; the few numbers of this model: decision 17."""
+"""Errors of x, y, z, roll, pitch and heading over what clusters scatter; the few numbers of this model: decision 20."""
 WALL_SIGMA = 0.00375
 """How far a whole wall lies off its planes, m."""
 TILT_LENGTH, TURN_LENGTH = 20.0, 100.0

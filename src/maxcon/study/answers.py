@@ -6,9 +6,11 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from maxcon.estimate import Estimate, Status
 from maxcon.evaluation import Distinctness, pose_error
-from maxcon.geometry import Pose
+from maxcon.geometry import Pose, rotation_matrices
 from maxcon.point_map import PointMap
 
 __all__ = ["Answer", "answer_columns", "reference_columns"]
@@ -60,6 +62,7 @@ def answer_columns(answer: Answer, reference: Pose | None, point_map: PointMap) 
         columns["runner_up"] = estimate.runner_up
     if answer.starts:
         columns["n_starts"] = len(answer.starts)
+    columns["was_widened"] = estimate.was_widened
     if estimate.status is Status.NO_MATCH:
         return columns | ({"n_converged": 0} if answer.starts else {})
     pose = point_map.frame.pose_to_global(estimate.pose)
@@ -68,6 +71,7 @@ def answer_columns(answer: Answer, reference: Pose | None, point_map: PointMap) 
         measures = {name: getattr(answer.distinctness, name) for name in MEASURES}
         columns |= {name: value for name, value in measures.items() if math.isfinite(value)}
     if reference is not None:
+        columns |= _certainty_columns(estimate, reference)
         error = pose_error(estimate.pose, reference)
         columns |= {"distance": error.distance, "along": error.along, "across": error.across}
         columns |= {"heading_error": error.heading, "is_success": error.is_success}
@@ -77,4 +81,26 @@ def answer_columns(answer: Answer, reference: Pose | None, point_map: PointMap) 
                 for start in answer.starts
             )
             columns |= {"n_converged": n_converged, "is_success": n_converged == len(answer.starts)}
+    return columns
+
+
+def _certainty_columns(estimate: Estimate, reference: Pose) -> dict[str, Any]:
+    """How sure an answer says it is, along and across the reference, and how wrong it is in units of that."""
+    columns: dict[str, Any] = {"height_error": estimate.pose.z - reference.z}
+    if not np.isfinite(estimate.covariance).all():
+        return columns
+    axes = rotation_matrices(0.0, 0.0, reference.heading)[:2, :2].T  # rows: along, across
+    covariance = axes @ estimate.covariance[:2, :2] @ axes.T
+    error = pose_error(estimate.pose, reference)
+    offset = np.array([error.along, error.across])
+    columns |= {"sigma_along": math.sqrt(covariance[0, 0]), "sigma_across": math.sqrt(covariance[1, 1])}
+    columns |= {
+        "sigma_z": math.sqrt(estimate.covariance[2, 2]),
+        "sigma_heading": math.sqrt(estimate.covariance[5, 5]),
+    }
+    columns["nees"] = float(offset @ np.linalg.solve(covariance, offset))
+    if math.isfinite(estimate.protection_level[0]):
+        columns |= dict(
+            zip(("protection_along", "protection_across"), estimate.protection_level, strict=True)
+        )
     return columns

@@ -18,6 +18,7 @@ from maxcon.errors import FileError, MaxconError, MissingExtraError, TrajectoryE
 from maxcon.estimate import Status
 from maxcon.evaluation import Distinctness, distinctness
 from maxcon.geometry import Pose
+from maxcon.integrity import Trust
 from maxcon.io.scans import ScanFolder, open_scans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.maximum_consensus import MaximumConsensus
@@ -212,7 +213,8 @@ class _SharedAccumulators:
             start = time.perf_counter()
             self._scan.thinned(method.thinning)
             self._thinning_ms[method.thinning] = 1e3 * (time.perf_counter() - start)
-        key = (map_name, replace(method, objective=Helmert()), prior)
+        searched = replace(method, objective=Helmert(), trust=Trust(), refinement=True, wider=0.0, risk=0.5)
+        key = (map_name, searched, prior)  # what comes after the search does not matter
         if key not in self._found:
             start = time.perf_counter()
             accumulator = method.accumulate(self._scan, point_map, prior)
@@ -251,7 +253,7 @@ def prepare_map(method: Method, scan: Scan, point_map: PointMap, start: Pose) ->
     elif isinstance(method, MaximumConsensus):
         # Tiles are read and indexed when they are first searched: one heading meets nearly all of them.
         one_heading = replace(method.space, heading_half_width_deg=0.0)
-        replace(method, space=one_heading).localize(scan, point_map, start)
+        replace(method, space=one_heading, wider=0.0).localize(scan, point_map, start)
 
 
 def _distinctness_or_none(accumulator: Accumulator, objective: Objective) -> Distinctness | None:

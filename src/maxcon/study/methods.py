@@ -44,6 +44,7 @@ class StudyMethod:
 
 METHOD_SETS: dict[str, tuple[str, ...]] = {
     "consensus": (
+        "maxcon",
         "count-points", "helmert-points", "max-eigenvalue-points",
         "count-occupied", "helmert-occupied", "max-eigenvalue-occupied",
     ),
@@ -75,7 +76,10 @@ METHOD_SETS: dict[str, tuple[str, ...]] = {
 
 DEFAULT_SETS = ("consensus", "baselines")
 
-AS_PUBLISHED: dict[str, Any] = {"weighting": "published", "thinning": 0.0}
+CELL_ONLY: dict[str, Any] = {"refinement": False}
+"""The answer is the best cell, which is where objectives, weights and cells can be compared."""
+
+AS_PUBLISHED: dict[str, Any] = {"weighting": "published", "thinning": 0.0, **CELL_ONLY}
 """A scan point without a normal constrains nothing, and all of them are searched with."""
 
 
@@ -112,14 +116,14 @@ def choose_methods(names: Sequence[str], space: SearchSpace) -> list[StudyMethod
 
 
 def _consensus_methods(space: SearchSpace) -> list[StudyMethod]:
-    """Every objective as published, `points`, and with our defaults, `occupied`; and some with one thing changed."""
+    """The method as `localize` runs it; and the best cell alone, by every objective and with one thing changed."""
     objectives: dict[str, Objective] = {
         "count": Count(),
         "helmert": Helmert(),
         "max-eigenvalue": MaxEigenvalue(),
     }
-    methods = []
-    for multiplicity, options in (("points", AS_PUBLISHED), ("occupied", {})):
+    methods = [StudyMethod("maxcon", MaximumConsensus(space))]
+    for multiplicity, options in (("points", AS_PUBLISHED), ("occupied", CELL_ONLY)):
         for name, objective in objectives.items():
             method = MaximumConsensus(space, objective, multiplicity, **options)
             methods.append(StudyMethod(f"{name}-{multiplicity}", method))
@@ -133,16 +137,20 @@ def _consensus_methods(space: SearchSpace) -> list[StudyMethod]:
         methods.append(StudyMethod(f"helmert-{multiplicity}-unweighted", unweighted))
     methods += [
         StudyMethod("helmert-occupied-published", MaximumConsensus(space, **AS_PUBLISHED)),
-        StudyMethod("helmert-occupied-whole-scan", MaximumConsensus(space, thinning=0.0)),
-        StudyMethod("helmert-occupied-thinned-0.40", MaximumConsensus(space, thinning=0.4)),
-        StudyMethod("helmert-points-thinned", MaximumConsensus(space, multiplicity="points")),
-        StudyMethod("count-occupied-whole-scan", MaximumConsensus(space, Count(), thinning=0.0)),
+        StudyMethod("helmert-occupied-whole-scan", MaximumConsensus(space, thinning=0.0, **CELL_ONLY)),
+        StudyMethod("helmert-occupied-thinned-0.40", MaximumConsensus(space, thinning=0.4, **CELL_ONLY)),
+        StudyMethod("helmert-points-thinned", MaximumConsensus(space, multiplicity="points", **CELL_ONLY)),
+        StudyMethod("count-occupied-whole-scan", MaximumConsensus(space, Count(), thinning=0.0, **CELL_ONLY)),
     ]
     methods += [
-        StudyMethod(f"helmert-{name}", MaximumConsensus(_in_cells_of(space, MAP_VARIANTS[name].cell)), name)
+        StudyMethod(
+            f"helmert-{name}",
+            MaximumConsensus(_in_cells_of(space, MAP_VARIANTS[name].cell), **CELL_ONLY),
+            name,
+        )
         for name in ("cell-0.03", "cell-0.12", "cell-0.20")
     ]
-    methods.append(StudyMethod("helmert-ground", MaximumConsensus(space), "ground"))
+    methods.append(StudyMethod("helmert-ground", MaximumConsensus(space, **CELL_ONLY), "ground"))
     return methods
 
 
