@@ -10,7 +10,7 @@ import pytest
 
 from maxcon import Count, MaximumConsensus, PointMap, Pose, Scan, SearchSpace, Status, Trust
 from maxcon.errors import OptionError
-from maxcon.integrity import reasons_to_doubt_answer, reasons_to_doubt_scan, runner_up_ratio
+from maxcon.integrity import protection_level, reasons_to_doubt_answer, reasons_to_doubt_scan, runner_up_ratio
 
 SPACE = SearchSpace(half_width=1.2, heading_half_width_deg=1.0)
 HERE = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -90,7 +90,8 @@ def test_a_facade_that_repeats_is_ambiguous(objective):
 @pytest.mark.parametrize("turn_deg", [-1.6, 1.6])
 def test_a_heading_beyond_the_space_is_at_the_rim(corner, turn_deg):
     prior = replace(HERE, heading=math.radians(turn_deg))
-    estimate = MaximumConsensus(SPACE).localize(scan_of(*corner), PointMap.from_points(*corner), prior)
+    method, point_map = MaximumConsensus(SPACE, wider=0.0), PointMap.from_points(*corner)
+    estimate = method.localize(scan_of(*corner), point_map, prior)
     assert estimate.cell[0] in (0, SPACE.shape[0] - 1)
     assert estimate.status is Status.AT_RIM
 
@@ -104,8 +105,50 @@ def test_the_outermost_heading_may_be_the_answer(corner):
 
 def test_an_offset_at_the_rim_is_told(corner):
     prior = replace(HERE, x=1.2)
-    estimate = MaximumConsensus(SPACE).localize(scan_of(*corner), PointMap.from_points(*corner), prior)
+    estimate = MaximumConsensus(SPACE, wider=0.0).localize(
+        scan_of(*corner), PointMap.from_points(*corner), prior
+    )
     assert estimate.status is Status.AT_RIM
+
+
+def test_walls_that_are_missing_are_told(corner):
+    """Two walls fit; a third one, askew, stands in the scan but not in the map."""
+    points, normals = joined(corner, wall((-2, 3), (-5, 0), 60_000, 7))
+    scan, point_map = scan_of(points, normals, n=6000), PointMap.from_points(*corner)
+    estimate = MaximumConsensus(SPACE).localize(scan, point_map, HERE)
+    assert (estimate.status, estimate.was_widened) == (Status.WALLS_MISSING, True)
+    assert "wall points facing 135 degrees from +x (of 180) 0 lie on the map" in estimate.reason
+    assert MaximumConsensus(SPACE, refinement=False).localize(scan, point_map, HERE).is_localized
+
+
+@pytest.mark.parametrize(
+    ("evidence", "status"),
+    [
+        ({}, Status.LOCALIZED),
+        ({"n_planes": 49}, Status.NOT_CONFIRMED),
+        ({"moved": 0.26}, Status.NOT_CONFIRMED),
+        ({"wall_share": 0.049}, Status.WALLS_MISSING),
+        ({"wall_share": 0.021, "is_confirmed": True}, Status.LOCALIZED),
+        ({"wall_share": 0.019, "is_confirmed": True}, Status.WALLS_MISSING),
+        ({"wall_share": None}, Status.WALLS_MISSING),
+        ({"wall_share": None, "is_confirmed": True}, Status.LOCALIZED),
+    ],
+)
+def test_what_a_refined_pose_is_judged_by(evidence, status):
+    good = {"n_planes": 500, "moved": 0.05, "wall_share": 0.5, "is_confirmed": False}
+    assert Trust().judge_refined(**{**good, **evidence}) is status
+
+
+def test_the_protection_level_is_along_and_across_the_heading():
+    covariance = np.diag([0.04, 0.01, 9.0, 1.0, 1.0, 1.0]) ** 2
+    along, across = protection_level(covariance, 0.0, 0.01)
+    assert along == pytest.approx(4.0 * across)
+    assert across / 0.01 == pytest.approx(
+        3.02, abs=0.01
+    )  # 0.5 % of 1 % is left, for two directions of two sides
+    assert protection_level(covariance, math.pi / 2, 0.01) == pytest.approx((across, along))
+    assert protection_level(covariance, 0.0, 0.02)[0] < along
+    assert protection_level(covariance, 0.0, 0.005) == (math.inf, math.inf)
 
 
 def test_the_runner_up_by_hand():
@@ -135,7 +178,7 @@ def test_a_slope_is_no_runner_up():
         ({"least_share": -0.1}, "`least_share` from 0 to 1, got -0.1. The default is 0.05"),
         ({"largest_runner_up": 1.5}, "`largest_runner_up` from 0 to 1, got 1.5. The default is 0.8"),
         ({"least_share": math.nan}, "`least_share` from 0 to 1, got nan"),
-        ({"guard_radius": math.inf}, "`guard_radius` >= 0 m, got inf. The default is 0.5"),
+        ({"guard_radius": math.inf}, "`guard_radius` >= 0, got inf. The default is 0.5"),
     ],
 )
 def test_what_trust_cannot_be(options, words):

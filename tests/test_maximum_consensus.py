@@ -70,7 +70,7 @@ def prior_of(cells_x, cells_y, turn_deg):
 @pytest.mark.parametrize("objective", [Count(), Helmert()])
 @pytest.mark.parametrize("n_threads", [1, 3])
 def test_it_finds_the_pose(scan, point_map, multiplicity, objective, n_threads):
-    method = MaximumConsensus(SPACE, objective, multiplicity, n_threads)
+    method = MaximumConsensus(SPACE, objective, multiplicity, n_threads, refinement=False)
     estimate = method.localize(scan, point_map, prior_of(4, -7, 0.5))
     assert estimate.status is Status.LOCALIZED
     assert estimate.is_localized
@@ -78,6 +78,14 @@ def test_it_finds_the_pose(scan, point_map, multiplicity, objective, n_threads):
     np.testing.assert_allclose(estimate.pose.position, TRUTH.position, atol=1e-9)
     assert estimate.pose.heading == pytest.approx(TRUTH.heading)
     assert (estimate.pose.roll, estimate.pose.pitch) == (TRUTH.roll, TRUTH.pitch)
+    assert np.isinf(np.diag(estimate.covariance)).all()
+    refined = MaximumConsensus(SPACE, objective, multiplicity, n_threads).localize(
+        scan, point_map, prior_of(4, -7, 0.5)
+    )
+    assert (refined.status, refined.cell, refined.score) == (estimate.status, estimate.cell, estimate.score)
+    np.testing.assert_allclose(refined.pose.position, TRUTH.position, atol=1e-3)
+    assert 0.0 < np.diag(refined.covariance).max() < np.inf
+    assert max(refined.protection_level) < np.inf
 
 
 def test_the_cofactor_is_the_inverse_of_n_and_the_score_that_of_its_trace(scan, point_map):
@@ -150,7 +158,7 @@ def test_the_heading_beyond_the_space_is_scored_with_the_same_weights(scan, mult
     )
     normals = np.repeat([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0]], len(along), axis=0)
     bare = Scan(scan.points, np.zeros_like(scan.normals))
-    method = MaximumConsensus(SPACE, multiplicity=multiplicity, weighting="one")
+    method = MaximumConsensus(SPACE, multiplicity=multiplicity, weighting="one", wider=0.0)
     estimate = method.localize(bare, PointMap.from_points(walls, normals, CELL), prior_of(0, 0, turn_deg))
     assert estimate.cell[0] == (4 if turn_deg > 0 else 0)
     assert not SPACE.is_at_rim(estimate.cell)
@@ -181,10 +189,25 @@ def test_one_match_short_of_one_across_is_undetermined():
 
 
 def test_the_best_cell_on_the_rim_is_said_so(scan, point_map):
-    estimate = MaximumConsensus(SPACE).localize(scan, point_map, prior_of(-10, 0, 0))
+    estimate = MaximumConsensus(SPACE, wider=0.0).localize(scan, point_map, prior_of(-10, 0, 0))
     assert (estimate.status, estimate.cell[2]) == (Status.AT_RIM, 0)
     assert "Widen" in estimate.status.explanation
     np.testing.assert_allclose(estimate.pose.position, TRUTH.position, atol=1e-9)
+
+
+@pytest.mark.parametrize("search", ["branch and bound", "exhaustive"])
+def test_an_answer_at_the_rim_is_looked_for_farther_around(scan, point_map, search):
+    """The true pose lies 4.2 m beyond the space: the wider search finds it, and says that there is no cell of it."""
+    prior = prior_of(-80, 0, 0)
+    narrow, wide = (MaximumConsensus(SPACE, search=search, wider=reach) for reach in (0.0, 6.0))
+    assert not narrow.localize(scan, point_map, prior).is_localized
+    estimate = wide.localize(scan, point_map, prior)
+    assert (estimate.status, estimate.cell, estimate.was_widened) == (Status.LOCALIZED, None, True)
+    np.testing.assert_allclose(estimate.pose.position, TRUTH.position, atol=2e-3)
+    at_rim = wide.localize(scan, point_map, prior_of(-10, 0, 0))
+    assert (at_rim.status, at_rim.cell[2], at_rim.was_widened) == (Status.LOCALIZED, 0, True)
+    inside = wide.localize(scan, point_map, prior_of(3, 2, 0))
+    assert (inside.status, inside.was_widened) == (Status.LOCALIZED, False)
 
 
 @pytest.mark.parametrize(
@@ -233,7 +256,7 @@ class Returns:
 
 def test_an_objective_of_ones_own_needs_no_registration(scan, point_map):
     estimate = MaximumConsensus(SPACE, Trace()).localize(scan, point_map, prior_of(2, 3, 0.0))
-    assert estimate.cell == (2, 10 + 3, 10 + 2)
+    assert (estimate.cell, estimate.status) == ((2, 10 + 3, 10 + 2), Status.LOCALIZED)
     assert estimate.score == pytest.approx(len(scan.thinned(0.25)), abs=1e-3)
 
 
@@ -366,6 +389,19 @@ def test_an_unknown_search_is_refused():
         OptionError, match="Expected `search` to be 'exhaustive' or 'branch and bound', got 'bbs'"
     ):
         MaximumConsensus(search="bbs")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"thinning": -1.0}, "`thinning` to be an edge >= 0 m, got -1.0"),
+        ({"wider": math.nan}, "`wider` to be a half width >= 0 m, got nan"),
+        ({"risk": 0.0}, "`risk` above 0 and below 1, got 0.0"),
+    ],
+)
+def test_numbers_out_of_range_are_refused(options, words):
+    with pytest.raises(OptionError, match=words):
+        MaximumConsensus(**options)
 
 
 @pytest.mark.parametrize("search", ["exhaustive", "branch and bound"])

@@ -78,7 +78,7 @@ class Trust:
     guard_radius: float = 0.5
     least_wall_share: float = 0.05
     least_confirmed_share: float = 0.02
-    fewest_planes: int = 100
+    fewest_planes: int = 50
     farthest_move: float = 0.25
 
     def __post_init__(self) -> None:

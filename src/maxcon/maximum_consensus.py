@@ -160,7 +160,10 @@ class MaximumConsensus:
 
     def _examine(self, judged: Estimate, scan: Scan, point_map: PointMap) -> Estimate:
         """Refine the pose of the best cell, and search wider where the answer is in doubt (D12)."""
-        if not self.refinement or judged.status is Status.UNDETERMINED:
+        is_open = judged.status is Status.UNDETERMINED and judged.share >= self.trust.least_share
+        if (
+            not self.refinement or is_open
+        ):  # a street that leaves a direction open does so from farther around too
             return judged
         refined = self._refine(judged, scan, point_map)
         return refined if refined.is_localized else self._search_wider(refined, scan, point_map)
@@ -184,7 +187,8 @@ class MaximumConsensus:
         moved = math.hypot(judged.pose.x - around.x, judged.pose.y - around.y)
         is_same = doubted.status is not Status.NO_MATCH and moved <= self.trust.guard_radius
         found = wide._refine(judged, scan, point_map, is_confirmed=is_same)
-        return replace(found, cell=doubted.cell if is_same else None, was_widened=True)
+        score = float(self.objective.score(answer.moments))
+        return replace(found, score=score, cell=doubted.cell if is_same else None, was_widened=True)
 
     def _refine(
         self, judged: Estimate, scan: Scan, point_map: PointMap, *, is_confirmed: bool = False

@@ -46,11 +46,35 @@ def test_the_table_reads_back_as_a_trajectory(tmp_path):
 def test_columns_and_text(tmp_path):
     write_poses(tmp_path / "poses.csv", [_epoch(0)])
     header, row = (tmp_path / "poses.csv").read_text().splitlines()
-    assert header == "time,x,y,z,roll,pitch,heading,score,status,ms,reason" == ",".join(COLUMNS)
+    assert header.split(",") == list(COLUMNS)
+    assert header.startswith(
+        "time,x,y,z,roll,pitch,heading,score,status,ms,protection_along,protection_across,cov_x_x"
+    )
+    assert header.endswith("cov_pitch_heading,cov_heading_heading,reason")
+    assert len(COLUMNS) == 10 + 2 + 21 + 1
     assert row == (
         "386400.123456789,549936.5193,5801960.0921,62.0056,"
-        "0.001234568,-0.004494209,3.043043369,256.077,localized,12.35,"
+        "0.001234568,-0.004494209,3.043043369,256.077,localized,12.35," + 23 * ","
     )
+
+
+def test_the_covariance_is_written_as_its_upper_triangle(tmp_path):
+    half = np.triu(np.arange(36.0).reshape(6, 6) + 1.0)
+    epoch = _epoch(0)
+    sure = replace(epoch.estimate, covariance=half + np.triu(half, 1).T, protection_level=(0.12345, math.inf))
+    write_poses(tmp_path / "poses.csv", [replace(epoch, estimate=sure)])
+    with (tmp_path / "poses.csv").open() as file:
+        (row,) = csv.DictReader(file)
+    assert (row["protection_along"], row["protection_across"]) == ("0.1235", "")
+    assert (row["cov_x_x"], row["cov_x_y"], row["cov_y_y"], row["cov_heading_heading"]) == (
+        "1",
+        "2",
+        "8",
+        "36",
+    )
+    assert [float(row[name]) for name in COLUMNS if name.startswith("cov_")] == half[
+        np.triu_indices(6)
+    ].tolist()
 
 
 def test_a_reason_of_many_words_is_read_back_and_does_not_disturb_the_others(tmp_path):
