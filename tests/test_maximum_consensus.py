@@ -427,4 +427,4 @@ def test_memory_does_not_grow_from_epoch_to_epoch(search):
         held_after, _ = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    assert held_after - held < 20_000  # an accumulator of this space takes 64,000 bytes, a scan 4,800
+    assert held_after - held < 40_000  # an accumulator of this space takes 64,000 bytes, a scan 4,800

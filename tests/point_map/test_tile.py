@@ -116,7 +116,7 @@ def test_the_size_is_known_before_anything_is_made(n, height):
     assert "occupancy" not in vars(tile)
     index, occupancy = tile.index, tile.occupancy
     arrays = [tile.columns, tile.layers, tile.counts, tile.normals, tile.means]
-    arrays += [index.layers, index.patch_starts]
+    arrays += [index.layers, index.patch_starts, tile.layer_numbers]
     arrays += [occupancy.held, occupancy.numbers, occupancy.words, occupancy.firsts]
     assert told == sum(array.nbytes for array in arrays)
 

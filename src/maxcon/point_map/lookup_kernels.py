@@ -19,7 +19,7 @@ TILE_BITS, PATCH_BITS = TILE_VOXELS.bit_length() - 1, PATCH_VOXELS.bit_length() 
 INSIDE_TILE, INSIDE_PATCH = TILE_VOXELS - 1, PATCH_VOXELS - 1
 
 # Columns of a row of `VoxelLookup`.
-LAYERS, N_HELD, HELD, NUMBERS, WORDS, FIRSTS, NORMALS, COUNTS, MEANS = range(9)
+FIRST_LAYER, N_LAYERS, LAYERS, N_HELD, HELD, NUMBERS, WORDS, FIRSTS, NORMALS, COUNTS, MEANS = range(11)
 
 
 def _reading(item, llvm_item):
@@ -59,10 +59,13 @@ def find_voxel(x, y, z, rows, grid, corner):
     rows, grid, corner : of a `VoxelLookup`.
     """
     nowhere = np.uint64(0), np.uint64(0)
-    slot_x, slot_y, layer = (x >> TILE_BITS) - corner[0], (y >> TILE_BITS) - corner[1], z - corner[2]
-    if not (0 <= slot_x < grid.shape[1] and 0 <= slot_y < grid.shape[0] and 0 <= layer < corner[3]):
+    slot_x, slot_y = (x >> TILE_BITS) - corner[0], (y >> TILE_BITS) - corner[1]
+    if not (0 <= slot_x < grid.shape[1] and 0 <= slot_y < grid.shape[0]):
         return nowhere
     row = np.uint64(grid[slot_y, slot_x])
+    layer = z - np.int64(rows[row, FIRST_LAYER])
+    if not 0 <= layer < np.int64(rows[row, N_LAYERS]):
+        return nowhere
     number = np.int64(int32_at(rows[row, LAYERS], np.uint64(layer)))
     if number < 0:
         return nowhere

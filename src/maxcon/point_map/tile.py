@@ -182,6 +182,15 @@ class VoxelTile:
         bits = (occupancy.held, occupancy.numbers, occupancy.words, occupancy.firsts)
         return Addresses.of(*bits, normals, counts, self.means)
 
+    @cached_property
+    def layer_numbers(self) -> NDArray[np.int32]:
+        """Number of each height layer from the lowest to the highest, -1 where there is none; made when first asked."""
+        layers = self.index.layers
+        height = int(layers[-1]) - int(layers[0]) + 1 if len(layers) else 0
+        numbers = np.full(height, -1, np.int32)
+        numbers[layers - layers[:1]] = np.arange(len(layers))
+        return numbers
+
     @property
     def is_in_order(self) -> bool:
         """Whether columns lie inside the tile, and voxels in the order of the search: what it relies on."""
@@ -218,7 +227,7 @@ class VoxelTile:
     def n_bytes(self) -> int:
         """Memory this tile holds once its index and its occupancy are made."""
         arrays = (self.columns, self.layers, self.counts, self.normals, self.means)
-        index = (self.index.layers, self.index.patch_starts)
+        index = (self.index.layers, self.index.patch_starts, self.layer_numbers)
         n_words = TILE_PATCHES**2 * (len(self.index.layers) // WORD_BITS + 1)
         n_words += PATCH_WORDS * self._n_layers_and_patches[1]
         occupancy = n_words * (np.uint64().nbytes + np.int32().nbytes)

@@ -19,38 +19,39 @@ class VoxelLookup:
 
     Parameters
     ----------
-    rows : array, shape (n_tiles + 1, 9), uint64
-        For each tile addresses of: the number that each height layer has in it, -1 for none (int32); how many words
-        each column of patches has (a number, not an address); the tile's `Addresses`: occupancy, normals, counts,
-        means. The first row is for where there is no tile.
+    rows : array, shape (n_tiles + 1, 11), uint64
+        For each tile: z index of its lowest height layer, as the bits of an int64; how many layers there are from
+        there to the highest; the address of their numbers, -1 for none (int32); how many words each column of patches
+        has; the tile's `Addresses`: occupancy, normals, counts, means. The first row is for where there is no tile.
     grid : array, shape (ny, nx), int32
         Rows of the tiles, by their keys.
-    corner : tuple of 4 int
-        Key (x, y) of the grid's first tile; z index of the first height layer, and how many there are.
+    corner : tuple of 2 int
+        Key (x, y) of the grid's first tile.
     kept : tuple
         What lies at the addresses: it lives as long as the lookup.
     """
 
     rows: NDArray[np.uint64]
     grid: NDArray[np.int32]
-    corner: tuple[int, int, int, int]
+    corner: tuple[int, int]
     kept: tuple[NDArray[np.int32] | Addresses, ...]
 
     @classmethod
-    def of(cls, tiles: Sequence[VoxelTile], z_first: int, z_last: int) -> "VoxelLookup":
-        """Lookup in some tiles, for voxels of z index `z_first` to `z_last`."""
+    def of(cls, tiles: Sequence[VoxelTile]) -> "VoxelLookup":
+        """Lookup in some tiles."""
         keys = np.array([tile.key for tile in tiles], np.int64).reshape(-1, 2)
         low = keys.min(axis=0) if tiles else np.zeros(2, np.int64)
         nx, ny = keys.max(axis=0) - low + 1 if tiles else (0, 0)
         grid = np.zeros((int(ny), int(nx)), np.int32)
-        layers = np.full((len(tiles) + 1, z_last - z_first + 1), -1, np.int32)
-        rows = np.zeros((len(tiles) + 1, 9), np.uint64)
-        rows[:, 0] = layers.ctypes.data + layers.strides[0] * np.arange(len(layers))
+        rows = np.zeros((len(tiles) + 1, 11), np.uint64)
+        kept: list[NDArray[np.int32] | Addresses] = []
         for row, tile in enumerate(tiles, 1):
             grid[tile.key[1] - low[1], tile.key[0] - low[0]] = row
-            in_tile = tile.index.layers
-            first, end = np.searchsorted(in_tile, [z_first, z_last + 1])
-            layers[row, in_tile[first:end] - z_first] = np.arange(first, end)
-            rows[row, 1], rows[row, 2:] = tile.occupancy.held.shape[2], tile.addresses.values
-        corner = (int(low[0]), int(low[1]), z_first, z_last - z_first + 1)
-        return cls(rows, grid, corner, (layers, *(tile.addresses for tile in tiles)))
+            numbers = tile.layer_numbers
+            if not len(numbers):
+                continue
+            rows[row, 0] = np.int64(tile.index.layers[0]).view(np.uint64)
+            rows[row, 1:4] = len(numbers), numbers.ctypes.data, tile.occupancy.held.shape[2]
+            rows[row, 4:] = tile.addresses.values
+            kept += [numbers, tile.addresses]
+        return cls(rows, grid, (int(low[0]), int(low[1])), tuple(kept))

@@ -150,7 +150,4 @@ def refine(scan: Scan, point_map: PointMap, start: Pose) -> Refined:
 def _lookup(points: NDArray[np.float64], point_map: PointMap, start: Pose) -> VoxelLookup:
     """The voxels that partners of scan points, sensor frame, can be among."""
     placed = points @ start.rotation.T + start.position
-    tiles = point_map.tiles_around(placed[:, :2], REACH)
-    low, high = placed[:, 2].min(initial=start.z), placed[:, 2].max(initial=start.z)
-    z_first, z_last = (math.floor(z / point_map.cell) for z in (low - REACH, high + REACH))
-    return VoxelLookup.of(tiles, z_first, z_last)
+    return VoxelLookup.of(point_map.tiles_around(placed[:, :2], REACH))
