@@ -16,17 +16,29 @@ from maxcon.accumulator import Accumulator, highest
 from maxcon.errors import OptionError
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
+from maxcon.ground import fit_ground
 from maxcon.integrity import Trust, highest_beyond, invert, reasons_to_doubt_answer, reasons_to_doubt_scan
 from maxcon.objectives import BoundedByAxes, BoundedByCount, Helmert, Moments, Objective
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
-from maxcon.search import Found, Multiplicity, SearchMethod, Weighting, branch_and_bound, exhaustive
+from maxcon.search import (
+    Found,
+    Multiplicity,
+    SearchMethod,
+    Weighting,
+    accumulators,
+    branch_and_bound,
+    exhaustive,
+    highest_of,
+)
 from maxcon.search_space import Cell, SearchSpace
 
 __all__ = ["MaximumConsensus"]
 
 # Where every other place is to be known, however low it scores.
 LEAST_SHARE = 1e-6
+# Where the ground at the answer lies so much higher or lower than at the prior (m), it is searched again from there.
+OTHER_GROUND = 0.25
 
 
 @dataclass(frozen=True)
@@ -55,6 +67,9 @@ class MaximumConsensus:
     thinning : float
         One point of the scan is searched with in each cube of this edge, m; 0 for all, as published. Near surfaces
         have most of the points, and would outvote the far ones.
+    is_levelled : bool
+        Whether height, roll and pitch of the prior are first corrected by the ground, where the map has some and scan
+        and map agree on it; the heights of `space` are searched where they do not. Otherwise these are always searched.
 
     Raises
     ------
@@ -70,6 +85,7 @@ class MaximumConsensus:
     weighting: str | Weighting = Weighting.COSINE
     search: str | SearchMethod = SearchMethod.BRANCH_AND_BOUND
     thinning: float = 0.25
+    is_levelled: bool = True
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "multiplicity", Multiplicity.parse(self.multiplicity))
@@ -102,22 +118,51 @@ class MaximumConsensus:
         SearchSpaceError
             If the cell edge is not the map's, or the space is too large.
         """
+        estimate = self._search(scan, point_map, *self._start(scan, point_map, prior))
+        settled = self._settled(estimate, scan, point_map)
+        if abs(settled.pose.z - estimate.pose.z) > OTHER_GROUND:
+            estimate = self._search(scan, point_map, prior.levelled(settled.pose), self.space.plane)
+            settled = self._settled(estimate, scan, point_map)
+        return settled
+
+    def _start(self, scan: Scan, point_map: PointMap, prior: Pose) -> tuple[Pose, SearchSpace]:
+        """The prior on the ground and the cells of that height; the prior and all heights where it cannot be told."""
+        ground = fit_ground(scan, point_map, prior) if self.is_levelled else None
+        return (prior, self.space) if ground is None else (ground.pose, self.space.plane)
+
+    def _settled(self, estimate: Estimate, scan: Scan, point_map: PointMap) -> Estimate:
+        """The estimate on the ground of the place that was found, where that can be told."""
+        if not self.is_levelled or estimate.status is Status.NO_MATCH:
+            return estimate
+        ground = fit_ground(scan, point_map, estimate.pose)
+        return estimate if ground is None else replace(estimate, pose=ground.pose)
+
+    def _search(self, scan: Scan, point_map: PointMap, start: Pose, space: SearchSpace) -> Estimate:
+        """Find the best cell of a space around a start, and judge it."""
         has_bounds = isinstance(self.objective, BoundedByAxes | BoundedByCount)
         if self.search is SearchMethod.BRANCH_AND_BOUND and has_bounds:
-            answer = self._by_bounds(scan.thinned(self.thinning), point_map, prior)
+            answer = self._by_bounds(scan.thinned(self.thinning), point_map, start, space)
             if answer is not None:
-                return self._judge(answer, scan, point_map, prior)
-        return self.conclude(self.accumulate(scan, point_map, prior), scan, point_map)
+                return self._judge(answer, scan, point_map)
+        return self._conclude(self._accumulate(scan, point_map, start, space), scan, point_map)
 
     def accumulate(self, scan: Scan, point_map: PointMap, prior: Pose) -> Accumulator:
-        """Moments of every cell: what `conclude` decides on, and what plots show."""
-        return exhaustive(
-            scan.thinned(self.thinning), point_map, prior, self.space,
+        """Moments of every cell, of several heights of the best: what `conclude` decides on, and what plots show."""
+        return self._accumulate(scan, point_map, *self._start(scan, point_map, prior))
+
+    def _accumulate(self, scan: Scan, point_map: PointMap, start: Pose, space: SearchSpace) -> Accumulator:
+        heights = accumulators(
+            exhaustive, scan.thinned(self.thinning), point_map, start, space,
             multiplicity=self.multiplicity, weighting=self.weighting, n_threads=self.n_threads,
         )  # fmt: skip
+        return highest_of(heights, self.objective)[1]
 
     def conclude(self, accumulator: Accumulator, scan: Scan, point_map: PointMap) -> Estimate:
         """Take the best cell of an accumulator of this scan, and say how far it may be trusted."""
+        return self._settled(self._conclude(accumulator, scan, point_map), scan, point_map)
+
+    def _conclude(self, accumulator: Accumulator, scan: Scan, point_map: PointMap) -> Estimate:
+        """The same at the height, roll and pitch of the accumulator."""
         space, prior, moments = accumulator.space, accumulator.prior, accumulator.moments
         scores = accumulator.score(self.objective)
         cell = highest(scores, space)
@@ -128,36 +173,44 @@ class MaximumConsensus:
         helmert = scores if isinstance(self.objective, Helmert) else accumulator.score(Helmert())
         beyond = highest_beyond(helmert, cell, space, self.trust.guard_radius)
         runner_up = beyond / float(helmert[cell]) if helmert[cell] > 0.0 else math.inf
-        answer = _Answer(space, cell, float(scores[cell]), moments[cell], runner_up)
-        return self._judge(answer, scan, point_map, prior)
+        answer = _Answer(space, prior, cell, float(scores[cell]), moments[cell], runner_up)
+        return self._judge(answer, scan, point_map)
 
-    def _by_bounds(self, scan: Scan, point_map: PointMap, prior: Pose) -> "_Answer | None":
+    def _by_bounds(
+        self, scan: Scan, point_map: PointMap, prior: Pose, space: SearchSpace
+    ) -> "_Answer | None":
         """The best cell by branch and bound; None where nothing scores, and all cells have to be looked at."""
 
-        def search(objective: Objective, guarded: Cell | None = None) -> Found:
+        def search(
+            prior: Pose, space: SearchSpace, objective: Objective, guarded: Cell | None = None
+        ) -> Found:
             return branch_and_bound(
-                scan, point_map, prior, self.space, objective, multiplicity=self.multiplicity,
+                scan, point_map, prior, space, objective, multiplicity=self.multiplicity,
                 weighting=self.weighting, share=max(self.trust.largest_runner_up, LEAST_SHARE),
                 guard_radius=self.trust.guard_radius, guarded=guarded, n_threads=self.n_threads,
             )  # fmt: skip
 
-        found = search(self.objective)
+        found = search(prior, space, self.objective)
+        raised, plane = space.raised(prior, found.height), space.plane
         score = float(Helmert().score(found.moments))
         if score <= 0.0:
             return None
-        helmert = found if isinstance(self.objective, Helmert) else search(Helmert(), found.cell)
-        return _Answer(self.space, found.cell, found.score, found.moments, helmert.rest / score)
+        helmert = found
+        if not isinstance(self.objective, Helmert):
+            helmert = search(raised, plane, Helmert(), found.cell)
+        return _Answer(plane, raised, found.cell, found.score, found.moments, helmert.rest / score)
 
-    def _judge(self, answer: "_Answer", scan: Scan, point_map: PointMap, prior: Pose) -> Estimate:
+    def _judge(self, answer: "_Answer", scan: Scan, point_map: PointMap) -> Estimate:
         """Say how far the best cell may be trusted, and what casts doubt on it."""
-        space, cell, searched = answer.space, answer.cell, scan.thinned(self.thinning)
+        space, prior, cell = answer.space, answer.prior, answer.cell
+        searched = scan.thinned(self.thinning)
         _, nxx, nxy, nyy = (float(moment) for moment in answer.moments)
         is_determined, cofactor = invert(np.array([[nxx, nxy], [nxy, nyy]]))
-        share = _matched_share(answer, self.multiplicity, searched, point_map, prior)
+        share = _matched_share(answer, self.multiplicity, searched, point_map)
         status = self.trust.judge(
             is_determined=is_determined,
             share=share,
-            is_at_rim=space.is_at_rim(cell) or self._rises_beyond(answer, searched, point_map, prior),
+            is_at_rim=space.is_at_rim(cell) or self._rises_beyond(answer, searched, point_map),
             runner_up=answer.runner_up,
         )
         reasons = reasons_to_doubt_scan(scan, prior)
@@ -168,9 +221,9 @@ class MaximumConsensus:
             pose, answer.score, cell, status, cofactor, share, answer.runner_up, "; ".join(reasons)
         )
 
-    def _rises_beyond(self, answer: "_Answer", scan: Scan, point_map: PointMap, prior: Pose) -> bool:
+    def _rises_beyond(self, answer: "_Answer", scan: Scan, point_map: PointMap) -> bool:
         """Whether the best heading is the outermost, and one more step would score higher still."""
-        space, cell = answer.space, answer.cell
+        space, prior, cell = answer.space, answer.prior, answer.cell
         n_headings = space.shape[0]
         if n_headings == 1 or cell[0] not in (0, n_headings - 1):
             return False
@@ -186,9 +239,13 @@ class MaximumConsensus:
 
 @dataclass(frozen=True, slots=True)
 class _Answer:
-    """What a search found: its best cell with score and moments, and Helmert's score of the runner-up over its own."""
+    """What a search found: its best cell with score and moments, and Helmert's score of the runner-up over its own.
+
+    The space is of one height, around the prior raised to it.
+    """
 
     space: SearchSpace
+    prior: Pose
     cell: Cell
     score: float
     moments: Moments
@@ -196,11 +253,11 @@ class _Answer:
 
 
 def _matched_share(
-    answer: _Answer, multiplicity: str | Multiplicity, scan: Scan, point_map: PointMap, prior: Pose
+    answer: _Answer, multiplicity: str | Multiplicity, scan: Scan, point_map: PointMap
 ) -> float:
     """Share of the scan's points that match at a cell; a count of map points has to be counted anew."""
     if multiplicity == Multiplicity.OCCUPIED:
         return float(answer.moments[0]) / len(scan)
     here = SearchSpace(half_width=0.0, cell=answer.space.cell, heading_half_width_deg=0.0)
-    pose = answer.space.pose(answer.cell, prior)
+    pose = answer.space.pose(answer.cell, answer.prior)
     return float(exhaustive(scan, point_map, pose, here).moments[0, 0, 0, 0]) / len(scan)

@@ -4,18 +4,20 @@
 
 import math
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from maxcon.atomic import atomic_folder, check_replaceable
 from maxcon.errors import ArrayError, MapError, OptionError
 from maxcon.geometry.voxels import INDEX_LIMIT
 from maxcon.io.clouds import CloudHeader
 from maxcon.mapping.classes import DEFAULT_DROP, class_name, parse_classes
+from maxcon.mapping.ground import classified_ground, ground_among, level_surfaces
 from maxcon.mapping.sources import (
     SidedPoints,
     SourceCounts,
@@ -25,11 +27,12 @@ from maxcon.mapping.sources import (
     open_headers,
     read_source,
 )
-from maxcon.mapping.spill import TileSpill
+from maxcon.mapping.spill import GroundSpill, TileSpill
 from maxcon.mapping.tiles import TileMaker
 from maxcon.point_map import TILE_VOXELS, TileKey
-from maxcon.point_map.manifest import MAP_NAMES, Manifest, TileEntry, write_manifest
-from maxcon.point_map.store import write_tile
+from maxcon.point_map.ground import GroundTile
+from maxcon.point_map.manifest import MAP_NAMES, GroundEntry, Manifest, TileEntry, write_manifest
+from maxcon.point_map.store import write_ground, write_tile
 from maxcon.progress import Progress
 from maxcon.trajectory import Trajectory
 from maxcon.version import __version__
@@ -134,18 +137,22 @@ def build_map(
     with atomic_folder(out, overwrite=overwrite) as folder:
         spill_folder = folder / "points"
         spill_folder.mkdir()
-        spill = TileSpill(spill_folder, options.cell)
+        spill, ground_spill = TileSpill(spill_folder, options.cell), GroundSpill(spill_folder, options.cell)
         has_sides = options.trajectory is not None or options.normals_have_sides
         use_normals = has_sides and all(header.has_normals for header in headers)
         origin = _origin(headers, options.cell)
-        counts = _sort_into_tiles(headers, origin, spill, options, use_normals, report)
+        counts = _sort_into_tiles(headers, origin, spill, ground_spill, options, use_normals, report)
         is_signed = options.trajectory is not None or use_normals
         maker = TileMaker(spill, spill_folder, options.cell, has_normals=use_normals, is_signed=is_signed)
         n_threads = n_threads or min(MOST_THREADS, os.cpu_count() or 1)
-        entries = _make_tiles(folder, maker, spill.keys, n_threads, report)
+        surfaces: dict[TileKey, NDArray[np.float32]] | None = None if ground_spill.keys else {}
+        entries = _make_tiles(folder, maker, spill.keys, surfaces, n_threads, report)
+        ground = _make_ground(folder, ground_spill, surfaces, options.cell)
         spill_folder.rmdir()
-        build = _description(counts, drop, use_normals)
-        manifest = Manifest(options.cell, origin, crs, is_signed, tuple(entries), build)
+        build = _description(
+            counts, drop, use_normals, "of its classes" if surfaces is None else "of level surfaces"
+        )
+        manifest = Manifest(options.cell, origin, crs, is_signed, tuple(entries), build, tuple(ground))
         write_manifest(folder, manifest)
     return manifest
 
@@ -180,6 +187,7 @@ def _sort_into_tiles(
     headers: Sequence[CloudHeader],
     origin: tuple[float, float, float],
     spill: TileSpill,
+    ground: GroundSpill,
     options: MapOptions,
     use_normals: bool,
     report: Progress,
@@ -193,9 +201,10 @@ def _sort_into_tiles(
         for part in read_source(
             header, counted, drop, options.trajectory, use_normals=use_normals, keep_every=options.keep_every
         ):
-            _add(spill, part, origin, header, options.cell)
+            _add(spill, ground, part, origin, header, options.cell)
             report("reading points", sum(source.n_points for source in counts), n_total)
     spill.flush()
+    ground.flush()
     if not spill.keys:
         n_read = sum(source.n_points for source in counts)
         n_read -= sum(source.n_thinned for source in counts)
@@ -212,6 +221,7 @@ def _sort_into_tiles(
 
 def _add(
     spill: TileSpill,
+    ground: GroundSpill,
     part: SidedPoints,
     origin: tuple[float, float, float],
     header: CloudHeader,
@@ -219,6 +229,7 @@ def _add(
 ) -> None:
     try:
         spill.add(part.points - origin, part.sides)
+        ground.add(part.ground - origin)
     except ArrayError as error:
         raise MapError(
             f"Expected all points within {INDEX_LIMIT * cell:.3g} m ({INDEX_LIMIT:,} voxels) of the first, got"
@@ -227,16 +238,31 @@ def _add(
 
 
 def _make_tiles(
-    folder: Path, maker: TileMaker, keys: Sequence[TileKey], n_threads: int, report: Progress
+    folder: Path,
+    maker: TileMaker,
+    keys: Sequence[TileKey],
+    surfaces: dict[TileKey, NDArray[np.float32]] | None,
+    n_threads: int,
+    report: Progress,
 ) -> list[TileEntry]:
-    """Make and write every tile, several at a time, in two rounds: a tile's normals need its neighbours."""
+    """Make and write every tile, several at a time, in two rounds: a tile's normals need its neighbours.
+
+    surfaces : the level surfaces of each tile, out, or None if they are not asked for.
+    """
+
+    def make(key: TileKey) -> TileEntry:
+        tile = maker.make(key)
+        if surfaces is not None:
+            surfaces[key] = level_surfaces(tile, maker.cell)
+        return write_tile(folder, tile)
+
     n_steps = 2 * len(keys)
     with ThreadPoolExecutor(n_threads) as pool:
         try:
             for done, _ in enumerate(pool.map(maker.gather, keys), 1):
                 report("making tiles", done, n_steps)
             entries = []
-            for entry in pool.map(lambda key: write_tile(folder, maker.make(key)), keys):
+            for entry in pool.map(make, keys):
                 entries.append(entry)
                 report("making tiles", len(keys) + len(entries), n_steps)
         except BaseException:
@@ -246,13 +272,26 @@ def _make_tiles(
     return entries
 
 
+def _make_ground(
+    folder: Path, spill: GroundSpill, surfaces: dict[TileKey, NDArray[np.float32]] | None, cell: float
+) -> list[GroundEntry]:
+    """Make and write the ground of every tile: of classified points, or else, given these, of level surfaces."""
+    tiles: Iterator[GroundTile]
+    if surfaces is None:
+        tiles = (classified_ground(spill, key, cell) for key in spill.keys)
+    else:
+        tiles = (ground_among(surfaces, key, cell) for key in sorted(surfaces))
+    return [write_ground(folder, tile) for tile in tiles if tile.n_heights]
+
+
 def _description(
-    counts: Sequence[SourceCounts], drop: frozenset[int], use_normals: bool
+    counts: Sequence[SourceCounts], drop: frozenset[int], use_normals: bool, ground: str
 ) -> dict[str, object]:
     """What the manifest says of how the map was made."""
     return {
         "program": f"maxcon {__version__}",
         "normals": "of the sources" if use_normals else "from neighbourhoods",
+        "ground": ground,
         "drop": {str(number): class_name(number) for number in sorted(drop)},
         "sources": [
             {

@@ -75,8 +75,8 @@ METHOD_SETS: dict[str, tuple[str, ...]] = {
 
 DEFAULT_SETS = ("consensus", "baselines")
 
-AS_PUBLISHED: dict[str, Any] = {"weighting": "published", "thinning": 0.0}
-"""A scan point without a normal constrains nothing, and all of them are searched with."""
+AS_PUBLISHED: dict[str, Any] = {"weighting": "published", "thinning": 0.0, "is_levelled": False}
+"""A scan point without a normal constrains nothing, all of them are searched with, and the prior's height is right."""
 
 
 def known_methods(space: SearchSpace) -> dict[str, StudyMethod]:
