@@ -60,7 +60,8 @@ def on(ground, x=0.0, y=0.0, heading=0.0):
     """The pose of a sensor above a ground, upright on it."""
     step = 0.5
     slope_x, slope_y = (
-        (ground(x + dx, y + dy) - ground(x - dx, y - dy)) / (2.0 * step) for dx, dy in ((step, 0.0), (0.0, step))
+        (ground(x + dx, y + dy) - ground(x - dx, y - dy)) / (2.0 * step)
+        for dx, dy in ((step, 0.0), (0.0, step))
     )
     c, s = math.cos(heading), math.sin(heading)
     along, across = c * slope_x + s * slope_y, -s * slope_x + c * slope_y
@@ -73,7 +74,9 @@ def scan_of(ground, pose, *, cars=0.0, n_rings=40, noise=0.02, seed=0, sector=ma
     rng = np.random.default_rng(seed)
     azimuths, distances = (
         grid.ravel()
-        for grid in np.meshgrid(np.radians(np.arange(0.0, 360.0, 0.5)), HEIGHT / np.tan(np.linspace(0.05, 0.7, n_rings)))
+        for grid in np.meshgrid(
+            np.radians(np.arange(0.0, 360.0, 0.5)), HEIGHT / np.tan(np.linspace(0.05, 0.7, n_rings))
+        )
     )
     is_seen = np.abs((azimuths - pose.heading + math.pi) % (2.0 * math.pi) - math.pi) <= sector
     azimuths, distances = azimuths[is_seen], distances[is_seen]
@@ -92,7 +95,10 @@ def tilt_between(one, other):
 
 def off_by(pose, height, roll_deg, pitch_deg):
     return replace(
-        pose, z=pose.z + height, roll=pose.roll + math.radians(roll_deg), pitch=pose.pitch + math.radians(pitch_deg)
+        pose,
+        z=pose.z + height,
+        roll=pose.roll + math.radians(roll_deg),
+        pitch=pose.pitch + math.radians(pitch_deg),
     )
 
 
@@ -108,7 +114,9 @@ def off_by(pose, height, roll_deg, pitch_deg):
 @settings(max_examples=60, deadline=None)
 def test_height_and_tilt_of_a_prior_are_corrected(ground, height, roll_deg, pitch_deg, heading, cars, seed):
     pose = on(ground, heading=heading)
-    fit = fit_ground(scan_of(ground, pose, cars=cars, seed=seed), MAPS[ground], off_by(pose, height, roll_deg, pitch_deg))
+    fit = fit_ground(
+        scan_of(ground, pose, cars=cars, seed=seed), MAPS[ground], off_by(pose, height, roll_deg, pitch_deg)
+    )
     assert fit is not None
     assert abs(fit.pose.z - pose.z) < 0.05
     assert tilt_between(fit.pose, pose) < 0.25
@@ -141,7 +149,9 @@ def test_a_right_prior_stays():
 
 def test_a_narrow_view_tells_less_of_the_tilt():
     pose = on(flat)
-    wide, narrow = (fit_ground(scan_of(flat, pose, sector=sector), MAPS[flat], pose) for sector in (math.pi, 0.3))
+    wide, narrow = (
+        fit_ground(scan_of(flat, pose, sector=sector), MAPS[flat], pose) for sector in (math.pi, 0.3)
+    )
     assert narrow.sigma_tilt > 2.0 * wide.sigma_tilt
     assert abs(narrow.height) < 0.05
 

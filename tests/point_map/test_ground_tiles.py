@@ -30,7 +30,9 @@ CELL = 0.06
 WALL = np.array([[1.0, 2.0, 1.0], [31.0, 2.0, 1.0]])
 
 
-@pytest.mark.parametrize(("cell", "voxels"), [(0.03, 16), (0.06, 8), (0.1, 4), (0.12, 4), (0.5, 1), (3.0, 1), (1e-4, 512)])
+@pytest.mark.parametrize(
+    ("cell", "voxels"), [(0.03, 16), (0.06, 8), (0.1, 4), (0.12, 4), (0.5, 1), (3.0, 1), (1e-4, 512)]
+)
 def test_cells_of_the_ground_are_of_about_half_a_metre_and_make_up_a_tile(cell, voxels):
     assert ground_voxels(cell) == voxels
     assert TILE_VOXELS % voxels == 0
@@ -130,7 +132,8 @@ def test_ground_on_disk_is_that_in_memory(on_disk):
         np.testing.assert_array_equal(store.load(key).heights, ground.load(key).heights)
         assert store.load(key) is store.load(key)
     np.testing.assert_array_equal(
-        point_map.ground_around(30.0, 10.0, 20.0).heights, ground_patch(ground, CELL, 30.0, 10.0, 20.0).heights
+        point_map.ground_around(30.0, 10.0, 20.0).heights,
+        ground_patch(ground, CELL, 30.0, 10.0, 20.0).heights,
     )
 
 
