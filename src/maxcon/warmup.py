@@ -113,7 +113,7 @@ def _floor() -> NDArray[np.float64]:
 
 
 def _scan() -> Scan:
-    return Scan(_room()[0])
+    return Scan(np.concatenate([_room()[0], _floor()]))
 
 
 def _build(folder: Path) -> None:

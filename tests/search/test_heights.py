@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""A search over heights: exhaustive equals the definition, and branch and bound the exhaustive one (D7, decision 17)."""
+"""A search over heights: exhaustive equals the definition, and branch and bound the exhaustive one (D7)."""
 
 from dataclasses import replace
 

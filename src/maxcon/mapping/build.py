@@ -4,20 +4,19 @@
 
 import math
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from maxcon.atomic import atomic_folder, check_replaceable
 from maxcon.errors import ArrayError, MapError, OptionError
 from maxcon.geometry.voxels import INDEX_LIMIT
 from maxcon.io.clouds import CloudHeader
 from maxcon.mapping.classes import DEFAULT_DROP, class_name, parse_classes
-from maxcon.mapping.ground import classified_ground, ground_among, level_surfaces
+from maxcon.mapping.ground import GroundMaker
 from maxcon.mapping.sources import (
     SidedPoints,
     SourceCounts,
@@ -30,8 +29,7 @@ from maxcon.mapping.sources import (
 from maxcon.mapping.spill import GroundSpill, TileSpill
 from maxcon.mapping.tiles import TileMaker
 from maxcon.point_map import TILE_VOXELS, TileKey
-from maxcon.point_map.ground import GroundTile
-from maxcon.point_map.manifest import MAP_NAMES, GroundEntry, Manifest, TileEntry, write_manifest
+from maxcon.point_map.manifest import MAP_NAMES, Manifest, TileEntry, write_manifest
 from maxcon.point_map.store import write_ground, write_tile
 from maxcon.progress import Progress
 from maxcon.trajectory import Trajectory
@@ -145,14 +143,12 @@ def build_map(
         is_signed = options.trajectory is not None or use_normals
         maker = TileMaker(spill, spill_folder, options.cell, has_normals=use_normals, is_signed=is_signed)
         n_threads = n_threads or min(MOST_THREADS, os.cpu_count() or 1)
-        surfaces: dict[TileKey, NDArray[np.float32]] | None = None if ground_spill.keys else {}
-        entries = _make_tiles(folder, maker, spill.keys, surfaces, n_threads, report)
-        ground = _make_ground(folder, ground_spill, surfaces, options.cell)
+        ground_maker = GroundMaker(ground_spill, options.cell)
+        entries = _make_tiles(folder, maker, ground_maker, spill.keys, n_threads, report)
+        ground = tuple(write_ground(folder, tile) for tile in ground_maker.tiles())
         spill_folder.rmdir()
-        build = _description(
-            counts, drop, use_normals, "of its classes" if surfaces is None else "of level surfaces"
-        )
-        manifest = Manifest(options.cell, origin, crs, is_signed, tuple(entries), build, tuple(ground))
+        build = _description(counts, drop, use_normals, ground_maker.origin)
+        manifest = Manifest(options.cell, origin, crs, is_signed, tuple(entries), build, ground)
         write_manifest(folder, manifest)
     return manifest
 
@@ -240,20 +236,16 @@ def _add(
 def _make_tiles(
     folder: Path,
     maker: TileMaker,
+    ground: GroundMaker,
     keys: Sequence[TileKey],
-    surfaces: dict[TileKey, NDArray[np.float32]] | None,
     n_threads: int,
     report: Progress,
 ) -> list[TileEntry]:
-    """Make and write every tile, several at a time, in two rounds: a tile's normals need its neighbours.
-
-    surfaces : the level surfaces of each tile, out, or None if they are not asked for.
-    """
+    """Make and write every tile, several at a time, in two rounds: a tile's normals need its neighbours."""
 
     def make(key: TileKey) -> TileEntry:
         tile = maker.make(key)
-        if surfaces is not None:
-            surfaces[key] = level_surfaces(tile, maker.cell)
+        ground.look_at(tile)
         return write_tile(folder, tile)
 
     n_steps = 2 * len(keys)
@@ -270,18 +262,6 @@ def _make_tiles(
             raise
     maker.clear(keys)
     return entries
-
-
-def _make_ground(
-    folder: Path, spill: GroundSpill, surfaces: dict[TileKey, NDArray[np.float32]] | None, cell: float
-) -> list[GroundEntry]:
-    """Make and write the ground of every tile: of classified points, or else, given these, of level surfaces."""
-    tiles: Iterator[GroundTile]
-    if surfaces is None:
-        tiles = (classified_ground(spill, key, cell) for key in spill.keys)
-    else:
-        tiles = (ground_among(surfaces, key, cell) for key in sorted(surfaces))
-    return [write_ground(folder, tile) for tile in tiles if tile.n_heights]
 
 
 def _description(

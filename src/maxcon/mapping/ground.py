@@ -3,7 +3,8 @@
 """The ground grid of a map: of points that are classified as ground, or else of surfaces that may be (decision 17)."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from maxcon.mapping.spill import GroundSpill
 from maxcon.point_map import TILE_VOXELS, TileKey, VoxelTile
 from maxcon.point_map.ground import GroundTile, ground_of_points, ground_voxels
 
-__all__ = ["classified_ground", "ground_among", "level_surfaces"]
+__all__ = ["GroundMaker", "ground_among", "level_surfaces"]
 
 # A surface that may be ground is level to within this, and its voxels number at least so many in a cell.
 LEVEL = math.cos(math.radians(20.0))
@@ -23,12 +24,43 @@ STEEPEST = 0.25
 CLEARANCE = 0.3
 
 
-def classified_ground(spill: GroundSpill, key: TileKey, cell: float) -> GroundTile:
-    """Ground of a tile from its points of a ground class; their records are removed."""
-    records = np.concatenate(list(spill.records(key)))
-    spill.remove(key)
-    n = TILE_VOXELS // ground_voxels(cell)
-    return GroundTile(key, ground_of_points(records["column"], records["height"], n))
+class GroundMaker:
+    """Makes the ground of tiles. First `look_at` every tile of voxels, then take all `tiles` of ground.
+
+    Parameters
+    ----------
+    spill : GroundSpill
+        Points of ground classes; if there are none, the ground is made of level surfaces.
+    cell : float
+        Voxel edge, m.
+    """
+
+    def __init__(self, spill: GroundSpill, cell: float) -> None:
+        self._spill = spill
+        self._cell = cell
+        self._surfaces: dict[TileKey, NDArray[np.float32]] = {}
+
+    @property
+    def origin(self) -> str:
+        """What the ground is made of, in words."""
+        return "of its classes" if self._spill.keys else "of level surfaces"
+
+    def look_at(self, tile: VoxelTile) -> None:
+        """Take note of the level surfaces of a tile, if they are needed; from any thread."""
+        if not self._spill.keys:
+            self._surfaces[tile.key] = level_surfaces(tile, self._cell)
+
+    def tiles(self) -> Iterator[GroundTile]:
+        """Yield the ground of all tiles that have some; points are removed as they are read."""
+        made = (self._classified(key) for key in self._spill.keys)
+        among = (ground_among(self._surfaces, key, self._cell) for key in sorted(self._surfaces))
+        return (tile for tile in chain(made, among) if tile.n_heights)
+
+    def _classified(self, key: TileKey) -> GroundTile:
+        records = np.concatenate(list(self._spill.records(key)))
+        self._spill.remove(key)
+        n = TILE_VOXELS // ground_voxels(self._cell)
+        return GroundTile(key, ground_of_points(records["column"], records["height"], n))
 
 
 def level_surfaces(tile: VoxelTile, cell: float) -> NDArray[np.float32]:

@@ -31,11 +31,6 @@ class TileMaker:
         Whether the points' sides are their normals; otherwise planes are fitted.
     is_signed : bool
         Whether normals are turned to the points' sides.
-
-    Attributes
-    ----------
-    cell : float
-        Voxel edge, m.
     """
 
     def __init__(
@@ -43,7 +38,7 @@ class TileMaker:
     ) -> None:
         self._spill = spill
         self._folder = folder
-        self.cell = cell
+        self._cell = cell
         self._has_normals = has_normals
         self._is_signed = is_signed
         self._keys = frozenset(spill.keys)
@@ -63,7 +58,7 @@ class TileMaker:
             moments = VoxelMoments.concatenate([own, *self._halo(key)])
             x, y = moments.indices[:, 0], moments.indices[:, 1]
             is_own = (x >= 0) & (x < TILE_VOXELS) & (y >= 0) & (y < TILE_VOXELS)
-            fitted = plane_normals(moments, self.cell, is_own)[is_own]
+            fitted = plane_normals(moments, self._cell, is_own)[is_own]
             normals = (turn_to_side(fitted, own.sides) if self._is_signed else fitted).astype(np.float32)
         return tile_of_voxels(
             key,
@@ -71,7 +66,7 @@ class TileMaker:
             np.ascontiguousarray(own.indices[:, 2]),
             own.counts.astype(np.int32),
             normals,
-            mean_steps(own.sums, own.counts, self.cell),
+            mean_steps(own.sums, own.counts, self._cell),
         )
 
     def clear(self, keys: Sequence[TileKey]) -> None:

@@ -99,8 +99,7 @@ class BoundedSearch:
     n_threads : int
         Headings are shared out among that many threads.
     standing : Standing, optional
-        What a cell must score at least, and where the axis to begin with comes from. If none scores that, some cell
-        is found that scores less, or none, with a score of minus infinity.
+        What a cell must score at least. If none does, some cell is found, or none, with a score of minus infinity.
     highest_left_out : float
         Most that cells can score which were left out so far.
     """
