@@ -110,6 +110,14 @@ def test_without_ground_the_height_is_searched(yard, search):
     assert here.score < estimate.score
 
 
+@pytest.mark.parametrize("search", ["branch and bound", "exhaustive"])
+def test_the_outermost_height_is_the_rim(yard, search):
+    scan, _, without, truth = yard
+    method = MaximumConsensus(replace(SPACE, height_half_width=0.3), search=search)
+    assert method.localize(scan, without, wrong(truth, 0.42)).status is Status.AT_RIM
+    assert method.localize(scan, without, wrong(truth, 0.24)).status is Status.LOCALIZED
+
+
 def test_with_ground_heights_are_not_searched(yard, monkeypatch):
     scan, point_map, without, truth = yard
     heights = []

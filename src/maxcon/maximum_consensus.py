@@ -140,11 +140,17 @@ class MaximumConsensus:
     def _search(self, scan: Scan, point_map: PointMap, start: Pose, space: SearchSpace) -> Estimate:
         """Find the best cell of a space around a start, and judge it."""
         has_bounds = isinstance(self.objective, BoundedByAxes | BoundedByCount)
+        answer = None
         if self.search is SearchMethod.BRANCH_AND_BOUND and has_bounds:
             answer = self._by_bounds(scan.thinned(self.thinning), point_map, start, space)
-            if answer is not None:
-                return self._judge(answer, scan, point_map)
-        return self._conclude(self._accumulate(scan, point_map, start, space), scan, point_map)
+        if answer is not None:
+            estimate = self._judge(answer, scan, point_map)
+        else:
+            estimate = self._conclude(self._accumulate(scan, point_map, start, space), scan, point_map)
+        is_outermost = abs(estimate.pose.z - start.z) > space.height_half_width - 0.5 * space.cell
+        if space.n_heights > 1 and is_outermost and estimate.is_localized:
+            return replace(estimate, status=Status.AT_RIM)
+        return estimate
 
     def accumulate(self, scan: Scan, point_map: PointMap, prior: Pose) -> Accumulator:
         """Moments of every cell, of several heights of the best: what `conclude` decides on, and what plots show."""
