@@ -63,7 +63,7 @@ def test_a_bridge_is_another_level(tmp_path, cloud_files):
     below = surface((1.0, 6.0), (1.0, 6.0), lambda x, y: 0.0 * x)
     above = surface((1.0, 6.0), (1.0, 6.0), lambda x, y: 0.0 * x + 5.0)
     points = np.concatenate([below, above, wall(7.0)])
-    classes = np.repeat([2, 2, 6], [len(below), len(above), len(points) - len(below) - len(above)])
+    classes = np.repeat([2, 17, 6], [len(below), len(above), len(points) - len(below) - len(above)])
     build_map([cloud_files.las(tmp_path / "a.las", points, classes)], tmp_path / "a.map")
     point_map = PointMap.open(tmp_path / "a.map")
     local = point_map.frame.to_local([ORIGIN + [3.0, 3.0, 0.0]])[0]

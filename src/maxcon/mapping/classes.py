@@ -33,7 +33,8 @@ GROUPS: dict[str, tuple[str, ...]] = {
 
 DEFAULT_DROP = ("ground", "vegetation", "noise", "temporal-exclusion")
 
-GROUND = frozenset(CLASS_NAMES["ground"])
+# What vehicles drive on: its heights are kept, whether its points are dropped or not.
+GROUND = frozenset(CLASS_NAMES["ground"] + CLASS_NAMES["bridge"])
 UNCLASSIFIED = frozenset(CLASS_NAMES["unclassified"])
 LARGEST_CLASS = 255
 

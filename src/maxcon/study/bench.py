@@ -212,7 +212,8 @@ class _SharedAccumulators:
             start = time.perf_counter()
             self._scan.thinned(method.thinning)
             self._thinning_ms[method.thinning] = 1e3 * (time.perf_counter() - start)
-        key = (map_name, replace(method, objective=Helmert()), prior)
+        is_shared = method.space.n_heights == 1  # of several heights each objective takes its own
+        key = (map_name, replace(method, objective=Helmert()) if is_shared else method, prior)
         if key not in self._found:
             start = time.perf_counter()
             accumulator = method.accumulate(self._scan, point_map, prior)
