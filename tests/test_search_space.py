@@ -253,3 +253,29 @@ def test_covariances_that_are_none(covariance, words):
 def test_numbers_that_make_no_space_of_a_covariance(options, words):
     with pytest.raises(SearchSpaceError, match=words):
         SearchSpace.from_covariance(np.diag([1.0, 1.0, 0.01]), **options)
+
+
+def test_heights_lie_around_the_prior_in_whole_cells():
+    space = SearchSpace(height_half_width=0.18)
+    assert space.n_heights == 7
+    np.testing.assert_allclose(space.heights, [-0.18, -0.12, -0.06, 0.0, 0.06, 0.12, 0.18])
+    assert space.shape == SearchSpace().shape
+    assert space.n_cells == 7 * 90_000
+    assert space.plane == SearchSpace()
+    assert [pose.z for pose in space.priors(PRIOR)] == (PRIOR.z + space.heights).tolist()
+    raised = space.raised(PRIOR, 5)
+    assert raised.z == pytest.approx(PRIOR.z + 0.12)
+    assert (raised.x, raised.roll, raised.heading) == (PRIOR.x, PRIOR.roll, PRIOR.heading)
+
+
+def test_by_default_there_is_one_height():
+    space = SearchSpace()
+    assert (space.n_heights, space.heights.tolist()) == (1, [0.0])
+    assert space.raised(PRIOR, 0) == PRIOR
+    assert space.plane == space
+
+
+@pytest.mark.parametrize(("half_width", "words"), [(1.0, "1.02 m"), (-0.06, ">= 0"), (math.inf, "inf")])
+def test_height_half_widths_that_are_none(half_width, words):
+    with pytest.raises(SearchSpaceError, match=words):
+        SearchSpace(height_half_width=half_width)

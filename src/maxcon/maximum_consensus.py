@@ -16,26 +16,31 @@ import numpy as np
 from maxcon.accumulator import Accumulator, highest
 from maxcon.errors import OptionError
 from maxcon.estimate import Estimate, Status
+from maxcon.examination import examine
 from maxcon.geometry import Pose
-from maxcon.integrity import (
-    Trust,
-    highest_beyond,
-    invert,
-    protection_level,
-    reasons_to_doubt_answer,
-    reasons_to_doubt_scan,
-)
+from maxcon.ground import GroundFit, fit_ground
+from maxcon.integrity import Trust, highest_beyond, invert, reasons_to_doubt_answer, reasons_to_doubt_scan
 from maxcon.objectives import BoundedByAxes, BoundedByCount, Helmert, Moments, Objective
 from maxcon.point_map import PointMap
-from maxcon.refine import covariance, least_wall_share, refine
 from maxcon.scan import Scan
-from maxcon.search import Found, Multiplicity, SearchMethod, Weighting, branch_and_bound, exhaustive
+from maxcon.search import (
+    Found,
+    Multiplicity,
+    SearchMethod,
+    Weighting,
+    accumulators,
+    branch_and_bound,
+    exhaustive,
+    highest_of,
+)
 from maxcon.search_space import Cell, SearchSpace
 
 __all__ = ["MaximumConsensus"]
 
 # Where every other place is to be known, however low it scores.
 LEAST_SHARE = 1e-6
+# Where the ground at the answer lies so much higher or lower than at the prior (m), it is searched again from there.
+OTHER_GROUND = 0.25
 
 
 @dataclass(frozen=True)
@@ -72,6 +77,9 @@ class MaximumConsensus:
         where the prior is certain to hold the true pose.
     risk : float
         The error may be larger than the protection level with at most this probability.
+    is_levelled : bool
+        Whether height, roll and pitch of the prior are first corrected by the ground, where the map has some and scan
+        and map agree on it; the heights of `space` are searched where they do not. Otherwise these are always searched.
 
     Raises
     ------
@@ -90,6 +98,7 @@ class MaximumConsensus:
     refinement: bool = True
     wider: float = 12.0
     risk: float = 0.01
+    is_levelled: bool = True
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "multiplicity", Multiplicity.parse(self.multiplicity))
@@ -128,129 +137,138 @@ class MaximumConsensus:
         SearchSpaceError
             If the cell edge is not the map's, or the space is too large.
         """
+        found = self._search(scan, point_map, *self._start(scan, point_map, prior))
+        ground = self._ground_at(found, scan, point_map)
+        if ground is not None and abs(ground.height) > OTHER_GROUND:
+            found = self._search(scan, point_map, prior.levelled(ground.pose), self.space.plane)
+            ground = self._ground_at(found, scan, point_map)
+        return self._settle(found, ground, scan, point_map)
+
+    def _start(self, scan: Scan, point_map: PointMap, prior: Pose) -> tuple[Pose, SearchSpace]:
+        """The prior on the ground and the cells of that height; the prior and all heights where it cannot be told."""
+        ground = fit_ground(scan, point_map, prior) if self.is_levelled else None
+        return (prior, self.space) if ground is None else (ground.pose, self.space.plane)
+
+    def _ground_at(self, found: Estimate, scan: Scan, point_map: PointMap) -> GroundFit | None:
+        """The ground of the place that was found, where that can be told."""
+        if not self.is_levelled or found.status is Status.NO_MATCH:
+            return None
+        return fit_ground(scan, point_map, found.pose)
+
+    def _search(self, scan: Scan, point_map: PointMap, start: Pose, space: SearchSpace) -> Estimate:
+        """Find the best cell of a space around a start, and judge it."""
+        answer = None
         if self.search is SearchMethod.BRANCH_AND_BOUND and self._has_bounds:
-            answer = self._by_bounds(scan.thinned(self.thinning), point_map, prior)
-            if answer is not None:
-                judged = self._judge(answer, scan, point_map, prior)
-                return self._examine(judged, scan, point_map)
-        return self.conclude(self.accumulate(scan, point_map, prior), scan, point_map)
+            answer = self._by_bounds(scan.thinned(self.thinning), point_map, start, space)
+        if answer is not None:
+            estimate = self._judge(answer, scan, point_map)
+        else:
+            estimate = self._conclude(self._accumulate(scan, point_map, start, space), scan, point_map)
+        is_outermost = abs(estimate.pose.z - start.z) > space.height_half_width - 0.5 * space.cell
+        if space.n_heights > 1 and is_outermost and estimate.is_localized:
+            return replace(estimate, status=Status.AT_RIM)
+        return estimate
+
+    def _settle(self, found: Estimate, ground: GroundFit | None, scan: Scan, point_map: PointMap) -> Estimate:
+        """Lay an answer on its ground, adjust it to the map, and search wider where it is in doubt (D12)."""
+        if not self.refinement:
+            return found if ground is None else replace(found, pose=ground.pose)
+        # A street that leaves a direction open does so from farther around too.
+        is_open = found.status is Status.UNDETERMINED and found.share >= self.trust.least_share
+        examined = examine(found, ground, scan, point_map, self.trust, self.risk)
+        return examined if examined.is_localized or is_open else self._search_wider(examined, scan, point_map)
+
+    def _search_wider(self, doubted: Estimate, scan: Scan, point_map: PointMap) -> Estimate:
+        """Search all around an answer in doubt: the same place may win there too, or another one.
+
+        What wins is examined in its turn; the same place needs less evidence then.
+        """
+        half_width = math.floor(self.wider / point_map.cell + 1e-9) * point_map.cell
+        if half_width <= self.space.half_width:
+            return doubted
+        space = replace(self.space.plane, half_width=half_width)
+        wide = self if self._has_bounds else replace(self, objective=Helmert())
+        answer = wide._by_bounds(scan.thinned(self.thinning), point_map, doubted.pose, space)
+        if answer is None:
+            return doubted
+        found = wide._judge(answer, scan, point_map)
+        moved = math.hypot(found.pose.x - doubted.pose.x, found.pose.y - doubted.pose.y)
+        is_same = doubted.status is not Status.NO_MATCH and moved <= self.trust.guard_radius
+        ground = self._ground_at(found, scan, point_map)
+        examined = examine(found, ground, scan, point_map, self.trust, self.risk, is_confirmed=is_same)
+        score = float(self.objective.score(answer.moments))
+        return replace(examined, score=score, cell=doubted.cell if is_same else None, was_widened=True)
+
+    @property
+    def _has_bounds(self) -> bool:
+        return isinstance(self.objective, BoundedByAxes | BoundedByCount)
 
     def accumulate(self, scan: Scan, point_map: PointMap, prior: Pose) -> Accumulator:
-        """Moments of every cell: what `conclude` decides on, and what plots show."""
-        return exhaustive(
-            scan.thinned(self.thinning), point_map, prior, self.space,
+        """Moments of every cell, of several heights of the best: what `conclude` decides on, and what plots show."""
+        return self._accumulate(scan, point_map, *self._start(scan, point_map, prior))
+
+    def _accumulate(self, scan: Scan, point_map: PointMap, start: Pose, space: SearchSpace) -> Accumulator:
+        heights = accumulators(
+            exhaustive, scan.thinned(self.thinning), point_map, start, space,
             multiplicity=self.multiplicity, weighting=self.weighting, n_threads=self.n_threads,
         )  # fmt: skip
+        return highest_of(heights, self.objective)[1]
 
     def conclude(self, accumulator: Accumulator, scan: Scan, point_map: PointMap) -> Estimate:
-        """Take the best cell of an accumulator of this scan, refine and examine its pose: what `localize` answers."""
+        """Take the best cell of an accumulator of this scan, and settle its pose: what `localize` answers."""
+        found = self._conclude(accumulator, scan, point_map)
+        return self._settle(found, self._ground_at(found, scan, point_map), scan, point_map)
+
+    def _conclude(self, accumulator: Accumulator, scan: Scan, point_map: PointMap) -> Estimate:
+        """Say how far the best cell of an accumulator may be trusted."""
         space, prior, moments = accumulator.space, accumulator.prior, accumulator.moments
         scores = accumulator.score(self.objective)
         cell = highest(scores, space)
         if not moments[..., 0].any():
             _, cofactor = invert(accumulator.normal_matrix(cell))
             reason = "; ".join(reasons_to_doubt_scan(scan, prior))
-            nothing = Estimate(prior, 0.0, cell, Status.NO_MATCH, cofactor, reason=reason)
-            return self._examine(nothing, scan, point_map)
+            return Estimate(prior, 0.0, cell, Status.NO_MATCH, cofactor, reason=reason)
         helmert = scores if isinstance(self.objective, Helmert) else accumulator.score(Helmert())
         beyond = highest_beyond(helmert, cell, space, self.trust.guard_radius)
         runner_up = beyond / float(helmert[cell]) if helmert[cell] > 0.0 else math.inf
-        answer = _Answer(space, cell, float(scores[cell]), moments[cell], runner_up)
-        return self._examine(self._judge(answer, scan, point_map, prior), scan, point_map)
+        answer = _Answer(space, prior, cell, float(scores[cell]), moments[cell], runner_up)
+        return self._judge(answer, scan, point_map)
 
-    def _examine(self, judged: Estimate, scan: Scan, point_map: PointMap) -> Estimate:
-        """Refine the pose of the best cell, and search wider where the answer is in doubt (D12)."""
-        is_open = judged.status is Status.UNDETERMINED and judged.share >= self.trust.least_share
-        if (
-            not self.refinement or is_open
-        ):  # a street that leaves a direction open does so from farther around too
-            return judged
-        refined = self._refine(judged, scan, point_map)
-        return refined if refined.is_localized else self._search_wider(refined, scan, point_map)
-
-    def _search_wider(self, doubted: Estimate, scan: Scan, point_map: PointMap) -> Estimate:
-        """Search all around an answer in doubt: the same place may win there too, or another one.
-
-        What wins is refined and examined; the same place needs less evidence then.
-        """
-        cell = point_map.cell
-        space = replace(self.space, half_width=math.floor(self.wider / cell + 1e-9) * cell)
-        if space.half_width <= self.space.half_width:
-            return doubted
-        around = doubted.pose
-        objective = self.objective if self._has_bounds else Helmert()
-        wide = replace(self, space=space, objective=objective)
-        answer = wide._by_bounds(scan.thinned(self.thinning), point_map, around)
-        if answer is None:
-            return doubted
-        judged = wide._judge(answer, scan, point_map, around)
-        moved = math.hypot(judged.pose.x - around.x, judged.pose.y - around.y)
-        is_same = doubted.status is not Status.NO_MATCH and moved <= self.trust.guard_radius
-        found = wide._refine(judged, scan, point_map, is_confirmed=is_same)
-        score = float(self.objective.score(answer.moments))
-        return replace(found, score=score, cell=doubted.cell if is_same else None, was_widened=True)
-
-    def _refine(
-        self, judged: Estimate, scan: Scan, point_map: PointMap, *, is_confirmed: bool = False
-    ) -> Estimate:
-        """Adjust the pose of a best cell to the map, and judge it once more; a doubted one stays as it is."""
-        if not judged.is_localized:
-            return judged
-        refined = refine(scan, point_map, judged.pose)
-        walls = least_wall_share(refined)
-        status = self.trust.judge_refined(
-            n_planes=refined.n_planes,
-            moved=refined.moved,
-            wall_share=None if walls is None else walls.share,
-            is_confirmed=is_confirmed,
-        )
-        reasons = [judged.reason] if judged.reason else []
-        if status is Status.WALLS_MISSING:
-            reasons.append("the scan has hardly any wall points" if walls is None else walls.words)
-        if status is Status.NOT_CONFIRMED:
-            reasons.append(
-                f"{refined.n_planes} points on planes of the map, {refined.moved:.2f} m from the best cell"
-            )
-        reason = "; ".join(reasons)
-        if status is not Status.LOCALIZED:
-            return replace(judged, status=status, reason=reason)
-        errors = covariance(refined, point_map.sigma)
-        level = protection_level(errors, refined.pose.heading, self.risk)
-        return replace(
-            judged, pose=refined.pose, status=status, reason=reason, covariance=errors, protection_level=level
-        )
-
-    @property
-    def _has_bounds(self) -> bool:
-        return isinstance(self.objective, BoundedByAxes | BoundedByCount)
-
-    def _by_bounds(self, scan: Scan, point_map: PointMap, prior: Pose) -> "_Answer | None":
+    def _by_bounds(
+        self, scan: Scan, point_map: PointMap, prior: Pose, space: SearchSpace
+    ) -> "_Answer | None":
         """The best cell by branch and bound; None where nothing scores, and all cells have to be looked at."""
 
-        def search(objective: Objective, guarded: Cell | None = None) -> Found:
+        def search(
+            prior: Pose, space: SearchSpace, objective: Objective, guarded: Cell | None = None
+        ) -> Found:
             return branch_and_bound(
-                scan, point_map, prior, self.space, objective, multiplicity=self.multiplicity,
+                scan, point_map, prior, space, objective, multiplicity=self.multiplicity,
                 weighting=self.weighting, share=max(self.trust.largest_runner_up, LEAST_SHARE),
                 guard_radius=self.trust.guard_radius, guarded=guarded, n_threads=self.n_threads,
             )  # fmt: skip
 
-        found = search(self.objective)
+        found = search(prior, space, self.objective)
+        raised, plane = space.raised(prior, found.height), space.plane
         score = float(Helmert().score(found.moments))
         if score <= 0.0:
             return None
-        helmert = found if isinstance(self.objective, Helmert) else search(Helmert(), found.cell)
-        return _Answer(self.space, found.cell, found.score, found.moments, helmert.rest / score)
+        helmert = found
+        if not isinstance(self.objective, Helmert):
+            helmert = search(raised, plane, Helmert(), found.cell)
+        return _Answer(plane, raised, found.cell, found.score, found.moments, helmert.rest / score)
 
-    def _judge(self, answer: "_Answer", scan: Scan, point_map: PointMap, prior: Pose) -> Estimate:
+    def _judge(self, answer: "_Answer", scan: Scan, point_map: PointMap) -> Estimate:
         """Say how far the best cell may be trusted, and what casts doubt on it."""
-        space, cell, searched = answer.space, answer.cell, scan.thinned(self.thinning)
+        space, prior, cell = answer.space, answer.prior, answer.cell
+        searched = scan.thinned(self.thinning)
         _, nxx, nxy, nyy = (float(moment) for moment in answer.moments)
         is_determined, cofactor = invert(np.array([[nxx, nxy], [nxy, nyy]]))
-        share = _matched_share(answer, self.multiplicity, searched, point_map, prior)
+        share = _matched_share(answer, self.multiplicity, searched, point_map)
         status = self.trust.judge(
             is_determined=is_determined,
             share=share,
-            is_at_rim=space.is_at_rim(cell) or self._rises_beyond(answer, searched, point_map, prior),
+            is_at_rim=space.is_at_rim(cell) or self._rises_beyond(answer, searched, point_map),
             runner_up=answer.runner_up,
         )
         reasons = reasons_to_doubt_scan(scan, prior)
@@ -261,9 +279,9 @@ class MaximumConsensus:
             pose, answer.score, cell, status, cofactor, share, answer.runner_up, "; ".join(reasons)
         )
 
-    def _rises_beyond(self, answer: "_Answer", scan: Scan, point_map: PointMap, prior: Pose) -> bool:
+    def _rises_beyond(self, answer: "_Answer", scan: Scan, point_map: PointMap) -> bool:
         """Whether the best heading is the outermost, and one more step would score higher still."""
-        space, cell = answer.space, answer.cell
+        space, prior, cell = answer.space, answer.prior, answer.cell
         n_headings = space.shape[0]
         if n_headings == 1 or cell[0] not in (0, n_headings - 1):
             return False
@@ -279,9 +297,13 @@ class MaximumConsensus:
 
 @dataclass(frozen=True, slots=True)
 class _Answer:
-    """What a search found: its best cell with score and moments, and Helmert's score of the runner-up over its own."""
+    """What a search found: its best cell with score and moments, and Helmert's score of the runner-up over its own.
+
+    The space is of one height, around the prior raised to it.
+    """
 
     space: SearchSpace
+    prior: Pose
     cell: Cell
     score: float
     moments: Moments
@@ -289,11 +311,11 @@ class _Answer:
 
 
 def _matched_share(
-    answer: _Answer, multiplicity: str | Multiplicity, scan: Scan, point_map: PointMap, prior: Pose
+    answer: _Answer, multiplicity: str | Multiplicity, scan: Scan, point_map: PointMap
 ) -> float:
     """Share of the scan's points that match at a cell; a count of map points has to be counted anew."""
     if multiplicity == Multiplicity.OCCUPIED:
         return float(answer.moments[0]) / len(scan)
     here = SearchSpace(half_width=0.0, cell=answer.space.cell, heading_half_width_deg=0.0)
-    pose = answer.space.pose(answer.cell, prior)
+    pose = answer.space.pose(answer.cell, answer.prior)
     return float(exhaustive(scan, point_map, pose, here).moments[0, 0, 0, 0]) / len(scan)

@@ -3,7 +3,8 @@
 """SearchSpace: all cells that are tried, and which pose each stands for (D3)."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +21,7 @@ MOST_STEPS = 100_000
 ROUNDING = 1e-6
 
 Cell = tuple[int, int, int]
-"""(heading, y, x) indices of one cell; a search over z will stand between heading and y."""
+"""(heading, y, x) indices of one cell; where heights are searched too, the number of its height goes beside it."""
 
 
 def _n_steps(half_width: float, step: float, what: str, unit: str) -> int:
@@ -101,6 +102,9 @@ class SearchSpace:
     axes. The offset (0, 0) and the heading 0 are cells. Offsets run from -half_width to
     half_width - cell, headings from -half width to +half width.
 
+    With a height half width there are these cells at every height k: those of the prior raised by heights[k]. Index
+    order is (heading, height, y, x) then; `shape` and `Cell` speak of the cells of one height.
+
     Parameters
     ----------
     half_width : float
@@ -109,6 +113,8 @@ class SearchSpace:
         Cell edge e, m. The map must have the same.
     heading_half_width_deg, heading_step_deg : float
         Largest turn from the prior's heading, and the step between headings, degrees.
+    height_half_width : float
+        Largest offset from the prior in z, up and down, m; a multiple of `cell`.
 
     Raises
     ------
@@ -120,9 +126,11 @@ class SearchSpace:
     cell: float = 0.06
     heading_half_width_deg: float = 2.0
     heading_step_deg: float = 0.5
+    height_half_width: float = 0.0
 
     def __post_init__(self) -> None:
         _n_steps(self.half_width, self.cell, "offsets", "m")
+        _n_steps(self.height_half_width, self.cell, "heights", "m")
         _n_steps(self.heading_half_width_deg, self.heading_step_deg, "headings", "degrees")
 
     @classmethod
@@ -185,15 +193,39 @@ class SearchSpace:
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """(headings, ny, nx): how many cells along each axis."""
+        """(headings, ny, nx): how many cells along each axis, at one height."""
         n_offsets = max(1, 2 * _n_steps(self.half_width, self.cell, "offsets", "m"))
         n_turns = _n_steps(self.heading_half_width_deg, self.heading_step_deg, "headings", "degrees")
         return 2 * n_turns + 1, n_offsets, n_offsets
 
     @property
     def n_cells(self) -> int:
-        """How many cells there are in all."""
-        return math.prod(self.shape)
+        """How many cells there are in all, at all heights."""
+        return self.n_heights * math.prod(self.shape)
+
+    @property
+    def n_heights(self) -> int:
+        """How many heights there are."""
+        return 2 * _n_steps(self.height_half_width, self.cell, "heights", "m") + 1
+
+    @property
+    def heights(self) -> NDArray[np.float64]:
+        """What each height lies above the prior, shape (n_heights,), m."""
+        n_heights = self.n_heights
+        return np.asarray((np.arange(n_heights) - n_heights // 2) * self.cell, dtype=np.float64)
+
+    @property
+    def plane(self) -> "SearchSpace":
+        """The cells of one height: those of this space around a prior that is `raised` to it."""
+        return replace(self, height_half_width=0.0)
+
+    def raised(self, prior: Pose, height: int) -> Pose:
+        """Return the prior raised to a height, by its number."""
+        return replace(prior, z=prior.z + float(self.heights[height]))
+
+    def priors(self, prior: Pose) -> Iterator[Pose]:
+        """Yield the prior raised to each height, from the lowest on."""
+        return (self.raised(prior, height) for height in range(self.n_heights))
 
     @property
     def offsets(self) -> NDArray[np.float64]:
@@ -214,7 +246,7 @@ class SearchSpace:
         return self.shape[2] // 2 * self.cell
 
     def pose(self, cell: Cell, prior: Pose) -> Pose:
-        """Return the pose that `cell` stands for; z, roll and pitch are the prior's."""
+        """Return the pose that `cell` stands for; z, roll and pitch are the prior's (see `raised`)."""
         heading, iy, ix = cell
         offsets = self.offsets
         return Pose(

@@ -106,8 +106,14 @@ def _room() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return points, normals
 
 
+def _floor() -> NDArray[np.float64]:
+    """Points on the floor of the room, shape (n, 3), m."""
+    x, y = np.meshgrid(np.arange(-4.0, 4.0, 0.25), np.arange(-3.0, 3.0, 0.25))
+    return np.column_stack([x.ravel(), y.ravel(), np.full(x.size, -0.6)])
+
+
 def _scan() -> Scan:
-    return Scan(_room()[0])
+    return Scan(np.concatenate([_room()[0], _floor()]))
 
 
 def _build(folder: Path) -> None:
@@ -129,7 +135,7 @@ def _build(folder: Path) -> None:
 def search_room(methods: Iterable[MaximumConsensus], *, is_signed: bool = True) -> None:
     """Let methods with the space `SPACE` localize a scan of the room in a map in memory."""
     points, normals = _room()
-    _search(PointMap.from_points(points, normals, SPACE.cell, is_signed=is_signed), methods)
+    _search(PointMap.from_points(points, normals, SPACE.cell, is_signed=is_signed, ground=_floor()), methods)
 
 
 def _search_in_memory() -> None:

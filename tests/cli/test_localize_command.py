@@ -145,6 +145,17 @@ def test_a_prior_at_the_wrong_height_matches_nothing(localize, drive, tmp_path):
     assert "\n4 no match: No scan point matched the map" in ended.out
 
 
+@pytest.mark.parametrize("options", [(), ("--height-half-width", "0.6")])
+def test_a_prior_half_a_metre_too_high_is_laid_on_the_ground(localize, drive, tmp_path, options):
+    lines = drive.dataset.prior.read_text().splitlines()
+    rows = [line.split() for line in lines if not line.startswith("#")]
+    prior = tmp_path / "high.txt"
+    prior.write_text("".join(f"{' '.join([*row[:3], str(float(row[3]) + 0.5), *row[4:]])}\n" for row in rows))
+    assert localize(*options, prior=prior).code == 0
+    for row in _rows(tmp_path / "poses.csv"):
+        assert abs(float(row["z"]) - drive.reference.at(float(row["time"])).z) < 0.05
+
+
 def test_a_space_too_small_for_the_prior_is_told(localize):
     ended = localize("--half-width", "0.12", "--heading-half-width-deg", "0")
     assert ended.code == 1

@@ -58,7 +58,7 @@ def test_no_folder_for_the_dataset(maxcon, refused, out):
 def test_a_dataset_is_not_written_over_something_else(maxcon, refused, drive, out):
     (out / "thesis.tex").touch()
     refused(maxcon("simulate", out, "--overwrite"), out, "a simulated dataset", "thesis.tex")
-    refused(maxcon("simulate", drive.city, "--overwrite"), drive.city, "a simulated dataset", "manifest.json")
+    refused(maxcon("simulate", drive.city, "--overwrite"), drive.city, "a simulated dataset", "ground")
     assert sorted(path.name for path in out.iterdir()) == ["thesis.tex"]
 
 

@@ -83,6 +83,14 @@ def localize(
         float | None,
         typer.Option(metavar="DEG", help="Largest turn from the prior's heading, degrees; 2 if not given."),
     ] = None,
+    height_half_width: Annotated[
+        float | None,
+        typer.Option(
+            metavar="M",
+            help="Largest offset from the prior in z, m, searched where the ground does not tell the height; a multiple"
+            " of the cell. 0 if not given: the height is the prior's there.",
+        ),
+    ] = None,
     sigma_position: Annotated[
         float | None,
         typer.Option(metavar="M", help="Instead: standard deviation of the prior's x, and of its y, m."),
@@ -150,6 +158,7 @@ def localize(
     space = chosen_space(
         point_map.cell, heading_step_deg, half_width=half_width, heading_half_width_deg=heading_half_width_deg,
         sigma_position=sigma_position, sigma_heading_deg=sigma_heading_deg, sigmas=sigmas,
+        height_half_width=height_half_width,
     )  # fmt: skip
     trust = Trust(least_share, largest_runner_up)
     method = MaximumConsensus(

@@ -99,14 +99,16 @@ def info(
 ) -> None:
     """Print what a map is made of."""
     from maxcon.point_map.manifest import read_manifest
-    from maxcon.point_map.store import TileStore
+    from maxcon.point_map.store import GroundStore, TileStore
 
     manifest = read_manifest(path)
     _describe(manifest)
     if check:
-        store = TileStore(path, manifest, cache_bytes=0)
+        store, ground = TileStore(path, manifest, cache_bytes=0), GroundStore(path, manifest)
         for key in sorted(store.keys):
             store.load(key)
+        for key in sorted(ground.keys):
+            ground.load(key)
         typer.echo(f"checked      all {len(store.keys)} tiles are as they were written")
 
 
@@ -126,12 +128,24 @@ def _describe(manifest: "Manifest") -> None:
         ("origin", ", ".join(f"{value:.12g}" for value in manifest.origin) + " m"),
         ("CRS", crs_name(manifest.crs)),
         ("normals", f"{manifest.build.get('normals', 'unknown')}, {signed}"),
+        ("ground", _describe_ground(manifest)),
         ("made by", str(manifest.build.get("program", "unknown"))),
     ]
     for name, text in rows:
         typer.echo(f"{name:<12} {text}")
     for source in manifest.build.get("sources", []):
         typer.echo(f"{'source':<12} {_describe_source(source)}")
+
+
+def _describe_ground(manifest: "Manifest") -> str:
+    """What is known of the ground, in words."""
+    from maxcon.point_map.ground import ground_voxels
+
+    if not manifest.ground:
+        return "not known: heights and tilts of priors are taken as they are"
+    n_heights = sum(entry.n_heights for entry in manifest.ground)
+    origin = manifest.build.get("ground", "unknown")
+    return f"{n_heights:,} heights in cells of {ground_voxels(manifest.cell) * manifest.cell:g} m, {origin}"
 
 
 def _describe_source(source: dict[str, object]) -> str:

@@ -24,8 +24,11 @@ def chosen_space(
     sigma_position: float | None,
     sigma_heading_deg: float | None,
     sigmas: float | None,
+    height_half_width: float | None = None,
 ) -> "SearchSpace":
     """Return the space of the half widths (m, degrees), or of so many standard deviations; None for not given.
+
+    The half width in height, m, goes with either.
 
     Raises
     ------
@@ -34,8 +37,16 @@ def chosen_space(
     SearchSpaceError
         If there is no such space.
     """
+    from dataclasses import replace
+
     from maxcon.search_space import SearchSpace
 
+    if height_half_width is not None:
+        plane = chosen_space(
+            cell, heading_step_deg, half_width=half_width, heading_half_width_deg=heading_half_width_deg,
+            sigma_position=sigma_position, sigma_heading_deg=sigma_heading_deg, sigmas=sigmas,
+        )  # fmt: skip
+        return replace(plane, height_half_width=height_half_width)
     if sigma_position is None and sigma_heading_deg is None and sigmas is None:
         usual = SearchSpace()
         return SearchSpace(

@@ -103,3 +103,7 @@ class Pose:
         """Return the same orientation at a position moved by `offset`, shape (3,), m."""
         x, y, z = self.position + np.asarray(offset, dtype=np.float64)
         return Pose(x, y, z, self.roll, self.pitch, self.heading)
+
+    def levelled(self, other: "Pose") -> "Pose":
+        """Return the pose at this place and heading with the height, roll and pitch of another."""
+        return Pose(self.x, self.y, other.z, other.roll, other.pitch, self.heading)

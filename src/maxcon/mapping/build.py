@@ -16,6 +16,7 @@ from maxcon.errors import ArrayError, MapError, OptionError
 from maxcon.geometry.voxels import INDEX_LIMIT
 from maxcon.io.clouds import CloudHeader
 from maxcon.mapping.classes import DEFAULT_DROP, class_name, parse_classes
+from maxcon.mapping.ground import GroundMaker
 from maxcon.mapping.sources import (
     SidedPoints,
     SourceCounts,
@@ -25,11 +26,11 @@ from maxcon.mapping.sources import (
     open_headers,
     read_source,
 )
-from maxcon.mapping.spill import TileSpill
+from maxcon.mapping.spill import GroundSpill, TileSpill
 from maxcon.mapping.tiles import TileMaker
 from maxcon.point_map import TILE_VOXELS, TileKey
 from maxcon.point_map.manifest import MAP_NAMES, Manifest, TileEntry, write_manifest
-from maxcon.point_map.store import write_tile
+from maxcon.point_map.store import write_ground, write_tile
 from maxcon.progress import Progress
 from maxcon.trajectory import Trajectory
 from maxcon.version import __version__
@@ -134,18 +135,20 @@ def build_map(
     with atomic_folder(out, overwrite=overwrite) as folder:
         spill_folder = folder / "points"
         spill_folder.mkdir()
-        spill = TileSpill(spill_folder, options.cell)
+        spill, ground_spill = TileSpill(spill_folder, options.cell), GroundSpill(spill_folder, options.cell)
         has_sides = options.trajectory is not None or options.normals_have_sides
         use_normals = has_sides and all(header.has_normals for header in headers)
         origin = _origin(headers, options.cell)
-        counts = _sort_into_tiles(headers, origin, spill, options, use_normals, report)
+        counts = _sort_into_tiles(headers, origin, spill, ground_spill, options, use_normals, report)
         is_signed = options.trajectory is not None or use_normals
         maker = TileMaker(spill, spill_folder, options.cell, has_normals=use_normals, is_signed=is_signed)
         n_threads = n_threads or min(MOST_THREADS, os.cpu_count() or 1)
-        entries = _make_tiles(folder, maker, spill.keys, n_threads, report)
+        ground_maker = GroundMaker(ground_spill, options.cell)
+        entries = _make_tiles(folder, maker, ground_maker, spill.keys, n_threads, report)
+        ground = tuple(write_ground(folder, tile) for tile in ground_maker.tiles())
         spill_folder.rmdir()
-        build = _description(counts, drop, use_normals)
-        manifest = Manifest(options.cell, origin, crs, is_signed, tuple(entries), build)
+        build = _description(counts, drop, use_normals, ground_maker.origin)
+        manifest = Manifest(options.cell, origin, crs, is_signed, tuple(entries), build, ground=ground)
         write_manifest(folder, manifest)
     return manifest
 
@@ -180,6 +183,7 @@ def _sort_into_tiles(
     headers: Sequence[CloudHeader],
     origin: tuple[float, float, float],
     spill: TileSpill,
+    ground: GroundSpill,
     options: MapOptions,
     use_normals: bool,
     report: Progress,
@@ -193,9 +197,10 @@ def _sort_into_tiles(
         for part in read_source(
             header, counted, drop, options.trajectory, use_normals=use_normals, keep_every=options.keep_every
         ):
-            _add(spill, part, origin, header, options.cell)
+            _add(spill, ground, part, origin, header, options.cell)
             report("reading points", sum(source.n_points for source in counts), n_total)
     spill.flush()
+    ground.flush()
     if not spill.keys:
         n_read = sum(source.n_points for source in counts)
         n_read -= sum(source.n_thinned for source in counts)
@@ -212,6 +217,7 @@ def _sort_into_tiles(
 
 def _add(
     spill: TileSpill,
+    ground: GroundSpill,
     part: SidedPoints,
     origin: tuple[float, float, float],
     header: CloudHeader,
@@ -219,6 +225,7 @@ def _add(
 ) -> None:
     try:
         spill.add(part.points - origin, part.sides)
+        ground.add(part.ground - origin)
     except ArrayError as error:
         raise MapError(
             f"Expected all points within {INDEX_LIMIT * cell:.3g} m ({INDEX_LIMIT:,} voxels) of the first, got"
@@ -227,16 +234,27 @@ def _add(
 
 
 def _make_tiles(
-    folder: Path, maker: TileMaker, keys: Sequence[TileKey], n_threads: int, report: Progress
+    folder: Path,
+    maker: TileMaker,
+    ground: GroundMaker,
+    keys: Sequence[TileKey],
+    n_threads: int,
+    report: Progress,
 ) -> list[TileEntry]:
     """Make and write every tile, several at a time, in two rounds: a tile's normals need its neighbours."""
+
+    def make(key: TileKey) -> TileEntry:
+        tile = maker.make(key)
+        ground.look_at(tile)
+        return write_tile(folder, tile)
+
     n_steps = 2 * len(keys)
     with ThreadPoolExecutor(n_threads) as pool:
         try:
             for done, _ in enumerate(pool.map(maker.gather, keys), 1):
                 report("making tiles", done, n_steps)
             entries = []
-            for entry in pool.map(lambda key: write_tile(folder, maker.make(key)), keys):
+            for entry in pool.map(make, keys):
                 entries.append(entry)
                 report("making tiles", len(keys) + len(entries), n_steps)
         except BaseException:
@@ -247,12 +265,13 @@ def _make_tiles(
 
 
 def _description(
-    counts: Sequence[SourceCounts], drop: frozenset[int], use_normals: bool
+    counts: Sequence[SourceCounts], drop: frozenset[int], use_normals: bool, ground: str
 ) -> dict[str, object]:
     """What the manifest says of how the map was made."""
     return {
         "program": f"maxcon {__version__}",
         "normals": "of the sources" if use_normals else "from neighbourhoods",
+        "ground": ground,
         "drop": {str(number): class_name(number) for number in sorted(drop)},
         "sources": [
             {

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from maxcon.errors import OptionError
 
-__all__ = ["CLASS_NAMES", "DEFAULT_DROP", "class_name", "parse_classes"]
+__all__ = ["CLASS_NAMES", "DEFAULT_DROP", "GROUND", "class_name", "parse_classes"]
 
 # ASPRS LAS 1.4 R15, table 17. There is no class for vehicles: 22 is for what changes between surveys,
 # 64 and above are the user's own.
@@ -33,6 +33,8 @@ GROUPS: dict[str, tuple[str, ...]] = {
 
 DEFAULT_DROP = ("ground", "vegetation", "noise", "temporal-exclusion")
 
+# What vehicles drive on: its heights are kept, whether its points are dropped or not.
+GROUND = frozenset(CLASS_NAMES["ground"] + CLASS_NAMES["bridge"])
 UNCLASSIFIED = frozenset(CLASS_NAMES["unclassified"])
 LARGEST_CLASS = 255
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from maxcon.errors import CrsError, FileError, OptionError, TrajectoryError
 from maxcon.io.clouds import CloudChunk, CloudHeader, open_cloud
 from maxcon.io.crs import metric_crs, same_crs
-from maxcon.mapping.classes import UNCLASSIFIED
+from maxcon.mapping.classes import GROUND, UNCLASSIFIED
 from maxcon.trajectory import Trajectory
 
 __all__ = [
@@ -56,10 +56,21 @@ class SourceCounts:
 
 @dataclass(frozen=True, slots=True)
 class SidedPoints:
-    """Points for the map: shape (n, 3), global, m; and their side, shape (n, 3): a direction or zeros."""
+    """Points for the map, global, m.
+
+    Parameters
+    ----------
+    points : array, shape (n, 3)
+        For its voxels.
+    sides : array, shape (n, 3)
+        The side of the surface that each was seen from: a direction, or zeros.
+    ground : array, shape (k, 3)
+        For its grid of ground heights: those of a ground class, whether they are for the voxels too or not.
+    """
 
     points: NDArray[np.float64]
     sides: NDArray[np.float32]
+    ground: NDArray[np.float64]
 
 
 def open_headers(paths: Sequence[str | os.PathLike[str]]) -> list[CloudHeader]:
@@ -172,7 +183,7 @@ def read_source(
     with open_cloud(header.path) as reader:
         for chunk in reader.chunks():
             is_wanted = (counts.n_points + np.arange(len(chunk.points))) % keep_every == 0
-            yield _keep(chunk, is_wanted, counts, drop, trajectory, use_normals)
+            yield _keep(chunk, is_wanted, counts, drop, trajectory, use_normals, header.has_asprs_classes)
 
 
 def _keep(
@@ -182,6 +193,7 @@ def _keep(
     drop: frozenset[int],
     trajectory: Trajectory | None,
     use_normals: bool,
+    are_asprs: bool,
 ) -> SidedPoints:
     counts.n_points += len(chunk.points)
     counts.n_thinned += int((~is_wanted).sum())
@@ -190,7 +202,10 @@ def _keep(
     if chunk.is_withheld is not None:
         counts.n_withheld += int((keep & chunk.is_withheld).sum())
         keep &= ~chunk.is_withheld
+    ground = chunk.points[:0]
     if chunk.classes is not None:
+        if are_asprs:
+            ground = chunk.points[keep & np.isin(chunk.classes, list(GROUND))]
         n_of_class = np.bincount(chunk.classes[keep], minlength=256)
         present = np.flatnonzero(n_of_class)
         counts.is_classified |= counts.has_known_classes and not UNCLASSIFIED.issuperset(present.tolist())
@@ -210,7 +225,7 @@ def _keep(
             sides *= np.sign((sides * to_sensor).sum(axis=1))[:, None]
         else:
             sides = to_sensor
-    return SidedPoints(points, sides.astype(np.float32))
+    return SidedPoints(points, sides.astype(np.float32), ground)
 
 
 def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -11,29 +11,36 @@ from numpy.typing import NDArray
 
 from maxcon.geometry import voxel_indices
 from maxcon.point_map import TILE_VOXELS, TileKey
+from maxcon.point_map.ground import ground_voxels
 
-__all__ = ["RECORD", "TileSpill"]
+__all__ = ["GROUND_RECORD", "RECORD", "GroundSpill", "TileSpill"]
 
 RECORD = np.dtype([("column", "<i2", 2), ("layer", "<i4"), ("inside", "<f4", 3), ("side", "<f4", 3)])
 """One point: its voxel, its place in the voxel (m), and the direction to the sensor, its normal, or zeros."""
 
+GROUND_RECORD = np.dtype([("column", "<i2", 2), ("height", "<f4")])
+"""One point on the ground: its cell of the ground grid, and its height in the local frame (m)."""
+
 BUFFER_BYTES = 128 * 2**20
 
 
-class TileSpill:
-    """Sorts points into tiles and keeps them on disk until each tile is made.
+class _TileFiles:
+    """Records of one kind in a file per tile, buffered.
 
     Parameters
     ----------
     folder : Path
-        An empty folder for the files; the caller removes it.
-    cell : float
-        Voxel edge, m.
+        A folder for the files; the caller removes it.
+    record : dtype
+        Of a record.
+    suffix : str
+        Of the files.
     """
 
-    def __init__(self, folder: Path, cell: float) -> None:
+    def __init__(self, folder: Path, record: "np.dtype[np.void]", suffix: str) -> None:
         self._folder = folder
-        self._cell = cell
+        self._record = record
+        self._suffix = suffix
         self._buffers: dict[TileKey, list[NDArray[np.void]]] = defaultdict(list)
         self._buffered_bytes = 0
         self._keys: set[TileKey] = set()
@@ -43,17 +50,9 @@ class TileSpill:
         """Tiles that got points, sorted."""
         return sorted(self._keys)
 
-    def add(self, points: NDArray[np.float64], sides: NDArray[np.float32]) -> None:
-        """Take points, shape (n, 3), local frame, m, and their sides, shape (n, 3)."""
-        if not len(points):
-            return
-        indices = voxel_indices(points, self._cell)
-        records = np.empty(len(points), RECORD)
-        keys = indices[:, :2] // TILE_VOXELS
-        records["column"] = indices[:, :2] - keys * TILE_VOXELS
-        records["layer"] = indices[:, 2]
-        records["inside"] = points - indices * self._cell
-        records["side"] = sides
+    def _put(self, keys: NDArray[np.int32], records: NDArray[np.void]) -> None:
+        """Take records, and the (x, y) of the tile of each."""
+        keys = keys.copy()
         corner = keys.min(axis=0)
         keys -= corner
         width = int(keys[:, 0].max()) + 1
@@ -80,12 +79,68 @@ class TileSpill:
     def records(self, key: TileKey, n_at_once: int = 2_000_000) -> Iterator[NDArray[np.void]]:
         """Yield the points of a tile, at most `n_at_once` together."""
         with self._path(key).open("rb") as file:
-            while part := file.read(n_at_once * RECORD.itemsize):
-                yield np.frombuffer(part, RECORD)
+            while part := file.read(n_at_once * self._record.itemsize):
+                yield np.frombuffer(part, self._record)
 
     def remove(self, key: TileKey) -> None:
         """Delete the points of a tile that is made."""
         self._path(key).unlink()
 
     def _path(self, key: TileKey) -> Path:
-        return self._folder / f"{key[0]}_{key[1]}.points"
+        return self._folder / f"{key[0]}_{key[1]}.{self._suffix}"
+
+
+class TileSpill(_TileFiles):
+    """Sorts points into tiles and keeps them on disk until each tile is made.
+
+    Parameters
+    ----------
+    folder : Path
+        An empty folder for the files; the caller removes it.
+    cell : float
+        Voxel edge, m.
+    """
+
+    def __init__(self, folder: Path, cell: float) -> None:
+        super().__init__(folder, RECORD, "points")
+        self._cell = cell
+
+    def add(self, points: NDArray[np.float64], sides: NDArray[np.float32]) -> None:
+        """Take points, shape (n, 3), local frame, m, and their sides, shape (n, 3)."""
+        if not len(points):
+            return
+        indices = voxel_indices(points, self._cell)
+        records = np.empty(len(points), RECORD)
+        keys = indices[:, :2] // TILE_VOXELS
+        records["column"] = indices[:, :2] - keys * TILE_VOXELS
+        records["layer"] = indices[:, 2]
+        records["inside"] = points - indices * self._cell
+        records["side"] = sides
+        self._put(keys, records)
+
+
+class GroundSpill(_TileFiles):
+    """Sorts points on the ground into tiles, and keeps of each its cell and its height on disk.
+
+    Parameters
+    ----------
+    folder : Path
+        A folder for the files; the caller removes it.
+    cell : float
+        Voxel edge, m.
+    """
+
+    def __init__(self, folder: Path, cell: float) -> None:
+        super().__init__(folder, GROUND_RECORD, "ground")
+        self._cell = cell
+
+    def add(self, points: NDArray[np.float64]) -> None:
+        """Take points on the ground, shape (n, 3), local frame, m."""
+        if not len(points):
+            return
+        columns = voxel_indices(points, self._cell)[:, :2]
+        keys = columns // TILE_VOXELS
+        records = np.empty(len(points), GROUND_RECORD)
+        records["column"] = (columns - keys * TILE_VOXELS) // ground_voxels(self._cell)
+        records["height"] = points[:, 2]
+        self._put(keys, records)

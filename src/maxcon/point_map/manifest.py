@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from maxcon.errors import MapError
+from maxcon.point_map.ground import ground_voxels
 from maxcon.point_map.sigma import UNKNOWN_SIGMA
 from maxcon.point_map.tile import TILE_VOXELS, TileKey
 
@@ -20,6 +21,7 @@ __all__ = [
     "FORMAT_VERSION",
     "MAP_NAMES",
     "REBUILD",
+    "GroundEntry",
     "Manifest",
     "TileEntry",
     "read_manifest",
@@ -29,7 +31,7 @@ __all__ = [
 FORMAT = "maxcon map"
 FORMAT_VERSION = 2
 MANIFEST = "manifest.json"
-MAP_NAMES = (MANIFEST, "tiles")
+MAP_NAMES = (MANIFEST, "tiles", "ground")
 """All that the folder of a map holds."""
 REBUILD = "Build the map again with `maxcon map build`."
 
@@ -41,6 +43,15 @@ class TileEntry:
     key: TileKey
     n_voxels: int
     n_points: int
+    sha256: str
+
+
+@dataclass(frozen=True, slots=True)
+class GroundEntry:
+    """What the manifest knows of the ground of a tile."""
+
+    key: TileKey
+    n_heights: int
     sha256: str
 
 
@@ -64,6 +75,8 @@ class Manifest:
         How it was made: sources, points read and dropped, the program's version.
     sigma : float
         Standard deviation of the map's position along any axis, m.
+    ground : tuple of GroundEntry
+        One per file of the ground grid; none where the ground is not known.
     """
 
     cell: float
@@ -73,6 +86,7 @@ class Manifest:
     tiles: tuple[TileEntry, ...]
     build: Mapping[str, Any] = field(default_factory=dict)
     sigma: float = UNKNOWN_SIGMA
+    ground: tuple[GroundEntry, ...] = ()
 
     @property
     def n_points(self) -> int:
@@ -91,6 +105,7 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
         "format": FORMAT,
         "format_version": FORMAT_VERSION,
         "tile_voxels": TILE_VOXELS,
+        "ground_voxels": ground_voxels(manifest.cell),
         **asdict(manifest),
     }
     content["sha256"] = _checksum(content)
@@ -169,7 +184,19 @@ def _parse_manifest(content: Mapping[str, Any]) -> Manifest:
         raise ValueError("no tiles")
     build = dict(content["build"])
     _check_sources(build.get("sources", []))
-    return Manifest(cell, (x, y, z), crs, bool(content["is_signed"]), tuple(tiles), build, sigma)
+    ground = _parse_ground(content, cell)
+    return Manifest(cell, (x, y, z), crs, bool(content["is_signed"]), tuple(tiles), build, sigma, ground)
+
+
+def _parse_ground(content: Mapping[str, Any], cell: float) -> tuple[GroundEntry, ...]:
+    """Entries of the ground grid; none in a map without."""
+    entries = []
+    for entry in content.get("ground", ()):
+        x, y = (int(value) for value in entry["key"])
+        entries.append(GroundEntry((x, y), int(entry["n_heights"]), str(entry["sha256"])))
+    if entries and content["ground_voxels"] != ground_voxels(cell):
+        raise ValueError(f"ground_voxels {content['ground_voxels']}")
+    return tuple(entries)
 
 
 def _check_sources(sources: Sequence[Mapping[str, Any]]) -> None:

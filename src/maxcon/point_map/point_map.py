@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from maxcon.errors import ArrayError
 from maxcon.geometry import LocalFrame
 from maxcon.geometry.arrays import as_points, as_unit_normals
+from maxcon.point_map.ground import GroundInMemory, GroundPatch, GroundSource, ground_patch
 from maxcon.point_map.sigma import UNKNOWN_SIGMA, check_sigma
 from maxcon.point_map.tile import TILE_VOXELS, TileKey, VoxelTile
 from maxcon.point_map.voxelize import split_into_tiles, voxelize
@@ -66,13 +67,20 @@ class PointMap:
     """
 
     def __init__(
-        self, frame: LocalFrame, cell: float, is_signed: bool, tiles: TileSource, sigma: float = UNKNOWN_SIGMA
+        self,
+        frame: LocalFrame,
+        cell: float,
+        is_signed: bool,
+        tiles: TileSource,
+        sigma: float = UNKNOWN_SIGMA,
+        ground: GroundSource | None = None,
     ) -> None:
         self.frame = frame
         self.cell = cell
         self.is_signed = is_signed
         self.sigma = sigma
         self._tiles = tiles
+        self._ground: GroundSource = ground if ground is not None else GroundInMemory({})
         self._sorted_keys = np.array(sorted(tiles.keys), dtype=np.int64).reshape(-1, 2)
 
     @classmethod
@@ -85,6 +93,7 @@ class PointMap:
         frame: LocalFrame | None = None,
         is_signed: bool = True,
         sigma: float = UNKNOWN_SIGMA,
+        ground: ArrayLike | None = None,
     ) -> "PointMap":
         """Rasterize points with normals into a map in memory.
 
@@ -100,6 +109,8 @@ class PointMap:
             Whether the normals are turned to the sensor's side.
         sigma : float
             How well the points are known: standard deviation of their common position along any axis, m.
+        ground : array_like, shape (k, 3), optional
+            Points on the ground, local frame, m: their heights are kept in a grid beside the voxels.
 
         Raises
         ------
@@ -113,7 +124,10 @@ class PointMap:
         points = as_points(points, "points")
         normals = as_unit_normals(normals, len(points), "normals")
         tiles = split_into_tiles(*voxelize(points, normals, cell, is_signed=is_signed))
-        return cls(frame or LocalFrame(), float(cell), is_signed, _TilesInMemory(tiles), float(sigma))
+        on_ground = None if ground is None else GroundInMemory.of_points(as_points(ground, "ground"), cell)
+        return cls(
+            frame or LocalFrame(), float(cell), is_signed, _TilesInMemory(tiles), float(sigma), on_ground
+        )
 
     @classmethod
     def open(cls, path: str | os.PathLike[str], *, cache_bytes: int = 2**31) -> "PointMap":
@@ -132,22 +146,26 @@ class PointMap:
             If it is not a map, is of another format version, or its manifest is broken.
         """
         from maxcon.point_map.manifest import read_manifest
-        from maxcon.point_map.store import TileStore
+        from maxcon.point_map.store import GroundStore, TileStore
 
         manifest = read_manifest(path)
         store = TileStore(path, manifest, cache_bytes=cache_bytes)
-        return cls(
-            LocalFrame(manifest.origin, manifest.crs),
-            manifest.cell,
-            manifest.is_signed,
-            store,
-            manifest.sigma,
-        )
+        frame, ground = LocalFrame(manifest.origin, manifest.crs), GroundStore(path, manifest)
+        return cls(frame, manifest.cell, manifest.is_signed, store, manifest.sigma, ground)
 
     @property
     def tile_keys(self) -> frozenset[TileKey]:
         """Keys of all tiles, loaded or not."""
         return self._tiles.keys
+
+    @property
+    def has_ground(self) -> bool:
+        """Whether the height of the ground is known anywhere."""
+        return bool(self._ground.keys)
+
+    def ground_around(self, x: float, y: float, reach: float) -> GroundPatch:
+        """Heights of the ground in the square of half width `reach` (m) around (x, y), local frame, m."""
+        return ground_patch(self._ground, self.cell, x, y, reach)
 
     @property
     def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -7,6 +7,7 @@ city.map/
   manifest.json          format version, CRS, origin, cell, what was dropped, sources, a checksum per tile
   tiles/{x}_{y}.arrow    one record batch: column (int16 x 2), layer (int32), count (int32), normal (float x 3),
                          mean (uint8 x 3)
+  ground/{x}_{y}.arrow   one record batch: column (int16 x 2), height (float); none of a map without ground
 ```
 """
 
@@ -20,14 +21,19 @@ from typing import Any
 import numpy as np
 
 from maxcon.errors import MapError
-from maxcon.point_map.manifest import REBUILD, Manifest, TileEntry
-from maxcon.point_map.tile import TileKey, VoxelTile
+from maxcon.point_map.ground import GroundTile, RecentTiles, ground_voxels
+from maxcon.point_map.manifest import REBUILD, GroundEntry, Manifest, TileEntry
+from maxcon.point_map.tile import TILE_VOXELS, TileKey, VoxelTile
 
-__all__ = ["TileStore", "write_tile"]
+__all__ = ["GroundStore", "TileStore", "write_ground", "write_tile"]
 
 
 def _tile_path(folder: Path, key: TileKey) -> Path:
     return folder / "tiles" / f"{key[0]}_{key[1]}.arrow"
+
+
+def _ground_path(folder: Path, key: TileKey) -> Path:
+    return folder / "ground" / f"{key[0]}_{key[1]}.arrow"
 
 
 def _schema() -> Any:
@@ -44,12 +50,21 @@ def _schema() -> Any:
     )
 
 
+def _ground_schema() -> Any:
+    import pyarrow as pa
+
+    return pa.schema(
+        [
+            pa.field("column", pa.list_(pa.field("item", pa.int16(), nullable=False), 2), nullable=False),
+            pa.field("height", pa.float32(), nullable=False),
+        ]
+    )
+
+
 def write_tile(folder: Path, tile: VoxelTile) -> TileEntry:
     """Write one tile into the folder of a map and return its entry for the manifest."""
     import pyarrow as pa
 
-    path = _tile_path(folder, tile.key)
-    path.parent.mkdir(exist_ok=True)
     schema = _schema()
     batch = pa.record_batch(
         [
@@ -61,11 +76,56 @@ def write_tile(folder: Path, tile: VoxelTile) -> TileEntry:
         ],
         schema=schema,
     )
-    with pa.OSFile(str(path), "wb") as sink, pa.ipc.new_file(sink, schema) as writer:
+    checksum = _write(_tile_path(folder, tile.key), batch)
+    return TileEntry(tile.key, len(tile), int(tile.counts.sum(dtype=np.int64)), checksum)
+
+
+def write_ground(folder: Path, tile: GroundTile) -> GroundEntry:
+    """Write the ground of one tile into the folder of a map and return its entry for the manifest."""
+    import pyarrow as pa
+
+    columns, heights = tile.rows()
+    schema = _ground_schema()
+    cells = pa.FixedSizeListArray.from_arrays(columns.reshape(-1), type=schema.field("column").type)
+    checksum = _write(
+        _ground_path(folder, tile.key), pa.record_batch([cells, pa.array(heights)], schema=schema)
+    )
+    return GroundEntry(tile.key, len(heights), checksum)
+
+
+def _write(path: Path, batch: Any) -> str:
+    """Write one record batch to a file; return its checksum."""
+    import pyarrow as pa
+
+    path.parent.mkdir(exist_ok=True)
+    with pa.OSFile(str(path), "wb") as sink, pa.ipc.new_file(sink, batch.schema) as writer:
         writer.write_batch(batch)
     with path.open("rb") as file:
-        checksum = hashlib.file_digest(file, "sha256").hexdigest()
-    return TileEntry(tile.key, len(tile), int(tile.counts.sum(dtype=np.int64)), checksum)
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _read(path: Path, schema: Any, n_rows: int, sha256: str | None) -> Any:
+    """Record batch of a mapped file that was written so; its checksum is not looked at if `sha256` is None.
+
+    Raises
+    ------
+    MapError
+        If the file is missing, or is not what was written.
+    """
+    import pyarrow as pa
+
+    try:
+        mapped = pa.memory_map(str(path)).read_buffer()
+        if sha256 is not None and hashlib.sha256(mapped).hexdigest() != sha256:
+            raise MapError(f"Expected {path} to be as it was written, got another checksum. {REBUILD}")
+        batch = pa.ipc.open_file(mapped).get_batch(0)
+    except (OSError, pa.ArrowException) as error:
+        words = getattr(error, "strerror", None) or str(error).partition("\n")[0]
+        raise MapError(f"Expected {path} to be a tile of the map, got: {words}. {REBUILD}") from None
+    if not batch.schema.equals(schema) or batch.num_rows != n_rows:
+        what = "voxels" if "layer" in schema.names else "heights"
+        raise MapError(f"Expected {n_rows} {what} in {path}, got {batch.num_rows}. {REBUILD}")
+    return batch
 
 
 class TileStore:
@@ -117,24 +177,10 @@ class TileStore:
             return tile
 
     def _read(self, entry: TileEntry) -> VoxelTile:
-        import pyarrow as pa
-
         path = _tile_path(self._folder, entry.key)
-        try:
-            mapped = pa.memory_map(str(path)).read_buffer()
-            if entry.key not in self._verified:
-                checksum = hashlib.sha256(mapped).hexdigest()
-                if checksum != entry.sha256:
-                    raise MapError(
-                        f"Expected {path} to be as it was written, got another checksum. {REBUILD}"
-                    )
-                self._verified.add(entry.key)
-            batch = pa.ipc.open_file(mapped).get_batch(0)
-        except (OSError, pa.ArrowException) as error:
-            words = getattr(error, "strerror", None) or str(error).partition("\n")[0]
-            raise MapError(f"Expected {path} to be a tile of the map, got: {words}. {REBUILD}") from None
-        if not batch.schema.equals(_schema()) or batch.num_rows != entry.n_voxels:
-            raise MapError(f"Expected {entry.n_voxels} voxels in {path}, got {batch.num_rows}. {REBUILD}")
+        checksum = None if entry.key in self._verified else entry.sha256
+        batch = _read(path, _schema(), entry.n_voxels, checksum)
+        self._verified.add(entry.key)
         tile = VoxelTile(
             entry.key,
             batch.column("column").flatten().to_numpy().reshape(-1, 2),
@@ -148,3 +194,54 @@ class TileStore:
                 f"Expected the voxels of {path} in the order of the search, got another. {REBUILD}"
             )
         return tile
+
+
+class GroundStore:
+    """The ground of a map on disk, read when asked for; the tiles used last are kept.
+
+    Parameters
+    ----------
+    path : path
+        The map's folder.
+    manifest : Manifest
+        Its manifest.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], manifest: Manifest) -> None:
+        self._folder = Path(path)
+        self._entries = {entry.key: entry for entry in manifest.ground}
+        self._keys = frozenset(self._entries)
+        self._n_cells = TILE_VOXELS // ground_voxels(manifest.cell)
+        self._recent = RecentTiles()
+        self._lock = threading.Lock()
+
+    @property
+    def keys(self) -> frozenset[TileKey]:
+        """Keys of the tiles that have ground."""
+        return self._keys
+
+    def load(self, key: TileKey) -> GroundTile:
+        """Return the ground of a tile.
+
+        Raises
+        ------
+        MapError
+            If its file is missing, or is not what was written.
+        """
+        with self._lock:
+            known = self._recent.get(key)
+            return self._recent.keep(known if known is not None else self._read(self._entries[key]))
+
+    def _read(self, entry: GroundEntry) -> GroundTile:
+        path = _ground_path(self._folder, entry.key)
+        batch = _read(path, _ground_schema(), entry.n_heights, entry.sha256)
+        columns = batch.column("column").flatten().to_numpy().reshape(-1, 2)
+        heights = batch.column("height").to_numpy()
+        n = self._n_cells
+        is_inside = ((columns >= 0) & (columns < n)).all() and bool(np.isfinite(heights).all())
+        cells = columns[:, 1].astype(np.int64) * n + columns[:, 0]
+        if not (is_inside and (np.diff(cells) >= 0).all()):
+            raise MapError(
+                f"Expected the heights of {path} in the order of their cells, got another. {REBUILD}"
+            )
+        return GroundTile.from_rows(entry.key, columns, heights, n)

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: MIT
 """From the best cell to a continuous pose, and how well that is known."""
 
-from maxcon.refine.adjustment import Refined, refine
+from maxcon.refine.adjustment import HEIGHT_SIGMA, TILT_SIGMA, Refined, refine
 from maxcon.refine.covariance import covariance
 from maxcon.refine.walls import WallShare, least_wall_share
 
-__all__ = ["Refined", "WallShare", "covariance", "least_wall_share", "refine"]
+__all__ = ["HEIGHT_SIGMA", "TILT_SIGMA", "Refined", "WallShare", "covariance", "least_wall_share", "refine"]

@@ -14,7 +14,7 @@ from maxcon.point_map import PointMap
 from maxcon.point_map.voxel_lookup import VoxelLookup
 from maxcon.scan import Scan
 
-__all__ = ["Refined", "refine"]
+__all__ = ["HEIGHT_SIGMA", "TILT_SIGMA", "Refined", "refine"]
 
 THINNING = 0.4
 """One point in each cube of this edge is adjusted, m: more cost time, and bring nothing."""
@@ -57,8 +57,11 @@ LEAST_COSINE = 0.8
 REACH = 1.0
 """How far points may move while a pose is adjusted, m: tiles within that are looked at."""
 MATCH_SIGMA = 0.05
-"""Of one match, m: what the start is weighed against, which is an observation of these standard deviations."""
-START_SIGMAS = (1.0, 1.0, 0.3, math.radians(1.0), math.radians(1.0), math.radians(5.0))
+"""Of one match, m: what the start is weighed against."""
+POSITION_SIGMA, HEADING_SIGMA = 1.0, math.radians(5.0)
+"""The start is an observation too, of these standard deviations, m and rad: weak, but no direction is ever open."""
+HEIGHT_SIGMA, TILT_SIGMA = 0.3, math.radians(1.0)
+"""The same for height, roll and pitch that nothing is known of, m and rad."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +108,14 @@ class Refined:
         return int(np.count_nonzero(self.weights))
 
 
-def refine(scan: Scan, point_map: PointMap, start: Pose) -> Refined:
+def refine(
+    scan: Scan,
+    point_map: PointMap,
+    start: Pose,
+    *,
+    height_sigma: float = HEIGHT_SIGMA,
+    tilt_sigma: float = TILT_SIGMA,
+) -> Refined:
     """Adjust a pose to the map: the sum of weighted squares of n . r, scalar products of normals and distances.
 
     Each point has one partner at a time: of the voxels along its normal that face as it does the one whose plane is
@@ -120,8 +130,9 @@ def refine(scan: Scan, point_map: PointMap, start: Pose) -> Refined:
     point_map : PointMap
         The map.
     start : Pose
-        T_map_sensor to start from, local frame, within some 0.2 m and a degree; its height, roll and pitch are
-        observations too, of 0.3 m and 1 degree.
+        T_map_sensor to start from, local frame, within some 0.2 m and a degree.
+    height_sigma, tilt_sigma : float
+        Standard deviations of the start's height, m, and of its roll and pitch, rad.
     """
     from maxcon.refine import kernels
 
@@ -129,7 +140,8 @@ def refine(scan: Scan, point_map: PointMap, start: Pose) -> Refined:
     points, normals = scan.points[kept], scan.normals[kept]
     lookup = _lookup(points, point_map, start)
     planes, residuals, weights = np.zeros((len(points), 4)), np.empty(len(points)), np.empty(len(points))
-    normal_matrix, start_weights = np.empty((6, 6)), (MATCH_SIGMA / np.array(START_SIGMAS)) ** 2
+    sigmas = [POSITION_SIGMA, POSITION_SIGMA, height_sigma, tilt_sigma, tilt_sigma, HEADING_SIGMA]
+    normal_matrix, start_weights = np.empty((6, 6)), (MATCH_SIGMA / np.array(sigmas)) ** 2
     first = np.array([start.x, start.y, start.z, start.roll, start.pitch, start.heading])
     unknowns = first.copy()
     for each in ROUNDS:

@@ -6,6 +6,7 @@ from maxcon.search import reference
 from maxcon.search.branch_and_bound import Found, branch_and_bound
 from maxcon.search.consensus import consensus_set
 from maxcon.search.exhaustive import exhaustive
+from maxcon.search.heights import accumulators, highest_of
 from maxcon.search.matching import Multiplicity, SearchMethod, Weighting
 
 __all__ = [
@@ -13,8 +14,10 @@ __all__ = [
     "Multiplicity",
     "SearchMethod",
     "Weighting",
+    "accumulators",
     "branch_and_bound",
     "consensus_set",
     "exhaustive",
+    "highest_of",
     "reference",
 ]

@@ -18,7 +18,7 @@ from maxcon.search.exhaustive import CELL_LIMIT, PASS_CELLS
 from maxcon.search.window import Window
 from maxcon.search_space import Cell
 
-__all__ = ["BoundedSearch", "Found"]
+__all__ = ["BoundedSearch", "Found", "Standing"]
 
 # So many cells of the highest bounds are scored first: the better the best is early, the less is left.
 FIRST_CELLS = 2
@@ -61,6 +61,8 @@ class Found:
         score of the runner-up if that reaches the asked share of the best score; otherwise it lies between the two.
     n_scored : int
         Cells whose moments were computed, a few of them twice; all others were only bounded.
+    height : int
+        Number of the height of the best cell, see `SearchSpace.raised`; at others nothing is proved of the rest.
     """
 
     cell: Cell
@@ -69,6 +71,15 @@ class Found:
     bound: float
     rest: float
     n_scored: int
+    height: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """Score and moments of the best cell of other heights: only cells that score as much are looked for."""
+
+    score: float
+    moments: Moments
 
 
 @dataclass
@@ -87,6 +98,8 @@ class BoundedSearch:
         The cells scored so far.
     n_threads : int
         Headings are shared out among that many threads.
+    standing : Standing, optional
+        What a cell must score at least. If none does, some cell is found, or none, with a score of minus infinity.
     highest_left_out : float
         Most that cells can score which were left out so far.
     """
@@ -96,6 +109,7 @@ class BoundedSearch:
     share: float
     scores: CellScores
     n_threads: int
+    standing: Standing | None = None
     highest_left_out: float = 0.0
 
     def run(self) -> Found:
@@ -125,6 +139,8 @@ class BoundedSearch:
 
     def _found(self, rest: float) -> Found:
         scores = self.scores
+        if not scores.scored:  # no bound reaches what stands
+            return Found(scores.cell, -math.inf, np.zeros(4), self._best, rest, 0)
         _, moments = scores.scored[scores.cell]
         n_scored = len(scores.scored) + scores.n_in_windows
         return Found(scores.cell, scores.best, moments.copy(), scores.best, rest, n_scored)
@@ -133,14 +149,29 @@ class BoundedSearch:
     def _asked(self) -> float:
         """Score from which on a cell is looked for."""
         guarded = self.scores.guarded
-        return self.share * (self.scores.best if guarded is None else self.scores.scored[guarded][0])
+        asked = self.share * (self.scores.best if guarded is None else self.scores.scored[guarded][0])
+        return asked if self.standing is None else max(asked, self.standing.score)
+
+    @property
+    def _leader(self) -> Standing | None:
+        """The best cell so far, of this height or of the others."""
+        scores, standing = self.scores, self.standing
+        if not scores.scored or (standing is not None and standing.score >= scores.best):
+            return standing
+        return Standing(scores.best, scores.scored[scores.cell][1])
+
+    @property
+    def _best(self) -> float:
+        """Score from which on a cell is the best, or as good."""
+        return self.scores.best if self.standing is None else max(self.scores.best, self.standing.score)
 
     def _plan(self) -> tuple[Axis, float]:
         """Axis that the best cell so far, or else the scan, determines least, and which voxels to leave out."""
         if self.bounds.is_count:
             return Axis.none(), 0.0
-        if self.scores.best > 0.0:
-            _, (_, xx, xy, yy) = self.scores.scored[self.scores.cell]
+        leader = self._leader
+        if leader is not None and leader.score > 0.0:
+            _, xx, xy, yy = leader.moments
             axis, turn, left_out = _weak_azimuth(xx, xy, yy)[0], 0.0, LEFT_OUT * self._asked
         else:
             axis, least = _weak_azimuth(*self.bounds.field.spread.tolist())
@@ -151,7 +182,7 @@ class BoundedSearch:
     def _bound(self, heading_pass: HeadingPass) -> Along:
         """Bound all cells of a part, and score the first of them."""
         along = heading_pass.along(*self._plan(), self.n_threads)
-        is_first = self.scores.best <= 0.0
+        is_first = self._best <= 0.0
         if is_first:
             self.scores.score(along.highest(FIRST_CELLS))
         n_open = along.count_reaching(self._open_from)
@@ -249,7 +280,7 @@ class BoundedSearch:
         """Score candidates until none is left that could be the best, or the runner-up that is asked for."""
         candidates = candidates[np.argsort(-candidates.upper, kind="stable")]
         place = 0
-        while place < len(candidates) and candidates.upper[place] >= self.scores.best:
+        while place < len(candidates) and candidates.upper[place] >= self._best:
             self.scores.score(candidates.cells[place : place + AT_ONCE])
             place += AT_ONCE
         others = candidates[place:]

@@ -3,6 +3,8 @@
 """Branch and bound: the best cell of the exhaustive search, from bounds of all cells and the moments of few."""
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
 
 from maxcon.accumulator import highest
 from maxcon.errors import OptionError
@@ -11,11 +13,12 @@ from maxcon.integrity import highest_beyond
 from maxcon.objectives import BoundedByAxes, BoundedByCount, Objective
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
-from maxcon.search.bounded_search import BoundedSearch, Found
+from maxcon.search.bounded_search import BoundedSearch, Found, Standing
 from maxcon.search.bounds import Bounds
 from maxcon.search.cell_scores import CellScores
 from maxcon.search.exhaustive import exhaustive
 from maxcon.search.field import Field
+from maxcon.search.heights import outwards
 from maxcon.search.matching import Multiplicity, Weighting, check_cell_edge, check_threads
 from maxcon.search_space import Cell, SearchSpace
 
@@ -44,6 +47,8 @@ def branch_and_bound(
     one too, in the window around them. What remains is scored, from the highest bound on, until no bound reaches the
     best score; or all cells of that window are, where that is faster.
 
+    Heights are searched from that of the prior outwards, and at each only for cells that reach the best score so far.
+
     Parameters
     ----------
     scan : Scan
@@ -63,10 +68,10 @@ def branch_and_bound(
     share : float
         1 to find the best cell only; less, above 0, to find the runner-up too, if it reaches this share of the best.
     guard_radius : float
-        The runner-up lies farther than this from the best cell, m.
+        The runner-up lies farther than this from the best cell, m, at the same height.
     guarded : tuple of 3 int, optional
         The cell that it lies far from, and whose score it is compared with, if not the best one: that of another
-        objective.
+        objective, at the height of the best cell.
     n_threads : int
         Headings are shared out among that many threads; the result does not depend on it (D8).
 
@@ -93,12 +98,64 @@ def branch_and_bound(
     check_threads(n_threads)
     if not 0.0 <= guard_radius < math.inf:
         raise OptionError(f"Expected `guard_radius` >= 0 m, got {guard_radius}. The default is 0.3.")
+
+    def search(height: int, share: float, standing: Standing | None) -> Found:
+        raised = space.raised(prior, height)
+        found = _at_one_height(
+            scan, point_map, raised, space.plane, objective, multiplicity, weighting, share, guard_radius, guarded,
+            n_threads, standing,
+        )  # fmt: skip
+        return replace(found, height=height)
+
+    return _best_of_heights(search, space, share)
+
+
+def _best_of_heights(
+    search: Callable[[int, float, Standing | None], Found], space: SearchSpace, share: float
+) -> Found:
+    """The best of what is found at each height, and its runner-up as at a single one.
+
+    search : given the number of a height, the share, and what stands already, what is found there.
+    """
+
+    def rank(found: Found) -> tuple[float, int, int, int, int]:
+        heading, y, x = found.cell
+        return -found.score, heading, found.height, y, x
+
+    first, *others = outwards(space)
+    best = search(first, share, None)
+    n_scored = best.n_scored
+    for height in others:
+        found = search(height, 1.0, Standing(best.score, best.moments))
+        n_scored += found.n_scored
+        best = min(best, found, key=rank)
+    if best.height != first and share < 1.0:  # so far nothing but the best cell was looked for there
+        best = search(best.height, share, None)
+        n_scored += best.n_scored
+    return replace(best, n_scored=n_scored)
+
+
+def _at_one_height(
+    scan: Scan,
+    point_map: PointMap,
+    prior: Pose,
+    space: SearchSpace,
+    objective: Objective,
+    multiplicity: Multiplicity,
+    weighting: Weighting,
+    share: float,
+    guard_radius: float,
+    guarded: Cell | None,
+    n_threads: int,
+    standing: Standing | None,
+) -> Found:
+    """The best cell of a space of one height, or any that scores less than what stands already."""
     is_count = isinstance(objective, BoundedByCount)
     if is_count or isinstance(objective, BoundedByAxes):
         searched = Field.prepare(scan, point_map, prior, space, multiplicity, weighting)
         bounds = Bounds.of(searched if is_count else searched.constraining(), prior, space, is_count=is_count)
         scores_of_cells = CellScores(searched, prior, space, objective, guard_radius, guarded)
-        return BoundedSearch(bounds, objective, share, scores_of_cells, n_threads).run()
+        return BoundedSearch(bounds, objective, share, scores_of_cells, n_threads, standing).run()
     accumulator = exhaustive(
         scan, point_map, prior, space, multiplicity=multiplicity, weighting=weighting, n_threads=n_threads
     )

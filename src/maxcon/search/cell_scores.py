@@ -214,7 +214,8 @@ class CellScores:
     def runner_up(self) -> float:
         """Highest score beyond the guard radius among the cells that were scored and kept."""
         singles = Candidates(
-            np.array(list(self.scored), np.int64), np.array([score for score, _ in self.scored.values()])
+            np.array(list(self.scored), np.int64).reshape(-1, 3),
+            np.array([score for score, _ in self.scored.values()]),
         )
         scored = self.kept.joined(singles)
         return float(scored.upper.max(where=self.is_beyond(scored.cells), initial=0.0))

@@ -14,7 +14,7 @@ from maxcon.geometry import Pose
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
 from maxcon.search.field import Field
-from maxcon.search.matching import Multiplicity, Weighting, check_cell_edge, check_threads
+from maxcon.search.matching import Multiplicity, Weighting, check_cell_edge, check_one_height, check_threads
 from maxcon.search.window import Window
 from maxcon.search_space import SearchSpace
 
@@ -49,7 +49,7 @@ def exhaustive(
     prior : Pose
         T_map_sensor before localization, local frame of the map.
     space : SearchSpace
-        The cells to try; at most 2^26 of them (2 GiB of moments).
+        The cells to try, of one height; at most 2^26 of them (2 GiB of moments).
     multiplicity : {"occupied", "points"}
         Whether a match weighs one, or as many as the voxel's map points (D4).
     weighting : {"cosine", "published", "one"}
@@ -65,13 +65,14 @@ def exhaustive(
     Raises
     ------
     SearchSpaceError
-        If the cell edge is not the map's or the space has too many cells.
+        If the cell edge is not the map's, or the space has several heights or too many cells.
     OptionError
         If the multiplicity or the weighting is unknown or there is no thread.
     ArrayError
         If the prior lies so far out that voxels have no index there (64,000 km at 6 cm).
     """
     check_cell_edge(space, point_map)
+    check_one_height(space)
     multiplicity, weighting = Multiplicity.parse(multiplicity), Weighting.parse(weighting)
     check_threads(n_threads)
     if space.n_cells > CELL_LIMIT:

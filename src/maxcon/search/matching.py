@@ -21,6 +21,7 @@ __all__ = [
     "SearchMethod",
     "Weighting",
     "check_cell_edge",
+    "check_one_height",
     "check_threads",
     "level",
     "turn",
@@ -126,6 +127,21 @@ def check_cell_edge(space: SearchSpace, point_map: PointMap) -> None:
         raise SearchSpaceError(
             f"Expected the cell edge of the search space to be the map's voxel edge, {point_map.cell:g} m,"
             f" got {space.cell:g} m. Build the map with that cell, or search with the map's."
+        )
+
+
+def check_one_height(space: SearchSpace) -> None:
+    """Refuse a search space of several heights where the cells of one are asked for.
+
+    Raises
+    ------
+    SearchSpaceError
+        If there are several.
+    """
+    if space.n_heights > 1:
+        raise SearchSpaceError(
+            f"Expected a search space of one height, got {space.n_heights}. Search its `plane` around each of its"
+            " `priors`, as `search.accumulators` does, or use `search.branch_and_bound`."
         )
 
 

@@ -15,7 +15,15 @@ from maxcon.geometry.arrays import as_points, as_unit_normals
 from maxcon.point_map import PointMap
 from maxcon.point_map.voxelize import mean_normals, turn_alike
 from maxcon.scan import Scan
-from maxcon.search.matching import CONTRIBUTION_STEP, Multiplicity, Weighting, check_cell_edge, level, turn
+from maxcon.search.matching import (
+    CONTRIBUTION_STEP,
+    Multiplicity,
+    Weighting,
+    check_cell_edge,
+    check_one_height,
+    level,
+    turn,
+)
 from maxcon.search_space import SearchSpace
 
 __all__ = ["pairs", "voxels"]
@@ -44,7 +52,7 @@ def pairs(
     prior : Pose
         T_map_sensor before localization, local frame.
     space : SearchSpace
-        The cells to try.
+        The cells to try, of one height.
     threshold : float
         A pair matches if its l-infinity distance is at most this, m. The paper takes the cell edge; with
         half of it each pair votes for one cell.
@@ -59,6 +67,7 @@ def pairs(
     -------
     Accumulator
     """
+    check_one_height(space)
     points_map = as_points(points_map, "points_map")
     normals_map = as_unit_normals(normals_map, len(points_map), "normals_map")
     once = Multiplicity.parse(multiplicity) is Multiplicity.OCCUPIED
@@ -101,7 +110,7 @@ def voxels(
     prior : Pose
         T_map_sensor before localization, local frame.
     space : SearchSpace
-        The cells to try.
+        The cells to try, of one height.
     multiplicity : {"points", "occupied"}
         Whether a match weighs as many as the voxel's map points, or one.
     weighting : {"cosine", "published", "one"}
@@ -114,9 +123,10 @@ def voxels(
     Raises
     ------
     SearchSpaceError
-        If the cell edge is not the map's.
+        If the cell edge is not the map's, or the space has several heights.
     """
     check_cell_edge(space, point_map)
+    check_one_height(space)
     once = Multiplicity.parse(multiplicity) is Multiplicity.OCCUPIED
     weighting = Weighting.parse(weighting)
     levelled = level(scan, prior)

@@ -213,7 +213,9 @@ class _SharedAccumulators:
             start = time.perf_counter()
             self._scan.thinned(method.thinning)
             self._thinning_ms[method.thinning] = 1e3 * (time.perf_counter() - start)
-        searched = replace(method, objective=Helmert(), trust=Trust(), refinement=True, wider=0.0, risk=0.5)
+        searched = replace(method, trust=Trust(), refinement=True, wider=0.0, risk=0.5)
+        if method.space.n_heights == 1:  # of several heights each objective takes its own
+            searched = replace(searched, objective=Helmert())
         key = (map_name, searched, prior)  # what comes after the search does not matter
         if key not in self._found:
             start = time.perf_counter()

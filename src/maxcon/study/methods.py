@@ -79,8 +79,8 @@ DEFAULT_SETS = ("consensus", "baselines")
 CELL_ONLY: dict[str, Any] = {"refinement": False}
 """The answer is the best cell, which is where objectives, weights and cells can be compared."""
 
-AS_PUBLISHED: dict[str, Any] = {"weighting": "published", "thinning": 0.0, **CELL_ONLY}
-"""A scan point without a normal constrains nothing, and all of them are searched with."""
+AS_PUBLISHED: dict[str, Any] = {"weighting": "published", "thinning": 0.0, "is_levelled": False, **CELL_ONLY}
+"""A scan point without a normal constrains nothing, all of them are searched with, and the prior's height is right."""
 
 
 def known_methods(space: SearchSpace) -> dict[str, StudyMethod]:
