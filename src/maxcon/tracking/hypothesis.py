@@ -12,8 +12,8 @@ from maxcon.tracking.uncertain_pose import UncertainPose
 
 __all__ = ["Hypothesis", "distance", "ranked", "weighed"]
 
-# Scans taken within this way see the same surfaces: together they say as much as one, m.
-WAY_OF_EVIDENCE = 1.0
+# Scans taken within this way see much the same surfaces: together they are held to say as much as one, m.
+WAY_OF_EVIDENCE = 2.0
 # What no scan matches is not worth nothing: the next scan may be hidden no longer.
 LEAST_RATIO = 0.1
 # A hypothesis worth less than this share of the best one is given up.

@@ -118,17 +118,15 @@ class MotionNoise:
         -----
         Over three successive poses the velocity changes by what the vehicle accelerates and by the errors of the two
         increments. The root mean square of all changes, over sqrt(2), is held for the error of one increment: too
-        much, by the acceleration, never too little; but errors that grow slowly do not show. Such errors are told by
-        the other standard deviations.
+        much, by the acceleration. Errors that grow slowly do not show; the usual noise stands for them.
         """
         if len(prior) < 3:
             return cls()
         steps = np.diff(prior.times)
         velocities = np.diff(prior.positions[:, :2], axis=0) / steps[:, None]
         rates = np.diff(np.unwrap(prior.angles[:, 2])) / steps
-        between = np.minimum(steps[1:], steps[:-1])
-        per_root_second = np.sqrt(between / 2.0)
-        jumps = np.linalg.norm(np.diff(velocities, axis=0), axis=1) / math.sqrt(2.0) * per_root_second
+        per_root_second = np.sqrt(np.minimum(steps[1:], steps[:-1]) / 2.0)  # of two increments, one
+        jumps = np.diff(velocities, axis=0) * per_root_second[:, None]
         turns = np.diff(rates) * per_root_second
         usual = cls()
         return cls(

@@ -30,7 +30,6 @@ class Place:
 
     pose: Pose
     share: float
-    score: float
 
     @property
     def uncertain(self) -> UncertainPose:
@@ -69,10 +68,9 @@ def find_places(
     if best.status is Status.NO_MATCH:
         return []
     if best.runner_up <= share:
-        return [Place(best.pose, 1.0, best.score)]
+        return [Place(best.pose, 1.0)]
     accumulator = asked.accumulate(scan, point_map, prior)
     scores = np.array(accumulator.score(Helmert()), dtype=np.float64)
-    worth = accumulator.score(method.objective)
     rows, columns = np.meshgrid(np.arange(space.shape[1]), np.arange(space.shape[2]), indexing="ij")
     places: list[Place] = []
     highest = float(scores.max())
@@ -82,7 +80,7 @@ def find_places(
         if ratio < share:
             break
         pose = space.pose((heading, iy, ix), prior)
-        places.append(Place(pose, ratio, float(worth[heading, iy, ix])))
+        places.append(Place(pose, ratio))
         is_near = np.hypot(rows - iy, columns - ix) * space.cell <= method.trust.guard_radius
         scores[:, is_near] = -1.0
     return places

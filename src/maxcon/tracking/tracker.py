@@ -24,11 +24,13 @@ __all__ = ["Tracker", "TrackingOptions"]
 
 # Where a wide search looks for other places at first, those that reach this share of the best one are kept.
 SHARE_AT_FIRST = 0.5
-# Once the track was looked at widely, a place found later begins with half of its worth: one scan may err.
-NEWCOMER = 0.5
+# Once the track was told apart from all other places, one that fits about as well has all against it that was seen
+# before: only a slip of the odometry could have brought the sensor there. One that fits clearly better has not.
+NEWCOMER = 0.1
+# Of several places the best is not believed before all others are worth less than this; then it is for longer.
+TOLD_APART = 0.5
 # A scan that fits best at the rim of its window is compared again in one of so many times its width.
 WIDER = 3.0
-TINY = 1e-12
 UNKNOWN = np.diag([np.inf, np.inf])
 
 
@@ -48,8 +50,8 @@ class TrackingOptions:
     check_distance : float
         Every so many metres the whole search space is looked at for a place that fits better.
     patience : float
-        A track that stays outside of the prior's search space for so many metres is lost; and so is one of which
-        nothing was seen for so many metres.
+        A track that stays outside of the prior's search space for so many metres is lost. A single motion as long is a
+        gap, after which scans have to agree anew.
 
     Raises
     ------
@@ -107,6 +109,7 @@ class Tracker:
         self._hypotheses = [] if self.start is None else [Hypothesis(self.start)]
         self._way = math.inf  # since a scan was last compared with all hypotheses, m
         self._unchecked = math.inf  # since the whole search space was last looked at, m
+        self._was_localized = False
         self._outside = 0.0  # since the track was last seen in the prior's search space, m
 
     @property
@@ -226,24 +229,25 @@ class Tracker:
 
     def _check(self, scan: Scan, point_map: PointMap, prior: Pose | None) -> None:
         """Look at the whole search space; what fits there about as well as the track competes with it from now on."""
-        best = self._hypotheses[0]
-        middle = best.predicted(self.noise).pose if prior is None else prior
+        here = self._hypotheses[0].predicted(self.noise)
         share = self.method.trust.largest_runner_up
+        middle = here.pose if prior is None else prior
         places = find_places(self.method, self.method.space, scan, point_map, middle, share)
-        is_first = math.isinf(self._unchecked)
-        worth = 1.0 if is_first or self._outside > self.options.patience else NEWCOMER
-        newcomers = [
-            replace(
-                Hypothesis(place.uncertain), evidence=worth * min(1.0, place.score / max(best.score, TINY))
-            )
-            for place in places
-        ]
+        # Scores are compared within this search: where its cells happen to lie changes them by a fifth and more.
+        near = [place.share for place in places if distance(place.uncertain, here) <= self._guard_radius]
+        own = max(near, default=share)
+        is_open = math.isinf(self._unchecked) or self._outside > self.options.patience
+        newcomers = []
+        for place in places:
+            worth = 1.0 if is_open or place.share * share > own else NEWCOMER
+            newcomers.append(Hypothesis(place.uncertain, evidence=worth * min(1.0, place.share / own)))
         self._hypotheses = ranked([*self._hypotheses, *newcomers], self.noise, self._guard_radius)
         self._unchecked = 0.0
 
     def _conclude(self, prior: Pose | None) -> Estimate | None:
         """Say where the best hypothesis is, and whether that may be used."""
         if not self._hypotheses:
+            self._was_localized = False
             if prior is None:
                 return None
             return Estimate(prior, 0.0, None, Status.LOST, UNKNOWN, reason="no place fits the scan")
@@ -253,6 +257,7 @@ class Tracker:
             self._outside = 0.0
         rival = self._hypotheses[1].evidence if len(self._hypotheses) > 1 else 0.0
         status, reason = self._judged(best, place, rival)
+        self._was_localized = status is Status.LOCALIZED
         estimate = best.estimate or Estimate(place.pose, 0.0, None, status, UNKNOWN)
         return replace(
             estimate,
@@ -270,7 +275,8 @@ class Tracker:
         why = Status.LOST if best.estimate is None or best.n_refused == 0 else best.estimate.status
         if self._outside > options.patience:
             return Status.LOST, f"outside of the prior's search space for {self._outside:.0f} m"
-        if rival > self.method.trust.largest_runner_up:
+        largest = self.method.trust.largest_runner_up
+        if rival > (largest if self._was_localized else min(largest, TOLD_APART)):
             return Status.AMBIGUOUS, f"{len(self._hypotheses)} places fit the last scans"
         if best.agreement < options.least_agreement:
             return why, f"scans have agreed with this place by {best.agreement:.2f} of a whole one so far"
