@@ -62,7 +62,7 @@ class TrackingOptions:
     sigmas: float = 3.0
     largest_sigma: float = 0.1
     least_agreement: float = 0.5
-    check_distance: float = 5.0
+    check_distance: float = 3.0
     patience: float = 20.0
 
     def __post_init__(self) -> None:
@@ -157,6 +157,8 @@ class Tracker:
         weighted = weighed(compared, math.inf if is_new else self._way)
         self._hypotheses = ranked(weighted, self.noise, self._guard_radius)
         self._way = 0.0
+        if prior is None or (self.prediction is not None and self._is_inside(self.prediction.pose, prior)):
+            self._outside = 0.0
         if self._hypotheses and self._unchecked >= self.options.check_distance:
             self._check(scan, point_map, prior)
         return self._conclude(prior)
@@ -239,7 +241,7 @@ class Tracker:
         is_open = math.isinf(self._unchecked) or self._outside > self.options.patience
         newcomers = []
         for place in places:
-            worth = 1.0 if is_open or place.share * share > own else NEWCOMER
+            worth = 1.0 if is_open or place.share * share >= own else NEWCOMER
             newcomers.append(Hypothesis(place.uncertain, evidence=worth * min(1.0, place.share / own)))
         self._hypotheses = ranked([*self._hypotheses, *newcomers], self.noise, self._guard_radius)
         self._unchecked = 0.0
@@ -253,8 +255,6 @@ class Tracker:
             return Estimate(prior, 0.0, None, Status.LOST, UNKNOWN, reason="no place fits the scan")
         best = self._hypotheses[0]
         place = best.predicted(self.noise)
-        if prior is None or self._is_inside(place.pose, prior):
-            self._outside = 0.0
         rival = self._hypotheses[1].evidence if len(self._hypotheses) > 1 else 0.0
         status, reason = self._judged(best, place, rival)
         self._was_localized = status is Status.LOCALIZED
