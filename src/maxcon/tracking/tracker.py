@@ -31,6 +31,8 @@ NEWCOMER = 0.1
 TOLD_APART = 0.5
 # A scan that fits best at the rim of its window is compared again in one of so many times its width.
 WIDER = 3.0
+# A vehicle that stands looks widely as often as one that walks, m/s.
+WALKING_PACE = 1.0
 UNKNOWN = np.diag([np.inf, np.inf])
 
 
@@ -130,7 +132,7 @@ class Tracker:
             for each in self._hypotheses
         ]
         self._way += motion.distance
-        self._unchecked += motion.distance
+        self._unchecked += max(motion.distance, WALKING_PACE * motion.seconds)
         self._outside += motion.distance
 
     def localize(self, scan: Scan, point_map: PointMap, prior: Pose | None) -> Estimate | None:
