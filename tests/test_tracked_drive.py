@@ -99,6 +99,7 @@ def test_with_odometry_the_prior_is_needed_where_the_track_begins(point_map, sca
 def test_before_the_prior_begins_there_is_none(point_map, scans):
     epochs = list(track_drive(point_map, scans, prior(range(2, 10)), Tracker(METHOD), odometry()))
     assert [epoch.status for epoch in epochs[:2]] == [Status.NO_PRIOR] * 2
+    assert epochs[0].reason == "there is neither a track nor a prior to begin one"
     assert epochs[8].status is Status.LOCALIZED
 
 

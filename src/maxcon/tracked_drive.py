@@ -25,6 +25,8 @@ from maxcon.trajectory import Trajectory
 
 __all__ = ["track_drive"]
 
+NOTHING_KNOWN = "there is neither a track nor a prior to begin one"
+
 
 def track_drive(
     point_map: PointMap,
@@ -111,7 +113,9 @@ class _TrackedDrive:
         raw, reason = read_epoch(self.scans, number, self.options)
         scan = Scan(raw.points, time=raw.time)
         status = Status.UNREADABLE if reason else self._status_without_search(scan, prior, expected)
-        if status is None and motion is None:
+        if status is Status.NO_PRIOR:
+            reason = NOTHING_KNOWN
+        elif status is None and motion is None:
             status, reason = Status.NO_PRIOR, "the motion up to this scan is not known"
         if status is not None:
             return EpochEstimate(number, raw, status, 0.0, scan, expected, reason=reason)
@@ -119,7 +123,9 @@ class _TrackedDrive:
         estimate = self.tracker.localize(scan, self.point_map, prior)
         milliseconds = 1e3 * (time.perf_counter() - start)
         if estimate is None:
-            return EpochEstimate(number, raw, Status.NO_PRIOR, milliseconds, scan, expected)
+            return EpochEstimate(
+                number, raw, Status.NO_PRIOR, milliseconds, scan, expected, reason=NOTHING_KNOWN
+            )
         frame = self.point_map.frame
         pose = frame.pose_to_global(estimate.pose) if estimate.is_localized else None
         return EpochEstimate(
