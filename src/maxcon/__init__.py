@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from maxcon.scan import Scan
     from maxcon.search import Multiplicity, Weighting
     from maxcon.search_space import SearchSpace
+    from maxcon.tracking import Motion, MotionNoise, Tracker, TrackingOptions, UncertainPose
     from maxcon.trajectory import Trajectory
 
 __all__ = [
@@ -35,6 +36,8 @@ __all__ = [
     "MaxEigenvalue",
     "MaxconError",
     "MaximumConsensus",
+    "Motion",
+    "MotionNoise",
     "Multiplicity",
     "Objective",
     "PointMap",
@@ -42,8 +45,11 @@ __all__ = [
     "Scan",
     "SearchSpace",
     "Status",
+    "Tracker",
+    "TrackingOptions",
     "Trajectory",
     "Trust",
+    "UncertainPose",
     "Weighting",
     "__version__",
     "search",
@@ -58,6 +64,8 @@ _HOME = {
     "MaxEigenvalue": "maxcon.objectives",
     "MaxconError": "maxcon.errors",
     "MaximumConsensus": "maxcon.maximum_consensus",
+    "Motion": "maxcon.tracking",
+    "MotionNoise": "maxcon.tracking",
     "Multiplicity": "maxcon.search",
     "Objective": "maxcon.objectives",
     "PointMap": "maxcon.point_map",
@@ -65,8 +73,11 @@ _HOME = {
     "Scan": "maxcon.scan",
     "SearchSpace": "maxcon.search_space",
     "Status": "maxcon.estimate",
+    "Tracker": "maxcon.tracking",
+    "TrackingOptions": "maxcon.tracking",
     "Trajectory": "maxcon.trajectory",
     "Trust": "maxcon.integrity",
+    "UncertainPose": "maxcon.tracking",
     "Weighting": "maxcon.search",
 }
 

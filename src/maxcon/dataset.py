@@ -19,7 +19,7 @@ LARGEST_DESCRIPTION = 2**20
 
 _KEYS = {
     "map": {"clouds", "path", "trajectory", "crs", "drop", "vehicle_classes", "normals_have_sides"},
-    "scans": {"folder", "times", "reference"},
+    "scans": {"folder", "times", "reference", "odometry"},
 }
 _FOR_CLOUDS = ("trajectory", "crs", "drop", "vehicle_classes", "normals_have_sides")
 
@@ -54,6 +54,8 @@ class Dataset:
         Poses held for true, T_map_sensor, global coordinates.
     priors : dict of str to Path
         Rough poses by name, T_map_sensor, global coordinates; at least one, none by the name "reference".
+    odometry : Path or None
+        The vehicle's own motion, T_odometry_sensor in any frame, where it was recorded.
     """
 
     path: Path
@@ -68,6 +70,7 @@ class Dataset:
     times: Path | None
     reference: Path
     priors: dict[str, Path]
+    odometry: Path | None = None
 
     @property
     def folder(self) -> Path:
@@ -105,6 +108,7 @@ class Dataset:
             scans=table.needed_path("scans", "folder"),
             times=table.path("scans", "times"),
             reference=table.needed_path("scans", "reference"),
+            odometry=table.path("scans", "odometry"),
             priors={name: table.needed_path("priors", name) for name in named["priors"]},
         )
         useless = [key for key in _FOR_CLOUDS if key in named["map"]]

@@ -22,8 +22,10 @@ __all__ = [
     "EpochEstimate",
     "Method",
     "check_inside",
+    "check_times",
     "localize_drive",
     "pose_or_none",
+    "read_epoch",
     "status_without_search",
 ]
 
@@ -142,7 +144,7 @@ def localize_drive(
     """
     options = options or DriveOptions()
     priors = [pose_or_none(prior, float(at), options.max_gap) for at in scans.times]
-    _check_times(scans, prior, priors)
+    check_times(scans, prior, priors)
     local = [point_map.frame.pose_to_local(pose) if pose is not None else None for pose in priors]
     check_inside(point_map, local)
     return (
@@ -158,14 +160,10 @@ def _localize_epoch(
     method: Method,
     options: DriveOptions,
 ) -> EpochEstimate:
-    try:
-        raw = scans.read(epoch, options.min_range, options.max_range)
-    except FileError as error:
-        nothing = np.empty((0, 3))
-        raw = RawScan(nothing, float(scans.times[epoch]), scans.paths[epoch].name, 0, 0, 0)
-        scan = Scan(nothing, time=raw.time)
-        return EpochEstimate(epoch, raw, Status.UNREADABLE, 0.0, scan, prior, reason=str(error))
+    raw, reason = read_epoch(scans, epoch, options)
     scan = Scan(raw.points, time=raw.time)
+    if reason:
+        return EpochEstimate(epoch, raw, Status.UNREADABLE, 0.0, scan, prior, reason=reason)
     status = status_without_search(point_map, scan, prior)
     if status is not None or prior is None:
         return EpochEstimate(epoch, raw, status or Status.NO_PRIOR, 0.0, scan, prior)
@@ -176,6 +174,15 @@ def _localize_epoch(
     return EpochEstimate(
         epoch, raw, estimate.status, milliseconds, scan, prior, estimate, pose, estimate.reason
     )
+
+
+def read_epoch(scans: ScanFolder, epoch: int, options: DriveOptions) -> tuple[RawScan, str]:
+    """Return the scan of an epoch, or one without points and the reason why it cannot be read."""
+    try:
+        return scans.read(epoch, options.min_range, options.max_range), ""
+    except FileError as error:
+        nothing = np.empty((0, 3))
+        return RawScan(nothing, float(scans.times[epoch]), scans.paths[epoch].name, 0, 0, 0), str(error)
 
 
 def status_without_search(point_map: PointMap, scan: Scan, prior: Pose | None) -> Status | None:
@@ -195,11 +202,21 @@ def pose_or_none(trajectory: Trajectory, at: float, max_gap: float) -> Pose | No
         return None
 
 
-def _check_times(scans: ScanFolder, prior: Trajectory, priors: list[Pose | None]) -> None:
-    if all(pose is None for pose in priors):
+def check_times(
+    scans: ScanFolder, trajectory: Trajectory, poses: Sequence[Pose | None], what: str = "prior"
+) -> None:
+    """Refuse a trajectory that has a pose for none of the scans.
+
+    Raises
+    ------
+    TrajectoryError
+        If it has none.
+    """
+    if all(pose is None for pose in poses):
         raise TrajectoryError(
-            f"Expected a prior pose for the scans, {scans.times[0]:.3f} to {scans.times[-1]:.3f} s, but the"
-            f" prior trajectory has none near any of them ({prior.times[0]:.3f} to {prior.times[-1]:.3f} s)."
+            f"Expected a{'n' if what[0] in 'aeiou' else ''} {what} pose for the scans, {scans.times[0]:.3f} to"
+            f" {scans.times[-1]:.3f} s, but the {what} trajectory has none near any of them"
+            f" ({trajectory.times[0]:.3f} to {trajectory.times[-1]:.3f} s)."
             " Do both use the same clock? Give the scans' times with --times."
         )
 

@@ -99,3 +99,14 @@ def test_points_of_another_shape_are_refused():
         pose.apply([[0.0, 0.0, 0.0], [0.0, math.nan, 0.0]])
     with pytest.raises(ArrayError, match="to be numbers"):
         pose.apply([["a", "b", "c"]])
+
+
+@given(st.lists(ANGLE, min_size=6, max_size=6), st.floats(-1e3, 1e3))
+def test_poses_are_put_together_as_matrices_are(angles, x):
+    first = Pose(x, -2.0, 3.0, angles[0], 0.49 * angles[1], angles[2])
+    second = Pose(1.0, x, -1.0, angles[3], 0.49 * angles[4], angles[5])
+    both = first @ second
+    np.testing.assert_allclose(both.rotation, first.rotation @ second.rotation, atol=1e-9)
+    np.testing.assert_allclose(both.position, first.apply(second.position[None])[0], atol=1e-9)
+    np.testing.assert_allclose((first @ first.inverse).rotation, np.eye(3), atol=1e-9)
+    np.testing.assert_allclose((first.inverse @ first).position, 0.0, atol=1e-9)

@@ -108,7 +108,7 @@ def off_by(pose, height, roll_deg, pitch_deg):
     roll_deg=st.floats(-1.5, 1.5),
     pitch_deg=st.floats(-1.5, 1.5),
     heading=st.floats(-3.0, 3.0),
-    cars=st.sampled_from([0.0, 0.3, 0.5]),
+    cars=st.sampled_from([0.0, 0.2, 0.35]),
     seed=st.integers(0, 2**32),
 )
 @settings(max_examples=60, deadline=None)

@@ -93,6 +93,7 @@ def test_addresses_are_those_of_the_arrays_also_of_a_copy():
             occupancy.firsts,
             each.normals,
             each.counts,
+            each.means,
         ]
         assert addresses.values.tolist() == [array.ctypes.data for array in addresses.kept]
         for array, kept in zip(arrays, addresses.kept, strict=True):
@@ -104,7 +105,7 @@ def test_arrays_in_pieces_are_copied():
     tile = tile_of(np.random.default_rng(0).integers(0, 100, (500, 3)))
     counts, normals = np.arange(1000, dtype=np.int32)[::2], np.asfortranarray(tile.normals + np.float32(0.5))
     addresses = VoxelTile(tile.key, tile.columns, tile.layers, counts, normals, tile.means).addresses
-    for array, kept in zip((normals, counts), addresses.kept[4:], strict=True):
+    for array, kept in zip((normals, counts, tile.means), addresses.kept[4:], strict=True):
         assert kept.flags.c_contiguous and (array == kept).all()
 
 

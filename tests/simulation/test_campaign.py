@@ -118,6 +118,23 @@ def test_fewer_epochs_are_the_same_scans(dataset, tmp_path, thin):
 
 
 @pytest.mark.usefixtures("built")
+def test_successive_epochs_and_the_odometry_of_the_whole_round(dataset, tmp_path, thin):
+    options = {**thin, "n_epochs": 3, "mapping_scanners": THINNEST}
+    successive = simulate_campaign(tmp_path / "successive", **options, every=0.2)
+    times = np.loadtxt(successive.scans / "times.txt")
+    np.testing.assert_allclose(np.diff(times), 0.2, atol=1e-6)
+    np.testing.assert_array_equal(_scan(successive, 0), _scan(dataset, 0))
+    assert successive.odometry.name == dataset.odometry.name == "odometry.txt"
+    told, same = read_trajectory(successive.odometry), read_trajectory(dataset.odometry)
+    np.testing.assert_array_equal(told.positions, same.positions)
+    assert len(told) == 3001 and np.isin(np.round(times, 6), np.round(told.times, 6)).all()
+    reference = read_trajectory(dataset.reference)
+    first, second = reference.times[1:3]
+    moved = [np.linalg.norm(each.at(second).position - each.at(first).position) for each in (told, reference)]
+    assert 0.0 < abs(moved[0] / moved[1] - 1.0) < 0.05
+
+
+@pytest.mark.usefixtures("built")
 def test_hard_is_said(tmp_path, thin_scanner):
     out = tmp_path / "hard"
     simulate_campaign(
@@ -172,6 +189,9 @@ def test_only_a_dataset_is_overwritten(dataset, tmp_path, thin_scanner):
     [
         ({"n_epochs": 0}, r"Expected 1 to 3001 epochs of a campaign, got n_epochs = 0\."),
         ({"n_epochs": 3002}, r"got n_epochs = 3002\. A round has no more: .* Take another seed for more\."),
+        ({"n_epochs": 10, "every": 0.25}, r"Expected `every` to be a multiple of 0\.1 s .* got 0\.25 s"),
+        ({"n_epochs": 1000, "every": 0.5}, r"with which 1000 epochs fit into the round of 300 s, got 0\.5 s"),
+        ({"n_epochs": 2, "every": 0.0}, r"got 0\.0 s"),
         ({"seed": -1}, "Expected a seed of 0 or more, got -1"),
         ({"n_rounds": 0}, "Expected at least one round of mapping, got 0"),
     ],

@@ -35,7 +35,7 @@ def asked(monkeypatch, campaign, thin_scanner):
     monkeypatch.setattr(maxcon.simulation.CampaignWorld, "build", lambda *_, **__: world)
 
     def thinly(out, **options):
-        calls.append({key: options[key] for key in ("n_epochs", "seed", "is_hard", "overwrite")})
+        calls.append({key: options[key] for key in ("n_epochs", "every", "seed", "is_hard", "overwrite")})
         options["n_epochs"] = 1
         return simulate_campaign(out, **options, mapping_scanners=THINNEST, scanner=thin_scanner)
 
@@ -46,25 +46,36 @@ def asked(monkeypatch, campaign, thin_scanner):
 def test_campaign_says_what_it_wrote(run, asked, tmp_path):
     code, printed = run(tmp_path / "out", "--campaign")
     assert (code, printed.err) == (0, "")
-    assert asked == [{"n_epochs": 3001, "seed": 0, "is_hard": False, "overwrite": False}]
+    assert asked == [{"n_epochs": 3001, "every": None, "seed": 0, "is_hard": False, "overwrite": False}]
     lines = printed.out.splitlines()
     assert lines[0] == str(tmp_path / "out")
     parts = {line[:13].strip(): line[13:].strip() for line in lines[1:]}
-    assert list(parts) == ["map clouds", "mapping", "scans", "reference", "prior gnss", "prior uniform"]
+    assert list(parts) == [
+        "map clouds",
+        "mapping",
+        "scans",
+        "reference",
+        "prior gnss",
+        "prior uniform",
+        "odometry",
+    ]
     assert parts["prior gnss"] == str(tmp_path / "out" / "prior_gnss.txt")
     assert parts["prior uniform"] == str(tmp_path / "out" / "prior_uniform.txt")
 
 
 def test_hard_and_the_number_of_epochs_are_passed_on(run, asked, tmp_path):
-    code, _ = run(tmp_path / "out", "--campaign", "--hard", "--epochs", "200", "--seed", "4")
+    code, _ = run(
+        tmp_path / "out", "--campaign", "--hard", "--epochs", "200", "--every", "0.5", "--seed", "4"
+    )
     assert code == 0
-    assert asked == [{"n_epochs": 200, "seed": 4, "is_hard": True, "overwrite": False}]
+    assert asked == [{"n_epochs": 200, "every": 0.5, "seed": 4, "is_hard": True, "overwrite": False}]
 
 
 @pytest.mark.parametrize(
     ("options", "words"),
     [
         (("--hard",), "maxcon: Expected --hard together with --campaign, got it alone."),
+        (("--every", "0.1"), "maxcon: Expected --every together with --campaign, got it alone."),
         (("--campaign", "--epochs", "3002"), "maxcon: Expected 1 to 3001 epochs of a campaign"),
     ],
 )

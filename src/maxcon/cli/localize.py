@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from maxcon.cli.compiling import compiling_told
+from maxcon.cli.drive_summary import print_summary
 from maxcon.cli.method_options import MultiplicityName, ObjectiveName, SearchName, WeightingName
 from maxcon.cli.options import HeadingStepDeg, MaxRange, MinRange
 from maxcon.cli.progress import progress_bar
 from maxcon.cli.search_space import chosen_space
+from maxcon.cli.tracking import check_tracking, started_drive
 
 if TYPE_CHECKING:
     from maxcon.drive import EpochEstimate
@@ -118,6 +120,23 @@ def localize(
         float,
         typer.Option(metavar="0..1", help="A second place that scores more than this share: not trusted."),
     ] = 0.8,
+    track: Annotated[
+        bool,
+        typer.Option(
+            "--track", help="Search each scan only where the one before and the motion since allow it to be."
+        ),
+    ] = False,
+    odometry: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="TUM|CSV",
+            help="With --track: poses in any frame that tell the motion between scans; else the prior's own does.",
+        ),
+    ] = None,
+    drift: Annotated[
+        float | None,
+        typer.Option(metavar="SHARE", help="Of the way, by which the odometry is off; 0.02 if not given."),
+    ] = None,
     times: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Time of each scan; default times.txt there, or the names."),
@@ -138,7 +157,7 @@ def localize(
     Exit code 0: every epoch is localized; 1: some are not (the status column says why); 2: bad input.
     """
     from maxcon.atomic import check_folder, check_writable
-    from maxcon.drive import DriveOptions, localize_drive
+    from maxcon.drive import DriveOptions
     from maxcon.integrity import Trust
     from maxcon.io.scans import open_scans
     from maxcon.io.trajectories import read_trajectory, write_tum
@@ -147,6 +166,7 @@ def localize(
     from maxcon.poses_table import localized_trajectory, write_poses
 
     _check_options(prior, out, tum, plot, plot_epochs)
+    check_tracking(track, odometry, drift)
     for path in (out, tum):
         if path is not None:
             check_writable(path)
@@ -168,14 +188,16 @@ def localize(
     wanted = parse_epochs(plot_epochs, len(folder)) if plot is not None else frozenset()
     draw = _drawer(plot, point_map, method, objective) if plot is not None else None
     options = DriveOptions(min_range, max_range, max_gap)
-    with _naming(prior, scans, map_folder):
-        drive = localize_drive(point_map, folder, prior_trajectory, method, options)
+    with _naming(odometry or prior, scans, map_folder):
+        drive = started_drive(
+            point_map, folder, prior_trajectory, method, options, track=track, odometry=odometry, drift=drift
+        )
     epochs = _localized(drive, len(folder), draw, wanted, quiet)
     write_poses(out, epochs)
     trajectory = localized_trajectory(epochs)
     if tum is not None and trajectory is not None:
         write_tum(tum, trajectory, "T_map_sensor, localized by maxcon")
-    _print_summary(epochs, out)
+    print_summary(epochs, out)
     if tum is not None and trajectory is None:
         typer.echo(f"no pose to write: {tum} is not written")
     if any(epoch.pose_global is None for epoch in epochs):
@@ -289,30 +311,3 @@ def _drawer(
         )
 
     return draw
-
-
-def _print_summary(epochs: "list[EpochEstimate]", out: Path) -> None:
-    from collections import Counter
-
-    import numpy as np
-
-    n_localized = sum(epoch.pose_global is not None for epoch in epochs)
-    taken = [epoch.milliseconds for epoch in epochs if epoch.estimate is not None]
-    median = f", median {np.median(taken):.0f} ms" if taken else ""
-    typer.echo(f"{n_localized} of {len(epochs)} epochs localized{median}; written to {out}")
-    n_invalid = sum(epoch.raw.n_dropped_invalid for epoch in epochs)
-    n_out_of_range = sum(epoch.raw.n_dropped_range for epoch in epochs)
-    if n_invalid or n_out_of_range:
-        typer.echo(f"left out: {n_invalid:,} points that are no returns, {n_out_of_range:,} out of range")
-    n_widened = sum(epoch.estimate is not None and epoch.estimate.was_widened for epoch in epochs)
-    if n_widened:
-        typer.echo(f"{n_widened} were in doubt and searched for farther around")
-    others = Counter(epoch.status for epoch in epochs if epoch.pose_global is None)
-    for status, number in sorted(others.items()):
-        typer.echo(f"{number} {status.value}: {status.explanation}")
-    doubtful = [epoch for epoch in epochs if epoch.reason]
-    if doubtful:
-        first = doubtful[0]
-        typer.echo(
-            f"{len(doubtful)} have a reason beside them; the first, epoch {first.epoch}: {first.reason}"
-        )

@@ -49,6 +49,15 @@ def simulate(
             min=1, help="How many scans; 40, 3001 with --campaign, 200 in a suburb.", show_default=False
         ),
     ] = None,
+    every: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S",
+            help="With --campaign: seconds between two scans, from the beginning of the round on. Else they are"
+            " spread evenly over it.",
+            show_default=False,
+        ),
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same dataset.")] = 0,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace the folder if there is one.")
@@ -61,6 +70,10 @@ def simulate(
     if hard and not campaign:
         raise OptionError(
             "Expected --hard together with --campaign, got it alone. Add --campaign, or leave it out."
+        )
+    if every is not None and not campaign:
+        raise OptionError(
+            "Expected --every together with --campaign, got it alone. Add --campaign, or leave it out."
         )
     if campaign and scene is not Scene.CITY:
         raise OptionError(
@@ -76,7 +89,9 @@ def simulate(
 
         options["progress"] = progress
         if campaign:
-            dataset = simulation.simulate_campaign(out, n_epochs=epochs or 3001, is_hard=hard, **options)
+            dataset = simulation.simulate_campaign(
+                out, n_epochs=epochs or 3001, every=every, is_hard=hard, **options
+            )
         elif scene is Scene.SUBURB:
             dataset = simulation.simulate_suburb(out, n_epochs=epochs or 200, **options)
         else:
@@ -96,6 +111,8 @@ def _say_what_was_written(dataset: Dataset) -> None:
     ]
     is_only = len(dataset.priors) == 1
     parts += [("prior" if is_only else f"prior {name}", path) for name, path in dataset.priors.items()]
+    if dataset.odometry is not None:
+        parts.append(("odometry", dataset.odometry))
     width = max(12, *(len(name) for name, _ in parts))
     for name, path in parts:
         typer.echo(f"{name:<{width}} {path}")

@@ -107,3 +107,21 @@ class Pose:
     def levelled(self, other: "Pose") -> "Pose":
         """Return the pose at this place and heading with the height, roll and pitch of another."""
         return Pose(self.x, self.y, other.z, other.roll, other.pitch, self.heading)
+
+    def __matmul__(self, other: "Pose") -> "Pose":
+        """T_a_c from T_a_b (this one) and T_b_c: the pose after a motion that is told in this pose's own axes."""
+        return _from_rotation(self.apply(other.position[None])[0], self.rotation @ other.rotation)
+
+    @property
+    def inverse(self) -> "Pose":
+        """T_b_a of this T_a_b."""
+        return _from_rotation(-self.rotation.T @ self.position, self.rotation.T)
+
+
+def _from_rotation(position: NDArray[np.float64], rotation: NDArray[np.float64]) -> Pose:
+    """Return the pose of a position, shape (3,), and a rotation matrix, shape (3, 3)."""
+    roll = math.atan2(rotation[2, 1], rotation[2, 2])
+    pitch = math.atan2(-rotation[2, 0], math.hypot(rotation[2, 1], rotation[2, 2]))
+    heading = math.atan2(rotation[1, 0], rotation[0, 0])
+    x, y, z = position.tolist()
+    return Pose(x, y, z, roll, pitch, heading)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from maxcon.refine.adjustment import MATCH_SIGMA, Refined
 
-__all__ = ["covariance"]
+__all__ = ["covariance", "map_covariance"]
 
 CLUSTER_EDGE = 3.0
 """Points of one facing within a cube of this edge scatter together, m; so do walls of one facing within this depth."""
@@ -54,9 +54,13 @@ def covariance(refined: Refined, map_sigma: float) -> NDArray[np.float64]:
     scatter = pulls(clusters, refined.residuals[used]) + np.diag(refined.start_weights) * MATCH_SIGMA**2
     of_scatter = SCATTER_FACTORS[:, None] * (A @ scatter @ A) * SCATTER_FACTORS
     of_walls = WALL_SIGMA**2 * A @ pulls(walls, np.ones(len(used))) @ A
+    return np.asarray(of_scatter + of_walls + map_covariance(map_sigma), dtype=np.float64)
+
+
+def map_covariance(map_sigma: float) -> NDArray[np.float64]:
+    """What a map whose own position has this standard deviation along any axis (m) adds, shape (6, 6), as above."""
     tilt, turn = map_sigma / TILT_LENGTH, map_sigma / TURN_LENGTH
-    of_map = np.diag(np.array([map_sigma, map_sigma, map_sigma, tilt, tilt, turn]) ** 2)
-    return np.asarray(of_scatter + of_walls + of_map, dtype=np.float64)
+    return np.diag(np.array([map_sigma, map_sigma, map_sigma, tilt, tilt, turn]) ** 2)
 
 
 def _facings(normals: NDArray[np.float64]) -> NDArray[np.int64]:

@@ -13,6 +13,7 @@ from maxcon.simulation.gnss_priors import GnssErrors
 from maxcon.simulation.las_classes import LasClass
 from maxcon.simulation.mapped_drives import ScanEpoch
 from maxcon.simulation.moving_scanner import DeskewErrors, MovingScanner
+from maxcon.simulation.odometry import OdometryErrors
 from maxcon.simulation.ray_caster import Hits, RayCaster
 from maxcon.simulation.round_drive import RoundDriver, drive_round
 from maxcon.simulation.scanner_layouts import ScannerLayout
@@ -37,6 +38,7 @@ __all__ = [
     "Hits",
     "LasClass",
     "MovingScanner",
+    "OdometryErrors",
     "PriorErrors",
     "ProfileScanner",
     "RayCaster",

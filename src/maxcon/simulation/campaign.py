@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from maxcon.atomic import atomic_folder, check_replaceable
 from maxcon.dataset import Dataset
 from maxcon.errors import OptionError
-from maxcon.simulation.campaign_world import MOST_EPOCHS, CampaignWorld
+from maxcon.simulation.campaign_world import EPOCH_STEP, MOST_EPOCHS, CampaignWorld
 from maxcon.simulation.dataset_files import (
     DATASET_NAMES,
     PRIORS,
@@ -16,10 +16,12 @@ from maxcon.simulation.dataset_files import (
     write_description,
     write_epochs,
     write_map_clouds,
+    write_odometry,
     write_trajectory,
 )
 from maxcon.simulation.drive import PriorErrors
 from maxcon.simulation.gnss_priors import GnssErrors
+from maxcon.simulation.odometry import OdometryErrors
 from maxcon.simulation.scanners import ProfileScanner, RotatingScanner, mobile_mapping_scanners
 
 __all__ = ["simulate_campaign"]
@@ -29,6 +31,7 @@ def simulate_campaign(
     out: str | os.PathLike[str],
     *,
     n_epochs: int = MOST_EPOCHS,
+    every: float | None = None,
     seed: int = 0,
     is_hard: bool = False,
     n_rounds: int = 5,
@@ -46,6 +49,9 @@ def simulate_campaign(
     n_epochs : int
         How many scans. 3001 are 0.1 s apart and take the 300 s of the round; fewer are some of these,
         spread evenly over the same round.
+    every : float, optional
+        Seconds between two scans, a multiple of 0.1, from the beginning of the round on: a drive to track over.
+        Without it the scans are spread evenly.
     seed : int
         The same seed gives the same city, drives, scans, priors and map points.
     is_hard : bool
@@ -66,12 +72,14 @@ def simulate_campaign(
     -------
     Dataset
         Where its parts lie. Its priors are `gnss` (slowly changing errors of about 1.2 m, see `GnssErrors`)
-        and `uniform` (independent errors of up to 2.5 m, see `PriorErrors`).
+        and `uniform` (independent errors of up to 2.5 m, see `PriorErrors`). Its odometry is of the whole round, ten
+        poses a second, and drifts (see `OdometryErrors`).
 
     Raises
     ------
     OptionError
-        If `n_epochs` is not 1 to 3001, `n_rounds` is below 1 or `seed` is negative.
+        If `n_epochs` is not 1 to 3001, or does not fit into the round `every` so many seconds, `n_rounds` is below 1 or
+        `seed` is negative.
     MissingExtraError
         If embreex is not installed.
     FileError
@@ -86,6 +94,7 @@ def simulate_campaign(
             f"Expected 1 to {MOST_EPOCHS} epochs of a campaign, got n_epochs = {n_epochs}."
             " A round has no more: the scanner turns ten times a second for 300 s. Take another seed for more."
         )
+    ticks_apart = None if every is None else _ticks_apart(every, n_epochs)
     if overwrite:
         check_replaceable(out, "a simulated dataset", DATASET_NAMES)
     with atomic_folder(out, overwrite=overwrite) as folder:
@@ -94,10 +103,11 @@ def simulate_campaign(
         tick = ticker(progress, world.n_pieces(profiles) + n_epochs)
         kind = "hard campaign" if is_hard else "campaign"
         words = f"{kind}, seed {seed}, {n_rounds} rounds of mapping, {n_epochs} epochs"
-        write_description(folder, words, PRIORS)
+        write_description(folder, words, PRIORS, has_odometry=True)
         write_map_clouds(folder, world.map_echoes(profiles), tick)
         write_trajectory(folder / "map/trajectory.txt", *world.map_poses(), "T_map_vehicle")
-        epochs = world.epochs(n_epochs)
+        write_odometry(folder, *world.odometry(OdometryErrors()))
+        epochs = world.epochs(n_epochs, ticks_apart)
         rotating = scanner or RotatingScanner()
         priors = {
             "gnss": world.gnss_priors(epochs, GnssErrors()),
@@ -105,3 +115,14 @@ def simulate_campaign(
         }
         write_epochs(folder, epochs, (world.scan(epoch, rotating) for epoch in epochs), priors, tick)
     return Dataset.open(out)
+
+
+def _ticks_apart(every: float, n_epochs: int) -> int:
+    """How many tenths of a second lie between two scans."""
+    ticks = round(every / EPOCH_STEP) if 0.0 < every < MOST_EPOCHS else 0
+    if ticks < 1 or abs(ticks * EPOCH_STEP - every) > 1e-6 or ticks * (n_epochs - 1) >= MOST_EPOCHS:
+        raise OptionError(
+            f"Expected `every` to be a multiple of {EPOCH_STEP} s with which {n_epochs} epochs fit into the round of"
+            f" {(MOST_EPOCHS - 1) * EPOCH_STEP:g} s, got {every} s. Take fewer epochs?"
+        )
+    return ticks

@@ -24,8 +24,10 @@ from maxcon.simulation.mapped_drives import (
     believed_poses,
     evenly_spread_epochs,
     gnss_priors,
+    successive_epochs,
     uniform_priors,
 )
+from maxcon.simulation.odometry import OdometryErrors
 from maxcon.simulation.periodic_city import build_periodic_city
 from maxcon.simulation.ray_caster import Caster, RayCaster, check_embreex
 from maxcon.simulation.road_users import CrowdedCaster
@@ -68,6 +70,7 @@ class _Stream(IntEnum):
     GONE = 10
     ROAD_USERS = 11
     TRAFFIC = 12
+    ODOMETRY = 13
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -165,9 +168,16 @@ class CampaignWorld:
         """Times (s) and poses (T_city_vehicle) of the mapping vehicle, as the map's maker believes."""
         return believed_poses(self.map_drives, self.georeferencing)
 
-    def epochs(self, n_epochs: int = MOST_EPOCHS) -> list[ScanEpoch]:
-        """Return `n_epochs` of the 3001, spread evenly over the round; the first and the last are among them."""
+    def epochs(self, n_epochs: int = MOST_EPOCHS, ticks_apart: int | None = None) -> list[ScanEpoch]:
+        """Return `n_epochs` of the 3001, spread evenly over the round; or from its beginning, so many ticks apart."""
+        if ticks_apart is not None:
+            return successive_epochs(self.scan_drive, n_epochs, ticks_apart, SCAN_START, EPOCH_STEP)
         return evenly_spread_epochs(self.scan_drive, n_epochs, MOST_EPOCHS, SCAN_START, EPOCH_STEP)
+
+    def odometry(self, errors: OdometryErrors) -> tuple[NDArray[np.float64], list[Pose]]:
+        """Times (s) and poses (T_odometry_sensor) of the whole round, ten a second, whichever epochs are taken."""
+        times = np.round(SCAN_START + EPOCH_STEP * np.arange(MOST_EPOCHS), 6)
+        return times, errors.draw(self.scan_drive, times, [self.seed, _Stream.ODOMETRY])
 
     def gnss_priors(self, epochs: Sequence[ScanEpoch], errors: GnssErrors) -> list[Pose]:
         """Priors whose errors change slowly over the round."""

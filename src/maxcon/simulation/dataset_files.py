@@ -23,11 +23,13 @@ __all__ = [
     "CITY_ORIGIN",
     "CRS",
     "DATASET_NAMES",
+    "ODOMETRY",
     "PRIORS",
     "ticker",
     "write_description",
     "write_epochs",
     "write_map_clouds",
+    "write_odometry",
     "write_scans",
     "write_trajectory",
 ]
@@ -41,7 +43,10 @@ SURVEYED = tuple(member for member in LasClass if member is not LasClass.UNCLASS
 PRIORS = {"gnss": "prior_gnss.txt", "uniform": "prior_uniform.txt"}
 """File of each prior of a dataset with two, by its name."""
 
-DATASET_NAMES = (DESCRIPTION, "map", "scans", "reference.txt", "prior.txt", "prior_*.txt")
+ODOMETRY = "odometry.txt"
+"""File of the odometry of a dataset that has one."""
+
+DATASET_NAMES = (DESCRIPTION, "map", "scans", "reference.txt", "prior.txt", "prior_*.txt", ODOMETRY)
 """All that the folder of a dataset may hold."""
 
 
@@ -137,8 +142,20 @@ def write_trajectory(path: Path, times: NDArray[np.float64], poses: Sequence[Pos
     write_tum(path, Trajectory.from_poses(times, poses_global), f"{what}, {CRS}, seconds of the week")
 
 
+def write_odometry(folder: Path, times: NDArray[np.float64], poses: Sequence[Pose]) -> None:
+    """Write odometry, T_odometry_sensor: its frame is its own."""
+    write_tum(
+        folder / ODOMETRY, Trajectory.from_poses(times, poses), "T_odometry_sensor, seconds of the week"
+    )
+
+
 def write_description(
-    folder: Path, words: str, priors: Mapping[str, str], classes: Iterable[LasClass] = SURVEYED
+    folder: Path,
+    words: str,
+    priors: Mapping[str, str],
+    classes: Iterable[LasClass] = SURVEYED,
+    *,
+    has_odometry: bool = False,
 ) -> None:
     """Write the description of the dataset in `folder`.
 
@@ -152,7 +169,10 @@ def write_description(
         File in `folder` by the name of the prior.
     classes : iterable of LasClass
         Those of the points of the map.
+    has_odometry : bool
+        Whether `write_odometry` writes there, too.
     """
+    odometry = f'odometry = "{ODOMETRY}"\n' if has_odometry else ""
     classes_named = ", ".join(f"{member.name.lower()} {member.value}" for member in classes)
     named = "\n".join(f'{name} = "{file}"' for name, file in priors.items())
     text = f"""# A dataset simulated by maxcon {__version__}: {words}.
@@ -168,7 +188,7 @@ vehicle_classes = [{LasClass.VEHICLE.value}]
 folder = "scans"
 times = "scans/times.txt"
 reference = "reference.txt"
-
+{odometry}
 [priors]
 {named}
 """

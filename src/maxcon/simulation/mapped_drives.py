@@ -22,6 +22,7 @@ __all__ = [
     "believed_poses",
     "evenly_spread_epochs",
     "gnss_priors",
+    "successive_epochs",
     "uniform_priors",
 ]
 
@@ -60,7 +61,17 @@ def evenly_spread_epochs(
     drive: Drive, n_epochs: int, most_epochs: int, start: float, step: float
 ) -> list[ScanEpoch]:
     """Return some of `most_epochs`, every `step` seconds from `start` on; the first and the last are among them."""
-    ticks = np.rint(np.linspace(0, most_epochs - 1, n_epochs)).astype(np.int64)
+    return _at_ticks(drive, np.rint(np.linspace(0, most_epochs - 1, n_epochs)).astype(np.int64), start, step)
+
+
+def successive_epochs(
+    drive: Drive, n_epochs: int, ticks_apart: int, start: float, step: float
+) -> list[ScanEpoch]:
+    """Return epochs from the beginning of the drive on, so many ticks of `step` seconds apart."""
+    return _at_ticks(drive, ticks_apart * np.arange(n_epochs, dtype=np.int64), start, step)
+
+
+def _at_ticks(drive: Drive, ticks: NDArray[np.int64], start: float, step: float) -> list[ScanEpoch]:
     times = np.round(start + step * ticks, 6)
     return [
         ScanEpoch(tick, time, pose)

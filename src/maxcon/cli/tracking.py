@@ -1,0 +1,61 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Options of `maxcon localize` that make its epochs a track."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from maxcon.errors import OptionError
+
+if TYPE_CHECKING:
+    from maxcon.drive import DriveOptions, EpochEstimate
+    from maxcon.io.scans import ScanFolder
+    from maxcon.maximum_consensus import MaximumConsensus
+    from maxcon.point_map import PointMap
+    from maxcon.trajectory import Trajectory
+
+__all__ = ["check_tracking", "started_drive"]
+
+
+def check_tracking(track: bool, odometry: Path | None, drift: float | None) -> None:
+    """Refuse options without effect.
+
+    Raises
+    ------
+    OptionError
+        If odometry is given without tracking, or its drift without odometry.
+    """
+    if odometry is not None and not track:
+        raise OptionError(
+            "Expected --odometry together with --track, got it alone. Add --track, or leave it out."
+        )
+    if drift is not None and odometry is None:
+        raise OptionError("Expected --drift together with --odometry, got it alone. Leave it out.")
+
+
+def started_drive(
+    point_map: "PointMap",
+    scans: "ScanFolder",
+    prior: "Trajectory",
+    method: "MaximumConsensus",
+    options: "DriveOptions",
+    *,
+    track: bool,
+    odometry: Path | None,
+    drift: float | None,
+) -> "Iterator[EpochEstimate]":
+    """Return an iterator over the estimates of a drive, each epoch by itself or as a track."""
+    if not track:
+        from maxcon.drive import localize_drive
+
+        return localize_drive(point_map, scans, prior, method, options)
+    from maxcon.io.trajectories import read_trajectory
+    from maxcon.tracked_drive import track_drive
+    from maxcon.tracking import MotionNoise, Tracker
+
+    if odometry is None:
+        tracker = Tracker(method, MotionNoise.of_prior(prior))
+        return track_drive(point_map, scans, prior, tracker, None, options)
+    noise = MotionNoise() if drift is None else MotionNoise(share=drift)
+    return track_drive(point_map, scans, prior, Tracker(method, noise), read_trajectory(odometry), options)

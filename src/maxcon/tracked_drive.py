@@ -1,0 +1,149 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Tracking over a drive: scan after scan, with the motion between them from odometry or from the prior itself."""
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from maxcon.drive import (
+    MAP_MARGIN,
+    DriveOptions,
+    EpochEstimate,
+    check_inside,
+    check_times,
+    pose_or_none,
+    read_epoch,
+)
+from maxcon.estimate import Status
+from maxcon.geometry import Pose
+from maxcon.io.scans import ScanFolder
+from maxcon.point_map import PointMap
+from maxcon.scan import Scan
+from maxcon.tracking import Motion, Tracker
+from maxcon.trajectory import Trajectory
+
+__all__ = ["track_drive"]
+
+NOTHING_KNOWN = "there is neither a track nor a prior to begin one"
+
+
+def track_drive(
+    point_map: PointMap,
+    scans: ScanFolder,
+    prior: Trajectory,
+    tracker: Tracker,
+    odometry: Trajectory | None = None,
+    options: DriveOptions | None = None,
+) -> Iterator[EpochEstimate]:
+    """Return an iterator over the estimates of all scans, in order of time; what cannot work is said at once.
+
+    Parameters
+    ----------
+    point_map : PointMap
+        The map.
+    scans : ScanFolder
+        The scans; one is in memory at a time.
+    prior : Trajectory
+        T_map_sensor before localization, global coordinates in the CRS of the map. It may have gaps: it is needed
+        where the track begins, and tells a wrong one.
+    tracker : Tracker
+        How each is localized; its noise is that of the motion's source.
+    odometry : Trajectory, optional
+        Source of the motion between scans, T_odometry_sensor: in any frame, and drifting. Without it the prior is.
+    options : DriveOptions, optional
+        Range limits and the largest gap of the trajectories.
+
+    Raises
+    ------
+    TrajectoryError
+        If the prior, or the odometry, has no pose for any scan.
+    MapError
+        If the prior lies outside the map at every scan, or a tile cannot be read.
+
+    Notes
+    -----
+    A scan that cannot be read, or whose motion is not known, is an epoch with that status, and the drive goes on.
+    """
+    options = options or DriveOptions()
+    priors = [pose_or_none(prior, float(at), options.max_gap) for at in scans.times]
+    check_times(scans, prior, priors)
+    local = [point_map.frame.pose_to_local(pose) if pose is not None else None for pose in priors]
+    check_inside(point_map, local)
+    poses = priors
+    if odometry is not None:
+        poses = [pose_or_none(odometry, float(at), options.max_gap) for at in scans.times]
+        check_times(scans, odometry, poses, "odometry")
+    motions = _motions(scans.times.tolist(), poses)
+    drive = _TrackedDrive(point_map, scans, tracker, options)
+    return (
+        drive.epoch(number, prior_pose, motion)
+        for number, (prior_pose, motion) in enumerate(zip(local, motions, strict=True))
+    )
+
+
+def _motions(times: Sequence[float], poses: Sequence[Pose | None]) -> list[Motion | None]:
+    """Motion up to each time (s) since the last one with a pose; None where there is no pose."""
+    motions: list[Motion | None] = []
+    last: tuple[float, Pose] | None = None
+    for at, pose in zip(times, poses, strict=True):
+        if pose is None:
+            motions.append(None)
+            continue
+        motions.append(Motion.none() if last is None else Motion.between(last[1], pose, at - last[0]))
+        last = (at, pose)
+    return motions
+
+
+@dataclass(frozen=True, slots=True)
+class _TrackedDrive:
+    """A drive that is being tracked."""
+
+    point_map: PointMap
+    scans: ScanFolder
+    tracker: Tracker
+    options: DriveOptions
+
+    def epoch(self, number: int, prior: Pose | None, motion: Motion | None) -> EpochEstimate:
+        """Read and localize the scan of one epoch, after a motion since the last one whose motion was known."""
+        if motion is not None:
+            self.tracker.move(motion)
+        prediction = self.tracker.prediction
+        expected = prior if prediction is None else prediction.pose
+        raw, reason = read_epoch(self.scans, number, self.options)
+        scan = Scan(raw.points, time=raw.time)
+        status = Status.UNREADABLE if reason else self._status_without_search(scan, prior, expected)
+        if status is Status.NO_PRIOR:
+            reason = NOTHING_KNOWN
+        elif status is None and motion is None:
+            status, reason = Status.NO_PRIOR, "the motion up to this scan is not known"
+        if status is not None:
+            return EpochEstimate(number, raw, status, 0.0, scan, expected, reason=reason)
+        start = time.perf_counter()
+        estimate = self.tracker.localize(scan, self.point_map, prior)
+        milliseconds = 1e3 * (time.perf_counter() - start)
+        if estimate is None:
+            return EpochEstimate(
+                number, raw, Status.NO_PRIOR, milliseconds, scan, expected, reason=NOTHING_KNOWN
+            )
+        frame = self.point_map.frame
+        pose = frame.pose_to_global(estimate.pose) if estimate.is_localized else None
+        return EpochEstimate(
+            number,
+            raw,
+            estimate.status,
+            milliseconds,
+            scan,
+            prior or expected,
+            estimate,
+            pose,
+            estimate.reason,
+        )
+
+    def _status_without_search(self, scan: Scan, *places: Pose | None) -> Status | None:
+        known = [place for place in places if place is not None]
+        if not known:
+            return Status.NO_PRIOR
+        if not any(self.point_map.covers(place.x, place.y, MAP_MARGIN) for place in known):
+            return Status.OUTSIDE_MAP
+        return Status.NO_POINTS if len(scan) == 0 else None

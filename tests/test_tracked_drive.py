@@ -1,0 +1,141 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Tracking over a drive from files: what each epoch is told, and where its motion comes from."""
+
+import math
+
+import numpy as np
+import pytest
+
+from maxcon import LocalFrame, MaximumConsensus, PointMap, Pose, SearchSpace, Status, Trajectory
+from maxcon.drive import DriveOptions
+from maxcon.errors import TrajectoryError
+from maxcon.io.scans import open_scans
+from maxcon.tracked_drive import track_drive
+from maxcon.tracking import MotionNoise, Tracker
+
+FRAME = LocalFrame((458_800.0, 5_429_000.0, 100.0))
+CELL = 0.06
+TIMES = [10.0 + 0.2 * epoch for epoch in range(10)]
+METHOD = MaximumConsensus(SearchSpace(1.5, CELL, 1.0, 0.5))
+
+
+def truth(epoch):
+    return Pose(11.0 + 0.8 * epoch, 15.0 + 0.1 * epoch, 1.5, 0.01, -0.01, 0.05 * epoch)
+
+
+@pytest.fixture(scope="module")
+def court():
+    """A map of four walls with a nook, around (15, 15): points and normals, local frame."""
+    at, z = (grid.ravel() for grid in np.meshgrid(np.arange(5, 25.1, 0.05), np.arange(0.0, 4.0, 0.05)))
+    points, normals = [], []
+    for axis, place, towards in ((0, 5.03, 1.0), (0, 25.03, -1.0), (1, 5.03, 1.0), (1, 25.03, -1.0)):
+        wall = np.column_stack([at, at, z])
+        wall[:, axis] = place
+        points.append(wall)
+        normals.append(np.tile(towards * np.eye(3)[axis], (len(wall), 1)))
+    return np.concatenate(points), np.concatenate(normals)
+
+
+@pytest.fixture(scope="module")
+def point_map(court):
+    return PointMap.from_points(*court, CELL, frame=FRAME)
+
+
+@pytest.fixture(scope="module")
+def scans(court, tmp_path_factory):
+    """Ten scans of the court in KITTI's format; the fifth is no file of points, the last one empty."""
+    folder = tmp_path_factory.mktemp("scans")
+    for epoch in range(len(TIMES)):
+        pose, rng = truth(epoch), np.random.default_rng(epoch)
+        seen = court[0][rng.choice(len(court[0]), 4000, replace=False)]
+        sensor = (seen - pose.position) @ pose.rotation * (1e-3 if epoch == 9 else 1.0)
+        np.column_stack([sensor, np.zeros(len(sensor))]).astype("<f4").tofile(folder / f"{epoch:06d}.bin")
+    (folder / "000004.bin").write_bytes(b"none")
+    (folder / "times.txt").write_text("\n".join(map(str, TIMES)) + "\n")
+    return open_scans(folder)
+
+
+def prior(epochs=range(10), off=(0.5, -0.4, 0.0)):
+    poses = [FRAME.pose_to_global(truth(epoch)).translated(off) for epoch in epochs]
+    return Trajectory.from_poses([TIMES[epoch] for epoch in epochs], poses)
+
+
+def odometry(epochs=range(10)):
+    """The true motion with 1 % too much of it, seen from a frame of its own."""
+    elsewhere = Pose(-3.0, 40.0, 2.0, 0.0, 0.0, 1.2)
+    poses = [elsewhere @ truth(0).inverse @ truth(epoch) for epoch in epochs]
+    scaled = [Pose(*(1.01 * pose.position).tolist(), pose.roll, pose.pitch, pose.heading) for pose in poses]
+    return Trajectory.from_poses([TIMES[epoch] for epoch in epochs], scaled)
+
+
+def errors(epochs):
+    return [
+        math.dist(epoch.pose_global.position, FRAME.pose_to_global(truth(epoch.epoch)).position)
+        for epoch in epochs
+        if epoch.pose_global is not None
+    ]
+
+
+@pytest.mark.parametrize("source", ["odometry", "prior"])
+def test_a_drive_is_tracked(point_map, scans, source):
+    told = odometry() if source == "odometry" else None
+    epochs = list(track_drive(point_map, scans, prior(), Tracker(METHOD), told))
+    statuses = [epoch.status for epoch in epochs]
+    assert statuses[4] is Status.UNREADABLE and "000004.bin" in epochs[4].reason
+    assert statuses[9] is Status.NO_POINTS
+    assert [status for number, status in enumerate(statuses[2:9], 2) if number != 4] == [Status.LOCALIZED] * 6
+    assert max(errors(epochs)) < 0.06
+    assert all(epoch.milliseconds > 0.0 for epoch in epochs[:4])
+
+
+def test_with_odometry_the_prior_is_needed_where_the_track_begins(point_map, scans):
+    epochs = list(track_drive(point_map, scans, prior(range(3)), Tracker(METHOD), odometry()))
+    assert [epoch.status for epoch in epochs[5:9]] == [Status.LOCALIZED] * 4
+    assert max(errors(epochs)) < 0.06
+    assert epochs[8].prior is not None  # where it was expected
+
+
+def test_before_the_prior_begins_there_is_none(point_map, scans):
+    epochs = list(track_drive(point_map, scans, prior(range(2, 10)), Tracker(METHOD), odometry()))
+    assert [epoch.status for epoch in epochs[:2]] == [Status.NO_PRIOR] * 2
+    assert epochs[0].reason == "there is neither a track nor a prior to begin one"
+    assert epochs[8].status is Status.LOCALIZED
+
+
+def test_a_gap_in_the_source_of_the_motion_is_one_long_motion(point_map, scans):
+    known = [0, 1, 2, 3, 7, 8]
+    options = DriveOptions(max_gap=0.25)
+    epochs = list(track_drive(point_map, scans, prior(), Tracker(METHOD), odometry(known), options))
+    assert [epochs[number].status for number in (5, 6)] == [Status.NO_PRIOR] * 2
+    assert epochs[5].reason == "the motion up to this scan is not known"
+    assert [epochs[number].status for number in (7, 8)] == [Status.LOCALIZED] * 2
+    assert max(errors(epochs)) < 0.06
+
+
+def test_a_noisy_prior_is_a_poor_source_and_no_worse_than_none(point_map, scans):
+    rng = np.random.default_rng(0)
+    poses = [
+        FRAME.pose_to_global(truth(epoch)).translated([*rng.uniform(-0.8, 0.8, 2), 0.0])
+        for epoch in range(10)
+    ]
+    noisy = Trajectory.from_poses(TIMES, poses)
+    epochs = list(track_drive(point_map, scans, noisy, Tracker(METHOD, MotionNoise.of_prior(noisy))))
+    assert [epoch.status for epoch in epochs[5:9]] == [Status.LOCALIZED] * 4
+    assert max(errors(epochs)) < 0.08
+
+
+def test_a_place_outside_of_the_map_is_said(point_map, scans):
+    far = [pose.translated([500.0, 0.0, 0.0]) for pose in prior().poses()]
+    mixed = Trajectory.from_poses(TIMES, [*far[:5], *prior().poses()[5:]])
+    epochs = list(track_drive(point_map, scans, mixed, Tracker(METHOD), odometry()))
+    assert [epoch.status for epoch in epochs[:4]] == [Status.OUTSIDE_MAP] * 4
+    assert epochs[8].status is Status.LOCALIZED
+
+
+def test_odometry_of_another_clock_is_an_error(point_map, scans):
+    late = Trajectory.from_poses(np.array(TIMES) + 1e6, odometry().poses())
+    with pytest.raises(
+        TrajectoryError, match=r"Expected an odometry pose for the scans, 10\.000 to 11\.800 s"
+    ):
+        track_drive(point_map, scans, prior(), Tracker(METHOD), late)
