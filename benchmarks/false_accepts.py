@@ -1,14 +1,17 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""When the true pose lies outside the search space, how often is the wrong answer called localized?
+"""When the true pose lies outside the search space, how often is a wrong answer called localized?
 
-python benchmarks/false_accepts.py MAP SCANS --reference REFERENCE
+python benchmarks/false_accepts.py MAP SCANS --reference REFERENCE [--every N] [--random N]
+
+Beside the method as it is: without the wider search, and the best cell alone, as it was judged before refinement.
 """
 
 import argparse
 import math
 from dataclasses import replace
 
+import numpy as np
 from scene import header
 
 import maxcon
@@ -28,6 +31,11 @@ MOVES = (
     (0, 0, 4),
     (0.7, 0.7, 3),
 )
+METHODS = {
+    "default": maxcon.MaximumConsensus(),
+    "no wider search": maxcon.MaximumConsensus(wider=0.0),
+    "best cell": maxcon.MaximumConsensus(refinement=False),
+}
 
 
 def main() -> None:
@@ -36,25 +44,54 @@ def main() -> None:
     parser.add_argument("scans")
     parser.add_argument("--reference", required=True)
     parser.add_argument("--every", type=int, default=3, metavar="N", help="take each N-th scan")
+    parser.add_argument(
+        "--random", type=int, default=0, metavar="N", help="N priors each, 4 to 12 m off, instead"
+    )
     options = parser.parse_args()
     point_map, scans = maxcon.PointMap.open(options.map), open_scans(options.scans)
     reference = read_trajectory(options.reference)
-    method = maxcon.MaximumConsensus()
+    rng = np.random.default_rng(0)
     drive = []
     for epoch in range(0, len(scans), options.every):
-        raw = scans.read(epoch)
+        raw = scans.read(epoch, 1.0, 120.0)
         drive.append((maxcon.Scan(raw.points), point_map.frame.pose_to_local(reference.at(raw.time))))
     header(f"Priors off by more than the search space, {len(drive)} epochs each")
-    print("| x m | y m | heading deg | wrong answers | of these called localized |")
-    print("|---|---|---|---|---|")
-    for x, y, heading_deg in MOVES:
-        wrong = []
+    print(
+        "| x m | y m | heading deg | method | right | of these localized | wrong | of these localized |"
+        " searched wider |"
+    )
+    print("|---|---|---|---|---|---|---|---|---|")
+    rounds = [("4 to 12 m", "any", "to 2")] * options.random or MOVES
+    total = {name: np.zeros(5, int) for name in METHODS}
+    for move in rounds:
+        counts = {name: np.zeros(5, int) for name in METHODS}
         for scan, truth in drive:
-            turned = replace(truth, heading=truth.heading + math.radians(heading_deg))
-            estimate = method.localize(scan, point_map, turned.translated([x, y, 0.0]))
-            if not pose_error(estimate.pose, truth).is_success:
-                wrong.append(estimate.is_localized)
-        print(f"| {x} | {y} | {heading_deg} | {len(wrong)} | {sum(wrong)} |", flush=True)
+            prior = moved(truth, drawn(rng) if options.random else move)
+            for name, method in METHODS.items():
+                estimate = method.localize(scan, point_map, prior)
+                is_right, is_trusted = pose_error(estimate.pose, truth).is_success, estimate.is_localized
+                counts[name] += [
+                    is_right, is_right and is_trusted, not is_right, not is_right and is_trusted, estimate.was_widened,
+                ]  # fmt: skip
+        for name, numbers in counts.items():
+            total[name] += numbers
+            print(
+                f"| {move[0]} | {move[1]} | {move[2]} | {name} | {' | '.join(map(str, numbers))} |",
+                flush=True,
+            )
+    for name, numbers in total.items():
+        print(f"| all | | | {name} | {' | '.join(map(str, numbers))} |")
+
+
+def drawn(rng: np.random.Generator) -> tuple[float, float, float]:
+    """4 to 12 m in any direction, and up to 1.8 degrees, within the headings that are searched."""
+    azimuth, distance = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(4.0, 12.0)
+    return distance * math.cos(azimuth), distance * math.sin(azimuth), rng.uniform(-1.8, 1.8)
+
+
+def moved(truth: maxcon.Pose, move: tuple[float, float, float]) -> maxcon.Pose:
+    x, y, heading_deg = move
+    return replace(truth, heading=truth.heading + math.radians(heading_deg)).translated([x, y, 0.0])
 
 
 if __name__ == "__main__":

@@ -228,7 +228,7 @@ def test_scans_that_show_nothing_are_bridged_for_a_while_and_then_it_is_lost(str
     assert hidden[0][1].is_localized and "for the scan itself" in hidden[0][1].reason
     assert not any(estimate is not None and estimate.is_localized for _, estimate in hidden[3:])
     assert hidden[2][1] is not None and hidden[2][1].covariance[0, 0] > hidden[0][1].covariance[0, 0]
-    again = answers(ride, np.arange(36.0, 44.0, 1.0))
+    again = answers(ride, np.arange(36.0, 48.0, 1.0))
     assert again[-1][1].is_localized and wrong(again) == []
 
 
@@ -276,7 +276,8 @@ def test_an_estimate_s_own_covariance_is_used_where_it_has_one(street, method):
     ride = Ride(Tracker(refined, start=start_at(where(30.0))), street)
     last = answers(ride, np.arange(30.0, 34.0, 1.0), prior=None)[-1][1]
     assert last.pose.z == pytest.approx(1.8, abs=0.03)
-    assert math.sqrt(last.covariance[0, 0]) < 0.012
+    assert street.point_map.sigma == 0.02  # which no number of scans makes less
+    assert 0.02 < math.sqrt(last.covariance[0, 0]) < 0.023
 
 
 def test_options_are_checked():
