@@ -60,6 +60,15 @@ def build(
     keep_every: Annotated[
         int, typer.Option(min=1, metavar="N", help="Take only every N-th point of each cloud: a thinner map.")
     ] = 1,
+    sigma: Annotated[
+        float | None,
+        typer.Option(
+            metavar="M",
+            help="How well the map is known: standard deviation of its position along any axis, in m. Default:"
+            " from the differences between passes, told apart by gps_time; 0.02 where there is only one.",
+            show_default=False,
+        ),
+    ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the map if there is one.")] = False,
     threads: Annotated[
         int | None,
@@ -83,6 +92,7 @@ def build(
         normals_have_sides=signed_normals,
         crs=crs,
         keep_every=keep_every,
+        sigma=sigma,
     )
     with step_bars("", quiet) as report, compiling_told(quiet):
         manifest = build_map(clouds, out, options, overwrite=overwrite, n_threads=threads, progress=report)
@@ -126,12 +136,26 @@ def _describe(manifest: "Manifest") -> None:
         ("origin", ", ".join(f"{value:.12g}" for value in manifest.origin) + " m"),
         ("CRS", crs_name(manifest.crs)),
         ("normals", f"{manifest.build.get('normals', 'unknown')}, {signed}"),
+        ("sigma", _describe_sigma(manifest)),
         ("made by", str(manifest.build.get("program", "unknown"))),
     ]
     for name, text in rows:
         typer.echo(f"{name:<12} {text}")
     for source in manifest.build.get("sources", []):
         typer.echo(f"{'source':<12} {_describe_source(source)}")
+
+
+def _describe_sigma(manifest: "Manifest") -> str:
+    """How well the map is known, and from what."""
+    known = manifest.build.get("sigma", {"from": "nobody says from what"})
+    if known["from"] == "passes":
+        return (
+            f"{manifest.sigma:.3f} m, from {known['n_passes']} passes of {known['sigma_of_pass']:.3f} m each,"
+            f" compared at {known['n_places']:,} places"
+        )
+    if known["from"] == "assumed":
+        return f"{manifest.sigma:g} m, assumed: {known['reason']}; say it with --sigma"
+    return f"{manifest.sigma:g} m, {known['from']}"
 
 
 def _describe_source(source: dict[str, object]) -> str:

@@ -10,14 +10,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from maxcon.atomic import atomic_folder, check_replaceable
 from maxcon.errors import ArrayError, MapError, OptionError
 from maxcon.geometry.voxels import INDEX_LIMIT
 from maxcon.io.clouds import CloudHeader
 from maxcon.mapping.classes import DEFAULT_DROP, class_name, parse_classes
+from maxcon.mapping.pass_differences import compare_passes
+from maxcon.mapping.place_sample import PlaceSample
 from maxcon.mapping.sources import (
-    SidedPoints,
     SourceCounts,
     check_sides,
     common_crs,
@@ -29,6 +31,7 @@ from maxcon.mapping.spill import TileSpill
 from maxcon.mapping.tiles import TileMaker
 from maxcon.point_map import TILE_VOXELS, TileKey
 from maxcon.point_map.manifest import MAP_NAMES, Manifest, TileEntry, write_manifest
+from maxcon.point_map.sigma import UNKNOWN_SIGMA, check_sigma
 from maxcon.point_map.store import write_tile
 from maxcon.progress import Progress
 from maxcon.trajectory import Trajectory
@@ -62,6 +65,9 @@ class MapOptions:
         CRS of sources that name none.
     keep_every : int
         Of so many points, in the order of each source, one is kept: a thinner map to compare with.
+    sigma : float, optional
+        How well the map is known: standard deviation of its position along any axis, m. If None it is estimated
+        from what several passes of the mapping vehicle saw (D19), and `UNKNOWN_SIGMA` where there are none.
     """
 
     cell: float = 0.06
@@ -71,6 +77,7 @@ class MapOptions:
     normals_have_sides: bool = False
     crs: str | None = None
     keep_every: int = 1
+    sigma: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "vehicle_classes", tuple(self.vehicle_classes))
@@ -78,6 +85,8 @@ class MapOptions:
             raise ArrayError(f"Expected a positive voxel edge in m, got {self.cell}. The default is 0.06.")
         if self.keep_every < 1:
             raise OptionError(f"Expected to keep one point of 1 or more, got {self.keep_every}. 1 keeps all.")
+        if self.sigma is not None:
+            check_sigma(self.sigma)
 
     def dropped_classes(self, *, are_asprs: bool = True) -> frozenset[int]:
         """Class numbers that are left out of a source; the default speaks of ASPRS classes only."""
@@ -138,14 +147,17 @@ def build_map(
         has_sides = options.trajectory is not None or options.normals_have_sides
         use_normals = has_sides and all(header.has_normals for header in headers)
         origin = _origin(headers, options.cell)
-        counts = _sort_into_tiles(headers, origin, spill, options, use_normals, report)
+        sample = PlaceSample() if options.sigma is None else None
+        counts = _sort_into_tiles(headers, origin, spill, sample, options, use_normals, report)
+        sigma, how_known = _how_well_known(options.sigma, sample)
+        del sample
         is_signed = options.trajectory is not None or use_normals
         maker = TileMaker(spill, spill_folder, options.cell, has_normals=use_normals, is_signed=is_signed)
         n_threads = n_threads or min(MOST_THREADS, os.cpu_count() or 1)
         entries = _make_tiles(folder, maker, spill.keys, n_threads, report)
         spill_folder.rmdir()
-        build = _description(counts, drop, use_normals)
-        manifest = Manifest(options.cell, origin, crs, is_signed, tuple(entries), build)
+        build = {**_description(counts, drop, use_normals), "sigma": how_known}
+        manifest = Manifest(options.cell, origin, crs, is_signed, tuple(entries), build, sigma)
         write_manifest(folder, manifest)
     return manifest
 
@@ -180,11 +192,12 @@ def _sort_into_tiles(
     headers: Sequence[CloudHeader],
     origin: tuple[float, float, float],
     spill: TileSpill,
+    sample: PlaceSample | None,
     options: MapOptions,
     use_normals: bool,
     report: Progress,
 ) -> list[SourceCounts]:
-    """Read all sources into the spill; return what was read."""
+    """Read all sources into the spill, and some of their points into the sample; return what was read."""
     counts = [SourceCounts(header.path.name) for header in headers]
     n_total = sum(header.n_points for header in headers)
     for header, counted in zip(headers, counts, strict=True):
@@ -193,7 +206,10 @@ def _sort_into_tiles(
         for part in read_source(
             header, counted, drop, options.trajectory, use_normals=use_normals, keep_every=options.keep_every
         ):
-            _add(spill, part, origin, header, options.cell)
+            points = part.points - origin
+            _add(spill, points, part.sides, header, options.cell)
+            if sample is not None:
+                sample.add(points, part.times)
             report("reading points", sum(source.n_points for source in counts), n_total)
     spill.flush()
     if not spill.keys:
@@ -212,18 +228,33 @@ def _sort_into_tiles(
 
 def _add(
     spill: TileSpill,
-    part: SidedPoints,
-    origin: tuple[float, float, float],
+    points: NDArray[np.float64],
+    sides: NDArray[np.float32],
     header: CloudHeader,
     cell: float,
 ) -> None:
     try:
-        spill.add(part.points - origin, part.sides)
+        spill.add(points, sides)
     except ArrayError as error:
         raise MapError(
             f"Expected all points within {INDEX_LIMIT * cell:.3g} m ({INDEX_LIMIT:,} voxels) of the first, got"
             f" one in {header.path} farther away. Remove it from the cloud, or enlarge the cell."
         ) from error
+
+
+def _how_well_known(sigma: float | None, sample: PlaceSample | None) -> tuple[float, dict[str, object]]:
+    """Return the standard deviation of the map (m), and what the manifest says of where it is from."""
+    if sigma is not None or sample is None:
+        return float(sigma or 0.0), {"from": "given"}
+    found = compare_passes(sample.records())
+    if not found.is_enough:
+        return UNKNOWN_SIGMA, {"from": "assumed", "reason": found.shortcoming}
+    return round(found.sigma_of_map, 4), {
+        "from": "passes",
+        "n_passes": found.n_passes,
+        "sigma_of_pass": round(found.sigma_of_pass, 4),
+        "n_places": found.n_places,
+    }
 
 
 def _make_tiles(

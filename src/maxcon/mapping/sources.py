@@ -56,10 +56,21 @@ class SourceCounts:
 
 @dataclass(frozen=True, slots=True)
 class SidedPoints:
-    """Points for the map: shape (n, 3), global, m; and their side, shape (n, 3): a direction or zeros."""
+    """Points for the map.
+
+    Parameters
+    ----------
+    points : array, shape (n, 3)
+        Global, m.
+    sides : array, shape (n, 3)
+        A direction, or zeros.
+    times : array, shape (n,), or None
+        s; None where the source has none.
+    """
 
     points: NDArray[np.float64]
     sides: NDArray[np.float32]
+    times: NDArray[np.float64] | None
 
 
 def open_headers(paths: Sequence[str | os.PathLike[str]]) -> list[CloudHeader]:
@@ -198,11 +209,12 @@ def _keep(
         counts.n_dropped.update({number: int(n_of_class[number]) for number in dropped})
         keep &= ~np.isin(chunk.classes, dropped)
     points = chunk.points[keep]
+    times = None if chunk.times is None else chunk.times[keep]
     sides = np.zeros((len(points), 3))
     if use_normals and chunk.normals is not None:
         sides = _unit(np.nan_to_num(chunk.normals[keep], posinf=0.0, neginf=0.0))
-    if trajectory is not None and chunk.times is not None:
-        to_sensor = _unit(trajectory.positions_at(chunk.times[keep], LARGEST_TIME_GAP) - points)
+    if trajectory is not None and times is not None:
+        to_sensor = _unit(trajectory.positions_at(times, LARGEST_TIME_GAP) - points)
         is_known = np.isfinite(to_sensor).all(axis=1)
         counts.n_without_side += int((~is_known).sum())
         to_sensor[~is_known] = 0.0
@@ -210,7 +222,7 @@ def _keep(
             sides *= np.sign((sides * to_sensor).sum(axis=1))[:, None]
         else:
             sides = to_sensor
-    return SidedPoints(points, sides.astype(np.float32))
+    return SidedPoints(points, sides.astype(np.float32), times)
 
 
 def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:

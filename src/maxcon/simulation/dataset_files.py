@@ -138,7 +138,12 @@ def write_trajectory(path: Path, times: NDArray[np.float64], poses: Sequence[Pos
 
 
 def write_description(
-    folder: Path, words: str, priors: Mapping[str, str], classes: Iterable[LasClass] = SURVEYED
+    folder: Path,
+    words: str,
+    priors: Mapping[str, str],
+    classes: Iterable[LasClass] = SURVEYED,
+    *,
+    map_sigma: float | None = None,
 ) -> None:
     """Write the description of the dataset in `folder`.
 
@@ -152,7 +157,10 @@ def write_description(
         File in `folder` by the name of the prior.
     classes : iterable of LasClass
         Those of the points of the map.
+    map_sigma : float, optional
+        How well the map is known, m; left to be estimated from its rounds if None.
     """
+    sigma = "" if map_sigma is None else f"sigma = {map_sigma}\n"
     classes_named = ", ".join(f"{member.name.lower()} {member.value}" for member in classes)
     named = "\n".join(f'{name} = "{file}"' for name, file in priors.items())
     text = f"""# A dataset simulated by maxcon {__version__}: {words}.
@@ -163,7 +171,7 @@ clouds = "map/tile_*.laz"
 trajectory = "map/trajectory.txt"
 crs = "{CRS}"
 vehicle_classes = [{LasClass.VEHICLE.value}]
-
+{sigma}
 [scans]
 folder = "scans"
 times = "scans/times.txt"
