@@ -200,7 +200,8 @@ class _Table:
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         if not (is_number and 0.0 <= value < math.inf):
             raise FileError(
-                f"Expected {key} under [{table}] in {self.file} to be a number of metres >= 0, got {value!r}. Correct it."
+                f"Expected {key} under [{table}] in {self.file} to be a number of metres >= 0, got {value!r}."
+                " Correct it."
             )
         return float(value)
 

@@ -147,7 +147,7 @@ def _describe(manifest: "Manifest") -> None:
 
 def _describe_sigma(manifest: "Manifest") -> str:
     """How well the map is known, and from what."""
-    known = manifest.build.get("sigma", {"from": "nobody says from what"})
+    known = manifest.build.get("sigma", {"from": "it does not say from what"})
     if known["from"] == "passes":
         return (
             f"{manifest.sigma:.3f} m, from {known['n_passes']} passes of {known['sigma_of_pass']:.3f} m each,"

@@ -21,7 +21,7 @@ LARGEST_OFFSET = 0.3 * PLACE_EDGE
 LARGEST_ROUGHNESS = 0.03
 """Root mean square distance of a pass's points from its plane, m."""
 LEAST_WIDTH = 0.16 * PLACE_EDGE
-"""Root mean square extent of the points along the plane's shorter side, m; of a plane filled evenly it is 0.29 edges."""
+"""Root mean square extent of the points along the plane's shorter side, m; 0.29 edges where they fill it evenly."""
 OUTLIER = 3.0
 """Robust standard deviations; beyond it something has changed: a door, a parked car, leaves."""
 NORMAL_MEDIAN = 0.6745
@@ -135,9 +135,7 @@ def compare_passes(records: NDArray[np.void]) -> PassDifferences:
     Notes
     -----
     Two offsets of passes with independent errors of standard deviation s along any axis differ by sqrt(2) s, and by
-    the noise of the points, which is known and taken off. The differences' median gives their scale; of those within
-    three of it the root mean square is taken. Passes that are farther apart than twice `LARGEST_OFFSET` are never
-    compared: they are not in one cube.
+    the noise of the points, which is known and taken off.
     """
     visits = _visits(records)
     if not len(visits.places):
@@ -150,11 +148,8 @@ def compare_passes(records: NDArray[np.void]) -> PassDifferences:
     first, second = _pairs(planes.places)
     if not len(first):
         return PassDifferences(n_passes)
-    differences = planes.offsets[first] - planes.offsets[second]
-    scale = np.median(np.abs(differences)) / NORMAL_MEDIAN
-    is_usual = np.abs(differences) <= OUTLIER * scale
-    variances = differences**2 - (planes.noise[first] + planes.noise[second])
-    variance_of_pass = max(0.0, 0.5 * float(variances[is_usual].mean()))
+    noise = planes.noise[first] + planes.noise[second]
+    variance_of_pass = 0.5 * _variance(planes.offsets[first] - planes.offsets[second], noise)
     variance_of_map = variance_of_pass * float(visits.variance_shares[at_planes].mean())
     return PassDifferences(
         n_passes,
@@ -193,7 +188,9 @@ def _moments(
         centred = points - np.repeat(means, counts, axis=0)
         for one in range(3):
             for other in range(3):
-                covariances[:, one, other] = np.add.reduceat(centred[:, one] * centred[:, other], rows) / counts
+                covariances[:, one, other] = (
+                    np.add.reduceat(centred[:, one] * centred[:, other], rows) / counts
+                )
     return means, covariances
 
 
@@ -210,6 +207,19 @@ def _offsets(visits: _Visits) -> _Offsets:
     is_plane &= (np.abs(offsets) <= LARGEST_OFFSET) & (roughness <= LARGEST_ROUGHNESS**2)
     noise = roughness / visits.counts
     return _Offsets(visits.places[is_plane], visits.times[is_plane], offsets[is_plane], noise[is_plane])
+
+
+def _variance(differences: NDArray[np.float64], noise: NDArray[np.float64]) -> float:
+    """Variance of differences (m) less that of their noise (m^2), without those of things that changed, m^2.
+
+    The median gives the scale; of the differences within three of it the mean square is taken. Two passes d apart are
+    both within `LARGEST_OFFSET` of a cube's middle the less often the larger d is, and count the more for it. Beyond
+    0.9 of the most that can be seen there is nothing to weigh.
+    """
+    sizes, widest = np.abs(differences), 2.0 * LARGEST_OFFSET
+    is_usual = sizes <= min(OUTLIER * float(np.median(sizes)) / NORMAL_MEDIAN, 0.9 * widest)
+    weights = 1.0 / (widest - sizes[is_usual])
+    return max(0.0, float(np.average((differences**2 - noise)[is_usual], weights=weights)))
 
 
 def _pairs(places: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
