@@ -24,13 +24,14 @@ def said(maxcon, tmp_path):
 
 
 @pytest.fixture
-def rounds(tmp_path, street):
-    """The street seen twice, two minutes each, with 0.02 m between."""
-    times = np.linspace(0.0, 120.0, len(street))
-    n_times = 10
-    points = np.concatenate([np.tile(street, (n_times, 1)) + [0.0, offset, 0.0] for offset in (0.1, 0.12)])
+def rounds(tmp_path):
+    """Walls across a street of 30 m, passed twice at 0.25 m/s, with 0.02 m between."""
+    rng = np.random.default_rng(1)
+    along = np.repeat(np.arange(0.0, 30.0, 1.1), 4000)
+    wall = np.column_stack([along, *rng.uniform(0.0, 3.0, (2, len(along)))])
+    points = np.concatenate([wall, wall + [0.02, 0.0, 0.0]])
     path = tmp_path / "rounds.npz"
-    np.savez(path, points=points, times=np.concatenate([np.tile(times, n_times) + at for at in (0.0, 300.0)]))
+    np.savez(path, points=points, times=np.concatenate([4.0 * along, 300.0 + 4.0 * along]))
     return path
 
 

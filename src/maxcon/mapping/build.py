@@ -67,7 +67,7 @@ class MapOptions:
         Of so many points, in the order of each source, one is kept: a thinner map to compare with.
     sigma : float, optional
         How well the map is known: standard deviation of its position along any axis, m. If None it is estimated
-        from what several passes of the mapping vehicle saw (D19), and `UNKNOWN_SIGMA` where there are none.
+        from what several passes of the mapping vehicle saw (decision 19), and `UNKNOWN_SIGMA` where there are none.
     """
 
     cell: float = 0.06

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""How well a map is known, from how far the passes of the mapping vehicle differ where they saw the same wall (D19)."""
+"""How well a map is known, from how far passes of the mapping vehicle differ where they saw one wall (decision 19)."""
 
 import math
 from dataclasses import dataclass
