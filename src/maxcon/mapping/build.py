@@ -17,7 +17,7 @@ from maxcon.errors import ArrayError, MapError, OptionError
 from maxcon.geometry.voxels import INDEX_LIMIT
 from maxcon.io.clouds import CloudHeader
 from maxcon.mapping.classes import DEFAULT_DROP, class_name, parse_classes
-from maxcon.mapping.pass_differences import compare_passes
+from maxcon.mapping.map_sigma import map_sigma
 from maxcon.mapping.place_sample import PlaceSample
 from maxcon.mapping.sources import (
     SourceCounts,
@@ -31,7 +31,7 @@ from maxcon.mapping.spill import TileSpill
 from maxcon.mapping.tiles import TileMaker
 from maxcon.point_map import TILE_VOXELS, TileKey
 from maxcon.point_map.manifest import MAP_NAMES, Manifest, TileEntry, write_manifest
-from maxcon.point_map.sigma import UNKNOWN_SIGMA, check_sigma
+from maxcon.point_map.sigma import check_sigma
 from maxcon.point_map.store import write_tile
 from maxcon.progress import Progress
 from maxcon.trajectory import Trajectory
@@ -147,9 +147,9 @@ def build_map(
         has_sides = options.trajectory is not None or options.normals_have_sides
         use_normals = has_sides and all(header.has_normals for header in headers)
         origin = _origin(headers, options.cell)
-        sample = PlaceSample() if options.sigma is None else None
+        sample = PlaceSample()
         counts = _sort_into_tiles(headers, origin, spill, sample, options, use_normals, report)
-        sigma, how_known = _how_well_known(options.sigma, sample)
+        sigma, how_known = map_sigma(options.sigma, sample)
         del sample
         is_signed = options.trajectory is not None or use_normals
         maker = TileMaker(spill, spill_folder, options.cell, has_normals=use_normals, is_signed=is_signed)
@@ -192,7 +192,7 @@ def _sort_into_tiles(
     headers: Sequence[CloudHeader],
     origin: tuple[float, float, float],
     spill: TileSpill,
-    sample: PlaceSample | None,
+    sample: PlaceSample,
     options: MapOptions,
     use_normals: bool,
     report: Progress,
@@ -208,7 +208,7 @@ def _sort_into_tiles(
         ):
             points = part.points - origin
             _add(spill, points, part.sides, header, options.cell)
-            if sample is not None:
+            if options.sigma is None:
                 sample.add(points, part.times)
             report("reading points", sum(source.n_points for source in counts), n_total)
     spill.flush()
@@ -240,21 +240,6 @@ def _add(
             f"Expected all points within {INDEX_LIMIT * cell:.3g} m ({INDEX_LIMIT:,} voxels) of the first, got"
             f" one in {header.path} farther away. Remove it from the cloud, or enlarge the cell."
         ) from error
-
-
-def _how_well_known(sigma: float | None, sample: PlaceSample | None) -> tuple[float, dict[str, object]]:
-    """Return the standard deviation of the map (m), and what the manifest says of where it is from."""
-    if sigma is not None or sample is None:
-        return float(sigma or 0.0), {"from": "given"}
-    found = compare_passes(sample.records())
-    if not found.is_enough:
-        return UNKNOWN_SIGMA, {"from": "assumed", "reason": found.shortcoming}
-    return round(found.sigma_of_map, 4), {
-        "from": "passes",
-        "n_passes": found.n_passes,
-        "sigma_of_pass": round(found.sigma_of_pass, 4),
-        "n_places": found.n_places,
-    }
 
 
 def _make_tiles(
