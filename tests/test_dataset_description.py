@@ -71,6 +71,13 @@ def test_what_it_says_of_the_map_becomes_its_options(folder):
     assert (options.cell, options.crs, options.drop) == (0.1, "EPSG:25832", ("ground",))
     assert options.dropped_classes() >= {2, 64}
     assert len(options.trajectory) == 2
+    assert options.sigma is None
+
+
+@pytest.mark.parametrize("sigma", ["0", "0.0", "0.009"])
+def test_how_well_the_map_is_known_becomes_an_option(folder, sigma):
+    dataset = opened(folder, PLAIN.replace("[scans]", f"sigma = {sigma}\n[scans]"))
+    assert dataset.map_sigma == dataset_map_options(dataset).sigma == float(sigma)
 
 
 @pytest.mark.parametrize(
@@ -93,6 +100,12 @@ def test_what_it_says_of_the_map_becomes_its_options(folder):
         ('"reference.txt"', '"nowhere.txt"', "to name what exists"),
         ('"gnss.txt"', "7", "Expected gnss under .* to be a str, got 7"),
         ('"map/*.laz"', '"map/*.laz"\nvehicle_classes = [true]', "list of int"),
+        ('"map/*.laz"', '"map/*.laz"\nsigma = -0.01', "sigma under .* metres >= 0, got -0.01"),
+        ('"map/*.laz"', '"map/*.laz"\nsigma = nan', "metres >= 0, got nan"),
+        ('"map/*.laz"', '"map/*.laz"\nsigma = inf', "metres >= 0, got inf"),
+        ('"map/*.laz"', '"map/*.laz"\nsigma = true', "metres >= 0, got True"),
+        ('"map/*.laz"', '"map/*.laz"\nsigma = "2 cm"', "metres >= 0, got '2 cm'"),
+        ('clouds = "map/*.laz"', 'path = "city.map"\nsigma = 0.01', "Expected no sigma .* beside the path"),
     ],
 )
 def test_what_is_wrong_is_said(folder, old, new, words):

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: MIT
 """Dataset: a map, scans, their reference and priors, as a small TOML file names them."""
 
+import math
 import os
 import tomllib
 from collections.abc import Mapping
@@ -18,10 +19,10 @@ LARGEST_DESCRIPTION = 2**20
 """Bytes; a description is a page of text."""
 
 _KEYS = {
-    "map": {"clouds", "path", "trajectory", "crs", "drop", "vehicle_classes", "normals_have_sides"},
+    "map": {"clouds", "path", "trajectory", "crs", "drop", "vehicle_classes", "normals_have_sides", "sigma"},
     "scans": {"folder", "times", "reference", "odometry"},
 }
-_FOR_CLOUDS = ("trajectory", "crs", "drop", "vehicle_classes", "normals_have_sides")
+_FOR_CLOUDS = ("trajectory", "crs", "drop", "vehicle_classes", "normals_have_sides", "sigma")
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +47,8 @@ class Dataset:
         Class numbers that mean vehicles.
     normals_have_sides : bool
         Whether the clouds' own normals are turned to the sensor's side.
+    map_sigma : float or None
+        How well the map is known: standard deviation of its position along any axis, m; found by the build if None.
     scans : Path
         Folder of scans.
     times : Path or None
@@ -66,6 +69,7 @@ class Dataset:
     drop: tuple[str, ...] | None
     vehicle_classes: tuple[int, ...]
     normals_have_sides: bool
+    map_sigma: float | None
     scans: Path
     times: Path | None
     reference: Path
@@ -105,6 +109,7 @@ class Dataset:
             drop=table.tuple_of("map", "drop", str),
             vehicle_classes=table.tuple_of("map", "vehicle_classes", int) or (),
             normals_have_sides=bool(table.value("map", "normals_have_sides", bool, False)),
+            map_sigma=table.length("map", "sigma"),
             scans=table.needed_path("scans", "folder"),
             times=table.path("scans", "times"),
             reference=table.needed_path("scans", "reference"),
@@ -191,6 +196,18 @@ class _Table:
                 " Correct it."
             )
         return tuple(values)
+
+    def length(self, table: str, key: str) -> float | None:
+        value = self.named[table].get(key)
+        if value is None:
+            return None
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not (is_number and 0.0 <= value < math.inf):
+            raise FileError(
+                f"Expected {key} under [{table}] in {self.file} to be a number of metres >= 0, got {value!r}."
+                " Correct it."
+            )
+        return float(value)
 
     def needed_path(self, table: str, key: str) -> Path:
         if key not in self.named[table]:

@@ -122,7 +122,7 @@ def _build(folder: Path) -> None:
     points = np.concatenate([points, LONELY])
     normals = np.concatenate([normals, [[0.0, 0.0, 1.0]]]).astype(np.float32)
     np.savez(folder / "signed.npz", points=points, normals=normals)
-    np.savez(folder / "unsigned.npz", points=points)
+    np.savez(folder / "unsigned.npz", points=points, times=np.zeros(len(points)))
     for name, is_signed in (("signed", True), ("unsigned", False)):
         build_map(
             [folder / f"{name}.npz"],

@@ -229,3 +229,13 @@ def test_several_clouds_at_once_and_a_crs_by_option(build, write_las, street, tm
     assert (ended.code, ended.err) == (0, "")
     assert "from 6,000 points" in ended.out
     assert "more.npz: 3,000 points, 3,000 kept; no ASPRS classes: ground, vegetation" in ended.out
+
+
+@pytest.mark.parametrize("sigma", ["-0.01", "nan", "inf"])
+def test_a_sigma_that_is_none(not_built, write_las, sigma):
+    not_built(write_las(), f"--sigma={sigma}", words=["sigma", ">= 0 m", sigma, "Leave it out"])
+
+
+def test_a_sigma_without_a_number(build, write_las):
+    ended = build(write_las(), "--sigma", "small")
+    assert ended.code == 2 and "--sigma" in ended.err

@@ -24,7 +24,8 @@ def road(tmp_path_factory, maxcon_in_process_of_its_own):
 
     run("simulate", "simulate", "dataset", "--epochs", "3", "--seed", "7")
     clouds = sorted((folder / "dataset" / "map").glob("*.laz"))
-    arguments = ("--trajectory", "dataset/map/trajectory.txt", "--vehicle-class", "64", "-o", "city.map")
+    arguments = ("--trajectory", "dataset/map/trajectory.txt", "--vehicle-class", "64", "--sigma", "0")
+    arguments = (*arguments, "-o", "city.map")
     run("build", "map", "build", *clouds, *arguments)
     run("info", "map", "info", "city.map", "--check")
     prior = ("--prior", "dataset/prior.txt")
@@ -37,6 +38,7 @@ def test_simulate_says_what_it_wrote(road):
     dataset = Dataset.open(folder / "dataset")
     assert printed["simulate"].splitlines()[0] == "dataset"
     assert f"({len(dataset.map_clouds)} files, vehicles are class 64)" in printed["simulate"]
+    assert "map sigma    0 m (map build --sigma 0)\n" in printed["simulate"]
     for path in ("dataset/map/trajectory.txt", "dataset/scans", "dataset/reference.txt", "dataset/prior.txt"):
         assert path in printed["simulate"]
         assert (folder / path).exists()
@@ -50,6 +52,7 @@ def test_map_build_says_what_the_map_is_made_of(road):
         "0.06 m",
         "ETRS89 / UTM zone 32N (EPSG:25832)",
         "turned to the sensor's side",
+        "sigma        0 m, given\n",
         " ground",
         "class 64",
     ):

@@ -81,6 +81,21 @@ def test_what_is_written_is_what_is_opened(tmp_path, in_memory):
     assert manifest.n_voxels == len(in_memory.all_voxels()[0])
 
 
+@pytest.mark.parametrize(
+    "known",
+    [
+        {"from": "given"},
+        {"from": "assumed", "reason": "one pass only"},
+        {"from": "passes", "n_passes": 5, "sigma_of_pass": 0.02, "n_places": 700},
+    ],
+    ids=lambda known: known["from"],
+)
+def test_how_well_it_is_known_is_kept(tmp_path, in_memory, known):
+    manifest = write(tmp_path / "a.map", in_memory, sigma=0.009, build={"sigma": known})
+    assert read_manifest(tmp_path / "a.map") == manifest
+    assert PointMap.open(tmp_path / "a.map").sigma == 0.009
+
+
 def test_the_search_finds_the_same_in_both(whole, in_memory):
     rng = np.random.default_rng(1)
     indices, _, normals = in_memory.all_voxels()

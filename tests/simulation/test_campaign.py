@@ -51,6 +51,7 @@ def test_it_says_what_it_is(dataset):
     text = (dataset.folder / "dataset.toml").read_text()
     assert ": campaign, seed 3, 2 rounds of mapping, 7 epochs." in text.splitlines()[0]
     assert dataset.vehicle_classes == (64,)
+    assert dataset.map_sigma is None  # its rounds say
     assert {name: path.name for name, path in dataset.priors.items()} == {
         "gnss": "prior_gnss.txt",
         "uniform": "prior_uniform.txt",

@@ -43,6 +43,11 @@ def test_map_clouds_are_las_1_4_with_class_time_and_crs(dataset):
     assert np.linalg.norm(points - origins, axis=1).max() < 60.2
 
 
+def test_its_map_is_said_to_be_exact(dataset):
+    assert dataset.map_sigma == 0.0
+    assert "\nsigma = 0.0\n" in (dataset.folder / "dataset.toml").read_text()
+
+
 def test_tiles_hold_what_their_names_say(dataset):
     for path in dataset.map_clouds:
         east, north = (int(part) for part in path.stem.split("_")[1:])

@@ -38,6 +38,7 @@ def dataset(tmp_path_factory, suburb):
 def test_it_says_what_it_is(dataset):
     assert ": suburb, seed 3, 3 epochs." in (dataset.folder / "dataset.toml").read_text().splitlines()[0]
     assert list(dataset.priors) == ["gnss", "uniform"]
+    assert dataset.map_sigma is None  # its rounds say
     assert Dataset.open(dataset.folder) == dataset
     times = np.loadtxt(dataset.scans / "times.txt")
     for path in (dataset.reference, *dataset.priors.values()):

@@ -60,6 +60,15 @@ def build(
     keep_every: Annotated[
         int, typer.Option(min=1, metavar="N", help="Take only every N-th point of each cloud: a thinner map.")
     ] = 1,
+    sigma: Annotated[
+        float | None,
+        typer.Option(
+            metavar="M",
+            help="How well the map is known: standard deviation of its position along any axis, in m. Default:"
+            " from the differences between passes, told apart by gps_time; 0.02 where there is only one.",
+            show_default=False,
+        ),
+    ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the map if there is one.")] = False,
     threads: Annotated[
         int | None,
@@ -83,6 +92,7 @@ def build(
         normals_have_sides=signed_normals,
         crs=crs,
         keep_every=keep_every,
+        sigma=sigma,
     )
     with step_bars("", quiet) as report, compiling_told(quiet):
         manifest = build_map(clouds, out, options, overwrite=overwrite, n_threads=threads, progress=report)
@@ -129,6 +139,7 @@ def _describe(manifest: "Manifest") -> None:
         ("CRS", crs_name(manifest.crs)),
         ("normals", f"{manifest.build.get('normals', 'unknown')}, {signed}"),
         ("ground", _describe_ground(manifest)),
+        ("sigma", _describe_sigma(manifest)),
         ("made by", str(manifest.build.get("program", "unknown"))),
     ]
     for name, text in rows:
@@ -146,6 +157,19 @@ def _describe_ground(manifest: "Manifest") -> str:
     n_heights = sum(entry.n_heights for entry in manifest.ground)
     origin = manifest.build.get("ground", "unknown")
     return f"{n_heights:,} heights in cells of {ground_voxels(manifest.cell) * manifest.cell:g} m, {origin}"
+
+
+def _describe_sigma(manifest: "Manifest") -> str:
+    """How well the map is known, and from what."""
+    known = manifest.build.get("sigma", {"from": "it does not say from what"})
+    if known["from"] == "passes":
+        return (
+            f"{manifest.sigma:.3f} m, from {known['n_passes']} passes of {known['sigma_of_pass']:.3f} m each,"
+            f" compared at {known['n_places']:,} places"
+        )
+    if known["from"] == "assumed":
+        return f"{manifest.sigma:g} m, assumed: {known['reason']}; say it with --sigma"
+    return f"{manifest.sigma:g} m, {known['from']}"
 
 
 def _describe_source(source: dict[str, object]) -> str:

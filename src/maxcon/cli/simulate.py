@@ -103,12 +103,14 @@ def _say_what_was_written(dataset: Dataset) -> None:
     """Name the parts of `dataset`, one per line; a prior has its name where there are several."""
     typer.echo(f"{dataset.folder}")
     clouds = f"{dataset.map_clouds[0].parent}/*.laz ({len(dataset.map_clouds)} files, vehicles are class 64)"
-    parts = [
+    parts: list[tuple[str, object]] = [
         ("map clouds", clouds),
         ("mapping", dataset.map_trajectory),
         ("scans", dataset.scans),
         ("reference", dataset.reference),
     ]
+    if dataset.map_sigma is not None:
+        parts.insert(2, ("map sigma", f"{dataset.map_sigma:g} m (map build --sigma {dataset.map_sigma:g})"))
     is_only = len(dataset.priors) == 1
     parts += [("prior" if is_only else f"prior {name}", path) for name, path in dataset.priors.items()]
     if dataset.odometry is not None:

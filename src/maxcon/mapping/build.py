@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from maxcon.atomic import atomic_folder, check_replaceable
 from maxcon.errors import ArrayError, MapError, OptionError
@@ -17,6 +18,8 @@ from maxcon.geometry.voxels import INDEX_LIMIT
 from maxcon.io.clouds import CloudHeader
 from maxcon.mapping.classes import DEFAULT_DROP, class_name, parse_classes
 from maxcon.mapping.ground import GroundMaker
+from maxcon.mapping.map_sigma import map_sigma
+from maxcon.mapping.place_sample import PlaceSample
 from maxcon.mapping.sources import (
     SidedPoints,
     SourceCounts,
@@ -30,6 +33,7 @@ from maxcon.mapping.spill import GroundSpill, TileSpill
 from maxcon.mapping.tiles import TileMaker
 from maxcon.point_map import TILE_VOXELS, TileKey
 from maxcon.point_map.manifest import MAP_NAMES, Manifest, TileEntry, write_manifest
+from maxcon.point_map.sigma import check_sigma
 from maxcon.point_map.store import write_ground, write_tile
 from maxcon.progress import Progress
 from maxcon.trajectory import Trajectory
@@ -63,6 +67,9 @@ class MapOptions:
         CRS of sources that name none.
     keep_every : int
         Of so many points, in the order of each source, one is kept: a thinner map to compare with.
+    sigma : float, optional
+        How well the map is known: standard deviation of its position along any axis, m. If None it is estimated
+        from what several passes of the mapping vehicle saw (decision 19), and `UNKNOWN_SIGMA` where there are none.
     """
 
     cell: float = 0.06
@@ -72,6 +79,7 @@ class MapOptions:
     normals_have_sides: bool = False
     crs: str | None = None
     keep_every: int = 1
+    sigma: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "vehicle_classes", tuple(self.vehicle_classes))
@@ -79,6 +87,8 @@ class MapOptions:
             raise ArrayError(f"Expected a positive voxel edge in m, got {self.cell}. The default is 0.06.")
         if self.keep_every < 1:
             raise OptionError(f"Expected to keep one point of 1 or more, got {self.keep_every}. 1 keeps all.")
+        if self.sigma is not None:
+            check_sigma(self.sigma)
 
     def dropped_classes(self, *, are_asprs: bool = True) -> frozenset[int]:
         """Class numbers that are left out of a source; the default speaks of ASPRS classes only."""
@@ -139,7 +149,10 @@ def build_map(
         has_sides = options.trajectory is not None or options.normals_have_sides
         use_normals = has_sides and all(header.has_normals for header in headers)
         origin = _origin(headers, options.cell)
-        counts = _sort_into_tiles(headers, origin, spill, ground_spill, options, use_normals, report)
+        sample = PlaceSample()
+        counts = _sort_into_tiles(headers, origin, spill, ground_spill, sample, options, use_normals, report)
+        sigma, how_known = map_sigma(options.sigma, sample)
+        del sample
         is_signed = options.trajectory is not None or use_normals
         maker = TileMaker(spill, spill_folder, options.cell, has_normals=use_normals, is_signed=is_signed)
         n_threads = n_threads or min(MOST_THREADS, os.cpu_count() or 1)
@@ -147,8 +160,8 @@ def build_map(
         entries = _make_tiles(folder, maker, ground_maker, spill.keys, n_threads, report)
         ground = tuple(write_ground(folder, tile) for tile in ground_maker.tiles())
         spill_folder.rmdir()
-        build = _description(counts, drop, use_normals, ground_maker.origin)
-        manifest = Manifest(options.cell, origin, crs, is_signed, tuple(entries), build, ground=ground)
+        build = {**_description(counts, drop, use_normals, ground_maker.origin), "sigma": how_known}
+        manifest = Manifest(options.cell, origin, crs, is_signed, tuple(entries), build, sigma, ground)
         write_manifest(folder, manifest)
     return manifest
 
@@ -184,11 +197,12 @@ def _sort_into_tiles(
     origin: tuple[float, float, float],
     spill: TileSpill,
     ground: GroundSpill,
+    sample: PlaceSample,
     options: MapOptions,
     use_normals: bool,
     report: Progress,
 ) -> list[SourceCounts]:
-    """Read all sources into the spill; return what was read."""
+    """Read all sources into the spill, and some of their points into the sample; return what was read."""
     counts = [SourceCounts(header.path.name) for header in headers]
     n_total = sum(header.n_points for header in headers)
     for header, counted in zip(headers, counts, strict=True):
@@ -197,7 +211,10 @@ def _sort_into_tiles(
         for part in read_source(
             header, counted, drop, options.trajectory, use_normals=use_normals, keep_every=options.keep_every
         ):
-            _add(spill, ground, part, origin, header, options.cell)
+            points = part.points - origin
+            _add(spill, ground, points, part, origin, header, options.cell)
+            if options.sigma is None:
+                sample.add(points, part.times)
             report("reading points", sum(source.n_points for source in counts), n_total)
     spill.flush()
     ground.flush()
@@ -218,13 +235,14 @@ def _sort_into_tiles(
 def _add(
     spill: TileSpill,
     ground: GroundSpill,
+    points: NDArray[np.float64],
     part: SidedPoints,
     origin: tuple[float, float, float],
     header: CloudHeader,
     cell: float,
 ) -> None:
     try:
-        spill.add(part.points - origin, part.sides)
+        spill.add(points, part.sides)
         ground.add(part.ground - origin)
     except ArrayError as error:
         raise MapError(

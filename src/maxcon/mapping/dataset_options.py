@@ -18,7 +18,7 @@ def dataset_map_options(
     Parameters
     ----------
     dataset : Dataset
-        What is dropped, which classes mean vehicles, and where the mapping sensor was.
+        What is dropped, which classes mean vehicles, where the mapping sensor was, and how well the map is known.
     cell : float
         Voxel edge, m.
     keep_every : int
@@ -40,6 +40,7 @@ def dataset_map_options(
         normals_have_sides=dataset.normals_have_sides,
         crs=dataset.crs,
         keep_every=keep_every,
+        sigma=dataset.map_sigma,
     )
 
 

@@ -66,11 +66,14 @@ class SidedPoints:
         The side of the surface that each was seen from: a direction, or zeros.
     ground : array, shape (k, 3)
         For its grid of ground heights: those of a ground class, whether they are for the voxels too or not.
+    times : array, shape (n,), or None
+        s; None where the source has none.
     """
 
     points: NDArray[np.float64]
     sides: NDArray[np.float32]
     ground: NDArray[np.float64]
+    times: NDArray[np.float64] | None
 
 
 def open_headers(paths: Sequence[str | os.PathLike[str]]) -> list[CloudHeader]:
@@ -213,11 +216,12 @@ def _keep(
         counts.n_dropped.update({number: int(n_of_class[number]) for number in dropped})
         keep &= ~np.isin(chunk.classes, dropped)
     points = chunk.points[keep]
+    times = None if chunk.times is None else chunk.times[keep]
     sides = np.zeros((len(points), 3))
     if use_normals and chunk.normals is not None:
         sides = _unit(np.nan_to_num(chunk.normals[keep], posinf=0.0, neginf=0.0))
-    if trajectory is not None and chunk.times is not None:
-        to_sensor = _unit(trajectory.positions_at(chunk.times[keep], LARGEST_TIME_GAP) - points)
+    if trajectory is not None and times is not None:
+        to_sensor = _unit(trajectory.positions_at(times, LARGEST_TIME_GAP) - points)
         is_known = np.isfinite(to_sensor).all(axis=1)
         counts.n_without_side += int((~is_known).sum())
         to_sensor[~is_known] = 0.0
@@ -225,7 +229,7 @@ def _keep(
             sides *= np.sign((sides * to_sensor).sum(axis=1))[:, None]
         else:
             sides = to_sensor
-    return SidedPoints(points, sides.astype(np.float32), ground)
+    return SidedPoints(points, sides.astype(np.float32), ground, times)
 
 
 def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:

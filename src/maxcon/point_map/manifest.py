@@ -72,7 +72,7 @@ class Manifest:
     tiles : tuple of TileEntry
         One per tile file.
     build : mapping
-        How it was made: sources, points read and dropped, the program's version.
+        How it was made: sources, points read and dropped, the program's version, where sigma is from.
     sigma : float
         Standard deviation of the map's position along any axis, m.
     ground : tuple of GroundEntry
@@ -184,6 +184,7 @@ def _parse_manifest(content: Mapping[str, Any]) -> Manifest:
         raise ValueError("no tiles")
     build = dict(content["build"])
     _check_sources(build.get("sources", []))
+    _check_how_known(build.get("sigma", {"from": "given"}))
     ground = _parse_ground(content, cell)
     return Manifest(cell, (x, y, z), crs, bool(content["is_signed"]), tuple(tiles), build, sigma, ground)
 
@@ -207,3 +208,19 @@ def _check_sources(sources: Sequence[Mapping[str, Any]]) -> None:
             raise TypeError("sources")
         if not all(isinstance(number, int) for number in numbers):
             raise TypeError("sources")
+
+
+def _check_how_known(known: Mapping[str, Any]) -> None:
+    """Refuse words on where sigma is from that `maxcon map info` could not print."""
+    match known["from"]:
+        case "given":
+            is_known = True
+        case "assumed":
+            is_known = isinstance(known["reason"], str)
+        case "passes":
+            numbers = (known["n_passes"], known["sigma_of_pass"], known["n_places"])
+            is_known = all(isinstance(number, int | float) for number in numbers)
+        case _:
+            is_known = False
+    if not is_known:
+        raise ValueError(f"sigma from {known}")

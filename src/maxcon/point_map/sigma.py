@@ -21,4 +21,6 @@ def check_sigma(sigma: float) -> None:
         If it is negative or not finite.
     """
     if not 0.0 <= sigma < math.inf:
-        raise ArrayError(f"Expected `sigma` of the map >= 0 m, got {sigma}. The default is {UNKNOWN_SIGMA}.")
+        raise ArrayError(
+            f"Expected `sigma` of the map >= 0 m, got {sigma}. Leave it out if you do not know it."
+        )

@@ -90,7 +90,8 @@ def simulate(
         epochs = world.epochs(n_epochs, prior_errors or PriorErrors())
         profiles = mapping_scanners or mobile_mapping_scanners()
         tick = ticker(progress, world.n_pieces(profiles) + n_epochs)
-        write_description(folder, f"seed {seed}, {n_epochs} epochs", {"uniform": "prior.txt"})
+        # The mapping vehicle's poses are written as they were: nothing but the points' noise is wrong with the map.
+        write_description(folder, f"seed {seed}, {n_epochs} epochs", {"uniform": "prior.txt"}, map_sigma=0.0)
         write_map_clouds(folder, world.map_echoes(profiles), tick)
         write_trajectory(folder / "map/trajectory.txt", *world.map_poses(), "T_map_vehicle")
         times = np.array([epoch.time for epoch in epochs])

@@ -156,6 +156,7 @@ def write_description(
     classes: Iterable[LasClass] = SURVEYED,
     *,
     has_odometry: bool = False,
+    map_sigma: float | None = None,
 ) -> None:
     """Write the description of the dataset in `folder`.
 
@@ -171,8 +172,11 @@ def write_description(
         Those of the points of the map.
     has_odometry : bool
         Whether `write_odometry` writes there, too.
+    map_sigma : float, optional
+        How well the map is known, m; left to be estimated from its rounds if None.
     """
     odometry = f'odometry = "{ODOMETRY}"\n' if has_odometry else ""
+    sigma = "" if map_sigma is None else f"sigma = {map_sigma}\n"
     classes_named = ", ".join(f"{member.name.lower()} {member.value}" for member in classes)
     named = "\n".join(f'{name} = "{file}"' for name, file in priors.items())
     text = f"""# A dataset simulated by maxcon {__version__}: {words}.
@@ -183,7 +187,7 @@ clouds = "map/tile_*.laz"
 trajectory = "map/trajectory.txt"
 crs = "{CRS}"
 vehicle_classes = [{LasClass.VEHICLE.value}]
-
+{sigma}
 [scans]
 folder = "scans"
 times = "scans/times.txt"
