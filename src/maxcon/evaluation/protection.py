@@ -63,7 +63,8 @@ class ProtectionCounts:
             raise OptionError(
                 f"Expected `alert_limit` above 0 m, got {alert_limit}. The default is {ALERT_LIMIT}."
             )
-        wrong, level = wrong.reshape(len(wrong), -1), level.reshape(len(level), -1)
+        if wrong.ndim == 1:
+            wrong, level = wrong[:, None], level[:, None]
         has_level = np.asarray((np.isfinite(level) & np.isfinite(wrong)).all(axis=1))
         is_used = has_level & (np.where(has_level[:, None], level, np.inf) <= alert_limit).all(axis=1)
         is_hazardous = is_used & (wrong > alert_limit).any(axis=1)

@@ -24,8 +24,8 @@ WIDTH, AXES_HEIGHT = 9.2, 4.1
 LEFT, RIGHT, BELOW, TITLES = 0.82, 0.3, 0.62, 1.4
 # Rates of fewer accepted answers are not drawn.
 FEWEST = 10
-# Percent: the axis reaches at least so far; for intervals alone it reaches no farther than this.
-LEAST_TOP, MOST_FOR_INTERVALS = 1.0, 20.0
+# The axis reaches at least so far, percent; for intervals alone it reaches no farther than this rate.
+LEAST_TOP, MOST_FOR_INTERVALS = 1.0, 0.2
 # Percent: markers that lie on each other are set apart so far to the left.
 APART = 1.0
 # Half the height of a marker over that of the axes.
@@ -41,8 +41,8 @@ def plot_risk_coverage(
 ) -> None:
     """Draw the rate of wrong answers among those accepted against the share of epochs that are accepted.
 
-    Filled markers: what each method itself says may be used, with an interval of 95 %. Open markers: all answers.
-    Lines between follow the order of trust; a method without measures of trust has none.
+    Filled markers: what each method itself says may be used, with an interval of 95 %. Open markers: all answers, if it
+    withholds any. Lines between follow the order of trust; a method without measures of trust has none.
 
     Parameters
     ----------
@@ -79,8 +79,8 @@ def plot_risk_coverage(
             figure,
             title,
             f"Wrong: {criterion}. Filled: what the method itself trusts, with 95 %\n"
-            "intervals; open: all its answers. Lines: the most trusted first. Markers that would lie on each\n"
-            "other are set apart. Below: how many of the trusted answers are wrong.",
+            "intervals; open: all answers, if it withholds any. Lines: the most trusted first.\n"
+            "Bars that would lie on each other are set apart. Below: how many of the trusted are wrong.",
         )
         axes = figure.add_axes(
             (LEFT / WIDTH, bottom / height, (WIDTH - LEFT - RIGHT) / WIDTH, AXES_HEIGHT / height)
@@ -101,10 +101,11 @@ def _label(name: str, found: RiskCoverage) -> str:
 
 
 def _highest(found: RiskCoverage) -> float:
-    """The highest rate that must be seen, percent."""
-    rates = found.rates[found.n_accepted >= FEWEST]
-    end = 100.0 * found.trusted_interval[1] if found.n_trusted else 0.0
-    return max(100.0 * float(rates.max(initial=0.0)), min(end, MOST_FOR_INTERVALS))
+    """The highest rate to be seen, percent: of markers and line, and as much of the bar as there is room for."""
+    line = found.rates[found.n_accepted >= FEWEST]
+    trusted = found.n_trusted_wrong / max(found.n_trusted, 1)
+    end = min(found.trusted_interval[1], MOST_FOR_INTERVALS) if found.n_trusted else 0.0
+    return 100.0 * max(trusted, end, float(np.append(line, found.rates[-1:]).max(initial=0.0)))
 
 
 def _set_apart(by_method: Sequence[RiskCoverage], top: float) -> list[float]:
@@ -139,7 +140,7 @@ def _draw_method(axes: "Axes", style: MethodStyle, found: RiskCoverage, place: f
         order: dict[str, Any] = {"color": style.color, "ls": style.line, "lw": 1.5, "drawstyle": "steps-post"}
         axes.plot(shares[is_drawn], rates[is_drawn], zorder=3, clip_on=False, **order)
     marks: dict[str, Any] = {"marker": style.marker, "ms": 9, "ls": "", "clip_on": False}
-    if len(shares):
+    if len(shares) and found.n_accepted[-1] > found.n_trusted:
         axes.plot(shares[-1], rates[-1], color=style.color, mfc="white", mew=1.5, zorder=4, **marks)
     if found.n_trusted:
         low, high = (100.0 * end for end in found.trusted_interval)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from maxcon.errors import ArrayError
+from maxcon.errors import ArrayError, OptionError
 from maxcon.evaluation import ALERT_LIMIT, ProtectionCounts
 from maxcon.report.figure import INK, MUTED, SERIES, draw_titles, saved_figure
 from maxcon.report.method_style import as_epoch_values, check_methods, draw_number_ticks
@@ -67,6 +67,11 @@ def plot_stanford(
         If the file cannot be written.
     """
     check_methods(errors_by_direction, MOST_DIRECTIONS)
+    if set(errors_by_direction) != set(levels_by_direction):
+        raise OptionError(
+            f"Expected errors and levels of the same directions, got {sorted(errors_by_direction)} and"
+            f" {sorted(levels_by_direction)}. Use the same names."
+        )
     found = {}
     for name, values in errors_by_direction.items():
         errors = as_epoch_values(np.abs(np.asarray(values, np.float64)), f"errors {name}", 0.0)
@@ -99,11 +104,11 @@ def plot_stanford(
             _finish(axes, strip, name, most)
             figure.text(
                 left / width,
-                0.14 / height,
+                0.5 / height,
                 _proof(counts),
                 fontsize=9.5,
                 color=MUTED,
-                va="bottom",
+                va="top",
                 parse_math=False,
             )
 
@@ -114,7 +119,7 @@ def _proof(counts: ProtectionCounts) -> str:
         return "No epoch has a level within the alert limit: nothing is proved."
     return (
         f"Errors above their level: {counts.n_exceeded:,} of {counts.n_used:,} used epochs;\n"
-        f"proved with 95 % confidence: a rate of at most {100.0 * counts.exceeded_bound:.2g} %."
+        f"proved with 95 % confidence: a rate of at most {100.0 * counts.exceeded_bound:.1f} %."
     )
 
 
@@ -164,7 +169,8 @@ def _draw_epochs(
             marker=marker, alpha=0.35 if is_many else 0.6, linewidths=0.0, zorder=3, rasterized=is_many,
         )  # fmt: skip
     withheld = drawn[~has_level & ~np.isnan(errors)]
-    strip.plot(withheld, np.full(len(withheld), 0.5), "x", ms=5.5, mew=1.2, color=MUTED, clip_on=False)
+    if len(withheld):
+        strip.plot(withheld, np.full(len(withheld), 0.5), "x", ms=5.5, mew=1.2, color=MUTED, clip_on=False)
 
 
 def _finish(axes: "Axes", strip: "Axes", name: str, most: float) -> None:
