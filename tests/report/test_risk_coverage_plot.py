@@ -28,8 +28,14 @@ def test_legend_says_how_many_of_the_trusted_are_wrong(tmp_path):
 
 
 def test_bars_that_would_lie_on_each_other_are_set_apart():
-    places = _set_apart([found(100, 100, 0), found(100, 50, 0), found(100, 100, 0), found(100, 0, 0)], 10.0)
-    np.testing.assert_allclose(places, [100.0, 50.0, 99.0, np.nan])
+    methods = [
+        found(100, 100, 0),
+        found(100, 50, 0),
+        found(100, 100, 0),
+        found(100, 100, 0),
+        found(100, 0, 0),
+    ]
+    np.testing.assert_allclose(_set_apart(methods, 10.0), [100.0, 50.0, 99.2, 100.8, np.nan])
     assert _set_apart([found(1000, 1000, 0), found(1000, 1000, 500)], 80.0) == [100.0, 100.0]
 
 

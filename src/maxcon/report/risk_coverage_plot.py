@@ -26,8 +26,8 @@ LEFT, RIGHT, BELOW, TITLES = 0.82, 0.3, 0.62, 1.4
 FEWEST = 10
 # The axis reaches at least so far, percent; for intervals alone it reaches no farther than this rate.
 LEAST_TOP, MOST_FOR_INTERVALS = 1.0, 0.2
-# Percent: markers that lie on each other are set apart so far to the left.
-APART = 1.0
+# Percent: bars that lie on each other are set apart so far.
+APART = 0.8
 # Half the height of a marker over that of the axes.
 MARKER = 0.015
 
@@ -109,7 +109,7 @@ def _highest(found: RiskCoverage) -> float:
 
 
 def _set_apart(by_method: Sequence[RiskCoverage], top: float) -> list[float]:
-    """Share of the epochs that each method trusts, percent, moved to the left until its bar lies on none before it.
+    """Share of the epochs that each method trusts, percent, moved aside until its bar lies on none before it.
 
     `top` is the height of the axes, percent; NaN where a method trusts nothing.
     """
@@ -121,12 +121,11 @@ def _set_apart(by_method: Sequence[RiskCoverage], top: float) -> list[float]:
             continue
         share = 100.0 * found.n_trusted / found.n_epochs
         low, high = (100.0 * end for end in found.trusted_interval)
-        room = MARKER * top
-        while any(
-            abs(share - x) < 0.99 * APART and low - room < above and below < high + room
-            for x, below, above in bars
-        ):
-            share -= APART
+        reach = low - MARKER * top, high + MARKER * top
+        near = [x for x, below, above in bars if reach[0] < above and below < reach[1]]
+        places_near = (share + APART * step for step in sorted(range(-len(near), len(near) + 1), key=abs))
+        # Each bar is in the way of two of these at most.
+        share = next(place for place in places_near if all(abs(place - x) > 0.99 * APART for x in near))
         bars.append((share, low, high))
         places.append(share)
     return places
@@ -155,7 +154,7 @@ def _draw_method(axes: "Axes", style: MethodStyle, found: RiskCoverage, place: f
 
 def _finish(axes: "Axes", top: float) -> None:
     """Scale and label the axes."""
-    axes.set_xlim(0.0, 101.5)
+    axes.set_xlim(0.0, 100.0 + 4.5 * APART)
     axes.set_ylim(-0.02 * top, top)
     axes.set_xticks(np.arange(0, 101, 10))
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
