@@ -9,7 +9,8 @@ from maxcon.evaluation import RiskCoverage
 from maxcon.report.risk_coverage_plot import plot_risk_coverage
 from maxcon.report.sigma_plot import SigmaPanel, plot_sigmas
 from maxcon.report.stanford_plot import plot_stanford
-from maxcon.report.timeline_plot import ErrorRow, plot_timeline
+from maxcon.report.timeline_errors import ErrorRow
+from maxcon.report.timeline_plot import plot_timeline
 
 WORDS = ("localized", "ambiguous", "walls missing", "not confirmed", "at the rim", "unreadable scan")
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from maxcon.errors import ArrayError, OptionError
-from maxcon.report.timeline_plot import ErrorRow, _Drawn, plot_timeline
+from maxcon.report.timeline_errors import ErrorRow
+from maxcon.report.timeline_plot import plot_timeline
 
 ROW = ErrorRow("along", "cm", [1.0, -2.0, 300.0, np.nan], [1.0, 1.0, 1.0, np.nan], [3.0, 3.0, 3.0, np.nan])
 STATUSES = ["localized", "localized", "localized", "no match"]
@@ -31,12 +32,6 @@ def test_a_method_that_predicts_nothing_has_no_band(tmp_path):
     assert any("No trusted answer is wrong" in each for each in written)
     assert any("predicts no errors" in each for each in written)
     assert "±2 predicted sigmas" not in written and "protection level" not in written
-
-
-def test_gross_errors_do_not_flatten_the_others():
-    drawn = _Drawn.of(ROW, 4)
-    assert drawn.limit == pytest.approx(1.25 * 4.0 * 3.0)
-    assert _Drawn.of(ErrorRow("along", "cm", [np.nan], [np.nan]), 1).limit > 0.0
 
 
 @pytest.mark.filterwarnings("error")

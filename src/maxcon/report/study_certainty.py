@@ -20,7 +20,8 @@ from maxcon.report.sigma_plot import SigmaPanel, plot_sigmas
 from maxcon.report.stanford_plot import plot_stanford
 from maxcon.report.study_page import Certainty, CoverageRow, CoverageTable, ProtectionTable
 from maxcon.report.study_statistics import NAMES, own_methods, shown_methods
-from maxcon.report.timeline_plot import ErrorRow, plot_timeline
+from maxcon.report.timeline_errors import ErrorRow
+from maxcon.report.timeline_plot import plot_timeline
 from maxcon.study import MethodRows
 
 __all__ = ["certainty_of"]
