@@ -21,22 +21,6 @@ class BelowZero:
         return moments[..., 0] - 3.0
 
 
-@pytest.fixture
-def drawn(monkeypatch):
-    """The figures that were saved, as they were drawn."""
-    from matplotlib.figure import Figure
-
-    figures = []
-    save = Figure.savefig
-
-    def keep(self, *args, **options):
-        figures.append(self)
-        save(self, *args, **options)
-
-    monkeypatch.setattr(Figure, "savefig", keep)
-    return figures
-
-
 def assert_all_fits(figure):
     renderer = figure.canvas.get_renderer()
     boxes = {text.get_text(): text.get_window_extent(renderer) for text in figure.texts}

@@ -13,7 +13,10 @@ from maxcon.study import choose_methods, run_study
 from maxcon.study.table import TableParts
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-FIGURES = {"scene", "headings", "comparison", "distinctness-points", "kurtosis-points", "success", "errors"}
+FIGURES = {
+    "scene", "headings", "comparison", "distinctness-points", "kurtosis-points", "success", "errors",
+    "risk-coverage", "timeline",
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -29,6 +32,7 @@ def test_the_page_has_every_claim_method_and_figure(page_file, methods):
     assert text.count('<td class="verdict') == 8
     for method in methods:
         assert f">{method.name}</th>" in text
+    assert "no method predicts its errors here, with the prior “uniform”" in text
     assert text.count("data:image/svg+xml") == len(FIGURES)
     assert not re.search(r"(src|href)=\"(?!data:)", text)
     assert "://" not in re.sub(r"data:[^\"]*", "", text)
@@ -56,8 +60,24 @@ def test_a_browser_shows_it_whole(page_file, width, scheme):
         browser.close()
     assert (said, broken, overflow) == ([], 0, 0)
     assert n_images == len(FIGURES)
-    assert rows == 5 + 3
+    assert rows == 5 + 3  # all methods, and how distinct those of maximum consensus are
     assert [url for url in asked if not url.startswith(("file:", "data:"))] == []
+
+
+def test_a_method_that_predicts_its_errors_is_held_to_it(copied, small_space, tmp_path):
+    run_study(
+        copied, tmp_path / "study", choose_methods(["maxcon", "icp-plane-1m"], small_space), n_workers=1
+    )
+    folder = report_study(tmp_path / "study", tmp_path / "page.html")
+    assert {"sigmas", "stanford", "risk-coverage", "timeline"} <= {path.stem for path in folder.iterdir()}
+    text = (tmp_path / "page.html").read_text()
+    assert "maxcon 6 of 6" in text
+    assert "Errors within predicted sigmas: maxcon, prior “uniform”" in text
+    assert (
+        "To prove that takes 299 independent epochs without a single one beyond its level; this study has 6."
+        in text
+    )
+    assert "no method predicts its errors" not in text
 
 
 def test_a_moved_dataset_leaves_the_scenes_out_and_says_so(copied, small_space, tmp_path):

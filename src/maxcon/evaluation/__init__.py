@@ -1,17 +1,31 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""How good an answer is: against a reference, and by how distinct it is."""
+"""How good answers are: against a reference, by how distinct they are, and by how sure they say to be."""
 
 from maxcon.evaluation.accuracy import Accuracy, PoseError, Quantiles, pose_error, summarize
+from maxcon.evaluation.coverage import PROMISED, PROMISED_PLANE, Coverage, MeanSquare
 from maxcon.evaluation.distinctness import Distinctness, distinctness, significant_ray
+from maxcon.evaluation.proportions import clopper_pearson, least_to_prove, upper_bound
+from maxcon.evaluation.protection import ALERT_LIMIT, ProtectionCounts
+from maxcon.evaluation.risk_coverage import RiskCoverage
 
 __all__ = [
+    "ALERT_LIMIT",
+    "PROMISED",
+    "PROMISED_PLANE",
     "Accuracy",
+    "Coverage",
     "Distinctness",
+    "MeanSquare",
     "PoseError",
+    "ProtectionCounts",
     "Quantiles",
+    "RiskCoverage",
+    "clopper_pearson",
     "distinctness",
+    "least_to_prove",
     "pose_error",
     "significant_ray",
     "summarize",
+    "upper_bound",
 ]

@@ -6,11 +6,20 @@ import math
 import os
 from dataclasses import dataclass
 
+from maxcon.evaluation import PROMISED, PROMISED_PLANE, Coverage, MeanSquare, ProtectionCounts, least_to_prove
 from maxcon.report.claims import Claim
 from maxcon.report.html import Picture, write_page
 from maxcon.study import MethodStatistics
 
-__all__ = ["MethodTable", "StudyPage", "write_study_page"]
+__all__ = [
+    "Certainty",
+    "CoverageRow",
+    "CoverageTable",
+    "MethodTable",
+    "ProtectionTable",
+    "StudyPage",
+    "write_study_page",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +50,115 @@ class MethodTable:
 
 
 @dataclass(frozen=True, slots=True)
+class CoverageRow:
+    """How many errors of one kind lie within their predicted sigmas.
+
+    Parameters
+    ----------
+    name : str
+        What is wrong.
+    coverage : Coverage
+        The counts.
+    n_errors : {1, 2}
+        Errors of so many directions together, within ellipses if two.
+    """
+
+    name: str
+    coverage: Coverage
+    n_errors: int = 1
+
+    @property
+    def promised(self) -> tuple[float, ...]:
+        """Shares within 1, 2 and 3 sigma where the sigmas hold, 0 to 1."""
+        return PROMISED if self.n_errors == 1 else PROMISED_PLANE
+
+    @property
+    def promised_rms(self) -> float:
+        """Root of the mean squared error in sigmas where the sigmas hold."""
+        return math.sqrt(self.n_errors)
+
+    @property
+    def verdict(self) -> str:
+        """What the sigmas are, as far as so many epochs can tell: by the intervals of the three shares."""
+        ends = list(zip(self.coverage.intervals, self.promised, strict=True))
+        if any(high < promised for (_, high), promised in ends):
+            return "too small"
+        return "too large" if any(low > promised for (low, _), promised in ends) else "as promised"
+
+
+@dataclass(frozen=True, slots=True)
+class CoverageTable:
+    """How well a method knows its errors.
+
+    Parameters
+    ----------
+    title : str
+        Which method and prior.
+    rows : tuple of CoverageRow
+        At least one.
+    squares : MeanSquare
+        Of x and y together.
+    """
+
+    title: str
+    rows: tuple[CoverageRow, ...]
+    squares: MeanSquare
+
+
+@dataclass(frozen=True, slots=True)
+class ProtectionTable:
+    """How often errors exceed a method's protection levels, and what that proves.
+
+    Parameters
+    ----------
+    title : str
+        Which method and prior.
+    rows : tuple of (str, ProtectionCounts)
+        By direction.
+    risk : float or None
+        How often the method says that its levels are exceeded, 0 to 1, if it says so.
+    """
+
+    title: str
+    rows: tuple[tuple[str, ProtectionCounts], ...]
+    risk: float | None
+
+    @property
+    def n_to_prove(self) -> int | None:
+        """Epochs that, none of them beyond its level, would prove the stated risk."""
+        return None if self.risk is None else least_to_prove(self.risk)
+
+
+@dataclass(frozen=True, slots=True)
+class Certainty:
+    """How sure a study's methods say they are, beside how wrong they are.
+
+    Parameters
+    ----------
+    coverage : tuple of CoverageTable
+        Errors within predicted sigmas.
+    protection : tuple of ProtectionTable
+        Errors within protection levels.
+    alert_limit : float
+        m, of the protection tables.
+    coverage_pictures, protection_pictures : tuple of Picture
+        Of these.
+    status_pictures : tuple of Picture
+        Of the status, and of the drive epoch by epoch.
+    notes : tuple of str
+        What is missing, and why.
+    """
+
+    coverage: tuple[CoverageTable, ...]
+    protection: tuple[ProtectionTable, ...]
+    alert_limit: float
+    coverage_pictures: tuple[Picture, ...]
+    protection_pictures: tuple[Picture, ...]
+    status_pictures: tuple[Picture, ...]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class StudyPage:
     """Everything the page of a study shows; all of it is escaped.
 
@@ -56,6 +174,8 @@ class StudyPage:
         At least one.
     scenes, statistics : tuple of Picture
         Figures of single epochs, and of all epochs.
+    certainty : Certainty
+        How sure the methods are, and whether they may be.
     notes : tuple of str
         What the page lacks, and why.
     reasons : tuple of (str, int)
@@ -75,6 +195,7 @@ class StudyPage:
     tables: tuple[MethodTable, ...]
     scenes: tuple[Picture, ...]
     statistics: tuple[Picture, ...]
+    certainty: Certainty
     notes: tuple[str, ...]
     reasons: tuple[tuple[str, int], ...]
     command: str

@@ -16,6 +16,7 @@ from maxcon.progress import Progress
 from maxcon.report.claims import COUNT, HELMERT, paper_claims
 from maxcon.report.figure import check_matplotlib
 from maxcon.report.html import check_jinja2
+from maxcon.report.study_certainty import certainty_of
 from maxcon.report.study_page import StudyPage, write_study_page
 from maxcon.report.study_pictures import draw_pictures, open_scenes
 from maxcon.report.study_scenes import space_of
@@ -27,6 +28,7 @@ from maxcon.version import __version__
 
 __all__ = ["report_study"]
 
+MAXCON = "maxcon"
 FEW_EPOCHS = 50
 
 
@@ -82,6 +84,7 @@ def report_study(
     notes = _cautions(study, methods)
     scenes = open_scenes(study, dataset, prior, notes)
     drawn, pictures = draw_pictures(folder, scenes, methods, notes, report)
+    certainty = certainty_of(folder, by_prior, prior, study.configuration.methods)
     space = space_of(study.configuration.methods, HELMERT) or SearchSpace()
     numbers = {name: [statistics(rows) for rows in methods.values()] for name, methods in by_prior.items()}
     write_study_page(
@@ -94,6 +97,7 @@ def report_study(
             tables=tuple(table for name, found in numbers.items() for table in method_tables(name, found)),
             scenes=tuple(drawn),
             statistics=tuple(pictures),
+            certainty=certainty,
             notes=tuple(notes),
             reasons=_reasons(by_prior),
             command=_command(study_folder, path, figures=figures, dataset=dataset, prior=prior),
@@ -140,7 +144,7 @@ def _cautions(study: Study, methods: dict[str, MethodRows]) -> list[str]:
 
 def _headline(methods: dict[str, MethodRows], prior: str) -> str:
     """Say in a sentence or two what came out."""
-    known = (HELMERT, COUNT, "helmert-occupied", "icp-plane-1m", "icp-plane-3m", "gicp-3m")
+    known = (MAXCON, HELMERT, COUNT, "helmert-occupied", "icp-plane-1m", "icp-plane-3m", "gicp-3m")
     own = [name for name in methods if name not in known_methods(SearchSpace())]
     names = [*own, *(name for name in known if name in methods)] or list(methods)[:6]
     found = [statistics(methods[name]) for name in names]

@@ -18,14 +18,16 @@ from maxcon.report.success_plot import plot_success
 from maxcon.search_space import SearchSpace
 from maxcon.study import MethodRows, known_methods
 
-__all__ = ["draw_statistics"]
+__all__ = ["NAMES", "common_epochs", "draw_statistics", "own_methods", "shown_methods"]
 
 # Told apart in one picture; the first of a study's that are there.
 SHOWN = (
-    "helmert-points", "helmert-occupied", "count-points", "count-occupied",
+    "maxcon", "helmert-points", "helmert-occupied", "count-points", "count-occupied",
     "icp-plane-1m", "icp-plane-3m", "gicp-3m", "icp-point-3m",
 )  # fmt: skip
+MOST_SHOWN = 8
 NAMES = {
+    "maxcon": "maxcon, refined",
     "helmert-points": "Helmert, as published",
     "helmert-occupied": "Helmert, our defaults",
     "count-points": "Count, as published",
@@ -63,13 +65,23 @@ def draw_statistics(
         if _have(methods, pair, "kurtosis", "reference_x"):
             pictures.append(_kurtosis(folder / f"{stem}.svg", methods, pair, point_map))
             break
-    known = known_methods(SearchSpace())
-    own = [name for name in methods if name not in known]
-    shown = [*own, *(name for name in SHOWN if name in methods)][: len(SHOWN)] or list(methods)[: len(SHOWN)]
+    shown = shown_methods(methods)
     pictures += _success(folder / "success.svg", methods, shown)
     if len(common_epochs(methods, shown)):
         pictures.append(_error_shares(folder / "errors.svg", methods, shown))
     return pictures
+
+
+def own_methods(methods: Mapping[str, MethodRows]) -> list[str]:
+    """Names of the methods that are the user's own."""
+    known = known_methods(SearchSpace())
+    return [name for name in methods if name not in known]
+
+
+def shown_methods(methods: Mapping[str, MethodRows]) -> list[str]:
+    """Names of the methods that one picture tells apart, at most 8: the user's own first."""
+    named = [*own_methods(methods), *(name for name in SHOWN if name in methods)]
+    return (named or list(methods))[:MOST_SHOWN]
 
 
 def _have(methods: Mapping[str, MethodRows], names: Sequence[str], *columns: str) -> bool:
