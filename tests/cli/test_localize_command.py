@@ -11,7 +11,7 @@ import pytest
 
 import maxcon as library
 from maxcon.cli.localize import localize as command
-from maxcon.cli.localize import parse_epochs
+from maxcon.cli.pictures import parse_epochs
 from maxcon.errors import OptionError
 from maxcon.io.trajectories import read_trajectory
 
