@@ -91,8 +91,8 @@ def test_a_prior_is_taken_as_it_is_if_asked_for(yard):
     scan, point_map, without, truth = yard
     prior = wrong(truth, 0.3, 0.2)
     for method, its_map in (
-        (MaximumConsensus(SPACE, is_levelled=False), point_map),
-        (MaximumConsensus(SPACE), without),
+        (MaximumConsensus(SPACE, is_levelled=False, refinement=False), point_map),
+        (MaximumConsensus(SPACE, refinement=False), without),
     ):
         pose = method.localize(scan, its_map, prior).pose
         assert (pose.z, pose.roll, pose.pitch) == (prior.z, prior.roll, prior.pitch)

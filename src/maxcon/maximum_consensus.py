@@ -11,16 +11,15 @@ map, examined, and where in doubt searched for once more, wider (D12).
 import math
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from maxcon.accumulator import Accumulator, highest
+from maxcon.best_cell import BestCell, judge
 from maxcon.errors import OptionError
 from maxcon.estimate import Estimate, Status
 from maxcon.examination import examine
 from maxcon.geometry import Pose
 from maxcon.ground import GroundFit, fit_ground
-from maxcon.integrity import Trust, highest_beyond, invert, reasons_to_doubt_answer, reasons_to_doubt_scan
-from maxcon.objectives import BoundedByAxes, BoundedByCount, Helmert, Moments, Objective
+from maxcon.integrity import Trust, highest_beyond, invert, reasons_to_doubt_scan
+from maxcon.objectives import BoundedByAxes, BoundedByCount, Helmert, Objective
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
 from maxcon.search import (
@@ -41,6 +40,8 @@ __all__ = ["MaximumConsensus"]
 LEAST_SHARE = 1e-6
 # Where the ground at the answer lies so much higher or lower than at the prior (m), it is searched again from there.
 OTHER_GROUND = 0.25
+# A wider search turns twice as far, unless that is much.
+LARGEST_DOUBLED_DEG = 10.0
 
 
 @dataclass(frozen=True)
@@ -137,12 +138,17 @@ class MaximumConsensus:
         SearchSpaceError
             If the cell edge is not the map's, or the space is too large.
         """
-        found = self._search(scan, point_map, *self._start(scan, point_map, prior))
+        start, space = self._start(scan, point_map, prior)
+        found = self._search(scan, point_map, start, space)
+        is_outermost = abs(found.pose.z - start.z) > space.height_half_width - 0.5 * space.cell
         ground = self._ground_at(found, scan, point_map)
         if ground is not None and abs(ground.height) > OTHER_GROUND:
             found = self._search(scan, point_map, prior.levelled(ground.pose), self.space.plane)
             ground = self._ground_at(found, scan, point_map)
-        return self._settle(found, ground, scan, point_map)
+        settled = self._settle(found, ground, start, scan, point_map)
+        if space.n_heights > 1 and is_outermost and settled.is_localized:
+            return replace(settled, status=Status.AT_RIM)
+        return settled
 
     def _start(self, scan: Scan, point_map: PointMap, prior: Pose) -> tuple[Pose, SearchSpace]:
         """The prior on the ground and the cells of that height; the prior and all heights where it cannot be told."""
@@ -157,46 +163,50 @@ class MaximumConsensus:
 
     def _search(self, scan: Scan, point_map: PointMap, start: Pose, space: SearchSpace) -> Estimate:
         """Find the best cell of a space around a start, and judge it."""
-        answer = None
         if self.search is SearchMethod.BRANCH_AND_BOUND and self._has_bounds:
-            answer = self._by_bounds(scan.thinned(self.thinning), point_map, start, space)
-        if answer is not None:
-            estimate = self._judge(answer, scan, point_map)
-        else:
-            estimate = self._conclude(self._accumulate(scan, point_map, start, space), scan, point_map)
-        is_outermost = abs(estimate.pose.z - start.z) > space.height_half_width - 0.5 * space.cell
-        if space.n_heights > 1 and is_outermost and estimate.is_localized:
-            return replace(estimate, status=Status.AT_RIM)
-        return estimate
+            best = self._by_bounds(scan.thinned(self.thinning), point_map, start, space)
+            if best is not None:
+                return self._judge(best, scan, point_map)
+        return self._conclude(self._accumulate(scan, point_map, start, space), scan, point_map)
 
-    def _settle(self, found: Estimate, ground: GroundFit | None, scan: Scan, point_map: PointMap) -> Estimate:
+    def _settle(
+        self, found: Estimate, ground: GroundFit | None, start: Pose, scan: Scan, point_map: PointMap
+    ) -> Estimate:
         """Lay an answer on its ground, adjust it to the map, and search wider where it is in doubt (D12)."""
         if not self.refinement:
             return found if ground is None else replace(found, pose=ground.pose)
         # A street that leaves a direction open does so from farther around too.
         is_open = found.status is Status.UNDETERMINED and found.share >= self.trust.least_share
         examined = examine(found, ground, scan, point_map, self.trust, self.risk)
-        return examined if examined.is_localized or is_open else self._search_wider(examined, scan, point_map)
+        if examined.is_localized or is_open:
+            return examined
+        return self._search_wider(examined, start, scan, point_map)
 
-    def _search_wider(self, doubted: Estimate, scan: Scan, point_map: PointMap) -> Estimate:
-        """Search all around an answer in doubt: the same place may win there too, or another one.
+    def _search_wider(self, doubted: Estimate, start: Pose, scan: Scan, point_map: PointMap) -> Estimate:
+        """Search all around an answer in doubt, at twice the headings: the same place may win, or another one.
 
         What wins is examined in its turn; the same place needs less evidence then.
         """
         half_width = math.floor(self.wider / point_map.cell + 1e-9) * point_map.cell
         if half_width <= self.space.half_width:
             return doubted
-        space = replace(self.space.plane, half_width=half_width)
+        turn_deg = self.space.heading_half_width_deg
+        space = replace(
+            self.space.plane,
+            half_width=half_width,
+            heading_half_width_deg=2.0 * turn_deg if turn_deg <= LARGEST_DOUBLED_DEG else turn_deg,
+        )
+        around = replace(doubted.pose, heading=start.heading)  # a wrong place has a wrong heading
         wide = self if self._has_bounds else replace(self, objective=Helmert())
-        answer = wide._by_bounds(scan.thinned(self.thinning), point_map, doubted.pose, space)
-        if answer is None:
+        best = wide._by_bounds(scan.thinned(self.thinning), point_map, around, space)
+        if best is None:
             return doubted
-        found = wide._judge(answer, scan, point_map)
+        found = wide._judge(best, scan, point_map)
         moved = math.hypot(found.pose.x - doubted.pose.x, found.pose.y - doubted.pose.y)
         is_same = doubted.status is not Status.NO_MATCH and moved <= self.trust.guard_radius
         ground = self._ground_at(found, scan, point_map)
         examined = examine(found, ground, scan, point_map, self.trust, self.risk, is_confirmed=is_same)
-        score = float(self.objective.score(answer.moments))
+        score = float(self.objective.score(best.moments))
         return replace(examined, score=score, cell=doubted.cell if is_same else None, was_widened=True)
 
     @property
@@ -217,7 +227,8 @@ class MaximumConsensus:
     def conclude(self, accumulator: Accumulator, scan: Scan, point_map: PointMap) -> Estimate:
         """Take the best cell of an accumulator of this scan, and settle its pose: what `localize` answers."""
         found = self._conclude(accumulator, scan, point_map)
-        return self._settle(found, self._ground_at(found, scan, point_map), scan, point_map)
+        ground = self._ground_at(found, scan, point_map)
+        return self._settle(found, ground, accumulator.prior, scan, point_map)
 
     def _conclude(self, accumulator: Accumulator, scan: Scan, point_map: PointMap) -> Estimate:
         """Say how far the best cell of an accumulator may be trusted."""
@@ -231,12 +242,10 @@ class MaximumConsensus:
         helmert = scores if isinstance(self.objective, Helmert) else accumulator.score(Helmert())
         beyond = highest_beyond(helmert, cell, space, self.trust.guard_radius)
         runner_up = beyond / float(helmert[cell]) if helmert[cell] > 0.0 else math.inf
-        answer = _Answer(space, prior, cell, float(scores[cell]), moments[cell], runner_up)
-        return self._judge(answer, scan, point_map)
+        best = BestCell(space, prior, cell, float(scores[cell]), moments[cell], runner_up)
+        return self._judge(best, scan, point_map)
 
-    def _by_bounds(
-        self, scan: Scan, point_map: PointMap, prior: Pose, space: SearchSpace
-    ) -> "_Answer | None":
+    def _by_bounds(self, scan: Scan, point_map: PointMap, prior: Pose, space: SearchSpace) -> BestCell | None:
         """The best cell by branch and bound; None where nothing scores, and all cells have to be looked at."""
 
         def search(
@@ -256,66 +265,11 @@ class MaximumConsensus:
         helmert = found
         if not isinstance(self.objective, Helmert):
             helmert = search(raised, plane, Helmert(), found.cell)
-        return _Answer(plane, raised, found.cell, found.score, found.moments, helmert.rest / score)
+        return BestCell(plane, raised, found.cell, found.score, found.moments, helmert.rest / score)
 
-    def _judge(self, answer: "_Answer", scan: Scan, point_map: PointMap) -> Estimate:
+    def _judge(self, best: BestCell, scan: Scan, point_map: PointMap) -> Estimate:
         """Say how far the best cell may be trusted, and what casts doubt on it."""
-        space, prior, cell = answer.space, answer.prior, answer.cell
-        searched = scan.thinned(self.thinning)
-        _, nxx, nxy, nyy = (float(moment) for moment in answer.moments)
-        is_determined, cofactor = invert(np.array([[nxx, nxy], [nxy, nyy]]))
-        share = _matched_share(answer, self.multiplicity, searched, point_map)
-        status = self.trust.judge(
-            is_determined=is_determined,
-            share=share,
-            is_at_rim=space.is_at_rim(cell) or self._rises_beyond(answer, searched, point_map),
-            runner_up=answer.runner_up,
-        )
-        reasons = reasons_to_doubt_scan(scan, prior)
-        if self.multiplicity is Multiplicity.OCCUPIED:  # otherwise N counts map points, not matches
-            reasons += reasons_to_doubt_answer(answer.moments)
-        pose = space.pose(cell, prior)
-        return Estimate(
-            pose, answer.score, cell, status, cofactor, share, answer.runner_up, "; ".join(reasons)
-        )
-
-    def _rises_beyond(self, answer: "_Answer", scan: Scan, point_map: PointMap) -> bool:
-        """Whether the best heading is the outermost, and one more step would score higher still."""
-        space, prior, cell = answer.space, answer.prior, answer.cell
-        n_headings = space.shape[0]
-        if n_headings == 1 or cell[0] not in (0, n_headings - 1):
-            return False
-        step = math.radians(space.heading_step_deg)
-        beyond = space.headings[cell[0]] + (step if cell[0] > 0 else -step)
-        turned = replace(prior, heading=prior.heading + float(beyond))
-        one_heading = replace(space, heading_half_width_deg=0.0)
-        further = exhaustive(
-            scan, point_map, turned, one_heading, multiplicity=self.multiplicity, weighting=self.weighting
-        )
-        return bool(further.score(self.objective).max() > answer.score)
-
-
-@dataclass(frozen=True, slots=True)
-class _Answer:
-    """What a search found: its best cell with score and moments, and Helmert's score of the runner-up over its own.
-
-    The space is of one height, around the prior raised to it.
-    """
-
-    space: SearchSpace
-    prior: Pose
-    cell: Cell
-    score: float
-    moments: Moments
-    runner_up: float
-
-
-def _matched_share(
-    answer: _Answer, multiplicity: str | Multiplicity, scan: Scan, point_map: PointMap
-) -> float:
-    """Share of the scan's points that match at a cell; a count of map points has to be counted anew."""
-    if multiplicity == Multiplicity.OCCUPIED:
-        return float(answer.moments[0]) / len(scan)
-    here = SearchSpace(half_width=0.0, cell=answer.space.cell, heading_half_width_deg=0.0)
-    pose = answer.space.pose(answer.cell, answer.prior)
-    return float(exhaustive(scan, point_map, pose, here).moments[0, 0, 0, 0]) / len(scan)
+        return judge(
+            best, scan, scan.thinned(self.thinning), point_map, self.trust,
+            objective=self.objective, multiplicity=self.multiplicity, weighting=self.weighting,
+        )  # fmt: skip

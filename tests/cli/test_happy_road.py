@@ -9,6 +9,7 @@ import pytest
 
 from maxcon.dataset import Dataset
 from maxcon.io.trajectories import read_trajectory
+from maxcon.poses_table import COLUMNS
 
 
 @pytest.fixture(scope="module")
@@ -69,19 +70,7 @@ def test_every_epoch_is_localized_within_a_cell(road):
     reference = read_trajectory(folder / "dataset" / "reference.txt")
     with (folder / "poses.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert list(rows[0]) == [
-        "time",
-        "x",
-        "y",
-        "z",
-        "roll",
-        "pitch",
-        "heading",
-        "score",
-        "status",
-        "ms",
-        "reason",
-    ]
+    assert list(rows[0]) == list(COLUMNS)
     assert [row["status"] for row in rows] == ["localized"] * 3
     assert all(float(row["ms"]) > 0.0 and float(row["score"]) > 1.0 for row in rows)
     for found in (read_trajectory(folder / "poses.csv"), read_trajectory(folder / "poses.txt")):

@@ -73,7 +73,7 @@ def test_standard_deviations_instead_of_half_widths(localize, drive, tmp_path):
 
 
 def test_a_prior_of_few_centimetres_searches_little(localize):
-    ended = localize("--sigma-position", "0.04", "--sigma-heading-deg", "0")
+    ended = localize("--sigma-position", "0.04", "--sigma-heading-deg", "0", "--wider", "0")
     assert ended.code == 1 and "0 of 4 epochs localized" in ended.out
 
 
@@ -156,8 +156,14 @@ def test_a_prior_half_a_metre_too_high_is_laid_on_the_ground(localize, drive, tm
         assert abs(float(row["z"]) - drive.reference.at(float(row["time"])).z) < 0.05
 
 
+def test_a_space_too_small_for_the_prior_is_searched_wider(localize):
+    ended = localize("--half-width", "0.12")
+    assert ended.code == 0
+    assert "were in doubt and searched for farther around" in ended.out
+
+
 def test_a_space_too_small_for_the_prior_is_told(localize):
-    ended = localize("--half-width", "0.12", "--heading-half-width-deg", "0")
+    ended = localize("--half-width", "0.12", "--heading-half-width-deg", "0", "--wider", "0")
     assert ended.code == 1
     assert "0 of 4 epochs localized" in ended.out
     assert re.search(r"\d (at the rim|few matches|undetermined|ambiguous): ", ended.out)

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: MIT
 """From point clouds to a map on disk."""
 
-from maxcon.mapping.build import MapOptions, build_map
+from maxcon.mapping.build import build_map
 from maxcon.mapping.dataset_options import dataset_map_options
+from maxcon.mapping.map_options import MapOptions
 
 __all__ = ["MapOptions", "build_map", "dataset_map_options"]

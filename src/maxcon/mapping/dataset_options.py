@@ -4,8 +4,8 @@
 
 from maxcon.dataset import Dataset
 from maxcon.io.trajectories import read_trajectory
-from maxcon.mapping.build import MapOptions
 from maxcon.mapping.classes import DEFAULT_DROP, parse_classes
+from maxcon.mapping.map_options import MapOptions
 
 __all__ = ["dataset_map_options"]
 

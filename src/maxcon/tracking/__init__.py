@@ -4,7 +4,8 @@
 
 from maxcon.tracking.hypothesis import Hypothesis
 from maxcon.tracking.motion import Motion, MotionNoise
-from maxcon.tracking.tracker import Tracker, TrackingOptions
+from maxcon.tracking.options import TrackingOptions
+from maxcon.tracking.tracker import Tracker
 from maxcon.tracking.uncertain_pose import UncertainPose
 
 __all__ = ["Hypothesis", "Motion", "MotionNoise", "Tracker", "TrackingOptions", "UncertainPose"]

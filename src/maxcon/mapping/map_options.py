@@ -1,0 +1,66 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""How a map is made of its points."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from maxcon.errors import ArrayError, OptionError
+from maxcon.mapping.classes import DEFAULT_DROP, parse_classes
+from maxcon.point_map.sigma import check_sigma
+from maxcon.trajectory import Trajectory
+
+__all__ = ["MapOptions"]
+
+
+@dataclass(frozen=True, slots=True)
+class MapOptions:
+    """How a map is made of its points.
+
+    Parameters
+    ----------
+    cell : float
+        Voxel edge, m.
+    drop : sequence of str, optional
+        Classes to leave out, by name or number; ground, vegetation, noise, temporal exclusion and the
+        vehicle classes if None, and of these only the last where classes are not the ASPRS's (not LAS).
+    vehicle_classes : iterable of int
+        Class numbers that mean vehicles; they are left out whatever `drop` names.
+    trajectory : Trajectory, optional
+        Sensor positions, matched by the points' times, to turn normals to the sensor's side.
+    normals_have_sides : bool
+        Whether the sources' own normals are turned to the sensor's side already. Own normals are used if
+        their side is known, from this or from the trajectory; otherwise planes are fitted.
+    crs : str, optional
+        CRS of sources that name none.
+    keep_every : int
+        Of so many points, in the order of each source, one is kept: a thinner map to compare with.
+    sigma : float, optional
+        How well the map is known: standard deviation of its position along any axis, m. If None it is estimated
+        from what several passes of the mapping vehicle saw (decision 19), and `UNKNOWN_SIGMA` where there are none.
+    """
+
+    cell: float = 0.06
+    drop: Sequence[str] | None = None
+    vehicle_classes: Iterable[int] = ()
+    trajectory: Trajectory | None = None
+    normals_have_sides: bool = False
+    crs: str | None = None
+    keep_every: int = 1
+    sigma: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "vehicle_classes", tuple(self.vehicle_classes))
+        if not (math.isfinite(self.cell) and self.cell > 0.0):
+            raise ArrayError(f"Expected a positive voxel edge in m, got {self.cell}. The default is 0.06.")
+        if self.keep_every < 1:
+            raise OptionError(f"Expected to keep one point of 1 or more, got {self.keep_every}. 1 keeps all.")
+        if self.sigma is not None:
+            check_sigma(self.sigma)
+
+    def dropped_classes(self, *, are_asprs: bool = True) -> frozenset[int]:
+        """Class numbers that are left out of a source; the default speaks of ASPRS classes only."""
+        default = DEFAULT_DROP if are_asprs else ()
+        named = parse_classes(default if self.drop is None else self.drop, self.vehicle_classes)
+        return named | parse_classes([str(number) for number in self.vehicle_classes])
