@@ -185,7 +185,8 @@ class MaximumConsensus:
     def _search_wider(self, doubted: Estimate, start: Pose, scan: Scan, point_map: PointMap) -> Estimate:
         """Search all around an answer in doubt, at twice the headings: the same place may win, or another one.
 
-        What wins is examined in its turn; the same place needs less evidence then.
+        What wins is examined in its turn; the same place needs less evidence then. Another place is the answer if it is
+        localized; otherwise it is one more reason to doubt.
         """
         half_width = math.floor(self.wider / point_map.cell + 1e-9) * point_map.cell
         if half_width <= self.space.half_width:
@@ -206,6 +207,11 @@ class MaximumConsensus:
         is_same = doubted.status is not Status.NO_MATCH and moved <= self.trust.guard_radius
         ground = self._ground_at(found, scan, point_map)
         examined = examine(found, ground, scan, point_map, self.trust, self.risk, is_confirmed=is_same)
+        if not (is_same or examined.is_localized):
+            reason = f"from farther around another place, {moved:.1f} m away, fits better"
+            return replace(
+                doubted, reason="; ".join(filter(None, [doubted.reason, reason])), was_widened=True
+            )
         score = float(self.objective.score(best.moments))
         return replace(examined, score=score, cell=doubted.cell if is_same else None, was_widened=True)
 
