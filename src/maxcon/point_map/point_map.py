@@ -215,18 +215,19 @@ class PointMap:
         """
         if not (len(places) and len(self._sorted_keys)):
             return []
-        edge, first, last = (
-            TILE_VOXELS * self.cell,
-            self._sorted_keys.min(axis=0),
-            self._sorted_keys.max(axis=0),
+        corner, end = self._sorted_keys.min(axis=0) - 1, self._sorted_keys.max(axis=0) + 1
+        is_met = np.zeros((end - corner + 1)[::-1], bool)  # with a rim for what lies outside
+        per_metre = 1.0 / (TILE_VOXELS * self.cell)
+        low, high = (
+            np.clip((places + reach) * per_metre - corner, 0.0, end - corner).astype(np.int64)
+            for reach in (-margin, margin)
         )
-        is_met = np.zeros((last - first + 3)[::-1], bool)  # with a rim for what lies outside
-        for dx in (-margin, margin):
-            for dy in (-margin, margin):
-                keys = np.floor((places + [dx, dy]) / edge)
-                x, y = (np.clip(keys, first - 1, last + 1) - (first - 1)).astype(np.int64).T
-                is_met[y, x] = True
-        x, y = (self._sorted_keys - (first - 1)).T
+        is_met[low[:, 1], low[:, 0]] = True
+        is_across = (low != high).any(axis=1)  # few are
+        low, high = low[is_across], high[is_across]
+        for x, y in ((low, high), (high, low), (high, high)):
+            is_met[y[:, 1], x[:, 0]] = True
+        x, y = (self._sorted_keys - corner).T
         return [self._tiles.load((kx, ky)) for kx, ky in self._sorted_keys[is_met[y, x]].tolist()]
 
     def covers(self, x: float, y: float, reach: float = 0.0) -> bool:
