@@ -14,7 +14,7 @@ CLUSTER_EDGE = 3.0
 N_FACINGS = 12
 STEEPEST = 0.7
 """Of a facing by azimuth the normal's vertical part is below this; others face up or down."""
-SCATTER_FACTORS = np.array([0.7, 0.7, 1.9, 1.9, 1.9, 0.7])
+SCATTER_FACTORS = np.array([0.8, 0.8, 1.4, 1.9, 1.9, 0.8])
 """Errors of x, y, z, roll, pitch and heading over what clusters scatter; the few numbers of this model: decision 20."""
 WALL_SIGMA = 0.00375
 """How far a whole wall lies off its planes, m."""
