@@ -38,7 +38,7 @@ __all__ = ["MaximumConsensus"]
 
 # Where every other place is to be known, however low it scores.
 LEAST_SHARE = 1e-6
-# Where the ground at the answer lies so much higher or lower than at the prior (m), it is searched again from there.
+# Where the ground lies so much higher or lower than the prior or the answer (m), it is searched from both heights.
 OTHER_GROUND = 0.25
 # A wider search turns twice as far, unless that is much.
 LARGEST_DOUBLED_DEG = 10.0
@@ -138,22 +138,39 @@ class MaximumConsensus:
         SearchSpaceError
             If the cell edge is not the map's, or the space is too large.
         """
-        start, space = self._start(scan, point_map, prior)
-        found = self._search(scan, point_map, start, space)
+        found, start, space = max(
+            ((self._search(scan, point_map, *each), *each) for each in self._starts(scan, point_map, prior)),
+            key=lambda each: each[0].score,
+        )
         is_outermost = abs(found.pose.z - start.z) > space.height_half_width - 0.5 * space.cell
-        ground = self._ground_at(found, scan, point_map)
-        if ground is not None and abs(ground.height) > OTHER_GROUND:
-            found = self._search(scan, point_map, prior.levelled(ground.pose), self.space.plane)
-            ground = self._ground_at(found, scan, point_map)
+        found, ground = self._on_ground(found, prior, scan, point_map)
         settled = self._settle(found, ground, start, scan, point_map)
         if space.n_heights > 1 and is_outermost and settled.is_localized:
             return replace(settled, status=Status.AT_RIM)
         return settled
 
-    def _start(self, scan: Scan, point_map: PointMap, prior: Pose) -> tuple[Pose, SearchSpace]:
-        """The prior on the ground and the cells of that height; the prior and all heights where it cannot be told."""
+    def _starts(self, scan: Scan, point_map: PointMap, prior: Pose) -> list[tuple[Pose, SearchSpace]]:
+        """The prior on the ground and the cells of that height; the prior and all heights where it cannot be told.
+
+        Where the two are far apart both are searched from: what looks like the ground may be the roofs of cars.
+        """
         ground = fit_ground(scan, point_map, prior) if self.is_levelled else None
-        return (prior, self.space) if ground is None else (ground.pose, self.space.plane)
+        if ground is None:
+            return [(prior, self.space)]
+        starts = [(ground.pose, self.space.plane)]
+        return starts if abs(ground.height) <= OTHER_GROUND else [*starts, (prior, self.space.plane)]
+
+    def _on_ground(
+        self, found: Estimate, around: Pose, scan: Scan, point_map: PointMap
+    ) -> tuple[Estimate, GroundFit | None]:
+        """An answer and its ground. Where that is far off, the answer from there if it scores higher, or no ground."""
+        ground = self._ground_at(found, scan, point_map)
+        if ground is None or abs(ground.height) <= OTHER_GROUND:
+            return found, ground
+        other = self._search(scan, point_map, around.levelled(ground.pose), self.space.plane)
+        return (
+            (other, self._ground_at(other, scan, point_map)) if other.score > found.score else (found, None)
+        )
 
     def _ground_at(self, found: Estimate, scan: Scan, point_map: PointMap) -> GroundFit | None:
         """The ground of the place that was found, where that can be told."""
@@ -203,16 +220,16 @@ class MaximumConsensus:
         if best is None:
             return doubted
         found = wide._judge(best, scan, point_map)
+        found, ground = wide._on_ground(found, found.pose, scan, point_map)
         moved = math.hypot(found.pose.x - doubted.pose.x, found.pose.y - doubted.pose.y)
         is_same = doubted.status is not Status.NO_MATCH and moved <= self.trust.guard_radius
-        ground = self._ground_at(found, scan, point_map)
         examined = examine(found, ground, scan, point_map, self.trust, self.risk, is_confirmed=is_same)
         if not (is_same or examined.is_localized):
             reason = f"from farther around another place, {moved:.1f} m away, fits better"
             return replace(
                 doubted, reason="; ".join(filter(None, [doubted.reason, reason])), was_widened=True
             )
-        score = float(self.objective.score(best.moments))
+        score = examined.score if self._has_bounds else float(self.objective.score(best.moments))
         return replace(examined, score=score, cell=doubted.cell if is_same else None, was_widened=True)
 
     @property
@@ -221,7 +238,9 @@ class MaximumConsensus:
 
     def accumulate(self, scan: Scan, point_map: PointMap, prior: Pose) -> Accumulator:
         """Moments of every cell, of several heights of the best: what `conclude` decides on, and what plots show."""
-        return self._accumulate(scan, point_map, *self._start(scan, point_map, prior))
+        starts = self._starts(scan, point_map, prior)
+        found = [self._accumulate(scan, point_map, *each) for each in starts]
+        return max(found, key=lambda each: each.score(self.objective).max()) if len(found) > 1 else found[0]
 
     def _accumulate(self, scan: Scan, point_map: PointMap, start: Pose, space: SearchSpace) -> Accumulator:
         heights = accumulators(
@@ -233,7 +252,7 @@ class MaximumConsensus:
     def conclude(self, accumulator: Accumulator, scan: Scan, point_map: PointMap) -> Estimate:
         """Take the best cell of an accumulator of this scan, and settle its pose: what `localize` answers."""
         found = self._conclude(accumulator, scan, point_map)
-        ground = self._ground_at(found, scan, point_map)
+        found, ground = self._on_ground(found, accumulator.prior, scan, point_map)
         return self._settle(found, ground, accumulator.prior, scan, point_map)
 
     def _conclude(self, accumulator: Accumulator, scan: Scan, point_map: PointMap) -> Estimate:
