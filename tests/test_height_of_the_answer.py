@@ -87,6 +87,20 @@ def test_what_is_accumulated_is_what_is_localized(yard):
     assert concluded.pose == estimate.pose
 
 
+@pytest.mark.parametrize("search", ["branch and bound", "exhaustive"])
+def test_roofs_of_cars_are_not_the_ground(yard, search):
+    """All around the sensor stand cars: what looks like the ground lies 0.9 m above it, and the walls say otherwise."""
+    scan, point_map, _, truth = yard
+    points = scan.points.copy()
+    is_floor = ~scan.normals.any(axis=1)
+    points[is_floor] += truth.rotation.T @ [0.0, 0.0, 0.9]
+    estimate = MaximumConsensus(SPACE, search=search).localize(
+        Scan(points, scan.normals), point_map, wrong(truth, 0.0)
+    )
+    assert estimate.status is Status.LOCALIZED
+    np.testing.assert_allclose(estimate.pose.position, truth.position, atol=0.05)
+
+
 def test_a_prior_is_taken_as_it_is_if_asked_for(yard):
     scan, point_map, without, truth = yard
     prior = wrong(truth, 0.3, 0.2)
