@@ -99,7 +99,7 @@ def maxcon_in_process_of_its_own(maxcon_process):
 
     def run(*arguments, **options):
         with maxcon_process(*arguments, **options) as process:
-            out, err = process.communicate(timeout=120)
+            out, err = process.communicate(timeout=900)  # it compiles, perhaps on a slow machine
         return Ended(process.returncode, out, err)
 
     return run
