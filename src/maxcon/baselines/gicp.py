@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: MIT
 """Gicp: generalized ICP, plane to plane, by the package small_gicp."""
 
-import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -198,7 +197,7 @@ class _GicpAligner:
             return Estimate(start, 0.0, None, Status.NOT_CONVERGED, np.diag([np.inf, np.inf]))
         is_determined, cofactor = invert(_normal_matrix(hessian, T_target_source[:3, :3]))
         status = Status.LOCALIZED if found.converged else Status.NOT_CONVERGED
-        pose = _pose(T_target_source, self.target.origin)
+        pose = Pose.from_rotation(T_target_source[:3, 3] + self.target.origin, T_target_source[:3, :3])
         share = n_matched / self.source.n_points
         status = status if is_determined else Status.UNDETERMINED
         return Estimate(pose, float(n_matched), None, status, cofactor, share)
@@ -217,10 +216,3 @@ def _normal_matrix(hessian: NDArray[np.float64], rotation: NDArray[np.float64]) 
     """N of x and y in map axes; small_gicp's unknowns are rotation, then translation, in sensor axes."""
     N = np.asarray(rotation @ hessian[3:, 3:] @ rotation.T, dtype=np.float64)[:2, :2]
     return MATCH_VARIANCE * 0.5 * (N + N.T)
-
-
-def _pose(T_target_source: NDArray[np.float64], origin: NDArray[np.float64]) -> Pose:
-    R = T_target_source[:3, :3]
-    x, y, z = (T_target_source[:3, 3] + origin).tolist()
-    pitch = math.atan2(-R[2, 0], math.hypot(R[0, 0], R[1, 0]))
-    return Pose(x, y, z, math.atan2(R[2, 1], R[2, 2]), pitch, math.atan2(R[1, 0], R[0, 0]))

@@ -90,6 +90,11 @@ class Pose:
         return np.array([self.x, self.y, self.z])
 
     @property
+    def values(self) -> NDArray[np.float64]:
+        """x, y, z in m and roll, pitch, heading in rad, shape (6,)."""
+        return np.array([self.x, self.y, self.z, self.roll, self.pitch, self.heading])
+
+    @property
     def rotation(self) -> NDArray[np.float64]:
         """R_map_sensor, shape (3, 3)."""
         return rotation_matrices(self.roll, self.pitch, self.heading)
@@ -108,20 +113,19 @@ class Pose:
         """Return the pose at this place and heading with the height, roll and pitch of another."""
         return Pose(self.x, self.y, other.z, other.roll, other.pitch, self.heading)
 
+    @classmethod
+    def from_rotation(cls, position: ArrayLike, rotation: NDArray[np.float64]) -> "Pose":
+        """Return the pose of a position, shape (3,), m, and a rotation matrix, shape (3, 3)."""
+        x, y, z = np.asarray(position, dtype=np.float64).tolist()
+        roll = math.atan2(rotation[2, 1], rotation[2, 2])
+        pitch = math.atan2(-rotation[2, 0], math.hypot(rotation[2, 1], rotation[2, 2]))
+        return cls(x, y, z, roll, pitch, math.atan2(rotation[1, 0], rotation[0, 0]))
+
     def __matmul__(self, other: "Pose") -> "Pose":
         """T_a_c from T_a_b (this one) and T_b_c: the pose after a motion that is told in this pose's own axes."""
-        return _from_rotation(self.apply(other.position[None])[0], self.rotation @ other.rotation)
+        return Pose.from_rotation(self.apply(other.position[None])[0], self.rotation @ other.rotation)
 
     @property
     def inverse(self) -> "Pose":
         """T_b_a of this T_a_b."""
-        return _from_rotation(-self.rotation.T @ self.position, self.rotation.T)
-
-
-def _from_rotation(position: NDArray[np.float64], rotation: NDArray[np.float64]) -> Pose:
-    """Return the pose of a position, shape (3,), and a rotation matrix, shape (3, 3)."""
-    roll = math.atan2(rotation[2, 1], rotation[2, 2])
-    pitch = math.atan2(-rotation[2, 0], math.hypot(rotation[2, 1], rotation[2, 2]))
-    heading = math.atan2(rotation[1, 0], rotation[0, 0])
-    x, y, z = position.tolist()
-    return Pose(x, y, z, roll, pitch, heading)
+        return Pose.from_rotation(-self.rotation.T @ self.position, self.rotation.T)

@@ -3,7 +3,7 @@
 """Where the ground of a scan lies on the ground of the map: height, roll and pitch, or that it cannot be told."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -164,6 +164,4 @@ def _laid(pose: Pose, height: float, slope_x: float, slope_y: float) -> Pose:
     cross = np.array([[0.0, 0.0, y], [0.0, 0.0, -x], [-y, x, 0.0]])
     turn = np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * (cross @ cross)
     rotation = turn @ rotation_matrices(pose.roll, pose.pitch, 0.0)
-    roll = math.atan2(rotation[2, 1], rotation[2, 2])
-    pitch = -math.asin(max(-1.0, min(1.0, rotation[2, 0])))
-    return replace(pose, z=pose.z + height, roll=roll, pitch=pitch)
+    return pose.levelled(Pose.from_rotation([0.0, 0.0, pose.z + height], rotation))

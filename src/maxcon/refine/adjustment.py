@@ -142,7 +142,7 @@ def refine(
     planes, residuals, weights = np.zeros((len(points), 4)), np.empty(len(points)), np.empty(len(points))
     sigmas = [POSITION_SIGMA, POSITION_SIGMA, height_sigma, tilt_sigma, tilt_sigma, HEADING_SIGMA]
     normal_matrix, start_weights = np.empty((6, 6)), (MATCH_SIGMA / np.array(sigmas)) ** 2
-    first = np.array([start.x, start.y, start.z, start.roll, start.pitch, start.heading])
+    first = start.values
     unknowns = first.copy()
     for each in ROUNDS:
         kernels.find_partners(

@@ -39,13 +39,17 @@ def covariance(refined: Refined, map_sigma: float) -> NDArray[np.float64]:
     """
     from maxcon.refine import kernels
 
-    pose, used = refined.pose, np.flatnonzero(refined.weights)
-    unknowns = np.array([pose.x, pose.y, pose.z, pose.roll, pose.pitch, pose.heading])
+    used = np.flatnonzero(refined.weights)
 
     def pulls(groups: NDArray[np.int64], pull: NDArray[np.float64]) -> NDArray[np.float64]:
         sums = np.zeros((int(groups.max(initial=-1)) + 1, 6))
         kernels.sum_gradients(
-            refined.points[used], refined.planes[used], groups, unknowns, refined.weights[used] * pull, sums
+            refined.points[used],
+            refined.planes[used],
+            groups,
+            refined.pose.values,
+            refined.weights[used] * pull,
+            sums,
         )
         return sums.T @ sums
 

@@ -77,16 +77,12 @@ class UncertainPose:
         gain = np.linalg.solve(observed @ self.covariance @ observed.T + noise, observed @ self.covariance).T
         change = gain @ difference(measured, self.pose)[known]
         left = np.eye(6) - gain @ observed
-        pose = Pose(*(_values(self.pose) + change).tolist())
+        pose = Pose(*(self.pose.values + change).tolist())
         return UncertainPose(pose, left @ self.covariance @ left.T + gain @ noise @ gain.T)
 
 
 def difference(pose: Pose, other: Pose) -> NDArray[np.float64]:
     """x, y, z, roll, pitch and heading of one pose less those of another, shape (6,), m and rad; turns wrapped."""
-    values = _values(pose) - _values(other)
+    values = pose.values - other.values
     values[3:] = [wrap_angle(turn) for turn in values[3:].tolist()]
     return values
-
-
-def _values(pose: Pose) -> NDArray[np.float64]:
-    return np.array([pose.x, pose.y, pose.z, pose.roll, pose.pitch, pose.heading])
