@@ -143,13 +143,29 @@ def localize_drive(
     A scan that cannot be read is an epoch with that status and the reason, and the drive goes on.
     """
     options = options or DriveOptions()
+    priors = priors_of_scans(point_map, scans, prior, options)
+    return (
+        _localize_epoch(epoch, point_map, scans, pose, method, options) for epoch, pose in enumerate(priors)
+    )
+
+
+def priors_of_scans(
+    point_map: PointMap, scans: ScanFolder, prior: Trajectory, options: DriveOptions
+) -> list[Pose | None]:
+    """Return the prior of each scan, local frame; None where there is none.
+
+    Raises
+    ------
+    TrajectoryError
+        If there is none for any scan.
+    MapError
+        If all lie outside the map.
+    """
     priors = [pose_or_none(prior, float(at), options.max_gap) for at in scans.times]
     check_times(scans, prior, priors)
     local = [point_map.frame.pose_to_local(pose) if pose is not None else None for pose in priors]
     check_inside(point_map, local)
-    return (
-        _localize_epoch(epoch, point_map, scans, pose, method, options) for epoch, pose in enumerate(local)
-    )
+    return local
 
 
 def _localize_epoch(
@@ -170,6 +186,19 @@ def _localize_epoch(
     start = time.perf_counter()
     estimate = method.localize(scan, point_map, prior)
     milliseconds = 1e3 * (time.perf_counter() - start)
+    return answered(epoch, raw, scan, prior, estimate, milliseconds, point_map)
+
+
+def answered(
+    epoch: int,
+    raw: RawScan,
+    scan: Scan,
+    prior: Pose | None,
+    estimate: Estimate,
+    milliseconds: float,
+    point_map: PointMap,
+) -> EpochEstimate:
+    """Return the answer of an epoch that was searched for, with its pose in global coordinates if it is localized."""
     pose = point_map.frame.pose_to_global(estimate.pose) if estimate.is_localized else None
     return EpochEstimate(
         epoch, raw, estimate.status, milliseconds, scan, prior, estimate, pose, estimate.reason
@@ -185,11 +214,12 @@ def read_epoch(scans: ScanFolder, epoch: int, options: DriveOptions) -> tuple[Ra
         return RawScan(nothing, float(scans.times[epoch]), scans.paths[epoch].name, 0, 0, 0), str(error)
 
 
-def status_without_search(point_map: PointMap, scan: Scan, prior: Pose | None) -> Status | None:
-    """Return why there is nothing to search for a scan and its prior (local frame); None if there is."""
-    if prior is None:
+def status_without_search(point_map: PointMap, scan: Scan, *priors: Pose | None) -> Status | None:
+    """Return why there is nothing to search for a scan around any of its priors (local frame); None if there is."""
+    known = [prior for prior in priors if prior is not None]
+    if not known:
         return Status.NO_PRIOR
-    if not point_map.covers(prior.x, prior.y, MAP_MARGIN):
+    if not any(point_map.covers(prior.x, prior.y, MAP_MARGIN) for prior in known):
         return Status.OUTSIDE_MAP
     return Status.NO_POINTS if len(scan) == 0 else None
 

@@ -7,13 +7,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from maxcon.drive import (
-    MAP_MARGIN,
     DriveOptions,
     EpochEstimate,
-    check_inside,
+    answered,
     check_times,
     pose_or_none,
+    priors_of_scans,
     read_epoch,
+    status_without_search,
 )
 from maxcon.estimate import Status
 from maxcon.geometry import Pose
@@ -66,11 +67,7 @@ def track_drive(
     A scan that cannot be read, or whose motion is not known, is an epoch with that status, and the drive goes on.
     """
     options = options or DriveOptions()
-    priors = [pose_or_none(prior, float(at), options.max_gap) for at in scans.times]
-    check_times(scans, prior, priors)
-    local = [point_map.frame.pose_to_local(pose) if pose is not None else None for pose in priors]
-    check_inside(point_map, local)
-    poses = priors
+    poses = priors = priors_of_scans(point_map, scans, prior, options)
     if odometry is not None:
         poses = [pose_or_none(odometry, float(at), options.max_gap) for at in scans.times]
         check_times(scans, odometry, poses, "odometry")
@@ -78,7 +75,7 @@ def track_drive(
     drive = _TrackedDrive(point_map, scans, tracker, options)
     return (
         drive.epoch(number, prior_pose, motion)
-        for number, (prior_pose, motion) in enumerate(zip(local, motions, strict=True))
+        for number, (prior_pose, motion) in enumerate(zip(priors, motions, strict=True))
     )
 
 
@@ -112,7 +109,7 @@ class _TrackedDrive:
         expected = prior if prediction is None else prediction.pose
         raw, reason = read_epoch(self.scans, number, self.options)
         scan = Scan(raw.points, time=raw.time)
-        status = Status.UNREADABLE if reason else self._status_without_search(scan, prior, expected)
+        status = Status.UNREADABLE if reason else status_without_search(self.point_map, scan, prior, expected)
         if status is Status.NO_PRIOR:
             reason = NOTHING_KNOWN
         elif status is None and motion is None:
@@ -126,24 +123,4 @@ class _TrackedDrive:
             return EpochEstimate(
                 number, raw, Status.NO_PRIOR, milliseconds, scan, expected, reason=NOTHING_KNOWN
             )
-        frame = self.point_map.frame
-        pose = frame.pose_to_global(estimate.pose) if estimate.is_localized else None
-        return EpochEstimate(
-            number,
-            raw,
-            estimate.status,
-            milliseconds,
-            scan,
-            prior or expected,
-            estimate,
-            pose,
-            estimate.reason,
-        )
-
-    def _status_without_search(self, scan: Scan, *places: Pose | None) -> Status | None:
-        known = [place for place in places if place is not None]
-        if not known:
-            return Status.NO_PRIOR
-        if not any(self.point_map.covers(place.x, place.y, MAP_MARGIN) for place in known):
-            return Status.OUTSIDE_MAP
-        return Status.NO_POINTS if len(scan) == 0 else None
+        return answered(number, raw, scan, prior or expected, estimate, milliseconds, self.point_map)
