@@ -27,6 +27,7 @@ from maxcon.dataset import Dataset
 from maxcon.evaluation import pose_error
 from maxcon.examination import examine
 from maxcon.ground import fit_ground
+from maxcon.integrity import along_and_across
 from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory
 
@@ -99,9 +100,7 @@ def main() -> None:
 def normalized(estimate, truth) -> tuple[float, ...]:
     """Errors along, across, in height and heading over their predicted standard deviations; and the NEES of x and y."""
     error, covariance = pose_error(estimate.pose, truth), estimate.covariance
-    cosine, sine = math.cos(truth.heading), math.sin(truth.heading)
-    axes = np.array([[cosine, sine], [-sine, cosine]])
-    planar, offset = axes @ covariance[:2, :2] @ axes.T, np.array([error.along, error.across])
+    planar, offset = along_and_across(covariance, truth.heading), np.array([error.along, error.across])
     sigmas = np.sqrt([planar[0, 0], planar[1, 1], covariance[2, 2], covariance[5, 5]])
     errors = np.array([error.along, error.across, estimate.pose.z - truth.z, error.heading])
     return *(errors / sigmas).tolist(), float(offset @ np.linalg.solve(planar, offset))

@@ -18,6 +18,7 @@ from maxcon.search_space import Cell, SearchSpace
 
 __all__ = [
     "Trust",
+    "along_and_across",
     "highest_beyond",
     "invert",
     "protection_level",
@@ -192,10 +193,15 @@ def protection_level(covariance: NDArray[np.float64], heading: float, risk: floa
     if left <= 0.0:
         return math.inf, math.inf
     factor = NormalDist().inv_cdf(1.0 - left / 4.0)  # two directions, two sides
-    along = np.array([math.cos(heading), math.sin(heading)])
-    across = np.array([-along[1], along[0]])
-    variances = [float(axis @ covariance[:2, :2] @ axis) for axis in (along, across)]
-    return factor * math.sqrt(variances[0]), factor * math.sqrt(variances[1])
+    variance_along, variance_across = np.diag(along_and_across(covariance, heading)).tolist()
+    return factor * math.sqrt(variance_along), factor * math.sqrt(variance_across)
+
+
+def along_and_across(covariance: NDArray[np.float64], heading: float) -> NDArray[np.float64]:
+    """Covariance of the errors along and across a heading (rad), shape (2, 2), from one of x, y, ..., map axes."""
+    cosine, sine = math.cos(heading), math.sin(heading)
+    axes = np.array([[cosine, sine], [-sine, cosine]])
+    return np.asarray(axes @ covariance[:2, :2] @ axes.T, dtype=np.float64)
 
 
 def runner_up_ratio(scores: Scores, cell: Cell, space: SearchSpace, guard_radius: float) -> float:

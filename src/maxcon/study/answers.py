@@ -10,7 +10,8 @@ import numpy as np
 
 from maxcon.estimate import Estimate, Status
 from maxcon.evaluation import Distinctness, pose_error
-from maxcon.geometry import Pose, rotation_matrices
+from maxcon.geometry import Pose
+from maxcon.integrity import along_and_across
 from maxcon.point_map import PointMap
 
 __all__ = ["Answer", "answer_columns", "reference_columns"]
@@ -89,8 +90,7 @@ def _certainty_columns(estimate: Estimate, reference: Pose) -> dict[str, Any]:
     columns: dict[str, Any] = {"height_error": estimate.pose.z - reference.z}
     if not np.isfinite(estimate.covariance).all():
         return columns
-    axes = rotation_matrices(0.0, 0.0, reference.heading)[:2, :2].T  # rows: along, across
-    covariance = axes @ estimate.covariance[:2, :2] @ axes.T
+    covariance = along_and_across(estimate.covariance, reference.heading)
     error = pose_error(estimate.pose, reference)
     offset = np.array([error.along, error.across])
     columns |= {"sigma_along": math.sqrt(covariance[0, 0]), "sigma_across": math.sqrt(covariance[1, 1])}
