@@ -247,7 +247,7 @@ class MaximumConsensus:
             exhaustive, scan.thinned(self.thinning), point_map, start, space,
             multiplicity=self.multiplicity, weighting=self.weighting, n_threads=self.n_threads,
         )  # fmt: skip
-        return highest_of(heights, self.objective)[1]
+        return next(heights) if space.n_heights == 1 else highest_of(heights, self.objective)[1]
 
     def conclude(self, accumulator: Accumulator, scan: Scan, point_map: PointMap) -> Estimate:
         """Take the best cell of an accumulator of this scan, and settle its pose: what `localize` answers."""

@@ -41,12 +41,7 @@ def chosen_space(
 
     from maxcon.search_space import SearchSpace
 
-    if height_half_width is not None:
-        plane = chosen_space(
-            cell, heading_step_deg, half_width=half_width, heading_half_width_deg=heading_half_width_deg,
-            sigma_position=sigma_position, sigma_heading_deg=sigma_heading_deg, sigmas=sigmas,
-        )  # fmt: skip
-        return replace(plane, height_half_width=height_half_width)
+    height = 0.0 if height_half_width is None else height_half_width
     if sigma_position is None and sigma_heading_deg is None and sigmas is None:
         usual = SearchSpace()
         return SearchSpace(
@@ -54,6 +49,7 @@ def chosen_space(
             cell,
             usual.heading_half_width_deg if heading_half_width_deg is None else heading_half_width_deg,
             heading_step_deg,
+            height,
         )
     if half_width is not None or heading_half_width_deg is not None:
         fixed = "--half-width" if half_width is not None else "--heading-half-width-deg"
@@ -75,4 +71,5 @@ def chosen_space(
     sigma_heading = math.radians(sigma_heading_deg)
     variance, heading_variance = sigma_position * sigma_position, sigma_heading * sigma_heading
     covariance = [[variance, 0.0, 0.0], [0.0, variance, 0.0], [0.0, 0.0, heading_variance]]
-    return SearchSpace.from_covariance(covariance, k=k, cell=cell, heading_step_deg=heading_step_deg)
+    plane = SearchSpace.from_covariance(covariance, k=k, cell=cell, heading_step_deg=heading_step_deg)
+    return replace(plane, height_half_width=height)

@@ -6,12 +6,22 @@ import numpy as np
 from numba import njit
 
 from maxcon.point_map.lookup_kernels import MEANS, NORMALS, find_voxel, float32_at, uint8_at
+from maxcon.point_map.tile import MEAN_STEPS
 
 __all__ = ["adjust", "find_partners", "sum_gradients"]
 
-MEAN_STEP = 1.0 / 256.0
-# Half the diagonal of a voxel, twice: how far from a point of it its mean may lie.
-DIAGONAL = np.sqrt(3.0)
+MEAN_STEP = 1.0 / MEAN_STEPS
+
+
+@njit(nogil=True, cache=True)
+def _turn(rotation, vector):
+    """R v, three numbers."""
+    x, y, z = vector
+    return (
+        rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z,
+        rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z,
+        rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z,
+    )
 
 
 @njit(nogil=True, cache=True)
@@ -108,17 +118,12 @@ def find_partners(
         planes[i] = (0.0, 0.0, 0.0, 0.0)
         if not (had_partner if every == 0 else i % every == 0):
             continue
-        x, y, z = points[i]
-        px = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z + position[0]
-        py = rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z + position[1]
-        pz = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z + position[2]
-        x, y, z = normals[i]
-        if x == 0.0 and y == 0.0 and z == 0.0:
+        dx, dy, dz = _turn(rotation, points[i])
+        px, py, pz = dx + position[0], dy + position[1], dz + position[2]
+        nx, ny, nz = _turn(rotation, normals[i])
+        if nx == 0.0 and ny == 0.0 and nz == 0.0:
             planes[i] = _partner_around(px, py, pz, cell, reaches[1], rows, grid, corner)
             continue
-        nx = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z
-        ny = rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z
-        nz = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z
         planes[i] = _partner_along(
             px, py, pz, nx, ny, nz, cell, reaches[0], least_cosine, is_signed, rows, grid, corner
         )
@@ -143,10 +148,7 @@ def _rotation(angles):
 @njit(nogil=True, cache=True)
 def _equation(point, plane, rotation, axes, position, gradient):
     """Distance of a scan point from its plane, m, and how it falls with each unknown; gradient : (6,), out."""
-    x, y, z = point
-    dx = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z
-    dy = rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z
-    dz = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z
+    dx, dy, dz = _turn(rotation, point)
     nx, ny, nz, offset = plane
     gradient[0], gradient[1], gradient[2] = nx, ny, nz
     cx, cy, cz = dy * nz - dz * ny, dz * nx - dx * nz, dx * ny - dy * nx

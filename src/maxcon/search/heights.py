@@ -5,7 +5,7 @@
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
-from maxcon.accumulator import Accumulator
+from maxcon.accumulator import Accumulator, highest
 from maxcon.errors import SearchSpaceError
 from maxcon.geometry import Pose
 from maxcon.objectives import Objective
@@ -57,8 +57,9 @@ def highest_of(heights: Iterable[Accumulator], objective: Objective) -> tuple[in
     """
     best: tuple[tuple[float, int, int, int, int], Accumulator] | None = None
     for height, accumulator in enumerate(heights):
-        heading, y, x = cell = accumulator.best_cell(objective)
-        rank = (-float(accumulator.score(objective)[cell]), heading, height, y, x)
+        scores = accumulator.score(objective)
+        heading, y, x = cell = highest(scores, accumulator.space)
+        rank = (-float(scores[cell]), heading, height, y, x)
         if best is None or rank < best[0]:
             best = rank, accumulator
     if best is None:
