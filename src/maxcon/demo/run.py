@@ -163,7 +163,7 @@ def localize_demo(
 
 
 def _error(epoch: EpochEstimate, drive: DemoDrive) -> PoseError | None:
-    """Error of the best cell, whether the method trusts it or not: the comparison is of scores."""
+    """Error of the answer, whether the method trusts it or not."""
     if epoch.estimate is None:
         return None
     return pose_error(epoch.estimate.pose, drive.reference_at(epoch.raw.time))
