@@ -8,7 +8,6 @@ import numpy as np
 from hypothesis import event, given
 from hypothesis import strategies as st
 
-from maxcon.point_map import TILE_VOXELS
 from maxcon.search import visit_kernels
 from maxcon.search.visit_kernels import RIM
 
@@ -53,14 +52,16 @@ def test_visits_are_the_runs_within_the_rim(seed, n_groups, n_headings, drift, s
     assert visit_kernels.plan_visits(starts, columns).tolist() == wanted
 
 
-@given(**GROUPS, window=st.sampled_from([(0, 0, 0, 0), (-3, 2, 5, 5), (-600, 599, -2, 40)]))
-def test_tiles_get_the_visits_that_meet_them(seed, n_groups, n_headings, drift, window):
+@given(
+    **GROUPS, window=st.sampled_from([(0, 0, 0, 0), (-3, 2, 5, 5), (-600, 599, -2, 40)]), edge_bits=st.integers(4, 9)
+)
+def test_tiles_get_the_visits_that_meet_them(seed, n_groups, n_headings, drift, window, edge_bits):
     visits = visit_kernels.plan_visits(*random_groups(seed, n_groups, n_headings, drift, 1500))
-    corner, (ny, nx) = (-2, -1), (3, 4)
-    starts, numbers = visit_kernels.visits_of_tiles(visits, window, corner, (ny, nx))
+    corner, (ny, nx), edge = (-2, -1), (3, 4), 2**edge_bits
+    starts, numbers = visit_kernels.visits_of_tiles(visits, window, edge_bits, corner, (ny, nx))
     x_first, x_last, y_first, y_last = window
     for tile in range(ny * nx):
-        x, y = (corner[0] + tile % nx) * TILE_VOXELS, (corner[1] + tile // nx) * TILE_VOXELS
-        is_met = (visits[:, 3] + x_first < x + TILE_VOXELS) & (visits[:, 4] + x_last >= x)
-        is_met &= (visits[:, 5] + y_first < y + TILE_VOXELS) & (visits[:, 6] + y_last >= y)
+        x, y = (corner[0] + tile % nx) * edge, (corner[1] + tile // nx) * edge
+        is_met = (visits[:, 3] + x_first < x + edge) & (visits[:, 4] + x_last >= x)
+        is_met &= (visits[:, 5] + y_first < y + edge) & (visits[:, 6] + y_last >= y)
         assert numbers[starts[tile] : starts[tile + 1]].tolist() == np.flatnonzero(is_met).tolist()

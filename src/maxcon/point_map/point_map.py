@@ -4,7 +4,6 @@
 
 import math
 import os
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,27 +13,14 @@ from maxcon.geometry import LocalFrame
 from maxcon.geometry.arrays import as_points, as_unit_normals
 from maxcon.point_map.ground import GroundInMemory, GroundPatch, GroundSource, ground_patch
 from maxcon.point_map.sigma import UNKNOWN_SIGMA, check_sigma
-from maxcon.point_map.tile import TILE_VOXELS, TileKey, VoxelTile
+from maxcon.point_map.tile import TILE_VOXELS, TileKey, TileSource, VoxelTile
 from maxcon.point_map.voxelize import split_into_tiles, voxelize
 
-__all__ = ["PointMap", "TileSource"]
+__all__ = ["PointMap"]
 
 
 # Comparisons of rectangles with tiles that are made at once: a few MB.
 MOST_AT_ONCE = 1_000_000
-
-
-class TileSource(Protocol):
-    """Where a map's tiles come from: memory, or a folder on disk."""
-
-    @property
-    def keys(self) -> frozenset[TileKey]:
-        """Keys of the tiles there are."""
-        ...
-
-    def load(self, key: TileKey) -> VoxelTile:
-        """Return one of them."""
-        ...
 
 
 class _TilesInMemory:
@@ -64,6 +50,8 @@ class PointMap:
         Whether normals are turned to the sensor's side. If not, w = |n_scan . n_map| (D5).
     sigma : float
         How well the map is known: standard deviation of its position along any axis, m.
+    tile_voxels : int
+        Voxels along an edge of a tile.
     """
 
     def __init__(
@@ -74,14 +62,17 @@ class PointMap:
         tiles: TileSource,
         sigma: float = UNKNOWN_SIGMA,
         ground: GroundSource | None = None,
+        tile_voxels: int = TILE_VOXELS,
     ) -> None:
         self.frame = frame
         self.cell = cell
         self.is_signed = is_signed
         self.sigma = sigma
+        self.tile_voxels = tile_voxels
         self._tiles = tiles
         self._ground: GroundSource = ground if ground is not None else GroundInMemory({})
         self._sorted_keys = np.array(sorted(tiles.keys), dtype=np.int64).reshape(-1, 2)
+        self._levels: dict[int, PointMap] = {1: self}
 
     @classmethod
     def from_points(
@@ -153,6 +144,30 @@ class PointMap:
         frame, ground = LocalFrame(manifest.origin, manifest.crs), GroundStore(path, manifest)
         return cls(frame, manifest.cell, manifest.is_signed, store, manifest.sigma, ground)
 
+    def level(self, factor: int) -> "PointMap":
+        """Return the same map in voxels so many times as large, without ground; tiles are merged when a search asks.
+
+        Parameters
+        ----------
+        factor : int
+            A power of two, at most 32.
+
+        Raises
+        ------
+        OptionError
+            If it is not.
+        """
+        if factor not in self._levels:
+            from maxcon.point_map.level import MergedTiles, check_factor
+
+            check_factor(factor)
+            merged = MergedTiles(self._tiles, factor, is_signed=self.is_signed)
+            self._levels[factor] = PointMap(
+                self.frame, self.cell * factor, self.is_signed, merged, self.sigma,
+                tile_voxels=self.tile_voxels // factor,
+            )  # fmt: skip
+        return self._levels[factor]
+
     @property
     def tile_keys(self) -> frozenset[TileKey]:
         """Keys of all tiles, loaded or not."""
@@ -170,7 +185,7 @@ class PointMap:
     @property
     def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """(x, y) of the lower and of the upper corner of all tiles, local frame, m."""
-        edge = TILE_VOXELS * self.cell
+        edge = self.tile_voxels * self.cell
         keys = np.array(sorted(self._tiles.keys)).reshape(-1, 2)
         if not len(keys):
             return (0.0, 0.0), (0.0, 0.0)
@@ -191,7 +206,7 @@ class PointMap:
 
     def tiles_met(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> list[VoxelTile]:
         """Tiles that meet any of the rectangles from `low` to `high`, shape (n, 2), local frame, m, ordered by key."""
-        edge = TILE_VOXELS * self.cell
+        edge = self.tile_voxels * self.cell
         if not len(low):
             return []
         first, last = np.floor(low / edge), np.floor(high / edge)
@@ -217,7 +232,7 @@ class PointMap:
             return []
         corner, end = self._sorted_keys.min(axis=0) - 1, self._sorted_keys.max(axis=0) + 1
         is_met = np.zeros((end - corner + 1)[::-1], bool)  # with a rim for what lies outside
-        per_metre = 1.0 / (TILE_VOXELS * self.cell)
+        per_metre = 1.0 / (self.tile_voxels * self.cell)
         low, high = (
             np.clip((places + reach) * per_metre - corner, 0.0, end - corner).astype(np.int64)
             for reach in (-margin, margin)
@@ -235,7 +250,7 @@ class PointMap:
         return bool(self._keys_within(x, y, reach))
 
     def _keys_within(self, x: float, y: float, reach: float) -> list[TileKey]:
-        edge = TILE_VOXELS * self.cell
+        edge = self.tile_voxels * self.cell
         x_first, x_last = math.floor((x - reach) / edge), math.floor((x + reach) / edge)
         y_first, y_last = math.floor((y - reach) / edge), math.floor((y + reach) / edge)
         keys = self._tiles.keys

@@ -4,7 +4,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ __all__ = [
     "Occupancy",
     "TileIndex",
     "TileKey",
+    "TileSource",
     "VoxelTile",
     "search_order",
 ]
@@ -44,9 +45,9 @@ class TileIndex:
     ----------
     layers : array, shape (n_layers,), int32
         The z indices that occur, ascending.
-    patch_starts : array, shape (n_layers * TILE_PATCHES**2 + 1,), int32
-        The voxels of patch (py, px) of layer k are those from number (k * TILE_PATCHES + py) * TILE_PATCHES
-        + px to the next. Patches that follow each other along x are one run of voxels.
+    patch_starts : array, shape (n_layers * n_patches**2 + 1,), int32
+        The voxels of patch (py, px) of layer k, of n_patches along each edge of the tile, are those from number
+        (k * n_patches + py) * n_patches + px to the next. Patches that follow each other along x are one run of voxels.
     """
 
     layers: NDArray[np.int32]
@@ -62,14 +63,14 @@ class Occupancy:
 
     Parameters
     ----------
-    held : array, shape (TILE_PATCHES, TILE_PATCHES, n), uint64
+    held : array, shape (n_patches, n_patches, n), uint64
         Whether patch (py, px) of each layer holds voxels: bit k % 64 of word k // 64 for layer k. The last bit is
         never set: for heights at which the tile has no layer.
-    numbers : array, shape (TILE_PATCHES, TILE_PATCHES, n), int32
+    numbers : array, shape (n_patches, n_patches, n), int32
         Number of the first patch of each word; those of its others follow, in the order of their bits.
-    words : array, shape (n_patches, 4), uint64
+    words : array, shape (m, 4), uint64
         Four rows of a patch each: its voxel (x, y) is bit (y % 4) * PATCH_VOXELS + x of word y // 4.
-    firsts : array, shape (n_patches, 4), int32
+    firsts : array, shape (m, 4), int32
         Number in the tile of each word's first voxel; those of its others follow, in the order of their bits.
     """
 
@@ -106,7 +107,7 @@ class Addresses:
 
 @dataclass(frozen=True)
 class VoxelTile:
-    """The voxels of one tile of the map: 512 x 512 columns, 30.72 m at 6 cm.
+    """The voxels of one tile of the map: 512 x 512 columns, 30.72 m at 6 cm; of a level fewer and larger ones.
 
     Sorted by (z, patch y, patch x, y, x), see `search_order`. The arrays may be read-only views of a
     mapped file.
@@ -116,7 +117,7 @@ class VoxelTile:
     key : tuple of 2 int
         The tile's (x, y) index.
     columns : array, shape (n, 2), int16
-        (x, y) voxel index less the tile's first, 0 to 511.
+        (x, y) voxel index less the tile's first, from 0 to `edge` - 1.
     layers : array, shape (n,), int32
         z voxel index.
     counts : array, shape (n,), int32
@@ -125,6 +126,8 @@ class VoxelTile:
         Their mean unit normal; zeros where there is none.
     means : array, shape (n, 3), uint8
         Where in the voxel their mean lies, in 256ths of its edge, from its corner.
+    edge : int
+        Voxels along an edge of the tile, a power of two.
     """
 
     key: TileKey
@@ -133,6 +136,7 @@ class VoxelTile:
     counts: NDArray[np.int32]
     normals: NDArray[np.float32]
     means: NDArray[np.uint8]
+    edge: int = TILE_VOXELS
 
     def __len__(self) -> int:
         return len(self.layers)
@@ -140,7 +144,12 @@ class VoxelTile:
     @property
     def corner(self) -> tuple[int, int]:
         """(x, y) index of its first voxel."""
-        return self.key[0] * TILE_VOXELS, self.key[1] * TILE_VOXELS
+        return self.key[0] * self.edge, self.key[1] * self.edge
+
+    @property
+    def n_patches(self) -> int:
+        """How many patches there are along an edge."""
+        return self.edge // PATCH_VOXELS
 
     @cached_property
     def index(self) -> TileIndex:
@@ -148,8 +157,10 @@ class VoxelTile:
         from maxcon.point_map import tile_kernels
 
         layers = np.empty(self._n_layers_and_patches[0], np.int32)
-        patch_starts = np.empty(len(layers) * TILE_PATCHES**2 + 1, np.int32)
-        tile_kernels.find_patches(self._voxel_columns, self._voxel_layers, layers, patch_starts)
+        patch_starts = np.empty(len(layers) * self.n_patches**2 + 1, np.int32)
+        tile_kernels.find_patches(
+            self._voxel_columns, self._voxel_layers, self.n_patches, layers, patch_starts
+        )
         return TileIndex(layers, patch_starts)
 
     @cached_property
@@ -163,12 +174,12 @@ class VoxelTile:
         from maxcon.point_map import tile_kernels
 
         starts, n_words = self.index.patch_starts, len(self.index.layers) // WORD_BITS + 1
-        held = np.zeros((TILE_PATCHES**2, n_words), np.uint64)
+        held = np.zeros((self.n_patches**2, n_words), np.uint64)
         numbers = np.empty(held.shape, np.int32)
-        n_patches = tile_kernels.number_patches(starts, held, numbers)
-        words, firsts = (np.zeros((n_patches, PATCH_WORDS), dtype) for dtype in (np.uint64, np.int32))
+        n_held = tile_kernels.number_patches(starts, held, numbers)
+        words, firsts = (np.zeros((n_held, PATCH_WORDS), dtype) for dtype in (np.uint64, np.int32))
         tile_kernels.set_bits(starts, self._voxel_columns, numbers, words, firsts)
-        shape = (TILE_PATCHES, TILE_PATCHES, n_words)
+        shape = (self.n_patches, self.n_patches, n_words)
         return Occupancy(held.reshape(shape), numbers.reshape(shape), words, firsts)
 
     @cached_property
@@ -201,8 +212,10 @@ class VoxelTile:
         """How many layers there are, and patches that hold voxels; -1 for both if voxels are not in order."""
         from maxcon.point_map import tile_kernels
 
-        n_layers, n_patches = tile_kernels.count_layers_and_patches(self._voxel_columns, self._voxel_layers)
-        return n_layers, n_patches
+        n_layers, n_held = tile_kernels.count_layers_and_patches(
+            self._voxel_columns, self._voxel_layers, self.edge
+        )
+        return n_layers, n_held
 
     @property
     def _voxel_columns(self) -> NDArray[np.int16]:
@@ -228,10 +241,23 @@ class VoxelTile:
         """Memory this tile holds once its index and its occupancy are made."""
         arrays = (self.columns, self.layers, self.counts, self.normals, self.means)
         index = (self.index.layers, self.index.patch_starts, self.layer_numbers)
-        n_words = TILE_PATCHES**2 * (len(self.index.layers) // WORD_BITS + 1)
+        n_words = self.n_patches**2 * (len(self.index.layers) // WORD_BITS + 1)
         n_words += PATCH_WORDS * self._n_layers_and_patches[1]
         occupancy = n_words * (np.uint64().nbytes + np.int32().nbytes)
         return sum(array.nbytes for array in arrays + index) + occupancy
+
+
+class TileSource(Protocol):
+    """Where a map's tiles come from: memory, or a folder on disk."""
+
+    @property
+    def keys(self) -> frozenset[TileKey]:
+        """Keys of the tiles there are."""
+        ...
+
+    def load(self, key: TileKey) -> VoxelTile:
+        """Return one of them."""
+        ...
 
 
 def search_order(columns: NDArray[np.int16], layers: NDArray[np.int32]) -> NDArray[np.int64]:

@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: MIT
 """What is made of a tile when a search first meets it, compiled. Arrays in, arrays out.
 
-Voxels come in the order (z, patch y, patch x, y, x); a tile has TILE_PATCHES x TILE_PATCHES patches a layer, of
+Voxels come in the order (z, patch y, patch x, y, x); a tile has n_patches x n_patches patches a layer, of
 PATCH_VOXELS x PATCH_VOXELS columns.
 """
 
 import numpy as np
 from numba import njit
 
-from maxcon.point_map.tile import PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS, WORD_BITS
+from maxcon.point_map.tile import PATCH_VOXELS, WORD_BITS
 
 __all__ = ["count_layers_and_patches", "find_patches", "number_patches", "set_bits"]
 
@@ -18,24 +18,24 @@ INSIDE = PATCH_VOXELS - 1
 
 
 @njit(nogil=True, cache=True)
-def _patch(x, y):
+def _patch(x, y, n_patches):
     """Number of the patch of a column in its layer."""
-    return (y >> PATCH_BITS) * TILE_PATCHES + (x >> PATCH_BITS)
+    return (y >> PATCH_BITS) * n_patches + (x >> PATCH_BITS)
 
 
 @njit(nogil=True, cache=True)
-def count_layers_and_patches(columns, layers):
+def count_layers_and_patches(columns, layers, edge):
     """How many layers there are, and how many patches that hold voxels.
 
-    columns : (n, 2) int16; layers : (n,) int32. -1 for both if a column lies outside of the tile, or the voxels are not
-    in order.
+    columns : (n, 2) int16; layers : (n,) int32; edge : voxels along an edge of the tile. -1 for both if a column lies
+    outside of it, or the voxels are not in order.
     """
     n_layers, n_patches, place_before = 0, 0, 0
     for k in range(columns.shape[0]):
         x, y = np.int64(columns[k, 0]), np.int64(columns[k, 1])
-        if x < 0 or x >= TILE_VOXELS or y < 0 or y >= TILE_VOXELS:
+        if x < 0 or x >= edge or y < 0 or y >= edge:
             return -1, -1
-        place = (_patch(x, y) * PATCH_VOXELS + (y & INSIDE)) * PATCH_VOXELS + (x & INSIDE)
+        place = (_patch(x, y, edge >> PATCH_BITS) * PATCH_VOXELS + (y & INSIDE)) * PATCH_VOXELS + (x & INSIDE)
         if k == 0 or layers[k] != layers[k - 1]:
             if k > 0 and layers[k] < layers[k - 1]:
                 return -1, -1
@@ -50,17 +50,18 @@ def count_layers_and_patches(columns, layers):
 
 
 @njit(nogil=True, cache=True)
-def find_patches(columns, layers, z_indices, patch_starts):
+def find_patches(columns, layers, n_patches, z_indices, patch_starts):
     """Find the z index of each layer, and the first voxel of each patch of each layer; of voxels in order.
 
-    z_indices : (n_layers,) int32; patch_starts : (n_layers * TILE_PATCHES**2 + 1,) int32. Both out.
+    n_patches : along an edge of the tile; z_indices : (n_layers,) int32; patch_starts : (n_layers * n_patches**2 + 1,)
+    int32. Both out.
     """
     layer, patch = -1, -1
     for k in range(columns.shape[0]):
         if k == 0 or layers[k] != layers[k - 1]:
             layer += 1
             z_indices[layer] = layers[k]
-        here = layer * TILE_PATCHES**2 + _patch(np.int64(columns[k, 0]), np.int64(columns[k, 1]))
+        here = layer * n_patches**2 + _patch(np.int64(columns[k, 0]), np.int64(columns[k, 1]), n_patches)
         while patch < here:
             patch += 1
             patch_starts[patch] = k
@@ -71,18 +72,19 @@ def find_patches(columns, layers, z_indices, patch_starts):
 def number_patches(patch_starts, held, numbers):
     """Set a bit for each patch that holds voxels, and number them in the order (patch y, patch x, layer).
 
-    held : (TILE_PATCHES**2, n) uint64, in zeros, out; numbers : the same, int32, number of the first patch of each
+    held : (n_patches**2, n) uint64, in zeros, out; numbers : the same, int32, number of the first patch of each
     word, out. Returns how many there are.
     """
-    n_layers = (patch_starts.shape[0] - 1) // TILE_PATCHES**2
+    n_places = held.shape[0]
+    n_layers = (patch_starts.shape[0] - 1) // n_places
     for layer in range(n_layers):
         word, bit = layer // WORD_BITS, np.uint64(1) << np.uint64(layer % WORD_BITS)
-        for place in range(TILE_PATCHES**2):
-            patch = layer * TILE_PATCHES**2 + place
+        for place in range(n_places):
+            patch = layer * n_places + place
             if patch_starts[patch + 1] > patch_starts[patch]:
                 held[place, word] |= bit
     n = 0
-    for place in range(held.shape[0]):
+    for place in range(n_places):
         for word in range(held.shape[1]):
             numbers[place, word] = n
             bits = held[place, word]
@@ -99,11 +101,12 @@ def set_bits(patch_starts, columns, numbers, words, firsts):
     numbers : as `number_patches` made them; words : (n_patches, 4) uint64, in zeros, out; firsts : the same,
     int32, in zeros, out.
     """
-    n_layers = (patch_starts.shape[0] - 1) // TILE_PATCHES**2
+    n_places = numbers.shape[0]
+    n_layers = (patch_starts.shape[0] - 1) // n_places
     number = numbers[:, 0].copy()  # of the next patch of each place: layers come in order
     for layer in range(n_layers):
-        for place in range(TILE_PATCHES**2):
-            patch = layer * TILE_PATCHES**2 + place
+        for place in range(n_places):
+            patch = layer * n_places + place
             first, end = patch_starts[patch], patch_starts[patch + 1]
             if first == end:
                 continue

@@ -8,7 +8,7 @@ from numba import njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from maxcon.point_map import PATCH_VOXELS, TILE_PATCHES
+from maxcon.point_map import PATCH_VOXELS
 from maxcon.search.visit_kernels import RIM, rectangle_in_tile
 
 __all__ = ["bases_of_points", "bound_tile"]
@@ -157,7 +157,7 @@ def _vote_all(n_taken, n_turned, turned, places, back, cells, rows, sums):
 
 @njit(nogil=True, cache=True)
 def bound_tile(
-    numbers, visits, starts, ranks, layers, bases, normals, turns, within, corner, patch_starts, voxel_columns,
+    numbers, visits, starts, ranks, layers, bases, normals, turns, within, corner, edge, patch_starts, voxel_columns,
     voxel_normals, counts, axis, window, stride, is_signed, least, scale, sums,
 ):  # fmt: skip
     """Add what all matches of some scan points with one tile add along an axis, at most, to sums.
@@ -166,13 +166,14 @@ def bound_tile(
     ranks, layers : as for `kernels.accumulate_tile`; bases : (n, headings), see above; normals : (n, 4) float32,
     normal at heading 0, or zeros for none, and what is added to the weight; turns : (headings, 2)
     float32, cosine and sine; within : first and end of the headings to look at.
-    corner : (x, y) voxel index of the tile; voxel_columns : (k, 2) int16; voxel_normals : (k, 3) float32; counts :
-    (k,) int32, or empty where a voxel counts once; axis : (x, y) float32, unit, or zeros to count.
+    corner : (x, y) voxel index of the tile; edge : voxels along its edge; voxel_columns : (k, 2) int16;
+    voxel_normals : (k, 3) float32; counts : (k,) int32, or empty where a voxel counts once; axis : (x, y) float32,
+    unit, or zeros to count.
     window : (x first, x last, y first, y last) offset; stride : cells from one row of the sums to the next;
     least : voxels that add no more are left out; scale : float32, units of the sums in one; sums : (headings * rows *
     stride,) int32 or int64.
     """
-    stride = np.int32(stride)
+    stride, n_patches = np.int32(stride), edge >> PATCH_BITS
     origin = (RIM + corner[1] - window[2]) * np.int64(stride) + RIM + corner[0] - window[0]
     back = np.float32(0.0 if is_signed else -1.0)
     cells, rows = np.empty(CAPACITY, np.int32), np.empty((4, CAPACITY), np.float32)
@@ -185,12 +186,12 @@ def bound_tile(
         headings = (max(visits[number, 1], within[0]), min(visits[number, 2], within[1]))
         if layer < 0 or headings[0] >= headings[1]:
             continue
-        x_first, x_last, y_first, y_last = rectangle_in_tile(visits[number], window, corner)
+        x_first, x_last, y_first, y_last = rectangle_in_tile(visits[number], window, corner, edge)
         low = (np.int32(x_first), np.int32(y_first))
         span = (np.uint32(x_last - x_first), np.uint32(y_last - y_first))
         n_taken = np.uint64(0)
         for py in range(y_first >> PATCH_BITS, (y_last >> PATCH_BITS) + 1):
-            row = (layer * TILE_PATCHES + py) * TILE_PATCHES
+            row = (layer * n_patches + py) * n_patches
             k = np.int64(patch_starts[row + (x_first >> PATCH_BITS)])
             run_end = np.int64(patch_starts[row + (x_last >> PATCH_BITS) + 1])
             while k < run_end:

@@ -160,9 +160,10 @@ class HeadingPass:
             for numbers, layers, tile in field.visited(self.visits, self.window):
                 bound_kernels.bound_tile(
                     numbers, self.visits, field.starts, field.ranks, layers, bases, self._normals, self._turns,
-                    (int(headings[0]), int(headings[-1]) + 1), tile.corner, tile.index.patch_starts, tile.columns,
-                    tile.normals, tile.counts[:0] if field.is_once else tile.counts, axis.vector, tuple(self.window),
-                    width, field.is_signed, np.float32(least), np.float32(1.0 / unit), sums.reshape(-1),
+                    (int(headings[0]), int(headings[-1]) + 1), tile.corner, tile.edge, tile.index.patch_starts,
+                    tile.columns, tile.normals, tile.counts[:0] if field.is_once else tile.counts, axis.vector,
+                    tuple(self.window), width, field.is_signed, np.float32(least), np.float32(1.0 / unit),
+                    sums.reshape(-1),
                 )  # fmt: skip
 
         parts = np.array_split(np.arange(len(self.headings)), min(n_threads, len(self.headings)))

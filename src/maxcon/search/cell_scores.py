@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from maxcon.geometry import Pose
 from maxcon.objectives import Moments, Objective, Scores
-from maxcon.point_map import TILE_PATCHES
-from maxcon.point_map.tile import Addresses
+from maxcon.point_map.tile import PATCH_VOXELS, Addresses
 from maxcon.search.cell_grid import CellGrid
 from maxcon.search.exhaustive import moments_of_window
 from maxcon.search.field import Field
@@ -79,7 +78,7 @@ class TileTable:
         """Table of the tiles of a field."""
         n_ranks = int(searched.ranks.max(initial=0)) + 1
         layers = np.zeros((len(searched.tiles) + 1, n_ranks), np.int32)
-        nothing, kept = np.zeros(TILE_PATCHES**2, np.uint64), []
+        nothing, kept = np.zeros((searched.edge // PATCH_VOXELS) ** 2, np.uint64), []
         rows, grid = np.empty((len(layers), 8), np.uint64), np.zeros(searched.shape, np.int32)
         rows[:, 0] = layers.ctypes.data + layers.strides[0] * np.arange(len(layers))
         rows[0, 1:] = [1, *[nothing.ctypes.data] * 6]
@@ -179,7 +178,8 @@ class CellScores:
         voxels, normals, ranks = self._laid_out(heading)
         moments = np.zeros((len(cells), 4))
         exact_kernels.moments_of_cells(
-            offsets, voxels, normals, ranks, self._table.rows, self._table.grid, searched.corner,
+            offsets, voxels, normals, ranks, self._table.rows, searched.edge.bit_length() - 1,
+            self._table.grid, searched.corner,
             searched.is_once, searched.is_signed, moments,
         )  # fmt: skip
         return moments
@@ -205,7 +205,7 @@ class CellScores:
     def is_beyond(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Whether cells lie farther than the guard radius from the guarded one."""
         offsets = cells[:, 1:] - np.array((self.guarded or self.cell)[1:])
-        return np.asarray(np.hypot(offsets[:, 0], offsets[:, 1]) * self.space.cell > self.guard_radius)
+        return np.asarray(np.hypot(offsets[:, 0], offsets[:, 1]) * self.space.cell_edge > self.guard_radius)
 
     def highest_of(self, cells: NDArray[np.int64]) -> float:
         """Highest score of some cells that were scored by themselves."""
@@ -213,9 +213,17 @@ class CellScores:
 
     def runner_up(self) -> float:
         """Highest score beyond the guard radius among the cells that were scored and kept."""
+        scored = self._scored_and_kept()
+        return float(scored.upper.max(where=self.is_beyond(scored.cells), initial=0.0))
+
+    def reaching(self, least: float) -> Candidates:
+        """Cells that were scored and kept and score at least so much, with their scores."""
+        scored = self._scored_and_kept()
+        return scored[scored.upper >= least]
+
+    def _scored_and_kept(self) -> Candidates:
         singles = Candidates(
             np.array(list(self.scored), np.int64).reshape(-1, 3),
             np.array([score for score, _ in self.scored.values()]),
         )
-        scored = self.kept.joined(singles)
-        return float(scored.upper.max(where=self.is_beyond(scored.cells), initial=0.0))
+        return self.kept.joined(singles)

@@ -5,7 +5,7 @@
 import numpy as np
 from numba import njit
 
-from maxcon.point_map import PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS
+from maxcon.point_map import PATCH_VOXELS
 from maxcon.point_map.lookup_kernels import float32_at, int32_at, n_bits, uint64_at
 from maxcon.search.adding_kernels import ROUNDER
 from maxcon.search.matching import CONTRIBUTION_STEP
@@ -15,16 +15,13 @@ __all__ = ["lay_out", "moments_of_cells"]
 # Points that are looked up at a time: what is made of them fits into the L1 cache.
 CAPACITY = 1024
 
-TILE_BITS, PATCH_BITS = TILE_VOXELS.bit_length() - 1, PATCH_VOXELS.bit_length() - 1
+PATCH_BITS = PATCH_VOXELS.bit_length() - 1
 
 # Columns of the table of tiles, see `moments_of_cells`.
 LAYERS, N_HELD, HELD, NUMBERS, WORDS, FIRSTS, NORMALS, COUNTS = range(8)
 
-# A voxel (x, y) of a tile is one number, x + y * 2^32. Bits that are set in none; ...
-OUTSIDE = (2**64 - 1) ^ ((TILE_VOXELS - 1) * (2**32 + 1))
-# ... and those of its place (py, px) among the patches, where shifts have brought them.
-PATCH_X, PATCH_Y = TILE_PATCHES - 1, (TILE_PATCHES - 1) * TILE_PATCHES
-PATCH_ROW_BITS = TILE_PATCHES.bit_length() - 1
+# A voxel (x, y) of a tile is one number, x + y * 2^32. The same bits of both:
+BOTH = 2**32 + 1
 
 # A bit of a tile is one number too: row of the tile, number of the word in it, number of the bit in that.
 BIT_BITS, WORD_BITS = 6, 34
@@ -48,40 +45,45 @@ def lay_out(columns, turned, numbers, without_normal):
 
 
 @njit(nogil=True, cache=True)
-def _tile_and_shift(voxel, offset, grid, corner):
+def _tile_and_shift(voxel, offset, edge_bits, grid, corner):
     """Row in the table of the tile in which a voxel falls at an offset, and the offset less the tile's corner."""
     x = np.int64(np.int32(voxel & np.uint64(2**32 - 1)))
     y = ((np.int64(voxel) - x) >> 32) + offset[1]
     x += offset[0]
-    slot_x, slot_y = (x >> TILE_BITS) - corner[0], (y >> TILE_BITS) - corner[1]
+    slot_x, slot_y = (x >> edge_bits) - corner[0], (y >> edge_bits) - corner[1]
     tile = np.uint64(0)
     if 0 <= slot_x < grid.shape[1] and 0 <= slot_y < grid.shape[0]:
         tile = np.uint64(grid[slot_y, slot_x])
-    x_shift = offset[0] - ((x >> TILE_BITS) << TILE_BITS)
-    y_shift = offset[1] - ((y >> TILE_BITS) << TILE_BITS)
+    x_shift = offset[0] - ((x >> edge_bits) << edge_bits)
+    y_shift = offset[1] - ((y >> edge_bits) << edge_bits)
     return tile, np.uint64(x_shift + (y_shift << 32))
 
 
 @njit(nogil=True, cache=True)
-def _find(first, end, offset, voxels, ranks, tiles, grid, corner, found, matched):
+def _find(first, end, offset, voxels, ranks, tiles, edge_bits, grid, corner, found, matched):
     """Find those of some points that fall in a patch that holds voxels, at an offset. Returns how many.
 
     found : (c,) int32, their numbers; matched : (c,) uint64, bits of the voxels they fall in. Both out.
     """
     n, row, shift = np.uint64(0), np.uint64(0), np.uint64(2**63)  # that of no tile
+    # Bits that are set in no voxel of a tile, and those of its place (py, px) among the patches, once shifted there.
+    outside = ~np.uint64(((1 << edge_bits) - 1) * BOTH)
+    row_bits = np.uint64(edge_bits - PATCH_BITS)
+    in_row = (np.uint64(1) << row_bits) - np.uint64(1)
+    to_row, rows = np.uint64(32 + PATCH_BITS) - row_bits, in_row << row_bits
     layers, n_held, held, numbers = tiles[0, LAYERS], tiles[0, N_HELD], tiles[0, HELD], tiles[0, NUMBERS]
     for number in range(first, end):
         j = np.uint64(number)
         voxel = voxels[j] + shift
-        if voxel & np.uint64(OUTSIDE):  # points in one tile follow each other
-            tile, shift = _tile_and_shift(voxels[j], offset, grid, corner)
+        if voxel & outside:  # points in one tile follow each other
+            tile, shift = _tile_and_shift(voxels[j], offset, edge_bits, grid, corner)
             voxel = voxels[j] + shift
             layers, n_held = tiles[tile, LAYERS], tiles[tile, N_HELD]
             held, numbers = tiles[tile, HELD], tiles[tile, NUMBERS]
             row = tile << np.uint64(BIT_BITS + WORD_BITS)
         # From here on without a branch: which points match is as good as random.
-        place = (voxel >> np.uint64(32 + PATCH_BITS - PATCH_ROW_BITS)) & np.uint64(PATCH_Y)
-        place |= (voxel >> np.uint64(PATCH_BITS)) & np.uint64(PATCH_X)
+        place = (voxel >> to_row) & rows
+        place |= (voxel >> np.uint64(PATCH_BITS)) & in_row
         layer = np.uint64(int32_at(layers, np.uint64(ranks[j])))
         place = place * n_held + (layer >> np.uint64(6))
         patches, in_patches = uint64_at(held, place), layer & np.uint64(63)
@@ -161,7 +163,7 @@ def _add(n, fetched, times, back, moments):
 
 @njit(nogil=True, cache=True)
 def moments_of_cells(
-    offsets, voxels, normals, ranks, tiles, grid, corner, is_once, is_signed, moments
+    offsets, voxels, normals, ranks, tiles, edge_bits, grid, corner, is_once, is_signed, moments
 ):  # fmt: skip
     """Add the matches of scan points, turned by one heading, to the moments of some of its cells.
 
@@ -170,7 +172,8 @@ def moments_of_cells(
     tiles : (t + 1, 8) uint64, a row for each tile and a first one for where there is none. Addresses of: number of
     each layer of the scan in the tile (int32); the tile's `Occupancy`, held, numbers, words and firsts; normals and
     counts of its voxels. In the second column how many words each column of patches has.
-    grid : (ny, nx) int32, rows of the tiles; corner : key (x, y) of the first.
+    edge_bits : a tile has 2^edge_bits voxels along an edge; grid : (ny, nx) int32, rows of the tiles; corner : key
+    (x, y) of the first.
     is_once : whether a voxel counts once; is_signed : whether the map's normals have a side.
     moments : (c, 4) float64, in and out.
     """
@@ -181,7 +184,7 @@ def moments_of_cells(
         end = min(first + CAPACITY, voxels.shape[0])
         for c in range(offsets.shape[0]):
             offset = (offsets[c, 0], offsets[c, 1])
-            n = _find(first, end, offset, voxels, ranks, tiles, grid, corner, found, matched)
+            n = _find(first, end, offset, voxels, ranks, tiles, edge_bits, grid, corner, found, matched)
             n = _sift(n, tiles, found, matched)
             _fetch(n, found, matched, normals, tiles, fetched, times)
             _add(n, fetched, times, back, moments[c])

@@ -14,7 +14,7 @@ from maxcon.geometry import Pose
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
 from maxcon.search.field import Field
-from maxcon.search.matching import Multiplicity, Weighting, check_cell_edge, check_one_height, check_threads
+from maxcon.search.matching import Multiplicity, Weighting, cells_of, check_one_height, check_threads
 from maxcon.search.window import Window
 from maxcon.search_space import SearchSpace
 
@@ -71,7 +71,7 @@ def exhaustive(
     ArrayError
         If the prior lies so far out that voxels have no index there (64,000 km at 6 cm).
     """
-    check_cell_edge(space, point_map)
+    space = cells_of(space, point_map)
     check_one_height(space)
     multiplicity, weighting = Multiplicity.parse(multiplicity), Weighting.parse(weighting)
     check_threads(n_threads)
@@ -127,7 +127,7 @@ def _search_headings(
     sums = _aligned_zeros((n_headings, ny + 2 * rim, width, 4))
     for numbers, layers, tile in field.visited(visits, window):
         kernels.accumulate_tile(
-            numbers, visits, field.starts, field.middles, field.ranks, layers, columns, turned, tile.corner,
+            numbers, visits, field.starts, field.middles, field.ranks, layers, columns, turned, tile.corner, tile.edge,
             tile.index.patch_starts, tile.columns, tile.normals, tile.counts[:0] if field.is_once else tile.counts,
             tuple(window), width, field.without_normal, field.is_signed, sums.reshape(n_headings, -1),
         )  # fmt: skip

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from maxcon.compiled import read_only_view
 from maxcon.geometry import Pose, rotation_matrices, voxel_indices
-from maxcon.point_map import TILE_VOXELS, PointMap, TileKey, VoxelTile
+from maxcon.point_map import PointMap, TileKey, VoxelTile
 from maxcon.scan import Scan
 from maxcon.search.matching import Multiplicity, Weighting
 from maxcon.search.window import Window
@@ -41,6 +41,8 @@ class Field:
         Tiles by their slot in the grid, with the layer each rank has in the tile (-1 for none).
     corner, shape : tuple of 2 int
         Key (x, y) of the first tile of the grid that covers the tiles, and its size (ny, nx).
+    edge : int
+        Voxels along an edge of a tile.
     cell : float
         Voxel edge of the map, m: that of the space may differ from it by rounding.
     is_once, is_signed : bool
@@ -60,6 +62,7 @@ class Field:
     tiles: dict[int, tuple[VoxelTile, NDArray[np.int64]]]
     corner: TileKey
     shape: tuple[int, int]
+    edge: int
     cell: float
     is_once: bool
     is_signed: bool
@@ -115,6 +118,7 @@ class Field:
             },
             (int(corner[0]), int(corner[1])),
             (int(ny), int(nx)),
+            point_map.tile_voxels,
             cell,
             multiplicity is Multiplicity.OCCUPIED,
             point_map.is_signed,
@@ -184,7 +188,9 @@ class Field:
         """
         from maxcon.search import visit_kernels
 
-        starts, numbers = visit_kernels.visits_of_tiles(visits, tuple(window), self.corner, self.shape)
+        starts, numbers = visit_kernels.visits_of_tiles(
+            visits, tuple(window), self.edge.bit_length() - 1, self.corner, self.shape
+        )
         for slot, (tile, layers) in self.tiles.items():
             yield numbers[starts[slot] : starts[slot + 1]], layers, tile
 
@@ -268,5 +274,5 @@ def _tiles_met(
     reaches = radii * largest_turn + (space.reach + cell)
     farthest = float((radii + reaches).max()) + 2.0 * cell  # a box may stick out of its circle by a cell
     near = np.array(point_map.keys_within(prior.x, prior.y, farthest), dtype=np.int64).reshape(-1, 2)
-    is_met = group_kernels.meets_tiles(boxes, reaches, cell, TILE_VOXELS * cell, near)
+    is_met = group_kernels.meets_tiles(boxes, reaches, cell, point_map.tile_voxels * cell, near)
     return [point_map.tile((x, y)) for x, y in near[is_met].tolist()]

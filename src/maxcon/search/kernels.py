@@ -5,7 +5,7 @@
 import numpy as np
 from numba import njit
 
-from maxcon.point_map import PATCH_VOXELS, TILE_PATCHES
+from maxcon.point_map import PATCH_VOXELS
 from maxcon.search.adding_kernels import ROUNDER, add_alike, add_once, add_times
 from maxcon.search.visit_kernels import RIM, rectangle_in_tile
 
@@ -169,7 +169,7 @@ def _visit(
 
 @njit(nogil=True, cache=True)
 def accumulate_tile(
-    numbers, visits, starts, middles, ranks, layers, columns, turned, corner, patch_starts, voxel_columns,
+    numbers, visits, starts, middles, ranks, layers, columns, turned, corner, edge, patch_starts, voxel_columns,
     voxel_normals, counts, window, stride, without_normal, is_signed, sums,
 ):  # fmt: skip
     """Add all matches of some scan points with one tile to the sums of some headings.
@@ -178,13 +178,13 @@ def accumulate_tile(
     middles : (groups,), its first point without a normal; ranks : (groups,), number of its height layer among
     the scan's; layers : that layer's number in the tile, -1 for none; columns : (headings, 2, n) int32, the
     points' voxels; turned : (headings, 3, n) float32, their normals.
-    corner : (x, y) voxel index of the tile; voxel_columns : (k, 2) int16; voxel_normals : (k, 3) float32;
-    counts : (k,) int32, or empty where a voxel counts once.
+    corner : (x, y) voxel index of the tile; edge : voxels along its edge; voxel_columns : (k, 2) int16;
+    voxel_normals : (k, 3) float32; counts : (k,) int32, or empty where a voxel counts once.
     window : (x first, x last, y first, y last) offset; stride : cells from one row of the sums to the next;
     without_normal : weight of a match whose scan point has no normal; sums : (headings, 4 rows stride) float64, with a
     rim of RIM cells where voxels fall that only other points of a visit meet.
     """
-    stride = np.int32(stride)
+    stride, n_patches = np.int32(stride), edge >> PATCH_BITS
     origin = (RIM + corner[0] - window[0], RIM + corner[1] - window[2])
     weighting = (np.float64(without_normal), np.float32(0.0 if is_signed else -1.0))
     taken = np.empty(CAPACITY, np.int64)
@@ -198,11 +198,11 @@ def accumulate_tile(
             continue
         headings = (visits[number, 1], visits[number, 2])
         points = (starts[group], middles[group], starts[group + 1])
-        x_first, x_last, y_first, y_last = rectangle_in_tile(visits[number], window, corner)
+        x_first, x_last, y_first, y_last = rectangle_in_tile(visits[number], window, corner, edge)
         low, span = (x_first, y_first), (np.uint32(x_last - x_first), np.uint32(y_last - y_first))
         n_taken = np.uint64(0)
         for py in range(y_first >> PATCH_BITS, (y_last >> PATCH_BITS) + 1):
-            row = (layer * TILE_PATCHES + py) * TILE_PATCHES
+            row = (layer * n_patches + py) * n_patches
             k = np.int64(patch_starts[row + (x_first >> PATCH_BITS)])
             run_end = np.int64(patch_starts[row + (x_last >> PATCH_BITS) + 1])
             while k < run_end:

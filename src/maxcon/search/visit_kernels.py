@@ -5,8 +5,6 @@
 import numpy as np
 from numba import njit
 
-from maxcon.point_map import TILE_VOXELS
-
 __all__ = [
     "RIM",
     "SQUARE_VOXELS",
@@ -18,11 +16,9 @@ __all__ = [
 ]
 
 # Points of one height layer in a square of so many voxels visit the map together, ...
-SQUARE_VOXELS = 32
-# ... at all headings at which they lie within so many voxels of each other; a turned square is 46 wide.
-RIM = 50
-
-TILE_BITS = TILE_VOXELS.bit_length() - 1
+SQUARE_VOXELS = 16
+# ... at all headings at which they lie within so many voxels of each other; a turned square is 23 wide.
+RIM = 25
 
 
 @njit(nogil=True, cache=True)
@@ -109,12 +105,13 @@ def plan_visits(starts, columns):
 
 
 @njit(nogil=True, cache=True)
-def visits_of_tiles(visits, window, corner, shape):
+def visits_of_tiles(visits, window, edge_bits, corner, shape):
     """For each tile of a grid, the visits that meet it at some offset of a window.
 
     window : (x first, x last, y first, y last) offset; the box of a visit meets voxels from its first + the first to
     its last + the last.
-    corner : (x, y) key of the grid's first tile; shape : (ny, nx) tiles.
+    edge_bits : a tile has 2^edge_bits voxels along an edge; corner : (x, y) key of the grid's first tile; shape : (ny,
+    nx) tiles.
     Returns starts, (ny * nx + 1,), and numbers, so that tile t has numbers[starts[t] : starts[t + 1]].
     """
     ny, nx = shape
@@ -123,10 +120,10 @@ def visits_of_tiles(visits, window, corner, shape):
     numbers = np.empty(0, np.int64)
     for is_filling in (False, True):
         for i in range(visits.shape[0]):
-            tx_first = max(((visits[i, 3] + x_first) >> TILE_BITS) - corner[0], 0)
-            tx_last = min(((visits[i, 4] + x_last) >> TILE_BITS) - corner[0], nx - 1)
-            ty_first = max(((visits[i, 5] + y_first) >> TILE_BITS) - corner[1], 0)
-            ty_last = min(((visits[i, 6] + y_last) >> TILE_BITS) - corner[1], ny - 1)
+            tx_first = max(((visits[i, 3] + x_first) >> edge_bits) - corner[0], 0)
+            tx_last = min(((visits[i, 4] + x_last) >> edge_bits) - corner[0], nx - 1)
+            ty_first = max(((visits[i, 5] + y_first) >> edge_bits) - corner[1], 0)
+            ty_last = min(((visits[i, 6] + y_last) >> edge_bits) - corner[1], ny - 1)
             for ty in range(ty_first, ty_last + 1):
                 for tx in range(tx_first, tx_last + 1):
                     tile = ty * nx + tx
@@ -145,15 +142,16 @@ def visits_of_tiles(visits, window, corner, shape):
 
 
 @njit(nogil=True, cache=True)
-def rectangle_in_tile(visit, window, corner):
+def rectangle_in_tile(visit, window, corner, edge):
     """(x first, x last, y first, y last) voxel of a tile that a visit meets at some offset of a window.
 
-    window : (x first, x last, y first, y last) offset; corner : (x, y) voxel index of the tile.
+    window : (x first, x last, y first, y last) offset; corner : (x, y) voxel index of the tile;
+    edge : voxels along its edge.
     """
     x_first, x_last, y_first, y_last = window
     return (
         max(visit[3] + x_first - corner[0], 0),
-        min(visit[4] + x_last - corner[0], TILE_VOXELS - 1),
+        min(visit[4] + x_last - corner[0], edge - 1),
         max(visit[5] + y_first - corner[1], 0),
-        min(visit[6] + y_last - corner[1], TILE_VOXELS - 1),
+        min(visit[6] + y_last - corner[1], edge - 1),
     )

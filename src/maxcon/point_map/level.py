@@ -1,0 +1,94 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Levels of a map: its voxels merged to larger ones, tile by tile (decision 21)."""
+
+import threading
+from collections import OrderedDict
+
+from maxcon.compiled import read_only_view
+from maxcon.errors import OptionError
+from maxcon.point_map.tile import PATCH_VOXELS, TILE_VOXELS, TileKey, TileSource, VoxelTile
+
+__all__ = ["MergedTiles", "check_factor", "merged"]
+
+LARGEST_FACTOR = TILE_VOXELS // PATCH_VOXELS
+LEVEL_BYTES = 2**28
+"""Tiles of a level are kept up to this size in all; the ones used longest ago go first."""
+
+
+def check_factor(factor: int) -> None:
+    """Refuse voxels of which no whole number fills a patch of a tile.
+
+    Raises
+    ------
+    OptionError
+        If the factor is not a power of two from 1 to 32.
+    """
+    if not 1 <= factor <= LARGEST_FACTOR or factor & (factor - 1):
+        raise OptionError(
+            f"Expected the voxels of a level to be 1, 2, 4, ... or {LARGEST_FACTOR} times as large as the map's, got"
+            f" {factor}."
+        )
+
+
+def merged(tile: VoxelTile, factor: int, *, is_signed: bool) -> VoxelTile:
+    """Return the same square of the map in voxels `factor` times as large.
+
+    A voxel has the points of those in it: their number; the mean of their positions; the mean of their normals, each
+    as often as its voxel has points, turned to one side first where normals have none.
+    """
+    from maxcon.point_map import level_kernels
+
+    columns, layers, counts, normals, means = level_kernels.merge(
+        read_only_view(tile.columns), read_only_view(tile.layers), read_only_view(tile.counts),
+        read_only_view(tile.normals), read_only_view(tile.means), tile.edge // factor, factor, is_signed,
+    )  # fmt: skip
+    return VoxelTile(tile.key, columns, layers, counts, normals, means, tile.edge // factor)
+
+
+class MergedTiles:
+    """The tiles of a level, merged when asked for; those used last are kept.
+
+    Parameters
+    ----------
+    source : TileSource
+        The map's own tiles.
+    factor : int
+        How many times as large the voxels are.
+    is_signed : bool
+        Whether the map's normals have a side.
+    """
+
+    def __init__(self, source: TileSource, factor: int, *, is_signed: bool) -> None:
+        self._source = source
+        self._factor = factor
+        self._is_signed = is_signed
+        self._kept: OrderedDict[TileKey, VoxelTile] = OrderedDict()
+        self._kept_bytes = 0
+        self._lock = threading.Lock()
+
+    @property
+    def keys(self) -> frozenset[TileKey]:
+        """Keys of the tiles there are."""
+        return self._source.keys
+
+    def load(self, key: TileKey) -> VoxelTile:
+        """Return one of them.
+
+        Raises
+        ------
+        MapError
+            If its file is missing, or is not what was written.
+        """
+        with self._lock:
+            tile = self._kept.get(key)
+            if tile is None:
+                tile = merged(self._source.load(key), self._factor, is_signed=self._is_signed)
+                self._kept[key] = tile
+                self._kept_bytes += tile.n_bytes
+                while self._kept_bytes > LEVEL_BYTES and len(self._kept) > 1:
+                    _, oldest = self._kept.popitem(last=False)
+                    self._kept_bytes -= oldest.n_bytes
+            else:
+                self._kept.move_to_end(key)
+            return tile
