@@ -30,7 +30,7 @@ from maxcon.search.field import Field
 from maxcon.study import Study
 from maxcon.study.bench import BenchPlan
 
-SPACE = maxcon.SearchSpace()
+SPACE = maxcon.SearchSpace.paper()
 N_CALLS = 11
 PARTS = {
     "preparation": ["Field.prepare"],

@@ -19,7 +19,7 @@ from maxcon.study.bench import BenchPlan
 from maxcon.study.methods import AS_PUBLISHED
 
 OBJECTIVES = {"count-points": maxcon.Count(), "helmert-points": maxcon.Helmert()}
-SPACE = maxcon.SearchSpace()
+SPACE = maxcon.SearchSpace.paper()
 
 
 def near(scores, cell):

@@ -21,7 +21,7 @@ from maxcon.search.matching import level, turn
 from maxcon.study import Study
 from maxcon.study.bench import BenchPlan
 
-SPACE = maxcon.SearchSpace()
+SPACE = maxcon.SearchSpace.paper()
 STEPS = 20
 
 

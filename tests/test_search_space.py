@@ -16,7 +16,7 @@ PRIOR = Pose(458_888.42, 5_429_081.54, 115.07, 0.02, -0.03, 3.1)
 
 
 def test_the_papers_space_is_the_default():
-    space = SearchSpace()
+    space = SearchSpace.paper()
     assert space.shape == (9, 100, 100)
     assert space.n_cells == 90_000
     np.testing.assert_allclose(
@@ -29,12 +29,12 @@ def test_the_papers_space_is_the_default():
 
 
 def test_the_prior_is_a_cell():
-    pose = SearchSpace().pose((4, 50, 50), PRIOR)
+    pose = SearchSpace.paper().pose((4, 50, 50), PRIOR)
     assert pose == PRIOR
 
 
 def test_index_order_is_heading_y_x():
-    space = SearchSpace()
+    space = SearchSpace.paper()
     prior = Pose(1.0, 2.0, 3.0, 0.1, 0.2, 0.3)
     pose = space.pose((6, 53, 49), prior)
     np.testing.assert_allclose(pose.position, [1.0 - 0.06, 2.0 + 0.18, 3.0])
@@ -60,13 +60,13 @@ def test_the_nearest_cell_of_a_cells_pose_is_the_cell(n_steps, cell, n_turns, st
 
 @given(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6), st.floats(-20, 20))
 def test_the_nearest_cell_lies_in_the_space(x, y, heading):
-    space = SearchSpace()
+    space = SearchSpace.paper()
     cell = space.nearest_cell(Pose(x, y, 0.0, 0.0, 0.0, heading), Pose(0.0, 0.0, 0.0, 0.0, 0.0, 3.1))
     assert all(0 <= index < n for index, n in zip(cell, space.shape, strict=True))
 
 
 def test_headings_wrap_between_pose_and_prior():
-    space, prior = SearchSpace(), Pose(0.0, 0.0, 0.0, 0.0, 0.0, math.pi - 0.001)
+    space, prior = SearchSpace.paper(), Pose(0.0, 0.0, 0.0, 0.0, 0.0, math.pi - 0.001)
     pose = space.pose((8, 50, 50), prior)
     assert -math.pi <= pose.heading < 0.0
     assert space.nearest_cell(pose, prior) == (8, 50, 50)
@@ -259,9 +259,9 @@ def test_heights_lie_around_the_prior_in_whole_cells():
     space = SearchSpace(height_half_width=0.18)
     assert space.n_heights == 7
     np.testing.assert_allclose(space.heights, [-0.18, -0.12, -0.06, 0.0, 0.06, 0.12, 0.18])
-    assert space.shape == SearchSpace().shape
+    assert space.shape == SearchSpace.paper().shape
     assert space.n_cells == 7 * 90_000
-    assert space.plane == SearchSpace()
+    assert space.plane == SearchSpace.paper()
     assert [pose.z for pose in space.priors(PRIOR)] == (PRIOR.z + space.heights).tolist()
     raised = space.raised(PRIOR, 5)
     assert raised.z == pytest.approx(PRIOR.z + 0.12)
@@ -269,7 +269,7 @@ def test_heights_lie_around_the_prior_in_whole_cells():
 
 
 def test_by_default_there_is_one_height():
-    space = SearchSpace()
+    space = SearchSpace.paper()
     assert (space.n_heights, space.heights.tolist()) == (1, [0.0])
     assert space.raised(PRIOR, 0) == PRIOR
     assert space.plane == space

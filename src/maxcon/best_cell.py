@@ -23,7 +23,8 @@ __all__ = ["BestCell", "judge"]
 class BestCell:
     """What a search found: its best cell with score and moments, and Helmert's score of the runner-up over its own.
 
-    The space is of one height, around the prior raised to it.
+    The space is of one height, around the prior raised to it. Whether the cell lies at the rim of what is searched is
+    told by whoever looked beyond; None where the space is all that is.
     """
 
     space: SearchSpace
@@ -32,6 +33,12 @@ class BestCell:
     score: float
     moments: Moments
     runner_up: float
+    is_at_rim: bool | None = None
+
+    @property
+    def pose(self) -> Pose:
+        """T_map_sensor of the cell, local frame."""
+        return self.space.pose(self.cell, self.prior)
 
 
 def judge(
@@ -64,8 +71,8 @@ def judge(
     _, nxx, nxy, nyy = (float(moment) for moment in best.moments)
     is_determined, cofactor = invert(np.array([[nxx, nxy], [nxy, nyy]]))
     share = _matched_share(best, multiplicity, searched, point_map)
-    further = _beyond(best)
-    is_at_rim = space.is_at_rim(cell)
+    further = _beyond(best) if best.is_at_rim is None else None
+    is_at_rim = space.is_at_rim(cell) if best.is_at_rim is None else best.is_at_rim
     if further is not None and not is_at_rim:
         one_heading = replace(space, heading_half_width_deg=0.0)
         found = exhaustive(
@@ -78,17 +85,15 @@ def judge(
     reasons = reasons_to_doubt_scan(scan, prior)
     if multiplicity == Multiplicity.OCCUPIED:  # otherwise N counts map points, not matches
         reasons += reasons_to_doubt_answer(best.moments)
-    pose = space.pose(cell, prior)
-    return Estimate(pose, best.score, cell, status, cofactor, share, best.runner_up, "; ".join(reasons))
+    return Estimate(best.pose, best.score, cell, status, cofactor, share, best.runner_up, "; ".join(reasons))
 
 
 def _beyond(best: BestCell) -> Pose | None:
     """The prior turned by one step more than the outermost heading, where that is the best one."""
     space, heading = best.space, best.cell[0]
-    n_headings = space.shape[0]
-    if n_headings == 1 or heading not in (0, n_headings - 1):
+    if not space.is_outermost(heading):
         return None
-    step = math.radians(space.heading_step_deg)
+    step = math.radians(space.step_deg)
     beyond = space.headings[heading] + (step if heading > 0 else -step)
     return replace(best.prior, heading=best.prior.heading + float(beyond))
 
@@ -99,6 +104,5 @@ def _matched_share(
     """Share of the scan's points that match at a cell; a count of map points has to be counted anew."""
     if multiplicity == Multiplicity.OCCUPIED:
         return float(best.moments[0]) / len(scan)
-    here = SearchSpace(half_width=0.0, cell=best.space.cell, heading_half_width_deg=0.0)
-    pose = best.space.pose(best.cell, best.prior)
-    return float(exhaustive(scan, point_map, pose, here).moments[0, 0, 0, 0]) / len(scan)
+    here = SearchSpace(half_width=0.0, heading_half_width_deg=0.0)
+    return float(exhaustive(scan, point_map, best.pose, here).moments[0, 0, 0, 0]) / len(scan)

@@ -75,8 +75,8 @@ class Estimate:
     score : float
         Worth of the best cell, in units of the objective.
     cell : tuple of 3 int, or None
-        (heading, y, x) of the best cell in the search space; None for a method without cells, and for an answer
-        outside of the space.
+        (heading, y, x) of the best cell in the search space; None for a method without cells, an open space, and an
+        answer outside of the space.
     status : Status
         Whether the pose may be used, with words.
     cofactor : array, shape (2, 2)

@@ -254,5 +254,5 @@ def highest_beyond(scores: Scores, cell: Cell, space: SearchSpace, guard_radius:
 def _is_beyond(cell: Cell, space: SearchSpace, guard_radius: float) -> NDArray[np.bool_]:
     """Whether each place, shape (ny, nx), lies farther than the guard radius (m) from a cell."""
     _, ny, nx = space.shape
-    distance = np.hypot(np.arange(ny)[:, None] - cell[1], np.arange(nx)[None, :] - cell[2]) * space.cell
+    distance = np.hypot(np.arange(ny)[:, None] - cell[1], np.arange(nx)[None, :] - cell[2]) * space.cell_edge
     return np.asarray(distance > guard_radius)

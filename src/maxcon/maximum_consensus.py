@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 
 from maxcon.accumulator import Accumulator, highest
 from maxcon.best_cell import BestCell, judge
+from maxcon.coarse_to_fine import COARSE, best_places
 from maxcon.errors import OptionError
 from maxcon.estimate import Estimate, Status
 from maxcon.examination import examine
@@ -31,6 +32,7 @@ from maxcon.search import (
     branch_and_bound,
     exhaustive,
     highest_of,
+    level_of,
 )
 from maxcon.search_space import Cell, SearchSpace
 
@@ -40,6 +42,8 @@ __all__ = ["MaximumConsensus"]
 LEAST_SHARE = 1e-6
 # Where the ground lies so much higher or lower than the prior or the answer (m), it is searched from both heights.
 OTHER_GROUND = 0.25
+# An open space of fewer of the map's own cells is searched in these at once: that is as fast.
+FEW_CELLS = 8_000
 # A wider search turns twice as far, unless that is much.
 LARGEST_DOUBLED_DEG = 10.0
 
@@ -51,7 +55,9 @@ class MaximumConsensus:
     Parameters
     ----------
     space : SearchSpace
-        The candidate poses around each prior; the paper's if not given.
+        The candidate poses around each prior; 12 m and 10 degrees if not given. An open space, without a cell, is
+        searched coarse to fine: in a level of the map first, then in the map's own cells around every place left open.
+        One with a cell is searched in these cells alone, `SearchSpace.paper()` in the paper's.
     objective : Objective
         What a cell is worth; Helmert's point error if not given. Any object with ``score(moments)``.
     multiplicity : {"occupied", "points"}
@@ -64,9 +70,10 @@ class MaximumConsensus:
         Weight of a match in N: max(0, n_scan . n_map), and 1/2 where the scan point has no normal; the same, but 0
         there, as published; or 1 (D5).
     search : {"branch and bound", "exhaustive"}
-        How the best cell is found; it is the same one. Branch and bound takes a fraction of the time. Of the
-        runner-up it proves what `trust` asks for, not what it scores. An objective without bounds (`BoundedByAxes`,
-        `BoundedByCount`) is searched exhaustively.
+        How the best cell is found; in given cells it is the same one. Branch and bound takes a fraction of the time. Of
+        the runner-up it proves what `trust` asks for, not what it scores. An objective without bounds
+        (`BoundedByAxes`, `BoundedByCount`) is searched exhaustively. "exhaustive" looks at every cell; of an open
+        space at all of the map's own.
     thinning : float
         One point of the scan is searched with in each cube of this edge, m; 0 for all, as published. Near surfaces
         have most of the points, and would outvote the far ones.
@@ -74,8 +81,8 @@ class MaximumConsensus:
         Whether the pose of the best cell is adjusted to the surfaces of the map and examined there, and a covariance
         given. Without, the answer is the cell, as published.
     wider : float
-        Where an answer is in doubt, all places within so much of it along x and y are searched too, m; 0 for never, as
-        where the prior is certain to hold the true pose.
+        Where an answer is in doubt, all places within so much of it along x and y are searched too, coarse to fine, m;
+        0 for never, as where the prior is certain to hold the true pose.
     risk : float
         The error may be larger than the protection level with at most this probability.
     is_levelled : bool
@@ -124,7 +131,7 @@ class MaximumConsensus:
         scan : Scan
             Points (and normals) of one epoch, sensor frame.
         point_map : PointMap
-            The map; its voxel edge is the space's cell edge.
+            The map; the space's cell edge, if given, is its voxel edge or 2, 4, ... 32 times that.
         prior : Pose
             T_map_sensor before localization, local frame of the map.
 
@@ -136,16 +143,16 @@ class MaximumConsensus:
         Raises
         ------
         SearchSpaceError
-            If the cell edge is not the map's, or the space is too large.
+            If the cell edge is not the map's or that of a level of it, or the space is too large.
         """
         found, start, space = max(
             ((self._search(scan, point_map, *each), *each) for each in self._starts(scan, point_map, prior)),
             key=lambda each: each[0].score,
         )
-        is_outermost = abs(found.pose.z - start.z) > space.height_half_width - 0.5 * space.cell
+        is_outermost = abs(found.pose.z - start.z) > space.height_half_width - 0.5 * point_map.cell
         found, ground = self._on_ground(found, prior, scan, point_map)
         settled = self._settle(found, ground, start, scan, point_map)
-        if space.n_heights > 1 and is_outermost and settled.is_localized:
+        if space.height_half_width > 0.0 and is_outermost and settled.is_localized:
             return replace(settled, status=Status.AT_RIM)
         return settled
 
@@ -180,11 +187,44 @@ class MaximumConsensus:
 
     def _search(self, scan: Scan, point_map: PointMap, start: Pose, space: SearchSpace) -> Estimate:
         """Find the best cell of a space around a start, and judge it."""
+        if self.is_coarse_to_fine(space, point_map):
+            places = self.places(scan, point_map, start, space)
+            if places:
+                return replace(self._judge(places[0], scan, point_map), cell=None)
+        level, cells = self._cells(space, point_map)
         if self.search is SearchMethod.BRANCH_AND_BOUND and self._has_bounds:
-            best = self._by_bounds(scan.thinned(self.thinning), point_map, start, space)
+            best = self._by_bounds(scan.thinned(self.thinning), level, start, cells)
             if best is not None:
-                return self._judge(best, scan, point_map)
-        return self._conclude(self._accumulate(scan, point_map, start, space), scan, point_map)
+                return self._judge(best, scan, level)
+        return self._conclude(self._accumulate(scan, level, start, cells), scan, level)
+
+    def _cells(self, space: SearchSpace, point_map: PointMap) -> tuple[PointMap, SearchSpace]:
+        """The level of the map, and the cells, that a space is searched in; coarse to fine those that come first."""
+        if self.is_coarse_to_fine(space, point_map):
+            level = point_map.level(COARSE.factor)
+            return level, space.at(level.cell, COARSE.heading_step_deg)
+        cells = space.at(point_map.cell)
+        return level_of(point_map, cells), cells
+
+    def is_coarse_to_fine(self, space: SearchSpace, point_map: PointMap) -> bool:
+        """Whether a space is searched in a level of the map first: an open one of more than a few cells."""
+        is_open = space.is_open and self.search is SearchMethod.BRANCH_AND_BOUND
+        return is_open and space.at(point_map.cell).n_cells > FEW_CELLS
+
+    def places(self, scan: Scan, point_map: PointMap, start: Pose, space: SearchSpace) -> list[BestCell]:
+        """Places of an open space where a scan may have been taken, the best first: see `best_places`."""
+
+        def search(
+            scan: Scan, point_map: PointMap, prior: Pose, space: SearchSpace, *, share: float, lists_all: bool
+        ) -> Found:
+            return branch_and_bound(
+                scan, point_map, prior, space, self.objective, multiplicity=self.multiplicity,
+                weighting=self.weighting, share=share, lists_all=lists_all, guard_radius=self.trust.guard_radius,
+                n_threads=self.n_threads,
+            )  # fmt: skip
+
+        share = max(self.trust.largest_runner_up, LEAST_SHARE)
+        return best_places(search, scan.thinned(self.thinning), point_map, start, space, share)
 
     def _settle(
         self, found: Estimate, ground: GroundFit | None, start: Pose, scan: Scan, point_map: PointMap
@@ -205,20 +245,19 @@ class MaximumConsensus:
         What wins is examined in its turn; the same place needs less evidence then. Another place is the answer if it is
         localized; otherwise it is one more reason to doubt.
         """
-        half_width = math.floor(self.wider / point_map.cell + 1e-9) * point_map.cell
-        if half_width <= self.space.half_width:
+        if self.wider == 0.0:
             return doubted
         turn_deg = self.space.heading_half_width_deg
-        space = replace(
-            self.space.plane,
-            half_width=half_width,
+        space = SearchSpace(
+            half_width=max(self.wider, self.space.half_width),
             heading_half_width_deg=2.0 * turn_deg if turn_deg <= LARGEST_DOUBLED_DEG else turn_deg,
         )
         around = replace(doubted.pose, heading=start.heading)  # a wrong place has a wrong heading
         wide = self if self._has_bounds else replace(self, objective=Helmert())
-        best = wide._by_bounds(scan.thinned(self.thinning), point_map, around, space)
-        if best is None:
+        places = wide.places(scan, point_map, around, space)
+        if not places:
             return doubted
+        best = places[0]
         found = wide._judge(best, scan, point_map)
         found, ground = wide._on_ground(found, found.pose, scan, point_map)
         moved = math.hypot(found.pose.x - doubted.pose.x, found.pose.y - doubted.pose.y)
@@ -237,9 +276,15 @@ class MaximumConsensus:
         return isinstance(self.objective, BoundedByAxes | BoundedByCount)
 
     def accumulate(self, scan: Scan, point_map: PointMap, prior: Pose) -> Accumulator:
-        """Moments of every cell, of several heights of the best: what `conclude` decides on, and what plots show."""
+        """Moments of every cell, of several heights of the best: what `conclude` decides on, and what plots show.
+
+        Coarse to fine is searched in large cells first: of such a space these are meant.
+        """
         starts = self._starts(scan, point_map, prior)
-        found = [self._accumulate(scan, point_map, *each) for each in starts]
+        found = []
+        for start, space in starts:
+            level, cells = self._cells(space, point_map)
+            found.append(self._accumulate(scan, level, start, cells))
         return max(found, key=lambda each: each.score(self.objective).max()) if len(found) > 1 else found[0]
 
     def _accumulate(self, scan: Scan, point_map: PointMap, start: Pose, space: SearchSpace) -> Accumulator:
@@ -251,7 +296,7 @@ class MaximumConsensus:
 
     def conclude(self, accumulator: Accumulator, scan: Scan, point_map: PointMap) -> Estimate:
         """Take the best cell of an accumulator of this scan, and settle its pose: what `localize` answers."""
-        found = self._conclude(accumulator, scan, point_map)
+        found = self._conclude(accumulator, scan, level_of(point_map, accumulator.space))
         found, ground = self._on_ground(found, accumulator.prior, scan, point_map)
         return self._settle(found, ground, accumulator.prior, scan, point_map)
 

@@ -5,6 +5,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,10 +21,16 @@ MOST_STEPS = 100_000
 # Covariances come printed with some six digits: what they violate by less is rounding.
 ROUNDING = 1e-6
 
+GIVE_CELLS = "Give it cells: `space.at(point_map.cell)`."
+
+PAPER_CELL, PAPER_STEP_DEG = 0.06, 0.5
+"""The paper's cell edge, m, and its step between headings, degrees: also where nothing else has chosen one."""
+
 Cell = tuple[int, int, int]
 """(heading, y, x) indices of one cell; where heights are searched too, the number of its height goes beside it."""
 
 
+@lru_cache(maxsize=4096)
 def _n_steps(half_width: float, step: float, what: str, unit: str) -> int:
     """How many steps make the half width, which must be a whole number."""
     if not (math.isfinite(half_width) and math.isfinite(step) and step > 0.0 and half_width >= 0.0):
@@ -83,8 +90,13 @@ def _sigmas(covariance: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(sigmas, dtype=np.float64)
 
 
-def _rounded_up(reach: float, step: float, largest: float | None, rim: float = 0.0) -> float:
-    """Return the whole steps that hold `reach` and `rim` steps more, but no more than fit into `largest`."""
+def _rounded_up(reach: float, step: float | None, largest: float | None = None, rim: float = 0.0) -> float:
+    """Return the whole steps that hold `reach` and `rim` steps more, but no more than fit into `largest`.
+
+    Without a step, what is reached is not rounded.
+    """
+    if step is None:
+        return min(reach, math.inf if largest is None else largest)
     steps = reach / step + rim if reach > 0.0 else 0.0
     most = math.inf if largest is None else largest / step
     if min(steps, most) > MOST_STEPS:
@@ -96,7 +108,10 @@ def _rounded_up(reach: float, step: float, largest: float | None, rim: float = 0
 
 @dataclass(frozen=True, slots=True)
 class SearchSpace:
-    """A grid of headings and offsets around a prior; the default is the paper's.
+    """A grid of headings and offsets around a prior.
+
+    A cell and a heading step that are not given are the method's to choose: the space is open then, and has no cells
+    before it is given both, see `at`. Given ones are obeyed. `paper` is the paper's.
 
     Cell (h, iy, ix) stands for heading prior + headings[h] and offset (offsets[ix], offsets[iy]) in map
     axes. The offset (0, 0) and the heading 0 are cells. Offsets run from -half_width to
@@ -108,13 +123,15 @@ class SearchSpace:
     Parameters
     ----------
     half_width : float
-        Largest offset from the prior in x and in y, m; a multiple of `cell`.
-    cell : float
-        Cell edge e, m. The map must have the same.
-    heading_half_width_deg, heading_step_deg : float
-        Largest turn from the prior's heading, and the step between headings, degrees.
+        Largest offset from the prior in x and in y, m; a multiple of `cell`, if that is given.
+    cell : float, optional
+        Cell edge e, m: that of the map, or 2, 4, ... 32 times as much.
+    heading_half_width_deg : float
+        Largest turn from the prior's heading, degrees; a multiple of the step, if that is given.
+    heading_step_deg : float, optional
+        Step between headings, degrees.
     height_half_width : float
-        Largest offset from the prior in z, up and down, m; a multiple of `cell`.
+        Largest offset from the prior in z, up and down, m; a multiple of `cell`, if that is given.
 
     Raises
     ------
@@ -122,16 +139,76 @@ class SearchSpace:
         If a half width is not a multiple of its step, or a number is negative or not finite.
     """
 
-    half_width: float = 3.0
-    cell: float = 0.06
-    heading_half_width_deg: float = 2.0
-    heading_step_deg: float = 0.5
+    half_width: float = 12.0
+    cell: float | None = None
+    heading_half_width_deg: float = 10.0
+    heading_step_deg: float | None = None
     height_half_width: float = 0.0
 
     def __post_init__(self) -> None:
-        _n_steps(self.half_width, self.cell, "offsets", "m")
-        _n_steps(self.height_half_width, self.cell, "heights", "m")
-        _n_steps(self.heading_half_width_deg, self.heading_step_deg, "headings", "degrees")
+        for half_width, step, what, unit in (
+            (self.half_width, self.cell, "offsets", "m"),
+            (self.height_half_width, self.cell, "heights", "m"),
+            (self.heading_half_width_deg, self.heading_step_deg, "headings", "degrees"),
+        ):
+            if step is not None:
+                _n_steps(half_width, step, what, unit)
+            elif not 0.0 <= half_width < math.inf:
+                raise SearchSpaceError(f"Expected a half width >= 0 for the {what}, got {half_width} {unit}.")
+
+    @classmethod
+    def paper(cls) -> "SearchSpace":
+        """Return the paper's: 3 m in cells of 0.06 m, and 2 degrees in steps of 0.5 degrees."""
+        return cls(3.0, PAPER_CELL, 2.0, PAPER_STEP_DEG)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether cell and heading step are the method's to choose."""
+        return self.cell is None and self.heading_step_deg is None
+
+    def at(self, cell: float, heading_step_deg: float = PAPER_STEP_DEG) -> "SearchSpace":
+        """Return the space with a cell edge, m, and a heading step, degrees, where it has none yet.
+
+        Half widths are rounded up to what these make.
+        """
+        space = self
+        if space.cell is None:
+            space = replace(
+                space,
+                half_width=_rounded_up(space.half_width, cell),
+                cell=cell,
+                height_half_width=_rounded_up(space.height_half_width, cell),
+            )
+        if space.heading_step_deg is None:
+            turn_deg = _rounded_up(space.heading_half_width_deg, heading_step_deg)
+            space = replace(space, heading_half_width_deg=turn_deg, heading_step_deg=heading_step_deg)
+        return space
+
+    @property
+    def cell_edge(self) -> float:
+        """Cell edge e, m, of a space that is not open.
+
+        Raises
+        ------
+        SearchSpaceError
+            If it is.
+        """
+        if self.cell is None:
+            raise SearchSpaceError(f"Expected a search space with a cell, got {self}. {GIVE_CELLS}")
+        return self.cell
+
+    @property
+    def step_deg(self) -> float:
+        """Step between headings, degrees, of a space that is not open.
+
+        Raises
+        ------
+        SearchSpaceError
+            If it is.
+        """
+        if self.heading_step_deg is None:
+            raise SearchSpaceError(f"Expected a search space with a heading step, got {self}. {GIVE_CELLS}")
+        return self.heading_step_deg
 
     @classmethod
     def from_covariance(
@@ -139,8 +216,8 @@ class SearchSpace:
         covariance: ArrayLike,
         *,
         k: float = 3.0,
-        cell: float = 0.06,
-        heading_step_deg: float = 0.5,
+        cell: float | None = None,
+        heading_step_deg: float | None = None,
         largest_half_width: float | None = None,
         largest_heading_half_width_deg: float | None = None,
     ) -> "SearchSpace":
@@ -153,10 +230,10 @@ class SearchSpace:
             variance of the two, as the window is a square; how they are correlated does not matter.
         k : float
             Half widths in standard deviations, > 0.
-        cell : float
-            Cell edge e, m. The map must have the same.
-        heading_step_deg : float
-            Step between headings, degrees.
+        cell : float, optional
+            Cell edge e, m; the method's to choose if not given.
+        heading_step_deg : float, optional
+            Step between headings, degrees; the method's to choose if not given.
         largest_half_width, largest_heading_half_width_deg : float, optional
             The space is cut to these, m and degrees: poses beyond are not searched then.
 
@@ -168,12 +245,14 @@ class SearchSpace:
 
         Notes
         -----
-        Half widths are rounded up to whole cells and steps. As the last column stands one cell before the half
-        width, that is at least k sigma and half a cell: every pose within k sigma lies within half a cell of one that
-        is tried. A variance of 0 gives one cell, or one heading; headings reach 180 degrees at most.
+        Half widths are rounded up to whole cells and steps, where those are given. As the last column stands one cell
+        before the half width, that is at least k sigma and half a cell: every pose within k sigma lies within half a
+        cell of one that is tried. A variance of 0 gives one cell, or one heading; headings reach 180 degrees at most.
         """
-        _n_steps(0.0, cell, "offsets", "m")
-        _n_steps(0.0, heading_step_deg, "headings", "degrees")
+        if cell is not None:
+            _n_steps(0.0, cell, "offsets", "m")
+        if heading_step_deg is not None:
+            _n_steps(0.0, heading_step_deg, "headings", "degrees")
         if not 0.0 < k < math.inf:
             raise SearchSpaceError(f"Expected `k` > 0 standard deviations, got {k}. The default is 3.")
         for name, largest in (
@@ -194,8 +273,8 @@ class SearchSpace:
     @property
     def shape(self) -> tuple[int, int, int]:
         """(headings, ny, nx): how many cells along each axis, at one height."""
-        n_offsets = max(1, 2 * _n_steps(self.half_width, self.cell, "offsets", "m"))
-        n_turns = _n_steps(self.heading_half_width_deg, self.heading_step_deg, "headings", "degrees")
+        n_offsets = max(1, 2 * _n_steps(self.half_width, self.cell_edge, "offsets", "m"))
+        n_turns = _n_steps(self.heading_half_width_deg, self.step_deg, "headings", "degrees")
         return 2 * n_turns + 1, n_offsets, n_offsets
 
     @property
@@ -206,13 +285,13 @@ class SearchSpace:
     @property
     def n_heights(self) -> int:
         """How many heights there are."""
-        return 2 * _n_steps(self.height_half_width, self.cell, "heights", "m") + 1
+        return 2 * _n_steps(self.height_half_width, self.cell_edge, "heights", "m") + 1
 
     @property
     def heights(self) -> NDArray[np.float64]:
         """What each height lies above the prior, shape (n_heights,), m."""
         n_heights = self.n_heights
-        return np.asarray((np.arange(n_heights) - n_heights // 2) * self.cell, dtype=np.float64)
+        return np.asarray((np.arange(n_heights) - n_heights // 2) * self.cell_edge, dtype=np.float64)
 
     @property
     def plane(self) -> "SearchSpace":
@@ -231,19 +310,19 @@ class SearchSpace:
     def offsets(self) -> NDArray[np.float64]:
         """Offset of each column (and of each row) from the prior, shape (nx,), m."""
         n_offsets = self.shape[2]
-        return np.asarray((np.arange(n_offsets) - n_offsets // 2) * self.cell, dtype=np.float64)
+        return np.asarray((np.arange(n_offsets) - n_offsets // 2) * self.cell_edge, dtype=np.float64)
 
     @property
     def headings(self) -> NDArray[np.float64]:
         """Turn of each heading from the prior's, shape (headings,), rad."""
         n_headings = self.shape[0]
-        turns_deg = (np.arange(n_headings) - n_headings // 2) * self.heading_step_deg
+        turns_deg = (np.arange(n_headings) - n_headings // 2) * self.step_deg
         return np.asarray(np.radians(turns_deg), dtype=np.float64)
 
     @property
     def reach(self) -> float:
         """Farthest a cell can lie from the prior, along x or y, m."""
-        return self.shape[2] // 2 * self.cell
+        return self.shape[2] // 2 * self.cell_edge
 
     def pose(self, cell: Cell, prior: Pose) -> Pose:
         """Return the pose that `cell` stands for; z, roll and pitch are the prior's (see `raised`)."""
@@ -262,9 +341,9 @@ class SearchSpace:
         """Return the cell whose pose is nearest to `pose`, clipped to the space."""
         n_headings, ny, nx = self.shape
         turn = wrap_angle(pose.heading - prior.heading)
-        heading = round(math.degrees(turn) / self.heading_step_deg) + n_headings // 2
-        iy = round((pose.y - prior.y) / self.cell) + ny // 2
-        ix = round((pose.x - prior.x) / self.cell) + nx // 2
+        heading = round(math.degrees(turn) / self.step_deg) + n_headings // 2
+        iy = round((pose.y - prior.y) / self.cell_edge) + ny // 2
+        ix = round((pose.x - prior.x) / self.cell_edge) + nx // 2
         return (
             min(max(heading, 0), n_headings - 1),
             min(max(iy, 0), ny - 1),
@@ -275,3 +354,8 @@ class SearchSpace:
         """Whether `cell` lies in the outermost rows or columns of offsets (where there are others)."""
         _, ny, nx = self.shape
         return (ny > 2 and cell[1] in (0, ny - 1)) or (nx > 2 and cell[2] in (0, nx - 1))
+
+    def is_outermost(self, heading: int) -> bool:
+        """Whether a heading, by number, is the first or the last of several."""
+        n_headings = self.shape[0]
+        return n_headings > 1 and heading in (0, n_headings - 1)

@@ -30,7 +30,7 @@ from maxcon.search_space import SearchSpace
 __all__ = ["OBJECTIVES", "SPACE", "Compiled", "options_of_the_method", "search_room", "warm_up"]
 
 PRIOR = Pose(0.02, -0.03, 0.0, 0.0, 0.0, 0.0)
-SPACE = SearchSpace(half_width=0.24, heading_half_width_deg=0.5)
+SPACE = SearchSpace(0.24, 0.06, 0.5, 0.5)
 OBJECTIVES: tuple[Objective, ...] = (Helmert(), Count(), MaxEigenvalue())
 # A tile of the map with a single point: arrays of one row are of another memory layout, and so of another type.
 LONELY = np.array([[40.0, 0.0, 0.0]])
@@ -135,7 +135,9 @@ def _build(folder: Path) -> None:
 def search_room(methods: Iterable[MaximumConsensus], *, is_signed: bool = True) -> None:
     """Let methods with the space `SPACE` localize a scan of the room in a map in memory."""
     points, normals = _room()
-    _search(PointMap.from_points(points, normals, SPACE.cell, is_signed=is_signed, ground=_floor()), methods)
+    _search(
+        PointMap.from_points(points, normals, SPACE.cell_edge, is_signed=is_signed, ground=_floor()), methods
+    )
 
 
 def _search_in_memory() -> None:

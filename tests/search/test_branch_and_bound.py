@@ -97,8 +97,9 @@ SEEDS = st.integers(0, 2**32)
     guard_radius=st.sampled_from([0.0, 0.3, 1.0]),
     is_guarded=st.booleans(),
     n_threads=st.sampled_from([1, 2]),
+    factor=st.sampled_from([1, 1, 2, 8]),
 )
-@settings(max_examples=200)
+@settings(max_examples=250)
 def test_it_finds_what_the_exhaustive_search_finds(
     seed,
     objective,
@@ -111,9 +112,11 @@ def test_it_finds_what_the_exhaustive_search_finds(
     guard_radius,
     is_guarded,
     n_threads,
+    factor,
 ):
-    space = SearchSpace(n_steps * CELL, CELL, *turns)
+    space = SearchSpace(n_steps * CELL * factor, CELL * factor, *turns)
     scan, point_map, prior = street(seed, space, is_signed=is_signed)
+    point_map = point_map.level(factor)
     rng = np.random.default_rng(seed)
     guarded = tuple(int(rng.integers(n)) for n in space.shape) if is_guarded else None
     options = {"multiplicity": multiplicity, "weighting": weighting}
@@ -334,7 +337,7 @@ def test_refusals():
     space = SearchSpace(0.8, CELL, 1.0, 0.5)
     scan, point_map, prior = street(3, space)
     with pytest.raises(SearchSpaceError, match=r"voxel edge, 0\.1 m, got 0\.06 m"):
-        branch_and_bound(scan, point_map, prior, SearchSpace(), Helmert())
+        branch_and_bound(scan, point_map, prior, SearchSpace.paper(), Helmert())
     for options in (
         {"share": 0.0}, {"share": 1.5}, {"guard_radius": -1.0}, {"guard_radius": np.inf}, {"n_threads": 0}
     ):  # fmt: skip

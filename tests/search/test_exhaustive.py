@@ -127,15 +127,17 @@ def test_it_equals_the_definition(
     weighting=st.sampled_from(["cosine", "published", "one"]),
     is_signed=st.booleans(),
     n_threads=st.integers(1, 4),
+    factor=st.sampled_from([1, 1, 4, 32]),
 )
-@settings(max_examples=40)
+@settings(max_examples=50)
 def test_it_equals_the_votes_of_wider_windows(
-    seed, n_scan, n_map, cell, n_steps, spread, corner, multiplicity, weighting, is_signed, n_threads
+    seed, n_scan, n_map, cell, n_steps, spread, corner, multiplicity, weighting, is_signed, n_threads, factor
 ):
-    space = SearchSpace(n_steps * cell, cell, 1.0, 1.0)
+    space = SearchSpace(n_steps * cell * factor, cell * factor, 1.0, 1.0)
     scan, point_map, prior = random_scene(
         seed, n_scan, n_map, cell, space, corner=corner, is_signed=is_signed, spread=spread
     )
+    point_map = point_map.level(factor)
     options = {"multiplicity": multiplicity, "weighting": weighting}
     accumulator = exhaustive(scan, point_map, prior, space, **options, n_threads=n_threads)
     moments = by_votes(scan, point_map, prior, space, **options)
@@ -395,7 +397,7 @@ def test_the_consensus_set_of_a_cell_is_what_its_count_counts(seed, n_scan, n_ma
 
 @pytest.mark.parametrize("half_width", [600.0, 60_000.0, 60_000_000.0])
 def test_a_space_too_large_is_refused_before_memory_is_asked_for(half_width):
-    scan, point_map, prior = random_scene(0, 5, 5, 0.06, SearchSpace())
+    scan, point_map, prior = random_scene(0, 5, 5, 0.06, SearchSpace.paper())
     with pytest.raises(
         SearchSpaceError, match=r"at most (67,108,864|100,000) cells .* got .*\. Narrow the search space"
     ):
@@ -403,7 +405,7 @@ def test_a_space_too_large_is_refused_before_memory_is_asked_for(half_width):
 
 
 def test_another_cell_edge_is_refused():
-    scan, point_map, prior = random_scene(0, 5, 5, 0.06, SearchSpace())
+    scan, point_map, prior = random_scene(0, 5, 5, 0.06, SearchSpace.paper())
     message = (
         r"the map's voxel edge, 0\.06 m, got 0\.05 m\. Build the map with that cell, or search with the map's"
     )
@@ -415,15 +417,15 @@ def test_another_cell_edge_is_refused():
 
 
 def test_other_options_are_refused():
-    scan, point_map, prior = random_scene(0, 5, 5, 0.06, SearchSpace())
+    scan, point_map, prior = random_scene(0, 5, 5, 0.06, SearchSpace.paper())
     with pytest.raises(OptionError, match="'occupied' or 'points', got 'all'"):
-        exhaustive(scan, point_map, prior, SearchSpace(), multiplicity="all")
+        exhaustive(scan, point_map, prior, SearchSpace.paper(), multiplicity="all")
     with pytest.raises(
         OptionError, match="Expected `weighting` to be 'cosine', 'published' or 'one', got 'two'"
     ):
-        exhaustive(scan, point_map, prior, SearchSpace(), weighting="two")
+        exhaustive(scan, point_map, prior, SearchSpace.paper(), weighting="two")
     with pytest.raises(OptionError, match="Expected `n_threads` to be 1 or more, got 0"):
-        exhaustive(scan, point_map, prior, SearchSpace(), n_threads=0)
+        exhaustive(scan, point_map, prior, SearchSpace.paper(), n_threads=0)
 
 
 def test_beyond_the_reach_of_indices_both_searches_refuse():

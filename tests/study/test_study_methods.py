@@ -18,14 +18,14 @@ from maxcon.study.table import table_schema
 
 
 def test_every_set_is_of_known_methods():
-    known = known_methods(SearchSpace())
+    known = known_methods(SearchSpace.paper())
     for names in METHOD_SETS.values():
         assert set(names) <= set(known)
     assert {method.map_name for method in known.values()} <= set(MAP_VARIANTS)
 
 
 def test_methods_search_in_the_cells_of_their_map():
-    for method in known_methods(SearchSpace()).values():
+    for method in known_methods(SearchSpace.paper()).values():
         space = getattr(method.method, "space", None)
         if space is not None:
             assert space.cell == MAP_VARIANTS[method.map_name].cell
@@ -33,24 +33,24 @@ def test_methods_search_in_the_cells_of_their_map():
 
 
 def test_methods_travel_to_other_processes():
-    for method in known_methods(SearchSpace()).values():
+    for method in known_methods(SearchSpace.paper()).values():
         assert describe(pickle.loads(pickle.dumps(method))) == describe(method)
 
 
 def test_names_and_sets_mix():
-    chosen = choose_methods(["helmert-occupied", "weights"], SearchSpace())
+    chosen = choose_methods(["helmert-occupied", "weights"], SearchSpace.paper())
     assert [method.name for method in chosen] == [
         "helmert-occupied", "helmert-points", "helmert-points-unweighted", "helmert-occupied-published",
         "helmert-occupied-unweighted",
     ]  # fmt: skip
     with pytest.raises(OptionError, match=r"got 'helmet'\. Did you mean"):
-        choose_methods(["helmet"], SearchSpace())
+        choose_methods(["helmet"], SearchSpace.paper())
     with pytest.raises(OptionError, match="at least one method"):
-        choose_methods([], SearchSpace())
+        choose_methods([], SearchSpace.paper())
 
 
 def test_a_description_tells_methods_apart():
-    known = known_methods(SearchSpace())
+    known = known_methods(SearchSpace.paper())
     assert describe(known["helmert-points"].method)["objective"] == {"class": "Helmert"}
     assert describe(known["helmert-points"].method)["multiplicity"] == "points"
     assert describe(known["icp-plane-1m"].method)["gate"] == 1.0

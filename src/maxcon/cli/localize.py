@@ -12,7 +12,7 @@ import typer
 from maxcon.cli.compiling import compiling_told
 from maxcon.cli.drive_summary import print_summary
 from maxcon.cli.method_options import MultiplicityName, ObjectiveName, SearchName, WeightingName
-from maxcon.cli.options import HeadingStepDeg, MaxRange, MinRange
+from maxcon.cli.options import MaxRange, MinRange
 from maxcon.cli.pictures import drawer, parse_epochs
 from maxcon.cli.progress import progress_bar
 from maxcon.cli.search_space import chosen_space
@@ -75,11 +75,11 @@ def localize(
     ] = 0.01,
     half_width: Annotated[
         float | None,
-        typer.Option(metavar="M", help="Largest offset from the prior in x and y, m; 3 if not given."),
+        typer.Option(metavar="M", help="Largest offset from the prior in x and y, m; 12 if not given."),
     ] = None,
     heading_half_width_deg: Annotated[
         float | None,
-        typer.Option(metavar="DEG", help="Largest turn from the prior's heading, degrees; 2 if not given."),
+        typer.Option(metavar="DEG", help="Largest turn from the prior's heading, degrees; 10 if not given."),
     ] = None,
     height_half_width: Annotated[
         float | None,
@@ -100,7 +100,18 @@ def localize(
         float | None,
         typer.Option(metavar="K", help="How many standard deviations to search; 3 if not given."),
     ] = None,
-    heading_step_deg: HeadingStepDeg = 0.5,
+    cell: Annotated[
+        float | None,
+        typer.Option(
+            metavar="M",
+            help="Search in cells of this edge alone, m: the map's, or 2, 4, ... 32 times it. If neither this nor a"
+            " heading step is given, coarse to fine.",
+        ),
+    ] = None,
+    heading_step_deg: Annotated[
+        float | None,
+        typer.Option(metavar="DEG", help="Step between headings, degrees; 0.5 beside --cell, if not given."),
+    ] = None,
     min_range: MinRange = 1.0,
     max_range: MaxRange = 120.0,
     max_gap: Annotated[
@@ -172,7 +183,7 @@ def localize(
     folder = open_scans(scans, times)
     prior_trajectory = read_trajectory(prior)
     space = chosen_space(
-        point_map.cell, heading_step_deg, half_width=half_width, heading_half_width_deg=heading_half_width_deg,
+        cell, heading_step_deg, half_width=half_width, heading_half_width_deg=heading_half_width_deg,
         sigma_position=sigma_position, sigma_heading_deg=sigma_heading_deg, sigmas=sigmas,
         height_half_width=height_half_width,
     )  # fmt: skip

@@ -16,8 +16,8 @@ SIGMAS = 3.0
 
 
 def chosen_space(
-    cell: float,
-    heading_step_deg: float,
+    cell: float | None,
+    heading_step_deg: float | None,
     *,
     half_width: float | None,
     heading_half_width_deg: float | None,

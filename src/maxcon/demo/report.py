@@ -224,7 +224,10 @@ def _facts(drive: DemoDrive, results: Sequence[MethodResult]) -> tuple[tuple[str
     n_headings, ny, nx = space.shape
     n_tiles = len(drive.point_map.tile_keys)
     return (
-        ("Map", f"{len(drive.dataset.map_clouds)} LAZ clouds, {n_tiles} tiles of voxels of {space.cell:g} m"),
+        (
+            "Map",
+            f"{len(drive.dataset.map_clouds)} LAZ clouds, {n_tiles} tiles of voxels of {space.cell_edge:g} m",
+        ),
         (
             "Search",
             f"{n_headings} headings x {ny} x {nx} cells: {space.n_cells:,} poses per epoch, none left out",

@@ -22,6 +22,7 @@ from maxcon.poses_table import write_poses
 from maxcon.progress import Progress
 from maxcon.report.figure import check_matplotlib
 from maxcon.report.html import check_jinja2
+from maxcon.search_space import SearchSpace
 from maxcon.simulation import simulate
 from maxcon.simulation.ray_caster import check_embreex
 from maxcon.trajectory import Trajectory
@@ -58,17 +59,21 @@ class DemoMethod:
     method: MaximumConsensus
 
 
+PAPER = SearchSpace.paper()
+
 DEMO_METHODS = (
     DemoMethod(
-        "Count, every map point", "count-points", MaximumConsensus(objective=Count(), multiplicity="points")
+        "Count, every map point",
+        "count-points",
+        MaximumConsensus(PAPER, objective=Count(), multiplicity="points"),
     ),
     DemoMethod(
         "Helmert, every map point",
         "helmert-points",
-        MaximumConsensus(objective=Helmert(), multiplicity="points"),
+        MaximumConsensus(PAPER, objective=Helmert(), multiplicity="points"),
     ),
-    DemoMethod("Count, a voxel once", "count-occupied", MaximumConsensus(objective=Count())),
-    DemoMethod("Helmert, a voxel once", "helmert-occupied", MaximumConsensus(objective=Helmert())),
+    DemoMethod("Count, a voxel once", "count-occupied", MaximumConsensus(PAPER, objective=Count())),
+    DemoMethod("Helmert, a voxel once", "helmert-occupied", MaximumConsensus(PAPER, objective=Helmert())),
 )
 
 

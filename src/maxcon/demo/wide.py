@@ -22,7 +22,7 @@ __all__ = ["WIDE_LEVELS", "WideResult", "try_wide_priors"]
 WIDE_LEVELS = (prior_level(3.0, 2.0), prior_level(6.0, 5.0), prior_level(12.0, 10.0))
 GROUND_MAP, TABLE = "city-with-ground.map", "prior-error.csv"
 MOST_EPOCHS = 8
-"""A search 24 m wide takes half a second: of a longer drive some epochs are shown."""
+"""Registration from many starts takes its time: of a longer drive some epochs are shown."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -106,7 +106,7 @@ def distinctness(
     if scores[peak] == 0.0:
         return Distinctness(math.nan, math.nan, math.nan, math.nan)
     offsets, along = significant_ray(accumulator, scores, peak)
-    places, shares = offsets / space.cell, along / along.sum()
+    places, shares = offsets / space.cell_edge, along / along.sum()
     return Distinctness(
         peak_ratio=runner_up_ratio(scores, peak, space, guard_radius),
         kurtosis=_kurtosis(places, shares),
@@ -153,7 +153,7 @@ def significant_ray(
     steps = np.arange(-(nx + ny), nx + ny + 1)
     x, y = _snapped(ix + steps * x_step), _snapped(iy + steps * y_step)
     is_inside = (x >= 0.0) & (x <= nx - 1) & (y >= 0.0) & (y <= ny - 1)
-    return steps[is_inside] * accumulator.space.cell, _interpolated(
+    return steps[is_inside] * accumulator.space.cell_edge, _interpolated(
         scores[heading], x[is_inside], y[is_inside]
     )
 
@@ -228,4 +228,4 @@ def _divergence(places: NDArray[np.float64], shares: NDArray[np.float64]) -> flo
 def _spread(scores: Scores, peak: Cell, space: SearchSpace) -> float:
     """Largest horizontal distance from the peak to a cell reaching 90 % of it, m."""
     _, iy, ix = np.nonzero(scores >= SPREAD_SHARE * scores[peak])
-    return float(np.hypot(iy - peak[1], ix - peak[2]).max()) * space.cell
+    return float(np.hypot(iy - peak[1], ix - peak[2]).max()) * space.cell_edge

@@ -123,7 +123,7 @@ def _best_offset(view: SearchSpaceView) -> tuple[float, float]:
 def _highest_in_section(view: SearchSpaceView, heading: int, half_width: float) -> float:
     """Return the highest score of a heading among cells at most `half_width` from the best, in x and in y."""
     _, iy, ix = view.best
-    n_cells = math.floor(half_width / view.space.cell + 1e-6)
+    n_cells = math.floor(half_width / view.space.cell_edge + 1e-6)
     rows = slice(max(0, iy - n_cells), iy + n_cells + 1)
     columns = slice(max(0, ix - n_cells), ix + n_cells + 1)
     return float(np.max(view.scores[heading, rows, columns]))

@@ -126,7 +126,7 @@ def _draw_points(axes: "Axes", scene: Scene) -> list["Artist"]:
     is_matched = scene.is_matched
     points = scene.prior.apply(scene.scan.points[scene.is_drawn])
     sets = [("scan at the prior", PRIOR_COLOR, points, 1.3)]
-    if scene.has_answer and scene.estimate.cell is not None:
+    if scene.has_answer:
         points = scene.estimate.pose.apply(scene.scan.points[is_matched])
         sets.append((f"consensus set ({is_matched.sum():,} points)", CONSENSUS_COLOR, points, 2.0))
     handles: list[Artist] = [Patch(facecolor="#a9a9a9", label="map (darker: taller)")]
@@ -150,9 +150,9 @@ def _draw_space(axes: "Axes", view: SearchSpaceView, is_localized: bool, is_this
     ny, nx = blocks.shape
     covered = Window(
         ground.west,
-        ground.west + nx * edge * space.cell,
+        ground.west + nx * edge * space.cell_edge,
         ground.south,
-        ground.south + ny * edge * space.cell,
+        ground.south + ny * edge * space.cell_edge,
     )
     draw_scores(axes, blocks, covered, PowerNorm(COLOR_POWER, *view.limits), zorder=5.0)
     color, line_width = _frame(is_this)

@@ -32,6 +32,7 @@ STANDING_NORMAL = 0.5
 ABOVE_GROUND = 0.4
 # Farther points are few, and would make the street too small to see the search space in it.
 MOST_HALF_WIDTH, LEAST_HALF_WIDTH = 45.0, 5.0
+ONE_CELL = SearchSpace(half_width=0.0, heading_half_width_deg=0.0)
 
 
 @dataclass(frozen=True)
@@ -68,10 +69,10 @@ class Scene:
 
     @property
     def is_matched(self) -> NDArray[np.bool_]:
-        """Whether each scan point belongs to the consensus set of the best cell, if any, shape (n,)."""
-        if self.estimate.cell is None:
+        """Whether each scan point falls in a voxel of the map at the answer, if there is one, shape (n,)."""
+        if not self.has_answer:
             return np.zeros(len(self.scan), bool)
-        return consensus_set(self.scan, self.point_map, self.prior, self.space, self.estimate.cell)
+        return consensus_set(self.scan, self.point_map, self.estimate.pose, ONE_CELL, (0, 0, 0))
 
     @property
     def is_drawn(self) -> NDArray[np.bool_]:

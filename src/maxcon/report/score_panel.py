@@ -23,7 +23,10 @@ __all__ = ["draw_scores", "ground_of", "offset_words", "put_mark", "scale_words"
 
 def ground_of(space: SearchSpace, x: float, y: float) -> Window:
     """Return the ground that the cells of a heading cover, where (x, y) is the place of the prior, m."""
-    low, high = float(space.offsets[0]) - 0.5 * space.cell, float(space.offsets[-1]) + 0.5 * space.cell
+    low, high = (
+        float(space.offsets[0]) - 0.5 * space.cell_edge,
+        float(space.offsets[-1]) + 0.5 * space.cell_edge,
+    )
     return Window(x + low, x + high, y + low, y + high)
 
 

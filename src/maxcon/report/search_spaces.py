@@ -112,7 +112,7 @@ def draw_heading(
 ) -> "AxesImage":
     """Draw the cells of one heading, with the best cell if it is here and the reference if given."""
     space = view.space
-    offsets, half = space.offsets, 0.5 * space.cell
+    offsets, half = space.offsets, 0.5 * space.cell_edge
     low, high = float(offsets[0]) - half, float(offsets[-1]) + half
     image = axes.imshow(
         np.ma.masked_invalid(view.scores[heading]),

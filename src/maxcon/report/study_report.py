@@ -85,7 +85,7 @@ def report_study(
     scenes = open_scenes(study, dataset, prior, notes)
     drawn, pictures = draw_pictures(folder, scenes, methods, notes, report)
     certainty = certainty_of(folder, by_prior, prior, study.configuration.methods)
-    space = space_of(study.configuration.methods, HELMERT) or SearchSpace()
+    space = space_of(study.configuration.methods, HELMERT) or SearchSpace.paper()
     numbers = {name: [statistics(rows) for rows in methods.values()] for name, methods in by_prior.items()}
     write_study_page(
         page,
@@ -93,7 +93,7 @@ def report_study(
             title=f"maxcon study: {_name(study)}",
             headline=_headline(methods, prior),
             facts=_facts(study, methods),
-            claims=tuple(paper_claims(methods, space.cell, by_prior.get(REFERENCE))),
+            claims=tuple(paper_claims(methods, space.cell_edge, by_prior.get(REFERENCE))),
             tables=tuple(table for name, found in numbers.items() for table in method_tables(name, found)),
             scenes=tuple(drawn),
             statistics=tuple(pictures),
@@ -145,7 +145,7 @@ def _cautions(study: Study, methods: dict[str, MethodRows]) -> list[str]:
 def _headline(methods: dict[str, MethodRows], prior: str) -> str:
     """Say in a sentence or two what came out."""
     known = (MAXCON, HELMERT, COUNT, "helmert-occupied", "icp-plane-1m", "icp-plane-3m", "gicp-3m")
-    own = [name for name in methods if name not in known_methods(SearchSpace())]
+    own = [name for name in methods if name not in known_methods(SearchSpace.paper())]
     names = [*own, *(name for name in known if name in methods)] or list(methods)[:6]
     found = [statistics(methods[name]) for name in names]
     words = "; ".join(f"{method.method} {method.n_success:,} of {method.n_epochs:,}" for method in found)

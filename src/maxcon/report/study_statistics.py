@@ -74,7 +74,7 @@ def draw_statistics(
 
 def own_methods(methods: Mapping[str, MethodRows]) -> list[str]:
     """Names of the methods that are the user's own."""
-    known = known_methods(SearchSpace())
+    known = known_methods(SearchSpace.paper())
     return [name for name in methods if name not in known]
 
 

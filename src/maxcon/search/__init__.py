@@ -7,7 +7,7 @@ from maxcon.search.branch_and_bound import Found, branch_and_bound
 from maxcon.search.consensus import consensus_set
 from maxcon.search.exhaustive import exhaustive
 from maxcon.search.heights import accumulators, highest_of
-from maxcon.search.matching import Multiplicity, SearchMethod, Weighting
+from maxcon.search.matching import Multiplicity, SearchMethod, Weighting, level_of
 
 __all__ = [
     "Found",
@@ -19,5 +19,6 @@ __all__ = [
     "consensus_set",
     "exhaustive",
     "highest_of",
+    "level_of",
     "reference",
 ]

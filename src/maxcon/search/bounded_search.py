@@ -3,7 +3,7 @@
 """BoundedSearch: in which order cells are bounded, bounded again and scored, until the best one is proved."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import cast
 
 import numpy as np
@@ -63,6 +63,9 @@ class Found:
         Cells whose moments were computed, a few of them twice; all others were only bounded.
     height : int
         Number of the height of the best cell, see `SearchSpace.raised`; at others nothing is proved of the rest.
+    reaching : Candidates
+        If asked for: every cell that reaches the asked share of the best score, at the height of the best cell, and
+        what it scores. A few may be there twice.
     """
 
     cell: Cell
@@ -72,6 +75,7 @@ class Found:
     rest: float
     n_scored: int
     height: int = 0
+    reaching: Candidates = field(default_factory=Candidates.none)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +104,8 @@ class BoundedSearch:
         Headings are shared out among that many threads.
     standing : Standing, optional
         What a cell must score at least. If none does, some cell is found, or none, with a score of minus infinity.
+    lists_all : bool
+        Whether all cells are scored that may reach that, not only the best one and the runner-up.
     highest_left_out : float
         Most that cells can score which were left out so far.
     """
@@ -110,6 +116,7 @@ class BoundedSearch:
     scores: CellScores
     n_threads: int
     standing: Standing | None = None
+    lists_all: bool = False
     highest_left_out: float = 0.0
 
     def run(self) -> Found:
@@ -143,7 +150,8 @@ class BoundedSearch:
             return Found(scores.cell, -math.inf, np.zeros(4), self._best, rest, 0)
         _, moments = scores.scored[scores.cell]
         n_scored = len(scores.scored) + scores.n_in_windows
-        return Found(scores.cell, scores.best, moments.copy(), scores.best, rest, n_scored)
+        reaching = scores.reaching(self._asked) if self.lists_all else Candidates.none()
+        return Found(scores.cell, scores.best, moments.copy(), scores.best, rest, n_scored, reaching=reaching)
 
     @property
     def _asked(self) -> float:
@@ -284,6 +292,11 @@ class BoundedSearch:
             self.scores.score(candidates.cells[place : place + AT_ONCE])
             place += AT_ONCE
         others = candidates[place:]
+        if self.lists_all:
+            is_asked = others.upper >= self._asked
+            self.scores.score(others.cells[is_asked])
+            self._leave_out(others.upper[~is_asked])
+            return
         others = others[self.scores.is_beyond(others.cells)]
         place, runner_up = 0, self.scores.runner_up()
         while place < len(others) and others.upper[place] >= max(self._asked, runner_up):

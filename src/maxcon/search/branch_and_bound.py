@@ -6,6 +6,8 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
+
 from maxcon.accumulator import highest
 from maxcon.errors import OptionError
 from maxcon.geometry import Pose
@@ -15,11 +17,11 @@ from maxcon.point_map import PointMap
 from maxcon.scan import Scan
 from maxcon.search.bounded_search import BoundedSearch, Found, Standing
 from maxcon.search.bounds import Bounds
-from maxcon.search.cell_scores import CellScores
+from maxcon.search.cell_scores import Candidates, CellScores
 from maxcon.search.exhaustive import exhaustive
 from maxcon.search.field import Field
 from maxcon.search.heights import outwards
-from maxcon.search.matching import Multiplicity, Weighting, check_cell_edge, check_threads
+from maxcon.search.matching import Multiplicity, Weighting, cells_of, check_threads
 from maxcon.search_space import Cell, SearchSpace
 
 __all__ = ["Found", "branch_and_bound"]
@@ -37,6 +39,7 @@ def branch_and_bound(
     share: float = 1.0,
     guard_radius: float = 0.3,
     guarded: Cell | None = None,
+    lists_all: bool = False,
     n_threads: int = 1,
 ) -> Found:
     """Find the best cell of a search space: the same as that of the exhaustive search, its score and moments too.
@@ -72,6 +75,8 @@ def branch_and_bound(
     guarded : tuple of 3 int, optional
         The cell that it lies far from, and whose score it is compared with, if not the best one: that of another
         objective, at the height of the best cell.
+    lists_all : bool
+        Whether every cell that reaches the share is found, not only the best one and the runner-up.
     n_threads : int
         Headings are shared out among that many threads; the result does not depend on it (D8).
 
@@ -89,7 +94,7 @@ def branch_and_bound(
     ArrayError
         If the prior lies so far out that voxels have no index there.
     """
-    check_cell_edge(space, point_map)
+    space = cells_of(space, point_map)
     multiplicity, weighting = Multiplicity.parse(multiplicity), Weighting.parse(weighting)
     if not 0.0 < share <= 1.0:
         raise OptionError(
@@ -103,7 +108,7 @@ def branch_and_bound(
         raised = space.raised(prior, height)
         found = _at_one_height(
             scan, point_map, raised, space.plane, objective, multiplicity, weighting, share, guard_radius, guarded,
-            n_threads, standing,
+            lists_all, n_threads, standing,
         )  # fmt: skip
         return replace(found, height=height)
 
@@ -146,6 +151,7 @@ def _at_one_height(
     share: float,
     guard_radius: float,
     guarded: Cell | None,
+    lists_all: bool,
     n_threads: int,
     standing: Standing | None,
 ) -> Found:
@@ -155,7 +161,7 @@ def _at_one_height(
         searched = Field.prepare(scan, point_map, prior, space, multiplicity, weighting)
         bounds = Bounds.of(searched if is_count else searched.constraining(), prior, space, is_count=is_count)
         scores_of_cells = CellScores(searched, prior, space, objective, guard_radius, guarded)
-        return BoundedSearch(bounds, objective, share, scores_of_cells, n_threads, standing).run()
+        return BoundedSearch(bounds, objective, share, scores_of_cells, n_threads, standing, lists_all).run()
     accumulator = exhaustive(
         scan, point_map, prior, space, multiplicity=multiplicity, weighting=weighting, n_threads=n_threads
     )
@@ -163,4 +169,8 @@ def _at_one_height(
     cell = highest(scores, space)
     rest = highest_beyond(scores, guarded or cell, space, guard_radius)
     score = float(scores[cell])
-    return Found(cell, score, accumulator.moments[cell].copy(), score, rest, scores.size)
+    reaching = Candidates.none()
+    if lists_all:
+        cells = np.argwhere(scores >= share * score)
+        reaching = Candidates(cells, np.asarray(scores[tuple(cells.T)], np.float64))
+    return Found(cell, score, accumulator.moments[cell].copy(), score, rest, scores.size, reaching=reaching)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from maxcon.geometry import Pose, voxel_centers, voxel_indices
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
-from maxcon.search.matching import check_cell_edge, level, turn
+from maxcon.search.matching import cells_of, level, turn
 from maxcon.search_space import Cell, SearchSpace
 
 __all__ = ["consensus_set"]
@@ -36,7 +36,7 @@ def consensus_set(
     -------
     array, shape (n,), bool
     """
-    check_cell_edge(space, point_map)
+    space = cells_of(space, point_map)
     heading, iy, ix = cell
     _, ny, nx = space.shape
     levelled = level(scan, prior)

@@ -20,10 +20,11 @@ __all__ = [
     "Multiplicity",
     "SearchMethod",
     "Weighting",
-    "check_cell_edge",
+    "cells_of",
     "check_one_height",
     "check_threads",
     "level",
+    "level_of",
     "turn",
 ]
 
@@ -115,19 +116,38 @@ def turn(vectors: NDArray[np.float64], heading: float) -> NDArray[np.float64]:
     return np.column_stack([x * cosine - y * sine, x * sine + y * cosine, z])
 
 
-def check_cell_edge(space: SearchSpace, point_map: PointMap) -> None:
-    """Refuse a search space whose cells are not the map's voxels: a shift by a cell is one by a voxel (D4).
+def level_of(point_map: PointMap, space: SearchSpace) -> PointMap:
+    """Return the level of a map whose voxels are the cells of a space.
 
     Raises
     ------
     SearchSpaceError
-        If the edges differ.
+        If there is none.
     """
-    if not np.isclose(space.cell, point_map.cell, rtol=1e-9, atol=0.0):
+    for factor in (1, 2, 4, 8, 16, 32):
+        if np.isclose(space.cell_edge, point_map.cell * factor, rtol=1e-9, atol=0.0):
+            return point_map.level(factor)
+    raise SearchSpaceError(
+        f"Expected the cell edge of the search space to be the map's voxel edge, {point_map.cell:g} m, or 2, 4, ... 32"
+        f" times that, got {space.cell_edge:g} m. Build the map with that cell, or give the space none."
+    )
+
+
+def cells_of(space: SearchSpace, point_map: PointMap) -> SearchSpace:
+    """Return a search space with cells: the map's voxels if it has none, as a shift by a cell is one by a voxel (D4).
+
+    Raises
+    ------
+    SearchSpaceError
+        If its cells are not the map's voxels.
+    """
+    space = space.at(point_map.cell)
+    if not np.isclose(space.cell_edge, point_map.cell, rtol=1e-9, atol=0.0):
         raise SearchSpaceError(
             f"Expected the cell edge of the search space to be the map's voxel edge, {point_map.cell:g} m,"
-            f" got {space.cell:g} m. Build the map with that cell, or search with the map's."
+            f" got {space.cell_edge:g} m. Search in a level of the map that has it, or give the space no cell."
         )
+    return space
 
 
 def check_one_height(space: SearchSpace) -> None:

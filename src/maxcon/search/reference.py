@@ -19,7 +19,7 @@ from maxcon.search.matching import (
     CONTRIBUTION_STEP,
     Multiplicity,
     Weighting,
-    check_cell_edge,
+    cells_of,
     check_one_height,
     level,
     turn,
@@ -125,7 +125,7 @@ def voxels(
     SearchSpaceError
         If the cell edge is not the map's, or the space has several heights.
     """
-    check_cell_edge(space, point_map)
+    space = cells_of(space, point_map)
     check_one_height(space)
     once = Multiplicity.parse(multiplicity) is Multiplicity.OCCUPIED
     weighting = Weighting.parse(weighting)

@@ -122,7 +122,8 @@ def _consensus_methods(space: SearchSpace) -> list[StudyMethod]:
         "helmert": Helmert(),
         "max-eigenvalue": MaxEigenvalue(),
     }
-    methods = [StudyMethod("maxcon", MaximumConsensus(space))]
+    as_localize = SearchSpace(space.half_width, heading_half_width_deg=space.heading_half_width_deg)
+    methods = [StudyMethod("maxcon", MaximumConsensus(as_localize))]
     for multiplicity, options in (("points", AS_PUBLISHED), ("occupied", CELL_ONLY)):
         for name, objective in objectives.items():
             method = MaximumConsensus(space, objective, multiplicity, **options)

@@ -80,13 +80,8 @@ def prior_at(reference: Pose, level: PriorErrors, seed: int, epoch: int) -> Pose
 
 
 def space_of(level: PriorErrors) -> SearchSpace:
-    """Return the search space of a level, widened to whole cells and heading steps."""
-    plain = SearchSpace()
-    n_cells = math.ceil(level.offset / plain.cell - 1e-9)
-    n_turns = math.ceil(level.heading_deg / plain.heading_step_deg - 1e-9)
-    return SearchSpace(
-        half_width=n_cells * plain.cell, heading_half_width_deg=n_turns * plain.heading_step_deg
-    )
+    """Return the search space of a level."""
+    return SearchSpace(half_width=level.offset, heading_half_width_deg=level.heading_deg)
 
 
 def methods_at(level: PriorErrors, gates: Sequence[float] = (1.0, 3.0, 6.0)) -> list[StudyMethod]:

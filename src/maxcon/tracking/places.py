@@ -60,8 +60,8 @@ def find_places(
 
     Notes
     -----
-    Where branch and bound proves that no other place scores so much, that is all; only where it does not is every
-    cell looked at.
+    Where branch and bound proves that no other place scores so much, that is all. Where it does not, every cell is
+    looked at; of a wide space the places that it left open.
     """
     trust = replace(method.trust, largest_runner_up=share)
     asked = replace(method, space=space, trust=trust, refinement=False)
@@ -70,9 +70,14 @@ def find_places(
         return []
     if best.runner_up <= share:
         return [Place(best.pose, 1.0)]
+    if asked.is_coarse_to_fine(space, point_map):
+        found = asked.places(scan, point_map, prior.levelled(best.pose), space)
+        worth = [float(Helmert().score(each.moments)) for each in found[:MOST_PLACES]]
+        ratios = [score / max(worth) for score in worth] if max(worth, default=0.0) > 0.0 else []
+        return [Place(each.pose, ratio) for each, ratio in zip(found, ratios, strict=False) if ratio >= share]
     accumulator = asked.accumulate(scan, point_map, prior)
     scores = np.array(accumulator.score(Helmert()), dtype=np.float64)
-    rows, columns = np.meshgrid(np.arange(space.shape[1]), np.arange(space.shape[2]), indexing="ij")
+    rows, columns = np.meshgrid(*map(np.arange, accumulator.space.shape[1:]), indexing="ij")
     places: list[Place] = []
     highest = float(scores.max())
     while len(places) < MOST_PLACES and highest > 0.0:
@@ -82,6 +87,6 @@ def find_places(
             break
         pose = accumulator.space.pose((heading, iy, ix), accumulator.prior)
         places.append(Place(pose, ratio))
-        is_near = np.hypot(rows - iy, columns - ix) * space.cell <= method.trust.guard_radius
+        is_near = np.hypot(rows - iy, columns - ix) * accumulator.space.cell_edge <= method.trust.guard_radius
         scores[:, is_near] = -1.0
     return places

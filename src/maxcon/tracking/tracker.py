@@ -234,7 +234,9 @@ class Tracker:
         return replace(
             estimate,
             pose=place.pose,
-            cell=None if prior is None else self.method.space.nearest_cell(place.pose, prior),
+            cell=None
+            if prior is None
+            else self.method.space.at(point_map.cell).nearest_cell(place.pose, prior),
             status=status,
             runner_up=rival,
             reason="; ".join(filter(None, [reason, estimate.reason])),

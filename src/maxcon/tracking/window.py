@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.estimate import Estimate
-from maxcon.search_space import SearchSpace
+from maxcon.search_space import PAPER_CELL, SearchSpace
 from maxcon.tracking.uncertain_pose import PLANAR, UncertainPose
 
 __all__ = [
@@ -67,6 +67,7 @@ def measured_covariance(estimate: Estimate, space: SearchSpace) -> NDArray[np.fl
 
 
 def _cell_variances(space: SearchSpace) -> NDArray[np.float64]:
-    cell = space.cell**2 / 12.0 + MAP_SIGMA**2
-    step = math.radians(space.heading_step_deg) ** 2 / 12.0 + MAP_HEADING_SIGMA**2
+    space = space.at(PAPER_CELL)
+    cell = space.cell_edge**2 / 12.0 + MAP_SIGMA**2
+    step = math.radians(space.step_deg) ** 2 / 12.0 + MAP_HEADING_SIGMA**2
     return np.array([cell, cell, np.inf, np.inf, np.inf, step])
