@@ -11,39 +11,24 @@ map, examined, and where in doubt searched for once more, wider (D12).
 import math
 from dataclasses import dataclass, field, replace
 
-from maxcon.accumulator import Accumulator, highest
-from maxcon.best_cell import BestCell, judge
-from maxcon.coarse_to_fine import COARSE, best_places
+from maxcon.accumulator import Accumulator
+from maxcon.cell_search import CellSearch
 from maxcon.errors import OptionError
 from maxcon.estimate import Estimate, Status
 from maxcon.examination import examine
 from maxcon.geometry import Pose
 from maxcon.ground import GroundFit, fit_ground
-from maxcon.integrity import Trust, highest_beyond, invert, reasons_to_doubt_scan
-from maxcon.objectives import BoundedByAxes, BoundedByCount, Helmert, Objective
+from maxcon.integrity import Trust
+from maxcon.objectives import Helmert, Objective
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
-from maxcon.search import (
-    Found,
-    Multiplicity,
-    SearchMethod,
-    Weighting,
-    accumulators,
-    branch_and_bound,
-    exhaustive,
-    highest_of,
-    level_of,
-)
-from maxcon.search_space import Cell, SearchSpace
+from maxcon.search import Multiplicity, SearchMethod, Weighting, level_of
+from maxcon.search_space import SearchSpace
 
 __all__ = ["MaximumConsensus"]
 
-# Where every other place is to be known, however low it scores.
-LEAST_SHARE = 1e-6
 # Where the ground lies so much higher or lower than the prior or the answer (m), it is searched from both heights.
 OTHER_GROUND = 0.25
-# An open space of fewer of the map's own cells is searched in these at once: that is as fast.
-FEW_CELLS = 8_000
 # A wider search turns twice as far, unless that is much.
 LARGEST_DOUBLED_DEG = 10.0
 
@@ -123,6 +108,13 @@ class MaximumConsensus:
         if not 0.0 < self.risk < 1.0:
             raise OptionError(f"Expected `risk` above 0 and below 1, got {self.risk}. The default is 0.01.")
 
+    @property
+    def cell_search(self) -> CellSearch:
+        """How the best cell of a space is found and judged."""
+        return CellSearch(
+            self.objective, self.multiplicity, self.weighting, self.search, self.thinning, self.n_threads, self.trust
+        )  # fmt: skip
+
     def localize(self, scan: Scan, point_map: PointMap, prior: Pose) -> Estimate:
         """Find the pose of a scan in the map.
 
@@ -146,7 +138,10 @@ class MaximumConsensus:
             If the cell edge is not the map's or that of a level of it, or the space is too large.
         """
         found, start, space = max(
-            ((self._search(scan, point_map, *each), *each) for each in self._starts(scan, point_map, prior)),
+            (
+                (self.cell_search.best(scan, point_map, *each), *each)
+                for each in self._starts(scan, point_map, prior)
+            ),
             key=lambda each: each[0].score,
         )
         is_outermost = abs(found.pose.z - start.z) > space.height_half_width - 0.5 * point_map.cell
@@ -174,7 +169,7 @@ class MaximumConsensus:
         ground = self._ground_at(found, scan, point_map)
         if ground is None or abs(ground.height) <= OTHER_GROUND:
             return found, ground
-        other = self._search(scan, point_map, around.levelled(ground.pose), self.space.plane)
+        other = self.cell_search.best(scan, point_map, around.levelled(ground.pose), self.space.plane)
         return (
             (other, self._ground_at(other, scan, point_map)) if other.score > found.score else (found, None)
         )
@@ -184,47 +179,6 @@ class MaximumConsensus:
         if not self.is_levelled or found.status is Status.NO_MATCH:
             return None
         return fit_ground(scan, point_map, found.pose)
-
-    def _search(self, scan: Scan, point_map: PointMap, start: Pose, space: SearchSpace) -> Estimate:
-        """Find the best cell of a space around a start, and judge it."""
-        if self.is_coarse_to_fine(space, point_map):
-            places = self.places(scan, point_map, start, space)
-            if places:
-                return replace(self._judge(places[0], scan, point_map), cell=None)
-        level, cells = self._cells(space, point_map)
-        if self.search is SearchMethod.BRANCH_AND_BOUND and self._has_bounds:
-            best = self._by_bounds(scan.thinned(self.thinning), level, start, cells)
-            if best is not None:
-                return self._judge(best, scan, level)
-        return self._conclude(self._accumulate(scan, level, start, cells), scan, level)
-
-    def _cells(self, space: SearchSpace, point_map: PointMap) -> tuple[PointMap, SearchSpace]:
-        """The level of the map, and the cells, that a space is searched in; coarse to fine those that come first."""
-        if self.is_coarse_to_fine(space, point_map):
-            level = point_map.level(COARSE.factor)
-            return level, space.at(level.cell, COARSE.heading_step_deg)
-        cells = space.at(point_map.cell)
-        return level_of(point_map, cells), cells
-
-    def is_coarse_to_fine(self, space: SearchSpace, point_map: PointMap) -> bool:
-        """Whether a space is searched in a level of the map first: an open one of more than a few cells."""
-        is_open = space.is_open and self.search is SearchMethod.BRANCH_AND_BOUND
-        return is_open and space.at(point_map.cell).n_cells > FEW_CELLS
-
-    def places(self, scan: Scan, point_map: PointMap, start: Pose, space: SearchSpace) -> list[BestCell]:
-        """Places of an open space where a scan may have been taken, the best first: see `best_places`."""
-
-        def search(
-            scan: Scan, point_map: PointMap, prior: Pose, space: SearchSpace, *, share: float, lists_all: bool
-        ) -> Found:
-            return branch_and_bound(
-                scan, point_map, prior, space, self.objective, multiplicity=self.multiplicity,
-                weighting=self.weighting, share=share, lists_all=lists_all, guard_radius=self.trust.guard_radius,
-                n_threads=self.n_threads,
-            )  # fmt: skip
-
-        share = max(self.trust.largest_runner_up, LEAST_SHARE)
-        return best_places(search, scan.thinned(self.thinning), point_map, start, space, share)
 
     def _settle(
         self, found: Estimate, ground: GroundFit | None, start: Pose, scan: Scan, point_map: PointMap
@@ -253,13 +207,17 @@ class MaximumConsensus:
             heading_half_width_deg=2.0 * turn_deg if turn_deg <= LARGEST_DOUBLED_DEG else turn_deg,
         )
         around = replace(doubted.pose, heading=start.heading)  # a wrong place has a wrong heading
-        wide = self if self._has_bounds else replace(self, objective=Helmert())
+        wide = (
+            self.cell_search
+            if self.cell_search.has_bounds
+            else replace(self.cell_search, objective=Helmert())
+        )
         places = wide.places(scan, point_map, around, space)
         if not places:
             return doubted
         best = places[0]
-        found = wide._judge(best, scan, point_map)
-        found, ground = wide._on_ground(found, found.pose, scan, point_map)
+        found = wide.judge(best, scan, point_map)
+        found, ground = self._on_ground(found, found.pose, scan, point_map)
         moved = math.hypot(found.pose.x - doubted.pose.x, found.pose.y - doubted.pose.y)
         is_same = doubted.status is not Status.NO_MATCH and moved <= self.trust.guard_radius
         examined = examine(found, ground, scan, point_map, self.trust, self.risk, is_confirmed=is_same)
@@ -268,12 +226,8 @@ class MaximumConsensus:
             return replace(
                 doubted, reason="; ".join(filter(None, [doubted.reason, reason])), was_widened=True
             )
-        score = examined.score if self._has_bounds else float(self.objective.score(best.moments))
+        score = examined.score if self.cell_search.has_bounds else float(self.objective.score(best.moments))
         return replace(examined, score=score, cell=doubted.cell if is_same else None, was_widened=True)
-
-    @property
-    def _has_bounds(self) -> bool:
-        return isinstance(self.objective, BoundedByAxes | BoundedByCount)
 
     def accumulate(self, scan: Scan, point_map: PointMap, prior: Pose) -> Accumulator:
         """Moments of every cell, of several heights of the best: what `conclude` decides on, and what plots show.
@@ -283,63 +237,12 @@ class MaximumConsensus:
         starts = self._starts(scan, point_map, prior)
         found = []
         for start, space in starts:
-            level, cells = self._cells(space, point_map)
-            found.append(self._accumulate(scan, level, start, cells))
+            level, cells = self.cell_search.cells(space, point_map)
+            found.append(self.cell_search.accumulate(scan, level, start, cells))
         return max(found, key=lambda each: each.score(self.objective).max()) if len(found) > 1 else found[0]
-
-    def _accumulate(self, scan: Scan, point_map: PointMap, start: Pose, space: SearchSpace) -> Accumulator:
-        heights = accumulators(
-            exhaustive, scan.thinned(self.thinning), point_map, start, space,
-            multiplicity=self.multiplicity, weighting=self.weighting, n_threads=self.n_threads,
-        )  # fmt: skip
-        return next(heights) if space.n_heights == 1 else highest_of(heights, self.objective)[1]
 
     def conclude(self, accumulator: Accumulator, scan: Scan, point_map: PointMap) -> Estimate:
         """Take the best cell of an accumulator of this scan, and settle its pose: what `localize` answers."""
-        found = self._conclude(accumulator, scan, level_of(point_map, accumulator.space))
+        found = self.cell_search.conclude(accumulator, scan, level_of(point_map, accumulator.space))
         found, ground = self._on_ground(found, accumulator.prior, scan, point_map)
         return self._settle(found, ground, accumulator.prior, scan, point_map)
-
-    def _conclude(self, accumulator: Accumulator, scan: Scan, point_map: PointMap) -> Estimate:
-        """Say how far the best cell of an accumulator may be trusted."""
-        space, prior, moments = accumulator.space, accumulator.prior, accumulator.moments
-        scores = accumulator.score(self.objective)
-        cell = highest(scores, space)
-        if not moments[..., 0].any():
-            _, cofactor = invert(accumulator.normal_matrix(cell))
-            reason = "; ".join(reasons_to_doubt_scan(scan, prior))
-            return Estimate(prior, 0.0, cell, Status.NO_MATCH, cofactor, reason=reason)
-        helmert = scores if isinstance(self.objective, Helmert) else accumulator.score(Helmert())
-        beyond = highest_beyond(helmert, cell, space, self.trust.guard_radius)
-        runner_up = beyond / float(helmert[cell]) if helmert[cell] > 0.0 else math.inf
-        best = BestCell(space, prior, cell, float(scores[cell]), moments[cell], runner_up)
-        return self._judge(best, scan, point_map)
-
-    def _by_bounds(self, scan: Scan, point_map: PointMap, prior: Pose, space: SearchSpace) -> BestCell | None:
-        """The best cell by branch and bound; None where nothing scores, and all cells have to be looked at."""
-
-        def search(
-            prior: Pose, space: SearchSpace, objective: Objective, guarded: Cell | None = None
-        ) -> Found:
-            return branch_and_bound(
-                scan, point_map, prior, space, objective, multiplicity=self.multiplicity,
-                weighting=self.weighting, share=max(self.trust.largest_runner_up, LEAST_SHARE),
-                guard_radius=self.trust.guard_radius, guarded=guarded, n_threads=self.n_threads,
-            )  # fmt: skip
-
-        found = search(prior, space, self.objective)
-        raised, plane = space.raised(prior, found.height), space.plane
-        score = float(Helmert().score(found.moments))
-        if score <= 0.0:
-            return None
-        helmert = found
-        if not isinstance(self.objective, Helmert):
-            helmert = search(raised, plane, Helmert(), found.cell)
-        return BestCell(plane, raised, found.cell, found.score, found.moments, helmert.rest / score)
-
-    def _judge(self, best: BestCell, scan: Scan, point_map: PointMap) -> Estimate:
-        """Say how far the best cell may be trusted, and what casts doubt on it."""
-        return judge(
-            best, scan, scan.thinned(self.thinning), point_map, self.trust,
-            objective=self.objective, multiplicity=self.multiplicity, weighting=self.weighting,
-        )  # fmt: skip

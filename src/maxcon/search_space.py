@@ -12,14 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from maxcon.errors import SearchSpaceError
 from maxcon.geometry import Pose, wrap_angle
+from maxcon.prior_sigmas import sigmas_of
 
 __all__ = ["Cell", "SearchSpace"]
 
 # Enough for 6 km at 6 cm; it keeps every number of cells finite.
 MOST_STEPS = 100_000
-
-# Covariances come printed with some six digits: what they violate by less is rounding.
-ROUNDING = 1e-6
 
 GIVE_CELLS = "Give it cells: `space.at(point_map.cell)`."
 
@@ -51,43 +49,6 @@ def _n_steps(half_width: float, step: float, what: str, unit: str) -> int:
             f" {step} {unit}. Take {math.ceil(steps) * step:g} {unit}?"
         )
     return n_steps
-
-
-def _sigmas(covariance: ArrayLike) -> NDArray[np.float64]:
-    """Standard deviations of x, y (m) and heading (rad), shape (3,), of a covariance that can be one."""
-    try:
-        matrix = np.asarray(covariance, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise SearchSpaceError(
-            f"Expected `covariance` to be numbers of shape (3, 3), got {type(covariance).__name__}."
-        ) from error
-    if matrix.shape != (3, 3):
-        raise SearchSpaceError(
-            f"Expected `covariance` of (x, y, heading) to have shape (3, 3), got {matrix.shape}."
-            " Take its rows and columns of x, y and heading."
-        )
-    if not np.isfinite(matrix).all():
-        raise SearchSpaceError(
-            "Expected finite numbers in `covariance`, got NaN or infinity. Without a covariance, give half widths."
-        )
-    variances = np.diag(matrix)
-    if variances.min() < 0.0:
-        raise SearchSpaceError(
-            f"Expected variances >= 0 on the diagonal of `covariance`, got {variances.min():g}."
-        )
-    sigmas = np.sqrt(variances)
-    scales = np.where(sigmas > 0.0, sigmas, 1.0)
-    correlations = matrix / scales / scales[:, None]  # free of units: m^2 beside rad^2
-    if np.abs(correlations - correlations.T).max() > ROUNDING:
-        raise SearchSpaceError(
-            f"Expected a symmetric `covariance`, got {matrix.tolist()}. Take the mean of it and its transpose?"
-        )
-    if np.linalg.eigvalsh(correlations).min() < -ROUNDING:
-        raise SearchSpaceError(
-            f"Expected `covariance` to be positive semidefinite, got {matrix.tolist()}: its covariances are too"
-            " large for its variances. Are all in m and rad, and none a standard deviation?"
-        )
-    return np.asarray(sigmas, dtype=np.float64)
 
 
 def _rounded_up(reach: float, step: float | None, largest: float | None = None, rim: float = 0.0) -> float:
@@ -129,7 +90,7 @@ class SearchSpace:
     heading_half_width_deg : float
         Largest turn from the prior's heading, degrees; a multiple of the step, if that is given.
     heading_step_deg : float, optional
-        Step between headings, degrees.
+        Step between headings, degrees; 0.5 beside a cell, if not given.
     height_half_width : float
         Largest offset from the prior in z, up and down, m; a multiple of `cell`, if that is given.
 
@@ -155,6 +116,9 @@ class SearchSpace:
                 _n_steps(half_width, step, what, unit)
             elif not 0.0 <= half_width < math.inf:
                 raise SearchSpaceError(f"Expected a half width >= 0 for the {what}, got {half_width} {unit}.")
+        if self.cell is not None and self.heading_step_deg is None:
+            object.__setattr__(self, "heading_step_deg", PAPER_STEP_DEG)
+            self.__post_init__()
 
     @classmethod
     def paper(cls) -> "SearchSpace":
@@ -261,7 +225,7 @@ class SearchSpace:
         ):
             if largest is not None and not 0.0 <= largest < math.inf:
                 raise SearchSpaceError(f"Expected `{name}` >= 0, got {largest}. Leave it out for no limit.")
-        sigma_x, sigma_y, sigma_heading = _sigmas(covariance).tolist()
+        sigma_x, sigma_y, sigma_heading = sigmas_of(covariance).tolist()
         turn_deg = min(k * math.degrees(sigma_heading), 180.0)
         return cls(
             _rounded_up(k * max(sigma_x, sigma_y), cell, largest_half_width, rim=0.5),

@@ -1,0 +1,146 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""CellSearch: the best cell of a search space, by the search that suits it, and judged."""
+
+import math
+from dataclasses import dataclass, replace
+
+from maxcon.accumulator import Accumulator, highest
+from maxcon.best_cell import BestCell, judge
+from maxcon.coarse_to_fine import COARSE, best_places
+from maxcon.estimate import Estimate, Status
+from maxcon.geometry import Pose
+from maxcon.integrity import Trust, highest_beyond, invert, reasons_to_doubt_scan
+from maxcon.objectives import BoundedByAxes, BoundedByCount, Helmert, Objective
+from maxcon.point_map import PointMap
+from maxcon.scan import Scan
+from maxcon.search import (
+    Found,
+    Multiplicity,
+    SearchMethod,
+    Weighting,
+    accumulators,
+    branch_and_bound,
+    exhaustive,
+    highest_of,
+    level_of,
+)
+from maxcon.search_space import Cell, SearchSpace
+
+__all__ = ["CellSearch"]
+
+# Where every other place is to be known, however low it scores.
+LEAST_SHARE = 1e-6
+# An open space of fewer of the map's own cells is searched in these at once: that is as fast.
+FEW_CELLS = 8_000
+
+
+@dataclass(frozen=True, slots=True)
+class CellSearch:
+    """How the best cell is found and judged: what `MaximumConsensus` says of it."""
+
+    objective: Objective
+    multiplicity: str | Multiplicity
+    weighting: str | Weighting
+    search: str | SearchMethod
+    thinning: float
+    n_threads: int
+    trust: Trust
+
+    def best(self, scan: Scan, point_map: PointMap, start: Pose, space: SearchSpace) -> Estimate:
+        """Find the best cell of a space around a start, and judge it."""
+        if self.is_coarse_to_fine(space, point_map):
+            places = self.places(scan, point_map, start, space)
+            if places:
+                return replace(self.judge(places[0], scan, point_map), cell=None)
+        level, cells = self.cells(space, point_map)
+        if self.search is SearchMethod.BRANCH_AND_BOUND and self.has_bounds:
+            best = self._by_bounds(scan.thinned(self.thinning), level, start, cells)
+            if best is not None:
+                return self.judge(best, scan, level)
+        return self.conclude(self.accumulate(scan, level, start, cells), scan, level)
+
+    def cells(self, space: SearchSpace, point_map: PointMap) -> tuple[PointMap, SearchSpace]:
+        """The level of the map, and the cells, that a space is searched in; coarse to fine those that come first."""
+        if self.is_coarse_to_fine(space, point_map):
+            level = point_map.level(COARSE.factor)
+            return level, space.at(level.cell, COARSE.heading_step_deg)
+        cells = space.at(point_map.cell)
+        return level_of(point_map, cells), cells
+
+    def is_coarse_to_fine(self, space: SearchSpace, point_map: PointMap) -> bool:
+        """Whether a space is searched in a level of the map first: an open one of more than a few cells."""
+        is_open = space.is_open and self.search is SearchMethod.BRANCH_AND_BOUND
+        return is_open and space.at(point_map.cell).n_cells > FEW_CELLS
+
+    def places(self, scan: Scan, point_map: PointMap, start: Pose, space: SearchSpace) -> list[BestCell]:
+        """Places of an open space where a scan may have been taken, the best first: see `best_places`."""
+
+        def search(
+            scan: Scan, point_map: PointMap, prior: Pose, space: SearchSpace, *, share: float, lists_all: bool
+        ) -> Found:
+            return branch_and_bound(
+                scan, point_map, prior, space, self.objective, multiplicity=self.multiplicity,
+                weighting=self.weighting, share=share, lists_all=lists_all, guard_radius=self.trust.guard_radius,
+                n_threads=self.n_threads,
+            )  # fmt: skip
+
+        share = max(self.trust.largest_runner_up, LEAST_SHARE)
+        return best_places(search, scan.thinned(self.thinning), point_map, start, space, share)
+
+    @property
+    def has_bounds(self) -> bool:
+        """Whether the objective can be bounded, and need not be searched exhaustively."""
+        return isinstance(self.objective, BoundedByAxes | BoundedByCount)
+
+    def accumulate(self, scan: Scan, point_map: PointMap, start: Pose, space: SearchSpace) -> Accumulator:
+        """Moments of every cell of a space around a start, of several heights those of the best."""
+        heights = accumulators(
+            exhaustive, scan.thinned(self.thinning), point_map, start, space,
+            multiplicity=self.multiplicity, weighting=self.weighting, n_threads=self.n_threads,
+        )  # fmt: skip
+        return next(heights) if space.n_heights == 1 else highest_of(heights, self.objective)[1]
+
+    def conclude(self, accumulator: Accumulator, scan: Scan, point_map: PointMap) -> Estimate:
+        """Say how far the best cell of an accumulator may be trusted."""
+        space, prior, moments = accumulator.space, accumulator.prior, accumulator.moments
+        scores = accumulator.score(self.objective)
+        cell = highest(scores, space)
+        if not moments[..., 0].any():
+            _, cofactor = invert(accumulator.normal_matrix(cell))
+            reason = "; ".join(reasons_to_doubt_scan(scan, prior))
+            return Estimate(prior, 0.0, cell, Status.NO_MATCH, cofactor, reason=reason)
+        helmert = scores if isinstance(self.objective, Helmert) else accumulator.score(Helmert())
+        beyond = highest_beyond(helmert, cell, space, self.trust.guard_radius)
+        runner_up = beyond / float(helmert[cell]) if helmert[cell] > 0.0 else math.inf
+        best = BestCell(space, prior, cell, float(scores[cell]), moments[cell], runner_up)
+        return self.judge(best, scan, point_map)
+
+    def _by_bounds(self, scan: Scan, point_map: PointMap, prior: Pose, space: SearchSpace) -> BestCell | None:
+        """The best cell by branch and bound; None where nothing scores, and all cells have to be looked at."""
+
+        def search(
+            prior: Pose, space: SearchSpace, objective: Objective, guarded: Cell | None = None
+        ) -> Found:
+            return branch_and_bound(
+                scan, point_map, prior, space, objective, multiplicity=self.multiplicity,
+                weighting=self.weighting, share=max(self.trust.largest_runner_up, LEAST_SHARE),
+                guard_radius=self.trust.guard_radius, guarded=guarded, n_threads=self.n_threads,
+            )  # fmt: skip
+
+        found = search(prior, space, self.objective)
+        raised, plane = space.raised(prior, found.height), space.plane
+        score = float(Helmert().score(found.moments))
+        if score <= 0.0:
+            return None
+        helmert = found
+        if not isinstance(self.objective, Helmert):
+            helmert = search(raised, plane, Helmert(), found.cell)
+        return BestCell(plane, raised, found.cell, found.score, found.moments, helmert.rest / score)
+
+    def judge(self, best: BestCell, scan: Scan, point_map: PointMap) -> Estimate:
+        """Say how far the best cell may be trusted, and what casts doubt on it."""
+        return judge(
+            best, scan, scan.thinned(self.thinning), point_map, self.trust,
+            objective=self.objective, multiplicity=self.multiplicity, weighting=self.weighting,
+        )  # fmt: skip
