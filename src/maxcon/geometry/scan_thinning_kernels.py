@@ -7,7 +7,7 @@ from numba import njit
 
 __all__ = ["one_per_cube"]
 
-NONE = np.int64(-1)
+NONE = np.int32(-1)
 # Of a 64-bit hash, as many upper bits are taken as the table needs; the factors are large odd numbers.
 FACTOR_X, FACTOR_Y, FACTOR_Z = 0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9
 
@@ -32,14 +32,14 @@ def _slot(x, y, z, shift):
 
 
 @njit(nogil=True, cache=True)
-def _comes_before(i, j, distances, points, normals):
-    """Whether the first of two points of a cube is kept: with a normal, nearer to the middle, by x, y, z, by normal."""
+def _comes_before(i, j, ranks, points, normals):
+    """Whether the first of two points of a cube is kept: with a normal, of lower rank, by x, y, z, by normal."""
     has_i = (normals[i, 0] != 0.0) | (normals[i, 1] != 0.0) | (normals[i, 2] != 0.0)
     has_j = (normals[j, 0] != 0.0) | (normals[j, 1] != 0.0) | (normals[j, 2] != 0.0)
     if has_i != has_j:
         return has_i
-    if distances[i] != distances[j]:
-        return distances[i] < distances[j]
+    if ranks[i] != ranks[j]:
+        return ranks[i] < ranks[j]
     for axis in range(3):
         if points[i, axis] != points[j, axis]:
             return points[i, axis] < points[j, axis]
@@ -62,24 +62,17 @@ def one_per_cube(points, normals, edge, by_lot):
         n_bits += np.uint64(1)
     shift, mask = np.uint64(64) - n_bits, (np.uint64(1) << n_bits) - np.uint64(1)
     table = np.full(1 << np.int64(n_bits), NONE)  # number of each cube among those met
-    cubes, kept, distances = np.empty((n, 3)), np.empty(n, np.int64), np.empty(n)
+    cubes, kept, ranks = np.empty((n, 3)), np.empty(n, np.int64), np.empty(n)
     n_cubes = 0
     for i in range(n):
-        x, y, z = (
-            np.floor(points[i, 0] / edge),
-            np.floor(points[i, 1] / edge),
-            np.floor(points[i, 2] / edge),
-        )
-        dx, dy, dz = (
-            points[i, 0] / edge - x - 0.5,
-            points[i, 1] / edge - y - 0.5,
-            points[i, 2] / edge - z - 0.5,
-        )
-        distances[i] = dx * dx + dy * dy + dz * dz
+        in_x, in_y, in_z = points[i, 0] / edge, points[i, 1] / edge, points[i, 2] / edge
+        x, y, z = np.floor(in_x), np.floor(in_y), np.floor(in_z)
         if by_lot:
             x_fine, y_fine = np.floor(points[i, 0] * LOT_STEPS), np.floor(points[i, 1] * LOT_STEPS)
-            lot = _slot(x_fine, y_fine, np.floor(points[i, 2] * LOT_STEPS), np.uint64(32))
-            distances[i] = np.float64(lot)
+            ranks[i] = np.float64(_slot(x_fine, y_fine, np.floor(points[i, 2] * LOT_STEPS), np.uint64(32)))
+        else:
+            dx, dy, dz = in_x - x - 0.5, in_y - y - 0.5, in_z - z - 0.5
+            ranks[i] = dx * dx + dy * dy + dz * dz
         slot = _slot(x, y, z, shift)
         while True:
             cube = table[slot]
@@ -90,7 +83,7 @@ def one_per_cube(points, normals, edge, by_lot):
                 n_cubes += 1
                 break
             if cubes[cube, 0] == x and cubes[cube, 1] == y and cubes[cube, 2] == z:
-                if _comes_before(i, kept[cube], distances, points, normals):
+                if _comes_before(i, kept[cube], ranks, points, normals):
                     kept[cube] = i
                 break
             slot = (slot + np.uint64(1)) & mask

@@ -149,10 +149,8 @@ def refine(
             points, normals, unknowns, each.every, point_map.cell, (each.along, each.around), LEAST_COSINE,
             point_map.is_signed, lookup.rows, lookup.grid, lookup.corner, planes,
         )  # fmt: skip
-        kernels.adjust(
-            points, planes, unknowns, first, start_weights, each.gate, STEPS_PER_ROUND, AT_REST, normal_matrix,
-            residuals, weights,
-        )  # fmt: skip
+        kernels.adjust(points, planes, unknowns, first, start_weights, each.gate, STEPS_PER_ROUND, AT_REST)
+    kernels.weigh(points, planes, unknowns, ROUNDS[-1].gate, normal_matrix, residuals, weights)
     return Refined(
         Pose(*unknowns.tolist()), points, normals, planes, residuals, weights, normal_matrix, start_weights,
         moved=math.hypot(unknowns[0] - first[0], unknowns[1] - first[1]), turned=abs(unknowns[5] - first[5]),

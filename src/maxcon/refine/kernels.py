@@ -5,23 +5,26 @@
 import numpy as np
 from numba import njit
 
-from maxcon.point_map.lookup_kernels import MEANS, NORMALS, find_voxel, float32_at, uint8_at
+from maxcon.point_map.lookup_kernels import (
+    MEANS,
+    NORMALS,
+    PATCH_BITS,
+    find_in_patch,
+    find_patch,
+    float32_at,
+    is_near_voxels,
+    uint8_at,
+)
 from maxcon.point_map.tile import MEAN_STEPS
 
-__all__ = ["adjust", "find_partners", "sum_gradients"]
+__all__ = ["adjust", "count_walls", "find_partners", "number_groups", "sum_gradients", "weigh"]
 
 MEAN_STEP = 1.0 / MEAN_STEPS
-
-
-@njit(nogil=True, cache=True)
-def _turn(rotation, vector):
-    """R v, three numbers."""
-    x, y, z = vector
-    return (
-        rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z,
-        rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z,
-        rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z,
-    )
+# The number of no patch and no layer.
+NOWHERE = np.int64(-(2**62))
+# Cubes along an axis that have a number each: 400 km of 3 m. A large odd number mixes the numbers.
+CUBES = np.int64(2**17)
+FACTOR = 0x9E3779B97F4A7C15
 
 
 @njit(nogil=True, cache=True)
@@ -47,16 +50,24 @@ def _partner_along(px, py, pz, nx, ny, nz, cell, reach, least_cosine, is_signed,
     """
     found = (0.0, 0.0, 0.0, 0.0)
     nearest, last = np.inf, reach
+    in_x, in_y, in_z = px / cell, py / cell, pz / cell
+    here_x, here_y, here_z = NOWHERE, NOWHERE, NOWHERE
+    row, patch = np.uint64(0), np.uint64(0)
     for step in range(reach + 1):
         if step > last:
             break
         for side in range(1 if step == 0 else 2):
-            t = (step if side == 0 else -step) * cell
-            x = np.int64(np.floor((px + t * nx) / cell))
-            y = np.int64(np.floor((py + t * ny) / cell))
-            z = np.int64(np.floor((pz + t * nz) / cell))
-            row, number = find_voxel(x, y, z, rows, grid, corner)
+            t = np.float64(step if side == 0 else -step)
+            x = np.int64(np.floor(in_x + t * nx))
+            y = np.int64(np.floor(in_y + t * ny))
+            z = np.int64(np.floor(in_z + t * nz))
+            if x >> PATCH_BITS != here_x or y >> PATCH_BITS != here_y or z != here_z:
+                here_x, here_y, here_z = x >> PATCH_BITS, y >> PATCH_BITS, z
+                row, patch = find_patch(x, y, z, rows, grid, corner)
             if row == 0:
+                continue
+            is_held, number = find_in_patch(x, y, row, patch, rows)
+            if not is_held:
                 continue
             ax, ay, az, mx, my, mz = _plane(row, number, x, y, z, cell, rows)
             cosine = ax * nx + ay * ny + az * nz
@@ -79,14 +90,21 @@ def _partner_around(px, py, pz, cell, reach, rows, grid, corner):
     found = (0.0, 0.0, 0.0, 0.0)
     nearest = np.inf
     x0, y0, z0 = np.int64(np.floor(px / cell)), np.int64(np.floor(py / cell)), np.int64(np.floor(pz / cell))
+    here_x, here_y = x0 >> PATCH_BITS, y0 >> PATCH_BITS
+    own_row, own_patch = find_patch(x0, y0, z0, rows, grid, corner)
     for step in range(reach + 1):
         if nearest < np.inf:
             break
         for side in range(1 if step == 0 else 6):
             t = step if side % 2 == 0 else -step
             x, y, z = x0 + t * (side // 2 == 0), y0 + t * (side // 2 == 1), z0 + t * (side // 2 == 2)
-            row, number = find_voxel(x, y, z, rows, grid, corner)
+            row, patch = own_row, own_patch
+            if x >> PATCH_BITS != here_x or y >> PATCH_BITS != here_y or z != z0:
+                row, patch = find_patch(x, y, z, rows, grid, corner)
             if row == 0:
+                continue
+            is_held, number = find_in_patch(x, y, row, patch, rows)
+            if not is_held:
                 continue
             ax, ay, az, mx, my, mz = _plane(row, number, x, y, z, cell, rows)
             if ax == 0.0 and ay == 0.0 and az == 0.0:
@@ -111,22 +129,38 @@ def find_partners(
     planes : (n, 4) float64, out, unit normal and its scalar product with a point of the plane, map frame; zeros for
     none, and for the points between.
     """
-    rotation, _ = _rotation(unknowns[3:])
-    position = unknowns[:3]
+    R, _ = _rotation(unknowns[3:])
+    tx, ty, tz = unknowns[0], unknowns[1], unknowns[2]
+    along, around = reaches
     for i in range(points.shape[0]):
         had_partner = planes[i, 0] != 0.0 or planes[i, 1] != 0.0 or planes[i, 2] != 0.0
-        planes[i] = (0.0, 0.0, 0.0, 0.0)
+        planes[i, 0], planes[i, 1], planes[i, 2], planes[i, 3] = 0.0, 0.0, 0.0, 0.0
         if not (had_partner if every == 0 else i % every == 0):
             continue
-        dx, dy, dz = _turn(rotation, points[i])
-        px, py, pz = dx + position[0], dy + position[1], dz + position[2]
-        nx, ny, nz = _turn(rotation, normals[i])
-        if nx == 0.0 and ny == 0.0 and nz == 0.0:
-            planes[i] = _partner_around(px, py, pz, cell, reaches[1], rows, grid, corner)
-            continue
-        planes[i] = _partner_along(
-            px, py, pz, nx, ny, nz, cell, reaches[0], least_cosine, is_signed, rows, grid, corner
-        )
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        px = R[0, 0] * x + R[0, 1] * y + R[0, 2] * z + tx
+        py = R[1, 0] * x + R[1, 1] * y + R[1, 2] * z + ty
+        pz = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z + tz
+        x, y, z = normals[i, 0], normals[i, 1], normals[i, 2]
+        nx = R[0, 0] * x + R[0, 1] * y + R[0, 2] * z
+        ny = R[1, 0] * x + R[1, 1] * y + R[1, 2] * z
+        nz = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z
+        has_normal = nx != 0.0 or ny != 0.0 or nz != 0.0
+        if every != 0:  # most points that have no partner are far from any voxel
+            reach_x, reach_y, reach_z = np.float64(around), np.float64(around), np.float64(around)
+            if has_normal:
+                reach_x, reach_y, reach_z = along * abs(nx), along * abs(ny), along * abs(nz)
+            if not is_near_voxels(
+                (px / cell, py / cell, pz / cell), (reach_x, reach_y, reach_z), rows, grid, corner
+            ):
+                continue
+        if has_normal:
+            plane = _partner_along(
+                px, py, pz, nx, ny, nz, cell, along, least_cosine, is_signed, rows, grid, corner
+            )
+        else:
+            plane = _partner_around(px, py, pz, cell, around, rows, grid, corner)
+        planes[i, 0], planes[i, 1], planes[i, 2], planes[i, 3] = plane
 
 
 @njit(nogil=True, cache=True)
@@ -146,77 +180,204 @@ def _rotation(angles):
 
 
 @njit(nogil=True, cache=True)
-def _equation(point, plane, rotation, axes, position, gradient):
-    """Distance of a scan point from its plane, m, and how it falls with each unknown; gradient : (6,), out."""
-    dx, dy, dz = _turn(rotation, point)
-    nx, ny, nz, offset = plane
-    gradient[0], gradient[1], gradient[2] = nx, ny, nz
-    cx, cy, cz = dy * nz - dz * ny, dz * nx - dx * nz, dx * ny - dy * nx
-    for k in range(3):  # n . (axis x d) = axis . (d x n)
-        gradient[3 + k] = axes[k, 0] * cx + axes[k, 1] * cy + axes[k, 2] * cz
-    return offset - nx * (dx + position[0]) - ny * (dy + position[1]) - nz * (dz + position[2])
+def _equations(points, planes, unknowns, gate, equations):
+    """Distances of points from their planes, and how they fall with each unknown, times the root of Tukey's weight.
+
+    points : (3, n), sensor frame, m; planes : (4, n); unknowns : (6,); gate : no weight from this distance on, m;
+    equations : (7, n), out: a row for each of x, y, z, roll, pitch, heading, then the distances.
+    """
+    R, axes = _rotation(unknowns[3:])
+    tx, ty, tz = unknowns[0], unknowns[1], unknowns[2]
+    for i in range(points.shape[1]):
+        x, y, z = points[0, i], points[1, i], points[2, i]
+        nx, ny, nz = planes[0, i], planes[1, i], planes[2, i]
+        dx = R[0, 0] * x + R[0, 1] * y + R[0, 2] * z
+        dy = R[1, 0] * x + R[1, 1] * y + R[1, 2] * z
+        dz = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z
+        distance = planes[3, i] - nx * (dx + tx) - ny * (dy + ty) - nz * (dz + tz)
+        share = distance / gate
+        root = max(1.0 - share * share, 0.0)
+        # n . (axis x d) = axis . (d x n)
+        cx, cy, cz = dy * nz - dz * ny, dz * nx - dx * nz, dx * ny - dy * nx
+        equations[0, i], equations[1, i], equations[2, i] = root * nx, root * ny, root * nz
+        equations[3, i] = root * (axes[0, 0] * cx + axes[0, 1] * cy + axes[0, 2] * cz)
+        equations[4, i] = root * (axes[1, 0] * cx + axes[1, 1] * cy)
+        equations[5, i] = root * cz
+        equations[6, i] = root * distance
+
+
+@njit(nogil=True, cache=True, fastmath={"reassoc", "contract"})
+def _products(equations, products):
+    """All scalar products of rows, (7, n), with each other: (7, 7), out."""
+    for j in range(7):
+        for k in range(j, 7):
+            total = 0.0
+            for i in range(equations.shape[1]):
+                total += equations[j, i] * equations[k, i]
+            products[j, k] = products[k, j] = total
 
 
 @njit(nogil=True, cache=True)
-def _add_equations(points, planes, unknowns, gate, normal_matrix, right_side, residuals, weights):
-    """Normal equations of the distances n . r of points from their planes; see `adjust`."""
-    normal_matrix[:] = 0.0
-    right_side[:] = 0.0
-    gradient = np.empty(6)
-    rotation, axes = _rotation(unknowns[3:])
+def _with_planes(points, planes):
+    """The points that have a plane, and their planes, as columns: (3, m) and (4, m); and their numbers, (m,)."""
+    numbers = np.empty(points.shape[0], np.int64)
+    m = 0
     for i in range(points.shape[0]):
-        residuals[i], weights[i] = np.inf, 0.0
-        if planes[i, 0] == 0.0 and planes[i, 1] == 0.0 and planes[i, 2] == 0.0:
-            continue
-        residuals[i] = _equation(points[i], planes[i], rotation, axes, unknowns[:3], gradient)
-        share = residuals[i] / gate
-        if abs(share) >= 1.0:
-            continue
-        weight = (1.0 - share * share) ** 2
-        weights[i] = weight
-        for j in range(6):
-            right_side[j] += weight * gradient[j] * residuals[i]
-            for k in range(j, 6):
-                normal_matrix[j, k] += weight * gradient[j] * gradient[k]
-    for j in range(6):
-        for k in range(j):
-            normal_matrix[j, k] = normal_matrix[k, j]
+        if planes[i, 0] != 0.0 or planes[i, 1] != 0.0 or planes[i, 2] != 0.0:
+            numbers[m] = i
+            m += 1
+    numbers = numbers[:m]
+    some, of_some = np.empty((3, m)), np.empty((4, m))
+    for k in range(m):
+        for axis in range(3):
+            some[axis, k] = points[numbers[k], axis]
+        for axis in range(4):
+            of_some[axis, k] = planes[numbers[k], axis]
+    return some, of_some, numbers
 
 
 @njit(nogil=True, cache=True)
-def adjust(
-    points, planes, unknowns, start, start_weights, gate, n_steps, at_rest, normal_matrix, residuals, weights
-):
+def adjust(points, planes, unknowns, start, start_weights, gate, n_steps, at_rest):
     """Gauss-Newton steps that shorten the distances n . r of points from their planes, with Tukey's weights.
 
     points : (n, 3), sensor frame, m; planes : (n, 4), as `find_partners` made them; unknowns : (6,), x, y, z, roll,
     pitch, heading, in and out; start : (6,), which is an observation of them with weights start_weights : (6,); gate :
     no weight from this distance on, m; n_steps : at most; at_rest : a step that moves less, m, and turns less than a
-    hundredth of it, rad, is the last. normal_matrix : (6, 6), residuals : (n,), m, and weights : (n,), 0 without a
-    partner, at the end. All out.
+    hundredth of it, rad, is the last.
     """
-    right_side = np.empty(6)
-    _add_equations(points, planes, unknowns, gate, normal_matrix, right_side, residuals, weights)
+    some, of_some, numbers = _with_planes(points, planes)
+    equations, products = np.empty((7, len(numbers))), np.empty((7, 7))
     for _ in range(n_steps):
-        step = np.linalg.solve(
-            normal_matrix + np.diag(start_weights), right_side - start_weights * (unknowns - start)
-        )
+        _equations(some, of_some, unknowns, gate, equations)
+        _products(equations, products)
+        right_side = products[:6, 6] - start_weights * (unknowns - start)
+        step = np.linalg.solve(products[:6, :6] + np.diag(start_weights), right_side)
         unknowns += step
-        _add_equations(points, planes, unknowns, gate, normal_matrix, right_side, residuals, weights)
         if np.abs(step[:3]).max() < at_rest and np.abs(step[3:]).max() < 0.01 * at_rest:
             break
+
+
+@njit(nogil=True, cache=True)
+def weigh(points, planes, unknowns, gate, normal_matrix, residuals, weights):
+    """What points and their planes say of an adjusted pose; the first four as for `adjust`.
+
+    normal_matrix : (6, 6), residuals : (n,), m, infinite without a plane, and weights : (n,), 0 without one. All out.
+    """
+    some, of_some, numbers = _with_planes(points, planes)
+    equations, products = np.empty((7, len(numbers))), np.empty((7, 7))
+    _equations(some, of_some, unknowns, gate, equations)
+    _products(equations, products)
+    normal_matrix[:] = products[:6, :6]
+    residuals[:], weights[:] = np.inf, 0.0
+    R, _ = _rotation(unknowns[3:])
+    for k in range(len(numbers)):
+        x, y, z = some[0, k], some[1, k], some[2, k]
+        nx, ny, nz, offset = of_some[0, k], of_some[1, k], of_some[2, k], of_some[3, k]
+        offset -= nx * (R[0, 0] * x + R[0, 1] * y + R[0, 2] * z + unknowns[0])
+        offset -= ny * (R[1, 0] * x + R[1, 1] * y + R[1, 2] * z + unknowns[1])
+        offset -= nz * (R[2, 0] * x + R[2, 1] * y + R[2, 2] * z + unknowns[2])
+        residuals[numbers[k]] = offset
+        root = max(1.0 - (offset / gate) ** 2, 0.0)
+        weights[numbers[k]] = root * root
 
 
 @njit(nogil=True, cache=True)
 def sum_gradients(points, planes, groups, unknowns, factors, sums):
     """Add factor times gradient of each point's distance to the sum of its group.
 
-    points : (n, 3), sensor frame, m; planes : (n, 4); groups : (n,), numbers; unknowns : (6,), the pose;
-    factors : (n,); sums : (n_groups, 6), in zeros, out.
+    points : (n, 3), sensor frame, m; planes : (n, 4); groups : (n,), numbers, below 0 for none; unknowns : (6,), the
+    pose; factors : (n,); sums : (n_groups, 6), in zeros, out.
     """
-    gradient = np.empty(6)
-    rotation, axes = _rotation(unknowns[3:])
+    R, axes = _rotation(unknowns[3:])
     for i in range(points.shape[0]):
-        _equation(points[i], planes[i], rotation, axes, unknowns[:3], gradient)
-        for k in range(6):
-            sums[groups[i], k] += factors[i] * gradient[k]
+        group = groups[i]
+        if group < 0:
+            continue
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        nx, ny, nz = planes[i, 0], planes[i, 1], planes[i, 2]
+        dx = R[0, 0] * x + R[0, 1] * y + R[0, 2] * z
+        dy = R[1, 0] * x + R[1, 1] * y + R[1, 2] * z
+        dz = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z
+        cx, cy, cz = dy * nz - dz * ny, dz * nx - dx * nz, dx * ny - dy * nx
+        sums[group, 0] += factors[i] * nx
+        sums[group, 1] += factors[i] * ny
+        sums[group, 2] += factors[i] * nz
+        sums[group, 3] += factors[i] * (axes[0, 0] * cx + axes[0, 1] * cy + axes[0, 2] * cz)
+        sums[group, 4] += factors[i] * (axes[1, 0] * cx + axes[1, 1] * cy)
+        sums[group, 5] += factors[i] * cz
+
+
+@njit(nogil=True, cache=True)
+def _number(key, table, keys, n):
+    """Number of a key among the `n` known ones, (m,) in `keys`, or `n` for one that is new and now the next.
+
+    table : a power of two of numbers, more than twice as many as there can be keys; -1 where there is none.
+    """
+    mask = np.uint64(table.shape[0] - 1)
+    slot = ((np.uint64(key) * np.uint64(FACTOR)) >> np.uint64(32)) & mask
+    while table[slot] >= 0:
+        if keys[table[slot]] == key:
+            return table[slot]
+        slot = (slot + np.uint64(1)) & mask
+    table[slot], keys[n] = n, key
+    return n
+
+
+@njit(nogil=True, cache=True)
+def number_groups(points, planes, weights, position, edge, n_facings, steepest, clusters, walls):
+    """Number the clusters of points of one facing in one cube, and the walls of one facing and depth; see `covariance`.
+
+    points : (n, 3), sensor frame, m; planes : (n, 4); weights : (n,), those with 0 are in no group; position : (3,), of
+    the sensor, m; edge : of a cube, and of a depth, m; n_facings : by azimuth; steepest : vertical part of a normal
+    beyond which it faces up or down. clusters, walls : (n,), out, -1 for none. Returns how many there are of each.
+    """
+    size = 16
+    while size < 2 * points.shape[0]:
+        size *= 2
+    cluster_table, wall_table = np.full(size, -1, np.int64), np.full(size, -1, np.int64)
+    cluster_keys, wall_keys = np.empty(points.shape[0], np.int64), np.empty(points.shape[0], np.int64)
+    n_clusters, n_walls = 0, 0
+    for i in range(points.shape[0]):
+        clusters[i] = walls[i] = -1
+        if weights[i] == 0.0:
+            continue
+        nx, ny, nz, offset = planes[i, 0], planes[i, 1], planes[i, 2], planes[i, 3]
+        facing = np.int64(n_facings)
+        if abs(nz) <= steepest:
+            facing = np.int64(np.floor(np.arctan2(ny, nx) / (2.0 * np.pi) * n_facings)) % n_facings
+        key = facing
+        for axis in range(3):
+            key = key * CUBES + np.int64(np.floor(points[i, axis] / edge)) + CUBES // 2
+        clusters[i] = _number(key, cluster_table, cluster_keys, n_clusters)
+        n_clusters = max(n_clusters, clusters[i] + 1)
+        depth = (offset - nx * position[0] - ny * position[1] - nz * position[2]) / edge
+        key = facing * CUBES + np.int64(np.floor(depth)) + CUBES // 2
+        walls[i] = _number(key, wall_table, wall_keys, n_walls)
+        n_walls = max(n_walls, walls[i] + 1)
+    return n_clusters, n_walls
+
+
+@njit(nogil=True, cache=True)
+def count_walls(normals, residuals, rotation, level, found_within, n_points, n_found):
+    """Count the wall points of each facing, and those of them that are found.
+
+    normals : (n, 3), sensor frame, zeros for none; residuals : (n,), m, infinite without a plane; rotation : (3, 3), of
+    the sensor; level : vertical part of a normal from which on it is no wall's; found_within : m; n_points, n_found :
+    (facings,) int64, of pi together, in zeros, out.
+    """
+    n_facings = n_points.shape[0]
+    for i in range(normals.shape[0]):
+        x, y, z = normals[i, 0], normals[i, 1], normals[i, 2]
+        nz = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z
+        if (x == 0.0 and y == 0.0 and z == 0.0) or abs(nz) >= level:
+            continue
+        nx = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z
+        ny = rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z
+        azimuth = np.arctan2(ny, nx)
+        if azimuth < 0.0:
+            azimuth += np.pi
+        elif azimuth >= np.pi:
+            azimuth -= np.pi
+        facing = min(np.int64(azimuth * (n_facings / np.pi)), n_facings - 1)
+        n_points[facing] += 1
+        n_found[facing] += abs(residuals[i]) <= found_within
