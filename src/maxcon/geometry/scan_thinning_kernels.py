@@ -18,7 +18,9 @@ LOT_STEPS = 65536.0
 @njit(nogil=True, cache=True)
 def _whole(value):
     """A whole float64 number as 64 bits; those that do not fit are all the same."""
-    return np.uint64(np.int64(min(max(value, -(2.0**62)), 2.0**62)))
+    if abs(value) < 2.0**62:
+        return np.uint64(np.int64(value))
+    return np.uint64(np.int64(2**62 if value > 0.0 else -(2**62)))
 
 
 @njit(nogil=True, cache=True)
@@ -32,14 +34,8 @@ def _slot(x, y, z, shift):
 
 
 @njit(nogil=True, cache=True)
-def _comes_before(i, j, ranks, points, normals):
-    """Whether the first of two points of a cube is kept: with a normal, of lower rank, by x, y, z, by normal."""
-    has_i = (normals[i, 0] != 0.0) | (normals[i, 1] != 0.0) | (normals[i, 2] != 0.0)
-    has_j = (normals[j, 0] != 0.0) | (normals[j, 1] != 0.0) | (normals[j, 2] != 0.0)
-    if has_i != has_j:
-        return has_i
-    if ranks[i] != ranks[j]:
-        return ranks[i] < ranks[j]
+def _comes_before(i, j, points, normals):
+    """Whether the first of two points, equally far from the middle, is kept: by x, y, z, by normal."""
     for axis in range(3):
         if points[i, axis] != points[j, axis]:
             return points[i, axis] < points[j, axis]
@@ -62,29 +58,36 @@ def one_per_cube(points, normals, edge, by_lot):
         n_bits += np.uint64(1)
     shift, mask = np.uint64(64) - n_bits, (np.uint64(1) << n_bits) - np.uint64(1)
     table = np.full(1 << np.int64(n_bits), NONE)  # number of each cube among those met
-    cubes, kept, ranks = np.empty((n, 3)), np.empty(n, np.int64), np.empty(n)
+    cubes, kept = np.empty((n, 3)), np.empty(n, np.int64)
+    have_normals, ranks = np.empty(n, np.bool_), np.empty(n)  # of the points that are kept
     n_cubes = 0
     for i in range(n):
         in_x, in_y, in_z = points[i, 0] / edge, points[i, 1] / edge, points[i, 2] / edge
         x, y, z = np.floor(in_x), np.floor(in_y), np.floor(in_z)
         if by_lot:
             x_fine, y_fine = np.floor(points[i, 0] * LOT_STEPS), np.floor(points[i, 1] * LOT_STEPS)
-            ranks[i] = np.float64(_slot(x_fine, y_fine, np.floor(points[i, 2] * LOT_STEPS), np.uint64(32)))
+            rank = np.float64(_slot(x_fine, y_fine, np.floor(points[i, 2] * LOT_STEPS), np.uint64(32)))
         else:
             dx, dy, dz = in_x - x - 0.5, in_y - y - 0.5, in_z - z - 0.5
-            ranks[i] = dx * dx + dy * dy + dz * dz
+            rank = dx * dx + dy * dy + dz * dz
+        has_normal = (normals[i, 0] != 0.0) | (normals[i, 1] != 0.0) | (normals[i, 2] != 0.0)
         slot = _slot(x, y, z, shift)
         while True:
-            cube = table[slot]
-            if cube == NONE:
-                table[slot] = n_cubes
-                cubes[n_cubes, 0], cubes[n_cubes, 1], cubes[n_cubes, 2] = x, y, z
-                kept[n_cubes] = i
+            cube = np.int64(table[slot])
+            if cube < 0:
+                cube, is_kept = np.int64(n_cubes), True
+                table[slot] = cube
+                cubes[cube, 0], cubes[cube, 1], cubes[cube, 2] = x, y, z
                 n_cubes += 1
                 break
             if cubes[cube, 0] == x and cubes[cube, 1] == y and cubes[cube, 2] == z:
-                if _comes_before(i, kept[cube], ranks, points, normals):
-                    kept[cube] = i
+                is_kept = (has_normal > have_normals[cube]) | (
+                    (has_normal == have_normals[cube]) & (rank < ranks[cube])
+                )
+                if has_normal == have_normals[cube] and rank == ranks[cube]:
+                    is_kept = _comes_before(i, kept[cube], points, normals)
                 break
             slot = (slot + np.uint64(1)) & mask
+        if is_kept:
+            kept[cube], have_normals[cube], ranks[cube] = i, has_normal, rank
     return kept[:n_cubes].copy()

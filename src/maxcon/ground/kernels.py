@@ -53,8 +53,7 @@ def lowest_of_cells(points, rotation, edge, nearest, farthest, thickness):
         sums[cell, 3] += 1.0
     means = np.empty((n_cells, 3))
     m = 0
-    for place in range(width * width):
-        cell = numbers[place]
+    for cell in numbers:
         if cell >= 0:
             for axis in range(3):
                 means[m, axis] = sums[cell, axis] / sums[cell, 3]

@@ -9,6 +9,7 @@ lies at an address lives only as long as the object that gave it: see `tile.Addr
 import numpy as np
 from llvmlite import ir
 from numba import njit, types
+from numba.core import cgutils
 from numba.extending import intrinsic
 
 from maxcon.point_map.tile import PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS
@@ -16,7 +17,6 @@ from maxcon.point_map.tile import PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS
 __all__ = [
     "find_in_patch",
     "find_patch",
-    "find_voxel",
     "float32_at",
     "int32_at",
     "is_near_voxels",
@@ -51,6 +51,21 @@ int32_at = _reading(types.int32, ir.IntType(32))
 uint8_at = _reading(types.uint8, ir.IntType(8))
 uint64_at = _reading(types.uint64, ir.IntType(64))
 float32_at = _reading(types.float32, ir.FloatType())
+
+
+@intrinsic
+def fetch(typing_context, address):
+    """Have what lies at an address brought near, while other work goes on."""
+
+    def generate(context, builder, signature, arguments):
+        pointer, number = ir.IntType(8).as_pointer(), ir.IntType(32)
+        kind = ir.FunctionType(ir.VoidType(), [pointer, number, number, number])
+        function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
+        place = builder.inttoptr(arguments[0], pointer)
+        builder.call(function, [place, number(0), number(3), number(1)])  # to read, often, data
+        return context.get_dummy_value()
+
+    return types.void(types.uint64), generate
 
 
 @intrinsic
@@ -102,19 +117,6 @@ def find_in_patch(x, y, row, patch, rows):
         return False, np.uint64(0)
     before = voxels & ((np.uint64(1) << bit) - np.uint64(1))
     return True, np.uint64(int32_at(rows[row, FIRSTS], word)) + n_bits(before)
-
-
-@njit(nogil=True, cache=True)
-def find_voxel(x, y, z, rows, grid, corner):
-    """Row of the tile that holds voxel (x, y, z), and the voxel's number in it; row 0 where there is none.
-
-    rows, grid, corner : of a `VoxelLookup`.
-    """
-    row, patch = find_patch(x, y, z, rows, grid, corner)
-    if row == 0:
-        return row, patch
-    is_held, number = find_in_patch(x, y, row, patch, rows)
-    return (row, number) if is_held else (np.uint64(0), number)
 
 
 @njit(nogil=True, cache=True)

@@ -137,7 +137,7 @@ def refine(
     from maxcon.refine import kernels
 
     kept = one_per_cube(scan.points, scan.normals, THINNING, by_lot=True)
-    points, normals = scan.points[kept], scan.normals[kept]
+    points, normals = scan.points.take(kept, axis=0), scan.normals.take(kept, axis=0)
     lookup = _lookup(points, point_map, start)
     planes, residuals, weights = np.zeros((len(points), 4)), np.empty(len(points)), np.empty(len(points))
     sigmas = [POSITION_SIGMA, POSITION_SIGMA, height_sigma, tilt_sigma, tilt_sigma, HEADING_SIGMA]

@@ -6,9 +6,12 @@ import numpy as np
 from numba import njit
 
 from maxcon.point_map.lookup_kernels import (
+    FIRSTS,
     MEANS,
     NORMALS,
     PATCH_BITS,
+    WORDS,
+    fetch,
     find_in_patch,
     find_patch,
     float32_at,
@@ -20,8 +23,8 @@ from maxcon.point_map.tile import MEAN_STEPS
 __all__ = ["adjust", "count_walls", "find_partners", "number_groups", "sum_gradients", "weigh"]
 
 MEAN_STEP = 1.0 / MEAN_STEPS
-# The number of no patch and no layer.
-NOWHERE = np.int64(-(2**62))
+# Points whose planes are fetched at once.
+BLOCK = 32
 # Cubes along an axis that have a number each: 400 km of 3 m. A large odd number mixes the numbers.
 CUBES = np.int64(2**17)
 FACTOR = 0x9E3779B97F4A7C15
@@ -43,16 +46,19 @@ def _plane(row, number, x, y, z, cell, rows):
 
 
 @njit(nogil=True, cache=True)
-def _partner_along(px, py, pz, nx, ny, nz, cell, reach, least_cosine, is_signed, rows, grid, corner):
+def _partner_along(
+    px, py, pz, nx, ny, nz, row, patch, cell, reach, least_cosine, is_signed, rows, grid, corner
+):
     """Plane (normal, offset) nearest to a point among the voxels along its normal; a normal of zeros for none.
 
-    From the voxel of the point outwards to both sides, and one step beyond the first that is found.
+    From the voxel of the point outwards to both sides, and one step beyond the first that is found. row, patch : of the
+    point's own voxel, as `find_patch` gives them.
     """
     found = (0.0, 0.0, 0.0, 0.0)
     nearest, last = np.inf, reach
     in_x, in_y, in_z = px / cell, py / cell, pz / cell
-    here_x, here_y, here_z = NOWHERE, NOWHERE, NOWHERE
-    row, patch = np.uint64(0), np.uint64(0)
+    here_x, here_y = np.int64(np.floor(in_x)) >> PATCH_BITS, np.int64(np.floor(in_y)) >> PATCH_BITS
+    here_z = np.int64(np.floor(in_z))
     for step in range(reach + 1):
         if step > last:
             break
@@ -82,16 +88,15 @@ def _partner_along(px, py, pz, nx, ny, nz, cell, reach, least_cosine, is_signed,
 
 
 @njit(nogil=True, cache=True)
-def _partner_around(px, py, pz, cell, reach, rows, grid, corner):
+def _partner_around(px, py, pz, own_row, own_patch, cell, reach, rows, grid, corner):
     """Plane of a voxel along the axes from that of a point, of the nearest ones the one whose mean is nearest.
 
-    A normal of zeros for none.
+    A normal of zeros for none. own_row, own_patch : of the point's voxel, as `find_patch` gives them.
     """
     found = (0.0, 0.0, 0.0, 0.0)
     nearest = np.inf
     x0, y0, z0 = np.int64(np.floor(px / cell)), np.int64(np.floor(py / cell)), np.int64(np.floor(pz / cell))
     here_x, here_y = x0 >> PATCH_BITS, y0 >> PATCH_BITS
-    own_row, own_patch = find_patch(x0, y0, z0, rows, grid, corner)
     for step in range(reach + 1):
         if nearest < np.inf:
             break
@@ -116,6 +121,73 @@ def _partner_around(px, py, pz, cell, reach, rows, grid, corner):
     return found
 
 
+@njit(nogil=True, cache=True, inline="always")
+def _is_asked(i, every, planes):
+    """Whether a partner of point i is looked for; see `adjustment.Round`."""
+    if every == 0:
+        return planes[i, 0] != 0.0 or planes[i, 1] != 0.0 or planes[i, 2] != 0.0
+    return i % every == 0
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _is_near(place, normal, reaches, rows, grid, corner):
+    """Whether a point, (x, y, z) in voxels, may have a partner: most of those that have none are far from any voxel."""
+    along, around = np.float64(reaches[0]), np.float64(reaches[1])
+    reach_x, reach_y, reach_z = along * abs(normal[0]), along * abs(normal[1]), along * abs(normal[2])
+    if reach_x == 0.0 and reach_y == 0.0 and reach_z == 0.0:
+        reach_x, reach_y, reach_z = around, around, around
+    return is_near_voxels(place, (reach_x, reach_y, reach_z), rows, grid, corner)
+
+
+@njit(nogil=True, cache=True)
+def _place_some(
+    first, points, normals, unknowns, R, every, cell, reaches, rows, grid, corner, planes, placed, owned
+):
+    """Place points from number `first` on that may have a partner, as many as there is room for.
+
+    planes : of all points before them set to zeros, out; placed : (m, 6), out, points and normals, map frame; owned :
+    (m, 3) uint64, out, their numbers, and row and patch of the voxels they are in. Patches are fetched meanwhile.
+    Returns the number of the first point that is left, and how many were placed.
+    """
+    n = 0
+    while first < points.shape[0] and n < placed.shape[0]:
+        i, first = first, first + 1
+        is_asked = _is_asked(i, every, planes)
+        planes[i, 0], planes[i, 1], planes[i, 2], planes[i, 3] = 0.0, 0.0, 0.0, 0.0
+        if not is_asked:
+            continue
+        for axis in range(3):
+            a, b, c = R[axis, 0], R[axis, 1], R[axis, 2]
+            placed[n, axis] = a * points[i, 0] + b * points[i, 1] + c * points[i, 2] + unknowns[axis]
+            placed[n, 3 + axis] = a * normals[i, 0] + b * normals[i, 1] + c * normals[i, 2]
+        in_x, in_y, in_z = placed[n, 0] / cell, placed[n, 1] / cell, placed[n, 2] / cell
+        normal = placed[n, 3], placed[n, 4], placed[n, 5]
+        if every != 0 and not _is_near((in_x, in_y, in_z), normal, reaches, rows, grid, corner):
+            continue
+        x, y, z = np.int64(np.floor(in_x)), np.int64(np.floor(in_y)), np.int64(np.floor(in_z))
+        row, patch = find_patch(x, y, z, rows, grid, corner)
+        if row != 0:
+            fetch(rows[row, WORDS] + np.uint64(32) * patch)
+            fetch(rows[row, FIRSTS] + np.uint64(16) * patch)
+        owned[n, 0], owned[n, 1], owned[n, 2] = i, row, patch
+        n += 1
+    return first, n
+
+
+@njit(nogil=True, cache=True)
+def _fetch_planes(placed, owned, cell, rows):
+    """Fetch the planes of the voxels that points are in; see `_place_some`."""
+    for k in range(placed.shape[0]):
+        row, patch = owned[k, 1], owned[k, 2]
+        if row == 0:
+            continue
+        x, y = np.int64(np.floor(placed[k, 0] / cell)), np.int64(np.floor(placed[k, 1] / cell))
+        is_held, number = find_in_patch(x, y, row, patch, rows)
+        if is_held:
+            fetch(rows[row, NORMALS] + np.uint64(12) * number)
+            fetch(rows[row, MEANS] + np.uint64(3) * number)
+
+
 @njit(nogil=True, cache=True)
 def find_partners(
     points, normals, unknowns, every, cell, reaches, least_cosine, is_signed, rows, grid, corner, planes
@@ -128,39 +200,30 @@ def find_partners(
     least_cosine : of the angle between the normals of point and voxel.
     planes : (n, 4) float64, out, unit normal and its scalar product with a point of the plane, map frame; zeros for
     none, and for the points between.
+
+    A map is larger than what is near the processor: what a block of points will ask for is fetched while the block is
+    placed, and looked at afterwards.
     """
     R, _ = _rotation(unknowns[3:])
-    tx, ty, tz = unknowns[0], unknowns[1], unknowns[2]
     along, around = reaches
-    for i in range(points.shape[0]):
-        had_partner = planes[i, 0] != 0.0 or planes[i, 1] != 0.0 or planes[i, 2] != 0.0
-        planes[i, 0], planes[i, 1], planes[i, 2], planes[i, 3] = 0.0, 0.0, 0.0, 0.0
-        if not (had_partner if every == 0 else i % every == 0):
-            continue
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        px = R[0, 0] * x + R[0, 1] * y + R[0, 2] * z + tx
-        py = R[1, 0] * x + R[1, 1] * y + R[1, 2] * z + ty
-        pz = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z + tz
-        x, y, z = normals[i, 0], normals[i, 1], normals[i, 2]
-        nx = R[0, 0] * x + R[0, 1] * y + R[0, 2] * z
-        ny = R[1, 0] * x + R[1, 1] * y + R[1, 2] * z
-        nz = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z
-        has_normal = nx != 0.0 or ny != 0.0 or nz != 0.0
-        if every != 0:  # most points that have no partner are far from any voxel
-            reach_x, reach_y, reach_z = np.float64(around), np.float64(around), np.float64(around)
-            if has_normal:
-                reach_x, reach_y, reach_z = along * abs(nx), along * abs(ny), along * abs(nz)
-            if not is_near_voxels(
-                (px / cell, py / cell, pz / cell), (reach_x, reach_y, reach_z), rows, grid, corner
-            ):
-                continue
-        if has_normal:
-            plane = _partner_along(
-                px, py, pz, nx, ny, nz, cell, along, least_cosine, is_signed, rows, grid, corner
-            )
-        else:
-            plane = _partner_around(px, py, pz, cell, around, rows, grid, corner)
-        planes[i, 0], planes[i, 1], planes[i, 2], planes[i, 3] = plane
+    placed, owned = np.empty((BLOCK, 6)), np.empty((BLOCK, 3), np.uint64)
+    first = 0
+    while first < points.shape[0]:
+        first, n = _place_some(
+            first, points, normals, unknowns, R, every, cell, reaches, rows, grid, corner, planes, placed, owned
+        )  # fmt: skip
+        _fetch_planes(placed[:n], owned, cell, rows)
+        for k in range(n):
+            px, py, pz = placed[k, 0], placed[k, 1], placed[k, 2]
+            nx, ny, nz = placed[k, 3], placed[k, 4], placed[k, 5]
+            i, row, patch = owned[k, 0], owned[k, 1], owned[k, 2]
+            if nx == 0.0 and ny == 0.0 and nz == 0.0:
+                plane = _partner_around(px, py, pz, row, patch, cell, around, rows, grid, corner)
+            else:
+                plane = _partner_along(
+                    px, py, pz, nx, ny, nz, row, patch, cell, along, least_cosine, is_signed, rows, grid, corner
+                )  # fmt: skip
+            planes[i, 0], planes[i, 1], planes[i, 2], planes[i, 3] = plane
 
 
 @njit(nogil=True, cache=True)
@@ -308,6 +371,28 @@ def sum_gradients(points, planes, groups, unknowns, factors, sums):
 
 
 @njit(nogil=True, cache=True)
+def _bounds(n):
+    """Unit vectors between the n sectors of a half turn, (n - 1, 2)."""
+    bounds = np.empty((n - 1, 2))
+    for k in range(n - 1):
+        azimuth = (k + 1) * np.pi / n
+        bounds[k, 0], bounds[k, 1] = np.cos(azimuth), np.sin(azimuth)
+    return bounds
+
+
+@njit(nogil=True, cache=True)
+def _sector(x, y, bounds):
+    """Number of the sector of a half turn in which a direction or its opposite lies, and whether it is the opposite."""
+    is_opposite = y < 0.0 or (y == 0.0 and x < 0.0)
+    if is_opposite:
+        x, y = -x, -y
+    sector = 0
+    for k in range(bounds.shape[0]):
+        sector += bounds[k, 0] * y >= bounds[k, 1] * x
+    return sector, is_opposite
+
+
+@njit(nogil=True, cache=True)
 def _number(key, table, keys, n):
     """Number of a key among the `n` known ones, (m,) in `keys`, or `n` for one that is new and now the next.
 
@@ -328,14 +413,17 @@ def number_groups(points, planes, weights, position, edge, n_facings, steepest, 
     """Number the clusters of points of one facing in one cube, and the walls of one facing and depth; see `covariance`.
 
     points : (n, 3), sensor frame, m; planes : (n, 4); weights : (n,), those with 0 are in no group; position : (3,), of
-    the sensor, m; edge : of a cube, and of a depth, m; n_facings : by azimuth; steepest : vertical part of a normal
-    beyond which it faces up or down. clusters, walls : (n,), out, -1 for none. Returns how many there are of each.
+    the sensor, m; edge : of a cube, and of a depth, m; n_facings : by azimuth, an even number; steepest : vertical part
+    of a normal beyond which it faces up or down. clusters, walls : (n,), out, -1 for none. Returns how many there are
+    of each.
     """
+    n_used = np.count_nonzero(weights)
     size = 16
-    while size < 2 * points.shape[0]:
+    while size < 2 * n_used:
         size *= 2
-    cluster_table, wall_table = np.full(size, -1, np.int64), np.full(size, -1, np.int64)
-    cluster_keys, wall_keys = np.empty(points.shape[0], np.int64), np.empty(points.shape[0], np.int64)
+    cluster_table, wall_table = np.full(size, np.int32(-1)), np.full(size, np.int32(-1))
+    cluster_keys, wall_keys = np.empty(n_used, np.int64), np.empty(n_used, np.int64)
+    bounds = _bounds(n_facings // 2)
     n_clusters, n_walls = 0, 0
     for i in range(points.shape[0]):
         clusters[i] = walls[i] = -1
@@ -344,7 +432,8 @@ def number_groups(points, planes, weights, position, edge, n_facings, steepest, 
         nx, ny, nz, offset = planes[i, 0], planes[i, 1], planes[i, 2], planes[i, 3]
         facing = np.int64(n_facings)
         if abs(nz) <= steepest:
-            facing = np.int64(np.floor(np.arctan2(ny, nx) / (2.0 * np.pi) * n_facings)) % n_facings
+            sector, is_opposite = _sector(nx, ny, bounds)
+            facing = sector + n_facings // 2 * is_opposite
         key = facing
         for axis in range(3):
             key = key * CUBES + np.int64(np.floor(points[i, axis] / edge)) + CUBES // 2
@@ -365,7 +454,7 @@ def count_walls(normals, residuals, rotation, level, found_within, n_points, n_f
     the sensor; level : vertical part of a normal from which on it is no wall's; found_within : m; n_points, n_found :
     (facings,) int64, of pi together, in zeros, out.
     """
-    n_facings = n_points.shape[0]
+    bounds = _bounds(n_points.shape[0])
     for i in range(normals.shape[0]):
         x, y, z = normals[i, 0], normals[i, 1], normals[i, 2]
         nz = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z
@@ -373,11 +462,6 @@ def count_walls(normals, residuals, rotation, level, found_within, n_points, n_f
             continue
         nx = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z
         ny = rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z
-        azimuth = np.arctan2(ny, nx)
-        if azimuth < 0.0:
-            azimuth += np.pi
-        elif azimuth >= np.pi:
-            azimuth -= np.pi
-        facing = min(np.int64(azimuth * (n_facings / np.pi)), n_facings - 1)
+        facing, _ = _sector(nx, ny, bounds)
         n_points[facing] += 1
         n_found[facing] += abs(residuals[i]) <= found_within
