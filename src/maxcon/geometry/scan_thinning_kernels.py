@@ -5,11 +5,16 @@
 import numpy as np
 from numba import njit
 
+from maxcon.geometry.pose import rotation_matrices
+
 __all__ = ["one_per_cube"]
 
 NONE = np.int32(-1)
 # Of a 64-bit hash, as many upper bits are taken as the table needs; the factors are large odd numbers.
 FACTOR_X, FACTOR_Y, FACTOR_Z = 0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9
+
+# The axes of a grid that lies along no street.
+ASKEW = rotation_matrices(0.31, -0.23, 0.47)
 
 # Of a metre: coordinates that differ by less draw the same lot.
 LOT_STEPS = 65536.0
@@ -50,7 +55,8 @@ def one_per_cube(points, normals, edge, by_lot):
     """Numbers, (m,) int64, of one point of those in each cube; see `scan_thinning.one_per_cube`.
 
     points, normals : (n, 3) float64; edge : of a cube, m; by_lot : whether a hash of the
-    coordinates stands for the distance from the middle. In the order in which cubes are first met.
+    coordinates stands for the distance from the middle, and the grid is turned by `ASKEW`. In the order in which cubes
+    are first met.
     """
     n = points.shape[0]
     n_bits = np.uint64(4)
@@ -62,11 +68,18 @@ def one_per_cube(points, normals, edge, by_lot):
     have_normals, ranks = np.empty(n, np.bool_), np.empty(n)  # of the points that are kept
     n_cubes = 0
     for i in range(n):
-        in_x, in_y, in_z = points[i, 0] / edge, points[i, 1] / edge, points[i, 2] / edge
+        px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+        if by_lot:
+            px, py, pz = (
+                ASKEW[0, 0] * px + ASKEW[0, 1] * py + ASKEW[0, 2] * pz,
+                ASKEW[1, 0] * px + ASKEW[1, 1] * py + ASKEW[1, 2] * pz,
+                ASKEW[2, 0] * px + ASKEW[2, 1] * py + ASKEW[2, 2] * pz,
+            )
+        in_x, in_y, in_z = px / edge, py / edge, pz / edge
         x, y, z = np.floor(in_x), np.floor(in_y), np.floor(in_z)
         if by_lot:
-            x_fine, y_fine = np.floor(points[i, 0] * LOT_STEPS), np.floor(points[i, 1] * LOT_STEPS)
-            rank = np.float64(_slot(x_fine, y_fine, np.floor(points[i, 2] * LOT_STEPS), np.uint64(32)))
+            x_fine, y_fine = np.floor(px * LOT_STEPS), np.floor(py * LOT_STEPS)
+            rank = np.float64(_slot(x_fine, y_fine, np.floor(pz * LOT_STEPS), np.uint64(32)))
         else:
             dx, dy, dz = in_x - x - 0.5, in_y - y - 0.5, in_z - z - 0.5
             rank = dx * dx + dy * dy + dz * dz
