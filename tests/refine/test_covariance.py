@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from maxcon import PointMap, Pose, Scan
-from maxcon.refine import covariance, kernels, refine
+from maxcon.refine import covariance, group_kernels, refine
 from maxcon.refine.adjustment import MATCH_SIGMA
 from maxcon.refine.covariance import CLUSTER_EDGE, N_FACINGS, SCATTER_FACTORS, STEEPEST, WALL_SIGMA
 
@@ -59,7 +59,7 @@ def test_groups_are_those_of_cubes_depths_and_azimuths(seed):
     planes = np.column_stack([normals, normals @ position + rng.uniform(-9, 9, n)])
     weights = rng.uniform(size=n) * (rng.random(n) < 0.8)
     clusters, walls = np.empty(n, np.int64), np.empty(n, np.int64)
-    n_groups = kernels.number_groups(
+    n_groups = group_kernels.number_groups(
         points, planes, weights, position, edge, N_FACINGS, STEEPEST, clusters, walls
     )
     azimuths = np.arctan2(normals[:, 1], normals[:, 0]) / (2 * math.pi) * N_FACINGS

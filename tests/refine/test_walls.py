@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from maxcon import PointMap, Pose, Scan
-from maxcon.refine import kernels, least_wall_share, refine
+from maxcon.refine import group_kernels, least_wall_share, refine
 
 
 def wall(azimuth, distance, n, seed):
@@ -52,7 +52,7 @@ def test_counts_are_those_of_azimuths(seed):
     normals[100:103] = [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
     residuals, rotation = rng.normal(0.0, 0.1, 500), Pose(0.0, 0.0, 0.0, 0.1 * seed, 0.0, 0.3 * seed).rotation
     n_points, n_found = np.zeros(6, np.int64), np.zeros(6, np.int64)
-    kernels.count_walls(normals, residuals, rotation, 0.5, 0.08, n_points, n_found)
+    group_kernels.count_walls(normals, residuals, rotation, 0.5, 0.08, n_points, n_found)
     turned = normals @ rotation.T
     is_wall = turned.any(axis=1) & (np.abs(turned[:, 2]) < 0.5)
     azimuths = np.arctan2(turned[is_wall, 1], turned[is_wall, 0]) % math.pi

@@ -134,7 +134,7 @@ def refine(
     height_sigma, tilt_sigma : float
         Standard deviations of the start's height, m, and of its roll and pitch, rad.
     """
-    from maxcon.refine import kernels
+    from maxcon.refine import kernels, partner_kernels
 
     kept = one_per_cube(scan.points, scan.normals, THINNING, by_lot=True)
     points, normals = scan.points.take(kept, axis=0), scan.normals.take(kept, axis=0)
@@ -145,7 +145,7 @@ def refine(
     first = start.values
     unknowns = first.copy()
     for each in ROUNDS:
-        kernels.find_partners(
+        partner_kernels.find_partners(
             points, normals, unknowns, each.every, point_map.cell, (each.along, each.around), LEAST_COSINE,
             point_map.is_signed, lookup.rows, lookup.grid, lookup.corner, planes,
         )  # fmt: skip

@@ -37,7 +37,7 @@ def covariance(refined: Refined, map_sigma: float) -> NDArray[np.float64]:
     map_sigma : float
         Standard deviation of the map's own position along any axis, m.
     """
-    from maxcon.refine import kernels
+    from maxcon.refine import group_kernels, kernels
 
     def pulls(n_groups: int, groups: NDArray[np.int64], factors: NDArray[np.float64]) -> NDArray[np.float64]:
         sums = np.zeros((n_groups, 6))
@@ -45,7 +45,7 @@ def covariance(refined: Refined, map_sigma: float) -> NDArray[np.float64]:
         return sums.T @ sums
 
     clusters, walls = (np.empty(len(refined.points), np.int64) for _ in range(2))
-    n_clusters, n_walls = kernels.number_groups(
+    n_clusters, n_walls = group_kernels.number_groups(
         refined.points, refined.planes, refined.weights, refined.pose.position, CLUSTER_EDGE, N_FACINGS, STEEPEST,
         clusters, walls,
     )  # fmt: skip

@@ -53,10 +53,10 @@ def least_wall_share(refined: Refined) -> WallShare | None:
 
     At a wrong place along a street the walls along it fit all the same; those across do not.
     """
-    from maxcon.refine import kernels
+    from maxcon.refine import group_kernels
 
     n_points, n_found = np.zeros(N_FACINGS, np.int64), np.zeros(N_FACINGS, np.int64)
-    kernels.count_walls(
+    group_kernels.count_walls(
         refined.normals, refined.residuals, refined.pose.rotation, LEVEL, FOUND_WITHIN, n_points, n_found
     )
     shares = [
