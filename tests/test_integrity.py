@@ -10,7 +10,9 @@ import pytest
 
 from maxcon import Count, MaximumConsensus, PointMap, Pose, Scan, SearchSpace, Status, Trust
 from maxcon.errors import OptionError
+from maxcon.geometry import rotation_matrices
 from maxcon.integrity import protection_level, reasons_to_doubt_answer, reasons_to_doubt_scan, runner_up_ratio
+from maxcon.integrity_kernels import count_normals
 
 SPACE = SearchSpace(half_width=1.2, heading_half_width_deg=1.0)
 HERE = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -253,3 +255,14 @@ def test_a_scan_without_normals_says_so_beside_its_answer(corner, search):
     )
     assert nowhere.status is Status.NO_MATCH
     assert nowhere.reason == estimate.reason
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_normals_are_counted_as_they_are(seed):
+    rng = np.random.default_rng(seed)
+    normals = rng.normal(size=(1000, 3))
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    normals[rng.random(1000) < 0.3] = 0.0
+    up = rotation_matrices(0.1, -0.2, 0.0)[2]
+    is_horizontal = normals.any(axis=1) & (np.abs(normals @ up) < 0.5)
+    assert count_normals(normals, up, 0.5) == (normals.any(axis=1).sum(), is_horizontal.sum())

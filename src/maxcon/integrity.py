@@ -9,6 +9,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon.compiled import read_only_view
 from maxcon.errors import OptionError
 from maxcon.estimate import Status
 from maxcon.geometry import Pose, rotation_matrices
@@ -144,10 +145,11 @@ def reasons_to_doubt_scan(scan: Scan, prior: Pose) -> list[str]:
     n_points = len(scan)
     if n_points < FEWEST_POINTS:
         return [f"only {n_points} points: is the scan cut, or are range limits too narrow?"]
-    has_normal = np.einsum("ij,ij->i", scan.normals, scan.normals) > 0.0
-    up = scan.normals @ rotation_matrices(prior.roll, prior.pitch, 0.0)[2]
-    n_horizontal = int(np.count_nonzero(has_normal & (np.abs(up) < HORIZONTAL)))
-    share, horizontal = np.count_nonzero(has_normal) / n_points, n_horizontal / n_points
+    from maxcon import integrity_kernels
+
+    up = rotation_matrices(prior.roll, prior.pitch, 0.0)[2]
+    n_normals, n_horizontal = integrity_kernels.count_normals(read_only_view(scan.normals), up, HORIZONTAL)
+    share, horizontal = n_normals / n_points, n_horizontal / n_points
     if share >= FEWEST_NORMALS and horizontal >= FEWEST_HORIZONTAL:
         return []
     level = "none horizontal" if n_horizontal == 0 else f"horizontal ones on {100.0 * horizontal:.1f} %"

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from maxcon import Scan
 from maxcon.errors import OptionError
 from maxcon.geometry.scan_thinning import one_per_cube
+from maxcon.geometry.scan_thinning_kernels import ASKEW
 
 
 def plainly(points, normals, edge):
@@ -105,3 +106,30 @@ def test_all_points_are_kept_with_an_edge_of_0_and_of_an_empty_scan():
 def test_refusals(edge):
     with pytest.raises(OptionError, match="Expected `edge` of thinning >= 0 m"):
         Scan([[1.0, 2.0, 3.0]], [[1.0, 0.0, 0.0]]).thinned(edge)
+
+
+def test_by_lot_one_point_of_each_cube_is_kept_whatever_their_order():
+    rng = np.random.default_rng(0)
+    points, normals = random_points(rng, 3000, 5.0)
+    cubes = np.floor(points @ ASKEW.T / 0.4)
+    kept = one_per_cube(points, normals, 0.4, by_lot=True)
+    assert len(kept) == len(np.unique(cubes[kept], axis=0)) == len(np.unique(cubes, axis=0))
+    with_normals = np.unique(cubes[normals.any(axis=1)], axis=0)
+    assert normals[kept].any(axis=1).sum() == len(with_normals)
+    order = rng.permutation(len(points))
+    again = order[one_per_cube(points[order], normals[order], 0.4, by_lot=True)]
+    rows = [np.unique(np.hstack([points[each], normals[each]]), axis=0) for each in (kept, again)]
+    assert (rows[0] == rows[1]).all()
+
+
+def test_by_lot_the_middle_of_a_noisy_wall_stays_where_it_is():
+    """Beside a side of the cubes the few points beyond it would be as many as all the rest."""
+    rng = np.random.default_rng(0)
+    off = []
+    for distance in np.arange(4.0, 6.0, 0.04):
+        x = distance + rng.normal(0.0, 0.02, 30_000)
+        points = np.column_stack([x, rng.uniform(-9, 9, 30_000), rng.uniform(-1, 5, 30_000)])
+        normals = np.tile([-1.0, 0.0, 0.0], (30_000, 1))
+        off.append(x[one_per_cube(points, normals, 0.4, by_lot=True)].mean() - distance)
+    assert np.abs(off).max() < 0.006
+    assert abs(np.mean(off)) < 0.0005

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from maxcon import PointMap, Pose, Scan
-from maxcon.ground import fit_ground
+from maxcon.ground import fit_ground, kernels
 
 CELL = 0.06
 WALL, FACING = np.array([[0.0, 50.0, 2.0]]), np.array([[0.0, -1.0, 0.0]])
@@ -213,3 +213,21 @@ def test_the_order_of_points_does_not_matter(seed, height):
         fit_ground(s, MAPS[hill], off_by(pose, height, 0.3, 0.3)) for s in (scan, Scan(scan.points[order]))
     )
     assert abs(one.pose.z - other.pose.z) < 1e-6
+
+
+def plain_most_frequent(points, below, near, reach, width):
+    """The median of the five bins that hold most, the middle ones weighing more."""
+    some = below[(np.hypot(points[:, 0], points[:, 1]) <= near) & (np.abs(below) <= reach)]
+    if not len(some):
+        return 0.0
+    counts = np.bincount(((some + reach) / width).astype(int), minlength=round(2 * reach / width) + 1)
+    most = (np.argmax(np.convolve(counts, [1, 2, 3, 2, 1], mode="same")) + 0.5) * width - reach
+    return np.median(some[np.abs(some - most) <= 2.5 * width])
+
+
+@given(st.integers(0, 2**32), st.integers(0, 200))
+def test_the_most_frequent_height_is_that_of_a_histogram(seed, n):
+    rng = np.random.default_rng(seed)
+    points, below = rng.uniform(-20, 20, (n, 3)), rng.choice([-1.0, 0.3, 2.4], n) + rng.normal(0.0, 0.2, n)
+    got = kernels.most_frequent(points, below, 12.0, 2.5, 0.1)
+    assert got == plain_most_frequent(points, below, 12.0, 2.5, 0.1)

@@ -1,13 +1,15 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Single voxels are found as in a dictionary of them; tiles around places as by the rectangles around them."""
+"""Single voxels are found as in a dictionary of them, and none is overlooked near a place; tiles around places as by
+the rectangles around them.
+"""
 
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from maxcon.point_map import TILE_VOXELS, PointMap
-from maxcon.point_map.lookup_kernels import find_voxel
+from maxcon.point_map.lookup_kernels import find_in_patch, find_patch, is_near_voxels
 from maxcon.point_map.voxel_lookup import VoxelLookup
 
 
@@ -32,8 +34,27 @@ def test_voxels_are_found_as_in_a_dictionary(seed, n, spread):
     far = rng.integers(-3 * TILE_VOXELS, 3 * TILE_VOXELS, (50, 3)).tolist()
     for x, y, z in [*there, *near, *map(tuple, far)]:
         wanted = there.get((x, y, z), (0, 0))
-        row, number = find_voxel(x, y, z, lookup.rows, lookup.grid, lookup.corner)
-        assert (row, number if row else 0) == wanted
+        row, patch = find_patch(x, y, z, lookup.rows, lookup.grid, lookup.corner)
+        is_held, number = find_in_patch(x, y, row, patch, lookup.rows) if row else (False, 0)
+        assert ((row, number) if is_held else (0, 0)) == wanted
+
+
+@given(st.integers(0, 2**32), st.sampled_from([1, 500]), st.sampled_from([0.3, 30.0]))
+@settings(max_examples=30)
+def test_no_voxel_within_the_reaches_of_a_place_is_overlooked(seed, n, spread):
+    rng = np.random.default_rng(seed)
+    tiles = map_of(rng, n, spread).tiles_within(0.0, 0.0, 1e3)
+    lookup = VoxelLookup.of(tiles)
+    voxels = np.concatenate([tile.voxels for tile in tiles])
+    table = lookup.rows, lookup.grid, lookup.corner
+    for _ in range(50):
+        reaches = rng.uniform(0.0, 6.0, 3)
+        place = voxels[rng.integers(len(voxels))] + 0.5 + rng.uniform(-12.0, 12.0, 3)
+        low, high = np.floor(place - reaches), np.floor(place + reaches)
+        if ((voxels >= low) & (voxels <= high)).all(axis=1).any():
+            assert is_near_voxels(tuple(place.tolist()), tuple(reaches.tolist()), *table)
+    far = voxels.max(axis=0) + 3.0 * TILE_VOXELS
+    assert not is_near_voxels(tuple(far.tolist()), (5.0, 5.0, 5.0), *table)
 
 
 @given(st.integers(0, 2**32), st.integers(0, 40), st.floats(0.0, 15.0))

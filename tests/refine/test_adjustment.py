@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from maxcon import PointMap, Pose, Scan
 from maxcon.evaluation import pose_error
 from maxcon.geometry import wrap_angle
-from maxcon.refine import kernels, refine
+from maxcon.refine import kernels, partner_kernels, refine
 from maxcon.refine.adjustment import _lookup
 
 HERE = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -157,7 +157,7 @@ def test_partners_are_those_of_a_plain_search(seed, along, around):
     facing = normals[:100].copy()
     planes = np.zeros((100, 4))
     lookup = _lookup(seen, point_map, HERE)
-    kernels.find_partners(
+    partner_kernels.find_partners(
         seen,
         facing,
         np.zeros(6),

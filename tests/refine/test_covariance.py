@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from maxcon import PointMap, Pose, Scan
-from maxcon.refine import covariance, refine
+from maxcon.refine import covariance, group_kernels, refine
 from maxcon.refine.adjustment import MATCH_SIGMA
 from maxcon.refine.covariance import CLUSTER_EDGE, N_FACINGS, SCATTER_FACTORS, STEEPEST, WALL_SIGMA
 
@@ -46,6 +46,35 @@ def plain_covariance(refined, map_sigma):
     factors = np.diag(SCATTER_FACTORS)
     of_map = np.diag(np.array([1, 1, 1, 1 / 20, 1 / 20, 1 / 100]) * map_sigma) ** 2
     return factors @ inverse @ scatter @ inverse @ factors + WALL_SIGMA**2 * inverse @ wall @ inverse + of_map
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_groups_are_those_of_cubes_depths_and_azimuths(seed):
+    rng = np.random.default_rng(seed)
+    n, edge = 400, 3.0
+    points, position = rng.uniform(-9, 9, (n, 3)), rng.uniform(-50, 50, 3)
+    normals = rng.normal(size=(n, 3))
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    normals[:4] = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]]
+    planes = np.column_stack([normals, normals @ position + rng.uniform(-9, 9, n)])
+    weights = rng.uniform(size=n) * (rng.random(n) < 0.8)
+    clusters, walls = np.empty(n, np.int64), np.empty(n, np.int64)
+    n_groups = group_kernels.number_groups(
+        points, planes, weights, position, edge, N_FACINGS, STEEPEST, clusters, walls
+    )
+    azimuths = np.arctan2(normals[:, 1], normals[:, 0]) / (2 * math.pi) * N_FACINGS
+    facings = np.where(np.abs(normals[:, 2]) > STEEPEST, N_FACINGS, np.floor(azimuths) % N_FACINGS)
+    depths = np.floor((planes[:, 3] - normals @ position) / edge)
+    for numbers, columns, n_numbers in (
+        (clusters, [*np.floor(points / edge).T, facings], n_groups[0]),
+        (walls, [depths, facings], n_groups[1]),
+    ):
+        assert (numbers[weights == 0.0] == -1).all()
+        rows = np.column_stack(columns)[weights > 0.0]
+        pairs = np.column_stack([rows, numbers[weights > 0.0]])
+        different = len(np.unique(rows, axis=0))
+        assert different == len(np.unique(pairs, axis=0)) == n_numbers
+        assert set(numbers[weights > 0.0]) == set(range(n_numbers))
 
 
 @pytest.mark.parametrize("seed", [0, 1])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from maxcon import PointMap, Pose, Scan
-from maxcon.refine import least_wall_share, refine
+from maxcon.refine import group_kernels, least_wall_share, refine
 
 
 def wall(azimuth, distance, n, seed):
@@ -41,6 +41,25 @@ def test_the_least_found_facing_is_given():
     assert elsewhere.azimuth == pytest.approx(math.radians(165))
     assert f"of {elsewhere.n_points} wall points facing 165 degrees" in elsewhere.words
     assert elsewhere.words.endswith("0 lie on the map")
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_counts_are_those_of_azimuths(seed):
+    rng = np.random.default_rng(seed)
+    normals = rng.normal(size=(500, 3))
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    normals[:100] = 0.0
+    normals[100:103] = [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+    residuals, rotation = rng.normal(0.0, 0.1, 500), Pose(0.0, 0.0, 0.0, 0.1 * seed, 0.0, 0.3 * seed).rotation
+    n_points, n_found = np.zeros(6, np.int64), np.zeros(6, np.int64)
+    group_kernels.count_walls(normals, residuals, rotation, 0.5, 0.08, n_points, n_found)
+    turned = normals @ rotation.T
+    is_wall = turned.any(axis=1) & (np.abs(turned[:, 2]) < 0.5)
+    azimuths = np.arctan2(turned[is_wall, 1], turned[is_wall, 0]) % math.pi
+    facings = np.minimum((azimuths / math.pi * 6).astype(int), 5)
+    is_found = np.abs(residuals[is_wall]) <= 0.08
+    assert n_points.tolist() == np.bincount(facings, minlength=6).tolist()
+    assert n_found.tolist() == np.bincount(facings[is_found], minlength=6).tolist()
 
 
 def test_few_points_of_a_facing_say_nothing():

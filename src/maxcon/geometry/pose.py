@@ -33,18 +33,20 @@ def rotation_matrices(roll: ArrayLike, pitch: ArrayLike, heading: ArrayLike) -> 
     array, shape (..., 3, 3)
         Each maps sensor axes to map axes.
     """
-    roll, pitch, heading = np.broadcast_arrays(
-        *(np.asarray(angle, dtype=np.float64) for angle in (roll, pitch, heading))
-    )
+    roll, pitch, heading = (np.asarray(angle, dtype=np.float64) for angle in (roll, pitch, heading))
     cr, sr = np.cos(roll), np.sin(roll)
     cp, sp = np.cos(pitch), np.sin(pitch)
     ch, sh = np.cos(heading), np.sin(heading)
-    rows = [
-        [ch * cp, ch * sp * sr - sh * cr, ch * sp * cr + sh * sr],
-        [sh * cp, sh * sp * sr + ch * cr, sh * sp * cr - ch * sr],
-        [-sp, cp * sr, cp * cr],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    rotations = np.empty((*np.broadcast_shapes(roll.shape, pitch.shape, heading.shape), 3, 3))
+    rows = (
+        (ch * cp, ch * sp * sr - sh * cr, ch * sp * cr + sh * sr),
+        (sh * cp, sh * sp * sr + ch * cr, sh * sp * cr - ch * sr),
+        (-sp, cp * sr, cp * cr),
+    )
+    for i, row in enumerate(rows):
+        for j, values in enumerate(row):
+            rotations[..., i, j] = values
+    return rotations
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,7 +28,8 @@ def one_per_cube(
         Of a cube, m, above 0.
     by_lot : bool
         Whether a hash of the coordinates stands for the distance from the middle: of the points of a noisy surface the
-        middle prefers those on its own side, which moves a pose by millimetres.
+        middle prefers those on its own side, which moves a pose by millimetres. The grid then stands askew to the axes:
+        of a wall along a side of the cubes the few points beyond it would be as many as all the rest.
 
     Returns
     -------

@@ -5,11 +5,16 @@
 import numpy as np
 from numba import njit
 
+from maxcon.geometry.pose import rotation_matrices
+
 __all__ = ["one_per_cube"]
 
-NONE = np.int64(-1)
+NONE = np.int32(-1)
 # Of a 64-bit hash, as many upper bits are taken as the table needs; the factors are large odd numbers.
 FACTOR_X, FACTOR_Y, FACTOR_Z = 0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9
+
+# The axes of a grid that lies along no street.
+ASKEW = rotation_matrices(0.31, -0.23, 0.47)
 
 # Of a metre: coordinates that differ by less draw the same lot.
 LOT_STEPS = 65536.0
@@ -18,7 +23,9 @@ LOT_STEPS = 65536.0
 @njit(nogil=True, cache=True)
 def _whole(value):
     """A whole float64 number as 64 bits; those that do not fit are all the same."""
-    return np.uint64(np.int64(min(max(value, -(2.0**62)), 2.0**62)))
+    if abs(value) < 2.0**62:
+        return np.uint64(np.int64(value))
+    return np.uint64(np.int64(2**62 if value > 0.0 else -(2**62)))
 
 
 @njit(nogil=True, cache=True)
@@ -32,14 +39,8 @@ def _slot(x, y, z, shift):
 
 
 @njit(nogil=True, cache=True)
-def _comes_before(i, j, distances, points, normals):
-    """Whether the first of two points of a cube is kept: with a normal, nearer to the middle, by x, y, z, by normal."""
-    has_i = (normals[i, 0] != 0.0) | (normals[i, 1] != 0.0) | (normals[i, 2] != 0.0)
-    has_j = (normals[j, 0] != 0.0) | (normals[j, 1] != 0.0) | (normals[j, 2] != 0.0)
-    if has_i != has_j:
-        return has_i
-    if distances[i] != distances[j]:
-        return distances[i] < distances[j]
+def _comes_before(i, j, points, normals):
+    """Whether the first of two points, equally far from the middle, is kept: by x, y, z, by normal."""
     for axis in range(3):
         if points[i, axis] != points[j, axis]:
             return points[i, axis] < points[j, axis]
@@ -54,7 +55,8 @@ def one_per_cube(points, normals, edge, by_lot):
     """Numbers, (m,) int64, of one point of those in each cube; see `scan_thinning.one_per_cube`.
 
     points, normals : (n, 3) float64; edge : of a cube, m; by_lot : whether a hash of the
-    coordinates stands for the distance from the middle. In the order in which cubes are first met.
+    coordinates stands for the distance from the middle, and the grid is turned by `ASKEW`. In the order in which cubes
+    are first met.
     """
     n = points.shape[0]
     n_bits = np.uint64(4)
@@ -62,36 +64,43 @@ def one_per_cube(points, normals, edge, by_lot):
         n_bits += np.uint64(1)
     shift, mask = np.uint64(64) - n_bits, (np.uint64(1) << n_bits) - np.uint64(1)
     table = np.full(1 << np.int64(n_bits), NONE)  # number of each cube among those met
-    cubes, kept, distances = np.empty((n, 3)), np.empty(n, np.int64), np.empty(n)
+    cubes, kept = np.empty((n, 3)), np.empty(n, np.int64)
+    have_normals, ranks = np.empty(n, np.bool_), np.empty(n)  # of the points that are kept
     n_cubes = 0
     for i in range(n):
-        x, y, z = (
-            np.floor(points[i, 0] / edge),
-            np.floor(points[i, 1] / edge),
-            np.floor(points[i, 2] / edge),
-        )
-        dx, dy, dz = (
-            points[i, 0] / edge - x - 0.5,
-            points[i, 1] / edge - y - 0.5,
-            points[i, 2] / edge - z - 0.5,
-        )
-        distances[i] = dx * dx + dy * dy + dz * dz
+        px, py, pz = points[i, 0], points[i, 1], points[i, 2]
         if by_lot:
-            x_fine, y_fine = np.floor(points[i, 0] * LOT_STEPS), np.floor(points[i, 1] * LOT_STEPS)
-            lot = _slot(x_fine, y_fine, np.floor(points[i, 2] * LOT_STEPS), np.uint64(32))
-            distances[i] = np.float64(lot)
+            px, py, pz = (
+                ASKEW[0, 0] * px + ASKEW[0, 1] * py + ASKEW[0, 2] * pz,
+                ASKEW[1, 0] * px + ASKEW[1, 1] * py + ASKEW[1, 2] * pz,
+                ASKEW[2, 0] * px + ASKEW[2, 1] * py + ASKEW[2, 2] * pz,
+            )
+        in_x, in_y, in_z = px / edge, py / edge, pz / edge
+        x, y, z = np.floor(in_x), np.floor(in_y), np.floor(in_z)
+        if by_lot:
+            x_fine, y_fine = np.floor(px * LOT_STEPS), np.floor(py * LOT_STEPS)
+            rank = np.float64(_slot(x_fine, y_fine, np.floor(pz * LOT_STEPS), np.uint64(32)))
+        else:
+            dx, dy, dz = in_x - x - 0.5, in_y - y - 0.5, in_z - z - 0.5
+            rank = dx * dx + dy * dy + dz * dz
+        has_normal = (normals[i, 0] != 0.0) | (normals[i, 1] != 0.0) | (normals[i, 2] != 0.0)
         slot = _slot(x, y, z, shift)
         while True:
-            cube = table[slot]
-            if cube == NONE:
-                table[slot] = n_cubes
-                cubes[n_cubes, 0], cubes[n_cubes, 1], cubes[n_cubes, 2] = x, y, z
-                kept[n_cubes] = i
+            cube = np.int64(table[slot])
+            if cube < 0:
+                cube, is_kept = np.int64(n_cubes), True
+                table[slot] = cube
+                cubes[cube, 0], cubes[cube, 1], cubes[cube, 2] = x, y, z
                 n_cubes += 1
                 break
             if cubes[cube, 0] == x and cubes[cube, 1] == y and cubes[cube, 2] == z:
-                if _comes_before(i, kept[cube], distances, points, normals):
-                    kept[cube] = i
+                is_kept = (has_normal > have_normals[cube]) | (
+                    (has_normal == have_normals[cube]) & (rank < ranks[cube])
+                )
+                if has_normal == have_normals[cube] and rank == ranks[cube]:
+                    is_kept = _comes_before(i, kept[cube], points, normals)
                 break
             slot = (slot + np.uint64(1)) & mask
+        if is_kept:
+            kept[cube], have_normals[cube], ranks[cube] = i, has_normal, rank
     return kept[:n_cubes].copy()

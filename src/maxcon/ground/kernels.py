@@ -5,7 +5,7 @@
 import numpy as np
 from numba import njit
 
-__all__ = ["fit_planes", "heights_below", "lowest_of_cells"]
+__all__ = ["fit_planes", "heights_below", "lowest_of_cells", "most_frequent"]
 
 # Steps with all points, after those from each start.
 N_LAST = 3
@@ -19,12 +19,13 @@ def lowest_of_cells(points, rotation, edge, nearest, farthest, thickness):
     points nearer or farther than this, horizontally, are left out, m; thickness : points up to this above the lowest
     of their cell are taken, m. Returns (m, 3) float64.
     """
+    n = points.shape[0]
     reach = np.int64(np.ceil(farthest / edge))
     width = 2 * reach
-    lowest = np.full(width * width, np.inf)
-    sums = np.zeros((width * width, 4))
-    cells = np.empty(points.shape[0], np.int64)
-    for i in range(points.shape[0]):
+    numbers = np.full(width * width, np.int32(-1))  # of each cell among those met
+    cells, heights, lowest = np.empty(n, np.int32), np.empty(n), np.empty(n)
+    n_cells = 0
+    for i in range(n):
         px, py, pz = points[i, 0], points[i, 1], points[i, 2]
         x = rotation[0, 0] * px + rotation[0, 1] * py + rotation[0, 2] * pz
         y = rotation[1, 0] * px + rotation[1, 1] * py + rotation[1, 2] * pz
@@ -33,28 +34,31 @@ def lowest_of_cells(points, rotation, edge, nearest, farthest, thickness):
         if square < nearest * nearest or square >= farthest * farthest:
             continue
         z = rotation[2, 0] * px + rotation[2, 1] * py + rotation[2, 2] * pz
-        cell = (np.int64(np.floor(y / edge)) + reach) * width + np.int64(np.floor(x / edge)) + reach
-        cells[i] = cell
-        lowest[cell] = min(lowest[cell], z)
-    for i in range(points.shape[0]):
+        place = (np.int64(np.floor(y / edge)) + reach) * width + np.int64(np.floor(x / edge)) + reach
+        if numbers[place] < 0:
+            numbers[place] = n_cells
+            lowest[n_cells] = z
+            n_cells += 1
+        cells[i], heights[i] = numbers[place], z
+        lowest[cells[i]] = min(lowest[cells[i]], z)
+    sums = np.zeros((n_cells, 4))
+    for i in range(n):
         cell = cells[i]
-        if cell < 0:
+        if cell < 0 or heights[i] > lowest[cell] + thickness:
             continue
         px, py, pz = points[i, 0], points[i, 1], points[i, 2]
-        z = rotation[2, 0] * px + rotation[2, 1] * py + rotation[2, 2] * pz
-        if z <= lowest[cell] + thickness:
-            sums[cell, 0] += rotation[0, 0] * px + rotation[0, 1] * py + rotation[0, 2] * pz
-            sums[cell, 1] += rotation[1, 0] * px + rotation[1, 1] * py + rotation[1, 2] * pz
-            sums[cell, 2] += z
-            sums[cell, 3] += 1.0
-    means = np.empty((width * width, 3))
-    n = 0
-    for k in range(width * width):
-        if sums[k, 3] > 0.0:
+        sums[cell, 0] += rotation[0, 0] * px + rotation[0, 1] * py + rotation[0, 2] * pz
+        sums[cell, 1] += rotation[1, 0] * px + rotation[1, 1] * py + rotation[1, 2] * pz
+        sums[cell, 2] += heights[i]
+        sums[cell, 3] += 1.0
+    means = np.empty((n_cells, 3))
+    m = 0
+    for cell in numbers:
+        if cell >= 0:
             for axis in range(3):
-                means[n, axis] = sums[k, axis] / sums[k, 3]
-            n += 1
-    return means[:n].copy()
+                means[m, axis] = sums[cell, axis] / sums[cell, 3]
+            m += 1
+    return means
 
 
 @njit(nogil=True, cache=True)
@@ -99,26 +103,63 @@ def heights_below(points, heights, corner, edge, position, turn, height, below):
 
 
 @njit(nogil=True, cache=True)
+def most_frequent(points, below, near, reach, width):
+    """Find how far most points near the sensor lie below the ground, m: a median; 0 if there are none.
+
+    points : (m, 3) float64, levelled, about the sensor, m; below : (m,), m; near : points farther than this,
+    horizontally, are left out, m; reach : also those more than this below or above the ground, m; width : of a bin, m.
+    The fullest bin is looked for with its two neighbours on both sides, weighted 1, 2, 3, 2, 1; the median is that of
+    the points in these five.
+    """
+    counts = np.zeros(np.int64(np.round(2.0 * reach / width)) + 1 + 4)  # with two empty ones at both ends
+    some = np.empty(points.shape[0])
+    n = 0
+    for i in range(points.shape[0]):
+        if np.hypot(points[i, 0], points[i, 1]) <= near and abs(below[i]) <= reach:
+            some[n] = below[i]
+            n += 1
+            counts[np.int64((below[i] + reach) / width) + 2] += 1.0
+    if n == 0:
+        return 0.0
+    fullest, most = 0, -1.0
+    for k in range(counts.shape[0] - 4):
+        around = counts[k] + 2.0 * counts[k + 1] + 3.0 * counts[k + 2] + 2.0 * counts[k + 3] + counts[k + 4]
+        if around > most:
+            fullest, most = k, around
+    middle = (fullest + 0.5) * width - reach
+    in_bins = some[:n][np.abs(some[:n] - middle) <= 2.5 * width]
+    return np.median(in_bins)
+
+
+@njit(nogil=True, cache=True)
 def _step(points, below, square, stiffness, plane, normal, right):
     """One step of reweighted least squares towards the plane; returns what the points have agreed by before it."""
-    agreed = 0.0
-    normal[:, :] = 0.0
-    right[:] = 0.0
+    agreed, offset, slope_x, slope_y = 0.0, plane[0], plane[1], plane[2]
+    n00, n01, n02, n11, n12, n22, r0, r1, r2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(points.shape[0]):
         x, y = points[i, 0], points[i, 1]
-        off = below[i] - plane[0] - plane[1] * x - plane[2] * y
+        off = below[i] - offset - slope_x * x - slope_y * y
         weight = square / (square + off * off)
         agreed += weight
         weight *= weight
-        normal[0, 0] += weight
-        normal[0, 1] += weight * x
-        normal[0, 2] += weight * y
-        normal[1, 1] += weight * x * x
-        normal[1, 2] += weight * x * y
-        normal[2, 2] += weight * y * y
-        right[0] += weight * off
-        right[1] += weight * off * x
-        right[2] += weight * off * y
+        n00 += weight
+        n01 += weight * x
+        n02 += weight * y
+        n11 += weight * x * x
+        n12 += weight * x * y
+        n22 += weight * y * y
+        r0 += weight * off
+        r1 += weight * off * x
+        r2 += weight * off * y
+    normal[0, 0], normal[0, 1], normal[0, 2], normal[1, 1], normal[1, 2], normal[2, 2] = (
+        n00,
+        n01,
+        n02,
+        n11,
+        n12,
+        n22,
+    )
+    right[0], right[1], right[2] = r0, r1, r2
     normal[1, 0], normal[2, 0], normal[2, 1] = normal[0, 1], normal[0, 2], normal[1, 2]
     normal[0, 0] += 1e-9
     for axis in range(1, 3):

@@ -100,7 +100,7 @@ def fit_ground(scan: Scan, point_map: PointMap, pose: Pose) -> GroundFit | None:
     if len(points) < FEWEST_CELLS:
         return None
     stride = max(1, len(points) // ENOUGH)
-    starts = STARTS + [_most_frequent(points, below), 0.0, 0.0]
+    starts = STARTS + [kernels.most_frequent(points, below, NEAR, REACH, BIN), 0.0, 0.0]
     plane, normal = np.empty(3), np.empty((3, 3))
     kernels.fit_planes(points, below, starts, SCALES, STIFFNESS, stride, plane, normal)
     off = np.abs(below - plane[0] - points[:, :2] @ plane[1:])
@@ -141,19 +141,8 @@ def _below_ground(
         has_ground = np.isfinite(below)
         if len(patch.heights) == 1:
             break
-        height = _most_frequent(points[has_ground], below[has_ground])
+        height = kernels.most_frequent(points, below, NEAR, REACH, BIN)
     return points[has_ground], below[has_ground]
-
-
-def _most_frequent(points: NDArray[np.float64], below: NDArray[np.float64]) -> float:
-    """How far most points near the sensor lie below the ground, m; 0 if there are none."""
-    is_near = (np.hypot(points[:, 0], points[:, 1]) <= NEAR) & (np.abs(below) <= REACH)
-    near = below[is_near]
-    if not len(near):
-        return 0.0
-    counts = np.bincount(((near + REACH) / BIN).astype(np.int64), minlength=round(2.0 * REACH / BIN) + 1)
-    most = (int(np.argmax(np.convolve(counts, [1, 2, 3, 2, 1], mode="same"))) + 0.5) * BIN - REACH
-    return float(np.median(near[np.abs(near - most) <= 2.5 * BIN]))
 
 
 def _laid(pose: Pose, height: float, slope_x: float, slope_y: float) -> Pose:

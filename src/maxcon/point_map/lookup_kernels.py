@@ -9,13 +9,24 @@ lies at an address lives only as long as the object that gave it: see `tile.Addr
 import numpy as np
 from llvmlite import ir
 from numba import njit, types
+from numba.core import cgutils
 from numba.extending import intrinsic
 
 from maxcon.point_map.tile import PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS
 
-__all__ = ["find_voxel", "float32_at", "int32_at", "n_bits", "uint8_at", "uint64_at"]
+__all__ = [
+    "find_in_patch",
+    "find_patch",
+    "float32_at",
+    "int32_at",
+    "is_near_voxels",
+    "n_bits",
+    "uint8_at",
+    "uint64_at",
+]
 
 TILE_BITS, PATCH_BITS = TILE_VOXELS.bit_length() - 1, PATCH_VOXELS.bit_length() - 1
+BETWEEN_BITS = TILE_BITS - PATCH_BITS
 INSIDE_TILE, INSIDE_PATCH = TILE_VOXELS - 1, PATCH_VOXELS - 1
 
 # Columns of a row of `VoxelLookup`.
@@ -43,6 +54,21 @@ float32_at = _reading(types.float32, ir.FloatType())
 
 
 @intrinsic
+def fetch(typing_context, address):
+    """Have what lies at an address brought near, while other work goes on."""
+
+    def generate(context, builder, signature, arguments):
+        pointer, number = ir.IntType(8).as_pointer(), ir.IntType(32)
+        kind = ir.FunctionType(ir.VoidType(), [pointer, number, number, number])
+        function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
+        place = builder.inttoptr(arguments[0], pointer)
+        builder.call(function, [place, number(0), number(3), number(1)])  # to read, often, data
+        return context.get_dummy_value()
+
+    return types.void(types.uint64), generate
+
+
+@intrinsic
 def n_bits(typing_context, word):
     """How many bits of a uint64 are set."""
 
@@ -53,8 +79,8 @@ def n_bits(typing_context, word):
 
 
 @njit(nogil=True, cache=True)
-def find_voxel(x, y, z, rows, grid, corner):
-    """Row of the tile that holds voxel (x, y, z), and the voxel's number in it; row 0 where there is none.
+def find_patch(x, y, z, rows, grid, corner):
+    """Row of the tile that holds the patch of voxel (x, y, z), and the patch's number in it; row 0 where there is none.
 
     rows, grid, corner : of a `VoxelLookup`.
     """
@@ -69,18 +95,55 @@ def find_voxel(x, y, z, rows, grid, corner):
     number = np.int64(int32_at(rows[row, LAYERS], np.uint64(layer)))
     if number < 0:
         return nowhere
-    in_x, in_y = x & INSIDE_TILE, y & INSIDE_TILE
-    place = np.uint64((in_y >> PATCH_BITS) * TILE_PATCHES + (in_x >> PATCH_BITS))
+    place = np.uint64(((y & INSIDE_TILE) >> PATCH_BITS) * TILE_PATCHES + ((x & INSIDE_TILE) >> PATCH_BITS))
     place = place * rows[row, N_HELD] + np.uint64(number >> 6)
     bit, patches = np.uint64(number & 63), uint64_at(rows[row, HELD], place)
     if not (patches >> bit) & np.uint64(1):
         return nowhere
     before = patches & ((np.uint64(1) << bit) - np.uint64(1))
-    patch = np.uint64(int32_at(rows[row, NUMBERS], place)) + n_bits(before)
-    word = np.uint64(4) * patch + np.uint64((in_y & INSIDE_PATCH) >> 2)
-    bit = np.uint64(((in_y & 3) << PATCH_BITS) | (in_x & INSIDE_PATCH))
+    return row, np.uint64(int32_at(rows[row, NUMBERS], place)) + n_bits(before)
+
+
+@njit(nogil=True, cache=True)
+def find_in_patch(x, y, row, patch, rows):
+    """Whether a patch holds voxel (x, y) of its layer, and the voxel's number in the tile.
+
+    row, patch : as `find_patch` gave them; rows : of a `VoxelLookup`.
+    """
+    word = np.uint64(4) * patch + np.uint64((y & INSIDE_PATCH) >> 2)
+    bit = np.uint64(((y & 3) << PATCH_BITS) | (x & INSIDE_PATCH))
     voxels = uint64_at(rows[row, WORDS], word)
     if not (voxels >> bit) & np.uint64(1):
-        return nowhere
+        return False, np.uint64(0)
     before = voxels & ((np.uint64(1) << bit) - np.uint64(1))
-    return row, np.uint64(int32_at(rows[row, FIRSTS], word)) + n_bits(before)
+    return True, np.uint64(int32_at(rows[row, FIRSTS], word)) + n_bits(before)
+
+
+@njit(nogil=True, cache=True)
+def is_near_voxels(place, reaches, rows, grid, corner):
+    """Whether voxels that lie within some reaches of a place may be held at all: False is certain, True is not.
+
+    place : (x, y, z) in voxels; reaches : along x, y and z, in voxels; rows, grid, corner : of a `VoxelLookup`. Whole
+    patches are looked at, layers below each other at once.
+    """
+    x_low, x_high = np.int64(np.floor(place[0] - reaches[0])), np.int64(np.floor(place[0] + reaches[0]))
+    y_low, y_high = np.int64(np.floor(place[1] - reaches[1])), np.int64(np.floor(place[1] + reaches[1]))
+    z_low, z_high = np.int64(np.floor(place[2] - reaches[2])), np.int64(np.floor(place[2] + reaches[2]))
+    for y in range(y_low >> PATCH_BITS, (y_high >> PATCH_BITS) + 1):
+        for x in range(x_low >> PATCH_BITS, (x_high >> PATCH_BITS) + 1):
+            slot_x, slot_y = (x >> BETWEEN_BITS) - corner[0], (y >> BETWEEN_BITS) - corner[1]
+            if not (0 <= slot_x < grid.shape[1] and 0 <= slot_y < grid.shape[0]):
+                continue
+            row = np.uint64(grid[slot_y, slot_x])
+            first = np.int64(rows[row, FIRST_LAYER])
+            end = min(z_high + 1 - first, np.int64(rows[row, N_LAYERS]))
+            patches = np.uint64((y & (TILE_PATCHES - 1)) * TILE_PATCHES + (x & (TILE_PATCHES - 1)))
+            patches *= rows[row, N_HELD]
+            for layer in range(max(z_low - first, np.int64(0)), end):
+                number = np.int64(int32_at(rows[row, LAYERS], np.uint64(layer)))
+                if number < 0:
+                    continue
+                held = uint64_at(rows[row, HELD], patches + np.uint64(number >> 6))
+                if (held >> np.uint64(number & 63)) & np.uint64(1):
+                    return True
+    return False

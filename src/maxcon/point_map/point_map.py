@@ -228,20 +228,13 @@ class PointMap:
 
         As `tiles_met` of squares, for thousands of them; the margin is at most half the edge of a tile.
         """
+        from maxcon.point_map import tile_kernels
+
         if not (len(places) and len(self._sorted_keys)):
             return []
         corner, end = self._sorted_keys.min(axis=0) - 1, self._sorted_keys.max(axis=0) + 1
         is_met = np.zeros((end - corner + 1)[::-1], bool)  # with a rim for what lies outside
-        per_metre = 1.0 / (self.tile_voxels * self.cell)
-        low, high = (
-            np.clip((places + reach) * per_metre - corner, 0.0, end - corner).astype(np.int64)
-            for reach in (-margin, margin)
-        )
-        is_met[low[:, 1], low[:, 0]] = True
-        is_across = (low != high).any(axis=1)  # few are
-        low, high = low[is_across], high[is_across]
-        for x, y in ((low, high), (high, low), (high, high)):
-            is_met[y[:, 1], x[:, 0]] = True
+        tile_kernels.mark_tiles(places, margin, self.tile_voxels * self.cell, corner, is_met)
         x, y = (self._sorted_keys - corner).T
         return [self._tiles.load((kx, ky)) for kx, ky in self._sorted_keys[is_met[y, x]].tolist()]
 

@@ -11,7 +11,7 @@ from numba import njit
 
 from maxcon.point_map.tile import PATCH_VOXELS, WORD_BITS
 
-__all__ = ["count_layers_and_patches", "find_patches", "number_patches", "set_bits"]
+__all__ = ["count_layers_and_patches", "find_patches", "mark_tiles", "number_patches", "set_bits"]
 
 PATCH_BITS = PATCH_VOXELS.bit_length() - 1
 INSIDE = PATCH_VOXELS - 1
@@ -117,3 +117,20 @@ def set_bits(patch_starts, columns, numbers, words, firsts):
                     firsts[number[place], word] = k
                 words[number[place], word] |= np.uint64(1) << np.uint64(bit % WORD_BITS)
             number[place] += 1
+
+
+@njit(nogil=True, cache=True)
+def mark_tiles(places, margin, edge, corner, is_met):
+    """Mark the tiles that hold a corner of a square around any of the places.
+
+    places : (n, 2) float64, m; margin : half the edge of a square, m; edge : of a tile, m; corner :
+    (2,) int64, key of the first tile; is_met : (ny, nx) bool, out, where tiles farther out are those at the rim.
+    """
+    last_x, last_y = np.float64(is_met.shape[1] - 1), np.float64(is_met.shape[0] - 1)
+    for i in range(places.shape[0]):
+        in_x, in_y = places[i, 0], places[i, 1]
+        x_low = np.int64(min(max((in_x - margin) / edge - corner[0], 0.0), last_x))
+        x_high = np.int64(min(max((in_x + margin) / edge - corner[0], 0.0), last_x))
+        y_low = np.int64(min(max((in_y - margin) / edge - corner[1], 0.0), last_y))
+        y_high = np.int64(min(max((in_y + margin) / edge - corner[1], 0.0), last_y))
+        is_met[y_low, x_low] = is_met[y_low, x_high] = is_met[y_high, x_low] = is_met[y_high, x_high] = True

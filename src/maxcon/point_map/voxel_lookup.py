@@ -44,14 +44,14 @@ class VoxelLookup:
         nx, ny = keys.max(axis=0) - low + 1 if tiles else (0, 0)
         grid = np.zeros((int(ny), int(nx)), np.int32)
         rows = np.zeros((len(tiles) + 1, 11), np.uint64)
-        kept: list[NDArray[np.int32] | Addresses] = []
+        signed, kept = rows.view(np.int64), list[NDArray[np.int32] | Addresses]()
         for row, tile in enumerate(tiles, 1):
             grid[tile.key[1] - low[1], tile.key[0] - low[0]] = row
-            numbers = tile.layer_numbers
+            numbers, addresses = tile.layer_numbers, tile.addresses
             if not len(numbers):
                 continue
-            rows[row, 0] = np.int64(tile.index.layers[0]).view(np.uint64)
+            signed[row, 0] = tile.index.layers[0]
             rows[row, 1:4] = len(numbers), numbers.ctypes.data, tile.occupancy.held.shape[2]
-            rows[row, 4:] = tile.addresses.values
-            kept += [numbers, tile.addresses]
+            rows[row, 4:] = addresses.values
+            kept += [numbers, addresses]
         return cls(rows, grid, (int(low[0]), int(low[1])), tuple(kept))

@@ -134,10 +134,10 @@ def refine(
     height_sigma, tilt_sigma : float
         Standard deviations of the start's height, m, and of its roll and pitch, rad.
     """
-    from maxcon.refine import kernels
+    from maxcon.refine import kernels, partner_kernels
 
     kept = one_per_cube(scan.points, scan.normals, THINNING, by_lot=True)
-    points, normals = scan.points[kept], scan.normals[kept]
+    points, normals = scan.points.take(kept, axis=0), scan.normals.take(kept, axis=0)
     lookup = _lookup(points, point_map, start)
     planes, residuals, weights = np.zeros((len(points), 4)), np.empty(len(points)), np.empty(len(points))
     sigmas = [POSITION_SIGMA, POSITION_SIGMA, height_sigma, tilt_sigma, tilt_sigma, HEADING_SIGMA]
@@ -145,14 +145,12 @@ def refine(
     first = start.values
     unknowns = first.copy()
     for each in ROUNDS:
-        kernels.find_partners(
+        partner_kernels.find_partners(
             points, normals, unknowns, each.every, point_map.cell, (each.along, each.around), LEAST_COSINE,
             point_map.is_signed, lookup.rows, lookup.grid, lookup.corner, planes,
         )  # fmt: skip
-        kernels.adjust(
-            points, planes, unknowns, first, start_weights, each.gate, STEPS_PER_ROUND, AT_REST, normal_matrix,
-            residuals, weights,
-        )  # fmt: skip
+        kernels.adjust(points, planes, unknowns, first, start_weights, each.gate, STEPS_PER_ROUND, AT_REST)
+    kernels.weigh(points, planes, unknowns, ROUNDS[-1].gate, normal_matrix, residuals, weights)
     return Refined(
         Pose(*unknowns.tolist()), points, normals, planes, residuals, weights, normal_matrix, start_weights,
         moved=math.hypot(unknowns[0] - first[0], unknowns[1] - first[1]), turned=abs(unknowns[5] - first[5]),

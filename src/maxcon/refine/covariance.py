@@ -37,27 +37,24 @@ def covariance(refined: Refined, map_sigma: float) -> NDArray[np.float64]:
     map_sigma : float
         Standard deviation of the map's own position along any axis, m.
     """
-    from maxcon.refine import kernels
+    from maxcon.refine import group_kernels, kernels
 
-    used = np.flatnonzero(refined.weights)
-
-    def pulls(groups: NDArray[np.int64], pull: NDArray[np.float64]) -> NDArray[np.float64]:
-        sums = np.zeros((int(groups.max(initial=-1)) + 1, 6))
-        kernels.sum_gradients(
-            refined.points[used],
-            refined.planes[used],
-            groups,
-            refined.pose.values,
-            refined.weights[used] * pull,
-            sums,
-        )
+    def pulls(n_groups: int, groups: NDArray[np.int64], factors: NDArray[np.float64]) -> NDArray[np.float64]:
+        sums = np.zeros((n_groups, 6))
+        kernels.sum_gradients(refined.points, refined.planes, groups, refined.pose.values, factors, sums)
         return sums.T @ sums
 
-    clusters, walls = _clusters(refined, used), _walls(refined, used)
+    clusters, walls = (np.empty(len(refined.points), np.int64) for _ in range(2))
+    n_clusters, n_walls = group_kernels.number_groups(
+        refined.points, refined.planes, refined.weights, refined.pose.position, CLUSTER_EDGE, N_FACINGS, STEEPEST,
+        clusters, walls,
+    )  # fmt: skip
     A = np.linalg.inv(refined.normal_matrix + np.diag(refined.start_weights))
-    scatter = pulls(clusters, refined.residuals[used]) + np.diag(refined.start_weights) * MATCH_SIGMA**2
+    weighted = np.zeros(len(refined.points))
+    np.multiply(refined.weights, refined.residuals, out=weighted, where=refined.weights > 0.0)
+    scatter = pulls(n_clusters, clusters, weighted) + np.diag(refined.start_weights) * MATCH_SIGMA**2
     of_scatter = SCATTER_FACTORS[:, None] * (A @ scatter @ A) * SCATTER_FACTORS
-    of_walls = WALL_SIGMA**2 * A @ pulls(walls, np.ones(len(used))) @ A
+    of_walls = WALL_SIGMA**2 * A @ pulls(n_walls, walls, refined.weights) @ A
     return np.asarray(of_scatter + of_walls + map_covariance(map_sigma), dtype=np.float64)
 
 
@@ -65,34 +62,3 @@ def map_covariance(map_sigma: float) -> NDArray[np.float64]:
     """What a map whose own position has this standard deviation along any axis (m) adds, shape (6, 6), as above."""
     tilt, turn = map_sigma / TILT_LENGTH, map_sigma / TURN_LENGTH
     return np.diag(np.array([map_sigma, map_sigma, map_sigma, tilt, tilt, turn]) ** 2)
-
-
-def _facings(normals: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Number of the facing of each normal, shape (n, 3): by azimuth, and one for those up or down."""
-    azimuths = np.arctan2(normals[:, 1], normals[:, 0]) / (2.0 * np.pi) * N_FACINGS
-    return np.where(
-        np.abs(normals[:, 2]) > STEEPEST, N_FACINGS, np.floor(azimuths).astype(np.int64) % N_FACINGS
-    )
-
-
-def _clusters(refined: Refined, used: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Number of the cluster of some points: those of one facing in one cube."""
-    cubes = np.floor(refined.points[used] / CLUSTER_EDGE).astype(np.int64)
-    return _numbers([*cubes.T, _facings(refined.planes[used, :3])])
-
-
-def _walls(refined: Refined, used: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Number of the wall of some points: those of one facing, and about as far from the sensor along their normal."""
-    normals, offsets = refined.planes[used, :3], refined.planes[used, 3]
-    depths = np.floor((offsets - normals @ refined.pose.position) / CLUSTER_EDGE).astype(np.int64)
-    return _numbers([depths, _facings(normals)])
-
-
-def _numbers(columns: list[NDArray[np.int64]]) -> NDArray[np.int64]:
-    """Number of each row among the different ones."""
-    if not len(columns[0]):
-        return np.empty(0, np.int64)
-    columns = [column - column.min() for column in columns]
-    flat = np.ravel_multi_index(columns, [int(column.max()) + 1 for column in columns])
-    _, numbers = np.unique(flat, return_inverse=True)
-    return np.asarray(numbers, dtype=np.int64)

@@ -1,136 +1,15 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Compiled: which planes of the map scan points lie on, and the equations of their distances. Arrays in, arrays out."""
+"""Compiled: the equations of the distances of scan points from planes of the map. Arrays in, arrays out."""
 
 import numpy as np
 from numba import njit
 
-from maxcon.point_map.lookup_kernels import MEANS, NORMALS, find_voxel, float32_at, uint8_at
-from maxcon.point_map.tile import MEAN_STEPS
-
-__all__ = ["adjust", "find_partners", "sum_gradients"]
-
-MEAN_STEP = 1.0 / MEAN_STEPS
+__all__ = ["adjust", "rotation_and_axes", "sum_gradients", "weigh"]
 
 
 @njit(nogil=True, cache=True)
-def _turn(rotation, vector):
-    """R v, three numbers."""
-    x, y, z = vector
-    return (
-        rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z,
-        rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z,
-        rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z,
-    )
-
-
-@njit(nogil=True, cache=True)
-def _plane(row, number, x, y, z, cell, rows):
-    """Normal of a voxel, (nx, ny, nz), and mean of its points, (x, y, z), m."""
-    normals, means, at = rows[row, NORMALS], rows[row, MEANS], np.uint64(3) * number
-    one, two = np.uint64(1), np.uint64(2)
-    return (
-        np.float64(float32_at(normals, at)),
-        np.float64(float32_at(normals, at + one)),
-        np.float64(float32_at(normals, at + two)),
-        (x + (np.float64(uint8_at(means, at)) + 0.5) * MEAN_STEP) * cell,
-        (y + (np.float64(uint8_at(means, at + one)) + 0.5) * MEAN_STEP) * cell,
-        (z + (np.float64(uint8_at(means, at + two)) + 0.5) * MEAN_STEP) * cell,
-    )
-
-
-@njit(nogil=True, cache=True)
-def _partner_along(px, py, pz, nx, ny, nz, cell, reach, least_cosine, is_signed, rows, grid, corner):
-    """Plane (normal, offset) nearest to a point among the voxels along its normal; a normal of zeros for none.
-
-    From the voxel of the point outwards to both sides, and one step beyond the first that is found.
-    """
-    found = (0.0, 0.0, 0.0, 0.0)
-    nearest, last = np.inf, reach
-    for step in range(reach + 1):
-        if step > last:
-            break
-        for side in range(1 if step == 0 else 2):
-            t = (step if side == 0 else -step) * cell
-            x = np.int64(np.floor((px + t * nx) / cell))
-            y = np.int64(np.floor((py + t * ny) / cell))
-            z = np.int64(np.floor((pz + t * nz) / cell))
-            row, number = find_voxel(x, y, z, rows, grid, corner)
-            if row == 0:
-                continue
-            ax, ay, az, mx, my, mz = _plane(row, number, x, y, z, cell, rows)
-            cosine = ax * nx + ay * ny + az * nz
-            if (cosine if is_signed else abs(cosine)) < least_cosine:
-                continue
-            distance = abs(ax * (mx - px) + ay * (my - py) + az * (mz - pz))
-            last = min(last, step + 1)
-            if distance < nearest:
-                nearest = distance
-                found = (ax, ay, az, ax * mx + ay * my + az * mz)
-    return found
-
-
-@njit(nogil=True, cache=True)
-def _partner_around(px, py, pz, cell, reach, rows, grid, corner):
-    """Plane of a voxel along the axes from that of a point, of the nearest ones the one whose mean is nearest.
-
-    A normal of zeros for none.
-    """
-    found = (0.0, 0.0, 0.0, 0.0)
-    nearest = np.inf
-    x0, y0, z0 = np.int64(np.floor(px / cell)), np.int64(np.floor(py / cell)), np.int64(np.floor(pz / cell))
-    for step in range(reach + 1):
-        if nearest < np.inf:
-            break
-        for side in range(1 if step == 0 else 6):
-            t = step if side % 2 == 0 else -step
-            x, y, z = x0 + t * (side // 2 == 0), y0 + t * (side // 2 == 1), z0 + t * (side // 2 == 2)
-            row, number = find_voxel(x, y, z, rows, grid, corner)
-            if row == 0:
-                continue
-            ax, ay, az, mx, my, mz = _plane(row, number, x, y, z, cell, rows)
-            if ax == 0.0 and ay == 0.0 and az == 0.0:
-                continue
-            distance = (mx - px) ** 2 + (my - py) ** 2 + (mz - pz) ** 2
-            if distance < nearest:
-                nearest = distance
-                found = (ax, ay, az, ax * mx + ay * my + az * mz)
-    return found
-
-
-@njit(nogil=True, cache=True)
-def find_partners(
-    points, normals, unknowns, every, cell, reaches, least_cosine, is_signed, rows, grid, corner, planes
-):  # fmt: skip
-    """Find for every so many points of a scan the plane of the map that it lies on.
-
-    points, normals : (n, 3) float64, sensor frame, m; a normal of zeros where there is none.
-    unknowns : (6,), the pose: x, y, z, roll, pitch, heading. every : see `adjustment.Round`.
-    reaches : how many voxels a partner may lie away, along the normal of a point, and along the axes from one without.
-    least_cosine : of the angle between the normals of point and voxel.
-    planes : (n, 4) float64, out, unit normal and its scalar product with a point of the plane, map frame; zeros for
-    none, and for the points between.
-    """
-    rotation, _ = _rotation(unknowns[3:])
-    position = unknowns[:3]
-    for i in range(points.shape[0]):
-        had_partner = planes[i, 0] != 0.0 or planes[i, 1] != 0.0 or planes[i, 2] != 0.0
-        planes[i] = (0.0, 0.0, 0.0, 0.0)
-        if not (had_partner if every == 0 else i % every == 0):
-            continue
-        dx, dy, dz = _turn(rotation, points[i])
-        px, py, pz = dx + position[0], dy + position[1], dz + position[2]
-        nx, ny, nz = _turn(rotation, normals[i])
-        if nx == 0.0 and ny == 0.0 and nz == 0.0:
-            planes[i] = _partner_around(px, py, pz, cell, reaches[1], rows, grid, corner)
-            continue
-        planes[i] = _partner_along(
-            px, py, pz, nx, ny, nz, cell, reaches[0], least_cosine, is_signed, rows, grid, corner
-        )
-
-
-@njit(nogil=True, cache=True)
-def _rotation(angles):
+def rotation_and_axes(angles):
     """R = Rz(heading) Ry(pitch) Rx(roll), and the axes that roll, pitch and heading turn about, rows, map frame."""
     cr, sr = np.cos(angles[0]), np.sin(angles[0])
     cp, sp = np.cos(angles[1]), np.sin(angles[1])
@@ -146,77 +25,128 @@ def _rotation(angles):
 
 
 @njit(nogil=True, cache=True)
-def _equation(point, plane, rotation, axes, position, gradient):
-    """Distance of a scan point from its plane, m, and how it falls with each unknown; gradient : (6,), out."""
-    dx, dy, dz = _turn(rotation, point)
-    nx, ny, nz, offset = plane
-    gradient[0], gradient[1], gradient[2] = nx, ny, nz
-    cx, cy, cz = dy * nz - dz * ny, dz * nx - dx * nz, dx * ny - dy * nx
-    for k in range(3):  # n . (axis x d) = axis . (d x n)
-        gradient[3 + k] = axes[k, 0] * cx + axes[k, 1] * cy + axes[k, 2] * cz
-    return offset - nx * (dx + position[0]) - ny * (dy + position[1]) - nz * (dz + position[2])
+def _equations(points, planes, unknowns, gate, equations):
+    """Distances of points from their planes, and how they fall with each unknown, times the root of Tukey's weight.
+
+    points : (3, n), sensor frame, m; planes : (4, n); unknowns : (6,); gate : no weight from this distance on, m;
+    equations : (7, n), out: a row for each of x, y, z, roll, pitch, heading, then the distances.
+    """
+    R, axes = rotation_and_axes(unknowns[3:])
+    tx, ty, tz = unknowns[0], unknowns[1], unknowns[2]
+    for i in range(points.shape[1]):
+        x, y, z = points[0, i], points[1, i], points[2, i]
+        nx, ny, nz = planes[0, i], planes[1, i], planes[2, i]
+        dx = R[0, 0] * x + R[0, 1] * y + R[0, 2] * z
+        dy = R[1, 0] * x + R[1, 1] * y + R[1, 2] * z
+        dz = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z
+        distance = planes[3, i] - nx * (dx + tx) - ny * (dy + ty) - nz * (dz + tz)
+        share = distance / gate
+        root = max(1.0 - share * share, 0.0)
+        # n . (axis x d) = axis . (d x n)
+        cx, cy, cz = dy * nz - dz * ny, dz * nx - dx * nz, dx * ny - dy * nx
+        equations[0, i], equations[1, i], equations[2, i] = root * nx, root * ny, root * nz
+        equations[3, i] = root * (axes[0, 0] * cx + axes[0, 1] * cy + axes[0, 2] * cz)
+        equations[4, i] = root * (axes[1, 0] * cx + axes[1, 1] * cy)
+        equations[5, i] = root * cz
+        equations[6, i] = root * distance
+
+
+@njit(nogil=True, cache=True, fastmath={"reassoc", "contract"})
+def _products(equations, products):
+    """All scalar products of rows, (7, n), with each other: (7, 7), out."""
+    for j in range(7):
+        for k in range(j, 7):
+            total = 0.0
+            for i in range(equations.shape[1]):
+                total += equations[j, i] * equations[k, i]
+            products[j, k] = products[k, j] = total
 
 
 @njit(nogil=True, cache=True)
-def _add_equations(points, planes, unknowns, gate, normal_matrix, right_side, residuals, weights):
-    """Normal equations of the distances n . r of points from their planes; see `adjust`."""
-    normal_matrix[:] = 0.0
-    right_side[:] = 0.0
-    gradient = np.empty(6)
-    rotation, axes = _rotation(unknowns[3:])
+def _with_planes(points, planes):
+    """The points that have a plane, and their planes, as columns: (3, m) and (4, m); and their numbers, (m,)."""
+    numbers = np.empty(points.shape[0], np.int64)
+    m = 0
     for i in range(points.shape[0]):
-        residuals[i], weights[i] = np.inf, 0.0
-        if planes[i, 0] == 0.0 and planes[i, 1] == 0.0 and planes[i, 2] == 0.0:
-            continue
-        residuals[i] = _equation(points[i], planes[i], rotation, axes, unknowns[:3], gradient)
-        share = residuals[i] / gate
-        if abs(share) >= 1.0:
-            continue
-        weight = (1.0 - share * share) ** 2
-        weights[i] = weight
-        for j in range(6):
-            right_side[j] += weight * gradient[j] * residuals[i]
-            for k in range(j, 6):
-                normal_matrix[j, k] += weight * gradient[j] * gradient[k]
-    for j in range(6):
-        for k in range(j):
-            normal_matrix[j, k] = normal_matrix[k, j]
+        if planes[i, 0] != 0.0 or planes[i, 1] != 0.0 or planes[i, 2] != 0.0:
+            numbers[m] = i
+            m += 1
+    numbers = numbers[:m]
+    some, of_some = np.empty((3, m)), np.empty((4, m))
+    for k in range(m):
+        for axis in range(3):
+            some[axis, k] = points[numbers[k], axis]
+        for axis in range(4):
+            of_some[axis, k] = planes[numbers[k], axis]
+    return some, of_some, numbers
 
 
 @njit(nogil=True, cache=True)
-def adjust(
-    points, planes, unknowns, start, start_weights, gate, n_steps, at_rest, normal_matrix, residuals, weights
-):
+def adjust(points, planes, unknowns, start, start_weights, gate, n_steps, at_rest):
     """Gauss-Newton steps that shorten the distances n . r of points from their planes, with Tukey's weights.
 
     points : (n, 3), sensor frame, m; planes : (n, 4), as `find_partners` made them; unknowns : (6,), x, y, z, roll,
     pitch, heading, in and out; start : (6,), which is an observation of them with weights start_weights : (6,); gate :
     no weight from this distance on, m; n_steps : at most; at_rest : a step that moves less, m, and turns less than a
-    hundredth of it, rad, is the last. normal_matrix : (6, 6), residuals : (n,), m, and weights : (n,), 0 without a
-    partner, at the end. All out.
+    hundredth of it, rad, is the last.
     """
-    right_side = np.empty(6)
-    _add_equations(points, planes, unknowns, gate, normal_matrix, right_side, residuals, weights)
+    some, of_some, numbers = _with_planes(points, planes)
+    equations, products = np.empty((7, len(numbers))), np.empty((7, 7))
     for _ in range(n_steps):
-        step = np.linalg.solve(
-            normal_matrix + np.diag(start_weights), right_side - start_weights * (unknowns - start)
-        )
+        _equations(some, of_some, unknowns, gate, equations)
+        _products(equations, products)
+        right_side = products[:6, 6] - start_weights * (unknowns - start)
+        step = np.linalg.solve(products[:6, :6] + np.diag(start_weights), right_side)
         unknowns += step
-        _add_equations(points, planes, unknowns, gate, normal_matrix, right_side, residuals, weights)
         if np.abs(step[:3]).max() < at_rest and np.abs(step[3:]).max() < 0.01 * at_rest:
             break
+
+
+@njit(nogil=True, cache=True)
+def weigh(points, planes, unknowns, gate, normal_matrix, residuals, weights):
+    """What points and their planes say of an adjusted pose; the first four as for `adjust`.
+
+    normal_matrix : (6, 6), residuals : (n,), m, infinite without a plane, and weights : (n,), 0 without one. All out.
+    """
+    some, of_some, numbers = _with_planes(points, planes)
+    equations, products = np.empty((7, len(numbers))), np.empty((7, 7))
+    _equations(some, of_some, unknowns, gate, equations)
+    _products(equations, products)
+    normal_matrix[:] = products[:6, :6]
+    residuals[:], weights[:] = np.inf, 0.0
+    R, _ = rotation_and_axes(unknowns[3:])
+    for k in range(len(numbers)):
+        x, y, z = some[0, k], some[1, k], some[2, k]
+        nx, ny, nz, offset = of_some[0, k], of_some[1, k], of_some[2, k], of_some[3, k]
+        offset -= nx * (R[0, 0] * x + R[0, 1] * y + R[0, 2] * z + unknowns[0])
+        offset -= ny * (R[1, 0] * x + R[1, 1] * y + R[1, 2] * z + unknowns[1])
+        offset -= nz * (R[2, 0] * x + R[2, 1] * y + R[2, 2] * z + unknowns[2])
+        residuals[numbers[k]] = offset
+        root = max(1.0 - (offset / gate) ** 2, 0.0)
+        weights[numbers[k]] = root * root
 
 
 @njit(nogil=True, cache=True)
 def sum_gradients(points, planes, groups, unknowns, factors, sums):
     """Add factor times gradient of each point's distance to the sum of its group.
 
-    points : (n, 3), sensor frame, m; planes : (n, 4); groups : (n,), numbers; unknowns : (6,), the pose;
-    factors : (n,); sums : (n_groups, 6), in zeros, out.
+    points : (n, 3), sensor frame, m; planes : (n, 4); groups : (n,), numbers, below 0 for none; unknowns : (6,), the
+    pose; factors : (n,); sums : (n_groups, 6), in zeros, out.
     """
-    gradient = np.empty(6)
-    rotation, axes = _rotation(unknowns[3:])
+    R, axes = rotation_and_axes(unknowns[3:])
     for i in range(points.shape[0]):
-        _equation(points[i], planes[i], rotation, axes, unknowns[:3], gradient)
-        for k in range(6):
-            sums[groups[i], k] += factors[i] * gradient[k]
+        group = groups[i]
+        if group < 0:
+            continue
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        nx, ny, nz = planes[i, 0], planes[i, 1], planes[i, 2]
+        dx = R[0, 0] * x + R[0, 1] * y + R[0, 2] * z
+        dy = R[1, 0] * x + R[1, 1] * y + R[1, 2] * z
+        dz = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z
+        cx, cy, cz = dy * nz - dz * ny, dz * nx - dx * nz, dx * ny - dy * nx
+        sums[group, 0] += factors[i] * nx
+        sums[group, 1] += factors[i] * ny
+        sums[group, 2] += factors[i] * nz
+        sums[group, 3] += factors[i] * (axes[0, 0] * cx + axes[0, 1] * cy + axes[0, 2] * cz)
+        sums[group, 4] += factors[i] * (axes[1, 0] * cx + axes[1, 1] * cy)
+        sums[group, 5] += factors[i] * cz

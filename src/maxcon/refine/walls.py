@@ -53,13 +53,12 @@ def least_wall_share(refined: Refined) -> WallShare | None:
 
     At a wrong place along a street the walls along it fit all the same; those across do not.
     """
-    normals = refined.normals @ refined.pose.rotation.T
-    is_wall = normals.any(axis=1) & (np.abs(normals[:, 2]) < LEVEL)
-    azimuths = np.arctan2(normals[is_wall, 1], normals[is_wall, 0]) % math.pi
-    facings = np.minimum((azimuths * (N_FACINGS / math.pi)).astype(np.int64), N_FACINGS - 1)
-    is_found = np.abs(refined.residuals[is_wall]) <= FOUND_WITHIN
-    n_points = np.bincount(facings, minlength=N_FACINGS)
-    n_found = np.bincount(facings[is_found], minlength=N_FACINGS)
+    from maxcon.refine import group_kernels
+
+    n_points, n_found = np.zeros(N_FACINGS, np.int64), np.zeros(N_FACINGS, np.int64)
+    group_kernels.count_walls(
+        refined.normals, refined.residuals, refined.pose.rotation, LEVEL, FOUND_WITHIN, n_points, n_found
+    )
     shares = [
         WallShare((k + 0.5) * math.pi / N_FACINGS, int(n_points[k]), int(n_found[k]))
         for k in range(N_FACINGS)
