@@ -14,7 +14,7 @@ from maxcon.geometry import rotation_matrices
 from maxcon.integrity import protection_level, reasons_to_doubt_answer, reasons_to_doubt_scan, runner_up_ratio
 from maxcon.integrity_kernels import count_normals
 
-SPACE = SearchSpace(half_width=1.2, heading_half_width_deg=1.0)
+SPACE = SearchSpace(1.2, 0.06, 1.0)
 HERE = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -154,7 +154,7 @@ def test_the_protection_level_is_along_and_across_the_heading():
 
 
 def test_the_runner_up_by_hand():
-    space = SearchSpace(half_width=0.6, heading_half_width_deg=0.5)
+    space = SearchSpace(0.6, 0.06, 0.5)
     scores = np.zeros(space.shape)
     scores[1, 10, 10] = 8.0  # the best cell
     scores[1, 10, 11] = 7.9  # its slope, next to it
@@ -168,7 +168,7 @@ def test_the_runner_up_by_hand():
 
 def test_a_slope_is_no_runner_up():
     """Cells beyond the guard radius that only lead up to the peak are no place of their own."""
-    space = SearchSpace(half_width=0.6, heading_half_width_deg=0.0)
+    space = SearchSpace(0.6, 0.06, 0.0)
     y, x = np.mgrid[:20, :20]
     scores = 20.0 - np.hypot(y - 10, x - 10)[None]
     assert runner_up_ratio(scores, (0, 10, 10), space, 0.3) == 0.0

@@ -295,7 +295,7 @@ def test_what_is_refused(scan, point_map):
         OptionError, match="Expected `weighting` to be 'cosine', 'published' or 'one', got 'none'"
     ):
         MaximumConsensus(weighting="none")
-    with pytest.raises(SearchSpaceError, match=r"0\.06 m, got 0\.05 m"):
+    with pytest.raises(SearchSpaceError, match=r"0\.06 m, or 2, 4, \.\.\. 32 times that, got 0\.05 m"):
         MaximumConsensus(SearchSpace(1.0, 0.05)).localize(scan, point_map, TRUTH)
     with pytest.raises(ArrayError, match=r"`moments` to have shape \(5, 20, 20, 4\), got \(4, 20, 20, 5\)"):
         Accumulator(np.zeros((4, 20, 20, 5)), SPACE, TRUTH)

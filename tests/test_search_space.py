@@ -182,21 +182,35 @@ def test_correlations_do_not_matter_and_the_larger_variance_counts(factors, vari
 
 def test_spaces_of_a_covariance_by_hand():
     covariance = np.diag([1.0, 0.25, math.radians(2.0 / 3.0) ** 2])
-    space = SearchSpace.from_covariance(covariance)  # 3 m are 50 cells, and half a cell more is searched
+    space = SearchSpace.from_covariance(
+        covariance, cell=0.06
+    )  # 3 m are 50 cells, and half a cell more is searched
     assert (space.half_width, space.heading_half_width_deg) == (pytest.approx(51 * 0.06), 2.0)
     assert (space.cell, space.heading_step_deg) == (0.06, 0.5)
+    still_open = SearchSpace.from_covariance(covariance)
+    assert still_open.is_open
+    assert (still_open.half_width, still_open.heading_half_width_deg) == (3.0, pytest.approx(2.0))
     wider = SearchSpace.from_covariance(covariance, k=1.0, cell=0.1, heading_step_deg=0.3)
     assert wider.half_width == pytest.approx(1.1)
     assert wider.heading_half_width_deg == pytest.approx(0.9)
-    assert SearchSpace.from_covariance(np.zeros((3, 3))).shape == (1, 1, 1)
+    assert SearchSpace.from_covariance(np.zeros((3, 3))).at(0.06).shape == (1, 1, 1)
     assert SearchSpace.from_covariance(np.diag([0.0, 0.0, 1e4])).heading_half_width_deg == 180.0
 
 
 def test_a_space_of_a_covariance_is_cut_to_the_largest():
     covariance = np.diag([4.0, 1.0, 0.01])
-    cut = SearchSpace.from_covariance(covariance, largest_half_width=3.0, largest_heading_half_width_deg=2.2)
+    largest = {"largest_half_width": 3.0, "largest_heading_half_width_deg": 2.2}
+    cut = SearchSpace.from_covariance(covariance, cell=0.06, heading_step_deg=0.5, **largest)
     assert (cut.half_width, cut.heading_half_width_deg) == (3.0, 2.0)
-    one = SearchSpace.from_covariance(covariance, largest_half_width=0.0, largest_heading_half_width_deg=0.1)
+    still_open = SearchSpace.from_covariance(covariance, **largest)
+    assert (still_open.half_width, still_open.heading_half_width_deg) == (3.0, 2.2)
+    one = SearchSpace.from_covariance(
+        covariance,
+        cell=0.06,
+        heading_step_deg=0.5,
+        largest_half_width=0.0,
+        largest_heading_half_width_deg=0.1,
+    )
     assert one.n_cells == 1
     free = SearchSpace.from_covariance(covariance)
     assert free == SearchSpace.from_covariance(
@@ -245,8 +259,8 @@ def test_covariances_that_are_none(covariance, words):
         ({"heading_step_deg": -1.0}, "a step > 0 for the headings"),
         ({"largest_half_width": -1.0}, "`largest_half_width` >= 0, got -1.0"),
         ({"largest_heading_half_width_deg": math.nan}, "`largest_heading_half_width_deg` >= 0, got nan"),
-        ({"k": 1e5}, "at most 100,000 cells in the half width of the offsets, got 100000 m"),
-        ({"k": 1e300}, "at most 100,000 cells"),
+        ({"k": 1e5, "cell": 0.06}, "at most 100,000 cells in the half width of the offsets, got 100000 m"),
+        ({"k": 1e300, "cell": 0.06}, "at most 100,000 cells"),
         ({"heading_step_deg": 1e-6}, "at most 100,000 cells in the half width of the headings"),
     ],
 )
@@ -256,7 +270,7 @@ def test_numbers_that_make_no_space_of_a_covariance(options, words):
 
 
 def test_heights_lie_around_the_prior_in_whole_cells():
-    space = SearchSpace(height_half_width=0.18)
+    space = SearchSpace(3.0, 0.06, 2.0, height_half_width=0.18)
     assert space.n_heights == 7
     np.testing.assert_allclose(space.heights, [-0.18, -0.12, -0.06, 0.0, 0.06, 0.12, 0.18])
     assert space.shape == SearchSpace.paper().shape
@@ -278,4 +292,45 @@ def test_by_default_there_is_one_height():
 @pytest.mark.parametrize(("half_width", "words"), [(1.0, "1.02 m"), (-0.06, ">= 0"), (math.inf, "inf")])
 def test_height_half_widths_that_are_none(half_width, words):
     with pytest.raises(SearchSpaceError, match=words):
-        SearchSpace(height_half_width=half_width)
+        SearchSpace(cell=0.06, height_half_width=half_width)
+
+
+# --- open spaces ------------------------------------------------------------------------------------------
+
+
+def test_an_open_space_has_no_cells_before_it_is_given_some():
+    space = SearchSpace()
+    assert (space.half_width, space.heading_half_width_deg, space.is_open) == (12.0, 10.0, True)
+    for ask in ("shape", "n_cells", "offsets", "headings", "heights", "reach", "cell_edge", "step_deg"):
+        with pytest.raises(SearchSpaceError, match=r"Give it cells: `space\.at\(point_map\.cell\)`"):
+            getattr(space, ask)
+
+
+@given(
+    st.floats(0.0, 100.0),
+    st.floats(0.0, 180.0),
+    st.sampled_from([0.06, 0.12, 0.48]),
+    st.sampled_from([0.5, 2.0]),
+)
+def test_cells_hold_the_half_widths_of_an_open_space(half_width, turn_deg, cell, step_deg):
+    space = SearchSpace(half_width, heading_half_width_deg=turn_deg).at(cell, step_deg)
+    assert half_width - 1e-6 <= space.half_width < half_width + cell
+    assert turn_deg - 1e-6 <= space.heading_half_width_deg < turn_deg + step_deg
+    assert (space.cell, space.heading_step_deg, space.is_open) == (cell, step_deg, False)
+    assert space.at(1.0, 1.0) == space
+
+
+def test_what_is_given_is_obeyed():
+    assert SearchSpace(3.0, 0.12, 2.0) == SearchSpace(3.0, 0.12, 2.0, 0.5)
+    stepped = SearchSpace(3.0, heading_half_width_deg=2.0, heading_step_deg=0.25)
+    assert not stepped.is_open
+    assert stepped.at(0.06) == SearchSpace(3.0, 0.06, 2.0, 0.25)
+    assert SearchSpace.paper() == SearchSpace(3.0, 0.06, 2.0, 0.5)
+
+
+@pytest.mark.parametrize("half_width", [-1.0, math.nan, math.inf])
+def test_half_widths_that_are_none_are_refused_of_open_spaces_too(half_width):
+    with pytest.raises(SearchSpaceError, match="half width >= 0 for the offsets"):
+        SearchSpace(half_width)
+    with pytest.raises(SearchSpaceError, match="half width >= 0 for the headings"):
+        SearchSpace(heading_half_width_deg=half_width)

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from maxcon.best_cell import BestCell
+from maxcon.errors import SearchSpaceError
 from maxcon.geometry import Pose, wrap_angle
 from maxcon.objectives import Helmert
 from maxcon.point_map import PointMap
@@ -46,6 +47,8 @@ COARSE = Level(8, 2.0, 1.0)
 BLUNT = 0.85
 # ... of so many places at most, the highest: where more fit, none stands out.
 MOST_PLACES = 12
+# More large cells take minutes: half a kilometre at any heading.
+MOST_CELLS = 2**28
 # Small cells are searched so far around a large one, m and degrees; a best one at the rim is climbed from.
 AROUND, AROUND_DEG = 0.6, 1.5
 MOST_CLIMBS = 4
@@ -96,9 +99,19 @@ def best_places(
         The best place first; none where nothing scores. Each is the best cell, of the map's own voxels, of a window
         around a large one. `runner_up` is what is known of the others: Helmert's score where they were looked at in
         small cells, and what was proved in large ones where not.
+
+    Raises
+    ------
+    SearchSpaceError
+        If the space has more than 2^28 large cells.
     """
     level = point_map.level(COARSE.factor)
     large = space.at(level.cell, COARSE.heading_step_deg)
+    if large.n_cells > MOST_CELLS:
+        raise SearchSpaceError(
+            f"Expected at most {MOST_CELLS:,} cells of {level.cell:g} m and {COARSE.heading_step_deg:g} degrees, got"
+            f" {large.n_cells:,}. Narrow the search space."
+        )
     least = BLUNT * share
     found = search(scan.thinned(COARSE.thinning), level, prior, large, share=least, lists_all=True)
     if found.score <= 0.0:

@@ -5,7 +5,6 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,11 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from maxcon.errors import SearchSpaceError
 from maxcon.geometry import Pose, wrap_angle
 from maxcon.prior_sigmas import sigmas_of
+from maxcon.whole_steps import n_steps, rounded_up
 
 __all__ = ["Cell", "SearchSpace"]
-
-# Enough for 6 km at 6 cm; it keeps every number of cells finite.
-MOST_STEPS = 100_000
 
 GIVE_CELLS = "Give it cells: `space.at(point_map.cell)`."
 
@@ -26,45 +23,6 @@ PAPER_CELL, PAPER_STEP_DEG = 0.06, 0.5
 
 Cell = tuple[int, int, int]
 """(heading, y, x) indices of one cell; where heights are searched too, the number of its height goes beside it."""
-
-
-@lru_cache(maxsize=4096)
-def _n_steps(half_width: float, step: float, what: str, unit: str) -> int:
-    """How many steps make the half width, which must be a whole number."""
-    if not (math.isfinite(half_width) and math.isfinite(step) and step > 0.0 and half_width >= 0.0):
-        raise SearchSpaceError(
-            f"Expected a half width >= 0 and a step > 0 for the {what}, got {half_width} {unit} and {step} {unit}."
-            " The defaults are 3 m by 0.06 m and 2 degrees by 0.5 degrees."
-        )
-    steps = half_width / step
-    if steps > MOST_STEPS:
-        raise SearchSpaceError(
-            f"Expected at most {MOST_STEPS:,} cells in the half width of the {what}, got {half_width:g} {unit} by"
-            f" {step:g} {unit}. Narrow the search space, or take larger steps."
-        )
-    n_steps = round(steps)
-    if abs(steps - n_steps) > 1e-6 * max(1.0, steps):
-        raise SearchSpaceError(
-            f"Expected the half width of the {what} to be a multiple of its step, got {half_width} {unit} and"
-            f" {step} {unit}. Take {math.ceil(steps) * step:g} {unit}?"
-        )
-    return n_steps
-
-
-def _rounded_up(reach: float, step: float | None, largest: float | None = None, rim: float = 0.0) -> float:
-    """Return the whole steps that hold `reach` and `rim` steps more, but no more than fit into `largest`.
-
-    Without a step, what is reached is not rounded.
-    """
-    if step is None:
-        return min(reach, math.inf if largest is None else largest)
-    steps = reach / step + rim if reach > 0.0 else 0.0
-    most = math.inf if largest is None else largest / step
-    if min(steps, most) > MOST_STEPS:
-        return min(reach, largest or math.inf)  # refused, in the words for any half width
-    if most < steps:
-        return math.floor(most + 1e-6) * step
-    return math.ceil(steps - 1e-9 * max(1.0, steps)) * step
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +71,7 @@ class SearchSpace:
             (self.heading_half_width_deg, self.heading_step_deg, "headings", "degrees"),
         ):
             if step is not None:
-                _n_steps(half_width, step, what, unit)
+                n_steps(half_width, step, what, unit)
             elif not 0.0 <= half_width < math.inf:
                 raise SearchSpaceError(f"Expected a half width >= 0 for the {what}, got {half_width} {unit}.")
         if self.cell is not None and self.heading_step_deg is None:
@@ -135,18 +93,16 @@ class SearchSpace:
 
         Half widths are rounded up to what these make.
         """
-        space = self
-        if space.cell is None:
-            space = replace(
-                space,
-                half_width=_rounded_up(space.half_width, cell),
-                cell=cell,
-                height_half_width=_rounded_up(space.height_half_width, cell),
-            )
-        if space.heading_step_deg is None:
-            turn_deg = _rounded_up(space.heading_half_width_deg, heading_step_deg)
-            space = replace(space, heading_half_width_deg=turn_deg, heading_step_deg=heading_step_deg)
-        return space
+        if self.cell is not None:
+            return self
+        step_deg = heading_step_deg if self.heading_step_deg is None else self.heading_step_deg
+        return SearchSpace(
+            rounded_up(self.half_width, cell),
+            cell,
+            rounded_up(self.heading_half_width_deg, step_deg),
+            step_deg,
+            rounded_up(self.height_half_width, cell),
+        )
 
     @property
     def cell_edge(self) -> float:
@@ -214,9 +170,9 @@ class SearchSpace:
         cell of one that is tried. A variance of 0 gives one cell, or one heading; headings reach 180 degrees at most.
         """
         if cell is not None:
-            _n_steps(0.0, cell, "offsets", "m")
+            n_steps(0.0, cell, "offsets", "m")
         if heading_step_deg is not None:
-            _n_steps(0.0, heading_step_deg, "headings", "degrees")
+            n_steps(0.0, heading_step_deg, "headings", "degrees")
         if not 0.0 < k < math.inf:
             raise SearchSpaceError(f"Expected `k` > 0 standard deviations, got {k}. The default is 3.")
         for name, largest in (
@@ -228,17 +184,17 @@ class SearchSpace:
         sigma_x, sigma_y, sigma_heading = sigmas_of(covariance).tolist()
         turn_deg = min(k * math.degrees(sigma_heading), 180.0)
         return cls(
-            _rounded_up(k * max(sigma_x, sigma_y), cell, largest_half_width, rim=0.5),
+            rounded_up(k * max(sigma_x, sigma_y), cell, largest_half_width, rim=0.5),
             cell,
-            _rounded_up(turn_deg, heading_step_deg, largest_heading_half_width_deg),
+            rounded_up(turn_deg, heading_step_deg, largest_heading_half_width_deg),
             heading_step_deg,
         )
 
     @property
     def shape(self) -> tuple[int, int, int]:
         """(headings, ny, nx): how many cells along each axis, at one height."""
-        n_offsets = max(1, 2 * _n_steps(self.half_width, self.cell_edge, "offsets", "m"))
-        n_turns = _n_steps(self.heading_half_width_deg, self.step_deg, "headings", "degrees")
+        n_offsets = max(1, 2 * n_steps(self.half_width, self.cell_edge, "offsets", "m"))
+        n_turns = n_steps(self.heading_half_width_deg, self.step_deg, "headings", "degrees")
         return 2 * n_turns + 1, n_offsets, n_offsets
 
     @property
@@ -249,7 +205,7 @@ class SearchSpace:
     @property
     def n_heights(self) -> int:
         """How many heights there are."""
-        return 2 * _n_steps(self.height_half_width, self.cell_edge, "heights", "m") + 1
+        return 2 * n_steps(self.height_half_width, self.cell_edge, "heights", "m") + 1
 
     @property
     def heights(self) -> NDArray[np.float64]:

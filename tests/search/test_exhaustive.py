@@ -406,9 +406,7 @@ def test_a_space_too_large_is_refused_before_memory_is_asked_for(half_width):
 
 def test_another_cell_edge_is_refused():
     scan, point_map, prior = random_scene(0, 5, 5, 0.06, SearchSpace.paper())
-    message = (
-        r"the map's voxel edge, 0\.06 m, got 0\.05 m\. Build the map with that cell, or search with the map's"
-    )
+    message = r"the map's voxel edge, 0\.06 m, got 0\.05 m\. Search in a level of the map"
     for search in (exhaustive, reference.voxels):
         with pytest.raises(SearchSpaceError, match=message):
             search(scan, point_map, prior, SearchSpace(1.0, 0.05))

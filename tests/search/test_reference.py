@@ -454,7 +454,9 @@ def test_no_points_match_nothing(multiplicity):
 def test_what_the_definition_refuses():
     point_map = PointMap.from_points([[0.0, 0.0, 0.0]], [X], CELL)
     scan = Scan([[0.0, 0.0, 0.0]], [X])
-    with pytest.raises(SearchSpaceError, match=r"voxel edge, 0\.06 m, got 0\.05 m\. Build the map"):
+    with pytest.raises(
+        SearchSpaceError, match=r"voxel edge, 0\.06 m, got 0\.05 m\. Search in a level of the map"
+    ):
         reference.voxels(scan, point_map, HERE, SearchSpace(0.1, 0.05))
     with pytest.raises(OptionError, match="Expected `multiplicity` to be 'occupied' or 'points', got 'once'"):
         reference.voxels(scan, point_map, HERE, SMALL, multiplicity="once")

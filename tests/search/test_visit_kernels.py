@@ -53,7 +53,9 @@ def test_visits_are_the_runs_within_the_rim(seed, n_groups, n_headings, drift, s
 
 
 @given(
-    **GROUPS, window=st.sampled_from([(0, 0, 0, 0), (-3, 2, 5, 5), (-600, 599, -2, 40)]), edge_bits=st.integers(4, 9)
+    **GROUPS,
+    window=st.sampled_from([(0, 0, 0, 0), (-3, 2, 5, 5), (-600, 599, -2, 40)]),
+    edge_bits=st.integers(4, 9),
 )
 def test_tiles_get_the_visits_that_meet_them(seed, n_groups, n_headings, drift, window, edge_bits):
     visits = visit_kernels.plan_visits(*random_groups(seed, n_groups, n_headings, drift, 1500))

@@ -83,7 +83,9 @@ def test_an_epoch_is_localized(dataset, tmp_path):
     reference, priors = (read_trajectory(path) for path in (dataset.reference, dataset.priors["uniform"]))
     origin = -np.asarray(point_map.frame.origin)
     prior, wanted = (poses.pose(1).translated(origin) for poses in (priors, reference))
-    estimate = MaximumConsensus(SearchSpace.paper()).localize(Scan(_scan(dataset, 1)[:, :3]), point_map, prior)
+    estimate = MaximumConsensus(SearchSpace.paper()).localize(
+        Scan(_scan(dataset, 1)[:, :3]), point_map, prior
+    )
     assert np.hypot(estimate.pose.x - wanted.x, estimate.pose.y - wanted.y) < 0.15
 
 

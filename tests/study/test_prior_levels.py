@@ -64,10 +64,10 @@ def test_other_words_are_refused(word):
 
 
 @pytest.mark.parametrize("level", LEVELS)
-def test_the_space_holds_the_level_and_hardly_more(level):
+def test_the_space_is_open_and_holds_the_level(level):
     space = space_of(level)
-    assert level.offset <= space.half_width + 1e-9 < level.offset + space.cell
-    assert 0.0 <= space.heading_half_width_deg - level.heading_deg < space.heading_step_deg
+    assert space.is_open
+    assert (space.half_width, space.heading_half_width_deg) == (level.offset, level.heading_deg)
 
 
 def test_methods_are_told_the_level():

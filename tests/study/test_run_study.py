@@ -152,7 +152,9 @@ def test_where_a_search_starts_is_told_apart(copied, tmp_path, small_space):
     for (name, _), row in rows.items():
         centre = ("reference_x", "reference_y") if name == "reference" else None
         if centre:
-            steps = [(row[axis] - row[of]) / small_space.cell for axis, of in zip("xy", centre, strict=True)]
+            steps = [
+                (row[axis] - row[of]) / small_space.cell_edge for axis, of in zip("xy", centre, strict=True)
+            ]
             assert steps == pytest.approx(np.round(steps), abs=1e-3)
 
 

@@ -48,23 +48,30 @@ def _settle(n, sums, total, factor, normal, mean):
 
 
 @njit(nogil=True, cache=True)
+def _column(place, edge):
+    """Column (x, y) of a tile whose number in the order of the search is `place`."""
+    n_patches, patch = edge >> PATCH_BITS, place >> (2 * PATCH_BITS)
+    x = (patch % n_patches << PATCH_BITS) + (place & INSIDE)
+    return x, (patch // n_patches << PATCH_BITS) + (place >> PATCH_BITS & INSIDE)
+
+
+@njit(nogil=True, cache=True)
 def merge(columns, layers, counts, normals, means, edge, factor, is_signed):
     """Merge the voxels of a tile to voxels `factor` times as large, of which `edge` make its edge.
 
     columns : (n, 2) int16; layers, counts : (n,) int32; normals : (n, 3) float32; means : (n, 3) uint8; in order.
     Returns the same of the larger voxels, in order.
     """
-    n = columns.shape[0]
-    of_place = np.full(edge * edge, -1, np.int32)
-    places, order = np.empty(edge * edge, np.int64), np.empty(edge * edge, np.int64)
-    merged_columns, merged_layers = np.empty((n, 2), np.int16), np.empty(n, np.int32)
-    merged_counts = np.empty(n, np.int32)
-    merged_normals, merged_means = np.empty((n, 3), np.float32), np.empty((n, 3), np.uint8)
-    sums, totals, n_points = (
-        np.empty((edge * edge, 3)),
-        np.empty((edge * edge, 3)),
-        np.empty((edge * edge, 1), np.int64),
+    n, n_columns = columns.shape[0], edge * edge
+    of_place, places = np.full(n_columns, -1, np.int32), np.empty(n_columns, np.int64)
+    sums, totals = np.empty((n_columns, 3)), np.empty((n_columns, 3))
+    n_points = np.empty((n_columns, 1), np.int64)
+    to_columns, to_layers, to_counts = (
+        np.empty((n, 2), np.int16),
+        np.empty(n, np.int32),
+        np.empty(n, np.int32),
     )
+    to_normals, to_means = np.empty((n, 3), np.float32), np.empty((n, 3), np.uint8)
     n_merged, k = 0, 0
     while k < n:
         layer, n_places = layers[k] // factor, 0
@@ -78,36 +85,17 @@ def merge(columns, layers, counts, normals, means, edge, factor, is_signed):
                 n_points[at], sums[at], totals[at] = 0, 0.0, 0.0
                 n_places += 1
             _add(
-                k,
-                (x, y),
-                layers[k],
-                counts,
-                normals,
-                means,
-                factor,
-                is_signed,
-                n_points[at],
-                sums[at],
-                totals[at],
-            )
+                k, (x, y), layers[k], counts, normals, means, factor, is_signed, n_points[at], sums[at], totals[at]
+            )  # fmt: skip
             k += 1
-        order[:n_places] = np.argsort(places[:n_places])
-        for i in order[:n_places]:
-            place, patch = places[i], places[i] >> (2 * PATCH_BITS)
-            merged_columns[n_merged, 0] = (patch % (edge >> PATCH_BITS) << PATCH_BITS) + (place & INSIDE)
-            merged_columns[n_merged, 1] = (patch // (edge >> PATCH_BITS) << PATCH_BITS) + (
-                place >> PATCH_BITS & INSIDE
-            )
-            merged_layers[n_merged], merged_counts[n_merged] = layer, min(n_points[i, 0], 2**31 - 1)
-            _settle(
-                n_points[i, 0], sums[i], totals[i], factor, merged_normals[n_merged], merged_means[n_merged]
-            )
-            of_place[place] = -1
+        for i in np.argsort(places[:n_places]):
+            to_columns[n_merged, 0], to_columns[n_merged, 1] = _column(places[i], edge)
+            to_layers[n_merged], to_counts[n_merged] = layer, min(n_points[i, 0], 2**31 - 1)
+            _settle(n_points[i, 0], sums[i], totals[i], factor, to_normals[n_merged], to_means[n_merged])
+            of_place[places[i]] = -1
             n_merged += 1
+    last = slice(0, n_merged)
     return (
-        merged_columns[:n_merged].copy(),
-        merged_layers[:n_merged].copy(),
-        merged_counts[:n_merged].copy(),
-        merged_normals[:n_merged].copy(),
-        merged_means[:n_merged].copy(),
-    )
+        to_columns[last].copy(), to_layers[last].copy(), to_counts[last].copy(), to_normals[last].copy(),
+        to_means[last].copy(),
+    )  # fmt: skip

@@ -69,9 +69,11 @@ class Scene:
 
     @property
     def is_matched(self) -> NDArray[np.bool_]:
-        """Whether each scan point falls in a voxel of the map at the answer, if there is one, shape (n,)."""
+        """Whether each scan point falls in a voxel of the map at the best cell, or else at the answer, shape (n,)."""
         if not self.has_answer:
             return np.zeros(len(self.scan), bool)
+        if self.estimate.cell is not None:
+            return consensus_set(self.scan, self.point_map, self.prior, self.space, self.estimate.cell)
         return consensus_set(self.scan, self.point_map, self.estimate.pose, ONE_CELL, (0, 0, 0))
 
     @property

@@ -208,4 +208,6 @@ def space_of(configuration_methods: Mapping[str, dict[str, object]], name: str) 
     space = method.get("space") if isinstance(method, dict) else None
     if not isinstance(space, dict):
         return None
-    return SearchSpace(**{key: float(value) for key, value in space.items() if key != "class"})
+    return SearchSpace(
+        **{key: float(value) for key, value in space.items() if key != "class" and value is not None}
+    )

@@ -3,22 +3,22 @@
 """BoundedSearch: in which order cells are bounded, bounded again and scored, until the best one is proved."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import SearchSpaceError
-from maxcon.objectives import BoundedByAxes, BoundedByCount, Moments, Objective, Scores
+from maxcon.objectives import BoundedByAxes, BoundedByCount, Objective, Scores
 from maxcon.search.axis import Axis
 from maxcon.search.bounds import Along, Bounds, HeadingPass
 from maxcon.search.cell_scores import Candidates, CellScores
 from maxcon.search.exhaustive import CELL_LIMIT, PASS_CELLS
+from maxcon.search.found import Found, Standing
 from maxcon.search.window import Window
-from maxcon.search_space import Cell
 
-__all__ = ["BoundedSearch", "Found", "Standing"]
+__all__ = ["BoundedSearch"]
 
 # So many cells of the highest bounds are scored first: the better the best is early, the less is left.
 FIRST_CELLS = 2
@@ -40,50 +40,6 @@ BESIDE = 24
 BOUND_STEPS = 4096
 # Candidates are scored so many at a time, from the most promising on.
 AT_ONCE = 8
-
-
-@dataclass(frozen=True, slots=True)
-class Found:
-    """The best cell of a search space, and what was proved of the others.
-
-    Parameters
-    ----------
-    cell : tuple of 3 int
-        (heading, y, x) of the best cell, the first in index order at ties (D8).
-    score : float
-        Its score.
-    moments : array, shape (4,)
-        Its count, Nxx, Nxy and Nyy.
-    bound : float
-        Proved: no cell scores higher. It is the score, since the search does not end before.
-    rest : float
-        Proved: no cell farther than the guard radius from the guarded one, at any heading, scores higher. It is the
-        score of the runner-up if that reaches the asked share of the best score; otherwise it lies between the two.
-    n_scored : int
-        Cells whose moments were computed, a few of them twice; all others were only bounded.
-    height : int
-        Number of the height of the best cell, see `SearchSpace.raised`; at others nothing is proved of the rest.
-    reaching : Candidates
-        If asked for: every cell that reaches the asked share of the best score, at the height of the best cell, and
-        what it scores. A few may be there twice.
-    """
-
-    cell: Cell
-    score: float
-    moments: Moments
-    bound: float
-    rest: float
-    n_scored: int
-    height: int = 0
-    reaching: Candidates = field(default_factory=Candidates.none)
-
-
-@dataclass(frozen=True, slots=True)
-class Standing:
-    """Score and moments of the best cell of other heights: only cells that score as much are looked for."""
-
-    score: float
-    moments: Moments
 
 
 @dataclass

@@ -15,11 +15,12 @@ from maxcon.integrity import highest_beyond
 from maxcon.objectives import BoundedByAxes, BoundedByCount, Objective
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
-from maxcon.search.bounded_search import BoundedSearch, Found, Standing
+from maxcon.search.bounded_search import BoundedSearch
 from maxcon.search.bounds import Bounds
 from maxcon.search.cell_scores import Candidates, CellScores
 from maxcon.search.exhaustive import exhaustive
 from maxcon.search.field import Field
+from maxcon.search.found import Found, Standing
 from maxcon.search.heights import outwards
 from maxcon.search.matching import Multiplicity, Weighting, cells_of, check_threads
 from maxcon.search_space import Cell, SearchSpace

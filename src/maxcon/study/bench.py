@@ -228,8 +228,8 @@ class _SharedAccumulators:
 def _answer(
     method: StudyMethod, scan: Scan, point_map: PointMap, start: Pose, shared: _SharedAccumulators
 ) -> Answer:
-    """Let a method localize an epoch, and take what else it can tell."""
-    if isinstance(method.method, MaximumConsensus):
+    """Let a method localize an epoch, and take what else it can tell: of given cells how distinct the best one is."""
+    if isinstance(method.method, MaximumConsensus) and not method.method.space.is_open:
         accumulator, taken = shared.of(method.method, method.map_name, point_map, start)
         clock = time.perf_counter()
         estimate = method.method.conclude(accumulator, scan, point_map)
