@@ -43,7 +43,7 @@ from maxcon.study.run import spread_epochs
 TABLE = "latency.csv"
 GATE = 3.0
 GICP = f"GICP, gate {GATE:g} m"
-STAGES = ("normals", "thinning", "ground", "coarse search", "fine search", "judging and refining")
+STAGES = ("normals", "thinning", "ground", "coarse search", "fine search", "judging", "refining")
 
 
 def methods_of(level, peers_map):
@@ -89,8 +89,8 @@ class StageTimes:
             (scan_thinning, "one_per_cube", "thinning"),
             (maximum_consensus, "fit_ground", "ground"),
             (maximum_consensus, "branch_and_bound", _kind_of_search),
-            (maximum_consensus, "judge", STAGES[-1]),
-            (maximum_consensus, "examine", STAGES[-1]),
+            (maximum_consensus, "judge", "judging"),
+            (maximum_consensus, "examine", "refining"),
         ]
         with ExitStack() as stack:
             for module, name, stage in functions:

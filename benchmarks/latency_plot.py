@@ -18,7 +18,7 @@ from maxcon.report.figure import INK, MUTED, SERIES, draw_titles, saved_figure
 from maxcon.report.method_style import draw_number_ticks
 
 # Inches: the picture is read on phones, so it is narrow and its letters are large.
-WIDTH, LEFT, RIGHT, TOP, BOTTOM, ROW, PANEL_TITLE = 6.4, 2.4, 1.4, 1.37, 0.65, 0.29, 0.42
+WIDTH, LEFT, RIGHT, TOP, BOTTOM, ROW, PANEL_TITLE = 6.4, 2.4, 1.4, 1.13, 0.45, 0.26, 0.66
 MS_AT, RIGHT_AT = 0.68, 1.33  # inches beyond the axes
 BEFORE = 0.4  # rows, between a window's heading and the window before
 STAGES_OF = "12 m, 10°"
@@ -80,7 +80,6 @@ def plot(path, panels):
             axes = figure.add_axes((box[0] / WIDTH, box[1] / height, box[2] / WIDTH, box[3] / height))
             _draw_panel(axes, name, rows, limits)
             top -= panel_height
-        axes.tick_params(labelbottom=True)
         axes.set_xlabel("ms, logarithmic")
 
 
@@ -111,7 +110,7 @@ def _draw_panel(axes, title, rows, limits):
         place = {"xytext": (0, 6), "textcoords": "offset points", "ha": "right", "va": "baseline"}
         axes.annotate(words, at, xycoords="axes fraction", fontsize=11, color=MUTED, **place)
     draw_number_ticks(axes.xaxis, *limits)
-    axes.tick_params(labelbottom=False, labelsize=10.5)
+    axes.tick_params(labelsize=10.5)
     axes.grid(axis="x", color="#dfe2e8", lw=0.7)
     axes.set_axisbelow(True)
     axes.spines[["top", "right", "left"]].set_visible(False)
