@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 """How wrong may the prior be? Maximum consensus beside registration from one start, from many, and after a count.
 
-python benchmarks/prior_error.py DATASET [DATASET ...] -o FOLDER [--epochs 16] [--levels 1:1 3:2 6:5 9:7.5 12:10]
+python benchmarks/prior_error.py DATASET [DATASET ...] -o FOLDER [--epochs 16] [--levels 1:1 3:2 6:5 12:10 ...]
 
 A DATASET is a dataset.toml, or a folder with one, and may be given a name: "city=city/dataset.toml". Maps are built
 once, in FOLDER, with and without the ground; so are the trials, a CSV per drive, a row per level, epoch and method. A
@@ -13,46 +13,23 @@ import argparse
 import json
 import os
 import platform
-from dataclasses import dataclass
 from pathlib import Path
 
 # Before any library starts threads of its own: all that is timed here is one thread.
 os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
+from drives import DOCS, NamedDataset, put_into
 from scene import header
 
 import maxcon
 from maxcon.atomic import atomic_file, make_folder
 from maxcon.baselines import check_small_gicp
-from maxcon.dataset import DESCRIPTION, Dataset
-from maxcon.drive import DriveOptions
 from maxcon.errors import MaxconError, OptionError
 from maxcon.report.prior_error_plot import plot_prior_error
-from maxcon.study.bench import BenchPlan
 from maxcon.study.description import describe
-from maxcon.study.map_variants import make_maps
 from maxcon.study.prior_levels import LEVELS, methods_at, parse_level
 from maxcon.study.prior_trials import read_trials, summarize_trials, try_epoch, write_trials
 from maxcon.study.run import spread_epochs
-
-DOCS = Path(__file__).parents[1] / "docs"
-BEGIN, END = "<!-- measured -->", "<!-- until here -->"
-
-
-@dataclass(frozen=True)
-class NamedDataset:
-    """A dataset and what its drive is called."""
-
-    name: str
-    dataset: Dataset
-
-    @classmethod
-    def of_word(cls, word):
-        """From what the user typed."""
-        name, _, path = word.rpartition("=")
-        dataset = Dataset.open(path)
-        file = dataset.path
-        return cls(name or (file.parent.resolve().name if file.name == DESCRIPTION else file.stem), dataset)
 
 
 def check_same(folder, settings):
@@ -86,14 +63,17 @@ def trials_of_drive(named, folder, levels, n_epochs, seed):
     file = folder / f"{named.name}.csv"
     methods = {level: methods_at(level) for level in levels}
     map_names = {method.map_name for found in methods.values() for method in found}
-    maps = make_maps(named.dataset, folder / f"{named.name} maps", sorted(map_names))
-    bench = BenchPlan(named.dataset, maps, DriveOptions()).open()
+    bench = named.bench(folder, map_names)
     trials = {trial.key: trial for trial in read_trials(file)}
     epochs, wanted = spread_epochs(len(bench.scans), n_epochs), []
+    is_compiled = False
     for number, epoch in enumerate(epochs, 1):
         for level in levels:
             keys = {m.name: (level.offset, level.heading_deg, epoch, m.name) for m in methods[level]}
             missing = [method for method in methods[level] if keys[method.name] not in trials]
+            if missing and not is_compiled:
+                try_epoch(bench, epoch, level, missing, seed)
+                is_compiled = True
             trials |= {trial.key: trial for trial in try_epoch(bench, epoch, level, missing, seed)}
             wanted += [trials[key] for key in keys.values()]
         write_trials(file, trials.values())
@@ -120,14 +100,6 @@ def table(summaries):
         )
         last = level
     return lines
-
-
-def put_into(page, lines):
-    """Replace what stands between the marks of a page."""
-    before, rest = page.read_text().split(BEGIN)
-    text = "\n".join([before + BEGIN, "", *lines, END]) + rest.split(END)[1]
-    with atomic_file(page) as partial:
-        partial.write_text(text)
 
 
 def main():

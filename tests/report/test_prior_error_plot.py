@@ -36,6 +36,7 @@ def test_drives_methods_levels_and_times_are_named(tmp_path):
     for label in ("maxcon: 12 ms", "count 1 m, then GICP: 110 ms", "my method: 210 ms"):
         assert label in told
     assert "12 m" in told and "12°" in told
+    assert "median [ms]" in told and "100" in told
 
 
 @pytest.mark.parametrize("n_drives", [1, 4])

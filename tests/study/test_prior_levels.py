@@ -12,6 +12,7 @@ from maxcon.baselines import CountThenGicp, MultiStart
 from maxcon.errors import OptionError
 from maxcon.study.map_variants import MAP_VARIANTS
 from maxcon.study.prior_levels import (
+    COUNT_THEN_GICP,
     GICP_FROM_MANY,
     LEVELS,
     MAXCON,
@@ -53,10 +54,11 @@ def test_a_prior_depends_on_nothing_but_seed_epoch_and_level():
 def test_levels_are_written_as_metres_and_degrees():
     assert parse_level("12:10") == prior_level(12.0, 10.0)
     assert parse_level("1.5:0.5") == prior_level(1.5, 0.5)
+    assert parse_level("60:180") == prior_level(60.0, 180.0)
 
 
 @pytest.mark.parametrize(
-    "word", ["12", "12:", "a:b", "0:1", "1:0", "-3:2", "nan:1", "inf:1", "1:180", "1:2:3"]
+    "word", ["12", "12:", "a:b", "0:1", "1:0", "-3:2", "nan:1", "inf:1", "1:181", "1:2:3"]
 )
 def test_other_words_are_refused(word):
     with pytest.raises(OptionError, match="METRES:DEGREES"):
@@ -76,7 +78,7 @@ def test_methods_are_told_the_level():
     assert next(iter(found)) == MAXCON
     assert found[MAXCON].method == MaximumConsensus(space_of(level))
     assert {method.map_name for method in found.values()} == {"standard", "ground"} <= set(MAP_VARIANTS)
-    many, count = found[GICP_FROM_MANY].method, found["count 1 m, then GICP"].method
+    many, count = found[GICP_FROM_MANY].method, found[COUNT_THEN_GICP].method
     assert isinstance(many, MultiStart) and isinstance(count, CountThenGicp)
     starts = many.starts(REFERENCE)
     assert len(starts) == 75

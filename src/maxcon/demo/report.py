@@ -188,7 +188,7 @@ def _wide_picture(folder: Path, wide: WideResult) -> Picture:
         "Success by the error of the prior",
         f"{wide.words} Registration from one start ends at the nearest minimum, and cannot tell whether it is the"
         " right one; it has the map with ground, which holds its height and tilt. The same epochs and priors for all.",
-        "Share of right answers, and of wrong ones called good, for priors wrong by up to 3, 6 and 12 m.",
+        "Share of right answers, of wrong ones called good, and time, for priors wrong by up to 3, 6 and 12 m.",
         path,
     )
 

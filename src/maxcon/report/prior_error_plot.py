@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""How often each method is right, and how often wrong without knowing it, by how wrong its prior may be."""
+"""How often each method is right, how often wrong without knowing it, and how long it takes, by its prior's error."""
 
 import math
 import os
@@ -11,7 +11,7 @@ import numpy as np
 
 from maxcon.errors import OptionError
 from maxcon.report.figure import INK, MUTED, SERIES, draw_titles, saved_figure
-from maxcon.report.method_style import METHOD_STYLES, check_methods
+from maxcon.report.method_style import METHOD_STYLES, check_methods, draw_number_ticks
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,9 +23,13 @@ __all__ = ["plot_prior_error"]
 
 MOST_DRIVES = 4
 # Inches.
-PANEL, GAP, LEFT, RIGHT, TITLES = 2.72, 0.22, 0.9, 0.2, 1.2
-RIGHT_HEIGHT, WRONG_HEIGHT, BETWEEN, BELOW, LEGEND_ROW = 2.3, 1.15, 0.3, 0.72, 0.235
+PANEL, GAP, LEFT, RIGHT, TITLES = 2.72, 0.22, 1.05, 0.2, 1.2
+RIGHT_HEIGHT, WRONG_HEIGHT, MS_HEIGHT, BETWEEN, BELOW, LEGEND_ROW = 2.1, 1.05, 1.5, 0.22, 0.72, 0.235
 NARROWEST = 7.4
+LABEL_AT = 0.5
+LABELS = ("right [%]", "wrong, but\ncalled good [%]", "one epoch,\nmedian [ms]")
+LEAST_MS = 0.1
+"""Faster is drawn here: the axis is logarithmic."""
 
 
 class _Look(NamedTuple):
@@ -58,7 +62,7 @@ def plot_prior_error(
     *,
     title: str = "How wrong may the prior be?",
 ) -> None:
-    """Draw the share of epochs that are right, and below it of those wrong but called good, over the prior's error.
+    """Draw how many epochs are right, how many wrong but called good, and the time of one, over the prior's error.
 
     Parameters
     ----------
@@ -88,29 +92,28 @@ def plot_prior_error(
     panel = (width - LEFT - RIGHT - (n_drives - 1) * GAP) / n_drives
     n_rows = -(-len(names) // _n_columns(width))
     foot = BELOW + 0.12 + LEGEND_ROW * n_rows
-    height = foot + WRONG_HEIGHT + BETWEEN + RIGHT_HEIGHT + TITLES
+    rows = (RIGHT_HEIGHT, WRONG_HEIGHT, MS_HEIGHT)
+    height = foot + sum(rows) + 2.0 * BETWEEN + TITLES
     with saved_figure(path, width, height) as figure:
         draw_titles(
             figure,
             title,
             "Right: within 0.3 m and 1° of the reference. Called good: by the method itself.\n"
-            "Epochs and priors are the same for all. ms: one epoch, one thread, widest prior.",
+            "Epochs and priors are the same for all. ms: in one thread; below at the widest prior.",
         )
-        top = _top_of_wrong(summaries_by_drive)
+        limits = _limits(summaries_by_drive)
         for number, (drive, found) in enumerate(summaries_by_drive.items()):
-            left = (LEFT + number * (panel + GAP)) / width
-            above = figure.add_axes(
-                (left, (foot + WRONG_HEIGHT + BETWEEN) / height, panel / width, RIGHT_HEIGHT / height)
-            )
-            below = figure.add_axes((left, foot / height, panel / width, WRONG_HEIGHT / height))
-            _draw_drive(above, below, drive, found, styles)
-            below.set_ylim(0.0, top)
-            if number:
-                above.tick_params(labelleft=False)
-                below.tick_params(labelleft=False)
-            else:
-                above.set_ylabel("right [%]")
-                below.set_ylabel("wrong, but\ncalled good [%]")
+            left, panels, top = (LEFT + number * (panel + GAP)) / width, [], height - TITLES
+            for row in rows:
+                panels.append(figure.add_axes((left, (top - row) / height, panel / width, row / height)))
+                top -= row + BETWEEN
+            _draw_drive(panels, drive, found, styles, limits)
+            for axes, label in zip(panels, LABELS, strict=True):
+                if number:
+                    axes.tick_params(labelleft=False)
+                else:
+                    axes.set_ylabel(label)
+                    axes.yaxis.set_label_coords(-LABEL_AT / panel, 0.5)
         _draw_legend(figure, styles, {name: _median_ms(name, summaries_by_drive) for name in styles})
 
 
@@ -120,10 +123,13 @@ def _look(name: str, number: int) -> _Look:
     return FIRST if number == 0 else LOOKS.get(name, _Look(style.color, 1.5, style.line, style.marker, 6.0))
 
 
-def _top_of_wrong(summaries_by_drive: Mapping[str, Sequence["TrialSummary"]]) -> float:
-    """Where the lower axis ends, %: at the next 20 above all."""
-    shares = [one.n_wrong_but_good / one.n_epochs for found in summaries_by_drive.values() for one in found]
-    return max(20.0, 20.0 * math.ceil(5.0 * max(shares) - 1e-9)) + 1.0
+def _limits(summaries_by_drive: Mapping[str, Sequence["TrialSummary"]]) -> list[tuple[float, float]]:
+    """Of the three axes: %, % up to the next 20 above all, and ms."""
+    found = [one for of_drive in summaries_by_drive.values() for one in of_drive]
+    wrong = max(one.n_wrong_but_good / one.n_epochs for one in found)
+    ms = [max(one.median_ms, LEAST_MS) for one in found]
+    highest = max(20.0, 20.0 * math.ceil(5.0 * wrong - 1e-9))
+    return [(0.0, 103.0), (0.0, highest + 1.0), (0.7 * min(ms), 1.4 * max(ms))]
 
 
 def _median_ms(name: str, summaries_by_drive: Mapping[str, Sequence["TrialSummary"]]) -> float:
@@ -141,30 +147,43 @@ def _median_ms(name: str, summaries_by_drive: Mapping[str, Sequence["TrialSummar
 
 
 def _draw_drive(
-    above: "Axes", below: "Axes", drive: str, found: Sequence["TrialSummary"], styles: Mapping[str, _Look]
+    panels: Sequence["Axes"],
+    drive: str,
+    found: Sequence["TrialSummary"],
+    styles: Mapping[str, _Look],
+    limits: Sequence[tuple[float, float]],
 ) -> None:
-    """Draw one column."""
+    """Draw one column: levels stand side by side, whatever lies between them."""
     n_epochs = max(one.n_epochs for one in found)
-    above.set_title(f"{drive}, {n_epochs} epochs", loc="left", fontweight="bold", parse_math=False)
+    panels[0].set_title(f"{drive}, {n_epochs} epochs", loc="left", fontweight="bold", parse_math=False)
+    panels[2].set_yscale("log")
     levels = sorted({(one.offset, one.heading_deg) for one in found})
     for rank, (name, look) in enumerate(reversed(list(styles.items()))):
         rows = sorted((one for one in found if one.method == name), key=lambda one: one.offset)
-        places = [one.offset for one in rows]
-        for axes, shares in (
-            (above, [one.n_right / one.n_epochs for one in rows]),
-            (below, [one.n_wrong_but_good / one.n_epochs for one in rows]),
+        places = [levels.index((one.offset, one.heading_deg)) for one in rows]
+        for axes, values in zip(
+            panels,
+            (
+                [100.0 * one.n_right / one.n_epochs for one in rows],
+                [100.0 * one.n_wrong_but_good / one.n_epochs for one in rows],
+                [max(one.median_ms, LEAST_MS) for one in rows],
+            ),
+            strict=True,
         ):
-            axes.plot(places, [100.0 * share for share in shares], zorder=_rank(look, rank), **_line(look))
-    for axes in (above, below):
-        axes.set_xlim(levels[0][0] - 0.6, levels[-1][0] + 0.6)
-        axes.set_xticks([offset for offset, _ in levels])
+            axes.plot(places, values, zorder=_rank(look, rank), **_line(look))
+    for axes, (low, high) in zip(panels, limits, strict=True):
+        axes.set_xlim(-0.3, len(levels) - 0.7)
+        axes.set_ylim(low, high)
+        axes.set_xticks(range(len(levels)))
         axes.grid(color="#e3e6eb", lw=0.7)
         axes.set_axisbelow(True)
         axes.spines[["top", "right"]].set_visible(False)
-    above.set_ylim(0.0, 103.0)
-    above.tick_params(labelbottom=False)
-    below.set_xticklabels([f"{offset:g} m\n{heading:g}°" for offset, heading in levels])
-    below.set_xlabel("prior wrong by up to", labelpad=2.0)
+        axes.tick_params(labelbottom=False)
+    draw_number_ticks(panels[2].yaxis, *limits[2])
+    panels[2].minorticks_off()
+    panels[2].tick_params(labelbottom=True)
+    panels[2].set_xticklabels([f"{offset:g} m\n{heading:g}°" for offset, heading in levels])
+    panels[2].set_xlabel("prior wrong by up to", labelpad=2.0)
 
 
 def _rank(look: _Look, rank: int) -> float:

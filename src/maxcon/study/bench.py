@@ -253,9 +253,8 @@ def prepare_map(method: Method, scan: Scan, point_map: PointMap, start: Pose) ->
     if isinstance(method, MultiStart | Icp | Gicp | CountThenGicp):
         method.prepare(scan, point_map, start)
     elif isinstance(method, MaximumConsensus):
-        # Tiles are read and indexed when they are first searched: one heading meets nearly all of them.
-        one_heading = replace(method.space, heading_half_width_deg=0.0)
-        replace(method, space=one_heading, wider=0.0).localize(scan, point_map, start)
+        # Tiles are read, and merged to levels, when they are first searched: which ones, only the search can tell.
+        method.localize(scan, point_map, start)
 
 
 def _distinctness_or_none(accumulator: Accumulator, objective: Objective) -> Distinctness | None:

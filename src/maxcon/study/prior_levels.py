@@ -16,6 +16,7 @@ from maxcon.simulation import PriorErrors
 from maxcon.study.methods import StudyMethod
 
 __all__ = [
+    "COUNT_THEN_GICP",
     "GICP_FROM_MANY",
     "LEVELS",
     "MAXCON",
@@ -26,8 +27,8 @@ __all__ = [
     "space_of",
 ]
 
-MAXCON, GICP_FROM_MANY = "maxcon", "GICP from 75 starts"
-"""Names among `methods_at`: of maximum consensus, and of what takes longest."""
+MAXCON, COUNT_THEN_GICP, GICP_FROM_MANY = "maxcon", "count 1 m, then GICP", "GICP from 75 starts"
+"""Names among `methods_at`: of what searches the level; the last takes longest."""
 
 
 def prior_level(offset: float, heading_deg: float) -> PriorErrors:
@@ -39,9 +40,10 @@ def prior_level(offset: float, heading_deg: float) -> PriorErrors:
 
 
 LEVELS = tuple(
-    prior_level(*level) for level in ((1.0, 1.0), (3.0, 2.0), (6.0, 5.0), (9.0, 7.5), (12.0, 10.0))
+    prior_level(*level)
+    for level in ((1.0, 1.0), (3.0, 2.0), (6.0, 5.0), (12.0, 10.0), (18.0, 15.0), (25.0, 20.0))
 )
-"""From a good satellite fix to a poor one."""
+"""From a good satellite fix to one between high houses, and a heading that was kept by dead reckoning."""
 
 
 def parse_level(word: str) -> PriorErrors:
@@ -56,9 +58,10 @@ def parse_level(word: str) -> PriorErrors:
         offset, heading_deg = (float(number) for number in word.split(":"))
     except ValueError:
         offset, heading_deg = math.nan, math.nan
-    if not (0.0 < offset < math.inf and 0.0 < heading_deg < 180.0):
+    if not (0.0 < offset < math.inf and 0.0 < heading_deg <= 180.0):
         raise OptionError(
-            f"Expected a level as METRES:DEGREES, both above 0, got {word!r}. Write 12:10 for 12 m and 10 degrees."
+            f"Expected a level as METRES:DEGREES, both above 0, of at most 180 degrees, got {word!r}."
+            " Write 12:10 for 12 m and 10 degrees."
         )
     return prior_level(offset, heading_deg)
 
@@ -114,7 +117,7 @@ def methods_at(level: PriorErrors, gates: Sequence[float] = (1.0, 3.0, 6.0)) -> 
     count = CountThenGicp(level.offset, level.heading_deg, gicp=Gicp(3.0, targets=targets))
     found = [
         StudyMethod(MAXCON, MaximumConsensus(space_of(level))),
-        StudyMethod("count 1 m, then GICP", count, "ground"),
+        StudyMethod(COUNT_THEN_GICP, count, "ground"),
         StudyMethod(GICP_FROM_MANY, many, "ground"),
     ]
     found += [StudyMethod(f"GICP, gate {gate:g} m", Gicp(gate, targets=targets), "ground") for gate in gates]

@@ -1,0 +1,80 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""The drives that benchmarks take: a dataset.toml, or a folder with one, named if wanted ("city=city/dataset.toml").
+
+Maps of clouds are built once, in the folder of a benchmark's results: two benchmarks with one folder share them.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from maxcon import PointMap
+from maxcon.atomic import atomic_file
+from maxcon.dataset import DESCRIPTION, Dataset
+from maxcon.drive import DriveOptions
+from maxcon.study.bench import REFERENCE, BenchPlan
+from maxcon.study.map_variants import STANDARD, make_maps
+from maxcon.study.prior_levels import prior_at
+
+DOCS = Path(__file__).parents[1] / "docs"
+BEGIN, END = "<!-- measured -->", "<!-- until here -->"
+GROUND = "ground"
+# All tiles of a drive stay in memory, with what searches derive from them.
+CACHE_BYTES = 2**33
+
+
+@dataclass(frozen=True)
+class NamedDataset:
+    """A dataset and what its drive is called."""
+
+    name: str
+    dataset: Dataset
+
+    @classmethod
+    def of_word(cls, word):
+        """From what the user typed."""
+        name, _, path = word.rpartition("=")
+        dataset = Dataset.open(path)
+        file = dataset.path
+        return cls(name or (file.parent.resolve().name if file.name == DESCRIPTION else file.stem), dataset)
+
+    @property
+    def peers_map(self):
+        """Name of the map that registrations get: with ground, which holds height and tilt; of a built map, that."""
+        return GROUND if self.dataset.map_path is None else STANDARD
+
+    def maps(self, folder, names):
+        """Path of each map, those that are missing built in a folder."""
+        return make_maps(self.dataset, folder / f"{self.name} maps", sorted(names))
+
+    def bench(self, folder, names):
+        """Scans, reference and maps."""
+        return BenchPlan(self.dataset, self.maps(folder, names), DriveOptions()).open()
+
+    def bench_in_memory(self, folder, names):
+        """The same, with maps that keep all tiles they have read."""
+        kept = {
+            name: PointMap.open(path, cache_bytes=CACHE_BYTES)
+            for name, path in self.maps(folder, names).items()
+        }
+        return replace(self.bench(folder, names), maps=kept)
+
+
+def points_of(bench, epoch):
+    """Points of an epoch within range."""
+    return bench.scans.read(epoch, bench.options.min_range, bench.options.max_range).points
+
+
+def prior_and_reference(bench, map_name, epoch, level, seed):
+    """The prior of an epoch, wrong by up to a level, and the pose held for true, in the frame of a map."""
+    true_pose = bench.priors[REFERENCE].at(float(bench.scans.times[epoch]))
+    reference = bench.maps[map_name].frame.pose_to_local(true_pose)
+    return prior_at(reference, level, seed, epoch), reference
+
+
+def put_into(page, lines):
+    """Replace what stands between the marks of a page."""
+    before, rest = page.read_text().split(BEGIN)
+    text = "\n".join([before + BEGIN, "", *lines, END]) + rest.split(END)[1]
+    with atomic_file(page) as partial:
+        partial.write_text(text)
