@@ -29,7 +29,7 @@ os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 from drives import NamedDataset, points_of, prior_and_reference
 from scene import header
 
-from maxcon import MaximumConsensus, Scan, SearchSpace, maximum_consensus
+from maxcon import MaximumConsensus, Scan, SearchSpace, cell_search, maximum_consensus
 from maxcon.atomic import atomic_file, make_folder
 from maxcon.baselines import check_small_gicp
 from maxcon.errors import MaxconError
@@ -88,8 +88,8 @@ class StageTimes:
             (scan_normals, "estimate_scan_normals", "normals"),
             (scan_thinning, "one_per_cube", "thinning"),
             (maximum_consensus, "fit_ground", "ground"),
-            (maximum_consensus, "branch_and_bound", _kind_of_search),
-            (maximum_consensus, "judge", "judging"),
+            (cell_search, "branch_and_bound", _kind_of_search),
+            (cell_search, "judge", "judging"),
             (maximum_consensus, "examine", "refining"),
         ]
         with ExitStack() as stack:

@@ -12,7 +12,7 @@ from maxcon.simulation import PriorErrors, ProfileScanner, simulate
 from maxcon.study import choose_methods, run_study
 
 N_EPOCHS = 6
-SMALL_SPACE = SearchSpace(half_width=1.2, heading_half_width_deg=1.0)
+SMALL_SPACE = SearchSpace(1.2, 0.06, 1.0, 0.5)
 METHODS = ("count-points", "helmert-points", "helmert-occupied", "icp-plane-1m", "icp-plane-1m-5x5")
 
 
