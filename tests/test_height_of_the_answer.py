@@ -142,7 +142,7 @@ def test_with_ground_heights_are_not_searched(yard, monkeypatch):
         heights.append(space.n_heights)
         return branch_and_bound(scan, point_map, prior, space, *args, **options)
 
-    monkeypatch.setattr("maxcon.maximum_consensus.branch_and_bound", search)
+    monkeypatch.setattr("maxcon.cell_search.branch_and_bound", search)
     method = MaximumConsensus(replace(SPACE, height_half_width=0.12))
     method.localize(scan, point_map, wrong(truth, 0.06))
     method.localize(scan, without, wrong(truth, 0.06))

@@ -5,6 +5,7 @@
 import gc
 import math
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -210,6 +211,40 @@ def test_an_answer_at_the_rim_is_looked_for_farther_around(scan, point_map, sear
     assert (inside.status, inside.was_widened) == (Status.LOCALIZED, False)
 
 
+def test_an_answer_in_doubt_is_searched_for_again_twice_as_wide(scan, point_map):
+    """The true pose lies 9 m off and is turned by 7 degrees: more than the first wider search reaches."""
+    prior = prior_of(-150, 0, 7.0)
+    once, grown = (MaximumConsensus(SPACE, wider=4.0, widest=widest) for widest in (0.0, 16.0))
+    assert not once.localize(scan, point_map, prior).is_localized
+    estimate = grown.localize(scan, point_map, prior)
+    assert (estimate.status, estimate.cell, estimate.was_widened) == (Status.LOCALIZED, None, True)
+    np.testing.assert_allclose(estimate.pose.position, TRUTH.position, atol=2e-3)
+    assert not replace(grown, wider=0.0).localize(scan, point_map, prior).is_localized
+    lost = replace(grown, widest=5.0).localize(scan, point_map, prior)
+    assert (lost.is_localized, lost.was_widened) == (False, True)
+    assert lost.reason.endswith("searched for up to 5 m around")
+
+
+@pytest.mark.parametrize(
+    ("half_width", "turn_deg", "wider", "widest", "wanted"),
+    [
+        (3.0, 2.0, 12.0, 0.0, [(12.0, 4.0)]),
+        (3.0, 2.0, 0.0, 24.0, []),
+        (1.0, 1.0, 12.0, 24.0, [(12.0, 10.0), (24.0, 20.0)]),
+        (1.0, 1.0, 5.0, 24.0, [(5.0, 10.0), (10.0, 20.0), (20.0, 20.0), (24.0, 20.0)]),
+        (18.0, 30.0, 12.0, 24.0, [(18.0, 30.0), (24.0, 30.0)]),
+        (24.0, 10.0, 12.0, 24.0, [(24.0, 20.0)]),
+    ],
+)
+def test_wider_spaces_double_until_the_widest(half_width, turn_deg, wider, widest, wanted):
+    method = MaximumConsensus(
+        SearchSpace(half_width, heading_half_width_deg=turn_deg), wider=wider, widest=widest
+    )
+    spaces = list(method._wider_spaces())
+    assert [(space.half_width, space.heading_half_width_deg) for space in spaces] == wanted
+    assert all(space.is_open for space in spaces)
+
+
 @pytest.mark.parametrize(
     "prior", [prior_of(0, 0, 0).translated([1000, 0, 0]), prior_of(0, 0, 0).translated([0, 0, 99])]
 )
@@ -396,6 +431,7 @@ def test_an_unknown_search_is_refused():
     [
         ({"thinning": -1.0}, "`thinning` to be an edge >= 0 m, got -1.0"),
         ({"wider": math.nan}, "`wider` to be a half width >= 0 m, got nan"),
+        ({"widest": -1.0}, "`widest` to be a half width >= 0 m, got -1.0"),
         ({"risk": 0.0}, "`risk` above 0 and below 1, got 0.0"),
     ],
 )

@@ -171,6 +171,39 @@ def test_half_widths_of_a_covariance_are_rounded_up_and_no_wider(xx, yy, hh, k, 
     assert (space.heading_half_width_deg == 0.0) == (hh == 0.0)
 
 
+@given(
+    FACTORS, st.tuples(VARIANCES, VARIANCES, ANGLE_VARIANCES), st.floats(0.5, 6.0), st.floats(0.0, 3.0),
+    st.tuples(*[st.floats(-1.0, 1.0)] * 3),
+)  # fmt: skip
+def test_every_pose_within_k_sigma_lies_in_an_open_space(factors, variances, k, smallest, shares):
+    """Also once it has cells, and however small or large the smallest is."""
+    space = SearchSpace.from_covariance(
+        _full(factors, np.array(variances)),
+        k=k,
+        smallest_half_width=smallest,
+        smallest_heading_half_width_deg=smallest,
+    )
+    dx, dy, turn = np.abs(k * np.sqrt(variances) * shares)
+    for each in (space, space.at(0.06)):
+        assert max(dx, dy) <= each.half_width + 1e-6
+        assert min(math.degrees(turn), 180.0) <= each.heading_half_width_deg + 1e-6
+        assert min(each.half_width, each.heading_half_width_deg) >= smallest - 1e-6
+
+
+def test_a_space_of_a_covariance_is_no_smaller_than_the_smallest_and_no_larger_than_the_largest():
+    limits = {"smallest_half_width": 1.0, "smallest_heading_half_width_deg": 1.5, "largest_half_width": 24.0}
+    sure = SearchSpace.from_covariance(np.diag([4e-4, 1e-4, 1e-6]), **limits)
+    assert (sure.half_width, sure.heading_half_width_deg, sure.is_open) == (1.0, 1.5, True)
+    between = SearchSpace.from_covariance(np.diag([0.25, 4.0, math.radians(1.0) ** 2]), **limits)
+    assert (between.half_width, between.heading_half_width_deg) == (6.0, pytest.approx(3.0))
+    huge = SearchSpace.from_covariance(np.diag([1e4, 1.0, 1e2]), **limits)
+    assert (huge.half_width, huge.heading_half_width_deg) == (24.0, 180.0)
+    assert (
+        SearchSpace.from_covariance(np.eye(3), smallest_half_width=9.0, largest_half_width=2.0).half_width
+        == 2.0
+    )
+
+
 @given(FACTORS, st.floats(1e-4, 9.0), st.floats(1e-6, 0.1))
 def test_correlations_do_not_matter_and_the_larger_variance_counts(factors, variance, angle_variance):
     space = SearchSpace.from_covariance(np.diag([variance, variance, angle_variance]))
@@ -257,6 +290,7 @@ def test_covariances_that_are_none(covariance, words):
         ({"k": math.inf}, "`k` > 0"),
         ({"cell": 0.0}, "a step > 0 for the offsets, got 0.0 m and 0.0 m"),
         ({"heading_step_deg": -1.0}, "a step > 0 for the headings"),
+        ({"smallest_half_width": math.inf}, "`smallest_half_width` >= 0, got inf"),
         ({"largest_half_width": -1.0}, "`largest_half_width` >= 0, got -1.0"),
         ({"largest_heading_half_width_deg": math.nan}, "`largest_heading_half_width_deg` >= 0, got nan"),
         ({"k": 1e5, "cell": 0.06}, "at most 100,000 cells in the half width of the offsets, got 100000 m"),

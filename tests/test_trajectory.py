@@ -209,3 +209,59 @@ def test_one_pose_and_no_times():
     assert trajectory.at(5.0).x == UTM[0]
     with pytest.raises(ArrayError, match=r"`times` to have shape \(n,\)"):
         trajectory.positions_at([[5.0]])
+
+
+def known_drive(covariances):
+    times = np.arange(len(covariances), dtype=float)
+    return Trajectory(
+        times, np.outer(times, [1.0, 0.0, 0.0]), np.tile(IDENTITY, (len(times), 1)), covariances
+    )
+
+
+UNKNOWN = np.full((3, 3), np.nan)
+
+
+def test_covariances_are_linear_between_poses_and_may_be_unknown():
+    first, second = np.diag([1.0, 4.0, 0.01]), np.diag([3.0, 0.0, 0.03])
+    trajectory = known_drive([first, second, UNKNOWN, first])
+    np.testing.assert_allclose(trajectory.covariance_at(0.25, 2.0), 0.75 * first + 0.25 * second)
+    np.testing.assert_array_equal(trajectory.covariance_at(1.0, 2.0), second)  # beside one that is unknown
+    assert trajectory.covariance_at(1.5, 2.0) is None
+    assert trajectory.covariance_at(2.0, 2.0) is None
+    np.testing.assert_array_equal(trajectory.covariance_at(3.0005), first)
+    with pytest.raises(TrajectoryError, match="within the trajectory"):
+        trajectory.covariance_at(4.0)
+    with pytest.raises(ValueError, match="read-only"):
+        trajectory.covariances[0, 0, 0] = 1.0
+
+
+def test_without_covariances_none_is_known():
+    trajectory = drive([0.0, 0.1])
+    assert trajectory.covariances is None
+    assert trajectory.covariance_at(0.05) is None
+
+
+@given(st.lists(st.floats(-2.0, 2.0), min_size=36, max_size=36), st.floats(0.0, 1.0))
+def test_a_covariance_between_poses_is_never_too_small(factors, part):
+    """However the errors of two poses are correlated: what it is larger by than that of their mean is semidefinite."""
+    factors = np.reshape(factors, (6, 6))
+    joint = factors @ factors.T
+    weights = np.hstack([(1.0 - part) * np.eye(3), part * np.eye(3)])
+    trajectory = known_drive([joint[:3, :3], joint[3:, 3:]])
+    surplus = trajectory.covariance_at(part, 1.0) - weights @ joint @ weights.T
+    assert np.linalg.eigvalsh(surplus).min() > -1e-9 * max(1.0, np.abs(joint).max())
+
+
+@pytest.mark.parametrize(
+    ("covariance", "words"),
+    [
+        (np.diag([1.0, -1.0, 1.0]), "Row 1 .*variances >= 0 .*got -1"),
+        (np.diag([1.0, np.nan, 1.0]), "Row 1 .*finite numbers"),
+        (np.ones((3, 3)) + np.diag([0.0, 0.0, -0.5]), "Row 1 .*positive semidefinite"),
+    ],
+)
+def test_covariances_that_are_none_are_named(covariance, words):
+    with pytest.raises(TrajectoryError, match=words):
+        known_drive([np.eye(3), covariance])
+    with pytest.raises(ArrayError, match=r"`covariances` to have shape \(2, 3, 3\), got \(2, 6, 6\)"):
+        known_drive([np.eye(6), np.eye(6)])

@@ -9,6 +9,7 @@ map, examined, and where in doubt searched for once more, wider (D12).
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 from maxcon.accumulator import Accumulator
@@ -73,6 +74,10 @@ class MaximumConsensus:
     is_levelled : bool
         Whether height, roll and pitch of the prior are first corrected by the ground, where the map has some and scan
         and map agree on it; the heights of `space` are searched where they do not. Otherwise these are always searched.
+    widest : float
+        An answer that stays in doubt is searched for once more, twice as far around as before, until it is localized or
+        this is reached, m; 0 for never. For spaces of a covariance that may be too small: turns reach as far as by
+        default, too.
 
     Raises
     ------
@@ -92,6 +97,7 @@ class MaximumConsensus:
     wider: float = 12.0
     risk: float = 0.01
     is_levelled: bool = True
+    widest: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "multiplicity", Multiplicity.parse(self.multiplicity))
@@ -101,10 +107,12 @@ class MaximumConsensus:
             raise OptionError(
                 f"Expected `thinning` to be an edge >= 0 m, got {self.thinning}. With 0 all points are searched with."
             )
-        if not 0.0 <= self.wider < math.inf:
-            raise OptionError(
-                f"Expected `wider` to be a half width >= 0 m, got {self.wider}. With 0 nothing wider is searched."
-            )
+        for name in ("wider", "widest"):
+            value = getattr(self, name)
+            if not 0.0 <= value < math.inf:
+                raise OptionError(
+                    f"Expected `{name}` to be a half width >= 0 m, got {value}. With 0 nothing wider is searched."
+                )
         if not 0.0 < self.risk < 1.0:
             raise OptionError(f"Expected `risk` above 0 and below 1, got {self.risk}. The default is 0.01.")
 
@@ -194,18 +202,36 @@ class MaximumConsensus:
         return self._search_wider(examined, start, scan, point_map)
 
     def _search_wider(self, doubted: Estimate, start: Pose, scan: Scan, point_map: PointMap) -> Estimate:
-        """Search all around an answer in doubt, at twice the headings: the same place may win, or another one.
+        """Search all around an answer in doubt: the same place may win, or another one."""
+        answer, farthest = doubted, 0.0
+        for space in self._wider_spaces():
+            answer, farthest = self._search_around(doubted, space, start, scan, point_map), space.half_width
+            if answer.is_localized:
+                return answer
+        if self.widest == 0.0 or farthest == 0.0:
+            return answer
+        reason = f"searched for up to {farthest:g} m around"
+        return replace(answer, reason="; ".join(filter(None, [answer.reason, reason])), was_widened=True)
+
+    def _wider_spaces(self) -> Iterator[SearchSpace]:
+        """What is searched around an answer in doubt, one after the other: at twice the headings, and twice as far."""
+        half_width, turn_deg = max(self.wider, self.space.half_width), self.space.heading_half_width_deg
+        least_deg = SearchSpace().heading_half_width_deg if self.widest > 0.0 else 0.0
+        while self.wider > 0.0:
+            turn_deg = max(2.0 * turn_deg if turn_deg <= LARGEST_DOUBLED_DEG else turn_deg, least_deg)
+            yield SearchSpace(half_width, heading_half_width_deg=turn_deg)
+            if half_width >= self.widest:
+                return
+            half_width = min(2.0 * half_width, self.widest)
+
+    def _search_around(
+        self, doubted: Estimate, space: SearchSpace, start: Pose, scan: Scan, point_map: PointMap
+    ) -> Estimate:
+        """Search around an answer in doubt, in a space wider than that of its own search.
 
         What wins is examined in its turn; the same place needs less evidence then. Another place is the answer if it is
         localized; otherwise it is one more reason to doubt.
         """
-        if self.wider == 0.0:
-            return doubted
-        turn_deg = self.space.heading_half_width_deg
-        space = SearchSpace(
-            half_width=max(self.wider, self.space.half_width),
-            heading_half_width_deg=2.0 * turn_deg if turn_deg <= LARGEST_DOUBLED_DEG else turn_deg,
-        )
         around = replace(doubted.pose, heading=start.heading)  # a wrong place has a wrong heading
         wide = (
             self.cell_search

@@ -6,11 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from maxcon.errors import SearchSpaceError
+from maxcon.geometry.covariances import first_covariance_fault
 
 __all__ = ["sigmas_of"]
-
-# Covariances come printed with some six digits: what they violate by less is rounding.
-ROUNDING = 1e-6
 
 
 def sigmas_of(covariance: ArrayLike) -> NDArray[np.float64]:
@@ -26,25 +24,7 @@ def sigmas_of(covariance: ArrayLike) -> NDArray[np.float64]:
             f"Expected `covariance` of (x, y, heading) to have shape (3, 3), got {matrix.shape}."
             " Take its rows and columns of x, y and heading."
         )
-    if not np.isfinite(matrix).all():
-        raise SearchSpaceError(
-            "Expected finite numbers in `covariance`, got NaN or infinity. Without a covariance, give half widths."
-        )
-    variances = np.diag(matrix)
-    if variances.min() < 0.0:
-        raise SearchSpaceError(
-            f"Expected variances >= 0 on the diagonal of `covariance`, got {variances.min():g}."
-        )
-    sigmas = np.sqrt(variances)
-    scales = np.where(sigmas > 0.0, sigmas, 1.0)
-    correlations = matrix / scales / scales[:, None]  # free of units: m^2 beside rad^2
-    if np.abs(correlations - correlations.T).max() > ROUNDING:
-        raise SearchSpaceError(
-            f"Expected a symmetric `covariance`, got {matrix.tolist()}. Take the mean of it and its transpose?"
-        )
-    if np.linalg.eigvalsh(correlations).min() < -ROUNDING:
-        raise SearchSpaceError(
-            f"Expected `covariance` to be positive semidefinite, got {matrix.tolist()}: its covariances are too"
-            " large for its variances. Are all in m and rad, and none a standard deviation?"
-        )
-    return np.asarray(sigmas, dtype=np.float64)
+    fault = first_covariance_fault(matrix[None])
+    if fault is not None:
+        raise SearchSpaceError(fault.words)
+    return np.sqrt(np.diag(matrix))

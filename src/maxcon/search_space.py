@@ -138,6 +138,8 @@ class SearchSpace:
         k: float = 3.0,
         cell: float | None = None,
         heading_step_deg: float | None = None,
+        smallest_half_width: float = 0.0,
+        smallest_heading_half_width_deg: float = 0.0,
         largest_half_width: float | None = None,
         largest_heading_half_width_deg: float | None = None,
     ) -> "SearchSpace":
@@ -154,6 +156,8 @@ class SearchSpace:
             Cell edge e, m; the method's to choose if not given.
         heading_step_deg : float, optional
             Step between headings, degrees; the method's to choose if not given.
+        smallest_half_width, smallest_heading_half_width_deg : float
+            The space reaches so far at least, m and degrees, whatever the covariance says.
         largest_half_width, largest_heading_half_width_deg : float, optional
             The space is cut to these, m and degrees: poses beyond are not searched then.
 
@@ -175,16 +179,19 @@ class SearchSpace:
             n_steps(0.0, heading_step_deg, "headings", "degrees")
         if not 0.0 < k < math.inf:
             raise SearchSpaceError(f"Expected `k` > 0 standard deviations, got {k}. The default is 3.")
-        for name, largest in (
+        for name, limit in (
+            ("smallest_half_width", smallest_half_width),
+            ("smallest_heading_half_width_deg", smallest_heading_half_width_deg),
             ("largest_half_width", largest_half_width),
             ("largest_heading_half_width_deg", largest_heading_half_width_deg),
         ):
-            if largest is not None and not 0.0 <= largest < math.inf:
-                raise SearchSpaceError(f"Expected `{name}` >= 0, got {largest}. Leave it out for no limit.")
+            if limit is not None and not 0.0 <= limit < math.inf:
+                raise SearchSpaceError(f"Expected `{name}` >= 0, got {limit}. Leave it out for no limit.")
         sigma_x, sigma_y, sigma_heading = sigmas_of(covariance).tolist()
-        turn_deg = min(k * math.degrees(sigma_heading), 180.0)
+        reach = max(k * max(sigma_x, sigma_y), smallest_half_width)
+        turn_deg = min(max(k * math.degrees(sigma_heading), smallest_heading_half_width_deg), 180.0)
         return cls(
-            rounded_up(k * max(sigma_x, sigma_y), cell, largest_half_width, rim=0.5),
+            rounded_up(reach, cell, largest_half_width, rim=0.5),
             cell,
             rounded_up(turn_deg, heading_step_deg, largest_heading_half_width_deg),
             heading_step_deg,

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from maxcon.errors import ArrayError, OptionError, TrajectoryError
 from maxcon.geometry import Pose
-from maxcon.geometry.quaternions import angles_from_quaternions, quaternions_from_angles
+from maxcon.geometry.covariances import first_covariance_fault
+from maxcon.geometry.quaternions import angles_from_quaternions, quaternions_from_angles, slerp
 
 __all__ = [
     "Trajectory",
@@ -34,9 +35,12 @@ class TrajectoryFault(NamedTuple):
 
 
 def first_fault(
-    times: NDArray[np.float64], positions: NDArray[np.float64], quaternions_xyzw: NDArray[np.float64]
+    times: NDArray[np.float64],
+    positions: NDArray[np.float64],
+    quaternions_xyzw: NDArray[np.float64],
+    covariances: NDArray[np.float64] | None = None,
 ) -> TrajectoryFault | None:
-    """Return the first row whose time, position or quaternion cannot be used, or None if all can.
+    """Return the first row whose time, position, quaternion or covariance cannot be used, or None if all can.
 
     Parameters
     ----------
@@ -46,6 +50,8 @@ def first_fault(
         m.
     quaternions_xyzw : array, shape (n, 4)
         Not yet normalized.
+    covariances : array, shape (n, 3, 3), optional
+        Of x, y and heading; NaN where not known.
     """
     lengths = np.hypot.reduce(quaternions_xyzw, axis=1)
     is_finite = np.isfinite(times) & np.isfinite(positions).all(axis=1) & np.isfinite(lengths)
@@ -54,7 +60,7 @@ def first_fault(
     is_unit = ~(np.abs(lengths - 1.0) > QUATERNION_TOLERANCE)
     is_good = is_finite & is_later & is_unit
     if is_good.all():
-        return None
+        return None if covariances is None else _first_bad_covariance(covariances)
     row = int(np.argmin(is_good))
     if not is_finite[row]:
         return TrajectoryFault(row, "Expected finite numbers, got NaN or infinity. Leave this pose out.")
@@ -69,6 +75,12 @@ def first_fault(
         f"Expected a unit quaternion (qx, qy, qz, qw), got length {lengths[row]:.3g}."
         " Check the order of the columns, or leave this pose out.",
     )
+
+
+def _first_bad_covariance(covariances: NDArray[np.float64]) -> TrajectoryFault | None:
+    rows = np.flatnonzero(~np.isnan(covariances).all(axis=(1, 2)))
+    fault = first_covariance_fault(covariances[rows])
+    return None if fault is None else TrajectoryFault(int(rows[fault.row]), fault.words)
 
 
 def _as_array(values: ArrayLike, shape: tuple[int, ...], name: str) -> NDArray[np.float64]:
@@ -108,18 +120,23 @@ class Trajectory:
         Global coordinates, m.
     quaternions_xyzw : array_like, shape (n, 4)
         Orientation of the sensor; unit length within 1 %, normalized here.
+    covariances : array_like, shape (n, 3, 3), optional
+        Of x, y and heading of each pose, axes of the CRS: m^2, m rad and rad^2. All of a pose's are NaN where it is not
+        known how well that one is known.
 
     Raises
     ------
     ArrayError
         If a shape is wrong or something is not a number.
     TrajectoryError
-        If there is no pose, a number is not finite, times do not increase or a quaternion is not a unit one.
+        If there is no pose, a number is not finite, times do not increase, a quaternion is not a unit one, or a
+        covariance is none.
     """
 
     times: NDArray[np.float64]
     positions: NDArray[np.float64]
     quaternions_xyzw: NDArray[np.float64]
+    covariances: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         times = _as_array(self.times, (-1,), "times")
@@ -129,20 +146,28 @@ class Trajectory:
             raise TrajectoryError(
                 "Expected a trajectory of at least one pose, got none. Check where it comes from."
             )
-        fault = first_fault(times, positions, quaternions)
+        covariances = self.covariances
+        if covariances is not None:
+            covariances = _as_array(covariances, (len(times), 3, 3), "covariances")
+        fault = first_fault(times, positions, quaternions, covariances)
         if fault is not None:
             raise TrajectoryError(f"Row {fault.row} of the trajectory (counted from 0): {fault.words}")
         quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
-        for name, array in (("times", times), ("positions", positions), ("quaternions_xyzw", quaternions)):
+        arrays = {"times": times, "positions": positions, "quaternions_xyzw": quaternions}
+        for name, array in (
+            arrays if covariances is None else {**arrays, "covariances": covariances}
+        ).items():
             array.flags.writeable = False
             object.__setattr__(self, name, array)
 
     @classmethod
-    def from_poses(cls, times: ArrayLike, poses: Sequence[Pose]) -> Self:
-        """Return the trajectory of `poses` at `times` (s), one pose per time."""
+    def from_poses(
+        cls, times: ArrayLike, poses: Sequence[Pose], covariances: NDArray[np.float64] | None = None
+    ) -> Self:
+        """Return the trajectory of `poses` at `times` (s), one pose (and covariance) per time."""
         values = np.array([(p.x, p.y, p.z, p.roll, p.pitch, p.heading) for p in poses]).reshape(-1, 6)
         angles = values[:, 3:].T
-        return cls(np.asarray(times), values[:, :3], quaternions_from_angles(*angles))
+        return cls(np.asarray(times), values[:, :3], quaternions_from_angles(*angles), covariances)
 
     def __len__(self) -> int:
         """How many poses there are."""
@@ -176,6 +201,34 @@ class Trajectory:
         TrajectoryError
             If `time` lies outside the trajectory, or between two poses farther apart than `max_gap`.
         """
+        earlier, later, part = self._between(time, max_gap)
+        if earlier == later:
+            return self.pose(earlier)
+        position = (1.0 - part) * self.positions[earlier] + part * self.positions[later]
+        return _pose(position, slerp(self.quaternions_xyzw[earlier], self.quaternions_xyzw[later], part))
+
+    def covariance_at(self, time: float, max_gap: float = 0.5) -> NDArray[np.float64] | None:
+        """Return the covariance of x, y and heading of the pose `at` a time, shape (3, 3); None where it is not known.
+
+        Between two poses it is linear: never too small for a pose that is linear between them, however their errors a
+        and b are correlated: (1 - s) A + s B is that of (1 - s) a + s b and s (1 - s) times that of a - b.
+
+        Raises
+        ------
+        TrajectoryError
+            As `at`.
+        """
+        earlier, later, part = self._between(time, max_gap)
+        if self.covariances is None:
+            return None
+        covariance = np.zeros((3, 3))
+        for row, weight in ((earlier, 1.0 - part), (later, part)):
+            if weight > 0.0:
+                covariance += weight * self.covariances[row]
+        return None if np.isnan(covariance).any() else covariance
+
+    def _between(self, time: float, max_gap: float) -> tuple[int, int, float]:
+        """Return the poses before and after a time, and where between them it lies, 0 to 1; or one pose twice."""
         _check_gap(max_gap)
         if not math.isfinite(time):
             raise TrajectoryError(f"Expected a finite time, got {time}. Leave this epoch out.")
@@ -185,7 +238,7 @@ class Trajectory:
         distance = abs(float(self.times[nearest]) - time)
         is_inside = len(near) == 2 and self.times[later] - self.times[later - 1] <= max_gap
         if distance <= SAME_TIME and not is_inside:
-            return self.pose(nearest)
+            return nearest, nearest, 0.0
         if len(near) == 1:
             raise TrajectoryError(
                 f"Expected a time within the trajectory, {self.times[0]:.6f} to {self.times[-1]:.6f} s, got"
@@ -200,10 +253,7 @@ class Trajectory:
                 " nearest"
                 " pose. Raise max_gap to interpolate across it, or leave this epoch out."
             )
-        part = (time - before) / (after - before)
-        position = (1.0 - part) * self.positions[later - 1] + part * self.positions[later]
-        first, second = self.quaternions_xyzw[later - 1 : later + 1]
-        return _pose(position, _slerp(first, second, part))
+        return later - 1, later, (time - before) / (after - before)
 
     def positions_at(self, times: ArrayLike, max_gap: float = 0.5) -> NDArray[np.float64]:
         """Where the sensor was at many times, e.g. those of a map's points.
@@ -248,16 +298,3 @@ def _check_gap(max_gap: float) -> None:
 def _pose(position: NDArray[np.float64], quaternion_xyzw: NDArray[np.float64]) -> Pose:
     roll, pitch, heading = angles_from_quaternions(quaternion_xyzw)
     return Pose(*(float(value) for value in (*position, roll, pitch, heading)))
-
-
-def _slerp(first: NDArray[np.float64], second: NDArray[np.float64], part: float) -> NDArray[np.float64]:
-    """Return the unit quaternion at `part` (0 to 1) of the shortest arc from `first` to `second`."""
-    cosine = float(first @ second)
-    if cosine < 0.0:  # q and -q are the same orientation; the nearer of the two gives the shorter arc
-        second, cosine = -second, -cosine
-    if cosine > 1.0 - 1e-10:  # the sine below would vanish; the chord is the arc to 1e-15 here
-        mixed = (1.0 - part) * first + part * second
-    else:
-        arc = math.acos(cosine)
-        mixed = math.sin((1.0 - part) * arc) * first + math.sin(part * arc) * second
-    return np.asarray(mixed / np.linalg.norm(mixed), dtype=np.float64)

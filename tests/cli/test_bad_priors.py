@@ -68,6 +68,25 @@ def test_a_csv_without_the_columns(not_localized):
     not_localized("time,lat,lon\n1,2,3\n", "prior.csv", "time,x,y,z,roll,pitch,heading", name="prior.csv")
 
 
+SIGMA_COLUMNS = "time,x,y,z,roll,pitch,heading,sigma_x,sigma_y,sigma_heading_deg\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (
+            SIGMA_COLUMNS.replace(",sigma_y", "") + "1,2,3,4,0,0,0,1,1\n",
+            ("line 1", "sigma_x", "no 'sigma_y'"),
+        ),
+        (SIGMA_COLUMNS + "1,2,3,4,0,0,0,1,-1,1\n", ("line 2", ">= 0", "got -1")),
+        (SIGMA_COLUMNS + "1,2,3,4,0,0,0,1,nan,1\n", ("line 2", "finite", "'nan'")),
+        (SIGMA_COLUMNS + "1,2,3,4,0,0,0,1,,1\n", ("line 2", "finite", "''")),
+    ],
+)
+def test_covariances_that_are_none(not_localized, tmp_path, content, words):
+    not_localized(content, f"{tmp_path / 'prior.csv'}, ", *words, name="prior.csv")
+
+
 def test_a_binary_file(not_localized, tmp_path):
     (tmp_path / "prior.txt").write_bytes(b"\xff\xfe" + bytes(range(256)) * 100)
     not_localized(None, tmp_path / "prior.txt", "text")
@@ -112,7 +131,9 @@ def test_a_prior_far_beyond_any_map(not_localized, rows):
         (("--sigma-position", "1", "--sigma-heading-deg", "nan"), ("--sigma-heading-deg", "nan")),
         ((*SIGMAS, "--sigmas", "0"), ("--sigmas > 0", "got 0.0", "3")),
         ((*SIGMAS, "--sigmas", "inf"), ("--sigmas > 0", "inf")),
-        ((*SIGMAS, "--sigmas", "1e5"), ("cells", "Narrow")),
+        (("--largest-half-width", "9"), ("together with --largest-half-width", "CSV prior", "no --track")),
+        (("--largest-half-width", "9", "--half-width", "3"), ("either", "--half-width")),
+        ((*SIGMAS, "--largest-half-width", "0"), ("largest half width above 0 m", "got 0.0", "24 m")),
         (("--sigma-position", "1e200", "--sigma-heading-deg", "1"), ("finite",)),
         ((*SIGMAS, "--heading-step-deg", "0"), ("step > 0",)),
         (("--heading-step-deg", "0"), ("step > 0",)),

@@ -4,6 +4,7 @@
 
 import csv
 import inspect
+import math
 import re
 
 import numpy as np
@@ -12,8 +13,10 @@ import pytest
 import maxcon as library
 from maxcon.cli.localize import localize as command
 from maxcon.cli.pictures import parse_epochs
+from maxcon.cli.search_space import LARGEST_HALF_WIDTH, SIGMAS
 from maxcon.errors import OptionError
-from maxcon.io.trajectories import read_trajectory
+from maxcon.io.trajectories import read_trajectory, write_csv
+from maxcon.within_sigmas import WithinSigmas
 
 POSE = ("x", "y", "z", "roll", "pitch", "heading")
 
@@ -72,9 +75,91 @@ def test_standard_deviations_instead_of_half_widths(localize, drive, tmp_path):
     assert _without_ms(tmp_path / "default.csv") == _without_ms(tmp_path / "wider.csv")
 
 
-def test_a_prior_of_few_centimetres_searches_little(localize):
+def test_a_prior_of_few_centimetres_is_searched_for_within_a_metre(localize):
     ended = localize("--sigma-position", "0.04", "--sigma-heading-deg", "0", "--wider", "0")
-    assert ended.code == 1 and "0 of 4 epochs localized" in ended.out
+    assert ended.code in (0, 1)
+    assert "\nwindows from --sigma-position: half width 1.0 m, 1.0 degrees\n" in ended.out
+
+
+@pytest.fixture
+def known_prior(drive, tmp_path):
+    """Write the drive's prior as CSV, with a standard deviation of each position, m, and of headings, degrees."""
+
+    def write(sigmas, sigma_heading_deg=0.7):
+        prior = read_trajectory(drive.dataset.prior)
+        turn = math.radians(sigma_heading_deg)
+        covariances = [np.diag([sigma**2, 0.5 * sigma**2, turn**2]) for sigma in sigmas]
+        write_csv(
+            tmp_path / "known.csv",
+            library.Trajectory(prior.times, prior.positions, prior.quaternions_xyzw, np.array(covariances)),
+        )
+        return tmp_path / "known.csv"
+
+    return write
+
+
+def test_windows_are_those_of_the_priors_covariances(localize, known_prior):
+    prior = known_prior([0.5, 1.0, 1.0, 1.2])
+    ended = localize(prior=prior)
+    assert (ended.code, ended.err) == (0, ""), ended
+    assert "\nwindows from the prior's covariances: half width 1.5 to 3.6 m, 2.1 degrees\n" in ended.out
+    ended = localize("--sigmas", "2", "--largest-half-width", "2.2", prior=prior)
+    assert (
+        "\nwindows from the prior's covariances: half width 1.0 to 2.2 m, 1.4 degrees; 1 of them cut at 2.2 m\n"
+        in (ended.out)
+    )
+
+
+def test_windows_from_sigmas_that_are_too_small_grow(localize, known_prior, drive, tmp_path):
+    lines = known_prior([0.01] * 4, 0.01).read_text().splitlines()
+    moved = tmp_path / "moved.csv"
+    rows = [line.split(",") for line in lines[1:]]
+    far = [",".join([row[0], str(float(row[1]) + 6.0), *row[2:]]) for row in rows]
+    moved.write_text("\n".join([lines[0], *far]) + "\n")
+    ended = localize(prior=moved)
+    assert (ended.code, ended.err) == (0, ""), ended
+    assert "half width 1.0 m, 1.0 degrees\n4 were in doubt and searched for farther around\n" in ended.out
+    assert "are its sigmas too small?" in ended.out
+    found = read_trajectory(tmp_path / "poses.csv")
+    assert np.abs(found.positions[:, :2] - drive.reference.positions[:, :2]).max() < 0.2
+
+
+def test_huge_sigmas_are_cut_and_said(localize, known_prior):
+    ended = localize("--largest-half-width", "6", prior=known_prior([40.0] * 4))
+    assert (ended.code, ended.err) == (0, ""), ended
+    assert "half width 6.0 m, 2.1 degrees; 4 of them cut at 6 m\n" in ended.out
+    assert "3 sigma of the prior are 120 m, searched were 6 m" in ended.out
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--half-width", "3"),
+        ("--heading-half-width-deg", "2"),
+        ("--sigma-position", "1", "--sigma-heading-deg", "0.7"),
+        ("--track",),
+    ],
+    ids=lambda options: options[0],
+)
+def test_what_is_given_is_used_instead_of_the_priors_covariances(localize, known_prior, options):
+    ended = localize(*options, prior=known_prior([1.0] * 4))
+    if options[0] == "--sigma-position":
+        assert "\nwindows from --sigma-position: half width 3.0 m, 2.1 degrees\n" in ended.out
+    else:
+        assert f"\nthe prior's covariances are not used: {options[0]}\n" in ended.out
+
+
+def test_pictures_show_the_window_of_their_epoch(localize, known_prior, tmp_path):
+    ended = localize("--plot", tmp_path / "pictures", "--plot-epochs", "1", prior=known_prior([0.5] * 4))
+    assert (ended.code, ended.err) == (0, ""), ended
+    assert [path.name for path in (tmp_path / "pictures").iterdir()] == ["000001.png"]
+
+
+def test_poses_with_covariances_are_a_prior(localize, tmp_path):
+    assert localize().code == 0
+    ended = localize(prior=tmp_path / "poses.csv", out="again.csv")
+    assert (ended.code, ended.err) == (0, ""), ended
+    assert "windows from the prior's covariances: half width 1.0 m, 1.0 degrees" in ended.out
 
 
 def test_the_answer_does_not_depend_on_the_threads(localize, tmp_path):
@@ -224,4 +309,7 @@ def test_what_is_not_given_is_what_the_method_takes():
     assert given["weighting"].value == method.weighting
     assert given["multiplicity"].value == method.multiplicity
     assert given["search"].value.replace("-", " ") == method.search
+    prior = library.Trajectory.from_poses([0.0], [library.Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)])
+    within = WithinSigmas(method, prior)
+    assert (within.sigmas, within.largest_half_width) == (SIGMAS, LARGEST_HALF_WIDTH)
     assert (given["least_share"], given["largest_runner_up"]) == (trust.least_share, trust.largest_runner_up)

@@ -100,6 +100,42 @@ def test_csv_takes_degrees(tmp_path):
     np.testing.assert_allclose(np.degrees(got.angles), [[1.0, 2.0, -179.0]])
 
 
+SIGMAS = HEADER.strip() + ",sigma_x,sigma_y,sigma_heading_deg\n"
+COVARIANCES = (
+    HEADER.strip() + ",cov_x_x,cov_x_y,cov_x_heading,cov_y_y,cov_y_heading,cov_heading_heading,cov_z_z\n"
+)
+
+
+def test_csv_takes_standard_deviations_and_rows_without(tmp_path):
+    content = SIGMAS + "1,2,3,4,0,0,0,0.5,2,180\n2,2,3,4,0,0,0,,,\n"
+    got = read_trajectory(write(tmp_path, "a.csv", content))
+    np.testing.assert_allclose(got.covariance_at(1.0), np.diag([0.25, 4.0, math.pi**2]))
+    assert got.covariance_at(2.0) is None
+    in_radians = content.replace("heading_deg", "heading").replace("180", "0.1")
+    got = read_trajectory(write(tmp_path, "b.csv", in_radians))
+    assert got.covariances[0, 2, 2] == pytest.approx(0.01)
+
+
+def test_csv_takes_covariances_in_any_order_of_columns(tmp_path):
+    content = COVARIANCES + "1,2,3,4,0,0,0,1,0.1,0.01,2,0.02,0.1,77\n"
+    wanted = [[1.0, 0.1, 0.01], [0.1, 2.0, 0.02], [0.01, 0.02, 0.1]]
+    np.testing.assert_array_equal(read_trajectory(write(tmp_path, "a.csv", content)).covariances[0], wanted)
+    turned = "".join(",".join(line.split(",")[::-1]) + "\n" for line in content.split())
+    np.testing.assert_array_equal(read_trajectory(write(tmp_path, "b.csv", turned)).covariances[0], wanted)
+
+
+def test_covariances_are_written_and_read_back(tmp_path):
+    rng = np.random.default_rng(2)
+    factors = rng.normal(size=(3, 3, 3)) * [[1.0], [2.0], [0.01]]
+    covariances = factors @ factors.transpose(0, 2, 1)
+    covariances = 0.5 * (covariances + covariances.transpose(0, 2, 1))
+    covariances[1] = np.nan
+    without = sample(3)
+    wanted = Trajectory(without.times, without.positions, without.quaternions_xyzw, covariances)
+    write_csv(tmp_path / "a.csv", wanted)
+    np.testing.assert_array_equal(read_trajectory(tmp_path / "a.csv").covariances, wanted.covariances)
+
+
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
@@ -146,6 +182,34 @@ def test_csv_takes_degrees(tmp_path):
         ("a.csv", HEADER + "1,2,3,4,0,0,inf\n", r"line 2: Expected finite numbers .*got 'inf'"),
         ("a.csv", HEADER + "1,2,3,4,0,0,0\n1,2,3,4,0,0,0\n", r"line 3: Expected times that increase"),
         ("a.csv", HEADER + '1,"2,3,4,0,0,0\n', r"line 2: Expected comma-separated values"),
+        (
+            "a.csv",
+            SIGMAS.replace(",sigma_y", ""),
+            r"line 1: Expected either cov_x_x,.* or sigma_x,.*got no 'sigma_y'\. Give all columns of one kind, or none",
+        ),
+        ("a.csv", SIGMAS.replace(",sigma_heading_deg", ""), "line 1: .*got no 'sigma_heading'"),
+        ("a.csv", SIGMAS.strip() + ",sigma_x\n", "line 1: .*got more than one 'sigma_x'"),
+        ("a.csv", SIGMAS.strip() + ",sigma_heading\n", "got both 'sigma_heading' and 'sigma_heading_deg'"),
+        ("a.csv", SIGMAS.strip() + ",cov_x_x\n", "line 1: Expected either cov_x_x,.*got both"),
+        ("a.csv", COVARIANCES.replace(",cov_y_y", ""), "line 1: Expected either .*got no 'cov_y_y'"),
+        (
+            "a.csv",
+            SIGMAS + "1,2,3,4,0,0,0,1,1,1\n2,2,3,4,0,0,0,1,-1,1\n",
+            r"line 3: Expected 'sigma_x,.*>= 0, got -1",
+        ),
+        (
+            "a.csv",
+            SIGMAS + "1,2,3,4,0,0,0,1,nan,1\n",
+            r"line 2: Expected finite numbers for 'sigma_x,.*got 'nan'",
+        ),
+        ("a.csv", SIGMAS + "1,2,3,4,0,0,0,1,,1\n", r"line 2: Expected finite numbers for 'sigma_x,.*got ''"),
+        ("a.csv", SIGMAS + "1,2,3,4,0,0,0,1,1e200,1\n", r"line 2: Expected finite numbers in a covariance"),
+        (
+            "a.csv",
+            COVARIANCES + "1,2,3,4,0,0,0,1,0,0,-2,0,1,0\n",
+            r"line 2: Expected variances >= 0 .*got -2",
+        ),
+        ("a.csv", COVARIANCES + "1,2,3,4,0,0,0,1,5,0,2,0,1,0\n", r"line 2: Expected a positive semidefinite"),
     ],
 )
 def test_a_malformed_file_is_refused_with_file_and_line(tmp_path, name, content, words):
@@ -178,7 +242,12 @@ def test_no_folder_to_write_to(tmp_path):
 
 @pytest.mark.parametrize(("suffix", "save"), [(".txt", write_tum), (".csv", write_csv)])
 def test_broken_files_end_in_an_error_of_ours(tmp_path, survives_breaking, suffix, save):
-    save(tmp_path / f"whole{suffix}", sample(8))
+    whole = sample(8)
+    covariances = np.tile(np.diag([0.25, 0.04, 1e-4]), (8, 1, 1))
+    save(
+        tmp_path / f"whole{suffix}",
+        Trajectory(whole.times, whole.positions, whole.quaternions_xyzw, covariances),
+    )
     survives_breaking((tmp_path / f"whole{suffix}").read_bytes(), suffix, read_trajectory)
 
 

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 __all__ = ["print_summary"]
 
 
-def print_summary(epochs: "list[EpochEstimate]", out: Path) -> None:
-    """Say how many epochs are localized, in which time, and why the others are not."""
+def print_summary(epochs: "list[EpochEstimate]", out: Path, searched: str) -> None:
+    """Say how many epochs are localized, in which time and searched where, and why the others are not."""
     from collections import Counter
 
     import numpy as np
@@ -23,6 +23,8 @@ def print_summary(epochs: "list[EpochEstimate]", out: Path) -> None:
     taken = [epoch.milliseconds for epoch in epochs if epoch.estimate is not None]
     median = f", median {np.median(taken):.0f} ms" if taken else ""
     typer.echo(f"{n_localized} of {len(epochs)} epochs localized{median}; written to {out}")
+    if searched:
+        typer.echo(searched)
     n_invalid = sum(epoch.raw.n_dropped_invalid for epoch in epochs)
     n_out_of_range = sum(epoch.raw.n_dropped_range for epoch in epochs)
     if n_invalid or n_out_of_range:

@@ -15,7 +15,7 @@ from maxcon.cli.method_options import MultiplicityName, ObjectiveName, SearchNam
 from maxcon.cli.options import MaxRange, MinRange
 from maxcon.cli.pictures import drawer, parse_epochs
 from maxcon.cli.progress import progress_bar
-from maxcon.cli.search_space import chosen_space
+from maxcon.cli.search_space import SpaceOptions
 from maxcon.cli.tracking import check_tracking, started_drive
 
 if TYPE_CHECKING:
@@ -75,11 +75,14 @@ def localize(
     ] = 0.01,
     half_width: Annotated[
         float | None,
-        typer.Option(metavar="M", help="Largest offset from the prior in x and y, m; 12 if not given."),
+        typer.Option(
+            metavar="M",
+            help="Largest offset from the prior in x and y, m. If not given: of the prior's covariances, or 12.",
+        ),
     ] = None,
     heading_half_width_deg: Annotated[
         float | None,
-        typer.Option(metavar="DEG", help="Largest turn from the prior's heading, degrees; 10 if not given."),
+        typer.Option(metavar="DEG", help="Largest turn from the prior's heading, degrees; likewise, or 10."),
     ] = None,
     height_half_width: Annotated[
         float | None,
@@ -91,14 +94,25 @@ def localize(
     ] = None,
     sigma_position: Annotated[
         float | None,
-        typer.Option(metavar="M", help="Instead: standard deviation of the prior's x, and of its y, m."),
+        typer.Option(metavar="M", help="Instead: standard deviation of every prior's x, and of its y, m."),
     ] = None,
     sigma_heading_deg: Annotated[
         float | None, typer.Option(metavar="DEG", help="And of its heading, degrees.")
     ] = None,
     sigmas: Annotated[
         float | None,
-        typer.Option(metavar="K", help="How many standard deviations to search; 3 if not given."),
+        typer.Option(
+            metavar="K",
+            help="How many standard deviations to search, these or the prior's own; 3 if not given.",
+        ),
+    ] = None,
+    largest_half_width: Annotated[
+        float | None,
+        typer.Option(
+            metavar="M",
+            help="No search within standard deviations is wider than this, nor one that is repeated, twice as wide each"
+            " time, where the answer is in doubt, m; 24 if not given.",
+        ),
     ] = None,
     cell: Annotated[
         float | None,
@@ -182,29 +196,32 @@ def localize(
     point_map = PointMap.open(map_folder)
     folder = open_scans(scans, times)
     prior_trajectory = read_trajectory(prior)
-    space = chosen_space(
-        cell, heading_step_deg, half_width=half_width, heading_half_width_deg=heading_half_width_deg,
-        sigma_position=sigma_position, sigma_heading_deg=sigma_heading_deg, sigmas=sigmas,
-        height_half_width=height_half_width,
+    spaces = SpaceOptions(
+        cell, heading_step_deg, half_width, heading_half_width_deg, height_half_width,
+        sigma_position, sigma_heading_deg, sigmas, largest_half_width,
     )  # fmt: skip
     trust = Trust(least_share, largest_runner_up)
     method = MaximumConsensus(
-        space, objective.objective, multiplicity.value, threads, trust, weighting.value,
+        spaces.fixed(), objective.objective, multiplicity.value, threads, trust, weighting.value,
         search.value.replace("-", " "), thinning, refinement, wider, risk,
     )  # fmt: skip
+    windows = spaces.within_sigmas(method, prior_trajectory, max_gap, track=track)
+    if track and windows is not None:
+        method, windows = windows.at(float(prior_trajectory.times[0])), None
     wanted = parse_epochs(plot_epochs, len(folder)) if plot is not None else frozenset()
-    draw = drawer(plot, point_map, method, objective) if plot is not None else None
+    draw = drawer(plot, point_map, windows or method, objective) if plot is not None else None
     options = DriveOptions(min_range, max_range, max_gap)
     with _naming(odometry or prior, scans, map_folder):
         drive = started_drive(
-            point_map, folder, prior_trajectory, method, options, track=track, odometry=odometry, drift=drift
-        )
+            point_map, folder, prior_trajectory, method, options,
+            windows=windows, track=track, odometry=odometry, drift=drift,
+        )  # fmt: skip
     epochs = _localized(drive, len(folder), draw, wanted, quiet)
     write_poses(out, epochs)
     trajectory = localized_trajectory(epochs)
     if tum is not None and trajectory is not None:
         write_tum(tum, trajectory, "T_map_sensor, localized by maxcon")
-    print_summary(epochs, out)
+    print_summary(epochs, out, spaces.words(windows, prior_trajectory, epochs))
     if tum is not None and trajectory is None:
         typer.echo(f"no pose to write: {tum} is not written")
     if any(epoch.pose_global is None for epoch in epochs):

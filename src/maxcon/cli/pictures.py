@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from maxcon.drive import EpochEstimate
     from maxcon.maximum_consensus import MaximumConsensus
     from maxcon.point_map import PointMap
+    from maxcon.within_sigmas import WithinSigmas
 
 __all__ = ["drawer", "parse_epochs"]
 
@@ -49,10 +50,11 @@ def parse_epochs(text: str | None, n_epochs: int) -> frozenset[int]:
 
 
 def drawer(
-    folder: Path, point_map: "PointMap", method: "MaximumConsensus", objective: ObjectiveName
+    folder: Path, point_map: "PointMap", method: "MaximumConsensus | WithinSigmas", objective: ObjectiveName
 ) -> Callable[["EpochEstimate"], None]:
     """Return a function that draws an epoch into the folder."""
     from maxcon.atomic import make_folder
+    from maxcon.maximum_consensus import MaximumConsensus
     from maxcon.report.epoch import plot_epoch
     from maxcon.report.figure import check_matplotlib
 
@@ -61,15 +63,16 @@ def drawer(
     def draw(epoch: "EpochEstimate") -> None:
         if epoch.estimate is None or epoch.prior is None:
             return
+        searching = method if isinstance(method, MaximumConsensus) else method.at(epoch.raw.time)
         make_folder(folder)
         plot_epoch(
             folder / f"{epoch.epoch:06d}.png",
-            accumulator=method.accumulate(epoch.scan, point_map, epoch.prior),
-            objective=method.objective,
+            accumulator=searching.accumulate(epoch.scan, point_map, epoch.prior),
+            objective=searching.objective,
             estimate=epoch.estimate,
             scan=epoch.scan,
             point_map=point_map,
-            title=f"Epoch {epoch.epoch} ({epoch.raw.name}), {objective.value}, {method.multiplicity}",
+            title=f"Epoch {epoch.epoch} ({epoch.raw.name}), {objective.value}, {searching.multiplicity}",
         )
 
     return draw

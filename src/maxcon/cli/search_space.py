@@ -1,75 +1,167 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Which search space the options of `maxcon localize` mean: fixed half widths, or the prior's standard deviations."""
+"""Where the options of `maxcon localize` search: within fixed half widths, or standard deviations of the prior."""
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from maxcon.errors import OptionError
 
 if TYPE_CHECKING:
+    from maxcon.drive import EpochEstimate
+    from maxcon.maximum_consensus import MaximumConsensus
     from maxcon.search_space import SearchSpace
+    from maxcon.trajectory import Trajectory
+    from maxcon.within_sigmas import WithinSigmas
 
-__all__ = ["chosen_space"]
+__all__ = ["SpaceOptions"]
 
-SIGMAS = 3.0
+SIGMAS, LARGEST_HALF_WIDTH = 3.0, 24.0
 
 
-def chosen_space(
-    cell: float | None,
-    heading_step_deg: float | None,
-    *,
-    half_width: float | None,
-    heading_half_width_deg: float | None,
-    sigma_position: float | None,
-    sigma_heading_deg: float | None,
-    sigmas: float | None,
-    height_half_width: float | None = None,
-) -> "SearchSpace":
-    """Return the space of the half widths (m, degrees), or of so many standard deviations; None for not given.
+@dataclass(frozen=True, slots=True)
+class SpaceOptions:
+    """Options of `maxcon localize` that say where it searches, None for those not given: m, degrees."""
 
-    The half width in height, m, goes with either.
+    cell: float | None
+    heading_step_deg: float | None
+    half_width: float | None
+    heading_half_width_deg: float | None
+    height_half_width: float | None
+    sigma_position: float | None
+    sigma_heading_deg: float | None
+    sigmas: float | None
+    largest_half_width: float | None
 
-    Raises
-    ------
-    OptionError
-        If both are given, or one standard deviation without the other, or a negative one.
-    SearchSpaceError
-        If there is no such space.
-    """
-    from dataclasses import replace
+    def fixed(self) -> "SearchSpace":
+        """Return the space of the half widths, and of the usual ones, in whole steps, for those not given.
 
-    from maxcon.search_space import SearchSpace
+        Raises
+        ------
+        SearchSpaceError
+            If there is no such space.
+        """
+        from maxcon.search_space import SearchSpace
 
-    height = 0.0 if height_half_width is None else height_half_width
-    if sigma_position is None and sigma_heading_deg is None and sigmas is None:
         usual = SearchSpace()
         return SearchSpace(
-            usual.half_width if half_width is None else half_width,
-            cell,
-            usual.heading_half_width_deg if heading_half_width_deg is None else heading_half_width_deg,
-            heading_step_deg,
-            height,
+            _or_usual(self.half_width, usual.half_width, self.cell),
+            self.cell,
+            _or_usual(self.heading_half_width_deg, usual.heading_half_width_deg, self.heading_step_deg),
+            self.heading_step_deg,
+            0.0 if self.height_half_width is None else self.height_half_width,
         )
-    if half_width is not None or heading_half_width_deg is not None:
-        fixed = "--half-width" if half_width is not None else "--heading-half-width-deg"
-        raise OptionError(
-            f"Expected either half widths or standard deviations of the prior, got {fixed} beside them."
-            " Leave one kind out."
+
+    def within_sigmas(
+        self, method: "MaximumConsensus", prior: "Trajectory", max_gap: float, *, track: bool
+    ) -> "WithinSigmas | None":
+        """Return what searches within given standard deviations, or those of the prior; None for half widths.
+
+        A track is searched within half widths, unless standard deviations are given.
+
+        Raises
+        ------
+        OptionError
+            If half widths are given beside standard deviations, or one of these without the other, or a negative one.
+        """
+        from maxcon.within_sigmas import WithinSigmas
+
+        covariance = self._given_covariance()
+        is_fixed = self.half_width is not None or self.heading_half_width_deg is not None
+        if covariance is None and (is_fixed or track or prior.covariances is None):
+            self._check_alone()
+            return None
+        return WithinSigmas(
+            method,
+            prior if covariance is None else _with_covariance(prior, covariance),
+            SIGMAS if self.sigmas is None else self.sigmas,
+            LARGEST_HALF_WIDTH if self.largest_half_width is None else self.largest_half_width,
+            max_gap,
         )
-    if sigma_position is None or sigma_heading_deg is None:
-        missing = "--sigma-position" if sigma_position is None else "--sigma-heading-deg"
-        raise OptionError(
-            f"Expected --sigma-position and --sigma-heading-deg together, got no {missing}. Give it, 0 if it is exact."
-        )
-    for name, value in (("--sigma-position", sigma_position), ("--sigma-heading-deg", sigma_heading_deg)):
-        if not 0.0 <= value < math.inf:
-            raise OptionError(f"Expected {name} to be a standard deviation >= 0, got {value}.")
-    k = SIGMAS if sigmas is None else sigmas
-    if not 0.0 < k < math.inf:
-        raise OptionError(f"Expected --sigmas > 0, got {k}. Left out it is 3.")
-    sigma_heading = math.radians(sigma_heading_deg)
-    variance, heading_variance = sigma_position * sigma_position, sigma_heading * sigma_heading
-    covariance = [[variance, 0.0, 0.0], [0.0, variance, 0.0], [0.0, 0.0, heading_variance]]
-    plane = SearchSpace.from_covariance(covariance, k=k, cell=cell, heading_step_deg=heading_step_deg)
-    return replace(plane, height_half_width=height)
+
+    def _given_covariance(self) -> list[list[float]] | None:
+        """The covariance of x, y and heading that is given for all priors, if it is."""
+        if self.half_width is not None or self.heading_half_width_deg is not None:
+            given = (self.sigma_position, self.sigma_heading_deg, self.sigmas, self.largest_half_width)
+            if any(value is not None for value in given):
+                fixed = "--half-width" if self.half_width is not None else "--heading-half-width-deg"
+                raise OptionError(
+                    f"Expected either half widths or standard deviations of the prior, got {fixed} beside them."
+                    " Leave one kind out."
+                )
+        if self.sigmas is not None and not 0.0 < self.sigmas < math.inf:
+            raise OptionError(f"Expected --sigmas > 0, got {self.sigmas}. Left out it is 3.")
+        if self.sigma_position is None and self.sigma_heading_deg is None:
+            return None
+        if self.sigma_position is None or self.sigma_heading_deg is None:
+            missing = "--sigma-position" if self.sigma_position is None else "--sigma-heading-deg"
+            raise OptionError(
+                f"Expected --sigma-position and --sigma-heading-deg together, got no {missing}."
+                " Give it, 0 if it is exact."
+            )
+        variance = _variance("--sigma-position", self.sigma_position, 1.0)
+        heading_variance = _variance("--sigma-heading-deg", self.sigma_heading_deg, math.radians(1.0))
+        return [[variance, 0.0, 0.0], [0.0, variance, 0.0], [0.0, 0.0, heading_variance]]
+
+    def _check_alone(self) -> None:
+        """Refuse what says something of standard deviations where there are none."""
+        for name, value in (("--sigmas", self.sigmas), ("--largest-half-width", self.largest_half_width)):
+            if value is not None:
+                raise OptionError(
+                    f"Expected --sigma-position and --sigma-heading-deg together with {name}, or a CSV prior with"
+                    " covariances and no --track, got no --sigma-position. Give both, or leave it out."
+                )
+
+    def words(
+        self, windows: "WithinSigmas | None", prior: "Trajectory", epochs: "list[EpochEstimate]"
+    ) -> str:
+        """Return which spaces of standard deviations were searched, in a line, or that those of the prior were not."""
+        if windows is None:
+            given = (
+                ("--half-width", self.half_width), ("--heading-half-width-deg", self.heading_half_width_deg),
+                ("--sigma-position", self.sigma_position),
+            )  # fmt: skip
+            instead = next((name for name, value in given if value is not None), "--track")
+            return "" if prior.covariances is None else f"the prior's covariances are not used: {instead}"
+        times = [epoch.raw.time for epoch in epochs if epoch.estimate is not None]
+        covariances = [windows.prior.covariance_at(time, windows.max_gap) for time in times]
+        known = [covariance for covariance in covariances if covariance is not None]
+        source = "the prior's covariances" if self.sigma_position is None else "--sigma-position"
+        if not known:
+            return f"windows from {source}: none"
+        found = [windows.space(covariance) for covariance in known]
+        offsets = _range([space.half_width for space in found], "m")
+        turns = _range([space.heading_half_width_deg for space in found], "degrees")
+        n_cut = sum(windows.reach(covariance) > windows.largest_half_width for covariance in known)
+        cut = f"; {n_cut} of them cut at {windows.largest_half_width:g} m" if n_cut else ""
+        others = f"; {len(times) - len(known)} epochs without" if len(known) < len(times) else ""
+        return f"windows from {source}: half width {offsets}, {turns}{cut}{others}"
+
+
+def _or_usual(given: float | None, usual: float, step: float | None) -> float:
+    if given is not None:
+        return given
+    return math.ceil(usual / step - 1e-9) * step if step is not None and 0.0 < step < usual else usual
+
+
+def _variance(name: str, sigma: float, unit: float) -> float:
+    variance = sigma * unit * sigma * unit
+    if not (sigma >= 0.0 and variance < math.inf):
+        raise OptionError(f"Expected {name} to be a finite standard deviation >= 0, got {sigma}.")
+    return variance
+
+
+def _with_covariance(prior: "Trajectory", covariance: list[list[float]]) -> "Trajectory":
+    import numpy as np
+
+    from maxcon.trajectory import Trajectory
+
+    return Trajectory(
+        prior.times, prior.positions, prior.quaternions_xyzw, np.tile(covariance, (len(prior), 1, 1))
+    )
+
+
+def _range(values: list[float], unit: str) -> str:
+    low, high = f"{min(values):.1f}", f"{max(values):.1f}"
+    return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from maxcon.maximum_consensus import MaximumConsensus
     from maxcon.point_map import PointMap
     from maxcon.trajectory import Trajectory
+    from maxcon.within_sigmas import WithinSigmas
 
 __all__ = ["check_tracking", "started_drive"]
 
@@ -41,15 +42,16 @@ def started_drive(
     method: "MaximumConsensus",
     options: "DriveOptions",
     *,
+    windows: "WithinSigmas | None",
     track: bool,
     odometry: Path | None,
     drift: float | None,
 ) -> "Iterator[EpochEstimate]":
-    """Return an iterator over the estimates of a drive, each epoch by itself or as a track."""
+    """Return an iterator over the estimates of a drive, each epoch by itself, within its window, or as a track."""
     if not track:
         from maxcon.drive import localize_drive
 
-        return localize_drive(point_map, scans, prior, method, options)
+        return localize_drive(point_map, scans, prior, windows or method, options)
     from maxcon.io.trajectories import read_trajectory
     from maxcon.tracked_drive import track_drive
     from maxcon.tracking import MotionNoise, Tracker

@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: MIT
 """Quaternions, as trajectories hold them, from and to roll, pitch and heading."""
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["angles_from_quaternions", "quaternions_from_angles"]
+__all__ = ["angles_from_quaternions", "quaternions_from_angles", "slerp"]
 
 
 def quaternions_from_angles(roll: ArrayLike, pitch: ArrayLike, heading: ArrayLike) -> NDArray[np.float64]:
@@ -41,3 +43,16 @@ def angles_from_quaternions(quaternions_xyzw: ArrayLike) -> NDArray[np.float64]:
     upright = np.arctan2(2.0 * (z * w - x * y), 1.0 - 2.0 * (x * x + z * z))
     heading = np.where(is_vertical, upright, np.arctan2(forward_y, forward_x))
     return np.stack([roll, pitch, heading], axis=-1)
+
+
+def slerp(first: NDArray[np.float64], second: NDArray[np.float64], part: float) -> NDArray[np.float64]:
+    """Return the unit quaternion at `part` (0 to 1) of the shortest arc from `first` to `second`."""
+    cosine = float(first @ second)
+    if cosine < 0.0:  # q and -q are the same orientation; the nearer of the two gives the shorter arc
+        second, cosine = -second, -cosine
+    if cosine > 1.0 - 1e-10:  # the sine below would vanish; the chord is the arc to 1e-15 here
+        mixed = (1.0 - part) * first + part * second
+    else:
+        arc = math.acos(cosine)
+        mixed = math.sin((1.0 - part) * arc) * first + math.sin(part * arc) * second
+    return np.asarray(mixed / np.linalg.norm(mixed), dtype=np.float64)

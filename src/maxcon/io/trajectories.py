@@ -22,9 +22,15 @@ __all__ = ["read_trajectory", "write_csv", "write_tum"]
 
 TUM_COLUMNS = "time x y z qx qy qz qw"
 CSV_COLUMNS = ("time", "x", "y", "z", "roll", "pitch", "heading")
+COVARIANCE_COLUMNS = (
+    "cov_x_x", "cov_x_y", "cov_x_heading", "cov_y_y", "cov_y_heading", "cov_heading_heading",
+)  # fmt: skip
+SIGMA_COLUMNS = ("sigma_x", "sigma_y", "sigma_heading")
 
 Line = tuple[int, str]
 Row = tuple[int, list[float]]
+Column = tuple[int, float]
+"""Where a number stands in a line, and what makes it s, m, rad."""
 
 
 def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
@@ -36,13 +42,17 @@ def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
         `.txt` or `.tum`: one pose per line, `time x y z qx qy qz qw` (s, m), `#` begins a comment.
         `.csv`: a header with time, x, y, z, roll, pitch, heading (s, m, rad), or roll_deg, pitch_deg,
         heading_deg in degrees; other columns are ignored, and so are rows with an empty x (not localized).
+        How well poses are known, axes of the CRS: either cov_x_x, cov_x_y, cov_x_heading, cov_y_y, cov_y_heading,
+        cov_heading_heading (m^2, m rad, rad^2), as POSES.csv has them, or standard deviations sigma_x, sigma_y (m),
+        sigma_heading (rad) or sigma_heading_deg. All are empty in a row where that is not known.
 
     Raises
     ------
     FileError
         If the file is missing, not a file, cannot be read, or has another suffix.
     TrajectoryError
-        If a line is not a pose, times do not increase, or there is no pose; file and line are named.
+        If a line is not a pose, times do not increase, a covariance is none, some of its columns are missing, or
+        there is no pose; file and line are named.
     """
     file = Path(path)
     readers = {".txt": _tum_rows, ".tum": _tum_rows, ".csv": _csv_rows}
@@ -86,7 +96,7 @@ def write_tum(path: str | os.PathLike[str], trajectory: Trajectory, comment: str
 
 
 def write_csv(path: str | os.PathLike[str], trajectory: Trajectory) -> None:
-    """Write `trajectory` as CSV: time, x, y, z, roll, pitch, heading in s, m, rad.
+    """Write `trajectory` as CSV: time, x, y, z, roll, pitch, heading in s, m, rad, and covariances if it has them.
 
     Parameters
     ----------
@@ -100,9 +110,14 @@ def write_csv(path: str | os.PathLike[str], trajectory: Trajectory) -> None:
     FileError
         If the file cannot be written.
     """
-    lines = [",".join(CSV_COLUMNS)]
-    for time, position, angles in zip(trajectory.times, trajectory.positions, trajectory.angles, strict=True):
+    names = CSV_COLUMNS if trajectory.covariances is None else CSV_COLUMNS + COVARIANCE_COLUMNS
+    lines = [",".join(names)]
+    for number, angles in enumerate(trajectory.angles):
+        time, position = trajectory.times[number], trajectory.positions[number]
         texts = [_text(time, 6), *(_text(v, 4) for v in position), *(_text(v, 9) for v in angles)]
+        if trajectory.covariances is not None:
+            covariance = trajectory.covariances[number][np.triu_indices(3)].tolist()
+            texts += ["" if math.isnan(value) else repr(value) for value in covariance]
         lines.append(",".join(texts))
     _write(path, lines)
 
@@ -143,9 +158,10 @@ def _tum_rows(file: Path, lines: Iterable[Line]) -> Iterator[Row]:
 
 
 def _csv_rows(file: Path, lines: Iterable[Line]) -> Iterator[Row]:
-    """Rows as time, x, y, z, qx, qy, qz, qw."""
+    """Rows as time, x, y, z, qx, qy, qz, qw, and the nine numbers of a covariance where the header has such columns."""
     header: list[str] = []
-    columns: list[tuple[int, float]] = []
+    columns: list[Column] = []
+    certainty: list[Column] = []
     names = ",".join(CSV_COLUMNS)
     for number, line in lines:
         if line.startswith("#"):
@@ -153,7 +169,7 @@ def _csv_rows(file: Path, lines: Iterable[Line]) -> Iterator[Row]:
         texts = _cells(file, number, line)
         if not columns:
             header = texts
-            columns = _columns(file, number, header)
+            columns, certainty = _columns(file, number, header), _certainty_columns(file, number, header)
             continue
         if len(texts) != len(header):
             _refuse(
@@ -165,7 +181,8 @@ def _csv_rows(file: Path, lines: Iterable[Line]) -> Iterator[Row]:
             continue
         values = _numbers(file, number, [texts[index] for index, _ in columns], names)
         scaled = [value * scale for value, (_, scale) in zip(values, columns, strict=True)]
-        yield number, [*scaled[:4], *quaternions_from_angles(*scaled[4:]).tolist()]
+        covariance = _covariance(file, number, header, texts, certainty)
+        yield number, [*scaled[:4], *quaternions_from_angles(*scaled[4:]).tolist(), *covariance]
 
 
 def _cells(file: Path, number: int, line: str) -> list[str]:
@@ -175,8 +192,8 @@ def _cells(file: Path, number: int, line: str) -> list[str]:
         _refuse(file, number, f"Expected comma-separated values, got: {error}. Correct or remove this line.")
 
 
-def _columns(file: Path, number: int, header: list[str]) -> list[tuple[int, float]]:
-    """For each of time, x, y, z, roll, pitch, heading: its column, and what makes it s, m, rad."""
+def _columns(file: Path, number: int, header: list[str]) -> list[Column]:
+    """The columns of time, x, y, z, roll, pitch and heading."""
     columns = []
     for name in CSV_COLUMNS:
         found = [(header.index(name), 1.0)] if name in header else []
@@ -195,10 +212,55 @@ def _columns(file: Path, number: int, header: list[str]) -> list[tuple[int, floa
     return columns
 
 
+def _certainty_columns(file: Path, number: int, header: list[str]) -> list[Column]:
+    """The columns of a covariance, those of three standard deviations, or none."""
+    in_degrees = f"{SIGMA_COLUMNS[2]}_deg"
+    sigmas = (*SIGMA_COLUMNS[:2], in_degrees if in_degrees in header else SIGMA_COLUMNS[2])
+    given = [names for names in (COVARIANCE_COLUMNS, sigmas) if any(name in header for name in names)]
+    if not given:
+        return []
+    wrong = [name for name in given[0] if header.count(name) != 1]
+    if len(given) == 2:
+        got = "both"
+    elif in_degrees in header and SIGMA_COLUMNS[2] in header:
+        got = f"both {SIGMA_COLUMNS[2]!r} and {in_degrees!r}"
+    elif wrong:
+        got = f"{'more than one' if wrong[0] in header else 'no'} {wrong[0]!r}"
+    else:
+        return [(header.index(name), math.pi / 180.0 if name == in_degrees else 1.0) for name in given[0]]
+    _refuse(
+        file,
+        number,
+        f"Expected either {','.join(COVARIANCE_COLUMNS)} (m^2, m rad, rad^2) or {','.join(SIGMA_COLUMNS)} (m, rad; or"
+        f" {in_degrees}), got {got}. Give all columns of one kind, or none.",
+    )
+
+
+def _covariance(
+    file: Path, number: int, header: list[str], texts: list[str], columns: list[Column]
+) -> list[float]:
+    """The nine numbers of a row's covariance: NaN where all its columns are empty; none without such columns."""
+    wanted = [texts[index] for index, _ in columns]
+    if not columns or not any(wanted):
+        return [math.nan] * (9 if columns else 0)
+    names = ",".join(header[index] for index, _ in columns)
+    values = _numbers(file, number, wanted, names)
+    scaled = np.array([value * scale for value, (_, scale) in zip(values, columns, strict=True)])
+    if len(columns) == len(SIGMA_COLUMNS):
+        if scaled.min() < 0.0:
+            _refuse(file, number, f"Expected '{names}' >= 0, got {min(values):g}. Correct or empty them.")
+        with np.errstate(over="ignore"):
+            return np.diag(np.square(scaled)).ravel().tolist()
+    covariance = np.zeros((3, 3))
+    covariance[np.triu_indices(3)] = scaled
+    return (covariance + np.triu(covariance, 1).T).ravel().tolist()
+
+
 def _trajectory(file: Path, rows: list[Row]) -> Trajectory:
     values: NDArray[np.float64] = np.array([row for _, row in rows])
-    times, positions, quaternions = values[:, 0], values[:, 1:4], values[:, 4:]
-    fault = first_fault(times, positions, quaternions)
+    times, positions, quaternions = values[:, 0], values[:, 1:4], values[:, 4:8]
+    covariances = values[:, 8:].reshape(-1, 3, 3) if values.shape[1] > 8 else None
+    fault = first_fault(times, positions, quaternions, covariances)
     if fault is not None:
         _refuse(file, rows[fault.row][0], fault.words)
-    return Trajectory(times, positions, quaternions)
+    return Trajectory(times, positions, quaternions, covariances)

@@ -1,0 +1,59 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Covariances of x, y and heading: whether matrices can be such, and in words why not."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["CovarianceFault", "first_covariance_fault"]
+
+# Covariances come printed with some six digits: what they violate by less is rounding.
+ROUNDING = 1e-6
+
+
+class CovarianceFault(NamedTuple):
+    """The first of several matrices that is no covariance, and why."""
+
+    row: int
+    words: str
+
+
+def first_covariance_fault(matrices: NDArray[np.float64]) -> CovarianceFault | None:
+    """Return the first matrix that cannot be a covariance, or None if all can.
+
+    Parameters
+    ----------
+    matrices : array, shape (n, 3, 3)
+        Of x, y and heading: m^2, m rad and rad^2.
+    """
+    is_finite = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))
+    finite = np.where(is_finite[:, None, None], matrices, 0.0)
+    variances = np.diagonal(finite, axis1=1, axis2=2)
+    is_positive = variances.min(axis=1) >= 0.0
+    sigmas = np.sqrt(np.maximum(variances, 0.0))
+    scales = np.where(sigmas > 0.0, sigmas, 1.0)
+    # Free of units, as m^2 stands beside rad^2; what is beyond 1 is too large, by however much.
+    with np.errstate(over="ignore"):
+        correlations = np.clip(finite / scales[:, None, :] / scales[:, :, None], -2.0, 2.0)
+    transposed = correlations.transpose(0, 2, 1)
+    is_symmetric = np.asarray(np.abs(correlations - transposed).max(axis=(1, 2)) <= ROUNDING)
+    is_semidefinite = np.linalg.eigvalsh(correlations).min(axis=1) >= -ROUNDING
+    is_good = is_finite & is_positive & is_symmetric & is_semidefinite
+    if is_good.all():
+        return None
+    row = int(np.argmin(is_good))
+    values = matrices[row].tolist()
+    if not is_finite[row]:
+        words = "Expected finite numbers in a covariance, got NaN or infinity. Without a covariance, give half widths."
+    elif not is_positive[row]:
+        words = f"Expected variances >= 0 on the diagonal of a covariance, got {variances[row].min():g}."
+    elif not is_symmetric[row]:
+        words = f"Expected a symmetric covariance, got {values}. Take the mean of it and its transpose?"
+    else:
+        words = (
+            f"Expected a positive semidefinite covariance of x, y and heading, got {values}: its covariances are too"
+            " large for its variances. Are all in m and rad, and none a standard deviation?"
+        )
+    return CovarianceFault(row, words)
