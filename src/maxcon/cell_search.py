@@ -18,6 +18,7 @@ from maxcon.search import (
     Found,
     Multiplicity,
     SearchMethod,
+    Standing,
     Weighting,
     accumulators,
     branch_and_bound,
@@ -77,12 +78,19 @@ class CellSearch:
         """Places of an open space where a scan may have been taken, the best first: see `best_places`."""
 
         def search(
-            scan: Scan, point_map: PointMap, prior: Pose, space: SearchSpace, *, share: float, lists_all: bool
+            scan: Scan,
+            point_map: PointMap,
+            prior: Pose,
+            space: SearchSpace,
+            *,
+            share: float = 1.0,
+            lists_all: bool = False,
+            standing: Standing | None = None,
         ) -> Found:
             return branch_and_bound(
                 scan, point_map, prior, space, self.objective, multiplicity=self.multiplicity,
-                weighting=self.weighting, share=share, lists_all=lists_all, guard_radius=self.trust.guard_radius,
-                n_threads=self.n_threads,
+                weighting=self.weighting, share=share, lists_all=lists_all, standing=standing,
+                guard_radius=self.trust.guard_radius, n_threads=self.n_threads,
             )  # fmt: skip
 
         share = max(self.trust.largest_runner_up, LEAST_SHARE)

@@ -14,7 +14,7 @@ from maxcon.geometry import Pose, wrap_angle
 from maxcon.objectives import Helmert
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
-from maxcon.search import Found
+from maxcon.search import Found, Standing
 from maxcon.search_space import PAPER_STEP_DEG, SearchSpace
 
 __all__ = ["COARSE", "Level", "Search", "best_places"]
@@ -50,7 +50,7 @@ MOST_PLACES = 12
 # More large cells take minutes: half a kilometre at any heading.
 MOST_CELLS = 2**28
 # Small cells are searched so far around a large one, m and degrees; a best one at the rim is climbed from.
-AROUND, AROUND_DEG = 0.6, 1.5
+AROUND, AROUND_DEG = 0.48, 1.5
 MOST_CLIMBS = 4
 # Cells this near to each other, m and degrees, are of one place.
 SAME_PLACE, SAME_PLACE_DEG = 1.0, 4.0
@@ -66,8 +66,9 @@ class Search(Protocol):
         prior: Pose,
         space: SearchSpace,
         *,
-        share: float,
-        lists_all: bool,
+        share: float = 1.0,
+        lists_all: bool = False,
+        standing: Standing | None = None,
     ) -> Found:
         """Search."""
         ...
@@ -118,7 +119,7 @@ def best_places(
         return []
     poses, left_out = _places_left_open(found, large, prior, least)
     window = _window(space, point_map.cell, level.cell)
-    fine = _distinct([_climbed(search, scan, point_map, pose, window) for pose in poses])
+    fine = _distinct(_fine_places(search, scan, point_map, poses, window, share))
     scores = [float(Helmert().score(best.moments)) for best in fine]
     return [
         replace(
@@ -153,10 +154,38 @@ def _places_left_open(
     return places, least
 
 
-def _climbed(search: Search, scan: Scan, point_map: PointMap, pose: Pose, window: SearchSpace) -> BestCell:
-    """The best small cell around a pose; around that, as long as scores rise at the rim of the window."""
+def _fine_places(
+    search: Search, scan: Scan, point_map: PointMap, poses: list[Pose], window: SearchSpace, share: float
+) -> list[BestCell]:
+    """The best small cells around poses: of the first, and of others that reach a share of the best so far."""
+    fine: list[BestCell] = []
+    standing: Standing | None = None
+    for pose in poses:
+        best = _climbed(search, scan, point_map, pose, window, standing)
+        if best is None:
+            continue
+        fine.append(best)
+        if standing is None or share * best.score > standing.score:
+            standing = Standing(share * best.score, best.moments)
+    return fine
+
+
+def _climbed(
+    search: Search,
+    scan: Scan,
+    point_map: PointMap,
+    pose: Pose,
+    window: SearchSpace,
+    standing: Standing | None,
+) -> BestCell | None:
+    """The best small cell around a pose; around that, as long as scores rise at the rim of the window.
+
+    None where no cell scores as much as what stands.
+    """
     for _ in range(1 + MOST_CLIMBS):
-        found = search(scan, point_map, pose, window, share=1.0, lists_all=False)
+        found = search(scan, point_map, pose, window, standing=standing)
+        if standing is not None and found.score < standing.score:
+            return None
         raised = window.raised(pose, found.height)
         best = BestCell(window.plane, raised, found.cell, found.score, found.moments, 0.0)
         if not (window.is_at_rim(found.cell) or window.is_outermost(found.cell[0])):

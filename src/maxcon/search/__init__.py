@@ -3,9 +3,10 @@
 """Searches: the definition and the fast paths that equal it."""
 
 from maxcon.search import reference
-from maxcon.search.branch_and_bound import Found, branch_and_bound
+from maxcon.search.branch_and_bound import branch_and_bound
 from maxcon.search.consensus import consensus_set
 from maxcon.search.exhaustive import exhaustive
+from maxcon.search.found import Found, Standing
 from maxcon.search.heights import accumulators, highest_of
 from maxcon.search.matching import Multiplicity, SearchMethod, Weighting, level_of
 
@@ -13,6 +14,7 @@ __all__ = [
     "Found",
     "Multiplicity",
     "SearchMethod",
+    "Standing",
     "Weighting",
     "accumulators",
     "branch_and_bound",

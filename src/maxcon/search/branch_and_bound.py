@@ -25,7 +25,7 @@ from maxcon.search.heights import outwards
 from maxcon.search.matching import Multiplicity, Weighting, cells_of, check_threads
 from maxcon.search_space import Cell, SearchSpace
 
-__all__ = ["Found", "branch_and_bound"]
+__all__ = ["branch_and_bound"]
 
 
 def branch_and_bound(
@@ -41,6 +41,7 @@ def branch_and_bound(
     guard_radius: float = 0.3,
     guarded: Cell | None = None,
     lists_all: bool = False,
+    standing: Standing | None = None,
     n_threads: int = 1,
 ) -> Found:
     """Find the best cell of a search space: the same as that of the exhaustive search, its score and moments too.
@@ -78,6 +79,9 @@ def branch_and_bound(
         objective, at the height of the best cell.
     lists_all : bool
         Whether every cell that reaches the share is found, not only the best one and the runner-up.
+    standing : Standing, optional
+        Only a best cell that scores as much is looked for. Where there is none, that is proved, and some cell or none
+        comes back, with a score of minus infinity or less than that.
     n_threads : int
         Headings are shared out among that many threads; the result does not depend on it (D8).
 
@@ -113,11 +117,14 @@ def branch_and_bound(
         )  # fmt: skip
         return replace(found, height=height)
 
-    return _best_of_heights(search, space, share)
+    return _best_of_heights(search, space, share, standing)
 
 
 def _best_of_heights(
-    search: Callable[[int, float, Standing | None], Found], space: SearchSpace, share: float
+    search: Callable[[int, float, Standing | None], Found],
+    space: SearchSpace,
+    share: float,
+    standing: Standing | None,
 ) -> Found:
     """The best of what is found at each height, and its runner-up as at a single one.
 
@@ -129,10 +136,12 @@ def _best_of_heights(
         return -found.score, heading, found.height, y, x
 
     first, *others = outwards(space)
-    best = search(first, share, None)
+    best = search(first, share, standing)
     n_scored = best.n_scored
     for height in others:
-        found = search(height, 1.0, Standing(best.score, best.moments))
+        if standing is None or best.score > standing.score:
+            standing = Standing(best.score, best.moments)
+        found = search(height, 1.0, standing)
         n_scored += found.n_scored
         best = min(best, found, key=rank)
     if best.height != first and share < 1.0:  # so far nothing but the best cell was looked for there
