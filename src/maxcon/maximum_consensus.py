@@ -204,7 +204,10 @@ class MaximumConsensus:
     def _search_wider(self, doubted: Estimate, start: Pose, scan: Scan, point_map: PointMap) -> Estimate:
         """Search all around an answer in doubt: the same place may win, or another one."""
         answer, farthest = doubted, 0.0
+        offset = max(abs(doubted.pose.x - start.x), abs(doubted.pose.y - start.y))
         for space in self._wider_spaces():
+            if doubted.status is Status.AMBIGUOUS and space.half_width < offset + self.space.half_width:
+                continue  # the other place, which is as good, may not be in it
             answer, farthest = self._search_around(doubted, space, start, scan, point_map), space.half_width
             if answer.is_localized:
                 return answer

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from maxcon import Count, Helmert, MaxEigenvalue, PointMap, Pose, Scan, SearchSpace
 from maxcon.errors import ArrayError, OptionError, SearchSpaceError
-from maxcon.search import Multiplicity, Weighting, branch_and_bound, exhaustive
+from maxcon.search import Multiplicity, Standing, Weighting, branch_and_bound, exhaustive
 from maxcon.search.axis import N_AXES, Axis
 from maxcon.search.bounds import Bounds
 from maxcon.search.field import Field
@@ -127,6 +127,53 @@ def test_it_finds_what_the_exhaustive_search_finds(
     accumulator = exhaustive(scan, point_map, prior, space, **options)
     assert_it_is_the_best(found, accumulator, objective, space, share, guard_radius, guarded)
     event(f"all cells scored: {found.n_scored >= space.n_cells}")
+
+
+@given(
+    seed=SEEDS,
+    objective=st.sampled_from([*OBJECTIVES, OwnObjective()]),
+    is_signed=st.booleans(),
+    n_steps=st.sampled_from([0, 3, 10, 24]),
+    turns=st.sampled_from([(0.0, 0.5), (2.0, 0.5), (20.0, 4.0)]),
+    share=st.sampled_from([1.0, 0.8, 0.3]),
+    factor=st.sampled_from([1, 8]),
+)
+@settings(max_examples=60)
+def test_every_cell_that_reaches_the_share_is_listed(
+    seed, objective, is_signed, n_steps, turns, share, factor
+):
+    space = SearchSpace(n_steps * CELL * factor, CELL * factor, *turns)
+    scan, point_map, prior = street(seed, space, is_signed=is_signed)
+    point_map = point_map.level(factor)
+    found = branch_and_bound(scan, point_map, prior, space, objective, share=share, lists_all=True)
+    scores = exhaustive(scan, point_map, prior, space).score(objective)
+    listed = {
+        tuple(cell): score
+        for cell, score in zip(found.reaching.cells.tolist(), found.reaching.upper, strict=True)
+    }
+    assert found.score == scores.max()
+    if found.score > 0.0:
+        assert set(listed) == set(map(tuple, np.argwhere(scores >= share * found.score).tolist()))
+        assert all(scores[cell] == score for cell, score in listed.items())
+
+
+@given(
+    seed=SEEDS,
+    objective=st.sampled_from([Count(), Helmert(), MaxEigenvalue()]),
+    n_steps=st.sampled_from([3, 10]),
+    worth=st.sampled_from([0.3, 0.99, 1.0, 1.01, 5.0]),
+)
+@settings(max_examples=60)
+def test_where_something_stands_only_what_scores_as_much_is_found(seed, objective, n_steps, worth):
+    space = SearchSpace(n_steps * CELL, CELL, 1.0, 0.5)
+    scan, point_map, prior = street(seed, space)
+    best = branch_and_bound(scan, point_map, prior, space, objective)
+    standing = Standing(worth * best.score, best.moments)
+    found = branch_and_bound(scan, point_map, prior, space, objective, standing=standing)
+    if worth <= 1.0:
+        assert (found.cell, found.score) == (best.cell, best.score)
+    elif best.score > 0.0:
+        assert found.score < standing.score
 
 
 @given(
