@@ -4,8 +4,8 @@
 
 python benchmarks/false_accepts.py MAP SCANS --reference REFERENCE [--every N] [--random N]
 
-Priors are off by more than the 3 m that are searched. Beside that: without the wider search; the best cell alone, as it was
-judged before refinement; and the default, which searches 12 m.
+Priors are off by more than the 3 m that are searched. Beside that: without the wider search; the best cell alone, as
+it was judged before refinement; and the default, which searches 12 m.
 """
 
 import argparse
