@@ -144,7 +144,8 @@ def _draw_scale(
     n_words = f"all {n_headings}" if n_drawn == n_headings else f"{n_drawn} of {n_headings}"
     drawn = "the prior's heading" if n_headings == 1 else f"{n_words} headings about the prior's"
     top = (BOTTOM + SIDE + 0.42) / HEIGHT
-    figure.text(PANELS_LEFT / WIDTH, top, f"Search space: {drawn}", fontsize=11)
+    cells = f"cells of {100.0 * view.space.cell_edge:g} cm"
+    figure.text(PANELS_LEFT / WIDTH, top, f"Search space: {drawn}, {cells}", fontsize=11)
     figure.legend(
         handles=cell_marks()[0 if view.has_best else 1 : 1 if reference is None else 2],
         loc="center right",
@@ -187,6 +188,8 @@ def _answer_words(estimate: Estimate, prior: Pose, reference: Pose | None) -> st
         f"Answer: {pose.x - prior.x:+.2f} m in x, {pose.y - prior.y:+.2f} m in y, {turn:+.2f}°"
         f" from the prior; score {_score_words(estimate.score)}"
     ).replace("-", "−")
+    if estimate.cell is None:
+        words += ", in smaller cells than are drawn"
     if reference is not None:
         error = math.hypot(pose.x - reference.x, pose.y - reference.y)
         error_deg = math.degrees(abs(wrap_angle(pose.heading - reference.heading)))
