@@ -14,16 +14,16 @@ CLUSTER_EDGE = 3.0
 N_FACINGS = 12
 STEEPEST = 0.7
 """Of a facing by azimuth the normal's vertical part is below this; others face up or down."""
-SCATTER_FACTORS = np.array([1.2, 1.2, 1.6, 1.6, 1.6, 1.2])
+SCATTER_FACTORS = np.array([1.2, 1.2, 1.35, 1.35, 1.35, 1.2])
 """Errors of x, y, z, roll, pitch and heading over what clusters scatter: decision 20.
 
 1.2 where walls hold the pose: of several planes a point takes the nearest, so residuals look smaller and the pose
-better held than they are. 1.6 for height and tilts: the noise of walls' normals looks like knowledge of these, too.
+better held than they are. 1.35 for height and tilts: the noise of walls' normals looks like knowledge of these, too.
 """
 WALL_SHARE = 0.3
 """How far a whole wall lies off its planes beside all others, over the map's sigma: few passes saw both."""
-TILT_LENGTH, TURN_LENGTH = 20.0, 100.0
-"""Over so many metres an error of the map tilts a pose, and turns it."""
+TILT_LENGTH, TURN_LENGTH = 20.0, 50.0
+"""Over so many metres an error of the map tilts a pose, and turns it, m: the turn as headings of real drives ask."""
 
 
 def covariance(refined: Refined, map_sigma: float) -> NDArray[np.float64]:
