@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from maxcon import PointMap, Pose, Scan
-from maxcon.refine import covariance, group_kernels, refine
+from maxcon.refine import covariance, group_kernels, map_covariance, refine
 from maxcon.refine.adjustment import MATCH_SIGMA
-from maxcon.refine.covariance import CLUSTER_EDGE, N_FACINGS, SCATTER_FACTORS, STEEPEST, WALL_SIGMA
+from maxcon.refine.covariance import CLUSTER_EDGE, N_FACINGS, SCATTER_FACTORS, STEEPEST, WALL_SHARE
 
 
 def plain_covariance(refined, map_sigma):
@@ -44,8 +44,9 @@ def plain_covariance(refined, map_sigma):
     wall = sum(np.outer(pull, pull) for pull in walls.values())
     inverse = np.linalg.inv(A)
     factors = np.diag(SCATTER_FACTORS)
-    of_map = np.diag(np.array([1, 1, 1, 1 / 20, 1 / 20, 1 / 100]) * map_sigma) ** 2
-    return factors @ inverse @ scatter @ inverse @ factors + WALL_SIGMA**2 * inverse @ wall @ inverse + of_map
+    of_map = np.diag(np.array([1, 1, 1, 1 / 20, 1 / 20, 1 / 50]) * map_sigma) ** 2
+    of_walls = (WALL_SHARE * map_sigma) ** 2 * inverse @ wall @ inverse
+    return factors @ inverse @ scatter @ inverse @ factors + of_walls + of_map
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -91,7 +92,13 @@ def test_the_map_adds_what_it_is_wrong_by(yard):
     scan, point_map, truth = yard(0)
     refined = refine(scan, point_map, truth)
     added = covariance(refined, 0.05) - covariance(refined, 0.0)
-    np.testing.assert_allclose(np.sqrt(np.diag(added)), [0.05, 0.05, 0.05, 0.0025, 0.0025, 0.0005], rtol=1e-6)
+    np.testing.assert_allclose(
+        np.sqrt(np.diag(map_covariance(0.05))), [0.05, 0.05, 0.05, 0.0025, 0.0025, 0.001], rtol=1e-6
+    )
+    # Beside that single walls are off, each by a share of it.
+    of_walls = np.sqrt(np.diag(added - map_covariance(0.05)))
+    assert (of_walls > 0.0).all()
+    assert (of_walls[:3] < WALL_SHARE * 0.05).all()
 
 
 def test_between_two_walls_the_open_direction_is_as_uncertain_as_the_start():

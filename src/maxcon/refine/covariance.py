@@ -14,12 +14,16 @@ CLUSTER_EDGE = 3.0
 N_FACINGS = 12
 STEEPEST = 0.7
 """Of a facing by azimuth the normal's vertical part is below this; others face up or down."""
-SCATTER_FACTORS = np.array([0.8, 0.8, 1.4, 1.9, 1.9, 0.8])
-"""Errors of x, y, z, roll, pitch and heading over what clusters scatter; the few numbers of this model: decision 20."""
-WALL_SIGMA = 0.00375
-"""How far a whole wall lies off its planes, m."""
-TILT_LENGTH, TURN_LENGTH = 20.0, 100.0
-"""Over so many metres an error of the map tilts a pose, and turns it."""
+SCATTER_FACTORS = np.array([1.2, 1.2, 1.35, 1.35, 1.35, 1.2])
+"""Errors of x, y, z, roll, pitch and heading over what clusters scatter: decision 20.
+
+1.2 where walls hold the pose: of several planes a point takes the nearest, so residuals look smaller and the pose
+better held than they are. 1.35 for height and tilts: the noise of walls' normals looks like knowledge of these, too.
+"""
+WALL_SHARE = 0.3
+"""How far a whole wall lies off its planes beside all others, over the map's sigma: few passes saw both."""
+TILT_LENGTH, TURN_LENGTH = 20.0, 50.0
+"""Over so many metres an error of the map tilts a pose, and turns it, m: the turn as headings of real drives ask."""
 
 
 def covariance(refined: Refined, map_sigma: float) -> NDArray[np.float64]:
@@ -27,8 +31,8 @@ def covariance(refined: Refined, map_sigma: float) -> NDArray[np.float64]:
 
     Three parts. What the adjustment scatters, as the sandwich A^-1 B A^-1: A are its normal equations, B sums the outer
     products of what each cluster of points pulls with, for points of one surface are wrong together; as independent
-    ones they would promise a fraction of a millimetre. What whole walls lie off their planes, carried through the same
-    equations. And what the map itself is wrong by.
+    ones real scans would promise too much. What whole walls lie off their planes, a share of the map's sigma, carried
+    through the same equations. And what the map itself is wrong by.
 
     Parameters
     ----------
@@ -54,7 +58,7 @@ def covariance(refined: Refined, map_sigma: float) -> NDArray[np.float64]:
     np.multiply(refined.weights, refined.residuals, out=weighted, where=refined.weights > 0.0)
     scatter = pulls(n_clusters, clusters, weighted) + np.diag(refined.start_weights) * MATCH_SIGMA**2
     of_scatter = SCATTER_FACTORS[:, None] * (A @ scatter @ A) * SCATTER_FACTORS
-    of_walls = WALL_SIGMA**2 * A @ pulls(n_walls, walls, refined.weights) @ A
+    of_walls = (WALL_SHARE * map_sigma) ** 2 * A @ pulls(n_walls, walls, refined.weights) @ A
     return np.asarray(of_scatter + of_walls + map_covariance(map_sigma), dtype=np.float64)
 
 
