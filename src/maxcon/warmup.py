@@ -160,7 +160,7 @@ def _all_methods() -> list[MaximumConsensus]:
 
 def _search(point_map: PointMap, methods: Iterable[MaximumConsensus]) -> None:
     scan = _scan()
-    for method in methods:
+    for method in (*methods, MaximumConsensus()):  # all in the same cells, and coarse to fine
         method.localize(scan, point_map, PRIOR)
     consensus_set(scan, point_map, PRIOR, SPACE, cell=(0, 0, 0))
 
