@@ -78,7 +78,7 @@ def main():
     parser.add_argument("--height-half-width", type=float, default=0.0)
     arguments = parser.parse_args()
     point_map = PointMap.open(arguments.map)
-    space = SearchSpace(cell=point_map.cell)
+    space = SearchSpace()
     methods = {
         "prior as it is": MaximumConsensus(space, is_levelled=False),
         "on the ground": MaximumConsensus(space),
