@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from maxcon import Count, Helmert, MaximumConsensus, PointMap, Pose, Scan, SearchSpace, Status
+from maxcon.coarse_to_fine import COARSE
 from maxcon.errors import SearchSpaceError
 from maxcon.search import branch_and_bound
 
@@ -84,6 +85,16 @@ def test_far_priors_are_no_matter(town, x, y, turn_deg):
     assert math.hypot(answer.pose.x - TRUTH.x, answer.pose.y - TRUTH.y) < 0.02
     assert answer.pose.heading == pytest.approx(TRUTH.heading, abs=1e-3)
     assert answer.runner_up < 0.8
+
+
+@pytest.mark.parametrize(("cell", "factor"), [(0.03, 16), (0.1, 4), (0.24, 2), (0.5, 1)])
+def test_large_cells_are_of_half_a_metre_whatever_the_voxels_of_the_map(cell, factor):
+    points, normals = walls(3)
+    point_map, scan = PointMap.from_points(points, normals, cell), seen(points, normals, TRUTH, 4)
+    assert COARSE.of(point_map) is point_map.level(factor)
+    answer = MaximumConsensus().localize(scan, point_map, replace(TRUTH, x=TRUTH.x + 9.0, y=TRUTH.y - 8.0))
+    assert answer.is_localized
+    assert math.hypot(answer.pose.x - TRUTH.x, answer.pose.y - TRUTH.y) < 0.02
 
 
 def test_any_heading(town):

@@ -26,21 +26,26 @@ class Level:
 
     Parameters
     ----------
-    factor : int
-        Cells are so many voxels of the map wide.
+    cell : float
+        Edge of the cells, m; what 1, 2, 4, ... 32 of the map's voxels come nearest to it.
     heading_step_deg : float
         Degrees.
     thinning : float
         One point of the scan is searched with in each cube of this edge, m.
     """
 
-    factor: int
+    cell: float
     heading_step_deg: float
     thinning: float
 
+    def of(self, point_map: PointMap) -> PointMap:
+        """Return the level of a map that is searched."""
+        power = round(math.log2(self.cell / point_map.cell))
+        return point_map.level(2 ** min(max(power, 0), 5))
 
-COARSE = Level(8, 2.0, 1.0)
-"""Cells of 48 cm in a map of 6 cm."""
+
+COARSE = Level(0.48, 2.0, 1.0)
+"""Eight voxels of a map of 6 cm."""
 
 # The score of a place in large cells says by about so much less what it is in small ones: what reaches this much of the
 # share that is asked for is looked at in small cells too, ...
@@ -106,7 +111,7 @@ def best_places(
     SearchSpaceError
         If the space has more than 2^28 large cells.
     """
-    level = point_map.level(COARSE.factor)
+    level = COARSE.of(point_map)
     large = space.at(level.cell, COARSE.heading_step_deg)
     if large.n_cells > MOST_CELLS:
         raise SearchSpaceError(
