@@ -4,6 +4,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 
 from maxcon.accumulator import Accumulator, highest
 from maxcon.best_cell import BestCell, judge
@@ -18,7 +19,6 @@ from maxcon.search import (
     Found,
     Multiplicity,
     SearchMethod,
-    Standing,
     Weighting,
     accumulators,
     branch_and_bound,
@@ -26,7 +26,7 @@ from maxcon.search import (
     highest_of,
     level_of,
 )
-from maxcon.search_space import Cell, SearchSpace
+from maxcon.search_space import SearchSpace
 
 __all__ = ["CellSearch"]
 
@@ -76,25 +76,20 @@ class CellSearch:
 
     def places(self, scan: Scan, point_map: PointMap, start: Pose, space: SearchSpace) -> list[BestCell]:
         """Places of an open space where a scan may have been taken, the best first: see `best_places`."""
+        search = self._branch_and_bound(self.objective)
+        return best_places(search, scan.thinned(self.thinning), point_map, start, space, self._least_share)
 
-        def search(
-            scan: Scan,
-            point_map: PointMap,
-            prior: Pose,
-            space: SearchSpace,
-            *,
-            share: float = 1.0,
-            lists_all: bool = False,
-            standing: Standing | None = None,
-        ) -> Found:
-            return branch_and_bound(
-                scan, point_map, prior, space, self.objective, multiplicity=self.multiplicity,
-                weighting=self.weighting, share=share, lists_all=lists_all, standing=standing,
-                guard_radius=self.trust.guard_radius, n_threads=self.n_threads,
-            )  # fmt: skip
+    def _branch_and_bound(self, objective: Objective) -> "partial[Found]":
+        """Branch and bound for an objective, given scan, map, prior and space."""
+        return partial(
+            branch_and_bound, objective=objective, multiplicity=self.multiplicity, weighting=self.weighting,
+            guard_radius=self.trust.guard_radius, n_threads=self.n_threads,
+        )  # fmt: skip
 
-        share = max(self.trust.largest_runner_up, LEAST_SHARE)
-        return best_places(search, scan.thinned(self.thinning), point_map, start, space, share)
+    @property
+    def _least_share(self) -> float:
+        """Share of the best score from which on other places are to be known."""
+        return max(self.trust.largest_runner_up, LEAST_SHARE)
 
     @property
     def has_bounds(self) -> bool:
@@ -126,24 +121,16 @@ class CellSearch:
 
     def _by_bounds(self, scan: Scan, point_map: PointMap, prior: Pose, space: SearchSpace) -> BestCell | None:
         """The best cell by branch and bound; None where nothing scores, and all cells have to be looked at."""
-
-        def search(
-            prior: Pose, space: SearchSpace, objective: Objective, guarded: Cell | None = None
-        ) -> Found:
-            return branch_and_bound(
-                scan, point_map, prior, space, objective, multiplicity=self.multiplicity,
-                weighting=self.weighting, share=max(self.trust.largest_runner_up, LEAST_SHARE),
-                guard_radius=self.trust.guard_radius, guarded=guarded, n_threads=self.n_threads,
-            )  # fmt: skip
-
-        found = search(prior, space, self.objective)
+        share = self._least_share
+        found = self._branch_and_bound(self.objective)(scan, point_map, prior, space, share=share)
         raised, plane = space.raised(prior, found.height), space.plane
         score = float(Helmert().score(found.moments))
         if score <= 0.0:
             return None
         helmert = found
         if not isinstance(self.objective, Helmert):
-            helmert = search(raised, plane, Helmert(), found.cell)
+            search = self._branch_and_bound(Helmert())
+            helmert = search(scan, point_map, raised, plane, share=share, guarded=found.cell)
         return BestCell(plane, raised, found.cell, found.score, found.moments, helmert.rest / score)
 
     def judge(self, best: BestCell, scan: Scan, point_map: PointMap) -> Estimate:

@@ -13,6 +13,7 @@ from maxcon.errors import SearchSpaceError
 from maxcon.geometry import Pose, wrap_angle
 from maxcon.objectives import Helmert
 from maxcon.point_map import PointMap
+from maxcon.point_map.level import FACTORS
 from maxcon.scan import Scan
 from maxcon.search import Found, Standing
 from maxcon.search_space import PAPER_STEP_DEG, SearchSpace
@@ -40,8 +41,9 @@ class Level:
 
     def of(self, point_map: PointMap) -> PointMap:
         """Return the level of a map that is searched."""
-        power = round(math.log2(self.cell / point_map.cell))
-        return point_map.level(2 ** min(max(power, 0), 5))
+        return point_map.level(
+            min(FACTORS, key=lambda factor: abs(math.log(factor * point_map.cell / self.cell)))
+        )
 
 
 COARSE = Level(0.48, 2.0, 1.0)

@@ -65,6 +65,8 @@ class SearchSpace:
     height_half_width: float = 0.0
 
     def __post_init__(self) -> None:
+        if self.cell is not None and self.heading_step_deg is None:
+            object.__setattr__(self, "heading_step_deg", PAPER_STEP_DEG)
         for half_width, step, what, unit in (
             (self.half_width, self.cell, "offsets", "m"),
             (self.height_half_width, self.cell, "heights", "m"),
@@ -74,9 +76,6 @@ class SearchSpace:
                 n_steps(half_width, step, what, unit)
             elif not 0.0 <= half_width < math.inf:
                 raise SearchSpaceError(f"Expected a half width >= 0 for the {what}, got {half_width} {unit}.")
-        if self.cell is not None and self.heading_step_deg is None:
-            object.__setattr__(self, "heading_step_deg", PAPER_STEP_DEG)
-            self.__post_init__()
 
     @classmethod
     def paper(cls) -> "SearchSpace":

@@ -2,16 +2,15 @@
 # SPDX-License-Identifier: MIT
 """Levels of a map: its voxels merged to larger ones, tile by tile (decision 21)."""
 
-import threading
-from collections import OrderedDict
-
 from maxcon.compiled import read_only_view
 from maxcon.errors import OptionError
+from maxcon.point_map.kept_tiles import KeptTiles
 from maxcon.point_map.tile import PATCH_VOXELS, TILE_VOXELS, TileKey, TileSource, VoxelTile
 
-__all__ = ["MergedTiles", "check_factor", "merged"]
+__all__ = ["FACTORS", "MergedTiles", "check_factor", "merged"]
 
-LARGEST_FACTOR = TILE_VOXELS // PATCH_VOXELS
+FACTORS = tuple(2**power for power in range((TILE_VOXELS // PATCH_VOXELS).bit_length()))
+"""How many times as large the voxels of a level may be as the map's: whole patches fill a tile."""
 LEVEL_BYTES = 2**28
 """Tiles of a level are kept up to this size in all; the ones used longest ago go first."""
 
@@ -24,9 +23,9 @@ def check_factor(factor: int) -> None:
     OptionError
         If the factor is not a power of two from 1 to 32.
     """
-    if not 1 <= factor <= LARGEST_FACTOR or factor & (factor - 1):
+    if factor not in FACTORS:
         raise OptionError(
-            f"Expected the voxels of a level to be 1, 2, 4, ... or {LARGEST_FACTOR} times as large as the map's, got"
+            f"Expected the voxels of a level to be 1, 2, 4, ... or {FACTORS[-1]} times as large as the map's, got"
             f" {factor}."
         )
 
@@ -63,9 +62,7 @@ class MergedTiles:
         self._source = source
         self._factor = factor
         self._is_signed = is_signed
-        self._kept: OrderedDict[TileKey, VoxelTile] = OrderedDict()
-        self._kept_bytes = 0
-        self._lock = threading.Lock()
+        self._kept = KeptTiles(LEVEL_BYTES)
 
     @property
     def keys(self) -> frozenset[TileKey]:
@@ -80,15 +77,6 @@ class MergedTiles:
         MapError
             If its file is missing, or is not what was written.
         """
-        with self._lock:
-            tile = self._kept.get(key)
-            if tile is None:
-                tile = merged(self._source.load(key), self._factor, is_signed=self._is_signed)
-                self._kept[key] = tile
-                self._kept_bytes += tile.n_bytes
-                while self._kept_bytes > LEVEL_BYTES and len(self._kept) > 1:
-                    _, oldest = self._kept.popitem(last=False)
-                    self._kept_bytes -= oldest.n_bytes
-            else:
-                self._kept.move_to_end(key)
-            return tile
+        return self._kept.load(
+            key, lambda: merged(self._source.load(key), self._factor, is_signed=self._is_signed)
+        )

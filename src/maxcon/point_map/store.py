@@ -14,7 +14,6 @@ city.map/
 import hashlib
 import os
 import threading
-from collections import OrderedDict
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ import numpy as np
 
 from maxcon.errors import MapError
 from maxcon.point_map.ground import GroundTile, RecentTiles, ground_voxels
+from maxcon.point_map.kept_tiles import KeptTiles
 from maxcon.point_map.manifest import REBUILD, GroundEntry, Manifest, TileEntry
 from maxcon.point_map.tile import TILE_VOXELS, TileKey, VoxelTile
 
@@ -145,9 +145,7 @@ class TileStore:
         self._folder = Path(path)
         self._entries = {tile.key: tile for tile in manifest.tiles}
         self._keys = frozenset(self._entries)
-        self._cache: OrderedDict[TileKey, VoxelTile] = OrderedDict()
-        self._cache_bytes = cache_bytes
-        self._lock = threading.Lock()
+        self._cache = KeptTiles(cache_bytes)
         self._verified: set[TileKey] = set()
 
     @property
@@ -163,18 +161,7 @@ class TileStore:
         MapError
             If its file is missing, or is not what was written.
         """
-        with self._lock:
-            tile = self._cache.get(key)
-            if tile is not None:
-                self._cache.move_to_end(key)
-                return tile
-            tile = self._read(self._entries[key])
-            self._cache[key] = tile
-            used_bytes = sum(kept.n_bytes for kept in self._cache.values())
-            while used_bytes > self._cache_bytes and len(self._cache) > 1:
-                _, oldest = self._cache.popitem(last=False)
-                used_bytes -= oldest.n_bytes
-            return tile
+        return self._cache.load(key, lambda: self._read(self._entries[key]))
 
     def _read(self, entry: TileEntry) -> VoxelTile:
         path = _tile_path(self._folder, entry.key)

@@ -11,6 +11,7 @@ from maxcon.errors import OptionError, SearchSpaceError
 from maxcon.geometry import Pose, rotation_matrices
 from maxcon.named_option import NamedOption
 from maxcon.point_map import PointMap
+from maxcon.point_map.level import FACTORS
 from maxcon.scan import Scan
 from maxcon.search_space import SearchSpace
 
@@ -124,7 +125,7 @@ def level_of(point_map: PointMap, space: SearchSpace) -> PointMap:
     SearchSpaceError
         If there is none.
     """
-    for factor in (1, 2, 4, 8, 16, 32):
+    for factor in FACTORS:
         if np.isclose(space.cell_edge, point_map.cell * factor, rtol=1e-9, atol=0.0):
             return point_map.level(factor)
     raise SearchSpaceError(

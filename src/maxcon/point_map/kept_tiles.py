@@ -1,0 +1,40 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""KeptTiles: the tiles that were used last, as many as memory is given for."""
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+
+from maxcon.point_map.tile import TileKey, VoxelTile
+
+__all__ = ["KeptTiles"]
+
+
+class KeptTiles(OrderedDict[TileKey, VoxelTile]):
+    """Tiles by their keys; the ones used longest ago go first.
+
+    Parameters
+    ----------
+    most_bytes : int
+        Size of all kept tiles and their indices; the last one is kept whatever its size.
+    """
+
+    def __init__(self, most_bytes: int) -> None:
+        super().__init__()
+        self._most_bytes = most_bytes
+        self._lock = threading.Lock()
+
+    def load(self, key: TileKey, make: Callable[[], VoxelTile]) -> VoxelTile:
+        """Return a tile that is kept, or else what `make` makes, which is kept from now on."""
+        with self._lock:
+            tile = self.get(key)
+            if tile is not None:
+                self.move_to_end(key)
+                return tile
+            tile = self[key] = make()
+            used_bytes = sum(kept.n_bytes for kept in self.values())
+            while used_bytes > self._most_bytes and len(self) > 1:
+                _, oldest = self.popitem(last=False)
+                used_bytes -= oldest.n_bytes
+            return tile
