@@ -170,7 +170,9 @@ def localize(
         str | None,
         typer.Option(metavar="LIST", help="Epochs to draw: 0,5,10-20 or all. Default: ten over the drive."),
     ] = None,
-    threads: Annotated[int, typer.Option(min=1, help="Headings searched at once.")] = 1,
+    threads: Annotated[
+        int, typer.Option(min=1, help="Epochs localized at once; of a track, headings searched at once.")
+    ] = 1,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
 ) -> None:
     """Localize every scan of a drive in a map.
@@ -202,7 +204,7 @@ def localize(
     )  # fmt: skip
     trust = Trust(least_share, largest_runner_up)
     method = MaximumConsensus(
-        spaces.fixed(), objective.objective, multiplicity.value, threads, trust, weighting.value,
+        spaces.fixed(), objective.objective, multiplicity.value, threads if track else 1, trust, weighting.value,
         search.value.replace("-", " "), thinning, refinement, wider, risk,
     )  # fmt: skip
     windows = spaces.within_sigmas(method, prior_trajectory, max_gap, track=track)
@@ -214,7 +216,7 @@ def localize(
     with _naming(odometry or prior, scans, map_folder):
         drive = started_drive(
             point_map, folder, prior_trajectory, method, options,
-            windows=windows, track=track, odometry=odometry, drift=drift,
+            windows=windows, track=track, odometry=odometry, drift=drift, threads=threads,
         )  # fmt: skip
     epochs = _localized(drive, len(folder), draw, wanted, quiet)
     write_poses(out, epochs)
