@@ -180,6 +180,22 @@ def test_a_time_that_is_no_number_and_a_gap_below_zero_are_refused():
             drive([0.0, 1.0]).positions_at([0.5], max_gap=gap)
 
 
+def test_without_a_gap_only_poses_themselves_are_taken():
+    trajectory = drive([0.0, 0.4])
+    assert trajectory.at(0.4, max_gap=0.0).x == pytest.approx(UTM[0] + 4.0)
+    with pytest.raises(TrajectoryError, match="at most 0 s apart"):
+        trajectory.at(0.2, max_gap=0.0)
+    found = trajectory.positions_at([0.0, 0.2, 0.4], max_gap=0.0)
+    np.testing.assert_allclose(found[[0, 2], 0], UTM[0] + np.array([0.0, 4.0]))
+    assert np.isnan(found[1]).all()
+
+
+def test_a_gap_that_is_just_the_largest_is_bridged():
+    trajectory = drive([0.0, 0.5, 1.5])
+    assert trajectory.at(0.25).x == pytest.approx(UTM[0] + 2.5)
+    np.testing.assert_allclose(trajectory.positions_at([0.25, 0.75])[:, 0], UTM[0] + np.array([2.5, 5.0]))
+
+
 def test_positions_at_many_times():
     trajectory = drive([0.0, 0.4, 2.0, 2.2])
     times = [0.0, 0.1, 0.4, 0.6, 0.7, 1.2, 1.8, 2.0, 2.1, 2.4, 2.5, -0.2, -0.3, math.nan, math.inf, -math.inf]
