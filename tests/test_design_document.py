@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""What the source cites of docs/design.md is there, and what that page and the one of an epoch name is in the source."""
+"""What the source cites of docs/design.md is there, and what that page and one_epoch.md name is in the source."""
 
 import importlib
 import re
