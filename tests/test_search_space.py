@@ -98,6 +98,7 @@ def test_headings_alone_or_one_pose_alone():
     assert space.shape == (9, 1, 1)
     np.testing.assert_array_equal(space.offsets, [0.0])
     assert not space.is_at_rim((4, 0, 0))
+    assert space.reach == 0.0
     assert SearchSpace(0.0, 0.06, 0.0, 0.5).n_cells == 1
 
 
