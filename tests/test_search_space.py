@@ -3,6 +3,7 @@
 """SearchSpace: cells, and the poses they stand for."""
 
 import math
+from dataclasses import FrozenInstanceError
 
 import numpy as np
 import pytest
@@ -241,6 +242,17 @@ def test_spaces_of_a_covariance_by_hand():
     assert wider.heading_half_width_deg == pytest.approx(0.9)
     assert SearchSpace.from_covariance(np.zeros((3, 3))).at(0.06).shape == (1, 1, 1)
     assert SearchSpace.from_covariance(np.diag([0.0, 0.0, 1e4])).heading_half_width_deg == 180.0
+
+
+def test_options_of_a_space_of_a_covariance_have_names():
+    with pytest.raises(TypeError, match="positional argument"):
+        SearchSpace.from_covariance(np.eye(3), 3.0)
+    assert SearchSpace.from_covariance(covariance=np.eye(3), k=3.0) == SearchSpace.from_covariance(np.eye(3))
+
+
+def test_a_space_does_not_change():
+    with pytest.raises(FrozenInstanceError):
+        SearchSpace.paper().half_width = 6.0
 
 
 def test_a_space_of_a_covariance_is_cut_to_the_largest():
