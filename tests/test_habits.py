@@ -53,3 +53,10 @@ def test_changes_are_of_a_kind_that_the_changelog_knows():
     assert [
         name for name in changes if not re.fullmatch(rf"(\+[\w-]+|\d+)\.({'|'.join(KINDS)})\.md", name)
     ] == []
+
+
+@pytest.mark.parametrize("name", ["run", "archives"])
+def test_nothing_is_removed_but_what_was_made(name):
+    """Not a developer's environment, above all."""
+    removed = re.findall(r"rm -r\w* (\S+)", (ROOT / ".ci" / name).read_text())
+    assert set(removed) <= {'"$work"\'', '"$work"', "dist"}
