@@ -3,6 +3,7 @@
 """Trajectory: what it accepts, the pose at any time, many positions at once."""
 
 import math
+from dataclasses import FrozenInstanceError
 
 import numpy as np
 import pytest
@@ -188,6 +189,19 @@ def test_without_a_gap_only_poses_themselves_are_taken():
     found = trajectory.positions_at([0.0, 0.2, 0.4], max_gap=0.0)
     np.testing.assert_allclose(found[[0, 2], 0], UTM[0] + np.array([0.0, 4.0]))
     assert np.isnan(found[1]).all()
+
+
+def test_close_to_a_pose_it_is_between_the_two_where_they_are_close():
+    """The rounding of clocks is forgiven at ends and gaps only; elsewhere a millisecond is a centimetre."""
+    trajectory = drive([1000.0, 1000.1, 1001.1])
+    assert trajectory.at(1000.0005).x == pytest.approx(UTM[0] + 0.005, abs=1e-6)
+    assert trajectory.at(1000.0995).x == pytest.approx(UTM[0] + 0.995, abs=1e-6)
+    assert trajectory.at(1000.1005).x == pytest.approx(UTM[0] + 1.0, abs=1e-6)  # a gap begins
+
+
+def test_a_trajectory_does_not_change():
+    with pytest.raises(FrozenInstanceError):
+        drive([0.0, 1.0]).times = np.array([0.0, 2.0])
 
 
 def test_a_gap_that_is_just_the_largest_is_bridged():
