@@ -199,6 +199,18 @@ def test_close_to_a_pose_it_is_between_the_two_where_they_are_close():
     assert trajectory.at(1000.1005).x == pytest.approx(UTM[0] + 1.0, abs=1e-6)  # a gap begins
 
 
+def test_what_is_wrong_is_said_with_its_numbers():
+    with pytest.raises(TrajectoryError, match=r"0\.000000 to 2\.000000 s, got 3\.000000 s, 1\.000000 s from"):
+        drive([0.0, 1.0, 2.0]).at(3.0)
+    with pytest.raises(TrajectoryError, match=r"got 1\.000000000 s after 2\.000000000 s"):
+        drive([0.0, 2.0, 1.0])
+
+
+def test_a_covariance_is_not_carried_across_a_longer_gap_than_a_pose():
+    with pytest.raises(TrajectoryError, match=r"at most 0\.5 s apart"):
+        known_drive([np.eye(3), np.eye(3)]).covariance_at(0.25)
+
+
 def test_a_trajectory_does_not_change():
     with pytest.raises(FrozenInstanceError):
         drive([0.0, 1.0]).times = np.array([0.0, 2.0])

@@ -136,6 +136,7 @@ def test_the_level_of_a_risk_is_that_of_two_directions_of_two_sides(risk):
     covariance = np.diag([4.0, 9.0, 1.0, 1.0, 1.0, 1.0])
     factor = NormalDist().inv_cdf(1.0 - (risk - 0.005) / 4.0)
     assert protection_level(covariance, 0.0, risk) == pytest.approx((2.0 * factor, 3.0 * factor))
+    assert protection_level(covariance, 0.0, 0.005) == (math.inf, math.inf)
 
 
 def test_errors_along_and_across_a_heading():
