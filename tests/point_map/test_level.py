@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from maxcon import PointMap
 from maxcon.errors import OptionError
 from maxcon.point_map import TILE_VOXELS
-from maxcon.point_map.level import merged
+from maxcon.point_map.level import MergedTiles, merged
 from maxcon.point_map.tile import MEAN_STEPS
 from maxcon.point_map.voxelize import CANCELLED_LENGTH
 
@@ -95,6 +95,8 @@ def test_sides_of_normals_are_told_by_name() -> None:
     point_map = a_map(1, is_signed=True)
     with pytest.raises(TypeError, match="positional argument"):
         merged(point_map.tile(min(point_map.tile_keys)), 2, True)
+    with pytest.raises(TypeError, match="positional argument"):
+        MergedTiles(point_map._tiles, 2, True)
 
 
 def test_tiles_that_are_not_kept_any_more_are_merged_again(monkeypatch: pytest.MonkeyPatch) -> None:
