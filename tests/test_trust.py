@@ -93,7 +93,7 @@ def _scan(n, n_horizontal, n_upright):
         ((1000, 30, 70), None),  # 10 % with a normal, 3 % a horizontal one
         ((1000, 30, 69), "normals on 10 % of the points, horizontal ones on 3.0 %"),
         ((1000, 29, 71), "normals on 10 % of the points, horizontal ones on 2.9 %"),
-        ((1000, 0, 500), "normals on 50 % of the points, none horizontal"),
+        ((1000, 0, 900), "normals on 90 % of the points, none horizontal"),
         ((1000, 1, 500), "horizontal ones on 0.1 %"),
         ((1000, 0, 0), "normals on 0 % of the points, none horizontal"),
     ],
@@ -160,6 +160,25 @@ def test_beyond_the_guard_radius_and_not_on_it():
     assert highest_beyond(scores, (0, 8, 8), space, 0.49) == 3.0
     assert highest_beyond(scores, (0, 8, 8), space, 5.0) == 0.0
     assert runner_up_ratio(scores, (0, 8, 8), space, 0.5) == 0.5
+
+
+def test_rows_are_not_columns():
+    space = SearchSpace(1.0, 0.125, 0.0, 0.5)
+    scores = np.zeros(space.shape)
+    scores[0, 12, 3] = 4.0
+    scores[0, 12, 7], scores[0, 3, 12], scores[0, 9, 3] = 1.0, 3.0, 2.0  # 0.5, 1.6 and 0.375 m away
+    assert highest_beyond(scores, (0, 12, 3), space, 0.4) == 3.0
+    scores[0, 3, 12] = 0.0
+    assert highest_beyond(scores, (0, 12, 3), space, 0.4) == 1.0
+    assert highest_beyond(scores, (0, 12, 3), space, 0.3) == 2.0
+    assert runner_up_ratio(scores, (0, 12, 3), space, 0.4) == 0.25
+
+
+def test_evidence_is_told_by_name():
+    with pytest.raises(TypeError, match="positional argument"):
+        Trust().judge(True, 0.5, False, 0.5)
+    with pytest.raises(TypeError, match="positional argument"):
+        Trust().judge_refined(500, 0.05, 0.5, False)
 
 
 def test_a_place_at_the_corner_of_the_space_counts():

@@ -145,6 +145,34 @@ def test_what_is_no_manifest_of_a_map(changed):
             read_manifest(changed(format=wrong))
 
 
+def test_what_is_no_map_says_what_it_is(tmp_path):
+    (tmp_path / "file").write_text("{}")
+    (tmp_path / "unreadable" / manifests.MANIFEST).mkdir(parents=True)
+    for name, words in (
+        ("nothing", "to be a map, got no such folder"),
+        ("file", "to be a map, got a file"),
+        ("", "to be a map, got no manifest.json in it"),
+        ("unreadable", "Expected to be able to read"),
+    ):
+        with pytest.raises(MapError) as refused:
+            read_manifest(tmp_path / name)
+        assert words in str(refused.value)
+
+
+@pytest.mark.parametrize("text", ["", "{", "[" * 100_000, "\x00"])
+def test_what_is_no_json_is_no_manifest(tmp_path, text):
+    (tmp_path / manifests.MANIFEST).write_text(text)
+    with pytest.raises(MapError, match="to be the manifest of a map"):
+        read_manifest(tmp_path)
+
+
+@pytest.mark.parametrize("text", ["[]", "null", "1", "{}"])
+def test_other_json_is_no_manifest(tmp_path, text):
+    (tmp_path / manifests.MANIFEST).write_text(text)
+    with pytest.raises(MapError, match="to say it is a maxcon map"):
+        read_manifest(tmp_path)
+
+
 def test_a_manifest_that_was_changed_by_hand_is_noticed(tmp_path):
     write_manifest(tmp_path, WHOLE)
     path = tmp_path / manifests.MANIFEST
