@@ -273,6 +273,7 @@ def test_covariances_are_linear_between_poses_and_may_be_unknown():
     assert trajectory.covariance_at(1.5, 2.0) is None
     assert trajectory.covariance_at(2.0, 2.0) is None
     np.testing.assert_array_equal(trajectory.covariance_at(3.0005), first)
+    np.testing.assert_array_equal(trajectory.covariance_at(3.0, 2.0), first)  # just after one that is unknown
     with pytest.raises(TrajectoryError, match="within the trajectory"):
         trajectory.covariance_at(4.0)
     with pytest.raises(ValueError, match="read-only"):

@@ -174,6 +174,13 @@ def test_rows_are_not_columns():
     assert runner_up_ratio(scores, (0, 12, 3), space, 0.4) == 0.25
 
 
+def test_low_scores_are_compared_like_high_ones():
+    space = SearchSpace(1.0, 0.125, 0.0, 0.5)
+    scores = np.zeros(space.shape)
+    scores[0, 8, 8], scores[0, 0, 8] = 0.5, 0.125
+    assert runner_up_ratio(scores, (0, 8, 8), space, 0.5) == 0.25
+
+
 def test_evidence_is_told_by_name():
     with pytest.raises(TypeError, match="positional argument"):
         Trust().judge(True, 0.5, False, 0.5)

@@ -4,6 +4,7 @@
 
 import json
 import math
+from dataclasses import FrozenInstanceError
 
 import pytest
 
@@ -54,6 +55,12 @@ def test_what_is_written_is_what_is_read(tmp_path):
     assert '\n "cell": 0.06,\n' in text  # one entry a line, for people
     content = json.loads(text)
     assert (content["tile_voxels"], content["ground_voxels"]) == (TILE_VOXELS, ground_voxels(0.06))
+
+
+def test_entries_do_not_change():
+    for noun, name in ((WHOLE, "cell"), (WHOLE.tiles[0], "key"), (WHOLE.ground[0], "key")):
+        with pytest.raises(FrozenInstanceError):
+            setattr(noun, name, None)
 
 
 def test_spaces_and_order_do_not_change_what_is_read(tmp_path):
