@@ -151,7 +151,15 @@ def test_orientation_between_poses_agrees_with_an_independent_slerp(r1, p1, h1, 
 
 def test_at_a_pose_it_is_that_pose_whatever_the_gaps():
     trajectory = Trajectory.from_poses([0.0, 100.0], [Pose(*UTM, 0, 0, 1.0), Pose(*(UTM + 5), 0, 0, 2.0)])
-    for time, i in ((0.0, 0), (-0.0009, 0), (0.0009, 0), (99.9995, 1), (100.0, 1), (100.0009, 1)):
+    for time, i in (
+        (0.0, 0),
+        (-0.001, 0),
+        (-0.0009, 0),
+        (0.0009, 0),
+        (99.9995, 1),
+        (100.0, 1),
+        (100.0009, 1),
+    ):
         assert_same_pose(trajectory.at(time), trajectory.pose(i), atol=0)
 
 
@@ -202,6 +210,10 @@ def test_close_to_a_pose_it_is_between_the_two_where_they_are_close():
 def test_what_is_wrong_is_said_with_its_numbers():
     with pytest.raises(TrajectoryError, match=r"0\.000000 to 2\.000000 s, got 3\.000000 s, 1\.000000 s from"):
         drive([0.0, 1.0, 2.0]).at(3.0)
+    with pytest.raises(
+        TrajectoryError, match=r"a gap of 1\.000000 s from 11\.000000 to 12\.000000 s, 0\.250000 s"
+    ):
+        drive([10.0, 11.0, 12.0]).at(11.25)
     with pytest.raises(TrajectoryError, match=r"got 1\.000000000 s after 2\.000000000 s"):
         drive([0.0, 2.0, 1.0])
 

@@ -95,6 +95,7 @@ def _scan(n, n_horizontal, n_upright):
         ((1000, 29, 71), "normals on 10 % of the points, horizontal ones on 2.9 %"),
         ((1000, 0, 900), "normals on 90 % of the points, none horizontal"),
         ((1000, 1, 500), "horizontal ones on 0.1 %"),
+        ((1000, 95, 0), "horizontal ones on 9.5 %"),
         ((1000, 0, 0), "normals on 0 % of the points, none horizontal"),
     ],
 )
