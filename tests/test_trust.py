@@ -3,6 +3,7 @@
 """Where exactly trust ends: limits met, and missed by a little. What scenes do with them: test_integrity."""
 
 import math
+from dataclasses import FrozenInstanceError
 from statistics import NormalDist
 
 import numpy as np
@@ -11,7 +12,6 @@ import pytest
 from maxcon import Pose, Scan, SearchSpace, Trust
 from maxcon.errors import OptionError
 from maxcon.integrity import (
-    FEWEST_CARRYING,
     FEWEST_POINTS,
     LEAST_EIGENVALUE_RATIO,
     along_and_across,
@@ -75,6 +75,8 @@ def test_lengths_and_numbers_are_not_negative(name):
 
 def test_the_defaults_are_those_of_the_decisions():
     assert Trust() == Trust(0.05, 0.8, 0.5, 0.05, 0.02, 50, 0.25)
+    with pytest.raises(FrozenInstanceError):
+        Trust().least_share = 0.0
 
 
 def _scan(n, n_horizontal, n_upright):
@@ -127,7 +129,7 @@ def test_the_direction_that_few_matches_fix_is_named(azimuth_deg, words):
     assert words in reason
 
 
-@pytest.mark.parametrize(("smallest", "n"), [(0.0, 0), (0.1, 1), (FEWEST_CARRYING, 0)])
+@pytest.mark.parametrize(("smallest", "n"), [(0.0, 0), (0.1, 1), (9.9, 1), (10.0, 0)])
 def test_so_many_matches_are_enough(smallest, n):
     assert len(reasons_to_doubt_answer(np.array([99.0, smallest, 0.0, 50.0]))) == n
 
