@@ -174,8 +174,9 @@ def test_bounds_hold_for_scores_as_they_are_computed_in_any_axes(seed, n, azimut
     for objective in (Helmert(), MaxEigenvalue()):
         bound = objective.bound_by_axes(np.array([along]), np.array([across]))
         assert bound >= objective.score(moments)
-        assert objective.bound_by_axes(np.array([1.5 * along]), np.array([across])) >= bound
-        assert objective.bound_by_axes(np.array([along]), np.array([1.5 * across])) >= bound
+        never_lower = bound * (1.0 - 1e-12)  # but for the last bits, of which the bound has more to spare
+        assert objective.bound_by_axes(np.array([1.5 * along]), np.array([across])) >= never_lower
+        assert objective.bound_by_axes(np.array([along]), np.array([1.5 * across])) >= never_lower
 
 
 @given(st.integers(0, 2**32), st.integers(2, 60))
