@@ -5,9 +5,9 @@
 python benchmarks/accumulator.py [STUDY --every N]
 
 On scans of the street that the benchmarks share, or on every N-th of a study. All calls for a scan take turns.
-"First" is the first version of the search, "roofline" its additions alone (see roofline.py). The parts: preparation
-(level, sort and group the scan, find its tiles), turning (voxels and normals at each heading, which voxels to
-visit), kernel, and the rest (memory for the sums, and the copy of them that is returned).
+"Roofline" is what it cannot be faster than, its additions alone (see roofline.py). The parts: preparation (level,
+sort and group the scan, find its tiles), turning (voxels and normals at each heading, which voxels to visit), kernel,
+and the rest (memory for the sums, and the copy of them that is returned).
 """
 
 import argparse
@@ -19,7 +19,6 @@ from pathlib import Path
 from unittest import mock
 
 import numpy as np
-from first_accumulator import FirstVersion
 from roofline import add_all, addresses_of_matches
 from scene import header, scans, street
 
@@ -69,16 +68,15 @@ def of_study(folder, every):
 
 
 def report(point_map, epochs):
-    first = FirstVersion.of(point_map)
     print("ms, medians of calls that take turns; normals known; ns and G/s per match\n")
     print(
-        "| scan | points | matches | first | now | times faster | ns | G/s | preparation | turning | kernel | rest"
-        " | roofline | now / roofline | kernel / roofline | `points` | 2 threads |"
+        "| scan | points | matches | search | ns | G/s | preparation | turning | kernel | rest"
+        " | roofline | search / roofline | kernel / roofline | `points` | 2 threads |"
     )
-    print("|" + "---|" * 17)
+    print("|" + "---|" * 15)
     rows = []
     for number, (scan, prior) in enumerate(epochs):
-        rows.append(measure(first, point_map, scan, prior))
+        rows.append(measure(point_map, scan, prior))
         print(f"| {number} | {len(scan):,} |" + row(rows[-1]), flush=True)
     print("| median | |" + row(np.median(rows, axis=0)))
 
@@ -86,9 +84,7 @@ def report(point_map, epochs):
 def row(numbers):
     (
         n_matches,
-        once,
-        now,
-        faster,
+        search,
         preparation,
         turning,
         kernel,
@@ -99,19 +95,17 @@ def row(numbers):
         *others,
     ) = numbers
     return (
-        f" {n_matches / 1e6:.1f} M | {once:.1f} | {now:.1f} | {faster:.2f} | {1e6 * now / n_matches:.2f}"
-        f" | {n_matches / now / 1e6:.2f} | {preparation:.1f} | {turning:.1f} | {kernel:.1f} | {rest:.1f}"
+        f" {n_matches / 1e6:.1f} M | {search:.1f} | {1e6 * search / n_matches:.2f}"
+        f" | {n_matches / search / 1e6:.2f} | {preparation:.1f} | {turning:.1f} | {kernel:.1f} | {rest:.1f}"
         f" | {roofline:.1f} | {ratio:.2f} | {kernel_ratio:.2f} | {others[0]:.1f} | {others[1]:.1f} |"
     )
 
 
-def measure(first, point_map, scan, prior):
+def measure(point_map, scan, prior):
     """Matches, and medians in ms and of ratios."""
     assert scan.normals is not None
     search = (scan, point_map, prior, SPACE)
-    moments = exhaustive(*search).moments
-    assert (first(*search) == moments).all()
-    n_matches = int(moments[..., 0].sum())
+    n_matches = int(exhaustive(*search).moments[..., 0].sum())
     calls = []
     accumulate = kernels.accumulate_tile
     with mock.patch.object(kernels, "accumulate_tile", lambda *call: calls.append(call) or accumulate(*call)):
@@ -119,8 +113,7 @@ def measure(first, point_map, scan, prior):
     sums = calls[0][-1].reshape(-1)
     addresses = addresses_of_matches(calls, n_matches)
     contenders = {
-        "first": lambda: first(*search),
-        "now": lambda: exhaustive(*search),
+        "search": lambda: exhaustive(*search),
         "roofline": lambda: add_all(addresses, sums),
         "points": lambda: exhaustive(*search, multiplicity="points"),
         "threads": lambda: exhaustive(*search, n_threads=2),
@@ -135,14 +128,13 @@ def measure(first, point_map, scan, prior):
             if turn == 0:  # to warm up
                 continue
             taken[name].append(1e3 * passed)
-            if name == "now":
+            if name == "search":
                 for part, names in PARTS.items():
                     parts[part].append(1e3 * sum(seconds[each] for each in names))
     times = {name: np.array(values) for name, values in (taken | parts).items()}
-    rest = times["now"] - sum(times[part] for part in PARTS)
-    columns = [times["first"], times["now"], times["first"] / times["now"]]
-    columns += [*(times[part] for part in PARTS), rest, times["roofline"]]
-    columns += [times["now"] / times["roofline"], times["kernel"] / times["roofline"]]
+    rest = times["search"] - sum(times[part] for part in PARTS)
+    columns = [times["search"], *(times[part] for part in PARTS), rest, times["roofline"]]
+    columns += [times["search"] / times["roofline"], times["kernel"] / times["roofline"]]
     return [n_matches, *(np.median(column) for column in (*columns, times["points"], times["threads"]))]
 
 

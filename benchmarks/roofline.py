@@ -9,13 +9,18 @@ cell is read, changed and written for each match. Nothing is looked up, weighed 
 less in one case: points without a normal only add a count, once for all in one voxel.
 """
 
+import inspect
+
 import numpy as np
 from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic
 
 from maxcon.point_map import PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS
+from maxcon.search.kernels import accumulate_tile
 from maxcon.search.visit_kernels import RIM
+
+SIGNATURE = inspect.signature(accumulate_tile.py_func)
 
 
 def addresses_of_matches(calls, n_matches):
@@ -23,10 +28,11 @@ def addresses_of_matches(calls, n_matches):
     addresses = np.empty(n_matches, np.int32)
     n = 0
     for call in calls:
-        numbers, visits, starts, _, ranks, layers, columns, _, corner, patch_starts, voxel_columns = call[:11]
+        given = SIGNATURE.bind(*call).arguments
         n = write_addresses(
-            numbers, visits, starts, ranks, layers, columns, corner, patch_starts, voxel_columns, call[13],
-            call[14], call[17].shape[1], addresses, n,
+            given["numbers"], given["visits"], given["starts"], given["ranks"], given["layers"], given["columns"],
+            given["corner"], given["patch_starts"], given["voxel_columns"], given["window"], given["stride"],
+            given["sums"].shape[1], addresses, n,
         )  # fmt: skip
     assert n == n_matches, (n, n_matches)
     return addresses

@@ -127,6 +127,37 @@ def test_walls_that_are_missing_are_told(corner):
     ("evidence", "status"),
     [
         ({}, Status.LOCALIZED),
+        ({"is_determined": False}, Status.UNDETERMINED),
+        ({"is_determined": False, "share": 0.0, "is_at_rim": True, "runner_up": 1.0}, Status.UNDETERMINED),
+        ({"share": 0.05}, Status.LOCALIZED),
+        ({"share": 0.049}, Status.FEW_MATCHES),
+        ({"share": 0.049, "is_at_rim": True, "runner_up": 1.0}, Status.FEW_MATCHES),
+        ({"is_at_rim": True, "runner_up": 1.0}, Status.AT_RIM),
+        ({"runner_up": 0.8}, Status.LOCALIZED),
+        ({"runner_up": 0.801}, Status.AMBIGUOUS),
+    ],
+)
+def test_what_a_best_cell_is_judged_by(evidence, status):
+    good = {"is_determined": True, "share": 0.5, "is_at_rim": False, "runner_up": 0.5}
+    assert Trust().judge(**{**good, **evidence}) is status
+
+
+def test_with_a_largest_runner_up_of_one_a_place_as_good_is_no_doubt():
+    judged = [
+        Trust(largest_runner_up=1.0).judge(is_determined=True, share=0.5, is_at_rim=False, runner_up=each)
+        for each in (1.0, 1.001)
+    ]
+    assert judged == [Status.LOCALIZED, Status.AMBIGUOUS]
+
+
+@pytest.mark.parametrize(
+    ("evidence", "status"),
+    [
+        ({}, Status.LOCALIZED),
+        ({"n_planes": 50}, Status.LOCALIZED),
+        ({"moved": 0.25}, Status.LOCALIZED),
+        ({"wall_share": 0.05}, Status.LOCALIZED),
+        ({"wall_share": 0.02, "is_confirmed": True}, Status.LOCALIZED),
         ({"n_planes": 49}, Status.NOT_CONFIRMED),
         ({"moved": 0.26}, Status.NOT_CONFIRMED),
         ({"wall_share": 0.049}, Status.WALLS_MISSING),
@@ -163,7 +194,9 @@ def test_the_runner_up_by_hand():
     assert runner_up_ratio(scores, (1, 10, 10), space, 0.3) == 6.0 / 8.0
     assert runner_up_ratio(scores, (1, 10, 10), space, 0.5) == 4.0 / 8.0
     assert runner_up_ratio(scores, (1, 10, 10), space, 5.0) == 0.0
-    assert runner_up_ratio(scores, (1, 0, 0), space, 0.3) == math.inf
+    with np.errstate(all="raise"):
+        assert runner_up_ratio(scores, (1, 0, 0), space, 0.3) == math.inf
+        assert runner_up_ratio(np.zeros(space.shape), (1, 0, 0), space, 0.3) == math.inf
 
 
 def test_a_slope_is_no_runner_up():

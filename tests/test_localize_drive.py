@@ -178,6 +178,16 @@ def test_points_out_of_range_are_left_out(point_map, scan_folder):
     assert epoch.raw.n_dropped_range > 0
 
 
+def test_by_default_points_from_1_to_120_m_are_kept_and_gaps_of_half_a_second_bridged():
+    assert DriveOptions() == DriveOptions(min_range=1.0, max_range=120.0, max_gap=0.5)
+
+
+@pytest.mark.parametrize(("nearest", "farthest"), [(5.0, 5.0), (6.0, 5.0), (-1.0, 5.0), (math.nan, 5.0)])
+def test_ranges_that_leave_nothing_are_refused_before_a_drive(nearest, farthest):
+    with pytest.raises(OptionError, match="0 <= min_range < max_range"):
+        DriveOptions(nearest, farthest)
+
+
 def test_a_gap_in_the_prior_is_not_bridged_unless_allowed(point_map, scan_folder):
     poses = prior_trajectory().poses()
     sparse = Trajectory.from_poses([9.0, 11.0], [poses[0], poses[3]])

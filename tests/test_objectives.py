@@ -144,3 +144,47 @@ def test_they_leave_the_moments_alone():
     for objective in OBJECTIVES:
         objective.score(moments)
     np.testing.assert_array_equal(moments, before)
+
+
+def test_two_of_a_kind_are_one_and_the_same():
+    for objective in OBJECTIVES:
+        assert objective == type(objective)()
+        assert {objective: 1}[type(objective)()] == 1
+
+
+@pytest.mark.parametrize(
+    ("along", "across", "helmert_bound", "least"),
+    [(2.0, 3.0, 1.2, 2.0), (0.3, 0.3, 0.15, 0.3), (0.0, 4.0, 0.0, 0.0), (4.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0)],
+)  # fmt: skip
+def test_bounds_by_hand(along, across, helmert_bound, least):
+    pair = np.array([along]), np.array([across])
+    with np.errstate(all="raise"):
+        assert Helmert().bound_by_axes(*pair) == pytest.approx([helmert_bound], rel=2e-9)
+        assert MaxEigenvalue().bound_by_axes(*pair) == pytest.approx([least], rel=2e-9)
+    assert Count().bound_by_count(np.array([along])) == [along]
+
+
+@given(st.integers(0, 2**32), st.integers(1, 60), st.floats(-np.pi, np.pi), st.floats(0.0, np.pi))
+def test_bounds_hold_for_scores_as_they_are_computed_in_any_axes(seed, n, azimuth, spread):
+    weights = np.random.default_rng(seed).uniform(0.0, 1.0, n)
+    moments = moments_of(directions(seed, n, spread), weights)
+    _, xx, xy, yy = moments
+    c, s = np.cos(azimuth), np.sin(azimuth)
+    along, across = c * c * xx + 2 * c * s * xy + s * s * yy, s * s * xx - 2 * c * s * xy + c * c * yy
+    for objective in (Helmert(), MaxEigenvalue()):
+        bound = objective.bound_by_axes(np.array([along]), np.array([across]))
+        assert bound >= objective.score(moments)
+        never_lower = bound * (1.0 - 1e-12)  # but for the last bits, of which the bound has more to spare
+        assert objective.bound_by_axes(np.array([1.5 * along]), np.array([across])) >= never_lower
+        assert objective.bound_by_axes(np.array([along]), np.array([1.5 * across])) >= never_lower
+
+
+@given(st.integers(0, 2**32), st.integers(2, 60))
+def test_in_the_axes_of_n_the_bound_is_the_score_and_what_rounding_may_add(seed, n):
+    moments = moments_of(directions(seed, n), np.random.default_rng(seed).uniform(0.1, 1.0, n))
+    least, most = np.linalg.eigvalsh(moments[[1, 2, 2, 3]].reshape(2, 2))
+    if least < 1e-5 * most:
+        return
+    for objective in (Helmert(), MaxEigenvalue()):
+        score, bound = objective.score(moments), objective.bound_by_axes(np.array(least), np.array(most))
+        assert score * (1.0 + 0.5e-9) <= bound <= score * (1.0 + 2e-9)

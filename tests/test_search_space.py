@@ -3,6 +3,7 @@
 """SearchSpace: cells, and the poses they stand for."""
 
 import math
+from dataclasses import FrozenInstanceError
 
 import numpy as np
 import pytest
@@ -81,11 +82,24 @@ def test_the_rim_is_the_outermost_rows_and_columns():
         assert space.is_at_rim(cell)
 
 
+def test_where_there_are_no_rows_inside_there_is_no_rim():
+    two_by_two = SearchSpace(0.1, 0.1, 0.5, 0.5)
+    assert two_by_two.shape == (3, 2, 2)
+    assert not any(two_by_two.is_at_rim((1, iy, ix)) for iy in range(2) for ix in range(2))
+
+
+def test_the_outermost_of_several_headings():
+    space = SearchSpace(0.3, 0.1, 0.5, 0.5)
+    assert [space.is_outermost(heading) for heading in range(3)] == [True, False, True]
+    assert not SearchSpace(0.3, 0.1, 0.0, 0.5).is_outermost(0)
+
+
 def test_headings_alone_or_one_pose_alone():
     space = SearchSpace(0.0, 0.06, 2.0, 0.5)
     assert space.shape == (9, 1, 1)
     np.testing.assert_array_equal(space.offsets, [0.0])
     assert not space.is_at_rim((4, 0, 0))
+    assert space.reach == 0.0
     assert SearchSpace(0.0, 0.06, 0.0, 0.5).n_cells == 1
 
 
@@ -230,6 +244,17 @@ def test_spaces_of_a_covariance_by_hand():
     assert SearchSpace.from_covariance(np.diag([0.0, 0.0, 1e4])).heading_half_width_deg == 180.0
 
 
+def test_options_of_a_space_of_a_covariance_have_names():
+    with pytest.raises(TypeError, match="positional argument"):
+        SearchSpace.from_covariance(np.eye(3), 3.0)
+    assert SearchSpace.from_covariance(covariance=np.eye(3), k=3.0) == SearchSpace.from_covariance(np.eye(3))
+
+
+def test_a_space_does_not_change():
+    with pytest.raises(FrozenInstanceError):
+        SearchSpace.paper().half_width = 6.0
+
+
 def test_a_space_of_a_covariance_is_cut_to_the_largest():
     covariance = np.diag([4.0, 1.0, 0.01])
     largest = {"largest_half_width": 3.0, "largest_heading_half_width_deg": 2.2}
@@ -251,6 +276,35 @@ def test_a_space_of_a_covariance_is_cut_to_the_largest():
     )
     huge = SearchSpace.from_covariance(np.diag([1e12, 1.0, 0.01]), largest_half_width=3.0)
     assert huge.half_width == 3.0
+
+
+@pytest.mark.parametrize(("step_deg", "turn_deg"), [(0.7, 179.9), (0.5, 180.0), (7.0, 175.0), (400.0, 0.0)])
+def test_whole_steps_do_not_reach_beyond_a_limit_that_is_none_of_them(step_deg, turn_deg):
+    cut = SearchSpace.from_covariance(
+        np.diag([0.0, 0.0, 100.0]), heading_step_deg=step_deg, largest_heading_half_width_deg=180.0
+    )
+    assert cut.heading_half_width_deg == pytest.approx(turn_deg)
+    assert cut.heading_half_width_deg <= 180.0
+
+
+@given(
+    st.floats(0.0, 400.0), st.floats(0.0, 0.5), st.floats(0.05, 5.0), st.floats(0.05, 5.0), st.floats(0.0, 30.0),
+    st.floats(0.0, 180.0),
+)  # fmt: skip
+def test_no_space_of_a_covariance_exceeds_its_limits(
+    variance, angle_variance, cell, step_deg, most, most_deg
+):
+    space = SearchSpace.from_covariance(
+        np.diag([variance, 0.0, angle_variance]), cell=cell, heading_step_deg=step_deg,
+        largest_half_width=most, largest_heading_half_width_deg=most_deg,
+    )  # fmt: skip
+    assert space.half_width <= most + 1e-6 * cell
+    assert space.heading_half_width_deg <= most_deg + 1e-6 * step_deg
+    free = SearchSpace.from_covariance(
+        np.diag([variance, 0.0, angle_variance]), cell=cell, heading_step_deg=step_deg
+    )
+    assert space.half_width >= min(free.half_width, most - cell)
+    assert space.heading_half_width_deg >= min(free.heading_half_width_deg, most_deg - step_deg)
 
 
 def test_a_covariance_printed_with_few_digits_is_taken():

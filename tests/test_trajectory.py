@@ -3,6 +3,7 @@
 """Trajectory: what it accepts, the pose at any time, many positions at once."""
 
 import math
+from dataclasses import FrozenInstanceError
 
 import numpy as np
 import pytest
@@ -150,7 +151,15 @@ def test_orientation_between_poses_agrees_with_an_independent_slerp(r1, p1, h1, 
 
 def test_at_a_pose_it_is_that_pose_whatever_the_gaps():
     trajectory = Trajectory.from_poses([0.0, 100.0], [Pose(*UTM, 0, 0, 1.0), Pose(*(UTM + 5), 0, 0, 2.0)])
-    for time, i in ((0.0, 0), (-0.0009, 0), (0.0009, 0), (99.9995, 1), (100.0, 1), (100.0009, 1)):
+    for time, i in (
+        (0.0, 0),
+        (-0.001, 0),
+        (-0.0009, 0),
+        (0.0009, 0),
+        (99.9995, 1),
+        (100.0, 1),
+        (100.0009, 1),
+    ):
         assert_same_pose(trajectory.at(time), trajectory.pose(i), atol=0)
 
 
@@ -178,6 +187,53 @@ def test_a_time_that_is_no_number_and_a_gap_below_zero_are_refused():
             drive([0.0, 1.0]).at(0.5, max_gap=gap)
         with pytest.raises(OptionError, match="max_gap >= 0"):
             drive([0.0, 1.0]).positions_at([0.5], max_gap=gap)
+
+
+def test_without_a_gap_only_poses_themselves_are_taken():
+    trajectory = drive([0.0, 0.4])
+    assert trajectory.at(0.4, max_gap=0.0).x == pytest.approx(UTM[0] + 4.0)
+    with pytest.raises(TrajectoryError, match="at most 0 s apart"):
+        trajectory.at(0.2, max_gap=0.0)
+    found = trajectory.positions_at([0.0, 0.2, 0.4], max_gap=0.0)
+    np.testing.assert_allclose(found[[0, 2], 0], UTM[0] + np.array([0.0, 4.0]))
+    assert np.isnan(found[1]).all()
+
+
+def test_close_to_a_pose_it_is_between_the_two_where_they_are_close():
+    """The rounding of clocks is forgiven at ends and gaps only; elsewhere a millisecond is a centimetre."""
+    trajectory = drive([1000.0, 1000.1, 1001.1])
+    assert trajectory.at(1000.0005).x == pytest.approx(UTM[0] + 0.005, abs=1e-6)
+    assert trajectory.at(1000.0995).x == pytest.approx(UTM[0] + 0.995, abs=1e-6)
+    assert trajectory.at(1000.1005).x == pytest.approx(UTM[0] + 1.0, abs=1e-6)  # a gap begins
+
+
+def test_what_is_wrong_is_said_with_its_numbers():
+    with pytest.raises(TrajectoryError, match=r"0\.000000 to 2\.000000 s, got 3\.000000 s, 1\.000000 s from"):
+        drive([0.0, 1.0, 2.0]).at(3.0)
+    with pytest.raises(
+        TrajectoryError, match=r"a gap of 1\.000000 s from 11\.000000 to 12\.000000 s, 0\.250000 s"
+    ):
+        drive([10.0, 11.0, 12.0]).at(11.25)
+    with pytest.raises(TrajectoryError, match=r"got 1\.000000000 s after 2\.000000000 s"):
+        drive([0.0, 2.0, 1.0])
+
+
+def test_a_covariance_is_not_carried_across_a_longer_gap_than_a_pose():
+    with pytest.raises(TrajectoryError, match=r"at most 0\.5 s apart"):
+        known_drive([np.eye(3), np.eye(3)]).covariance_at(0.25)
+
+
+def test_a_trajectory_does_not_change():
+    with pytest.raises(FrozenInstanceError):
+        drive([0.0, 1.0]).times = np.array([0.0, 2.0])
+    one, other = drive([0.0, 1.0]), drive([0.0, 1.0])
+    assert {one: 1, other: 2}[one] == 1  # each is itself: arrays are not compared
+
+
+def test_a_gap_that_is_just_the_largest_is_bridged():
+    trajectory = drive([0.0, 0.5, 1.5])
+    assert trajectory.at(0.25).x == pytest.approx(UTM[0] + 2.5)
+    np.testing.assert_allclose(trajectory.positions_at([0.25, 0.75])[:, 0], UTM[0] + np.array([2.5, 5.0]))
 
 
 def test_positions_at_many_times():
@@ -229,6 +285,7 @@ def test_covariances_are_linear_between_poses_and_may_be_unknown():
     assert trajectory.covariance_at(1.5, 2.0) is None
     assert trajectory.covariance_at(2.0, 2.0) is None
     np.testing.assert_array_equal(trajectory.covariance_at(3.0005), first)
+    np.testing.assert_array_equal(trajectory.covariance_at(3.0, 2.0), first)  # just after one that is unknown
     with pytest.raises(TrajectoryError, match="within the trajectory"):
         trajectory.covariance_at(4.0)
     with pytest.raises(ValueError, match="read-only"):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Coarse to fine: a wide space is searched in a level of the map, then finely where that leaves it open (D21)."""
+"""Coarse to fine: a wide space is searched in a level of the map, then finely where that leaves it open (D11)."""
 
 import math
 from dataclasses import dataclass, replace

@@ -158,7 +158,8 @@ class SearchSpace:
         smallest_half_width, smallest_heading_half_width_deg : float
             The space reaches so far at least, m and degrees, whatever the covariance says.
         largest_half_width, largest_heading_half_width_deg : float, optional
-            The space is cut to these, m and degrees: poses beyond are not searched then.
+            The space is cut to these, m and degrees, and to whole cells and steps within them, where those are given:
+            poses beyond are not searched then.
 
         Raises
         ------
@@ -170,7 +171,8 @@ class SearchSpace:
         -----
         Half widths are rounded up to whole cells and steps, where those are given. As the last column stands one cell
         before the half width, that is at least k sigma and half a cell: every pose within k sigma lies within half a
-        cell of one that is tried. A variance of 0 gives one cell, or one heading; headings reach 180 degrees at most.
+        cell of one that is tried. A variance of 0 gives one cell, or one heading. Turns of more than 180 degrees are
+        none: that is the most that is rounded up, to less than a step more.
         """
         if cell is not None:
             n_steps(0.0, cell, "offsets", "m")

@@ -39,7 +39,7 @@ def n_steps(half_width: float, step: float, what: str, unit: str) -> int:
 def rounded_up(reach: float, step: float | None, largest: float | None = None, rim: float = 0.0) -> float:
     """Return the whole steps that hold `reach` and `rim` steps more, but no more than fit into `largest`.
 
-    Without a step, what is reached is not rounded.
+    Without a step, what is reached is not rounded, and cut to `largest`.
     """
     if step is None:
         return min(reach, math.inf if largest is None else largest)
@@ -47,6 +47,7 @@ def rounded_up(reach: float, step: float | None, largest: float | None = None, r
     most = math.inf if largest is None else largest / step
     if min(steps, most) > MOST_STEPS:
         return min(reach, largest or math.inf)  # refused, in the words for any half width
-    if most < steps:
-        return math.floor(most + 1e-6) * step
-    return math.ceil(steps - 1e-9 * max(1.0, steps)) * step
+    whole = math.ceil(steps - 1e-9 * max(1.0, steps))
+    if most < whole:
+        whole = math.floor(most + 1e-6)
+    return whole * step

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from maxcon.cli import main
+from maxcon.cli import STOPPING, main
 from maxcon.dataset import Dataset
 from maxcon.io.trajectories import read_trajectory
 from maxcon.mapping import MapOptions, build_map
@@ -24,7 +24,8 @@ SCRIPT = "from maxcon.cli import main; main()"
 INTERRUPTIBLE = """
 import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)
-signal.signal(signal.SIGHUP, signal.SIG_DFL)
+if hasattr(signal, "SIGHUP"):
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 """
 THIN_PROFILES = tuple(
     ProfileScanner(turn_deg=turn, line_rate=80.0, points_per_line=720) for turn in (45.0, -45.0)
@@ -61,7 +62,8 @@ def drive(tmp_path_factory):
 @pytest.fixture
 def maxcon(monkeypatch, capfd):
     """Run the command line in this process; a Python warning is a failure: its lines would stand on stderr."""
-    signals = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    numbers = [getattr(signal, name) for name in STOPPING if hasattr(signal, name)]
+    signals = {number: signal.getsignal(number) for number in numbers}
 
     def run(*arguments):
         monkeypatch.setattr(sys, "argv", ["maxcon", *map(str, arguments)])

@@ -3,9 +3,13 @@
 """Commands that are stopped half way leave nothing half written (D10)."""
 
 import signal
+import sys
 import time
 
 import pytest
+
+if sys.platform == "win32":
+    pytest.skip("no POSIX signals to stop a process with", allow_module_level=True)
 
 # So that there is time to be stopped in.
 SLOW = """
@@ -84,6 +88,12 @@ def test_a_drive_that_is_stopped_writes_no_table(stop_when_begun, drive, out, nu
     assert (code, err) == (128 + number, "")
     assert sorted(path.name for path in out.iterdir()) == ["pictures"]
     assert all(path.suffix == ".png" for path in (out / "pictures").iterdir())
+
+
+def test_where_there_is_no_hangup_nothing_waits_for_one(maxcon, monkeypatch):
+    monkeypatch.delattr(signal, "SIGHUP")  # as on Windows
+    ended = maxcon("--version")
+    assert (ended.code, ended.err) == (0, "")
 
 
 def test_what_ignores_hangups_goes_on(maxcon_process, build, out):

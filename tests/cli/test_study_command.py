@@ -51,8 +51,9 @@ def is_alive(pid):
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc: processes cannot be watched")
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
-def test_a_study_that_is_stopped_goes_on(described, maxcon_process, maxcon, tmp_path, number):
+@pytest.mark.parametrize("name", ["SIGKILL", "SIGTERM", "SIGINT"])
+def test_a_study_that_is_stopped_goes_on(described, maxcon_process, maxcon, tmp_path, name):
+    number = getattr(signal, name)
     out = tmp_path / "study"
     arguments = ("study", described, "-o", out, *METHODS, *SMALL, "--workers", "2", "--quiet")
     with maxcon_process(*arguments) as process:

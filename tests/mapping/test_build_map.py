@@ -4,7 +4,6 @@
 
 import errno
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -505,7 +504,7 @@ def test_a_killed_build_leaves_no_map(tmp_path, cloud_files, scene):
         try:
             first_line = build.stdout.readline()
         finally:
-            build.send_signal(signal.SIGKILL)
+            build.kill()
         build.wait(10)
     assert first_line.startswith("wrote a tile")
     assert not out.exists()

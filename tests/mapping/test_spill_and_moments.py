@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from maxcon.errors import OptionError
 from maxcon.mapping.classes import class_name, parse_classes
-from maxcon.mapping.spill import TileSpill
-from maxcon.mapping.voxel_moments import VoxelMoments
+from maxcon.mapping.spill import RECORD, TileSpill
+from maxcon.mapping.voxel_moments import HALO_VOXELS, PADDING, VoxelMoments
 from maxcon.mapping.voxel_normals import plane_normals, turn_to_side
 from maxcon.point_map import TILE_VOXELS
 
@@ -142,6 +142,46 @@ def test_the_normal_of_any_plane(seed, turn, tilt):
     assert normals.any(axis=1).mean() > 0.99
     cosines = np.abs(normals @ normal)[normals.any(axis=1)]
     assert np.quantile(cosines, 0.01) > 0.999
+
+
+def _wall(spacing, n=12):
+    """Moments of a wall along x at y = 20, a point in the middle of a voxel every so many voxels."""
+    along, up = np.meshgrid(np.arange(0, n * spacing, spacing), np.arange(0, n * spacing, spacing))
+    return _moments(np.column_stack([along.ravel(), np.full(along.size, 20), up.ravel()]))
+
+
+def _moments(indices, cell=0.06):
+    """Moments of voxels with one point each, in the middle; order and types as `VoxelMoments` has them."""
+    records = np.zeros(len(indices), RECORD)
+    records["column"], records["layer"], records["inside"] = indices[:, :2], indices[:, 2], 0.5 * cell
+    return VoxelMoments.from_records([records])
+
+
+@pytest.mark.parametrize(("spacing", "has_normals"), [(2, True), (9, True), (18, False)])
+def test_coarsening_stops_at_voxels_of_four_times_the_edge(spacing, has_normals):
+    """Within two voxels of four edges either way lie neighbours 9 voxels away, but none that are 18 away."""
+    wall = _wall(spacing)
+    normals = plane_normals(wall, 0.06, np.ones(len(wall), bool))
+    inner = (wall.indices[:, [0, 2]] >= spacing).all(axis=1)
+    assert inner.any()
+    if has_normals:
+        np.testing.assert_allclose(np.abs(normals[inner]), [[0.0, 1.0, 0.0]] * int(inner.sum()), atol=1e-9)
+    else:
+        assert not normals.any()
+
+
+def test_the_halo_is_what_the_coarsest_neighbourhoods_reach():
+    rng = np.random.default_rng(4)
+    indices = np.unique(rng.integers([-PADDING, 0, 0], [40, 60, 200], (2_000, 3)), axis=0)
+    everything = _moments(indices)
+
+    def normals(halo):
+        near = everything.select(everything.indices[:, 0] >= -halo)
+        is_own = near.indices[:, 0] >= 0
+        return plane_normals(near, 0.06, is_own)[is_own]
+
+    np.testing.assert_array_equal(normals(HALO_VOXELS), normals(PADDING))
+    assert (normals(HALO_VOXELS - 1) != normals(PADDING)).any()
 
 
 def test_normals_are_turned_to_the_side_or_left_out():

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from maxcon import PointMap
 from maxcon.errors import OptionError
 from maxcon.point_map import TILE_VOXELS
+from maxcon.point_map.level import MergedTiles, merged
 from maxcon.point_map.tile import MEAN_STEPS
 from maxcon.point_map.voxelize import CANCELLED_LENGTH
 
@@ -86,8 +87,16 @@ def test_a_level_has_the_edges_of_its_voxels_and_the_ground_of_its_tiles() -> No
 
 @pytest.mark.parametrize("factor", [0, -2, 3, 64])
 def test_voxels_that_do_not_fill_a_patch_are_refused(factor: int) -> None:
-    with pytest.raises(OptionError, match="times as large"):
+    with pytest.raises(OptionError, match=rf"2, 4, \.\.\. or 32 times as large as the map's, got {factor}\."):
         a_map(1, is_signed=True).level(factor)
+
+
+def test_sides_of_normals_are_told_by_name() -> None:
+    point_map = a_map(1, is_signed=True)
+    with pytest.raises(TypeError, match="positional argument"):
+        merged(point_map.tile(min(point_map.tile_keys)), 2, True)
+    with pytest.raises(TypeError, match="positional argument"):
+        MergedTiles(point_map._tiles, 2, True)
 
 
 def test_tiles_that_are_not_kept_any_more_are_merged_again(monkeypatch: pytest.MonkeyPatch) -> None:

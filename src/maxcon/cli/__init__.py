@@ -14,6 +14,9 @@ from maxcon.errors import MaxconError
 
 __all__ = ["app", "main"]
 
+# Windows has no hangup.
+STOPPING = ("SIGINT", "SIGTERM", "SIGHUP")
+
 app = typer.Typer(
     name="maxcon",
     help="Maximum-consensus localization of LiDAR scans in a point-cloud map.",
@@ -57,7 +60,7 @@ def _stop_in_order() -> list[int]:
         received.append(number)
         raise SystemExit(128 + number)
 
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for number in (getattr(signal, name) for name in STOPPING if hasattr(signal, name)):
         # Not where it is ignored, as under nohup.
         if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
             signal.signal(number, stop)

@@ -34,6 +34,8 @@ MANIFEST = "manifest.json"
 MAP_NAMES = (MANIFEST, "tiles", "ground")
 """All that the folder of a map holds."""
 REBUILD = "Build the map again with `maxcon map build`."
+# Voxels farther out than this many tiles have no index of 32 bits.
+FARTHEST_TILE = 2**31 // TILE_VOXELS
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,10 +178,8 @@ def _parse_manifest(content: Mapping[str, Any]) -> Manifest:
         raise TypeError("is_signed")
     tiles = []
     for entry in content["tiles"]:
-        key_x, key_y = (int(value) for value in entry["key"])
-        tiles.append(
-            TileEntry((key_x, key_y), int(entry["n_voxels"]), int(entry["n_points"]), str(entry["sha256"]))
-        )
+        key = _parse_key(entry["key"])
+        tiles.append(TileEntry(key, int(entry["n_voxels"]), int(entry["n_points"]), str(entry["sha256"])))
     if not tiles:
         raise ValueError("no tiles")
     build = dict(content["build"])
@@ -189,12 +189,19 @@ def _parse_manifest(content: Mapping[str, Any]) -> Manifest:
     return Manifest(cell, (x, y, z), crs, bool(content["is_signed"]), tuple(tiles), build, sigma, ground)
 
 
+def _parse_key(numbers: Sequence[Any]) -> TileKey:
+    x, y = (int(number) for number in numbers)
+    if not (-FARTHEST_TILE <= x < FARTHEST_TILE and -FARTHEST_TILE <= y < FARTHEST_TILE):
+        raise ValueError(f"tile {x}, {y}")
+    return x, y
+
+
 def _parse_ground(content: Mapping[str, Any], cell: float) -> tuple[GroundEntry, ...]:
     """Entries of the ground grid; none in a map without."""
     entries = []
     for entry in content.get("ground", ()):
-        x, y = (int(value) for value in entry["key"])
-        entries.append(GroundEntry((x, y), int(entry["n_heights"]), str(entry["sha256"])))
+        key = _parse_key(entry["key"])
+        entries.append(GroundEntry(key, int(entry["n_heights"]), str(entry["sha256"])))
     if entries and content["ground_voxels"] != ground_voxels(cell):
         raise ValueError(f"ground_voxels {content['ground_voxels']}")
     return tuple(entries)
