@@ -54,7 +54,7 @@ def methods_of(level, peers_map):
     if space_of(level).at(paper.cell, paper.heading_step_deg) == paper:
         methods += [
             StudyMethod(f"maxcon, paper's cells, {words}", MaximumConsensus(paper, search=search))
-            for words, search in (("by bounds", "branch and bound"), ("exhaustively", "exhaustive"))
+            for words, search in (("by bounds", "branch-and-bound"), ("exhaustively", "exhaustive"))
         ]
     return methods + [replace(known[name], map_name=peers_map) for name in (COUNT_THEN_GICP, GICP)]
 

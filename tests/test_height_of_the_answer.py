@@ -61,7 +61,7 @@ def wrong(truth, height, tilt_deg=0.0):
     )
 
 
-@pytest.mark.parametrize("search", ["branch and bound", "exhaustive"])
+@pytest.mark.parametrize("search", ["branch-and-bound", "exhaustive"])
 @pytest.mark.parametrize(("height", "tilt_deg"), [(0.0, 0.0), (1.0, 1.0), (-0.9, -0.8)])
 def test_on_the_ground_the_answer_has_its_height_and_tilt(yard, search, height, tilt_deg):
     scan, point_map, _, truth = yard
@@ -87,7 +87,7 @@ def test_what_is_accumulated_is_what_is_localized(yard):
     assert concluded.pose == estimate.pose
 
 
-@pytest.mark.parametrize("search", ["branch and bound", "exhaustive"])
+@pytest.mark.parametrize("search", ["branch-and-bound", "exhaustive"])
 def test_roofs_of_cars_are_not_the_ground(yard, search):
     """All around the sensor stand cars: what looks like the ground lies 0.9 m above it, and the walls say otherwise."""
     scan, point_map, _, truth = yard
@@ -112,7 +112,7 @@ def test_a_prior_is_taken_as_it_is_if_asked_for(yard):
         assert (pose.z, pose.roll, pose.pitch) == (prior.z, prior.roll, prior.pitch)
 
 
-@pytest.mark.parametrize("search", ["branch and bound", "exhaustive"])
+@pytest.mark.parametrize("search", ["branch-and-bound", "exhaustive"])
 def test_without_ground_the_height_is_searched(yard, search):
     scan, _, without, truth = yard
     method = MaximumConsensus(replace(SPACE, height_half_width=0.6), search=search)
@@ -124,7 +124,7 @@ def test_without_ground_the_height_is_searched(yard, search):
     assert here.score < estimate.score
 
 
-@pytest.mark.parametrize("search", ["branch and bound", "exhaustive"])
+@pytest.mark.parametrize("search", ["branch-and-bound", "exhaustive"])
 def test_the_outermost_height_is_the_rim(yard, search):
     scan, _, without, truth = yard
     method = MaximumConsensus(replace(SPACE, height_half_width=0.3), search=search)

@@ -11,7 +11,7 @@ import pytest
 from maxcon import Count, MaximumConsensus, PointMap, Pose, Scan, SearchSpace, Status, Trust
 from maxcon.errors import OptionError
 from maxcon.geometry import rotation_matrices
-from maxcon.integrity import protection_level, reasons_to_doubt_answer, reasons_to_doubt_scan, runner_up_ratio
+from maxcon.integrity import peak_ratio, protection_level, reasons_to_doubt_answer, reasons_to_doubt_scan
 from maxcon.integrity_kernels import count_normals
 
 SPACE = SearchSpace(1.2, 0.06, 1.0)
@@ -44,7 +44,7 @@ def scan_of(points, normals, n=3000, seed=2):
 
 
 def test_a_corner_is_localized_and_tells_its_share_and_runner_up(corner):
-    for search, most in (("exhaustive", 0.5), ("branch and bound", 0.8)):  # bounds prove what is asked for
+    for search, most in (("exhaustive", 0.5), ("branch-and-bound", 0.8)):  # bounds prove what is asked for
         method = MaximumConsensus(SPACE, search=search)
         estimate = method.localize(scan_of(*corner), PointMap.from_points(*corner), HERE)
         assert estimate.status is Status.LOCALIZED
@@ -191,12 +191,12 @@ def test_the_runner_up_by_hand():
     scores[1, 10, 11] = 7.9  # its slope, next to it
     scores[0, 10, 18] = 6.0  # another peak, 0.48 m away, at another heading
     scores[2, 2, 2] = 4.0  # a lower one, farther away
-    assert runner_up_ratio(scores, (1, 10, 10), space, 0.3) == 6.0 / 8.0
-    assert runner_up_ratio(scores, (1, 10, 10), space, 0.5) == 4.0 / 8.0
-    assert runner_up_ratio(scores, (1, 10, 10), space, 5.0) == 0.0
+    assert peak_ratio(scores, (1, 10, 10), space, 0.3) == 6.0 / 8.0
+    assert peak_ratio(scores, (1, 10, 10), space, 0.5) == 4.0 / 8.0
+    assert peak_ratio(scores, (1, 10, 10), space, 5.0) == 0.0
     with np.errstate(all="raise"):
-        assert runner_up_ratio(scores, (1, 0, 0), space, 0.3) == math.inf
-        assert runner_up_ratio(np.zeros(space.shape), (1, 0, 0), space, 0.3) == math.inf
+        assert peak_ratio(scores, (1, 0, 0), space, 0.3) == math.inf
+        assert peak_ratio(np.zeros(space.shape), (1, 0, 0), space, 0.3) == math.inf
 
 
 def test_a_slope_is_no_runner_up():
@@ -204,7 +204,7 @@ def test_a_slope_is_no_runner_up():
     space = SearchSpace(0.6, 0.06, 0.0)
     y, x = np.mgrid[:20, :20]
     scores = 20.0 - np.hypot(y - 10, x - 10)[None]
-    assert runner_up_ratio(scores, (0, 10, 10), space, 0.3) == 0.0
+    assert peak_ratio(scores, (0, 10, 10), space, 0.3) == 0.0
 
 
 @pytest.mark.parametrize(
@@ -270,7 +270,7 @@ def test_few_matches_along_a_direction_are_named_with_it():
     assert reasons_to_doubt_answer(np.zeros(4)) == []
 
 
-@pytest.mark.parametrize("search", ["exhaustive", "branch and bound"])
+@pytest.mark.parametrize("search", ["exhaustive", "branch-and-bound"])
 def test_a_scan_without_normals_says_so_beside_its_answer(corner, search):
     points, normals = corner
     bare = Scan(scan_of(points, normals).points, np.zeros((3000, 3)))

@@ -122,7 +122,7 @@ def test_a_scan_without_normals_is_localized_but_not_as_published(scan, point_ma
         )
 
 
-@pytest.mark.parametrize("search", ["branch and bound", "exhaustive"])
+@pytest.mark.parametrize("search", ["branch-and-bound", "exhaustive"])
 def test_the_scan_is_thinned_before_the_search(points_and_normals, point_map, search):
     points, normals = points_and_normals
     beside = points + [0.001, 0.001, 0.001]  # in the same cubes, mostly
@@ -196,7 +196,7 @@ def test_the_best_cell_on_the_rim_is_said_so(scan, point_map):
     np.testing.assert_allclose(estimate.pose.position, TRUTH.position, atol=1e-9)
 
 
-@pytest.mark.parametrize("search", ["branch and bound", "exhaustive"])
+@pytest.mark.parametrize("search", ["branch-and-bound", "exhaustive"])
 def test_an_answer_at_the_rim_is_looked_for_farther_around(scan, point_map, search):
     """The true pose lies 4.2 m beyond the space: the wider search finds it, and says that there is no cell of it."""
     prior = prior_of(-80, 0, 0)
@@ -410,7 +410,7 @@ def test_both_searches_give_the_same_estimate(objective, multiplicity, offset):
     prior = TRUTH.translated([offset, -0.2, 0.0])
     wanted, found = (
         MaximumConsensus(SPACE, objective, multiplicity, search=search).localize(scan, point_map, prior)
-        for search in ("exhaustive", "branch and bound")
+        for search in ("exhaustive", "branch-and-bound")
     )
     assert (found.pose, found.cell, found.score) == (wanted.pose, wanted.cell, wanted.score)
     assert (found.status, found.share) == (wanted.status, wanted.share)
@@ -440,7 +440,7 @@ def test_numbers_out_of_range_are_refused(options, words):
         MaximumConsensus(**options)
 
 
-@pytest.mark.parametrize("search", ["exhaustive", "branch and bound"])
+@pytest.mark.parametrize("search", ["exhaustive", "branch-and-bound"])
 def test_memory_does_not_grow_from_epoch_to_epoch(search):
     points, normals = corner(noise_deg=3.0)
     point_map = PointMap.from_points(points, normals)

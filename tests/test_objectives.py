@@ -10,7 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from maxcon import Count, Helmert, MaxEigenvalue
+from maxcon import Count, Helmert, MaxEigenvalue, MaximumConsensus
+from maxcon.errors import OptionError
+from maxcon.objectives import as_objective
 
 OBJECTIVES = (Count(), Helmert(), MaxEigenvalue())
 VALUES = st.floats(-1e12, 1e12) | st.sampled_from([0.0, 1e-300, -1e-300, 1e-30, 5e-324, 1.0, 2.0**-24, 1e100])
@@ -188,3 +190,17 @@ def test_in_the_axes_of_n_the_bound_is_the_score_and_what_rounding_may_add(seed,
     for objective in (Helmert(), MaxEigenvalue()):
         score, bound = objective.score(moments), objective.bound_by_axes(np.array(least), np.array(most))
         assert score * (1.0 + 0.5e-9) <= bound <= score * (1.0 + 2e-9)
+
+
+@pytest.mark.parametrize("objective", [Count(), Helmert(), MaxEigenvalue()])
+def test_objectives_are_told_by_name(objective):
+    assert as_objective(objective.name) == objective
+    assert as_objective(objective) is objective
+
+
+@pytest.mark.parametrize("wrong", ["Helmert", "", "helmert ", 3, None, Helmert])
+def test_what_is_no_objective_is_refused(wrong):
+    with pytest.raises(OptionError, match=r"'helmert', 'count', 'max-eigenvalue' or an object with `score"):
+        as_objective(wrong)
+    with pytest.raises(OptionError, match="`objective`"):
+        MaximumConsensus(objective=wrong)

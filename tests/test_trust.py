@@ -17,10 +17,10 @@ from maxcon.integrity import (
     along_and_across,
     highest_beyond,
     invert,
+    peak_ratio,
     protection_level,
     reasons_to_doubt_answer,
     reasons_to_doubt_scan,
-    runner_up_ratio,
 )
 
 LEVEL = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -162,7 +162,7 @@ def test_beyond_the_guard_radius_and_not_on_it():
     assert highest_beyond(scores, (0, 8, 8), space, 0.5) == 2.0
     assert highest_beyond(scores, (0, 8, 8), space, 0.49) == 3.0
     assert highest_beyond(scores, (0, 8, 8), space, 5.0) == 0.0
-    assert runner_up_ratio(scores, (0, 8, 8), space, 0.5) == 0.5
+    assert peak_ratio(scores, (0, 8, 8), space, 0.5) == 0.5
 
 
 def test_rows_are_not_columns():
@@ -174,14 +174,14 @@ def test_rows_are_not_columns():
     scores[0, 3, 12] = 0.0
     assert highest_beyond(scores, (0, 12, 3), space, 0.4) == 1.0
     assert highest_beyond(scores, (0, 12, 3), space, 0.3) == 2.0
-    assert runner_up_ratio(scores, (0, 12, 3), space, 0.4) == 0.25
+    assert peak_ratio(scores, (0, 12, 3), space, 0.4) == 0.25
 
 
 def test_low_scores_are_compared_like_high_ones():
     space = SearchSpace(1.0, 0.125, 0.0, 0.5)
     scores = np.zeros(space.shape)
     scores[0, 8, 8], scores[0, 0, 8] = 0.5, 0.125
-    assert runner_up_ratio(scores, (0, 8, 8), space, 0.5) == 0.25
+    assert peak_ratio(scores, (0, 8, 8), space, 0.5) == 0.25
 
 
 def test_evidence_is_told_by_name():
@@ -195,7 +195,7 @@ def test_a_place_at_the_corner_of_the_space_counts():
     space = SearchSpace(1.0, 0.125, 0.0, 0.5)
     scores = np.zeros(space.shape)
     scores[0, 8, 8], scores[0, 0, 0], scores[0, 15, 15] = 4.0, 3.0, 2.0
-    assert runner_up_ratio(scores, (0, 8, 8), space, 0.5) == 0.75
+    assert peak_ratio(scores, (0, 8, 8), space, 0.5) == 0.75
     scores[0, 1, 1] = 3.5  # the corner is its slope now
-    assert runner_up_ratio(scores, (0, 8, 8), space, 0.5) == 0.875
-    assert runner_up_ratio(scores, (0, 8, 8), space, 1.3) == 0.0  # beyond lies the slope alone
+    assert peak_ratio(scores, (0, 8, 8), space, 0.5) == 0.875
+    assert peak_ratio(scores, (0, 8, 8), space, 1.3) == 0.0  # beyond lies the slope alone

@@ -22,10 +22,10 @@ __all__ = [
     "along_and_across",
     "highest_beyond",
     "invert",
+    "peak_ratio",
     "protection_level",
     "reasons_to_doubt_answer",
     "reasons_to_doubt_scan",
-    "runner_up_ratio",
 ]
 
 # Less than one full match in the least determined direction does not fix a position, nor does what a single
@@ -206,7 +206,7 @@ def along_and_across(covariance: NDArray[np.float64], heading: float) -> NDArray
     return np.asarray(axes @ covariance[:2, :2] @ axes.T, dtype=np.float64)
 
 
-def runner_up_ratio(scores: Scores, cell: Cell, space: SearchSpace, guard_radius: float) -> float:
+def peak_ratio(scores: Scores, cell: Cell, space: SearchSpace, guard_radius: float) -> float:
     """Score of the second highest place over that of `cell` (design, section 4: peak ratio).
 
     Parameters

@@ -20,7 +20,7 @@ from maxcon.examination import examine
 from maxcon.geometry import Pose
 from maxcon.ground import GroundFit, fit_ground
 from maxcon.integrity import Trust
-from maxcon.objectives import Helmert, Objective
+from maxcon.objectives import Helmert, Objective, as_objective
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
 from maxcon.search import Multiplicity, SearchMethod, Weighting, level_of
@@ -44,7 +44,7 @@ class MaximumConsensus:
         The candidate poses around each prior; 12 m and 10 degrees if not given. An open space, without a cell, is
         searched coarse to fine: in a level of the map first, then in the map's own cells around every place left open.
         One with a cell is searched in these cells alone, `SearchSpace.paper()` in the paper's.
-    objective : Objective
+    objective : Objective or {"helmert", "count", "max-eigenvalue"}
         What a cell is worth; Helmert's point error if not given. Any object with ``score(moments)``.
     multiplicity : {"occupied", "points"}
         Whether a match weighs one, or as many as the voxel's map points (D4).
@@ -55,7 +55,7 @@ class MaximumConsensus:
     weighting : {"cosine", "published", "one"}
         Weight of a match in N: max(0, n_scan . n_map), and 1/2 where the scan point has no normal; the same, but 0
         there, as published; or 1 (D5).
-    search : {"branch and bound", "exhaustive"}
+    search : {"branch-and-bound", "exhaustive"}
         How the best cell is found; in given cells it is the same one. Branch and bound takes a fraction of the time. Of
         the runner-up it proves what `trust` asks for, not what it scores. An objective without bounds
         (`BoundedByAxes`, `BoundedByCount`) is searched exhaustively. "exhaustive" looks at every cell; of an open
@@ -82,11 +82,11 @@ class MaximumConsensus:
     Raises
     ------
     OptionError
-        If the multiplicity, the weighting or the search is unknown, or a number out of its range.
+        If the objective, the multiplicity, the weighting or the search is unknown, or a number out of its range.
     """
 
     space: SearchSpace = field(default_factory=SearchSpace)
-    objective: Objective = field(default_factory=Helmert)
+    objective: Objective | str = field(default_factory=Helmert)
     multiplicity: str | Multiplicity = Multiplicity.OCCUPIED
     n_threads: int = 1
     trust: Trust = field(default_factory=Trust)
@@ -100,6 +100,7 @@ class MaximumConsensus:
     widest: float = 0.0
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "objective", as_objective(self.objective))
         object.__setattr__(self, "multiplicity", Multiplicity.parse(self.multiplicity))
         object.__setattr__(self, "weighting", Weighting.parse(self.weighting))
         object.__setattr__(self, "search", SearchMethod.parse(self.search))
@@ -120,7 +121,8 @@ class MaximumConsensus:
     def cell_search(self) -> CellSearch:
         """How the best cell of a space is found and judged."""
         return CellSearch(
-            self.objective, self.multiplicity, self.weighting, self.search, self.thinning, self.n_threads, self.trust
+            as_objective(self.objective), self.multiplicity, self.weighting, self.search, self.thinning,
+            self.n_threads, self.trust,
         )  # fmt: skip
 
     def localize(self, scan: Scan, point_map: PointMap, prior: Pose) -> Estimate:
@@ -255,7 +257,11 @@ class MaximumConsensus:
             return replace(
                 doubted, reason="; ".join(filter(None, [doubted.reason, reason])), was_widened=True
             )
-        score = examined.score if self.cell_search.has_bounds else float(self.objective.score(best.moments))
+        score = (
+            examined.score
+            if self.cell_search.has_bounds
+            else float(self.cell_search.objective.score(best.moments))
+        )
         return replace(examined, score=score, cell=doubted.cell if is_same else None, was_widened=True)
 
     def accumulate(self, scan: Scan, point_map: PointMap, prior: Pose) -> Accumulator:
@@ -268,7 +274,11 @@ class MaximumConsensus:
         for start, space in starts:
             level, cells = self.cell_search.cells(space, point_map)
             found.append(self.cell_search.accumulate(scan, level, start, cells))
-        return max(found, key=lambda each: each.score(self.objective).max()) if len(found) > 1 else found[0]
+        return (
+            max(found, key=lambda each: each.score(self.cell_search.objective).max())
+            if len(found) > 1
+            else found[0]
+        )
 
     def conclude(self, accumulator: Accumulator, scan: Scan, point_map: PointMap) -> Estimate:
         """Take the best cell of an accumulator of this scan, and settle its pose: what `localize` answers."""

@@ -2,16 +2,19 @@
 # SPDX-License-Identifier: MIT
 """What a cell is worth: functions of the moments its matches added (D5).
 
-A new objective is a class with one method, ``score(moments)``; nothing has to be registered. The
+A new objective is a class with one method, ``score(moments)``; nothing has to be registered. It may say what it is
+called in pictures (``title``), and what its scores are measured in (``unit``). The
 moments of a cell are count, Nxx, Nxy and Nyy: the number of its matches and the normal matrix
 N = sum of w n n^T over them (equation (4)).
 """
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
+
+from maxcon.errors import OptionError
 
 __all__ = [
     "BoundedByAxes",
@@ -22,6 +25,7 @@ __all__ = [
     "Moments",
     "Objective",
     "Scores",
+    "as_objective",
 ]
 
 Moments = NDArray[np.floating]
@@ -80,6 +84,10 @@ def _eigenvalues(moments: Moments) -> tuple[Scores, Scores]:
 class Count:
     """The number of matches, Psi of equation (2)."""
 
+    name: ClassVar[str] = "count"
+    title: ClassVar[str] = "Count"
+    unit: ClassVar[str] = "matches"
+
     def score(self, moments: Moments) -> Scores:
         """Scores, shape (...), of moments, shape (..., 4)."""
         return moments[..., 0].astype(np.float64)
@@ -97,6 +105,10 @@ class Helmert:
     matches leave a direction undetermined: where one eigenvalue is below a millionth of the other.
     """
 
+    name: ClassVar[str] = "helmert"
+    title: ClassVar[str] = "Helmert's score"
+    unit: ClassVar[str] = "1/tr Q"
+
     def score(self, moments: Moments) -> Scores:
         """Scores, shape (...), of moments, shape (..., 4)."""
         smaller, larger = _eigenvalues(moments)
@@ -113,6 +125,10 @@ class Helmert:
 class MaxEigenvalue:
     """1 / max(lambda_1, lambda_2) of Q, the paper's first loss: the smallest eigenvalue of N."""
 
+    name: ClassVar[str] = "max-eigenvalue"
+    title: ClassVar[str] = "Smallest eigenvalue of N"
+    unit: ClassVar[str] = "1/max λ of Q"
+
     def score(self, moments: Moments) -> Scores:
         """Scores, shape (...), of moments, shape (..., 4)."""
         return _eigenvalues(moments)[0]
@@ -120,3 +136,23 @@ class MaxEigenvalue:
     def bound_by_axes(self, along_u: Scores, along_v: Scores) -> Scores:
         """The smaller of Nuu and Nvv: the smallest eigenvalue is the least u^T N u of any axis."""
         return np.minimum(along_u, along_v) * ROUNDING
+
+
+def as_objective(objective: Objective | str) -> Objective:
+    """Return an objective as it is, or the one of a name.
+
+    Raises
+    ------
+    OptionError
+        If there is none of that name, or the object has no `score`.
+    """
+    named: dict[str, Objective] = {each.name: each for each in (Helmert(), Count(), MaxEigenvalue())}
+    if isinstance(objective, str) and objective in named:
+        return named[objective]
+    if isinstance(objective, str | type) or not callable(getattr(objective, "score", None)):
+        *others, last = (repr(name) for name in named)
+        raise OptionError(
+            f"Expected `objective` to be {', '.join(others)}, {last} or an object with `score(moments)`,"
+            f" got {objective!r}."
+        )
+    return objective

@@ -181,6 +181,46 @@ def test_scores_are_those_of_the_objective(localize, tmp_path):
     assert all(score == int(score) and score > 500 for score in scores)
 
 
+OWN = """
+class Fewest:
+    def score(self, moments):
+        return moments[..., 0] + 0.0
+
+half = Fewest()
+silly = 3
+"""
+
+
+@pytest.mark.parametrize("name", ["Fewest", "half"])
+def test_an_own_objective_scores(localize, tmp_path, monkeypatch, name):
+    (tmp_path / f"own_{name}.py").write_text(OWN)
+    monkeypatch.chdir(tmp_path)
+    assert localize("--objective", f"own_{name}:{name}", out="own.csv").code == 0
+    assert localize("--objective", "count", out="count.csv").code == 0
+    scores = [[row["score"] for row in _rows(tmp_path / f"{which}.csv")] for which in ("own", "count")]
+    assert scores[0] == scores[1]
+
+
+@pytest.mark.parametrize(
+    ("word", "reason"),
+    [
+        ("nowhere_at_all:Name", "ModuleNotFoundError"),
+        ("own_bad:Missing", "AttributeError"),
+        ("own_bad:silly", "`score"),
+        (":Name", "ValueError"),
+        ("Helmert", "'helmert', 'count', 'max-eigenvalue'"),
+    ],
+)
+def test_an_objective_that_is_none_is_refused(localize, tmp_path, monkeypatch, word, reason):
+    (tmp_path / "own_bad.py").write_text(OWN)
+    monkeypatch.chdir(tmp_path)
+    ended = localize("--objective", word)
+    assert ended.code == 2
+    assert reason in ended.err
+    assert ended.err.count("\n") == 1
+    assert not (tmp_path / "poses.csv").exists()
+
+
 def test_an_existing_table_is_replaced(localize, tmp_path):
     (tmp_path / "poses.csv").write_text("old")
     assert localize().code == 0
@@ -306,9 +346,10 @@ def test_what_is_not_given_is_what_the_method_takes():
     given = {name: parameter.default for name, parameter in inspect.signature(command).parameters.items()}
     method, trust = library.MaximumConsensus(), library.Trust()
     assert given["thinning"] == method.thinning
-    assert given["weighting"].value == method.weighting
-    assert given["multiplicity"].value == method.multiplicity
-    assert given["search"].value.replace("-", " ") == method.search
+    assert given["weighting"] == method.weighting
+    assert given["multiplicity"] == method.multiplicity
+    assert given["search"] == method.search
+    assert given["objective"] == method.objective.name
     prior = library.Trajectory.from_poses([0.0], [library.Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)])
     within = WithinSigmas(method, prior)
     assert (within.sigmas, within.largest_half_width) == (SIGMAS, LARGEST_HALF_WIDTH)

@@ -64,7 +64,7 @@ def test_help_lists_the_commands(maxcon):
         ("--nonsense",),
         ("localize", "--nonsense"),
         ("localize", "city.map"),
-        ("localize", "m", "s", "--prior", "p", "-o", "o", "--objective", "nonsense"),
+        ("localize", "m", "s", "--prior", "p", "-o", "o", "--search", "nonsense"),
         ("localize", "m", "s", "--prior", "p", "-o", "o", "--threads", "0"),
         ("localize", "m", "s", "--prior", "p", "-o", "o", "--half-width", "wide"),
         ("map", "build"),

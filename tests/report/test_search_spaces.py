@@ -6,7 +6,7 @@ import pytest
 import maxcon
 from maxcon.errors import OptionError
 from maxcon.report import SearchSpaceView, plot_search_spaces
-from maxcon.report.objective_names import objective_name
+from maxcon.report.objective_names import title_of, unit_of
 from maxcon.report.search_spaces import chosen_headings
 
 
@@ -32,9 +32,9 @@ def test_of_many_headings_nine_are_drawn_in_even_steps_with_the_best(n_headings)
 
 
 def test_objectives_have_names_and_a_users_own_has_its_classs():
-    assert objective_name(maxcon.Helmert()).unit == "1/tr Q"
-    assert objective_name(maxcon.Count()).label == "Count [matches]"
-    assert objective_name(MyObjective()).label == "MyObjective [score]"
+    assert unit_of(maxcon.Helmert()) == "1/tr Q"
+    assert (title_of(maxcon.Count()), unit_of(maxcon.Count())) == ("Count", "matches")
+    assert (title_of(MyObjective()), unit_of(MyObjective())) == ("MyObjective", "score")
 
 
 def test_colours_run_from_nothing_to_the_best(epoch, space):

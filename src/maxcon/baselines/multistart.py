@@ -10,7 +10,7 @@ from maxcon.baselines.started import Aligner, StartedMethod, check_number, check
 from maxcon.errors import OptionError
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose, wrap_angle
-from maxcon.named_option import NamedOption
+from maxcon.options import NamedOption
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
 

@@ -5,7 +5,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.named_option import NamedOption
+from maxcon.options import NamedOption
 
 __all__ = ["NormalEquations", "Residual", "smallest_step"]
 

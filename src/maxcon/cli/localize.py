@@ -11,12 +11,13 @@ import typer
 
 from maxcon.cli.compiling import compiling_told
 from maxcon.cli.drive_summary import print_summary
-from maxcon.cli.method_options import MultiplicityName, ObjectiveName, SearchName, WeightingName
+from maxcon.cli.method_options import parse_objective
 from maxcon.cli.options import MaxRange, MinRange
 from maxcon.cli.pictures import drawer, parse_epochs
 from maxcon.cli.progress import progress_bar
 from maxcon.cli.search_space import SpaceOptions
 from maxcon.cli.tracking import check_tracking, started_drive
+from maxcon.options import Multiplicity, SearchMethod, Weighting
 
 if TYPE_CHECKING:
     from maxcon.drive import EpochEstimate
@@ -36,17 +37,23 @@ def localize(
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="POSES.csv", help="Table to write, a row per epoch.")
     ],
-    objective: Annotated[ObjectiveName, typer.Option(help="What a cell is worth.")] = ObjectiveName.HELMERT,
+    objective: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="What a cell is worth: helmert, count, max-eigenvalue, or one of your own, package.module:Name.",
+        ),
+    ] = "helmert",
     multiplicity: Annotated[
-        MultiplicityName, typer.Option(help="A match weighs one, or as many as the voxel's map points.")
-    ] = MultiplicityName.OCCUPIED,
+        Multiplicity, typer.Option(help="A match weighs one, or as many as the voxel's map points.")
+    ] = Multiplicity.OCCUPIED,
     weighting: Annotated[
-        WeightingName,
+        Weighting,
         typer.Option(
             help="Weight of a match: the cosine between the normals, and 1/2 where the scan point has none;"
             " as published, where it is 0 then; or one."
         ),
-    ] = WeightingName.COSINE,
+    ] = Weighting.COSINE,
     thinning: Annotated[
         float,
         typer.Option(
@@ -55,8 +62,8 @@ def localize(
         ),
     ] = 0.25,
     search: Annotated[
-        SearchName, typer.Option(help="How the best cell is found; it is the same one.")
-    ] = SearchName.BRANCH_AND_BOUND,
+        SearchMethod, typer.Option(help="How the best cell is found; it is the same one.")
+    ] = SearchMethod.BRANCH_AND_BOUND,
     refinement: Annotated[
         bool,
         typer.Option(
@@ -190,6 +197,7 @@ def localize(
 
     _check_options(prior, out, tum, plot, plot_epochs)
     check_tracking(track, odometry, drift)
+    scored_by = parse_objective(objective)
     for path in (out, tum):
         if path is not None:
             check_writable(path)
@@ -204,8 +212,8 @@ def localize(
     )  # fmt: skip
     trust = Trust(least_share, largest_runner_up)
     method = MaximumConsensus(
-        spaces.fixed(), objective.objective, multiplicity.value, threads if track else 1, trust, weighting.value,
-        search.value.replace("-", " "), thinning, refinement, wider, risk,
+        spaces.fixed(), scored_by, multiplicity, threads if track else 1, trust, weighting,
+        search, thinning, refinement, wider, risk,
     )  # fmt: skip
     windows = spaces.within_sigmas(method, prior_trajectory, max_gap, track=track)
     if track and windows is not None:

@@ -1,53 +1,42 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Options of the method by the words of the command line, without the imports of what they stand for."""
+"""The objective, by the words of the command line."""
 
-from enum import StrEnum
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from maxcon.objectives import Objective
 
-__all__ = ["MultiplicityName", "ObjectiveName", "SearchName", "WeightingName"]
+__all__ = ["parse_objective"]
 
 
-class ObjectiveName(StrEnum):
-    """Objectives by the names of the command line."""
+def parse_objective(word: str) -> "Objective":
+    """Return the objective of a name, or an own one: "package.module:Name", a class or an object.
 
-    HELMERT = "helmert"
-    COUNT = "count"
-    MAX_EIGENVALUE = "max-eigenvalue"
+    Modules are looked for in the working folder, too.
 
-    @property
-    def objective(self) -> "Objective":
-        """The objective of that name."""
-        from maxcon.objectives import Count, Helmert, MaxEigenvalue
+    Raises
+    ------
+    OptionError
+        If there is none of that name, the module cannot be imported, or it has no objective of that name.
+    """
+    import sys
+    from importlib import import_module
 
-        objectives: dict[ObjectiveName, type[Objective]] = {
-            ObjectiveName.HELMERT: Helmert,
-            ObjectiveName.COUNT: Count,
-            ObjectiveName.MAX_EIGENVALUE: MaxEigenvalue,
-        }
-        return objectives[self]()
+    from maxcon.errors import OptionError
+    from maxcon.objectives import as_objective
 
-
-class MultiplicityName(StrEnum):
-    """Multiplicities; search.Multiplicity without its imports."""
-
-    OCCUPIED = "occupied"
-    POINTS = "points"
-
-
-class WeightingName(StrEnum):
-    """Weightings; search.Weighting without its imports."""
-
-    COSINE = "cosine"
-    PUBLISHED = "published"
-    ONE = "one"
-
-
-class SearchName(StrEnum):
-    """Ways to find the best cell; search.SearchMethod as words on a command line."""
-
-    EXHAUSTIVE = "exhaustive"
-    BRANCH_AND_BOUND = "branch-and-bound"
+    module_name, colon, name = word.partition(":")
+    if not colon:
+        return as_objective(word)
+    sys.path.insert(0, "")
+    try:
+        found = getattr(import_module(module_name), name)
+        return as_objective(found() if isinstance(found, type) else found)
+    except Exception as error:  # the user's own code may fail in any way
+        raise OptionError(
+            f"Expected --objective {word!r} to name an objective in a module that can be imported, got"
+            f" {type(error).__name__}: {error}"
+        ) from error
+    finally:
+        sys.path.remove("")

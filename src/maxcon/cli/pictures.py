@@ -6,8 +6,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from maxcon.cli.method_options import ObjectiveName
-
 if TYPE_CHECKING:
     from maxcon.drive import EpochEstimate
     from maxcon.maximum_consensus import MaximumConsensus
@@ -50,7 +48,7 @@ def parse_epochs(text: str | None, n_epochs: int) -> frozenset[int]:
 
 
 def drawer(
-    folder: Path, point_map: "PointMap", method: "MaximumConsensus | WithinSigmas", objective: ObjectiveName
+    folder: Path, point_map: "PointMap", method: "MaximumConsensus | WithinSigmas", objective: str
 ) -> Callable[["EpochEstimate"], None]:
     """Return a function that draws an epoch into the folder."""
     from maxcon.atomic import make_folder
@@ -68,11 +66,11 @@ def drawer(
         plot_epoch(
             folder / f"{epoch.epoch:06d}.png",
             accumulator=searching.accumulate(epoch.scan, point_map, epoch.prior),
-            objective=searching.objective,
+            objective=searching.cell_search.objective,
             estimate=epoch.estimate,
             scan=epoch.scan,
             point_map=point_map,
-            title=f"Epoch {epoch.epoch} ({epoch.raw.name}), {objective.value}, {searching.multiplicity}",
+            title=f"Epoch {epoch.epoch} ({epoch.raw.name}), {objective}, {searching.multiplicity}",
         )
 
     return draw

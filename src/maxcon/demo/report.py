@@ -105,7 +105,7 @@ def _epoch_picture(folder: Path, drive: DemoDrive, result: MethodResult, epoch: 
     plot_epoch(
         path,
         accumulator=accumulator,
-        objective=method.objective,
+        objective=method.cell_search.objective,
         estimate=method.conclude(accumulator, scan, drive.point_map),
         scan=scan,
         point_map=drive.point_map,
@@ -130,7 +130,9 @@ def _spaces_picture(
     for result in results:
         if result.method.slug in ("count-points", "helmert-points", "helmert-occupied"):
             accumulator = result.method.method.accumulate(scan, drive.point_map, prior)
-            views.append(SearchSpaceView(accumulator, result.method.method.objective, result.method.name))
+            views.append(
+                SearchSpaceView(accumulator, result.method.method.cell_search.objective, result.method.name)
+            )
     path = folder / f"{place}.png"
     plot_search_spaces(
         path,

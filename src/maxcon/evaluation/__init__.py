@@ -2,7 +2,15 @@
 # SPDX-License-Identifier: MIT
 """How good answers are: against a reference, by how distinct they are, and by how sure they say to be."""
 
-from maxcon.evaluation.accuracy import Accuracy, PoseError, Quantiles, pose_error, summarize
+from maxcon.evaluation.accuracy import (
+    SUCCESS_DISTANCE,
+    SUCCESS_WORDS,
+    Accuracy,
+    PoseError,
+    Quantiles,
+    pose_error,
+    summarize,
+)
 from maxcon.evaluation.coverage import PROMISED, PROMISED_PLANE, Coverage, MeanSquare
 from maxcon.evaluation.distinctness import Distinctness, distinctness, significant_ray
 from maxcon.evaluation.proportions import clopper_pearson, least_to_prove, upper_bound
@@ -13,6 +21,8 @@ __all__ = [
     "ALERT_LIMIT",
     "PROMISED",
     "PROMISED_PLANE",
+    "SUCCESS_DISTANCE",
+    "SUCCESS_WORDS",
     "Accuracy",
     "Coverage",
     "Distinctness",

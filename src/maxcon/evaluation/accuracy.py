@@ -13,6 +13,7 @@ from maxcon.geometry import Pose, wrap_angle
 __all__ = [
     "SUCCESS_DISTANCE",
     "SUCCESS_HEADING",
+    "SUCCESS_WORDS",
     "Accuracy",
     "PoseError",
     "Quantiles",
@@ -22,6 +23,8 @@ __all__ = [
 
 SUCCESS_DISTANCE = 0.3
 SUCCESS_HEADING = math.radians(1.0)
+SUCCESS_WORDS = f"within {SUCCESS_DISTANCE:g} m and {math.degrees(SUCCESS_HEADING):g}°"
+"""What counts as right, in a sentence: ... of the reference."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from maxcon.accumulator import Accumulator, highest
 from maxcon.errors import ArrayError, OptionError
-from maxcon.integrity import runner_up_ratio
+from maxcon.integrity import peak_ratio
 from maxcon.objectives import Objective, Scores
 from maxcon.search_space import Cell, SearchSpace
 
@@ -108,7 +108,7 @@ def distinctness(
     offsets, along = significant_ray(accumulator, scores, peak)
     places, shares = offsets / space.cell_edge, along / along.sum()
     return Distinctness(
-        peak_ratio=runner_up_ratio(scores, peak, space, guard_radius),
+        peak_ratio=peak_ratio(scores, peak, space, guard_radius),
         kurtosis=_kurtosis(places, shares),
         divergence=_divergence(places, shares),
         spread=_spread(scores, peak, space),

@@ -8,6 +8,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from maxcon.evaluation import SUCCESS_DISTANCE, SUCCESS_WORDS
 from maxcon.study import MethodRows, MethodStatistics, statistics
 
 __all__ = ["COUNT", "HELMERT", "Claim", "Verdict", "paper_claims"]
@@ -125,7 +126,7 @@ def _helmert_succeeds(found: Mapping[str, MethodStatistics]) -> Claim:
     if lacking := _lacking(found, HELMERT):
         return _not_studied(paper, lacking)
     method = found[HELMERT]
-    words = f"{_share(method.n_success, method.n_tried)} epochs within 0.3 m and 1°"
+    words = f"{_share(method.n_success, method.n_tried)} epochs {SUCCESS_WORDS}"
     if "helmert-occupied" in found:
         other = found["helmert-occupied"]
         words += f"; {_share(other.n_success, other.n_tried)} by our defaults"
@@ -142,7 +143,7 @@ def _count_fails(found: Mapping[str, MethodStatistics]) -> Claim:
     method = found[COUNT]
     n_failed = method.n_tried - method.n_success
     words = f"The count fails in {_share(n_failed, method.n_tried)} epochs"
-    words += f", by up to {method.distance.worst:.2f} m" if method.distance.worst > 0.3 else ""
+    words += f", by up to {method.distance.worst:.2f} m" if method.distance.worst > SUCCESS_DISTANCE else ""
     if "count-occupied" in found:
         other = found["count-occupied"]
         words += f"; in {_share(other.n_tried - other.n_success, other.n_tried)} by our defaults"

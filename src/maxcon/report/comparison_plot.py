@@ -17,7 +17,7 @@ from maxcon.geometry import Pose, wrap_angle
 from maxcon.point_map import PointMap
 from maxcon.report.figure import SERIES, draw_titles, saved_figure
 from maxcon.report.from_above import Window, draw_map, draw_scale_bar
-from maxcon.report.objective_names import objective_name
+from maxcon.report.objective_names import title_of
 from maxcon.report.scene import is_off_the_ground
 from maxcon.report.score_panel import draw_scores, ground_of, offset_words, put_mark, scale_words
 from maxcon.report.search_spaces import COLORS, SearchSpaceView, cell_marks
@@ -185,7 +185,7 @@ def _draw_view(axes: "Axes", view: SearchSpaceView, reference: Pose) -> None:
 
 def _view_words(view: SearchSpaceView, reference: Pose) -> str:
     """Return the title of a panel, and in a second line where its best cell lies from the reference."""
-    name = view.title or objective_name(view.objective).name
+    name = view.title or title_of(view.objective)
     if not view.has_best:
         return f"{name}\nall cells score the same"
     x, y, turn = best_from(view, reference)

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from maxcon.errors import ArrayError
+from maxcon.evaluation import SUCCESS_DISTANCE
 from maxcon.point_map import PointMap
-from maxcon.report.errors_plot import SUCCESS, as_errors
+from maxcon.report.errors_plot import as_errors
 from maxcon.report.figure import MUTED, SERIES, draw_titles, saved_figure
 from maxcon.report.from_above import Window, draw_map, draw_scale_bar
 
@@ -27,7 +28,7 @@ def plot_drive(
     *,
     point_map: PointMap | None = None,
     title: str = "The drive from above",
-    success: float = SUCCESS,
+    success: float = SUCCESS_DISTANCE,
 ) -> None:
     """Draw the drive from above, each epoch in the colour of its error.
 

@@ -12,7 +12,7 @@ from maxcon.geometry import Pose, wrap_angle
 from maxcon.objectives import Objective
 from maxcon.point_map import PointMap
 from maxcon.report.figure import INK, MUTED, draw_titles, saved_figure
-from maxcon.report.objective_names import objective_name
+from maxcon.report.objective_names import title_of, unit_of
 from maxcon.report.scene import Scene, draw_scene
 from maxcon.report.search_spaces import (
     SearchSpaceView,
@@ -139,7 +139,6 @@ def _draw_scale(
     figure: "Figure", view: SearchSpaceView, image: "AxesImage", n_drawn: int, reference: Pose | None
 ) -> None:
     """Write what the panels are, with the colour scale below and the marks above."""
-    name = objective_name(view.objective)
     n_headings = view.space.shape[0]
     n_words = f"all {n_headings}" if n_drawn == n_headings else f"{n_drawn} of {n_headings}"
     drawn = "the prior's heading" if n_headings == 1 else f"{n_words} headings about the prior's"
@@ -168,7 +167,12 @@ def _draw_scale(
     bar = figure.add_axes((PANELS_LEFT / WIDTH, 0.46 / HEIGHT, 3.7 / WIDTH, 0.15 / HEIGHT))
     draw_color_bar(figure, image, bar, "horizontal")
     figure.text(
-        (PANELS_LEFT + 3.85) / WIDTH, 0.53 / HEIGHT, name.label, fontsize=10.5, va="center", parse_math=False
+        (PANELS_LEFT + 3.85) / WIDTH,
+        0.53 / HEIGHT,
+        f"{title_of(view.objective)} [{unit_of(view.objective)}]",
+        fontsize=10.5,
+        va="center",
+        parse_math=False,
     )
 
 

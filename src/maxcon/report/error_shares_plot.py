@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from maxcon.errors import ArrayError
-from maxcon.report.errors_plot import SUCCESS
+from maxcon.evaluation import SUCCESS_DISTANCE
 from maxcon.report.figure import INK, draw_titles, saved_figure
 from maxcon.report.method_style import (
     METHOD_STYLES,
@@ -56,7 +56,7 @@ def plot_error_shares(
     path: str | os.PathLike[str],
     errors_by_method: Mapping[str, ArrayLike],
     *,
-    success: float = SUCCESS,
+    success: float = SUCCESS_DISTANCE,
     title: str = "How many epochs stay within which error",
 ) -> None:
     """Draw the cumulative distribution of each method's horizontal errors over all epochs.

@@ -10,15 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from maxcon.errors import ArrayError, OptionError
+from maxcon.evaluation import SUCCESS_DISTANCE
 from maxcon.report.figure import INK, SERIES, draw_titles, saved_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["SUCCESS", "as_errors", "plot_errors"]
-
-SUCCESS = 0.3
-"""An epoch within this many metres of the reference counts as a success."""
+__all__ = ["as_errors", "plot_errors"]
 
 # Errors below a millimetre are drawn as one: the axis is logarithmic.
 LEAST_ERROR = 1e-3
@@ -45,7 +43,7 @@ def plot_errors(
     errors_by_method: Mapping[str, ArrayLike],
     *,
     title: str = "Error of each epoch",
-    success: float = SUCCESS,
+    success: float = SUCCESS_DISTANCE,
 ) -> None:
     """Draw the horizontal error of each epoch over the drive, and the share of epochs within each error.
 

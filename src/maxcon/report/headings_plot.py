@@ -14,7 +14,7 @@ from maxcon.geometry import Pose
 from maxcon.objectives import Objective
 from maxcon.report.figure import INK, MUTED, draw_titles, saved_figure
 from maxcon.report.from_above import Window
-from maxcon.report.objective_names import objective_name
+from maxcon.report.objective_names import title_of, unit_of
 from maxcon.report.score_panel import draw_scores, ground_of, put_mark, score_words
 from maxcon.report.search_spaces import (
     SearchSpaceView,
@@ -184,7 +184,7 @@ def _draw_around(
         )
     )
     draw_color_bar(figure, image, bar, "vertical")
-    bar.set_title(objective_name(view.objective).unit, fontsize=9, loc="left", color=MUTED, parse_math=False)
+    bar.set_title(unit_of(view.objective), fontsize=9, loc="left", color=MUTED, parse_math=False)
     if reference is not None:
         figure.legend(
             handles=cell_marks()[1:],
@@ -203,6 +203,6 @@ def _words(view: SearchSpaceView, n_drawn: int, half_width: float) -> str:
     is_cut = min(section.west, section.south) < space.west or max(section.east, section.north) > space.east
     outside = " Grey: outside the search space." if is_cut else ""
     return (
-        f"{objective_name(view.objective).name}. {drawn}, ±{half_width:g} m around the best cell.\n"
+        f"{title_of(view.objective)}. {drawn}, ±{half_width:g} m around the best cell.\n"
         f"Above each: turn from the prior's heading, and the highest score shown.{outside}"
     )

@@ -15,7 +15,7 @@ from maxcon.objectives import Objective
 from maxcon.point_map import PointMap
 from maxcon.report.figure import MUTED, draw_titles, saved_figure
 from maxcon.report.from_above import Window, draw_map, draw_scale_bar
-from maxcon.report.objective_names import objective_name
+from maxcon.report.objective_names import title_of
 from maxcon.report.scene import CONSENSUS_COLOR, PRIOR_COLOR, Scene
 from maxcon.report.score_panel import draw_scores, ground_of, put_mark, scale_words
 from maxcon.report.search_spaces import COLORS, SearchSpaceView, cell_marks
@@ -222,6 +222,6 @@ def _words(estimate: Estimate, objective: Objective, accumulator: Accumulator) -
     headline = "localized" if estimate.is_localized else f"NOT LOCALIZED: {estimate.status.value}"
     return (
         f"Each square on the ground: every position tried for one epoch, {edge:g} m × {edge:g} m, at the best"
-        f" heading;\ncolours: {objective_name(objective).name}. This epoch is {headline}."
+        f" heading;\ncolours: {title_of(objective)}. This epoch is {headline}."
         " Its scan is drawn without level ground."
     )

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from maxcon.errors import OptionError
+from maxcon.evaluation import SUCCESS_WORDS
 from maxcon.report.figure import INK, MUTED, SERIES, draw_titles, saved_figure
 from maxcon.report.method_style import METHOD_STYLES, check_methods, draw_number_ticks
 
@@ -98,7 +99,7 @@ def plot_prior_error(
         draw_titles(
             figure,
             title,
-            "Right: within 0.3 m and 1° of the reference. Called good: by the method itself.\n"
+            f"Right: {SUCCESS_WORDS} of the reference. Called good: by the method itself.\n"
             "Epochs and priors are the same for all. ms: in one thread; below at the widest prior.",
         )
         limits = _limits(summaries_by_drive)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from maxcon.errors import ArrayError
-from maxcon.evaluation import RiskCoverage
+from maxcon.evaluation import SUCCESS_WORDS, RiskCoverage
 from maxcon.report.figure import draw_titles, saved_figure
 from maxcon.report.method_style import METHOD_STYLES, LegendShape, MethodStyle, check_methods, draw_legend
 
@@ -36,7 +36,7 @@ def plot_risk_coverage(
     path: str | os.PathLike[str],
     by_method: Mapping[str, RiskCoverage],
     *,
-    criterion: str = "not within 0.3 m and 1° of the reference",
+    criterion: str = f"not {SUCCESS_WORDS} of the reference",
     title: str = "Wrong answers among those accepted",
 ) -> None:
     """Draw the rate of wrong answers among those accepted against the share of epochs that are accepted.

@@ -16,7 +16,7 @@ from maxcon.errors import OptionError
 from maxcon.geometry import Pose, wrap_angle
 from maxcon.objectives import Objective, Scores
 from maxcon.report.figure import MUTED, draw_titles, saved_figure
-from maxcon.report.objective_names import objective_name
+from maxcon.report.objective_names import title_of, unit_of
 from maxcon.search_space import Cell, SearchSpace
 
 if TYPE_CHECKING:
@@ -219,9 +219,7 @@ def plot_search_spaces(
             axes.set_ylabel("y from the prior [m]")
             bar = figure.add_axes((left + (panel + 0.1) / width, 0.58 / height, 0.13 / width, panel / height))
             draw_color_bar(figure, image, bar, "vertical")
-            bar.set_title(
-                objective_name(view.objective).unit, fontsize=9, loc="left", color=MUTED, parse_math=False
-            )
+            bar.set_title(unit_of(view.objective), fontsize=9, loc="left", color=MUTED, parse_math=False)
         figure.legend(
             handles=cell_marks()[: 1 if reference is None else 2],
             loc="upper right",
@@ -233,9 +231,7 @@ def plot_search_spaces(
 
 def _view_words(view: SearchSpaceView, reference: Pose | None) -> str:
     """Return title, turn and distance to the reference of a panel, in two lines."""
-    words = (
-        f"{view.title or objective_name(view.objective).name}\nheading {turn_words(view.space, view.best[0])}"
-    )
+    words = f"{view.title or title_of(view.objective)}\nheading {turn_words(view.space, view.best[0])}"
     if reference is None:
         return words
     pose = view.space.pose(view.best, view.accumulator.prior)

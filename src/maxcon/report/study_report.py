@@ -12,6 +12,7 @@ from pathlib import Path
 from maxcon.atomic import check_folder, check_writable, make_folder
 from maxcon.dataset import DESCRIPTION
 from maxcon.errors import OptionError
+from maxcon.evaluation import SUCCESS_WORDS
 from maxcon.progress import Progress
 from maxcon.report.claims import COUNT, HELMERT, paper_claims
 from maxcon.report.figure import check_matplotlib
@@ -149,7 +150,7 @@ def _headline(methods: dict[str, MethodRows], prior: str) -> str:
     names = [*own, *(name for name in known if name in methods)] or list(methods)[:6]
     found = [statistics(methods[name]) for name in names]
     words = "; ".join(f"{method.method} {method.n_success:,} of {method.n_epochs:,}" for method in found)
-    return f"Epochs within 0.3 m and 1° of the reference, from the prior “{prior}”: {words}."
+    return f"Epochs {SUCCESS_WORDS} of the reference, from the prior “{prior}”: {words}."
 
 
 def _command(study_folder: str | os.PathLike[str], path: str | os.PathLike[str], **options: object) -> str:

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon.evaluation import SUCCESS_WORDS
+from maxcon.evaluation.distinctness import GUARD_RADIUS
 from maxcon.point_map import PointMap
 from maxcon.report.claims import COUNT, HELMERT
 from maxcon.report.distinctness_plot import Distinctnesses, plot_distinctness
@@ -122,8 +124,8 @@ def _distinctness(path: Path, methods: Mapping[str, MethodRows], pair: Sequence[
     )
     return Picture(
         f"How distinct the answers are, {words}",
-        "The paper's comparisons over all epochs. Peak ratio: second highest over highest score, beyond 0.3 m and over"
-        " all headings. Kurtosis and divergence from a Laplace distribution: of the scores along the line through the"
+        f"The paper's comparisons over all epochs. Peak ratio: second highest over highest score, beyond"
+        f" {GUARD_RADIUS:g} m and over all headings. Kurtosis and divergence from a Laplace distribution: of the scores along the line through the"
         " best cell in its least determined direction. Spread: the farthest cell that reaches 90 % of the best.",
         "Histograms of four measures of distinctness, count beside Helmert's score.",
         path,
@@ -170,7 +172,7 @@ def _success(path: Path, methods: Mapping[str, MethodRows], shown: Sequence[str]
     return [
         Picture(
             "Success against the error of the prior",
-            "Epochs within 0.3 m and 1° of the reference, by how far off the prior was; trusted or not. At most eight"
+            f"Epochs {SUCCESS_WORDS} of the reference, by how far off the prior was; trusted or not. At most eight"
             " methods are drawn; the tables have all.",
             "Success rates over the distance of the prior, a line for each method.",
             path,

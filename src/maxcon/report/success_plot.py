@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from maxcon.errors import ArrayError, OptionError
+from maxcon.evaluation import SUCCESS_WORDS
 from maxcon.report.figure import MUTED, draw_titles, saved_figure
 from maxcon.report.method_style import (
     METHOD_STYLES,
@@ -92,7 +93,7 @@ def plot_success(
     success_by_method: Mapping[str, ArrayLike],
     *,
     bin_width: float | None = None,
-    criterion: str = "within 0.3 m and 1° of the reference",
+    criterion: str = f"{SUCCESS_WORDS} of the reference",
     title: str = "Success by the error of the prior",
 ) -> None:
     """Draw the success rate of each method against the distance of the prior from the reference.

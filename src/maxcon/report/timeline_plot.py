@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from maxcon.errors import ArrayError, OptionError
 from maxcon.estimate import Status
+from maxcon.evaluation import SUCCESS_WORDS
 from maxcon.report.figure import INK, MUTED, SERIES, draw_titles, saved_figure
 from maxcon.report.timeline_errors import BAND, MANY_EPOCHS, TRUSTED, WITHHELD, ErrorDrawing, ErrorRow
 
@@ -116,7 +117,7 @@ def plot_timeline(
 def _words(errors: "Sequence[ErrorDrawing]", n_epochs: int, n_wrong: int) -> str:
     """What the picture shows, and what to look for."""
     wrong = "No trusted answer is wrong" if n_wrong == 0 else f"Trusted and wrong: {n_wrong:,}"
-    lines = [f"{n_epochs:,} epochs. {wrong} (0.3 m and 1°)."]
+    lines = [f"{n_epochs:,} epochs. {wrong} ({SUCCESS_WORDS})."]
     if any(drawn.has_sigmas for drawn in errors):
         lines.append("About 95 % of the dots should lie within the band, and hardly any beyond the lines.")
     else:

@@ -2,13 +2,14 @@
 # SPDX-License-Identifier: MIT
 """Searches: the definition and the fast paths that equal it."""
 
+from maxcon.options import Multiplicity, SearchMethod, Weighting
 from maxcon.search import reference
 from maxcon.search.branch_and_bound import branch_and_bound
 from maxcon.search.consensus import consensus_set
 from maxcon.search.exhaustive import exhaustive
 from maxcon.search.found import Found, Standing
 from maxcon.search.heights import accumulators, highest_of
-from maxcon.search.matching import Multiplicity, SearchMethod, Weighting, level_of
+from maxcon.search.matching import level_of
 
 __all__ = [
     "Found",

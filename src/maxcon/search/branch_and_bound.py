@@ -13,6 +13,7 @@ from maxcon.errors import OptionError
 from maxcon.geometry import Pose
 from maxcon.integrity import highest_beyond
 from maxcon.objectives import BoundedByAxes, BoundedByCount, Objective
+from maxcon.options import Multiplicity, Weighting
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
 from maxcon.search.bounded_search import BoundedSearch
@@ -22,7 +23,7 @@ from maxcon.search.exhaustive import exhaustive
 from maxcon.search.field import Field
 from maxcon.search.found import Found, Standing
 from maxcon.search.heights import outwards
-from maxcon.search.matching import Multiplicity, Weighting, cells_of, check_threads
+from maxcon.search.matching import cells_of, check_threads
 from maxcon.search_space import Cell, SearchSpace
 
 __all__ = ["branch_and_bound"]

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from maxcon.accumulator import Accumulator
 from maxcon.errors import SearchSpaceError
 from maxcon.geometry import Pose
+from maxcon.options import Multiplicity, Weighting
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
 from maxcon.search.field import Field
-from maxcon.search.matching import Multiplicity, Weighting, cells_of, check_one_height, check_threads
+from maxcon.search.matching import cells_of, check_one_height, check_threads
 from maxcon.search.window import Window
 from maxcon.search_space import SearchSpace
 

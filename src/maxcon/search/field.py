@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from maxcon.compiled import read_only_view
 from maxcon.geometry import Pose, rotation_matrices, voxel_indices
+from maxcon.options import Multiplicity, Weighting
 from maxcon.point_map import PointMap, TileKey, VoxelTile
 from maxcon.scan import Scan
-from maxcon.search.matching import Multiplicity, Weighting
 from maxcon.search.window import Window
 from maxcon.search_space import SearchSpace
 

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from maxcon.errors import OptionError, SearchSpaceError
 from maxcon.geometry import Pose, rotation_matrices
-from maxcon.named_option import NamedOption
 from maxcon.point_map import PointMap
 from maxcon.point_map.level import FACTORS
 from maxcon.scan import Scan
@@ -18,9 +17,6 @@ from maxcon.search_space import SearchSpace
 __all__ = [
     "CONTRIBUTION_STEP",
     "LevelledScan",
-    "Multiplicity",
-    "SearchMethod",
-    "Weighting",
     "cells_of",
     "check_one_height",
     "check_threads",
@@ -32,52 +28,6 @@ __all__ = [
 CONTRIBUTION_STEP = 2.0**-24
 """What a match adds to N is rounded to whole multiples of this, so that float64 sums are exact, and
 equal in any order, up to 2^29 matches in a cell (D8)."""
-
-
-class Multiplicity(NamedOption, option="multiplicity"):
-    """How much a match weighs (D4)."""
-
-    OCCUPIED = "occupied"
-    """One: free of density."""
-
-    POINTS = "points"
-    """As many as the map points in the voxel: the paper's count, biased by map density."""
-
-
-class Weighting(NamedOption, option="weighting"):
-    """The weight w of a match in N, equation (4); its count does not depend on it (D5).
-
-    The direction of an observation is the map's normal; the scan's only weighs it. A map voxel without a normal
-    constrains nothing, whatever the weight.
-    """
-
-    COSINE = "cosine"
-    """max(0, n_scan . n_map); |n_scan . n_map| where the map's normals have no side. 1/2, its mean over all
-    directions that the sensor can see, where the scan point has no normal."""
-
-    PUBLISHED = "published"
-    """The same, but 0 where the scan point has no normal: it counts, and constrains nothing."""
-
-    ONE = "one"
-    """1, whatever the normal of the scan point, and where it has none: what the other weights are compared with."""
-
-    @property
-    def without_normal(self) -> float:
-        """Weight of a match whose scan point has no normal."""
-        return _WEIGHTS_WITHOUT_NORMAL[self]
-
-
-_WEIGHTS_WITHOUT_NORMAL = {Weighting.COSINE: 0.5, Weighting.PUBLISHED: 0.0, Weighting.ONE: 1.0}
-
-
-class SearchMethod(NamedOption, option="search"):
-    """How the best cell is found; it is the same one (D7)."""
-
-    EXHAUSTIVE = "exhaustive"
-    """Look at every cell."""
-
-    BRANCH_AND_BOUND = "branch and bound"
-    """Bound every cell, and look at those that could be the best."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,13 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 from maxcon.accumulator import Accumulator
 from maxcon.geometry import Pose, voxel_indices
 from maxcon.geometry.arrays import as_points, as_unit_normals
+from maxcon.options import Multiplicity, Weighting
 from maxcon.point_map import PointMap
 from maxcon.point_map.voxelize import mean_normals, turn_alike
 from maxcon.scan import Scan
 from maxcon.search.matching import (
     CONTRIBUTION_STEP,
-    Multiplicity,
-    Weighting,
     cells_of,
     check_one_height,
     level,

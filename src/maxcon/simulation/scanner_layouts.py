@@ -4,7 +4,7 @@
 
 import numpy as np
 
-from maxcon.named_option import NamedOption
+from maxcon.options import NamedOption
 from maxcon.simulation.scanners import RotatingScanner
 
 __all__ = ["ScannerLayout"]

@@ -23,6 +23,7 @@ from maxcon.io.scans import ScanFolder, open_scans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.maximum_consensus import MaximumConsensus
 from maxcon.objectives import Helmert, Objective
+from maxcon.options import SearchMethod
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
 from maxcon.study.answers import Answer, answer_columns, reference_columns
@@ -229,14 +230,16 @@ def _answer(
     method: StudyMethod, scan: Scan, point_map: PointMap, start: Pose, shared: _SharedAccumulators
 ) -> Answer:
     """Let a method localize an epoch, and take what else it can tell: of given cells how distinct the best one is."""
-    if isinstance(method.method, MaximumConsensus) and not method.method.space.is_open:
+    if isinstance(method.method, MaximumConsensus) and method.method.search is SearchMethod.EXHAUSTIVE:
         accumulator, taken = shared.of(method.method, method.map_name, point_map, start)
         clock = time.perf_counter()
         estimate = method.method.conclude(accumulator, scan, point_map)
         taken += 1e3 * (time.perf_counter() - clock)
         if estimate.status is Status.NO_MATCH:
             return Answer(estimate, taken)
-        return Answer(estimate, taken, _distinctness_or_none(accumulator, method.method.objective))
+        return Answer(
+            estimate, taken, _distinctness_or_none(accumulator, method.method.cell_search.objective)
+        )
     scan = Scan(scan.points, time=scan.time)  # whatever it needs of the scan is charged to it
     prepare_map(method.method, scan, point_map, start)
     clock = time.perf_counter()

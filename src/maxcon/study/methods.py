@@ -76,8 +76,9 @@ METHOD_SETS: dict[str, tuple[str, ...]] = {
 
 DEFAULT_SETS = ("consensus", "baselines")
 
-CELL_ONLY: dict[str, Any] = {"refinement": False}
-"""The answer is the best cell, which is where objectives, weights and cells can be compared."""
+CELL_ONLY: dict[str, Any] = {"refinement": False, "search": "exhaustive"}
+"""The answer is the best cell, which is where objectives, weights and cells can be compared; all are scored, once for
+all objectives, and how distinct the best one is can be measured."""
 
 AS_PUBLISHED: dict[str, Any] = {"weighting": "published", "thinning": 0.0, "is_levelled": False, **CELL_ONLY}
 """A scan point without a normal constrains nothing, all of them are searched with, and the prior's height is right."""
@@ -117,11 +118,7 @@ def choose_methods(names: Sequence[str], space: SearchSpace) -> list[StudyMethod
 
 def _consensus_methods(space: SearchSpace) -> list[StudyMethod]:
     """The method as `localize` runs it; and the best cell alone, by every objective and with one thing changed."""
-    objectives: dict[str, Objective] = {
-        "count": Count(),
-        "helmert": Helmert(),
-        "max-eigenvalue": MaxEigenvalue(),
-    }
+    objectives: dict[str, Objective] = {each.name: each for each in (Count(), Helmert(), MaxEigenvalue())}
     as_localize = SearchSpace(space.half_width, heading_half_width_deg=space.heading_half_width_deg)
     methods = [StudyMethod("maxcon", MaximumConsensus(as_localize))]
     for multiplicity, options in (("points", AS_PUBLISHED), ("occupied", CELL_ONLY)):
