@@ -10,7 +10,7 @@ from maxcon.errors import OptionError
 
 if TYPE_CHECKING:
     from maxcon.drive import DriveOptions, EpochEstimate
-    from maxcon.io.scans import ScanFolder
+    from maxcon.io.scans import Scans
     from maxcon.maximum_consensus import MaximumConsensus
     from maxcon.point_map import PointMap
     from maxcon.trajectory import Trajectory
@@ -37,7 +37,7 @@ def check_tracking(track: bool, odometry: Path | None, drift: float | None) -> N
 
 def started_drive(
     point_map: "PointMap",
-    scans: "ScanFolder",
+    scans: "Scans",
     prior: "Trajectory",
     method: "MaximumConsensus",
     options: "DriveOptions",

@@ -1,0 +1,156 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""RecordedScans: the scans of a recording, in order of time."""
+
+import os
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.errors import FileError
+from maxcon.io.recordings.cloud_sources import CloudSource, RecordedCloud, open_clouds
+from maxcon.io.scans.raw_scan import RawScan, Scans, check_range, returns_in_range
+
+__all__ = ["RecordedScans"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Index:
+    """Where the scans are.
+
+    Parameters
+    ----------
+    recorded : array, shape (k,)
+        When each cloud was recorded, ns, in the order of the recording.
+    times : array, shape (n,)
+        Of the scans, s, strictly increasing.
+    rows : array, shape (n,)
+        Which of the clouds each scan is.
+    kinds : dict of str to int
+        How the times of points were understood, and in how many clouds.
+    n_repeated : int
+        Clouds left out, as another has the same time.
+    """
+
+    recorded: NDArray[np.int64]
+    times: NDArray[np.float64]
+    rows: NDArray[np.int64]
+    kinds: dict[str, int]
+    n_repeated: int
+
+
+class RecordedScans(Scans):
+    """The scans of a recording; their times are found by one pass through it, when they are first asked for.
+
+    Parameters
+    ----------
+    source : CloudSource
+        Where the clouds come from.
+    at_stamp : bool
+        Whether the time of a scan is that of its message. Else it is the middle between its first and its last point,
+        where points have times.
+    """
+
+    def __init__(self, source: CloudSource, *, at_stamp: bool = False) -> None:
+        self.source = source
+        self.at_stamp = at_stamp
+        self._running: Iterator[RecordedCloud] | None = None
+        self._next = 0
+
+    @classmethod
+    def open(cls, path: str | os.PathLike[str], topic: str | None = None, *, at_stamp: bool = False) -> Self:
+        """Return the scans of a recording; errors as of `open_clouds`."""
+        return cls(open_clouds(path, topic), at_stamp=at_stamp)
+
+    @cached_property
+    def _index(self) -> _Index:
+        recorded, times = [], []
+        kinds: Counter[str] = Counter()
+        for cloud in self.source.clouds():
+            recorded.append(cloud.recorded)
+            times.append(self._time(cloud))
+            kinds["not readable" if isinstance(cloud.content, FileError) else cloud.content.times.kind] += 1
+        if not times:
+            raise FileError(f"Expected clouds in {self.source.path}, got none. Was it recorded whole?")
+        in_order, rows = np.unique(np.array(times), return_index=True)
+        return _Index(np.array(recorded), in_order, rows, dict(kinds), len(times) - len(rows))
+
+    @cached_property
+    def times(self) -> NDArray[np.float64]:  # type: ignore[override]
+        """Of the scans, shape (n,), s, strictly increasing."""
+        return self._index.times
+
+    @property
+    def words(self) -> str:
+        """Which clouds these are, and how their times were understood, in a line."""
+        kinds = "; ".join(
+            kind if len(self._index.kinds) == 1 else f"{kind} ({count})"
+            for kind, count in self._index.kinds.items()
+        )
+        repeated = f"; {self._index.n_repeated} left out, as another has the same time" * bool(
+            self._index.n_repeated
+        )
+        notes = "".join(f"; {note}" for note in self.source.notes)
+        return f"scans from {self.source.label}, times of points: {kinds}{repeated}{notes}"
+
+    def name(self, i: int) -> str:
+        """Return the topic of scan number `i`, and which of its clouds it is."""
+        return f"{self.source.label}#{self._index.rows[i]}"
+
+    def read(self, i: int, min_range: float = 1.0, max_range: float = 120.0) -> RawScan:
+        """Return scan number `i`; fast where they are read one after the other.
+
+        Raises
+        ------
+        FileError
+            If the recording, or this cloud, is broken.
+        OptionError
+            If not 0 <= min_range < max_range.
+        """
+        check_range(min_range, max_range)
+        cloud = self._cloud(int(self._index.rows[i]))
+        if isinstance(cloud.content, FileError):
+            raise cloud.content
+        points, offsets = cloud.content.points, cloud.content.times.offsets
+        is_kept, _ = returns_in_range(points, min_range, max_range)
+        reference = self._offset(cloud)
+        return RawScan(
+            points=points[is_kept],
+            time=float(self.times[i]),
+            name=self.name(i),
+            n_returns=cloud.content.n_points,
+            n_dropped_invalid=cloud.content.n_invalid,
+            n_dropped_range=len(points) - int(np.count_nonzero(is_kept)),
+            n_dropped_duplicates=cloud.content.n_duplicates,
+            point_times=None if offsets is None else offsets[is_kept] - reference,
+        )
+
+    def close(self) -> None:
+        """Close the recording."""
+        self.source.close()
+
+    def _offset(self, cloud: RecordedCloud) -> float:
+        """Time of a scan from that of its message, s."""
+        return 0.0 if self.at_stamp or isinstance(cloud.content, FileError) else cloud.content.times.middle
+
+    def _time(self, cloud: RecordedCloud) -> float:
+        return cloud.stamp * 1e-9 + self._offset(cloud)
+
+    def _cloud(self, row: int) -> RecordedCloud:
+        """The cloud of a row of the index: the next ones are read up to it, or the recording from its time on."""
+        recorded = self._index.recorded
+        if self._running is None or not self._next <= row < self._next + 10:
+            self._next = int(np.argmax(recorded == recorded[row]))
+            self._running = self.source.clouds(int(recorded[row]))
+        for cloud in self._running:
+            self._next += 1
+            if self._next > row and cloud.recorded == recorded[row]:
+                return cloud
+        raise FileError(
+            f"Expected {self.source.path} as it was when it was opened, got fewer clouds. Open it anew."
+        )
