@@ -19,17 +19,17 @@ if TYPE_CHECKING:
 __all__ = ["check_tracking", "started_drive"]
 
 
-def check_tracking(track: bool, odometry: Path | None, drift: float | None) -> None:
+def check_tracking(track: bool, odometry: Path | None, drift: float | None, *, deskew: bool = False) -> None:
     """Refuse options without effect.
 
     Raises
     ------
     OptionError
-        If odometry is given without tracking, or its drift without odometry.
+        If odometry is given without tracking or deskewing, or its drift without odometry.
     """
-    if odometry is not None and not track:
+    if odometry is not None and not (track or deskew):
         raise OptionError(
-            "Expected --odometry together with --track, got it alone. Add --track, or leave it out."
+            "Expected --odometry together with --track or --deskew, got it alone. Add one, or leave it out."
         )
     if drift is not None and odometry is None:
         raise OptionError("Expected --drift together with --odometry, got it alone. Leave it out.")
@@ -44,7 +44,7 @@ def started_drive(
     *,
     windows: "WithinSigmas | None",
     track: bool,
-    odometry: Path | None,
+    odometry: "Trajectory | None",
     drift: float | None,
 ) -> "Iterator[EpochEstimate]":
     """Return an iterator over the estimates of a drive, each epoch by itself, within its window, or as a track."""
@@ -52,7 +52,6 @@ def started_drive(
         from maxcon.drive import localize_drive
 
         return localize_drive(point_map, scans, prior, windows or method, options)
-    from maxcon.io.trajectories import read_trajectory
     from maxcon.tracked_drive import track_drive
     from maxcon.tracking import MotionNoise, Tracker
 
@@ -60,4 +59,4 @@ def started_drive(
         tracker = Tracker(method, MotionNoise.of_prior(prior))
         return track_drive(point_map, scans, prior, tracker, None, options)
     noise = MotionNoise() if drift is None else MotionNoise(share=drift)
-    return track_drive(point_map, scans, prior, Tracker(method, noise), read_trajectory(odometry), options)
+    return track_drive(point_map, scans, prior, Tracker(method, noise), odometry, options)

@@ -56,8 +56,10 @@ class GeographicFrame:
             )
             # A missing grid of the geoid is noticed when it is asked.
             area = self._crs.area_of_use
-            place = (0.0, 0.0) if area is None else ((area.west + area.east) / 2, (area.south + area.north) / 2)
-            values = found.transform(*place, 0.0, errcheck=True)
+            place = (
+                (0.0, 0.0) if area is None else ((area.west + area.east) / 2, (area.south + area.north) / 2)
+            )
+            values = found.transform(place[0], place[1], 0.0, errcheck=True)
         except ProjError as error:
             raise self._no_heights(str(error)) from error
         if not np.isfinite(values).all():

@@ -279,9 +279,8 @@ def _ros1_writer(path: Path) -> Iterator[_Writer]:
     from rosbags.rosbag1 import Writer
     from rosbags.typesys import Stores, get_typestore
 
-    with atomic_file(path) as partial:
-        with Writer(partial) as writer:
-            yield _BagWriter(get_typestore(Stores.ROS1_NOETIC), writer, is_ros1=True)
+    with atomic_file(path) as partial, Writer(partial) as writer:
+        yield _BagWriter(get_typestore(Stores.ROS1_NOETIC), writer, is_ros1=True)
 
 
 @contextmanager
@@ -304,7 +303,7 @@ def _mcap_writer(path: Path) -> Iterator[_Writer]:
     from rosbags.typesys import Stores, get_typestore
 
     with atomic_file(path) as partial, partial.open("wb") as stream:
-        writer = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+        writer: Any = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
         writer.start(profile="ros2", library="maxcon")
         yield _McapWriter(get_typestore(Stores.ROS2_HUMBLE), writer)
         writer.finish()
