@@ -68,17 +68,12 @@ def test_every_scan_of_a_file_is_read_or_refused_in_a_line(recorders, kind):
     files = [path for path in sorted((recorders / kind).rglob("*")) if path.suffix.lower() in suffixes]
     assert files
     for path in files:
-        if path.name in HANGING:
-            continue
         begin = time.perf_counter()
         try:
             assert read_scan_points(path).shape[1] == 3
         except MaxconError as error:
             assert "\n" not in str(error) and path.name in str(error)
         assert time.perf_counter() - begin < 10.0
-
-
-HANGING: set[str] = set()
 
 
 def test_seconds_and_nanoseconds_of_a_real_scanner(recorders):

@@ -12,7 +12,7 @@ from maxcon.errors import FileError
 from maxcon.io.clouds.base import as_file_error
 from maxcon.io.recordings.base import LARGEST_CHUNK, Message, Recording, Topic, as_extra_missing
 
-__all__ = ["McapFiles"]
+__all__ = ["McapFiles", "unpacked_records"]
 
 CUT_OFF = "{} was not closed by its recorder: what is whole in it is read"
 
@@ -127,7 +127,9 @@ class _McapFile:
                     continue
                 stream.seek(index.chunk_start_offset + 9)  # behind its kind and length
                 records = [
-                    r for r in _unpacked(Chunk.read(ReadDataStream(stream))) if isinstance(r, MessageRecord)
+                    r
+                    for r in unpacked_records(Chunk.read(ReadDataStream(stream)))
+                    if isinstance(r, MessageRecord)
                 ]
                 yield from sorted(records, key=lambda record: record.log_time)
 
@@ -143,7 +145,7 @@ class _McapFile:
         while True:
             try:
                 record = next(records, None)
-                parts = _unpacked(record) if isinstance(record, Chunk) else [record]
+                parts = unpacked_records(record) if isinstance(record, Chunk) else [record]
             except (EndOfFile, _TruncatedError):
                 break
             if record is None:
@@ -163,7 +165,7 @@ class _TruncatedError(Exception):
     """The last chunk of a file ends before it should."""
 
 
-def _unpacked(chunk: Any) -> list[Any]:
+def unpacked_records(chunk: Any) -> list[Any]:
     """Return the records of a chunk.
 
     Raises

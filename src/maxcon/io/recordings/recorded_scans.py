@@ -3,6 +3,7 @@
 """RecordedScans: the scans of a recording, in order of time."""
 
 import os
+import weakref
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -61,6 +62,7 @@ class RecordedScans(Scans):
         self.at_stamp = at_stamp
         self._running: Iterator[RecordedCloud] | None = None
         self._next = 0
+        self._close = weakref.finalize(self, source.close)
 
     @classmethod
     def open(cls, path: str | os.PathLike[str], topic: str | None = None, *, at_stamp: bool = False) -> Self:
@@ -131,8 +133,8 @@ class RecordedScans(Scans):
         )
 
     def close(self) -> None:
-        """Close the recording."""
-        self.source.close()
+        """Close the recording; it is closed as well when these scans are no longer used."""
+        self._close()
 
     def _offset(self, cloud: RecordedCloud) -> float:
         """Time of a scan from that of its message, s."""
