@@ -214,10 +214,10 @@ def localize(
         cell, heading_step_deg, half_width, heading_half_width_deg, height_half_width,
         sigma_position, sigma_heading_deg, sigmas, largest_half_width,
     )  # fmt: skip
-    trust = Trust(least_share, largest_runner_up)
     method = MaximumConsensus(
-        spaces.fixed(), objective.objective, multiplicity.value, threads, trust, weighting.value,
-        search.value.replace("-", " "), thinning, refinement, wider, risk,
+        spaces.fixed(), objective.objective, multiplicity.value, threads,
+        Trust(least_share, largest_runner_up), weighting.value, search.value.replace("-", " "), thinning,
+        refinement, wider, risk,
     )  # fmt: skip
     windows = spaces.within_sigmas(method, inputs.prior, max_gap, track=track)
     if track and windows is not None:
