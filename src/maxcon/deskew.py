@@ -9,7 +9,7 @@ from maxcon.errors import ArrayError, TrajectoryError
 from maxcon.geometry.arrays import as_points
 from maxcon.trajectory import Trajectory
 
-__all__ = ["deskew"]
+__all__ = ["deskew", "times_of_turn"]
 
 MAX_GAP = 0.5
 """Between two poses of the motion to interpolate across, s."""
@@ -63,6 +63,25 @@ def deskew(
     shifts = (positions - here[1]) @ here[0]
     rows = which[:-1]
     return np.asarray(np.einsum("nij,nj->ni", turns[rows], points) + shifts[rows], dtype=np.float64)
+
+
+def times_of_turn(points_sensor: ArrayLike, turn_time: float) -> NDArray[np.float64]:
+    """When each point of a spinning scanner's turn was measured, where no more is known than the direction it lies in.
+
+    Parameters
+    ----------
+    points_sensor : array_like, shape (n, 3)
+        Sensor frame, x forward, m; not deskewed.
+    turn_time : float
+        How long a turn takes, s: clockwise seen from above; negative for counter-clockwise.
+
+    Returns
+    -------
+    array, shape (n,)
+        From the middle of the turn, when the scanner looks forward, s: turns begin and end behind.
+    """
+    points = as_points(points_sensor, "points_sensor")
+    return np.asarray(np.arctan2(points[:, 1], points[:, 0]) * (-turn_time / (2.0 * np.pi)), dtype=np.float64)
 
 
 def _poses(

@@ -30,6 +30,24 @@ class RecordingOptions:
     geoid_height: float | None = None
     deskew: bool = False
     at_stamp: bool = False
+    turn_time: float | None = None
+
+    def check(self) -> None:
+        """Refuse a time of turns that is none, or without effect.
+
+        Raises
+        ------
+        OptionError
+            If it is.
+        """
+        if self.turn_time is None:
+            return
+        if not self.deskew:
+            raise OptionError("Expected --turn-time together with --deskew, got it alone. Add --deskew.")
+        if not 0.0 < abs(self.turn_time) <= 2.0:
+            raise OptionError(
+                f"Expected --turn-time of up to 2 s, got {self.turn_time}. Most scanners take 0.1 s."
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,13 +82,14 @@ class DriveInputs:
         from maxcon.io.scans import open_scans
         from maxcon.io.scans.deskewed import DeskewedScans
 
+        options.check()
         opened = open_scans(scans, times, topic=options.topic, at_stamp=options.at_stamp)
         prior_trajectory, prior_words = _prior(point_map, scans, prior, options)
         odometry_trajectory, odometry_words = _odometry(odometry, options)
         words = [*_words_of(opened), prior_words, odometry_words]
         if options.deskew:
             motion = prior_trajectory if odometry_trajectory is None else odometry_trajectory
-            opened = DeskewedScans(opened, motion, max_gap)
+            opened = DeskewedScans(opened, motion, max_gap, options.turn_time)
             words.append(f"deskewed by the {'prior' if odometry_trajectory is None else 'odometry'}")
         return cls(opened, prior_trajectory, odometry_trajectory, tuple(line for line in words if line))
 
@@ -146,9 +165,16 @@ def naming_files(prior: Path, scans: Path, map_folder: Path) -> Iterator[None]:
 def check_outputs(
     prior: Path | None, out: Path, tum: Path | None, plot: Path | None, numbers: str | None
 ) -> None:
-    """Refuse outputs that would replace each other or the prior, and options without effect."""
+    """Refuse outputs that cannot be written, or would replace each other or the prior, and options without effect."""
+    from maxcon.atomic import check_folder, check_writable
+
     named = [path.resolve() for path in (prior, out, tum) if path is not None]
     if len(set(named)) < len(named):
         raise OptionError("Expected different files as --prior, --out and --tum, got one twice. Rename one.")
     if numbers is not None and plot is None:
         raise OptionError("Expected --plot DIR with --plot-epochs, got none. Name a folder for the pictures.")
+    for path in (out, tum):
+        if path is not None:
+            check_writable(path)
+    if plot is not None:
+        check_folder(plot)

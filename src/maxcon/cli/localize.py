@@ -23,7 +23,8 @@ from maxcon.cli.options import (
     Prior,
     PriorTopic,
     Topic,
-)  # fmt: skip
+    TurnTime,
+)
 from maxcon.cli.pictures import drawer, parse_epochs
 from maxcon.cli.progress import progress_bar
 from maxcon.cli.search_space import SpaceOptions
@@ -170,6 +171,7 @@ def localize(
     odometry_topic: OdometryTopic = None,
     geoid_height: GeoidHeight = None,
     deskew: Deskew = False,
+    turn_time: TurnTime = None,
     at_stamp: AtStamp = False,
     times: Annotated[
         Path | None,
@@ -190,7 +192,6 @@ def localize(
 
     Exit code 0: every epoch is localized; 1: some are not (the status column says why); 2: bad input.
     """
-    from maxcon.atomic import check_folder, check_writable
     from maxcon.drive import DriveOptions
     from maxcon.integrity import Trust
     from maxcon.io.trajectories import write_tum
@@ -200,15 +201,10 @@ def localize(
 
     check_outputs(prior, out, tum, plot, plot_epochs)
     check_tracking(track, odometry, drift, deskew=deskew)
-    for path in (out, tum):
-        if path is not None:
-            check_writable(path)
-    if plot is not None:
-        check_folder(plot)
     point_map = PointMap.open(map_folder)
     inputs = DriveInputs.open(
         point_map, scans, times, prior, odometry, max_gap,
-        RecordingOptions(topic, prior_topic, odometry_topic, geoid_height, deskew, at_stamp),
+        RecordingOptions(topic, prior_topic, odometry_topic, geoid_height, deskew, at_stamp, turn_time),
     )  # fmt: skip
     spaces = SpaceOptions(
         cell, heading_step_deg, half_width, heading_half_width_deg, height_half_width,

@@ -19,6 +19,7 @@ __all__ = [
     "Prior",
     "PriorTopic",
     "Topic",
+    "TurnTime",
 ]
 
 HeadingStepDeg = Annotated[float, typer.Option(metavar="DEG", help="Step between headings, degrees.")]
@@ -70,5 +71,13 @@ AtStamp = Annotated[
     typer.Option(
         "--at-stamp",
         help="The time of a recorded scan is its message's, not the middle between its first and its last point.",
+    ),
+]
+TurnTime = Annotated[
+    float | None,
+    typer.Option(
+        metavar="S",
+        help="With --deskew, where points have no times: how long a turn of the scanner takes, from behind to behind,"
+        " clockwise seen from above; negative for counter-clockwise.",
     ),
 ]
