@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: MIT
 """Bags and MCAP files as scans: what was written is read, in every format, and nothing that is broken breaks more."""
 
+import os
 import tracemalloc
 
 import numpy as np
@@ -197,6 +198,19 @@ def test_what_is_no_recording(tmp_path):
         open_scans(tmp_path / "empty.bag")
     with pytest.raises(OptionError, match="asked of a recording"):
         open_scans(tmp_path, topic="/points")
+    for name in ("long" * 100 + ".bag", "long" * 100, "nul\0.mcap"):
+        with pytest.raises(FileError):
+            open_scans(tmp_path / name)
+    os.mkfifo(tmp_path / "pipe.mcap")
+    with pytest.raises(FileError, match="which is no file"):
+        open_scans(tmp_path / "pipe.mcap")
+
+
+def test_a_recording_beside_scans_is_not_taken_for_them(recorded, tmp_path):
+    recorded(RecordingKind.MCAP, MadeScans(2))
+    assert len(open_scans(tmp_path)) == 2  # a bag whose metadata.yaml is missing
+    np.ones((5, 4), "<f4").tofile(tmp_path / "1.5.bin")
+    assert open_scans(tmp_path).times.tolist() == [1.5]
 
 
 def test_two_clouds_of_one_time_are_one_scan(tmp_path):

@@ -78,7 +78,7 @@ def test_every_scan_of_a_file_is_read_or_refused_in_a_line(recorders, kind):
 
 def test_seconds_and_nanoseconds_of_a_real_scanner(recorders):
     with_clouds = open_clouds(recorders / "ros1bag" / "embag_test.bag")
-    clouds = [cloud.content for cloud in with_clouds.clouds()]
+    clouds = [cloud.points() for cloud in with_clouds.clouds()]
     for cloud in clouds:
         assert cloud.times.kind == "time_sec + time_nsec: s + ns, absolute"
         assert "the message has the time of the last point" in cloud.times.words

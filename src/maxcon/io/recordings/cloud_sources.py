@@ -5,6 +5,7 @@
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +14,14 @@ from maxcon.io.clouds.base import as_file_error
 from maxcon.io.recordings.base import Message, Recording, Topic
 from maxcon.io.recordings.messages import decode_message, stamp_of
 from maxcon.io.recordings.opening import CAPTURE_SUFFIX, existing_file, open_recording
-from maxcon.io.recordings.point_cloud2 import CloudPoints, CloudRecord, FieldDescription, decode_cloud
+from maxcon.io.recordings.point_cloud2 import (
+    CloudPoints,
+    CloudRecord,
+    FieldDescription,
+    decode_cloud,
+    decode_times,
+)
+from maxcon.io.recordings.point_times import PointTimes
 
 __all__ = ["CloudSource", "RecordedCloud", "TopicOfClouds", "chosen_topic", "open_clouds"]
 
@@ -22,24 +30,59 @@ CLOUD, VELODYNE = "sensor_msgs/msg/PointCloud2", "velodyne_msgs/msg/VelodyneScan
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedCloud:
-    """One cloud of a recording.
+    """One cloud of a recording, decoded when it is asked for its content.
 
     Parameters
     ----------
+    label : str
+        Where it comes from, for messages.
     recorded : int
         When it was recorded, ns.
     stamp : int
         Time of its message, ns.
-    fields : tuple of FieldDescription
-        What was stored of each point; empty for packets.
-    content : CloudPoints or FileError
-        Its returns, or why it cannot be read.
+    record : CloudRecord or FileError
+        What was stored, or why its message cannot be read.
     """
 
+    label: str
     recorded: int
     stamp: int
-    fields: tuple[FieldDescription, ...]
-    content: CloudPoints | FileError
+    record: CloudRecord | FileError
+
+    def points(self) -> CloudPoints:
+        """Return its returns.
+
+        Raises
+        ------
+        FileError
+            If it is broken.
+        """
+        with self._naming():
+            return decode_cloud(self._record())
+
+    def times(self) -> PointTimes:
+        """Return the times of its returns; errors as of `points`."""
+        with self._naming():
+            return decode_times(self._record())
+
+    @property
+    def fields(self) -> tuple[FieldDescription, ...]:
+        """What was stored of each point."""
+        return () if isinstance(self.record, FileError) else self.record.fields
+
+    def _record(self) -> CloudRecord:
+        if isinstance(self.record, FileError):
+            raise self.record
+        return self.record
+
+    @contextmanager
+    def _naming(self) -> Iterator[None]:
+        try:
+            yield
+        except FileError as error:
+            if error is self.record:
+                raise
+            raise FileError(f"{self.label}: {error}") from error
 
 
 class CloudSource(ABC):
@@ -84,19 +127,17 @@ class TopicOfClouds(CloudSource):
 
 def _cloud(message: Message, label: str) -> RecordedCloud:
     stamp = message.recorded
-    fields: tuple[FieldDescription, ...] = ()
     try:
         with as_file_error(Path(label), "a message of a cloud"):
             content = decode_message(message)
             stamp = stamp_of(content, message.recorded)
             if message.type == VELODYNE:
-                from maxcon.io.recordings.velodyne import decode_packets
+                from maxcon.io.recordings.velodyne import record_of_packets
 
-                stamp, points = decode_packets(content, stamp)
-                return RecordedCloud(message.recorded, stamp, (), points)
-            fields = tuple(FieldDescription(f.name, f.offset, f.datatype, f.count) for f in content.fields)
+                record = record_of_packets(content, stamp)
+                return RecordedCloud(label, message.recorded, record.stamp, record)
             record = CloudRecord(
-                fields=fields,
+                fields=tuple(FieldDescription(f.name, f.offset, f.datatype, f.count) for f in content.fields),
                 width=content.width,
                 height=content.height,
                 point_step=content.point_step,
@@ -105,9 +146,9 @@ def _cloud(message: Message, label: str) -> RecordedCloud:
                 data=content.data,
                 stamp=stamp,
             )
-            return RecordedCloud(message.recorded, stamp, fields, decode_cloud(record))
+            return RecordedCloud(label, message.recorded, stamp, record)
     except FileError as error:
-        return RecordedCloud(message.recorded, stamp, fields, error)
+        return RecordedCloud(label, message.recorded, stamp, error)
 
 
 def open_clouds(path: str | os.PathLike[str], topic: str | None = None) -> CloudSource:

@@ -20,8 +20,8 @@ BAG_FOLDER = "metadata.yaml"
 def is_recording(path: str | os.PathLike[str]) -> bool:
     """Whether a path is a recording by its suffix, or the folder of a ROS 2 bag."""
     place = Path(path)
-    if place.is_dir():
-        return (place / BAG_FOLDER).is_file() or bool(_mcap_files(place))
+    if os.path.isdir(place):  # noqa: PTH112  (a name that is too long is no folder, not an error)
+        return (place / BAG_FOLDER).is_file() or _has_only_mcap_files(place)
     return place.suffix.lower() in (*RECORDING_SUFFIXES, CAPTURE_SUFFIX)
 
 
@@ -34,8 +34,8 @@ def existing_file(path: str | os.PathLike[str]) -> Path:
         If it is none: not there, a folder, or a pipe, which would be waited for.
     """
     place = Path(path)
-    if not place.is_file():
-        got = "which is none" if place.exists() else "no such file or folder"
+    if not os.path.isfile(place):  # noqa: PTH113
+        got = "which is no file" if os.path.lexists(place) else "no such file or folder"
         raise FileError(f"Expected a recording at {place}, got {got}. Check the path.")
     return place
 
@@ -57,18 +57,29 @@ def open_recording(path: str | os.PathLike[str]) -> Recording:
     """
     place = Path(path)
     suffix = place.suffix.lower()
-    if place.exists() and (suffix == CAPTURE_SUFFIX or not is_recording(place)):
+    if os.path.lexists(place) and (suffix == CAPTURE_SUFFIX or not is_recording(place)):
         raise FileError(
             f"Expected a recording with suffix {', '.join(RECORDING_SUFFIXES)}, or the folder of a ROS 2 bag, got"
             f" {place}. Check the path."
         )
-    if place.is_dir():
+    if os.path.isdir(place):  # noqa: PTH112
         files = _mcap_files(place)
         return McapFiles(place, files) if files else SqliteBag(place)
     file = existing_file(place)
     if suffix == ".bag":
         return Ros1Bag(file)
     return McapFiles(file, [file]) if suffix == ".mcap" else SqliteBag(file)
+
+
+def _has_only_mcap_files(folder: Path) -> bool:
+    """Whether a folder without metadata.yaml has MCAP files, and no scans."""
+    from maxcon.io.scans.points import SCAN_SUFFIXES
+
+    try:
+        suffixes = {file.suffix.lower() for file in folder.iterdir() if file.is_file()}
+    except OSError:
+        return False
+    return ".mcap" in suffixes and suffixes.isdisjoint(SCAN_SUFFIXES)
 
 
 def _mcap_files(folder: Path) -> list[Path]:

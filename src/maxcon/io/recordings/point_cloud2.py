@@ -4,14 +4,22 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import FileError
-from maxcon.io.recordings.point_times import TIME_FIELDS, PointTimes, find_point_times
+from maxcon.io.recordings.point_times import TIME_FIELDS, Column, PointTimes, find_point_times
 
-__all__ = ["CloudPoints", "CloudRecord", "FieldDescription", "decode_cloud", "fields_in_words"]
+__all__ = [
+    "CloudPoints",
+    "CloudRecord",
+    "FieldDescription",
+    "decode_cloud",
+    "decode_times",
+    "fields_in_words",
+]
 
 FORMATS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """Kinds of numbers by their code in sensor_msgs/PointField."""
@@ -116,25 +124,49 @@ def decode_cloud(record: CloudRecord) -> CloudPoints:
         If x, y or z is missing, a field does not fit into its point, or there are fewer bytes than points.
     """
     layout = _Layout.of(record)
-    points = np.stack([layout.column(layout.coordinate(axis)).astype(np.float64) for axis in "xyz"], axis=1)
-    kept, n_invalid = _returns(points)
-    once = _first_of_each(points[kept])
-    rows = kept if once is None else kept[once]
-    wanted = [field for field in record.fields if field.count <= 1 and field.datatype in FORMATS]
-    columns = {
-        field.name: (field.kind, layout.column(field)[rows])
-        for field in wanted
-        if field.name.lower() in TIME_FIELDS or field.name in RINGS
-    }
+    coordinates = [layout.column(layout.coordinate(axis)) for axis in "xyz"]
+    rows = _returns(coordinates)
+    n_returns = len(rows)
+    coordinates = _taken(coordinates, rows)
+    once = _first_of_each(coordinates)
+    if once is not None:
+        rows, coordinates = rows[once], _taken(coordinates, once)
+    points = np.empty((len(rows), 3))
+    for axis, values in enumerate(coordinates):
+        points[:, axis] = values
+    columns = _columns(record, layout, rows)
     ring = next((columns[name][1] for name in RINGS if name in columns), None)
+    n_points = record.width * record.height
     return CloudPoints(
-        points=points[rows],
+        points=points,
         times=find_point_times(columns, record.stamp),
         rings=None if ring is None or ring.dtype.kind == "f" else ring.astype(np.int64),
-        n_points=len(points),
-        n_invalid=n_invalid,
-        n_duplicates=len(kept) - len(rows),
+        n_points=n_points,
+        n_invalid=n_points - n_returns,
+        n_duplicates=n_returns - len(rows),
     )
+
+
+def decode_times(record: CloudRecord) -> PointTimes:
+    """Return the times of the returns of a recorded cloud alone; errors as of `decode_cloud`."""
+    layout = _Layout.of(record)
+    rows = _returns([layout.column(layout.coordinate(axis)) for axis in "xyz"])
+    return find_point_times(_columns(record, layout, rows), record.stamp)
+
+
+def _columns(record: CloudRecord, layout: "_Layout", rows: NDArray[np.intp]) -> dict[str, Column]:
+    """Type and numbers of the fields that may be times or rings, of some of the points."""
+    columns = {}
+    for field in record.fields:
+        is_wanted = field.name.lower() in TIME_FIELDS or field.name in RINGS
+        if is_wanted and field.count <= 1 and field.datatype in FORMATS:
+            columns[field.name] = (field.kind, _taken([layout.column(field)], rows)[0])
+    return columns
+
+
+def _taken(columns: list[NDArray[Any]], rows: NDArray[np.intp]) -> list[NDArray[Any]]:
+    """The numbers of some rows; the columns themselves where it is all of them."""
+    return [column if len(rows) == len(column) else column.take(rows) for column in columns]
 
 
 def _refuse(expected: str, got: str) -> FileError:
@@ -187,42 +219,54 @@ class _Layout:
         names = ", ".join(f"{field.name} ({field.kind})" for field in self.record.fields)
         raise _refuse(f"one field {axis!r} of floating-point numbers", names[:120] or "no fields")
 
-    def column(self, field: FieldDescription) -> NDArray[np.generic]:
+    def column(self, field: FieldDescription) -> NDArray[Any]:
         """The number of a field, of all points, row by row; shape (n,)."""
         record = self.record
         order = ">" if record.is_big_endian else "<"
-        view: NDArray[np.generic] = np.ndarray(
+        view: NDArray[Any] = np.ndarray(
             (record.height, record.width),
             dtype=f"{order}{FORMATS[field.datatype]}",
             buffer=record.data,
             offset=field.offset if record.width * record.height else 0,
             strides=(self.row_step, record.point_step),
         )
-        return view.astype(view.dtype.newbyteorder("=")).reshape(-1)
+        return np.ascontiguousarray(view, dtype=view.dtype.newbyteorder("=")).reshape(-1)
 
 
-def _returns(points: NDArray[np.float64]) -> tuple[NDArray[np.intp], int]:
-    """Rows of points that are finite and not at (0, 0, 0), and how many are not."""
-    is_return = np.isfinite(points).all(axis=1) & (points != 0.0).any(axis=1)
-    rows = np.flatnonzero(is_return)
-    return rows, len(points) - len(rows)
+def _returns(coordinates: list[NDArray[np.floating]]) -> NDArray[np.intp]:
+    """Rows of points that are finite and not at (0, 0, 0)."""
+    x, y, z = coordinates
+    with np.errstate(over="ignore", invalid="ignore"):
+        squared = x * x
+        squared += y * y
+        squared += z * z
+    is_return = (squared > 0.0) & (squared < np.inf)
+    # Squares leave the range of floats before coordinates do: what looks like no return is looked at.
+    rows = np.flatnonzero(~is_return)
+    places = np.stack([x[rows], y[rows], z[rows]], axis=1)
+    is_return[rows] = np.isfinite(places).all(axis=1) & places.any(axis=1)
+    return np.flatnonzero(is_return)
 
 
-def _first_of_each(points: NDArray[np.float64]) -> NDArray[np.intp] | None:
+def _first_of_each(coordinates: list[NDArray[np.floating]]) -> NDArray[np.intp] | None:
     """Rows of the first point at each place, in order; None where no place comes twice."""
-    bits = (points + 0.0).view(np.uint64)  # + 0.0: -0.0 is at the same place
-    mixed = bits ^ (
-        bits >> np.uint64(31)
-    )  # float32 leaves the lower bits empty, and products never reach them
-    keys = mixed[:, 0] * MIXERS[0] ^ mixed[:, 1] * MIXERS[1] ^ mixed[:, 2] * MIXERS[2]
+    # + 0.0: -0.0 is at the same place. Bits are mixed, as those of float32 leave the lower half of a product empty.
+    whole = [values + values.dtype.type(0.0) for values in coordinates]
+    bits = [values.view(f"u{values.dtype.itemsize}").astype(np.uint64) for values in whole]
+    keys = np.zeros(len(whole[0]), np.uint64)
+    for number, mixer in zip(bits, MIXERS, strict=True):
+        keys ^= number
+        keys *= mixer
+        keys ^= keys >> np.uint64(29)
     in_order = np.sort(keys)
     if not (in_order[1:] == in_order[:-1]).any():
         return None
     order = np.argsort(keys, kind="stable")
     is_same = np.r_[False, keys[order[1:]] == keys[order[:-1]]]
     repeated = np.flatnonzero(is_same)
-    if (bits[order[repeated]] != bits[order[repeated - 1]]).any():  # two places with one key
-        order = np.unique(points, axis=0, return_index=True)[1]
+    if any((number[order[repeated]] != number[order[repeated - 1]]).any() for number in bits):
+        # Two places with one key.
+        order = np.unique(np.stack(whole, axis=1), axis=0, return_index=True)[1]
         return np.sort(order)
     return np.sort(order[~is_same])
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["TIME_FIELDS", "PointTimes", "find_point_times"]
+__all__ = ["TIME_FIELDS", "Column", "PointTimes", "find_point_times"]
 
 PAIRS = (("time_sec", "time_nsec"), ("sec", "nsec"), ("timestampsec", "timestampnsec"))
 """Fields that hold seconds, and the nanoseconds to add."""

@@ -75,8 +75,15 @@ class RecordedScans(Scans):
         kinds: Counter[str] = Counter()
         for cloud in self.source.clouds():
             recorded.append(cloud.recorded)
-            times.append(self._time(cloud))
-            kinds["not readable" if isinstance(cloud.content, FileError) else cloud.content.times.kind] += 1
+            offset = 0.0
+            try:
+                found = cloud.times()
+            except FileError:
+                kinds["not readable"] += 1
+            else:
+                kinds[found.kind] += 1
+                offset = 0.0 if self.at_stamp else found.middle
+            times.append(cloud.stamp / 1e9 + offset)
         if not times:
             raise FileError(f"Expected clouds in {self.source.path}, got none. Was it recorded whole?")
         in_order, rows = np.unique(np.array(times), return_index=True)
@@ -116,32 +123,24 @@ class RecordedScans(Scans):
         """
         check_range(min_range, max_range)
         cloud = self._cloud(int(self._index.rows[i]))
-        if isinstance(cloud.content, FileError):
-            raise cloud.content
-        points, offsets = cloud.content.points, cloud.content.times.offsets
-        is_kept, _ = returns_in_range(points, min_range, max_range)
-        reference = self._offset(cloud)
+        content = cloud.points()
+        is_kept, _ = returns_in_range(content.points, min_range, max_range)
+        kept, offsets = np.flatnonzero(is_kept), content.times.offsets
+        time = float(self.times[i])
         return RawScan(
-            points=points[is_kept],
-            time=float(self.times[i]),
+            points=content.points.take(kept, axis=0),
+            time=time,
             name=self.name(i),
-            n_returns=cloud.content.n_points,
-            n_dropped_invalid=cloud.content.n_invalid,
-            n_dropped_range=len(points) - int(np.count_nonzero(is_kept)),
-            n_dropped_duplicates=cloud.content.n_duplicates,
-            point_times=None if offsets is None else offsets[is_kept] - reference,
+            n_returns=content.n_points,
+            n_dropped_invalid=content.n_invalid,
+            n_dropped_range=len(content.points) - len(kept),
+            n_dropped_duplicates=content.n_duplicates,
+            point_times=None if offsets is None else offsets.take(kept) - (time - cloud.stamp / 1e9),
         )
 
     def close(self) -> None:
         """Close the recording; it is closed as well when these scans are no longer used."""
         self._close()
-
-    def _offset(self, cloud: RecordedCloud) -> float:
-        """Time of a scan from that of its message, s."""
-        return 0.0 if self.at_stamp or isinstance(cloud.content, FileError) else cloud.content.times.middle
-
-    def _time(self, cloud: RecordedCloud) -> float:
-        return cloud.stamp * 1e-9 + self._offset(cloud)
 
     def _cloud(self, row: int) -> RecordedCloud:
         """The cloud of a row of the index: the next ones are read up to it, or the recording from its time on."""

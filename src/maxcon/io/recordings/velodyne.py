@@ -12,15 +12,9 @@ from numpy.typing import NDArray
 from maxcon.errors import FileError, MissingExtraError
 from maxcon.io.clouds.base import as_file_error
 from maxcon.io.recordings.cloud_sources import CloudSource, RecordedCloud
-from maxcon.io.recordings.point_cloud2 import (
-    FORMATS,
-    CloudPoints,
-    CloudRecord,
-    FieldDescription,
-    decode_cloud,
-)
+from maxcon.io.recordings.point_cloud2 import FORMATS, CloudRecord, FieldDescription
 
-__all__ = ["PacketCapture", "decode_packets"]
+__all__ = ["PacketCapture", "record_of_packets"]
 
 CODES = {name: code for code, name in FORMATS.items()}
 
@@ -59,7 +53,7 @@ class PacketCapture(CloudSource):
                 n_turns += 1
                 recorded = round(stamp.host * 1e9)
                 if start is None or recorded >= start:
-                    yield RecordedCloud(recorded, recorded, (), _as_cloud(points, recorded))
+                    yield RecordedCloud(self.label, recorded, recorded, _as_record(points, recorded))
         if not n_turns:
             raise FileError(
                 f"Expected packets of a Velodyne scanner in {self.path}, got none, but perhaps another scanner's."
@@ -72,8 +66,8 @@ class PacketCapture(CloudSource):
             self._running.pop().close()
 
 
-def decode_packets(content: Any, stamp: int) -> tuple[int, CloudPoints]:
-    """Return the cloud of a VelodyneScan, and its time, ns: that of its last packet.
+def record_of_packets(content: Any, stamp: int) -> CloudRecord:
+    """Return the cloud of a VelodyneScan; its time is that of its last packet.
 
     Raises
     ------
@@ -90,8 +84,7 @@ def decode_packets(content: Any, stamp: int) -> tuple[int, CloudPoints]:
     if not len(packets):
         raise FileError("Expected packets in a VelodyneScan, got none. Leave this message out.")
     time, points = package.ScanDecoder(package.Config()).decode(packets, as_pcl_structs=True)
-    at = round(time.host * 1e9)
-    return at, _as_cloud(points, at)
+    return _as_record(points, round(time.host * 1e9))
 
 
 def _decoder_package(path: Path | None) -> Any:
@@ -105,12 +98,12 @@ def _decoder_package(path: Path | None) -> Any:
     return velodyne_decoder
 
 
-def _as_cloud(points: NDArray[np.void], stamp: int) -> CloudPoints:
-    """Decode what the package returns as any other cloud."""
+def _as_record(points: NDArray[np.void], stamp: int) -> CloudRecord:
+    """What the package returns, to be decoded as any other cloud."""
     places: Any = points.dtype.fields
     fields = tuple(
         FieldDescription(name, place[1], CODES[place[0].str[1:]]) for name, place in places.items()
     )
     step = points.dtype.itemsize
     data = np.ascontiguousarray(points).view(np.uint8)
-    return decode_cloud(CloudRecord(fields, len(points), 1, step, step * len(points), False, data, stamp))
+    return CloudRecord(fields, len(points), 1, step, step * len(points), False, data, stamp)

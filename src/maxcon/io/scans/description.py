@@ -135,9 +135,10 @@ def _clouds(source: "CloudSource") -> Iterator[_Seen | FileError]:
     from maxcon.io.recordings.point_cloud2 import fields_in_words
 
     for cloud in islice(source.clouds(), N_SCANS):
-        content = cloud.content
-        if isinstance(content, FileError):
-            yield content
+        try:
+            content = cloud.points()
+        except FileError as error:
+            yield error
         else:
             yield _Seen(
                 points=content.points,
@@ -146,7 +147,7 @@ def _clouds(source: "CloudSource") -> Iterator[_Seen | FileError]:
                 n_invalid=content.n_invalid,
                 n_duplicates=content.n_duplicates,
                 rings=content.rings,
-                fields=fields_in_words(cloud.fields) or "packets",
+                fields=fields_in_words(cloud.fields),
                 times=content.times.words,
             )
 
