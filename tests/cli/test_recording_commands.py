@@ -3,14 +3,18 @@
 """Recordings on the command line: localized as the files are, described, and refused in a line."""
 
 import csv
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from maxcon.io.scans import open_scans
+from maxcon.geometry import Pose
+from maxcon.io.scans import Scans, open_scans
+from maxcon.io.scans.deskewed import DeskewedScans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.simulation.dataset_files import CRS
 from maxcon.simulation.recordings import RecordingKind, record_drive
+from maxcon.trajectory import Trajectory
 
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
@@ -102,7 +106,7 @@ def test_heights_of_another_kind_are_refused(maxcon, refused, drive, tmp_path):
 def test_scans_without_times_of_points_are_not_deskewed(maxcon, refused, drive, recordings, tmp_path):
     bag = recordings[RecordingKind.ROS1]
     ended = maxcon("localize", drive.city, bag, "--deskew", "-o", tmp_path / "poses.csv", "-q")
-    refused(ended, "a time for each point of /points#0", "Leave out --deskew")
+    refused(ended, "a time for each point of /points#0", "--turn-time")
 
 
 @pytest.mark.parametrize("kind", RecordingKind)
@@ -133,3 +137,92 @@ def test_a_recording_needs_the_extra_recordings(maxcon, refused, drive, recordin
     for path in recordings.values():
         ended = maxcon("localize", drive.city, path, "-o", tmp_path / "poses.csv")
         refused(ended, path, "pip install 'maxcon[recordings]'")
+
+
+class MovingScans(Scans):
+    """Still scans as a car at 15 m/s that turns by 30 degrees/s would have measured them in a tenth of a second."""
+
+    def __init__(self, still, reference):
+        self._still, self._reference = still, reference
+        self.times = still.times
+
+    def name(self, i):
+        return self._still.name(i)
+
+    def motion(self):
+        """The true motion around each scan, in a frame of its own, as odometry tells it: a hundred poses a second."""
+        offsets = np.arange(-8, 9) * 0.01
+        steps = [_step(offset) for offset in offsets]
+        times = np.concatenate([time + offsets for time in self.times])
+        begin = self._reference.pose(0).inverse
+        poses = [begin @ self._reference.pose(i) @ step for i in range(len(self.times)) for step in steps]
+        return Trajectory.from_poses(times, poses)
+
+    def read(self, i, min_range=1.0, max_range=120.0):
+        raw = self._still.read(i, min_range, max_range)
+        offsets = np.round(np.arctan2(*raw.points[:, 1::-1].T) * (-0.1 / (2 * np.pi)), 4)
+        points = np.empty_like(raw.points)
+        for offset in np.unique(offsets):
+            here = offsets == offset
+            points[here] = _step(offset).inverse.apply(raw.points[here])
+        return replace(raw, points=points, point_times=offsets)
+
+
+def _step(offset):
+    """T_scan_sensor so long after the time of the scan, s."""
+    rate = np.radians(30.0)
+    turn = rate * offset
+    return Pose(15.0 / rate * np.sin(turn), 15.0 / rate * (1.0 - np.cos(turn)), 0.0, 0.0, 0.0, turn)
+
+
+def test_scans_of_a_fast_car_are_deskewed_by_its_odometry(maxcon, drive, of_files, tmp_path):
+    dataset = drive.dataset
+    moving = MovingScans(open_scans(dataset.scans), drive.reference)
+    path = tmp_path / "moving.mcap"
+    prior = read_trajectory(dataset.prior)
+    record_drive(path, RecordingKind.MCAP, moving, prior, CRS, odometry=moving.motion())
+    still, seen = open_scans(dataset.scans), open_scans(path)
+    assert "t (float32): s, relative" in seen.words
+    deskewed = DeskewedScans(seen, moving.motion())
+    for i in range(len(still)):
+        true = still.read(i, 0.0, 200.0).points
+        rows = np.unique(true, axis=0, return_index=True)[1]
+        skewed, points = seen.read(i, 0.0, 200.0).points, deskewed.read(i, 0.0, 200.0).points
+        if len(points) == len(true):
+            assert np.median(np.linalg.norm(skewed - true, axis=1)) > 0.3
+            assert np.linalg.norm(points - true, axis=1).max() < 0.01
+        assert len(points) >= len(rows)
+    arguments = (
+        "localize",
+        drive.city,
+        path,
+        "--odometry",
+        path,
+        "--deskew",
+        "-o",
+        tmp_path / "poses.csv",
+        "-q",
+    )
+    ended = maxcon(*arguments)
+    assert (ended.code, ended.err) == (0, "")
+    assert "deskewed by the odometry" in ended.out
+    poses = _poses(tmp_path / "poses.csv")
+    assert np.abs(poses[:, 1:3] - of_files[:, 1:3]).max() < 0.02
+
+
+def test_a_turn_time_needs_deskew(maxcon, refused, drive, recordings, tmp_path):
+    bag, out = recordings[RecordingKind.ROS1], ("-o", tmp_path / "poses.csv")
+    refused(maxcon("localize", drive.city, bag, "--turn-time", "0.1", *out), "together with --deskew")
+    refused(
+        maxcon("localize", drive.city, bag, "--deskew", "--turn-time", "10", *out), "of up to 2 s, got 10"
+    )
+
+
+def test_simulating_a_recording(maxcon, refused, tmp_path):
+    refused(maxcon("simulate", tmp_path / "d", "--recording", "tape"), "bag, ros2, mcap, got 'tape'")
+    ended = maxcon("simulate", tmp_path / "d", "--epochs", "1", "--recording", "ros2", "-q")
+    assert (ended.code, ended.err) == (0, "")
+    assert f"recording    {tmp_path / 'd' / 'drive_ros2'}" in ended.out
+    assert "/points: 1 scans" in maxcon("scans", "info", tmp_path / "d" / "drive_ros2").out
+    again = ("simulate", tmp_path / "d", "--epochs", "1", "--recording", "ros2", "-q", "--overwrite")
+    assert maxcon(*again).code == 0
