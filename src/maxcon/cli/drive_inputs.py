@@ -69,6 +69,8 @@ class DriveInputs:
         odometry: Path | None,
         max_gap: float,
         options: RecordingOptions,
+        *,
+        quiet: bool = False,
     ) -> "DriveInputs":
         """Return the inputs of a drive; scans are read when they are asked for.
 
@@ -86,7 +88,7 @@ class DriveInputs:
         opened = open_scans(scans, times, topic=options.topic, at_stamp=options.at_stamp)
         prior_trajectory, prior_words = _prior(point_map, scans, prior, options)
         odometry_trajectory, odometry_words = _odometry(odometry, options)
-        words = [*_words_of(opened), prior_words, odometry_words]
+        words = [*_words_of(opened, quiet), prior_words, odometry_words]
         if options.deskew:
             motion = prior_trajectory if odometry_trajectory is None else odometry_trajectory
             opened = DeskewedScans(opened, motion, max_gap, options.turn_time)
@@ -99,10 +101,16 @@ class DriveInputs:
             typer.echo(line)
 
 
-def _words_of(scans: "Scans") -> list[str]:
+def _words_of(scans: "Scans", quiet: bool) -> list[str]:
+    """What was taken from a recording; the times of its scans are found here, with a bar of progress."""
+    from maxcon.cli.progress import step_bars
     from maxcon.io.recordings.recorded_scans import RecordedScans
 
-    return [scans.words] if isinstance(scans, RecordedScans) else []
+    if not isinstance(scans, RecordedScans):
+        return []
+    with step_bars("scans", quiet) as report:
+        scans.find_times(report)
+    return [scans.words]
 
 
 def _prior(

@@ -204,7 +204,7 @@ def localize(
     point_map = PointMap.open(map_folder)
     inputs = DriveInputs.open(
         point_map, scans, times, prior, odometry, max_gap,
-        RecordingOptions(topic, prior_topic, odometry_topic, geoid_height, deskew, at_stamp, turn_time),
+        RecordingOptions(topic, prior_topic, odometry_topic, geoid_height, deskew, at_stamp, turn_time), quiet=quiet,
     )  # fmt: skip
     spaces = SpaceOptions(
         cell, heading_step_deg, half_width, heading_half_width_deg, height_half_width,

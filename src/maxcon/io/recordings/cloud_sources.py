@@ -91,6 +91,8 @@ class CloudSource(ABC):
     path: Path
     label: str
     notes: tuple[str, ...] = ()
+    n_clouds: int = 0
+    """How many there are; 0 where only reading them all would tell."""
 
     @abstractmethod
     def clouds(self, start: int | None = None) -> Iterator[RecordedCloud]:
@@ -112,7 +114,7 @@ class TopicOfClouds(CloudSource):
 
     def __init__(self, recording: Recording, topic: Topic) -> None:
         self.path, self.label, self.topic = recording.path, topic.name, topic
-        self.notes = recording.notes
+        self.notes, self.n_clouds = recording.notes, topic.n_messages
         self._recording = recording
 
     def clouds(self, start: int | None = None) -> Iterator[RecordedCloud]:

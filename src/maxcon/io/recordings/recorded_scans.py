@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from maxcon.errors import FileError
 from maxcon.io.recordings.cloud_sources import CloudSource, RecordedCloud, open_clouds
 from maxcon.io.scans.raw_scan import RawScan, Scans, check_range, returns_in_range
+from maxcon.progress import Progress
 
 __all__ = ["RecordedScans"]
 
@@ -69,8 +70,27 @@ class RecordedScans(Scans):
         """Return the scans of a recording; errors as of `open_clouds`."""
         return cls(open_clouds(path, topic), at_stamp=at_stamp)
 
+    def find_times(self, progress: Progress | None = None) -> None:
+        """Find the times of all scans now, and tell how far that is; else it is done when they are first asked for.
+
+        Parameters
+        ----------
+        progress : callable, optional
+            Called with (step, done, of how many) after each cloud.
+
+        Raises
+        ------
+        FileError
+            If the recording is broken, or has no clouds.
+        """
+        if "_index" not in self.__dict__:
+            self.__dict__["_index"] = self._found(progress)
+
     @cached_property
     def _index(self) -> _Index:
+        return self._found(None)
+
+    def _found(self, progress: Progress | None) -> _Index:
         recorded, times = [], []
         kinds: Counter[str] = Counter()
         for cloud in self.source.clouds():
@@ -84,6 +104,8 @@ class RecordedScans(Scans):
                 kinds[found.kind] += 1
                 offset = 0.0 if self.at_stamp else found.middle
             times.append(cloud.stamp / 1e9 + offset)
+            if progress is not None:
+                progress("finding times", len(times), max(self.source.n_clouds, len(times)))
         if not times:
             raise FileError(f"Expected clouds in {self.source.path}, got none. Was it recorded whole?")
         in_order, rows = np.unique(np.array(times), return_index=True)
