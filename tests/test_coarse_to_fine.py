@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from maxcon import Count, Helmert, MaximumConsensus, PointMap, Pose, Scan, SearchSpace, Status
-from maxcon.coarse_to_fine import COARSE
+from maxcon.coarse_to_fine import COARSE, MANY_CELLS
 from maxcon.errors import SearchSpaceError
 from maxcon.search import branch_and_bound
 
@@ -106,6 +106,33 @@ def test_any_heading(town):
     assert math.remainder(answer.pose.heading - TRUTH.heading, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-3)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_sixty_metres_at_any_heading_find_what_twelve_and_ten_degrees_do(seed):
+    rng = np.random.default_rng(seed)
+    points, normals = walls(seed)
+    point_map, scan = PointMap.from_points(points, normals, CELL), seen(points, normals, TRUTH, seed)
+    x, y = rng.uniform(-11.0, 11.0, 2)
+    prior = replace(TRUTH, x=TRUTH.x + x, y=TRUTH.y + y, heading=TRUTH.heading + rng.uniform(-0.15, 0.15))
+    wide = SearchSpace(60.0, heading_half_width_deg=180.0)
+    assert COARSE.cells(wide, point_map).n_cells > MANY_CELLS > COARSE.cells(SearchSpace(), point_map).n_cells
+    found, *_ = places(MaximumConsensus(), scan, point_map, prior, wide)
+    wanted, *_ = places(MaximumConsensus(), scan, point_map, prior, SearchSpace())
+    assert found.score == pytest.approx(wanted.score, rel=1e-9)
+    assert found.pose.position == pytest.approx(wanted.pose.position, abs=1e-9)
+    assert math.remainder(found.pose.heading - wanted.pose.heading, 2.0 * math.pi) == pytest.approx(
+        0.0, abs=1e-9
+    )
+
+
+def test_twins_farther_apart_than_wide_cells_make_it_ambiguous():
+    points, normals = walls(5, n_walls=12, reach=8.0)
+    twin = points + [69.6, 0.0, 0.0]  # whole voxels
+    point_map = PointMap.from_points(np.concatenate([points, twin]), np.concatenate([normals, normals]), CELL)
+    scan = seen(points, normals, TRUTH, 6)
+    method = MaximumConsensus(SearchSpace(60.0, heading_half_width_deg=180.0))
+    assert method.localize(scan, point_map, replace(TRUTH, x=TRUTH.x + 33.0)).status is Status.AMBIGUOUS
+
+
 def test_a_twin_makes_it_ambiguous_and_both_are_places():
     points, normals = walls(5, n_walls=12, reach=8.0)
     twin = points + [30.0, 0.0, 0.0]
@@ -188,8 +215,8 @@ def test_given_cells_of_a_level_are_searched_in_it(town):
     assert (answer.cell, answer.score) == (wanted.cell, wanted.score)
 
 
-def test_half_a_kilometre_at_any_heading_is_too_much(town):
+def test_a_kilometre_at_any_heading_is_too_much(town):
     point_map, scan = town
-    space = SearchSpace(600.0, heading_half_width_deg=180.0)
-    with pytest.raises(SearchSpaceError, match=r"at most 268,435,456 cells of 0\.48 m .*Narrow"):
+    space = SearchSpace(1000.0, heading_half_width_deg=180.0)
+    with pytest.raises(SearchSpaceError, match=r"at most 268,435,456 cells of 0\.96 m .*Narrow"):
         MaximumConsensus(space).localize(scan, point_map, TRUTH)

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: MIT
 """What the documents say is so: code runs, commands and options exist, links lead somewhere; sizes and licences."""
 
-import ast
 import re
 import shlex
 import subprocess
@@ -18,8 +17,6 @@ from maxcon.cli import app
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted((ROOT / "src").rglob("*.py"))
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
-MAX_FILE_LINES = 300
-MAX_FUNCTION_LINES = 50  # of the body, the docstring not counted
 SPDX = (
     "# SPDX-FileCopyrightText: 2026 the maxcon authors",
     "# SPDX-License-Identifier: MIT",
@@ -132,21 +129,8 @@ def test_the_readme_has_python():
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=_name)
-def test_sources_are_licensed_and_short(path):
-    lines = path.read_text().splitlines()
-    assert tuple(lines[:2]) == SPDX
-    assert len(lines) <= MAX_FILE_LINES
-
-
-@pytest.mark.parametrize("path", SOURCES, ids=_name)
-def test_functions_are_short(path):
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            n_lines = node.end_lineno - node.body[0].lineno + 1
-            first = node.body[0]
-            if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant):
-                n_lines -= first.end_lineno - first.lineno + 1
-            assert n_lines <= MAX_FUNCTION_LINES, f"{_name(path)}: {node.name} has {n_lines} lines"
+def test_sources_are_licensed(path):
+    assert tuple(path.read_text().splitlines()[:2]) == SPDX
 
 
 @pytest.mark.parametrize("folder", ["tests", "benchmarks", "examples"])

@@ -10,7 +10,7 @@ import pytest
 
 from maxcon import Estimate, LocalFrame, PointMap, Pose, Scan, SearchSpace, Status, Trajectory
 from maxcon.drive import DriveOptions, EpochEstimate, localize_drive
-from maxcon.errors import FileError, MapError, TrajectoryError
+from maxcon.errors import FileError, MapError, OptionError, TrajectoryError
 from maxcon.io.scans import RawScan, open_scans
 from maxcon.maximum_consensus import MaximumConsensus
 from maxcon.poses_table import COLUMNS, localized_trajectory, write_poses
@@ -96,6 +96,45 @@ def test_a_drive_is_localized_to_the_cell(point_map, scan_folder):
         assert len(epoch.scan) == len(epoch.raw.points) > 100
     assert epochs[3].pose_global is None
     assert epochs[3].estimate is None
+
+
+@pytest.mark.parametrize("n_threads", [2, 3, 8])
+def test_several_epochs_at_once_have_the_same_answers_in_the_same_order(point_map, scan_folder, n_threads):
+    method = MaximumConsensus(SearchSpace(0.9, CELL, 0.5, 0.5))
+    alone, together = (
+        [
+            (each.epoch, each.raw.time, each.status, each.pose_global, getattr(each.estimate, "score", None))
+            for each in localize_drive(point_map, scan_folder, prior_trajectory(), method, n_threads=n)
+        ]
+        for n in (1, n_threads)
+    )
+    assert together == alone
+
+
+def test_no_more_epochs_are_begun_than_there_are_threads_and_one(point_map, scan_folder):
+    method = SaysWhere()
+    running = localize_drive(point_map, scan_folder, prior_trajectory(), method, n_threads=2)
+    assert next(running).epoch == 0
+    running.close()
+    assert 1 <= len(method.asked) <= 3
+
+
+def test_an_error_in_one_of_several_epochs_is_raised(point_map, scan_folder):
+    class Fails(SaysWhere):
+        def localize(self, scan, point_map, prior):
+            if scan.time == TIMES[1]:
+                raise MapError("a tile cannot be read")
+            return super().localize(scan, point_map, prior)
+
+    running = localize_drive(point_map, scan_folder, prior_trajectory(), Fails(), n_threads=2)
+    assert next(running).epoch == 0
+    with pytest.raises(MapError, match="a tile cannot be read"):
+        next(running)
+
+
+def test_less_than_one_thread_is_refused(point_map, scan_folder):
+    with pytest.raises(OptionError, match=r"`n_threads` >= 1, got 0"):
+        localize_drive(point_map, scan_folder, prior_trajectory(), SaysWhere(), n_threads=0)
 
 
 def test_epochs_come_one_at_a_time_with_local_priors(point_map, scan_folder):

@@ -64,8 +64,7 @@ class CellSearch:
     def cells(self, space: SearchSpace, point_map: PointMap) -> tuple[PointMap, SearchSpace]:
         """The level of the map, and the cells, that a space is searched in; coarse to fine those that come first."""
         if self.is_coarse_to_fine(space, point_map):
-            level = COARSE.of(point_map)
-            return level, space.at(level.cell, COARSE.heading_step_deg)
+            return COARSE.of(point_map), COARSE.cells(space, point_map)
         cells = space.at(point_map.cell)
         return level_of(point_map, cells), cells
 

@@ -6,8 +6,6 @@ import math
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-import numpy as np
-
 from maxcon.best_cell import BestCell
 from maxcon.errors import SearchSpaceError
 from maxcon.geometry import Pose, wrap_angle
@@ -45,22 +43,48 @@ class Level:
             min(FACTORS, key=lambda factor: abs(math.log(factor * point_map.cell / self.cell)))
         )
 
+    def cells(self, space: SearchSpace, point_map: PointMap) -> SearchSpace:
+        """Return the cells of an open space that are searched."""
+        return space.at(self.of(point_map).cell, self.heading_step_deg)
+
 
 COARSE = Level(0.48, 2.0, 1.0)
 """Eight voxels of a map of 6 cm."""
 
+WIDE = Level(0.96, 2.0, 2.0)
+"""Sixteen: what a space of more than MANY_CELLS coarse cells is searched in before."""
+MANY_CELLS = 2**19
+
 # The score of a place in large cells says by about so much less what it is in small ones: what reaches this much of the
 # share that is asked for is looked at in small cells too, ...
-BLUNT = 0.85
+BLUNT, BLUNT_WIDE = 0.85, 0.75
 # ... of so many places at most, the highest: where more fit, none stands out.
-MOST_PLACES = 12
-# More large cells take minutes: half a kilometre at any heading.
+MOST_PLACES, MOST_WIDE_PLACES = 12, 256
+# More cells of the first level take minutes.
 MOST_CELLS = 2**28
-# Small cells are searched so far around a large one, m and degrees; a best one at the rim is climbed from.
+# Coarse cells are searched so far around a wide one, m and degrees, and small ones around a coarse one; from a best
+# small one at the rim of that it is gone on.
+AROUND_WIDE, AROUND_WIDE_DEG = 0.96, 2.0
 AROUND, AROUND_DEG = 0.48, 1.5
 MOST_CLIMBS = 4
 # Cells this near to each other, m and degrees, are of one place.
 SAME_PLACE, SAME_PLACE_DEG = 1.0, 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class OpenPlaces:
+    """Places that large cells leave open.
+
+    Parameters
+    ----------
+    poses : list of Pose
+        One for each place, the highest score first.
+    left_out : float
+        Share of the best large cell's score that no other place reaches.
+    """
+
+    poses: list[Pose]
+    left_out: float
 
 
 class Search(Protocol):
@@ -93,7 +117,7 @@ def best_places(
     scan : Scan
         Points with normals, sensor frame.
     point_map : PointMap
-        The map: it is searched in a level first.
+        The map: it is searched in a level first, in two of a space of very many cells.
     prior : Pose
         T_map_sensor before localization, local frame.
     space : SearchSpace
@@ -111,27 +135,18 @@ def best_places(
     Raises
     ------
     SearchSpaceError
-        If the space has more than 2^28 large cells.
+        If the space has more than 2^28 cells of the first level.
     """
-    level = COARSE.of(point_map)
-    large = space.at(level.cell, COARSE.heading_step_deg)
-    if large.n_cells > MOST_CELLS:
-        raise SearchSpaceError(
-            f"Expected at most {MOST_CELLS:,} cells of {level.cell:g} m and {COARSE.heading_step_deg:g} degrees, got"
-            f" {large.n_cells:,}. Narrow the search space."
-        )
-    least = BLUNT * share
-    found = search(scan.thinned(COARSE.thinning), level, prior, large, share=least, lists_all=True)
-    if found.score <= 0.0:
-        return []
-    poses, left_out = _places_left_open(found, large, prior, least)
-    window = _window(space, point_map.cell, level.cell)
-    fine = _distinct(_fine_places(search, scan, point_map, poses, window, share))
+    is_wide = COARSE.cells(space, point_map).n_cells > MANY_CELLS
+    find = _places_in_wide_cells if is_wide else _places_in_coarse_cells
+    places = find(search, scan, point_map, prior, space, share)
+    window = _window(space, AROUND, AROUND_DEG, COARSE.of(point_map).cell).at(point_map.cell)
+    fine = _distinct(_fine_places(search, scan, point_map, places.poses, window, share))
     scores = [float(Helmert().score(best.moments)) for best in fine]
     return [
         replace(
             best,
-            runner_up=max([left_out * score, *scores[:k], *scores[k + 1 :]]) / score
+            runner_up=max([places.left_out * score, *scores[:k], *scores[k + 1 :]]) / score
             if score > 0.0
             else math.inf,
             is_at_rim=_is_at_rim(best.pose, prior, space, point_map.cell),
@@ -140,25 +155,83 @@ def best_places(
     ]
 
 
-def _places_left_open(
-    found: Found, large: SearchSpace, prior: Pose, least: float
-) -> tuple[list[Pose], float]:
-    """Places where large cells reach a share of the best one, the highest first; and the share that none else reaches.
+def _places_in_coarse_cells(
+    search: Search, scan: Scan, point_map: PointMap, prior: Pose, space: SearchSpace, share: float
+) -> OpenPlaces:
+    """Places of a space where coarse cells may reach a share of the best small one."""
+    found = _search_level(search, COARSE, scan, point_map, prior, space, BLUNT * share)
+    return _distinct_places(
+        _poses_reaching(found, COARSE.cells(space, point_map), prior), BLUNT * share, MOST_PLACES
+    )
 
-    Of the cells of a place the highest stands for all.
-    """
-    raised = large.raised(prior, found.height)
-    cells, shares = found.reaching.cells, found.reaching.upper / found.score
-    places: list[Pose] = []
-    for number in np.argsort(-shares, kind="stable"):
-        heading, y, x = cells[number].tolist()
-        pose = large.pose((heading, y, x), raised)
-        if any(_is_same_place(pose, other) for other in places):
+
+def _places_in_wide_cells(
+    search: Search, scan: Scan, point_map: PointMap, prior: Pose, space: SearchSpace, share: float
+) -> OpenPlaces:
+    """The same for a space of very many: coarse cells are searched around wide ones alone."""
+    found = _search_level(search, WIDE, scan, point_map, prior, space, BLUNT_WIDE * share)
+    reaching = _poses_reaching(found, WIDE.cells(space, point_map), prior)
+    wide = _distinct_places(reaching, BLUNT_WIDE * share, MOST_WIDE_PLACES)
+    window = _window(space, AROUND_WIDE, AROUND_WIDE_DEG, WIDE.of(point_map).cell)
+    least, standing = BLUNT * share, None
+    scored: list[tuple[float, Pose]] = []
+    for pose in wide.poses:
+        found = _search_level(search, COARSE, scan, point_map, pose, window, least, standing)
+        scored += _poses_reaching(found, COARSE.cells(window, point_map), pose)
+        if standing is None or least * found.score > standing.score:
+            standing = Standing(least * found.score, found.moments)
+    coarse = _distinct_places(scored, least, MOST_PLACES)
+    return replace(coarse, left_out=max(coarse.left_out, wide.left_out))
+
+
+def _search_level(
+    search: Search,
+    level: Level,
+    scan: Scan,
+    point_map: PointMap,
+    prior: Pose,
+    space: SearchSpace,
+    least: float,
+    standing: Standing | None = None,
+) -> Found:
+    """Search all cells of a level in an open space, for all that reach a share of the best one."""
+    cells = level.cells(space, point_map)
+    if cells.n_cells > MOST_CELLS:
+        raise SearchSpaceError(
+            f"Expected at most {MOST_CELLS:,} cells of {cells.cell_edge:g} m and {cells.step_deg:g} degrees, got"
+            f" {cells.n_cells:,}. Narrow the search space."
+        )
+    thinned = scan.thinned(level.thinning)
+    return search(thinned, level.of(point_map), prior, cells, share=least, lists_all=True, standing=standing)
+
+
+def _poses_reaching(found: Found, cells: SearchSpace, prior: Pose) -> list[tuple[float, Pose]]:
+    """Scores and poses of the cells that reached what was asked; none where nothing scores."""
+    if found.score <= 0.0:
+        return []
+    raised = cells.raised(prior, found.height)
+    return [
+        (upper, cells.pose((heading, y, x), raised))
+        for (heading, y, x), upper in zip(
+            found.reaching.cells.tolist(), found.reaching.upper.tolist(), strict=True
+        )
+    ]
+
+
+def _distinct_places(scored: list[tuple[float, Pose]], least: float, most: int) -> OpenPlaces:
+    """At most so many places that reach a share of the best score; of the cells of one the highest stands for all."""
+    poses: list[Pose] = []
+    ordered = sorted(scored, key=lambda each: -each[0])
+    for score, pose in ordered:
+        share = score / ordered[0][0]
+        if share < least:
+            break
+        if any(_is_same_place(pose, other) for other in poses):
             continue
-        if len(places) == MOST_PLACES:
-            return places, float(shares[number])
-        places.append(pose)
-    return places, least
+        if len(poses) == most:
+            return OpenPlaces(poses, share)
+        poses.append(pose)
+    return OpenPlaces(poses, least)
 
 
 def _fine_places(
@@ -213,13 +286,13 @@ def _distinct(best: list[BestCell]) -> list[BestCell]:
     return distinct
 
 
-def _window(space: SearchSpace, cell: float, large_cell: float) -> SearchSpace:
-    """The small cells that are searched around a large one: in no direction that the space leaves out."""
+def _window(space: SearchSpace, around: float, around_deg: float, large_cell: float) -> SearchSpace:
+    """What is searched around a large cell, m and degrees: in no direction that the space leaves out."""
     return SearchSpace(
-        min(AROUND, space.half_width),
-        heading_half_width_deg=min(AROUND_DEG, space.heading_half_width_deg),
+        min(around, space.half_width),
+        heading_half_width_deg=min(around_deg, space.heading_half_width_deg),
         height_half_width=min(0.5 * large_cell, space.height_half_width),
-    ).at(cell)
+    )
 
 
 def _is_same_place(one: Pose, other: Pose) -> bool:

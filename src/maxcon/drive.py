@@ -3,13 +3,15 @@
 """Localizing a drive: epoch after epoch, each with its prior from a trajectory."""
 
 import time
-from collections.abc import Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
-from maxcon.errors import FileError, MapError, TrajectoryError
+from maxcon.errors import FileError, MapError, OptionError, TrajectoryError
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
 from maxcon.io.scans import RawScan, Scans, check_range
@@ -115,6 +117,7 @@ def localize_drive(
     prior: Trajectory,
     method: Method,
     options: DriveOptions | None = None,
+    n_threads: int = 1,
 ) -> Iterator[EpochEstimate]:
     """Return an iterator over the estimates of all scans, in order of time; what cannot work is said at once.
 
@@ -123,13 +126,16 @@ def localize_drive(
     point_map : PointMap
         The map.
     scans : Scans
-        The scans; one is in memory at a time.
+        The scans; as many as threads are in memory at a time, and one more.
     prior : Trajectory
         T_map_sensor before localization, global coordinates in the CRS of the map.
     method : Method
         How each is localized.
     options : DriveOptions, optional
         Range limits and the largest gap of the prior.
+    n_threads : int
+        Epochs localized at the same time; the answers and their order do not depend on it (D8). Each then takes longer
+        than by itself.
 
     Raises
     ------
@@ -137,16 +143,42 @@ def localize_drive(
         If the prior has no pose for any scan.
     MapError
         If the prior lies outside the map at every scan, or a tile cannot be read.
+    OptionError
+        If there is less than one thread.
 
     Notes
     -----
     A scan that cannot be read is an epoch with that status and the reason, and the drive goes on.
     """
+    if n_threads < 1:
+        raise OptionError(f"Expected `n_threads` >= 1, got {n_threads}. The default is 1.")
     options = options or DriveOptions()
     priors = priors_of_scans(point_map, scans, prior, options)
-    return (
-        _localize_epoch(epoch, point_map, scans, pose, method, options) for epoch, pose in enumerate(priors)
-    )
+
+    def localize(epoch: int) -> EpochEstimate:
+        return _localize_epoch(epoch, point_map, scans, priors[epoch], method, options)
+
+    return _several_at_once(localize, len(priors), n_threads)
+
+
+def _several_at_once(
+    localize: Callable[[int], EpochEstimate], n_epochs: int, n_threads: int
+) -> Iterator[EpochEstimate]:
+    """Yield the estimates of epochs in order, so many of them made at the same time."""
+    if n_threads == 1:
+        yield from map(localize, range(n_epochs))
+        return
+    pool = ThreadPoolExecutor(n_threads, thread_name_prefix="epoch")
+    begun: deque[Future[EpochEstimate]] = deque()
+    try:
+        for epoch in range(n_epochs):
+            begun.append(pool.submit(localize, epoch))
+            if len(begun) > n_threads:
+                yield begun.popleft().result()
+        while begun:
+            yield begun.popleft().result()
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def priors_of_scans(

@@ -185,7 +185,9 @@ def localize(
         str | None,
         typer.Option(metavar="LIST", help="Epochs to draw: 0,5,10-20 or all. Default: ten over the drive."),
     ] = None,
-    threads: Annotated[int, typer.Option(min=1, help="Headings searched at once.")] = 1,
+    threads: Annotated[
+        int, typer.Option(min=1, help="Epochs localized at once; of a track, headings searched at once.")
+    ] = 1,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
 ) -> None:
     """Localize every scan of a drive in a map.
@@ -211,7 +213,7 @@ def localize(
         sigma_position, sigma_heading_deg, sigmas, largest_half_width,
     )  # fmt: skip
     method = MaximumConsensus(
-        spaces.fixed(), objective.objective, multiplicity.value, threads,
+        spaces.fixed(), objective.objective, multiplicity.value, threads if track else 1,
         Trust(least_share, largest_runner_up), weighting.value, search.value.replace("-", " "), thinning,
         refinement, wider, risk,
     )  # fmt: skip
@@ -224,7 +226,7 @@ def localize(
     with naming_files(odometry or prior or scans, scans, map_folder):
         drive = started_drive(
             point_map, inputs.scans, inputs.prior, method, options,
-            windows=windows, track=track, odometry=inputs.odometry, drift=drift,
+            windows=windows, track=track, odometry=inputs.odometry, drift=drift, threads=threads,
         )  # fmt: skip
     epochs = _localized(drive, len(inputs.scans), draw, wanted, quiet)
     write_poses(out, epochs)

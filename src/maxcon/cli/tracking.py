@@ -46,12 +46,13 @@ def started_drive(
     track: bool,
     odometry: "Trajectory | None",
     drift: float | None,
+    threads: int,
 ) -> "Iterator[EpochEstimate]":
     """Return an iterator over the estimates of a drive, each epoch by itself, within its window, or as a track."""
     if not track:
         from maxcon.drive import localize_drive
 
-        return localize_drive(point_map, scans, prior, windows or method, options)
+        return localize_drive(point_map, scans, prior, windows or method, options, threads)
     from maxcon.tracked_drive import track_drive
     from maxcon.tracking import MotionNoise, Tracker
 

@@ -162,10 +162,11 @@ class PointMap:
 
             check_factor(factor)
             merged = MergedTiles(self._tiles, factor, is_signed=self.is_signed)
-            self._levels[factor] = PointMap(
+            level = PointMap(
                 self.frame, self.cell * factor, self.is_signed, merged, self.sigma,
                 tile_voxels=self.tile_voxels // factor,
             )  # fmt: skip
+            self._levels.setdefault(factor, level)  # the first one, where several threads ask at once
         return self._levels[factor]
 
     @property

@@ -4,6 +4,7 @@
 
 import os
 import tracemalloc
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -224,3 +225,15 @@ def test_two_clouds_of_one_time_are_one_scan(tmp_path):
     scans = open_scans(path)
     assert len(scans) == 3 and "1 left out" in scans.words
     np.testing.assert_array_equal(scans.read(2, 0.0, 200.0).points, Twice().read(3).points)
+
+
+@pytest.mark.parametrize("kind", RecordingKind)
+def test_several_threads_read_what_one_does(recorded, kind):
+    made = MadeScans(30, n_points=3000)
+    scans = open_scans(recorded(kind, made))
+    assert len(scans) == 30
+    with ThreadPoolExecutor(4) as pool:
+        raws = list(pool.map(lambda i: scans.read(i, 0.0, 200.0), range(30)))
+    for i, raw in enumerate(raws):
+        np.testing.assert_array_equal(raw.points, made.read(i).points)
+        assert raw.name == f"/points#{i}"

@@ -3,6 +3,7 @@
 """RecordedScans: the scans of a recording, in order of time."""
 
 import os
+import threading
 import weakref
 from collections import Counter
 from collections.abc import Iterator
@@ -63,6 +64,7 @@ class RecordedScans(Scans):
         self.at_stamp = at_stamp
         self._running: Iterator[RecordedCloud] | None = None
         self._next = 0
+        self._lock = threading.Lock()  # epochs may be localized by several threads
         self._close = weakref.finalize(self, source.close)
 
     @classmethod
@@ -144,7 +146,9 @@ class RecordedScans(Scans):
             If not 0 <= min_range < max_range.
         """
         check_range(min_range, max_range)
-        cloud = self._cloud(int(self._index.rows[i]))
+        row = int(self._index.rows[i])
+        with self._lock:
+            cloud = self._cloud(row)
         content = cloud.points()
         is_kept, _ = returns_in_range(content.points, min_range, max_range)
         kept, offsets = np.flatnonzero(is_kept), content.times.offsets
