@@ -174,7 +174,7 @@ def test_chunks_that_unpack_hugely_are_refused(tmp_path, monkeypatch):
                 unpacked_records(chunk)
 
 
-def test_topics_are_found_or_asked_for(recorded, shared_data):
+def test_topics_are_found_or_asked_for(recorded):
     path = recorded(RecordingKind.MCAP, MadeScans(1))
     with pytest.raises(OptionError, match=r"/lidar.*got /points"):
         open_clouds(path, "/lidar")
@@ -182,6 +182,9 @@ def test_topics_are_found_or_asked_for(recorded, shared_data):
         open_clouds(path, "/gnss/fix")
     with pytest.raises(OptionError, match="no times beside"):
         open_scans(path, "times.txt")
+
+
+def test_of_several_topics_one_is_asked_for(shared_data):
     several = shared_data / "recorders" / "ros1bag" / "rms_1xxx_lms_1xx_movement_off.bag"
     with pytest.raises(FileError, match=r"/cloud_radar_track.*Choose one with --topic"):
         open_clouds(several)
@@ -211,6 +214,8 @@ def test_a_recording_beside_scans_is_not_taken_for_them(recorded, tmp_path):
     recorded(RecordingKind.MCAP, MadeScans(2))
     assert len(open_scans(tmp_path)) == 2  # a bag whose metadata.yaml is missing
     np.ones((5, 4), "<f4").tofile(tmp_path / "1.5.bin")
+    assert open_scans(tmp_path).times.tolist() == [1.5]
+    (tmp_path / "metadata.yaml").touch()
     assert open_scans(tmp_path).times.tolist() == [1.5]
 
 

@@ -21,7 +21,7 @@ def is_recording(path: str | os.PathLike[str]) -> bool:
     """Whether a path is a recording by its suffix, or the folder of a ROS 2 bag."""
     place = Path(path)
     if os.path.isdir(place):  # noqa: PTH112  (a name that is too long is no folder, not an error)
-        return (place / BAG_FOLDER).is_file() or _has_only_mcap_files(place)
+        return _is_bag(place)
     return place.suffix.lower() in (*RECORDING_SUFFIXES, CAPTURE_SUFFIX)
 
 
@@ -71,15 +71,17 @@ def open_recording(path: str | os.PathLike[str]) -> Recording:
     return McapFiles(file, [file]) if suffix == ".mcap" else SqliteBag(file)
 
 
-def _has_only_mcap_files(folder: Path) -> bool:
-    """Whether a folder without metadata.yaml has MCAP files, and no scans."""
+def _is_bag(folder: Path) -> bool:
+    """Whether a folder has what a ROS 2 bag has, and no scans in files."""
     from maxcon.io.scans.points import SCAN_SUFFIXES
 
     try:
-        suffixes = {file.suffix.lower() for file in folder.iterdir() if file.is_file()}
+        files = [file for file in folder.iterdir() if file.is_file()]
     except OSError:
         return False
-    return ".mcap" in suffixes and suffixes.isdisjoint(SCAN_SUFFIXES)
+    suffixes = {file.suffix.lower() for file in files}
+    is_bag = BAG_FOLDER in {file.name for file in files} or ".mcap" in suffixes
+    return is_bag and suffixes.isdisjoint(SCAN_SUFFIXES)
 
 
 def _mcap_files(folder: Path) -> list[Path]:
