@@ -3,6 +3,7 @@
 """How fast scans are read from recordings: `python benchmarks/recordings.py [--points 120000] [--scans 100]`."""
 
 import argparse
+import resource
 import tempfile
 import time
 from pathlib import Path
@@ -45,8 +46,8 @@ def main() -> None:
     options = parser.parse_args()
     made = TurnsOfAScanner(options.scans, options.points)
     prior = Trajectory.from_poses([1.7e9], [Pose(550_000, 5_802_000, 60, 0, 0, 0)])
-    with tempfile.TemporaryDirectory() as folder:
-        for kind in RecordingKind:
+    for kind in RecordingKind:
+        with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / RECORDING_NAMES[kind]
             record_drive(path, kind, made, prior, "EPSG:25832")
             scans = open_scans(path)
@@ -60,7 +61,8 @@ def main() -> None:
             print(
                 f"{kind.value:<5} {n_scans} scans of {options.points:,} points, {size:.0f} MB:"
                 f" times {n_scans / (middle - begin):.0f} scans/s, reading {n_scans / (end - middle):.0f} scans/s,"
-                f" both {n_scans / (end - begin):.0f} scans/s"
+                f" both {n_scans / (end - begin):.0f} scans/s; at most"
+                f" {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MiB of memory, writing included"
             )
 
 
