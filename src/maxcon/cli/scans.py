@@ -36,6 +36,7 @@ def info(
     from rich.console import Console
     from rich.table import Table
 
+    from maxcon.io.recordings.base import printable
     from maxcon.io.scans.description import describe
 
     found = describe(path, topic)
@@ -46,7 +47,7 @@ def info(
         topics.add_column("type", overflow="fold")
         topics.add_column("messages", justify="right")
         for one in found.topics:
-            topics.add_row(one.name, one.type, f"{one.n_messages:,}")
+            topics.add_row(printable(one.name), printable(one.type), f"{one.n_messages:,}")
         console.print(topics)
     for note in found.notes:
         console.print(note)

@@ -242,3 +242,17 @@ def test_several_threads_read_what_one_does(recorded, kind):
     for i, raw in enumerate(raws):
         np.testing.assert_array_equal(raw.points, made.read(i).points)
         assert raw.name == f"/points#{i}"
+
+
+def test_names_in_a_recording_cannot_break_a_line(tmp_path):
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store, path = get_typestore(Stores.ROS1_NOETIC), tmp_path / "odd.bag"
+    with Writer(path) as writer:
+        connection = writer.add_connection("/a\nb\x1b[31m", "std_msgs/msg/String", typestore=store)
+        text = store.serialize_ros1(store.types["std_msgs/msg/String"]("x"), "std_msgs/msg/String")
+        writer.write(connection, 1, text)
+    with pytest.raises(FileError, match=r"/a\?b\?\[31m") as refused:
+        open_scans(path)
+    assert "\n" not in str(refused.value)

@@ -13,7 +13,7 @@ from typing import Self
 from maxcon.errors import FileError, MissingExtraError
 from maxcon.io.clouds.base import as_file_error
 
-__all__ = ["LARGEST_CHUNK", "Message", "Recording", "Topic", "as_extra_missing"]
+__all__ = ["LARGEST_CHUNK", "Message", "Recording", "Topic", "as_extra_missing", "printable"]
 
 LARGEST_CHUNK = 2**29
 """Bytes; recorders write chunks of about a megabyte, and more where a single message is larger."""
@@ -36,6 +36,11 @@ class Topic:
     name: str
     type: str
     n_messages: int
+
+    @property
+    def words(self) -> str:
+        """Return "/points (sensor_msgs/msg/PointCloud2)", on one line whatever the name."""
+        return f"{printable(self.name)} ({printable(self.type)})"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,6 +66,11 @@ class Message:
     encoding: str
     recorded: int
     data: bytes
+
+
+def printable(text: str) -> str:
+    """Return a text of a file as it may be shown: short, and on one line."""
+    return "".join(sign if sign.isprintable() else "?" for sign in text[:100])
 
 
 class Recording(ABC):

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from maxcon.errors import FileError, OptionError
 from maxcon.io.clouds.base import as_file_error
-from maxcon.io.recordings.base import Message, Recording, Topic
+from maxcon.io.recordings.base import Message, Recording, Topic, printable
 from maxcon.io.recordings.messages import decode_message, stamp_of
 from maxcon.io.recordings.opening import CAPTURE_SUFFIX, existing_file, open_recording
 from maxcon.io.recordings.point_cloud2 import (
@@ -113,7 +113,7 @@ class TopicOfClouds(CloudSource):
     """The clouds of one topic."""
 
     def __init__(self, recording: Recording, topic: Topic) -> None:
-        self.path, self.label, self.topic = recording.path, topic.name, topic
+        self.path, self.label, self.topic = recording.path, printable(topic.name), topic
         self.notes, self.n_clouds = recording.notes, topic.n_messages
         self._recording = recording
 
@@ -196,7 +196,7 @@ def chosen_topic(recording: Recording, name: str | None) -> Topic:
         if found[0] not in clouds:
             raise OptionError(
                 f"Expected point clouds in the topic {name} of {recording.path}, got {found[0].n_messages} messages of"
-                f" type {found[0].type}. "
+                f" type {printable(found[0].type)}. "
                 + (f"Ask for {_listed(clouds)}." if clouds else "There is no other.")
             )
         return found[0]
@@ -223,5 +223,5 @@ def chosen_topic(recording: Recording, name: str | None) -> Topic:
 
 def _listed(topics: "tuple[Topic, ...] | list[Topic]") -> str:
     """Names and types, at most six of them."""
-    words = ", ".join(f"{topic.name} ({topic.type})" for topic in topics[:6])
+    words = ", ".join(topic.words for topic in topics[:6])
     return f"{words} and {len(topics) - 6} more" if len(topics) > 6 else words

@@ -13,7 +13,7 @@ from maxcon.errors import TrajectoryError
 from maxcon.geometry.quaternions import angles_from_quaternions, quaternions_from_angles
 from maxcon.io.clouds.base import as_file_error
 from maxcon.io.geographic import GeographicFrame
-from maxcon.io.recordings.base import Recording, Topic
+from maxcon.io.recordings.base import Recording, Topic, printable
 from maxcon.io.recordings.messages import decode_message, stamp_of
 from maxcon.trajectory import Trajectory, first_fault
 
@@ -81,7 +81,7 @@ def read_fixes(recording: Recording, topic: Topic) -> Fixes:
     """
     rows: dict[float, list[float]] = {}
     n_left_out = 0
-    label = Path(f"{recording.path}, {topic.name}")
+    label = Path(f"{recording.path}, {printable(topic.name)}")
     for message in recording.messages([topic.name]):
         with as_file_error(label, "messages of positions"):
             content = decode_message(message)
@@ -114,7 +114,7 @@ def read_orientations(recording: Recording) -> Orientations | None:
     """Return the orientations of the first topic of Imu that has any, or None."""
     for topic in recording.of_type(IMU):
         rows: dict[float, list[float]] = {}
-        label = Path(f"{recording.path}, {topic.name}")
+        label = Path(f"{recording.path}, {printable(topic.name)}")
         for message in recording.messages([topic.name]):
             with as_file_error(label, "messages of an IMU"):
                 content = decode_message(message)
@@ -128,7 +128,7 @@ def read_orientations(recording: Recording) -> Orientations | None:
         if rows:
             times, table = np.array(sorted(rows)), np.array([rows[time] for time in sorted(rows)])
             return Orientations(
-                topic.name, Trajectory(times, np.zeros((len(times), 3)), table[:, :4]), table[:, 4]
+                printable(topic.name), Trajectory(times, np.zeros((len(times), 3)), table[:, :4]), table[:, 4]
             )
     return None
 

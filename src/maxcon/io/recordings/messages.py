@@ -6,7 +6,7 @@ from functools import cache
 from typing import Any
 
 from maxcon.errors import FileError
-from maxcon.io.recordings.base import Message
+from maxcon.io.recordings.base import Message, printable
 
 __all__ = ["decode_message", "stamp_of"]
 
@@ -43,7 +43,7 @@ def decode_message(message: Message) -> Any:
     if message.encoding == "ros1":
         return _types("ros1").deserialize_ros1(message.data, message.type)
     raise FileError(
-        f"Expected messages of {message.topic} in the encoding cdr or ros1, got {message.encoding!r}."
+        f"Expected messages of {printable(message.topic)} in the encoding cdr or ros1, got {message.encoding!r}."
         " Record them with ROS, or convert the recording."
     )
 

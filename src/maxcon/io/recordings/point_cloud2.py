@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import FileError
+from maxcon.io.recordings.base import printable
 from maxcon.io.recordings.point_times import TIME_FIELDS, Column, PointTimes, find_point_times
 
 __all__ = [
@@ -205,7 +206,7 @@ class _Layout:
             ends.append(field.offset + size * max(field.count, 1))
             if field.offset < 0 or ends[-1] > record.point_step:
                 raise _refuse(
-                    f"the field {field.name!r} within the {record.point_step} bytes of a point",
+                    f"the field {field.name[:40]!r} within the {record.point_step} bytes of a point",
                     f"it at byte {field.offset} to {ends[-1]}",
                 )
         return (record.height - 1) * self.row_step + (record.width - 1) * record.point_step + max(ends)
@@ -216,7 +217,7 @@ class _Layout:
             found = [field for field in self.record.fields if field.name == name]
             if len(found) == 1 and found[0].count <= 1 and found[0].datatype in (7, 8):
                 return found[0]
-        names = ", ".join(f"{field.name} ({field.kind})" for field in self.record.fields)
+        names = ", ".join(f"{printable(field.name)} ({field.kind})" for field in self.record.fields)
         raise _refuse(f"one field {axis!r} of floating-point numbers", names[:120] or "no fields")
 
     def column(self, field: FieldDescription) -> NDArray[Any]:
@@ -240,11 +241,11 @@ def _returns(coordinates: list[NDArray[np.floating]]) -> NDArray[np.intp]:
         squared = x * x
         squared += y * y
         squared += z * z
-    is_return = (squared > 0.0) & (squared < np.inf)
-    # Squares leave the range of floats before coordinates do: what looks like no return is looked at.
-    rows = np.flatnonzero(~is_return)
-    places = np.stack([x[rows], y[rows], z[rows]], axis=1)
-    is_return[rows] = np.isfinite(places).all(axis=1) & places.any(axis=1)
+        is_return = (squared > 0.0) & (squared < np.inf)
+        # Squares leave the range of floats before coordinates do: what looks like no return is looked at.
+        rows = np.flatnonzero(~is_return)
+        places = np.stack([x[rows], y[rows], z[rows]], axis=1)
+        is_return[rows] = np.isfinite(places).all(axis=1) & places.any(axis=1)
     return np.flatnonzero(is_return)
 
 
@@ -274,6 +275,6 @@ def _first_of_each(coordinates: list[NDArray[np.floating]]) -> NDArray[np.intp] 
 def fields_in_words(fields: Sequence[FieldDescription]) -> str:
     """Return "x float32 at 0, ring uint16 at 16" or the like."""
     return ", ".join(
-        f"{field.name} {field.kind}{f'[{field.count}]' if field.count > 1 else ''} at {field.offset}"
+        f"{printable(field.name)} {field.kind}{f'[{field.count}]' if field.count > 1 else ''} at {field.offset}"
         for field in fields
     )

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from maxcon.errors import FileError, OptionError, TrajectoryError
 from maxcon.io.clouds.base import as_file_error
 from maxcon.io.geographic import GeographicFrame
-from maxcon.io.recordings.base import Recording, Topic
+from maxcon.io.recordings.base import Recording, Topic, printable
 from maxcon.io.recordings.fix_poses import poses_of_fixes, read_fixes, read_orientations
 from maxcon.io.recordings.messages import decode_message, stamp_of
 from maxcon.io.recordings.opening import open_recording
@@ -101,11 +101,13 @@ def read_recorded_poses(
 def _chosen(recording: Recording, name: str | None, *, is_odometry: bool) -> Topic:
     kinds = tuple(POSES) if is_odometry else (FIX, *POSES)
     found = recording.of_type(*kinds)
-    listed = ", ".join(f"{topic.name} ({topic.type})" for topic in found[:6])
+    listed = ", ".join(topic.words for topic in found[:6])
     if name is not None:
         named = [topic for topic in found if topic.name == name]
         if not named:
-            got = next((topic.type for topic in recording.topics if topic.name == name), "no such topic")
+            got = next(
+                (printable(topic.type) for topic in recording.topics if topic.name == name), "no such topic"
+            )
             raise OptionError(
                 f"Expected poses in the topic {name} of {recording.path}, got {got}. "
                 + (f"Ask for {listed}." if found else "There are none in it.")
@@ -134,14 +136,14 @@ def _of_fixes(
 
     if crs is None:
         raise CrsError(
-            f"Expected a map with a CRS, to place {topic.name} of {recording.path}, which is in latitude and longitude;"
-            " got one without. Build it with --crs, or choose poses in the map's coordinates with --prior-topic."
+            f"Expected a map with a CRS, to place {printable(topic.name)} of {recording.path}, which is in"
+            " latitude and longitude; got one without. Build it with --crs, or choose poses in the map's coordinates with --prior-topic."
         )
     frame = GeographicFrame(crs)
     fixes = read_fixes(recording, topic)
     orientations = read_orientations(recording)
     trajectory, headings = poses_of_fixes(
-        fixes, orientations, frame, geoid_height, f"{recording.path}, {topic.name}"
+        fixes, orientations, frame, geoid_height, f"{recording.path}, {printable(topic.name)}"
     )
     as_they_are = geoid_height is None and not frame.has_heights
     if geoid_height is not None:
@@ -152,7 +154,9 @@ def _of_fixes(
         heights = "heights: the receiver's (ellipsoidal) as they are, for the map's CRS does not say what its own are"
     left = f"; {fixes.n_left_out} messages without a fix left out" if fixes.n_left_out else ""
     return RecordedPoses(
-        trajectory, f"poses from {topic.name} (NavSatFix); {headings}; {heights}{left}", as_they_are
+        trajectory,
+        f"poses from {printable(topic.name)} (NavSatFix); {headings}; {heights}{left}",
+        as_they_are,
     )
 
 
@@ -161,12 +165,12 @@ def _of_poses(recording: Recording, topic: Topic) -> RecordedPoses:
     rows: dict[float, NDArray[np.float64]] = {}
     frames: set[str] = set()
     n_left_out = 0
-    label = Path(f"{recording.path}, {topic.name}")
+    label = Path(f"{recording.path}, {printable(topic.name)}")
     for message in recording.messages([topic.name]):
         with as_file_error(label, "messages of poses"):
             content = decode_message(message)
             row = _row(*POSES[topic.type](content))
-            frames.add(str(content.header.frame_id)[:40])
+            frames.add(printable(str(content.header.frame_id))[:40])
             time = stamp_of(content, message.recorded) / 1e9
         if not np.isfinite(row[:7]).all() or not row[3:7].any():
             n_left_out += 1
@@ -181,7 +185,9 @@ def _of_poses(recording: Recording, topic: Topic) -> RecordedPoses:
     named = ", ".join(sorted(frames)) or "without a name"
     left = f"; {n_left_out} messages without a pose left out" if n_left_out else ""
     stated = "" if trajectory.covariances is None else ", with covariances"
-    return RecordedPoses(trajectory, f"poses from {topic.name} ({kind}{stated}) in the frame {named}{left}")
+    return RecordedPoses(
+        trajectory, f"poses from {printable(topic.name)} ({kind}{stated}) in the frame {named}{left}"
+    )
 
 
 def _row(pose: Any, covariance: NDArray[np.float64] | None) -> NDArray[np.float64]:
