@@ -137,7 +137,8 @@ def _of_fixes(
     if crs is None:
         raise CrsError(
             f"Expected a map with a CRS, to place {printable(topic.name)} of {recording.path}, which is in"
-            " latitude and longitude; got one without. Build it with --crs, or choose poses in the map's coordinates with --prior-topic."
+            " latitude and longitude; got one without. Build it with --crs, or choose poses in the map's coordinates"
+            " with --prior-topic."
         )
     frame = GeographicFrame(crs)
     fixes = read_fixes(recording, topic)
