@@ -12,6 +12,7 @@ from maxcon.drive import localize_drive
 from maxcon.evaluation import pose_error
 from maxcon.geometry import wrap_angle
 from maxcon.io.scans import open_scans
+from maxcon.io.scans.deskewed import DeskewedScans
 from maxcon.io.scans.folder import ScanFolder
 from maxcon.io.trajectories import read_trajectory
 from maxcon.mapping import MapOptions, build_map
@@ -136,3 +137,19 @@ def test_no_answer_from_scans_that_were_not_deskewed_is_called_localized_far_off
     scans = open_scans(folder / "scans_raw", folder / "scans" / "times.txt")
     _, trusted, distances = localized(folder, point_map, scans, "prior_perturbed")
     assert distances[trusted].max() < 0.6
+
+
+def test_scans_deskewed_here_are_as_good_as_those_that_others_deskewed(suburb):
+    """The motion is that of the reference poses, five a half second: what an odometer would tell."""
+    folder, point_map = suburb
+    scans = open_scans(folder / "scans_raw", folder / "scans" / "times.txt")
+    deskewed = DeskewedScans(scans, read_trajectory(folder / "reference.txt"), max_gap=1.0, turn_time=0.1)
+    theirs = open_scans(folder / "scans")
+    for i in (0, 12):
+        ours = deskewed.read(i, 0.0, 200.0).points
+        off = np.linalg.norm(ours - theirs.read(i, 0.0, 200.0).points, axis=1)
+        before = np.linalg.norm(scans.read(i, 0.0, 200.0).points - theirs.read(i, 0.0, 200.0).points, axis=1)
+        assert np.median(before) > 0.15 and np.median(off) < 0.03
+    right, trusted, distances = localized(folder, point_map, deskewed, "prior_perturbed")
+    assert right.all() and trusted.sum() >= 24
+    assert np.median(distances) < 0.06

@@ -14,7 +14,7 @@ import numpy as np
 from maxcon.errors import FileError, MapError, OptionError, TrajectoryError
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
-from maxcon.io.scans import RawScan, ScanFolder, check_range
+from maxcon.io.scans import RawScan, Scans, check_range
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
 from maxcon.trajectory import Trajectory
@@ -113,7 +113,7 @@ class EpochEstimate:
 
 def localize_drive(
     point_map: PointMap,
-    scans: ScanFolder,
+    scans: Scans,
     prior: Trajectory,
     method: Method,
     options: DriveOptions | None = None,
@@ -125,7 +125,7 @@ def localize_drive(
     ----------
     point_map : PointMap
         The map.
-    scans : ScanFolder
+    scans : Scans
         The scans; as many as threads are in memory at a time, and one more.
     prior : Trajectory
         T_map_sensor before localization, global coordinates in the CRS of the map.
@@ -182,7 +182,7 @@ def _several_at_once(
 
 
 def priors_of_scans(
-    point_map: PointMap, scans: ScanFolder, prior: Trajectory, options: DriveOptions
+    point_map: PointMap, scans: Scans, prior: Trajectory, options: DriveOptions
 ) -> list[Pose | None]:
     """Return the prior of each scan, local frame; None where there is none.
 
@@ -203,7 +203,7 @@ def priors_of_scans(
 def _localize_epoch(
     epoch: int,
     point_map: PointMap,
-    scans: ScanFolder,
+    scans: Scans,
     prior: Pose | None,
     method: Method,
     options: DriveOptions,
@@ -237,13 +237,13 @@ def answered(
     )
 
 
-def read_epoch(scans: ScanFolder, epoch: int, options: DriveOptions) -> tuple[RawScan, str]:
+def read_epoch(scans: Scans, epoch: int, options: DriveOptions) -> tuple[RawScan, str]:
     """Return the scan of an epoch, or one without points and the reason why it cannot be read."""
     try:
         return scans.read(epoch, options.min_range, options.max_range), ""
     except FileError as error:
         nothing = np.empty((0, 3))
-        return RawScan(nothing, float(scans.times[epoch]), scans.paths[epoch].name, 0, 0, 0), str(error)
+        return RawScan(nothing, float(scans.times[epoch]), scans.name(epoch), 0, 0, 0), str(error)
 
 
 def status_without_search(point_map: PointMap, scan: Scan, *priors: Pose | None) -> Status | None:
@@ -265,7 +265,7 @@ def pose_or_none(trajectory: Trajectory, at: float, max_gap: float) -> Pose | No
 
 
 def check_times(
-    scans: ScanFolder, trajectory: Trajectory, poses: Sequence[Pose | None], what: str = "prior"
+    scans: Scans, trajectory: Trajectory, poses: Sequence[Pose | None], what: str = "prior"
 ) -> None:
     """Refuse a trajectory that has a pose for none of the scans.
 

@@ -18,7 +18,7 @@ from maxcon.drive import (
 )
 from maxcon.estimate import Status
 from maxcon.geometry import Pose
-from maxcon.io.scans import ScanFolder
+from maxcon.io.scans import Scans
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
 from maxcon.tracking import Motion, Tracker
@@ -31,7 +31,7 @@ NOTHING_KNOWN = "there is neither a track nor a prior to begin one"
 
 def track_drive(
     point_map: PointMap,
-    scans: ScanFolder,
+    scans: Scans,
     prior: Trajectory,
     tracker: Tracker,
     odometry: Trajectory | None = None,
@@ -43,7 +43,7 @@ def track_drive(
     ----------
     point_map : PointMap
         The map.
-    scans : ScanFolder
+    scans : Scans
         The scans; one is in memory at a time.
     prior : Trajectory
         T_map_sensor before localization, global coordinates in the CRS of the map. It may have gaps: it is needed
@@ -97,7 +97,7 @@ class _TrackedDrive:
     """A drive that is being tracked."""
 
     point_map: PointMap
-    scans: ScanFolder
+    scans: Scans
     tracker: Tracker
     options: DriveOptions
 

@@ -12,9 +12,12 @@ import maxcon as package
 
 HEAVY = (
     "numpy numba scipy pyarrow laspy lazrs pyproj matplotlib jinja2 embreex trimesh pypcd4 rich.progress rich.table"
-    " asyncio multiprocessing"
+    " asyncio multiprocessing rosbags mcap velodyne_decoder"
 )
-COMMANDS = (("map",), ("map", "build"), ("map", "info"), ("localize",), ("simulate",), ("demo",), ("warmup",))
+COMMANDS = (
+    ("map",), ("map", "build"), ("map", "info"), ("scans",), ("scans", "info"), ("localize",), ("simulate",), ("demo",),
+    ("warmup",),
+)  # fmt: skip
 
 
 def test_nothing_heavy_is_loaded_before_it_is_needed(maxcon_in_process_of_its_own):

@@ -57,7 +57,7 @@ def test_the_prior_s_own_motion_does_without_odometry(maxcon, drive, dense, tmp_
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--odometry", "o.txt"), "Expected --odometry together with --track, got it alone."),
+        (("--odometry", "o.txt"), "Expected --odometry together with --track or --deskew, got it alone."),
         (("--track", "--drift", "0.01"), "Expected --drift together with --odometry, got it alone."),
         (("--track", "--odometry", "missing.txt"), "missing.txt"),
     ],

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from maxcon.cli import demo, localize, maps, report, simulate, study, warmup
+from maxcon.cli import demo, localize, maps, report, scans, simulate, study, warmup
 from maxcon.errors import MaxconError
 
 __all__ = ["app", "main"]
@@ -26,6 +26,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.add_typer(maps.app, name="map")
+app.add_typer(scans.app, name="scans")
 app.command("localize")(localize.localize)
 app.command("simulate", short_help="Simulate a city, its mapping and scans.")(simulate.simulate)
 app.command("study", short_help="Compare methods over the epochs of a dataset.")(study.study)

@@ -27,8 +27,12 @@ def print_summary(epochs: "list[EpochEstimate]", out: Path, searched: str) -> No
         typer.echo(searched)
     n_invalid = sum(epoch.raw.n_dropped_invalid for epoch in epochs)
     n_out_of_range = sum(epoch.raw.n_dropped_range for epoch in epochs)
-    if n_invalid or n_out_of_range:
-        typer.echo(f"left out: {n_invalid:,} points that are no returns, {n_out_of_range:,} out of range")
+    n_repeated = sum(epoch.raw.n_dropped_duplicates for epoch in epochs)
+    if n_invalid or n_out_of_range or n_repeated:
+        repeated = f", {n_repeated:,} that come twice" if n_repeated else ""
+        typer.echo(
+            f"left out: {n_invalid:,} points that are no returns, {n_out_of_range:,} out of range{repeated}"
+        )
     n_widened = sum(epoch.estimate is not None and epoch.estimate.was_widened for epoch in epochs)
     if n_widened:
         typer.echo(f"{n_widened} were in doubt and searched for farther around")

@@ -3,16 +3,28 @@
 """`maxcon localize`."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from maxcon.cli.compiling import compiling_told
+from maxcon.cli.drive_inputs import DriveInputs, RecordingOptions, check_outputs, naming_files
 from maxcon.cli.drive_summary import print_summary
 from maxcon.cli.method_options import parse_objective
-from maxcon.cli.options import MaxRange, MinRange
+from maxcon.cli.options import (
+    AtStamp,
+    Deskew,
+    GeoidHeight,
+    MaxRange,
+    MinRange,
+    Odometry,
+    OdometryTopic,
+    Prior,
+    PriorTopic,
+    Topic,
+    TurnTime,
+)
 from maxcon.cli.pictures import drawer, parse_epochs
 from maxcon.cli.progress import progress_bar
 from maxcon.cli.search_space import SpaceOptions
@@ -29,14 +41,16 @@ def localize(
     map_folder: Annotated[Path, typer.Argument(metavar="MAP", help="Map made by `maxcon map build`.")],
     scans: Annotated[
         Path,
-        typer.Argument(metavar="SCANS", help="Folder of .bin (KITTI), .pcd, .ply, .npz, .las or .laz scans."),
-    ],
-    prior: Annotated[
-        Path, typer.Option(metavar="TUM|CSV", help="Rough poses T_map_sensor, in the CRS of the map.")
+        typer.Argument(
+            metavar="SCANS",
+            help="Folder of .bin (KITTI), .pcd, .ply, .npz, .las or .laz scans; or a recording: .bag, .mcap, .db3,"
+            " .pcap, or the folder of a ROS 2 bag.",
+        ),
     ],
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="POSES.csv", help="Table to write, a row per epoch.")
     ],
+    prior: Prior = None,
     objective: Annotated[
         str,
         typer.Option(
@@ -154,17 +168,18 @@ def localize(
             "--track", help="Search each scan only where the one before and the motion since allow it to be."
         ),
     ] = False,
-    odometry: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="TUM|CSV",
-            help="With --track: poses in any frame that tell the motion between scans; else the prior's own does.",
-        ),
-    ] = None,
+    odometry: Odometry = None,
     drift: Annotated[
         float | None,
         typer.Option(metavar="SHARE", help="Of the way, by which the odometry is off; 0.02 if not given."),
     ] = None,
+    topic: Topic = None,
+    prior_topic: PriorTopic = None,
+    odometry_topic: OdometryTopic = None,
+    geoid_height: GeoidHeight = None,
+    deskew: Deskew = False,
+    turn_time: TurnTime = None,
+    at_stamp: AtStamp = False,
     times: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Time of each scan; default times.txt there, or the names."),
@@ -186,52 +201,47 @@ def localize(
 
     Exit code 0: every epoch is localized; 1: some are not (the status column says why); 2: bad input.
     """
-    from maxcon.atomic import check_folder, check_writable
     from maxcon.drive import DriveOptions
     from maxcon.integrity import Trust
-    from maxcon.io.scans import open_scans
-    from maxcon.io.trajectories import read_trajectory, write_tum
+    from maxcon.io.trajectories import write_tum
     from maxcon.maximum_consensus import MaximumConsensus
     from maxcon.point_map import PointMap
     from maxcon.poses_table import localized_trajectory, write_poses
 
-    _check_options(prior, out, tum, plot, plot_epochs)
-    check_tracking(track, odometry, drift)
+    check_outputs(prior, out, tum, plot, plot_epochs)
+    check_tracking(track, odometry, drift, deskew=deskew)
     scored_by = parse_objective(objective)
-    for path in (out, tum):
-        if path is not None:
-            check_writable(path)
-    if plot is not None:
-        check_folder(plot)
     point_map = PointMap.open(map_folder)
-    folder = open_scans(scans, times)
-    prior_trajectory = read_trajectory(prior)
+    inputs = DriveInputs.open(
+        point_map, scans, times, prior, odometry, max_gap,
+        RecordingOptions(topic, prior_topic, odometry_topic, geoid_height, deskew, at_stamp, turn_time), quiet=quiet,
+    )  # fmt: skip
     spaces = SpaceOptions(
         cell, heading_step_deg, half_width, heading_half_width_deg, height_half_width,
         sigma_position, sigma_heading_deg, sigmas, largest_half_width,
     )  # fmt: skip
-    trust = Trust(least_share, largest_runner_up)
     method = MaximumConsensus(
-        spaces.fixed(), scored_by, multiplicity, threads if track else 1, trust, weighting,
-        search, thinning, refinement, wider, risk,
+        spaces.fixed(), scored_by, multiplicity, threads if track else 1, Trust(least_share, largest_runner_up),
+        weighting, search, thinning, refinement, wider, risk,
     )  # fmt: skip
-    windows = spaces.within_sigmas(method, prior_trajectory, max_gap, track=track)
+    windows = spaces.within_sigmas(method, inputs.prior, max_gap, track=track)
     if track and windows is not None:
-        method, windows = windows.at(float(prior_trajectory.times[0])), None
-    wanted = parse_epochs(plot_epochs, len(folder)) if plot is not None else frozenset()
+        method, windows = windows.at(float(inputs.prior.times[0])), None
+    wanted = parse_epochs(plot_epochs, len(inputs.scans)) if plot is not None else frozenset()
     draw = drawer(plot, point_map, windows or method, objective) if plot is not None else None
     options = DriveOptions(min_range, max_range, max_gap)
-    with _naming(odometry or prior, scans, map_folder):
+    with naming_files(odometry or prior or scans, scans, map_folder):
         drive = started_drive(
-            point_map, folder, prior_trajectory, method, options,
-            windows=windows, track=track, odometry=odometry, drift=drift, threads=threads,
+            point_map, inputs.scans, inputs.prior, method, options,
+            windows=windows, track=track, odometry=inputs.odometry, drift=drift, threads=threads,
         )  # fmt: skip
-    epochs = _localized(drive, len(folder), draw, wanted, quiet)
+    epochs = _localized(drive, len(inputs.scans), draw, wanted, quiet)
     write_poses(out, epochs)
     trajectory = localized_trajectory(epochs)
     if tum is not None and trajectory is not None:
         write_tum(tum, trajectory, "T_map_sensor, localized by maxcon")
-    print_summary(epochs, out, spaces.words(windows, prior_trajectory, epochs))
+    inputs.tell()
+    print_summary(epochs, out, spaces.words(windows, inputs.prior, epochs))
     if tum is not None and trajectory is None:
         typer.echo(f"no pose to write: {tum} is not written")
     if any(epoch.pose_global is None for epoch in epochs):
@@ -265,27 +275,3 @@ def _localized(
     if all(epoch.status is Status.UNREADABLE for epoch in epochs):
         raise FileError(epochs[0].reason)
     return epochs
-
-
-@contextmanager
-def _naming(prior: Path, scans: Path, map_folder: Path) -> Iterator[None]:
-    """Put the names of the files before what the library says of a prior that fits neither scans nor map."""
-    from maxcon.errors import MapError, TrajectoryError
-
-    try:
-        yield
-    except TrajectoryError as error:
-        raise TrajectoryError(f"{prior} and {scans}: {error}") from error
-    except MapError as error:
-        raise MapError(f"{prior} and {map_folder}: {error}") from error
-
-
-def _check_options(prior: Path, out: Path, tum: Path | None, plot: Path | None, numbers: str | None) -> None:
-    """Refuse outputs that would replace each other or the prior, and options without effect."""
-    from maxcon.errors import OptionError
-
-    named = [path.resolve() for path in (prior, out, tum) if path is not None]
-    if len(set(named)) < len(named):
-        raise OptionError("Expected different files as --prior, --out and --tum, got one twice. Rename one.")
-    if numbers is not None and plot is None:
-        raise OptionError("Expected --plot DIR with --plot-epochs, got none. Name a folder for the pictures.")

@@ -2,12 +2,82 @@
 # SPDX-License-Identifier: MIT
 """Options that several commands have."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-__all__ = ["HeadingStepDeg", "MaxRange", "MinRange"]
+__all__ = [
+    "AtStamp",
+    "Deskew",
+    "GeoidHeight",
+    "HeadingStepDeg",
+    "MaxRange",
+    "MinRange",
+    "Odometry",
+    "OdometryTopic",
+    "Prior",
+    "PriorTopic",
+    "Topic",
+    "TurnTime",
+]
 
 HeadingStepDeg = Annotated[float, typer.Option(metavar="DEG", help="Step between headings, degrees.")]
 MinRange = Annotated[float, typer.Option(metavar="M", help="Nearer points are left out.")]
 MaxRange = Annotated[float, typer.Option(metavar="M", help="Farther points are left out.")]
+Prior = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="TUM|CSV|RECORDING",
+        help="Rough poses T_map_sensor, in the CRS of the map; in a recording also by latitude and longitude."
+        " Without it the poses in the recording of the scans.",
+        show_default=False,
+    ),
+]
+Odometry = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="TUM|CSV|RECORDING",
+        help="With --track or --deskew: poses in any frame that tell the motion; else the prior's own does.",
+    ),
+]
+Topic = Annotated[
+    str | None, typer.Option(metavar="NAME", help="Which of several point clouds of a recording.")
+]
+PriorTopic = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="Which poses of a recording are the prior: NavSatFix, Odometry, PoseStamped or PoseWithCovarianceStamped.",
+    ),
+]
+OdometryTopic = Annotated[
+    str | None, typer.Option(metavar="NAME", help="Which poses of a recording are the odometry.")
+]
+GeoidHeight = Annotated[
+    float | None,
+    typer.Option(
+        metavar="M", help="Of the geoid above the ellipsoid: subtracted from a receiver's heights, m."
+    ),
+]
+Deskew = Annotated[
+    bool,
+    typer.Option(
+        "--deskew", help="Points have times: move them to where they were at the time of their scan."
+    ),
+]
+AtStamp = Annotated[
+    bool,
+    typer.Option(
+        "--at-stamp",
+        help="The time of a recorded scan is its message's, not the middle between its first and its last point.",
+    ),
+]
+TurnTime = Annotated[
+    float | None,
+    typer.Option(
+        metavar="S",
+        help="With --deskew, where points have no times: how long a turn of the scanner takes, from behind to behind,"
+        " clockwise seen from above; negative for counter-clockwise.",
+    ),
+]

@@ -4,13 +4,16 @@
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from maxcon.cli.progress import step_bars
 from maxcon.dataset import Dataset
 from maxcon.errors import OptionError
+
+if TYPE_CHECKING:
+    from maxcon.simulation.recording_writers import RecordingKind
 
 __all__ = ["Scene", "simulate"]
 
@@ -59,6 +62,15 @@ def simulate(
         ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same dataset.")] = 0,
+    recording: Annotated[
+        str | None,
+        typer.Option(
+            metavar="bag|ros2|mcap",
+            help="Also write the scans, with positions in latitude and longitude, as such a recording. Needs the extra"
+            " recordings.",
+            show_default=False,
+        ),
+    ] = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace the folder if there is one.")
     ] = False,
@@ -79,6 +91,7 @@ def simulate(
         raise OptionError(
             f"Expected --campaign in the city, got it with --scene {scene.value}. Leave one of them out."
         )
+    kind = None if recording is None else _recording_kind(recording)
     options: dict[str, Any] = {"seed": seed, "overwrite": overwrite}
     if scanner is not None:
         options["scanner"] = simulation.ScannerLayout.parse(scanner).scanner()
@@ -97,6 +110,21 @@ def simulate(
         else:
             dataset = simulation.simulate(out, n_epochs=epochs or 40, **options)
     _say_what_was_written(dataset)
+    if kind is not None:
+        from maxcon.simulation.recordings import record_dataset
+
+        typer.echo(f"{'recording':<12} {record_dataset(dataset, kind)}")
+
+
+def _recording_kind(name: str) -> "RecordingKind":
+    """The kind of recording of a name; what writes it is there, or it is said before the work is done."""
+    from maxcon.simulation.recording_writers import RecordingKind, check_writers
+
+    if name not in [kind.value for kind in RecordingKind]:
+        kinds = ", ".join(kind.value for kind in RecordingKind)
+        raise OptionError(f"Expected --recording to be one of {kinds}, got {name!r}. Choose one of these.")
+    check_writers()
+    return RecordingKind(name)
 
 
 def _say_what_was_written(dataset: Dataset) -> None:

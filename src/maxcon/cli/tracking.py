@@ -10,7 +10,7 @@ from maxcon.errors import OptionError
 
 if TYPE_CHECKING:
     from maxcon.drive import DriveOptions, EpochEstimate
-    from maxcon.io.scans import ScanFolder
+    from maxcon.io.scans import Scans
     from maxcon.maximum_consensus import MaximumConsensus
     from maxcon.point_map import PointMap
     from maxcon.trajectory import Trajectory
@@ -19,17 +19,17 @@ if TYPE_CHECKING:
 __all__ = ["check_tracking", "started_drive"]
 
 
-def check_tracking(track: bool, odometry: Path | None, drift: float | None) -> None:
+def check_tracking(track: bool, odometry: Path | None, drift: float | None, *, deskew: bool = False) -> None:
     """Refuse options without effect.
 
     Raises
     ------
     OptionError
-        If odometry is given without tracking, or its drift without odometry.
+        If odometry is given without tracking or deskewing, or its drift without odometry.
     """
-    if odometry is not None and not track:
+    if odometry is not None and not (track or deskew):
         raise OptionError(
-            "Expected --odometry together with --track, got it alone. Add --track, or leave it out."
+            "Expected --odometry together with --track or --deskew, got it alone. Add one, or leave it out."
         )
     if drift is not None and odometry is None:
         raise OptionError("Expected --drift together with --odometry, got it alone. Leave it out.")
@@ -37,14 +37,14 @@ def check_tracking(track: bool, odometry: Path | None, drift: float | None) -> N
 
 def started_drive(
     point_map: "PointMap",
-    scans: "ScanFolder",
+    scans: "Scans",
     prior: "Trajectory",
     method: "MaximumConsensus",
     options: "DriveOptions",
     *,
     windows: "WithinSigmas | None",
     track: bool,
-    odometry: Path | None,
+    odometry: "Trajectory | None",
     drift: float | None,
     threads: int,
 ) -> "Iterator[EpochEstimate]":
@@ -53,7 +53,6 @@ def started_drive(
         from maxcon.drive import localize_drive
 
         return localize_drive(point_map, scans, prior, windows or method, options, threads)
-    from maxcon.io.trajectories import read_trajectory
     from maxcon.tracked_drive import track_drive
     from maxcon.tracking import MotionNoise, Tracker
 
@@ -61,4 +60,4 @@ def started_drive(
         tracker = Tracker(method, MotionNoise.of_prior(prior))
         return track_drive(point_map, scans, prior, tracker, None, options)
     noise = MotionNoise() if drift is None else MotionNoise(share=drift)
-    return track_drive(point_map, scans, prior, Tracker(method, noise), read_trajectory(odometry), options)
+    return track_drive(point_map, scans, prior, Tracker(method, noise), odometry, options)

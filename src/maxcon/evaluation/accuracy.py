@@ -23,8 +23,8 @@ __all__ = [
 
 SUCCESS_DISTANCE = 0.3
 SUCCESS_HEADING = math.radians(1.0)
-SUCCESS_WORDS = f"within {SUCCESS_DISTANCE:g} m and {math.degrees(SUCCESS_HEADING):g}°"
-"""What counts as right, in a sentence: ... of the reference."""
+SUCCESS_WORDS = f"{SUCCESS_DISTANCE:g} m and {math.degrees(SUCCESS_HEADING):g}°"
+"""What counts as right, in words: within that of the reference."""
 
 
 @dataclass(frozen=True, slots=True)

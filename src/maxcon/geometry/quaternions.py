@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["angles_from_quaternions", "quaternions_from_angles", "slerp"]
+__all__ = ["angles_from_quaternions", "product", "quaternions_from_angles", "slerp"]
 
 
 def quaternions_from_angles(roll: ArrayLike, pitch: ArrayLike, heading: ArrayLike) -> NDArray[np.float64]:
@@ -56,3 +56,17 @@ def slerp(first: NDArray[np.float64], second: NDArray[np.float64], part: float) 
         arc = math.acos(cosine)
         mixed = math.sin((1.0 - part) * arc) * first + math.sin(part * arc) * second
     return np.asarray(mixed / np.linalg.norm(mixed), dtype=np.float64)
+
+
+def product(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the products of quaternions (x, y, z, w), shape (..., 4): the second turn, then the first."""
+    (ax, ay, az, aw), (bx, by, bz, bw) = np.moveaxis(first, -1, 0), np.moveaxis(second, -1, 0)
+    return np.stack(
+        [
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+            aw * bw - ax * bx - ay * by - az * bz,
+        ],
+        axis=-1,
+    )

@@ -7,11 +7,18 @@ from typing import Any
 
 from maxcon.errors import CrsError
 
-__all__ = ["crs_name", "metric_crs", "same_crs"]
+__all__ = ["crs_name", "metric_crs", "parse_crs", "same_crs"]
 
 
 @lru_cache(maxsize=32)
-def _parse(text: str) -> Any:
+def parse_crs(text: str) -> Any:
+    """Return the pyproj.CRS of a code or WKT.
+
+    Raises
+    ------
+    CrsError
+        If it is unknown.
+    """
     import pyproj
     from pyproj.exceptions import CRSError
 
@@ -37,7 +44,7 @@ def metric_crs(text: str) -> str:
     CrsError
         If it is unknown, not a projected one, or an axis (also the heights') is not in metres.
     """
-    crs = _parse(text)
+    crs = parse_crs(text)
     units = {axis.unit_name for axis in crs.axis_info}
     if crs.is_geographic or crs.is_geocentric or not units <= {"metre", "meter", "m"}:
         raise CrsError(
@@ -51,13 +58,13 @@ def metric_crs(text: str) -> str:
 
 def same_crs(one: str, other: str) -> bool:
     """Whether two CRS, as WKT, mean the same, whatever the order of their axes."""
-    return one == other or bool(_parse(one).equals(_parse(other), ignore_axis_order=True))
+    return one == other or bool(parse_crs(one).equals(parse_crs(other), ignore_axis_order=True))
 
 
 def crs_name(wkt: str | None) -> str:
     """Return "ETRS89 / UTM zone 32N (EPSG:25832)" or the like, "unknown" for None."""
     if wkt is None:
         return "unknown"
-    crs = _parse(wkt)
+    crs = parse_crs(wkt)
     authority = crs.to_authority()
     return f"{crs.name} ({':'.join(authority)})" if authority else str(crs.name)

@@ -126,7 +126,7 @@ def _helmert_succeeds(found: Mapping[str, MethodStatistics]) -> Claim:
     if lacking := _lacking(found, HELMERT):
         return _not_studied(paper, lacking)
     method = found[HELMERT]
-    words = f"{_share(method.n_success, method.n_tried)} epochs {SUCCESS_WORDS}"
+    words = f"{_share(method.n_success, method.n_tried)} epochs within {SUCCESS_WORDS}"
     if "helmert-occupied" in found:
         other = found["helmert-occupied"]
         words += f"; {_share(other.n_success, other.n_tried)} by our defaults"

@@ -99,7 +99,7 @@ def plot_prior_error(
         draw_titles(
             figure,
             title,
-            f"Right: {SUCCESS_WORDS} of the reference. Called good: by the method itself.\n"
+            f"Right: within {SUCCESS_WORDS} of the reference. Called good: by the method itself.\n"
             "Epochs and priors are the same for all. ms: in one thread; below at the widest prior.",
         )
         limits = _limits(summaries_by_drive)

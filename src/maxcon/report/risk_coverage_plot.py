@@ -36,7 +36,7 @@ def plot_risk_coverage(
     path: str | os.PathLike[str],
     by_method: Mapping[str, RiskCoverage],
     *,
-    criterion: str = f"not {SUCCESS_WORDS} of the reference",
+    criterion: str = f"not within {SUCCESS_WORDS} of the reference",
     title: str = "Wrong answers among those accepted",
 ) -> None:
     """Draw the rate of wrong answers among those accepted against the share of epochs that are accepted.

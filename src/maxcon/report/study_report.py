@@ -150,7 +150,7 @@ def _headline(methods: dict[str, MethodRows], prior: str) -> str:
     names = [*own, *(name for name in known if name in methods)] or list(methods)[:6]
     found = [statistics(methods[name]) for name in names]
     words = "; ".join(f"{method.method} {method.n_success:,} of {method.n_epochs:,}" for method in found)
-    return f"Epochs {SUCCESS_WORDS} of the reference, from the prior “{prior}”: {words}."
+    return f"Epochs within {SUCCESS_WORDS} of the reference, from the prior “{prior}”: {words}."
 
 
 def _command(study_folder: str | os.PathLike[str], path: str | os.PathLike[str], **options: object) -> str:

@@ -125,7 +125,8 @@ def _distinctness(path: Path, methods: Mapping[str, MethodRows], pair: Sequence[
     return Picture(
         f"How distinct the answers are, {words}",
         f"The paper's comparisons over all epochs. Peak ratio: second highest over highest score, beyond"
-        f" {GUARD_RADIUS:g} m and over all headings. Kurtosis and divergence from a Laplace distribution: of the scores along the line through the"
+        f" {GUARD_RADIUS:g} m and over all headings. Kurtosis and divergence from a Laplace distribution: of the"
+        " scores along the line through the"
         " best cell in its least determined direction. Spread: the farthest cell that reaches 90 % of the best.",
         "Histograms of four measures of distinctness, count beside Helmert's score.",
         path,
@@ -172,7 +173,7 @@ def _success(path: Path, methods: Mapping[str, MethodRows], shown: Sequence[str]
     return [
         Picture(
             "Success against the error of the prior",
-            f"Epochs {SUCCESS_WORDS} of the reference, by how far off the prior was; trusted or not. At most eight"
+            f"Epochs within {SUCCESS_WORDS} of the reference, by how far off the prior was; trusted or not. At most eight"
             " methods are drawn; the tables have all.",
             "Success rates over the distance of the prior, a line for each method.",
             path,

@@ -93,7 +93,7 @@ def plot_success(
     success_by_method: Mapping[str, ArrayLike],
     *,
     bin_width: float | None = None,
-    criterion: str = f"{SUCCESS_WORDS} of the reference",
+    criterion: str = f"within {SUCCESS_WORDS} of the reference",
     title: str = "Success by the error of the prior",
 ) -> None:
     """Draw the success rate of each method against the distance of the prior from the reference.

@@ -46,7 +46,10 @@ PRIORS = {"gnss": "prior_gnss.txt", "uniform": "prior_uniform.txt"}
 ODOMETRY = "odometry.txt"
 """File of the odometry of a dataset that has one."""
 
-DATASET_NAMES = (DESCRIPTION, "map", "scans", "reference.txt", "prior.txt", "prior_*.txt", ODOMETRY)
+DATASET_NAMES = (
+    DESCRIPTION, "map", "scans", "reference.txt", "prior.txt", "prior_*.txt", ODOMETRY,
+    "drive.bag", "drive.mcap", "drive_ros2",
+)  # fmt: skip
 """All that the folder of a dataset may hold."""
 
 

@@ -19,7 +19,7 @@ from maxcon.estimate import Status
 from maxcon.evaluation import Distinctness, distinctness
 from maxcon.geometry import Pose
 from maxcon.integrity import Trust
-from maxcon.io.scans import ScanFolder, open_scans
+from maxcon.io.scans import Scans, open_scans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.maximum_consensus import MaximumConsensus
 from maxcon.objectives import Helmert, Objective
@@ -93,7 +93,7 @@ class Bench:
 
     Parameters
     ----------
-    scans : ScanFolder
+    scans : Scans
         The epochs.
     reference : Trajectory
         Poses held for true, global.
@@ -105,7 +105,7 @@ class Bench:
         Range limits, and gaps of the trajectories to interpolate across.
     """
 
-    scans: ScanFolder
+    scans: Scans
     reference: Trajectory
     priors: dict[str, Trajectory]
     maps: dict[str, PointMap]
@@ -153,7 +153,7 @@ class Bench:
             "prior": prior_name,
             "epoch": number,
             "time": at,
-            "scan": self.scans.paths[number].name,
+            "scan": self.scans.name(number),
         }
         prior = pose_or_none(self.priors[prior_name], at, self.options.max_gap)
         reference = pose_or_none(self.reference, at, self.options.max_gap)

@@ -1,7 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Scans from files: a folder with one file per epoch, and the time of each."""
+"""Scans of a drive: a folder with one file per epoch, or a recording, and the time of each."""
 
-from maxcon.io.scans.folder import RawScan, ScanFolder, check_range, open_scans
+from maxcon.io.scans.folder import ScanFolder
+from maxcon.io.scans.opening import open_scans
+from maxcon.io.scans.raw_scan import RawScan, Scans, check_range
 
-__all__ = ["RawScan", "ScanFolder", "check_range", "open_scans"]
+__all__ = ["RawScan", "ScanFolder", "Scans", "check_range", "open_scans"]

@@ -3,50 +3,22 @@
 """ScanFolder: the scans of a drive, one file per epoch, with their times."""
 
 import os
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.errors import FileError, OptionError
+from maxcon.errors import FileError
 from maxcon.io.scans.points import SCAN_SUFFIXES, read_scan_points
+from maxcon.io.scans.raw_scan import RawScan, Scans, check_range, returns_in_range
 from maxcon.io.scans.times import in_natural_order, times_from_file, times_from_names
 
-__all__ = ["RawScan", "ScanFolder", "check_range", "open_scans"]
+__all__ = ["ScanFolder", "open_scan_folder"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RawScan:
-    """The points of one epoch as they came from a file, less what is no return or out of range.
-
-    Parameters
-    ----------
-    points : array, shape (n, 3), float64
-        Sensor frame, m. May be empty.
-    time : float
-        s.
-    name : str
-        Name of the file.
-    n_returns : int
-        Points in the file.
-    n_dropped_invalid : int
-        Points at (0, 0, 0) (no return) or with NaN or infinite coordinates.
-    n_dropped_range : int
-        Points nearer than the smallest or farther than the largest range.
-    """
-
-    points: NDArray[np.float64]
-    time: float
-    name: str
-    n_returns: int
-    n_dropped_invalid: int
-    n_dropped_range: int
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ScanFolder:
+class ScanFolder(Scans):
     """Scans of one drive in order of time; each is read when asked for.
 
     Parameters
@@ -60,19 +32,12 @@ class ScanFolder:
     paths: tuple[Path, ...]
     times: NDArray[np.float64]
 
-    def __len__(self) -> int:
-        """How many scans there are."""
-        return len(self.paths)
+    def name(self, i: int) -> str:
+        """Return the name of the file of scan number `i`."""
+        return self.paths[i].name
 
     def read(self, i: int, min_range: float = 1.0, max_range: float = 120.0) -> RawScan:
-        """Return scan number `i`.
-
-        Parameters
-        ----------
-        i : int
-            Counted from 0.
-        min_range, max_range : float
-            Points nearer or farther than this are dropped, m. Nearer than 1 m is mostly the vehicle.
+        """Return scan number `i`; parameters as of any scans.
 
         Raises
         ------
@@ -85,10 +50,8 @@ class ScanFolder:
         """
         check_range(min_range, max_range)
         points = read_scan_points(self.paths[i])
-        ranges, is_return = _ranges(points)
-        is_kept = is_return & (ranges >= min_range) & (ranges <= max_range)
+        is_kept, n_returns = returns_in_range(points, min_range, max_range)
         kept = points if is_kept.all() else points.compress(is_kept, axis=0)
-        n_returns = int(np.count_nonzero(is_return))
         return RawScan(
             points=kept,
             time=float(self.times[i]),
@@ -98,42 +61,8 @@ class ScanFolder:
             n_dropped_range=n_returns - len(kept),
         )
 
-    def scans(self, min_range: float = 1.0, max_range: float = 120.0) -> Iterator[RawScan]:
-        """Yield all scans in order of time; parameters and errors as of `read`."""
-        for i in range(len(self)):
-            yield self.read(i, min_range, max_range)
 
-
-def _ranges(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Range of each point, m, and whether it is a return: finite, and not at (0, 0, 0)."""
-    x, y, z = points.T
-    with np.errstate(over="ignore"):
-        squared = x * x
-        squared += y * y
-        squared += z * z
-    is_return = (squared > 0.0) & (squared < np.inf)
-    # Squares leave the range of float64 before coordinates do: what looks like no return is looked at.
-    rows = np.flatnonzero(~is_return)
-    is_return[rows] = np.isfinite(points[rows]).all(axis=1) & points[rows].any(axis=1)
-    return np.sqrt(squared), is_return
-
-
-def check_range(min_range: float, max_range: float) -> None:
-    """Refuse range limits that leave nothing.
-
-    Raises
-    ------
-    OptionError
-        If not 0 <= min_range < max_range.
-    """
-    if not 0.0 <= min_range < max_range:
-        raise OptionError(
-            f"Expected 0 <= min_range < max_range, got {min_range} m and {max_range} m. The defaults are 1 and"
-            " 120 m."
-        )
-
-
-def open_scans(path: str | os.PathLike[str], times: str | os.PathLike[str] | None = None) -> ScanFolder:
+def open_scan_folder(path: str | os.PathLike[str], times: str | os.PathLike[str] | None = None) -> ScanFolder:
     """Return the scans in a folder, or the one scan in a file; none is read yet.
 
     Parameters

@@ -1,0 +1,188 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""What `maxcon localize` reads: scans, priors and odometry, each from files or from a recording."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from maxcon.errors import OptionError
+
+if TYPE_CHECKING:
+    from maxcon.io.scans import Scans
+    from maxcon.point_map import PointMap
+    from maxcon.trajectory import Trajectory
+
+__all__ = ["DriveInputs", "RecordingOptions", "check_outputs", "naming_files"]
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingOptions:
+    """Options of `maxcon localize` that say what of a recording is used, and how; None for those not given."""
+
+    topic: str | None = None
+    prior_topic: str | None = None
+    odometry_topic: str | None = None
+    geoid_height: float | None = None
+    deskew: bool = False
+    at_stamp: bool = False
+    turn_time: float | None = None
+
+    def check(self) -> None:
+        """Refuse a time of turns that is none, or without effect.
+
+        Raises
+        ------
+        OptionError
+            If it is.
+        """
+        if self.turn_time is None:
+            return
+        if not self.deskew:
+            raise OptionError("Expected --turn-time together with --deskew, got it alone. Add --deskew.")
+        if not 0.0 < abs(self.turn_time) <= 2.0:
+            raise OptionError(
+                f"Expected --turn-time of up to 2 s, got {self.turn_time}. Most scanners take 0.1 s."
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class DriveInputs:
+    """The inputs of a drive, and in words what was taken from a recording."""
+
+    scans: "Scans"
+    prior: "Trajectory"
+    odometry: "Trajectory | None"
+    words: tuple[str, ...]
+
+    @classmethod
+    def open(
+        cls,
+        point_map: "PointMap",
+        scans: Path,
+        times: Path | None,
+        prior: Path | None,
+        odometry: Path | None,
+        max_gap: float,
+        options: RecordingOptions,
+        *,
+        quiet: bool = False,
+    ) -> "DriveInputs":
+        """Return the inputs of a drive; scans are read when they are asked for.
+
+        Raises
+        ------
+        OptionError
+            If there is no prior, or an option has nothing to act on.
+        MaxconError
+            If something cannot be read.
+        """
+        from maxcon.io.scans import open_scans
+        from maxcon.io.scans.deskewed import DeskewedScans
+
+        options.check()
+        opened = open_scans(scans, times, topic=options.topic, at_stamp=options.at_stamp)
+        prior_trajectory, prior_words = _prior(point_map, scans, prior, options)
+        odometry_trajectory, odometry_words = _odometry(odometry, options)
+        words = [*_words_of(opened, quiet), prior_words, odometry_words]
+        if options.deskew:
+            motion = prior_trajectory if odometry_trajectory is None else odometry_trajectory
+            opened = DeskewedScans(opened, motion, max_gap, options.turn_time)
+            words.append(f"deskewed by the {'prior' if odometry_trajectory is None else 'odometry'}")
+        return cls(opened, prior_trajectory, odometry_trajectory, tuple(line for line in words if line))
+
+    def tell(self) -> None:
+        """Print what was taken from a recording."""
+        for line in self.words:
+            typer.echo(line)
+
+
+def _words_of(scans: "Scans", quiet: bool) -> list[str]:
+    """What was taken from a recording; the times of its scans are found here, with a bar of progress."""
+    from maxcon.cli.progress import step_bars
+    from maxcon.io.recordings.recorded_scans import RecordedScans
+
+    if not isinstance(scans, RecordedScans):
+        return []
+    with step_bars("scans", quiet) as report:
+        scans.find_times(report)
+    return [scans.words]
+
+
+def _prior(
+    point_map: "PointMap", scans: Path, prior: Path | None, options: RecordingOptions
+) -> "tuple[Trajectory, str]":
+    """The prior, of a file or a recording, and what it is in words where it is of a recording."""
+    from maxcon.io.recordings.opening import CAPTURE_SUFFIX, is_recording
+    from maxcon.io.recordings.poses import read_recorded_poses
+    from maxcon.io.trajectories import read_trajectory
+    from maxcon.prior_heights import check_heights
+
+    source = scans if prior is None else prior
+    if not is_recording(source) or source.suffix.lower() == CAPTURE_SUFFIX:
+        if prior is None:
+            raise OptionError(
+                f"Expected --prior with rough poses beside {scans}, got none. Give it; only recordings with poses in"
+                " them do without."
+            )
+        for name, value in (("--prior-topic", options.prior_topic), ("--geoid-height", options.geoid_height)):
+            if value is not None:
+                raise OptionError(
+                    f"Expected {name} with priors of a recording, got it with {prior}. Leave it out."
+                )
+        return read_trajectory(prior), ""
+    poses = read_recorded_poses(source, options.prior_topic, point_map.frame.crs, options.geoid_height)
+    if poses.has_ellipsoidal_heights:
+        check_heights(point_map, poses.trajectory)
+    return poses.trajectory, f"prior: {poses.words}"
+
+
+def _odometry(odometry: Path | None, options: RecordingOptions) -> "tuple[Trajectory | None, str]":
+    from maxcon.io.recordings.opening import is_recording
+    from maxcon.io.recordings.poses import read_recorded_poses
+    from maxcon.io.trajectories import read_trajectory
+
+    if odometry is None or not is_recording(odometry):
+        if options.odometry_topic is not None:
+            raise OptionError(
+                "Expected --odometry-topic together with --odometry and a recording, got it alone. Add that, or leave"
+                " it out."
+            )
+        return None if odometry is None else read_trajectory(odometry), ""
+    poses = read_recorded_poses(odometry, options.odometry_topic, is_odometry=True)
+    return poses.trajectory, f"odometry: {poses.words}"
+
+
+@contextmanager
+def naming_files(prior: Path, scans: Path, map_folder: Path) -> Iterator[None]:
+    """Put the names of the files before what the library says of a prior that fits neither scans nor map."""
+    from maxcon.errors import MapError, TrajectoryError
+
+    try:
+        yield
+    except TrajectoryError as error:
+        raise TrajectoryError(f"{prior} and {scans}: {error}") from error
+    except MapError as error:
+        raise MapError(f"{prior} and {map_folder}: {error}") from error
+
+
+def check_outputs(
+    prior: Path | None, out: Path, tum: Path | None, plot: Path | None, numbers: str | None
+) -> None:
+    """Refuse outputs that cannot be written, or would replace each other or the prior, and options without effect."""
+    from maxcon.atomic import check_folder, check_writable
+
+    named = [path.resolve() for path in (prior, out, tum) if path is not None]
+    if len(set(named)) < len(named):
+        raise OptionError("Expected different files as --prior, --out and --tum, got one twice. Rename one.")
+    if numbers is not None and plot is None:
+        raise OptionError("Expected --plot DIR with --plot-epochs, got none. Name a folder for the pictures.")
+    for path in (out, tum):
+        if path is not None:
+            check_writable(path)
+    if plot is not None:
+        check_folder(plot)

@@ -1,0 +1,141 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""GeographicFrame: latitude, longitude and ellipsoidal height, true east and north, beside the CRS of a map."""
+
+import math
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.errors import CrsError
+from maxcon.geometry.quaternions import product
+
+__all__ = ["GeographicFrame"]
+
+GEOGRAPHIC, GEOGRAPHIC_3D = "EPSG:4326", "EPSG:4979"
+NORTHWARDS = 1e-4
+"""Degrees, some 11 m: over such a way the direction of north on the grid is found."""
+
+
+class GeographicFrame:
+    """What a GNSS receiver says, in the coordinates of a map.
+
+    Parameters
+    ----------
+    crs : str
+        Of the map: WKT, or a code.
+
+    Raises
+    ------
+    CrsError
+        If it is unknown.
+    """
+
+    def __init__(self, crs: str) -> None:
+        from maxcon.io.crs import parse_crs
+
+        self._crs = parse_crs(crs)
+
+    @property
+    def has_heights(self) -> bool:
+        """Whether the map's CRS says what its heights are; if not, ellipsoidal ones are taken as they are."""
+        return len(self._crs.axis_info) > 2
+
+    @cached_property
+    def _transformer(self) -> Any:
+        from pyproj import Transformer
+        from pyproj.exceptions import ProjError
+
+        if not self.has_heights:
+            return Transformer.from_crs(GEOGRAPHIC, self._crs, always_xy=True)
+        try:
+            found = Transformer.from_crs(
+                GEOGRAPHIC_3D, self._crs, always_xy=True, allow_ballpark=False, only_best=True
+            )
+            # A missing grid of the geoid is noticed when it is asked.
+            area = self._crs.area_of_use
+            place = (
+                (0.0, 0.0) if area is None else ((area.west + area.east) / 2, (area.south + area.north) / 2)
+            )
+            values = found.transform(place[0], place[1], 0.0, errcheck=True)
+        except ProjError as error:
+            raise self._no_heights(str(error)) from error
+        if not np.isfinite(values).all():
+            raise self._no_heights("no value")
+        return found
+
+    def _no_heights(self, why: str) -> CrsError:
+        return CrsError(
+            f"Expected to be able to turn ellipsoidal heights into those of {self._crs.name}, got:"
+            f" {why.splitlines()[0][:100]}. Say how high the geoid is there: --geoid-height."
+        )
+
+    def to_map(self, places: NDArray[np.float64], geoid_height: float | None = None) -> NDArray[np.float64]:
+        """Coordinates in the map's CRS, shape (n, 3), m, of latitude, longitude (degrees), ellipsoidal height (m).
+
+        Parameters
+        ----------
+        places : array, shape (n, 3)
+            As a receiver says them.
+        geoid_height : float, optional
+            Of the geoid above the ellipsoid there, m: it is subtracted from the heights, whatever the CRS says.
+
+        Raises
+        ------
+        CrsError
+            If the map's CRS has heights of its own, but not the grid to find them, and no `geoid_height` is given.
+        """
+        latitude, longitude, height = places.T
+        if self.has_heights and geoid_height is None:
+            return np.stack(self._transformer.transform(longitude, latitude, height), axis=1)
+        x, y = self._plane.transform(longitude, latitude)
+        return np.stack([x, y, height - (geoid_height or 0.0)], axis=1)
+
+    @cached_property
+    def _plane(self) -> Any:
+        from pyproj import Transformer
+
+        plane = self._crs.sub_crs_list[0] if self._crs.is_compound else self._crs
+        return Transformer.from_crs(GEOGRAPHIC, plane, always_xy=True)
+
+    def to_geographic(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Latitude, longitude (degrees) and height (m), shape (n, 3), of coordinates in the map's CRS."""
+        from pyproj.enums import TransformDirection
+
+        x, y, z = positions.T
+        if self.has_heights:
+            found = self._transformer.transform(x, y, z, direction=TransformDirection.INVERSE)
+            return np.stack([found[1], found[0], found[2]], axis=1)
+        longitude, latitude = self._plane.transform(x, y, direction=TransformDirection.INVERSE)
+        return np.stack([latitude, longitude, z], axis=1)
+
+    def convergence(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
+        """How far true north is turned from the grid's, shape (n,), rad, counter-clockwise."""
+        latitude, longitude = places[:, 0], places[:, 1]
+        x, y = self._plane.transform(longitude, latitude)
+        further_x, further_y = self._plane.transform(longitude, latitude + NORTHWARDS)
+        return np.asarray(
+            np.arctan2(np.subtract(further_y, y), np.subtract(further_x, x)) - math.pi / 2.0, np.float64
+        )
+
+    def quaternions_to_map(
+        self, places: NDArray[np.float64], quaternions_xyzw: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Orientations towards the axes of the map, shape (n, 4), of those towards true east, north and up."""
+        return self._turned(places, quaternions_xyzw, 1.0)
+
+    def quaternions_to_enu(
+        self, places: NDArray[np.float64], quaternions_xyzw: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Orientations towards true east, north and up, shape (n, 4), of those towards the axes of the map."""
+        return self._turned(places, quaternions_xyzw, -1.0)
+
+    def _turned(
+        self, places: NDArray[np.float64], quaternions_xyzw: NDArray[np.float64], sign: float
+    ) -> NDArray[np.float64]:
+        half = sign * self.convergence(places) / 2.0
+        zeros = np.zeros_like(half)
+        about_up = np.stack([zeros, zeros, np.sin(half), np.cos(half)], axis=1)
+        return product(about_up, quaternions_xyzw)

@@ -1,0 +1,227 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""The clouds of a recording: which topic has them, and one after the other."""
+
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from maxcon.errors import FileError, OptionError
+from maxcon.io.clouds.base import as_file_error
+from maxcon.io.recordings.base import Message, Recording, Topic, printable
+from maxcon.io.recordings.messages import decode_message, stamp_of
+from maxcon.io.recordings.opening import CAPTURE_SUFFIX, existing_file, open_recording
+from maxcon.io.recordings.point_cloud2 import (
+    CloudPoints,
+    CloudRecord,
+    FieldDescription,
+    decode_cloud,
+    decode_times,
+)
+from maxcon.io.recordings.point_times import PointTimes
+
+__all__ = ["CloudSource", "RecordedCloud", "TopicOfClouds", "chosen_topic", "open_clouds"]
+
+CLOUD, VELODYNE = "sensor_msgs/msg/PointCloud2", "velodyne_msgs/msg/VelodyneScan"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedCloud:
+    """One cloud of a recording, decoded when it is asked for its content.
+
+    Parameters
+    ----------
+    label : str
+        Where it comes from, for messages.
+    recorded : int
+        When it was recorded, ns.
+    stamp : int
+        Time of its message, ns.
+    record : CloudRecord or FileError
+        What was stored, or why its message cannot be read.
+    """
+
+    label: str
+    recorded: int
+    stamp: int
+    record: CloudRecord | FileError
+
+    def points(self) -> CloudPoints:
+        """Return its returns.
+
+        Raises
+        ------
+        FileError
+            If it is broken.
+        """
+        with self._naming():
+            return decode_cloud(self._record())
+
+    def times(self) -> PointTimes:
+        """Return the times of its returns; errors as of `points`."""
+        with self._naming():
+            return decode_times(self._record())
+
+    @property
+    def fields(self) -> tuple[FieldDescription, ...]:
+        """What was stored of each point."""
+        return () if isinstance(self.record, FileError) else self.record.fields
+
+    def _record(self) -> CloudRecord:
+        if isinstance(self.record, FileError):
+            raise self.record
+        return self.record
+
+    @contextmanager
+    def _naming(self) -> Iterator[None]:
+        try:
+            yield
+        except FileError as error:
+            if error is self.record:
+                raise
+            raise FileError(f"{self.label}: {error}") from error
+
+
+class CloudSource(ABC):
+    """Clouds of one scanner; opening one reads none of them."""
+
+    path: Path
+    label: str
+    notes: tuple[str, ...] = ()
+    n_clouds: int = 0
+    """How many there are; 0 where only reading them all would tell."""
+
+    @abstractmethod
+    def clouds(self, start: int | None = None) -> Iterator[RecordedCloud]:
+        """Yield the clouds in the order of their recording, from a time of recording (ns) on, one in memory at a time.
+
+        Raises
+        ------
+        FileError
+            If the recording is broken.
+        """
+
+    @abstractmethod
+    def close(self) -> None:
+        """Close the files."""
+
+
+class TopicOfClouds(CloudSource):
+    """The clouds of one topic."""
+
+    def __init__(self, recording: Recording, topic: Topic) -> None:
+        self.path, self.label, self.topic = recording.path, printable(topic.name), topic
+        self.notes, self.n_clouds = recording.notes, topic.n_messages
+        self._recording = recording
+
+    def clouds(self, start: int | None = None) -> Iterator[RecordedCloud]:
+        """Yield the clouds in the order of their recording."""
+        for message in self._recording.messages([self.topic.name], start):
+            yield _cloud(message, f"{self.path}, {self.label}")
+
+    def close(self) -> None:
+        """Close the recording."""
+        self._recording.close()
+
+
+def _cloud(message: Message, label: str) -> RecordedCloud:
+    stamp = message.recorded
+    try:
+        with as_file_error(Path(label), "a message of a cloud"):
+            content = decode_message(message)
+            stamp = stamp_of(content, message.recorded)
+            if message.type == VELODYNE:
+                from maxcon.io.recordings.velodyne import record_of_packets
+
+                record = record_of_packets(content, stamp)
+                return RecordedCloud(label, message.recorded, record.stamp, record)
+            record = CloudRecord(
+                fields=tuple(FieldDescription(f.name, f.offset, f.datatype, f.count) for f in content.fields),
+                width=content.width,
+                height=content.height,
+                point_step=content.point_step,
+                row_step=content.row_step,
+                is_big_endian=bool(content.is_bigendian),
+                data=content.data,
+                stamp=stamp,
+            )
+            return RecordedCloud(label, message.recorded, stamp, record)
+    except FileError as error:
+        return RecordedCloud(label, message.recorded, stamp, error)
+
+
+def open_clouds(path: str | os.PathLike[str], topic: str | None = None) -> CloudSource:
+    """Return the clouds of a recording; none is read yet.
+
+    Raises
+    ------
+    FileError
+        If there is no recording, it is broken, it has no clouds, or several and none is asked for.
+    MissingExtraError
+        If an extra is not installed.
+    """
+    if Path(path).suffix.lower() == CAPTURE_SUFFIX and topic is None:
+        from maxcon.io.recordings.velodyne import PacketCapture
+
+        return PacketCapture(existing_file(path))
+    recording = open_recording(path)
+    try:
+        return TopicOfClouds(recording, chosen_topic(recording, topic))
+    except BaseException:
+        recording.close()
+        raise
+
+
+def chosen_topic(recording: Recording, name: str | None) -> Topic:
+    """Return the topic with the clouds: the one asked for, or the only one.
+
+    Raises
+    ------
+    FileError
+        If there is none, or there are several.
+    OptionError
+        If the one asked for is not there, or has no clouds.
+    """
+    clouds = recording.of_type(CLOUD, VELODYNE)
+    if name is not None:
+        found = [topic for topic in recording.topics if topic.name == name]
+        if not found:
+            raise OptionError(
+                f"Expected the topic {name} in {recording.path}, got {_listed(clouds or recording.topics)}. Name one of"
+                " these."
+            )
+        if found[0] not in clouds:
+            raise OptionError(
+                f"Expected point clouds in the topic {name} of {recording.path}, got {found[0].n_messages} messages of"
+                f" type {printable(found[0].type)}. "
+                + (f"Ask for {_listed(clouds)}." if clouds else "There is no other.")
+            )
+        return found[0]
+    if len(clouds) > 1:
+        plain = [topic for topic in clouds if topic.type == CLOUD]
+        if len(plain) == 1:  # its packets may have been recorded beside it
+            return plain[0]
+        raise FileError(
+            f"Expected one point cloud in {recording.path}, got {_listed(clouds)}. Choose one with --topic."
+        )
+    if clouds:
+        return clouds[0]
+    packets = [topic for topic in recording.topics if "packet" in f"{topic.name}{topic.type}".lower()]
+    if packets:
+        raise FileError(
+            f"Expected a point cloud in {recording.path}, got packets, no point cloud: {_listed(packets)}. Record the"
+            " cloud of the scanner's driver, or play these packets through it."
+        )
+    raise FileError(
+        f"Expected a topic of type {CLOUD} in {recording.path}, got {_listed(recording.topics) or 'no messages'}. Is it"
+        " the right recording?"
+    )
+
+
+def _listed(topics: "tuple[Topic, ...] | list[Topic]") -> str:
+    """Names and types, at most six of them."""
+    words = ", ".join(topic.words for topic in topics[:6])
+    return f"{words} and {len(topics) - 6} more" if len(topics) > 6 else words

@@ -1,0 +1,210 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""MCAP files: a bare one, or those of a ROS 2 bag; also without index, as a recorder that was killed leaves them."""
+
+import io
+from collections import Counter
+from collections.abc import Collection, Generator, Iterator, Sequence
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from maxcon.errors import FileError
+from maxcon.io.clouds.base import as_file_error
+from maxcon.io.recordings.base import LARGEST_CHUNK, Message, Recording, Topic, as_extra_missing
+
+__all__ = ["McapFiles", "unpacked_records"]
+
+CUT_OFF = "{} was not closed by its recorder: what is whole in it is read"
+
+
+class McapFiles(Recording):
+    """One MCAP file, or several that follow each other.
+
+    Parameters
+    ----------
+    path : Path
+        The file, or the folder of the bag.
+    files : sequence of Path
+        In the order of time.
+    """
+
+    kind = "an MCAP file"
+
+    def __init__(self, path: Path, files: Sequence[Path]) -> None:
+        super().__init__(path)
+        try:
+            import mcap.records  # noqa: F401
+        except ImportError as error:
+            raise as_extra_missing(path, "mcap") from error
+        counts: Counter[tuple[str, str]] = Counter()
+        self._files: list[_McapFile] = []
+        for name in files:
+            with as_file_error(name, self.kind):
+                file = _McapFile(name)
+                for channel, count in file.counts.items():
+                    counts[file.channels[channel].topic, file.type_of(channel)] += count
+                self._files.append(file)
+        self.topics = tuple(Topic(*key, count) for key, count in sorted(counts.items()))
+        self.notes = tuple(CUT_OFF.format(file.path.name) for file in self._files if not file.is_closed)
+
+    def _read(self, topics: Collection[str], start: int | None) -> Generator[Message]:
+        for file in self._files:
+            yield from file.messages(topics, start or 0)
+
+
+class _McapFile:
+    """One MCAP file: its channels with their schemas, how many messages each has, and where its chunks are."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.channels: dict[int, Any] = {}
+        self.schemas: dict[int, Any] = {}
+        self.counts: Counter[int] = Counter()
+        self.is_closed = True
+        self._chunks: list[Any] = []
+        with path.open("rb") as stream:
+            if not self._read_summary(stream):
+                self._scan(stream)
+
+    def type_of(self, channel: int) -> str:
+        """Kind of the messages of a channel, as ROS 2 writes it."""
+        schema = self.schemas.get(self.channels[channel].schema_id)
+        name = schema.name if schema is not None else "no schema"
+        parts = name.split("/")
+        return f"{parts[0]}/msg/{parts[1]}" if len(parts) == 2 else name
+
+    def messages(self, topics: Collection[str], start: int) -> Iterator[Message]:
+        """Yield the messages of some topics recorded at or after a time, ns."""
+        wanted = {key: channel for key, channel in self.channels.items() if channel.topic in topics}
+        types = {key: self.type_of(key) for key in wanted}
+        for record in self._records(start):
+            if record.channel_id in wanted and record.log_time >= start:
+                channel = wanted[record.channel_id]
+                encoding = channel.message_encoding
+                yield Message(channel.topic, types[channel.id], encoding, record.log_time, record.data)
+
+    def _read_summary(self, stream: BinaryIO) -> bool:
+        """Take what the end of the file says of its content; False where it says nothing, or not enough."""
+        from mcap.exceptions import McapError
+        from mcap.reader import SeekingReader
+
+        size = stream.seek(0, io.SEEK_END)
+        stream.seek(0)
+        reader = SeekingReader(stream, record_size_limit=LARGEST_CHUNK)
+        try:
+            summary = reader.get_summary()
+        except (McapError, OSError, ValueError, KeyError):
+            return False
+        if summary is None or summary.statistics is None or not summary.chunk_indexes:
+            return False
+        self.channels, self.schemas = dict(summary.channels), dict(summary.schemas)
+        for channel, count in summary.statistics.channel_message_counts.items():
+            if channel in self.channels:
+                self.counts[channel] = count
+        self._chunks = sorted(summary.chunk_indexes, key=lambda chunk: chunk.message_start_time)
+        return all(chunk.chunk_start_offset + chunk.chunk_length <= size for chunk in self._chunks)
+
+    def _scan(self, stream: BinaryIO) -> None:
+        """Read the file from its beginning, and count."""
+        self.channels, self.schemas, self._chunks = {}, {}, []
+        self.counts.clear()
+        stream.seek(0)
+        for record in self._from_beginning(stream):
+            self.counts[record.channel_id] += record.channel_id in self.channels
+
+    def _records(self, start: int) -> Iterator[Any]:
+        """Yield the message records of chunks that end at or after a time (ns), by time within each chunk."""
+        from mcap.data_stream import ReadDataStream
+        from mcap.records import Chunk
+        from mcap.records import Message as MessageRecord
+
+        with self.path.open("rb") as stream:
+            if not self._chunks:
+                yield from self._from_beginning(stream)
+                return
+            for index in self._chunks:
+                if index.message_end_time < start:
+                    continue
+                stream.seek(index.chunk_start_offset + 9)  # behind its kind and length
+                records = [
+                    r
+                    for r in unpacked_records(Chunk.read(ReadDataStream(stream)))
+                    if isinstance(r, MessageRecord)
+                ]
+                yield from sorted(records, key=lambda record: record.log_time)
+
+    def _from_beginning(self, stream: BinaryIO) -> Iterator[Any]:
+        """Yield the message records in the order of the file, up to where it was cut off."""
+        from mcap.exceptions import EndOfFile
+        from mcap.records import Channel, Chunk, Footer, Schema
+        from mcap.records import Message as MessageRecord
+        from mcap.stream_reader import StreamReader
+
+        has_end = False
+        records = StreamReader(stream, emit_chunks=True, record_size_limit=LARGEST_CHUNK).records
+        while True:
+            try:
+                record = next(records, None)
+                parts = unpacked_records(record) if isinstance(record, Chunk) else [record]
+            except (EndOfFile, _TruncatedError):
+                break
+            if record is None:
+                break
+            for part in parts:
+                if isinstance(part, Channel):
+                    self.channels[part.id] = part
+                elif isinstance(part, Schema):
+                    self.schemas[part.id] = part
+                elif isinstance(part, MessageRecord):
+                    yield part
+            has_end = has_end or isinstance(record, Footer)
+        self.is_closed = has_end
+
+
+class _TruncatedError(Exception):
+    """The last chunk of a file ends before it should."""
+
+
+def unpacked_records(chunk: Any) -> list[Any]:
+    """Return the records of a chunk.
+
+    Raises
+    ------
+    FileError
+        If it unpacks to more than a chunk has, or not to what its header says, or to something else.
+    """
+    from mcap.records import Chunk
+    from mcap.stream_reader import breakup_chunk
+
+    if chunk.uncompressed_size > LARGEST_CHUNK:
+        raise FileError(
+            f"Expected chunks of at most {LARGEST_CHUNK:,} bytes, got one of {chunk.uncompressed_size:,}."
+        )
+    data = _UNPACKERS[chunk.compression](chunk.data, chunk.uncompressed_size)
+    if len(data) != chunk.uncompressed_size:
+        raise _TruncatedError(f"a chunk of {len(data):,} bytes instead of {chunk.uncompressed_size:,}")
+    plain = Chunk(
+        message_start_time=chunk.message_start_time,
+        message_end_time=chunk.message_end_time,
+        uncompressed_size=chunk.uncompressed_size,
+        uncompressed_crc=chunk.uncompressed_crc,
+        compression="",
+        data=data,
+    )
+    return breakup_chunk(plain, validate_crc=True)
+
+
+def _unpack_zstd(packed: bytes, size: int) -> bytes:
+    from zstandard import ZstdDecompressor
+
+    with ZstdDecompressor().stream_reader(packed) as stream:
+        return bytes(stream.read(size + 1))
+
+
+def _unpack_lz4(packed: bytes, size: int) -> bytes:
+    from lz4.frame import LZ4FrameDecompressor
+
+    return bytes(LZ4FrameDecompressor().decompress(packed, size + 1))
+
+
+_UNPACKERS = {"": lambda data, size: data, "zstd": _unpack_zstd, "lz4": _unpack_lz4}

@@ -1,0 +1,280 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Point clouds as recorders store them: bytes, and a description of the fields in them (sensor_msgs/PointCloud2)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.errors import FileError
+from maxcon.io.recordings.base import printable
+from maxcon.io.recordings.point_times import TIME_FIELDS, Column, PointTimes, find_point_times
+
+__all__ = [
+    "CloudPoints",
+    "CloudRecord",
+    "FieldDescription",
+    "decode_cloud",
+    "decode_times",
+    "fields_in_words",
+]
+
+FORMATS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+"""Kinds of numbers by their code in sensor_msgs/PointField."""
+RINGS = ("ring", "channel", "laser_id", "line", "laser_number")
+"""Names under which drivers store the layer of a point."""
+MAX_POINTS = 50_000_000
+MIXERS = tuple(np.uint64(odd) for odd in (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9))
+
+
+@dataclass(frozen=True, slots=True)
+class FieldDescription:
+    """One number, or a few of a kind, of each point.
+
+    Parameters
+    ----------
+    name : str
+        Such as x, intensity or timestamp.
+    offset : int
+        Where in a point's bytes it begins; it need not be aligned.
+    datatype : int
+        1 to 8: int8, uint8, int16, uint16, int32, uint32, float32, float64.
+    count : int
+        How many such numbers; 0 is read as 1, as some drivers write it.
+    """
+
+    name: str
+    offset: int
+    datatype: int
+    count: int = 1
+
+    @property
+    def kind(self) -> str:
+        """Type of the number, as NumPy names it: uint32."""
+        return np.dtype(FORMATS[self.datatype]).name if self.datatype in FORMATS else "unknown"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CloudRecord:
+    """A cloud as it was recorded, nothing of it interpreted yet.
+
+    Parameters
+    ----------
+    fields : tuple of FieldDescription
+        What each point holds.
+    width, height : int
+        Points in a row, and rows; one row if the cloud is not organized.
+    point_step, row_step : int
+        Bytes from one point to the next, and from one row to the next; more than their fields take where there is
+        padding.
+    is_big_endian : bool
+        Order of the bytes of a number.
+    data : bytes or array of uint8
+        The rows.
+    stamp : int
+        Time of the message, ns.
+    """
+
+    fields: tuple[FieldDescription, ...]
+    width: int
+    height: int
+    point_step: int
+    row_step: int
+    is_big_endian: bool
+    data: bytes | NDArray[np.uint8]
+    stamp: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CloudPoints:
+    """The returns of a cloud: finite, not at (0, 0, 0), and each once.
+
+    Parameters
+    ----------
+    points : array, shape (n, 3), float64
+        Sensor frame, m.
+    times : PointTimes
+        When each was measured, and how that was understood.
+    rings : array, shape (n,), or None
+        Layer of the scanner, where the cloud says.
+    n_points : int
+        Points in the record.
+    n_invalid : int
+        Of these at (0, 0, 0), or with coordinates that are not finite.
+    n_duplicates : int
+        Of the others those at the very place of one before them.
+    """
+
+    points: NDArray[np.float64]
+    times: PointTimes
+    rings: NDArray[np.int64] | None
+    n_points: int
+    n_invalid: int
+    n_duplicates: int
+
+
+def decode_cloud(record: CloudRecord) -> CloudPoints:
+    """Return the returns of a recorded cloud, whatever its layout.
+
+    Raises
+    ------
+    FileError
+        If x, y or z is missing, a field does not fit into its point, or there are fewer bytes than points.
+    """
+    layout = _Layout.of(record)
+    coordinates = [layout.column(layout.coordinate(axis)) for axis in "xyz"]
+    rows = _returns(coordinates)
+    n_returns = len(rows)
+    coordinates = _taken(coordinates, rows)
+    once = _first_of_each(coordinates)
+    if once is not None:
+        rows, coordinates = rows[once], _taken(coordinates, once)
+    points = np.empty((len(rows), 3))
+    for axis, values in enumerate(coordinates):
+        points[:, axis] = values
+    columns = _columns(record, layout, rows)
+    ring = next((columns[name][1] for name in RINGS if name in columns), None)
+    n_points = record.width * record.height
+    return CloudPoints(
+        points=points,
+        times=find_point_times(columns, record.stamp),
+        rings=None if ring is None or ring.dtype.kind == "f" else ring.astype(np.int64),
+        n_points=n_points,
+        n_invalid=n_points - n_returns,
+        n_duplicates=n_returns - len(rows),
+    )
+
+
+def decode_times(record: CloudRecord) -> PointTimes:
+    """Return the times of the returns of a recorded cloud alone; errors as of `decode_cloud`."""
+    layout = _Layout.of(record)
+    rows = _returns([layout.column(layout.coordinate(axis)) for axis in "xyz"])
+    return find_point_times(_columns(record, layout, rows), record.stamp)
+
+
+def _columns(record: CloudRecord, layout: "_Layout", rows: NDArray[np.intp]) -> dict[str, Column]:
+    """Type and numbers of the fields that may be times or rings, of some of the points."""
+    columns = {}
+    for field in record.fields:
+        is_wanted = field.name.lower() in TIME_FIELDS or field.name in RINGS
+        if is_wanted and field.count <= 1 and field.datatype in FORMATS:
+            columns[field.name] = (field.kind, _taken([layout.column(field)], rows)[0])
+    return columns
+
+
+def _taken(columns: list[NDArray[Any]], rows: NDArray[np.intp]) -> list[NDArray[Any]]:
+    """The numbers of some rows; the columns themselves where it is all of them."""
+    return [column if len(rows) == len(column) else column.take(rows) for column in columns]
+
+
+def _refuse(expected: str, got: str) -> FileError:
+    return FileError(f"Expected a point cloud with {expected}, got {got}. Was it recorded whole?")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Layout:
+    """Where the numbers of a record lie; checked against its bytes."""
+
+    record: CloudRecord
+    row_step: int
+
+    @classmethod
+    def of(cls, record: CloudRecord) -> "_Layout":
+        n_points = record.width * record.height
+        if min(record.width, record.height) < 0 or n_points > MAX_POINTS:
+            raise _refuse(f"at most {MAX_POINTS:,} points", f"{record.width} x {record.height}")
+        # A cloud of one row may leave out the length of rows, or say something else.
+        row_step = record.point_step * record.width if record.height == 1 else record.row_step
+        if row_step < record.point_step * record.width:
+            raise _refuse(
+                f"rows of {record.width} points of {record.point_step} bytes", f"rows of {row_step} bytes"
+            )
+        layout = cls(record, row_step)
+        if n_points and (n_needed := layout._n_needed()) > len(record.data):
+            raise _refuse(f"{n_needed:,} bytes of points", f"{len(record.data):,}")
+        return layout
+
+    def _n_needed(self) -> int:
+        """Bytes up to the end of the last field of the last point; the padding behind it may be missing."""
+        record = self.record
+        ends = [0]
+        for field in record.fields:
+            size = np.dtype(FORMATS[field.datatype]).itemsize if field.datatype in FORMATS else 0
+            ends.append(field.offset + size * max(field.count, 1))
+            if field.offset < 0 or ends[-1] > record.point_step:
+                raise _refuse(
+                    f"the field {field.name[:40]!r} within the {record.point_step} bytes of a point",
+                    f"it at byte {field.offset} to {ends[-1]}",
+                )
+        return (record.height - 1) * self.row_step + (record.width - 1) * record.point_step + max(ends)
+
+    def coordinate(self, axis: str) -> FieldDescription:
+        """The field of x, y or z; in capitals where there is none in small letters."""
+        for name in (axis, axis.upper()):
+            found = [field for field in self.record.fields if field.name == name]
+            if len(found) == 1 and found[0].count <= 1 and found[0].datatype in (7, 8):
+                return found[0]
+        names = ", ".join(f"{printable(field.name)} ({field.kind})" for field in self.record.fields)
+        raise _refuse(f"one field {axis!r} of floating-point numbers", names[:120] or "no fields")
+
+    def column(self, field: FieldDescription) -> NDArray[Any]:
+        """The number of a field, of all points, row by row; shape (n,)."""
+        record = self.record
+        order = ">" if record.is_big_endian else "<"
+        view: NDArray[Any] = np.ndarray(
+            (record.height, record.width),
+            dtype=f"{order}{FORMATS[field.datatype]}",
+            buffer=record.data,
+            offset=field.offset if record.width * record.height else 0,
+            strides=(self.row_step, record.point_step),
+        )
+        return np.ascontiguousarray(view, dtype=view.dtype.newbyteorder("=")).reshape(-1)
+
+
+def _returns(coordinates: list[NDArray[np.floating]]) -> NDArray[np.intp]:
+    """Rows of points that are finite and not at (0, 0, 0)."""
+    x, y, z = coordinates
+    with np.errstate(over="ignore", invalid="ignore"):
+        squared = x * x
+        squared += y * y
+        squared += z * z
+        is_return = (squared > 0.0) & (squared < np.inf)
+        # Squares leave the range of floats before coordinates do: what looks like no return is looked at.
+        rows = np.flatnonzero(~is_return)
+        places = np.stack([x[rows], y[rows], z[rows]], axis=1)
+        is_return[rows] = np.isfinite(places).all(axis=1) & places.any(axis=1)
+    return np.flatnonzero(is_return)
+
+
+def _first_of_each(coordinates: list[NDArray[np.floating]]) -> NDArray[np.intp] | None:
+    """Rows of the first point at each place, in order; None where no place comes twice."""
+    # + 0.0: -0.0 is at the same place. Bits are mixed, as those of float32 leave the lower half of a product empty.
+    whole = [values + values.dtype.type(0.0) for values in coordinates]
+    bits = [values.view(f"u{values.dtype.itemsize}").astype(np.uint64) for values in whole]
+    keys = np.zeros(len(whole[0]), np.uint64)
+    for number, mixer in zip(bits, MIXERS, strict=True):
+        keys ^= number
+        keys *= mixer
+        keys ^= keys >> np.uint64(29)
+    in_order = np.sort(keys)
+    if not (in_order[1:] == in_order[:-1]).any():
+        return None
+    order = np.argsort(keys, kind="stable")
+    is_same = np.r_[False, keys[order[1:]] == keys[order[:-1]]]
+    repeated = np.flatnonzero(is_same)
+    if any((number[order[repeated]] != number[order[repeated - 1]]).any() for number in bits):
+        # Two places with one key.
+        order = np.unique(np.stack(whole, axis=1), axis=0, return_index=True)[1]
+        return np.sort(order)
+    return np.sort(order[~is_same])
+
+
+def fields_in_words(fields: Sequence[FieldDescription]) -> str:
+    """Return "x float32 at 0, ring uint16 at 16" or the like."""
+    return ", ".join(
+        f"{printable(field.name)} {field.kind}{f'[{field.count}]' if field.count > 1 else ''} at {field.offset}"
+        for field in fields
+    )

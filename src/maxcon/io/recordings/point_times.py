@@ -1,0 +1,198 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""When each point of a scan was measured: which field says so, in which unit, counted from when, and why."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["TIME_FIELDS", "Column", "PointTimes", "find_point_times"]
+
+PAIRS = (("time_sec", "time_nsec"), ("sec", "nsec"), ("timestampsec", "timestampnsec"))
+"""Fields that hold seconds, and the nanoseconds to add."""
+NAMES = (
+    "timestamp",
+    "time_stamp",
+    "timestamps",
+    "time",
+    "times",
+    "t",
+    "offset_time",
+    "time_offset",
+    "t_offset",
+)
+"""Fields that hold a time, in small letters; the first of these that is there is taken."""
+TIME_FIELDS = frozenset([*NAMES, *(name for pair in PAIRS for name in pair)])
+"""All of these, in small letters."""
+UNITS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
+"""Nanoseconds of each unit."""
+UNIT_WORDS = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
+LONGEST, SHORTEST = 2 * 10**9, 10**6
+"""Between the first and the last point of a scan, ns: some scanners turn once in a second, some drivers pass on every
+packet, of about a millisecond."""
+SAME_CLOCK = 60 * 10**9
+"""Absolute times nearer to the message's, ns, are on its clock; a scanner's own may be off by seconds."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointTimes:
+    """When the points of a scan were measured.
+
+    Parameters
+    ----------
+    offsets : array, shape (n,), float64, or None
+        From the time of the message to that of each point, s; None where the scan does not say, or not so that it is
+        understood.
+    kind : str
+        What they are, without figures: the same for all scans of a recording, unless something is wrong.
+    words : str
+        The same, and what speaks for it in this scan.
+    """
+
+    offsets: NDArray[np.float64] | None
+    kind: str
+    words: str
+
+    @property
+    def middle(self) -> float:
+        """Half-way between the first and the last point, from the time of the message, s; 0 where not known."""
+        if self.offsets is None or len(self.offsets) == 0:
+            return 0.0
+        return float(self.offsets.min() + self.offsets.max()) / 2.0
+
+
+Column = tuple[str, NDArray[np.generic]]
+"""Type of a field as NumPy names it, and its numbers."""
+
+
+def find_point_times(columns: Mapping[str, Column], stamp: int) -> PointTimes:
+    """Return the times of the points of a scan.
+
+    Parameters
+    ----------
+    columns : mapping of str to (str, array of shape (n,))
+        Type and numbers of each field, of the points that are returns.
+    stamp : int
+        Time of the message, ns.
+
+    Notes
+    -----
+    A unit is right if the scan then lasts between 1 ms and 2 s; times near the message's are absolute ones. Where
+    several units are possible, floating-point numbers are in the largest, integers in the smallest of them.
+    """
+    names = {name.lower(): name for name in reversed(list(columns))}
+    for seconds, nanoseconds in PAIRS:
+        if seconds in names and nanoseconds in names:
+            pair = columns[names[seconds]][1], columns[names[nanoseconds]][1]
+            label = f"{names[seconds]} + {names[nanoseconds]}"
+            return _of_pair(label, *pair, stamp)
+    name = next((names[name] for name in NAMES if name in names), None)
+    if name is None:
+        return PointTimes(None, "no field", "the points have no field of times")
+    kind, values = columns[name]
+    return _of_field(f"{name} ({kind})", values, stamp)
+
+
+def _of_pair(
+    label: str, seconds: NDArray[np.generic], nanoseconds: NDArray[np.generic], stamp: int
+) -> PointTimes:
+    if not len(seconds):
+        return PointTimes(np.empty(0), label, f"{label}: no points")
+    # A float64 of seconds since 1970 has steps of 0.2 us; whole seconds less those of the message are exact.
+    whole, begin = divmod(stamp, 10**9)
+    offsets = (seconds.astype(np.float64) - whole) + (nanoseconds.astype(np.float64) - begin) * 1e-9
+    span = float(np.ptp(offsets))
+    if not 0.0 < span * 1e9 <= LONGEST:
+        return _not_understood(label, f"they last {span:.6g} s")
+    words = f"seconds and nanoseconds, last {span:.6f} s"
+    return _placed(label, "s + ns", words, offsets)
+
+
+def _of_field(label: str, values: NDArray[np.generic], stamp: int) -> PointTimes:
+    if not len(values):
+        return PointTimes(np.empty(0), label, f"{label}: no points")
+    low, high = values.min(), values.max()
+    is_float = values.dtype.kind == "f"
+    if is_float and not (np.isfinite(low) and np.isfinite(high)):
+        return _not_understood(label, "some are NaN or infinite")
+    if low == high:
+        return _not_understood(label, f"all are {low}")
+    # Differences of integers are exact, also where float64 would round the integers themselves.
+    exact = (values.astype(np.float64 if is_float else np.int64) - low.item()).astype(np.float64)
+    span, begin = float(exact.max()), float(low.item())
+    unit = _absolute_unit(begin, span, stamp) or _unit_of_span(span, is_float=is_float)
+    if unit is None:
+        return _not_understood(label, f"they range over {span:.6g}: between 1 ms and 2 s in no unit")
+    first = _from_stamp(low, UNITS[unit], stamp, is_float=is_float)
+    scale = UNITS[unit] * 1e-9
+    is_absolute = abs(first) <= SAME_CLOCK * 1e-9 and abs(begin) * scale > SAME_CLOCK * 1e-9
+    words = f"{UNIT_WORDS[unit]}, as they range over {span:.6g}"
+    if is_absolute:
+        return _placed(label, f"{unit}, absolute", words, first + exact * scale)
+    if abs(begin) * scale <= LONGEST * 1e-9:
+        return _relative(label, f"{unit}, relative", words, begin * scale + exact * scale)
+    offsets = exact * scale
+    told = f"{words}; they begin at {begin * scale:.6g} s, far from the message's {stamp * 1e-9:.6g} s"
+    return PointTimes(
+        offsets,
+        f"{label}: {unit}, of another clock (since boot?)",
+        f"{label}: {told}: another clock (since boot?), so that the message's time is held for the first point's",
+    )
+
+
+def _from_stamp(low: np.generic, unit: int, stamp: int, *, is_float: bool) -> float:
+    """Time of the first point from the message's, s."""
+    if is_float:
+        seconds = float(low) * (unit * 1e-9)
+        return (seconds - stamp // 10**9) - stamp % 10**9 * 1e-9
+    return (int(low) * unit - stamp) * 1e-9
+
+
+def _absolute_unit(begin: float, span: float, stamp: int) -> str | None:
+    """The unit in which times are near that of the message, and last as long as a scan may."""
+    for name, unit in UNITS.items():
+        is_near = abs(begin * unit - stamp) <= SAME_CLOCK < abs(begin) * unit
+        if is_near and span * unit <= LONGEST:
+            return name
+    return None
+
+
+def _unit_of_span(span: float, *, is_float: bool) -> str | None:
+    """The unit in which a scan lasts as long as it may."""
+    possible = [name for name, unit in UNITS.items() if SHORTEST <= span * unit <= LONGEST]
+    if not possible:
+        return None
+    return possible[0] if is_float else possible[-1]
+
+
+def _relative(label: str, kind: str, words: str, offsets: NDArray[np.float64]) -> PointTimes:
+    """Times counted from that of the message."""
+    where = f"{offsets.min():+.6f} to {offsets.max():+.6f} s"
+    return PointTimes(offsets, f"{label}: {kind}", f"{label}: {words}; from the message's time: {where}")
+
+
+def _placed(label: str, kind: str, words: str, offsets: NDArray[np.float64]) -> PointTimes:
+    """Absolute times, on the clock of the message."""
+    if abs(float(offsets[0])) > SAME_CLOCK * 1e-9:
+        began = f"{float(offsets.min()):.6g} s from the message's time"
+        return PointTimes(
+            offsets - offsets.min(),
+            f"{label}: {kind}, of another clock",
+            f"{label}: {words}; they begin {began}: another clock, so that the message's time is held for the"
+            " first point's",
+        )
+    span = float(np.ptp(offsets))
+    ends = "last" if abs(offsets.max()) < 0.1 * span else "first" if abs(offsets.min()) < 0.1 * span else ""
+    beside = f"; the message has the time of the {ends} point" if ends else ""
+    return PointTimes(
+        offsets,
+        f"{label}: {kind}" if "absolute" in kind else f"{label}: {kind}, absolute",
+        f"{label}: {words}, and lie near the message's time: {offsets.min():+.6f} to {offsets.max():+.6f} s from it"
+        f"{beside}",
+    )
+
+
+def _not_understood(label: str, why: str) -> PointTimes:
+    return PointTimes(None, f"{label}: not understood", f"{label}: not understood, as {why}")

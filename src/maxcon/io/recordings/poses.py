@@ -1,0 +1,217 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Poses in a recording: those of a GNSS receiver, with orientations, or of whatever writes poses."""
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.errors import FileError, OptionError, TrajectoryError
+from maxcon.io.clouds.base import as_file_error
+from maxcon.io.geographic import GeographicFrame
+from maxcon.io.recordings.base import Recording, Topic, printable
+from maxcon.io.recordings.fix_poses import poses_of_fixes, read_fixes, read_orientations
+from maxcon.io.recordings.messages import decode_message, stamp_of
+from maxcon.io.recordings.opening import open_recording
+from maxcon.trajectory import Trajectory, first_fault
+
+__all__ = ["RecordedPoses", "read_recorded_poses"]
+
+FIX = "sensor_msgs/msg/NavSatFix"
+ODOMETRY = "nav_msgs/msg/Odometry"
+POSES: dict[str, Callable[[Any], tuple[Any, Any]]] = {
+    ODOMETRY: lambda content: (content.pose.pose, content.pose.covariance),
+    "geometry_msgs/msg/PoseStamped": lambda content: (content.pose, None),
+    "geometry_msgs/msg/PoseWithCovarianceStamped": lambda content: (
+        content.pose.pose,
+        content.pose.covariance,
+    ),
+}
+"""Kinds of messages that hold a pose, and where in them it is, with its covariance."""
+X_Y_HEADING = (0, 1, 5)
+"""Rows of x, y and the turn about z in a covariance of ROS."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedPoses:
+    """Poses of one topic.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        With covariances, where they are stated.
+    words : str
+        Which topic, what headings and heights are, in a line.
+    has_ellipsoidal_heights : bool
+        Whether heights are those of a GNSS receiver, as they are, though the map's CRS does not say what its own are.
+    """
+
+    trajectory: Trajectory
+    words: str
+    has_ellipsoidal_heights: bool = False
+
+
+def read_recorded_poses(
+    path: str | os.PathLike[str],
+    topic: str | None = None,
+    crs: str | None = None,
+    geoid_height: float | None = None,
+    *,
+    is_odometry: bool = False,
+) -> RecordedPoses:
+    """Return the poses in a recording.
+
+    Parameters
+    ----------
+    path : path
+        The recording.
+    topic : str, optional
+        Of NavSatFix, Odometry, PoseStamped or PoseWithCovarianceStamped. Found if there is one only; one of NavSatFix
+        comes before others.
+    crs : str, optional
+        Of the map, WKT or a code: for NavSatFix.
+    geoid_height : float, optional
+        Of the geoid above the ellipsoid, m: subtracted from the heights of NavSatFix.
+    is_odometry : bool
+        Whether it is the motion that is asked for: one of Odometry comes before others then, and NavSatFix is none.
+
+    Raises
+    ------
+    FileError
+        If there are no poses, or several topics and none is asked for.
+    OptionError
+        If the topic asked for is not there, or holds no poses.
+    TrajectoryError
+        If they cannot be used.
+    CrsError
+        If positions in latitude and longitude come without the CRS of a map, or heights cannot be turned into its.
+    """
+    with open_recording(path) as recording:
+        chosen = _chosen(recording, topic, is_odometry=is_odometry)
+        if chosen.type == FIX:
+            return _of_fixes(recording, chosen, crs, geoid_height)
+        return _of_poses(recording, chosen)
+
+
+def _chosen(recording: Recording, name: str | None, *, is_odometry: bool) -> Topic:
+    kinds = tuple(POSES) if is_odometry else (FIX, *POSES)
+    found = recording.of_type(*kinds)
+    listed = ", ".join(topic.words for topic in found[:6])
+    if name is not None:
+        named = [topic for topic in found if topic.name == name]
+        if not named:
+            got = next(
+                (printable(topic.type) for topic in recording.topics if topic.name == name), "no such topic"
+            )
+            raise OptionError(
+                f"Expected poses in the topic {name} of {recording.path}, got {got}. "
+                + (f"Ask for {listed}." if found else "There are none in it.")
+            )
+        return named[0]
+    first = [topic for topic in found if topic.type == (ODOMETRY if is_odometry else FIX)]
+    for topics in (first, found):
+        if len(topics) == 1:
+            return topics[0]
+    if found:
+        option = "--odometry-topic" if is_odometry else "--prior-topic"
+        raise FileError(
+            f"Expected one topic of poses in {recording.path}, got {listed}. Choose one with {option}."
+        )
+    wanted = ", ".join(kind.rpartition("/")[2] for kind in kinds)
+    raise FileError(
+        f"Expected poses ({wanted}) in {recording.path}, got none. Give them as a file: "
+        + ("--odometry." if is_odometry else "--prior.")
+    )
+
+
+def _of_fixes(
+    recording: Recording, topic: Topic, crs: str | None, geoid_height: float | None
+) -> RecordedPoses:
+    from maxcon.errors import CrsError
+
+    if crs is None:
+        raise CrsError(
+            f"Expected a map with a CRS, to place {printable(topic.name)} of {recording.path}, which is in"
+            " latitude and longitude; got one without. Build it with --crs, or choose poses in the map's coordinates"
+            " with --prior-topic."
+        )
+    frame = GeographicFrame(crs)
+    fixes = read_fixes(recording, topic)
+    orientations = read_orientations(recording)
+    trajectory, headings = poses_of_fixes(
+        fixes, orientations, frame, geoid_height, f"{recording.path}, {printable(topic.name)}"
+    )
+    as_they_are = geoid_height is None and not frame.has_heights
+    if geoid_height is not None:
+        heights = f"heights: the receiver's (ellipsoidal) less {geoid_height:g} m"
+    elif frame.has_heights:
+        heights = "heights: the receiver's (ellipsoidal), turned into those of the map's CRS"
+    else:
+        heights = "heights: the receiver's (ellipsoidal) as they are, for the map's CRS does not say what its own are"
+    left = f"; {fixes.n_left_out} messages without a fix left out" if fixes.n_left_out else ""
+    return RecordedPoses(
+        trajectory,
+        f"poses from {printable(topic.name)} (NavSatFix); {headings}; {heights}{left}",
+        as_they_are,
+    )
+
+
+def _of_poses(recording: Recording, topic: Topic) -> RecordedPoses:
+    """Poses as they are written: in whatever frame their header names."""
+    rows: dict[float, NDArray[np.float64]] = {}
+    frames: set[str] = set()
+    n_left_out = 0
+    label = Path(f"{recording.path}, {printable(topic.name)}")
+    for message in recording.messages([topic.name]):
+        with as_file_error(label, "messages of poses"):
+            content = decode_message(message)
+            row = _row(*POSES[topic.type](content))
+            frames.add(printable(str(content.header.frame_id))[:40])
+            time = stamp_of(content, message.recorded) / 1e9
+        if not np.isfinite(row[:7]).all() or not row[3:7].any():
+            n_left_out += 1
+        else:
+            rows.setdefault(time, row)
+    if not rows:
+        raise TrajectoryError(f"{label}: Expected at least one pose, got none. Choose another topic.")
+    trajectory = trajectory_of(
+        np.array(sorted(rows)), np.array([rows[time] for time in sorted(rows)]), str(label)
+    )
+    kind = topic.type.rpartition("/")[2]
+    named = ", ".join(sorted(frames)) or "without a name"
+    left = f"; {n_left_out} messages without a pose left out" if n_left_out else ""
+    stated = "" if trajectory.covariances is None else ", with covariances"
+    return RecordedPoses(
+        trajectory, f"poses from {printable(topic.name)} ({kind}{stated}) in the frame {named}{left}"
+    )
+
+
+def _row(pose: Any, covariance: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    """x, y, z, qx, qy, qz, qw, and the nine numbers of the covariance of x, y, heading; NaN where none is stated."""
+    place, turn = pose.position, pose.orientation
+    values = [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w]
+    stated = np.full((3, 3), np.nan)
+    if covariance is not None and np.asarray(covariance).any():
+        stated = np.asarray(covariance, dtype=np.float64).reshape(6, 6)[np.ix_(X_Y_HEADING, X_Y_HEADING)]
+    return np.concatenate([values, stated.ravel()])
+
+
+def trajectory_of(times: NDArray[np.float64], rows: NDArray[np.float64], label: str) -> Trajectory:
+    """Return the trajectory of rows of positions, quaternions and covariances.
+
+    Raises
+    ------
+    TrajectoryError
+        If one cannot be used; its time is named.
+    """
+    covariances = rows[:, 7:].reshape(-1, 3, 3)
+    known = None if np.isnan(covariances).all() else covariances
+    fault = first_fault(times, rows[:, :3], rows[:, 3:7], known)
+    if fault is not None:
+        raise TrajectoryError(f"{label}, at {times[fault.row]:.6f} s: {fault.words}")
+    return Trajectory(times, rows[:, :3], rows[:, 3:7], known)

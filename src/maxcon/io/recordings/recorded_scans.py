@@ -1,0 +1,183 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""RecordedScans: the scans of a recording, in order of time."""
+
+import os
+import threading
+import weakref
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.errors import FileError
+from maxcon.io.recordings.cloud_sources import CloudSource, RecordedCloud, open_clouds
+from maxcon.io.scans.raw_scan import RawScan, Scans, check_range, returns_in_range
+from maxcon.progress import Progress
+
+__all__ = ["RecordedScans"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Index:
+    """Where the scans are.
+
+    Parameters
+    ----------
+    recorded : array, shape (k,)
+        When each cloud was recorded, ns, in the order of the recording.
+    times : array, shape (n,)
+        Of the scans, s, strictly increasing.
+    rows : array, shape (n,)
+        Which of the clouds each scan is.
+    kinds : dict of str to int
+        How the times of points were understood, and in how many clouds.
+    n_repeated : int
+        Clouds left out, as another has the same time.
+    """
+
+    recorded: NDArray[np.int64]
+    times: NDArray[np.float64]
+    rows: NDArray[np.int64]
+    kinds: dict[str, int]
+    n_repeated: int
+
+
+class RecordedScans(Scans):
+    """The scans of a recording; their times are found by one pass through it, when they are first asked for.
+
+    Parameters
+    ----------
+    source : CloudSource
+        Where the clouds come from.
+    at_stamp : bool
+        Whether the time of a scan is that of its message. Else it is the middle between its first and its last point,
+        where points have times.
+    """
+
+    def __init__(self, source: CloudSource, *, at_stamp: bool = False) -> None:
+        self.source = source
+        self.at_stamp = at_stamp
+        self._running: Iterator[RecordedCloud] | None = None
+        self._next = 0
+        self._lock = threading.Lock()  # epochs may be localized by several threads
+        self._close = weakref.finalize(self, source.close)
+
+    @classmethod
+    def open(cls, path: str | os.PathLike[str], topic: str | None = None, *, at_stamp: bool = False) -> Self:
+        """Return the scans of a recording; errors as of `open_clouds`."""
+        return cls(open_clouds(path, topic), at_stamp=at_stamp)
+
+    def find_times(self, progress: Progress | None = None) -> None:
+        """Find the times of all scans now, and tell how far that is; else it is done when they are first asked for.
+
+        Parameters
+        ----------
+        progress : callable, optional
+            Called with (step, done, of how many) after each cloud.
+
+        Raises
+        ------
+        FileError
+            If the recording is broken, or has no clouds.
+        """
+        if "_index" not in self.__dict__:
+            self.__dict__["_index"] = self._found(progress)
+
+    @cached_property
+    def _index(self) -> _Index:
+        return self._found(None)
+
+    def _found(self, progress: Progress | None) -> _Index:
+        recorded, times = [], []
+        kinds: Counter[str] = Counter()
+        for cloud in self.source.clouds():
+            recorded.append(cloud.recorded)
+            offset = 0.0
+            try:
+                found = cloud.times()
+            except FileError:
+                kinds["not readable"] += 1
+            else:
+                kinds[found.kind] += 1
+                offset = 0.0 if self.at_stamp else found.middle
+            times.append(cloud.stamp / 1e9 + offset)
+            if progress is not None:
+                progress("finding times", len(times), max(self.source.n_clouds, len(times)))
+        if not times:
+            raise FileError(f"Expected clouds in {self.source.path}, got none. Was it recorded whole?")
+        in_order, rows = np.unique(np.array(times), return_index=True)
+        return _Index(np.array(recorded), in_order, rows, dict(kinds), len(times) - len(rows))
+
+    @cached_property
+    def times(self) -> NDArray[np.float64]:  # type: ignore[override]
+        """Of the scans, shape (n,), s, strictly increasing."""
+        return self._index.times
+
+    @property
+    def words(self) -> str:
+        """Which clouds these are, and how their times were understood, in a line."""
+        kinds = "; ".join(
+            kind if len(self._index.kinds) == 1 else f"{kind} ({count})"
+            for kind, count in self._index.kinds.items()
+        )
+        repeated = f"; {self._index.n_repeated} left out, as another has the same time" * bool(
+            self._index.n_repeated
+        )
+        notes = "".join(f"; {note}" for note in self.source.notes)
+        return f"scans from {self.source.label}, times of points: {kinds}{repeated}{notes}"
+
+    def name(self, i: int) -> str:
+        """Return the topic of scan number `i`, and which of its clouds it is."""
+        return f"{self.source.label}#{self._index.rows[i]}"
+
+    def read(self, i: int, min_range: float = 1.0, max_range: float = 120.0) -> RawScan:
+        """Return scan number `i`; fast where they are read one after the other.
+
+        Raises
+        ------
+        FileError
+            If the recording, or this cloud, is broken.
+        OptionError
+            If not 0 <= min_range < max_range.
+        """
+        check_range(min_range, max_range)
+        row = int(self._index.rows[i])
+        with self._lock:
+            cloud = self._cloud(row)
+        content = cloud.points()
+        is_kept, _ = returns_in_range(content.points, min_range, max_range)
+        kept, offsets = np.flatnonzero(is_kept), content.times.offsets
+        time = float(self.times[i])
+        return RawScan(
+            points=content.points.take(kept, axis=0),
+            time=time,
+            name=self.name(i),
+            n_returns=content.n_points,
+            n_dropped_invalid=content.n_invalid,
+            n_dropped_range=len(content.points) - len(kept),
+            n_dropped_duplicates=content.n_duplicates,
+            point_times=None if offsets is None else offsets.take(kept) - (time - cloud.stamp / 1e9),
+        )
+
+    def close(self) -> None:
+        """Close the recording; it is closed as well when these scans are no longer used."""
+        self._close()
+
+    def _cloud(self, row: int) -> RecordedCloud:
+        """The cloud of a row of the index: the next ones are read up to it, or the recording from its time on."""
+        recorded = self._index.recorded
+        if self._running is None or not self._next <= row < self._next + 10:
+            self._next = int(np.argmax(recorded == recorded[row]))
+            self._running = self.source.clouds(int(recorded[row]))
+        for cloud in self._running:
+            self._next += 1
+            if self._next > row and cloud.recorded == recorded[row]:
+                return cloud
+        raise FileError(
+            f"Expected {self.source.path} as it was when it was opened, got fewer clouds. Open it anew."
+        )

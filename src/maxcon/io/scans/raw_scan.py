@@ -1,0 +1,133 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""RawScan: the returns of one epoch; Scans: those of a drive, wherever they come from."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.errors import OptionError
+
+__all__ = ["RawScan", "Scans", "check_range", "returns_in_range"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RawScan:
+    """The points of one epoch as they came from a file, less what is no return or out of range.
+
+    Parameters
+    ----------
+    points : array, shape (n, 3), float64
+        Sensor frame, m. May be empty.
+    time : float
+        s.
+    name : str
+        Name of the file.
+    n_returns : int
+        Points in the file.
+    n_dropped_invalid : int
+        Points at (0, 0, 0) (no return) or with NaN or infinite coordinates.
+    n_dropped_range : int
+        Points nearer than the smallest or farther than the largest range.
+    n_dropped_duplicates : int
+        Points at the very place of another, where such are looked for: in recordings.
+    point_times : array, shape (n,), or None
+        When each point was measured, s after `time`; None where that is not known.
+    """
+
+    points: NDArray[np.float64]
+    time: float
+    name: str
+    n_returns: int
+    n_dropped_invalid: int
+    n_dropped_range: int
+    n_dropped_duplicates: int = 0
+    point_times: NDArray[np.float64] | None = None
+
+
+class Scans(ABC):
+    """Scans of one drive in order of time; each is read when asked for."""
+
+    __slots__ = ()
+
+    times: NDArray[np.float64]
+    """Of the scans, shape (n,), s, strictly increasing."""
+
+    @abstractmethod
+    def name(self, i: int) -> str:
+        """Return the name of scan number `i`."""
+
+    @abstractmethod
+    def read(self, i: int, min_range: float = 1.0, max_range: float = 120.0) -> RawScan:
+        """Return scan number `i`.
+
+        Parameters
+        ----------
+        i : int
+            Counted from 0.
+        min_range, max_range : float
+            Points nearer or farther than this are dropped, m. Nearer than 1 m is mostly the vehicle.
+
+        Raises
+        ------
+        FileError
+            If it is broken.
+        OptionError
+            If not 0 <= min_range < max_range.
+        """
+
+    def __len__(self) -> int:
+        """How many scans there are."""
+        return len(self.times)
+
+    def scans(self, min_range: float = 1.0, max_range: float = 120.0) -> Iterator[RawScan]:
+        """Yield all scans in order of time; parameters and errors as of `read`."""
+        for i in range(len(self)):
+            yield self.read(i, min_range, max_range)
+
+
+def check_range(min_range: float, max_range: float) -> None:
+    """Refuse range limits that leave nothing.
+
+    Raises
+    ------
+    OptionError
+        If not 0 <= min_range < max_range.
+    """
+    if not 0.0 <= min_range < max_range:
+        raise OptionError(
+            f"Expected 0 <= min_range < max_range, got {min_range} m and {max_range} m. The defaults are 1 and"
+            " 120 m."
+        )
+
+
+def returns_in_range(
+    points: NDArray[np.float64], min_range: float, max_range: float
+) -> tuple[NDArray[np.bool_], int]:
+    """Return which points are returns within the range, shape (n,), and how many are returns at all.
+
+    Raises
+    ------
+    OptionError
+        If not 0 <= min_range < max_range.
+    """
+    check_range(min_range, max_range)
+    ranges, is_return = _ranges(points)
+    return is_return & (ranges >= min_range) & (ranges <= max_range), int(np.count_nonzero(is_return))
+
+
+def _ranges(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Range of each point, m, and whether it is a return: finite, and not at (0, 0, 0)."""
+    x, y, z = points.T
+    with np.errstate(over="ignore"):
+        squared = x * x
+        squared += y * y
+        squared += z * z
+    is_return = (squared > 0.0) & (squared < np.inf)
+    # Squares leave the range of float64 before coordinates do: what looks like no return is looked at.
+    rows = np.flatnonzero(~is_return)
+    is_return[rows] = np.isfinite(points[rows]).all(axis=1) & points[rows].any(axis=1)
+    return np.sqrt(squared), is_return

@@ -1,0 +1,228 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Recordings on the command line: localized as the files are, described, and refused in a line."""
+
+import csv
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from maxcon.geometry import Pose
+from maxcon.io.scans import Scans, open_scans
+from maxcon.io.scans.deskewed import DeskewedScans
+from maxcon.io.trajectories import read_trajectory
+from maxcon.simulation.dataset_files import CRS
+from maxcon.simulation.recordings import RecordingKind, record_drive
+from maxcon.trajectory import Trajectory
+
+pytest.importorskip("rosbags")
+pytest.importorskip("mcap")
+
+NAMES = {RecordingKind.ROS1: "drive.bag", RecordingKind.ROS2: "drive", RecordingKind.MCAP: "drive.mcap"}
+
+
+@pytest.fixture(scope="module")
+def recordings(drive, tmp_path_factory):
+    """The simulated drive in every format, by its kind."""
+    folder = tmp_path_factory.mktemp("recordings")
+    dataset = drive.dataset
+    for kind, name in NAMES.items():
+        prior = read_trajectory(dataset.prior)
+        record_drive(folder / name, kind, open_scans(dataset.scans), prior, CRS, odometry=prior)
+    return {kind: folder / name for kind, name in NAMES.items()}
+
+
+def _poses(path):
+    with path.open() as file:
+        rows = list(csv.DictReader(file))
+    assert all(row["status"] == "localized" for row in rows)
+    return np.array([[float(row[name]) for name in ("time", "x", "y", "z", "heading")] for row in rows])
+
+
+@pytest.fixture(scope="module")
+def of_files(drive, tmp_path_factory):
+    """The poses of the scans as files."""
+    import subprocess
+    import sys
+
+    out = tmp_path_factory.mktemp("files") / "poses.csv"
+    arguments = ["localize", drive.city, drive.dataset.scans, "--prior", drive.dataset.prior, "-o", out, "-q"]
+    script = "from maxcon.cli import main; main()"
+    subprocess.run([sys.executable, "-c", script, *map(str, arguments)], check=True, capture_output=True)
+    return _poses(out)
+
+
+@pytest.mark.parametrize("kind", RecordingKind)
+def test_a_recorded_drive_has_the_poses_of_its_files(maxcon, drive, recordings, of_files, kind, tmp_path):
+    ended = maxcon("localize", drive.city, recordings[kind], "-o", tmp_path / "poses.csv", "-q")
+    assert (ended.code, ended.err) == (0, "")
+    assert "scans from /points" in ended.out and "prior: poses from /gnss/fix (NavSatFix)" in ended.out
+    poses = _poses(tmp_path / "poses.csv")
+    np.testing.assert_allclose(poses, of_files, atol=1e-4)  # a tenth of a millimetre
+
+
+def test_a_recording_beside_files(maxcon, drive, recordings, of_files, tmp_path):
+    arguments = ("localize", drive.city, drive.dataset.scans, "--prior", recordings[RecordingKind.MCAP])
+    assert maxcon(*arguments, "-o", tmp_path / "a.csv", "-q").code == 0
+    np.testing.assert_allclose(_poses(tmp_path / "a.csv"), of_files, atol=1e-4)
+    arguments = ("localize", drive.city, recordings[RecordingKind.ROS1], "--prior", drive.dataset.prior)
+    assert maxcon(*arguments, "-o", tmp_path / "b.csv", "-q").code == 0
+    np.testing.assert_allclose(_poses(tmp_path / "b.csv"), of_files, atol=1e-4)
+
+
+def test_what_is_asked_of_a_recording_and_is_not_there(maxcon, refused, drive, recordings, tmp_path):
+    bag, scans = recordings[RecordingKind.ROS1], drive.dataset.scans
+    out = ("-o", tmp_path / "poses.csv")
+    for arguments, words in (
+        ((scans,), ("--prior with rough poses",)),
+        ((scans, "--prior", drive.dataset.prior, "--topic", "/a"), ("asked of a recording",)),
+        (
+            (scans, "--prior", drive.dataset.prior, "--geoid-height", "40"),
+            ("--geoid-height with priors of a",),
+        ),
+        ((scans, "--prior", drive.dataset.prior, "--odometry-topic", "/a"), ("--odometry-topic together",)),
+        ((bag, "--topic", "/a"), ("/points", "/a")),
+        ((bag, "--prior-topic", "/a"), ("/a", "no such topic", "/gnss/fix")),
+        ((bag, "--times", scans / "times.txt"), ("no times beside",)),
+        ((bag.with_name("missing.bag"),), ("no such file",)),
+    ):
+        refused(maxcon("localize", drive.city, *arguments, *out), *words)
+        assert not (tmp_path / "poses.csv").exists()
+
+
+def test_heights_of_another_kind_are_refused(maxcon, refused, drive, tmp_path):
+    prior = read_trajectory(drive.dataset.prior)
+    lifted = type(prior)(prior.times, prior.positions + [0.0, 0.0, 46.0], prior.quaternions_xyzw)
+    path = tmp_path / "drive.mcap"
+    record_drive(path, RecordingKind.MCAP, open_scans(drive.dataset.scans), lifted, CRS)
+    arguments = ("localize", drive.city, path, "-o", tmp_path / "poses.csv", "-q")
+    refused(maxcon(*arguments), "above it", "--geoid-height, about 46")
+    ended = maxcon(*arguments, "--geoid-height", "46")
+    assert (ended.code, ended.err) == (0, "")
+    assert "heights: the receiver's (ellipsoidal) less 46 m" in ended.out
+
+
+def test_scans_without_times_of_points_are_not_deskewed(maxcon, refused, drive, recordings, tmp_path):
+    bag = recordings[RecordingKind.ROS1]
+    ended = maxcon("localize", drive.city, bag, "--deskew", "-o", tmp_path / "poses.csv", "-q")
+    refused(ended, "a time for each point of /points#0", "--turn-time")
+
+
+@pytest.mark.parametrize("kind", RecordingKind)
+def test_info_of_a_recording(maxcon, recordings, kind):
+    ended = maxcon("scans", "info", recordings[kind])
+    assert (ended.code, ended.err) == (0, "")
+    for word in ("/gnss/fix", "sensor_msgs/msg/NavSatFix", "/points: 4 scans", "x float32 at 0", "normals"):
+        assert word in ended.out
+    assert maxcon("scans", "info", recordings[kind], "--topic", "/points").code == 0
+
+
+def test_info_of_a_folder_and_a_file(maxcon, refused, drive, tmp_path):
+    ended = maxcon("scans", "info", drive.dataset.scans)
+    assert (ended.code, ended.err) == (0, "")
+    assert "4 scans" in ended.out and "range" in ended.out
+    assert maxcon("scans", "info", drive.dataset.scans / "000000.bin").code == 0
+    refused(maxcon("scans", "info", tmp_path / "missing"), "no such folder or file")
+    refused(maxcon("scans", "info", tmp_path / "missing.mcap"), "no such file")
+
+
+def test_a_recording_needs_the_extra_recordings(maxcon, refused, drive, recordings, tmp_path, monkeypatch):
+    import sys
+
+    for name in ("rosbags", "mcap"):
+        for loaded in [n for n in sys.modules if n == name or n.startswith(f"{name}.")]:
+            monkeypatch.delitem(sys.modules, loaded)
+        monkeypatch.setitem(sys.modules, name, None)
+    for path in recordings.values():
+        ended = maxcon("localize", drive.city, path, "-o", tmp_path / "poses.csv")
+        refused(ended, path, "pip install 'maxcon[recordings]'")
+
+
+class MovingScans(Scans):
+    """Still scans as a car at 15 m/s that turns by 30 degrees/s would have measured them in a tenth of a second."""
+
+    def __init__(self, still, reference):
+        self._still, self._reference = still, reference
+        self.times = still.times
+
+    def name(self, i):
+        return self._still.name(i)
+
+    def motion(self):
+        """The true motion around each scan, in a frame of its own, as odometry tells it: a hundred poses a second."""
+        offsets = np.arange(-8, 9) * 0.01
+        steps = [_step(offset) for offset in offsets]
+        times = np.concatenate([time + offsets for time in self.times])
+        begin = self._reference.pose(0).inverse
+        poses = [begin @ self._reference.pose(i) @ step for i in range(len(self.times)) for step in steps]
+        return Trajectory.from_poses(times, poses)
+
+    def read(self, i, min_range=1.0, max_range=120.0):
+        raw = self._still.read(i, min_range, max_range)
+        offsets = np.round(np.arctan2(*raw.points[:, 1::-1].T) * (-0.1 / (2 * np.pi)), 4)
+        points = np.empty_like(raw.points)
+        for offset in np.unique(offsets):
+            here = offsets == offset
+            points[here] = _step(offset).inverse.apply(raw.points[here])
+        return replace(raw, points=points, point_times=offsets)
+
+
+def _step(offset):
+    """T_scan_sensor so long after the time of the scan, s."""
+    rate = np.radians(30.0)
+    turn = rate * offset
+    return Pose(15.0 / rate * np.sin(turn), 15.0 / rate * (1.0 - np.cos(turn)), 0.0, 0.0, 0.0, turn)
+
+
+def test_scans_of_a_fast_car_are_deskewed_by_its_odometry(maxcon, drive, of_files, tmp_path):
+    dataset = drive.dataset
+    moving = MovingScans(open_scans(dataset.scans), drive.reference)
+    path = tmp_path / "moving.mcap"
+    prior = read_trajectory(dataset.prior)
+    record_drive(path, RecordingKind.MCAP, moving, prior, CRS, odometry=moving.motion())
+    still, seen = open_scans(dataset.scans), open_scans(path)
+    assert "t (float32): s, relative" in seen.words
+    deskewed = DeskewedScans(seen, moving.motion())
+    for i in range(len(still)):
+        true = still.read(i, 0.0, 200.0).points
+        rows = np.unique(true, axis=0, return_index=True)[1]
+        skewed, points = seen.read(i, 0.0, 200.0).points, deskewed.read(i, 0.0, 200.0).points
+        if len(points) == len(true):
+            assert np.median(np.linalg.norm(skewed - true, axis=1)) > 0.3
+            assert np.linalg.norm(points - true, axis=1).max() < 0.01
+        assert len(points) >= len(rows)
+    arguments = (
+        "localize",
+        drive.city,
+        path,
+        "--odometry",
+        path,
+        "--deskew",
+        "-o",
+        tmp_path / "poses.csv",
+        "-q",
+    )
+    ended = maxcon(*arguments)
+    assert (ended.code, ended.err) == (0, "")
+    assert "deskewed by the odometry" in ended.out
+    poses = _poses(tmp_path / "poses.csv")
+    assert np.abs(poses[:, 1:3] - of_files[:, 1:3]).max() < 0.02
+
+
+def test_a_turn_time_needs_deskew(maxcon, refused, drive, recordings, tmp_path):
+    bag, out = recordings[RecordingKind.ROS1], ("-o", tmp_path / "poses.csv")
+    refused(maxcon("localize", drive.city, bag, "--turn-time", "0.1", *out), "together with --deskew")
+    refused(
+        maxcon("localize", drive.city, bag, "--deskew", "--turn-time", "10", *out), "of up to 2 s, got 10"
+    )
+
+
+def test_simulating_a_recording(maxcon, refused, tmp_path):
+    refused(maxcon("simulate", tmp_path / "d", "--recording", "tape"), "bag, ros2, mcap, got 'tape'")
+    ended = maxcon("simulate", tmp_path / "d", "--epochs", "1", "--recording", "ros2", "-q")
+    assert (ended.code, ended.err) == (0, "")
+    assert f"recording    {tmp_path / 'd' / 'drive_ros2'}" in ended.out
+    assert "/points: 1 scans" in maxcon("scans", "info", tmp_path / "d" / "drive_ros2").out
+    again = ("simulate", tmp_path / "d", "--epochs", "1", "--recording", "ros2", "-q", "--overwrite")
+    assert maxcon(*again).code == 0

@@ -1,0 +1,127 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Real files of recorders and scanners: each is read rightly, or refused in one line, and soon."""
+
+import time
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from maxcon.errors import MaxconError
+from maxcon.io.recordings.cloud_sources import open_clouds
+from maxcon.io.recordings.opening import is_recording
+from maxcon.io.recordings.point_cloud2 import CloudRecord, FieldDescription, decode_cloud
+from maxcon.io.scans import open_scans
+from maxcon.io.scans.points import read_scan_points
+
+pytest.importorskip("rosbags")
+pytest.importorskip("mcap")
+pytest.importorskip("velodyne_decoder")
+
+
+@pytest.fixture(scope="module")
+def recorders(shared_data):
+    folder = shared_data / "recorders"
+    if not folder.is_dir():
+        pytest.skip(f"no {folder}")
+    return folder
+
+
+def test_every_recording_is_read_or_refused_in_a_line(recorders):
+    """The words expected of each; numbers of scans where it is read."""
+    expected = {
+        "512x10_raw.bag": "packets, no point cloud: /os_node0/imu_packets (ouster_ros/msg/PacketMsg)",
+        "embag_test.bag": 5,
+        "example-bz2.bag": "Expected a topic of type sensor_msgs/msg/PointCloud2",
+        "example-lz4.bag": "Expected a topic of type sensor_msgs/msg/PointCloud2",
+        "example.bag": "Expected a topic of type sensor_msgs/msg/PointCloud2",
+        "rms_1xxx_lms_1xx_movement_off.bag": "Choose one with --topic",
+        "1673400471837873222": 4,
+        "1673400471837873222_0.db3": 4,
+        "sample_velodyne_vlp16_gps.pcap": 4,
+        "OS-0-32-U1_v2.2.0_1024x10-single-packet.pcap": "Expected packets of a Velodyne scanner",
+        "OS-0-32-U1_v2.2.0_1024x10.pcap": "Expected packets of a Velodyne scanner",
+        "OS-1-128_v2.3.0_1024x10_lb_n3.pcap": "Expected packets of a Velodyne scanner",
+    }
+    seen = set()
+    for path in sorted(recorders.rglob("*")):
+        if not is_recording(path):
+            continue
+        begin = time.perf_counter()
+        try:
+            scans = open_scans(path)
+            assert sum(len(raw.points) > 0 for raw in scans.scans(0.0, 200.0)) == expected.get(
+                path.name, len(scans)
+            )
+        except MaxconError as error:
+            assert "\n" not in str(error)
+            assert str(expected.get(path.name, "Expected")) in str(error)
+        assert time.perf_counter() - begin < 10.0
+        seen.add(path.name)
+    assert set(expected) <= seen
+
+
+@pytest.mark.parametrize("kind", ["pcd", "ply", "las", "copc"])
+def test_every_scan_of_a_file_is_read_or_refused_in_a_line(recorders, kind):
+    suffixes = {".pcd", ".ply", ".las", ".laz"}
+    files = [path for path in sorted((recorders / kind).rglob("*")) if path.suffix.lower() in suffixes]
+    assert files
+    for path in files:
+        begin = time.perf_counter()
+        try:
+            assert read_scan_points(path).shape[1] == 3
+        except MaxconError as error:
+            assert "\n" not in str(error) and path.name in str(error)
+        assert time.perf_counter() - begin < 10.0
+
+
+def test_seconds_and_nanoseconds_of_a_real_scanner(recorders):
+    with_clouds = open_clouds(recorders / "ros1bag" / "embag_test.bag")
+    clouds = [cloud.points() for cloud in with_clouds.clouds()]
+    for cloud in clouds:
+        assert cloud.times.kind == "time_sec + time_nsec: s + ns, absolute"
+        assert "the message has the time of the last point" in cloud.times.words
+        assert -0.089 < cloud.times.offsets.min() < -0.087 and abs(cloud.times.offsets.max()) < 1e-9
+    points = np.concatenate([cloud.points for cloud in clouds])
+    assert points[:, 1].min() > 4.0  # +y is forward
+
+
+def test_an_unaligned_cloud_with_repeated_points(recorders):
+    rosbags = pytest.importorskip("rosbags.typesys")
+    store = rosbags.get_typestore(rosbags.Stores.ROS2_HUMBLE)
+    data = (recorders / "ros2bag" / "cloudini" / "dds_message.bin").read_bytes()
+    content = store.deserialize_cdr(data, "sensor_msgs/msg/PointCloud2")
+    fields = tuple(FieldDescription(f.name, f.offset, f.datatype, f.count) for f in content.fields)
+    stamp = content.header.stamp.sec * 10**9 + content.header.stamp.nanosec
+    cloud = decode_cloud(
+        CloudRecord(fields, content.width, content.height, content.point_step, content.row_step, False, content.data,
+                    stamp)
+    )  # fmt: skip
+    assert (cloud.n_points, cloud.n_invalid) == (64_000, 4_578)
+    assert cloud.n_duplicates + len(cloud.points) == 64_000 - 4_578
+    assert len(np.unique(cloud.points, axis=0)) == len(cloud.points) > 30_000
+    assert cloud.times.offsets.min() >= 0.0 and cloud.times.offsets.max() < 0.051
+    assert cloud.times.kind == "timestamp (float64): s, absolute"
+
+
+def test_packets_of_a_velodyne_become_the_cloud_that_another_driver_made(recorders):
+    folder = recorders / "ros2bag" / "nebula" / "vlp16"
+    true = read_scan_points(folder / "1673400472138016708.pcd")
+    medians, shares = [], []
+    for raw in open_scans(folder / "1673400471837873222").scans(0.0, 200.0):
+        distances, _ = cKDTree(raw.points).query(true)
+        medians.append(np.median(distances))
+        shares.append(np.mean(distances < 0.05))
+    assert min(medians) < 0.01 and max(shares) > 0.9
+
+
+def test_a_capture_of_packets(recorders):
+    scans = open_scans(recorders / "pcap" / "mrpt" / "sample_velodyne_vlp16_gps.pcap")
+    raws = list(scans.scans(0.0, 200.0))
+    np.testing.assert_allclose(np.diff(scans.times)[:2], 0.1, atol=0.002)
+    for raw in raws:
+        assert 17_000 < len(raw.points) < 19_000
+        assert raw.point_times.min() == pytest.approx(-raw.point_times.max())
+        assert 0.08 < np.ptp(raw.point_times) < 0.105
+    np.testing.assert_array_equal(scans.read(1, 0.0, 200.0).points, raws[1].points)
