@@ -173,8 +173,8 @@ def _success(path: Path, methods: Mapping[str, MethodRows], shown: Sequence[str]
     return [
         Picture(
             "Success against the error of the prior",
-            f"Epochs within {SUCCESS_WORDS} of the reference, by how far off the prior was; trusted or not. At most eight"
-            " methods are drawn; the tables have all.",
+            f"Epochs within {SUCCESS_WORDS} of the reference, by how far off the prior was; trusted or not. At most"
+            " eight methods are drawn; the tables have all.",
             "Success rates over the distance of the prior, a line for each method.",
             path,
         )
