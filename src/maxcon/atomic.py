@@ -1,16 +1,19 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Outputs are written beside their place and renamed, so that nothing is ever half written (D10)."""
+"""Outputs are written beside their place and renamed, so that nothing is ever half written (D10, decision 25)."""
 
 import os
 import shutil
+import stat
 import uuid
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from fnmatch import fnmatchcase
+from glob import escape
 from pathlib import Path
 
 from maxcon.errors import FileError
+from maxcon.exchange import swapped
 
 __all__ = [
     "atomic_file",
@@ -20,6 +23,7 @@ __all__ = [
     "check_writable",
     "locked",
     "make_folder",
+    "special_kind",
 ]
 
 
@@ -45,12 +49,10 @@ def check_writable(path: str | os.PathLike[str]) -> None:
     Raises
     ------
     FileError
-        If it is a folder, or its own folder does not exist or takes no files.
+        If it is a folder or no file at all (a device, a FIFO), or its own folder does not exist or takes no files.
     """
-    partial = _beside(Path(path))
+    partial = _beside(_output_file(path))
     try:
-        if Path(path).is_dir():
-            raise FileError(f"Expected a file to write, got the folder {path}. Name a file in it.")
         partial.touch()
     except OSError as error:
         raise _cannot_write(path, error) from error
@@ -121,6 +123,45 @@ def _cannot_write(path: str | os.PathLike[str], error: OSError) -> FileError:
     )
 
 
+def _output_file(path: str | os.PathLike[str]) -> Path:
+    """Return the file to write where `path` says: behind symbolic links, which stay; nothing but files is replaced.
+
+    Raises
+    ------
+    FileError
+        If a folder stands there, a device, a FIFO or a socket, or links that lead nowhere.
+    """
+    target = _behind_links(Path(path))
+    try:
+        mode = target.stat().st_mode
+    except FileNotFoundError:
+        return target
+    except OSError as error:
+        raise _cannot_write(path, error) from error
+    if stat.S_ISDIR(mode):
+        raise FileError(f"Expected a file to write, got the folder {path}. Name a file in it.")
+    if not stat.S_ISREG(mode):
+        raise FileError(
+            f"Expected a file to write, got {path}, a {special_kind(mode)}: it would be replaced. Name a file."
+        )
+    return target
+
+
+def _behind_links(path: Path) -> Path:
+    """Return where a symbolic link leads, which need not exist; any other path as it is."""
+    try:
+        return Path(os.path.realpath(path)) if path.is_symlink() else path
+    except OSError:  # too long a name: told by what comes next
+        return path
+
+
+def special_kind(mode: int) -> str:
+    """Return what stands in the file system where there is neither file nor folder, from its `st_mode`."""
+    if stat.S_ISFIFO(mode):
+        return "FIFO"
+    return "socket" if stat.S_ISSOCK(mode) else "device"
+
+
 def _beside(path: Path) -> Path:
     """Return a name in the same folder (same file system) that nobody else uses."""
     if path.name in ("", ".."):
@@ -144,13 +185,14 @@ def atomic_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     Raises
     ------
     FileError
-        If the folder does not exist or the file cannot be written (full disk, no permission).
+        If the folder does not exist, the file cannot be written (full disk, no permission), or something other than a
+        file stands there.
     """
-    target = Path(path)
+    target = _output_file(path)
     partial = _beside(target)
     try:
         yield partial
-        partial.replace(target)
+        partial.replace(_output_file(target))
     except OSError as error:
         raise _cannot_write(target, error) from error
     finally:
@@ -161,26 +203,73 @@ def atomic_file(path: str | os.PathLike[str]) -> Iterator[Path]:
 def atomic_folder(path: str | os.PathLike[str], *, overwrite: bool = False) -> Iterator[Path]:
     """Yield an empty folder to fill; it becomes `path` when the block ends well and vanishes otherwise.
 
+    Folders that a killed process left half filled for the same `path` are removed.
+
     Raises
     ------
     FileError
         If `path` exists and `overwrite` is False, or the folder cannot be written.
     """
-    target = Path(path)
-    partial = _beside(target)
-    try:
-        if target.exists() and not overwrite:
-            raise FileError(
-                f"Expected {target} not to exist yet, but it does."
-                " Name another, remove it, or allow overwriting it (--overwrite)."
-            )
+    target = _behind_links(Path(path))
+    _beside(target)  # refuses what is no name
+    with ExitStack() as stack:
+        try:
+            if target.exists() and not overwrite:
+                raise FileError(
+                    f"Expected {target} not to exist yet, but it does."
+                    " Name another, remove it, or allow overwriting it (--overwrite)."
+                )
+            if target.exists() and not target.is_dir():
+                raise FileError(f"Expected a folder to overwrite, got the file {target}. Name another.")
+            _sweep(target)
+            partial = _locked_folder(target, stack)
+            yield partial
+            _exchange(partial, target)
+        except OSError as error:
+            raise _cannot_write(target, error) from error
+
+
+def _locked_folder(target: Path, stack: ExitStack) -> Path:
+    """Make a folder beside `target` that is removed, and whose lock is held, until the stack is left."""
+    while True:
+        partial = _beside(target)
+        stack.callback(_remove, partial)
         partial.mkdir()
-        yield partial
-        _exchange(partial, target)
-    except OSError as error:
-        raise _cannot_write(target, error) from error
-    finally:
-        _remove(partial)
+        descriptor = _open_folder(partial)
+        if descriptor is None:
+            return partial
+        stack.callback(os.close, descriptor)
+        if _holds_lock(descriptor) is not False and partial.exists():
+            return partial  # else it was swept away before it was locked
+
+
+def _sweep(target: Path) -> None:
+    """Remove the folders that killed processes left beside `target`: nobody holds their locks."""
+    for left in target.parent.glob(f".{escape(target.name)}.partial-*"):
+        descriptor = _open_folder(left)
+        if descriptor is None:
+            continue
+        try:
+            if _holds_lock(descriptor):
+                _remove(left)
+        finally:
+            os.close(descriptor)
+
+
+def _open_folder(folder: Path) -> int | None:
+    """Return a descriptor of a folder, to lock it; None if it is none, or of a system that opens no folders."""
+    try:
+        return os.open(folder, os.O_RDONLY | getattr(os, "O_DIRECTORY", 0))
+    except OSError:
+        return None
+
+
+def _holds_lock(descriptor: int) -> bool | None:
+    """Try to lock a folder; None where the file system knows no locks: what lies there is not swept away."""
+    try:
+        return _try_lock(descriptor)
+    except OSError:
+        return None
 
 
 def _exchange(partial: Path, target: Path) -> None:
@@ -188,12 +277,15 @@ def _exchange(partial: Path, target: Path) -> None:
     if not target.exists():
         partial.replace(target)
         return
-    old = _beside(target)
-    target.replace(old)
+    if swapped(partial, target):
+        return  # the old one is where `partial` was, and is removed there
+    old = target.with_name(f".{target.name}.old-{uuid.uuid4().hex[:8]}")
     try:
+        target.replace(old)
         partial.replace(target)
-    except OSError:
-        old.replace(target)
+    except BaseException:  # a signal, too
+        if old.exists() and not target.exists():
+            old.replace(target)
         raise
     _remove(old)
 
