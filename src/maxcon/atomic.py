@@ -11,6 +11,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from fnmatch import fnmatchcase
 from glob import escape
 from pathlib import Path
+from typing import BinaryIO
 
 from maxcon.errors import FileError
 from maxcon.exchange import swapped
@@ -61,19 +62,20 @@ def check_writable(path: str | os.PathLike[str]) -> None:
 
 
 def check_folder(path: str | os.PathLike[str]) -> None:
-    """Refuse a folder for outputs that is a file, before the work whose outcome it shall hold.
+    """Refuse a folder for outputs that cannot be made, before the work whose outcome it shall hold.
 
     Raises
     ------
     FileError
-        If it is a file, or no name of a folder.
+        If it, or what it shall be in, is no folder, or its name is none.
     """
     try:
-        is_file = Path(path).is_file()
+        there = next(place for place in (Path(path), *Path(path).absolute().parents) if place.exists())
+        is_folder = there.is_dir()
     except OSError as error:
         raise _cannot_write(path, error) from error
-    if is_file:
-        raise FileError(f"Expected a folder to write into, got the file {path}. Name another.")
+    if not is_folder:
+        raise FileError(f"Expected a folder to write into, {path}, got the file {there}. Name another.")
 
 
 def check_replaceable(path: str | os.PathLike[str], what: str, names: Sequence[str]) -> None:
@@ -291,13 +293,13 @@ def _exchange(partial: Path, target: Path) -> None:
 
 
 @contextmanager
-def locked(path: str | os.PathLike[str], what: str) -> Iterator[None]:
-    """Hold the lock of a file while the block runs; the system lets go of it when the process ends, however.
+def locked(path: str | os.PathLike[str], what: str) -> Iterator[BinaryIO]:
+    """Hold the lock of a file, open to append to, while the block runs; it is let go when the process ends, however.
 
     Parameters
     ----------
     path : path
-        Made if it is not there; it stays, empty.
+        Made, empty, if it is not there; it stays.
     what : str
         What must not be done twice at once, for the message.
 
@@ -315,7 +317,7 @@ def locked(path: str | os.PathLike[str], what: str) -> Iterator[None]:
             raise FileError(
                 f"Expected {what} to be left alone, but another process is at work on it. Wait for it, or stop it."
             )
-        yield
+        yield file
 
 
 def _try_lock(descriptor: int) -> bool:

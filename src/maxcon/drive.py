@@ -115,6 +115,8 @@ def localize_drive(
     prior: Trajectory,
     method: Method,
     options: DriveOptions | None = None,
+    *,
+    first: int = 0,
 ) -> Iterator[EpochEstimate]:
     """Return an iterator over the estimates of all scans, in order of time; what cannot work is said at once.
 
@@ -130,6 +132,8 @@ def localize_drive(
         How each is localized.
     options : DriveOptions, optional
         Range limits and the largest gap of the prior.
+    first : int
+        Number of the epoch to begin with.
 
     Raises
     ------
@@ -145,7 +149,10 @@ def localize_drive(
     options = options or DriveOptions()
     priors = priors_of_scans(point_map, scans, prior, options)
     return (
-        _localize_epoch(epoch, point_map, scans, pose, method, options) for epoch, pose in enumerate(priors)
+        _localize_epoch(epoch, point_map, scans, pose, method, options)
+        if pose is not None
+        else _without_prior(epoch, scans, prior, options)
+        for epoch, pose in enumerate(priors[first:], first)
     )
 
 
@@ -172,7 +179,7 @@ def _localize_epoch(
     epoch: int,
     point_map: PointMap,
     scans: ScanFolder,
-    prior: Pose | None,
+    prior: Pose,
     method: Method,
     options: DriveOptions,
 ) -> EpochEstimate:
@@ -181,12 +188,25 @@ def _localize_epoch(
     if reason:
         return EpochEstimate(epoch, raw, Status.UNREADABLE, 0.0, scan, prior, reason=reason)
     status = status_without_search(point_map, scan, prior)
-    if status is not None or prior is None:
-        return EpochEstimate(epoch, raw, status or Status.NO_PRIOR, 0.0, scan, prior)
+    if status is not None:
+        return EpochEstimate(epoch, raw, status, 0.0, scan, prior)
     start = time.perf_counter()
     estimate = method.localize(scan, point_map, prior)
     milliseconds = 1e3 * (time.perf_counter() - start)
     return answered(epoch, raw, scan, prior, estimate, milliseconds, point_map)
+
+
+def _without_prior(epoch: int, scans: ScanFolder, prior: Trajectory, options: DriveOptions) -> EpochEstimate:
+    """Return the answer of an epoch whose prior is not known, and why it is not."""
+    raw, unreadable = read_epoch(scans, epoch, options)
+    scan, status, reason = Scan(raw.points, time=raw.time), Status.UNREADABLE, unreadable
+    if not unreadable:
+        status = Status.NO_PRIOR
+        try:
+            prior.at(raw.time, options.max_gap)
+        except TrajectoryError as error:
+            reason = str(error)
+    return EpochEstimate(epoch, raw, status, 0.0, scan, reason=reason)
 
 
 def answered(

@@ -28,8 +28,6 @@ def swapped(one: Path, other: Path) -> bool:
         library = ctypes.CDLL(None, use_errno=True)
         if sys.platform == "darwin":
             return bool(library.renamex_np(first, second, ctypes.c_uint(RENAME_SWAP)) == 0)
-        return bool(
-            library.renameat2(AT_FDCWD, first, AT_FDCWD, second, ctypes.c_uint(RENAME_EXCHANGE)) == 0
-        )
+        return bool(library.renameat2(AT_FDCWD, first, AT_FDCWD, second, ctypes.c_uint(RENAME_EXCHANGE)) == 0)
     except (AttributeError, OSError, TypeError):  # no such function, or no C library by that name
         return False

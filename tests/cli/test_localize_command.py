@@ -37,7 +37,15 @@ def localize(maxcon, drive, tmp_path):
     def run(*options, prior=None, out="poses.csv"):
         prior = prior or drive.dataset.prior
         return maxcon(
-            "localize", drive.city, drive.dataset.scans, "--prior", prior, "-o", tmp_path / out, *options
+            "localize",
+            drive.city,
+            drive.dataset.scans,
+            "--prior",
+            prior,
+            "-o",
+            tmp_path / out,
+            "--overwrite",
+            *options,
         )
 
     return run

@@ -9,12 +9,23 @@ import typer
 
 if TYPE_CHECKING:
     from maxcon.drive import EpochEstimate
+    from maxcon.poses_table import RowsThere
 
 __all__ = ["print_summary"]
 
 
-def print_summary(epochs: "list[EpochEstimate]", out: Path, searched: str) -> None:
-    """Say how many epochs are localized, in which time and searched where, and why the others are not."""
+def print_summary(
+    epochs: "list[EpochEstimate]",
+    out: Path,
+    searched: str,
+    *,
+    there: "RowsThere",
+    left_out: "tuple[str, ...]",
+) -> None:
+    """Say how many epochs are localized, in which time and searched where, and why the others are not.
+
+    And what was in the table before, and which rows of the prior were left out.
+    """
     from collections import Counter
 
     import numpy as np
@@ -23,6 +34,10 @@ def print_summary(epochs: "list[EpochEstimate]", out: Path, searched: str) -> No
     taken = [epoch.milliseconds for epoch in epochs if epoch.estimate is not None]
     median = f", median {np.median(taken):.0f} ms" if taken else ""
     typer.echo(f"{n_localized} of {len(epochs)} epochs localized{median}; written to {out}")
+    if there.n_rows:
+        typer.echo(f"behind {there.n_rows} that were there, {there.n_localized} of them localized")
+    if left_out:
+        typer.echo(f"{len(left_out)} rows of the prior are left out; the first: {left_out[0]}")
     if searched:
         typer.echo(searched)
     n_invalid = sum(epoch.raw.n_dropped_invalid for epoch in epochs)

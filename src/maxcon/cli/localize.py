@@ -2,24 +2,20 @@
 # SPDX-License-Identifier: MIT
 """`maxcon localize`."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from maxcon.cli.compiling import compiling_told
 from maxcon.cli.drive_summary import print_summary
 from maxcon.cli.method_options import MultiplicityName, ObjectiveName, SearchName, WeightingName
 from maxcon.cli.options import MaxRange, MinRange
 from maxcon.cli.pictures import drawer, parse_epochs
-from maxcon.cli.progress import progress_bar
 from maxcon.cli.search_space import SpaceOptions
+from maxcon.cli.table_of_poses import check_table, read_there, write_trajectory, written
 from maxcon.cli.tracking import check_tracking, started_drive
-
-if TYPE_CHECKING:
-    from maxcon.drive import EpochEstimate
 
 __all__ = ["localize"]
 
@@ -162,6 +158,12 @@ def localize(
         Path | None,
         typer.Option(metavar="FILE", help="Time of each scan; default times.txt there, or the names."),
     ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with POSES.csv where a call that was stopped ended.")
+    ] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace POSES.csv, if it is there.")
+    ] = False,
     tum: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Also write the localized poses as TUM.")
     ] = None,
@@ -173,7 +175,7 @@ def localize(
     threads: Annotated[int, typer.Option(min=1, help="Headings searched at once.")] = 1,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
 ) -> None:
-    """Localize every scan of a drive in a map.
+    """Localize every scan of a drive in a map; the row of each is in POSES.csv once it is done.
 
     Exit code 0: every epoch is localized; 1: some are not (the status column says why); 2: bad input.
     """
@@ -181,21 +183,22 @@ def localize(
     from maxcon.drive import DriveOptions
     from maxcon.integrity import Trust
     from maxcon.io.scans import open_scans
-    from maxcon.io.trajectories import read_trajectory, write_tum
+    from maxcon.io.trajectories import read_prior
     from maxcon.maximum_consensus import MaximumConsensus
     from maxcon.point_map import PointMap
-    from maxcon.poses_table import localized_trajectory, write_poses
 
     _check_options(prior, out, tum, plot, plot_epochs)
     check_tracking(track, odometry, drift)
     for path in (out, tum):
         if path is not None:
             check_writable(path)
+    check_table(out, resume=resume, overwrite=overwrite, track=track)
     if plot is not None:
         check_folder(plot)
     point_map = PointMap.open(map_folder)
     folder = open_scans(scans, times)
-    prior_trajectory = read_trajectory(prior)
+    there = read_there(out, folder.times, resume=resume)
+    prior_trajectory, left_out = read_prior(prior)
     spaces = SpaceOptions(
         cell, heading_step_deg, half_width, heading_half_width_deg, height_half_width,
         sigma_position, sigma_heading_deg, sigmas, largest_half_width,
@@ -214,47 +217,15 @@ def localize(
     with _naming(odometry or prior, scans, map_folder):
         drive = started_drive(
             point_map, folder, prior_trajectory, method, options,
-            windows=windows, track=track, odometry=odometry, drift=drift,
+            windows=windows, track=track, odometry=odometry, drift=drift, first=there.n_rows,
         )  # fmt: skip
-    epochs = _localized(drive, len(folder), draw, wanted, quiet)
-    write_poses(out, epochs)
-    trajectory = localized_trajectory(epochs)
-    if tum is not None and trajectory is not None:
-        write_tum(tum, trajectory, "T_map_sensor, localized by maxcon")
-    print_summary(epochs, out, spaces.words(windows, prior_trajectory, epochs))
-    if tum is not None and trajectory is None:
-        typer.echo(f"no pose to write: {tum} is not written")
-    if any(epoch.pose_global is None for epoch in epochs):
+    epochs = written(out, there, drive, len(folder), draw, wanted, quiet)
+    searched = spaces.words(windows, prior_trajectory, epochs)
+    print_summary(epochs, out, searched, there=there, left_out=left_out)
+    if tum is not None:
+        write_trajectory(tum, out, there, epochs)
+    if there.n_localized + sum(epoch.pose_global is not None for epoch in epochs) < len(folder):
         raise typer.Exit(1)
-
-
-def _localized(
-    drive: "Iterator[EpochEstimate]",
-    n_epochs: int,
-    draw: Callable[["EpochEstimate"], None] | None,
-    wanted: frozenset[int],
-    quiet: bool,
-) -> "list[EpochEstimate]":
-    """Return the estimates of a drive without their points, with a bar of progress; draw those that are wanted.
-
-    Raises
-    ------
-    FileError
-        If not one scan can be read.
-    """
-    from maxcon.errors import FileError
-    from maxcon.estimate import Status
-
-    epochs = []
-    with progress_bar("localizing", n_epochs, "epochs", quiet) as advance, compiling_told(quiet):
-        for epoch in drive:
-            if draw is not None and epoch.epoch in wanted:
-                draw(epoch)
-            epochs.append(epoch.without_points())
-            advance()
-    if all(epoch.status is Status.UNREADABLE for epoch in epochs):
-        raise FileError(epochs[0].reason)
-    return epochs
 
 
 @contextmanager

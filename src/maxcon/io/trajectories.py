@@ -5,9 +5,9 @@
 import csv
 import math
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,9 @@ from maxcon.atomic import atomic_file
 from maxcon.errors import FileError, TrajectoryError
 from maxcon.geometry.quaternions import quaternions_from_angles
 from maxcon.io.text import numbered_lines, parse_float
-from maxcon.trajectory import Trajectory, first_fault
+from maxcon.trajectory import Trajectory, TrajectoryFault, first_fault
 
-__all__ = ["read_trajectory", "write_csv", "write_tum"]
+__all__ = ["Prior", "read_prior", "read_trajectory", "write_csv", "write_tum"]
 
 TUM_COLUMNS = "time x y z qx qy qz qw"
 CSV_COLUMNS = ("time", "x", "y", "z", "roll", "pitch", "heading")
@@ -31,6 +31,30 @@ Line = tuple[int, str]
 Row = tuple[int, list[float]]
 Column = tuple[int, float]
 """Where a number stands in a line, and what makes it s, m, rad."""
+
+
+class Prior(NamedTuple):
+    """Rough poses, and what is wrong with the rows that are no poses."""
+
+    trajectory: Trajectory
+    left_out: tuple[str, ...]
+
+
+def read_prior(path: str | os.PathLike[str]) -> Prior:
+    """Return the trajectory in `path` without the rows that are no poses: loggers end in the middle of a line.
+
+    Parameters
+    ----------
+    path : path
+        As of `read_trajectory`.
+
+    Raises
+    ------
+    FileError, TrajectoryError
+        As `read_trajectory`, but for single rows: only where most are no poses, or times do not increase.
+    """
+    left_out: list[str] = []
+    return Prior(_read(Path(path), left_out), tuple(left_out))
 
 
 def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
@@ -54,7 +78,11 @@ def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
         If a line is not a pose, times do not increase, a covariance is none, some of its columns are missing, or
         there is no pose; file and line are named.
     """
-    file = Path(path)
+    return _read(Path(path), None)
+
+
+def _read(file: Path, left_out: list[str] | None) -> Trajectory:
+    """Return the trajectory in a file; rows that are no poses are told in `left_out`, or refused if it is None."""
     readers = {".txt": _tum_rows, ".tum": _tum_rows, ".csv": _csv_rows}
     read = readers.get(file.suffix.lower())
     if read is None:
@@ -62,10 +90,39 @@ def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
             f"Expected a trajectory with suffix .txt, .tum or .csv, got {file}."
             f" Rename it: .txt for lines of '{TUM_COLUMNS}', .csv for a table with a header."
         )
-    rows = list(read(file, numbered_lines(file, "a trajectory")))
+    rows = list(read(file, numbered_lines(file, "a trajectory"), left_out))
+    if left_out is not None:
+        rows = _good_rows(file, rows, left_out)
+        if len(left_out) > len(rows):
+            raise TrajectoryError(left_out[0])
     if not rows:
         raise TrajectoryError(f"{file}: Expected at least one pose, got none. Was it written to its end?")
     return _trajectory(file, rows)
+
+
+def _good_rows(file: Path, rows: list[Row], left_out: list[str]) -> list[Row]:
+    """Return the rows that are poses, and tell of the others, whatever the order of their times."""
+    if not rows or _fault(rows) is None:
+        return rows
+    good = []
+    for row in rows:
+        fault = _fault([row])
+        if fault is None:
+            good.append(row)
+        else:
+            left_out.append(_words(file, row[0], fault.words))
+    return good
+
+
+def _parsed(parse: Callable[[], list[float]], left_out: list[str] | None) -> list[float] | None:
+    """Return the numbers of a row; None where it is none, which is told in `left_out` if that is given."""
+    try:
+        return parse()
+    except TrajectoryError as error:
+        if left_out is None:
+            raise
+        left_out.append(str(error))
+        return None
 
 
 def write_tum(path: str | os.PathLike[str], trajectory: Trajectory, comment: str = "") -> None:
@@ -133,7 +190,11 @@ def _write(path: str | os.PathLike[str], lines: list[str]) -> None:
 
 
 def _refuse(file: Path, number: int, words: str) -> NoReturn:
-    raise TrajectoryError(f"{file}, line {number}: {words}") from None
+    raise TrajectoryError(_words(file, number, words)) from None
+
+
+def _words(file: Path, number: int, words: str) -> str:
+    return f"{file}, line {number}: {words}"
 
 
 def _numbers(file: Path, number: int, texts: list[str], names: str) -> list[float]:
@@ -146,43 +207,57 @@ def _numbers(file: Path, number: int, texts: list[str], names: str) -> list[floa
     return [value for value in values if value is not None]
 
 
-def _tum_rows(file: Path, lines: Iterable[Line]) -> Iterator[Row]:
+def _tum_rows(file: Path, lines: Iterable[Line], left_out: list[str] | None) -> Iterator[Row]:
     for number, line in lines:
         texts = line.partition("#")[0].split()
-        if not texts:
-            continue
-        if len(texts) != 8:
-            hint = " Is it CSV? Then name it .csv." if "," in line else " Correct or remove this line."
-            _refuse(file, number, f"Expected 8 columns '{TUM_COLUMNS}', got {len(texts)}.{hint}")
-        yield number, _numbers(file, number, texts, TUM_COLUMNS)
+        if texts:
+            row = _parsed(lambda: _tum_row(file, number, line, texts), left_out)  # noqa: B023 - called at once
+            if row is not None:
+                yield number, row
 
 
-def _csv_rows(file: Path, lines: Iterable[Line]) -> Iterator[Row]:
+def _tum_row(file: Path, number: int, line: str, texts: list[str]) -> list[float]:
+    if len(texts) != 8:
+        hint = " Is it CSV? Then name it .csv." if "," in line else " Correct or remove this line."
+        _refuse(file, number, f"Expected 8 columns '{TUM_COLUMNS}', got {len(texts)}.{hint}")
+    return _numbers(file, number, texts, TUM_COLUMNS)
+
+
+class _CsvHeader(NamedTuple):
+    """What stands where in a CSV file."""
+
+    names: list[str]
+    pose: list[Column]
+    certainty: list[Column]
+
+
+def _csv_rows(file: Path, lines: Iterable[Line], left_out: list[str] | None) -> Iterator[Row]:
     """Rows as time, x, y, z, qx, qy, qz, qw, and the nine numbers of a covariance where the header has such columns."""
-    header: list[str] = []
-    columns: list[Column] = []
-    certainty: list[Column] = []
-    names = ",".join(CSV_COLUMNS)
+    header: _CsvHeader | None = None
     for number, line in lines:
         if line.startswith("#"):
             continue
-        texts = _cells(file, number, line)
-        if not columns:
-            header = texts
-            columns, certainty = _columns(file, number, header), _certainty_columns(file, number, header)
+        if header is None:
+            names = _cells(file, number, line)
+            header = _CsvHeader(names, _columns(file, number, names), _certainty_columns(file, number, names))
             continue
-        if len(texts) != len(header):
-            _refuse(
-                file,
-                number,
-                f"Expected {len(header)} columns as in the header, got {len(texts)}. Correct this line.",
-            )
-        if not texts[columns[1][0]]:
-            continue
-        values = _numbers(file, number, [texts[index] for index, _ in columns], names)
-        scaled = [value * scale for value, (_, scale) in zip(values, columns, strict=True)]
-        covariance = _covariance(file, number, header, texts, certainty)
-        yield number, [*scaled[:4], *quaternions_from_angles(*scaled[4:]).tolist(), *covariance]
+        row = _parsed(lambda: _csv_row(file, number, line, header), left_out)  # noqa: B023 - called at once
+        if row:
+            yield number, row
+
+
+def _csv_row(file: Path, number: int, line: str, header: _CsvHeader) -> list[float]:
+    """Return the numbers of a row; none where it has no pose."""
+    texts = _cells(file, number, line)
+    if len(texts) != len(header.names):
+        words = f"Expected {len(header.names)} columns as in the header, got {len(texts)}. Correct this line."
+        _refuse(file, number, words)
+    if not texts[header.pose[1][0]]:
+        return []
+    values = _numbers(file, number, [texts[index] for index, _ in header.pose], ",".join(CSV_COLUMNS))
+    scaled = [value * scale for value, (_, scale) in zip(values, header.pose, strict=True)]
+    covariance = _covariance(file, number, header.names, texts, header.certainty)
+    return [*scaled[:4], *quaternions_from_angles(*scaled[4:]).tolist(), *covariance]
 
 
 def _cells(file: Path, number: int, line: str) -> list[str]:
@@ -256,11 +331,19 @@ def _covariance(
     return (covariance + np.triu(covariance, 1).T).ravel().tolist()
 
 
-def _trajectory(file: Path, rows: list[Row]) -> Trajectory:
+def _fault(rows: list[Row]) -> TrajectoryFault | None:
+    return first_fault(*_arrays(rows))
+
+
+def _arrays(rows: list[Row]) -> tuple[NDArray[np.float64], ...]:
+    """Times, positions, quaternions, and covariances if there are such."""
     values: NDArray[np.float64] = np.array([row for _, row in rows])
-    times, positions, quaternions = values[:, 0], values[:, 1:4], values[:, 4:8]
-    covariances = values[:, 8:].reshape(-1, 3, 3) if values.shape[1] > 8 else None
-    fault = first_fault(times, positions, quaternions, covariances)
+    covariances = (values[:, 8:].reshape(-1, 3, 3),) if values.shape[1] > 8 else ()
+    return values[:, 0], values[:, 1:4], values[:, 4:8], *covariances
+
+
+def _trajectory(file: Path, rows: list[Row]) -> Trajectory:
+    fault = _fault(rows)
     if fault is not None:
         _refuse(file, rows[fault.row][0], fault.words)
-    return Trajectory(times, positions, quaternions, covariances)
+    return Trajectory(*_arrays(rows))
