@@ -15,6 +15,7 @@ from typing import BinaryIO
 
 from maxcon.errors import FileError
 from maxcon.exchange import swapped
+from maxcon.regular_file import special_kind
 
 __all__ = [
     "atomic_file",
@@ -24,7 +25,6 @@ __all__ = [
     "check_writable",
     "locked",
     "make_folder",
-    "special_kind",
 ]
 
 
@@ -155,13 +155,6 @@ def _behind_links(path: Path) -> Path:
         return Path(os.path.realpath(path)) if path.is_symlink() else path
     except OSError:  # too long a name: told by what comes next
         return path
-
-
-def special_kind(mode: int) -> str:
-    """Return what stands in the file system where there is neither file nor folder, from its `st_mode`."""
-    if stat.S_ISFIFO(mode):
-        return "FIFO"
-    return "socket" if stat.S_ISSOCK(mode) else "device"
 
 
 def _beside(path: Path) -> Path:

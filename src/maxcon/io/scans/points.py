@@ -11,6 +11,7 @@ from maxcon.errors import FileError
 from maxcon.io.clouds import CLOUD_SUFFIXES, open_cloud
 from maxcon.io.clouds.base import as_float64
 from maxcon.io.scans.pcd import read_pcd_points
+from maxcon.regular_file import check_regular
 
 __all__ = ["MAX_SCAN_POINTS", "SCAN_SUFFIXES", "read_scan_points"]
 
@@ -32,6 +33,7 @@ def read_scan_points(file: Path) -> NDArray[np.float64]:
     """
     suffix = file.suffix.lower()
     try:
+        check_regular(file)
         if suffix == ".bin":
             return _read_kitti(file)
         return read_pcd_points(file, MAX_SCAN_POINTS) if suffix == ".pcd" else _read_cloud(file)
