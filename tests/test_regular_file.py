@@ -42,7 +42,7 @@ def test_what_is_no_file_is_not(tmp_path, fifo):
 
 @pytest.mark.parametrize("suffix", CLOUD_SUFFIXES)
 def test_a_fifo_as_cloud(fifo, suffix):
-    with pytest.raises(FileError, match="a FIFO. Name a file"):
+    with pytest.raises(FileError, match=r"a FIFO\. Name a file"):
         open_cloud(fifo(f"a{suffix}"))
 
 

@@ -5,8 +5,8 @@
 import errno
 import os
 import stat
+from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
 
 __all__ = ["check_regular", "open_regular", "special_kind"]
 
@@ -29,7 +29,7 @@ def check_regular(path: str | os.PathLike[str]) -> None:
     _check(path, os.stat(path).st_mode)  # noqa: PTH116 - also names that are no Path
 
 
-def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
+def open_regular(path: str | os.PathLike[str]) -> BufferedReader:
     """Open a file to read its bytes; what is none is refused, at once.
 
     Raises

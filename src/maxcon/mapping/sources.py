@@ -119,12 +119,17 @@ def common_crs(headers: Sequence[CloudHeader], crs: str | None) -> str | None:
     Raises
     ------
     CrsError
-        If sources disagree, or some name a CRS and some do not and `crs` is None.
+        If sources disagree, or some name a CRS and some none, or none that is known, and `crs` is None.
     """
     wanted = metric_crs(crs) if crs is not None else None
     first: tuple[CloudHeader, str] | None = None
     for header in headers:
         own = metric_crs(header.crs) if header.crs is not None else wanted
+        if own is None and header.crs_fault:
+            raise CrsError(
+                f"Expected a coordinate reference system that PROJ knows in {header.path}, got {header.crs_fault}."
+                " Say which it is with --crs, or assign it anew."
+            )
         if own is None:
             continue
         if wanted is not None and not same_crs(own, wanted):

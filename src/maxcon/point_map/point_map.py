@@ -5,6 +5,7 @@
 import math
 import os
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, SupportsIndex
 
 import numpy as np
@@ -151,7 +152,7 @@ class PointMap:
         store = TileStore(path, manifest, cache_bytes=cache_bytes)
         frame, ground = LocalFrame(manifest.origin, manifest.crs), GroundStore(path, manifest)
         opened = cls(frame, manifest.cell, manifest.is_signed, store, manifest.sigma, ground)
-        opened._made_by = _opened, (os.path.abspath(path), cache_bytes)
+        opened._made_by = _opened, (str(Path(path).absolute()), cache_bytes)
         return opened
 
     def level(self, factor: int) -> "PointMap":

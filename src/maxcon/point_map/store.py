@@ -152,7 +152,7 @@ def _content(path: Path, most_bytes: int) -> Any:
         if size > most_bytes:
             raise OSError(errno.EFBIG, f"{size:,} bytes, more than its voxels take")
         content = _memory(size)
-        n_read = file.readinto(content)
+        n_read = file.readinto(content) or 0
         return pa.py_buffer(content).slice(0, n_read)
 
 
