@@ -134,12 +134,11 @@ def test_a_prior_far_beyond_any_map(not_localized, rows):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--half-width", "1", "--cell", "0.06"), ("multiple", "1.02 m")),
+        (("--half-width", "3000", "--heading-half-width-deg", "180", "--cell", "0.06"), ("cells", "7.21e+12", "Narrow")),
         (("--half-width", "-3"), ("half width >= 0", "-3")),
         (("--half-width", "nan"), ("nan",)),
         (("--half-width", "60000"), ("cells", "Narrow")),
         (("--heading-half-width-deg", "-1"), ("-1",)),
-        (("--heading-half-width-deg", "0.7", "--cell", "0.06"), ("multiple", "1 degrees")),
         (("--cell", "0.05", "--half-width", "1"), ("voxel edge", "0.05")),
         (("--cell", "0"), ("step > 0",)),
         (("--sigma-position", "1"), ("--sigma-position and --sigma-heading-deg", "no --sigma-heading-deg")),
