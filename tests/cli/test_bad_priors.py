@@ -134,7 +134,10 @@ def test_a_prior_far_beyond_any_map(not_localized, rows):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--half-width", "3000", "--heading-half-width-deg", "180", "--cell", "0.06"), ("cells", "7.21e+12", "Narrow")),
+        (
+            ("--half-width", "3000", "--heading-half-width-deg", "180", "--cell", "0.06"),
+            ("cells", "7.21e+12", "Narrow"),
+        ),
         (("--half-width", "-3"), ("half width >= 0", "-3")),
         (("--half-width", "nan"), ("nan",)),
         (("--half-width", "60000"), ("cells", "Narrow")),

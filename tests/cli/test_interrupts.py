@@ -34,12 +34,12 @@ def stop_when_begun(maxcon_process):
 
     def run(number, began, *arguments):
         with maxcon_process(*arguments, script=SLOW) as process:
-            end = time.monotonic() + 60.0
+            end = time.monotonic() + 600.0
             while not began() and process.poll() is None and time.monotonic() < end:
                 time.sleep(0.005)
             assert process.poll() is None, process.stderr.read()
             process.send_signal(number)
-            _, err = process.communicate(timeout=60)
+            _, err = process.communicate(timeout=600)
         return process.returncode, err
 
     return run
@@ -76,7 +76,7 @@ def test_what_ignores_hangups_goes_on(maxcon_process, build, out):
         while not list(out.glob(".city.map.partial-*")) and process.poll() is None:
             time.sleep(0.005)
         process.send_signal(signal.SIGHUP)
-        process.communicate(timeout=60)
+        process.communicate(timeout=600)
     assert process.returncode == 0
     assert sorted(path.name for path in out.iterdir()) == ["city.map"]
 
@@ -103,6 +103,6 @@ main()
 """
     arguments = ("localize", drive.city, drive.dataset.scans, "--prior", drive.dataset.prior)
     with maxcon_process(*arguments, "-o", tmp_path / "poses.csv", script=script) as process:
-        _, err = process.communicate(timeout=60)
+        _, err = process.communicate(timeout=600)
     assert (process.returncode, err) == (128 + signal.SIGTERM, "")
     assert list(tmp_path.iterdir()) == []

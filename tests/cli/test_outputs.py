@@ -165,5 +165,5 @@ def test_the_reader_of_the_output_goes_away(maxcon_process, drive):
     with maxcon_process("map", "info", drive.city) as process:
         process.stdout.close()
         err = process.stderr.read()
-        process.wait(timeout=60)
+        process.wait(timeout=600)
     assert "Traceback" not in err
