@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from maxcon.cli import demo, localize, maps, report, simulate, study, warmup
+from maxcon.cli import demo, export, localize, maps, report, simulate, study, warmup
 from maxcon.cli.stopping import stopping_in_order
 from maxcon.errors import MaxconError
 
@@ -23,6 +23,7 @@ app = typer.Typer(
 )
 app.add_typer(maps.app, name="map")
 app.command("localize")(localize.localize)
+app.command("export", short_help="Write poses as GeoJSON, GeoPackage, KML, TUM, KITTI.")(export.export)
 app.command("simulate", short_help="Simulate a city, its mapping and scans.")(simulate.simulate)
 app.command("study", short_help="Compare methods over the epochs of a dataset.")(study.study)
 app.command("report", short_help="Write the page of a study.")(report.report)
