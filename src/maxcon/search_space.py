@@ -83,8 +83,8 @@ class SearchSpace:
         if self.cell is not None and self.n_cells > MOST_CELLS:
             n_headings, ny, nx = self.shape
             raise SearchSpaceError(
-                f"Expected at most {MOST_CELLS:,} cells in a search space, got {self.n_cells:.3g}: {n_headings:,} headings"
-                f" of {ny:,} x {nx:,} positions. Narrow it, or take larger steps."
+                f"Expected at most {MOST_CELLS:,} cells in a search space, got {self.n_cells:.3g}:"
+                f" {n_headings:,} headings of {ny:,} x {nx:,} positions. Narrow it, or take larger steps."
             )
 
     @classmethod

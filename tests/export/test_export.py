@@ -16,7 +16,7 @@ from maxcon import Pose
 from maxcon.errors import CrsError, FileError, OptionError, TrajectoryError
 from maxcon.export import EXPORT_SUFFIXES, export_poses, read_rows
 from maxcon.io.trajectories import read_trajectory
-from maxcon.poses_table import COLUMNS
+from maxcon.poses_table import COLUMNS, COVARIANCES
 
 CRS = "EPSG:25832"
 POSES = [
@@ -38,12 +38,8 @@ def table(tmp_path):
             if pose is not None:
                 names = ("x", "y", "z", "roll", "pitch", "heading")
                 row |= {name: f"{getattr(pose, name):.9f}" for name in names}
-                row |= {
-                    "status": "localized",
-                    "score": "12.5",
-                    "cov_x_x": "0.0001",
-                    "cov_heading_heading": "1e-06",
-                }
+                row |= {name: "0.0001" if name[4:5] == name[-1:] else "0" for name in COVARIANCES}
+                row |= {"status": "localized", "score": "12.5", "cov_heading_heading": "1e-06"}
                 row |= {"protection_along": "0.05", "reason": ""}
             writer.writerow(row)
     return path

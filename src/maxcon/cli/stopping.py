@@ -35,7 +35,7 @@ class _Signals:
         self.throw()
 
     def look(self, number: int, frame: FrameType | None) -> None:
-        """Throw again what was swallowed: callbacks of compiled code, which is how it is loaded, let nothing through."""
+        """Throw again what was swallowed: callbacks of code that is loaded let nothing through."""
         if self._on_its_way is None or self._on_its_way() is None:
             self.throw()
 

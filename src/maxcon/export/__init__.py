@@ -30,8 +30,8 @@ def export_poses(
     table : path
         Written by `maxcon localize`.
     out : path
-        `.geojson` (WGS 84), `.gpkg` (in the CRS; needs the extra export), `.kml`, `.tum`, `.kitti` (and the times beside
-        it, `.times.txt`), or `.csv` with angles in degrees and compass bearings.
+        `.geojson` (WGS 84), `.gpkg` (in the CRS; needs the extra export), `.kml`, `.tum`, `.kitti` (and the times
+        beside it, `.times.txt`), or `.csv` with angles in degrees and compass bearings.
     crs : str, optional
         Code or WKT of the coordinates, which the table does not say: that of the map.
 
