@@ -179,6 +179,7 @@ def localize(
 
     Exit code 0: every epoch is localized; 1: some are not (the status column says why); 2: bad input.
     """
+    from maxcon.alternatives import alternative_that_fits
     from maxcon.atomic import check_folder, check_writable
     from maxcon.drive import DriveOptions
     from maxcon.integrity import Trust
@@ -222,6 +223,9 @@ def localize(
     epochs = written(out, there, drive, len(folder), draw, wanted, quiet)
     searched = spaces.words(windows, prior_trajectory, epochs)
     print_summary(epochs, out, searched, there=there, left_out=left_out)
+    if not there.n_localized and not any(epoch.pose_global is not None for epoch in epochs):
+        hint = alternative_that_fits(point_map, folder, epochs, windows or method, min_range, max_range)
+        typer.echo(hint or "meant otherwise (axes, angles, frames) they are not localized either")
     if tum is not None:
         write_trajectory(tum, out, there, epochs)
     if there.n_localized + sum(epoch.pose_global is not None for epoch in epochs) < len(folder):

@@ -25,6 +25,8 @@ CSV_COLUMNS = ("time", "x", "y", "z", "roll", "pitch", "heading")
 COVARIANCE_COLUMNS = (
     "cov_x_x", "cov_x_y", "cov_x_heading", "cov_y_y", "cov_y_heading", "cov_heading_heading",
 )  # fmt: skip
+OTHER_NAMES = ("yaw", "yaw_deg", "azimuth", "bearing", "course", "theta")
+"""Of headings, in other programs: some count from the north, or clockwise."""
 SIGMA_COLUMNS = ("sigma_x", "sigma_y", "sigma_heading")
 
 Line = tuple[int, str]
@@ -256,6 +258,14 @@ def _csv_row(file: Path, number: int, line: str, header: _CsvHeader) -> list[flo
         return []
     values = _numbers(file, number, [texts[index] for index, _ in header.pose], ",".join(CSV_COLUMNS))
     scaled = [value * scale for value, (_, scale) in zip(values, header.pose, strict=True)]
+    if max(map(abs, scaled[4:])) > 2.0 * math.pi + 1e-6:
+        angles = ",".join(header.names[index] for index, _ in header.pose[4:])
+        _refuse(
+            file,
+            number,
+            f"Expected {angles} within one turn, got {max(values[4:], key=abs):g}. Are these degrees? Then name"
+            " the columns roll_deg,pitch_deg,heading_deg; turns on end have to be taken off.",
+        )
     covariance = _covariance(file, number, header.names, texts, header.certainty)
     return [*scaled[:4], *quaternions_from_angles(*scaled[4:]).tolist(), *covariance]
 
@@ -272,16 +282,25 @@ def _columns(file: Path, number: int, header: list[str]) -> list[Column]:
     columns = []
     for name in CSV_COLUMNS:
         found = [(header.index(name), 1.0)] if name in header else []
+        if name == "time" and not found and "timestamp" in header:
+            found = [(header.index("timestamp"), 1.0)]
         if name in CSV_COLUMNS[4:] and f"{name}_deg" in header:
             found.append((header.index(f"{name}_deg"), math.pi / 180.0))
         if len(found) != 1 or header.count(header[found[0][0]]) != 1:
             got = ",".join(header)[:80]
             what = "no" if not found else "more than one"
+            other = next((other for other in OTHER_NAMES if name == "heading" and other in header), None)
+            advice = "Name the columns so, separated by commas."
+            if other is not None and not found:
+                advice = (
+                    f"Rename {other!r}, if it is counted from +x (east) counter-clockwise; a compass counts from north"
+                    " clockwise: 90 degrees less that."
+                )
             _refuse(
                 file,
                 number,
                 f"Expected a header with {','.join(CSV_COLUMNS)} (angles in rad, or as roll_deg,pitch_deg,"
-                f"heading_deg), got {what} {name!r} in {got!r}. Name the columns so, separated by commas.",
+                f"heading_deg), got {what} {name!r} in {got!r}. {advice}",
             )
         columns.append(found[0])
     return columns

@@ -190,6 +190,11 @@ def read_source(
         )
     with open_cloud(header.path) as reader:
         for chunk in reader.chunks():
+            if trajectory is not None and chunk.times is not None and not chunk.times.any():
+                raise OptionError(
+                    f"Expected times in {header.path} to match with the trajectory, but gps_time is 0 there."
+                    " Leave out --trajectory, or export the points with gps_time."
+                )
             is_wanted = (counts.n_points + np.arange(len(chunk.points))) % keep_every == 0
             yield _keep(chunk, is_wanted, counts, drop, trajectory, use_normals, header.has_asprs_classes)
 
