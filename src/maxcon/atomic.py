@@ -11,10 +11,10 @@ from contextlib import ExitStack, contextmanager, suppress
 from fnmatch import fnmatchcase
 from glob import escape
 from pathlib import Path
-from typing import BinaryIO
 
 from maxcon.errors import FileError
 from maxcon.exchange import swapped
+from maxcon.locks import try_lock
 from maxcon.regular_file import special_kind
 
 __all__ = [
@@ -23,7 +23,6 @@ __all__ = [
     "check_folder",
     "check_replaceable",
     "check_writable",
-    "locked",
     "make_folder",
 ]
 
@@ -262,7 +261,7 @@ def _open_folder(folder: Path) -> int | None:
 def _holds_lock(descriptor: int) -> bool | None:
     """Try to lock a folder; None where the file system knows no locks: what lies there is not swept away."""
     try:
-        return _try_lock(descriptor)
+        return try_lock(descriptor)
     except OSError:
         return None
 
@@ -283,50 +282,3 @@ def _exchange(partial: Path, target: Path) -> None:
             old.replace(target)
         raise
     _remove(old)
-
-
-@contextmanager
-def locked(path: str | os.PathLike[str], what: str) -> Iterator[BinaryIO]:
-    """Hold the lock of a file, open to append to, while the block runs; it is let go when the process ends, however.
-
-    Parameters
-    ----------
-    path : path
-        Made, empty, if it is not there; it stays.
-    what : str
-        What must not be done twice at once, for the message.
-
-    Raises
-    ------
-    FileError
-        If another process holds it, or the file cannot be made.
-    """
-    with ExitStack() as stack:
-        try:
-            file = stack.enter_context(Path(path).open("ab"))
-        except OSError as error:
-            raise _cannot_write(path, error) from error
-        if not _try_lock(file.fileno()):
-            raise FileError(
-                f"Expected {what} to be left alone, but another process is at work on it. Wait for it, or stop it."
-            )
-        yield file
-
-
-def _try_lock(descriptor: int) -> bool:
-    """Take the lock of an open file, if nobody else has it."""
-    if os.name == "nt":
-        import msvcrt
-
-        try:
-            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined, unused-ignore]
-        except OSError:
-            return False
-        return True
-    import fcntl
-
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True

@@ -16,10 +16,11 @@ from typing import BinaryIO, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.atomic import atomic_file, locked
+from maxcon.atomic import atomic_file
 from maxcon.drive import EpochEstimate
 from maxcon.errors import FileError
 from maxcon.estimate import Status
+from maxcon.locks import locked
 from maxcon.trajectory import Trajectory
 
 __all__ = ["COLUMNS", "GrowingTable", "RowsThere", "localized_trajectory", "rows_there", "write_poses"]

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
-    from maxcon.drive import EpochEstimate
+    from maxcon.drive import DriveOptions, EpochEstimate, Method
+    from maxcon.io.scans import ScanFolder
+    from maxcon.point_map import PointMap
     from maxcon.poses_table import RowsThere
 
-__all__ = ["print_summary"]
+__all__ = ["print_alternative", "print_summary"]
 
 
 def print_summary(
@@ -56,3 +58,19 @@ def print_summary(
         typer.echo(
             f"{len(doubtful)} have a reason beside them; the first, epoch {first.epoch}: {first.reason}"
         )
+
+
+def print_alternative(
+    point_map: "PointMap",
+    scans: "ScanFolder",
+    epochs: "list[EpochEstimate]",
+    method: "Method",
+    options: "DriveOptions",
+) -> None:
+    """Say what prior or scans would have to mean for epochs to be localized, where none is."""
+    from maxcon.alternatives import alternative_that_fits
+
+    if any(epoch.pose_global is not None for epoch in epochs):
+        return
+    found = alternative_that_fits(point_map, scans, epochs, method, options.min_range, options.max_range)
+    typer.echo(found or "meant otherwise (axes, angles, frames) they are not localized either")

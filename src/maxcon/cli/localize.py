@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from maxcon.cli.drive_summary import print_summary
+from maxcon.cli.drive_summary import print_alternative, print_summary
 from maxcon.cli.method_options import MultiplicityName, ObjectiveName, SearchName, WeightingName
 from maxcon.cli.options import MaxRange, MinRange
 from maxcon.cli.pictures import drawer, parse_epochs
@@ -179,7 +179,6 @@ def localize(
 
     Exit code 0: every epoch is localized; 1: some are not (the status column says why); 2: bad input.
     """
-    from maxcon.alternatives import alternative_that_fits
     from maxcon.atomic import check_folder, check_writable
     from maxcon.drive import DriveOptions
     from maxcon.integrity import Trust
@@ -223,9 +222,8 @@ def localize(
     epochs = written(out, there, drive, len(folder), draw, wanted, quiet)
     searched = spaces.words(windows, prior_trajectory, epochs)
     print_summary(epochs, out, searched, there=there, left_out=left_out)
-    if not there.n_localized and not any(epoch.pose_global is not None for epoch in epochs):
-        hint = alternative_that_fits(point_map, folder, epochs, windows or method, min_range, max_range)
-        typer.echo(hint or "meant otherwise (axes, angles, frames) they are not localized either")
+    if not there.n_localized:
+        print_alternative(point_map, folder, epochs, windows or method, options)
     if tum is not None:
         write_trajectory(tum, out, there, epochs)
     if there.n_localized + sum(epoch.pose_global is not None for epoch in epochs) < len(folder):
