@@ -107,7 +107,7 @@ def alternative_that_fits(
     min_range: float,
     max_range: float,
 ) -> str:
-    """Return in words which alternative localizes some of the epochs, all that are tried; empty if none does.
+    """Return in words which alternative localizes all epochs that are tried; empty if there is none to try.
 
     Parameters
     ----------
@@ -129,8 +129,10 @@ def alternative_that_fits(
             read.append((epoch, scans.read(epoch.epoch, 0.0, math.inf)))
         except FileError:
             continue
+    if not read:
+        return ""
     for alternative in ALTERNATIVES:
-        if read and all(
+        if all(
             _is_localized(
                 alternative, raw.points, epoch.prior, raw.time, point_map, method, min_range, max_range
             )
@@ -138,7 +140,7 @@ def alternative_that_fits(
             if epoch.prior is not None
         ):
             return f"{len(read)} of {len(read)} tried would be localized {alternative.words}"
-    return ""
+    return "meant otherwise (axes, angles, frames) they are not localized either"
 
 
 def _is_localized(

@@ -73,4 +73,5 @@ def print_alternative(
     if any(epoch.pose_global is not None for epoch in epochs):
         return
     found = alternative_that_fits(point_map, scans, epochs, method, options.min_range, options.max_range)
-    typer.echo(found or "meant otherwise (axes, angles, frames) they are not localized either")
+    if found:
+        typer.echo(found)
