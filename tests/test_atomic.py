@@ -1,13 +1,17 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Nothing is ever half written: files and folders appear whole, or not at all (D10)."""
+"""Nothing is ever half written: files and folders appear whole, or not at all (D10, decision 25)."""
 
 import errno
+import fcntl
 import os
+import signal
+import socket
+import stat
 
 import pytest
 
-from maxcon.atomic import atomic_file, atomic_folder, make_folder
+from maxcon.atomic import atomic_file, atomic_folder, check_writable, make_folder
 from maxcon.errors import FileError, MaxconError
 
 
@@ -74,7 +78,7 @@ def test_a_file_in_no_folder_or_over_a_folder(tmp_path):
     ):
         partial.write_text("x")
     (tmp_path / "folder").mkdir()
-    with pytest.raises(FileError, match="able to write"), atomic_file(tmp_path / "folder") as partial:
+    with pytest.raises(FileError, match="got the folder"), atomic_file(tmp_path / "folder") as partial:
         partial.write_text("x")
     assert names(tmp_path) == ["folder"]
 
@@ -111,6 +115,166 @@ def test_a_folder_that_exists_is_refused_before_the_work(tmp_path):
     assert names(tmp_path) == ["city.map"]
 
 
+@pytest.mark.parametrize("has_swap", [True, False])
+@pytest.mark.parametrize("after", range(4))
+def test_a_signal_anywhere_in_the_exchange_loses_neither_folder(tmp_path, monkeypatch, has_swap, after):
+    """Stop before the first step, after the first, and so on: the old folder, or the new one, stands there, whole."""
+    target = tmp_path / "city.map"
+    target.mkdir()
+    (target / "old").write_text("old")
+    cls, rename = type(target), type(target).replace
+    if not has_swap:
+        monkeypatch.setattr("maxcon.atomic.swapped", lambda one, other: False)
+    steps_left = [after]
+
+    def replace(self, other):
+        if steps_left == [0]:
+            steps_left.clear()
+            raise Interrupted
+        rename(self, other)
+        if steps_left == [1]:
+            steps_left.clear()
+            raise Interrupted
+        steps_left[:] = [n - 1 for n in steps_left]
+        return other
+
+    monkeypatch.setattr(cls, "replace", replace)
+    try:
+        with atomic_folder(target, overwrite=True) as partial:
+            (partial / "new").write_text("new")
+    except Interrupted:
+        pass
+    assert names(target) in (["old"], ["new"])
+    assert names(tmp_path) == ["city.map"] or names(target) == ["new"]
+
+
+def test_overwriting_is_one_step_here(tmp_path, monkeypatch):
+    """On Linux no rename of Python's is needed: a kill in between leaves one of the two where it was asked for."""
+    target = tmp_path / "city.map"
+    target.mkdir()
+    monkeypatch.setattr(type(target), "replace", None)
+    with atomic_folder(target, overwrite=True) as partial:
+        (partial / "new").write_text("new")
+    assert names(target) == ["new"]
+    assert names(tmp_path) == ["city.map"]
+
+
+def test_what_a_killed_process_left_is_swept_up(tmp_path):
+    target = tmp_path / "city.map"
+    child = os.fork()
+    if child == 0:
+        with atomic_folder(target) as partial:
+            (partial / "half").write_text("half")
+            os.kill(os.getpid(), signal.SIGKILL)
+    os.waitpid(child, 0)
+    assert len(names(tmp_path)) == 1
+    (tmp_path / ".other.map.partial-12345678").mkdir()
+    with atomic_folder(target):
+        pass
+    assert names(tmp_path) == [".other.map.partial-12345678", "city.map"]
+
+
+def test_the_folder_of_a_process_at_work_is_left_alone(tmp_path):
+    target = tmp_path / "city.map"
+    with atomic_folder(target, overwrite=True) as one:
+        with atomic_folder(target, overwrite=True) as other:
+            assert one.exists()
+            (other / "other").touch()
+        (one / "one").touch()
+    assert names(target) == ["one"]
+    assert names(tmp_path) == ["city.map"]
+
+
+def test_a_folder_whose_lock_is_held_is_nobody_elses(tmp_path):
+    left = tmp_path / ".city.map.partial-12345678"
+    left.mkdir()
+    descriptor = os.open(left, os.O_RDONLY)
+    fcntl.flock(descriptor, fcntl.LOCK_EX)
+    with atomic_folder(tmp_path / "city.map"):
+        pass
+    assert left.exists()
+    os.close(descriptor)
+    with atomic_folder(tmp_path / "city.map", overwrite=True):
+        pass
+    assert not left.exists()
+
+
+@pytest.fixture(params=["FIFO", "socket"])
+def special(request, tmp_path):
+    """Something that is neither file nor folder; a device would need other rights, and is refused alike."""
+    path = tmp_path / "special"
+    if request.param == "FIFO":
+        os.mkfifo(path)
+        yield path, request.param
+    else:
+        with socket.socket(socket.AF_UNIX) as bound:
+            bound.bind(str(path))
+            yield path, request.param
+
+
+def test_nothing_but_a_file_is_replaced(tmp_path, special):
+    path, kind = special
+    before = path.stat().st_mode
+    link = tmp_path / "link"
+    link.symlink_to(path)
+    for name in (path, link):
+        with pytest.raises(FileError, match=f"special|link.*{kind}.*Name a file"):
+            check_writable(name)
+        with pytest.raises(FileError, match=kind), atomic_file(name) as partial:
+            partial.write_text("x")
+    assert path.stat().st_mode == before
+    assert names(tmp_path) == ["link", "special"]
+
+
+def test_what_became_special_while_it_was_written_is_not_replaced(tmp_path):
+    path = tmp_path / "poses.csv"
+    with pytest.raises(FileError, match="FIFO"), atomic_file(path) as partial:
+        partial.write_text("x")
+        os.mkfifo(path)
+    assert stat.S_ISFIFO(path.stat().st_mode)
+
+
+@pytest.mark.parametrize("exists", [True, False])
+def test_a_file_behind_a_link_is_written_there(tmp_path, exists):
+    (tmp_path / "there").mkdir()
+    file, link = tmp_path / "there" / "poses.csv", tmp_path / "link.csv"
+    link.symlink_to(file)
+    if exists:
+        file.write_text("old")
+    check_writable(link)
+    with atomic_file(link) as partial:
+        partial.write_text("new")
+    assert link.is_symlink()
+    assert file.read_text() == "new"
+    assert names(tmp_path / "there") == ["poses.csv"]
+
+
+def test_links_in_a_circle(tmp_path):
+    (tmp_path / "a").symlink_to(tmp_path / "b")
+    (tmp_path / "b").symlink_to(tmp_path / "a")
+    with pytest.raises(FileError, match="able to write"):
+        check_writable(tmp_path / "a")
+    assert names(tmp_path) == ["a", "b"]
+
+
+def test_a_folder_behind_a_link_is_overwritten_there(tmp_path):
+    folder, link = tmp_path / "disk" / "city.map", tmp_path / "link.map"
+    folder.mkdir(parents=True)
+    link.symlink_to(folder)
+    with atomic_folder(link, overwrite=True) as partial:
+        (partial / "new").touch()
+    assert link.is_symlink()
+    assert names(folder) == ["new"]
+    assert names(tmp_path / "disk") == ["city.map"]
+
+
+def test_a_file_is_no_folder_to_overwrite(tmp_path):
+    (tmp_path / "file").write_text("old")
+    with pytest.raises(FileError, match="got the file"), atomic_folder(tmp_path / "file", overwrite=True):
+        pass
+    assert (tmp_path / "file").read_text() == "old"
+
+
 @pytest.mark.parametrize("error", [ValueError("no"), KeyboardInterrupt(), full_disk()])
 def test_overwriting_keeps_the_old_folder_when_the_new_one_fails(tmp_path, error):
     target = tmp_path / "city.map"
@@ -137,6 +301,7 @@ def test_overwriting_replaces_the_whole_folder(tmp_path):
 
 def test_the_old_folder_comes_back_when_the_exchange_fails(tmp_path, monkeypatch):
     """The second of two renames fails: the first is taken back."""
+    monkeypatch.setattr("maxcon.atomic.swapped", lambda one, other: False)
     target = tmp_path / "city.map"
     target.mkdir()
     (target / "old").write_text("old")

@@ -2,6 +2,10 @@
 # SPDX-License-Identifier: MIT
 """What a dataset.toml may say, and what is said of one that is wrong."""
 
+import os
+import time
+import tracemalloc
+
 import pytest
 
 from maxcon.dataset import Dataset
@@ -129,3 +133,48 @@ def test_what_is_no_dataset_is_refused(tmp_path):
     (tmp_path / "dataset.toml").write_bytes(b"\xff\xfe")
     with pytest.raises(FileError, match="Expected a dataset's description"):
         Dataset.open(tmp_path)
+
+
+@pytest.mark.parametrize("key", ["folder", "clouds", "reference", "gnss"])
+def test_names_longer_than_any_file_system_takes(folder, key):
+    text = "\n".join(
+        f'{key} = "{"a" * 300}"' if line.startswith(f"{key} =") else line for line in PLAIN.splitlines()
+    )
+    with pytest.raises(FileError, match=rf"Expected {key} under .*a{{70}}.*: File name too long"):
+        opened(folder, text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        ".".join("a" * 20_000) + " = 1",
+        "x = 1\n[" + ".".join(["'a'"] * 20_000) + "]",
+        " . ".join(['"a b"'] * 10_000) + " = 1",
+        "[map]\n" + "\n".join(".".join(["a"] * 100 + [str(number)]) + " = 1" for number in range(1000)),
+        "a = " + "[" * 100_000,
+        "a = " + "{a=" * 50_000,
+        "a" * 1_000_000,
+    ],
+    ids=["dotted", "header", "quoted", "many", "lists", "tables", "word"],
+)
+def test_deep_keys_are_refused_in_little_memory(folder, text):
+    tracemalloc.start()
+    started = time.monotonic()
+    with pytest.raises(FileError, match="got"):
+        opened(folder, text)
+    assert time.monotonic() - started < 10.0
+    assert tracemalloc.get_traced_memory()[1] < 2**27
+    tracemalloc.stop()
+
+
+def test_dots_elsewhere_are_none_of_a_key(folder):
+    (folder / "map" / "a.1.2.3.laz").touch()
+    clouds = '", "'.join(["map/a.1.2.3.laz"] * 50)
+    dataset = opened(folder, PLAIN.replace('"map/*.laz"', f'["{clouds}"]') + "# " + "a." * 10 + "\n")
+    assert [path.name for path in dataset.map_clouds] == ["a.1.2.3.laz"]
+
+
+def test_a_fifo_as_description(folder):
+    os.mkfifo(folder / "dataset.toml")
+    with pytest.raises(FileError, match="a FIFO, no file"):
+        Dataset.open(folder)

@@ -115,7 +115,7 @@ def test_python_in_documents_runs_and_prints_what_it_says(path, tmp_path):
         capture_output=True,
         text=True,
         cwd=tmp_path,
-        timeout=600,  # it may have to compile
+        timeout=900,  # it may have to compile
     )
     assert (ended.returncode, ended.stderr) == (0, "")
     prints = [line for line in source.splitlines() if line.startswith("print(")]

@@ -422,3 +422,12 @@ def test_half_widths_that_are_none_are_refused_of_open_spaces_too(half_width):
         SearchSpace(half_width)
     with pytest.raises(SearchSpaceError, match="half width >= 0 for the headings"):
         SearchSpace(heading_half_width_deg=half_width)
+
+
+def test_an_absurd_space_is_refused_before_it_is_searched():
+    with pytest.raises(
+        SearchSpaceError, match=r"at most 68,719,476,736 cells .* got 3\.6e\+14: 36,001 headings of"
+    ):
+        SearchSpace(3000.0, 0.06, 180.0, 0.01)
+    assert SearchSpace(3000.0, None, 180.0).is_open  # its cells are the method's to choose
+    assert SearchSpace(60.0, 0.06, 180.0, 0.5).n_cells == 721 * 2000 * 2000

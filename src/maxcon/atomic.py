@@ -1,16 +1,21 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Outputs are written beside their place and renamed, so that nothing is ever half written (D10)."""
+"""Outputs are written beside their place and renamed, so that nothing is ever half written (D10, decision 25)."""
 
 import os
 import shutil
+import stat
 import uuid
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from fnmatch import fnmatchcase
+from glob import escape
 from pathlib import Path
 
 from maxcon.errors import FileError
+from maxcon.exchange import swapped
+from maxcon.locks import try_lock
+from maxcon.regular_file import special_kind
 
 __all__ = [
     "atomic_file",
@@ -18,7 +23,6 @@ __all__ = [
     "check_folder",
     "check_replaceable",
     "check_writable",
-    "locked",
     "make_folder",
 ]
 
@@ -45,12 +49,10 @@ def check_writable(path: str | os.PathLike[str]) -> None:
     Raises
     ------
     FileError
-        If it is a folder, or its own folder does not exist or takes no files.
+        If it is a folder or no file at all (a device, a FIFO), or its own folder does not exist or takes no files.
     """
-    partial = _beside(Path(path))
+    partial = _beside(_output_file(path))
     try:
-        if Path(path).is_dir():
-            raise FileError(f"Expected a file to write, got the folder {path}. Name a file in it.")
         partial.touch()
     except OSError as error:
         raise _cannot_write(path, error) from error
@@ -59,19 +61,20 @@ def check_writable(path: str | os.PathLike[str]) -> None:
 
 
 def check_folder(path: str | os.PathLike[str]) -> None:
-    """Refuse a folder for outputs that is a file, before the work whose outcome it shall hold.
+    """Refuse a folder for outputs that cannot be made, before the work whose outcome it shall hold.
 
     Raises
     ------
     FileError
-        If it is a file, or no name of a folder.
+        If it, or what it shall be in, is no folder, or its name is none.
     """
     try:
-        is_file = Path(path).is_file()
+        there = next(place for place in (Path(path), *Path(path).absolute().parents) if place.exists())
+        is_folder = there.is_dir()
     except OSError as error:
         raise _cannot_write(path, error) from error
-    if is_file:
-        raise FileError(f"Expected a folder to write into, got the file {path}. Name another.")
+    if not is_folder:
+        raise FileError(f"Expected a folder to write into, {path}, got the file {there}. Name another.")
 
 
 def check_replaceable(path: str | os.PathLike[str], what: str, names: Sequence[str]) -> None:
@@ -121,6 +124,38 @@ def _cannot_write(path: str | os.PathLike[str], error: OSError) -> FileError:
     )
 
 
+def _output_file(path: str | os.PathLike[str]) -> Path:
+    """Return the file to write where `path` says: behind symbolic links, which stay; nothing but files is replaced.
+
+    Raises
+    ------
+    FileError
+        If a folder stands there, a device, a FIFO or a socket, or links that lead nowhere.
+    """
+    target = _behind_links(Path(path))
+    try:
+        mode = target.stat().st_mode
+    except FileNotFoundError:
+        return target
+    except OSError as error:
+        raise _cannot_write(path, error) from error
+    if stat.S_ISDIR(mode):
+        raise FileError(f"Expected a file to write, got the folder {path}. Name a file in it.")
+    if not stat.S_ISREG(mode):
+        raise FileError(
+            f"Expected a file to write, got {path}, a {special_kind(mode)}: it would be replaced. Name a file."
+        )
+    return target
+
+
+def _behind_links(path: Path) -> Path:
+    """Return where a symbolic link leads, which need not exist; any other path as it is."""
+    try:
+        return Path(os.path.realpath(path)) if path.is_symlink() else path
+    except OSError:  # too long a name: told by what comes next
+        return path
+
+
 def _beside(path: Path) -> Path:
     """Return a name in the same folder (same file system) that nobody else uses."""
     if path.name in ("", ".."):
@@ -144,13 +179,14 @@ def atomic_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     Raises
     ------
     FileError
-        If the folder does not exist or the file cannot be written (full disk, no permission).
+        If the folder does not exist, the file cannot be written (full disk, no permission), or something other than a
+        file stands there.
     """
-    target = Path(path)
+    target = _output_file(path)
     partial = _beside(target)
     try:
         yield partial
-        partial.replace(target)
+        partial.replace(_output_file(target))
     except OSError as error:
         raise _cannot_write(target, error) from error
     finally:
@@ -161,26 +197,73 @@ def atomic_file(path: str | os.PathLike[str]) -> Iterator[Path]:
 def atomic_folder(path: str | os.PathLike[str], *, overwrite: bool = False) -> Iterator[Path]:
     """Yield an empty folder to fill; it becomes `path` when the block ends well and vanishes otherwise.
 
+    Folders that a killed process left half filled for the same `path` are removed.
+
     Raises
     ------
     FileError
         If `path` exists and `overwrite` is False, or the folder cannot be written.
     """
-    target = Path(path)
-    partial = _beside(target)
-    try:
-        if target.exists() and not overwrite:
-            raise FileError(
-                f"Expected {target} not to exist yet, but it does."
-                " Name another, remove it, or allow overwriting it (--overwrite)."
-            )
+    target = _behind_links(Path(path))
+    _beside(target)  # refuses what is no name
+    with ExitStack() as stack:
+        try:
+            if target.exists() and not overwrite:
+                raise FileError(
+                    f"Expected {target} not to exist yet, but it does."
+                    " Name another, remove it, or allow overwriting it (--overwrite)."
+                )
+            if target.exists() and not target.is_dir():
+                raise FileError(f"Expected a folder to overwrite, got the file {target}. Name another.")
+            _sweep(target)
+            partial = _locked_folder(target, stack)
+            yield partial
+            _exchange(partial, target)
+        except OSError as error:
+            raise _cannot_write(target, error) from error
+
+
+def _locked_folder(target: Path, stack: ExitStack) -> Path:
+    """Make a folder beside `target` that is removed, and whose lock is held, until the stack is left."""
+    while True:
+        partial = _beside(target)
+        stack.callback(_remove, partial)
         partial.mkdir()
-        yield partial
-        _exchange(partial, target)
-    except OSError as error:
-        raise _cannot_write(target, error) from error
-    finally:
-        _remove(partial)
+        descriptor = _open_folder(partial)
+        if descriptor is None:
+            return partial
+        stack.callback(os.close, descriptor)
+        if _holds_lock(descriptor) is not False and partial.exists():
+            return partial  # else it was swept away before it was locked
+
+
+def _sweep(target: Path) -> None:
+    """Remove the folders that killed processes left beside `target`: nobody holds their locks."""
+    for left in target.parent.glob(f".{escape(target.name)}.partial-*"):
+        descriptor = _open_folder(left)
+        if descriptor is None:
+            continue
+        try:
+            if _holds_lock(descriptor):
+                _remove(left)
+        finally:
+            os.close(descriptor)
+
+
+def _open_folder(folder: Path) -> int | None:
+    """Return a descriptor of a folder, to lock it; None if it is none, or of a system that opens no folders."""
+    try:
+        return os.open(folder, os.O_RDONLY | getattr(os, "O_DIRECTORY", 0))
+    except OSError:
+        return None
+
+
+def _holds_lock(descriptor: int) -> bool | None:
+    """Try to lock a folder; None where the file system knows no locks: what lies there is not swept away."""
+    try:
+        return try_lock(descriptor)
+    except OSError:
+        return None
 
 
 def _exchange(partial: Path, target: Path) -> None:
@@ -188,58 +271,14 @@ def _exchange(partial: Path, target: Path) -> None:
     if not target.exists():
         partial.replace(target)
         return
-    old = _beside(target)
-    target.replace(old)
+    if swapped(partial, target):
+        return  # the old one is where `partial` was, and is removed there
+    old = target.with_name(f".{target.name}.old-{uuid.uuid4().hex[:8]}")
     try:
+        target.replace(old)
         partial.replace(target)
-    except OSError:
-        old.replace(target)
+    except BaseException:  # a signal, too
+        if old.exists() and not target.exists():
+            old.replace(target)
         raise
     _remove(old)
-
-
-@contextmanager
-def locked(path: str | os.PathLike[str], what: str) -> Iterator[None]:
-    """Hold the lock of a file while the block runs; the system lets go of it when the process ends, however.
-
-    Parameters
-    ----------
-    path : path
-        Made if it is not there; it stays, empty.
-    what : str
-        What must not be done twice at once, for the message.
-
-    Raises
-    ------
-    FileError
-        If another process holds it, or the file cannot be made.
-    """
-    with ExitStack() as stack:
-        try:
-            file = stack.enter_context(Path(path).open("ab"))
-        except OSError as error:
-            raise _cannot_write(path, error) from error
-        if not _try_lock(file.fileno()):
-            raise FileError(
-                f"Expected {what} to be left alone, but another process is at work on it. Wait for it, or stop it."
-            )
-        yield
-
-
-def _try_lock(descriptor: int) -> bool:
-    """Take the lock of an open file, if nobody else has it."""
-    if os.name == "nt":
-        import msvcrt
-
-        try:
-            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined, unused-ignore]
-        except OSError:
-            return False
-        return True
-    import fcntl
-
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True

@@ -4,6 +4,7 @@
 
 import math
 import os
+import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,12 +12,15 @@ from pathlib import Path
 from typing import Any
 
 from maxcon.errors import FileError
+from maxcon.regular_file import open_regular
 
 __all__ = ["DESCRIPTION", "Dataset"]
 
 DESCRIPTION = "dataset.toml"
 LARGEST_DESCRIPTION = 2**20
 """Bytes; a description is a page of text."""
+DEEP_KEY = re.compile(r"""(?<![\w"'-])(?:(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){31}""")
+"""Keys of as many parts take memory that grows with the square of their length, before anyone looks at them."""
 
 _KEYS = {
     "map": {"clouds", "path", "trajectory", "crs", "drop", "vehicle_classes", "normals_have_sides", "sigma"},
@@ -133,11 +137,14 @@ class Dataset:
 def _read(file: Path) -> Mapping[str, Any]:
     """Return what the TOML file says."""
     try:
-        with file.open("rb") as stream:
-            text = stream.read(LARGEST_DESCRIPTION + 1)
-        if len(text) > LARGEST_DESCRIPTION:
+        with open_regular(file) as stream:
+            content = stream.read(LARGEST_DESCRIPTION + 1)
+        if len(content) > LARGEST_DESCRIPTION:
             raise ValueError(f"it has more than {LARGEST_DESCRIPTION:,} bytes")
-        return tomllib.loads(text.decode("utf-8"))
+        text = content.decode("utf-8")
+        if DEEP_KEY.search(text):
+            raise ValueError("a key of 32 parts or more")
+        return tomllib.loads(text)
     except (OSError, ValueError, RecursionError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise FileError(
@@ -222,12 +229,22 @@ class _Table:
 
     def _existing(self, table: str, key: str, name: str) -> Path:
         path = self.file.parent / name
-        if not path.exists():
+        try:
+            is_there = path.exists()
+        except OSError as error:  # too long a name
+            raise self._cannot_open(key, table, name, error) from error
+        if not is_there:
             raise FileError(
                 f"Expected {key} under [{table}] in {self.file} to name what exists, got {path}."
                 " Correct it; paths are relative to that file."
             )
         return path
+
+    def _cannot_open(self, key: str, table: str, name: str, error: OSError) -> FileError:
+        return FileError(
+            f"Expected {key} under [{table}] in {self.file} to name what exists, got {name[:80]!r}: {error.strerror}."
+            " Correct it; paths are relative to that file."
+        )
 
     def clouds(self) -> tuple[Path, ...]:
         """Files of one pattern or a list of them, in order; each pattern must find some."""
@@ -235,7 +252,10 @@ class _Table:
         patterns = (named,) if isinstance(named, str) else self.tuple_of("map", "clouds", str) or ()
         found: list[Path] = []
         for pattern in patterns:
-            files = _matching(self.file.parent, pattern)
+            try:
+                files = _matching(self.file.parent, pattern)
+            except OSError as error:
+                raise self._cannot_open("clouds", "map", pattern, error) from error
             if not files:
                 raise FileError(
                     f"Expected clouds under [map] in {self.file} to name files, got none for {pattern!r}. Correct it."

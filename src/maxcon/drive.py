@@ -117,6 +117,8 @@ def localize_drive(
     prior: Trajectory,
     method: Method,
     options: DriveOptions | None = None,
+    *,
+    first: int = 0,
     n_threads: int = 1,
 ) -> Iterator[EpochEstimate]:
     """Return an iterator over the estimates of all scans, in order of time; what cannot work is said at once.
@@ -133,6 +135,8 @@ def localize_drive(
         How each is localized.
     options : DriveOptions, optional
         Range limits and the largest gap of the prior.
+    first : int
+        Number of the epoch to begin with.
     n_threads : int
         Epochs localized at the same time; the answers and their order do not depend on it (D8). Each then takes longer
         than by itself.
@@ -156,22 +160,25 @@ def localize_drive(
     priors = priors_of_scans(point_map, scans, prior, options)
 
     def localize(epoch: int) -> EpochEstimate:
-        return _localize_epoch(epoch, point_map, scans, priors[epoch], method, options)
+        pose = priors[epoch]
+        if pose is None:
+            return _without_prior(epoch, scans, prior, options)
+        return _localize_epoch(epoch, point_map, scans, pose, method, options)
 
-    return _several_at_once(localize, len(priors), n_threads)
+    return _several_at_once(localize, range(first, len(priors)), n_threads)
 
 
 def _several_at_once(
-    localize: Callable[[int], EpochEstimate], n_epochs: int, n_threads: int
+    localize: Callable[[int], EpochEstimate], epochs: range, n_threads: int
 ) -> Iterator[EpochEstimate]:
     """Yield the estimates of epochs in order, so many of them made at the same time."""
     if n_threads == 1:
-        yield from map(localize, range(n_epochs))
+        yield from map(localize, epochs)
         return
     pool = ThreadPoolExecutor(n_threads, thread_name_prefix="epoch")
     begun: deque[Future[EpochEstimate]] = deque()
     try:
-        for epoch in range(n_epochs):
+        for epoch in epochs:
             begun.append(pool.submit(localize, epoch))
             if len(begun) > n_threads:
                 yield begun.popleft().result()
@@ -204,7 +211,7 @@ def _localize_epoch(
     epoch: int,
     point_map: PointMap,
     scans: Scans,
-    prior: Pose | None,
+    prior: Pose,
     method: Method,
     options: DriveOptions,
 ) -> EpochEstimate:
@@ -213,12 +220,25 @@ def _localize_epoch(
     if reason:
         return EpochEstimate(epoch, raw, Status.UNREADABLE, 0.0, scan, prior, reason=reason)
     status = status_without_search(point_map, scan, prior)
-    if status is not None or prior is None:
-        return EpochEstimate(epoch, raw, status or Status.NO_PRIOR, 0.0, scan, prior)
+    if status is not None:
+        return EpochEstimate(epoch, raw, status, 0.0, scan, prior)
     start = time.perf_counter()
     estimate = method.localize(scan, point_map, prior)
     milliseconds = 1e3 * (time.perf_counter() - start)
     return answered(epoch, raw, scan, prior, estimate, milliseconds, point_map)
+
+
+def _without_prior(epoch: int, scans: Scans, prior: Trajectory, options: DriveOptions) -> EpochEstimate:
+    """Return the answer of an epoch whose prior is not known, and why it is not."""
+    raw, unreadable = read_epoch(scans, epoch, options)
+    scan, status, reason = Scan(raw.points, time=raw.time), Status.UNREADABLE, unreadable
+    if not unreadable:
+        status = Status.NO_PRIOR
+        try:
+            prior.at(raw.time, options.max_gap)
+        except TrajectoryError as error:
+            reason = str(error)
+    return EpochEstimate(epoch, raw, status, 0.0, scan, reason=reason)
 
 
 def answered(

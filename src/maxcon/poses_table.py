@@ -3,23 +3,35 @@
 """POSES.csv: one row per epoch of a drive, localized or not."""
 
 import csv
+import io
 import math
 import os
 from collections.abc import Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import BinaryIO, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from maxcon.atomic import atomic_file
 from maxcon.drive import EpochEstimate
+from maxcon.errors import FileError
+from maxcon.estimate import Status
+from maxcon.locks import locked
 from maxcon.trajectory import Trajectory
 
-__all__ = ["COLUMNS", "localized_trajectory", "write_poses"]
+__all__ = ["COLUMNS", "GrowingTable", "RowsThere", "localized_trajectory", "rows_there", "write_poses"]
 
 UNKNOWNS = ("x", "y", "z", "roll", "pitch", "heading")
 COVARIANCES = tuple(f"cov_{UNKNOWNS[row]}_{UNKNOWNS[column]}" for row in range(6) for column in range(row, 6))
 COLUMNS = (
     "time", *UNKNOWNS, "score", "status", "ms", "protection_along", "protection_across", *COVARIANCES, "reason",
 )  # fmt: skip
+# A row has some 400 characters; a longer line is another kind of file.
+MAX_ROW = 10_000
 
 
 def write_poses(path: str | os.PathLike[str], epochs: Sequence[EpochEstimate]) -> None:
@@ -39,6 +51,158 @@ def write_poses(path: str | os.PathLike[str], epochs: Sequence[EpochEstimate]) -
         writer = csv.writer(file)
         writer.writerow(COLUMNS)
         writer.writerows(_row(epoch) for epoch in epochs)
+
+
+@dataclass(frozen=True, slots=True)
+class RowsThere:
+    """What an earlier call has written of a table.
+
+    Parameters
+    ----------
+    n_rows : int
+        Whole rows, below the header.
+    n_localized : int
+        How many of them have the status "localized".
+    n_bytes, size : int
+        Bytes of the header and the whole rows, and of the file: a killed writer may have left a part of a row.
+    """
+
+    n_rows: int = 0
+    n_localized: int = 0
+    n_bytes: int = 0
+    size: int = 0
+
+
+def rows_there(path: str | os.PathLike[str], times: NDArray[np.float64]) -> RowsThere:
+    """Return what is there of the table of scans at `times` (s); nothing, where there is no file.
+
+    Raises
+    ------
+    FileError
+        If it cannot be read, or its rows are not those of the first scans.
+    """
+    try:
+        with Path(path).open("rb") as file:
+            return _rows_of(Path(path), file, times)
+    except FileNotFoundError:
+        return RowsThere()
+    except OSError as error:
+        raise FileError(
+            f"Expected to be able to read {path}, got: {error.strerror}. Name another."
+        ) from error
+
+
+def _rows_of(path: Path, file: BinaryIO, times: NDArray[np.float64]) -> RowsThere:
+    def refuse(got: str) -> FileError:
+        return FileError(
+            f"Expected {path} to be a table of these scans, to go on with it, got {got}. Was it made of another"
+            " drive, or by another version? Name another, or replace it (--overwrite)."
+        )
+
+    n_rows, n_localized, n_bytes = -1, 0, 0
+    while line := file.readline(MAX_ROW):
+        if not line.endswith(b"\n"):
+            if len(line) == MAX_ROW:
+                raise refuse(f"a line of over {MAX_ROW} characters")
+            if n_rows < 0:
+                raise refuse("no header")
+            break  # the rest of a row whose writer was killed
+        try:
+            cells = next(csv.reader([line.decode("utf-8").rstrip("\r\n")], strict=True), [])
+        except (UnicodeDecodeError, csv.Error):
+            raise refuse("bytes that are no table") from None
+        if n_rows < 0 and tuple(cells) != COLUMNS:
+            raise refuse(f"another header, {line[:40].decode(errors='replace').strip()!r}")
+        if n_rows >= 0:
+            if n_rows == len(times) or len(cells) != len(COLUMNS) or cells[0] != f"{times[n_rows]:.9f}":
+                raise refuse(f"row {n_rows} of the time {cells[0][:20] if cells else ''!r}")
+            n_localized += cells[COLUMNS.index("status")] == Status.LOCALIZED.value
+        n_rows += 1
+        n_bytes += len(line)
+    return RowsThere(max(n_rows, 0), n_localized, n_bytes, file.seek(0, 2))
+
+
+class GrowingTable:
+    """POSES.csv while a drive is localized: the row of each epoch is in the file once that is done.
+
+    The first row makes the file, or replaces the one that was there, in one step; each other one is appended. What is
+    there when the process is killed can be gone on with. Rows of scans that cannot be read wait for the first that can:
+    where there is none, nothing is written.
+
+    Parameters
+    ----------
+    path : path
+        Of the table.
+    there : RowsThere
+        What to go on with; nothing to begin anew.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], there: RowsThere | None = None) -> None:
+        self._path = Path(path)
+        self._there = there or RowsThere()
+        self._waiting: list[EpochEstimate] = []
+        self._file: BinaryIO | None = None
+        self._stack = ExitStack()
+        self.n_rows = self._there.n_rows
+        """Rows in the file."""
+
+    def add(self, epoch: EpochEstimate) -> None:
+        """Write the row of the next epoch.
+
+        Raises
+        ------
+        FileError
+            If it cannot be written, or another process writes the same table.
+        """
+        self._waiting.append(epoch.without_points())
+        if self.n_rows == 0 and epoch.status is Status.UNREADABLE:
+            return
+        rows, self._waiting = self._waiting, []
+        if self._file is not None:
+            self._append(self._file, rows)
+        elif self._there.n_rows == 0:
+            self._file = self._begun(rows)
+        else:
+            self._file = self._taken_up()
+            self._append(self._file, rows)
+        self.n_rows += len(rows)
+
+    def _begun(self, rows: Sequence[EpochEstimate]) -> BinaryIO:
+        """Write the first rows, and return the file, to append to."""
+        write_poses(self._path, rows)
+        return self._stack.enter_context(locked(self._path, f"the table {self._path}"))
+
+    def _taken_up(self) -> BinaryIO:
+        """Return the file that is there, to append to, without the part of a row at its end."""
+        file = self._stack.enter_context(locked(self._path, f"the table {self._path}"))
+        if file.seek(0, 2) != self._there.size:
+            raise FileError(
+                f"Expected {self._path} as it was a moment ago, but it has grown. Is another process at work on it?"
+            )
+        file.truncate(self._there.n_bytes)
+        return file
+
+    def _append(self, file: BinaryIO, rows: Sequence[EpochEstimate]) -> None:
+        text = io.StringIO(newline="")
+        csv.writer(text).writerows(_row(row) for row in rows)
+        left, size = text.getvalue().encode("utf-8"), file.seek(0, 2)
+        try:
+            while left:  # a disk that is nearly full takes a part
+                left = left[os.write(file.fileno(), left) :]
+        except OSError as error:
+            with suppress(OSError):
+                file.truncate(size)
+            raise FileError(
+                f"Expected to be able to write a row to {self._path}, got: {error.strerror}. Make room for it."
+            ) from error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.close()
 
 
 def _row(epoch: EpochEstimate) -> list[str]:

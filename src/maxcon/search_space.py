@@ -21,6 +21,9 @@ GIVE_CELLS = "Give it cells: `space.at(point_map.cell)`."
 PAPER_CELL, PAPER_STEP_DEG = 0.06, 0.5
 """The paper's cell edge, m, and its step between headings, degrees: also where nothing else has chosen one."""
 
+MOST_CELLS = 2**36
+"""Cells of a space that takes branch and bound a quarter of an hour; what has more was a slip of the pen."""
+
 Cell = tuple[int, int, int]
 """(heading, y, x) indices of one cell; where heights are searched too, the number of its height goes beside it."""
 
@@ -55,7 +58,8 @@ class SearchSpace:
     Raises
     ------
     SearchSpaceError
-        If a half width is not a multiple of its step, or a number is negative or not finite.
+        If a half width is not a multiple of its step, a number is negative or not finite, or there are more than 2^36
+        cells.
     """
 
     half_width: float = 12.0
@@ -76,6 +80,12 @@ class SearchSpace:
                 n_steps(half_width, step, what, unit)
             elif not 0.0 <= half_width < math.inf:
                 raise SearchSpaceError(f"Expected a half width >= 0 for the {what}, got {half_width} {unit}.")
+        if self.cell is not None and self.n_cells > MOST_CELLS:
+            n_headings, ny, nx = self.shape
+            raise SearchSpaceError(
+                f"Expected at most {MOST_CELLS:,} cells in a search space, got {self.n_cells:.3g}:"
+                f" {n_headings:,} headings of {ny:,} x {nx:,} positions. Narrow it, or take larger steps."
+            )
 
     @classmethod
     def paper(cls) -> "SearchSpace":

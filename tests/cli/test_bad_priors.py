@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: MIT
 """`localize` with priors that cannot be used: one line, and no table."""
 
+import csv
+
 import pytest
 
 SIGMAS = ("--sigma-position", "1", "--sigma-heading-deg", "0.5")
@@ -48,9 +50,28 @@ def test_wrong_suffix(not_localized, rows):
     not_localized(rows, "prior.json", ".txt, .tum or .csv", "Rename it", name="prior.json")
 
 
-def test_a_zero_quaternion(not_localized, rows, tmp_path):
-    rows[1][4:] = "0000"
+def test_zero_quaternions(not_localized, rows, tmp_path):
+    for row in rows[1:]:
+        row[4:] = "0000"
     not_localized(rows, f"{tmp_path / 'prior.txt'}, line 2", "unit quaternion", "length 0")
+
+
+@pytest.mark.parametrize("row", ["zero", "words", "cut"])
+def test_one_senseless_row_is_a_row_with_its_status(maxcon, drive, rows, tmp_path, row):
+    rows[1] = {"zero": [*rows[1][:4], *"0000"], "words": ["lost"] * 8, "cut": rows[1][:3]}[row]
+    (tmp_path / "prior.txt").write_text("".join(f"{' '.join(row)}\n" for row in rows))
+    ended = maxcon(
+        "localize", drive.city, drive.dataset.scans, "--prior", tmp_path / "prior.txt", "-o", tmp_path / "poses.csv"
+    )  # fmt: skip
+    assert (ended.code, ended.err) == (1, ""), ended
+    assert (
+        f"1 rows of the prior are left out; the first: {tmp_path / 'prior.txt'}, line 2: Expected"
+        in ended.out
+    )
+    with (tmp_path / "poses.csv").open() as file:
+        table = list(csv.DictReader(file))
+    assert [row["status"] for row in table] == ["localized", "no prior", "localized", "localized"]
+    assert "gap" in table[1]["reason"]
 
 
 def test_times_out_of_order(not_localized, rows, tmp_path):
@@ -113,12 +134,14 @@ def test_a_prior_far_beyond_any_map(not_localized, rows):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--half-width", "1", "--cell", "0.06"), ("multiple", "1.02 m")),
+        (
+            ("--half-width", "3000", "--heading-half-width-deg", "180", "--cell", "0.06"),
+            ("cells", "7.21e+12", "Narrow"),
+        ),
         (("--half-width", "-3"), ("half width >= 0", "-3")),
         (("--half-width", "nan"), ("nan",)),
         (("--half-width", "60000"), ("cells", "Narrow")),
         (("--heading-half-width-deg", "-1"), ("-1",)),
-        (("--heading-half-width-deg", "0.7", "--cell", "0.06"), ("multiple", "1 degrees")),
         (("--cell", "0.05", "--half-width", "1"), ("voxel edge", "0.05")),
         (("--cell", "0"), ("step > 0",)),
         (("--sigma-position", "1"), ("--sigma-position and --sigma-heading-deg", "no --sigma-heading-deg")),

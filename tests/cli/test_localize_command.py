@@ -37,7 +37,15 @@ def localize(maxcon, drive, tmp_path):
     def run(*options, prior=None, out="poses.csv"):
         prior = prior or drive.dataset.prior
         return maxcon(
-            "localize", drive.city, drive.dataset.scans, "--prior", prior, "-o", tmp_path / out, *options
+            "localize",
+            drive.city,
+            drive.dataset.scans,
+            "--prior",
+            prior,
+            "-o",
+            tmp_path / out,
+            "--overwrite",
+            *options,
         )
 
     return run
@@ -354,3 +362,12 @@ def test_what_is_not_given_is_what_the_method_takes():
     within = WithinSigmas(method, prior)
     assert (within.sigmas, within.largest_half_width) == (SIGMAS, LARGEST_HALF_WIDTH)
     assert (given["least_share"], given["largest_runner_up"]) == (trust.least_share, trust.largest_runner_up)
+
+
+def test_half_widths_are_rounded_up_to_whole_cells(localize, drive, tmp_path):
+    given = ("--half-width", "2.5", "--heading-half-width-deg", "1.2", "--cell", "0.06")
+    ended = localize(*given, out="given.csv")
+    assert (ended.code, ended.err) == (0, ""), ended
+    whole = ("--half-width", "2.52", "--heading-half-width-deg", "1.5", "--cell", "0.06")
+    localize(*whole, out="whole.csv")
+    assert _without_ms(tmp_path / "given.csv") == _without_ms(tmp_path / "whole.csv")

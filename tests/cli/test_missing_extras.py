@@ -65,3 +65,12 @@ def test_compressed_pcd_needs_the_extra_pcd(maxcon, refused, without, drive, tmp
     without("pypcd4")
     refused(maxcon(*arguments), scans / "386400.0.pcd", "pypcd4", "pip install 'maxcon[pcd]'")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["scans"]
+
+
+def test_a_geopackage_needs_the_extra_export(maxcon, refused, without, drive, tmp_path):
+    arguments = ("localize", drive.city, drive.dataset.scans, "--prior", drive.dataset.prior)
+    maxcon(*arguments, "-o", tmp_path / "poses.csv")
+    without("pyogrio")
+    ended = maxcon("export", tmp_path / "poses.csv", "-o", tmp_path / "a.gpkg", "--map", drive.city)
+    refused(ended, "pyogrio", "pip install 'maxcon[export]'")
+    assert [path.name for path in tmp_path.iterdir()] == ["poses.csv"]

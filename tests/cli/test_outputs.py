@@ -127,7 +127,8 @@ def nothing_to_compile(maxcon_in_process_of_its_own, localize, tmp_path):
 @pytest.mark.usefixtures("nothing_to_compile")
 def test_the_disk_is_full_while_writing_poses(maxcon_in_process_of_its_own, refused, localize, out):
     (out / "poses.csv").write_text("the table of yesterday")
-    ended = maxcon_in_process_of_its_own(*localize, out / "poses.csv", preexec_fn=_small_disk(100))
+    arguments = (out / "poses.csv", "--overwrite")
+    ended = maxcon_in_process_of_its_own(*localize, *arguments, preexec_fn=_small_disk(100))
     refused(ended, out / "poses.csv", "File too large", "nothing was written")
     assert sorted(path.name for path in out.iterdir()) == ["poses.csv"]
     assert (out / "poses.csv").read_text() == "the table of yesterday"
@@ -137,11 +138,22 @@ def test_the_disk_is_full_while_writing_poses(maxcon_in_process_of_its_own, refu
 def test_the_disk_is_full_while_drawing(maxcon_in_process_of_its_own, refused, localize, out):
     arguments = (out / "poses.csv", "--plot", out / "pictures", "--plot-epochs", "0")
     ended = maxcon_in_process_of_its_own(*localize, *arguments, preexec_fn=_small_disk(20_000))
-    refused(ended, out / "pictures" / "000000.png", "File too large")
-    assert (
-        sorted(path.name for path in out.iterdir()) == ["pictures"]
-        and list((out / "pictures").iterdir()) == []
-    )
+    refused(ended, out / "pictures" / "000000.png", "File too large", "1 of 4 epochs are kept", "--resume")
+    assert sorted(path.name for path in out.iterdir()) == ["pictures", "poses.csv"]
+    assert list((out / "pictures").iterdir()) == []
+    assert len((out / "poses.csv").read_text().splitlines()) == 2
+
+
+@pytest.mark.usefixtures("nothing_to_compile")
+def test_the_disk_is_full_half_way(maxcon_in_process_of_its_own, maxcon, refused, localize, out):
+    ended = maxcon_in_process_of_its_own(*localize, out / "poses.csv", preexec_fn=_small_disk(1_500))
+    refused(ended, out / "poses.csv", "File too large", "epochs are kept", "--resume")
+    n_rows = int(ended.err.partition(" of 4 epochs")[0].rpartition(" ")[2])
+    assert 0 < n_rows < 4
+    lines = (out / "poses.csv").read_text().splitlines()
+    assert len(lines) == 1 + n_rows
+    assert lines[-1].count(",") == lines[0].count(",")
+    assert maxcon(*localize, out / "poses.csv", "--resume").code == 0
 
 
 def test_the_disk_is_full_while_simulating(maxcon_in_process_of_its_own, refused, out):
@@ -155,5 +167,5 @@ def test_the_reader_of_the_output_goes_away(maxcon_process, drive):
     with maxcon_process("map", "info", drive.city) as process:
         process.stdout.close()
         err = process.stderr.read()
-        process.wait(timeout=60)
+        process.wait(timeout=600)
     assert "Traceback" not in err

@@ -16,6 +16,6 @@ def run_demo():
     def run(*arguments):
         command = [sys.executable, "-c", "from maxcon.cli import main; main()", "demo", *map(str, arguments)]
         environment = {**os.environ, "COLUMNS": "120"}
-        return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=300)
+        return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=900)
 
     return run

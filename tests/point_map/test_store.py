@@ -3,6 +3,8 @@
 """The map on disk: what is written is what is read, and what is broken is refused."""
 
 import json
+import os
+import pickle
 import shutil
 
 import numpy as np
@@ -113,14 +115,135 @@ def test_the_search_finds_the_same_in_both(whole, in_memory):
         assert (got.moments == wanted.moments).all()
 
 
-def test_tiles_are_mapped_not_copied(whole):
+def test_the_arrays_of_a_tile_are_those_of_its_file(whole):
     opened = PointMap.open(whole)
     for tile in opened.tiles_within(0.0, 0.0, 100.0):
         for array in (tile.columns, tile.layers, tile.counts, tile.normals, tile.means):
             assert not array.flags.owndata
-            assert not array.flags.writeable
-            with pytest.raises(ValueError, match="read-only"):
-                array.flat[0] = 1
+
+
+@pytest.mark.parametrize("what", ["truncated", "overwritten", "removed", "a FIFO"])
+def test_tiles_in_use_do_not_follow_their_files(copy, what):
+    opened = PointMap.open(copy, cache_bytes=2**30)
+    before = [array.copy() for array in opened.all_voxels()]
+    for path in (copy / "tiles").iterdir():
+        if what == "truncated":
+            os.truncate(path, 100)
+        elif what == "overwritten":
+            path.write_bytes(bytes(path.stat().st_size))
+        else:
+            path.unlink()
+            if what == "a FIFO":
+                os.mkfifo(path)
+    for got, wanted in zip(opened.all_voxels(), before, strict=True):
+        np.testing.assert_array_equal(got, wanted)
+    with pytest.raises(MapError, match=r"Expected .*\.arrow to be .*, got"):
+        PointMap.open(copy).all_voxels()
+
+
+def test_a_tile_that_is_read_again_is_checked_again(copy):
+    opened = PointMap.open(copy, cache_bytes=0)
+    first, *others = sorted(opened.tile_keys)
+    opened.tile(first)
+    opened.tile(others[0])  # nothing but the last is kept
+    path = copy / "tiles" / f"{first[0]}_{first[1]}.arrow"
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    times = path.stat()
+    path.write_bytes(content)
+    os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
+    with pytest.raises(MapError, match="another checksum"):
+        opened.tile(first)
+
+
+def test_a_file_larger_than_its_tile_is_not_read(copy):
+    path = first_tile(copy)
+    os.truncate(path, 2**40)  # a hole: it takes no room, and would take a terabyte of memory
+    with pytest.raises(MapError, match=r"1,099,511,627,776 bytes, more than its voxels take"):
+        PointMap.open(copy).all_voxels()
+
+
+def test_an_opened_map_is_pickled_as_its_path(whole):
+    opened = PointMap.open(whole)
+    opened.all_voxels()
+    for point_map in (opened, opened.level(4)):
+        content = pickle.dumps(point_map)
+        assert len(content) < 1000
+        assert str(whole).encode() in content
+        again = pickle.loads(content)
+        assert again.frame == point_map.frame
+        assert again.cell == point_map.cell
+        for got, wanted in zip(again.all_voxels(), point_map.all_voxels(), strict=True):
+            np.testing.assert_array_equal(got, wanted)
+
+
+def test_a_map_in_memory_is_pickled_whole(in_memory):
+    again = pickle.loads(pickle.dumps(in_memory))
+    for got, wanted in zip(again.all_voxels(), in_memory.all_voxels(), strict=True):
+        np.testing.assert_array_equal(got, wanted)
+
+
+def edit(folder, change):
+    """Change the manifest, with a checksum that fits: as another program would write it."""
+    path = folder / "manifest.json"
+    content = json.loads(path.read_text())
+    change(content)
+    content["sha256"] = manifests._checksum(content)
+    path.write_text(json.dumps(content))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda content: content["tiles"][0].update(key=[10**19, 0]),
+        lambda content: content["tiles"][0].update(key=[2**40, 0]),
+        lambda content: content["tiles"][0].update(key=["1", 0]),
+        lambda content: content["tiles"][0].update(key=[1]),
+        lambda content: content["tiles"][0].update(n_voxels="many"),
+        lambda content: content["tiles"][0].update(n_voxels=-1),
+        lambda content: content["tiles"][0].update(n_points=1e300),
+        lambda content: content.update(cell=1e308),
+        lambda content: content.update(cell=1e-300),
+        lambda content: content.update(cell="0.06"),
+        lambda content: content.update(cell=[1]),
+        lambda content: content.update(tiles={"key": 1}),
+        lambda content: content.update(tiles=None),
+        lambda content: content.update(build=7),
+        lambda content: content.update(
+            ground=[{"key": [0, 10**19], "n_heights": 1, "sha256": ""}], ground_voxels=8
+        ),
+        lambda content: content.update(
+            ground=[{"key": [0, 0], "n_heights": "1", "sha256": ""}], ground_voxels=8
+        ),
+    ],
+)
+def test_numbers_that_no_map_has(copy, change):
+    edit(copy, change)
+    try:
+        opened = PointMap.open(copy)
+    except MapError as error:
+        assert "manifest.json" in str(error)
+        assert "\n" not in str(error)
+    else:
+        assert opened.cell == CELL  # a number as a word
+
+
+@pytest.mark.parametrize("name", ["n_points", "n_kept", "n_thinned", "n_withheld"])
+def test_counts_that_are_none(copy, name):
+    counts = {"n_points": 1, "n_kept": 1, "n_invalid": 0, "n_without_side": 0, "n_dropped": {}}
+    source = {"name": "a", "is_classified": True, **counts}
+    edit(copy, lambda content: content["build"].update(sources=[source]))
+    read_manifest(copy)
+    edit(copy, lambda content: content["build"]["sources"][0].update({name: "many"}))
+    with pytest.raises(MapError, match="broken entry: sources"):
+        read_manifest(copy)
+
+
+def test_a_fifo_as_manifest(copy):
+    (copy / "manifest.json").unlink()
+    os.mkfifo(copy / "manifest.json")
+    with pytest.raises(MapError, match="got: a FIFO, no file"):
+        PointMap.open(copy)
 
 
 def test_opening_reads_no_tile(copy):

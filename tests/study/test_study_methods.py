@@ -3,6 +3,7 @@
 """Methods by name, what is saved of them, and the numbers a study sums up to."""
 
 import pickle
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,15 @@ import pytest
 from maxcon.errors import OptionError
 from maxcon.objectives import Count
 from maxcon.search_space import SearchSpace
-from maxcon.study import METHOD_SETS, choose_methods, known_methods, rows_by_method, statistics
+from maxcon.study import (
+    DEFAULT_SETS,
+    METHOD_SETS,
+    choose_methods,
+    installed_methods,
+    known_methods,
+    rows_by_method,
+    statistics,
+)
 from maxcon.study.description import describe
 from maxcon.study.map_variants import MAP_VARIANTS
 from maxcon.study.table import table_schema
@@ -125,3 +134,14 @@ def test_statistics_by_hand():
     assert mine.peak_ratio != mine.peak_ratio
     assert found["other"].n_answers == 0
     assert found["other"].distance.worst != found["other"].distance.worst
+
+
+def test_what_is_not_installed_is_left_out_and_named(monkeypatch):
+    chosen = choose_methods(DEFAULT_SETS, SearchSpace.paper())
+    assert installed_methods(chosen) == (chosen, [])
+    monkeypatch.setitem(sys.modules, "small_gicp", None)
+    kept, missing = installed_methods(chosen)
+    assert missing == ["gicp-1m", "gicp-3m", "count-1m-then-gicp"]
+    assert [method.name for method in kept] == [
+        method.name for method in chosen if method.name not in missing
+    ]

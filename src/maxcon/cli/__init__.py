@@ -2,14 +2,13 @@
 # SPDX-License-Identifier: MIT
 """The command line: it parses, calls and prints; the work is done by importable functions."""
 
-import signal
 import sys
-from types import FrameType
 from typing import Annotated
 
 import typer
 
-from maxcon.cli import demo, localize, maps, report, scans, simulate, study, warmup
+from maxcon.cli import demo, export, localize, maps, report, scans, simulate, study, warmup
+from maxcon.cli.stopping import stopping_in_order
 from maxcon.errors import MaxconError
 
 __all__ = ["app", "main"]
@@ -28,6 +27,7 @@ app = typer.Typer(
 app.add_typer(maps.app, name="map")
 app.add_typer(scans.app, name="scans")
 app.command("localize")(localize.localize)
+app.command("export", short_help="Write poses as GeoJSON, GeoPackage, KML, TUM, KITTI.")(export.export)
 app.command("simulate", short_help="Simulate a city, its mapping and scans.")(simulate.simulate)
 app.command("study", short_help="Compare methods over the epochs of a dataset.")(study.study)
 app.command("report", short_help="Write the page of a study.")(report.report)
@@ -53,30 +53,20 @@ def _options(
     """Maximum-consensus localization of LiDAR scans in a point-cloud map."""
 
 
-def _stop_in_order() -> list[int]:
-    """Let signals end the program by an exception, so that partial outputs are removed; return what came."""
-    received: list[int] = []
-
-    def stop(number: int, frame: FrameType | None) -> None:
-        received.append(number)
-        raise SystemExit(128 + number)
-
-    for number in (getattr(signal, name) for name in STOPPING if hasattr(signal, name)):
-        # Not where it is ignored, as under nohup.
-        if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
-            signal.signal(number, stop)
-    return received
-
-
 def main() -> None:
     """Run the command line; what the user can mend is one line on stderr and exit code 2."""
-    received = _stop_in_order()
-    try:
-        app()
-    except (MaxconError, SystemError) as error:
-        if received:  # in a compiled function or a reader, where the exception became another one
-            sys.exit(128 + received[0])
-        if isinstance(error, SystemError):
-            raise
-        typer.echo(f"maxcon: {error}", err=True)
-        sys.exit(2)
+    with stopping_in_order() as received:
+        try:
+            app()
+        except (MaxconError, SystemError) as error:
+            if received:  # in a compiled function or a reader, where the exception became another one
+                sys.exit(128 + received[0])
+            if isinstance(error, SystemError):
+                raise
+            typer.echo(f"maxcon: {one_line(str(error))}", err=True)
+            sys.exit(2)
+
+
+def one_line(words: str) -> str:
+    """Return words in one line: line ends and other control characters, as names of files may have, as escapes."""
+    return "".join(sign if sign.isprintable() else repr(sign)[1:-1] for sign in words)

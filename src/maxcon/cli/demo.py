@@ -44,7 +44,7 @@ def demo(
     check_extras()
     check_replaceable(out, "a demo", DEMO_NAMES)
     with (
-        step_bars("", quiet) as progress,
+        step_bars("", quiet, has_lines=True) as progress,
         compiling_told(quiet),
         atomic_folder(out, overwrite=True) as folder,
     ):

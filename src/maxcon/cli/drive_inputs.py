@@ -58,6 +58,7 @@ class DriveInputs:
     prior: "Trajectory"
     odometry: "Trajectory | None"
     words: tuple[str, ...]
+    left_out: tuple[str, ...] = ()
 
     @classmethod
     def open(
@@ -86,14 +87,16 @@ class DriveInputs:
 
         options.check()
         opened = open_scans(scans, times, topic=options.topic, at_stamp=options.at_stamp)
-        prior_trajectory, prior_words = _prior(point_map, scans, prior, options)
+        prior_trajectory, prior_words, left_out = _prior(point_map, scans, prior, options)
         odometry_trajectory, odometry_words = _odometry(odometry, options)
         words = [*_words_of(opened, quiet), prior_words, odometry_words]
         if options.deskew:
             motion = prior_trajectory if odometry_trajectory is None else odometry_trajectory
             opened = DeskewedScans(opened, motion, max_gap, options.turn_time)
             words.append(f"deskewed by the {'prior' if odometry_trajectory is None else 'odometry'}")
-        return cls(opened, prior_trajectory, odometry_trajectory, tuple(line for line in words if line))
+        return cls(
+            opened, prior_trajectory, odometry_trajectory, tuple(line for line in words if line), left_out
+        )
 
     def tell(self) -> None:
         """Print what was taken from a recording."""
@@ -115,11 +118,11 @@ def _words_of(scans: "Scans", quiet: bool) -> list[str]:
 
 def _prior(
     point_map: "PointMap", scans: Path, prior: Path | None, options: RecordingOptions
-) -> "tuple[Trajectory, str]":
-    """The prior, of a file or a recording, and what it is in words where it is of a recording."""
+) -> "tuple[Trajectory, str, tuple[str, ...]]":
+    """The prior, of a file or a recording; what it is in words where it is of a recording; rows that are no poses."""
     from maxcon.io.recordings.opening import CAPTURE_SUFFIX, is_recording
     from maxcon.io.recordings.poses import read_recorded_poses
-    from maxcon.io.trajectories import read_trajectory
+    from maxcon.io.trajectories import read_prior
     from maxcon.prior_heights import check_heights
 
     source = scans if prior is None else prior
@@ -134,11 +137,12 @@ def _prior(
                 raise OptionError(
                     f"Expected {name} with priors of a recording, got it with {prior}. Leave it out."
                 )
-        return read_trajectory(prior), ""
+        read = read_prior(prior)
+        return read.trajectory, "", read.left_out
     poses = read_recorded_poses(source, options.prior_topic, point_map.frame.crs, options.geoid_height)
     if poses.has_ellipsoidal_heights:
         check_heights(point_map, poses.trajectory)
-    return poses.trajectory, f"prior: {poses.words}"
+    return poses.trajectory, f"prior: {poses.words}", ()
 
 
 def _odometry(odometry: Path | None, options: RecordingOptions) -> "tuple[Trajectory | None, str]":

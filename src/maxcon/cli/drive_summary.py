@@ -8,13 +8,26 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
-    from maxcon.drive import EpochEstimate
+    from maxcon.drive import DriveOptions, EpochEstimate, Method
+    from maxcon.io.scans import Scans
+    from maxcon.point_map import PointMap
+    from maxcon.poses_table import RowsThere
 
-__all__ = ["print_summary"]
+__all__ = ["print_alternative", "print_summary"]
 
 
-def print_summary(epochs: "list[EpochEstimate]", out: Path, searched: str) -> None:
-    """Say how many epochs are localized, in which time and searched where, and why the others are not."""
+def print_summary(
+    epochs: "list[EpochEstimate]",
+    out: Path,
+    searched: str,
+    *,
+    there: "RowsThere",
+    left_out: "tuple[str, ...]",
+) -> None:
+    """Say how many epochs are localized, in which time and searched where, and why the others are not.
+
+    And what was in the table before, and which rows of the prior were left out.
+    """
     from collections import Counter
 
     import numpy as np
@@ -23,6 +36,10 @@ def print_summary(epochs: "list[EpochEstimate]", out: Path, searched: str) -> No
     taken = [epoch.milliseconds for epoch in epochs if epoch.estimate is not None]
     median = f", median {np.median(taken):.0f} ms" if taken else ""
     typer.echo(f"{n_localized} of {len(epochs)} epochs localized{median}; written to {out}")
+    if there.n_rows:
+        typer.echo(f"behind {there.n_rows} that were there, {there.n_localized} of them localized")
+    if left_out:
+        typer.echo(f"{len(left_out)} rows of the prior are left out; the first: {left_out[0]}")
     if searched:
         typer.echo(searched)
     n_invalid = sum(epoch.raw.n_dropped_invalid for epoch in epochs)
@@ -45,3 +62,20 @@ def print_summary(epochs: "list[EpochEstimate]", out: Path, searched: str) -> No
         typer.echo(
             f"{len(doubtful)} have a reason beside them; the first, epoch {first.epoch}: {first.reason}"
         )
+
+
+def print_alternative(
+    point_map: "PointMap",
+    scans: "Scans",
+    epochs: "list[EpochEstimate]",
+    method: "Method",
+    options: "DriveOptions",
+) -> None:
+    """Say what prior or scans would have to mean for epochs to be localized, where none is."""
+    from maxcon.alternatives import alternative_that_fits
+
+    if any(epoch.pose_global is not None for epoch in epochs):
+        return
+    found = alternative_that_fits(point_map, scans, epochs, method, options.min_range, options.max_range)
+    if found:
+        typer.echo(found)

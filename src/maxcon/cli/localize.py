@@ -2,15 +2,13 @@
 # SPDX-License-Identifier: MIT
 """`maxcon localize`."""
 
-from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from maxcon.cli.compiling import compiling_told
 from maxcon.cli.drive_inputs import DriveInputs, RecordingOptions, check_outputs, naming_files
-from maxcon.cli.drive_summary import print_summary
+from maxcon.cli.drive_summary import print_alternative, print_summary
 from maxcon.cli.method_options import parse_objective
 from maxcon.cli.options import (
     AtStamp,
@@ -26,13 +24,10 @@ from maxcon.cli.options import (
     TurnTime,
 )
 from maxcon.cli.pictures import drawer, parse_epochs
-from maxcon.cli.progress import progress_bar
 from maxcon.cli.search_space import SpaceOptions
+from maxcon.cli.table_of_poses import check_table, read_there, write_trajectory, written
 from maxcon.cli.tracking import check_tracking, started_drive
 from maxcon.options import Multiplicity, SearchMethod, Weighting
-
-if TYPE_CHECKING:
-    from maxcon.drive import EpochEstimate
 
 __all__ = ["localize"]
 
@@ -184,6 +179,12 @@ def localize(
         Path | None,
         typer.Option(metavar="FILE", help="Time of each scan; default times.txt there, or the names."),
     ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with POSES.csv where a call that was stopped ended.")
+    ] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace POSES.csv, if it is there.")
+    ] = False,
     tum: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Also write the localized poses as TUM.")
     ] = None,
@@ -197,18 +198,17 @@ def localize(
     ] = 1,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
 ) -> None:
-    """Localize every scan of a drive in a map.
+    """Localize every scan of a drive in a map; the row of each is in POSES.csv once it is done.
 
     Exit code 0: every epoch is localized; 1: some are not (the status column says why); 2: bad input.
     """
     from maxcon.drive import DriveOptions
     from maxcon.integrity import Trust
-    from maxcon.io.trajectories import write_tum
     from maxcon.maximum_consensus import MaximumConsensus
     from maxcon.point_map import PointMap
-    from maxcon.poses_table import localized_trajectory, write_poses
 
     check_outputs(prior, out, tum, plot, plot_epochs)
+    check_table(out, resume=resume, overwrite=overwrite, track=track)
     check_tracking(track, odometry, drift, deskew=deskew)
     scored_by = parse_objective(objective)
     point_map = PointMap.open(map_folder)
@@ -216,6 +216,7 @@ def localize(
         point_map, scans, times, prior, odometry, max_gap,
         RecordingOptions(topic, prior_topic, odometry_topic, geoid_height, deskew, at_stamp, turn_time), quiet=quiet,
     )  # fmt: skip
+    there = read_there(out, inputs.scans.times, resume=resume)
     spaces = SpaceOptions(
         cell, heading_step_deg, half_width, heading_half_width_deg, height_half_width,
         sigma_position, sigma_heading_deg, sigmas, largest_half_width,
@@ -232,46 +233,17 @@ def localize(
     options = DriveOptions(min_range, max_range, max_gap)
     with naming_files(odometry or prior or scans, scans, map_folder):
         drive = started_drive(
-            point_map, inputs.scans, inputs.prior, method, options,
-            windows=windows, track=track, odometry=inputs.odometry, drift=drift, threads=threads,
+            point_map, inputs.scans, inputs.prior, method, options, windows=windows, track=track,
+            odometry=inputs.odometry, drift=drift, threads=threads, first=there.n_rows,
         )  # fmt: skip
-    epochs = _localized(drive, len(inputs.scans), draw, wanted, quiet)
-    write_poses(out, epochs)
-    trajectory = localized_trajectory(epochs)
-    if tum is not None and trajectory is not None:
-        write_tum(tum, trajectory, "T_map_sensor, localized by maxcon")
+    n_epochs = len(inputs.scans)
+    epochs = written(out, there, drive, n_epochs, draw, wanted, quiet)
     inputs.tell()
-    print_summary(epochs, out, spaces.words(windows, inputs.prior, epochs))
-    if tum is not None and trajectory is None:
-        typer.echo(f"no pose to write: {tum} is not written")
-    if any(epoch.pose_global is None for epoch in epochs):
+    searched = spaces.words(windows, inputs.prior, epochs)
+    print_summary(epochs, out, searched, there=there, left_out=inputs.left_out)
+    if not there.n_localized:
+        print_alternative(point_map, inputs.scans, epochs, windows or method, options)
+    if tum is not None:
+        write_trajectory(tum, out, there, epochs)
+    if there.n_localized + sum(epoch.pose_global is not None for epoch in epochs) < n_epochs:
         raise typer.Exit(1)
-
-
-def _localized(
-    drive: "Iterator[EpochEstimate]",
-    n_epochs: int,
-    draw: Callable[["EpochEstimate"], None] | None,
-    wanted: frozenset[int],
-    quiet: bool,
-) -> "list[EpochEstimate]":
-    """Return the estimates of a drive without their points, with a bar of progress; draw those that are wanted.
-
-    Raises
-    ------
-    FileError
-        If not one scan can be read.
-    """
-    from maxcon.errors import FileError
-    from maxcon.estimate import Status
-
-    epochs = []
-    with progress_bar("localizing", n_epochs, "epochs", quiet) as advance, compiling_told(quiet):
-        for epoch in drive:
-            if draw is not None and epoch.epoch in wanted:
-                draw(epoch)
-            epochs.append(epoch.without_points())
-            advance()
-    if all(epoch.status is Status.UNREADABLE for epoch in epochs):
-        raise FileError(epochs[0].reason)
-    return epochs

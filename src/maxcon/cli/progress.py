@@ -40,9 +40,11 @@ def _new_bars(unit: str) -> "Progress":
 
 
 @contextmanager
-def progress_bar(title: str, total: int, unit: str, is_quiet: bool) -> Iterator[Callable[[], None]]:
-    """Yield a function to call after each of `total` units."""
-    n_done = 0
+def progress_bar(
+    title: str, total: int, unit: str, is_quiet: bool, n_before: int = 0
+) -> Iterator[Callable[[], None]]:
+    """Yield a function to call after each of `total` units, of which `n_before` were done before."""
+    n_done = n_before
     with step_bars(unit, is_quiet) as report:
 
         def advance() -> None:
@@ -54,10 +56,13 @@ def progress_bar(title: str, total: int, unit: str, is_quiet: bool) -> Iterator[
 
 
 @contextmanager
-def step_bars(unit: str, is_quiet: bool) -> Iterator["StepProgress"]:
-    """Yield a function to call with (step, done, of how many); each step gets a bar of its own."""
+def step_bars(unit: str, is_quiet: bool, *, has_lines: bool = False) -> Iterator["StepProgress"]:
+    """Yield a function to call with (step, done, of how many); each step gets a bar of its own.
+
+    Where stderr is not a terminal there are none; with `has_lines` a line says when a step begins.
+    """
     if is_quiet or not sys.stderr.isatty():
-        yield lambda step, done, total: None
+        yield _Lines().tell if has_lines and not is_quiet else lambda step, done, total: None
         return
     bars = _new_bars(unit)
     tasks: dict[str, Any] = {}
@@ -74,3 +79,15 @@ def step_bars(unit: str, is_quiet: bool) -> Iterator["StepProgress"]:
     finally:
         if tasks:
             bars.stop()
+
+
+class _Lines:
+    """A line on stderr for each step, when it begins."""
+
+    def __init__(self) -> None:
+        self._told: set[str] = set()
+
+    def tell(self, step: str, done: int, total: int) -> None:
+        if step not in self._told:
+            self._told.add(step)
+            print(f"{step} ...", file=sys.stderr, flush=True)  # noqa: T201

@@ -35,22 +35,25 @@ class SpaceOptions:
     largest_half_width: float | None
 
     def fixed(self) -> "SearchSpace":
-        """Return the space of the half widths, and of the usual ones, in whole steps, for those not given.
+        """Return the space of the half widths, and of the usual ones for those not given, rounded up to whole steps.
 
         Raises
         ------
         SearchSpaceError
             If there is no such space.
         """
-        from maxcon.search_space import SearchSpace
+        from maxcon.search_space import PAPER_STEP_DEG, SearchSpace
 
         usual = SearchSpace()
+        step_deg = self.heading_step_deg
+        if step_deg is None and self.cell is not None:
+            step_deg = PAPER_STEP_DEG
         return SearchSpace(
-            _or_usual(self.half_width, usual.half_width, self.cell),
+            _in_steps(self.half_width, usual.half_width, self.cell),
             self.cell,
-            _or_usual(self.heading_half_width_deg, usual.heading_half_width_deg, self.heading_step_deg),
+            _in_steps(self.heading_half_width_deg, usual.heading_half_width_deg, step_deg),
             self.heading_step_deg,
-            0.0 if self.height_half_width is None else self.height_half_width,
+            _in_steps(self.height_half_width, 0.0, self.cell),
         )
 
     def within_sigmas(
@@ -139,10 +142,13 @@ class SpaceOptions:
         return f"windows from {source}: half width {offsets}, {turns}{cut}{others}"
 
 
-def _or_usual(given: float | None, usual: float, step: float | None) -> float:
-    if given is not None:
-        return given
-    return math.ceil(usual / step - 1e-9) * step if step is not None and 0.0 < step < usual else usual
+def _in_steps(given: float | None, usual: float, step: float | None) -> float:
+    """Return a half width, rounded up to whole steps; what makes no sense stays as it is, to be refused in words."""
+    from maxcon.whole_steps import rounded_up
+
+    reach = usual if given is None else given
+    makes_sense = 0.0 <= reach < math.inf and (step is None or 0.0 < step < math.inf)
+    return rounded_up(reach, step) if makes_sense else reach
 
 
 def _variance(name: str, sigma: float, unit: float) -> float:

@@ -25,12 +25,13 @@ def study(
         Path, typer.Option("--out", "-o", metavar="STUDY", help="Folder to write; a study there goes on.")
     ],
     methods: Annotated[
-        str,
+        str | None,
         typer.Option(
             metavar="LIST",
-            help="Names of methods and sets (consensus, baselines, ground, weights, cells, density).",
+            help="Names of methods and sets (consensus, baselines, ground, weights, cells, density). Default:"
+            " consensus,baselines; without those whose packages are not installed.",
         ),
-    ] = "consensus,baselines",
+    ] = None,
     prior: Annotated[
         list[str] | None,
         typer.Option(
@@ -65,11 +66,16 @@ def study(
     from maxcon.dataset import Dataset
     from maxcon.drive import DriveOptions
     from maxcon.search_space import SearchSpace
-    from maxcon.study import choose_methods, run_study
+    from maxcon.study import DEFAULT_SETS, choose_methods, installed_methods, run_study
 
     opened = Dataset.open(dataset)
     space = SearchSpace(half_width, _cell_of(opened.map_path), heading_half_width_deg, heading_step_deg)
-    chosen = choose_methods([name.strip() for name in methods.split(",") if name.strip()], space)
+    names = DEFAULT_SETS if methods is None else [name.strip() for name in methods.split(",") if name.strip()]
+    chosen = choose_methods(names, space)
+    if methods is None:
+        chosen, missing = installed_methods(chosen)
+        if missing:
+            typer.echo(f"without {', '.join(missing)}: pip install 'maxcon[baselines]'")
     with step_bars("", quiet) as report:
         done = run_study(
             opened,

@@ -47,12 +47,18 @@ def started_drive(
     odometry: "Trajectory | None",
     drift: float | None,
     threads: int,
+    first: int = 0,
 ) -> "Iterator[EpochEstimate]":
-    """Return an iterator over the estimates of a drive, each epoch by itself, within its window, or as a track."""
+    """Return an iterator over the estimates of a drive, each epoch by itself, within its window, or as a track.
+
+    An epoch by itself may be the `first`; a track begins with epoch 0.
+    """
     if not track:
         from maxcon.drive import localize_drive
 
-        return localize_drive(point_map, scans, prior, windows or method, options, threads)
+        return localize_drive(
+            point_map, scans, prior, windows or method, options, first=first, n_threads=threads
+        )
     from maxcon.tracked_drive import track_drive
     from maxcon.tracking import MotionNoise, Tracker
 

@@ -2,12 +2,13 @@
 # SPDX-License-Identifier: MIT
 """Coordinate reference systems: of text, and whether two are the same (D1)."""
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
 from maxcon.errors import CrsError
 
-__all__ = ["crs_name", "metric_crs", "parse_crs", "same_crs"]
+__all__ = ["crs_name", "metric_crs", "parse_crs", "same_crs", "to_wgs84"]
 
 
 @lru_cache(maxsize=32)
@@ -68,3 +69,20 @@ def crs_name(wkt: str | None) -> str:
     crs = parse_crs(wkt)
     authority = crs.to_authority()
     return f"{crs.name} ({':'.join(authority)})" if authority else str(crs.name)
+
+
+def to_wgs84(crs: str, places: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Return longitude and latitude, degrees of WGS 84, of places (x, y) in a projected CRS in metres.
+
+    Raises
+    ------
+    CrsError
+        If that is unknown or not one.
+    """
+    import pyproj
+
+    horizontal = parse_crs(metric_crs(crs)).to_2d()
+    transformer = pyproj.Transformer.from_crs(horizontal, "EPSG:4326", always_xy=True)
+    x, y = zip(*places, strict=True) if places else ((), ())
+    longitudes, latitudes = transformer.transform(x, y)
+    return list(zip(longitudes, latitudes, strict=True))

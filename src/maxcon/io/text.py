@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: MIT
 """Text files that people or other programs wrote: lines, numbers, tables; nothing is read without bounds."""
 
+import io
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import FileError
+from maxcon.regular_file import open_regular
 
 __all__ = ["numbered_lines", "parse_float", "read_lines", "read_table"]
 
@@ -37,7 +39,7 @@ def numbered_lines(file: Path, what: str) -> Iterator[tuple[int, str]]:
     """
     number = 0
     try:
-        with file.open(encoding="utf-8-sig") as stream:
+        with io.TextIOWrapper(open_regular(file), encoding="utf-8-sig") as stream:
             while line := stream.readline(MAX_LINE):
                 number += 1
                 if len(line) == MAX_LINE and not line.endswith("\n"):

@@ -2,35 +2,49 @@
 # SPDX-License-Identifier: MIT
 """Trajectories in files: TUM text, and CSV with a header such as POSES.csv."""
 
-import csv
 import math
 import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import NoReturn
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.atomic import atomic_file
 from maxcon.errors import FileError, TrajectoryError
-from maxcon.geometry.quaternions import quaternions_from_angles
-from maxcon.io.text import numbered_lines, parse_float
-from maxcon.trajectory import Trajectory, first_fault
+from maxcon.io.text import numbered_lines
+from maxcon.io.trajectory_csv import COVARIANCE_COLUMNS, CSV_COLUMNS, csv_rows
+from maxcon.io.trajectory_rows import Line, Row, numbers_of, parsed, refuse, words_of_line
+from maxcon.trajectory import Trajectory, TrajectoryFault, first_fault
 
-__all__ = ["read_trajectory", "write_csv", "write_tum"]
+__all__ = ["Prior", "read_prior", "read_trajectory", "write_csv", "write_tum"]
 
 TUM_COLUMNS = "time x y z qx qy qz qw"
-CSV_COLUMNS = ("time", "x", "y", "z", "roll", "pitch", "heading")
-COVARIANCE_COLUMNS = (
-    "cov_x_x", "cov_x_y", "cov_x_heading", "cov_y_y", "cov_y_heading", "cov_heading_heading",
-)  # fmt: skip
-SIGMA_COLUMNS = ("sigma_x", "sigma_y", "sigma_heading")
 
-Line = tuple[int, str]
-Row = tuple[int, list[float]]
-Column = tuple[int, float]
-"""Where a number stands in a line, and what makes it s, m, rad."""
+
+class Prior(NamedTuple):
+    """Rough poses, and what is wrong with the rows that are no poses."""
+
+    trajectory: Trajectory
+    left_out: tuple[str, ...]
+
+
+def read_prior(path: str | os.PathLike[str]) -> Prior:
+    """Return the trajectory in `path` without the rows that are no poses: loggers end in the middle of a line.
+
+    Parameters
+    ----------
+    path : path
+        As of `read_trajectory`.
+
+    Raises
+    ------
+    FileError, TrajectoryError
+        As `read_trajectory`, but for single rows: only where most are no poses, or times do not increase.
+    """
+    left_out: list[str] = []
+    return Prior(_read(Path(path), left_out), tuple(left_out))
 
 
 def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
@@ -54,18 +68,40 @@ def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
         If a line is not a pose, times do not increase, a covariance is none, some of its columns are missing, or
         there is no pose; file and line are named.
     """
-    file = Path(path)
-    readers = {".txt": _tum_rows, ".tum": _tum_rows, ".csv": _csv_rows}
+    return _read(Path(path), None)
+
+
+def _read(file: Path, left_out: list[str] | None) -> Trajectory:
+    """Return the trajectory in a file; rows that are no poses are told in `left_out`, or refused if it is None."""
+    readers = {".txt": _tum_rows, ".tum": _tum_rows, ".csv": csv_rows}
     read = readers.get(file.suffix.lower())
     if read is None:
         raise FileError(
             f"Expected a trajectory with suffix .txt, .tum or .csv, got {file}."
             f" Rename it: .txt for lines of '{TUM_COLUMNS}', .csv for a table with a header."
         )
-    rows = list(read(file, numbered_lines(file, "a trajectory")))
+    rows = list(read(file, numbered_lines(file, "a trajectory"), left_out))
+    if left_out is not None:
+        rows = _good_rows(file, rows, left_out)
+        if len(left_out) > len(rows):
+            raise TrajectoryError(left_out[0])
     if not rows:
         raise TrajectoryError(f"{file}: Expected at least one pose, got none. Was it written to its end?")
     return _trajectory(file, rows)
+
+
+def _good_rows(file: Path, rows: list[Row], left_out: list[str]) -> list[Row]:
+    """Return the rows that are poses, and tell of the others, whatever the order of their times."""
+    if not rows or _fault(rows) is None:
+        return rows
+    good = []
+    for row in rows:
+        fault = _fault([row])
+        if fault is None:
+            good.append(row)
+        else:
+            left_out.append(words_of_line(file, row[0], fault.words))
+    return good
 
 
 def write_tum(path: str | os.PathLike[str], trajectory: Trajectory, comment: str = "") -> None:
@@ -132,135 +168,35 @@ def _write(path: str | os.PathLike[str], lines: list[str]) -> None:
         partial.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
 
 
-def _refuse(file: Path, number: int, words: str) -> NoReturn:
-    raise TrajectoryError(f"{file}, line {number}: {words}") from None
-
-
-def _numbers(file: Path, number: int, texts: list[str], names: str) -> list[float]:
-    values = [parse_float(text) for text in texts]
-    if None in values:
-        text = texts[values.index(None)][:40]
-        _refuse(
-            file, number, f"Expected finite numbers for '{names}', got {text!r}. Correct or remove this line."
-        )
-    return [value for value in values if value is not None]
-
-
-def _tum_rows(file: Path, lines: Iterable[Line]) -> Iterator[Row]:
+def _tum_rows(file: Path, lines: Iterable[Line], left_out: list[str] | None) -> Iterator[Row]:
     for number, line in lines:
         texts = line.partition("#")[0].split()
-        if not texts:
-            continue
-        if len(texts) != 8:
-            hint = " Is it CSV? Then name it .csv." if "," in line else " Correct or remove this line."
-            _refuse(file, number, f"Expected 8 columns '{TUM_COLUMNS}', got {len(texts)}.{hint}")
-        yield number, _numbers(file, number, texts, TUM_COLUMNS)
+        if texts:
+            row = parsed(lambda: _tum_row(file, number, line, texts), left_out)  # noqa: B023 - called at once
+            if row is not None:
+                yield number, row
 
 
-def _csv_rows(file: Path, lines: Iterable[Line]) -> Iterator[Row]:
-    """Rows as time, x, y, z, qx, qy, qz, qw, and the nine numbers of a covariance where the header has such columns."""
-    header: list[str] = []
-    columns: list[Column] = []
-    certainty: list[Column] = []
-    names = ",".join(CSV_COLUMNS)
-    for number, line in lines:
-        if line.startswith("#"):
-            continue
-        texts = _cells(file, number, line)
-        if not columns:
-            header = texts
-            columns, certainty = _columns(file, number, header), _certainty_columns(file, number, header)
-            continue
-        if len(texts) != len(header):
-            _refuse(
-                file,
-                number,
-                f"Expected {len(header)} columns as in the header, got {len(texts)}. Correct this line.",
-            )
-        if not texts[columns[1][0]]:
-            continue
-        values = _numbers(file, number, [texts[index] for index, _ in columns], names)
-        scaled = [value * scale for value, (_, scale) in zip(values, columns, strict=True)]
-        covariance = _covariance(file, number, header, texts, certainty)
-        yield number, [*scaled[:4], *quaternions_from_angles(*scaled[4:]).tolist(), *covariance]
+def _tum_row(file: Path, number: int, line: str, texts: list[str]) -> list[float]:
+    if len(texts) != 8:
+        hint = " Is it CSV? Then name it .csv." if "," in line else " Correct or remove this line."
+        refuse(file, number, f"Expected 8 columns '{TUM_COLUMNS}', got {len(texts)}.{hint}")
+    return numbers_of(file, number, texts, TUM_COLUMNS)
 
 
-def _cells(file: Path, number: int, line: str) -> list[str]:
-    try:
-        return [text.strip() for text in next(csv.reader([line], strict=True))]
-    except csv.Error as error:
-        _refuse(file, number, f"Expected comma-separated values, got: {error}. Correct or remove this line.")
+def _fault(rows: list[Row]) -> TrajectoryFault | None:
+    return first_fault(*_arrays(rows))
 
 
-def _columns(file: Path, number: int, header: list[str]) -> list[Column]:
-    """The columns of time, x, y, z, roll, pitch and heading."""
-    columns = []
-    for name in CSV_COLUMNS:
-        found = [(header.index(name), 1.0)] if name in header else []
-        if name in CSV_COLUMNS[4:] and f"{name}_deg" in header:
-            found.append((header.index(f"{name}_deg"), math.pi / 180.0))
-        if len(found) != 1 or header.count(header[found[0][0]]) != 1:
-            got = ",".join(header)[:80]
-            what = "no" if not found else "more than one"
-            _refuse(
-                file,
-                number,
-                f"Expected a header with {','.join(CSV_COLUMNS)} (angles in rad, or as roll_deg,pitch_deg,"
-                f"heading_deg), got {what} {name!r} in {got!r}. Name the columns so, separated by commas.",
-            )
-        columns.append(found[0])
-    return columns
-
-
-def _certainty_columns(file: Path, number: int, header: list[str]) -> list[Column]:
-    """The columns of a covariance, those of three standard deviations, or none."""
-    in_degrees = f"{SIGMA_COLUMNS[2]}_deg"
-    sigmas = (*SIGMA_COLUMNS[:2], in_degrees if in_degrees in header else SIGMA_COLUMNS[2])
-    given = [names for names in (COVARIANCE_COLUMNS, sigmas) if any(name in header for name in names)]
-    if not given:
-        return []
-    wrong = [name for name in given[0] if header.count(name) != 1]
-    if len(given) == 2:
-        got = "both"
-    elif in_degrees in header and SIGMA_COLUMNS[2] in header:
-        got = f"both {SIGMA_COLUMNS[2]!r} and {in_degrees!r}"
-    elif wrong:
-        got = f"{'more than one' if wrong[0] in header else 'no'} {wrong[0]!r}"
-    else:
-        return [(header.index(name), math.pi / 180.0 if name == in_degrees else 1.0) for name in given[0]]
-    _refuse(
-        file,
-        number,
-        f"Expected either {','.join(COVARIANCE_COLUMNS)} (m^2, m rad, rad^2) or {','.join(SIGMA_COLUMNS)} (m, rad; or"
-        f" {in_degrees}), got {got}. Give all columns of one kind, or none.",
-    )
-
-
-def _covariance(
-    file: Path, number: int, header: list[str], texts: list[str], columns: list[Column]
-) -> list[float]:
-    """The nine numbers of a row's covariance: NaN where all its columns are empty; none without such columns."""
-    wanted = [texts[index] for index, _ in columns]
-    if not columns or not any(wanted):
-        return [math.nan] * (9 if columns else 0)
-    names = ",".join(header[index] for index, _ in columns)
-    values = _numbers(file, number, wanted, names)
-    scaled = np.array([value * scale for value, (_, scale) in zip(values, columns, strict=True)])
-    if len(columns) == len(SIGMA_COLUMNS):
-        if scaled.min() < 0.0:
-            _refuse(file, number, f"Expected '{names}' >= 0, got {min(values):g}. Correct or empty them.")
-        with np.errstate(over="ignore"):
-            return np.diag(np.square(scaled)).ravel().tolist()
-    covariance = np.zeros((3, 3))
-    covariance[np.triu_indices(3)] = scaled
-    return (covariance + np.triu(covariance, 1).T).ravel().tolist()
+def _arrays(rows: list[Row]) -> tuple[NDArray[np.float64], ...]:
+    """Times, positions, quaternions, and covariances if there are such."""
+    values: NDArray[np.float64] = np.array([row for _, row in rows])
+    covariances = (values[:, 8:].reshape(-1, 3, 3),) if values.shape[1] > 8 else ()
+    return values[:, 0], values[:, 1:4], values[:, 4:8], *covariances
 
 
 def _trajectory(file: Path, rows: list[Row]) -> Trajectory:
-    values: NDArray[np.float64] = np.array([row for _, row in rows])
-    times, positions, quaternions = values[:, 0], values[:, 1:4], values[:, 4:8]
-    covariances = values[:, 8:].reshape(-1, 3, 3) if values.shape[1] > 8 else None
-    fault = first_fault(times, positions, quaternions, covariances)
+    fault = _fault(rows)
     if fault is not None:
-        _refuse(file, rows[fault.row][0], fault.words)
-    return Trajectory(times, positions, quaternions, covariances)
+        refuse(file, rows[fault.row][0], fault.words)
+    return Trajectory(*_arrays(rows))

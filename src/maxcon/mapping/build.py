@@ -40,6 +40,8 @@ __all__ = ["build_map"]
 
 # Each thread holds a part of a tile's points and its voxels, about 0.25 GiB: more threads only on demand.
 MOST_THREADS = 4
+# A street has some 100,000 points in a tile of 30 m. So few in so many are another unit.
+MOST_SPARSE_TILES, LEAST_POINTS_OF_TILE = 1000, 200
 
 
 def build_map(
@@ -158,6 +160,7 @@ def _sort_into_tiles(
         ):
             points = part.points - origin
             _add(spill, ground, points, part, origin, header, options.cell)
+            _check_density(spill, counts, header, options.cell)
             if options.sigma is None:
                 sample.add(points, part.times)
             report("reading points", sum(source.n_points for source in counts), n_total)
@@ -194,6 +197,18 @@ def _add(
             f"Expected all points within {INDEX_LIMIT * cell:.3g} m ({INDEX_LIMIT:,} voxels) of the first, got"
             f" one in {header.path} farther away. Remove it from the cloud, or enlarge the cell."
         ) from error
+
+
+def _check_density(
+    spill: TileSpill, counts: Sequence[SourceCounts], header: CloudHeader, cell: float
+) -> None:
+    """Refuse points so far apart that hardly two share a tile: a map of them would be made for ever."""
+    n_points, n_tiles = sum(source.n_kept for source in counts), spill.n_tiles
+    if n_tiles > MOST_SPARSE_TILES and n_points < LEAST_POINTS_OF_TILE * n_tiles:
+        raise MapError(
+            f"Expected a dense cloud in metres, got {n_points:,} points in {n_tiles:,} squares of"
+            f" {TILE_VOXELS * cell:g} m, the last in {header.path}. Are its coordinates in millimetres? Scale them."
+        )
 
 
 def _make_tiles(

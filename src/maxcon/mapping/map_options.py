@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: MIT
 """How a map is made of its points."""
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from maxcon.errors import ArrayError, OptionError
 from maxcon.mapping.classes import DEFAULT_DROP, parse_classes
+from maxcon.point_map.manifest import CELLS
 from maxcon.point_map.sigma import check_sigma
 from maxcon.trajectory import Trajectory
 
@@ -52,8 +52,10 @@ class MapOptions:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "vehicle_classes", tuple(self.vehicle_classes))
-        if not (math.isfinite(self.cell) and self.cell > 0.0):
-            raise ArrayError(f"Expected a positive voxel edge in m, got {self.cell}. The default is 0.06.")
+        if not CELLS[0] <= self.cell <= CELLS[1]:
+            raise ArrayError(
+                f"Expected a positive voxel edge, {CELLS[0]:g} to {CELLS[1]:g} m, got {self.cell}. The default is 0.06."
+            )
         if self.keep_every < 1:
             raise OptionError(f"Expected to keep one point of 1 or more, got {self.keep_every}. 1 keeps all.")
         if self.sigma is not None:

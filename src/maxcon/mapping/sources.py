@@ -119,12 +119,17 @@ def common_crs(headers: Sequence[CloudHeader], crs: str | None) -> str | None:
     Raises
     ------
     CrsError
-        If sources disagree, or some name a CRS and some do not and `crs` is None.
+        If sources disagree, or some name a CRS and some none, or none that is known, and `crs` is None.
     """
     wanted = metric_crs(crs) if crs is not None else None
     first: tuple[CloudHeader, str] | None = None
     for header in headers:
         own = metric_crs(header.crs) if header.crs is not None else wanted
+        if own is None and header.crs_fault:
+            raise CrsError(
+                f"Expected a coordinate reference system that PROJ knows in {header.path}, got {header.crs_fault}."
+                " Say which it is with --crs, or assign it anew."
+            )
         if own is None:
             continue
         if wanted is not None and not same_crs(own, wanted):
@@ -185,6 +190,11 @@ def read_source(
         )
     with open_cloud(header.path) as reader:
         for chunk in reader.chunks():
+            if trajectory is not None and chunk.times is not None and not chunk.times.any():
+                raise OptionError(
+                    f"Expected times in {header.path} to match with the trajectory, but gps_time is 0 there."
+                    " Leave out --trajectory, or export the points with gps_time."
+                )
             is_wanted = (counts.n_points + np.arange(len(chunk.points))) % keep_every == 0
             yield _keep(chunk, is_wanted, counts, drop, trajectory, use_normals, header.has_asprs_classes)
 

@@ -50,6 +50,11 @@ class _TileFiles:
         """Tiles that got points, sorted."""
         return sorted(self._keys)
 
+    @property
+    def n_tiles(self) -> int:
+        """How many tiles have got points so far."""
+        return len(self._keys | self._buffers.keys()) if self._buffers else len(self._keys)
+
     def _put(self, keys: NDArray[np.int32], records: NDArray[np.void]) -> None:
         """Take records, and the (x, y) of the tile of each."""
         keys = keys.copy()

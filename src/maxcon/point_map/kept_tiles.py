@@ -5,6 +5,7 @@
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
+from typing import Any
 
 from maxcon.point_map.tile import TileKey, VoxelTile
 
@@ -24,6 +25,9 @@ class KeptTiles(OrderedDict[TileKey, VoxelTile]):
         super().__init__()
         self._most_bytes = most_bytes
         self._lock = threading.Lock()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return KeptTiles, (self._most_bytes,)  # a copy has its own, and none yet
 
     def load(self, key: TileKey, make: Callable[[], VoxelTile]) -> VoxelTile:
         """Return a tile that is kept, or else what `make` makes, which is kept from now on."""

@@ -12,11 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from maxcon.errors import MapError
+from maxcon.geometry.voxels import INDEX_LIMIT
 from maxcon.point_map.ground import ground_voxels
 from maxcon.point_map.sigma import UNKNOWN_SIGMA
 from maxcon.point_map.tile import TILE_VOXELS, TileKey
+from maxcon.regular_file import open_regular
 
 __all__ = [
+    "CELLS",
     "FORMAT",
     "FORMAT_VERSION",
     "MAP_NAMES",
@@ -31,11 +34,13 @@ __all__ = [
 FORMAT = "maxcon map"
 FORMAT_VERSION = 2
 MANIFEST = "manifest.json"
+LARGEST_MANIFEST = 2**30
+"""Bytes: those of some millions of tiles."""
+CELLS = (1e-4, 100.0)
+"""Voxel edges, m, between which sizes of tiles and numbers of voxels are numbers of a map."""
 MAP_NAMES = (MANIFEST, "tiles", "ground")
 """All that the folder of a map holds."""
 REBUILD = "Build the map again with `maxcon map build`."
-# Voxels farther out than this many tiles have no index of 32 bits.
-FARTHEST_TILE = 2**31 // TILE_VOXELS
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +135,8 @@ def read_manifest(path: str | os.PathLike[str]) -> Manifest:
     """
     file = Path(path) / MANIFEST
     try:
-        content = json.loads(file.read_text())
+        with open_regular(file) as stream:
+            content = json.loads(stream.read(LARGEST_MANIFEST))
         checksum = _checksum(content) if isinstance(content, dict) else None
     except (FileNotFoundError, NotADirectoryError):
         what = "a file" if Path(path).is_file() else "no such folder"
@@ -165,7 +171,7 @@ def read_manifest(path: str | os.PathLike[str]) -> Manifest:
 def _parse_manifest(content: Mapping[str, Any]) -> Manifest:
     cell, sigma = float(content["cell"]), float(content["sigma"])
     x, y, z = (float(value) for value in content["origin"])
-    if not (cell > 0.0 and all(map(math.isfinite, (cell, x, y, z)))):
+    if not (CELLS[0] <= cell <= CELLS[1] and all(map(math.isfinite, (x, y, z)))):
         raise ValueError(f"cell {cell}, origin {(x, y, z)}")
     if not 0.0 <= sigma < math.inf:
         raise ValueError(f"sigma {sigma}")
@@ -178,8 +184,8 @@ def _parse_manifest(content: Mapping[str, Any]) -> Manifest:
         raise TypeError("is_signed")
     tiles = []
     for entry in content["tiles"]:
-        key = _parse_key(entry["key"])
-        tiles.append(TileEntry(key, int(entry["n_voxels"]), int(entry["n_points"]), str(entry["sha256"])))
+        n_voxels, n_points = _count(entry["n_voxels"], 2**31), _count(entry["n_points"], 2**62)
+        tiles.append(TileEntry(_key(entry["key"]), n_voxels, n_points, str(entry["sha256"])))
     if not tiles:
         raise ValueError("no tiles")
     build = dict(content["build"])
@@ -189,27 +195,36 @@ def _parse_manifest(content: Mapping[str, Any]) -> Manifest:
     return Manifest(cell, (x, y, z), crs, bool(content["is_signed"]), tuple(tiles), build, sigma, ground)
 
 
-def _parse_key(numbers: Sequence[Any]) -> TileKey:
-    x, y = (int(number) for number in numbers)
-    if not (-FARTHEST_TILE <= x < FARTHEST_TILE and -FARTHEST_TILE <= y < FARTHEST_TILE):
-        raise ValueError(f"tile {x}, {y}")
-    return x, y
-
-
 def _parse_ground(content: Mapping[str, Any], cell: float) -> tuple[GroundEntry, ...]:
     """Entries of the ground grid; none in a map without."""
     entries = []
     for entry in content.get("ground", ()):
-        key = _parse_key(entry["key"])
-        entries.append(GroundEntry(key, int(entry["n_heights"]), str(entry["sha256"])))
+        n_heights = _count(entry["n_heights"], 2**31)
+        entries.append(GroundEntry(_key(entry["key"]), n_heights, str(entry["sha256"])))
     if entries and content["ground_voxels"] != ground_voxels(cell):
         raise ValueError(f"ground_voxels {content['ground_voxels']}")
     return tuple(entries)
 
 
+def _key(values: Sequence[Any]) -> TileKey:
+    """Return the key of a tile: of voxels whose indices a map can have."""
+    x, y = values
+    most = INDEX_LIMIT // TILE_VOXELS
+    if not all(type(value) is int and -most <= value <= most for value in (x, y)):
+        raise ValueError(f"a tile at {str(values)[:40]}")
+    return x, y
+
+
+def _count(value: Any, most: int) -> int:
+    if not (type(value) is int and 0 <= value < most):
+        raise ValueError(f"a count of {str(value)[:40]}")
+    return value
+
+
 def _check_sources(sources: Sequence[Mapping[str, Any]]) -> None:
     for source in sources:
         numbers = [source[name] for name in ("n_points", "n_kept", "n_invalid", "n_without_side")]
+        numbers += [source.get(name, 0) for name in ("n_thinned", "n_withheld")]
         numbers += [number for pair in source["n_dropped"].items() for number in (int(pair[0]), pair[1])]
         if not (isinstance(source["name"], str) and isinstance(source["is_classified"], bool)):
             raise TypeError("sources")

@@ -4,6 +4,9 @@
 
 import math
 import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, SupportsIndex
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,6 +43,8 @@ class _TilesInMemory:
 class PointMap:
     """The map a scan is localized in. Make one with `from_points` or `open`.
 
+    A pickle of one that was opened holds its path, not its voxels: it is opened again where it is read.
+
     Attributes
     ----------
     frame : LocalFrame
@@ -73,6 +78,10 @@ class PointMap:
         self._ground: GroundSource = ground if ground is not None else GroundInMemory({})
         self._sorted_keys = np.array(sorted(tiles.keys), dtype=np.int64).reshape(-1, 2)
         self._levels: dict[int, PointMap] = {1: self}
+        self._made_by: tuple[Callable[..., PointMap], tuple[Any, ...]] | None = None
+
+    def __reduce_ex__(self, protocol: SupportsIndex) -> Any:
+        return super().__reduce_ex__(protocol) if self._made_by is None else self._made_by
 
     @classmethod
     def from_points(
@@ -142,7 +151,9 @@ class PointMap:
         manifest = read_manifest(path)
         store = TileStore(path, manifest, cache_bytes=cache_bytes)
         frame, ground = LocalFrame(manifest.origin, manifest.crs), GroundStore(path, manifest)
-        return cls(frame, manifest.cell, manifest.is_signed, store, manifest.sigma, ground)
+        opened = cls(frame, manifest.cell, manifest.is_signed, store, manifest.sigma, ground)
+        opened._made_by = _opened, (str(Path(path).absolute()), cache_bytes)
+        return opened
 
     def level(self, factor: int) -> "PointMap":
         """Return the same map in voxels so many times as large, without ground; tiles are merged when a search asks.
@@ -166,6 +177,7 @@ class PointMap:
                 self.frame, self.cell * factor, self.is_signed, merged, self.sigma,
                 tile_voxels=self.tile_voxels // factor,
             )  # fmt: skip
+            level._made_by = PointMap.level, (self, factor)
             self._levels.setdefault(factor, level)  # the first one, where several threads ask at once
         return self._levels[factor]
 
@@ -261,3 +273,7 @@ class PointMap:
             np.concatenate([tile.counts for tile in tiles] or [np.empty(0, np.int32)]),
             np.concatenate([tile.normals for tile in tiles] or [np.empty((0, 3), np.float32)]),
         )
+
+
+def _opened(path: str, cache_bytes: int) -> PointMap:
+    return PointMap.open(path, cache_bytes=cache_bytes)

@@ -109,8 +109,8 @@ class Addresses:
 class VoxelTile:
     """The voxels of one tile of the map: 512 x 512 columns, 30.72 m at 6 cm; of a level fewer and larger ones.
 
-    Sorted by (z, patch y, patch x, y, x), see `search_order`. The arrays may be read-only views of a
-    mapped file.
+    Sorted by (z, patch y, patch x, y, x), see `search_order`. The arrays may be views of a
+    file that was read.
 
     Parameters
     ----------
@@ -219,7 +219,7 @@ class VoxelTile:
 
     @property
     def _voxel_columns(self) -> NDArray[np.int16]:
-        """Columns as the kernels take them: in one piece, whether in memory or of a mapped file."""
+        """Columns as the kernels take them: in one piece, whether they can be written or not."""
         return read_only_view(self.columns)
 
     @property

@@ -2,7 +2,14 @@
 # SPDX-License-Identifier: MIT
 """A study: methods x epochs of a dataset, in one table."""
 
-from maxcon.study.methods import DEFAULT_SETS, METHOD_SETS, StudyMethod, choose_methods, known_methods
+from maxcon.study.methods import (
+    DEFAULT_SETS,
+    METHOD_SETS,
+    StudyMethod,
+    choose_methods,
+    installed_methods,
+    known_methods,
+)
 from maxcon.study.run import Study, run_study
 from maxcon.study.summary import MethodRows, MethodStatistics, rows_by_method, statistics
 from maxcon.study.table import COLUMNS
@@ -16,6 +23,7 @@ __all__ = [
     "Study",
     "StudyMethod",
     "choose_methods",
+    "installed_methods",
     "known_methods",
     "rows_by_method",
     "run_study",

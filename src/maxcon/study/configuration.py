@@ -13,6 +13,7 @@ from maxcon.atomic import atomic_file
 from maxcon.dataset import Dataset
 from maxcon.drive import DriveOptions
 from maxcon.errors import FileError, OptionError
+from maxcon.regular_file import open_regular
 from maxcon.study.description import describe
 from maxcon.study.map_variants import MAP_VARIANTS
 from maxcon.study.methods import StudyMethod
@@ -93,27 +94,41 @@ class Configuration:
         """
         path = folder / CONFIGURATION
         try:
-            with path.open("rb") as stream:
+            with open_regular(path) as stream:
                 text = stream.read(LARGEST_CONFIGURATION + 1)
             named = json.loads(text.decode("utf-8"))
             found = cls(**named)
-            tables = (
-                found.parts,
-                found.options,
-                found.methods,
-                found.maps,
-                *found.methods.values(),
-                *found.runs,
-            )
-            if not all(isinstance(value, dict) for value in tables):
-                raise TypeError("what should be a table is none")
-        except (OSError, ValueError, TypeError, RecursionError) as error:
+            found._check_kinds()
+        except (OSError, ValueError, TypeError, AttributeError, RecursionError) as error:
             reason = error.strerror if isinstance(error, OSError) else error
             raise FileError(
                 f"Expected a study in {folder}, got: {reason} ({path.name})."
                 " Make one with maxcon study DATASET -o STUDY."
             ) from error
         return found
+
+    def _check_kinds(self) -> None:
+        """Refuse what another program has put into the file where names and numbers are expected.
+
+        Raises
+        ------
+        TypeError
+            If there is such.
+        """
+        tables = [self.parts, self.options, self.methods, self.maps]
+        tables += [*_listed(self.methods), *_listed(self.runs)]
+        words = [self.version, self.dataset, *_listed(self.parts)]
+        words += [name for run in self.runs for key in ("priors", "methods") for name in run.get(key, ())]
+        numbers = [self.n_scans, *_listed(self.options)]
+        numbers += [
+            run.get(key, 0) for run in self.runs for key in ("n_epochs", "n_workers", "n_rows", "seconds")
+        ]
+        for values, kind, what in (
+            (tables, dict, "a table"), (words, str, "a name"), (numbers, int | float, "a number"),
+        ):  # fmt: skip
+            wrong = [value for value in values if not isinstance(value, kind)]
+            if wrong:
+                raise TypeError(f"{str(wrong[0])[:40]!r} where {what} should be")
 
     def write(self, folder: Path) -> None:
         """Write it into the folder of a study.
@@ -171,6 +186,13 @@ class Configuration:
     def with_run(self, run: dict[str, Any]) -> "Configuration":
         """Return the configuration with one more run, which may be filled in later."""
         return replace(self, runs=[*self.runs, run])
+
+
+def _listed(values: Any) -> list[Any]:
+    """Return the values of a table, or of a list; none of anything else."""
+    if isinstance(values, dict):
+        return list(values.values())
+    return values if isinstance(values, list) else []
 
 
 def dataset_parts(dataset: Dataset) -> dict[str, str]:

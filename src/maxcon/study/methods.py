@@ -7,15 +7,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from maxcon.baselines import CountThenGicp, Gicp, Icp, MapTargets, MultiStart
+from maxcon.baselines import CountThenGicp, Gicp, Icp, MapTargets, MultiStart, check_small_gicp
 from maxcon.drive import Method
-from maxcon.errors import OptionError
+from maxcon.errors import MissingExtraError, OptionError
 from maxcon.maximum_consensus import MaximumConsensus
 from maxcon.objectives import Count, Helmert, MaxEigenvalue, Objective
 from maxcon.search_space import SearchSpace
 from maxcon.study.map_variants import MAP_VARIANTS, STANDARD
 
-__all__ = ["DEFAULT_SETS", "METHOD_SETS", "StudyMethod", "choose_methods", "known_methods"]
+__all__ = [
+    "DEFAULT_SETS",
+    "METHOD_SETS",
+    "StudyMethod",
+    "choose_methods",
+    "installed_methods",
+    "known_methods",
+]
 
 
 @dataclass(frozen=True)
@@ -40,6 +47,12 @@ class StudyMethod:
     method: Method
     map_name: str = STANDARD
     around_reference: bool = False
+
+    @property
+    def needs_small_gicp(self) -> bool:
+        """Whether it works only where that package is installed."""
+        inner = self.method.method if isinstance(self.method, MultiStart) else self.method
+        return isinstance(inner, Gicp | CountThenGicp)
 
 
 METHOD_SETS: dict[str, tuple[str, ...]] = {
@@ -114,6 +127,16 @@ def choose_methods(names: Sequence[str], space: SearchSpace) -> list[StudyMethod
     if not chosen:
         raise OptionError(f"Expected at least one method, got none. Sets are {', '.join(METHOD_SETS)}.")
     return list(chosen.values())
+
+
+def installed_methods(methods: Sequence[StudyMethod]) -> tuple[list[StudyMethod], list[str]]:
+    """Return the methods whose packages are installed, and the names of the others."""
+    try:
+        check_small_gicp()
+    except MissingExtraError:
+        missing = [method.name for method in methods if method.needs_small_gicp]
+        return [method for method in methods if method.name not in missing], missing
+    return list(methods), []
 
 
 def _consensus_methods(space: SearchSpace) -> list[StudyMethod]:

@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from maxcon.atomic import check_folder, locked, make_folder
-from maxcon.baselines import CountThenGicp, Gicp, MultiStart, check_small_gicp
+from maxcon.atomic import check_folder, make_folder
+from maxcon.baselines import check_small_gicp
 from maxcon.dataset import Dataset
 from maxcon.drive import DriveOptions
 from maxcon.errors import FileError, OptionError
 from maxcon.io.scans import open_scans
+from maxcon.locks import locked
 from maxcon.progress import Progress
 from maxcon.study.bench import REFERENCE, BenchPlan
 from maxcon.study.configuration import CONFIGURATION, Configuration
@@ -192,8 +193,7 @@ def _checked(
             f"Expected at least one process, got {n_workers}. Leave it out for one per processor."
         )
     for method in methods:
-        inner = method.method.method if isinstance(method.method, MultiStart) else method.method
-        if isinstance(inner, Gicp | CountThenGicp):
+        if method.needs_small_gicp:
             check_small_gicp()
     return names
 

@@ -2,8 +2,11 @@
 # SPDX-License-Identifier: MIT
 """LAS and LAZ: every point format, chunks, CRS, and headers that claim what is not there."""
 
+import os
+import signal
 import struct
 import sys
+import time
 
 import laspy
 import numpy as np
@@ -13,6 +16,7 @@ import pytest
 from maxcon.errors import CrsError, FileError, OptionError
 from maxcon.io.clouds import las as las_reader
 from maxcon.io.clouds import open_cloud
+from maxcon.mapping.sources import common_crs
 
 FORMATS = [(0, "1.2"), (1, "1.2"), (3, "1.3"), (6, "1.4"), (7, "1.4"), (8, "1.4")]
 
@@ -112,9 +116,12 @@ def test_the_crs_is_found_behind_the_points(tmp_path):
     with_evlr(tmp_path / "a.las", b"LASF_Projection", 2112, wkt + b"\0")
     with open_cloud(tmp_path / "a.las") as reader:
         assert pyproj.CRS.from_wkt(reader.header.crs).to_epsg() == 25833
-    with_evlr(tmp_path / "a.las", b"LASF_Projection", 2112, b"nonsense")
-    with pytest.raises(CrsError, match=r"a\.las.*Assign it anew"):
-        open_cloud(tmp_path / "a.las")
+    for content, words in ((b"nonsense", "Invalid"), (b"\xff\xfe", "can't decode")):
+        write_las(tmp_path / "b.las", 10)
+        with_evlr(tmp_path / "b.las", b"LASF_Projection", 2112, content)
+        with open_cloud(tmp_path / "b.las") as reader:
+            assert reader.header.crs is None
+            assert words in reader.header.crs_fault
 
 
 def test_an_extended_record_that_is_not_there_is_refused(tmp_path):
@@ -205,3 +212,100 @@ def test_broken_las_ends_in_an_error_of_ours(tmp_path, survives_breaking, point_
     path = tmp_path / f"whole{suffix}"
     write_las(path, 200, point_format, version, epsg=25832)
     survives_breaking(path.read_bytes(), suffix, read_all, n_copies=120)
+
+
+def geo_keys(*keys, n_keys=None, version=1):
+    rows = struct.pack("<4H", version, 1, 0, len(keys) if n_keys is None else n_keys)
+    return rows + b"".join(struct.pack("<4H", *key) for key in keys)
+
+
+def with_record(path, content, number=34735, user=b"LASF_Projection"):
+    """Put one record between the header and the points."""
+    whole = bytearray(path.read_bytes())
+    header_bytes, start = struct.unpack_from("<HI", whole, 94)
+    record = struct.pack("<H16sHH32s", 0, user, number, len(content), b"") + content
+    struct.pack_into("<II", whole, 96, header_bytes + len(record), 1)
+    path.write_bytes(bytes(whole[:header_bytes]) + record + bytes(whole[start:]))
+
+
+@pytest.mark.parametrize(
+    ("content", "number", "words"),
+    [
+        (geo_keys((3072, 0, 1, 25833), n_keys=9), 34735, "9 GeoTIFF keys in 16 bytes"),
+        (geo_keys((3072, 0, 1, 25833), version=513), 34735, "damaged directory"),
+        (geo_keys((3072, 0, 1, 9999)), 34735, "EPSG:9999"),
+        (geo_keys((3072, 0, 1, 32767)), 34735, "of its own, without WKT"),
+        (geo_keys((3072, 0, 1, 40000)), 34735, "the code 40000"),
+        (geo_keys((1024, 0, 1, 1)), 34735, "without a code"),
+        (b"\1\0\1", 34735, "damaged directory"),
+        (b"PROJCS[cut", 2112, "WKT that it does not"),
+        (b"\xff\xff\xff", 2112, "WKT that it does not"),
+    ],
+)
+def test_a_damaged_crs_is_not_none(tmp_path, content, number, words):
+    write_las(tmp_path / "a.las", 10, point_format=3)
+    with_record(tmp_path / "a.las", content, number)
+    with open_cloud(tmp_path / "a.las") as reader:
+        header = reader.header
+        assert sum(len(chunk.points) for chunk in reader.chunks()) == 10
+    assert header.crs is None
+    assert words in header.crs_fault
+    with pytest.raises(CrsError, match=r"PROJ knows in .*a\.las, got .*Say which it is with --crs"):
+        common_crs([header], None)
+    assert "25833" in common_crs([header], "EPSG:25833")
+
+
+def test_geotiff_keys_and_the_record_of_liblas(tmp_path):
+    write_las(tmp_path / "a.las", 10, point_format=3)
+    with_record(tmp_path / "a.las", geo_keys((1024, 0, 1, 1), (3072, 0, 1, 25833)))
+    wkt = pyproj.CRS.from_epsg(25832).to_wkt().encode() + b"\0"
+    write_las(tmp_path / "b.las", 10, point_format=3)
+    with_record(tmp_path / "b.las", wkt, 2112, b"liblas")
+    for name, code in (("a.las", 25833), ("b.las", 25832)):
+        with open_cloud(tmp_path / name) as reader:
+            assert pyproj.CRS.from_wkt(reader.header.crs).to_epsg() == code
+
+
+@pytest.mark.parametrize(("suffix", "point_format"), [("las", 3), ("las", 6), ("laz", 3), ("laz", 6)])
+def test_a_lowered_count_of_points_is_refused(tmp_path, suffix, point_format):
+    path = tmp_path / f"a.{suffix}"
+    write_las(path, 120_000, point_format=point_format)
+    whole = bytearray(path.read_bytes())
+    struct.pack_into("<I", whole, 107, 1000 if point_format < 6 else 0)
+    if whole[25] >= 4:
+        struct.pack_into("<Q", whole, 247, 1000)
+    path.write_bytes(whole)
+    with pytest.raises(FileError, match=r"Expected 1000 points in .*a\.la.*got"):
+        open_cloud(path)
+
+
+def test_equal_points_that_unpack_hugely_are_refused(tmp_path, monkeypatch):
+    from maxcon.io.clouds import laz
+
+    monkeypatch.setattr(laz, "SMALL_BYTES", 10_000)
+    header = laspy.LasHeader(point_format=0, version="1.2")
+    las = laspy.LasData(header)
+    las.x = las.y = las.z = np.zeros(1_000_000)
+    las.write(tmp_path / "a.laz")
+    with pytest.raises(FileError, match=r"at most 300 times its size, got \d+ times"):
+        open_cloud(tmp_path / "a.laz")
+
+
+def test_laz_is_read_after_a_fork(tmp_path):
+    """The decompressor's threads do not survive a fork: the child waited for them for ever."""
+    write_las(tmp_path / "a.laz", 120_000)
+    with open_cloud(tmp_path / "a.laz") as reader:
+        n_points = sum(len(chunk.points) for chunk in reader.chunks())
+    child = os.fork()
+    if child == 0:
+        with open_cloud(tmp_path / "a.laz") as reader:
+            os._exit(0 if sum(len(chunk.points) for chunk in reader.chunks()) == n_points else 1)
+    deadline = time.monotonic() + 60.0
+    ended, status = os.waitpid(child, os.WNOHANG)
+    while not ended and time.monotonic() < deadline:
+        time.sleep(0.01)
+        ended, status = os.waitpid(child, os.WNOHANG)
+    if not ended:
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+    assert ended and status == 0

@@ -11,6 +11,7 @@ from maxcon.io.clouds.base import CloudChunk, CloudHeader, CloudReader
 from maxcon.io.clouds.las import LasReader
 from maxcon.io.clouds.npz import NpzReader
 from maxcon.io.clouds.ply import PlyReader
+from maxcon.regular_file import special_kind
 
 __all__ = ["CLOUD_SUFFIXES", "CloudChunk", "CloudHeader", "CloudReader", "open_cloud"]
 
@@ -51,6 +52,10 @@ def open_cloud(path: str | os.PathLike[str]) -> CloudReader:
         ) from error
     if stat.S_ISDIR(status.st_mode):
         raise FileError(f"Expected a point-cloud file, got the folder {file}. Name the files in it.")
+    if not stat.S_ISREG(status.st_mode):
+        raise FileError(
+            f"Expected a point-cloud file, got {file}, a {special_kind(status.st_mode)}. Name a file."
+        )
     reader = _READERS.get(file.suffix.lower())
     if reader is None:
         raise FileError(

@@ -40,7 +40,9 @@ class CloudHeader:
     n_points : int
         How many points it holds.
     crs : str or None
-        Coordinate reference system as WKT; None where the file names none.
+        Coordinate reference system as WKT; None where the file names none that can be used.
+    crs_fault : str
+        What the file has instead of one, in words; empty where it names none at all.
     has_asprs_classes : bool
         Whether classes are those of the ASPRS (LAS), not of any scheme.
     has_normals, has_classes, has_times : bool
@@ -54,6 +56,7 @@ class CloudHeader:
     has_classes: bool = False
     has_times: bool = False
     has_asprs_classes: bool = False
+    crs_fault: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,6 +3,7 @@
 """LAS and LAZ, read through laspy; the header is held against the file before laspy trusts it."""
 
 import math
+import os
 import struct
 from collections.abc import Generator
 from pathlib import Path
@@ -10,8 +11,9 @@ from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 import numpy as np
 
-from maxcon.errors import CrsError, FileError
+from maxcon.errors import FileError
 from maxcon.io.clouds.base import CloudChunk, CloudHeader, CloudReader, as_file_error, rows_at_a_time
+from maxcon.io.clouds.las_crs import read_las_crs
 from maxcon.io.clouds.laz import LazChunks, check_layers, read_laz_chunks
 
 if TYPE_CHECKING:
@@ -26,6 +28,8 @@ MAX_PARALLEL_CHUNK = 2_000_000
 MAX_RECORDS_BYTES = 2**28
 MAX_EVLRS = 10_000
 MAX_WKT_BYTES = 2**20
+# The decompressor's threads are of the process that loaded it: after a fork they are gone, and it would wait for them.
+PROCESS = os.getpid()
 
 
 class _Layout(NamedTuple):
@@ -73,10 +77,24 @@ def _read_layout(file: Path, stream: BinaryIO) -> _Layout:
         raise FileError(
             f"Expected {n_points} points in {file}, got bytes for {n_there}: truncated. Copy it again."
         )
+    _check_end(file, layout, size, struct.unpack_from("<Q", head, 227)[0] if minor >= 3 else 0)
     return layout
 
 
-def _wkt_after_points(file: Path, stream: BinaryIO, layout: _Layout) -> str | None:
+def _check_end(file: Path, layout: _Layout, size: int, waveforms: int) -> None:
+    """Refuse more bytes than the points and what is said to follow them: a count of points that is too low."""
+    if layout.is_compressed:
+        return  # the table of chunks tells
+    end = min((at for at in (layout.evlr_start if layout.n_evlrs else 0, waveforms) if at), default=size)
+    n_there = (min(end, size) - layout.start) // layout.record_length
+    if n_there > layout.n_points:
+        raise FileError(
+            f"Expected {layout.n_points} points in {file}, as its header says, got bytes for {n_there}. Its header is"
+            " broken; write it anew."
+        )
+
+
+def _wkt_after_points(file: Path, stream: BinaryIO, layout: _Layout) -> bytes | None:
     """Return the WKT in the extended records at the end of the file, if there is one."""
     size = stream.seek(0, 2)
     at = layout.evlr_start
@@ -96,27 +114,9 @@ def _wkt_after_points(file: Path, stream: BinaryIO, layout: _Layout) -> str | No
             )
         user, record = head[2:18].rstrip(b"\0"), struct.unpack_from("<H", head, 18)[0]
         if user == b"LASF_Projection" and record == 2112 and length <= MAX_WKT_BYTES:
-            return stream.read(length).rstrip(b"\0").decode("utf-8")
+            return stream.read(length)
         at += 60 + length
     return None
-
-
-def _read_crs(file: Path, stream: BinaryIO, header: "laspy.LasHeader", layout: _Layout) -> str | None:
-    """Return the WKT of the file's CRS, or None if it names none (or a user-defined one without WKT)."""
-    import pyproj
-
-    wkt = _wkt_after_points(file, stream, layout)
-    try:
-        crs = header.parse_crs()
-        if crs is None and wkt:
-            crs = pyproj.CRS.from_wkt(wkt)
-    except pyproj.exceptions.CRSError as error:
-        raise CrsError(
-            f"Expected a coordinate reference system that PROJ knows in {file}, got:"
-            f" {str(error).splitlines()[0][:120]}."
-            " Assign it anew, e.g. from its EPSG code."
-        ) from error
-    return None if crs is None else str(crs.to_wkt())
 
 
 class LasReader(CloudReader):
@@ -130,9 +130,7 @@ class LasReader(CloudReader):
     Raises
     ------
     FileError
-        If it is not LAS or LAZ, says 0 points, or is shorter than its header says.
-    CrsError
-        If its coordinate reference system is not known.
+        If it is not LAS or LAZ, says 0 points, or is shorter or longer than its header says.
     """
 
     def __init__(self, file: Path) -> None:
@@ -144,10 +142,12 @@ class LasReader(CloudReader):
             stream.seek(0)
             header = laspy.LasHeader.read_from(stream, read_evlrs=False)
             self._chunks = self._read_chunks(file, stream, header)
+            crs = read_las_crs(stream, _wkt_after_points(file, stream, self._layout))
             self.header = CloudHeader(
                 path=file,
                 n_points=self._layout.n_points,
-                crs=_read_crs(file, stream, header, self._layout),
+                crs=crs.wkt,
+                crs_fault=crs.fault,
                 has_classes=True,
                 has_asprs_classes=True,
                 has_times="gps_time" in header.point_format.dimension_names,
@@ -170,7 +170,7 @@ class LasReader(CloudReader):
         import laspy
 
         file, n_left = self.header.path, self.header.n_points
-        backend = laspy.LazBackend.LazrsParallel
+        backend = laspy.LazBackend.LazrsParallel if os.getpid() == PROCESS else laspy.LazBackend.Lazrs
         with as_file_error(file, "a LAS or LAZ file"), file.open("rb") as stream:
             if self._chunks is not None:
                 check_layers(file, stream, self._chunks, self._layout.record_length)

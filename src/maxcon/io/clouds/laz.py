@@ -18,6 +18,9 @@ POINTWISE, LAYERED = 2, 3
 # Layers of each kind of item: point, RGB, RGB and NIR, wave packet; extra bytes have one per byte.
 LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
 EXTRA_BYTES = 14
+# Real clouds shrink to a fifth or a twentieth; what shrinks more than this and is large was made to fill a memory.
+MAX_RATIO = 300
+SMALL_BYTES = 2**24
 
 
 class LazChunks(NamedTuple):
@@ -78,8 +81,13 @@ def read_laz_chunks(
         raise broken_laz(
             file, f"{table - chunks.start} bytes of compressed points", f"{sum(chunks.n_bytes)} in its table"
         )
-    if sum(chunks.n_points) < n_points:
+    if not sum(chunks.n_points[:-1]) < n_points <= sum(chunks.n_points):
         raise broken_laz(file, f"{n_points} points", f"chunks of {sum(chunks.n_points)}")
+    if n_points * record_length > max(SMALL_BYTES, MAX_RATIO * size):
+        raise FileError(
+            f"Expected the points of {file} to unpack to at most {MAX_RATIO} times its size, got"
+            f" {n_points * record_length / size:.0f} times. Is it real data? Write it as LAS."
+        )
     return chunks
 
 

@@ -27,7 +27,7 @@ __all__ = ["NpzReader"]
 COLUMNS = {"points": 3, "normals": 3, "classes": 0, "times": 0}
 # Coordinates are hardly compressible; what shrinks more than this and is large was made to fill a memory.
 MAX_RATIO = 100
-SMALL_BYTES = 2**26
+SMALL_BYTES = 2**24
 KIND = "an NPZ archive"
 
 

@@ -71,7 +71,7 @@ def read_pcd_layout(file: Path, stream: BinaryIO, n_most: int) -> PcdLayout:
         than `n_most`, or the file is too short for them.
     """
     header = _header(file, stream)
-    fields = tuple(header.get("FIELDS", []))
+    fields = _lower_axes(tuple(header.get("FIELDS", [])))
     types = tuple(
         kind + size for kind, size in zip(header.get("TYPE", []), header.get("SIZE", []), strict=False)
     )
@@ -88,6 +88,13 @@ def read_pcd_layout(file: Path, stream: BinaryIO, n_most: int) -> PcdLayout:
     layout = PcdLayout(encoding, stream.tell(), _count_points(file, header, n_most), fields, types, counts)
     _check_size(file, stream, layout)
     return layout
+
+
+def _lower_axes(fields: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the names with X, Y and Z, as some write them, for x, y and z where there are none."""
+    if any(name in fields for name in "xyz"):
+        return fields
+    return tuple(name.lower() if name in ("X", "Y", "Z") else name for name in fields)
 
 
 def _broken(file: Path, expected: str, got: str) -> FileError:

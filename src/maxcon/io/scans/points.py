@@ -11,12 +11,14 @@ from maxcon.errors import FileError
 from maxcon.io.clouds import CLOUD_SUFFIXES, open_cloud
 from maxcon.io.clouds.base import as_float64
 from maxcon.io.scans.pcd import read_pcd_points
+from maxcon.regular_file import check_regular
 
 __all__ = ["MAX_SCAN_POINTS", "SCAN_SUFFIXES", "read_scan_points"]
 
 SCAN_SUFFIXES = (".bin", ".pcd", *CLOUD_SUFFIXES)
-# The densest scanners return some millions of points per turn; more is a map in the wrong place.
-MAX_SCAN_POINTS = 50_000_000
+# The densest scanners return some hundred thousand points per turn; more is a map in the wrong place, and would take
+# over a gigabyte (about 200 bytes a point) to localize.
+MAX_SCAN_POINTS = 5_000_000
 KITTI_RECORD = 16
 
 
@@ -26,12 +28,13 @@ def read_scan_points(file: Path) -> NDArray[np.float64]:
     Raises
     ------
     FileError
-        If the file is empty, truncated or broken, or has more than 50 million points.
+        If the file is empty, truncated or broken, or has more than 5 million points.
     MissingExtraError
         If it is a PCD file and the extra `pcd` is not installed.
     """
     suffix = file.suffix.lower()
     try:
+        check_regular(file)
         if suffix == ".bin":
             return _read_kitti(file)
         return read_pcd_points(file, MAX_SCAN_POINTS) if suffix == ".pcd" else _read_cloud(file)

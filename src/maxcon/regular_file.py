@@ -1,0 +1,54 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Files to read that are files: opening a FIFO waits for ever, and a device may have no end."""
+
+import errno
+import os
+import stat
+from io import BufferedReader
+from pathlib import Path
+
+__all__ = ["check_regular", "open_regular", "special_kind"]
+
+
+def special_kind(mode: int) -> str:
+    """Return what stands in the file system where there is neither file nor folder, from its `st_mode`."""
+    if stat.S_ISFIFO(mode):
+        return "FIFO"
+    return "socket" if stat.S_ISSOCK(mode) else "device"
+
+
+def check_regular(path: str | os.PathLike[str]) -> None:
+    """Refuse what is no file, before anything opens it.
+
+    Raises
+    ------
+    OSError
+        If it is missing, a folder, a FIFO, a socket or a device, in words for an error of ours.
+    """
+    _check(path, os.stat(path).st_mode)  # noqa: PTH116 - also names that are no Path
+
+
+def open_regular(path: str | os.PathLike[str]) -> BufferedReader:
+    """Open a file to read its bytes; what is none is refused, at once.
+
+    Raises
+    ------
+    OSError
+        As `check_regular`; or if it may not be read.
+    """
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+    descriptor = os.open(path, flags)
+    try:
+        _check(path, os.fstat(descriptor).st_mode)
+        return os.fdopen(descriptor, "rb")
+    except BaseException:
+        os.close(descriptor)
+        raise
+
+
+def _check(path: str | os.PathLike[str], mode: int) -> None:
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(Path(path)))
+    if not stat.S_ISREG(mode):
+        raise OSError(errno.EINVAL, f"a {special_kind(mode)}, no file", str(Path(path)))

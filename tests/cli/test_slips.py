@@ -1,0 +1,153 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""The slips of new users: each works, or is met with a message that names its cause."""
+
+import math
+
+import numpy as np
+import pytest
+
+from maxcon.geometry import Pose
+from maxcon.io.scans import open_scans
+from maxcon.io.trajectories import read_trajectory
+
+
+@pytest.fixture
+def localized(maxcon, drive, tmp_path):
+    """Localize the drive with rows of a prior as CSV, or with other scans."""
+
+    def run(rows=None, header="time,x,y,z,roll,pitch,heading", scans=None, name="prior.csv"):
+        prior = drive.dataset.prior
+        if rows is not None:
+            prior = tmp_path / name
+            lines = [header] if name.endswith(".csv") else []
+            prior.write_text("\n".join([*lines, *rows]) + "\n")
+        options = ("--half-width", "3", "--heading-half-width-deg", "3", "--wider", "0")
+        return maxcon(
+            "localize", drive.city, scans or drive.dataset.scans, "--prior", prior, "-o", tmp_path / "poses.csv",
+            *options,
+        )  # fmt: skip
+
+    return run
+
+
+@pytest.fixture
+def priors(drive):
+    trajectory = read_trajectory(drive.dataset.prior)
+    return list(zip(trajectory.times.tolist(), trajectory.poses(), strict=True))
+
+
+def rows_of(priors, meant=lambda pose: pose, scale=1.0):
+    poses = [(time, meant(pose)) for time, pose in priors]
+    return [
+        ",".join(
+            map(repr, (time, pose.x, pose.y, pose.z, *(scale * turn for turn in pose.values[3:].tolist())))
+        )
+        for time, pose in poses
+    ]
+
+
+def turned(roll, heading):
+    turn = Pose(0.0, 0.0, 0.0, roll, 0.0, heading)
+    return lambda pose: pose @ turn.inverse
+
+
+@pytest.mark.parametrize(
+    ("meant", "words"),
+    [
+        (turned(0.0, math.pi / 2), "turned by 90 degrees to the left"),
+        (turned(0.0, -math.pi / 2), "turned by 90 degrees to the right"),
+        (turned(math.pi, 0.0), "upside down"),
+        (
+            lambda pose: Pose(*pose.position, pose.roll, pose.pitch, math.pi / 2 - pose.heading),
+            "those of a compass: a heading is 90 degrees less a bearing",
+        ),
+    ],
+    ids=["left", "right", "upside down", "compass"],
+)
+def test_what_would_fit_is_said_where_nothing_does(localized, priors, meant, words):
+    ended = localized(rows_of(priors, meant))
+    assert ended.code == 1
+    assert "0 of 4 epochs localized" in ended.out
+    assert (
+        f"3 of 3 tried would be localized were the {'headings' if 'compass' in words else 'sensor'}"
+        in ended.out
+    )
+    assert words in ended.out
+
+
+def test_quaternions_with_the_scalar_first(localized, drive):
+    lines = [
+        line.split() for line in drive.dataset.prior.read_text().splitlines() if not line.startswith("#")
+    ]
+    ended = localized([" ".join([*line[:4], line[7], *line[4:7]]) for line in lines], name="prior.txt")
+    assert ended.code == 1
+    assert (
+        "would be localized were the quaternions of the prior qw qx qy qz: write them as qx qy qz qw"
+        in ended.out
+    )
+
+
+@pytest.mark.parametrize("frame", ["global coordinates", "the map's local frame"])
+def test_scans_that_are_in_the_map_already(localized, drive, tmp_path, frame):
+    from maxcon import PointMap
+
+    origin = np.array(PointMap.open(drive.city).frame.origin) * (frame != "global coordinates")
+    scans, folder = open_scans(drive.dataset.scans), tmp_path / "placed"
+    folder.mkdir()
+    for number, pose in enumerate(drive.reference.poses()):
+        np.savez(folder / f"{number}.npz", points=pose.apply(scans.read(number).points) - origin)
+    (folder / "times.txt").write_text("\n".join(f"{time:.9f}" for time in scans.times) + "\n")
+    ended = localized(scans=folder)
+    assert ended.code == 1, ended
+    assert f"would be localized were the scans in {frame}: write them in the sensor's frame" in ended.out
+
+
+def test_where_nothing_fits_that_is_said(localized, priors):
+    far = [(time, pose.translated([14.0, 9.0, 0.0])) for time, pose in priors]
+    ended = localized(rows_of(far))
+    assert ended.code == 1
+    assert "meant otherwise (axes, angles, frames) they are not localized either" in ended.out
+
+
+def test_angles_in_degrees_under_names_of_radians(localized, refused, priors):
+    rows = [row.rpartition(",")[0] + ",123.4" for row in rows_of(priors)]
+    refused(
+        localized(rows),
+        "line 2",
+        "roll,pitch,heading within one turn, got 123.4",
+        "roll_deg,pitch_deg,heading_deg",
+    )
+    assert (
+        localized(rows_of(priors, scale=180.0 / math.pi), "time,x,y,z,roll_deg,pitch_deg,heading_deg").code
+        == 0
+    )
+
+
+def test_columns_by_other_names(localized, refused, priors):
+    rows = rows_of(priors)
+    refused(localized(rows, "time,x,y,z,roll,pitch,yaw"), "Rename 'yaw'", "counter-clockwise", "compass")
+    assert localized(rows, "timestamp,x,y,z,roll,pitch,heading").code == 0
+
+
+def test_a_map_in_millimetres_is_refused_at_once(maxcon, refused, tmp_path):
+    rng = np.random.default_rng(0)
+    np.savez(tmp_path / "mm.npz", points=rng.uniform(0.0, 200_000.0, (50_000, 3)))
+    ended = maxcon("map", "build", tmp_path / "mm.npz", "-o", tmp_path / "mm.map")
+    refused(ended, "mm.npz", "millimetres", "50,000 points")
+    assert not list(tmp_path.glob("*.map"))
+
+
+def test_times_that_are_all_zero(maxcon, refused, tmp_path, street):
+    np.savez(tmp_path / "a.npz", points=street, times=np.zeros(len(street)))
+    (tmp_path / "drive.txt").write_text("0 550000 5802000 62 0 0 0 1\n9 550001 5802000 62 0 0 0 1\n")
+    arguments = (
+        "map",
+        "build",
+        tmp_path / "a.npz",
+        "--trajectory",
+        tmp_path / "drive.txt",
+        "-o",
+        tmp_path / "a.map",
+    )
+    refused(maxcon(*arguments), "a.npz", "gps_time is 0", "--trajectory")

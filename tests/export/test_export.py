@@ -1,0 +1,145 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Poses for other programs: each format is read back by a program of its own, or by hand."""
+
+import csv
+import json
+import math
+import re
+from xml.etree import ElementTree
+
+import numpy as np
+import pyproj
+import pytest
+
+from maxcon import Pose
+from maxcon.errors import CrsError, FileError, OptionError, TrajectoryError
+from maxcon.export import EXPORT_SUFFIXES, export_poses, read_rows
+from maxcon.io.trajectories import read_trajectory
+from maxcon.poses_table import COLUMNS, COVARIANCES
+
+CRS = "EPSG:25832"
+POSES = [
+    Pose(550_000.1234, 5_802_000.5, 61.25, 0.01, -0.02, 0.5),
+    None,
+    Pose(550_010.0, 5_802_001.0, 61.5, -0.03, 0.004, -3.0),
+]
+
+
+@pytest.fixture
+def table(tmp_path):
+    """POSES.csv of three epochs, the second of which is not localized."""
+    path = tmp_path / "poses.csv"
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, COLUMNS, restval="")
+        writer.writeheader()
+        for number, pose in enumerate(POSES):
+            row = {"time": f"{10 + number:.9f}", "ms": "5.00", "status": "ambiguous", "reason": "two, alike"}
+            if pose is not None:
+                names = ("x", "y", "z", "roll", "pitch", "heading")
+                row |= {name: f"{getattr(pose, name):.9f}" for name in names}
+                row |= {name: "0.0001" if name[4:5] == name[-1:] else "0" for name in COVARIANCES}
+                row |= {"status": "localized", "score": "12.5", "cov_heading_heading": "1e-06"}
+                row |= {"protection_along": "0.05", "reason": ""}
+            writer.writerow(row)
+    return path
+
+
+def test_rows_are_read_as_they_were_written(table):
+    rows = read_rows(table)
+    assert [row.status for row in rows] == ["localized", "ambiguous", "localized"]
+    assert [row.pose for row in rows] == POSES
+    assert rows[0].numbers["cov_x_x"] == 0.0001
+    assert rows[1].reason == "two, alike"
+
+
+def test_geojson(table, tmp_path):
+    export_poses(table, tmp_path / "a.geojson", CRS)
+    content = json.loads((tmp_path / "a.geojson").read_text())
+    assert content["type"] == "FeatureCollection"
+    first, second, _ = content["features"]
+    transformer = pyproj.Transformer.from_crs("EPSG:4326", CRS, always_xy=True)
+    back = transformer.transform(*first["geometry"]["coordinates"])
+    np.testing.assert_allclose(back, (POSES[0].x, POSES[0].y), atol=1e-3)
+    assert first["properties"]["cov_x_x"] == 0.0001
+    assert first["properties"]["heading_deg"] == pytest.approx(math.degrees(0.5))
+    assert first["properties"]["bearing_deg"] == pytest.approx(90.0 - math.degrees(0.5))
+    assert second["geometry"] is None
+    assert (second["properties"]["status"], second["properties"]["x"]) == ("ambiguous", None)
+
+
+def test_geopackage(table, tmp_path):
+    raw = pytest.importorskip("pyogrio.raw")
+    export_poses(table, tmp_path / "a.gpkg", CRS)
+    meta, _, points, columns = raw.read(tmp_path / "a.gpkg", layer="poses")
+    assert pyproj.CRS.from_user_input(meta["crs"]).to_epsg() == 25832
+    named = dict(zip(meta["fields"], columns, strict=True))
+    assert named["status"].tolist() == ["localized", "ambiguous", "localized"]
+    assert named["cov_x_x"][0] == 0.0001
+    assert np.isnan(named["heading_deg"][1])
+    assert points[1] is None
+    np.testing.assert_array_equal(np.frombuffer(points[0], "<f8", 3, 5), POSES[0].position)
+
+
+def test_kml(table, tmp_path):
+    export_poses(table, tmp_path / "a.kml", CRS)
+    root = ElementTree.parse(tmp_path / "a.kml").getroot()
+    space = {"k": "http://www.opengis.net/kml/2.2"}
+    places = [point.text.split(",") for point in root.findall(".//k:Point/k:coordinates", space)]
+    assert len(places) == 2
+    assert root.find(".//k:LineString/k:coordinates", space).text.split() == [
+        ",".join(place) for place in places
+    ]
+    transformer = pyproj.Transformer.from_crs("EPSG:4326", CRS, always_xy=True)
+    back = [transformer.transform(*map(float, place)) for place in places]
+    np.testing.assert_allclose(back, [(pose.x, pose.y) for pose in POSES if pose], atol=1e-3)
+
+
+def test_tum_and_kitti(table, tmp_path):
+    wanted = [pose for pose in POSES if pose]
+    export_poses(table, tmp_path / "a.tum")
+    trajectory = read_trajectory(tmp_path / "a.tum")
+    assert trajectory.times.tolist() == [10.0, 12.0]
+    np.testing.assert_allclose(trajectory.positions, [pose.position for pose in wanted], atol=1e-9)
+    export_poses(table, tmp_path / "a.kitti")
+    matrices = np.loadtxt(tmp_path / "a.kitti").reshape(-1, 3, 4)
+    np.testing.assert_allclose(matrices[:, :, 3], [pose.position for pose in wanted], atol=1e-4)
+    np.testing.assert_allclose(matrices[:, :, :3], [pose.rotation for pose in wanted], atol=1e-11)
+    assert np.loadtxt(tmp_path / "a.times.txt").tolist() == [10.0, 12.0]
+
+
+def test_csv_in_degrees_reads_back(table, tmp_path):
+    export_poses(table, tmp_path / "a.csv")
+    found = read_trajectory(tmp_path / "a.csv")
+    assert len(found) == 2
+    np.testing.assert_allclose(found.angles[:, 2], [0.5, -3.0], atol=1e-8)
+    with (tmp_path / "a.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert float(rows[2]["bearing_deg"]) == pytest.approx((90.0 + math.degrees(3.0)) % 360.0)
+    assert (rows[1]["x"], rows[1]["status"], rows[1]["reason"]) == ("", "ambiguous", "two, alike")
+
+
+def test_what_cannot_be_exported_is_said(table, tmp_path):
+    for suffix in (".geojson", ".gpkg", ".kml"):
+        with pytest.raises(CrsError, match=r"Name the map \(--map\), or the CRS"):
+            export_poses(table, tmp_path / f"a{suffix}")
+    with pytest.raises(CrsError, match="metres"):
+        export_poses(table, tmp_path / "a.kml", "EPSG:4326")
+    with pytest.raises(OptionError, match=re.escape(", ".join(EXPORT_SUFFIXES))):
+        export_poses(table, tmp_path / "a.shp", CRS)
+    lines = table.read_text().splitlines()
+    for content, words in (
+        ("", "a row per epoch"),
+        (lines[0], "a row per epoch"),
+        ("time,x\n1,2", "2 columns"),
+        ("\n".join([lines[0], lines[1].replace("localized", "localized,")]), "line 2"),
+        ("\n".join([lines[0], lines[1].replace("550000", "west")]), "line 2.*'west"),
+        ("\n".join([lines[0], lines[1].replace("550000.123400000", "")]), "line 2.*a part of a pose"),
+    ):
+        table.write_text(content + "\n")
+        with pytest.raises(FileError, match=words):
+            export_poses(table, tmp_path / "a.tum")
+    table.write_text("\n".join([lines[0], lines[2]]) + "\n")
+    with pytest.raises(TrajectoryError, match="got none of 1"):
+        export_poses(table, tmp_path / "a.tum")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["poses.csv"]
