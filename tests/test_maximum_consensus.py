@@ -421,7 +421,7 @@ def test_both_searches_give_the_same_estimate(objective, multiplicity, offset):
 
 def test_an_unknown_search_is_refused():
     with pytest.raises(
-        OptionError, match="Expected `search` to be 'exhaustive' or 'branch and bound', got 'bbs'"
+        OptionError, match="Expected `search` to be 'exhaustive' or 'branch-and-bound', got 'bbs'"
     ):
         MaximumConsensus(search="bbs")
 

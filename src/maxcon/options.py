@@ -29,7 +29,7 @@ class NamedOption(StrEnum):
             If there is none.
         """
         try:
-            return cls(value.replace(" ", "-").replace("_", "-"))
+            return cls(str(value).replace(" ", "-").replace("_", "-"))
         except ValueError:
             *others, last = (repr(member.value) for member in cls)
             names = f"{', '.join(others)} or {last}"

@@ -201,8 +201,8 @@ def test_cells_that_are_none(not_built, street_npz, cell):
     not_built(street_npz, "--cell", cell, words=["positive voxel edge", "0.06"])
 
 
-def test_cells_too_small_for_the_extent(not_built, street_npz):
-    not_built(street_npz, "--cell", "1e-9", words=[street_npz, "enlarge the cell"])
+def test_cells_too_small(not_built, street_npz):
+    not_built(street_npz, "--cell", "1e-9", words=["voxel edge", "0.0001 to 100 m"])
 
 
 def test_a_trajectory_for_a_cloud_without_times(not_built, street_npz, tmp_path):

@@ -107,7 +107,7 @@ def test_what_may_be_left_out(changed):
         ({"tiles": [{"key": [0, 0], "n_points": 1, "sha256": ""}]}, "no 'n_voxels'"),
         ({"tiles": [{"key": [0, 0], "n_voxels": "x", "n_points": 1, "sha256": ""}]}, "a count of x"),
         ({"tiles": [{"key": [2**21 + 1, 0], "n_voxels": 1, "n_points": 1, "sha256": ""}]}, "a tile at [2097153, 0]"),
-        ({"tiles": [{"key": [0, -(2**21) - 1], "n_voxels": 1, "n_points": 1, "sha256": ""}]}, "a tile at [0, -2097153]"),
+        ({"tiles": [{"key": [0, -(2**21) - 1], "n_voxels": 1, "n_points": 1, "sha256": ""}]}, "at [0, -2097153]"),
         ({"ground": [{"key": [10**30, 0], "n_heights": 1, "sha256": ""}]}, "a tile at [1000"),
         ({"ground_voxels": 4}, "ground_voxels 4"),
         ({"ground": [{"key": [0], "n_heights": 1, "sha256": ""}]}, "unpack"),

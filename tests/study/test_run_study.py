@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from maxcon.atomic import locked
 from maxcon.dataset import Dataset
 from maxcon.drive import DriveOptions, localize_drive
 from maxcon.errors import ArrayError, FileError, MapError, OptionError, TrajectoryError
@@ -15,6 +14,7 @@ from maxcon.estimate import Estimate, Status
 from maxcon.evaluation import distinctness, pose_error
 from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory
+from maxcon.locks import locked
 from maxcon.maximum_consensus import MaximumConsensus
 from maxcon.objectives import Helmert
 from maxcon.point_map import PointMap

@@ -12,6 +12,9 @@ from typing import Any
 
 __all__ = ["Stop", "stopping_in_order"]
 
+STOPPING = ("SIGINT", "SIGTERM", "SIGHUP")
+"""Of Windows, which has no hangup, the first two."""
+
 LOOK_EVERY = 0.1
 """s between looks at whether the exception is still on its way."""
 
@@ -56,7 +59,7 @@ class _Signals:
 def stopping_in_order() -> Iterator[list[int]]:
     """Let signals raise `Stop` while this is open; yield the numbers of those that came."""
     signals = _Signals()
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for number in (getattr(signal, name) for name in STOPPING if hasattr(signal, name)):
         # Not where it is ignored, as under nohup.
         if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
             signal.signal(number, signals.stop)
