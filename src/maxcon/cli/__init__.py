@@ -26,7 +26,7 @@ app = typer.Typer(
 )
 app.add_typer(maps.app, name="map")
 app.add_typer(scans.app, name="scans")
-app.command("localize")(localize.localize)
+app.command("localize", short_help="Localize every scan of a drive in a map.")(localize.localize)
 app.command("export", short_help="Write poses as GeoJSON, GeoPackage, KML, TUM, KITTI.")(export.export)
 app.command("simulate", short_help="Simulate a city, its mapping and scans.")(simulate.simulate)
 app.command("study", short_help="Compare methods over the epochs of a dataset.")(study.study)
