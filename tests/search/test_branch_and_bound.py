@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: MIT
 """Branch and bound finds the cell of the exhaustive search, to the last bit, and what it proves is true (D7)."""
 
-import importlib
-
 import numpy as np
 import pytest
 from hypothesis import event, given, settings
@@ -11,13 +9,11 @@ from hypothesis import strategies as st
 
 from maxcon import Count, Helmert, MaxEigenvalue, PointMap, Pose, Scan, SearchSpace
 from maxcon.errors import ArrayError, OptionError, SearchSpaceError
-from maxcon.search import Multiplicity, Standing, Weighting, branch_and_bound, exhaustive
+from maxcon.search import Limits, Multiplicity, Standing, Weighting, branch_and_bound, exhaustive
 from maxcon.search.axis import N_AXES, Axis
 from maxcon.search.bounds import Bounds
 from maxcon.search.field import Field
 from maxcon.search.window import Window
-
-module = importlib.import_module("maxcon.search.bounded_search")
 
 CELL = 0.1
 OBJECTIVES = (Count(), Helmert(), MaxEigenvalue())
@@ -198,7 +194,7 @@ def test_no_cell_has_more_than_its_bound(
     if not bounds.n_points:  # nothing adds to N: the search does not ask
         assert weighting is Weighting.PUBLISHED
         return
-    (part,) = bounds.parts()
+    (part,) = bounds.parts(Limits())
     heading_pass = bounds.heading_pass(*part)
     bounds_along = heading_pass.along(axis, least, n_threads)
     cells = np.argwhere(np.ones(space.shape, bool))
@@ -316,28 +312,27 @@ def test_an_objective_without_bounds_is_searched_exhaustively():
 @pytest.mark.parametrize("share", [1.0, 0.5, 1e-6])
 @pytest.mark.parametrize(("pass_cells", "n_threads"), [(2**20, 1), (50, 2)])
 def test_where_bounds_decide_little_windows_are_searched_exhaustively(
-    monkeypatch, objective, share, pass_cells, n_threads
+    objective, share, pass_cells, n_threads
 ):
     space = SearchSpace(0.8, CELL, 1.0, 0.5)
     scan, point_map, prior = street(3, space)
     accumulator = exhaustive(scan, point_map, prior, space)
-    monkeypatch.setattr(module, "ONE_BY_ONE", 10**9)
-    monkeypatch.setattr(module, "MOST_CANDIDATES", 0)
-    monkeypatch.setattr(module, "PASS_CELLS", pass_cells)
     for undecided in (4, 10**9):  # bounded again before, or not
-        monkeypatch.setattr(module, "UNDECIDED", undecided)
-        found = branch_and_bound(scan, point_map, prior, space, objective, share=share, n_threads=n_threads)
+        limits = Limits(
+            cells_per_candidate=10**9, most_candidates=0, scored_per_pass=pass_cells, undecided=undecided
+        )
+        found = branch_and_bound(
+            scan, point_map, prior, space, objective, share=share, n_threads=n_threads, limits=limits
+        )
         assert_it_is_the_best(found, accumulator, objective, space, share, 0.3)
 
 
-def test_a_large_space_in_which_nothing_stands_out_is_refused(monkeypatch):
+def test_a_large_space_in_which_nothing_stands_out_is_refused():
     space = SearchSpace(0.8, CELL, 1.0, 0.5)
     scan, point_map, prior = street(3, space)
-    monkeypatch.setattr(module, "ONE_BY_ONE", 10**9)
-    monkeypatch.setattr(module, "MOST_CANDIDATES", 0)
-    monkeypatch.setattr(module, "CELL_LIMIT", 10)
+    limits = Limits(cells_per_candidate=10**9, most_candidates=0, most_scored=10)
     with pytest.raises(SearchSpaceError, match="at most 10 cells"):
-        branch_and_bound(scan, point_map, prior, space, Helmert(), share=0.5)
+        branch_and_bound(scan, point_map, prior, space, Helmert(), share=0.5, limits=limits)
 
 
 def test_a_single_wall_determines_no_cell(scene):
@@ -367,15 +362,12 @@ def test_very_full_voxels(seed):
 
 @pytest.mark.parametrize("most_kept", [2**14, 0])
 @pytest.mark.parametrize(("headings", "cells"), [(2, 2**22), (16, 100), (16, 1)])
-def test_a_space_is_searched_in_parts(monkeypatch, headings, cells, most_kept):
-    bounds = importlib.import_module("maxcon.search.bounds")
+def test_a_space_is_searched_in_parts(headings, cells, most_kept):
     space = SearchSpace(0.8, CELL, 2.0, 0.5)
     scan, point_map, prior = street(5, space)
     wanted = branch_and_bound(scan, point_map, prior, space, Helmert(), share=0.5)
-    monkeypatch.setattr(bounds, "PASS_HEADINGS", headings)
-    monkeypatch.setattr(bounds, "PASS_CELLS", cells)
-    monkeypatch.setattr(module, "MOST_KEPT", most_kept)
-    found = branch_and_bound(scan, point_map, prior, space, Helmert(), share=0.5)
+    limits = Limits(headings_per_pass=headings, cells_per_pass=cells, most_kept=most_kept)
+    found = branch_and_bound(scan, point_map, prior, space, Helmert(), share=0.5, limits=limits)
     assert (found.cell, found.score) == (wanted.cell, wanted.score)
     assert_it_is_the_best(found, exhaustive(scan, point_map, prior, space), Helmert(), space, 0.5, 0.3)
 

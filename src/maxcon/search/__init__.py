@@ -8,10 +8,12 @@ from maxcon.search.consensus import consensus_set
 from maxcon.search.exhaustive import exhaustive
 from maxcon.search.found import Found, Standing
 from maxcon.search.heights import accumulators, highest_of
+from maxcon.search.limits import Limits
 from maxcon.search.matching import Multiplicity, SearchMethod, Weighting, level_of
 
 __all__ = [
     "Found",
+    "Limits",
     "Multiplicity",
     "SearchMethod",
     "Standing",

@@ -14,32 +14,11 @@ from maxcon.objectives import BoundedByAxes, BoundedByCount, Objective, Scores
 from maxcon.search.axis import Axis
 from maxcon.search.bounds import Along, Bounds, HeadingPass
 from maxcon.search.cell_scores import Candidates, CellScores
-from maxcon.search.exhaustive import CELL_LIMIT, PASS_CELLS
 from maxcon.search.found import Found, Standing
+from maxcon.search.limits import DEFAULT_LIMITS, Limits
 from maxcon.search.window import Window
 
 __all__ = ["BoundedSearch"]
-
-# So many cells of the highest bounds are scored first: the better the best is early, the less is left.
-FIRST_CELLS = 2
-# Voxels are left out of the bounds that together add less than this share of the asked score, ...
-LEFT_OUT = 0.1
-# ... or, before there is one, of what all scan points could add along the axis that they determine least.
-LEFT_OUT_OF_SCAN = 0.01
-# More candidates than this are bounded along the second axis too, and perhaps searched in their window.
-MOST_CANDIDATES = 192
-# More than this are not kept before the other parts of a large space are bounded: there may be better cells.
-MOST_KEPT = 2**14
-# Where the first bound leaves more than one in so many, others will not help.
-UNDECIDED = 20
-# To score a cell by itself takes as long as so many cells of a window that is searched exhaustively, ...
-ONE_BY_ONE = 120
-# ... and what visits reach beside a window takes as long as so many more rows and columns of it.
-BESIDE = 24
-# From so many steps of what matches add along an axis one is found from which on cells are candidates.
-BOUND_STEPS = 4096
-# Candidates are scored so many at a time, from the most promising on.
-AT_ONCE = 8
 
 
 @dataclass
@@ -62,6 +41,8 @@ class BoundedSearch:
         What a cell must score at least. If none does, some cell is found, or none, with a score of minus infinity.
     lists_all : bool
         Whether all cells are scored that may reach that, not only the best one and the runner-up.
+    limits : Limits
+        When to score, to bound again, or to search a window exhaustively.
     highest_left_out : float
         Most that cells can score which were left out so far.
     """
@@ -73,6 +54,7 @@ class BoundedSearch:
     n_threads: int
     standing: Standing | None = None
     lists_all: bool = False
+    limits: Limits = DEFAULT_LIMITS
     highest_left_out: float = 0.0
 
     def run(self) -> Found:
@@ -83,11 +65,11 @@ class BoundedSearch:
             return self._found(rest=scores.best)
         if scores.guarded is not None:
             scores.score(np.array([scores.guarded]))
-        parts = self.bounds.parts()
+        parts = self.bounds.parts(self.limits)
         of_parts, undecided = [], []
         for part in parts:
             along = self._bound(self.bounds.heading_pass(*part))
-            if len(parts) > 1 and along.count_reaching(self._open_from) > MOST_KEPT:
+            if len(parts) > 1 and along.count_reaching(self._open_from) > self.limits.most_kept:
                 undecided.append(part)  # the best cell may lie in another part
             else:
                 of_parts.append(self._left_open(along))
@@ -136,10 +118,10 @@ class BoundedSearch:
         leader = self._leader
         if leader is not None and leader.score > 0.0:
             _, xx, xy, yy = leader.moments
-            axis, turn, left_out = _weak_azimuth(xx, xy, yy)[0], 0.0, LEFT_OUT * self._asked
+            axis, turn, left_out = _weak_azimuth(xx, xy, yy)[0], 0.0, self.limits.left_out * self._asked
         else:
             axis, least = _weak_azimuth(*self.bounds.field.spread.tolist())
-            turn, left_out = self.bounds.prior.heading, LEFT_OUT_OF_SCAN * least
+            turn, left_out = self.bounds.prior.heading, self.limits.left_out_of_scan * least
         weak = Axis.near(axis + turn)
         return weak, left_out / max(1.0, self.bounds.total_weight)
 
@@ -148,19 +130,19 @@ class BoundedSearch:
         along = heading_pass.along(*self._plan(), self.n_threads)
         is_first = self._best <= 0.0
         if is_first:
-            self.scores.score(along.highest(FIRST_CELLS))
+            self.scores.score(along.highest(self.limits.first_cells))
         n_open = along.count_reaching(self._open_from)
-        if n_open > MOST_CANDIDATES:
-            self.scores.score(along.highest(AT_ONCE))
+        if n_open > self.limits.most_candidates:
+            self.scores.score(along.highest(self.limits.scored_at_once))
         elif n_open and not is_first:
-            self.scores.score(along.highest(FIRST_CELLS))
+            self.scores.score(along.highest(self.limits.first_cells))
         return along
 
     def _left_open(self, along: Along) -> Candidates:
         """Cells that may reach the asked share of the best score."""
         candidates = self._reaching(along)
-        most = along.sums.numbers.size // UNDECIDED
-        if MOST_CANDIDATES < len(candidates) <= most and not along.axis.is_none:
+        most = along.sums.numbers.size // self.limits.undecided
+        if self.limits.most_candidates < len(candidates) <= most and not along.axis.is_none:
             return self._bound_again(candidates, along)
         return candidates
 
@@ -173,7 +155,7 @@ class BoundedSearch:
         if (axis, least) != (along.axis, along.least):
             along = self.bounds.heading_pass(*self._around(candidates)).along(axis, least, self.n_threads)
             candidates = self._left(candidates.below(self._upper(along.at(candidates.cells))))
-        if len(candidates) > MOST_CANDIDATES:
+        if len(candidates) > self.limits.most_candidates:
             across = self.bounds.heading_pass(*self._around(candidates)).along(
                 axis.across, least, self.n_threads
             )
@@ -183,20 +165,20 @@ class BoundedSearch:
 
     def _search_around(self, candidates: Candidates) -> Candidates:
         """Search the window around many candidates exhaustively, if that is faster; those that are left then."""
-        if len(candidates) <= MOST_CANDIDATES:
+        if len(candidates) <= self.limits.most_candidates:
             return candidates
         headings, window = self._around(candidates)
-        n_cells = len(headings) * math.prod(n + BESIDE for n in window.shape)
-        if n_cells > ONE_BY_ONE * len(candidates):
+        n_cells = len(headings) * math.prod(n + self.limits.margin for n in window.shape)
+        if n_cells > self.limits.cells_per_candidate * len(candidates):
             return candidates
         n_scored = self.scores.n_in_windows + len(headings) * math.prod(window.shape)
-        if n_scored > CELL_LIMIT:
+        if n_scored > self.limits.most_scored:
             raise SearchSpaceError(
-                f"Expected bounds to leave at most {CELL_LIMIT:,} cells of the search space to be looked at, got"
-                f" {n_scored:,}: nothing stands out. Narrow the search space, or see whether scan and map belong"
+                f"Expected bounds to leave at most {self.limits.most_scored:,} cells of the search space to be looked at,"
+                f" got {n_scored:,}: nothing stands out. Narrow the search space, or see whether scan and map belong"
                 " together."
             )
-        n_parts = -(-len(headings) * math.prod(window.shape) // PASS_CELLS)
+        n_parts = -(-len(headings) * math.prod(window.shape) // self.limits.scored_per_pass)
         for part in np.array_split(headings, min(n_parts, len(headings))):
             grid = self.scores.score_window(part, window, self.n_threads)
             cells, highest = grid.reaching(max(self._asked, np.nextafter(0.0, 1.0)))
@@ -211,9 +193,9 @@ class BoundedSearch:
     @property
     def _open_from(self) -> float:
         """What matches must add along an axis, in steps, for a cell to reach the asked score."""
-        steps = np.linspace(0.0, self.bounds.most, BOUND_STEPS)
+        steps = np.linspace(0.0, self.bounds.most, self.limits.bound_steps)
         is_open = self._upper(steps) >= self._asked
-        first_open = int(np.argmax(is_open)) if is_open.any() else BOUND_STEPS
+        first_open = int(np.argmax(is_open)) if is_open.any() else self.limits.bound_steps
         return float(steps[max(first_open - 1, 0)])
 
     def _reaching(self, along: Along) -> Candidates:
@@ -245,8 +227,8 @@ class BoundedSearch:
         candidates = candidates[np.argsort(-candidates.upper, kind="stable")]
         place = 0
         while place < len(candidates) and candidates.upper[place] >= self._best:
-            self.scores.score(candidates.cells[place : place + AT_ONCE])
-            place += AT_ONCE
+            self.scores.score(candidates.cells[place : place + self.limits.scored_at_once])
+            place += self.limits.scored_at_once
         others = candidates[place:]
         if self.lists_all:
             is_asked = others.upper >= self._asked
@@ -256,10 +238,10 @@ class BoundedSearch:
         others = others[self.scores.is_beyond(others.cells)]
         place, runner_up = 0, self.scores.runner_up()
         while place < len(others) and others.upper[place] >= max(self._asked, runner_up):
-            some = others.cells[place : place + AT_ONCE]
+            some = others.cells[place : place + self.limits.scored_at_once]
             self.scores.score(some)
             runner_up = max(runner_up, self.scores.highest_of(some))
-            place += AT_ONCE
+            place += self.limits.scored_at_once
         self._leave_out(others.upper[place:])
 
 

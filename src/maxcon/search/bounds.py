@@ -14,13 +14,11 @@ from maxcon.geometry import Pose
 from maxcon.search.axis import Axis
 from maxcon.search.cell_grid import CellGrid
 from maxcon.search.field import Field
+from maxcon.search.limits import Limits
 from maxcon.search.window import Window
 from maxcon.search_space import SearchSpace
 
 __all__ = ["Along", "Bounds", "HeadingPass"]
-
-# Sums that are made together are of so many cells at most, 16 or 32 MiB, unless one row has more; and of a rim.
-PASS_HEADINGS, PASS_CELLS = 16, 2**22
 
 FINEST_UNIT = 2.0**-14
 """What matches add is rounded up to a multiple of this; finer would not fit into the sums of a scan."""
@@ -87,12 +85,12 @@ class Bounds:
         least = 0.0 if axis.is_none else least
         return self.most * SLACK + self.total_weight * least * (1.0 + SLACK)
 
-    def parts(self) -> list[tuple[NDArray[np.int64], Window]]:
+    def parts(self, limits: Limits) -> list[tuple[NDArray[np.int64], Window]]:
         """Headings and windows that make up the space, as large as memory allows, from those near the prior on."""
         n_headings, ny, nx = self.space.shape
-        most_headings = max(1, min(PASS_HEADINGS, PASS_CELLS // (ny * nx)))
+        most_headings = max(1, min(limits.headings_per_pass, limits.cells_per_pass // (ny * nx)))
         parts = np.array_split(np.arange(n_headings), -(-n_headings // most_headings))
-        bands = list(Window.of(self.space).bands(PASS_CELLS))
+        bands = list(Window.of(self.space).bands(limits.cells_per_pass))
         parts.sort(key=lambda headings: abs(headings.mean() - (n_headings - 1) / 2))
         bands.sort(key=lambda window: abs(window.y_first + window.y_last))
         return [(headings, window) for headings in parts for window in bands]

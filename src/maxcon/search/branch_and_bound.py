@@ -22,6 +22,7 @@ from maxcon.search.exhaustive import exhaustive
 from maxcon.search.field import Field
 from maxcon.search.found import Found, Standing
 from maxcon.search.heights import outwards
+from maxcon.search.limits import DEFAULT_LIMITS, Limits
 from maxcon.search.matching import Multiplicity, Weighting, cells_of, check_threads
 from maxcon.search_space import Cell, SearchSpace
 
@@ -43,6 +44,7 @@ def branch_and_bound(
     lists_all: bool = False,
     standing: Standing | None = None,
     n_threads: int = 1,
+    limits: Limits = DEFAULT_LIMITS,
 ) -> Found:
     """Find the best cell of a search space: the same as that of the exhaustive search, its score and moments too.
 
@@ -84,6 +86,8 @@ def branch_and_bound(
         comes back, with a score of minus infinity or less than that.
     n_threads : int
         Headings are shared out among that many threads; the result does not depend on it (D8).
+    limits : Limits
+        When to score, to bound again, or to search exhaustively: time and memory depend on it, the result does not.
 
     Returns
     -------
@@ -113,7 +117,7 @@ def branch_and_bound(
         raised = space.raised(prior, height)
         found = _at_one_height(
             scan, point_map, raised, space.plane, objective, multiplicity, weighting, share, guard_radius, guarded,
-            lists_all, n_threads, standing,
+            lists_all, n_threads, limits, standing,
         )  # fmt: skip
         return replace(found, height=height)
 
@@ -163,6 +167,7 @@ def _at_one_height(
     guarded: Cell | None,
     lists_all: bool,
     n_threads: int,
+    limits: Limits,
     standing: Standing | None,
 ) -> Found:
     """The best cell of a space of one height, or any that scores less than what stands already."""
@@ -171,7 +176,9 @@ def _at_one_height(
         searched = Field.prepare(scan, point_map, prior, space, multiplicity, weighting)
         bounds = Bounds.of(searched if is_count else searched.constraining(), prior, space, is_count=is_count)
         scores_of_cells = CellScores(searched, prior, space, objective, guard_radius, guarded)
-        return BoundedSearch(bounds, objective, share, scores_of_cells, n_threads, standing, lists_all).run()
+        return BoundedSearch(
+            bounds, objective, share, scores_of_cells, n_threads, standing, lists_all, limits
+        ).run()
     accumulator = exhaustive(
         scan, point_map, prior, space, multiplicity=multiplicity, weighting=weighting, n_threads=n_threads
     )
