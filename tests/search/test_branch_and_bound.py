@@ -12,7 +12,7 @@ from maxcon.errors import ArrayError, OptionError, SearchSpaceError
 from maxcon.search import Limits, Multiplicity, Standing, Weighting, branch_and_bound, exhaustive
 from maxcon.search.axis import N_AXES, Axis
 from maxcon.search.bounds import Bounds
-from maxcon.search.field import Field
+from maxcon.search.prepared_scan import PreparedScan
 from maxcon.search.window import Window
 
 CELL = 0.1
@@ -189,8 +189,8 @@ def test_no_cell_has_more_than_its_bound(
 ):
     space = SearchSpace(n_steps * CELL, CELL, 1.0, 0.5)
     scan, point_map, prior = street(seed, space, is_signed=is_signed, azimuth=azimuth)
-    field = Field.prepare(scan, point_map, prior, space, multiplicity, weighting)
-    bounds = Bounds.of(field if axis.is_none else field.constraining(), prior, space, is_count=axis.is_none)
+    prepared = PreparedScan.prepare(scan, point_map, prior, space, multiplicity, weighting)
+    bounds = Bounds.of(prepared if axis.is_none else prepared.constraining(), is_count=axis.is_none)
     if not bounds.n_points:  # nothing adds to N: the search does not ask
         assert weighting is Weighting.PUBLISHED
         return
@@ -231,9 +231,9 @@ def test_no_cell_has_more_than_its_bound(
 def test_bounds_that_reach_something_and_the_highest(axis):
     space = SearchSpace(0.8, CELL, 1.0, 0.5)
     scan, point_map, prior = street(3, space)
-    field = Field.prepare(scan, point_map, prior, space, Multiplicity.OCCUPIED, Weighting.COSINE)
+    prepared = PreparedScan.prepare(scan, point_map, prior, space, Multiplicity.OCCUPIED, Weighting.COSINE)
     headings = np.array([1, 3, 4])
-    bounds = Bounds.of(field, prior, space, is_count=axis.is_none)
+    bounds = Bounds.of(prepared, is_count=axis.is_none)
     along = bounds.heading_pass(headings, Window.of(space)).along(axis)
     _, ny, nx = space.shape
     all_cells = np.array([(h, y, x) for h in headings for y in range(ny) for x in range(nx)])
@@ -352,8 +352,8 @@ def test_very_full_voxels(seed):
     often = np.where(rng.random(len(counts)) < 0.01, rng.integers(1, 3000, len(counts)), 1)
     points = np.repeat((indices + 0.5) * CELL, often, axis=0)
     fuller = PointMap.from_points(points, np.repeat(normals, often, axis=0), CELL)
-    field = Field.prepare(scan, fuller, prior, space, Multiplicity.POINTS, Weighting.COSINE)
-    assert Bounds.of(field, prior, space, is_count=False).unit > 2.0**-14
+    prepared = PreparedScan.prepare(scan, fuller, prior, space, Multiplicity.POINTS, Weighting.COSINE)
+    assert Bounds.of(prepared, is_count=False).unit > 2.0**-14
     for objective in OBJECTIVES:
         found = branch_and_bound(scan, fuller, prior, space, objective, multiplicity="points", share=0.7)
         accumulator = exhaustive(scan, fuller, prior, space, multiplicity="points")

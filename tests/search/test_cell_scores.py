@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from maxcon import Helmert, PointMap, Pose, Scan, SearchSpace
 from maxcon.search import Multiplicity, Weighting, exhaustive
 from maxcon.search.cell_scores import Candidates, CellScores
-from maxcon.search.field import Field
+from maxcon.search.prepared_scan import PreparedScan
 from maxcon.search.window import Window
 
 CELL = 0.1
@@ -34,8 +34,8 @@ def scene(seed, corner, n_points, is_signed, multiplicity, weighting):
     scan = Scan((points[seen] - prior.position) @ prior.rotation, normals[seen] @ prior.rotation)
     options = {"multiplicity": multiplicity, "weighting": weighting}
     moments = exhaustive(scan, point_map, prior, SPACE, **options).moments
-    searched = Field.prepare(scan, point_map, prior, SPACE, multiplicity, weighting)
-    return moments, CellScores(searched, prior, SPACE, Helmert(), 0.3)
+    prepared = PreparedScan.prepare(scan, point_map, prior, SPACE, multiplicity, weighting)
+    return moments, CellScores(prepared, Helmert(), 0.3)
 
 
 def some_cells(rng, n):

@@ -60,7 +60,9 @@ class BoundedSearch:
     def run(self) -> Found:
         """The best cell, and what is proved of the others."""
         scores = self.scores
-        if not (self.bounds.n_points and self.bounds.field.tiles):  # nothing adds to N: all cells are alike
+        if not (
+            self.bounds.n_points and self.bounds.prepared.tiles
+        ):  # nothing adds to N: all cells are alike
             scores.score(np.zeros((1, 3), np.int64))
             return self._found(rest=scores.best)
         if scores.guarded is not None:
@@ -120,8 +122,8 @@ class BoundedSearch:
             _, xx, xy, yy = leader.moments
             axis, turn, left_out = _weak_azimuth(xx, xy, yy)[0], 0.0, self.limits.left_out * self._asked
         else:
-            axis, least = _weak_azimuth(*self.bounds.field.spread.tolist())
-            turn, left_out = self.bounds.prior.heading, self.limits.left_out_of_scan * least
+            axis, least = _weak_azimuth(*self.bounds.prepared.spread.tolist())
+            turn, left_out = self.bounds.prepared.prior.heading, self.limits.left_out_of_scan * least
         weak = Axis.near(axis + turn)
         return weak, left_out / max(1.0, self.bounds.total_weight)
 
@@ -174,8 +176,9 @@ class BoundedSearch:
         n_scored = self.scores.n_in_windows + len(headings) * math.prod(window.shape)
         if n_scored > self.limits.most_scored:
             raise SearchSpaceError(
-                f"Expected bounds to leave at most {self.limits.most_scored:,} cells of the search space to be looked at,"
-                f" got {n_scored:,}: nothing stands out. Narrow the search space, or see whether scan and map belong"
+                f"Expected bounds to leave at most {self.limits.most_scored:,} cells of the search space to be looked"
+                f" at, got {n_scored:,}: nothing stands out."
+                " Narrow the search space, or see whether scan and map belong"
                 " together."
             )
         n_parts = -(-len(headings) * math.prod(window.shape) // self.limits.scored_per_pass)
@@ -188,7 +191,7 @@ class BoundedSearch:
 
     def _around(self, candidates: Candidates) -> tuple[NDArray[np.int64], Window]:
         """The headings of candidates, and the smallest window around them: a part of the space."""
-        return np.unique(candidates.cells[:, 0]), Window.around(candidates.cells, self.bounds.space)
+        return np.unique(candidates.cells[:, 0]), Window.around(candidates.cells, self.bounds.prepared.space)
 
     @property
     def _open_from(self) -> float:

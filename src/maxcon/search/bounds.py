@@ -10,13 +10,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.geometry import Pose
 from maxcon.search.axis import Axis
 from maxcon.search.cell_grid import CellGrid
-from maxcon.search.field import Field
 from maxcon.search.limits import Limits
+from maxcon.search.prepared_scan import PreparedScan
 from maxcon.search.window import Window
-from maxcon.search_space import SearchSpace
 
 __all__ = ["Along", "Bounds", "HeadingPass"]
 
@@ -34,46 +32,40 @@ class Bounds:
 
     Parameters
     ----------
-    field : Field
+    prepared : PreparedScan
         The points that add anything, and the tiles around.
-    prior : Pose
-        T_map_sensor before localization, local frame.
-    space : SearchSpace
-        The cells.
     is_count : bool
         Whether matches are counted instead: each adds one, or as often as the voxel counts.
     fullest : int
         Map points in the fullest voxel, where a voxel counts as often as it has points, otherwise 1.
     total_weight : float
         Sum over all points of the largest weight that a match of each can have: the length of the longest normal, at
-        least 1, for each point with a normal; `Field.without_normal` for each other.
+        least 1, for each point with a normal; `PreparedScan.without_normal` for each other.
     """
 
-    field: Field
-    prior: Pose
-    space: SearchSpace
+    prepared: PreparedScan
     is_count: bool
     fullest: int
     total_weight: float
 
     @classmethod
-    def of(cls, field: Field, prior: Pose, space: SearchSpace, *, is_count: bool) -> "Bounds":
-        """Bounds for points in their field."""
+    def of(cls, prepared: PreparedScan, *, is_count: bool) -> "Bounds":
+        """Bounds for the points of a scan."""
         fullest = 1
-        if not field.is_once:
-            fullest = max((tile.fullest for tile, _ in field.tiles.values()), default=1)
-        total_weight = float(field.points.shape[1])
+        if not prepared.is_once:
+            fullest = max((tile.fullest for tile, _ in prepared.tiles.values()), default=1)
+        total_weight = float(prepared.points.shape[1])
         if not is_count:
-            squares = (field.normals * field.normals).sum(axis=0)
+            squares = (prepared.normals * prepared.normals).sum(axis=0)
             n_without = int(np.count_nonzero(squares == 0.0))
             longest = math.sqrt(squares.max(initial=1.0))
-            total_weight = (len(squares) - n_without) * longest + n_without * field.without_normal
-        return cls(field, prior, space, is_count, fullest, total_weight)
+            total_weight = (len(squares) - n_without) * longest + n_without * prepared.without_normal
+        return cls(prepared, is_count, fullest, total_weight)
 
     @property
     def n_points(self) -> int:
         """How many points there are."""
-        return int(self.field.points.shape[1])
+        return int(self.prepared.points.shape[1])
 
     @property
     def most(self) -> float:
@@ -87,10 +79,10 @@ class Bounds:
 
     def parts(self, limits: Limits) -> list[tuple[NDArray[np.int64], Window]]:
         """Headings and windows that make up the space, as large as memory allows, from those near the prior on."""
-        n_headings, ny, nx = self.space.shape
+        n_headings, ny, nx = self.prepared.space.shape
         most_headings = max(1, min(limits.headings_per_pass, limits.cells_per_pass // (ny * nx)))
         parts = np.array_split(np.arange(n_headings), -(-n_headings // most_headings))
-        bands = list(Window.of(self.space).bands(limits.cells_per_pass))
+        bands = list(Window.of(self.prepared.space).bands(limits.cells_per_pass))
         parts.sort(key=lambda headings: abs(headings.mean() - (n_headings - 1) / 2))
         bands.sort(key=lambda window: abs(window.y_first + window.y_last))
         return [(headings, window) for headings in parts for window in bands]
@@ -99,15 +91,15 @@ class Bounds:
         """Get a window at some headings, by number, ready for the bounds of its cells."""
         from maxcon.search import visit_kernels
 
-        columns = self.field.voxels_at(self.prior, self.prior.heading + self.space.headings[headings])
+        columns = self.prepared.voxels_at(headings)
         return HeadingPass(
-            self, headings, window, columns, visit_kernels.plan_visits(self.field.starts, columns)
+            self, headings, window, columns, visit_kernels.plan_visits(self.prepared.starts, columns)
         )
 
     @property
     def unit(self) -> float:
         """Unit of the sums, a power of two: they stay below 2^30 (2^62 for counts), and what is added below 2^22."""
-        largest = 2.0**30 / max(1, self.n_points) if self.field.is_once else 2.0**22
+        largest = 2.0**30 / max(1, self.n_points) if self.prepared.is_once else 2.0**22
         return max(FINEST_UNIT, math.ldexp(1.0, math.ceil(math.log2((self.fullest + 2.0) / largest))))
 
 
@@ -149,18 +141,18 @@ class HeadingPass:
         """
         from maxcon.search import bound_kernels, visit_kernels
 
-        field, rim, unit = self.bounds.field, visit_kernels.RIM, self.bounds.unit
+        prepared, rim, unit = self.bounds.prepared, visit_kernels.RIM, self.bounds.unit
         height, width = (n_cells + 2 * rim for n_cells in self.window.shape)
-        sums = np.zeros((len(self.headings), height, width), np.int32 if field.is_once else np.int64)
+        sums = np.zeros((len(self.headings), height, width), np.int32 if prepared.is_once else np.int64)
         bases = bound_kernels.bases_of_points(self.columns, width, height * width)
 
         def vote(headings: NDArray[np.int64]) -> None:
-            for numbers, layers, tile in field.visited(self.visits, self.window):
+            for numbers, layers, tile in prepared.visited(self.visits, self.window):
                 bound_kernels.bound_tile(
-                    numbers, self.visits, field.starts, field.ranks, layers, bases, self._normals, self._turns,
+                    numbers, self.visits, prepared.starts, prepared.ranks, layers, bases, self._normals, self._turns,
                     (int(headings[0]), int(headings[-1]) + 1), tile.corner, tile.edge, tile.index.patch_starts,
-                    tile.columns, tile.normals, tile.counts[:0] if field.is_once else tile.counts, axis.vector,
-                    tuple(self.window), width, field.is_signed, np.float32(least), np.float32(1.0 / unit),
+                    tile.columns, tile.normals, tile.counts[:0] if prepared.is_once else tile.counts, axis.vector,
+                    tuple(self.window), width, prepared.is_signed, np.float32(least), np.float32(1.0 / unit),
                     sums.reshape(-1),
                 )  # fmt: skip
 
@@ -171,7 +163,7 @@ class HeadingPass:
             with ThreadPoolExecutor(len(parts)) as pool:
                 list(pool.map(vote, parts))
         inner = sums[:, rim:-rim, rim:-rim]
-        grid = CellGrid.of(self.bounds.space, self.headings, self.window, inner)
+        grid = CellGrid.of(prepared.space, self.headings, self.window, inner)
         return Along(axis, least, grid, unit * (1.0 + SLACK), self.bounds.left_out(axis, least))
 
     @cached_property
@@ -180,20 +172,20 @@ class HeadingPass:
 
         Where matches are counted that is 1, and the normals are zeros.
         """
-        field = self.bounds.field
+        prepared = self.bounds.prepared
         normals = np.zeros((self.bounds.n_points, 4), np.float32)
         if self.bounds.is_count:
             normals[:, 3] = 1.0
         else:
-            normals[:, :3] = field.normals.T
-            normals[:, 3] = np.where(field.normals.any(axis=0), 0.0, field.without_normal)
+            normals[:, :3] = prepared.normals.T
+            normals[:, 3] = np.where(prepared.normals.any(axis=0), 0.0, prepared.without_normal)
         return normals
 
     @cached_property
     def _turns(self) -> NDArray[np.float32]:
         """Cosine and sine of each heading, shape (h, 2)."""
-        headings = self.bounds.prior.heading + self.bounds.space.headings[self.headings]
-        return np.column_stack([np.cos(headings), np.sin(headings)]).astype(np.float32)
+        azimuths = self.bounds.prepared.azimuths(self.headings)
+        return np.column_stack([np.cos(azimuths), np.sin(azimuths)]).astype(np.float32)
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,11 +19,11 @@ from maxcon.search.bounded_search import BoundedSearch
 from maxcon.search.bounds import Bounds
 from maxcon.search.cell_scores import Candidates, CellScores
 from maxcon.search.exhaustive import exhaustive
-from maxcon.search.field import Field
 from maxcon.search.found import Found, Standing
 from maxcon.search.heights import outwards
 from maxcon.search.limits import DEFAULT_LIMITS, Limits
 from maxcon.search.matching import Multiplicity, Weighting, cells_of, check_threads
+from maxcon.search.prepared_scan import PreparedScan
 from maxcon.search_space import Cell, SearchSpace
 
 __all__ = ["branch_and_bound"]
@@ -173,9 +173,9 @@ def _at_one_height(
     """The best cell of a space of one height, or any that scores less than what stands already."""
     is_count = isinstance(objective, BoundedByCount)
     if is_count or isinstance(objective, BoundedByAxes):
-        searched = Field.prepare(scan, point_map, prior, space, multiplicity, weighting)
-        bounds = Bounds.of(searched if is_count else searched.constraining(), prior, space, is_count=is_count)
-        scores_of_cells = CellScores(searched, prior, space, objective, guard_radius, guarded)
+        prepared = PreparedScan.prepare(scan, point_map, prior, space, multiplicity, weighting)
+        bounds = Bounds.of(prepared if is_count else prepared.constraining(), is_count=is_count)
+        scores_of_cells = CellScores(prepared, objective, guard_radius, guarded)
         return BoundedSearch(
             bounds, objective, share, scores_of_cells, n_threads, standing, lists_all, limits
         ).run()

@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.geometry import Pose
 from maxcon.objectives import Moments, Objective, Scores
 from maxcon.point_map.tile import PATCH_VOXELS, Addresses
 from maxcon.search.cell_grid import CellGrid
 from maxcon.search.exhaustive import moments_of_window
-from maxcon.search.field import Field
+from maxcon.search.prepared_scan import PreparedScan
 from maxcon.search.window import Window
-from maxcon.search_space import Cell, SearchSpace
+from maxcon.search_space import Cell
 
 __all__ = ["Candidates", "CellScores"]
 
@@ -56,7 +55,7 @@ class Candidates:
 
 @dataclass(frozen=True, slots=True)
 class TileTable:
-    """The tiles of a field in one array, so that one call of the kernel looks up points in all of them.
+    """The tiles of a prepared scan in one array, so that one call of the kernel looks up points in all of them.
 
     Parameters
     ----------
@@ -74,15 +73,15 @@ class TileTable:
     kept: tuple[NDArray[Any] | Addresses, ...]
 
     @classmethod
-    def of(cls, searched: Field) -> "TileTable":
-        """Table of the tiles of a field."""
-        n_ranks = int(searched.ranks.max(initial=0)) + 1
-        layers = np.zeros((len(searched.tiles) + 1, n_ranks), np.int32)
-        nothing, kept = np.zeros((searched.edge // PATCH_VOXELS) ** 2, np.uint64), []
-        rows, grid = np.empty((len(layers), 8), np.uint64), np.zeros(searched.shape, np.int32)
+    def of(cls, prepared: PreparedScan) -> "TileTable":
+        """Table of the tiles of a prepared scan."""
+        n_ranks = int(prepared.ranks.max(initial=0)) + 1
+        layers = np.zeros((len(prepared.tiles) + 1, n_ranks), np.int32)
+        nothing, kept = np.zeros((prepared.edge // PATCH_VOXELS) ** 2, np.uint64), []
+        rows, grid = np.empty((len(layers), 8), np.uint64), np.zeros(prepared.shape, np.int32)
         rows[:, 0] = layers.ctypes.data + layers.strides[0] * np.arange(len(layers))
         rows[0, 1:] = [1, *[nothing.ctypes.data] * 6]
-        for row, (slot, (tile, tile_layers)) in enumerate(searched.tiles.items(), 1):
+        for row, (slot, (tile, tile_layers)) in enumerate(prepared.tiles.items(), 1):
             grid.flat[slot] = row
             layers[row] = tile_layers
             layers[row, tile_layers < 0] = len(tile.index.layers)  # none
@@ -97,12 +96,8 @@ class CellScores:
 
     Parameters
     ----------
-    searched : Field
+    prepared : PreparedScan
         The scan and the tiles around.
-    prior : Pose
-        T_map_sensor before localization, local frame.
-    space : SearchSpace
-        The cells.
     objective : Objective
         What a cell is worth.
     guard_radius : float
@@ -121,9 +116,7 @@ class CellScores:
         How many cells these windows have.
     """
 
-    searched: Field
-    prior: Pose
-    space: SearchSpace
+    prepared: PreparedScan
     objective: Objective
     guard_radius: float
     guarded: Cell | None = None
@@ -150,10 +143,9 @@ class CellScores:
 
     def score_window(self, headings: NDArray[np.int64], window: Window, n_threads: int) -> CellGrid:
         """Scores of all cells of a window at some headings; keep the best."""
-        azimuths = self.prior.heading + self.space.headings[headings]
-        moments = moments_of_window(self.searched, self.prior, azimuths, window, n_threads)
-        grid = CellGrid.of(self.space, headings, window, self.objective.score(moments))
-        four = CellGrid.of(self.space, headings, window, moments)
+        moments = moments_of_window(self.prepared, headings, window, n_threads)
+        grid = CellGrid.of(self.prepared.space, headings, window, self.objective.score(moments))
+        four = CellGrid.of(self.prepared.space, headings, window, moments)
         highest = grid.first_highest()
         heading, y, x = highest[0].tolist()
         self._note((heading, y, x), float(grid.at(highest)[0]), four.at(highest)[0])
@@ -170,17 +162,17 @@ class CellScores:
         """Moments of some cells of one heading, shape (n, 4), to the last bit those of the exhaustive search."""
         from maxcon.search import exact_kernels
 
-        searched = self.searched
+        prepared = self.prepared
         if self._table is None:
-            self._table = TileTable.of(searched)
-        _, ny, nx = self.space.shape
+            self._table = TileTable.of(prepared)
+        _, ny, nx = prepared.space.shape
         offsets = cells[:, :0:-1] - np.array([nx // 2, ny // 2])
         voxels, normals, ranks = self._laid_out(heading)
         moments = np.zeros((len(cells), 4))
         exact_kernels.moments_of_cells(
-            offsets, voxels, normals, ranks, self._table.rows, searched.edge.bit_length() - 1,
-            self._table.grid, searched.corner,
-            searched.is_once, searched.is_signed, moments,
+            offsets, voxels, normals, ranks, self._table.rows, prepared.edge.bit_length() - 1,
+            self._table.grid, prepared.corner,
+            prepared.is_once, prepared.is_signed, moments,
         )  # fmt: skip
         return moments
 
@@ -188,16 +180,15 @@ class CellScores:
         """Voxels, normals and ranks of layers of all points at a heading, as the kernel takes them."""
         from maxcon.search import exact_kernels, group_kernels
 
-        searched = self.searched
+        prepared = self.prepared
         if self._points is None:
             self._points = group_kernels.points_of_groups(
-                searched.starts, searched.starts[1:], searched.ranks
+                prepared.starts, prepared.starts[1:], prepared.ranks
             )
         numbers, ranks = self._points
         if heading not in self._turned:
-            azimuth = self.prior.heading + self.space.headings[heading]
-            (columns,), (turned,) = searched.turned(self.prior, [azimuth])
-            self._turned[heading] = exact_kernels.lay_out(columns, turned, numbers, searched.without_normal)
+            (columns,), (turned,) = prepared.turned(np.array([heading]))
+            self._turned[heading] = exact_kernels.lay_out(columns, turned, numbers, prepared.without_normal)
         while len(self._turned) > MOST_TURNED:
             self._turned.pop(next(iter(self._turned)))
         return *self._turned[heading], ranks
@@ -205,7 +196,9 @@ class CellScores:
     def is_beyond(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Whether cells lie farther than the guard radius from the guarded one."""
         offsets = cells[:, 1:] - np.array((self.guarded or self.cell)[1:])
-        return np.asarray(np.hypot(offsets[:, 0], offsets[:, 1]) * self.space.cell_edge > self.guard_radius)
+        return np.asarray(
+            np.hypot(offsets[:, 0], offsets[:, 1]) * self.prepared.space.cell_edge > self.guard_radius
+        )
 
     def highest_of(self, cells: NDArray[np.int64]) -> float:
         """Highest score of some cells that were scored by themselves."""

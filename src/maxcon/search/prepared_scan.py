@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Field: what the compiled searches make of a scan, a prior and the tiles around before they begin."""
+"""PreparedScan: the points of a scan grouped by height layer and voxel square, and the tiles of the map in reach."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from maxcon.compiled import read_only_view
 from maxcon.geometry import Pose, rotation_matrices, voxel_indices
@@ -16,12 +16,12 @@ from maxcon.search.matching import Multiplicity, Weighting
 from maxcon.search.window import Window
 from maxcon.search_space import SearchSpace
 
-__all__ = ["Field"]
+__all__ = ["PreparedScan"]
 
 
 @dataclass(frozen=True, slots=True)
-class Field:
-    """What all headings share: the levelled scan and the tiles it can fall in.
+class PreparedScan:
+    """A levelled scan in groups of neighbouring points, and the tiles that it can fall in at any cell of a space.
 
     Points of one height layer in one square of SQUARE_VOXELS voxels, at the prior's heading, are a group.
     Those with a normal come first in it, those in one voxel follow each other; neighbouring groups read the
@@ -29,6 +29,10 @@ class Field:
 
     Parameters
     ----------
+    prior : Pose
+        T_map_sensor before localization, local frame of the map.
+    space : SearchSpace
+        The cells, around the prior.
     points : array, shape (2, n)
         x and y of each point, levelled, about the sensor, m.
     normals : array, shape (3, n)
@@ -54,6 +58,8 @@ class Field:
         determined least before anything is scored.
     """
 
+    prior: Pose
+    space: SearchSpace
     points: NDArray[np.float64]
     normals: NDArray[np.float64]
     starts: NDArray[np.int64]
@@ -78,7 +84,7 @@ class Field:
         space: SearchSpace,
         multiplicity: Multiplicity,
         weighting: Weighting,
-    ) -> "Field":
+    ) -> "PreparedScan":
         """Level a scan, part it into groups and find its tiles.
 
         Raises
@@ -107,6 +113,8 @@ class Field:
         nx, ny = tile_keys.max(axis=0, initial=-(2**31)) - corner + 1 if tiles else (0, 0)
         slots = (tile_keys[:, 1] - corner[1]) * nx + tile_keys[:, 0] - corner[0]
         return cls(
+            prior,
+            space,
             points,
             normals,
             starts,
@@ -126,18 +134,21 @@ class Field:
             spread,
         )
 
-    def turned(self, prior: Pose, headings: ArrayLike) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-        """Voxel columns (h, 2, n) and normals (h, 3, n) of the points at h headings, in the map's axes."""
+    def azimuths(self, headings: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Headings of the search space, by number, as headings in the map, rad."""
+        return self.prior.heading + self.space.headings[headings]
+
+    def turned(self, headings: NDArray[np.int64]) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+        """Voxel columns (h, 2, n) and normals (h, 3, n) of the points at h headings, by number, in the map's axes."""
         from maxcon.search import visit_kernels
 
-        headings = np.asarray(headings)
         turned = np.empty((len(headings), *self.normals.shape), np.float32)
-        for i, heading in enumerate(headings):
-            visit_kernels.turn_normals(self.normals, np.cos(heading), np.sin(heading), turned[i])
-        return self.voxels_at(prior, headings), turned
+        for i, azimuth in enumerate(self.azimuths(headings)):
+            visit_kernels.turn_normals(self.normals, np.cos(azimuth), np.sin(azimuth), turned[i])
+        return self.voxels_at(headings), turned
 
-    def constraining(self) -> "Field":
-        """The field of those points that add to N: the others only count."""
+    def constraining(self) -> "PreparedScan":
+        """The points that add to N alone: the others are only counted."""
         if self.without_normal > 0.0:
             return self
         from maxcon.search import group_kernels
@@ -154,15 +165,14 @@ class Field:
             ranks=self.ranks[sizes > 0],
         )
 
-    def voxels_at(self, prior: Pose, headings: ArrayLike) -> NDArray[np.int32]:
-        """Voxel columns (h, 2, n) of the points at h headings, in the map's axes."""
+    def voxels_at(self, headings: NDArray[np.int64]) -> NDArray[np.int32]:
+        """Voxel columns (h, 2, n) of the points at h headings, by number, in the map's axes."""
         from maxcon.search import visit_kernels
 
-        headings = np.asarray(headings)
-        columns = np.empty((len(headings), *self.points.shape), np.int32)
-        for i, heading in enumerate(headings):
+        prior, columns = self.prior, np.empty((len(headings), *self.points.shape), np.int32)
+        for i, azimuth in enumerate(self.azimuths(headings)):
             visit_kernels.turn_to_columns(
-                self.points, np.cos(heading), np.sin(heading), prior.x, prior.y, self.cell, columns[i]
+                self.points, np.cos(azimuth), np.sin(azimuth), prior.x, prior.y, self.cell, columns[i]
             )
         return columns
 
