@@ -11,6 +11,7 @@ from maxcon import Count, Helmert, MaxEigenvalue, PointMap, Pose, Scan, SearchSp
 from maxcon.errors import ArrayError, OptionError, SearchSpaceError
 from maxcon.search import Limits, Multiplicity, Standing, Weighting, branch_and_bound, exhaustive
 from maxcon.search.axis import N_AXES, Axis
+from maxcon.search.bounding import Summand, bounding_of
 from maxcon.search.bounds import Bounds
 from maxcon.search.prepared_scan import PreparedScan
 from maxcon.search.window import Window
@@ -179,36 +180,37 @@ def test_where_something_stands_only_what_scores_as_much_is_found(seed, objectiv
     weighting=st.sampled_from(list(Weighting)),
     is_signed=st.booleans(),
     n_steps=st.sampled_from([0, 1, 2, 7, 16]),
-    axis=st.integers(-1, N_AXES - 1).map(Axis),
-    least=st.sampled_from([0.0, 0.01, 0.2]),
+    summand=st.just(Summand())
+    | st.builds(Summand, st.integers(0, N_AXES - 1).map(Axis), st.sampled_from([0.0, 0.01, 0.2])),
     n_threads=st.sampled_from([1, 2]),
 )
 @settings(max_examples=150)
 def test_no_cell_has_more_than_its_bound(
-    seed, azimuth, multiplicity, weighting, is_signed, n_steps, axis, least, n_threads
+    seed, azimuth, multiplicity, weighting, is_signed, n_steps, summand, n_threads
 ):
     space = SearchSpace(n_steps * CELL, CELL, 1.0, 0.5)
     scan, point_map, prior = street(seed, space, is_signed=is_signed, azimuth=azimuth)
     prepared = PreparedScan.prepare(scan, point_map, prior, space, multiplicity, weighting)
-    bounds = Bounds.of(prepared if axis.is_none else prepared.constraining(), is_count=axis.is_none)
-    if not bounds.n_points:  # nothing adds to N: the search does not ask
+    bounds = Bounds.of(bounding_of(Count() if summand.axis is None else Helmert(), prepared))
+    if not bounds.prepared.n_points:  # nothing adds to N: the search does not ask
         assert weighting is Weighting.PUBLISHED
         return
     (part,) = bounds.parts(Limits())
     heading_pass = bounds.heading_pass(*part)
-    bounds_along = heading_pass.along(axis, least, n_threads)
+    bounds_along = heading_pass.sum_up(summand, n_threads)
     cells = np.argwhere(np.ones(space.shape, bool))
     upper = bounds_along.at(cells).reshape(space.shape)
     moments = exhaustive(
         scan, point_map, prior, space, multiplicity=multiplicity, weighting=weighting
     ).moments
-    if axis.is_none:
+    if summand.axis is None:
         along = moments[..., 0]
     else:
-        c, s = np.cos(axis.number * np.pi / N_AXES), np.sin(axis.number * np.pi / N_AXES)
+        azimuth = summand.axis.number * np.pi / N_AXES
+        c, s = np.cos(azimuth), np.sin(azimuth)
         along = moments @ [0.0, c * c, 2.0 * c * s, s * s]
     assert (upper >= along).all()
-    if least == 0.0:  # and not much less: rounding
+    if summand.least == 0.0:  # and not much less: rounding
         assert (upper <= along + 1e-3 * bounds.most * bounds.fullest + 1e-6).all()
     assert (along <= bounds.most).all()
 
@@ -217,7 +219,7 @@ def test_no_cell_has_more_than_its_bound(
     )  # a window has the bounds of the whole, up to the units that rounding adds
     cells = np.unique(cells[rng.integers(0, len(cells), 3)], axis=0)
     window = Window.around(cells, space)
-    part = bounds.heading_pass(np.unique(cells[:, 0]), window).along(axis, least, n_threads)
+    part = bounds.heading_pass(np.unique(cells[:, 0]), window).sum_up(summand, n_threads)
     assert (part.at(cells) >= along[tuple(cells.T)]).all()
     assert np.allclose(part.at(cells), upper[tuple(cells.T)], rtol=0.0, atol=1e-3 * bounds.most)
     (y, x), (ny, nx) = window.first_cell(space), window.shape
@@ -227,14 +229,14 @@ def test_no_cell_has_more_than_its_bound(
     assert {*in_window[:, 2]} == {*range(x, x + nx)}
 
 
-@pytest.mark.parametrize("axis", [Axis(5), Axis.none()])
-def test_bounds_that_reach_something_and_the_highest(axis):
+@pytest.mark.parametrize("summand", [Summand(Axis(5)), Summand()])
+def test_bounds_that_reach_something_and_the_highest(summand):
     space = SearchSpace(0.8, CELL, 1.0, 0.5)
     scan, point_map, prior = street(3, space)
     prepared = PreparedScan.prepare(scan, point_map, prior, space, Multiplicity.OCCUPIED, Weighting.COSINE)
     headings = np.array([1, 3, 4])
-    bounds = Bounds.of(prepared, is_count=axis.is_none)
-    along = bounds.heading_pass(headings, Window.of(space)).along(axis)
+    bounds = Bounds.of(bounding_of(Count() if summand.axis is None else Helmert(), prepared))
+    along = bounds.heading_pass(headings, Window.of(space)).sum_up(summand)
     _, ny, nx = space.shape
     all_cells = np.array([(h, y, x) for h in headings for y in range(ny) for x in range(nx)])
     bounds = along.at(all_cells)
@@ -353,7 +355,7 @@ def test_very_full_voxels(seed):
     points = np.repeat((indices + 0.5) * CELL, often, axis=0)
     fuller = PointMap.from_points(points, np.repeat(normals, often, axis=0), CELL)
     prepared = PreparedScan.prepare(scan, fuller, prior, space, Multiplicity.POINTS, Weighting.COSINE)
-    assert Bounds.of(prepared, is_count=False).unit > 2.0**-14
+    assert Bounds.of(bounding_of(Helmert(), prepared)).unit > 2.0**-14
     for objective in OBJECTIVES:
         found = branch_and_bound(scan, fuller, prior, space, objective, multiplicity="points", share=0.7)
         accumulator = exhaustive(scan, fuller, prior, space, multiplicity="points")

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Bounds of all cells: what their matches add along one axis, at most (design section 3, fact 2)."""
+"""Upper bounds of what the matches of each cell add up to: all cells of a window at once (design section 3, fact 2)."""
 
 import math
 from concurrent.futures import ThreadPoolExecutor
@@ -10,13 +10,16 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.search.axis import Axis
+from maxcon.search.bounding import Bounding, Summand
 from maxcon.search.cell_grid import CellGrid
 from maxcon.search.limits import Limits
 from maxcon.search.prepared_scan import PreparedScan
 from maxcon.search.window import Window
 
-__all__ = ["Along", "Bounds", "HeadingPass"]
+__all__ = ["Bounds", "CellBounds", "HeadingPass", "Part"]
+
+Part = tuple[NDArray[np.int64], Window]
+"""Cells of a search space: those of a window at some headings, by number."""
 
 FINEST_UNIT = 2.0**-14
 """What matches add is rounded up to a multiple of this; finer would not fit into the sums of a scan."""
@@ -28,61 +31,48 @@ amount to, of the sum over all points. Some twenty roundings of 2^-24 add up to 
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """What all matches in each cell add along an axis, at most.
+    """Upper bounds of the sums over the matches of each cell.
 
     Parameters
     ----------
-    prepared : PreparedScan
-        The points that add anything, and the tiles around.
-    is_count : bool
-        Whether matches are counted instead: each adds one, or as often as the voxel counts.
+    bounding : Bounding
+        What is summed, and the points that take part.
     fullest : int
         Map points in the fullest voxel, where a voxel counts as often as it has points, otherwise 1.
-    total_weight : float
-        Sum over all points of the largest weight that a match of each can have: the length of the longest normal, at
-        least 1, for each point with a normal; `PreparedScan.without_normal` for each other.
     """
 
-    prepared: PreparedScan
-    is_count: bool
+    bounding: Bounding
     fullest: int
-    total_weight: float
 
     @classmethod
-    def of(cls, prepared: PreparedScan, *, is_count: bool) -> "Bounds":
-        """Bounds for the points of a scan."""
+    def of(cls, bounding: Bounding) -> "Bounds":
+        """Bounds for the points that take part."""
         fullest = 1
-        if not prepared.is_once:
-            fullest = max((tile.fullest for tile, _ in prepared.tiles.values()), default=1)
-        total_weight = float(prepared.points.shape[1])
-        if not is_count:
-            squares = (prepared.normals * prepared.normals).sum(axis=0)
-            n_without = int(np.count_nonzero(squares == 0.0))
-            longest = math.sqrt(squares.max(initial=1.0))
-            total_weight = (len(squares) - n_without) * longest + n_without * prepared.without_normal
-        return cls(prepared, is_count, fullest, total_weight)
+        if not bounding.prepared.is_once:
+            fullest = max((tile.fullest for tile, _ in bounding.prepared.tiles.values()), default=1)
+        return cls(bounding, fullest)
 
     @property
-    def n_points(self) -> int:
-        """How many points there are."""
-        return int(self.prepared.points.shape[1])
+    def prepared(self) -> PreparedScan:
+        """The points that take part, and the tiles around."""
+        return self.bounding.prepared
 
     @property
     def most(self) -> float:
-        """What a cell can have along any axis if every point matches."""
-        return self.total_weight * self.fullest * (1.0 + SLACK)
+        """The sum of a cell at which every point matches, at most."""
+        return self.bounding.total_weight * self.fullest * (1.0 + SLACK)
 
-    def left_out(self, axis: Axis, least: float) -> float:
-        """What voxels that add no more than `least`, and rounding, can amount to in a cell."""
-        least = 0.0 if axis.is_none else least
-        return self.most * SLACK + self.total_weight * least * (1.0 + SLACK)
+    def left_out(self, summand: Summand) -> float:
+        """Most that rounding, and the voxels which the summand leaves out, can add to a cell."""
+        return self.most * SLACK + self.bounding.total_weight * summand.least * (1.0 + SLACK)
 
-    def parts(self, limits: Limits) -> list[tuple[NDArray[np.int64], Window]]:
+    def parts(self, limits: Limits) -> list[Part]:
         """Headings and windows that make up the space, as large as memory allows, from those near the prior on."""
-        n_headings, ny, nx = self.prepared.space.shape
+        space = self.prepared.space
+        n_headings, ny, nx = space.shape
         most_headings = max(1, min(limits.headings_per_pass, limits.cells_per_pass // (ny * nx)))
         parts = np.array_split(np.arange(n_headings), -(-n_headings // most_headings))
-        bands = list(Window.of(self.prepared.space).bands(limits.cells_per_pass))
+        bands = list(Window.of(space).bands(limits.cells_per_pass))
         parts.sort(key=lambda headings: abs(headings.mean() - (n_headings - 1) / 2))
         bands.sort(key=lambda window: abs(window.y_first + window.y_last))
         return [(headings, window) for headings in parts for window in bands]
@@ -99,7 +89,7 @@ class Bounds:
     @property
     def unit(self) -> float:
         """Unit of the sums, a power of two: they stay below 2^30 (2^62 for counts), and what is added below 2^22."""
-        largest = 2.0**30 / max(1, self.n_points) if self.prepared.is_once else 2.0**22
+        largest = 2.0**30 / max(1, self.prepared.n_points) if self.prepared.is_once else 2.0**22
         return max(FINEST_UNIT, math.ldexp(1.0, math.ceil(math.log2((self.fullest + 2.0) / largest))))
 
 
@@ -127,15 +117,13 @@ class HeadingPass:
     columns: NDArray[np.int32]
     visits: NDArray[np.int64]
 
-    def along(self, axis: Axis, least: float = 0.0, n_threads: int = 1) -> "Along":
-        """Bound what matches add along an axis in all cells.
+    def sum_up(self, summand: Summand, n_threads: int = 1) -> "CellBounds":
+        """Bound the sum of each cell.
 
         Parameters
         ----------
-        axis : Axis
-            Along which direction.
-        least : float
-            Voxels that add no more than this are not looked at; each point is taken to match one of them.
+        summand : Summand
+            What matches add.
         n_threads : int
             Headings are shared out among them; the bounds do not depend on it.
         """
@@ -149,11 +137,11 @@ class HeadingPass:
         def vote(headings: NDArray[np.int64]) -> None:
             for numbers, layers, tile in prepared.visited(self.visits, self.window):
                 bound_kernels.bound_tile(
-                    numbers, self.visits, prepared.starts, prepared.ranks, layers, bases, self._normals, self._turns,
-                    (int(headings[0]), int(headings[-1]) + 1), tile.corner, tile.edge, tile.index.patch_starts,
-                    tile.columns, tile.normals, tile.counts[:0] if prepared.is_once else tile.counts, axis.vector,
-                    tuple(self.window), width, prepared.is_signed, np.float32(least), np.float32(1.0 / unit),
-                    sums.reshape(-1),
+                    numbers, self.visits, prepared.starts, prepared.ranks, layers, bases,
+                    self.bounds.bounding.weighed_normals, self._turns, (int(headings[0]), int(headings[-1]) + 1),
+                    tile.corner, tile.edge, tile.index.patch_starts, tile.columns, tile.normals,
+                    tile.counts[:0] if prepared.is_once else tile.counts, summand.vector, tuple(self.window), width,
+                    prepared.is_signed, np.float32(summand.least), np.float32(1.0 / unit), sums.reshape(-1),
                 )  # fmt: skip
 
         parts = np.array_split(np.arange(len(self.headings)), min(n_threads, len(self.headings)))
@@ -164,22 +152,7 @@ class HeadingPass:
                 list(pool.map(vote, parts))
         inner = sums[:, rim:-rim, rim:-rim]
         grid = CellGrid.of(prepared.space, self.headings, self.window, inner)
-        return Along(axis, least, grid, unit * (1.0 + SLACK), self.bounds.left_out(axis, least))
-
-    @cached_property
-    def _normals(self) -> NDArray[np.float32]:
-        """Normals of the points as the kernel takes them, and what is added to each weight, shape (n, 4).
-
-        Where matches are counted that is 1, and the normals are zeros.
-        """
-        prepared = self.bounds.prepared
-        normals = np.zeros((self.bounds.n_points, 4), np.float32)
-        if self.bounds.is_count:
-            normals[:, 3] = 1.0
-        else:
-            normals[:, :3] = prepared.normals.T
-            normals[:, 3] = np.where(prepared.normals.any(axis=0), 0.0, prepared.without_normal)
-        return normals
+        return CellBounds(summand, grid, unit * (1.0 + SLACK), self.bounds.left_out(summand))
 
     @cached_property
     def _turns(self) -> NDArray[np.float32]:
@@ -189,26 +162,28 @@ class HeadingPass:
 
 
 @dataclass(frozen=True, slots=True)
-class Along:
-    """What matches add along an axis at most, in a window of cells at some headings.
+class CellBounds:
+    """Upper bounds of the sums of all cells of a window at some headings.
 
     Parameters
     ----------
-    axis, least
-        As they were asked for.
+    summand : Summand
+        What was summed.
     sums : CellGrid
-        What they add, in units: whole numbers.
+        The sums, rounded up, in whole units.
     unit : float
         One unit.
     left_out : float
-        What the sums leave out, at most.
+        Most that rounding, and the voxels that were left out, add to any of them.
     """
 
-    axis: Axis
-    least: float
+    summand: Summand
     sums: CellGrid
     unit: float
     left_out: float
+
+    def __len__(self) -> int:
+        return self.sums.numbers.size
 
     def at(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:
         """Bounds of some cells (n, 3) that are there."""

@@ -134,6 +134,11 @@ class PreparedScan:
             spread,
         )
 
+    @property
+    def n_points(self) -> int:
+        """How many points there are."""
+        return int(self.points.shape[1])
+
     def azimuths(self, headings: NDArray[np.int64]) -> NDArray[np.float64]:
         """Headings of the search space, by number, as headings in the map, rad."""
         return self.prior.heading + self.space.headings[headings]
