@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.compiled import read_only_view
 from maxcon.geometry import Pose, rotation_matrices, voxel_indices
 from maxcon.point_map import PointMap, TileKey, VoxelTile
 from maxcon.scan import Scan
@@ -94,34 +93,32 @@ class PreparedScan:
         """
         from maxcon.search import group_kernels
 
-        cell = point_map.cell
-        points, normals = _levelled(scan, prior)
+        cell, rotation = point_map.cell, rotation_matrices(prior.roll, prior.pitch, 0.0)
+        points, normals = group_kernels.level(
+            scan.points, scan.normals, np.ascontiguousarray(rotation), prior.z
+        )
+        _check_indices(points, prior, space.reach, cell)
         nx, ny, _ = normals
         spread = np.array([nx @ nx, nx @ ny, ny @ ny])
         if weighting is Weighting.ONE:
             normals[:] = 0.0
-        _check_indices(points, prior, space.reach, cell)
-        columns, layers = _columns(points, prior, cell), group_kernels.to_layers(points[2], cell)
-        order, keys = group_kernels.sort_keys(_keys(columns, layers, normals))
-        points, normals = group_kernels.gather(points[:2], order), group_kernels.gather(normals, order)
-        groups = group_kernels.find_groups(keys, order, points, columns, layers)
-        starts, middles, group_layers, boxes, radii = groups
-        ranks, scan_layers = group_kernels.rank(group_layers)
-        tiles = _tiles_met(point_map, prior, space, boxes, radii)
-        tile_keys = np.array([tile.key for tile in tiles], dtype=np.int64).reshape(-1, 2)
-        corner = tile_keys.min(axis=0, initial=2**31)
-        nx, ny = tile_keys.max(axis=0, initial=-(2**31)) - corner + 1 if tiles else (0, 0)
-        slots = (tile_keys[:, 1] - corner[1]) * nx + tile_keys[:, 0] - corner[0]
+        turn = _turns(np.array([prior.heading]))
+        groups = group_kernels.group_points(points, normals, turn, (prior.x, prior.y), cell)
+        tiles = _tiles_met(point_map, prior, space, groups.boxes, groups.radii)
+        keys = np.array([tile.key for tile in tiles], dtype=np.int64).reshape(-1, 2)
+        corner = keys.min(axis=0, initial=2**31)
+        nx, ny = keys.max(axis=0, initial=-(2**31)) - corner + 1 if tiles else (0, 0)
+        slots = (keys[:, 1] - corner[1]) * nx + keys[:, 0] - corner[0]
         return cls(
             prior,
             space,
-            points,
-            normals,
-            starts,
-            middles,
-            ranks,
+            groups.points,
+            groups.normals,
+            groups.starts,
+            groups.middles,
+            groups.ranks,
             {
-                slot: (tile, group_kernels.number_layers(tile.index.layers, scan_layers))
+                slot: (tile, group_kernels.number_layers(tile.index.layers, groups.layers))
                 for slot, tile in zip(slots.tolist(), tiles, strict=True)
             },
             (int(corner[0]), int(corner[1])),
@@ -147,9 +144,9 @@ class PreparedScan:
         """Voxel columns (h, 2, n) and normals (h, 3, n) of the points at h headings, by number, in the map's axes."""
         from maxcon.search import visit_kernels
 
-        turned = np.empty((len(headings), *self.normals.shape), np.float32)
-        for i, azimuth in enumerate(self.azimuths(headings)):
-            visit_kernels.turn_normals(self.normals, np.cos(azimuth), np.sin(azimuth), turned[i])
+        turned: NDArray[np.float32] = visit_kernels.turn_normals(
+            self.normals, _turns(self.azimuths(headings))
+        )
         return self.voxels_at(headings), turned
 
     def constraining(self) -> "PreparedScan":
@@ -174,11 +171,9 @@ class PreparedScan:
         """Voxel columns (h, 2, n) of the points at h headings, by number, in the map's axes."""
         from maxcon.search import visit_kernels
 
-        prior, columns = self.prior, np.empty((len(headings), *self.points.shape), np.int32)
-        for i, azimuth in enumerate(self.azimuths(headings)):
-            visit_kernels.turn_to_columns(
-                self.points, np.cos(azimuth), np.sin(azimuth), prior.x, prior.y, self.cell, columns[i]
-            )
+        columns: NDArray[np.int32] = visit_kernels.turn_to_columns(
+            self.points, _turns(self.azimuths(headings)), (self.prior.x, self.prior.y), self.cell
+        )
         return columns
 
     def visited(
@@ -210,15 +205,9 @@ class PreparedScan:
             yield numbers[starts[slot] : starts[slot + 1]], layers, tile
 
 
-def _levelled(scan: Scan, prior: Pose) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Points (3, n) and normals (3, n) as `matching.level` gives them, to the last bit, but as rows."""
-    from maxcon.search import group_kernels
-
-    rotation = np.ascontiguousarray(rotation_matrices(prior.roll, prior.pitch, 0.0))
-    points = group_kernels.level(read_only_view(scan.points), rotation)
-    normals = group_kernels.level(read_only_view(scan.normals), rotation)
-    points[2] += prior.z
-    return points, normals
+def _turns(azimuths: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Cosine and sine of headings, shape (h, 2), one by one as `matching.turn` asks for them."""
+    return np.array([(np.cos(azimuth), np.sin(azimuth)) for azimuth in azimuths])
 
 
 def _check_indices(points: NDArray[np.float64], prior: Pose, reach: float, cell: float) -> None:
@@ -229,52 +218,6 @@ def _check_indices(points: NDArray[np.float64], prior: Pose, reach: float, cell:
     squares += points[1] * points[1]
     reach += float(np.sqrt(squares.max(initial=0.0))) + cell
     voxel_indices(prior.position + [[-reach, -reach, 0.0], [reach, reach, 0.0]], cell)
-
-
-def _columns(points: NDArray[np.float64], prior: Pose, cell: float) -> NDArray[np.int32]:
-    """Voxel columns (2, n) of levelled points (3, n) at the prior."""
-    from maxcon.search import visit_kernels
-
-    columns = np.empty((2, points.shape[1]), np.int32)
-    cosine, sine = np.cos(prior.heading), np.sin(prior.heading)
-    visit_kernels.turn_to_columns(points[:2], cosine, sine, prior.x, prior.y, cell, columns)
-    return columns
-
-
-def _keys(
-    columns: NDArray[np.int32], layers: NDArray[np.int32], normals: NDArray[np.float64]
-) -> NDArray[np.uint64]:
-    """Numbers by which points with normals (3, n) are sorted, see `group_kernels.key_points`."""
-    from maxcon.search import group_kernels
-    from maxcon.search.visit_kernels import SQUARE_VOXELS
-
-    if not len(layers):
-        return np.empty(0, np.uint64)
-    low_x, low_y = (columns.min(axis=1) // SQUARE_VOXELS).tolist()
-    high_x, high_y = (columns.max(axis=1) // SQUARE_VOXELS).tolist()
-    low, nx, ny = int(layers.min()), high_x - low_x + 1, high_y - low_y + 1
-    n_layers = int(layers.max()) - low + 1
-    if ny * nx * n_layers * group_kernels.GROUP_KEYS > 2**63:
-        return _keys(*_closed_up(columns, layers), normals)
-    lows, sizes = (low_y, low_x, low), (nx, n_layers)
-    keys: NDArray[np.uint64] = group_kernels.key_points(columns, layers, normals, lows, sizes)
-    return keys
-
-
-def _closed_up(
-    columns: NDArray[np.int32], layers: NDArray[np.int32]
-) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Columns and layers of the same groups in the same order, but without the empty space between them.
-
-    Points thousands of kilometres apart have keys of 64 bits again; there is no need for that to be fast.
-    """
-    from maxcon.search.visit_kernels import SQUARE_VOXELS
-
-    squares = columns.astype(np.int64) // SQUARE_VOXELS
-    inside = columns - squares * SQUARE_VOXELS
-    _, number = np.unique(squares[1] * 2**32 + squares[0], return_inverse=True)
-    _, layer = np.unique(layers, return_inverse=True)
-    return np.array([number * SQUARE_VOXELS + inside[0], inside[1]], np.int32), layer.astype(np.int32)
 
 
 def _tiles_met(

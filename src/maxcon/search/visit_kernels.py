@@ -22,23 +22,33 @@ RIM = 25
 
 
 @njit(nogil=True, cache=True)
-def turn_to_columns(points, cosine, sine, x, y, cell, columns):
-    """Turn a levelled scan by a heading about the sensor: voxel columns in the map's axes.
+def turn_to_columns(points, turns, place, cell):
+    """Turn a levelled scan about the sensor, by each of some headings: voxel columns in the map's axes.
 
-    points : (2, n) float64; columns : (2, n) int32, out.
+    points : (2 or 3, n) float64; turns : (headings, 2) float64, cosine and sine; place : (x, y) of the sensor, m;
+    cell : voxel edge, m. Returns (headings, 2, n) int32.
     """
-    for i in range(points.shape[1]):
-        columns[0, i] = np.int32(np.floor((points[0, i] * cosine - points[1, i] * sine + x) / cell))
-        columns[1, i] = np.int32(np.floor((points[0, i] * sine + points[1, i] * cosine + y) / cell))
+    columns = np.empty((turns.shape[0], 2, points.shape[1]), np.int32)
+    for heading in range(turns.shape[0]):
+        cosine, sine = turns[heading, 0], turns[heading, 1]
+        for i in range(points.shape[1]):
+            x, y = points[0, i], points[1, i]
+            columns[heading, 0, i] = np.int32(np.floor((x * cosine - y * sine + place[0]) / cell))
+            columns[heading, 1, i] = np.int32(np.floor((x * sine + y * cosine + place[1]) / cell))
+    return columns
 
 
 @njit(nogil=True, cache=True)
-def turn_normals(normals, cosine, sine, turned):
-    """Turn normals, (3, n) float64, by a heading; turned : (3, n) float32, out."""
-    for i in range(normals.shape[1]):
-        turned[0, i] = normals[0, i] * cosine - normals[1, i] * sine
-        turned[1, i] = normals[0, i] * sine + normals[1, i] * cosine
-        turned[2, i] = normals[2, i]
+def turn_normals(normals, turns):
+    """Turn normals, (3, n) float64, by each of some headings, as above: (headings, 3, n) float32."""
+    turned = np.empty((turns.shape[0], 3, normals.shape[1]), np.float32)
+    for heading in range(turns.shape[0]):
+        cosine, sine = turns[heading, 0], turns[heading, 1]
+        for i in range(normals.shape[1]):
+            turned[heading, 0, i] = normals[0, i] * cosine - normals[1, i] * sine
+            turned[heading, 1, i] = normals[0, i] * sine + normals[1, i] * cosine
+            turned[heading, 2, i] = normals[2, i]
+    return turned
 
 
 @njit(nogil=True, cache=True)
