@@ -6,6 +6,7 @@ import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,9 @@ from maxcon.search.cell_grid import CellGrid
 from maxcon.search.limits import Limits
 from maxcon.search.prepared_scan import PreparedScan
 from maxcon.search.window import Window
+
+if TYPE_CHECKING:
+    from maxcon.search.visit_kernels import Planned
 
 __all__ = ["Bounds", "CellBounds", "HeadingPass", "Part"]
 
@@ -79,12 +83,8 @@ class Bounds:
 
     def heading_pass(self, headings: NDArray[np.int64], window: Window) -> "HeadingPass":
         """Get a window at some headings, by number, ready for the bounds of its cells."""
-        from maxcon.search import visit_kernels
-
         columns = self.prepared.voxels_at(headings)
-        return HeadingPass(
-            self, headings, window, columns, visit_kernels.plan_visits(self.prepared.starts, columns)
-        )
+        return HeadingPass(self, headings, window, columns, self.prepared.planned(columns))
 
     @property
     def unit(self) -> float:
@@ -107,15 +107,15 @@ class HeadingPass:
         The offsets of the cells.
     columns : array, shape (h, 2, n)
         Voxels of the points at each heading.
-    visits : array, shape (m, 7)
-        As `visit_kernels.plan_visits` planned them.
+    planned : Planned
+        When the points visit the map.
     """
 
     bounds: Bounds
     headings: NDArray[np.int64]
     window: Window
     columns: NDArray[np.int32]
-    visits: NDArray[np.int64]
+    planned: "Planned"
 
     def sum_up(self, summand: Summand, n_threads: int = 1) -> "CellBounds":
         """Bound the sum of each cell.
@@ -135,13 +135,12 @@ class HeadingPass:
         bases = bound_kernels.bases_of_points(self.columns, width, height * width)
 
         def vote(headings: NDArray[np.int64]) -> None:
-            for numbers, layers, tile in prepared.visited(self.visits, self.window):
+            within = (int(headings[0]), int(headings[-1]) + 1)
+            for met, voxels in prepared.visited(self.planned, self.window):
                 bound_kernels.bound_tile(
-                    numbers, self.visits, prepared.starts, prepared.ranks, layers, bases,
-                    self.bounds.bounding.weighed_normals, self._turns, (int(headings[0]), int(headings[-1]) + 1),
-                    tile.corner, tile.edge, tile.index.patch_starts, tile.columns, tile.normals,
-                    tile.counts[:0] if prepared.is_once else tile.counts, summand.vector, tuple(self.window), width,
-                    prepared.is_signed, np.float32(summand.least), np.float32(1.0 / unit), sums.reshape(-1),
+                    met, self.planned, voxels, bases, self.bounds.bounding.weighed_normals, self._turns, within,
+                    summand.vector, tuple(self.window), width, prepared.is_signed, np.float32(summand.least),
+                    np.float32(1.0 / unit), sums.reshape(-1),
                 )  # fmt: skip
 
         parts = np.array_split(np.arange(len(self.headings)), min(n_threads, len(self.headings)))
@@ -157,8 +156,7 @@ class HeadingPass:
     @cached_property
     def _turns(self) -> NDArray[np.float32]:
         """Cosine and sine of each heading, shape (h, 2)."""
-        azimuths = self.bounds.prepared.azimuths(self.headings)
-        return np.column_stack([np.cos(azimuths), np.sin(azimuths)]).astype(np.float32)
+        return self.bounds.prepared.turns(self.headings).astype(np.float32)
 
 
 @dataclass(frozen=True, slots=True)

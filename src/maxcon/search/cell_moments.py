@@ -107,7 +107,7 @@ class CellMoments:
         if heading not in self._turned:
             numbers, _ = self._points
             (columns,), (normals,) = self.prepared.turned(np.array([heading]))
-            self._turned[heading] = exact_kernels.lay_out(
+            self._turned[heading] = exact_kernels.points_at_heading(
                 columns, normals, numbers, self.prepared.without_normal
             )
             if len(self._turned) > MOST_HEADINGS_KEPT:

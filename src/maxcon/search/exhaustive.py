@@ -119,18 +119,16 @@ def _search_headings(
     from maxcon.search import kernels, visit_kernels
 
     n_headings, ny, nx, _ = moments.shape
-    columns, turned = prepared.turned(headings)
-    visits = visit_kernels.plan_visits(prepared.starts, columns)
+    columns, normals = prepared.turned(headings)
+    planned = prepared.planned(columns)
     rim = visit_kernels.RIM
     width = nx + 2 * rim
     width += (2 - width) % 4  # an odd number of cache lines: cells above each other do not share a cache set
     sums = _aligned_zeros((n_headings, ny + 2 * rim, width, 4))
-    for numbers, layers, tile in prepared.visited(visits, window):
+    for met, voxels in prepared.visited(planned, window):
         kernels.accumulate_tile(
-            numbers, visits, prepared.starts, prepared.middles, prepared.ranks, layers, columns, turned,
-            tile.corner, tile.edge, tile.index.patch_starts, tile.columns, tile.normals,
-            tile.counts[:0] if prepared.is_once else tile.counts,
-            tuple(window), width, prepared.without_normal, prepared.is_signed, sums.reshape(n_headings, -1),
+            met, planned, voxels, columns, normals, tuple(window), width, prepared.without_normal, prepared.is_signed,
+            sums.reshape(n_headings, -1),
         )  # fmt: skip
     moments[...] = sums[:, rim : rim + ny, rim : rim + nx]
 

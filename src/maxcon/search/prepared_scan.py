@@ -4,6 +4,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,9 @@ from maxcon.scan import Scan
 from maxcon.search.matching import Multiplicity, Weighting
 from maxcon.search.window import Window
 from maxcon.search_space import SearchSpace
+
+if TYPE_CHECKING:
+    from maxcon.search.visit_kernels import Met, Planned, TileVoxels
 
 __all__ = ["PreparedScan"]
 
@@ -136,18 +140,17 @@ class PreparedScan:
         """How many points there are."""
         return int(self.points.shape[1])
 
-    def azimuths(self, headings: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Headings of the search space, by number, as headings in the map, rad."""
-        return self.prior.heading + self.space.headings[headings]
+    def turns(self, headings: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Cosine and sine of some headings, by number, in the map's axes, shape (h, 2)."""
+        return _turns(self.prior.heading + self.space.headings[headings])
 
     def turned(self, headings: NDArray[np.int64]) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
         """Voxel columns (h, 2, n) and normals (h, 3, n) of the points at h headings, by number, in the map's axes."""
         from maxcon.search import visit_kernels
 
-        turned: NDArray[np.float32] = visit_kernels.turn_normals(
-            self.normals, _turns(self.azimuths(headings))
-        )
-        return self.voxels_at(headings), turned
+        turns, place = self.turns(headings), (self.prior.x, self.prior.y)
+        columns = visit_kernels.turn_to_columns(self.points, turns, place, self.cell)
+        return columns, visit_kernels.turn_normals(self.normals, turns)
 
     def constraining(self) -> "PreparedScan":
         """The points that add to N alone: the others are only counted."""
@@ -171,38 +174,33 @@ class PreparedScan:
         """Voxel columns (h, 2, n) of the points at h headings, by number, in the map's axes."""
         from maxcon.search import visit_kernels
 
-        columns: NDArray[np.int32] = visit_kernels.turn_to_columns(
-            self.points, _turns(self.azimuths(headings)), (self.prior.x, self.prior.y), self.cell
-        )
+        turns, place = self.turns(headings), (self.prior.x, self.prior.y)
+        columns: NDArray[np.int32] = visit_kernels.turn_to_columns(self.points, turns, place, self.cell)
         return columns
 
-    def visited(
-        self, visits: NDArray[np.int64], window: Window
-    ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], VoxelTile]]:
-        """Yield each tile with what meets it.
-
-        Parameters
-        ----------
-        visits : array, shape (m, 7)
-            As `visit_kernels.plan_visits` planned them.
-        window : Window
-            Offsets.
-
-        Yields
-        ------
-        numbers : array
-            The visits that meet the tile at some offset of the window.
-        layers : array
-            The layer that each rank has in the tile, -1 for none.
-        tile : VoxelTile
-        """
+    def planned(self, columns: NDArray[np.int32]) -> "Planned":
+        """Plan the visits of the groups to the map, from their voxels (h, 2, n) at h headings."""
         from maxcon.search import visit_kernels
 
-        starts, numbers = visit_kernels.visits_of_tiles(
-            visits, tuple(window), self.edge.bit_length() - 1, self.corner, self.shape
+        visits = visit_kernels.plan_visits(self.starts, columns)
+        return visit_kernels.Planned(visits, self.starts, self.middles, self.ranks)
+
+    def visited(self, planned: "Planned", window: Window) -> Iterator[tuple["Met", "TileVoxels"]]:
+        """Yield what meets each tile at some offset of a window, and the tile's voxels."""
+        from maxcon.search import visit_kernels
+
+        starts, numbers, rectangles = visit_kernels.visits_of_tiles(
+            planned.visits, tuple(window), self.edge.bit_length() - 1, self.corner, self.shape
         )
         for slot, (tile, layers) in self.tiles.items():
-            yield numbers[starts[slot] : starts[slot + 1]], layers, tile
+            mine = slice(starts[slot], starts[slot + 1])
+            counts = tile.counts[:0] if self.is_once else tile.counts
+            yield (
+                visit_kernels.Met(numbers[mine], rectangles[mine], layers),
+                visit_kernels.TileVoxels(
+                    tile.corner, tile.edge, tile.index.patch_starts, tile.columns, tile.normals, counts
+                ),
+            )
 
 
 def _turns(azimuths: NDArray[np.float64]) -> NDArray[np.float64]:

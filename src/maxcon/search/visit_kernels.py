@@ -2,14 +2,18 @@
 # SPDX-License-Identifier: MIT
 """Which scan points visit which voxels of the map together, compiled. Arrays in, arrays out."""
 
+from typing import Any, NamedTuple
+
 import numpy as np
 from numba import njit
 
 __all__ = [
     "RIM",
     "SQUARE_VOXELS",
+    "Met",
+    "Planned",
+    "TileVoxels",
     "plan_visits",
-    "rectangle_in_tile",
     "turn_normals",
     "turn_to_columns",
     "visits_of_tiles",
@@ -19,6 +23,47 @@ __all__ = [
 SQUARE_VOXELS = 16
 # ... at all headings at which they lie within so many voxels of each other; a turned square is 23 wide.
 RIM = 25
+
+
+class Planned(NamedTuple):
+    """The groups of a scan, and when they visit the map.
+
+    visits : (m, 7) int64, as `plan_visits` planned them.
+    starts : (groups + 1,) int64, first point of each; middles : (groups,), its first without a normal; ranks :
+    (groups,), number of its height layer among the scan's.
+    """
+
+    visits: Any
+    starts: Any
+    middles: Any
+    ranks: Any
+
+
+class Met(NamedTuple):
+    """What meets a tile.
+
+    numbers : (k,) int64, which visits; rectangles : (k, 4) int64, which voxels of the tile each of them meets: x first,
+    x last, y first, y last; layers : for each height layer of the scan its number in the tile, -1 for none.
+    """
+
+    numbers: Any
+    rectangles: Any
+    layers: Any
+
+
+class TileVoxels(NamedTuple):
+    """The voxels of a tile in the order of the search, see `VoxelTile` and `TileIndex`.
+
+    corner : (x, y) voxel index of its first; edge : how many along its edge; patch_starts : first voxel of each patch.
+    columns : (k, 2) int16; normals : (k, 3) float32; counts : (k,) int32, or empty where a voxel counts once.
+    """
+
+    corner: Any
+    edge: Any
+    patch_starts: Any
+    columns: Any
+    normals: Any
+    counts: Any
 
 
 @njit(nogil=True, cache=True)
@@ -122,12 +167,13 @@ def visits_of_tiles(visits, window, edge_bits, corner, shape):
     its last + the last.
     edge_bits : a tile has 2^edge_bits voxels along an edge; corner : (x, y) key of the grid's first tile; shape : (ny,
     nx) tiles.
-    Returns starts, (ny * nx + 1,), and numbers, so that tile t has numbers[starts[t] : starts[t + 1]].
+    Returns starts, (ny * nx + 1,), and numbers, so that tile t has numbers[starts[t] : starts[t + 1]]; and rectangles,
+    (k, 4) int64, in the same order: which voxels of the tile each visit meets, x first, x last, y first, y last.
     """
     ny, nx = shape
     x_first, x_last, y_first, y_last = window
     starts = np.zeros(ny * nx + 1, np.int64)
-    numbers = np.empty(0, np.int64)
+    numbers, rectangles, last = np.empty(0, np.int64), np.empty((0, 4), np.int64), (1 << edge_bits) - 1
     for is_filling in (False, True):
         for i in range(visits.shape[0]):
             tx_first = max(((visits[i, 3] + x_first) >> edge_bits) - corner[0], 0)
@@ -138,7 +184,14 @@ def visits_of_tiles(visits, window, edge_bits, corner, shape):
                 for tx in range(tx_first, tx_last + 1):
                     tile = ty * nx + tx
                     if is_filling:
+                        x, y = (tx + corner[0]) << edge_bits, (ty + corner[1]) << edge_bits
                         numbers[starts[tile]] = i
+                        rectangles[starts[tile]] = (
+                            max(visits[i, 3] + x_first - x, 0),
+                            min(visits[i, 4] + x_last - x, last),
+                            max(visits[i, 5] + y_first - y, 0),
+                            min(visits[i, 6] + y_last - y, last),
+                        )
                         starts[tile] += 1
                     else:
                         starts[tile + 1] += 1
@@ -147,21 +200,5 @@ def visits_of_tiles(visits, window, edge_bits, corner, shape):
             starts[0] = 0
         else:
             starts = np.cumsum(starts)
-            numbers = np.empty(starts[-1], np.int64)
-    return starts, numbers
-
-
-@njit(nogil=True, cache=True)
-def rectangle_in_tile(visit, window, corner, edge):
-    """(x first, x last, y first, y last) voxel of a tile that a visit meets at some offset of a window.
-
-    window : (x first, x last, y first, y last) offset; corner : (x, y) voxel index of the tile;
-    edge : voxels along its edge.
-    """
-    x_first, x_last, y_first, y_last = window
-    return (
-        max(visit[3] + x_first - corner[0], 0),
-        min(visit[4] + x_last - corner[0], edge - 1),
-        max(visit[5] + y_first - corner[1], 0),
-        min(visit[6] + y_last - corner[1], edge - 1),
-    )
+            numbers, rectangles = np.empty(starts[-1], np.int64), np.empty((starts[-1], 4), np.int64)
+    return starts, numbers, rectangles
