@@ -6,7 +6,8 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable
 
-from maxcon.point_map.tile import TileKey, VoxelTile
+from maxcon.point_map.layout import TileKey
+from maxcon.point_map.tile import VoxelTile
 
 __all__ = ["KeptTiles"]
 

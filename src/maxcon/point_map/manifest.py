@@ -13,8 +13,8 @@ from typing import Any
 
 from maxcon.errors import MapError
 from maxcon.point_map.ground import ground_voxels
+from maxcon.point_map.layout import TILE_VOXELS, TileKey
 from maxcon.point_map.sigma import UNKNOWN_SIGMA
-from maxcon.point_map.tile import TILE_VOXELS, TileKey
 
 __all__ = [
     "FORMAT",

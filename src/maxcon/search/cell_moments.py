@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.objectives import Moments
-from maxcon.point_map.tile import PATCH_VOXELS, Addresses
+from maxcon.point_map.addresses import Addresses
+from maxcon.point_map.layout import PATCH_VOXELS
 from maxcon.search.prepared_scan import PreparedScan
 
 __all__ = ["CellMoments"]
