@@ -146,7 +146,7 @@ class PointMap:
         return cls(frame, manifest.cell, manifest.is_signed, store, manifest.sigma, ground)
 
     def level(self, factor: int) -> "PointMap":
-        """Return the same map in voxels so many times as large, without ground; tiles are merged when a search asks.
+        """Return the same map in voxels `factor` times as large, without ground; tiles are merged when a search asks.
 
         Parameters
         ----------

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The compiled inner loops of the bounds: what matches add along one axis, at most. Arrays in, arrays out."""
+"""Compiled: upper bounds of the sum over the matches of each cell, of all cells of a window."""
 
 import numpy as np
 from llvmlite import ir
@@ -13,7 +13,7 @@ from maxcon.search.visit_kernels import RIM
 
 __all__ = ["bases_of_points", "bound_tile"]
 
-# Voxels that a visit takes at a time: laid out they fit into the L1 cache.
+# Voxels that are laid out at a time: they fit into the L1 cache.
 CAPACITY = 256
 
 # Voxels whose votes are made at once.

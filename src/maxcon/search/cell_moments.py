@@ -16,7 +16,7 @@ from maxcon.search.prepared_scan import PreparedScan
 
 __all__ = ["CellMoments"]
 
-# The scan is kept as it lies at so many headings; the heading that was laid out first is dropped first.
+# Headings at which the turned scan is kept for later cells; the oldest is dropped first (FIFO).
 MOST_HEADINGS_KEPT = 32
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The compiled inner loops for single cells. Arrays in, arrays out."""
+"""Compiled: the moments of single cells, to the last bit those of the exhaustive search."""
 
 import numpy as np
 from numba import njit

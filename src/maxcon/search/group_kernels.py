@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Which points of a scan form groups, and which tiles those can fall in, compiled. Arrays in, arrays out."""
+"""Compiled: scan points sorted into groups of one height layer and one voxel square, and the tiles in their reach."""
 
 from typing import Any, NamedTuple
 
@@ -24,10 +24,10 @@ SQUARE_BITS = SQUARE_VOXELS.bit_length() - 1
 PLACE_BITS = 2 * SQUARE_BITS
 INSIDE = SQUARE_VOXELS - 1
 
-# So many keys are of one group: one for each place in the square with a normal, and one for each without.
+# Keys of one group: one for each voxel of the square for points with a normal, and one for those without.
 GROUP_KEYS = 2 ** (PLACE_BITS + 1)
 
-# Keys are sorted by so many bits at a time, at most: the 4096 counters fit into the L1 cache.
+# Keys are sorted by at most 12 bits at a time: 4096 counters fit into the L1 cache.
 MOST_DIGIT_BITS = 12
 
 
@@ -142,10 +142,10 @@ def _closed_up(columns, layers):
 
 @njit(nogil=True, cache=True)
 def _key_points(columns, layers, normals, lows, sizes):
-    """Number points such that their groups, and points in them, are in the order of the numbers.
+    """Give each point a number by which sorting brings the points into the order of their groups.
 
-    That is by square along y and x, layer, whether they lack a normal, y and x: a key is GROUP_KEYS times the
-    number of the group, and more for the place in it.
+    The order is: y of the square, x of the square, layer, points with a normal before those without, y and x of the
+    voxel. A key is GROUP_KEYS times the number of the group, plus the place in the group.
 
     columns : (2, n) int32; layers : (n,) int32; normals : (3, n) float64; lows, sizes : as `_extent`
     found them.
@@ -164,7 +164,7 @@ def _key_points(columns, layers, normals, lows, sizes):
 
 @njit(nogil=True, cache=True)
 def sort_keys(keys):
-    """Sort keys by counting those that are alike in a few bits, from the last bits to the first.
+    """Sort keys (radix sort): by the last few bits first, by the first few last, each time stable.
 
     keys : (n,) uint64, overwritten. Returns their order, (n,) uint32, stable, and the keys in it.
     """

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The compiled inner loops of the exhaustive search: from visits to sums. Arrays in, arrays out."""
+"""Compiled: the moments of all cells of a window."""
 
 from typing import Any, NamedTuple
 
@@ -15,10 +15,10 @@ from maxcon.search.visit_kernels import RIM
 
 __all__ = ["accumulate_tile"]
 
-# Voxels that a visit looks at at a time, a multiple of BLOCK: laid out they fit into the L1 cache.
+# Voxels that are laid out at a time, a multiple of BLOCK: they fit into the L1 cache.
 CAPACITY = 256
 
-# Weights are made by so many at a time: what the compiler makes of a whole block has no remainder.
+# Weights are computed in blocks of this many, so that the vectorized loop has no remainder.
 BLOCK = 32
 
 # Shifts instead of divisions: with these the search took 1.16 times as long.

@@ -16,29 +16,30 @@ class Limits:
     Parameters
     ----------
     first_cells : int
-        So many cells with the highest bounds are scored before any cell is ruled out: the better the best score is
-        early, the less is left.
+        Cells scored before any is ruled out, those with the highest bounds: the better the best score is early, the
+        less is left.
     scored_at_once : int
-        Candidates are scored so many at a time, from the highest bound on.
+        Candidates scored at a time, from the highest bound on.
     left_out : float
-        Voxels are left out of the bounds that together add less than this share of the score that cells must reach.
+        Voxels are left out of the bounds if all of them together add less than this share of the score that cells must
+        reach.
     left_out_of_scan : float
-        The same before any cell is scored: share of what all scan points could add along the axis that they determine
-        least.
+        The same before any cell is scored: the share of what all scan points together could add along the axis that
+        they determine least.
     most_candidates : int
         If one bound leaves more candidates than this, they are bounded along the second axis too.
     most_kept : int
         Of a space in several parts, one with more candidates than this is bounded again after the others: they may
         hold a better cell.
     undecided : int
-        If the first bound leaves more than one cell in so many, no second bound is made: it would rule out little.
+        If the first bound leaves more than one in `undecided` cells, no second one is made: it would rule out little.
     cells_per_candidate : int
-        To score one candidate by itself takes about as long as so many cells of a window that is searched exhaustively.
+        How many cells an exhaustive search of a window scores in the time that one candidate by itself takes.
     margin : int
-        An exhaustive search of a window also visits what lies beside it; that takes about as long as so many more
-        rows and columns.
+        Rows and columns by which a window is taken to be larger when its time is guessed: an exhaustive search also
+        looks at voxels that only cells beside the window meet.
     bound_steps : int
-        The least sum with which a cell can reach the asked score is looked up in so many even steps.
+        Steps in which the least sum is sought with which a cell can reach the asked score.
     headings_per_pass, cells_per_pass : int
         Cells bounded in one pass: 2^22 sums take 16 MiB, or 32 MiB where voxels count as often as they have points.
         One row is never parted, even if it has more.

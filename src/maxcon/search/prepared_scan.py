@@ -186,7 +186,7 @@ class PreparedScan:
         return visit_kernels.Planned(visits, self.starts, self.middles, self.ranks)
 
     def visited(self, planned: "Planned", window: Window) -> Iterator[tuple["Met", "TileVoxels"]]:
-        """Yield what meets each tile at some offset of a window, and the tile's voxels."""
+        """Yield, for each tile, the visits that meet it at some offset of a window, and its voxels."""
         from maxcon.search import visit_kernels
 
         starts, numbers, rectangles = visit_kernels.visits_of_tiles(

@@ -1,6 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Which scan points visit which voxels of the map together, compiled. Arrays in, arrays out."""
+"""Compiled: which scan points look at which voxels of the map together.
+
+A visit is a group of scan points, at a run of headings, and the box of voxels that they cover there. Its voxels are
+read from the map once, for all its points and headings (decision 13).
+"""
 
 from typing import Any, NamedTuple
 
@@ -19,9 +23,9 @@ __all__ = [
     "visits_of_tiles",
 ]
 
-# Points of one height layer in a square of so many voxels visit the map together, ...
+# Points of one height layer in a square of 16 x 16 voxels are a group: they visit the map together, ...
 SQUARE_VOXELS = 16
-# ... at all headings at which they lie within so many voxels of each other; a turned square is 23 wide.
+# ... at all headings at which the group stays within a box of 25 voxels; a turned square is 23 wide.
 RIM = 25
 
 
