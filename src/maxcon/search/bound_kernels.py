@@ -9,7 +9,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from maxcon.point_map import PATCH_VOXELS
-from maxcon.search.visit_kernels import RIM
+from maxcon.search.visit_kernels import RIM, Met, Planned, TileVoxels
 
 __all__ = ["bases_of_points", "bound_tile"]
 
@@ -156,17 +156,18 @@ def _vote_all(n_taken, n_turned, turned, places, back, cells, rows, sums):
 
 @njit(nogil=True, cache=True)
 def bound_tile(
-    met, planned, voxels, bases, normals, turns, within, axis, window, stride, is_signed, least, scale, sums
-):
+    what_meets, groups, tile, bases, normals, turns, within, axis, window, stride, is_signed, least, scale, sums
+):  # fmt: skip
     """Add what all matches of some scan points with one tile add, at most, to the sums of their cells.
 
-    met, planned, voxels : `Met`, `Planned` and `TileVoxels`; bases : (n, headings), see `bases_of_points`; normals :
-    (n, 4) float32, normal at heading 0, or zeros for none, and what is added to the weight; turns : (headings, 2)
-    float32, cosine and sine; within : first and end of the headings to look at.
+    what_meets, groups, tile : fields of `Met`, `Planned` and `TileVoxels`; bases : (n, headings), see
+    `bases_of_points`; normals : (n, 4) float32, normal at heading 0, or zeros for none, and what is added to
+    the weight; turns : (headings, 2) float32, cosine and sine; within : first and end of the headings to look at.
     axis : (x, y) float32, unit, or zeros to count; window : (x first, x last, y first, y last) offset; stride : cells
     from one row of the sums to the next; least : voxels that add no more are left out; scale : float32, units of the
     sums in one; sums : (headings * rows * stride,) int32 or int64.
     """
+    met, planned, voxels = Met(*what_meets), Planned(*groups), TileVoxels(*tile)
     visits, starts, patch_starts, corner = planned.visits, planned.starts, voxels.patch_starts, voxels.corner
     stride, n_patches = np.int32(stride), voxels.edge >> PATCH_BITS
     origin = (RIM + corner[1] - window[2]) * np.int64(stride) + RIM + corner[0] - window[0]

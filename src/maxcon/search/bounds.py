@@ -138,9 +138,9 @@ class HeadingPass:
             within = (int(headings[0]), int(headings[-1]) + 1)
             for met, voxels in prepared.visited(self.planned, self.window):
                 bound_kernels.bound_tile(
-                    met, self.planned, voxels, bases, self.bounds.bounding.weighed_normals, self._turns, within,
-                    summand.vector, tuple(self.window), width, prepared.is_signed, np.float32(summand.least),
-                    np.float32(1.0 / unit), sums.reshape(-1),
+                    tuple(met), tuple(self.planned), tuple(voxels), bases, self.bounds.bounding.weighed_normals,
+                    self._turns, within, summand.vector, tuple(self.window), width, prepared.is_signed,
+                    np.float32(summand.least), np.float32(1.0 / unit), sums.reshape(-1),
                 )  # fmt: skip
 
         parts = np.array_split(np.arange(len(self.headings)), min(n_threads, len(self.headings)))

@@ -127,8 +127,8 @@ def _search_headings(
     sums = _aligned_zeros((n_headings, ny + 2 * rim, width, 4))
     for met, voxels in prepared.visited(planned, window):
         kernels.accumulate_tile(
-            met, planned, voxels, columns, normals, tuple(window), width, prepared.without_normal, prepared.is_signed,
-            sums.reshape(n_headings, -1),
+            tuple(met), tuple(planned), tuple(voxels), columns, normals, tuple(window), width,
+            prepared.without_normal, prepared.is_signed, sums.reshape(n_headings, -1),
         )  # fmt: skip
     moments[...] = sums[:, rim : rim + ny, rim : rim + nx]
 

@@ -11,7 +11,7 @@ from numba.extending import intrinsic
 
 from maxcon.point_map import PATCH_VOXELS
 from maxcon.search.matching import ROUNDER
-from maxcon.search.visit_kernels import RIM
+from maxcon.search.visit_kernels import RIM, Met, Planned, TileVoxels
 
 __all__ = ["accumulate_tile"]
 
@@ -258,15 +258,18 @@ def _visit(selected, headings, points, turned, voxels, origin, stride, weighting
 
 
 @njit(nogil=True, cache=True)
-def accumulate_tile(met, planned, voxels, columns, normals, window, stride, without_normal, is_signed, sums):
+def accumulate_tile(
+    what_meets, groups, tile, columns, normals, window, stride, without_normal, is_signed, sums
+):  # fmt: skip
     """Add all matches of some scan points with one tile to the sums of some headings.
 
-    met, planned, voxels : `Met`, `Planned` and `TileVoxels`; columns : (headings, 2, n) int32, voxels of the points;
-    normals : (headings, 3, n) float32, theirs.
+    what_meets, groups, tile : fields of `Met`, `Planned` and `TileVoxels`; columns : (headings, 2, n) int32, voxels of
+    the points; normals : (headings, 3, n) float32, theirs.
     window : (x first, x last, y first, y last) offset; stride : cells from one row of the sums to the next;
     without_normal : weight of a match whose scan point has no normal; sums : (headings, 4 rows stride) float64, with a
     rim of RIM cells where voxels fall that only other points of a visit meet.
     """
+    met, planned, voxels = Met(*what_meets), Planned(*groups), TileVoxels(*tile)
     stride, n_patches = np.int32(stride), voxels.edge >> PATCH_BITS
     origin = (RIM + voxels.corner[0] - window[0], RIM + voxels.corner[1] - window[2])
     weighting = (np.float64(without_normal), np.float32(0.0 if is_signed else -1.0))

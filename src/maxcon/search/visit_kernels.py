@@ -29,6 +29,10 @@ SQUARE_VOXELS = 16
 RIM = 25
 
 
+# Kernels are handed these as plain tuples, `tuple(met)`, and name their fields again: numba never lets go of the arrays
+# of a named tuple that it is handed.
+
+
 class Planned(NamedTuple):
     """The groups of a scan, and when they visit the map.
 
