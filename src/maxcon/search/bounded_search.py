@@ -52,9 +52,7 @@ class BoundedSearch:
 
     def run(self) -> Found:
         """Find the best cell, and prove what the others score at most."""
-        if not (
-            self.bounds.prepared.n_points and self.bounds.prepared.tiles
-        ):  # nothing matches: cells are alike
+        if self.bounds.prepared.matches_nothing:
             self.scored.score(FIRST_OF_ALL)
             return self.scored.found(rest=self.scored.best)
         bounded, crowded = self._bound_parts()

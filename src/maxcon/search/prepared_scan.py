@@ -140,6 +140,11 @@ class PreparedScan:
         """How many points there are."""
         return int(self.points.shape[1])
 
+    @property
+    def matches_nothing(self) -> bool:
+        """Whether there is no point, or no tile in reach: then all cells are alike."""
+        return not (self.n_points and self.tiles)
+
     def turns(self, headings: NDArray[np.int64]) -> NDArray[np.float64]:
         """Cosine and sine of some headings, by number, in the map's axes, shape (h, 2)."""
         return _turns(self.prior.heading + self.space.headings[headings])
