@@ -134,11 +134,13 @@ class HeadingPass:
         sums = np.zeros((len(self.headings), height, width), np.int32 if prepared.is_once else np.int64)
         bases = bound_kernels.bases_of_points(self.columns, width, height * width)
 
+        planned = tuple(self.planned)
+
         def vote(headings: NDArray[np.int64]) -> None:
             within = (int(headings[0]), int(headings[-1]) + 1)
             for met, voxels in prepared.visited(self.planned, self.window):
                 bound_kernels.bound_tile(
-                    tuple(met), tuple(self.planned), tuple(voxels), bases, self.bounds.bounding.weighed_normals,
+                    tuple(met), planned, tuple(voxels), bases, self.bounds.bounding.weighed_normals,
                     self._turns, within, summand.vector, tuple(self.window), width, prepared.is_signed,
                     np.float32(summand.least), np.float32(1.0 / unit), sums.reshape(-1),
                 )  # fmt: skip
