@@ -25,15 +25,15 @@ from scene import header, scans, street
 import maxcon
 from maxcon.dataset import Dataset
 from maxcon.search import exhaustive, kernels, visit_kernels
-from maxcon.search.field import Field
+from maxcon.search.prepared_scan import PreparedScan
 from maxcon.study import Study
 from maxcon.study.bench import BenchPlan
 
 SPACE = maxcon.SearchSpace.paper()
 N_CALLS = 11
 PARTS = {
-    "preparation": ["Field.prepare"],
-    "turning": ["Field.turned", "plan_visits", "visits_of_tiles"],
+    "preparation": ["PreparedScan.prepare"],
+    "turning": ["PreparedScan.turned", "plan_visits", "visits_of_tiles"],
     "kernel": ["accumulate_tile"],
 }
 
@@ -153,8 +153,8 @@ def timed_parts():
         return call
 
     with (
-        mock.patch.object(Field, "prepare", timed("Field.prepare", Field.prepare)),
-        mock.patch.object(Field, "turned", timed("Field.turned", Field.turned)),
+        mock.patch.object(PreparedScan, "prepare", timed("PreparedScan.prepare", PreparedScan.prepare)),
+        mock.patch.object(PreparedScan, "turned", timed("PreparedScan.turned", PreparedScan.turned)),
     ):
         planning = {name: timed(name, getattr(visit_kernels, name)) for name in PARTS["turning"][1:]}
         kernel = timed("accumulate_tile", kernels.accumulate_tile)

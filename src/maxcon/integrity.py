@@ -9,7 +9,6 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.compiled import read_only_view
 from maxcon.errors import OptionError
 from maxcon.estimate import Status
 from maxcon.geometry import Pose, rotation_matrices
@@ -148,7 +147,7 @@ def reasons_to_doubt_scan(scan: Scan, prior: Pose) -> list[str]:
     from maxcon import integrity_kernels
 
     up = rotation_matrices(prior.roll, prior.pitch, 0.0)[2]
-    n_normals, n_horizontal = integrity_kernels.count_normals(read_only_view(scan.normals), up, HORIZONTAL)
+    n_normals, n_horizontal = integrity_kernels.count_normals(scan.normals, up, HORIZONTAL)
     share, horizontal = n_normals / n_points, n_horizontal / n_points
     if share >= FEWEST_NORMALS and horizontal >= FEWEST_HORIZONTAL:
         return []

@@ -4,6 +4,7 @@
 
 import math
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +16,11 @@ __all__ = ["Scan"]
 
 
 def _frozen(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The array, from now on for nobody to change: normals are kept with the points they were estimated from."""
+    """The array in one piece, from now on for nobody to change: what was made of it is kept beside it.
+
+    Kernels take it as it is: they are compiled for arrays of one kind.
+    """
+    values = np.ascontiguousarray(values)
     values.flags.writeable = False
     return values
 
@@ -80,6 +85,12 @@ class Scan:
             thinned.time, thinned._thinned = self.time, {}
             self._thinned[edge] = thinned
         return self._thinned[edge]
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore a copy, perhaps in another process: its arrays are read-only again."""
+        self.__dict__.update(state)
+        for name in self.__dict__.keys() & {"points", "normals"}:
+            self.__dict__[name] = _frozen(self.__dict__[name])
 
     def __len__(self) -> int:
         return len(self.points)

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from maxcon import PointMap
 from maxcon.errors import OptionError
 from maxcon.point_map import TILE_VOXELS
+from maxcon.point_map.layout import MEAN_STEPS
 from maxcon.point_map.level import MergedTiles, merged
-from maxcon.point_map.tile import MEAN_STEPS
 from maxcon.point_map.voxelize import CANCELLED_LENGTH
 
 

@@ -20,4 +20,3 @@ def test_the_nearest_axis_and_the_one_across():
         assert abs(off) <= step / 2 + 1e-12
         assert np.dot(axis.vector, axis.across.vector) == pytest.approx(0.0, abs=1e-6)
         assert np.linalg.norm(axis.vector) == pytest.approx(1.0, abs=1e-6)
-    assert Axis.none().vector == (0.0, 0.0)

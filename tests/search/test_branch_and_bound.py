@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: MIT
 """Branch and bound finds the cell of the exhaustive search, to the last bit, and what it proves is true (D7)."""
 
-import importlib
-
 import numpy as np
 import pytest
 from hypothesis import event, given, settings
@@ -11,13 +9,12 @@ from hypothesis import strategies as st
 
 from maxcon import Count, Helmert, MaxEigenvalue, PointMap, Pose, Scan, SearchSpace
 from maxcon.errors import ArrayError, OptionError, SearchSpaceError
-from maxcon.search import Multiplicity, Standing, Weighting, branch_and_bound, exhaustive
+from maxcon.search import Limits, Multiplicity, Standing, Weighting, branch_and_bound, exhaustive
 from maxcon.search.axis import N_AXES, Axis
+from maxcon.search.bounding import Summand, bounding_of
 from maxcon.search.bounds import Bounds
-from maxcon.search.field import Field
+from maxcon.search.prepared_scan import PreparedScan
 from maxcon.search.window import Window
-
-module = importlib.import_module("maxcon.search.bounded_search")
 
 CELL = 0.1
 OBJECTIVES = (Count(), Helmert(), MaxEigenvalue())
@@ -183,36 +180,37 @@ def test_where_something_stands_only_what_scores_as_much_is_found(seed, objectiv
     weighting=st.sampled_from(list(Weighting)),
     is_signed=st.booleans(),
     n_steps=st.sampled_from([0, 1, 2, 7, 16]),
-    axis=st.integers(-1, N_AXES - 1).map(Axis),
-    least=st.sampled_from([0.0, 0.01, 0.2]),
+    summand=st.just(Summand())
+    | st.builds(Summand, st.integers(0, N_AXES - 1).map(Axis), st.sampled_from([0.0, 0.01, 0.2])),
     n_threads=st.sampled_from([1, 2]),
 )
 @settings(max_examples=150)
 def test_no_cell_has_more_than_its_bound(
-    seed, azimuth, multiplicity, weighting, is_signed, n_steps, axis, least, n_threads
+    seed, azimuth, multiplicity, weighting, is_signed, n_steps, summand, n_threads
 ):
     space = SearchSpace(n_steps * CELL, CELL, 1.0, 0.5)
     scan, point_map, prior = street(seed, space, is_signed=is_signed, azimuth=azimuth)
-    field = Field.prepare(scan, point_map, prior, space, multiplicity, weighting)
-    bounds = Bounds.of(field if axis.is_none else field.constraining(), prior, space, is_count=axis.is_none)
-    if not bounds.n_points:  # nothing adds to N: the search does not ask
+    prepared = PreparedScan.prepare(scan, point_map, prior, space, multiplicity, weighting)
+    bounds = Bounds.of(bounding_of(Count() if summand.axis is None else Helmert(), prepared))
+    if not bounds.prepared.n_points:  # nothing adds to N: the search does not ask
         assert weighting is Weighting.PUBLISHED
         return
-    (part,) = bounds.parts()
+    (part,) = bounds.parts(Limits())
     heading_pass = bounds.heading_pass(*part)
-    bounds_along = heading_pass.along(axis, least, n_threads)
+    bounds_along = heading_pass.sum_up(summand, n_threads)
     cells = np.argwhere(np.ones(space.shape, bool))
     upper = bounds_along.at(cells).reshape(space.shape)
     moments = exhaustive(
         scan, point_map, prior, space, multiplicity=multiplicity, weighting=weighting
     ).moments
-    if axis.is_none:
+    if summand.axis is None:
         along = moments[..., 0]
     else:
-        c, s = np.cos(axis.number * np.pi / N_AXES), np.sin(axis.number * np.pi / N_AXES)
+        azimuth = summand.axis.number * np.pi / N_AXES
+        c, s = np.cos(azimuth), np.sin(azimuth)
         along = moments @ [0.0, c * c, 2.0 * c * s, s * s]
     assert (upper >= along).all()
-    if least == 0.0:  # and not much less: rounding
+    if summand.least == 0.0:  # and not much less: rounding
         assert (upper <= along + 1e-3 * bounds.most * bounds.fullest + 1e-6).all()
     assert (along <= bounds.most).all()
 
@@ -221,7 +219,7 @@ def test_no_cell_has_more_than_its_bound(
     )  # a window has the bounds of the whole, up to the units that rounding adds
     cells = np.unique(cells[rng.integers(0, len(cells), 3)], axis=0)
     window = Window.around(cells, space)
-    part = bounds.heading_pass(np.unique(cells[:, 0]), window).along(axis, least, n_threads)
+    part = bounds.heading_pass(np.unique(cells[:, 0]), window).sum_up(summand, n_threads)
     assert (part.at(cells) >= along[tuple(cells.T)]).all()
     assert np.allclose(part.at(cells), upper[tuple(cells.T)], rtol=0.0, atol=1e-3 * bounds.most)
     (y, x), (ny, nx) = window.first_cell(space), window.shape
@@ -231,14 +229,14 @@ def test_no_cell_has_more_than_its_bound(
     assert {*in_window[:, 2]} == {*range(x, x + nx)}
 
 
-@pytest.mark.parametrize("axis", [Axis(5), Axis.none()])
-def test_bounds_that_reach_something_and_the_highest(axis):
+@pytest.mark.parametrize("summand", [Summand(Axis(5)), Summand()])
+def test_bounds_that_reach_something_and_the_highest(summand):
     space = SearchSpace(0.8, CELL, 1.0, 0.5)
     scan, point_map, prior = street(3, space)
-    field = Field.prepare(scan, point_map, prior, space, Multiplicity.OCCUPIED, Weighting.COSINE)
+    prepared = PreparedScan.prepare(scan, point_map, prior, space, Multiplicity.OCCUPIED, Weighting.COSINE)
     headings = np.array([1, 3, 4])
-    bounds = Bounds.of(field, prior, space, is_count=axis.is_none)
-    along = bounds.heading_pass(headings, Window.of(space)).along(axis)
+    bounds = Bounds.of(bounding_of(Count() if summand.axis is None else Helmert(), prepared))
+    along = bounds.heading_pass(headings, Window.of(space)).sum_up(summand)
     _, ny, nx = space.shape
     all_cells = np.array([(h, y, x) for h in headings for y in range(ny) for x in range(nx)])
     bounds = along.at(all_cells)
@@ -316,28 +314,27 @@ def test_an_objective_without_bounds_is_searched_exhaustively():
 @pytest.mark.parametrize("share", [1.0, 0.5, 1e-6])
 @pytest.mark.parametrize(("pass_cells", "n_threads"), [(2**20, 1), (50, 2)])
 def test_where_bounds_decide_little_windows_are_searched_exhaustively(
-    monkeypatch, objective, share, pass_cells, n_threads
+    objective, share, pass_cells, n_threads
 ):
     space = SearchSpace(0.8, CELL, 1.0, 0.5)
     scan, point_map, prior = street(3, space)
     accumulator = exhaustive(scan, point_map, prior, space)
-    monkeypatch.setattr(module, "ONE_BY_ONE", 10**9)
-    monkeypatch.setattr(module, "MOST_CANDIDATES", 0)
-    monkeypatch.setattr(module, "PASS_CELLS", pass_cells)
     for undecided in (4, 10**9):  # bounded again before, or not
-        monkeypatch.setattr(module, "UNDECIDED", undecided)
-        found = branch_and_bound(scan, point_map, prior, space, objective, share=share, n_threads=n_threads)
+        limits = Limits(
+            cells_per_candidate=10**9, most_candidates=0, scored_per_pass=pass_cells, undecided=undecided
+        )
+        found = branch_and_bound(
+            scan, point_map, prior, space, objective, share=share, n_threads=n_threads, limits=limits
+        )
         assert_it_is_the_best(found, accumulator, objective, space, share, 0.3)
 
 
-def test_a_large_space_in_which_nothing_stands_out_is_refused(monkeypatch):
+def test_a_large_space_in_which_nothing_stands_out_is_refused():
     space = SearchSpace(0.8, CELL, 1.0, 0.5)
     scan, point_map, prior = street(3, space)
-    monkeypatch.setattr(module, "ONE_BY_ONE", 10**9)
-    monkeypatch.setattr(module, "MOST_CANDIDATES", 0)
-    monkeypatch.setattr(module, "CELL_LIMIT", 10)
+    limits = Limits(cells_per_candidate=10**9, most_candidates=0, most_scored=10)
     with pytest.raises(SearchSpaceError, match="at most 10 cells"):
-        branch_and_bound(scan, point_map, prior, space, Helmert(), share=0.5)
+        branch_and_bound(scan, point_map, prior, space, Helmert(), share=0.5, limits=limits)
 
 
 def test_a_single_wall_determines_no_cell(scene):
@@ -357,8 +354,8 @@ def test_very_full_voxels(seed):
     often = np.where(rng.random(len(counts)) < 0.01, rng.integers(1, 3000, len(counts)), 1)
     points = np.repeat((indices + 0.5) * CELL, often, axis=0)
     fuller = PointMap.from_points(points, np.repeat(normals, often, axis=0), CELL)
-    field = Field.prepare(scan, fuller, prior, space, Multiplicity.POINTS, Weighting.COSINE)
-    assert Bounds.of(field, prior, space, is_count=False).unit > 2.0**-14
+    prepared = PreparedScan.prepare(scan, fuller, prior, space, Multiplicity.POINTS, Weighting.COSINE)
+    assert Bounds.of(bounding_of(Helmert(), prepared)).unit > 2.0**-14
     for objective in OBJECTIVES:
         found = branch_and_bound(scan, fuller, prior, space, objective, multiplicity="points", share=0.7)
         accumulator = exhaustive(scan, fuller, prior, space, multiplicity="points")
@@ -367,15 +364,12 @@ def test_very_full_voxels(seed):
 
 @pytest.mark.parametrize("most_kept", [2**14, 0])
 @pytest.mark.parametrize(("headings", "cells"), [(2, 2**22), (16, 100), (16, 1)])
-def test_a_space_is_searched_in_parts(monkeypatch, headings, cells, most_kept):
-    bounds = importlib.import_module("maxcon.search.bounds")
+def test_a_space_is_searched_in_parts(headings, cells, most_kept):
     space = SearchSpace(0.8, CELL, 2.0, 0.5)
     scan, point_map, prior = street(5, space)
     wanted = branch_and_bound(scan, point_map, prior, space, Helmert(), share=0.5)
-    monkeypatch.setattr(bounds, "PASS_HEADINGS", headings)
-    monkeypatch.setattr(bounds, "PASS_CELLS", cells)
-    monkeypatch.setattr(module, "MOST_KEPT", most_kept)
-    found = branch_and_bound(scan, point_map, prior, space, Helmert(), share=0.5)
+    limits = Limits(headings_per_pass=headings, cells_per_pass=cells, most_kept=most_kept)
+    found = branch_and_bound(scan, point_map, prior, space, Helmert(), share=0.5, limits=limits)
     assert (found.cell, found.score) == (wanted.cell, wanted.score)
     assert_it_is_the_best(found, exhaustive(scan, point_map, prior, space), Helmert(), space, 0.5, 0.3)
 

@@ -60,10 +60,14 @@ def test_visits_are_the_runs_within_the_rim(seed, n_groups, n_headings, drift, s
 def test_tiles_get_the_visits_that_meet_them(seed, n_groups, n_headings, drift, window, edge_bits):
     visits = visit_kernels.plan_visits(*random_groups(seed, n_groups, n_headings, drift, 1500))
     corner, (ny, nx), edge = (-2, -1), (3, 4), 2**edge_bits
-    starts, numbers = visit_kernels.visits_of_tiles(visits, window, edge_bits, corner, (ny, nx))
+    starts, numbers, rectangles = visit_kernels.visits_of_tiles(visits, window, edge_bits, corner, (ny, nx))
     x_first, x_last, y_first, y_last = window
     for tile in range(ny * nx):
         x, y = (corner[0] + tile % nx) * edge, (corner[1] + tile // nx) * edge
         is_met = (visits[:, 3] + x_first < x + edge) & (visits[:, 4] + x_last >= x)
         is_met &= (visits[:, 5] + y_first < y + edge) & (visits[:, 6] + y_last >= y)
         assert numbers[starts[tile] : starts[tile + 1]].tolist() == np.flatnonzero(is_met).tolist()
+        lows = np.maximum(visits[is_met][:, [3, 5]] + [x_first, y_first] - [x, y], 0)
+        highs = np.minimum(visits[is_met][:, [4, 6]] + [x_last, y_last] - [x, y], edge - 1)
+        mine = rectangles[starts[tile] : starts[tile + 1]]
+        assert (mine == np.column_stack([lows, highs])[:, [0, 2, 1, 3]]).all()

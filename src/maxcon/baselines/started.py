@@ -4,7 +4,7 @@
 
 import math
 from dataclasses import fields
-from typing import TYPE_CHECKING, Protocol, cast
+from typing import Any, ClassVar, Protocol, cast
 
 from maxcon.errors import OptionError
 from maxcon.estimate import Estimate
@@ -12,11 +12,7 @@ from maxcon.geometry import Pose
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
 
-if TYPE_CHECKING:
-    from maxcon.baselines.gicp import Gicp
-    from maxcon.baselines.icp import Icp
-
-__all__ = ["Aligner", "StartedMethod", "check_iteration", "check_number", "check_steps"]
+__all__ = ["Aligner", "IteratedMethod", "StartedMethod", "check_iteration", "check_number", "check_steps"]
 
 
 class Aligner(Protocol):
@@ -79,7 +75,18 @@ def check_steps(name: str, value: int, default: int) -> None:
         )
 
 
-def check_iteration(method: "Icp | Gicp") -> None:
+class IteratedMethod(Protocol):
+    """A dataclass of a method that iterates from a start, with the options that `check_iteration` checks."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    @property
+    def max_iterations(self) -> int:
+        """Largest number of steps."""
+        ...
+
+
+def check_iteration(method: IteratedMethod) -> None:
     """Refuse options that all methods which iterate from a start have; defaults are those of its class.
 
     Raises

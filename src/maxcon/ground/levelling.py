@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.compiled import read_only_view
 from maxcon.geometry import Pose, rotation_matrices
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
@@ -127,9 +126,7 @@ def _below_ground(
     from maxcon.ground import kernels
 
     rotation = np.ascontiguousarray(rotation_matrices(pose.roll, pose.pitch, 0.0))
-    points = kernels.lowest_of_cells(
-        read_only_view(scan.points), rotation, CELL, NEAREST, FARTHEST, THICKNESS
-    )
+    points = kernels.lowest_of_cells(scan.points, rotation, CELL, NEAREST, FARTHEST, THICKNESS)
     patch = point_map.ground_around(pose.x, pose.y, FARTHEST)
     corner = (patch.first[0] * patch.edge, patch.first[1] * patch.edge)
     turn = (math.cos(pose.heading), math.sin(pose.heading))

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: MIT
 """The map: voxels in tiles, in memory or on disk."""
 
+from maxcon.point_map.layout import PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS, TileKey
 from maxcon.point_map.point_map import PointMap
-from maxcon.point_map.tile import PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS, TileKey, VoxelTile
+from maxcon.point_map.tile import VoxelTile
 
 __all__ = ["PATCH_VOXELS", "TILE_PATCHES", "TILE_VOXELS", "PointMap", "TileKey", "VoxelTile"]

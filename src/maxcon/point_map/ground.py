@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.geometry import voxel_indices
-from maxcon.point_map.tile import TILE_VOXELS, TileKey
+from maxcon.point_map.layout import TILE_VOXELS, TileKey
 
 __all__ = [
     "HEADROOM",

@@ -7,7 +7,8 @@ from collections import OrderedDict
 from collections.abc import Callable
 from typing import Any
 
-from maxcon.point_map.tile import TileKey, VoxelTile
+from maxcon.point_map.layout import TileKey
+from maxcon.point_map.tile import VoxelTile
 
 __all__ = ["KeptTiles"]
 

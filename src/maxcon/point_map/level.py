@@ -5,7 +5,8 @@
 from maxcon.compiled import read_only_view
 from maxcon.errors import OptionError
 from maxcon.point_map.kept_tiles import KeptTiles
-from maxcon.point_map.tile import PATCH_VOXELS, TILE_VOXELS, TileKey, TileSource, VoxelTile
+from maxcon.point_map.layout import PATCH_VOXELS, TILE_VOXELS, TileKey
+from maxcon.point_map.tile import TileSource, VoxelTile
 
 __all__ = ["FACTORS", "MergedTiles", "check_factor", "merged"]
 

@@ -5,7 +5,7 @@
 import numpy as np
 from numba import njit
 
-from maxcon.point_map.tile import MEAN_STEPS, PATCH_VOXELS
+from maxcon.point_map.layout import MEAN_STEPS, PATCH_VOXELS
 from maxcon.point_map.voxelize import CANCELLED_LENGTH
 
 __all__ = ["merge"]

@@ -1,9 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Single voxels of many tiles, looked up by the addresses of their arrays, compiled.
+"""Compiled look-ups of single voxels in many tiles, by the addresses of the tiles' arrays.
 
-A scan meets tens of tiles: to hand over their arrays one by one took longer than to look up all points in them. What
-lies at an address lives only as long as the object that gave it: see `tile.Addresses`, and who keeps that.
+`addresses` says how long an address is good.
 """
 
 import numpy as np
@@ -12,7 +11,7 @@ from numba import njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from maxcon.point_map.tile import PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS
+from maxcon.point_map.layout import PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS
 
 __all__ = [
     "find_in_patch",

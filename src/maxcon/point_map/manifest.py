@@ -14,8 +14,8 @@ from typing import Any
 from maxcon.errors import MapError
 from maxcon.geometry.voxels import INDEX_LIMIT
 from maxcon.point_map.ground import ground_voxels
+from maxcon.point_map.layout import TILE_VOXELS, TileKey
 from maxcon.point_map.sigma import UNKNOWN_SIGMA
-from maxcon.point_map.tile import TILE_VOXELS, TileKey
 from maxcon.regular_file import open_regular
 
 __all__ = [

@@ -15,8 +15,9 @@ from maxcon.errors import ArrayError
 from maxcon.geometry import LocalFrame
 from maxcon.geometry.arrays import as_points, as_unit_normals
 from maxcon.point_map.ground import GroundInMemory, GroundPatch, GroundSource, ground_patch
+from maxcon.point_map.layout import TILE_VOXELS, TileKey
 from maxcon.point_map.sigma import UNKNOWN_SIGMA, check_sigma
-from maxcon.point_map.tile import TILE_VOXELS, TileKey, TileSource, VoxelTile
+from maxcon.point_map.tile import TileSource, VoxelTile
 from maxcon.point_map.voxelize import split_into_tiles, voxelize
 
 __all__ = ["PointMap"]
@@ -156,7 +157,7 @@ class PointMap:
         return opened
 
     def level(self, factor: int) -> "PointMap":
-        """Return the same map in voxels so many times as large, without ground; tiles are merged when a search asks.
+        """Return the same map in voxels `factor` times as large, without ground; tiles are merged when a search asks.
 
         Parameters
         ----------

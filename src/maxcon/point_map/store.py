@@ -25,8 +25,9 @@ import numpy as np
 from maxcon.errors import MapError
 from maxcon.point_map.ground import GroundTile, RecentTiles, ground_voxels
 from maxcon.point_map.kept_tiles import KeptTiles
+from maxcon.point_map.layout import TILE_VOXELS, TileKey
 from maxcon.point_map.manifest import REBUILD, GroundEntry, Manifest, TileEntry
-from maxcon.point_map.tile import TILE_VOXELS, TileKey, VoxelTile
+from maxcon.point_map.tile import VoxelTile
 from maxcon.regular_file import open_regular
 
 __all__ = ["GroundStore", "TileStore", "write_ground", "write_tile"]

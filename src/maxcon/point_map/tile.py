@@ -4,36 +4,17 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.compiled import read_only_view
+from maxcon.point_map.addresses import Addresses
+from maxcon.point_map.layout import MEAN_STEPS, PATCH_VOXELS, TILE_VOXELS, WORD_BITS, TileKey
 
-__all__ = [
-    "MEAN_STEPS",
-    "PATCH_VOXELS",
-    "TILE_PATCHES",
-    "TILE_VOXELS",
-    "Addresses",
-    "Occupancy",
-    "TileIndex",
-    "TileKey",
-    "TileSource",
-    "VoxelTile",
-    "search_order",
-]
+__all__ = ["Occupancy", "TileIndex", "TileSource", "VoxelTile", "search_order"]
 
-TileKey = tuple[int, int]
-"""(x, y) index of a tile: floor(voxel index / TILE_VOXELS)."""
-
-TILE_VOXELS = 512
-PATCH_VOXELS = 16
-TILE_PATCHES = TILE_VOXELS // PATCH_VOXELS
-WORD_BITS = 64
-MEAN_STEPS = 256
-"""Steps of a voxel's edge in which the mean of its points is kept."""
 PATCH_WORDS = PATCH_VOXELS**2 // WORD_BITS
 
 
@@ -78,31 +59,6 @@ class Occupancy:
     numbers: NDArray[np.int32]
     words: NDArray[np.uint64]
     firsts: NDArray[np.int32]
-
-
-@dataclass(frozen=True, slots=True)
-class Addresses:
-    """Where the arrays of a tile lie in memory: occupancy (held, numbers, words, firsts), normals, counts and means.
-
-    Parameters
-    ----------
-    values : array, shape (7,), uint64
-        Addresses of their first items.
-    kept : tuple of arrays
-        The arrays, in one piece each: they live as long as their addresses.
-    """
-
-    values: NDArray[np.uint64]
-    kept: tuple[NDArray[Any], ...]
-
-    @classmethod
-    def of(cls, *arrays: NDArray[Any]) -> "Addresses":
-        """Addresses of arrays, or of copies in one piece."""
-        kept = tuple(np.ascontiguousarray(array) for array in arrays)
-        return cls(np.array([array.ctypes.data for array in kept], np.uint64), kept)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Addresses.of, self.kept  # a copy lies elsewhere
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ PATCH_VOXELS x PATCH_VOXELS columns.
 import numpy as np
 from numba import njit
 
-from maxcon.point_map.tile import PATCH_VOXELS, WORD_BITS
+from maxcon.point_map.layout import PATCH_VOXELS, WORD_BITS
 
 __all__ = ["count_layers_and_patches", "find_patches", "mark_tiles", "number_patches", "set_bits"]
 

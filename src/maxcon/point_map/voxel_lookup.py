@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.point_map.tile import Addresses, VoxelTile
+from maxcon.point_map.addresses import Addresses
+from maxcon.point_map.tile import VoxelTile
 
 __all__ = ["VoxelLookup"]
 

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from maxcon.errors import MapError
 from maxcon.geometry import voxel_indices
-from maxcon.point_map.tile import MEAN_STEPS, TILE_VOXELS, TileKey, VoxelTile, search_order
+from maxcon.point_map.layout import MEAN_STEPS, TILE_VOXELS, TileKey
+from maxcon.point_map.tile import VoxelTile, search_order
 
 __all__ = ["mean_normals", "mean_steps", "split_into_tiles", "tile_of_voxels", "turn_alike", "voxelize"]
 

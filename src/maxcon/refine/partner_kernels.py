@@ -5,6 +5,7 @@
 import numpy as np
 from numba import njit
 
+from maxcon.point_map.layout import MEAN_STEPS
 from maxcon.point_map.lookup_kernels import (
     FIRSTS,
     MEANS,
@@ -18,7 +19,6 @@ from maxcon.point_map.lookup_kernels import (
     is_near_voxels,
     uint8_at,
 )
-from maxcon.point_map.tile import MEAN_STEPS
 from maxcon.refine.kernels import rotation_and_axes
 
 __all__ = ["find_partners"]

@@ -9,10 +9,12 @@ from maxcon.search.consensus import consensus_set
 from maxcon.search.exhaustive import exhaustive
 from maxcon.search.found import Found, Standing
 from maxcon.search.heights import accumulators, highest_of
+from maxcon.search.limits import Limits
 from maxcon.search.matching import level_of
 
 __all__ = [
     "Found",
+    "Limits",
     "Multiplicity",
     "SearchMethod",
     "Standing",

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The compiled inner loops of the bounds: what matches add along one axis, at most. Arrays in, arrays out."""
+"""Compiled: upper bounds of the sum over the matches of each cell, of all cells of a window."""
 
 import numpy as np
 from llvmlite import ir
@@ -9,11 +9,11 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from maxcon.point_map import PATCH_VOXELS
-from maxcon.search.visit_kernels import RIM, rectangle_in_tile
+from maxcon.search.visit_kernels import RIM, Met, Planned, TileVoxels
 
 __all__ = ["bases_of_points", "bound_tile"]
 
-# Voxels that a visit takes at a time: laid out they fit into the L1 cache.
+# Voxels that are laid out at a time: they fit into the L1 cache.
 CAPACITY = 256
 
 # Voxels whose votes are made at once.
@@ -101,19 +101,18 @@ def bases_of_points(columns, stride, plane):
 
 
 @njit(nogil=True, cache=True)
-def _take(
-    voxel_columns, voxel_normals, counts, axis, first, last, low, span, least, scale, stride, cells, rows, n_taken
-):  # fmt: skip
+def _lay_out_facing(voxels, axis, first, last, low, span, least, scale, stride, cells, rows, n_taken):
     """Lay out those voxels of a run that lie in a rectangle and add more than `least`; without a branch.
 
-    axis : (x, y) float32, unit, or zeros to count; scale : units in one.
+    voxels : `TileVoxels`; axis : (x, y) float32, unit, or zeros to count; scale : units in one.
     rows : (4, c) float32, out, normal times what a match of weight one adds along the axis, and that; cells : (c,)
     int32, out. Returns how many there are.
     """
+    columns, normals, counts = voxels.columns, voxels.normals, voxels.counts
     has_counts, is_count = counts.shape[0] > 0, axis[0] == 0.0 and axis[1] == 0.0
     for k in range(np.uint64(first), np.uint64(last)):
-        x, y = np.int32(voxel_columns[k, 0]), np.int32(voxel_columns[k, 1])
-        nx, ny, nz = voxel_normals[k, 0], voxel_normals[k, 1], voxel_normals[k, 2]
+        x, y = np.int32(columns[k, 0]), np.int32(columns[k, 1])
+        nx, ny, nz = normals[k, 0], normals[k, 1], normals[k, 2]
         along = nx * axis[0] + ny * axis[1]
         value = np.float32(1.0) if is_count else along * along
         if has_counts:
@@ -157,36 +156,34 @@ def _vote_all(n_taken, n_turned, turned, places, back, cells, rows, sums):
 
 @njit(nogil=True, cache=True)
 def bound_tile(
-    numbers, visits, starts, ranks, layers, bases, normals, turns, within, corner, edge, patch_starts, voxel_columns,
-    voxel_normals, counts, axis, window, stride, is_signed, least, scale, sums,
+    what_meets, groups, tile, bases, normals, turns, within, axis, window, stride, is_signed, least, scale, sums
 ):  # fmt: skip
-    """Add what all matches of some scan points with one tile add along an axis, at most, to sums.
+    """Add what all matches of some scan points with one tile add, at most, to the sums of their cells.
 
-    numbers : which visits; visits : (m, 7) as planned; starts : (groups + 1,), first point of each group;
-    ranks, layers : as for `kernels.accumulate_tile`; bases : (n, headings), see above; normals : (n, 4) float32,
-    normal at heading 0, or zeros for none, and what is added to the weight; turns : (headings, 2)
-    float32, cosine and sine; within : first and end of the headings to look at.
-    corner : (x, y) voxel index of the tile; edge : voxels along its edge; voxel_columns : (k, 2) int16;
-    voxel_normals : (k, 3) float32; counts : (k,) int32, or empty where a voxel counts once; axis : (x, y) float32,
-    unit, or zeros to count.
-    window : (x first, x last, y first, y last) offset; stride : cells from one row of the sums to the next;
-    least : voxels that add no more are left out; scale : float32, units of the sums in one; sums : (headings * rows *
-    stride,) int32 or int64.
+    what_meets, groups, tile : fields of `Met`, `Planned` and `TileVoxels`; bases : (n, headings), see
+    `bases_of_points`; normals : (n, 4) float32, normal at heading 0, or zeros for none, and what is added to
+    the weight; turns : (headings, 2) float32, cosine and sine; within : first and end of the headings to look at.
+    axis : (x, y) float32, unit, or zeros to count; window : (x first, x last, y first, y last) offset; stride : cells
+    from one row of the sums to the next; least : voxels that add no more are left out; scale : float32, units of the
+    sums in one; sums : (headings * rows * stride,) int32 or int64.
     """
-    stride, n_patches = np.int32(stride), edge >> PATCH_BITS
+    met, planned, voxels = Met(*what_meets), Planned(*groups), TileVoxels(*tile)
+    visits, starts, patch_starts, corner = planned.visits, planned.starts, voxels.patch_starts, voxels.corner
+    stride, n_patches = np.int32(stride), voxels.edge >> PATCH_BITS
     origin = (RIM + corner[1] - window[2]) * np.int64(stride) + RIM + corner[0] - window[0]
     back = np.float32(0.0 if is_signed else -1.0)
     cells, rows = np.empty(CAPACITY, np.int32), np.empty((4, CAPACITY), np.float32)
     n_most = np.max(np.diff(starts)) * turns.shape[0]
     turned, places = np.empty((n_most, 4), np.float32), np.empty(n_most, np.int64)
-    for number in numbers:
+    for at in range(met.numbers.shape[0]):
+        number = met.numbers[at]
         group = visits[number, 0]
-        layer = layers[ranks[group]]
+        layer = met.layers[planned.ranks[group]]
         points = (starts[group], starts[group + 1])
         headings = (max(visits[number, 1], within[0]), min(visits[number, 2], within[1]))
         if layer < 0 or headings[0] >= headings[1]:
             continue
-        x_first, x_last, y_first, y_last = rectangle_in_tile(visits[number], window, corner, edge)
+        x_first, x_last, y_first, y_last = met.rectangles[at]
         low = (np.int32(x_first), np.int32(y_first))
         span = (np.uint32(x_last - x_first), np.uint32(y_last - y_first))
         n_taken = np.uint64(0)
@@ -196,10 +193,9 @@ def bound_tile(
             run_end = np.int64(patch_starts[row + (x_last >> PATCH_BITS) + 1])
             while k < run_end:
                 end = min(run_end, k + CAPACITY - np.int64(n_taken))
-                n_taken = _take(
-                    voxel_columns, voxel_normals, counts, axis, k, end, low, span, least, scale, stride, cells, rows,
-                    n_taken,
-                )  # fmt: skip
+                n_taken = _lay_out_facing(
+                    voxels, axis, k, end, low, span, least, scale, stride, cells, rows, n_taken
+                )
                 k = end
                 if n_taken == CAPACITY:
                     n_turned = _turn(headings, points, bases, normals, turns, origin, turned, places)

@@ -4,266 +4,193 @@
 
 import math
 from dataclasses import dataclass
-from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import SearchSpaceError
-from maxcon.objectives import BoundedByAxes, BoundedByCount, Objective, Scores
-from maxcon.search.axis import Axis
-from maxcon.search.bounds import Along, Bounds, HeadingPass
-from maxcon.search.cell_scores import Candidates, CellScores
-from maxcon.search.exhaustive import CELL_LIMIT, PASS_CELLS
-from maxcon.search.found import Found, Standing
+from maxcon.objectives import Scores
+from maxcon.search.bounding import Summand
+from maxcon.search.bounds import Bounds, CellBounds, Part
+from maxcon.search.candidates import Candidates
+from maxcon.search.found import Found, Wanted
+from maxcon.search.limits import Limits
+from maxcon.search.scored_cells import ScoredCells
 from maxcon.search.window import Window
 
 __all__ = ["BoundedSearch"]
 
-# So many cells of the highest bounds are scored first: the better the best is early, the less is left.
-FIRST_CELLS = 2
-# Voxels are left out of the bounds that together add less than this share of the asked score, ...
-LEFT_OUT = 0.1
-# ... or, before there is one, of what all scan points could add along the axis that they determine least.
-LEFT_OUT_OF_SCAN = 0.01
-# More candidates than this are bounded along the second axis too, and perhaps searched in their window.
-MOST_CANDIDATES = 192
-# More than this are not kept before the other parts of a large space are bounded: there may be better cells.
-MOST_KEPT = 2**14
-# Where the first bound leaves more than one in so many, others will not help.
-UNDECIDED = 20
-# To score a cell by itself takes as long as so many cells of a window that is searched exhaustively, ...
-ONE_BY_ONE = 120
-# ... and what visits reach beside a window takes as long as so many more rows and columns of it.
-BESIDE = 24
-# From so many steps of what matches add along an axis one is found from which on cells are candidates.
-BOUND_STEPS = 4096
-# Candidates are scored so many at a time, from the most promising on.
-AT_ONCE = 8
+FIRST_OF_ALL = np.zeros((1, 3), np.int64)
 
 
 @dataclass
 class BoundedSearch:
-    """One search, and how far it has come.
+    """One search at one height, and how far it has come.
 
     Parameters
     ----------
     bounds : Bounds
-        Of the scan.
-    objective : Objective
-        What a cell is worth: `BoundedByAxes` or `BoundedByCount`.
-    share : float
-        Cells are looked for that reach this share of the guarded cell's score, or else of the best.
-    scores : CellScores
+        Upper bounds of what the matches of cells add up to.
+    scored : ScoredCells
         The cells scored so far.
+    wanted : Wanted
+        What is to be found.
+    limits : Limits
+        When to score, to bound again, or to search a window exhaustively.
     n_threads : int
         Headings are shared out among that many threads.
-    standing : Standing, optional
-        What a cell must score at least. If none does, some cell is found, or none, with a score of minus infinity.
-    lists_all : bool
-        Whether all cells are scored that may reach that, not only the best one and the runner-up.
-    highest_left_out : float
-        Most that cells can score which were left out so far.
+    ruled_out : float
+        Highest upper bound among the cells that were discarded.
     """
 
     bounds: Bounds
-    objective: Objective
-    share: float
-    scores: CellScores
+    scored: ScoredCells
+    wanted: Wanted
+    limits: Limits
     n_threads: int
-    standing: Standing | None = None
-    lists_all: bool = False
-    highest_left_out: float = 0.0
+    ruled_out: float = 0.0
 
     def run(self) -> Found:
-        """The best cell, and what is proved of the others."""
-        scores = self.scores
-        if not (self.bounds.n_points and self.bounds.field.tiles):  # nothing adds to N: all cells are alike
-            scores.score(np.zeros((1, 3), np.int64))
-            return self._found(rest=scores.best)
-        if scores.guarded is not None:
-            scores.score(np.array([scores.guarded]))
-        parts = self.bounds.parts()
-        of_parts, undecided = [], []
+        """Find the best cell, and prove what the others score at most."""
+        if self.bounds.prepared.matches_nothing:
+            self.scored.score(FIRST_OF_ALL)
+            return self.scored.found(rest=self.scored.best)
+        bounded, crowded = self._bound_parts()
+        candidates = self._branch(bounded, crowded)
+        self._score_best_first(candidates)
+        return self.scored.found(rest=max(self.ruled_out, self.scored.runner_up()))
+
+    def _bound_parts(self) -> tuple[list[Candidates], list[Part]]:
+        """Bound all cells. What is left open of each part; and the parts in which too much is, to come back to."""
+        bounded, crowded = [], []
+        parts = self.bounds.parts(self.limits)
         for part in parts:
-            along = self._bound(self.bounds.heading_pass(*part))
-            if len(parts) > 1 and along.count_reaching(self._open_from) > MOST_KEPT:
-                undecided.append(part)  # the best cell may lie in another part
+            cells = self._bound(part)
+            if len(parts) > 1 and cells.count_reaching(self._least_sum()) > self.limits.most_kept:
+                crowded.append(part)  # other parts may have better cells, which leave less open
             else:
-                of_parts.append(self._left_open(along))
+                bounded.append(self._left_open(cells))
+        return bounded, crowded
+
+    def _branch(self, bounded: list[Candidates], crowded: list[Part]) -> Candidates:
+        """Search windows around many candidates exhaustively. Returns the candidates that are to be scored singly."""
         candidates = Candidates.none()
-        for left in of_parts:
-            candidates = candidates.joined(self._search_around(self._left(left)))
-        for part in undecided:
-            left = self._left_open(self._bound(self.bounds.heading_pass(*part)))
-            candidates = candidates.joined(self._search_around(left))
-        self._decide(candidates)
-        return self._found(rest=max(self.highest_left_out, scores.runner_up()))
-
-    def _found(self, rest: float) -> Found:
-        scores = self.scores
-        if not scores.scored:  # no bound reaches what stands
-            return Found(scores.cell, -math.inf, np.zeros(4), self._best, rest, 0)
-        _, moments = scores.scored[scores.cell]
-        n_scored = len(scores.scored) + scores.n_in_windows
-        reaching = scores.reaching(self._asked) if self.lists_all else Candidates.none()
-        return Found(scores.cell, scores.best, moments.copy(), scores.best, rest, n_scored, reaching=reaching)
-
-    @property
-    def _asked(self) -> float:
-        """Score from which on a cell is looked for."""
-        guarded = self.scores.guarded
-        asked = self.share * (self.scores.best if guarded is None else self.scores.scored[guarded][0])
-        return asked if self.standing is None else max(asked, self.standing.score)
-
-    @property
-    def _leader(self) -> Standing | None:
-        """The best cell so far, of this height or of the others."""
-        scores, standing = self.scores, self.standing
-        if not scores.scored or (standing is not None and standing.score >= scores.best):
-            return standing
-        return Standing(scores.best, scores.scored[scores.cell][1])
-
-    @property
-    def _best(self) -> float:
-        """Score from which on a cell is the best, or as good."""
-        return self.scores.best if self.standing is None else max(self.scores.best, self.standing.score)
-
-    def _plan(self) -> tuple[Axis, float]:
-        """Axis that the best cell so far, or else the scan, determines least, and which voxels to leave out."""
-        if self.bounds.is_count:
-            return Axis.none(), 0.0
-        leader = self._leader
-        if leader is not None and leader.score > 0.0:
-            _, xx, xy, yy = leader.moments
-            axis, turn, left_out = _weak_azimuth(xx, xy, yy)[0], 0.0, LEFT_OUT * self._asked
-        else:
-            axis, least = _weak_azimuth(*self.bounds.field.spread.tolist())
-            turn, left_out = self.bounds.prior.heading, LEFT_OUT_OF_SCAN * least
-        weak = Axis.near(axis + turn)
-        return weak, left_out / max(1.0, self.bounds.total_weight)
-
-    def _bound(self, heading_pass: HeadingPass) -> Along:
-        """Bound all cells of a part, and score the first of them."""
-        along = heading_pass.along(*self._plan(), self.n_threads)
-        is_first = self._best <= 0.0
-        if is_first:
-            self.scores.score(along.highest(FIRST_CELLS))
-        n_open = along.count_reaching(self._open_from)
-        if n_open > MOST_CANDIDATES:
-            self.scores.score(along.highest(AT_ONCE))
-        elif n_open and not is_first:
-            self.scores.score(along.highest(FIRST_CELLS))
-        return along
-
-    def _left_open(self, along: Along) -> Candidates:
-        """Cells that may reach the asked share of the best score."""
-        candidates = self._reaching(along)
-        most = along.sums.numbers.size // UNDECIDED
-        if MOST_CANDIDATES < len(candidates) <= most and not along.axis.is_none:
-            return self._bound_again(candidates, along)
+        for left in bounded:
+            candidates = candidates.joined(self._search_around(self._reaching(left)))
+        for part in crowded:
+            candidates = candidates.joined(self._search_around(self._left_open(self._bound(part))))
         return candidates
 
-    def _bound_again(self, candidates: Candidates, along: Along) -> Candidates:
-        """Those that bounds along the axis that the best cell so far determines least, and across it, leave open.
+    def _bound(self, part: Part) -> CellBounds:
+        """Bound all cells of a part by one sum, and score the most promising."""
+        cells = self._sum_up(part, self._summand())
+        is_first = self.scored.best <= 0.0
+        if is_first:
+            self.scored.score(cells.highest(self.limits.first_cells))
+        n_open = cells.count_reaching(self._least_sum())
+        if n_open > self.limits.most_candidates:
+            self.scored.score(cells.highest(self.limits.scored_at_once))
+        elif n_open and not is_first:
+            self.scored.score(cells.highest(self.limits.first_cells))
+        return cells
+
+    def _left_open(self, cells: CellBounds) -> Candidates:
+        """Cells that may reach the asked score; where many are left, after a second bound of those."""
+        reaching, highest = cells.reaching(self._least_sum())
+        self._rule_out(self._upper(np.array([highest])))
+        candidates = self._reaching(Candidates(reaching, self._upper(cells.at(reaching))))
+        if self.limits.most_candidates < len(candidates) <= len(cells) // self.limits.undecided:
+            return self._bound_again(candidates, cells)
+        return candidates
+
+    def _bound_again(self, candidates: Candidates, cells: CellBounds) -> Candidates:
+        """Bound candidates by the sum that the best cell so far asks for, and by the one across.
 
         Only the window around them is looked at.
         """
-        axis, least = self._plan()
-        if (axis, least) != (along.axis, along.least):
-            along = self.bounds.heading_pass(*self._around(candidates)).along(axis, least, self.n_threads)
-            candidates = self._left(candidates.below(self._upper(along.at(candidates.cells))))
-        if len(candidates) > MOST_CANDIDATES:
-            across = self.bounds.heading_pass(*self._around(candidates)).along(
-                axis.across, least, self.n_threads
-            )
-            upper = self._upper(along.at(candidates.cells), across.at(candidates.cells))
-            candidates = self._left(candidates.below(upper))
+        summand = self._summand()
+        if summand != cells.summand:
+            cells = self._sum_up(self._around(candidates), summand)
+            candidates = self._reaching(candidates.below(self._upper(cells.at(candidates.cells))))
+        across = self.bounds.bounding.across(summand)
+        if across is not None and len(candidates) > self.limits.most_candidates:
+            cells_across = self._sum_up(self._around(candidates), across)
+            upper = self._upper(cells.at(candidates.cells), cells_across.at(candidates.cells))
+            candidates = self._reaching(candidates.below(upper))
         return candidates
 
     def _search_around(self, candidates: Candidates) -> Candidates:
-        """Search the window around many candidates exhaustively, if that is faster; those that are left then."""
-        if len(candidates) <= MOST_CANDIDATES:
+        """Search the window around many candidates exhaustively, if that is faster. Returns those that are left."""
+        limits = self.limits
+        if len(candidates) <= limits.most_candidates:
             return candidates
         headings, window = self._around(candidates)
-        n_cells = len(headings) * math.prod(n + BESIDE for n in window.shape)
-        if n_cells > ONE_BY_ONE * len(candidates):
+        n_visited = len(headings) * math.prod(n + limits.margin for n in window.shape)
+        if n_visited > limits.cells_per_candidate * len(candidates):
             return candidates
-        n_scored = self.scores.n_in_windows + len(headings) * math.prod(window.shape)
-        if n_scored > CELL_LIMIT:
+        n_cells = len(headings) * math.prod(window.shape)
+        n_scored = self.scored.n_in_windows + n_cells
+        if n_scored > limits.most_scored:
             raise SearchSpaceError(
-                f"Expected bounds to leave at most {CELL_LIMIT:,} cells of the search space to be looked at, got"
-                f" {n_scored:,}: nothing stands out. Narrow the search space, or see whether scan and map belong"
+                f"Expected bounds to leave at most {limits.most_scored:,} cells of the search space to be looked at,"
+                f" got {n_scored:,}: nothing stands out. Narrow the search space, or see whether scan and map belong"
                 " together."
             )
-        n_parts = -(-len(headings) * math.prod(window.shape) // PASS_CELLS)
-        for part in np.array_split(headings, min(n_parts, len(headings))):
-            grid = self.scores.score_window(part, window, self.n_threads)
-            cells, highest = grid.reaching(max(self._asked, np.nextafter(0.0, 1.0)))
-            self._leave_out(np.array([] if highest is None else [highest]))
-            self.scores.kept = self._left(self.scores.kept.joined(Candidates(cells, grid.at(cells))))
+        n_parts = min(-(-n_cells // limits.scored_per_pass), len(headings))
+        for part in np.array_split(headings, n_parts):
+            self.ruled_out = max(self.ruled_out, self.scored.score_window(part, window, self.n_threads))
         return Candidates.none()
 
-    def _around(self, candidates: Candidates) -> tuple[NDArray[np.int64], Window]:
-        """The headings of candidates, and the smallest window around them: a part of the space."""
-        return np.unique(candidates.cells[:, 0]), Window.around(candidates.cells, self.bounds.space)
-
-    @property
-    def _open_from(self) -> float:
-        """What matches must add along an axis, in steps, for a cell to reach the asked score."""
-        steps = np.linspace(0.0, self.bounds.most, BOUND_STEPS)
-        is_open = self._upper(steps) >= self._asked
-        first_open = int(np.argmax(is_open)) if is_open.any() else BOUND_STEPS
-        return float(steps[max(first_open - 1, 0)])
-
-    def _reaching(self, along: Along) -> Candidates:
-        """Cells whose bound along one axis leaves it open whether they reach the asked score."""
-        cells, highest = along.reaching(self._open_from)
-        self._leave_out(self._upper(np.array([highest])))
-        return self._left(Candidates(cells, self._upper(along.at(cells))))
-
-    def _left(self, candidates: Candidates) -> Candidates:
-        """Those that may reach the asked score."""
-        is_left = candidates.upper >= self._asked
-        self._leave_out(candidates.upper[~is_left])
-        return candidates[is_left]
-
-    def _leave_out(self, upper: Scores) -> None:
-        """Keep the most that cells score which are not looked at."""
-        self.highest_left_out = max(self.highest_left_out, float(upper.max(initial=0.0)))
-
-    def _upper(self, along: NDArray[np.float64], across: NDArray[np.float64] | None = None) -> Scores:
-        """Most that cells score, from what their matches add along one or both axes at most."""
-        if self.bounds.is_count:
-            return cast(BoundedByCount, self.objective).bound_by_count(along)
-        if across is None:
-            across = np.full_like(along, self.bounds.most)
-        return cast(BoundedByAxes, self.objective).bound_by_axes(along, across)
-
-    def _decide(self, candidates: Candidates) -> None:
+    def _score_best_first(self, candidates: Candidates) -> None:
         """Score candidates until none is left that could be the best, or the runner-up that is asked for."""
         candidates = candidates[np.argsort(-candidates.upper, kind="stable")]
-        place = 0
-        while place < len(candidates) and candidates.upper[place] >= self._best:
-            self.scores.score(candidates.cells[place : place + AT_ONCE])
-            place += AT_ONCE
+        at_once, place = self.limits.scored_at_once, 0
+        while place < len(candidates) and candidates.upper[place] >= self.scored.best:
+            self.scored.score(candidates.cells[place : place + at_once])
+            place += at_once
         others = candidates[place:]
-        if self.lists_all:
-            is_asked = others.upper >= self._asked
-            self.scores.score(others.cells[is_asked])
-            self._leave_out(others.upper[~is_asked])
+        if self.wanted.lists_all:
+            self.scored.score(self._reaching(others).cells)
             return
-        others = others[self.scores.is_beyond(others.cells)]
-        place, runner_up = 0, self.scores.runner_up()
-        while place < len(others) and others.upper[place] >= max(self._asked, runner_up):
-            some = others.cells[place : place + AT_ONCE]
-            self.scores.score(some)
-            runner_up = max(runner_up, self.scores.highest_of(some))
-            place += AT_ONCE
-        self._leave_out(others.upper[place:])
+        others = others[self.scored.is_beyond(others.cells)]
+        place, runner_up = 0, self.scored.runner_up()
+        while place < len(others) and others.upper[place] >= max(self.scored.asked, runner_up):
+            some = others.cells[place : place + at_once]
+            self.scored.score(some)
+            runner_up = max(runner_up, self.scored.highest_of(some))
+            place += at_once
+        self._rule_out(others.upper[place:])
 
+    def _summand(self) -> Summand:
+        """What to sum, from what is known so far."""
+        return self.bounds.bounding.summand(self.scored.leader, self.scored.asked, self.limits)
 
-def _weak_azimuth(xx: float, xy: float, yy: float) -> tuple[float, float]:
-    """Azimuth of the eigenvector of the smaller eigenvalue of a matrix, rad, and that eigenvalue."""
-    azimuth = 0.5 * math.atan2(2.0 * xy, xx - yy) + 0.5 * math.pi
-    return azimuth, 0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)
+    def _sum_up(self, part: Part, summand: Summand) -> CellBounds:
+        return self.bounds.heading_pass(*part).sum_up(summand, self.n_threads)
+
+    def _around(self, candidates: Candidates) -> Part:
+        """The headings of candidates, and the smallest window around them."""
+        return np.unique(candidates.cells[:, 0]), Window.around(candidates.cells, self.bounds.prepared.space)
+
+    def _least_sum(self) -> float:
+        """Least sum over its matches with which a cell may reach the asked score, in steps."""
+        steps = np.linspace(0.0, self.bounds.most, self.limits.bound_steps)
+        is_open = self._upper(steps) >= self.scored.asked
+        first_open = int(np.argmax(is_open)) if is_open.any() else self.limits.bound_steps
+        return float(steps[max(first_open - 1, 0)])
+
+    def _upper(self, sums: NDArray[np.float64], sums_across: NDArray[np.float64] | None = None) -> Scores:
+        """Most that cells score, from upper bounds of one or both sums."""
+        if sums_across is None:
+            sums_across = np.full_like(sums, self.bounds.most)
+        return self.bounds.bounding.upper(sums, sums_across)
+
+    def _reaching(self, candidates: Candidates) -> Candidates:
+        """Those that may reach the asked score; the others are ruled out."""
+        is_left = candidates.upper >= self.scored.asked
+        self._rule_out(candidates.upper[~is_left])
+        return candidates[is_left]
+
+    def _rule_out(self, upper: Scores) -> None:
+        """Discard cells that score no more than this."""
+        self.ruled_out = max(self.ruled_out, float(upper.max(initial=0.0)))

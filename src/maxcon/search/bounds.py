@@ -1,26 +1,29 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Bounds of all cells: what their matches add along one axis, at most (design section 3, fact 2)."""
+"""Upper bounds of what the matches of each cell add up to: all cells of a window at once (design section 3, fact 2)."""
 
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.geometry import Pose
-from maxcon.search.axis import Axis
+from maxcon.search.bounding import Bounding, Summand
 from maxcon.search.cell_grid import CellGrid
-from maxcon.search.field import Field
+from maxcon.search.limits import Limits
+from maxcon.search.prepared_scan import PreparedScan
 from maxcon.search.window import Window
-from maxcon.search_space import SearchSpace
 
-__all__ = ["Along", "Bounds", "HeadingPass"]
+if TYPE_CHECKING:
+    from maxcon.search.visit_kernels import Planned
 
-# Sums that are made together are of so many cells at most, 16 or 32 MiB, unless one row has more; and of a rim.
-PASS_HEADINGS, PASS_CELLS = 16, 2**22
+__all__ = ["Bounds", "CellBounds", "HeadingPass", "Part"]
+
+Part = tuple[NDArray[np.int64], Window]
+"""Cells of a search space: those of a window at some headings, by number."""
 
 FINEST_UNIT = 2.0**-14
 """What matches add is rounded up to a multiple of this; finer would not fit into the sums of a scan."""
@@ -32,84 +35,61 @@ amount to, of the sum over all points. Some twenty roundings of 2^-24 add up to 
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """What all matches in each cell add along an axis, at most.
+    """Upper bounds of the sums over the matches of each cell.
 
     Parameters
     ----------
-    field : Field
-        The points that add anything, and the tiles around.
-    prior : Pose
-        T_map_sensor before localization, local frame.
-    space : SearchSpace
-        The cells.
-    is_count : bool
-        Whether matches are counted instead: each adds one, or as often as the voxel counts.
+    bounding : Bounding
+        What is summed, and the points that take part.
     fullest : int
         Map points in the fullest voxel, where a voxel counts as often as it has points, otherwise 1.
-    total_weight : float
-        Sum over all points of the largest weight that a match of each can have: the length of the longest normal, at
-        least 1, for each point with a normal; `Field.without_normal` for each other.
     """
 
-    field: Field
-    prior: Pose
-    space: SearchSpace
-    is_count: bool
+    bounding: Bounding
     fullest: int
-    total_weight: float
 
     @classmethod
-    def of(cls, field: Field, prior: Pose, space: SearchSpace, *, is_count: bool) -> "Bounds":
-        """Bounds for points in their field."""
+    def of(cls, bounding: Bounding) -> "Bounds":
+        """Bounds for the points that take part."""
         fullest = 1
-        if not field.is_once:
-            fullest = max((tile.fullest for tile, _ in field.tiles.values()), default=1)
-        total_weight = float(field.points.shape[1])
-        if not is_count:
-            squares = (field.normals * field.normals).sum(axis=0)
-            n_without = int(np.count_nonzero(squares == 0.0))
-            longest = math.sqrt(squares.max(initial=1.0))
-            total_weight = (len(squares) - n_without) * longest + n_without * field.without_normal
-        return cls(field, prior, space, is_count, fullest, total_weight)
+        if not bounding.prepared.is_once:
+            fullest = max((tile.fullest for tile, _ in bounding.prepared.tiles.values()), default=1)
+        return cls(bounding, fullest)
 
     @property
-    def n_points(self) -> int:
-        """How many points there are."""
-        return int(self.field.points.shape[1])
+    def prepared(self) -> PreparedScan:
+        """The points that take part, and the tiles around."""
+        return self.bounding.prepared
 
     @property
     def most(self) -> float:
-        """What a cell can have along any axis if every point matches."""
-        return self.total_weight * self.fullest * (1.0 + SLACK)
+        """The sum of a cell at which every point matches, at most."""
+        return self.bounding.total_weight * self.fullest * (1.0 + SLACK)
 
-    def left_out(self, axis: Axis, least: float) -> float:
-        """What voxels that add no more than `least`, and rounding, can amount to in a cell."""
-        least = 0.0 if axis.is_none else least
-        return self.most * SLACK + self.total_weight * least * (1.0 + SLACK)
+    def left_out(self, summand: Summand) -> float:
+        """Most that rounding, and the voxels which the summand leaves out, can add to a cell."""
+        return self.most * SLACK + self.bounding.total_weight * summand.least * (1.0 + SLACK)
 
-    def parts(self) -> list[tuple[NDArray[np.int64], Window]]:
+    def parts(self, limits: Limits) -> list[Part]:
         """Headings and windows that make up the space, as large as memory allows, from those near the prior on."""
-        n_headings, ny, nx = self.space.shape
-        most_headings = max(1, min(PASS_HEADINGS, PASS_CELLS // (ny * nx)))
+        space = self.prepared.space
+        n_headings, ny, nx = space.shape
+        most_headings = max(1, min(limits.headings_per_pass, limits.cells_per_pass // (ny * nx)))
         parts = np.array_split(np.arange(n_headings), -(-n_headings // most_headings))
-        bands = list(Window.of(self.space).bands(PASS_CELLS))
+        bands = list(Window.of(space).bands(limits.cells_per_pass))
         parts.sort(key=lambda headings: abs(headings.mean() - (n_headings - 1) / 2))
         bands.sort(key=lambda window: abs(window.y_first + window.y_last))
         return [(headings, window) for headings in parts for window in bands]
 
     def heading_pass(self, headings: NDArray[np.int64], window: Window) -> "HeadingPass":
         """Get a window at some headings, by number, ready for the bounds of its cells."""
-        from maxcon.search import visit_kernels
-
-        columns = self.field.voxels_at(self.prior, self.prior.heading + self.space.headings[headings])
-        return HeadingPass(
-            self, headings, window, columns, visit_kernels.plan_visits(self.field.starts, columns)
-        )
+        columns = self.prepared.voxels_at(headings)
+        return HeadingPass(self, headings, window, columns, self.prepared.planned(columns))
 
     @property
     def unit(self) -> float:
         """Unit of the sums, a power of two: they stay below 2^30 (2^62 for counts), and what is added below 2^22."""
-        largest = 2.0**30 / max(1, self.n_points) if self.field.is_once else 2.0**22
+        largest = 2.0**30 / max(1, self.prepared.n_points) if self.prepared.is_once else 2.0**22
         return max(FINEST_UNIT, math.ldexp(1.0, math.ceil(math.log2((self.fullest + 2.0) / largest))))
 
 
@@ -127,43 +107,42 @@ class HeadingPass:
         The offsets of the cells.
     columns : array, shape (h, 2, n)
         Voxels of the points at each heading.
-    visits : array, shape (m, 7)
-        As `visit_kernels.plan_visits` planned them.
+    planned : Planned
+        When the points visit the map.
     """
 
     bounds: Bounds
     headings: NDArray[np.int64]
     window: Window
     columns: NDArray[np.int32]
-    visits: NDArray[np.int64]
+    planned: "Planned"
 
-    def along(self, axis: Axis, least: float = 0.0, n_threads: int = 1) -> "Along":
-        """Bound what matches add along an axis in all cells.
+    def sum_up(self, summand: Summand, n_threads: int = 1) -> "CellBounds":
+        """Bound the sum of each cell.
 
         Parameters
         ----------
-        axis : Axis
-            Along which direction.
-        least : float
-            Voxels that add no more than this are not looked at; each point is taken to match one of them.
+        summand : Summand
+            What matches add.
         n_threads : int
             Headings are shared out among them; the bounds do not depend on it.
         """
         from maxcon.search import bound_kernels, visit_kernels
 
-        field, rim, unit = self.bounds.field, visit_kernels.RIM, self.bounds.unit
+        prepared, rim, unit = self.bounds.prepared, visit_kernels.RIM, self.bounds.unit
         height, width = (n_cells + 2 * rim for n_cells in self.window.shape)
-        sums = np.zeros((len(self.headings), height, width), np.int32 if field.is_once else np.int64)
+        sums = np.zeros((len(self.headings), height, width), np.int32 if prepared.is_once else np.int64)
         bases = bound_kernels.bases_of_points(self.columns, width, height * width)
 
+        planned = tuple(self.planned)
+
         def vote(headings: NDArray[np.int64]) -> None:
-            for numbers, layers, tile in field.visited(self.visits, self.window):
+            within = (int(headings[0]), int(headings[-1]) + 1)
+            for met, voxels in prepared.visited(self.planned, self.window):
                 bound_kernels.bound_tile(
-                    numbers, self.visits, field.starts, field.ranks, layers, bases, self._normals, self._turns,
-                    (int(headings[0]), int(headings[-1]) + 1), tile.corner, tile.edge, tile.index.patch_starts,
-                    tile.columns, tile.normals, tile.counts[:0] if field.is_once else tile.counts, axis.vector,
-                    tuple(self.window), width, field.is_signed, np.float32(least), np.float32(1.0 / unit),
-                    sums.reshape(-1),
+                    tuple(met), planned, tuple(voxels), bases, self.bounds.bounding.weighed_normals,
+                    self._turns, within, summand.vector, tuple(self.window), width, prepared.is_signed,
+                    np.float32(summand.least), np.float32(1.0 / unit), sums.reshape(-1),
                 )  # fmt: skip
 
         parts = np.array_split(np.arange(len(self.headings)), min(n_threads, len(self.headings)))
@@ -173,52 +152,38 @@ class HeadingPass:
             with ThreadPoolExecutor(len(parts)) as pool:
                 list(pool.map(vote, parts))
         inner = sums[:, rim:-rim, rim:-rim]
-        grid = CellGrid.of(self.bounds.space, self.headings, self.window, inner)
-        return Along(axis, least, grid, unit * (1.0 + SLACK), self.bounds.left_out(axis, least))
-
-    @cached_property
-    def _normals(self) -> NDArray[np.float32]:
-        """Normals of the points as the kernel takes them, and what is added to each weight, shape (n, 4).
-
-        Where matches are counted that is 1, and the normals are zeros.
-        """
-        field = self.bounds.field
-        normals = np.zeros((self.bounds.n_points, 4), np.float32)
-        if self.bounds.is_count:
-            normals[:, 3] = 1.0
-        else:
-            normals[:, :3] = field.normals.T
-            normals[:, 3] = np.where(field.normals.any(axis=0), 0.0, field.without_normal)
-        return normals
+        grid = CellGrid.of(prepared.space, self.headings, self.window, inner)
+        return CellBounds(summand, grid, unit * (1.0 + SLACK), self.bounds.left_out(summand))
 
     @cached_property
     def _turns(self) -> NDArray[np.float32]:
         """Cosine and sine of each heading, shape (h, 2)."""
-        headings = self.bounds.prior.heading + self.bounds.space.headings[self.headings]
-        return np.column_stack([np.cos(headings), np.sin(headings)]).astype(np.float32)
+        return self.bounds.prepared.turns(self.headings).astype(np.float32)
 
 
 @dataclass(frozen=True, slots=True)
-class Along:
-    """What matches add along an axis at most, in a window of cells at some headings.
+class CellBounds:
+    """Upper bounds of the sums of all cells of a window at some headings.
 
     Parameters
     ----------
-    axis, least
-        As they were asked for.
+    summand : Summand
+        What was summed.
     sums : CellGrid
-        What they add, in units: whole numbers.
+        The sums, rounded up, in whole units.
     unit : float
         One unit.
     left_out : float
-        What the sums leave out, at most.
+        Most that rounding, and the voxels that were left out, add to any of them.
     """
 
-    axis: Axis
-    least: float
+    summand: Summand
     sums: CellGrid
     unit: float
     left_out: float
+
+    def __len__(self) -> int:
+        return self.sums.numbers.size
 
     def at(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:
         """Bounds of some cells (n, 3) that are there."""

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from maxcon.accumulator import highest
+from maxcon.accumulator import Accumulator, highest
 from maxcon.errors import OptionError
 from maxcon.geometry import Pose
 from maxcon.integrity import highest_beyond
@@ -17,13 +17,16 @@ from maxcon.options import Multiplicity, Weighting
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
 from maxcon.search.bounded_search import BoundedSearch
+from maxcon.search.bounding import bounding_of
 from maxcon.search.bounds import Bounds
-from maxcon.search.cell_scores import Candidates, CellScores
+from maxcon.search.candidates import Candidates
 from maxcon.search.exhaustive import exhaustive
-from maxcon.search.field import Field
-from maxcon.search.found import Found, Standing
+from maxcon.search.found import Found, Standing, Wanted
 from maxcon.search.heights import outwards
+from maxcon.search.limits import DEFAULT_LIMITS, Limits
 from maxcon.search.matching import cells_of, check_threads
+from maxcon.search.prepared_scan import PreparedScan
+from maxcon.search.scored_cells import ScoredCells
 from maxcon.search_space import Cell, SearchSpace
 
 __all__ = ["branch_and_bound"]
@@ -44,6 +47,7 @@ def branch_and_bound(
     lists_all: bool = False,
     standing: Standing | None = None,
     n_threads: int = 1,
+    limits: Limits = DEFAULT_LIMITS,
 ) -> Found:
     """Find the best cell of a search space: the same as that of the exhaustive search, its score and moments too.
 
@@ -85,6 +89,8 @@ def branch_and_bound(
         comes back, with a score of minus infinity or less than that.
     n_threads : int
         Headings are shared out among that many threads; the result does not depend on it (D8).
+    limits : Limits
+        When to score, to bound again, or to search exhaustively: time and memory depend on it, the result does not.
 
     Returns
     -------
@@ -111,11 +117,19 @@ def branch_and_bound(
         raise OptionError(f"Expected `guard_radius` >= 0 m, got {guard_radius}. The default is 0.3.")
 
     def search(height: int, share: float, standing: Standing | None) -> Found:
+        wanted = Wanted(objective, share, guard_radius, guarded, lists_all, standing)
         raised = space.raised(prior, height)
-        found = _at_one_height(
-            scan, point_map, raised, space.plane, objective, multiplicity, weighting, share, guard_radius, guarded,
-            lists_all, n_threads, standing,
-        )  # fmt: skip
+        if isinstance(objective, BoundedByCount | BoundedByAxes):
+            prepared = PreparedScan.prepare(scan, point_map, raised, space.plane, multiplicity, weighting)
+            bounds = Bounds.of(bounding_of(objective, prepared))
+            scored = ScoredCells(prepared, wanted)
+            found = BoundedSearch(bounds, scored, wanted, limits, n_threads).run()
+        else:
+            accumulator = exhaustive(
+                scan, point_map, raised, space.plane,
+                multiplicity=multiplicity, weighting=weighting, n_threads=n_threads,
+            )  # fmt: skip
+            found = _best_of_all(accumulator, wanted)
         return replace(found, height=height)
 
     return _best_of_heights(search, space, share, standing)
@@ -151,37 +165,14 @@ def _best_of_heights(
     return replace(best, n_scored=n_scored)
 
 
-def _at_one_height(
-    scan: Scan,
-    point_map: PointMap,
-    prior: Pose,
-    space: SearchSpace,
-    objective: Objective,
-    multiplicity: Multiplicity,
-    weighting: Weighting,
-    share: float,
-    guard_radius: float,
-    guarded: Cell | None,
-    lists_all: bool,
-    n_threads: int,
-    standing: Standing | None,
-) -> Found:
-    """The best cell of a space of one height, or any that scores less than what stands already."""
-    is_count = isinstance(objective, BoundedByCount)
-    if is_count or isinstance(objective, BoundedByAxes):
-        searched = Field.prepare(scan, point_map, prior, space, multiplicity, weighting)
-        bounds = Bounds.of(searched if is_count else searched.constraining(), prior, space, is_count=is_count)
-        scores_of_cells = CellScores(searched, prior, space, objective, guard_radius, guarded)
-        return BoundedSearch(bounds, objective, share, scores_of_cells, n_threads, standing, lists_all).run()
-    accumulator = exhaustive(
-        scan, point_map, prior, space, multiplicity=multiplicity, weighting=weighting, n_threads=n_threads
-    )
-    scores = accumulator.score(objective)
+def _best_of_all(accumulator: Accumulator, wanted: Wanted) -> Found:
+    """What is wanted, where the moments of all cells are known: for objectives without bounds."""
+    space, scores = accumulator.space, accumulator.score(wanted.objective)
     cell = highest(scores, space)
-    rest = highest_beyond(scores, guarded or cell, space, guard_radius)
+    rest = highest_beyond(scores, wanted.guarded or cell, space, wanted.guard_radius)
     score = float(scores[cell])
     reaching = Candidates.none()
-    if lists_all:
-        cells = np.argwhere(scores >= share * score)
+    if wanted.lists_all:
+        cells = np.argwhere(scores >= wanted.share * score)
         reaching = Candidates(cells, np.asarray(scores[tuple(cells.T)], np.float64))
     return Found(cell, score, accumulator.moments[cell].copy(), score, rest, scores.size, reaching=reaching)

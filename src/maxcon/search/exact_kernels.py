@@ -1,16 +1,15 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The compiled inner loops for single cells. Arrays in, arrays out."""
+"""Compiled: the moments of single cells, to the last bit those of the exhaustive search."""
 
 import numpy as np
 from numba import njit
 
 from maxcon.point_map import PATCH_VOXELS
 from maxcon.point_map.lookup_kernels import float32_at, int32_at, n_bits, uint64_at
-from maxcon.search.adding_kernels import ROUNDER
-from maxcon.search.matching import CONTRIBUTION_STEP
+from maxcon.search.matching import CONTRIBUTION_STEP, ROUNDER
 
-__all__ = ["lay_out", "moments_of_cells"]
+__all__ = ["moments_of_cells", "points_at_heading"]
 
 # Points that are looked up at a time: what is made of them fits into the L1 cache.
 CAPACITY = 1024
@@ -28,7 +27,7 @@ BIT_BITS, WORD_BITS = 6, 34
 
 
 @njit(nogil=True, cache=True)
-def lay_out(columns, turned, numbers, without_normal):
+def points_at_heading(columns, turned, numbers, without_normal):
     """Voxels (n,) uint64, x + y * 2^32, and normals (n, 4) float32 of some points, in the order of the look-ups.
 
     columns : (2, m) int32; turned : (3, m) float32; numbers : (n,), which points; without_normal : weight of a match
@@ -167,8 +166,8 @@ def moments_of_cells(
 ):  # fmt: skip
     """Add the matches of scan points, turned by one heading, to the moments of some of its cells.
 
-    offsets : (c, 2) int64, (x, y) of each cell, voxels; voxels, normals : as `lay_out` made them; ranks : (n,) int32,
-    number of each point's layer among the scan's.
+    offsets : (c, 2) int64, (x, y) of each cell, voxels; voxels, normals : as `points_at_heading` made them; ranks :
+    (n,) int32, number of each point's layer among the scan's.
     tiles : (t + 1, 8) uint64, a row for each tile and a first one for where there is none. Addresses of: number of
     each layer of the scan in the tile (int32); the tile's `Occupancy`, held, numbers, words and firsts; normals and
     counts of its voxels. In the second column how many words each column of patches has.

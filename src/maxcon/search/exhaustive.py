@@ -14,8 +14,8 @@ from maxcon.geometry import Pose
 from maxcon.options import Multiplicity, Weighting
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
-from maxcon.search.field import Field
 from maxcon.search.matching import cells_of, check_one_height, check_threads
+from maxcon.search.prepared_scan import PreparedScan
 from maxcon.search.window import Window
 from maxcon.search_space import SearchSpace
 
@@ -81,21 +81,21 @@ def exhaustive(
             f"Expected at most {CELL_LIMIT:,} cells in an exhaustive search, got {space.n_cells:,}."
             " Narrow the search space, or enlarge the cell or the heading step."
         )
-    field = Field.prepare(scan, point_map, prior, space, multiplicity, weighting)
-    moments = moments_of_window(field, prior, prior.heading + space.headings, Window.of(space), n_threads)
+    prepared = PreparedScan.prepare(scan, point_map, prior, space, multiplicity, weighting)
+    moments = moments_of_window(prepared, np.arange(len(space.headings)), Window.of(space), n_threads)
     return Accumulator(moments, space, prior)
 
 
 def moments_of_window(
-    field: Field, prior: Pose, headings: NDArray[np.float64], window: Window, n_threads: int
+    prepared: PreparedScan, headings: NDArray[np.int64], window: Window, n_threads: int
 ) -> NDArray[np.float64]:
-    """Moments of all cells of a window at some headings, rad, shape (headings, ny, nx, 4)."""
+    """Moments of all cells of a window at some headings, by number, shape (headings, ny, nx, 4)."""
     moments = np.empty((len(headings), *window.shape, 4))
     n_passes = _n_passes(len(headings), math.prod(window.shape), n_threads)
 
     def search(number: int) -> None:
         first, end = (part * len(headings) // n_passes for part in (number, number + 1))
-        _search_headings(field, prior, headings[first:end], window, moments[first:end])
+        _search_headings(prepared, headings[first:end], window, moments[first:end])
 
     if n_threads == 1 or n_passes == 1:
         for number in range(n_passes):
@@ -114,23 +114,22 @@ def _n_passes(n_headings: int, n_cells: int, n_threads: int) -> int:
 
 
 def _search_headings(
-    field: Field, prior: Pose, headings: NDArray[np.float64], window: Window, moments: NDArray[np.float64]
+    prepared: PreparedScan, headings: NDArray[np.int64], window: Window, moments: NDArray[np.float64]
 ) -> None:
-    """Moments of a window of cells at some headings, rad, shape (headings, ny, nx, 4), out."""
+    """Moments of a window of cells at some headings, by number, shape (headings, ny, nx, 4), out."""
     from maxcon.search import kernels, visit_kernels
 
     n_headings, ny, nx, _ = moments.shape
-    columns, turned = field.turned(prior, headings)
-    visits = visit_kernels.plan_visits(field.starts, columns)
+    columns, normals = prepared.turned(headings)
+    planned = prepared.planned(columns)
     rim = visit_kernels.RIM
     width = nx + 2 * rim
     width += (2 - width) % 4  # an odd number of cache lines: cells above each other do not share a cache set
     sums = _aligned_zeros((n_headings, ny + 2 * rim, width, 4))
-    for numbers, layers, tile in field.visited(visits, window):
+    for met, voxels in prepared.visited(planned, window):
         kernels.accumulate_tile(
-            numbers, visits, field.starts, field.middles, field.ranks, layers, columns, turned, tile.corner, tile.edge,
-            tile.index.patch_starts, tile.columns, tile.normals, tile.counts[:0] if field.is_once else tile.counts,
-            tuple(window), width, field.without_normal, field.is_signed, sums.reshape(n_headings, -1),
+            tuple(met), tuple(planned), tuple(voxels), columns, normals, tuple(window), width,
+            prepared.without_normal, prepared.is_signed, sums.reshape(n_headings, -1),
         )  # fmt: skip
     moments[...] = sums[:, rim : rim + ny, rim : rim + nx]
 

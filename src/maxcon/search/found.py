@@ -1,14 +1,14 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""What a search finds, and what it begins with where another has found something already."""
+"""What a search is to find, what stands before it begins, and what it finds."""
 
 from dataclasses import dataclass, field
 
-from maxcon.objectives import Moments
-from maxcon.search.cell_scores import Candidates
+from maxcon.objectives import Moments, Objective
+from maxcon.search.candidates import Candidates
 from maxcon.search_space import Cell
 
-__all__ = ["Found", "Standing"]
+__all__ = ["Found", "Standing", "Wanted"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,3 +53,31 @@ class Standing:
 
     score: float
     moments: Moments
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What a search is to find; see `branch_and_bound`, whose parameters these are.
+
+    Parameters
+    ----------
+    objective : Objective
+        What a cell is worth.
+    share : float
+        Cells are looked for that reach this share of the best score; or of the guarded cell's, if there is one.
+    guard_radius : float
+        The runner-up lies farther than this from the guarded cell, or else from the best, m.
+    guarded : tuple of 3 int, optional
+        A cell.
+    lists_all : bool
+        Whether all cells that reach the share are found, not only the best and the runner-up.
+    standing : Standing, optional
+        What a cell must score at least.
+    """
+
+    objective: Objective
+    share: float = 1.0
+    guard_radius: float = 0.3
+    guarded: Cell | None = None
+    lists_all: bool = False
+    standing: Standing | None = None

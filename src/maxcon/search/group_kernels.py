@@ -1,50 +1,93 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Which points of a scan form groups, and which tiles those can fall in, compiled. Arrays in, arrays out."""
+"""Compiled: scan points sorted into groups of one height layer and one voxel square, and the tiles in their reach."""
+
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
-from maxcon.search.visit_kernels import SQUARE_VOXELS
+from maxcon.search.visit_kernels import SQUARE_VOXELS, turn_to_columns
 
 __all__ = [
-    "GROUP_KEYS",
-    "find_groups",
+    "Groups",
     "gather",
-    "key_points",
+    "group_points",
     "level",
     "meets_tiles",
     "number_layers",
     "points_of_groups",
-    "rank",
     "sort_keys",
-    "to_layers",
 ]
 
 SQUARE_BITS = SQUARE_VOXELS.bit_length() - 1
 PLACE_BITS = 2 * SQUARE_BITS
 INSIDE = SQUARE_VOXELS - 1
 
-# So many keys are of one group: one for each place in the square with a normal, and one for each without.
+# Keys of one group: one for each voxel of the square for points with a normal, and one for those without.
 GROUP_KEYS = 2 ** (PLACE_BITS + 1)
 
-# Keys are sorted by so many bits at a time, at most: the 4096 counters fit into the L1 cache.
+# Keys are sorted by at most 12 bits at a time: 4096 counters fit into the L1 cache.
 MOST_DIGIT_BITS = 12
 
 
+class Groups(NamedTuple):
+    """The points of a levelled scan in the order of their groups, see `PreparedScan`.
+
+    points : (2, n) float64, x and y; normals : (3, n) float64.
+    starts : (groups + 1,) int64, first point of each; middles : (groups,) int64, its first without a normal.
+    ranks : (groups,) int64, number of its layer among `layers`, (m,) int64, those that occur, ascending.
+    boxes : (groups, 4) int64, x first, x last, y first, y last voxel; radii : (groups,), the farthest that a point is
+    from the sensor, m.
+    """
+
+    points: Any
+    normals: Any
+    starts: Any
+    middles: Any
+    ranks: Any
+    layers: Any
+    boxes: Any
+    radii: Any
+
+
 @njit(nogil=True, cache=True)
-def level(vectors, rotation):
-    """Turn vectors, (n, 3) float64, by a rotation, (3, 3), with the arithmetic of `matching.level`; (3, n)."""
-    levelled = np.empty((3, vectors.shape[0]))
+def level(points, normals, rotation, height):
+    """Turn points and normals, (n, 3) float64, by a rotation, (3, 3), and raise the points; both (3, n).
+
+    With the arithmetic of `matching.level`.
+    """
+    n = points.shape[0]
+    levelled, turned = np.empty((3, n)), np.empty((3, n))
     for row in range(3):
         a, b, c = rotation[row, 0], rotation[row, 1], rotation[row, 2]
-        for i in range(vectors.shape[0]):
-            levelled[row, i] = vectors[i, 0] * a + vectors[i, 1] * b + vectors[i, 2] * c
-    return levelled
+        for i in range(n):
+            levelled[row, i] = points[i, 0] * a + points[i, 1] * b + points[i, 2] * c
+        for i in range(n):
+            turned[row, i] = normals[i, 0] * a + normals[i, 1] * b + normals[i, 2] * c
+    for i in range(n):
+        levelled[2, i] += height
+    return levelled, turned
 
 
 @njit(nogil=True, cache=True)
-def to_layers(heights, cell):
+def group_points(points, normals, turn, place, cell):
+    """Sort the points of a levelled scan into groups of one height layer and one square of SQUARE_VOXELS voxels.
+
+    points, normals : (3, n) float64; turn : (1, 2) float64, cosine and sine of the prior's heading; place : its (x, y),
+    m; cell : voxel edge, m.
+    """
+    columns = turn_to_columns(points, turn, place, cell)[0]
+    layers = _to_layers(points[2], cell)
+    order, keys = sort_keys(_keys(columns, layers, normals))
+    points, normals = gather(points[:2], order), gather(normals, order)
+    starts, middles, group_layers, boxes, radii = _find_groups(keys, order, points, columns, layers)
+    ranks, occurring = _rank(group_layers)
+    return Groups(points, normals, starts, middles, ranks, occurring, boxes, radii)
+
+
+@njit(nogil=True, cache=True)
+def _to_layers(heights, cell):
     """Height layer, (n,) int32, of each height, (n,) float64, m."""
     layers = np.empty(heights.shape[0], np.int32)
     for i in range(heights.shape[0]):
@@ -53,22 +96,67 @@ def to_layers(heights, cell):
 
 
 @njit(nogil=True, cache=True)
-def key_points(columns, layers, normals, lows, sizes):
-    """Number points such that their groups, and points in them, are in the order of the numbers.
+def _keys(columns, layers, normals):
+    """Numbers by which points are sorted, see `_key_points`."""
+    if layers.shape[0] == 0:
+        return np.empty(0, np.uint64)
+    lows, sizes = _extent(columns, layers)
+    n_keys = np.float64(sizes[0]) * np.float64(sizes[1]) * np.float64(sizes[2]) * GROUP_KEYS
+    if n_keys > 2.0**62:  # points thousands of kilometres apart; there is no need for that to be fast
+        columns, layers = _closed_up(columns, layers)
+        lows, sizes = _extent(columns, layers)
+    return _key_points(columns, layers, normals, lows, sizes)
 
-    That is by square along y and x, layer, whether they lack a normal, y and x: a key is GROUP_KEYS times the
-    number of the group, and more for the place in it.
 
-    columns : (2, n) int32; layers : (n,) int32; normals : (3, n) float64; lows : least square along y and x, and
-    least layer; sizes : number of squares along x, and of layers.
+@njit(nogil=True, cache=True)
+def _extent(columns, layers):
+    """Least square along x and y, and least layer; and how many of each there are up to the largest."""
+    lows = (
+        np.int64(columns[0].min()) >> SQUARE_BITS,
+        np.int64(columns[1].min()) >> SQUARE_BITS,
+        np.int64(layers.min()),
+    )
+    sizes = (
+        (np.int64(columns[0].max()) >> SQUARE_BITS) - lows[0] + 1,
+        (np.int64(columns[1].max()) >> SQUARE_BITS) - lows[1] + 1,
+        np.int64(layers.max()) - lows[2] + 1,
+    )
+    return lows, sizes
+
+
+@njit(nogil=True, cache=True)
+def _closed_up(columns, layers):
+    """Columns and layers of the same groups in the same order, but without the empty space between them."""
+    squares = np.empty(layers.shape[0], np.int64)
+    for i in range(layers.shape[0]):
+        x, y = np.int64(columns[0, i]), np.int64(columns[1, i])
+        squares[i] = (y >> SQUARE_BITS) * 2**32 + (x >> SQUARE_BITS)
+    numbers, _ = _rank(squares)
+    closed_layers, _ = _rank(layers.astype(np.int64))
+    closed = np.empty(columns.shape, np.int32)
+    for i in range(layers.shape[0]):
+        closed[0, i] = numbers[i] * SQUARE_VOXELS + (columns[0, i] & INSIDE)
+        closed[1, i] = columns[1, i] & INSIDE
+    return closed, closed_layers.astype(np.int32)
+
+
+@njit(nogil=True, cache=True)
+def _key_points(columns, layers, normals, lows, sizes):
+    """Give each point a number by which sorting brings the points into the order of their groups.
+
+    The order is: y of the square, x of the square, layer, points with a normal before those without, y and x of the
+    voxel. A key is GROUP_KEYS times the number of the group, plus the place in the group.
+
+    columns : (2, n) int32; layers : (n,) int32; normals : (3, n) float64; lows, sizes : as `_extent`
+    found them.
     Returns keys, (n,) uint64.
     """
     keys = np.empty(layers.shape[0], np.uint64)
     for i in range(layers.shape[0]):
         x, y = np.int64(columns[0, i]), np.int64(columns[1, i])
         is_plain = (normals[0, i] == 0.0) & (normals[1, i] == 0.0) & (normals[2, i] == 0.0)
-        group = ((y >> SQUARE_BITS) - lows[0]) * sizes[0] + (x >> SQUARE_BITS) - lows[1]
-        group = group * sizes[1] + np.int64(layers[i]) - lows[2]
+        group = ((y >> SQUARE_BITS) - lows[1]) * sizes[0] + (x >> SQUARE_BITS) - lows[0]
+        group = group * sizes[2] + np.int64(layers[i]) - lows[2]
         place = ((y & INSIDE) << SQUARE_BITS) | (x & INSIDE)
         keys[i] = np.uint64((group << (PLACE_BITS + 1)) | (np.int64(is_plain) << PLACE_BITS) | place)
     return keys
@@ -76,7 +164,7 @@ def key_points(columns, layers, normals, lows, sizes):
 
 @njit(nogil=True, cache=True)
 def sort_keys(keys):
-    """Sort keys by counting those that are alike in a few bits, from the last bits to the first.
+    """Sort keys (radix sort): by the last few bits first, by the first few last, each time stable.
 
     keys : (n,) uint64, overwritten. Returns their order, (n,) uint32, stable, and the keys in it.
     """
@@ -122,7 +210,7 @@ def gather(rows, order):
 
 
 @njit(nogil=True, cache=True)
-def find_groups(keys, order, points, columns, layers):
+def _find_groups(keys, order, points, columns, layers):
     """Find the groups in points that were sorted by their keys.
 
     keys : (n,) uint64, sorted; order : (n,) uint32; points : (2, n) float64, in order; columns : (2, n) int32 and
@@ -165,14 +253,14 @@ def find_groups(keys, order, points, columns, layers):
 
 
 @njit(nogil=True, cache=True)
-def rank(layers):
-    """Ranks of layers, (groups,) int64, among those that occur; and these, ascending, (m,) int64."""
-    n_groups, low = layers.shape[0], np.int64(0)
-    for layer in layers:
-        low = min(low, layer)
-    order, keys = sort_keys((layers - low).astype(np.uint64))
-    ranks, occurring, n_occurring = np.empty(n_groups, np.int64), np.empty(n_groups, np.int64), 0
-    for i in range(n_groups):
+def _rank(values):
+    """Ranks of values, (n,) int64, among those that occur; and these, ascending, (m,) int64."""
+    n, low = values.shape[0], np.int64(0)
+    for value in values:
+        low = min(low, value)
+    order, keys = sort_keys((values - low).astype(np.uint64))
+    ranks, occurring, n_occurring = np.empty(n, np.int64), np.empty(n, np.int64), 0
+    for i in range(n):
         if i == 0 or keys[i] != keys[i - 1]:
             occurring[n_occurring] = np.int64(keys[i]) + low
             n_occurring += 1

@@ -16,6 +16,7 @@ from maxcon.search_space import SearchSpace
 
 __all__ = [
     "CONTRIBUTION_STEP",
+    "ROUNDER",
     "LevelledScan",
     "cells_of",
     "check_one_height",
@@ -28,6 +29,9 @@ __all__ = [
 CONTRIBUTION_STEP = 2.0**-24
 """What a match adds to N is rounded to whole multiples of this, so that float64 sums are exact, and
 equal in any order, up to 2^29 matches in a cell (D8)."""
+
+ROUNDER = 1.5 * 2.0**52 * CONTRIBUTION_STEP
+"""Adding and subtracting this rounds a float64 to whole multiples of the step, ties to even, as numpy.rint does."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -56,7 +56,7 @@ class Window(NamedTuple):
         return self.y_first - whole.y_first, self.x_first - whole.x_first
 
     def bands(self, most_cells: int) -> Iterator["Window"]:
-        """Yield windows of whole rows that make this one up, in order, each of at most so many cells or of one row."""
+        """Yield bands of whole rows that make up this window, in order, each of at most `most_cells` or of one row."""
         _, nx = self.shape
         n_rows = max(1, most_cells // nx)
         for y_first in range(self.y_first, self.y_last + 1, n_rows):

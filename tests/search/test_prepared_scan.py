@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: MIT
 """What the compiled searches prepare is what plain NumPy makes of the definitions, to the last bit."""
 
+import pickle
+
 import numpy as np
 import pytest
 from hypothesis import event, given, settings
@@ -12,8 +14,8 @@ from maxcon.errors import ArrayError
 from maxcon.geometry import voxel_indices
 from maxcon.point_map import TILE_VOXELS
 from maxcon.search import Multiplicity, Weighting, group_kernels
-from maxcon.search.field import Field
 from maxcon.search.matching import level, turn
+from maxcon.search.prepared_scan import PreparedScan
 from maxcon.search.visit_kernels import SQUARE_VOXELS
 
 CELL = 0.25
@@ -41,7 +43,7 @@ def random_prior(rng):
 
 
 def plainly(scan, prior, weighting):
-    """Points, normals, columns, layers, in order; group of each; middles: as `Field` describes them."""
+    """Points, normals, columns, layers, in order; group of each; middles: as `PreparedScan` describes them."""
     levelled = level(scan, prior)
     layers = voxel_indices(levelled.points, CELL)[:, 2]
     turned = turn(levelled.points, prior.heading) + [prior.x, prior.y, 0.0]
@@ -69,29 +71,29 @@ def test_groups_and_tiles_are_those_of_the_definition(seed, n_points, spread, he
     prior = random_prior(rng)
     scan = random_scan(rng, n_points, spread, height)
     point_map = random_map(rng, prior, 60, 3 * TILE)
-    field = Field.prepare(scan, point_map, prior, SPACE, Multiplicity.OCCUPIED, weighting)
+    prepared = PreparedScan.prepare(scan, point_map, prior, SPACE, Multiplicity.OCCUPIED, weighting)
 
     points, normals, columns, layers, groups, n_with_normal = plainly(scan, prior, weighting)
-    assert (field.points == points[:, :2].T).all()
-    assert (field.normals == normals.T).all()
+    assert (prepared.points == points[:, :2].T).all()
+    assert (prepared.normals == normals.T).all()
     nx, ny, _ = level(scan, prior).normals.T
-    np.testing.assert_allclose(field.spread, [nx @ nx, nx @ ny, ny @ ny], atol=1e-9)
-    assert field.starts.tolist() == [*np.flatnonzero(np.diff(groups, prepend=-1)), n_points]
-    assert (field.middles == field.starts[:-1] + n_with_normal).all()
+    np.testing.assert_allclose(prepared.spread, [nx @ nx, nx @ ny, ny @ ny], atol=1e-9)
+    assert prepared.starts.tolist() == [*np.flatnonzero(np.diff(groups, prepend=-1)), n_points]
+    assert (prepared.middles == prepared.starts[:-1] + n_with_normal).all()
     scan_layers, ranks = np.unique(layers, return_inverse=True)
-    assert (field.ranks == ranks[field.starts[:-1]]).all()
+    assert (prepared.ranks == ranks[prepared.starts[:-1]]).all()
 
     reach = np.hypot(*points[:, :2].T) * np.abs(SPACE.headings).max() + SPACE.reach + CELL
-    reach = np.maximum.reduceat(reach, field.starts[:-1])
-    low = np.minimum.reduceat(columns, field.starts[:-1], axis=1) * CELL - reach
-    high = (np.maximum.reduceat(columns, field.starts[:-1], axis=1) + 1) * CELL + reach
+    reach = np.maximum.reduceat(reach, prepared.starts[:-1])
+    low = np.minimum.reduceat(columns, prepared.starts[:-1], axis=1) * CELL - reach
+    high = (np.maximum.reduceat(columns, prepared.starts[:-1], axis=1) + 1) * CELL + reach
     met = point_map.tiles_met(low.T, high.T)
     event(f"tiles: {min(len(met), 3)}, far apart: {spread > 1e6 or height > 1e6}")
-    assert [tile.key for tile, _ in field.tiles.values()] == [tile.key for tile in met]
-    for slot, (tile, numbers) in field.tiles.items():
-        row, column = divmod(slot, field.shape[1])
-        assert (field.corner[0] + column, field.corner[1] + row) == tile.key
-        assert row < field.shape[0]
+    assert [tile.key for tile, _ in prepared.tiles.values()] == [tile.key for tile in met]
+    for slot, (tile, numbers) in prepared.tiles.items():
+        row, column = divmod(slot, prepared.shape[1])
+        assert (prepared.corner[0] + column, prepared.corner[1] + row) == tile.key
+        assert row < prepared.shape[0]
         wanted = {layer: number for number, layer in enumerate(tile.index.layers.tolist())}
         assert numbers.tolist() == [wanted.get(layer, -1) for layer in scan_layers.tolist()]
 
@@ -102,14 +104,14 @@ def test_turned_is_what_the_definition_turns(seed, n_points, n_headings):
     prior = random_prior(rng)
     scan = random_scan(rng, n_points, 30.0, 3.0)
     point_map = random_map(rng, prior, 10, 10.0)
-    field = Field.prepare(scan, point_map, prior, SPACE, Multiplicity.OCCUPIED, Weighting.COSINE)
-    headings = rng.uniform(-4.0, 4.0, n_headings)
-    columns, turned = field.turned(prior, headings)
-    points = np.vstack([field.points, np.zeros(n_points)]).T
-    for i, heading in enumerate(headings):
+    prepared = PreparedScan.prepare(scan, point_map, prior, SPACE, Multiplicity.OCCUPIED, Weighting.COSINE)
+    headings = rng.integers(0, len(SPACE.headings), n_headings)
+    columns, turned = prepared.turned(headings)
+    points = np.vstack([prepared.points, np.zeros(n_points)]).T
+    for i, heading in enumerate(prior.heading + SPACE.headings[headings]):
         places = turn(points, heading) + [prior.x, prior.y, 0.0]
         assert (columns[i] == voxel_indices(places, CELL).T[:2]).all()
-        assert (turned[i] == turn(field.normals.T, heading).T.astype(np.float32)).all()
+        assert (turned[i] == turn(prepared.normals.T, heading).T.astype(np.float32)).all()
 
 
 @given(seed=st.integers(0, 2**32), n=st.integers(0, 300), n_bits=st.integers(0, 64), has_ties=st.booleans())
@@ -127,12 +129,12 @@ def test_an_empty_scan_has_no_groups_and_loads_no_tile():
     rng = np.random.default_rng(1)
     prior = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     nothing = np.empty((0, 3))
-    field = Field.prepare(
+    prepared = PreparedScan.prepare(
         Scan(nothing, nothing), random_map(rng, prior, 5, 1.0), prior, SPACE, Multiplicity.POINTS, Weighting.COSINE
     )  # fmt: skip
-    assert field.starts.tolist() == [0]
-    assert (field.points.shape, field.normals.shape) == ((2, 0), (3, 0))
-    assert (len(field.middles), len(field.ranks), field.tiles, field.shape) == (0, 0, {}, (0, 0))
+    assert prepared.starts.tolist() == [0]
+    assert (prepared.points.shape, prepared.normals.shape) == ((2, 0), (3, 0))
+    assert (len(prepared.middles), len(prepared.ranks), prepared.tiles, prepared.shape) == (0, 0, {}, (0, 0))
 
 
 @pytest.mark.parametrize("far", [[3e8, 0.0, 0.0], [0.0, 0.0, -3e8]])
@@ -142,21 +144,19 @@ def test_points_and_priors_beyond_all_indices_are_refused(far):
     for place, prior in ((far, here), ([1.0, 2.0, 3.0], here.translated(far))):
         scan = Scan([place], [[1.0, 0.0, 0.0]])
         with pytest.raises(ArrayError, match=r"within 2\.68e\+08 m of the local origin, got 3e\+08 m"):
-            Field.prepare(scan, point_map, prior, SPACE, Multiplicity.OCCUPIED, Weighting.COSINE)
+            PreparedScan.prepare(scan, point_map, prior, SPACE, Multiplicity.OCCUPIED, Weighting.COSINE)
 
 
-def test_a_scan_that_can_be_written_needs_no_other_code():
-    """As one that comes from another process: its arrays are of another type for the compiler."""
+def test_a_scan_from_another_process_needs_no_other_code():
     rng = np.random.default_rng(1)
     prior = random_prior(rng)
     scan, point_map = random_scan(rng, 20, 3.0, 1.0), random_map(rng, prior, 5, 1.0)
     options = (prior, SPACE, Multiplicity.OCCUPIED, Weighting.COSINE)
-    wanted = Field.prepare(scan, point_map, *options)
+    wanted = PreparedScan.prepare(scan, point_map, *options)
     before = list(group_kernels.level.signatures)
-    writable = Scan(scan.points, scan.normals)
-    writable.points, writable.normals = scan.points.copy(), np.asfortranarray(scan.normals)
-    field = Field.prepare(writable, point_map, *options)
-    assert (field.points == wanted.points).all() and (field.normals == wanted.normals).all()
+    copied = pickle.loads(pickle.dumps(scan))
+    prepared = PreparedScan.prepare(copied, point_map, *options)
+    assert (prepared.points == wanted.points).all() and (prepared.normals == wanted.normals).all()
     assert group_kernels.level.signatures == before
 
 
@@ -165,7 +165,7 @@ def test_the_field_of_the_points_that_constrain(weighting):
     rng = np.random.default_rng(0)
     prior = random_prior(rng)
     scan, point_map = random_scan(rng, 500, 20.0, 2.0), random_map(rng, prior, 500, 20.0)
-    whole = Field.prepare(scan, point_map, prior, SPACE, Multiplicity.OCCUPIED, weighting)
+    whole = PreparedScan.prepare(scan, point_map, prior, SPACE, Multiplicity.OCCUPIED, weighting)
     part = whole.constraining()
     ends = whole.middles if weighting is Weighting.PUBLISHED else whole.starts[1:]
     numbers = [np.arange(start, end) for start, end in zip(whole.starts[:-1], ends, strict=True)]

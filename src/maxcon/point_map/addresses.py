@@ -1,0 +1,44 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Addresses: where the arrays of a tile lie in memory.
+
+A scan meets tens of tiles: to hand over their arrays to a kernel one by one took longer than to look up all points in
+them. So look-ups of single voxels get one table of addresses (`VoxelLookup`, `search.cell_moments.TileTable`), and
+`lookup_kernels` reads what lies there.
+
+**An address is good only as long as the `Addresses` that gave it.** That keeps its arrays; a table must keep the
+`Addresses` of all its tiles for as long as it lives. A copy of one, also in another process, has addresses of its own.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Addresses"]
+
+
+@dataclass(frozen=True, slots=True)
+class Addresses:
+    """Where the arrays of a tile lie in memory: occupancy (held, numbers, words, firsts), normals, counts and means.
+
+    Parameters
+    ----------
+    values : array, shape (7,), uint64
+        Addresses of their first items.
+    kept : tuple of arrays
+        The arrays, in one piece each: they live as long as their addresses.
+    """
+
+    values: NDArray[np.uint64]
+    kept: tuple[NDArray[Any], ...]
+
+    @classmethod
+    def of(cls, *arrays: NDArray[Any]) -> "Addresses":
+        """Addresses of arrays, or of copies in one piece."""
+        kept = tuple(np.ascontiguousarray(array) for array in arrays)
+        return cls(np.array([array.ctypes.data for array in kept], np.uint64), kept)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Addresses.of, self.kept  # a copy lies elsewhere

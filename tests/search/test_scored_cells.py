@@ -1,0 +1,143 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Single cells have, to the last bit, the moments of the exhaustive search; what is kept of their scores."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from maxcon import Helmert, PointMap, Pose, Scan, SearchSpace
+from maxcon.search import Multiplicity, Standing, Weighting, exhaustive
+from maxcon.search.cell_moments import CellMoments
+from maxcon.search.found import Wanted
+from maxcon.search.prepared_scan import PreparedScan
+from maxcon.search.scored_cells import ScoredCells
+from maxcon.search.window import Window
+
+CELL = 0.1
+TILE = 512 * CELL
+SPACE = SearchSpace(1.5, CELL, 2.0, 1.0)
+
+
+def scene(seed, corner, n_points, is_signed, multiplicity, weighting):
+    """A cloud about a point, given in tiles, of which it may be a corner: moments of all cells, and its scan."""
+    rng = np.random.default_rng(seed)
+    middle = np.array([*corner, 0.0]) * TILE
+    spread = rng.choice([2.0, 12.0, 40.0])
+    points = middle + rng.uniform(-1.0, 1.0, (6000, 3)) * [spread, spread, rng.choice([0.2, 8.0])]
+    normals = rng.normal(size=points.shape)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals[rng.random(len(normals)) < 0.2] = 0.0
+    kept = (points[:, 0] < middle[0]) | (rng.random() < 0.7)  # or a map that ends in the middle
+    point_map = PointMap.from_points(points[kept], normals[kept], CELL, is_signed=is_signed)
+    prior = Pose(*(middle[:2] + rng.uniform(-0.5, 0.5, 2)), 0.3, 0.01, -0.02, rng.uniform(-4.0, 4.0))
+    seen = rng.permutation(len(points))[:n_points]
+    scan = Scan((points[seen] - prior.position) @ prior.rotation, normals[seen] @ prior.rotation)
+    options = {"multiplicity": multiplicity, "weighting": weighting}
+    moments = exhaustive(scan, point_map, prior, SPACE, **options).moments
+    prepared = PreparedScan.prepare(scan, point_map, prior, SPACE, multiplicity, weighting)
+    return moments, prepared
+
+
+def some_cells(rng, n):
+    cells = rng.integers(0, SPACE.shape, (n, 3))
+    cells[:2] = [[0, 0, 0], np.array(SPACE.shape) - 1]
+    return cells
+
+
+CORNERS = st.sampled_from([(0.0, 0.0), (1.0, -1.0), (0.5, 3.0), (-2.5, -0.5), (-30000.0, 20000.0)])
+
+
+@given(
+    seed=st.integers(0, 2**32),
+    corner=CORNERS,
+    n_points=st.sampled_from([1, 50, 3000]),
+    is_signed=st.booleans(),
+    multiplicity=st.sampled_from(list(Multiplicity)),
+    weighting=st.sampled_from(list(Weighting)),
+)
+@settings(max_examples=80)
+def test_moments_are_those_of_the_exhaustive_search(
+    seed, corner, n_points, is_signed, multiplicity, weighting
+):
+    wanted, prepared = scene(seed, corner, n_points, is_signed, multiplicity, weighting)
+    moments = CellMoments(prepared)
+    cells = some_cells(np.random.default_rng(seed), 30)
+    for heading in range(SPACE.shape[0]):
+        mine = cells[cells[:, 0] == heading]
+        if not len(mine):
+            continue
+        assert (moments.of(heading, mine) == wanted[tuple(mine.T)]).all()
+
+
+def test_the_moments_of_these_scenes_are_not_all_zero():
+    wanted, _ = scene(1, (0.0, 0.0), 3000, True, Multiplicity.OCCUPIED, Weighting.COSINE)
+    assert (np.count_nonzero(wanted, axis=(0, 1, 2)) > SPACE.n_cells // 4).all()
+
+
+def test_more_headings_than_are_kept(monkeypatch):
+    monkeypatch.setattr("maxcon.search.cell_moments.MOST_HEADINGS_KEPT", 2)
+    wanted, prepared = scene(2, (0.0, 0.0), 300, True, Multiplicity.OCCUPIED, Weighting.COSINE)
+    moments, cells = CellMoments(prepared), np.argwhere(np.ones(SPACE.shape[1:], bool))[:20]
+    for heading in [*range(SPACE.shape[0]), 0, 1, 0]:
+        of_heading = np.insert(cells, 0, heading, axis=1)
+        assert (moments.of(heading, of_heading) == wanted[tuple(of_heading.T)]).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_scores_and_the_best_cell(seed):
+    moments, prepared = scene(seed, (0.0, 0.0), 3000, True, Multiplicity.OCCUPIED, Weighting.COSINE)
+    wanted = Helmert().score(moments)
+    cells = some_cells(np.random.default_rng(seed), 40)
+    scored = ScoredCells(prepared, Wanted(Helmert(), share=1e-9, lists_all=True))
+    for part in (cells[:10], cells[5:25], cells[25:], cells[:0]):  # some twice
+        scored.score(part)
+    found = scored.found(rest=0.0)
+    assert dict(zip(map(tuple, found.reaching.cells.tolist()), found.reaching.upper, strict=True)) == {
+        tuple(cell): score for cell in cells.tolist() if (score := wanted[tuple(cell)]) >= scored.asked
+    }
+    best = max(
+        ((wanted[tuple(cell)], tuple(cell)) for cell in cells.tolist()),
+        key=lambda each: (each[0], [-index for index in each[1]]),
+    )
+    assert (found.score, found.cell) == best
+    assert (scored.best, scored.asked) == (best[0], 1e-9 * best[0])
+    assert (scored.leader.score, found.n_scored) == (best[0], len({*map(tuple, cells.tolist())}))
+    assert (found.moments == moments[found.cell]).all()
+    assert scored.highest_of(cells[3:9]) == wanted[tuple(cells[3:9].T)].max()
+
+
+@pytest.mark.parametrize("n_threads", [1, 2])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_window_is_scored_at_once(seed, n_threads):
+    moments, prepared = scene(seed, (0.0, 0.0), 3000, True, Multiplicity.OCCUPIED, Weighting.COSINE)
+    scores = Helmert().score(moments)
+    headings, window = np.array([0, 2, 3]), Window.around(np.array([[0, 3, 10], [0, 9, 25]]), SPACE)
+    scored = ScoredCells(prepared, Wanted(Helmert(), share=0.5, lists_all=True))
+    left_out = scored.score_window(headings, window, n_threads)
+    wanted = np.zeros_like(scores)
+    wanted[headings, 3:10, 10:26] = scores[headings, 3:10, 10:26]
+    cell = tuple(int(index) for index in np.unravel_index(np.argmax(wanted), wanted.shape))
+    found = scored.found(rest=0.0)
+    assert (found.score, found.cell, scored.n_in_windows) == (wanted[cell], cell, 3 * 7 * 16)
+    assert (found.moments == moments[cell]).all()
+    reaching = wanted >= 0.5 * wanted.max()
+    assert {*map(tuple, found.reaching.cells.tolist())} == {*map(tuple, np.argwhere(reaching).tolist())}
+    assert left_out == wanted.max(where=~reaching, initial=0.0)
+    far = np.argwhere(reaching)[scored.is_beyond(np.argwhere(reaching))]
+    assert scored.runner_up() == max([*wanted[tuple(far.T)], 0.0])
+
+
+def test_what_is_asked_of_a_cell_where_one_is_guarded_and_one_stands():
+    moments, prepared = scene(0, (0.0, 0.0), 3000, True, Multiplicity.OCCUPIED, Weighting.COSINE)
+    scores = Helmert().score(moments)
+    cell = np.unravel_index(np.argmax(scores), scores.shape)
+    guarded = tuple(int(index) for index in cell)
+    highest = float(scores[guarded])
+    scored = ScoredCells(prepared, Wanted(Helmert(), share=0.5, guarded=guarded))
+    assert (scored.best, scored.asked, scored.leader.score) == (highest, 0.5 * highest, highest)
+    higher = Standing(2.0 * highest, moments[guarded])
+    scored = ScoredCells(prepared, Wanted(Helmert(), standing=higher))
+    assert (scored.asked, scored.best, scored.leader) == (higher.score, higher.score, higher)
+    assert scored.found(rest=1.0).score == -np.inf
