@@ -120,12 +120,15 @@ def _prior(
     point_map: "PointMap", scans: Path, prior: Path | None, options: RecordingOptions
 ) -> "tuple[Trajectory, str, tuple[str, ...]]":
     """The prior, of a file or a recording; what it is in words where it is of a recording; rows that are no poses."""
+    from maxcon.io.geographic_priors import is_geographic
     from maxcon.io.recordings.opening import CAPTURE_SUFFIX, is_recording
     from maxcon.io.recordings.poses import read_recorded_poses
     from maxcon.io.trajectories import read_prior
     from maxcon.prior_heights import check_heights
 
     source = scans if prior is None else prior
+    if prior is not None and not is_recording(prior) and is_geographic(prior):
+        return _geographic_prior(point_map, prior, options)
     if not is_recording(source) or source.suffix.lower() == CAPTURE_SUFFIX:
         if prior is None:
             raise OptionError(
@@ -134,8 +137,9 @@ def _prior(
             )
         for name, value in (("--prior-topic", options.prior_topic), ("--geoid-height", options.geoid_height)):
             if value is not None:
+                what = "a recording" if name == "--prior-topic" else "a receiver (in latitude and longitude)"
                 raise OptionError(
-                    f"Expected {name} with priors of a recording, got it with {prior}. Leave it out."
+                    f"Expected {name} with priors of {what}, got it with {prior}. Leave it out."
                 )
         read = read_prior(prior)
         return read.trajectory, "", read.left_out
@@ -143,6 +147,25 @@ def _prior(
     if poses.has_ellipsoidal_heights:
         check_heights(point_map, poses.trajectory)
     return poses.trajectory, f"prior: {poses.words}", ()
+
+
+def _geographic_prior(
+    point_map: "PointMap", prior: Path, options: RecordingOptions
+) -> "tuple[Trajectory, str, tuple[str, ...]]":
+    """The prior of a file in latitude, longitude and height, likewise."""
+    from maxcon.io.fixes import Heights
+    from maxcon.io.geographic_priors import read_geographic_prior
+    from maxcon.prior_heights import check_heights
+
+    if options.prior_topic is not None:
+        raise OptionError(
+            f"Expected --prior-topic with priors of a recording, got it with {prior}. Leave it out."
+        )
+    read = read_geographic_prior(prior, point_map.frame.crs, options.geoid_height)
+    trajectory, kind = read.placed.trajectory, read.placed.heights
+    if kind is not None:
+        check_heights(point_map, trajectory, are_orthometric=kind is Heights.ORTHOMETRIC)
+    return trajectory, f"prior: {read.words}", read.left_out
 
 
 def _odometry(odometry: Path | None, options: RecordingOptions) -> "tuple[Trajectory | None, str]":

@@ -28,8 +28,9 @@ MaxRange = Annotated[float, typer.Option(metavar="M", help="Farther points are l
 Prior = Annotated[
     Path | None,
     typer.Option(
-        metavar="TUM|CSV|RECORDING",
-        help="Rough poses T_map_sensor, in the CRS of the map; in a recording also by latitude and longitude."
+        metavar="TUM|CSV|NMEA|RECORDING",
+        help="Rough poses T_map_sensor, in the CRS of the map; or by latitude and longitude, in a CSV, a"
+        " log of NMEA sentences (.nmea, .log, .txt), or a recording."
         " Without it the poses in the recording of the scans.",
         show_default=False,
     ),
