@@ -7,9 +7,11 @@ import csv
 import numpy as np
 import pytest
 
+from maxcon.geometry import Pose
 from maxcon.io.geographic import GeographicFrame
-from maxcon.io.trajectories import read_trajectory
+from maxcon.io.trajectories import read_trajectory, write_tum
 from maxcon.simulation.dataset_files import CRS
+from maxcon.trajectory import Trajectory
 from nmea_sentences import clock, gga, sentence, zda
 
 FRAME = GeographicFrame(CRS)
@@ -119,3 +121,18 @@ def test_a_receiver_s_log(localize, geographic, reference, tmp_path):
     assert "(NMEA); times: UTC; sigmas: 0 of GST" in ended.out and "orientations of PASHR" in ended.out
     assert "windows from the prior's covariances" in ended.out
     np.testing.assert_allclose(_poses(tmp_path / "poses.csv"), reference, atol=2e-3)
+
+
+def test_priors_of_an_antenna_become_the_scanner_s(localize, refused, drive, reference, tmp_path):
+    """The antenna is 6 m behind the scanner and turned by 90 degrees: too far to be found without a mounting."""
+    prior = read_trajectory(drive.dataset.prior)
+    T_sensor_prior = Pose(-6.0, 0.5, -0.3, 0.0, 0.0, np.pi / 2.0)
+    antenna = Trajectory.from_poses(prior.times, [pose @ T_sensor_prior for pose in prior.poses()])
+    path, mounting = tmp_path / "antenna.txt", tmp_path / "mounting.toml"
+    write_tum(path, antenna)
+    mounting.write_text("[prior]\nposition = [-6.0, 0.5, -0.3]\nheading_deg = 90.0\n")
+    ended = localize(path, "--mounting", mounting)
+    assert (ended.code, ended.err) == (0, "")
+    np.testing.assert_allclose(_poses(tmp_path / "poses.csv"), reference, atol=1e-4)
+    mounting.write_text("[antenna]\n")
+    refused(localize(path, "--mounting", mounting, "--overwrite"), "got antenna", mounting)

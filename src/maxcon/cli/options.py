@@ -14,6 +14,7 @@ __all__ = [
     "HeadingStepDeg",
     "MaxRange",
     "MinRange",
+    "Mounting",
     "Odometry",
     "OdometryTopic",
     "Prior",
@@ -59,6 +60,14 @@ GeoidHeight = Annotated[
     float | None,
     typer.Option(
         metavar="M", help="Of the geoid above the ellipsoid: subtracted from a receiver's heights, m."
+    ),
+]
+Mounting = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="TOML",
+        help="Where the scanner is in the vehicle, and what the prior is of, an antenna for example: the prior's poses"
+        " become the scanner's.",
     ),
 ]
 Deskew = Annotated[
