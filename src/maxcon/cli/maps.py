@@ -22,7 +22,13 @@ app = typer.Typer(
 
 @app.command()
 def build(
-    clouds: Annotated[list[Path], typer.Argument(metavar="CLOUD...", help="LAS, LAZ, PLY or NPZ files.")],
+    clouds: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="CLOUD...",
+            help="LAS, LAZ, COPC, PLY, NPZ, E57, or text files with x, y, z (.xyz, .csv, .txt).",
+        ),
+    ],
     out: Annotated[Path, typer.Option("--out", "-o", metavar="MAP", help="Folder of the map to write.")],
     trajectory: Annotated[
         Path | None,

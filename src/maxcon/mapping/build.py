@@ -58,7 +58,7 @@ def build_map(
     Parameters
     ----------
     sources : sequence of path
-        LAS, LAZ, PLY and NPZ files.
+        Point clouds of any kind that `open_cloud` reads.
     out : path
         Folder of the map; it appears when all is done.
     options : MapOptions, optional

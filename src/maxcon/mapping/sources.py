@@ -85,7 +85,9 @@ def open_headers(paths: Sequence[str | os.PathLike[str]]) -> list[CloudHeader]:
         If there is no source, one is named twice, or one cannot be read.
     """
     if not paths:
-        raise FileError("Expected at least one point cloud, got none. Name LAS, LAZ, PLY or NPZ files.")
+        raise FileError(
+            "Expected at least one point cloud, got none. Name LAS, LAZ, PLY, NPZ, E57 or XYZ files."
+        )
     files = [Path(path) for path in paths]
     twice = [file for file, number in Counter(file.resolve() for file in files).items() if number > 1]
     if twice:
