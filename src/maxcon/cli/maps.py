@@ -63,6 +63,21 @@ def build(
     crs: Annotated[
         str | None, typer.Option(metavar="EPSG:N|WKT", help="CRS of clouds that name none themselves.")
     ] = None,
+    to_crs: Annotated[
+        str | None,
+        typer.Option(
+            metavar="EPSG:N|WKT",
+            help="CRS of the map, in metres: points in any other, in feet or degrees too, are transformed into it. The"
+            " trajectory has to be in it.",
+        ),
+    ] = None,
+    area: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X_MIN,Y_MIN,X_MAX,Y_MAX",
+            help="Take only points in this rectangle, in the CRS of the map.",
+        ),
+    ] = None,
     keep_every: Annotated[
         int, typer.Option(min=1, metavar="N", help="Take only every N-th point of each cloud: a thinner map.")
     ] = 1,
@@ -85,7 +100,7 @@ def build(
     """Build a map: drop classes, find normals, rasterize into voxels, write tiles."""
     from maxcon.errors import OptionError
     from maxcon.io.trajectories import read_trajectory
-    from maxcon.mapping import MapOptions, build_map
+    from maxcon.mapping import Area, MapOptions, build_map
 
     if keep_all and (drop or vehicle_class):
         other = "--drop" if drop else "--vehicle-class"
@@ -99,6 +114,8 @@ def build(
         crs=crs,
         keep_every=keep_every,
         sigma=sigma,
+        to_crs=to_crs,
+        area=Area.parse(area) if area is not None else None,
     )
     with step_bars("", quiet) as report, compiling_told(quiet):
         manifest = build_map(clouds, out, options, overwrite=overwrite, n_threads=threads, progress=report)
@@ -187,6 +204,10 @@ def _describe_source(source: dict[str, object]) -> str:
         text += "; dropped " + ", ".join(f"{n:,} {class_name(int(key))}" for key, n in dropped.items())
     if source["n_invalid"]:
         text += f"; dropped {source['n_invalid']:,} without finite coordinates"
+    if source.get("n_outside"):
+        text += f"; {source['n_outside']:,} outside of the area"
+    if source.get("transform"):
+        text += f"; {source['transform']}"
     if source.get("n_thinned"):
         text += f"; {source['n_thinned']:,} thinned out"
     if source.get("n_withheld"):
