@@ -170,3 +170,19 @@ def test_real_copc_files_as_a_whole_and_by_area(shared_data, tmp_path):
         assert manifest.n_points == counts["n_kept"] == area.contains(placed).sum()
         assert 0 < counts["n_outside"] == len(points) - counts["n_kept"]
         assert "foot" in crs and "heights times 0.3048" in counts["transform"]
+
+
+@pytest.mark.parametrize("name", ["scalar_Classification", "Classification", "label"])
+def test_classes_of_a_ply_are_those_of_las_if_one_says_so(tmp_path, points, name):
+    head = ["ply", "format ascii 1.0", "element vertex 3000", *(f"property double {axis}" for axis in "xyz")]
+    classes = np.repeat([2, 5, 6], 1000)
+    rows = [f"{x:.4f} {y:.4f} {z:.4f} {c}" for (x, y, z), c in zip(points.tolist(), classes, strict=True)]
+    path = tmp_path / "a.ply"
+    path.write_text("\n".join([*head, f"property float {name}", "end_header", *rows]) + "\n")
+    assert build_map([path], tmp_path / "all.map").n_points == 3000
+    manifest = build_map([path], tmp_path / "some.map", MapOptions(classes_are_asprs=True))
+    assert manifest.n_points == 1000
+    assert manifest.build["sources"][0]["n_dropped"] == {"2": 1000, "5": 1000}
+    np.savez(tmp_path / "none.npz", points=points)
+    with pytest.raises(OptionError, match=r"none\.npz, said to be those of the ASPRS"):
+        build_map([tmp_path / "none.npz"], tmp_path / "x.map", MapOptions(classes_are_asprs=True))

@@ -56,6 +56,13 @@ def build(
             help="Class number that means vehicles in these files: left out too; repeatable.",
         ),
     ] = None,
+    asprs_classes: Annotated[
+        bool,
+        typer.Option(
+            "--asprs-classes",
+            help="Class numbers are those of LAS in other clouds too: ground, vegetation are dropped.",
+        ),
+    ] = False,
     signed_normals: Annotated[
         bool,
         typer.Option("--signed-normals", help="The clouds' own normals are turned to the sensor already."),
@@ -115,6 +122,7 @@ def build(
         keep_every=keep_every,
         sigma=sigma,
         to_crs=to_crs,
+        classes_are_asprs=asprs_classes,
         area=Area.parse(area) if area is not None else None,
     )
     with step_bars("", quiet) as report, compiling_told(quiet):

@@ -5,6 +5,7 @@
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -85,6 +86,8 @@ def build_map(
     options = options or MapOptions()
     report = progress or (lambda step, done, total: None)
     headers = open_headers(sources)
+    if options.classes_are_asprs:
+        headers = [replace(header, has_asprs_classes=header.has_classes) for header in headers]
     crs, placed = _placed(headers, options)
     drop = options.dropped_classes()
     _check_contents(headers, options)
@@ -123,6 +126,11 @@ def _check_contents(headers: Sequence[CloudHeader], options: MapOptions) -> None
             raise OptionError(
                 f"Expected normals in {header.path}, said to be turned to the sensor, but it has none."
                 " Leave out --signed-normals."
+            )
+        if options.classes_are_asprs and not header.has_classes:
+            raise OptionError(
+                f"Expected classes in {header.path}, said to be those of the ASPRS, but it has none. Leave out"
+                " --asprs-classes, or classify it."
             )
         if options.drop and not header.has_classes:
             raise OptionError(

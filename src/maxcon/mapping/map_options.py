@@ -44,6 +44,8 @@ class MapOptions:
         CRS of the map, into which all points are transformed; that of the sources if None. The trajectory is in it.
     area : Area, optional
         Only points in it are taken, in the CRS of the map.
+    classes_are_asprs : bool
+        Whether class numbers of clouds that are not LAS are those of the ASPRS, too.
     """
 
     cell: float = 0.06
@@ -56,6 +58,7 @@ class MapOptions:
     sigma: float | None = None
     to_crs: str | None = None
     area: Area | None = None
+    classes_are_asprs: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "vehicle_classes", tuple(self.vehicle_classes))
