@@ -12,6 +12,7 @@ from maxcon.io.fixes import Heights
 from maxcon.io.geographic import GeographicFrame
 from maxcon.io.geographic_csv import has_geographic_header, read_geographic_csv
 from maxcon.io.geographic_priors import is_geographic, read_geographic_prior
+from maxcon.io.trajectories import read_trajectory
 
 UTM = "EPSG:25833"
 
@@ -130,3 +131,8 @@ def test_times_that_do_not_increase(tmp_path):
 def test_tables_in_the_map_s_coordinates_are_not_geographic(tmp_path):
     assert not has_geographic_header(_write(tmp_path, "time,x,y,z,roll,pitch,heading", "1,2,3,4,0,0,0"))
     assert not has_geographic_header(_write(tmp_path, ""))
+
+
+def test_where_coordinates_of_the_map_are_wanted_the_message_says_so(tmp_path):
+    with pytest.raises(TrajectoryError, match="only be the --prior of"):
+        read_trajectory(_write(tmp_path, "time,latitude,longitude,height", "1,52,13,60"))

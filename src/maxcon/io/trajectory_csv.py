@@ -94,6 +94,8 @@ def _columns(file: Path, number: int, header: list[str]) -> list[Column]:
             what = "no" if not found else "more than one"
             other = next((other for other in OTHER_NAMES if name == "heading" and other in header), None)
             advice = "Name the columns so, separated by commas."
+            if "latitude" in header:
+                advice = "In latitude and longitude it can only be the --prior of `maxcon localize`."
             if other is not None and not found:
                 advice = (
                     f"Rename {other!r}, if it is counted from +x (east) counter-clockwise; a compass counts from north"
