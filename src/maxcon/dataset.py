@@ -4,24 +4,17 @@
 
 import math
 import os
-import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from maxcon.errors import FileError
-from maxcon.regular_file import open_regular
+from maxcon.toml_file import read_toml
 
 __all__ = ["DESCRIPTION", "Dataset"]
 
 DESCRIPTION = "dataset.toml"
-LARGEST_DESCRIPTION = 2**20
-"""Bytes; a description is a page of text."""
-DEEP_KEY = re.compile(r"""(?<![\w"'-])(?:(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){31}""")
-"""Keys of as many parts take memory that grows with the square of their length, before anyone looks at them."""
-
 _KEYS = {
     "map": {"clouds", "path", "trajectory", "crs", "drop", "vehicle_classes", "normals_have_sides", "sigma"},
     "scans": {"folder", "times", "reference", "odometry"},
@@ -101,7 +94,9 @@ class Dataset:
         """
         file = Path(path)
         file = file / DESCRIPTION if file.is_dir() else file
-        named = _read(file)
+        named = read_toml(
+            file, "a dataset's description", f"Write a {DESCRIPTION} (docs/study.md), or simulate a dataset"
+        )
         _check_keys(file, named)
         table = _Table(file, named)
         dataset = cls(
@@ -132,25 +127,6 @@ class Dataset:
                 f" {'both' if dataset.map_clouds else 'neither'}. Keep one."
             )
         return dataset
-
-
-def _read(file: Path) -> Mapping[str, Any]:
-    """Return what the TOML file says."""
-    try:
-        with open_regular(file) as stream:
-            content = stream.read(LARGEST_DESCRIPTION + 1)
-        if len(content) > LARGEST_DESCRIPTION:
-            raise ValueError(f"it has more than {LARGEST_DESCRIPTION:,} bytes")
-        text = content.decode("utf-8")
-        if DEEP_KEY.search(text):
-            raise ValueError("a key of 32 parts or more")
-        return tomllib.loads(text)
-    except (OSError, ValueError, RecursionError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise FileError(
-            f"Expected a dataset's description in {file}, got: {reason}."
-            f" Write a {DESCRIPTION} (docs/study.md), or simulate a dataset."
-        ) from error
 
 
 def _check_keys(file: Path, named: Mapping[str, Any]) -> None:

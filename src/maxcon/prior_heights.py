@@ -15,8 +15,8 @@ LOWEST, HIGHEST = -5.0, 12.0
 REACH, N_POSES = 5.0, 50
 
 
-def check_heights(point_map: PointMap, prior: Trajectory) -> None:
-    """Refuse ellipsoidal heights of a prior that lie far above or below the map's ground.
+def check_heights(point_map: PointMap, prior: Trajectory, *, are_orthometric: bool = False) -> None:
+    """Refuse heights of a prior, taken as they are, that lie far above or below the map's ground.
 
     Parameters
     ----------
@@ -24,6 +24,8 @@ def check_heights(point_map: PointMap, prior: Trajectory) -> None:
         The map; without ground there is nothing to tell.
     prior : Trajectory
         T_map_sensor, global coordinates.
+    are_orthometric : bool
+        Whether its heights are above the geoid; else they are ellipsoidal.
 
     Raises
     ------
@@ -41,6 +43,12 @@ def check_heights(point_map: PointMap, prior: Trajectory) -> None:
     if not above or LOWEST <= np.median(above) <= HIGHEST:
         return
     median = float(np.median(above))
+    if are_orthometric:
+        raise TrajectoryError(
+            f"Expected the prior near the map's ground, got heights above the geoid {abs(median):.1f} m"
+            f" {'above' if median > 0 else 'below'} it. Are the map's heights ellipsoidal? Then give the prior"
+            " ellipsoidal heights too."
+        )
     raise TrajectoryError(
         f"Expected the prior near the map's ground, got ellipsoidal heights of the receiver {abs(median):.1f} m"
         f" {'above' if median > 0 else 'below'} it. Are the map's heights above the geoid? Say how high that is above"

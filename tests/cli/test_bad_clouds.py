@@ -83,8 +83,8 @@ def test_the_second_of_two_clouds_breaks_half_way(not_built, street_npz, write_l
 
 
 def test_wrong_suffix(not_built, tmp_path):
-    path = tmp_path / "cloud.e57"
-    path.write_bytes(b"ASTM-E57")
+    path = tmp_path / "cloud.dxf"
+    path.write_bytes(b"0")
     not_built(path, words=[path, ".las, .laz, .ply, .npz", "Convert it"])
 
 
@@ -239,3 +239,12 @@ def test_a_sigma_that_is_none(not_built, write_las, sigma):
 def test_a_sigma_without_a_number(build, write_las):
     ended = build(write_las(), "--sigma", "small")
     assert ended.code == 2 and "--sigma" in ended.err
+
+
+def test_an_area_that_is_none_and_one_without_points(not_built, street_npz):
+    not_built(street_npz, "--area", "1,2,3", words=["x_min,y_min,x_max,y_max", "1,2,3"])
+    not_built(street_npz, "--area", "0,0,1,1", words=["lie outside of the area", street_npz.name])
+
+
+def test_points_of_no_known_crs_are_not_transformed(not_built, street_npz):
+    not_built(street_npz, "--to-crs", "EPSG:25832", words=[street_npz, "--crs"])

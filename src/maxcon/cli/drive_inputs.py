@@ -14,6 +14,7 @@ from maxcon.errors import OptionError
 
 if TYPE_CHECKING:
     from maxcon.io.scans import Scans
+    from maxcon.mounting import Mounting
     from maxcon.point_map import PointMap
     from maxcon.trajectory import Trajectory
 
@@ -31,6 +32,7 @@ class RecordingOptions:
     deskew: bool = False
     at_stamp: bool = False
     turn_time: float | None = None
+    mounting: Path | None = None
 
     def check(self) -> None:
         """Refuse a time of turns that is none, or without effect.
@@ -84,11 +86,15 @@ class DriveInputs:
         """
         from maxcon.io.scans import open_scans
         from maxcon.io.scans.deskewed import DeskewedScans
+        from maxcon.mounting import read_mounting
 
         options.check()
         opened = open_scans(scans, times, topic=options.topic, at_stamp=options.at_stamp)
-        prior_trajectory, prior_words, left_out = _prior(point_map, scans, prior, options)
+        mounting = None if options.mounting is None else read_mounting(options.mounting)
+        prior_trajectory, prior_words, left_out = _prior(point_map, scans, prior, options, mounting)
         odometry_trajectory, odometry_words = _odometry(odometry, options)
+        if mounting is not None and odometry_trajectory is not None:
+            odometry_trajectory = mounting.of_odometry(odometry_trajectory)
         words = [*_words_of(opened, quiet), prior_words, odometry_words]
         if options.deskew:
             motion = prior_trajectory if odometry_trajectory is None else odometry_trajectory
@@ -117,15 +123,22 @@ def _words_of(scans: "Scans", quiet: bool) -> list[str]:
 
 
 def _prior(
-    point_map: "PointMap", scans: Path, prior: Path | None, options: RecordingOptions
+    point_map: "PointMap",
+    scans: Path,
+    prior: Path | None,
+    options: RecordingOptions,
+    mounting: "Mounting | None",
 ) -> "tuple[Trajectory, str, tuple[str, ...]]":
     """The prior, of a file or a recording; what it is in words where it is of a recording; rows that are no poses."""
+    from maxcon.io.geographic_priors import is_geographic
     from maxcon.io.recordings.opening import CAPTURE_SUFFIX, is_recording
     from maxcon.io.recordings.poses import read_recorded_poses
     from maxcon.io.trajectories import read_prior
     from maxcon.prior_heights import check_heights
 
     source = scans if prior is None else prior
+    if prior is not None and not is_recording(prior) and is_geographic(prior):
+        return _geographic_prior(point_map, prior, options, mounting)
     if not is_recording(source) or source.suffix.lower() == CAPTURE_SUFFIX:
         if prior is None:
             raise OptionError(
@@ -134,15 +147,50 @@ def _prior(
             )
         for name, value in (("--prior-topic", options.prior_topic), ("--geoid-height", options.geoid_height)):
             if value is not None:
+                what = "a recording" if name == "--prior-topic" else "a receiver (in latitude and longitude)"
                 raise OptionError(
-                    f"Expected {name} with priors of a recording, got it with {prior}. Leave it out."
+                    f"Expected {name} with priors of {what}, got it with {prior}. Leave it out."
                 )
         read = read_prior(prior)
-        return read.trajectory, "", read.left_out
-    poses = read_recorded_poses(source, options.prior_topic, point_map.frame.crs, options.geoid_height)
+        return _of_sensor(read.trajectory, mounting), "", read.left_out
+    poses = read_recorded_poses(
+        source, options.prior_topic, point_map.frame.crs, options.geoid_height, are_sure=mounting is not None
+    )
+    trajectory = _of_sensor(poses.trajectory, mounting, has_orientations=poses.has_orientations)
     if poses.has_ellipsoidal_heights:
-        check_heights(point_map, poses.trajectory)
-    return poses.trajectory, f"prior: {poses.words}", ()
+        check_heights(point_map, trajectory)
+    return trajectory, f"prior: {poses.words}", ()
+
+
+def _of_sensor(
+    trajectory: "Trajectory", mounting: "Mounting | None", *, has_orientations: bool = True
+) -> "Trajectory":
+    """The poses of the scanner, from those of what the prior is of."""
+    if mounting is None:
+        return trajectory
+    return mounting.of_prior(trajectory, has_orientations=has_orientations)
+
+
+def _geographic_prior(
+    point_map: "PointMap", prior: Path, options: RecordingOptions, mounting: "Mounting | None"
+) -> "tuple[Trajectory, str, tuple[str, ...]]":
+    """The prior of a file in latitude, longitude and height, likewise."""
+    from maxcon.io.fixes import Heights
+    from maxcon.io.geographic_priors import read_geographic_prior
+    from maxcon.prior_heights import check_heights
+
+    if options.prior_topic is not None:
+        raise OptionError(
+            f"Expected --prior-topic with priors of a recording, got it with {prior}. Leave it out."
+        )
+    read = read_geographic_prior(
+        prior, point_map.frame.crs, options.geoid_height, are_sure=mounting is not None
+    )
+    kind = read.placed.heights
+    trajectory = _of_sensor(read.placed.trajectory, mounting, has_orientations=read.placed.has_orientations)
+    if kind is not None:
+        check_heights(point_map, trajectory, are_orthometric=kind is Heights.ORTHOMETRIC)
+    return trajectory, f"prior: {read.words}", read.left_out
 
 
 def _odometry(odometry: Path | None, options: RecordingOptions) -> "tuple[Trajectory | None, str]":

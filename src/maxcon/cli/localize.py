@@ -16,6 +16,7 @@ from maxcon.cli.options import (
     GeoidHeight,
     MaxRange,
     MinRange,
+    Mounting,
     Odometry,
     OdometryTopic,
     Prior,
@@ -172,6 +173,7 @@ def localize(
     prior_topic: PriorTopic = None,
     odometry_topic: OdometryTopic = None,
     geoid_height: GeoidHeight = None,
+    mounting: Mounting = None,
     deskew: Deskew = False,
     turn_time: TurnTime = None,
     at_stamp: AtStamp = False,
@@ -214,7 +216,8 @@ def localize(
     point_map = PointMap.open(map_folder)
     inputs = DriveInputs.open(
         point_map, scans, times, prior, odometry, max_gap,
-        RecordingOptions(topic, prior_topic, odometry_topic, geoid_height, deskew, at_stamp, turn_time), quiet=quiet,
+        RecordingOptions(topic, prior_topic, odometry_topic, geoid_height, deskew, at_stamp, turn_time, mounting),
+        quiet=quiet,
     )  # fmt: skip
     there = read_there(out, inputs.scans.times, resume=resume)
     spaces = SpaceOptions(

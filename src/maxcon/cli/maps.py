@@ -22,7 +22,13 @@ app = typer.Typer(
 
 @app.command()
 def build(
-    clouds: Annotated[list[Path], typer.Argument(metavar="CLOUD...", help="LAS, LAZ, PLY or NPZ files.")],
+    clouds: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="CLOUD...",
+            help="LAS, LAZ, COPC, PLY, NPZ, E57, or text files with x, y, z (.xyz, .csv, .txt).",
+        ),
+    ],
     out: Annotated[Path, typer.Option("--out", "-o", metavar="MAP", help="Folder of the map to write.")],
     trajectory: Annotated[
         Path | None,
@@ -50,12 +56,34 @@ def build(
             help="Class number that means vehicles in these files: left out too; repeatable.",
         ),
     ] = None,
+    asprs_classes: Annotated[
+        bool,
+        typer.Option(
+            "--asprs-classes",
+            help="Class numbers are those of LAS in other clouds too: ground, vegetation are dropped.",
+        ),
+    ] = False,
     signed_normals: Annotated[
         bool,
         typer.Option("--signed-normals", help="The clouds' own normals are turned to the sensor already."),
     ] = False,
     crs: Annotated[
         str | None, typer.Option(metavar="EPSG:N|WKT", help="CRS of clouds that name none themselves.")
+    ] = None,
+    to_crs: Annotated[
+        str | None,
+        typer.Option(
+            metavar="EPSG:N|WKT",
+            help="CRS of the map, in metres: points in any other, in feet or degrees too, are transformed into it. The"
+            " trajectory has to be in it.",
+        ),
+    ] = None,
+    area: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X_MIN,Y_MIN,X_MAX,Y_MAX",
+            help="Take only points in this rectangle, in the CRS of the map.",
+        ),
     ] = None,
     keep_every: Annotated[
         int, typer.Option(min=1, metavar="N", help="Take only every N-th point of each cloud: a thinner map.")
@@ -79,7 +107,7 @@ def build(
     """Build a map: drop classes, find normals, rasterize into voxels, write tiles."""
     from maxcon.errors import OptionError
     from maxcon.io.trajectories import read_trajectory
-    from maxcon.mapping import MapOptions, build_map
+    from maxcon.mapping import Area, MapOptions, build_map
 
     if keep_all and (drop or vehicle_class):
         other = "--drop" if drop else "--vehicle-class"
@@ -93,6 +121,9 @@ def build(
         crs=crs,
         keep_every=keep_every,
         sigma=sigma,
+        to_crs=to_crs,
+        classes_are_asprs=asprs_classes,
+        area=Area.parse(area) if area is not None else None,
     )
     with step_bars("", quiet) as report, compiling_told(quiet):
         manifest = build_map(clouds, out, options, overwrite=overwrite, n_threads=threads, progress=report)
@@ -181,6 +212,10 @@ def _describe_source(source: dict[str, object]) -> str:
         text += "; dropped " + ", ".join(f"{n:,} {class_name(int(key))}" for key, n in dropped.items())
     if source["n_invalid"]:
         text += f"; dropped {source['n_invalid']:,} without finite coordinates"
+    if source.get("n_outside"):
+        text += f"; {source['n_outside']:,} outside of the area"
+    if source.get("transform"):
+        text += f"; {source['transform']}"
     if source.get("n_thinned"):
         text += f"; {source['n_thinned']:,} thinned out"
     if source.get("n_withheld"):

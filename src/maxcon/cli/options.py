@@ -14,6 +14,7 @@ __all__ = [
     "HeadingStepDeg",
     "MaxRange",
     "MinRange",
+    "Mounting",
     "Odometry",
     "OdometryTopic",
     "Prior",
@@ -28,8 +29,9 @@ MaxRange = Annotated[float, typer.Option(metavar="M", help="Farther points are l
 Prior = Annotated[
     Path | None,
     typer.Option(
-        metavar="TUM|CSV|RECORDING",
-        help="Rough poses T_map_sensor, in the CRS of the map; in a recording also by latitude and longitude."
+        metavar="TUM|CSV|NMEA|RECORDING",
+        help="Rough poses T_map_sensor, in the CRS of the map; or by latitude and longitude, in a CSV, a"
+        " log of NMEA sentences (.nmea, .log, .txt), or a recording."
         " Without it the poses in the recording of the scans.",
         show_default=False,
     ),
@@ -58,6 +60,14 @@ GeoidHeight = Annotated[
     float | None,
     typer.Option(
         metavar="M", help="Of the geoid above the ellipsoid: subtracted from a receiver's heights, m."
+    ),
+]
+Mounting = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="TOML",
+        help="Where the scanner is in the vehicle, and what the prior is of, an antenna for example: the prior's poses"
+        " become the scanner's.",
     ),
 ]
 Deskew = Annotated[

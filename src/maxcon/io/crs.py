@@ -51,7 +51,7 @@ def metric_crs(text: str) -> str:
         raise CrsError(
             f"Expected a projected CRS in metres, got {crs.name} in"
             f" {', '.join(sorted(units)) or 'unknown units'}."
-            " Reproject the points first, to the UTM zone for example."
+            " Reproject the points first, to the UTM zone for example: `map build --to-crs`."
         )
     wkt: str = crs.to_wkt()
     return wkt

@@ -43,6 +43,11 @@ class GeographicFrame:
         """Whether the map's CRS says what its heights are; if not, ellipsoidal ones are taken as they are."""
         return len(self._crs.axis_info) > 2
 
+    @property
+    def has_ellipsoidal_heights(self) -> bool:
+        """Whether the map's CRS says that its heights are above the ellipsoid."""
+        return self.has_heights and not self._crs.is_compound
+
     @cached_property
     def _transformer(self) -> Any:
         from pyproj import Transformer

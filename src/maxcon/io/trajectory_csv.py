@@ -13,7 +13,7 @@ import numpy as np
 from maxcon.geometry.quaternions import quaternions_from_angles
 from maxcon.io.trajectory_rows import Line, Row, numbers_of, parsed, refuse
 
-__all__ = ["COVARIANCE_COLUMNS", "CSV_COLUMNS", "csv_rows"]
+__all__ = ["COVARIANCE_COLUMNS", "CSV_COLUMNS", "OTHER_NAMES", "cells_of", "csv_rows"]
 
 CSV_COLUMNS = ("time", "x", "y", "z", "roll", "pitch", "heading")
 COVARIANCE_COLUMNS = (
@@ -42,7 +42,7 @@ def csv_rows(file: Path, lines: Iterable[Line], left_out: list[str] | None) -> I
         if line.startswith("#"):
             continue
         if header is None:
-            names = _cells(file, number, line)
+            names = cells_of(file, number, line)
             header = _CsvHeader(names, _columns(file, number, names), _certainty_columns(file, number, names))
             continue
         row = parsed(lambda: _csv_row(file, number, line, header), left_out)  # noqa: B023 - called at once
@@ -52,7 +52,7 @@ def csv_rows(file: Path, lines: Iterable[Line], left_out: list[str] | None) -> I
 
 def _csv_row(file: Path, number: int, line: str, header: _CsvHeader) -> list[float]:
     """Return the numbers of a row; none where it has no pose."""
-    texts = _cells(file, number, line)
+    texts = cells_of(file, number, line)
     if len(texts) != len(header.names):
         words = f"Expected {len(header.names)} columns as in the header, got {len(texts)}. Correct this line."
         refuse(file, number, words)
@@ -72,7 +72,8 @@ def _csv_row(file: Path, number: int, line: str, header: _CsvHeader) -> list[flo
     return [*scaled[:4], *quaternions_from_angles(*scaled[4:]).tolist(), *covariance]
 
 
-def _cells(file: Path, number: int, line: str) -> list[str]:
+def cells_of(file: Path, number: int, line: str) -> list[str]:
+    """Return the texts between the commas of a line."""
     try:
         return [text.strip() for text in next(csv.reader([line], strict=True))]
     except csv.Error as error:
@@ -93,6 +94,8 @@ def _columns(file: Path, number: int, header: list[str]) -> list[Column]:
             what = "no" if not found else "more than one"
             other = next((other for other in OTHER_NAMES if name == "heading" and other in header), None)
             advice = "Name the columns so, separated by commas."
+            if "latitude" in header:
+                advice = "In latitude and longitude it can only be the --prior of `maxcon localize`."
             if other is not None and not found:
                 advice = (
                     f"Rename {other!r}, if it is counted from +x (east) counter-clockwise; a compass counts from north"

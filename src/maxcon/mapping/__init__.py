@@ -5,5 +5,6 @@
 from maxcon.mapping.build import build_map
 from maxcon.mapping.dataset_options import dataset_map_options
 from maxcon.mapping.map_options import MapOptions
+from maxcon.mapping.placement import Area
 
-__all__ = ["MapOptions", "build_map", "dataset_map_options"]
+__all__ = ["Area", "MapOptions", "build_map", "dataset_map_options"]

@@ -5,6 +5,7 @@
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from maxcon.mapping.ground import GroundMaker
 from maxcon.mapping.map_options import MapOptions
 from maxcon.mapping.map_sigma import map_sigma
 from maxcon.mapping.place_sample import PlaceSample
+from maxcon.mapping.placement import Placement, placements
 from maxcon.mapping.sources import (
     SidedPoints,
     SourceCounts,
@@ -58,7 +60,7 @@ def build_map(
     Parameters
     ----------
     sources : sequence of path
-        LAS, LAZ, PLY and NPZ files.
+        Point clouds of any kind that `open_cloud` reads.
     out : path
         Folder of the map; it appears when all is done.
     options : MapOptions, optional
@@ -84,7 +86,9 @@ def build_map(
     options = options or MapOptions()
     report = progress or (lambda step, done, total: None)
     headers = open_headers(sources)
-    crs = common_crs(headers, options.crs)
+    if options.classes_are_asprs:
+        headers = [replace(header, has_asprs_classes=header.has_classes) for header in headers]
+    crs, placed = _placed(headers, options)
     drop = options.dropped_classes()
     _check_contents(headers, options)
     if overwrite:
@@ -94,10 +98,12 @@ def build_map(
         spill_folder.mkdir()
         spill, ground_spill = TileSpill(spill_folder, options.cell), GroundSpill(spill_folder, options.cell)
         has_sides = options.trajectory is not None or options.normals_have_sides
-        use_normals = has_sides and all(header.has_normals for header in headers)
-        origin = _origin(headers, options.cell)
+        use_normals = has_sides and options.to_crs is None and all(header.has_normals for header in headers)
+        origin = _origin(headers, placed, options)
         sample = PlaceSample()
-        counts = _sort_into_tiles(headers, origin, spill, ground_spill, sample, options, use_normals, report)
+        counts = _sort_into_tiles(
+            headers, placed, origin, spill, ground_spill, sample, options, use_normals, report
+        )
         sigma, how_known = map_sigma(options.sigma, sample)
         del sample
         is_signed = options.trajectory is not None or use_normals
@@ -107,7 +113,7 @@ def build_map(
         entries = _make_tiles(folder, maker, ground_maker, spill.keys, n_threads, report)
         ground = tuple(write_ground(folder, tile) for tile in ground_maker.tiles())
         spill_folder.rmdir()
-        build = {**_description(counts, drop, use_normals, ground_maker.origin), "sigma": how_known}
+        build = {**_description(counts, placed, drop, use_normals, ground_maker.origin), "sigma": how_known}
         manifest = Manifest(options.cell, origin, crs, is_signed, tuple(entries), build, sigma, ground)
         write_manifest(folder, manifest)
     return manifest
@@ -121,6 +127,11 @@ def _check_contents(headers: Sequence[CloudHeader], options: MapOptions) -> None
                 f"Expected normals in {header.path}, said to be turned to the sensor, but it has none."
                 " Leave out --signed-normals."
             )
+        if options.classes_are_asprs and not header.has_classes:
+            raise OptionError(
+                f"Expected classes in {header.path}, said to be those of the ASPRS, but it has none. Leave out"
+                " --asprs-classes, or classify it."
+            )
         if options.drop and not header.has_classes:
             raise OptionError(
                 f"Expected classes in {header.path} to drop {', '.join(options.drop)}, but it has none."
@@ -128,19 +139,31 @@ def _check_contents(headers: Sequence[CloudHeader], options: MapOptions) -> None
             )
 
 
-def _origin(headers: Sequence[CloudHeader], cell: float) -> tuple[float, float, float]:
+def _placed(headers: Sequence[CloudHeader], options: MapOptions) -> tuple[str | None, list[Placement]]:
+    """The CRS of the map, and where the points of each source are in it."""
+    if options.to_crs is None:
+        return common_crs(headers, options.crs), [Placement(None, options.area)] * len(headers)
+    return placements(headers, options.crs, options.to_crs, options.area)
+
+
+def _origin(
+    headers: Sequence[CloudHeader], placed: Sequence[Placement], options: MapOptions
+) -> tuple[float, float, float]:
     """Return the origin of the local frame: a tile's corner near the points, whatever the order of the sources.
 
     Origins are whole tiles apart, so that maps of one cell edge share their voxels.
     """
-    edge = TILE_VOXELS * cell
-    lowest = np.min([first_point(header) for header in headers], axis=0)
+    edge = TILE_VOXELS * options.cell
+    lowest = np.min([first_point(*source) for source in zip(headers, placed, strict=True)], axis=0)
+    if options.area is not None:
+        lowest[:2] = options.area.x_min, options.area.y_min
     x, y, z = (np.floor(lowest / edge) * edge if np.isfinite(lowest).all() else np.zeros(3)).tolist()
     return x, y, z
 
 
 def _sort_into_tiles(
     headers: Sequence[CloudHeader],
+    placed: Sequence[Placement],
     origin: tuple[float, float, float],
     spill: TileSpill,
     ground: GroundSpill,
@@ -152,11 +175,17 @@ def _sort_into_tiles(
     """Read all sources into the spill, and some of their points into the sample; return what was read."""
     counts = [SourceCounts(header.path.name) for header in headers]
     n_total = sum(header.n_points for header in headers)
-    for header, counted in zip(headers, counts, strict=True):
+    for header, placement, counted in zip(headers, placed, counts, strict=True):
         drop = options.dropped_classes(are_asprs=header.has_asprs_classes)
         counted.has_known_classes = header.has_asprs_classes or options.drop is not None or bool(drop)
         for part in read_source(
-            header, counted, drop, options.trajectory, use_normals=use_normals, keep_every=options.keep_every
+            header,
+            counted,
+            drop,
+            options.trajectory,
+            use_normals=use_normals,
+            keep_every=options.keep_every,
+            placement=placement,
         ):
             points = part.points - origin
             _add(spill, ground, points, part, origin, header, options.cell)
@@ -169,11 +198,14 @@ def _sort_into_tiles(
     if not spill.keys:
         n_read = sum(source.n_points for source in counts)
         n_read -= sum(source.n_thinned for source in counts)
+        n_outside = sum(source.n_outside for source in counts)
+        outside = f"{n_outside:,} lie outside of the area, " if options.area is not None else ""
         n_invalid = sum(source.n_invalid for source in counts)
         raise MapError(
             f"Expected points for the map, but none of the {n_read:,} points in"
-            f" {', '.join(source.name for source in counts)} is left: {n_invalid:,} have no finite coordinates,"
-            f" {n_read - n_invalid:,} are of classes that are dropped. Check the files, or keep more classes."
+            f" {', '.join(source.name for source in counts)} is left: {outside}{n_invalid:,} have no finite"
+            f" coordinates, {n_read - n_invalid - n_outside:,} are of classes that are dropped. Check the files, or"
+            " keep more classes."
         )
     if options.trajectory is not None:
         check_sides(counts, options.trajectory)
@@ -243,7 +275,11 @@ def _make_tiles(
 
 
 def _description(
-    counts: Sequence[SourceCounts], drop: frozenset[int], use_normals: bool, ground: str
+    counts: Sequence[SourceCounts],
+    placed: Sequence[Placement],
+    drop: frozenset[int],
+    use_normals: bool,
+    ground: str,
 ) -> dict[str, object]:
     """What the manifest says of how the map was made."""
     return {
@@ -257,12 +293,14 @@ def _description(
                 "n_points": source.n_points,
                 "n_kept": source.n_kept,
                 "n_thinned": source.n_thinned,
+                "n_outside": source.n_outside,
+                "transform": placement.transform.words if placement.transform is not None else "",
                 "n_invalid": source.n_invalid,
                 "n_withheld": source.n_withheld,
                 "n_without_side": source.n_without_side,
                 "n_dropped": {str(number): n for number, n in sorted(source.n_dropped.items())},
                 "is_classified": source.is_classified,
             }
-            for source in counts
+            for source, placement in zip(counts, placed, strict=True)
         ],
     }

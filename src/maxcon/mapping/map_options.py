@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from maxcon.errors import ArrayError, OptionError
 from maxcon.mapping.classes import DEFAULT_DROP, parse_classes
+from maxcon.mapping.placement import Area
 from maxcon.point_map.manifest import CELLS
 from maxcon.point_map.sigma import check_sigma
 from maxcon.trajectory import Trajectory
@@ -39,6 +40,12 @@ class MapOptions:
     sigma : float, optional
         How well the map is known: standard deviation of its position along any axis, m. If None it is estimated
         from what several passes of the mapping vehicle saw (decision 19), and `UNKNOWN_SIGMA` where there are none.
+    to_crs : str, optional
+        CRS of the map, into which all points are transformed; that of the sources if None. The trajectory is in it.
+    area : Area, optional
+        Only points in it are taken, in the CRS of the map.
+    classes_are_asprs : bool
+        Whether class numbers of clouds that are not LAS are those of the ASPRS, too.
     """
 
     cell: float = 0.06
@@ -49,6 +56,9 @@ class MapOptions:
     crs: str | None = None
     keep_every: int = 1
     sigma: float | None = None
+    to_crs: str | None = None
+    area: Area | None = None
+    classes_are_asprs: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "vehicle_classes", tuple(self.vehicle_classes))
@@ -58,6 +68,11 @@ class MapOptions:
             )
         if self.keep_every < 1:
             raise OptionError(f"Expected to keep one point of 1 or more, got {self.keep_every}. 1 keeps all.")
+        if self.to_crs is not None and self.normals_have_sides:
+            raise OptionError(
+                "Expected the clouds' own normals in the CRS of the map, got points that are to be transformed. Leave"
+                " out --signed-normals or --to-crs."
+            )
         if self.sigma is not None:
             check_sigma(self.sigma)
 

@@ -5,7 +5,7 @@
 import os
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ from maxcon.errors import CrsError, FileError, OptionError, TrajectoryError
 from maxcon.io.clouds import CloudChunk, CloudHeader, open_cloud
 from maxcon.io.crs import metric_crs, same_crs
 from maxcon.mapping.classes import GROUND, UNCLASSIFIED
+from maxcon.mapping.placement import Area, Placement
 from maxcon.trajectory import Trajectory
 
 __all__ = [
@@ -31,6 +32,7 @@ __all__ = [
 LARGEST_TIME_GAP = 0.5
 # Among so many at the start of a source its first finite point is looked for.
 FIRST_POINTS = 1000
+EVERYWHERE = Placement()
 
 
 @dataclass(slots=True)
@@ -40,6 +42,7 @@ class SourceCounts:
     name: str
     n_points: int = 0
     n_thinned: int = 0
+    n_outside: int = 0
     n_invalid: int = 0
     n_withheld: int = 0
     n_without_side: int = 0
@@ -50,7 +53,7 @@ class SourceCounts:
     @property
     def n_kept(self) -> int:
         """Points that went into the map."""
-        left_out = self.n_thinned + self.n_invalid + self.n_withheld + self.n_dropped.total()
+        left_out = self.n_thinned + self.n_outside + self.n_invalid + self.n_withheld + self.n_dropped.total()
         return self.n_points - left_out
 
 
@@ -85,7 +88,9 @@ def open_headers(paths: Sequence[str | os.PathLike[str]]) -> list[CloudHeader]:
         If there is no source, one is named twice, or one cannot be read.
     """
     if not paths:
-        raise FileError("Expected at least one point cloud, got none. Name LAS, LAZ, PLY or NPZ files.")
+        raise FileError(
+            "Expected at least one point cloud, got none. Name LAS, LAZ, PLY, NPZ, E57 or XYZ files."
+        )
     files = [Path(path) for path in paths]
     twice = [file for file, number in Counter(file.resolve() for file in files).items() if number > 1]
     if twice:
@@ -97,11 +102,12 @@ def open_headers(paths: Sequence[str | os.PathLike[str]]) -> list[CloudHeader]:
     return headers
 
 
-def first_point(header: CloudHeader) -> NDArray[np.float64]:
-    """First point of a source with finite coordinates, shape (3,), global, m; infinity if none is near the start."""
+def first_point(header: CloudHeader, placement: Placement) -> NDArray[np.float64]:
+    """First point of a source that is finite in the map, shape (3,), global, m; infinity if none is near the start."""
     with open_cloud(header.path) as reader:
         for chunk in reader.chunks(FIRST_POINTS):
-            finite = chunk.points[np.isfinite(chunk.points).all(axis=1)]
+            points = placement.apply(chunk.points)
+            finite = points[np.isfinite(points).all(axis=1)]
             return finite[0] if len(finite) else np.full(3, np.inf)
     return np.full(3, np.inf)
 
@@ -135,12 +141,12 @@ def common_crs(headers: Sequence[CloudHeader], crs: str | None) -> str | None:
         if wanted is not None and not same_crs(own, wanted):
             raise CrsError(
                 f"Expected {header.path} to be in the CRS given, {crs}, but it names another itself."
-                " Reproject it, or leave out --crs."
+                " Reproject it (--to-crs), or leave out --crs."
             )
         if first is not None and not same_crs(own, first[1]):
             raise CrsError(
                 f"Expected all point clouds in one CRS, but {first[0].path} and {header.path} name different"
-                " ones. Reproject one of them."
+                " ones. Reproject them: --to-crs."
             )
         first = first or (header, own)
     without = [header for header in headers if header.crs is None]
@@ -160,6 +166,7 @@ def read_source(
     *,
     use_normals: bool,
     keep_every: int = 1,
+    placement: Placement = EVERYWHERE,
 ) -> Iterator[SidedPoints]:
     """Yield the points of a source that belong in the map, and count the others.
 
@@ -177,6 +184,8 @@ def read_source(
         Whether the sides are the normals of the source (turned to the sensor where it is known).
     keep_every : int
         Of so many points, in the order of the file, one is kept.
+    placement : Placement
+        Where its points are in the map, and which of them are wanted.
 
     Raises
     ------
@@ -196,7 +205,20 @@ def read_source(
                     " Leave out --trajectory, or export the points with gps_time."
                 )
             is_wanted = (counts.n_points + np.arange(len(chunk.points))) % keep_every == 0
-            yield _keep(chunk, is_wanted, counts, drop, trajectory, use_normals, header.has_asprs_classes)
+            counts.n_points += len(chunk.points)
+            counts.n_thinned += int((~is_wanted).sum())
+            placed = replace(chunk, points=placement.apply(chunk.points))
+            if placement.area is not None:
+                is_outside = is_wanted & _is_outside(placed.points, placement.area)
+                counts.n_outside += int(is_outside.sum())
+                is_wanted &= ~is_outside
+            yield _keep(placed, is_wanted, counts, drop, trajectory, use_normals, header.has_asprs_classes)
+
+
+def _is_outside(points: NDArray[np.float64], area: Area) -> NDArray[np.bool_]:
+    """Which points are somewhere else; those that are nowhere are counted as such."""
+    outside: NDArray[np.bool_] = np.isfinite(points).all(axis=1) & ~area.contains(points)
+    return outside
 
 
 def _keep(
@@ -208,8 +230,6 @@ def _keep(
     use_normals: bool,
     are_asprs: bool,
 ) -> SidedPoints:
-    counts.n_points += len(chunk.points)
-    counts.n_thinned += int((~is_wanted).sum())
     keep = is_wanted & np.isfinite(chunk.points).all(axis=1)
     counts.n_invalid += int((is_wanted & ~keep).sum())
     if chunk.is_withheld is not None:

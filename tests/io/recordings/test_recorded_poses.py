@@ -10,8 +10,8 @@ import pytest
 from maxcon.errors import CrsError, FileError, OptionError, TrajectoryError
 from maxcon.geometry import Pose
 from maxcon.geometry.quaternions import angles_from_quaternions, product, quaternions_from_angles
+from maxcon.io.fixes import Fixes, Orientations, poses_of_fixes
 from maxcon.io.geographic import GeographicFrame
-from maxcon.io.recordings.fix_poses import Fixes, Orientations, poses_of_fixes
 from maxcon.io.recordings.poses import read_recorded_poses
 from maxcon.point_map import PointMap
 from maxcon.prior_heights import check_heights

@@ -4,22 +4,29 @@
 
 import os
 import stat
+from collections.abc import Callable
 from pathlib import Path
 
 from maxcon.errors import FileError
 from maxcon.io.clouds.base import CloudChunk, CloudHeader, CloudReader
+from maxcon.io.clouds.e57 import E57Reader
 from maxcon.io.clouds.las import LasReader
 from maxcon.io.clouds.npz import NpzReader
 from maxcon.io.clouds.ply import PlyReader
+from maxcon.io.clouds.xyz import XyzReader
 from maxcon.regular_file import special_kind
 
 __all__ = ["CLOUD_SUFFIXES", "CloudChunk", "CloudHeader", "CloudReader", "open_cloud"]
 
-_READERS: dict[str, type[LasReader] | type[PlyReader] | type[NpzReader]] = {
+_READERS: dict[str, Callable[[Path], CloudReader]] = {
     ".las": LasReader,
     ".laz": LasReader,
     ".ply": PlyReader,
     ".npz": NpzReader,
+    ".e57": E57Reader,
+    ".xyz": XyzReader,
+    ".csv": XyzReader,
+    ".txt": XyzReader,
 }
 CLOUD_SUFFIXES = tuple(_READERS)
 
@@ -30,7 +37,7 @@ def open_cloud(path: str | os.PathLike[str]) -> CloudReader:
     Parameters
     ----------
     path : path
-        A file with suffix .las, .laz, .ply or .npz.
+        A file with suffix .las, .laz (also .copc.laz), .ply, .npz, .e57, .xyz, .csv or .txt.
 
     Returns
     -------

@@ -27,8 +27,8 @@ __all__ = ["PlyReader"]
 
 POINT_NAMES = ("x", "y", "z")
 NORMAL_NAMES = ("nx", "ny", "nz")
-CLASS_NAMES = ("classification", "class", "label", "scalar_Classification")
-TIME_NAMES = ("gps_time", "time", "scalar_GpsTime")
+CLASS_NAMES = ("classification", "class", "label", "scalar_classification", "scalar_class", "scalar_label")
+TIME_NAMES = ("gps_time", "gpstime", "time", "scalar_gpstime", "scalar_gps_time")
 # Lines of text are heavier in memory than their numbers: a quarter of a million take about 100 MB.
 MAX_LINES = 250_000
 
@@ -38,8 +38,9 @@ Columns = list[NDArray[Any]]
 class PlyReader(CloudReader):
     """Points of a PLY file; with normals, classes and times where it has such properties.
 
-    Normals are nx, ny, nz; classes `classification`, `class`, `label` or `scalar_Classification`; times
-    `gps_time`, `time` or `scalar_GpsTime`. Elements other than `vertex` are passed over.
+    Normals are nx, ny, nz; classes `classification`, `class` or `label`; times `gps_time` or `time`; of these, whatever
+    their case, also as scalar fields of CloudCompare: `scalar_Classification`. Elements other than `vertex` are passed
+    over.
 
     Parameters
     ----------
@@ -59,8 +60,9 @@ class PlyReader(CloudReader):
         names = self._layout.names
         self._points = self._columns(file, POINT_NAMES)
         self._normals = self._columns(file, NORMAL_NAMES) if set(NORMAL_NAMES) <= set(names) else None
-        self._classes = next((names.index(name) for name in CLASS_NAMES if name in names), None)
-        self._times = next((names.index(name) for name in TIME_NAMES if name in names), None)
+        lowered = [name.lower() for name in names]
+        self._classes = next((lowered.index(name) for name in CLASS_NAMES if name in lowered), None)
+        self._times = next((lowered.index(name) for name in TIME_NAMES if name in lowered), None)
         self.header = CloudHeader(
             path=file,
             n_points=self._layout.n_points,

@@ -1,74 +1,22 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Poses from positions in latitude and longitude, and orientations of an IMU where there are any."""
+"""Positions in latitude and longitude, and orientations of an IMU, as a recording holds them."""
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from maxcon.errors import TrajectoryError
-from maxcon.geometry.quaternions import angles_from_quaternions, quaternions_from_angles
 from maxcon.io.clouds.base import as_file_error
-from maxcon.io.geographic import GeographicFrame
+from maxcon.io.fixes import Fixes, Orientations, is_place
 from maxcon.io.recordings.base import Recording, Topic, printable
 from maxcon.io.recordings.messages import decode_message, stamp_of
-from maxcon.trajectory import Trajectory, first_fault
+from maxcon.trajectory import Trajectory
 
-__all__ = ["Fixes", "Orientations", "poses_of_fixes", "read_fixes", "read_orientations"]
+__all__ = ["read_fixes", "read_orientations"]
 
 IMU = "sensor_msgs/msg/Imu"
-BASELINE = 5.0
-"""A course over ground is that between two positions so far apart, m."""
-ALIKE = math.radians(30.0)
-"""An IMU whose headings are farther from the course over ground, in the median, does not know where north is."""
-ASSUMED_SIGMA = math.radians(2.0)
-"""Of an IMU's heading, where it states none, rad."""
-MAX_GAP = 0.5
-"""Between two orientations to interpolate across, s."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Fixes:
-    """Positions of a receiver.
-
-    Parameters
-    ----------
-    times : array, shape (n,)
-        s, strictly increasing.
-    places : array, shape (n, 3)
-        Latitude, longitude (degrees), ellipsoidal height (m).
-    covariances : array, shape (n, 2, 2)
-        Of east and north, m^2; NaN where none is stated.
-    n_left_out : int
-        Messages without a fix.
-    """
-
-    times: NDArray[np.float64]
-    places: NDArray[np.float64]
-    covariances: NDArray[np.float64]
-    n_left_out: int
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Orientations:
-    """Orientations of an IMU towards east, north and up.
-
-    Parameters
-    ----------
-    topic : str
-        Where they come from.
-    trajectory : Trajectory
-        At the origin.
-    sigmas : array, shape (n,)
-        Standard deviations of the heading, rad; NaN where none is stated.
-    """
-
-    topic: str
-    trajectory: Trajectory
-    sigmas: NDArray[np.float64]
 
 
 def read_fixes(recording: Recording, topic: Topic) -> Fixes:
@@ -89,7 +37,7 @@ def read_fixes(recording: Recording, topic: Topic) -> Fixes:
             place = [float(content.latitude), float(content.longitude), float(content.altitude)]
             is_known = content.position_covariance_type > 0
             covariance = np.asarray(content.position_covariance, dtype=np.float64)[[0, 1, 3, 4]]
-        if content.status.status < 0 or not _is_place(place):
+        if content.status.status < 0 or not is_place(place):
             n_left_out += 1
             continue
         rows.setdefault(time, place + (covariance.tolist() if is_known else [math.nan] * 4))
@@ -99,15 +47,6 @@ def read_fixes(recording: Recording, topic: Topic) -> Fixes:
         )
     values = np.array([rows[time] for time in sorted(rows)])
     return Fixes(np.array(sorted(rows)), values[:, :3], values[:, 3:].reshape(-1, 2, 2), n_left_out)
-
-
-def _is_place(place: list[float]) -> bool:
-    return (
-        all(map(math.isfinite, place))
-        and abs(place[0]) <= 90.0
-        and abs(place[1]) <= 360.0
-        and place[:2] != [0, 0]
-    )
 
 
 def read_orientations(recording: Recording) -> Orientations | None:
@@ -131,131 +70,3 @@ def read_orientations(recording: Recording) -> Orientations | None:
                 printable(topic.name), Trajectory(times, np.zeros((len(times), 3)), table[:, :4]), table[:, 4]
             )
     return None
-
-
-def poses_of_fixes(
-    fixes: Fixes,
-    orientations: Orientations | None,
-    frame: GeographicFrame,
-    geoid_height: float | None,
-    label: str,
-) -> tuple[Trajectory, str]:
-    """Return poses in the map's CRS, and in words what their headings are.
-
-    Raises
-    ------
-    TrajectoryError
-        If there are neither orientations nor 5 m of way to tell headings from.
-    """
-    positions = frame.to_map(fixes.places, geoid_height)
-    if not np.isfinite(positions).all():
-        raise TrajectoryError(
-            f"{label}: Expected positions where the map's CRS is defined, got latitude {fixes.places[0, 0]:.5f},"
-            f" longitude {fixes.places[0, 1]:.5f}. Is it the right map?"
-        )
-    courses = _courses(fixes.times, positions)
-    turns = None if orientations is None else _of_imu(fixes, orientations, frame, courses)
-    if turns is None:
-        if courses is None:
-            raise TrajectoryError(
-                f"{label}: Expected orientations (Imu) beside the positions, or a way of more than {BASELINE:g} m to"
-                " tell headings from, got neither. Give the poses as a file: --prior."
-            )
-        turns = _Turns(
-            np.arange(len(courses)),
-            _level(courses),
-            _course_sigmas(fixes),
-            "headings: course over ground; roll and pitch 0",
-        )
-    rows = turns.rows
-    covariances = np.zeros((len(rows), 3, 3))
-    covariances[:, :2, :2] = fixes.covariances[rows]
-    covariances[:, 2, 2] = turns.sigmas**2
-    covariances[np.isnan(covariances).any(axis=(1, 2))] = np.nan
-    known = None if np.isnan(covariances).all() else covariances
-    fault = first_fault(fixes.times[rows], positions[rows], turns.quaternions_xyzw, known)
-    if fault is not None:
-        raise TrajectoryError(f"{label}, at {fixes.times[rows][fault.row]:.6f} s: {fault.words}")
-    return Trajectory(fixes.times[rows], positions[rows], turns.quaternions_xyzw, known), turns.words
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Turns:
-    """Orientations of some of the fixes (rows) towards the axes of the map, sigmas of their headings, and in words."""
-
-    rows: NDArray[np.intp]
-    quaternions_xyzw: NDArray[np.float64]
-    sigmas: NDArray[np.float64]
-    words: str
-
-
-def _of_imu(
-    fixes: Fixes, orientations: Orientations, frame: GeographicFrame, courses: NDArray[np.float64] | None
-) -> _Turns | None:
-    """What an IMU says; but for headings the course over ground, if these are nothing like it."""
-    rows, turns, sigmas = _turns_at(fixes, orientations, frame)
-    if not len(rows):
-        return None
-    angles = angles_from_quaternions(turns)
-    off = 0.0
-    if courses is not None:
-        off = float(np.median(np.abs(_wrapped(angles[:, 2] - courses[rows]))))
-    if courses is not None and off > ALIKE:
-        words = (
-            f"headings: course over ground, for those of {orientations.topic} are {math.degrees(off):.0f} degrees off"
-            " it; roll and pitch of the latter"
-        )
-        turned = quaternions_from_angles(angles[:, 0], angles[:, 1], courses[rows])
-        return _Turns(rows, turned, _course_sigmas(fixes)[rows], words)
-    words = f"orientations of {orientations.topic}"
-    if np.isnan(sigmas).any():
-        words += f", whose headings state no sigma: {math.degrees(ASSUMED_SIGMA):g} degrees assumed"
-    return _Turns(rows, turns, np.where(np.isnan(sigmas), ASSUMED_SIGMA, sigmas), words)
-
-
-def _turns_at(
-    fixes: Fixes, orientations: Orientations, frame: GeographicFrame
-) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]:
-    """Which fixes have an orientation; these in the axes of the map; and their sigmas."""
-    trajectory = orientations.trajectory
-    rows, turns = [], []
-    for row, time in enumerate(fixes.times.tolist()):
-        try:
-            pose = trajectory.at(time, MAX_GAP)
-        except TrajectoryError:
-            continue
-        rows.append(row)
-        turns.append(quaternions_from_angles(pose.roll, pose.pitch, pose.heading))
-    if not rows:
-        return np.empty(0, np.intp), np.empty((0, 4)), np.empty(0)
-    chosen = np.array(rows)
-    turned = frame.quaternions_to_map(fixes.places[chosen], np.array(turns))
-    later = np.searchsorted(trajectory.times, fixes.times[chosen]).clip(max=len(trajectory) - 1)
-    return chosen, turned, orientations.sigmas[later]
-
-
-def _courses(times: NDArray[np.float64], positions: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Direction of motion at each time, rad, unwrapped; None where the way is too short to tell."""
-    anchors = [0]
-    for row in range(1, len(times)):
-        if math.dist(positions[row, :2], positions[anchors[-1], :2]) >= BASELINE:
-            anchors.append(row)
-    if len(anchors) < 2:
-        return None
-    steps = np.diff(positions[anchors, :2], axis=0)
-    middles = (times[anchors][1:] + times[anchors][:-1]) / 2.0
-    return np.interp(times, middles, np.unwrap(np.arctan2(steps[:, 1], steps[:, 0])))
-
-
-def _course_sigmas(fixes: Fixes) -> NDArray[np.float64]:
-    """Of the direction between two positions that err independently, rad; NaN where no covariance is stated."""
-    larger = np.maximum(fixes.covariances[:, 0, 0], fixes.covariances[:, 1, 1])
-    return np.sqrt(2.0 * np.maximum(larger, 0.0)) / BASELINE
-
-
-def _level(headings: NDArray[np.float64]) -> NDArray[np.float64]:
-    return quaternions_from_angles(np.zeros_like(headings), np.zeros_like(headings), headings)
-
-
-def _wrapped(angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray((angles + math.pi) % (2.0 * math.pi) - math.pi, dtype=np.float64)

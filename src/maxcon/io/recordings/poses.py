@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from maxcon.errors import FileError, OptionError, TrajectoryError
 from maxcon.io.clouds.base import as_file_error
+from maxcon.io.fixes import Heights, place_fixes
 from maxcon.io.geographic import GeographicFrame
 from maxcon.io.recordings.base import Recording, Topic, printable
-from maxcon.io.recordings.fix_poses import poses_of_fixes, read_fixes, read_orientations
+from maxcon.io.recordings.fix_poses import read_fixes, read_orientations
 from maxcon.io.recordings.messages import decode_message, stamp_of
 from maxcon.io.recordings.opening import open_recording
 from maxcon.trajectory import Trajectory, first_fault
@@ -49,11 +50,14 @@ class RecordedPoses:
         Which topic, what headings and heights are, in a line.
     has_ellipsoidal_heights : bool
         Whether heights are those of a GNSS receiver, as they are, though the map's CRS does not say what its own are.
+    has_orientations : bool
+        Whether headings are measured; if not, they are the course over ground.
     """
 
     trajectory: Trajectory
     words: str
     has_ellipsoidal_heights: bool = False
+    has_orientations: bool = True
 
 
 def read_recorded_poses(
@@ -63,6 +67,7 @@ def read_recorded_poses(
     geoid_height: float | None = None,
     *,
     is_odometry: bool = False,
+    are_sure: bool = False,
 ) -> RecordedPoses:
     """Return the poses in a recording.
 
@@ -79,6 +84,8 @@ def read_recorded_poses(
         Of the geoid above the ellipsoid, m: subtracted from the heights of NavSatFix.
     is_odometry : bool
         Whether it is the motion that is asked for: one of Odometry comes before others then, and NavSatFix is none.
+    are_sure : bool
+        Whether an IMU's orientations are believed even if they are nothing like the course over ground.
 
     Raises
     ------
@@ -94,7 +101,7 @@ def read_recorded_poses(
     with open_recording(path) as recording:
         chosen = _chosen(recording, topic, is_odometry=is_odometry)
         if chosen.type == FIX:
-            return _of_fixes(recording, chosen, crs, geoid_height)
+            return _of_fixes(recording, chosen, crs, geoid_height, are_sure=are_sure)
         return _of_poses(recording, chosen)
 
 
@@ -130,7 +137,7 @@ def _chosen(recording: Recording, name: str | None, *, is_odometry: bool) -> Top
 
 
 def _of_fixes(
-    recording: Recording, topic: Topic, crs: str | None, geoid_height: float | None
+    recording: Recording, topic: Topic, crs: str | None, geoid_height: float | None, *, are_sure: bool
 ) -> RecordedPoses:
     from maxcon.errors import CrsError
 
@@ -140,24 +147,15 @@ def _of_fixes(
             " latitude and longitude; got one without. Build it with --crs, or choose poses in the map's coordinates"
             " with --prior-topic."
         )
-    frame = GeographicFrame(crs)
-    fixes = read_fixes(recording, topic)
-    orientations = read_orientations(recording)
-    trajectory, headings = poses_of_fixes(
-        fixes, orientations, frame, geoid_height, f"{recording.path}, {printable(topic.name)}"
-    )
-    as_they_are = geoid_height is None and not frame.has_heights
-    if geoid_height is not None:
-        heights = f"heights: the receiver's (ellipsoidal) less {geoid_height:g} m"
-    elif frame.has_heights:
-        heights = "heights: the receiver's (ellipsoidal), turned into those of the map's CRS"
-    else:
-        heights = "heights: the receiver's (ellipsoidal) as they are, for the map's CRS does not say what its own are"
-    left = f"; {fixes.n_left_out} messages without a fix left out" if fixes.n_left_out else ""
+    placed = place_fixes(
+        read_fixes(recording, topic), read_orientations(recording), GeographicFrame(crs), geoid_height,
+        f"{recording.path}, {printable(topic.name)}", are_sure=are_sure,
+    )  # fmt: skip
     return RecordedPoses(
-        trajectory,
-        f"poses from {printable(topic.name)} (NavSatFix); {headings}; {heights}{left}",
-        as_they_are,
+        placed.trajectory,
+        f"poses from {printable(topic.name)} (NavSatFix); {placed.words}",
+        placed.heights is Heights.ELLIPSOIDAL,
+        placed.has_orientations,
     )
 
 

@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import FileError
-from maxcon.io.clouds import CLOUD_SUFFIXES, open_cloud
+from maxcon.io.clouds import open_cloud
 from maxcon.io.clouds.base import as_float64
 from maxcon.io.scans.pcd import read_pcd_points
 from maxcon.regular_file import check_regular
 
 __all__ = ["MAX_SCAN_POINTS", "SCAN_SUFFIXES", "read_scan_points"]
 
-SCAN_SUFFIXES = (".bin", ".pcd", *CLOUD_SUFFIXES)
+SCAN_SUFFIXES = (".bin", ".pcd", ".las", ".laz", ".ply", ".npz")
 # The densest scanners return some hundred thousand points per turn; more is a map in the wrong place, and would take
 # over a gigabyte (about 200 bytes a point) to localize.
 MAX_SCAN_POINTS = 5_000_000

@@ -1,0 +1,123 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""E57: poses of scans, invalid points, chunks, and the odd files of other programs."""
+
+import time
+
+import numpy as np
+import pytest
+
+from maxcon.errors import FileError, MaxconError, MissingExtraError
+from maxcon.geometry import Pose
+from maxcon.io.clouds import open_cloud
+
+pye57 = pytest.importorskip("pye57")
+
+HALF = np.sqrt(0.5)
+
+
+def _points(path, max_points=1_000_000):
+    with open_cloud(path) as reader:
+        parts = [chunk.points for chunk in reader.chunks(max_points)]
+        assert sum(map(len, parts)) == reader.header.n_points
+        assert max(map(len, parts)) <= max_points
+    return np.concatenate(parts)
+
+
+@pytest.fixture
+def two_scans(tmp_path):
+    """A file with a scan without a pose, and one that is turned by 90 degrees about z and moved; points in both."""
+    rng = np.random.default_rng(0)
+    own = [rng.uniform(-20, 20, (n, 3)) for n in (1500, 700)]
+    path = tmp_path / "two.e57"
+    file = pye57.E57(str(path), mode="w")
+    poses = (
+        {},
+        {"rotation": np.array([HALF, 0, 0, HALF]), "translation": np.array([550_000.25, 5_802_000.5, 60.0])},
+    )
+    for points, pose in zip(own, poses, strict=True):
+        data = {f"cartesian{axis}": points[:, i].copy() for i, axis in enumerate("XYZ")}
+        data["cartesianInvalidState"] = (np.arange(len(points)) % 10 == 3).astype(np.int8)
+        file.write_scan_raw(data, **pose)
+    file.close()
+    turned = Pose(550_000.25, 5_802_000.5, 60.0, 0.0, 0.0, np.pi / 2).apply(own[1])
+    expected = np.concatenate([own[0], turned])
+    invalid = np.concatenate([np.arange(1500), np.arange(700)]) % 10 == 3
+    return path, expected, invalid
+
+
+@pytest.mark.parametrize("max_points", [1_000_000, 400])
+def test_poses_are_applied_and_invalid_points_are_none(two_scans, max_points):
+    path, expected, invalid = two_scans
+    points = _points(path, max_points)
+    assert np.isnan(points[invalid]).all()
+    np.testing.assert_allclose(points[~invalid], expected[~invalid], atol=1e-5)  # float32 in the file's scans
+
+
+def test_a_file_that_is_none_and_one_cut_off(two_scans, tmp_path):
+    path = two_scans[0]
+    content = path.read_bytes()
+    for number, broken in enumerate(
+        (b"no", content[: len(content) // 2], b"\0" * 3000, content[:1000] + b"\xff" * 9)
+    ):
+        file = tmp_path / f"{number}.e57"
+        file.write_bytes(broken)
+        with pytest.raises(FileError, match=rf"{number}\.e57") as error:
+            _points(file)
+        assert "\n" not in str(error.value)
+
+
+def test_bytes_changed_anywhere_are_noticed_or_harmless(two_scans, tmp_path):
+    content = bytearray(two_scans[0].read_bytes())
+    rng = np.random.default_rng(1)
+    for _ in range(60):
+        changed = content.copy()
+        for at in rng.integers(0, len(content), 3).tolist():
+            changed[at] = rng.integers(256)
+        file = tmp_path / "changed.e57"
+        file.write_bytes(changed)
+        try:
+            assert _points(file).shape[1] == 3
+        except MaxconError as error:
+            assert "\n" not in str(error)
+
+
+def test_without_the_extra(two_scans, monkeypatch):
+    import sys
+
+    monkeypatch.setitem(sys.modules, "pye57", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'maxcon\[e57\]'"):
+        open_cloud(two_scans[0])
+
+
+def test_every_real_file_is_read_or_refused_in_a_line(shared_data):
+    folder = shared_data / "recorders" / "e57"
+    if not folder.is_dir():
+        pytest.skip(f"no {folder}")
+    expected = {
+        "A4_moved.e57": 4, "A_B_different_dims.e57": 2, "A_moved_B.e57": 6, "bunnyDouble.e57": 30_571,
+        "bunnyInt19.e57": 30_571, "bunnyInt24.e57": 30_571, "cartesian_invalid_state_single.e57": 1,
+        "float_intensity_without_min_max.e57": 1, "las2e57_no_images_tag.e57": 153, "original_guids.e57": 1,
+        "scaled_integer_intensity.e57": 2, "tiny_pc_and_images.e57": 2, "tiny_spherical.e57": 180,
+        "ColouredCubeFloat.e57": 7680, "translationWithoutRotation.e57": 4,
+        "empty.e57": "no scan", "PinholeImageWithDistortionParameters.e57": "no scan",
+        "ZeroPointsInvalid.e57": "1 scans without any",
+    }  # fmt: skip
+    seen = {}
+    for path in sorted(folder.rglob("*.e57")):
+        begin = time.perf_counter()
+        try:
+            seen[path.name] = int(np.isfinite(_points(path)).all(axis=1).sum())
+        except MaxconError as error:
+            assert "\n" not in str(error) and path.name in str(error)
+            seen[path.name] = str(error)
+        assert time.perf_counter() - begin < 10.0
+    for name, wanted in expected.items():
+        assert wanted == seen[name] if isinstance(wanted, int) else wanted in seen[name], (name, seen[name])
+    moved = _points(folder / "pye57" / "translationWithoutRotation.e57")
+    np.testing.assert_allclose(moved.min(axis=0), [4.0, 5.0, 6.0])
+    sphere = _points(folder / "cry-inc" / "tiny_spherical.e57")
+    distances = np.linalg.norm(sphere[np.isfinite(sphere).all(axis=1)], axis=1)
+    assert distances.max() < 10.0 and distances.min() > 0.5
+    doubles, integers = (_points(folder / "cry-inc" / f"bunny{kind}.e57") for kind in ("Double", "Int24"))
+    np.testing.assert_allclose(doubles, integers, atol=1e-4)

@@ -1,0 +1,138 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Tables with latitude, longitude and a height: columns by name, heights told apart, headings of either kind."""
+
+import math
+
+import numpy as np
+import pytest
+
+from maxcon.errors import TrajectoryError
+from maxcon.io.fixes import Heights
+from maxcon.io.geographic import GeographicFrame
+from maxcon.io.geographic_csv import has_geographic_header, read_geographic_csv
+from maxcon.io.geographic_priors import is_geographic, read_geographic_prior
+from maxcon.io.trajectories import read_trajectory
+
+UTM = "EPSG:25833"
+
+
+def _write(tmp_path, header, *rows):
+    path = tmp_path / "gnss.csv"
+    path.write_text("\n".join(["# a comment", header, *rows]) + "\n")
+    return path
+
+
+def _way(tmp_path, header="", values=""):
+    rows = [f"{100 + i},52.0,{13.0 + i * 3e-5:.8f},60.5{values}" for i in range(10)]
+    return _write(tmp_path, f"time,latitude,longitude,ellipsoidal_height{header}", *rows)
+
+
+def test_positions_alone(tmp_path):
+    path = _way(tmp_path)
+    assert is_geographic(path)
+    rows = read_geographic_csv(path)
+    np.testing.assert_allclose(rows.fixes.times, 100.0 + np.arange(10))
+    np.testing.assert_allclose(rows.fixes.places[3], [52.0, 13.00009, 60.5])
+    assert np.isnan(rows.fixes.covariances).all() and rows.orientations is None
+    prior = read_geographic_prior(path, UTM)
+    np.testing.assert_allclose(
+        GeographicFrame(UTM).to_geographic(prior.placed.trajectory.positions), rows.fixes.places, atol=1e-9
+    )
+    assert "course over ground" in prior.words and "gnss.csv" in prior.words
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("ellipsoidal_height", Heights.ELLIPSOIDAL),
+        ("height", Heights.ELLIPSOIDAL),
+        ("orthometric_height", Heights.ORTHOMETRIC),
+    ],
+)
+def test_heights_by_their_name(tmp_path, name, kind):
+    path = _write(tmp_path, f"time,latitude,longitude,{name}", "1,52,13,60")
+    assert read_geographic_csv(path).fixes.heights is kind
+
+
+def test_the_height_that_says_what_it_is_counts(tmp_path):
+    path = _write(tmp_path, "time,latitude,longitude,height,orthometric_height", "1,52,13,60,20")
+    rows = read_geographic_csv(path)
+    assert rows.fixes.heights is Heights.ORTHOMETRIC and rows.fixes.places[0, 2] == 20.0
+
+
+@pytest.mark.parametrize(
+    ("columns", "values"),
+    [("azimuth_deg", "89.0"), ("heading_deg", "1.0"), ("heading", str(math.radians(1.0)))],
+)
+def test_headings_of_a_compass_or_counter_clockwise(tmp_path, columns, values):
+    path = _way(tmp_path, f",roll_deg,pitch_deg,{columns},sigma_heading_deg", f",1.0,-2.0,{values},0.5")
+    rows = read_geographic_csv(path)
+    np.testing.assert_allclose(
+        np.degrees(rows.orientations.trajectory.angles[4]), [1.0, -2.0, 1.0], atol=1e-9
+    )
+    np.testing.assert_allclose(np.degrees(rows.orientations.sigmas), 0.5)
+    trajectory = read_geographic_prior(path, UTM).placed.trajectory
+    convergence = GeographicFrame(UTM).convergence(rows.fixes.places[4:5])[0]
+    assert trajectory.angles[4, 2] == pytest.approx(math.radians(1.0) + convergence, abs=1e-4)
+
+
+def test_sigmas_of_east_and_north(tmp_path):
+    path = _way(tmp_path, ",azimuth_deg,sigma_east,sigma_north,sigma_heading_deg", ",90,0.3,0.4,1.0")
+    covariances = read_geographic_prior(path, UTM).placed.trajectory.covariances
+    np.testing.assert_allclose(covariances[2], np.diag([0.09, 0.16, math.radians(1.0) ** 2]), atol=1e-12)
+
+
+def test_rows_without_a_position_or_a_sigma(tmp_path):
+    path = _write(
+        tmp_path, "Time,Latitude,Longitude,Height,sigma_east,sigma_north",
+        "1,,,,,", "2,52,13,60,0.1,0.2", "3,52,13,60,,", "4,52,13,x,,", "5,52,13,60,0.1,", "6,52,1",
+    )  # fmt: skip
+    rows = read_geographic_csv(path)
+    np.testing.assert_allclose(rows.fixes.times, [2, 3, 5])
+    assert rows.fixes.n_left_out == 1
+    np.testing.assert_allclose(rows.fixes.covariances[0], np.diag([0.01, 0.04]))
+    assert np.isnan(rows.fixes.covariances[1:]).all()
+    assert [f"line {number}:" in words for number, words in zip((6, 8), rows.left_out, strict=True)] == [
+        True
+    ] * 2
+
+
+@pytest.mark.parametrize(
+    ("header", "row", "words"),
+    [
+        ("time,latitude,longitude", "1,52,13", "ellipsoidal_height or orthometric_height.*got none"),
+        ("time,latitude,longitude,altitude", "1,52,13,60", "got 'altitude', which may be either"),
+        ("latitude,longitude,height", "52,13,60", "no 'time'"),
+        ("time,latitude,height", "1,52,60", "no 'longitude'"),
+        ("time,latitude,longitude,height,height", "1,52,13,60,60", "'height' more than once"),
+        ("time,latitude,longitude,height,yaw", "1,52,13,60,1", "got 'yaw', which may be either"),
+        ("time,latitude,longitude,height,heading,azimuth_deg", "1,52,13,60,1,1", "got both"),
+        ("time,latitude,longitude,height,roll", "1,52,13,60,1", "both roll and pitch"),
+        ("time,latitude,longitude,height,sigma_east", "1,52,13,60,1", "both sigma_east and sigma_north"),
+        ("time,latitude,longitude,height", "1,520000,130000,60", "a latitude and a longitude in degrees"),
+        ("time,latitude,longitude,height,heading", "1,52,13,60,90", "within one turn"),
+        ("time,latitude,longitude,height,sigma_east,sigma_north", "1,52,13,60,-1,1", ">= 0"),
+        ("time,latitude,longitude,height", "1,,,", "at least one position"),
+    ],
+)
+def test_what_is_not_clear_is_refused(tmp_path, header, row, words):
+    with pytest.raises(TrajectoryError, match=words) as error:
+        read_geographic_csv(_write(tmp_path, header, row))
+    assert "gnss.csv" in str(error.value) and "\n" not in str(error.value)
+
+
+def test_times_that_do_not_increase(tmp_path):
+    path = _write(tmp_path, "time,latitude,longitude,height", "2,52,13,60", "1,52,13,60")
+    with pytest.raises(TrajectoryError, match="line 4: Expected times that increase"):
+        read_geographic_csv(path)
+
+
+def test_tables_in_the_map_s_coordinates_are_not_geographic(tmp_path):
+    assert not has_geographic_header(_write(tmp_path, "time,x,y,z,roll,pitch,heading", "1,2,3,4,0,0,0"))
+    assert not has_geographic_header(_write(tmp_path, ""))
+
+
+def test_where_coordinates_of_the_map_are_wanted_the_message_says_so(tmp_path):
+    with pytest.raises(TrajectoryError, match="only be the --prior of"):
+        read_trajectory(_write(tmp_path, "time,latitude,longitude,height", "1,52,13,60"))
