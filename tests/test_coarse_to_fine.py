@@ -220,3 +220,16 @@ def test_a_kilometre_at_any_heading_is_too_much(town):
     space = SearchSpace(1000.0, heading_half_width_deg=180.0)
     with pytest.raises(SearchSpaceError, match=r"at most 268,435,456 cells of 0\.96 m .*Narrow"):
         MaximumConsensus(space).localize(scan, point_map, TRUTH)
+
+
+def test_a_place_that_was_given_up_in_small_cells_scores_less_than_the_share():
+    points, normals = walls(5, n_walls=12, reach=8.0)
+    twin = points + [30.0, 0.0, 0.0]
+    part = np.random.default_rng(0).random(len(points)) < 0.6  # in large cells that hardly shows
+    both = np.concatenate([points, twin[part]]), np.concatenate([normals, normals[part]])
+    point_map, scan = PointMap.from_points(*both, CELL), seen(points, normals, TRUTH, 6)
+    (best,) = places(MaximumConsensus(), scan, point_map, replace(TRUTH, x=TRUTH.x + 14.0), SearchSpace(18.0))
+    (alone,) = places(MaximumConsensus(), scan, point_map, TRUTH, SearchSpace(6.0))
+    assert best.score == alone.score
+    assert alone.runner_up == pytest.approx(0.68)
+    assert best.runner_up == pytest.approx(0.8) and best.runner_up < 0.8

@@ -54,6 +54,7 @@ class CellSearch:
             places = self.places(scan, point_map, start, space)
             if places:
                 return replace(self.judge(places[0], scan, point_map), cell=None)
+            # Nothing scores: the large cells say how many points match all the same.
         level, cells = self.cells(space, point_map)
         if self.search is SearchMethod.BRANCH_AND_BOUND and self.has_bounds:
             best = self._by_bounds(scan.thinned(self.thinning), level, start, cells)
@@ -62,7 +63,7 @@ class CellSearch:
         return self.conclude(self.accumulate(scan, level, start, cells), scan, level)
 
     def cells(self, space: SearchSpace, point_map: PointMap) -> tuple[PointMap, SearchSpace]:
-        """The level of the map, and the cells, that a space is searched in; coarse to fine those that come first."""
+        """The level of the map, and the cells, that a space is searched in; coarse to fine the coarse ones."""
         if self.is_coarse_to_fine(space, point_map):
             return COARSE.of(point_map), COARSE.cells(space, point_map)
         cells = space.at(point_map.cell)

@@ -55,8 +55,8 @@ WIDE = Level(0.96, 2.0, 2.0)
 """Sixteen: what a space of more than MANY_CELLS coarse cells is searched in before."""
 MANY_CELLS = 2**19
 
-# The score of a place in large cells says by about so much less what it is in small ones: what reaches this much of the
-# share that is asked for is looked at in small cells too, ...
+# Scores in large cells rank places less sharply than those in small ones: a place that reaches so much of the share
+# that is asked for is looked at in small cells too, ...
 BLUNT, BLUNT_WIDE = 0.85, 0.75
 # ... of so many places at most, the highest: where more fit, none stands out.
 MOST_PLACES, MOST_WIDE_PLACES = 12, 256
@@ -123,14 +123,15 @@ def best_places(
     space : SearchSpace
         An open one.
     share : float
-        Of Helmert's score of the best place, above 0 to 1.
+        Of the score of the best place, above 0 to 1.
 
     Returns
     -------
     list of BestCell
         The best place first; none where nothing scores. Each is the best cell, of the map's own voxels, of a window
-        around a large one. `runner_up` is what is known of the others: Helmert's score where they were looked at in
-        small cells, and what was proved in large ones where not.
+        around a large one. `runner_up` is a ratio to its own score by Helmert's: of the highest other place that was
+        searched in small cells; of one given up there, the share; or the share below which large cells were not
+        followed, which is proved for large cells and evidence for small ones.
 
     Raises
     ------
@@ -141,12 +142,19 @@ def best_places(
     find = _places_in_wide_cells if is_wide else _places_in_coarse_cells
     places = find(search, scan, point_map, prior, space, share)
     window = _window(space, AROUND, AROUND_DEG, COARSE.of(point_map).cell).at(point_map.cell)
-    fine = _distinct(_fine_places(search, scan, point_map, places.poses, window, share))
+    found = _fine_places(search, scan, point_map, places.poses, window, share)
+    fine = _distinct(found)
     scores = [float(Helmert().score(best.moments)) for best in fine]
+    # A place that was given up scores less than the share.
+    left_out = (
+        places.left_out
+        if len(found) == len(places.poses)
+        else max(places.left_out, math.nextafter(share, 0.0))
+    )
     return [
         replace(
             best,
-            runner_up=max([places.left_out * score, *scores[:k], *scores[k + 1 :]]) / score
+            runner_up=max([left_out * score, *scores[:k], *scores[k + 1 :]]) / score
             if score > 0.0
             else math.inf,
             is_at_rim=_is_at_rim(best.pose, prior, space, point_map.cell),

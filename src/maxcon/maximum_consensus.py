@@ -42,7 +42,7 @@ class MaximumConsensus:
     ----------
     space : SearchSpace
         The candidate poses around each prior; 12 m and 10 degrees if not given. An open space, without a cell, is
-        searched coarse to fine: in a level of the map first, then in the map's own cells around every place left open.
+        searched coarse to fine: in a level of the map first, then in the map's own cells around the places left open.
         One with a cell is searched in these cells alone, `SearchSpace.paper()` in the paper's.
     objective : Objective or {"helmert", "count", "max-eigenvalue"}
         What a cell is worth; Helmert's point error if not given. Any object with ``score(moments)``.
@@ -265,9 +265,10 @@ class MaximumConsensus:
         return replace(examined, score=score, cell=doubted.cell if is_same else None, was_widened=True)
 
     def accumulate(self, scan: Scan, point_map: PointMap, prior: Pose) -> Accumulator:
-        """Moments of every cell, of several heights of the best: what `conclude` decides on, and what plots show.
+        """Moments of every cell; of several heights those of the best. What `conclude` decides on, and what plots show.
 
-        Coarse to fine is searched in large cells first: of such a space these are meant.
+        Of a space that is searched coarse to fine these are the coarse cells, so that `conclude` is coarser than
+        `localize`.
         """
         starts = self._starts(scan, point_map, prior)
         found = []
@@ -281,7 +282,7 @@ class MaximumConsensus:
         )
 
     def conclude(self, accumulator: Accumulator, scan: Scan, point_map: PointMap) -> Estimate:
-        """Take the best cell of an accumulator of this scan, and settle its pose: what `localize` answers."""
+        """Take the best cell of an accumulator of this scan, and settle its pose: `localize`, of given cells."""
         found = self.cell_search.conclude(accumulator, scan, level_of(point_map, accumulator.space))
         found, ground = self._on_ground(found, accumulator.prior, scan, point_map)
         return self._settle(found, ground, accumulator.prior, scan, point_map)

@@ -57,9 +57,10 @@ class BoundedByAxes(Objective, Protocol):
     """An objective that branch and bound can bound by N along two axes; it depends on N only."""
 
     def bound_by_axes(self, along_u: Scores, along_v: Scores) -> Scores:
-        """Most that a cell scores whose N has u^T N u and v^T N v of at most this, for some orthonormal u and v.
+        """Most that a cell scores whose N has u^T N u and v^T N v of at most this.
 
-        Never falls when one of the two grows. It must hold for scores as they are computed, rounding included.
+        The search picks the orthonormal u and v: it must hold for every pair of them. Never falls when one of the two
+        grows. It must hold for scores as they are computed, rounding included.
         """
         ...
 

@@ -115,12 +115,12 @@ class SearchSpace:
 
     @property
     def cell_edge(self) -> float:
-        """Cell edge e, m, of a space that is not open.
+        """Cell edge e, m.
 
         Raises
         ------
         SearchSpaceError
-            If it is.
+            If it is the method's to choose.
         """
         if self.cell is None:
             raise SearchSpaceError(f"Expected a search space with a cell, got {self}. {GIVE_CELLS}")

@@ -5,7 +5,7 @@
 __all__ = ["MEAN_STEPS", "PATCH_VOXELS", "TILE_PATCHES", "TILE_VOXELS", "WORD_BITS", "TileKey"]
 
 TileKey = tuple[int, int]
-"""(x, y) index of a tile: floor(voxel index / TILE_VOXELS)."""
+"""(x, y) index of a tile: floor(voxel index / voxels along its edge), TILE_VOXELS or in a level fewer."""
 
 TILE_VOXELS = 512
 """Voxels along the edge of a tile of the map."""

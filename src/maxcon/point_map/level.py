@@ -17,7 +17,7 @@ LEVEL_BYTES = 2**28
 
 
 def check_factor(factor: int) -> None:
-    """Refuse voxels of which no whole number fills a patch of a tile.
+    """Refuse voxels other than 1, 2, 4, ... times as large, up to one patch for a tile.
 
     Raises
     ------

@@ -45,8 +45,8 @@ class Occupancy:
     Parameters
     ----------
     held : array, shape (n_patches, n_patches, n), uint64
-        Whether patch (py, px) of each layer holds voxels: bit k % 64 of word k // 64 for layer k. The last bit is
-        never set: for heights at which the tile has no layer.
+        Whether patch (py, px) of each layer holds voxels: bit k % 64 of word k // 64 for layer k. Bit
+        n_layers is never set: it stands for heights at which the tile has no layer.
     numbers : array, shape (n_patches, n_patches, n), int32
         Number of the first patch of each word; those of its others follow, in the order of their bits.
     words : array, shape (m, 4), uint64

@@ -28,10 +28,10 @@ def _vote(typing_context, sums, cells, rows, j, turned, places, n_turned, back):
 
     For each point, sums[place + cell] of each voxel grows by what their match adds, rounded up to a whole number.
 
-    rows : (4, CAPACITY) float32; turned : (n, 4) float32. The product of the first three with their rows is the weight
-    times what the voxel adds, that of the last is added. Two more are added: one to round up, one for what float32 and
-    the rounded sums of the search may differ. The compiler does not find this in a loop: what belongs to the voxels
-    stays in registers.
+    rows : (4, CAPACITY) float32; turned : (n, 4) float32. Added is floor(max(p, back p) + rows[3] turned[3] + 2), where
+    p is the sum of rows[i] turned[i] over the first three, the cosine of the normals times what the voxel adds; of the
+    2 one rounds up, and one covers the errors of float32. The compiler does not find this in a loop: what belongs to
+    the voxels stays in registers.
     """
     signature = types.void(sums, cells, rows, types.int64, turned, places, types.int64, types.float32)
 

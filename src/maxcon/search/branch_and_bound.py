@@ -51,11 +51,11 @@ def branch_and_bound(
 ) -> Found:
     """Find the best cell of a search space: the same as that of the exhaustive search, its score and moments too.
 
-    Every cell is bounded by what its matches add to N along the axis that the scan determines least: a single number,
-    for which voxels that add little are not even looked at (design section 3, facts 2 and 3). Where many cells could
-    still be the best, they are bounded along the axis that the best cell so far determines least, and along the other
-    one too, in the window around them. What remains is scored, from the highest bound on, until no bound reaches the
-    best score; or all cells of that window are, where that is faster.
+    Every cell is bounded by what its matches add to N along one axis, the one that the best cell so far determines
+    least, or at first the scan: a single number, for which no point votes on voxels that add little (design section 3,
+    facts 2 and 3). Where many cells could still be the best, they are bounded along the axis that the best cell so far
+    determines least, and along the other one too, in the window around them. What remains is scored, from the highest
+    bound on, until no bound reaches the best score; or all cells of that window are, where that is faster.
 
     Heights are searched from that of the prior outwards, and at each only for cells that reach the best score so far.
 
@@ -85,12 +85,12 @@ def branch_and_bound(
     lists_all : bool
         Whether every cell that reaches the share is found, not only the best one and the runner-up.
     standing : Standing, optional
-        Only a best cell that scores as much is looked for. Where there is none, that is proved, and some cell or none
-        comes back, with a score of minus infinity or less than that.
+        A score already reached elsewhere: only cells that reach it are sought. If none does, that is proved; the score
+        that comes back is below it (minus infinity where nothing was scored), and the cell means nothing.
     n_threads : int
         Headings are shared out among that many threads; the result does not depend on it (D8).
     limits : Limits
-        When to score, to bound again, or to search exhaustively: time and memory depend on it, the result does not.
+        When to score, to bound again, or to search exhaustively: time and memory depend on it, the best cell does not.
 
     Returns
     -------

@@ -24,7 +24,7 @@ class Found:
     moments : array, shape (4,)
         Its count, Nxx, Nxy and Nyy.
     bound : float
-        Proved: no cell scores higher. It is the score, since the search does not end before.
+        Proved: no cell scores higher. It is the score, or what stood before the search, if that is higher.
     rest : float
         Proved: no cell farther than the guard radius from the guarded one, at any heading, scores higher. It is the
         score of the runner-up if that reaches the asked share of the best score; otherwise it lies between the two.
@@ -49,7 +49,15 @@ class Found:
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """Score and moments of the best cell of other heights: only cells that score as much are looked for."""
+    """What has been reached elsewhere, at another height or at another place: only cells that score as much are sought.
+
+    Parameters
+    ----------
+    score : float
+        What a cell must score at least: that of the best cell so far, or a share of it.
+    moments : array, shape (4,)
+        Of the best cell so far: they tell along which axis to bound.
+    """
 
     score: float
     moments: Moments

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Limits: the numbers by which branch and bound goes about its work; none of them changes what it finds."""
+"""Limits: the numbers by which branch and bound goes about its work; none of them changes which cell is the best."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,9 @@ __all__ = ["DEFAULT_LIMITS", "Limits"]
 class Limits:
     """When branch and bound scores, bounds again, or gives up bounding; the defaults were measured (decision 14).
 
-    The best cell and what is proved of the others are the same for any values; time and memory are not.
+    The best cell, and every other that reaches the share that is asked for, are the same for any values. Time and
+    memory are not, nor is `Found.rest` where no other cell reaches the share: it is the highest bound of those ruled
+    out then.
 
     Parameters
     ----------
@@ -27,7 +29,8 @@ class Limits:
         The same before any cell is scored: the share of what all scan points together could add along the axis that
         they determine least.
     most_candidates : int
-        If one bound leaves more candidates than this, they are bounded along the second axis too.
+        So many candidates are scored one by one. If one bound leaves more, some are scored at once, the others bounded
+        again, and what is left after that is perhaps searched as a window.
     most_kept : int
         Of a space in several parts, one with more candidates than this is bounded again after the others: they may
         hold a better cell.

@@ -145,7 +145,7 @@ class ScoredCells:
             self._cell,
             self._best,
             moments.copy(),
-            self._best,
+            self.best,
             rest,
             len(self._singles) + self._n_in_windows,
             reaching=self.reaching() if self._wanted.lists_all else Candidates.none(),
