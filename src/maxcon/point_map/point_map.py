@@ -54,7 +54,7 @@ class PointMap:
     cell : float
         Voxel edge, m: the cell edge of any search in this map.
     is_signed : bool
-        Whether normals are turned to the sensor's side. If not, w = |n_scan . n_map| (D5).
+        Whether normals are turned to the sensor's side. If not, w = abs(n_scan . n_map) (D5).
     sigma : float
         How well the map is known: standard deviation of its position along any axis, m.
     tile_voxels : int
