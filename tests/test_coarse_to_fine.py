@@ -230,6 +230,5 @@ def test_a_place_that_was_given_up_in_small_cells_scores_less_than_the_share():
     point_map, scan = PointMap.from_points(*both, CELL), seen(points, normals, TRUTH, 6)
     (best,) = places(MaximumConsensus(), scan, point_map, replace(TRUTH, x=TRUTH.x + 14.0), SearchSpace(18.0))
     (alone,) = places(MaximumConsensus(), scan, point_map, TRUTH, SearchSpace(6.0))
-    assert best.score == alone.score
     assert alone.runner_up == pytest.approx(0.68)
     assert best.runner_up == pytest.approx(0.8) and best.runner_up < 0.8

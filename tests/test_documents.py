@@ -12,6 +12,7 @@ from urllib.parse import unquote
 import pytest
 import typer
 
+import maxcon
 from maxcon.cli import app
 
 ROOT = Path(__file__).parents[1]
@@ -107,7 +108,11 @@ def test_the_readme_s_commands_are_found_at_all():
     )
 
 
-@pytest.mark.parametrize("path", [path for path in DOCUMENTS if _blocks(path, "python")], ids=_name)
+WITH_PYTHON = [path for path in DOCUMENTS if _blocks(path, "python") and path.name != "tutorial.md"]
+"""The tutorial's goes on where its commands ended: test_tutorial."""
+
+
+@pytest.mark.parametrize("path", WITH_PYTHON, ids=_name)
 def test_python_in_documents_runs_and_prints_what_it_says(path, tmp_path):
     source = "\n".join(_blocks(path, "python"))
     ended = subprocess.run(
@@ -122,6 +127,15 @@ def test_python_in_documents_runs_and_prints_what_it_says(path, tmp_path):
     wanted = [found.group(1) for line in prints if (found := EXPECTED.search(line))]
     assert len(wanted) == len(prints), "each print says behind it what it prints"
     assert ended.stdout.splitlines() == wanted
+
+
+def test_every_public_name_is_on_the_page_of_names_and_has_a_purpose():
+    names = [name for name in maxcon.__all__ if name != "__version__"]
+    reference = (ROOT / "docs" / "api.md").read_text()
+    listed = {"search" if name == "maxcon.search" else name for name in re.findall(r":: (\S+)", reference)}
+    assert [name for name in names if name not in listed | {"MaxconError"}] == []
+    purposes = (ROOT / "docs" / "library.md").read_text()
+    assert [name for name in names if not re.search(rf"`[^`]*\b{name}\b[^`]*`", purposes)] == []
 
 
 def test_the_readme_has_python():

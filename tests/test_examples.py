@@ -46,6 +46,14 @@ def test_own_objective(tmp_path):
         assert line.endswith(", localized")
 
 
+def test_read_and_plot(tmp_path):
+    *scans, pictures = _run("read_and_plot.py", tmp_path)
+    for second, line in enumerate(scans):
+        name, x = line.split(": localized, x ")
+        assert name == f"{second}.0.npz" and abs(_numbers(x)[0] - (5.0 * second - 8.0)) <= 0.06
+    assert len(scans) == 4 and pictures == "pictures: epoch.png poses.png"
+
+
 def test_each_example_is_run_here():
     source = Path(__file__).read_text()
     assert EXAMPLES

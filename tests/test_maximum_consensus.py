@@ -4,6 +4,7 @@
 
 import gc
 import math
+import pydoc
 import tracemalloc
 from dataclasses import replace
 
@@ -380,6 +381,13 @@ def test_every_public_name_loads():
         maxcon.Nothing  # noqa: B018
     assert maxcon.search.exhaustive is not None
     assert Estimate is maxcon.estimate.Estimate
+
+
+def test_help_begins_with_what_each_public_name_is_for_and_has_no_types_spelled_out():
+    text = pydoc.plain(pydoc.render_doc(maxcon))
+    overview = text[: text.index("PACKAGE CONTENTS")]
+    assert [name for name in maxcon.__all__ if not name.startswith("_") and f"`{name}`" not in overview] == []
+    assert "numpy.dtype[" not in text and "typing.Any" not in text
 
 
 @pytest.mark.parametrize("noise_deg", [0.5, 1.0, 2.0])

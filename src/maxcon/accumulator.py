@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: MIT
 """Accumulator: the moments of every cell of a search space (D5)."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import cast
 

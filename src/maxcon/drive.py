@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: MIT
 """Localizing a drive: epoch after epoch, each with its prior from a trajectory."""
 
+from __future__ import annotations
+
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -105,7 +107,7 @@ class EpochEstimate:
     pose_global: Pose | None = None
     reason: str = ""
 
-    def without_points(self) -> "EpochEstimate":
+    def without_points(self) -> EpochEstimate:
         """Return the same answer without the points, to keep over a long drive."""
         nothing = np.empty((0, 3))
         return replace(self, raw=replace(self.raw, points=nothing), scan=Scan(nothing, time=self.scan.time))

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: MIT
 """Whether the best cell of a search may be trusted, in which word it may not, and what casts doubt on it."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from statistics import NormalDist

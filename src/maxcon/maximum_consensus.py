@@ -8,6 +8,8 @@ position best is the answer. Then what the paper does not have: its pose is adju
 map, examined, and where in doubt searched for once more, wider (D12).
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace

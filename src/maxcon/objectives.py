@@ -8,6 +8,8 @@ moments of a cell are count, Nxx, Nxy and Nyy: the number of its matches and the
 N = sum of w n n^T over them (equation (4)).
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import ClassVar, Protocol, runtime_checkable
 

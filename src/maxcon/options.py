@@ -54,7 +54,7 @@ class Weighting(NamedOption, option="weighting"):
     """
 
     COSINE = "cosine"
-    """max(0, n_scan . n_map); |n_scan . n_map| where the map's normals have no side. 1/2, its mean over all
+    """max(0, n_scan . n_map); abs(n_scan . n_map) where the map's normals have no side. 1/2, its mean over all
     directions that the sensor can see, where the scan point has no normal."""
 
     PUBLISHED = "published"

@@ -8,7 +8,7 @@ import stat
 from io import BufferedReader
 from pathlib import Path
 
-__all__ = ["check_regular", "open_regular", "special_kind"]
+__all__ = ["check_regular", "open_regular", "read_regular", "special_kind"]
 
 
 def special_kind(mode: int) -> str:
@@ -45,6 +45,18 @@ def open_regular(path: str | os.PathLike[str]) -> BufferedReader:
     except BaseException:
         os.close(descriptor)
         raise
+
+
+def read_regular(path: str | os.PathLike[str], most_bytes: int) -> bytes:
+    """Return the first bytes of a file, all of them if there are no more; memory is taken for those that are there.
+
+    Raises
+    ------
+    OSError
+        As `open_regular`.
+    """
+    with open_regular(path) as stream:
+        return stream.read(min(most_bytes, os.fstat(stream.fileno()).st_size))
 
 
 def _check(path: str | os.PathLike[str], mode: int) -> None:

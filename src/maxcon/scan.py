@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: MIT
 """Scan: the points of one epoch, in the sensor frame."""
 
+from __future__ import annotations
+
 import math
 from functools import cached_property
 from typing import Any
@@ -61,7 +63,7 @@ class Scan:
 
         return _frozen(estimate_scan_normals(self.points))
 
-    def thinned(self, edge: float) -> "Scan":
+    def thinned(self, edge: float) -> Scan:
         """Return the scan with one of its points in each cube of an edge (m) of a grid in the sensor frame; 0 for all.
 
         A point with a normal comes before one without, then the nearest to the middle of the cube: which points are

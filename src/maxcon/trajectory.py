@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: MIT
 """Trajectory: poses with their times, and the pose at any time between them."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: MIT
 """LocalFrame: metres about a float64 origin, with a CRS (D1)."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

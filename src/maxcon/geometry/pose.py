@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: MIT
 """Pose: where the sensor is and how it is turned, R = Rz(heading) Ry(pitch) Rx(roll) (D1, D2)."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, fields
 
@@ -106,28 +108,28 @@ class Pose:
         points = as_points(points_sensor, "points_sensor")
         return points @ self.rotation.T + self.position
 
-    def translated(self, offset: ArrayLike) -> "Pose":
+    def translated(self, offset: ArrayLike) -> Pose:
         """Return the same orientation at a position moved by `offset`, shape (3,), m."""
         x, y, z = self.position + np.asarray(offset, dtype=np.float64)
         return Pose(x, y, z, self.roll, self.pitch, self.heading)
 
-    def levelled(self, other: "Pose") -> "Pose":
+    def levelled(self, other: Pose) -> Pose:
         """Return the pose at this place and heading with the height, roll and pitch of another."""
         return Pose(self.x, self.y, other.z, other.roll, other.pitch, self.heading)
 
     @classmethod
-    def from_rotation(cls, position: ArrayLike, rotation: NDArray[np.float64]) -> "Pose":
+    def from_rotation(cls, position: ArrayLike, rotation: NDArray[np.float64]) -> Pose:
         """Return the pose of a position, shape (3,), m, and a rotation matrix, shape (3, 3)."""
         x, y, z = np.asarray(position, dtype=np.float64).tolist()
         roll = math.atan2(rotation[2, 1], rotation[2, 2])
         pitch = math.atan2(-rotation[2, 0], math.hypot(rotation[2, 1], rotation[2, 2]))
         return cls(x, y, z, roll, pitch, math.atan2(rotation[1, 0], rotation[0, 0]))
 
-    def __matmul__(self, other: "Pose") -> "Pose":
+    def __matmul__(self, other: Pose) -> Pose:
         """T_a_c from T_a_b (this one) and T_b_c: the pose after a motion that is told in this pose's own axes."""
         return Pose.from_rotation(self.apply(other.position[None])[0], self.rotation @ other.rotation)
 
     @property
-    def inverse(self) -> "Pose":
+    def inverse(self) -> Pose:
         """T_b_a of this T_a_b."""
         return Pose.from_rotation(-self.rotation.T @ self.position, self.rotation.T)

@@ -14,12 +14,17 @@ from numpy.typing import NDArray
 from maxcon.errors import FileError
 from maxcon.regular_file import open_regular
 
-__all__ = ["numbered_lines", "parse_float", "read_lines", "read_table"]
+__all__ = ["numbered_lines", "parse_float", "printable", "read_lines", "read_table"]
 
 # A pose is about 150 characters; a longer line is another kind of file.
 MAX_LINE = 10_000
 # A row of a cloud may have hundreds of numbers.
 MAX_ROW = 100_000
+
+
+def printable(text: str) -> str:
+    """Return a text of a file as it may be shown: short, and on one line."""
+    return "".join(sign if sign.isprintable() else "?" for sign in text[:100])
 
 
 def numbered_lines(file: Path, what: str) -> Iterator[tuple[int, str]]:

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: MIT
 """Trajectories in files: TUM text, and CSV with a header such as POSES.csv."""
 
+from __future__ import annotations
+
 import math
 import os
 from collections.abc import Iterable, Iterator

@@ -16,7 +16,7 @@ from maxcon.geometry.voxels import INDEX_LIMIT
 from maxcon.point_map.ground import ground_voxels
 from maxcon.point_map.layout import TILE_VOXELS, TileKey
 from maxcon.point_map.sigma import UNKNOWN_SIGMA
-from maxcon.regular_file import open_regular
+from maxcon.regular_file import read_regular
 
 __all__ = [
     "CELLS",
@@ -135,8 +135,7 @@ def read_manifest(path: str | os.PathLike[str]) -> Manifest:
     """
     file = Path(path) / MANIFEST
     try:
-        with open_regular(file) as stream:
-            content = json.loads(stream.read(LARGEST_MANIFEST))
+        content = json.loads(read_regular(file, LARGEST_MANIFEST))
         checksum = _checksum(content) if isinstance(content, dict) else None
     except (FileNotFoundError, NotADirectoryError):
         what = "a file" if Path(path).is_file() else "no such folder"

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: MIT
 """PointMap: the voxels of a dense point cloud, in tiles around a local frame (D1, D4)."""
 
+from __future__ import annotations
+
 import math
 import os
 from collections.abc import Callable
@@ -53,7 +55,7 @@ class PointMap:
     cell : float
         Voxel edge, m: the cell edge of any search in this map.
     is_signed : bool
-        Whether normals are turned to the sensor's side. If not, w = |n_scan . n_map| (D5).
+        Whether normals are turned to the sensor's side. If not, w = abs(n_scan . n_map) (D5).
     sigma : float
         How well the map is known: standard deviation of its position along any axis, m.
     tile_voxels : int
@@ -95,7 +97,7 @@ class PointMap:
         is_signed: bool = True,
         sigma: float = UNKNOWN_SIGMA,
         ground: ArrayLike | None = None,
-    ) -> "PointMap":
+    ) -> PointMap:
         """Rasterize points with normals into a map in memory.
 
         Parameters
@@ -131,7 +133,7 @@ class PointMap:
         )
 
     @classmethod
-    def open(cls, path: str | os.PathLike[str], *, cache_bytes: int = 2**31) -> "PointMap":
+    def open(cls, path: str | os.PathLike[str], *, cache_bytes: int = 2**31) -> PointMap:
         """Open a map on disk; tiles are loaded when a search comes near them.
 
         Parameters
@@ -156,7 +158,7 @@ class PointMap:
         opened._made_by = _opened, (str(Path(path).absolute()), cache_bytes)
         return opened
 
-    def level(self, factor: int) -> "PointMap":
+    def level(self, factor: int) -> PointMap:
         """Return the same map in voxels `factor` times as large, without ground; tiles are merged when a search asks.
 
         Parameters

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: MIT
 """A drive from above, each epoch in the colour of its error."""
 
+from __future__ import annotations
+
 import os
 from typing import TYPE_CHECKING
 
@@ -62,7 +64,7 @@ def plot_drive(
     if places.ndim != 2 or len(places) == 0 or places.shape[1] not in (2, 3) or not np.isfinite(places).all():
         raise ArrayError(f"Expected `positions` to have shape (n, 2) or (n, 3), finite, got {places.shape}.")
     values = as_errors(errors, len(places), "`errors`")
-    window = _window_of(places)
+    window = Window.with_room(places)
     side = 6.6 / max(window.size)
     drawn_width, drawn_height = window.size[0] * side, window.size[1] * side
     width, height = max(drawn_width + 2.0, 5.6), drawn_height + 2.35
@@ -86,16 +88,8 @@ def plot_drive(
         )
 
 
-def _window_of(places: NDArray[np.float64]) -> Window:
-    """Return the places with 25 m around them, at most three times as long as wide."""
-    low, high = places[:, :2].min(axis=0), places[:, :2].max(axis=0)
-    center, half = 0.5 * (low + high), 0.5 * (high - low) + 25.0
-    half = np.maximum(half, half.max() / 3.0)
-    return Window(center[0] - half[0], center[0] + half[0], center[1] - half[1], center[1] + half[1])
-
-
 def _draw_epochs(
-    axes: "Axes", places: NDArray[np.float64], errors: NDArray[np.float64], success: float
+    axes: Axes, places: NDArray[np.float64], errors: NDArray[np.float64], success: float
 ) -> None:
     """Draw the way, the epochs that succeeded in colours, and the others with marks of their own."""
     axes.plot(places[:, 0], places[:, 1], color=MUTED, lw=1.0, zorder=3)

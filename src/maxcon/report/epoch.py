@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: MIT
 """The picture of one epoch: its search space in colours, beside its scene from above."""
 
+from __future__ import annotations
+
 import math
 import os
 from typing import TYPE_CHECKING
@@ -97,7 +99,7 @@ def plot_epoch(
         )
 
 
-def _draw_panels(figure: "Figure", view: SearchSpaceView, reference: Pose | None) -> None:
+def _draw_panels(figure: Figure, view: SearchSpaceView, reference: Pose | None) -> None:
     """Draw one panel per heading, the best one in a frame, and their common colour scale."""
     from matplotlib.colors import Normalize
 
@@ -136,7 +138,7 @@ def _panel_places(n_panels: int) -> list[tuple[float, float, float]]:
 
 
 def _draw_scale(
-    figure: "Figure", view: SearchSpaceView, image: "AxesImage", n_drawn: int, reference: Pose | None
+    figure: Figure, view: SearchSpaceView, image: AxesImage, n_drawn: int, reference: Pose | None
 ) -> None:
     """Write what the panels are, with the colour scale below and the marks above."""
     n_headings = view.space.shape[0]

@@ -32,6 +32,14 @@ class Window(NamedTuple):
         """Return the square around a place."""
         return cls(x - half_width, x + half_width, y - half_width, y + half_width)
 
+    @classmethod
+    def with_room(cls, places: NDArray[np.float64]) -> "Window":
+        """Return the rectangle that holds places, with 25 m around them, at most three times as long as wide."""
+        low, high = places[:, :2].min(axis=0), places[:, :2].max(axis=0)
+        center, half = 0.5 * (low + high), 0.5 * (high - low) + 25.0
+        half = np.maximum(half, half.max() / 3.0)
+        return cls(center[0] - half[0], center[0] + half[0], center[1] - half[1], center[1] + half[1])
+
     @property
     def size(self) -> tuple[float, float]:
         """Width and height, m."""

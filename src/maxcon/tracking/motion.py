@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: MIT
 """How the sensor moved between two epochs, and how well that is known."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, fields
 from typing import Self
@@ -52,7 +54,7 @@ class Motion:
         pose = before.inverse @ after
         return cls(pose, float(np.linalg.norm(pose.position)), seconds, abs(pose.heading))
 
-    def then(self, following: "Motion") -> "Motion":
+    def then(self, following: Motion) -> Motion:
         """Return this motion and the following one as one."""
         return Motion(
             self.pose @ following.pose,

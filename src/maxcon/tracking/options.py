@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: MIT
 """What a tracker asks for."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: MIT
 """UncertainPose: a pose with its covariance, moved and adjusted (an extended Kalman filter)."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 
@@ -42,7 +44,7 @@ class UncertainPose:
         """Standard deviation of the position in the direction that is known worst, m."""
         return math.sqrt(max(0.0, float(np.linalg.eigvalsh(self.covariance[:2, :2])[-1])))
 
-    def moved(self, motion: Motion, noise: MotionNoise) -> "UncertainPose":
+    def moved(self, motion: Motion, noise: MotionNoise) -> UncertainPose:
         """Return where the sensor is after a motion: the prediction of the filter, F P F' + G Q G'."""
         moved = self.pose @ motion.pose
         rotation = self.pose.rotation
@@ -61,7 +63,7 @@ class UncertainPose:
         )
         return UncertainPose(moved, covariance)
 
-    def adjusted(self, measured: Pose, covariance: NDArray[np.float64]) -> "UncertainPose":
+    def adjusted(self, measured: Pose, covariance: NDArray[np.float64]) -> UncertainPose:
         """Return the pose that a measurement of it leaves: the update of the filter, in Joseph's form.
 
         Parameters

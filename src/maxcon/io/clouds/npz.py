@@ -21,6 +21,7 @@ from maxcon.io.clouds.base import (
     as_float64,
     rows_at_a_time,
 )
+from maxcon.io.text import printable
 
 __all__ = ["NpzReader"]
 
@@ -66,7 +67,7 @@ class NpzReader(CloudReader):
             there = {info.filename.removesuffix(".npy") for info in archive.infolist()}
             if "points" not in there:
                 raise FileError(
-                    f"Expected an array `points` in {file}, got {', '.join(sorted(there))[:80] or 'none'}."
+                    f"Expected an array `points` in {file}, got {printable(', '.join(sorted(there))[:80]) or 'none'}."
                     " Save it with numpy.savez(path, points=points)."
                 )
             self._members = [_open_member(file, archive, name)[0] for name in COLUMNS if name in there]

@@ -12,6 +12,7 @@ from typing import Self
 
 from maxcon.errors import FileError, MissingExtraError
 from maxcon.io.clouds.base import as_file_error
+from maxcon.io.text import printable
 
 __all__ = ["LARGEST_CHUNK", "Message", "Recording", "Topic", "as_extra_missing", "printable"]
 
@@ -66,11 +67,6 @@ class Message:
     encoding: str
     recorded: int
     data: bytes
-
-
-def printable(text: str) -> str:
-    """Return a text of a file as it may be shown: short, and on one line."""
-    return "".join(sign if sign.isprintable() else "?" for sign in text[:100])
 
 
 class Recording(ABC):

@@ -3,6 +3,7 @@
 """MCAP files: a bare one, or those of a ROS 2 bag; also without index, as a recorder that was killed leaves them."""
 
 import io
+import os
 from collections import Counter
 from collections.abc import Collection, Generator, Iterator, Sequence
 from pathlib import Path
@@ -62,7 +63,7 @@ class _McapFile:
         self.counts: Counter[int] = Counter()
         self.is_closed = True
         self._chunks: list[Any] = []
-        with path.open("rb") as stream:
+        with _BoundedFile(path) as stream:
             if not self._read_summary(stream):
                 self._scan(stream)
 
@@ -118,7 +119,7 @@ class _McapFile:
         from mcap.records import Chunk
         from mcap.records import Message as MessageRecord
 
-        with self.path.open("rb") as stream:
+        with _BoundedFile(self.path) as stream:
             if not self._chunks:
                 yield from self._from_beginning(stream)
                 return
@@ -159,6 +160,19 @@ class _McapFile:
                     yield part
             has_end = has_end or isinstance(record, Footer)
         self.is_closed = has_end
+
+
+class _BoundedFile(io.BufferedReader):
+    """A file of which no more is read than there is: a buffer is never as large as what a header claims."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(io.FileIO(path))
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """Return so many bytes, or those that are left."""
+        if size is not None and size > io.DEFAULT_BUFFER_SIZE:
+            size = min(size, max(0, os.fstat(self.fileno()).st_size - self.tell()))
+        return super().read(size)
 
 
 class _TruncatedError(Exception):

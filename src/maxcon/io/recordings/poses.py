@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: MIT
 """Poses in a recording: those of a GNSS receiver, with orientations, or of whatever writes poses."""
 
+from __future__ import annotations
+
 import os
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: MIT
 """open_scans: the scans of a drive, from a folder, a file or a recording."""
 
+from __future__ import annotations
+
 import os
 
 from maxcon.errors import OptionError

@@ -10,6 +10,7 @@ from typing import BinaryIO
 import numpy as np
 
 from maxcon.errors import FileError
+from maxcon.io.text import printable
 
 __all__ = ["PcdLayout", "read_pcd_layout"]
 
@@ -81,7 +82,7 @@ def read_pcd_layout(file: Path, stream: BinaryIO, n_most: int) -> PcdLayout:
         raise _broken(file, "FIELDS, SIZE, TYPE, COUNT of the same length, with types F, U, I", "others")
     for name in "xyz":
         if fields.count(name) != 1 or counts[fields.index(name)] != 1:
-            raise _broken(file, f"one field {name!r}", f"FIELDS {' '.join(fields)[:80]}")
+            raise _broken(file, f"one field {name!r}", f"FIELDS {printable(' '.join(fields)[:80])}")
     encoding = header["DATA"][0] if header["DATA"] else ""
     if encoding not in ENCODINGS:
         raise _broken(file, f"DATA {', '.join(ENCODINGS)}", repr(encoding))

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: MIT
 """RawScan: the returns of one epoch; Scans: those of a drive, wherever they come from."""
 
+from __future__ import annotations
+
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,0 +1,92 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Read mutated files of every kind: `python tests/fuzz --inputs 200000 --seed 0`. Linux.
+
+Fine is what reads, or what is refused with an error of the package. Everything else is a finding: another exception,
+a process that ends, more than 10 s, more than 1 GiB of memory. Findings are written with the number that makes them
+again: `python tests/fuzz --seed 0 --only NUMBER`.
+"""
+
+import argparse
+import json
+import sys
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+
+from fuzz_seeds import make_seeds
+from fuzz_watch import watched
+from fuzz_worker import input_of, work_off
+
+
+def main() -> int:
+    """Fuzz, and return 1 if something was found."""
+    arguments = _arguments()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        seeds = make_seeds(folder, arguments.others)
+        if arguments.worker:
+            numbers = range(arguments.first, arguments.inputs)
+            work_off(seeds, arguments.seed, numbers, folder, sys.stdout)
+            return 0
+        if arguments.only is not None:
+            chosen, data = input_of(seeds, arguments.seed, arguments.only)
+            file = Path(f"input_{arguments.only}_{Path(chosen.name).name or 'message'}")
+            file.write_bytes(data)
+            print(f"{file}: {chosen.label}, for the reader {chosen.reader}")
+            return 0
+    return _fuzz(arguments)
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--inputs", type=int, default=1000, help="how many")
+    parser.add_argument("--seed", type=int, default=0, help="the same seed makes the same inputs")
+    parser.add_argument("--first", type=int, default=0, help="number of the first")
+    parser.add_argument("--others", type=Path, help="folder of more good files, up to 150 kB each")
+    parser.add_argument("--out", type=Path, help="file for the findings, a JSON line each")
+    parser.add_argument("--only", type=int, help="write this input into a file, and read nothing")
+    parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
+    return parser.parse_args()
+
+
+def _fuzz(arguments: argparse.Namespace) -> int:
+    """Start a process that reads, and another one wherever it ended early or took too long."""
+    counts: Counter[tuple[str, str]] = Counter()
+    findings, slowest, at, began = [], (0.0, ""), arguments.first, time.perf_counter()
+    while at < arguments.inputs:
+        before = at
+        for said in watched(_command(arguments, at)):
+            at = said.number + 1
+            counts[said.reader, said.words if said.is_fine else "found"] += 1
+            slowest = max(slowest, (said.seconds, f"{said.number} ({said.label})"))
+            if not said.is_fine:
+                findings.append(said._asdict())
+                print(findings[-1], flush=True)
+                if arguments.out:
+                    arguments.out.write_text("".join(json.dumps(found) + "\n" for found in findings))
+        if at == before:
+            raise SystemExit("The process that reads ended before its first input.")
+    print(f"{'reader':<12} {'read':>8} {'refused':>8} {'found':>6}")
+    for reader in sorted({reader for reader, _ in counts}):
+        row = [counts[reader, words] for words in ("read", "refused", "found")]
+        print(f"{reader:<12} {row[0]:>8,} {row[1]:>8,} {row[2]:>6,}")
+    seconds, which = slowest
+    total = time.perf_counter() - began
+    print(f"{sum(counts.values()):,} inputs in {total:.0f} s; slowest {seconds:.2f} s: {which}")
+    return 1 if findings else 0
+
+
+def _command(arguments: argparse.Namespace, first: int) -> list[str]:
+    command = [sys.executable, __file__, "--worker", "--first", str(first)]
+    for name in ("inputs", "seed", "others"):
+        if getattr(arguments, name) is not None:
+            command += [f"--{name}", str(getattr(arguments, name))]
+    return command
+
+
+if __name__ == "__main__":
+    sys.exit(main())
