@@ -44,7 +44,7 @@ def on_compilation(call: Callable[[], None]) -> Iterator[None]:
 def read_only_view(array: NDArray[Any]) -> NDArray[Any]:
     """Return the array in one piece, as a view that cannot be written.
 
-    Arrays of a mapped file cannot be written, those in memory can: kernels would be compiled for either.
+    Arrays of a tile that was read cannot be written, those in memory can: kernels would be compiled for either.
     """
     view = np.ascontiguousarray(array).view()
     view.flags.writeable = False

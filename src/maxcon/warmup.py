@@ -146,7 +146,7 @@ def _search_in_memory() -> None:
 
 
 def _search_on_disk(folder: Path) -> None:
-    """Search in mapped files: their arrays are read-only, which is another type."""
+    """Search in files: the arrays of their tiles are read-only, which is another type."""
     for name in ("signed", "unsigned"):
         _search(PointMap.open(folder / f"{name}.map"), _all_methods())
 
