@@ -48,7 +48,6 @@ for line in sys.stdin:
 REFUSED = {
     "las/PDAL/las/1.2-with-color-clipped.las": "1065 points in .*, got bytes for 1064: truncated",
     "ply/PDAL/no_vertex.ply": "an element 'vertex'",
-    "ply/small_gicp/T_target_source.txt": "with suffix",
     "pcd/PDAL/missingheader.pcd": "header lines VERSION",
     "pcd/pypcd4/ascii_empty.pcd": "ends with DATA",
     "pcd/pypcd4/ascii_with_empty_points.pcd": "1 to 5,000,000 points",
