@@ -412,6 +412,15 @@ def test_a_trajectory_of_another_time_is_refused(tmp_path, cloud_files, some_poi
     assert left_over(tmp_path) == ["a.laz", "b.npz"]
 
 
+@pytest.mark.parametrize("is_swapped", [True, False])
+def test_a_trajectory_far_from_the_points_is_refused(tmp_path, cloud_files, some_points, is_swapped):
+    path = cloud_files.las(tmp_path / "a.laz", some_points, times=np.linspace(0.0, 10.0, len(some_points)))
+    elsewhere = some_points[:2][:, [1, 0, 2]] if is_swapped else some_points[:2] + [440_000.0, 0.0, 0.0]
+    with pytest.raises(TrajectoryError, match=r"got x .* in the CRS of the map, and x and y in their places"):
+        build_map([path], tmp_path / "a.map", MapOptions(trajectory=trajectory_at([0.0, 10.0], elsewhere)))
+    assert not (tmp_path / "a.map").exists()
+
+
 def test_points_outside_the_trajectory_are_kept_without_a_side(tmp_path, cloud_files, surfaces):
     points, _ = surfaces.wall(4000, (10, 20), (20, 20), noise=0.003)
     times = np.where(points[:, 0] < surfaces.origin[0] + 15, 1.0, 100.0)

@@ -28,6 +28,8 @@ __all__ = [
     "read_source",
 ]
 
+# No scanner sees so far (m), from an aeroplane neither.
+FARTHEST_SENSOR = 20_000.0
 # Farther from any pose of the trajectory than this, a point's sensor position is not known (s).
 LARGEST_TIME_GAP = 0.5
 # Among so many at the start of a source its first finite point is looked for.
@@ -251,7 +253,9 @@ def _keep(
     if use_normals and chunk.normals is not None:
         sides = _unit(np.nan_to_num(chunk.normals[keep], posinf=0.0, neginf=0.0))
     if trajectory is not None and times is not None:
-        to_sensor = _unit(trajectory.positions_at(times, LARGEST_TIME_GAP) - points)
+        to_sensor = trajectory.positions_at(times, LARGEST_TIME_GAP) - points
+        _check_near(to_sensor, points)
+        to_sensor = _unit(to_sensor)
         is_known = np.isfinite(to_sensor).all(axis=1)
         counts.n_without_side += int((~is_known).sum())
         to_sensor[~is_known] = 0.0
@@ -267,6 +271,26 @@ def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     unit: NDArray[np.float64] = np.zeros_like(vectors)
     np.divide(vectors, lengths[:, None], out=unit, where=lengths[:, None] != 0.0)
     return unit
+
+
+def _check_near(to_sensor: NDArray[np.float64], points: NDArray[np.float64]) -> None:
+    """Refuse sensor positions that no scanner reaches the points from, given what leads to them, (n, 3), m.
+
+    Raises
+    ------
+    TrajectoryError
+        If most lie farther away than FARTHEST_SENSOR.
+    """
+    distances = np.hypot(to_sensor[:, 0], to_sensor[:, 1])
+    known = np.flatnonzero(np.isfinite(distances))
+    if not len(known) or np.median(distances[known]) <= FARTHEST_SENSOR:
+        return
+    x, y = points[known[0], :2]
+    sensor_x, sensor_y = points[known[0], :2] + to_sensor[known[0], :2]
+    raise TrajectoryError(
+        f"Expected the trajectory where the points were seen from, got x {sensor_x:.7g}, y {sensor_y:.7g} m for a point"
+        f" at x {x:.7g}, y {y:.7g} m. Are both in the CRS of the map, and x and y in their places?"
+    )
 
 
 def check_sides(counts: Sequence[SourceCounts], trajectory: Trajectory) -> None:
