@@ -52,7 +52,9 @@ def print_summary(
         )
     n_widened = sum(epoch.estimate is not None and epoch.estimate.was_widened for epoch in epochs)
     if n_widened:
-        typer.echo(f"{n_widened} {'was' if n_widened == 1 else 'were'} in doubt and searched for farther around")
+        typer.echo(
+            f"{n_widened} {'was' if n_widened == 1 else 'were'} in doubt and searched for farther around"
+        )
     others = Counter(epoch.status for epoch in epochs if epoch.pose_global is None)
     for status, number in sorted(others.items()):
         typer.echo(f"{number} {status.value}: {status.explanation}")
