@@ -23,10 +23,12 @@ class TurnsOfAScanner(Scans):
         self.times = 1.7e9 + 0.1 * np.arange(n_scans)
         self._n_points = n_points
 
-    def name(self, i: int) -> str:  # noqa: D102
+    def name(self, i: int) -> str:
+        """Its number."""
         return str(i)
 
-    def read(self, i: int, min_range: float = 1.0, max_range: float = 120.0) -> RawScan:  # noqa: D102
+    def read(self, i: int, min_range: float = 1.0, max_range: float = 120.0) -> RawScan:
+        """Make it; ranges are what they are."""
         rng = np.random.default_rng(i)
         azimuths = np.linspace(np.pi, -np.pi, self._n_points)
         elevations = np.radians(np.resize(np.linspace(-20, 10, 64), self._n_points))

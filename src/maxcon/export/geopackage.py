@@ -14,6 +14,7 @@ import numpy as np
 from maxcon.atomic import atomic_file
 from maxcon.errors import FileError, MissingExtraError
 from maxcon.export.rows import PoseRow, properties
+from maxcon.geometry import Pose
 from maxcon.io.crs import metric_crs
 
 __all__ = ["write_geopackage"]
@@ -40,7 +41,7 @@ def write_geopackage(path: str | os.PathLike[str], rows: Sequence[PoseRow], crs:
             "Expected the package pyogrio to write a GeoPackage, got none installed. pip install 'maxcon[export]'"
         ) from error
     wkt = metric_crs(crs)
-    points = np.array([None if row.pose is None else _point(row) for row in rows], dtype=object)
+    points = np.array([None if row.pose is None else _point(row.pose) for row in rows], dtype=object)
     table = [properties(row) for row in rows]
     names = list(table[0])
     columns = [_column([row[name] for row in table]) for name in names]
@@ -58,9 +59,8 @@ def write_geopackage(path: str | os.PathLike[str], rows: Sequence[PoseRow], crs:
         shutil.copyfile(made, partial)
 
 
-def _point(row: PoseRow) -> bytes:
-    assert row.pose is not None  # noqa: S101
-    return struct.pack("<BI3d", 1, POINT_Z, row.pose.x, row.pose.y, row.pose.z)
+def _point(pose: Pose) -> bytes:
+    return struct.pack("<BI3d", 1, POINT_Z, pose.x, pose.y, pose.z)
 
 
 def _column(values: list[float | str | None]) -> "np.ndarray[tuple[int], np.dtype[np.generic]]":

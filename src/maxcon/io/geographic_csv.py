@@ -96,7 +96,7 @@ def read_geographic_csv(file: Path) -> GeographicRows:
             names = [text.lower() for text in texts]
             kind, header = _columns(file, number, names)
             continue
-        row = parsed(lambda: _row(file, number, texts, names, header), left_out)  # noqa: B023 - called at once
+        row = parsed(left_out, _row, file, number, texts, names, header)
         n_empty += row == []
         if row:
             rows.append((number, row))

@@ -174,7 +174,7 @@ def _tum_rows(file: Path, lines: Iterable[Line], left_out: list[str] | None) -> 
     for number, line in lines:
         texts = line.partition("#")[0].split()
         if texts:
-            row = parsed(lambda: _tum_row(file, number, line, texts), left_out)  # noqa: B023 - called at once
+            row = parsed(left_out, _tum_row, file, number, line, texts)
             if row is not None:
                 yield number, row
 

@@ -45,7 +45,7 @@ def csv_rows(file: Path, lines: Iterable[Line], left_out: list[str] | None) -> I
             names = cells_of(file, number, line)
             header = _CsvHeader(names, _columns(file, number, names), _certainty_columns(file, number, names))
             continue
-        row = parsed(lambda: _csv_row(file, number, line, header), left_out)  # noqa: B023 - called at once
+        row = parsed(left_out, _csv_row, file, number, line, header)
         if row:
             yield number, row
 

@@ -4,7 +4,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import NoReturn
+from typing import NoReturn, ParamSpec
 
 from maxcon.errors import TrajectoryError
 from maxcon.io.text import parse_float
@@ -13,6 +13,7 @@ __all__ = ["Line", "Row", "numbers_of", "parsed", "refuse", "words_of_line"]
 
 Line = tuple[int, str]
 Row = tuple[int, list[float]]
+P = ParamSpec("P")
 
 
 def refuse(file: Path, number: int, words: str) -> NoReturn:
@@ -36,10 +37,12 @@ def numbers_of(file: Path, number: int, texts: list[str], names: str) -> list[fl
     return [value for value in values if value is not None]
 
 
-def parsed(parse: Callable[[], list[float]], left_out: list[str] | None) -> list[float] | None:
+def parsed(
+    left_out: list[str] | None, parse: Callable[P, list[float]], *args: P.args, **kwargs: P.kwargs
+) -> list[float] | None:
     """Return the numbers of a row; None where it is none, which is told in `left_out` if that is given."""
     try:
-        return parse()
+        return parse(*args, **kwargs)
     except TrajectoryError as error:
         if left_out is None:
             raise

@@ -3,6 +3,7 @@
 """Bags of ROS 1, and of ROS 2 in SQLite, through rosbags."""
 
 import bz2
+from abc import abstractmethod
 from collections.abc import Collection, Generator
 from pathlib import Path
 from typing import Any
@@ -22,11 +23,18 @@ class _Bag(Recording):
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         with as_file_error(path, self.kind):
-            self._reader = self._opened()
+            try:
+                reader = self._reader_class()
+            except ImportError as error:
+                raise as_extra_missing(path, "rosbags") from error
+            self._reader = reader(path)
+            self._reader.open()
             self.topics = _topics(self._reader.connections)
 
-    def _opened(self) -> Any:
-        raise NotImplementedError
+    @staticmethod
+    @abstractmethod
+    def _reader_class() -> Any:
+        """Import what reads such a bag: a class of rosbags."""
 
     def _read(self, topics: Collection[str], start: int | None) -> Generator[Message]:
         wanted = [connection for connection in self._reader.connections if connection.topic in topics]
@@ -56,20 +64,23 @@ class Ros1Bag(_Bag):
     kind = "a ROS 1 bag"
     encoding = "ros1"
 
-    def _opened(self) -> Any:
-        try:
-            import lz4.frame
-            from rosbags.rosbag1 import Reader
-        except ImportError as error:
-            raise as_extra_missing(self.path, "rosbags") from error
-        reader = Reader(self.path)
-        reader.open()
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        import lz4.frame
+
         # Nothing bounds what a chunk unpacks to but the functions that unpack it.
         bounded = {bz2.decompress: _unpack_bz2, lz4.frame.decompress: _unpack_lz4}
-        for position, chunk in list(reader.chunks.items()):
+        chunks = self._reader.chunks
+        for position, chunk in list(chunks.items()):
             if chunk.decompressor in bounded:
-                reader.chunks[position] = chunk._replace(decompressor=bounded[chunk.decompressor])
-        return reader
+                chunks[position] = chunk._replace(decompressor=bounded[chunk.decompressor])
+
+    @staticmethod
+    def _reader_class() -> Any:
+        import lz4.frame  # noqa: F401  # for the chunks
+        from rosbags.rosbag1 import Reader
+
+        return Reader
 
 
 class SqliteBag(_Bag):
@@ -78,14 +89,11 @@ class SqliteBag(_Bag):
     kind = "a ROS 2 bag"
     encoding = "cdr"
 
-    def _opened(self) -> Any:
-        try:
-            from rosbags.rosbag2 import Reader
-        except ImportError as error:
-            raise as_extra_missing(self.path, "rosbags") from error
-        reader = Reader(self.path)
-        reader.open()
-        return reader
+    @staticmethod
+    def _reader_class() -> Any:
+        from rosbags.rosbag2 import Reader
+
+        return Reader
 
 
 def _unpack_bz2(packed: bytes) -> bytes:
