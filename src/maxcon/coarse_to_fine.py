@@ -61,7 +61,7 @@ BLUNT, BLUNT_WIDE = 0.85, 0.75
 # ... of so many places at most, the highest: where more fit, none stands out.
 MOST_PLACES, MOST_WIDE_PLACES = 12, 256
 # More cells of the first level take minutes.
-MOST_CELLS = 2**28
+MOST_LARGE_CELLS = 2**28
 # Coarse cells are searched so far around a wide one, m and degrees, and small ones around a coarse one; from a best
 # small one at the rim of that it is gone on.
 AROUND_WIDE, AROUND_WIDE_DEG = 0.96, 2.0
@@ -204,9 +204,9 @@ def _search_level(
 ) -> Found:
     """Search all cells of a level in an open space, for all that reach a share of the best one."""
     cells = level.cells(space, point_map)
-    if cells.n_cells > MOST_CELLS:
+    if cells.n_cells > MOST_LARGE_CELLS:
         raise SearchSpaceError(
-            f"Expected at most {MOST_CELLS:,} cells of {cells.cell_edge:g} m and {cells.step_deg:g} degrees, got"
+            f"Expected at most {MOST_LARGE_CELLS:,} cells of {cells.cell_edge:g} m and {cells.step_deg:g} degrees, got"
             f" {cells.n_cells:,}. Narrow the search space."
         )
     thinned = scan.thinned(level.thinning)

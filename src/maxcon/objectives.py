@@ -149,13 +149,12 @@ def as_objective(objective: Objective | str) -> Objective:
     OptionError
         If there is none of that name, or the object has no `score`.
     """
+    if not isinstance(objective, str | type) and callable(getattr(objective, "score", None)):
+        return objective
     named: dict[str, Objective] = {each.name: each for each in (Helmert(), Count(), MaxEigenvalue())}
     if isinstance(objective, str) and objective in named:
         return named[objective]
-    if isinstance(objective, str | type) or not callable(getattr(objective, "score", None)):
-        *others, last = (repr(name) for name in named)
-        raise OptionError(
-            f"Expected `objective` to be {', '.join(others)}, {last} or an object with `score(moments)`,"
-            f" got {objective!r}."
-        )
-    return objective
+    *others, last = (repr(name) for name in named)
+    raise OptionError(
+        f"Expected `objective` to be {', '.join(others)}, {last} or an object with `score(moments)`, got {objective!r}."
+    )

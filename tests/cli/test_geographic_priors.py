@@ -2,11 +2,10 @@
 # SPDX-License-Identifier: MIT
 """Priors in latitude, longitude and height on the command line: localized as those in the map's coordinates are."""
 
-import csv
-
 import numpy as np
 import pytest
 
+from localized_poses import localized_poses
 from maxcon.geometry import Pose
 from maxcon.io.geographic import GeographicFrame
 from maxcon.io.trajectories import read_trajectory, write_tum
@@ -15,13 +14,6 @@ from maxcon.trajectory import Trajectory
 from nmea_sentences import clock, gga, sentence, zda
 
 FRAME = GeographicFrame(CRS)
-
-
-def _poses(path):
-    with path.open() as file:
-        rows = list(csv.DictReader(file))
-    assert all(row["status"] == "localized" for row in rows)
-    return np.array([[float(row[name]) for name in ("time", "x", "y", "z", "heading")] for row in rows])
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +70,7 @@ def reference(maxcon, drive, tmp_path):
         ).code
         == 0
     )
-    return _poses(path)
+    return localized_poses(path)
 
 
 def test_a_table_in_latitude_and_longitude(localize, table, reference, tmp_path):
@@ -86,7 +78,7 @@ def test_a_table_in_latitude_and_longitude(localize, table, reference, tmp_path)
     assert (ended.code, ended.err) == (0, "")
     assert "prior: positions from gnss.csv; orientations of gnss.csv" in ended.out
     assert "(ellipsoidal) as they are" in ended.out
-    np.testing.assert_allclose(_poses(tmp_path / "poses.csv"), reference, atol=1e-4)
+    np.testing.assert_allclose(localized_poses(tmp_path / "poses.csv"), reference, atol=1e-4)
 
 
 def test_heights_are_told_apart(localize, refused, table, reference, tmp_path):
@@ -102,7 +94,7 @@ def test_heights_are_told_apart(localize, refused, table, reference, tmp_path):
     assert not (tmp_path / "poses.csv").exists()
     ended = localize(table(lifted=46.0), "--geoid-height", "46")
     assert (ended.code, ended.err) == (0, "") and "less 46 m" in ended.out
-    np.testing.assert_allclose(_poses(tmp_path / "poses.csv"), reference, atol=1e-4)
+    np.testing.assert_allclose(localized_poses(tmp_path / "poses.csv"), reference, atol=1e-4)
 
 
 def test_a_receiver_s_log(localize, geographic, reference, tmp_path):
@@ -120,7 +112,7 @@ def test_a_receiver_s_log(localize, geographic, reference, tmp_path):
     assert (ended.code, ended.err) == (0, "")
     assert "(NMEA); times: UTC; sigmas: 0 of GST" in ended.out and "orientations of PASHR" in ended.out
     assert "windows from the prior's covariances" in ended.out
-    np.testing.assert_allclose(_poses(tmp_path / "poses.csv"), reference, atol=2e-3)
+    np.testing.assert_allclose(localized_poses(tmp_path / "poses.csv"), reference, atol=2e-3)
 
 
 def test_priors_of_an_antenna_become_the_scanner_s(localize, refused, drive, reference, tmp_path):
@@ -133,6 +125,6 @@ def test_priors_of_an_antenna_become_the_scanner_s(localize, refused, drive, ref
     mounting.write_text("[prior]\nposition = [-6.0, 0.5, -0.3]\nheading_deg = 90.0\n")
     ended = localize(path, "--mounting", mounting)
     assert (ended.code, ended.err) == (0, "")
-    np.testing.assert_allclose(_poses(tmp_path / "poses.csv"), reference, atol=1e-4)
+    np.testing.assert_allclose(localized_poses(tmp_path / "poses.csv"), reference, atol=1e-4)
     mounting.write_text("[antenna]\n")
     refused(localize(path, "--mounting", mounting, "--overwrite"), "got antenna", mounting)

@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: MIT
 """Recordings on the command line: localized as the files are, described, and refused in a line."""
 
-import csv
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from localized_poses import localized_poses
 from maxcon.geometry import Pose
 from maxcon.io.scans import Scans, open_scans
 from maxcon.io.scans.deskewed import DeskewedScans
@@ -33,13 +33,6 @@ def recordings(drive, tmp_path_factory):
     return {kind: folder / name for kind, name in NAMES.items()}
 
 
-def _poses(path):
-    with path.open() as file:
-        rows = list(csv.DictReader(file))
-    assert all(row["status"] == "localized" for row in rows)
-    return np.array([[float(row[name]) for name in ("time", "x", "y", "z", "heading")] for row in rows])
-
-
 @pytest.fixture(scope="module")
 def of_files(drive, tmp_path_factory):
     """The poses of the scans as files."""
@@ -50,7 +43,7 @@ def of_files(drive, tmp_path_factory):
     arguments = ["localize", drive.city, drive.dataset.scans, "--prior", drive.dataset.prior, "-o", out, "-q"]
     script = "from maxcon.cli import main; main()"
     subprocess.run([sys.executable, "-c", script, *map(str, arguments)], check=True, capture_output=True)
-    return _poses(out)
+    return localized_poses(out)
 
 
 @pytest.mark.parametrize("kind", RecordingKind)
@@ -58,17 +51,17 @@ def test_a_recorded_drive_has_the_poses_of_its_files(maxcon, drive, recordings, 
     ended = maxcon("localize", drive.city, recordings[kind], "-o", tmp_path / "poses.csv", "-q")
     assert (ended.code, ended.err) == (0, "")
     assert "scans from /points" in ended.out and "prior: poses from /gnss/fix (NavSatFix)" in ended.out
-    poses = _poses(tmp_path / "poses.csv")
+    poses = localized_poses(tmp_path / "poses.csv")
     np.testing.assert_allclose(poses, of_files, atol=1e-4)  # a tenth of a millimetre
 
 
 def test_a_recording_beside_files(maxcon, drive, recordings, of_files, tmp_path):
     arguments = ("localize", drive.city, drive.dataset.scans, "--prior", recordings[RecordingKind.MCAP])
     assert maxcon(*arguments, "-o", tmp_path / "a.csv", "-q").code == 0
-    np.testing.assert_allclose(_poses(tmp_path / "a.csv"), of_files, atol=1e-4)
+    np.testing.assert_allclose(localized_poses(tmp_path / "a.csv"), of_files, atol=1e-4)
     arguments = ("localize", drive.city, recordings[RecordingKind.ROS1], "--prior", drive.dataset.prior)
     assert maxcon(*arguments, "-o", tmp_path / "b.csv", "-q").code == 0
-    np.testing.assert_allclose(_poses(tmp_path / "b.csv"), of_files, atol=1e-4)
+    np.testing.assert_allclose(localized_poses(tmp_path / "b.csv"), of_files, atol=1e-4)
 
 
 def test_what_is_asked_of_a_recording_and_is_not_there(maxcon, refused, drive, recordings, tmp_path):
@@ -206,7 +199,7 @@ def test_scans_of_a_fast_car_are_deskewed_by_its_odometry(maxcon, drive, of_file
     ended = maxcon(*arguments)
     assert (ended.code, ended.err) == (0, "")
     assert "deskewed by the odometry" in ended.out
-    poses = _poses(tmp_path / "poses.csv")
+    poses = localized_poses(tmp_path / "poses.csv")
     assert np.abs(poses[:, 1:3] - of_files[:, 1:3]).max() < 0.02
 
 

@@ -145,12 +145,10 @@ def _prior(
                 f"Expected --prior with rough poses beside {scans}, got none. Give it; only recordings with poses in"
                 " them do without."
             )
-        for name, value in (("--prior-topic", options.prior_topic), ("--geoid-height", options.geoid_height)):
-            if value is not None:
-                what = "a recording" if name == "--prior-topic" else "a receiver (in latitude and longitude)"
-                raise OptionError(
-                    f"Expected {name} with priors of {what}, got it with {prior}. Leave it out."
-                )
+        _check_without("--prior-topic", options.prior_topic, "a recording", prior)
+        _check_without(
+            "--geoid-height", options.geoid_height, "a receiver (in latitude and longitude)", prior
+        )
         read = read_prior(prior)
         return _of_sensor(read.trajectory, mounting), "", read.left_out
     poses = read_recorded_poses(
@@ -160,6 +158,12 @@ def _prior(
     if poses.has_ellipsoidal_heights:
         check_heights(point_map, trajectory)
     return trajectory, f"prior: {poses.words}", ()
+
+
+def _check_without(name: str, value: str | float | None, what: str, prior: Path) -> None:
+    """Refuse an option that acts on priors of another kind."""
+    if value is not None:
+        raise OptionError(f"Expected {name} with priors of {what}, got it with {prior}. Leave it out.")
 
 
 def _of_sensor(
@@ -179,10 +183,7 @@ def _geographic_prior(
     from maxcon.io.geographic_priors import read_geographic_prior
     from maxcon.prior_heights import check_heights
 
-    if options.prior_topic is not None:
-        raise OptionError(
-            f"Expected --prior-topic with priors of a recording, got it with {prior}. Leave it out."
-        )
+    _check_without("--prior-topic", options.prior_topic, "a recording", prior)
     read = read_geographic_prior(
         prior, point_map.frame.crs, options.geoid_height, are_sure=mounting is not None
     )
