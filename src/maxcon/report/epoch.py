@@ -142,11 +142,11 @@ def _draw_scale(
 ) -> None:
     """Write what the panels are, with the colour scale below and the marks above."""
     n_headings = view.space.shape[0]
-    n_words = f"all {n_headings}" if n_drawn == n_headings else f"{n_drawn} of {n_headings}"
-    drawn = "the prior's heading" if n_headings == 1 else f"{n_words} headings about the prior's"
+    n_words = f"All {n_headings}" if n_drawn == n_headings else f"{n_drawn} of {n_headings}"
+    drawn = "The prior's heading" if n_headings == 1 else f"{n_words} headings about the prior's"
     top = (BOTTOM + SIDE + 0.42) / HEIGHT
     cells = f"cells of {100.0 * view.space.cell_edge:g} cm"
-    figure.text(PANELS_LEFT / WIDTH, top, f"Search space: {drawn}, {cells}", fontsize=11)
+    figure.text(PANELS_LEFT / WIDTH, top, f"{drawn}, {cells}", fontsize=11)
     figure.legend(
         handles=cell_marks()[0 if view.has_best else 1 : 1 if reference is None else 2],
         loc="center right",
