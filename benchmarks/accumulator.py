@@ -5,7 +5,7 @@
 python benchmarks/accumulator.py [STUDY --every N]
 
 On scans of the street that the benchmarks share, or on every N-th of a study. All calls for a scan take turns.
-"Roofline" is what it cannot be faster than, its additions alone (see roofline.py). The parts: preparation (level,
+"Roofline" is what it cannot be faster than, its additions alone (see roofline.py). The parts: preparation (turn,
 sort and group the scan, find its tiles), turning (voxels and normals at each heading, which voxels to visit), kernel,
 and the rest (memory for the sums, and the copy of them that is returned).
 """
@@ -24,7 +24,7 @@ from scene import header, scans, street
 
 import maxcon
 from maxcon.dataset import Dataset
-from maxcon.search import exhaustive, kernels, visit_kernels
+from maxcon.search import exhaustive, group_kernels, visit_kernels, window_kernels
 from maxcon.search.prepared_scan import PreparedScan
 from maxcon.study import Study
 from maxcon.study.bench import BenchPlan
@@ -33,7 +33,7 @@ SPACE = maxcon.SearchSpace.paper()
 N_CALLS = 11
 PARTS = {
     "preparation": ["PreparedScan.prepare"],
-    "turning": ["PreparedScan.turned", "plan_visits", "visits_of_tiles"],
+    "turning": ["turn_to_columns", "turn_normals", "plan_visits", "visits_of_tiles", "stops_in_tile"],
     "kernel": ["accumulate_tile"],
 }
 
@@ -107,8 +107,10 @@ def measure(point_map, scan, prior):
     search = (scan, point_map, prior, SPACE)
     n_matches = int(exhaustive(*search).moments[..., 0].sum())
     calls = []
-    accumulate = kernels.accumulate_tile
-    with mock.patch.object(kernels, "accumulate_tile", lambda *call: calls.append(call) or accumulate(*call)):
+    accumulate = window_kernels.accumulate_tile
+    with mock.patch.object(
+        window_kernels, "accumulate_tile", lambda *call: calls.append(call) or accumulate(*call)
+    ):
         exhaustive(*search)
     sums = calls[0][-1].reshape(-1)
     addresses = addresses_of_matches(calls, n_matches)
@@ -154,15 +156,16 @@ def timed_parts():
 
     with (
         mock.patch.object(PreparedScan, "prepare", timed("PreparedScan.prepare", PreparedScan.prepare)),
-        mock.patch.object(PreparedScan, "turned", timed("PreparedScan.turned", PreparedScan.turned)),
+        timed_functions(group_kernels, PARTS["turning"][:2], timed),
+        timed_functions(visit_kernels, PARTS["turning"][2:], timed),
+        timed_functions(window_kernels, PARTS["kernel"], timed),
     ):
-        planning = {name: timed(name, getattr(visit_kernels, name)) for name in PARTS["turning"][1:]}
-        kernel = timed("accumulate_tile", kernels.accumulate_tile)
-        with (
-            mock.patch.multiple(visit_kernels, **planning),
-            mock.patch.object(kernels, "accumulate_tile", kernel),
-        ):
-            yield seconds
+        yield seconds
+
+
+def timed_functions(module, names, timed):
+    """Some functions of a module, each as `timed` makes it."""
+    return mock.patch.multiple(module, **{name: timed(name, getattr(module, name)) for name in names})
 
 
 if __name__ == "__main__":

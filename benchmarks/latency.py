@@ -26,9 +26,9 @@ from unittest import mock
 # Before any library starts threads of its own: all that is timed here is one thread.
 os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
-from drives import NamedDataset, points_of, prior_and_reference
 from scene import header
 
+from drives import NamedDataset, points_of, prior_and_reference
 from maxcon import MaximumConsensus, Scan, SearchSpace, cell_search, maximum_consensus
 from maxcon.atomic import atomic_file, make_folder
 from maxcon.baselines import check_small_gicp

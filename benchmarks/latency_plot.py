@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from drives import DOCS
 from latency import MAXCON, STAGES
 from latency_table import read_series
 
+from drives import DOCS
 from maxcon.report.figure import INK, MUTED, SERIES, draw_titles, saved_figure
 from maxcon.report.method_style import draw_number_ticks
 

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from drives import DOCS, put_into
 from latency import MAXCON, STAGES, TABLE
+
+from drives import DOCS, put_into
 
 PERCENTILES = (50, 95, 99)
 

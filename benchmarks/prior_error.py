@@ -18,10 +18,10 @@ from pathlib import Path
 # Before any library starts threads of its own: all that is timed here is one thread.
 os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
-from drives import DOCS, NamedDataset, put_into
 from scene import header
 
 import maxcon
+from drives import DOCS, NamedDataset, put_into
 from maxcon.atomic import atomic_file, make_folder
 from maxcon.baselines import check_small_gicp
 from maxcon.errors import MaxconError, OptionError

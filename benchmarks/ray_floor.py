@@ -17,7 +17,7 @@ import maxcon
 from maxcon.dataset import Dataset
 from maxcon.evaluation import significant_ray
 from maxcon.geometry import voxel_indices
-from maxcon.search.matching import level, turn
+from maxcon.search.matching import turn, upright
 from maxcon.study import Study
 from maxcon.study.bench import BenchPlan
 
@@ -33,8 +33,8 @@ def numbers(indices):
 
 def contributions(scan, point_map, reference, cell, direction):
     """Of each match at a cell: the part of its map normal along a direction, and what it adds to N there."""
-    levelled, heading = level(scan, reference), reference.heading + SPACE.headings[cell[0]]
-    points = turn(levelled.points, heading) + [reference.x, reference.y, 0.0]
+    scan_upright, heading = upright(scan, reference), reference.heading + SPACE.headings[cell[0]]
+    points = turn(scan_upright.points, heading) + [reference.x, reference.y, 0.0]
     offset = [cell[2] - SPACE.shape[2] // 2, cell[1] - SPACE.shape[1] // 2, 0]
     wanted = numbers(voxel_indices(points, point_map.cell) + offset)
     tiles = point_map.tiles_within(reference.x, reference.y, 60.0)
@@ -43,7 +43,7 @@ def contributions(scan, point_map, reference, cell, direction):
     rows = order[np.minimum(np.searchsorted(known, wanted, sorter=order), len(known) - 1)]
     is_match = known[rows] == wanted
     normals = np.concatenate([tile.normals for tile in tiles])[rows[is_match]].astype(float)
-    weights = np.maximum(0.0, (turn(levelled.normals, heading)[is_match] * normals).sum(axis=1))
+    weights = np.maximum(0.0, (turn(scan_upright.normals, heading)[is_match] * normals).sum(axis=1))
     along = np.abs(normals[:, :2] @ direction)
     return along, weights * along**2
 

@@ -16,9 +16,8 @@ from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic
 
-from maxcon.point_map import PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS
-from maxcon.search.kernels import accumulate_tile
 from maxcon.search.visit_kernels import RIM
+from maxcon.search.window_kernels import accumulate_tile
 
 SIGNATURE = inspect.signature(accumulate_tile.py_func)
 
@@ -29,9 +28,9 @@ def addresses_of_matches(calls, n_matches):
     n = 0
     for call in calls:
         given = SIGNATURE.bind(*call).arguments
+        corner, voxel_columns, *_ = given["tile"]
         n = write_addresses(
-            given["numbers"], given["visits"], given["starts"], given["ranks"], given["layers"], given["columns"],
-            given["corner"], given["patch_starts"], given["voxel_columns"], given["window"], given["stride"],
+            given["stops"], given["runs"], given["columns"], corner, voxel_columns, given["window"], given["stride"],
             given["sums"].shape[1], addresses, n,
         )  # fmt: skip
     assert n == n_matches, (n, n_matches)
@@ -39,28 +38,16 @@ def addresses_of_matches(calls, n_matches):
 
 
 @njit(nogil=True)
-def write_addresses(
-    numbers, visits, starts, ranks, layers, columns, corner, patch_starts, voxel_columns, window, stride, size,
-    addresses, n,
-):  # fmt: skip
+def write_addresses(stops, runs, columns, corner, voxel_columns, window, stride, size, addresses, n):
     nx, ny = window[1] - window[0] + 1, window[3] - window[2] + 1
-    for number in numbers:
-        group = visits[number, 0]
-        layer = layers[ranks[group]]
-        if layer < 0:
-            continue
-        for heading in range(visits[number, 1], visits[number, 2]):
-            for i in range(starts[group], starts[group + 1]):
+    for at in range(stops.shape[0]):
+        first, _, end, since, until = stops[at, :5]
+        for heading in range(since, until):
+            for i in range(first, end):
                 x_first = columns[heading, 0, i] + window[0] - corner[0]
                 y_first = columns[heading, 1, i] + window[2] - corner[1]
-                px_first = max(x_first // PATCH_VOXELS, 0)
-                px_last = min((x_first + nx - 1) // PATCH_VOXELS, TILE_PATCHES - 1)
-                if px_last < 0 or px_first >= TILE_PATCHES:
-                    continue
-                y_end = min(y_first + ny, TILE_VOXELS)
-                for py in range(max(y_first // PATCH_VOXELS, 0), (y_end - 1) // PATCH_VOXELS + 1):
-                    row = (layer * TILE_PATCHES + py) * TILE_PATCHES
-                    for k in range(patch_starts[row + px_first], patch_starts[row + px_last + 1]):
+                for run in range(stops[at, 9], stops[at, 10]):
+                    for k in range(runs[run, 0], runs[run, 1]):
                         x, y = voxel_columns[k, 0] - x_first, voxel_columns[k, 1] - y_first
                         if x >= 0 and x < nx and y >= 0 and y < ny:
                             addresses[n] = heading * size + 4 * ((y + RIM) * stride + x + RIM)

@@ -12,8 +12,8 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from drives import NamedDataset, points_of, prior_and_reference
 
+from drives import NamedDataset, points_of, prior_and_reference
 from maxcon import MaximumConsensus, Scan
 from maxcon.evaluation import pose_error
 from maxcon.study.map_variants import STANDARD

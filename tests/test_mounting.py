@@ -104,6 +104,11 @@ def test_a_file(tmp_path):
         ("[sensor]\nroll_deg = nan", "roll_deg"),
         ("[sensor]\nroll_deg = '3'", "roll_deg"),
         ("[sensor", "a mounting"),
+        ("scanner = 3", "1 to 16 tables"),
+        ("[scanner.a]\nposition = [1, 2, 3]", "a topic, or scans"),
+        ("[scanner.a]\ntopic = 3", "a topic, or scans"),
+        ("[scanner.a]\ntopic = '/a'\nrange = 3", "got range"),
+        ("[sensor]\n[scanner.a]\ntopic = '/a'", "got both"),
     ],
 )
 def test_what_is_no_mounting_is_refused(tmp_path, text, words):
@@ -112,6 +117,21 @@ def test_what_is_no_mounting_is_refused(tmp_path, text, words):
     with pytest.raises(FileError, match=words) as error:
         read_mounting(path)
     assert "mounting.toml" in str(error.value) and "\n" not in str(error.value)
+
+
+def test_several_scanners(tmp_path):
+    path = tmp_path / "mounting.toml"
+    path.write_text(
+        "[prior]\nposition = [0, 0, 1]\n[scanner.front]\ntopic = '/front'\nposition = [1, 0, 0]\n"
+        "[scanner.rear]\nscans = 'rear.bag'\ntopic = '/rear'\nheading_deg = 180\n"
+    )
+    mounting = read_mounting(path)
+    front, rear = mounting.scanners
+    assert (front.name, front.topic, front.scans) == ("front", "/front", None)
+    assert (rear.name, rear.topic, rear.scans) == ("rear", "/rear", tmp_path / "rear.bag")
+    np.testing.assert_allclose(front.T_vehicle_sensor.position, [1, 0, 0])
+    assert abs(rear.T_vehicle_sensor.heading) == pytest.approx(np.pi)
+    np.testing.assert_allclose(mounting.T_vehicle_sensor.values, 0.0)
 
 
 def test_no_file(tmp_path):

@@ -7,7 +7,7 @@ from dataclasses import FrozenInstanceError
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from maxcon import MaxconError, Pose, SearchSpace
@@ -384,6 +384,27 @@ def test_height_half_widths_that_are_none(half_width, words):
 
 
 # --- open spaces ------------------------------------------------------------------------------------------
+
+
+@given(
+    st.floats(0.0, 40.0),
+    st.integers(0, 360).map(lambda n: 0.5 * n) | st.just(0.3),
+    st.floats(0.0, 0.5),
+    st.booleans(),
+    st.sampled_from([0.06, 0.48]),
+)
+def test_an_open_space_tells_how_many_cells_it_would_have(half_width, turn_deg, height, is_open, cell):
+    space = SearchSpace(half_width, None, turn_deg, None if is_open else 0.1, height)
+    assume(space.n_cells_at(cell, 1.0) <= 2**36)  # more are refused
+    assert space.n_cells_at(cell, 1.0) == space.at(cell, 1.0).n_cells
+    assert space.at(cell, 1.0).n_cells_at(0.01, 0.01) == space.at(cell, 1.0).n_cells
+
+
+def test_it_tells_so_even_where_they_are_too_many():
+    space = SearchSpace(10_000.0, heading_half_width_deg=180.0)
+    assert space.n_cells_at(0.06) == 721 * 333_334**2
+    with pytest.raises(SearchSpaceError, match="Expected at most"):
+        space.at(0.06)
 
 
 def test_an_open_space_has_no_cells_before_it_is_given_some():

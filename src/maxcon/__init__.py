@@ -12,6 +12,8 @@ an `Objective` of your own), a `Multiplicity` and a `Weighting`, given a `Scan` 
 Localize a drive: `localize_drive` with `DriveOptions` yields an `EpochEstimate` each; or a `Tracker` with its
 `TrackingOptions`, given each `Motion` with its `MotionNoise`, knows an `UncertainPose`.
 
+Without a prior: a `Relocalizer` finds a scan in a whole map; its `Relocalization` says what is known of other places.
+
 Look: `plot_epoch`, `plot_poses` and `plot_drive` write pictures. `search` has the searches themselves.
 
 Units are metres, seconds and radians (`_deg`: degrees). Errors are kinds of `MaxconError`, in words.
@@ -36,6 +38,7 @@ if TYPE_CHECKING:
     from maxcon.maximum_consensus import MaximumConsensus
     from maxcon.objectives import Count, Helmert, MaxEigenvalue, Objective
     from maxcon.point_map import PointMap
+    from maxcon.relocalization import Relocalization, Relocalizer
     from maxcon.report import plot_drive, plot_epoch, plot_poses
     from maxcon.scan import Scan
     from maxcon.search import Multiplicity, Weighting
@@ -62,6 +65,8 @@ __all__ = [
     "Pose",
     "RawScan",
     "RecordedPoses",
+    "Relocalization",
+    "Relocalizer",
     "Scan",
     "Scans",
     "SearchSpace",
@@ -102,6 +107,8 @@ _HOME = {
     "Pose": "maxcon.geometry",
     "RawScan": "maxcon.io.scans",
     "RecordedPoses": "maxcon.io.recordings.poses",
+    "Relocalization": "maxcon.relocalization",
+    "Relocalizer": "maxcon.relocalization",
     "Scan": "maxcon.scan",
     "Scans": "maxcon.io.scans",
     "SearchSpace": "maxcon.search_space",

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: MIT
 """Outputs are written beside their place and renamed, so that nothing is ever half written (D10, decision 25)."""
 
+import json
 import os
 import shutil
 import stat
@@ -24,6 +25,7 @@ __all__ = [
     "check_replaceable",
     "check_writable",
     "make_folder",
+    "write_json",
 ]
 
 
@@ -191,6 +193,12 @@ def atomic_file(path: str | os.PathLike[str]) -> Iterator[Path]:
         raise _cannot_write(target, error) from error
     finally:
         _remove(partial)
+
+
+def write_json(path: str | os.PathLike[str], value: object) -> None:
+    """Write a value as JSON, in a step; errors as of `atomic_file`."""
+    with atomic_file(path) as partial:
+        partial.write_text(json.dumps(value, indent=1) + "\n", encoding="utf-8", newline="\n")
 
 
 @contextmanager

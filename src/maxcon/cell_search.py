@@ -71,12 +71,8 @@ class CellSearch:
 
     def is_coarse_to_fine(self, space: SearchSpace, point_map: PointMap) -> bool:
         """Whether a space is searched in a level of the map first: an open one of more than a few cells."""
-        if not space.is_open or self.search is not SearchMethod.BRANCH_AND_BOUND:
-            return False
-        has_many = (
-            COARSE.cells(space, point_map).n_cells > FEW_CELLS
-        )  # of the map's own there may be too many to tell
-        return has_many or space.at(point_map.cell).n_cells > FEW_CELLS
+        is_free = space.is_open and self.search is SearchMethod.BRANCH_AND_BOUND
+        return is_free and space.n_cells_at(point_map.cell) > FEW_CELLS
 
     def places(self, scan: Scan, point_map: PointMap, start: Pose, space: SearchSpace) -> list[BestCell]:
         """Places of an open space where a scan may have been taken, the best first: see `best_places`."""

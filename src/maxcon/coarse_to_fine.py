@@ -79,12 +79,12 @@ class OpenPlaces:
     ----------
     poses : list of Pose
         One for each place, the highest score first.
-    left_out : float
+    rest : float
         Share of the best large cell's score that no other place reaches.
     """
 
     poses: list[Pose]
-    left_out: float
+    rest: float
 
 
 class Search(Protocol):
@@ -143,20 +143,15 @@ def best_places(
     places = find(search, scan, point_map, prior, space, share)
     window = _window(space, AROUND, AROUND_DEG, COARSE.of(point_map).cell).at(point_map.cell)
     found = _fine_places(search, scan, point_map, places.poses, window, share)
-    fine = _distinct(found)
+    fine = distinct_places(found)
     scores = [float(Helmert().score(best.moments)) for best in fine]
-    # A place that was given up scores less than the share.
-    left_out = (
-        places.left_out
-        if len(found) == len(places.poses)
-        else max(places.left_out, math.nextafter(share, 0.0))
-    )
+    rest = places.rest
+    if len(found) < len(places.poses):  # a place that was given up scores less than the share
+        rest = max(rest, math.nextafter(share, 0.0))
     return [
         replace(
             best,
-            runner_up=max([left_out * score, *scores[:k], *scores[k + 1 :]]) / score
-            if score > 0.0
-            else math.inf,
+            runner_up=max([rest * score, *scores[:k], *scores[k + 1 :]]) / score if score > 0.0 else math.inf,
             is_at_rim=_is_at_rim(best.pose, prior, space, point_map.cell),
         )
         for k, (best, score) in enumerate(zip(fine, scores, strict=True))
@@ -189,7 +184,7 @@ def _places_in_wide_cells(
         if standing is None or least * found.score > standing.score:
             standing = Standing(least * found.score, found.moments)
     coarse = _distinct_places(scored, least, MOST_PLACES)
-    return replace(coarse, left_out=max(coarse.left_out, wide.left_out))
+    return replace(coarse, rest=max(coarse.rest, wide.rest))
 
 
 def _search_level(
@@ -282,7 +277,7 @@ def _climbed(
     return best
 
 
-def _distinct(best: list[BestCell]) -> list[BestCell]:
+def distinct_places(best: list[BestCell]) -> list[BestCell]:
     """One best cell of each place, the highest score first."""
     distinct: list[BestCell] = []
     poses: list[Pose] = []

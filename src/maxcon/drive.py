@@ -5,9 +5,8 @@
 from __future__ import annotations
 
 import time
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -16,26 +15,34 @@ import numpy as np
 from maxcon.errors import FileError, MapError, OptionError, TrajectoryError
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
+from maxcon.in_order import in_order
 from maxcon.io.scans import RawScan, Scans, check_range
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
 from maxcon.trajectory import Trajectory
 
 __all__ = [
+    "Drive",
     "DriveOptions",
     "EpochEstimate",
     "Method",
     "check_inside",
     "check_times",
+    "failed_epoch",
     "localize_drive",
     "pose_or_none",
     "read_epoch",
+    "scan_of",
     "status_without_search",
 ]
 
 
 # A prior farther from any voxel tile lies outside the map. A wide square may have nothing but ground (m).
 MAP_MARGIN = 30.0
+
+
+# Tiles around the priors of so many epochs are announced, so far around each (m).
+EPOCHS_AHEAD, METRES_AHEAD = 10, 40.0
 
 
 class Method(Protocol):
@@ -110,7 +117,11 @@ class EpochEstimate:
     def without_points(self) -> EpochEstimate:
         """Return the same answer without the points, to keep over a long drive."""
         nothing = np.empty((0, 3))
-        return replace(self, raw=replace(self.raw, points=nothing), scan=Scan(nothing, time=self.scan.time))
+        return replace(
+            self,
+            raw=replace(self.raw, points=nothing, point_times=None, viewpoints=None),
+            scan=Scan(nothing, time=self.scan.time),
+        )
 
 
 def localize_drive(
@@ -158,16 +169,74 @@ def localize_drive(
     """
     if n_threads < 1:
         raise OptionError(f"Expected `n_threads` >= 1, got {n_threads}. The default is 1.")
-    options = options or DriveOptions()
-    priors = priors_of_scans(point_map, scans, prior, options)
+    drive = Drive.of(point_map, scans, prior, method, options or DriveOptions())
+    return _several_at_once(drive.localize, range(first, len(scans)), n_threads)
 
-    def localize(epoch: int) -> EpochEstimate:
-        pose = priors[epoch]
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """A drive whose epochs can be localized in any order, each by itself.
+
+    Parameters
+    ----------
+    point_map : PointMap
+        The map.
+    scans : Scans
+        The epochs.
+    prior : Trajectory
+        T_map_sensor before localization, global coordinates.
+    method : Method
+        How each is localized.
+    options : DriveOptions
+        Range limits and the largest gap of the prior.
+    priors : list of Pose or None
+        The prior of each scan, local frame.
+    """
+
+    point_map: PointMap
+    scans: Scans
+    prior: Trajectory
+    method: Method
+    options: DriveOptions
+    priors: list[Pose | None]
+
+    @classmethod
+    def of(
+        cls, point_map: PointMap, scans: Scans, prior: Trajectory, method: Method, options: DriveOptions
+    ) -> Drive:
+        """Return a drive with its priors found; errors as of `localize_drive`."""
+        return cls(
+            point_map, scans, prior, method, options, priors_of_scans(point_map, scans, prior, options)
+        )
+
+    def localize(self, epoch: int) -> EpochEstimate:
+        """Return the answer for one epoch."""
+        announce_ahead(self.point_map, self.priors[epoch : epoch + EPOCHS_AHEAD])
+        pose = self.priors[epoch]
         if pose is None:
-            return _without_prior(epoch, scans, prior, options)
-        return _localize_epoch(epoch, point_map, scans, pose, method, options)
+            return _without_prior(epoch, self.scans, self.prior, self.options)
+        return _localize_epoch(epoch, self.point_map, self.scans, pose, self.method, self.options)
 
-    return _several_at_once(localize, range(first, len(priors)), n_threads)
+    def estimates(self, first: int, last: int, n_threads: int = 1) -> Iterator[EpochEstimate]:
+        """Yield the answers for the epochs from `first` up to, not including, `last`, in order."""
+        return _several_at_once(self.localize, range(first, last), n_threads)
+
+
+def failed_epoch(epoch: int, scans: Scans, reason: str) -> EpochEstimate:
+    """Return what stands for the answer of an epoch that ended the process it was given to, or never came back."""
+    raw = RawScan(np.empty((0, 3)), float(scans.times[epoch]), scans.name(epoch), 0, 0, 0)
+    return EpochEstimate(epoch, raw, Status.FAILED, 0.0, scan_of(raw), reason=reason)
+
+
+def announce_ahead(point_map: PointMap, priors: Sequence[Pose | None]) -> None:
+    """Announce the tiles around these priors (local frame): what lies on a network is here when it is asked for."""
+    keys = {
+        key
+        for pose in priors
+        if pose is not None
+        for key in point_map.keys_within(pose.x, pose.y, METRES_AHEAD)
+    }
+    point_map.announce(sorted(keys))
 
 
 def _several_at_once(
@@ -178,14 +247,8 @@ def _several_at_once(
         yield from map(localize, epochs)
         return
     pool = ThreadPoolExecutor(n_threads, thread_name_prefix="epoch")
-    begun: deque[Future[EpochEstimate]] = deque()
     try:
-        for epoch in epochs:
-            begun.append(pool.submit(localize, epoch))
-            if len(begun) > n_threads:
-                yield begun.popleft().result()
-        while begun:
-            yield begun.popleft().result()
+        yield from in_order(pool, localize, epochs, n_threads + 1)
     finally:
         pool.shutdown(cancel_futures=True)
 
@@ -218,7 +281,7 @@ def _localize_epoch(
     options: DriveOptions,
 ) -> EpochEstimate:
     raw, reason = read_epoch(scans, epoch, options)
-    scan = Scan(raw.points, time=raw.time)
+    scan = scan_of(raw)
     if reason:
         return EpochEstimate(epoch, raw, Status.UNREADABLE, 0.0, scan, prior, reason=reason)
     status = status_without_search(point_map, scan, prior)
@@ -233,7 +296,7 @@ def _localize_epoch(
 def _without_prior(epoch: int, scans: Scans, prior: Trajectory, options: DriveOptions) -> EpochEstimate:
     """Return the answer of an epoch whose prior is not known, and why it is not."""
     raw, unreadable = read_epoch(scans, epoch, options)
-    scan, status, reason = Scan(raw.points, time=raw.time), Status.UNREADABLE, unreadable
+    scan, status, reason = scan_of(raw), Status.UNREADABLE, unreadable
     if not unreadable:
         status = Status.NO_PRIOR
         try:
@@ -257,6 +320,11 @@ def answered(
     return EpochEstimate(
         epoch, raw, estimate.status, milliseconds, scan, prior, estimate, pose, estimate.reason
     )
+
+
+def scan_of(raw: RawScan) -> Scan:
+    """Return a scan as it is localized, of what was read of it."""
+    return Scan(raw.points, time=raw.time, viewpoints=raw.viewpoints)
 
 
 def read_epoch(scans: Scans, epoch: int, options: DriveOptions) -> tuple[RawScan, str]:

@@ -59,7 +59,7 @@ _EXPLANATIONS = {
     Status.NO_PRIOR: "The prior trajectory has no pose at, or closely around, the time of the scan.",
     Status.OUTSIDE_MAP: "The prior lies outside the map.",
     Status.LOST: "The track has no place yet that enough scans agree on, or none any more: it looks around the prior"
-    " until it has. The reason beside it says which.",
+    " until it has. The reason beside it says which. Without a prior: `maxcon relocalize`.",
     Status.NOT_CONVERGED: "The iteration did not come to rest within its limit: start nearer, or allow more steps.",
     Status.UNREADABLE: "The scan cannot be read: see the reason beside it.",
     Status.FAILED: "The method ended with an error: see the reason beside it.",

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Mounting: where scanner, antenna and odometry sit in the vehicle; the scanner's poses from those of another part."""
+"""Mounting: where scanners, antenna and odometry sit in the vehicle; poses of one part from those of another."""
 
 import math
 import os
@@ -17,13 +17,38 @@ from maxcon.geometry.quaternions import product, quaternions_from_angles
 from maxcon.toml_file import read_toml
 from maxcon.trajectory import Trajectory
 
-__all__ = ["Mounting", "read_mounting", "sensor_trajectory"]
+__all__ = ["MountedScanner", "Mounting", "read_mounting", "sensor_trajectory"]
 
 LARGEST_OFFSET = 100.0
 """Of a part from the vehicle's origin, m: larger ones are millimetres."""
+MOST_SCANNERS = 16
 TABLES = ("sensor", "prior", "odometry")
+SOURCES = ("topic", "scans")
+"""Where the scans of one of several scanners come from."""
 ANGLES = ("roll_deg", "pitch_deg", "heading_deg")
 LEVEL = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class MountedScanner:
+    """One of several scanners of a vehicle.
+
+    Parameters
+    ----------
+    name : str
+        As the file calls it.
+    T_vehicle_sensor : Pose
+        Where it is.
+    topic : str or None
+        Of its clouds in a recording.
+    scans : Path or None
+        Its own folder of scans, or recording; None: the one that all share.
+    """
+
+    name: str
+    T_vehicle_sensor: Pose
+    topic: str | None = None
+    scans: Path | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,12 +62,15 @@ class Mounting:
     T_vehicle_prior : Pose
         What the prior's poses are those of: an antenna, or an IMU.
     T_vehicle_odometry : Pose or None
-        What the odometry's poses are those of; None: the scanner.
+        What the odometry's poses are those of; None: the scanner, or with several the vehicle.
+    scanners : tuple of MountedScanner
+        Of several scanners all, in the order of the file; points and poses are in the vehicle's frame then.
     """
 
     T_vehicle_sensor: Pose = LEVEL
     T_vehicle_prior: Pose = LEVEL
     T_vehicle_odometry: Pose | None = None
+    scanners: tuple[MountedScanner, ...] = ()
 
     def of_prior(self, trajectory: Trajectory, *, has_orientations: bool = True) -> Trajectory:
         """Return T_map_sensor from a prior's poses.
@@ -97,7 +125,8 @@ def read_mounting(path: str | os.PathLike[str]) -> Mounting:
     ----------
     path : path
         Tables [sensor], [prior] and [odometry], each with `position`, x forward, y left, z up from any point of the
-        vehicle (m), and roll_deg, pitch_deg, heading_deg (degrees). What is not there is 0.
+        vehicle (m), and roll_deg, pitch_deg, heading_deg (degrees). What is not there is 0. Instead of [sensor] one
+        table [scanner.NAME] for each of several, with `topic`, or with `scans`, a path from the file on.
 
     Raises
     ------
@@ -106,25 +135,53 @@ def read_mounting(path: str | os.PathLike[str]) -> Mounting:
     """
     file = Path(path)
     named = read_toml(file, "a mounting", "See docs/priors.md")
-    unknown = sorted(set(named) - set(TABLES))
-    if unknown or not any(name in named for name in ("sensor", "prior")):
+    unknown = sorted(set(named) - {*TABLES, "scanner"})
+    if unknown or not any(name in named for name in ("sensor", "prior", "scanner")):
         got = ", ".join(unknown)[:80] or "neither [sensor] nor [prior]"
         raise FileError(
             f"Expected tables [sensor], [prior] and [odometry] in {file}, got {got}. See docs/priors.md."
         )
     poses = {name: _pose(file, name, named[name]) for name in TABLES if name in named}
-    return Mounting(poses.get("sensor", LEVEL), poses.get("prior", LEVEL), poses.get("odometry"))
+    scanners = _scanners(file, named["scanner"]) if "scanner" in named else ()
+    if scanners and "sensor" in named:
+        raise FileError(
+            f"Expected either [sensor] or [scanner.NAME] tables in {file}, got both. With several scanners poses are"
+            " those of the vehicle."
+        )
+    return Mounting(poses.get("sensor", LEVEL), poses.get("prior", LEVEL), poses.get("odometry"), scanners)
 
 
-def _pose(file: Path, name: str, table: Any) -> Pose:
-    """T_vehicle_part of a table."""
+def _scanners(file: Path, tables: Any) -> tuple[MountedScanner, ...]:
+    if not isinstance(tables, Mapping) or not 1 <= len(tables) <= MOST_SCANNERS:
+        raise FileError(
+            f"Expected 1 to {MOST_SCANNERS} tables [scanner.NAME] in {file}, got {tables!r:.60}. See docs/priors.md."
+        )
+    scanners = []
+    for name, table in tables.items():
+        label = f"scanner.{name:.40}"
+        pose = _pose(file, label, table, SOURCES)
+        sources = {key: table[key] for key in SOURCES if key in table}
+        if not sources or not all(isinstance(value, str) and value for value in sources.values()):
+            raise FileError(
+                f"Expected a topic, or scans (a path), under [{label}] in {file}, got {sources!r:.60}."
+                " See docs/priors.md."
+            )
+        scans = sources.get("scans")
+        scanners.append(
+            MountedScanner(name, pose, sources.get("topic"), None if scans is None else file.parent / scans)
+        )
+    return tuple(scanners)
+
+
+def _pose(file: Path, name: str, table: Any, others: tuple[str, ...] = ()) -> Pose:
+    """T_vehicle_part of a table, which may say other things, too."""
     if not isinstance(table, Mapping):
         raise FileError(f"Expected a table [{name}] in {file}, got {table!r:.60}. See docs/priors.md.")
-    unknown = sorted(set(table) - {"position", *ANGLES})
+    unknown = sorted(set(table) - {"position", *ANGLES, *others})
     if unknown:
+        known = ", ".join(("position", *ANGLES, *others))
         raise FileError(
-            f"Expected position, {', '.join(ANGLES)} under [{name}] in {file}, got {', '.join(unknown)[:80]}. Correct"
-            " or remove it."
+            f"Expected {known} under [{name}] in {file}, got {', '.join(unknown)[:80]}. Correct or remove it."
         )
     position = table.get("position", [0.0, 0.0, 0.0])
     if not isinstance(position, list) or len(position) != 3:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from maxcon.errors import ArrayError, OptionError
 from maxcon.geometry.arrays import as_points, as_unit_normals
+from maxcon.geometry.viewpoints import Viewpoints
 
 __all__ = ["Scan"]
 
@@ -40,6 +41,9 @@ class Scan:
         asked for if None.
     time : float
         When the scan was taken, s.
+    viewpoints : Viewpoints, optional
+        Where each point was measured from, if several scanners did; the sensor frame is the vehicle's then. Without
+        them all were measured from (0, 0, 0).
 
     Raises
     ------
@@ -47,12 +51,23 @@ class Scan:
         If a shape is wrong, a value is not finite or a normal is not a unit vector.
     """
 
-    def __init__(self, points: ArrayLike, normals: ArrayLike | None = None, time: float = 0.0) -> None:
+    def __init__(
+        self,
+        points: ArrayLike,
+        normals: ArrayLike | None = None,
+        time: float = 0.0,
+        viewpoints: Viewpoints | None = None,
+    ) -> None:
         self.points: NDArray[np.float64] = _frozen(as_points(points, "points").copy())
         self.time = float(time)
+        self.viewpoints = viewpoints
         self._thinned: dict[float, Scan] = {}
         if not np.isfinite(self.time):
             raise ArrayError(f"Expected a finite `time` of the scan, got {time}.")
+        if viewpoints is not None and len(viewpoints.scanners) != len(self.points):
+            raise ArrayError(
+                f"Expected a viewpoint for each of {len(self.points)} points, got {len(viewpoints.scanners)}."
+            )
         if normals is not None:
             self.normals = _frozen(as_unit_normals(normals, len(self.points), "normals").copy())
 
@@ -61,6 +76,8 @@ class Scan:
         """Unit normals, sensor frame, shape (n, 3); zeros where the points around do not determine one."""
         from maxcon.geometry.scan_normals import estimate_scan_normals
 
+        if self.viewpoints is not None:
+            return _frozen(self.viewpoints.normals(self.points))
         return _frozen(estimate_scan_normals(self.points))
 
     def thinned(self, edge: float) -> Scan:
@@ -84,7 +101,7 @@ class Scan:
             kept = one_per_cube(self.points, self.normals, edge)
             thinned = object.__new__(Scan)  # of parts that were checked already
             thinned.points, thinned.normals = _frozen(self.points[kept]), _frozen(self.normals[kept])
-            thinned.time, thinned._thinned = self.time, {}
+            thinned.time, thinned.viewpoints, thinned._thinned = self.time, None, {}
             self._thinned[edge] = thinned
         return self._thinned[edge]
 

@@ -115,6 +115,20 @@ class SearchSpace:
             rounded_up(self.height_half_width, cell),
         )
 
+    def n_cells_at(self, cell: float, heading_step_deg: float = PAPER_STEP_DEG) -> int:
+        """How many cells the space has once it is given these (see `at`), even if they are too many to be searched."""
+        step_deg = heading_step_deg if self.heading_step_deg is None else self.heading_step_deg
+        edge = cell if self.cell is None else self.cell
+        n_offsets, n_turns, n_up = (
+            round(rounded_up(half_width, step) / step)
+            for half_width, step in (
+                (self.half_width, edge),
+                (self.heading_half_width_deg, step_deg),
+                (self.height_half_width, edge),
+            )
+        )
+        return (2 * n_up + 1) * (2 * n_turns + 1) * max(1, 2 * n_offsets) ** 2
+
     @property
     def cell_edge(self) -> float:
         """Cell edge e, m.

@@ -14,13 +14,13 @@ from maxcon.drive import (
     pose_or_none,
     priors_of_scans,
     read_epoch,
+    scan_of,
     status_without_search,
 )
 from maxcon.estimate import Status
 from maxcon.geometry import Pose
 from maxcon.io.scans import Scans
 from maxcon.point_map import PointMap
-from maxcon.scan import Scan
 from maxcon.tracking import Motion, Tracker
 from maxcon.trajectory import Trajectory
 
@@ -108,7 +108,7 @@ class _TrackedDrive:
         prediction = self.tracker.prediction
         expected = prior if prediction is None else prediction.pose
         raw, reason = read_epoch(self.scans, number, self.options)
-        scan = Scan(raw.points, time=raw.time)
+        scan = scan_of(raw)
         status = Status.UNREADABLE if reason else status_without_search(self.point_map, scan, prior, expected)
         if status is Status.NO_PRIOR:
             reason = NOTHING_KNOWN

@@ -23,6 +23,7 @@ from maxcon.mapping import MapOptions, build_map
 from maxcon.maximum_consensus import MaximumConsensus
 from maxcon.objectives import Count, Helmert, MaxEigenvalue, Objective
 from maxcon.point_map import PointMap
+from maxcon.relocalization import Relocalizer
 from maxcon.scan import Scan
 from maxcon.search import consensus_set
 from maxcon.search_space import SearchSpace
@@ -32,6 +33,7 @@ __all__ = ["OBJECTIVES", "SPACE", "Compiled", "options_of_the_method", "search_r
 PRIOR = Pose(0.02, -0.03, 0.0, 0.0, 0.0, 0.0)
 SPACE = SearchSpace(0.24, 0.06, 0.5, 0.5)
 OBJECTIVES: tuple[Objective, ...] = (Helmert(), Count(), MaxEigenvalue())
+LARGER = 5.0
 # A tile of the map with a single point: arrays of one row are of another memory layout, and so of another type.
 LONELY = np.array([[40.0, 0.0, 0.0]])
 
@@ -75,6 +77,7 @@ def warm_up(report: Report) -> None:
             ("normals of scans", lambda: _scan().normals),
             ("search in maps in memory", _search_in_memory),
             ("search in maps on disk", lambda: _search_on_disk(Path(folder))),
+            ("search without a prior", _search_without_prior),
         ):
             report(part, None)
             report(part, _timed(run))
@@ -117,7 +120,7 @@ def _scan() -> Scan:
 
 
 def _build(folder: Path) -> None:
-    """Build a map whose normals have sides, and one whose normals are fitted, in `folder`."""
+    """Build a map whose normals have sides, and one whose normals are fitted and classes found, in `folder`."""
     points, normals = _room()
     points = np.concatenate([points, LONELY])
     normals = np.concatenate([normals, [[0.0, 0.0, 1.0]]]).astype(np.float32)
@@ -127,7 +130,7 @@ def _build(folder: Path) -> None:
         build_map(
             [folder / f"{name}.npz"],
             folder / f"{name}.map",
-            MapOptions(normals_have_sides=is_signed),
+            MapOptions(drop=(), normals_have_sides=is_signed, classify="off" if is_signed else "always"),
             n_threads=1,
         )
 
@@ -149,6 +152,13 @@ def _search_on_disk(folder: Path) -> None:
     """Search in files: the arrays of their tiles are read-only, which is another type."""
     for name in ("signed", "unsigned"):
         _search(PointMap.open(folder / f"{name}.map"), _all_methods())
+
+
+def _search_without_prior() -> None:
+    """Search a whole map: of the room, but as large as a square, or too few points would take part."""
+    points, normals = _room()
+    point_map = PointMap.from_points(LARGER * points, normals, SPACE.cell_edge, ground=LARGER * _floor())
+    Relocalizer(point_map).localize(Scan(LARGER * _scan().points))
 
 
 def _all_methods() -> list[MaximumConsensus]:

@@ -163,7 +163,9 @@ def test_drop_and_keep_all(not_built, write_las):
 
 
 def test_classes_to_drop_from_a_cloud_without(not_built, street_npz):
-    not_built(street_npz, "--drop", "ground", words=[street_npz, "ground", "Leave out --drop"])
+    words = [street_npz, "Leave out --drop"]
+    not_built(street_npz, "--drop", "building", words=[*words, "building"])  # nothing finds buildings
+    not_built(street_npz, "--drop", "ground", "--classify", "off", words=[*words, "ground"])
 
 
 def test_everything_is_dropped(not_built, write_las):
@@ -229,6 +231,22 @@ def test_several_clouds_at_once_and_a_crs_by_option(build, write_las, street, tm
     assert (ended.code, ended.err) == (0, "")
     assert "from 6,000 points" in ended.out
     assert "more.npz: 3,000 points, 3,000 kept; no ASPRS classes: ground, vegetation" in ended.out
+
+
+def test_what_is_found_of_clouds_without_classes_is_told_in_shares(build, maxcon, tmp_path):
+    x, y = (at.ravel() for at in np.meshgrid(np.arange(0.0, 10.0, 0.05), np.arange(0.0, 10.0, 0.05)))
+    floor, wall = (
+        np.column_stack([x, y, np.zeros(x.size)]),
+        np.column_stack([x, np.full(x.size, 9.0), y / 2.0]),
+    )
+    np.savez(tmp_path / "a.npz", points=np.concatenate([floor, wall]))
+    ended = build(tmp_path / "a.npz")
+    row = next(line for line in ended.out.splitlines() if line.startswith("found "))
+    assert "ground 5" in row and "vegetation 0 %, temporary 0 %, kept 4" in row
+    assert "temporary objects cannot be found: the clouds have no times to tell passes apart by" in row
+    assert "no ASPRS classes" not in ended.out
+    assert row in maxcon("map", "info", build.folder / "city.map").out
+    assert "no ASPRS classes" in build(tmp_path / "a.npz", "--classify", "off", "--overwrite").out
 
 
 @pytest.mark.parametrize("sigma", ["-0.01", "nan", "inf"])

@@ -8,6 +8,8 @@ import shutil
 
 import pytest
 
+from maxcon.point_map.manifest import read_manifest
+
 
 @pytest.fixture
 def city(drive, tmp_path):
@@ -55,9 +57,9 @@ def test_a_name_too_long(maxcon, refused):
 
 
 def test_another_format_version(not_localized, maxcon, refused, city):
-    for version, advice in ((3, "Update maxcon, or build the map again"), (1, "Build the map again")):
+    for version, advice in ((4, "Update maxcon, or build the map again"), (1, "Build the map again")):
         _edit(city, format_version=version)
-        words = (city, f"format version 2, got {version}", advice)
+        words = (city, f"format version 3, got {version}", advice)
         not_localized(city, *words)
         refused(maxcon("map", "info", city), *words)
 
@@ -101,10 +103,10 @@ SOURCE = {
         {"tile_voxels": 256},
         {"crs": 25832},
         {"crs": "nonsense"},
-        {"tiles": []},
-        {"tiles": [{"key": [0, 0]}]},
-        {"tiles": 7},
-        {"tiles": [{"key": [float("inf"), 0], "n_voxels": 1, "n_points": 1, "sha256": ""}]},
+        {"sections": []},
+        {"sections": {"tiles": {}}},
+        {"sections": 7},
+        {"sections": {"tiles": {"index": "/etc/passwd"}, "ground": {}}},
         {"build": 7},
         {"build": {"sources": [{"name": "a.laz"}]}},
         {"build": {"sources": [SOURCE | {"n_dropped": {"many": 3}}]}},
@@ -130,23 +132,30 @@ def test_manifests_with_a_broken_entry(maxcon, city, entries):
 
 
 def test_a_flipped_bit(not_localized, maxcon, refused, city):
-    for tile in (city / "tiles").iterdir():
-        content = bytearray(tile.read_bytes())
-        content[len(content) // 2] ^= 1
-        tile.write_bytes(content)
-    not_localized(city, city / "tiles", ".arrow", "checksum", "Build the map again")
+    (shard,) = (city / "tiles").glob("*.arrows")
+    content, table = bytearray(shard.read_bytes()), read_manifest(city).tiles
+    for middle in (table.offsets + table.lengths // 2).tolist():
+        content[middle] ^= 1
+    shard.write_bytes(content)
+    not_localized(city, shard, "tile (", "checksum", "Build the map again")
     assert maxcon("map", "info", city).code == 0
     ended = maxcon("map", "info", city, "--check")
     assert ended.code == 2 and "checksum" in ended.err and "as they were written" not in ended.out
 
 
-def test_a_missing_and_a_truncated_tile(not_localized, city, truncated):
-    for tile in (city / "tiles").iterdir():
-        truncated(tile)
+def test_a_missing_and_a_truncated_shard(not_localized, city, truncated):
+    (shard,) = (city / "tiles").glob("*.arrows")
+    truncated(shard)
     not_localized(city, "checksum")
-    for tile in (city / "tiles").iterdir():
-        tile.unlink()
+    shard.unlink()
     not_localized(city, city / "tiles", "No such file", "Build the map again")
+
+
+def test_a_missing_index(not_localized, maxcon, refused, city):
+    (index,) = (city / "tiles").glob("index-*.arrow")
+    index.unlink()
+    not_localized(city, index, "No such file", "Build the map again")
+    refused(maxcon("map", "info", city), index)
 
 
 def test_an_existing_map_is_kept_without_overwrite(maxcon, refused, street_npz, city):

@@ -20,7 +20,7 @@ from maxcon.cli import main
 def slow(function):
     return lambda *arguments: (time.sleep(0.1), function(*arguments))[1]
 
-build.write_tile = slow(build.write_tile)
+build.MapWriter.put = slow(build.MapWriter.put)
 main()
 """
 

@@ -50,6 +50,22 @@ def test_from_passes(said, rounds):
     assert words.endswith(" places")
 
 
+def test_from_an_alignment(said, maxcon, refused, rounds, tmp_path):
+    file = tmp_path / "alignment.json"
+    enough = {"n_rounds": 2, "n_ties": 100}
+    file.write_text(json.dumps({"sigma": {"of_map": 0.0125}, **enough}))
+    assert said(rounds).startswith("sigma        0.0125 m, from alignment.json beside the clouds")
+    file.write_text(json.dumps({"sigma": {"of_map": 0.002}, **enough}))
+    assert said(rounds, "--overwrite").startswith("sigma        0.010 m, from 2 passes")
+    for few in ({"n_rounds": 1, "n_ties": 100}, {"n_rounds": 2, "n_ties": 4}):
+        file.write_text(json.dumps({"sigma": {"of_map": 0.0005}, **few}))
+        assert said(rounds, "--overwrite").startswith("sigma        0.02 m, from alignment.json")
+    assert said(rounds, "--overwrite", "--sigma", "0.5") == "sigma        0.5 m, given"
+    for broken in ("{", "[]", '{"sigma": {"of_map": -1}}', '{"sigma": {"of_map": NaN}}', '{"sigma": 1}'):
+        file.write_text(broken)
+        refused(maxcon("map", "build", rounds, "-o", tmp_path / "b.map"), "alignment.json", "--sigma")
+
+
 def test_a_map_that_does_not_say(said, maxcon, street_npz, tmp_path):
     from maxcon.point_map.manifest import read_manifest, write_manifest
 

@@ -9,11 +9,12 @@ import pytest
 
 from localized_poses import localized_poses
 from maxcon.geometry import Pose
+from maxcon.io.recordings.writing import open_writer
 from maxcon.io.scans import Scans, open_scans
 from maxcon.io.scans.deskewed import DeskewedScans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.simulation.dataset_files import CRS
-from maxcon.simulation.recordings import RecordingKind, record_drive
+from maxcon.simulation.recordings import RecordingKind, cloud_message, record_drive
 from maxcon.trajectory import Trajectory
 
 pytest.importorskip("rosbags")
@@ -75,6 +76,17 @@ def test_what_is_asked_of_a_recording_and_is_not_there(maxcon, refused, drive, r
             ("--geoid-height with priors of a",),
         ),
         ((scans, "--prior", drive.dataset.prior, "--odometry-topic", "/a"), ("--odometry-topic together",)),
+        (
+            (scans, "--odometry-frames", "odom:base_link", "--prior", drive.dataset.prior),
+            ("--odometry-frames tog",),
+        ),
+        (
+            (scans, "--prior", drive.dataset.prior, "--prior-frames", "a:b"),
+            ("--prior-frames with priors of a",),
+        ),
+        ((bag, "--prior-frames", "map"), ("FIXED:MOVING", "'map'")),
+        ((bag, "--prior-frames", "map:sensor"), ("a frame of", "no transforms")),
+        ((bag, "--prior-frames", "a:b", "--prior-topic", "/c"), ("either --prior-topic or --prior-frames",)),
         ((bag, "--topic", "/a"), ("/points", "/a")),
         ((bag, "--prior-topic", "/a"), ("/a", "no such topic", "/gnss/fix")),
         ((bag, "--times", scans / "times.txt"), ("no times beside",)),
@@ -212,10 +224,56 @@ def test_a_turn_time_needs_deskew(maxcon, refused, drive, recordings, tmp_path):
 
 
 def test_simulating_a_recording(maxcon, refused, tmp_path):
-    refused(maxcon("simulate", tmp_path / "d", "--recording", "tape"), "bag, ros2, mcap, got 'tape'")
+    refused(
+        maxcon("simulate", tmp_path / "d", "--recording", "tape"), "bag, ros2, mcap, pcap, pcd, got 'tape'"
+    )
     ended = maxcon("simulate", tmp_path / "d", "--epochs", "1", "--recording", "ros2", "-q")
     assert (ended.code, ended.err) == (0, "")
     assert f"recording    {tmp_path / 'd' / 'drive_ros2'}" in ended.out
     assert "/points: 1 scans" in maxcon("scans", "info", tmp_path / "d" / "drive_ros2").out
     again = ("simulate", tmp_path / "d", "--epochs", "1", "--recording", "ros2", "-q", "--overwrite")
     assert maxcon(*again).code == 0
+
+
+def test_two_scanners_in_one_epoch(maxcon, refused, drive, tmp_path):
+    """The scan's points left and right of the car as two scanners, each in a frame of its own: the same poses."""
+    mounts = {"left": Pose(0.4, 1.1, -0.3, 0.0, 0.1, 0.7), "right": Pose(-0.2, -0.8, 0.1, 0.02, 0.0, -1.9)}
+    whole, text = open_scans(drive.dataset.scans), "[prior]\n"
+    for side, mount in mounts.items():
+        (tmp_path / side).mkdir()
+        for i in range(len(whole)):
+            points = whole.read(i, 0.0, np.inf).points
+            points = points[(points[:, 1] > 0) == (side == "left")]
+            rows = np.column_stack([(points - mount.position) @ mount.rotation, np.zeros(len(points))])
+            (tmp_path / side / f"{i:06d}.bin").write_bytes(rows.astype("<f4").tobytes())
+        (tmp_path / side / "times.txt").write_text("".join(f"{time:.6f}\n" for time in whole.times))
+        roll, pitch, heading = np.degrees([mount.roll, mount.pitch, mount.heading])
+        text += f"[scanner.{side}]\nscans = '{side}'\nposition = {mount.position.tolist()}\n"
+        text += f"roll_deg = {roll}\npitch_deg = {pitch}\nheading_deg = {heading}\n"
+    (tmp_path / "rig.toml").write_text(text)
+    arguments = ("localize", drive.city, tmp_path, "--prior", drive.dataset.prior)
+    arguments += ("--mounting", tmp_path / "rig.toml", "-o", tmp_path / "poses.csv")
+    ended = maxcon(*arguments, "-q")
+    assert (ended.code, ended.err) == (0, "")
+    assert "scans of 2 scanners: left in 4 epochs, up to 0.0 ms off; right in 4 epochs" in ended.out
+    poses = localized_poses(tmp_path / "poses.csv")
+    true = np.array([drive.reference.at(time).position for time in poses[:, 0]])
+    assert np.linalg.norm(poses[:, 1:3] - true[:, :2], axis=1).max() < 0.02
+    refused(
+        maxcon(*arguments, "--overwrite", "--turn-time", "0.1", "--deskew"),
+        "got --turn-time, which is for one",
+    )
+
+    # The same as two topics of one recording.
+    with open_writer(tmp_path / "two.mcap", RecordingKind.MCAP, overwrite=False) as writer:
+        for i in range(len(whole)):
+            for side in mounts:
+                writer.write(cloud_message(open_scans(tmp_path / side), i, f"/{side}/points"))
+    for side in mounts:
+        text = text.replace(f"scans = '{side}'", f"topic = '/{side}/points'")
+    (tmp_path / "topics.toml").write_text(text)
+    arguments = ("localize", drive.city, tmp_path / "two.mcap", "--prior", drive.dataset.prior)
+    ended = maxcon(*arguments, "--mounting", tmp_path / "topics.toml", "-o", tmp_path / "topics.csv", "-q")
+    assert (ended.code, ended.err) == (0, "")
+    assert "scans from /left/points" in ended.out and "scans of 2 scanners: left in 4 epochs" in ended.out
+    np.testing.assert_allclose(localized_poses(tmp_path / "topics.csv"), poses, atol=1e-4)

@@ -151,3 +151,22 @@ def test_times_that_are_all_zero(maxcon, refused, tmp_path, street):
         tmp_path / "a.map",
     )
     refused(maxcon(*arguments), "a.npz", "gps_time is 0", "--trajectory")
+
+
+def test_heights_of_another_kind_are_named(localized, priors):
+    def lifted(pose):
+        return pose.translated([0.0, 0.0, 46.0])
+
+    ended = localized(rows_of(priors, lifted))
+    assert ended.code == 1
+    assert (
+        "m above the map's ground. Are its heights above the ellipsoid, and the map's above the geoid?"
+        in ended.out
+    )
+    assert "Take about 46 m off its z" in ended.out
+
+
+def test_a_prior_without_roll_and_pitch(localized, priors):
+    rows = [f"{time!r},{pose.x!r},{pose.y!r},{pose.z!r},{pose.heading!r}" for time, pose in priors]
+    ended = localized(rows, header="time,x,y,z,heading")
+    assert (ended.code, ended.err) == (0, "")

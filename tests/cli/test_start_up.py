@@ -12,7 +12,7 @@ import maxcon as package
 
 HEAVY = (
     "numpy numba scipy pyarrow laspy lazrs pyproj matplotlib jinja2 embreex trimesh pypcd4 rich.progress rich.table"
-    " asyncio multiprocessing rosbags mcap velodyne_decoder"
+    " asyncio multiprocessing rosbags mcap velodyne_decoder dask distributed"
 )
 COMMANDS = (
     ("map",), ("map", "build"), ("map", "info"), ("scans",), ("scans", "info"), ("localize",), ("simulate",), ("demo",),

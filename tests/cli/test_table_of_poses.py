@@ -21,6 +21,7 @@ read, n_first, go = maxcon.drive.read_epoch, {n_first}, {go!r}
 
 def waits(scans, epoch, options):
     while epoch >= n_first and not os.path.exists(go):
+        open(go + ".awaited", "w").close()
         time.sleep(0.01)
     return read(scans, epoch, options)
 
@@ -65,12 +66,11 @@ def stopped(maxcon_process, arguments, out, tmp_path):
         with maxcon_process(*arguments, *options, script=script) as process:
             deadline = time.monotonic() + LONG
             while time.monotonic() < deadline and process.poll() is None:
-                if n_rows == 0 or (out.exists() and len(rows_of(out)) == n_rows):
+                is_there = out.exists() and len(rows_of(out)) == n_rows
+                if is_there or (n_rows == 0 and (tmp_path / "go.awaited").exists()):
                     break
                 time.sleep(0.01)
             assert process.poll() is None, process.stderr.read()
-            if n_rows == 0:
-                time.sleep(2.0)
             process.send_signal(number)
             _, err = process.communicate(timeout=LONG)
         return process.returncode, err
@@ -112,6 +112,16 @@ def test_a_row_that_was_cut_is_made_again(maxcon, arguments, out, whole):
         assert rows_of(out) == whole
 
 
+def test_a_whole_table_that_is_gone_on_with_is_left_as_it_is(maxcon, arguments, out, whole):
+    assert maxcon(*arguments).code == 0
+    ended = maxcon(*arguments, "--resume")
+    assert ended.code == 0 and rows_of(out) == whole
+    assert (
+        "all 4 epochs were in" in ended.out
+        and "prior, map and options of this call had no effect" in ended.out
+    )
+
+
 def test_a_table_is_not_replaced_unasked(maxcon, refused, arguments, out, whole):
     out.write_text("the table of yesterday")
     refused(maxcon(*arguments), out, "--resume", "--overwrite")
@@ -128,7 +138,7 @@ def test_what_is_whole_is_left_as_it_is(maxcon, arguments, out):
     before = out.read_bytes()
     ended = maxcon(*arguments, "--resume")
     assert (ended.code, ended.err) == (0, "")
-    assert "behind 4 that were there" in ended.out
+    assert ended.out.startswith(f"all 4 epochs were in {out} already") and "Nothing was done" in ended.out
     assert out.read_bytes() == before
 
 

@@ -41,7 +41,10 @@ def test_a_drive_is_tracked_with_odometry(maxcon, drive, dense, odometry, tmp_pa
         "--drift", "0.005", "-o", out,
     )  # fmt: skip
     assert ended.err == ""
-    assert [row["status"] for row in rows(out)][2:] == ["localized"] * 10
+    statuses = [row["status"] for row in rows(out)]
+    assert statuses[2:] == ["localized"] * 10
+    assert ended.code == 0  # whether or not it knew at once where it was
+    assert ("the track begins with epoch" in ended.out) == (statuses[0] != "localized")
     found, reference = read_trajectory(out), read_trajectory(dense.reference)
     true = np.array([reference.at(float(time)).position for time in found.times])
     assert np.abs(found.positions[:, :2] - true[:, :2]).max() < 0.1

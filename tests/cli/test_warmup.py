@@ -15,7 +15,9 @@ from maxcon.cli.compiling import LINE, compiling_told
 from maxcon.cli.warmup import _where
 from maxcon.compiled import code_folders, on_compilation
 
-PARTS = ("building maps", "normals of scans", "search in maps in memory", "search in maps on disk")
+PARTS = (
+    "building maps", "normals of scans", "search in maps in memory", "search in maps on disk", "search without a prior",
+)  # fmt: skip
 
 ALL_OPTIONS = """
 import sys
@@ -205,6 +207,6 @@ def test_words_for_the_folders(monkeypatch, tmp_path):
 
 
 def test_folders_of_kernels_that_are_loaded():
-    from maxcon.search import kernels
+    from maxcon.search import window_kernels
 
-    assert Path(kernels.accumulate_tile.stats.cache_path) in code_folders()
+    assert Path(window_kernels.accumulate_tile.stats.cache_path) in code_folders()

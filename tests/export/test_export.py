@@ -14,7 +14,8 @@ import pytest
 
 from maxcon import Pose
 from maxcon.errors import CrsError, FileError, OptionError, TrajectoryError
-from maxcon.export import EXPORT_SUFFIXES, export_poses, read_rows
+from maxcon.export import EXPORT_SUFFIXES, export_poses, export_scans, read_rows
+from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.poses_table import COLUMNS, COVARIANCES
 
@@ -60,7 +61,7 @@ def test_geojson(table, tmp_path):
     first, second, _ = content["features"]
     transformer = pyproj.Transformer.from_crs("EPSG:4326", CRS, always_xy=True)
     back = transformer.transform(*first["geometry"]["coordinates"])
-    np.testing.assert_allclose(back, (POSES[0].x, POSES[0].y), atol=1e-3)
+    np.testing.assert_allclose(back, POSES[0].position, atol=1e-3)
     assert first["properties"]["cov_x_x"] == 0.0001
     assert first["properties"]["heading_deg"] == pytest.approx(math.degrees(0.5))
     assert first["properties"]["bearing_deg"] == pytest.approx(90.0 - math.degrees(0.5))
@@ -92,7 +93,74 @@ def test_kml(table, tmp_path):
     ]
     transformer = pyproj.Transformer.from_crs("EPSG:4326", CRS, always_xy=True)
     back = [transformer.transform(*map(float, place)) for place in places]
-    np.testing.assert_allclose(back, [(pose.x, pose.y) for pose in POSES if pose], atol=1e-3)
+    np.testing.assert_allclose(back, [pose.position for pose in POSES if pose], atol=1e-3)
+    modes = {mode.text for mode in root.findall(".//k:altitudeMode", space)}
+    assert modes == {"clampToGround"}
+
+
+def test_mcap(table, tmp_path):
+    """Read by mcap alone, as a viewer does: schemas of ROS 2, and everything in frames that are connected."""
+    pytest.importorskip("rosbags")
+    reader = pytest.importorskip("mcap.reader")
+    from rosbags.typesys import Stores, get_typestore
+
+    from maxcon.io.recordings.poses import read_recorded_poses
+
+    export_poses(table, tmp_path / "a.mcap", CRS)
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    found = {}
+    with (tmp_path / "a.mcap").open("rb") as stream:
+        opened = reader.make_reader(stream)
+        assert opened.get_header().profile == "ros2"
+        for schema, channel, message in opened.iter_messages():
+            assert (schema.encoding, channel.message_encoding) == ("ros2msg", "cdr")
+            assert b"MSG: " in schema.data
+            content = store.deserialize_cdr(message.data, schema.name)
+            found.setdefault(channel.topic, []).append((message.log_time, content))
+    assert {topic: len(messages) for topic, messages in found.items()} == {
+        "/tf_static": 1, "/pose": 2, "/tf": 2, "/fix": 2,
+    }  # fmt: skip
+    time, pose = found["/pose"][1]
+    assert time == 12_000_000_000 and pose.header.frame_id == "map"
+    assert (pose.pose.pose.position.x, pose.pose.pose.position.y) == (10.0, 1.0)
+    assert pose.pose.covariance[0] == 0.0001 and pose.pose.covariance[35] == pytest.approx(1e-6)
+    _, fix = found["/fix"][0]
+    assert 9.0 < fix.longitude < 10.0 and 52.0 < fix.latitude < 53.0 and fix.altitude == 61.25
+    poses = read_recorded_poses(tmp_path / "a.mcap", frames=("crs", "sensor")).trajectory
+    wanted = [pose for pose in POSES if pose]
+    np.testing.assert_allclose(poses.positions, [pose.position for pose in wanted], atol=1e-9)
+    np.testing.assert_allclose(poses.angles, [[p.roll, p.pitch, p.heading] for p in wanted], atol=1e-9)
+    export_poses(table, tmp_path / "b.mcap")  # without a CRS all but the positions on earth
+    assert (tmp_path / "b.mcap").exists()
+
+
+@pytest.mark.parametrize("suffix", [".laz", ".las"])
+def test_scans_in_the_map(table, tmp_path, suffix):
+    laspy = pytest.importorskip("laspy")
+    points = np.random.default_rng(0).uniform(-50, 50, (3, 200, 3))
+    (tmp_path / "scans").mkdir()
+    for number, scan in enumerate(points):
+        rows = np.column_stack([scan, np.zeros(200)]).astype("<f4")
+        (tmp_path / "scans" / f"{number}.bin").write_bytes(rows.tobytes())
+    (tmp_path / "scans" / "times.txt").write_text("10\n11\n12\n")
+    scans = open_scans(tmp_path / "scans")
+    rows, n_points = export_scans(table, tmp_path / f"a{suffix}", scans, CRS, min_range=5.0, max_range=60.0)
+    cloud = laspy.read(tmp_path / f"a{suffix}")
+    assert len(rows) == 3 and len(cloud.points) == n_points
+    assert cloud.header.parse_crs().to_epsg() == 25832
+    assert sorted(set(cloud.point_source_id)) == [0, 2]
+    for number in (0, 2):
+        ranges = np.linalg.norm(points[number], axis=1)
+        wanted = POSES[number].apply(points[number][(ranges >= 5.0) & (ranges <= 60.0)])
+        is_its = cloud.point_source_id == number
+        np.testing.assert_allclose(cloud.xyz[is_its], wanted, atol=6e-4)
+        assert set(cloud.gps_time[is_its]) == {10.0 + number}
+    (tmp_path / "scans" / "times.txt").write_text("10\n11\n13\n")
+    with pytest.raises(TrajectoryError, match=r"a scan of the epoch at 12\.000 s, got the nearest at"):
+        export_scans(table, tmp_path / f"b{suffix}", open_scans(tmp_path / "scans"), CRS)
+    with pytest.raises(CrsError, match="Name the map"):
+        export_scans(table, tmp_path / f"b{suffix}", scans, None)
+    assert not list(tmp_path.glob("b*"))
 
 
 def test_tum_and_kitti(table, tmp_path):

@@ -7,18 +7,25 @@ import json
 import shutil
 import struct
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
+
+import numpy as np
 
 from maxcon import PointMap, open_scans, read_recorded_poses, read_trajectory
 from maxcon.dataset import Dataset
 from maxcon.errors import MaxconError
 from maxcon.io.clouds import open_cloud
+from maxcon.io.geographic_priors import is_geographic, read_geographic_prior
 from maxcon.io.recordings.point_cloud2 import CloudRecord, FieldDescription, decode_cloud
 from maxcon.io.scans.description import describe
 from maxcon.io.trajectories import read_prior
-from maxcon.point_map.manifest import read_manifest
+from maxcon.mounting import read_mounting
+from maxcon.point_map.manifest import checksum_of_manifest, read_manifest, write_manifest
+from maxcon.point_map.shard_table import ShardFile
 from maxcon.point_map.store import GroundStore
+from maxcon.storage import Folder
 from maxcon.study.run import Study
 
 __all__ = ["READERS", "Reader", "record_as_bytes"]
@@ -48,12 +55,18 @@ def _each(*calls: Callable[[], object]) -> None:
 def _cloud(data: bytes, name: str, folder: Path, seeds: Path) -> None:
     path = _written(data, name, folder)
 
-    def read() -> None:
-        with open_cloud(path) as reader:
-            for _ in reader.chunks(100_000):
-                pass
+    _each(lambda: _read_cloud(path), lambda: list(open_scans(path).scans()))
 
-    _each(read, lambda: list(open_scans(path).scans()))
+
+def _survey(data: bytes, name: str, folder: Path, seeds: Path) -> None:
+    """Clouds of a map only: no scan comes so."""
+    _read_cloud(_written(data, name, folder))
+
+
+def _read_cloud(path: Path) -> None:
+    with open_cloud(path) as reader:
+        for _ in reader.chunks(100_000):
+            pass
 
 
 def _scan(data: bytes, name: str, folder: Path, seeds: Path) -> None:
@@ -73,6 +86,19 @@ def _trajectory(data: bytes, name: str, folder: Path, seeds: Path) -> None:
     _each(lambda: read_trajectory(path), lambda: read_prior(path))
 
 
+def _positions(data: bytes, name: str, folder: Path, seeds: Path) -> None:
+    """What is not recognised as latitudes and longitudes is refused by the reader of poses."""
+    path = _written(data, name, folder)
+    if is_geographic(path):
+        read_geographic_prior(path, "EPSG:25832")
+    else:
+        read_prior(path)
+
+
+def _mounting(data: bytes, name: str, folder: Path, seeds: Path) -> None:
+    read_mounting(_written(data, name, folder))
+
+
 def _recording(data: bytes, name: str, folder: Path, seeds: Path) -> None:
     path = _written(data, name, folder)
     calls = [lambda: describe(path), lambda: list(open_scans(path).scans())]
@@ -84,6 +110,11 @@ def _recording(data: bytes, name: str, folder: Path, seeds: Path) -> None:
     _each(*calls)
 
 
+def _transforms(data: bytes, name: str, folder: Path, seeds: Path) -> None:
+    path = _written(data, name, folder)
+    read_recorded_poses(path, frames=("map", "base_link"), sensor_frame="sensor")
+
+
 def _manifest(data: bytes, name: str, folder: Path, seeds: Path) -> None:
     shutil.copytree(seeds / "city.map", folder / "city.map")
     _written(data, name, folder / "city.map")
@@ -91,18 +122,39 @@ def _manifest(data: bytes, name: str, folder: Path, seeds: Path) -> None:
 
 
 def _tile(data: bytes, name: str, folder: Path, seeds: Path) -> None:
-    """Besides the tile its hash in the manifest is replaced: what was written so, and not what was damaged after."""
+    """Besides the record its checksum in the index is replaced: what was written so, and not what was damaged after."""
+    section = Path(name).parent.name
     shutil.copytree(seeds / "city.map", folder / "city.map")
-    manifest = json.loads((folder / "city.map" / "manifest.json").read_text())
-    manifest[Path(name).parent.name][0]["sha256"] = hashlib.sha256(data).hexdigest()
-    (folder / "city.map" / "manifest.json").write_text(json.dumps(manifest))
-    _written(data, name, folder / "city.map")
+    manifest = read_manifest(folder / "city.map")
+    table = manifest.sections[section]
+    shard, end = folder / "city.map" / table.files[0].name, table.files[0].n_bytes
+    with shard.open("ab") as file:
+        file.write(data)
+    checksums, lengths, offsets = table.checksums.copy(), table.lengths.copy(), table.offsets.copy()
+    checksums[0] = np.frombuffer(hashlib.sha256(data).digest(), np.uint8)
+    offsets[0], lengths[0] = end, max(len(data), 1)
+    files = (ShardFile(table.files[0].name, end + max(len(data), 1)), *table.files[1:])
+    table = replace(table, files=files, checksums=checksums, lengths=lengths, offsets=offsets)
+    write_manifest(folder / "city.map", replace(manifest, sections={**manifest.sections, section: table}))
+    _read_map(folder / "city.map")
+
+
+def _index(data: bytes, name: str, folder: Path, seeds: Path) -> None:
+    """Besides the index its checksum in the manifest is replaced."""
+    section = Path(name).parent.name
+    shutil.copytree(seeds / "city.map", folder / "city.map")
+    path = folder / "city.map" / "manifest.json"
+    manifest = json.loads(path.read_text())
+    checksum = hashlib.sha256(data).hexdigest()
+    manifest["sections"][section].update(index_bytes=len(data), index_sha256=checksum)
+    (folder / "city.map" / manifest["sections"][section]["index"]).write_bytes(data)
+    path.write_text(json.dumps({**manifest, "sha256": checksum_of_manifest(manifest)}))
     _read_map(folder / "city.map")
 
 
 def _read_map(folder: Path) -> None:
     point_map = PointMap.open(folder)
-    ground = GroundStore(folder, read_manifest(folder))
+    ground = GroundStore(Folder(folder), read_manifest(folder))
     _each(
         lambda: point_map.tiles_within(0.0, 0.0, 100.0),
         *(partial(ground.load, key) for key in sorted(ground.keys)[:9]),
@@ -150,12 +202,17 @@ def _message(data: bytes, name: str, folder: Path, seeds: Path) -> None:
 
 READERS: dict[str, Reader] = {
     "cloud": _cloud,
+    "survey": _survey,
     "scan": _scan,
     "times": _times,
     "trajectory": _trajectory,
+    "positions": _positions,
+    "mounting": _mounting,
     "recording": _recording,
+    "transforms": _transforms,
     "manifest": _manifest,
     "tile": _tile,
+    "index": _index,
     "dataset": _dataset,
     "study": _study,
     "message": _message,

@@ -6,11 +6,14 @@ import io
 import json
 import struct
 from collections.abc import Iterator
+from functools import reduce
+from operator import xor
 from pathlib import Path
 from typing import NamedTuple
 
 import laspy
 import numpy as np
+import pye57
 from fuzz_readers import record_as_bytes
 from pyproj import CRS
 
@@ -18,8 +21,10 @@ from maxcon import Pose, Trajectory, open_scans
 from maxcon.io.clouds import CLOUD_SUFFIXES
 from maxcon.io.recordings.opening import CAPTURE_SUFFIX, RECORDING_SUFFIXES
 from maxcon.io.recordings.point_cloud2 import CloudRecord, FieldDescription
+from maxcon.io.recordings.writing import Entry, open_writer
 from maxcon.io.trajectories import write_csv, write_tum
 from maxcon.mapping import MapOptions, build_map
+from maxcon.point_map.manifest import read_manifest
 from maxcon.simulation.recordings import RECORDING_NAMES, RecordingKind, record_drive
 
 __all__ = ["Seed", "make_seeds", "seeds_of"]
@@ -39,6 +44,14 @@ CONFIGURATION = {
     "maps": {"standard": {}},
     "runs": [{"methods": ["helmert"], "priors": ["gnss"], "n_epochs": 3, "n_workers": 1, "n_rows": 3}],
 }
+MOUNTING = """[prior]
+position = [-0.45, 0.30, 1.62]
+[scanner.front]
+topic = "/points"
+pitch_deg = 2.5
+[scanner.rear]
+scans = "rear.bag"
+"""
 DATASET = """[map]
 clouds = "*.laz"
 crs = "EPSG:25832"
@@ -76,8 +89,10 @@ def make_seeds(folder: Path, others: Path | None = None) -> list[Seed]:
     """
     made = [
         *_clouds(),
+        *_surveys(folder),
         *_scans(),
         *_trajectories(folder),
+        *_positions(),
         *_recordings(folder),
         *_maps(folder),
         *_others_of_ours(folder),
@@ -126,6 +141,21 @@ def _clouds() -> Iterator[Seed]:
         yield Seed(f"ply {kind}", "cloud", "1.5.ply", head.encode() + body)
 
 
+def _surveys(folder: Path) -> Iterator[Seed]:
+    file = pye57.E57(str(folder / "two.e57"), mode="w")
+    for translation in ([0.0, 0.0, 0.0], [550_000.0, 5_802_000.0, 60.0]):
+        columns = {f"cartesian{axis}": POINTS[:, i].copy() for i, axis in enumerate("XYZ")}
+        columns["cartesianInvalidState"] = np.zeros(N_POINTS, np.int8)
+        pose = {"rotation": np.array([1.0, 0.0, 0.0, 0.0]), "translation": np.array(translation)}
+        file.write_scan_raw(columns, **pose)
+    file.close()
+    yield Seed("e57", "survey", "1.5.e57", (folder / "two.e57").read_bytes())
+    rows = "".join(f"{x} {y} {z} 6\n" for x, y, z in POINTS)
+    yield Seed("xyz", "survey", "1.5.xyz", rows.encode())
+    named = "X,Y,Z,classification\n" + rows.replace(" ", ",")
+    yield Seed("csv cloud", "survey", "1.5.csv", named.encode())
+
+
 def _content(stream: io.BytesIO) -> bytes:
     stream.seek(0)
     return stream.read()
@@ -164,6 +194,37 @@ def _trajectories(folder: Path) -> Iterator[Seed]:
     yield Seed("csv with sigmas", "trajectory", "a.csv", sigmas.encode())
 
 
+NMEA = (
+    "GNGGA,120000.00,5220.0000000,N,00944.0000000,E,4,12,0.8,60.1,M,46.2,M,,",
+    "GNRMC,120000.00,A,5220.0000000,N,00944.0000000,E,1.0,84.4,221126,,,A",
+    "GNGST,120000.00,0.9,0.6,0.4,12.0,0.5,0.5,0.9",
+    "GNHDT,84.4,T",
+    "GNZDA,120000.00,22,11,2026,00,00",
+    "GNGGA,120001.00,5220.0010000,N,00944.0100000,E,4,12,0.8,60.2,M,46.2,M,,",
+)
+POSITIONS = """time,latitude,longitude,ellipsoidal_height,heading_deg,sigma_x,sigma_y
+100,52.0,9.7300,60.5,84.4,0.5,0.6
+101,52.0,9.7301,60.5,84.4,0.5,0.6
+102,52.0,9.7302,60.6,84.4,0.5,0.6
+"""
+PARTS = """[sensor]
+position = [1.1, 0.2, 1.9]
+roll_deg = 1.0
+[prior]
+position = [-0.4, 0.3, 1.6]
+heading_deg = 90.0
+[odometry]
+position = [0.0, 0.0, 0.0]
+"""
+
+
+def _positions() -> Iterator[Seed]:
+    log = "".join(f"${body}*{reduce(xor, body.encode()):02X}\r\n" for body in NMEA)
+    yield Seed("nmea", "positions", "gnss.nmea", log.encode())
+    yield Seed("latitudes", "positions", "gnss.csv", POSITIONS.encode())
+    yield Seed("mounting", "mounting", "mounting.toml", PARTS.encode())
+
+
 def _recordings(folder: Path) -> Iterator[Seed]:
     (folder / "scans").mkdir()
     for i in range(3):
@@ -177,6 +238,27 @@ def _recordings(folder: Path) -> Iterator[Seed]:
         for file in [path] if path.is_file() else sorted(path.glob("*.db3")):
             yield Seed(file.suffix, "recording", f"drive{file.suffix}", file.read_bytes())
     yield Seed("pcap", "recording", "drive.pcap", _capture())
+    for kind in (RecordingKind.ROS1, RecordingKind.MCAP):
+        path = folder / f"tf{Path(RECORDING_NAMES[kind]).suffix}"
+        _write_transforms(path, kind)
+        yield Seed(f"tf {kind}", "transforms", path.name, path.read_bytes())
+
+
+def _write_transforms(path: Path, kind: RecordingKind) -> None:
+    """Write a way of a vehicle in a map, and a scanner on it, as transforms."""
+    turn, place = dict(x=0.0, y=0.0, z=0.0, w=1.0), dict(x=1.0, y=2.0, z=0.0)
+    with open_writer(path, kind, overwrite=False) as writer:
+        for time, topic, parent, child in (
+            (1.0, "/tf_static", "base_link", "sensor"),
+            (1.0, "/tf", "map", "odom"),
+            (1.0, "/tf", "odom", "base_link"),
+            (2.0, "/tf", "map", "odom"),
+            (2.0, "/tf", "odom", "base_link"),
+        ):
+            header = {"stamp": dict(sec=int(time), nanosec=0), "frame_id": parent}
+            transform = {"translation": place, "rotation": turn}
+            content = {"transforms": [{"header": header, "child_frame_id": child, "transform": transform}]}
+            writer.write(Entry(time, topic, "tf2_msgs/msg/TFMessage", content))
 
 
 def _capture() -> bytes:
@@ -206,17 +288,17 @@ def _maps(folder: Path) -> Iterator[Seed]:
     las.classification = np.repeat([6, 2], len(along)).astype(np.uint8)
     las.write(folder / "street.las")
     build_map([folder / "street.las"], folder / "city.map", MapOptions(cell=0.24))
-    for file in ("manifest.json", *(f"{part}/{_first(folder, part)}" for part in ("tiles", "ground"))):
-        reader = "manifest" if file == "manifest.json" else "tile"
-        yield Seed(file, reader, file, (folder / "city.map" / file).read_bytes())
-
-
-def _first(folder: Path, part: str) -> str:
-    """Name of the file of the first entry in the manifest."""
-    x, y = json.loads((folder / "city.map" / "manifest.json").read_text())[part][0]["key"]
-    return f"{x}_{y}.arrow"
+    yield Seed(
+        "manifest.json", "manifest", "manifest.json", (folder / "city.map" / "manifest.json").read_bytes()
+    )
+    for name, table in read_manifest(folder / "city.map").sections.items():
+        shard = (folder / "city.map" / table.files[0].name).read_bytes()
+        at, length = int(table.offsets[0]), int(table.lengths[0])
+        yield Seed(f"{name}/record.arrow", "tile", f"{name}/record.arrow", shard[at : at + length])
+        yield Seed(f"{name}/index.arrow", "index", f"{name}/index.arrow", table.to_bytes())
 
 
 def _others_of_ours(folder: Path) -> Iterator[Seed]:
+    yield Seed("scanners", "mounting", "mounting.toml", MOUNTING.encode())
     yield Seed("dataset.toml", "dataset", "dataset.toml", DATASET.encode())
     yield Seed("study.json", "study", "study.json", json.dumps(CONFIGURATION, indent=1).encode())

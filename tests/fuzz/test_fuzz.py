@@ -11,7 +11,7 @@ import pytest
 
 if sys.platform != "linux":
     pytest.skip("the fuzzer limits memory as Linux does", allow_module_level=True)
-for package in ("rosbags", "mcap", "velodyne_decoder", "pypcd4", "embreex"):
+for package in ("rosbags", "mcap", "velodyne_decoder", "pypcd4", "pye57", "embreex"):
     pytest.importorskip(package, reason=f"a reader's package is not installed: {package}")
 
 from fuzz_mutations import mutated

@@ -15,7 +15,7 @@ from hypothesis.extra import numpy as st_np
 from maxcon.errors import FileError, MaxconError, TrajectoryError
 from maxcon.geometry import Pose
 from maxcon.geometry.quaternions import quaternions_from_angles
-from maxcon.io.trajectories import read_trajectory, write_csv, write_tum
+from maxcon.io.trajectories import read_prior, read_trajectory, write_csv, write_tum
 from maxcon.trajectory import Trajectory
 
 TUM_LINE = "47452.193478 458888.4217 5429081.5413 115.0739 0 0 0.6 0.8\n"
@@ -257,3 +257,15 @@ def test_junk_ends_in_an_error_of_ours(content, suffix):
         path = write(Path(folder), f"junk{suffix}", content)
         with pytest.raises(MaxconError):
             read_trajectory(path)
+
+
+def test_only_a_prior_may_do_without_roll_and_pitch(tmp_path):
+    path = tmp_path / "prior.csv"
+    path.write_text("time,x,y,z,heading_deg\n1,2,3,4,90\n")
+    (pose,) = read_prior(path).trajectory.poses()
+    np.testing.assert_allclose(pose.values, [2, 3, 4, 0, 0, np.pi / 2])
+    with pytest.raises(MaxconError, match="no 'roll'"):
+        read_trajectory(path)
+    path.write_text("time,x,y,z,heading_deg,roll_deg\n1,2,3,4,90,1\n")
+    with pytest.raises(MaxconError, match="no 'pitch'"):
+        read_prior(path)

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: MIT
 """The ground grid of a map: what a cell keeps, and that it comes back from disk as it was (decision 17)."""
 
-import json
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -22,8 +20,10 @@ from maxcon.point_map.ground import (
     ground_patch,
     ground_voxels,
 )
-from maxcon.point_map.manifest import Manifest, read_manifest, write_manifest
-from maxcon.point_map.store import GroundStore, write_ground, write_tile
+from maxcon.point_map.manifest import read_manifest
+from maxcon.point_map.store import GroundStore
+from maxcon.storage import Folder
+from written_maps import write
 
 SEEDS = st.integers(0, 2**32)
 CELL = 0.06
@@ -114,19 +114,15 @@ def on_disk(tmp_path):
     points = rng.uniform(0.0, 60.0, (3000, 3)) * [1.0, 0.4, 0.01] + [0.0, 0.0, 100.0]
     ground = GroundInMemory.of_points(points, CELL)
     voxels = PointMap.from_points(WALL, np.tile([0.0, 1.0, 0.0], (2, 1)), CELL)
-    folder = tmp_path / "some.map"
-    folder.mkdir()
-    tiles = tuple(write_tile(folder, voxels.tile(key)) for key in sorted(voxels.tile_keys))
-    entries = tuple(write_ground(folder, ground.load(key)) for key in sorted(ground.keys))
-    write_manifest(folder, Manifest(CELL, (0.0, 0.0, 0.0), None, True, tiles, ground=entries))
-    return folder, ground
+    write(tmp_path / "some.map", voxels, ground, origin=(0.0, 0.0, 0.0))
+    return tmp_path / "some.map", ground
 
 
 def test_ground_on_disk_is_that_in_memory(on_disk):
     folder, ground = on_disk
     point_map = PointMap.open(folder)
     assert point_map.has_ground
-    store = GroundStore(folder, read_manifest(folder))
+    store = GroundStore(Folder(folder), read_manifest(folder))
     assert store.keys == ground.keys and len(store.keys) == 2
     for key in ground.keys:
         np.testing.assert_array_equal(store.load(key).heights, ground.load(key).heights)
@@ -139,16 +135,16 @@ def test_ground_on_disk_is_that_in_memory(on_disk):
 
 def test_opening_reads_no_ground(on_disk):
     folder, _ = on_disk
-    for file in (folder / "ground").iterdir():
+    for file in (folder / "ground").glob("*.arrows"):
         file.unlink()
     point_map = PointMap.open(folder)
-    with pytest.raises(MapError, match=r"ground.*\.arrow.*No such file"):
+    with pytest.raises(MapError, match=r"ground.*\.arrows.*No such file"):
         point_map.ground_around(30.0, 10.0, 20.0)
 
 
 def test_one_flipped_bit_in_the_ground_is_noticed(on_disk):
     folder, _ = on_disk
-    file = sorted((folder / "ground").iterdir())[0]
+    file = sorted((folder / "ground").glob("*.arrows"))[0]
     raw = bytearray(file.read_bytes())
     raw[len(raw) // 2] ^= 1
     file.write_bytes(raw)
@@ -156,13 +152,10 @@ def test_one_flipped_bit_in_the_ground_is_noticed(on_disk):
         PointMap.open(folder).ground_around(15.0, 10.0, 3.0)
 
 
-def test_a_manifest_without_ground_is_a_map_without(on_disk):
-    folder, _ = on_disk
-    manifest = read_manifest(folder)
-    write_manifest(folder, Manifest(CELL, manifest.origin, None, True, manifest.tiles))
-    content = json.loads((folder / "manifest.json").read_text())
-    assert content["ground"] == []
-    assert not PointMap.open(folder).has_ground
+def test_a_map_without_ground_has_none(tmp_path):
+    voxels = PointMap.from_points(WALL, np.tile([0.0, 1.0, 0.0], (2, 1)), CELL)
+    write(tmp_path / "some.map", voxels)
+    assert not PointMap.open(tmp_path / "some.map").has_ground
 
 
 def test_tiles_used_longest_ago_go_first():

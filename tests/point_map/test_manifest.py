@@ -4,7 +4,7 @@
 
 import json
 import math
-from dataclasses import FrozenInstanceError
+from dataclasses import FrozenInstanceError, replace
 
 import pytest
 
@@ -12,7 +12,9 @@ from maxcon.errors import MapError
 from maxcon.point_map import TILE_VOXELS
 from maxcon.point_map import manifest as manifests
 from maxcon.point_map.ground import ground_voxels
-from maxcon.point_map.manifest import GroundEntry, Manifest, TileEntry, read_manifest, write_manifest
+from maxcon.point_map.manifest import Manifest, read_manifest, write_manifest
+from maxcon.point_map.shard_table import ShardTable
+from written_maps import table_of
 
 SOURCE = {
     "name": "a.laz", "n_points": 30, "n_kept": 20, "n_invalid": 1, "n_without_side": 2, "n_dropped": {"2": 7},
@@ -23,10 +25,9 @@ WHOLE = Manifest(
     origin=(458_800.0, 5_429_000.0, 100.0),
     crs="LOCAL",
     is_signed=True,
-    tiles=(TileEntry((-1, 2), 30, 400, "a"), TileEntry((0, 2), 12, 50, "b")),
+    sections={name: table_of(n, name) for name, n in (("tiles", 3), ("ground", 2), ("of_others", 1))},
     build={"program": "maxcon", "sources": [SOURCE], "sigma": {"from": "given"}},
     sigma=0.0,
-    ground=(GroundEntry((-1, 2), 99, "c"),),
 )
 
 
@@ -40,7 +41,7 @@ def changed(tmp_path):
         content = json.loads(path.read_text())
         for name, value in changes.items():
             content.pop(name) if value is ... else content.update({name: value})
-        path.write_text(json.dumps({**content, "sha256": manifests._checksum(content)}))
+        path.write_text(json.dumps({**content, "sha256": manifests.checksum_of_manifest(content)}))
         return tmp_path
 
     return change
@@ -49,7 +50,8 @@ def changed(tmp_path):
 def test_what_is_written_is_what_is_read(tmp_path):
     write_manifest(tmp_path, WHOLE)
     assert read_manifest(tmp_path) == WHOLE
-    assert (WHOLE.n_points, WHOLE.n_voxels) == (450, 42)
+    assert (WHOLE.n_points, WHOLE.n_voxels) == (63, 33)
+    assert WHOLE.n_heights == 21
     text = (tmp_path / manifests.MANIFEST).read_text()
     assert text.endswith("}\n")
     assert '\n "cell": 0.06,\n' in text  # one entry a line, for people
@@ -58,7 +60,7 @@ def test_what_is_written_is_what_is_read(tmp_path):
 
 
 def test_entries_do_not_change():
-    for noun, name in ((WHOLE, "cell"), (WHOLE.tiles[0], "key"), (WHOLE.ground[0], "key")):
+    for noun, name in ((WHOLE, "cell"), (WHOLE.tiles, "keys"), (WHOLE.tiles.files[0], "name")):
         with pytest.raises(FrozenInstanceError):
             setattr(noun, name, None)
 
@@ -71,16 +73,67 @@ def test_spaces_and_order_do_not_change_what_is_read(tmp_path):
     assert read_manifest(tmp_path) == WHOLE
 
 
-def test_the_farthest_tiles_there_can_be(changed):
-    keys = [(-(2**21), 2**21), (2**21, -(2**21))]
-    entries = [{"key": key, "n_voxels": 1, "n_points": 1, "sha256": ""} for key in keys]
-    assert [tile.key for tile in read_manifest(changed(tiles=entries)).tiles] == keys
-
-
 def test_what_may_be_left_out(changed):
-    bare = read_manifest(changed(ground=..., crs=None, build={}))
-    assert (bare.ground, bare.crs, bare.build) == ((), None, {})
-    assert read_manifest(changed(ground=[], ground_voxels=1)).ground == ()
+    bare = read_manifest(changed(crs=None, build={}))
+    assert (bare.crs, bare.build) == (None, {})
+
+
+def test_a_map_without_ground(tmp_path):
+    write_manifest(tmp_path, replace(WHOLE, sections={"tiles": table_of(3), "ground": ShardTable.empty()}))
+    assert len(read_manifest(tmp_path).ground) == 0
+
+
+def test_a_map_without_tiles_is_none(tmp_path):
+    write_manifest(
+        tmp_path, replace(WHOLE, sections={"tiles": ShardTable.empty(), "ground": table_of(2, "ground")})
+    )
+    with pytest.raises(MapError, match="broken entry: no tiles"):
+        read_manifest(tmp_path)
+
+
+SHARD = {"name": "tiles/00000-0.arrows", "bytes": 350}
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"index": "../secret"}, "a file '../secret'"),
+        ({"index": "tiles/../secret"}, "a file 'tiles/../secret'"),
+        ({"index": "ground/index.arrow"}, "a file 'ground/index.arrow'"),
+        ({"index": "tiles/a/b"}, "a file 'tiles/a/b'"),
+        ({"index": "tiles/"}, "a file 'tiles/'"),
+        ({"index": "tiles/.."}, "a file 'tiles/..'"),
+        ({"index": 7}, "a file '7'"),
+        ({"index": ...}, "no 'index'"),
+        ({"index_bytes": -1}, "a size of -1"),
+        ({"index_bytes": 2**40}, "a size of 1099"),
+        ({"index_bytes": "many"}, "a size of many"),
+        ({"index_sha256": ...}, "no 'index_sha256'"),
+        ({"shards": None}, "broken entry"),
+        ({"shards": [7]}, "broken entry"),
+        ({"shards": [{**SHARD, "bytes": 1.5}]}, "a size of 1.5"),
+        ({"shards": [{**SHARD, "bytes": 2**70}]}, "a size of 1180"),
+        ({"shards": [{**SHARD, "name": "/etc/passwd"}]}, "a file '/etc/passwd'"),
+        ({"shards": [{"name": "tiles/0"}]}, "no 'bytes'"),
+    ],
+)
+def test_a_section_that_cannot_be_is_named(changed, changes, words):
+    folder = changed()
+    content = json.loads((folder / manifests.MANIFEST).read_text())
+    for name, value in changes.items():
+        content["sections"]["tiles"].pop(name) if value is ... else content["sections"]["tiles"].update(
+            {name: value}
+        )
+    with pytest.raises(MapError) as refused:
+        read_manifest(changed(sections=content["sections"]))
+    assert words in str(refused.value)
+
+
+@pytest.mark.parametrize("name", ["", "Tiles", "../tiles", "a/b", "tiles\n"])
+def test_names_of_sections_are_names_of_folders(changed, name):
+    content = json.loads((changed() / manifests.MANIFEST).read_text())["sections"]
+    with pytest.raises(MapError, match="a section"):
+        read_manifest(changed(sections={**content, name: content["tiles"]}))
 
 
 @pytest.mark.parametrize(
@@ -102,15 +155,10 @@ def test_what_may_be_left_out(changed):
         ({"crs": 25832}, "crs"),
         ({"is_signed": 1}, "is_signed"),
         ({"is_signed": "true"}, "is_signed"),
-        ({"tiles": []}, "no tiles"),
-        ({"tiles": [{"key": [0, 0, 0], "n_voxels": 1, "n_points": 1, "sha256": ""}]}, "unpack"),
-        ({"tiles": [{"key": [0, 0], "n_points": 1, "sha256": ""}]}, "no 'n_voxels'"),
-        ({"tiles": [{"key": [0, 0], "n_voxels": "x", "n_points": 1, "sha256": ""}]}, "a count of x"),
-        ({"tiles": [{"key": [2**21 + 1, 0], "n_voxels": 1, "n_points": 1, "sha256": ""}]}, "a tile at [2097153, 0]"),
-        ({"tiles": [{"key": [0, -(2**21) - 1], "n_voxels": 1, "n_points": 1, "sha256": ""}]}, "at [0, -2097153]"),
-        ({"ground": [{"key": [10**30, 0], "n_heights": 1, "sha256": ""}]}, "a tile at [1000"),
         ({"ground_voxels": 4}, "ground_voxels 4"),
-        ({"ground": [{"key": [0], "n_heights": 1, "sha256": ""}]}, "unpack"),
+        ({"sections": {}}, "no tiles"),
+        ({"sections": None}, "broken entry"),
+        ({"sections": ...}, "no 'sections'"),
         ({"build": None}, "broken entry"),
         ({"build": {"sources": [{**SOURCE, "n_kept": "20"}]}}, "sources"),
         ({"build": {"sources": [{**SOURCE, "n_points": 1.5}]}}, "sources"),
@@ -121,6 +169,11 @@ def test_what_may_be_left_out(changed):
         ({"build": {"sources": [{**SOURCE, "name": 7}]}}, "sources"),
         ({"build": {"sources": [{**SOURCE, "is_classified": 1}]}}, "sources"),
         ({"build": {"sources": [SOURCE, {}]}}, "no 'n_points'"),
+        ({"build": {"found": {"n_points": {"2": -1}, "dropped": [], "temporary": ""}}}, "a size of -1"),
+        ({"build": {"found": {"n_points": {"two": 1}, "dropped": [], "temporary": ""}}}, "two"),
+        ({"build": {"found": {"n_points": {"2": 1}, "dropped": ["2"], "temporary": ""}}}, "a size of 2"),
+        ({"build": {"found": {"n_points": {"2": 1}, "dropped": [2], "temporary": 1}}}, "found"),
+        ({"build": {"found": {"n_points": {"2": 1}, "dropped": [2]}}}, "no 'temporary'"),
         ({"build": {"sigma": {"from": "assumed"}}}, "no 'reason'"),
         ({"build": {"sigma": {"from": "assumed", "reason": 3}}}, "sigma from"),
         ({"build": {"sigma": {"from": "passes", "n_passes": 2, "sigma_of_pass": 0.02}}}, "no 'n_places'"),
@@ -150,8 +203,8 @@ def test_where_sigma_is_from_is_kept(changed, known):
 
 
 def test_a_newer_version_asks_for_a_newer_program(changed):
-    for version, remedy in ((manifests.FORMAT_VERSION + 1, "Update maxcon"), ("3", "Build"), (1, "Build")):
-        with pytest.raises(MapError, match=rf"version 2, got {version!r}\. {remedy}"):
+    for version, remedy in ((manifests.FORMAT_VERSION + 1, "Update maxcon"), ("4", "Build"), (1, "Build")):
+        with pytest.raises(MapError, match=rf"version 3, got {version!r}\. {remedy}"):
             read_manifest(changed(format_version=version))
 
 
@@ -192,6 +245,6 @@ def test_other_json_is_no_manifest(tmp_path, text):
 def test_a_manifest_that_was_changed_by_hand_is_noticed(tmp_path):
     write_manifest(tmp_path, WHOLE)
     path = tmp_path / manifests.MANIFEST
-    path.write_text(path.read_text().replace('"n_points": 400', '"n_points": 401'))
+    path.write_text(path.read_text().replace('"bytes": 350', '"bytes": 351'))
     with pytest.raises(MapError, match="to be as it was written, got another checksum"):
         read_manifest(tmp_path)

@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: MIT
 """The map on disk: what is written is what is read, and what is broken is refused."""
 
+import hashlib
 import json
 import os
 import pickle
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,9 +18,15 @@ from maxcon import Helmert, PointMap, Pose, Scan, SearchSpace
 from maxcon.errors import MapError
 from maxcon.point_map import TILE_VOXELS
 from maxcon.point_map import manifest as manifests
-from maxcon.point_map.manifest import FORMAT_VERSION, Manifest, read_manifest, write_manifest
-from maxcon.point_map.store import TileStore, write_tile
+from maxcon.point_map.manifest import FORMAT_VERSION, read_manifest
+from maxcon.point_map.records import classes_record
+from maxcon.point_map.section import Section
+from maxcon.point_map.store import TileStore
+from maxcon.point_map.surface_class import ALL_BUT_KNOWN, NOT_SEARCHED, SurfaceClass
+from maxcon.point_map.writer import MapWriter
 from maxcon.search import exhaustive
+from maxcon.storage import Folder
+from written_maps import SAID, edit_index, write
 
 CELL = 0.06
 
@@ -29,21 +37,6 @@ def some_map(n=3000, spread=40.0, seed=0):
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     points = rng.uniform(-spread, spread, (n, 3)) * [1, 1, 0.05]
     return PointMap.from_points(points, normals, CELL)
-
-
-def write(folder, point_map, **changes):
-    folder.mkdir()
-    entries = [write_tile(folder, point_map._tiles.load(key)) for key in sorted(point_map.tile_keys)]
-    given = {
-        "origin": (458_800.0, 5_429_000.0, 100.0),
-        "crs": None,
-        "is_signed": True,
-        "build": {},
-        **changes,
-    }
-    manifest = Manifest(cell=point_map.cell, tiles=tuple(entries), **given)
-    write_manifest(folder, manifest)
-    return manifest
 
 
 @pytest.fixture(scope="module")
@@ -63,8 +56,13 @@ def copy(tmp_path, whole):
     return shutil.copytree(whole, tmp_path / "copy.map")
 
 
-def first_tile(folder):
-    return sorted((folder / "tiles").iterdir())[0]
+def shard(folder):
+    (path,) = (folder / "tiles").glob("*.arrows")
+    return path
+
+
+def store_of(folder, cache_bytes=0):
+    return TileStore(Folder(folder), read_manifest(folder), cache_bytes=cache_bytes)
 
 
 def test_what_is_written_is_what_is_opened(tmp_path, in_memory):
@@ -122,47 +120,6 @@ def test_the_arrays_of_a_tile_are_those_of_its_file(whole):
             assert not array.flags.owndata
 
 
-@pytest.mark.parametrize("what", ["truncated", "overwritten", "removed", "a FIFO"])
-def test_tiles_in_use_do_not_follow_their_files(copy, what):
-    opened = PointMap.open(copy, cache_bytes=2**30)
-    before = [array.copy() for array in opened.all_voxels()]
-    for path in (copy / "tiles").iterdir():
-        if what == "truncated":
-            os.truncate(path, 100)
-        elif what == "overwritten":
-            path.write_bytes(bytes(path.stat().st_size))
-        else:
-            path.unlink()
-            if what == "a FIFO":
-                os.mkfifo(path)
-    for got, wanted in zip(opened.all_voxels(), before, strict=True):
-        np.testing.assert_array_equal(got, wanted)
-    with pytest.raises(MapError, match=r"Expected .*\.arrow to be .*, got"):
-        PointMap.open(copy).all_voxels()
-
-
-def test_a_tile_that_is_read_again_is_checked_again(copy):
-    opened = PointMap.open(copy, cache_bytes=0)
-    first, *others = sorted(opened.tile_keys)
-    opened.tile(first)
-    opened.tile(others[0])  # nothing but the last is kept
-    path = copy / "tiles" / f"{first[0]}_{first[1]}.arrow"
-    content = bytearray(path.read_bytes())
-    content[len(content) // 2] ^= 1
-    times = path.stat()
-    path.write_bytes(content)
-    os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
-    with pytest.raises(MapError, match="another checksum"):
-        opened.tile(first)
-
-
-def test_a_file_larger_than_its_tile_is_not_read(copy):
-    path = first_tile(copy)
-    os.truncate(path, 2**40)  # a hole: it takes no room, and would take a terabyte of memory
-    with pytest.raises(MapError, match=r"1,099,511,627,776 bytes, more than its voxels take"):
-        PointMap.open(copy).all_voxels()
-
-
 def test_an_opened_map_is_pickled_as_its_path(whole):
     opened = PointMap.open(whole)
     opened.all_voxels()
@@ -188,44 +145,8 @@ def edit(folder, change):
     path = folder / "manifest.json"
     content = json.loads(path.read_text())
     change(content)
-    content["sha256"] = manifests._checksum(content)
+    content["sha256"] = manifests.checksum_of_manifest(content)
     path.write_text(json.dumps(content))
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        lambda content: content["tiles"][0].update(key=[10**19, 0]),
-        lambda content: content["tiles"][0].update(key=[2**40, 0]),
-        lambda content: content["tiles"][0].update(key=["1", 0]),
-        lambda content: content["tiles"][0].update(key=[1]),
-        lambda content: content["tiles"][0].update(n_voxels="many"),
-        lambda content: content["tiles"][0].update(n_voxels=-1),
-        lambda content: content["tiles"][0].update(n_points=1e300),
-        lambda content: content.update(cell=1e308),
-        lambda content: content.update(cell=1e-300),
-        lambda content: content.update(cell="0.06"),
-        lambda content: content.update(cell=[1]),
-        lambda content: content.update(tiles={"key": 1}),
-        lambda content: content.update(tiles=None),
-        lambda content: content.update(build=7),
-        lambda content: content.update(
-            ground=[{"key": [0, 10**19], "n_heights": 1, "sha256": ""}], ground_voxels=8
-        ),
-        lambda content: content.update(
-            ground=[{"key": [0, 0], "n_heights": "1", "sha256": ""}], ground_voxels=8
-        ),
-    ],
-)
-def test_numbers_that_no_map_has(copy, change):
-    edit(copy, change)
-    try:
-        opened = PointMap.open(copy)
-    except MapError as error:
-        assert "manifest.json" in str(error)
-        assert "\n" not in str(error)
-    else:
-        assert opened.cell == CELL  # a number as a word
 
 
 @pytest.mark.parametrize("name", ["n_points", "n_kept", "n_thinned", "n_withheld"])
@@ -246,14 +167,6 @@ def test_a_fifo_as_manifest(copy):
         PointMap.open(copy)
 
 
-def test_opening_reads_no_tile(copy):
-    shutil.rmtree(copy / "tiles")
-    opened = PointMap.open(copy)
-    assert opened.covers(0.0, 0.0)
-    with pytest.raises(MapError, match=r"to be a tile of the map, got: .*No such file"):
-        opened.all_voxels()
-
-
 def test_an_empty_tile_list_is_no_map(tmp_path):
     nothing = np.empty((0, 3))
     write(tmp_path / "empty.map", PointMap.from_points(nothing, nothing, CELL))
@@ -261,19 +174,61 @@ def test_an_empty_tile_list_is_no_map(tmp_path):
         PointMap.open(tmp_path / "empty.map")
 
 
+def test_opening_reads_no_tile(copy):
+    shard(copy).unlink()
+    opened = PointMap.open(copy)
+    assert opened.covers(0.0, 0.0)
+    with pytest.raises(
+        MapError, match=r"tile \(-2, -2\) in .*\.arrows to be of the map, got: .*No such file"
+    ):
+        opened.all_voxels()
+
+
+@pytest.mark.parametrize("what", ["truncated", "overwritten", "removed", "a FIFO"])
+def test_tiles_in_use_do_not_follow_their_files(copy, what):
+    opened = PointMap.open(copy, cache_bytes=2**30)
+    before = [array.copy() for array in opened.all_voxels()]
+    path = shard(copy)
+    if what == "truncated":
+        os.truncate(path, 100)
+    elif what == "overwritten":
+        path.write_bytes(bytes(path.stat().st_size))
+    else:
+        path.unlink()
+        if what == "a FIFO":
+            os.mkfifo(path)
+    for got, wanted in zip(opened.all_voxels(), before, strict=True):
+        np.testing.assert_array_equal(got, wanted)
+    with pytest.raises(MapError, match=r"Expected tile .*\.arrows to be .*, got"):
+        PointMap.open(copy).all_voxels()
+
+
+def test_a_tile_that_is_read_again_is_checked_again(copy):
+    opened = PointMap.open(copy, cache_bytes=0)
+    first, *others = sorted(opened.tile_keys)
+    opened.tile(first)
+    opened.tile(others[0])  # nothing but the last is kept
+    content = bytearray(shard(copy).read_bytes())
+    table = read_manifest(copy).tiles
+    content[int(table.offsets[0] + table.lengths[0] // 2)] ^= 1
+    times = shard(copy).stat()
+    shard(copy).write_bytes(content)
+    os.utime(shard(copy), ns=(times.st_atime_ns, times.st_mtime_ns))
+    with pytest.raises(MapError, match="another checksum"):
+        opened.tile(first)
+
+
 # --- the cache ----------------------------------------------------------------------------------------
 
 
 def test_the_cache_is_bounded_and_drops_what_was_used_longest_ago(whole, monkeypatch):
-    manifest = read_manifest(whole)
-    a, b, c = sorted(tile.key for tile in manifest.tiles)[:3]
-    sizes = {key: TileStore(whole, manifest, cache_bytes=0).load(key).n_bytes for key in (a, b, c)}
-    store = TileStore(whole, manifest, cache_bytes=sum(sizes.values()) - 1)  # two of the three
+    a, b, c = read_manifest(whole).tiles.keys.tolist()[:3]
+    a, b, c = map(tuple, (a, b, c))
+    sizes = {key: store_of(whole).load(key).n_bytes for key in (a, b, c)}
+    store = store_of(whole, cache_bytes=sum(sizes.values()) - 1)  # two of the three
     read = []
-    from_disk = TileStore._read
-    monkeypatch.setattr(
-        TileStore, "_read", lambda self, entry: read.append(entry.key) or from_disk(self, entry)
-    )
+    from_disk = Section.batch
+    monkeypatch.setattr(Section, "batch", lambda self, key: read.append(key) or from_disk(self, key))
     store.load(a), store.load(b)
     assert store.load(a) is store.load(a)
     assert read == [a, b]
@@ -286,11 +241,10 @@ def test_the_cache_is_bounded_and_drops_what_was_used_longest_ago(whole, monkeyp
 
 
 def test_the_cache_keeps_within_its_bytes(whole):
-    manifest = read_manifest(whole)
-    keys = sorted(tile.key for tile in manifest.tiles)
-    sizes = [TileStore(whole, manifest, cache_bytes=0).load(key).n_bytes for key in keys]
+    keys = sorted(store_of(whole).keys)
+    sizes = [store_of(whole).load(key).n_bytes for key in keys]
     for limit in (0, max(sizes), 2 * max(sizes) + 1, sum(sizes)):
-        store = TileStore(whole, manifest, cache_bytes=limit)
+        store = store_of(whole, cache_bytes=limit)
         for key in [*keys, *keys[::-1], *keys[::2]]:
             store.load(key)
             kept = sum(tile.n_bytes for tile in store._cache.values())
@@ -298,68 +252,192 @@ def test_the_cache_keeps_within_its_bytes(whole):
         assert len(store._cache) == len(keys) or limit < sum(sizes)
 
 
-# --- broken tiles -------------------------------------------------------------------------------------
+# --- broken shards ------------------------------------------------------------------------------------
 
 
-def test_one_flipped_bit_anywhere_in_a_tile_is_noticed(copy):
-    path = first_tile(copy)
+def test_one_flipped_bit_anywhere_in_a_record_is_noticed(copy):
+    path, table = shard(copy), read_manifest(copy).tiles
     whole = path.read_bytes()
     rng = np.random.default_rng(0)
-    positions = np.unique(np.r_[0, 1, len(whole) - 1, len(whole) - 8, rng.integers(0, len(whole), 60)])
-    for position in positions:
+    positions = np.r_[table.offsets, table.offsets + table.lengths - 1, rng.integers(0, len(whole), 60)]
+    for position in np.unique(positions).tolist():
         broken = bytearray(whole)
         broken[position] ^= 1 << int(rng.integers(8))
         path.write_bytes(broken)
-        with pytest.raises(MapError) as caught:
+        inside = (table.offsets <= position) & (position < table.offsets + table.lengths)
+        if not inside.any():  # the schema in front, the end behind: nothing is taken from there
             PointMap.open(copy).all_voxels()
-        assert str(path) in str(caught.value)
+            continue
+        opened, hit = PointMap.open(copy), tuple(table.keys[inside][0].tolist())
+        with pytest.raises(MapError) as caught:
+            opened.all_voxels()
+        assert f"tile {hit} in {path}" in str(caught.value)
         assert "maxcon map build" in str(caught.value)
+        for key in opened.tile_keys - {hit}:
+            opened.tile(key)
     path.write_bytes(whole)
     PointMap.open(copy).all_voxels()
 
 
-@pytest.mark.parametrize("size", [0, 1, 8, 100, -1, -9])
-def test_a_truncated_tile_is_noticed(copy, size):
-    path = first_tile(copy)
+@pytest.mark.parametrize("size", [0, 1, 8, 100, -10, -1000])
+def test_a_truncated_shard_is_noticed(copy, size):
+    path = shard(copy)
     path.write_bytes(path.read_bytes()[:size])
-    with pytest.raises(MapError, match=rf"Expected .*{path.name} .*maxcon map build"):
+    with pytest.raises(MapError, match=rf"Expected tile .*{path.name} .*maxcon map build"):
         PointMap.open(copy).all_voxels()
 
 
-def test_a_missing_tile_is_named(copy):
-    path = first_tile(copy)
-    path.unlink()
-    with pytest.raises(
-        MapError, match=rf"Expected .*{path.name} to be a tile of the map, got: .*No such file"
-    ):
+def test_the_record_of_another_tile_is_noticed(copy):
+    """Two records change places: each is whole, and neither is the one that was asked for."""
+    table = read_manifest(copy).tiles
+    content = shard(copy).read_bytes()
+    (a, b), (n_a, n_b) = table.offsets[:2].tolist(), table.lengths[:2].tolist()
+    assert b == a + n_a
+    swapped = content[:a] + content[b : b + n_b] + content[a:b] + content[b + n_b :]
+    shard(copy).write_bytes(swapped)
+    for key in map(tuple, table.keys[:2].tolist()):
+        with pytest.raises(MapError, match="to be as it was written, got another checksum"):
+            PointMap.open(copy).tile(key)
+
+
+@given(st.data())
+@settings(max_examples=150, deadline=None)
+def test_whatever_happens_to_a_shard_or_its_index_no_other_tile_comes_back(broken_folder, in_memory, data):
+    path = data.draw(st.sampled_from(sorted((broken_folder / "tiles").iterdir())))
+    whole = path.read_bytes()
+    try:
+        broken = bytearray(whole)
+        match data.draw(st.sampled_from(["bits", "cut", "longer", "moved"])):
+            case "bits":
+                for _ in range(data.draw(st.integers(1, 5))):
+                    broken[data.draw(st.integers(0, len(broken) - 1))] ^= 1 << data.draw(st.integers(0, 7))
+            case "cut":
+                del broken[data.draw(st.integers(0, len(broken))) :]
+            case "longer":
+                broken += data.draw(st.binary(max_size=100))
+            case "moved":
+                at, n = data.draw(st.integers(0, len(broken))), data.draw(st.integers(1, 100))
+                broken[at:at] = bytes(n)
+        path.write_bytes(broken)
+        try:
+            opened = PointMap.open(broken_folder)
+        except MapError as error:
+            assert "index" in str(error) and "\n" not in str(error)
+            return
+        assert opened.tile_keys == in_memory.tile_keys
+        for key in opened.tile_keys:
+            try:
+                tile = opened.tile(key)
+            except MapError as error:
+                assert str(path) in str(error) and "\n" not in str(error)
+            else:
+                np.testing.assert_array_equal(tile.voxels, in_memory.tile(key).voxels)
+                np.testing.assert_array_equal(tile.normals, in_memory.tile(key).normals)
+    finally:
+        path.write_bytes(whole)
+
+
+@pytest.fixture(scope="module")
+def broken_folder(tmp_path_factory, in_memory):
+    folder = tmp_path_factory.mktemp("broken") / "shards.map"
+    write(folder, in_memory, shard_bytes=30_000)
+    assert len(read_manifest(folder).tiles.files) > 2
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("column", "change", "words"),
+    [
+        ("keys", lambda a: a + 2**30, "a tile beyond"),
+        ("keys", lambda a: a[::-1], "tiles that do not ascend"),
+        ("keys", lambda a: a * 0, "tiles that do not ascend"),
+        ("n_rows", lambda a: a * 0 - 1, "a count that is none"),
+        ("n_rows", lambda a: a * 0 + (2**31 - 1), "more rows than its bytes can hold"),
+        ("n_points", lambda a: a - 10**6, "a count that is none"),
+        ("n_points", lambda a: a + 2**62, "a count that is none"),
+        ("shards", lambda a: a + 1, "a file that there is not"),
+        ("shards", lambda a: a - 1, "a file that there is not"),
+        ("offsets", lambda a: a * 0 - 1, "beyond the end of its file"),
+        ("offsets", lambda a: a + 2**62, "beyond the end of its file"),
+        ("lengths", lambda a: a * 0, "beyond the end of its file"),
+        ("lengths", lambda a: a * 0 + 2**62, "beyond the end of its file"),
+    ],
+)
+def test_an_index_that_cannot_be_is_refused(copy, column, change, words):
+    edit_index(copy, "tiles", **{column: change(getattr(read_manifest(copy).tiles, column).copy())})
+    with pytest.raises(MapError, match=rf"index-.*\.arrow to be the index of the map, got: .*{words}"):
+        PointMap.open(copy)
+
+
+def test_an_index_of_other_tiles_is_noticed_when_they_are_read(copy):
+    """Rows that point elsewhere inside of the shard, as another program could write them: no tile comes back."""
+    table = read_manifest(copy).tiles
+    edit_index(copy, "tiles", offsets=np.roll(table.offsets, 1), lengths=np.roll(table.lengths, 1))
+    opened = PointMap.open(copy)
+    for key in opened.tile_keys:
+        with pytest.raises(MapError, match="another checksum"):
+            opened.tile(key)
+
+
+def test_counts_of_an_index_that_are_not_those_of_the_records(copy):
+    edit_index(copy, "tiles", n_rows=read_manifest(copy).tiles.n_rows + 1)
+    with pytest.raises(MapError, match=r"Expected \d+ rows in tile .*, got \d+\."):
         PointMap.open(copy).all_voxels()
 
 
-def test_the_tile_of_another_place_is_noticed(copy):
-    one, other = sorted((copy / "tiles").iterdir())[:2]
-    shutil.copy(other, one)
-    with pytest.raises(
-        MapError, match=rf"Expected .*{one.name} to be as it was written, got another checksum"
-    ):
-        PointMap.open(copy).all_voxels()
+@pytest.mark.parametrize("written", [b"", b"\0" * 8, b"\xff\xff\xff\xff\0\0\0\0", b"no message of Arrow's"])
+def test_records_that_are_no_batch_although_their_checksum_fits(copy, written):
+    table, path = read_manifest(copy).tiles, shard(copy)
+    content = bytearray(path.read_bytes())
+    at, length = int(table.offsets[0]), int(table.lengths[0])
+    content[at : at + length] = written + bytes(length - len(written))
+    path.write_bytes(content)
+    checksums = table.checksums.copy()
+    checksums[0] = np.frombuffer(hashlib.sha256(content[at : at + length]).digest(), np.uint8)
+    edit_index(copy, "tiles", checksums=checksums)
+    with pytest.raises(MapError, match=r"Expected tile .* to be of the map, got: .*map build"):
+        PointMap.open(copy).tile(tuple(table.keys[0].tolist()))
+
+
+def test_records_of_other_columns_are_refused(copy):
+    edit_index(copy, "tiles", schema=b"another")
+    with pytest.raises(MapError, match=r"tiles of .* to have columns of types that this version knows"):
+        PointMap.open(copy)
+
+
+@pytest.mark.parametrize("what", ["missing", "cut", "larger", "a FIFO", "of another map"])
+def test_an_index_that_is_not_the_one_that_was_written(copy, what):
+    (path,) = (copy / "tiles").glob("index-*.arrow")
+    if what == "cut":
+        os.truncate(path, 100)
+    elif what == "larger":
+        os.truncate(path, 2**40)  # a hole: it takes no room, and would take a terabyte of memory
+    elif what == "of another map":
+        path.write_bytes(bytes(path.stat().st_size))
+    else:
+        path.unlink()
+        if what == "a FIFO":
+            os.mkfifo(path)
+    with pytest.raises(MapError, match=rf"Expected .*{path.name} to be .*, got.*map build"):
+        PointMap.open(copy)
 
 
 # --- broken manifests ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("version", [1, FORMAT_VERSION + 1, 99, "1", None])
+def test_another_format_version_is_refused_with_both_numbers(copy, version):
+    rewrite(copy, format_version=version)
+    remedy = "Update maxcon" if version in (FORMAT_VERSION + 1, 99) else "map build"
+    with pytest.raises(MapError, match=rf"map format version {FORMAT_VERSION}, got {version!r}\..*{remedy}"):
+        PointMap.open(copy)
 
 
 def rewrite(folder, **changes):
     """Change entries of a manifest, with a checksum that fits: as another program would write it."""
     path = folder / "manifest.json"
     content = {**json.loads(path.read_text()), **changes}
-    path.write_text(json.dumps({**content, "sha256": manifests._checksum(content)}))
-
-
-@pytest.mark.parametrize("version", [FORMAT_VERSION - 1, FORMAT_VERSION + 1, 99, "1", None])
-def test_another_format_version_is_refused_with_both_numbers(copy, version):
-    rewrite(copy, format_version=version)
-    remedy = "Update maxcon" if version in (FORMAT_VERSION + 1, 99) else "map build"
-    with pytest.raises(MapError, match=rf"map format version {FORMAT_VERSION}, got {version!r}\..*{remedy}"):
-        PointMap.open(copy)
+    path.write_text(json.dumps({**content, "sha256": manifests.checksum_of_manifest(content)}))
 
 
 def test_what_is_no_map_is_refused(tmp_path):
@@ -418,7 +496,6 @@ def test_a_manifest_with_anything_in_the_wrong_place_is_read_or_refused(manifest
     path = manifest_folder / "manifest.json"
     text = path.read_text()
     content = json.loads(text)
-    content["tiles"] = content["tiles"][:2]
     try:
         place = data.draw(st.sampled_from([p for p in places(content) if p]))
         parent = content
@@ -429,7 +506,7 @@ def test_a_manifest_with_anything_in_the_wrong_place_is_read_or_refused(manifest
         else:
             parent[place[-1]] = data.draw(JUNK)
         if place != ("sha256",) and data.draw(st.booleans()):  # as another program would write it
-            content["sha256"] = manifests._checksum(content)
+            content["sha256"] = manifests.checksum_of_manifest(content)
         path.write_text(json.dumps(content))
         try:
             opened = PointMap.open(manifest_folder)
@@ -482,3 +559,47 @@ def test_whether_normals_have_sides_is_said_plainly(copy, value):
     rewrite(copy, is_signed=value)
     with pytest.raises(MapError, match=r"broken entry: .*is_signed"):
         PointMap.open(copy)
+
+
+@pytest.fixture
+def classed(tmp_path, in_memory):
+    """The map of `in_memory` with every third voxel of its first tile gone, and the next one new."""
+    key = min(in_memory.tile_keys)
+    folder = tmp_path / "classed.map"
+    folder.mkdir()
+    with MapWriter(folder) as writer:
+        for each in sorted(in_memory.tile_keys):
+            writer.add_tile(in_memory.tile(each))
+        tile = in_memory.tile(key)
+        writer.put(classes_record(replace(tile, classes=(np.arange(len(tile)) % 3).astype(np.uint8))))
+        writer.finish(cell=CELL, **SAID)
+    return folder, key
+
+
+def test_classes_of_voxels_are_read_and_decide_what_is_searched(classed, in_memory):
+    folder, key = classed
+    n = len(in_memory.tile(key))
+    everything = PointMap.open(folder, left_out=None).tile(key)
+    np.testing.assert_array_equal(everything.classes, np.arange(n) % 3)
+    searched, known = (PointMap.open(folder, left_out=out).tile(key) for out in (NOT_SEARCHED, ALL_BUT_KNOWN))
+    assert searched.classes is None
+    np.testing.assert_array_equal(searched.voxels, everything.voxels[np.arange(n) % 3 != SurfaceClass.GONE])
+    np.testing.assert_array_equal(known.voxels, everything.voxels[np.arange(n) % 3 == SurfaceClass.KNOWN])
+    assert known.is_in_order
+    other = max(in_memory.tile_keys)
+    assert PointMap.open(folder).tile(other).classes is None
+    copied = pickle.loads(pickle.dumps(PointMap.open(folder, left_out=ALL_BUT_KNOWN)))
+    assert len(copied.tile(key)) == len(known)
+
+
+def test_classes_that_are_none_are_refused(tmp_path, in_memory):
+    folder, key = tmp_path / "a.map", min(in_memory.tile_keys)
+    for number, classes in enumerate((np.full(len(in_memory.tile(key)), 7, np.uint8), np.zeros(3, np.uint8))):
+        folder = tmp_path / f"{number}.map"
+        folder.mkdir()
+        with MapWriter(folder) as writer:
+            writer.add_tile(in_memory.tile(key))
+            writer.put(classes_record(replace(in_memory.tile(key), classes=classes)))
+            writer.finish(cell=CELL, **SAID)
+        with pytest.raises(MapError, match="Expected a class for each"):
+            PointMap.open(folder).tile(key)

@@ -118,4 +118,14 @@ def test_without_partners_it_is_that_of_the_start(yard):
     nothing = PointMap.from_points(np.empty((0, 3)), np.empty((0, 3)))
     sigmas = np.sqrt(np.diag(covariance(refine(scan, nothing, truth), 0.0)))
     start = [1.0, 1.0, 0.3, math.radians(1), math.radians(1), math.radians(5)]
-    np.testing.assert_allclose(sigmas, SCATTER_FACTORS * start)
+    # The factors of decision 20, by which the coverage of docs/certainty.md was measured.
+    np.testing.assert_allclose(sigmas, np.multiply([1.2, 1.2, 1.35, 1.35, 1.35, 1.2], start))
+
+
+def test_a_whole_wall_is_off_by_three_tenths_of_the_map(yard):
+    scan, point_map, truth = yard(0)
+    refined = refine(scan, point_map, truth)
+    of_walls = covariance(refined, 0.05) - covariance(refined, 0.0) - map_covariance(0.05)
+    wanted = plain_covariance(refined, 0.05) - plain_covariance(refined, 0.0) - map_covariance(0.05)
+    assert (CLUSTER_EDGE, STEEPEST, WALL_SHARE) == (3.0, 0.7, 0.3)
+    np.testing.assert_allclose(np.diag(of_walls), np.diag(wanted), rtol=1e-3)

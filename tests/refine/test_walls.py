@@ -3,12 +3,13 @@
 """Walls that are not there are told, facing by facing."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from maxcon import PointMap, Pose, Scan
-from maxcon.refine import group_kernels, least_wall_share, refine
+from maxcon.refine import WallShare, group_kernels, least_wall_share, refine
 
 
 def wall(azimuth, distance, n, seed):
@@ -69,3 +70,31 @@ def test_few_points_of_a_facing_say_nothing():
     assert least_wall_share(refine(Scan(*joined(*walls, few)), point_map, HERE)).share > 0.95
     bare = Scan(walls[0][0], np.zeros_like(walls[0][1]))
     assert least_wall_share(refine(bare, point_map, HERE)) is None
+
+
+def seen_of(normal, residual, n_points):
+    """What is told of so many points of one normal, this far (m) from the map; upright sensor."""
+    points, normals = wall(0.3, 5.0, n_points, 0)
+    refined = refine(Scan(points, normals), PointMap.from_points(points, normals), HERE)
+    normals, residuals = np.tile(normal, (n_points, 1)), np.full(n_points, residual)
+    return least_wall_share(replace(refined, pose=HERE, normals=normals, residuals=residuals))
+
+
+def test_twenty_points_of_a_facing_are_enough():
+    assert seen_of([1.0, 0.0, 0.0], 0.0, 19) is None
+    assert seen_of([1.0, 0.0, 0.0], 0.0, 20) == WallShare(math.radians(15), 20, 20)
+
+
+def test_a_wall_is_found_within_eight_centimetres():
+    assert seen_of([1.0, 0.0, 0.0], 0.079, 30).n_found == 30
+    assert seen_of([1.0, 0.0, 0.0], 0.081, 30).n_found == 0
+
+
+def test_what_faces_up_is_no_wall():
+    assert seen_of([math.sqrt(1 - 0.49**2), 0.0, 0.49], 0.0, 30).n_points == 30
+    assert seen_of([math.sqrt(1 - 0.51**2), 0.0, 0.51], 0.0, 30) is None
+
+
+def test_few_points_are_drawn_to_a_half():
+    assert WallShare(0.0, 20, 2).share == 4 / 24
+    assert WallShare(0.0, 20, 20).share == 22 / 24

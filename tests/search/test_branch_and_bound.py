@@ -11,10 +11,9 @@ from maxcon import Count, Helmert, MaxEigenvalue, PointMap, Pose, Scan, SearchSp
 from maxcon.errors import ArrayError, OptionError, SearchSpaceError
 from maxcon.search import Limits, Multiplicity, Standing, Weighting, branch_and_bound, exhaustive
 from maxcon.search.axis import N_AXES, Axis
-from maxcon.search.bounding import Summand, bounding_of
-from maxcon.search.bounds import Bounds
+from maxcon.search.bounds import Summand, bounding_of
+from maxcon.search.cells import Window
 from maxcon.search.prepared_scan import PreparedScan
-from maxcon.search.window import Window
 
 CELL = 0.1
 OBJECTIVES = (Count(), Helmert(), MaxEigenvalue())
@@ -191,15 +190,13 @@ def test_no_cell_has_more_than_its_bound(
     space = SearchSpace(n_steps * CELL, CELL, 1.0, 0.5)
     scan, point_map, prior = street(seed, space, is_signed=is_signed, azimuth=azimuth)
     prepared = PreparedScan.prepare(scan, point_map, prior, space, multiplicity, weighting)
-    bounds = Bounds.of(bounding_of(Count() if summand.axis is None else Helmert(), prepared))
-    if not bounds.prepared.n_points:  # nothing adds to N: the search does not ask
+    bounding = bounding_of(Count() if summand.axis is None else Helmert(), prepared)
+    if not bounding.prepared.n_points:  # nothing adds to N: the search does not ask
         assert weighting is Weighting.PUBLISHED
         return
-    (part,) = bounds.parts(Limits())
-    heading_pass = bounds.heading_pass(*part)
-    bounds_along = heading_pass.sum_up(summand, n_threads)
+    sums = bounding.sum_up(np.arange(space.shape[0]), Window.of(space), summand, n_threads)
     cells = np.argwhere(np.ones(space.shape, bool))
-    upper = bounds_along.at(cells).reshape(space.shape)
+    upper = sums.at(cells).reshape(space.shape)
     moments = exhaustive(
         scan, point_map, prior, space, multiplicity=multiplicity, weighting=weighting
     ).moments
@@ -211,17 +208,17 @@ def test_no_cell_has_more_than_its_bound(
         along = moments @ [0.0, c * c, 2.0 * c * s, s * s]
     assert (upper >= along).all()
     if summand.least == 0.0:  # and not much less: rounding
-        assert (upper <= along + 1e-3 * bounds.most * bounds.fullest + 1e-6).all()
-    assert (along <= bounds.most).all()
+        assert (upper <= along + 1e-3 * bounding.most * bounding.fullest + 1e-6).all()
+    assert (along <= bounding.most).all()
 
     rng = np.random.default_rng(
         seed
     )  # a window has the bounds of the whole, up to the units that rounding adds
     cells = np.unique(cells[rng.integers(0, len(cells), 3)], axis=0)
     window = Window.around(cells, space)
-    part = bounds.heading_pass(np.unique(cells[:, 0]), window).sum_up(summand, n_threads)
+    part = bounding.sum_up(np.unique(cells[:, 0]), window, summand, n_threads)
     assert (part.at(cells) >= along[tuple(cells.T)]).all()
-    assert np.allclose(part.at(cells), upper[tuple(cells.T)], rtol=0.0, atol=1e-3 * bounds.most)
+    assert np.allclose(part.at(cells), upper[tuple(cells.T)], rtol=0.0, atol=1e-3 * bounding.most)
     (y, x), (ny, nx) = window.first_cell(space), window.shape
     in_window, highest = part.reaching(-1.0)
     assert highest == 0.0
@@ -230,23 +227,23 @@ def test_no_cell_has_more_than_its_bound(
 
 
 @pytest.mark.parametrize("summand", [Summand(Axis(5)), Summand()])
-def test_bounds_that_reach_something_and_the_highest(summand):
+def test_sums_that_reach_something_and_the_highest(summand):
     space = SearchSpace(0.8, CELL, 1.0, 0.5)
     scan, point_map, prior = street(3, space)
     prepared = PreparedScan.prepare(scan, point_map, prior, space, Multiplicity.OCCUPIED, Weighting.COSINE)
     headings = np.array([1, 3, 4])
-    bounds = Bounds.of(bounding_of(Count() if summand.axis is None else Helmert(), prepared))
-    along = bounds.heading_pass(headings, Window.of(space)).sum_up(summand)
+    bounding = bounding_of(Count() if summand.axis is None else Helmert(), prepared)
+    along = bounding.sum_up(headings, Window.of(space), summand)
     _, ny, nx = space.shape
     all_cells = np.array([(h, y, x) for h in headings for y in range(ny) for x in range(nx)])
-    bounds = along.at(all_cells)
-    for least in (-1.0, *np.quantile(bounds, [0.2, 0.9, 1.0]), bounds.max() + 1.0):
+    sums = along.at(all_cells)
+    for least in (-1.0, *np.quantile(sums, [0.2, 0.9, 1.0]), sums.max() + 1.0):
         cells, highest = along.reaching(least)
-        assert (cells == all_cells[bounds >= least]).all()
-        assert highest == bounds[bounds < least].max(initial=0.0)
-    for n_cells in (1, 7, len(bounds), len(bounds) + 1):
+        assert (cells == all_cells[sums >= least]).all()
+        assert highest == sums[sums < least].max(initial=0.0)
+    for n_cells in (1, 7, len(sums), len(sums) + 1):
         got = np.sort(along.at(along.highest(n_cells)))
-        assert (got == np.sort(bounds)[-n_cells:]).all()
+        assert (got == np.sort(sums)[-n_cells:]).all()
 
 
 def test_objectives_are_bounded_by_their_axes():
@@ -355,7 +352,7 @@ def test_very_full_voxels(seed):
     points = np.repeat((indices + 0.5) * CELL, often, axis=0)
     fuller = PointMap.from_points(points, np.repeat(normals, often, axis=0), CELL)
     prepared = PreparedScan.prepare(scan, fuller, prior, space, Multiplicity.POINTS, Weighting.COSINE)
-    assert Bounds.of(bounding_of(Helmert(), prepared)).unit > 2.0**-14
+    assert bounding_of(Helmert(), prepared).unit > 2.0**-14
     for objective in OBJECTIVES:
         found = branch_and_bound(scan, fuller, prior, space, objective, multiplicity="points", share=0.7)
         accumulator = exhaustive(scan, fuller, prior, space, multiplicity="points")

@@ -14,7 +14,7 @@ from maxcon.errors import ArrayError, OptionError, SearchSpaceError
 from maxcon.geometry import rotation_matrices, voxel_indices
 from maxcon.point_map import TILE_VOXELS
 from maxcon.search import consensus_set, exhaustive, reference
-from maxcon.search.matching import CONTRIBUTION_STEP, level, turn
+from maxcon.search.matching import CONTRIBUTION_STEP, turn, upright
 
 X = [1.0, 0.0, 0.0]
 OBJECTIVES = (Count(), Helmert(), MaxEigenvalue())
@@ -49,15 +49,15 @@ def random_scene(seed, n_scan, n_map, cell, space, *, corner=(0, 0), is_signed=T
 def by_votes(scan, point_map, prior, space, multiplicity="occupied", weighting="cosine"):
     """The same moments the other way round: each scan point votes with each voxel of its height."""
     indices, counts, normals_map = point_map.all_voxels()
-    levelled = level(scan, prior)
+    scan_upright = upright(scan, prior)
     n_headings, ny, nx = space.shape
     moments = np.zeros((*space.shape, 4))
     outer = (normals_map[:, [0, 0, 1]] * normals_map[:, [0, 1, 1]]).astype(np.float64)
     times = np.ones(len(counts)) if multiplicity == "occupied" else counts.astype(np.float64)
     for h in range(n_headings):
         heading = prior.heading + space.headings[h]
-        base = voxel_indices(turn(levelled.points, heading) + [prior.x, prior.y, 0.0], point_map.cell)
-        normals = turn(levelled.normals, heading).astype(np.float32)
+        base = voxel_indices(turn(scan_upright.points, heading) + [prior.x, prior.y, 0.0], point_map.cell)
+        normals = turn(scan_upright.normals, heading).astype(np.float32)
         for voxel, normal in zip(base.astype(np.int64), normals, strict=True):
             ix, iy = indices[:, 0] - voxel[0] + nx // 2, indices[:, 1] - voxel[1] + ny // 2
             is_in = (indices[:, 2] == voxel[2]) & (ix >= 0) & (ix < nx) & (iy >= 0) & (iy < ny)
@@ -438,9 +438,9 @@ def test_levelling_and_turning_are_the_rotation_of_the_prior():
     rng = np.random.default_rng(3)
     scan = Scan(rng.normal(size=(50, 3)), unit_vectors(rng, 50))
     prior = Pose(1.0, 2.0, 3.0, 0.3, -0.4, 2.5)
-    levelled = level(scan, prior)
+    scan_upright = upright(scan, prior)
     np.testing.assert_allclose(
-        turn(levelled.points, prior.heading) + [1.0, 2.0, 0.0], prior.apply(scan.points), atol=1e-13
+        turn(scan_upright.points, prior.heading) + [1.0, 2.0, 0.0], prior.apply(scan.points), atol=1e-13
     )
     rotation = rotation_matrices(0.3, -0.4, 2.5)
-    np.testing.assert_allclose(turn(levelled.normals, 2.5), scan.normals @ rotation.T, atol=1e-13)
+    np.testing.assert_allclose(turn(scan_upright.normals, 2.5), scan.normals @ rotation.T, atol=1e-13)

@@ -14,9 +14,9 @@ from maxcon.errors import ArrayError
 from maxcon.geometry import voxel_indices
 from maxcon.point_map import TILE_VOXELS
 from maxcon.search import Multiplicity, Weighting, group_kernels
-from maxcon.search.matching import level, turn
+from maxcon.search.group_kernels import SQUARE_VOXELS
+from maxcon.search.matching import turn, upright
 from maxcon.search.prepared_scan import PreparedScan
-from maxcon.search.visit_kernels import SQUARE_VOXELS
 
 CELL = 0.25
 TILE = TILE_VOXELS * CELL
@@ -44,17 +44,17 @@ def random_prior(rng):
 
 def plainly(scan, prior, weighting):
     """Points, normals, columns, layers, in order; group of each; middles: as `PreparedScan` describes them."""
-    levelled = level(scan, prior)
-    layers = voxel_indices(levelled.points, CELL)[:, 2]
-    turned = turn(levelled.points, prior.heading) + [prior.x, prior.y, 0.0]
+    scan_upright = upright(scan, prior)
+    layers = voxel_indices(scan_upright.points, CELL)[:, 2]
+    turned = turn(scan_upright.points, prior.heading) + [prior.x, prior.y, 0.0]
     x, y, _ = voxel_indices(turned, CELL).T
-    is_plain = ~levelled.normals.any(axis=1) | (weighting is Weighting.ONE)
+    is_plain = ~scan_upright.normals.any(axis=1) | (weighting is Weighting.ONE)
     parts = [y // SQUARE_VOXELS, x // SQUARE_VOXELS, layers]
-    normals = np.where(is_plain[:, None], 0.0, levelled.normals)
+    normals = np.where(is_plain[:, None], 0.0, scan_upright.normals)
     order = np.lexsort([x, y, is_plain, *parts[::-1]])
     _, groups = np.unique(np.array(parts)[:, order], axis=1, return_inverse=True)
     n_with_normal = np.bincount(groups, ~is_plain[order])
-    points = levelled.points[order]
+    points = scan_upright.points[order]
     return points, normals[order], np.array([x, y])[:, order], layers[order], groups, n_with_normal
 
 
@@ -76,7 +76,7 @@ def test_groups_and_tiles_are_those_of_the_definition(seed, n_points, spread, he
     points, normals, columns, layers, groups, n_with_normal = plainly(scan, prior, weighting)
     assert (prepared.points == points[:, :2].T).all()
     assert (prepared.normals == normals.T).all()
-    nx, ny, _ = level(scan, prior).normals.T
+    nx, ny, _ = upright(scan, prior).normals.T
     np.testing.assert_allclose(prepared.spread, [nx @ nx, nx @ ny, ny @ ny], atol=1e-9)
     assert prepared.starts.tolist() == [*np.flatnonzero(np.diff(groups, prepend=-1)), n_points]
     assert (prepared.middles == prepared.starts[:-1] + n_with_normal).all()
@@ -106,7 +106,9 @@ def test_turned_is_what_the_definition_turns(seed, n_points, n_headings):
     point_map = random_map(rng, prior, 10, 10.0)
     prepared = PreparedScan.prepare(scan, point_map, prior, SPACE, Multiplicity.OCCUPIED, Weighting.COSINE)
     headings = rng.integers(0, len(SPACE.headings), n_headings)
-    columns, turned = prepared.turned(headings)
+    turns = np.array([(np.cos(a), np.sin(a)) for a in prior.heading + SPACE.headings[headings]])
+    columns = group_kernels.turn_to_columns(prepared.points, turns, (prior.x, prior.y), CELL)
+    turned = group_kernels.turn_normals(prepared.normals, turns)
     points = np.vstack([prepared.points, np.zeros(n_points)]).T
     for i, heading in enumerate(prior.heading + SPACE.headings[headings]):
         places = turn(points, heading) + [prior.x, prior.y, 0.0]
@@ -153,11 +155,11 @@ def test_a_scan_from_another_process_needs_no_other_code():
     scan, point_map = random_scan(rng, 20, 3.0, 1.0), random_map(rng, prior, 5, 1.0)
     options = (prior, SPACE, Multiplicity.OCCUPIED, Weighting.COSINE)
     wanted = PreparedScan.prepare(scan, point_map, *options)
-    before = list(group_kernels.level.signatures)
+    before = list(group_kernels.group_scan.signatures)
     copied = pickle.loads(pickle.dumps(scan))
     prepared = PreparedScan.prepare(copied, point_map, *options)
     assert (prepared.points == wanted.points).all() and (prepared.normals == wanted.normals).all()
-    assert group_kernels.level.signatures == before
+    assert group_kernels.group_scan.signatures == before
 
 
 @pytest.mark.parametrize("weighting", list(Weighting))

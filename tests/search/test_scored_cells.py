@@ -9,11 +9,10 @@ from hypothesis import strategies as st
 
 from maxcon import Helmert, PointMap, Pose, Scan, SearchSpace
 from maxcon.search import Multiplicity, Standing, Weighting, exhaustive
-from maxcon.search.cell_moments import CellMoments
+from maxcon.search.cells import Window
 from maxcon.search.found import Wanted
 from maxcon.search.prepared_scan import PreparedScan
 from maxcon.search.scored_cells import ScoredCells
-from maxcon.search.window import Window
 
 CELL = 0.1
 TILE = 512 * CELL
@@ -62,13 +61,12 @@ def test_moments_are_those_of_the_exhaustive_search(
     seed, corner, n_points, is_signed, multiplicity, weighting
 ):
     wanted, prepared = scene(seed, corner, n_points, is_signed, multiplicity, weighting)
-    moments = CellMoments(prepared)
     cells = some_cells(np.random.default_rng(seed), 30)
     for heading in range(SPACE.shape[0]):
         mine = cells[cells[:, 0] == heading]
         if not len(mine):
             continue
-        assert (moments.of(heading, mine) == wanted[tuple(mine.T)]).all()
+        assert (prepared.moments_of_cells(heading, mine) == wanted[tuple(mine.T)]).all()
 
 
 def test_the_moments_of_these_scenes_are_not_all_zero():
@@ -76,13 +74,23 @@ def test_the_moments_of_these_scenes_are_not_all_zero():
     assert (np.count_nonzero(wanted, axis=(0, 1, 2)) > SPACE.n_cells // 4).all()
 
 
+def test_a_scan_of_many_layers_far_from_the_map_matches_nothing():
+    heights = np.arange(20_000.0)
+    scan = Scan(np.column_stack([heights, heights, heights]), np.tile([1.0, 0.0, 0.0], (20_000, 1)))
+    point_map = PointMap.from_points([[0.0, 0.0, 0.0]], [[1.0, 0.0, 0.0]], CELL)
+    prior = Pose(1e6, 1e6, 0.0, 0.0, 0.0, 0.0)
+    prepared = PreparedScan.prepare(scan, point_map, prior, SPACE, Multiplicity.OCCUPIED, Weighting.COSINE)
+    assert prepared.matches_nothing
+    assert not prepared.moments_of_cells(0, np.zeros((3, 3), np.int64)).any()
+
+
 def test_more_headings_than_are_kept(monkeypatch):
-    monkeypatch.setattr("maxcon.search.cell_moments.MOST_HEADINGS_KEPT", 2)
+    monkeypatch.setattr("maxcon.search.prepared_scan.MOST_HEADINGS_KEPT", 2)
     wanted, prepared = scene(2, (0.0, 0.0), 300, True, Multiplicity.OCCUPIED, Weighting.COSINE)
-    moments, cells = CellMoments(prepared), np.argwhere(np.ones(SPACE.shape[1:], bool))[:20]
+    cells = np.argwhere(np.ones(SPACE.shape[1:], bool))[:20]
     for heading in [*range(SPACE.shape[0]), 0, 1, 0]:
         of_heading = np.insert(cells, 0, heading, axis=1)
-        assert (moments.of(heading, of_heading) == wanted[tuple(of_heading.T)]).all()
+        assert (prepared.moments_of_cells(heading, of_heading) == wanted[tuple(of_heading.T)]).all()
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -115,7 +123,7 @@ def test_a_window_is_scored_at_once(seed, n_threads):
     scores = Helmert().score(moments)
     headings, window = np.array([0, 2, 3]), Window.around(np.array([[0, 3, 10], [0, 9, 25]]), SPACE)
     scored = ScoredCells(prepared, Wanted(Helmert(), share=0.5, lists_all=True))
-    left_out = scored.score_window(headings, window, n_threads)
+    highest_other = scored.score_window(headings, window, n_threads)
     wanted = np.zeros_like(scores)
     wanted[headings, 3:10, 10:26] = scores[headings, 3:10, 10:26]
     cell = tuple(int(index) for index in np.unravel_index(np.argmax(wanted), wanted.shape))
@@ -124,7 +132,7 @@ def test_a_window_is_scored_at_once(seed, n_threads):
     assert (found.moments == moments[cell]).all()
     reaching = wanted >= 0.5 * wanted.max()
     assert {*map(tuple, found.reaching.cells.tolist())} == {*map(tuple, np.argwhere(reaching).tolist())}
-    assert left_out == wanted.max(where=~reaching, initial=0.0)
+    assert highest_other == wanted.max(where=~reaching, initial=0.0)
     far = np.argwhere(reaching)[scored.is_beyond(np.argwhere(reaching))]
     assert scored.runner_up() == max([*wanted[tuple(far.T)], 0.0])
 

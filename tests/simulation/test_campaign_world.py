@@ -164,3 +164,34 @@ def test_a_scan_is_the_same_whichever_others_are_taken(campaign, thin_scanner):
 def test_wrong_worlds_are_refused(wrong, words):
     with pytest.raises(OptionError, match=words):
         CampaignWorld.build(**wrong)
+
+
+def test_the_car_comes_again_on_the_same_day_and_on_another(campaign):
+    same, other = campaign.again(1), campaign.again(2, day=2)
+    assert same.scan_caster is campaign.scan_caster
+    assert other.scan_drive.times[0] - campaign.scan_drive.times[0] == pytest.approx(86_400.0)
+    epochs = [world.epochs(5) for world in (campaign, same, other)]
+    assert len({epoch[2].reference for epoch in epochs}) == 3
+    cars = [
+        world.scan_caster.city.corners[world.scan_caster.city.car_numbers >= 0] for world in (campaign, other)
+    ]
+    assert cars[0].shape != cars[1].shape or (cars[0] != cars[1]).any()
+    fixed = [
+        world.scan_caster.city.corners[world.scan_caster.city.car_numbers < 0] for world in (campaign, other)
+    ]
+    np.testing.assert_array_equal(*fixed)
+    again = campaign.again(0)
+    assert again.epochs(5) == epochs[0]
+    assert again.gnss_priors(epochs[0], GnssErrors()) == campaign.gnss_priors(epochs[0], GnssErrors())
+    assert same.gnss_priors(epochs[0], GnssErrors()) != campaign.gnss_priors(epochs[0], GnssErrors())
+    for number, day in ((-1, 1), (0, 0)):
+        with pytest.raises(OptionError, match="number of a drive"):
+            campaign.again(number, day)
+
+
+def test_every_triangle_of_a_car_has_its_number(campaign):
+    city = campaign.scan_caster.city
+    np.testing.assert_array_equal(city.car_numbers >= 0, city.classes == LasClass.VEHICLE)
+    assert set(np.unique(city.car_numbers)) == set(range(-1, city.car_numbers.max() + 1))
+    first = city.corners[city.car_numbers == 0].reshape(-1, 3)
+    assert np.ptp(first[:, :2], axis=0).max() < 6.0

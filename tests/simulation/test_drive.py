@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: MIT
 """Routes, speeds and priors."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -64,3 +66,17 @@ def test_too_short_a_route_is_refused(before, after):
 def test_wrong_speeds_are_refused(speed, slowest):
     with pytest.raises(OptionError, match="Expected a speed above 0 m/s"):
         drive_along(route_over_crossing(0.0, 20.0, 20.0), 1, speed=speed, slowest=slowest)
+
+
+def test_a_vehicle_waits_where_it_has_slowed_down():
+    route = route_over_crossing(0.3, 40.0, 30.0)
+    through, waiting = drive_along(route, 4), drive_along(route, 4, wait=10.0)
+    assert waiting.times[-1] == pytest.approx(through.times[-1] + 10.0)
+    stop = through.times[np.searchsorted(route.distances, route.stop_at)]
+    there, _ = waiting.at(stop + np.linspace(0.0, 10.0, 5))
+    np.testing.assert_allclose(there, np.tile(there[0], (5, 1)))
+    for one, other in ((stop - 1.0, stop - 1.0), (stop + 1.0, stop + 11.0)):
+        np.testing.assert_allclose(through.at([one]), waiting.at([other]))
+    for wrong in (-1.0, math.nan, math.inf):
+        with pytest.raises(OptionError, match="wait"):
+            drive_along(route, 4, wait=wrong)

@@ -19,7 +19,7 @@ from maxcon.geometry import Pose
 from maxcon.integrity import invert
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
-from maxcon.search.matching import level, turn
+from maxcon.search.matching import turn, upright
 
 __all__ = ["Icp"]
 
@@ -146,7 +146,7 @@ class _IcpAligner:
     def align(self, start: Pose) -> Estimate:
         """Iterate from a start to the end."""
         method, target, residual = self.method, self.target, Residual(self.method.residual)
-        points = level(self.scan, start).points
+        points = upright(self.scan, start).points
         x, y, heading = start.x, start.y, start.heading
         status = Status.NOT_CONVERGED
         for _ in range(method.max_iterations):

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from maxcon.cli import demo, export, localize, maps, report, scans, simulate, study, warmup
+from maxcon.cli import demo, export, localize, maps, relocalize, report, scans, simulate, study, warmup
 from maxcon.cli.stopping import stopping_in_order
 from maxcon.errors import MaxconError
 
@@ -27,6 +27,7 @@ app = typer.Typer(
 app.add_typer(maps.app, name="map")
 app.add_typer(scans.app, name="scans")
 app.command("localize", short_help="Localize every scan of a drive in a map.")(localize.localize)
+app.command("relocalize", short_help="Find scans in a map without any prior.")(relocalize.relocalize)
 app.command("export", short_help="Write poses as GeoJSON, GeoPackage, KML, TUM, KITTI.")(export.export)
 app.command("simulate", short_help="Simulate a city, its mapping and scans.")(simulate.simulate)
 app.command("study", short_help="Compare methods over the epochs of a dataset.")(study.study)

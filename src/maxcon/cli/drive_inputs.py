@@ -14,6 +14,7 @@ from maxcon.errors import OptionError
 
 if TYPE_CHECKING:
     from maxcon.io.scans import Scans
+    from maxcon.io.scans.merged import MergedScans
     from maxcon.mounting import Mounting
     from maxcon.point_map import PointMap
     from maxcon.trajectory import Trajectory
@@ -33,15 +34,25 @@ class RecordingOptions:
     at_stamp: bool = False
     turn_time: float | None = None
     mounting: Path | None = None
+    prior_frames: str | None = None
+    odometry_frames: str | None = None
 
     def check(self) -> None:
-        """Refuse a time of turns that is none, or without effect.
+        """Refuse a time of turns that is none or without effect, and poses that are asked for twice.
 
         Raises
         ------
         OptionError
             If it is.
         """
+        for what, topic, frames in (
+            ("prior", self.prior_topic, self.prior_frames),
+            ("odometry", self.odometry_topic, self.odometry_frames),
+        ):
+            if topic is not None and frames is not None:
+                raise OptionError(
+                    f"Expected either --{what}-topic or --{what}-frames, got both. Leave one out."
+                )
         if self.turn_time is None:
             return
         if not self.deskew:
@@ -89,10 +100,14 @@ class DriveInputs:
         from maxcon.mounting import read_mounting
 
         options.check()
-        opened = open_scans(scans, times, topic=options.topic, at_stamp=options.at_stamp)
         mounting = None if options.mounting is None else read_mounting(options.mounting)
-        prior_trajectory, prior_words, left_out = _prior(point_map, scans, prior, options, mounting)
-        odometry_trajectory, odometry_words = _odometry(odometry, options)
+        if mounting is not None and mounting.scanners:
+            opened: Scans = _of_scanners(scans, times, options, mounting)
+        else:
+            opened = open_scans(scans, times, topic=options.topic, at_stamp=options.at_stamp)
+        frame = _frame_of(opened) if mounting is None else ""
+        prior_trajectory, prior_words, left_out = _prior(point_map, scans, prior, options, mounting, frame)
+        odometry_trajectory, odometry_words = _odometry(odometry, options, frame)
         if mounting is not None and odometry_trajectory is not None:
             odometry_trajectory = mounting.of_odometry(odometry_trajectory)
         words = [*_words_of(opened, quiet), prior_words, odometry_words]
@@ -110,16 +125,51 @@ class DriveInputs:
             typer.echo(line)
 
 
+def _of_scanners(
+    scans: Path, times: Path | None, options: RecordingOptions, mounting: "Mounting"
+) -> "MergedScans":
+    """The scans of several scanners, in the vehicle's frame."""
+    from maxcon.io.scans import open_scans
+    from maxcon.io.scans.merged import MergedScans
+
+    given = {"--topic": options.topic, "--times": times, "--turn-time": options.turn_time}
+    for name in [name for name, value in given.items() if value is not None]:
+        raise OptionError(
+            f"Expected several scanners, as {options.mounting} tells of them, got {name}, which is for one. Leave it"
+            " out."
+        )
+    opened = [
+        open_scans(scanner.scans or scans, topic=scanner.topic, at_stamp=options.at_stamp)
+        for scanner in mounting.scanners
+    ]
+    return MergedScans(
+        opened,
+        [scanner.T_vehicle_sensor for scanner in mounting.scanners],
+        [scanner.name for scanner in mounting.scanners],
+    )
+
+
+def _frame_of(scans: "Scans") -> str:
+    """Name of the scanner's frame, where a recording tells it."""
+    from maxcon.io.recordings.recorded_scans import RecordedScans
+
+    return scans.source.frame if isinstance(scans, RecordedScans) else ""
+
+
 def _words_of(scans: "Scans", quiet: bool) -> list[str]:
     """What was taken from a recording; the times of its scans are found here, with a bar of progress."""
     from maxcon.cli.progress import step_bars
     from maxcon.io.recordings.recorded_scans import RecordedScans
+    from maxcon.io.scans.merged import MergedScans
 
-    if not isinstance(scans, RecordedScans):
-        return []
-    with step_bars("scans", quiet) as report:
-        scans.find_times(report)
-    return [scans.words]
+    parts = scans.scanners if isinstance(scans, MergedScans) else (scans,)
+    words = []
+    for part in parts:
+        if isinstance(part, RecordedScans):
+            with step_bars("scans", quiet) as report:
+                part.find_times(report)
+            words.append(part.words)
+    return [*words, scans.words] if isinstance(scans, MergedScans) else words
 
 
 def _prior(
@@ -128,11 +178,13 @@ def _prior(
     prior: Path | None,
     options: RecordingOptions,
     mounting: "Mounting | None",
+    sensor_frame: str,
 ) -> "tuple[Trajectory, str, tuple[str, ...]]":
     """The prior, of a file or a recording; what it is in words where it is of a recording; rows that are no poses."""
     from maxcon.io.geographic_priors import is_geographic
     from maxcon.io.recordings.opening import CAPTURE_SUFFIX, is_recording
     from maxcon.io.recordings.poses import read_recorded_poses
+    from maxcon.io.recordings.transforms import parse_frames
     from maxcon.io.trajectories import read_prior
     from maxcon.prior_heights import check_heights
 
@@ -146,14 +198,17 @@ def _prior(
                 " them do without."
             )
         _check_without("--prior-topic", options.prior_topic, "a recording", prior)
+        _check_without("--prior-frames", options.prior_frames, "a recording", prior)
         _check_without(
             "--geoid-height", options.geoid_height, "a receiver (in latitude and longitude)", prior
         )
         read = read_prior(prior)
         return _of_sensor(read.trajectory, mounting), "", read.left_out
+    frames = None if options.prior_frames is None else parse_frames(options.prior_frames, "--prior-frames")
     poses = read_recorded_poses(
-        source, options.prior_topic, point_map.frame.crs, options.geoid_height, are_sure=mounting is not None
-    )
+        source, options.prior_topic, point_map.frame.crs, options.geoid_height,
+        are_sure=mounting is not None, frames=frames, sensor_frame=sensor_frame,
+    )  # fmt: skip
     trajectory = _of_sensor(poses.trajectory, mounting, has_orientations=poses.has_orientations)
     if poses.has_ellipsoidal_heights:
         check_heights(point_map, trajectory)
@@ -184,6 +239,7 @@ def _geographic_prior(
     from maxcon.prior_heights import check_heights
 
     _check_without("--prior-topic", options.prior_topic, "a recording", prior)
+    _check_without("--prior-frames", options.prior_frames, "a recording", prior)
     read = read_geographic_prior(
         prior, point_map.frame.crs, options.geoid_height, are_sure=mounting is not None
     )
@@ -194,24 +250,31 @@ def _geographic_prior(
     return trajectory, f"prior: {read.words}", read.left_out
 
 
-def _odometry(odometry: Path | None, options: RecordingOptions) -> "tuple[Trajectory | None, str]":
+def _odometry(
+    odometry: Path | None, options: RecordingOptions, sensor_frame: str
+) -> "tuple[Trajectory | None, str]":
     from maxcon.io.recordings.opening import is_recording
     from maxcon.io.recordings.poses import read_recorded_poses
+    from maxcon.io.recordings.transforms import parse_frames
     from maxcon.io.trajectories import read_trajectory
 
+    asked = {"topic": options.odometry_topic, "frames": options.odometry_frames}
     if odometry is None or not is_recording(odometry):
-        if options.odometry_topic is not None:
+        for name in [name for name, value in asked.items() if value is not None]:
             raise OptionError(
-                "Expected --odometry-topic together with --odometry and a recording, got it alone. Add that, or leave"
+                f"Expected --odometry-{name} together with --odometry and a recording, got it alone. Add that, or leave"
                 " it out."
             )
         return None if odometry is None else read_trajectory(odometry), ""
-    poses = read_recorded_poses(odometry, options.odometry_topic, is_odometry=True)
+    frames = asked["frames"] and parse_frames(asked["frames"], "--odometry-frames")
+    poses = read_recorded_poses(
+        odometry, asked["topic"], is_odometry=True, frames=frames or None, sensor_frame=sensor_frame
+    )
     return poses.trajectory, f"odometry: {poses.words}"
 
 
 @contextmanager
-def naming_files(prior: Path, scans: Path, map_folder: Path) -> Iterator[None]:
+def naming_files(prior: Path, scans: Path, map_folder: Path | str) -> Iterator[None]:
     """Put the names of the files before what the library says of a prior that fits neither scans nor map."""
     from maxcon.errors import MapError, TrajectoryError
 

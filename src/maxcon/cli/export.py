@@ -3,9 +3,14 @@
 """`maxcon export`."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from maxcon.cli.options import AtStamp, MaxRange, MinRange, Topic
+
+if TYPE_CHECKING:
+    from maxcon.export import PoseRow
 
 __all__ = ["export"]
 
@@ -18,7 +23,8 @@ def export(
             "--out",
             "-o",
             metavar="FILE",
-            help="File to write: .geojson, .gpkg (extra export), .kml, .tum, .kitti, or .csv with degrees.",
+            help="File to write: .geojson, .gpkg (extra export), .kml, .mcap (extra recordings), .tum, .kitti, or .csv"
+            " with degrees; with --scans .laz or .las.",
         ),
     ],
     map_folder: Annotated[
@@ -27,18 +33,76 @@ def export(
     crs: Annotated[
         str | None, typer.Option(metavar="EPSG:N|WKT", help="CRS of the poses, where the map tells none.")
     ] = None,
+    scans: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="SCANS",
+            help="The scans of the drive: their points are written, placed in the map, as LAZ.",
+        ),
+    ] = None,
+    topic: Topic = None,
+    times: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Time of each scan, as for `maxcon localize`.")
+    ] = None,
+    at_stamp: AtStamp = False,
+    min_range: MinRange = 1.0,
+    max_range: MaxRange = 120.0,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file, if it is there.")] = False,
 ) -> None:
-    """Write the poses of a drive for another program; the suffix says which."""
-    from maxcon.atomic import check_writable
+    """Write the poses of a drive for another program, or its scans where they are in the map; the suffix says which."""
     from maxcon.errors import OptionError
-    from maxcon.export import export_poses
-    from maxcon.point_map.manifest import read_manifest
+    from maxcon.export import SCAN_SUFFIXES, export_poses, export_scans, read_rows
+    from maxcon.io.scans import open_scans
 
     if crs is not None and map_folder is not None:
         raise OptionError("Expected either --map or --crs, got both. Leave one out.")
-    if table.resolve() == out.resolve():
-        raise OptionError("Expected another file to export to, got the table itself. Rename it.")
-    check_writable(out)
-    rows = export_poses(table, out, read_manifest(map_folder).crs if map_folder is not None else crs)
+    are_scans = out.suffix.lower() in SCAN_SUFFIXES
+    if are_scans != (scans is not None):
+        what = "--scans for" if are_scans else f"a {' or '.join(SCAN_SUFFIXES)} file with --scans, got"
+        raise OptionError(
+            f"Expected {what} {out}{', got none' * are_scans}. Name the scans of the drive, or none."
+        )
+    _check_out(table, out, overwrite=overwrite)
+    if map_folder is not None:
+        crs = _crs_of_map(map_folder, table, read_rows(table))
+    if scans is not None:
+        opened = open_scans(scans, times, topic=topic, at_stamp=at_stamp)
+        rows, n_points = export_scans(table, out, opened, crs, min_range=min_range, max_range=max_range)
+    else:
+        rows, n_points = export_poses(table, out, crs), 0
     n_localized = sum(row.pose is not None for row in rows)
-    typer.echo(f"{n_localized} of {len(rows)} epochs have a pose; written to {out}")
+    points = f", {n_points:,} points" if scans is not None else ""
+    typer.echo(f"{n_localized} of {len(rows)} epochs have a pose{points}; written to {out}")
+
+
+def _check_out(table: Path, out: Path, *, overwrite: bool) -> None:
+    """Refuse a file that cannot be written, or that is there."""
+    from maxcon.atomic import check_writable
+    from maxcon.errors import FileError, OptionError
+    from maxcon.export import files_of_export
+
+    for path in files_of_export(out):
+        if table.resolve() == path.resolve():
+            raise OptionError("Expected another file to export to, got the table itself. Rename it.")
+        check_writable(path)
+        if path.is_file() and not overwrite:
+            raise FileError(
+                f"Expected {path} not to exist yet, but it does. Replace it (--overwrite), or name another."
+            )
+
+
+def _crs_of_map(map_folder: Path, table: Path, rows: "list[PoseRow]") -> str | None:
+    """The CRS of a map; refuses one that most of the poses lie outside of."""
+    from maxcon.drive import MAP_MARGIN
+    from maxcon.errors import MapError
+    from maxcon.point_map import PointMap
+
+    point_map = PointMap.open(map_folder)
+    local = [point_map.frame.pose_to_local(row.pose) for row in rows if row.pose is not None]
+    n_outside = sum(not point_map.covers(pose.x, pose.y, MAP_MARGIN) for pose in local)
+    if 2 * n_outside > len(local):
+        raise MapError(
+            f"Expected the map in which {table} was localized, got {map_folder}, outside of which {n_outside} of its"
+            f" {len(local)} poses lie. Name that map, or the CRS (--crs)."
+        )
+    return point_map.frame.crs

@@ -7,10 +7,13 @@ from typing import Annotated
 
 import typer
 
-from maxcon.cli.drive_inputs import DriveInputs, RecordingOptions, check_outputs, naming_files
-from maxcon.cli.drive_summary import print_alternative, print_summary
+from maxcon.cli.drive_inputs import RecordingOptions, check_outputs
+from maxcon.cli.drive_opener import DriveOpener
+from maxcon.cli.drive_summary import is_whole, print_alternative, print_summary
+from maxcon.cli.drives import check_one_or_many, localize_many, several_workers
 from maxcon.cli.method_options import parse_objective
 from maxcon.cli.options import (
+    AlsoTum,
     AtStamp,
     Deskew,
     GeoidHeight,
@@ -18,34 +21,60 @@ from maxcon.cli.options import (
     MinRange,
     Mounting,
     Odometry,
+    OdometryFrames,
     OdometryTopic,
+    OverwriteTable,
     Prior,
+    PriorFrames,
     PriorTopic,
+    Resume,
+    Risk,
+    Scheduler,
+    Times,
     Topic,
     TurnTime,
+    Workers,
 )
 from maxcon.cli.pictures import drawer, parse_epochs
 from maxcon.cli.search_space import SpaceOptions
 from maxcon.cli.table_of_poses import check_table, read_there, write_trajectory, written
-from maxcon.cli.tracking import check_tracking, started_drive
+from maxcon.cli.tracking import check_tracking
 from maxcon.options import Multiplicity, SearchMethod, Weighting
 
 __all__ = ["localize"]
 
 
 def localize(
-    map_folder: Annotated[Path, typer.Argument(metavar="MAP", help="Map made by `maxcon map build`.")],
-    scans: Annotated[
+    out: Annotated[
         Path,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="POSES.csv",
+            help="Table to write, a row per epoch; with --drives the folder of a Parquet dataset, which goes on.",
+        ),
+    ],
+    map_folder: Annotated[
+        Path | None,
+        typer.Argument(metavar="MAP", help="Map made by `maxcon map build`.", show_default=False),
+    ] = None,
+    scans: Annotated[
+        Path | None,
         typer.Argument(
             metavar="SCANS",
             help="Folder of .bin (KITTI), .pcd, .ply, .npz, .las or .laz scans; or a recording: .bag, .mcap, .db3,"
             " .pcap, or the folder of a ROS 2 bag.",
+            show_default=False,
         ),
-    ],
-    out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="POSES.csv", help="Table to write, a row per epoch.")
-    ],
+    ] = None,
+    drives: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="CSV|TOML",
+            help="Instead of SCANS: a table of many drives, each with its name, scans, prior, and map where that is not"
+            " MAP.",
+        ),
+    ] = None,
     prior: Prior = None,
     objective: Annotated[
         str,
@@ -84,12 +113,7 @@ def localize(
         float,
         typer.Option(metavar="M", help="Search so far around an answer that is in doubt, m; 0: never."),
     ] = 12.0,
-    risk: Annotated[
-        float,
-        typer.Option(
-            metavar="0..1", help="Errors exceed the protection level with at most this probability."
-        ),
-    ] = 0.01,
+    risk: Risk = 0.01,
     half_width: Annotated[
         float | None,
         typer.Option(
@@ -171,25 +195,18 @@ def localize(
     ] = None,
     topic: Topic = None,
     prior_topic: PriorTopic = None,
+    prior_frames: PriorFrames = None,
     odometry_topic: OdometryTopic = None,
+    odometry_frames: OdometryFrames = None,
     geoid_height: GeoidHeight = None,
     mounting: Mounting = None,
     deskew: Deskew = False,
     turn_time: TurnTime = None,
     at_stamp: AtStamp = False,
-    times: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Time of each scan; default times.txt there, or the names."),
-    ] = None,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with POSES.csv where a call that was stopped ended.")
-    ] = False,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace POSES.csv, if it is there.")
-    ] = False,
-    tum: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Also write the localized poses as TUM.")
-    ] = None,
+    times: Times = None,
+    resume: Resume = False,
+    overwrite: OverwriteTable = False,
+    tum: AlsoTum = None,
     plot: Annotated[Path | None, typer.Option(metavar="DIR", help="Draw epochs into this folder.")] = None,
     plot_epochs: Annotated[
         str | None,
@@ -198,55 +215,77 @@ def localize(
     threads: Annotated[
         int, typer.Option(min=1, help="Epochs localized at once; of a track, headings searched at once.")
     ] = 1,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    known_only: Annotated[
+        bool,
+        typer.Option(
+            "--known-only", help="In an updated map: leave out what is new, too, not only what is gone."
+        ),
+    ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
 ) -> None:
     """Localize every scan of a drive in a map; the row of each is in POSES.csv once it is done.
 
-    Exit code 0: every epoch is localized; 1: some are not (the status column says why); 2: bad input.
+    One drive is localized in this process if neither --workers nor --scheduler says otherwise.
+
+    Exit code 0: every epoch is localized, of a track every one from its beginning on; 1: some are not (the status
+    column says why); 2: bad input.
     """
     from maxcon.drive import DriveOptions
+    from maxcon.drives import DriveEntry
+    from maxcon.engine import Engine
     from maxcon.integrity import Trust
-    from maxcon.maximum_consensus import MaximumConsensus
-    from maxcon.point_map import PointMap
+    from maxcon.storage import address_of
 
+    check_one_or_many(
+        drives, map_folder, scans,
+        {"--prior": prior, "--odometry": odometry, "--times": times, "--tum": tum, "--plot": plot,
+         "--plot-epochs": plot_epochs, "--resume": resume, "--overwrite": overwrite},
+    )  # fmt: skip
+    is_alone = drives is None and workers is None and scheduler is None
+    if scheduler is not None:  # its workers are in other folders
+        map_folder, scans, prior, times, odometry, mounting = (
+            path if path is None or address_of(path) else path.absolute()
+            for path in (map_folder, scans, prior, times, odometry, mounting)
+        )
+    engine = Engine(1 if is_alone else workers, scheduler, typer.echo)
+    opener = DriveOpener(
+        RecordingOptions(topic, prior_topic, odometry_topic, geoid_height, deskew, at_stamp, turn_time, mounting,
+                         prior_frames, odometry_frames),
+        SpaceOptions(
+            cell, heading_step_deg, half_width, heading_half_width_deg, height_half_width,
+            sigma_position, sigma_heading_deg, sigmas, largest_half_width,
+        ),
+        DriveOptions(min_range, max_range, max_gap), Trust(least_share, largest_runner_up), objective, multiplicity,
+        weighting, thinning, search, refinement, wider, risk, track, drift, known_only, threads,
+    )  # fmt: skip
+    if drives is not None:
+        parse_objective(objective)
+        localize_many(drives, map_folder, out, opener, engine, quiet)
+        return
+    assert map_folder is not None and scans is not None  # noqa: S101 - checked above
     check_outputs(prior, out, tum, plot, plot_epochs)
     check_table(out, resume=resume, overwrite=overwrite, track=track)
-    check_tracking(track, odometry, drift, deskew=deskew)
-    scored_by = parse_objective(objective)
-    point_map = PointMap.open(map_folder)
-    inputs = DriveInputs.open(
-        point_map, scans, times, prior, odometry, max_gap,
-        RecordingOptions(topic, prior_topic, odometry_topic, geoid_height, deskew, at_stamp, turn_time, mounting),
-        quiet=quiet,
-    )  # fmt: skip
+    check_tracking(track, odometry, drift, deskew=deskew, is_shared=not engine.is_in_process)
+    parse_objective(objective)
+    entry = DriveEntry("", scans, map_folder, prior, times, odometry)
+    opened = opener.open(entry, opener.open_map(map_folder), quiet=quiet)
+    point_map, inputs, searching = opened.point_map, opened.inputs, opened.windows or opened.method
     there = read_there(out, inputs.scans.times, resume=resume)
-    spaces = SpaceOptions(
-        cell, heading_step_deg, half_width, heading_half_width_deg, height_half_width,
-        sigma_position, sigma_heading_deg, sigmas, largest_half_width,
-    )  # fmt: skip
-    method = MaximumConsensus(
-        spaces.fixed(), scored_by, multiplicity, threads if track else 1, Trust(least_share, largest_runner_up),
-        weighting, search, thinning, refinement, wider, risk,
-    )  # fmt: skip
-    windows = spaces.within_sigmas(method, inputs.prior, max_gap, track=track)
-    if track and windows is not None:
-        method, windows = windows.at(float(inputs.prior.times[0])), None
-    wanted = parse_epochs(plot_epochs, len(inputs.scans)) if plot is not None else frozenset()
-    draw = drawer(plot, point_map, windows or method, objective) if plot is not None else None
-    options = DriveOptions(min_range, max_range, max_gap)
-    with naming_files(odometry or prior or scans, scans, map_folder):
-        drive = started_drive(
-            point_map, inputs.scans, inputs.prior, method, options, windows=windows, track=track,
-            odometry=inputs.odometry, drift=drift, threads=threads, first=there.n_rows,
-        )  # fmt: skip
-    n_epochs = len(inputs.scans)
-    epochs = written(out, there, drive, n_epochs, draw, wanted, quiet)
+    wanted = parse_epochs(plot_epochs, opened.n_epochs) if plot is not None else frozenset()
+    draw = drawer(plot, point_map, searching, objective) if plot is not None else None
+    if engine.is_in_process:
+        drive = opened.started(there.n_rows)
+    else:
+        drive = several_workers(opened, engine, there.n_rows, wanted)
+    epochs = written(out, there, drive, opened.n_epochs, draw, wanted, quiet)
     inputs.tell()
-    searched = spaces.words(windows, inputs.prior, epochs)
-    print_summary(epochs, out, searched, there=there, left_out=inputs.left_out)
+    searched = opener.spaces.words(opened.windows, inputs.prior, epochs)
+    print_summary(epochs, out, searched, there=there, left_out=inputs.left_out, track=track)
     if not there.n_localized:
-        print_alternative(point_map, inputs.scans, epochs, windows or method, options)
+        print_alternative(point_map, inputs.scans, epochs, searching, opener.drive)
     if tum is not None:
         write_trajectory(tum, out, there, epochs)
-    if there.n_localized + sum(epoch.pose_global is not None for epoch in epochs) < n_epochs:
+    if not is_whole(epochs, there, opened.n_epochs, track=track):
         raise typer.Exit(1)

@@ -1,13 +1,16 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""`maxcon map build` and `maxcon map info`."""
+"""`maxcon map build`, `update`, `info` and `copy`; `map align` is in cli.alignment."""
 
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from maxcon.cli import alignment
 from maxcon.cli.compiling import compiling_told
+from maxcon.cli.map_update import rows_of_updates, update
 from maxcon.cli.progress import step_bars
 
 if TYPE_CHECKING:
@@ -15,9 +18,21 @@ if TYPE_CHECKING:
 
 __all__ = ["app"]
 
+
+class Classify(StrEnum):
+    """When classes are found: `MapOptions.classify`."""
+
+    AUTO = "auto"
+    ALWAYS = "always"
+    OFF = "off"
+
+
 app = typer.Typer(
-    help="Build a map from point clouds, or say what is in one.", no_args_is_help=True, rich_markup_mode=None
+    help="Build a map from point clouds, align them before, update it by drives, say what is in it, or copy it.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
 )
+app.command("update", short_help="Write a new version of a map: what is gone, what is new.")(update)
 
 
 @app.command()
@@ -63,6 +78,14 @@ def build(
             help="Class numbers are those of LAS in other clouds too: ground, vegetation are dropped.",
         ),
     ] = False,
+    classify: Annotated[
+        Classify,
+        typer.Option(
+            help="Find ground, vegetation and what is not there in every pass: where no cloud has classes"
+            " (auto), always, or not at all (off). Found ground and temporary objects are left out, unless"
+            " --drop names others."
+        ),
+    ] = Classify.AUTO,
     signed_normals: Annotated[
         bool,
         typer.Option("--signed-normals", help="The clouds' own normals are turned to the sensor already."),
@@ -108,7 +131,13 @@ def build(
     from maxcon.errors import OptionError
     from maxcon.io.trajectories import read_trajectory
     from maxcon.mapping import Area, MapOptions, build_map
+    from maxcon.storage import address_of
 
+    if address_of(out) is not None:
+        raise OptionError(
+            f"Expected a folder to build the map in, got {address_of(out)}. Build it in a folder, then"
+            f" `maxcon map copy FOLDER {address_of(out)}`."
+        )
     if keep_all and (drop or vehicle_class):
         other = "--drop" if drop else "--vehicle-class"
         raise OptionError(f"Expected either {other} or --keep-all, got both. Leave one out.")
@@ -123,6 +152,7 @@ def build(
         sigma=sigma,
         to_crs=to_crs,
         classes_are_asprs=asprs_classes,
+        classify=classify.value,
         area=Area.parse(area) if area is not None else None,
     )
     with step_bars("", quiet) as report, compiling_told(quiet):
@@ -131,9 +161,14 @@ def build(
     _describe(manifest)
 
 
+app.command("align", short_help="Bring rounds together before a map is built of them.")(alignment.align)
+
+
 @app.command()
 def info(
-    path: Annotated[Path, typer.Argument(metavar="MAP", help="Folder of a map.")],
+    path: Annotated[
+        Path, typer.Argument(metavar="MAP", help="Folder of a map, or its address: s3://, http://, https://.")
+    ],
     check: Annotated[
         bool, typer.Option("--check", help="Also read every tile and verify its checksum.")
     ] = False,
@@ -141,11 +176,13 @@ def info(
     """Print what a map is made of."""
     from maxcon.point_map.manifest import read_manifest
     from maxcon.point_map.store import GroundStore, TileStore
+    from maxcon.storage import open_place
 
-    manifest = read_manifest(path)
+    files = open_place(path)
+    manifest = read_manifest(files)
     _describe(manifest)
     if check:
-        store, ground = TileStore(path, manifest, cache_bytes=0), GroundStore(path, manifest)
+        store, ground = TileStore(files, manifest, cache_bytes=0), GroundStore(files, manifest)
         for key in sorted(store.keys):
             store.load(key)
         for key in sorted(ground.keys):
@@ -153,41 +190,86 @@ def info(
         typer.echo(f"checked      all {len(store.keys)} tiles are as they were written")
 
 
+@app.command()
+def copy(
+    source: Annotated[str, typer.Argument(metavar="MAP", help="Folder of a map, or its address.")],
+    target: Annotated[
+        str,
+        typer.Argument(
+            metavar="PLACE", help="Folder to write, or s3://bucket/prefix; one of both is a folder."
+        ),
+    ],
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the map if there is one.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
+) -> None:
+    """Copy a map to a folder or an object store, every tile checked; it is there once all of it is.
+
+    Credentials and server of s3:// are those of the usual variables: AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY,
+    AWS_REGION, AWS_ENDPOINT_URL. A map of an older format becomes one of this.
+    """
+    from maxcon.point_map.copying import copy_map
+
+    with step_bars("", quiet) as report:
+        copy_map(source, target, overwrite=overwrite, progress=report)
+    typer.echo(target)
+
+
 def _describe(manifest: "Manifest") -> None:
     from maxcon.io.crs import crs_name
     from maxcon.point_map import TILE_VOXELS
 
     edge = TILE_VOXELS * manifest.cell
-    keys = [tile.key for tile in manifest.tiles]
-    x_low, y_low = (min(key[axis] for key in keys) * edge + manifest.origin[axis] for axis in (0, 1))
-    x_high, y_high = ((max(key[axis] for key in keys) + 1) * edge + manifest.origin[axis] for axis in (0, 1))
+    keys = manifest.tiles.keys
+    x_low, y_low = keys.min(axis=0) * edge + manifest.origin[:2]
+    x_high, y_high = (keys.max(axis=0) + 1) * edge + manifest.origin[:2]
     signed = "turned to the sensor's side" if manifest.is_signed else "unsigned (no sensor side: w = |cos|)"
     rows = [
         ("voxels", f"{manifest.n_voxels:,} of {manifest.cell:g} m, from {manifest.n_points:,} points"),
-        ("tiles", f"{len(keys):,} of {edge:g} m"),
+        ("tiles", f"{len(keys):,} of {edge:g} m, {_describe_files(manifest)}"),
         ("extent", f"x {x_low:.1f} to {x_high:.1f}, y {y_low:.1f} to {y_high:.1f} m"),
         ("origin", ", ".join(f"{value:.12g}" for value in manifest.origin) + " m"),
         ("CRS", crs_name(manifest.crs)),
         ("normals", f"{manifest.build.get('normals', 'unknown')}, {signed}"),
         ("ground", _describe_ground(manifest)),
+        *_describe_found(manifest),
         ("sigma", _describe_sigma(manifest)),
         ("made by", str(manifest.build.get("program", "unknown"))),
+        *rows_of_updates(manifest.build.get("updates", [])),
     ]
     for name, text in rows:
         typer.echo(f"{name:<12} {text}")
     for source in manifest.build.get("sources", []):
-        typer.echo(f"{'source':<12} {_describe_source(source)}")
+        typer.echo(f"{'source':<12} {_describe_source(source, is_found='found' in manifest.build)}")
+
+
+def _describe_files(manifest: "Manifest") -> str:
+    """In how many files the map lies, and of which format they are."""
+    n_files = sum(len(section.files) for section in manifest.sections.values())
+    return f"in {n_files:,} file{'s' if n_files > 1 else ''} of format version {manifest.version}"
 
 
 def _describe_ground(manifest: "Manifest") -> str:
     """What is known of the ground, in words."""
     from maxcon.point_map.ground import ground_voxels
 
-    if not manifest.ground:
+    if not len(manifest.ground):
         return "not known: heights and tilts of priors are taken as they are"
-    n_heights = sum(entry.n_heights for entry in manifest.ground)
     origin = manifest.build.get("ground", "unknown")
-    return f"{n_heights:,} heights in cells of {ground_voxels(manifest.cell) * manifest.cell:g} m, {origin}"
+    return f"{manifest.n_heights:,} heights in cells of {ground_voxels(manifest.cell) * manifest.cell:g} m, {origin}"
+
+
+def _describe_found(manifest: "Manifest") -> list[tuple[str, str]]:
+    """Return a row on the classes that the build found, if it found some: shares of the points."""
+    from maxcon.mapping.classes import found_shares
+
+    found = manifest.build.get("found")
+    if found is None:
+        return []
+    shares = found_shares(found["n_points"], found["dropped"])
+    text = ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in shares)
+    if found["temporary"]:
+        text += f"; temporary objects cannot be found: {found['temporary']}"
+    return [("found", text)]
 
 
 def _describe_sigma(manifest: "Manifest") -> str:
@@ -200,10 +282,12 @@ def _describe_sigma(manifest: "Manifest") -> str:
         )
     if known["from"] == "assumed":
         return f"{manifest.sigma:g} m, assumed: {known['reason']}; say it with --sigma"
+    if known["from"] == "alignment":
+        return f"{manifest.sigma:g} m, from alignment.json beside the clouds: aligned rounds agree better than that"
     return f"{manifest.sigma:g} m, {known['from']}"
 
 
-def _describe_source(source: dict[str, object]) -> str:
+def _describe_source(source: dict[str, object], *, is_found: bool = False) -> str:
     from maxcon.mapping.classes import class_name
 
     text = f"{source['name']}: {source['n_points']:,} points, {source['n_kept']:,} kept"
@@ -222,6 +306,6 @@ def _describe_source(source: dict[str, object]) -> str:
         text += f"; {source['n_withheld']:,} marked as withheld"
     if source["n_without_side"]:
         text += f"; {source['n_without_side']:,} without a pose near their time"
-    if not source["is_classified"]:
+    if not (source["is_classified"] or is_found):
         text += "; no ASPRS classes: ground, vegetation and vehicles were not dropped"
     return text

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 __all__ = [
+    "AlsoTum",
     "AtStamp",
     "Deskew",
     "GeoidHeight",
@@ -16,11 +17,19 @@ __all__ = [
     "MinRange",
     "Mounting",
     "Odometry",
+    "OdometryFrames",
     "OdometryTopic",
+    "OverwriteTable",
     "Prior",
+    "PriorFrames",
     "PriorTopic",
+    "Resume",
+    "Risk",
+    "Scheduler",
+    "Times",
     "Topic",
     "TurnTime",
+    "Workers",
 ]
 
 HeadingStepDeg = Annotated[float, typer.Option(metavar="DEG", help="Step between headings, degrees.")]
@@ -55,6 +64,17 @@ PriorTopic = Annotated[
 ]
 OdometryTopic = Annotated[
     str | None, typer.Option(metavar="NAME", help="Which poses of a recording are the odometry.")
+]
+PriorFrames = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FIXED:MOVING",
+        help="The prior is the way of one frame in another by the recording's transforms (TF), map:base_link for"
+        " example.",
+    ),
+]
+OdometryFrames = Annotated[
+    str | None, typer.Option(metavar="FIXED:MOVING", help="Likewise the odometry: odom:base_link.")
 ]
 GeoidHeight = Annotated[
     float | None,
@@ -91,3 +111,29 @@ TurnTime = Annotated[
         " clockwise seen from above; negative for counter-clockwise.",
     ),
 ]
+Workers = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        metavar="N",
+        help="Processes, about 1 GiB each; 1: all in this one. Default: as many as processors, if the extra engine is"
+        " installed.",
+    ),
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(metavar="ADDRESS", help="Of a dask scheduler, tcp://HOST:8786: its workers do the work."),
+]
+Risk = Annotated[
+    float,
+    typer.Option(metavar="0..1", help="Errors exceed the protection level with at most this probability."),
+]
+Times = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="Time of each scan; default times.txt there, or the names."),
+]
+Resume = Annotated[
+    bool, typer.Option("--resume", help="Go on with POSES.csv where a call that was stopped ended.")
+]
+OverwriteTable = Annotated[bool, typer.Option("--overwrite", help="Replace POSES.csv, if it is there.")]
+AlsoTum = Annotated[Path | None, typer.Option(metavar="FILE", help="Also write the localized poses as TUM.")]

@@ -62,10 +62,9 @@ def info(
 
 
 def _rows(scanner: "ScansDescription") -> list[tuple[str, str]]:
-    n_scans = "scans" if scanner.n_scans is None else f"{scanner.n_scans:,} scans"
     rate = "" if scanner.rate is None else f", {scanner.rate:.2f} a second"
     rows = [
-        ("scans", f"{scanner.source}: {n_scans}{rate}; of the first {scanner.n_seen}:"),
+        ("scans", f"{scanner.source}: {scanner.n_scans:,} scans{rate}; of the first {scanner.n_seen}:"),
         ("fields", scanner.fields),
         ("times", scanner.times),
         ("rings", scanner.rings),

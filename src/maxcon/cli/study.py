@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from maxcon.cli.options import HeadingStepDeg, MaxRange, MinRange
+from maxcon.cli.options import HeadingStepDeg, MaxRange, MinRange, Scheduler, Workers
 from maxcon.cli.progress import step_bars
 
 if TYPE_CHECKING:
@@ -54,9 +54,8 @@ def study(
     max_gap: Annotated[
         float, typer.Option(metavar="S", help="Largest gap in prior and reference to interpolate across.")
     ] = 0.5,
-    workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes, about 1 GiB each. Default: as many as processors.")
-    ] = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
 ) -> None:
     """Compare methods over the epochs of a dataset: one table, a row per epoch and method.
@@ -86,6 +85,8 @@ def study(
             n_workers=workers,
             options=DriveOptions(min_range, max_range, max_gap),
             progress=report,
+            scheduler=scheduler,
+            tell=typer.echo,
         )
     _print_summary(done)
 

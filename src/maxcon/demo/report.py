@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from maxcon.atomic import make_folder
-from maxcon.demo.run import DemoDrive, MethodResult
+from maxcon.demo.run import MAPPING_WAIT, DemoDrive, MethodResult
 from maxcon.demo.wide import WideResult
-from maxcon.drive import EpochEstimate
+from maxcon.drive import EpochEstimate, scan_of
 from maxcon.geometry import Pose
 from maxcon.io.scans import open_scans
 from maxcon.progress import Progress
@@ -50,8 +50,10 @@ def report_demo(
     pictures = folder / "pictures"
     make_folder(pictures)
     epochs = results[-1].epochs
+    fooled = _worst_of_the_count(results)
     street, crossing = epochs[int(STREET_PART * (len(epochs) - 1))], _at_crossing(drive, epochs)
     steps: list[Callable[[], Picture]] = [
+        lambda: _why_picture(pictures, drive, results, fooled),
         lambda: _epoch_picture(pictures, drive, results[-1], street),
         lambda: _spaces_picture(pictures, drive, results, street, "street"),
         lambda: _spaces_picture(pictures, drive, results, crossing, "crossing"),
@@ -67,10 +69,11 @@ def report_demo(
         title="maxcon demo: a simulated street",
         headline=_headline(results),
         methods=tuple(_summary(result) for result in results),
-        epochs=tuple(drawn[:3]),
-        errors=drawn[3],
-        drive=drawn[4],
-        wide=drawn[5],
+        why=drawn[0],
+        epochs=tuple(drawn[1:4]),
+        errors=drawn[4],
+        drive=drawn[5],
+        wide=drawn[6],
         facts=_facts(drive, results),
         command=f"maxcon demo --epochs {len(epochs)} --seed {seed}",
         version=__version__,
@@ -92,9 +95,23 @@ def _at_crossing(drive: DemoDrive, epochs: Sequence[EpochEstimate]) -> EpochEsti
     return min(epochs, key=distance)
 
 
+def _worst_of_the_count(results: Sequence[MethodResult]) -> int:
+    """Return the position of the epoch that the count puts farthest off where Helmert's score of the same is right.
+
+    Where there is none that the count gets wrong, of all epochs.
+    """
+    of_count, of_helmert = results[0].errors, results[1].errors
+    is_shown = [
+        count is not None and not count.is_success and helmert is not None and helmert.is_success
+        for count, helmert in zip(of_count, of_helmert, strict=True)
+    ]
+    distances = np.array(_distances(results[0]))
+    return int(np.nanargmax(np.where(is_shown, distances, np.nan) if any(is_shown) else distances))
+
+
 def _scan_and_prior(drive: DemoDrive, epoch: EpochEstimate) -> tuple[Scan, Pose]:
     raw = open_scans(drive.dataset.scans).read(epoch.epoch)
-    return Scan(raw.points, time=raw.time), drive.point_map.frame.pose_to_local(drive.prior.at(raw.time))
+    return scan_of(raw), drive.point_map.frame.pose_to_local(drive.prior.at(raw.time))
 
 
 def _epoch_picture(folder: Path, drive: DemoDrive, result: MethodResult, epoch: EpochEstimate) -> Picture:
@@ -121,25 +138,33 @@ def _epoch_picture(folder: Path, drive: DemoDrive, result: MethodResult, epoch: 
     )
 
 
+def _why_picture(folder: Path, drive: DemoDrive, results: Sequence[MethodResult], position: int) -> Picture:
+    """Draw the epoch that the count puts farthest off, and say what came out, whatever it is."""
+    epoch = results[0].epochs[position]
+    path = folder / "why.png"
+    _plot_spaces(path, drive, results, epoch, "where the map is denser in one place")
+    off = {result.method.slug: _distances(result)[position] for result in results}
+    wrong = [
+        f"{result.method.name}: {result.accuracy.n_epochs - result.accuracy.n_success}" for result in results
+    ]
+    return Picture(
+        "Why Helmert's point error, and a voxel once",
+        f"The mapping vehicle stood before a red light for {MAPPING_WAIT:g} s, and the map is denser there. At"
+        f" epoch {epoch.epoch} the count of map points ends {off['count-points']:.2f} m from the reference, Helmert's"
+        f" score of the same matches {off['helmert-points']:.2f} m, and Helmert's score with each voxel counting"
+        f" once, which is maxcon's default, {off['helmert-occupied']:.3f} m. Wrong by more than 0.3 m or 1 degree, of"
+        f" {results[0].accuracy.n_epochs} epochs: {'; '.join(wrong)}.",
+        "The search space of the best heading, scored by the count and by Helmert's point error.",
+        path,
+    )
+
+
 def _spaces_picture(
     folder: Path, drive: DemoDrive, results: Sequence[MethodResult], epoch: EpochEstimate, place: str
 ) -> Picture:
     """Draw the paper's figure: the count beside Helmert, on the same matches."""
-    scan, prior = _scan_and_prior(drive, epoch)
-    views = []
-    for result in results:
-        if result.method.slug in ("count-points", "helmert-points", "helmert-occupied"):
-            accumulator = result.method.method.accumulate(scan, drive.point_map, prior)
-            views.append(
-                SearchSpaceView(accumulator, result.method.method.cell_search.objective, result.method.name)
-            )
     path = folder / f"{place}.png"
-    plot_search_spaces(
-        path,
-        views,
-        title=f"Epoch {epoch.epoch}, {'at the crossing' if place == 'crossing' else 'in the street'}",
-        reference=drive.reference_at(epoch.raw.time),
-    )
+    _plot_spaces(path, drive, results, epoch, "at the crossing" if place == "crossing" else "in the street")
     captions = {
         "street": "In a street the count leaves a bright ray along the facades: every position on it matches about"
         " as many points. Helmert's score asks how well the matches fix the position, and leaves a peak.",
@@ -152,6 +177,21 @@ def _spaces_picture(
         "The search space of the best heading, scored by count and by Helmert's point error.",
         path,
     )
+
+
+def _plot_spaces(
+    path: Path, drive: DemoDrive, results: Sequence[MethodResult], epoch: EpochEstimate, where: str
+) -> None:
+    scan, prior = _scan_and_prior(drive, epoch)
+    views = []
+    for result in results:
+        if result.method.slug in ("count-points", "helmert-points", "helmert-occupied"):
+            accumulator = result.method.method.accumulate(scan, drive.point_map, prior)
+            views.append(
+                SearchSpaceView(accumulator, result.method.method.cell_search.objective, result.method.name)
+            )
+    reference = drive.reference_at(epoch.raw.time)
+    plot_search_spaces(path, views, title=f"Epoch {epoch.epoch}, {where}", reference=reference)
 
 
 def _distances(result: MethodResult) -> list[float]:

@@ -30,6 +30,7 @@ from maxcon.trajectory import Trajectory
 __all__ = [
     "DEMO_METHODS",
     "DEMO_NAMES",
+    "MAPPING_WAIT",
     "DemoDrive",
     "DemoMethod",
     "MethodResult",
@@ -60,6 +61,8 @@ class DemoMethod:
 
 
 PAPER = SearchSpace.paper()
+MAPPING_WAIT = 10.0
+"""The mapping vehicle stands before a red light for so long, s: the map is denser there, as real ones are."""
 
 DEMO_METHODS = (
     DemoMethod(
@@ -138,6 +141,7 @@ def prepare_demo(
         n_epochs=n_epochs,
         seed=seed,
         before=before,
+        mapping_wait=MAPPING_WAIT,
         progress=lambda done, total: progress("simulating the city and its drives", done, total),
     )
     build_map(dataset.map_clouds, folder / "city.map", dataset_map_options(dataset), progress=progress)

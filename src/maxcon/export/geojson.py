@@ -16,14 +16,16 @@ __all__ = ["write_geojson"]
 def write_geojson(path: str | os.PathLike[str], rows: Sequence[PoseRow], crs: str) -> None:
     """Write a feature per epoch: a point where it is localized, else no geometry; status, covariance and reason.
 
-    Position and covariance in the CRS of the map stand among the properties, as does the CRS.
+    Position and covariance in the CRS of the map stand among the properties, as does the CRS. The height of a point is
+    that of the map, m, whatever it is counted from.
     """
     features = []
     places = iter(to_wgs84(crs, [(row.pose.x, row.pose.y) for row in rows if row.pose is not None]))
     for row in rows:
         geometry, place = None, dict.fromkeys("xyz")
         if row.pose is not None:
-            geometry = {"type": "Point", "coordinates": [round(degrees, 9) for degrees in next(places)]}
+            lonlat = [round(degrees, 9) for degrees in next(places)]
+            geometry = {"type": "Point", "coordinates": [*lonlat, round(row.pose.z, 4)]}
             place = dict(zip("xyz", row.pose.position, strict=True))
         features.append({"type": "Feature", "geometry": geometry, "properties": {**place, **properties(row)}})
     content = {"type": "FeatureCollection", "crs_of_xyz": crs, "features": features}

@@ -91,17 +91,12 @@ def fit_ground(scan: Scan, point_map: PointMap, pose: Pose) -> GroundFit | None:
     GroundFit or None
         None where too little ground is known, or scan and map do not agree on it.
     """
-    from maxcon.ground import kernels
-
     if not (point_map.has_ground and len(scan)):
         return None
     points, below = _below_ground(scan, point_map, pose)
     if len(points) < FEWEST_CELLS:
         return None
-    stride = max(1, len(points) // ENOUGH)
-    starts = STARTS + [kernels.most_frequent(points, below, NEAR, REACH, BIN), 0.0, 0.0]
-    plane, normal = np.empty(3), np.empty((3, 3))
-    kernels.fit_planes(points, below, starts, SCALES, STIFFNESS, stride, plane, normal)
+    plane, normal = fit_plane(points, below, REACH)
     off = np.abs(below - plane[0] - points[:, :2] @ plane[1:])
     is_on_ground = off <= ON_GROUND
     n_cells, share = int(is_on_ground.sum()), float(is_on_ground.mean())
@@ -111,9 +106,38 @@ def fit_ground(scan: Scan, point_map: PointMap, pose: Pose) -> GroundFit | None:
     sigma_height, sigma_x, sigma_y = (spread * np.sqrt(ALIKE * np.diag(np.linalg.inv(normal)))).tolist()
     height, slope_x, slope_y = plane.tolist()
     return GroundFit(
-        _laid(pose, height, slope_x, slope_y), height, math.atan(math.hypot(slope_x, slope_y)), spread, n_cells, share,
+        laid(pose, height, slope_x, slope_y), height, math.atan(math.hypot(slope_x, slope_y)), spread, n_cells, share,
         sigma_height, max(sigma_x, sigma_y),
     )  # fmt: skip
+
+
+def fit_plane(
+    points: NDArray[np.float64], below: NDArray[np.float64], reach: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The plane that most points agree on, from several tilts.
+
+    Parameters
+    ----------
+    points : array, shape (n, 3)
+        About the sensor, levelled, m.
+    below : array, shape (n,)
+        How far each lies below the plane that is looked for, m.
+    reach : float
+        How far at most, m.
+
+    Returns
+    -------
+    plane : array, shape (3,)
+        Height, m, and slopes along x and y.
+    normal : array, shape (3, 3)
+        Its normal equations.
+    """
+    from maxcon.ground import kernels
+
+    starts = STARTS + [kernels.most_frequent(points, below, NEAR, reach, BIN), 0.0, 0.0]
+    plane, normal = np.empty(3), np.empty((3, 3))
+    kernels.fit_planes(points, below, starts, SCALES, STIFFNESS, max(1, len(points) // ENOUGH), plane, normal)
+    return plane, normal
 
 
 def _below_ground(
@@ -142,7 +166,7 @@ def _below_ground(
     return points[has_ground], below[has_ground]
 
 
-def _laid(pose: Pose, height: float, slope_x: float, slope_y: float) -> Pose:
+def laid(pose: Pose, height: float, slope_x: float, slope_y: float) -> Pose:
     """The pose, raised and tilted as a plane in its levelled axes says."""
     slope = math.hypot(slope_x, slope_y)
     angle = math.atan(slope)

@@ -16,6 +16,10 @@ NEAREST, FARTHEST = 6_340_000.0, 6_470_000.0
 """Of surveys, from the middle of the earth, m: from under the sea at the poles to aircraft above the equator."""
 
 
+MARKS = 21
+"""Points on each side of a rectangle that are transformed to find one around it."""
+
+
 class PointTransform:
     """Turns points of a source into coordinates of a projected CRS in metres.
 
@@ -73,6 +77,28 @@ class PointTransform:
         if self._transformer is not None:
             x, y = self._transformer.transform(x, y)
         return np.stack([x, y, z * self._height_unit], axis=1)
+
+    def bounds_in_source(
+        self, bounds: tuple[float, float, float, float]
+    ) -> tuple[float, float, float, float] | None:
+        """A rectangle of the source that holds one of the target; None where heights or the earth's middle take part.
+
+        Parameters
+        ----------
+        bounds : tuple of float
+            x_min, y_min, x_max, y_max in the target, m.
+        """
+        if self._has_heights:
+            return None
+        if self._transformer is None:
+            return bounds
+        found = self._transformer.transform_bounds(*bounds, densify_pts=MARKS, direction="INVERSE")
+        if not np.isfinite(found).all():
+            return None
+        x_min, y_min, x_max, y_max = map(float, found)
+        # Between marks the sides bend by far less than this.
+        x_slack, y_slack = (x_max - x_min) / MARKS, (y_max - y_min) / MARKS
+        return x_min - x_slack, y_min - y_slack, x_max + x_slack, y_max + y_slack
 
     def _with_heights(self) -> tuple[Any, float]:
         target = self._target

@@ -20,6 +20,8 @@ BASELINE = 5.0
 """A course over ground is that between two positions so far apart, m."""
 ALIKE = math.radians(30.0)
 """An IMU whose headings are farther from the course over ground, in the median, does not know where north is."""
+COMPASS_ALIKE = math.radians(10.0)
+"""Headings that are as near to it as this when bearings are read as headings, or the other way round, are such."""
 ASSUMED_SIGMA = math.radians(2.0)
 """Of an IMU's heading, where it states none, rad."""
 MAX_GAP = 0.5
@@ -49,6 +51,8 @@ class Fixes:
         Messages without a fix.
     heights : Heights
         What the heights are counted from.
+    frame : str
+        Name of the antenna's frame, where there are such.
     """
 
     times: NDArray[np.float64]
@@ -56,6 +60,7 @@ class Fixes:
     covariances: NDArray[np.float64]
     n_left_out: int
     heights: Heights = Heights.ELLIPSOIDAL
+    frame: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,11 +75,14 @@ class Orientations:
         At the origin.
     sigmas : array, shape (n,)
         Standard deviations of the heading, rad; NaN where none is stated.
+    frame : str
+        Name of the IMU's frame, where there are such.
     """
 
     topic: str
     trajectory: Trajectory
     sigmas: NDArray[np.float64]
+    frame: str = ""
 
 
 def is_place(place: list[float]) -> bool:
@@ -191,6 +199,16 @@ def _positions(fixes: Fixes, frame: GeographicFrame, geoid_height: float | None)
     return frame.to_map(fixes.places, 0.0)
 
 
+def _check_swapped(fixes: Fixes, frame: GeographicFrame, label: str) -> None:
+    """Refuse latitudes and longitudes that fit the map's CRS only the other way round."""
+    swapped = fixes.places[:, [1, 0]]
+    if not frame.contains(fixes.places).any() and frame.contains(swapped).all():
+        raise TrajectoryError(
+            f"{label}: Expected positions where the map's CRS is meant for, got latitude {fixes.places[0, 0]:.5f},"
+            f" longitude {fixes.places[0, 1]:.5f}. Are the two swapped? The other way round they would be."
+        )
+
+
 def poses_of_fixes(
     fixes: Fixes,
     orientations: Orientations | None,
@@ -207,6 +225,7 @@ def poses_of_fixes(
     TrajectoryError
         If there are neither orientations nor 5 m of way to tell headings from.
     """
+    _check_swapped(fixes, frame, label)
     positions = _positions(fixes, frame, geoid_height)
     if not np.isfinite(positions).all():
         raise TrajectoryError(
@@ -265,7 +284,7 @@ def _of_imu(
     if courses is not None and off > ALIKE:
         words = (
             f"headings: course over ground, for those of {orientations.topic} are {math.degrees(off):.0f} degrees off"
-            " it; roll and pitch of the latter"
+            f" it{_of_a_compass(angles[:, 2], courses[rows])}; roll and pitch of the latter"
         )
         turned = quaternions_from_angles(angles[:, 0], angles[:, 1], courses[rows])
         return _Turns(rows, turned, _course_sigmas(fixes)[rows], words)
@@ -273,6 +292,17 @@ def _of_imu(
     if np.isnan(sigmas).any():
         words += f", whose headings state no sigma: {math.degrees(ASSUMED_SIGMA):g} degrees assumed"
     return _Turns(rows, turns, np.where(np.isnan(sigmas), ASSUMED_SIGMA, sigmas), words)
+
+
+def _of_a_compass(headings: NDArray[np.float64], courses: NDArray[np.float64]) -> str:
+    """Say so where headings would be right if they were counted the other way, from the other axis."""
+    off = float(np.median(np.abs(_wrapped(np.pi / 2.0 - headings - courses))))
+    if off > COMPASS_ALIKE:
+        return ""
+    return (
+        f" (but {math.degrees(off):.0f} if they are mixed up: bearings count clockwise from north, headings"
+        " counter-clockwise from east)"
+    )
 
 
 def _turns_at(

@@ -38,6 +38,22 @@ class GeographicFrame:
 
         self._crs = parse_crs(crs)
 
+    def contains(self, places: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Whether places (latitude, longitude) lie where the map's CRS is meant for, about 1 degree around included.
+
+        All do where it does not say.
+        """
+        area = self._crs.area_of_use
+        if area is None and (code := self._crs.to_authority()) is not None:
+            from maxcon.io.crs import parse_crs
+
+            area = parse_crs(":".join(code)).area_of_use
+        if area is None or area.west > area.east:
+            return np.ones(len(places), dtype=bool)
+        north, east = places[:, 0], places[:, 1]
+        is_inside = (north >= area.south - 1.0) & (north <= area.north + 1.0)
+        return np.asarray(is_inside & (east >= area.west - 1.0) & (east <= area.east + 1.0))
+
     @property
     def has_heights(self) -> bool:
         """Whether the map's CRS says what its heights are; if not, ellipsoidal ones are taken as they are."""

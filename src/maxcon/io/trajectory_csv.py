@@ -23,8 +23,9 @@ OTHER_NAMES = ("yaw", "yaw_deg", "azimuth", "bearing", "course", "theta")
 """Of headings, in other programs: some count from the north, or clockwise."""
 SIGMA_COLUMNS = ("sigma_x", "sigma_y", "sigma_heading")
 
-Column = tuple[int, float]
-"""Where a number stands in a line, and what makes it s, m, rad."""
+Column = tuple[int | None, float]
+"""Where a number stands in a line, and what makes it s, m, rad; None: nowhere, it is 0."""
+TILTS = ("roll", "pitch")
 
 
 class _CsvHeader(NamedTuple):
@@ -32,7 +33,7 @@ class _CsvHeader(NamedTuple):
 
     names: list[str]
     pose: list[Column]
-    certainty: list[Column]
+    certainty: list[tuple[int, float]]
 
 
 def csv_rows(file: Path, lines: Iterable[Line], left_out: list[str] | None) -> Iterator[Row]:
@@ -43,7 +44,8 @@ def csv_rows(file: Path, lines: Iterable[Line], left_out: list[str] | None) -> I
             continue
         if header is None:
             names = cells_of(file, number, line)
-            header = _CsvHeader(names, _columns(file, number, names), _certainty_columns(file, number, names))
+            pose = _columns(file, number, names, is_prior=left_out is not None)
+            header = _CsvHeader(names, pose, _certainty_columns(file, number, names))
             continue
         row = parsed(left_out, _csv_row, file, number, line, header)
         if row:
@@ -56,12 +58,13 @@ def _csv_row(file: Path, number: int, line: str, header: _CsvHeader) -> list[flo
     if len(texts) != len(header.names):
         words = f"Expected {len(header.names)} columns as in the header, got {len(texts)}. Correct this line."
         refuse(file, number, words)
-    if not texts[header.pose[1][0]]:
+    if not texts[header.names.index("x")]:
         return []
-    values = numbers_of(file, number, [texts[index] for index, _ in header.pose], ",".join(CSV_COLUMNS))
+    wanted = [texts[index] if index is not None else "0" for index, _ in header.pose]
+    values = numbers_of(file, number, wanted, ",".join(CSV_COLUMNS))
     scaled = [value * scale for value, (_, scale) in zip(values, header.pose, strict=True)]
     if max(map(abs, scaled[4:])) > 2.0 * math.pi + 1e-6:
-        angles = ",".join(header.names[index] for index, _ in header.pose[4:])
+        angles = ",".join(header.names[index] for index, _ in header.pose[4:] if index is not None)
         refuse(
             file,
             number,
@@ -80,10 +83,14 @@ def cells_of(file: Path, number: int, line: str) -> list[str]:
         refuse(file, number, f"Expected comma-separated values, got: {error}. Correct or remove this line.")
 
 
-def _columns(file: Path, number: int, header: list[str]) -> list[Column]:
-    """The columns of time, x, y, z, roll, pitch and heading."""
-    columns = []
+def _columns(file: Path, number: int, header: list[str], *, is_prior: bool) -> list[Column]:
+    """The columns of time, x, y, z, roll, pitch and heading; a prior may do without both of roll and pitch."""
+    columns: list[Column] = []
+    is_level = is_prior and not any(tilt in header or f"{tilt}_deg" in header for tilt in TILTS)
     for name in CSV_COLUMNS:
+        if is_level and name in TILTS:
+            columns.append((None, 1.0))
+            continue
         found = [(header.index(name), 1.0)] if name in header else []
         if name == "time" and not found and "timestamp" in header:
             found = [(header.index("timestamp"), 1.0)]
@@ -111,7 +118,7 @@ def _columns(file: Path, number: int, header: list[str]) -> list[Column]:
     return columns
 
 
-def _certainty_columns(file: Path, number: int, header: list[str]) -> list[Column]:
+def _certainty_columns(file: Path, number: int, header: list[str]) -> list[tuple[int, float]]:
     """The columns of a covariance, those of three standard deviations, or none."""
     in_degrees = f"{SIGMA_COLUMNS[2]}_deg"
     sigmas = (*SIGMA_COLUMNS[:2], in_degrees if in_degrees in header else SIGMA_COLUMNS[2])
@@ -136,7 +143,7 @@ def _certainty_columns(file: Path, number: int, header: list[str]) -> list[Colum
 
 
 def _covariance(
-    file: Path, number: int, header: list[str], texts: list[str], columns: list[Column]
+    file: Path, number: int, header: list[str], texts: list[str], columns: list[tuple[int, float]]
 ) -> list[float]:
     """The nine numbers of a row's covariance: NaN where all its columns are empty; none without such columns."""
     wanted = [texts[index] for index, _ in columns]

@@ -14,13 +14,16 @@ from numpy.typing import NDArray
 from maxcon.atomic import atomic_folder, check_replaceable
 from maxcon.errors import ArrayError, MapError, OptionError
 from maxcon.geometry.voxels import INDEX_LIMIT
+from maxcon.in_order import in_order
 from maxcon.io.clouds import CloudHeader
-from maxcon.mapping.classes import class_name
+from maxcon.mapping.classes import NOISE, class_name
+from maxcon.mapping.found_classes import FOUND, FoundClasses
 from maxcon.mapping.ground import GroundMaker
 from maxcon.mapping.map_options import MapOptions
-from maxcon.mapping.map_sigma import map_sigma
+from maxcon.mapping.map_sigma import aligned_sigma, map_sigma
 from maxcon.mapping.place_sample import PlaceSample
 from maxcon.mapping.placement import Placement, placements
+from maxcon.mapping.sightings import SightingSpill
 from maxcon.mapping.sources import (
     SidedPoints,
     SourceCounts,
@@ -33,8 +36,9 @@ from maxcon.mapping.sources import (
 from maxcon.mapping.spill import GroundSpill, TileSpill
 from maxcon.mapping.tiles import TileMaker
 from maxcon.point_map import TILE_VOXELS, TileKey
-from maxcon.point_map.manifest import MAP_NAMES, Manifest, TileEntry, write_manifest
-from maxcon.point_map.store import write_ground, write_tile
+from maxcon.point_map.manifest import MAP_NAMES, Manifest
+from maxcon.point_map.records import Record, tile_record
+from maxcon.point_map.writer import MapWriter
 from maxcon.progress import Progress
 from maxcon.version import __version__
 
@@ -42,8 +46,8 @@ __all__ = ["build_map"]
 
 # Each thread holds a part of a tile's points and its voxels, about 0.25 GiB: more threads only on demand.
 MOST_THREADS = 4
-# A street has some 100,000 points in a tile of 30 m. So few in so many are another unit.
-MOST_SPARSE_TILES, LEAST_POINTS_OF_TILE = 1000, 200
+# A street has some 100,000 points in a tile of 30 m, an aeroplane some 10,000. So few in so many are another unit.
+MOST_SPARSE_TILES, LEAST_POINTS_OF_TILE = 20_000, 200
 
 
 def build_map(
@@ -91,32 +95,47 @@ def build_map(
     crs, placed = _placed(headers, options)
     drop = options.dropped_classes()
     _check_contents(headers, options)
+    aligned = aligned_sigma([header.path for header in headers]) if options.sigma is None else None
     if overwrite:
         check_replaceable(out, "a map", MAP_NAMES)
     with atomic_folder(out, overwrite=overwrite) as folder:
         spill_folder = folder / "points"
         spill_folder.mkdir()
         spill, ground_spill = TileSpill(spill_folder, options.cell), GroundSpill(spill_folder, options.cell)
+        sightings = SightingSpill(spill_folder, options.cell) if options.may_find_classes else None
         has_sides = options.trajectory is not None or options.normals_have_sides
         use_normals = has_sides and options.to_crs is None and all(header.has_normals for header in headers)
         origin = _origin(headers, placed, options)
         sample = PlaceSample()
         counts = _sort_into_tiles(
-            headers, placed, origin, spill, ground_spill, sample, options, use_normals, report
+            headers, placed, origin, spill, ground_spill, sightings, sample, options, use_normals, report
         )
-        sigma, how_known = map_sigma(options.sigma, sample)
+        sigma, how_known = map_sigma(options.sigma, sample, aligned)
         del sample
         is_signed = options.trajectory is not None or use_normals
-        maker = TileMaker(spill, spill_folder, options.cell, has_normals=use_normals, is_signed=is_signed)
+        found = _finder(spill_folder, sightings, counts, options)
+        maker = TileMaker(
+            spill, spill_folder, options.cell, has_normals=use_normals, is_signed=is_signed, found=found
+        )
         n_threads = n_threads or min(MOST_THREADS, os.cpu_count() or 1)
-        ground_maker = GroundMaker(ground_spill, options.cell)
-        entries = _make_tiles(folder, maker, ground_maker, spill.keys, n_threads, report)
-        ground = tuple(write_ground(folder, tile) for tile in ground_maker.tiles())
-        spill_folder.rmdir()
-        build = {**_description(counts, placed, drop, use_normals, ground_maker.origin), "sigma": how_known}
-        manifest = Manifest(options.cell, origin, crs, is_signed, tuple(entries), build, sigma, ground)
-        write_manifest(folder, manifest)
-    return manifest
+        ground_maker = GroundMaker(ground_spill, options.cell, found)
+        with MapWriter(folder) as writer:
+            _write_tiles(writer, maker, ground_maker, spill.keys, n_threads, report)
+            for tile in ground_maker.tiles():
+                writer.add_ground(tile)
+            if sightings is not None:
+                sightings.clear()
+            build = {
+                **_description(counts, placed, drop, use_normals, ground_maker.origin),
+                "sigma": how_known,
+            }
+            if found is not None:
+                build["found"] = found.describe()
+                found.clear()
+            spill_folder.rmdir()
+            return writer.finish(
+                cell=options.cell, origin=origin, crs=crs, is_signed=is_signed, sigma=sigma, build=build
+            )
 
 
 def _check_contents(headers: Sequence[CloudHeader], options: MapOptions) -> None:
@@ -132,7 +151,8 @@ def _check_contents(headers: Sequence[CloudHeader], options: MapOptions) -> None
                 f"Expected classes in {header.path}, said to be those of the ASPRS, but it has none. Leave out"
                 " --asprs-classes, or classify it."
             )
-        if options.drop and not header.has_classes:
+        may_be_found = options.may_find_classes and options.dropped_found_classes() <= FOUND
+        if options.drop and not (header.has_classes or may_be_found):
             raise OptionError(
                 f"Expected classes in {header.path} to drop {', '.join(options.drop)}, but it has none."
                 " Leave out --drop, or classify it."
@@ -167,6 +187,7 @@ def _sort_into_tiles(
     origin: tuple[float, float, float],
     spill: TileSpill,
     ground: GroundSpill,
+    sightings: SightingSpill | None,
     sample: PlaceSample,
     options: MapOptions,
     use_normals: bool,
@@ -177,6 +198,8 @@ def _sort_into_tiles(
     n_total = sum(header.n_points for header in headers)
     for header, placement, counted in zip(headers, placed, counts, strict=True):
         drop = options.dropped_classes(are_asprs=header.has_asprs_classes)
+        if options.classify == "always":
+            drop &= NOISE | options.vehicle_numbers
         counted.has_known_classes = header.has_asprs_classes or options.drop is not None or bool(drop)
         for part in read_source(
             header,
@@ -188,13 +211,19 @@ def _sort_into_tiles(
             placement=placement,
         ):
             points = part.points - origin
+            if options.classify == "always":
+                part = replace(part, ground=part.ground[:0])
             _add(spill, ground, points, part, origin, header, options.cell)
             _check_density(spill, counts, header, options.cell)
+            if sightings is not None and _is_unclassified(counts, options):
+                sightings.add(points, part.times)
             if options.sigma is None:
                 sample.add(points, part.times)
             report("reading points", sum(source.n_points for source in counts), n_total)
-    spill.flush()
-    ground.flush()
+    spill.complete()
+    ground.complete()
+    if sightings is not None:
+        sightings.complete()
     if not spill.keys:
         n_read = sum(source.n_points for source in counts)
         n_read -= sum(source.n_thinned for source in counts)
@@ -210,6 +239,20 @@ def _sort_into_tiles(
     if options.trajectory is not None:
         check_sides(counts, options.trajectory)
     return counts
+
+
+def _finder(
+    folder: Path, sightings: SightingSpill | None, counts: Sequence[SourceCounts], options: MapOptions
+) -> FoundClasses | None:
+    """Return what finds classes, where they are to be found: nobody has given any, or they are not to count."""
+    if sightings is None or not _is_unclassified(counts, options):
+        return None
+    return FoundClasses(folder, options.cell, sightings, options.dropped_found_classes())
+
+
+def _is_unclassified(counts: Sequence[SourceCounts], options: MapOptions) -> bool:
+    """Whether no source has had a class that counts so far."""
+    return options.classify == "always" or not any(source.is_classified for source in counts)
 
 
 def _add(
@@ -243,35 +286,47 @@ def _check_density(
         )
 
 
-def _make_tiles(
-    folder: Path,
+def _write_tiles(
+    writer: MapWriter,
     maker: TileMaker,
     ground: GroundMaker,
     keys: Sequence[TileKey],
     n_threads: int,
     report: Progress,
-) -> list[TileEntry]:
-    """Make and write every tile, several at a time, in two rounds: a tile's normals need its neighbours."""
+) -> None:
+    """Make every tile, several at a time, in rounds: a tile's classes and normals need its neighbours.
 
-    def make(key: TileKey) -> TileEntry:
+    Tiles are written in order.
+    """
+
+    def make(key: TileKey) -> Record:
         tile = maker.make(key)
         ground.look_at(tile)
-        return write_tile(folder, tile)
+        return tile_record(tile)
 
-    n_steps = 2 * len(keys)
+    rounds = [maker.gather, maker.find_classes] if maker.finds_classes else [maker.gather]
+    n_steps, n_done = (len(rounds) + 1) * len(keys), 0
     with ThreadPoolExecutor(n_threads) as pool:
         try:
-            for done, _ in enumerate(pool.map(maker.gather, keys), 1):
-                report("making tiles", done, n_steps)
-            entries = []
-            for entry in pool.map(make, keys):
-                entries.append(entry)
-                report("making tiles", len(keys) + len(entries), n_steps)
+            for work in rounds:
+                for _ in pool.map(work, keys):
+                    n_done += 1
+                    report("making tiles", n_done, n_steps)
+            kept = [key for key in keys if maker.has_voxels(key)]
+            n_done += len(keys) - len(kept)
+            for record in in_order(pool, make, kept, 2 * n_threads):
+                writer.put(record)
+                n_done += 1
+                report("making tiles", n_done, n_steps)
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
     maker.clear(keys)
-    return entries
+    if not kept:
+        raise MapError(
+            "Expected points for the map, but all of them were found to be ground, vegetation or temporary. Keep them:"
+            " --classify off."
+        )
 
 
 def _description(

@@ -2,11 +2,20 @@
 # SPDX-License-Identifier: MIT
 """Which classes of points a map leaves out (the paper: ground, vegetation, vehicles)."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from maxcon.errors import OptionError
 
-__all__ = ["CLASS_NAMES", "DEFAULT_DROP", "GROUND", "class_name", "parse_classes"]
+__all__ = [
+    "CLASS_NAMES",
+    "DEFAULT_DROP",
+    "FOUND_DROP",
+    "GROUND",
+    "NOISE",
+    "class_name",
+    "found_shares",
+    "parse_classes",
+]
 
 # ASPRS LAS 1.4 R15, table 17. There is no class for vehicles: 22 is for what changes between surveys,
 # 64 and above are the user's own.
@@ -32,10 +41,13 @@ GROUPS: dict[str, tuple[str, ...]] = {
 }
 
 DEFAULT_DROP = ("ground", "vegetation", "noise", "temporal-exclusion")
+# Of classes that a build finds itself: what stands in hedges tells where one is, on real roads too (decision 23).
+FOUND_DROP = ("ground", "temporal-exclusion")
 
 # What vehicles drive on: its heights are kept, whether its points are dropped or not.
 GROUND = frozenset(CLASS_NAMES["ground"] + CLASS_NAMES["bridge"])
 UNCLASSIFIED = frozenset(CLASS_NAMES["unclassified"])
+NOISE = frozenset(CLASS_NAMES["noise"])
 LARGEST_CLASS = 255
 
 
@@ -45,6 +57,29 @@ def class_name(number: int) -> str:
         if number in numbers:
             return name
     return f"class {number}"
+
+
+def found_shares(n_points: Mapping[str, int], dropped: Collection[int]) -> list[tuple[str, float]]:
+    """Shares of the points that were found to be ground, vegetation and temporary, and of those that are in the map.
+
+    Parameters
+    ----------
+    n_points : mapping
+        Points by class number, as text.
+    dropped : collection of int
+        The classes that are left out of the map.
+    """
+    numbers = {int(number): n for number, n in n_points.items()}
+    total = max(1, sum(numbers.values()))
+    groups = {
+        "ground": CLASS_NAMES["ground"],
+        "vegetation": tuple(number for name in GROUPS["vegetation"] for number in CLASS_NAMES[name]),
+        "temporary": CLASS_NAMES["temporal-exclusion"],
+    }
+    shares = [
+        (name, sum(numbers.get(number, 0) for number in members) / total) for name, members in groups.items()
+    ]
+    return [*shares, ("kept", sum(n for number, n in numbers.items() if number not in dropped) / total)]
 
 
 def parse_classes(names: Sequence[str], vehicle_classes: Iterable[int] = ()) -> frozenset[int]:

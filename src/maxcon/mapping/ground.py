@@ -9,6 +9,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon.mapping.found_classes import FoundClasses
 from maxcon.mapping.spill import GroundSpill
 from maxcon.point_map import TILE_VOXELS, TileKey, VoxelTile
 from maxcon.point_map.ground import GroundTile, ground_of_points, ground_voxels
@@ -33,28 +34,34 @@ class GroundMaker:
         Points of ground classes; if there are none, the ground is made of level surfaces.
     cell : float
         Voxel edge, m.
+    found : FoundClasses, optional
+        Classes that were found: the ground is of these, and not of level surfaces.
     """
 
-    def __init__(self, spill: GroundSpill, cell: float) -> None:
+    def __init__(self, spill: GroundSpill, cell: float, found: FoundClasses | None = None) -> None:
         self._spill = spill
+        self._found = found
         self._cell = cell
         self._surfaces: dict[TileKey, NDArray[np.float32]] = {}
 
     @property
     def origin(self) -> str:
         """What the ground is made of, in words."""
-        return "of its classes" if self._spill.keys else "of level surfaces"
+        if self._found is not None:
+            return "found by a morphological filter"
+        return "of its classes" if self._spill.n_tiles else "of level surfaces"
 
     def look_at(self, tile: VoxelTile) -> None:
         """Take note of the level surfaces of a tile, if they are needed; from any thread."""
-        if not self._spill.keys:
+        if not self._spill.n_tiles and self._found is None:
             self._surfaces[tile.key] = level_surfaces(tile, self._cell)
 
     def tiles(self) -> Iterator[GroundTile]:
         """Yield the ground of all tiles that have some; points are removed as they are read."""
+        found = self._found.ground if self._found is not None else []
         made = (self._classified(key) for key in self._spill.keys)
         among = (ground_among(self._surfaces, key, self._cell) for key in sorted(self._surfaces))
-        return (tile for tile in chain(made, among) if tile.n_heights)
+        return (tile for tile in chain(found, made, among) if tile.n_heights)
 
     def _classified(self, key: TileKey) -> GroundTile:
         records = np.concatenate(list(self._spill.records(key)))

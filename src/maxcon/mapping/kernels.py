@@ -7,7 +7,7 @@ from numba import njit
 
 from maxcon.geometry.plane_kernels import covariance, plane_normal
 
-__all__ = ["gather_points", "merge_voxels", "neighbourhood_normals"]
+__all__ = ["gather_points", "merge_voxels", "neighbourhood_normals", "sum_neighbourhood"]
 
 
 @njit(nogil=True, cache=True)
@@ -79,6 +79,46 @@ def merge_voxels(order, parents, shifts, in_counts, in_sums, in_outers, counts, 
 
 
 @njit(nogil=True, cache=True)
+def sum_neighbourhood(
+    i, keys, counts, sums, outers, edge, row, layer, reach, count_cap, first, total_sums, total_outers
+):
+    """Sum the moments of the (2 reach + 1)^3 voxels around voxel `i`, from its own corner; call with `i` ascending.
+
+    Parameters as of `neighbourhood_normals`. first : ((2 reach + 1)^2,) int64, where each line of voxels was reached,
+    zeroed before the first call. total_sums, total_outers : out. Returns the sum of weights and of occupied voxels.
+    """
+    total_sums[:] = 0.0
+    total_outers[:] = 0.0
+    weight_sum = 0.0
+    n_voxels = 0
+    n, width = keys.shape[0], 2 * reach + 1
+    for line in range(width * width):
+        dz, dy = line // width - reach, line % width - reach
+        middle = keys[i] + dz * layer + dy * row
+        k = first[line]
+        while k < n and keys[k] < middle - reach:
+            k += 1
+        first[line] = k
+        while k < n and keys[k] <= middle + reach:
+            dx = keys[k] - middle
+            weight = min(1.0, count_cap / counts[k])
+            weight_sum += _add_shifted(
+                weight,
+                counts[k],
+                sums[k],
+                outers[k],
+                dx * edge,
+                dy * edge,
+                dz * edge,
+                total_sums,
+                total_outers,
+            )
+            n_voxels += 1
+            k += 1
+    return weight_sum, n_voxels
+
+
+@njit(nogil=True, cache=True)
 def neighbourhood_normals(
     keys, counts, sums, outers, wanted, edge, row, layer, reach, count_cap, least_voxels, flatness, normals
 ):
@@ -90,34 +130,15 @@ def neighbourhood_normals(
     smallest eigenvalue above this share of the middle one, or a middle one below (edge / 2)^2.
     normals : (n, 3) float64, out, zeros where open.
     """
-    width = 2 * reach + 1
-    first = np.zeros(width * width, np.int64)
+    first = np.zeros((2 * reach + 1) ** 2, np.int64)
     total_sums, total_outers = np.zeros(3), np.zeros(6)
     matrix, normal = np.zeros((3, 3)), np.zeros(3)
-    n = keys.shape[0]
-    for i in range(n):
+    for i in range(keys.shape[0]):
         if not wanted[i]:
             continue
-        total_sums[:] = 0.0
-        total_outers[:] = 0.0
-        weight_sum = 0.0
-        n_voxels = 0
-        for line in range(width * width):
-            dz, dy = line // width - reach, line % width - reach
-            middle = keys[i] + dz * layer + dy * row
-            k = first[line]
-            while k < n and keys[k] < middle - reach:
-                k += 1
-            first[line] = k
-            while k < n and keys[k] <= middle + reach:
-                dx = keys[k] - middle
-                weight = min(1.0, count_cap / counts[k])
-                weight_sum += _add_shifted(
-                    weight, counts[k], sums[k], outers[k], dx * edge, dy * edge, dz * edge,
-                    total_sums, total_outers,
-                )  # fmt: skip
-                n_voxels += 1
-                k += 1
+        weight_sum, n_voxels = sum_neighbourhood(
+            i, keys, counts, sums, outers, edge, row, layer, reach, count_cap, first, total_sums, total_outers
+        )
         if n_voxels < least_voxels:
             continue
         covariance(weight_sum, total_sums, total_outers, matrix)

@@ -4,15 +4,19 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 from maxcon.errors import ArrayError, OptionError
-from maxcon.mapping.classes import DEFAULT_DROP, parse_classes
+from maxcon.mapping.classes import DEFAULT_DROP, FOUND_DROP, parse_classes
+from maxcon.mapping.found_classes import FOUND, LARGEST_CELL
 from maxcon.mapping.placement import Area
 from maxcon.point_map.manifest import CELLS
 from maxcon.point_map.sigma import check_sigma
 from maxcon.trajectory import Trajectory
 
-__all__ = ["MapOptions"]
+__all__ = ["Classify", "MapOptions"]
+
+Classify = Literal["auto", "always", "off"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +50,11 @@ class MapOptions:
         Only points in it are taken, in the CRS of the map.
     classes_are_asprs : bool
         Whether class numbers of clouds that are not LAS are those of the ASPRS, too.
+    classify : str
+        Whether ground, vegetation and temporary objects are found from the points themselves (decision 23): "auto"
+        where no cloud has classes (all points are 0 or 1, or noise), "always" also where they have, which then count
+        for nothing but noise and vehicles, or "off". Where they are found, ground and temporary objects are left out
+        if `drop` is None.
     """
 
     cell: float = 0.06
@@ -59,6 +68,7 @@ class MapOptions:
     to_crs: str | None = None
     area: Area | None = None
     classes_are_asprs: bool = False
+    classify: Classify = "off"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "vehicle_classes", tuple(self.vehicle_classes))
@@ -73,11 +83,38 @@ class MapOptions:
                 "Expected the clouds' own normals in the CRS of the map, got points that are to be transformed. Leave"
                 " out --signed-normals or --to-crs."
             )
+        if self.classify not in get_args(Classify):
+            raise OptionError(
+                f"Expected classify to be auto, always or off, got {self.classify!r}. Correct it."
+            )
+        if self.classify == "always" and self.cell > LARGEST_CELL:
+            raise OptionError(
+                f"Expected voxels of at most {LARGEST_CELL:g} m to tell shapes by, got {self.cell:g} m. Leave out"
+                " --classify, or make the cell smaller."
+            )
         if self.sigma is not None:
             check_sigma(self.sigma)
+
+    @property
+    def vehicle_numbers(self) -> frozenset[int]:
+        """Class numbers that mean vehicles."""
+        return parse_classes([str(number) for number in self.vehicle_classes])
+
+    @property
+    def may_find_classes(self) -> bool:
+        """Whether classes are found, or may be once all points are read."""
+        return self.classify == "always" or (
+            self.classify == "auto"
+            and self.cell <= LARGEST_CELL
+            and bool(self.dropped_found_classes() & FOUND)
+        )
+
+    def dropped_found_classes(self) -> frozenset[int]:
+        """Class numbers that are left out where classes are found: vegetation stays unless `drop` names it."""
+        return parse_classes(FOUND_DROP) if self.drop is None else self.dropped_classes()
 
     def dropped_classes(self, *, are_asprs: bool = True) -> frozenset[int]:
         """Class numbers that are left out of a source; the default speaks of ASPRS classes only."""
         default = DEFAULT_DROP if are_asprs else ()
         named = parse_classes(default if self.drop is None else self.drop, self.vehicle_classes)
-        return named | parse_classes([str(number) for number in self.vehicle_classes])
+        return named | self.vehicle_numbers

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import CrsError, OptionError
-from maxcon.io.clouds import CloudHeader
+from maxcon.io.clouds import Bounds, CloudHeader
 from maxcon.io.crs import metric_crs
 from maxcon.io.crs_transform import PointTransform
 
@@ -90,6 +90,15 @@ class Placement:
     def apply(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Points, shape (n, 3), in the coordinates of the map."""
         return points if self.transform is None else self.transform.apply(points)
+
+    @property
+    def bounds_in_source(self) -> Bounds | None:
+        """Where the points that are wanted lie in the coordinates of the source; None: perhaps anywhere."""
+        if self.area is None:
+            return None
+        sides = (self.area.x_min, self.area.y_min, self.area.x_max, self.area.y_max)
+        found = sides if self.transform is None else self.transform.bounds_in_source(sides)
+        return None if found is None else Bounds(*found)
 
 
 def placements(

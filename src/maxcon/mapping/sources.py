@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from maxcon.errors import CrsError, FileError, OptionError, TrajectoryError
 from maxcon.io.clouds import CloudChunk, CloudHeader, open_cloud
 from maxcon.io.crs import metric_crs, same_crs
-from maxcon.mapping.classes import GROUND, UNCLASSIFIED
+from maxcon.mapping.classes import GROUND, NOISE, UNCLASSIFIED
 from maxcon.mapping.placement import Area, Placement
 from maxcon.trajectory import Trajectory
 
@@ -200,7 +200,7 @@ def read_source(
             " Leave out --trajectory, or export the points with gps_time."
         )
     with open_cloud(header.path) as reader:
-        for chunk in reader.chunks():
+        for chunk in reader.chunks(bounds=placement.bounds_in_source):
             if trajectory is not None and chunk.times is not None and not chunk.times.any():
                 raise OptionError(
                     f"Expected times in {header.path} to match with the trajectory, but gps_time is 0 there."
@@ -215,6 +215,9 @@ def read_source(
                 counts.n_outside += int(is_outside.sum())
                 is_wanted &= ~is_outside
             yield _keep(placed, is_wanted, counts, drop, trajectory, use_normals, header.has_asprs_classes)
+    # What a file knows to lie outside was not read.
+    counts.n_outside += header.n_points - counts.n_points
+    counts.n_points = header.n_points
 
 
 def _is_outside(points: NDArray[np.float64], area: Area) -> NDArray[np.bool_]:
@@ -243,7 +246,9 @@ def _keep(
             ground = chunk.points[keep & np.isin(chunk.classes, list(GROUND))]
         n_of_class = np.bincount(chunk.classes[keep], minlength=256)
         present = np.flatnonzero(n_of_class)
-        counts.is_classified |= counts.has_known_classes and not UNCLASSIFIED.issuperset(present.tolist())
+        counts.is_classified |= counts.has_known_classes and not (UNCLASSIFIED | NOISE).issuperset(
+            present.tolist()
+        )
         dropped = [number for number in present.tolist() if number in drop]
         counts.n_dropped.update({number: int(n_of_class[number]) for number in dropped})
         keep &= ~np.isin(chunk.classes, dropped)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Points on their way into tiles: written to one file per tile, so that memory does not grow with the input."""
+"""Points on their way into tiles: more than memory is given for go to one file per tile."""
 
 from collections import defaultdict
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ from maxcon.geometry import voxel_indices
 from maxcon.point_map import TILE_VOXELS, TileKey
 from maxcon.point_map.ground import ground_voxels
 
-__all__ = ["GROUND_RECORD", "RECORD", "GroundSpill", "TileSpill"]
+__all__ = ["GROUND_RECORD", "RECORD", "GroundSpill", "TileFiles", "TileSpill"]
 
 RECORD = np.dtype([("column", "<i2", 2), ("layer", "<i4"), ("inside", "<f4", 3), ("side", "<f4", 3)])
 """One point: its voxel, its place in the voxel (m), and the direction to the sensor, its normal, or zeros."""
@@ -24,8 +24,8 @@ GROUND_RECORD = np.dtype([("column", "<i2", 2), ("height", "<f4")])
 BUFFER_BYTES = 128 * 2**20
 
 
-class _TileFiles:
-    """Records of one kind in a file per tile, buffered.
+class TileFiles:
+    """Records of one kind in a file per tile, buffered; no file where all fit into the buffer.
 
     Parameters
     ----------
@@ -43,6 +43,7 @@ class _TileFiles:
         self._suffix = suffix
         self._buffers: dict[TileKey, list[NDArray[np.void]]] = defaultdict(list)
         self._buffered_bytes = 0
+        self._on_disk: set[TileKey] = set()
         self._keys: set[TileKey] = set()
 
     @property
@@ -53,7 +54,7 @@ class _TileFiles:
     @property
     def n_tiles(self) -> int:
         """How many tiles have got points so far."""
-        return len(self._keys | self._buffers.keys()) if self._buffers else len(self._keys)
+        return len(self._keys)
 
     def _put(self, keys: NDArray[np.int32], records: NDArray[np.void]) -> None:
         """Take records, and the (x, y) of the tile of each."""
@@ -67,35 +68,54 @@ class _TileFiles:
         for group in np.split(order, starts[1:]):
             x, y = keys[group[0]] + corner
             self._buffers[(int(x), int(y))].append(records[group])
+        self._keys.update(self._buffers)
         self._buffered_bytes += records.nbytes
         if self._buffered_bytes > BUFFER_BYTES:
-            self.flush()
+            self._flush()
 
-    def flush(self) -> None:
-        """Write out what is buffered."""
+    def complete(self) -> None:
+        """Say that all points have come: what is buffered goes to disk, unless all of them are."""
+        if self._on_disk:
+            self._flush()
+
+    def _flush(self) -> None:
         for key, parts in self._buffers.items():
             with self._path(key).open("ab") as file:
                 for part in parts:
                     file.write(part.tobytes())
-        self._keys.update(self._buffers)
+        self._on_disk.update(self._buffers)
         self._buffers.clear()
         self._buffered_bytes = 0
 
     def records(self, key: TileKey, n_at_once: int = 2_000_000) -> Iterator[NDArray[np.void]]:
         """Yield the points of a tile, at most `n_at_once` together."""
+        if key not in self._on_disk:
+            whole = np.concatenate(self._buffers[key])
+            yield from (whole[start : start + n_at_once] for start in range(0, len(whole), n_at_once))
+            return
         with self._path(key).open("rb") as file:
             while part := file.read(n_at_once * self._record.itemsize):
                 yield np.frombuffer(part, self._record)
 
+    def replace(self, key: TileKey, records: NDArray[np.void]) -> None:
+        """Keep other records of a tile instead of its own."""
+        if key in self._on_disk:
+            self._path(key).write_bytes(records.tobytes())
+        else:
+            self._buffers[key] = [records]
+
     def remove(self, key: TileKey) -> None:
         """Delete the points of a tile that is made."""
-        self._path(key).unlink()
+        if key in self._on_disk:
+            self._path(key).unlink()
+        else:
+            del self._buffers[key]
 
     def _path(self, key: TileKey) -> Path:
         return self._folder / f"{key[0]}_{key[1]}.{self._suffix}"
 
 
-class TileSpill(_TileFiles):
+class TileSpill(TileFiles):
     """Sorts points into tiles and keeps them on disk until each tile is made.
 
     Parameters
@@ -124,7 +144,7 @@ class TileSpill(_TileFiles):
         self._put(keys, records)
 
 
-class GroundSpill(_TileFiles):
+class GroundSpill(TileFiles):
     """Sorts points on the ground into tiles, and keeps of each its cell and its height on disk.
 
     Parameters

@@ -2,11 +2,13 @@
 # SPDX-License-Identifier: MIT
 """Making one tile of a map: the moments of its voxels, then their normals, which need the tiles around."""
 
-from collections.abc import Iterator, Sequence
+import threading
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from maxcon.mapping.found_classes import NEIGHBOUR_VOXELS, FoundClasses
 from maxcon.mapping.spill import TileSpill
 from maxcon.mapping.voxel_moments import HALO_VOXELS, VoxelMoments
 from maxcon.mapping.voxel_normals import plane_normals, turn_to_side
@@ -14,6 +16,9 @@ from maxcon.point_map import TILE_VOXELS, TileKey, VoxelTile
 from maxcon.point_map.voxelize import mean_normals, mean_steps, tile_of_voxels
 
 __all__ = ["TileMaker"]
+
+MEMORY_BYTES = 128 * 2**20
+"""Moments of voxels are kept in memory up to this size in all, the others on disk."""
 
 
 class TileMaker:
@@ -24,17 +29,26 @@ class TileMaker:
     spill : TileSpill
         The points.
     folder : Path
-        Where moments are kept in between.
+        Where moments are kept in between, if they are many.
     cell : float
         Voxel edge, m.
     has_normals : bool
         Whether the points' sides are their normals; otherwise planes are fitted.
     is_signed : bool
         Whether normals are turned to the points' sides.
+    found : FoundClasses, optional
+        Finds classes between the two: gather every tile, `find_classes` of every tile, make any of them.
     """
 
     def __init__(
-        self, spill: TileSpill, folder: Path, cell: float, *, has_normals: bool, is_signed: bool
+        self,
+        spill: TileSpill,
+        folder: Path,
+        cell: float,
+        *,
+        has_normals: bool,
+        is_signed: bool,
+        found: FoundClasses | None = None,
     ) -> None:
         self._spill = spill
         self._folder = folder
@@ -42,20 +56,41 @@ class TileMaker:
         self._has_normals = has_normals
         self._is_signed = is_signed
         self._keys = frozenset(spill.keys)
+        self._found = found
+        self._in_memory: dict[TileKey, VoxelMoments] = {}
+        self._n_bytes = 0
+        self._lock = threading.Lock()
 
     def gather(self, key: TileKey) -> None:
         """Sum the points of a tile into its voxels and keep these on disk."""
         moments = VoxelMoments.from_records(self._spill.records(key))
-        moments.save(self._path(key))
+        self._keep(key, moments)
         self._spill.remove(key)
+        if self._found is not None:
+            self._found.look_at(key, moments)
+
+    @property
+    def finds_classes(self) -> bool:
+        """Whether classes are to be found between gathering and making."""
+        return self._found is not None
+
+    def find_classes(self, key: TileKey) -> None:
+        """Find the classes of a tile; it and the tiles around it have been gathered."""
+        if self._found is not None:
+            self._found.find(key, self.gathered(key), list(self._halo(key, NEIGHBOUR_VOXELS, self.gathered)))
+
+    def has_voxels(self, key: TileKey) -> bool:
+        """Whether any voxel of a tile is for the map."""
+        return self._found is None or self._found.keeps_any(key)
 
     def make(self, key: TileKey) -> VoxelTile:
-        """Return a tile; it and the tiles around it have been gathered."""
-        own = VoxelMoments.load(self._path(key))
+        """Return a tile; it and the tiles around it have been gathered, and their classes found."""
+        own = self._kept(key)
         if self._has_normals:
             normals = mean_normals(own.sides, own.counts)
         else:
-            moments = VoxelMoments.concatenate([own, *self._halo(key)])
+            halo = list(self._halo(key, HALO_VOXELS, self._kept))
+            moments = VoxelMoments.concatenate([own, *halo]) if halo else own
             x, y = moments.indices[:, 0], moments.indices[:, 1]
             is_own = (x >= 0) & (x < TILE_VOXELS) & (y >= 0) & (y < TILE_VOXELS)
             fitted = plane_normals(moments, self._cell, is_own)[is_own]
@@ -72,25 +107,46 @@ class TileMaker:
     def clear(self, keys: Sequence[TileKey]) -> None:
         """Remove what was kept in between."""
         for key in keys:
-            self._path(key).unlink()
+            if self._in_memory.pop(key, None) is None:
+                self._path(key).unlink()
 
-    def _halo(self, key: TileKey) -> Iterator[VoxelMoments]:
-        """Voxels of the tiles around, as far as neighbourhoods reach; x and y from this tile's corner."""
+    def _keep(self, key: TileKey, moments: VoxelMoments) -> None:
+        """Keep the voxels of a tile, in memory as long as they are few."""
+        with self._lock:
+            fits = self._n_bytes + moments.n_bytes <= MEMORY_BYTES
+            self._n_bytes += moments.n_bytes if fits else 0
+        if fits:
+            self._in_memory[key] = moments
+        else:
+            moments.save(self._path(key))
+
+    def gathered(self, key: TileKey) -> VoxelMoments:
+        """Return the voxels of a tile."""
+        kept = self._in_memory.get(key)
+        return kept if kept is not None else VoxelMoments.load(self._path(key))
+
+    def _kept(self, key: TileKey) -> VoxelMoments:
+        """Voxels of a gathered tile that are for the map."""
+        moments = self.gathered(key)
+        return moments if self._found is None else moments.select(self._found.is_kept(key))
+
+    def _halo(
+        self, key: TileKey, reach: int, load: Callable[[TileKey], VoxelMoments]
+    ) -> Iterator[VoxelMoments]:
+        """Voxels of the tiles around, at most `reach` away; x and y from this tile's corner."""
         for dx in (-1, 0, 1):
             for dy in (-1, 0, 1):
                 neighbour = (key[0] + dx, key[1] + dy)
                 if (dx, dy) == (0, 0) or neighbour not in self._keys:
                     continue
-                moments = VoxelMoments.load(self._path(neighbour))
+                moments = load(neighbour)
                 x = moments.indices[:, 0] + dx * TILE_VOXELS
                 y = moments.indices[:, 1] + dy * TILE_VOXELS
                 is_near = (
-                    (x >= -HALO_VOXELS)
-                    & (x < TILE_VOXELS + HALO_VOXELS)
-                    & (y >= -HALO_VOXELS)
-                    & (y < TILE_VOXELS + HALO_VOXELS)
+                    (x >= -reach) & (x < TILE_VOXELS + reach) & (y >= -reach) & (y < TILE_VOXELS + reach)
                 )
-                yield moments.select(is_near, (dx * TILE_VOXELS, dy * TILE_VOXELS))
+                if is_near.any():
+                    yield moments.select(is_near, (dx * TILE_VOXELS, dy * TILE_VOXELS))
 
     def _path(self, key: TileKey) -> Path:
         return self._folder / f"{key[0]}_{key[1]}.npz"

@@ -50,6 +50,11 @@ class VoxelMoments:
         return len(self.counts)
 
     @property
+    def n_bytes(self) -> int:
+        """Memory of the arrays."""
+        return sum(array.nbytes for array in (self.indices, self.counts, self.sums, self.outers, self.sides))
+
+    @property
     def keys(self) -> NDArray[np.int64]:
         """Number z * LAYER + y * ROW + x of each voxel, ascending."""
         return voxel_keys(self.indices)

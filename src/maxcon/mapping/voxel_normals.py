@@ -36,6 +36,8 @@ def plane_normals(moments: VoxelMoments, cell: float, is_wanted: NDArray[np.bool
         Zeros where no neighbourhood determines a plane, or none is asked for.
     """
     normals = np.zeros((len(moments), 3))
+    if len(moments) < LEAST_VOXELS:  # at no level are there more
+        return normals
     level, edge = moments, cell
     place = np.arange(len(moments))  # the voxel of this level that holds each voxel
     for number in range(N_LEVELS):

@@ -3,7 +3,7 @@
 """Addresses: where the arrays of a tile lie in memory.
 
 A scan meets tens of tiles: to hand over their arrays to a kernel one by one took longer than to look up all points in
-them. So look-ups of single voxels get one table of addresses (`VoxelLookup`, `search.cell_moments.TileTable`), and
+them. So look-ups of single voxels get one table of addresses (`VoxelLookup`, `search.tile_table.TileTable`), and
 `lookup_kernels` reads what lies there.
 
 **An address is good only as long as the `Addresses` that gave it.** That keeps its arrays; a table must keep the

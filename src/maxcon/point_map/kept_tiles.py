@@ -5,15 +5,26 @@
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 from maxcon.point_map.layout import TileKey
-from maxcon.point_map.tile import VoxelTile
 
 __all__ = ["KeptTiles"]
 
 
-class KeptTiles(OrderedDict[TileKey, VoxelTile]):
+class Sized(Protocol):
+    """A tile, or what is made of one."""
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory it holds, with its indices."""
+        ...
+
+
+TileT = TypeVar("TileT", bound=Sized)
+
+
+class KeptTiles(OrderedDict[TileKey, TileT]):
     """Tiles by their keys; the ones used longest ago go first.
 
     Parameters
@@ -30,7 +41,7 @@ class KeptTiles(OrderedDict[TileKey, VoxelTile]):
     def __reduce__(self) -> tuple[Any, ...]:
         return KeptTiles, (self._most_bytes,)  # a copy has its own, and none yet
 
-    def load(self, key: TileKey, make: Callable[[], VoxelTile]) -> VoxelTile:
+    def load(self, key: TileKey, make: Callable[[], TileT]) -> TileT:
         """Return a tile that is kept, or else what `make` makes, which is kept from now on."""
         with self._lock:
             tile = self.get(key)

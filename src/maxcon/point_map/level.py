@@ -63,7 +63,7 @@ class MergedTiles:
         self._source = source
         self._factor = factor
         self._is_signed = is_signed
-        self._kept = KeptTiles(LEVEL_BYTES)
+        self._kept: KeptTiles[VoxelTile] = KeptTiles(LEVEL_BYTES)
 
     @property
     def keys(self) -> frozenset[TileKey]:

@@ -11,7 +11,7 @@ from numba import njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from maxcon.point_map.layout import PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS
+from maxcon.point_map.layout import MEAN_STEPS, PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS
 
 __all__ = [
     "find_in_patch",
@@ -20,6 +20,7 @@ __all__ = [
     "int32_at",
     "is_near_voxels",
     "n_bits",
+    "plane_of_voxel",
     "uint8_at",
     "uint64_at",
 ]
@@ -27,6 +28,7 @@ __all__ = [
 TILE_BITS, PATCH_BITS = TILE_VOXELS.bit_length() - 1, PATCH_VOXELS.bit_length() - 1
 BETWEEN_BITS = TILE_BITS - PATCH_BITS
 INSIDE_TILE, INSIDE_PATCH = TILE_VOXELS - 1, PATCH_VOXELS - 1
+MEAN_STEP = 1.0 / MEAN_STEPS
 
 # Columns of a row of `VoxelLookup`.
 FIRST_LAYER, N_LAYERS, LAYERS, N_HELD, HELD, NUMBERS, WORDS, FIRSTS, NORMALS, COUNTS, MEANS = range(11)
@@ -146,3 +148,18 @@ def is_near_voxels(place, reaches, rows, grid, corner):
                 if (held >> np.uint64(number & 63)) & np.uint64(1):
                     return True
     return False
+
+
+@njit(nogil=True, cache=True)
+def plane_of_voxel(row, number, x, y, z, cell, rows):
+    """Normal of a held voxel, (nx, ny, nz), and mean of its points, (x, y, z), m; `number` as of `find_in_patch`."""
+    normals, means, at = rows[row, NORMALS], rows[row, MEANS], np.uint64(3) * number
+    one, two = np.uint64(1), np.uint64(2)
+    return (
+        np.float64(float32_at(normals, at)),
+        np.float64(float32_at(normals, at + one)),
+        np.float64(float32_at(normals, at + two)),
+        (x + (np.float64(uint8_at(means, at)) + 0.5) * MEAN_STEP) * cell,
+        (y + (np.float64(uint8_at(means, at + one)) + 0.5) * MEAN_STEP) * cell,
+        (z + (np.float64(uint8_at(means, at + two)) + 0.5) * MEAN_STEP) * cell,
+    )

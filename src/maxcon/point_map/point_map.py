@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterable, Sequence
 from pathlib import Path
 from typing import Any, SupportsIndex
 
@@ -19,6 +19,7 @@ from maxcon.geometry.arrays import as_points, as_unit_normals
 from maxcon.point_map.ground import GroundInMemory, GroundPatch, GroundSource, ground_patch
 from maxcon.point_map.layout import TILE_VOXELS, TileKey
 from maxcon.point_map.sigma import UNKNOWN_SIGMA, check_sigma
+from maxcon.point_map.surface_class import NOT_SEARCHED, SurfaceClass
 from maxcon.point_map.tile import TileSource, VoxelTile
 from maxcon.point_map.voxelize import split_into_tiles, voxelize
 
@@ -82,6 +83,7 @@ class PointMap:
         self._sorted_keys = np.array(sorted(tiles.keys), dtype=np.int64).reshape(-1, 2)
         self._levels: dict[int, PointMap] = {1: self}
         self._made_by: tuple[Callable[..., PointMap], tuple[Any, ...]] | None = None
+        self._fetch_ahead: Callable[[Iterable[TileKey]], None] | None = None
 
     def __reduce_ex__(self, protocol: SupportsIndex) -> Any:
         return super().__reduce_ex__(protocol) if self._made_by is None else self._made_by
@@ -133,15 +135,24 @@ class PointMap:
         )
 
     @classmethod
-    def open(cls, path: str | os.PathLike[str], *, cache_bytes: int = 2**31) -> PointMap:
+    def open(
+        cls,
+        path: str | os.PathLike[str],
+        *,
+        cache_bytes: int = 2**31,
+        left_out: Collection[SurfaceClass] | None = NOT_SEARCHED,
+    ) -> PointMap:
         """Open a map on disk; tiles are loaded when a search comes near them.
 
         Parameters
         ----------
-        path : path
-            The folder `maxcon map build` made.
+        path : path or str
+            The folder `maxcon map build` made; or the address it was copied to: `s3://bucket/prefix`, `http://`,
+            `https://`.
         cache_bytes : int
             Tiles are kept up to this size in all, the ones used longest ago go first.
+        left_out : collection of SurfaceClass, optional
+            What of an updated map is left out: by default what is gone. Nothing if None, and tiles have classes then.
 
         Raises
         ------
@@ -150,12 +161,16 @@ class PointMap:
         """
         from maxcon.point_map.manifest import read_manifest
         from maxcon.point_map.store import GroundStore, TileStore
+        from maxcon.storage import address_of, open_place
 
-        manifest = read_manifest(path)
-        store = TileStore(path, manifest, cache_bytes=cache_bytes)
-        frame, ground = LocalFrame(manifest.origin, manifest.crs), GroundStore(path, manifest)
+        files = open_place(path)
+        manifest = read_manifest(files)
+        store = TileStore(files, manifest, cache_bytes=cache_bytes, left_out=left_out)
+        frame, ground = LocalFrame(manifest.origin, manifest.crs), GroundStore(files, manifest)
         opened = cls(frame, manifest.cell, manifest.is_signed, store, manifest.sigma, ground)
-        opened._made_by = _opened, (str(Path(path).absolute()), cache_bytes)
+        address = address_of(path)
+        opened._made_by = _opened, (address or str(Path(path).absolute()), cache_bytes, left_out)
+        opened._fetch_ahead = store.announce if address else None
         return opened
 
     def level(self, factor: int) -> PointMap:
@@ -181,6 +196,7 @@ class PointMap:
                 tile_voxels=self.tile_voxels // factor,
             )  # fmt: skip
             level._made_by = PointMap.level, (self, factor)
+            level._fetch_ahead = self._fetch_ahead
             self._levels.setdefault(factor, level)  # the first one, where several threads ask at once
         return self._levels[factor]
 
@@ -210,7 +226,17 @@ class PointMap:
 
     def tiles_within(self, x: float, y: float, reach: float) -> list[VoxelTile]:
         """Tiles that meet the square of half width `reach` (m) around (x, y), local frame, ordered by key."""
-        return [self._tiles.load(key) for key in self.keys_within(x, y, reach)]
+        return self._load(self.keys_within(x, y, reach))
+
+    def announce(self, keys: Iterable[TileKey]) -> None:
+        """Say which tiles will be asked for soon: those of a map on a network are fetched in the background."""
+        if self._fetch_ahead is not None:
+            self._fetch_ahead(keys)
+
+    def _load(self, keys: Sequence[TileKey]) -> list[VoxelTile]:
+        if len(keys) > 1:
+            self.announce(keys)
+        return [self._tiles.load(key) for key in keys]
 
     def keys_within(self, x: float, y: float, reach: float) -> list[TileKey]:
         """Keys of the tiles that `tiles_within` gives, in order; loads nothing."""
@@ -237,7 +263,7 @@ class PointMap:
             part[((first[:, None] <= part) & (last[:, None] >= part)).all(axis=2).any(axis=0)]
             for part in np.array_split(near, 1 + len(near) * len(first) // MOST_AT_ONCE)
         ]
-        return [self._tiles.load((x, y)) for x, y in np.concatenate(met).tolist()]
+        return self._load([(x, y) for x, y in np.concatenate(met).tolist()])
 
     def tiles_around(self, places: NDArray[np.float64], margin: float) -> list[VoxelTile]:
         """Tiles within `margin` (m), along x and y, of any of the places, shape (n, 2), local frame, ordered by key.
@@ -252,7 +278,7 @@ class PointMap:
         is_met = np.zeros((end - corner + 1)[::-1], bool)  # with a rim for what lies outside
         tile_kernels.mark_tiles(places, margin, self.tile_voxels * self.cell, corner, is_met)
         x, y = (self._sorted_keys - corner).T
-        return [self._tiles.load((kx, ky)) for kx, ky in self._sorted_keys[is_met[y, x]].tolist()]
+        return self._load([(kx, ky) for kx, ky in self._sorted_keys[is_met[y, x]].tolist()])
 
     def covers(self, x: float, y: float, reach: float = 0.0) -> bool:
         """Whether any tile meets the square of half width `reach` (m) around (x, y), local frame; loads nothing."""
@@ -278,5 +304,5 @@ class PointMap:
         )
 
 
-def _opened(path: str, cache_bytes: int) -> PointMap:
-    return PointMap.open(path, cache_bytes=cache_bytes)
+def _opened(path: str, cache_bytes: int, left_out: Collection[SurfaceClass] | None) -> PointMap:
+    return PointMap.open(path, cache_bytes=cache_bytes, left_out=left_out)

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: MIT
 """VoxelTile: the voxels of one square of the map, in the order the search reads them."""
 
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from maxcon.compiled import read_only_view
 from maxcon.point_map.addresses import Addresses
 from maxcon.point_map.layout import MEAN_STEPS, PATCH_VOXELS, TILE_VOXELS, WORD_BITS, TileKey
+from maxcon.point_map.surface_class import SurfaceClass
 
 __all__ = ["Occupancy", "TileIndex", "TileSource", "VoxelTile", "search_order"]
 
@@ -84,6 +86,8 @@ class VoxelTile:
         Where in the voxel their mean lies, in 256ths of its edge, from its corner.
     edge : int
         Voxels along an edge of the tile, a power of two.
+    classes : array, shape (n,), uint8, or None
+        `SurfaceClass` of each voxel; all are known if None.
     """
 
     key: TileKey
@@ -93,9 +97,30 @@ class VoxelTile:
     normals: NDArray[np.float32]
     means: NDArray[np.uint8]
     edge: int = TILE_VOXELS
+    classes: NDArray[np.uint8] | None = None
 
     def __len__(self) -> int:
         return len(self.layers)
+
+    def without(self, left_out: Collection[SurfaceClass]) -> "VoxelTile":
+        """Return the tile without the voxels of some classes; those that are left have none any more."""
+        if self.classes is None:
+            return self
+        is_kept = ~np.isin(self.classes, list(left_out))
+        return replace(self.rows(is_kept), classes=None)
+
+    def rows(self, chosen: NDArray[np.bool_] | NDArray[np.integer]) -> "VoxelTile":
+        """Return a tile of some of the voxels, which must ascend."""
+        return VoxelTile(
+            self.key,
+            self.columns[chosen],
+            self.layers[chosen],
+            self.counts[chosen],
+            self.normals[chosen],
+            self.means[chosen],
+            self.edge,
+            None if self.classes is None else self.classes[chosen],
+        )
 
     @property
     def corner(self) -> tuple[int, int]:

@@ -109,6 +109,7 @@ def tile_of_voxels(
     counts: NDArray[np.int32],
     normals: NDArray[np.float32],
     means: NDArray[np.uint8],
+    classes: NDArray[np.uint8] | None = None,
 ) -> VoxelTile:
     """Make a tile from voxels in any order.
 
@@ -124,7 +125,7 @@ def tile_of_voxels(
             " Remove stray points far above and below (class them as noise)."
         )
     order = search_order(columns, layers)
-    return VoxelTile(key, columns[order], layers[order], counts[order], normals[order], means[order])
+    return VoxelTile(key, columns, layers, counts, normals, means, classes=classes).rows(order)
 
 
 def split_into_tiles(

@@ -5,7 +5,6 @@
 import numpy as np
 from numba import njit
 
-from maxcon.point_map.layout import MEAN_STEPS
 from maxcon.point_map.lookup_kernels import (
     FIRSTS,
     MEANS,
@@ -15,32 +14,15 @@ from maxcon.point_map.lookup_kernels import (
     fetch,
     find_in_patch,
     find_patch,
-    float32_at,
     is_near_voxels,
-    uint8_at,
+    plane_of_voxel,
 )
 from maxcon.refine.kernels import rotation_and_axes
 
 __all__ = ["find_partners"]
 
-MEAN_STEP = 1.0 / MEAN_STEPS
 # Points whose planes are fetched at once.
 BLOCK = 32
-
-
-@njit(nogil=True, cache=True)
-def _plane(row, number, x, y, z, cell, rows):
-    """Normal of a voxel, (nx, ny, nz), and mean of its points, (x, y, z), m."""
-    normals, means, at = rows[row, NORMALS], rows[row, MEANS], np.uint64(3) * number
-    one, two = np.uint64(1), np.uint64(2)
-    return (
-        np.float64(float32_at(normals, at)),
-        np.float64(float32_at(normals, at + one)),
-        np.float64(float32_at(normals, at + two)),
-        (x + (np.float64(uint8_at(means, at)) + 0.5) * MEAN_STEP) * cell,
-        (y + (np.float64(uint8_at(means, at + one)) + 0.5) * MEAN_STEP) * cell,
-        (z + (np.float64(uint8_at(means, at + two)) + 0.5) * MEAN_STEP) * cell,
-    )
 
 
 @njit(nogil=True, cache=True)
@@ -73,7 +55,7 @@ def _partner_along(
             is_held, number = find_in_patch(x, y, row, patch, rows)
             if not is_held:
                 continue
-            ax, ay, az, mx, my, mz = _plane(row, number, x, y, z, cell, rows)
+            ax, ay, az, mx, my, mz = plane_of_voxel(row, number, x, y, z, cell, rows)
             cosine = ax * nx + ay * ny + az * nz
             if (cosine if is_signed else abs(cosine)) < least_cosine:
                 continue
@@ -109,7 +91,7 @@ def _partner_around(px, py, pz, own_row, own_patch, cell, reach, rows, grid, cor
             is_held, number = find_in_patch(x, y, row, patch, rows)
             if not is_held:
                 continue
-            ax, ay, az, mx, my, mz = _plane(row, number, x, y, z, cell, rows)
+            ax, ay, az, mx, my, mz = plane_of_voxel(row, number, x, y, z, cell, rows)
             if ax == 0.0 and ay == 0.0 and az == 0.0:
                 continue
             distance = (mx - px) ** 2 + (my - py) ** 2 + (mz - pz) ** 2

@@ -55,6 +55,8 @@ class DemoPage:
         Rows of the table.
     epochs : sequence of Picture
         Some epochs: a street by count and by Helmert, a crossing.
+    why : Picture, optional
+        Where the count is wrong and Helmert's score is not: the first picture.
     errors, drive : Picture, optional
         Errors over the drive, and the drive from above.
     wide : Picture, optional
@@ -76,6 +78,7 @@ class DemoPage:
     command: str
     version: str
     seed: int | None = None
+    why: Picture | None = None
     errors: Picture | None = None
     drive: Picture | None = None
     wide: Picture | None = None

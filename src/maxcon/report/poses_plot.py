@@ -58,7 +58,7 @@ def plot_poses(
     MapError
         If a tile of the map cannot be read.
     """
-    places = _local(poses, point_map)
+    places = point_map.frame.to_local(poses.positions)
     window = Window.with_room(places)
     side = 6.6 / max(window.size)
     drawn_width, drawn_height = window.size[0] * side, window.size[1] * side
@@ -70,15 +70,12 @@ def plot_poses(
         axes = figure.add_axes((0.85 / width, 0.95 / height, drawn_width / width, drawn_height / height))
         draw_map(axes, point_map, window)
         if prior is not None:
-            axes.plot(*_local(prior, point_map)[:, :2].T, color=SERIES[1], lw=1.4, zorder=3, label="prior")
+            rough = point_map.frame.to_local(prior.positions)
+            axes.plot(*rough[:, :2].T, color=SERIES[1], lw=1.4, zorder=3, label="prior")
         _draw_arrows(axes, places, poses.angles[:, 2], max(window.size))
         draw_scale_bar(axes, window)
         handles, labels = axes.get_legend_handles_labels()
         figure.legend(handles, labels, loc="lower left", bbox_to_anchor=(0.6 / width, 0.0), ncols=2)
-
-
-def _local(poses: Trajectory, point_map: PointMap) -> NDArray[np.float64]:
-    return np.array([point_map.frame.pose_to_local(pose).position for pose in poses.poses()])
 
 
 def _draw_arrows(

@@ -11,6 +11,7 @@ from typing import cast
 import numpy as np
 
 from maxcon.accumulator import Accumulator
+from maxcon.drive import scan_of
 from maxcon.estimate import Estimate
 from maxcon.geometry import Pose
 from maxcon.maximum_consensus import MaximumConsensus
@@ -115,7 +116,7 @@ class StudyScenes:
     def scan(self, epoch: int) -> Scan:
         """Read the scan of an epoch."""
         raw = self.bench.scans.read(epoch, self.bench.options.min_range, self.bench.options.max_range)
-        return Scan(raw.points, time=raw.time)
+        return scan_of(raw)
 
     def poses(self, epoch: int) -> tuple[Pose, Pose]:
         """Prior and reference of an epoch, local frame."""

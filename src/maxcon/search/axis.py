@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Axes along which N is bounded."""
+"""Axes along which N is summed, to bound it."""
 
 import math
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ N_AXES = 64
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """One of the N_AXES horizontal directions in which bounds are made.
+    """One of the N_AXES horizontal directions along which the matches of a cell are summed.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Compiled: upper bounds of the sum over the matches of each cell, of all cells of a window."""
+"""Compiled: what the matches of each cell add up to at most, along one axis, for all cells of a window."""
 
 import numpy as np
 from llvmlite import ir
@@ -8,18 +8,15 @@ from numba import njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from maxcon.point_map import PATCH_VOXELS
-from maxcon.search.visit_kernels import RIM, Met, Planned, TileVoxels
+from maxcon.search.visit_kernels import RIM, TileVoxels
 
-__all__ = ["bases_of_points", "bound_tile"]
+__all__ = ["bases_of_points", "sum_tile"]
 
 # Voxels that are laid out at a time: they fit into the L1 cache.
 CAPACITY = 256
 
 # Voxels whose votes are made at once.
 LANES = 8
-
-PATCH_BITS = PATCH_VOXELS.bit_length() - 1
 
 
 @intrinsic
@@ -101,7 +98,7 @@ def bases_of_points(columns, stride, plane):
 
 
 @njit(nogil=True, cache=True)
-def _lay_out_facing(voxels, axis, first, last, low, span, least, scale, stride, cells, rows, n_taken):
+def _lay_out_facing(voxels, axis, first, end, low, span, least, scale, stride, cells, rows, n_taken):
     """Lay out those voxels of a run that lie in a rectangle and add more than `least`; without a branch.
 
     voxels : `TileVoxels`; axis : (x, y) float32, unit, or zeros to count; scale : units in one.
@@ -110,7 +107,7 @@ def _lay_out_facing(voxels, axis, first, last, low, span, least, scale, stride, 
     """
     columns, normals, counts = voxels.columns, voxels.normals, voxels.counts
     has_counts, is_count = counts.shape[0] > 0, axis[0] == 0.0 and axis[1] == 0.0
-    for k in range(np.uint64(first), np.uint64(last)):
+    for k in range(np.uint64(first), np.uint64(end)):
         x, y = np.int32(columns[k, 0]), np.int32(columns[k, 1])
         nx, ny, nz = normals[k, 0], normals[k, 1], normals[k, 2]
         along = nx * axis[0] + ny * axis[1]
@@ -155,52 +152,45 @@ def _vote_all(n_taken, n_turned, turned, places, back, cells, rows, sums):
 
 
 @njit(nogil=True, cache=True)
-def bound_tile(
-    what_meets, groups, tile, bases, normals, turns, within, axis, window, stride, is_signed, least, scale, sums
+def sum_tile(
+    stops, runs, tile, bases, normals, turns, within, axis, window, stride, is_signed, least, scale, sums
 ):  # fmt: skip
-    """Add what all matches of some scan points with one tile add, at most, to the sums of their cells.
+    """Add the most that all matches of some scan points with one tile can add to the sums of their cells.
 
-    what_meets, groups, tile : fields of `Met`, `Planned` and `TileVoxels`; bases : (n, headings), see
-    `bases_of_points`; normals : (n, 4) float32, normal at heading 0, or zeros for none, and what is added to
-    the weight; turns : (headings, 2) float32, cosine and sine; within : first and end of the headings to look at.
+    stops, runs : see `stops_in_tile`; tile : fields of `TileVoxels`; bases : (n, headings), see `bases_of_points`;
+    normals : (n, 4) float32, normal at heading 0, or zeros for none, and what is added to the weight; turns :
+    (headings, 2) float32, cosine and sine; within : first and end of the headings to look at.
     axis : (x, y) float32, unit, or zeros to count; window : (x first, x last, y first, y last) offset; stride : cells
     from one row of the sums to the next; least : voxels that add no more are left out; scale : float32, units of the
     sums in one; sums : (headings * rows * stride,) int32 or int64.
     """
-    met, planned, voxels = Met(*what_meets), Planned(*groups), TileVoxels(*tile)
-    visits, starts, patch_starts, corner = planned.visits, planned.starts, voxels.patch_starts, voxels.corner
-    stride, n_patches = np.int32(stride), voxels.edge >> PATCH_BITS
-    origin = (RIM + corner[1] - window[2]) * np.int64(stride) + RIM + corner[0] - window[0]
+    voxels, stride = TileVoxels(*tile), np.int32(stride)
+    origin = (RIM + voxels.corner[1] - window[2]) * np.int64(stride) + RIM + voxels.corner[0] - window[0]
     back = np.float32(0.0 if is_signed else -1.0)
     cells, rows = np.empty(CAPACITY, np.int32), np.empty((4, CAPACITY), np.float32)
-    n_most = np.max(np.diff(starts)) * turns.shape[0]
+    n_most = 0
+    for at in range(stops.shape[0]):
+        n_most = max(n_most, (stops[at, 2] - stops[at, 0]) * turns.shape[0])
     turned, places = np.empty((n_most, 4), np.float32), np.empty(n_most, np.int64)
-    for at in range(met.numbers.shape[0]):
-        number = met.numbers[at]
-        group = visits[number, 0]
-        layer = met.layers[planned.ranks[group]]
-        points = (starts[group], starts[group + 1])
-        headings = (max(visits[number, 1], within[0]), min(visits[number, 2], within[1]))
-        if layer < 0 or headings[0] >= headings[1]:
+    for at in range(stops.shape[0]):
+        first, _, end, since, until, x_first, x_last, y_first, y_last, run, end_run = stops[at]
+        points, headings = (first, end), (max(since, within[0]), min(until, within[1]))
+        if headings[0] >= headings[1]:
             continue
-        x_first, x_last, y_first, y_last = met.rectangles[at]
         low = (np.int32(x_first), np.int32(y_first))
         span = (np.uint32(x_last - x_first), np.uint32(y_last - y_first))
-        n_taken = np.uint64(0)
-        for py in range(y_first >> PATCH_BITS, (y_last >> PATCH_BITS) + 1):
-            row = (layer * n_patches + py) * n_patches
-            k = np.int64(patch_starts[row + (x_first >> PATCH_BITS)])
-            run_end = np.int64(patch_starts[row + (x_last >> PATCH_BITS) + 1])
-            while k < run_end:
-                end = min(run_end, k + CAPACITY - np.int64(n_taken))
-                n_taken = _lay_out_facing(
-                    voxels, axis, k, end, low, span, least, scale, stride, cells, rows, n_taken
-                )
-                k = end
-                if n_taken == CAPACITY:
-                    n_turned = _turn(headings, points, bases, normals, turns, origin, turned, places)
-                    _vote_all(CAPACITY, n_turned, turned, places, back, cells, rows, sums)
-                    n_taken = np.uint64(0)
-        if n_taken > 0:
-            n_turned = _turn(headings, points, bases, normals, turns, origin, turned, places)
-            _vote_all(np.int64(n_taken), n_turned, turned, places, back, cells, rows, sums)
+        n_taken, k, end_k = np.uint64(0), runs[run, 0], runs[run, 1]
+        while run < end_run:
+            to = min(end_k, k + CAPACITY - np.int64(n_taken))
+            n_taken = _lay_out_facing(
+                voxels, axis, k, to, low, span, least, scale, stride, cells, rows, n_taken
+            )
+            k = to
+            if k == end_k:
+                run += 1
+                if run < end_run:
+                    k, end_k = runs[run, 0], runs[run, 1]
+            if n_taken == CAPACITY or (run == end_run and n_taken > 0):
+                n_turned = _turn(headings, points, bases, normals, turns, origin, turned, places)
+                _vote_all(np.int64(n_taken), n_turned, turned, places, back, cells, rows, sums)
+                n_taken = np.uint64(0)

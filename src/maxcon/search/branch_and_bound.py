@@ -1,35 +1,40 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Branch and bound: the best cell of the exhaustive search, from bounds of all cells and the moments of few."""
+"""Branch and bound: the best cell of the exhaustive search, from bounds of all cells and the moments of few.
+
+Read `BoundedSearch.run` beside section 3 of the design. What it works with: the scan made ready for the map
+(`prepared_scan`), the most that cells can score (`bounds`), and the cells scored so far (`scored_cells`).
+"""
 
 import math
-from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from maxcon.accumulator import Accumulator, highest
-from maxcon.errors import OptionError
+from maxcon.errors import OptionError, SearchSpaceError
 from maxcon.geometry import Pose
 from maxcon.integrity import highest_beyond
-from maxcon.objectives import BoundedByAxes, BoundedByCount, Objective
+from maxcon.objectives import BoundedByAxes, BoundedByCount, Objective, Scores
 from maxcon.options import Multiplicity, Weighting
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
-from maxcon.search.bounded_search import BoundedSearch
-from maxcon.search.bounding import bounding_of
-from maxcon.search.bounds import Bounds
-from maxcon.search.candidates import Candidates
-from maxcon.search.exhaustive import exhaustive
+from maxcon.search.bounds import Bounding, CellSums, Summand, bounding_of
+from maxcon.search.cells import Candidates, Window
 from maxcon.search.found import Found, Standing, Wanted
-from maxcon.search.heights import outwards
+from maxcon.search.heights import best_of_heights
 from maxcon.search.limits import DEFAULT_LIMITS, Limits
-from maxcon.search.matching import cells_of, check_threads
-from maxcon.search.prepared_scan import PreparedScan
+from maxcon.search.matching import cells_of, check_all_fit, check_threads
+from maxcon.search.prepared_scan import Headings, PreparedScan
 from maxcon.search.scored_cells import ScoredCells
 from maxcon.search_space import Cell, SearchSpace
 
 __all__ = ["branch_and_bound"]
+
+FIRST_OF_ALL = np.zeros((1, 3), np.int64)
+
+Part = tuple[Headings, Window]
+"""Cells of a search space: those of a window at some headings, by number."""
 
 
 def branch_and_bound(
@@ -115,54 +120,189 @@ def branch_and_bound(
     check_threads(n_threads)
     if not 0.0 <= guard_radius < math.inf:
         raise OptionError(f"Expected `guard_radius` >= 0 m, got {guard_radius}. The default is 0.3.")
+    if not isinstance(objective, BoundedByCount | BoundedByAxes):
+        check_all_fit(space.plane)
 
     def search(height: int, share: float, standing: Standing | None) -> Found:
-        wanted = Wanted(objective, share, guard_radius, guarded, lists_all, standing)
         raised = space.raised(prior, height)
+        prepared = PreparedScan.prepare(scan, point_map, raised, space.plane, multiplicity, weighting)
+        wanted = Wanted(objective, share, guard_radius, guarded, lists_all, standing)
         if isinstance(objective, BoundedByCount | BoundedByAxes):
-            prepared = PreparedScan.prepare(scan, point_map, raised, space.plane, multiplicity, weighting)
-            bounds = Bounds.of(bounding_of(objective, prepared))
-            scored = ScoredCells(prepared, wanted)
-            found = BoundedSearch(bounds, scored, wanted, limits, n_threads).run()
+            bounding, scored = bounding_of(objective, prepared), ScoredCells(prepared, wanted)
+            found = BoundedSearch(bounding, scored, wanted, limits, n_threads).run()
         else:
-            accumulator = exhaustive(
-                scan, point_map, raised, space.plane,
-                multiplicity=multiplicity, weighting=weighting, n_threads=n_threads,
-            )  # fmt: skip
+            accumulator = prepared.accumulated(n_threads)
             found = _best_of_all(accumulator, wanted)
         return replace(found, height=height)
 
-    return _best_of_heights(search, space, share, standing)
+    return best_of_heights(search, space, share, standing)
 
 
-def _best_of_heights(
-    search: Callable[[int, float, Standing | None], Found],
-    space: SearchSpace,
-    share: float,
-    standing: Standing | None,
-) -> Found:
-    """The best of what is found at each height, and its runner-up as at a single one.
+@dataclass
+class BoundedSearch:
+    """One search at one height, and how far it has come.
 
-    search : given the number of a height, the share, and what stands already, what is found there.
+    Parameters
+    ----------
+    bounding : Bounding
+        The most that cells can score.
+    scored : ScoredCells
+        The cells scored so far.
+    wanted : Wanted
+        What is to be found.
+    limits : Limits
+        When to score, to bound again, or to look at all cells of a window.
+    n_threads : int
+        Headings are shared out among that many threads.
+    ruled_out : float
+        The highest bound of the cells that were discarded.
     """
 
-    def rank(found: Found) -> tuple[float, int, int, int, int]:
-        heading, y, x = found.cell
-        return -found.score, heading, found.height, y, x
+    bounding: Bounding
+    scored: ScoredCells
+    wanted: Wanted
+    limits: Limits
+    n_threads: int
+    ruled_out: float = 0.0
 
-    first, *others = outwards(space)
-    best = search(first, share, standing)
-    n_scored = best.n_scored
-    for height in others:
-        if standing is None or best.score > standing.score:
-            standing = Standing(best.score, best.moments)
-        found = search(height, 1.0, standing)
-        n_scored += found.n_scored
-        best = min(best, found, key=rank)
-    if best.height != first and share < 1.0:  # so far nothing but the best cell was looked for there
-        best = search(best.height, share, None)
-        n_scored += best.n_scored
-    return replace(best, n_scored=n_scored)
+    def run(self) -> Found:
+        """Find the best cell, and prove what the others score at most."""
+        if self.bounding.prepared.matches_nothing:
+            self.scored.score(FIRST_OF_ALL)
+            return self.scored.found(rest=self.scored.best)
+        # Bound all cells, part by part.
+        bounded, crowded = [], []
+        parts = self._parts()
+        for part in parts:
+            sums = self._bound(part)
+            if len(parts) > 1 and sums.count_reaching(self._least_sum()) > self.limits.most_kept:
+                crowded.append(part)  # other parts may have better cells, which leave less open
+            else:
+                bounded.append(self._left_open(sums))
+        # Branch: all cells of the windows around very many candidates, and the others one by one.
+        candidates = Candidates.none()
+        for left_open in bounded:
+            candidates = candidates.joined(self._search_around(self._reaching(left_open)))
+        for part in crowded:
+            candidates = candidates.joined(self._search_around(self._left_open(self._bound(part))))
+        self._score_best_first(candidates)
+        # Answer.
+        return self.scored.found(rest=max(self.ruled_out, self.scored.runner_up()))
+
+    def _parts(self) -> list[Part]:
+        """Headings and windows that make up the space, as large as memory allows, from those near the prior on."""
+        space = self.bounding.prepared.space
+        n_headings, ny, nx = space.shape
+        most_headings = max(1, min(self.limits.headings_per_pass, self.limits.cells_per_pass // (ny * nx)))
+        parts = np.array_split(np.arange(n_headings), -(-n_headings // most_headings))
+        bands = list(Window.of(space).bands(self.limits.cells_per_pass))
+        parts.sort(key=lambda headings: abs(headings.mean() - (n_headings - 1) / 2))
+        bands.sort(key=lambda window: abs(window.y_first + window.y_last))
+        return [(headings, window) for headings in parts for window in bands]
+
+    def _bound(self, part: Part) -> CellSums:
+        """Bound all cells of a part by one sum, and score the most promising."""
+        sums = self.bounding.sum_up(*part, self._summand(), self.n_threads)
+        is_first = self.scored.best <= 0.0
+        if is_first:
+            self.scored.score(sums.highest(self.limits.first_cells))
+        n_open = sums.count_reaching(self._least_sum())
+        if n_open > self.limits.most_candidates:
+            self.scored.score(sums.highest(self.limits.scored_at_once))
+        elif n_open and not is_first:
+            self.scored.score(sums.highest(self.limits.first_cells))
+        return sums
+
+    def _left_open(self, sums: CellSums) -> Candidates:
+        """Cells that may reach the asked score; where many are left, after a second bound of those."""
+        cells, highest_other = sums.reaching(self._least_sum())
+        self._rule_out(self.bounding.upper_along(np.array([highest_other])))
+        candidates = self._reaching(Candidates(cells, self.bounding.upper_along(sums.at(cells))))
+        if self.limits.most_candidates < len(candidates) <= len(sums) // self.limits.undecided:
+            return self._bound_again(candidates, sums)
+        return candidates
+
+    def _bound_again(self, candidates: Candidates, sums: CellSums) -> Candidates:
+        """Bound candidates by the sum that the best cell so far asks for, and by the one across.
+
+        Only the window around them is looked at.
+        """
+        summand = self._summand()
+        if summand != sums.summand:
+            sums = self.bounding.sum_up(*self._around(candidates), summand, self.n_threads)
+            upper = self.bounding.upper_along(sums.at(candidates.cells))
+            candidates = self._reaching(candidates.below(upper))
+        across = self.bounding.across(summand)
+        if across is not None and len(candidates) > self.limits.most_candidates:
+            sums_across = self.bounding.sum_up(*self._around(candidates), across, self.n_threads)
+            upper = self.bounding.upper(sums.at(candidates.cells), sums_across.at(candidates.cells))
+            candidates = self._reaching(candidates.below(upper))
+        return candidates
+
+    def _search_around(self, candidates: Candidates) -> Candidates:
+        """Search the window around many candidates exhaustively, if that is faster. Returns those that are left."""
+        limits = self.limits
+        if len(candidates) <= limits.most_candidates:
+            return candidates
+        headings, window = self._around(candidates)
+        n_visited = len(headings) * math.prod(n + limits.margin for n in window.shape)
+        if n_visited > limits.cells_per_candidate * len(candidates):
+            return candidates
+        n_cells = len(headings) * math.prod(window.shape)
+        n_scored = self.scored.n_in_windows + n_cells
+        if n_scored > limits.most_scored:
+            raise SearchSpaceError(
+                f"Expected bounds to leave at most {limits.most_scored:,} cells of the search space to be looked at,"
+                f" got {n_scored:,}: nothing stands out. Narrow the search space, or see whether scan and map belong"
+                " together."
+            )
+        n_parts = min(-(-n_cells // limits.scored_per_pass), len(headings))
+        for part in np.array_split(headings, n_parts):
+            self.ruled_out = max(self.ruled_out, self.scored.score_window(part, window, self.n_threads))
+        return Candidates.none()
+
+    def _score_best_first(self, candidates: Candidates) -> None:
+        """Score candidates until none is left that could be the best, or the runner-up that is asked for."""
+        candidates = candidates[np.argsort(-candidates.upper, kind="stable")]
+        at_once, place = self.limits.scored_at_once, 0
+        while place < len(candidates) and candidates.upper[place] >= self.scored.best:
+            self.scored.score(candidates.cells[place : place + at_once])
+            place += at_once
+        others = candidates[place:]
+        if self.wanted.lists_all:
+            self.scored.score(self._reaching(others).cells)
+            return
+        others = others[self.scored.is_beyond(others.cells)]
+        place, runner_up = 0, self.scored.runner_up()
+        while place < len(others) and others.upper[place] >= max(self.scored.asked, runner_up):
+            some = others.cells[place : place + at_once]
+            self.scored.score(some)
+            runner_up = max(runner_up, self.scored.highest_of(some))
+            place += at_once
+        self._rule_out(others.upper[place:])
+
+    def _summand(self) -> Summand:
+        """What to sum, from what is known so far."""
+        return self.bounding.summand(self.scored.leader, self.scored.asked, self.limits)
+
+    def _around(self, candidates: Candidates) -> Part:
+        """The headings of candidates, and the smallest window around them."""
+        cells = candidates.cells
+        return np.unique(cells[:, 0]), Window.around(cells, self.bounding.prepared.space)
+
+    def _least_sum(self) -> float:
+        """Least sum over its matches with which a cell may reach the asked score."""
+        return self.bounding.least_sum(self.scored.asked, self.limits.bound_steps)
+
+    def _reaching(self, candidates: Candidates) -> Candidates:
+        """Those that may reach the asked score; the others are ruled out."""
+        is_left = candidates.upper >= self.scored.asked
+        self._rule_out(candidates.upper[~is_left])
+        return candidates[is_left]
+
+    def _rule_out(self, upper: Scores) -> None:
+        """Discard cells that score no more than this."""
+        self.ruled_out = max(self.ruled_out, float(upper.max(initial=0.0)))
 
 
 def _best_of_all(accumulator: Accumulator, wanted: Wanted) -> Found:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from maxcon.geometry import Pose, voxel_centers, voxel_indices
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
-from maxcon.search.matching import cells_of, level, turn
+from maxcon.search.matching import cells_of, turn, upright
 from maxcon.search_space import Cell, SearchSpace
 
 __all__ = ["consensus_set"]
@@ -39,8 +39,8 @@ def consensus_set(
     space = cells_of(space, point_map)
     heading, iy, ix = cell
     _, ny, nx = space.shape
-    levelled = level(scan, prior)
-    points = turn(levelled.points, prior.heading + space.headings[heading]) + [
+    scan_upright = upright(scan, prior)
+    points = turn(scan_upright.points, prior.heading + space.headings[heading]) + [
         prior.x,
         prior.y,
         0.0,

@@ -5,7 +5,7 @@
 from dataclasses import dataclass, field
 
 from maxcon.objectives import Moments, Objective
-from maxcon.search.candidates import Candidates
+from maxcon.search.cells import Candidates
 from maxcon.search_space import Cell
 
 __all__ = ["Found", "Standing", "Wanted"]

@@ -1,24 +1,26 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Compiled: scan points sorted into groups of one height layer and one voxel square, and the tiles in their reach."""
+"""Compiled: scan points set upright, sorted into groups of one height layer and one voxel square, and turned."""
 
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
-from maxcon.search.visit_kernels import SQUARE_VOXELS, turn_to_columns
-
 __all__ = [
+    "SQUARE_VOXELS",
     "Groups",
     "gather",
-    "group_points",
-    "level",
+    "group_scan",
     "meets_tiles",
     "number_layers",
-    "points_of_groups",
     "sort_keys",
+    "turn_normals",
+    "turn_to_columns",
 ]
+
+# Points of one height layer in a square of 16 x 16 voxels are a group: they visit the map together.
+SQUARE_VOXELS = 16
 
 SQUARE_BITS = SQUARE_VOXELS.bit_length() - 1
 PLACE_BITS = 2 * SQUARE_BITS
@@ -32,13 +34,15 @@ MOST_DIGIT_BITS = 12
 
 
 class Groups(NamedTuple):
-    """The points of a levelled scan in the order of their groups, see `PreparedScan`.
+    """The points of an upright scan in the order of their groups, see `PreparedScan`.
 
     points : (2, n) float64, x and y; normals : (3, n) float64.
     starts : (groups + 1,) int64, first point of each; middles : (groups,) int64, its first without a normal.
     ranks : (groups,) int64, number of its layer among `layers`, (m,) int64, those that occur, ascending.
     boxes : (groups, 4) int64, x first, x last, y first, y last voxel; radii : (groups,), the farthest that a point is
     from the sensor, m.
+    extent : (2, 3), least and largest x, y and z of the points and of the sensor, m.
+    spread : (3,), sums of nx nx, nx ny and ny ny over all normals.
     """
 
     points: Any
@@ -49,41 +53,93 @@ class Groups(NamedTuple):
     layers: Any
     boxes: Any
     radii: Any
+    extent: Any
+    spread: Any
 
 
 @njit(nogil=True, cache=True)
-def level(points, normals, rotation, height):
+def group_scan(points, normals, rotation, height, has_normals, turn, place, cell):
+    """Set a scan upright and sort its points into groups of one height layer and one square of SQUARE_VOXELS voxels.
+
+    points, normals : (n, 3) float64, sensor frame; rotation : (3, 3), by the prior's roll and pitch; height : its z, m;
+    has_normals : whether normals are looked at, or all points taken as without one.
+    turn : (1, 2) float64, cosine and sine of the prior's heading; place : its (x, y), m; cell : voxel edge, m.
+    """
+    upright, turned, extent = _set_upright(points, normals, rotation, height)
+    spread = _spread(turned)
+    if not has_normals:
+        turned[:] = 0.0
+    columns = turn_to_columns(upright, turn, place, cell)[0]
+    layers = _to_layers(upright[2], cell)
+    order, keys = sort_keys(_keys(columns, layers, turned))
+    grouped = gather(upright[:2], order)
+    starts, middles, group_layers, boxes, radii = _find_groups(keys, order, grouped, columns, layers)
+    ranks, occurring = _rank(group_layers)
+    return Groups(
+        grouped, gather(turned, order), starts, middles, ranks, occurring, boxes, radii, extent, spread
+    )
+
+
+@njit(nogil=True, cache=True)
+def _set_upright(points, normals, rotation, height):
     """Turn points and normals, (n, 3) float64, by a rotation, (3, 3), and raise the points; both (3, n).
 
-    With the arithmetic of `matching.level`.
+    With the arithmetic of `matching.upright`. Also returns the least and the largest coordinates of the points and of
+    the sensor, (2, 3).
     """
     n = points.shape[0]
-    levelled, turned = np.empty((3, n)), np.empty((3, n))
+    upright, turned, extent = np.empty((3, n)), np.empty((3, n)), np.zeros((2, 3))
     for row in range(3):
         a, b, c = rotation[row, 0], rotation[row, 1], rotation[row, 2]
+        raised, low, high = height if row == 2 else 0.0, 0.0, 0.0
         for i in range(n):
-            levelled[row, i] = points[i, 0] * a + points[i, 1] * b + points[i, 2] * c
+            upright[row, i] = points[i, 0] * a + points[i, 1] * b + points[i, 2] * c + raised
+            low, high = min(low, upright[row, i]), max(high, upright[row, i])
         for i in range(n):
             turned[row, i] = normals[i, 0] * a + normals[i, 1] * b + normals[i, 2] * c
-    for i in range(n):
-        levelled[2, i] += height
-    return levelled, turned
+        extent[0, row], extent[1, row] = low, high
+    return upright, turned, extent
 
 
 @njit(nogil=True, cache=True)
-def group_points(points, normals, turn, place, cell):
-    """Sort the points of a levelled scan into groups of one height layer and one square of SQUARE_VOXELS voxels.
+def _spread(normals):
+    """Sums of nx nx, nx ny and ny ny over normals, (3, n): (3,)."""
+    xx, xy, yy = 0.0, 0.0, 0.0
+    for i in range(normals.shape[1]):
+        xx += normals[0, i] * normals[0, i]
+        xy += normals[0, i] * normals[1, i]
+        yy += normals[1, i] * normals[1, i]
+    return np.array([xx, xy, yy])
 
-    points, normals : (3, n) float64; turn : (1, 2) float64, cosine and sine of the prior's heading; place : its (x, y),
-    m; cell : voxel edge, m.
+
+@njit(nogil=True, cache=True)
+def turn_to_columns(points, turns, place, cell):
+    """Turn an upright scan about the sensor, by each of some headings: voxel columns in the map's axes.
+
+    points : (2 or 3, n) float64; turns : (headings, 2) float64, cosine and sine; place : (x, y) of the sensor, m;
+    cell : voxel edge, m. Returns (headings, 2, n) int32.
     """
-    columns = turn_to_columns(points, turn, place, cell)[0]
-    layers = _to_layers(points[2], cell)
-    order, keys = sort_keys(_keys(columns, layers, normals))
-    points, normals = gather(points[:2], order), gather(normals, order)
-    starts, middles, group_layers, boxes, radii = _find_groups(keys, order, points, columns, layers)
-    ranks, occurring = _rank(group_layers)
-    return Groups(points, normals, starts, middles, ranks, occurring, boxes, radii)
+    columns = np.empty((turns.shape[0], 2, points.shape[1]), np.int32)
+    for heading in range(turns.shape[0]):
+        cosine, sine = turns[heading, 0], turns[heading, 1]
+        for i in range(points.shape[1]):
+            x, y = points[0, i], points[1, i]
+            columns[heading, 0, i] = np.int32(np.floor((x * cosine - y * sine + place[0]) / cell))
+            columns[heading, 1, i] = np.int32(np.floor((x * sine + y * cosine + place[1]) / cell))
+    return columns
+
+
+@njit(nogil=True, cache=True)
+def turn_normals(normals, turns):
+    """Turn normals, (3, n) float64, by each of some headings, as above: (headings, 3, n) float32."""
+    turned = np.empty((turns.shape[0], 3, normals.shape[1]), np.float32)
+    for heading in range(turns.shape[0]):
+        cosine, sine = turns[heading, 0], turns[heading, 1]
+        for i in range(normals.shape[1]):
+            turned[heading, 0, i] = normals[0, i] * cosine - normals[1, i] * sine
+            turned[heading, 1, i] = normals[0, i] * sine + normals[1, i] * cosine
+            turned[heading, 2, i] = normals[2, i]
+    return turned
 
 
 @njit(nogil=True, cache=True)
@@ -302,18 +358,3 @@ def number_layers(tile_layers, layers):
         if k < tile_layers.shape[0] and tile_layers[k] == layers[i]:
             numbers[i] = k
     return numbers
-
-
-@njit(nogil=True, cache=True)
-def points_of_groups(starts, ends, ranks):
-    """Numbers of the points from the start to the end of each group, and the ranks of their layers, (n,) int32."""
-    n = 0
-    for group in range(ranks.shape[0]):
-        n += ends[group] - starts[group]
-    numbers, of_points = np.empty(n, np.int32), np.empty(n, np.int32)
-    n = 0
-    for group in range(ranks.shape[0]):
-        for i in range(starts[group], ends[group]):
-            numbers[n], of_points[n] = i, ranks[group]
-            n += 1
-    return numbers, of_points

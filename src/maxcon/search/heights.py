@@ -3,6 +3,7 @@
 """Heights: a search over z too is a search of the same cells around the prior at each height (decision 17)."""
 
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from typing import Any
 
 from maxcon.accumulator import Accumulator, highest
@@ -11,9 +12,10 @@ from maxcon.geometry import Pose
 from maxcon.objectives import Objective
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
+from maxcon.search.found import Found, Standing
 from maxcon.search_space import SearchSpace
 
-__all__ = ["accumulators", "highest_of", "outwards"]
+__all__ = ["accumulators", "best_of_heights", "highest_of"]
 
 
 def accumulators(
@@ -69,7 +71,47 @@ def highest_of(heights: Iterable[Accumulator], objective: Objective) -> tuple[in
     return best[0][2], best[1]
 
 
-def outwards(space: SearchSpace) -> list[int]:
+def _outwards(space: SearchSpace) -> list[int]:
     """Numbers of the heights of a space, from that of the prior on."""
     middle = space.n_heights // 2
     return sorted(range(space.n_heights), key=lambda height: abs(height - middle))
+
+
+def best_of_heights(
+    search: Callable[[int, float, Standing | None], Found],
+    space: SearchSpace,
+    share: float,
+    standing: Standing | None,
+) -> Found:
+    """Search height by height, from that of the prior outwards, for the best cell of all and its runner-up there.
+
+    Parameters
+    ----------
+    search : callable
+        Given the number of a height, the share of the best score from which on cells are looked for, and what stands
+        already: what is found there.
+    space : SearchSpace
+        The cells of all heights.
+    share : float
+        The share that is asked for at the height of the best cell.
+    standing : Standing, optional
+        What stands before.
+    """
+
+    def rank(found: Found) -> tuple[float, int, int, int, int]:
+        heading, y, x = found.cell
+        return -found.score, heading, found.height, y, x
+
+    first, *others = _outwards(space)
+    best = search(first, share, standing)
+    n_scored = best.n_scored
+    for height in others:
+        if standing is None or best.score > standing.score:
+            standing = Standing(best.score, best.moments)
+        found = search(height, 1.0, standing)
+        n_scored += found.n_scored
+        best = min(best, found, key=rank)
+    if best.height != first and share < 1.0:  # so far nothing but the best cell was looked for there
+        best = search(best.height, share, None)
+        n_scored += best.n_scored
+    return replace(best, n_scored=n_scored)

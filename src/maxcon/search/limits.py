@@ -9,7 +9,7 @@ __all__ = ["DEFAULT_LIMITS", "Limits"]
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """When branch and bound scores, bounds again, or gives up bounding; the defaults were measured (decision 14).
+    """When branch and bound scores, bounds again, or looks at all cells of a window (decision 14).
 
     The best cell, and every other that reaches the share that is asked for, are the same for any values. Time and
     memory are not, nor is `Found.rest` where no other cell reaches the share: it is the highest bound of those ruled
@@ -23,8 +23,8 @@ class Limits:
     scored_at_once : int
         Candidates scored at a time, from the highest bound on.
     left_out : float
-        Voxels are left out of the bounds if all of them together add less than this share of the score that cells must
-        reach.
+        Voxels are left out of the sums that bound cells if all of them together add less than this share of the score
+        that cells must reach.
     left_out_of_scan : float
         The same before any cell is scored: the share of what all scan points together could add along the axis that
         they determine least.

@@ -17,13 +17,14 @@ from maxcon.search_space import SearchSpace
 __all__ = [
     "CONTRIBUTION_STEP",
     "ROUNDER",
-    "LevelledScan",
+    "UprightScan",
     "cells_of",
+    "check_all_fit",
     "check_one_height",
     "check_threads",
-    "level",
     "level_of",
     "turn",
+    "upright",
 ]
 
 CONTRIBUTION_STEP = 2.0**-24
@@ -34,9 +35,13 @@ ROUNDER = 1.5 * 2.0**52 * CONTRIBUTION_STEP
 """Adding and subtracting this rounds a float64 to whole multiples of the step, ties to even, as numpy.rint does."""
 
 
+MOST_CELLS = 2**26
+"""Cells whose moments are computed all together: they take 32 bytes each, 2 GiB."""
+
+
 @dataclass(frozen=True, slots=True)
-class LevelledScan:
-    """A scan turned by the prior's roll and pitch and raised by its z; the heading is still to come (D2).
+class UprightScan:
+    """A scan set upright: turned by the prior's roll and pitch, raised by its z; the heading is still to come (D2).
 
     Parameters
     ----------
@@ -56,12 +61,12 @@ def _rotate(vectors: NDArray[np.float64], rotation: NDArray[np.float64]) -> NDAr
     return np.column_stack([x * row[0] + y * row[1] + z * row[2] for row in rotation])
 
 
-def level(scan: Scan, prior: Pose) -> LevelledScan:
+def upright(scan: Scan, prior: Pose) -> UprightScan:
     """Turn a scan by the prior's roll and pitch, and raise it by its z (D2)."""
     rotation = rotation_matrices(prior.roll, prior.pitch, 0.0)
     points = _rotate(scan.points, rotation)
     points[:, 2] += prior.z
-    return LevelledScan(points, _rotate(scan.normals, rotation))
+    return UprightScan(points, _rotate(scan.normals, rotation))
 
 
 def turn(vectors: NDArray[np.float64], heading: float) -> NDArray[np.float64]:
@@ -117,6 +122,21 @@ def check_one_height(space: SearchSpace) -> None:
         raise SearchSpaceError(
             f"Expected a search space of one height, got {space.n_heights}. Search its `plane` around each of its"
             " `priors`, as `search.accumulators` does, or use `search.branch_and_bound`."
+        )
+
+
+def check_all_fit(space: SearchSpace) -> None:
+    """Refuse a search space that has too many cells to look at all of them at once.
+
+    Raises
+    ------
+    SearchSpaceError
+        If it has more than 2^26.
+    """
+    if space.n_cells > MOST_CELLS:
+        raise SearchSpaceError(
+            f"Expected at most {MOST_CELLS:,} cells in an exhaustive search, got {space.n_cells:,}."
+            " Narrow the search space, or enlarge the cell or the heading step."
         )
 
 

@@ -1,30 +1,47 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""PreparedScan: the points of a scan grouped by height layer and voxel square, and the tiles of the map in reach."""
+"""PreparedScan: a scan made ready for the map around it, and what can be asked of the two.
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+Made once, when a search begins. Asked are: the moments of all cells of a window, the moments of single cells, and the
+most that the matches of each cell of a window can add up to along an axis.
+"""
+
+import math
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon.accumulator import Accumulator
 from maxcon.geometry import Pose, rotation_matrices, voxel_indices
+from maxcon.objectives import Moments
 from maxcon.options import Multiplicity, Weighting
 from maxcon.point_map import PointMap, TileKey, VoxelTile
 from maxcon.scan import Scan
-from maxcon.search.window import Window
+from maxcon.search.cells import Window
+from maxcon.search.tile_table import TileTable
 from maxcon.search_space import SearchSpace
-
-if TYPE_CHECKING:
-    from maxcon.search.visit_kernels import Met, Planned, TileVoxels
 
 __all__ = ["PreparedScan"]
 
+# Headings whose cells are summed in one pass over the map share what is read of it; the sums of a pass take 32 MiB at
+# most, unless those of one heading alone take more.
+PASS_HEADINGS, PASS_CELLS = 16, 2**20
 
-@dataclass(frozen=True, slots=True)
+# Headings at which the turned scan is kept for more single cells; the oldest is dropped first.
+MOST_HEADINGS_KEPT = 32
+
+Headings = NDArray[np.int64]
+"""Numbers of some headings of a search space, shape (h,)."""
+
+
+@dataclass(frozen=True)
 class PreparedScan:
-    """A levelled scan in groups of neighbouring points, and the tiles that it can fall in at any cell of a space.
+    """An upright scan in groups of neighbouring points, and the tiles that it can fall in at any cell of a space.
 
     Points of one height layer in one square of SQUARE_VOXELS voxels, at the prior's heading, are a group.
     Those with a normal come first in it, those in one voxel follow each other; neighbouring groups read the
@@ -37,9 +54,9 @@ class PreparedScan:
     space : SearchSpace
         The cells, around the prior.
     points : array, shape (2, n)
-        x and y of each point, levelled, about the sensor, m.
+        x and y of each point, the scan upright, about the sensor, m.
     normals : array, shape (3, n)
-        Their normals, levelled.
+        Their normals, as upright.
     starts, middles : array, shape (groups + 1,) and (groups,)
         First point of each group, and its first without a normal.
     ranks : array, shape (groups,)
@@ -57,7 +74,7 @@ class PreparedScan:
     without_normal : float
         Weight of the matches of points without a normal.
     spread : array, shape (3,)
-        Sums of nx nx, nx ny and ny ny over all normals of the scan, levelled: they tell which axis is probably
+        Sums of nx nx, nx ny and ny ny over all normals of the upright scan: they tell which axis is probably
         determined least before anything is scored.
     """
 
@@ -77,6 +94,9 @@ class PreparedScan:
     is_signed: bool
     without_normal: float
     spread: NDArray[np.float64]
+    _at_heading: dict[int, tuple[NDArray[np.uint64], NDArray[np.float32]]] = field(
+        default_factory=dict, init=False, repr=False
+    )
 
     @classmethod
     def prepare(
@@ -88,52 +108,43 @@ class PreparedScan:
         multiplicity: Multiplicity,
         weighting: Weighting,
     ) -> "PreparedScan":
-        """Level a scan, part it into groups and find its tiles.
+        """Set a scan upright, part it into groups and find the tiles in reach.
 
         Raises
         ------
         ArrayError
-            If the prior lies so far out that voxels have no index there.
+            If scan or prior lie so far out that voxels have no index there.
         """
         from maxcon.search import group_kernels
 
         cell, rotation = point_map.cell, rotation_matrices(prior.roll, prior.pitch, 0.0)
-        points, normals = group_kernels.level(
-            scan.points, scan.normals, np.ascontiguousarray(rotation), prior.z
-        )
-        _check_indices(points, prior, space.reach, cell)
-        nx, ny, _ = normals
-        spread = np.array([nx @ nx, nx @ ny, ny @ ny])
-        if weighting is Weighting.ONE:
-            normals[:] = 0.0
-        turn = _turns(np.array([prior.heading]))
-        groups = group_kernels.group_points(points, normals, turn, (prior.x, prior.y), cell)
-        tiles = _tiles_met(point_map, prior, space, groups.boxes, groups.radii)
-        keys = np.array([tile.key for tile in tiles], dtype=np.int64).reshape(-1, 2)
+        turn = np.array([[np.cos(prior.heading), np.sin(prior.heading)]])
+        groups = group_kernels.group_scan(
+            scan.points, scan.normals, np.ascontiguousarray(rotation), prior.z, weighting is not Weighting.ONE, turn,
+            (prior.x, prior.y), cell,
+        )  # fmt: skip
+        farthest = float(groups.radii.max(initial=0.0)) + space.reach + cell
+        voxel_indices(groups.extent, cell)
+        voxel_indices(prior.position + [[-farthest, -farthest, 0.0], [farthest, farthest, 0.0]], cell)
+
+        # How far a group can come to lie from its box at the prior, and which tiles it meets then.
+        reaches = groups.radii * float(np.abs(space.headings).max()) + (space.reach + cell)
+        around = float((groups.radii + reaches).max(initial=0.0)) + 2.0 * cell  # a box sticks out by a cell
+        keys = np.array(point_map.keys_within(prior.x, prior.y, around), dtype=np.int64).reshape(-1, 2)
+        tile_edge = point_map.tile_voxels * cell
+        keys = keys[group_kernels.meets_tiles(groups.boxes, reaches, cell, tile_edge, keys)]
         corner = keys.min(axis=0, initial=2**31)
-        nx, ny = keys.max(axis=0, initial=-(2**31)) - corner + 1 if tiles else (0, 0)
-        slots = (keys[:, 1] - corner[1]) * nx + keys[:, 0] - corner[0]
+        nx, ny = keys.max(axis=0, initial=-(2**31)) - corner + 1 if len(keys) else (0, 0)
+        tiles = {}
+        for x, y in keys.tolist():
+            tile = point_map.tile((x, y))
+            layers = group_kernels.number_layers(tile.index.layers, groups.layers)
+            tiles[int((y - corner[1]) * nx + x - corner[0])] = tile, layers
         return cls(
-            prior,
-            space,
-            groups.points,
-            groups.normals,
-            groups.starts,
-            groups.middles,
-            groups.ranks,
-            {
-                slot: (tile, group_kernels.number_layers(tile.index.layers, groups.layers))
-                for slot, tile in zip(slots.tolist(), tiles, strict=True)
-            },
-            (int(corner[0]), int(corner[1])),
-            (int(ny), int(nx)),
-            point_map.tile_voxels,
-            cell,
-            multiplicity is Multiplicity.OCCUPIED,
-            point_map.is_signed,
-            weighting.without_normal,
-            spread,
-        )
+            prior, space, groups.points, groups.normals, groups.starts, groups.middles, groups.ranks, tiles,
+            (int(corner[0]), int(corner[1])), (int(ny), int(nx)), point_map.tile_voxels, cell,
+            multiplicity is Multiplicity.OCCUPIED, point_map.is_signed, weighting.without_normal, groups.spread,
+        )  # fmt: skip
 
     @property
     def n_points(self) -> int:
@@ -145,95 +156,189 @@ class PreparedScan:
         """Whether there is no point, or no tile in reach: then all cells are alike."""
         return not (self.n_points and self.tiles)
 
-    def turns(self, headings: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Cosine and sine of some headings, by number, in the map's axes, shape (h, 2)."""
-        return _turns(self.prior.heading + self.space.headings[headings])
-
-    def turned(self, headings: NDArray[np.int64]) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-        """Voxel columns (h, 2, n) and normals (h, 3, n) of the points at h headings, by number, in the map's axes."""
-        from maxcon.search import visit_kernels
-
-        turns, place = self.turns(headings), (self.prior.x, self.prior.y)
-        columns = visit_kernels.turn_to_columns(self.points, turns, place, self.cell)
-        return columns, visit_kernels.turn_normals(self.normals, turns)
-
     def constraining(self) -> "PreparedScan":
         """The points that add to N alone: the others are only counted."""
         if self.without_normal > 0.0:
             return self
-        from maxcon.search import group_kernels
-
-        numbers, _ = group_kernels.points_of_groups(self.starts, self.middles, self.ranks)
+        adds = self.normals.any(axis=0)
         sizes = self.middles - self.starts[:-1]
         starts = np.append(0, np.cumsum(sizes[sizes > 0]))
         return replace(
             self,
-            points=group_kernels.gather(self.points, numbers),
-            normals=group_kernels.gather(self.normals, numbers),
+            points=self.points.compress(adds, axis=1),
+            normals=self.normals.compress(adds, axis=1),
             starts=starts,
             middles=starts[1:],
             ranks=self.ranks[sizes > 0],
         )
 
-    def voxels_at(self, headings: NDArray[np.int64]) -> NDArray[np.int32]:
-        """Voxel columns (h, 2, n) of the points at h headings, by number, in the map's axes."""
+    def accumulated(self, n_threads: int = 1) -> Accumulator:
+        """Moments of every cell of the space."""
+        headings, window = np.arange(len(self.space.headings)), Window.of(self.space)
+        moments = self.moments_of_window(headings, window, n_threads)
+        return Accumulator(moments, self.space, self.prior)
+
+    def moments_of_window(
+        self, headings: Headings, window: Window, n_threads: int = 1
+    ) -> NDArray[np.float64]:
+        """Moments of all cells of a window at some headings, shape (h, ny, nx, 4)."""
+        moments = np.empty((len(headings), *window.shape, 4))
+        most = min(PASS_HEADINGS, max(1, PASS_CELLS // math.prod(window.shape)))
+        n_rounds = -(-len(headings) // (most * n_threads))
+        parts = np.array_split(np.arange(len(headings)), min(len(headings), n_rounds * n_threads))
+
+        def sum_up(part: NDArray[np.int64]) -> None:
+            self._sum_moments(headings[part], window, moments[part[0] : part[-1] + 1])
+
+        _in_threads(sum_up, parts, n_threads)
+        return moments
+
+    def moments_of_cells(self, heading: int, cells: NDArray[np.int64]) -> Moments:
+        """Moments of some cells (n, 3) of one heading, by number, without those of the cells around; shape (n, 4)."""
+        from maxcon.search import cell_kernels
+
+        if heading not in self._at_heading:
+            self._at_heading[heading] = cell_kernels.points_at_heading(
+                self.points, self.normals, self._turns(np.array([heading])), (self.prior.x, self.prior.y), self.cell,
+                self.without_normal,
+            )  # fmt: skip
+            if len(self._at_heading) > MOST_HEADINGS_KEPT:
+                del self._at_heading[next(iter(self._at_heading))]
+        voxels, normals = self._at_heading[heading]
+        _, ny, nx = self.space.shape
+        offsets, moments = cells[:, :0:-1] - np.array([nx // 2, ny // 2]), np.zeros((len(cells), 4))
+        cell_kernels.moments_of_cells(
+            offsets, voxels, normals, self._layers, self._table.rows, self.edge.bit_length() - 1,
+            self._table.grid, self.corner, self.is_once, self.is_signed, moments,
+        )  # fmt: skip
+        return moments
+
+    def largest_sums(
+        self,
+        headings: Headings,
+        window: Window,
+        weighed_normals: NDArray[np.float32],
+        axis: tuple[np.float32, np.float32],
+        least: float,
+        unit: float,
+        n_threads: int = 1,
+    ) -> NDArray[np.signedinteger]:
+        """What the matches of each cell of a window add up to at most, in whole units, shape (h, ny, nx).
+
+        Parameters
+        ----------
+        headings : array, shape (h,)
+            Numbers of the headings.
+        window : Window
+            The cells.
+        weighed_normals : array, shape (n, 4), float32
+            Normal of each point, zeros for none, and what is added to the weight of its matches.
+        axis : tuple of 2 float32
+            A match adds its weight times (n . u)^2 along this unit vector u; or its weight, where that is zeros.
+        least : float
+            Voxels whose (n . u)^2 is no more than this are left out: the sums lack what they add.
+        unit : float
+            What each match adds is rounded up to a multiple of this, a power of two.
+        n_threads : int
+            Headings are shared out among that many threads; the sums do not depend on it.
+        """
+        from maxcon.search import bound_kernels
+        from maxcon.search.visit_kernels import RIM
+
+        turns = self._turns(headings)
+        columns, visits = self._turned(turns)
+        height, width = (n_cells + 2 * RIM for n_cells in window.shape)
+        sums = np.zeros((len(headings), height, width), np.int32 if self.is_once else np.int64)
+        bases = bound_kernels.bases_of_points(columns, width, height * width)
+
+        def vote(part: NDArray[np.int64]) -> None:
+            for stops, runs, voxels in self._stops(visits, window):
+                bound_kernels.sum_tile(
+                    stops, runs, voxels, bases, weighed_normals, turns.astype(np.float32),
+                    (int(part[0]), int(part[-1]) + 1), axis, tuple(window), width, self.is_signed,
+                    np.float32(least), np.float32(1.0 / unit), sums.reshape(-1),
+                )  # fmt: skip
+
+        _in_threads(vote, np.array_split(np.arange(len(headings)), min(n_threads, len(headings))), n_threads)
+        return sums[:, RIM:-RIM, RIM:-RIM]
+
+    def _sum_moments(self, headings: Headings, window: Window, moments: NDArray[np.float64]) -> None:
+        """Write the moments of a window at a few headings in one pass over the map, shape (h, ny, nx, 4)."""
+        from maxcon.search import group_kernels, window_kernels
+        from maxcon.search.visit_kernels import RIM
+
+        turns, (ny, nx) = self._turns(headings), window.shape
+        columns, visits = self._turned(turns)
+        normals = group_kernels.turn_normals(self.normals, turns)
+        width = nx + 2 * RIM
+        width += (2 - width) % 4  # an odd number of cache lines: a cell and the one above share no cache set
+        sums = _aligned_zeros((len(headings), ny + 2 * RIM, width, 4))
+        for stops, runs, voxels in self._stops(visits, window):
+            window_kernels.accumulate_tile(
+                stops, runs, voxels, columns, normals, tuple(window), width, self.without_normal, self.is_signed,
+                sums.reshape(len(headings), -1),
+            )  # fmt: skip
+        moments[...] = sums[:, RIM : RIM + ny, RIM : RIM + nx]
+
+    def _turns(self, headings: Headings) -> NDArray[np.float64]:
+        """Cosine and sine of some headings in the map's axes, shape (h, 2), one by one as in `matching.turn`."""
+        azimuths = self.prior.heading + self.space.headings[headings]
+        return np.array([(np.cos(azimuth), np.sin(azimuth)) for azimuth in azimuths])
+
+    def _turned(self, turns: NDArray[np.float64]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+        """Voxel (x, y) of each point at h headings, shape (h, 2, n), and the visits of the groups (`plan_visits`)."""
+        from maxcon.search import group_kernels, visit_kernels
+
+        columns = group_kernels.turn_to_columns(self.points, turns, (self.prior.x, self.prior.y), self.cell)
+        return columns, visit_kernels.plan_visits(self.starts, columns)
+
+    def _stops(
+        self, visits: NDArray[np.int64], window: Window
+    ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], tuple[Any, ...]]]:
+        """Yield, for each tile, where visits look for its voxels at the offsets of a window.
+
+        These are stops and runs, see `visit_kernels.stops_in_tile`, and the fields of `visit_kernels.TileVoxels`.
+        """
         from maxcon.search import visit_kernels
 
-        turns, place = self.turns(headings), (self.prior.x, self.prior.y)
-        columns: NDArray[np.int32] = visit_kernels.turn_to_columns(self.points, turns, place, self.cell)
-        return columns
-
-    def planned(self, columns: NDArray[np.int32]) -> "Planned":
-        """Plan the visits of the groups to the map, from their voxels (h, 2, n) at h headings."""
-        from maxcon.search import visit_kernels
-
-        visits = visit_kernels.plan_visits(self.starts, columns)
-        return visit_kernels.Planned(visits, self.starts, self.middles, self.ranks)
-
-    def visited(self, planned: "Planned", window: Window) -> Iterator[tuple["Met", "TileVoxels"]]:
-        """Yield, for each tile, the visits that meet it at some offset of a window, and its voxels."""
-        from maxcon.search import visit_kernels
-
-        starts, numbers, rectangles = visit_kernels.visits_of_tiles(
-            planned.visits, tuple(window), self.edge.bit_length() - 1, self.corner, self.shape
+        firsts, numbers, rectangles = visit_kernels.visits_of_tiles(
+            visits, tuple(window), self.edge.bit_length() - 1, self.corner, self.shape
         )
         for slot, (tile, layers) in self.tiles.items():
-            mine = slice(starts[slot], starts[slot + 1])
+            mine = slice(firsts[slot], firsts[slot + 1])
+            stops, runs = visit_kernels.stops_in_tile(
+                visits, numbers[mine], rectangles[mine], self.starts, self.middles, self.ranks, layers,
+                tile.index.patch_starts, tile.n_patches,
+            )  # fmt: skip
             counts = tile.counts[:0] if self.is_once else tile.counts
-            yield (
-                visit_kernels.Met(numbers[mine], rectangles[mine], layers),
-                visit_kernels.TileVoxels(
-                    tile.corner, tile.edge, tile.index.patch_starts, tile.columns, tile.normals, counts
-                ),
-            )
+            yield stops, runs, (tile.corner, tile.columns, tile.normals, counts)
+
+    @cached_property
+    def _table(self) -> TileTable:
+        """The tiles, as single points are looked up in them."""
+        return TileTable.of(self.tiles, self.shape, self.edge, int(self.ranks.max(initial=0)) + 1)
+
+    @cached_property
+    def _layers(self) -> NDArray[np.int32]:
+        """Number of each point's height layer among those of the scan, shape (n,)."""
+        return np.repeat(self.ranks, np.diff(self.starts)).astype(np.int32)
 
 
-def _turns(azimuths: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Cosine and sine of headings, shape (h, 2), one by one as `matching.turn` asks for them."""
-    return np.array([(np.cos(azimuth), np.sin(azimuth)) for azimuth in azimuths])
+def _in_threads(
+    do: Callable[[NDArray[np.int64]], None], parts: list[NDArray[np.int64]], n_threads: int
+) -> None:
+    """Do something with each part, at most so many of them at a time."""
+    if n_threads == 1 or len(parts) == 1:
+        for part in parts:
+            do(part)
+    else:
+        with ThreadPoolExecutor(n_threads) as pool:
+            list(pool.map(do, parts))
 
 
-def _check_indices(points: NDArray[np.float64], prior: Pose, reach: float, cell: float) -> None:
-    """Refuse points, (3, n), or a prior, so far out that voxels within reach of them have no index."""
-    extremes = np.array([points.min(axis=1, initial=0.0), points.max(axis=1, initial=0.0)])
-    voxel_indices(extremes, cell)
-    squares = points[0] * points[0]
-    squares += points[1] * points[1]
-    reach += float(np.sqrt(squares.max(initial=0.0))) + cell
-    voxel_indices(prior.position + [[-reach, -reach, 0.0], [reach, reach, 0.0]], cell)
-
-
-def _tiles_met(
-    point_map: PointMap, prior: Pose, space: SearchSpace, boxes: NDArray[np.int64], radii: NDArray[np.float64]
-) -> list[VoxelTile]:
-    """Tiles that any group can fall in at any cell, from its box (4,) of voxels and its radius, m, at the prior."""
-    from maxcon.search import group_kernels
-
-    if not len(boxes):
-        return []
-    cell, largest_turn = point_map.cell, float(np.abs(space.headings).max())
-    reaches = radii * largest_turn + (space.reach + cell)
-    farthest = float((radii + reaches).max()) + 2.0 * cell  # a box may stick out of its circle by a cell
-    near = np.array(point_map.keys_within(prior.x, prior.y, farthest), dtype=np.int64).reshape(-1, 2)
-    is_met = group_kernels.meets_tiles(boxes, reaches, cell, point_map.tile_voxels * cell, near)
-    return [point_map.tile((x, y)) for x, y in near[is_met].tolist()]
+def _aligned_zeros(shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Zeros that begin with a cache line, of which a cell of four takes one half then, and never two."""
+    size = math.prod(shape)
+    zeros = np.zeros(size + 7)
+    skipped = -zeros.ctypes.data % 64 // 8
+    return zeros[skipped : skipped + size].reshape(shape)

@@ -20,8 +20,8 @@ from maxcon.search.matching import (
     CONTRIBUTION_STEP,
     cells_of,
     check_one_height,
-    level,
     turn,
+    upright,
 )
 from maxcon.search_space import SearchSpace
 
@@ -71,11 +71,11 @@ def pairs(
     normals_map = as_unit_normals(normals_map, len(points_map), "normals_map")
     once = Multiplicity.parse(multiplicity) is Multiplicity.OCCUPIED
     weighting = Weighting.parse(weighting)
-    levelled = level(scan, prior)
+    scan_upright = upright(scan, prior)
     moments = np.zeros((*space.shape, 4))
     for h, heading in enumerate(prior.heading + space.headings):
-        points_scan = turn(levelled.points, heading) + [prior.x, prior.y, 0.0]
-        normals_scan = turn(levelled.normals, heading)
+        points_scan = turn(scan_upright.points, heading) + [prior.x, prior.y, 0.0]
+        normals_scan = turn(scan_upright.normals, heading)
         for iy, offset_y in enumerate(space.offsets):
             for ix, offset_x in enumerate(space.offsets):
                 shifted = points_scan + [offset_x, offset_y, 0.0]
@@ -128,14 +128,14 @@ def voxels(
     check_one_height(space)
     once = Multiplicity.parse(multiplicity) is Multiplicity.OCCUPIED
     weighting = Weighting.parse(weighting)
-    levelled = level(scan, prior)
+    scan_upright = upright(scan, prior)
     indices, counts, normals_map = point_map.all_voxels()
     row_of = {tuple(index): row for row, index in enumerate(indices.tolist())}
     _, ny, nx = space.shape
     moments = np.zeros((*space.shape, 4))
     for h, heading in enumerate(prior.heading + space.headings):
-        points_scan = turn(levelled.points, heading) + [prior.x, prior.y, 0.0]
-        normals_scan = turn(levelled.normals, heading).astype(np.float32)
+        points_scan = turn(scan_upright.points, heading) + [prior.x, prior.y, 0.0]
+        normals_scan = turn(scan_upright.normals, heading).astype(np.float32)
         base = voxel_indices(points_scan, point_map.cell)
         for iy in range(ny):
             for ix in range(nx):

@@ -9,13 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.objectives import Moments
-from maxcon.search.candidates import Candidates
-from maxcon.search.cell_grid import CellGrid
-from maxcon.search.cell_moments import CellMoments
-from maxcon.search.exhaustive import moments_of_window
+from maxcon.search.cells import Candidates, CellGrid, Window
 from maxcon.search.found import Found, Standing, Wanted
-from maxcon.search.prepared_scan import PreparedScan
-from maxcon.search.window import Window
+from maxcon.search.prepared_scan import Headings, PreparedScan
 from maxcon.search_space import Cell
 
 __all__ = ["ScoredCells"]
@@ -36,7 +32,6 @@ class ScoredCells:
 
     def __init__(self, prepared: PreparedScan, wanted: Wanted) -> None:
         self._prepared = prepared
-        self._moments = CellMoments(prepared)
         self._wanted = wanted
         self._best = -math.inf
         self._cell: Cell = (0, 0, 0)
@@ -80,17 +75,17 @@ class ScoredCells:
             if (heading, y, x) not in self._singles:
                 new[heading].append((heading, y, x))
         for heading, mine in new.items():
-            moments = self._moments.of(heading, np.array(mine, np.int64))
+            moments = self._prepared.moments_of_cells(heading, np.array(mine, np.int64))
             scores = self._wanted.objective.score(moments).tolist()
             for cell, score, four in zip(mine, scores, moments, strict=True):
                 self._note(cell, score, four)
 
-    def score_window(self, headings: NDArray[np.int64], window: Window, n_threads: int) -> float:
+    def score_window(self, headings: Headings, window: Window, n_threads: int) -> float:
         """Score all cells of a window at some headings, and keep those that reach what is asked.
 
         Returns the highest score that is not kept, of this window or an earlier one; 0 for none.
         """
-        moments = moments_of_window(self._prepared, headings, window, n_threads)
+        moments = self._prepared.moments_of_window(headings, window, n_threads)
         space = self._prepared.space
         scores = CellGrid.of(space, headings, window, self._wanted.objective.score(moments))
         highest = scores.first_highest()
@@ -98,11 +93,11 @@ class ScoredCells:
         four = CellGrid.of(space, headings, window, moments).at(highest)[0]
         self._note((heading, y, x), float(scores.at(highest)[0]), four)
         self._n_in_windows += scores.numbers.size
-        cells, left_out = scores.reaching(max(self.asked, SMALLEST))
+        cells, highest_below = scores.reaching(max(self.asked, SMALLEST))
         kept = self._of_windows.joined(Candidates(cells, scores.at(cells)))
         is_kept = kept.upper >= self.asked
         self._of_windows = kept[is_kept]
-        return float(kept.upper.max(where=~is_kept, initial=max(left_out or 0.0, 0.0)))
+        return float(kept.upper.max(where=~is_kept, initial=max(highest_below or 0.0, 0.0)))
 
     def _note(self, cell: Cell, score: float, moments: Moments) -> None:
         """Remember what a cell scores, and whether it is the best; at ties the first in index order is (D8)."""

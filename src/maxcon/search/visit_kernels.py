@@ -3,7 +3,9 @@
 """Compiled: which scan points look at which voxels of the map together.
 
 A visit is a group of scan points, at a run of headings, and the box of voxels that they cover there. Its voxels are
-read from the map once, for all its points and headings (decision 13).
+read from the map once, for all its points and headings (decision 13). A stop is a visit in one tile: which voxels of
+the tile it looks at. Both kernels that sum over all cells of a window, `window_kernels` and `bound_kernels`, go from
+stop to stop.
 """
 
 from typing import Any, NamedTuple
@@ -11,97 +13,36 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
+from maxcon.point_map import PATCH_VOXELS
+
 __all__ = [
     "RIM",
-    "SQUARE_VOXELS",
-    "Met",
-    "Planned",
     "TileVoxels",
     "plan_visits",
-    "turn_normals",
-    "turn_to_columns",
+    "stops_in_tile",
     "visits_of_tiles",
 ]
 
-# Points of one height layer in a square of 16 x 16 voxels are a group: they visit the map together, ...
-SQUARE_VOXELS = 16
-# ... at all headings at which the group stays within a box of 25 voxels; a turned square is 23 wide.
+# A group visits the map at all headings at which it stays within a box of 25 voxels; a turned square of 16 is 23 wide.
 RIM = 25
 
-
-# Kernels are handed these as plain tuples, `tuple(met)`, and name their fields again: numba never lets go of the arrays
-# of a named tuple that it is handed.
-
-
-class Planned(NamedTuple):
-    """The groups of a scan, and when they visit the map.
-
-    visits : (m, 7) int64, as `plan_visits` planned them.
-    starts : (groups + 1,) int64, first point of each; middles : (groups,), its first without a normal; ranks :
-    (groups,), number of its height layer among the scan's.
-    """
-
-    visits: Any
-    starts: Any
-    middles: Any
-    ranks: Any
-
-
-class Met(NamedTuple):
-    """What meets a tile.
-
-    numbers : (k,) int64, which visits; rectangles : (k, 4) int64, which voxels of the tile each of them meets: x first,
-    x last, y first, y last; layers : for each height layer of the scan its number in the tile, -1 for none.
-    """
-
-    numbers: Any
-    rectangles: Any
-    layers: Any
+PATCH_BITS = PATCH_VOXELS.bit_length() - 1
 
 
 class TileVoxels(NamedTuple):
-    """The voxels of a tile in the order of the search, see `VoxelTile` and `TileIndex`.
+    """The voxels of a tile in the order of the search, see `VoxelTile`.
 
-    corner : (x, y) voxel index of its first; edge : how many along its edge; patch_starts : first voxel of each patch.
-    columns : (k, 2) int16; normals : (k, 3) float32; counts : (k,) int32, or empty where a voxel counts once.
+    Kernels are handed it as a plain tuple, and name the fields again: numba never lets go of the arrays of a named
+    tuple that it is handed.
+
+    corner : (x, y) voxel index of its first; columns : (k, 2) int16; normals : (k, 3) float32; counts : (k,) int32, or
+    empty where a voxel counts once.
     """
 
     corner: Any
-    edge: Any
-    patch_starts: Any
     columns: Any
     normals: Any
     counts: Any
-
-
-@njit(nogil=True, cache=True)
-def turn_to_columns(points, turns, place, cell):
-    """Turn a levelled scan about the sensor, by each of some headings: voxel columns in the map's axes.
-
-    points : (2 or 3, n) float64; turns : (headings, 2) float64, cosine and sine; place : (x, y) of the sensor, m;
-    cell : voxel edge, m. Returns (headings, 2, n) int32.
-    """
-    columns = np.empty((turns.shape[0], 2, points.shape[1]), np.int32)
-    for heading in range(turns.shape[0]):
-        cosine, sine = turns[heading, 0], turns[heading, 1]
-        for i in range(points.shape[1]):
-            x, y = points[0, i], points[1, i]
-            columns[heading, 0, i] = np.int32(np.floor((x * cosine - y * sine + place[0]) / cell))
-            columns[heading, 1, i] = np.int32(np.floor((x * sine + y * cosine + place[1]) / cell))
-    return columns
-
-
-@njit(nogil=True, cache=True)
-def turn_normals(normals, turns):
-    """Turn normals, (3, n) float64, by each of some headings, as above: (headings, 3, n) float32."""
-    turned = np.empty((turns.shape[0], 3, normals.shape[1]), np.float32)
-    for heading in range(turns.shape[0]):
-        cosine, sine = turns[heading, 0], turns[heading, 1]
-        for i in range(normals.shape[1]):
-            turned[heading, 0, i] = normals[0, i] * cosine - normals[1, i] * sine
-            turned[heading, 1, i] = normals[0, i] * sine + normals[1, i] * cosine
-            turned[heading, 2, i] = normals[2, i]
-    return turned
 
 
 @njit(nogil=True, cache=True)
@@ -210,3 +151,42 @@ def visits_of_tiles(visits, window, edge_bits, corner, shape):
             starts = np.cumsum(starts)
             numbers, rectangles = np.empty(starts[-1], np.int64), np.empty((starts[-1], 4), np.int64)
     return starts, numbers, rectangles
+
+
+@njit(nogil=True, cache=True)
+def stops_in_tile(visits, numbers, rectangles, starts, middles, ranks, layers, patch_starts, n_patches):
+    """Where in a tile its visits look for voxels.
+
+    visits : as planned; numbers, rectangles : those that meet the tile, see `visits_of_tiles`; starts, middles, ranks :
+    of the groups, see `PreparedScan`; layers : for each height layer of the scan its number in the tile, -1 for none;
+    patch_starts : first voxel of each patch of the tile, see `TileIndex`; n_patches : patches along its edge.
+    Returns stops, (k, 11) int64: first point, first point without a normal and end of the points; first heading and end
+    of the headings; x first, x last, y first, y last voxel; first and end of the runs; and runs, (m, 2) int64: first
+    and end of voxels that follow each other in the tile. The runs of a stop hold all voxels of its rectangle, and some
+    beside. A visit that meets no voxels makes no stop.
+    """
+    n_rows = 0
+    for at in range(numbers.shape[0]):
+        n_rows += (rectangles[at, 3] >> PATCH_BITS) - (rectangles[at, 2] >> PATCH_BITS) + 1
+    stops, runs = np.empty((numbers.shape[0], 11), np.int64), np.empty((n_rows, 2), np.int64)
+    n_stops, n_runs = 0, 0
+    for at in range(numbers.shape[0]):
+        group, since, until = visits[numbers[at], 0], visits[numbers[at], 1], visits[numbers[at], 2]
+        layer, first_run = layers[ranks[group]], n_runs
+        if layer < 0:
+            continue
+        x_first, x_last, y_first, y_last = rectangles[at]
+        for py in range(y_first >> PATCH_BITS, (y_last >> PATCH_BITS) + 1):
+            row = (layer * n_patches + py) * n_patches
+            first = np.int64(patch_starts[row + (x_first >> PATCH_BITS)])
+            end = np.int64(patch_starts[row + (x_last >> PATCH_BITS) + 1])
+            if first < end:
+                runs[n_runs] = (first, end)
+                n_runs += 1
+        if first_run < n_runs:
+            stops[n_stops] = (
+                starts[group], middles[group], starts[group + 1], since, until,
+                x_first, x_last, y_first, y_last, first_run, n_runs,
+            )  # fmt: skip
+            n_stops += 1
+    return stops[:n_stops], runs[:n_runs]

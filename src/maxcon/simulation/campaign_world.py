@@ -3,7 +3,7 @@
 """CampaignWorld: an inner city on two days, five rounds of a mapping vehicle, and one round of a car."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Self
 
@@ -93,6 +93,8 @@ class CampaignWorld:
         The round of the car, 300 s long.
     traffic : Traffic or None
         What moves about the car; nothing if None.
+    drive_number : int
+        Which of the drives through it, see `again`.
     """
 
     seed: int
@@ -103,6 +105,7 @@ class CampaignWorld:
     georeferencing: GeoreferencingErrors
     scan_drive: Drive
     traffic: Traffic | None = None
+    drive_number: int = 0
 
     @classmethod
     def build(cls, seed: int, n_rounds: int = 5, *, is_hard: bool = False) -> Self:
@@ -142,18 +145,54 @@ class CampaignWorld:
             georeferencing=draw_georeferencing_errors(
                 [seed, _Stream.GEOREFERENCING], float(drives[0].times[0]), float(drives[-1].times[-1])
             ),
-            scan_drive=drive_round(
-                circuit,
-                SCAN_DRIVER,
-                [seed, _Stream.SCAN_DRIVE],
-                height=SCAN_HEIGHT,
-                start_time=SCAN_START,
-                duration=ROUND_TIME,
-            ),
+            scan_drive=_scan_drive(circuit, [seed, _Stream.SCAN_DRIVE], SCAN_START),
             traffic=(
                 Traffic(CAMPAIGN_GRID, map_city.street_angle, [seed, _Stream.ROAD_USERS]) if is_hard else None
             ),
         )
+
+    def again(self, drive_number: int, day: int = 1) -> Self:
+        """Return the same world when the car comes another time: it drives otherwise, with other noise and priors.
+
+        Parameters
+        ----------
+        drive_number : int
+            From 0, the first drive.
+        day : int
+            1 for the day of the first drive; on each other day, other cars are parked.
+
+        Raises
+        ------
+        OptionError
+            If the number is negative, or the day before the first.
+        """
+        if drive_number < 0 or day < 1:
+            raise OptionError(
+                f"Expected the number of a drive >= 0 and a day >= 1, got {drive_number} and {day}."
+                " Drive 0 of day 1 is the first."
+            )
+        start = SCAN_START + 86_400.0 * (day - 1)
+        caster, city = self.scan_caster, self.scan_caster.city
+        if day > 1 and isinstance(city, City):
+            occupancy = OCCUPANCY if self.traffic is None else HARD_OCCUPANCY
+            caster = RayCaster(city.with_parked_cars([self.seed, _Stream.CARS_OF_SCANS, day], occupancy))
+        return replace(
+            self,
+            scan_caster=caster,
+            scan_drive=_scan_drive(
+                self.circuit, self._stream(_Stream.SCAN_DRIVE, number=drive_number), start
+            ),
+            drive_number=drive_number,
+        )
+
+    def _stream(self, stream: "_Stream", *more: int, number: int | None = None) -> list[int]:
+        """Seed of what is drawn anew for every drive; the first drive's does not say its number."""
+        number = self.drive_number if number is None else number
+        return [self.seed, stream, *more, *([number] if number else [])]
+
+    @property
+    def _start(self) -> float:
+        return float(self.scan_drive.times[0])
 
     def n_pieces(self, scanners: Sequence[ProfileScanner]) -> int:
         """How many pieces `map_echoes` yields."""
@@ -171,32 +210,32 @@ class CampaignWorld:
     def epochs(self, n_epochs: int = MOST_EPOCHS, ticks_apart: int | None = None) -> list[ScanEpoch]:
         """Return `n_epochs` of the 3001, spread evenly over the round; or from its beginning, so many ticks apart."""
         if ticks_apart is not None:
-            return successive_epochs(self.scan_drive, n_epochs, ticks_apart, SCAN_START, EPOCH_STEP)
-        return evenly_spread_epochs(self.scan_drive, n_epochs, MOST_EPOCHS, SCAN_START, EPOCH_STEP)
+            return successive_epochs(self.scan_drive, n_epochs, ticks_apart, self._start, EPOCH_STEP)
+        return evenly_spread_epochs(self.scan_drive, n_epochs, MOST_EPOCHS, self._start, EPOCH_STEP)
 
     def odometry(self, errors: OdometryErrors) -> tuple[NDArray[np.float64], list[Pose]]:
         """Times (s) and poses (T_odometry_sensor) of the whole round, ten a second, whichever epochs are taken."""
-        times = np.round(SCAN_START + EPOCH_STEP * np.arange(MOST_EPOCHS), 6)
-        return times, errors.draw(self.scan_drive, times, [self.seed, _Stream.ODOMETRY])
+        times = np.round(self._start + EPOCH_STEP * np.arange(MOST_EPOCHS), 6)
+        return times, errors.draw(self.scan_drive, times, self._stream(_Stream.ODOMETRY))
 
     def gnss_priors(self, epochs: Sequence[ScanEpoch], errors: GnssErrors) -> list[Pose]:
         """Priors whose errors change slowly over the round."""
-        return gnss_priors(epochs, errors, MOST_EPOCHS, EPOCH_STEP, [self.seed, _Stream.GNSS_PRIORS])
+        return gnss_priors(epochs, errors, MOST_EPOCHS, EPOCH_STEP, self._stream(_Stream.GNSS_PRIORS))
 
     def uniform_priors(self, epochs: Sequence[ScanEpoch], errors: PriorErrors) -> list[Pose]:
         """Priors whose errors know nothing of each other."""
-        return uniform_priors(epochs, errors, [self.seed, _Stream.UNIFORM_PRIORS])
+        return uniform_priors(epochs, errors, self._stream(_Stream.UNIFORM_PRIORS))
 
     def scan(self, epoch: ScanEpoch, scanner: RotatingScanner) -> Echoes:
         """Measure the scan of one epoch from its reference pose: the same, whichever others are taken."""
-        rng = np.random.default_rng([self.seed, _Stream.SCAN_NOISE, epoch.tick])
+        rng = np.random.default_rng(self._stream(_Stream.SCAN_NOISE, epoch.tick))
         return scanner.scan(self._caster_at(epoch, scanner), epoch.reference, epoch.time, rng)
 
     def _caster_at(self, epoch: ScanEpoch, scanner: RotatingScanner) -> Caster:
         """Return the city of the scans with the traffic of this epoch."""
         if self.traffic is None:
             return self.scan_caster
-        rng = np.random.default_rng([self.seed, _Stream.TRAFFIC, epoch.tick])
+        rng = np.random.default_rng(self._stream(_Stream.TRAFFIC, epoch.tick))
         return CrowdedCaster(
             self.scan_caster, self.traffic.draw(self.scan_caster, scanner, epoch.reference, rng)
         )
@@ -219,6 +258,11 @@ def _hard_cities(seed: int) -> tuple[City, City]:
         city.city().with_parked_cars([seed, _Stream.CARS_OF_MAP], OCCUPANCY),
         city.city(gone).with_parked_cars([seed, _Stream.CARS_OF_SCANS], HARD_OCCUPANCY),
     )
+
+
+def _scan_drive(circuit: Circuit, seed: Sequence[int], start: float) -> Drive:
+    """Return one round of the car, from `start` (s) on."""
+    return drive_round(circuit, SCAN_DRIVER, seed, height=SCAN_HEIGHT, start_time=start, duration=ROUND_TIME)
 
 
 def _mapping_rounds(circuit: Circuit, seed: int, n_rounds: int) -> tuple[Drive, ...]:

@@ -45,6 +45,8 @@ class City:
         Start and end (x, y) of each row of parked cars, m.
     street_angle : float
         Direction of the main street, rad, counter-clockwise from +x.
+    car_numbers : array, shape (t,), int32
+        Number of the parked car that each triangle is of, from 0; -1 where it is none's.
     """
 
     vertices: NDArray[np.float64]
@@ -53,6 +55,7 @@ class City:
     street_lines: NDArray[np.float64]
     parking_lanes: NDArray[np.float64]
     street_angle: float
+    car_numbers: NDArray[np.int32]
 
     @property
     def corners(self) -> NDArray[np.float64]:
@@ -72,7 +75,7 @@ class City:
         rng = np.random.default_rng(seed)
         cars = [car for lane in self.parking_lanes for car in _cars_along(lane, occupancy, rng)]
         stays = self.classes != LasClass.VEHICLE
-        return _city([Patch(self.corners[stays], self.classes[stays]), *cars], self)
+        return _city(Patch(self.corners[stays], self.classes[stays]), cars, self)
 
 
 def build_city(seed: Seed, *, street_angle_deg: float = 31.0, grid: StreetGrid | None = None) -> City:
@@ -125,16 +128,20 @@ def city_of(parts: Sequence[Patch], grid: StreetGrid, street_angle: float) -> Ci
         grid.centre_lines() @ turn,
         lanes @ turn,
         street_angle,
+        np.empty(0, np.int32),
     )
-    return _city([whole], bare)
+    return _city(whole, [], bare)
 
 
-def _city(patches: list[Patch], like: City) -> City:
-    """Return the city of `patches` with the streets of `like`."""
-    patch = join(patches)
+def _city(fixed: Patch, cars: Sequence[Patch], like: City) -> City:
+    """Return the city of what is fixed and some cars, with the streets of `like`."""
+    patch = join([fixed, *cars])
+    numbers = np.repeat(np.arange(-1, len(cars), dtype=np.int32), [len(fixed), *map(len, cars)])
     vertices = patch.corners.reshape(-1, 3)
     triangles = np.arange(len(vertices), dtype=np.int32).reshape(-1, 3)
-    return City(vertices, triangles, patch.classes, like.street_lines, like.parking_lanes, like.street_angle)
+    return City(
+        vertices, triangles, patch.classes, like.street_lines, like.parking_lanes, like.street_angle, numbers
+    )
 
 
 def _houses(side: Frontage, rng: np.random.Generator) -> Iterator[Patch]:

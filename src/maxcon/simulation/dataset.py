@@ -34,6 +34,7 @@ def simulate(
     seed: int = 0,
     before: float = 75.0,
     after: float = 50.0,
+    mapping_wait: float = 0.0,
     mapping_scanners: Sequence[ProfileScanner] | None = None,
     scanner: RotatingScanner | None = None,
     prior_errors: PriorErrors | None = None,
@@ -52,6 +53,8 @@ def simulate(
         The same seed gives the same city, drives, scans, priors and map points.
     before, after : float
         How far from the middle of the crossing the scans begin and end, m.
+    mapping_wait : float
+        How long the mapping vehicle stands before the crossing, s: there the map is far denser than elsewhere.
     mapping_scanners : sequence of ProfileScanner, optional
         On the mapping vehicle; two turned by 45 degrees to either side if None.
     scanner : RotatingScanner, optional
@@ -71,7 +74,7 @@ def simulate(
     Raises
     ------
     OptionError
-        If `n_epochs` is below 1, `seed` is negative or the route is too short.
+        If `n_epochs` is below 1, `seed` or `mapping_wait` is negative or the route is too short.
     MissingExtraError
         If embreex is not installed.
     FileError
@@ -86,7 +89,7 @@ def simulate(
     if overwrite:
         check_replaceable(out, "a simulated dataset", DATASET_NAMES)
     with atomic_folder(out, overwrite=overwrite) as folder:
-        world = SimulatedWorld.build(seed, before, after)
+        world = SimulatedWorld.build(seed, before, after, mapping_wait)
         epochs = world.epochs(n_epochs, prior_errors or PriorErrors())
         profiles = mapping_scanners or mobile_mapping_scanners()
         tick = ticker(progress, world.n_pieces(profiles) + n_epochs)

@@ -48,7 +48,7 @@ ODOMETRY = "odometry.txt"
 
 DATASET_NAMES = (
     DESCRIPTION, "map", "scans", "reference.txt", "prior.txt", "prior_*.txt", ODOMETRY,
-    "drive.bag", "drive.mcap", "drive_ros2",
+    "drive.bag", "drive.mcap", "drive_ros2", "drive.pcap", "drive_pcd",
 )  # fmt: skip
 """All that the folder of a dataset may hold."""
 

@@ -115,6 +115,7 @@ def drive_along(
     *,
     speed: float = 8.0,
     slowest: float = 0.12,
+    wait: float = 0.0,
     height: float = 2.0,
     start_time: float = 0.0,
 ) -> Drive:
@@ -130,6 +131,8 @@ def drive_along(
         On the straight parts, m/s; it varies by about a fifth.
     slowest : float
         Part of `speed` that is left at the crossing.
+    wait : float
+        How long it stands where it has slowed down, as before a red light, s.
     height : float
         Of the sensor above the carriageway, m.
     start_time : float
@@ -138,8 +141,10 @@ def drive_along(
     Raises
     ------
     OptionError
-        If `speed` or `slowest` is not above 0.
+        If `speed` or `slowest` is not above 0, or `wait` is below.
     """
+    if not 0.0 <= wait < math.inf:
+        raise OptionError(f"Expected a wait of 0 s or more, got {wait}. With 0 the vehicle does not stop.")
     if not (speed > 0.0 and 0.0 < slowest <= 1.0):
         raise OptionError(
             f"Expected a speed above 0 m/s and a slowest part of it above 0 and up to 1, got {speed}"
@@ -157,7 +162,14 @@ def drive_along(
     roll = sway(distances, math.radians(0.8), (6.0, 40.0), rng)
     pitch = sway(distances, math.radians(0.8), (6.0, 40.0), rng)
     z = height + sway(distances, 0.02, (5.0, 30.0), rng)
-    return Drive(times, np.column_stack([route.points, z]), np.column_stack([roll, pitch, heading]))
+    positions, angles = np.column_stack([route.points, z]), np.column_stack([roll, pitch, heading])
+    if wait == 0.0:
+        return Drive(times, positions, angles)
+    # The same pose twice: where it stands, and when it goes on.
+    stop = int(np.searchsorted(distances, route.stop_at))
+    order = np.insert(np.arange(len(times)), stop, stop)
+    times = times[order] + np.where(np.arange(len(order)) > stop, wait, 0.0)
+    return Drive(times, positions[order], angles[order])
 
 
 def sway(

@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: MIT
 """MapTiles: the map cloud of a simulated drive, streamed to square LAZ files."""
 
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.geometry import LocalFrame
+from maxcon.io.clouds.laz import laz_as_os_error
 from maxcon.simulation.scanners import Echoes
 
 __all__ = ["MapTiles"]
@@ -19,17 +19,6 @@ __all__ = ["MapTiles"]
 TILE_EDGE = 50.0
 RESOLUTION = 0.001
 """Of the stored coordinates, m."""
-
-
-@contextmanager
-def _as_os_error() -> Iterator[None]:
-    """The compressor has an error of its own for a disk that is full."""
-    import lazrs  # type: ignore[import-untyped, unused-ignore]
-
-    try:
-        yield
-    except lazrs.LazrsError as error:
-        raise OSError(str(error)) from error
 
 
 class MapTiles:
@@ -60,7 +49,7 @@ class MapTiles:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        with _as_os_error():
+        with laz_as_os_error():
             self._open_files.close()
 
     def write(self, echoes: Echoes) -> None:
@@ -92,7 +81,7 @@ class MapTiles:
         record.gps_time = echoes.times[rows]
         record.return_number[:] = 1
         record.number_of_returns[:] = 1
-        with _as_os_error():
+        with laz_as_os_error():
             writer.write_points(record)
 
     def _open(self, tile: tuple[int, int]) -> Any:

@@ -1,9 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""A dataset's drive as a recorder would have written it: a ROS 1 bag, a ROS 2 bag, or a bare MCAP file."""
+"""A dataset's drive as a recorder would have written it: a bag, an MCAP file, a capture of packets, or PCD files."""
 
 import os
 from collections.abc import Iterator
+from enum import StrEnum
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,19 +13,37 @@ from numpy.typing import NDArray
 
 from maxcon.dataset import Dataset
 from maxcon.io.geographic import GeographicFrame
+from maxcon.io.recordings.writing import Entry, RecordingKind, open_writer
 from maxcon.io.scans import Scans, open_scans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.simulation.dataset_files import CRS
-from maxcon.simulation.recording_writers import Entry, RecordingKind, open_writer
 from maxcon.trajectory import Trajectory
 
-__all__ = ["RECORDING_NAMES", "RecordingKind", "Topics", "record_dataset", "record_drive"]
+__all__ = [
+    "RECORDING_NAMES",
+    "RecordingKind",
+    "ScansKind",
+    "Topics",
+    "cloud_message",
+    "record_dataset",
+    "record_drive",
+    "write_dataset_scans",
+]
 
 
-RECORDING_NAMES = {
+class ScansKind(StrEnum):
+    """What holds scans alone, without poses."""
+
+    PCAP = "pcap"
+    PCD = "pcd"
+
+
+RECORDING_NAMES: dict[RecordingKind | ScansKind, str] = {
     RecordingKind.ROS1: "drive.bag",
     RecordingKind.ROS2: "drive_ros2",
     RecordingKind.MCAP: "drive.mcap",
+    ScansKind.PCAP: "drive.pcap",
+    ScansKind.PCD: "drive_pcd",
 }
 """Of the recordings of a dataset."""
 
@@ -95,6 +114,22 @@ def record_dataset(dataset: Dataset, kind: RecordingKind, *, sigma: float = 0.0)
     return path
 
 
+def write_dataset_scans(dataset: Dataset, kind: ScansKind) -> Path:
+    """Write the scans of a dataset as a capture of packets or as PCD files beside them; return its path.
+
+    Errors as of `write_capture` and `write_pcd_folder`.
+    """
+    from maxcon.simulation.pcd_scans import write_pcd_folder
+    from maxcon.simulation.velodyne_packets import write_capture
+
+    path, scans = dataset.folder / RECORDING_NAMES[kind], open_scans(dataset.scans, dataset.times)
+    if kind is ScansKind.PCAP:
+        write_capture(path, scans)
+    else:
+        write_pcd_folder(path, scans, overwrite=True)
+    return path
+
+
 def _in_order(
     scans: Scans, prior: Trajectory, frame: GeographicFrame, sigma: float, odometry: Trajectory | None
 ) -> Iterator[Entry]:
@@ -104,11 +139,12 @@ def _in_order(
     for i, time in enumerate(scans.times):
         while poses and poses[0].time <= time:
             yield poses.pop(0)
-        yield _cloud(scans, i)
+        yield cloud_message(scans, i)
     yield from poses
 
 
-def _cloud(scans: Scans, i: int) -> Entry:
+def cloud_message(scans: Scans, i: int, topic: str | None = None) -> Entry:
+    """Return scan number `i` as a PointCloud2, all its returns with the time of each where it is known."""
     raw = scans.read(i, 0.0, np.inf)
     fields = [("x", 0, 7), ("y", 4, 7), ("z", 8, 7)]
     columns = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
@@ -131,7 +167,7 @@ def _cloud(scans: Scans, i: int) -> Entry:
         "data": records.view(np.uint8),
         "is_dense": True,
     }
-    return Entry(raw.time, Topics().points, "sensor_msgs/msg/PointCloud2", content)
+    return Entry(raw.time, topic or Topics().points, "sensor_msgs/msg/PointCloud2", content)
 
 
 def _fixes(prior: Trajectory, frame: GeographicFrame, sigma: float) -> list[Entry]:

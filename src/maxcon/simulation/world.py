@@ -80,13 +80,15 @@ class SimulatedWorld:
     scan_drive: Drive
 
     @classmethod
-    def build(cls, seed: int, before: float = 75.0, after: float = 50.0) -> Self:
+    def build(cls, seed: int, before: float = 75.0, after: float = 50.0, mapping_wait: float = 0.0) -> Self:
         """Return the world of `seed`; the scans begin and end so far (m) from the middle of the crossing.
+
+        The mapping vehicle stands before it for `mapping_wait` (s).
 
         Raises
         ------
         OptionError
-            If `seed` is negative, or the route begins or ends within its turn over the crossing.
+            If `seed` or `mapping_wait` is negative, or the route begins or ends within its turn over the crossing.
         MissingExtraError
             If embreex is not installed.
         """
@@ -98,7 +100,7 @@ class SimulatedWorld:
             seed=seed,
             map_caster=RayCaster(city.with_parked_cars([seed, _Stream.CARS_OF_MAP])),
             scan_caster=RayCaster(city.with_parked_cars([seed, _Stream.CARS_OF_SCANS])),
-            map_drives=_mapping_drives(seed, city.street_angle, before, after),
+            map_drives=_mapping_drives(seed, city.street_angle, before, after, mapping_wait),
             scan_drive=drive_along(route, [seed, _Stream.SCAN_DRIVE], slowest=0.25, start_time=SCAN_START),
         )
 
@@ -132,7 +134,9 @@ class SimulatedWorld:
         return scanner.scan(self.scan_caster, epoch.reference, epoch.time, rng)
 
 
-def _mapping_drives(seed: int, street_angle: float, before: float, after: float) -> tuple[Drive, ...]:
+def _mapping_drives(
+    seed: int, street_angle: float, before: float, after: float, wait: float
+) -> tuple[Drive, ...]:
     """Return the route of the scans and more, and then the other two branches of the crossing."""
     routes = [
         route_over_crossing(street_angle, before + MAP_BEYOND, after + MAP_BEYOND, lane=1.7),
@@ -143,7 +147,15 @@ def _mapping_drives(seed: int, street_angle: float, before: float, after: float)
     for i, route in enumerate(routes):
         stream = [seed, _Stream.MAP_DRIVE, i]
         drives.append(
-            drive_along(route, stream, speed=MAP_SPEED, slowest=0.2, height=MAP_HEIGHT, start_time=start)
+            drive_along(
+                route,
+                stream,
+                speed=MAP_SPEED,
+                slowest=0.2,
+                wait=wait if i == 0 else 0.0,
+                height=MAP_HEIGHT,
+                start_time=start,
+            )
         )
         start = float(drives[-1].times[-1]) + PAUSE
     return tuple(drives)

@@ -13,7 +13,7 @@ import numpy as np
 from maxcon.accumulator import Accumulator
 from maxcon.baselines import CountThenGicp, Gicp, Icp, MultiStart
 from maxcon.dataset import Dataset
-from maxcon.drive import DriveOptions, Method, check_inside, pose_or_none, status_without_search
+from maxcon.drive import DriveOptions, Method, check_inside, pose_or_none, scan_of, status_without_search
 from maxcon.errors import FileError, MaxconError, MissingExtraError, TrajectoryError
 from maxcon.estimate import Status
 from maxcon.evaluation import Distinctness, distinctness
@@ -148,6 +148,25 @@ class Bench:
             Those of maximum consensus that differ in what they make of an accumulator share it; each is
             charged with its time.
         """
+        row, prior, reference = self._begun(prior_name, number)
+        try:
+            raw = self.scans.read(number, self.options.min_range, self.options.max_range)
+        except FileError as error:
+            failed = {"status": Status.UNREADABLE.value, "reason": str(error)}
+            return [row | failed | {"method": method.name} for method in methods]
+        row["n_points"] = len(raw.points)
+        epoch = _Epoch(scan_of(raw), prior, reference)
+        shared = _SharedAccumulators(epoch.scan)
+        return [row | {"method": method.name} | self._columns(epoch, method, shared) for method in methods]
+
+    def failed(self, prior_name: str, number: int, methods: Sequence[StudyMethod], reason: str) -> list[Row]:
+        """Return a row for each method that says why it never answered an epoch."""
+        row, _, _ = self._begun(prior_name, number)
+        row |= {"status": Status.FAILED.value, "reason": reason}
+        return [row | {"method": method.name} for method in methods]
+
+    def _begun(self, prior_name: str, number: int) -> tuple[dict[str, Any], Pose | None, Pose | None]:
+        """What a row says of an epoch before any method has seen it; its prior and its reference."""
         at = float(self.scans.times[number])
         row: dict[str, Any] = {
             "prior": prior_name,
@@ -159,15 +178,7 @@ class Bench:
         reference = pose_or_none(self.reference, at, self.options.max_gap)
         row |= {"is_localized": False, "is_success": None if reference is None else False}
         row |= reference_columns(prior, reference)
-        try:
-            raw = self.scans.read(number, self.options.min_range, self.options.max_range)
-        except FileError as error:
-            failed = {"status": Status.UNREADABLE.value, "reason": str(error)}
-            return [row | failed | {"method": method.name} for method in methods]
-        row["n_points"] = len(raw.points)
-        epoch = _Epoch(Scan(raw.points, time=raw.time), prior, reference)
-        shared = _SharedAccumulators(epoch.scan)
-        return [row | {"method": method.name} | self._columns(epoch, method, shared) for method in methods]
+        return row, prior, reference
 
     def _columns(self, epoch: _Epoch, method: StudyMethod, shared: "_SharedAccumulators") -> dict[str, Any]:
         """What one method adds to the row of an epoch."""

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from maxcon.atomic import atomic_file
+from maxcon.atomic import write_json
 from maxcon.dataset import Dataset
 from maxcon.drive import DriveOptions
 from maxcon.errors import FileError, OptionError
@@ -138,8 +138,7 @@ class Configuration:
         FileError
             If it cannot be written.
         """
-        with atomic_file(folder / CONFIGURATION) as partial:
-            partial.write_text(json.dumps(asdict(self), indent=1) + "\n", encoding="utf-8", newline="\n")
+        write_json(folder / CONFIGURATION, asdict(self))
 
     def joined(self, other: "Configuration", with_rows: Collection[str]) -> "Configuration":
         """Return this configuration with the methods of another run of the same study.

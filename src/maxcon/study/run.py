@@ -4,7 +4,7 @@
 
 import os
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,15 +15,16 @@ from maxcon.atomic import check_folder, make_folder
 from maxcon.baselines import check_small_gicp
 from maxcon.dataset import Dataset
 from maxcon.drive import DriveOptions
+from maxcon.engine import Engine
 from maxcon.errors import FileError, OptionError
 from maxcon.io.scans import open_scans
 from maxcon.locks import locked
 from maxcon.progress import Progress
 from maxcon.study.bench import REFERENCE, BenchPlan
 from maxcon.study.configuration import CONFIGURATION, Configuration
+from maxcon.study.job import StudyJob, StudyTask
 from maxcon.study.map_variants import make_maps
 from maxcon.study.methods import StudyMethod
-from maxcon.study.pool import Task, run_tasks
 from maxcon.study.table import Key, TableParts, keys_of
 
 if TYPE_CHECKING:
@@ -31,8 +32,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Study", "run_study", "spread_epochs"]
 
-# Consecutive epochs see the same tiles; more of them at once would be lost together when a study is stopped.
-EPOCHS_PER_TASK = 3
+# Consecutive epochs see the same tiles; more rows at once would be lost together when a study is stopped.
+ROWS_PER_TASK = 3
 LOCK = ".lock"
 
 
@@ -77,6 +78,8 @@ def run_study(
     n_workers: int | None = None,
     options: DriveOptions | None = None,
     progress: Progress | None = None,
+    scheduler: str | None = None,
+    tell: Callable[[str], None] | None = None,
 ) -> Study:
     """Let methods localize epochs of a dataset; rows that are in the folder already are not made again.
 
@@ -93,11 +96,15 @@ def run_study(
     n_epochs : int, optional
         So many of the dataset's scans, evenly spread; all if None.
     n_workers : int, optional
-        Processes; as many as there are processors if None.
+        Processes; as many as there are processors if None. With one, all is done in this process.
     options : DriveOptions, optional
         Range limits, and gaps of the trajectories to interpolate across.
     progress : callable, optional
         Called with (step, done, of how many).
+    scheduler : str, optional
+        Address of a dask scheduler, whose workers do it instead.
+    tell : callable, optional
+        Called with a line for the user: where a browser finds the dashboard of dask.
 
     Returns
     -------
@@ -111,7 +118,8 @@ def run_study(
         If the dataset cannot be used, or the folder cannot be written.
     """
     root, options = Path(folder), options or DriveOptions()
-    names = _checked(dataset, methods, priors, n_workers)
+    engine = Engine(n_workers, scheduler, tell) if tell is not None else Engine(n_workers, scheduler)
+    names = _checked(dataset, methods, priors)
     scans = open_scans(dataset.scans, dataset.times)
     numbers = spread_epochs(len(scans), n_epochs)
     wanted = Configuration.of(dataset, len(scans), options, methods)
@@ -128,29 +136,29 @@ def run_study(
             names, numbers
         )  # what cannot be done is said here, not by a process that ends
         tasks = _missing(methods, names, numbers, done)
-        n_workers = min(n_workers or _n_processors(), max(1, len(tasks)))
         run = {"methods": [method.name for method in methods], "priors": names, "n_epochs": len(numbers)}
-        wanted = wanted.with_run(run | {"n_workers": n_workers}) if tasks else wanted
+        run["n_workers"] = engine.n_local(len(tasks))
+        wanted = wanted.with_run(run) if tasks else wanted
         wanted.write(root)
-        _work_off(tasks, plan, methods, n_workers, parts, wanted, progress)
+        _work_off(tasks, StudyJob(plan, tuple(methods)), engine, parts, wanted, progress)
         return Study(root, Configuration.read(root), parts.merge())
 
 
 def _work_off(
-    tasks: Sequence[Task],
-    plan: BenchPlan,
-    methods: Sequence[StudyMethod],
-    n_workers: int,
+    tasks: Sequence[StudyTask],
+    job: StudyJob,
+    engine: Engine,
     parts: TableParts,
     configuration: Configuration,
     progress: Progress | None,
 ) -> None:
-    """Let the processes do the tasks, and write down what each made and how long all took."""
+    """Let the engine do the tasks, and write down what each made and how long all took."""
     started, n_done, n_total = time.perf_counter(), 0, sum(task.n_rows for task in tasks)
     report = progress or (lambda step, done, total: None)
-    if tasks:
-        report("localizing", 0, n_total)
-    for rows in run_tasks(tasks, plan, methods, n_workers):
+    if not tasks:
+        return
+    report("localizing", 0, n_total)
+    for _, rows in engine.run(job, tasks, len(tasks)):
         parts.add(rows)
         n_done += len(rows)
         report("localizing", n_done, n_total)
@@ -175,9 +183,7 @@ def spread_epochs(n_scans: int, n_epochs: int | None) -> list[int]:
     return [int(number) for number in np.linspace(0, n_scans - 1, n_epochs).round()]
 
 
-def _checked(
-    dataset: Dataset, methods: Sequence[StudyMethod], priors: Sequence[str] | None, n_workers: int | None
-) -> list[str]:
+def _checked(dataset: Dataset, methods: Sequence[StudyMethod], priors: Sequence[str] | None) -> list[str]:
     """Return the names of the priors; refuse what is not there, before anything is made."""
     names = list(dict.fromkeys(dataset.priors if priors is None else priors))
     for name in names:
@@ -188,10 +194,6 @@ def _checked(
             )
     if not methods or len({method.name for method in methods}) < len(methods):
         raise OptionError("Expected at least one method, each with a name of its own. Rename one.")
-    if n_workers is not None and n_workers < 1:
-        raise OptionError(
-            f"Expected at least one process, got {n_workers}. Leave it out for one per processor."
-        )
     for method in methods:
         if method.needs_small_gicp:
             check_small_gicp()
@@ -208,24 +210,20 @@ def _check_folder(root: Path) -> None:
         )
 
 
-def _n_processors() -> int:
-    """Processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def _missing(
     methods: Sequence[StudyMethod], priors: Iterable[str], numbers: Sequence[int], done: set[Key]
-) -> list[Task]:
+) -> list[StudyTask]:
     """Return what is still to do, a few epochs at a time that lack the same methods."""
-    tasks: list[Task] = []
+    tasks: list[StudyTask] = []
     for prior in priors:
         for number in numbers:
             lacking = tuple(method.name for method in methods if (prior, method.name, number) not in done)
             if not lacking:
                 continue
             last = tasks[-1] if tasks else None
-            if last and (last.prior, last.methods) == (prior, lacking) and len(last.epochs) < EPOCHS_PER_TASK:
-                tasks[-1] = Task(prior, (*last.epochs, number), lacking)
+            is_alike = last is not None and (last.prior, last.methods) == (prior, lacking)
+            if last and is_alike and last.n_rows + len(lacking) <= ROWS_PER_TASK:
+                tasks[-1] = StudyTask(prior, (*last.epochs, number), lacking)
             else:
-                tasks.append(Task(prior, (number,), lacking))
+                tasks.append(StudyTask(prior, (number,), lacking))
     return tasks

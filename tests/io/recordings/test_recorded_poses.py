@@ -223,3 +223,23 @@ def test_poses_that_are_not_there(recorded, shared_data):
         read_recorded_poses(bags / "example.bag", crs=UTM)
     truth = read_recorded_poses(bags / "embag_test.bag")
     assert len(truth.trajectory) == 5 and "/base_pose_ground_truth (Odometry)" in truth.words
+
+
+def test_swapped_latitude_and_longitude_are_named():
+    fixes = _fixes(_way())
+    swapped = Fixes(fixes.times, fixes.places[:, [1, 0, 2]], fixes.covariances, 0)
+    with pytest.raises(TrajectoryError, match=r"got latitude 9\.7.*, longitude 52\.3.*Are the two swapped"):
+        poses_of_fixes(swapped, None, FRAME, None, "log.csv")
+
+
+def test_bearings_for_headings_are_named():
+    way = _way(turn=0.05)
+    turns = FRAME.quaternions_to_enu(FRAME.to_geographic(way.positions), way.quaternions_xyzw)
+    roll, pitch, heading = angles_from_quaternions(turns).T
+    of_compass = quaternions_from_angles(roll, pitch, math.pi / 2 - heading)
+    imu = Orientations(
+        "/imu", Trajectory(way.times, np.zeros((len(way), 3)), of_compass), np.full(len(way), math.nan)
+    )
+    trajectory, words = poses_of_fixes(_fixes(way), imu, FRAME, None, "log.csv")
+    assert "degrees off it (but " in words and "mixed up: bearings count clockwise from north" in words
+    np.testing.assert_allclose(trajectory.angles[:, 2], way.angles[:, 2], atol=0.4)  # the course

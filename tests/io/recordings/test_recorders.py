@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: MIT
 """Real files of recorders and scanners: each is read rightly, or refused in one line, and soon."""
 
+import importlib.util
+import json
 import time
 
 import numpy as np
@@ -18,6 +20,8 @@ from maxcon.io.scans.points import read_scan_points
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 pytest.importorskip("velodyne_decoder")
+
+HAS_OUSTER = importlib.util.find_spec("ouster") is not None
 
 
 @pytest.fixture(scope="module")
@@ -40,9 +44,9 @@ def test_every_recording_is_read_or_refused_in_a_line(recorders):
         "1673400471837873222": 4,
         "1673400471837873222_0.db3": 4,
         "sample_velodyne_vlp16_gps.pcap": 4,
-        "OS-0-32-U1_v2.2.0_1024x10-single-packet.pcap": "Expected packets of a Velodyne scanner",
-        "OS-0-32-U1_v2.2.0_1024x10.pcap": "Expected packets of a Velodyne scanner",
-        "OS-1-128_v2.3.0_1024x10_lb_n3.pcap": "Expected packets of a Velodyne scanner",
+        "OS-0-32-U1_v2.2.0_1024x10-single-packet.pcap": 1 if HAS_OUSTER else "the package ouster-sdk",
+        "OS-0-32-U1_v2.2.0_1024x10.pcap": 1 if HAS_OUSTER else "the package ouster-sdk",
+        "OS-1-128_v2.3.0_1024x10_lb_n3.pcap": 3 if HAS_OUSTER else "the package ouster-sdk",
     }
     seen = set()
     for path in sorted(recorders.rglob("*")):
@@ -125,3 +129,29 @@ def test_a_capture_of_packets(recorders):
         assert raw.point_times.min() == pytest.approx(-raw.point_times.max())
         assert 0.08 < np.ptp(raw.point_times) < 0.105
     np.testing.assert_array_equal(scans.read(1, 0.0, 200.0).points, raws[1].points)
+
+
+@pytest.mark.skipif(not HAS_OUSTER, reason="ouster-sdk is not installed (docs/recordings.md says how)")
+def test_packets_of_an_ouster(recorders):
+    """Elevations of the layers are those of the scanner's own calibration, times those of a turn."""
+    folder = recorders / "pcap" / "ouster"
+    path = folder / "OS-1-128_v2.3.0_1024x10_lb_n3.pcap"
+    calibration = json.loads((folder / "OS-1-128_v2.3.0_1024x10.json").read_text())
+    altitudes = np.radians(calibration["beam_altitude_angles"])
+    above = calibration["lidar_to_sensor_transform"][11] / 1e3
+    arm = calibration["lidar_origin_to_beam_origin_mm"] / 1e3
+    (cloud, *_) = open_clouds(path).clouds()
+    content = cloud.points()
+    assert len(content.points) > 100_000 and content.rings.max() == 127
+    level = np.linalg.norm(content.points[:, :2], axis=1) - arm
+    elevations = np.arctan2(content.points[:, 2] - above, level)
+    far = level > 5.0
+    assert np.abs(elevations - altitudes[content.rings])[far].max() < np.radians(0.1)
+    assert np.ptp(content.times.offsets) == pytest.approx(0.0999, abs=5e-4)
+
+
+def test_a_capture_of_an_ouster_without_its_metadata(recorders, tmp_path):
+    path = tmp_path / "drive.pcap"
+    path.write_bytes((recorders / "pcap" / "ouster" / "OS-0-32-U1_v2.2.0_1024x10.pcap").read_bytes())
+    with pytest.raises(MaxconError, match=r"the metadata of an Ouster beside .*drive\.json, got none"):
+        open_scans(path)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from maxcon.errors import FileError
-from maxcon.io.clouds.base import CloudChunk, CloudHeader, CloudReader
+from maxcon.io.clouds.base import Bounds, CloudChunk, CloudHeader, CloudReader
 from maxcon.io.clouds.e57 import E57Reader
 from maxcon.io.clouds.las import LasReader
 from maxcon.io.clouds.npz import NpzReader
@@ -16,7 +16,7 @@ from maxcon.io.clouds.ply import PlyReader
 from maxcon.io.clouds.xyz import XyzReader
 from maxcon.regular_file import special_kind
 
-__all__ = ["CLOUD_SUFFIXES", "CloudChunk", "CloudHeader", "CloudReader", "open_cloud"]
+__all__ = ["CLOUD_SUFFIXES", "Bounds", "CloudChunk", "CloudHeader", "CloudReader", "open_cloud"]
 
 _READERS: dict[str, Callable[[Path], CloudReader]] = {
     ".las": LasReader,

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from maxcon.errors import FileError, MaxconError, OptionError
 
 __all__ = [
+    "Bounds",
     "CloudChunk",
     "CloudHeader",
     "CloudReader",
@@ -27,6 +28,15 @@ __all__ = [
 
 # Most bytes of a file's records that are held at a time: long records make shorter chunks.
 MAX_CHUNK_BYTES = 2**28
+
+
+class Bounds(NamedTuple):
+    """A rectangle in the coordinates of a file, its sides included."""
+
+    x_min: float
+    y_min: float
+    x_max: float
+    y_max: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,18 +106,24 @@ class CloudReader(ABC):
     def _read(self, max_points: int) -> Generator[CloudChunk]:
         """Yield all points, at most `max_points` at a time, and hold the file open only in between."""
 
+    def _read_within(self, max_points: int, bounds: Bounds) -> Generator[CloudChunk]:
+        """As `_read`, without parts of the file that are known to hold no points in a rectangle."""
+        return self._read(max_points)
+
     def close(self) -> None:
         """End all iterations, which closes the file."""
         while self._running:
             self._running.pop().close()
 
-    def chunks(self, max_points: int = 1_000_000) -> Iterator[CloudChunk]:
+    def chunks(self, max_points: int = 1_000_000, bounds: Bounds | None = None) -> Iterator[CloudChunk]:
         """Yield the points in order, never holding more than one chunk.
 
         Parameters
         ----------
         max_points : int
             Most points of one chunk; a million take about 100 MB while they are read.
+        bounds : Bounds, optional
+            Parts of the file known to hold no points there are left out (COPC); others come as a whole.
 
         Yields
         ------
@@ -122,7 +138,9 @@ class CloudReader(ABC):
         """
         if max_points < 1:
             raise OptionError(f"Expected max_points >= 1, got {max_points}. The default is 1,000,000.")
-        self._running.append(self._read(max_points))
+        self._running.append(
+            self._read(max_points) if bounds is None else self._read_within(max_points, bounds)
+        )
         return self._running[-1]
 
     def __enter__(self) -> Self:

@@ -5,21 +5,23 @@
 import math
 import os
 import struct
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from maxcon.errors import FileError
-from maxcon.io.clouds.base import CloudChunk, CloudHeader, CloudReader, as_file_error, rows_at_a_time
+from maxcon.io.clouds.base import Bounds, CloudChunk, CloudHeader, CloudReader, as_file_error, rows_at_a_time
+from maxcon.io.clouds.copc import copc_chunks_within
 from maxcon.io.clouds.las_crs import read_las_crs
 from maxcon.io.clouds.laz import LazChunks, check_layers, read_laz_chunks
 
 if TYPE_CHECKING:
     import laspy
 
-__all__ = ["LasReader"]
+__all__ = ["LasReader", "positions_of"]
 
 HEADER_BYTES = 227  # of LAS 1.0 to 1.2; 1.4 has 375
 # The parallel decompressor holds whole chunks (usually 50,000 points); larger ones are read in one thread.
@@ -167,6 +169,21 @@ class LasReader(CloudReader):
         )
 
     def _read(self, max_points: int) -> Generator[CloudChunk]:
+        for record in self.records(max_points, _needed()):
+            yield self._chunk(record)
+
+    def records(
+        self, max_points: int = 1_000_000, selection: "laspy.DecompressionSelection | None" = None
+    ) -> Generator[Any]:
+        """Yield laspy's records of all points in order, at most `max_points` at a time, checked as in `chunks`.
+
+        Parameters
+        ----------
+        max_points : int
+            Most points of one record.
+        selection : DecompressionSelection, optional
+            The fields of a LAZ file that are wanted; all if None.
+        """
         import laspy
 
         file, n_left = self.header.path, self.header.n_points
@@ -177,15 +194,12 @@ class LasReader(CloudReader):
                 if max(self._chunks.n_points) > MAX_PARALLEL_CHUNK:
                     backend = laspy.LazBackend.Lazrs
             stream.seek(0)
-            selection = laspy.DecompressionSelection.base() | laspy.DecompressionSelection.Z
-            selection |= laspy.DecompressionSelection.CLASSIFICATION | laspy.DecompressionSelection.GPS_TIME
-            selection |= laspy.DecompressionSelection.FLAGS
             reader = laspy.LasReader(
                 stream,
                 closefd=False,
                 laz_backend=backend,
                 read_evlrs=False,
-                decompression_selection=selection,
+                decompression_selection=selection or laspy.DecompressionSelection.all(),
             )
             n_most = rows_at_a_time(max_points, self._layout.record_length)
             while n_left > 0:
@@ -196,15 +210,84 @@ class LasReader(CloudReader):
                         f"Expected {self.header.n_points} points in {file}, got {n_left - len(record)} fewer:"
                         " truncated. Copy it again."
                     )
-                yield self._chunk(record, reader.header)
+                yield record
                 n_left -= n_wanted
 
-    def _chunk(self, record: Any, header: "laspy.LasHeader") -> CloudChunk:
-        points = np.empty((len(record), 3))
-        with np.errstate(over="ignore"):  # scales of a broken header
-            for axis, name in enumerate("XYZ"):
-                np.multiply(record.array[name], header.scales[axis], out=points[:, axis])
-            points += header.offsets
+    def _read_within(self, max_points: int, bounds: Bounds) -> Generator[CloudChunk]:
+        """Of a COPC file only the nodes of its octree that meet the rectangle."""
+        import laspy
+        import lazrs  # type: ignore[import-untyped, unused-ignore]
+
+        file, chunks = self.header.path, self._chunks
+        n_most = rows_at_a_time(max_points, self._layout.record_length)
+        # Its decompressor works in parallel, and on whole chunks.
+        if chunks is None or os.getpid() != PROCESS or max(chunks.n_points) > n_most:
+            yield from self._read(max_points)
+            return
+        with as_file_error(file, "a COPC file"), file.open("rb") as stream:
+            is_wanted = copc_chunks_within(file, stream, chunks, bounds)
+            if is_wanted is None:
+                yield from self._read(max_points)
+                return
+            check_layers(file, stream, chunks, self._layout.record_length)
+            stream.seek(0)
+            header = laspy.LasHeader.read_from(stream, read_evlrs=False)
+            record_data = header.vlrs.get("LasZipVlr")[0].record_data
+            starts = chunks.starts
+            for numbers in _runs(np.flatnonzero(is_wanted).tolist(), chunks.n_points, n_most):
+                sizes = [(chunks.n_points[k], chunks.n_bytes[k]) for k in numbers]
+                compressed = b"".join(_bytes_at(stream, starts[k], chunks.n_bytes[k]) for k in numbers)
+                unpacked = np.zeros(sum(n for n, _ in sizes) * self._layout.record_length, dtype=np.uint8)
+                lazrs.decompress_points_with_chunk_table(
+                    compressed, record_data, unpacked, sizes, _needed().to_lazrs()
+                )
+                packed = laspy.PackedPointRecord.from_buffer(unpacked, header.point_format)
+                record = laspy.ScaleAwarePointRecord(
+                    packed.array, packed.point_format, header.scales, header.offsets
+                )
+                yield self._chunk(record)
+
+    def _chunk(self, record: Any) -> CloudChunk:
         classes = np.array(record["classification"], dtype=np.uint8)
         times = np.array(record["gps_time"], dtype=np.float64) if self.header.has_times else None
-        return CloudChunk(points, None, classes, times, np.array(record["withheld"], dtype=bool))
+        return CloudChunk(
+            positions_of(record), None, classes, times, np.array(record["withheld"], dtype=bool)
+        )
+
+
+def _needed() -> "laspy.DecompressionSelection":
+    """What is unpacked of a point."""
+    import laspy
+
+    selection = laspy.DecompressionSelection.base() | laspy.DecompressionSelection.Z
+    selection |= laspy.DecompressionSelection.CLASSIFICATION | laspy.DecompressionSelection.GPS_TIME
+    return selection | laspy.DecompressionSelection.FLAGS
+
+
+def _runs(numbers: list[int], n_points: list[int], n_most: int) -> Iterator[list[int]]:
+    """Yield numbers of chunks, so many at a time that they have at most `n_most` points together."""
+    run: list[int] = []
+    n_of_run = 0
+    for number in numbers:
+        if run and n_of_run + n_points[number] > n_most:
+            yield run
+            run, n_of_run = [], 0
+        run.append(number)
+        n_of_run += n_points[number]
+    if run:
+        yield run
+
+
+def _bytes_at(stream: BinaryIO, start: int, length: int) -> bytes:
+    stream.seek(start)
+    return stream.read(length)
+
+
+def positions_of(record: Any) -> NDArray[np.float64]:
+    """Global coordinates of the points of a record of laspy's, shape (n, 3), m."""
+    points = np.empty((len(record), 3))
+    with np.errstate(over="ignore"):  # scales of a broken header
+        for axis, name in enumerate("XYZ"):
+            np.multiply(record.array[name], record.scales[axis], out=points[:, axis])
+        points += record.offsets
+    return points

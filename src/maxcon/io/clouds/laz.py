@@ -6,12 +6,17 @@ The decompressor allocates what the file claims (measured: 3.7 GB for a file of 
 """
 
 import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from maxcon.errors import FileError
 
-__all__ = ["LazChunks", "check_layers", "read_laz_chunks"]
+__all__ = ["LazChunks", "check_layers", "laz_as_os_error", "read_laz_chunks"]
 
 # Codes of the LASzip specification: pointwise chunked (formats 0-5) and layered chunked (6-10).
 POINTWISE, LAYERED = 2, 3
@@ -30,6 +35,22 @@ class LazChunks(NamedTuple):
     n_points: list[int]
     n_bytes: list[int]
     n_layers: int
+
+    @property
+    def starts(self) -> NDArray[np.int64]:
+        """Where each chunk begins in the file, shape (n_chunks,)."""
+        return self.start + np.cumsum([0, *self.n_bytes[:-1]], dtype=np.int64)
+
+
+@contextmanager
+def laz_as_os_error() -> Iterator[None]:
+    """Turn the error that the compressor has of its own for a disk that is full into OSError."""
+    import lazrs  # type: ignore[import-untyped, unused-ignore]
+
+    try:
+        yield
+    except lazrs.LazrsError as error:
+        raise OSError(str(error)) from error
 
 
 def broken_laz(file: Path, expected: str, got: str) -> FileError:

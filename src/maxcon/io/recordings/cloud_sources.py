@@ -5,14 +5,14 @@
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from maxcon.errors import FileError, OptionError
 from maxcon.io.clouds.base import as_file_error
 from maxcon.io.recordings.base import Message, Recording, Topic, printable
-from maxcon.io.recordings.messages import decode_message, stamp_of
+from maxcon.io.recordings.messages import decode_message, frame_of, stamp_of
 from maxcon.io.recordings.opening import CAPTURE_SUFFIX, existing_file, open_recording
 from maxcon.io.recordings.point_cloud2 import (
     CloudPoints,
@@ -94,6 +94,11 @@ class CloudSource(ABC):
     n_clouds: int = 0
     """How many there are; 0 where only reading them all would tell."""
 
+    @property
+    def frame(self) -> str:
+        """Name of the scanner's frame, where its clouds tell it; one is read."""
+        return ""
+
     @abstractmethod
     def clouds(self, start: int | None = None) -> Iterator[RecordedCloud]:
         """Yield the clouds in the order of their recording, from a time of recording (ns) on, one in memory at a time.
@@ -121,6 +126,14 @@ class TopicOfClouds(CloudSource):
         """Yield the clouds in the order of their recording."""
         for message in self._recording.messages([self.topic.name], start):
             yield _cloud(message, f"{self.path}, {self.label}")
+
+    @property
+    def frame(self) -> str:
+        """Name of the scanner's frame, from the first of its messages that can be read."""
+        for message in self._recording.messages([self.topic.name]):
+            with suppress(FileError), as_file_error(self.path, "a message of a cloud"):
+                return frame_of(decode_message(message))
+        return ""
 
     def close(self) -> None:
         """Close the recording."""
@@ -164,15 +177,26 @@ def open_clouds(path: str | os.PathLike[str], topic: str | None = None) -> Cloud
         If an extra is not installed.
     """
     if Path(path).suffix.lower() == CAPTURE_SUFFIX and topic is None:
-        from maxcon.io.recordings.velodyne import PacketCapture
-
-        return PacketCapture(existing_file(path))
+        return _of_capture(existing_file(path))
     recording = open_recording(path)
     try:
         return TopicOfClouds(recording, chosen_topic(recording, topic))
     except BaseException:
         recording.close()
         raise
+
+
+def _of_capture(path: Path) -> CloudSource:
+    """The turns of whichever scanner's packets were captured."""
+    from maxcon.io.recordings.captures import Maker, maker_of
+
+    if maker_of(path) is Maker.OUSTER:
+        from maxcon.io.recordings.ouster import OusterCapture
+
+        return OusterCapture(path)
+    from maxcon.io.recordings.velodyne import PacketCapture
+
+    return PacketCapture(path)
 
 
 def chosen_topic(recording: Recording, name: str | None) -> Topic:

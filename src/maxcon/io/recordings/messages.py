@@ -8,24 +8,34 @@ from typing import Any
 from maxcon.errors import FileError
 from maxcon.io.recordings.base import Message, printable
 
-__all__ = ["decode_message", "stamp_of"]
+__all__ = ["decode_message", "frame_name", "frame_of", "stamp_of", "with_added_types"]
 
-PACKETS = {
+ADDED = {
+    "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms\n",
+    "tf/msg/tfMessage": "geometry_msgs/TransformStamped[] transforms\n",
     "velodyne_msgs/msg/VelodynePacket": "time stamp\nuint8[1206] data\n",
     "velodyne_msgs/msg/VelodyneScan": "std_msgs/Header header\nvelodyne_msgs/VelodynePacket[] packets\n",
 }
-"""Definitions of scans that drivers store as packets."""
+"""Definitions of transforms, and of scans that drivers store as packets: not among the standard ones, or not of each
+version of ROS."""
 
 
 @cache
 def _types(encoding: str) -> Any:
     """The types of a ROS version; its header differs between the two."""
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+    from rosbags.typesys import Stores, get_typestore
 
-    store = get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_HUMBLE)
+    return with_added_types(get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_HUMBLE))
+
+
+def with_added_types(store: Any) -> Any:
+    """Return a store of types with those it lacks of `ADDED`."""
+    from rosbags.typesys import get_types_from_msg
+
     added: dict[str, Any] = {}
-    for name, text in PACKETS.items():
-        added |= get_types_from_msg(text, name)
+    for name, text in ADDED.items():
+        if name not in store.types:
+            added |= get_types_from_msg(text, name)
     store.register(added)
     return store
 
@@ -46,6 +56,16 @@ def decode_message(message: Message) -> Any:
         f"Expected messages of {printable(message.topic)} in the encoding cdr or ros1, got {message.encoding!r}."
         " Record them with ROS, or convert the recording."
     )
+
+
+def frame_name(text: str) -> str:
+    """Return a frame's name without the slash that older recordings begin it with."""
+    return text.strip().lstrip("/")
+
+
+def frame_of(content: Any) -> str:
+    """Name of the frame that a message's header tells."""
+    return frame_name(str(content.header.frame_id))
 
 
 def stamp_of(content: Any, recorded: int) -> int:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import FileError, OptionError, TrajectoryError
+from maxcon.geometry import Pose
 from maxcon.io.clouds.base import as_file_error
 from maxcon.io.fixes import Heights, place_fixes
 from maxcon.io.geographic import GeographicFrame
 from maxcon.io.recordings.base import Recording, Topic, printable
 from maxcon.io.recordings.fix_poses import read_fixes, read_orientations
-from maxcon.io.recordings.messages import decode_message, stamp_of
+from maxcon.io.recordings.messages import decode_message, frame_name, frame_of, stamp_of
 from maxcon.io.recordings.opening import open_recording
+from maxcon.io.recordings.transforms import TRANSFORMS, TransformTree
+from maxcon.mounting import sensor_trajectory
 from maxcon.trajectory import Trajectory, first_fault
 
 __all__ = ["RecordedPoses", "read_recorded_poses"]
@@ -38,6 +41,8 @@ POSES: dict[str, Callable[[Any], tuple[Any, Any]]] = {
 """Kinds of messages that hold a pose, and where in them it is, with its covariance."""
 X_Y_HEADING = (0, 1, 5)
 """Rows of x, y and the turn about z in a covariance of ROS."""
+VEHICLE = "base_link"
+"""Frame of a vehicle, by the convention of ROS: x forward."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,12 +59,16 @@ class RecordedPoses:
         Whether heights are those of a GNSS receiver, as they are, though the map's CRS does not say what its own are.
     has_orientations : bool
         Whether headings are measured; if not, they are the course over ground.
+    position_frame, orientation_frame : str
+        Names of the frames whose positions and whose orientations these are; empty where not told.
     """
 
     trajectory: Trajectory
     words: str
     has_ellipsoidal_heights: bool = False
     has_orientations: bool = True
+    position_frame: str = ""
+    orientation_frame: str = ""
 
 
 def read_recorded_poses(
@@ -70,6 +79,8 @@ def read_recorded_poses(
     *,
     is_odometry: bool = False,
     are_sure: bool = False,
+    frames: tuple[str, str] | None = None,
+    sensor_frame: str = "",
 ) -> RecordedPoses:
     """Return the poses in a recording.
 
@@ -88,6 +99,11 @@ def read_recorded_poses(
         Whether it is the motion that is asked for: one of Odometry comes before others then, and NavSatFix is none.
     are_sure : bool
         Whether an IMU's orientations are believed even if they are nothing like the course over ground.
+    frames : tuple of 2 str, optional
+        Take the poses of the second of these frames in the first from the recording's transforms (TF).
+    sensor_frame : str
+        Name of the scanner's frame: if the recording's static transforms tell where it is on what the poses are of,
+        the scanner's are returned.
 
     Raises
     ------
@@ -101,10 +117,44 @@ def read_recorded_poses(
         If positions in latitude and longitude come without the CRS of a map, or heights cannot be turned into its.
     """
     with open_recording(path) as recording:
-        chosen = _chosen(recording, topic, is_odometry=is_odometry)
-        if chosen.type == FIX:
-            return _of_fixes(recording, chosen, crs, geoid_height, are_sure=are_sure)
-        return _of_poses(recording, chosen)
+        if frames is not None:
+            poses = _of_transforms(recording, *frames)
+        else:
+            chosen = _chosen(recording, topic, is_odometry=is_odometry)
+            if chosen.type == FIX:
+                poses = _of_fixes(recording, chosen, crs, geoid_height, are_sure=are_sure)
+            else:
+                poses = _of_poses(recording, chosen)
+        return _of_sensor(recording, poses, sensor_frame)
+
+
+def _of_transforms(recording: Recording, fixed: str, moving: str) -> RecordedPoses:
+    trajectory, words = TransformTree.read(recording).trajectory(fixed, moving)
+    return RecordedPoses(
+        trajectory, f"poses from /tf ({printable(words)})", position_frame=moving, orientation_frame=moving
+    )
+
+
+def _of_sensor(recording: Recording, poses: RecordedPoses, sensor_frame: str) -> RecordedPoses:
+    """The scanner's poses, where static transforms tell how it is mounted; else the same."""
+    if not (sensor_frame and poses.position_frame and poses.orientation_frame):
+        return poses
+    tree = TransformTree.read(recording, is_static_only=True)
+    turned = tree.static_pose(poses.orientation_frame, sensor_frame)
+    antenna = tree.static_pose(poses.orientation_frame, poses.position_frame)
+    if turned is None or antenna is None:
+        return poses
+    # Positions are those of one part and turns those of another: the lever arm lies in the axes of the latter.
+    lever = turned.position - antenna.position
+    if not lever.any() and np.array_equal(turned.rotation, np.eye(3)):
+        return poses
+    trajectory = sensor_trajectory(poses.trajectory, Pose.from_rotation(lever, turned.rotation))
+    turns = " ".join(f"{np.degrees(angle):.2f}" for angle in (turned.roll, turned.pitch, turned.heading))
+    words = (
+        f"{poses.words}; moved from {printable(poses.position_frame)} to {printable(sensor_frame)} by /tf_static:"
+        f" {' '.join(f'{value:.3f}' for value in lever)} m, {turns} degrees"
+    )
+    return replace(poses, trajectory=trajectory, words=words)
 
 
 def _chosen(recording: Recording, name: str | None, *, is_odometry: bool) -> Topic:
@@ -132,10 +182,17 @@ def _chosen(recording: Recording, name: str | None, *, is_odometry: bool) -> Top
             f"Expected one topic of poses in {recording.path}, got {listed}. Choose one with {option}."
         )
     wanted = ", ".join(kind.rpartition("/")[2] for kind in kinds)
-    raise FileError(
-        f"Expected poses ({wanted}) in {recording.path}, got none. Give them as a file: "
-        + ("--odometry." if is_odometry else "--prior.")
-    )
+    option = "--odometry" if is_odometry else "--prior"
+    raise FileError(f"Expected poses ({wanted}) in {recording.path}, got none{_remedy(recording, option)}")
+
+
+def _remedy(recording: Recording, option: str) -> str:
+    """How to come by poses where no topic has them: of frames, if there are transforms, or of a file."""
+    if not recording.of_type(*TRANSFORMS):
+        return f". Give them as a file: {option}."
+    frames = TransformTree.read(recording).frames
+    listed = printable(", ".join(frames[:12]))
+    return f", but transforms of {listed}. Choose two frames, {option}-frames FIXED:MOVING, or give a file: {option}."
 
 
 def _of_fixes(
@@ -149,15 +206,17 @@ def _of_fixes(
             " latitude and longitude; got one without. Build it with --crs, or choose poses in the map's coordinates"
             " with --prior-topic."
         )
-    placed = place_fixes(
-        read_fixes(recording, topic), read_orientations(recording), GeographicFrame(crs), geoid_height,
-        f"{recording.path}, {printable(topic.name)}", are_sure=are_sure,
-    )  # fmt: skip
+    fixes, orientations = read_fixes(recording, topic), read_orientations(recording)
+    label = f"{recording.path}, {printable(topic.name)}"
+    placed = place_fixes(fixes, orientations, GeographicFrame(crs), geoid_height, label, are_sure=are_sure)
+    turned = VEHICLE if orientations is None or not placed.has_orientations else orientations.frame
     return RecordedPoses(
         placed.trajectory,
         f"poses from {printable(topic.name)} (NavSatFix); {placed.words}",
         placed.heights is Heights.ELLIPSOIDAL,
         placed.has_orientations,
+        fixes.frame,
+        turned,
     )
 
 
@@ -165,13 +224,14 @@ def _of_poses(recording: Recording, topic: Topic) -> RecordedPoses:
     """Poses as they are written: in whatever frame their header names."""
     rows: dict[float, NDArray[np.float64]] = {}
     frames: set[str] = set()
-    n_left_out = 0
+    n_left_out, part = 0, ""
     label = Path(f"{recording.path}, {printable(topic.name)}")
     for message in recording.messages([topic.name]):
         with as_file_error(label, "messages of poses"):
             content = decode_message(message)
             row = _row(*POSES[topic.type](content))
-            frames.add(printable(str(content.header.frame_id))[:40])
+            frames.add(printable(frame_of(content))[:40])
+            part = frame_name(content.child_frame_id) if topic.type == ODOMETRY else ""
             time = stamp_of(content, message.recorded) / 1e9
         if not np.isfinite(row[:7]).all() or not row[3:7].any():
             n_left_out += 1
@@ -186,9 +246,8 @@ def _of_poses(recording: Recording, topic: Topic) -> RecordedPoses:
     named = ", ".join(sorted(frames)) or "without a name"
     left = f"; {n_left_out} messages without a pose left out" if n_left_out else ""
     stated = "" if trajectory.covariances is None else ", with covariances"
-    return RecordedPoses(
-        trajectory, f"poses from {printable(topic.name)} ({kind}{stated}) in the frame {named}{left}"
-    )
+    words = f"poses from {printable(topic.name)} ({kind}{stated}) in the frame {named}{left}"
+    return RecordedPoses(trajectory, words, position_frame=part, orientation_frame=part)
 
 
 def _row(pose: Any, covariance: NDArray[np.float64] | None) -> NDArray[np.float64]:

@@ -34,10 +34,6 @@ class PacketCapture(CloudSource):
         self.path, self.label = path, path.name
         self._running: list[Generator[RecordedCloud]] = []
         _decoder_package(path)
-        with as_file_error(path, self.kind), path.open("rb") as stream:
-            from dpkt.pcap import Reader
-
-            Reader(stream)  # its header
 
     def clouds(self, start: int | None = None) -> Generator[RecordedCloud]:
         """Yield the turns in the order of their recording; those before a time (ns) are decoded, too."""

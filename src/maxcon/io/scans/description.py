@@ -4,6 +4,7 @@
 
 import os
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -19,7 +20,7 @@ from maxcon.io.scans.raw_scan import RawScan
 from maxcon.scan import Scan
 
 if TYPE_CHECKING:
-    from maxcon.io.recordings.cloud_sources import CloudSource
+    from maxcon.io.recordings.cloud_sources import RecordedCloud
 
 __all__ = ["RecordingDescription", "ScansDescription", "describe"]
 
@@ -35,8 +36,8 @@ class ScansDescription:
     ----------
     source : str
         Their topic, or the folder.
-    n_scans : int or None
-        How many there are; None where only reading them all would tell.
+    n_scans : int
+        How many there are.
     n_seen : int
         How many were looked at: the first ones.
     fields : str
@@ -60,7 +61,7 @@ class ScansDescription:
     """
 
     source: str
-    n_scans: int | None
+    n_scans: int
     n_seen: int
     fields: str
     times: str
@@ -114,6 +115,7 @@ def describe(path: str | os.PathLike[str], topic: str | None = None) -> Recordin
     MaxconError
         As `open_scans`; a recording with other messages only has no scanners.
     """
+    from maxcon.io.recordings.captures import topics_of_capture
     from maxcon.io.recordings.cloud_sources import CLOUD, VELODYNE, TopicOfClouds, chosen_topic, open_clouds
     from maxcon.io.recordings.opening import open_recording
 
@@ -121,20 +123,26 @@ def describe(path: str | os.PathLike[str], topic: str | None = None) -> Recordin
         return RecordingDescription((), (), (_of_folder(path),))
     if Path(path).suffix.lower() == CAPTURE_SUFFIX:
         source = open_clouds(path)
-        return RecordingDescription((), (), (_described(source.label, None, _clouds(source)),))
+        with closing(source):
+            turns = source.clouds()
+            seen = list(_clouds(turns))
+            n_turns = len(seen) + sum(1 for _ in turns)
+            scanner = _described(source.label, n_turns, iter(seen))
+        return RecordingDescription(topics_of_capture(Path(path)), (), (scanner,))
     with open_recording(path) as recording:
         chosen = recording.of_type(CLOUD, VELODYNE) if topic is None else [chosen_topic(recording, topic)]
         scanners = tuple(
-            _described(found.name, found.n_messages, _clouds(TopicOfClouds(recording, found)))
+            _described(found.name, found.n_messages, _clouds(TopicOfClouds(recording, found).clouds()))
             for found in chosen
         )
         return RecordingDescription(recording.topics, recording.notes, scanners)
 
 
-def _clouds(source: "CloudSource") -> Iterator[_Seen | FileError]:
+def _clouds(clouds: "Iterator[RecordedCloud]") -> Iterator[_Seen | FileError]:
+    """Look at the first of them."""
     from maxcon.io.recordings.point_cloud2 import fields_in_words
 
-    for cloud in islice(source.clouds(), N_SCANS):
+    for cloud in islice(clouds, N_SCANS):
         try:
             content = cloud.points()
         except FileError as error:
@@ -153,23 +161,25 @@ def _clouds(source: "CloudSource") -> Iterator[_Seen | FileError]:
 
 
 def _of_folder(path: str | os.PathLike[str]) -> ScansDescription:
-    from maxcon.io.scans.opening import open_scans
+    from maxcon.io.scans.folder import open_scan_folder
 
-    scans = open_scans(path)
+    scans = open_scan_folder(path)
 
     def seen() -> Iterator[_Seen | FileError]:
         for i in range(min(len(scans), N_SCANS)):
             try:
                 raw: RawScan = scans.read(i, 0.0, np.inf)
+                fields, times = scans.words(i) if i == 0 else ("", "")
             except FileError as error:
                 yield error
             else:
-                yield _Seen(raw.points, raw.time, raw.n_returns, raw.n_dropped_invalid, 0)
+                counts = raw.n_returns, raw.n_dropped_invalid, 0
+                yield _Seen(raw.points, raw.time, *counts, fields=fields, times=times)
 
     return _described(str(path), len(scans), seen())
 
 
-def _described(source: str, n_scans: int | None, scans: Iterator[_Seen | FileError]) -> ScansDescription:
+def _described(source: str, n_scans: int, scans: Iterator[_Seen | FileError]) -> ScansDescription:
     found = list(scans)
     seen = [scan for scan in found if isinstance(scan, _Seen)]
     problems = [str(scan) for scan in found if isinstance(scan, MaxconError)]
@@ -183,7 +193,7 @@ def _described(source: str, n_scans: int | None, scans: Iterator[_Seen | FileErr
         n_scans=n_scans,
         n_seen=len(found),
         fields=seen[0].fields if seen and seen[0].fields else "x, y, z",
-        times=seen[0].times if seen and seen[0].times else "scans in files have no times of points",
+        times=seen[0].times if seen and seen[0].times else "the points of these files have no times",
         rings=_rings(seen),
         rate=float((len(times) - 1) / (times[-1] - times[0])) if has_rate else None,
         n_points=sum(scan.n_points for scan in seen),

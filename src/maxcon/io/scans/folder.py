@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import FileError
-from maxcon.io.scans.points import SCAN_SUFFIXES, read_scan_points
+from maxcon.io.recordings.point_times import PointTimes, find_point_times
+from maxcon.io.scans.points import SCAN_SUFFIXES, ScanFile, read_scan_file
 from maxcon.io.scans.raw_scan import RawScan, Scans, check_range, returns_in_range
 from maxcon.io.scans.times import in_natural_order, times_from_file, times_from_names
 
@@ -49,9 +50,11 @@ class ScanFolder(Scans):
             If not 0 <= min_range < max_range.
         """
         check_range(min_range, max_range)
-        points = read_scan_points(self.paths[i])
+        content = read_scan_file(self.paths[i])
+        points = content.points
         is_kept, n_returns = returns_in_range(points, min_range, max_range)
         kept = points if is_kept.all() else points.compress(is_kept, axis=0)
+        times = self._times_of(content, i, is_kept)
         return RawScan(
             points=kept,
             time=float(self.times[i]),
@@ -59,7 +62,22 @@ class ScanFolder(Scans):
             n_returns=len(points),
             n_dropped_invalid=len(points) - n_returns,
             n_dropped_range=n_returns - len(kept),
+            point_times=None if times is None else times.offsets,
         )
+
+    def _times_of(self, content: ScanFile, i: int, is_wanted: NDArray[np.bool_]) -> PointTimes | None:
+        """When the points of a scan were measured, from its time on; None where its file has no such field."""
+        if not content.times:
+            return None
+        columns = {name: (kind, values[is_wanted]) for name, (kind, values) in content.times.items()}
+        return find_point_times(columns, round(float(self.times[i]) * 1e9))
+
+    def words(self, i: int) -> tuple[str, str]:
+        """Return the fields of scan number `i`, and how the times of its points are understood; errors as of `read`."""
+        content = read_scan_file(self.paths[i])
+        is_return = returns_in_range(content.points, 0.0, np.inf)[0]
+        times = self._times_of(content, i, is_return)
+        return content.fields, "" if times is None else times.words
 
 
 def open_scan_folder(path: str | os.PathLike[str], times: str | os.PathLike[str] | None = None) -> ScanFolder:

@@ -1,8 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The points of a PCD file; only compressed ones need the package pypcd4."""
+"""The points of a PCD file, and their times; only compressed ones need the package pypcd4."""
 
 import io
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -11,14 +13,39 @@ from numpy.typing import NDArray
 
 from maxcon.errors import FileError, MissingExtraError
 from maxcon.io.clouds.base import as_file_error, as_float64
+from maxcon.io.recordings.point_times import TIME_FIELDS, Column
 from maxcon.io.scans.pcd_header import PcdLayout, read_pcd_layout
 from maxcon.io.text import read_table
 
-__all__ = ["read_pcd_points"]
+__all__ = ["PcdPoints", "read_pcd", "read_pcd_points"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PcdPoints:
+    """What a PCD file holds of its points.
+
+    Parameters
+    ----------
+    points : array, shape (n, 3), float64
+        x, y, z, m, also of those that are no returns.
+    times : dict of str to (str, array of shape (n,))
+        Fields that may say when each was measured: type as NumPy names it, and numbers.
+    fields : str
+        All fields, with their types.
+    """
+
+    points: NDArray[np.float64]
+    times: dict[str, Column]
+    fields: str
 
 
 def read_pcd_points(file: Path, n_most: int) -> NDArray[np.float64]:
-    """Return x, y, z of all points, shape (n, 3), m, also of those that are no returns.
+    """Return x, y, z of all points alone; parameters and errors as of `read_pcd`."""
+    return read_pcd(file, n_most).points
+
+
+def read_pcd(file: Path, n_most: int) -> PcdPoints:
+    """Return all points of a file with what may be their times.
 
     Parameters
     ----------
@@ -37,12 +64,28 @@ def read_pcd_points(file: Path, n_most: int) -> NDArray[np.float64]:
     with as_file_error(file, "a PCD file"), file.open("rb") as stream:
         layout = read_pcd_layout(file, stream, n_most)
         if layout.encoding == "ascii":
-            return _read_ascii(file, stream, layout)
+            table = _read_ascii(file, stream, layout)
+            return _content(layout, lambda name: table[:, layout.column(name)])
         if layout.encoding == "binary":
             records = np.fromfile(stream, layout.dtype, layout.n_points)
         else:
             records = _read_compressed(file, stream, layout)
-        return np.stack([as_float64(records[f"f{layout.fields.index(name)}"]) for name in "xyz"], axis=1)
+        return _content(layout, lambda name: records[f"f{layout.fields.index(name)}"])
+
+
+def _content(layout: PcdLayout, column: Callable[[str], NDArray[Any]]) -> PcdPoints:
+    """Points and times, from what returns the numbers of a field."""
+    kinds = dict(
+        zip(layout.fields, (np.dtype(f"<{kind.lower()}").name for kind in layout.types), strict=True)
+    )
+    points = np.stack([as_float64(column(name)) for name in "xyz"], axis=1)
+    once = [
+        name
+        for name, count in zip(layout.fields, layout.counts, strict=True)
+        if name.lower() in TIME_FIELDS and count == 1 and layout.fields.count(name) == 1
+    ]
+    times: dict[str, Column] = {name: (kinds[name], column(name)) for name in once}
+    return PcdPoints(points, times, ", ".join(f"{name} {kind}" for name, kind in kinds.items()))
 
 
 def _read_ascii(file: Path, stream: BinaryIO, layout: PcdLayout) -> NDArray[np.float64]:
@@ -52,7 +95,7 @@ def _read_ascii(file: Path, stream: BinaryIO, layout: PcdLayout) -> NDArray[np.f
         raise FileError(
             f"Expected {layout.n_points} points in {file}, got {len(table)}: truncated. Copy it again."
         )
-    return table[:, [layout.column(name) for name in "xyz"]]
+    return table
 
 
 def _read_compressed(file: Path, stream: BinaryIO, layout: PcdLayout) -> NDArray[np.void]:

@@ -1,7 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The points of one scan file, whole; the suffix says how they are read."""
+"""The points of one scan file, whole, and their times; the suffix says how they are read."""
 
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +11,11 @@ from numpy.typing import NDArray
 from maxcon.errors import FileError
 from maxcon.io.clouds import open_cloud
 from maxcon.io.clouds.base import as_float64
-from maxcon.io.scans.pcd import read_pcd_points
+from maxcon.io.recordings.point_times import Column
+from maxcon.io.scans.pcd import read_pcd
 from maxcon.regular_file import check_regular
 
-__all__ = ["MAX_SCAN_POINTS", "SCAN_SUFFIXES", "read_scan_points"]
+__all__ = ["MAX_SCAN_POINTS", "SCAN_SUFFIXES", "ScanFile", "read_scan_file", "read_scan_points"]
 
 SCAN_SUFFIXES = (".bin", ".pcd", ".las", ".laz", ".ply", ".npz")
 # The densest scanners return some hundred thousand points per turn; more is a map in the wrong place, and would take
@@ -22,8 +24,32 @@ MAX_SCAN_POINTS = 5_000_000
 KITTI_RECORD = 16
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ScanFile:
+    """What a file holds of a scan.
+
+    Parameters
+    ----------
+    points : array, shape (n, 3), float64
+        Sensor frame, m, also of those that are no returns.
+    times : dict of str to (str, array of shape (n,))
+        Fields that may say when each was measured: type as NumPy names it, and numbers. Of PCD files alone.
+    fields : str
+        All that is stored of each point, where that is told.
+    """
+
+    points: NDArray[np.float64]
+    times: dict[str, Column] = field(default_factory=dict)
+    fields: str = ""
+
+
 def read_scan_points(file: Path) -> NDArray[np.float64]:
-    """Return all points of a scan, shape (n, 3), sensor frame, m, also those that are no returns.
+    """Return all points of a scan, shape (n, 3), sensor frame, m; errors as of `read_scan_file`."""
+    return read_scan_file(file).points
+
+
+def read_scan_file(file: Path) -> ScanFile:
+    """Return all points of a scan with what may be their times.
 
     Raises
     ------
@@ -36,8 +62,11 @@ def read_scan_points(file: Path) -> NDArray[np.float64]:
     try:
         check_regular(file)
         if suffix == ".bin":
-            return _read_kitti(file)
-        return read_pcd_points(file, MAX_SCAN_POINTS) if suffix == ".pcd" else _read_cloud(file)
+            return ScanFile(_read_kitti(file))
+        if suffix == ".pcd":
+            content = read_pcd(file, MAX_SCAN_POINTS)
+            return ScanFile(content.points, content.times, content.fields)
+        return ScanFile(_read_cloud(file))
     except OSError as error:
         raise FileError(
             f"Expected to be able to read {file}, got: {error.strerror}. Check the file."

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import OptionError
+from maxcon.geometry.viewpoints import Viewpoints
 
-__all__ = ["RawScan", "Scans", "check_range", "returns_in_range"]
+__all__ = ["RawScan", "Scans", "check_range", "nearest_in_time", "returns_in_range"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,6 +39,8 @@ class RawScan:
         Points at the very place of another, where such are looked for: in recordings.
     point_times : array, shape (n,), or None
         When each point was measured, s after `time`; None where that is not known.
+    viewpoints : Viewpoints or None
+        Where each was measured from, if there are several scanners: points are in the frame of the vehicle then.
     """
 
     points: NDArray[np.float64]
@@ -48,6 +51,7 @@ class RawScan:
     n_dropped_range: int
     n_dropped_duplicates: int = 0
     point_times: NDArray[np.float64] | None = None
+    viewpoints: Viewpoints | None = None
 
 
 class Scans(ABC):
@@ -133,3 +137,10 @@ def _ranges(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[n
     rows = np.flatnonzero(~is_return)
     is_return[rows] = np.isfinite(points[rows]).all(axis=1) & points[rows].any(axis=1)
     return np.sqrt(squared), is_return
+
+
+def nearest_in_time(times: NDArray[np.float64], wanted: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Which of some rising times is nearest to each wanted one, shape (n,); the earlier of two that are as near."""
+    after = np.searchsorted(times, wanted).clip(max=len(times) - 1)
+    before = (after - 1).clip(min=0)
+    return np.where(wanted - times[before] <= times[after] - wanted, before, after)

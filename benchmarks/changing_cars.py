@@ -1,0 +1,53 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Write the simulated campaign's map cloud with other cars parked in every round: a truth for temporary objects.
+
+python benchmarks/changing_cars.py OUT [--seed 0] [--rounds 5] [--occupancy 0.7] [--reach 150]
+
+The circuit is mapped as in `maxcon simulate --campaign`, within `reach` m of its start; in each round other cars are
+parked, of class 64. Then `python benchmarks/found_classes.py OUT/*.laz --temporary 64`.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from maxcon.geometry import LocalFrame
+from maxcon.simulation.campaign_world import CAMPAIGN_GRID, CampaignWorld
+from maxcon.simulation.city import build_city
+from maxcon.simulation.dataset_files import CITY_ORIGIN, CRS
+from maxcon.simulation.map_pieces import map_echoes, map_pieces
+from maxcon.simulation.map_tiles import MapTiles
+from maxcon.simulation.ray_caster import RayCaster
+from maxcon.simulation.scanners import mobile_mapping_scanners
+
+
+def main():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--occupancy", type=float, default=0.7)
+    parser.add_argument("--reach", type=float, default=150.0)
+    arguments = parser.parse_args()
+    world = CampaignWorld.build(arguments.seed, arguments.rounds)
+    city = build_city([arguments.seed, 0], grid=CAMPAIGN_GRID)
+    arguments.out.mkdir(parents=True)
+    with MapTiles(arguments.out, LocalFrame(CITY_ORIGIN, CRS)) as tiles:
+        for number, drive in enumerate(world.map_drives):
+            caster = RayCaster(city.with_parked_cars([arguments.seed, 100 + number], arguments.occupancy))
+            pieces = map_pieces([drive], mobile_mapping_scanners())
+            times = np.array([drive.times[0] + piece.first / piece.scanner.line_rate for piece in pieces])
+            places = np.array([[pose.x, pose.y] for pose in drive.poses(times)])
+            is_near = np.hypot(*(places - places[0]).T) < arguments.reach
+            near = [piece for piece, wanted in zip(pieces, is_near, strict=True) if wanted]
+            for echoes in map_echoes(caster, near, [arguments.seed, 5, number]):
+                offsets = world.georeferencing.at(echoes.times)
+                tiles.write(echoes._replace(points=echoes.points + offsets))
+
+
+if __name__ == "__main__":
+    main()

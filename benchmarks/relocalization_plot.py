@@ -1,0 +1,139 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""The map from above: where scans were found, and what is left of all places for one of them.
+
+python benchmarks/relocalization_plot.py DATASET ROWS.csv EPOCH -o PICTURE.png
+
+ROWS.csv is of relocalization.py with the same DATASET. Left: the places of its scans, by the word of the answer; a line
+leads from each true place to the one that was found. Right: of the scan of EPOCH, the highest count of any heading in
+every large cell in which a scanner may stand, where it reaches the share that is looked at closer.
+"""
+
+import argparse
+import csv
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from maxcon import PointMap, Scan
+from maxcon.dataset import Dataset
+from maxcon.io.scans import open_scans
+from maxcon.relocalization import Relocalizer
+from maxcon.relocalization.coarse_tiles import HIGHEST
+from maxcon.relocalization.own_ground import above_own_ground
+from maxcon.relocalization.regions import REGION
+from maxcon.relocalization.relocalizer import SIFTED, SIFTED_SHARE
+from maxcon.relocalization.sieve import sift
+from maxcon.relocalization.sieve_scan import SieveScan
+
+COLOURS = {"localized": "#1b7f3b", "ambiguous": "#d98a00"}
+WALL, GROUND, FOUND = "#4a4a4a", "#e3e9ef", "#c2185b"
+
+
+def backdrop(axes, relocalizer):
+    """Walls, and the cells in which a scanner may stand."""
+    regions, edge = relocalizer.sifted, relocalizer.sifted.tiles.cell
+    for key in regions.keys:
+        region = regions.load(key)
+        left, low = (first * edge for first in region.first)
+        extent = (left, left + REGION * edge, low, low + REGION * edge)
+        allowed = np.where(region.is_allowed, 1.0, np.nan)
+        axes.imshow(
+            allowed,
+            origin="lower",
+            extent=extent,
+            cmap=plt.matplotlib.colors.ListedColormap([GROUND]),
+            zorder=0,
+        )
+        inside = slice(region.margin, region.margin + REGION)
+        y, x = np.nonzero(region.voxels.facings[1:, inside, inside].any(axis=0))
+        axes.plot(left + (x + 0.5) * edge, low + (y + 0.5) * edge, ",", color=WALL, alpha=0.5, zorder=1)
+
+
+def draw_answers(axes, rows):
+    """True places and found ones."""
+    for row in rows:
+        x, y, found_x, found_y = (float(row[name]) for name in ("true_x", "true_y", "x", "y"))
+        if row["is_right"] != "True":
+            axes.plot([x, found_x], [y, found_y], "-", color=FOUND, lw=0.9, zorder=3)
+    for status in dict.fromkeys(row["status"] for row in rows):
+        mine = [row for row in rows if row["status"] == status]
+        n_right = sum(row["is_right"] == "True" for row in mine)
+        axes.plot(
+            [float(row["true_x"]) for row in mine], [float(row["true_y"]) for row in mine], "o", ms=4.5,
+            color=COLOURS.get(status, FOUND), zorder=4, label=f"{status}: {len(mine)}, {n_right} at the right place",
+        )  # fmt: skip
+    axes.set_title("Where the scans were taken, and what the answer said", fontsize=10)
+
+
+def draw_sieve(axes, relocalizer, scan, row):
+    """Large cells that one scan leaves open."""
+    sieved = SieveScan.of(scan.thinned(SIFTED.thinning), above_own_ground(scan), HIGHEST)
+    found = sift(sieved, relocalizer.sifted, SIFTED_SHARE)
+    places = (found.cells[::-1, [2, 1]] + 0.5) * relocalizer.sifted.tiles.cell
+    drawn = axes.scatter(
+        *places.T,
+        c=found.counts[::-1] / found.counts[0],
+        s=9,
+        cmap="viridis_r",
+        vmin=SIFTED_SHARE,
+        vmax=1.0,
+        zorder=3,
+    )
+    axes.figure.colorbar(
+        drawn, ax=axes, fraction=0.04, pad=0.02, label="matches, over those of the best cell"
+    )
+    for pose in relocalizer.search(scan).places[1:]:
+        axes.plot(pose.x, pose.y, "s", ms=9, mfc="none", mec="#d98a00", mew=1.3, zorder=4)
+    axes.plot(
+        float(row["true_x"]),
+        float(row["true_y"]),
+        "+",
+        ms=16,
+        mew=2.0,
+        color=FOUND,
+        zorder=5,
+        label="true place",
+    )
+    n_places = len(np.unique(found.cells[:, 1:], axis=0))
+    share = 100.0 * len(found) / relocalizer.n_cells
+    axes.set_title(
+        f"Epoch {row['epoch']}: {len(found):,} of {relocalizer.n_cells:,} cells ({share:.3f} %, at {n_places} places)\n"
+        f"reach {SIFTED_SHARE:g} of the best; all others are excluded", fontsize=10,
+    )  # fmt: skip
+
+
+def main():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("dataset")
+    parser.add_argument("rows")
+    parser.add_argument("epoch", type=int)
+    parser.add_argument("-o", "--out", required=True)
+    options = parser.parse_args()
+    dataset = Dataset.open(options.dataset)
+    with Path(options.rows).open(newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["method"] == "maxcon"]
+    relocalizer = Relocalizer(PointMap.open(dataset.map_path))
+    scan = Scan(open_scans(dataset.scans, dataset.times).read(options.epoch, 1.0, 120.0).points)
+    figure, (left, right) = plt.subplots(
+        1, 2, figsize=(13.0, 6.6), sharex=True, sharey=True, layout="constrained"
+    )
+    for axes in (left, right):
+        backdrop(axes, relocalizer)
+        axes.set(aspect="equal", xlabel="x, local frame (m)")
+        axes.spines[["top", "right"]].set_visible(False)
+    left.set_ylabel("y (m)")
+    draw_answers(left, rows)
+    draw_sieve(right, relocalizer, scan, next(row for row in rows if int(row["epoch"]) == options.epoch))
+    left.legend(loc="lower right", fontsize=8, frameon=True)
+    right.legend(loc="lower right", fontsize=8, frameon=True)
+    (x_low, y_low), (x_high, y_high) = relocalizer.map.bounds
+    left.set(xlim=(x_low, x_high), ylim=(y_low, y_high))
+    figure.savefig(options.out, dpi=110)
+
+
+if __name__ == "__main__":
+    main()

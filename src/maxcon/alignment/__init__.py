@@ -1,0 +1,8 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Rounds of a mapping campaign, brought together before a map is made of them."""
+
+from maxcon.alignment.align import Alignment, align_files
+from maxcon.alignment.options import AlignmentOptions
+
+__all__ = ["Alignment", "AlignmentOptions", "align_files"]

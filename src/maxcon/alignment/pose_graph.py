@@ -1,0 +1,346 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""The pose graph: corrections that agree with all ties and with the georeference, by robust sparse least squares."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.alignment.corrections import Corrections, rotated, twist_matrix
+from maxcon.alignment.matching import Tie
+
+__all__ = ["Adjusted", "Georeference", "adjust", "adjust_by_evidence"]
+
+CORRELATION_TIME = 60.0
+"""s; errors of a trajectory so far apart in time correlate by 1/e."""
+DRIFTS = (0.0, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2)
+"""Standard deviations of the drift that are tried, m; 0: rounds are rigid."""
+MARGIN = 3.0
+"""By how much the logarithm of the evidence must grow for a larger drift to be believed: twenty times as likely."""
+FREEDOM = 4.0
+"""Of the Student distribution that ties are taken from: one 5 sigmas off weighs a third, one 20 off a fortieth."""
+USUAL_SQUARE = 5.348
+"""Median of a chi-squared variable of six degrees of freedom."""
+MOST_STEPS, AT_REST = 50, 3e-4
+"""Of the adjustment; where the largest change of any unknown, in sigmas of its prior, is below, it ends."""
+
+
+@dataclass(frozen=True, slots=True)
+class Georeference:
+    """How well rounds were georeferenced before: what each is known to a priori.
+
+    Parameters
+    ----------
+    sigma : float
+        Standard deviation of a round's position along any axis, m.
+    sigma_turn : float
+        The same of its roll, pitch and heading, rad.
+    """
+
+    sigma: float
+    sigma_turn: float
+
+    @property
+    def sigmas(self) -> NDArray[np.float64]:
+        """Of a twist, shape (6,), m and rad."""
+        return np.repeat([self.sigma, self.sigma_turn], 3)
+
+
+@dataclass(frozen=True, eq=False)
+class Adjusted:
+    """The outcome of an adjustment.
+
+    Parameters
+    ----------
+    corrections : Corrections
+        Of all rounds.
+    drift_sigma : float
+        Standard deviation of the drift that was allowed, m; 0 for rigid rounds.
+    residuals : array, shape (n, 6)
+        Of each tie: the twist by which its second visit would still have to be moved onto its first.
+    weights : array, shape (n,)
+        Of each tie, 0 to 1: small for those that contradict the others.
+    inflation : float
+        By which the standard deviations of all ties had to be multiplied to be as large as their residuals; at least 1.
+    evidence : float
+        Logarithm of how likely the ties are, but for a constant that all drifts share.
+    """
+
+    corrections: Corrections
+    drift_sigma: float
+    residuals: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    inflation: float
+    evidence: float
+    _graph: "_Graph"
+    _factor: Any
+
+    def covariance(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Covariance of linear functions of the unknowns, given as by `twist_rows`, shape (k, n_unknowns)."""
+        scaled = rows * self._graph.scales
+        return np.asarray(scaled @ self._factor.solve(np.ascontiguousarray(scaled.T)))
+
+    def twist_rows(self, place: NDArray[np.float64], time: float, number: int) -> NDArray[np.float64]:
+        """How the twist at a place of what a round saw at a time changes with the unknowns, shape (6, n_unknowns)."""
+        rows = np.zeros((6, self._graph.n_unknowns))
+        for column, block in self._graph.blocks(place, time, number):
+            rows[:, column : column + 6] += block
+        return rows
+
+
+def adjust_by_evidence(
+    corrections: Corrections, ties: Sequence[Tie], georeference: Georeference, drift_sigma: float | None
+) -> Adjusted:
+    """Adjust with the drift that is told, or with the smallest that explains the ties.
+
+    Parameters
+    ----------
+    corrections : Corrections
+        To start from.
+    ties : sequence of Tie
+        Without a fault.
+    georeference : Georeference
+        The prior.
+    drift_sigma : float or None
+        Standard deviation of drift, m; None to let the ties decide.
+
+    Notes
+    -----
+    The evidence is the probability of the ties under a drift, with all unknowns integrated over: a larger drift fits
+    better, and pays for the freedom that it has. Weights and scale of the ties are those of the largest drift, or
+    rounds that drift would look like wrong matches of rigid ones.
+    """
+    if drift_sigma is not None:
+        return adjust(corrections, ties, georeference, drift_sigma)
+    largest = adjust(corrections, ties, georeference, DRIFTS[-1])
+    fixed = (largest.weights, largest.inflation)
+    best = adjust(corrections, ties, georeference, DRIFTS[0], fixed)
+    for drift in DRIFTS[1:]:
+        other = adjust(corrections, ties, georeference, drift, fixed)
+        if other.evidence > best.evidence + MARGIN:
+            best = other
+    return adjust(corrections, ties, georeference, best.drift_sigma)
+
+
+def adjust(
+    corrections: Corrections,
+    ties: Sequence[Tie],
+    georeference: Georeference,
+    drift_sigma: float,
+    fixed: tuple[NDArray[np.float64], float] | None = None,
+) -> Adjusted:
+    """Adjust the corrections of all rounds to all ties, and to the priors that no round has to be moved.
+
+    Parameters
+    ----------
+    corrections : Corrections
+        To start from.
+    ties : sequence of Tie
+        Without a fault.
+    georeference : Georeference
+        The prior of each round as a whole.
+    drift_sigma : float
+        Standard deviation of drift along any axis, m; its turns are as much smaller as the prior says.
+    fixed : tuple of array, shape (n,), and float, optional
+        Weights of the ties, and their inflation; found with the corrections if None.
+
+    Notes
+    -----
+    Gauss-Newton steps with sparse normal equations, reweighted: ties are taken from a multivariate Student
+    distribution, so that a wrong one pulls the less the farther it is off.
+    """
+    from scipy.sparse.linalg import splu
+
+    graph = _Graph(corrections, ties, georeference, drift_sigma)
+    weights, inflation = fixed or (np.ones(len(ties)), 1.0)
+    unknowns = graph.unknowns(corrections)
+    for _ in range(MOST_STEPS):
+        residuals = graph.residuals(unknowns)
+        if fixed is None:
+            weights, inflation = _reweighted(graph.whitened(residuals))
+        matrix, right_side = graph.normal_equations(unknowns, residuals, weights / inflation**2)
+        factor = splu(
+            matrix, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}, diag_pivot_thresh=0.0
+        )
+        step = factor.solve(right_side)
+        unknowns = unknowns + step * graph.scales
+        if not np.abs(step).max(initial=0.0) > AT_REST:
+            break
+    residuals = graph.residuals(unknowns)
+    squares = (graph.whitened(residuals) ** 2).sum(axis=1) @ (weights / inflation**2)
+    prior = unknowns / graph.scales
+    log_determinant = float(np.log(np.abs(factor.U.diagonal())).sum())
+    evidence = 0.5 * (graph.log_prior - squares - float(prior @ (graph.prior @ prior)) - log_determinant)
+    return Adjusted(
+        graph.corrections(unknowns),
+        drift_sigma,
+        residuals,
+        weights,
+        inflation,
+        float(evidence),
+        graph,
+        factor,
+    )
+
+
+def _reweighted(whitened: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+    """Weights of ties, and the common factor of their standard deviations, from residuals in sigmas, (n, 6)."""
+    squares = (whitened**2).sum(axis=1)
+    inflation = max(1.0, math.sqrt(float(np.median(squares)) / USUAL_SQUARE)) if len(squares) else 1.0
+    weights = (FREEDOM + 6.0) / (FREEDOM + squares / inflation**2)
+    return np.minimum(weights, 1.0), inflation
+
+
+class _Graph:
+    """Ties and priors as sparse equations; unknowns are those of the rounds as wholes, then those of the knots.
+
+    Equations are in unknowns divided by `scales`, the standard deviations of their priors.
+    """
+
+    def __init__(
+        self,
+        corrections: Corrections,
+        ties: Sequence[Tie],
+        georeference: Georeference,
+        drift_sigma: float,
+    ) -> None:
+        self._corrections = corrections
+        self._ties = ties
+        self._has_drift = drift_sigma > 0.0
+        self._n_whole = 6 * corrections.n_rounds
+        n_knots = len(corrections.knots) if self._has_drift else 0
+        self.n_unknowns = self._n_whole + 6 * n_knots
+        drifts = georeference.sigmas * (drift_sigma / georeference.sigma)
+        self.scales = np.concatenate(
+            [np.tile(georeference.sigmas, corrections.n_rounds), np.tile(drifts, n_knots)]
+        )
+        roots = [np.linalg.inv(np.linalg.cholesky(tie.covariance)) for tie in ties]
+        self._roots = np.array(roots).reshape(-1, 6, 6)
+        self._times = np.array([tie.times for tie in ties]).reshape(-1, 2)
+        self._rounds = np.array([tie.rounds for tie in ties], np.int64).reshape(-1, 2)
+        self._places = np.array([tie.place for tie in ties]).reshape(-1, 3)
+        self._positions = np.array([tie.pose.position for tie in ties]).reshape(-1, 3)
+        self._poses = _rotations(ties)
+
+    def unknowns(self, corrections: Corrections) -> NDArray[np.float64]:
+        """Return the unknowns of corrections, m and rad."""
+        knots = corrections.knots.ravel() if self._has_drift else np.empty(0)
+        return np.concatenate([corrections.wholes.ravel(), knots])
+
+    def corrections(self, unknowns: NDArray[np.float64]) -> Corrections:
+        """Return the corrections of unknowns."""
+        knots = np.zeros_like(self._corrections.knots)
+        if self._has_drift:
+            knots = unknowns[self._n_whole :].reshape(-1, 6)
+        return self._corrections.changed(unknowns[: self._n_whole].reshape(-1, 6), knots)
+
+    def blocks(
+        self, place: NDArray[np.float64], time: float, number: int
+    ) -> list[tuple[int, NDArray[np.float64]]]:
+        """Columns of the unknowns that move a place, and the twist there from each, shape (6, 6)."""
+        blocks = [(6 * number, twist_matrix(place - self._corrections.centres[number]))]
+        if self._has_drift:
+            blocks += [
+                (self._n_whole + 6 * share.number, share.part * twist_matrix(place - share.centre))
+                for share in self._corrections.shares(time, number)
+            ]
+        return blocks
+
+    def residuals(self, unknowns: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Twists by which the second visits would have to be moved onto the first, shape (n, 6)."""
+        from scipy.spatial.transform import Rotation
+
+        if not self._ties:
+            return np.empty((0, 6))
+        corrections, shifts, turns = self.corrections(unknowns), [], []
+        for side in range(2):
+            about, moved, vectors = corrections.motions(self._times[:, side], self._rounds[:, side])
+            arms = self._places - about
+            shifts.append(moved + rotated(arms, vectors) - arms)
+            turns.append(Rotation.from_rotvec(vectors))
+        # first @ pose @ second.inverse: where it takes the origin, and how it turns
+        at = self._poses.apply(turns[1].apply(-shifts[1], inverse=True)) + self._positions
+        together = turns[0] * self._poses * turns[1].inv()
+        return np.column_stack([turns[0].apply(at) + shifts[0], together.as_rotvec()])
+
+    def whitened(self, residuals: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Residuals in standard deviations of their ties, independent, shape (n, 6)."""
+        if not self._ties:
+            return residuals
+        return np.asarray(np.einsum("nij,nj->ni", self._roots, residuals))
+
+    @cached_property
+    def _design(self) -> Any:
+        """How whitened residuals fall with scaled unknowns, sparse, (6 n, n_unknowns)."""
+        from scipy.sparse import csr_array
+
+        values: list[NDArray[np.float64]] = []
+        rows: list[NDArray[np.int64]] = []
+        columns: list[NDArray[np.int64]] = []
+        row, column = (index.ravel() for index in np.indices((6, 6)))
+        for number, (tie, root) in enumerate(zip(self._ties, self._roots, strict=True)):
+            for sign, time, of_round in zip((-1.0, 1.0), tie.times, tie.rounds, strict=True):
+                for at, block in self.blocks(tie.place, time, of_round):
+                    values.append((sign * root @ block * self.scales[at : at + 6]).ravel())
+                    rows.append(6 * number + row)
+                    columns.append(at + column)
+        shape = (6 * len(self._ties), self.n_unknowns)
+        if not values:
+            return csr_array(shape)
+        return csr_array(
+            (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape
+        )
+
+    @cached_property
+    def prior(self) -> Any:
+        """Inverse covariance of the scaled unknowns before any tie, sparse: drift is a Gauss-Markov process."""
+        from scipy.sparse import block_diag, eye_array, kron
+
+        parts = [eye_array(self._n_whole)]
+        if self._has_drift:
+            for step, n in zip(self._corrections.steps, np.diff(self._corrections.firsts), strict=True):
+                parts.append(kron(_gauss_markov(int(n), step), eye_array(6)))
+        return block_diag(parts, format="csc")
+
+    @property
+    def log_prior(self) -> float:
+        """Logarithm of the determinant of `prior`."""
+        if not self._has_drift:
+            return 0.0
+        total = 0.0
+        for step, n in zip(self._corrections.steps, np.diff(self._corrections.firsts), strict=True):
+            total -= 6.0 * (int(n) - 1) * math.log(1.0 - math.exp(-2.0 * step / CORRELATION_TIME))
+        return total
+
+    def normal_equations(
+        self, unknowns: NDArray[np.float64], residuals: NDArray[np.float64], weights: NDArray[np.float64]
+    ) -> tuple[Any, NDArray[np.float64]]:
+        """Matrix and right side of the step of the scaled unknowns, from residuals (n, 6) and weights (n,)."""
+        from scipy.sparse import csc_array, diags_array
+
+        weighted = diags_array(np.repeat(weights, 6)) @ self._design
+        right_side = weighted.T @ self.whitened(residuals).ravel() - self.prior @ (unknowns / self.scales)
+        return csc_array(self._design.T @ weighted + self.prior), right_side
+
+
+def _gauss_markov(n: int, step: float) -> Any:
+    """Inverse covariance of n values of a Gauss-Markov process of variance 1, so many seconds apart, sparse."""
+    from scipy.sparse import diags_array
+
+    kept = math.exp(-step / CORRELATION_TIME)
+    diagonal = np.full(n, (1.0 + kept * kept) / (1.0 - kept * kept))
+    diagonal[[0, -1]] = 1.0 / (1.0 - kept * kept)
+    beside = np.full(n - 1, -kept / (1.0 - kept * kept))
+    return diags_array([beside, diagonal, beside], offsets=[-1, 0, 1])
+
+
+def _rotations(ties: Sequence[Tie]) -> Any:
+    """Rotations of the poses of ties; None if there is none."""
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_matrix(np.array([tie.pose.rotation for tie in ties])) if ties else None

@@ -1,0 +1,113 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""`maxcon localize` by several workers: one drive, or a table of drives."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from maxcon.cli.progress import step_bars
+from maxcon.errors import MaxconError, OptionError
+
+if TYPE_CHECKING:
+    from maxcon.cli.drive_opener import DriveOpener, OpenedDrive
+    from maxcon.drive import EpochEstimate
+    from maxcon.drives import ManyDrivesJob
+    from maxcon.drives.job import DriveTask
+    from maxcon.engine import Engine
+
+__all__ = ["check_one_or_many", "localize_many", "several_workers"]
+
+
+def check_one_or_many(
+    drives: Path | None, map_folder: Path | None, scans: Path | None, alone: dict[str, object]
+) -> None:
+    """Refuse arguments of one drive beside a table of drives, and one drive without its arguments.
+
+    Parameters
+    ----------
+    drives, map_folder, scans : Path, optional
+        As they are given.
+    alone : dict of str to object
+        Options that are of one drive, by name; those not given are None or False.
+
+    Raises
+    ------
+    OptionError
+        If it is so.
+    """
+    if drives is None:
+        missing = "MAP" if map_folder is None else "SCANS"
+        if map_folder is None or scans is None:
+            raise OptionError(
+                f"Expected MAP and SCANS, or --drives with a table of drives, got no {missing}. Name it."
+            )
+        return
+    given = [name for name, value in alone.items() if value]
+    if scans is not None:
+        given.insert(0, "SCANS")
+    if given:
+        raise OptionError(
+            f"Expected each drive's files in the table of --drives and no {given[0]} beside it, got both. Leave one"
+            " out."
+        )
+
+
+def localize_many(
+    drives: Path, map_folder: Path | None, out: Path, opener: "DriveOpener", engine: "Engine", quiet: bool
+) -> None:
+    """Localize a table of drives into a dataset, and say what became of them.
+
+    Raises
+    ------
+    MaxconError
+        If a drive cannot be localized, when the others are.
+    """
+    from maxcon.drives import ManyDrivesJob, localize_drives, read_drives
+
+    entries = read_drives(drives, map_folder)
+    with step_bars("epochs", quiet) as report:
+        done = localize_drives(entries, ManyDrivesJob(opener), out, engine, report)
+    before = f", {done.n_epochs - done.n_new} of them were there" if done.n_epochs > done.n_new else ""
+    typer.echo(
+        f"{done.n_localized:,} of {done.n_epochs:,} epochs of {done.n_drives:,} drives localized{before}; in {out}"
+    )
+    if done.refused:
+        name, reason = next(iter(done.refused.items()))
+        raise MaxconError(
+            f"Expected drives that can be localized, but {len(done.refused)} of {len(entries)} cannot; the first,"
+            f" {name}: {reason}"
+        )
+    if done.n_localized < done.n_epochs:
+        raise typer.Exit(1)
+
+
+def several_workers(
+    opened: "OpenedDrive", engine: "Engine", first: int, with_points: frozenset[int]
+) -> "Iterator[EpochEstimate]":
+    """Yield the epochs of a drive from one on, in order, localized by the workers of an engine.
+
+    Points stay with the workers; those of the epochs `with_points` are read once more.
+    """
+    from maxcon.drives import ManyDrivesJob
+    from maxcon.drives.run import tasks_of
+
+    opened.checked()  # what cannot work is said before anything is started
+    tasks = list(tasks_of(opened.entry, range(first, opened.n_epochs)))
+    found = _in_order(engine, ManyDrivesJob(opened.opener), tasks, first)
+    return (opened.with_points(epoch) if epoch.epoch in with_points else epoch for epoch in found)
+
+
+def _in_order(
+    engine: "Engine", job: "ManyDrivesJob", tasks: "list[DriveTask]", first: int
+) -> "Iterator[EpochEstimate]":
+    waiting: dict[int, EpochEstimate] = {}
+    for _, found in engine.run(job, tasks, len(tasks)):
+        if isinstance(found, str):
+            raise MaxconError(found)
+        waiting.update((epoch.epoch, epoch) for epoch in found)
+        while first in waiting:
+            yield waiting.pop(first)
+            first += 1

@@ -1,0 +1,75 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""`maxcon map update`, and what `maxcon map info` says of updates."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from maxcon.cli.compiling import compiling_told
+from maxcon.cli.options import MaxRange, MinRange
+from maxcon.cli.progress import step_bars
+
+__all__ = ["rows_of_updates", "update"]
+
+
+def update(
+    map_folder: Annotated[Path, typer.Argument(metavar="MAP", help="Map made by `maxcon map build`.")],
+    drives: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="DRIVES...",
+            help="Scans and the table of their poses in turn: SCANS POSES.csv SCANS POSES.csv ... Scans as `maxcon"
+            " localize` takes them, or a dataset.toml, whose reference poses are taken if no table follows.",
+        ),
+    ],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="MAP2", help="Folder of the new version.")],
+    reach: Annotated[
+        float, typer.Option(metavar="M", help="Surfaces farther from the sensor are not judged, m.")
+    ] = 30.0,
+    least_looks: Annotated[
+        int,
+        typer.Option(
+            metavar="N", help="Looks from places at least 0.5 m apart that it takes to call a change."
+        ),
+    ] = 2,
+    min_range: MinRange = 1.0,
+    max_range: MaxRange = 120.0,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace MAP2 if there is one.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
+) -> None:
+    """Write a new version of a map, in which what drives saw through is gone, and what they saw newly is new.
+
+    Only epochs called localized count. Searches in MAP2 leave out what is gone. MAP is not touched.
+    """
+    from maxcon.upkeep import UpdateOptions, open_drives, update_map
+
+    options = UpdateOptions(reach=reach, least_looks=least_looks, min_range=min_range, max_range=max_range)
+    with step_bars("", quiet) as report, compiling_told(quiet):
+        manifest = update_map(
+            map_folder, open_drives(drives), out, options, overwrite=overwrite, progress=report
+        )
+    typer.echo(f"{out}")
+    for name, text in rows_of_updates(manifest.build.get("updates", [])):
+        typer.echo(f"{name:<12} {text}")
+
+
+def rows_of_updates(updates: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
+    """What of a map is gone and new, and how it came so: names and words."""
+    if not updates:
+        return []
+    last = updates[-1]
+    total = max(last["n_known"] + last["n_gone"] + last["n_new"], 1)
+    rows = [
+        (name, f"{last[f'n_{name}']:,} voxels, {100.0 * last[f'n_{name}'] / total:.2f} %")
+        for name in ("known", "gone", "new")
+    ]
+    for number, each in enumerate(updates, 1):
+        drives = ", ".join(f"{drive['name']} ({drive['n_looks']:,} looks)" for drive in each["drives"])
+        changed = f"{each['n_now_gone']:,} gone, {each['n_now_new']:,} new, {each['n_back']:,} back"
+        parent = each["parent"]
+        words = f"{number} of {parent['name']} {parent['sha256'][:8]} by {drives}: {each['n_judged']:,} seen, {changed}"
+        rows.append(("update", words))
+    return rows

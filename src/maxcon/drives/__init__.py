@@ -1,0 +1,19 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Many drives at once: a table of drives, each localized in a map, into one Parquet dataset."""
+
+from maxcon.drives.job import ManyDrivesJob, OpenedDrive
+from maxcon.drives.poses_dataset import PosesDataset, poses_schema
+from maxcon.drives.run import Localized, localize_drives
+from maxcon.drives.table import DriveEntry, read_drives
+
+__all__ = [
+    "DriveEntry",
+    "Localized",
+    "ManyDrivesJob",
+    "OpenedDrive",
+    "PosesDataset",
+    "localize_drives",
+    "poses_schema",
+    "read_drives",
+]

@@ -1,0 +1,107 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""What the rows of drives were made with: written down, so that they are not gone on with by something else."""
+
+import hashlib
+import json
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from maxcon.atomic import write_json
+from maxcon.drives.poses_dataset import PosesDataset
+from maxcon.drives.table import DriveEntry
+from maxcon.errors import FileError, OptionError
+from maxcon.point_map.manifest import LARGEST_MANIFEST, MANIFEST
+from maxcon.regular_file import read_regular
+from maxcon.storage import address_of, open_place
+
+__all__ = ["OPTIONS", "check_options", "check_sources"]
+
+OPTIONS, SOURCES = "_options.json", "_drives.json"
+LARGEST_OPTIONS, LARGEST_SOURCES = 2**20, 2**28
+LARGEST_HASHED = 2**26
+"""Of larger files, recordings, the size tells."""
+
+
+def check_options(dataset: PosesDataset, wanted: dict[str, Any]) -> None:
+    """Write down with which options a dataset is made; refuse to go on with others: rows would not be comparable.
+
+    Raises
+    ------
+    OptionError
+        If there are rows that were made with others.
+    FileError
+        If what was written down cannot be read, or not be written.
+    """
+    path = dataset.folder / OPTIONS
+    if not (path.exists() and dataset.has_any_rows()):
+        write_json(path, wanted)
+    elif _read(path, LARGEST_OPTIONS, "the options of a dataset") != json.loads(json.dumps(wanted)):
+        raise OptionError(
+            f"Expected to go on with the poses in {dataset.folder} by the same maxcon with the same options, as"
+            f" {path.name} there has them, got others. Name another folder."
+        )
+
+
+def check_sources(dataset: PosesDataset, entries: Sequence[DriveEntry]) -> None:
+    """Write down what drives are localized from; refuse to go on with one from another map, scans or prior.
+
+    Raises
+    ------
+    OptionError
+        If rows of a drive are there that were made from something else.
+    FileError
+        If what was written down cannot be read, or not be written.
+    """
+    path = dataset.folder / SOURCES
+    known = _read(path, LARGEST_SOURCES, "the sources of drives") if path.exists() else {}
+    if not all(isinstance(each, dict) for each in known.values()):
+        raise FileError(f"Expected the sources of drives in {path}, got something else. Name another folder.")
+    map_of = cache(_map)  # many drives share one
+    for entry in entries:
+        parts = {name: _file(getattr(entry, name)) for name in ("scans", "prior", "times", "odometry")}
+        wanted = {"map": map_of(entry.map), **parts}
+        found = known.get(entry.name, wanted)
+        if found != wanted and dataset.has_rows(entry.name):
+            different = sorted(key for key in wanted if wanted[key] != found.get(key))
+            raise OptionError(
+                f"Expected to go on with drive {entry.name} in {dataset.folder} as it was begun, but its"
+                f" {' and '.join(different)} {'are others' if len(different) > 1 else 'is another'}. Name another"
+                f" folder, or remove drive={entry.name} (and _parts/{entry.name}) there to localize it anew."
+            )
+        known[entry.name] = wanted
+    write_json(path, known)
+
+
+def _read(path: Path, most_bytes: int, what: str) -> dict[str, Any]:
+    try:
+        found = json.loads(read_regular(path, most_bytes).decode("utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise FileError(f"Expected {what} in {path}, got: {error}. Name another folder.") from error
+    if not isinstance(found, dict):
+        raise FileError(f"Expected {what} in {path}, got something else. Name another folder.")
+    return found
+
+
+def _map(place: Path | str) -> str:
+    """What tells a map from others: the checksum of its manifest; where it should be, if it cannot be read."""
+    where = address_of(place) or str(Path(place).absolute())
+    try:
+        content = open_place(place, uses_cache=False).read(MANIFEST, LARGEST_MANIFEST)
+    except OSError:
+        return where  # that it cannot be opened is said where it is
+    return hashlib.sha256(content).hexdigest()
+
+
+def _file(path: Path | None) -> str | None:
+    """What tells a file from others: its checksum, or of a folder and of what is large where it is."""
+    if path is None:
+        return None
+    if not path.is_file():
+        return str(path.absolute())
+    size = path.stat().st_size
+    if size > LARGEST_HASHED:
+        return f"{path.absolute()}, {size} bytes"
+    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -1,0 +1,185 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Localizing many drives: what is missing is found, done by an engine, and kept as it comes."""
+
+import os
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from maxcon.atomic import check_folder, make_folder
+from maxcon.drive import EpochEstimate
+from maxcon.drives.job import DriveTask, ManyDrivesJob
+from maxcon.drives.made_with import OPTIONS, check_options, check_sources
+from maxcon.drives.poses_dataset import PosesDataset
+from maxcon.drives.table import DriveEntry
+from maxcon.engine import Engine
+from maxcon.errors import FileError, MaxconError
+from maxcon.estimate import Status
+from maxcon.locks import locked
+from maxcon.progress import Progress
+from maxcon.version import __version__
+
+__all__ = ["EPOCHS_PER_TASK", "Localized", "localize_drives", "tasks_of"]
+
+# Neighbours see the same tiles; more at once would be lost together when a worker ends.
+EPOCHS_PER_TASK = 32
+LOCK = ".lock"
+
+
+@dataclass(frozen=True, slots=True)
+class Localized:
+    """What became of many drives.
+
+    Parameters
+    ----------
+    n_drives, n_epochs, n_localized : int
+        Drives in the dataset, their epochs, and those of them with the status "localized".
+    n_new : int
+        Epochs localized by this call.
+    refused : dict of str to str
+        Why a drive cannot be localized, by its name.
+    """
+
+    n_drives: int
+    n_epochs: int
+    n_localized: int
+    n_new: int
+    refused: dict[str, str]
+
+
+def localize_drives(
+    entries: Sequence[DriveEntry],
+    job: ManyDrivesJob,
+    out: str | os.PathLike[str],
+    engine: Engine | None = None,
+    progress: Progress | None = None,
+) -> Localized:
+    """Localize drives into a Parquet dataset; drives and epochs that are there are not done again.
+
+    Parameters
+    ----------
+    entries : sequence of DriveEntry
+        The drives.
+    job : ManyDrivesJob
+        How.
+    out : path
+        Folder of the dataset; made if it is not there.
+    engine : Engine, optional
+        Where; on all processors of this machine if None.
+    progress : callable, optional
+        Called with (step, done, of how many).
+
+    Returns
+    -------
+    Localized
+        A drive that cannot be localized does not keep the others from it.
+
+    Raises
+    ------
+    FileError, OptionError
+        If the folder cannot be written, is another's, or was made with other options.
+    """
+    from maxcon.study.description import describe  # with all that a study needs, which one drive does not
+
+    dataset, engine = PosesDataset(Path(out)), engine or Engine()
+    _check_folder(dataset.folder)
+    make_folder(dataset.folder)
+    with locked(dataset.folder / LOCK, f"the dataset {dataset.folder}"):
+        check_options(dataset, {"maxcon": __version__, "options": describe(job.opener)})
+        check_sources(dataset, entries)
+        return _Run(entries, job, dataset, engine, progress).localized()
+
+
+def tasks_of(entry: DriveEntry, epochs: Iterable[int], is_track: bool = False) -> Iterator[DriveTask]:
+    """Yield tasks for the epochs of a drive, runs of consecutive ones; all of a track is one."""
+    run: list[int] = []
+    for epoch in epochs:
+        is_end = run and (epoch != run[-1] + 1 or (epoch % EPOCHS_PER_TASK == 0 and not is_track))
+        if is_end:
+            yield DriveTask(entry, run[0], run[-1] + 1)
+            run = []
+        run.append(epoch)
+    if run:
+        yield DriveTask(entry, run[0], run[-1] + 1)
+
+
+class _Run:
+    """One call: which drives are begun, and how many of their epochs are missing."""
+
+    def __init__(
+        self,
+        entries: Sequence[DriveEntry],
+        job: ManyDrivesJob,
+        dataset: PosesDataset,
+        engine: Engine,
+        progress: Progress | None,
+    ) -> None:
+        self._entries = entries
+        self._job = job
+        self._dataset = dataset
+        self._engine = engine
+        self._report = progress or (lambda step, done, total: None)
+        self._n_missing: dict[str, int] = {}
+        self._refused: dict[str, str] = {}
+        self._n_new = self._n_epochs = 0
+
+    def localized(self) -> Localized:
+        """Do what is missing, and count what is there."""
+        todo = [entry for entry in self._entries if not self._dataset.is_done(entry.name)]
+        if todo:
+            for task, found in self._engine.run(self._job, self._tasks(todo), sys.maxsize):
+                self._keep(task.entry.name, found)
+        statuses = {
+            entry.name: self._dataset.rows(entry.name).column("status").to_pylist()
+            for entry in self._entries
+            if self._dataset.is_done(entry.name)
+        }
+        n_localized = sum(found.count(Status.LOCALIZED.value) for found in statuses.values())
+        n_epochs = sum(map(len, statuses.values()))
+        return Localized(len(statuses), n_epochs, n_localized, self._n_new, self._refused)
+
+    def _tasks(self, entries: Iterable[DriveEntry]) -> Iterator[DriveTask]:
+        """Yield what is missing of the drives, which are opened one after the other."""
+        for entry in entries:
+            try:
+                n_epochs = self._job.opened(entry).n_epochs
+            except MaxconError as error:
+                self._refused[entry.name] = str(error)
+                continue
+            is_track = self._job.opener.is_track
+            rows = self._dataset.rows(entry.name)
+            missing = np.setdiff1d(np.arange(n_epochs), rows.column("epoch").to_numpy()).tolist()
+            if missing and is_track:
+                missing = list(range(n_epochs))
+            self._n_missing[entry.name] = len(missing)
+            self._n_epochs += len(missing)
+            if not missing:
+                self._dataset.publish(entry.name, rows)
+            yield from tasks_of(entry, missing, is_track)
+
+    def _keep(self, name: str, found: list[EpochEstimate] | str) -> None:
+        """Write down the epochs of a drive; put it into the dataset with the last of them."""
+        if isinstance(found, str):
+            self._refused.setdefault(name, found)
+            return
+        self._dataset.add(name, found)
+        self._n_new += len(found)
+        self._n_missing[name] -= len(found)
+        self._report("localizing", self._n_new, self._n_epochs)
+        if self._n_missing[name] == 0 and name not in self._refused:
+            self._dataset.publish(name, self._dataset.rows(name))
+
+
+def _check_folder(folder: Path) -> None:
+    """Refuse a folder that holds something else than such a dataset."""
+    check_folder(folder)
+    others = [path.name for path in folder.iterdir() if path.name != LOCK] if folder.exists() else []
+    if others and OPTIONS not in others:
+        raise FileError(
+            f"Expected poses of drives or an empty folder in {folder}, but it holds {sorted(others)[0]}. Name another"
+            " folder."
+        )

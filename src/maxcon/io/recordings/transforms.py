@@ -1,0 +1,274 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Transforms between frames (TF) in a recording: where one frame is in another, over time or for good."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import reduce
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.errors import FileError, OptionError, TrajectoryError
+from maxcon.geometry import Pose
+from maxcon.io.clouds.base import as_file_error
+from maxcon.io.recordings.base import Recording, printable
+from maxcon.io.recordings.messages import decode_message, frame_name, frame_of, stamp_of
+from maxcon.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
+__all__ = ["TRANSFORMS", "TransformTree", "parse_frames"]
+
+TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+"""Kinds of messages that hold transforms."""
+STATIC = "tf_static"
+"""How the names of topics end whose transforms hold for good."""
+LARGEST_GAP = 2.0
+"""Between two transforms of a pair of frames, s: no pose is made of what lies between them."""
+N_ROW = 8
+
+
+def parse_frames(text: str, option: str) -> tuple[str, str]:
+    """Return the two frames of "map:base_link".
+
+    Raises
+    ------
+    OptionError
+        If it names not two.
+    """
+    frames = tuple(frame_name(part) for part in text.split(":"))
+    if len(frames) != 2 or not all(frames):
+        raise OptionError(
+            f"Expected {option} as FIXED:MOVING, the names of two frames, got {text!r}. For instance map:base_link."
+        )
+    return frames[0], frames[1]
+
+
+@dataclass(slots=True)
+class _Link:
+    """Transforms from a frame to its parent: rows of time, x, y, z, qx, qy, qz, qw."""
+
+    parent: str
+    is_static: bool
+    rows: array[float] = field(default_factory=lambda: array("d"))
+
+    def table(self) -> NDArray[np.float64]:
+        """The rows by time, each time once; of a static link the last one."""
+        values = np.frombuffer(self.rows).reshape(-1, N_ROW)
+        if self.is_static:
+            return values[-1:]
+        return values[np.unique(values[:, 0], return_index=True)[1]]
+
+
+@dataclass(frozen=True, slots=True)
+class _Step:
+    """One link of a way between two frames, taken as it is (from the parent down) or backwards."""
+
+    child: str
+    link: _Link
+    is_down: bool
+
+
+class TransformTree:
+    """All transforms of a recording.
+
+    Parameters
+    ----------
+    path : Path
+        Of the recording, for messages.
+    links : dict of str to list of _Link
+        By the frame whose place they tell; more than one where it has several parents.
+    """
+
+    def __init__(self, path: Path, links: dict[str, list[_Link]]) -> None:
+        self.path, self._links = path, links
+
+    @classmethod
+    def read(cls, recording: Recording, *, is_static_only: bool = False) -> TransformTree:
+        """Return the transforms of a recording, or those that hold for good alone; one pass through their topics.
+
+        Raises
+        ------
+        FileError
+            If a message is broken.
+        """
+        links: dict[str, list[_Link]] = {}
+        topics = [
+            t.name for t in recording.of_type(*TRANSFORMS) if not is_static_only or t.name.endswith(STATIC)
+        ]
+        for message in recording.messages(topics) if topics else ():
+            label = Path(f"{recording.path}, {printable(message.topic)}")
+            with as_file_error(label, "messages of transforms"):
+                for content in decode_message(message).transforms:
+                    child, parent = frame_name(content.child_frame_id), frame_of(content)
+                    link = _link(links, child, parent, is_static=message.topic.endswith(STATIC))
+                    place, turn = content.transform.translation, content.transform.rotation
+                    row = [stamp_of(content, message.recorded) / 1e9, place.x, place.y, place.z]
+                    row += [turn.x, turn.y, turn.z, turn.w]
+                    if np.isfinite(row).all() and abs(np.linalg.norm(row[4:]) - 1.0) < 0.01:
+                        link.rows.extend(map(float, row))
+        known = {
+            child: [link for link in several if len(link.rows)] for child, several in links.items() if child
+        }
+        return cls(recording.path, {child: several for child, several in known.items() if several})
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Names of all frames, sorted."""
+        parents = {link.parent for several in self._links.values() for link in several}
+        return tuple(sorted(parents | set(self._links)))
+
+    def trajectory(self, fixed: str, moving: str) -> tuple[Trajectory, str]:
+        """Return T_fixed_moving over time, and the way between the two frames in words.
+
+        Its poses are at the times of all moving links together, as far as all of them reach; between two transforms
+        positions are linear, and turns take the shortest arc.
+
+        Raises
+        ------
+        OptionError
+            If a frame is not there.
+        FileError
+            If the two are not connected, a frame between them has several parents, or nothing between them moves.
+        TrajectoryError
+            If the links have no time in common.
+        """
+        steps = self._way(fixed, moving)
+        tables = [step.link.table() for step in steps]
+        moved = [table for step, table in zip(steps, tables, strict=True) if not step.link.is_static]
+        words = " -> ".join([fixed, *(_end(step) for step in steps)])
+        if not moved:
+            raise FileError(
+                f"Expected frames of {self.path} that move, to take poses from /tf, got {printable(words)}, which is"
+                " static. Choose other frames."
+            )
+        times = _common_times(moved)
+        if not len(times):
+            raise TrajectoryError(
+                f"Expected transforms of {printable(words)} in {self.path} at common times, got none less than"
+                f" {LARGEST_GAP:g} s apart. Choose other frames, or another recording."
+            )
+        positions, turns = _along(steps, tables, times)
+        return Trajectory(times, positions, turns.as_quat()), words
+
+    def static_pose(self, fixed: str, moving: str) -> Pose | None:
+        """Return T_fixed_moving if both frames are there and only static links between them; else None."""
+        if fixed == moving:
+            return Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        if not {fixed, moving} <= set(self.frames):
+            return None
+        try:
+            steps = self._way(fixed, moving)
+        except FileError:
+            return None
+        if not all(step.link.is_static for step in steps):
+            return None
+        positions, turns = _along(steps, [step.link.table() for step in steps], np.zeros(1))
+        return Pose.from_rotation(positions[0], turns.as_matrix()[0])
+
+    def _way(self, fixed: str, moving: str) -> list[_Step]:
+        """The links from one frame to another: up to the first common one, and down."""
+        frames = self.frames
+        for frame in (fixed, moving):
+            if frame not in frames:
+                listed = ", ".join(printable(name) for name in frames[:12])
+                raise OptionError(
+                    f"Expected a frame of {self.path}, got {frame!r}. It has {listed or 'no transforms'}."
+                )
+        up, down = self._upwards(fixed), self._upwards(moving)
+        shared = next((frame for frame in up if frame in down), None)
+        if shared is None or fixed == moving:
+            raise FileError(
+                f"Expected transforms of {self.path} between {printable(fixed)} and {printable(moving)}, got none."
+                " Choose other frames."
+            )
+        rising = [_Step(child, self._only(child), is_down=False) for child in up[: up.index(shared)]]
+        falling = [_Step(child, self._only(child), is_down=True) for child in down[: down.index(shared)]]
+        return rising + falling[::-1]
+
+    def _upwards(self, frame: str) -> list[str]:
+        """The frame, its parent, and so on; ends where frames come again."""
+        found = [frame]
+        while found[-1] in self._links and (parent := self._only(found[-1]).parent) not in found:
+            found.append(parent)
+        return found
+
+    def _only(self, child: str) -> _Link:
+        several = self._links[child]
+        if len(several) > 1:
+            parents = ", ".join(printable(link.parent) for link in several[:4])
+            raise FileError(
+                f"Expected one parent of the frame {printable(child)} in {self.path}, got {parents}. Record the"
+                " transforms of one source."
+            )
+        return several[0]
+
+
+def _link(links: dict[str, list[_Link]], child: str, parent: str, *, is_static: bool) -> _Link:
+    several = links.setdefault(child, [])
+    for link in several:
+        if link.parent == parent:
+            # What is on both topics moves: the static one is where it was at first.
+            link.is_static &= is_static
+            return link
+    several.append(_Link(parent, is_static))
+    return several[-1]
+
+
+def _end(step: _Step) -> str:
+    """The frame that a step leads to."""
+    return step.child if step.is_down else step.link.parent
+
+
+def _common_times(tables: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """All times of some links, as far as all of them reach, without those in a gap of any."""
+    times = np.unique(np.concatenate([table[:, 0] for table in tables]))
+    for table in tables:
+        own = table[:, 0]
+        later = np.searchsorted(own, times)
+        is_own = own[np.minimum(later, len(own) - 1)] == times
+        before, after = own[np.maximum(later - 1, 0)], own[np.minimum(later, len(own) - 1)]
+        is_between = (later > 0) & (later < len(own)) & (after - before <= LARGEST_GAP)
+        times = times[is_own | is_between]
+    return times
+
+
+def _along(
+    steps: Sequence[_Step], tables: Sequence[NDArray[np.float64]], times: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], Rotation]:
+    """Positions and turns at some times of the end of a way, given the table of each of its links."""
+    parts = [_at(table, times) for table in tables]
+    return reduce(
+        _composed,
+        (part if step.is_down else _backwards(*part) for step, part in zip(steps, parts, strict=True)),
+    )
+
+
+def _at(table: NDArray[np.float64], times: NDArray[np.float64]) -> tuple[NDArray[np.float64], Rotation]:
+    """Positions and turns of a link at some times; those of its only row at all times."""
+    from scipy.spatial.transform import Rotation, Slerp
+
+    turns = Rotation.from_quat(table[:, 4:])
+    if len(table) == 1:
+        return np.tile(table[:, 1:4], (len(times), 1)), Rotation.from_quat(
+            np.tile(table[:, 4:], (len(times), 1))
+        )
+    positions = np.stack([np.interp(times, table[:, 0], column) for column in table[:, 1:4].T], axis=1)
+    return positions, Slerp(table[:, 0], turns)(times)
+
+
+def _backwards(positions: NDArray[np.float64], turns: Rotation) -> tuple[NDArray[np.float64], Rotation]:
+    return -turns.inv().apply(positions), turns.inv()
+
+
+def _composed(
+    first: tuple[NDArray[np.float64], Rotation], second: tuple[NDArray[np.float64], Rotation]
+) -> tuple[NDArray[np.float64], Rotation]:
+    return first[0] + first[1].apply(second[0]), first[1] * second[1]

@@ -1,0 +1,124 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""MergedScans: the scans of several scanners on one vehicle, an epoch for each scan of the first."""
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.errors import FileError, OptionError
+from maxcon.geometry import Pose
+from maxcon.geometry.viewpoints import Viewpoints
+from maxcon.io.scans.raw_scan import RawScan, Scans, nearest_in_time
+
+__all__ = ["MergedScans"]
+
+LONELY_GAP = 0.1
+"""Scans of other scanners may be so far from the first one's only scan, s."""
+
+
+class MergedScans(Scans):
+    """Scans of several scanners, matched by their times, their points in the frame of the vehicle.
+
+    Parameters
+    ----------
+    scanners : sequence of Scans
+        Each scan of the first one is an epoch; of each other scanner the scan nearest
+        in time is added, if it is within half of the first one's usual interval.
+    poses : sequence of Pose
+        T_vehicle_sensor of each.
+    names : sequence of str
+        Of the scanners, for messages.
+
+    Raises
+    ------
+    FileError
+        If a scanner has no scan near any of the first one's.
+    OptionError
+        If there are not as many poses as scanners, or none.
+    """
+
+    def __init__(self, scanners: Sequence[Scans], poses: Sequence[Pose], names: Sequence[str]) -> None:
+        if not len(scanners) == len(poses) == len(names) or not scanners:
+            raise OptionError(
+                f"Expected a pose and a name for each of one or more scanners, got {len(poses)} and {len(names)} for"
+                f" {len(scanners)}."
+            )
+        self.scanners, self.poses, self.names = tuple(scanners), tuple(poses), tuple(names)
+
+    @property
+    def times(self) -> NDArray[np.float64]:  # type: ignore[override]
+        """Of the first scanner's scans, shape (n,), s, strictly increasing."""
+        return self.scanners[0].times
+
+    @cached_property
+    def _rows(self) -> NDArray[np.int64]:
+        """Which scan of each scanner belongs to each epoch, shape (n, n_scanners); -1 where none does."""
+        times = self.times
+        reach = 0.5 * float(np.median(np.diff(times))) if len(times) > 1 else LONELY_GAP
+        rows = np.empty((len(times), len(self.scanners)), dtype=np.int64)
+        for number, scans in enumerate(self.scanners):
+            own = scans.times
+            nearest = nearest_in_time(own, times)
+            rows[:, number] = np.where(np.abs(own[nearest] - times) <= reach, nearest, -1)
+            if (rows[:, number] < 0).all():
+                raise FileError(
+                    f"Expected scans of the scanner {self.names[number]} within {reach:.3f} s of those of"
+                    f" {self.names[0]}, got none: {own[0]:.3f} to {own[-1]:.3f} s and {times[0]:.3f} to"
+                    f" {times[-1]:.3f} s. Do both use the same clock?"
+                )
+        return rows
+
+    @property
+    def words(self) -> str:
+        """How many scans of each scanner were matched, and how far apart they are, in a line."""
+        parts = []
+        for number, (name, scans) in enumerate(zip(self.names, self.scanners, strict=True)):
+            rows = self._rows[:, number]
+            apart = np.abs(scans.times[rows[rows >= 0]] - self.times[rows >= 0]).max()
+            parts.append(f"{name} in {np.count_nonzero(rows >= 0)} epochs, up to {1e3 * apart:.1f} ms off")
+        return f"scans of {len(parts)} scanners: " + "; ".join(parts)
+
+    def name(self, i: int) -> str:
+        """Return the names of the scans of epoch number `i`."""
+        return " + ".join(
+            scans.name(int(row)) for scans, row in zip(self.scanners, self._rows[i], strict=True) if row >= 0
+        )
+
+    def read(self, i: int, min_range: float = 1.0, max_range: float = 120.0) -> RawScan:
+        """Return epoch number `i`, in the frame of the vehicle; ranges are those of each scanner.
+
+        A scan whose points have no times counts as measured at its own time, where others lie besides.
+
+        Raises
+        ------
+        FileError
+            If one of its scans is broken.
+        OptionError
+            If not 0 <= min_range < max_range.
+        """
+        time = float(self.times[i])
+        raws, points, offsets, scanners = [], [], [], []
+        for number, row in enumerate(self._rows[i]):
+            if row < 0:
+                continue
+            raw = self.scanners[number].read(int(row), min_range, max_range)
+            own = np.zeros(len(raw.points)) if raw.point_times is None else raw.point_times
+            raws.append(raw)
+            points.append(self.poses[number].apply(raw.points))
+            offsets.append(own + (raw.time - time))
+            scanners.append(np.full(len(raw.points), number))
+        is_known = any(raw.point_times is not None or raw.time != time for raw in raws)
+        return RawScan(
+            points=np.concatenate(points),
+            time=time,
+            name=self.name(i),
+            n_returns=sum(raw.n_returns for raw in raws),
+            n_dropped_invalid=sum(raw.n_dropped_invalid for raw in raws),
+            n_dropped_range=sum(raw.n_dropped_range for raw in raws),
+            n_dropped_duplicates=sum(raw.n_dropped_duplicates for raw in raws),
+            point_times=np.concatenate(offsets) if is_known else None,
+            viewpoints=Viewpoints(np.concatenate(scanners), self.poses),
+        )

@@ -1,0 +1,340 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Relocalizer: where in a whole map a scan was taken. The page to read first.
+
+Large cells of the whole map are sifted by counts of matches, exactly (`sieve`). What they leave open is counted once
+more in cells half as large (`closer`), and the best of that searched in the map's own cells by Helmert's score, as
+everywhere else. The best place is refined and judged as everywhere else, too, with every other place of the map for a
+rival.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from maxcon.best_cell import BestCell
+from maxcon.cell_search import CellSearch
+from maxcon.coarse_to_fine import Level, distinct_places
+from maxcon.errors import MapError, OptionError
+from maxcon.estimate import Estimate, Status
+from maxcon.examination import examine
+from maxcon.geometry import Pose
+from maxcon.ground import fit_ground
+from maxcon.integrity import Trust, reasons_to_doubt_scan
+from maxcon.objectives import Helmert
+from maxcon.options import Multiplicity, SearchMethod, Weighting
+from maxcon.point_map import PointMap
+from maxcon.refine import refine
+from maxcon.relocalization.closer import Places, look_closer
+from maxcon.relocalization.coarse_tiles import HIGHEST, CoarseTiles
+from maxcon.relocalization.own_ground import above_own_ground
+from maxcon.relocalization.regions import Area, Regions
+from maxcon.relocalization.sieve import sift
+from maxcon.relocalization.sieve_scan import SieveScan
+from maxcon.relocalization.sifted import HEADINGS, STEP_DEG
+from maxcon.relocalization.standing import standing_on
+from maxcon.scan import Scan
+from maxcon.search import Standing, branch_and_bound, exhaustive
+from maxcon.search.matching import check_threads
+from maxcon.search_space import SearchSpace
+
+__all__ = ["Relocalization", "Relocalizer"]
+
+SIFTED = Level(0.96, STEP_DEG, 2.0)
+CLOSER = Level(0.48, 0.5 * STEP_DEG, 1.0)
+# Places are followed that may score this share of the best one, or what makes an answer ambiguous if that is less. For
+# this share large cells that reach so much of the best count are looked at closer, and half as large ones that reach so
+# much of theirs in the map's own cells: decision 29 has what the true place reached.
+FOLLOWED, LEAST_FOLLOWED = 0.8, 0.4
+SIFTED_SHARE, CLOSER_SHARE = 0.6, 0.75
+# So many places at most, the highest counts.
+MOST_SIFTED, MOST_CLOSER = 512, 64
+# Large cells, and half as large ones, that are of one place: m and degrees.
+SAME_SIFTED, SAME_SIFTED_DEG = 1.5, 4.5
+SAME_CLOSER, SAME_CLOSER_DEG = 0.8, 2.5
+# The map's own cells are searched so far around a place, m and degrees; from a best one at the rim it is gone on.
+AROUND, AROUND_DEG = 0.48, 1.5
+MOST_CLIMBS = 4
+THINNING = 0.25
+LEAST_SHARE = 0.1
+"""Of the points so many must match, where the whole map is looked at: somewhere in it a twentieth may do by chance."""
+# Fewer points above the ground than this tell nothing.
+FEWEST_SIFTED = 50
+
+
+@dataclass(frozen=True, slots=True)
+class Relocalization:
+    """Where a scan was taken, and what is known of all other places of the map.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The best place, judged; its runner-up is the best of all other places.
+    n_cells : int
+        Large cells, of all headings, in which the scanner might have stood.
+    n_open, n_closer : int
+        Places that large cells left open, and those of them that half as large ones did.
+    n_others : int
+        Places that could not be excluded, beside the best one: those whose score exceeds the share of the best one
+        from which on an answer is ambiguous.
+    places : list of Pose
+        Those that were searched in the map's own cells, the highest score first.
+    """
+
+    estimate: Estimate
+    n_cells: int = 0
+    n_open: int = 0
+    n_closer: int = 0
+    n_others: int = 0
+    places: tuple[Pose, ...] = ()
+
+
+class Relocalizer:
+    """Finds where scans were taken in a map, at any place and heading.
+
+    The parts of the map that it compares scans with are made when first asked for, tile by tile; the ones used last are
+    kept, at most three quarters of a gigabyte.
+
+    Parameters
+    ----------
+    point_map : PointMap
+        With ground: a scanner stands above it.
+    around : tuple of 2 float, optional
+        Middle (x, y) of a circle in which the scanner stands, local frame, m; anywhere in the map if not given.
+    radius : float
+        Of that circle, m.
+    n_threads : int
+        Headings and places searched at the same time; the answer does not depend on it.
+    trust : Trust
+        From where on an answer is not called localized; that of a search around a prior, but with a least share of
+        matches of 0.1, if not given.
+    risk : float
+        The error may be larger than the protection level with at most this probability.
+
+    Raises
+    ------
+    MapError
+        If the map has no ground, or voxels of more than half a metre.
+    OptionError
+        If the radius, the threads or the risk is out of its range.
+    """
+
+    def __init__(
+        self,
+        point_map: PointMap,
+        around: tuple[float, float] | None = None,
+        radius: float = 300.0,
+        *,
+        n_threads: int = 1,
+        trust: Trust | None = None,
+        risk: float = 0.01,
+    ) -> None:
+        if not 0.0 < radius < math.inf:
+            raise OptionError(f"Expected a `radius` above 0 m, got {radius}. The default is 300.")
+        check_threads(n_threads)
+        if not 0.0 < risk < 1.0:
+            raise OptionError(f"Expected `risk` above 0 and below 1, got {risk}. The default is 0.01.")
+        self.map = point_map
+        self.area = None if around is None else Area(*around, radius)
+        self.n_threads = n_threads
+        self.trust = trust or Trust(least_share=LEAST_SHARE)
+        self.risk = risk
+        self.sifted = Regions(CoarseTiles(point_map, SIFTED), self.area)
+        """Regions of large cells in which the scanner may stand."""
+        half = 0.5 * self.sifted.tiles.cell
+        if point_map.cell > 1.01 * half:
+            raise MapError(
+                f"Expected voxels of up to half a metre, to search a map without a prior, got {point_map.cell:g} m."
+                " Build it anew with a smaller cell; 0.06 m is the default."
+            )
+        self._closer = Regions(CoarseTiles(point_map, replace(CLOSER, cell=half)))
+
+    @property
+    def n_cells(self) -> int:
+        """Large cells, of all headings, in which a scanner may stand."""
+        return sum(self.sifted.n_allowed.values()) * len(HEADINGS)
+
+    def check(self) -> None:
+        """Refuse to look where no scanner may stand.
+
+        Raises
+        ------
+        MapError
+            If the map has no ground there.
+        """
+        if self.n_cells == 0:
+            where = "" if self.area is None else f" within {self.area.radius:g} m of the place that was named"
+            raise MapError(
+                f"Expected ground of the map{where}, got none. Is that place in the map, in its CRS?"
+            )
+
+    def within(self, around: tuple[float, float], radius: float) -> "Relocalizer":
+        """Return one for a circle, as `around` and `radius` above; what is kept of the map is shared."""
+        other = Relocalizer(
+            self.map, around, radius, n_threads=self.n_threads, trust=self.trust, risk=self.risk
+        )
+        other.sifted, other._closer = self.sifted.within(other.area), self._closer
+        return other
+
+    def localize(self, scan: Scan) -> Estimate:
+        """Find the pose of a scan: the estimate of `search`."""
+        return self.search(scan).estimate
+
+    def search(self, scan: Scan) -> Relocalization:
+        """Find the pose of a scan, and what is known of all other places.
+
+        Parameters
+        ----------
+        scan : Scan
+            Points (and normals) of one epoch, sensor frame; z within some degrees of up.
+
+        Returns
+        -------
+        Relocalization
+            Poses in the local frame of the map. Without a place, that of the estimate is the origin.
+
+        Raises
+        ------
+        MapError
+            If the map has no ground where scanners are looked for, or a tile cannot be read.
+        """
+        self.check()
+        above_ground = above_own_ground(scan)
+        if above_ground is None:
+            return _nothing(scan, "the scan shows no ground around it")
+        places, n_open = self._places(scan, above_ground)
+        if not len(places):
+            return _nothing(scan, "few of the points are above the ground, or none matches anywhere")
+        found = self._fine_places(scan, above_ground, places)
+        return self._concluded(scan, found, places, n_open)
+
+    def _places(self, scan: Scan, above_ground: Pose) -> tuple[Places, int]:
+        """Places that cells of half a metre leave open, the highest count first; how many large ones did."""
+        nothing = Places(np.empty((0, 3)), np.empty(0, np.int64), 0.0)
+        few, many = (
+            SieveScan.of(scan.thinned(level.thinning), above_ground, HIGHEST) for level in (SIFTED, CLOSER)
+        )
+        if len(few) < FEWEST_SIFTED:
+            return nothing, 0
+        sifted = sift(few, self.sifted, SIFTED_SHARE * self._followed / FOLLOWED, n_threads=self.n_threads)
+        cell = self.sifted.tiles.cell
+        middles = (sifted.cells[:, [2, 1]] + 0.5) * cell
+        poses = np.column_stack([middles, HEADINGS[sifted.cells[:, 0]]])
+        wide = Places(poses, sifted.counts, sifted.left_out)
+        wide = wide.distinct(SAME_SIFTED, math.radians(SAME_SIFTED_DEG), MOST_SIFTED)
+        closer = look_closer(many, wide, cell, self._closer)
+        closer = closer.reaching(CLOSER_SHARE * self._followed / FOLLOWED)
+        return closer.distinct(SAME_CLOSER, math.radians(SAME_CLOSER_DEG), MOST_CLOSER), len(wide)
+
+    def _fine_places(self, scan: Scan, above_ground: Pose, places: Places) -> list[BestCell]:
+        """The best small cell around each place that reaches the share of the best one that matters, best first."""
+        found: list[BestCell] = []
+        standing: Standing | None = None
+        for x, y, heading in places.poses.tolist():
+            start = standing_on(self.map, x, y, heading, above_ground)
+            ground = fit_ground(scan, self.map, start)
+            best = self._climbed(scan, start if ground is None else ground.pose, standing)
+            if best is None:
+                continue
+            found.append(best)
+            least = self._followed * best.score
+            if standing is None or least > standing.score:
+                standing = Standing(least, best.moments)
+        return distinct_places(found)
+
+    def _climbed(self, scan: Scan, pose: Pose, standing: Standing | None) -> BestCell | None:
+        """The best small cell around a pose, and around that while it lies at the rim; None where none stands out."""
+        window = SearchSpace(AROUND, heading_half_width_deg=AROUND_DEG).at(self.map.cell)
+        for _ in range(1 + MOST_CLIMBS):
+            found = branch_and_bound(
+                scan.thinned(THINNING),
+                self.map,
+                pose,
+                window,
+                Helmert(),
+                standing=standing,
+                n_threads=self.n_threads,
+            )
+            if found.score <= 0.0 or (standing is not None and found.score < standing.score):
+                return None
+            best = BestCell(window, pose, found.cell, found.score, found.moments, 0.0, is_at_rim=False)
+            if not (window.is_at_rim(found.cell) or window.is_outermost(found.cell[0])):
+                return best
+            pose = best.pose
+        return best
+
+    def _concluded(self, scan: Scan, found: list[BestCell], places: Places, n_open: int) -> Relocalization:
+        """Judge the best place, with all others for rivals."""
+        if not found:
+            return _nothing(scan, "no place of the map determines x and y")
+        largest = self.trust.largest_runner_up
+        # Of places that were not looked at in small cells nothing is known but their counts.
+        has_more = len(places) == MOST_CLOSER or places.left_out > largest
+        left_out = max(places.left_out, self._followed) if has_more else self._followed
+        rivals = [found[0], *(each for each in found[1:] if each.score > largest * found[0].score)]
+        others = found[len(rivals) :]
+        runner_up = max(left_out, rivals[1].score / rivals[0].score if len(rivals) > 1 else 0.0)
+        # Which of them is the best is told after refinement; that they are rivals stands (decision 29).
+        if len(rivals) > 1:
+            rivals = sorted((self._refined(scan, each) for each in rivals), key=lambda each: -each.score)
+        best = replace(rivals[0], runner_up=runner_up, is_at_rim=self._is_at_rim(rivals[0].pose))
+        judged = replace(self._cell_search.judge(best, scan, self.map), cell=None)
+        ground = fit_ground(scan, self.map, judged.pose)
+        estimate = examine(judged, ground, scan, self.map, self.trust, self.risk)
+        n_others = len(rivals) - 1
+        if estimate.status is Status.AMBIGUOUS:
+            words = _words(n_others, has_more=has_more)
+            estimate = replace(estimate, reason="; ".join(filter(None, [words, estimate.reason])))
+        poses = tuple(each.pose for each in (*rivals, *others))
+        return Relocalization(estimate, self.n_cells, n_open, len(places), n_others, poses)
+
+    def _refined(self, scan: Scan, best: BestCell) -> BestCell:
+        """A best cell moved to where the surfaces of the map draw it: there scores of places compare.
+
+        Cells lie otherwise on each place, by half an edge and a quarter of a degree, which is worth a fifth of a score.
+        """
+        ground = fit_ground(scan, self.map, best.pose)
+        refined = refine(scan, self.map, best.pose if ground is None else ground.pose)
+        if refined.moved > self.trust.farthest_move:
+            return best
+        here = SearchSpace(0.0, heading_half_width_deg=0.0)
+        moments = exhaustive(scan.thinned(THINNING), self.map, refined.pose, here).moments[0, 0, 0]
+        score = float(Helmert().score(moments))
+        if score < best.score:
+            return best
+        return BestCell(here.at(self.map.cell), refined.pose, (0, 0, 0), score, moments, 0.0, is_at_rim=False)
+
+    @property
+    def _followed(self) -> float:
+        """Share of the best score that other places are followed down to."""
+        return min(max(self.trust.largest_runner_up, LEAST_FOLLOWED), FOLLOWED)
+
+    def _is_at_rim(self, pose: Pose) -> bool:
+        """Whether a pose lies in the outermost large cell of the circle."""
+        if self.area is None:
+            return False
+        away = math.hypot(pose.x - self.area.x, pose.y - self.area.y)
+        return away > self.area.radius - self.sifted.tiles.cell
+
+    @property
+    def _cell_search(self) -> CellSearch:
+        return CellSearch(
+            Helmert(), Multiplicity.OCCUPIED, Weighting.COSINE, SearchMethod.BRANCH_AND_BOUND, THINNING,
+            self.n_threads, self.trust,
+        )  # fmt: skip
+
+
+def _words(n_others: int, *, has_more: bool) -> str:
+    """Say how many places could not be excluded, and whether there are more that were not searched."""
+    searched = f"{n_others} other place{'' if n_others == 1 else 's'} of the map could not be excluded"
+    more = f"beyond {MOST_CLOSER} places others match nearly as many points"
+    return "; ".join(([searched] if n_others or not has_more else []) + ([more] if has_more else []))
+
+
+def _nothing(scan: Scan, reason: str) -> Relocalization:
+    """The answer where there is no place."""
+    origin = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    words = "; ".join([reason, *reasons_to_doubt_scan(scan, origin)])
+    open_both_ways = np.diag([np.inf, np.inf])
+    return Relocalization(Estimate(origin, 0.0, None, Status.NO_MATCH, open_both_ways, reason=words))

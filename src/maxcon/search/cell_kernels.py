@@ -1,0 +1,192 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Compiled: the moments of single cells, each by itself; to the last bit those of a whole window."""
+
+import numpy as np
+from numba import njit
+
+from maxcon.point_map import PATCH_VOXELS
+from maxcon.point_map.lookup_kernels import float32_at, int32_at, n_bits, uint64_at
+from maxcon.search.group_kernels import turn_normals, turn_to_columns
+from maxcon.search.matching import CONTRIBUTION_STEP, ROUNDER
+
+__all__ = ["moments_of_cells", "points_at_heading"]
+
+# Points that are looked up at a time: what is made of them fits into the L1 cache.
+CAPACITY = 1024
+
+PATCH_BITS = PATCH_VOXELS.bit_length() - 1
+
+# Columns of the table of tiles, see `moments_of_cells`.
+LAYERS, N_HELD, HELD, NUMBERS, WORDS, FIRSTS, NORMALS, COUNTS = range(8)
+
+# A voxel (x, y) of a tile is one number, x + y * 2^32. The same bits of both:
+BOTH = 2**32 + 1
+
+# A bit of a tile is one number too: row of the tile, number of the word in it, number of the bit in that.
+BIT_BITS, WORD_BITS = 6, 34
+
+
+@njit(nogil=True, cache=True)
+def points_at_heading(points, normals, turn, place, cell, without_normal):
+    """Turn a scan: voxels (n,) uint64, x + y * 2^32, and normals (n, 4) float32 of its points.
+
+    points, normals, turn, place, cell : as `group_kernels.turn_to_columns` and `turn_normals` take them, of one
+    heading; without_normal : weight of a match whose point has no normal. The last of the four is what is added to the
+    weight of the normal: that, or 0.
+    """
+    columns, turned = turn_to_columns(points, turn, place, cell)[0], turn_normals(normals, turn)[0]
+    n = columns.shape[1]
+    voxels, weighed = np.empty(n, np.uint64), np.empty((n, 4), np.float32)
+    for i in range(n):
+        voxels[i] = np.uint64(np.int64(columns[0, i]) + (np.int64(columns[1, i]) << 32))
+        nx, ny, nz = turned[0, i], turned[1, i], turned[2, i]
+        weighed[i, 0], weighed[i, 1], weighed[i, 2] = nx, ny, nz
+        weighed[i, 3] = without_normal if (nx == 0.0) & (ny == 0.0) & (nz == 0.0) else 0.0
+    return voxels, weighed
+
+
+@njit(nogil=True, cache=True)
+def _tile_and_shift(voxel, offset, edge_bits, grid, corner):
+    """Row in the table of the tile in which a voxel falls at an offset, and the offset less the tile's corner."""
+    x = np.int64(np.int32(voxel & np.uint64(2**32 - 1)))
+    y = ((np.int64(voxel) - x) >> 32) + offset[1]
+    x += offset[0]
+    slot_x, slot_y = (x >> edge_bits) - corner[0], (y >> edge_bits) - corner[1]
+    tile = np.uint64(0)
+    if 0 <= slot_x < grid.shape[1] and 0 <= slot_y < grid.shape[0]:
+        tile = np.uint64(grid[slot_y, slot_x])
+    x_shift = offset[0] - ((x >> edge_bits) << edge_bits)
+    y_shift = offset[1] - ((y >> edge_bits) << edge_bits)
+    return tile, np.uint64(x_shift + (y_shift << 32))
+
+
+@njit(nogil=True, cache=True)
+def _find(first, end, offset, voxels, ranks, tiles, edge_bits, grid, corner, found, matched):
+    """Find those of some points that fall in a patch that holds voxels, at an offset. Returns how many.
+
+    found : (c,) int32, their numbers; matched : (c,) uint64, bits of the voxels they fall in. Both out.
+    """
+    n, row, shift = np.uint64(0), np.uint64(0), np.uint64(2**63)  # that of no tile
+    # Bits that are set in no voxel of a tile, and those of its place (py, px) among the patches, once shifted there.
+    outside = ~np.uint64(((1 << edge_bits) - 1) * BOTH)
+    row_bits = np.uint64(edge_bits - PATCH_BITS)
+    in_row = (np.uint64(1) << row_bits) - np.uint64(1)
+    to_row, rows = np.uint64(32 + PATCH_BITS) - row_bits, in_row << row_bits
+    layers, n_held, held, numbers = tiles[0, LAYERS], tiles[0, N_HELD], tiles[0, HELD], tiles[0, NUMBERS]
+    for number in range(first, end):
+        j = np.uint64(number)
+        voxel = voxels[j] + shift
+        if voxel & outside:  # points in one tile follow each other
+            tile, shift = _tile_and_shift(voxels[j], offset, edge_bits, grid, corner)
+            voxel = voxels[j] + shift
+            layers, n_held = tiles[tile, LAYERS], tiles[tile, N_HELD]
+            held, numbers = tiles[tile, HELD], tiles[tile, NUMBERS]
+            row = tile << np.uint64(BIT_BITS + WORD_BITS)
+        # From here on without a branch: which points match is as good as random.
+        place = (voxel >> to_row) & rows
+        place |= (voxel >> np.uint64(PATCH_BITS)) & in_row
+        layer = np.uint64(int32_at(layers, np.uint64(ranks[j])))
+        place = place * n_held + (layer >> np.uint64(6))
+        patches, in_patches = uint64_at(held, place), layer & np.uint64(63)
+        before = patches & ((np.uint64(1) << in_patches) - np.uint64(1))
+        patch = np.uint64(int32_at(numbers, place)) + n_bits(before)
+        word = np.uint64(4) * patch + ((voxel >> np.uint64(34)) & np.uint64(3))
+        bit = (voxel >> np.uint64(32 - PATCH_BITS)) | (voxel & np.uint64(PATCH_VOXELS - 1))
+        bit &= np.uint64(2**BIT_BITS - 1)
+        found[n] = number
+        matched[n] = row | (word << np.uint64(BIT_BITS)) | bit
+        n += (patches >> in_patches) & np.uint64(1)
+    return np.int64(n)
+
+
+@njit(nogil=True, cache=True)
+def _sift(n, tiles, found, matched):
+    """Keep those of n points that fall in a voxel. Returns how many.
+
+    found : (c,) int32, in and out; matched : (c,) uint64, in and out, instead of bits then the voxels they are of.
+    """
+    n_kept = np.uint64(0)
+    for number in range(n):
+        m = np.uint64(number)
+        bit, tile = matched[m] & np.uint64(2**BIT_BITS - 1), matched[m] >> np.uint64(BIT_BITS + WORD_BITS)
+        word = (matched[m] >> np.uint64(BIT_BITS)) & np.uint64(2**WORD_BITS - 1)
+        voxels = uint64_at(tiles[tile, WORDS], word)
+        before = voxels & ((np.uint64(1) << bit) - np.uint64(1))
+        voxel = np.uint64(int32_at(tiles[tile, FIRSTS], word)) + n_bits(before)
+        found[n_kept], matched[n_kept] = found[m], (tile << np.uint64(WORD_BITS)) | voxel
+        n_kept += (voxels >> bit) & np.uint64(1)
+    return np.int64(n_kept)
+
+
+@njit(nogil=True, cache=True)
+def _fetch(n, found, matched, normals, tiles, fetched, times):
+    """Fetch what belongs to n points that match.
+
+    fetched : (7, c) float32, out: normal of the point, normal of its voxel, weight added where the point has none.
+
+    times : (c,) int32, out, how often each voxel counts; empty where once.
+    """
+    for number in range(n):
+        m = np.uint64(number)
+        j, tile = np.uint64(found[m]), matched[m] >> np.uint64(WORD_BITS)
+        k = matched[m] & np.uint64(2**WORD_BITS - 1)
+        fetched[np.uint64(6), m] = normals[j, np.uint64(3)]
+        for axis in range(3):
+            at = np.uint64(axis)
+            fetched[at, m] = normals[j, at]
+            fetched[np.uint64(3) + at, m] = float32_at(tiles[tile, NORMALS], np.uint64(3) * k + at)
+        if times.shape[0] > 0:
+            times[m] = int32_at(tiles[tile, COUNTS], k)
+
+
+@njit(nogil=True, cache=True)
+def _add(n, fetched, times, back, moments):
+    """Add n matches to the moments of a cell, (4,).
+
+    With the arithmetic of `window_kernels.accumulate_tile`; as whole numbers of steps they are added in any order.
+    """
+    n_all, xx, xy, yy = np.int64(0), np.int64(0), np.int64(0), np.int64(0)
+    for m in range(n):
+        nx, ny, nz = fetched[3, m], fetched[4, m], fetched[5, m]
+        cosine = fetched[0, m] * nx + fetched[1, m] * ny + fetched[2, m] * nz
+        weight = np.float64(max(cosine, back * cosine) + fetched[6, m])
+        if times.shape[0] > 0:
+            weight *= np.float64(times[m])
+            n_all += times[m]
+        xx += np.int64((weight * np.float64(nx * nx) + ROUNDER - ROUNDER) * (1.0 / CONTRIBUTION_STEP))
+        xy += np.int64((weight * np.float64(nx * ny) + ROUNDER - ROUNDER) * (1.0 / CONTRIBUTION_STEP))
+        yy += np.int64((weight * np.float64(ny * ny) + ROUNDER - ROUNDER) * (1.0 / CONTRIBUTION_STEP))
+    moments[0] += n_all if times.shape[0] > 0 else n
+    moments[1] += xx * CONTRIBUTION_STEP
+    moments[2] += xy * CONTRIBUTION_STEP
+    moments[3] += yy * CONTRIBUTION_STEP
+
+
+@njit(nogil=True, cache=True)
+def moments_of_cells(
+    offsets, voxels, normals, ranks, tiles, edge_bits, grid, corner, is_once, is_signed, moments
+):  # fmt: skip
+    """Add the matches of scan points, turned by one heading, to the moments of some of its cells.
+
+    offsets : (c, 2) int64, (x, y) of each cell, voxels; voxels, normals : as `points_at_heading` made them; ranks :
+    (n,) int32, number of each point's layer among the scan's.
+    tiles : (t + 1, 8) uint64, a row for each tile and a first one for where there is none. Addresses of: number of
+    each layer of the scan in the tile (int32); the tile's `Occupancy`, held, numbers, words and firsts; normals and
+    counts of its voxels. In the second column how many words each column of patches has.
+    edge_bits : a tile has 2^edge_bits voxels along an edge; grid : (ny, nx) int32, rows of the tiles; corner : key
+    (x, y) of the first.
+    is_once : whether a voxel counts once; is_signed : whether the map's normals have a side.
+    moments : (c, 4) float64, in and out.
+    """
+    back = np.float32(0.0 if is_signed else -1.0)
+    found, matched = np.empty(CAPACITY, np.int32), np.empty(CAPACITY, np.uint64)
+    fetched, times = np.empty((7, CAPACITY), np.float32), np.empty(0 if is_once else CAPACITY, np.int32)
+    for first in range(0, voxels.shape[0], CAPACITY):
+        end = min(first + CAPACITY, voxels.shape[0])
+        for c in range(offsets.shape[0]):
+            offset = (offsets[c, 0], offsets[c, 1])
+            n = _find(first, end, offset, voxels, ranks, tiles, edge_bits, grid, corner, found, matched)
+            n = _sift(n, tiles, found, matched)
+            _fetch(n, found, matched, normals, tiles, fetched, times)
+            _add(n, fetched, times, back, moments[c])

@@ -1,0 +1,9 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Where the files of a map lie: a folder of this machine, or a place on a network (decision 28)."""
+
+from maxcon.storage.folder import Folder
+from maxcon.storage.place import MapFiles, address_of, open_place
+from maxcon.storage.record_place import RecordPlace
+
+__all__ = ["Folder", "MapFiles", "RecordPlace", "address_of", "open_place"]

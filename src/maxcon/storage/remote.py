@@ -1,0 +1,192 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""The files of a map on an object store or a web server, through obstore (decision 28).
+
+Every request has a time-out: a server that is gone is an error in a line, never a wait without end.
+"""
+
+import errno
+import os
+import re
+from collections.abc import Callable, Sequence
+from datetime import timedelta
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from maxcon.errors import MissingExtraError
+from maxcon.storage.ahead import FetchAhead
+from maxcon.storage.disk_cache import DiskCache
+from maxcon.storage.record_place import RecordPlace
+
+if TYPE_CHECKING:
+    from obstore.store import ClientConfig, RetryConfig, S3Config
+
+__all__ = ["Remote"]
+
+CONNECT_SECONDS, READ_SECONDS, REQUEST_SECONDS = 5.0, 15.0, 120.0
+"""Time-outs: until a server is there, until it says something more, until a request is answered."""
+RETRIES, RETRY_SECONDS = 2, 20.0
+"""How often a request is tried again, and until when."""
+NO_BUCKET = "no such bucket"
+CAUSES = {
+    "the server sends no ranges of files": r"Range request not supported",
+    "no permission: check AWS_ACCESS_KEY_ID and its rights": r"PermissionDenied|Forbidden|AccessDenied|\b403\b",
+    "the server does not know these credentials": r"Unauthenticated|InvalidAccessKeyId|SignatureDoesNotMatch|\b401\b",
+    "no credentials: set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY": r"169\.254\.169\.254|instance metadata",
+    "no server there: connection refused": r"[Cc]onnection ?refused",
+    "the server does not answer: timed out": r"timed out|TimedOut|timeout",
+    "no server of this name": r"dns error|failed to lookup",
+}
+"""What is said of an error whose words have this in them."""
+Answer = TypeVar("Answer")
+
+
+class Remote:
+    """The files of a map behind an address.
+
+    Parameters
+    ----------
+    address : str
+        `s3://bucket/prefix`, `http://server/path` or `https://server/path`.
+    cache : DiskCache or None
+        Where records are kept.
+
+    Raises
+    ------
+    MissingExtraError
+        If obstore is not installed.
+    """
+
+    def __init__(self, address: str, cache: DiskCache | None) -> None:
+        try:
+            import obstore
+        except ImportError as error:
+            raise MissingExtraError(
+                f"Expected the package obstore, to read {address}, but it is not installed."
+                " Install it: pip install 'maxcon[remote]'."
+            ) from error
+        self._obstore = obstore
+        self._address = address
+        self._cache = cache
+        self._ahead = FetchAhead(self._fetch, self._keep)
+
+    @property
+    def remedy(self) -> str:
+        """What helps where a file cannot be read, for messages."""
+        return "Check the server and the address, and try again."
+
+    def where(self, name: str) -> str:
+        """Return the file's address."""
+        return f"{self._address}/{name}" if name else self._address
+
+    def what_is_there(self, name: str, error: OSError) -> str:
+        """Return what there is instead of a file that was not found, in words for a message."""
+        return error.strerror if error.strerror == NO_BUCKET else f"no {name} there"
+
+    def read(self, name: str, most_bytes: int) -> memoryview:
+        """Return all of a file.
+
+        Raises
+        ------
+        OSError
+            If it cannot be read, or is larger than `most_bytes`.
+        """
+
+        def read() -> memoryview:
+            result = self._obstore.get(self._store, name)
+            if result.meta["size"] > most_bytes:
+                raise OSError(errno.EFBIG, f"{result.meta['size']:,} bytes, more than there can be in it")
+            return memoryview(result.bytes())
+
+        return self._asked(read)
+
+    def read_record(self, place: RecordPlace) -> memoryview:
+        """Return the bytes of a record: kept on this machine, announced before, or fetched now.
+
+        Raises
+        ------
+        OSError
+            If they cannot be read.
+        """
+        return self._ahead.take(place)
+
+    def announce(self, places: Sequence[RecordPlace]) -> None:
+        """Fetch records in the background that will be read soon, unless they are kept on this machine."""
+        cache = self._cache
+        self._ahead.announce([place for place in places if cache is None or not cache.has(place)])
+
+    def write(self, name: str, content: bytes | Path) -> None:
+        """Write a file, or replace it, in one step.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written.
+        """
+        self._asked(lambda: self._obstore.put(self._store, name, content))
+
+    def size(self, name: str) -> int | None:
+        """Return the size of a file, bytes; None if there is none.
+
+        Raises
+        ------
+        OSError
+            If nobody can say.
+        """
+        try:
+            return int(self._asked(lambda: self._obstore.head(self._store, name))["size"])
+        except FileNotFoundError:
+            return None
+
+    def _fetch(self, place: RecordPlace) -> memoryview:
+        kept = self._cache.get(place) if self._cache is not None else None
+        if kept is not None:
+            return kept
+        return self._asked(
+            lambda: memoryview(
+                self._obstore.get_range(self._store, place.name, start=place.offset, length=place.length)
+            )
+        )
+
+    def _keep(self, place: RecordPlace, content: memoryview) -> None:
+        """Keep a record that came; what is damaged is found when it is taken, and fetched again."""
+        if self._cache is not None and not self._cache.has(place):
+            self._cache.put(place, content)
+
+    @cached_property
+    def _store(self) -> Any:
+        """The server; made when first asked."""
+        from obstore.store import HTTPStore, S3Store
+
+        is_s3 = self._address.startswith("s3:")
+        endpoint = os.environ.get("AWS_ENDPOINT_URL_S3") or os.environ.get("AWS_ENDPOINT_URL", "")
+        client: ClientConfig = {
+            "connect_timeout": timedelta(seconds=CONNECT_SECONDS),
+            "read_timeout": timedelta(seconds=READ_SECONDS),
+            "timeout": timedelta(seconds=REQUEST_SECONDS),
+            "allow_http": (endpoint if is_s3 else self._address).startswith("http:"),
+        }
+        retry: RetryConfig = {"max_retries": RETRIES, "retry_timeout": timedelta(seconds=RETRY_SECONDS)}
+        if not is_s3:
+            return HTTPStore(self._address, client_options=client, retry_config=retry)
+        config: S3Config = {"endpoint": endpoint} if endpoint else {}
+        return S3Store.from_url(self._address, config=config, client_options=client, retry_config=retry)
+
+    def _asked(self, ask: Callable[[], Answer]) -> Answer:
+        """Return what the server answers; what it refuses becomes an OSError in words."""
+        from obstore.exceptions import BaseError
+
+        try:
+            return ask()
+        except FileNotFoundError as error:
+            missing = NO_BUCKET if "NoSuchBucket" in str(error) else os.strerror(errno.ENOENT)
+            raise FileNotFoundError(errno.ENOENT, missing) from None
+        except (BaseError, ValueError) as error:
+            raise OSError(errno.EIO, _in_words(error)) from None
+
+
+def _in_words(error: Exception) -> str:
+    """Return the cause of an error of obstore in one line."""
+    text = " ".join(str(error).split())
+    return next((words for words, pattern in CAUSES.items() if re.search(pattern, text)), text[:200])

@@ -1,0 +1,215 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""LocalizedDrive: the scans of a drive with the poses that were found for them, and the looks they make."""
+
+import hashlib
+import math
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.dataset import DESCRIPTION, Dataset
+from maxcon.errors import FileError, OptionError
+from maxcon.export.rows import PoseRow, read_rows
+from maxcon.geometry import LocalFrame, Pose
+from maxcon.io.scans import Scans, open_scans
+from maxcon.io.scans.raw_scan import nearest_in_time
+from maxcon.io.trajectories import read_trajectory
+from maxcon.upkeep.update_options import UpdateOptions
+
+__all__ = ["LocalizedDrive", "Look", "looks_of", "open_drives"]
+
+# Times of the table are written to the nanosecond, those of scans are read from text.
+SAME_TIME = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """One scan from one place.
+
+    Parameters
+    ----------
+    drive : int
+        Number of its drive.
+    epoch : int
+        Number of the scan in it.
+    time : float
+        s.
+    pose : Pose
+        T_map_sensor, local frame of the map.
+    sigma_position, sigma_angle : float
+        Standard deviations of the pose along any axis, m, and about any, rad.
+    """
+
+    drive: int
+    epoch: int
+    time: float
+    pose: Pose
+    sigma_position: float | None
+    sigma_angle: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class LocalizedDrive:
+    """Scans with poses.
+
+    Parameters
+    ----------
+    scans : Scans
+        Read when they are asked for.
+    rows : tuple of (int, PoseRow)
+        Number of the scan and its row, of each epoch that is localized.
+    n_epochs : int
+        How many scans there are.
+    name : str
+        Of what the poses were read from.
+    sha256 : str
+        Of that file.
+    """
+
+    scans: Scans
+    rows: tuple[tuple[int, PoseRow], ...]
+    n_epochs: int
+    name: str
+    sha256: str
+
+    @classmethod
+    def open(cls, scans: str | os.PathLike[str], poses: str | os.PathLike[str]) -> "LocalizedDrive":
+        """Return the drive of a folder (or recording) of scans, or a dataset, and the POSES.csv made of them.
+
+        Raises
+        ------
+        FileError
+            If either cannot be read, or the table is of other scans, or no epoch in it is localized.
+        """
+        opened = _dataset_scans(Dataset.open(scans)) if is_dataset(scans) else open_scans(scans)
+        rows = tuple(_with_scans(opened, read_rows(poses), Path(poses)))
+        if not rows:
+            raise FileError(
+                f"Expected a localized epoch in {poses}, got none: an update learns from what is localized. Localize"
+                " the drive again, or leave it out."
+            )
+        return cls(opened, rows, len(opened), Path(poses).name, _sha256(Path(poses)))
+
+    @classmethod
+    def of_dataset(cls, path: str | os.PathLike[str]) -> "LocalizedDrive":
+        """Return the drive of a dataset with its reference poses.
+
+        Raises
+        ------
+        FileError, TrajectoryError
+            If a part of it cannot be read.
+        """
+        dataset = Dataset.open(path)
+        scans, reference = _dataset_scans(dataset), read_trajectory(dataset.reference)
+        nearest = nearest_in_time(reference.times, scans.times)
+        is_there = np.abs(reference.times[nearest] - scans.times) <= SAME_TIME
+        rows = tuple(
+            (i, PoseRow(float(scans.times[i]), reference.pose(int(nearest[i])), "localized", "", {}))
+            for i in np.flatnonzero(is_there).tolist()
+        )
+        if not rows:
+            raise FileError(
+                f"Expected reference poses at the times of the scans of {path}, got none. Correct its times."
+            )
+        return cls(scans, rows, len(scans), dataset.reference.name, _sha256(dataset.reference))
+
+
+def is_dataset(path: str | os.PathLike[str]) -> bool:
+    """Whether a path is that of a dataset's description, or of the folder it is in."""
+    return Path(path).suffix == ".toml" or (Path(path) / DESCRIPTION).is_file()
+
+
+def open_drives(paths: Sequence[str | os.PathLike[str]]) -> list[LocalizedDrive]:
+    """Return the drives of scans and tables in turn: SCANS POSES.csv, SCANS POSES.csv, ...
+
+    SCANS may be a dataset, which may stand without a table: its reference poses are taken then.
+
+    Raises
+    ------
+    OptionError
+        If scans are named without a table, or a table without scans.
+    MaxconError
+        If something cannot be read.
+    """
+    left, drives = [Path(path) for path in paths], list[LocalizedDrive]()
+    while left:
+        scans = left.pop(0)
+        if _is_table(scans):
+            raise OptionError(
+                f"Expected scans before the table {scans}, got it alone. Name drives as SCANS POSES.csv, in turn."
+            )
+        if left and _is_table(left[0]):
+            drives.append(LocalizedDrive.open(scans, left.pop(0)))
+        elif is_dataset(scans):
+            drives.append(LocalizedDrive.of_dataset(scans))
+        else:
+            raise OptionError(
+                f"Expected the table of poses of {scans} behind it (POSES.csv, as maxcon localize writes it), got"
+                f" {left[0] if left else 'nothing'}. Localize the drive first."
+            )
+    if not drives:
+        raise OptionError("Expected at least one drive, got none. Name it as SCANS POSES.csv.")
+    return drives
+
+
+def looks_of(drives: Sequence[LocalizedDrive], frame: LocalFrame, options: UpdateOptions) -> list[Look]:
+    """Return the looks of all drives, one after the other: the epochs between which the sensor has moved."""
+    looks = list[Look]()
+    for number, drive in enumerate(drives):
+        last = np.full(3, np.inf)
+        for epoch, row in drive.rows:
+            pose = frame.pose_to_local(row.pose) if row.pose is not None else None
+            if pose is None or np.linalg.norm(pose.position - last) < options.least_motion:
+                continue
+            last = pose.position
+            looks.append(Look(number, epoch, row.time, pose, *_sigmas(row)))
+    return looks
+
+
+def read_look(look: Look, drives: Sequence[LocalizedDrive], options: UpdateOptions) -> NDArray[np.float64]:
+    """Return where the rays of a look ended, local frame of the map, shape (n, 3), m."""
+    raw = drives[look.drive].scans.read(look.epoch, options.min_range, options.max_range)
+    return np.ascontiguousarray(look.pose.apply(raw.points))
+
+
+def _sigmas(row: PoseRow) -> tuple[float | None, float | None]:
+    """Largest standard deviation of position and of angles that a row says, None for what it does not."""
+    position = [row.numbers.get(f"cov_{name}_{name}") for name in ("x", "y", "z")]
+    angles = [row.numbers.get(f"cov_{name}_{name}") for name in ("roll", "pitch", "heading")]
+    return _largest_sigma(position), _largest_sigma(angles)
+
+
+def _largest_sigma(variances: Sequence[float | None]) -> float | None:
+    known = [value for value in variances if value is not None]
+    return math.sqrt(max(known)) if len(known) == len(variances) else None
+
+
+def _dataset_scans(dataset: Dataset) -> Scans:
+    return open_scans(dataset.scans, dataset.times)
+
+
+def _is_table(path: Path) -> bool:
+    return path.suffix.lower() == ".csv"
+
+
+def _with_scans(scans: Scans, rows: Sequence[PoseRow], path: Path) -> Iterator[tuple[int, PoseRow]]:
+    """Pair localized rows with their scans by time."""
+    for row in rows:
+        i = int(np.searchsorted(scans.times, row.time - SAME_TIME))
+        if i == len(scans) or abs(float(scans.times[i]) - row.time) > SAME_TIME:
+            raise FileError(
+                f"Expected {path} to be a table of the scans beside it, got a row at {row.time:.6f} s, when there is no"
+                " scan. Name the scans that were localized."
+            )
+        if row.status == "localized" and row.pose is not None:
+            yield i, row
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

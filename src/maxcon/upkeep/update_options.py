@@ -1,0 +1,141 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""UpdateOptions: what counts as a look at a surface, what it weighs, and when a surface is gone or new."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.errors import OptionError
+from maxcon.io.scans import check_range
+
+__all__ = ["UpdateOptions"]
+
+_RANGES: tuple[tuple[str, tuple[str, ...], Callable[[float], bool]], ...] = (
+    (
+        "a number above 0",
+        ("reach", "sigma_range", "sigmas", "hit", "highest", "new_at"),
+        lambda value: value > 0.0,
+    ),
+    (
+        "a number >= 0",
+        ("least_motion", "sigma_position", "sigma_angle_deg", "least_time", "start"),
+        lambda value: value >= 0.0,
+    ),
+    ("a number below 0", ("miss", "lowest", "gone_at"), lambda value: value < 0.0),
+    ("a number above 0 and up to 1", ("least_cosine", "least_share"), lambda value: 0.0 < value <= 1.0),
+    ("at least 1", ("least_looks", "least_voxels"), lambda value: value >= 1),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class UpdateOptions:
+    """How the evidence of drives is gathered and judged (decision 31).
+
+    Parameters
+    ----------
+    min_range, max_range : float
+        Points nearer or farther than this are left out, m.
+    reach : float
+        Surfaces farther from the sensor than this are not judged, m: a turn of 0.1 degrees is 7 cm there.
+    least_motion : float
+        An epoch is a look of its own where the sensor has moved so far since the last one, m: while it stands, its
+        rays say the same again and again.
+    sigma_range : float
+        Standard deviation of a range, m.
+    sigma_position : float
+        Of a pose whose table does not say it, along any axis, m.
+    sigma_angle_deg : float
+        Of its angles, degrees, likewise.
+    sigmas : float
+        A ray saw through a surface if it ended so many standard deviations behind it.
+    least_cosine : float
+        Of the angle between a ray and the normal of a surface: flatter rays say nothing of it.
+    hit, miss : float
+        Log-odds that a look adds, of a surface that it met and of one that it saw through.
+    start : float
+        Log-odds of a surface of the map before the first look; new ones begin at 0.
+    lowest, highest : float
+        Log-odds are kept between these: what was seen a hundred times can change within a few looks.
+    gone_at : float
+        A surface of the map is gone if the log-odds are at most this, in the mean over its neighbourhood, too.
+    new_at : float
+        A surface that the map does not have is new if they are at least this.
+    least_looks : int
+        Looks that it takes for either.
+    least_time : float
+        From the first to the last look that met a new surface, s, where a single drive saw it: what passes is not new.
+    least_share : float
+        A neighbourhood is gone if at least this share of the looks at it saw through.
+    least_voxels : int
+        A neighbourhood has at least so many voxels that changed the same way: single ones are noise.
+
+    Raises
+    ------
+    OptionError
+        If a value is out of its range.
+    """
+
+    min_range: float = 1.0
+    max_range: float = 120.0
+    reach: float = 30.0
+    least_motion: float = 0.5
+    sigma_range: float = 0.03
+    sigma_position: float = 0.03
+    sigma_angle_deg: float = 0.1
+    sigmas: float = 3.0
+    least_cosine: float = 0.1
+    hit: float = 0.85
+    miss: float = -0.4
+    start: float = 0.4
+    lowest: float = -2.0
+    highest: float = 3.5
+    gone_at: float = -0.3
+    new_at: float = 1.7
+    least_looks: int = 2
+    least_time: float = 1.0
+    least_share: float = 0.7
+    least_voxels: int = 6
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            if not math.isfinite(getattr(self, field.name)):
+                raise self._refused(field.name, "a finite number")
+        for expected, names, is_valid in _RANGES:
+            for name in names:
+                if not is_valid(getattr(self, name)):
+                    raise self._refused(name, expected)
+        if not (self.lowest <= self.gone_at and self.new_at <= self.highest):
+            raise self._refused("gone_at", "at least `lowest`, and `new_at` at most `highest`")
+        check_range(self.min_range, self.max_range)
+
+    def _refused(self, name: str, expected: str) -> OptionError:
+        return OptionError(
+            f"Expected `{name}` of an update to be {expected}, got {getattr(self, name)}. Leave it out for the default."
+        )
+
+    def margins(
+        self,
+        sigma_position: float | None,
+        sigma_angle: float | None,
+        sigma_map: float,
+        distances: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """How far behind a surface rays must end to have seen through it, m.
+
+        Parameters
+        ----------
+        sigma_position, sigma_angle : float or None
+            Standard deviations of the pose along any axis, m, and about any, rad; those of the options if None.
+        sigma_map : float
+            Of the position of the map's surfaces, m.
+        distances : array, shape (n,)
+            How far from the sensor the rays ended, m.
+        """
+        position = self.sigma_position if sigma_position is None else sigma_position
+        angle = math.radians(self.sigma_angle_deg) if sigma_angle is None else sigma_angle
+        variances = self.sigma_range**2 + position**2 + sigma_map**2 + (angle * distances) ** 2
+        return np.asarray(self.sigmas * np.sqrt(variances))

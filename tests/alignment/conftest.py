@@ -1,0 +1,94 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Scenes of few planes, and rounds of them as LAZ files, each displaced by what is known."""
+
+import laspy
+import numpy as np
+import pyproj
+import pytest
+
+from maxcon.geometry import rotation_matrices
+
+ORIGIN = np.array([550_000.0, 5_802_000.0, 60.0])
+CRS = "EPSG:25832"
+# Corner and two sides, m.
+FLOOR = ((-11.0, -11.0, 0.0), (22.0, 0.0, 0.0), (0.0, 22.0, 0.0))
+WALL_ALONG = ((-11.0, 7.03, 0.0), (22.0, 0.0, 0.0), (0.0, 0.0, 5.0))
+WALL_ACROSS = ((8.04, -11.0, 0.0), (0.0, 18.0, 0.0), (0.0, 0.0, 5.0))
+OTHER_WALL_ALONG = ((-11.0, -6.02, 0.0), (22.0, 0.0, 0.0), (0.0, 0.0, 5.0))
+CORNER = (FLOOR, WALL_ALONG, WALL_ACROSS)
+CORRIDOR = (FLOOR, WALL_ALONG, OTHER_WALL_ALONG)
+
+
+def points_on(planes, n_per_square_metre, noise, rng):
+    """Noisy points on rectangles, shuffled."""
+    parts = []
+    for corner, one, other in planes:
+        one, other = np.array(one), np.array(other)
+        normal = np.cross(one, other)
+        area = np.linalg.norm(normal)
+        n = int(area * n_per_square_metre)
+        on = rng.random((n, 1)) * one + rng.random((n, 1)) * other + corner
+        parts.append(on + rng.normal(0.0, noise, (n, 1)) * normal / area)
+    return rng.permutation(np.concatenate(parts))
+
+
+def moved(points, twist, about=(0.0, 0.0, 0.0)):
+    """Points turned about a place by roll, pitch and heading (the last three) and shifted."""
+    return (points - about) @ rotation_matrices(*twist[3:]).T + about + twist[:3]
+
+
+@pytest.fixture(scope="session")
+def scene():
+    """Points on planes, and how to move them."""
+
+    class Scene:
+        corner, corridor = CORNER, CORRIDOR
+        points_on = staticmethod(points_on)
+        moved = staticmethod(moved)
+        origin = ORIGIN
+
+    return Scene
+
+
+@pytest.fixture(scope="session")
+def write_las():
+    """Write points, m about the origin, with times, to a file with a CRS, intensities and an extra field."""
+
+    def write(path, points, times, *, source_ids=0, classes=6, version="1.4", point_format=6, scale=0.001):
+        header = laspy.LasHeader(point_format=point_format, version=version)
+        header.scales, header.offsets = [scale] * 3, ORIGIN
+        header.add_crs(pyproj.CRS.from_user_input(CRS))
+        header.add_extra_dim(laspy.ExtraBytesParams("ring", np.uint16))
+        las = laspy.LasData(header)
+        las.x, las.y, las.z = (points + ORIGIN).T
+        if "gps_time" in header.point_format.dimension_names:
+            las.gps_time = times
+        las.intensity = np.arange(len(points)) % 60_000
+        las.ring = np.arange(len(points)) % 64
+        las.classification[:] = classes
+        las.point_source_id[:] = source_ids
+        las.write(path)
+        return path
+
+    return write
+
+
+@pytest.fixture(scope="session")
+def three_rounds(tmp_path_factory, write_las):
+    """Three rounds of the corner in two tiles, with the twists of the rounds about the origin."""
+    folder = tmp_path_factory.mktemp("rounds")
+    rng = np.random.default_rng(0)
+    twists = np.column_stack([rng.normal(0.0, 0.06, (3, 3)), rng.normal(0.0, np.radians(0.1), (3, 3))])
+    parts, times = [], []
+    for number, twist in enumerate(twists):
+        points = points_on(CORNER, 120, 0.01, rng)
+        parts.append(moved(points, twist))
+        times.append(300_000.0 + 100.0 * number + np.sort(rng.uniform(0.0, 8.0, len(points))))
+    points, times = np.concatenate(parts), np.concatenate(times)
+    is_west = points[:, 0] < 0.0
+    clouds = [
+        write_las(folder / name, points[rows], times[rows])
+        for name, rows in (("west.laz", is_west), ("east.las", ~is_west))
+    ]
+    return clouds, twists

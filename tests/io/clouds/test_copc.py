@@ -1,0 +1,205 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""COPC: of a rectangle the nodes of the octree that meet it are read, and an octree that does not fit is refused."""
+
+import struct
+
+import laspy
+import lazrs
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from maxcon.errors import FileError, MaxconError
+from maxcon.io.clouds import Bounds, open_cloud
+from maxcon.mapping import MapOptions, build_map
+from maxcon.mapping.placement import Area
+
+N_POINTS, SIDE = 3000, 64.0
+EVERYWHERE = Bounds(-1e6, -1e6, 1e6, 1e6)
+
+
+def write_copc(path, points, levels=2, twist=lambda entries: entries):
+    """Write points within a cube from (0, 0, 0) as COPC: points of each node of the last level, and none above."""
+    n = 2**levels
+    keys = np.clip((points / SIDE * n).astype(int), 0, n - 1)
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.scales = np.full(3, 1e-3)
+    octree = struct.pack("<5d2Q2d", SIDE / 2, SIDE / 2, SIDE / 2, SIDE / 2, 1.0, 0, 0, 0.0, 0.0).ljust(
+        160, b"\0"
+    )
+    laszip = lazrs.LazVlr.new_for_compression(6, 0, True)
+    for user, number, data in (
+        ("copc", 1, octree),
+        ("laszip encoded", 22204, laszip.record_data()),
+    ):
+        header.vlrs.append(laspy.VLR(user, number, "", data))
+    header.set_compressed(True)
+    header.partial_reset()
+    with path.open("w+b") as stream:
+        header.point_count = len(points)
+        header.write_to(stream)
+        start = stream.tell()
+        compressor = lazrs.LasZipCompressor(stream, laszip)
+        compressor.reserve_offset_to_chunk_table()
+        nodes, ends = np.unique(keys, axis=0).tolist(), []
+        for number, key in enumerate(nodes):
+            mine = points[(keys == key).all(axis=1)]
+            record = laspy.ScaleAwarePointRecord.zeros(len(mine), header=header)
+            record.x, record.y, record.z = mine.T
+            record["classification"], record["gps_time"] = np.full(len(mine), 6), mine[:, 0]
+            compressor.compress_many(np.frombuffer(record.array.tobytes(), np.uint8))
+            if number < len(nodes) - 1:  # the last one is finished with the file
+                compressor.finish_current_chunk()
+                ends.append((stream.tell(), len(mine)))
+        compressor.done()
+        stream.seek(start)
+        ends.append((struct.unpack("<q", stream.read(8))[0], len(mine)))
+        entries, at = [], start + 8
+        for key, (end, n_of_node) in zip(nodes, ends, strict=True):
+            entries.append((levels, *key, at, end - at, n_of_node))
+            at = end
+        stream.seek(0, 2)
+        page = stream.tell() + 60
+        entries = twist(entries)
+        body = b"".join(struct.pack("<4iQ2i", *entry) for entry in entries)
+        stream.write(struct.pack("<H16sHQ32s", 0, b"copc", 1000, len(body), b"") + body)
+        stream.seek(375 + 54 + 40)
+        stream.write(struct.pack("<2Q", page, len(body)))
+        stream.seek(235)
+        stream.write(struct.pack("<QI", page - 60, 1))
+    return path
+
+
+def points_of(path, bounds=None, max_points=1_000_000):
+    with open_cloud(path) as reader:
+        chunks = list(reader.chunks(max_points, bounds))
+    assert all(len(chunk.points) <= max_points for chunk in chunks)
+    return np.concatenate([chunk.points for chunk in chunks]) if chunks else np.empty((0, 3))
+
+
+def within(points, bounds):
+    x, y = points[:, 0], points[:, 1]
+    inside = (x >= bounds.x_min) & (x <= bounds.x_max) & (y >= bounds.y_min) & (y <= bounds.y_max)
+    return sorted(map(tuple, np.round(points[inside], 3).tolist()))
+
+
+@pytest.fixture(scope="module")
+def cloud(tmp_path_factory):
+    points = np.round(np.random.default_rng(2).uniform(0, SIDE, (N_POINTS, 3)), 3)
+    return write_copc(tmp_path_factory.mktemp("copc") / "a.copc.laz", points), points
+
+
+def test_it_is_a_laz_file_with_all_its_points(cloud):
+    path, points = cloud
+    assert within(points_of(path), EVERYWHERE) == within(points, EVERYWHERE)
+    assert within(points_of(path, EVERYWHERE), EVERYWHERE) == within(points, EVERYWHERE)
+
+
+@settings(max_examples=40)
+@given(
+    corner=st.tuples(st.floats(-20, 80), st.floats(-20, 80)),
+    sides=st.tuples(st.floats(0, 60), st.floats(0, 60)),
+    max_points=st.sampled_from([300, 1000, 1_000_000]),
+)
+def test_of_a_rectangle_no_point_is_missing(cloud, corner, sides, max_points):
+    path, points = cloud
+    bounds = Bounds(*corner, corner[0] + sides[0], corner[1] + sides[1])
+    read = points_of(path, bounds, max_points)
+    assert within(read, bounds) == within(points, bounds)
+
+
+def test_parts_outside_are_not_read(cloud):
+    path, _ = cloud
+    quarter = points_of(path, Bounds(1.0, 1.0, 15.0, 15.0))
+    assert (quarter[:, :2] <= 16.0).all() and 0 < len(quarter) < N_POINTS / 8
+    assert len(points_of(path, Bounds(100.0, 100.0, 200.0, 200.0))) == 0
+
+
+def test_a_map_of_an_area_is_that_of_a_file_without_an_octree(cloud, tmp_path):
+    path, points = cloud
+    las = laspy.LasData(laspy.LasHeader(point_format=6, version="1.4"))
+    las.header.scales = np.full(3, 1e-3)
+    las.x, las.y, las.z = points.T
+    las.classification = np.full(len(points), 6, np.uint8)
+    las.write(tmp_path / "plain.laz")
+    options = MapOptions(crs="EPSG:25832", area=Area(3.0, 5.0, 20.0, 30.0), cell=0.5)
+    manifests = [
+        build_map([file], tmp_path / f"{i}.map", options)
+        for i, file in enumerate((path, tmp_path / "plain.laz"))
+    ]
+    counts = [manifest.build["sources"][0] for manifest in manifests]
+    for name in ("n_points", "n_kept", "n_outside"):
+        assert counts[0][name] == counts[1][name] > 0
+    assert manifests[0].n_voxels == manifests[1].n_voxels
+
+
+def _other(position, value):
+    def twist(entries):
+        changed = list(entries[3])
+        changed[position] = value
+        return [*entries[:3], tuple(changed), *entries[4:]]
+
+    return twist
+
+
+@pytest.mark.parametrize(
+    "twist",
+    [
+        _other(4, 10),
+        _other(4, 2**40),
+        _other(5, 7),
+        _other(6, 1),
+        _other(0, 31),
+        _other(0, -1),
+        lambda entries: entries[1:],
+        lambda entries: [*entries, entries[0]],
+        lambda entries: [*entries[:-1], (0, 0, 0, 0, 2**62, 32, -1)],
+        lambda entries: [*entries, (0, 0, 0, 0, entries[0][4], -32, -1)],
+    ],
+)
+def test_an_octree_that_does_not_fit_is_refused(tmp_path, cloud, twist):
+    path = write_copc(tmp_path / "b.copc.laz", cloud[1], twist=twist)
+    assert len(points_of(path)) == N_POINTS  # without an area it is not looked at
+    with pytest.raises(FileError, match="octree"):
+        points_of(path, EVERYWHERE)
+
+
+def test_pages_that_lead_in_circles_end(tmp_path, cloud):
+    path = write_copc(tmp_path / "b.copc.laz", cloud[1])
+    data = bytearray(path.read_bytes())
+    page, length = struct.unpack_from("<2Q", data, 375 + 54 + 40)
+    struct.pack_into("<4iQ2i", data, page, 0, 0, 0, 0, page, length, -1)
+    path.write_bytes(data)
+    with pytest.raises(FileError, match="octree"):
+        points_of(path, EVERYWHERE)
+
+
+@settings(max_examples=60)
+@given(data=st.data())
+def test_damaged_bytes_are_read_or_refused(tmp_path_factory, cloud, data):
+    content = bytearray(cloud[0].read_bytes())
+    for _ in range(3):
+        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
+    path = tmp_path_factory.mktemp("damaged") / "a.copc.laz"
+    path.write_bytes(content)
+    try:
+        points_of(path, Bounds(1.0, 1.0, 15.0, 15.0))
+    except MaxconError as error:
+        assert len(str(error).splitlines()) == 1
+
+
+def test_real_files(shared_data):
+    folder = shared_data / "recorders" / "copc"
+    if not folder.is_dir():
+        pytest.skip(f"no {folder}")
+    for path in sorted(folder.rglob("*.copc.laz")):
+        points = points_of(path)
+        low, high = np.percentile(points[:, :2], [40, 60], axis=0)
+        bounds = Bounds(*low, *high)
+        read = points_of(path, bounds)
+        assert within(read, bounds) == within(points, bounds)
+        assert len(points_of(path, Bounds(*points[:, :2].min(axis=0), *points[:, :2].max(axis=0)))) == len(
+            points
+        )

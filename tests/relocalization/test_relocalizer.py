@@ -1,0 +1,188 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""A scan is found in a whole map, at any heading, on level ground and on a slope; or it is said why not."""
+
+import math
+
+import numpy as np
+import pytest
+from towns import HEIGHT, Town, walls
+
+from maxcon import PointMap, Scan, Status, Trust
+from maxcon.errors import MapError, OptionError
+from maxcon.evaluation import pose_error
+from maxcon.relocalization import Relocalizer
+from maxcon.relocalization.own_ground import above_own_ground
+from maxcon.relocalization.relocalizer import _words
+from maxcon.relocalization.standing import standing_on
+
+
+@pytest.fixture(scope="module")
+def town():
+    return Town(11)
+
+
+@pytest.fixture(scope="module")
+def relocalizer(town):
+    return Relocalizer(town.map)
+
+
+def assert_right(estimate, truth):
+    error = pose_error(estimate.pose, truth)
+    assert estimate.is_localized, (estimate.status, estimate.reason)
+    assert error.distance < 0.1
+    assert abs(math.degrees(error.heading)) < 0.3
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "heading_deg"), [(-12.0, 20.3, 171.0), (0.4, 0.7, -88.5), (18.1, -9.2, 37.3)]
+)
+def test_a_scan_is_found_at_any_place_and_heading(town, relocalizer, x, y, heading_deg):
+    truth = town.pose(x, y, math.radians(heading_deg))
+    found = relocalizer.search(town.scan(truth, 1))
+    assert_right(found.estimate, truth)
+    assert found.estimate.pose.z == pytest.approx(HEIGHT, abs=0.05)
+    assert found.n_others == 0
+    assert found.n_cells == relocalizer.n_cells > 180 * 80 * 80
+    assert np.isfinite(found.estimate.covariance).all()
+
+
+def test_it_is_so_on_a_slope():
+    town = Town(12, slope=(0.05, -0.03))
+    truth = town.pose(10.0, -14.0, 2.0)
+    assert_right(Relocalizer(town.map).localize(town.scan(truth, 2)), truth)
+
+
+def test_threads_do_not_change_the_answer(town, relocalizer):
+    scan = town.scan(town.pose(-5.0, 5.0, 1.0), 3)
+    one, three = relocalizer.search(scan), Relocalizer(town.map, n_threads=3).search(scan)
+    assert one.places == three.places
+    assert one.estimate.pose == three.estimate.pose
+    assert (one.n_open, one.n_closer, one.n_others) == (three.n_open, three.n_closer, three.n_others)
+
+
+def test_a_town_that_is_there_twice_is_ambiguous_and_says_so():
+    (points, normals), apart = walls(13), np.array([150.0, 0.0, 0.0])
+    once = Town(13)
+    twice = PointMap.from_points(
+        np.concatenate([points, points + apart]), np.tile(normals, (2, 1)), 0.12,
+        ground=np.concatenate([once.ground, once.ground + apart]),
+    )  # fmt: skip
+    truth = once.pose(2.0, 9.0, 0.7)
+    scan, everywhere = once.scan(truth, 4), Relocalizer(twice)
+    found = everywhere.search(scan)
+    assert found.estimate.status is Status.AMBIGUOUS
+    assert found.n_others == 1
+    assert "1 other place of the map could not be excluded" in found.estimate.reason
+    assert sorted(round(pose.x / 150.0) for pose in found.places[:2]) == [0, 1]
+    assert_right(everywhere.within((10.0, 0.0), 30.0).localize(scan), truth)
+
+
+def test_a_scan_of_another_town_is_not_localized(relocalizer):
+    other = Town(14)
+    for seed in range(3):
+        estimate = relocalizer.localize(other.scan(other.pose(6.0 * seed, -3.0, 0.4), seed))
+        assert not estimate.is_localized
+
+
+def test_in_a_circle_without_the_true_place_it_is_not_localized(town, relocalizer):
+    scan = town.scan(town.pose(20.0, 20.0, 0.4), 5)
+    assert not relocalizer.within((-20.0, -20.0), 15.0).localize(scan).is_localized
+    inside = relocalizer.within((15.0, 15.0), 15.0)
+    assert inside.localize(scan).is_localized
+    assert inside.n_cells < 180 * math.pi * 16.0**2 / 0.96**2
+
+
+def test_at_the_rim_of_the_circle_it_says_so(town, relocalizer):
+    scan = town.scan(town.pose(10.0, 0.0, 0.4), 6)
+    assert relocalizer.within((0.0, 0.0), 10.3).localize(scan).status is Status.AT_RIM
+
+
+@pytest.mark.parametrize(
+    ("n_others", "has_more", "words"),
+    [
+        (1, False, "1 other place of the map could not be excluded"),
+        (
+            2,
+            True,
+            "2 other places of the map could not be excluded; beyond 64 places others match nearly as many points",
+        ),
+        (0, True, "beyond 64 places others match nearly as many points"),
+    ],
+)
+def test_the_words_say_what_is_left(n_others, has_more, words):
+    assert _words(n_others, has_more=has_more) == words
+
+
+@pytest.mark.parametrize("largest", [0.0, 1.0])
+def test_any_share_may_be_asked_for(town, largest):
+    truth = town.pose(0.4, 0.7, 2.2)
+    estimate = Relocalizer(town.map, trust=Trust(largest_runner_up=largest)).localize(town.scan(truth, 8))
+    assert pose_error(estimate.pose, truth).distance < 0.1
+    assert estimate.is_localized == (largest > 0.0)
+
+
+@pytest.mark.parametrize(
+    "points",
+    [np.empty((0, 3)), [[5.0, 0.0, 0.0]], np.random.default_rng(0).uniform(-1.0, 1.0, (500, 3))],
+)
+def test_a_scan_without_ground_matches_nothing(relocalizer, points):
+    found = relocalizer.search(Scan(points))
+    assert found.estimate.status is Status.NO_MATCH
+    assert found.estimate.reason.startswith("the scan shows no ground around it")
+    assert found.places == ()
+
+
+def test_bare_ground_matches_nothing(town, relocalizer):
+    low = town.ground[np.hypot(*town.ground[:, :2].T) < 25.0] - [0.0, 0.0, HEIGHT]
+    found = relocalizer.search(Scan(low, np.tile([0.0, 0.0, 1.0], (len(low), 1))))
+    assert found.estimate.status is Status.NO_MATCH
+    assert "above the ground" in found.estimate.reason
+
+
+def test_a_map_without_ground_is_refused():
+    with pytest.raises(MapError, match="ground"):
+        Relocalizer(PointMap.from_points(*walls(0), 0.12))
+
+
+@pytest.mark.parametrize("cell", [0.02, 0.05, 0.06, 0.1, 0.2, 0.5])
+def test_of_any_map_the_closer_look_is_in_cells_half_as_large(cell):
+    low = [[0.1, 0.1, 0.0]]
+    relocalizer = Relocalizer(PointMap.from_points(low, [[0.0, 0.0, 1.0]], cell, ground=low))
+    assert relocalizer._closer.tiles.cell == pytest.approx(0.5 * relocalizer.sifted.tiles.cell)
+
+
+def test_a_map_of_large_voxels_is_refused(town):
+    with pytest.raises(MapError, match=r"half a metre.*got 0.8 m"):
+        Relocalizer(PointMap.from_points(town.walls, town.normals, 0.8, ground=town.ground))
+
+
+def test_a_circle_without_ground_is_refused(town):
+    with pytest.raises(MapError, match="within 20 m"):
+        Relocalizer(town.map, (500.0, 0.0), 20.0).localize(Scan(np.zeros((1, 3))))
+
+
+@pytest.mark.parametrize("options", [{"radius": 0.0}, {"radius": math.nan}, {"n_threads": 0}, {"risk": 1.0}])
+def test_numbers_out_of_range_are_refused(town, options):
+    with pytest.raises(OptionError, match=next(iter(options))):
+        Relocalizer(town.map, (0.0, 0.0), **options)
+
+
+@pytest.mark.parametrize(("roll", "pitch"), [(0.0, 0.0), (0.03, -0.02)])
+def test_height_and_tilt_are_told_by_the_scan_s_own_ground(town, roll, pitch):
+    from maxcon import Pose
+
+    truth = Pose(1.0, 2.0, HEIGHT, roll, pitch, 0.0)
+    found = above_own_ground(town.scan(truth, 7))
+    assert (found.z, found.roll, found.pitch) == pytest.approx((HEIGHT, roll, pitch), abs=0.005)
+
+
+def test_on_a_slope_a_scanner_stands_upright_to_it():
+    from maxcon import Pose
+
+    town, upright = Town(15, slope=(0.06, 0.0)), Pose(0.0, 0.0, HEIGHT, 0.0, 0.0, 0.0)
+    ahead = standing_on(town.map, 5.0, 5.0, 0.0, upright)
+    assert ahead.pitch == pytest.approx(-math.atan(0.06), abs=1e-3)
+    assert ahead.z == pytest.approx(HEIGHT + 5.0 * 0.06, abs=0.02)
+    sideways = standing_on(town.map, 5.0, 5.0, math.pi / 2.0, upright)
+    assert sideways.roll == pytest.approx(-math.atan(0.06), abs=1e-3)
