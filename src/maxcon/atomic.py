@@ -25,6 +25,7 @@ __all__ = [
     "check_replaceable",
     "check_writable",
     "make_folder",
+    "remove_partials",
     "write_json",
 ]
 
@@ -199,6 +200,13 @@ def write_json(path: str | os.PathLike[str], value: object) -> None:
     """Write a value as JSON, in a step; errors as of `atomic_file`."""
     with atomic_file(path) as partial:
         partial.write_text(json.dumps(value, indent=1) + "\n", encoding="utf-8", newline="\n")
+
+
+def remove_partials(path: str | os.PathLike[str]) -> None:
+    """Remove what killed processes left of a file that they were writing; nobody else may be writing it now."""
+    target = Path(path)
+    for left in target.parent.glob(f".{escape(target.name)}.partial-*"):
+        _remove(left)
 
 
 @contextmanager

@@ -19,6 +19,7 @@ from maxcon.maximum_consensus import MaximumConsensus
 from maxcon.objectives import Helmert
 from maxcon.point_map import PointMap
 from maxcon.study import COLUMNS, Study, StudyMethod, choose_methods, run_study
+from maxcon.study.configuration import CONFIGURATION
 from maxcon.study.run import spread_epochs
 from maxcon.study.table import TableParts, keys_of, table_schema
 
@@ -168,6 +169,32 @@ def test_what_a_kill_leaves_half_written_is_cleared(copied, tmp_path, small_spac
     assert len(study.table) == len({*spread_epochs(N_EPOCHS, 2), *spread_epochs(N_EPOCHS, 3)})
     assert not (folder / "parts").exists()
     assert [set(run) >= {"n_rows", "seconds"} for run in study.configuration.runs] == [True, True]
+
+
+def test_a_study_stopped_while_maps_are_built_is_gone_on_with(simulated, study, tmp_path, small_space):
+    folder, chosen = tmp_path / "study", choose_methods(["helmert-occupied"], small_space)
+
+    def interrupt(step, done, total):
+        if (folder / "maps").exists():
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_study(simulated, folder, chosen, n_epochs=1, n_workers=1, progress=interrupt)
+    assert (folder / "maps").exists()
+    (folder / f".{CONFIGURATION}.partial-12345678").touch()
+    run_study(simulated, folder, chosen, n_epochs=1, n_workers=1)
+    assert sorted(path.name for path in folder.iterdir()) == [".lock", "maps", "study.json", "table.parquet"]
+    assert len(run_study(simulated, folder, chosen, n_epochs=1, n_workers=1).table) == 1
+
+
+def test_a_prior_that_was_refused_may_be_mended_for_the_same_study(copied, tmp_path, small_space):
+    folder, chosen = tmp_path / "study", choose_methods(["helmert-occupied"], small_space)
+    prior = copied.prior.read_text()
+    copied.prior.write_text("".join(f"9{line}\n" for line in prior.splitlines() if line[0] != "#"))
+    with pytest.raises(TrajectoryError, match="Expected poses"):
+        run_study(copied, folder, chosen, n_epochs=1, n_workers=1)
+    copied.prior.write_text(prior)
+    assert len(run_study(copied, folder, chosen, n_epochs=1, n_workers=1).table) == 1
 
 
 def test_two_processes_on_one_study_are_refused(copied, tmp_path, small_space):

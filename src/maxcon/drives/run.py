@@ -10,24 +10,22 @@ from pathlib import Path
 
 import numpy as np
 
-from maxcon.atomic import check_folder, make_folder
 from maxcon.drive import EpochEstimate
 from maxcon.drives.job import DriveTask, ManyDrivesJob
 from maxcon.drives.made_with import OPTIONS, check_options, check_sources
 from maxcon.drives.poses_dataset import PosesDataset
 from maxcon.drives.table import DriveEntry
 from maxcon.engine import Engine
-from maxcon.errors import FileError, MaxconError
+from maxcon.errors import MaxconError
 from maxcon.estimate import Status
-from maxcon.locks import locked
 from maxcon.progress import Progress
 from maxcon.version import __version__
+from maxcon.work_folder import work_folder
 
 __all__ = ["EPOCHS_PER_TASK", "Localized", "localize_drives", "tasks_of"]
 
 # Neighbours see the same tiles; more at once would be lost together when a worker ends.
 EPOCHS_PER_TASK = 32
-LOCK = ".lock"
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,9 +84,7 @@ def localize_drives(
     from maxcon.study.description import describe  # with all that a study needs, which one drive does not
 
     dataset, engine = PosesDataset(Path(out)), engine or Engine()
-    _check_folder(dataset.folder)
-    make_folder(dataset.folder)
-    with locked(dataset.folder / LOCK, f"the dataset {dataset.folder}"):
+    with work_folder(dataset.folder, "poses of drives", OPTIONS):
         check_options(dataset, {"maxcon": __version__, "options": describe(job.opener)})
         check_sources(dataset, entries)
         return _Run(entries, job, dataset, engine, progress).localized()
@@ -172,14 +168,3 @@ class _Run:
         self._report("localizing", self._n_new, self._n_epochs)
         if self._n_missing[name] == 0 and name not in self._refused:
             self._dataset.publish(name, self._dataset.rows(name))
-
-
-def _check_folder(folder: Path) -> None:
-    """Refuse a folder that holds something else than such a dataset."""
-    check_folder(folder)
-    others = [path.name for path in folder.iterdir() if path.name != LOCK] if folder.exists() else []
-    if others and OPTIONS not in others:
-        raise FileError(
-            f"Expected poses of drives or an empty folder in {folder}, but it holds {sorted(others)[0]}. Name another"
-            " folder."
-        )

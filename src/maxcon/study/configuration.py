@@ -23,6 +23,7 @@ __all__ = ["CONFIGURATION", "Configuration", "check_parts", "dataset_parts"]
 
 CONFIGURATION = "study.json"
 LARGEST_CONFIGURATION = 2**24
+MAP_AND_SCANS = "description of map and scans"
 
 
 @dataclass(frozen=True)
@@ -148,7 +149,8 @@ class Configuration:
         other : Configuration
             Of the run that begins.
         with_rows : collection of str
-            Methods that have rows already: they must be the same as before.
+            Methods that have rows already: they must be the same as before. Without any, priors and reference may
+            have changed: a run that was stopped, or refused, before its first row has made maps only.
 
         Raises
         ------
@@ -165,7 +167,8 @@ class Configuration:
                     f"Expected to go on with the study {what} {mine}, got {theirs}."
                     " Name another folder for a new study."
                 )
-        check_parts(self.parts, other.parts)
+        mine = self.parts if with_rows else {MAP_AND_SCANS: self.parts.get(MAP_AND_SCANS, "")}
+        check_parts(mine, other.parts)
         for name in other.methods:
             if name in with_rows and self.methods.get(name) != other.methods[name]:
                 raise OptionError(
@@ -177,7 +180,7 @@ class Configuration:
         return replace(
             self,
             dataset=other.dataset,
-            parts=self.parts | other.parts,
+            parts=mine | other.parts,
             methods=kept | other.methods,
             maps=self.maps | other.maps,
         )
@@ -206,7 +209,7 @@ def dataset_parts(dataset: Dataset) -> dict[str, str]:
         **{f"prior {name}": path for name, path in dataset.priors.items()},
     }
     return {
-        "description of map and scans": hashlib.sha256(words.encode()).hexdigest(),
+        MAP_AND_SCANS: hashlib.sha256(words.encode()).hexdigest(),
         **{name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in files.items()},
     }
 

@@ -11,14 +11,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from maxcon.atomic import check_folder, make_folder
 from maxcon.baselines import check_small_gicp
 from maxcon.dataset import Dataset
 from maxcon.drive import DriveOptions
 from maxcon.engine import Engine
-from maxcon.errors import FileError, OptionError
+from maxcon.errors import OptionError
 from maxcon.io.scans import open_scans
-from maxcon.locks import locked
 from maxcon.progress import Progress
 from maxcon.study.bench import REFERENCE, BenchPlan
 from maxcon.study.configuration import CONFIGURATION, Configuration
@@ -26,6 +24,7 @@ from maxcon.study.job import StudyJob, StudyTask
 from maxcon.study.map_variants import make_maps
 from maxcon.study.methods import StudyMethod
 from maxcon.study.table import Key, TableParts, keys_of
+from maxcon.work_folder import work_folder
 
 if TYPE_CHECKING:
     import pyarrow
@@ -34,7 +33,6 @@ __all__ = ["Study", "run_study", "spread_epochs"]
 
 # Consecutive epochs see the same tiles; more rows at once would be lost together when a study is stopped.
 ROWS_PER_TASK = 3
-LOCK = ".lock"
 
 
 @dataclass(frozen=True)
@@ -123,18 +121,17 @@ def run_study(
     scans = open_scans(dataset.scans, dataset.times)
     numbers = spread_epochs(len(scans), n_epochs)
     wanted = Configuration.of(dataset, len(scans), options, methods)
-    _check_folder(root)
-    make_folder(root)
-    with locked(root / LOCK, f"the study {root}"):
+    with work_folder(root, "a study", CONFIGURATION):
         parts = TableParts(root)
         done = set(keys_of(parts.read()))
         if (root / CONFIGURATION).exists():
             wanted = Configuration.read(root).joined(wanted, {method for _, method, _ in done})
+        else:
+            wanted.write(root)
         map_names = [method.map_name for method in methods]
         plan = BenchPlan(dataset, make_maps(dataset, root / "maps", map_names, progress), options)
-        plan.open().check_times(
-            names, numbers
-        )  # what cannot be done is said here, not by a process that ends
+        # What cannot be done is said here, not by a process that ends.
+        plan.open().check_times(names, numbers)
         tasks = _missing(methods, names, numbers, done)
         run = {"methods": [method.name for method in methods], "priors": names, "n_epochs": len(numbers)}
         run["n_workers"] = engine.n_local(len(tasks))
@@ -198,16 +195,6 @@ def _checked(dataset: Dataset, methods: Sequence[StudyMethod], priors: Sequence[
         if method.needs_small_gicp:
             check_small_gicp()
     return names
-
-
-def _check_folder(root: Path) -> None:
-    """Refuse a folder that holds something else than a study."""
-    check_folder(root)
-    others = [path.name for path in root.iterdir() if path.name != LOCK] if root.exists() else []
-    if others and CONFIGURATION not in others:
-        raise FileError(
-            f"Expected a study or an empty folder in {root}, but it holds {sorted(others)[0]}. Name another folder."
-        )
 
 
 def _missing(

@@ -1,0 +1,49 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Folders of work that may be stopped at any moment and gone on with later."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from maxcon.atomic import check_folder, make_folder, remove_partials
+from maxcon.errors import FileError
+from maxcon.locks import locked
+
+__all__ = ["LOCK", "work_folder"]
+
+LOCK = ".lock"
+
+
+@contextmanager
+def work_folder(folder: str | os.PathLike[str], what: str, record: str) -> Iterator[None]:
+    """Hold a folder of work, made if it is not there, while the block runs.
+
+    Parameters
+    ----------
+    folder : path
+        Of this work alone.
+    what : str
+        The work, for messages, e.g. "a study".
+    record : str
+        Name of the file that says what the work is. The block writes it before anything else, so that a folder
+        without it holds somebody else's files.
+
+    Raises
+    ------
+    FileError
+        If the folder cannot be written, holds something else, or another process is at work on it.
+    """
+    root, lock = Path(folder), Path(folder) / LOCK
+    check_folder(root)
+    others = sorted(path.name for path in root.iterdir() if path != lock) if root.exists() else []
+    others = [name for name in others if not name.startswith(f".{record}.partial-")]
+    if others and record not in others:
+        raise FileError(
+            f"Expected {what} or an empty folder in {root}, but it holds {others[0]}. Name another folder."
+        )
+    make_folder(root)
+    with locked(lock, str(root)):
+        remove_partials(root / record)
+        yield
