@@ -20,7 +20,7 @@ from scene import header
 
 from maxcon.io.clouds import open_cloud
 from maxcon.mapping import Area
-from maxcon.mapping.found_classes import FoundClasses
+from maxcon.mapping.found_classes import ClassFinder, FoundClasses
 from maxcon.mapping.sightings import SightingSpill
 from maxcon.mapping.spill import GroundSpill, TileSpill
 from maxcon.mapping.tiles import TileMaker
@@ -65,7 +65,7 @@ def spilled(arguments, folder):
                 seen.add(points - origin, None if chunk.times is None else chunk.times[inside])
                 ground.add((points - origin)[truth == 0])
     for spill in (*spills, seen, ground):
-        spill.flush()
+        spill.complete()
     return spills, seen, ground
 
 
@@ -86,17 +86,20 @@ def main():
         (folder / "b").mkdir()
         (one, other), seen, true_ground = spilled(arguments, folder)
         start = time.process_time()
-        found = FoundClasses(folder / "a", arguments.cell, seen)
-        maker = TileMaker(one, folder / "a", arguments.cell, has_normals=False, is_signed=False, found=found)
+        finder = ClassFinder(folder / "a", arguments.cell, seen)
+        maker = TileMaker(
+            one, folder / "a", arguments.cell, has_normals=False, is_signed=False, finder=finder
+        )
         for key in one.keys:
             maker.gather(key)
+        found = FoundClasses(has_times=bool(seen.n_tiles))
         for key in one.keys:
-            maker.find_classes(key)
+            found.add(maker.find_classes(key))
         table = np.zeros((256, len(TRUTH)))
         for key in one.keys:
-            first = VoxelMoments.load(folder / "a" / f"{key[0]}_{key[1]}.npz").sides
+            first = maker.gathered(key).sides
             second = VoxelMoments.from_records(other.records(key)).sides[:, :2]
-            np.add.at(table, found.load(key), np.column_stack([first, second]))
+            np.add.at(table, finder.load(key), np.column_stack([first, second]))
         report(table, found, time.process_time() - start)
         heights(found, true_ground, arguments.cell)
 

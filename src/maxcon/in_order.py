@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Work by several threads whose results come in the order of what they are made of."""
+"""Work whose results come in the order of what they are made of, whoever is done first."""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
 
-__all__ = ["in_order"]
+__all__ = ["by_order", "in_order"]
 
 ItemT = TypeVar("ItemT")
 ResultT = TypeVar("ResultT")
@@ -24,3 +24,19 @@ def in_order(
             yield begun.popleft().result()
     while begun:
         yield begun.popleft().result()
+
+
+def by_order(items: Iterable[ItemT], results: Iterable[tuple[ItemT, ResultT]]) -> Iterator[ResultT]:
+    """Yield the results of items, which come with them in any order, in the order of the items.
+
+    What comes early is held back.
+    """
+    early: dict[ItemT, ResultT] = {}
+    coming = iter(results)
+    for item in items:
+        while item not in early:
+            done, result = next(coming)
+            early[done] = result
+        yield early.pop(item)
+    for _ in coming:  # let it end
+        pass

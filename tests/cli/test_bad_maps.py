@@ -195,3 +195,10 @@ def test_overwrite_where_nothing_is(maxcon, street_npz, tmp_path):
     for name in ("new", "empty"):
         assert maxcon("map", "build", street_npz, "--overwrite", "-o", tmp_path / name).code == 0
         assert (tmp_path / name / "manifest.json").exists()
+
+
+def test_threads_here_or_workers_elsewhere_make_the_tiles(maxcon, refused, street_npz, tmp_path):
+    for others in (("--workers", "2"), ("--scheduler", "tcp://127.0.0.1:1")):
+        ended = maxcon("map", "build", street_npz, "-o", tmp_path / "a.map", "--threads", "2", *others)
+        refused(ended, "either threads of this process or others that make the tiles", "Leave out --threads")
+    assert not (tmp_path / "a.map").exists()

@@ -91,17 +91,17 @@ work_off([Seed("made here", "times", "times.txt", b"1.5")], 0, range(20), Path({
 
 
 @pytest.mark.parametrize(
-    ("harm", "said", "n_said"),
+    ("harm", "limit", "said", "n_said"),
     [
-        ("time.sleep(60)", "no answer within 1 s", 3),
-        ("os.abort()", "the process ended with -6", 3),
-        ("bytearray(2**34)", "MemoryError at ", 20),
-        ("b'x' * (2**30 + 2**27)", "read, and took 1.1 GiB", 20),
+        ("time.sleep(600)", 4.0, "no answer within 4 s", 3),
+        ("os.abort()", 120.0, "the process ended with -6", 3),
+        ("bytearray(2**34)", 120.0, "MemoryError at ", 20),
+        ("b'x' * (2**30 + 2**27)", 120.0, "read, and took 1.1 GiB", 20),
     ],
 )
-def test_hangs_ends_and_memory_are_noticed(tmp_path, harm, said, n_said):
+def test_hangs_ends_and_memory_are_noticed(tmp_path, harm, limit, said, n_said):
     script = WORKER.format(folder=str(FOLDER), harm=harm, work=str(tmp_path))
-    all_said = list(watched([sys.executable, "-c", script], limit=1.0))
+    all_said = list(watched([sys.executable, "-c", script], limit=limit))
     found = [each for each in all_said if not each.is_fine]
     assert [each.number for each in found] == [2]  # the seed itself is read first
     assert found[0].words.startswith(said)

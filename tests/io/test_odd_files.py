@@ -14,7 +14,7 @@ import pytest
 RECORDERS = Path(os.environ.get("MAXCON_DATA", Path(__file__).parents[2] / "../shared/data")) / "recorders"
 FOLDERS = ("las", "copc", "ply", "pcd", "e57")
 FILES = sorted(path for folder in FOLDERS for path in (RECORDERS / folder).rglob("*") if path.is_file())
-SECONDS = 10.0
+SECONDS = 100.0
 
 # In a process of its own, so that what is printed beside an error, or hangs, is seen.
 READ = """

@@ -9,7 +9,7 @@ from maxcon import PointMap
 from maxcon.errors import OptionError
 from maxcon.geometry import voxel_indices
 from maxcon.mapping import MapOptions, build_map
-from maxcon.mapping.found_classes import FoundClasses
+from maxcon.mapping.found_classes import ClassFinder, FoundClasses
 from maxcon.mapping.ground_filter import ground_heights, lowest_heights
 from maxcon.mapping.sightings import SightingSpill
 from maxcon.mapping.spill import TileSpill
@@ -68,16 +68,16 @@ def found_in(folder, points, times=None, order=None, n_parts=1):
         seen.add(points[rows], None if times is None else times[rows])
     spill.complete()
     seen.complete()
-    found = FoundClasses(folder, CELL, seen)
-    maker = TileMaker(spill, folder, CELL, has_normals=False, is_signed=False, found=found)
+    finder, found = ClassFinder(folder, CELL, seen), FoundClasses(has_times=bool(seen.n_tiles))
+    maker = TileMaker(spill, folder, CELL, has_normals=False, is_signed=False, finder=finder)
     for key in spill.keys:
         maker.gather(key)
     indices, classes = voxel_indices(points, CELL), np.zeros(len(points), np.uint8)
     for key in spill.keys:
-        maker.find_classes(key)
+        found.add(maker.find_classes(key))
         corner = np.array([key[0] * TILE_VOXELS, key[1] * TILE_VOXELS, 0])
         voxels = maker.gathered(key).indices + corner
-        class_of = dict(zip(map(tuple, voxels.tolist()), found.load(key).tolist(), strict=True))
+        class_of = dict(zip(map(tuple, voxels.tolist()), finder.load(key).tolist(), strict=True))
         for row in np.flatnonzero((indices[:, :2] // TILE_VOXELS == key).all(axis=1)):
             classes[row] = class_of[tuple(indices[row].tolist())]
     return classes, found
@@ -201,7 +201,7 @@ def test_the_ground_is_the_same_from_the_tile_beside(tmp_path):
     spill.add(points, np.zeros((len(points), 3), np.float32))
     spill.complete()
     lowest = {key: lowest_heights(VoxelMoments.from_records(spill.records(key)), CELL) for key in spill.keys}
-    left, right = (ground_heights(lowest, key, CELL, 4) for key in ((0, 0), (1, 0)))
+    left, right = (ground_heights(lowest.get, key, CELL, 4) for key in ((0, 0), (1, 0)))
     np.testing.assert_allclose(left[:, -8:], right[:, :8], atol=1e-9)
     assert np.isfinite(left[4:30]).all()
 

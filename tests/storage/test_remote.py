@@ -57,7 +57,10 @@ def test_ranges_are_read_and_not_shards(city, web, web_server):
 
 def test_what_was_read_once_is_kept_on_this_machine(web, web_server, city, cache_folder):
     assert_same(PointMap.open(web), PointMap.open(city))
-    n_records, end = len(read_manifest(city).tiles) + len(read_manifest(city).ground), time.monotonic() + 60.0
+    n_records, end = (
+        len(read_manifest(city).tiles) + len(read_manifest(city).ground),
+        time.monotonic() + 300.0,
+    )
     while sum(path.is_file() for path in cache_folder.rglob("*")) < n_records:
         assert time.monotonic() < end
         time.sleep(0.01)
@@ -97,7 +100,7 @@ def test_a_cache_that_cannot_be_written(web, tmp_path, monkeypatch):
 def test_tiles_around_are_fetched_several_at_a_time(web, city, web_server):
     opened = PointMap.open(web)
     opened.announce(opened.tile_keys)
-    end = time.monotonic() + 60.0
+    end = time.monotonic() + 300.0
     while sum(".arrows" in path for path, _ in web_server.asked) < len(opened.tile_keys):
         assert time.monotonic() < end
         time.sleep(0.01)
@@ -144,7 +147,7 @@ def refused(place, words):
     assert words in str(error.value)
     assert str(place) in str(error.value)
     assert "\n" not in str(error.value)
-    assert time.monotonic() - start < 60.0
+    assert time.monotonic() - start < 300.0
 
 
 def test_nothing_there(bucket, web, s3_server):

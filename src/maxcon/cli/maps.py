@@ -11,6 +11,7 @@ import typer
 from maxcon.cli import alignment
 from maxcon.cli.compiling import compiling_told
 from maxcon.cli.map_update import rows_of_updates, update
+from maxcon.cli.options import Scheduler
 from maxcon.cli.progress import step_bars
 
 if TYPE_CHECKING:
@@ -123,11 +124,19 @@ def build(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the map if there is one.")] = False,
     threads: Annotated[
         int | None,
-        typer.Option(min=1, help="Tiles made at once, 0.25 GiB each. Default: processors, at most 4."),
+        typer.Option(
+            min=1, help="Tiles made at once in this process, 0.25 GiB each. Default: processors, at most 4."
+        ),
     ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, metavar="N", help="Let N processes make the tiles instead, about 0.5 GiB each."),
+    ] = None,
+    scheduler: Scheduler = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
 ) -> None:
     """Build a map: drop classes, find normals, rasterize into voxels, write tiles."""
+    from maxcon.engine import Engine
     from maxcon.errors import OptionError
     from maxcon.io.trajectories import read_trajectory
     from maxcon.mapping import Area, MapOptions, build_map
@@ -141,6 +150,13 @@ def build(
     if keep_all and (drop or vehicle_class):
         other = "--drop" if drop else "--vehicle-class"
         raise OptionError(f"Expected either {other} or --keep-all, got both. Leave one out.")
+    if threads is not None and (workers, scheduler) != (None, None):
+        raise OptionError(
+            "Expected either threads of this process or others that make the tiles, got both. Leave out --threads, or"
+            " --workers and --scheduler."
+        )
+    is_alone = workers is None and scheduler is None
+    engine = None if is_alone else Engine(workers, scheduler, typer.echo)
     options = MapOptions(
         cell=cell,
         drop=() if keep_all else drop or None,
@@ -156,7 +172,8 @@ def build(
         area=Area.parse(area) if area is not None else None,
     )
     with step_bars("", quiet) as report, compiling_told(quiet):
-        manifest = build_map(clouds, out, options, overwrite=overwrite, n_threads=threads, progress=report)
+        manifest = build_map(clouds, out, options, overwrite=overwrite, n_threads=threads, engine=engine,
+                             progress=report)  # fmt: skip
     typer.echo(f"{out}")
     _describe(manifest)
 

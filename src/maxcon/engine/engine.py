@@ -4,18 +4,25 @@
 
 import os
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from maxcon.engine.cluster import check_dask, has_dask, joined_cluster, local_cluster
 from maxcon.engine.crew import Crew
 from maxcon.engine.job import Job
 from maxcon.errors import OptionError
 
+if TYPE_CHECKING:
+    from distributed import Client
+
 __all__ = ["Engine", "n_processors"]
 
 TaskT = TypeVar("TaskT")
 ResultT = TypeVar("ResultT")
+
+Run = Callable[[Job[Any, Any], Iterable[Any]], Iterator[tuple[Any, Any]]]
+"""Runs a job."""
 
 
 def n_processors() -> int:
@@ -102,21 +109,43 @@ class Engine:
         MaxconError
             What the job raises; or if workers do not start, or are gone.
         """
+        with self.started(n_tasks) as run:
+            yield from run(job, tasks)
+
+    @contextmanager
+    def started(self, n_tasks: int) -> "Iterator[Run]":
+        """Yield what runs one job after another as `run` does, with the same workers.
+
+        Parameters
+        ----------
+        n_tasks : int
+            How many tasks the largest job has, or may have: no more processes are started.
+
+        Raises
+        ------
+        MaxconError
+            If workers do not start.
+        """
         n_local = self.n_local(n_tasks)
         if n_local == 1:
-            yield from _here(job, tasks)
+            yield _here
         elif n_local:
             with local_cluster(n_local) as (client, cluster, dashboard):
                 if dashboard:
                     self.tell(f"dashboard    {dashboard}")
-                yield from Crew(client, job, cluster).results(tasks)
+                yield lambda job, tasks: Crew(client, job, cluster).results(tasks)
         else:
             with joined_cluster(str(self.scheduler)) as client:
-                crew = Crew(client, job)
-                try:
-                    yield from crew.results(tasks)
-                finally:
-                    crew.dismiss()
+                yield lambda job, tasks: _elsewhere(client, job, tasks)
+
+
+def _elsewhere(client: "Client", job: Job[Any, Any], tasks: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
+    """Let the workers of a cluster that lives on do the tasks."""
+    crew = Crew(client, job)
+    try:
+        yield from crew.results(tasks)
+    finally:
+        crew.dismiss()
 
 
 def _here(job: Job[TaskT, ResultT], tasks: Iterable[TaskT]) -> Iterator[tuple[TaskT, ResultT]]:

@@ -4,17 +4,17 @@
 
 import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager
 from dataclasses import replace
-from pathlib import Path
+from shutil import rmtree
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.atomic import atomic_folder, check_replaceable
+from maxcon.engine import Engine
 from maxcon.errors import ArrayError, MapError, OptionError
 from maxcon.geometry.voxels import INDEX_LIMIT
-from maxcon.in_order import in_order
 from maxcon.io.clouds import CloudHeader
 from maxcon.mapping.classes import NOISE, class_name
 from maxcon.mapping.found_classes import FOUND, FoundClasses
@@ -34,10 +34,9 @@ from maxcon.mapping.sources import (
     read_source,
 )
 from maxcon.mapping.spill import GroundSpill, TileSpill
-from maxcon.mapping.tiles import TileMaker
+from maxcon.mapping.tile_job import TileJob, TileRound, TileStep, by_engine, by_threads
 from maxcon.point_map import TILE_VOXELS, TileKey
 from maxcon.point_map.manifest import MAP_NAMES, Manifest
-from maxcon.point_map.records import Record, tile_record
 from maxcon.point_map.writer import MapWriter
 from maxcon.progress import Progress
 from maxcon.version import __version__
@@ -57,6 +56,7 @@ def build_map(
     *,
     overwrite: bool = False,
     n_threads: int | None = None,
+    engine: Engine | None = None,
     progress: Progress | None = None,
 ) -> Manifest:
     """Build a map on disk; memory is bounded by the tiles, not by the sources.
@@ -72,8 +72,11 @@ def build_map(
     overwrite : bool
         Whether a map that stands there is replaced; anything else there is an error.
     n_threads : int, optional
-        Tiles made at the same time; the number of processors, but at most 4, if None. Each takes about
-        0.25 GiB. The map does not depend on it.
+        Tiles made at the same time in this process; the number of processors, but at most 4, if None. Each takes
+        about 0.25 GiB. The map does not depend on it.
+    engine : Engine, optional
+        Whose workers make the tiles instead, if it has others than this process; the map does not depend on it. They
+        find points and voxels in files beside `out`, which has the same path for all.
     progress : callable, optional
         Called with (step, done, of how many).
 
@@ -99,10 +102,10 @@ def build_map(
     if overwrite:
         check_replaceable(out, "a map", MAP_NAMES)
     with atomic_folder(out, overwrite=overwrite) as folder:
-        spill_folder = folder / "points"
+        spill_folder = folder.absolute() / "points"
         spill_folder.mkdir()
         spill, ground_spill = TileSpill(spill_folder, options.cell), GroundSpill(spill_folder, options.cell)
-        sightings = SightingSpill(spill_folder, options.cell) if options.may_find_classes else None
+        sightings = SightingSpill(spill_folder, options.cell)
         has_sides = options.trajectory is not None or options.normals_have_sides
         use_normals = has_sides and options.to_crs is None and all(header.has_normals for header in headers)
         origin = _origin(headers, placed, options)
@@ -113,29 +116,45 @@ def build_map(
         sigma, how_known = map_sigma(options.sigma, sample, aligned)
         del sample
         is_signed = options.trajectory is not None or use_normals
-        found = _finder(spill_folder, sightings, counts, options)
-        maker = TileMaker(
-            spill, spill_folder, options.cell, has_normals=use_normals, is_signed=is_signed, found=found
-        )
-        n_threads = n_threads or min(MOST_THREADS, os.cpu_count() or 1)
+        found, drop_found = None, options.dropped_found_classes()
+        if options.may_find_classes and _is_unclassified(counts, options):
+            found = FoundClasses(has_times=bool(sightings.n_tiles), drop=drop_found)
         ground_maker = GroundMaker(ground_spill, options.cell, found)
+        job = TileJob(
+            spill_folder,
+            options.cell,
+            has_normals=use_normals,
+            is_signed=is_signed,
+            finds_surfaces=ground_maker.needs_surfaces,
+            drop=None if found is None else drop_found,
+        )
         with MapWriter(folder) as writer:
-            _write_tiles(writer, maker, ground_maker, spill.keys, n_threads, report)
+            with _workers(job, spill, sightings, engine, n_threads) as do:
+                _write_tiles(writer, do, spill.keys, found, ground_maker, report)
             for tile in ground_maker.tiles():
                 writer.add_ground(tile)
-            if sightings is not None:
-                sightings.clear()
             build = {
                 **_description(counts, placed, drop, use_normals, ground_maker.origin),
                 "sigma": how_known,
             }
             if found is not None:
                 build["found"] = found.describe()
-                found.clear()
-            spill_folder.rmdir()
+            rmtree(spill_folder)
             return writer.finish(
                 cell=options.cell, origin=origin, crs=crs, is_signed=is_signed, sigma=sigma, build=build
             )
+
+
+def _workers(
+    job: TileJob, spill: TileSpill, sightings: SightingSpill, engine: Engine | None, n_threads: int | None
+) -> AbstractContextManager[TileRound]:
+    """Those who make the tiles, with what was spilled where they find it."""
+    is_elsewhere = engine is not None and not engine.is_in_process
+    spill.complete(to_disk=is_elsewhere)
+    sightings.complete(to_disk=is_elsewhere)
+    if engine is not None and is_elsewhere:
+        return by_engine(job, engine, len(spill.keys))
+    return by_threads(job, spill, sightings, n_threads or min(MOST_THREADS, os.cpu_count() or 1))
 
 
 def _check_contents(headers: Sequence[CloudHeader], options: MapOptions) -> None:
@@ -187,7 +206,7 @@ def _sort_into_tiles(
     origin: tuple[float, float, float],
     spill: TileSpill,
     ground: GroundSpill,
-    sightings: SightingSpill | None,
+    sightings: SightingSpill,
     sample: PlaceSample,
     options: MapOptions,
     use_normals: bool,
@@ -215,15 +234,12 @@ def _sort_into_tiles(
                 part = replace(part, ground=part.ground[:0])
             _add(spill, ground, points, part, origin, header, options.cell)
             _check_density(spill, counts, header, options.cell)
-            if sightings is not None and _is_unclassified(counts, options):
+            if options.may_find_classes and _is_unclassified(counts, options):
                 sightings.add(points, part.times)
             if options.sigma is None:
                 sample.add(points, part.times)
             report("reading points", sum(source.n_points for source in counts), n_total)
-    spill.complete()
     ground.complete()
-    if sightings is not None:
-        sightings.complete()
     if not spill.keys:
         n_read = sum(source.n_points for source in counts)
         n_read -= sum(source.n_thinned for source in counts)
@@ -239,15 +255,6 @@ def _sort_into_tiles(
     if options.trajectory is not None:
         check_sides(counts, options.trajectory)
     return counts
-
-
-def _finder(
-    folder: Path, sightings: SightingSpill | None, counts: Sequence[SourceCounts], options: MapOptions
-) -> FoundClasses | None:
-    """Return what finds classes, where they are to be found: nobody has given any, or they are not to count."""
-    if sightings is None or not _is_unclassified(counts, options):
-        return None
-    return FoundClasses(folder, options.cell, sightings, options.dropped_found_classes())
 
 
 def _is_unclassified(counts: Sequence[SourceCounts], options: MapOptions) -> bool:
@@ -288,45 +295,43 @@ def _check_density(
 
 def _write_tiles(
     writer: MapWriter,
-    maker: TileMaker,
-    ground: GroundMaker,
+    do: TileRound,
     keys: Sequence[TileKey],
-    n_threads: int,
+    found: FoundClasses | None,
+    ground: GroundMaker,
     report: Progress,
 ) -> None:
     """Make every tile, several at a time, in rounds: a tile's classes and normals need its neighbours.
 
     Tiles are written in order.
     """
+    n_done, n_steps = 0, (2 if found is None else 3) * len(keys)
 
-    def make(key: TileKey) -> Record:
-        tile = maker.make(key)
-        ground.look_at(tile)
-        return tile_record(tile)
+    def one_more(n_more: int = 1) -> None:
+        nonlocal n_done
+        n_done += n_more
+        report("making tiles", n_done, n_steps)
 
-    rounds = [maker.gather, maker.find_classes] if maker.finds_classes else [maker.gather]
-    n_steps, n_done = (len(rounds) + 1) * len(keys), 0
-    with ThreadPoolExecutor(n_threads) as pool:
-        try:
-            for work in rounds:
-                for _ in pool.map(work, keys):
-                    n_done += 1
-                    report("making tiles", n_done, n_steps)
-            kept = [key for key in keys if maker.has_voxels(key)]
-            n_done += len(keys) - len(kept)
-            for record in in_order(pool, make, kept, 2 * n_threads):
-                writer.put(record)
-                n_done += 1
-                report("making tiles", n_done, n_steps)
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
-    maker.clear(keys)
+    for _ in do(TileStep.GATHER, keys):
+        one_more()
+    kept = keys
+    if found is not None:
+        kept = []
+        for of_tile in do(TileStep.FIND_CLASSES, keys):
+            found.add(of_tile)
+            kept += [of_tile.key] if of_tile.keeps_any else []
+            one_more()
+        one_more(len(keys) - len(kept))
     if not kept:
         raise MapError(
             "Expected points for the map, but all of them were found to be ground, vegetation or temporary. Keep them:"
             " --classify off."
         )
+    for key, made in zip(kept, do(TileStep.MAKE, kept), strict=True):
+        writer.put(made.record)
+        if made.surfaces is not None:
+            ground.take(key, made.surfaces)
+        one_more()
 
 
 def _description(

@@ -1,15 +1,17 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""FoundClasses: ground, vegetation and temporary objects, of each voxel, where clouds have no classes (decision 23)."""
+"""Ground, vegetation and temporary objects, of each voxel, where clouds have no classes (decision 23)."""
 
 import math
 from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
-from threading import Lock
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon.atomic import atomic_file
 from maxcon.mapping.ground_filter import ground_heights, heights_at, lowest_heights
 from maxcon.mapping.sightings import SightingSpill, block_voxels
 from maxcon.mapping.surface_shapes import is_vegetation
@@ -19,7 +21,7 @@ from maxcon.mapping.voxel_normals import plane_normals
 from maxcon.point_map import TILE_VOXELS, TileKey
 from maxcon.point_map.ground import GroundTile, ground_of_points, ground_voxels
 
-__all__ = ["FOUND", "LARGEST_CELL", "NEIGHBOUR_VOXELS", "FoundClasses"]
+__all__ = ["FOUND", "LARGEST_CELL", "NEIGHBOUR_VOXELS", "ClassFinder", "FoundClasses", "FoundInTile"]
 
 UNCLASSIFIED, GROUND, TEMPORARY = 1, 2, 22
 LOW, MEDIUM, HIGH = 3, 4, 5
@@ -37,17 +39,90 @@ LARGEST_CELL = 0.25
 """Voxel edge up to which shapes can be told, m."""
 
 
+@dataclass(frozen=True)
+class FoundInTile:
+    """What was found in one tile; the class of each voxel is kept by `ClassFinder`.
+
+    Parameters
+    ----------
+    key : tuple of 2 int
+        The tile.
+    n_points : dict of int to int
+        Points of each class.
+    n_repeated : int
+        Points that stand where several passes saw the ground.
+    ground : GroundTile
+        The ground that was found.
+    keeps_any : bool
+        Whether a voxel is of a class that is not left out of the map.
+    """
+
+    key: TileKey
+    n_points: dict[int, int]
+    n_repeated: int
+    ground: GroundTile
+    keeps_any: bool
+
+
 class FoundClasses:
-    """Finds the class of every voxel. First `look_at` every tile, then `find` any of them.
+    """What was found in all tiles of a map.
+
+    Parameters
+    ----------
+    has_times : bool
+        Whether any point has a time to tell passes apart by.
+    drop : frozenset of int
+        Classes that are left out of the map.
+    """
+
+    def __init__(self, *, has_times: bool, drop: frozenset[int] = frozenset()) -> None:
+        self._has_times = has_times
+        self._drop = sorted(drop & FOUND)
+        self._ground: list[GroundTile] = []
+        self._n_points: Counter[int] = Counter()
+        self._n_repeated = 0
+
+    def add(self, found: FoundInTile) -> None:
+        """Take what was found in a tile."""
+        self._n_points.update(found.n_points)
+        self._n_repeated += found.n_repeated
+        if found.ground.n_heights:
+            self._ground.append(found.ground)
+
+    @property
+    def ground(self) -> list[GroundTile]:
+        """The ground of all tiles that have some, in the order they came in."""
+        return self._ground
+
+    def describe(self) -> dict[str, object]:
+        """Return the entry `found` of the manifest's `build` (docs/map_format.md)."""
+        return {
+            "n_points": {str(number): self._n_points[number] for number in sorted(self._n_points)},
+            "dropped": self._drop,
+            "n_repeated": self._n_repeated,
+            "temporary": self._how_temporary(),
+        }
+
+    def _how_temporary(self) -> str:
+        """Why temporary objects could not be found, in words; empty if they could."""
+        if not self._has_times:
+            return "the clouds have no times to tell passes apart by"
+        return "" if self._n_repeated else "one pass only"
+
+
+class ClassFinder:
+    """Finds the class of every voxel. First `look_at` every tile, then `find` those of any of them.
+
+    What it knows is in files, one of each kind for a tile: several, in processes of their own, can share the work.
 
     Parameters
     ----------
     folder : Path
-        Where classes are kept until the tiles are made.
+        For the lowest heights and the classes of tiles; the caller removes it.
     cell : float
         Voxel edge, m.
     sightings : SightingSpill
-        What was seen when; flushed.
+        What was seen when; complete.
     drop : frozenset of int
         Classes that are left out of the map.
     """
@@ -59,20 +134,16 @@ class FoundClasses:
         self._cell = cell
         self._sightings = sightings
         self._drop = sorted(drop & FOUND)
-        self._lowest: dict[TileKey, NDArray[np.float64]] = {}
-        self._ground: dict[TileKey, GroundTile] = {}
-        self._n_points: Counter[int] = Counter()
-        self._n_repeated = 0
-        self._with_kept: set[TileKey] = set()
-        self._lock = Lock()
 
     def look_at(self, key: TileKey, moments: VoxelMoments) -> None:
         """Take note of the lowest surfaces of a tile; from any thread."""
-        self._lowest[key] = lowest_heights(moments, self._cell)
+        _save(self._lowest_path(key), lowest_heights(moments, self._cell))
         self._sightings.gather(key)
 
-    def find(self, key: TileKey, own: VoxelMoments, halo: list[VoxelMoments]) -> None:
+    def find(self, key: TileKey, own: VoxelMoments, halo: list[VoxelMoments]) -> FoundInTile:
         """Find and keep the class of each voxel of a tile, given those of the tiles around; from any thread.
+
+        All tiles around have been looked at.
 
         Parameters
         ----------
@@ -98,7 +169,8 @@ class FoundClasses:
         classes, moments, above = classes[is_own], moments.select(is_own), above[is_own]
         is_temporary, n_repeated = self._is_temporary(key, moments, above, ground, margin)
         classes[is_temporary & (classes != GROUND)] = TEMPORARY
-        self._keep(key, moments, classes, n_repeated)
+        _save(self._path(key), classes)
+        return self._summed_up(key, moments, classes, n_repeated)
 
     def load(self, key: TileKey) -> NDArray[np.uint8]:
         """Return what `find` found."""
@@ -107,35 +179,6 @@ class FoundClasses:
     def is_kept(self, key: TileKey) -> NDArray[np.bool_]:
         """Which voxels of a tile are of a class that is not left out."""
         return ~np.isin(self.load(key), self._drop)
-
-    def keeps_any(self, key: TileKey) -> bool:
-        """Whether any voxel of a tile is of such a class."""
-        return key in self._with_kept
-
-    def clear(self) -> None:
-        """Remove what was kept."""
-        for key in self._lowest:
-            self._path(key).unlink()
-
-    @property
-    def ground(self) -> list[GroundTile]:
-        """The ground of all tiles that have some."""
-        return [self._ground[key] for key in sorted(self._ground)]
-
-    def describe(self) -> dict[str, object]:
-        """Return the entry `found` of the manifest's `build` (docs/map_format.md)."""
-        return {
-            "n_points": {str(number): self._n_points[number] for number in sorted(self._n_points)},
-            "dropped": self._drop,
-            "n_repeated": self._n_repeated,
-            "temporary": self._how_temporary(),
-        }
-
-    def _how_temporary(self) -> str:
-        """Why temporary objects could not be found, in words; empty if they could."""
-        if not self._sightings.keys:
-            return "the clouds have no times to tell passes apart by"
-        return "" if self._n_repeated else "one pass only"
 
     def _above(self, moments: VoxelMoments, ground: NDArray[np.float64], margin: int) -> NDArray[np.float64]:
         """How far voxels' points lie above the ground, m; NaN where it is not known."""
@@ -201,8 +244,9 @@ class FoundClasses:
                 parts.append(near)
         return np.concatenate(parts)
 
-    def _keep(self, key: TileKey, moments: VoxelMoments, classes: NDArray[np.uint8], n_repeated: int) -> None:
-        np.save(self._path(key), classes, allow_pickle=False)
+    def _summed_up(
+        self, key: TileKey, moments: VoxelMoments, classes: NDArray[np.uint8], n_repeated: int
+    ) -> FoundInTile:
         n_points = np.bincount(classes, moments.counts)
         is_ground = classes == GROUND
         n = TILE_VOXELS // ground_voxels(self._cell)
@@ -210,17 +254,30 @@ class FoundClasses:
         heights = (
             moments.indices[is_ground, 2] * self._cell + (moments.sums[:, 2] / moments.counts)[is_ground]
         )
-        tile = GroundTile(key, ground_of_points(columns, heights, n))
-        with self._lock:
-            if not np.isin(classes, self._drop).all():
-                self._with_kept.add(key)
-            self._n_points.update({int(k): int(n_points[k]) for k in np.flatnonzero(n_points)})
-            self._n_repeated += n_repeated
-            if tile.n_heights:
-                self._ground[key] = tile
+        return FoundInTile(
+            key,
+            {int(number): int(n_points[number]) for number in np.flatnonzero(n_points)},
+            n_repeated,
+            GroundTile(key, ground_of_points(columns, heights, n)),
+            not np.isin(classes, self._drop).all(),
+        )
+
+    def _lowest(self, key: TileKey) -> NDArray[np.float64] | None:
+        """Lowest heights of a tile that was looked at; None of any other."""
+        path = self._lowest_path(key)
+        return np.asarray(np.load(path, allow_pickle=False)) if path.exists() else None
+
+    def _lowest_path(self, key: TileKey) -> Path:
+        return self._folder / f"{key[0]}_{key[1]}.lowest.npy"
 
     def _path(self, key: TileKey) -> Path:
         return self._folder / f"{key[0]}_{key[1]}.classes.npy"
+
+
+def _save(path: Path, values: NDArray[Any]) -> None:
+    """Write an array as NPY file, in a step."""
+    with atomic_file(path) as partial, partial.open("wb") as file:
+        np.save(file, values, allow_pickle=False)
 
 
 def _steps_above(layers: NDArray[np.integer], first: NDArray[np.float64]) -> NDArray[np.int64]:

@@ -26,7 +26,7 @@ CLEARANCE = 0.3
 
 
 class GroundMaker:
-    """Makes the ground of tiles. First `look_at` every tile of voxels, then take all `tiles` of ground.
+    """Makes the ground of tiles. First take the surfaces of every tile of voxels, then all `tiles` of ground.
 
     Parameters
     ----------
@@ -51,10 +51,14 @@ class GroundMaker:
             return "found by a morphological filter"
         return "of its classes" if self._spill.n_tiles else "of level surfaces"
 
-    def look_at(self, tile: VoxelTile) -> None:
-        """Take note of the level surfaces of a tile, if they are needed; from any thread."""
-        if not self._spill.n_tiles and self._found is None:
-            self._surfaces[tile.key] = level_surfaces(tile, self._cell)
+    @property
+    def needs_surfaces(self) -> bool:
+        """Whether the ground is made of level surfaces."""
+        return not self._spill.n_tiles and self._found is None
+
+    def take(self, key: TileKey, surfaces: NDArray[np.float32]) -> None:
+        """Take the `level_surfaces` of a tile."""
+        self._surfaces[key] = surfaces
 
     def tiles(self) -> Iterator[GroundTile]:
         """Yield the ground of all tiles that have some; points are removed as they are read."""

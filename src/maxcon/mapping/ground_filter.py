@@ -8,7 +8,7 @@ most `REACH` far, so that tiles can be made one by one.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,9 @@ FILLS = (1, 2, 4, 8, 12)
 REACH = 2.0 * WIDEST_WINDOW
 """How far the filter looks; filling looks no farther than the rest of a tile's edge."""
 
+LowestOf = Callable[[TileKey], NDArray[np.float64] | None]
+"""Gives the `lowest_heights` of a tile; None where there is no tile."""
+
 
 def lowest_heights(moments: VoxelMoments, cell: float) -> NDArray[np.float64]:
     """Height of the lowest surface in each cell (y, x) of a tile's ground grid, m; NaN where there is none."""
@@ -58,14 +61,12 @@ def lowest_heights(moments: VoxelMoments, cell: float) -> NDArray[np.float64]:
     return lowest.reshape(n, n)
 
 
-def ground_heights(
-    lowest: Mapping[TileKey, NDArray[np.float64]], key: TileKey, cell: float, margin: int
-) -> NDArray[np.float64]:
+def ground_heights(lowest: LowestOf, key: TileKey, cell: float, margin: int) -> NDArray[np.float64]:
     """Height of the ground in the cells of a tile and `margin` cells around it, m; NaN where nothing is near.
 
     Parameters
     ----------
-    lowest : mapping
+    lowest : callable
         `lowest_heights` of the tile and of all those within `REACH`, local frame.
     key : tuple of 2 int
         The tile.
@@ -90,15 +91,13 @@ def heights_at(ground: NDArray[np.float64], rows: NDArray[np.float64]) -> NDArra
     return np.asarray(map_coordinates(ground, rows.T - 0.5, order=1, mode="nearest"), np.float64)
 
 
-def _around(
-    lowest: Mapping[TileKey, NDArray[np.float64]], key: TileKey, n: int, reach: int
-) -> NDArray[np.float64]:
+def _around(lowest: LowestOf, key: TileKey, n: int, reach: int) -> NDArray[np.float64]:
     """Lowest heights of a tile and `reach` cells around it."""
     tiles = math.ceil(reach / n)
     whole = np.full(((2 * tiles + 1) * n,) * 2, np.nan)
     for dy in range(-tiles, tiles + 1):
         for dx in range(-tiles, tiles + 1):
-            heights = lowest.get((key[0] + dx, key[1] + dy))
+            heights = lowest((key[0] + dx, key[1] + dy))
             if heights is not None:
                 y, x = (dy + tiles) * n, (dx + tiles) * n
                 whole[y : y + n, x : x + n] = heights

@@ -66,7 +66,7 @@ class SightingSpill(TileFiles):
 
     def gather(self, key: TileKey) -> None:
         """Keep each sighting of a tile once."""
-        if key in self._keys:
+        if self.has(key):
             records = self.load(key)
             columns = (records["column"][:, 0], records["column"][:, 1], records["layer"], records["time"])
             order = np.lexsort(columns)
@@ -76,14 +76,9 @@ class SightingSpill(TileFiles):
 
     def load(self, key: TileKey) -> NDArray[np.void]:
         """Return all sightings of a tile (`SIGHTING`)."""
-        if key not in self._keys:
+        if not self.has(key):
             return np.empty(0, SIGHTING)
         return np.concatenate([np.empty(0, SIGHTING), *self.records(key)])
-
-    def clear(self) -> None:
-        """Remove the files."""
-        for key in self.keys:
-            self.remove(key)
 
 
 def _ranks(values: NDArray[np.float64]) -> NDArray[np.int64]:

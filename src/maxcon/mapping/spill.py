@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Points on their way into tiles: more than memory is given for go to one file per tile."""
+"""Points on their way into tiles: more than memory is given for go to one file per tile, for other processes all."""
 
 from collections import defaultdict
 from collections.abc import Iterator
@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon.atomic import atomic_file
 from maxcon.geometry import voxel_indices
 from maxcon.point_map import TILE_VOXELS, TileKey
 from maxcon.point_map.ground import ground_voxels
@@ -27,6 +28,8 @@ BUFFER_BYTES = 128 * 2**20
 class TileFiles:
     """Records of one kind in a file per tile, buffered; no file where all fit into the buffer.
 
+    Another process that is given the same folder finds there what was put on disk.
+
     Parameters
     ----------
     folder : Path
@@ -43,7 +46,7 @@ class TileFiles:
         self._suffix = suffix
         self._buffers: dict[TileKey, list[NDArray[np.void]]] = defaultdict(list)
         self._buffered_bytes = 0
-        self._on_disk: set[TileKey] = set()
+        self._has_files = False
         self._keys: set[TileKey] = set()
 
     @property
@@ -73,9 +76,15 @@ class TileFiles:
         if self._buffered_bytes > BUFFER_BYTES:
             self._flush()
 
-    def complete(self) -> None:
-        """Say that all points have come: what is buffered goes to disk, unless all of them are."""
-        if self._on_disk:
+    def complete(self, *, to_disk: bool = False) -> None:
+        """Say that all points have come: what is buffered goes to disk, unless all of them are.
+
+        Parameters
+        ----------
+        to_disk : bool
+            Whether it does in any case: other processes will look for it.
+        """
+        if to_disk or self._has_files:
             self._flush()
 
     def _flush(self) -> None:
@@ -83,13 +92,19 @@ class TileFiles:
             with self._path(key).open("ab") as file:
                 for part in parts:
                     file.write(part.tobytes())
-        self._on_disk.update(self._buffers)
+        self._has_files = True
         self._buffers.clear()
         self._buffered_bytes = 0
 
     def records(self, key: TileKey, n_at_once: int = 2_000_000) -> Iterator[NDArray[np.void]]:
-        """Yield the points of a tile, at most `n_at_once` together."""
-        if key not in self._on_disk:
+        """Yield the points of a tile, at most `n_at_once` together.
+
+        Raises
+        ------
+        FileNotFoundError
+            If there are none, or no longer.
+        """
+        if key in self._buffers:
             whole = np.concatenate(self._buffers[key])
             yield from (whole[start : start + n_at_once] for start in range(0, len(whole), n_at_once))
             return
@@ -97,19 +112,22 @@ class TileFiles:
             while part := file.read(n_at_once * self._record.itemsize):
                 yield np.frombuffer(part, self._record)
 
+    def has(self, key: TileKey) -> bool:
+        """Whether there are points of a tile, in memory here or on disk."""
+        return key in self._buffers or self._path(key).exists()
+
     def replace(self, key: TileKey, records: NDArray[np.void]) -> None:
-        """Keep other records of a tile instead of its own."""
-        if key in self._on_disk:
-            self._path(key).write_bytes(records.tobytes())
-        else:
+        """Keep other records of a tile instead of its own; on disk, in a step."""
+        if key in self._buffers:
             self._buffers[key] = [records]
+            return
+        with atomic_file(self._path(key)) as partial:
+            partial.write_bytes(records.tobytes())
 
     def remove(self, key: TileKey) -> None:
-        """Delete the points of a tile that is made."""
-        if key in self._on_disk:
-            self._path(key).unlink()
-        else:
-            del self._buffers[key]
+        """Delete the points of a tile that is made, if there are any."""
+        if self._buffers.pop(key, None) is None:
+            self._path(key).unlink(missing_ok=True)
 
     def _path(self, key: TileKey) -> Path:
         return self._folder / f"{key[0]}_{key[1]}.{self._suffix}"

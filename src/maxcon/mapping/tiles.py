@@ -3,22 +3,42 @@
 """Making one tile of a map: the moments of its voxels, then their normals, which need the tiles around."""
 
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from maxcon.mapping.found_classes import NEIGHBOUR_VOXELS, FoundClasses
+from maxcon.mapping.found_classes import NEIGHBOUR_VOXELS, ClassFinder, FoundInTile
+from maxcon.mapping.ground import level_surfaces
 from maxcon.mapping.spill import TileSpill
 from maxcon.mapping.voxel_moments import HALO_VOXELS, VoxelMoments
 from maxcon.mapping.voxel_normals import plane_normals, turn_to_side
 from maxcon.point_map import TILE_VOXELS, TileKey, VoxelTile
+from maxcon.point_map.records import Record, tile_record
 from maxcon.point_map.voxelize import mean_normals, mean_steps, tile_of_voxels
 
-__all__ = ["TileMaker"]
+__all__ = ["MadeTile", "TileMaker"]
 
 MEMORY_BYTES = 128 * 2**20
 """Moments of voxels are kept in memory up to this size in all, the others on disk."""
+
+
+@dataclass(frozen=True)
+class MadeTile:
+    """A tile of a map.
+
+    Parameters
+    ----------
+    record : Record
+        As the map keeps it.
+    surfaces : array, shape (n, n), float32, optional
+        Its `level_surfaces`, if they were asked for, m.
+    """
+
+    record: Record
+    surfaces: NDArray[np.float32] | None = None
 
 
 class TileMaker:
@@ -29,15 +49,19 @@ class TileMaker:
     spill : TileSpill
         The points.
     folder : Path
-        Where moments are kept in between, if they are many.
+        Where moments are kept in between, if they are many; the caller removes it.
     cell : float
         Voxel edge, m.
     has_normals : bool
         Whether the points' sides are their normals; otherwise planes are fitted.
     is_signed : bool
         Whether normals are turned to the points' sides.
-    found : FoundClasses, optional
+    finder : ClassFinder, optional
         Finds classes between the two: gather every tile, `find_classes` of every tile, make any of them.
+    finds_surfaces : bool
+        Whether the level surfaces of tiles are asked for.
+    memory_bytes : int
+        Moments are kept in memory up to this size in all; with 0 every step may be done by another process.
     """
 
     def __init__(
@@ -48,43 +72,56 @@ class TileMaker:
         *,
         has_normals: bool,
         is_signed: bool,
-        found: FoundClasses | None = None,
+        finder: ClassFinder | None = None,
+        finds_surfaces: bool = False,
+        memory_bytes: int = MEMORY_BYTES,
     ) -> None:
         self._spill = spill
         self._folder = folder
         self._cell = cell
         self._has_normals = has_normals
         self._is_signed = is_signed
-        self._keys = frozenset(spill.keys)
-        self._found = found
+        self._finder = finder
+        self._finds_surfaces = finds_surfaces
+        self._memory_bytes = memory_bytes
         self._in_memory: dict[TileKey, VoxelMoments] = {}
         self._n_bytes = 0
         self._lock = threading.Lock()
 
     def gather(self, key: TileKey) -> None:
-        """Sum the points of a tile into its voxels and keep these on disk."""
-        moments = VoxelMoments.from_records(self._spill.records(key))
+        """Sum the points of a tile into its voxels, and keep these instead; done twice, it is done once.
+
+        Raises
+        ------
+        FileNotFoundError
+            If the tile has no points.
+        """
+        try:
+            moments = VoxelMoments.from_records(self._spill.records(key))
+        except FileNotFoundError:
+            if self._path(key).exists():  # gathered by a process that ended before it could say so
+                return
+            raise
         self._keep(key, moments)
+        if self._finder is not None:
+            self._finder.look_at(key, moments)
         self._spill.remove(key)
-        if self._found is not None:
-            self._found.look_at(key, moments)
 
-    @property
-    def finds_classes(self) -> bool:
-        """Whether classes are to be found between gathering and making."""
-        return self._found is not None
-
-    def find_classes(self, key: TileKey) -> None:
+    def find_classes(self, key: TileKey) -> FoundInTile:
         """Find the classes of a tile; it and the tiles around it have been gathered."""
-        if self._found is not None:
-            self._found.find(key, self.gathered(key), list(self._halo(key, NEIGHBOUR_VOXELS, self.gathered)))
+        if self._finder is None:
+            raise TypeError("Expected something that finds classes, got None.")
+        return self._finder.find(
+            key, self.gathered(key), list(self._halo(key, NEIGHBOUR_VOXELS, self.gathered))
+        )
 
-    def has_voxels(self, key: TileKey) -> bool:
-        """Whether any voxel of a tile is for the map."""
-        return self._found is None or self._found.keeps_any(key)
-
-    def make(self, key: TileKey) -> VoxelTile:
+    def make(self, key: TileKey) -> MadeTile:
         """Return a tile; it and the tiles around it have been gathered, and their classes found."""
+        tile = self._made(key)
+        surfaces = level_surfaces(tile, self._cell) if self._finds_surfaces else None
+        return MadeTile(tile_record(tile), surfaces)
+
+    def _made(self, key: TileKey) -> VoxelTile:
         own = self._kept(key)
         if self._has_normals:
             normals = mean_normals(own.sides, own.counts)
@@ -104,21 +141,18 @@ class TileMaker:
             mean_steps(own.sums, own.counts, self._cell),
         )
 
-    def clear(self, keys: Sequence[TileKey]) -> None:
-        """Remove what was kept in between."""
-        for key in keys:
-            if self._in_memory.pop(key, None) is None:
-                self._path(key).unlink()
-
     def _keep(self, key: TileKey, moments: VoxelMoments) -> None:
         """Keep the voxels of a tile, in memory as long as they are few."""
         with self._lock:
-            fits = self._n_bytes + moments.n_bytes <= MEMORY_BYTES
+            fits = self._n_bytes + moments.n_bytes <= self._memory_bytes
             self._n_bytes += moments.n_bytes if fits else 0
         if fits:
             self._in_memory[key] = moments
         else:
             moments.save(self._path(key))
+
+    def _is_gathered(self, key: TileKey) -> bool:
+        return key in self._in_memory or self._path(key).exists()
 
     def gathered(self, key: TileKey) -> VoxelMoments:
         """Return the voxels of a tile."""
@@ -128,7 +162,7 @@ class TileMaker:
     def _kept(self, key: TileKey) -> VoxelMoments:
         """Voxels of a gathered tile that are for the map."""
         moments = self.gathered(key)
-        return moments if self._found is None else moments.select(self._found.is_kept(key))
+        return moments if self._finder is None else moments.select(self._finder.is_kept(key))
 
     def _halo(
         self, key: TileKey, reach: int, load: Callable[[TileKey], VoxelMoments]
@@ -137,7 +171,7 @@ class TileMaker:
         for dx in (-1, 0, 1):
             for dy in (-1, 0, 1):
                 neighbour = (key[0] + dx, key[1] + dy)
-                if (dx, dy) == (0, 0) or neighbour not in self._keys:
+                if (dx, dy) == (0, 0) or not self._is_gathered(neighbour):
                     continue
                 moments = load(neighbour)
                 x = moments.indices[:, 0] + dx * TILE_VOXELS

@@ -10,6 +10,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon.atomic import atomic_file
 from maxcon.mapping.spill import RECORD
 from maxcon.point_map import TILE_VOXELS
 
@@ -121,8 +122,8 @@ class VoxelMoments:
         return type(self)(parents[order[is_first]], counts, sums, outers, sides)
 
     def save(self, path: Path) -> None:
-        """Write to an uncompressed NPZ file."""
-        with path.open("wb") as file:
+        """Write to an uncompressed NPZ file, in a step."""
+        with atomic_file(path) as partial, partial.open("wb") as file:
             np.savez(
                 file,
                 indices=self.indices,

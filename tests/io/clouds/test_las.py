@@ -300,7 +300,7 @@ def test_laz_is_read_after_a_fork(tmp_path):
     if child == 0:
         with open_cloud(tmp_path / "a.laz") as reader:
             os._exit(0 if sum(len(chunk.points) for chunk in reader.chunks()) == n_points else 1)
-    deadline = time.monotonic() + 60.0
+    deadline = time.monotonic() + 300.0
     ended, status = os.waitpid(child, os.WNOHANG)
     while not ended and time.monotonic() < deadline:
         time.sleep(0.01)

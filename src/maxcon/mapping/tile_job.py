@@ -1,0 +1,136 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""The tiles of a map as a job: by threads of this process, or by the workers of an engine."""
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Any, NoReturn
+
+from maxcon.engine import Engine
+from maxcon.errors import MapError
+from maxcon.in_order import by_order, in_order
+from maxcon.mapping.found_classes import ClassFinder
+from maxcon.mapping.sightings import SightingSpill
+from maxcon.mapping.spill import TileSpill
+from maxcon.mapping.tiles import MEMORY_BYTES, TileMaker
+from maxcon.point_map import TileKey
+
+__all__ = ["TileJob", "TileRound", "TileStep", "TileTask", "by_engine", "by_threads"]
+
+
+class TileStep(Enum):
+    """The steps to a tile, each done for all tiles before the next: it needs the tiles around."""
+
+    GATHER = "gather"
+    FIND_CLASSES = "find classes"
+    MAKE = "make"
+
+
+@dataclass(frozen=True, slots=True)
+class TileTask:
+    """One step of one tile."""
+
+    step: TileStep
+    key: TileKey
+
+
+TileRound = Callable[[TileStep, Sequence[TileKey]], Iterator[Any]]
+"""Does a step for tiles, and yields what came of each, in their order: what the method of `TileMaker` returns."""
+
+
+@dataclass(frozen=True)
+class TileJob:
+    """What makes the tiles of a map, wherever it runs: the points and what is made of them is in a folder.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the spills; all workers see it.
+    cell : float
+        Voxel edge, m.
+    has_normals, is_signed, finds_surfaces : bool
+        See `TileMaker`.
+    drop : frozenset of int, optional
+        Classes that are to be found and left out; None if none are to be found.
+    """
+
+    folder: Path
+    cell: float
+    has_normals: bool
+    is_signed: bool
+    finds_surfaces: bool
+    drop: frozenset[int] | None = None
+    name: str = "tiles"
+
+    def maker(self, spill: TileSpill, sightings: SightingSpill, *, memory_bytes: int) -> TileMaker:
+        """Return what makes tiles of what was spilled."""
+        finder = None
+        if self.drop is not None:
+            finder = ClassFinder(self.folder, self.cell, sightings, self.drop)
+        return TileMaker(
+            spill, self.folder, self.cell, has_normals=self.has_normals, is_signed=self.is_signed, finder=finder,
+            finds_surfaces=self.finds_surfaces, memory_bytes=memory_bytes,
+        )  # fmt: skip
+
+    def open(self) -> Callable[[TileTask], Any]:
+        """Return what does a task in a worker; everything is in files, as the next task may be another worker's."""
+        spill, sightings = TileSpill(self.folder, self.cell), SightingSpill(self.folder, self.cell)
+        return _doing(self.maker(spill, sightings, memory_bytes=0))
+
+    def split(self, task: TileTask) -> Sequence[TileTask]:
+        """Return the task: a tile cannot be split."""
+        return [task]
+
+    def lost(self, task: TileTask, reason: str) -> NoReturn:
+        """Refuse a map without one of its tiles.
+
+        Raises
+        ------
+        MapError
+            Always.
+        """
+        x, y = task.key
+        raise MapError(
+            f"Expected to {task.step.value} all tiles of the map, but of tile ({x}, {y}) {reason}. Take a"
+            " smaller cell, or workers with more memory."
+        )
+
+
+def _doing(maker: TileMaker) -> Callable[[TileTask], Any]:
+    """Return what does a task."""
+    work: dict[TileStep, Callable[[TileKey], Any]] = {
+        TileStep.GATHER: maker.gather,
+        TileStep.FIND_CLASSES: maker.find_classes,
+        TileStep.MAKE: maker.make,
+    }
+    return lambda task: work[task.step](task.key)
+
+
+@contextmanager
+def by_threads(
+    job: TileJob, spill: TileSpill, sightings: SightingSpill, n_threads: int
+) -> Iterator[TileRound]:
+    """Yield what lets threads of this process make tiles; points and voxels stay in memory as far as they fit."""
+    do = _doing(job.maker(spill, sightings, memory_bytes=MEMORY_BYTES))
+    with ThreadPoolExecutor(n_threads) as pool:
+        try:
+            yield lambda step, keys: in_order(pool, do, (TileTask(step, key) for key in keys), 2 * n_threads)
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+@contextmanager
+def by_engine(job: TileJob, engine: Engine, n_tiles: int) -> Iterator[TileRound]:
+    """Yield what lets the workers of an engine make tiles; what was spilled is on disk."""
+    with engine.started(n_tiles) as run:
+
+        def do_all(step: TileStep, keys: Sequence[TileKey]) -> Iterator[Any]:
+            tasks = [TileTask(step, key) for key in keys]
+            return by_order(tasks, run(job, tasks))
+
+        yield do_all
