@@ -1,15 +1,18 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""How many points per second does a map build take in, and how much memory?
+"""How many points per second does a map build take in, by how many, and how much memory?
 
-    python benchmarks/map_build.py CLOUD... [--trajectory TUM]
+    python benchmarks/map_build.py CLOUD... [--trajectory TUM] [--workers 0,1,2]
     python benchmarks/map_build.py --synthetic 50
 
 The first builds from real clouds; the second from so many million points along a simulated road of
-kilometres, written as LAS first. Every build is a process of its own, so that its peak memory is its own.
+kilometres, written as LAS first. Every build is a process of its own, so that its peak memory is its own. With 0
+workers threads of that process make the tiles, with 1 one of them, with more so many processes. Reading is all until
+the first tile; what else processors were busy with is making tiles.
 """
 
 import argparse
+import hashlib
 import resource
 import subprocess
 import sys
@@ -52,19 +55,42 @@ def write_trajectory(path: Path, length: float) -> None:
     path.write_text("\n".join(rows) + "\n")
 
 
-def build(clouds: list[str], trajectory: str | None) -> None:
-    """Build once and print seconds, points, voxels and peak memory."""
+def build(clouds: list[str], trajectory: str | None, n_workers: int) -> None:
+    """Build once and print what it took, and what the map's bytes are."""
+    from maxcon.engine import Engine
     from maxcon.io.trajectories import read_trajectory
     from maxcon.mapping import MapOptions, build_map
 
     options = MapOptions(trajectory=read_trajectory(trajectory) if trajectory else None)
-    with tempfile.TemporaryDirectory() as folder:
-        start = time.perf_counter()
-        manifest = build_map(clouds, Path(folder) / "benchmark.map", options)
-        seconds = time.perf_counter() - start
+    read = []
+
+    def report(step: str, done: int, total: int) -> None:
+        if step == "making tiles" and not read:
+            read.append((time.perf_counter() - start, processors()))
+
+    with tempfile.TemporaryDirectory() as name:
+        start, folder = time.perf_counter(), Path(name) / "benchmark.map"
+        engine = Engine(n_workers) if n_workers > 1 else None
+        manifest = build_map(
+            clouds, folder, options, n_threads=1 if n_workers == 1 else None, engine=engine, progress=report
+        )
+        seconds, total = time.perf_counter() - start, processors()
+        files = sorted(path for path in folder.rglob("*") if path.is_file())
+        n_bytes = sum(path.stat().st_size for path in files)
+        checksum = hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()[:8]
     n_points = sum(source["n_points"] for source in manifest.build["sources"])
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
-    print(seconds, n_points, manifest.n_voxels, len(manifest.tiles), peak)
+    ((read_seconds, read_processors),) = read
+    print(
+        n_points, manifest.n_voxels, len(manifest.tiles), read_seconds, read_processors, seconds - read_seconds,
+        total - read_processors, peak, n_bytes, checksum,
+    )  # fmt: skip
+
+
+def processors() -> float:
+    """Seconds of processors that this process and those that it has waited for were busy."""
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(each.ru_utime + each.ru_stime for each in used)
 
 
 def main() -> None:
@@ -72,11 +98,12 @@ def main() -> None:
     parser.add_argument("clouds", nargs="*")
     parser.add_argument("--trajectory")
     parser.add_argument("--synthetic", type=int, metavar="MILLION")
+    parser.add_argument("--workers", default="0", help="numbers of workers, in turns (default: %(default)s)")
     parser.add_argument("--runs", type=int, default=3)
     parser.add_argument("--once", action="store_true", help="build once and print the figures alone")
     options = parser.parse_args()
     if options.once:
-        build(options.clouds, options.trajectory)
+        build(options.clouds, options.trajectory, int(options.workers))
         return
     with tempfile.TemporaryDirectory() as folder:
         clouds, trajectory = options.clouds, options.trajectory
@@ -85,14 +112,24 @@ def main() -> None:
             synthetic_cloud(cloud, options.synthetic)
             clouds, trajectory = [str(cloud)], str(cloud.with_suffix(".txt"))
         header("Map build")
-        print("| run | points | voxels | tiles | s | points/s | peak GiB |")
-        print("|---|---|---|---|---|---|---|")
-        for run in range(options.runs):
-            command = [sys.executable, __file__, "--once", *clouds]
-            command += ["--trajectory", trajectory] if trajectory else []
-            result = subprocess.run(command, capture_output=True, text=True, check=True)
-            s, n, voxels, tiles, peak = (float(value) for value in result.stdout.split())
-            print(f"| {run} | {n:,.0f} | {voxels:,.0f} | {tiles:.0f} | {s:.1f} | {n / s:,.0f} | {peak:.2f} |")
+        print("| workers | points | voxels | tiles | MB | reading s | processors | tiles s | processors | points/s |"
+              " peak GiB | map |")  # fmt: skip
+        print("|---" * 12 + "|")
+        for _ in range(options.runs):
+            for workers in options.workers.split(","):
+                command = [sys.executable, __file__, *clouds, "--once", "--workers", workers]
+                command += ["--trajectory", trajectory] if trajectory else []
+                ended = subprocess.run(command, capture_output=True, text=True, check=True)
+                *numbers, checksum = ended.stdout.split()
+                n_points, n_voxels, n_tiles, reading, read_cpu, making, made_cpu, peak, n_bytes = map(
+                    float, numbers
+                )
+                print(
+                    f"| {workers} | {n_points:,.0f} | {n_voxels:,.0f} | {n_tiles:.0f} | {n_bytes / 1e6:.0f} |"
+                    f" {reading:.1f} | {read_cpu:.1f} | {making:.1f} | {made_cpu:.1f} |"
+                    f" {n_points / (reading + making):,.0f} | {peak:.2f} | {checksum} |",
+                    flush=True,
+                )  # fmt: skip
 
 
 if __name__ == "__main__":
