@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from maxcon.atomic import write_json
+from maxcon.atomic import remove_partials, write_json
 from maxcon.drives.poses_dataset import PosesDataset
 from maxcon.drives.table import DriveEntry
 from maxcon.errors import FileError, OptionError
@@ -56,6 +56,7 @@ def check_sources(dataset: PosesDataset, entries: Sequence[DriveEntry]) -> None:
         If what was written down cannot be read, or not be written.
     """
     path = dataset.folder / SOURCES
+    remove_partials(path)
     known = _read(path, LARGEST_SOURCES, "the sources of drives") if path.exists() else {}
     if not all(isinstance(each, dict) for each in known.values()):
         raise FileError(f"Expected the sources of drives in {path}, got something else. Name another folder.")

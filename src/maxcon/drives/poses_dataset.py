@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from maxcon.atomic import atomic_file, make_folder
+from maxcon.atomic import atomic_file, make_folder, remove_partials
 from maxcon.drive import EpochEstimate
 from maxcon.errors import FileError
 from maxcon.poses_table import COLUMNS, COVARIANCES, UNKNOWNS
@@ -75,11 +75,11 @@ class PosesDataset:
 
     def has_rows(self, name: str) -> bool:
         """Whether a drive has rows, done or not."""
-        return self.is_done(name) or (self._parts / name).exists()
+        return self.is_done(name) or bool(self._parts_of(name))
 
     def has_any_rows(self) -> bool:
         """Whether any drive has rows, done or not."""
-        return self._parts.exists() or any(self.folder.glob("drive=*/poses.parquet"))
+        return any(self._parts.glob("*/[!.]*.parquet")) or any(self.folder.glob("drive=*/poses.parquet"))
 
     def add(self, name: str, epochs: Sequence[EpochEstimate]) -> None:
         """Keep rows of a drive that is not done yet.
@@ -108,7 +108,7 @@ class PosesDataset:
 
         if self.is_done(name):
             return _read(self.path(name))
-        parts = [_read(path) for path in sorted((self._parts / name).glob("[!.]*.parquet"))]
+        parts = [_read(path) for path in self._parts_of(name)]
         table = pyarrow.concat_tables([poses_schema().empty_table(), *parts]).sort_by("epoch")
         epochs = table.column("epoch").to_numpy()
         is_first = np.ones(len(epochs), bool)
@@ -116,7 +116,7 @@ class PosesDataset:
         return table.filter(pyarrow.array(is_first))
 
     def publish(self, name: str, table: "pyarrow.Table") -> None:
-        """Put a drive, of which all rows are there, into the dataset, in one step.
+        """Put a drive, of which all rows are there, into the dataset, in one step; nobody else may be at it.
 
         Raises
         ------
@@ -124,6 +124,7 @@ class PosesDataset:
             If it cannot be written.
         """
         make_folder(self.path(name).parent)
+        remove_partials(self.path(name))
         self._write(self.path(name), table)
         self.clear(name)
 
@@ -132,6 +133,10 @@ class PosesDataset:
         shutil.rmtree(self._parts / name, ignore_errors=True)
         if self._parts.exists() and not any(self._parts.iterdir()):
             self._parts.rmdir()
+
+    def _parts_of(self, name: str) -> list[Path]:
+        """Files with rows of a drive that is not done."""
+        return sorted((self._parts / name).glob("[!.]*.parquet"))
 
     @staticmethod
     def _write(path: Path, table: "pyarrow.Table") -> None:
