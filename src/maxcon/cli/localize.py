@@ -239,7 +239,7 @@ def localize(
     from maxcon.storage import address_of
 
     check_one_or_many(
-        drives, map_folder, scans,
+        drives, map_folder, scans, out,
         {"--prior": prior, "--odometry": odometry, "--times": times, "--tum": tum, "--plot": plot,
          "--plot-epochs": plot_epochs, "--resume": resume, "--overwrite": overwrite},
     )  # fmt: skip

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from maxcon.atomic import remove_partials, write_json
+from maxcon.differences import differences
 from maxcon.drives.poses_dataset import PosesDataset
 from maxcon.drives.table import DriveEntry
 from maxcon.errors import FileError, OptionError
@@ -38,10 +39,13 @@ def check_options(dataset: PosesDataset, wanted: dict[str, Any]) -> None:
     path = dataset.folder / OPTIONS
     if not (path.exists() and dataset.has_any_rows()):
         write_json(path, wanted)
-    elif _read(path, LARGEST_OPTIONS, "the options of a dataset") != json.loads(json.dumps(wanted)):
+        return
+    found = _read(path, LARGEST_OPTIONS, "the options of a dataset")
+    wanted = json.loads(json.dumps(wanted))
+    if found != wanted:
         raise OptionError(
             f"Expected to go on with the poses in {dataset.folder} by the same maxcon with the same options, as"
-            f" {path.name} there has them, got others. Name another folder."
+            f" {path.name} there has them, {differences(found, wanted)}. Give the same, or name another folder."
         )
 
 
