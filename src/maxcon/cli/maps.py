@@ -10,6 +10,7 @@ import typer
 
 from maxcon.cli import alignment
 from maxcon.cli.compiling import compiling_told
+from maxcon.cli.help_groups import GroupedCommand
 from maxcon.cli.map_update import rows_of_updates, update
 from maxcon.cli.progress import step_bars
 
@@ -35,7 +36,7 @@ app = typer.Typer(
 app.command("update", short_help="Write a new version of a map: what is gone, what is new.")(update)
 
 
-@app.command()
+@app.command(cls=GroupedCommand)
 def build(
     clouds: Annotated[
         list[Path],
@@ -161,7 +162,9 @@ def build(
     _describe(manifest)
 
 
-app.command("align", short_help="Bring rounds together before a map is built of them.")(alignment.align)
+app.command("align", cls=GroupedCommand, short_help="Bring rounds together before a map is built of them.")(
+    alignment.align
+)
 
 
 @app.command()

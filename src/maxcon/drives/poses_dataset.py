@@ -12,13 +12,13 @@ import numpy as np
 
 from maxcon.atomic import atomic_file, make_folder, remove_partials
 from maxcon.drive import EpochEstimate
-from maxcon.errors import FileError
+from maxcon.errors import FileError, OptionError
 from maxcon.poses_table import COLUMNS, COVARIANCES, UNKNOWNS
 
 if TYPE_CHECKING:
     import pyarrow
 
-__all__ = ["PosesDataset", "pose_row", "poses_schema"]
+__all__ = ["PosesDataset", "pose_row", "poses_schema", "table_of_drive"]
 
 TEXTS = ("status", "reason")
 
@@ -144,6 +144,42 @@ class PosesDataset:
 
         with atomic_file(path) as partial:
             pyarrow.parquet.write_table(table, partial, compression="zstd")
+
+
+def table_of_drive(folder: Path, name: str | None) -> Path:
+    """Return the file with the poses of a drive in a dataset; of the only one there, if none is named.
+
+    Raises
+    ------
+    FileError
+        If the folder is no such dataset.
+    OptionError
+        If the drive is not in it, or not done, or none is named of several.
+    """
+    dataset = PosesDataset(folder)
+    names = sorted(path.parent.name.removeprefix("drive=") for path in folder.glob("drive=*/poses.parquet"))
+    if not names:
+        raise FileError(
+            f"Expected POSES.csv, or a folder of maxcon localize --drives with a drive in it that is done, got {folder}"
+            " with none. Name another."
+        )
+    if name is None and len(names) > 1:
+        raise OptionError(
+            f"Expected --drive NAME with one of the drives in {folder}, {_few(names)}, got none. Name it."
+        )
+    if name is not None and name not in names:
+        is_begun = (folder / "_parts").is_dir() and name in {
+            path.name for path in (folder / "_parts").iterdir()
+        }
+        raise OptionError(
+            f"Expected --drive to be one of the drives in {folder} that are done, {_few(names)}, got {name!r}."
+            f" {'Go on with it by the same localize command' if is_begun else 'Name one of them'}."
+        )
+    return dataset.path(name or names[0])
+
+
+def _few(names: Sequence[str]) -> str:
+    return ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
 
 
 def _read(path: Path) -> "pyarrow.Table":
