@@ -107,7 +107,12 @@ def check_replaceable(path: str | os.PathLike[str], what: str, names: Sequence[s
         raise FileError(
             f"Expected {folder} to be {what}, to overwrite it, got: {error.strerror}. Name another folder."
         ) from error
-    others = [name for name in there if not any(fnmatchcase(name, pattern) for pattern in names)]
+    known = frozenset(names)  # thousands of files, where they are many
+    others = [
+        name
+        for name in there
+        if name not in known and not any(fnmatchcase(name, pattern) for pattern in names)
+    ]
     if others:
         raise FileError(
             f"Expected {folder} to be {what}, to overwrite it, but it holds {others[0]}."
