@@ -117,8 +117,10 @@ def test_tables_say_what_was_found(aligned):
 
 
 def test_threads_change_nothing(three_rounds, aligned, tmp_path):
-    _, out, _ = aligned
-    align_files(three_rounds[0], tmp_path / "out", AlignmentOptions(**PRIOR), n_threads=3)
+    _, out, trajectory = aligned
+    align_files(
+        three_rounds[0], tmp_path / "out", AlignmentOptions(**PRIOR), trajectories=[trajectory], n_threads=3
+    )
     for file in (tmp_path / "out").iterdir():
         assert file.read_bytes() == (out / file.name).read_bytes(), file.name
 
@@ -138,11 +140,12 @@ def test_nothing_is_overwritten(three_rounds, aligned, tmp_path):
 def test_only_the_files_of_an_alignment_are_replaced(three_rounds, aligned, tmp_path):
     """It lists them itself: other clouds and tables that were put beside them stay."""
     clouds, _ = three_rounds
-    _, made, _ = aligned
+    _, made, trajectory = aligned
     out = tmp_path / "out"
     shutil.copytree(made, out)
     align_files(clouds, out, AlignmentOptions(**PRIOR), overwrite=True)
-    assert sorted(path.name for path in out.iterdir()) == sorted(path.name for path in made.iterdir())
+    names = {path.name for path in out.iterdir()}
+    assert names == {path.name for path in made.iterdir()} - {trajectory.name}
     for name in ("mine.laz", "mine.csv", "mine.txt", "[we]st.laz"):
         (out / name).touch()
         with pytest.raises(FileError, match=rf"to be an alignment, .* it holds {re.escape(name)}"):

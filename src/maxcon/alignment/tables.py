@@ -61,7 +61,8 @@ def files_there(folder: str | os.PathLike[str]) -> tuple[str, ...]:
         named = json.loads(read_regular(Path(folder) / SUMMARY, LARGEST_SUMMARY))["files"]
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         named = []
-    return (*TABLES, *(name for name in named if isinstance(name, str)))
+    names = named if isinstance(named, list) else []
+    return (*TABLES, *(name for name in names if isinstance(name, str)))
 
 
 Row = Sequence[object]

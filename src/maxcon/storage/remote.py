@@ -41,7 +41,8 @@ NO_KEYS = (
 )
 CAUSES = {
     NO_RANGES: r"Range request not supported",
-    NO_KEYS: r"169\.254\.169\.254|/latest/(api/token|meta-data)|instance metadata",  # a machine of Amazon would have them from there
+    # A machine of Amazon would have them from there.
+    NO_KEYS: r"169\.254\.169\.254|/latest/(api/token|meta-data)|instance metadata",
     f"half of the keys: set both, {KEYS}": r"Missing ?(SecretAccessKey|AccessKeyId)",
     "no permission": r"PermissionDenied|Forbidden|AccessDenied|\b403\b",
     "the server does not know these credentials": r"Unauthenticated|InvalidAccessKeyId|SignatureDoesNotMatch|\b401\b",
