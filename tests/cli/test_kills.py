@@ -119,7 +119,7 @@ def report(drive, folder):
 
 
 class Writer(NamedTuple):
-    """A command, what makes it replace what is there, what is whole, how many rounds of kills, and a package it needs."""
+    """A command, what makes it replace what is there, what is whole, how many rounds of kills, a package it needs."""
 
     command: Callable[..., tuple]
     replacing: tuple[str, ...]
