@@ -6,6 +6,7 @@ import csv
 import json
 import math
 import re
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -240,6 +241,27 @@ def test_tum_and_kitti(table, tmp_path):
     np.testing.assert_allclose(matrices[:, :, 3], [pose.position for pose in wanted], atol=1e-4)
     np.testing.assert_allclose(matrices[:, :, :3], [pose.rotation for pose in wanted], atol=1e-11)
     assert np.loadtxt(tmp_path / "a.times.txt").tolist() == [10.0, 12.0]
+
+
+def test_the_two_files_of_kitti_come_together(table, tmp_path, monkeypatch):
+    """What ends the writing of one leaves both as they were: never the times of other poses."""
+    files = [tmp_path / "a.kitti", tmp_path / "a.times.txt"]
+    for file in files:
+        file.write_text("before")
+    write, written = Path.write_text, []
+
+    def write_some(self, *arguments, **options):
+        written.append(self.name)
+        if len(written) == 2:
+            raise KeyboardInterrupt
+        return write(self, *arguments, **options)
+
+    monkeypatch.setattr(Path, "write_text", write_some)
+    with pytest.raises(KeyboardInterrupt):
+        export_poses(table, files[0])
+    assert sorted(written) == sorted(file.name for file in files)
+    assert [file.read_text() for file in files] == ["before", "before"]
+    assert sorted(tmp_path.glob("*a.*")) == files
 
 
 def test_csv_in_degrees_reads_back(table, tmp_path):
