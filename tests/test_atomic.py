@@ -13,6 +13,7 @@ import pytest
 
 from maxcon.atomic import atomic_file, atomic_folder, check_writable, make_folder
 from maxcon.errors import FileError, MaxconError
+from maxcon.partials import sweep_folder
 
 
 class Interrupted(BaseException):
@@ -32,7 +33,7 @@ def test_a_file_appears_whole(tmp_path):
     with atomic_file(target) as partial:
         partial.write_text("half")
         assert not target.exists()
-        assert partial.parent == target.parent  # the same file system, so that renaming is one step
+        assert partial.parent.parent == target.parent  # the same file system, so that renaming is one step
         partial.write_text("whole")
     assert target.read_text() == "whole"
     assert names(tmp_path) == ["poses.csv"]
@@ -172,6 +173,47 @@ def test_what_a_killed_process_left_is_swept_up(tmp_path):
     with atomic_folder(target):
         pass
     assert names(tmp_path) == [".other.map.partial-12345678", "city.map"]
+
+
+def _killed_while_writing(target):
+    child = os.fork()
+    if child == 0:
+        with atomic_file(target) as partial:
+            partial.write_text("half")
+            os.kill(os.getpid(), signal.SIGKILL)
+    os.waitpid(child, 0)
+
+
+def test_what_a_killed_process_left_of_a_file_is_swept_up(tmp_path):
+    target = tmp_path / "poses.laz"
+    _killed_while_writing(target)
+    assert len(names(tmp_path)) == 1 and not target.exists()
+    _killed_while_writing(tmp_path / "other.laz")
+    with atomic_file(target) as at_work:
+        at_work.write_text("whole")
+        check_writable(target)
+    assert target.read_text() == "whole"
+    assert len(names(tmp_path)) == 2
+    sweep_folder(tmp_path)
+    assert names(tmp_path) == ["poses.laz"]
+
+
+@pytest.mark.parametrize("overwrite", [True, False])
+def test_a_folder_that_a_killed_process_moved_aside_returns(tmp_path, overwrite):
+    """Where two folders cannot change places in one step, a kill may fall between the two renames."""
+    old, target = tmp_path / ".city.map.old-12345678", tmp_path / "city.map"
+    old.mkdir()
+    (old / "old").touch()
+    error = ValueError if overwrite else FileError
+    with pytest.raises(error), atomic_folder(target, overwrite=overwrite):
+        raise ValueError
+    assert names(tmp_path) == ["city.map"]
+    assert names(target) == ["old"]
+    old.mkdir()  # a kill before it was removed
+    with atomic_folder(target, overwrite=True) as partial:
+        (partial / "new").touch()
+    assert names(tmp_path) == ["city.map"]
+    assert names(target) == ["new"]
 
 
 def test_the_folder_of_a_process_at_work_is_left_alone(tmp_path):

@@ -4,18 +4,16 @@
 
 import json
 import os
-import shutil
 import stat
-import uuid
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager
 from fnmatch import fnmatchcase
 from glob import escape
 from pathlib import Path
 
 from maxcon.errors import FileError
 from maxcon.exchange import swapped
-from maxcon.locks import try_lock
+from maxcon.partials import check_name, old_place, partial_folder, put_back, remove, sweep
 from maxcon.regular_file import special_kind
 
 __all__ = [
@@ -49,18 +47,20 @@ def make_folder(path: str | os.PathLike[str]) -> None:
 def check_writable(path: str | os.PathLike[str]) -> None:
     """Refuse a file that cannot be written, before the work whose outcome it shall hold.
 
+    What killed processes left of it beside it is removed.
+
     Raises
     ------
     FileError
         If it is a folder or no file at all (a device, a FIFO), or its own folder does not exist or takes no files.
     """
-    partial = _beside(_output_file(path))
+    target = _output_file(path)
     try:
-        partial.touch()
+        with partial_folder(target) as folder:
+            (folder / target.name).touch()
+        sweep(target)
     except OSError as error:
         raise _cannot_write(path, error) from error
-    finally:
-        _remove(partial)
 
 
 def check_folder(path: str | os.PathLike[str]) -> None:
@@ -107,7 +107,12 @@ def check_replaceable(path: str | os.PathLike[str], what: str, names: Sequence[s
         raise FileError(
             f"Expected {folder} to be {what}, to overwrite it, got: {error.strerror}. Name another folder."
         ) from error
-    others = [name for name in there if not any(fnmatchcase(name, pattern) for pattern in names)]
+    known = frozenset(names)  # thousands of files, where they are many
+    others = [
+        name
+        for name in there
+        if name not in known and not any(fnmatchcase(name, pattern) for pattern in names)
+    ]
     if others:
         raise FileError(
             f"Expected {folder} to be {what}, to overwrite it, but it holds {others[0]}."
@@ -159,22 +164,6 @@ def _behind_links(path: Path) -> Path:
         return path
 
 
-def _beside(path: Path) -> Path:
-    """Return a name in the same folder (same file system) that nobody else uses."""
-    if path.name in ("", ".."):
-        raise FileError(f"Expected the name of what to write, got '{path}'. Put a name behind it.")
-    return path.with_name(f".{path.name}.partial-{uuid.uuid4().hex[:8]}")
-
-
-def _remove(path: Path) -> None:
-    """Remove a file or a folder, if it can be: an error that is on its way says more than one of cleaning up."""
-    with suppress(OSError):
-        if path.is_dir() and not path.is_symlink():
-            shutil.rmtree(path, ignore_errors=True)
-        else:
-            path.unlink(missing_ok=True)
-
-
 @contextmanager
 def atomic_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a path to write to; it replaces `path` when the block ends well and vanishes otherwise.
@@ -186,14 +175,13 @@ def atomic_file(path: str | os.PathLike[str]) -> Iterator[Path]:
         file stands there.
     """
     target = _output_file(path)
-    partial = _beside(target)
     try:
-        yield partial
-        partial.replace(_output_file(target))
+        with partial_folder(target) as folder:
+            partial = folder / target.name
+            yield partial
+            partial.replace(_output_file(target))
     except OSError as error:
         raise _cannot_write(target, error) from error
-    finally:
-        _remove(partial)
 
 
 def write_json(path: str | os.PathLike[str], value: object) -> None:
@@ -206,14 +194,15 @@ def remove_partials(path: str | os.PathLike[str]) -> None:
     """Remove what killed processes left of a file that they were writing; nobody else may be writing it now."""
     target = Path(path)
     for left in target.parent.glob(f".{escape(target.name)}.partial-*"):
-        _remove(left)
+        remove(left)
 
 
 @contextmanager
 def atomic_folder(path: str | os.PathLike[str], *, overwrite: bool = False) -> Iterator[Path]:
     """Yield an empty folder to fill; it becomes `path` when the block ends well and vanishes otherwise.
 
-    Folders that a killed process left half filled for the same `path` are removed.
+    Folders that a killed process left half filled for the same `path` are removed; one that it had moved aside, to
+    replace it, returns.
 
     Raises
     ------
@@ -221,65 +210,22 @@ def atomic_folder(path: str | os.PathLike[str], *, overwrite: bool = False) -> I
         If `path` exists and `overwrite` is False, or the folder cannot be written.
     """
     target = _behind_links(Path(path))
-    _beside(target)  # refuses what is no name
-    with ExitStack() as stack:
-        try:
-            if target.exists() and not overwrite:
-                raise FileError(
-                    f"Expected {target} not to exist yet, but it does."
-                    " Name another, remove it, or allow overwriting it (--overwrite)."
-                )
-            if target.exists() and not target.is_dir():
-                raise FileError(f"Expected a folder to overwrite, got the file {target}. Name another.")
-            _sweep(target)
-            partial = _locked_folder(target, stack)
+    check_name(target)
+    try:
+        put_back(target)
+        if target.exists() and not overwrite:
+            raise FileError(
+                f"Expected {target} not to exist yet, but it does."
+                " Name another, remove it, or allow overwriting it (--overwrite)."
+            )
+        if target.exists() and not target.is_dir():
+            raise FileError(f"Expected a folder to overwrite, got the file {target}. Name another.")
+        sweep(target)
+        with partial_folder(target) as partial:
             yield partial
             _exchange(partial, target)
-        except OSError as error:
-            raise _cannot_write(target, error) from error
-
-
-def _locked_folder(target: Path, stack: ExitStack) -> Path:
-    """Make a folder beside `target` that is removed, and whose lock is held, until the stack is left."""
-    while True:
-        partial = _beside(target)
-        stack.callback(_remove, partial)
-        partial.mkdir()
-        descriptor = _open_folder(partial)
-        if descriptor is None:
-            return partial
-        stack.callback(os.close, descriptor)
-        if _holds_lock(descriptor) is not False and partial.exists():
-            return partial  # else it was swept away before it was locked
-
-
-def _sweep(target: Path) -> None:
-    """Remove the folders that killed processes left beside `target`: nobody holds their locks."""
-    for left in target.parent.glob(f".{escape(target.name)}.partial-*"):
-        descriptor = _open_folder(left)
-        if descriptor is None:
-            continue
-        try:
-            if _holds_lock(descriptor):
-                _remove(left)
-        finally:
-            os.close(descriptor)
-
-
-def _open_folder(folder: Path) -> int | None:
-    """Return a descriptor of a folder, to lock it; None if it is none, or of a system that opens no folders."""
-    try:
-        return os.open(folder, os.O_RDONLY | getattr(os, "O_DIRECTORY", 0))
-    except OSError:
-        return None
-
-
-def _holds_lock(descriptor: int) -> bool | None:
-    """Try to lock a folder; None where the file system knows no locks: what lies there is not swept away."""
-    try:
-        return try_lock(descriptor)
-    except OSError:
-        return None
+    except OSError as error:
+        raise _cannot_write(target, error) from error
 
 
 def _exchange(partial: Path, target: Path) -> None:
@@ -289,7 +235,7 @@ def _exchange(partial: Path, target: Path) -> None:
         return
     if swapped(partial, target):
         return  # the old one is where `partial` was, and is removed there
-    old = target.with_name(f".{target.name}.old-{uuid.uuid4().hex[:8]}")
+    old = old_place(target)
     try:
         target.replace(old)
         partial.replace(target)
@@ -297,4 +243,4 @@ def _exchange(partial: Path, target: Path) -> None:
         if old.exists() and not target.exists():
             old.replace(target)
         raise
-    _remove(old)
+    remove(old)

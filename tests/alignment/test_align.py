@@ -4,6 +4,8 @@
 
 import csv
 import json
+import re
+import shutil
 
 import laspy
 import numpy as np
@@ -115,8 +117,10 @@ def test_tables_say_what_was_found(aligned):
 
 
 def test_threads_change_nothing(three_rounds, aligned, tmp_path):
-    _, out, _ = aligned
-    align_files(three_rounds[0], tmp_path / "out", AlignmentOptions(**PRIOR), n_threads=3)
+    _, out, trajectory = aligned
+    align_files(
+        three_rounds[0], tmp_path / "out", AlignmentOptions(**PRIOR), trajectories=[trajectory], n_threads=3
+    )
     for file in (tmp_path / "out").iterdir():
         assert file.read_bytes() == (out / file.name).read_bytes(), file.name
 
@@ -131,6 +135,26 @@ def test_nothing_is_overwritten(three_rounds, aligned, tmp_path):
     (tmp_path / "mine.doc").write_text("")
     with pytest.raises(FileError, match="to be an alignment"):
         align_files(clouds, tmp_path, overwrite=True)
+
+
+def test_only_the_files_of_an_alignment_are_replaced(three_rounds, aligned, tmp_path):
+    """It lists them itself: other clouds and tables that were put beside them stay."""
+    clouds, _ = three_rounds
+    _, made, trajectory = aligned
+    out = tmp_path / "out"
+    shutil.copytree(made, out)
+    align_files(clouds, out, AlignmentOptions(**PRIOR), overwrite=True)
+    names = {path.name for path in out.iterdir()}
+    assert names == {path.name for path in made.iterdir()} - {trajectory.name}
+    for name in ("mine.laz", "mine.csv", "mine.txt", "[we]st.laz"):
+        (out / name).touch()
+        with pytest.raises(FileError, match=rf"to be an alignment, .* it holds {re.escape(name)}"):
+            align_files(clouds, out, overwrite=True)
+        (out / name).unlink()
+    for summary in ('{"files": ["*"]}', '{"files": 3}', "[]", "{"):
+        (out / "alignment.json").write_text(summary)
+        with pytest.raises(FileError, match=r"to be an alignment, .* it holds \w+\.laz"):
+            align_files(clouds, out, overwrite=True)
 
 
 def test_one_pass_is_nothing_to_align(tmp_path, write_las, scene):

@@ -70,3 +70,35 @@ def test_scans_lie_in_the_map(maxcon, poses, drive, tmp_path):
     assert (ended.code, ended.err) == (0, "")
     cloud = laspy.read(tmp_path / "a.laz")
     assert f"4 of 4 epochs have a pose, {len(cloud.points):,} points; written to" in ended.out
+
+
+def test_a_drive_of_many_is_exported_by_its_name(maxcon, refused, poses, drive, tmp_path):
+    table, many = tmp_path / "drives.csv", tmp_path / "many"
+    scans, prior = drive.dataset.scans, drive.dataset.prior
+    table.write_text(f"name,scans,prior\na,{scans},{prior}\n")
+    localize = ("localize", drive.city, "--drives", table, "-o", many, "--workers", "1")
+    assert maxcon(*localize).code == 0
+    assert maxcon("export", many, "-o", tmp_path / "only.csv").out.startswith("4 of 4 epochs")  # there is one
+    table.write_text(f"name,scans,prior\na,{scans},{prior}\n0013,{scans},{prior}\n")
+    assert maxcon(*localize).code == 0
+    (many / "_parts" / "c").mkdir(parents=True)
+    export = ("export", many, "--map", drive.city, "-o")
+    assert maxcon(*export, tmp_path / "a.geojson", "--drive", "0013").code == 0
+    assert maxcon("export", poses, "--map", drive.city, "-o", tmp_path / "b.geojson").code == 0
+    places = [
+        [
+            feature["geometry"]["coordinates"]
+            for feature in json.loads((tmp_path / name).read_text())["features"]
+        ]
+        for name in ("a.geojson", "b.geojson")
+    ]
+    assert places[0] == [pytest.approx(place, abs=1e-3) for place in places[1]]
+    refused(maxcon(*export, tmp_path / "c.kml"), "0013, a, got none")
+    refused(maxcon(*export, tmp_path / "c.kml", "--drive", "b"), "0013, a, got 'b'", "Name one of them")
+    refused(maxcon(*export, tmp_path / "c.kml", "--drive", "c"), "got 'c'", "same localize command")
+    refused(maxcon("export", tmp_path, "-o", tmp_path / "c.kml"), "--drives", str(tmp_path))
+    refused(maxcon("export", poses, "-o", tmp_path / "c.kml", "--drive", "a"), "a folder of many drives")
+    assert not list(tmp_path.glob("c.*"))
+    at = (drive.city, scans, many / "drive=a" / "poses.parquet", "-o", tmp_path / "updated.map")
+    updated = maxcon("map", "update", *at, "-q")
+    assert "drive=a/poses.parquet (" in updated.out, updated

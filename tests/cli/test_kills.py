@@ -3,11 +3,13 @@
 """Every command that writes is killed at odd moments: nothing half written, nothing lost that was finished.
 
 SIGKILL cannot be caught: what a command leaves is what it had written. The moments are drawn from the time that it
-takes undisturbed; on a busy machine they fall where they fall, and what is asked holds at each of them.
+takes undisturbed; on a busy machine they fall where they fall, and what is asked holds at each of them. MAXCON_KILLS=10
+kills ten times as often.
 """
 
 import csv
 import json
+import os
 import random
 import shutil
 import subprocess
@@ -17,15 +19,25 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+import laspy
+import numpy as np
 import pytest
 
 from maxcon.dataset import Dataset
+from maxcon.demo import DEMO_NAMES
+from maxcon.drives import PosesDataset
 from maxcon.study import Study
+from s3_buckets import bucket_on, s3_server_here
 
 if sys.platform == "win32":
     pytest.skip("no SIGKILL", allow_module_level=True)
 
-N_KILLS = 2
+MORE = int(os.environ.get("MAXCON_KILLS", "1"))
+FEW, SOME = MORE, 2 * MORE
+"""Rounds, of one to three kills each."""
+
+
+# --- what each command writes, and what of it is whole -----------------------------------------------------
 
 
 def is_whole_map(path, maxcon):
@@ -36,8 +48,30 @@ def is_whole_dataset(path, maxcon):
     return len(list(Dataset.open(path).scans.glob("*.bin"))) == 2
 
 
+def is_whole_alignment(path, maxcon):
+    files = json.loads((path / "alignment.json").read_text())["files"]
+    return len(files) == 2 and all(len(laspy.read(path / name).points) > 1000 for name in files)
+
+
 def is_whole_geojson(path, maxcon):
     return len(json.loads(path.read_text())["features"]) == 4
+
+
+def is_whole_geopackage(path, maxcon):
+    import pyogrio
+
+    return pyogrio.read_info(path)["features"] == 4
+
+
+def is_whole_mcap(path, maxcon):
+    from mcap.reader import make_reader
+
+    with path.open("rb") as stream:
+        return make_reader(stream).get_summary().statistics.message_count == 13
+
+
+def is_whole_laz(path, maxcon):
+    return len(np.unique(laspy.read(path).point_source_id)) == 4
 
 
 def is_whole_page(path, maxcon):
@@ -48,12 +82,36 @@ def map_build(drive, folder):
     return "map", "build", *drive.dataset.map_clouds, "-o", folder / "out.map"
 
 
+def map_update(drive, folder):
+    return (
+        "map",
+        "update",
+        drive.city,
+        drive.dataset.scans,
+        folder.parent / "poses.csv",
+        "-o",
+        folder / "out.map",
+    )
+
+
+def map_align(drive, folder):
+    return "map", "align", *sorted(folder.parent.glob("round-*.laz")), "-o", folder / "out"
+
+
+def map_copy(drive, folder):
+    return "map", "copy", drive.city, folder / "out.map"
+
+
 def simulate(drive, folder):
     return "simulate", "--epochs", "2", folder / "out"
 
 
-def export(drive, folder):
-    return "export", folder.parent / "poses.csv", "--crs", "EPSG:25832", "-o", folder / "out.geojson"
+def export_to(name):
+    def export(drive, folder):
+        scans = ("--scans", drive.dataset.scans) if name.endswith(".laz") else ()
+        return "export", folder.parent / "poses.csv", "--crs", "EPSG:25832", *scans, "-o", folder / name
+
+    return export
 
 
 def report(drive, folder):
@@ -61,46 +119,81 @@ def report(drive, folder):
 
 
 class Writer(NamedTuple):
-    """A command, what makes it replace what is there, and what is whole."""
+    """A command, what makes it replace what is there, what is whole, how many rounds of kills, a package it needs."""
 
     command: Callable[..., tuple]
     replacing: tuple[str, ...]
     is_whole: Callable[..., bool]
+    n_rounds: int = SOME
+    package: str = "numpy"
 
 
+OVERWRITE = ("--overwrite",)
 WRITERS = {
-    "map build": Writer(map_build, ("--overwrite",), is_whole_map),
-    "simulate": Writer(simulate, ("--overwrite",), is_whole_dataset),
-    "export": Writer(export, ("--overwrite",), is_whole_geojson),
+    "map build": Writer(map_build, OVERWRITE, is_whole_map, n_rounds=FEW),
+    "map update": Writer(map_update, OVERWRITE, is_whole_map, n_rounds=FEW),
+    "map align": Writer(map_align, OVERWRITE, is_whole_alignment, n_rounds=FEW),
+    "map copy": Writer(map_copy, OVERWRITE, is_whole_map),
+    "simulate": Writer(simulate, OVERWRITE, is_whole_dataset, n_rounds=FEW),
+    "export geojson": Writer(export_to("out.geojson"), OVERWRITE, is_whole_geojson),
+    "export gpkg": Writer(export_to("out.gpkg"), OVERWRITE, is_whole_geopackage, package="pyogrio"),
+    "export mcap": Writer(export_to("out.mcap"), OVERWRITE, is_whole_mcap, package="mcap"),
+    "export laz": Writer(export_to("out.laz"), OVERWRITE, is_whole_laz),
     "report": Writer(report, (), is_whole_page),
 }
 
 
+# --- inputs, and how to kill -------------------------------------------------------------------------------
+
+
 class Written(NamedTuple):
-    """A folder with the poses and a study of a drive, and how long each took undisturbed, s."""
+    """A folder with the poses and a study of a drive, and how long the study took undisturbed, s."""
 
     folder: Path
-    seconds_of_drive: float
     seconds_of_study: float
 
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory, drive, maxcon_in_process_of_its_own):
-    """Poses and a study of the drive, made undisturbed."""
+    """Poses and a study of the drive, made undisturbed; and two rounds to align."""
     folder = tmp_path_factory.mktemp("kills")
-    run = maxcon_in_process_of_its_own
-    dataset = drive.dataset
+    made = maxcon_in_process_of_its_own(*localize(drive, folder / "poses.csv"))
+    assert made.code == 0, made.err
     began = time.monotonic()
-    made = run(*localize(drive, folder / "poses.csv"))
+    made = maxcon_in_process_of_its_own(*study(drive.dataset, folder / "small.study"))
     assert made.code == 0, made.err
-    between = time.monotonic()
-    made = run(*study(dataset, folder / "small.study"))
-    assert made.code == 0, made.err
-    return Written(folder, between - began, time.monotonic() - between)
+    seconds = time.monotonic() - began
+    for number in range(2):
+        _write_round(folder / f"round-{number}.laz", number)
+    return Written(folder, seconds)
+
+
+def _write_round(path, number):
+    """Points of a floor and two walls, 5 cm further east each round."""
+    rng = np.random.default_rng(number)
+    one, other = rng.uniform(0.0, 22.0, (2, 30_000))
+    zero, up = np.zeros(10_000), other[10_000:20_000] / 5.0
+    floor = np.column_stack([one[:10_000], other[:10_000], zero])
+    along = np.column_stack([one[10_000:20_000], zero + 18.0, up])
+    across = np.column_stack([zero + 18.0, one[20_000:], other[20_000:] / 5.0])
+    points = rng.permutation(np.concatenate([floor, along, across]))
+    points += rng.normal(0.0, 0.01, points.shape) + [0.05 * number, 0.0, 0.0]
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.offsets, header.scales = [550_000.0, 5_802_000.0, 0.0], np.full(3, 0.001)
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = (points + header.offsets).T
+    las.gps_time = 1000.0 * number + np.linspace(0.0, 8.0, len(points))
+    las.write(path)
 
 
 def localize(drive, out):
     return "localize", drive.city, drive.dataset.scans, "--prior", drive.dataset.prior, "-o", out
+
+
+def relocalize(drive, out):
+    place = drive.reference.at(float(drive.reference.times[0]), 0.5)
+    around = ("--around", f"{place.x:.1f},{place.y:.1f}", "--radius", "60")
+    return "relocalize", drive.city, drive.dataset.scans, *around, "-o", out
 
 
 def study(dataset, out):
@@ -122,9 +215,9 @@ def study(dataset, out):
 def killed(maxcon_process):
     """Start a command and kill it after so many seconds; return whether it was still at work."""
 
-    def run(arguments, seconds):
+    def run(arguments, seconds, **options):
         quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        with maxcon_process(*arguments, **quiet) as process:
+        with maxcon_process(*arguments, **quiet, **options) as process:
             try:
                 process.wait(timeout=seconds)
             except subprocess.TimeoutExpired:
@@ -136,21 +229,34 @@ def killed(maxcon_process):
     return run
 
 
+@pytest.fixture
+def timed(maxcon_in_process_of_its_own):
+    """Run a command to its end; return how long it took, s."""
+
+    def run(*arguments, **options):
+        began = time.monotonic()
+        ended = maxcon_in_process_of_its_own(*arguments, **options)
+        assert ended.code == 0, ended.err
+        return time.monotonic() - began
+
+    return run
+
+
+# --- commands that write a file or a folder ---------------------------------------------------------------
+
+
 @pytest.mark.parametrize("name", WRITERS)
-def test_what_a_killed_command_leaves_is_whole_or_not_there(
-    name, drive, written, maxcon, maxcon_in_process_of_its_own, killed
-):
-    command, replacing, is_whole = WRITERS[name]
+def test_what_a_killed_command_leaves_is_whole_or_not_there(name, drive, written, maxcon, timed, killed):
+    command, replacing, is_whole, n_rounds, package = WRITERS[name]
+    pytest.importorskip(package)
     folder = written.folder / name.replace(" ", "-")
     folder.mkdir()
     arguments = command(drive, folder)
     out, rng = arguments[-1], random.Random(name)
-    began = time.monotonic()
-    assert maxcon_in_process_of_its_own(*arguments).code == 0
-    seconds = time.monotonic() - began
+    seconds = timed(*arguments)
     assert is_whole(out, maxcon)
     aside = folder / "aside"
-    for _ in range(N_KILLS):
+    for _ in range(n_rounds):
         out.rename(aside)
         killed(arguments, rng.uniform(0.2, 1.0) * seconds)
         assert not out.exists() or is_whole(out, maxcon)
@@ -160,35 +266,105 @@ def test_what_a_killed_command_leaves_is_whole_or_not_there(
             _remove(aside)
         killed((*arguments, *replacing), rng.uniform(0.2, 1.0) * seconds)
         assert is_whole(out, maxcon)
-    assert maxcon_in_process_of_its_own(*arguments, *replacing).code == 0
+    timed(*arguments, *replacing)
     assert is_whole(out, maxcon)
     # A report's figures lie in a folder beside it.
     assert {path.name for path in folder.iterdir()} - {"out-figures"} == {out.name}
+    assert not list(folder.rglob(".*partial*"))
 
 
 def _remove(path):
     shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
-def test_rows_of_a_killed_drive_stay_and_are_gone_on_with(
-    drive, written, maxcon_in_process_of_its_own, killed
+# The steps of a demo take a minute; what is asked of the command is the same of quick ones.
+QUICK_DEMO = """
+import time
+from maxcon import demo
+from maxcon.cli import main
+
+def step(*names):
+    def write(*arguments, **options):
+        for folder in (each for each in arguments if hasattr(each, "is_dir")):
+            for name in names:
+                time.sleep(0.05)
+                (folder / name).write_text(name)
+        return ()
+    return write
+
+demo.prepare_demo, demo.localize_demo = step("dataset", "city.map"), step("poses-a.csv")
+demo.try_wide_priors = step("city-with-ground.map", "prior-error.csv")
+demo.report_demo = step("pictures", "report.html")
+import maxcon.cli.demo as command
+command._print_table = command._print_wide = lambda results: None
+main()
+"""
+
+
+def test_a_killed_demo_leaves_none_or_the_one_before_and_the_same_command_works(timed, killed, tmp_path):
+    """What it had begun beside its folder is removed by the next."""
+    out, rng = tmp_path / "out", random.Random("demo")
+    names = {name.replace("*", "a") for name in DEMO_NAMES}
+    arguments = ("demo", "--out", out)
+    seconds = timed(*arguments, script=QUICK_DEMO)
+    for has_one in (True, True, False, False):
+        if not has_one:
+            shutil.rmtree(out, ignore_errors=True)
+        killed(arguments, rng.uniform(0.5, 1.0) * seconds, script=QUICK_DEMO)
+        assert has_one <= out.exists()
+        assert not out.exists() or {path.name for path in out.iterdir()} == names
+    timed(*arguments, script=QUICK_DEMO)
+    assert {path.name for path in out.iterdir()} == names
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+@pytest.fixture
+def bucket(monkeypatch):
+    """Address of an empty bucket; what is read from it is kept nowhere."""
+    monkeypatch.setenv("MAXCON_CACHE_GB", "0")
+    with s3_server_here() as server, bucket_on(server, monkeypatch) as address:
+        yield address
+
+
+def test_a_killed_copy_to_a_bucket_leaves_no_map_there_and_is_gone_on_with(
+    drive, bucket, maxcon, timed, killed
 ):
-    whole = _rows(written.folder / "poses.csv")
-    folder = written.folder / "localize"
+    rng = random.Random("bucket")
+    seconds = timed("map", "copy", drive.city, f"{bucket}/whole")
+    for number in range(SOME):
+        arguments = ("map", "copy", drive.city, f"{bucket}/{number}")
+        killed(arguments, rng.uniform(0.6, 1.0) * seconds)
+        is_there = is_whole_map(arguments[-1], maxcon)
+        assert is_there or "no manifest.json there" in maxcon("map", "info", arguments[-1]).err
+        timed(*arguments, *(OVERWRITE if is_there else ()))
+        assert is_whole_map(arguments[-1], maxcon)
+        killed((*arguments, *OVERWRITE), rng.uniform(0.6, 1.0) * seconds)
+        assert is_whole_map(arguments[-1], maxcon)
+
+
+# --- commands that go on ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("command", "n_rounds"), [(localize, SOME), (relocalize, FEW)])
+def test_rows_of_a_killed_drive_stay_and_are_gone_on_with(command, n_rounds, drive, written, timed, killed):
+    folder = written.folder / command.__name__
     folder.mkdir()
-    out, rng, seconds = folder / "poses.csv", random.Random("localize"), written.seconds_of_drive
-    for _ in range(N_KILLS):
-        out.unlink(missing_ok=True)
+    out, rng = folder / "poses.csv", random.Random(command.__name__)
+    seconds = timed(*command(drive, out))
+    whole = _rows(out)
+    assert len(whole) == 4
+    for _ in range(n_rounds):
+        out.unlink()
         resume = ()
         kept = []
         for _ in range(2):
-            killed((*localize(drive, out), *resume), rng.uniform(0.5, 1.0) * seconds)
+            killed((*command(drive, out), *resume), rng.uniform(0.5, 1.0) * seconds)
             if out.exists():
                 rows = _rows(out)
                 assert rows[: len(kept)] == kept  # nothing that was finished is lost
                 assert rows == whole[: len(rows)]
                 kept, resume = rows, ("--resume",)
-        assert maxcon_in_process_of_its_own(*localize(drive, out), *resume).code == 0
+        timed(*command(drive, out), *resume)
         assert _rows(out) == whole
     assert [path.name for path in folder.iterdir()] == ["poses.csv"]
 
@@ -200,9 +376,41 @@ def _rows(path):
     return [{**row, "ms": ""} for row in csv.DictReader(complete)]
 
 
-def test_rows_of_a_killed_study_stay_and_are_gone_on_with(
-    drive, written, maxcon_in_process_of_its_own, killed
-):
+def test_drives_that_are_done_stay_and_the_others_are_gone_on_with(drive, written, timed, killed):
+    def rows(out, name):
+        return PosesDataset(out).rows(name).drop_columns(["ms"]).to_pylist()
+
+    def localize_drives(out):
+        return "localize", drive.city, "--drives", table, "-o", out, "--workers", "1"
+
+    folder, rng, names = written.folder / "drives", random.Random("drives"), ("a", "b", "c")
+    folder.mkdir()
+    table = folder / "drives.csv"
+    lines = [f"{name},{drive.dataset.scans},{drive.dataset.prior}" for name in names]
+    table.write_text("\n".join(["name,scans,prior", *lines]) + "\n")
+    seconds = timed(*localize_drives(folder / "whole"))
+    whole = {name: rows(folder / "whole", name) for name in names}
+    assert [len(found) for found in whole.values()] == [4, 4, 4]
+    for number in range(SOME):
+        out, kept = folder / str(number), {name: [] for name in names}
+        for _ in range(2):
+            killed(localize_drives(out), rng.uniform(0.5, 1.0) * seconds)
+            found = {name: rows(out, name) for name in names}
+            for name in names:
+                assert all(row in found[name] for row in kept[name])
+                assert all(row in whole[name] for row in found[name])
+                assert not PosesDataset(out).is_done(name) or found[name] == whole[name]
+            kept = found
+        timed(*localize_drives(out))
+        assert {name: rows(out, name) for name in names} == whole
+        assert _names(out) == _names(folder / "whole")
+
+
+def _names(folder):
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
+
+
+def test_rows_of_a_killed_study_stay_and_are_gone_on_with(drive, written, timed, killed):
     def rows(folder):
         table = Study.open(folder).table
         return sorted(map(str, table.drop_columns(["ms"]).to_pylist()))
@@ -211,10 +419,11 @@ def test_rows_of_a_killed_study_stay_and_are_gone_on_with(
     folder = written.folder / "study"
     folder.mkdir()
     rng, seconds = random.Random("study"), written.seconds_of_study
-    for number in range(N_KILLS):
+    for number in range(SOME):
         out = folder / f"{number}.study"
         killed(study(drive.dataset, out), rng.uniform(0.4, 1.0) * seconds)
         kept = rows(out) if (out / "table.parquet").exists() else []
         assert set(kept) <= set(whole)
-        assert maxcon_in_process_of_its_own(*study(drive.dataset, out)).code == 0
+        timed(*study(drive.dataset, out))
         assert rows(out) == whole
+        assert not list(out.rglob(".*partial*"))

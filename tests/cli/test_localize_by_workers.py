@@ -223,9 +223,43 @@ def test_toml_names_a_map_for_each(drive, maxcon, tmp_path):
 def test_other_options_are_refused(drive, table, maxcon, refused, tmp_path):
     arguments = ("localize", drive.city, "--drives", table, "-o", tmp_path / "out", "--workers", "1")
     assert maxcon(*arguments, *NARROW).code == 0
-    refused(maxcon(*arguments, *NARROW, "--thinning", "0.5"), "with the same options")
+    refused(
+        maxcon(*arguments, *NARROW, "--thinning", "0.5", "--max-gap", "2"),
+        "with the same options", "options.drive.max_gap 0.5, got 2.0; options.thinning 0.25, got 0.5.",
+    )  # fmt: skip
     options = json.loads((tmp_path / "out" / "_options.json").read_text())
     assert options["options"]["thinning"] == 0.25 and "threads" not in options["options"]
+
+
+def test_options_may_change_while_there_is_no_row(drive, table, maxcon, tmp_path):
+    """A call may be killed once it has made the folder for rows, and before there is one."""
+    out = tmp_path / "out"
+    arguments = ("localize", drive.city, "--drives", table, "-o", out, "--workers", "1", *NARROW)
+    (out / "_parts" / "short").mkdir(parents=True)
+    (out / "_parts" / "short" / ".000000000.parquet.partial-12345678").mkdir()
+    (out / "_options.json").write_text('{"maxcon": "0.0.1"}')
+    (out / "_drives.json").write_text('{"short": {"map": "another"}}')
+    assert maxcon(*arguments).code == 0
+    assert not (out / "_parts").exists()
+
+
+def test_what_a_killed_call_left_of_a_drive_that_is_done_goes(drive, table, maxcon, tmp_path):
+    """The rows of a drive wait until its file is there: a kill may fall before they are removed, or into its making."""
+    out = tmp_path / "out"
+    arguments = ("localize", drive.city, "--drives", table, "-o", out, "--workers", "1", *NARROW)
+    assert maxcon(*arguments).code == 0
+    whole, files = dataset_rows(out, "short"), sorted(out.rglob("*"))
+    (out / "_parts" / "short").mkdir(parents=True)
+    (out / "._drives.json.partial-12345678").mkdir()
+    shutil.copy(out / "drive=short" / "poses.parquet", out / "_parts" / "short" / "000000000.parquet")
+    assert "44 of them were there" in maxcon(*arguments).out
+    assert sorted(out.rglob("*")) == files
+    (out / "_parts" / "short").mkdir(parents=True)
+    (out / "drive=short" / "poses.parquet").rename(out / "_parts" / "short" / "000000000.parquet")
+    (out / "drive=short" / ".poses.parquet.partial-12345678").mkdir()
+    assert "44 of 44 epochs of 2 drives localized, 44 of them" in maxcon(*arguments).out
+    assert dataset_rows(out, "short") == whole
+    assert sorted(out.rglob("*")) == files
 
 
 def test_another_map_or_prior_is_refused(drive, long_drive, table, maxcon, refused, tmp_path):
@@ -268,6 +302,23 @@ def test_what_has_no_effect_is_refused(drive, table, maxcon, refused, tmp_path):
     out = ("-o", tmp_path / "out")
     refused(maxcon("localize", drive.city, "scans", "--drives", table, *out), "no SCANS beside it")
     refused(maxcon("localize", drive.city, "--drives", table, *out, "--prior", table), "no --prior beside it")
+    refused(
+        maxcon("localize", drive.city, "--drives", table, *out, "--resume"),
+        "without --resume",
+        "goes on by itself",
+    )
+    refused(
+        maxcon("localize", drive.city, "--drives", table, *out, "--overwrite"),
+        "without --overwrite", f"remove {tmp_path / 'out'} yourself", "drive=NAME",
+    )  # fmt: skip
+    refused(
+        maxcon("localize", drive.city, "--drives", table, *out, "--tum", tmp_path / "a.tum"),
+        "--tum with one drive only", "maxcon export",
+    )  # fmt: skip
+    refused(
+        maxcon("localize", drive.city, "--drives", table, *out, "--plot", tmp_path),
+        "--plot with one drive only",
+    )
     refused(maxcon("localize", drive.city, *out), "got no SCANS")
     refused(maxcon("localize", *out), "got no MAP")
     refused(maxcon("localize", "--drives", table, *out), "Name it there, or one MAP for all")

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import maxcon as package
+from maxcon.cli.help_groups import GROUPS
 
 HEAVY = (
     "numpy numba scipy pyarrow laspy lazrs pyproj matplotlib jinja2 embreex trimesh pypcd4 rich.progress rich.table"
@@ -51,6 +52,30 @@ def test_every_command_has_help(maxcon, command):
     assert (ended.code, ended.err) == (0, "")
     assert f"maxcon {' '.join(command)}" in ended.out
     assert "Traceback" not in ended.out
+
+
+GROUPED = (("localize",), ("relocalize",), ("study",), ("map", "build"), ("map", "align"))
+
+
+@pytest.mark.parametrize("command", GROUPED, ids=" ".join)
+def test_help_of_many_options_is_in_groups(maxcon, command):
+    """Each option is in one of them: the last, of what is in none, has the help itself alone."""
+    said = maxcon(*command, "--help").out
+    *groups, last = said.split("\n\n")
+    assert last.split() == ["Options:", "--help", "Show", "this", "message", "and", "exit."]
+    titles = [group.splitlines()[0] for group in groups]
+    assert [title for title in titles if title.rstrip(":") in GROUPS] == [
+        f"{name}:" for name in GROUPS if f"{name}:" in titles
+    ]
+    options = [line.split()[0] for line in said.splitlines() if line.startswith("  -")]
+    assert len(options) == len(set(options)) > 10
+
+
+def test_groups_are_of_localize(maxcon):
+    said = {group.splitlines()[0]: group for group in maxcon("localize", "--help").out.split("\n\n")}
+    for group, option in {"Inputs:": "--prior", "Search space:": "--half-width", "Motion:": "--track",
+                          "Output:": "-o, --out", "How it is done:": "--scheduler"}.items():  # fmt: skip
+        assert f"\n  {option} " in said[group]
 
 
 def test_help_lists_the_commands(maxcon):

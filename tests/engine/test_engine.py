@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from maxcon.engine import Engine
+from maxcon.engine import Engine, cluster
 from maxcon.engine import crew as crew_module
 from maxcon.engine.worker import Errand, Opening, close_jobs
 from maxcon.errors import ArrayError, MissingExtraError, OptionError
@@ -275,13 +275,53 @@ def test_without_dask_one_process_does_all(tmp_path, monkeypatch):
 @needs_dask
 def test_a_scheduler_that_is_not_there_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("maxcon.engine.cluster.JOIN_TIMEOUT", 1)
+    monkeypatch.setattr("maxcon.engine.cluster.TOLD_AFTER", 0.0)
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        for address in (f"tcp://127.0.0.1:{port}", "nonsense://here", "tls://127.0.0.1:1"):
+        silent, lines = f"tcp://127.0.0.1:{port}", []
+        for address in ("nonsense://here", "tls://127.0.0.1:1", silent):
             with pytest.raises(OptionError, match="Expected a dask scheduler at"):
-                squares(Engine(scheduler=address), Squares(tmp_path))
+                squares(Engine(scheduler=address, warn=lines.append), Squares(tmp_path))
+    assert lines[-1] == f"waiting up to 1 s for a scheduler at {silent}"
+
+
+@needs_dask
+@pytest.mark.parametrize(
+    "error", [ConnectionRefusedError(111, "Connection refused"), socket.gaierror(-2, "Name not known")]
+)
+def test_where_nobody_listens_dask_does_not_begin_to_wait(tmp_path, monkeypatch, error):
+    def connected(address, timeout):
+        raise error
+
+    monkeypatch.setattr(cluster, "REFUSED_TIMEOUT", 0.1)
+    monkeypatch.setattr(cluster, "_check_answers", None)
+    monkeypatch.setattr(cluster.socket, "create_connection", connected)
+    with pytest.raises(OptionError, match=rf"at tcp://host:1, got: {error.strerror}\. Start one"):
+        squares(Engine(scheduler="tcp://host:1"), Squares(tmp_path))
+
+
+@needs_dask
+def test_a_scheduler_that_is_just_starting_is_waited_for(monkeypatch):
+    """It refuses at first, and listens a moment later."""
+    tries, connect = [], socket.create_connection
+
+    def connected(address, timeout):
+        tries.append(address)
+        if len(tries) < 3:
+            raise ConnectionRefusedError(111, "Connection refused")
+        return connect(address, timeout)
+
+    monkeypatch.setattr(cluster, "REFUSED_TIMEOUT", 600)
+    monkeypatch.setattr(cluster, "JOIN_TIMEOUT", 600)
+    monkeypatch.setattr(cluster.socket, "create_connection", connected)
+    with socket.socket() as listening:
+        listening.bind(("127.0.0.1", 0))
+        listening.listen()
+        place = listening.getsockname()
+        cluster._check_listens(f"tcp://127.0.0.1:{place[1]}")
+    assert tries == [place] * 3
 
 
 @needs_dask
@@ -289,11 +329,14 @@ def test_a_scheduler_without_workers_is_refused(tmp_path, monkeypatch):
     from distributed import LocalCluster
 
     monkeypatch.setattr("maxcon.engine.cluster.JOIN_TIMEOUT", 2)
+    monkeypatch.setattr("maxcon.engine.cluster.TOLD_AFTER", 0.0)
+    lines = []
     with (
-        LocalCluster(n_workers=0, host="127.0.0.1", dashboard_address="127.0.0.1:0") as cluster,
+        LocalCluster(n_workers=0, host="127.0.0.1", dashboard_address="127.0.0.1:0") as empty,
         pytest.raises(OptionError, match=r"Expected workers at tcp.*but there is none after 2 s"),
     ):
-        squares(Engine(scheduler=cluster.scheduler_address), Squares(tmp_path))
+        squares(Engine(scheduler=empty.scheduler_address, warn=lines.append), Squares(tmp_path))
+    assert lines[-1] == f"waiting up to 2 s for a worker at {empty.scheduler_address}"
 
 
 @needs_dask

@@ -6,13 +6,17 @@ import csv
 import json
 import math
 import re
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+import pyarrow
+import pyarrow.parquet as pq
 import pyproj
 import pytest
 
 from maxcon import Pose
+from maxcon.drives import poses_schema
 from maxcon.errors import CrsError, FileError, OptionError, TrajectoryError
 from maxcon.export import EXPORT_SUFFIXES, export_poses, export_scans, read_rows
 from maxcon.io.scans import open_scans
@@ -52,6 +56,69 @@ def test_rows_are_read_as_they_were_written(table):
     assert [row.pose for row in rows] == POSES
     assert rows[0].numbers["cov_x_x"] == 0.0001
     assert rows[1].reason == "two, alike"
+
+
+@pytest.fixture
+def parquet(table, tmp_path):
+    """The same rows as the Parquet file of a drive."""
+    names = ("status", "reason")
+    with table.open(newline="") as file:
+        rows = [
+            {"epoch": number} | {
+                name: cell if name in names else float(cell) for name, cell in row.items() if cell or name in names
+            }
+            for number, row in enumerate(csv.DictReader(file))
+        ]  # fmt: skip
+    path = tmp_path / "drive=monday" / "poses.parquet"
+    path.parent.mkdir()
+    pq.write_table(pyarrow.Table.from_pylist(rows, schema=poses_schema()), path)
+    return path
+
+
+def test_rows_of_a_drive_among_many_are_the_same(table, parquet, tmp_path):
+    assert read_rows(parquet) == read_rows(table)
+    for path in (table, parquet):
+        export_poses(path, tmp_path / f"{path.suffix}.geojson", CRS)
+    assert (tmp_path / ".csv.geojson").read_bytes() == (tmp_path / ".parquet.geojson").read_bytes()
+
+
+def _with(table, name, values):
+    return table.set_column(table.schema.get_field_index(name), name, [values])
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda table: table.drop_columns(["cov_x_x"]), "no column cov_x_x"),
+        (lambda table: table.slice(0, 0), "a row per epoch"),
+        (lambda table: _with(table, "time", [None, 1.0, 2.0]), "no time"),
+        (lambda table: _with(table, "x", [None, None, 2.0]), "a part of a pose"),
+        (lambda table: _with(table, "score", [math.inf, None, 2.0]), "inf"),
+        (lambda table: _with(table, "y", ["a", None, "b"]), "'a'"),
+        (lambda table: _with(table, "status", [1, 2, 3]), "got 1"),
+    ],
+)
+def test_a_parquet_file_that_is_none_of_a_drive(parquet, change, words):
+    pq.write_table(change(pq.read_table(parquet, partitioning=None)), parquet)
+    with pytest.raises(FileError, match=re.escape(words)):
+        read_rows(parquet)
+
+
+def test_a_parquet_file_that_is_broken(parquet, tmp_path):
+    content = parquet.read_bytes()
+    for broken in (
+        b"",
+        content[:100],
+        content[: len(content) // 2] + bytes(9) + content[len(content) // 2 + 9 :],
+    ):
+        parquet.write_bytes(broken)
+        with pytest.raises(FileError, match=r"Expected the poses of a drive in .*poses\.parquet") as refused:
+            read_rows(parquet)
+        assert "\n" not in str(refused.value)
+    with pytest.raises(FileError, match=r"none\.parquet.*No such file"):
+        read_rows(tmp_path / "none.parquet")
+    with pytest.raises(FileError, match="no file"):
+        read_rows(parquet.parent.rename(tmp_path / "folder.parquet"))
 
 
 def test_geojson(table, tmp_path):
@@ -174,6 +241,27 @@ def test_tum_and_kitti(table, tmp_path):
     np.testing.assert_allclose(matrices[:, :, 3], [pose.position for pose in wanted], atol=1e-4)
     np.testing.assert_allclose(matrices[:, :, :3], [pose.rotation for pose in wanted], atol=1e-11)
     assert np.loadtxt(tmp_path / "a.times.txt").tolist() == [10.0, 12.0]
+
+
+def test_the_two_files_of_kitti_come_together(table, tmp_path, monkeypatch):
+    """What ends the writing of one leaves both as they were: never the times of other poses."""
+    files = [tmp_path / "a.kitti", tmp_path / "a.times.txt"]
+    for file in files:
+        file.write_text("before")
+    write, written = Path.write_text, []
+
+    def write_some(self, *arguments, **options):
+        written.append(self.name)
+        if len(written) == 2:
+            raise KeyboardInterrupt
+        return write(self, *arguments, **options)
+
+    monkeypatch.setattr(Path, "write_text", write_some)
+    with pytest.raises(KeyboardInterrupt):
+        export_poses(table, files[0])
+    assert sorted(written) == sorted(file.name for file in files)
+    assert [file.read_text() for file in files] == ["before", "before"]
+    assert sorted(tmp_path.glob("*a.*")) == files
 
 
 def test_csv_in_degrees_reads_back(table, tmp_path):

@@ -16,6 +16,7 @@ import numpy as np
 from maxcon import PointMap, open_scans, read_recorded_poses, read_trajectory
 from maxcon.dataset import Dataset
 from maxcon.errors import MaxconError
+from maxcon.export import read_rows
 from maxcon.io.clouds import open_cloud
 from maxcon.io.geographic_priors import is_geographic, read_geographic_prior
 from maxcon.io.recordings.point_cloud2 import CloudRecord, FieldDescription, decode_cloud
@@ -93,6 +94,10 @@ def _positions(data: bytes, name: str, folder: Path, seeds: Path) -> None:
         read_geographic_prior(path, "EPSG:25832")
     else:
         read_prior(path)
+
+
+def _poses(data: bytes, name: str, folder: Path, seeds: Path) -> None:
+    read_rows(_written(data, name, folder))
 
 
 def _mounting(data: bytes, name: str, folder: Path, seeds: Path) -> None:
@@ -207,6 +212,7 @@ READERS: dict[str, Reader] = {
     "times": _times,
     "trajectory": _trajectory,
     "positions": _positions,
+    "poses": _poses,
     "mounting": _mounting,
     "recording": _recording,
     "transforms": _transforms,

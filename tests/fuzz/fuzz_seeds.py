@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: MIT
 """Small good files of every kind that is read: what mutations begin with. Others from a folder are added."""
 
+import csv
 import io
 import json
 import struct
@@ -9,15 +10,18 @@ from collections.abc import Iterator
 from functools import reduce
 from operator import xor
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import laspy
 import numpy as np
+import pyarrow
+import pyarrow.parquet
 import pye57
 from fuzz_readers import record_as_bytes
 from pyproj import CRS
 
 from maxcon import Pose, Trajectory, open_scans
+from maxcon.drives import poses_schema
 from maxcon.io.clouds import CLOUD_SUFFIXES
 from maxcon.io.recordings.opening import CAPTURE_SUFFIX, RECORDING_SUFFIXES
 from maxcon.io.recordings.point_cloud2 import CloudRecord, FieldDescription
@@ -25,6 +29,7 @@ from maxcon.io.recordings.writing import Entry, open_writer
 from maxcon.io.trajectories import write_csv, write_tum
 from maxcon.mapping import MapOptions, build_map
 from maxcon.point_map.manifest import read_manifest
+from maxcon.poses_table import COLUMNS
 from maxcon.simulation.recordings import RECORDING_NAMES, RecordingKind, record_drive
 
 __all__ = ["Seed", "make_seeds", "seeds_of"]
@@ -96,6 +101,7 @@ def make_seeds(folder: Path, others: Path | None = None) -> list[Seed]:
         *_recordings(folder),
         *_maps(folder),
         *_others_of_ours(folder),
+        *_poses(),
     ]
     return made + ([] if others is None else list(seeds_of(others)))
 
@@ -302,3 +308,17 @@ def _others_of_ours(folder: Path) -> Iterator[Seed]:
     yield Seed("scanners", "mounting", "mounting.toml", MOUNTING.encode())
     yield Seed("dataset.toml", "dataset", "dataset.toml", DATASET.encode())
     yield Seed("study.json", "study", "study.json", json.dumps(CONFIGURATION, indent=1).encode())
+
+
+def _poses() -> Iterator[Seed]:
+    """A localized epoch and one that is not, as POSES.csv and as the Parquet file of a drive."""
+    rows: list[dict[str, Any]] = [{name: 0.01 for name in COLUMNS} | {"status": "localized", "reason": ""}]
+    rows.append({"time": 1.5, "ms": 20.0, "status": "ambiguous", "reason": "two, alike"})
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, COLUMNS, restval="")
+    writer.writeheader()
+    writer.writerows(rows)
+    yield Seed("POSES.csv", "poses", "poses.csv", text.getvalue().encode())
+    stream = io.BytesIO()
+    pyarrow.parquet.write_table(pyarrow.Table.from_pylist(rows, poses_schema()), stream, compression="zstd")
+    yield Seed("poses.parquet", "poses", "poses.parquet", stream.getvalue())

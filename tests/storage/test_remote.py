@@ -114,13 +114,14 @@ def test_an_opened_map_goes_to_another_process_as_its_address(web, city):
     assert_same(again, PointMap.open(city))
 
 
-def test_a_server_that_knows_no_ranges(web, web_server):
+def test_a_server_that_knows_no_ranges_is_refused_when_a_map_is_opened(web, web_server):
     web_server.knows_ranges = False
     with pytest.raises(
-        MapError, match=r"Expected tile .* in http://.* to be of the map, got: the server sends no ranges"
+        MapError, match=rf"read {web}/manifest\.json, got: the server sends no ranges.*or copy"
     ) as refused:
-        PointMap.open(web).all_voxels()
+        PointMap.open(web)
     assert "\n" not in str(refused.value)
+    assert web_server.asked == [("/city.map/manifest.json", None), ("/city.map/manifest.json", "bytes=0-0")]
 
 
 def test_a_shard_that_is_damaged_there(tmp_path, bucket, city):
@@ -188,24 +189,62 @@ def test_a_server_that_is_gone_after_opening(web, web_server):
         opened.all_voxels()
 
 
-def test_no_permission(city, bucket, monkeypatch):
-    class Handler(BaseHTTPRequestHandler):
-        def do_GET(self):
-            self.send_response(403)
-            self.end_headers()
+class Refusing(BaseHTTPRequestHandler):
+    """Gives nothing to anybody."""
 
-        do_HEAD = do_PUT = do_GET
+    def do_GET(self):
+        self.send_response(403)
+        self.end_headers()
 
-        def log_message(self, *_):
-            pass
+    do_HEAD = do_PUT = do_GET
 
-    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+    def log_message(self, *_):
+        pass
+
+
+@pytest.fixture
+def refusing():
+    """Address of a server that gives nothing to anybody."""
+    with ThreadingHTTPServer(("127.0.0.1", 0), Refusing) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
-        monkeypatch.setenv("AWS_ENDPOINT_URL", f"http://127.0.0.1:{server.server_address[1]}")
-        refused(f"{bucket}/city", "no permission")
-        with pytest.raises(FileError, match=r"to be able to write .* got: no permission"):
-            copy_map(city, f"{bucket}/city")
+        yield f"http://127.0.0.1:{server.server_address[1]}"
         server.shutdown()
+
+
+def test_no_permission(city, bucket, refusing, monkeypatch):
+    monkeypatch.setenv("AWS_ENDPOINT_URL", refusing)
+    refused(f"{bucket}/city", "no permission: check AWS_ACCESS_KEY_ID and its rights")
+    with pytest.raises(FileError, match=r"to be able to write .* got: no permission"):
+        copy_map(city, f"{bucket}/city")
+    monkeypatch.setenv("AWS_SKIP_SIGNATURE", "true")
+    refused(
+        f"{bucket}/city",
+        "no permission without keys, as AWS_SKIP_SIGNATURE asks for: set AWS_ACCESS_KEY_ID and",
+    )
+    with pytest.raises(MapError, match=r"got: no permission\. Check"):
+        PointMap.open(f"{refusing}/city.map")
+
+
+def test_no_keys(bucket, refusing, monkeypatch):
+    """Then those of a machine of Amazon are asked for, of an address that only such machines reach."""
+    monkeypatch.setenv("AWS_ENDPOINT_URL", refusing)
+    monkeypatch.setenv("AWS_METADATA_ENDPOINT", refusing)  # so that nothing outside of this machine is asked
+    monkeypatch.delenv("AWS_ACCESS_KEY_ID")
+    refused(f"{bucket}/city", "half of the keys: set both, AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY")
+    monkeypatch.delenv("AWS_SECRET_ACCESS_KEY")
+    refused(
+        f"{bucket}/city",
+        "no keys were found: set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY (AWS_SESSION_TOKEN too, where they are"
+        " temporary), or AWS_SKIP_SIGNATURE=true for a bucket that anybody may read",
+    )
+
+
+def test_no_message_has_the_keys(monkeypatch):
+    monkeypatch.setenv("AWS_ACCESS_KEY_ID", "AKIAOPEN")
+    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "secret-of-all")
+    monkeypatch.delenv("AWS_SESSION_TOKEN", raising=False)
+    words = remote._in_words(ValueError("something with AKIAOPEN and\nsecret-of-all"), is_s3=True)
+    assert words == "something with AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY"
 
 
 # --- copying ------------------------------------------------------------------------------------------

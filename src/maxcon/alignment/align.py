@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from glob import escape
 from pathlib import Path
 from typing import TypeVar
 
@@ -27,7 +28,7 @@ from maxcon.alignment.places import PLACE_EDGE, PlaceKey, Places
 from maxcon.alignment.pose_graph import Adjusted, adjust_by_evidence
 from maxcon.alignment.residuals import PairResiduals, pair_residuals, remaining_sigma
 from maxcon.alignment.rounds import Rounds, read_rounds, survey
-from maxcon.alignment.tables import TABLES, write_tables
+from maxcon.alignment.tables import TABLES, files_there, write_tables
 from maxcon.alignment.tied import RoundTied, datum_sigma, tied_rounds
 from maxcon.alignment.visits import load_visits, save_visits, visits_of
 from maxcon.atomic import atomic_folder, check_replaceable
@@ -193,9 +194,7 @@ def align_files(
     trajectory_names = _distinct([Path(path).name for path in trajectories], "trajectories")
     read = [read_trajectory(path) for path in trajectories]
     if overwrite:
-        check_replaceable(
-            out, "an alignment", (*TABLES, *names, *trajectory_names, "*.laz", "*.txt", "*.csv")
-        )
+        check_replaceable(out, "an alignment", [escape(name) for name in files_there(out)])
     with atomic_folder(out, overwrite=overwrite) as folder:
         with tempfile.TemporaryDirectory(dir=folder) as between:
             threads = n_threads or min(MOST_THREADS, os.cpu_count() or 1)
@@ -217,7 +216,7 @@ def align_files(
             write_corrected_cloud(header, number, found.rounds, corrections, folder / name, tick)
         for trajectory, name in zip(read, trajectory_names, strict=True):
             write_trajectory(folder / name, corrected_trajectory(trajectory, found.rounds, corrections))
-        write_tables(folder, found, options)
+        write_tables(folder, found, options, [*names, *trajectory_names])
     return found
 
 

@@ -5,6 +5,7 @@
 import csv
 import json
 import math
+import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,28 +14,55 @@ import numpy as np
 
 from maxcon.alignment.options import AlignmentOptions
 from maxcon.alignment.residuals import is_contradicted
+from maxcon.regular_file import read_regular
 from maxcon.version import __version__
 
 if TYPE_CHECKING:
     from maxcon.alignment.align import Alignment
 
-__all__ = ["TABLES", "write_tables"]
+__all__ = ["TABLES", "files_there", "write_tables"]
 
 SUMMARY, ROUNDS, PAIRS, TIES, CORRECTIONS = (
     "alignment.json", "rounds.csv", "residuals.csv", "ties.csv", "corrections.csv",
 )  # fmt: skip
 TABLES = (SUMMARY, ROUNDS, PAIRS, TIES, CORRECTIONS)
 AXES = ("x", "y", "z")
+LARGEST_SUMMARY = 2**24
+"""Bytes."""
 
 
-def write_tables(folder: Path, alignment: "Alignment", options: AlignmentOptions) -> None:
-    """Write all tables of an alignment; lengths in m, angles in degrees."""
+def write_tables(
+    folder: Path, alignment: "Alignment", options: AlignmentOptions, files: Sequence[str]
+) -> None:
+    """Write all tables of an alignment; lengths in m, angles in degrees.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the alignment.
+    alignment : Alignment
+        What was found.
+    options : AlignmentOptions
+        How.
+    files : sequence of str
+        Names of the corrected clouds and trajectories in the folder: an alignment that replaces it replaces them.
+    """
     _write(folder / ROUNDS, *_rounds(alignment))
     _write(folder / PAIRS, *_pairs(alignment))
     _write(folder / TIES, *_ties(alignment))
     _write(folder / CORRECTIONS, *_corrections(alignment))
-    text = json.dumps(_summary(alignment, options), indent=2, allow_nan=False)
+    text = json.dumps(_summary(alignment, options) | {"files": list(files)}, indent=2, allow_nan=False)
     (folder / SUMMARY).write_text(text + "\n", encoding="utf-8", newline="\n")
+
+
+def files_there(folder: str | os.PathLike[str]) -> tuple[str, ...]:
+    """Return the names of all files of the alignment in a folder, as it says itself; of its tables, if it says none."""
+    try:
+        named = json.loads(read_regular(Path(folder) / SUMMARY, LARGEST_SUMMARY))["files"]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        named = []
+    names = named if isinstance(named, list) else []
+    return (*TABLES, *(name for name in names if isinstance(name, str)))
 
 
 Row = Sequence[object]

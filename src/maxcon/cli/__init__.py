@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from maxcon.cli import demo, export, localize, maps, relocalize, report, scans, simulate, study, warmup
+from maxcon.cli.help_groups import GroupedCommand
 from maxcon.cli.stopping import stopping_in_order
 from maxcon.errors import MaxconError
 
@@ -26,11 +27,17 @@ app = typer.Typer(
 )
 app.add_typer(maps.app, name="map")
 app.add_typer(scans.app, name="scans")
-app.command("localize", short_help="Localize every scan of a drive in a map.")(localize.localize)
-app.command("relocalize", short_help="Find scans in a map without any prior.")(relocalize.relocalize)
+app.command("localize", cls=GroupedCommand, short_help="Localize every scan of a drive in a map.")(
+    localize.localize
+)
+app.command("relocalize", cls=GroupedCommand, short_help="Find scans in a map without any prior.")(
+    relocalize.relocalize
+)
 app.command("export", short_help="Write poses as GeoJSON, GeoPackage, KML, TUM, KITTI.")(export.export)
 app.command("simulate", short_help="Simulate a city, its mapping and scans.")(simulate.simulate)
-app.command("study", short_help="Compare methods over the epochs of a dataset.")(study.study)
+app.command("study", cls=GroupedCommand, short_help="Compare methods over the epochs of a dataset.")(
+    study.study
+)
 app.command("report", short_help="Write the page of a study.")(report.report)
 app.command("demo", short_help="Simulate, map, localize and report a small city.")(demo.demo)
 app.command("warmup", short_help="Compile once, so that the first call does not pause.")(warmup.warmup)

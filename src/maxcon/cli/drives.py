@@ -22,7 +22,7 @@ __all__ = ["check_one_or_many", "localize_many", "several_workers"]
 
 
 def check_one_or_many(
-    drives: Path | None, map_folder: Path | None, scans: Path | None, alone: dict[str, object]
+    drives: Path | None, map_folder: Path | None, scans: Path | None, out: Path, alone: dict[str, object]
 ) -> None:
     """Refuse arguments of one drive beside a table of drives, and one drive without its arguments.
 
@@ -30,6 +30,8 @@ def check_one_or_many(
     ----------
     drives, map_folder, scans : Path, optional
         As they are given.
+    out : Path
+        What is written.
     alone : dict of str to object
         Options that are of one drive, by name; those not given are None or False.
 
@@ -45,14 +47,32 @@ def check_one_or_many(
                 f"Expected MAP and SCANS, or --drives with a table of drives, got no {missing}. Name it."
             )
         return
-    given = [name for name, value in alone.items() if value]
-    if scans is not None:
-        given.insert(0, "SCANS")
+    given = [name for name, value in {"SCANS": scans, **alone}.items() if value]
     if given:
-        raise OptionError(
-            f"Expected each drive's files in the table of --drives and no {given[0]} beside it, got both. Leave one"
-            " out."
+        raise OptionError(_of_one_drive(given[0], out))
+
+
+def _of_one_drive(name: str, out: Path) -> str:
+    """Say why an option is not for many drives, and what to do instead."""
+    if name == "--resume":
+        return (
+            "Expected --drives without --resume, got both: the same command goes on by itself where it was stopped."
+            " Leave --resume out."
         )
+    if name == "--overwrite":
+        return (
+            "Expected --drives without --overwrite, got both: what is there of drives is never replaced. To localize"
+            f" all anew remove {out} yourself, to do so with one its drive=NAME there; and leave --overwrite out."
+        )
+    if name in ("--tum", "--plot", "--plot-epochs"):
+        instead = (
+            f"; when all is done: maxcon export {out} --drive NAME -o FILE.tum" if name == "--tum" else ""
+        )
+        return f"Expected {name} with one drive only, got it beside --drives. Leave it out{instead}."
+    return (
+        f"Expected each drive's files in the table of --drives and no {name} beside it, got both. Name the file in the"
+        " table, or leave --drives out."
+    )
 
 
 def localize_many(

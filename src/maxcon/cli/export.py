@@ -16,7 +16,12 @@ __all__ = ["export"]
 
 
 def export(
-    table: Annotated[Path, typer.Argument(metavar="POSES.csv", help="Written by `maxcon localize`.")],
+    table: Annotated[
+        Path,
+        typer.Argument(
+            metavar="POSES", help="POSES.csv, or the folder of many drives, as `maxcon localize` writes them."
+        ),
+    ],
     out: Annotated[
         Path,
         typer.Option(
@@ -27,6 +32,9 @@ def export(
             " with degrees; with --scans .laz or .las.",
         ),
     ],
+    drive: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Which drive of the folder; the only one if not given.")
+    ] = None,
     map_folder: Annotated[
         Path | None, typer.Option("--map", metavar="MAP", help="The map the poses are in: tells the CRS.")
     ] = None,
@@ -56,6 +64,7 @@ def export(
 
     if crs is not None and map_folder is not None:
         raise OptionError("Expected either --map or --crs, got both. Leave one out.")
+    table = _table(table, drive)
     are_scans = out.suffix.lower() in SCAN_SUFFIXES
     if are_scans != (scans is not None):
         what = "--scans for" if are_scans else f"a {' or '.join(SCAN_SUFFIXES)} file with --scans, got"
@@ -73,6 +82,21 @@ def export(
     n_localized = sum(row.pose is not None for row in rows)
     points = f", {n_points:,} points" if scans is not None else ""
     typer.echo(f"{n_localized} of {len(rows)} epochs have a pose{points}; written to {out}")
+
+
+def _table(path: Path, drive: str | None) -> Path:
+    """The file of a drive where a folder of many is named; else what is named."""
+    from maxcon.errors import OptionError
+
+    if not path.is_dir():
+        if drive is not None:
+            raise OptionError(
+                f"Expected --drive with a folder of many drives (maxcon localize --drives), got {path}. Leave it out."
+            )
+        return path
+    from maxcon.drives import table_of_drive
+
+    return table_of_drive(path, drive)
 
 
 def _check_out(table: Path, out: Path, *, overwrite: bool) -> None:

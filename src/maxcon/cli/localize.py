@@ -36,6 +36,7 @@ from maxcon.cli.options import (
     Workers,
 )
 from maxcon.cli.pictures import drawer, parse_epochs
+from maxcon.cli.progress import warn
 from maxcon.cli.search_space import SpaceOptions
 from maxcon.cli.table_of_poses import check_table, read_there, write_trajectory, written
 from maxcon.cli.tracking import check_tracking
@@ -239,7 +240,7 @@ def localize(
     from maxcon.storage import address_of
 
     check_one_or_many(
-        drives, map_folder, scans,
+        drives, map_folder, scans, out,
         {"--prior": prior, "--odometry": odometry, "--times": times, "--tum": tum, "--plot": plot,
          "--plot-epochs": plot_epochs, "--resume": resume, "--overwrite": overwrite},
     )  # fmt: skip
@@ -249,7 +250,7 @@ def localize(
             path if path is None or address_of(path) else path.absolute()
             for path in (map_folder, scans, prior, times, odometry, mounting)
         )
-    engine = Engine(1 if is_alone else workers, scheduler, typer.echo)
+    engine = Engine(1 if is_alone else workers, scheduler, typer.echo, warn)
     opener = DriveOpener(
         RecordingOptions(topic, prior_topic, odometry_topic, geoid_height, deskew, at_stamp, turn_time, mounting,
                          prior_frames, odometry_frames),

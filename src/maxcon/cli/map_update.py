@@ -22,7 +22,8 @@ def update(
         typer.Argument(
             metavar="DRIVES...",
             help="Scans and the table of their poses in turn: SCANS POSES.csv SCANS POSES.csv ... Scans as `maxcon"
-            " localize` takes them, or a dataset.toml, whose reference poses are taken if no table follows.",
+            " localize` takes them, or a dataset.toml, whose reference poses are taken if no table follows. Of many"
+            " drives a table is FOLDER/drive=NAME/poses.parquet.",
         ),
     ],
     out: Annotated[Path, typer.Option("--out", "-o", metavar="MAP2", help="Folder of the new version.")],

@@ -10,9 +10,10 @@ import typer
 
 from maxcon.cli import alignment
 from maxcon.cli.compiling import compiling_told
+from maxcon.cli.help_groups import GroupedCommand
 from maxcon.cli.map_update import rows_of_updates, update
 from maxcon.cli.options import Scheduler
-from maxcon.cli.progress import step_bars
+from maxcon.cli.progress import step_bars, warn
 
 if TYPE_CHECKING:
     from maxcon.point_map.manifest import Manifest
@@ -36,7 +37,7 @@ app = typer.Typer(
 app.command("update", short_help="Write a new version of a map: what is gone, what is new.")(update)
 
 
-@app.command()
+@app.command(cls=GroupedCommand)
 def build(
     clouds: Annotated[
         list[Path],
@@ -156,7 +157,7 @@ def build(
             " --workers and --scheduler."
         )
     is_alone = workers is None and scheduler is None
-    engine = None if is_alone else Engine(workers, scheduler, typer.echo)
+    engine = None if is_alone else Engine(workers, scheduler, typer.echo, warn)
     options = MapOptions(
         cell=cell,
         drop=() if keep_all else drop or None,
@@ -178,7 +179,9 @@ def build(
     _describe(manifest)
 
 
-app.command("align", short_help="Bring rounds together before a map is built of them.")(alignment.align)
+app.command("align", cls=GroupedCommand, short_help="Bring rounds together before a map is built of them.")(
+    alignment.align
+)
 
 
 @app.command()

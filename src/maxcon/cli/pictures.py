@@ -53,10 +53,12 @@ def drawer(
     """Return a function that draws an epoch into the folder."""
     from maxcon.atomic import make_folder
     from maxcon.maximum_consensus import MaximumConsensus
+    from maxcon.partials import sweep_folder
     from maxcon.report.epoch import plot_epoch
     from maxcon.report.figure import check_matplotlib
 
     check_matplotlib()
+    sweep_folder(folder)
 
     def draw(epoch: "EpochEstimate") -> None:
         if epoch.estimate is None or epoch.prior is None:

@@ -12,10 +12,15 @@ if TYPE_CHECKING:
 
     from maxcon.progress import Progress as StepProgress
 
-__all__ = ["progress_bar", "step_bars"]
+__all__ = ["progress_bar", "step_bars", "warn"]
 
 SPEED_PERIOD = 600.0
 """The time left is estimated from the last so many seconds: a step of a study may take a minute."""
+
+
+def warn(line: str) -> None:
+    """Say on stderr what a command is waiting for."""
+    print(line, file=sys.stderr, flush=True)  # noqa: T201
 
 
 def _new_bars(unit: str) -> "Progress":

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from maxcon.cli.options import HeadingStepDeg, MaxRange, MinRange, Scheduler, Workers
-from maxcon.cli.progress import step_bars
+from maxcon.cli.progress import step_bars, warn
 
 if TYPE_CHECKING:
     from maxcon.study import MethodStatistics, Study
@@ -87,6 +87,7 @@ def study(
             progress=report,
             scheduler=scheduler,
             tell=typer.echo,
+            warn=warn,
         )
     _print_summary(done)
 

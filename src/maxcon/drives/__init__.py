@@ -3,7 +3,7 @@
 """Many drives at once: a table of drives, each localized in a map, into one Parquet dataset."""
 
 from maxcon.drives.job import ManyDrivesJob, OpenedDrive
-from maxcon.drives.poses_dataset import PosesDataset, poses_schema
+from maxcon.drives.poses_dataset import PosesDataset, poses_schema, table_of_drive
 from maxcon.drives.run import Localized, localize_drives
 from maxcon.drives.table import DriveEntry, read_drives
 
@@ -16,4 +16,5 @@ __all__ = [
     "localize_drives",
     "poses_schema",
     "read_drives",
+    "table_of_drive",
 ]

@@ -9,7 +9,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from maxcon.atomic import write_json
+from maxcon.atomic import remove_partials, write_json
+from maxcon.differences import differences
 from maxcon.drives.poses_dataset import PosesDataset
 from maxcon.drives.table import DriveEntry
 from maxcon.errors import FileError, OptionError
@@ -38,10 +39,13 @@ def check_options(dataset: PosesDataset, wanted: dict[str, Any]) -> None:
     path = dataset.folder / OPTIONS
     if not (path.exists() and dataset.has_any_rows()):
         write_json(path, wanted)
-    elif _read(path, LARGEST_OPTIONS, "the options of a dataset") != json.loads(json.dumps(wanted)):
+        return
+    found = _read(path, LARGEST_OPTIONS, "the options of a dataset")
+    wanted = json.loads(json.dumps(wanted))
+    if found != wanted:
         raise OptionError(
             f"Expected to go on with the poses in {dataset.folder} by the same maxcon with the same options, as"
-            f" {path.name} there has them, got others. Name another folder."
+            f" {path.name} there has them, {differences(found, wanted)}. Give the same, or name another folder."
         )
 
 
@@ -56,6 +60,7 @@ def check_sources(dataset: PosesDataset, entries: Sequence[DriveEntry]) -> None:
         If what was written down cannot be read, or not be written.
     """
     path = dataset.folder / SOURCES
+    remove_partials(path)
     known = _read(path, LARGEST_SOURCES, "the sources of drives") if path.exists() else {}
     if not all(isinstance(each, dict) for each in known.values()):
         raise FileError(f"Expected the sources of drives in {path}, got something else. Name another folder.")

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from maxcon.atomic import atomic_file, make_folder
+from maxcon.atomic import atomic_file, make_folder, remove_partials
 from maxcon.drive import EpochEstimate
-from maxcon.errors import FileError
+from maxcon.errors import FileError, OptionError
 from maxcon.poses_table import COLUMNS, COVARIANCES, UNKNOWNS
 
 if TYPE_CHECKING:
     import pyarrow
 
-__all__ = ["PosesDataset", "pose_row", "poses_schema"]
+__all__ = ["PosesDataset", "pose_row", "poses_schema", "table_of_drive"]
 
 TEXTS = ("status", "reason")
 
@@ -75,11 +75,11 @@ class PosesDataset:
 
     def has_rows(self, name: str) -> bool:
         """Whether a drive has rows, done or not."""
-        return self.is_done(name) or (self._parts / name).exists()
+        return self.is_done(name) or bool(self._parts_of(name))
 
     def has_any_rows(self) -> bool:
         """Whether any drive has rows, done or not."""
-        return self._parts.exists() or any(self.folder.glob("drive=*/poses.parquet"))
+        return any(self._parts.glob("*/[!.]*.parquet")) or any(self.folder.glob("drive=*/poses.parquet"))
 
     def add(self, name: str, epochs: Sequence[EpochEstimate]) -> None:
         """Keep rows of a drive that is not done yet.
@@ -108,7 +108,7 @@ class PosesDataset:
 
         if self.is_done(name):
             return _read(self.path(name))
-        parts = [_read(path) for path in sorted((self._parts / name).glob("[!.]*.parquet"))]
+        parts = [_read(path) for path in self._parts_of(name)]
         table = pyarrow.concat_tables([poses_schema().empty_table(), *parts]).sort_by("epoch")
         epochs = table.column("epoch").to_numpy()
         is_first = np.ones(len(epochs), bool)
@@ -116,7 +116,7 @@ class PosesDataset:
         return table.filter(pyarrow.array(is_first))
 
     def publish(self, name: str, table: "pyarrow.Table") -> None:
-        """Put a drive, of which all rows are there, into the dataset, in one step.
+        """Put a drive, of which all rows are there, into the dataset, in one step; nobody else may be at it.
 
         Raises
         ------
@@ -124,6 +124,7 @@ class PosesDataset:
             If it cannot be written.
         """
         make_folder(self.path(name).parent)
+        remove_partials(self.path(name))
         self._write(self.path(name), table)
         self.clear(name)
 
@@ -133,12 +134,52 @@ class PosesDataset:
         if self._parts.exists() and not any(self._parts.iterdir()):
             self._parts.rmdir()
 
+    def _parts_of(self, name: str) -> list[Path]:
+        """Files with rows of a drive that is not done."""
+        return sorted((self._parts / name).glob("[!.]*.parquet"))
+
     @staticmethod
     def _write(path: Path, table: "pyarrow.Table") -> None:
         import pyarrow.parquet
 
         with atomic_file(path) as partial:
             pyarrow.parquet.write_table(table, partial, compression="zstd")
+
+
+def table_of_drive(folder: Path, name: str | None) -> Path:
+    """Return the file with the poses of a drive in a dataset; of the only one there, if none is named.
+
+    Raises
+    ------
+    FileError
+        If the folder is no such dataset.
+    OptionError
+        If the drive is not in it, or not done, or none is named of several.
+    """
+    dataset = PosesDataset(folder)
+    names = sorted(path.parent.name.removeprefix("drive=") for path in folder.glob("drive=*/poses.parquet"))
+    if not names:
+        raise FileError(
+            f"Expected POSES.csv, or a folder of maxcon localize --drives with a drive in it that is done, got {folder}"
+            " with none. Name another."
+        )
+    if name is None and len(names) > 1:
+        raise OptionError(
+            f"Expected --drive NAME with one of the drives in {folder}, {_few(names)}, got none. Name it."
+        )
+    if name is not None and name not in names:
+        is_begun = (folder / "_parts").is_dir() and name in {
+            path.name for path in (folder / "_parts").iterdir()
+        }
+        raise OptionError(
+            f"Expected --drive to be one of the drives in {folder} that are done, {_few(names)}, got {name!r}."
+            f" {'Go on with it by the same localize command' if is_begun else 'Name one of them'}."
+        )
+    return dataset.path(name or names[0])
+
+
+def _few(names: Sequence[str]) -> str:
+    return ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
 
 
 def _read(path: Path) -> "pyarrow.Table":

@@ -126,6 +126,9 @@ class _Run:
     def localized(self) -> Localized:
         """Do what is missing, and count what is there."""
         todo = [entry for entry in self._entries if not self._dataset.is_done(entry.name)]
+        for entry in self._entries:
+            if self._dataset.is_done(entry.name):
+                self._dataset.clear(entry.name)  # a call may have been killed after it had put it there
         if todo:
             for task, found in self._engine.run(self._job, self._tasks(todo), sys.maxsize):
                 self._keep(task.entry.name, found)

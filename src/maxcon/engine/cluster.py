@@ -6,7 +6,10 @@ import gc
 import logging
 import os
 import signal
-from collections.abc import Iterator
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
@@ -23,6 +26,10 @@ START_TIMEOUT = 120
 """s until something answers that was just started, perhaps on a busy machine."""
 JOIN_TIMEOUT = 30
 """s for a cluster that is there already."""
+REFUSED_TIMEOUT = 5
+"""s in which a scheduler that was just started begins to listen: so long its host refuses connections."""
+TOLD_AFTER = 1.0
+"""s of waiting, until it is told."""
 ALLOWED_DEATHS = 3
 """Times that a task may end its worker and is given to another."""
 
@@ -92,8 +99,15 @@ def local_cluster(n_workers: int) -> "Iterator[tuple[Client, LocalCluster, str]]
 
 
 @contextmanager
-def joined_cluster(address: str) -> "Iterator[Client]":
+def joined_cluster(address: str, warn: Callable[[str], None]) -> "Iterator[Client]":
     """Yield a client of the scheduler at an address; certificates are those of dask's own configuration.
+
+    Parameters
+    ----------
+    address : str
+        Of the scheduler.
+    warn : callable
+        Called with a line for the user where it has to be waited for.
 
     Raises
     ------
@@ -103,14 +117,17 @@ def joined_cluster(address: str) -> "Iterator[Client]":
     from distributed import Client
 
     with _quiet():
-        _check_answers(address)
+        with _waiting_told("a scheduler", address, warn):
+            _check_listens(address)
+            _check_answers(address)
         try:
             client = Client(address, timeout=JOIN_TIMEOUT, set_as_default=False)
         except (OSError, TimeoutError, RuntimeError) as error:
             raise _no_scheduler(address, error) from error
         with client:
             try:
-                client.wait_for_workers(1, timeout=JOIN_TIMEOUT)
+                with _waiting_told("a worker", address, warn):
+                    client.wait_for_workers(1, timeout=JOIN_TIMEOUT)
             except TimeoutError as error:
                 raise OptionError(
                     f"Expected workers at {address}, but there is none after {JOIN_TIMEOUT} s. Start some: dask worker"
@@ -119,8 +136,49 @@ def joined_cluster(address: str) -> "Iterator[Client]":
             yield client
 
 
+@contextmanager
+def _waiting_told(what: str, address: str, warn: Callable[[str], None]) -> Iterator[None]:
+    """Tell the user that something is waited for, if it takes a moment."""
+    timer = threading.Timer(TOLD_AFTER, warn, [f"waiting up to {JOIN_TIMEOUT} s for {what} at {address}"])
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
+def _check_listens(address: str) -> None:
+    """Refuse a host that is none, or on which nobody listens; what is no address is refused by dask.
+
+    Dask itself tries again whatever the reason is, until its time is up.
+
+    Raises
+    ------
+    OptionError
+        If it is one.
+    """
+    from distributed.comm import get_address_host_port
+
+    try:
+        host, port = get_address_host_port(address)
+    except (ValueError, TypeError, NotImplementedError):
+        return
+    end = time.monotonic() + min(REFUSED_TIMEOUT, JOIN_TIMEOUT)
+    while True:
+        try:
+            with socket.create_connection((host, port), REFUSED_TIMEOUT):
+                return
+        except (ConnectionRefusedError, socket.gaierror) as error:
+            if time.monotonic() > end:
+                raise _no_scheduler(address, error) from error
+        except OSError:
+            return
+        time.sleep(0.1)
+
+
 def _check_answers(address: str) -> None:
-    """Refuse an address where nothing, or no scheduler, answers; a client would wait for ever at some.
+    """Refuse an address where no scheduler answers; a client would wait for ever at some.
 
     Raises
     ------
@@ -157,7 +215,7 @@ def _no_scheduler(address: str, error: Exception) -> OptionError:
 
 def _words(error: Exception) -> str:
     """What an error says; time-outs say nothing."""
-    return str(error).rstrip(".") or "no answer in time"
+    return (getattr(error, "strerror", None) or str(error)).rstrip(".") or "no answer in time"
 
 
 @contextmanager

@@ -48,6 +48,8 @@ class Engine:
         the same paths for them.
     tell : callable, optional
         Called with a line for the user: where a browser finds the dashboard.
+    warn : callable, optional
+        Called with a line for the user: what is waited for.
 
     Raises
     ------
@@ -60,6 +62,7 @@ class Engine:
     n_workers: int | None = None
     scheduler: str | None = None
     tell: Callable[[str], None] = field(default=_nobody, compare=False)
+    warn: Callable[[str], None] = field(default=_nobody, compare=False)
 
     def __post_init__(self) -> None:
         if self.n_workers is not None and self.scheduler is not None:
@@ -135,7 +138,7 @@ class Engine:
                     self.tell(f"dashboard    {dashboard}")
                 yield lambda job, tasks: Crew(client, job, cluster).results(tasks)
         else:
-            with joined_cluster(str(self.scheduler)) as client:
+            with joined_cluster(str(self.scheduler), self.warn) as client:
                 yield lambda job, tasks: _elsewhere(client, job, tasks)
 
 

@@ -41,12 +41,12 @@ def files_of_export(out: str | os.PathLike[str]) -> tuple[Path, ...]:
 def export_poses(
     table: str | os.PathLike[str], out: str | os.PathLike[str], crs: str | None = None
 ) -> list[PoseRow]:
-    """Write the poses of POSES.csv for another program.
+    """Write the poses of POSES.csv, or of a drive's Parquet file, for another program.
 
     Parameters
     ----------
     table : path
-        Written by `maxcon localize`.
+        Written by `maxcon localize`; of many drives `drive=NAME/poses.parquet`.
     out : path
         `.geojson` (WGS 84), `.gpkg` (in the CRS; needs the extra export), `.kml`, `.mcap` (poses and transforms of
         ROS 2; needs the extra recordings), `.tum`, `.kitti` (and the times beside it, `.times.txt`), or `.csv` with

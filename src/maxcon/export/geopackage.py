@@ -3,11 +3,8 @@
 """GeoPackage, in the CRS of the map, through pyogrio."""
 
 import os
-import shutil
 import struct
-import tempfile
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
@@ -45,8 +42,8 @@ def write_geopackage(path: str | os.PathLike[str], rows: Sequence[PoseRow], crs:
     table = [properties(row) for row in rows]
     names = list(table[0])
     columns = [_column([row[name] for row in table]) for name in names]
-    with atomic_file(path) as partial, tempfile.TemporaryDirectory() as folder:
-        made = Path(folder) / "poses.gpkg"  # GDAL minds the suffix, and writes a journal beside it
+    with atomic_file(path) as partial:
+        made = partial.with_suffix(".gpkg")  # GDAL minds the suffix, where a link leads to another one
         try:
             write(
                 made, points, columns, names,
@@ -56,7 +53,7 @@ def write_geopackage(path: str | os.PathLike[str], rows: Sequence[PoseRow], crs:
             raise FileError(
                 f"Expected GDAL to write {path}, got: {str(error).splitlines()[0][:120]}."
             ) from error
-        shutil.copyfile(made, partial)
+        made.replace(partial)
 
 
 def _point(pose: Pose) -> bytes:

@@ -1,20 +1,23 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""PoseRow: one row of POSES.csv, as it was written."""
+"""PoseRow: one row of POSES.csv, or of the Parquet file of a drive, as it was written."""
 
 import csv
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from maxcon.errors import FileError
+from maxcon.export.parquet_rows import PARQUET, parquet_values
 from maxcon.geometry import Pose
 from maxcon.io.text import numbered_lines, parse_float
 from maxcon.poses_table import COLUMNS, COVARIANCES, UNKNOWNS
 
 __all__ = ["PoseRow", "bearing_deg", "properties", "read_rows"]
+
+WORDS = ("status", "reason")
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +62,7 @@ def properties(row: PoseRow) -> dict[str, float | str | None]:
 
 
 def read_rows(path: str | os.PathLike[str]) -> list[PoseRow]:
-    """Return all rows of POSES.csv.
+    """Return all rows of POSES.csv, or of the Parquet file of a drive (`.parquet`).
 
     Raises
     ------
@@ -67,7 +70,7 @@ def read_rows(path: str | os.PathLike[str]) -> list[PoseRow]:
         If it cannot be read, or is no such table.
     """
     file = Path(path)
-    rows = list(_rows(file))
+    rows = list(_parquet_rows(file) if file.suffix.lower() == PARQUET else _rows(file))
     if not rows:
         raise FileError(f"Expected a row per epoch in {file}, got none. Was it written to its end?")
     return rows
@@ -87,20 +90,38 @@ def _rows(file: Path) -> Iterator[PoseRow]:
         is_header = False
 
 
+def _parquet_rows(file: Path) -> Iterator[PoseRow]:
+    for number, values in enumerate(parquet_values(file), 1):
+        texts = {name: values.pop(name, "") for name in WORDS}
+        wrong = [
+            value for value in values.values() if not isinstance(value, float) or not math.isfinite(value)
+        ]
+        wrong += [text for text in texts.values() if not isinstance(text, str)]
+        if wrong:
+            raise _refused(file, number, repr(wrong[0])[:40])
+        yield _pose_row(file, number, values, texts)
+
+
 def _row(file: Path, number: int, cells: dict[str, str]) -> PoseRow:
-    words = {"status", "reason"}
-    texts = {name: text for name, text in cells.items() if text and name not in words}
+    texts = {name: text for name, text in cells.items() if text and name not in WORDS}
     values = {name: parse_float(text) for name, text in texts.items()}
     wrong = [texts[name] for name, value in values.items() if value is None]
-    numbers = {name: value for name, value in values.items() if value is not None}
-    if wrong or "time" not in numbers:
-        raise _refused(file, number, repr(wrong[0][:40]) if wrong else "no time")
+    if wrong:
+        raise _refused(file, number, repr(wrong[0][:40]))
+    return _pose_row(
+        file, number, {name: value for name, value in values.items() if value is not None}, cells
+    )
+
+
+def _pose_row(file: Path, number: int, numbers: dict[str, float], texts: Mapping[str, str]) -> PoseRow:
+    if "time" not in numbers:
+        raise _refused(file, number, "no time")
     place = [numbers.pop(name, None) for name in UNKNOWNS]
     known = [value for value in place if value is not None]
     if known and len(known) < len(place):
         raise _refused(file, number, "a part of a pose")
     pose = Pose(*known) if known else None
-    return PoseRow(numbers.pop("time"), pose, cells["status"], cells["reason"], numbers)
+    return PoseRow(numbers.pop("time"), pose, texts["status"], texts["reason"], numbers)
 
 
 def _refused(file: Path, number: int, got: str) -> FileError:

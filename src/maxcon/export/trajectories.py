@@ -30,9 +30,11 @@ def write_kitti(path: str | os.PathLike[str], rows: Sequence[PoseRow]) -> None:
     for _, pose in found:
         numbers = [[*turn, place] for turn, place in zip(pose.rotation, pose.position, strict=True)]
         lines.append(" ".join(f"{value:.12g}" for row in numbers for value in row))
-    for file, text in (
-        (Path(path).with_suffix(".times.txt"), [f"{time:.9f}" for time, _ in found]),
-        (path, lines),
+    times = [f"{time:.9f}" for time, _ in found]
+    # Both are written before either is where it belongs: a kill between them would leave times of other poses.
+    with (
+        atomic_file(path) as poses_partial,
+        atomic_file(Path(path).with_suffix(".times.txt")) as times_partial,
     ):
-        with atomic_file(file) as partial:
+        for partial, text in ((poses_partial, lines), (times_partial, times)):
             partial.write_text("\n".join(text) + "\n", encoding="utf-8", newline="\n")

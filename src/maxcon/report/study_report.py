@@ -13,6 +13,7 @@ from maxcon.atomic import check_folder, check_writable, make_folder
 from maxcon.dataset import DESCRIPTION
 from maxcon.errors import OptionError
 from maxcon.evaluation import SUCCESS_WORDS
+from maxcon.partials import sweep_folder
 from maxcon.progress import Progress
 from maxcon.report.claims import COUNT, HELMERT, paper_claims
 from maxcon.report.figure import check_matplotlib
@@ -81,6 +82,7 @@ def report_study(
     prior = _checked_prior(by_prior, prior)
     methods = by_prior[prior]
     make_folder(folder)
+    sweep_folder(folder)
     report = progress or (lambda step, done, total: None)
     notes = _cautions(study, methods)
     scenes = open_scenes(study, dataset, prior, notes)

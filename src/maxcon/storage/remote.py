@@ -29,16 +29,30 @@ CONNECT_SECONDS, READ_SECONDS, REQUEST_SECONDS = 5.0, 15.0, 120.0
 RETRIES, RETRY_SECONDS = 2, 20.0
 """How often a request is tried again, and until when."""
 NO_BUCKET = "no such bucket"
+NO_RANGES = (
+    "the server sends no ranges of files, by which tiles are read: serve the map by one that does, or copy its folder"
+    " to this machine"
+)
+KEYS = "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY"
+ANONYMOUS = "AWS_SKIP_SIGNATURE"
+NO_KEYS = (
+    f"no keys were found: set {KEYS} (AWS_SESSION_TOKEN too, where they are temporary), or {ANONYMOUS}=true for a"
+    " bucket that anybody may read"
+)
 CAUSES = {
-    "the server sends no ranges of files": r"Range request not supported",
-    "no permission: check AWS_ACCESS_KEY_ID and its rights": r"PermissionDenied|Forbidden|AccessDenied|\b403\b",
+    NO_RANGES: r"Range request not supported",
+    # A machine of Amazon would have them from there.
+    NO_KEYS: r"169\.254\.169\.254|/latest/(api/token|meta-data)|instance metadata",
+    f"half of the keys: set both, {KEYS}": r"Missing ?(SecretAccessKey|AccessKeyId)",
+    "no permission": r"PermissionDenied|Forbidden|AccessDenied|\b403\b",
     "the server does not know these credentials": r"Unauthenticated|InvalidAccessKeyId|SignatureDoesNotMatch|\b401\b",
-    "no credentials: set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY": r"169\.254\.169\.254|instance metadata",
     "no server there: connection refused": r"[Cc]onnection ?refused",
     "the server does not answer: timed out": r"timed out|TimedOut|timeout",
     "no server of this name": r"dns error|failed to lookup",
 }
 """What is said of an error whose words have this in them."""
+SECRETS = ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY", "AWS_SESSION_TOKEN")
+"""Environment variables whose values no message has."""
 Answer = TypeVar("Answer")
 
 
@@ -69,6 +83,9 @@ class Remote:
         self._obstore = obstore
         self._address = address
         self._cache = cache
+        self._is_s3 = address.startswith("s3:")
+        self._has_ranges = False
+        """Whether a web server has sent one."""
         self._ahead = FetchAhead(self._fetch, self._keep)
 
     @property
@@ -85,12 +102,12 @@ class Remote:
         return error.strerror if error.strerror == NO_BUCKET else f"no {name} there"
 
     def read(self, name: str, most_bytes: int) -> memoryview:
-        """Return all of a file.
+        """Return all of a file; the first of a web server also tells whether ranges of files can be had there.
 
         Raises
         ------
         OSError
-            If it cannot be read, or is larger than `most_bytes`.
+            If it cannot be read, is larger than `most_bytes`, or there are no ranges.
         """
 
         def read() -> memoryview:
@@ -99,7 +116,11 @@ class Remote:
                 raise OSError(errno.EFBIG, f"{result.meta['size']:,} bytes, more than there can be in it")
             return memoryview(result.bytes())
 
-        return self._asked(read)
+        content = self._asked(read)
+        if not (self._is_s3 or self._has_ranges) and len(content):
+            self._asked(lambda: self._obstore.get_range(self._store, name, start=0, length=1))
+            self._has_ranges = True
+        return content
 
     def read_record(self, place: RecordPlace) -> memoryview:
         """Return the bytes of a record: kept on this machine, announced before, or fetched now.
@@ -159,16 +180,15 @@ class Remote:
         """The server; made when first asked."""
         from obstore.store import HTTPStore, S3Store
 
-        is_s3 = self._address.startswith("s3:")
         endpoint = os.environ.get("AWS_ENDPOINT_URL_S3") or os.environ.get("AWS_ENDPOINT_URL", "")
         client: ClientConfig = {
             "connect_timeout": timedelta(seconds=CONNECT_SECONDS),
             "read_timeout": timedelta(seconds=READ_SECONDS),
             "timeout": timedelta(seconds=REQUEST_SECONDS),
-            "allow_http": (endpoint if is_s3 else self._address).startswith("http:"),
+            "allow_http": (endpoint if self._is_s3 else self._address).startswith("http:"),
         }
         retry: RetryConfig = {"max_retries": RETRIES, "retry_timeout": timedelta(seconds=RETRY_SECONDS)}
-        if not is_s3:
+        if not self._is_s3:
             return HTTPStore(self._address, client_options=client, retry_config=retry)
         config: S3Config = {"endpoint": endpoint} if endpoint else {}
         return S3Store.from_url(self._address, config=config, client_options=client, retry_config=retry)
@@ -183,10 +203,17 @@ class Remote:
             missing = NO_BUCKET if "NoSuchBucket" in str(error) else os.strerror(errno.ENOENT)
             raise FileNotFoundError(errno.ENOENT, missing) from None
         except (BaseError, ValueError) as error:
-            raise OSError(errno.EIO, _in_words(error)) from None
+            raise OSError(errno.EIO, _in_words(error, is_s3=self._is_s3)) from None
 
 
-def _in_words(error: Exception) -> str:
-    """Return the cause of an error of obstore in one line."""
+def _in_words(error: Exception, *, is_s3: bool) -> str:
+    """Return the cause of an error of obstore in one line, without what is secret."""
     text = " ".join(str(error).split())
-    return next((words for words, pattern in CAUSES.items() if re.search(pattern, text)), text[:200])
+    words = next((words for words, pattern in CAUSES.items() if re.search(pattern, text)), "")
+    if words == "no permission" and is_s3:
+        is_anonymous = os.environ.get(ANONYMOUS, "").lower() in ("1", "true", "yes", "on", "y")
+        without = f"without keys, as {ANONYMOUS} asks for: set {KEYS} instead"
+        return f"{words} {without}" if is_anonymous else f"{words}: check AWS_ACCESS_KEY_ID and its rights"
+    for name in SECRETS:
+        text = text.replace(os.environ.get(name) or name, name)
+    return words or text[:200]

@@ -11,6 +11,7 @@ from typing import Any
 
 from maxcon.atomic import write_json
 from maxcon.dataset import Dataset
+from maxcon.differences import differences
 from maxcon.drive import DriveOptions
 from maxcon.errors import FileError, OptionError
 from maxcon.regular_file import open_regular
@@ -173,7 +174,7 @@ class Configuration:
             if name in with_rows and self.methods.get(name) != other.methods[name]:
                 raise OptionError(
                     f"Expected {name} to be made as before in this study, with"
-                    f" {_differences(self.methods.get(name), other.methods[name])}. Name another folder, or give your"
+                    f" {differences(self.methods.get(name), other.methods[name])}. Name another folder, or give your"
                     " own method another name."
                 )
         kept = {name: method for name, method in self.methods.items() if name in with_rows}
@@ -228,11 +229,3 @@ def check_parts(mine: Mapping[str, str], theirs: Mapping[str, str]) -> None:
                 f"Expected the {name} of the dataset to be as before in this study, but it has changed."
                 " Name another folder for a new study."
             )
-
-
-def _differences(before: Any, now: Any, where: str = "") -> str:
-    """Say what differs between two descriptions: "space.half_width 3.0, got 3.6"."""
-    if not (isinstance(before, dict) and isinstance(now, dict)):
-        return f"{where or 'it'} {before}, got {now}"
-    keys = [key for key in {**before, **now} if before.get(key) != now.get(key)]
-    return "; ".join(_differences(before.get(key), now.get(key), f"{where}.{key}".strip(".")) for key in keys)

@@ -78,6 +78,7 @@ def run_study(
     progress: Progress | None = None,
     scheduler: str | None = None,
     tell: Callable[[str], None] | None = None,
+    warn: Callable[[str], None] | None = None,
 ) -> Study:
     """Let methods localize epochs of a dataset; rows that are in the folder already are not made again.
 
@@ -103,6 +104,8 @@ def run_study(
         Address of a dask scheduler, whose workers do it instead.
     tell : callable, optional
         Called with a line for the user: where a browser finds the dashboard of dask.
+    warn : callable, optional
+        Called with a line for the user: that the scheduler is waited for.
 
     Returns
     -------
@@ -116,7 +119,8 @@ def run_study(
         If the dataset cannot be used, or the folder cannot be written.
     """
     root, options = Path(folder), options or DriveOptions()
-    engine = Engine(n_workers, scheduler, tell) if tell is not None else Engine(n_workers, scheduler)
+    told = {name: call for name, call in (("tell", tell), ("warn", warn)) if call is not None}
+    engine = Engine(n_workers, scheduler, **told)
     names = _checked(dataset, methods, priors)
     scans = open_scans(dataset.scans, dataset.times)
     numbers = spread_epochs(len(scans), n_epochs)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from maxcon.dataset import DESCRIPTION, Dataset
 from maxcon.errors import FileError, OptionError
+from maxcon.export.parquet_rows import PARQUET
 from maxcon.export.rows import PoseRow, read_rows
 from maxcon.geometry import LocalFrame, Pose
 from maxcon.io.scans import Scans, open_scans
@@ -79,7 +80,7 @@ class LocalizedDrive:
 
     @classmethod
     def open(cls, scans: str | os.PathLike[str], poses: str | os.PathLike[str]) -> "LocalizedDrive":
-        """Return the drive of a folder (or recording) of scans, or a dataset, and the POSES.csv made of them.
+        """Return the drive of a folder (or recording) of scans, or a dataset, and the table of poses made of them.
 
         Raises
         ------
@@ -93,7 +94,11 @@ class LocalizedDrive:
                 f"Expected a localized epoch in {poses}, got none: an update learns from what is localized. Localize"
                 " the drive again, or leave it out."
             )
-        return cls(opened, rows, len(opened), Path(poses).name, _sha256(Path(poses)))
+        table = Path(poses)
+        name = (
+            table.name if table.suffix.lower() != PARQUET else f"{table.absolute().parent.name}/{table.name}"
+        )
+        return cls(opened, rows, len(opened), name, _sha256(table))
 
     @classmethod
     def of_dataset(cls, path: str | os.PathLike[str]) -> "LocalizedDrive":
@@ -127,6 +132,7 @@ def is_dataset(path: str | os.PathLike[str]) -> bool:
 def open_drives(paths: Sequence[str | os.PathLike[str]]) -> list[LocalizedDrive]:
     """Return the drives of scans and tables in turn: SCANS POSES.csv, SCANS POSES.csv, ...
 
+    A table may be the Parquet file of a drive, `drive=NAME/poses.parquet`, as `maxcon localize --drives` writes it.
     SCANS may be a dataset, which may stand without a table: its reference poses are taken then.
 
     Raises
@@ -149,8 +155,8 @@ def open_drives(paths: Sequence[str | os.PathLike[str]]) -> list[LocalizedDrive]
             drives.append(LocalizedDrive.of_dataset(scans))
         else:
             raise OptionError(
-                f"Expected the table of poses of {scans} behind it (POSES.csv, as maxcon localize writes it), got"
-                f" {left[0] if left else 'nothing'}. Localize the drive first."
+                f"Expected the table of poses of {scans} behind it (POSES.csv or poses.parquet, as maxcon localize"
+                f" writes it), got {left[0] if left else 'nothing'}. Localize the drive first."
             )
     if not drives:
         raise OptionError("Expected at least one drive, got none. Name it as SCANS POSES.csv.")
@@ -194,7 +200,7 @@ def _dataset_scans(dataset: Dataset) -> Scans:
 
 
 def _is_table(path: Path) -> bool:
-    return path.suffix.lower() == ".csv"
+    return path.suffix.lower() in (".csv", PARQUET)
 
 
 def _with_scans(scans: Scans, rows: Sequence[PoseRow], path: Path) -> Iterator[tuple[int, PoseRow]]:
