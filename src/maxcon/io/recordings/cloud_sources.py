@@ -194,9 +194,9 @@ def _of_capture(path: Path) -> CloudSource:
         from maxcon.io.recordings.ouster import OusterCapture
 
         return OusterCapture(path)
-    from maxcon.io.recordings.velodyne import PacketCapture
+    from maxcon.io.recordings.velodyne import VelodyneCapture
 
-    return PacketCapture(path)
+    return VelodyneCapture(path)
 
 
 def chosen_topic(recording: Recording, name: str | None) -> Topic:
