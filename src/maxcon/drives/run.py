@@ -130,7 +130,7 @@ class _Run:
             for task, found in self._engine.run(self._job, self._tasks(todo), sys.maxsize):
                 self._keep(task.entry.name, found)
         statuses = {
-            entry.name: self._dataset.rows(entry.name).column("status").to_pylist()
+            entry.name: self._dataset.statuses(entry.name)
             for entry in self._entries
             if self._dataset.is_done(entry.name)
         }
