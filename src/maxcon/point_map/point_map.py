@@ -233,6 +233,11 @@ class PointMap:
         if self._fetch_ahead is not None:
             self._fetch_ahead(keys)
 
+    def announce_around(self, places: Iterable[tuple[float, float]], reach: float) -> None:
+        """Announce the tiles around places (x, y), local frame, m; costs nothing where the map is on this machine."""
+        if self._fetch_ahead is not None:
+            self._fetch_ahead(sorted({key for x, y in places for key in self._keys_within(x, y, reach)}))
+
     def _load(self, keys: Sequence[TileKey]) -> list[VoxelTile]:
         if len(keys) > 1:
             self.announce(keys)
