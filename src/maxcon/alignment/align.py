@@ -258,7 +258,7 @@ def _sort_into_places(
             places.add(part.points[is_kept], part.times[is_kept], numbers[is_kept])
             n_done += len(numbers)
             report("sorting points", n_done, n_total)
-    places.flush()
+    places.complete()
     return places
 
 
@@ -266,13 +266,14 @@ def _gather_visits(places: Places, folder: Path, n_threads: int, report: Progres
     """Thin the points of each place to visits; return the places that have two or more."""
 
     def gather(key: PlaceKey) -> PlaceKey | None:
-        visits = visits_of(places.records(key), PLACE_EDGE)
+        visits = visits_of(places.points(key), PLACE_EDGE)
         if len(visits) > 1:
             save_visits(_visits_path(folder, key), visits)
         return key if len(visits) > 1 else None
 
     gathered = _in_threads(gather, places.keys, n_threads, "thinning", report)
-    places.remove()
+    for key in places.keys:
+        places.remove(key)
     return [key for key in gathered if key is not None]
 
 
