@@ -40,9 +40,9 @@ from maxcon.progress import Progress
 __all__ = ["Alignment", "align", "align_files"]
 
 MOST_THREADS = 4
-"""Each holds a place's points, some 0.4 GiB: more threads only on demand."""
+"""By default; each thread holds the points of a place, some 0.4 GiB."""
 N_MATCHINGS = 2
-"""The second starts where the first led, a few centimetres away at most: it finds partners that the first could not."""
+"""How often all visits are matched: from corrected poses more points find a partner."""
 
 Given = TypeVar("Given")
 Made = TypeVar("Made")
@@ -50,27 +50,27 @@ Made = TypeVar("Made")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Alignment:
-    """What an alignment found.
+    """The outcome of an alignment.
 
     Parameters
     ----------
     rounds : Rounds
         All rounds.
     ties : tuple of Tie
-        Matched pairs of visits that say something.
+        Matched pairs of visits that are used.
     refused : mapping of str to int
-        How many other pairs there were, by why they say nothing.
+        Number of the other matched pairs, by the reason why they are not used (`Tie.fault`).
     adjusted : Adjusted
         Corrections of the rounds, and what remains.
     tied : tuple of RoundTied
-        How each round came out.
+        For each round: its correction, how sure that is, and which rounds it is tied to.
     sigma_before, sigma_of_round : float
-        Standard deviation of one round's position along a horizontal axis beside the others, before and after, m.
+        Standard deviation of one round's position relative to the others, along a horizontal axis, m, before and after.
     sigma_of_map : float
-        Standard deviation, m, of the mean of all rounds, which is what a map has, along a horizontal axis, beside where
-        the map is as a whole: what remains between rounds, and the mean of their drifts, which no match can see.
+        Standard deviation of a map of all rounds, that is of their mean, along a horizontal axis, m: from the
+        differences that remain between rounds and their mean drift, which no match reveals; without `sigma_of_datum`.
     sigma_of_datum : float
-        The same of where all of them are as a whole, m: their priors tell, and nothing else.
+        Standard deviation of a shift common to all rounds, m: only their priors, not their matches, determine it.
     """
 
     rounds: Rounds
@@ -104,13 +104,13 @@ def align(
     headers : sequence of CloudHeader
         LAS or LAZ files.
     options : AlignmentOptions
-        How.
+        Options of the alignment.
     folder : Path
-        An empty folder for what is kept in between; it is empty afterwards.
+        An empty folder for intermediate files; it is empty afterwards.
     n_threads : int
         Places worked on at the same time; what is found does not depend on it.
     report : callable
-        Progress.
+        Called with (step, done, of how many).
 
     Raises
     ------
@@ -165,9 +165,9 @@ def align_files(
     out : path
         Folder to write; it appears when all is done.
     options : AlignmentOptions, optional
-        How; the defaults if None.
+        Options of the alignment; the defaults if None.
     trajectories : sequence of path
-        Of the mapping sensor, TUM or CSV, in the times of the points: corrected as they are.
+        Trajectories of the mapping sensor, TUM or CSV, on the clock of the points: corrected like these.
     overwrite : bool
         Whether an alignment that stands there is replaced; anything else there is an error.
     n_threads : int, optional
@@ -231,7 +231,7 @@ def _check_apart(inputs: Sequence[Path], out: Path) -> None:
 
 
 def _distinct(names: list[str], what: str) -> list[str]:
-    """Refuse two outputs of one name, or one of a table's."""
+    """Refuse outputs of the same name, or with the name of a table."""
     for name, number in Counter(names).items():
         if number > 1 or name in TABLES:
             raise FileError(
@@ -297,7 +297,7 @@ def _match(
 def _in_threads(
     work: Callable[[Given], Made], given: Sequence[Given], n_threads: int, step: str, report: Progress
 ) -> list[Made]:
-    """Return what is made of all that is given, in its order."""
+    """Call a function with each item, several at a time; return its results in the order of the items."""
     made = []
     with ThreadPoolExecutor(n_threads) as pool:
         try:

@@ -12,11 +12,11 @@ from maxcon.mapping.spill import TileFiles
 __all__ = ["PLACE_EDGE", "PLACE_RECORD", "PlaceKey", "Places"]
 
 PLACE_EDGE = 24.0
-"""Of the squares in which rounds are matched, m: walls on both sides of a street, ground, and what stands on it."""
+"""Edge of the squares in which rounds are matched, m: both sides of a street fit in."""
 PLACE_RECORD = np.dtype([("time", "<f8"), ("round", "<i2"), ("inside", "<f4", 3)])
 """One point: its time (s), the number of its round, and where it lies from the middle of its place (m)."""
 MOST_POINTS = 4_000_000
-"""Of a place in memory, 90 MB; of more, every n-th is taken."""
+"""Points of a place in memory, 90 MB; of more, every n-th is taken."""
 PlaceKey = tuple[int, int]
 
 

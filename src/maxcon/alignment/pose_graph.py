@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The pose graph: corrections that agree with all ties and with the georeference, by robust sparse least squares."""
+"""The pose graph: corrections from all ties and from the georeference of rounds, by robust sparse least squares."""
 
 import math
 from collections.abc import Sequence
@@ -22,18 +22,18 @@ CORRELATION_TIME = 60.0
 DRIFTS = (0.0, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2)
 """Standard deviations of the drift that are tried, m; 0: rounds are rigid."""
 MARGIN = 3.0
-"""By how much the logarithm of the evidence must grow for a larger drift to be believed: twenty times as likely."""
+"""A larger drift is taken if the logarithm of the evidence grows by this: it is twenty times as likely."""
 FREEDOM = 4.0
-"""Of the Student distribution that ties are taken from: one 5 sigmas off weighs a third, one 20 off a fortieth."""
+"""Degrees of freedom of the Student distribution of residuals: a tie 5 sigmas off weighs a third, 20 a fortieth."""
 USUAL_SQUARE = 5.348
 """Median of a chi-squared variable of six degrees of freedom."""
 MOST_STEPS, AT_REST = 50, 3e-4
-"""Of the adjustment; where the largest change of any unknown, in sigmas of its prior, is below, it ends."""
+"""Most steps of an adjustment; it ends before when no unknown changes by more than this share of its prior's sigma."""
 
 
 @dataclass(frozen=True, slots=True)
 class Georeference:
-    """How well rounds were georeferenced before: what each is known to a priori.
+    """How well each round was georeferenced before: the prior of its correction.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class Georeference:
 
     @property
     def sigmas(self) -> NDArray[np.float64]:
-        """Of a twist, shape (6,), m and rad."""
+        """Standard deviations of a twist, shape (6,), m and rad."""
         return np.repeat([self.sigma, self.sigma_turn], 3)
 
 
@@ -59,7 +59,7 @@ class Adjusted:
     Parameters
     ----------
     corrections : Corrections
-        Of all rounds.
+        Corrections of all rounds.
     drift_sigma : float
         Standard deviation of the drift that was allowed, m; 0 for rigid rounds.
     residuals : array, shape (n, 6)
@@ -67,9 +67,9 @@ class Adjusted:
     weights : array, shape (n,)
         Of each tie, 0 to 1: small for those that contradict the others.
     inflation : float
-        By which the standard deviations of all ties had to be multiplied to be as large as their residuals; at least 1.
+        Factor on the standard deviations of all ties that makes them agree with the residuals; at least 1.
     evidence : float
-        Logarithm of how likely the ties are, but for a constant that all drifts share.
+        Logarithm of the probability of the ties under this drift, up to a constant that is the same for all drifts.
     """
 
     corrections: Corrections
@@ -82,19 +82,19 @@ class Adjusted:
     _factor: Any
 
     def covariance(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Covariance of linear functions of the unknowns, given as by `twist_rows`, shape (k, n_unknowns)."""
+        """Covariance (k, k) of linear functions of the unknowns with these coefficients, shape (k, n_unknowns)."""
         scaled = rows * self._graph.scales
         return np.asarray(scaled @ self._factor.solve(np.ascontiguousarray(scaled.T)))
 
     def twist_rows(self, place: NDArray[np.float64], time: float, number: int) -> NDArray[np.float64]:
-        """How the twist at a place of what a round saw at a time changes with the unknowns, shape (6, n_unknowns)."""
+        """Derivatives (6, n_unknowns) of the twist at a place (global, m) that a round measured at a time (s)."""
         return self._graph.twist_rows(place, time, number)
 
 
 def adjust_by_evidence(
     corrections: Corrections, ties: Sequence[Tie], georeference: Georeference, drift_sigma: float | None
 ) -> Adjusted:
-    """Adjust with the drift that is told, or with the smallest that explains the ties.
+    """Adjust with a given drift, or with the smallest one that explains the ties.
 
     Parameters
     ----------
@@ -110,8 +110,8 @@ def adjust_by_evidence(
     Notes
     -----
     The evidence is the probability of the ties under a drift, with all unknowns integrated over: a larger drift fits
-    better, and pays for the freedom that it has. Weights and scale of the ties are those of the largest drift, or
-    rounds that drift would look like wrong matches of rigid ones.
+    better, and pays for the freedom that it has. Weights and inflation are those of the largest drift: with those of
+    rigid rounds, ties that show a drift would be taken for wrong matches.
     """
     equations = TieEquations(corrections, ties)
     if drift_sigma is not None:
@@ -132,7 +132,7 @@ def adjust(
     drift_sigma: float,
     fixed: tuple[NDArray[np.float64], float] | None = None,
 ) -> Adjusted:
-    """Adjust the corrections of all rounds to all ties, and to the priors that no round has to be moved.
+    """Adjust the corrections of all rounds to all ties and to their prior, which is zero.
 
     Parameters
     ----------
@@ -141,14 +141,14 @@ def adjust(
     georeference : Georeference
         The prior of each round as a whole.
     drift_sigma : float
-        Standard deviation of drift along any axis, m; its turns are as much smaller as the prior says.
+        Standard deviation of drift along any axis, m; that of turns is to it as in the prior.
     fixed : tuple of array, shape (n,), and float, optional
         Weights of the ties, and their inflation; found with the corrections if None.
 
     Notes
     -----
-    Gauss-Newton steps with sparse normal equations, reweighted: ties are taken from a multivariate Student
-    distribution, so that a wrong one pulls the less the farther it is off.
+    Gauss-Newton steps with sparse normal equations, reweighted: residuals are taken to follow a
+    multivariate Student distribution, so that a wrong tie weighs the less the farther it is off.
     """
     from scipy.sparse.linalg import splu
 
@@ -185,7 +185,7 @@ def adjust(
 
 
 def _reweighted(whitened: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-    """Weights of ties, and the common factor of their standard deviations, from residuals in sigmas, (n, 6)."""
+    """Weights of ties (n,) and their inflation, from whitened residuals (n, 6)."""
     squares = (whitened**2).sum(axis=1)
     inflation = max(1.0, math.sqrt(float(np.median(squares)) / USUAL_SQUARE)) if len(squares) else 1.0
     weights = (FREEDOM + 6.0) / (FREEDOM + squares / inflation**2)
@@ -231,7 +231,7 @@ class _Graph:
 
     @cached_property
     def prior(self) -> Any:
-        """Inverse covariance of the scaled unknowns before any tie, sparse: drift is a Gauss-Markov process."""
+        """Inverse covariance of the scaled unknowns a priori, sparse: a drift is a Gauss-Markov process."""
         from scipy.sparse import block_diag, eye_array, kron
 
         parts = [eye_array(self._equations.n_whole)]
@@ -253,7 +253,7 @@ class _Graph:
     def normal_equations(
         self, unknowns: NDArray[np.float64], residuals: NDArray[np.float64], weights: NDArray[np.float64]
     ) -> tuple[Any, NDArray[np.float64]]:
-        """Matrix and right side of the step of the scaled unknowns, from residuals (n, 6) and weights (n,)."""
+        """Matrix and right side of a Gauss-Newton step in scaled unknowns, from residuals (n, 6) and weights (n,)."""
         from scipy.sparse import csc_array, diags_array
 
         weighted = diags_array(np.repeat(weights, 6)) @ self._design
@@ -264,7 +264,7 @@ class _Graph:
 
 
 def _gauss_markov(n: int, step: float) -> Any:
-    """Inverse covariance of n values of a Gauss-Markov process of variance 1, so many seconds apart, sparse."""
+    """Inverse covariance of n values of a Gauss-Markov process of variance 1, `step` seconds apart, sparse."""
     from scipy.sparse import diags_array
 
     kept = math.exp(-step / CORRELATION_TIME)
