@@ -69,7 +69,7 @@ def write_poses(path: str | os.PathLike[str], epochs: Sequence[EpochEstimate]) -
 
 @dataclass(frozen=True, slots=True)
 class RowsThere:
-    """What an earlier call has written of a table.
+    """The part of a table that an earlier call has written.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ class RowsThere:
 
 
 def rows_there(path: str | os.PathLike[str], times: NDArray[np.float64]) -> RowsThere:
-    """Return what is there of the table of scans at `times` (s); nothing, where there is no file.
+    """Return the part of a table of scans at `times` (s) that has been written; empty if there is no file.
 
     Raises
     ------
@@ -148,7 +148,7 @@ class GrowingTable:
     path : path
         Of the table.
     there : RowsThere
-        What to go on with; nothing to begin anew.
+        Rows to continue; None to begin anew.
     """
 
     def __init__(self, path: str | os.PathLike[str], there: RowsThere | None = None) -> None:

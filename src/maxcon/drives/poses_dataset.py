@@ -34,7 +34,7 @@ def poses_schema() -> "pyarrow.Schema":
 
 
 class PosesDataset:
-    """The dataset in a folder. A drive is in it once all of its epochs are done; until then its rows wait in _parts.
+    """The dataset in a folder. A drive is published once all its epochs are done; until then its rows are in _parts.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class PosesDataset:
         return self._parts.exists() or any(self.folder.glob("drive=*/poses.parquet"))
 
     def add(self, name: str, epochs: Sequence[EpochEstimate]) -> None:
-        """Keep rows of a drive that is not done yet.
+        """Write rows of a drive that is not done yet.
 
         Raises
         ------
@@ -78,7 +78,7 @@ class PosesDataset:
         self._write(part, pyarrow.Table.from_pylist(rows, schema=poses_schema()))
 
     def rows(self, name: str) -> "pyarrow.Table":
-        """Return the rows that are there of a drive, done or not, by epoch.
+        """Return the rows of a drive that have been written, done or not, by epoch.
 
         Raises
         ------
@@ -111,7 +111,7 @@ class PosesDataset:
         return found
 
     def publish(self, name: str, table: "pyarrow.Table") -> None:
-        """Put a drive, of which all rows are there, into the dataset, in one step.
+        """Publish a drive whose rows are complete, in one step.
 
         Raises
         ------
@@ -123,7 +123,7 @@ class PosesDataset:
         self.clear(name)
 
     def clear(self, name: str) -> None:
-        """Remove what waited of a drive that is done."""
+        """Remove the parts of a drive that is done."""
         shutil.rmtree(self._parts / name, ignore_errors=True)
         if self._parts.exists() and not any(self._parts.iterdir()):
             self._parts.rmdir()

@@ -229,7 +229,7 @@ class PointMap:
         return self._load(self.keys_within(x, y, reach))
 
     def announce(self, keys: Iterable[TileKey]) -> None:
-        """Say which tiles will be asked for soon: those of a map on a network are fetched in the background."""
+        """Announce tiles that will be needed soon: those of a map on a network are fetched in the background."""
         if self._fetch_ahead is not None:
             self._fetch_ahead(keys)
 

@@ -111,7 +111,7 @@ class _Kept:
 
 @dataclass(frozen=True)
 class _RegionSieve:
-    """Bounds blocks of a region, and parts them."""
+    """Bounds the blocks of a region, and splits them."""
 
     turned: Turned
     kept: _Kept
@@ -161,7 +161,7 @@ class _RegionSieve:
     def _children(
         self, region: Region, nodes: Nodes, grid: NDArray[np.uint8], step: int
     ) -> tuple[Nodes, NDArray[np.int64]]:
-        """The four parts of each square, and what they count at most."""
+        """The four parts of each square, and a bound of the count of each."""
         from maxcon.relocalization import kernels
 
         turned, counts = self.turned, np.empty((len(nodes), 4), np.uint16)
