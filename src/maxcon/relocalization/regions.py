@@ -100,7 +100,7 @@ class Region:
     margin : int
         Cells that the voxels reach beyond it on every side.
     voxels : Voxels
-        What is there.
+        The voxels of the region and its margin.
     is_allowed : array, shape (REGION, REGION), bool
         Whether a scanner may stand in cell (y, x).
     """

@@ -34,7 +34,7 @@ def sift(scan: SieveScan, regions: Regions, share: float, *, n_threads: int = 1)
     Parameters
     ----------
     scan : SieveScan
-        What is counted.
+        The points to count.
     regions : Regions
         Where a scanner may stand.
     share : float
@@ -77,7 +77,7 @@ class _Kept:
 
     @property
     def least(self) -> float:
-        """What a cell must count to be kept."""
+        """Least count of a cell to be kept."""
         return max(self.share * self.best, 1.0, self.let_go)
 
     def add(self, cells: Nodes, counts: NDArray[np.int64]) -> None:
@@ -103,7 +103,7 @@ class _Kept:
         return cells[reaches], counts[reaches]
 
     def sifted(self) -> Sifted:
-        """What is left of all regions."""
+        """The cells left, of all regions."""
         self._let_go()
         left_out = max(self.share, self.let_go / self.best) if self.best else self.share
         return Sifted.of(self.cells[0], self.counts[0], left_out, self.n_counted)

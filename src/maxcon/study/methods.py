@@ -94,7 +94,7 @@ CELL_ONLY: dict[str, Any] = {"refinement": False, "search": "exhaustive"}
 all objectives, and how distinct the best one is can be measured."""
 
 AS_PUBLISHED: dict[str, Any] = {"weighting": "published", "thinning": 0.0, "is_levelled": False, **CELL_ONLY}
-"""A scan point without a normal constrains nothing, all of them are searched with, and the prior's height is right."""
+"""As in the paper: points without a normal constrain nothing, all points are used, the prior's height is kept."""
 
 
 def known_methods(space: SearchSpace) -> dict[str, StudyMethod]:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""UpdateOptions: what counts as a look at a surface, what it weighs, and when a surface is gone or new."""
+"""UpdateOptions: which scans are looks, what evidence a look adds, and when a surface is gone or new."""
 
 import math
 from collections.abc import Callable
