@@ -60,6 +60,11 @@ def write_content(folder, content):
     (folder / "manifest.json").write_text(json.dumps(content))
 
 
+def edit_manifest(folder, **changes):
+    """Change entries of a manifest, with a checksum that fits."""
+    write_content(folder, {**json.loads((folder / "manifest.json").read_text()), **changes})
+
+
 def edit_index(folder, section, **changes):
     """Change columns of the index of a section, and all checksums that depend on it."""
     manifest = manifests.read_manifest(folder)
@@ -71,3 +76,9 @@ def table_of(n, section=TILES, schema=b"some schema"):
     """Return the table of n records that lie behind each other in one file."""
     rows = [((k, -k), 10 + k, 20 + k, 0, 100 + 50 * k, 50, bytes([k % 256]) * 32) for k in range(n)]
     return ShardTable.of_rows(schema, (ShardFile(f"{section}/00000-0.arrows", 200 + 50 * n),), rows)
+
+
+def tile_shard(folder):
+    """Return the only file of a small map that holds its tiles."""
+    (path,) = (folder / "tiles").glob("*.arrows")
+    return path

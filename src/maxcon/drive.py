@@ -41,7 +41,7 @@ __all__ = [
 MAP_MARGIN = 30.0
 
 
-# Tiles around the priors of so many epochs are announced, so far around each (m).
+# The tiles so far (m) around the priors of so many epochs are announced to the map: a remote one fetches them ahead.
 EPOCHS_AHEAD, METRES_AHEAD = 10, 40.0
 
 
@@ -211,7 +211,8 @@ class Drive:
 
     def localize(self, epoch: int) -> EpochEstimate:
         """Return the answer for one epoch."""
-        announce_ahead(self.point_map, self.priors[epoch : epoch + EPOCHS_AHEAD])
+        ahead = self.priors[epoch : epoch + EPOCHS_AHEAD]
+        self.point_map.announce_around([(pose.x, pose.y) for pose in ahead if pose is not None], METRES_AHEAD)
         pose = self.priors[epoch]
         if pose is None:
             return _without_prior(epoch, self.scans, self.prior, self.options)
@@ -226,17 +227,6 @@ def failed_epoch(epoch: int, scans: Scans, reason: str) -> EpochEstimate:
     """Return what stands for the answer of an epoch that ended the process it was given to, or never came back."""
     raw = RawScan(np.empty((0, 3)), float(scans.times[epoch]), scans.name(epoch), 0, 0, 0)
     return EpochEstimate(epoch, raw, Status.FAILED, 0.0, scan_of(raw), reason=reason)
-
-
-def announce_ahead(point_map: PointMap, priors: Sequence[Pose | None]) -> None:
-    """Announce the tiles around these priors (local frame): what lies on a network is here when it is asked for."""
-    keys = {
-        key
-        for pose in priors
-        if pose is not None
-        for key in point_map.keys_within(pose.x, pose.y, METRES_AHEAD)
-    }
-    point_map.announce(sorted(keys))
 
 
 def _several_at_once(

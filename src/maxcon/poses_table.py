@@ -11,7 +11,7 @@ from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO, Self
+from typing import Any, BinaryIO, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,13 +23,27 @@ from maxcon.estimate import Status
 from maxcon.locks import locked
 from maxcon.trajectory import Trajectory
 
-__all__ = ["COLUMNS", "GrowingTable", "RowsThere", "localized_trajectory", "rows_there", "write_poses"]
+__all__ = [
+    "COLUMNS",
+    "GrowingTable",
+    "RowsThere",
+    "localized_trajectory",
+    "pose_values",
+    "rows_there",
+    "write_poses",
+]
 
 UNKNOWNS = ("x", "y", "z", "roll", "pitch", "heading")
 COVARIANCES = tuple(f"cov_{UNKNOWNS[row]}_{UNKNOWNS[column]}" for row in range(6) for column in range(row, 6))
-COLUMNS = (
-    "time", *UNKNOWNS, "score", "status", "ms", "protection_along", "protection_across", *COVARIANCES, "reason",
-)  # fmt: skip
+PROTECTION_LEVELS = ("protection_along", "protection_across")
+COLUMNS = ("time", *UNKNOWNS, "score", "status", "ms", *PROTECTION_LEVELS, *COVARIANCES, "reason")
+FORMATS = {
+    "time": ".9f", "ms": ".2f", "score": ".6g",
+    **dict.fromkeys(("x", "y", "z", *PROTECTION_LEVELS), ".4f"),
+    **dict.fromkeys(("roll", "pitch", "heading"), ".9f"),
+    **dict.fromkeys(COVARIANCES, ".6g"),
+}  # fmt: skip
+"""How the numbers of a column are rounded: tenths of a millimetre, nanoradians."""
 # A row has some 400 characters; a longer line is another kind of file.
 MAX_ROW = 10_000
 
@@ -55,7 +69,7 @@ def write_poses(path: str | os.PathLike[str], epochs: Sequence[EpochEstimate]) -
 
 @dataclass(frozen=True, slots=True)
 class RowsThere:
-    """What an earlier call has written of a table.
+    """The part of a table that an earlier call has written.
 
     Parameters
     ----------
@@ -74,7 +88,7 @@ class RowsThere:
 
 
 def rows_there(path: str | os.PathLike[str], times: NDArray[np.float64]) -> RowsThere:
-    """Return what is there of the table of scans at `times` (s); nothing, where there is no file.
+    """Return the part of a table of scans at `times` (s) that has been written; empty if there is no file.
 
     Raises
     ------
@@ -134,7 +148,7 @@ class GrowingTable:
     path : path
         Of the table.
     there : RowsThere
-        What to go on with; nothing to begin anew.
+        Rows to continue; None to begin anew.
     """
 
     def __init__(self, path: str | os.PathLike[str], there: RowsThere | None = None) -> None:
@@ -205,29 +219,27 @@ class GrowingTable:
         self._stack.close()
 
 
-def _row(epoch: EpochEstimate) -> list[str]:
-    pose = epoch.pose_global
-    position = ["", "", ""] if pose is None else [f"{value:.4f}" for value in (pose.x, pose.y, pose.z)]
-    angles = (
-        ["", "", ""] if pose is None else [f"{value:.9f}" for value in (pose.roll, pose.pitch, pose.heading)]
-    )
-    score = "" if epoch.estimate is None else f"{epoch.estimate.score:.6g}"
-    return [
-        f"{epoch.raw.time:.9f}", *position, *angles, score, epoch.status.value, f"{epoch.milliseconds:.2f}",
-        *_certainty(epoch), " ".join(epoch.reason.split()),
-    ]  # fmt: skip
-
-
-def _certainty(epoch: EpochEstimate) -> list[str]:
-    """Protection level and covariance; empty where there is no pose, or they are not known."""
-    nothing = [""] * (2 + len(COVARIANCES))
+def pose_values(epoch: EpochEstimate) -> dict[str, Any]:
+    """Return what is known of an epoch, by the names of the columns, not rounded; a column left out has no value."""
+    values: dict[str, Any] = {"time": epoch.raw.time, "status": epoch.status.value}
+    values |= {"ms": epoch.milliseconds, "reason": " ".join(epoch.reason.split())}
+    if epoch.estimate is not None:
+        values["score"] = epoch.estimate.score
     if epoch.pose_global is None or epoch.estimate is None:
-        return nothing
+        return values
+    values |= {name: getattr(epoch.pose_global, name) for name in UNKNOWNS}
     covariance = epoch.estimate.covariance[np.triu_indices(6)]
-    if not np.isfinite(covariance).all():
-        return nothing
-    level = ["" if math.isinf(each) else f"{each:.4f}" for each in epoch.estimate.protection_level]
-    return level + [f"{each:.6g}" for each in covariance]
+    if np.isfinite(covariance).all():
+        values |= dict(zip(COVARIANCES, covariance.tolist(), strict=True))
+        levels = zip(PROTECTION_LEVELS, epoch.estimate.protection_level, strict=True)
+        values |= {name: level for name, level in levels if math.isfinite(level)}
+    return values
+
+
+def _row(epoch: EpochEstimate) -> list[str]:
+    """Return the cells of an epoch's row, rounded as `FORMATS` says; empty where there is no value."""
+    values = pose_values(epoch)
+    return [format(values[name], FORMATS.get(name, "")) if name in values else "" for name in COLUMNS]
 
 
 def localized_trajectory(epochs: Sequence[EpochEstimate]) -> Trajectory | None:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Scans without any prior: each is looked for in the whole map, or in a circle, by itself."""
+"""A drive without priors: each scan is looked for in the whole map, or in a circle, independently of the others."""
 
 import time
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ __all__ = ["relocalize_drive"]
 def relocalize_drive(
     scans: Scans, relocalizer: Relocalizer, options: DriveOptions | None = None, *, first: int = 0
 ) -> Iterator[EpochEstimate]:
-    """Return an iterator over the estimates of all scans, in order of time; what cannot work is said at once.
+    """Return an iterator over the estimates of all scans, in order of time; errors as below come before the first.
 
     Parameters
     ----------

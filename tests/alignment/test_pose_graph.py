@@ -13,6 +13,7 @@ from maxcon.alignment.corrections import Corrections, rotated
 from maxcon.alignment.matching import Tie
 from maxcon.alignment.pose_graph import Georeference, adjust, adjust_by_evidence
 from maxcon.alignment.residuals import is_contradicted, pair_residuals, remaining_sigma
+from maxcon.alignment.tie_equations import TieEquations
 from maxcon.alignment.tied import datum_sigma, tied_rounds
 from maxcon.geometry import Pose
 
@@ -65,7 +66,7 @@ def spread(true, corrections, ties):
 
 def test_exact_ties_bring_rigid_rounds_together():
     _rounds, none, true, ties = campaign(0, noise=0.0)
-    adjusted = adjust(none, ties, PRIOR, 0.0)
+    adjusted = adjust(TieEquations(none, ties), PRIOR, 0.0)
     assert spread(true, none, ties).max() > 0.1
     assert spread(true, adjusted.corrections, ties).max() < 0.001  # the prior draws a little
     np.testing.assert_allclose(adjusted.weights, 1.0)
@@ -76,7 +77,7 @@ def test_exact_ties_bring_rigid_rounds_together():
 def test_residuals_are_what_ties_say_of_corrected_rounds():
     _rounds, _none, true, ties = campaign(1)
     corrections = true.changed(true.wholes + 0.01, true.knots)
-    adjusted = adjust(corrections, ties, PRIOR, 0.0)
+    adjusted = adjust(TieEquations(corrections, ties), PRIOR, 0.0)
     for tie, residual in list(zip(ties, adjusted.residuals, strict=True))[:20]:
         first, second = (
             pose_of(adjusted.corrections.twist_at(tie.place, time, number))
@@ -94,7 +95,7 @@ def test_the_covariance_holds():
     squares = []
     for seed in range(30):
         _rounds, none, true, ties = campaign(seed, n_rounds=3, every=10)
-        adjusted = adjust(none, ties, PRIOR, 0.0)
+        adjusted = adjust(TieEquations(none, ties), PRIOR, 0.0)
         tie = ties[4]
         rows = [
             adjusted.twist_rows(tie.place, time, number)[:3]
@@ -129,7 +130,7 @@ def test_wrong_ties_do_not_bend_the_graph():
         tie = ties[number]
         period = np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0])  # posts of a fence
         ties[number] = tie_of(true, tie.place, tie.rounds, tie.times, period)
-    adjusted = adjust(none, ties, PRIOR, 0.0)
+    adjusted = adjust(TieEquations(none, ties), PRIOR, 0.0)
     assert spread(true, adjusted.corrections, ties).max() < 0.005
     contradicted = [number for number, weight in enumerate(adjusted.weights) if is_contradicted(weight)]
     assert contradicted == sorted(wrong.tolist())
@@ -148,7 +149,7 @@ def test_what_no_tie_tells_stays_at_its_prior():
         for tie in ties
         if 2 not in tie.rounds
     ]
-    adjusted = adjust(none, ties, PRIOR, 0.0)
+    adjusted = adjust(TieEquations(none, ties), PRIOR, 0.0)
     first, _second, third = tied_rounds(rounds, ties, adjusted, PRIOR)
     assert first.sigma[0] > 0.09
     assert first.sigma[1] < 0.004
@@ -162,7 +163,7 @@ def test_what_no_tie_tells_stays_at_its_prior():
 def test_sets_of_rounds_that_never_met_are_told():
     rounds, none, _true, ties = campaign(5, n_rounds=5)
     ties = [tie for tie in ties if (tie.rounds[0] < 3) == (tie.rounds[1] < 3)]
-    tied = tied_rounds(rounds, ties, adjust(none, ties, PRIOR, 0.0), PRIOR)
+    tied = tied_rounds(rounds, ties, adjust(TieEquations(none, ties), PRIOR, 0.0), PRIOR)
     assert [each.group for each in tied] == [0, 0, 0, 1, 1]
     assert tied[3].words == "round 4 is tied to round 5 only, not to the other rounds"
     assert not any(each.words for each in tied[:3])
@@ -170,11 +171,11 @@ def test_sets_of_rounds_that_never_met_are_told():
 
 def test_the_datum_is_known_as_the_mean_of_the_priors():
     rounds, none, _true, ties = campaign(6, n_rounds=4)
-    adjusted = adjust(none, ties, PRIOR, 0.0)
+    adjusted = adjust(TieEquations(none, ties), PRIOR, 0.0)
     assert datum_sigma(rounds, adjusted) > 0.1 / math.sqrt(4)
     assert datum_sigma(rounds, adjusted) < 2.0 * 0.1 / math.sqrt(4)
 
 
 def test_noise_larger_than_said_makes_all_of_it_less_sure():
     _rounds, none, _true, ties = campaign(7, noise=3.0)
-    assert adjust(none, ties, PRIOR, 0.0).inflation == pytest.approx(3.0, rel=0.15)
+    assert adjust(TieEquations(none, ties), PRIOR, 0.0).inflation == pytest.approx(3.0, rel=0.15)

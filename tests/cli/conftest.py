@@ -27,9 +27,6 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 if hasattr(signal, "SIGHUP"):
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 """
-THIN_PROFILES = tuple(
-    ProfileScanner(turn_deg=turn, line_rate=80.0, points_per_line=720) for turn in (45.0, -45.0)
-)
 
 
 class Ended(NamedTuple):
@@ -49,10 +46,16 @@ class Drive(NamedTuple):
 
 
 @pytest.fixture(scope="session")
-def drive(tmp_path_factory):
+def thin_profiles():
+    """Profile scanners of few points, for maps that are built in seconds."""
+    return tuple(ProfileScanner(turn_deg=turn, line_rate=80.0, points_per_line=720) for turn in (45.0, -45.0))
+
+
+@pytest.fixture(scope="session")
+def drive(tmp_path_factory, thin_profiles):
     folder = tmp_path_factory.mktemp("drive")
     dataset = simulate(
-        folder / "dataset", n_epochs=4, seed=3, before=30.0, after=20.0, mapping_scanners=THIN_PROFILES
+        folder / "dataset", n_epochs=4, seed=3, before=30.0, after=20.0, mapping_scanners=thin_profiles
     )
     options = MapOptions(trajectory=read_trajectory(dataset.map_trajectory), vehicle_classes=(64,))
     build_map(dataset.map_clouds, folder / "city.map", options)

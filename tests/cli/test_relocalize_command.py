@@ -12,9 +12,18 @@ from maxcon.io.trajectories import read_trajectory
 from maxcon.poses_table import COLUMNS
 
 
+@pytest.fixture(scope="module")
+def searched(maxcon_in_process_of_its_own, drive, tmp_path_factory):
+    """The drive looked for in the whole map, once for all: how that ended, and the folder of its tables."""
+    folder = tmp_path_factory.mktemp("searched")
+    tables = ("-o", folder / "poses.csv", "--tum", folder / "poses.tum")
+    ended = maxcon_in_process_of_its_own("relocalize", drive.city, drive.dataset.scans, *tables)
+    return ended, folder
+
+
 @pytest.fixture
-def relocalize(maxcon, drive, tmp_path):
-    """Relocalize the drive into poses.csv."""
+def relocalize(maxcon, drive):
+    """Relocalize the drive, or other scans, in the city or another map."""
 
     def run(*options, scans=None, city=None):
         return maxcon("relocalize", city or drive.city, scans or drive.dataset.scans, *options)
@@ -30,25 +39,22 @@ def _rows(path):
     return rows
 
 
-def test_a_drive_is_found_without_its_prior(relocalize, drive, tmp_path):
-    ended = relocalize("-o", tmp_path / "poses.csv", "--tum", tmp_path / "poses.tum")
+def test_a_drive_is_found_without_its_prior(searched, drive):
+    ended, folder = searched
     assert (ended.code, ended.err) == (0, ""), ended
     assert "4 of 4 epochs localized" in ended.out
     assert "searched without a prior: the whole map" in ended.out
-    rows = _rows(tmp_path / "poses.csv")
-    for row in rows:
+    for row in _rows(folder / "poses.csv"):
         truth = drive.reference.at(float(row["time"]), 0.5)
         assert math.hypot(float(row["x"]) - truth.x, float(row["y"]) - truth.y) < 0.1
         assert float(row["protection_along"]) < 0.5
-    assert len(read_trajectory(tmp_path / "poses.tum").times) == 4
+    assert len(read_trajectory(folder / "poses.tum").times) == 4
 
 
-def test_it_goes_on_with_a_table(relocalize, tmp_path):
-    out = tmp_path / "poses.csv"
-    relocalize("-o", out)
-    rows = _rows(out)
-    lines = out.read_text().splitlines(keepends=True)
-    out.write_text("".join(lines[:3]))
+def test_it_goes_on_with_a_table(relocalize, searched, tmp_path):
+    whole, out = searched[1] / "poses.csv", tmp_path / "poses.csv"
+    rows = _rows(whole)
+    out.write_text("".join(whole.read_text().splitlines(keepends=True)[:3]))
     ended = relocalize("-o", out, "--resume", "--threads", "2")
     assert ended.code == 0
     assert [row | {"ms": ""} for row in _rows(out)] == [row | {"ms": ""} for row in rows]

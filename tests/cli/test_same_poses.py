@@ -8,7 +8,7 @@ import pytest
 from localized_poses import localized_poses
 from maxcon.io.trajectories import read_trajectory
 from maxcon.mapping import MapOptions, build_map
-from maxcon.simulation import ProfileScanner, simulate
+from maxcon.simulation import simulate
 from maxcon.simulation.firing_scanner import FiringScanner
 from maxcon.simulation.recordings import RecordingKind, ScansKind, record_dataset, write_dataset_scans
 
@@ -16,17 +16,13 @@ pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 pytest.importorskip("velodyne_decoder")
 
-THIN_PROFILES = tuple(
-    ProfileScanner(turn_deg=turn, line_rate=80.0, points_per_line=720) for turn in (45.0, -45.0)
-)
-
 
 @pytest.fixture(scope="module")
-def dataset(tmp_path_factory):
+def dataset(tmp_path_factory, thin_profiles):
     """A drive of four epochs with the scanner whose packets can be written."""
     return simulate(
         tmp_path_factory.mktemp("drive") / "dataset", n_epochs=4, seed=3, before=30.0, after=20.0,
-        mapping_scanners=THIN_PROFILES, scanner=FiringScanner(),
+        mapping_scanners=thin_profiles, scanner=FiringScanner(),
     )  # fmt: skip
 
 

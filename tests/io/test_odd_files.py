@@ -23,11 +23,11 @@ import numpy as np
 from pathlib import Path
 from maxcon.errors import MaxconError
 from maxcon.io.clouds import open_cloud
-from maxcon.io.scans.points import read_scan_points
+from maxcon.io.scans.points import read_scan_file
 
 def read(path):
     if path.suffix.lower() == ".pcd":
-        points = read_scan_points(path)
+        points = read_scan_file(path).points
         return len(points), points
     with open_cloud(path) as reader:
         points = np.concatenate([chunk.points for chunk in reader.chunks()])

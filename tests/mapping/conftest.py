@@ -79,3 +79,18 @@ class Surfaces:
 @pytest.fixture(scope="session")
 def surfaces():
     return Surfaces
+
+
+@pytest.fixture
+def scene(surfaces):
+    """Points (n, 3), global, m: two walls across a tile's border, and a scatter of points."""
+    one, _ = surfaces.wall(6000, (20, 25), (42, 36), noise=0.005)
+    two, _ = surfaces.wall(3000, (30, 20), (31, 45), noise=0.005, seed=1)
+    scatter = surfaces.origin + np.random.default_rng(2).uniform(0, 60, (300, 3)) * [1, 1, 0.1]
+    return np.concatenate([one, two, scatter])
+
+
+@pytest.fixture
+def some_points(surfaces):
+    """Two hundred points of a wall, (200, 3), global, m."""
+    return surfaces.wall(200, (10, 20), (20, 20))[0]

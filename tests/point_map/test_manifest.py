@@ -14,7 +14,7 @@ from maxcon.point_map import manifest as manifests
 from maxcon.point_map.ground import ground_voxels
 from maxcon.point_map.manifest import Manifest, read_manifest, write_manifest
 from maxcon.point_map.shard_table import ShardTable
-from written_maps import table_of
+from written_maps import table_of, write_content
 
 SOURCE = {
     "name": "a.laz", "n_points": 30, "n_kept": 20, "n_invalid": 1, "n_without_side": 2, "n_dropped": {"2": 7},
@@ -41,7 +41,7 @@ def changed(tmp_path):
         content = json.loads(path.read_text())
         for name, value in changes.items():
             content.pop(name) if value is ... else content.update({name: value})
-        path.write_text(json.dumps({**content, "sha256": manifests.checksum_of_manifest(content)}))
+        write_content(tmp_path, content)
         return tmp_path
 
     return change

@@ -78,6 +78,23 @@ def test_several_threads_and_caches_share_a_folder(tmp_path):
     assert sorted(done) == [0, 1, 2, 3]
 
 
+def test_a_record_that_another_process_removes_while_it_is_put_is_no_error(tmp_path, monkeypatch):
+    replace = os.replace
+
+    def replace_removed(source, target):
+        source.unlink()
+        replace(source, target)
+
+    cache = DiskCache(tmp_path, 1000)
+    with monkeypatch.context() as patched:
+        patched.setattr("maxcon.storage.disk_cache.Path.replace", replace_removed)
+        cache.put(place_of(b"abc"), memoryview(b"abc"))
+    assert cache.get(place_of(b"abc")) is None
+    assert not kept(tmp_path)
+    cache.put(place_of(b"abc"), memoryview(b"abc"))
+    assert bytes(cache.get(place_of(b"abc"))) == b"abc"
+
+
 def test_where_and_how_many_are_kept(tmp_path, monkeypatch):
     monkeypatch.setenv("MAXCON_CACHE_GB", "0.5")
     assert default_cache()._budget_bytes == 500_000_000

@@ -41,9 +41,9 @@ from maxcon.progress import Progress
 __all__ = ["Alignment", "align", "align_files"]
 
 MOST_THREADS = 4
-"""Each holds a place's points, some 0.4 GiB: more threads only on demand."""
+"""By default; each thread holds the points of a place, some 0.4 GiB."""
 N_MATCHINGS = 2
-"""The second starts where the first led, a few centimetres away at most: it finds partners that the first could not."""
+"""How often all visits are matched: from corrected poses more points find a partner."""
 
 Given = TypeVar("Given")
 Made = TypeVar("Made")
@@ -51,27 +51,27 @@ Made = TypeVar("Made")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Alignment:
-    """What an alignment found.
+    """The outcome of an alignment.
 
     Parameters
     ----------
     rounds : Rounds
         All rounds.
     ties : tuple of Tie
-        Matched pairs of visits that say something.
+        Matched pairs of visits that are used.
     refused : mapping of str to int
-        How many other pairs there were, by why they say nothing.
+        Number of the other matched pairs, by the reason why they are not used (`Tie.fault`).
     adjusted : Adjusted
         Corrections of the rounds, and what remains.
     tied : tuple of RoundTied
-        How each round came out.
+        For each round: its correction, how sure that is, and which rounds it is tied to.
     sigma_before, sigma_of_round : float
-        Standard deviation of one round's position along a horizontal axis beside the others, before and after, m.
+        Standard deviation of one round's position relative to the others, along a horizontal axis, m, before and after.
     sigma_of_map : float
-        Standard deviation, m, of the mean of all rounds, which is what a map has, along a horizontal axis, beside where
-        the map is as a whole: what remains between rounds, and the mean of their drifts, which no match can see.
+        Standard deviation of a map of all rounds, that is of their mean, along a horizontal axis, m: from the
+        differences that remain between rounds and their mean drift, which no match reveals; without `sigma_of_datum`.
     sigma_of_datum : float
-        The same of where all of them are as a whole, m: their priors tell, and nothing else.
+        Standard deviation of a shift common to all rounds, m: only their priors, not their matches, determine it.
     """
 
     rounds: Rounds
@@ -105,13 +105,13 @@ def align(
     headers : sequence of CloudHeader
         LAS or LAZ files.
     options : AlignmentOptions
-        How.
+        Options of the alignment.
     folder : Path
-        An empty folder for what is kept in between; it is empty afterwards.
+        An empty folder for intermediate files; it is empty afterwards.
     n_threads : int
         Places worked on at the same time; what is found does not depend on it.
     report : callable
-        Progress.
+        Called with (step, done, of how many).
 
     Raises
     ------
@@ -166,9 +166,9 @@ def align_files(
     out : path
         Folder to write; it appears when all is done.
     options : AlignmentOptions, optional
-        How; the defaults if None.
+        Options of the alignment; the defaults if None.
     trajectories : sequence of path
-        Of the mapping sensor, TUM or CSV, in the times of the points: corrected as they are.
+        Trajectories of the mapping sensor, TUM or CSV, on the clock of the points: corrected like these.
     overwrite : bool
         Whether an alignment that stands there is replaced; anything else there is an error.
     n_threads : int, optional
@@ -230,7 +230,7 @@ def _check_apart(inputs: Sequence[Path], out: Path) -> None:
 
 
 def _distinct(names: list[str], what: str) -> list[str]:
-    """Refuse two outputs of one name, or one of a table's."""
+    """Refuse outputs of the same name, or with the name of a table."""
     for name, number in Counter(names).items():
         if number > 1 or name in TABLES:
             raise FileError(
@@ -257,7 +257,7 @@ def _sort_into_places(
             places.add(part.points[is_kept], part.times[is_kept], numbers[is_kept])
             n_done += len(numbers)
             report("sorting points", n_done, n_total)
-    places.flush()
+    places.complete()
     return places
 
 
@@ -265,13 +265,14 @@ def _gather_visits(places: Places, folder: Path, n_threads: int, report: Progres
     """Thin the points of each place to visits; return the places that have two or more."""
 
     def gather(key: PlaceKey) -> PlaceKey | None:
-        visits = visits_of(places.records(key), PLACE_EDGE)
+        visits = visits_of(places.points(key), PLACE_EDGE)
         if len(visits) > 1:
             save_visits(_visits_path(folder, key), visits)
         return key if len(visits) > 1 else None
 
     gathered = _in_threads(gather, places.keys, n_threads, "thinning", report)
-    places.remove()
+    for key in places.keys:
+        places.remove(key)
     return [key for key in gathered if key is not None]
 
 
@@ -295,7 +296,7 @@ def _match(
 def _in_threads(
     work: Callable[[Given], Made], given: Sequence[Given], n_threads: int, step: str, report: Progress
 ) -> list[Made]:
-    """Return what is made of all that is given, in its order."""
+    """Call a function with each item, several at a time; return its results in the order of the items."""
     made = []
     with ThreadPoolExecutor(n_threads) as pool:
         try:

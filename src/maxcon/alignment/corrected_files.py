@@ -19,11 +19,11 @@ from maxcon.trajectory import Trajectory
 __all__ = ["corrected_name", "corrected_trajectory", "write_corrected_cloud", "write_trajectory"]
 
 MOST_EXTENDED_BYTES = 2**28
-"""Of records behind the points, which are copied as a whole."""
+"""Largest size of the extended records (EVLRs) behind the points, which are copied as a whole."""
 
 
 def corrected_name(path: Path) -> str:
-    """Name of the corrected file of a cloud: LAZ, and no COPC, whose order of points follows where they are."""
+    """Name of the corrected file of a cloud: plain LAZ, as a COPC orders its points by their coordinates."""
     stem = path.name[: -len(path.suffix)]
     return (stem[: -len(".copc")] if stem.lower().endswith(".copc") else stem) + ".laz"
 
@@ -36,27 +36,27 @@ def write_corrected_cloud(
     out: Path,
     tick: Callable[[int], None],
 ) -> None:
-    """Write a cloud with its points moved, part by part, and all else as it was.
+    """Write a cloud with corrected coordinates, chunk by chunk; all other fields and records are copied.
 
     Parameters
     ----------
     header : CloudHeader
-        Of the cloud.
+        Header of the cloud.
     file : int
         Its number among all clouds.
     rounds : Rounds
         All rounds.
     corrections : Corrections
-        How they are moved.
+        Motions of the rounds.
     out : Path
         File to write, LAZ.
     tick : callable
-        Called with the number of points after each part.
+        Called with the number of points after each chunk.
 
     Raises
     ------
     FileError
-        If a corrected coordinate cannot be told in the file's scale and offset, or the file has waveforms in it.
+        If a corrected coordinate does not fit the scale and offset of the file, or the file holds waveforms.
     """
     import laspy
 
@@ -80,7 +80,7 @@ def write_corrected_cloud(
 
 
 def _header(path: Path) -> tuple["laspy.LasHeader", "laspy.vlrs.vlrlist.VLRList"]:  # type: ignore[name-defined] # noqa: F821
-    """The header of a LAS file that was checked, with its records, and the records behind its points."""
+    """Return the header of a LAS file with its VLRs, and its EVLRs; records of COPC are left out."""
     import laspy
     from laspy.vlrs.vlrlist import VLRList
 
@@ -106,7 +106,7 @@ def _header(path: Path) -> tuple["laspy.LasHeader", "laspy.vlrs.vlrlist.VLRList"
 
 
 def corrected_trajectory(trajectory: Trajectory, rounds: Rounds, corrections: Corrections) -> Trajectory:
-    """Where the mapping sensor was, corrected as the points that it measured then."""
+    """Return a trajectory of the mapping sensor, corrected like the points that it measured at the same times."""
     from scipy.spatial.transform import Rotation
 
     numbers = rounds.at(trajectory.times)

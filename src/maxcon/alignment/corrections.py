@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Corrections: how each round is moved, as a whole and, where it drifts, differently from time to time."""
+"""Corrections: how each round is moved, as a whole and, if it drifts, as a function of time."""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Self
@@ -14,7 +14,7 @@ __all__ = ["Corrections", "Share", "rotated", "twist_matrix"]
 
 
 class Share(NamedTuple):
-    """One twist that moves a point of a round: its number, where it turns about, and how much of it counts, 0 to 1."""
+    """Part of a knot in the motion of a point: number of the knot, its centre (global, m), and its weight, 0 to 1."""
 
     number: int
     centre: NDArray[np.float64]
@@ -25,24 +25,24 @@ class Share(NamedTuple):
 class Corrections:
     """Motions of rounds that bring them together; each is a twist: a shift (m) and a rotation vector (rad).
 
-    A round is turned about its centre and shifted, as a whole. Besides, it has a knot every so many seconds, about the
-    middle of what it measured then; between two knots their twists are blended. Both together move a point rigidly with
-    all others of its time.
+    Each round is shifted and turned about its centre, as a whole. In addition it has knots at regular times, each with
+    a twist about the mean of the points measured then; between two knots their twists are interpolated linearly. All
+    points of one round and time are moved by the same rigid motion.
 
     Parameters
     ----------
     centres : array, shape (r, 3)
-        Of the rounds, global, m.
+        Centres of the rounds, global, m.
     wholes : array, shape (r, 6)
         Twist of each round about its centre.
     starts : array, shape (r,)
         Time of the first knot of each round, s.
     steps : array, shape (r,)
-        Between its knots, s.
+        Time between two knots of each round, s.
     firsts : array, shape (r + 1,), int64
-        Number of its first knot; the last is how many there are.
+        Number of the first knot of each round; the last entry is the number of all knots.
     knot_centres : array, shape (k, 3)
-        Global, m.
+        Centres of the knots, global, m.
     knots : array, shape (k, 6)
         Twist of each knot about its centre.
     """
@@ -64,7 +64,7 @@ class Corrections:
         rounds : Rounds
             The rounds.
         spacing : float
-            At most so many seconds lie between two knots.
+            Largest time between two knots, s.
         """
         n_knots = [1 + int(np.ceil((each.end - each.start) / spacing)) for each in rounds.rounds]
         starts = np.array([each.start for each in rounds.rounds])
@@ -101,7 +101,7 @@ class Corrections:
         return self.firsts[rounds] + before, np.clip(steps - before, 0.0, 1.0)
 
     def shares(self, time: float, number: int) -> list[Share]:
-        """The twists of the knots that move what a round, by its number, measured at a time, s."""
+        """Return the knots that move what round `number` measured at a time (s), with their weights."""
         before, parts = self._between(np.array([time]), np.array([number]))
         first, part = int(before[0]), float(parts[0])
         return [
@@ -113,7 +113,7 @@ class Corrections:
     def motions(
         self, times: NDArray[np.float64], rounds: NDArray[np.integer]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """How points of some times are moved: about where, by what shift, by what rotation vector, (n, 3) each.
+        """Rigid motions of points, (n, 3) each: centre of rotation (global, m), shift (m), rotation vector (rad).
 
         Parameters
         ----------
@@ -158,7 +158,7 @@ class Corrections:
         return moved
 
     def twist_at(self, place: NDArray[np.float64], time: float, number: int) -> NDArray[np.float64]:
-        """Twist by which a round moves what it measured at a place, shape (3,), global, m, at a time, s."""
+        """Twist, shape (6,), by which round `number` moves a place (3,), global, m, that it measured at a time (s)."""
         times, rounds = np.array([time]), np.array([number])
         turn = self.motions(times, rounds)[2][0]
         return np.concatenate([self.moved(place[None], times, rounds)[0] - place, turn])
@@ -177,7 +177,7 @@ def rotated(vectors: NDArray[np.float64], turns: NDArray[np.float64]) -> NDArray
 
 
 def twist_matrix(arm: NDArray[np.float64]) -> NDArray[np.float64]:
-    """What a twist does at an arm, shape (3,), from where it turns about: twist there from twist here, shape (6, 6)."""
+    """Matrix (6, 6) from a small twist about a centre to the twist of a point that lies `arm` (3,), m, from it."""
     x, y, z = arm.tolist()
     matrix = np.eye(6)
     matrix[:3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]

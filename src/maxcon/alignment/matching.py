@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Matching: how far two visits to one place lie apart, by the adjustment that refines poses, and how sure that is."""
+"""Matching: the pose of one visit to a place relative to another, by the adjustment of `refine`, and how sure it is."""
 
 import math
 from collections.abc import Sequence
@@ -17,27 +17,28 @@ from maxcon.refine import Refined, covariance, refine
 __all__ = ["Tie", "match_visits", "motion"]
 
 LEAST_PAUSE = 60.0
-"""Between two visits of one round that are matched, s: errors of nearer ones are much the same."""
+"""Visits of one round are matched if so much time, s, lies between them: until then errors hardly change."""
 MATCH_FLOOR = 0.001
-"""No match is surer than this, m: two visits see different points of rough walls."""
+"""Smallest standard deviation of a match, m: two visits see different points of rough walls."""
 LEAST_POINTS_ON_PLANES = 150
 LEAST_SHARE = 0.3
-"""Of the points of a visit, how many have to lie on planes of the other: fewer are no overlap, or a wrong match."""
+"""Number and share of a visit's points that must lie on planes of the other: with fewer the match may be wrong."""
 NORMAL_NOISE = math.radians(2.0)
-"""Of the normals of planes, rad: with it thousands of points on walls along a street seem to tell where along it."""
+"""Of fitted normals, rad. Such noise alone lets thousands of points on walls along a street seem to fix a position
+along it."""
 LEAST_OVER_NOISE = 5.0
-"""A direction is open where all points tell less of it, times this, than such noise alone would."""
+"""A direction counts as not determined if the points give less than so many times the information of such noise."""
 OPEN_SIGMA, OPEN_ARM = 1.0, 10.0
-"""Standard deviation along an open direction, m: ten usual priors; a turn counts by what it moves at the arm, m."""
+"""Standard deviation along such a direction, m: ten times a usual prior's. That of turns holds at this arm, m."""
 FARTHEST = 0.6
-"""m; the adjustment looks no farther for partners."""
+"""Largest distance of a partner in the adjustment, m."""
 MOST_VISITS = 8
-"""Of a place, all pairs of which are matched; with more, each is matched with the next four."""
+"""All pairs of up to so many visits to a place are matched; of more visits, each with the next four."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tie:
-    """What one pair of visits says of how their rounds lie to each other.
+    """The measured pose of one visit to a place relative to another: an edge of the pose graph.
 
     Parameters
     ----------
@@ -48,14 +49,14 @@ class Tie:
     times : tuple of 2 float
         Of the visits, s.
     pose : Pose
-        T_first_second, in axes of the map about the middle of the place: it lays what the second visit measured on what
-        the first did, both as they came.
+        T_first_second, axes of the map, origin in the middle of the place: it moves points of the second visit onto
+        surfaces of the first, both uncorrected.
     covariance : array, shape (6, 6)
         Of its x, y, z, roll, pitch and heading, m^2, m rad and rad^2.
     share : float
-        Of the points of the second visit, how many lie on planes of the first.
+        Share of the second visit's points that lie on planes of the first.
     fault : str
-        Why the pair is no tie; empty for one that is used.
+        Why the match is not used; empty if it is.
     """
 
     place: NDArray[np.float64]
@@ -77,12 +78,12 @@ def match_visits(middle: NDArray[np.float64], visits: Sequence[Visit], correctio
     visits : sequence of Visit
         In order of rounds and times.
     corrections : Corrections
-        What is known of the rounds already: where each adjustment starts.
+        Corrections found so far: each match starts from poses corrected by them.
 
     Notes
     -----
     k visits have k (k - 1) / 2 pairs, but only k - 1 independent differences: covariances are made k / 2 times as
-    large, so that all pairs together say as much as there is.
+    large, so that all pairs together weigh as much as the independent ones.
     """
     pairs = _pairs(visits)
     matched = sorted({number for pair in pairs for number in pair})
@@ -111,10 +112,10 @@ def motion(twist: NDArray[np.float64]) -> Pose:
 
 
 def _open_covariance(refined: Refined) -> NDArray[np.float64]:
-    """Variance along the directions in which only the noise of normals holds a pair, shape (6, 6).
+    """Covariance (6, 6) to be added along directions that only the noise of normals seems to determine.
 
-    A point on a plane of normal n tells n n' of its shift; noise of the normal makes that n n' + s^2 (I - n n'). Where
-    the sum over all points is hardly more than that of the second term, nothing is known.
+    A point on a plane of normal n adds n n' to the information on a shift; where n has noise of s (rad), on average
+    n n' + s^2 (I - n n'). A direction in which the sum over all points hardly exceeds that of the second term is open.
     """
     from scipy.linalg import eigh
 
@@ -122,7 +123,7 @@ def _open_covariance(refined: Refined) -> NDArray[np.float64]:
     if len(rows) < LEAST_POINTS_ON_PLANES:
         return np.zeros((6, 6))
     arms = refined.points[rows] @ refined.pose.rotation.T
-    motions = np.zeros((len(rows), 3, 6))  # of each point, by a shift and a turn
+    motions = np.zeros((len(rows), 3, 6))  # derivatives of each point by a shift and a turn
     motions[:, [0, 1, 2], [0, 1, 2]] = 1.0
     x, y, z = arms.T
     motions[:, 0, 4], motions[:, 0, 5] = z, -y
@@ -149,7 +150,7 @@ def _pairs(visits: Sequence[Visit]) -> list[tuple[int, int]]:
 
 
 def _fault(refined: Refined, share: float) -> str:
-    """Why an adjusted pair is no tie, in words; empty if it is one."""
+    """Why a match is not used, in words; empty if it is."""
     if refined.n_planes < LEAST_POINTS_ON_PLANES or share < LEAST_SHARE:
         return "too few points of one lie on planes of the other"
     if refined.moved > FARTHEST:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""How rounds are aligned."""
+"""Options of an alignment of rounds."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -13,7 +13,7 @@ from maxcon.mapping.classes import parse_classes
 __all__ = ["AlignmentOptions"]
 
 DEFAULT_DROP = ("vegetation", "noise", "temporal-exclusion")
-"""What has no surface, or is another one the next time. The ground stays: it tells height, roll and pitch."""
+"""Classes without a firm surface, or that change from round to round. Ground determines height, roll and pitch."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,7 @@ class AlignmentOptions:
     rounds_by : str
         What tells rounds apart: "time", by pauses in gps_time; "source", by point source ids; "file".
     pause : float
-        By time, so many seconds without a point lie between two rounds.
+        Seconds without a point that separate two rounds, where times tell rounds apart.
     georeference_sigma : float
         How well each round is georeferenced: standard deviation of its position along any axis, m.
     georeference_sigma_deg : float
@@ -34,7 +34,7 @@ class AlignmentOptions:
         Standard deviation, m, of how a round's errors change within it, along any axis; 0 for rigid rounds, None to let
         the matches decide.
     knot_spacing : float
-        Corrections of a round that drifts are free every so many seconds, and blended between.
+        Largest time between two knots of a round that drifts, s; corrections are interpolated between knots.
     drop : sequence of str, optional
         Classes that are not matched (they are moved like all others); vegetation, noise, temporal exclusion if None.
     vehicle_classes : iterable of int

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The pose graph: corrections that agree with all ties and with the georeference, by robust sparse least squares."""
+"""The pose graph: corrections from all ties and from the georeference of rounds, by robust sparse least squares."""
 
 import math
 from collections.abc import Sequence
@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.alignment.corrections import Corrections, rotated, twist_matrix
+from maxcon.alignment.corrections import Corrections
 from maxcon.alignment.matching import Tie
+from maxcon.alignment.tie_equations import TieEquations
 
 __all__ = ["Adjusted", "Georeference", "adjust", "adjust_by_evidence"]
 
@@ -21,18 +22,18 @@ CORRELATION_TIME = 60.0
 DRIFTS = (0.0, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2)
 """Standard deviations of the drift that are tried, m; 0: rounds are rigid."""
 MARGIN = 3.0
-"""By how much the logarithm of the evidence must grow for a larger drift to be believed: twenty times as likely."""
+"""A larger drift is taken if the logarithm of the evidence grows by this: it is twenty times as likely."""
 FREEDOM = 4.0
-"""Of the Student distribution that ties are taken from: one 5 sigmas off weighs a third, one 20 off a fortieth."""
+"""Degrees of freedom of the Student distribution of residuals: a tie 5 sigmas off weighs a third, 20 a fortieth."""
 USUAL_SQUARE = 5.348
 """Median of a chi-squared variable of six degrees of freedom."""
 MOST_STEPS, AT_REST = 50, 3e-4
-"""Of the adjustment; where the largest change of any unknown, in sigmas of its prior, is below, it ends."""
+"""Most steps of an adjustment; it ends before when no unknown changes by more than this share of its prior's sigma."""
 
 
 @dataclass(frozen=True, slots=True)
 class Georeference:
-    """How well rounds were georeferenced before: what each is known to a priori.
+    """How well each round was georeferenced before: the prior of its correction.
 
     Parameters
     ----------
@@ -47,7 +48,7 @@ class Georeference:
 
     @property
     def sigmas(self) -> NDArray[np.float64]:
-        """Of a twist, shape (6,), m and rad."""
+        """Standard deviations of a twist, shape (6,), m and rad."""
         return np.repeat([self.sigma, self.sigma_turn], 3)
 
 
@@ -58,7 +59,7 @@ class Adjusted:
     Parameters
     ----------
     corrections : Corrections
-        Of all rounds.
+        Corrections of all rounds.
     drift_sigma : float
         Standard deviation of the drift that was allowed, m; 0 for rigid rounds.
     residuals : array, shape (n, 6)
@@ -66,9 +67,9 @@ class Adjusted:
     weights : array, shape (n,)
         Of each tie, 0 to 1: small for those that contradict the others.
     inflation : float
-        By which the standard deviations of all ties had to be multiplied to be as large as their residuals; at least 1.
+        Factor on the standard deviations of all ties that makes them agree with the residuals; at least 1.
     evidence : float
-        Logarithm of how likely the ties are, but for a constant that all drifts share.
+        Logarithm of the probability of the ties under this drift, up to a constant that is the same for all drifts.
     """
 
     corrections: Corrections
@@ -81,22 +82,19 @@ class Adjusted:
     _factor: Any
 
     def covariance(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Covariance of linear functions of the unknowns, given as by `twist_rows`, shape (k, n_unknowns)."""
+        """Covariance (k, k) of linear functions of the unknowns with these coefficients, shape (k, n_unknowns)."""
         scaled = rows * self._graph.scales
         return np.asarray(scaled @ self._factor.solve(np.ascontiguousarray(scaled.T)))
 
     def twist_rows(self, place: NDArray[np.float64], time: float, number: int) -> NDArray[np.float64]:
-        """How the twist at a place of what a round saw at a time changes with the unknowns, shape (6, n_unknowns)."""
-        rows = np.zeros((6, self._graph.n_unknowns))
-        for column, block in self._graph.blocks(place, time, number):
-            rows[:, column : column + 6] += block
-        return rows
+        """Derivatives (6, n_unknowns) of the twist at a place (global, m) that a round measured at a time (s)."""
+        return self._graph.twist_rows(place, time, number)
 
 
 def adjust_by_evidence(
     corrections: Corrections, ties: Sequence[Tie], georeference: Georeference, drift_sigma: float | None
 ) -> Adjusted:
-    """Adjust with the drift that is told, or with the smallest that explains the ties.
+    """Adjust with a given drift, or with the smallest one that explains the ties.
 
     Parameters
     ----------
@@ -112,57 +110,55 @@ def adjust_by_evidence(
     Notes
     -----
     The evidence is the probability of the ties under a drift, with all unknowns integrated over: a larger drift fits
-    better, and pays for the freedom that it has. Weights and scale of the ties are those of the largest drift, or
-    rounds that drift would look like wrong matches of rigid ones.
+    better, and pays for the freedom that it has. Weights and inflation are those of the largest drift: with those of
+    rigid rounds, ties that show a drift would be taken for wrong matches.
     """
+    equations = TieEquations(corrections, ties)
     if drift_sigma is not None:
-        return adjust(corrections, ties, georeference, drift_sigma)
-    largest = adjust(corrections, ties, georeference, DRIFTS[-1])
+        return adjust(equations, georeference, drift_sigma)
+    largest = adjust(equations, georeference, DRIFTS[-1])
     fixed = (largest.weights, largest.inflation)
-    best = adjust(corrections, ties, georeference, DRIFTS[0], fixed)
+    best = adjust(equations, georeference, DRIFTS[0], fixed)
     for drift in DRIFTS[1:]:
-        other = adjust(corrections, ties, georeference, drift, fixed)
+        other = adjust(equations, georeference, drift, fixed)
         if other.evidence > best.evidence + MARGIN:
             best = other
-    return adjust(corrections, ties, georeference, best.drift_sigma)
+    return adjust(equations, georeference, best.drift_sigma)
 
 
 def adjust(
-    corrections: Corrections,
-    ties: Sequence[Tie],
+    equations: TieEquations,
     georeference: Georeference,
     drift_sigma: float,
     fixed: tuple[NDArray[np.float64], float] | None = None,
 ) -> Adjusted:
-    """Adjust the corrections of all rounds to all ties, and to the priors that no round has to be moved.
+    """Adjust the corrections of all rounds to all ties and to their prior, which is zero.
 
     Parameters
     ----------
-    corrections : Corrections
-        To start from.
-    ties : sequence of Tie
-        Without a fault.
+    equations : TieEquations
+        Of the ties, with the corrections to start from.
     georeference : Georeference
         The prior of each round as a whole.
     drift_sigma : float
-        Standard deviation of drift along any axis, m; its turns are as much smaller as the prior says.
+        Standard deviation of drift along any axis, m; that of turns is to it as in the prior.
     fixed : tuple of array, shape (n,), and float, optional
         Weights of the ties, and their inflation; found with the corrections if None.
 
     Notes
     -----
-    Gauss-Newton steps with sparse normal equations, reweighted: ties are taken from a multivariate Student
-    distribution, so that a wrong one pulls the less the farther it is off.
+    Gauss-Newton steps with sparse normal equations, reweighted: residuals are taken to follow a
+    multivariate Student distribution, so that a wrong tie weighs the less the farther it is off.
     """
     from scipy.sparse.linalg import splu
 
-    graph = _Graph(corrections, ties, georeference, drift_sigma)
-    weights, inflation = fixed or (np.ones(len(ties)), 1.0)
-    unknowns = graph.unknowns(corrections)
+    graph = _Graph(equations, georeference, drift_sigma)
+    weights, inflation = fixed or (np.ones(len(equations)), 1.0)
+    unknowns = graph.unknowns(equations.corrections)
     for _ in range(MOST_STEPS):
-        residuals = graph.residuals(unknowns)
+        residuals = equations.residuals(graph.corrections(unknowns))
         if fixed is None:
-            weights, inflation = _reweighted(graph.whitened(residuals))
+            weights, inflation = _reweighted(equations.whitened(residuals))
         matrix, right_side = graph.normal_equations(unknowns, residuals, weights / inflation**2)
         factor = splu(
             matrix, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}, diag_pivot_thresh=0.0
@@ -171,8 +167,8 @@ def adjust(
         unknowns = unknowns + step * graph.scales
         if not np.abs(step).max(initial=0.0) > AT_REST:
             break
-    residuals = graph.residuals(unknowns)
-    squares = (graph.whitened(residuals) ** 2).sum(axis=1) @ (weights / inflation**2)
+    residuals = equations.residuals(graph.corrections(unknowns))
+    squares = (equations.whitened(residuals) ** 2).sum(axis=1) @ (weights / inflation**2)
     prior = unknowns / graph.scales
     log_determinant = float(np.log(np.abs(factor.U.diagonal())).sum())
     evidence = 0.5 * (graph.log_prior - squares - float(prior @ (graph.prior @ prior)) - log_determinant)
@@ -189,7 +185,7 @@ def adjust(
 
 
 def _reweighted(whitened: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-    """Weights of ties, and the common factor of their standard deviations, from residuals in sigmas, (n, 6)."""
+    """Weights of ties (n,) and their inflation, from whitened residuals (n, 6)."""
     squares = (whitened**2).sum(axis=1)
     inflation = max(1.0, math.sqrt(float(np.median(squares)) / USUAL_SQUARE)) if len(squares) else 1.0
     weights = (FREEDOM + 6.0) / (FREEDOM + squares / inflation**2)
@@ -197,35 +193,22 @@ def _reweighted(whitened: NDArray[np.float64]) -> tuple[NDArray[np.float64], flo
 
 
 class _Graph:
-    """Ties and priors as sparse equations; unknowns are those of the rounds as wholes, then those of the knots.
+    """Ties and priors as sparse equations in unknowns divided by `scales`, the standard deviations of their priors.
 
-    Equations are in unknowns divided by `scales`, the standard deviations of their priors.
+    Rigid rounds have no unknowns of knots.
     """
 
-    def __init__(
-        self,
-        corrections: Corrections,
-        ties: Sequence[Tie],
-        georeference: Georeference,
-        drift_sigma: float,
-    ) -> None:
-        self._corrections = corrections
-        self._ties = ties
+    def __init__(self, equations: TieEquations, georeference: Georeference, drift_sigma: float) -> None:
+        self._equations = equations
         self._has_drift = drift_sigma > 0.0
-        self._n_whole = 6 * corrections.n_rounds
+        self._corrections = corrections = equations.corrections
         n_knots = len(corrections.knots) if self._has_drift else 0
-        self.n_unknowns = self._n_whole + 6 * n_knots
         drifts = georeference.sigmas * (drift_sigma / georeference.sigma)
         self.scales = np.concatenate(
             [np.tile(georeference.sigmas, corrections.n_rounds), np.tile(drifts, n_knots)]
         )
-        roots = [np.linalg.inv(np.linalg.cholesky(tie.covariance)) for tie in ties]
-        self._roots = np.array(roots).reshape(-1, 6, 6)
-        self._times = np.array([tie.times for tie in ties]).reshape(-1, 2)
-        self._rounds = np.array([tie.rounds for tie in ties], np.int64).reshape(-1, 2)
-        self._places = np.array([tie.place for tie in ties]).reshape(-1, 3)
-        self._positions = np.array([tie.pose.position for tie in ties]).reshape(-1, 3)
-        self._poses = _rotations(ties)
+        self.n_unknowns = len(self.scales)
+        self._design = equations.design(self.scales)
 
     def unknowns(self, corrections: Corrections) -> NDArray[np.float64]:
         """Return the unknowns of corrections, m and rad."""
@@ -234,74 +217,24 @@ class _Graph:
 
     def corrections(self, unknowns: NDArray[np.float64]) -> Corrections:
         """Return the corrections of unknowns."""
-        knots = np.zeros_like(self._corrections.knots)
-        if self._has_drift:
-            knots = unknowns[self._n_whole :].reshape(-1, 6)
-        return self._corrections.changed(unknowns[: self._n_whole].reshape(-1, 6), knots)
+        start, n_whole = self._corrections, self._equations.n_whole
+        knots = unknowns[n_whole:].reshape(-1, 6) if self._has_drift else np.zeros_like(start.knots)
+        return start.changed(unknowns[:n_whole].reshape(-1, 6), knots)
 
-    def blocks(
-        self, place: NDArray[np.float64], time: float, number: int
-    ) -> list[tuple[int, NDArray[np.float64]]]:
-        """Columns of the unknowns that move a place, and the twist there from each, shape (6, 6)."""
-        blocks = [(6 * number, twist_matrix(place - self._corrections.centres[number]))]
-        if self._has_drift:
-            blocks += [
-                (self._n_whole + 6 * share.number, share.part * twist_matrix(place - share.centre))
-                for share in self._corrections.shares(time, number)
-            ]
-        return blocks
-
-    def residuals(self, unknowns: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Twists by which the second visits would have to be moved onto the first, shape (n, 6)."""
-        from scipy.spatial.transform import Rotation
-
-        if not self._ties:
-            return np.empty((0, 6))
-        corrections, shifts, turns = self.corrections(unknowns), [], []
-        for side in range(2):
-            about, moved, vectors = corrections.motions(self._times[:, side], self._rounds[:, side])
-            arms = self._places - about
-            shifts.append(moved + rotated(arms, vectors) - arms)
-            turns.append(Rotation.from_rotvec(vectors))
-        # first @ pose @ second.inverse: where it takes the origin, and how it turns
-        at = self._poses.apply(turns[1].apply(-shifts[1], inverse=True)) + self._positions
-        together = turns[0] * self._poses * turns[1].inv()
-        return np.column_stack([turns[0].apply(at) + shifts[0], together.as_rotvec()])
-
-    def whitened(self, residuals: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Residuals in standard deviations of their ties, independent, shape (n, 6)."""
-        if not self._ties:
-            return residuals
-        return np.asarray(np.einsum("nij,nj->ni", self._roots, residuals))
-
-    @cached_property
-    def _design(self) -> Any:
-        """How whitened residuals fall with scaled unknowns, sparse, (6 n, n_unknowns)."""
-        from scipy.sparse import csr_array
-
-        values: list[NDArray[np.float64]] = []
-        rows: list[NDArray[np.int64]] = []
-        columns: list[NDArray[np.int64]] = []
-        row, column = (index.ravel() for index in np.indices((6, 6)))
-        for number, (tie, root) in enumerate(zip(self._ties, self._roots, strict=True)):
-            for sign, time, of_round in zip((-1.0, 1.0), tie.times, tie.rounds, strict=True):
-                for at, block in self.blocks(tie.place, time, of_round):
-                    values.append((sign * root @ block * self.scales[at : at + 6]).ravel())
-                    rows.append(6 * number + row)
-                    columns.append(at + column)
-        shape = (6 * len(self._ties), self.n_unknowns)
-        if not values:
-            return csr_array(shape)
-        return csr_array(
-            (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape
-        )
+    def twist_rows(self, place: NDArray[np.float64], time: float, number: int) -> NDArray[np.float64]:
+        """See `Adjusted.twist_rows`."""
+        rows = np.zeros((6, self.n_unknowns))
+        for column, block in self._equations.blocks(place, time, number):
+            if column < self.n_unknowns:
+                rows[:, column : column + 6] += block
+        return rows
 
     @cached_property
     def prior(self) -> Any:
-        """Inverse covariance of the scaled unknowns before any tie, sparse: drift is a Gauss-Markov process."""
+        """Inverse covariance of the scaled unknowns a priori, sparse: a drift is a Gauss-Markov process."""
         from scipy.sparse import block_diag, eye_array, kron
 
-        parts = [eye_array(self._n_whole)]
+        parts = [eye_array(self._equations.n_whole)]
         if self._has_drift:
             for step, n in zip(self._corrections.steps, np.diff(self._corrections.firsts), strict=True):
                 parts.append(kron(_gauss_markov(int(n), step), eye_array(6)))
@@ -320,16 +253,18 @@ class _Graph:
     def normal_equations(
         self, unknowns: NDArray[np.float64], residuals: NDArray[np.float64], weights: NDArray[np.float64]
     ) -> tuple[Any, NDArray[np.float64]]:
-        """Matrix and right side of the step of the scaled unknowns, from residuals (n, 6) and weights (n,)."""
+        """Matrix and right side of a Gauss-Newton step in scaled unknowns, from residuals (n, 6) and weights (n,)."""
         from scipy.sparse import csc_array, diags_array
 
         weighted = diags_array(np.repeat(weights, 6)) @ self._design
-        right_side = weighted.T @ self.whitened(residuals).ravel() - self.prior @ (unknowns / self.scales)
+        right_side = weighted.T @ self._equations.whitened(residuals).ravel() - self.prior @ (
+            unknowns / self.scales
+        )
         return csc_array(self._design.T @ weighted + self.prior), right_side
 
 
 def _gauss_markov(n: int, step: float) -> Any:
-    """Inverse covariance of n values of a Gauss-Markov process of variance 1, so many seconds apart, sparse."""
+    """Inverse covariance of n values of a Gauss-Markov process of variance 1, `step` seconds apart, sparse."""
     from scipy.sparse import diags_array
 
     kept = math.exp(-step / CORRELATION_TIME)
@@ -337,10 +272,3 @@ def _gauss_markov(n: int, step: float) -> Any:
     diagonal[[0, -1]] = 1.0 / (1.0 - kept * kept)
     beside = np.full(n - 1, -kept / (1.0 - kept * kept))
     return diags_array([beside, diagonal, beside], offsets=[-1, 0, 1])
-
-
-def _rotations(ties: Sequence[Tie]) -> Any:
-    """Rotations of the poses of ties; None if there is none."""
-    from scipy.spatial.transform import Rotation
-
-    return Rotation.from_matrix(np.array([tie.pose.rotation for tie in ties])) if ties else None

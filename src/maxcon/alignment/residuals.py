@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Residuals: how far rounds lie apart before and after, pair by pair, and what that makes a map's sigma."""
+"""Residuals: how far rounds lie apart before and after the adjustment, and the standard deviation that follows."""
 
 import math
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from maxcon.alignment.pose_graph import Adjusted
 __all__ = ["PairResiduals", "is_contradicted", "pair_residuals", "remaining_sigma"]
 
 LARGEST_SIGMA = 0.02
-"""A direction along which a tie is known less well, m, says nothing of how far rounds lie apart along it."""
+"""Directions in which a tie is less sure than this, m, are left out of residuals."""
 LEAST_WEIGHT = 0.2
 """A tie that weighs less contradicts the others: it is some seven sigmas off."""
 NORMAL_MEDIAN = 0.6745
@@ -84,7 +84,7 @@ def _pair(
 def _along_sure(
     ties: Sequence[Tie], shifts: NDArray[np.float64], is_used: Sequence[bool]
 ) -> tuple[list[float], list[float]]:
-    """Shifts along the sure horizontal directions of ties, and the sure heights, m."""
+    """Shifts (n, 3) of ties along those horizontal directions that each tie determines, and those of heights, m."""
     horizontal, heights = [], []
     for tie, shift, used in zip(ties, shifts, is_used, strict=True):
         if not used:
@@ -105,9 +105,9 @@ def _sizes(values: Sequence[float]) -> tuple[float, float]:
 
 
 def remaining_sigma(ties: Sequence[Tie], adjusted: Adjusted, *, is_after: bool) -> float:
-    """Standard deviation of one round's position along a horizontal axis beside the others, m; NaN without ties.
+    """Standard deviation of one round's position relative to the others, along a horizontal axis, m; NaN without ties.
 
-    From what pairs differ by before or after the adjustment, a median, so that wrong matches do not tell.
+    From the median difference of pairs before or after the adjustment: wrong matches hardly change a median.
     """
     shifts = (
         adjusted.residuals[:, :3]

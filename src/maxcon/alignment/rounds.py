@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Rounds: which drive of the mapping vehicle each point was measured in, and where that was at what time."""
+"""Rounds: the drives of the mapping vehicle, which points belong to each, and where it measured when."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
@@ -20,7 +20,7 @@ __all__ = ["ROUNDS_BY", "Round", "RoundPoints", "Rounds", "read_rounds", "survey
 ROUNDS_BY = ("time", "source", "file")
 """What tells rounds apart: pauses in gps_time, point source ids, or files."""
 MOST_SECONDS = 2_000_000
-"""Three weeks of mapping: more are no times, and would fill the memory."""
+"""Three weeks of mapping; more different seconds cannot be times, and would fill the memory."""
 MOST_ROUNDS = 1000
 CHUNK = 1_000_000
 
@@ -32,7 +32,7 @@ class Round:
     Parameters
     ----------
     name : str
-        "round 1", or what its file or its points say.
+        "round 1"; or the name of its file; or "source 1", by its point source id.
     times : array, shape (k,)
         Middles of the seconds in which it measured, s, rising; a single 0 without times.
     middles : array, shape (k, 3)
@@ -71,7 +71,7 @@ class Rounds:
     rounds : tuple of Round
         At least one.
     keys : array, shape (n,), int64
-        Of each round: its point source id, or the number of its file; not used where times tell.
+        Point source id of each round, or number of its file; not used for rounds by time.
     """
 
     by: str
@@ -102,7 +102,7 @@ class Rounds:
         return order[np.searchsorted(self.keys[order], wanted)].astype(np.int16)
 
     def at(self, times: NDArray[np.float64]) -> NDArray[np.int16]:
-        """Number of the round under way at each time, or of the nearest one, where times tell rounds apart."""
+        """Number of the round under way at each time (s), shape (n,), or of the nearest one; for rounds by time."""
         ends = np.array([each.end for each in self.rounds[:-1]])
         starts = np.array([each.start for each in self.rounds[1:]])
         return np.searchsorted(0.5 * (ends + starts), times, side="right").astype(np.int16)
@@ -116,12 +116,12 @@ class Rounds:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RoundPoints:
-    """Some points of a file.
+    """A chunk of the points of a file.
 
     Parameters
     ----------
     record : PackedPointRecord
-        All that the file says of them.
+        All fields of the points, as laspy reads them.
     points : array, shape (n, 3)
         Global, m.
     times : array, shape (n,)
@@ -171,13 +171,13 @@ def read_rounds(header: CloudHeader) -> Iterator[RoundPoints]:
 
 
 class _Seconds:
-    """Sums of the points of each second of each key; grows with the time of mapping, not with the points."""
+    """Count and sum of the points of each second, by source id or file; grows with time, not with points."""
 
     def __init__(self) -> None:
         self._sums: defaultdict[tuple[int, int], NDArray[np.float64]] = defaultdict(lambda: np.zeros(4))
 
     def add(self, keys: NDArray[np.int64], part: RoundPoints, origin: NDArray[np.float64]) -> None:
-        """Take points with their keys, shape (n,)."""
+        """Add points with the key of each, shape (n,): its source id, or number of its file."""
         seconds = np.floor(part.times).astype(np.int64)
         order = np.lexsort((seconds, keys))
         is_first = np.ones(len(order), bool)
@@ -205,13 +205,13 @@ def survey(headers: Sequence[CloudHeader], by: str, pause: float, report: Progre
     Parameters
     ----------
     headers : sequence of CloudHeader
-        Of the clouds.
+        Headers of the clouds.
     by : str
         One of `ROUNDS_BY`.
     pause : float
-        By time, so many seconds without a point lie between two rounds.
+        Seconds without a point that separate two rounds by time.
     report : callable
-        Progress.
+        Called with (step, done, of how many).
 
     Raises
     ------

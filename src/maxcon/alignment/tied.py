@@ -17,29 +17,29 @@ from maxcon.alignment.rounds import Rounds
 __all__ = ["RoundTied", "datum_sigma", "tied_rounds"]
 
 OPEN_SHARE = 0.5
-"""A round that is known, along some direction, no better than this share of its prior has stayed there."""
+"""A round is open along a direction in which its standard deviation exceeds this share of its prior's."""
 
 
 @dataclass(frozen=True, slots=True)
 class RoundTied:
-    """How one round came out.
+    """The correction of one round, and how well the other rounds determine it.
 
     Parameters
     ----------
     name : str
-        Of the round.
+        Name of the round.
     n_ties : int
-        With other visits, not contradicted.
+        Ties of its visits that the others do not contradict.
     group : int
-        Number of the largest set of rounds that are tied to each other, directly or not, that it belongs to; from 0.
+        Number of its connected component in the graph of ties; 0 is the largest one.
     shift : array, shape (3,)
         By which its centre was moved, in the middle of its time, m.
     turn : array, shape (3,)
         Rotation vector by which it was turned there, rad.
     sigma : array, shape (3,)
-        Standard deviations of its position beside the other rounds of its group, there, along x, y and z, m.
+        Standard deviations of that position along x, y and z, m, relative to the mean of the others of its group.
     words : str
-        What is missing; empty where nothing is.
+        What the ties leave open, for the user; empty where it is nothing.
     """
 
     name: str
@@ -86,7 +86,7 @@ def tied_rounds(
 
 
 def datum_sigma(rounds: Rounds, adjusted: Adjusted) -> float:
-    """Standard deviation along a horizontal axis of where all rounds together are, m: what their priors leave open."""
+    """Standard deviation of a common shift of all rounds along a horizontal axis, m: only their priors limit it."""
     place = np.average(
         [each.centre for each in rounds.rounds], axis=0, weights=[each.n_points for each in rounds.rounds]
     )
@@ -117,7 +117,7 @@ def _groups(n_rounds: int, ties: Sequence[Tie]) -> list[int]:
 
 
 def _beside(rounds: Rounds, number: int, others: Sequence[int], adjusted: Adjusted) -> NDArray[np.float64]:
-    """Covariance of where a round lies beside the mean of others, at its centre, shape (3, 3), m^2."""
+    """Covariance of a round's position relative to the mean of others, at its centre, shape (3, 3), m^2."""
     place = rounds.rounds[number].centre
     rows = adjusted.twist_rows(place, _middle(rounds, number), number)[:3]
     if others:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Visits: what one round saw of one place at one go, thinned to planes and points on them."""
+"""Visits: what one round measured of one place in one pass, thinned to planes and to points on them."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -24,22 +24,23 @@ CELL = 0.12
 MARGIN = 16
 """Voxels between the corner of the grid and that of the place."""
 LONGEST_GAP = 10.0
-"""Without a point of the place for so long, s, the vehicle has gone, and comes again."""
+"""A visit ends where no point of the place was measured for so long, s."""
 LONGEST_VISIT = 20.0
-"""s; a vehicle that stands still pays several visits."""
+"""s; longer ones, of a vehicle that stands, are split."""
 LEAST_POINTS = 2000
 LEAST_PLANES = 300
+"""Visits with fewer points, or fewer voxels with a normal, are left out."""
 ARRAYS = ("planes", "normals", "points", "point_normals")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Visit:
-    """What one round saw of one place, in a frame with the axes of the map and its origin in the middle of the place.
+    """What one round measured of one place; frame: axes of the map, origin in the middle of the place.
 
     Parameters
     ----------
     round : int
-        Its number.
+        Number of the round.
     time : float
         Mean of the points' times, s.
     planes, normals : array, shape (k, 3), float32
@@ -57,12 +58,12 @@ class Visit:
 
     @property
     def point_map(self) -> PointMap:
-        """Make the planes a map, to be matched with."""
+        """The planes as a map, for another visit to be matched with."""
         return PointMap.from_points(self.planes, self.normals, CELL, is_signed=False, sigma=0.0)
 
     @property
     def scan(self) -> Scan:
-        """Make the points a scan, to be matched."""
+        """The points as a scan, to be matched with another visit."""
         return Scan(self.points, self.point_normals)
 
 
@@ -74,7 +75,7 @@ def visits_of(records: NDArray[np.void], edge: float) -> list[Visit]:
     records : array
         Points of the place (`PLACE_RECORD`).
     edge : float
-        Of the place, m.
+        Edge of the place, m.
     """
     found = []
     for number in np.unique(records["round"]).tolist():
@@ -121,7 +122,7 @@ def _parts(records: NDArray[np.void]) -> Iterator[NDArray[np.void]]:
 
 
 def _visit(number: int, time: float, points: NDArray[np.float64], edge: float) -> Visit | None:
-    """Return the visit with points about the middle of the place, m; None if they are on too few planes."""
+    """Return a visit of these points (n, 3), m from the middle of the place; None if they lie on too few planes."""
     moments, voxel_of_point, corner = _moments(points, edge)
     normals = plane_normals(moments, CELL, np.ones(len(moments), bool))
     has_normal: NDArray[np.bool_] = np.asarray(normals.any(axis=1))
@@ -138,7 +139,7 @@ def _visit(number: int, time: float, points: NDArray[np.float64], edge: float) -
 def _moments(
     points: NDArray[np.float64], edge: float
 ) -> tuple[VoxelMoments, NDArray[np.int64], NDArray[np.float64]]:
-    """Moments of the voxels of points, the row of each point's voxel among them, and the corner of the grid, m."""
+    """Moments of the voxels of points (n, 3), m; the row of each point's voxel; the corner of the grid, m."""
     corner = np.array([-0.5 * edge - MARGIN * CELL, -0.5 * edge - MARGIN * CELL, 0.0])
     places = points - corner
     indices = np.floor(places / CELL).astype(np.int32)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Many drives at once: a table of drives, each localized in a map, into one Parquet dataset."""
+"""Many drives: a table of drives, each localized in a map, becomes one Parquet dataset of poses."""
 
 from maxcon.drives.job import ManyDrivesJob, OpenedDrive
 from maxcon.drives.poses_dataset import PosesDataset, poses_schema, table_of_drive

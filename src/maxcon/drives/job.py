@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Many drives as a job: a worker keeps maps and drives open, and localizes some epochs of one at a time."""
+"""Many drives as a job of the engine: a worker keeps maps and drives open, and localizes some epochs at a time."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -16,11 +16,11 @@ from maxcon.point_map import PointMap
 __all__ = ["DriveTask", "ManyDrivesJob", "OpenedDrive", "OpensDrives"]
 
 MOST_MAPS, MOST_DRIVES = 4, 2
-"""Kept open by a worker."""
+"""Most maps, and most drives, that a worker keeps open."""
 
 
 class OpenedDrive(Protocol):
-    """A drive that is ready to be localized."""
+    """A drive that is open, with its map, ready to be localized."""
 
     @property
     def n_epochs(self) -> int:
@@ -32,12 +32,12 @@ class OpenedDrive(Protocol):
         ...
 
     def failed(self, epoch: int, reason: str) -> EpochEstimate:
-        """Return what stands for an epoch that no process came back from."""
+        """Return the answer for an epoch whose worker ended before it was done, with the reason."""
         ...
 
 
 class OpensDrives(Protocol):
-    """How drives are to be localized: what travels to the workers."""
+    """Opens maps and drives with the options of localization; it is sent to the workers."""
 
     @property
     def is_track(self) -> bool:
@@ -64,12 +64,12 @@ class DriveTask:
 
 @dataclass(frozen=True)
 class ManyDrivesJob:
-    """What workers do: estimates of epochs, without points; or in words why the drive cannot be localized.
+    """The work on a `DriveTask`: estimates of its epochs, without points, or why its drive cannot be localized.
 
     Parameters
     ----------
     opener : OpensDrives
-        How.
+        Opens maps and drives.
     """
 
     opener: OpensDrives
@@ -79,20 +79,20 @@ class ManyDrivesJob:
         return ManyDrivesJob, (self.opener, self.name)  # what is open stays in its process
 
     def open(self) -> Callable[[DriveTask], list[EpochEstimate] | str]:
-        """Return what localizes; maps and drives are opened when they are first asked for, and kept."""
+        """Return the function that localizes a task; maps and drives are opened when first needed, and kept."""
 
         def localize(task: DriveTask) -> list[EpochEstimate] | str:
             try:
                 estimates = self.opened(task.entry).estimates(task.first, task.last)
                 return [epoch.without_points() for epoch in estimates]
-            except MaxconError as error:  # of this drive: others go on
+            except MaxconError as error:  # the other drives go on
                 return str(error)
 
         return localize
 
     @cached_property
     def opened(self) -> Callable[[DriveEntry], OpenedDrive]:
-        """Opens a drive, or gives the one that is open already."""
+        """Return the drive of an entry, opened now or before."""
         map_of = lru_cache(MOST_MAPS)(self.opener.open_map)
         return lru_cache(MOST_DRIVES)(lambda entry: self.opener.open(entry, map_of(entry.map)))
 
@@ -103,6 +103,6 @@ class ManyDrivesJob:
         return [DriveTask(task.entry, epoch, epoch + 1) for epoch in range(task.first, task.last)]
 
     def lost(self, task: DriveTask, reason: str) -> list[EpochEstimate]:
-        """Return the answer of epochs that no worker came back from."""
+        """Return the answers for a task whose worker ended before it was done, with the reason."""
         drive = self.opened(task.entry)
         return [drive.failed(epoch, reason) for epoch in range(task.first, task.last)]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""What the rows of drives were made with: written down, so that they are not gone on with by something else."""
+"""The options and inputs of a dataset of poses, written down: it is continued only with the same ones."""
 
 import hashlib
 import json
@@ -23,16 +23,16 @@ __all__ = ["OPTIONS", "check_options", "check_sources"]
 OPTIONS, SOURCES = "_options.json", "_drives.json"
 LARGEST_OPTIONS, LARGEST_SOURCES = 2**20, 2**28
 LARGEST_HASHED = 2**26
-"""Of larger files, recordings, the size tells."""
+"""Bytes; larger files (recordings) are known by path and size instead of their checksum."""
 
 
 def check_options(dataset: PosesDataset, wanted: dict[str, Any]) -> None:
-    """Write down with which options a dataset is made; refuse to go on with others: rows would not be comparable.
+    """Write down the options of a dataset; refuse to continue it with others: its rows would not be comparable.
 
     Raises
     ------
     OptionError
-        If there are rows that were made with others.
+        If it has rows that were made with other options.
     FileError
         If what was written down cannot be read, or not be written.
     """
@@ -50,12 +50,12 @@ def check_options(dataset: PosesDataset, wanted: dict[str, Any]) -> None:
 
 
 def check_sources(dataset: PosesDataset, entries: Sequence[DriveEntry]) -> None:
-    """Write down what drives are localized from; refuse to go on with one from another map, scans or prior.
+    """Write down the inputs of drives; refuse to continue a drive with another map, scans or prior.
 
     Raises
     ------
     OptionError
-        If rows of a drive are there that were made from something else.
+        If a drive has rows that were made from other inputs.
     FileError
         If what was written down cannot be read, or not be written.
     """
@@ -91,17 +91,17 @@ def _read(path: Path, most_bytes: int, what: str) -> dict[str, Any]:
 
 
 def _map(place: Path | str) -> str:
-    """What tells a map from others: the checksum of its manifest; where it should be, if it cannot be read."""
+    """Identity of a map: the checksum of its manifest, or where it should be if that cannot be read."""
     where = address_of(place) or str(Path(place).absolute())
     try:
         content = open_place(place, uses_cache=False).read(MANIFEST, LARGEST_MANIFEST)
     except OSError:
-        return where  # that it cannot be opened is said where it is
+        return where  # opening the drive will say that there is no map
     return hashlib.sha256(content).hexdigest()
 
 
 def _file(path: Path | None) -> str | None:
-    """What tells a file from others: its checksum, or of a folder and of what is large where it is."""
+    """Identity of a file: its checksum; the path of a folder; path and size of a large file."""
     if path is None:
         return None
     if not path.is_file():

@@ -2,23 +2,22 @@
 # SPDX-License-Identifier: MIT
 """PosesDataset: the poses of many drives as a Parquet dataset, a folder for each drive that is done."""
 
-import math
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from maxcon.atomic import atomic_file, make_folder, remove_partials
 from maxcon.drive import EpochEstimate
 from maxcon.errors import FileError, OptionError
-from maxcon.poses_table import COLUMNS, COVARIANCES, UNKNOWNS
+from maxcon.poses_table import COLUMNS, pose_values
 
 if TYPE_CHECKING:
     import pyarrow
 
-__all__ = ["PosesDataset", "pose_row", "poses_schema", "table_of_drive"]
+__all__ = ["PosesDataset", "poses_schema", "table_of_drive"]
 
 TEXTS = ("status", "reason")
 
@@ -34,26 +33,8 @@ def poses_schema() -> "pyarrow.Schema":
     return pyarrow.schema(fields)
 
 
-def pose_row(epoch: EpochEstimate) -> dict[str, Any]:
-    """Return the values of an epoch by the names of the columns: those of its row in POSES.csv, not rounded."""
-    row: dict[str, Any] = {"epoch": epoch.epoch, "time": epoch.raw.time, "status": epoch.status.value}
-    row |= {"ms": epoch.milliseconds, "reason": " ".join(epoch.reason.split())}
-    if epoch.estimate is not None:
-        row["score"] = epoch.estimate.score
-    if epoch.pose_global is None or epoch.estimate is None:
-        return row
-    row |= {name: getattr(epoch.pose_global, name) for name in UNKNOWNS}
-    covariance = epoch.estimate.covariance[np.triu_indices(6)]
-    if np.isfinite(covariance).all():
-        row |= dict(zip(COVARIANCES, covariance.tolist(), strict=True))
-        names = ("protection_along", "protection_across")
-        levels = zip(names, epoch.estimate.protection_level, strict=True)
-        row |= {name: level for name, level in levels if math.isfinite(level)}
-    return row
-
-
 class PosesDataset:
-    """The dataset in a folder. A drive is in it once all of its epochs are done; until then its rows wait in _parts.
+    """The dataset in a folder. A drive is published once all its epochs are done; until then its rows are in _parts.
 
     Parameters
     ----------
@@ -82,7 +63,7 @@ class PosesDataset:
         return any(self._parts.glob("*/[!.]*.parquet")) or any(self.folder.glob("drive=*/poses.parquet"))
 
     def add(self, name: str, epochs: Sequence[EpochEstimate]) -> None:
-        """Keep rows of a drive that is not done yet.
+        """Write rows of a drive that is not done yet.
 
         Raises
         ------
@@ -93,11 +74,11 @@ class PosesDataset:
 
         make_folder(self._parts / name)
         part = self._parts / name / f"{epochs[0].epoch:09d}.parquet"
-        rows = [pose_row(epoch) for epoch in epochs]
+        rows = [{"epoch": epoch.epoch, **pose_values(epoch)} for epoch in epochs]
         self._write(part, pyarrow.Table.from_pylist(rows, schema=poses_schema()))
 
     def rows(self, name: str) -> "pyarrow.Table":
-        """Return the rows that are there of a drive, done or not, by epoch.
+        """Return the rows of a drive that have been written, done or not, by epoch.
 
         Raises
         ------
@@ -107,16 +88,30 @@ class PosesDataset:
         import pyarrow
 
         if self.is_done(name):
-            return _read(self.path(name))
-        parts = [_read(path) for path in self._parts_of(name)]
+            return _read(self.path(name), poses_schema())
+        parts = [_read(path, poses_schema()) for path in self._parts_of(name)]
         table = pyarrow.concat_tables([poses_schema().empty_table(), *parts]).sort_by("epoch")
         epochs = table.column("epoch").to_numpy()
         is_first = np.ones(len(epochs), bool)
         is_first[1:] = epochs[1:] != epochs[:-1]
         return table.filter(pyarrow.array(is_first))
 
+    def statuses(self, name: str) -> list[str]:
+        """Return the status of each epoch of a drive that is done; no other column is read.
+
+        Raises
+        ------
+        FileError
+            If its file is broken.
+        """
+        import pyarrow
+
+        schema = pyarrow.schema([poses_schema().field("status")])
+        found: list[str] = _read(self.path(name), schema).column("status").to_pylist()
+        return found
+
     def publish(self, name: str, table: "pyarrow.Table") -> None:
-        """Put a drive, of which all rows are there, into the dataset, in one step; nobody else may be at it.
+        """Publish a drive whose rows are complete, in one step; nobody else may be at it.
 
         Raises
         ------
@@ -129,7 +124,7 @@ class PosesDataset:
         self.clear(name)
 
     def clear(self, name: str) -> None:
-        """Remove what waited of a drive that is done."""
+        """Remove the parts of a drive that is done."""
         shutil.rmtree(self._parts / name, ignore_errors=True)
         if self._parts.exists() and not any(self._parts.iterdir()):
             self._parts.rmdir()
@@ -182,12 +177,13 @@ def _few(names: Sequence[str]) -> str:
     return ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
 
 
-def _read(path: Path) -> "pyarrow.Table":
+def _read(path: Path, schema: "pyarrow.Schema") -> "pyarrow.Table":
+    """Read the columns that a schema names."""
     import pyarrow
     import pyarrow.parquet
 
     try:
-        return pyarrow.parquet.ParquetFile(path).read().cast(poses_schema())
+        return pyarrow.parquet.ParquetFile(path).read(schema.names).cast(schema)
     except (OSError, ValueError, pyarrow.ArrowException) as error:
         raise FileError(
             f"Expected poses of a drive in {path}, got: {error}. If it is broken, remove it: the same command makes its"

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Localizing many drives: what is missing is found, done by an engine, and kept as it comes."""
+"""Localizing many drives: an engine localizes the epochs that a dataset lacks, and rows are written as they come."""
 
 import os
 import sys
@@ -24,13 +24,13 @@ from maxcon.work_folder import work_folder
 
 __all__ = ["EPOCHS_PER_TASK", "Localized", "localize_drives", "tasks_of"]
 
-# Neighbours see the same tiles; more at once would be lost together when a worker ends.
+# Neighbouring epochs need the same tiles; but all of a task are lost when its worker ends.
 EPOCHS_PER_TASK = 32
 
 
 @dataclass(frozen=True, slots=True)
 class Localized:
-    """What became of many drives.
+    """Summary of a run over many drives.
 
     Parameters
     ----------
@@ -56,30 +56,30 @@ def localize_drives(
     engine: Engine | None = None,
     progress: Progress | None = None,
 ) -> Localized:
-    """Localize drives into a Parquet dataset; drives and epochs that are there are not done again.
+    """Localize drives into a Parquet dataset; drives and epochs that it has already are not localized again.
 
     Parameters
     ----------
     entries : sequence of DriveEntry
         The drives.
     job : ManyDrivesJob
-        How.
+        How they are localized.
     out : path
         Folder of the dataset; made if it is not there.
     engine : Engine, optional
-        Where; on all processors of this machine if None.
+        Who does the work; all processors of this machine if None.
     progress : callable, optional
         Called with (step, done, of how many).
 
     Returns
     -------
     Localized
-        A drive that cannot be localized does not keep the others from it.
+        A drive that cannot be localized is in `refused`; the others are localized all the same.
 
     Raises
     ------
     FileError, OptionError
-        If the folder cannot be written, is another's, or was made with other options.
+        If the folder cannot be written, holds something else, or was made with other options.
     """
     from maxcon.study.description import describe  # with all that a study needs, which one drive does not
 
@@ -91,7 +91,7 @@ def localize_drives(
 
 
 def tasks_of(entry: DriveEntry, epochs: Iterable[int], is_track: bool = False) -> Iterator[DriveTask]:
-    """Yield tasks for the epochs of a drive, runs of consecutive ones; all of a track is one."""
+    """Yield tasks for some epochs of a drive: runs of consecutive ones; a tracked drive is a single task."""
     run: list[int] = []
     for epoch in epochs:
         is_end = run and (epoch != run[-1] + 1 or (epoch % EPOCHS_PER_TASK == 0 and not is_track))
@@ -104,7 +104,7 @@ def tasks_of(entry: DriveEntry, epochs: Iterable[int], is_track: bool = False) -
 
 
 class _Run:
-    """One call: which drives are begun, and how many of their epochs are missing."""
+    """State of one call of `localize_drives`: the drives begun, and how many of their epochs are missing."""
 
     def __init__(
         self,
@@ -124,7 +124,7 @@ class _Run:
         self._n_new = self._n_epochs = 0
 
     def localized(self) -> Localized:
-        """Do what is missing, and count what is there."""
+        """Localize what is missing, and summarize the dataset."""
         todo = [entry for entry in self._entries if not self._dataset.is_done(entry.name)]
         for entry in self._entries:
             if self._dataset.is_done(entry.name):
@@ -133,7 +133,7 @@ class _Run:
             for task, found in self._engine.run(self._job, self._tasks(todo), sys.maxsize):
                 self._keep(task.entry.name, found)
         statuses = {
-            entry.name: self._dataset.rows(entry.name).column("status").to_pylist()
+            entry.name: self._dataset.statuses(entry.name)
             for entry in self._entries
             if self._dataset.is_done(entry.name)
         }
@@ -142,7 +142,7 @@ class _Run:
         return Localized(len(statuses), n_epochs, n_localized, self._n_new, self._refused)
 
     def _tasks(self, entries: Iterable[DriveEntry]) -> Iterator[DriveTask]:
-        """Yield what is missing of the drives, which are opened one after the other."""
+        """Yield tasks for the missing epochs of drives, opening one drive after the other."""
         for entry in entries:
             try:
                 n_epochs = self._job.opened(entry).n_epochs
@@ -161,7 +161,7 @@ class _Run:
             yield from tasks_of(entry, missing, is_track)
 
     def _keep(self, name: str, found: list[EpochEstimate] | str) -> None:
-        """Write down the epochs of a drive; put it into the dataset with the last of them."""
+        """Write the answers of a task; publish the drive with the last of them."""
         if isinstance(found, str):
             self._refused.setdefault(name, found)
             return

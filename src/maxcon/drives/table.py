@@ -28,11 +28,11 @@ class DriveEntry:
     Parameters
     ----------
     name : str
-        Its own among the drives.
+        Different from that of all other drives.
     scans : Path
         A folder, or a recording.
     map : Path or str
-        What it is localized in: a folder, or the URL of one.
+        The map it is localized in: a folder, or a URL.
     prior, times, odometry : Path or None
         As `maxcon localize` takes them.
     """
@@ -54,7 +54,7 @@ def read_drives(path: str | os.PathLike[str], map_folder: Path | str | None = No
         CSV with a header, of `name`, `scans` and, as far as needed, `prior`, `map`, `times`, `odometry`; or TOML with a
         table `[[drive]]` of the same keys for each.
     map_folder : Path, optional
-        For drives that name no map.
+        The map of drives that name none.
 
     Raises
     ------

@@ -6,8 +6,8 @@ A scan meets tens of tiles: to hand over their arrays to a kernel one by one too
 them. So look-ups of single voxels get one table of addresses (`VoxelLookup`, `search.tile_table.TileTable`), and
 `lookup_kernels` reads what lies there.
 
-**An address is good only as long as the `Addresses` that gave it.** That keeps its arrays; a table must keep the
-`Addresses` of all its tiles for as long as it lives. A copy of one, also in another process, has addresses of its own.
+**An address is valid only as long as the `Addresses` object that gave it**, which keeps the arrays alive: a table must
+keep the `Addresses` of all its tiles as long as it lives. A copy, also one in another process, has its own addresses.
 """
 
 from dataclasses import dataclass

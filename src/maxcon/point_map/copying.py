@@ -23,7 +23,7 @@ from maxcon.storage import Folder, MapFiles, address_of, open_place
 __all__ = ["copy_map"]
 
 AHEAD = 16
-"""Records that are announced before they are copied."""
+"""Records that are announced ahead of the one that is copied."""
 
 
 def copy_map(
@@ -35,8 +35,8 @@ def copy_map(
 ) -> Manifest:
     """Copy a map to a folder, or from a folder to an address; every record is checked on its way.
 
-    A map of a format version before becomes one of this. At an address the manifest is written last: nobody sees half a
-    map. The files of a map that was there before are left, for those who read it still.
+    A map of an earlier format version is converted to the current one. At an address the manifest is written last, so
+    that nobody sees half a map; files of a map that was there before stay, for those who are still reading it.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def _check_records(files: MapFiles, manifest: Manifest, report: Progress) -> Non
 
 
 def _publish(files: Folder, address: str, overwrite: bool, report: Progress) -> None:
-    """Write the files of a map to an address, what is there already is left out, and the manifest last.
+    """Write the files of a map to an address, without those that are there already, and the manifest last.
 
     Raises
     ------

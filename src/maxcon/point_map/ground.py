@@ -132,7 +132,7 @@ class GroundSource(Protocol):
 
 
 class GroundInMemory:
-    """Ground that was made here.
+    """The ground of a map in memory.
 
     Parameters
     ----------

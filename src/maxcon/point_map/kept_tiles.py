@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""KeptTiles: the tiles that were used last, as many as memory is given for."""
+"""KeptTiles: a cache of the tiles that were used last, within a budget of memory."""
 
 import threading
 from collections import OrderedDict
@@ -13,7 +13,7 @@ __all__ = ["KeptTiles"]
 
 
 class Sized(Protocol):
-    """A tile, or what is made of one."""
+    """A tile, or something derived from one."""
 
     @property
     def n_bytes(self) -> int:
@@ -39,10 +39,10 @@ class KeptTiles(OrderedDict[TileKey, TileT]):
         self._lock = threading.Lock()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return KeptTiles, (self._most_bytes,)  # a copy has its own, and none yet
+        return KeptTiles, (self._most_bytes,)  # a copy, as in another process, begins empty
 
     def load(self, key: TileKey, make: Callable[[], TileT]) -> TileT:
-        """Return a tile that is kept, or else what `make` makes, which is kept from now on."""
+        """Return the tile of a key from the cache, or else make it, and keep it."""
         with self._lock:
             tile = self.get(key)
             if tile is not None:

@@ -14,6 +14,6 @@ PATCH_VOXELS = 16
 TILE_PATCHES = TILE_VOXELS // PATCH_VOXELS
 """Patches along the edge of a tile of the map."""
 WORD_BITS = 64
-"""What a tile holds is kept as bits of words so long."""
+"""Bits of a word in the occupancy of a tile."""
 MEAN_STEPS = 256
 """Steps of a voxel's edge in which the mean of its points is kept."""

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 """Compiled look-ups of single voxels in many tiles, by the addresses of the tiles' arrays.
 
-`addresses` says how long an address is good.
+How long an address is valid: see `addresses`.
 """
 
 import numpy as np
@@ -56,7 +56,7 @@ float32_at = _reading(types.float32, ir.FloatType())
 
 @intrinsic
 def fetch(typing_context, address):
-    """Have what lies at an address brought near, while other work goes on."""
+    """Prefetch the item at an address into the cache."""
 
     def generate(context, builder, signature, arguments):
         pointer, number = ir.IntType(8).as_pointer(), ir.IntType(32)

@@ -39,16 +39,16 @@ __all__ = [
 FORMAT = "maxcon map"
 FORMAT_VERSION = 3
 TILE_FILES_VERSION = 2
-"""Each tile was a file: such a map is still read."""
+"""The version in which each tile was a file; such a map can still be read."""
 MANIFEST = "manifest.json"
 LARGEST_MANIFEST = 2**30
 """Bytes: those of some millions of tiles of version 2."""
 LARGEST_INDEX = 2**32
 """Bytes: those of fifty million tiles."""
 CELLS = (1e-4, 100.0)
-"""Voxel edges, m, between which sizes of tiles and numbers of voxels are numbers of a map."""
+"""Smallest and largest voxel edge of a map, m."""
 MAP_NAMES = (MANIFEST, TILES, GROUND, CLASSES)
-"""All that the folder of a map holds."""
+"""Names of the files and folders in the folder of a map."""
 REBUILD = "Build the map again with `maxcon map build`."
 SECTION_NAME, FILE_NAME = re.compile(r"[a-z][a-z_]*"), re.compile(r"[0-9A-Za-z_-]+(\.[0-9A-Za-z_-]+)*")
 

@@ -229,9 +229,14 @@ class PointMap:
         return self._load(self.keys_within(x, y, reach))
 
     def announce(self, keys: Iterable[TileKey]) -> None:
-        """Say which tiles will be asked for soon: those of a map on a network are fetched in the background."""
+        """Announce tiles that will be needed soon: those of a map on a network are fetched in the background."""
         if self._fetch_ahead is not None:
             self._fetch_ahead(keys)
+
+    def announce_around(self, places: Iterable[tuple[float, float]], reach: float) -> None:
+        """Announce the tiles around places (x, y), local frame, m; costs nothing where the map is on this machine."""
+        if self._fetch_ahead is not None:
+            self._fetch_ahead(sorted({key for x, y in places for key in self._keys_within(x, y, reach)}))
 
     def _load(self, keys: Sequence[TileKey]) -> list[VoxelTile]:
         if len(keys) > 1:

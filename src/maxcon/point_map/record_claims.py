@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""What a record claims to unpack to, held against its bytes before anything is unpacked.
+"""Checks how large a record claims to be unpacked against its bytes, before anything is unpacked.
 
 Each buffer of a compressed Arrow record batch begins with the length that it will have, and Arrow makes room for it
-at once. Where the buffers lie stands in the metadata, a table of FlatBuffers; of it only these places are read.
+at once. The positions of the buffers are in the metadata, a table of FlatBuffers, of which nothing else is read.
 """
 
 import struct
@@ -12,11 +12,11 @@ from typing import Any
 __all__ = ["check_claims"]
 
 MOST_SHRUNK = 255
-"""LZ4 shrinks by less."""
+"""Largest ratio of compression: that of LZ4 is below."""
 SMALL = 4096
-"""Buffers up to this many bytes may claim what they like."""
+"""Claims up to so many bytes are not checked: they take little memory."""
 HEADER_OF_MESSAGE, BUFFERS_OF_BATCH = 2, 2
-"""Numbers of fields in the tables of the Arrow IPC format."""
+"""Field numbers in the FlatBuffers tables of the Arrow IPC format."""
 
 
 def check_claims(content: bytes | memoryview) -> None:

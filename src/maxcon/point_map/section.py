@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Section: the records of one kind of a map, read and checked when asked for: what is used was written (D10)."""
+"""Section: the records of one kind of a map, read when asked for and checked against their checksums (D10)."""
 
 import hashlib
 from collections.abc import Iterable
@@ -32,7 +32,7 @@ class Section:
     name : str
         Of the section; one that the map does not have has no records.
     schema : Arrow schema, optional
-        Of its records; what the map says if None.
+        Columns that its records must have; those that the map names if None.
 
     Raises
     ------
@@ -69,7 +69,7 @@ class Section:
         return self._keys
 
     def announce(self, keys: Iterable[TileKey]) -> None:
-        """Say which records will be read soon: those of a map on a network are fetched in the background."""
+        """Announce records that will be read soon: those of a map on a network are fetched in the background."""
         if not self._is_of_files:
             self._files.announce([self._place(self._rows[key]) for key in keys if key in self._rows])
 
@@ -84,7 +84,7 @@ class Section:
         return file if self._is_of_files else f"tile {key} in {file}"
 
     def batch(self, key: TileKey) -> Any:
-        """Return the record batch of a tile, in memory of its own: whatever becomes of the file.
+        """Return the record batch of a tile, in private memory: later changes of the file do no harm.
 
         Raises
         ------

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""ShardTable: where the records of a section of a map lie, and what they must be; read and checked column by column."""
+"""ShardTable, the index of a section of a map: where each record lies, its size and checksum."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -14,19 +14,19 @@ from maxcon.point_map.layout import TILE_VOXELS, TileKey
 __all__ = ["MOST_KEY", "ShardFile", "ShardTable"]
 
 MOST_KEY = INDEX_LIMIT // TILE_VOXELS
-"""Of tiles whose voxels have indices that a map can have."""
+"""Largest |x| or |y| of a tile: beyond it voxels would have indices that no map can have."""
 NUMBERS = {
     "x": "int32", "y": "int32", "n_rows": "int32", "n_points": "int64",
     "shard": "int32", "offset": "int64", "length": "int64",
 }  # fmt: skip
-"""Columns of the file, before that of the checksums, and their types."""
+"""Columns of the index file and their types; that of the checksums follows."""
 RECORDS = b"records"
-"""Where the metadata of the file has the schema of the records."""
+"""Key in the metadata of the index file whose value is the schema of the records."""
 CHECKSUM_BYTES = 32
 SMALL_ROWS, MOST_ROWS_A_BYTE = 2**20, 16
-"""More rows for the bytes of a record are not believed: memory is taken for them."""
+"""Most rows of a record: so many, and so many more for each of its bytes; more is refused, as it takes memory."""
 Row = tuple[TileKey, int, int, int, int, int, bytes]
-"""Of a record: key, n_rows, n_points, shard, offset, length, SHA-256."""
+"""One record: key, n_rows, n_points, shard, offset, length, SHA-256."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,11 +52,11 @@ class ShardTable:
     n_rows : array, shape (n,), int32
         Rows of each record: voxels, or heights.
     n_points : array, shape (n,), int64
-        Map points that they stand for.
+        Map points in the voxels of each record.
     shards : array, shape (n,), int32
-        Number of the file.
+        Number of the file that each record lies in.
     offsets, lengths : array, shape (n,), int64
-        Where the record lies in it.
+        First byte of each record in its file, and its number of bytes.
     checksums : array, shape (n, 32), uint8
         SHA-256 of its bytes.
     """
@@ -133,12 +133,12 @@ class ShardTable:
 
     @classmethod
     def from_bytes(cls, content: Any, files: tuple[ShardFile, ...]) -> "ShardTable":
-        """Return the table that was written so, of records in these files.
+        """Return the table that `to_bytes` wrote, of records in these files.
 
         Raises
         ------
         ValueError
-            If it is none, or says what cannot be: two records of a tile, a record beyond the end of its file.
+            If it is no table, or contradicts itself: two records of a tile, a record beyond the end of its file.
         """
         import pyarrow as pa
 
@@ -167,7 +167,7 @@ class ShardTable:
         return table
 
     def _check(self) -> None:
-        """Refuse rows that cannot be, with a ValueError."""
+        """Raise ValueError for rows that contradict each other, the files, or the limits of a map."""
         if not len(self):
             return
         if np.abs(self.keys.astype(np.int64)).max() > MOST_KEY:

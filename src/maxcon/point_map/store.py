@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The tiles of a map that was written: read when asked for, and checked: what is used is what was written (D10)."""
+"""The tiles and the ground of a map on disk: read when asked for, and checked against their checksums (D10)."""
 
 import threading
 from collections.abc import Collection, Iterable
@@ -32,12 +32,12 @@ from maxcon.storage import MapFiles
 __all__ = ["GroundStore", "TileStore"]
 
 GROUND_AHEAD = 2
-"""With the ground of a tile, that of so many around it on each side is announced: it is asked for next."""
+"""With the ground of a tile, that of so many tiles on each side is announced: it is likely to be needed next."""
 UPDATE = "Update the map it was made of again with `maxcon map update`."
 
 
 class TileStore:
-    """Tiles of a map that was written, read and checked when asked for and kept in a bounded cache.
+    """The tiles of a map on disk, read and checked when asked for, and kept in a bounded cache.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class TileStore:
         return self._section.keys
 
     def load(self, key: TileKey) -> VoxelTile:
-        """Return a tile, from the cache or from where it was written.
+        """Return a tile, from the cache or from the file.
 
         Raises
         ------
@@ -85,7 +85,7 @@ class TileStore:
         return self._cache.load(key, lambda: self._read(key))
 
     def announce(self, keys: Iterable[TileKey]) -> None:
-        """Say which tiles will be asked for soon: those of a map on a network are fetched in the background."""
+        """Announce tiles that will be needed soon: those of a map on a network are fetched in the background."""
         wanted = [key for key in keys if key not in self._cache]
         self._section.announce(wanted)
         self._classes.announce(wanted)
@@ -112,7 +112,7 @@ class TileStore:
 
 
 class GroundStore:
-    """The ground of a map that was written, read when asked for; the tiles used last are kept.
+    """The ground of a map on disk, read when asked for; the tiles used last are kept.
 
     Parameters
     ----------

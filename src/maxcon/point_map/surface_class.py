@@ -8,7 +8,7 @@ __all__ = ["ALL_BUT_KNOWN", "NOT_SEARCHED", "SurfaceClass"]
 
 
 class SurfaceClass(IntEnum):
-    """What has become of the surface in a voxel."""
+    """State of the surface in a voxel of a map that was updated."""
 
     KNOWN = 0
     """It was there when the map was built, and nothing speaks against it."""
@@ -19,6 +19,6 @@ class SurfaceClass(IntEnum):
 
 
 NOT_SEARCHED = frozenset({SurfaceClass.GONE})
-"""What a search leaves out if nobody says otherwise."""
+"""Classes that a search leaves out by default."""
 ALL_BUT_KNOWN = frozenset({SurfaceClass.GONE, SurfaceClass.NEW})
-"""What is left out where only what the map was built of is to be searched."""
+"""Classes to leave out to search the surfaces of the original map only."""

@@ -185,7 +185,7 @@ class VoxelTile:
 
     @property
     def is_in_order(self) -> bool:
-        """Whether columns lie inside the tile, and voxels in the order of the search: what it relies on."""
+        """Whether columns lie inside the tile and voxels are in search order, on which all searches rely."""
         return self._n_layers_and_patches[0] >= 0
 
     @cached_property

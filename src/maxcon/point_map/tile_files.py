@@ -12,13 +12,13 @@ from maxcon.point_map.shard_table import MOST_KEY, ShardFile, ShardTable
 __all__ = ["batch_of_file", "most_bytes", "tables_of_tile_files"]
 
 ROW_BYTES = 27
-"""Of a voxel; a height has fewer."""
+"""Bytes of a voxel; a height has fewer."""
 FORMAT_BYTES = 2**16
-"""What the file of a tile has beside the numbers of its voxels: the schema twice, the places of columns, gaps."""
+"""Most bytes of a tile's file beside those of its voxels: the schema twice, offsets of columns, padding."""
 
 
 def tables_of_tile_files(content: Mapping[str, Any]) -> dict[str, ShardTable]:
-    """Return the sections of a manifest of version 2: a file for each record, as long as it may be.
+    """Return the sections of a manifest of version 2, with a file for each record, of its largest possible size.
 
     Raises
     ------

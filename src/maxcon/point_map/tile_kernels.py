@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""What is made of a tile when a search first meets it, compiled. Arrays in, arrays out.
+"""Compiled: index and occupancy of a tile, made when a search first needs them. Arrays in, arrays out.
 
 Voxels come in the order (z, patch y, patch x, y, x); a tile has n_patches x n_patches patches a layer, of
 PATCH_VOXELS x PATCH_VOXELS columns.

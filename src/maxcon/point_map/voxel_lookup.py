@@ -29,7 +29,7 @@ class VoxelLookup:
     corner : tuple of 2 int
         Key (x, y) of the grid's first tile.
     kept : tuple
-        What lies at the addresses: it lives as long as the lookup.
+        The arrays at the addresses: they live as long as the lookup.
     """
 
     rows: NDArray[np.uint64]

@@ -18,7 +18,7 @@ from maxcon.point_map.tile import VoxelTile
 __all__ = ["SHARD_BYTES", "MapWriter"]
 
 SHARD_BYTES = 2**27
-"""Records are added to a shard as long as it is not larger."""
+"""Largest size of a shard of several records."""
 
 
 class MapWriter:
@@ -135,7 +135,7 @@ class _SectionWriter:
         return self._shard
 
     def _complete(self) -> None:
-        """Give the shard its name: of its number and of what is in it, so that no two maps share another's."""
+        """Give the shard its name, of its number and its checksums: shards of two maps have different names."""
         if self._shard is None:
             return
         self._n_bytes += self._shard.write(END_OF_STREAM)

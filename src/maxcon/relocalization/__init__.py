@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Lost: where a scan was taken in a whole map, without a prior."""
+"""Relocalization: where in a whole map a scan was taken, without a prior (decision 29)."""
 
 from maxcon.relocalization.relocalizer import Relocalization, Relocalizer
 

@@ -15,7 +15,7 @@ from maxcon.relocalization.sifted import STEP_DEG
 
 __all__ = ["Places", "look_closer"]
 
-# Cells of half the edge are counted around the middle of a large one, and headings of half the step.
+# Offsets that are counted around the middle of a large cell: cells of half the edge, headings of half the step.
 NEAR = range(-1, 3)
 NEAR_HEADINGS = range(-2, 3)
 CLOSER_HEADINGS = np.radians(np.arange(-180.0, 180.0, 0.5 * STEP_DEG))
@@ -33,7 +33,7 @@ class Places:
     counts : array, shape (n,), int64
         Points that match there.
     left_out : float
-        Share of the highest count that no other place has reached.
+        Share of the highest count that none of the other places reaches.
     """
 
     poses: NDArray[np.float64]
@@ -49,7 +49,7 @@ class Places:
         return Places(self.poses[kept], self.counts[kept], max(self.left_out, share))
 
     def distinct(self, same: float, same_turn: float, most: int) -> "Places":
-        """One pose of each place, the first of those within `same` (m) and `same_turn` (rad); `most` of them."""
+        """One pose of each place, the first of those within `same` (m) and `same_turn` (rad); at most `most`."""
         kept: list[int] = []
         is_left = np.ones(len(self), bool)
         for number in range(len(self)):
@@ -72,7 +72,7 @@ def look_closer(scan: SieveScan, places: Places, cell: float, regions: Regions) 
     Parameters
     ----------
     scan : SieveScan
-        What is counted: more points than were sifted with.
+        The scan, with more points than the sieve had.
     places : Places
         Middles of cells, at headings of `HEADINGS`.
     cell : float
@@ -83,7 +83,7 @@ def look_closer(scan: SieveScan, places: Places, cell: float, regions: Regions) 
     Returns
     -------
     Places
-        For each the best of those around it, the first in index order; the highest count first.
+        For each place the best cell around it, the first in index order; the highest count first.
     """
     from maxcon.relocalization import kernels
 

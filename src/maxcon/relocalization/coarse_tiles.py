@@ -22,9 +22,9 @@ __all__ = ["CoarseTile", "CoarseTiles"]
 
 HIGHEST = 30.0
 """Voxels, and points, higher above the ground do not take part, m."""
-# A scanner stands within so much of ground that the map knows, m: behind a truck there is none.
+# A scanner may stand up to so far from known ground, m: a parked truck hides some.
 BESIDE_GROUND = 2.0
-# Ground is known as far as this beside a tile, m; farther off that of the nearest cell is taken.
+# Ground up to so far outside a tile is read, m: where there is none, the height of the nearest cell is taken.
 GROUND_MARGIN = 16.0
 KEPT_BYTES = 2**27
 """Tiles are kept up to this size in all; the ones used longest ago go first."""
@@ -66,7 +66,7 @@ class CoarseTiles:
     point_map : PointMap
         With ground.
     level : Level
-        Whose voxels are meant.
+        The voxels to use.
 
     Raises
     ------
@@ -91,12 +91,12 @@ class CoarseTiles:
 
     @cached_property
     def keys(self) -> frozenset[TileKey]:
-        """Keys of the tiles there are, and of those beside them: squares with nothing but ground have no tile."""
+        """Keys of all tiles and of their neighbours: where there is nothing but ground the map has no tile."""
         around = {(x + i, y + j) for x, y in self.map.tile_keys for i in (-1, 0, 1) for j in (-1, 0, 1)}
         return frozenset(around)
 
     def load(self, key: TileKey) -> CoarseTile:
-        """Return one of them."""
+        """Return the tile of a key."""
         return self._kept.load(key, lambda: self._flattened(key))
 
     def _flattened(self, key: TileKey) -> CoarseTile:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Which way surfaces face, in a byte: walls that face otherwise than the scan's do not match."""
+"""Facings: the sectors of azimuth that surfaces face, as bits of a byte; points match voxels of their facing only."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ LEAST_HORIZONTAL = 0.5
 
 
 def facings_of_voxels(normals: NDArray[np.float32], *, is_signed: bool) -> NDArray[np.uint8]:
-    """Bits of the sectors that each voxel, of a normal in map axes, (n, 3), can be matched in, and bit `ANY`."""
+    """Facings (n,) of voxels with these normals (n, 3), map axes: all sectors near the normal, and bit `ANY`."""
     bits = np.full(len(normals), 1 << ANY, np.uint8)
     for sector in range(N_SECTORS):
         along = normals[:, 0] * np.cos(sector * SECTOR) + normals[:, 1] * np.sin(sector * SECTOR)
@@ -30,9 +30,9 @@ def facings_of_voxels(normals: NDArray[np.float32], *, is_signed: bool) -> NDArr
 
 
 def facings_of_points(normals: NDArray[np.float64], headings: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """Number of the bit that a voxel must have to match, of points with levelled normals (n, 3), at headings: (h, n).
+    """Bit (h, n) that a voxel must have to match points with levelled normals (n, 3) at headings (h,), rad.
 
-    A point without a normal, or of one that is not horizontal, matches whatever is there.
+    A point without a normal, or with one far from horizontal, matches any voxel.
     """
     has_facing = np.hypot(normals[:, 0], normals[:, 1]) > LEAST_HORIZONTAL
     azimuths = np.arctan2(normals[:, 1], normals[:, 0])

@@ -20,10 +20,10 @@ ALL_BITS = np.uint64(2**64 - 1)
 def bound_blocks(blocks, layers, columns, facings, rows, margin, least, bounds):
     """Count the points that match anywhere in each block, at each heading: a bound for all its cells.
 
-    64 blocks of a row are counted at once: the bits of a word are their matches with one point, and those of counter
-    word k are bit k of their counts.
+    The 64 blocks of a row are counted at once by bit-sliced counters: each bit of a word belongs to one block. A word
+    of matches says which of them match a point; word k of the counters has bit k of their counts.
 
-    blocks : (layers, 8, BLOCK, BLOCK, n, 2) uint64, see `Region.blocks`; layers : (points,) int64; columns :
+    blocks : (layers, 8, BLOCK, BLOCK, n, 2) uint64, see `Voxels.blocks`; layers : (points,) int64; columns :
     (h, points, 2) int32; facings : (h, points) uint8; rows : (64,) uint64, blocks that are asked for; margin : cells
     before the first of the region; least : bounds lower than this do not matter; bounds : (h, 64, 64) uint16, (Y, X),
     out, 0 where they do not.

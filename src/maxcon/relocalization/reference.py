@@ -13,9 +13,10 @@ __all__ = ["counts_of_region", "sift"]
 
 
 def counts_of_region(scan: SieveScan, region: Region, cell: float) -> NDArray[np.int32]:
-    """Points that match at each heading and cell of a region, shape (headings, REGION, REGION); -1 where none stands.
+    """Points that match at each heading and cell of a region, shape (headings, REGION, REGION).
 
-    A point matches where the voxel it falls in faces as it does. The scanner stands in the middle of the cell.
+    Cells in which no scanner may stand have -1. A point matches where the voxel that it falls in has its facing. The
+    scanner stands in the middle of the cell.
     """
     turned = scan.turned(HEADINGS, cell)
     counts = np.zeros((len(HEADINGS), REGION, REGION), np.int32)

@@ -18,13 +18,13 @@ __all__ = ["BLOCK", "N_BLOCKS", "REACH", "REGION", "RIM", "Area", "Region", "Reg
 REGION = 256
 """Cells along an edge of a region."""
 REACH = 84.0
-"""Points of a scan that are farther off do not take part, m."""
+"""Farthest points of a scan that take part, m, horizontally."""
 BLOCK = 4
 """Cells along an edge of the blocks that are bounded first."""
 RIM = 3
-"""Cells so far beyond a region may be counted from it, too."""
+"""Cells up to so many beyond a region can be counted with its voxels, too, as `closer` does."""
 N_BLOCKS = REGION // BLOCK
-"""Of a row of a region: as many as a word has bits."""
+"""Blocks in a row of a region: as many as a word has bits."""
 KEPT_BYTES = 2**28
 """Regions are kept up to this size in all; the ones used longest ago go first."""
 
@@ -48,7 +48,7 @@ class Area:
 
 @dataclass(frozen=True)
 class Voxels:
-    """The voxels of a square of cells and of a margin around, and what bounds are made of.
+    """The voxels of a region and of a margin around it, and unions of them for bounds.
 
     Parameters
     ----------
@@ -63,12 +63,12 @@ class Voxels:
 
     @cached_property
     def pooled(self) -> NDArray[np.uint8]:
-        """What any voxel of 2 x 2 has, from (y, x) on: bounds of four cells."""
+        """Union of the facings of 2 x 2 voxels from (y, x) on: for bounds of four cells."""
         return _pooled(self.facings, 1)
 
     @cached_property
     def blocks(self) -> NDArray[np.uint64]:
-        """What any voxel of a block has, a bit each, shape (n_layers, 8, 4, 4, n, 2): (layer, facing, py, px, Y, word).
+        """Union of the facings of 4 x 4 voxels, (n_layers, 8, 4, 4, n, 2): (layer, facing, py, px, Y, word).
 
         Bit X of both words is that of the block from voxel (4 Y + py, 4 X + px) on.
         """
@@ -100,7 +100,7 @@ class Region:
     margin : int
         Cells that the voxels reach beyond it on every side.
     voxels : Voxels
-        What is there.
+        The voxels of the region and its margin.
     is_allowed : array, shape (REGION, REGION), bool
         Whether a scanner may stand in cell (y, x).
     """
@@ -118,7 +118,7 @@ class Region:
 
 
 def _pooled(facings: NDArray[np.uint8], step: int) -> NDArray[np.uint8]:
-    """What a voxel or those `step` farther along x, y or both have."""
+    """Union of the facings of each voxel and of those `step` farther along x, y and both."""
     along = facings.copy()
     along[:, :, :-step] |= facings[:, :, step:]
     both = along.copy()
@@ -150,12 +150,12 @@ class Regions:
 
     @property
     def margin(self) -> int:
-        """Cells that the voxels of a region reach beyond it: as far as a point from RIM beyond it; whole blocks."""
+        """Cells that the voxels of a region reach beyond it: the reach of a scan from RIM beyond; whole blocks."""
         return -(-(int(REACH / self.tiles.cell) + 1 + RIM) // BLOCK) * BLOCK
 
     @cached_property
     def n_allowed(self) -> dict[TileKey, int]:
-        """Cells in which a scanner may stand, of each region (x, y) that has any, in order: first cell over REGION."""
+        """Number of cells in which a scanner may stand, of each region that has any, by key in order."""
         edge = self.tiles.edge
         keys = {key for x, y in self.tiles.keys for key in _squares(x * edge, y * edge, edge, REGION)}
         counts = {key: int(self._allowed(key).sum()) for key in sorted(keys) if self._meets_area(key)}
@@ -167,7 +167,7 @@ class Regions:
         return list(self.n_allowed)
 
     def load(self, key: TileKey) -> Region:
-        """Return one of them."""
+        """Return a region by its key: (x, y) of its first cell, divided by REGION."""
         voxels = self._kept.load(key, lambda: self._made(key))
         is_allowed = voxels.is_allowed if self.area is None else voxels.is_allowed & self._is_inside(key)
         return Region((key[0] * REGION, key[1] * REGION), self.margin, voxels, is_allowed)
@@ -183,7 +183,7 @@ class Regions:
             tile = self.tiles.load(tile_key)
             x, y = (tile.columns - corner).T
             inside = (x >= 0) & (x < width) & (y >= 0) & (y < width)
-            # Voxels above each other may fall into one layer: of the two a match has either facing.
+            # Two voxels above each other may fall into one layer: it has the facings of both.
             np.bitwise_or.at(facings, (tile.layers[inside], y[inside], x[inside]), tile.facings[inside])
         return Voxels(facings, self._standable(key))
 

@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: MIT
 """Relocalizer: where in a whole map a scan was taken. The page to read first.
 
-Large cells of the whole map are sifted by counts of matches, exactly (`sieve`). What they leave open is counted once
-more in cells half as large (`closer`), and the best of that searched in the map's own cells by Helmert's score, as
-everywhere else. The best place is refined and judged as everywhere else, too, with every other place of the map for a
-rival.
+1. In cells of about a metre, all cells of the map that match nearly as many points as the best one: an exact branch and
+   bound over counts (`sieve`).
+2. Around each of these, counts in cells half as large (`closer`).
+3. Around the best of those, a search in the map's own cells by Helmert's score. The best place is refined and judged as
+   in a search around a prior; all other places of the map are its rivals.
 """
 
 import math
@@ -43,23 +44,23 @@ __all__ = ["Relocalization", "Relocalizer"]
 
 SIFTED = Level(0.96, STEP_DEG, 2.0)
 CLOSER = Level(0.48, 0.5 * STEP_DEG, 1.0)
-# Places are followed that may score this share of the best one, or what makes an answer ambiguous if that is less. For
-# this share large cells that reach so much of the best count are looked at closer, and half as large ones that reach so
-# much of theirs in the map's own cells: decision 29 has what the true place reached.
+# Places that may reach this share of the best score are followed; less, where an answer is ambiguous from a lower share
+# on. For FOLLOWED, large cells that reach SIFTED_SHARE of the highest count are kept, and half as large ones that reach
+# CLOSER_SHARE of theirs: decision 29 has the shares that true places reached.
 FOLLOWED, LEAST_FOLLOWED = 0.8, 0.4
 SIFTED_SHARE, CLOSER_SHARE = 0.6, 0.75
-# So many places at most, the highest counts.
+# At most so many places are left by each of the two steps, those of the highest counts.
 MOST_SIFTED, MOST_CLOSER = 512, 64
-# Large cells, and half as large ones, that are of one place: m and degrees.
+# Cells that lie nearer to each other are one place: large ones and half as large ones, m and degrees.
 SAME_SIFTED, SAME_SIFTED_DEG = 1.5, 4.5
 SAME_CLOSER, SAME_CLOSER_DEG = 0.8, 2.5
-# The map's own cells are searched so far around a place, m and degrees; from a best one at the rim it is gone on.
+# The map's own cells are searched so far around a place, m and degrees, and again around a best cell at the rim.
 AROUND, AROUND_DEG = 0.48, 1.5
 MOST_CLIMBS = 4
 THINNING = 0.25
 LEAST_SHARE = 0.1
-"""Of the points so many must match, where the whole map is looked at: somewhere in it a twentieth may do by chance."""
-# Fewer points above the ground than this tell nothing.
+"""Least share of points that match: somewhere in a whole map a twentieth may match by chance."""
+# With fewer points above the ground than this nothing is searched.
 FEWEST_SIFTED = 50
 
 
@@ -72,9 +73,9 @@ class Relocalization:
     estimate : Estimate
         The best place, judged; its runner-up is the best of all other places.
     n_cells : int
-        Large cells, of all headings, in which the scanner might have stood.
+        Large cells, at all headings, that were searched: those in which a scanner may stand.
     n_open, n_closer : int
-        Places that large cells left open, and those of them that half as large ones did.
+        Places left by large cells, and by half as large ones.
     n_others : int
         Places that could not be excluded, beside the best one: those whose score exceeds the share of the best one
         from which on an answer is ambiguous.
@@ -91,10 +92,10 @@ class Relocalization:
 
 
 class Relocalizer:
-    """Finds where scans were taken in a map, at any place and heading.
+    """Finds where in a map scans were taken, at any place and heading.
 
-    The parts of the map that it compares scans with are made when first asked for, tile by tile; the ones used last are
-    kept, at most three quarters of a gigabyte.
+    The map in large voxels is made tile by tile, when first needed; what was used last is kept, at most three quarters
+    of a gigabyte.
 
     Parameters
     ----------
@@ -107,7 +108,7 @@ class Relocalizer:
     n_threads : int
         Headings and places searched at the same time; the answer does not depend on it.
     trust : Trust
-        From where on an answer is not called localized; that of a search around a prior, but with a least share of
+        Thresholds for an answer to be called localized; those of a search around a prior, but with a least share of
         matches of 0.1, if not given.
     risk : float
         The error may be larger than the protection level with at most this probability.
@@ -170,7 +171,7 @@ class Relocalizer:
             )
 
     def within(self, around: tuple[float, float], radius: float) -> "Relocalizer":
-        """Return one for a circle, as `around` and `radius` above; what is kept of the map is shared."""
+        """Return a relocalizer for a circle (`around`, `radius`) that shares what this one keeps of the map."""
         other = Relocalizer(
             self.map, around, radius, n_threads=self.n_threads, trust=self.trust, risk=self.risk
         )
@@ -210,7 +211,7 @@ class Relocalizer:
         return self._concluded(scan, found, places, n_open)
 
     def _places(self, scan: Scan, above_ground: Pose) -> tuple[Places, int]:
-        """Places that cells of half a metre leave open, the highest count first; how many large ones did."""
+        """Places left by cells of half a metre, the highest count first; and how many large cells left."""
         nothing = Places(np.empty((0, 3)), np.empty(0, np.int64), 0.0)
         few, many = (
             SieveScan.of(scan.thinned(level.thinning), above_ground, HIGHEST) for level in (SIFTED, CLOSER)
@@ -228,7 +229,7 @@ class Relocalizer:
         return closer.distinct(SAME_CLOSER, math.radians(SAME_CLOSER_DEG), MOST_CLOSER), len(wide)
 
     def _fine_places(self, scan: Scan, above_ground: Pose, places: Places) -> list[BestCell]:
-        """The best small cell around each place that reaches the share of the best one that matters, best first."""
+        """The best of the map's own cells around each place whose score is followed, the best first."""
         found: list[BestCell] = []
         standing: Standing | None = None
         for x, y, heading in places.poses.tolist():
@@ -244,7 +245,7 @@ class Relocalizer:
         return distinct_places(found)
 
     def _climbed(self, scan: Scan, pose: Pose, standing: Standing | None) -> BestCell | None:
-        """The best small cell around a pose, and around that while it lies at the rim; None where none stands out."""
+        """The best cell around a pose, searched anew around it while it lies at the rim; None below `standing`."""
         window = SearchSpace(AROUND, heading_half_width_deg=AROUND_DEG).at(self.map.cell)
         for _ in range(1 + MOST_CLIMBS):
             found = branch_and_bound(
@@ -269,13 +270,13 @@ class Relocalizer:
         if not found:
             return _nothing(scan, "no place of the map determines x and y")
         largest = self.trust.largest_runner_up
-        # Of places that were not looked at in small cells nothing is known but their counts.
+        # Places that were not searched in small cells are judged by their counts.
         has_more = len(places) == MOST_CLOSER or places.left_out > largest
         left_out = max(places.left_out, self._followed) if has_more else self._followed
         rivals = [found[0], *(each for each in found[1:] if each.score > largest * found[0].score)]
         others = found[len(rivals) :]
         runner_up = max(left_out, rivals[1].score / rivals[0].score if len(rivals) > 1 else 0.0)
-        # Which of them is the best is told after refinement; that they are rivals stands (decision 29).
+        # Refinement decides which of the rivals is best; that there are rivals stays true (decision 29).
         if len(rivals) > 1:
             rivals = sorted((self._refined(scan, each) for each in rivals), key=lambda each: -each.score)
         best = replace(rivals[0], runner_up=runner_up, is_at_rim=self._is_at_rim(rivals[0].pose))
@@ -290,9 +291,10 @@ class Relocalizer:
         return Relocalization(estimate, self.n_cells, n_open, len(places), n_others, poses)
 
     def _refined(self, scan: Scan, best: BestCell) -> BestCell:
-        """A best cell moved to where the surfaces of the map draw it: there scores of places compare.
+        """A best cell moved to its refined pose and scored there, so that scores of places can be compared.
 
-        Cells lie otherwise on each place, by half an edge and a quarter of a degree, which is worth a fifth of a score.
+        The middle of a cell is up to half an edge and a quarter of a degree from the true pose, differently at each
+        place: that is worth up to a fifth of a score.
         """
         ground = fit_ground(scan, self.map, best.pose)
         refined = refine(scan, self.map, best.pose if ground is None else ground.pose)
@@ -326,14 +328,14 @@ class Relocalizer:
 
 
 def _words(n_others: int, *, has_more: bool) -> str:
-    """Say how many places could not be excluded, and whether there are more that were not searched."""
+    """Reason of an ambiguous answer: how many places were not excluded, and whether more were not searched."""
     searched = f"{n_others} other place{'' if n_others == 1 else 's'} of the map could not be excluded"
     more = f"beyond {MOST_CLOSER} places others match nearly as many points"
     return "; ".join(([searched] if n_others or not has_more else []) + ([more] if has_more else []))
 
 
 def _nothing(scan: Scan, reason: str) -> Relocalization:
-    """The answer where there is no place."""
+    """The answer where no place was found, and why."""
     origin = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     words = "; ".join([reason, *reasons_to_doubt_scan(scan, origin)])
     open_both_ways = np.diag([np.inf, np.inf])

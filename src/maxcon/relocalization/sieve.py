@@ -15,8 +15,8 @@ from maxcon.relocalization.sifted import HEADINGS, Sifted
 
 __all__ = ["MOST_KEPT", "sift"]
 
-# Squares that are parted at a time: few at first, as a good count rules out most others.
-FIRST_PARTED, MOST_PARTED = 256, 2**16
+# Squares that are split at a time: few at first, as a good count rules out most others.
+FIRST_SPLIT, MOST_SPLIT = 256, 2**16
 MOST_KEPT = 2**18
 """Cells that are kept at most, the highest: where more fit, nothing stands out."""
 
@@ -27,24 +27,25 @@ Nodes = NDArray[np.int64]
 def sift(scan: SieveScan, regions: Regions, share: float, *, n_threads: int = 1) -> Sifted:
     """Find every cell whose count reaches a share of the highest one: the same as `reference.sift` finds.
 
-    Region after region, blocks of 4 x 4 cells are bounded by what any of their voxels would match; those that may reach
-    the share of the best count so far, of all regions, are parted, the highest first, and parted once more.
+    In each region, the bound of a block of 4 x 4 cells is the number of points that match at any of its cells. Blocks
+    that may reach the share of the best count so far, of all regions, are split into squares of 2 x 2 cells, the
+    highest bound first, and these into cells.
 
     Parameters
     ----------
     scan : SieveScan
-        What is counted.
+        The points to count.
     regions : Regions
         Where a scanner may stand.
     share : float
         Above 0, at most 1.
     n_threads : int
-        Headings, and squares, are shared out among them; what is found does not depend on it (D8).
+        Threads that share headings and squares; what is found does not depend on their number (D8).
 
     Returns
     -------
     Sifted
-        Where more than `MOST_KEPT` cells reach the share, the highest, and `left_out` says how high others come.
+        At most the `MOST_KEPT` highest cells; then `left_out` says how high the others may count.
     """
     turned = scan.turned(HEADINGS, regions.tiles.cell)
     kept = _Kept(share)
@@ -54,18 +55,18 @@ def sift(scan: SieveScan, regions: Regions, share: float, *, n_threads: int = 1)
         for key in regions.keys:
             region = regions.load(key)
             nodes, bounds = sieve.blocks(region)
-            sieve.part(region, nodes[:FIRST_PARTED], bounds[:FIRST_PARTED])
-            blocks[key] = nodes[FIRST_PARTED:], bounds[FIRST_PARTED:]
+            sieve.split(region, nodes[:FIRST_SPLIT], bounds[:FIRST_SPLIT])
+            blocks[key] = nodes[FIRST_SPLIT:], bounds[FIRST_SPLIT:]
         for key in sorted(blocks, key=lambda key: (-blocks[key][1].max(initial=0), key)):
             nodes, bounds = sieve.open(*blocks.pop(key))
             if len(nodes):
-                sieve.part(regions.load(key), nodes, bounds)
+                sieve.split(regions.load(key), nodes, bounds)
     return kept.sifted()
 
 
 @dataclass
 class _Kept:
-    """Cells found so far, the best count, and the highest that was let go for lack of room."""
+    """Cells found so far, the best count, and the highest count that was dropped for lack of room."""
 
     share: float
     best: int = 0
@@ -76,7 +77,7 @@ class _Kept:
 
     @property
     def least(self) -> float:
-        """What a cell must count to be kept."""
+        """Least count of a cell to be kept."""
         return max(self.share * self.best, 1.0, self.let_go)
 
     def add(self, cells: Nodes, counts: NDArray[np.int64]) -> None:
@@ -102,7 +103,7 @@ class _Kept:
         return cells[reaches], counts[reaches]
 
     def sifted(self) -> Sifted:
-        """What is left of all regions."""
+        """The cells left, of all regions."""
         self._let_go()
         left_out = max(self.share, self.let_go / self.best) if self.best else self.share
         return Sifted.of(self.cells[0], self.counts[0], left_out, self.n_counted)
@@ -110,7 +111,7 @@ class _Kept:
 
 @dataclass(frozen=True)
 class _RegionSieve:
-    """Bounds blocks of a region, and parts them."""
+    """Bounds the blocks of a region, and splits them."""
 
     turned: Turned
     kept: _Kept
@@ -139,28 +140,28 @@ class _RegionSieve:
         order = np.argsort(-found, kind="stable")
         return nodes[order] * np.array([1, BLOCK, BLOCK]), found[order]
 
-    def part(self, region: Region, nodes: Nodes, bounds: NDArray[np.int64]) -> None:
-        """Part blocks, the highest bounds first, and keep the cells that may reach the share."""
-        at_once, place = FIRST_PARTED, 0
+    def split(self, region: Region, nodes: Nodes, bounds: NDArray[np.int64]) -> None:
+        """Split blocks, the highest bounds first, and keep the cells that may reach the share."""
+        at_once, place = FIRST_SPLIT, 0
         while place < len(nodes) and bounds[place] >= self.kept.least:
             some = nodes[place : place + at_once][bounds[place : place + at_once] >= self.kept.least]
-            halves, _ = self.open(*self._parted(region, some, region.voxels.pooled, BLOCK // 2))
-            cells, counts = self._parted(region, halves, region.voxels.facings, 1)
+            halves, _ = self.open(*self._children(region, some, region.voxels.pooled, BLOCK // 2))
+            cells, counts = self._children(region, halves, region.voxels.facings, 1)
             is_allowed = region.is_allowed[cells[:, 1], cells[:, 2]]
             corner = np.array([0, region.first[1], region.first[0]])
             self.kept.add(cells[is_allowed] + corner, counts[is_allowed])
             place += at_once
-            at_once = min(2 * at_once, MOST_PARTED)
+            at_once = min(2 * at_once, MOST_SPLIT)
 
     def open(self, nodes: Nodes, bounds: NDArray[np.int64]) -> tuple[Nodes, NDArray[np.int64]]:
         """Squares that may still hold cells to be kept."""
         is_open = bounds >= self.kept.least
         return nodes[is_open], bounds[is_open]
 
-    def _parted(
+    def _children(
         self, region: Region, nodes: Nodes, grid: NDArray[np.uint8], step: int
     ) -> tuple[Nodes, NDArray[np.int64]]:
-        """The four parts of each square, and what they count at most."""
+        """The four parts of each square, and a bound of the count of each."""
         from maxcon.relocalization import kernels
 
         turned, counts = self.turned, np.empty((len(nodes), 4), np.uint16)

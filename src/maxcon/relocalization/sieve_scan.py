@@ -31,7 +31,7 @@ class Turned:
     columns : array, shape (h, n, 2), int32
         (x, y) voxels from the cell in whose middle the scanner stands to that of the point.
     facings : array, shape (h, n), uint8
-        Number of the bit that a voxel must have to match.
+        Number of the bit that a voxel must have to match the point, see `facings_of_points`.
     """
 
     layers: NDArray[np.int64]
@@ -56,7 +56,7 @@ class SieveScan:
 
     @classmethod
     def of(cls, scan: Scan, above_ground: Pose, highest: float) -> "SieveScan":
-        """Level a scan by its height, roll and pitch above its own ground; what is higher than `highest` (m) is left.
+        """Level a scan by its height, roll and pitch above its own ground; points above `highest` (m) are left out.
 
         Points come from the lowest to the highest, so that what is read of a map lies together.
         """
@@ -71,7 +71,7 @@ class SieveScan:
         return len(self.points)
 
     def turned(self, headings: NDArray[np.float64], cell: float) -> Turned:
-        """Voxels of an edge (m) that the points fall in at headings (rad), about a scanner in the middle of a cell."""
+        """Voxels (edge `cell`, m) of the points at headings (h,), rad, of a scanner in the middle of a cell."""
         cosines = np.array([math.cos(heading) for heading in headings.tolist()])[:, None]
         sines = np.array([math.sin(heading) for heading in headings.tolist()])[:, None]
         x, y, z = self.points.T

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""What is left of all places of a map after a look in large cells."""
+"""Sifted: the large cells of a map that the sieve leaves."""
 
 from dataclasses import dataclass
 
@@ -26,9 +26,9 @@ class Sifted:
     counts : array, shape (n,), int64
         Points that match.
     left_out : float
-        Share of the highest count that no cell which is not here has reached.
+        Share of the highest count that none of the other cells reaches.
     n_counted : int
-        Cells and bounds that were counted to know it.
+        Counts that this took, of cells and of bounds.
     """
 
     cells: NDArray[np.int64]

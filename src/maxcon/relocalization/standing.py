@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""How a scanner stands at a place of the map: its height and tilt above its own ground, on the ground there."""
+"""The full pose of a scanner at a place and heading: its height and tilt above its own ground, put on the map's."""
 
 import math
 
@@ -12,7 +12,7 @@ from maxcon.point_map import PointMap
 
 __all__ = ["standing_on"]
 
-# The ground so far around, m, says how it slopes, where it is known in so many cells.
+# The slope is that of the ground so far around, m, if it is known in so many cells.
 AROUND = 8.0
 FEWEST_CELLS = 20
 
@@ -29,7 +29,7 @@ def standing_on(point_map: PointMap, x: float, y: float, heading: float, above_g
     heading : float
         rad.
     above_ground : Pose
-        Height, roll and pitch above its own ground.
+        Height, roll and pitch of the scanner above its own ground.
     """
     pose = Pose(x, y, above_ground.z, above_ground.roll, above_ground.pitch, heading)
     patch = point_map.ground_around(x, y, AROUND)

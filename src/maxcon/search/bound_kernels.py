@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Compiled: what the matches of each cell add up to at most, along one axis, for all cells of a window."""
+"""Compiled: upper limits of the sums over matches along one axis, for all cells of a window."""
 
 import numpy as np
 from llvmlite import ir

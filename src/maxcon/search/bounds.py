@@ -3,7 +3,7 @@
 """How an objective is bounded: by the count of matches, or by N along two axes (design section 3, facts 1 and 2).
 
 A *bound* is the most that a cell can score. It is made of a *sum*: the most that the matches of the cell can add up to.
-Voxels that add little are left out of sums; what that amounts to is the *slack*, added to every sum before it bounds.
+Voxels that add little are left out of sums; the most that these could add is the *slack*, part of every bound.
 """
 
 import math
@@ -40,7 +40,7 @@ class Summand:
     axis : Axis, optional
         Along it: a match adds w (n . u)^2, its part of N along the axis u. Without one it adds 1.
     least : float
-        Voxels with a (n . u)^2 of no more than this are not looked at; each scan point is charged with it instead.
+        Voxels with a (n . u)^2 of no more than this are left out; the slack has this much for each scan point instead.
     """
 
     axis: Axis | None = None
@@ -61,7 +61,7 @@ class CellSums:
     summand : Summand
         What was summed.
     units : CellGrid
-        The sums of the voxels that were looked at, in whole units.
+        The sums over the voxels that were not left out, in whole units.
     unit : float
         One unit.
     slack : float
@@ -97,7 +97,7 @@ class CellSums:
 
 @dataclass(frozen=True)
 class Bounding(ABC):
-    """What is summed over the matches of a cell, and what the cell scores at most for such sums.
+    """A kind of bound: what is summed over the matches of a cell, and the most that a cell with such sums scores.
 
     A new kind of bound is a class with the five abstract methods; `bounding_of` chooses it.
 
@@ -260,7 +260,7 @@ class ByAxes(Bounding):
 
 
 def bounding_of(objective: BoundedByCount | BoundedByAxes, prepared: PreparedScan) -> Bounding:
-    """Return how an objective is bounded on a scan."""
+    """Return the kind of bound that an objective has, for a prepared scan."""
     if isinstance(objective, BoundedByCount):
         return ByCount(prepared, objective)
     return ByAxes(prepared.constraining(), objective)

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: MIT
 """Branch and bound: the best cell of the exhaustive search, from bounds of all cells and the moments of few.
 
-Read `BoundedSearch.run` beside section 3 of the design. What it works with: the scan made ready for the map
-(`prepared_scan`), the most that cells can score (`bounds`), and the cells scored so far (`scored_cells`).
+Read `BoundedSearch.run` beside section 3 of the design. It uses the scan prepared for the map (`prepared_scan`), upper
+limits of scores (`bounds`), and the cells scored so far (`scored_cells`).
 """
 
 import math
@@ -140,7 +140,7 @@ def branch_and_bound(
 
 @dataclass
 class BoundedSearch:
-    """One search at one height, and how far it has come.
+    """State of a search at one height.
 
     Parameters
     ----------
@@ -214,7 +214,7 @@ class BoundedSearch:
         return sums
 
     def _left_open(self, sums: CellSums) -> Candidates:
-        """Cells that may reach the asked score; where many are left, after a second bound of those."""
+        """Cells that may reach the asked score; where these are many, after a second bound."""
         cells, highest_other = sums.reaching(self._least_sum())
         self._rule_out(self.bounding.upper_along(np.array([highest_other])))
         candidates = self._reaching(Candidates(cells, self.bounding.upper_along(sums.at(cells))))
@@ -282,7 +282,7 @@ class BoundedSearch:
         self._rule_out(others.upper[place:])
 
     def _summand(self) -> Summand:
-        """What to sum, from what is known so far."""
+        """What to sum next, from the best cell so far."""
         return self.bounding.summand(self.scored.leader, self.scored.asked, self.limits)
 
     def _around(self, candidates: Candidates) -> Part:
@@ -306,7 +306,7 @@ class BoundedSearch:
 
 
 def _best_of_all(accumulator: Accumulator, wanted: Wanted) -> Found:
-    """What is wanted, where the moments of all cells are known: for objectives without bounds."""
+    """Find what is wanted from the moments of all cells: for objectives without bounds."""
     space, scores = accumulator.space, accumulator.score(wanted.objective)
     cell = highest(scores, space)
     rest = highest_beyond(scores, wanted.guarded or cell, space, wanted.guard_radius)

@@ -12,7 +12,7 @@ from maxcon.search.matching import CONTRIBUTION_STEP, ROUNDER
 
 __all__ = ["moments_of_cells", "points_at_heading"]
 
-# Points that are looked up at a time: what is made of them fits into the L1 cache.
+# Points that are looked up at a time: intermediate results of so many fit into the L1 cache.
 CAPACITY = 1024
 
 PATCH_BITS = PATCH_VOXELS.bit_length() - 1

@@ -135,7 +135,7 @@ class CellGrid:
 
 @dataclass(frozen=True, slots=True)
 class Candidates:
-    """Cells (n, 3) that may still be looked for, and the most that each can score, (n,)."""
+    """Cells (n, 3) that are not ruled out, and the upper bound of the score of each, (n,)."""
 
     cells: NDArray[np.int64]
     upper: Scores

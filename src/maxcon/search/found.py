@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""What a search is to find, what stands before it begins, and what it finds."""
+"""What a search is to find, the incumbent that it begins with, and what it finds."""
 
 from dataclasses import dataclass, field
 
@@ -24,7 +24,7 @@ class Found:
     moments : array, shape (4,)
         Its count, Nxx, Nxy and Nyy.
     bound : float
-        Proved: no cell scores higher. It is the score, or what stood before the search, if that is higher.
+        Proved: no cell scores higher. It is the score, or that of the incumbent, if that is higher.
     rest : float
         Proved: no cell farther than the guard radius from the guarded one, at any heading, scores higher. It is the
         score of the runner-up if that reaches the asked share of the best score; otherwise it lies between the two.
@@ -49,14 +49,14 @@ class Found:
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """What has been reached elsewhere, at another height or at another place: only cells that score as much are sought.
+    """The incumbent of a search, from another height or place: only cells that score as much as it are sought.
 
     Parameters
     ----------
     score : float
-        What a cell must score at least: that of the best cell so far, or a share of it.
+        The least score of interest: that of the best cell so far, or a share of it.
     moments : array, shape (4,)
-        Of the best cell so far: they tell along which axis to bound.
+        Moments of the best cell so far: they give the axis to bound along.
     """
 
     score: float

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Heights: a search over z too is a search of the same cells around the prior at each height (decision 17)."""
+"""Heights: a search over z as well is one search of the same cells at each height of the prior (decision 17)."""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
@@ -31,7 +31,7 @@ def accumulators(
     Parameters
     ----------
     search : callable
-        `search.reference.voxels` or `search.exhaustive`: what is asked at each height.
+        Called at each height: `search.reference.voxels` or `search.exhaustive`.
     scan : Scan
         Points with normals, sensor frame.
     point_map : PointMap
@@ -41,7 +41,7 @@ def accumulators(
     space : SearchSpace
         The cells of all heights.
     **options
-        Of the search.
+        Options of that search.
 
     Yields
     ------
@@ -88,14 +88,14 @@ def best_of_heights(
     Parameters
     ----------
     search : callable
-        Given the number of a height, the share of the best score from which on cells are looked for, and what stands
-        already: what is found there.
+        Called with the number of a height, the share of the best score that cells must reach, and the incumbent;
+        returns what is found there.
     space : SearchSpace
         The cells of all heights.
     share : float
         The share that is asked for at the height of the best cell.
     standing : Standing, optional
-        What stands before.
+        The incumbent, if there is one before the search.
     """
 
     def rank(found: Found) -> tuple[float, int, int, int, int]:

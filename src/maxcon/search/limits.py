@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Limits: the numbers by which branch and bound goes about its work; none of them changes which cell is the best."""
+"""Limits: parameters of branch and bound for time and memory; none of them changes which cell is the best."""
 
 from dataclasses import dataclass
 

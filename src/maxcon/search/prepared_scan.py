@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""PreparedScan: a scan made ready for the map around it, and what can be asked of the two.
+"""PreparedScan: a scan and the tiles of the map around it, prepared once for a search.
 
-Made once, when a search begins. Asked are: the moments of all cells of a window, the moments of single cells, and the
-most that the matches of each cell of a window can add up to along an axis.
+It answers three questions: the moments of all cells of a window, the moments of single cells, and the most that the
+matches of each cell of a window can add up to along an axis.
 """
 
 import math
@@ -54,13 +54,13 @@ class PreparedScan:
     space : SearchSpace
         The cells, around the prior.
     points : array, shape (2, n)
-        x and y of each point, the scan upright, about the sensor, m.
+        x and y of each point of the upright scan, from the sensor, m.
     normals : array, shape (3, n)
-        Their normals, as upright.
+        Normals of the points of the upright scan.
     starts, middles : array, shape (groups + 1,) and (groups,)
         First point of each group, and its first without a normal.
     ranks : array, shape (groups,)
-        Number of each group's height layer among those of the scan.
+        Rank of each group's height layer among the layers of the scan.
     tiles : dict
         Tiles by their slot in the grid, with the layer each rank has in the tile (-1 for none).
     corner, shape : tuple of 2 int
@@ -74,8 +74,8 @@ class PreparedScan:
     without_normal : float
         Weight of the matches of points without a normal.
     spread : array, shape (3,)
-        Sums of nx nx, nx ny and ny ny over all normals of the upright scan: they tell which axis is probably
-        determined least before anything is scored.
+        Sums of nx nx, nx ny and ny ny over all normals of the upright scan: from them follows which axis is
+        probably determined least, before anything is scored.
     """
 
     prior: Pose
@@ -108,7 +108,7 @@ class PreparedScan:
         multiplicity: Multiplicity,
         weighting: Weighting,
     ) -> "PreparedScan":
-        """Set a scan upright, part it into groups and find the tiles in reach.
+        """Set a scan upright, sort its points into groups and find the tiles in reach.
 
         Raises
         ------
@@ -157,7 +157,7 @@ class PreparedScan:
         return not (self.n_points and self.tiles)
 
     def constraining(self) -> "PreparedScan":
-        """The points that add to N alone: the others are only counted."""
+        """The same with only those points that add to N; the others are just counted."""
         if self.without_normal > 0.0:
             return self
         adds = self.normals.any(axis=0)
@@ -223,7 +223,7 @@ class PreparedScan:
         unit: float,
         n_threads: int = 1,
     ) -> NDArray[np.signedinteger]:
-        """What the matches of each cell of a window add up to at most, in whole units, shape (h, ny, nx).
+        """Upper limits of the sums over the matches of each cell of a window, in whole units, shape (h, ny, nx).
 
         Parameters
         ----------
@@ -327,7 +327,7 @@ class PreparedScan:
 def _in_threads(
     do: Callable[[NDArray[np.int64]], None], parts: list[NDArray[np.int64]], n_threads: int
 ) -> None:
-    """Do something with each part, at most so many of them at a time."""
+    """Call a function with each part, at most so many of them at a time."""
     if n_threads == 1 or len(parts) == 1:
         for part in parts:
             do(part)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""ScoredCells: the cells scored so far, and how they stand against what a search is to find."""
+"""ScoredCells: the cells scored so far, and which of them a search is to find."""
 
 import math
 from collections import defaultdict
@@ -44,7 +44,7 @@ class ScoredCells:
 
     @property
     def best(self) -> float:
-        """Score from which on a cell is the best one, or as good: the highest so far, and of what stands already."""
+        """Score from which on a cell is the best one, or as good: the highest so far, or that of the incumbent."""
         standing = self._wanted.standing
         return self._best if standing is None else max(self._best, standing.score)
 
@@ -65,7 +65,7 @@ class ScoredCells:
 
     @property
     def n_in_windows(self) -> int:
-        """How many cells the windows had of which all cells were scored."""
+        """Number of cells in windows that were scored as a whole."""
         return self._n_in_windows
 
     def score(self, cells: NDArray[np.int64]) -> None:
@@ -133,7 +133,7 @@ class ScoredCells:
 
     def found(self, rest: float) -> Found:
         """Answer with the best cell; no other beyond the guard radius scores more than `rest`."""
-        if not self._singles:  # no bound reaches what stands already
+        if not self._singles:  # no bound reaches the incumbent
             return Found(self._cell, -math.inf, np.zeros(4), self.best, rest, 0)
         _, moments = self._singles[self._cell]
         return Found(

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""TileTable: where single points of a scan are looked up. It holds addresses: see `point_map.addresses`."""
+"""TileTable: the tiles around a scan for look-ups of single points; it holds addresses, see `point_map.addresses`."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -26,7 +26,7 @@ class TileTable:
     grid : array, shape (ny, nx), int32
         Rows of the tiles, by their keys.
     kept : tuple
-        What lies at the addresses: it lives as long as the table.
+        The arrays at the addresses: they live as long as the table.
     """
 
     rows: NDArray[np.uint64]
@@ -41,7 +41,7 @@ class TileTable:
         edge: int,
         n_layers: int,
     ) -> "TileTable":
-        """Table of the tiles of a `PreparedScan`, whose fields these are; its points lie in so many height layers."""
+        """Table of the tiles of a `PreparedScan`, from its fields; its points lie in `n_layers` height layers."""
         layers = np.zeros((len(tiles) + 1, n_layers), np.int32)
         nothing, kept = np.zeros((edge // PATCH_VOXELS) ** 2, np.uint64), []
         rows, grid = np.empty((len(layers), 8), np.uint64), np.zeros(shape, np.int32)

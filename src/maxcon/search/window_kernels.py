@@ -100,7 +100,7 @@ def _add_alike(typing_context, sums, cell, rows, n_alike, j):
 
 
 class LaidOut(NamedTuple):
-    """Voxels as scan points are matched with them, and room for what is made of them; c of them at most.
+    """Voxels laid out in arrays to be matched with scan points, at most c, and room for intermediate results.
 
     normals : (3, c) float32; factors : (4 c,) float64, 0, nx nx, nx ny, ny ny; cells : (c,) int32, where in the sums a
     scan point in voxel (0, 0) meets them; times : (c,) float64, their counts, or empty where a voxel counts once.
@@ -175,7 +175,7 @@ def _lay_out_alike(n_voxels, without_normal, out):
 def _weigh(normals, n_normals, turned, i, back, weights):
     """Weights of the matches of a scan point: w = max(c, 0) where normals have a side, |c| = max(c, -c) where not.
 
-    back : 0, or -1 where not.
+    back : 0 where normals have a side, otherwise -1.
     """
     nx, ny, nz = turned[0, i], turned[1, i], turned[2, i]
     for j in range((n_normals + BLOCK - 1) // BLOCK * BLOCK):

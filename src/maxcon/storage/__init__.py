@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Where the files of a map lie: a folder of this machine, or a place on a network (decision 28)."""
+"""Access to the files of a map, in a folder of this machine or on a network (decision 28)."""
 
 from maxcon.storage.folder import Folder
 from maxcon.storage.place import MapFiles, address_of, open_place

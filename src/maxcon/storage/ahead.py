@@ -14,7 +14,7 @@ __all__ = ["FetchAhead"]
 
 N_THREADS = 8
 MOST_BYTES = 2**28
-"""Of records that were fetched, or are being fetched, and were not asked for yet; the oldest are given up."""
+"""Most bytes of announced records that were not asked for yet; beyond that the oldest are given up."""
 
 
 class FetchAhead:
@@ -25,7 +25,7 @@ class FetchAhead:
     fetch : callable
         Returns the bytes of a record. What it raises is raised again by whoever asks for the record.
     keep : callable
-        Called with a record and its bytes once they can be taken. What it raises is raised by whoever asks next.
+        Called with a record and its bytes after they were fetched. What it raises is raised by whoever asks next.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class FetchAhead:
                 self._n_threads += 1
 
     def take(self, place: RecordPlace) -> memoryview:
-        """Return the bytes of a record, as soon as they are here.
+        """Return the bytes of a record, waiting for them if needed.
 
         Raises
         ------

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Records that came over a network, kept on this machine's disk: by their checksums, within a budget (decision 28)."""
+"""DiskCache: records that came over a network, kept on disk by their checksums, within a budget (decision 28)."""
 
 import hashlib
 import os
@@ -16,7 +16,7 @@ __all__ = ["DiskCache", "default_cache"]
 
 DEFAULT_GB = 10.0
 FOLDER, BUDGET = "MAXCON_CACHE_DIR", "MAXCON_CACHE_GB"
-"""Environment variables: where records are kept, and how many of them; 0 for none."""
+"""Environment variables: the folder of the cache, and its size in GB; 0 for none."""
 
 
 def default_cache() -> "DiskCache | None":
@@ -41,13 +41,13 @@ def default_cache() -> "DiskCache | None":
 
 
 FULL_AGAIN = 0.9
-"""Share of the budget that is left when it was exceeded."""
+"""Share of the budget that is still filled after records were removed because it was exceeded."""
 
 
 class DiskCache:
-    """Records by their checksums: what is read is what was written, whoever wrote it.
+    """Records by their checksums, which are verified whenever one is read.
 
-    The ones used longest ago go first, by the times of their files. Any number of processes share one.
+    The ones used longest ago are removed first, by the times of their files. Any number of processes share one.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class DiskCache:
         return self._path(place).exists()
 
     def get(self, place: RecordPlace) -> memoryview | None:
-        """Return a record that is kept, and whole; it is the one used last then."""
+        """Return a record, None unless it is kept and whole; it counts as the one used last then."""
         path = self._path(place)
         try:
             content = path.read_bytes()
@@ -94,7 +94,8 @@ class DiskCache:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             partial.write_bytes(content)
-            partial.replace(path)
+            with suppress(FileNotFoundError):  # removed by another process that made room meanwhile
+                partial.replace(path)
         except OSError as error:
             raise FileError(
                 f"Expected to be able to keep tiles in {self._folder}, got: {error.strerror or error}."

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""A folder of this machine: its files are read into memory of nobody else's, whatever becomes of them (decision 25)."""
+"""A folder of this machine: files are copied into private memory, so that later changes do no harm (decision 25)."""
 
 import errno
 import mmap
@@ -16,7 +16,7 @@ from maxcon.storage.record_place import RecordPlace
 __all__ = ["Folder"]
 
 LARGE_PAGE = 2**21
-"""Bytes of a large page: less is not worth one."""
+"""Bytes of a large page, asked for from this size on."""
 
 
 class Folder:
@@ -73,7 +73,7 @@ class Folder:
             return _read(file, place.offset, max(min(place.length, size - place.offset), 0))
 
     def announce(self, places: Sequence[RecordPlace]) -> None:
-        """Do nothing: they are here."""
+        """Do nothing: files of this machine need no fetching ahead."""
 
 
 def _read(file: BufferedReader, offset: int, length: int) -> memoryview:
@@ -83,7 +83,7 @@ def _read(file: BufferedReader, offset: int, length: int) -> memoryview:
 
 
 def _memory(size: int) -> mmap.mmap:
-    """Memory of nobody else's, in large pages where the system has them: half the time of getting it is saved."""
+    """Private memory, in large pages where the system has them: it takes half the time to get."""
     memory = mmap.mmap(-1, max(size, 1))
     if size >= LARGE_PAGE and hasattr(mmap, "MADV_HUGEPAGE"):
         with suppress(OSError):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Places of maps: what a place can do, and which kind of place a name means."""
+"""MapFiles, the interface to the files of a map, and which of its kinds a path or address means."""
 
 import os
 import re
@@ -16,12 +16,13 @@ __all__ = ["MapFiles", "address_of", "open_place"]
 ADDRESS = re.compile(r"(s3|https?):/{1,2}(?=[^/])")
 """How an address begins; a `Path` of one has lost a slash."""
 ANY_ADDRESS = re.compile(r"[a-z][a-z0-9+.-]+:/(/|$)|(s3|https?|gs|ftp|file):(/|$)")
+"""How names begin that mean an address of any kind, not a folder."""
 
 
 class MapFiles(Protocol):
     """The files of a map, by their names in it, such as `manifest.json`.
 
-    What goes wrong is an OSError: FileNotFoundError where there is no such file, and `strerror` in words.
+    Errors are OSError, with the cause in `strerror`; FileNotFoundError where there is no such file.
     """
 
     @property
@@ -46,12 +47,12 @@ class MapFiles(Protocol):
         ...
 
     def announce(self, places: Sequence[RecordPlace]) -> None:
-        """Say which records will be read soon: what takes long to come may be fetched in the background."""
+        """Announce records that will be read soon; over a network they are fetched in the background."""
         ...
 
 
 def address_of(place: str | os.PathLike[str]) -> str | None:
-    """Return the address that a name is, `s3://`, `http://` or `https://`; None if it is the path of a folder.
+    """Return a name as an address, `s3://`, `http://` or `https://`; None if it is the path of a folder.
 
     Raises
     ------
@@ -68,7 +69,7 @@ def address_of(place: str | os.PathLike[str]) -> str | None:
 
 
 def open_place(place: str | os.PathLike[str], *, uses_cache: bool = True) -> MapFiles:
-    """Return the files that lie in a place; nothing is read yet.
+    """Return access to the files of a map; nothing is read yet.
 
     Parameters
     ----------

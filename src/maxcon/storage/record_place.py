@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""RecordPlace: which bytes of which file a record is, and what they must be."""
+"""RecordPlace: the file and the bytes in it where a record lies, and their checksum."""
 
 from dataclasses import dataclass
 
@@ -14,11 +14,11 @@ class RecordPlace:
     Parameters
     ----------
     name : str
-        Of the file in the map.
+        Name of the file in the map.
     offset, length : int
-        Of its bytes.
+        First byte, and number of bytes.
     sha256 : bytes
-        Of them.
+        Checksum of these bytes.
     """
 
     name: str

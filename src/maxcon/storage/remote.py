@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 __all__ = ["Remote"]
 
 CONNECT_SECONDS, READ_SECONDS, REQUEST_SECONDS = 5.0, 15.0, 120.0
-"""Time-outs: until a server is there, until it says something more, until a request is answered."""
+"""Time-outs of a connection, between two pieces of an answer, and of a whole request."""
 RETRIES, RETRY_SECONDS = 2, 20.0
-"""How often a request is tried again, and until when."""
+"""How often a request is repeated, and for how long."""
 NO_BUCKET = "no such bucket"
 NO_RANGES = (
     "the server sends no ranges of files, by which tiles are read: serve the map by one that does, or copy its folder"
@@ -50,7 +50,7 @@ CAUSES = {
     "the server does not answer: timed out": r"timed out|TimedOut|timeout",
     "no server of this name": r"dns error|failed to lookup",
 }
-"""What is said of an error whose words have this in them."""
+"""Words for the user, by a pattern in the message of an error."""
 SECRETS = ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY", "AWS_SESSION_TOKEN")
 """Environment variables whose values no message has."""
 Answer = TypeVar("Answer")
@@ -64,7 +64,7 @@ class Remote:
     address : str
         `s3://bucket/prefix`, `http://server/path` or `https://server/path`.
     cache : DiskCache or None
-        Where records are kept.
+        Where records are kept on this machine; None for nowhere.
 
     Raises
     ------
@@ -153,7 +153,7 @@ class Remote:
         Raises
         ------
         OSError
-            If nobody can say.
+            If the server does not tell.
         """
         try:
             return int(self._asked(lambda: self._obstore.head(self._store, name))["size"])
@@ -171,13 +171,13 @@ class Remote:
         )
 
     def _keep(self, place: RecordPlace, content: memoryview) -> None:
-        """Keep a record that came; what is damaged is found when it is taken, and fetched again."""
+        """Put a record into the cache; a damaged one is noticed when it is read, and fetched again."""
         if self._cache is not None and not self._cache.has(place):
             self._cache.put(place, content)
 
     @cached_property
     def _store(self) -> Any:
-        """The server; made when first asked."""
+        """The store of obstore, made when first used."""
         from obstore.store import HTTPStore, S3Store
 
         endpoint = os.environ.get("AWS_ENDPOINT_URL_S3") or os.environ.get("AWS_ENDPOINT_URL", "")
@@ -194,7 +194,7 @@ class Remote:
         return S3Store.from_url(self._address, config=config, client_options=client, retry_config=retry)
 
     def _asked(self, ask: Callable[[], Answer]) -> Answer:
-        """Return what the server answers; what it refuses becomes an OSError in words."""
+        """Return the answer of the server; its errors become OSError with words for the user."""
         from obstore.exceptions import BaseError
 
         try:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""What an epoch and an answer to it put into a row of the table."""
+"""Columns of a row of the table: of its epoch, and of a method's answer to it."""
 
 import math
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ MEASURES = ("peak_ratio", "kurtosis", "divergence", "spread")
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What a method said of an epoch: poses in the local frame of its map.
+    """A method's answer to an epoch; poses in the local frame of its map.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ class Answer:
     milliseconds : float
         From points in memory to the pose.
     distinctness : Distinctness, optional
-        Of methods that have scores of cells.
+        Measures of methods that have scores of cells.
     starts : tuple of Estimate
         Where each start of a method with several ended.
     """
@@ -42,7 +42,7 @@ class Answer:
 
 
 def reference_columns(prior: Pose | None, reference: Pose | None) -> dict[str, Any]:
-    """Where the epoch really was, and how far off its prior is; nothing where that is not known."""
+    """Reference pose of an epoch, and the error of its prior; no columns where they are not known."""
     columns: dict[str, Any] = {}
     if reference is not None:
         columns |= {f"reference_{name}": getattr(reference, name) for name in ("x", "y", "z", "heading")}
@@ -53,7 +53,7 @@ def reference_columns(prior: Pose | None, reference: Pose | None) -> dict[str, A
 
 
 def answer_columns(answer: Answer, reference: Pose | None, point_map: PointMap) -> dict[str, Any]:
-    """Pose, errors and measures of an answer; the pose whether the method trusts it or not."""
+    """Pose, errors and measures of an answer, also of one that the method does not trust."""
     estimate = answer.estimate
     columns: dict[str, Any] = {"status": estimate.status.value, "is_localized": estimate.is_localized}
     columns |= {"ms": answer.milliseconds, "score": estimate.score, "share": estimate.share}
@@ -86,7 +86,7 @@ def answer_columns(answer: Answer, reference: Pose | None, point_map: PointMap) 
 
 
 def _certainty_columns(estimate: Estimate, reference: Pose) -> dict[str, Any]:
-    """How sure an answer says it is, along and across the reference, and how wrong it is in units of that."""
+    """Standard deviations, protection level and normalized squared error (NEES), along and across the reference."""
     columns: dict[str, Any] = {"height_error": estimate.pose.z - reference.z}
     if not np.isfinite(estimate.covariance).all():
         return columns

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Bench: a dataset with its maps opened, where the methods of a study meet one epoch after the other."""
+"""Bench: a dataset opened with its maps, on which the methods of a study localize epoch by epoch."""
 
 import time
 from collections.abc import Sequence
@@ -51,7 +51,7 @@ class _Epoch:
 
 @dataclass(frozen=True, slots=True)
 class BenchPlan:
-    """Which parts a bench is made of: what another process needs to open its own.
+    """The parts of a bench, from which each process opens its own.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ class Bench:
         number : int
             The epoch.
         methods : sequence of StudyMethod
-            Those of maximum consensus that differ in what they make of an accumulator share it; each is
+            Those of maximum consensus that need the same accumulator share it; each is
             charged with its time.
         """
         row, prior, reference = self._begun(prior_name, number)
@@ -166,7 +166,7 @@ class Bench:
         return [row | {"method": method.name} for method in methods]
 
     def _begun(self, prior_name: str, number: int) -> tuple[dict[str, Any], Pose | None, Pose | None]:
-        """What a row says of an epoch before any method has seen it; its prior and its reference."""
+        """Columns of an epoch before any method has seen it; its prior and its reference."""
         at = float(self.scans.times[number])
         row: dict[str, Any] = {
             "prior": prior_name,
@@ -181,7 +181,7 @@ class Bench:
         return row, prior, reference
 
     def _columns(self, epoch: _Epoch, method: StudyMethod, shared: "_SharedAccumulators") -> dict[str, Any]:
-        """What one method adds to the row of an epoch."""
+        """Columns of one method in the row of an epoch."""
         point_map = self.maps[method.map_name]
         start = epoch.reference if method.around_reference else epoch.prior
         start = point_map.frame.pose_to_local(start) if start is not None else None
@@ -205,7 +205,7 @@ class Bench:
 
 
 class _SharedAccumulators:
-    """Accumulators of one scan that several objectives look at, with the time each took (D5)."""
+    """Accumulators of one scan that several objectives share, with the time each took (D5)."""
 
     def __init__(self, scan: Scan) -> None:
         self._found: dict[tuple[str, MaximumConsensus, Pose], tuple[Accumulator, float]] = {}
@@ -240,7 +240,7 @@ class _SharedAccumulators:
 def _answer(
     method: StudyMethod, scan: Scan, point_map: PointMap, start: Pose, shared: _SharedAccumulators
 ) -> Answer:
-    """Let a method localize an epoch, and take what else it can tell: of given cells how distinct the best one is."""
+    """Let a method localize an epoch; where it has scores of given cells, measure how distinct the best one is."""
     if isinstance(method.method, MaximumConsensus) and method.method.search is SearchMethod.EXHAUSTIVE:
         accumulator, taken = shared.of(method.method, method.map_name, point_map, start)
         clock = time.perf_counter()
@@ -263,7 +263,7 @@ def _answer(
 
 
 def prepare_map(method: Method, scan: Scan, point_map: PointMap, start: Pose) -> None:
-    """Let a method make its part of the map before the clock runs: methods share it, the first would pay."""
+    """Let a method load its part of the map before it is timed: methods share it, and the first would pay for all."""
     if isinstance(method, MultiStart | Icp | Gicp | CountThenGicp):
         method.prepare(scan, point_map, start)
     elif isinstance(method, MaximumConsensus):

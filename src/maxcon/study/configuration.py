@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""What a study was run with, saved beside its table; a study that goes on must go on with the same."""
+"""The configuration of a study, saved beside its table; the study can be continued with the same one only."""
 
 import hashlib
 import json
@@ -29,7 +29,7 @@ MAP_AND_SCANS = "description of map and scans"
 
 @dataclass(frozen=True)
 class Configuration:
-    """What a study is made of.
+    """Everything that a study was run with.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class Configuration:
     options : dict
         Range limits of the scans, and gaps of prior and reference to interpolate across.
     methods : dict
-        What each method is made of, by its name, in the order of the table.
+        Description of each method, by its name, in the order of the table.
     maps : dict
         How each map differs, by its name.
     runs : list of dict

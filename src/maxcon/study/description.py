@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""What a method is made of, in plain words and numbers: for the configuration that is saved with a study."""
+"""Descriptions of methods in plain words and numbers, for the configuration that is saved with a study."""
 
 import hashlib
 import inspect
@@ -17,9 +17,9 @@ __all__ = ["describe"]
 
 
 def describe(value: Any) -> Any:
-    """Return what JSON can hold: a class by its name and the values of its public fields, one below the other.
+    """Describe an object as JSON can hold it: the name of its class and the values of its public fields, recursively.
 
-    Two methods that are made alike have the same description; it is not meant to be read back into one.
+    Two methods of equal fields have the same description; it is not meant to be read back into one.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def describe(value: Any) -> Any:
 
 
 def _source(kind: type) -> str:
-    """Tell the source of a class that is not ours from what it was before it was edited: 16 digits of its hash."""
+    """First 16 digits of the hash of the source of a user's class: it changes when the class is edited."""
     try:
         return hashlib.sha256(inspect.getsource(kind).encode()).hexdigest()[:16]
     except (OSError, TypeError):

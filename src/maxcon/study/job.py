@@ -33,9 +33,9 @@ class StudyJob:
     Parameters
     ----------
     plan : BenchPlan
-        What each opens.
+        The dataset and maps that each worker opens.
     methods : tuple of StudyMethod
-        They stay in each process: what they keep of the map serves the epochs that follow.
+        They stay in each process, and with them what they keep of the map for later epochs.
     """
 
     plan: BenchPlan
@@ -60,7 +60,7 @@ class StudyJob:
         ]
 
     def lost(self, task: StudyTask, reason: str) -> list[Row]:
-        """Return the row of an epoch that the method never came back from."""
+        """Return the row of an epoch whose worker ended before it was done, with the reason."""
         bench = self.plan.open()
         methods = [method for method in self.methods if method.name in task.methods]
         return [row for epoch in task.epochs for row in bench.failed(task.prior, epoch, methods, reason)]

@@ -25,7 +25,7 @@ class MapVariant:
     cell : float
         Voxel edge, m.
     keep_every : int
-        Of so many points of the clouds one is kept.
+        One of so many points of the clouds is kept.
     keeps_ground : bool
         Whether the ground stays in.
     """
@@ -95,7 +95,7 @@ def make_maps(
 
 
 def _named(progress: Progress | None, name: str) -> Progress | None:
-    """Return a progress that says which map it is about."""
+    """Return a progress callback that names the map."""
     if progress is None:
         return None
 

@@ -27,7 +27,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class StudyMethod:
-    """A method of a study and the name it goes by.
+    """A method of a study and its name.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class StudyMethod:
         Anything with ``localize(scan, point_map, prior)``; it is sent to other processes, so its class must be
         importable.
     map_name : str
-        Which map it gets, a name of `MAP_VARIANTS`.
+        Name of the map that it gets, of `MAP_VARIANTS`.
     around_reference : bool
         Whether it starts from the reference pose instead of the prior: for starts spread around the true
         pose, as the paper's.
@@ -85,7 +85,7 @@ METHOD_SETS: dict[str, tuple[str, ...]] = {
         for multiplicity in ("points", "occupied")
     ),
 }  # fmt: skip
-"""Names of methods that answer one question together."""
+"""Sets of methods that are compared to answer one question, by name."""
 
 DEFAULT_SETS = ("consensus", "baselines")
 
@@ -94,7 +94,7 @@ CELL_ONLY: dict[str, Any] = {"refinement": False, "search": "exhaustive"}
 all objectives, and how distinct the best one is can be measured."""
 
 AS_PUBLISHED: dict[str, Any] = {"weighting": "published", "thinning": 0.0, "is_levelled": False, **CELL_ONLY}
-"""A scan point without a normal constrains nothing, all of them are searched with, and the prior's height is right."""
+"""As in the paper: points without a normal constrain nothing, all points are used, the prior's height is kept."""
 
 
 def known_methods(space: SearchSpace) -> dict[str, StudyMethod]:

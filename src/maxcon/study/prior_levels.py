@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""How wrong a prior may be, level by level, and the methods that are told it."""
+"""Levels of prior errors, and the methods compared at a level, which know it."""
 
 import math
 from collections.abc import Sequence
@@ -88,7 +88,7 @@ def space_of(level: PriorErrors) -> SearchSpace:
 
 
 def methods_at(level: PriorErrors, gates: Sequence[float] = (1.0, 3.0, 6.0)) -> list[StudyMethod]:
-    """Return maximum consensus and its peers; those that search a window are told the level's.
+    """Return maximum consensus and the methods it is compared with; those that search a window get the level's.
 
     Parameters
     ----------

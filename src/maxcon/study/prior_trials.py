@@ -27,7 +27,7 @@ __all__ = ["PriorTrial", "TrialSummary", "read_trials", "summarize_trials", "try
 
 @dataclass(frozen=True, slots=True)
 class PriorTrial:
-    """What one method made of one prior.
+    """The result of one method from one prior.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class PriorTrial:
 
     @property
     def key(self) -> tuple[float, float, int, str]:
-        """What it is the trial of."""
+        """Level, epoch and method: what tells one trial from another."""
         return self.offset, self.heading_deg, self.epoch, self.method
 
 
@@ -82,8 +82,8 @@ def try_epoch(
     level : PriorErrors
         How wrong the prior may be.
     methods : sequence of StudyMethod
-        Each is timed on its own copy of the scan: what it needs of the scan is charged to it, what it needs of
-        the map is made before.
+        Each is timed on its own copy of the scan, with all it computes from the scan; its part of the map is loaded
+        before.
     seed : int
         Of the priors.
     """
@@ -152,7 +152,7 @@ def read_trials(path: str | os.PathLike[str]) -> list[PriorTrial]:
 
 @dataclass(frozen=True, slots=True)
 class TrialSummary:
-    """What one method made of all priors of one level.
+    """The results of one method from all priors of one level.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""A study: methods x epochs of a dataset, on all processors, into one table; it goes on where it stopped."""
+"""A study: methods x epochs of a dataset, on all processors, into one table; a stopped study can be continued."""
 
 import os
 import time
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Study", "run_study", "spread_epochs"]
 
-# Consecutive epochs see the same tiles; more rows at once would be lost together when a study is stopped.
+# Consecutive epochs need the same tiles; but all rows of a task are lost when a study is stopped.
 ROWS_PER_TASK = 3
 
 
@@ -44,7 +44,7 @@ class Study:
     folder : Path
         Holds study.json, table.parquet and maps/.
     configuration : Configuration
-        What ran.
+        What it was run with.
     table : pyarrow.Table
         A row per epoch, method and prior (`COLUMNS`).
     """
@@ -134,7 +134,7 @@ def run_study(
             wanted.write(root)
         map_names = [method.map_name for method in methods]
         plan = BenchPlan(dataset, make_maps(dataset, root / "maps", map_names, progress), options)
-        # What cannot be done is said here, not by a process that ends.
+        # Errors that concern all epochs are raised here, not in a worker.
         plan.open().check_times(names, numbers)
         tasks = _missing(methods, names, numbers, done)
         run = {"methods": [method.name for method in methods], "priors": names, "n_epochs": len(numbers)}
@@ -153,7 +153,7 @@ def _work_off(
     configuration: Configuration,
     progress: Progress | None,
 ) -> None:
-    """Let the engine do the tasks, and write down what each made and how long all took."""
+    """Let the engine do the tasks; write their rows as they come, and the time that all took."""
     started, n_done, n_total = time.perf_counter(), 0, sum(task.n_rows for task in tasks)
     report = progress or (lambda step, done, total: None)
     if not tasks:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""What a study says of each method, in numbers."""
+"""Statistics of each method of a study."""
 
 import math
 from collections import Counter
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 NOT_TRIED = frozenset(
     status.value for status in (Status.UNREADABLE, Status.NO_POINTS, Status.NO_PRIOR, Status.OUTSIDE_MAP)
 )
-"""What is wrong with such an epoch is nothing the method can help."""
+"""Statuses of epochs that no method can localize."""
 
 __all__ = ["Column", "MethodRows", "MethodStatistics", "rows_by_method", "statistics"]
 
@@ -65,7 +65,7 @@ class MethodRows:
 
 @dataclass(frozen=True, slots=True)
 class MethodStatistics:
-    """How a method did over all its epochs.
+    """Statistics of one method over all its epochs.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ Row = Mapping[str, Any]
 """Values by the names of `COLUMNS`; what is left out is null."""
 
 Key = tuple[str, str, int]
-"""(prior, method, epoch): what tells one row from another."""
+"""(prior, method, epoch): unique for each row."""
 
 COLUMNS: dict[str, tuple[str, str]] = {
     "prior": ("string", "name of the prior in the dataset"),

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Map upkeep: what drives saw through is gone, what they saw newly is new (decision 31)."""
+"""Map upkeep: surfaces that localized drives saw through become gone, those they met anew become new (decision 31)."""
 
 from maxcon.upkeep.drives import LocalizedDrive, open_drives
 from maxcon.upkeep.update import update_map

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Candidates: what drives have met where the map has nothing, before anything is judged."""
+"""Candidates: voxels that drives have met where the map has none, before it is judged whether they are new."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,22 +19,22 @@ from maxcon.upkeep.update_options import UpdateOptions
 __all__ = ["candidates_of_tile", "spill_unknown_points"]
 
 NEAR_VOXELS = 2
-"""A point so near to a voxel of the map, along each axis, may be of its surface: noise moves it by 12 cm at 6 cm."""
+"""A point up to so many voxels from one of the map, along each axis, may be of its surface: 12 cm at 6 cm."""
 GROUND_CLEARANCE = 0.25
 """Above the ground, m: what lies lower is ground, whether the map has it or left it out."""
 GROUND_FILL = 5.0
-"""Where the ground was hidden by what stood on it, its height is that of the nearest known ground so near, m."""
+"""Where objects hid the ground, its height is that of the nearest known ground, up to so far away, m."""
 BEHIND = (0.5, 15.0)
-"""A new surface hides what the map knows: from here to there behind it, m, a ray that went on would meet it."""
+"""Range behind a new surface, m, in which the extension of the ray must meet a surface that the map has."""
 
 
 def spill_unknown_points(
     ends: NDArray[np.float64], pose: Pose, point_map: PointMap, options: UpdateOptions, spill: TileSpill
 ) -> None:
-    """Keep the ends of rays that lie near no surface of the map, above the ground, and in front of what the map knows.
+    """Keep the ends of rays that lie near no surface of the map, above the ground, and in front of a known surface.
 
-    The last tells an object that was put there from a place that the map does not have: the end of a side street, a
-    house seen through a gap. Neither is near to anything, but behind the object the map goes on.
+    The last condition tells a new object from surroundings that the map does not cover, such as the end of a side
+    street or a house seen through a gap: only behind the new object does the map go on.
 
     Parameters
     ----------
@@ -80,7 +80,9 @@ def _are_on_ground(points: NDArray[np.float64], patch: GroundPatch) -> NDArray[n
     filled = patch.heights[:, rows, columns]
     filled[:, far * patch.edge > GROUND_FILL] = np.nan
     cells = np.floor(points[:, :2] / patch.edge).astype(np.int64) - patch.first
-    above = points[:, 2] - filled[:, cells[:, 1], cells[:, 0]]  # of each level; nothing compares with NaN
+    above = (
+        points[:, 2] - filled[:, cells[:, 1], cells[:, 0]]
+    )  # of each level; comparisons with NaN are false
     is_near = (np.abs(above) <= GROUND_CLEARANCE).any(axis=0)
     return np.asarray(is_near | (above[0] < 0.0))
 
@@ -88,7 +90,7 @@ def _are_on_ground(points: NDArray[np.float64], patch: GroundPatch) -> NDArray[n
 def candidates_of_tile(
     spill: TileSpill, key: TileKey, cell: float, options: UpdateOptions, *, is_signed: bool
 ) -> VoxelTile:
-    """Return the voxels of a tile that spilled points lie in, as many in and around each as it takes looks."""
+    """Return the voxels of spilled points of a tile that have at least `least_looks` points in and around them."""
     moments = VoxelMoments.from_records(spill.records(key))
     moments = moments.select(_are_often_met(moments, options.least_looks))
     fitted = plane_normals(moments, cell, np.ones(len(moments), bool))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""LocalizedDrive: the scans of a drive with the poses that were found for them, and the looks they make."""
+"""LocalizedDrive: the scans of a drive with the poses found for them; looks: those of them that an update uses."""
 
 import hashlib
 import math
@@ -30,7 +30,7 @@ SAME_TIME = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """One scan from one place.
+    """One scan that an update uses.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class Look:
     pose : Pose
         T_map_sensor, local frame of the map.
     sigma_position, sigma_angle : float
-        Standard deviations of the pose along any axis, m, and about any, rad.
+        Largest standard deviations of the position along an axis, m, and of an angle, rad; None where not known.
     """
 
     drive: int
@@ -63,13 +63,13 @@ class LocalizedDrive:
     scans : Scans
         Read when they are asked for.
     rows : tuple of (int, PoseRow)
-        Number of the scan and its row, of each epoch that is localized.
+        Number of the scan, and row of the table of poses, of each localized epoch.
     n_epochs : int
         How many scans there are.
     name : str
-        Of what the poses were read from.
+        Name of the file that the poses were read from.
     sha256 : str
-        Of that file.
+        Checksum of that file.
     """
 
     scans: Scans
@@ -164,7 +164,7 @@ def open_drives(paths: Sequence[str | os.PathLike[str]]) -> list[LocalizedDrive]
 
 
 def looks_of(drives: Sequence[LocalizedDrive], frame: LocalFrame, options: UpdateOptions) -> list[Look]:
-    """Return the looks of all drives, one after the other: the epochs between which the sensor has moved."""
+    """Return the looks of all drives, drive by drive: epochs before which the sensor moved by `least_motion`."""
     looks = list[Look]()
     for number, drive in enumerate(drives):
         last = np.full(3, np.inf)
@@ -184,7 +184,7 @@ def read_look(look: Look, drives: Sequence[LocalizedDrive], options: UpdateOptio
 
 
 def _sigmas(row: PoseRow) -> tuple[float | None, float | None]:
-    """Largest standard deviation of position and of angles that a row says, None for what it does not."""
+    """Largest standard deviation of position and of angles in a row; None where it has none."""
     position = [row.numbers.get(f"cov_{name}_{name}") for name in ("x", "y", "z")]
     angles = [row.numbers.get(f"cov_{name}_{name}") for name in ("roll", "pitch", "heading")]
     return _largest_sigma(position), _largest_sigma(angles)

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Gathering evidence: every look of every drive at the surfaces of the map, and at what drives have seen beside them.
+"""Gathering evidence: what the rays of all drives say of the voxels of the map, and of candidates for new ones.
 
-The scans are read twice. First, what they met where the map has nothing is sorted into tiles: the candidates. Then
-every ray is walked through the voxels of the map and the candidates alike. At any time only the tiles in reach of a few
-looks are in memory: an update of a whole city by many drives takes no more than one of a street.
+The scans are read twice. First, points where the map has nothing are sorted into tiles and become candidates. Then
+every ray is walked through the voxels of map and candidates alike. Only the tiles in reach of a few looks are in memory
+at a time: an update of a whole city takes no more memory than one of a street.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -26,7 +26,7 @@ from maxcon.upkeep.update_options import UpdateOptions
 __all__ = ["gather_evidence"]
 
 MOST_VOXELS = 6_000_000
-"""In memory at a time, with evidence some 70 bytes each, unless a single look reaches more."""
+"""Voxels in memory at a time, some 70 bytes each with evidence, unless a single look reaches more."""
 
 
 def gather_evidence(
@@ -48,7 +48,7 @@ def gather_evidence(
     looks : sequence of Look
         Of the drives, in order.
     options : UpdateOptions
-        What a look weighs.
+        Weights and ranges of a look.
     folder : Path
         For files in between; the caller removes it.
     report : callable

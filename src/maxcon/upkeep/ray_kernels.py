@@ -94,9 +94,9 @@ def _walk(
     origin, end, look, cell, margin, least_cosine, reach, weights, rows, grid, corner, offsets, log_odds, n_through,
     judged_in,
 ):  # fmt: skip
-    """Count a look through the voxels that a ray saw through and no ray of this look met or judged before.
+    """Add a miss to each voxel that a ray saw through, unless a ray of the same look judged it before.
 
-    Voxels come in the order of the ray (Amanatides and Woo); patches without any are found out once for all of theirs.
+    Voxels are visited along the ray (Amanatides and Woo 1987); a patch without any is looked up only once.
     """
     _, miss, lowest, highest = weights
     dx, dy, dz = end[0] - origin[0], end[1] - origin[1], end[2] - origin[2]
@@ -191,7 +191,7 @@ def are_far_from_voxels(points, reach, cell, rows, grid, corner, is_far):
 def hide_known_surfaces(
     origin, ends, clearance, most, cell, rows, grid, corner, heights, first, edge, is_hiding
 ):  # fmt: skip
-    """Find the rays behind whose ends the map has a voxel or the ground, if they went on.
+    """Find the rays whose extension behind their end meets a voxel or the ground of the map.
 
     origin : (3,) float64; ends : (n, 3) float64, local frame, m; clearance, most : from where to where behind the end
     a surface counts, m; heights : (levels, ny, nx) float32, ground in cells of `edge` (m) from number `first` on, NaN
@@ -216,7 +216,7 @@ def hide_known_surfaces(
             if not (0 <= column < heights.shape[2] and 0 <= line < heights.shape[1]):
                 break
             for level in range(heights.shape[0]):
-                if abs(z - heights[level, line, column]) <= edge:  # nothing compares with NaN
+                if abs(z - heights[level, line, column]) <= edge:  # comparisons with NaN are false
                     is_hiding[i] = is_hiding[i] or z <= heights[level, line, column]
             vx, vy, vz = (
                 np.int64(np.floor(x / cell)),

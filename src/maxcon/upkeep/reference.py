@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""What a look says of each voxel, in plain words of NumPy: every ray against every voxel. `ray_kernels` is the same.
+"""What a ray says of a voxel, as it is defined, in plain NumPy; `ray_kernels` does the same for many (D7).
 
 A ray met a voxel if it ended in it or in one of the 26 around: noise moves an end by less than that, mostly.
 
@@ -10,7 +10,7 @@ and both the sensor and the end must lie farther from the plane than noise expla
 flat angle is not carved: its rays end on the very plane that they pass through. A voxel without a normal is crossed if
 the ray passes its mean within half an edge, and ends twice as far behind.
 
-What did not come back is no ray: glass, water and the sky say nothing.
+A pulse without a return is no ray: from glass, water and the sky nothing follows.
 """
 
 import numpy as np

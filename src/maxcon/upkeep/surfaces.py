@@ -17,18 +17,18 @@ from maxcon.upkeep.update_options import UpdateOptions
 __all__ = ["CANDIDATE", "Evidence", "SurfaceFiles", "Surfaces", "SurfacesInReach", "classes_of"]
 
 CANDIDATE = 255
-"""In place of a class: what the map does not have, and drives have seen."""
+"""In place of a class: a voxel that the map does not have, and drives have met."""
 _NAMES = ("log_odds", "n_met", "n_through", "met_in")
 
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """What looks have said of voxels.
+    """The evidence of looks for each voxel.
 
     Parameters
     ----------
     log_odds : array, shape (n,), float32
-        That there is a surface.
+        Logarithm of the odds that there is a surface.
     n_met, n_through : array, shape (n,), int32
         Looks that met it, and that saw through it.
     met_in : array, shape (n, 2), int32
@@ -42,7 +42,7 @@ class Evidence:
 
     @classmethod
     def before_any_look(cls, classes: NDArray[np.uint8], options: UpdateOptions) -> "Evidence":
-        """Return what is held of voxels of these classes, or candidates, by themselves."""
+        """Evidence of voxels before the first look: log-odds by their classes (or `CANDIDATE`), no looks."""
         start = np.zeros(256, np.float32)
         start[[SurfaceClass.KNOWN, SurfaceClass.NEW]] = options.start
         start[SurfaceClass.GONE] = -options.start
@@ -80,7 +80,7 @@ def classes_of(tile: VoxelTile) -> NDArray[np.uint8]:
 
 
 class SurfaceFiles:
-    """The tiles under judgement, on disk until they are asked for.
+    """The tiles that an update judges, on disk until they are asked for.
 
     Parameters
     ----------
@@ -118,15 +118,15 @@ class SurfaceFiles:
         with np.load(self._path(key, "evidence"), allow_pickle=False) as arrays:
             return Surfaces(tile, Evidence(*(arrays[name] for name in _NAMES)))
 
-    def save_doubts(self, key: TileKey, doubts: NDArray[np.uint8]) -> None:
-        """Write what was found of the voxels of a tile so far, see `verdicts`."""
-        with self._path(key, "doubts").open("wb") as file:
-            np.save(file, doubts)
+    def save_verdicts(self, key: TileKey, verdicts: NDArray[np.uint8]) -> None:
+        """Write the first verdict on each voxel of a tile, a constant of `upkeep.verdicts`."""
+        with self._path(key, "verdicts").open("wb") as file:
+            np.save(file, verdicts)
 
-    def load_doubts(self, key: TileKey) -> NDArray[np.uint8]:
-        """Read what was found of the voxels of a tile so far."""
-        doubts: NDArray[np.uint8] = np.load(self._path(key, "doubts"), allow_pickle=False)
-        return doubts
+    def load_verdicts(self, key: TileKey) -> NDArray[np.uint8]:
+        """Read what `save_verdicts` wrote."""
+        verdicts: NDArray[np.uint8] = np.load(self._path(key, "verdicts"), allow_pickle=False)
+        return verdicts
 
     def _path(self, key: TileKey, kind: str) -> Path:
         return self._folder / f"{key[0]}_{key[1]}.{kind}"
@@ -139,7 +139,7 @@ class SurfacesInReach:
     Parameters
     ----------
     tiles : tuple of VoxelTile
-        They must not change.
+        The tiles.
     lookup : VoxelLookup
         Of the tiles.
     offsets : array, shape (n_tiles + 1,), int64

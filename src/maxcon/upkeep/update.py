@@ -64,7 +64,7 @@ def update_map(
     out : path
         Folder of the new version; it appears when all is done.
     options : UpdateOptions, optional
-        What counts as evidence; the defaults if None.
+        What counts as evidence, and when a surface is gone or new; the defaults if None.
     overwrite : bool
         Whether a map that stands at `out` is replaced; anything else there is an error, and so is the map itself.
     progress : callable, optional
@@ -165,7 +165,7 @@ class _Copier:
         self._count(classes)
 
     def put_judged(self, surfaces: Surfaces, classes: NDArray[np.uint8]) -> None:
-        """Write a tile with the classes that were found; candidates that are nothing are left out."""
+        """Write a tile with the classes that were found; candidates that are not new are left out."""
         before, is_kept = surfaces.classes, classes != CANDIDATE
         tile = replace(surfaces.tile.rows(is_kept), classes=classes[is_kept])
         if not len(tile):
@@ -213,7 +213,7 @@ def _history(
     looks: Sequence[Look],
     options: UpdateOptions,
 ) -> Mapping[str, Any]:
-    """What the manifest says of an update: its parent, the drives, and what counted as evidence."""
+    """The entry of an update in the manifest: its parent, the drives, and the options."""
     n_looks = Counter(look.drive for look in looks)
     return {
         "program": f"maxcon {__version__}",

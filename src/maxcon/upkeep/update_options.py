@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""UpdateOptions: what counts as a look at a surface, what it weighs, and when a surface is gone or new."""
+"""UpdateOptions: which scans are looks, what evidence a look adds, and when a surface is gone or new."""
 
 import math
 from collections.abc import Callable
@@ -40,22 +40,22 @@ class UpdateOptions:
     min_range, max_range : float
         Points nearer or farther than this are left out, m.
     reach : float
-        Surfaces farther from the sensor than this are not judged, m: a turn of 0.1 degrees is 7 cm there.
+        Surfaces farther from the sensor than this are not judged, m: an angle of 0.1 degrees is 5 cm at 30 m.
     least_motion : float
         An epoch is a look of its own where the sensor has moved so far since the last one, m: while it stands, its
         rays say the same again and again.
     sigma_range : float
         Standard deviation of a range, m.
     sigma_position : float
-        Of a pose whose table does not say it, along any axis, m.
+        Standard deviation of a pose along any axis, m, where the table of poses has none.
     sigma_angle_deg : float
-        Of its angles, degrees, likewise.
+        The same of its angles, degrees.
     sigmas : float
         A ray saw through a surface if it ended so many standard deviations behind it.
     least_cosine : float
-        Of the angle between a ray and the normal of a surface: flatter rays say nothing of it.
+        Cosine of the angle between a ray and the normal of a surface; flatter rays are no evidence.
     hit, miss : float
-        Log-odds that a look adds, of a surface that it met and of one that it saw through.
+        Log-odds that a look adds to a surface that it met, and to one that it saw through.
     start : float
         Log-odds of a surface of the map before the first look; new ones begin at 0.
     lowest, highest : float
@@ -65,7 +65,7 @@ class UpdateOptions:
     new_at : float
         A surface that the map does not have is new if they are at least this.
     least_looks : int
-        Looks that it takes for either.
+        Fewest looks for either.
     least_time : float
         From the first to the last look that met a new surface, s, where a single drive saw it: what passes is not new.
     least_share : float

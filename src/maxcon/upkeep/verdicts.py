@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: MIT
 """Verdicts: which surfaces are gone and which are new, from the evidence of each voxel and of those around it.
 
-First, voxels that by themselves and in their neighbourhood are seen through: single ones are noise at an edge. Then
-what was not met more often than seen through, and lies among them, goes too: no ray crosses the underside of a car, but
-the car is gone.
+First, each voxel is judged by its own evidence and by its neighbourhood: single voxels that are seen through are noise
+at an edge. Then voxels that were not clearly met and lie among those that are gone go with them: no ray crosses the
+underside of a car, but the car is gone.
 """
 
 from collections.abc import Container, Iterator, Sequence
@@ -23,10 +23,11 @@ __all__ = ["LookTimes", "find_verdicts"]
 NEIGHBOURHOOD = 2
 """Voxels to either side along each axis: 30 cm at 6 cm."""
 CUBE = 4
-"""Edge in voxels of the cubes, 24 cm at 6 cm: what is gone in one and those around takes the unseen voxels along."""
+"""Edge of cubes in voxels, 24 cm at 6 cm: a voxel goes with those that are gone in its cube and the 26 around."""
 KEPT_TILES = 12
-"""Of those around the one that is judged: three are read anew for each."""
+"""Tiles in memory, those around the judged one: of the nine, three are read anew for each."""
 UNTOUCHED, MET, SEEN_THROUGH, NEW = range(4)
+"""First verdicts on a voxel."""
 
 
 class LookTimes:
@@ -45,7 +46,7 @@ class LookTimes:
         self._drives = drives
 
     def are_lasting(self, met_in: NDArray[np.int32], least_time: float) -> NDArray[np.bool_]:
-        """Whether the first and the last look, shape (n, 2), -1 for none, lie apart: in time or on other drives."""
+        """Whether first and last look, (n, 2), -1 for none, are `least_time` (s) apart, or of different drives."""
         first, last = met_in.T
         spans = np.abs(self._times[last] - self._times[first]) >= least_time
         return np.asarray((first >= 0) & (spans | (self._drives[last] != self._drives[first])))
@@ -54,7 +55,7 @@ class LookTimes:
 def find_verdicts(
     files: SurfaceFiles, times: LookTimes, options: UpdateOptions
 ) -> Iterator[tuple[Surfaces, NDArray[np.uint8]]]:
-    """Yield each tile under judgement with the class of each of its voxels, `CANDIDATE` for what is nothing.
+    """Yield each tile under judgement with the class of each voxel, `CANDIDATE` for a candidate that is not new.
 
     Parameters
     ----------
@@ -63,19 +64,19 @@ def find_verdicts(
     times : LookTimes
         Of the looks.
     options : UpdateOptions
-        What it takes.
+        Thresholds of the evidence.
     """
     there = files.n_voxels
     keys = sorted(there)
     load = lru_cache(KEPT_TILES)(files.load)
     for key in keys:
         around = [load(each) for each in _neighbours(key, there)]
-        files.save_doubts(key, _own_verdicts(around, times, options))
-    load_doubts = lru_cache(KEPT_TILES)(files.load_doubts)
+        files.save_verdicts(key, _first_verdicts(around, times, options))
+    load_verdicts = lru_cache(KEPT_TILES)(files.load_verdicts)
     for key in keys:
         near = _neighbours(key, there)
-        around, doubts = [load(each) for each in near], [load_doubts(each) for each in near]
-        yield around[0], _final_classes(around, doubts, options)
+        around, verdicts = [load(each) for each in near], [load_verdicts(each) for each in near]
+        yield around[0], _final_classes(around, verdicts, options)
 
 
 def _neighbours(key: TileKey, there: Container[TileKey]) -> list[TileKey]:
@@ -84,8 +85,10 @@ def _neighbours(key: TileKey, there: Container[TileKey]) -> list[TileKey]:
     return [key, *(near for dx, dy in steps if (near := (key[0] + dx, key[1] + dy)) in there)]
 
 
-def _own_verdicts(around: Sequence[Surfaces], times: LookTimes, options: UpdateOptions) -> NDArray[np.uint8]:
-    """Whether each voxel of the first tile is met, seen through together with those around it, new, or untouched."""
+def _first_verdicts(
+    around: Sequence[Surfaces], times: LookTimes, options: UpdateOptions
+) -> NDArray[np.uint8]:
+    """The first verdict on each voxel of the first tile, from its own evidence and that of its neighbourhood."""
     within = SurfacesInReach.of(around)
     evidence, classes = within.evidence, np.concatenate([each.classes for each in around])
     is_candidate = (classes == CANDIDATE) | (classes == SurfaceClass.GONE)
@@ -95,7 +98,7 @@ def _own_verdicts(around: Sequence[Surfaces], times: LookTimes, options: UpdateO
     is_new = is_candidate & (evidence.log_odds >= options.new_at) & (evidence.n_met >= options.least_looks)
     is_new &= times.are_lasting(evidence.met_in, options.least_time)
     own = slice(0, len(around[0].tile))
-    is_met = ~is_candidate & (evidence.log_odds > options.start)  # more than seen through
+    is_met = ~is_candidate & (evidence.log_odds > options.start)  # more often than it was seen through
     verdicts = np.where(is_met, MET, UNTOUCHED).astype(np.uint8)[own]
     rows = np.flatnonzero((is_through | is_new)[own])
     of_map = np.where(is_candidate, 0, 1)
@@ -111,13 +114,13 @@ def _own_verdicts(around: Sequence[Surfaces], times: LookTimes, options: UpdateO
 
 
 def _final_classes(
-    around: Sequence[Surfaces], doubts: Sequence[NDArray[np.uint8]], options: UpdateOptions
+    around: Sequence[Surfaces], verdicts: Sequence[NDArray[np.uint8]], options: UpdateOptions
 ) -> NDArray[np.uint8]:
-    """Classes of the voxels of the first tile; what was never met goes with what is gone around it."""
-    own, classes = doubts[0], around[0].classes.copy()
+    """Classes of the voxels of the first tile; untouched ones go with those that are gone around them."""
+    own, classes = verdicts[0], around[0].classes.copy()
     rows = np.flatnonzero((own == UNTOUCHED) & (classes != CANDIDATE) & (classes != SurfaceClass.GONE))
     n_gone, n_met = (
-        _counts_around(around, doubts, what, around[0].tile.voxels[rows]) for what in (SEEN_THROUGH, MET)
+        _counts_around(around, verdicts, what, around[0].tile.voxels[rows]) for what in (SEEN_THROUGH, MET)
     )
     is_taken_along = (n_gone >= options.least_voxels) & (n_gone >= n_met)
     is_gone = own == SEEN_THROUGH
@@ -128,11 +131,11 @@ def _final_classes(
 
 
 def _counts_around(
-    around: Sequence[Surfaces], doubts: Sequence[NDArray[np.uint8]], what: int, voxels: NDArray[np.int32]
+    around: Sequence[Surfaces], verdicts: Sequence[NDArray[np.uint8]], what: int, voxels: NDArray[np.int32]
 ) -> NDArray[np.int64]:
-    """How many voxels of one kind lie in the cube that each of some voxels is in, and the 26 around it."""
+    """How many voxels of one verdict lie in the cube of each of some voxels and in the 26 around it."""
     chosen = np.concatenate(
-        [each.tile.voxels[doubt == what] for each, doubt in zip(around, doubts, strict=True)]
+        [each.tile.voxels[verdict == what] for each, verdict in zip(around, verdicts, strict=True)]
     )
     cubes, counts = np.unique(_numbers(chosen // CUBE), return_counts=True)
     own, cube_of_voxel = np.unique(voxels // CUBE, axis=0, return_inverse=True)

@@ -15,7 +15,7 @@ from maxcon.io.recordings.cloud_sources import open_clouds
 from maxcon.io.recordings.opening import is_recording
 from maxcon.io.recordings.point_cloud2 import CloudRecord, FieldDescription, decode_cloud
 from maxcon.io.scans import open_scans
-from maxcon.io.scans.points import read_scan_points
+from maxcon.io.scans.points import read_scan_file
 
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
@@ -74,7 +74,7 @@ def test_every_scan_of_a_file_is_read_or_refused_in_a_line(recorders, kind):
     for path in files:
         begin = time.perf_counter()
         try:
-            assert read_scan_points(path).shape[1] == 3
+            assert read_scan_file(path).points.shape[1] == 3
         except MaxconError as error:
             assert "\n" not in str(error) and path.name in str(error)
         assert time.perf_counter() - begin < 100.0
@@ -111,7 +111,7 @@ def test_an_unaligned_cloud_with_repeated_points(recorders):
 
 def test_packets_of_a_velodyne_become_the_cloud_that_another_driver_made(recorders):
     folder = recorders / "ros2bag" / "nebula" / "vlp16"
-    true = read_scan_points(folder / "1673400472138016708.pcd")
+    true = read_scan_file(folder / "1673400472138016708.pcd").points
     medians, shares = [], []
     for raw in open_scans(folder / "1673400471837873222").scans(0.0, 200.0):
         distances, _ = cKDTree(raw.points).query(true)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from maxcon.errors import FileError, MissingExtraError
-from maxcon.io.scans.pcd import read_pcd_points
+from maxcon.io.scans.pcd import read_pcd
 
 # Few distinct values: what does not compress, pypcd4 writes uncompressed.
 POINTS = np.random.default_rng(9).integers(-3, 4, (50, 3)).astype(np.float32)
@@ -27,7 +27,7 @@ def header(**changes):
 def read(tmp_path, content):
     path = tmp_path / "a.pcd"
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    return read_pcd_points(path, 1000)
+    return read_pcd(path, 1000).points
 
 
 def compressed(tmp_path, n_extra=0):
@@ -156,12 +156,12 @@ def test_broken_pcd_ends_in_an_error_of_ours(tmp_path, survives_breaking, encodi
         "binary": POINTS.tobytes(),
     }
     whole = head + body[encoding] if encoding in body else compressed(tmp_path)
-    survives_breaking(whole, ".pcd", lambda path: read_pcd_points(path, 1000))
+    survives_breaking(whole, ".pcd", lambda path: read_pcd(path, 1000))
 
 
 def test_real_scans(shared_data):
     paths = sorted((shared_data / "street-pcd").glob("*.pcd"))
     if not paths:
         pytest.skip(f"no PCD scans in {shared_data / 'street-pcd'}")
-    shapes = [read_pcd_points(path, 1_000_000).shape for path in paths]
+    shapes = [read_pcd(path, 1_000_000).points.shape for path in paths]
     assert shapes == [(119_978, 3), (116_651, 3), (115_151, 3)]

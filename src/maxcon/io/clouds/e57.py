@@ -143,7 +143,7 @@ def _cartesian(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _pose(file: Path, scan: Any, number: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Rotation and translation of a scan into the file's common frame; writers leave out what is none."""
+    """Rotation and translation of a scan into the file's common frame; writers leave out identities."""
     w, x, y, z = _values(scan, "rotation", {"w": 1.0, "x": 0.0, "y": 0.0, "z": 0.0})
     translation = np.array(_values(scan, "translation", {"x": 0.0, "y": 0.0, "z": 0.0}))
     length = float(np.sqrt(w * w + x * x + y * y + z * z))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""LAS and LAZ, read through laspy; the header is held against the file before laspy trusts it."""
+"""LAS and LAZ, read through laspy; the header is checked against the file before laspy relies on it."""
 
 import math
 import os
@@ -35,7 +35,7 @@ PROCESS = os.getpid()
 
 
 class _Layout(NamedTuple):
-    """What the header says of where the points are, checked against the size of the file."""
+    """Where the points of a file are, as its header says, checked against its size."""
 
     n_points: int
     start: int
@@ -256,7 +256,7 @@ class LasReader(CloudReader):
 
 
 def _needed() -> "laspy.DecompressionSelection":
-    """What is unpacked of a point."""
+    """The fields of a point that are decompressed."""
     import laspy
 
     selection = laspy.DecompressionSelection.base() | laspy.DecompressionSelection.Z

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The coordinate reference system that a LAS file names, and whether what names it is whole.
+"""The coordinate reference system that a LAS file names, and whether its record is intact.
 
-laspy passes over records that it cannot parse: a damaged one would be no CRS at all, and nobody would know.
+laspy skips records that it cannot parse: a file with a damaged one would seem to name no CRS.
 """
 
 import struct
@@ -18,7 +18,7 @@ EPSG_CODES = range(1024, USER_DEFINED)
 
 
 class LasCrs(NamedTuple):
-    """The CRS as WKT, None where there is none that can be used; and why, where something is named after all."""
+    """The CRS as WKT, None if the file names none that can be used; in `fault`, what it has instead of one."""
 
     wkt: str | None
     fault: str = ""

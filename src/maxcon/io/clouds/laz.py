@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""What a LAZ file claims of its compressed chunks, held against its bytes before anything is decompressed.
+"""The chunk table of a LAZ file, checked against its bytes before anything is decompressed.
 
-The decompressor allocates what the file claims (measured: 3.7 GB for a file of 0.6 MB), so claims come first.
+The decompressor allocates what the file claims (measured: 3.7 GB for a file of 0.6 MB).
 """
 
 import struct
@@ -23,7 +23,7 @@ POINTWISE, LAYERED = 2, 3
 # Layers of each kind of item: point, RGB, RGB and NIR, wave packet; extra bytes have one per byte.
 LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
 EXTRA_BYTES = 14
-# Real clouds shrink to a fifth or a twentieth; what shrinks more than this and is large was made to fill a memory.
+# Real clouds are compressed 5 to 20 times; a large file that claims more than this was made to exhaust memory.
 MAX_RATIO = 300
 SMALL_BYTES = 2**24
 
@@ -44,7 +44,7 @@ class LazChunks(NamedTuple):
 
 @contextmanager
 def laz_as_os_error() -> Iterator[None]:
-    """Turn the error that the compressor has of its own for a disk that is full into OSError."""
+    """Turn the compressor's own error for a full disk into OSError."""
     import lazrs  # type: ignore[import-untyped, unused-ignore]
 
     try:

@@ -26,14 +26,14 @@ from maxcon.io.text import printable
 __all__ = ["NpzReader"]
 
 COLUMNS = {"points": 3, "normals": 3, "classes": 0, "times": 0}
-# Coordinates are hardly compressible; what shrinks more than this and is large was made to fill a memory.
+# Coordinates hardly compress; a large array that claims a higher ratio than this was made to exhaust memory.
 MAX_RATIO = 100
 SMALL_BYTES = 2**24
 KIND = "an NPZ archive"
 
 
 class _Member(NamedTuple):
-    """One array of the archive: how many rows, and of what."""
+    """One array of the archive: its number of rows, and their type."""
 
     name: str
     dtype: np.dtype[np.generic]

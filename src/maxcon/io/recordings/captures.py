@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Captures of packets (.pcap): what is in one, and whose packets those are."""
+"""Packet captures (.pcap): their UDP packets, and which maker's scanner these come from."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from maxcon.io.recordings.base import Topic, as_extra_missing
 __all__ = ["Maker", "datagrams", "maker_of", "metadata_beside", "topics_of_capture"]
 
 VELODYNE_BYTES, POSITION_BYTES = 1206, (512, 554)
-"""Of a Velodyne's data packets, and of those with its receiver's position."""
+"""Bytes of a Velodyne's data packets, and of those with the position of its GNSS receiver."""
 OUSTER_PORTS = (7502, 7503)
 LOOKED_AT = 2000
-"""Datagrams that tell whose they are."""
+"""Datagrams that are read to find the maker."""
 
 
 class Maker(Enum):
-    """Whose packets a capture holds."""
+    """Makers of scanners whose packets are read."""
 
     VELODYNE = "Velodyne"
     OUSTER = "Ouster"
 
 
 class Datagram(NamedTuple):
-    """A UDP packet: when it was captured, s, where it went, and how many bytes it has, also where it was split."""
+    """A UDP packet: time of capture (s), port it was sent to, bytes of payload (of the whole, if IP has split it)."""
 
     time: float
     port: int
@@ -65,7 +65,7 @@ def datagrams(path: Path) -> Iterator[Datagram]:
 
 
 def maker_of(path: Path) -> Maker:
-    """Return whose packets a capture holds; the first ones are looked at.
+    """Return the maker of the scanner in a capture, from the first packets.
 
     Raises
     ------
@@ -85,13 +85,13 @@ def maker_of(path: Path) -> Maker:
 
 
 def metadata_beside(path: Path) -> Path | None:
-    """Return the .json of an Ouster beside a capture: of those whose name the capture's begins with the longest."""
+    """Return the metadata of an Ouster beside a capture: of the .json that its name begins with, the longest name."""
     beside = [file for file in path.parent.glob("*.json") if path.stem.startswith(file.stem)]
     return max(beside, key=lambda file: len(file.stem), default=None)
 
 
 def topics_of_capture(path: Path) -> tuple[Topic, ...]:
-    """Return the ports of a capture with what goes there, and how often; errors as of `datagrams`."""
+    """Return the ports of a capture as topics: kind and number of packets; errors as of `datagrams`."""
     seen = Counter((one.port, one.n_bytes) for one in datagrams(path))
     return tuple(
         Topic(f"port {port}", _kind(port, n_bytes), n) for (port, n_bytes), n in sorted(seen.items())[:20]

@@ -35,13 +35,13 @@ class RecordedCloud:
     Parameters
     ----------
     label : str
-        Where it comes from, for messages.
+        File and topic, for messages.
     recorded : int
         When it was recorded, ns.
     stamp : int
         Time of its message, ns.
     record : CloudRecord or FileError
-        What was stored, or why its message cannot be read.
+        The cloud as stored, or why its message cannot be read.
     """
 
     label: str
@@ -92,7 +92,7 @@ class CloudSource(ABC):
     label: str
     notes: tuple[str, ...] = ()
     n_clouds: int = 0
-    """How many there are; 0 where only reading them all would tell."""
+    """Number of clouds; 0 if it is not known without reading them all."""
 
     @property
     def frame(self) -> str:
@@ -187,16 +187,16 @@ def open_clouds(path: str | os.PathLike[str], topic: str | None = None) -> Cloud
 
 
 def _of_capture(path: Path) -> CloudSource:
-    """The turns of whichever scanner's packets were captured."""
+    """Return the turns in a packet capture, by the maker of the scanner."""
     from maxcon.io.recordings.captures import Maker, maker_of
 
     if maker_of(path) is Maker.OUSTER:
         from maxcon.io.recordings.ouster import OusterCapture
 
         return OusterCapture(path)
-    from maxcon.io.recordings.velodyne import PacketCapture
+    from maxcon.io.recordings.velodyne import VelodyneCapture
 
-    return PacketCapture(path)
+    return VelodyneCapture(path)
 
 
 def chosen_topic(recording: Recording, name: str | None) -> Topic:

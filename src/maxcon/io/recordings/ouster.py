@@ -1,10 +1,11 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Packets of Ouster scanners in captures, through ouster-sdk."""
+"""Packets of Ouster scanners in packet captures, decoded by ouster-sdk."""
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,32 +13,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import FileError, MissingExtraError
-from maxcon.io.clouds.base import as_file_error
 from maxcon.io.recordings.captures import metadata_beside
-from maxcon.io.recordings.cloud_sources import CloudSource, RecordedCloud
-from maxcon.io.recordings.point_cloud2 import CloudRecord, FieldDescription
+from maxcon.io.recordings.point_cloud2 import CloudRecord
+from maxcon.io.recordings.turns import TurnsOfCapture, record_of_points
 
 __all__ = ["OusterCapture"]
 
 POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("ring", "<u2"), ("timestamp", "<f8")])
-CODES = {"<f4": 7, "<f8": 8, "<u2": 4}
 RETURNS = ("RANGE", "RANGE2")
 
 
-class OusterCapture(CloudSource):
-    """A .pcap with the packets of one Ouster, and its metadata (.json) beside; one cloud is a turn, all its returns.
+class OusterCapture(TurnsOfCapture):
+    """The packets of one Ouster scanner, with its metadata (.json) beside the capture; first and second returns.
 
     Notes
     -----
-    The axes are the sensor's: x away from the cable. A cloud has the time at which its first packet was captured; its
-    points' times are those of the scanner's clock, whatever that counts from.
+    Points are in Ouster's sensor frame, m: x points away from the cable. The time of a turn is that at which its first
+    packet was captured; times of points are those of the scanner's clock, which may count from its start.
     """
 
     kind = "a capture of an Ouster's packets"
 
     def __init__(self, path: Path) -> None:
-        self.path, self.label = path, path.name
-        self._running: list[Generator[RecordedCloud]] = []
+        super().__init__(path)
         metadata = metadata_beside(path)
         if metadata is None:
             raise FileError(
@@ -48,7 +46,7 @@ class OusterCapture(CloudSource):
         self._sdk()
 
     def _sdk(self) -> tuple[Any, Any]:
-        """What opens a capture, and what makes points of ranges."""
+        """Return `open_source`, which opens a capture, and `XYZLut`, which turns ranges into points."""
         try:
             from ouster.sdk import open_source
             from ouster.sdk.core import XYZLut
@@ -59,34 +57,17 @@ class OusterCapture(CloudSource):
             ) from error
         return open_source, XYZLut
 
-    def clouds(self, start: int | None = None) -> Generator[RecordedCloud]:
-        """Yield the turns in the order of their recording; those before a time (ns) are decoded, too."""
-        running = self._turns(start)
-        self._running.append(running)
-        return running
-
-    def _turns(self, start: int | None) -> Generator[RecordedCloud]:
+    def _turns(self) -> Generator[tuple[int, Callable[[], CloudRecord]]]:
         open_source, table = self._sdk()
-        n_turns = 0
-        with as_file_error(self.path, self.kind):
-            source = open_source(str(self.path), meta=[str(self._metadata)], collate=False, index=False)
-            to_points = table(source.sensor_info[0], False)
-            for turns in source:
-                if not len(turns) or turns[0] is None:
-                    continue
-                n_turns += 1
+        source = open_source(str(self.path), meta=[str(self._metadata)], collate=False, index=False)
+        to_points = table(source.sensor_info[0], False)
+        for turns in source:
+            if len(turns) and turns[0] is not None:
                 stamp = _stamp(turns[0])
-                if start is None or stamp >= start:
-                    yield RecordedCloud(self.label, stamp, stamp, _as_record(turns[0], to_points, stamp))
-        if not n_turns:
-            raise FileError(
-                f"Expected packets that {self._metadata.name} fits in {self.path}, got none. Is it another scanner's?"
-            )
+                yield stamp, partial(_as_record, turns[0], to_points, stamp)
 
-    def close(self) -> None:
-        """End all iterations, which closes the file."""
-        while self._running:
-            self._running.pop().close()
+    def _without_turns(self) -> str:
+        return f"Expected packets that {self._metadata.name} fits in {self.path}, got none. Is it another scanner's?"
 
 
 def _stamp(turn: Any) -> int:
@@ -96,7 +77,7 @@ def _stamp(turn: Any) -> int:
 
 
 def _as_record(turn: Any, to_points: Any, stamp: int) -> CloudRecord:
-    """The returns of a turn, to be decoded as any other cloud."""
+    """Return the first and second returns of a turn (a LidarScan of ouster-sdk) as one record."""
     seconds = np.asarray(turn.timestamp, dtype=np.float64) * 1e-9
     parts: list[NDArray[np.void]] = []
     for name in RETURNS:
@@ -111,9 +92,4 @@ def _as_record(turn: Any, to_points: Any, stamp: int) -> CloudRecord:
         part["ring"], part["timestamp"] = rings, seconds[columns]
         parts.append(part)
     records = np.concatenate(parts) if parts else np.empty(0, dtype=POINT)
-    places: Any = POINT.fields
-    fields = tuple(FieldDescription(name, place[1], CODES[place[0].str]) for name, place in places.items())
-    step = POINT.itemsize
-    return CloudRecord(
-        fields, len(records), 1, step, step * len(records), False, records.view(np.uint8), stamp
-    )
+    return record_of_points(records, stamp)

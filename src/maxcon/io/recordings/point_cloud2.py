@@ -28,6 +28,7 @@ RINGS = ("ring", "channel", "laser_id", "line", "laser_number")
 """Names under which drivers store the layer of a point."""
 MAX_POINTS = 50_000_000
 MIXERS = tuple(np.uint64(odd) for odd in (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9))
+"""Odd factors by which the bits of x, y and z are hashed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,15 +98,15 @@ class CloudPoints:
     points : array, shape (n, 3), float64
         Sensor frame, m.
     times : PointTimes
-        When each was measured, and how that was understood.
+        When each was measured, and how its field of times was understood.
     rings : array, shape (n,), or None
         Layer of the scanner, where the cloud says.
     n_points : int
         Points in the record.
     n_invalid : int
-        Of these at (0, 0, 0), or with coordinates that are not finite.
+        Of these those at (0, 0, 0), or with coordinates that are not finite.
     n_duplicates : int
-        Of the others those at the very place of one before them.
+        Of the others those with the same coordinates as one before them.
     """
 
     points: NDArray[np.float64]
@@ -156,7 +157,7 @@ def decode_times(record: CloudRecord) -> PointTimes:
 
 
 def _columns(record: CloudRecord, layout: "_Layout", rows: NDArray[np.intp]) -> dict[str, Column]:
-    """Type and numbers of the fields that may be times or rings, of some of the points."""
+    """Types and values of the fields that may be times or rings, for some of the points."""
     columns = {}
     for field in record.fields:
         is_wanted = field.name.lower() in TIME_FIELDS or field.name in RINGS
@@ -176,7 +177,7 @@ def _refuse(expected: str, got: str) -> FileError:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Layout:
-    """Where the numbers of a record lie; checked against its bytes."""
+    """Where the values of a record lie; checked against its number of bytes."""
 
     record: CloudRecord
     row_step: int
@@ -242,7 +243,7 @@ def _returns(coordinates: list[NDArray[np.floating]]) -> NDArray[np.intp]:
         squared += y * y
         squared += z * z
         is_return = (squared > 0.0) & (squared < np.inf)
-        # Squares leave the range of floats before coordinates do: what looks like no return is looked at.
+        # Squares leave the range of floats before coordinates do: what seems to be no return is checked exactly.
         rows = np.flatnonzero(~is_return)
         places = np.stack([x[rows], y[rows], z[rows]], axis=1)
         is_return[rows] = np.isfinite(places).all(axis=1) & places.any(axis=1)
@@ -251,7 +252,8 @@ def _returns(coordinates: list[NDArray[np.floating]]) -> NDArray[np.intp]:
 
 def _first_of_each(coordinates: list[NDArray[np.floating]]) -> NDArray[np.intp] | None:
     """Rows of the first point at each place, in order; None where no place comes twice."""
-    # + 0.0: -0.0 is at the same place. Bits are mixed, as those of float32 leave the lower half of a product empty.
+    # + 0.0 makes -0.0 equal to 0.0. The bits of coordinates are hashed by MIXERS; those of float32 alone would leave
+    # the lower half of a product empty.
     whole = [values + values.dtype.type(0.0) for values in coordinates]
     bits = [values.view(f"u{values.dtype.itemsize}").astype(np.uint64) for values in whole]
     keys = np.zeros(len(whole[0]), np.uint64)
@@ -266,7 +268,7 @@ def _first_of_each(coordinates: list[NDArray[np.floating]]) -> NDArray[np.intp] 
     is_same = np.r_[False, keys[order[1:]] == keys[order[:-1]]]
     repeated = np.flatnonzero(is_same)
     if any((number[order[repeated]] != number[order[repeated - 1]]).any() for number in bits):
-        # Two places with one key.
+        # Two different points have the same hash: compare coordinates instead.
         order = np.unique(np.stack(whole, axis=1), axis=0, return_index=True)[1]
         return np.sort(order)
     return np.sort(order[~is_same])

@@ -43,12 +43,11 @@ class PointTimes:
     Parameters
     ----------
     offsets : array, shape (n,), float64, or None
-        From the time of the message to that of each point, s; None where the scan does not say, or not so that it is
-        understood.
+        From the time of the message to that of each point, s; None where no field tells, or its values make no sense.
     kind : str
-        What they are, without figures: the same for all scans of a recording, unless something is wrong.
+        Field, unit and reference of the times, without figures: usually the same for all scans of a recording.
     words : str
-        The same, and what speaks for it in this scan.
+        The same with the figures of this scan that speak for it.
     """
 
     offsets: NDArray[np.float64] | None
@@ -64,7 +63,7 @@ class PointTimes:
 
 
 Column = tuple[str, NDArray[np.generic]]
-"""Type of a field as NumPy names it, and its numbers."""
+"""Type of a field as NumPy names it, and its values, one for each point."""
 
 
 def find_point_times(columns: Mapping[str, Column], stamp: int) -> PointTimes:
@@ -73,7 +72,7 @@ def find_point_times(columns: Mapping[str, Column], stamp: int) -> PointTimes:
     Parameters
     ----------
     columns : mapping of str to (str, array of shape (n,))
-        Type and numbers of each field, of the points that are returns.
+        Type and values of each field, for the points that are returns.
     stamp : int
         Time of the message, ns.
 

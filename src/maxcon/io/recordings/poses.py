@@ -56,7 +56,7 @@ class RecordedPoses:
     words : str
         Which topic, what headings and heights are, in a line.
     has_ellipsoidal_heights : bool
-        Whether heights are those of a GNSS receiver, as they are, though the map's CRS does not say what its own are.
+        Whether heights are ellipsoidal ones of a GNSS receiver, unchanged, as the CRS of the map has no kind of height.
     has_orientations : bool
         Whether headings are measured; if not, they are the course over ground.
     position_frame, orientation_frame : str
@@ -96,9 +96,9 @@ def read_recorded_poses(
     geoid_height : float, optional
         Of the geoid above the ellipsoid, m: subtracted from the heights of NavSatFix.
     is_odometry : bool
-        Whether it is the motion that is asked for: one of Odometry comes before others then, and NavSatFix is none.
+        Whether a motion is wanted: a topic of Odometry comes before others then, and NavSatFix is not used.
     are_sure : bool
-        Whether an IMU's orientations are believed even if they are nothing like the course over ground.
+        Whether an IMU's orientations are used even if they disagree with the course over ground.
     frames : tuple of 2 str, optional
         Take the poses of the second of these frames in the first from the recording's transforms (TF).
     sensor_frame : str
@@ -144,7 +144,7 @@ def _of_sensor(recording: Recording, poses: RecordedPoses, sensor_frame: str) ->
     antenna = tree.static_pose(poses.orientation_frame, poses.position_frame)
     if turned is None or antenna is None:
         return poses
-    # Positions are those of one part and turns those of another: the lever arm lies in the axes of the latter.
+    # Positions are those of one frame, rotations those of another: the lever arm is in the axes of the latter.
     lever = turned.position - antenna.position
     if not lever.any() and np.array_equal(turned.rotation, np.eye(3)):
         return poses
@@ -187,7 +187,7 @@ def _chosen(recording: Recording, name: str | None, *, is_odometry: bool) -> Top
 
 
 def _remedy(recording: Recording, option: str) -> str:
-    """How to come by poses where no topic has them: of frames, if there are transforms, or of a file."""
+    """Advice where no topic has poses: two frames, if there are transforms, or a file."""
     if not recording.of_type(*TRANSFORMS):
         return f". Give them as a file: {option}."
     frames = TransformTree.read(recording).frames

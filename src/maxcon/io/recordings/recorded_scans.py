@@ -24,18 +24,18 @@ __all__ = ["RecordedScans"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Index:
-    """Where the scans are.
+    """Times of all clouds of a recording, and which of them are scans.
 
     Parameters
     ----------
     recorded : array, shape (k,)
         When each cloud was recorded, ns, in the order of the recording.
     times : array, shape (n,)
-        Of the scans, s, strictly increasing.
+        Times of the scans, s, strictly increasing.
     rows : array, shape (n,)
         Which of the clouds each scan is.
     kinds : dict of str to int
-        How the times of points were understood, and in how many clouds.
+        Number of clouds by `PointTimes.kind`.
     n_repeated : int
         Clouds left out, as another has the same time.
     """
@@ -73,7 +73,7 @@ class RecordedScans(Scans):
         return cls(open_clouds(path, topic), at_stamp=at_stamp)
 
     def find_times(self, progress: Progress | None = None) -> None:
-        """Find the times of all scans now, and tell how far that is; else it is done when they are first asked for.
+        """Find the times of all scans now, with progress; otherwise that is done when they are first needed.
 
         Parameters
         ----------

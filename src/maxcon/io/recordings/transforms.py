@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Transforms between frames (TF) in a recording: where one frame is in another, over time or for good."""
+"""Transforms between frames (TF) in a recording: the pose of one frame in another, over time or static."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ __all__ = ["TRANSFORMS", "TransformTree", "parse_frames"]
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 """Kinds of messages that hold transforms."""
 STATIC = "tf_static"
-"""How the names of topics end whose transforms hold for good."""
+"""End of the names of topics with static transforms."""
 LARGEST_GAP = 2.0
-"""Between two transforms of a pair of frames, s: no pose is made of what lies between them."""
+"""Largest time between two transforms of a pair of frames to interpolate across, s."""
 N_ROW = 8
 
 
@@ -41,7 +41,7 @@ def parse_frames(text: str, option: str) -> tuple[str, str]:
     Raises
     ------
     OptionError
-        If it names not two.
+        If these are not two names.
     """
     frames = tuple(frame_name(part) for part in text.split(":"))
     if len(frames) != 2 or not all(frames):
@@ -69,7 +69,7 @@ class _Link:
 
 @dataclass(frozen=True, slots=True)
 class _Step:
-    """One link of a way between two frames, taken as it is (from the parent down) or backwards."""
+    """One link of a path between two frames, passed from parent to child (`is_down`) or from child to parent."""
 
     child: str
     link: _Link
@@ -84,7 +84,7 @@ class TransformTree:
     path : Path
         Of the recording, for messages.
     links : dict of str to list of _Link
-        By the frame whose place they tell; more than one where it has several parents.
+        Links of each frame to its parents, by its name; more than one where it has several parents.
     """
 
     def __init__(self, path: Path, links: dict[str, list[_Link]]) -> None:
@@ -92,7 +92,7 @@ class TransformTree:
 
     @classmethod
     def read(cls, recording: Recording, *, is_static_only: bool = False) -> TransformTree:
-        """Return the transforms of a recording, or those that hold for good alone; one pass through their topics.
+        """Return the transforms of a recording, or the static ones only; one pass through their topics.
 
         Raises
         ------
@@ -126,7 +126,7 @@ class TransformTree:
         return tuple(sorted(parents | set(self._links)))
 
     def trajectory(self, fixed: str, moving: str) -> tuple[Trajectory, str]:
-        """Return T_fixed_moving over time, and the way between the two frames in words.
+        """Return T_fixed_moving over time, and the path between the two frames in words.
 
         Its poses are at the times of all moving links together, as far as all of them reach; between two transforms
         positions are linear, and turns take the shortest arc.
@@ -174,7 +174,7 @@ class TransformTree:
         return Pose.from_rotation(positions[0], turns.as_matrix()[0])
 
     def _way(self, fixed: str, moving: str) -> list[_Step]:
-        """The links from one frame to another: up to the first common one, and down."""
+        """The links from one frame to another: up to their first common ancestor, and down."""
         frames = self.frames
         for frame in (fixed, moving):
             if frame not in frames:
@@ -215,7 +215,7 @@ def _link(links: dict[str, list[_Link]], child: str, parent: str, *, is_static: 
     several = links.setdefault(child, [])
     for link in several:
         if link.parent == parent:
-            # What is on both topics moves: the static one is where it was at first.
+            # A link on both topics moves: its static transform is taken for the first of its poses.
             link.is_static &= is_static
             return link
     several.append(_Link(parent, is_static))
@@ -243,7 +243,7 @@ def _common_times(tables: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
 def _along(
     steps: Sequence[_Step], tables: Sequence[NDArray[np.float64]], times: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], Rotation]:
-    """Positions and turns at some times of the end of a way, given the table of each of its links."""
+    """Positions and rotations of the end of a path at some times, from the table of each of its links."""
     parts = [_at(table, times) for table in tables]
     return reduce(
         _composed,

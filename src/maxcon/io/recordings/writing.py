@@ -19,7 +19,7 @@ CHUNK_BYTES = 2**20
 
 
 class RecordingKind(StrEnum):
-    """What recorders write."""
+    """Kinds of recordings that can be written."""
 
     ROS1 = "bag"
     ROS2 = "ros2"
@@ -56,7 +56,7 @@ class RecordingWriter(ABC):
         self._append(self._channels[entry.topic], round(entry.time * 1e9), entry.type, content)
 
     def _built(self, kind: str, values: dict[str, Any]) -> Any:
-        """The message of nested values; what is not given is left at 0."""
+        """Return a message from nested values; fields that are not given are 0."""
         return _built(self.store, kind, values)
 
     @abstractmethod
@@ -134,7 +134,7 @@ def check_writers() -> None:
 def open_writer(
     path: Path, kind: RecordingKind, *, overwrite: bool
 ) -> AbstractContextManager[RecordingWriter]:
-    """Return what opens a writer and puts the recording in its place when it is whole."""
+    """Return a context manager that opens a writer, and moves the recording to its path once it is complete."""
     check_writers()
     if kind is RecordingKind.ROS1:
         return _ros1_writer(path)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""What is in scans, told from the first few of them: fields, times of points, rings, rate, extent, normals."""
+"""A description of scans from the first few of them: fields, times of points, rings, rate, extent, normals."""
 
 import os
 from collections.abc import Iterator
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["RecordingDescription", "ScansDescription", "describe"]
 
 N_SCANS = 10
-"""Scans that are looked at."""
+"""Scans of each scanner that are read for it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class ScansDescription:
     n_scans : int
         How many there are.
     n_seen : int
-        How many were looked at: the first ones.
+        How many of them were read: the first ones.
     fields : str
         What is stored of each point.
     times : str
@@ -49,15 +49,15 @@ class ScansDescription:
     rate : float or None
         Scans in a second.
     n_points, n_invalid, n_duplicates : int
-        Of the scans looked at, together: all points, those that are no returns, those that come twice.
+        In all scans that were read: points, those of them without a return, and those that come twice.
     ranges : tuple of 3 float, or None
         Nearest, median and farthest of their returns, m.
     low, high : tuple of 3 float, or None
         Least and largest x, y, z, sensor frame, m.
     share_with_normal : float or None
-        Of the points of the first scan that has some, between 1 m and 120 m.
+        Share of points with a normal, of those between 1 m and 120 m in the first scan with points.
     problem : str
-        Why one of them cannot be read.
+        Why one of these scans cannot be read; empty if all can.
     """
 
     source: str
@@ -79,7 +79,7 @@ class ScansDescription:
 
 @dataclass(frozen=True, slots=True)
 class RecordingDescription:
-    """What scans come from: topics and notes of a recording (none for folders), and each of its scanners."""
+    """Topics and notes of a recording (none for folders of scans), and its scanners."""
 
     topics: tuple[Topic, ...]
     notes: tuple[str, ...]
@@ -88,7 +88,7 @@ class RecordingDescription:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Seen:
-    """One scan that was looked at."""
+    """One scan that was read."""
 
     points: NDArray[np.float64]
     time: float
@@ -101,14 +101,14 @@ class _Seen:
 
 
 def describe(path: str | os.PathLike[str], topic: str | None = None) -> RecordingDescription:
-    """Return what is in scans or a recording; of each scanner the first ten scans are read.
+    """Describe scans or a recording; of each scanner the first ten scans are read.
 
     Parameters
     ----------
     path : path
         As `open_scans` takes it.
     topic : str, optional
-        Look at this one alone.
+        The only topic to describe; all with clouds if None.
 
     Raises
     ------
@@ -139,7 +139,7 @@ def describe(path: str | os.PathLike[str], topic: str | None = None) -> Recordin
 
 
 def _clouds(clouds: "Iterator[RecordedCloud]") -> Iterator[_Seen | FileError]:
-    """Look at the first of them."""
+    """Read the first clouds."""
     from maxcon.io.recordings.point_cloud2 import fields_in_words
 
     for cloud in islice(clouds, N_SCANS):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""DeskewedScans: scans of a moving sensor, each as seen from where it was at the time of the scan."""
+"""DeskewedScans: scans of a moving sensor, with all points as seen from its pose at the time of the scan."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ class DeskewedScans(Scans):
     scans : Scans
         As they were recorded.
     motion : Trajectory
-        T_any_sensor in any frame that stands, on the clock of the scans.
+        T_fixed_sensor in any fixed frame, on the clock of the scans.
     max_gap : float
         Largest time between two of its poses to interpolate across, s.
     turn_time : float, optional
@@ -39,7 +39,7 @@ class DeskewedScans(Scans):
         return self._scans.name(i)
 
     def read(self, i: int, min_range: float = 1.0, max_range: float = 120.0) -> RawScan:
-        """Return scan number `i`; its ranges are those that were measured.
+        """Return scan number `i`, deskewed; range limits apply to the ranges as measured.
 
         Raises
         ------

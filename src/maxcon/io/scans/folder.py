@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from maxcon.errors import FileError
 from maxcon.io.recordings.point_times import PointTimes, find_point_times
-from maxcon.io.scans.points import SCAN_SUFFIXES, ScanFile, read_scan_file
+from maxcon.io.scans.points import SCAN_SUFFIXES, read_scan_file
 from maxcon.io.scans.raw_scan import RawScan, Scans, check_range, returns_in_range
+from maxcon.io.scans.scan_file import ScanFile
 from maxcon.io.scans.times import in_natural_order, times_from_file, times_from_names
 
 __all__ = ["ScanFolder", "open_scan_folder"]

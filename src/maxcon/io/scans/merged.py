@@ -16,7 +16,7 @@ from maxcon.io.scans.raw_scan import RawScan, Scans, nearest_in_time
 __all__ = ["MergedScans"]
 
 LONELY_GAP = 0.1
-"""Scans of other scanners may be so far from the first one's only scan, s."""
+"""Where the first scanner has a single scan: largest distance in time to scans of the others, s."""
 
 
 class MergedScans(Scans):
@@ -30,7 +30,7 @@ class MergedScans(Scans):
     poses : sequence of Pose
         T_vehicle_sensor of each.
     names : sequence of str
-        Of the scanners, for messages.
+        Names of the scanners, for messages.
 
     Raises
     ------
@@ -50,7 +50,7 @@ class MergedScans(Scans):
 
     @property
     def times(self) -> NDArray[np.float64]:  # type: ignore[override]
-        """Of the first scanner's scans, shape (n,), s, strictly increasing."""
+        """Times of the first scanner's scans, shape (n,), s, strictly increasing."""
         return self.scanners[0].times
 
     @cached_property
@@ -90,7 +90,7 @@ class MergedScans(Scans):
     def read(self, i: int, min_range: float = 1.0, max_range: float = 120.0) -> RawScan:
         """Return epoch number `i`, in the frame of the vehicle; ranges are those of each scanner.
 
-        A scan whose points have no times counts as measured at its own time, where others lie besides.
+        Points without times of their own get the time of their scan, if scans of the epoch differ in time.
 
         Raises
         ------

@@ -1,10 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The points of a PCD file, and their times; only compressed ones need the package pypcd4."""
+"""Reads PCD files; only DATA binary_compressed needs the package pypcd4."""
 
 import io
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -15,37 +14,14 @@ from maxcon.errors import FileError, MissingExtraError
 from maxcon.io.clouds.base import as_file_error, as_float64
 from maxcon.io.recordings.point_times import TIME_FIELDS, Column
 from maxcon.io.scans.pcd_header import PcdLayout, read_pcd_layout
+from maxcon.io.scans.scan_file import ScanFile
 from maxcon.io.text import read_table
 
-__all__ = ["PcdPoints", "read_pcd", "read_pcd_points"]
+__all__ = ["read_pcd"]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PcdPoints:
-    """What a PCD file holds of its points.
-
-    Parameters
-    ----------
-    points : array, shape (n, 3), float64
-        x, y, z, m, also of those that are no returns.
-    times : dict of str to (str, array of shape (n,))
-        Fields that may say when each was measured: type as NumPy names it, and numbers.
-    fields : str
-        All fields, with their types.
-    """
-
-    points: NDArray[np.float64]
-    times: dict[str, Column]
-    fields: str
-
-
-def read_pcd_points(file: Path, n_most: int) -> NDArray[np.float64]:
-    """Return x, y, z of all points alone; parameters and errors as of `read_pcd`."""
-    return read_pcd(file, n_most).points
-
-
-def read_pcd(file: Path, n_most: int) -> PcdPoints:
-    """Return all points of a file with what may be their times.
+def read_pcd(file: Path, n_most: int) -> ScanFile:
+    """Return the points of a PCD file, and the fields that may be their times.
 
     Parameters
     ----------
@@ -73,8 +49,8 @@ def read_pcd(file: Path, n_most: int) -> PcdPoints:
         return _content(layout, lambda name: records[f"f{layout.fields.index(name)}"])
 
 
-def _content(layout: PcdLayout, column: Callable[[str], NDArray[Any]]) -> PcdPoints:
-    """Points and times, from what returns the numbers of a field."""
+def _content(layout: PcdLayout, column: Callable[[str], NDArray[Any]]) -> ScanFile:
+    """Points and possible times of a file whose values `column` returns by the name of the field."""
     kinds = dict(
         zip(layout.fields, (np.dtype(f"<{kind.lower()}").name for kind in layout.types), strict=True)
     )
@@ -85,7 +61,7 @@ def _content(layout: PcdLayout, column: Callable[[str], NDArray[Any]]) -> PcdPoi
         if name.lower() in TIME_FIELDS and count == 1 and layout.fields.count(name) == 1
     ]
     times: dict[str, Column] = {name: (kinds[name], column(name)) for name in once}
-    return PcdPoints(points, times, ", ".join(f"{name} {kind}" for name, kind in kinds.items()))
+    return ScanFile(points, times, ", ".join(f"{name} {kind}" for name, kind in kinds.items()))
 
 
 def _read_ascii(file: Path, stream: BinaryIO, layout: PcdLayout) -> NDArray[np.float64]:

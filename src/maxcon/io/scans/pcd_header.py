@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The header of a PCD file, held against the file before its points are read."""
+"""The header of a PCD file, checked against the size of the file before its points are read."""
 
 import struct
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ KEYS = ("VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPO
 
 @dataclass(frozen=True, slots=True)
 class PcdLayout:
-    """What a PCD file holds.
+    """Where the points of a PCD file are, and their fields.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def _count_points(file: Path, header: dict[str, list[str]], n_most: int) -> int:
 
 
 def _check_size(file: Path, stream: BinaryIO, layout: PcdLayout) -> None:
-    """Hold the points against the bytes that are there; the stream is left at their start."""
+    """Check the number of points against the bytes that are there; the stream is left at their start."""
     n_there = stream.seek(0, 2) - layout.start
     stream.seek(layout.start)
     n_needed = layout.n_points * layout.dtype.itemsize

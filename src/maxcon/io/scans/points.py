@@ -1,8 +1,7 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The points of one scan file, whole, and their times; the suffix says how they are read."""
+"""Reads a scan file of any format; the suffix tells which."""
 
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +10,11 @@ from numpy.typing import NDArray
 from maxcon.errors import FileError
 from maxcon.io.clouds import open_cloud
 from maxcon.io.clouds.base import as_float64
-from maxcon.io.recordings.point_times import Column
 from maxcon.io.scans.pcd import read_pcd
+from maxcon.io.scans.scan_file import ScanFile
 from maxcon.regular_file import check_regular
 
-__all__ = ["MAX_SCAN_POINTS", "SCAN_SUFFIXES", "ScanFile", "read_scan_file", "read_scan_points"]
+__all__ = ["MAX_SCAN_POINTS", "SCAN_SUFFIXES", "read_scan_file"]
 
 SCAN_SUFFIXES = (".bin", ".pcd", ".las", ".laz", ".ply", ".npz")
 # The densest scanners return some hundred thousand points per turn; more is a map in the wrong place, and would take
@@ -24,32 +23,8 @@ MAX_SCAN_POINTS = 5_000_000
 KITTI_RECORD = 16
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ScanFile:
-    """What a file holds of a scan.
-
-    Parameters
-    ----------
-    points : array, shape (n, 3), float64
-        Sensor frame, m, also of those that are no returns.
-    times : dict of str to (str, array of shape (n,))
-        Fields that may say when each was measured: type as NumPy names it, and numbers. Of PCD files alone.
-    fields : str
-        All that is stored of each point, where that is told.
-    """
-
-    points: NDArray[np.float64]
-    times: dict[str, Column] = field(default_factory=dict)
-    fields: str = ""
-
-
-def read_scan_points(file: Path) -> NDArray[np.float64]:
-    """Return all points of a scan, shape (n, 3), sensor frame, m; errors as of `read_scan_file`."""
-    return read_scan_file(file).points
-
-
 def read_scan_file(file: Path) -> ScanFile:
-    """Return all points of a scan with what may be their times.
+    """Return the points of a scan file, and the fields that may be their times.
 
     Raises
     ------
@@ -64,8 +39,7 @@ def read_scan_file(file: Path) -> ScanFile:
         if suffix == ".bin":
             return ScanFile(_read_kitti(file))
         if suffix == ".pcd":
-            content = read_pcd(file, MAX_SCAN_POINTS)
-            return ScanFile(content.points, content.times, content.fields)
+            return read_pcd(file, MAX_SCAN_POINTS)
         return ScanFile(_read_cloud(file))
     except OSError as error:
         raise FileError(

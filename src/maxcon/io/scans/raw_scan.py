@@ -19,14 +19,14 @@ __all__ = ["RawScan", "Scans", "check_range", "nearest_in_time", "returns_in_ran
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RawScan:
-    """The points of one epoch as they came from a file, less what is no return or out of range.
+    """The points of one epoch as they stand in a file, without those that are no returns or out of range.
 
     Parameters
     ----------
     points : array, shape (n, 3), float64
         Sensor frame, m. May be empty.
     time : float
-        s.
+        Time of the scan, s.
     name : str
         Name of the file.
     n_returns : int
@@ -36,11 +36,11 @@ class RawScan:
     n_dropped_range : int
         Points nearer than the smallest or farther than the largest range.
     n_dropped_duplicates : int
-        Points at the very place of another, where such are looked for: in recordings.
+        Points with the same coordinates as another; only those of recordings are checked.
     point_times : array, shape (n,), or None
         When each point was measured, s after `time`; None where that is not known.
     viewpoints : Viewpoints or None
-        Where each was measured from, if there are several scanners: points are in the frame of the vehicle then.
+        Where each point was measured from, if there are several scanners; points are in the vehicle's frame then.
     """
 
     points: NDArray[np.float64]
@@ -60,7 +60,7 @@ class Scans(ABC):
     __slots__ = ()
 
     times: NDArray[np.float64]
-    """Of the scans, shape (n,), s, strictly increasing."""
+    """Times of the scans, shape (n,), s, strictly increasing."""
 
     @abstractmethod
     def name(self, i: int) -> str:
@@ -133,14 +133,14 @@ def _ranges(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[n
         squared += y * y
         squared += z * z
     is_return = (squared > 0.0) & (squared < np.inf)
-    # Squares leave the range of float64 before coordinates do: what looks like no return is looked at.
+    # Squares leave the range of float64 before coordinates do: points that seem to be no returns are checked exactly.
     rows = np.flatnonzero(~is_return)
     is_return[rows] = np.isfinite(points[rows]).all(axis=1) & points[rows].any(axis=1)
     return np.sqrt(squared), is_return
 
 
 def nearest_in_time(times: NDArray[np.float64], wanted: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Which of some rising times is nearest to each wanted one, shape (n,); the earlier of two that are as near."""
+    """Number of the one of some rising times nearest to each wanted one, shape (n,); at ties the earlier."""
     after = np.searchsorted(times, wanted).clip(max=len(times) - 1)
     before = (after - 1).clip(min=0)
     return np.where(wanted - times[before] <= times[after] - wanted, before, after)

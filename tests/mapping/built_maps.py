@@ -1,0 +1,35 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Maps built of files: their voxels side by side, and what lies beside them."""
+
+import numpy as np
+
+from maxcon import Pose, Trajectory
+
+CELL = 0.06
+
+
+def by_index(point_map):
+    """The voxels of a map as a dictionary: index to (count, normal)."""
+    indices, counts, normals = point_map.all_voxels()
+    return {tuple(i): (int(c), n) for i, c, n in zip(indices.tolist(), counts, normals, strict=True)}
+
+
+def assert_same_voxels(one, other, *, normals_too=True):
+    one, other = by_index(one), by_index(other)
+    assert {i: count for i, (count, _) in one.items()} == {i: count for i, (count, _) in other.items()}
+    if normals_too:
+        for index, (_, normal) in one.items():
+            np.testing.assert_allclose(normal, other[index][1], atol=1e-5)
+
+
+def left_over(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def axis_errors_deg(normals, true):
+    return np.degrees(np.arccos(np.clip(np.abs((normals * true).sum(axis=1)), 0.0, 1.0)))
+
+
+def trajectory_at(times, positions):
+    return Trajectory.from_poses(times, [Pose(*position, 0.0, 0.0, 0.0) for position in positions])
