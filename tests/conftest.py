@@ -21,9 +21,13 @@ settings.load_profile("maxcon")
 
 
 @pytest.fixture(scope="session")
-def shared_data():
-    """The folder of real data: $MAXCON_DATA, or ../shared/data beside the repository."""
-    folder = Path(os.environ.get("MAXCON_DATA", Path(__file__).parents[2] / "shared" / "data"))
-    if not folder.is_dir():
-        pytest.skip(f"no real data at {folder}; set MAXCON_DATA")
-    return folder
+def real_data():
+    """Find a part of the real data, in $MAXCON_DATA or ../shared/data beside the repository; skip where it is not."""
+    root = Path(os.environ.get("MAXCON_DATA", Path(__file__).parents[2] / "shared" / "data"))
+
+    def find(part):
+        if not (root / part).exists():
+            pytest.skip(f"no real data at {root / part}; set MAXCON_DATA")
+        return root / part
+
+    return find

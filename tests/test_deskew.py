@@ -103,11 +103,9 @@ def _rigid(before, after):
 
 
 @pytest.fixture
-def newer(shared_data):
+def newer(real_data):
     """Three scans: as measured (turned to the axes of the published ones), published deskewed ones, times (s)."""
-    folder = shared_data / "recorders" / "drives" / "gtsam_points" / "newer_06"
-    if not folder.is_dir():
-        pytest.skip(f"no {folder}")
+    folder = real_data("recorders/drives/gtsam_points/newer_06")
 
     def read(name):
         return np.fromfile(folder / name, "<f4").astype(np.float64)

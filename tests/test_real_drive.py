@@ -20,11 +20,8 @@ from maxcon.search import exhaustive, reference
 
 
 @pytest.fixture(scope="module")
-def drive_folder(shared_data):
-    folder = shared_data / "kitti-0013"
-    if not folder.is_dir():
-        pytest.skip(f"no drive at {folder}")
-    return folder
+def drive_folder(real_data):
+    return real_data("kitti-0013")
 
 
 @pytest.fixture(scope="module")
@@ -113,10 +110,8 @@ def test_every_epoch_of_the_main_road_is_right(drive_folder, city, prior):
 
 
 @pytest.fixture(scope="module")
-def suburb(shared_data, tmp_path_factory):
-    folder = shared_data / "kitti360-suburb"
-    if not folder.is_dir():
-        pytest.skip(f"no drive at {folder}")
+def suburb(real_data, tmp_path_factory):
+    folder = real_data("kitti360-suburb")
     out = tmp_path_factory.mktemp("suburb") / "suburb.map"
     options = MapOptions(trajectory=read_trajectory(folder / "map" / "trajectory.txt"))
     build_map([folder / "map" / "map.laz"], out, options)

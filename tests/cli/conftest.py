@@ -128,6 +128,14 @@ def refused():
 
 
 @pytest.fixture
+def out(tmp_path):
+    """An empty folder for what a command writes."""
+    folder = tmp_path / "out"
+    folder.mkdir()
+    return folder
+
+
+@pytest.fixture
 def street():
     """Points of two walls, shape (n, 3), in global coordinates of UTM, m."""
     rng = np.random.default_rng(1)

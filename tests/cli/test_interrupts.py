@@ -26,13 +26,6 @@ main()
 
 
 @pytest.fixture
-def out(tmp_path):
-    folder = tmp_path / "out"
-    folder.mkdir()
-    return folder
-
-
-@pytest.fixture
 def stop_when_begun(maxcon_process):
     """Start a command, send it a signal as soon as `began()`, and return its exit code and stderr."""
 

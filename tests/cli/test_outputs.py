@@ -23,13 +23,6 @@ def _small_disk(limit=LIMIT):
 
 
 @pytest.fixture
-def out(tmp_path):
-    folder = tmp_path / "out"
-    folder.mkdir()
-    return folder
-
-
-@pytest.fixture
 def localize(drive):
     """The arguments that localize the drive."""
     return ("localize", drive.city, drive.dataset.scans, "--prior", drive.dataset.prior, "-o")

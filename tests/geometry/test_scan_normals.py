@@ -367,11 +367,9 @@ def test_many_points_take_bounded_memory_and_time():
 
 
 @pytest.mark.parametrize("drive", ["kitti360-suburb/scans", "kitti360-suburb/scans_raw", "kitti-0013/scans"])
-def test_real_scans_have_horizontal_normals(shared_data, drive):
+def test_real_scans_have_horizontal_normals(real_data, drive):
     """Every fourth of 64 layers; the deskewed ones had none once."""
-    folder = shared_data / drive
-    if not folder.is_dir():
-        pytest.skip(f"no scans at {folder}")
+    folder = real_data(drive)
     scans = open_scans(folder)
     for i in range(0, len(scans), 8):
         normals = estimate_scan_normals(scans.read(i).points)

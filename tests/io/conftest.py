@@ -1,24 +1,13 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Real data where it is present, and the breaking of files."""
+"""The breaking of files."""
 
-import os
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from maxcon.errors import MaxconError
-
-
-@pytest.fixture(scope="session")
-def shared_data():
-    """The folder of real data: $MAXCON_DATA, or ../shared/data beside the repository."""
-    folder = Path(os.environ.get("MAXCON_DATA", Path(__file__).parents[3] / "shared" / "data"))
-    if not folder.is_dir():
-        pytest.skip(f"no real data at {folder}; set MAXCON_DATA")
-    return folder
 
 
 def broken_copies(whole, n_copies, seed=0):

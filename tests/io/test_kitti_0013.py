@@ -12,11 +12,8 @@ from maxcon.io.trajectories import read_trajectory
 
 
 @pytest.fixture(scope="module")
-def drive(shared_data):
-    folder = shared_data / "kitti-0013"
-    if not folder.is_dir():
-        pytest.skip(f"no drive at {folder}")
-    return folder
+def drive(real_data):
+    return real_data("kitti-0013")
 
 
 def test_the_map(drive):

@@ -203,11 +203,9 @@ def test_which_files_are_logs(tmp_path):
     assert not is_nmea(tmp_path / "c.txt") and not is_geographic(tmp_path / "c.tum")
 
 
-def test_every_real_log_is_read_or_refused_in_a_line(shared_data):
+def test_every_real_log_is_read_or_refused_in_a_line(real_data):
     """Words of the refusal of each, or how many positions it has."""
-    folder = shared_data / "recorders" / "nmea"
-    if not folder.is_dir():
-        pytest.skip(f"no {folder}")
+    folder = real_data("recorders/nmea")
     expected = {
         "hemi.log": 4,  # of 21 positions, those with a heading
         "nmea-rtk.log": 122,
@@ -232,10 +230,8 @@ def test_every_real_log_is_read_or_refused_in_a_line(shared_data):
         assert wanted == seen[name] if isinstance(wanted, int) else wanted in seen[name], seen[name]
 
 
-def test_heights_times_and_sigmas_of_a_real_log(shared_data):
-    path = shared_data / "recorders" / "nmea" / "gpsd" / "nmea-rtk.log"
-    if not path.is_file():
-        pytest.skip(f"no {path}")
+def test_heights_times_and_sigmas_of_a_real_log(real_data):
+    path = real_data("recorders/nmea/gpsd/nmea-rtk.log")
     log = read_nmea(path)
     np.testing.assert_allclose(
         log.fixes.places[0], [41 + 34.49795459 / 60, -(93 + 45.03431408 / 60), 246.719]

@@ -141,10 +141,8 @@ def test_what_is_no_area(text):
         Area.parse(text)
 
 
-def test_real_copc_files_as_a_whole_and_by_area(shared_data, tmp_path):
-    folder = shared_data / "recorders" / "copc"
-    if not folder.is_dir():
-        pytest.skip(f"no {folder}")
+def test_real_copc_files_as_a_whole_and_by_area(real_data, tmp_path):
+    folder = real_data("recorders/copc")
     lone_star = (
         folder / "PDAL" / "lone-star.copc.laz"
     )  # it says geocentric, and has coordinates of a UTM zone

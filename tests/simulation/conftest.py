@@ -2,8 +2,11 @@
 # SPDX-License-Identifier: MIT
 """One small world and one small dataset, the two campaigns, and a piece of a suburb, built once."""
 
+import sys
+
 import pytest
 
+from maxcon.cli import main
 from maxcon.simulation import (
     CampaignWorld,
     ProfileScanner,
@@ -33,6 +36,27 @@ def city(world):
 @pytest.fixture
 def thin_profiles():
     return THIN_PROFILES
+
+
+@pytest.fixture
+def thinnest_profiles():
+    """A profile scanner of so few points that its map is of no use, but written at once."""
+    return (ProfileScanner(line_rate=2.0, points_per_line=30),)
+
+
+@pytest.fixture
+def simulate_command(monkeypatch, capsys):
+    """Run `maxcon simulate` in this process; return its exit code and what it printed."""
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["maxcon", "simulate", *map(str, arguments)])
+        try:
+            main()
+        except SystemExit as ended:
+            return ended.code or 0, capsys.readouterr()
+        return 0, capsys.readouterr()
+
+    return call
 
 
 @pytest.fixture(scope="session")

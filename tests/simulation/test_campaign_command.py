@@ -2,33 +2,16 @@
 # SPDX-License-Identifier: MIT
 """`maxcon simulate --campaign`: what is passed on, what is printed, what is refused."""
 
-import sys
 from dataclasses import replace
 
 import pytest
 
 import maxcon.simulation
-from maxcon.cli import main
-from maxcon.simulation import ProfileScanner, simulate_campaign
-
-THINNEST = (ProfileScanner(line_rate=2.0, points_per_line=30),)
+from maxcon.simulation import simulate_campaign
 
 
 @pytest.fixture
-def run(monkeypatch, capsys):
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["maxcon", "simulate", *map(str, arguments)])
-        try:
-            main()
-        except SystemExit as ended:
-            return ended.code or 0, capsys.readouterr()
-        return 0, capsys.readouterr()
-
-    return call
-
-
-@pytest.fixture
-def asked(monkeypatch, campaign, thin_scanner):
+def asked(monkeypatch, campaign, thin_scanner, thinnest_profiles):
     """What simulate_campaign is asked for; it writes one epoch and a thin map."""
     calls = []
     world = replace(campaign, map_drives=campaign.map_drives[:1])
@@ -37,14 +20,14 @@ def asked(monkeypatch, campaign, thin_scanner):
     def thinly(out, **options):
         calls.append({key: options[key] for key in ("n_epochs", "every", "seed", "is_hard", "overwrite")})
         options["n_epochs"] = 1
-        return simulate_campaign(out, **options, mapping_scanners=THINNEST, scanner=thin_scanner)
+        return simulate_campaign(out, **options, mapping_scanners=thinnest_profiles, scanner=thin_scanner)
 
     monkeypatch.setattr(maxcon.simulation, "simulate_campaign", thinly)
     return calls
 
 
-def test_campaign_says_what_it_wrote(run, asked, tmp_path):
-    code, printed = run(tmp_path / "out", "--campaign")
+def test_campaign_says_what_it_wrote(simulate_command, asked, tmp_path):
+    code, printed = simulate_command(tmp_path / "out", "--campaign")
     assert (code, printed.err) == (0, "")
     assert asked == [{"n_epochs": 3001, "every": None, "seed": 0, "is_hard": False, "overwrite": False}]
     lines = printed.out.splitlines()
@@ -63,8 +46,8 @@ def test_campaign_says_what_it_wrote(run, asked, tmp_path):
     assert parts["prior uniform"] == str(tmp_path / "out" / "prior_uniform.txt")
 
 
-def test_hard_and_the_number_of_epochs_are_passed_on(run, asked, tmp_path):
-    code, _ = run(
+def test_hard_and_the_number_of_epochs_are_passed_on(simulate_command, asked, tmp_path):
+    code, _ = simulate_command(
         tmp_path / "out", "--campaign", "--hard", "--epochs", "200", "--every", "0.5", "--seed", "4"
     )
     assert code == 0
@@ -79,8 +62,8 @@ def test_hard_and_the_number_of_epochs_are_passed_on(run, asked, tmp_path):
         (("--campaign", "--epochs", "3002"), "maxcon: Expected 1 to 3001 epochs of a campaign"),
     ],
 )
-def test_wrong_options_are_refused(run, tmp_path, options, words):
-    code, printed = run(tmp_path / "out", *options)
+def test_wrong_options_are_refused(simulate_command, tmp_path, options, words):
+    code, printed = simulate_command(tmp_path / "out", *options)
     assert code == 2
     assert printed.err.startswith(words)
     assert printed.err.count("\n") == 1

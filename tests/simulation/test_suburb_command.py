@@ -2,32 +2,14 @@
 # SPDX-License-Identifier: MIT
 """`maxcon simulate --scene suburb` and `--scanner`: what is passed on, what is printed, what is refused."""
 
-import sys
-
 import pytest
 
 import maxcon.simulation
-from maxcon.cli import main
-from maxcon.simulation import ProfileScanner, ScannerLayout, simulate_suburb
-
-THINNEST = (ProfileScanner(line_rate=2.0, points_per_line=30),)
+from maxcon.simulation import ScannerLayout, simulate_suburb
 
 
 @pytest.fixture
-def run(monkeypatch, capsys):
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["maxcon", "simulate", *map(str, arguments)])
-        try:
-            main()
-        except SystemExit as ended:
-            return ended.code or 0, capsys.readouterr()
-        return 0, capsys.readouterr()
-
-    return call
-
-
-@pytest.fixture
-def asked(monkeypatch, suburb):
+def asked(monkeypatch, suburb, thinnest_profiles):
     """What simulate_suburb is asked for; it writes one epoch and a thin map."""
     calls = []
     monkeypatch.setattr(maxcon.simulation.SuburbWorld, "build", lambda *_: suburb)
@@ -35,33 +17,33 @@ def asked(monkeypatch, suburb):
     def thinly(out, **options):
         calls.append({key: value for key, value in options.items() if key not in ("progress", "overwrite")})
         options["n_epochs"] = 1
-        return simulate_suburb(out, **options, mapping_scanners=THINNEST)
+        return simulate_suburb(out, **options, mapping_scanners=thinnest_profiles)
 
     monkeypatch.setattr(maxcon.simulation, "simulate_suburb", thinly)
     return calls
 
 
-def test_a_suburb_says_what_it_wrote(run, asked, tmp_path):
-    code, printed = run(tmp_path / "out", "--scene", "suburb")
+def test_a_suburb_says_what_it_wrote(simulate_command, asked, tmp_path):
+    code, printed = simulate_command(tmp_path / "out", "--scene", "suburb")
     assert (code, printed.err) == (0, "")
     assert asked == [{"n_epochs": 200, "seed": 0}]
     parts = {line[:13].strip(): line[13:].strip() for line in printed.out.splitlines()[1:]}
     assert list(parts) == ["map clouds", "mapping", "scans", "reference", "prior gnss", "prior uniform"]
 
 
-def test_scanner_epochs_and_seed_are_passed_on(run, asked, tmp_path):
+def test_scanner_epochs_and_seed_are_passed_on(simulate_command, asked, tmp_path):
     options = ("--scanner", "vlp-32c", "--epochs", "600", "--seed", "4")
-    code, _ = run(tmp_path / "out", "--scene", "suburb", *options)
+    code, _ = simulate_command(tmp_path / "out", "--scene", "suburb", *options)
     assert code == 0
     assert asked == [{"n_epochs": 600, "seed": 4, "scanner": ScannerLayout.VLP_32C.scanner()}]
 
 
 @pytest.mark.parametrize("options", [(), ("--campaign",)])
-def test_the_city_takes_a_scanner_too(run, monkeypatch, tmp_path, dataset, options):
+def test_the_city_takes_a_scanner_too(simulate_command, monkeypatch, tmp_path, dataset, options):
     calls = []
     name = "simulate_campaign" if options else "simulate"
     monkeypatch.setattr(maxcon.simulation, name, lambda out, **given: calls.append(given) or dataset)
-    code, _ = run(tmp_path / "out", *options, "--scanner", "os1-64")
+    code, _ = simulate_command(tmp_path / "out", *options, "--scanner", "os1-64")
     assert code == 0
     assert calls[0]["scanner"] == ScannerLayout.OS1_64.scanner()
 
@@ -81,8 +63,8 @@ def test_the_city_takes_a_scanner_too(run, monkeypatch, tmp_path, dataset, optio
         ),
     ],
 )
-def test_wrong_options_are_refused(run, tmp_path, options, words):
-    code, printed = run(tmp_path / "out", *options)
+def test_wrong_options_are_refused(simulate_command, tmp_path, options, words):
+    code, printed = simulate_command(tmp_path / "out", *options)
     assert code == 2
     assert printed.err.startswith(words)
     assert printed.err.count("\n") == 1

@@ -27,7 +27,7 @@ Nodes = NDArray[np.int64]
 def sift(scan: SieveScan, regions: Regions, share: float, *, n_threads: int = 1) -> Sifted:
     """Find every cell whose count reaches a share of the highest one: the same as `reference.sift` finds.
 
-    In each region, the bound of a block of 4 x 4 cells is the number of points that match at any of its cells. Blocks
+    In each region, the bound of a block of 4 x 4 cells counts every point that matches at any cell of the block. Blocks
     that may reach the share of the best count so far, of all regions, are split into squares of 2 x 2 cells, the
     highest bound first, and these into cells.
 

@@ -80,9 +80,8 @@ def _are_on_ground(points: NDArray[np.float64], patch: GroundPatch) -> NDArray[n
     filled = patch.heights[:, rows, columns]
     filled[:, far * patch.edge > GROUND_FILL] = np.nan
     cells = np.floor(points[:, :2] / patch.edge).astype(np.int64) - patch.first
-    above = (
-        points[:, 2] - filled[:, cells[:, 1], cells[:, 0]]
-    )  # of each level; comparisons with NaN are false
+    # Height above each level of the ground; comparisons with NaN are false.
+    above = points[:, 2] - filled[:, cells[:, 1], cells[:, 0]]
     is_near = (np.abs(above) <= GROUND_CLEARANCE).any(axis=0)
     return np.asarray(is_near | (above[0] < 0.0))
 

@@ -190,10 +190,8 @@ def test_damaged_bytes_are_read_or_refused(tmp_path_factory, cloud, data):
         assert len(str(error).splitlines()) == 1
 
 
-def test_real_files(shared_data):
-    folder = shared_data / "recorders" / "copc"
-    if not folder.is_dir():
-        pytest.skip(f"no {folder}")
+def test_real_files(real_data):
+    folder = real_data("recorders/copc")
     for path in sorted(folder.rglob("*.copc.laz")):
         points = points_of(path)
         low, high = np.percentile(points[:, :2], [40, 60], axis=0)

@@ -90,10 +90,8 @@ def test_without_the_extra(two_scans, monkeypatch):
         open_cloud(two_scans[0])
 
 
-def test_every_real_file_is_read_or_refused_in_a_line(shared_data):
-    folder = shared_data / "recorders" / "e57"
-    if not folder.is_dir():
-        pytest.skip(f"no {folder}")
+def test_every_real_file_is_read_or_refused_in_a_line(real_data):
+    folder = real_data("recorders/e57")
     expected = {
         "A4_moved.e57": 4, "A_B_different_dims.e57": 2, "A_moved_B.e57": 6, "bunnyDouble.e57": 30_571,
         "bunnyInt19.e57": 30_571, "bunnyInt24.e57": 30_571, "cartesian_invalid_state_single.e57": 1,

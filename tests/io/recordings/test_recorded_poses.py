@@ -210,7 +210,7 @@ def test_positions_and_odometry_of_a_recording(recorded):
     assert read_recorded_poses(path, "/odometry").trajectory.covariances is None
 
 
-def test_poses_that_are_not_there(recorded, shared_data):
+def test_poses_that_are_not_there(recorded, real_data):
     path, _, _ = recorded
     with pytest.raises(CrsError, match="a map with a CRS"):
         read_recorded_poses(path)
@@ -218,7 +218,7 @@ def test_poses_that_are_not_there(recorded, shared_data):
         read_recorded_poses(path, "/imu/data", UTM)
     with pytest.raises(OptionError, match="no such topic"):
         read_recorded_poses(path, "/gps", UTM)
-    bags = shared_data / "recorders" / "ros1bag"
+    bags = real_data("recorders/ros1bag")
     with pytest.raises(FileError, match=r"got none.*--prior"):
         read_recorded_poses(bags / "example.bag", crs=UTM)
     truth = read_recorded_poses(bags / "embag_test.bag")

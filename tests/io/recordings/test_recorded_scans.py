@@ -185,8 +185,8 @@ def test_topics_are_found_or_asked_for(recorded):
         open_scans(path, "times.txt")
 
 
-def test_of_several_topics_one_is_asked_for(shared_data):
-    several = shared_data / "recorders" / "ros1bag" / "rms_1xxx_lms_1xx_movement_off.bag"
+def test_of_several_topics_one_is_asked_for(real_data):
+    several = real_data("recorders/ros1bag/rms_1xxx_lms_1xx_movement_off.bag")
     with pytest.raises(FileError, match=r"/cloud_radar_track.*Choose one with --topic"):
         open_clouds(several)
     assert len(open_scans(several, topic="/cloud")) == 89

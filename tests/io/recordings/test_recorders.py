@@ -25,11 +25,8 @@ HAS_OUSTER = importlib.util.find_spec("ouster") is not None
 
 
 @pytest.fixture(scope="module")
-def recorders(shared_data):
-    folder = shared_data / "recorders"
-    if not folder.is_dir():
-        pytest.skip(f"no {folder}")
-    return folder
+def recorders(real_data):
+    return real_data("recorders")
 
 
 def test_every_recording_is_read_or_refused_in_a_line(recorders):

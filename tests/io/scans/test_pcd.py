@@ -159,9 +159,7 @@ def test_broken_pcd_ends_in_an_error_of_ours(tmp_path, survives_breaking, encodi
     survives_breaking(whole, ".pcd", lambda path: read_pcd(path, 1000))
 
 
-def test_real_scans(shared_data):
-    paths = sorted((shared_data / "street-pcd").glob("*.pcd"))
-    if not paths:
-        pytest.skip(f"no PCD scans in {shared_data / 'street-pcd'}")
+def test_real_scans(real_data):
+    paths = sorted(real_data("street-pcd").glob("*.pcd"))
     shapes = [read_pcd(path, 1_000_000).points.shape for path in paths]
     assert shapes == [(119_978, 3), (116_651, 3), (115_151, 3)]

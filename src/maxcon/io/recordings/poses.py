@@ -56,7 +56,7 @@ class RecordedPoses:
     words : str
         Which topic, what headings and heights are, in a line.
     has_ellipsoidal_heights : bool
-        Whether heights are ellipsoidal ones of a GNSS receiver, unchanged, as the CRS of the map has no kind of height.
+        Whether heights are left ellipsoidal, as of a GNSS receiver: the CRS of the map does not say what its own are.
     has_orientations : bool
         Whether headings are measured; if not, they are the course over ground.
     position_frame, orientation_frame : str
