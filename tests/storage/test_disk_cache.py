@@ -5,6 +5,7 @@
 import hashlib
 import os
 import threading
+from pathlib import Path
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -76,6 +77,20 @@ def test_several_threads_and_caches_share_a_folder(tmp_path):
     for thread in threads:
         thread.join()
     assert sorted(done) == [0, 1, 2, 3]
+
+
+def test_what_another_takes_away_while_it_is_written_is_not_kept(tmp_path, monkeypatch):
+    """Where the budget is small and the machine busy, others make room of what is not whole yet."""
+    write = Path.write_bytes
+
+    def write_and_lose(self, content):
+        write(self, content)
+        self.unlink()
+
+    monkeypatch.setattr(Path, "write_bytes", write_and_lose)
+    cache, content = DiskCache(tmp_path, 5000), b"abc" * 100
+    cache.put(place_of(content), memoryview(content))
+    assert cache.get(place_of(content)) is None
 
 
 def test_where_and_how_many_are_kept(tmp_path, monkeypatch):

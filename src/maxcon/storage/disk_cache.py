@@ -94,7 +94,8 @@ class DiskCache:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             partial.write_bytes(content)
-            partial.replace(path)
+            with suppress(FileNotFoundError):  # another process has made room meanwhile
+                partial.replace(path)
         except OSError as error:
             raise FileError(
                 f"Expected to be able to keep tiles in {self._folder}, got: {error.strerror or error}."
