@@ -184,7 +184,10 @@ def test_a_cluster_started_by_hand_makes_the_same_rows(
     out = tmp_path / "out"
     arguments = ("localize", drive.city, "--drives", table, "-o", out, *NARROW, "--scheduler", cluster)
     ended = maxcon(*arguments)
-    assert (ended.code, ended.err) == (0, "")
+    # Its workers may be starting still.
+    assert ended.code == 0 and set(ended.err.splitlines()) <= {
+        f"waiting up to 30 s for a worker at {cluster}"
+    }
     assert ended.out == f"44 of 44 epochs of 2 drives localized; in {out}\n"
     for name, parts in {"long": long_drive, "short": (drive.dataset.scans, drive.dataset.prior)}.items():
         assert without_times(dataset_rows(out, name)) == without_times(single(name, *parts))

@@ -5,6 +5,7 @@
 import hashlib
 import os
 import threading
+from pathlib import Path
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
