@@ -5,7 +5,6 @@
 import hashlib
 import os
 import threading
-from pathlib import Path
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
