@@ -73,6 +73,14 @@ def test_two_workers_make_the_map_that_threads_make(cloud, options, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["street.laz", "threads.map", "workers.map"]
 
 
+def test_thin_tiles_go_together(tmp_path, cloud_files):
+    points = np.random.default_rng(0).uniform(0.0, 700.0, (2000, 3)) * [1.0, 1.0, 0.01]
+    cloud = cloud_files.npz(tmp_path / "a.npz", points)
+    build_map([cloud], tmp_path / "threads.map")
+    build_map([cloud], tmp_path / "workers.map", engine=Engine(2))
+    assert files_of(tmp_path / "workers.map") == files_of(tmp_path / "threads.map")
+
+
 def kill_a_worker():
     """Kill one of the processes that this one's cluster has started; return whether there was one."""
     import psutil
@@ -116,13 +124,11 @@ def spilled(street, tmp_path):
 
 def test_every_step_may_be_done_twice_and_each_by_another_process(spilled):
     job, keys = spilled
-    for key in keys:
-        job.open()(TileTask(TileStep.GATHER, key))
-        job.open()(TileTask(TileStep.GATHER, key))  # by the one that took over
-    once = [job.open()(TileTask(TileStep.FIND_CLASSES, key)) for key in keys]
-    twice = [job.open()(TileTask(TileStep.FIND_CLASSES, key)) for key in keys]
+    for part in (keys[:3], keys[2:]):  # the third by one that took over, too
+        job.open()(TileTask(TileStep.GATHER, tuple(part)))
+    once, twice = (job.open()(TileTask(TileStep.FIND_CLASSES, tuple(keys))) for _ in range(2))
     assert [found.n_points for found in once] == [found.n_points for found in twice]
-    made = [[job.open()(TileTask(TileStep.MAKE, key)) for key in keys] for _ in range(2)]
+    made = [[job.open()(TileTask(TileStep.MAKE, (key,)))[0] for key in keys] for _ in range(2)]
     assert [tile.record for tile in made[0]] == [tile.record for tile in made[1]]
     assert sum(tile.record.n_points for tile in made[0]) == 246_000
 
@@ -130,14 +136,15 @@ def test_every_step_may_be_done_twice_and_each_by_another_process(spilled):
 def test_a_tile_without_points_is_an_error_and_not_an_empty_tile(spilled):
     job, _ = spilled
     with pytest.raises(FileNotFoundError):
-        job.open()(TileTask(TileStep.GATHER, (99, 99)))
+        job.open()(TileTask(TileStep.GATHER, ((99, 99),)))
 
 
 def test_a_map_without_one_of_its_tiles_is_refused():
     job = TileJob(Path(), CELL, has_normals=False, is_signed=False, finds_surfaces=False)
-    task = TileTask(TileStep.MAKE, (3, -4))
-    assert job.split(task) == [task]
+    task = TileTask(TileStep.MAKE, ((3, -4), (5, 6)))
+    one, _ = job.split(task)
+    assert one == TileTask(TileStep.MAKE, ((3, -4),))
     with pytest.raises(
         MapError, match=r"Expected to make all tiles of the map, but of tile \(3, -4\) it crashes"
     ):
-        job.lost(task, "it crashes")
+        job.lost(one, "it crashes")

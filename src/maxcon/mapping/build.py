@@ -45,6 +45,8 @@ __all__ = ["build_map"]
 
 # Each thread holds a part of a tile's points and its voxels, about 0.25 GiB: more threads only on demand.
 MOST_THREADS = 4
+# Threads are in each other's way at tiles with fewer points: what is compiled has little to do there.
+LEAST_POINTS_TO_SHARE = 500
 # A street has some 100,000 points in a tile of 30 m, an aeroplane some 10,000. So few in so many are another unit.
 MOST_SPARSE_TILES, LEAST_POINTS_OF_TILE = 20_000, 200
 
@@ -72,8 +74,8 @@ def build_map(
     overwrite : bool
         Whether a map that stands there is replaced; anything else there is an error.
     n_threads : int, optional
-        Tiles made at the same time in this process; the number of processors, but at most 4, if None. Each takes
-        about 0.25 GiB. The map does not depend on it.
+        Tiles made at the same time in this process; the number of processors, but at most 4, if None, and one where
+        tiles have few points. Each takes about 0.25 GiB. The map does not depend on it.
     engine : Engine, optional
         Whose workers make the tiles instead, if it has others than this process; the map does not depend on it. They
         find points and voxels in files beside `out`, which has the same path for all.
@@ -129,7 +131,8 @@ def build_map(
             drop=None if found is None else drop_found,
         )
         with MapWriter(folder) as writer:
-            with _workers(job, spill, sightings, engine, n_threads) as do:
+            n_points = sum(source.n_kept for source in counts)
+            with _workers(job, spill, sightings, n_points, engine, n_threads) as do:
                 _write_tiles(writer, do, spill.keys, found, ground_maker, report)
             for tile in ground_maker.tiles():
                 writer.add_ground(tile)
@@ -146,15 +149,23 @@ def build_map(
 
 
 def _workers(
-    job: TileJob, spill: TileSpill, sightings: SightingSpill, engine: Engine | None, n_threads: int | None
+    job: TileJob,
+    spill: TileSpill,
+    sightings: SightingSpill,
+    n_points: int,
+    engine: Engine | None,
+    n_threads: int | None,
 ) -> AbstractContextManager[TileRound]:
     """Those who make the tiles, with what was spilled where they find it."""
     is_elsewhere = engine is not None and not engine.is_in_process
     spill.complete(to_disk=is_elsewhere)
     sightings.complete(to_disk=is_elsewhere)
     if engine is not None and is_elsewhere:
-        return by_engine(job, engine, len(spill.keys))
-    return by_threads(job, spill, sightings, n_threads or min(MOST_THREADS, os.cpu_count() or 1))
+        return by_engine(job, engine, n_points, len(spill.keys))
+    if n_threads is None:
+        is_thin = n_points < LEAST_POINTS_TO_SHARE * len(spill.keys)
+        n_threads = 1 if is_thin else min(MOST_THREADS, os.cpu_count() or 1)
+    return by_threads(job, spill, sightings, n_threads)
 
 
 def _check_contents(headers: Sequence[CloudHeader], options: MapOptions) -> None:

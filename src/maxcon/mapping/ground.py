@@ -64,7 +64,8 @@ class GroundMaker:
         """Yield the ground of all tiles that have some; points are removed as they are read."""
         found = self._found.ground if self._found is not None else []
         made = (self._classified(key) for key in self._spill.keys)
-        among = (ground_among(self._surfaces, key, self._cell) for key in sorted(self._surfaces))
+        level = sorted(key for key, heights in self._surfaces.items() if np.isfinite(heights).any())
+        among = (ground_among(self._surfaces, key, self._cell) for key in level)
         return (tile for tile in chain(found, made, among) if tile.n_heights)
 
     def _classified(self, key: TileKey) -> GroundTile:
@@ -78,6 +79,8 @@ def level_surfaces(tile: VoxelTile, cell: float) -> NDArray[np.float32]:
     """Height of the lowest level surface in each cell of a tile, shape (n, n), m; NaN where there is none."""
     edge, n = ground_voxels(cell), TILE_VOXELS // ground_voxels(cell)
     is_level = np.abs(tile.normals[:, 2]) >= LEVEL
+    if np.count_nonzero(is_level) < LEAST_VOXELS:
+        return np.full((n, n), np.nan, np.float32)
     columns = tile.columns[is_level] // edge
     heights = tile.mean_points(cell)[is_level, 2]
     cells = columns[:, 1].astype(np.int64) * n + columns[:, 0]

@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -22,6 +23,10 @@ from maxcon.point_map import TileKey
 __all__ = ["TileJob", "TileRound", "TileStep", "TileTask", "by_engine", "by_threads"]
 
 
+POINTS_OF_TASK, MOST_TILES_OF_TASK = 100_000, 64
+"""Tiles with few points go together: handing out a task takes some milliseconds."""
+
+
 class TileStep(Enum):
     """The steps to a tile, each done for all tiles before the next: it needs the tiles around."""
 
@@ -32,10 +37,10 @@ class TileStep(Enum):
 
 @dataclass(frozen=True, slots=True)
 class TileTask:
-    """One step of one tile."""
+    """One step of some tiles."""
 
     step: TileStep
-    key: TileKey
+    keys: tuple[TileKey, ...]
 
 
 TileRound = Callable[[TileStep, Sequence[TileKey]], Iterator[Any]]
@@ -76,14 +81,15 @@ class TileJob:
             finds_surfaces=self.finds_surfaces, memory_bytes=memory_bytes,
         )  # fmt: skip
 
-    def open(self) -> Callable[[TileTask], Any]:
+    def open(self) -> Callable[[TileTask], list[Any]]:
         """Return what does a task in a worker; everything is in files, as the next task may be another worker's."""
         spill, sightings = TileSpill(self.folder, self.cell), SightingSpill(self.folder, self.cell)
-        return _doing(self.maker(spill, sightings, memory_bytes=0))
+        do = _doing(self.maker(spill, sightings, memory_bytes=0))
+        return lambda task: [do(task.step, key) for key in task.keys]
 
     def split(self, task: TileTask) -> Sequence[TileTask]:
-        """Return the task: a tile cannot be split."""
-        return [task]
+        """Return a task for each tile."""
+        return [TileTask(task.step, (key,)) for key in task.keys]
 
     def lost(self, task: TileTask, reason: str) -> NoReturn:
         """Refuse a map without one of its tiles.
@@ -93,21 +99,21 @@ class TileJob:
         MapError
             Always.
         """
-        x, y = task.key
+        ((x, y),) = task.keys
         raise MapError(
             f"Expected to {task.step.value} all tiles of the map, but of tile ({x}, {y}) {reason}. Take a"
             " smaller cell, or workers with more memory."
         )
 
 
-def _doing(maker: TileMaker) -> Callable[[TileTask], Any]:
-    """Return what does a task."""
+def _doing(maker: TileMaker) -> Callable[[TileStep, TileKey], Any]:
+    """Return what does a step of a tile."""
     work: dict[TileStep, Callable[[TileKey], Any]] = {
         TileStep.GATHER: maker.gather,
         TileStep.FIND_CLASSES: maker.find_classes,
         TileStep.MAKE: maker.make,
     }
-    return lambda task: work[task.step](task.key)
+    return lambda step, key: work[step](key)
 
 
 @contextmanager
@@ -116,21 +122,33 @@ def by_threads(
 ) -> Iterator[TileRound]:
     """Yield what lets threads of this process make tiles; points and voxels stay in memory as far as they fit."""
     do = _doing(job.maker(spill, sightings, memory_bytes=MEMORY_BYTES))
+    if n_threads == 1:
+        yield lambda step, keys: (do(step, key) for key in keys)
+        return
     with ThreadPoolExecutor(n_threads) as pool:
         try:
-            yield lambda step, keys: in_order(pool, do, (TileTask(step, key) for key in keys), 2 * n_threads)
+            yield lambda step, keys: in_order(pool, partial(do, step), keys, 2 * n_threads)
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
 
 
 @contextmanager
-def by_engine(job: TileJob, engine: Engine, n_tiles: int) -> Iterator[TileRound]:
+def by_engine(job: TileJob, engine: Engine, n_points: int, n_tiles: int) -> Iterator[TileRound]:
     """Yield what lets the workers of an engine make tiles; what was spilled is on disk."""
-    with engine.started(n_tiles) as run:
+    n_together = min(max(1, POINTS_OF_TASK * n_tiles // n_points), MOST_TILES_OF_TASK)
+    with engine.started(-(-n_tiles // n_together)) as run:
 
         def do_all(step: TileStep, keys: Sequence[TileKey]) -> Iterator[Any]:
-            tasks = [TileTask(step, key) for key in keys]
-            return by_order(tasks, run(job, tasks))
+            tasks = [
+                TileTask(step, tuple(keys[first : first + n_together]))
+                for first in range(0, len(keys), n_together)
+            ]
+            found = (
+                of_tile
+                for task, of_tiles in run(job, tasks)
+                for of_tile in zip(task.keys, of_tiles, strict=True)
+            )
+            return by_order(keys, found)
 
         yield do_all

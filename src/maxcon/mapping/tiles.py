@@ -85,6 +85,7 @@ class TileMaker:
         self._finds_surfaces = finds_surfaces
         self._memory_bytes = memory_bytes
         self._in_memory: dict[TileKey, VoxelMoments] = {}
+        self._on_disk: set[TileKey] = set()
         self._n_bytes = 0
         self._lock = threading.Lock()
 
@@ -150,9 +151,12 @@ class TileMaker:
             self._in_memory[key] = moments
         else:
             moments.save(self._path(key))
+            self._on_disk.add(key)
 
     def _is_gathered(self, key: TileKey) -> bool:
-        return key in self._in_memory or self._path(key).exists()
+        if self._memory_bytes:
+            return key in self._in_memory or key in self._on_disk
+        return self._path(key).exists()  # by whichever process
 
     def gathered(self, key: TileKey) -> VoxelMoments:
         """Return the voxels of a tile."""

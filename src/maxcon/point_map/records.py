@@ -77,12 +77,26 @@ def record_of(section: str, key: TileKey, batch: Any, n_points: int = 0) -> Reco
 
     import pyarrow as pa
 
-    sink, options = pa.BufferOutputStream(), pa.ipc.IpcWriteOptions(compression="lz4", use_threads=False)
-    with pa.ipc.new_stream(sink, batch.schema, options=options) as writer:
+    sink = pa.BufferOutputStream()
+    with pa.ipc.new_stream(sink, batch.schema, options=_write_options()) as writer:
         writer.write_batch(batch)
-    stream, schema = sink.getvalue().to_pybytes(), batch.schema.serialize().to_pybytes()
-    content = stream[len(schema) : -len(END_OF_STREAM)]
+    schema = _schema_message(batch.schema)
+    content = sink.getvalue()[len(schema) : -len(END_OF_STREAM)].to_pybytes()
     return Record(section, key, batch.num_rows, n_points, schema, content, hashlib.sha256(content).digest())
+
+
+@cache
+def _write_options() -> Any:
+    import pyarrow as pa
+
+    return pa.ipc.IpcWriteOptions(compression="lz4", use_threads=False)
+
+
+@cache
+def _schema_message(schema: Any) -> bytes:
+    """Return the Arrow IPC message of a schema."""
+    message: bytes = schema.serialize().to_pybytes()
+    return message
 
 
 @cache
