@@ -16,11 +16,12 @@ def test_a_folder_that_is_not_there_is_made_and_may_be_left_at_any_moment(tmp_pa
     assert [path.name for path in root.iterdir()] == [LOCK]
 
 
-def test_what_a_killed_process_left_of_its_record_is_removed_and_nothing_else(tmp_path):
+def test_what_a_killed_process_left_half_written_is_removed_and_nothing_else(tmp_path):
     (tmp_path / ".record.json.partial-12345678").write_text("{")
     with work_folder(tmp_path, "work", "record.json"):
         (tmp_path / "record.json").touch()
         (tmp_path / "part").touch()
+    (tmp_path / ".table.parquet.partial-12345678").mkdir()
     with work_folder(tmp_path, "work", "record.json"):
         assert sorted(path.name for path in tmp_path.iterdir()) == [LOCK, "part", "record.json"]
 
@@ -49,5 +50,17 @@ def test_a_file_is_no_folder(tmp_path):
     with (
         pytest.raises(FileError, match="Expected a folder to write into"),
         work_folder(tmp_path / "work", "work", "r"),
+    ):
+        pass
+
+
+def test_a_file_system_without_locks_is_told(tmp_path, monkeypatch):
+    def no_locks(descriptor):
+        raise OSError(38, "Function not implemented")
+
+    monkeypatch.setattr("maxcon.locks.try_lock", no_locks)
+    with (
+        pytest.raises(FileError, match=r"able to lock .*Function not implemented.*another file system"),
+        work_folder(tmp_path / "work", "work", "record.json"),
     ):
         pass

@@ -27,7 +27,7 @@ def locked(path: str | os.PathLike[str], what: str) -> Iterator[BinaryIO]:
     Raises
     ------
     FileError
-        If another process holds it, or the file cannot be made.
+        If another process holds it, the file cannot be made, or its file system knows no locks.
     """
     with ExitStack() as stack:
         try:
@@ -36,7 +36,14 @@ def locked(path: str | os.PathLike[str], what: str) -> Iterator[BinaryIO]:
             raise FileError(
                 f"Expected to be able to write {path}, got: {error.strerror}. Check the folder and its permissions."
             ) from error
-        if not try_lock(file.fileno()):
+        try:
+            is_free = try_lock(file.fileno())
+        except OSError as error:
+            raise FileError(
+                f"Expected to be able to lock {path}, got: {error.strerror or error}. Name a place on another file"
+                " system."
+            ) from error
+        if not is_free:
             raise FileError(
                 f"Expected {what} to be left alone, but another process is at work on it. Wait for it, or stop it."
             )

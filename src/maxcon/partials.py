@@ -100,7 +100,9 @@ def _locked_folder(target: Path, stack: ExitStack) -> Path:
         partial.mkdir()
         descriptor = _open_folder(partial)
         if descriptor is None:
-            return partial
+            if partial.exists():
+                return partial
+            continue  # it was swept away already
         stack.callback(os.close, descriptor)
         if _holds_lock(descriptor) is not False and partial.exists():
             return partial  # else it was swept away before it was locked

@@ -7,9 +7,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from maxcon.atomic import check_folder, make_folder, remove_partials
+from maxcon.atomic import check_folder, make_folder
 from maxcon.errors import FileError
 from maxcon.locks import locked
+from maxcon.partials import remove
 
 __all__ = ["LOCK", "work_folder"]
 
@@ -27,8 +28,8 @@ def work_folder(folder: str | os.PathLike[str], what: str, record: str) -> Itera
     what : str
         The work, for messages, e.g. "a study".
     record : str
-        Name of the file that says what the work is. The block writes it before anything else, so that a folder
-        without it holds somebody else's files.
+        Name of the file that says what the work is. The block writes it before any other file, so that a
+        folder with others and without it is somebody else's.
 
     Raises
     ------
@@ -45,5 +46,6 @@ def work_folder(folder: str | os.PathLike[str], what: str, record: str) -> Itera
         )
     make_folder(root)
     with locked(lock, str(root)):
-        remove_partials(root / record)
+        for left in root.glob(".*.partial-*"):  # by processes that were killed: this one alone is at work
+            remove(left)
         yield

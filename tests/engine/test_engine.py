@@ -281,7 +281,13 @@ def test_a_scheduler_that_is_not_there_is_refused(tmp_path, monkeypatch):
         taken.listen()
         port = taken.getsockname()[1]
         silent, lines = f"tcp://127.0.0.1:{port}", []
-        for address in ("nonsense://here", "tls://127.0.0.1:1", silent):
+        for address in (
+            "nonsense://here",
+            "tls://127.0.0.1:1",
+            "tcp://a..b:8786",
+            f"tcp://{'x' * 70}:1",
+            silent,
+        ):
             with pytest.raises(OptionError, match="Expected a dask scheduler at"):
                 squares(Engine(scheduler=address, warn=lines.append), Squares(tmp_path))
     assert lines[-1] == f"waiting up to 1 s for a scheduler at {silent}"

@@ -264,6 +264,25 @@ def test_the_two_files_of_kitti_come_together(table, tmp_path, monkeypatch):
     assert sorted(tmp_path.glob("*a.*")) == files
 
 
+def test_poses_of_kitti_never_stand_beside_the_times_of_others(table, tmp_path, monkeypatch):
+    """Killed between the two renames: poses without times."""
+    files = [tmp_path / "a.kitti", tmp_path / "a.times.txt"]
+    for file in files:
+        file.write_text("before")
+    replace = Path.replace
+
+    def replace_but_times(self, target):
+        if self.name == "a.times.txt":
+            raise KeyboardInterrupt
+        return replace(self, target)
+
+    monkeypatch.setattr(Path, "replace", replace_but_times)
+    with pytest.raises(KeyboardInterrupt):
+        export_poses(table, files[0])
+    assert files[0].read_text() != "before"
+    assert not files[1].exists()
+
+
 def test_csv_in_degrees_reads_back(table, tmp_path):
     export_poses(table, tmp_path / "a.csv")
     found = read_trajectory(tmp_path / "a.csv")

@@ -14,7 +14,7 @@ from maxcon.errors import MapError
 from maxcon.mapping import MapOptions, build_map
 from maxcon.mapping.sightings import SightingSpill
 from maxcon.mapping.spill import TileSpill
-from maxcon.mapping.tile_job import TileJob, TileStep, TileTask
+from maxcon.mapping.tile_job import TileJob, TileStep, TileTask, by_threads
 from maxcon.point_map import PointMap
 
 for package in ("distributed", "cryptography"):
@@ -128,7 +128,9 @@ def test_every_step_may_be_done_twice_and_each_by_another_process(spilled):
         job.open()(TileTask(TileStep.GATHER, tuple(part)))
     once, twice = (job.open()(TileTask(TileStep.FIND_CLASSES, tuple(keys))) for _ in range(2))
     assert [found.n_points for found in once] == [found.n_points for found in twice]
-    made = [[job.open()(TileTask(TileStep.MAKE, (key,)))[0] for key in keys] for _ in range(2)]
+    made = [
+        [job.fetched(tile) for tile in job.open()(TileTask(TileStep.MAKE, tuple(keys)))] for _ in range(2)
+    ]
     assert [tile.record for tile in made[0]] == [tile.record for tile in made[1]]
     assert sum(tile.record.n_points for tile in made[0]) == 246_000
 
@@ -148,3 +150,30 @@ def test_a_map_without_one_of_its_tiles_is_refused():
         MapError, match=r"Expected to make all tiles of the map, but of tile \(3, -4\) it crashes"
     ):
         job.lost(one, "it crashes")
+
+
+def test_tiles_wait_in_files_for_those_before_them(spilled):
+    """A tile that takes long, or ends its workers, lets all others wait: they must not do so in memory."""
+    job, keys = spilled
+    job.open()(TileTask(TileStep.GATHER, tuple(keys)))
+    job.open()(TileTask(TileStep.FIND_CLASSES, tuple(keys)))
+    waiting = job.open()(TileTask(TileStep.MAKE, tuple(keys)))
+    assert all(tile.record.content == b"" for tile in waiting)
+    assert all(len(job.fetched(tile).record.content) > 1000 for tile in waiting)
+    assert not list(job.folder.glob("*.record"))
+
+
+def test_a_worker_that_does_not_see_the_folder_says_so(tmp_path):
+    job = TileJob(tmp_path / "no", CELL, has_normals=False, is_signed=False, finds_surfaces=False)
+    with pytest.raises(MapError, match=r"Expected all workers to see .*no, got one on .* that does not"):
+        job.open()
+
+
+def test_one_worker_is_this_process_with_one_thread(cloud, tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr(
+        "maxcon.mapping.build.by_threads",
+        lambda *arguments: asked.append(arguments[-1]) or by_threads(*arguments),
+    )
+    build_map([cloud], tmp_path / "a.map", engine=Engine(1))
+    assert asked == [1]

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: MIT
 """Help of commands with many options: in groups, as plain text."""
 
-from typing import Any
+from typing import Any, ClassVar
 
 from typer.core import TyperCommand
 
-__all__ = ["GROUPS", "GroupedCommand"]
+__all__ = ["GROUPS", "GroupedCommand", "MapCommand"]
 
 GROUPS = {
     "Inputs": "drives prior times trajectory min_range max_range max_gap epochs signed_normals crs to_crs area"
@@ -23,25 +23,34 @@ GROUPS = {
     "Output": "out resume overwrite tum plot plot_epochs quiet",
     "How it is done": "threads workers scheduler",
 }
-"""Names of the options' parameters, by the group they are in, in whichever command."""
-OTHERS = "Options"
+"""Names of the options' parameters, by the group they are in."""
+MAP, OTHERS = "Map", "Options"
 _GROUP_OF = {name: group for group, names in GROUPS.items() for name in names.split()}
 
 
 class GroupedCommand(TyperCommand):
     """A command that lists its options in groups, others last."""
 
+    group_of: ClassVar[dict[str, str]] = _GROUP_OF
+
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write arguments and options."""
-        groups: dict[str, list[tuple[str, str]]] = {name: [] for name in ("Arguments", *GROUPS, OTHERS)}
+        names = ("Arguments", *GROUPS, MAP, OTHERS)
+        groups: dict[str, list[tuple[str, str]]] = {name: [] for name in names}
         for parameter in self.get_params(ctx):
             record = parameter.get_help_record(ctx)
             is_argument = parameter.param_type_name == "argument"
             if record is not None:
-                groups["Arguments" if is_argument else _GROUP_OF.get(parameter.name or "", OTHERS)].append(
-                    record
-                )
+                groups[
+                    "Arguments" if is_argument else self.group_of.get(parameter.name or "", OTHERS)
+                ].append(record)
         for name, records in groups.items():
             if records:
                 with formatter.section(name):
                     formatter.write_dl(records)
+
+
+class MapCommand(GroupedCommand):
+    """A command whose cell and sigma are those of the map that it makes."""
+
+    group_of = _GROUP_OF | dict.fromkeys(("cell", "sigma"), MAP)

@@ -10,7 +10,7 @@ import typer
 
 from maxcon.cli import alignment
 from maxcon.cli.compiling import compiling_told
-from maxcon.cli.help_groups import GroupedCommand
+from maxcon.cli.help_groups import GroupedCommand, MapCommand
 from maxcon.cli.map_update import rows_of_updates, update
 from maxcon.cli.options import Scheduler
 from maxcon.cli.progress import step_bars, warn
@@ -37,7 +37,7 @@ app = typer.Typer(
 app.command("update", short_help="Write a new version of a map: what is gone, what is new.")(update)
 
 
-@app.command(cls=GroupedCommand)
+@app.command(cls=MapCommand)
 def build(
     clouds: Annotated[
         list[Path],
@@ -131,7 +131,7 @@ def build(
     ] = None,
     workers: Annotated[
         int | None,
-        typer.Option(min=1, metavar="N", help="Let N processes make the tiles instead, about 0.5 GiB each."),
+        typer.Option(min=1, metavar="N", help="Let N processes make the tiles instead."),
     ] = None,
     scheduler: Scheduler = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,

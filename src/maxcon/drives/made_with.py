@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from maxcon.atomic import remove_partials, write_json
+from maxcon.atomic import write_json
 from maxcon.differences import differences
 from maxcon.drives.poses_dataset import PosesDataset
 from maxcon.drives.table import DriveEntry
@@ -21,7 +21,7 @@ from maxcon.storage import address_of, open_place
 __all__ = ["OPTIONS", "check_options", "check_sources"]
 
 OPTIONS, SOURCES = "_options.json", "_drives.json"
-LARGEST_OPTIONS, LARGEST_SOURCES = 2**20, 2**28
+LARGEST_OPTIONS, LARGEST_SOURCES = 2**20, 2**30
 LARGEST_HASHED = 2**26
 """Bytes; larger files (recordings) are known by path and size instead of their checksum."""
 
@@ -60,7 +60,6 @@ def check_sources(dataset: PosesDataset, entries: Sequence[DriveEntry]) -> None:
         If what was written down cannot be read, or not be written.
     """
     path = dataset.folder / SOURCES
-    remove_partials(path)
     known = _read(path, LARGEST_SOURCES, "the sources of drives") if path.exists() else {}
     if not all(isinstance(each, dict) for each in known.values()):
         raise FileError(f"Expected the sources of drives in {path}, got something else. Name another folder.")
@@ -104,9 +103,12 @@ def _file(path: Path | None) -> str | None:
     """Identity of a file: its checksum; the path of a folder; path and size of a large file."""
     if path is None:
         return None
-    if not path.is_file():
-        return str(path.absolute())
-    size = path.stat().st_size
-    if size > LARGEST_HASHED:
-        return f"{path.absolute()}, {size} bytes"
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    try:
+        if not path.is_file():
+            return str(path.absolute())
+        size = path.stat().st_size
+        if size > LARGEST_HASHED:
+            return f"{path.absolute()}, {size} bytes"
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError:
+        return str(path.absolute())  # that it cannot be read is said where the drive is opened

@@ -172,6 +172,8 @@ def _check_listens(address: str) -> None:
         except (ConnectionRefusedError, socket.gaierror) as error:
             if time.monotonic() > end:
                 raise _no_scheduler(address, error) from error
+        except ValueError as error:  # no name of a host
+            raise _no_scheduler(address, error) from error
         except OSError:
             return
         time.sleep(0.1)

@@ -31,10 +31,10 @@ def write_kitti(path: str | os.PathLike[str], rows: Sequence[PoseRow]) -> None:
         numbers = [[*turn, place] for turn, place in zip(pose.rotation, pose.position, strict=True)]
         lines.append(" ".join(f"{value:.12g}" for row in numbers for value in row))
     times = [f"{time:.9f}" for time, _ in found]
-    # Both are written before either is where it belongs: a kill between them would leave times of other poses.
-    with (
-        atomic_file(path) as poses_partial,
-        atomic_file(Path(path).with_suffix(".times.txt")) as times_partial,
-    ):
+    times_path = Path(path).with_suffix(".times.txt")
+    with atomic_file(times_path) as times_partial, atomic_file(path) as poses_partial:
         for partial, text in ((poses_partial, lines), (times_partial, times)):
             partial.write_text("\n".join(text) + "\n", encoding="utf-8", newline="\n")
+        times_path.unlink(
+            missing_ok=True
+        )  # a kill from here on leaves poses without times, not with those of others

@@ -77,8 +77,8 @@ def build_map(
         Tiles made at the same time in this process; the number of processors, but at most 4, if None, and one where
         tiles have few points. Each takes about 0.25 GiB. The map does not depend on it.
     engine : Engine, optional
-        Whose workers make the tiles instead, if it has others than this process; the map does not depend on it. They
-        find points and voxels in files beside `out`, which has the same path for all.
+        Whose workers make the tiles instead, or one thread if it has no other than this process; the map does not
+        depend on it. They find points and voxels in files beside `out`, which has the same path for all.
     progress : callable, optional
         Called with (step, done, of how many).
 
@@ -164,7 +164,7 @@ def _workers(
         return by_engine(job, engine, n_points, len(spill.keys))
     if n_threads is None:
         is_thin = n_points < LEAST_POINTS_TO_SHARE * len(spill.keys)
-        n_threads = 1 if is_thin else min(MOST_THREADS, os.cpu_count() or 1)
+        n_threads = 1 if is_thin or engine is not None else min(MOST_THREADS, os.cpu_count() or 1)
     return by_threads(job, spill, sightings, n_threads)
 
 

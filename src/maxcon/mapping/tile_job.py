@@ -5,19 +5,20 @@
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
-from functools import partial
 from pathlib import Path
+from socket import gethostname
 from typing import Any, NoReturn
 
+from maxcon.atomic import atomic_file
 from maxcon.engine import Engine
 from maxcon.errors import MapError
 from maxcon.in_order import by_order, in_order
 from maxcon.mapping.found_classes import ClassFinder
 from maxcon.mapping.sightings import SightingSpill
 from maxcon.mapping.spill import TileSpill
-from maxcon.mapping.tiles import MEMORY_BYTES, TileMaker
+from maxcon.mapping.tiles import MEMORY_BYTES, MadeTile, TileMaker
 from maxcon.point_map import TileKey
 
 __all__ = ["TileJob", "TileRound", "TileStep", "TileTask", "by_engine", "by_threads"]
@@ -83,9 +84,31 @@ class TileJob:
 
     def open(self) -> Callable[[TileTask], list[Any]]:
         """Return what does a task in a worker; everything is in files, as the next task may be another worker's."""
+        if not self.folder.is_dir():
+            raise MapError(
+                f"Expected all workers to see {self.folder}, got one on {gethostname()} that does not. Build the map in"
+                " a folder that has the same path for all."
+            )
         spill, sightings = TileSpill(self.folder, self.cell), SightingSpill(self.folder, self.cell)
-        do = _doing(self.maker(spill, sightings, memory_bytes=0))
-        return lambda task: [do(task.step, key) for key in task.keys]
+        maker = self.maker(spill, sightings, memory_bytes=0)
+        do = _doing(maker) | {TileStep.MAKE: lambda key: self._put_aside(maker.make(key))}
+        return lambda task: [do[task.step](key) for key in task.keys]
+
+    def _put_aside(self, made: MadeTile) -> MadeTile:
+        """Write what the record of a tile holds into a file: all tiles but one may have to wait for that one."""
+        with atomic_file(self._record_path(made.record.key)) as partial:
+            partial.write_bytes(made.record.content)
+        return replace(made, record=replace(made.record, content=b""))
+
+    def fetched(self, made: MadeTile) -> MadeTile:
+        """Return a tile that was put aside, whose file is removed."""
+        path = self._record_path(made.record.key)
+        content = path.read_bytes()
+        path.unlink()
+        return replace(made, record=replace(made.record, content=content))
+
+    def _record_path(self, key: TileKey) -> Path:
+        return self.folder / f"{key[0]}_{key[1]}.record"
 
     def split(self, task: TileTask) -> Sequence[TileTask]:
         """Return a task for each tile."""
@@ -106,14 +129,13 @@ class TileJob:
         )
 
 
-def _doing(maker: TileMaker) -> Callable[[TileStep, TileKey], Any]:
-    """Return what does a step of a tile."""
-    work: dict[TileStep, Callable[[TileKey], Any]] = {
+def _doing(maker: TileMaker) -> dict[TileStep, Callable[[TileKey], Any]]:
+    """Return what does each step of a tile."""
+    return {
         TileStep.GATHER: maker.gather,
         TileStep.FIND_CLASSES: maker.find_classes,
         TileStep.MAKE: maker.make,
     }
-    return lambda step, key: work[step](key)
 
 
 @contextmanager
@@ -123,11 +145,11 @@ def by_threads(
     """Yield what lets threads of this process make tiles; points and voxels stay in memory as far as they fit."""
     do = _doing(job.maker(spill, sightings, memory_bytes=MEMORY_BYTES))
     if n_threads == 1:
-        yield lambda step, keys: (do(step, key) for key in keys)
+        yield lambda step, keys: map(do[step], keys)
         return
     with ThreadPoolExecutor(n_threads) as pool:
         try:
-            yield lambda step, keys: in_order(pool, partial(do, step), keys, 2 * n_threads)
+            yield lambda step, keys: in_order(pool, do[step], keys, 2 * n_threads)
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
@@ -149,6 +171,7 @@ def by_engine(job: TileJob, engine: Engine, n_points: int, n_tiles: int) -> Iter
                 for task, of_tiles in run(job, tasks)
                 for of_tile in zip(task.keys, of_tiles, strict=True)
             )
-            return by_order(keys, found)
+            results = by_order(keys, found)
+            return map(job.fetched, results) if step is TileStep.MAKE else results
 
         yield do_all

@@ -211,8 +211,17 @@ def dataset_parts(dataset: Dataset) -> dict[str, str]:
     }
     return {
         MAP_AND_SCANS: hashlib.sha256(words.encode()).hexdigest(),
-        **{name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in files.items()},
+        **{name: _checksum(path) for name, path in files.items()},
     }
+
+
+def _checksum(path: Path) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise FileError(
+            f"Expected to be able to read {path}, got: {error.strerror or error}. Check it and its permissions."
+        ) from error
 
 
 def check_parts(mine: Mapping[str, str], theirs: Mapping[str, str]) -> None:
