@@ -62,7 +62,11 @@ def write_corrected_cloud(
 
     las_header, extended = _header(header.path)
     scales, offsets = np.array(las_header.scales), np.array(las_header.offsets)
-    with laz_as_os_error(), laspy.open(out, mode="w", header=las_header, do_compress=True) as writer:
+    with (
+        laz_as_os_error(),
+        out.open("w+b") as stream,  # which laspy would leave open where a full disk stops it
+        laspy.open(stream, mode="w", header=las_header, do_compress=True, closefd=False) as writer,
+    ):
         for part in read_rounds(header):
             numbers = rounds.of_points(part.times, part.source_ids, file)
             steps = np.rint((corrections.moved(part.points, part.times, numbers) - offsets) / scales)

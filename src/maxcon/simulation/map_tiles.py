@@ -91,4 +91,7 @@ class MapTiles:
         header.offsets = np.array([east, north, 0.0])
         header.add_crs(self._crs)
         path = self._folder / f"tile_{east}_{north}.laz"
-        return self._open_files.enter_context(self._laspy.open(path, mode="w", header=header))
+        # A stream of ours: laspy leaves its own open where a full disk stops it, and Python says so much later.
+        stream = self._open_files.enter_context(path.open("w+b"))
+        writer = self._laspy.open(stream, mode="w", header=header, do_compress=True, closefd=False)
+        return self._open_files.enter_context(writer)
