@@ -8,12 +8,11 @@ import stat
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from fnmatch import fnmatchcase
-from glob import escape
 from pathlib import Path
 
 from maxcon.errors import FileError
 from maxcon.exchange import swapped
-from maxcon.partials import check_name, old_place, partial_folder, put_back, remove, sweep
+from maxcon.partials import check_name, old_place, partial_folder, partials_of, put_back, remove, sweep
 from maxcon.regular_file import special_kind
 
 __all__ = [
@@ -192,8 +191,7 @@ def write_json(path: str | os.PathLike[str], value: object) -> None:
 
 def remove_partials(path: str | os.PathLike[str]) -> None:
     """Remove what killed processes left of a file that they were writing; nobody else may be writing it now."""
-    target = Path(path)
-    for left in target.parent.glob(f".{escape(target.name)}.partial-*"):
+    for left in partials_of(Path(path)):
         remove(left)
 
 

@@ -13,7 +13,17 @@ from pathlib import Path
 from maxcon.errors import FileError
 from maxcon.locks import try_lock
 
-__all__ = ["check_name", "old_place", "partial_folder", "put_back", "remove", "sweep", "sweep_folder"]
+__all__ = [
+    "check_name",
+    "old_place",
+    "partial_folder",
+    "partials_in",
+    "partials_of",
+    "put_back",
+    "remove",
+    "sweep",
+    "sweep_folder",
+]
 
 
 @contextmanager
@@ -65,16 +75,26 @@ def put_back(target: Path) -> None:
             old.replace(target)
 
 
+def partials_of(target: Path) -> list[Path]:
+    """Return what is beside `target` of those who are making it, or were killed over it."""
+    return list(target.parent.glob(f".{escape(target.name)}.partial-*"))
+
+
+def partials_in(folder: Path) -> list[Path]:
+    """Return what is in a folder of those who are making something there, or were killed over it."""
+    return list(folder.glob(".*.partial-*"))
+
+
 def sweep(target: Path) -> None:
     """Remove what killed processes left beside `target` of what they were making: nobody holds its lock."""
-    for left in target.parent.glob(f".{escape(target.name)}.partial-*"):
-        _remove_if_left(left)
+    for partial in partials_of(target):
+        _remove_if_left(partial)
 
 
 def sweep_folder(folder: Path) -> None:
     """Remove what killed processes left in a folder, whatever they were making."""
-    for left in folder.glob(".*.partial-*"):
-        _remove_if_left(left)
+    for partial in partials_in(folder):
+        _remove_if_left(partial)
 
 
 def remove(path: Path) -> None:

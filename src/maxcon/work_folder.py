@@ -10,7 +10,7 @@ from pathlib import Path
 from maxcon.atomic import check_folder, make_folder
 from maxcon.errors import FileError
 from maxcon.locks import locked
-from maxcon.partials import remove
+from maxcon.partials import partials_in, partials_of, remove
 
 __all__ = ["LOCK", "work_folder"]
 
@@ -38,14 +38,14 @@ def work_folder(folder: str | os.PathLike[str], what: str, record: str) -> Itera
     """
     root, lock = Path(folder), Path(folder) / LOCK
     check_folder(root)
-    others = sorted(path.name for path in root.iterdir() if path != lock) if root.exists() else []
-    others = [name for name in others if not name.startswith(f".{record}.partial-")]
+    ours = {lock, *partials_of(root / record)}
+    others = sorted(path.name for path in root.iterdir() if path not in ours) if root.exists() else []
     if others and record not in others:
         raise FileError(
             f"Expected {what} or an empty folder in {root}, but it holds {others[0]}. Name another folder."
         )
     make_folder(root)
     with locked(lock, str(root)):
-        for left in root.glob(".*.partial-*"):  # by processes that were killed: this one alone is at work
+        for left in partials_in(root):  # by processes that were killed: this one alone is at work
             remove(left)
         yield

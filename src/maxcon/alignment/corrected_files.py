@@ -4,6 +4,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,10 @@ from maxcon.io.clouds import CloudHeader
 from maxcon.io.clouds.laz import laz_as_os_error
 from maxcon.io.trajectories import write_csv, write_tum
 from maxcon.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    import laspy
+    from laspy.vlrs.vlrlist import VLRList
 
 __all__ = ["corrected_name", "corrected_trajectory", "write_corrected_cloud", "write_trajectory"]
 
@@ -83,7 +88,7 @@ def write_corrected_cloud(
             writer.write_evlrs(extended)
 
 
-def _header(path: Path) -> tuple["laspy.LasHeader", "laspy.vlrs.vlrlist.VLRList"]:  # type: ignore[name-defined] # noqa: F821
+def _header(path: Path) -> tuple["laspy.LasHeader", "VLRList"]:
     """Return the header of a LAS file with its VLRs, and its EVLRs; records of COPC are left out."""
     import laspy
     from laspy.vlrs.vlrlist import VLRList

@@ -19,7 +19,7 @@ SPEED_PERIOD = 600.0
 
 
 def warn(line: str) -> None:
-    """Say on stderr what a command is waiting for."""
+    """Say on stderr what a command is at, or is waiting for."""
     print(line, file=sys.stderr, flush=True)  # noqa: T201
 
 
@@ -95,4 +95,4 @@ class _Lines:
     def tell(self, step: str, done: int, total: int) -> None:
         if step not in self._told:
             self._told.add(step)
-            print(f"{step} ...", file=sys.stderr, flush=True)  # noqa: T201
+            warn(f"{step} ...")

@@ -157,11 +157,12 @@ def _workers(
     n_threads: int | None,
 ) -> AbstractContextManager[TileRound]:
     """Those who make the tiles, with what was spilled where they find it."""
-    is_elsewhere = engine is not None and not engine.is_in_process
-    spill.complete(to_disk=is_elsewhere)
-    sightings.complete(to_disk=is_elsewhere)
-    if engine is not None and is_elsewhere:
+    if engine is not None and not engine.is_in_process:
+        spill.complete(to_disk=True)
+        sightings.complete(to_disk=True)
         return by_engine(job, engine, n_points, len(spill.keys))
+    spill.complete()
+    sightings.complete()
     if n_threads is None:
         is_thin = n_points < LEAST_POINTS_TO_SHARE * len(spill.keys)
         n_threads = 1 if is_thin or engine is not None else min(MOST_THREADS, os.cpu_count() or 1)

@@ -58,14 +58,14 @@ class GroundMaker:
 
     def take(self, key: TileKey, surfaces: NDArray[np.float32]) -> None:
         """Take the `level_surfaces` of a tile."""
-        self._surfaces[key] = surfaces
+        if np.isfinite(surfaces).any():
+            self._surfaces[key] = surfaces
 
     def tiles(self) -> Iterator[GroundTile]:
         """Yield the ground of all tiles that have some; points are removed as they are read."""
         found = self._found.ground if self._found is not None else []
         made = (self._classified(key) for key in self._spill.keys)
-        level = sorted(key for key, heights in self._surfaces.items() if np.isfinite(heights).any())
-        among = (ground_among(self._surfaces, key, self._cell) for key in level)
+        among = (ground_among(self._surfaces, key, self._cell) for key in sorted(self._surfaces))
         return (tile for tile in chain(found, made, among) if tile.n_heights)
 
     def _classified(self, key: TileKey) -> GroundTile:

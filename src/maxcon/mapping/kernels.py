@@ -79,13 +79,30 @@ def merge_voxels(order, parents, shifts, in_counts, in_sums, in_outers, counts, 
 
 
 @njit(nogil=True, cache=True)
+def reach_line(line, key, keys, row, layer, reach, first):
+    """Find one of the (2 reach + 1)^2 lines of voxels around a voxel: its steps (z, y), middle key and first voxel.
+
+    key : of the voxel; they ascend from call to call. first : ((2 reach + 1)^2,) int64, where each line was reached
+    last, zeroed before the first call; in and out.
+    """
+    width = 2 * reach + 1
+    dz, dy = line // width - reach, line % width - reach
+    middle = key + dz * layer + dy * row
+    k = first[line]
+    while k < keys.shape[0] and keys[k] < middle - reach:
+        k += 1
+    first[line] = k
+    return dz, dy, middle, k
+
+
+@njit(nogil=True, cache=True)
 def sum_neighbourhood(
     i, keys, counts, sums, outers, edge, row, layer, reach, count_cap, first, total_sums, total_outers
 ):
     """Sum the moments of the (2 reach + 1)^3 voxels around voxel `i`, from its own corner; call with `i` ascending.
 
-    Parameters as of `neighbourhood_normals`. first : ((2 reach + 1)^2,) int64, where each line of voxels was reached,
-    zeroed before the first call. total_sums, total_outers : out. Returns the sum of weights and of occupied voxels.
+    Parameters as of `neighbourhood_normals`. first : as of `reach_line`. total_sums, total_outers : out. Returns the
+    sum of weights and of occupied voxels.
     """
     total_sums[:] = 0.0
     total_outers[:] = 0.0
@@ -93,12 +110,7 @@ def sum_neighbourhood(
     n_voxels = 0
     n, width = keys.shape[0], 2 * reach + 1
     for line in range(width * width):
-        dz, dy = line // width - reach, line % width - reach
-        middle = keys[i] + dz * layer + dy * row
-        k = first[line]
-        while k < n and keys[k] < middle - reach:
-            k += 1
-        first[line] = k
+        dz, dy, middle, k = reach_line(line, keys[i], keys, row, layer, reach, first)
         while k < n and keys[k] <= middle + reach:
             dx = keys[k] - middle
             weight = min(1.0, count_cap / counts[k])

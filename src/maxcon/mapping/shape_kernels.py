@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from maxcon.geometry.plane_kernels import covariance, plane_normal
-from maxcon.mapping.kernels import sum_neighbourhood
+from maxcon.mapping.kernels import reach_line, sum_neighbourhood
 
 __all__ = ["scatters", "sums_near"]
 
@@ -45,12 +45,7 @@ def sums_near(keys, values, row, layer, reach, totals):
     n = keys.shape[0]
     for i in range(n):
         for line in range(width * width):
-            dz, dy = line // width - reach, line % width - reach
-            middle = keys[i] + dz * layer + dy * row
-            k = first[line]
-            while k < n and keys[k] < middle - reach:
-                k += 1
-            first[line] = k
+            _, _, middle, k = reach_line(line, keys[i], keys, row, layer, reach, first)
             while k < n and keys[k] <= middle + reach:
                 for j in range(values.shape[1]):
                     totals[i, j] += values[k, j]

@@ -216,7 +216,7 @@ class LasReader(CloudReader):
     def _read_within(self, max_points: int, bounds: Bounds) -> Generator[CloudChunk]:
         """Of a COPC file only the nodes of its octree that meet the rectangle."""
         import laspy
-        import lazrs  # type: ignore[import-untyped, unused-ignore]
+        import lazrs
 
         file, chunks = self.header.path, self._chunks
         n_most = rows_at_a_time(max_points, self._layout.record_length)

@@ -45,7 +45,7 @@ class LazChunks(NamedTuple):
 @contextmanager
 def laz_as_os_error() -> Iterator[None]:
     """Turn the compressor's own error for a full disk into OSError."""
-    import lazrs  # type: ignore[import-untyped, unused-ignore]
+    import lazrs
 
     try:
         yield
@@ -83,7 +83,7 @@ def read_laz_chunks(
     FileError
         If the compression is of an unknown kind, or the table does not fit the file or the header.
     """
-    import lazrs  # type: ignore[import-untyped, unused-ignore]
+    import lazrs
 
     n_layers = _count_layers(file, laszip_record)
     vlr = lazrs.LazVlr(laszip_record)
