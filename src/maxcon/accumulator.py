@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from maxcon.errors import ArrayError
 from maxcon.geometry import Pose
-from maxcon.objectives import Moments, Objective, Scores
+from maxcon.objectives import Moments, Objective, Scores, checked_scores
 from maxcon.search_space import Cell, SearchSpace
 
 __all__ = ["Accumulator", "highest"]
@@ -62,16 +62,12 @@ class Accumulator:
 
 
 def highest(scores: Scores, space: SearchSpace) -> Cell:
-    """Return the cell with the highest of `scores`, the first in index order at ties (D8)."""
-    scores = np.asarray(scores)
-    if scores.shape != space.shape:
-        raise ArrayError(
-            f"Expected an objective to return scores of shape {space.shape}, got {scores.shape}."
-            " Reduce the last axis of the moments only."
-        )
-    best = int(np.argmax(scores))
-    if np.isnan(scores.flat[best]):
-        raise ArrayError(
-            "Expected scores that are numbers, got NaN. Let the objective return 0 where it has none."
-        )
-    return cast(Cell, tuple(int(index) for index in np.unravel_index(best, scores.shape)))
+    """Return the cell with the highest of `scores`, the first in index order at ties (D8).
+
+    Raises
+    ------
+    ArrayError
+        If the scores are not those of the space's cells, or NaN.
+    """
+    best = int(np.argmax(checked_scores(scores, space.shape)))
+    return cast(Cell, tuple(int(index) for index in np.unravel_index(best, space.shape)))

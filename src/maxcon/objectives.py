@@ -16,11 +16,12 @@ from typing import ClassVar, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.errors import OptionError
+from maxcon.errors import ArrayError, OptionError
 
 __all__ = [
     "BoundedByAxes",
     "BoundedByCount",
+    "Checked",
     "Count",
     "Helmert",
     "MaxEigenvalue",
@@ -28,6 +29,7 @@ __all__ = [
     "Objective",
     "Scores",
     "as_objective",
+    "checked_scores",
 ]
 
 Moments = NDArray[np.floating]
@@ -65,6 +67,50 @@ class BoundedByAxes(Objective, Protocol):
         grows. It must hold for scores as they are computed, rounding included.
         """
         ...
+
+
+def checked_scores(scores: Scores, shape: tuple[int, ...]) -> Scores:
+    """Return scores as an objective gave them, once they are known to be numbers of the expected shape.
+
+    Raises
+    ------
+    ArrayError
+        If they have another shape, or one of them is NaN.
+    """
+    scores = np.asarray(scores)
+    if scores.shape != shape:
+        raise ArrayError(
+            f"Expected an objective to return scores of shape {shape}, got {scores.shape}."
+            " Reduce the last axis of the moments only."
+        )
+    if scores.size and np.isnan(scores.max()):
+        raise ArrayError(
+            "Expected scores that are numbers, got NaN. Let the objective return 0 where it has none."
+        )
+    return scores
+
+
+@dataclass(frozen=True, slots=True)
+class Checked:
+    """Another objective, whose scores are looked at: one of a user's own may return anything.
+
+    Parameters
+    ----------
+    objective : Objective
+        The other one.
+    """
+
+    objective: Objective
+
+    def score(self, moments: Moments) -> Scores:
+        """Scores, shape (...), of moments, shape (..., 4).
+
+        Raises
+        ------
+        ArrayError
+            If the other objective returns scores of another shape, or NaN.
+        """
+        return checked_scores(self.objective.score(moments), moments.shape[:-1])
 
 
 # Scores are computed from N with an error of a few times 2^-52 of its largest eigenvalue squared in det N, which is

@@ -305,6 +305,33 @@ def test_an_objective_without_bounds_is_searched_exhaustively():
     assert found.n_scored == space.n_cells
     accumulator = exhaustive(scan, point_map, prior, space)
     assert_it_is_the_best(found, accumulator, OwnObjective(), space, 0.5, 0.3)
+    limits = Limits(scored_per_pass=100)  # less than at one heading
+    in_passes = branch_and_bound(scan, point_map, prior, space, OwnObjective(), share=0.5, limits=limits)
+    assert in_passes.n_scored == space.n_cells
+    assert_it_is_the_best(in_passes, accumulator, OwnObjective(), space, 0.5, 0.3)
+
+
+class Broken:
+    """One that breaks what objectives promise, with bounds or without."""
+
+    def __init__(self, score):
+        self.score = score
+
+
+class BrokenAndBounded(Broken):
+    def bound_by_count(self, count):
+        return count
+
+
+@pytest.mark.parametrize("kind", [Broken, BrokenAndBounded])
+def test_scores_that_are_no_numbers_or_not_one_for_each_cell_are_refused(kind):
+    space = SearchSpace(0.8, CELL, 1.0, 0.5)
+    scan, point_map, prior = street(3, space)
+    of_no_cell, of_all = kind(lambda moments: moments[..., 0] * np.nan), kind(lambda moments: moments.sum())
+    with pytest.raises(ArrayError, match=r"scores that are numbers, got NaN\."):
+        branch_and_bound(scan, point_map, prior, space, of_no_cell)
+    with pytest.raises(ArrayError, match=r"scores of shape \(.*\), got \(\)\."):
+        branch_and_bound(scan, point_map, prior, space, of_all)
 
 
 @pytest.mark.parametrize("objective", OBJECTIVES)

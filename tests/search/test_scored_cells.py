@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from maxcon import Helmert, PointMap, Pose, Scan, SearchSpace
 from maxcon.search import Multiplicity, Standing, Weighting, exhaustive
+from maxcon.search.branch_and_bound import ScoredCells
 from maxcon.search.cells import Window
 from maxcon.search.found import Wanted
 from maxcon.search.prepared_scan import PreparedScan
-from maxcon.search.scored_cells import ScoredCells
 
 CELL = 0.1
 TILE = 512 * CELL
@@ -123,7 +123,7 @@ def test_a_window_is_scored_at_once(seed, n_threads):
     scores = Helmert().score(moments)
     headings, window = np.array([0, 2, 3]), Window.around(np.array([[0, 3, 10], [0, 9, 25]]), SPACE)
     scored = ScoredCells(prepared, Wanted(Helmert(), share=0.5, lists_all=True))
-    highest_other = scored.score_window(headings, window, n_threads)
+    highest_other = scored.score_window(headings, window, n_threads, 2**20)
     wanted = np.zeros_like(scores)
     wanted[headings, 3:10, 10:26] = scores[headings, 3:10, 10:26]
     cell = tuple(int(index) for index in np.unravel_index(np.argmax(wanted), wanted.shape))

@@ -3,35 +3,35 @@
 """Branch and bound: the best cell of the exhaustive search, from bounds of all cells and the moments of few.
 
 Read `BoundedSearch.run` beside section 3 of the design. It uses the scan prepared for the map (`prepared_scan`), upper
-limits of scores (`bounds`), and the cells scored so far (`scored_cells`).
+limits of scores (`bounds`), and the cells scored so far (`ScoredCells`, below).
 """
 
 import math
+from collections import defaultdict
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from maxcon.accumulator import Accumulator, highest
 from maxcon.errors import OptionError, SearchSpaceError
 from maxcon.geometry import Pose
-from maxcon.integrity import highest_beyond
-from maxcon.objectives import BoundedByAxes, BoundedByCount, Objective, Scores
+from maxcon.objectives import BoundedByAxes, BoundedByCount, Checked, Moments, Objective, Scores
 from maxcon.options import Multiplicity, Weighting
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
 from maxcon.search.bounds import Bounding, CellSums, Summand, bounding_of
-from maxcon.search.cells import Candidates, Window
+from maxcon.search.cells import Candidates, CellGrid, Window
 from maxcon.search.found import Found, Standing, Wanted
 from maxcon.search.heights import best_of_heights
 from maxcon.search.limits import DEFAULT_LIMITS, Limits
 from maxcon.search.matching import cells_of, check_all_fit, check_threads
 from maxcon.search.prepared_scan import Headings, PreparedScan
-from maxcon.search.scored_cells import ScoredCells
 from maxcon.search_space import Cell, SearchSpace
 
 __all__ = ["branch_and_bound"]
 
-FIRST_OF_ALL = np.zeros((1, 3), np.int64)
+FIRST_OF_ALL: Cell = (0, 0, 0)
+SMALLEST = float(np.nextafter(0.0, 1.0))
 
 Part = tuple[Headings, Window]
 """Cells of a search space: those of a window at some headings, by number."""
@@ -109,7 +109,8 @@ def branch_and_bound(
     OptionError
         If the multiplicity or the weighting is unknown, the share, the guard radius or the threads out of range.
     ArrayError
-        If the prior lies so far out that voxels have no index there.
+        If the prior lies so far out that voxels have no index there, or the objective returns scores of another shape,
+        or NaN.
     """
     space = cells_of(space, point_map)
     multiplicity, weighting = Multiplicity.parse(multiplicity), Weighting.parse(weighting)
@@ -126,13 +127,14 @@ def branch_and_bound(
     def search(height: int, share: float, standing: Standing | None) -> Found:
         raised = space.raised(prior, height)
         prepared = PreparedScan.prepare(scan, point_map, raised, space.plane, multiplicity, weighting)
-        wanted = Wanted(objective, share, guard_radius, guarded, lists_all, standing)
+        wanted = Wanted(Checked(objective), share, guard_radius, guarded, lists_all, standing)
+        scored = ScoredCells(prepared, wanted)
         if isinstance(objective, BoundedByCount | BoundedByAxes):
-            bounding, scored = bounding_of(objective, prepared), ScoredCells(prepared, wanted)
-            found = BoundedSearch(bounding, scored, wanted, limits, n_threads).run()
+            found = BoundedSearch(bounding_of(objective, prepared), scored, limits, n_threads).run()
         else:
-            accumulator = prepared.accumulated(n_threads)
-            found = _best_of_all(accumulator, wanted)
+            every_heading, whole = np.arange(len(space.headings)), Window.of(space)
+            rest = scored.score_window(every_heading, whole, n_threads, limits.scored_per_pass)
+            found = scored.found(rest=max(rest, scored.runner_up()))
         return replace(found, height=height)
 
     return best_of_heights(search, space, share, standing)
@@ -148,8 +150,6 @@ class BoundedSearch:
         The most that cells can score.
     scored : ScoredCells
         The cells scored so far.
-    wanted : Wanted
-        What is to be found.
     limits : Limits
         When to score, to bound again, or to look at all cells of a window.
     n_threads : int
@@ -159,8 +159,7 @@ class BoundedSearch:
     """
 
     bounding: Bounding
-    scored: ScoredCells
-    wanted: Wanted
+    scored: "ScoredCells"
     limits: Limits
     n_threads: int
     ruled_out: float = 0.0
@@ -168,7 +167,7 @@ class BoundedSearch:
     def run(self) -> Found:
         """Find the best cell, and prove what the others score at most."""
         if self.bounding.prepared.matches_nothing:
-            self.scored.score(FIRST_OF_ALL)
+            self.scored.score(np.array([FIRST_OF_ALL]))
             return self.scored.found(rest=self.scored.best)
         # Bound all cells, part by part.
         bounded, crowded = [], []
@@ -256,9 +255,8 @@ class BoundedSearch:
                 f" got {n_scored:,}: nothing stands out. Narrow the search space, or see whether scan and map belong"
                 " together."
             )
-        n_parts = min(-(-n_cells // limits.scored_per_pass), len(headings))
-        for part in np.array_split(headings, n_parts):
-            self.ruled_out = max(self.ruled_out, self.scored.score_window(part, window, self.n_threads))
+        rest = self.scored.score_window(headings, window, self.n_threads, limits.scored_per_pass)
+        self.ruled_out = max(self.ruled_out, rest)
         return Candidates.none()
 
     def _score_best_first(self, candidates: Candidates) -> None:
@@ -269,7 +267,7 @@ class BoundedSearch:
             self.scored.score(candidates.cells[place : place + at_once])
             place += at_once
         others = candidates[place:]
-        if self.wanted.lists_all:
+        if self.scored.wanted.lists_all:
             self.scored.score(self._reaching(others).cells)
             return
         others = others[self.scored.is_beyond(others.cells)]
@@ -305,14 +303,132 @@ class BoundedSearch:
         self.ruled_out = max(self.ruled_out, float(upper.max(initial=0.0)))
 
 
-def _best_of_all(accumulator: Accumulator, wanted: Wanted) -> Found:
-    """Find what is wanted from the moments of all cells: for objectives without bounds."""
-    space, scores = accumulator.space, accumulator.score(wanted.objective)
-    cell = highest(scores, space)
-    rest = highest_beyond(scores, wanted.guarded or cell, space, wanted.guard_radius)
-    score = float(scores[cell])
-    reaching = Candidates.none()
-    if wanted.lists_all:
-        cells = np.argwhere(scores >= wanted.share * score)
-        reaching = Candidates(cells, np.asarray(scores[tuple(cells.T)], np.float64))
-    return Found(cell, score, accumulator.moments[cell].copy(), score, rest, scores.size, reaching=reaching)
+class ScoredCells:
+    """Scores cells, by themselves or all of a window, and remembers which stand out.
+
+    Parameters
+    ----------
+    prepared : PreparedScan
+        The scan and the tiles around.
+    wanted : Wanted
+        What is to be found. A guarded cell is scored at once.
+    """
+
+    def __init__(self, prepared: PreparedScan, wanted: Wanted) -> None:
+        self.prepared = prepared
+        self.wanted = wanted
+        self._best, self._cell = -math.inf, FIRST_OF_ALL
+        self._moments: Moments = np.zeros(4)
+        self._singles: dict[Cell, float] = {}  # scores of the cells that were scored by themselves
+        self._of_windows = Candidates.none()  # cells of windows that reach what is asked
+        self._n_in_windows = 0
+        if wanted.guarded is not None:
+            self.score(np.array([wanted.guarded]))
+
+    @property
+    def best(self) -> float:
+        """Score from which on a cell is the best one, or as good: the highest so far, or that of the incumbent."""
+        standing = self.wanted.standing
+        return self._best if standing is None else max(self._best, standing.score)
+
+    @property
+    def asked(self) -> float:
+        """Score from which on a cell is looked for: a share of the best, or of the guarded one; and what stands."""
+        guarded, standing = self.wanted.guarded, self.wanted.standing
+        asked = self.wanted.share * (self._best if guarded is None else self._singles[guarded])
+        return asked if standing is None else max(asked, standing.score)
+
+    @property
+    def leader(self) -> Standing | None:
+        """The best cell so far, of this height or of others; none before any is scored."""
+        standing = self.wanted.standing
+        if self._best == -math.inf or (standing is not None and standing.score >= self._best):
+            return standing
+        return Standing(self._best, self._moments)
+
+    @property
+    def n_in_windows(self) -> int:
+        """Number of cells in windows that were scored as a whole."""
+        return self._n_in_windows
+
+    def score(self, cells: NDArray[np.int64]) -> None:
+        """Score cells (n, 3) by themselves, those that are not yet."""
+        new: dict[int, list[Cell]] = defaultdict(list)
+        for heading, y, x in dict.fromkeys(map(tuple, cells.tolist())):
+            if (heading, y, x) not in self._singles:
+                new[heading].append((heading, y, x))
+        for heading, mine in new.items():
+            moments = self.prepared.moments_of_cells(heading, np.array(mine, np.int64))
+            for cell, score, four in zip(
+                mine, self.wanted.objective.score(moments).tolist(), moments, strict=True
+            ):
+                self._singles[cell] = score
+                self._note(cell, score, four)
+
+    def score_window(self, headings: Headings, window: Window, n_threads: int, cells_per_pass: int) -> float:
+        """Score all cells of a window at some headings, and keep those that reach what is asked.
+
+        Returns the highest score that is not kept, of this window or an earlier one; 0 for none.
+        """
+        n_passes = min(-(-len(headings) * math.prod(window.shape) // cells_per_pass), len(headings))
+        passes = np.array_split(headings, n_passes)
+        return max(self._score_pass(some, window, n_threads) for some in passes)
+
+    def _score_pass(self, headings: Headings, window: Window, n_threads: int) -> float:
+        """Score a window at as many headings as memory allows at a time, see `score_window`."""
+        moments = self.prepared.moments_of_window(headings, window, n_threads)
+        space = self.prepared.space
+        scores = CellGrid.of(space, headings, window, self.wanted.objective.score(moments))
+        highest = scores.first_highest()
+        heading, y, x = highest[0].tolist()
+        four = CellGrid.of(space, headings, window, moments).at(highest)[0]
+        self._note((heading, y, x), float(scores.at(highest)[0]), four)
+        self._n_in_windows += scores.numbers.size
+        cells, highest_below = scores.reaching(max(self.asked, SMALLEST))
+        kept = self._of_windows.joined(Candidates(cells, scores.at(cells)))
+        is_kept = kept.upper >= self.asked
+        self._of_windows = kept[is_kept]
+        return float(kept.upper.max(where=~is_kept, initial=max(highest_below or 0.0, 0.0)))
+
+    def _note(self, cell: Cell, score: float, moments: Moments) -> None:
+        """Remember a cell if it is the best so far; at ties the first in index order is (D8)."""
+        if (-score, cell) < (-self._best, self._cell):
+            self._best, self._cell, self._moments = score, cell, moments
+
+    def is_beyond(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Whether cells lie farther than the guard radius from the guarded one, or else from the best."""
+        offsets = cells[:, 1:] - np.array((self.wanted.guarded or self._cell)[1:])
+        distances = np.hypot(offsets[:, 0], offsets[:, 1]) * self.prepared.space.cell_edge
+        return np.asarray(distances > self.wanted.guard_radius)
+
+    def highest_of(self, cells: NDArray[np.int64]) -> float:
+        """Highest score of some cells that were scored by themselves."""
+        return max(self._singles[heading, y, x] for heading, y, x in cells.tolist())
+
+    def runner_up(self) -> float:
+        """Highest score beyond the guard radius among the cells scored so far; 0 for none."""
+        scored = self._scored()
+        return float(scored.upper.max(where=self.is_beyond(scored.cells), initial=0.0))
+
+    def reaching(self) -> Candidates:
+        """Cells scored so far that reach what is asked, and their scores."""
+        scored = self._scored()
+        return scored[scored.upper >= self.asked]
+
+    def _scored(self) -> Candidates:
+        """Cells that were scored by themselves, and those kept of windows, which may be the same."""
+        cells = np.array(list(self._singles), np.int64).reshape(-1, 3)
+        scores = np.array(list(self._singles.values()))
+        return self._of_windows.joined(Candidates(cells, scores))
+
+    def found(self, rest: float) -> Found:
+        """Answer with the best cell; no other beyond the guard radius scores more than `rest`."""
+        return Found(
+            self._cell,
+            self._best,
+            self._moments.copy(),
+            self.best,
+            rest,
+            len(self._singles) + self._n_in_windows,
+            reaching=self.reaching() if self.wanted.lists_all else Candidates.none(),
+        )
