@@ -30,7 +30,6 @@ from scene import header
 
 from drives import NamedDataset, points_of, prior_and_reference
 from maxcon import MaximumConsensus, Scan, SearchSpace, cell_search, maximum_consensus
-from maxcon.atomic import atomic_file, make_folder
 from maxcon.baselines import check_small_gicp
 from maxcon.errors import MaxconError
 from maxcon.evaluation import pose_error
@@ -39,6 +38,7 @@ from maxcon.study.map_variants import STANDARD
 from maxcon.study.methods import StudyMethod
 from maxcon.study.prior_levels import COUNT_THEN_GICP, MAXCON, methods_at, parse_level, space_of
 from maxcon.study.run import spread_epochs
+from maxcon.system.atomic import atomic_file, make_folder
 
 TABLE = "latency.csv"
 GATE = 3.0

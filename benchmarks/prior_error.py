@@ -22,7 +22,6 @@ from scene import header
 
 import maxcon
 from drives import DOCS, NamedDataset, put_into
-from maxcon.atomic import atomic_file, make_folder
 from maxcon.baselines import check_small_gicp
 from maxcon.errors import MaxconError, OptionError
 from maxcon.report.prior_error_plot import plot_prior_error
@@ -30,6 +29,7 @@ from maxcon.study.description import describe
 from maxcon.study.prior_levels import LEVELS, methods_at, parse_level
 from maxcon.study.prior_trials import read_trials, summarize_trials, try_epoch, write_trials
 from maxcon.study.run import spread_epochs
+from maxcon.system.atomic import atomic_file, make_folder
 
 
 def check_same(folder, settings):

@@ -26,7 +26,6 @@ import numpy as np
 from scene import header
 
 from maxcon import PointMap, Pose, Scan
-from maxcon.atomic import atomic_file
 from maxcon.dataset import Dataset
 from maxcon.evaluation import pose_error
 from maxcon.io.scans import open_scans
@@ -39,6 +38,7 @@ from maxcon.relocalization.relocalizer import SIFTED
 from maxcon.relocalization.sieve import sift
 from maxcon.relocalization.sieve_scan import SieveScan
 from maxcon.relocalization.sifted import HEADINGS, STEP_DEG
+from maxcon.system.atomic import atomic_file
 
 WITHIN, WITHIN_DEG = 0.3, 1.0
 # A large cell, or one beside it, is as good as large cells are.

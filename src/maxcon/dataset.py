@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from maxcon.errors import FileError
-from maxcon.toml_file import read_toml
+from maxcon.system.toml_file import read_toml
 
 __all__ = ["DESCRIPTION", "Dataset"]
 

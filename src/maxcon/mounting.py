@@ -14,7 +14,7 @@ import numpy as np
 from maxcon.errors import FileError
 from maxcon.geometry import Pose
 from maxcon.geometry.quaternions import product, quaternions_from_angles
-from maxcon.toml_file import read_toml
+from maxcon.system.toml_file import read_toml
 from maxcon.trajectory import Trajectory
 
 __all__ = ["MountedScanner", "Mounting", "read_mounting", "sensor_trajectory"]

@@ -16,11 +16,11 @@ from typing import Any, BinaryIO, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.atomic import atomic_file
 from maxcon.drive import EpochEstimate
 from maxcon.errors import FileError
 from maxcon.estimate import Status
-from maxcon.locks import locked
+from maxcon.system.atomic import atomic_file
+from maxcon.system.locks import locked
 from maxcon.trajectory import Trajectory
 
 __all__ = [

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.compiled import on_compilation
 from maxcon.geometry import Pose
 from maxcon.mapping import MapOptions, build_map
 from maxcon.maximum_consensus import MaximumConsensus
@@ -27,6 +26,7 @@ from maxcon.relocalization import Relocalizer
 from maxcon.scan import Scan
 from maxcon.search import consensus_set
 from maxcon.search_space import SearchSpace
+from maxcon.system.compiled import on_compilation
 
 __all__ = ["OBJECTIVES", "SPACE", "Compiled", "options_of_the_method", "search_room", "warm_up"]
 

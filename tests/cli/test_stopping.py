@@ -12,7 +12,7 @@ from maxcon.cli import one_line
 # As compiled code is loaded: what is raised in a callback from C goes no farther.
 SWALLOWS = """
 import ctypes, os, signal, sys, time
-import maxcon.atomic
+import maxcon.system.atomic
 import maxcon.mapping as mapping
 from maxcon.cli import main
 
@@ -23,7 +23,7 @@ def callback():
         time.sleep(0.001)
 
 def build(clouds, out, *arguments, **options):
-    with maxcon.atomic.atomic_folder(out):
+    with maxcon.system.atomic.atomic_folder(out):
         callback()
         sys.stdout.write("went on")
         sys.stdout.flush()

@@ -13,7 +13,7 @@ import pytest
 import maxcon as package
 from maxcon.cli.compiling import LINE, compiling_told
 from maxcon.cli.warmup import _where
-from maxcon.compiled import code_folders, on_compilation
+from maxcon.system.compiled import code_folders, on_compilation
 
 PARTS = (
     "building maps", "normals of scans", "search in maps in memory", "search in maps on disk", "search without a prior",

@@ -14,7 +14,6 @@ from maxcon.estimate import Estimate, Status
 from maxcon.evaluation import distinctness, pose_error
 from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory
-from maxcon.locks import locked
 from maxcon.maximum_consensus import MaximumConsensus
 from maxcon.objectives import Helmert
 from maxcon.point_map import PointMap
@@ -22,6 +21,7 @@ from maxcon.study import COLUMNS, Study, StudyMethod, choose_methods, run_study
 from maxcon.study.configuration import CONFIGURATION
 from maxcon.study.run import spread_epochs
 from maxcon.study.table import TableParts, keys_of, table_schema
+from maxcon.system.locks import locked
 
 N_EPOCHS = 6
 

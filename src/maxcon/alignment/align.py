@@ -31,12 +31,12 @@ from maxcon.alignment.rounds import Rounds, read_rounds, survey
 from maxcon.alignment.tables import TABLES, files_there, write_tables
 from maxcon.alignment.tied import RoundTied, datum_sigma, tied_rounds
 from maxcon.alignment.visits import load_visits, save_visits, visits_of
-from maxcon.atomic import atomic_folder, check_replaceable
 from maxcon.errors import FileError, MapError, OptionError
 from maxcon.io.clouds import CloudHeader
 from maxcon.io.trajectories import read_trajectory
 from maxcon.mapping.sources import common_crs, open_headers
-from maxcon.progress import Progress
+from maxcon.system.atomic import atomic_folder, check_replaceable
+from maxcon.system.progress import Progress
 
 __all__ = ["Alignment", "align", "align_files"]
 

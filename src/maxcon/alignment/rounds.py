@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from maxcon.errors import FileError, OptionError
 from maxcon.io.clouds import CloudHeader, open_cloud
 from maxcon.io.clouds.las import LasReader, positions_of
-from maxcon.progress import Progress
+from maxcon.system.progress import Progress
 
 __all__ = ["ROUNDS_BY", "Round", "RoundPoints", "Rounds", "read_rounds", "survey"]
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from maxcon.alignment.options import AlignmentOptions
 from maxcon.alignment.residuals import is_contradicted
-from maxcon.regular_file import read_regular
+from maxcon.system.regular_file import read_regular
 from maxcon.version import __version__
 
 if TYPE_CHECKING:

@@ -30,7 +30,6 @@ def demo(
 
     Needs the extra demo. A demo that stands in DIR is replaced; anything else there is an error.
     """
-    from maxcon.atomic import atomic_folder, check_replaceable
     from maxcon.demo import (
         DEMO_METHODS,
         DEMO_NAMES,
@@ -40,6 +39,7 @@ def demo(
         report_demo,
         try_wide_priors,
     )
+    from maxcon.system.atomic import atomic_folder, check_replaceable
 
     check_extras()
     check_replaceable(out, "a demo", DEMO_NAMES)

@@ -290,7 +290,7 @@ def check_outputs(
     prior: Path | None, out: Path, tum: Path | None, plot: Path | None, numbers: str | None
 ) -> None:
     """Refuse outputs that cannot be written, or would replace each other or the prior, and options without effect."""
-    from maxcon.atomic import check_folder, check_writable
+    from maxcon.system.atomic import check_folder, check_writable
 
     named = [path.resolve() for path in (prior, out, tum) if path is not None]
     if len(set(named)) < len(named):

@@ -101,9 +101,9 @@ def _table(path: Path, drive: str | None) -> Path:
 
 def _check_out(table: Path, out: Path, *, overwrite: bool) -> None:
     """Refuse a file that cannot be written, or that is there."""
-    from maxcon.atomic import check_writable
     from maxcon.errors import FileError, OptionError
     from maxcon.export import files_of_export
+    from maxcon.system.atomic import check_writable
 
     for path in files_of_export(out):
         if table.resolve() == path.resolve():

@@ -51,11 +51,11 @@ def drawer(
     folder: Path, point_map: "PointMap", method: "MaximumConsensus | WithinSigmas", objective: str
 ) -> Callable[["EpochEstimate"], None]:
     """Return a function that draws an epoch into the folder."""
-    from maxcon.atomic import make_folder
     from maxcon.maximum_consensus import MaximumConsensus
-    from maxcon.partials import sweep_folder
     from maxcon.report.epoch import plot_epoch
     from maxcon.report.figure import check_matplotlib
+    from maxcon.system.atomic import make_folder
+    from maxcon.system.partials import sweep_folder
 
     check_matplotlib()
     sweep_folder(folder)

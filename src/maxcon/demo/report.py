@@ -8,13 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from maxcon.atomic import make_folder
 from maxcon.demo.run import MAPPING_WAIT, DemoDrive, MethodResult
 from maxcon.demo.wide import WideResult
 from maxcon.drive import EpochEstimate, scan_of
 from maxcon.geometry import Pose
 from maxcon.io.scans import open_scans
-from maxcon.progress import Progress
 from maxcon.report import (
     DemoPage,
     MethodSummary,
@@ -29,6 +27,8 @@ from maxcon.report import (
 )
 from maxcon.scan import Scan
 from maxcon.simulation.dataset import CITY_ORIGIN
+from maxcon.system.atomic import make_folder
+from maxcon.system.progress import Progress
 from maxcon.version import __version__
 
 __all__ = ["report_demo"]

@@ -19,12 +19,12 @@ from maxcon.maximum_consensus import MaximumConsensus
 from maxcon.objectives import Count, Helmert
 from maxcon.point_map import PointMap
 from maxcon.poses_table import write_poses
-from maxcon.progress import Progress
 from maxcon.report.figure import check_matplotlib
 from maxcon.report.html import check_jinja2
 from maxcon.search_space import SearchSpace
 from maxcon.simulation import simulate
 from maxcon.simulation.ray_caster import check_embreex
+from maxcon.system.progress import Progress
 from maxcon.trajectory import Trajectory
 
 __all__ = [

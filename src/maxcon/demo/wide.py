@@ -9,13 +9,13 @@ from maxcon.baselines import check_small_gicp
 from maxcon.demo.run import DemoDrive
 from maxcon.errors import MissingExtraError
 from maxcon.mapping import build_map, dataset_map_options
-from maxcon.progress import Progress
 from maxcon.simulation import PriorErrors
 from maxcon.study.bench import BenchPlan
 from maxcon.study.methods import StudyMethod
 from maxcon.study.prior_levels import GICP_FROM_MANY, MAXCON, methods_at, prior_level
 from maxcon.study.prior_trials import PriorTrial, TrialSummary, summarize_trials, try_epoch, write_trials
 from maxcon.study.run import spread_epochs
+from maxcon.system.progress import Progress
 
 __all__ = ["WIDE_LEVELS", "WideResult", "try_wide_priors"]
 

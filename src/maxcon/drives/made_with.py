@@ -9,14 +9,14 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from maxcon.atomic import write_json
-from maxcon.differences import differences
 from maxcon.drives.poses_dataset import PosesDataset
 from maxcon.drives.table import DriveEntry
 from maxcon.errors import FileError, OptionError
 from maxcon.point_map.manifest import LARGEST_MANIFEST, MANIFEST
-from maxcon.regular_file import read_regular
 from maxcon.storage import address_of, open_place
+from maxcon.system.atomic import write_json
+from maxcon.system.differences import differences
+from maxcon.system.regular_file import read_regular
 
 __all__ = ["OPTIONS", "check_options", "check_sources"]
 

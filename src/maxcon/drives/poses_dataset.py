@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from maxcon.atomic import atomic_file, make_folder, remove_partials
 from maxcon.drive import EpochEstimate
 from maxcon.errors import FileError, OptionError
 from maxcon.poses_table import COLUMNS, pose_values
+from maxcon.system.atomic import atomic_file, make_folder, remove_partials
 
 if TYPE_CHECKING:
     import pyarrow

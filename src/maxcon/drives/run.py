@@ -18,9 +18,9 @@ from maxcon.drives.table import DriveEntry
 from maxcon.engine import Engine
 from maxcon.errors import MaxconError
 from maxcon.estimate import Status
-from maxcon.progress import Progress
+from maxcon.system.progress import Progress
+from maxcon.system.work_folder import work_folder
 from maxcon.version import __version__
-from maxcon.work_folder import work_folder
 
 __all__ = ["EPOCHS_PER_TASK", "Localized", "localize_drives", "tasks_of"]
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from maxcon.errors import FileError
-from maxcon.regular_file import read_regular
-from maxcon.toml_file import read_toml
+from maxcon.system.regular_file import read_regular
+from maxcon.system.toml_file import read_toml
 
 __all__ = ["DriveEntry", "read_drives"]
 

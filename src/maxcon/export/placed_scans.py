@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.atomic import atomic_file
 from maxcon.errors import OptionError, TrajectoryError
 from maxcon.export.rows import PoseRow
 from maxcon.geometry import Pose
@@ -19,6 +18,7 @@ from maxcon.io.clouds.laz import laz_as_os_error
 from maxcon.io.crs import metric_crs
 from maxcon.io.scans import Scans
 from maxcon.io.scans.raw_scan import nearest_in_time
+from maxcon.system.atomic import atomic_file
 
 __all__ = ["SCAN_SUFFIXES", "write_placed_scans"]
 

@@ -6,9 +6,9 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from maxcon.atomic import atomic_file
 from maxcon.export.rows import PoseRow
 from maxcon.io.trajectories import write_tum
+from maxcon.system.atomic import atomic_file
 from maxcon.trajectory import Trajectory
 
 __all__ = ["write_kitti", "write_tum_rows"]

@@ -19,7 +19,7 @@ from maxcon.errors import FileError, TrajectoryError
 from maxcon.geometry.quaternions import quaternions_from_angles
 from maxcon.io.fixes import Fixes, Heights, Orientations, is_place
 from maxcon.io.text import parse_float
-from maxcon.regular_file import open_regular
+from maxcon.system.regular_file import open_regular
 from maxcon.trajectory import Trajectory
 
 __all__ = ["NmeaLog", "is_nmea", "read_nmea"]

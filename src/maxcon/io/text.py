@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import FileError
-from maxcon.regular_file import open_regular
+from maxcon.system.regular_file import open_regular
 
 __all__ = ["numbered_lines", "parse_float", "printable", "read_lines", "read_table"]
 

@@ -11,7 +11,6 @@ from shutil import rmtree
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.atomic import atomic_folder, check_replaceable
 from maxcon.engine import Engine
 from maxcon.errors import ArrayError, MapError, OptionError
 from maxcon.geometry.voxels import INDEX_LIMIT
@@ -38,7 +37,8 @@ from maxcon.mapping.tile_job import TileJob, TileRound, TileStep, by_engine, by_
 from maxcon.point_map import TILE_VOXELS, TileKey
 from maxcon.point_map.manifest import MAP_NAMES, Manifest
 from maxcon.point_map.writer import MapWriter
-from maxcon.progress import Progress
+from maxcon.system.atomic import atomic_folder, check_replaceable
+from maxcon.system.progress import Progress
 from maxcon.version import __version__
 
 __all__ = ["build_map"]

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.atomic import atomic_file
 from maxcon.mapping.ground_filter import ground_heights, heights_at, lowest_heights
 from maxcon.mapping.sightings import SightingSpill, block_voxels
 from maxcon.mapping.surface_shapes import is_vegetation
@@ -20,6 +19,7 @@ from maxcon.mapping.voxel_moments import VoxelMoments
 from maxcon.mapping.voxel_normals import plane_normals
 from maxcon.point_map import TILE_VOXELS, TileKey
 from maxcon.point_map.ground import GroundTile, ground_of_points, ground_voxels
+from maxcon.system.atomic import atomic_file
 
 __all__ = ["FOUND", "LARGEST_CELL", "NEIGHBOUR_VOXELS", "ClassFinder", "FoundClasses", "FoundInTile"]
 

@@ -11,7 +11,7 @@ from maxcon.errors import FileError
 from maxcon.mapping.pass_differences import compare_passes
 from maxcon.mapping.place_sample import PlaceSample
 from maxcon.point_map.sigma import UNKNOWN_SIGMA
-from maxcon.regular_file import read_regular
+from maxcon.system.regular_file import read_regular
 
 __all__ = ["aligned_sigma", "map_sigma"]
 

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.atomic import atomic_file
 from maxcon.geometry import voxel_indices
 from maxcon.point_map import TILE_VOXELS, TileKey
 from maxcon.point_map.ground import ground_voxels
+from maxcon.system.atomic import atomic_file
 
 __all__ = ["GROUND_RECORD", "RECORD", "GroundSpill", "TileFiles", "TileSpill"]
 

@@ -11,15 +11,15 @@ from pathlib import Path
 from socket import gethostname
 from typing import Any, NoReturn
 
-from maxcon.atomic import atomic_file
 from maxcon.engine import Engine
 from maxcon.errors import MapError
-from maxcon.in_order import by_order, in_order
 from maxcon.mapping.found_classes import ClassFinder
 from maxcon.mapping.sightings import SightingSpill
 from maxcon.mapping.spill import TileSpill
 from maxcon.mapping.tiles import MEMORY_BYTES, MadeTile, TileMaker
 from maxcon.point_map import TileKey
+from maxcon.system.atomic import atomic_file
+from maxcon.system.in_order import by_order, in_order
 
 __all__ = ["TileJob", "TileRound", "TileStep", "TileTask", "by_engine", "by_threads"]
 

@@ -10,9 +10,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.atomic import atomic_file
 from maxcon.mapping.spill import RECORD
 from maxcon.point_map import TILE_VOXELS
+from maxcon.system.atomic import atomic_file
 
 __all__ = ["HALO_VOXELS", "VoxelMoments"]
 

@@ -5,7 +5,6 @@
 import os
 from pathlib import Path
 
-from maxcon.atomic import atomic_folder, check_replaceable
 from maxcon.errors import FileError, OptionError
 from maxcon.point_map.manifest import (
     MANIFEST,
@@ -17,8 +16,9 @@ from maxcon.point_map.manifest import (
 )
 from maxcon.point_map.section import Section
 from maxcon.point_map.writer import MapWriter
-from maxcon.progress import Progress
 from maxcon.storage import Folder, MapFiles, address_of, open_place
+from maxcon.system.atomic import atomic_folder, check_replaceable
+from maxcon.system.progress import Progress
 
 __all__ = ["copy_map"]
 

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: MIT
 """Levels of a map: its voxels merged to larger ones, tile by tile (decision 21)."""
 
-from maxcon.compiled import read_only_view
 from maxcon.errors import OptionError
 from maxcon.point_map.kept_tiles import KeptTiles
 from maxcon.point_map.layout import PATCH_VOXELS, TILE_VOXELS, TileKey
 from maxcon.point_map.tile import TileSource, VoxelTile
+from maxcon.system.compiled import read_only_view
 
 __all__ = ["FACTORS", "MergedTiles", "check_factor", "merged"]
 

@@ -10,10 +10,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.compiled import read_only_view
 from maxcon.point_map.addresses import Addresses
 from maxcon.point_map.layout import MEAN_STEPS, PATCH_VOXELS, TILE_VOXELS, WORD_BITS, TileKey
 from maxcon.point_map.surface_class import SurfaceClass
+from maxcon.system.compiled import read_only_view
 
 __all__ = ["Occupancy", "TileIndex", "TileSource", "VoxelTile", "search_order"]
 

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from maxcon.atomic import atomic_file
 from maxcon.errors import MissingExtraError, OptionError
+from maxcon.system.atomic import atomic_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -7,8 +7,8 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from maxcon.atomic import atomic_file
 from maxcon.errors import FileError, MissingExtraError
+from maxcon.system.atomic import atomic_file
 
 __all__ = ["Picture", "check_jinja2", "write_page"]
 

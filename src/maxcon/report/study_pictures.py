@@ -9,7 +9,6 @@ from pathlib import Path
 from maxcon.dataset import Dataset
 from maxcon.drive import DriveOptions
 from maxcon.errors import FileError, MaxconError
-from maxcon.progress import Progress
 from maxcon.report.claims import HELMERT
 from maxcon.report.html import Picture
 from maxcon.report.study_scenes import StudyScenes, pick_epochs, space_of
@@ -18,6 +17,7 @@ from maxcon.study import MethodRows, Study
 from maxcon.study.bench import REFERENCE, BenchPlan
 from maxcon.study.configuration import check_parts, dataset_parts
 from maxcon.study.map_variants import STANDARD
+from maxcon.system.progress import Progress
 
 __all__ = ["draw_pictures", "open_scenes"]
 

@@ -9,12 +9,9 @@ import shlex
 from collections import Counter
 from pathlib import Path
 
-from maxcon.atomic import check_folder, check_writable, make_folder
 from maxcon.dataset import DESCRIPTION
 from maxcon.errors import OptionError
 from maxcon.evaluation import SUCCESS_WORDS
-from maxcon.partials import sweep_folder
-from maxcon.progress import Progress
 from maxcon.report.claims import COUNT, HELMERT, paper_claims
 from maxcon.report.figure import check_matplotlib
 from maxcon.report.html import check_jinja2
@@ -26,6 +23,9 @@ from maxcon.report.study_tables import method_tables
 from maxcon.search_space import SearchSpace
 from maxcon.study import MethodRows, Study, known_methods, rows_by_method, statistics
 from maxcon.study.bench import REFERENCE
+from maxcon.system.atomic import check_folder, check_writable, make_folder
+from maxcon.system.partials import sweep_folder
+from maxcon.system.progress import Progress
 from maxcon.version import __version__
 
 __all__ = ["report_study"]

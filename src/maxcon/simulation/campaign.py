@@ -5,7 +5,6 @@
 import os
 from collections.abc import Callable, Sequence
 
-from maxcon.atomic import atomic_folder, check_replaceable
 from maxcon.dataset import Dataset
 from maxcon.errors import OptionError
 from maxcon.simulation.campaign_world import EPOCH_STEP, MOST_EPOCHS, CampaignWorld
@@ -23,6 +22,7 @@ from maxcon.simulation.drive import PriorErrors
 from maxcon.simulation.gnss_priors import GnssErrors
 from maxcon.simulation.odometry import OdometryErrors
 from maxcon.simulation.scanners import ProfileScanner, RotatingScanner, mobile_mapping_scanners
+from maxcon.system.atomic import atomic_folder, check_replaceable
 
 __all__ = ["simulate_campaign"]
 

@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from maxcon.atomic import atomic_folder, check_replaceable
 from maxcon.dataset import Dataset
 from maxcon.errors import OptionError
 from maxcon.simulation.dataset_files import (
@@ -23,6 +22,7 @@ from maxcon.simulation.dataset_files import (
 from maxcon.simulation.drive import PriorErrors
 from maxcon.simulation.scanners import ProfileScanner, RotatingScanner, mobile_mapping_scanners
 from maxcon.simulation.world import SimulatedWorld
+from maxcon.system.atomic import atomic_folder, check_replaceable
 
 __all__ = ["CITY_ORIGIN", "CRS", "simulate"]
 

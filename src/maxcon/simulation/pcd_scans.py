@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from maxcon.atomic import atomic_folder, check_replaceable
 from maxcon.io.scans import RawScan, Scans
+from maxcon.system.atomic import atomic_folder, check_replaceable
 
 __all__ = ["write_pcd_folder"]
 

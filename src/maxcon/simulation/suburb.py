@@ -5,7 +5,6 @@
 import os
 from collections.abc import Callable, Sequence
 
-from maxcon.atomic import atomic_folder, check_replaceable
 from maxcon.dataset import Dataset
 from maxcon.errors import OptionError
 from maxcon.simulation.dataset_files import (
@@ -25,6 +24,7 @@ from maxcon.simulation.scanner_layouts import ScannerLayout
 from maxcon.simulation.scanners import ProfileScanner, RotatingScanner, mobile_mapping_scanners
 from maxcon.simulation.suburb_road import check_road_length
 from maxcon.simulation.suburb_world import ROAD_LENGTH, SuburbWorld, n_epochs_on
+from maxcon.system.atomic import atomic_folder, check_replaceable
 
 __all__ = ["simulate_suburb"]
 

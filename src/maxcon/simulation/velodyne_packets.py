@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.atomic import atomic_file
 from maxcon.errors import ArrayError, MissingExtraError, OptionError
 from maxcon.io.scans import Scans
 from maxcon.simulation.firing_scanner import BLOCK_TIME, FIRING_TIME, LASER_TIME, FiringScanner
+from maxcon.system.atomic import atomic_file
 
 __all__ = ["check_capture_writer", "packets_of_scan", "write_capture"]
 

@@ -10,8 +10,8 @@ from contextlib import suppress
 from io import BufferedReader
 from pathlib import Path
 
-from maxcon.regular_file import open_regular
 from maxcon.storage.record_place import RecordPlace
+from maxcon.system.regular_file import open_regular
 
 __all__ = ["Folder"]
 

@@ -9,15 +9,15 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from maxcon.atomic import write_json
 from maxcon.dataset import Dataset
-from maxcon.differences import differences
 from maxcon.drive import DriveOptions
 from maxcon.errors import FileError, OptionError
-from maxcon.regular_file import open_regular
 from maxcon.study.description import describe
 from maxcon.study.map_variants import MAP_VARIANTS
 from maxcon.study.methods import StudyMethod
+from maxcon.system.atomic import write_json
+from maxcon.system.differences import differences
+from maxcon.system.regular_file import open_regular
 from maxcon.version import __version__
 
 __all__ = ["CONFIGURATION", "Configuration", "check_parts", "dataset_parts"]

@@ -6,10 +6,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from maxcon.atomic import make_folder
 from maxcon.dataset import Dataset
 from maxcon.errors import OptionError
-from maxcon.progress import Progress
+from maxcon.system.atomic import make_folder
+from maxcon.system.progress import Progress
 
 __all__ = ["MAP_VARIANTS", "STANDARD", "MapVariant", "make_maps"]
 

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 
-from maxcon.atomic import atomic_file
 from maxcon.drive import DriveOptions
 from maxcon.errors import FileError
 from maxcon.evaluation import pose_error
@@ -21,6 +20,7 @@ from maxcon.simulation import PriorErrors
 from maxcon.study.bench import REFERENCE, Bench, prepare_map
 from maxcon.study.methods import StudyMethod
 from maxcon.study.prior_levels import prior_at
+from maxcon.system.atomic import atomic_file
 
 __all__ = ["PriorTrial", "TrialSummary", "read_trials", "summarize_trials", "try_epoch", "write_trials"]
 

@@ -17,14 +17,14 @@ from maxcon.drive import DriveOptions
 from maxcon.engine import Engine
 from maxcon.errors import OptionError
 from maxcon.io.scans import open_scans
-from maxcon.progress import Progress
 from maxcon.study.bench import REFERENCE, BenchPlan
 from maxcon.study.configuration import CONFIGURATION, Configuration
 from maxcon.study.job import StudyJob, StudyTask
 from maxcon.study.map_variants import make_maps
 from maxcon.study.methods import StudyMethod
 from maxcon.study.table import Key, TableParts, keys_of
-from maxcon.work_folder import work_folder
+from maxcon.system.progress import Progress
+from maxcon.system.work_folder import work_folder
 
 if TYPE_CHECKING:
     import pyarrow

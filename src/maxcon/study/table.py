@@ -8,8 +8,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from maxcon.atomic import atomic_file, make_folder
 from maxcon.errors import FileError
+from maxcon.system.atomic import atomic_file, make_folder
 
 if TYPE_CHECKING:
     import pyarrow

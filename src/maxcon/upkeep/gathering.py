@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from maxcon.mapping.spill import TileSpill
 from maxcon.point_map import PointMap, TileKey, VoxelTile
 from maxcon.point_map.voxelize import tile_of_voxels
-from maxcon.progress import Progress
+from maxcon.system.progress import Progress
 from maxcon.upkeep.candidates import candidates_of_tile, spill_unknown_points
 from maxcon.upkeep.drives import LocalizedDrive, Look, read_look
 from maxcon.upkeep.surfaces import CANDIDATE, Evidence, SurfaceFiles, Surfaces, SurfacesInReach, classes_of

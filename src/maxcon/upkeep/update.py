@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.atomic import atomic_folder, check_replaceable
 from maxcon.errors import MapError, OptionError
 from maxcon.point_map import PointMap, TileKey
 from maxcon.point_map.manifest import MAP_NAMES, Manifest, read_manifest
@@ -30,8 +29,9 @@ from maxcon.point_map.records import (
 from maxcon.point_map.section import Section
 from maxcon.point_map.surface_class import SurfaceClass
 from maxcon.point_map.writer import MapWriter
-from maxcon.progress import Progress
 from maxcon.storage import MapFiles, open_place
+from maxcon.system.atomic import atomic_folder, check_replaceable
+from maxcon.system.progress import Progress
 from maxcon.upkeep.drives import LocalizedDrive, Look, looks_of
 from maxcon.upkeep.gathering import gather_evidence
 from maxcon.upkeep.surfaces import CANDIDATE, Surfaces

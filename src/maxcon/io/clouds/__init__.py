@@ -14,7 +14,7 @@ from maxcon.io.clouds.las import LasReader
 from maxcon.io.clouds.npz import NpzReader
 from maxcon.io.clouds.ply import PlyReader
 from maxcon.io.clouds.xyz import XyzReader
-from maxcon.regular_file import special_kind
+from maxcon.system.regular_file import special_kind
 
 __all__ = ["CLOUD_SUFFIXES", "Bounds", "CloudChunk", "CloudHeader", "CloudReader", "open_cloud"]
 

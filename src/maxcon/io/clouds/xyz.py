@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from maxcon.errors import FileError
 from maxcon.io.clouds.base import CloudChunk, CloudHeader, CloudReader, as_classes, as_file_error
 from maxcon.io.text import parse_float
-from maxcon.regular_file import open_regular
+from maxcon.system.regular_file import open_regular
 
 __all__ = ["XyzReader"]
 

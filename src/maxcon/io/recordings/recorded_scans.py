@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from maxcon.errors import FileError
 from maxcon.io.recordings.cloud_sources import CloudSource, RecordedCloud, open_clouds
 from maxcon.io.scans.raw_scan import RawScan, Scans, check_range, returns_in_range
-from maxcon.progress import Progress
+from maxcon.system.progress import Progress
 
 __all__ = ["RecordedScans"]
 

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from hypothesis import given
 from hypothesis import strategies as st
 
-from maxcon.in_order import by_order, in_order
+from maxcon.system.in_order import by_order, in_order
 
 
 @given(st.permutations(range(12)))

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from maxcon.atomic import check_folder, make_folder
 from maxcon.errors import FileError
-from maxcon.locks import locked
-from maxcon.partials import partials_in, partials_of, remove
+from maxcon.system.atomic import check_folder, make_folder
+from maxcon.system.locks import locked
+from maxcon.system.partials import partials_in, partials_of, remove
 
 __all__ = ["LOCK", "work_folder"]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from maxcon.errors import FileError
-from maxcon.regular_file import open_regular
+from maxcon.system.regular_file import open_regular
 
 __all__ = ["read_toml"]
 

@@ -11,9 +11,9 @@ import stat
 
 import pytest
 
-from maxcon.atomic import atomic_file, atomic_folder, check_writable, make_folder
 from maxcon.errors import FileError, MaxconError
-from maxcon.partials import sweep_folder
+from maxcon.system.atomic import atomic_file, atomic_folder, check_writable, make_folder
+from maxcon.system.partials import sweep_folder
 
 
 class Interrupted(BaseException):
@@ -125,7 +125,7 @@ def test_a_signal_anywhere_in_the_exchange_loses_neither_folder(tmp_path, monkey
     (target / "old").write_text("old")
     cls, rename = type(target), type(target).replace
     if not has_swap:
-        monkeypatch.setattr("maxcon.atomic.swapped", lambda one, other: False)
+        monkeypatch.setattr("maxcon.system.atomic.swapped", lambda one, other: False)
     steps_left = [after]
 
     def replace(self, other):
@@ -343,7 +343,7 @@ def test_overwriting_replaces_the_whole_folder(tmp_path):
 
 def test_the_old_folder_comes_back_when_the_exchange_fails(tmp_path, monkeypatch):
     """The second of two renames fails: the first is taken back."""
-    monkeypatch.setattr("maxcon.atomic.swapped", lambda one, other: False)
+    monkeypatch.setattr("maxcon.system.atomic.swapped", lambda one, other: False)
     target = tmp_path / "city.map"
     target.mkdir()
     (target / "old").write_text("old")

@@ -11,9 +11,9 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from maxcon.errors import FileError
-from maxcon.exchange import swapped
-from maxcon.partials import check_name, old_place, partial_folder, partials_of, put_back, remove, sweep
-from maxcon.regular_file import special_kind
+from maxcon.system.exchange import swapped
+from maxcon.system.partials import check_name, old_place, partial_folder, partials_of, put_back, remove, sweep
+from maxcon.system.regular_file import special_kind
 
 __all__ = [
     "atomic_file",

@@ -5,7 +5,7 @@
 import pytest
 
 from maxcon.errors import FileError
-from maxcon.work_folder import LOCK, work_folder
+from maxcon.system.work_folder import LOCK, work_folder
 
 
 def test_a_folder_that_is_not_there_is_made_and_may_be_left_at_any_moment(tmp_path):
@@ -58,7 +58,7 @@ def test_a_file_system_without_locks_is_told(tmp_path, monkeypatch):
     def no_locks(descriptor):
         raise OSError(38, "Function not implemented")
 
-    monkeypatch.setattr("maxcon.locks.try_lock", no_locks)
+    monkeypatch.setattr("maxcon.system.locks.try_lock", no_locks)
     with (
         pytest.raises(FileError, match=r"able to lock .*Function not implemented.*another file system"),
         work_folder(tmp_path / "work", "work", "record.json"),

@@ -11,7 +11,7 @@ from maxcon.io.clouds import CLOUD_SUFFIXES, open_cloud
 from maxcon.io.scans import open_scans
 from maxcon.io.scans.points import SCAN_SUFFIXES
 from maxcon.io.trajectories import read_prior, read_trajectory
-from maxcon.regular_file import open_regular
+from maxcon.system.regular_file import open_regular
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from glob import escape
 from pathlib import Path
 
 from maxcon.errors import FileError
-from maxcon.locks import try_lock
+from maxcon.system.locks import try_lock
 
 __all__ = [
     "check_name",
