@@ -10,7 +10,7 @@ from pathlib import Path
 
 from maxcon import PointMap
 from maxcon.dataset import DESCRIPTION, Dataset
-from maxcon.drive import DriveOptions
+from maxcon.drive.localize import DriveOptions
 from maxcon.study.bench import REFERENCE, BenchPlan
 from maxcon.study.map_variants import STANDARD, make_maps
 from maxcon.study.prior_levels import prior_at

@@ -31,7 +31,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from maxcon import MaximumConsensus, PointMap, Scan, SearchSpace
-from maxcon.drive import DriveOptions
+from maxcon.drive.localize import DriveOptions
 from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.mapping.placement import Area

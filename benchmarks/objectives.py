@@ -18,7 +18,7 @@ from scene import header
 
 import maxcon
 from maxcon.dataset import Dataset
-from maxcon.drive import DriveOptions, pose_or_none
+from maxcon.drive.localize import DriveOptions, pose_or_none
 from maxcon.evaluation import pose_error
 from maxcon.integrity import highest_beyond
 from maxcon.io.scans import open_scans

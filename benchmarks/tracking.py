@@ -23,7 +23,7 @@ from scene import header
 
 from maxcon import MaximumConsensus, Motion, MotionNoise, PointMap, Pose, Scan, Status, Tracker, UncertainPose
 from maxcon.dataset import Dataset
-from maxcon.drive import DriveOptions
+from maxcon.drive.localize import DriveOptions
 from maxcon.evaluation import pose_error
 from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory

@@ -99,7 +99,7 @@ class DriveOfBoxes:
         """Write scans and POSES.csv; return both paths."""
         import csv
 
-        from maxcon.poses_table import COLUMNS
+        from maxcon.drive.poses_table import COLUMNS
 
         (folder / "scans").mkdir(parents=True)
         for i in range(len(self)):

@@ -27,7 +27,7 @@ from maxcon.version import __version__
 if TYPE_CHECKING:
     from maxcon import search
     from maxcon.accumulator import Accumulator
-    from maxcon.drive import DriveOptions, EpochEstimate, localize_drive
+    from maxcon.drive.localize import DriveOptions, EpochEstimate, localize_drive
     from maxcon.errors import MaxconError
     from maxcon.estimate import Estimate, Status
     from maxcon.geometry import LocalFrame, Pose
@@ -91,8 +91,8 @@ __all__ = [
 _HOME = {
     "Accumulator": "maxcon.accumulator",
     "Count": "maxcon.objectives",
-    "DriveOptions": "maxcon.drive",
-    "EpochEstimate": "maxcon.drive",
+    "DriveOptions": "maxcon.drive.localize",
+    "EpochEstimate": "maxcon.drive.localize",
     "Estimate": "maxcon.estimate",
     "Helmert": "maxcon.objectives",
     "LocalFrame": "maxcon.geometry",
@@ -119,7 +119,7 @@ _HOME = {
     "Trust": "maxcon.integrity",
     "UncertainPose": "maxcon.tracking",
     "Weighting": "maxcon.search",
-    "localize_drive": "maxcon.drive",
+    "localize_drive": "maxcon.drive.localize",
     "open_scans": "maxcon.io.scans",
     "plot_drive": "maxcon.report",
     "plot_epoch": "maxcon.report",

@@ -90,7 +90,7 @@ def test_what_ignores_hangups_goes_on(maxcon_process, build, out):
 def test_a_stop_that_became_another_error_on_its_way(maxcon_process, drive, tmp_path, error):
     script = f"""
 import os, signal
-import maxcon.drive
+import maxcon.drive.localize
 from maxcon.cli import main
 from maxcon.errors import FileError
 
@@ -101,7 +101,7 @@ def read(*arguments, **options):
     except SystemExit:
         raise {error} from None
 
-maxcon.drive.localize_drive = read
+maxcon.drive.localize.localize_drive = read
 main()
 """
     arguments = ("localize", drive.city, drive.dataset.scans, "--prior", drive.dataset.prior)

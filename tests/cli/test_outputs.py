@@ -59,7 +59,7 @@ def test_a_dataset_is_not_written_over_something_else(maxcon, refused, drive, ou
 
 @pytest.mark.parametrize("option", ["-o", "--tum"])
 def test_tables_that_cannot_be_written_are_told_first(maxcon, refused, localize, out, option, monkeypatch):
-    monkeypatch.setattr("maxcon.drive.localize_drive", None)
+    monkeypatch.setattr("maxcon.drive.localize.localize_drive", None)
     (out / "file").touch()
     for path, got in (
         (out / "missing" / "poses.csv", "No such file or directory"),

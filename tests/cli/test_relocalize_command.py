@@ -8,8 +8,8 @@ import math
 import numpy as np
 import pytest
 
+from maxcon.drive.poses_table import COLUMNS
 from maxcon.io.trajectories import read_trajectory
-from maxcon.poses_table import COLUMNS
 
 
 @pytest.fixture(scope="module")

@@ -14,10 +14,10 @@ from maxcon.io.trajectories import read_trajectory
 # rows are made before the signal has come.
 WAITING = """
 import os, sys, time
-import maxcon.drive
+import maxcon.drive.localize
 from maxcon.cli import main
 
-read, n_first, go = maxcon.drive.read_epoch, {n_first}, {go!r}
+read, n_first, go = maxcon.drive.localize.read_epoch, {n_first}, {go!r}
 
 def waits(scans, epoch, options):
     while epoch >= n_first and not os.path.exists(go):
@@ -25,7 +25,7 @@ def waits(scans, epoch, options):
         time.sleep(0.01)
     return read(scans, epoch, options)
 
-maxcon.drive.read_epoch = waits
+maxcon.drive.localize.read_epoch = waits
 main()
 """
 LONG = 600.0

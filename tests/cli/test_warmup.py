@@ -22,7 +22,7 @@ PARTS = (
 ALL_OPTIONS = """
 import sys
 from maxcon import MaximumConsensus, PointMap
-from maxcon.drive import localize_drive
+from maxcon.drive.localize import localize_drive
 from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.warmup import OBJECTIVES, options_of_the_method

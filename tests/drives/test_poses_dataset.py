@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from maxcon import Estimate, Pose, Scan, Status
-from maxcon.drive import EpochEstimate
+from maxcon.drive.localize import EpochEstimate
+from maxcon.drive.poses_table import COVARIANCES, FORMATS, write_poses
 from maxcon.drives.poses_dataset import PosesDataset, poses_schema
 from maxcon.errors import FileError
 from maxcon.io.scans import RawScan
-from maxcon.poses_table import COVARIANCES, FORMATS, write_poses
 
 NOTHING = np.empty((0, 3))
 POSE = Pose(549936.51934567, 5801960.09217654, 62.00561111, 0.0012345678, -0.004494209, 3.0430433691)

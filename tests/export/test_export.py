@@ -16,12 +16,12 @@ import pyproj
 import pytest
 
 from maxcon import Pose
+from maxcon.drive.poses_table import COLUMNS, COVARIANCES
 from maxcon.drives import poses_schema
 from maxcon.errors import CrsError, FileError, OptionError, TrajectoryError
 from maxcon.export import EXPORT_SUFFIXES, export_poses, export_scans, read_rows
 from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory
-from maxcon.poses_table import COLUMNS, COVARIANCES
 
 CRS = "EPSG:25832"
 POSES = [

@@ -21,6 +21,7 @@ from fuzz_readers import record_as_bytes
 from pyproj import CRS
 
 from maxcon import Pose, Trajectory, open_scans
+from maxcon.drive.poses_table import COLUMNS
 from maxcon.drives import poses_schema
 from maxcon.io.clouds import CLOUD_SUFFIXES
 from maxcon.io.recordings.opening import CAPTURE_SUFFIX, RECORDING_SUFFIXES
@@ -29,7 +30,6 @@ from maxcon.io.recordings.writing import Entry, open_writer
 from maxcon.io.trajectories import write_csv, write_tum
 from maxcon.mapping import MapOptions, build_map
 from maxcon.point_map.manifest import read_manifest
-from maxcon.poses_table import COLUMNS
 from maxcon.simulation.recordings import RECORDING_NAMES, RecordingKind, record_drive
 
 __all__ = ["Seed", "make_seeds", "seeds_of"]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from maxcon.dataset import Dataset
-from maxcon.drive import DriveOptions, localize_drive
+from maxcon.drive.localize import DriveOptions, localize_drive
 from maxcon.errors import ArrayError, FileError, MapError, OptionError, TrajectoryError
 from maxcon.estimate import Estimate, Status
 from maxcon.evaluation import distinctness, pose_error

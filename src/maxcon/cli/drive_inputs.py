@@ -181,12 +181,12 @@ def _prior(
     sensor_frame: str,
 ) -> "tuple[Trajectory, str, tuple[str, ...]]":
     """The prior, of a file or a recording; what it is in words where it is of a recording; rows that are no poses."""
+    from maxcon.drive.prior_heights import check_heights
     from maxcon.io.geographic_priors import is_geographic
     from maxcon.io.recordings.opening import CAPTURE_SUFFIX, is_recording
     from maxcon.io.recordings.poses import read_recorded_poses
     from maxcon.io.recordings.transforms import parse_frames
     from maxcon.io.trajectories import read_prior
-    from maxcon.prior_heights import check_heights
 
     source = scans if prior is None else prior
     if prior is not None and not is_recording(prior) and is_geographic(prior):
@@ -234,9 +234,9 @@ def _geographic_prior(
     point_map: "PointMap", prior: Path, options: RecordingOptions, mounting: "Mounting | None"
 ) -> "tuple[Trajectory, str, tuple[str, ...]]":
     """The prior of a file in latitude, longitude and height, likewise."""
+    from maxcon.drive.prior_heights import check_heights
     from maxcon.io.fixes import Heights
     from maxcon.io.geographic_priors import read_geographic_prior
-    from maxcon.prior_heights import check_heights
 
     _check_without("--prior-topic", options.prior_topic, "a recording", prior)
     _check_without("--prior-frames", options.prior_frames, "a recording", prior)

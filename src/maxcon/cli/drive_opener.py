@@ -15,7 +15,7 @@ from maxcon.cli.tracking import started_drive
 from maxcon.options import Multiplicity, SearchMethod, Weighting
 
 if TYPE_CHECKING:
-    from maxcon.drive import Drive, DriveOptions, EpochEstimate
+    from maxcon.drive.localize import Drive, DriveOptions, EpochEstimate
     from maxcon.drives import DriveEntry
     from maxcon.integrity import Trust
     from maxcon.maximum_consensus import MaximumConsensus
@@ -136,7 +136,7 @@ class OpenedDrive:
 
     def checked(self) -> "Drive":
         """Return the drive with its priors found; what cannot work is said, with the files."""
-        from maxcon.drive import Drive
+        from maxcon.drive.localize import Drive
 
         if self._drive is None:
             with self._naming_files():
@@ -148,13 +148,13 @@ class OpenedDrive:
 
     def failed(self, epoch: int, reason: str) -> "EpochEstimate":
         """Return what stands for an epoch that no process came back from."""
-        from maxcon.drive import failed_epoch
+        from maxcon.drive.localize import failed_epoch
 
         return failed_epoch(epoch, self.inputs.scans, reason)
 
     def with_points(self, epoch: "EpochEstimate") -> "EpochEstimate":
         """Return an answer that came back without its points with them."""
-        from maxcon.drive import read_epoch, scan_of
+        from maxcon.drive.localize import read_epoch, scan_of
 
         raw, _ = read_epoch(self.inputs.scans, epoch.epoch, self.opener.drive)
         return replace(epoch, raw=raw, scan=scan_of(raw))

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
-    from maxcon.drive import DriveOptions, EpochEstimate, Method
+    from maxcon.drive.localize import DriveOptions, EpochEstimate, Method
+    from maxcon.drive.poses_table import RowsThere
     from maxcon.io.scans import Scans
     from maxcon.point_map import PointMap
-    from maxcon.poses_table import RowsThere
 
 __all__ = ["is_whole", "print_alternative", "print_summary"]
 
@@ -106,8 +106,8 @@ def print_alternative(
     options: "DriveOptions",
 ) -> None:
     """Say what prior or scans would have to mean for epochs to be localized, where none is."""
-    from maxcon.alternatives import alternative_that_fits
-    from maxcon.prior_heights import heights_in_words
+    from maxcon.drive.alternatives import alternative_that_fits
+    from maxcon.drive.prior_heights import heights_in_words
 
     if any(epoch.pose_global is not None for epoch in epochs):
         return

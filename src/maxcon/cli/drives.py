@@ -13,7 +13,7 @@ from maxcon.errors import MaxconError, OptionError
 
 if TYPE_CHECKING:
     from maxcon.cli.drive_opener import DriveOpener, OpenedDrive
-    from maxcon.drive import EpochEstimate
+    from maxcon.drive.localize import EpochEstimate
     from maxcon.drives import ManyDrivesJob
     from maxcon.drives.job import DriveTask
     from maxcon.engine import Engine

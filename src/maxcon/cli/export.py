@@ -117,7 +117,7 @@ def _check_out(table: Path, out: Path, *, overwrite: bool) -> None:
 
 def _crs_of_map(map_folder: Path, table: Path, rows: "list[PoseRow]") -> str | None:
     """The CRS of a map; refuses one that most of the poses lie outside of."""
-    from maxcon.drive import MAP_MARGIN
+    from maxcon.drive.localize import MAP_MARGIN
     from maxcon.errors import MapError
     from maxcon.point_map import PointMap
 

@@ -233,7 +233,7 @@ def localize(
     Exit code 0: every epoch is localized, of a track every one from its beginning on; 1: some are not (the status
     column says why); 2: bad input.
     """
-    from maxcon.drive import DriveOptions
+    from maxcon.drive.localize import DriveOptions
     from maxcon.drives import DriveEntry
     from maxcon.engine import Engine
     from maxcon.integrity import Trust

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from maxcon.drive import EpochEstimate
+    from maxcon.drive.localize import EpochEstimate
     from maxcon.maximum_consensus import MaximumConsensus
     from maxcon.point_map import PointMap
     from maxcon.within_sigmas import WithinSigmas

@@ -26,7 +26,7 @@ from maxcon.cli.table_of_poses import check_table, read_there, write_trajectory,
 from maxcon.errors import OptionError
 
 if TYPE_CHECKING:
-    from maxcon.drive import EpochEstimate
+    from maxcon.drive.localize import EpochEstimate
     from maxcon.point_map import PointMap
 
 __all__ = ["relocalize"]
@@ -83,12 +83,12 @@ def relocalize(
 
     Exit code 0: every epoch is localized; 1: some are not (the status column says why); 2: bad input.
     """
-    from maxcon.drive import DriveOptions
+    from maxcon.drive.localize import DriveOptions
+    from maxcon.drive.relocalize import relocalize_drive
     from maxcon.integrity import Trust
     from maxcon.io.scans import open_scans
     from maxcon.point_map import PointMap
     from maxcon.relocalization import Relocalizer
-    from maxcon.relocalized_drive import relocalize_drive
 
     _check(out, around, radius, tum, resume=resume, overwrite=overwrite)
     trust, options = Trust(least_share, largest_runner_up), DriveOptions(min_range, max_range)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from maxcon.errors import OptionError
 
 if TYPE_CHECKING:
-    from maxcon.drive import EpochEstimate
+    from maxcon.drive.localize import EpochEstimate
     from maxcon.maximum_consensus import MaximumConsensus
     from maxcon.search_space import SearchSpace
     from maxcon.trajectory import Trajectory

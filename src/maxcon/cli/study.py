@@ -63,7 +63,7 @@ def study(
     Stopped or killed, the same command goes on; with other methods, priors or epochs it adds to the table.
     """
     from maxcon.dataset import Dataset
-    from maxcon.drive import DriveOptions
+    from maxcon.drive.localize import DriveOptions
     from maxcon.search_space import SearchSpace
     from maxcon.study import DEFAULT_SETS, choose_methods, installed_methods, run_study
 

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from maxcon.drive import EpochEstimate
-    from maxcon.poses_table import GrowingTable, RowsThere
+    from maxcon.drive.localize import EpochEstimate
+    from maxcon.drive.poses_table import GrowingTable, RowsThere
 
 __all__ = ["check_table", "read_there", "write_trajectory", "written"]
 
@@ -55,7 +55,7 @@ def read_there(out: Path, times: "NDArray[np.float64]", *, resume: bool) -> "Row
     FileError
         If that is not the beginning of the table of these scans.
     """
-    from maxcon.poses_table import RowsThere, rows_there
+    from maxcon.drive.poses_table import RowsThere, rows_there
 
     return rows_there(out, times) if resume else RowsThere()
 
@@ -76,7 +76,7 @@ def written(
     FileError
         If not one scan can be read, or a row cannot be written.
     """
-    from maxcon.poses_table import GrowingTable
+    from maxcon.drive.poses_table import GrowingTable
 
     epochs = []
     with GrowingTable(out, there) as table, _kept_told(out, table, n_epochs):
@@ -113,8 +113,8 @@ def _kept_told(out: Path, table: "GrowingTable", n_epochs: int) -> Iterator[None
 
 def write_trajectory(tum: Path, out: Path, there: "RowsThere", epochs: "list[EpochEstimate]") -> None:
     """Write the poses of all epochs, also of those that were there, as TUM; say so where there are none."""
+    from maxcon.drive.poses_table import localized_trajectory
     from maxcon.io.trajectories import read_trajectory, write_tum
-    from maxcon.poses_table import localized_trajectory
 
     trajectory = localized_trajectory(epochs) if there.n_rows == 0 else None
     if there.n_localized or (there.n_rows and any(epoch.pose_global is not None for epoch in epochs)):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from maxcon.errors import OptionError
 
 if TYPE_CHECKING:
-    from maxcon.drive import DriveOptions, EpochEstimate
+    from maxcon.drive.localize import DriveOptions, EpochEstimate
     from maxcon.io.scans import Scans
     from maxcon.maximum_consensus import MaximumConsensus
     from maxcon.point_map import PointMap
@@ -62,12 +62,12 @@ def started_drive(
     An epoch by itself may be the `first`; a track begins with epoch 0.
     """
     if not track:
-        from maxcon.drive import localize_drive
+        from maxcon.drive.localize import localize_drive
 
         return localize_drive(
             point_map, scans, prior, windows or method, options, first=first, n_threads=threads
         )
-    from maxcon.tracked_drive import track_drive
+    from maxcon.drive.track import track_drive
     from maxcon.tracking import MotionNoise, Tracker
 
     if odometry is None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from maxcon.demo.run import MAPPING_WAIT, DemoDrive, MethodResult
 from maxcon.demo.wide import WideResult
-from maxcon.drive import EpochEstimate, scan_of
+from maxcon.drive.localize import EpochEstimate, scan_of
 from maxcon.geometry import Pose
 from maxcon.io.scans import open_scans
 from maxcon.report import (

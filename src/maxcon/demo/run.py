@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from maxcon.dataset import Dataset
-from maxcon.drive import EpochEstimate, localize_drive
+from maxcon.drive.localize import EpochEstimate, localize_drive
+from maxcon.drive.poses_table import write_poses
 from maxcon.evaluation import Accuracy, PoseError, pose_error, summarize
 from maxcon.geometry import Pose
 from maxcon.io.scans import open_scans
@@ -18,7 +19,6 @@ from maxcon.mapping import build_map, dataset_map_options
 from maxcon.maximum_consensus import MaximumConsensus
 from maxcon.objectives import Count, Helmert
 from maxcon.point_map import PointMap
-from maxcon.poses_table import write_poses
 from maxcon.report.figure import check_matplotlib
 from maxcon.report.html import check_jinja2
 from maxcon.search_space import SearchSpace

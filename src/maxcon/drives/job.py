@@ -8,7 +8,7 @@ from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Protocol
 
-from maxcon.drive import EpochEstimate
+from maxcon.drive.localize import EpochEstimate
 from maxcon.drives.table import DriveEntry
 from maxcon.errors import MaxconError
 from maxcon.point_map import PointMap

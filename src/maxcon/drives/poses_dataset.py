@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from maxcon.drive import EpochEstimate
+from maxcon.drive.localize import EpochEstimate
+from maxcon.drive.poses_table import COLUMNS, pose_values
 from maxcon.errors import FileError, OptionError
-from maxcon.poses_table import COLUMNS, pose_values
 from maxcon.system.atomic import atomic_file, make_folder, remove_partials
 
 if TYPE_CHECKING:

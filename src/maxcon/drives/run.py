@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from maxcon.drive import EpochEstimate
+from maxcon.drive.localize import EpochEstimate
 from maxcon.drives.job import DriveTask, ManyDrivesJob
 from maxcon.drives.made_with import OPTIONS, check_options, check_sources
 from maxcon.drives.poses_dataset import PosesDataset

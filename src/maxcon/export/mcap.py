@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon.drive.poses_table import COVARIANCES
 from maxcon.export.rows import PoseRow
 from maxcon.geometry import Pose
 from maxcon.geometry.quaternions import quaternions_from_angles
 from maxcon.io.recordings.writing import Entry, RecordingKind, header_of, open_writer
-from maxcon.poses_table import COVARIANCES
 
 __all__ = ["CRS_FRAME", "MAP_FRAME", "SENSOR_FRAME", "write_mcap"]
 

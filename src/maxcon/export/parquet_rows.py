@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from maxcon.drive.poses_table import COLUMNS
 from maxcon.errors import FileError
-from maxcon.poses_table import COLUMNS
 
 __all__ = ["PARQUET", "parquet_values"]
 

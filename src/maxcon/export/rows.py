@@ -9,11 +9,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from maxcon.drive.poses_table import COLUMNS, COVARIANCES, UNKNOWNS
 from maxcon.errors import FileError
 from maxcon.export.parquet_rows import PARQUET, parquet_values
 from maxcon.geometry import Pose
 from maxcon.io.text import numbered_lines, parse_float
-from maxcon.poses_table import COLUMNS, COVARIANCES, UNKNOWNS
 
 __all__ = ["PoseRow", "bearing_deg", "properties", "read_rows"]
 

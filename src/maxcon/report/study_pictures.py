@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from maxcon.dataset import Dataset
-from maxcon.drive import DriveOptions
+from maxcon.drive.localize import DriveOptions
 from maxcon.errors import FileError, MaxconError
 from maxcon.report.claims import HELMERT
 from maxcon.report.html import Picture

@@ -11,7 +11,7 @@ from typing import cast
 import numpy as np
 
 from maxcon.accumulator import Accumulator
-from maxcon.drive import scan_of
+from maxcon.drive.localize import scan_of
 from maxcon.estimate import Estimate
 from maxcon.geometry import Pose
 from maxcon.maximum_consensus import MaximumConsensus

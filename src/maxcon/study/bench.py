@@ -13,7 +13,14 @@ import numpy as np
 from maxcon.accumulator import Accumulator
 from maxcon.baselines import CountThenGicp, Gicp, Icp, MultiStart
 from maxcon.dataset import Dataset
-from maxcon.drive import DriveOptions, Method, check_inside, pose_or_none, scan_of, status_without_search
+from maxcon.drive.localize import (
+    DriveOptions,
+    Method,
+    check_inside,
+    pose_or_none,
+    scan_of,
+    status_without_search,
+)
 from maxcon.errors import FileError, MaxconError, MissingExtraError, TrajectoryError
 from maxcon.estimate import Status
 from maxcon.evaluation import Distinctness, distinctness

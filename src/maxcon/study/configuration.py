@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from maxcon.dataset import Dataset
-from maxcon.drive import DriveOptions
+from maxcon.drive.localize import DriveOptions
 from maxcon.errors import FileError, OptionError
 from maxcon.study.description import describe
 from maxcon.study.map_variants import MAP_VARIANTS

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from maxcon.baselines import CountThenGicp, Gicp, Icp, MapTargets, MultiStart, check_small_gicp
-from maxcon.drive import Method
+from maxcon.drive.localize import Method
 from maxcon.errors import MissingExtraError, OptionError
 from maxcon.maximum_consensus import MaximumConsensus
 from maxcon.objectives import Count, Helmert, MaxEigenvalue, Objective

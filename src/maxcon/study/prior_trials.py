@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from maxcon.drive import DriveOptions
+from maxcon.drive.localize import DriveOptions
 from maxcon.errors import FileError
 from maxcon.evaluation import pose_error
 from maxcon.scan import Scan

@@ -13,7 +13,7 @@ import numpy as np
 
 from maxcon.baselines import check_small_gicp
 from maxcon.dataset import Dataset
-from maxcon.drive import DriveOptions
+from maxcon.drive.localize import DriveOptions
 from maxcon.engine import Engine
 from maxcon.errors import OptionError
 from maxcon.io.scans import open_scans

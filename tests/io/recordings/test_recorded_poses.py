@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from maxcon.drive.prior_heights import check_heights
 from maxcon.errors import CrsError, FileError, OptionError, TrajectoryError
 from maxcon.geometry import Pose
 from maxcon.geometry.quaternions import angles_from_quaternions, product, quaternions_from_angles
@@ -14,7 +15,6 @@ from maxcon.io.fixes import Fixes, Orientations, poses_of_fixes
 from maxcon.io.geographic import GeographicFrame
 from maxcon.io.recordings.poses import read_recorded_poses
 from maxcon.point_map import PointMap
-from maxcon.prior_heights import check_heights
 from maxcon.simulation.recordings import RecordingKind, record_drive
 from maxcon.trajectory import Trajectory
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.drive import MAP_MARGIN, EpochEstimate, Method
+from maxcon.drive.localize import MAP_MARGIN, EpochEstimate, Method
 from maxcon.errors import FileError
 from maxcon.estimate import Status
 from maxcon.geometry import Pose

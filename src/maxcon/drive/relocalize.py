@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 
-from maxcon.drive import DriveOptions, EpochEstimate, answered, read_epoch, scan_of
+from maxcon.drive.localize import DriveOptions, EpochEstimate, answered, read_epoch, scan_of
 from maxcon.estimate import Status
 from maxcon.io.scans import Scans
 from maxcon.relocalization import Relocalizer

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from maxcon import MaximumConsensus, PointMap, Scan, SearchSpace
-from maxcon.drive import localize_drive
+from maxcon.drive.localize import localize_drive
 from maxcon.evaluation import pose_error
 from maxcon.geometry import wrap_angle
 from maxcon.io.scans import open_scans

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from maxcon import Estimate, Pose, Scan, Status
-from maxcon.drive import EpochEstimate
+from maxcon.drive.localize import EpochEstimate
+from maxcon.drive.poses_table import COLUMNS, localized_trajectory, write_poses
 from maxcon.errors import FileError
 from maxcon.io.scans import RawScan
 from maxcon.io.trajectories import read_trajectory
-from maxcon.poses_table import COLUMNS, localized_trajectory, write_poses
 
 NOTHING = np.empty((0, 3))
 # ETRS89 / UTM 32N, where a float32 has steps of half a metre.

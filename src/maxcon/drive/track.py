@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from maxcon.drive import (
+from maxcon.drive.localize import (
     DriveOptions,
     EpochEstimate,
     answered,

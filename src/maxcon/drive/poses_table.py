@@ -16,7 +16,7 @@ from typing import Any, BinaryIO, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.drive import EpochEstimate
+from maxcon.drive.localize import EpochEstimate
 from maxcon.errors import FileError
 from maxcon.estimate import Status
 from maxcon.system.atomic import atomic_file
