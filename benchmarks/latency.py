@@ -33,7 +33,8 @@ from maxcon import MaximumConsensus, Scan, SearchSpace, cell_search, maximum_con
 from maxcon.baselines import check_small_gicp
 from maxcon.errors import MaxconError
 from maxcon.evaluation import pose_error
-from maxcon.geometry import scan_normals, scan_thinning
+from maxcon.geometry import scan_thinning
+from maxcon.normals import scan_normals
 from maxcon.study.map_variants import STANDARD
 from maxcon.study.methods import StudyMethod
 from maxcon.study.prior_levels import COUNT_THEN_GICP, MAXCON, methods_at, parse_level, space_of

@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 from scene import header, scans, street
 
-from maxcon.geometry.angle_kernels import azimuths_of, elevations_of, extremes
 from maxcon.geometry.arrays import as_points
-from maxcon.geometry.scan_kernels import scan_planes
-from maxcon.geometry.scan_normals import estimate_scan_normals
-from maxcon.geometry.window_kernels import BANDS, first_windows
 from maxcon.io.scans import open_scans
+from maxcon.normals.angle_kernels import azimuths_of, elevations_of, extremes
+from maxcon.normals.scan_kernels import scan_planes
+from maxcon.normals.scan_normals import estimate_scan_normals
+from maxcon.normals.window_kernels import BANDS, first_windows
 
 ROUNDS = 16
 STAGES = ("reading", "checking", "angles", "first windows", "these, sorting and planes", "all but reading")

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from maxcon.errors import ArrayError, OptionError
 from maxcon.geometry.arrays import as_points, as_unit_normals
-from maxcon.geometry.viewpoints import Viewpoints
+from maxcon.normals.viewpoints import Viewpoints
 
 __all__ = ["Scan"]
 
@@ -74,7 +74,7 @@ class Scan:
     @cached_property
     def normals(self) -> NDArray[np.float64]:
         """Unit normals, sensor frame, shape (n, 3); zeros where the points around do not determine one."""
-        from maxcon.geometry.scan_normals import estimate_scan_normals
+        from maxcon.normals.scan_normals import estimate_scan_normals
 
         if self.viewpoints is not None:
             return _frozen(self.viewpoints.normals(self.points))

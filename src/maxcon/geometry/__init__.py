@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Poses, frames, normals and voxels."""
+"""Poses, frames and voxels."""
 
 from maxcon.geometry.frame import LocalFrame
 from maxcon.geometry.pose import Pose, rotation_matrices, wrap_angle

@@ -5,8 +5,8 @@
 import numpy as np
 from numba import njit
 
-from maxcon.geometry.plane_kernels import covariance, plane_normal
 from maxcon.mapping.kernels import reach_line, sum_neighbourhood
+from maxcon.normals.plane_kernels import covariance, plane_normal
 
 __all__ = ["scatters", "sums_near"]
 

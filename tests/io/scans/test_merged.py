@@ -9,10 +9,10 @@ import pytest
 
 from maxcon.errors import FileError, OptionError
 from maxcon.geometry import Pose
-from maxcon.geometry.scan_normals import estimate_scan_normals
 from maxcon.io.scans import RawScan, Scans
 from maxcon.io.scans.deskewed import DeskewedScans
 from maxcon.io.scans.merged import MergedScans
+from maxcon.normals.scan_normals import estimate_scan_normals
 from maxcon.scan import Scan
 from maxcon.simulation import RotatingScanner
 from maxcon.trajectory import Trajectory

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from maxcon.errors import FileError, OptionError
 from maxcon.geometry import Pose
-from maxcon.geometry.viewpoints import Viewpoints
 from maxcon.io.scans.raw_scan import RawScan, Scans, nearest_in_time
+from maxcon.normals.viewpoints import Viewpoints
 
 __all__ = ["MergedScans"]
 

@@ -41,8 +41,8 @@ def estimate_scan_normals(points: NDArray[np.float64]) -> NDArray[np.float64]:
     at most 10.5 degrees above or below it. Points nearer than 1.25 m have no normals: 15 cm are more than 6.9
     degrees there. The same points in another order have the same normals, to the last bit.
     """
-    from maxcon.geometry.angle_kernels import azimuths_of, elevations_of, extremes
-    from maxcon.geometry.scan_kernels import scan_planes
+    from maxcon.normals.angle_kernels import azimuths_of, elevations_of, extremes
+    from maxcon.normals.scan_kernels import scan_planes
 
     points = np.ascontiguousarray(as_points(points, "points"))
     normals = np.empty_like(points)

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from maxcon.geometry.plane_kernels import (
+from maxcon.normals.plane_kernels import (
     BLOCK,
     covariance,
     plane_normal,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from maxcon.errors import ArrayError
 from maxcon.geometry.pose import Pose
-from maxcon.geometry.scan_normals import estimate_scan_normals
+from maxcon.normals.scan_normals import estimate_scan_normals
 
 __all__ = ["Viewpoints"]
 

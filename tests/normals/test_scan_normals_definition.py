@@ -17,11 +17,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from maxcon.geometry import scan_grid_kernels as grids
-from maxcon.geometry import scan_kernels as rules
-from maxcon.geometry.angle_kernels import azimuths_of, elevations_of
-from maxcon.geometry.scan_normals import estimate_scan_normals
-from maxcon.geometry.window_kernels import (
+from maxcon.normals import scan_grid_kernels as grids
+from maxcon.normals import scan_kernels as rules
+from maxcon.normals.angle_kernels import azimuths_of, elevations_of
+from maxcon.normals.scan_normals import estimate_scan_normals
+from maxcon.normals.window_kernels import (
     BANDS,
     GROWTH,
     HIGHEST,

@@ -8,9 +8,9 @@ The window around a point grows until more than one ring is in it; what lies in 
 import numpy as np
 from numba import njit
 
-from maxcon.geometry.plane_kernels import BLOCK, plane_normals, squares_across, sum_near
-from maxcon.geometry.scan_grid_kernels import MOST_REACH, STRIDE, pick_candidates, sorted_grid
-from maxcon.geometry.window_kernels import GROWTH, HIGHEST, LEAST_NEIGHBOURS, LEAST_SPREAD
+from maxcon.normals.plane_kernels import BLOCK, plane_normals, squares_across, sum_near
+from maxcon.normals.scan_grid_kernels import MOST_REACH, STRIDE, pick_candidates, sorted_grid
+from maxcon.normals.window_kernels import GROWTH, HIGHEST, LEAST_NEIGHBOURS, LEAST_SPREAD
 
 __all__ = ["scan_planes"]
 
