@@ -56,12 +56,12 @@ def covariance(refined: Refined, map_sigma: float) -> NDArray[np.float64]:
         refined.points, refined.planes, refined.weights, refined.pose.position, CLUSTER_EDGE, N_FACINGS, STEEPEST,
         clusters, walls,
     )  # fmt: skip
-    A = np.linalg.inv(refined.normal_matrix + np.diag(refined.start_weights))
+    A_inv = np.linalg.inv(refined.normal_matrix + np.diag(refined.start_weights))
     weighted = np.zeros(len(refined.points))
     np.multiply(refined.weights, refined.residuals, out=weighted, where=refined.weights > 0.0)
     scatter = outer_sums(n_clusters, clusters, weighted) + np.diag(refined.start_weights) * MATCH_SIGMA**2
-    of_scatter = SCATTER_FACTORS[:, None] * (A @ scatter @ A) * SCATTER_FACTORS
-    of_walls = (WALL_SHARE * map_sigma) ** 2 * A @ outer_sums(n_walls, walls, refined.weights) @ A
+    of_scatter = SCATTER_FACTORS[:, None] * (A_inv @ scatter @ A_inv) * SCATTER_FACTORS
+    of_walls = (WALL_SHARE * map_sigma) ** 2 * A_inv @ outer_sums(n_walls, walls, refined.weights) @ A_inv
     return np.asarray(of_scatter + of_walls + map_covariance(map_sigma), dtype=np.float64)
 
 
