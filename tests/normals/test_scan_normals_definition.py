@@ -78,7 +78,7 @@ def candidates_of(scan, i, height):
     columns = int(min(to_side, rules.MOST_ALONG) / (2.0 * np.pi) * scan.n_columns + 0.5)
     columns = min(columns, scan.n_columns // 2 - 1)
     rows = int(np.ceil(height / scan.row_step - 1e-9))
-    most = max(grids.LEAST_PER_ROW, min(grids.MOST_PER_ROW, grids.MOST_PER_COLUMN // (2 * rows + 1)))
+    most = max(grids.LEAST_PER_ROW, min(grids.MOST_PER_ROW, grids.MOST_PER_WINDOW // (2 * rows + 1)))
     is_in_rows = np.abs(scan.rows - scan.rows[i]) <= rows
     picked, n_left_out = [], 0
     # Behind the seam of azimuths columns count on from the other end; what lies there is picked for itself.

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""How good answers are: against a reference, by how distinct they are, and by how sure they say to be."""
+"""How good answers are: their errors, how distinct their peaks are, and whether their stated certainty holds."""
 
 from maxcon.evaluation.accuracy import (
     SUCCESS_DISTANCE,

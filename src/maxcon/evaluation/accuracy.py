@@ -24,7 +24,7 @@ __all__ = [
 SUCCESS_DISTANCE = 0.3
 SUCCESS_HEADING = math.radians(1.0)
 SUCCESS_WORDS = f"{SUCCESS_DISTANCE:g} m and {math.degrees(SUCCESS_HEADING):g}°"
-"""What counts as right, in words: within that of the reference."""
+"""The limits of success, in words: "within ... of the reference"."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,11 +34,11 @@ class PoseError:
     Parameters
     ----------
     along : float
-        Signed, in the direction of the reference's heading, m.
+        In the direction of the reference's heading, signed, m.
     across : float
-        Signed, to the left of it, m.
+        To the left of that direction, signed, m.
     heading : float
-        Signed, counter-clockwise, rad.
+        Counter-clockwise, signed, rad.
     """
 
     along: float
@@ -47,7 +47,7 @@ class PoseError:
 
     @property
     def distance(self) -> float:
-        """In x and y, m."""
+        """Horizontal distance from the reference, m."""
         return math.hypot(self.along, self.across)
 
     @property
@@ -69,7 +69,7 @@ def pose_error(pose: Pose, reference: Pose) -> PoseError:
 
 @dataclass(frozen=True, slots=True)
 class Quantiles:
-    """How large absolute errors are; all NaN where there is none.
+    """Quantiles of absolute errors, in the unit of the errors; all NaN where there is no error.
 
     Parameters
     ----------
@@ -102,13 +102,13 @@ class Accuracy:
     Parameters
     ----------
     n_epochs : int
-        All epochs.
+        All epochs, those without an answer too.
     n_success : int
         Localized within 0.3 m and 1 degree.
     distance, along, across : Quantiles
         Of the absolute errors of the epochs that were localized, m.
     heading : Quantiles
-        The same, rad.
+        Of the absolute heading errors of these epochs, rad.
     """
 
     n_epochs: int
@@ -120,17 +120,17 @@ class Accuracy:
 
     @property
     def median_distance(self) -> float:
-        """m; NaN where nothing was localized."""
+        """Median horizontal error, m; NaN where nothing was localized."""
         return self.distance.median
 
     @property
     def worst_distance(self) -> float:
-        """m; NaN where nothing was localized."""
+        """Largest horizontal error, m; NaN where nothing was localized."""
         return self.distance.worst
 
     @property
     def worst_heading(self) -> float:
-        """Largest absolute error, rad; NaN where nothing was localized."""
+        """Largest absolute heading error, rad; NaN where nothing was localized."""
         return self.heading.worst
 
 

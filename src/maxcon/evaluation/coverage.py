@@ -17,7 +17,7 @@ SIGMAS = (1.0, 2.0, 3.0)
 PROMISED = tuple(math.erf(k / math.sqrt(2.0)) for k in SIGMAS)
 """Shares of normally distributed errors within 1, 2 and 3 sigma: 68.3, 95.4 and 99.7 %."""
 PROMISED_PLANE = tuple(1.0 - math.exp(-0.5 * k * k) for k in SIGMAS)
-"""The same of two errors together, within ellipses of 1, 2 and 3 sigma: 39.3, 86.5 and 98.9 %."""
+"""The same for two errors together, within ellipses of 1, 2 and 3 sigma: 39.3, 86.5 and 98.9 %."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,13 +27,15 @@ class Coverage:
     Parameters
     ----------
     n_epochs : int
-        Errors with a predicted sigma.
+        How many errors have a predicted sigma.
     n_within : tuple of 3 int
         Of these, how many are at most 1, 2 and 3 sigma.
     rms : float
-        Root of the mean squared error in sigmas: 1 where the sigmas hold; one gross error makes it large. NaN of none.
+        Root of the mean square of errors over sigmas: 1 where the sigmas hold; one gross error makes it large. NaN
+        without errors.
     median : float
-        Median of the absolute errors in sigmas: 0.67 where the sigmas hold, 1.18 of two together. NaN of none.
+        Median of absolute errors over sigmas: 0.67 where the sigmas hold, 1.18 for the length of two errors together.
+        NaN without errors.
     """
 
     n_epochs: int
@@ -62,7 +64,7 @@ class Coverage:
 
     @property
     def shares(self) -> tuple[float, ...]:
-        """Shares within 1, 2 and 3 sigma, 0 to 1; NaN without epochs."""
+        """Shares of the errors within 1, 2 and 3 sigma, 0 to 1; NaN without epochs."""
         return tuple(n / self.n_epochs if self.n_epochs else math.nan for n in self.n_within)
 
     @property
@@ -73,18 +75,19 @@ class Coverage:
 
 @dataclass(frozen=True, slots=True)
 class MeanSquare:
-    """Mean of normalized squared errors of x and y (NEES), halved: 1 where the covariances hold.
+    """Normalized squared errors of x and y (NEES, e' P^-1 e) over a drive, halved: 1 where the covariances P hold.
 
     Parameters
     ----------
     n_epochs : int
-        Epochs that have one.
+        How many epochs have a NEES.
     mean : float
-        NEES / 2, more than 1 where errors are larger than predicted; one gross error makes it large. NaN of none.
+        Mean of NEES / 2: above 1 where errors are larger than predicted; one gross error makes it large. NaN without
+        epochs.
     median : float
-        Median of NEES over that of two normally distributed errors, 2 ln 2: 1 where most covariances hold. NaN of none.
+        Median of NEES over the one expected, 2 ln 2: 1 where most covariances hold. NaN without epochs.
     low, high : float
-        95 % of the means of so many epochs would lie between these if the covariances held.
+        If the covariances held, 95 % of the means over so many epochs would lie between these.
     """
 
     n_epochs: int

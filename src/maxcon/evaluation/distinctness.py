@@ -17,15 +17,15 @@ from maxcon.search_space import Cell, SearchSpace
 __all__ = ["GUARD_RADIUS", "SPREAD_SHARE", "Distinctness", "distinctness", "significant_ray"]
 
 GUARD_RADIUS = 0.3
-"""Places nearer to the peak than this are no second peak, m (design, section 4)."""
+"""Cells nearer to the peak than this cannot be its rival, the second peak, m (design, section 4)."""
 
 SPREAD_SHARE = 0.9
-"""Of the peak's score: cells that reach it make the spread."""
+"""The spread is how far cells go that reach this share of the peak's score."""
 
 # A Laplace distribution of standard deviation sigma falls by exp(-sqrt(2) / sigma) per unit; sigma = 1 cell.
 LAPLACE_DECAY = math.sqrt(2.0)
 
-# Places on the ray this close to a row or column of cells, in cells, lie on it: cos(pi / 2) is not 0.
+# Rounding, in cells: places on the ray this close to a row or column of cells lie on it, for cos(pi / 2) is not 0.
 ON_THE_GRID = 1e-9
 
 
@@ -38,9 +38,9 @@ class Distinctness:
     Parameters
     ----------
     peak_ratio : float
-        Score of the second highest place over that of the peak (the paper leaves open which over which), 0
-        to 1; lower is more distinct. The second highest is the highest local maximum farther from the peak
-        than the guard radius, at any heading; 0 where there is none.
+        Score of the second peak over that of the peak (the paper leaves open which over which), 0 to 1; lower
+        is more distinct. The second peak is the highest local maximum farther from the peak than the guard
+        radius, at any heading; 0 where there is none.
     kurtosis : float
         Fourth standardized moment of the scores along the significant ray, taken as a distribution over the
         offset: 1.8 for many equal scores, 3 for a Gaussian; higher is more distinct. NaN where a single
@@ -75,9 +75,9 @@ def distinctness(
     objective : Objective
         What a cell is worth; its scores must not be negative.
     guard_radius : float
-        Places nearer to the peak do not count as second peak, m. State it with every ratio.
+        Cells nearer to the peak than this cannot be the second peak, m. State it with every ratio.
     scores : array, shape (headings, ny, nx), optional
-        ``accumulator.score(objective)``, where it is known already; `objective` is then not asked.
+        ``accumulator.score(objective)``, where it is known already; `objective` is not used then.
 
     Returns
     -------
@@ -93,7 +93,7 @@ def distinctness(
 
     Notes
     -----
-    The ray ends where the search space ends, so kurtosis and divergence depend on where in it the peak lies:
+    The ray ends where the search space ends, so kurtosis and divergence depend on where in the space the peak lies:
     compare objectives on the same accumulator. The paper's search spaces are centred on the reference.
     """
     if not 0.0 <= guard_radius < math.inf:
@@ -120,8 +120,8 @@ def significant_ray(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Scores along the least determined direction through a cell (design, section 4).
 
-    The line lies in the heading plane of the cell and points along the eigenvector of the largest eigenvalue
-    of Q there, which is that of the smallest of N: it exists where N is singular too. Where N prefers no
+    The line lies in the heading plane of the cell and points along the eigenvector of the cell's normal matrix N with
+    the smallest eigenvalue: that of the largest of Q, but it exists where N is singular, too. Where N prefers no
     direction (no matches, or equal eigenvalues) it is the y axis.
 
     Parameters
@@ -136,8 +136,8 @@ def significant_ray(
     Returns
     -------
     offsets : array, shape (k,), m
-        From the cell, ascending, a cell edge apart, as far as the search space goes; 0 is among them. They
-        grow towards +x, along the y axis towards +y.
+        Signed distances from the cell, ascending, a cell edge apart, as far as the search space goes; 0 is among
+        them. Positive is towards +x; towards +y where the line is the y axis.
     scores : array, shape (k,)
         Interpolated bilinearly between the four cells around each place; that of the cell itself at 0.
 
@@ -159,7 +159,7 @@ def significant_ray(
 
 
 def _checked(scores: Scores, space: SearchSpace) -> Scores:
-    """Scores as float64, refused if shares of the peak mean nothing."""
+    """Scores as float64; an ArrayError where shares of the peak would mean nothing."""
     scores = np.asarray(scores, dtype=np.float64)
     highest(scores, space)
     lowest, top = scores.min(), scores.max()
@@ -182,7 +182,7 @@ def _least_determined(normal_matrix: NDArray[np.float64]) -> tuple[float, float]
 
 
 def _snapped(places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Places in cells, on the grid where only rounding keeps them off it."""
+    """Places, in cells, rounded to whole cells where only rounding errors keep them off."""
     nearest = np.rint(places)
     return np.where(np.abs(places - nearest) < ON_THE_GRID, nearest, places)
 
@@ -190,7 +190,7 @@ def _snapped(places: NDArray[np.float64]) -> NDArray[np.float64]:
 def _interpolated(
     plane: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Bilinear interpolation of a plane, shape (ny, nx), at places inside it, in cells."""
+    """Values of a plane, shape (ny, nx), interpolated bilinearly at places (x, y) inside it, in cells."""
     ny, nx = plane.shape
     x_low, y_low = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
     x_high, y_high = np.minimum(x_low + 1, nx - 1), np.minimum(y_low + 1, ny - 1)
@@ -202,7 +202,10 @@ def _interpolated(
 
 
 def _kurtosis(places: NDArray[np.float64], shares: NDArray[np.float64]) -> float:
-    """Fourth central moment over the squared variance of a distribution over places; NaN for a point."""
+    """Fourth central moment over the squared variance of a distribution; NaN where one place has it all.
+
+    places, shares : shape (k,), in cells, and summing to 1.
+    """
     deviations = places - shares @ places
     variance = float(shares @ deviations**2)
     if np.count_nonzero(shares) < 2:
@@ -211,10 +214,10 @@ def _kurtosis(places: NDArray[np.float64], shares: NDArray[np.float64]) -> float
 
 
 def _divergence(places: NDArray[np.float64], shares: NDArray[np.float64]) -> float:
-    """Sum of p log(p / q), q the Laplace density at the same places (cells from the peak), summing to 1.
+    """Sum of p log(p / q), nats: p the shares, q the Laplace density at the same places, both summing to 1.
 
-    NaN for one place, where p = q = 1 whatever the scores. In logarithms, since q underflows some 530 cells
-    from the peak.
+    places : shape (k,), in cells from the peak. NaN for one place, where p = q = 1 whatever the scores. In logarithms,
+    since q underflows some 530 cells from the peak.
     """
     if len(places) < 2:
         return math.nan

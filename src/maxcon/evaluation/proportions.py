@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""What so many epochs can prove of a rate: intervals that hold for small samples too."""
+"""What a sample of epochs proves of the rate of an event: intervals that hold for small samples, too."""
 
 import math
 
@@ -12,19 +12,20 @@ CONFIDENCE = 0.95
 
 
 def clopper_pearson(n_found: int, n_epochs: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Return the ends of Clopper and Pearson's interval of a rate, 0 to 1; 0 and 1 where there is no epoch.
+    """Return the ends, 0 to 1, of Clopper and Pearson's confidence interval of a rate; (0, 1) where there is no epoch.
 
     Parameters
     ----------
     n_found, n_epochs : int
-        The rate is the one over the other.
+        In how many of how many epochs the event was found.
     confidence : float
-        Above 0, below 1: the interval holds the true rate at least so often.
+        Above 0, below 1: at least so often the interval holds the true rate.
 
     Notes
     -----
-    The rates at which at most `n_found`, and at least so many, each have a probability of no less than
-    (1 - confidence) / 2 (Clopper and Pearson, 1934): quantiles of beta distributions. Epochs count as independent.
+    It holds the rates at which finding at most `n_found`, and finding at least `n_found`, both have a probability of
+    (1 - confidence) / 2 or more (Clopper and Pearson, 1934): its ends are quantiles of beta distributions. Epochs are
+    taken for independent.
     """
     _check(n_found, n_epochs, confidence)
     from scipy.special import betaincinv
@@ -36,15 +37,16 @@ def clopper_pearson(n_found: int, n_epochs: int, confidence: float = CONFIDENCE)
 
 
 def upper_bound(n_found: int, n_epochs: int, confidence: float = CONFIDENCE) -> float:
-    """Return the largest rate, 0 to 1, that so many of so many epochs leave possible; about 3 / n for none of n.
+    """Return the one-sided upper limit, 0 to 1, of the rate of an event found in `n_found` of `n_epochs`.
 
-    The upper end of `clopper_pearson` with all that is left of the confidence on its side.
+    With 95 % about 3 / n_epochs where it was never found. The upper end of `clopper_pearson`, with 1 - confidence
+    beyond it and not half of that; confidence must be above 0.5.
     """
     return clopper_pearson(n_found, n_epochs, 2.0 * confidence - 1.0)[1]
 
 
 def least_to_prove(rate: float, confidence: float = CONFIDENCE) -> int:
-    """Return how many epochs, none of them bad, prove that bad ones are no more frequent than a rate, 0 to 1."""
+    """Return how many epochs, none of them bad, prove that the rate of bad ones is at most `rate`, 0 to 1."""
     if not 0.0 < rate < 1.0:
         raise OptionError(f"Expected `rate` above 0 and below 1, got {rate}. None proves a rate of 0.")
     return math.ceil(math.log(1.0 - confidence) / math.log1p(-rate))

@@ -25,13 +25,13 @@ class ProtectionCounts:
     n_nominal : int
         Error <= protection level <= alert limit: used, and rightly so.
     n_misleading : int
-        The error exceeds a level within the alert limit, and is within that limit itself.
+        Level < error <= alert limit: used, although the error exceeds its level.
     n_hazardous : int
-        The error exceeds the alert limit, the level is within it: used, and nobody was warned.
+        Level <= alert limit < error: used, and nobody was warned.
     n_large : int
-        The level exceeds the alert limit: not to be used, and said so.
+        Alert limit < level: not to be used, as the method itself says.
     n_withheld : int
-        There is no level: the answer is not trusted, or there is none.
+        There is no level: the answer is not trusted, or there is no answer.
     """
 
     n_nominal: int
@@ -42,16 +42,16 @@ class ProtectionCounts:
 
     @classmethod
     def of(cls, errors: ArrayLike, levels: ArrayLike, alert_limit: float = ALERT_LIMIT) -> "ProtectionCounts":
-        """Count epochs.
+        """Count the epochs in each region.
 
         Parameters
         ----------
-        errors : array_like, shape (n,) or (n, m)
-            Of each epoch, in m directions, m; the sign does not matter. An epoch is as bad as its worst direction.
-        levels : array_like, like errors
-            Protection levels, m; NaN where there is none.
+        errors : array_like, shape (n,) or (n, k)
+            Of each epoch, in k directions, in metres; the sign does not matter. An epoch counts by its worst direction.
+        levels : array_like, shape as errors
+            Protection levels, in metres; NaN where there is none.
         alert_limit : float
-            m.
+            Largest error that is not dangerous, in metres.
         """
         wrong = np.abs(np.asarray(errors, dtype=np.float64))
         level = np.asarray(levels, dtype=np.float64)
@@ -79,7 +79,7 @@ class ProtectionCounts:
 
     @property
     def n_epochs(self) -> int:
-        """All of them."""
+        """All epochs, used or not."""
         return self.n_used + self.n_unavailable
 
     @property
@@ -99,10 +99,10 @@ class ProtectionCounts:
 
     @property
     def exceeded_bound(self) -> float:
-        """Rate of exceeded levels among used epochs, 0 to 1, that this sample leaves possible with 95 % confidence."""
+        """Upper limit, with 95 % confidence, of the rate of exceeded levels among used epochs, 0 to 1."""
         return upper_bound(self.n_exceeded, self.n_used)
 
     @property
     def hazardous_bound(self) -> float:
-        """The same of hazardous ones."""
+        """Upper limit, with 95 % confidence, of the rate of hazardous epochs among used ones, 0 to 1."""
         return upper_bound(self.n_hazardous, self.n_used)

@@ -15,18 +15,19 @@ __all__ = ["RiskCoverage"]
 
 @dataclass(frozen=True)
 class RiskCoverage:
-    """Rates of wrong answers among those accepted, the most trusted first.
+    """How many answers are wrong among the k most trusted, for every k: the risk-coverage curve.
 
     Parameters
     ----------
     n_epochs : int
         All epochs, those without an answer too.
     n_accepted : array, shape (k,)
-        int64, rising: so many answers are accepted at each place of the order.
+        int64, rising: how many answers are accepted, one step per degree of trust; those of equal trust are accepted
+        together.
     n_wrong : array, shape (k,)
-        int64: of these, how many are wrong. Answers of equal trust are accepted together.
+        int64: how many of the accepted ones are wrong.
     n_trusted, n_trusted_wrong : int
-        What the method itself says may be used, and how many of that are wrong.
+        How many answers may be used as the method itself says, and how many of these are wrong.
     """
 
     n_epochs: int
@@ -39,15 +40,15 @@ class RiskCoverage:
     def of(
         cls, is_right: ArrayLike, is_answer: ArrayLike, is_trusted: ArrayLike, runner_up: ArrayLike
     ) -> "RiskCoverage":
-        """Put answers in the order of trust: those that the method trusts first, and each by its runner-up.
+        """Sort answers by trust: first those that the method trusts, then the others, both by their runner-up.
 
         Parameters
         ----------
         is_right, is_answer, is_trusted : array_like, shape (n,)
             bool: whether each epoch is a success, has a pose, and whether the method says that it may be used.
         runner_up : array_like, shape (n,)
-            Score of the next best place over that of the answer: less is more trusted. NaN, as where a method has
-            none, is trusted less than any number.
+            Score of the next best place over that of the answer: lower is more trusted. NaN, where a method has none,
+            is trusted less than any number.
         """
         right, answered, trusted = (
             np.asarray(each, dtype=bool) for each in (is_right, is_answer, is_trusted)
@@ -73,12 +74,12 @@ class RiskCoverage:
 
     @property
     def shares(self) -> NDArray[np.float64]:
-        """Share of all epochs accepted, shape (k,), 0 to 1."""
+        """Accepted answers over all epochs, shape (k,), 0 to 1: the coverage."""
         return self.n_accepted / self.n_epochs
 
     @property
     def rates(self) -> NDArray[np.float64]:
-        """Rate of wrong answers among those accepted, shape (k,), 0 to 1."""
+        """Wrong answers over accepted ones, shape (k,), 0 to 1: the risk."""
         return self.n_wrong / self.n_accepted
 
     @property

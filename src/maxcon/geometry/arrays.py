@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Checks of arrays at the rim, so that everything below may trust them."""
+"""Checks of arrays that come from outside, so that everything below may trust them."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Covariances of x, y and heading: whether matrices can be such, and in words why not."""
+"""Whether matrices can be covariances of x, y and heading, and if not, why."""
 
 from typing import NamedTuple
 
@@ -9,12 +9,20 @@ from numpy.typing import NDArray
 
 __all__ = ["CovarianceFault", "first_covariance_fault"]
 
-# Covariances come printed with some six digits: what they violate by less is rounding.
+# Covariances in files have some six digits: smaller asymmetries and negative eigenvalues are rounding.
 ROUNDING = 1e-6
 
 
 class CovarianceFault(NamedTuple):
-    """The first of several matrices that is no covariance, and why."""
+    """The first of several matrices that is no covariance.
+
+    Parameters
+    ----------
+    row : int
+        Its index among the matrices.
+    words : str
+        Why it is none, for an error message.
+    """
 
     row: int
     words: str
@@ -34,7 +42,7 @@ def first_covariance_fault(matrices: NDArray[np.float64]) -> CovarianceFault | N
     is_positive = variances.min(axis=1) >= 0.0
     sigmas = np.sqrt(np.maximum(variances, 0.0))
     scales = np.where(sigmas > 0.0, sigmas, 1.0)
-    # Free of units, as m^2 stands beside rad^2; what is beyond 1 is too large, by however much.
+    # Tested as correlations, without units, as m^2 stands beside rad^2; cut at 2, as all beyond 1 is too large alike.
     with np.errstate(over="ignore"):
         correlations = np.clip(finite / scales[:, None, :] / scales[:, :, None], -2.0, 2.0)
     transposed = correlations.transpose(0, 2, 1)

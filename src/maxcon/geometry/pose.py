@@ -126,7 +126,7 @@ class Pose:
         return cls(x, y, z, roll, pitch, math.atan2(rotation[1, 0], rotation[0, 0]))
 
     def __matmul__(self, other: Pose) -> Pose:
-        """T_a_c from T_a_b (this one) and T_b_c: the pose after a motion that is told in this pose's own axes."""
+        """T_a_c from T_a_b (this one) and T_b_c: the pose after a motion given in this pose's own axes."""
         return Pose.from_rotation(self.apply(other.position[None])[0], self.rotation @ other.rotation)
 
     @property

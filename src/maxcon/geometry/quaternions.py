@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Quaternions, as trajectories hold them, from and to roll, pitch and heading."""
+"""Quaternions (x, y, z, w), as trajectories hold them, from and to roll, pitch and heading."""
 
 import math
 
@@ -11,7 +11,7 @@ __all__ = ["angles_from_quaternions", "product", "quaternions_from_angles", "sle
 
 
 def quaternions_from_angles(roll: ArrayLike, pitch: ArrayLike, heading: ArrayLike) -> NDArray[np.float64]:
-    """Return unit quaternions (x, y, z, w), shape (..., 4), of Rz(heading) Ry(pitch) Rx(roll); rad (D2)."""
+    """Return unit quaternions (x, y, z, w), shape (..., 4), of Rz(heading) Ry(pitch) Rx(roll), angles in rad (D2)."""
     halves = np.broadcast_arrays(
         *(np.asarray(angle, dtype=np.float64) / 2.0 for angle in (roll, pitch, heading))
     )
@@ -28,7 +28,7 @@ def quaternions_from_angles(roll: ArrayLike, pitch: ArrayLike, heading: ArrayLik
 
 
 def angles_from_quaternions(quaternions_xyzw: ArrayLike) -> NDArray[np.float64]:
-    """Roll, pitch and heading, shape (..., 3), rad, of unit quaternions of shape (..., 4).
+    """Roll, pitch and heading, shape (..., 3), rad, of unit quaternions (x, y, z, w), shape (..., 4).
 
     Notes
     -----
@@ -46,7 +46,7 @@ def angles_from_quaternions(quaternions_xyzw: ArrayLike) -> NDArray[np.float64]:
 
 
 def slerp(first: NDArray[np.float64], second: NDArray[np.float64], part: float) -> NDArray[np.float64]:
-    """Return the unit quaternion at `part` (0 to 1) of the shortest arc from `first` to `second`."""
+    """Return the unit quaternion at `part` (0 to 1) of the shortest arc from `first` to `second`, shape (4,) each."""
     cosine = float(first @ second)
     if cosine < 0.0:  # q and -q are the same orientation; the nearer of the two gives the shorter arc
         second, cosine = -second, -cosine
@@ -59,7 +59,7 @@ def slerp(first: NDArray[np.float64], second: NDArray[np.float64], part: float) 
 
 
 def product(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the products of quaternions (x, y, z, w), shape (..., 4): the second turn, then the first."""
+    """Return the products of quaternions (x, y, z, w), shape (..., 4): they rotate by `second`, then by `first`."""
     (ax, ay, az, aw), (bx, by, bz, bw) = np.moveaxis(first, -1, 0), np.moveaxis(second, -1, 0)
     return np.stack(
         [

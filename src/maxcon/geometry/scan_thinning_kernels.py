@@ -10,19 +10,19 @@ from maxcon.geometry.pose import rotation_matrices
 __all__ = ["one_per_cube"]
 
 NONE = np.int32(-1)
-# Of a 64-bit hash, as many upper bits are taken as the table needs; the factors are large odd numbers.
+# Factors of a 64-bit hash, large odd numbers; of its upper bits as many are taken as the table needs.
 FACTOR_X, FACTOR_Y, FACTOR_Z = 0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9
 
-# The axes of a grid that lies along no street.
+# Rotation of the grid for points drawn by lot: parallel to no wall, whichever way the sensor is turned in a street.
 ASKEW = rotation_matrices(0.31, -0.23, 0.47)
 
-# Of a metre: coordinates that differ by less draw the same lot.
+# Per metre: coordinates within one such step have the same hash.
 LOT_STEPS = 65536.0
 
 
 @njit(nogil=True, cache=True)
 def _whole(value):
-    """A whole float64 number as 64 bits; those that do not fit are all the same."""
+    """A whole float64 number as 64 bits; those that do not fit become the largest or the smallest that does."""
     if abs(value) < 2.0**62:
         return np.uint64(np.int64(value))
     return np.uint64(np.int64(2**62 if value > 0.0 else -(2**62)))
@@ -30,7 +30,7 @@ def _whole(value):
 
 @njit(nogil=True, cache=True)
 def _slot(x, y, z, shift):
-    """Where the search for a cube (x, y, z), whole float64 numbers, begins in a table."""
+    """Hash of whole float64 numbers (x, y, z), shifted right: where the search for a cube begins in a table."""
     mixed = _whole(x) * np.uint64(FACTOR_X)
     mixed ^= _whole(y) * np.uint64(FACTOR_Y)
     mixed ^= _whole(z) * np.uint64(FACTOR_Z)
@@ -40,7 +40,7 @@ def _slot(x, y, z, shift):
 
 @njit(nogil=True, cache=True)
 def _comes_before(i, j, points, normals):
-    """Whether the first of two points, equally far from the middle, is kept: by x, y, z, by normal."""
+    """Whether point i is kept rather than j, all else being equal: by x, y, z, then by normal."""
     for axis in range(3):
         if points[i, axis] != points[j, axis]:
             return points[i, axis] < points[j, axis]
@@ -54,9 +54,8 @@ def _comes_before(i, j, points, normals):
 def one_per_cube(points, normals, edge, by_lot):
     """Numbers, (m,) int64, of one point of those in each cube; see `scan_thinning.one_per_cube`.
 
-    points, normals : (n, 3) float64; edge : of a cube, m; by_lot : whether a hash of the
-    coordinates stands for the distance from the middle, and the grid is turned by `ASKEW`. In the order in which cubes
-    are first met.
+    points, normals : (n, 3) float64; edge : of a cube, m; by_lot : whether a hash of the coordinates replaces the
+    distance from the middle, and the grid is turned by `ASKEW`. In the order in which cubes are first met.
     """
     n = points.shape[0]
     n_bits = np.uint64(4)

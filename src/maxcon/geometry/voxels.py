@@ -9,7 +9,7 @@ from maxcon.errors import ArrayError
 
 __all__ = ["voxel_centers", "voxel_indices"]
 
-# Indices stay in int32 with room for a window on every side: at 6 cm that is 64,000 km.
+# Indices stay in int32 with room for a search space on every side: at 6 cm that is 64,000 km.
 INDEX_LIMIT = 2**30
 
 

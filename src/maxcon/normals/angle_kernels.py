@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Compiled: the directions in which the points of a scan lie."""
+"""Compiled: elevation and azimuth of the points of a scan, as seen from the sensor."""
 
 import numpy as np
 from numba import njit
@@ -15,13 +15,13 @@ ARCTAN = (
     0.07692183190826087, -0.06664511447381948, 0.0585814891280221, -0.0508544973794026, 0.03923165829558719,
     -0.01917688711906226,
 )  # fmt: skip
-# What float64 leaves of pi.
+# pi minus np.pi: what rounding to float64 drops.
 PI_REST = 1.2246467991473532e-16
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _angle(y, x):
-    """arctan2(y, x), rad, to 4 in 10^16 of it; without a branch or a call, so that loops are vectorized."""
+    """arctan2(y, x), rad, with a relative error of up to 4e-16; no branch and no call, so that loops are vectorized."""
     height, width = abs(y), abs(x)
     is_high = height > width
     small, large = (width, height) if is_high else (height, width)
@@ -43,7 +43,10 @@ def _angle(y, x):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def elevations_of(coordinates):
-    """Elevation of each point, (n,), rad, of (3 n,) float64: x, y, z of the first, ..."""
+    """Elevation of each point above the xy plane, (n,), rad.
+
+    coordinates : (3 n,) float64, sensor frame: x, y, z of the first point, then those of the second, and so on.
+    """
     elevations = np.empty(len(coordinates) // 3)
     for i in range(len(elevations)):
         x, y = coordinates[3 * i], coordinates[3 * i + 1]
@@ -53,7 +56,7 @@ def elevations_of(coordinates):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def azimuths_of(coordinates):
-    """Azimuth of each point, (n,), rad, of (3 n,) float64: x, y, z of the first, ..."""
+    """Azimuth of each point, (n,), rad from +x, -pi to pi; coordinates as for `elevations_of`."""
     azimuths = np.empty(len(coordinates) // 3)
     for i in range(len(azimuths)):
         azimuths[i] = _angle(coordinates[3 * i + 1], coordinates[3 * i])
@@ -62,7 +65,7 @@ def azimuths_of(coordinates):
 
 @njit(nogil=True, cache=True, fastmath={"nnan", "nsz"})
 def extremes(values):
-    """Return the smallest and the largest of some finite values, (n,), n > 0."""
+    """Return the smallest and the largest of `values`, (n,), n > 0, finite."""
     lowest, highest = values[0], values[0]
     for value in values:
         lowest = value if value < lowest else lowest

@@ -3,7 +3,7 @@
 """Compiled: the plane through points, from their second moments.
 
 `covariance` and `plane_normal` are the definition, for one neighbourhood; `sum_near` and `plane_normals` are for
-thousands of them: a block at a time, one number of each side by side, so that the loops are vectorized.
+thousands of them: block by block, each quantity of a block in consecutive memory, so that the loops are vectorized.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ __all__ = ["BLOCK", "covariance", "plane_normal", "plane_normals", "squares_acro
 
 # Neighbourhoods in a block. Its moments: BLOCK counts, then BLOCK sums of x, of y, of z, of xx, xy, xz, yy, yz, zz.
 BLOCK = 64
-# Steps from 0 to the smallest eigenvalue: exact to the last digits where it is below half the middle one.
+# Newton steps from 0 to the smallest eigenvalue: exact to the last digits where it is below half the middle one.
 NEWTON_STEPS = 7
 
 
@@ -59,7 +59,7 @@ def plane_normal(matrix, normal):
 
 @njit(nogil=True, cache=True)
 def _null_vector(matrix, eigenvalue, vector):
-    """Unit vector at right angles to all rows of (matrix - eigenvalue I)."""
+    """Write the eigenvector, (3,), of an eigenvalue: at right angles to all rows of (matrix - eigenvalue I)."""
     best = 0.0
     for i in range(3):
         j = (i + 1) % 3
@@ -84,10 +84,11 @@ def _null_vector(matrix, eigenvalue, vector):
 
 @njit(nogil=True, cache=True, fastmath={"reassoc", "nsz", "contract"})
 def sum_near(candidates, stride, n, x0, y0, z0, gate, moments, place):
-    """Write the moments, about (x0, y0, z0), of the candidates that lie within `gate` (m) of it.
+    """Write the moments, about a point (x0, y0, z0), of those candidates that lie within `gate` (m) of it.
 
     candidates : flat float64, x of n candidates, from `stride` on y, from 2 `stride` on z, m; moments : (10 BLOCK,)
-    float64, out at `place` of the block. In whatever order and rounding is fastest, the same for the same candidates.
+    float64, out at `place` of the block. The compiler may reorder the sums, always in the same way: equal candidates
+    give equal moments.
     """
     squared_gate = gate * gate
     count = 0.0
@@ -136,7 +137,7 @@ def plane_normals(n, moments, planes):
     """Find smallest and middle eigenvalue, and the eigenvector of the smallest, of n covariance matrices.
 
     The same as `covariance` and `plane_normal`, up to rounding, where the smallest eigenvalue is at most half the
-    middle one, which is how a plane shows; elsewhere only that it is more. NaN where all points coincide.
+    middle one, as it is for a plane; elsewhere the values only tell that it is more. NaN where all points coincide.
     Newton's steps on the characteristic polynomial climb from 0 to its smallest root without overshooting it.
     moments : (10 BLOCK,) float64; planes : (5 BLOCK,) float64, out: BLOCK smallest, BLOCK middle eigenvalues,
     BLOCK x, y, z of the vectors.
@@ -171,17 +172,17 @@ def plane_normals(n, moments, planes):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def squares_across(n, points, moments, squares):
-    """Write the square deviation of n neighbourhoods from the best line through each, as the sensor sees them.
+    """Write the mean square deviation across the rings of n neighbourhoods, as the sensor sees them.
 
-    What is left of the deviation in elevation beside a straight line along the azimuths: a single ring has next to
-    none, however noisy its ranges are, also where the movement of the sensor made it slope.
+    The deviation in elevation from the straight line over azimuth that fits best: a single ring has next to none,
+    however noisy its ranges are, also where the motion of the sensor makes it slope.
     points : (3 BLOCK,) float64, x of the points about which the moments are, then y, then z, m; moments : (10 BLOCK,)
     float64; squares : (BLOCK,) float64, out, m^2, NaN straight above and below the sensor.
     """
     for k in range(n):
         x, y, z = points[k], points[BLOCK + k], points[2 * BLOCK + k]
         xx, xy, xz, yy, yz, zz = _covariance_in_block(moments, k)
-        # To rising elevation, (up_x, up_y, up_z), and along the ring, (-y, x, 0): at right angles, not of unit length.
+        # Directions of rising elevation, (up_x, up_y, up_z), and along the ring, (-y, x, 0): orthogonal, of any length.
         square = x * x + y * y
         up_x, up_y, up_z = -x * z, -y * z, square
         a, b = xx * up_x + xy * up_y + xz * up_z, xy * up_x + yy * up_y + yz * up_z

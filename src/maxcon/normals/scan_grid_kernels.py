@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Compiled: a scan's points in a grid of elevation and azimuth, and the candidates to be neighbours of a cell's points.
+"""Compiled: a scan's points sorted into a grid of elevation and azimuth, and candidate neighbours picked from it.
 
-What is unsigned is so for speed: numba asks of every signed index whether it counts from the end.
+Indices are unsigned for speed: of a signed one numba checks every time whether it counts from the end.
 """
 
 from typing import NamedTuple
@@ -14,31 +14,33 @@ from maxcon.normals.window_kernels import BANDS, HIGHEST, WINDOWS, first_windows
 
 __all__ = ["MOST_REACH", "STRIDE", "Grid", "pick_candidates", "sorted_grid"]
 
-# Cells of the grid: so many to half the height of a window, within bounds for scans that cannot be.
+# Rows per half height of the lowest window; the bounds are for scans that no real scanner makes.
 CELLS_PER_WINDOW = 2.0
 MOST_ROWS = 1024
 MOST_COLUMNS = 1024
-# At most so many candidates per row of the grid, evenly picked (near the sensor there are hundreds), and per column.
+# At most so many candidates per row of the grid, evenly picked (near the sensor there are hundreds), and over all rows
+# of a window; but LEAST_PER_ROW in any row.
 MOST_PER_ROW = 16
-MOST_PER_COLUMN = 108
+MOST_PER_WINDOW = 108
 LEAST_PER_ROW = 4
-# A window with so many points, some of them in rings above and some in rings below, is final, plane or not.
+# A window with so many candidates, some of them in its highest and some in its lowest row, grows no more, plane or not.
 ENOUGH = 12
-# Longer cells are not sorted by insertion: a thousand points in one direction would take forever.
+# Cells with more points are not sorted by insertion: a thousand points in one direction would take forever.
 INSERTION_LIMIT = 32
 # Candidates are filled up to a multiple of this, so that sums over them have no remainder to do one by one.
 FILL = 16
 MOST_REACH = int(np.ceil(CELLS_PER_WINDOW * HIGHEST / WINDOWS[0]))
-# Twice: a row cut by the seam of azimuths is picked from twice.
-STRIDE = 2 * max(MOST_PER_COLUMN, LEAST_PER_ROW * (2 * MOST_REACH + 1)) + FILL
+# Room for the candidates of a window; twice, as a row that is cut where azimuths wrap around is picked from twice.
+STRIDE = 2 * max(MOST_PER_WINDOW, LEAST_PER_ROW * (2 * MOST_REACH + 1)) + FILL
 ONE = np.uint32(1)
 
 
 class Grid(NamedTuple):
     """A scan's points sorted by the cells of a grid of elevation (rows) and azimuth (columns).
 
-    points (n, 3) m; cells (n,), row * n_columns + column of each; starts (n_cells + 2,), the last of no use;
-    heights (n_rows,), half the height, rad, of the window that is tried first in each row; row_step, rad.
+    points (n, 3), m; cells (n,), row * n_columns + column of each point; starts (n_cells + 2,), first point of each
+    cell, then n, then one value without meaning; heights (n_rows,), half height, rad, of the window that is tried first
+    in each row; row_step, height of a row, rad.
     """
 
     points: np.ndarray
@@ -63,7 +65,7 @@ def _is_before(i, j, azimuths, points):
 
 @njit(nogil=True, cache=True)
 def _sort_cell(order, first, last, azimuths, points):
-    """Sort order[first:last] in place, so that only points at one place may be in any order."""
+    """Sort order[first:last] in place as `_is_before` says: only coinciding points are left in any order."""
     if last - first > INSERTION_LIMIT:
         part = order[first:last]
         for axis in range(2, -1, -1):
@@ -95,9 +97,9 @@ def _cells(elevations, azimuths, lowest, row_step, n_rows, n_columns):
 
 @njit(nogil=True, cache=True)
 def _sort_by_cell(cells, n_cells, azimuths, points):
-    """Sort points by cell: starts (n_cells + 2,), the last of no use, and point numbers, (n,).
+    """Sort points by cell: starts (n_cells + 2,), as in `Grid`, and point numbers, (n,).
 
-    In each cell by azimuth, so that the same points are picked whatever order they come in.
+    Within a cell by azimuth, so that the same points are picked whatever order they come in.
     """
     starts = np.zeros(n_cells + 2, np.uint32)
     for cell in cells:
@@ -117,7 +119,7 @@ def _sort_by_cell(cells, n_cells, azimuths, points):
 
 @njit(nogil=True, cache=True)
 def _pick_run(sorted_points, first, last, most, candidates, n):
-    """Append at most `most` of the points first .. last - 1, evenly, to n candidates; return how many."""
+    """Append at most `most` of the points first .. last - 1, evenly picked, to n candidates; return their number."""
     step = ONE
     if last > first + most:
         step = np.uint32((last - first + most - ONE) // most)
@@ -133,16 +135,15 @@ def _pick_run(sorted_points, first, last, most, candidates, n):
 
 @njit(nogil=True, cache=True)
 def pick_candidates(grid, cell, rows, columns, candidates):
-    """Write all candidates within so many rows and columns of a cell.
+    """Write candidate neighbours of a cell's points: those of at most so many rows and columns away, evenly picked.
 
     candidates : (3 STRIDE,), out, x, from STRIDE on y, from 2 STRIDE on z, m.
-    Returns how many there are, with those that fill up, and whether there are enough, also in the highest and in the
-    lowest row of the window.
+    Returns how many there are, those at infinity that fill up included, and whether the window is full (see ENOUGH).
     """
-    most = np.uint32(max(LEAST_PER_ROW, min(MOST_PER_ROW, MOST_PER_COLUMN // (2 * rows + 1))))
+    most = np.uint32(max(LEAST_PER_ROW, min(MOST_PER_ROW, MOST_PER_WINDOW // (2 * rows + 1))))
     row, column = cell // grid.n_columns, cell % grid.n_columns
     first, last = column - columns, column + columns + 1
-    is_cut = first < 0 or last > grid.n_columns  # by the seam: the rest is at the other end of the row
+    is_cut = first < 0 or last > grid.n_columns  # the rest is at the other end of the row
     rest_first = first + grid.n_columns if first < 0 else 0
     rest_columns = -first if first < 0 else last - grid.n_columns
     first, last = max(first, 0), min(last, grid.n_columns)
@@ -168,7 +169,11 @@ def pick_candidates(grid, cell, rows, columns, candidates):
 
 @njit(nogil=True, cache=True)
 def sorted_grid(points, elevations, azimuths, lowest, highest):
-    """Sort points into a grid, whose cells are as large as half the lowest window asks for: grid, point numbers."""
+    """Sort points into a grid with `CELLS_PER_WINDOW` rows per half height of the lowest window.
+
+    points : (n, 3), sensor frame, m; elevations, azimuths : (n,), rad; lowest, highest : of the elevations, rad.
+    Returns the grid, and the number of the point in each of its places, (n,).
+    """
     first = np.empty(BANDS, np.int64)
     height = WINDOWS[first_windows(elevations, azimuths, lowest, highest, first)]
     row_step = height / CELLS_PER_WINDOW

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Compiled: planes through the neighbours, by angle, of each point of a scan.
+"""Compiled: a plane through each point of a scan and its neighbours, which are looked for in a window of angles.
 
-The window around a point grows until more than one ring is in it; what lies in it is then judged, once.
+The window around a point grows until more than one ring is in it; only then is it decided whether they form a plane.
 """
 
 import numpy as np
@@ -14,24 +14,24 @@ from maxcon.normals.window_kernels import GROWTH, HIGHEST, LEAST_NEIGHBOURS, LEA
 
 __all__ = ["scan_planes"]
 
-# Near the sensor windows are at least so many metres high: in less, the noise of ranges is as large as any extent.
+# Half heights of windows are at least so many metres: in smaller ones near the sensor, range noise exceeds any extent.
 NEAR_METRES = 0.15
 MOST_GROWTHS = 8
-# A window reaches this share of its half height (and at least so many metres, at most so many rad) to either side.
+# A window reaches this share of its half height (and at least so many metres, at most so many rad) left and right.
 ALONG = 0.5
 ALONG_METRES = 0.25
 MOST_ALONG = 0.5
-# Neighbours lie within so many half heights (and at least so many metres) in space: no edge in depth is bridged.
+# Neighbours lie within so many half heights (and at least so many metres) of the point: no depth edge is bridged.
 GATE = 1.6
 GATE_METRES = 0.3
 # Neighbours are spread in two dimensions if they deviate, across the rings and along the second axis of their plane,
-# by LEAST_SPREAD of the half height and by so many metres: rings of real scanners are not quite level, and near
+# by at least LEAST_SPREAD half heights and so many metres: rings of real scanners are not quite level, and near
 # ranges are some centimetres off from ring to ring. A single ring must not pass for two.
 LEAST_SPREAD_METRES = 0.08
 # A plane's smallest eigenvalue is below this share of the middle one.
 FLATNESS = 0.25
-# Windows grow as often as a sample of about so many points says they must to find this share of the planes that are
-# not level. What is level is mostly ground, and constrains no position.
+# How often windows grow is decided on a sample of about so many points: until this share of their planes is found.
+# Planes whose normal has a z of LEVEL or more do not count: mostly ground, they constrain no horizontal position.
 SAMPLE = 256
 WORTHWHILE = 0.93
 LEVEL = 0.9
@@ -39,10 +39,11 @@ LEVEL = 0.9
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _take_block(grid, pending, first, factor, block):
-    """Take points for which a window of `factor` times the first height is not too high, until the block is full.
+    """Fill a block with pending points, from number `first` on, whose next window is not higher than `HIGHEST`.
 
+    pending : (m,), places of points in the grid; factor : height of the next window over that of the first.
     block : out, places (BLOCK,), x, y, z (3 BLOCK,), half heights of windows (BLOCK,), rad. Returns how many were
-    taken, and the next of the pending places.
+    taken, and the number of the pending point to go on with.
     """
     places, points, heights = block
     n, k = 0, first
@@ -71,15 +72,14 @@ def _reaches(n, points, heights, n_columns, row_step, gates, rows, columns):
         gates[k] = max(GATE_METRES, GATE * reach)
         rows[k] = min(int(np.ceil(heights[k] / row_step - 1e-9)), MOST_REACH)
         along = max(ALONG * reach, ALONG_METRES) / max(np.sqrt(square), 1e-3)
-        along = (
-            along if along <= MOST_ALONG else MOST_ALONG
-        )  # also where it is no number: points that far out are
+        # Not min(): NaN, as of points infinitely far out, becomes MOST_ALONG too.
+        along = along if along <= MOST_ALONG else MOST_ALONG
         columns[k] = min(int(along / (2.0 * np.pi) * n_columns + 0.5), n_columns // 2 - 1)
 
 
 @njit(nogil=True, cache=True)
 def _sum_block(grid, n, block, reaches, candidates, moments, is_full):
-    """Write the moments of the neighbours of n points; those of a cell at about the same range share candidates."""
+    """Write the moments of the neighbours of n points; points of one cell with equal windows share candidates."""
     places, points, _ = block
     gates, rows, columns = reaches
     n_near, is_window_full = np.uint32(0), False
@@ -96,9 +96,9 @@ def _sum_block(grid, n, block, reaches, candidates, moments, is_full):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _judge(n, block, moments, squares, planes, normals, is_spread):
-    """Write whether the neighbours of n points are spread in two dimensions, and normals or zeros.
+    """Write whether the neighbours of n points are spread in two dimensions, and normals where they form a plane.
 
-    normals : (3 BLOCK,), out, x, y, z, turned to the sensor.
+    normals : (3 BLOCK,), out, x, y, z, turned to the sensor; zeros for no plane. is_spread : (BLOCK,), out.
     """
     _, points, heights = block
     for k in range(n):
@@ -119,8 +119,8 @@ def _judge(n, block, moments, squares, planes, normals, is_spread):
 def _fit_pending(grid, pending, factor, normals):
     """Fit planes to the neighbours of pending points, in windows of `factor` times the height that is tried first.
 
-    pending : (m,) uint32, ascending places in the grid, out: those to try again in a higher window come first;
-    normals : (n, 3), out, of all points of the grid. Returns how many there are to try again.
+    pending : (m,) uint32, ascending places in the grid, in and out: those to try again in a higher window are moved to
+    the front; normals : (n, 3), out, by place in the grid. Returns how many there are to try again.
     """
     block = np.empty(BLOCK, np.uint32), np.empty(3 * BLOCK), np.empty(BLOCK)
     reaches = np.empty(BLOCK), np.empty(BLOCK, np.int64), np.empty(BLOCK, np.int64)
@@ -169,7 +169,7 @@ def _worthwhile_growths(grid, normals):
 
 @njit(nogil=True, cache=True)
 def scan_planes(points, elevations, azimuths, lowest, highest, normals):
-    """Fit a plane around each point and turn it to the sensor.
+    """Write the normal of the plane through each point and its neighbours, turned to the sensor.
 
     points : (n, 3) float64, sensor frame, m, n > 0; elevations, azimuths : (n,), rad; lowest, highest : of the
     elevations, rad; normals : (n, 3) float64, out, zeros where there is no plane.

@@ -4,8 +4,8 @@
 
 A ring scanner's points lie 0.2 degrees apart along a ring and 2 degrees apart across: the nearest neighbours
 of a point are all on its own ring, and say nothing of the surface. So neighbours are taken by angle, from a
-window around the point that grows until more than one ring is in it, wherever the next rings are: they may lie
-evenly or not, be smeared by the movement of the sensor, thinned, or not be there at all.
+window around the point that grows until more than one ring is in it, wherever the next rings are: they may be
+evenly spaced or not, smeared by the motion of the sensor, thinned, or missing.
 """
 
 import numpy as np

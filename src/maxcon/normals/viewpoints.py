@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Viewpoints: which of several scanners each point of an epoch comes from, and where those are."""
+"""Viewpoints: which of several scanners each point of an epoch comes from, and where the scanners are mounted."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ class Viewpoints:
     Parameters
     ----------
     scanners : array, shape (n,), int
-        Which scanner each point comes from.
+        Index into `poses`: which scanner each point comes from.
     poses : tuple of Pose
         T_vehicle_sensor of each scanner.
 
     Raises
     ------
     ArrayError
-        If a point comes from none of them.
+        If a scanner's index is outside of `poses`.
     """
 
     scanners: NDArray[np.int64]
@@ -44,10 +44,10 @@ class Viewpoints:
             )
 
     def normals(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return unit normals of points in the vehicle's frame, shape (n, 3), turned to the scanner of each.
+        """Return unit normals, shape (n, 3), of points, shape (n, 3), m, both in the vehicle's frame.
 
-        Each scanner's points are looked at from where it is, by themselves: their neighbours lie on rings around it,
-        and rings of two scanners cross. Zeros where the neighbours do not determine a plane.
+        They are estimated for each scanner by itself and turned to it: a point's neighbours lie on rings around its own
+        scanner, and rings of two scanners cross. Zeros where the neighbours do not determine a plane.
         """
         normals = np.zeros_like(points)
         for number, pose in enumerate(self.poses):

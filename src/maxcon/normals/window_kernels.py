@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Compiled: how high a window must be to hold points of more than one ring, looked up in a sample of directions.
+"""Compiled: how high a window must be to hold points of more than one ring, estimated from a sample of directions.
 
 Only a first guess: `scan_kernels` decides at each point whether its window holds two rings.
 """
@@ -10,16 +10,17 @@ from numba import njit
 
 __all__ = ["BANDS", "GROWTH", "HIGHEST", "LEAST_NEIGHBOURS", "LEAST_SPREAD", "WINDOWS", "first_windows"]
 
-# Half the heights of the windows, rad: for scanners of 128 rings to those of eight.
+# Half heights of windows, rad, lowest first: they suit scanners of 128 rings to those of eight.
 GROWTH = 1.6
 WINDOWS = tuple(np.radians(0.5 * GROWTH**k) for k in range(6))
 N_WINDOWS = len(WINDOWS)
-# Windows that find nothing grow, up to this half height, rad.
+# Windows that find only one ring grow, up to this half height, rad.
 HIGHEST = 0.12
-# A plane needs as many points, and more than one ring: a deviation across the rings of this share of half the height.
+# A plane needs so many points, and more than one ring: a deviation across the rings of this share of the half height.
 LEAST_NEIGHBOURS = 6
 LEAST_SPREAD = 0.22
-# The rings of some scanners are denser in the middle: elevations are looked at in so many bands.
+# The rings of some scanners are denser in the middle: each of so many bands of elevation has a first window of its
+# own, if at least LEAST_VOTES points are sampled in it.
 BANDS = 32
 LEAST_VOTES = 16
 # Directions are sampled in at most so many strips of azimuth, of about so many points each.
@@ -32,7 +33,7 @@ FIRST_SHARE = 0.4
 
 @njit(nogil=True, cache=True)
 def _collect_strips(elevations, azimuths):
-    """Elevations of points in some strips of azimuth, strip by strip; where each begins; their width, rad."""
+    """Elevations sampled in strips of azimuth, strip by strip; first of each strip, (n_strips + 1,); its width, rad."""
     n_columns = min(max(len(azimuths) // STRIP_POINTS, 8), MOST_COLUMNS)
     every = (n_columns + MOST_STRIPS - 1) // MOST_STRIPS
     n_strips = (n_columns + every - 1) // every
@@ -56,7 +57,8 @@ def _collect_strips(elevations, azimuths):
 def _window_of(elevations, k, width):
     """Return the number of the lowest window around the k-th of ascending elevations with more than one ring.
 
-    N_WINDOWS if there is none. width : of the strip the points lie in, rad; a window is as wide as half its height.
+    N_WINDOWS if there is none. width : of the strip the points lie in, rad: as a window is as wide as half its height,
+    the points of the strip stand for those of the window.
     """
     low, high = k, k
     total, square = 0.0, 0.0
@@ -81,7 +83,10 @@ def _window_of(elevations, k, width):
 
 @njit(nogil=True, cache=True)
 def _low_window(votes):
-    """Return the number of the window that is high enough for FIRST_SHARE of the votes, (N_WINDOWS + 1,)."""
+    """Return the number of the lowest window that is high enough for FIRST_SHARE of the votes.
+
+    votes : (N_WINDOWS + 1,), how many points need each window, those that none suffices for last.
+    """
     so_far, total = 0, votes.sum()
     for window in range(N_WINDOWS - 1):
         so_far += votes[window]
@@ -92,7 +97,7 @@ def _low_window(votes):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def first_windows(elevations, azimuths, lowest, highest, first):
-    """Write the number of the window to try first in each of BANDS bands, and return the lowest of them.
+    """Write the number of the window to try first in each of BANDS bands of elevation, and return the lowest of them.
 
     elevations, azimuths : (n,), rad, n > 0; lowest, highest : of the elevations, rad; first : (BANDS,) int64, out.
     """
@@ -100,7 +105,7 @@ def first_windows(elevations, azimuths, lowest, highest, first):
     votes = np.zeros((BANDS, N_WINDOWS + 1), np.int64)
     for strip in range(len(starts) - 1):
         ascending = np.sort(collected[starts[strip] : starts[strip + 1]])
-        # Thousands of points in one strip are thinned: there are no more of them than that in any window.
+        # Thousands of points in one strip are thinned: the time grows with their square.
         step = 1 + len(ascending) // (8 * STRIP_POINTS)
         ascending = ascending[::step]
         for k in range(len(ascending)):

@@ -17,12 +17,12 @@ from maxcon.scan import Scan
 __all__ = ["HEIGHT_SIGMA", "TILT_SIGMA", "Refined", "refine"]
 
 THINNING = 0.4
-"""One point in each cube of this edge is adjusted, m: more cost time, and bring nothing."""
+"""Edge, m, of the cubes of which one point each is used: more points cost time and make no pose better."""
 
 
 @dataclass(frozen=True, slots=True)
 class Round:
-    """How partners are looked for, once.
+    """One round of the adjustment: how partners, planes of the map, are looked for before its steps.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class Round:
     every: int
 
 
-# Few points and far at first, for starts a cell and half a heading step away; then near.
+# At first few points and distant partners, for starts that are off by a cell and half a heading step; then near ones.
 ROUNDS = (
     Round(5, 3, gate=0.6, every=8),
     Round(5, 3, gate=0.36, every=8),
@@ -52,28 +52,29 @@ ROUNDS = (
 )
 STEPS_PER_ROUND = 2
 AT_REST = 1e-4
-"""A step that moves less, m, and turns less than a hundredth of it, rad, ends a round."""
+"""A round ends with a step that moves by less than this, m, and turns by less than a hundredth of it, rad."""
 LEAST_COSINE = 0.8
+"""Of the angle between the normals of a point and of its partner."""
 REACH = 1.0
-"""How far points may move while a pose is adjusted, m: tiles within that are looked at."""
+"""How far points may move while a pose is adjusted, m: map tiles within it of the scan are searched for partners."""
 MATCH_SIGMA = 0.05
-"""Of one match, m: what the start is weighed against."""
+"""Standard deviation of one point-to-plane distance, m: the weight of the start is relative to it."""
 POSITION_SIGMA, HEADING_SIGMA = 1.0, math.radians(5.0)
-"""The start is an observation too, of these standard deviations, m and rad: weak, but no direction is ever open."""
+"""The start is an observation too, with these standard deviations, m and rad: weak, but it fixes any open direction."""
 HEIGHT_SIGMA, TILT_SIGMA = 0.3, math.radians(1.0)
-"""The same for height, roll and pitch that nothing is known of, m and rad."""
+"""The same for height, roll and pitch, where nothing better is known of the start, m and rad."""
 
 
 @dataclass(frozen=True, slots=True)
 class Refined:
-    """A pose adjusted to the map, and what carries it.
+    """A pose adjusted to the map, and the points and planes that determine it.
 
     Parameters
     ----------
     pose : Pose
         T_map_sensor, local frame.
     points, normals : array, shape (n, 3)
-        The scan's, sensor frame, m.
+        Those of the scan that were used, sensor frame, m; normals of zeros for none.
     planes : array, shape (n, 4)
         The plane of the map on which each point lies, local frame: unit normal, and its scalar product with a point of
         the plane; zeros where none was found.
@@ -84,11 +85,11 @@ class Refined:
     normal_matrix : array, shape (6, 6)
         Of x, y, z, roll, pitch and heading: sum of w g g' over the points, g the gradient of a distance.
     start_weights : array, shape (6,)
-        What the start adds to its diagonal, being an observation too.
+        What the start, being an observation too, adds to the diagonal of the normal matrix.
     moved : float
-        How far the start lies away in x and y, m.
+        How far the pose lies from the start in x and y, m.
     turned : float
-        How far the start is turned away in heading, rad.
+        How far the pose is turned from the start in heading, rad.
     """
 
     pose: Pose
@@ -116,12 +117,12 @@ def refine(
     height_sigma: float = HEIGHT_SIGMA,
     tilt_sigma: float = TILT_SIGMA,
 ) -> Refined:
-    """Adjust a pose to the map: the sum of weighted squares of n . r, scalar products of normals and distances.
+    """Adjust a pose to the map: minimize the weighted squares of point-to-plane distances n . r, in all six unknowns.
 
-    Each point has one partner at a time: of the voxels along its normal that face as it does the one whose plane is
-    nearest; of those along the axes the one whose mean is nearest, if it has no normal. Planes go through the means of
-    voxels, not their middles. Partners are looked for anew as the pose moves; weights are Tukey's, of partners farther
-    away than 0.21 m there is nothing left (design, section 5).
+    Each point has one partner at a time, the plane of a voxel. For a point with a normal it is the nearest plane among
+    the voxels along that normal whose own normals agree; for one without, the plane of the voxel along the axes whose
+    mean is nearest. Planes go through the means of the map points in voxels, not through voxel centres. Partners are
+    looked for anew as the pose moves; weights are Tukey's, zero from a distance of 0.21 m on (design, section 5).
 
     Parameters
     ----------
@@ -133,6 +134,10 @@ def refine(
         T_map_sensor to start from, local frame, within some 0.2 m and a degree.
     height_sigma, tilt_sigma : float
         Standard deviations of the start's height, m, and of its roll and pitch, rad.
+
+    Returns
+    -------
+    Refined
     """
     from maxcon.refine import kernels, partner_kernels
 
@@ -158,6 +163,6 @@ def refine(
 
 
 def _lookup(points: NDArray[np.float64], point_map: PointMap, start: Pose) -> VoxelLookup:
-    """The voxels that partners of scan points, sensor frame, can be among."""
+    """The voxels among which scan points, (n, 3), sensor frame, can have partners."""
     placed = points @ start.rotation.T + start.position
     return VoxelLookup.of(point_map.tiles_around(placed[:, :2], REACH))

@@ -1,20 +1,20 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Compiled: which surfaces points belong to, and how many of them are found. Arrays in, arrays out."""
+"""Compiled: scan points grouped by the surface they lie on, and wall points counted. Arrays in, arrays out."""
 
 import numpy as np
 from numba import njit
 
 __all__ = ["count_walls", "number_groups"]
 
-# Cubes along an axis that have a number each: 400 km of 3 m. A large odd number mixes the numbers.
+# Cubes along an axis that have a number each: 400 km of 3 m. FACTOR, a large odd number, mixes the bits of a hash.
 CUBES = np.int64(2**17)
 FACTOR = 0x9E3779B97F4A7C15
 
 
 @njit(nogil=True, cache=True)
 def _bounds(n):
-    """Unit vectors between the n sectors of a half turn, (n - 1, 2)."""
+    """Unit vectors on the borders between the n sectors of a half turn, (n - 1, 2)."""
     bounds = np.empty((n - 1, 2))
     for k in range(n - 1):
         azimuth = (k + 1) * np.pi / n
@@ -36,9 +36,9 @@ def _sector(x, y, bounds):
 
 @njit(nogil=True, cache=True)
 def _number(key, table, keys, n):
-    """Number of a key among the `n` known ones, (m,) in `keys`, or `n` for one that is new and now the next.
+    """Number of a key: its place among the first `n` of `keys`, or `n` if it is new, and then added there.
 
-    table : a power of two of numbers, more than twice as many as there can be keys; -1 where there is none.
+    table : (2^k,), hash table of numbers, -1 where it is free; at least twice as large as there can be keys.
     """
     mask = np.uint64(table.shape[0] - 1)
     slot = ((np.uint64(key) * np.uint64(FACTOR)) >> np.uint64(32)) & mask
@@ -52,12 +52,13 @@ def _number(key, table, keys, n):
 
 @njit(nogil=True, cache=True)
 def number_groups(points, planes, weights, position, edge, n_facings, steepest, clusters, walls):
-    """Number the clusters of points of one facing in one cube, and the walls of one facing and depth; see `covariance`.
+    """Number the clusters (points of one facing in one cube) and the walls (of one facing, at one distance).
 
-    points : (n, 3), sensor frame, m; planes : (n, 4); weights : (n,), those with 0 are in no group; position : (3,), of
-    the sensor, m; edge : of a cube, and of a depth, m; n_facings : by azimuth, an even number; steepest : vertical part
-    of a normal beyond which it faces up or down. clusters, walls : (n,), out, -1 for none. Returns how many there are
-    of each.
+    For `covariance`. The distance is that of the plane from the sensor. points : (n, 3), sensor frame, m; planes :
+    (n, 4), as `find_partners` made them; weights : (n,), points with 0 are in no group; position : (3,), of the sensor,
+    map frame, m; edge : of a cube, and of a step of distance, m; n_facings : by azimuth, an even number; steepest :
+    vertical part of a normal beyond which it faces up or down. clusters, walls : (n,), out, number of each point's, -1
+    for none. Returns how many clusters and how many walls there are.
     """
     n_used = np.count_nonzero(weights)
     size = 16
@@ -90,11 +91,11 @@ def number_groups(points, planes, weights, position, edge, n_facings, steepest, 
 
 @njit(nogil=True, cache=True)
 def count_walls(normals, residuals, rotation, level, found_within, n_points, n_found):
-    """Count the wall points of each facing, and those of them that are found.
+    """Count the wall points of each facing, and those of them that lie on a plane of the map.
 
-    normals : (n, 3), sensor frame, zeros for none; residuals : (n,), m, infinite without a plane; rotation : (3, 3), of
-    the sensor; level : vertical part of a normal from which on it is no wall's; found_within : m; n_points, n_found :
-    (facings,) int64, of pi together, in zeros, out.
+    normals : (n, 3), sensor frame, zeros for none; residuals : (n,), m, infinite without a plane; rotation : (3, 3),
+    R_map_sensor; level : vertical part of a normal from which on it is no wall's; found_within : largest residual of a
+    point on its plane, m; n_points, n_found : (n_facings,) int64, equal sectors of a half turn, in zeros, out.
     """
     bounds = _bounds(n_points.shape[0])
     for i in range(normals.shape[0]):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Compiled: the equations of the distances of scan points from planes of the map. Arrays in, arrays out."""
+"""Compiled: least squares of the distances of scan points from planes of the map. Arrays in, arrays out."""
 
 import numpy as np
 from numba import njit
@@ -10,7 +10,7 @@ __all__ = ["adjust", "rotation_and_axes", "sum_gradients", "weigh"]
 
 @njit(nogil=True, cache=True)
 def rotation_and_axes(angles):
-    """R = Rz(heading) Ry(pitch) Rx(roll), and the axes that roll, pitch and heading turn about, rows, map frame."""
+    """R = Rz(heading) Ry(pitch) Rx(roll) of (roll, pitch, heading), rad; and their axes, rows, (3, 3), map frame."""
     cr, sr = np.cos(angles[0]), np.sin(angles[0])
     cp, sp = np.cos(angles[1]), np.sin(angles[1])
     ch, sh = np.cos(angles[2]), np.sin(angles[2])
@@ -26,7 +26,7 @@ def rotation_and_axes(angles):
 
 @njit(nogil=True, cache=True)
 def _equations(points, planes, unknowns, gate, equations):
-    """Distances of points from their planes, and how they fall with each unknown, times the root of Tukey's weight.
+    """Signed distances of points from their planes, and minus their derivatives, times the root of Tukey's weight.
 
     points : (3, n), sensor frame, m; planes : (4, n); unknowns : (6,); gate : no weight from this distance on, m;
     equations : (7, n), out: a row for each of x, y, z, roll, pitch, heading, then the distances.
@@ -53,7 +53,7 @@ def _equations(points, planes, unknowns, gate, equations):
 
 @njit(nogil=True, cache=True, fastmath={"reassoc", "contract"})
 def _products(equations, products):
-    """All scalar products of rows, (7, n), with each other: (7, 7), out."""
+    """Write the scalar products of all rows of `equations`, (7, n), with each other, (7, 7)."""
     for j in range(7):
         for k in range(j, 7):
             total = 0.0
@@ -72,28 +72,28 @@ def _with_planes(points, planes):
             numbers[m] = i
             m += 1
     numbers = numbers[:m]
-    some, of_some = np.empty((3, m)), np.empty((4, m))
+    used_points, used_planes = np.empty((3, m)), np.empty((4, m))
     for k in range(m):
         for axis in range(3):
-            some[axis, k] = points[numbers[k], axis]
+            used_points[axis, k] = points[numbers[k], axis]
         for axis in range(4):
-            of_some[axis, k] = planes[numbers[k], axis]
-    return some, of_some, numbers
+            used_planes[axis, k] = planes[numbers[k], axis]
+    return used_points, used_planes, numbers
 
 
 @njit(nogil=True, cache=True)
 def adjust(points, planes, unknowns, start, start_weights, gate, n_steps, at_rest):
-    """Gauss-Newton steps that shorten the distances n . r of points from their planes, with Tukey's weights.
+    """Take Gauss-Newton steps that reduce the distances n . r of points from their planes, with Tukey's weights.
 
     points : (n, 3), sensor frame, m; planes : (n, 4), as `find_partners` made them; unknowns : (6,), x, y, z, roll,
-    pitch, heading, in and out; start : (6,), which is an observation of them with weights start_weights : (6,); gate :
-    no weight from this distance on, m; n_steps : at most; at_rest : a step that moves less, m, and turns less than a
-    hundredth of it, rad, is the last.
+    pitch, heading, m and rad, in and out; start : (6,), an observation of them, with weights start_weights : (6,);
+    gate : no weight from this distance on, m; n_steps : at most so many; at_rest : a step that moves less, m, and turns
+    less than a hundredth of it, rad, is the last.
     """
-    some, of_some, numbers = _with_planes(points, planes)
+    used_points, used_planes, numbers = _with_planes(points, planes)
     equations, products = np.empty((7, len(numbers))), np.empty((7, 7))
     for _ in range(n_steps):
-        _equations(some, of_some, unknowns, gate, equations)
+        _equations(used_points, used_planes, unknowns, gate, equations)
         _products(equations, products)
         right_side = products[:6, 6] - start_weights * (unknowns - start)
         step = np.linalg.solve(products[:6, :6] + np.diag(start_weights), right_side)
@@ -104,20 +104,21 @@ def adjust(points, planes, unknowns, start, start_weights, gate, n_steps, at_res
 
 @njit(nogil=True, cache=True)
 def weigh(points, planes, unknowns, gate, normal_matrix, residuals, weights):
-    """What points and their planes say of an adjusted pose; the first four as for `adjust`.
+    """Write normal matrix, residuals and weights at an adjusted pose; points, planes, unknowns, gate as for `adjust`.
 
-    normal_matrix : (6, 6), residuals : (n,), m, infinite without a plane, and weights : (n,), 0 without one. All out.
+    Out: normal_matrix : (6, 6), without the start; residuals : (n,), m, infinite without a plane; weights : (n,), 0
+    without one.
     """
-    some, of_some, numbers = _with_planes(points, planes)
+    used_points, used_planes, numbers = _with_planes(points, planes)
     equations, products = np.empty((7, len(numbers))), np.empty((7, 7))
-    _equations(some, of_some, unknowns, gate, equations)
+    _equations(used_points, used_planes, unknowns, gate, equations)
     _products(equations, products)
     normal_matrix[:] = products[:6, :6]
     residuals[:], weights[:] = np.inf, 0.0
     R, _ = rotation_and_axes(unknowns[3:])
     for k in range(len(numbers)):
-        x, y, z = some[0, k], some[1, k], some[2, k]
-        nx, ny, nz, offset = of_some[0, k], of_some[1, k], of_some[2, k], of_some[3, k]
+        x, y, z = used_points[0, k], used_points[1, k], used_points[2, k]
+        nx, ny, nz, offset = used_planes[0, k], used_planes[1, k], used_planes[2, k], used_planes[3, k]
         offset -= nx * (R[0, 0] * x + R[0, 1] * y + R[0, 2] * z + unknowns[0])
         offset -= ny * (R[1, 0] * x + R[1, 1] * y + R[1, 2] * z + unknowns[1])
         offset -= nz * (R[2, 0] * x + R[2, 1] * y + R[2, 2] * z + unknowns[2])
@@ -128,7 +129,7 @@ def weigh(points, planes, unknowns, gate, normal_matrix, residuals, weights):
 
 @njit(nogil=True, cache=True)
 def sum_gradients(points, planes, groups, unknowns, factors, sums):
-    """Add factor times gradient of each point's distance to the sum of its group.
+    """Add factor times gradient (by the unknowns) of each point's distance from its plane to the sum of its group.
 
     points : (n, 3), sensor frame, m; planes : (n, 4); groups : (n,), numbers, below 0 for none; unknowns : (6,), the
     pose; factors : (n,); sums : (n_groups, 6), in zeros, out.

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Compiled: which planes of the map scan points lie on. Arrays in, arrays out."""
+"""Compiled: partners, the planes of the map that scan points lie on. Arrays in, arrays out."""
 
 import numpy as np
 from numba import njit
@@ -21,7 +21,7 @@ from maxcon.refine.kernels import rotation_and_axes
 
 __all__ = ["find_partners"]
 
-# Points whose planes are fetched at once.
+# Points whose planes are prefetched together.
 BLOCK = 32
 
 
@@ -31,8 +31,8 @@ def _partner_along(
 ):
     """Plane (normal, offset) nearest to a point among the voxels along its normal; a normal of zeros for none.
 
-    From the voxel of the point outwards to both sides, and one step beyond the first that is found. row, patch : of the
-    point's own voxel, as `find_patch` gives them.
+    Looked for from the voxel of the point outwards to both sides, to one step beyond the first partner. row, patch : of
+    the point's own voxel, as `find_patch` gives them; the other arguments as for `find_partners`.
     """
     found = (0.0, 0.0, 0.0, 0.0)
     nearest, last = np.inf, reach
@@ -69,9 +69,10 @@ def _partner_along(
 
 @njit(nogil=True, cache=True)
 def _partner_around(px, py, pz, own_row, own_patch, cell, reach, rows, grid, corner):
-    """Plane of a voxel along the axes from that of a point, of the nearest ones the one whose mean is nearest.
+    """Plane (normal, offset) of the nearest voxel along the axes from that of a point; a normal of zeros for none.
 
-    A normal of zeros for none. own_row, own_patch : of the point's voxel, as `find_patch` gives them.
+    Of voxels equally many steps away, the one whose mean is nearest. own_row, own_patch : of the point's voxel, as
+    `find_patch` gives them.
     """
     found = (0.0, 0.0, 0.0, 0.0)
     nearest = np.inf
@@ -103,7 +104,7 @@ def _partner_around(px, py, pz, own_row, own_patch, cell, reach, rows, grid, cor
 
 @njit(nogil=True, cache=True, inline="always")
 def _is_asked(i, every, planes):
-    """Whether a partner of point i is looked for; see `adjustment.Round`."""
+    """Whether a partner of point i is looked for in this round; see `adjustment.Round`."""
     if every == 0:
         return planes[i, 0] != 0.0 or planes[i, 1] != 0.0 or planes[i, 2] != 0.0
     return i % every == 0
@@ -111,7 +112,7 @@ def _is_asked(i, every, planes):
 
 @njit(nogil=True, cache=True, inline="always")
 def _is_near(place, normal, reaches, rows, grid, corner):
-    """Whether a point, (x, y, z) in voxels, may have a partner: most of those that have none are far from any voxel."""
+    """Whether a point at `place`, in voxels, may have a partner: most that have none are far from any voxel."""
     along, around = np.float64(reaches[0]), np.float64(reaches[1])
     reach_x, reach_y, reach_z = along * abs(normal[0]), along * abs(normal[1]), along * abs(normal[2])
     if reach_x == 0.0 and reach_y == 0.0 and reach_z == 0.0:
@@ -123,11 +124,11 @@ def _is_near(place, normal, reaches, rows, grid, corner):
 def _place_some(
     first, points, normals, unknowns, R, every, cell, reaches, rows, grid, corner, planes, placed, owned
 ):
-    """Place points from number `first` on that may have a partner, as many as there is room for.
+    """Transform points from number `first` on into the map frame, if they may have a partner, until `placed` is full.
 
-    planes : of all points before them set to zeros, out; placed : (m, 6), out, points and normals, map frame; owned :
-    (m, 3) uint64, out, their numbers, and row and patch of the voxels they are in. Patches are fetched meanwhile.
-    Returns the number of the first point that is left, and how many were placed.
+    planes : set to zeros for all points that were looked at, out; placed : (m, 6), out, points and normals, map frame;
+    owned : (m, 3) uint64, out, their numbers, and row and patch of the voxels they are in. Patches are prefetched.
+    Returns the number of the first point that was not looked at, and how many were placed.
     """
     n = 0
     while first < points.shape[0] and n < placed.shape[0]:
@@ -156,7 +157,7 @@ def _place_some(
 
 @njit(nogil=True, cache=True)
 def _fetch_planes(placed, owned, cell, rows):
-    """Fetch the planes of the voxels that points are in; see `_place_some`."""
+    """Prefetch the planes of the voxels that points are in; arguments as `_place_some` wrote them."""
     for k in range(placed.shape[0]):
         row, patch = owned[k, 1], owned[k, 2]
         if row == 0:
@@ -172,17 +173,19 @@ def _fetch_planes(placed, owned, cell, rows):
 def find_partners(
     points, normals, unknowns, every, cell, reaches, least_cosine, is_signed, rows, grid, corner, planes
 ):  # fmt: skip
-    """Find for every so many points of a scan the plane of the map that it lies on.
+    """Find partners: for one of `every` points of a scan, the plane of the map that it lies on.
 
     points, normals : (n, 3) float64, sensor frame, m; a normal of zeros where there is none.
-    unknowns : (6,), the pose: x, y, z, roll, pitch, heading. every : see `adjustment.Round`.
+    unknowns : (6,), the pose: x, y, z, roll, pitch, heading, m and rad. every : see `adjustment.Round`.
+    cell : edge of a voxel, m. rows, grid, corner : of a `VoxelLookup`, the map.
     reaches : how many voxels a partner may lie away, along the normal of a point, and along the axes from one without.
     least_cosine : of the angle between the normals of point and voxel.
-    planes : (n, 4) float64, out, unit normal and its scalar product with a point of the plane, map frame; zeros for
-    none, and for the points between.
+    is_signed : whether the map's normals have a side; otherwise n and -n mean the same.
+    planes : (n, 4) float64, in and out, unit normal and its scalar product with a point of the plane, map frame; zeros
+    for none, and for the points between.
 
-    A map is larger than what is near the processor: what a block of points will ask for is fetched while the block is
-    placed, and looked at afterwards.
+    A map is larger than the processor's cache: what a block of points will look up is prefetched while the block is
+    transformed.
     """
     R, _ = rotation_and_axes(unknowns[3:])
     along, around = reaches

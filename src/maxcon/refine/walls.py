@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""How many of the walls that a scan sees stand in the map at a refined pose, facing by facing."""
+"""How many of the wall points of a scan lie on walls of the map at a refined pose, facing by facing."""
 
 import math
 from dataclasses import dataclass
@@ -11,12 +11,12 @@ from maxcon.refine.adjustment import Refined
 
 __all__ = ["WallShare", "least_wall_share"]
 
-# A wall point has a normal that is more level than upright; it is found where its plane lies within this, m.
+# A wall point has a normal with a vertical part below LEVEL; it is found if a plane of the map lies within this, m.
 LEVEL = 0.5
 FOUND_WITHIN = 0.08
 N_FACINGS = 6
 FEWEST_POINTS = 20
-# Added to the found and to all: 2 of 20 are less certain than 20 of 200.
+# Added to the numbers of found and of all points: 2 of 20 are less certain than 20 of 200.
 FOUND_BEFORE, ALL_BEFORE = 2, 4
 
 
@@ -43,13 +43,13 @@ class WallShare:
 
     @property
     def words(self) -> str:
-        """The same for a reader."""
+        """The share as part of a sentence for a reader."""
         facing = f"{math.degrees(self.azimuth):.0f} degrees from +x (of 180)"
         return f"of {self.n_points} wall points facing {facing} {self.n_found} lie on the map"
 
 
 def least_wall_share(refined: Refined) -> WallShare | None:
-    """The facing, of six of 30 degrees, whose walls are found least; None where no facing has 20 wall points.
+    """The lowest share over six facings of 30 degrees each; None where no facing has 20 wall points.
 
     At a wrong place along a street the walls along it fit all the same; those across do not.
     """

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""What the paper says, and what a study shows of it."""
+"""The claims of the paper, each beside what a study shows."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from maxcon.study import MethodRows, MethodStatistics, statistics
 __all__ = ["COUNT", "HELMERT", "Claim", "Verdict", "paper_claims"]
 
 COUNT, HELMERT = "count-points", "helmert-points"
-"""The paper's two methods: a match weighs as many as the map points it meets."""
+"""The paper's two methods: a match counts as often as its voxel has map points."""
 STARTS = ("icp-plane-1m-5x5", "icp-plane-3m-5x5", "icp-point-1m-5x5", "icp-point-3m-5x5")
 
 # "Much higher" is taken to mean half as much again, in the median.
@@ -24,7 +24,7 @@ NEIGHBOURS = 1.5
 
 
 class Verdict(StrEnum):
-    """How a claim fares."""
+    """Whether a study agrees with a claim."""
 
     AGREES = "agrees"
     PARTLY = "partly"
@@ -33,7 +33,7 @@ class Verdict(StrEnum):
 
     @classmethod
     def of(cls, is_so: bool, is_partly: bool = False) -> "Verdict":
-        """Return how a studied claim fares: that it is so goes before that it partly is."""
+        """Return AGREES if `is_so`, else PARTLY if `is_partly`, else DIFFERS."""
         return cls.AGREES if is_so else cls.PARTLY if is_partly else cls.DIFFERS
 
 
@@ -73,7 +73,7 @@ def paper_claims(
 
     Notes
     -----
-    Only epochs count that say something about the methods (`MethodStatistics.n_tried`).
+    Epochs in which a method could not be tried do not count (`MethodStatistics.n_tried`).
     """
     found = {name: statistics(rows) for name, rows in methods.items()}
     along_ray, where = (centred, "Around the reference, ") if centred else (methods, "Around this prior, ")
@@ -111,7 +111,7 @@ def _left_out(method: MethodStatistics) -> str:
 
 
 def _lacking(found: Mapping[str, MethodStatistics], name: str) -> str:
-    """Say what a claim about a method lacks; nothing if there is an answer."""
+    """Say what is missing to check a claim about a method: the method, or an answer of it; empty if nothing is."""
     if name not in found:
         return name
     return "" if found[name].n_tried else f"an answer of {name}"
@@ -178,7 +178,11 @@ def _compared(
     where: str = "",
     factor: float = 1.0,
 ) -> Claim:
-    """Compare a measure of Helmert's score and of the count: medians (`factor` apart), and epoch by epoch."""
+    """Check whether a measure is better for Helmert's score than for the count, in its median and in most epochs.
+
+    The claim holds if the median is better, by `factor` if above 1, and nine tenths of the epochs; partly if the median
+    is better. `where` and `words` begin the sentence about the study.
+    """
     if HELMERT not in methods or COUNT not in methods:
         return _not_studied(paper, f"both {COUNT} and {HELMERT}")
     helmert, count = (_by_epoch(methods[name], column) for name in (HELMERT, COUNT))
@@ -243,6 +247,6 @@ def _precision(methods: Mapping[str, MethodRows]) -> Claim:
 
 
 def _successes(rows: MethodRows) -> dict[int, float]:
-    """Errors of the epochs that a method succeeds in."""
+    """Horizontal error, m, by epoch, of the epochs in which a method succeeds."""
     is_success = {int(epoch) for epoch in rows.numbers("epoch")[rows.numbers("is_success") == 1.0]}
     return {epoch: error for epoch, error in _by_epoch(rows, "distance").items() if epoch in is_success}

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Objectives beside each other at several places, each search space seen from the reference (fig:merged)."""
+"""Objectives side by side at several places, each search space centred on the reference (the paper's figure 4)."""
 
 import math
 import os
@@ -31,18 +31,18 @@ __all__ = ["ComparisonRow", "plot_comparison"]
 
 SCAN_COLOR = SERIES[2]
 OUTSIDE = "#d9d9d9"
-# Of the ground around the reference, m: what a street and its facades need.
+# Half width of the ground that is drawn around the reference, m: enough for a street and its facades.
 MOST_HALF_WIDTH, LEAST_HALF_WIDTH = 35.0, 5.0
 # Inches: the panels, and what stands around them.
 SIDE, LEFT, RIGHT, BOTTOM, TOP = 2.75, 0.3, 0.2, 0.95, 1.0
 FIRST_GAP, GAP, ROW_HEIGHT = 0.85, 0.55, 3.95
-# Points: room for half a mark at the rim.
+# In points: room for half a mark on the border of a panel.
 TITLE_PAD = 12
 
 
 @dataclass(frozen=True)
 class ComparisonRow:
-    """One epoch, seen by several objectives.
+    """One epoch, scored by several objectives.
 
     Parameters
     ----------
@@ -193,7 +193,7 @@ def _view_words(view: SearchSpaceView, reference: Pose) -> str:
 
 
 def _letters() -> Iterator[str]:
-    """Return (a), (b), ... and after (z) (aa), (bb), ..."""
+    """Yield (a), (b), ... and after (z) (aa), (bb), ..."""
     for number in count():
         yield f"({ascii_lowercase[number % 26] * (number // 26 + 1)})"
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""How distinct the solutions of all epochs are, as distributions side by side (the paper's figure of three)."""
+"""How distinct the solutions of all epochs are, as distributions side by side (the paper's figure 5)."""
 
 import os
 from collections.abc import Mapping
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 __all__ = ["Distinctnesses", "bin_shares", "plot_distinctness"]
 
 MOST_METHODS = 4
-# Odd, so that equal values lie in the middle of one.
+# Odd, so that where all values are equal they lie in the middle of a bin.
 N_BINS = 31
 # A logarithmic axis spans at least this factor, or equal values would make a bar as wide as the panel.
 LEAST_SPAN = 6.0
@@ -44,7 +44,7 @@ LEGEND_ROW = 0.2
 
 
 class _Measure(NamedTuple):
-    """A panel: what it shows, and on which scale.
+    """What a panel shows, and on which scale.
 
     Values up to `least` share the first bin of a logarithmic axis; a linear one goes from 0 to 1.
     """
@@ -73,7 +73,7 @@ _MEASURES = (
 
 @dataclass(frozen=True, eq=False)
 class Distinctnesses:
-    """How distinct the solution of each epoch is, by four measures (design, section 4).
+    """How distinct the solution of each epoch is, by four measures (design, section 4); NaN where one is not defined.
 
     Parameters
     ----------
@@ -85,7 +85,6 @@ class Distinctnesses:
         Kullback-Leibler divergence of these scores from a Laplace distribution with sigma = 1 cell, nat.
     spread : array_like, shape (n,)
         Largest distance from the peak to a cell with at least 90 % of its score, m.
-        All four are NaN where they are not defined.
 
     Raises
     ------
@@ -115,12 +114,12 @@ class Distinctnesses:
 
     @property
     def n_epochs(self) -> int:
-        """All epochs, those without a value too."""
+        """Number of all epochs, those without a value too."""
         return len(self.peak_ratio)
 
 
 def bin_shares(values: NDArray[np.float64], edges: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Share of all epochs in each bin, percent; the undefined are in none, the bins need not add up to 100.
+    """Share of all epochs in each bin, percent; those without a value are in no bin, so the sum may be below 100.
 
     Parameters
     ----------

@@ -91,7 +91,7 @@ def plot_drive(
 def _draw_epochs(
     axes: Axes, places: NDArray[np.float64], errors: NDArray[np.float64], success: float
 ) -> None:
-    """Draw the way, the epochs that succeeded in colours, and the others with marks of their own."""
+    """Draw the drive as a line, epochs that succeeded in the colour of their error, and others with other marks."""
     axes.plot(places[:, 0], places[:, 1], color=MUTED, lw=1.0, zorder=3)
     is_good, is_missing = errors <= success, np.isnan(errors)
     is_wrong = ~is_good & ~is_missing

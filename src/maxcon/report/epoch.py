@@ -58,9 +58,9 @@ def plot_epoch(
     accumulator : Accumulator
         The moments of every cell, and the prior.
     objective : Objective
-        What a cell is worth: gives the colours.
+        Scores the cells, for their colours.
     estimate : Estimate
-        What was concluded from them.
+        The answer that was found from them.
     scan : Scan
         Sensor frame.
     point_map : PointMap
@@ -124,7 +124,7 @@ def _draw_panels(figure: Figure, view: SearchSpaceView, reference: Pose | None) 
 
 
 def _panel_places(n_panels: int) -> list[tuple[float, float, float]]:
-    """Left, bottom and side of each panel, inches: rows as equal as may be, centred."""
+    """Left, bottom and side of each panel, inches: rows are centred and of nearly equal length."""
     n_rows = math.isqrt(n_panels - 1) + 1
     lengths = [len(range(row, n_panels, n_rows)) for row in range(n_rows)]
     gap = 0.34
@@ -179,12 +179,12 @@ def _draw_scale(
 
 
 def _score_words(score: float) -> str:
-    """Return a score with four digits, or all before the point."""
+    """Return a score with four digits, or with all digits before the point."""
     return f"{score:,.0f}" if abs(score) >= 1000.0 else f"{score:.4g}"
 
 
 def _answer_words(estimate: Estimate, prior: Pose, reference: Pose | None) -> str:
-    """Return what was found, in plain words, in two lines; what casts doubt on it in a third."""
+    """Return the answer in plain words, in two lines; the reason to doubt it in a third."""
     reason = f"\n{estimate.reason[:1].upper()}{estimate.reason[1:]}" if estimate.reason else ""
     if estimate.status is Status.NO_MATCH:
         return f"NOT LOCALIZED: {estimate.status.value}.\n{estimate.status.explanation}{reason}"

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""How many of all epochs each method brings within which error."""
+"""Cumulative distributions of errors: how many of all epochs each method localizes within which error."""
 
 import os
 from collections.abc import Mapping
@@ -115,7 +115,7 @@ def plot_error_shares(
 
 
 def _label(name: str, errors: NDArray[np.float64], success: float) -> str:
-    """Return the words for a method: its share within the limit of success, and what it left unanswered."""
+    """Return the legend of a method: its share within the limit of success, and epochs without an answer."""
     share = float(shares_within(errors, np.array([success]))[0])
     n_missing = int(np.isnan(errors).sum())
     return f"{name}: {share:.1f} %" + (f", {n_missing} without an answer" if n_missing else "")

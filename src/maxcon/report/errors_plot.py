@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Errors over a drive, method by method: against time, and how many epochs stay within which error."""
+"""Errors over a drive, method by method: against time, and as cumulative distributions."""
 
 import os
 from collections.abc import Mapping
@@ -18,13 +18,19 @@ if TYPE_CHECKING:
 
 __all__ = ["as_errors", "plot_errors"]
 
-# Errors below a millimetre are drawn as one: the axis is logarithmic.
+# Errors below a millimetre are drawn at a millimetre: the axis is logarithmic.
 LEAST_ERROR = 1e-3
 MARKERS = ("o", "s", "^", "D", "v", "P")
 
 
 def as_errors(values: ArrayLike, n_epochs: int, name: str) -> NDArray[np.float64]:
-    """Return errors of shape (n_epochs,), not negative; NaN where there is no answer."""
+    """Return `values` as float64 errors of shape (n_epochs,), m, not negative; NaN where there is no answer.
+
+    Raises
+    ------
+    ArrayError
+        If the shape is another, or an error is negative or infinite.
+    """
     errors = np.asarray(values, dtype=np.float64)
     if errors.shape != (n_epochs,):
         raise ArrayError(
@@ -108,7 +114,7 @@ def _draw_method(
     times: NDArray[np.float64],
     errors: NDArray[np.float64],
 ) -> None:
-    """Draw one method: its errors over time, and sorted."""
+    """Draw one method: its errors over time, and their cumulative distribution."""
     color, marker = SERIES[number], MARKERS[number]
     drawn = np.maximum(errors, LEAST_ERROR)
     size = 5.0 if len(times) <= 200 else 2.5

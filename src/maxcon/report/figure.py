@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""How every picture looks, and how it comes into its file: the same bytes for the same input."""
+"""The common style of all pictures, and writing them to files: the same bytes for the same input."""
 
 import os
 from collections.abc import Iterator
@@ -49,7 +49,7 @@ _METADATA: dict[str, dict[str, Any]] = {"png": {"Software": None}, "svg": {"Date
 
 
 def check_matplotlib() -> None:
-    """Say that matplotlib is missing before the work whose outcome it shall draw.
+    """Check that matplotlib is installed, before the work whose result it is to draw.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def saved_figure(path: str | os.PathLike[str], width: float, height: float) -> I
 
 
 def draw_titles(figure: "Figure", title: str, lines: str) -> None:
-    """Write a title and the lines below it at the top left of a figure; never read as formulas."""
+    """Write a title and the lines below it at the top left of a figure; a $ in them begins no formula."""
     width, height = figure.get_size_inches()
     left, top = 0.3 / width, 1.0 - 0.16 / height
     figure.text(left, top, title, fontsize=15, fontweight="bold", va="top", parse_math=False)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The map from above, as grey squares: dark where many voxels stand over each other, as walls do."""
+"""The map from above, as grey squares: dark where many voxels lie above each other, as in walls."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
@@ -34,7 +34,7 @@ class Window(NamedTuple):
 
     @classmethod
     def with_room(cls, places: NDArray[np.float64]) -> "Window":
-        """Return the rectangle that holds places, with 25 m around them, at most three times as long as wide."""
+        """Return the rectangle around places, (n, 2 or more), m, and 25 m more, at most three times as long as wide."""
         low, high = places[:, :2].min(axis=0), places[:, :2].max(axis=0)
         center, half = 0.5 * (low + high), 0.5 * (high - low) + 25.0
         half = np.maximum(half, half.max() / 3.0)
@@ -48,14 +48,14 @@ class Window(NamedTuple):
 
 @dataclass(frozen=True)
 class MapFromAbove:
-    """How many voxels of a map stand over each square of the ground.
+    """How many voxels of a map lie above each square of the ground.
 
     Parameters
     ----------
     window : Window
-        What is seen.
+        The ground that the squares cover.
     n_voxels : array, shape (ny, nx)
-        South to north, west to east.
+        Rows from south to north, columns from west to east.
     """
 
     window: Window
@@ -63,7 +63,7 @@ class MapFromAbove:
 
     @classmethod
     def look(cls, point_map: PointMap, window: Window) -> "MapFromAbove":
-        """Count the voxels of a window, tile by tile."""
+        """Count the voxels above the squares of a window, tile by tile."""
         width, height = window.size
         edge = max(point_map.cell, max(width, height) / N_SQUARES)
         nx, ny = max(1, int(np.ceil(width / edge))), max(1, int(np.ceil(height / edge)))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The peak of a search space heading by heading: a section around the best cell (fig:heading_cov)."""
+"""The peak of a search space heading by heading: a section around the best cell (the paper's figure 2)."""
 
 import math
 import os
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 __all__ = ["plot_headings"]
 
 N_COLUMNS = 3
-# Inches: the panels together, from the left, and what stands around them.
+# Inches: width of all panels together, and the room around them.
 PANELS, LEFT, RIGHT, BOTTOM, TOP = 7.7, 0.85, 1.05, 0.65, 1.35
 GAP, ROW_GAP, MOST_SIDE = 0.2, 0.4, 4.4
 OUTSIDE = "#d9d9d9"
@@ -57,7 +57,7 @@ def plot_headings(
     accumulator : Accumulator
         The moments of every cell.
     objective : Objective
-        What a cell is worth: gives the colours.
+        Scores the cells, for their colours.
     title : str
         What is written above all.
     reference : Pose, optional
@@ -102,7 +102,7 @@ def plot_headings(
 
 
 def _panel_places(n_panels: int) -> tuple[float, list[tuple[float, float]], float]:
-    """Side, left and bottom of each panel, and height of the figure, inches; rows begin at the left."""
+    """Side of all panels, left and bottom of each, and height of the figure, inches; rows begin at the left."""
     n_columns = min(n_panels, N_COLUMNS)
     n_rows = math.ceil(n_panels / n_columns)
     side = min(MOST_SIDE, (PANELS - GAP * (n_columns - 1)) / n_columns)
@@ -195,7 +195,7 @@ def _draw_around(
 
 
 def _words(view: SearchSpaceView, n_drawn: int, half_width: float) -> str:
-    """Return what the panels are, in two lines."""
+    """Return the subtitle, in two lines: what the panels show."""
     n_headings = view.space.shape[0]
     which = "All" if n_drawn == n_headings else f"{n_drawn} of"
     drawn = "The prior's heading" if n_headings == 1 else f"{which} {n_headings} headings"

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Pages: one HTML file each, pictures inside, that asks no host for anything."""
+"""Pages: single HTML files with their pictures inside, which load nothing from anywhere."""
 
 import base64
 import os
@@ -15,7 +15,7 @@ __all__ = ["Picture", "check_jinja2", "write_page"]
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A PNG or SVG, with words.
+    """A PNG or SVG, with its title, caption and description.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ class Picture:
     alt : str
         What the picture shows, for those who cannot see it.
     source : path or bytes
-        The file, or what is in it.
+        The file, or its content.
     """
 
     title: str
@@ -34,7 +34,7 @@ class Picture:
 
     @property
     def data_uri(self) -> str:
-        """The picture itself, as an address that needs no host.
+        """The picture as a data URI, to be embedded in a page.
 
         Raises
         ------
@@ -66,7 +66,7 @@ class Picture:
 
 
 def check_jinja2() -> None:
-    """Say that jinja2 is missing before the work that the page shall tell of.
+    """Check that jinja2 is installed, before the work whose result the page is to show.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def write_page(path: str | os.PathLike[str], template: str, page: object) -> Non
     template : str
         Name of the template in `maxcon/report/templates`.
     page : object
-        What the template shows, as `page`; all of it is escaped.
+        Its values, which the template refers to as `page`; all of them are escaped.
 
     Raises
     ------

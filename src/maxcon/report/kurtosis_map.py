@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""A drive from above, each shown epoch in the colours of two kurtoses (the paper's figure of the trajectory)."""
+"""A drive from above, epochs in the colours of their kurtosis by two objectives (the paper's figure 6)."""
 
 import os
 from typing import TYPE_CHECKING
@@ -33,7 +33,7 @@ SKEWED = 5.0
 
 
 def spaced_epochs(places: NDArray[np.float64], distance: float) -> NDArray[np.intp]:
-    """Return the epochs that are at least `distance` from every one chosen before, beginning with the first.
+    """Return indices of epochs that are at least `distance` apart: the first, and each that is far from all chosen.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def spaced_epochs(places: NDArray[np.float64], distance: float) -> NDArray[np.in
 
 
 def color_limits(values: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the ends of the colour scale: the least and the largest value, or some way around equal ones."""
+    """Return the ends of the colour scale: the least and the largest value, or a range around both if equal."""
     known = values[~np.isnan(values)]
     low, high = (float(known.min()), float(known.max())) if known.size else (1.0, 10.0)
     return (low, high) if high > 1.01 * low else (0.8 * low, 1.25 * high)
@@ -66,7 +66,7 @@ def plot_kurtosis_map(
     point_map: PointMap | None = None,
     title: str = "Kurtosis along the significant ray",
 ) -> None:
-    """Draw the drive from above, with a small circle in a large one: the kurtosis by one objective and another.
+    """Draw the drive from above, each epoch as a small circle in a large one: the kurtosis by two objectives.
 
     Both share one colour scale, logarithmic where the values are skewed. Epochs whose circles would cover
     those of an earlier one are left out; the picture says how many are shown.
@@ -159,7 +159,7 @@ def _median_words(name: str, kurtosis: NDArray[np.float64]) -> str:
 
 
 def _window_of(places: NDArray[np.float64]) -> Window:
-    """Return the places with 25 m around them, at most three times as long as wide."""
+    """Return the rectangle around places, (n, 2), m, and 25 m more, at most three times as long as wide."""
     low, high = places.min(axis=0), places.max(axis=0)
     (x, y), half = 0.5 * (low + high), 0.5 * (high - low) + 25.0
     half_x, half_y = np.maximum(half, half.max() / 3.0)
@@ -172,7 +172,7 @@ def _draw_circles(
     values: tuple[NDArray[np.float64], NDArray[np.float64]],
     shown: NDArray[np.intp],
 ) -> "ScalarMappable":
-    """Draw the way and the circles of the shown epochs; return what gives them their colours."""
+    """Draw the drive as a line and the circles of the shown epochs; return their colour scale."""
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LogNorm, Normalize

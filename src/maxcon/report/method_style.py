@@ -27,7 +27,7 @@ __all__ = [
 
 
 class MethodStyle(NamedTuple):
-    """What a method looks like.
+    """How a method is drawn.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class MethodStyle(NamedTuple):
     line : tuple
         Dashes, as matplotlib takes them: (offset, (on, off, ...)), points.
     marker : str
-        Its shape.
+        Shape of its markers.
     hatch : str
         Of its areas.
     """
@@ -57,7 +57,7 @@ METHOD_STYLES = (
     MethodStyle(INK, (0, (6, 1.4, 1.2, 1.4, 1.2, 1.4)), "X", "||||"),
     MethodStyle(MUTED, (0, (2.6, 1.2, 1.2, 1.2)), "p", "++++"),
 )
-"""One for each method of a picture, in the order they are given."""
+"""Styles of the methods of a picture, in the order in which they are given."""
 
 
 class LegendShape(NamedTuple):
@@ -82,12 +82,12 @@ class LegendShape(NamedTuple):
 
     @property
     def height(self) -> float:
-        """Inches."""
+        """Height of the legend, inches."""
         return 0.1 + 0.22 * self.n_rows
 
 
 def check_methods(by_method: Mapping[str, Any], largest: int = len(METHOD_STYLES)) -> None:
-    """Raise an OptionError unless there is one method, and no more than a picture can tell apart."""
+    """Raise an OptionError unless there are 1 to `largest` methods, as many as a picture can tell apart."""
     if not 1 <= len(by_method) <= largest:
         raise OptionError(f"Expected 1 to {largest} methods, got {len(by_method)}. Draw several pictures.")
 
@@ -98,7 +98,7 @@ def as_epoch_values(values: ArrayLike, name: str, low: float, high: float = np.i
     Raises
     ------
     ArrayError
-        If they are no such values.
+        If the shape is another or a value is out of range.
     """
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 1 or len(array) == 0:
@@ -121,7 +121,7 @@ def draw_legend(
     shape: LegendShape,
     handle_length: float = 3.4,
 ) -> None:
-    """Write a legend at the lower left of a figure; labels are never read as formulas."""
+    """Write a legend at the lower left of a figure; a $ in labels begins no formula."""
     width = figure.get_size_inches()[0]
     legend = figure.legend(
         handles,
@@ -146,7 +146,7 @@ def draw_number_ticks(axis: Any, low: float, high: float, least: float = 0.0) ->
     low, high : float
         Its limits.
     least : float
-        Lower values are drawn here: its tick says "at most".
+        Lower values are drawn at this one, so its tick has a "≤".
     """
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 

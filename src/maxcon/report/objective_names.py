@@ -8,10 +8,10 @@ __all__ = ["title_of", "unit_of"]
 
 
 def title_of(objective: Objective) -> str:
-    """Return its title; for a user's own without one, the name of its class."""
+    """Return the title of an objective, or the name of its class if a user's own has none."""
     return str(getattr(objective, "title", type(objective).__name__))
 
 
 def unit_of(objective: Objective) -> str:
-    """Return what its scores are measured in; scores, where it does not say."""
+    """Return the unit of an objective's scores, or "score" if it states none."""
     return str(getattr(objective, "unit", "score"))

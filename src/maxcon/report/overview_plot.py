@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The method at a glance: map, scan, consensus set, and search spaces along the drive (fig:approach)."""
+"""The method at a glance: map, scan, consensus set, and search spaces along the drive (the paper's figure 3)."""
 
 import math
 import os
@@ -32,7 +32,7 @@ __all__ = ["plot_overview"]
 
 # More squares along a search space would be finer than the picture's pixels.
 MOST_BLOCKS = 50
-# The squares are small: on a linear scale all but the peak would be dark.
+# Exponent of the colour scale: in squares this small, all but the peak would be dark on a linear one.
 COLOR_POWER = 0.5
 WIDTH = 9.2
 # Inches: the map from above, and what stands around it.
@@ -64,14 +64,14 @@ def plot_overview(
     prior : Pose
         T_map_sensor before localization, local frame.
     estimate : Estimate
-        What was concluded; the consensus set is drawn at its pose.
+        The answer; the consensus set is drawn at its pose.
     accumulator : Accumulator
         The moments of every cell of this epoch.
     objective : Objective
-        What a cell is worth: gives the colours.
+        Scores the cells, for their colours.
     others : sequence of (Accumulator, Estimate)
-        Other epochs of the drive. Those whose search space would lie on or close to a nearer one's, or not whole in
-        the picture, are left out.
+        Other epochs of the drive. Those are left out whose search space would overlap or nearly touch that of an epoch
+        nearer by, or would not fit into the picture.
     title : str
         What is written above all.
 
@@ -89,7 +89,7 @@ def plot_overview(
     Notes
     -----
     Each search space is drawn at the heading of its best cell, in colours from 0 (the lowest score, if
-    negative) to its own highest; they follow the root of the score, which shows the rays, a few tenths of the peak.
+    negative) to its own highest; they follow the root of the score, which shows rays of a few tenths of the peak.
     Cells too small for the picture are drawn as blocks, each with its highest score: no peak is lost.
     """
     if prior != accumulator.prior:
@@ -217,7 +217,7 @@ def _draw_legend(
 
 
 def _words(estimate: Estimate, objective: Objective, accumulator: Accumulator) -> str:
-    """Return what the squares are, and how this epoch ended."""
+    """Return the subtitle: what the squares are, and whether this epoch is localized."""
     edge = 2.0 * accumulator.space.reach
     headline = "localized" if estimate.is_localized else f"NOT LOCALIZED: {estimate.status.value}"
     return (

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The page of a demo: what was done, how well it went and why."""
+"""The page of a demo: what was done, how well the methods did, and why."""
 
 import os
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ class MethodSummary:
     name : str
         The objective or method.
     multiplicity : str
-        How a match weighs; empty where the method has none.
+        How matches are counted (`occupied`, `points`); empty where the method has no matches.
     n_epochs, n_localized, n_success : int
         Epochs in all, with an answer, and with one within 0.3 m and 1 degree of the reference.
     median_error, worst_error : float, optional
@@ -56,19 +56,19 @@ class DemoPage:
     epochs : sequence of Picture
         Some epochs: a street by count and by Helmert, a crossing.
     why : Picture, optional
-        Where the count is wrong and Helmert's score is not: the first picture.
+        An epoch where the count is wrong and Helmert's score is not; it comes first.
     errors, drive : Picture, optional
         Errors over the drive, and the drive from above.
     wide : Picture, optional
-        What ever wider priors make of each method.
+        How each method does with less and less accurate priors.
     facts : sequence of (str, str)
-        What and how much: ("Map", "4.1 million points").
+        Names and values: ("Map", "4.1 million points").
     command : str
         What to type to get this page again.
     version : str
         Of maxcon.
     seed : int, optional
-        That the data were made with.
+        The seed of the simulated data.
     """
 
     title: str
@@ -86,7 +86,7 @@ class DemoPage:
 
 
 def write_demo_page(path: str | os.PathLike[str], page: DemoPage) -> None:
-    """Write a page as one HTML file, pictures inside.
+    """Write the page as one HTML file, with its pictures inside.
 
     Parameters
     ----------

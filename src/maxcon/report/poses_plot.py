@@ -39,7 +39,7 @@ def plot_poses(
     path : path
         A .png or .svg to write.
     poses : Trajectory
-        T_map_sensor, global coordinates in the CRS of the map, as `read_trajectory` returns them of POSES.csv.
+        T_map_sensor, global coordinates in the CRS of the map, as `read_trajectory` reads them from POSES.csv.
     point_map : PointMap
         Drawn below, in grey.
     prior : Trajectory, optional
@@ -81,7 +81,7 @@ def plot_poses(
 def _draw_arrows(
     axes: Axes, places: NDArray[np.float64], headings: NDArray[np.float64], extent: float
 ) -> None:
-    """Draw every place as a dot, and where it looks to for at most so many of them."""
+    """Draw all positions as dots, and at most `N_ARROWS` headings as arrows; `extent` of the picture, m."""
     axes.plot(*places[:, :2].T, "o", color=SERIES[0], ms=4.5, mec="white", mew=0.6, zorder=5, label="poses")
     step = -(-len(places) // N_ARROWS)
     axes.quiver(

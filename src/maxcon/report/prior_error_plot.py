@@ -30,11 +30,11 @@ NARROWEST = 7.4
 LABEL_AT = 0.5
 LABELS = ("right [%]", "wrong, but\ncalled good [%]", "one epoch,\nmedian [ms]")
 LEAST_MS = 0.1
-"""Faster is drawn here: the axis is logarithmic."""
+"""Shorter times, ms, are drawn at this one: the axis is logarithmic."""
 
 
 class _Look(NamedTuple):
-    """Colour, width, dashes, marker and its size of a line."""
+    """Look of a line: colour, width, dashes, marker, and size of the marker."""
 
     color: str
     width: float
@@ -54,7 +54,7 @@ LOOKS = {
     "ICP, gate 1 m": _Look(SERIES[3], 1.5, DOTTED, "v", 5.5),
     "ICP, gate 3 m": _Look(SERIES[3], 1.5, SOLID, "v", 6.5),
 }
-"""What searches a window is drawn wide, one around the other, as it all lies at 100 %; one start is drawn thin."""
+"""Methods that search a window have wide lines, each wider than the next, as all lie at 100 %; others thin ones."""
 
 
 def plot_prior_error(
@@ -125,7 +125,7 @@ def _look(name: str, number: int) -> _Look:
 
 
 def _limits(summaries_by_drive: Mapping[str, Sequence["TrialSummary"]]) -> list[tuple[float, float]]:
-    """Of the three axes: %, % up to the next 20 above all, and ms."""
+    """Limits of the y axes: right, %; wrong, %, up to a multiple of 20; time, ms."""
     found = [one for of_drive in summaries_by_drive.values() for one in of_drive]
     wrong = max(one.n_wrong_but_good / one.n_epochs for one in found)
     ms = [max(one.median_ms, LEAST_MS) for one in found]
@@ -154,7 +154,7 @@ def _draw_drive(
     styles: Mapping[str, _Look],
     limits: Sequence[tuple[float, float]],
 ) -> None:
-    """Draw one column: levels stand side by side, whatever lies between them."""
+    """Draw one column of panels; the levels of the prior's error stand at equal distances, whatever their values."""
     n_epochs = max(one.n_epochs for one in found)
     panels[0].set_title(f"{drive}, {n_epochs} epochs", loc="left", fontweight="bold", parse_math=False)
     panels[2].set_yscale("log")
@@ -188,12 +188,12 @@ def _draw_drive(
 
 
 def _rank(look: _Look, rank: int) -> float:
-    """Wide lines lie below thin ones, the first method above all."""
+    """Drawing order of a line: wide lines lie below thin ones, the first method above all."""
     return 9.0 if look is FIRST else 2.0 + 0.1 * rank + (2.0 if look.width < 2.0 else 0.0)
 
 
 def _line(look: _Look) -> dict[str, Any]:
-    """What matplotlib calls the look of a line."""
+    """Look of a line, as matplotlib's keywords."""
     return {
         "color": look.color,
         "lw": look.width,
@@ -208,7 +208,7 @@ def _line(look: _Look) -> dict[str, Any]:
 
 
 def _rounded(ms: float) -> str:
-    """Two digits: times on a shared machine are no better."""
+    """A time to two digits: on a shared machine, more would not be repeatable."""
     return f"{float(f'{ms:.2g}'):,.0f}"
 
 

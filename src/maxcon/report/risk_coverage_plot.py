@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""How many of the accepted answers are wrong, by how many are accepted."""
+"""Risk-coverage curves: the rate of wrong answers among those accepted, over the share of accepted ones."""
 
 import math
 import os
@@ -41,8 +41,8 @@ def plot_risk_coverage(
 ) -> None:
     """Draw the rate of wrong answers among those accepted against the share of epochs that are accepted.
 
-    Filled markers: what each method itself says may be used, with an interval of 95 %. Open markers: all answers, if it
-    withholds any. Lines between follow the order of trust; a method without measures of trust has none.
+    Filled markers: the answers that the method itself says may be used, with an interval of 95 %. Open markers: all
+    answers, if it withholds any. Lines: the most trusted answers first; a method without measures of trust has none.
 
     Parameters
     ----------
@@ -96,12 +96,12 @@ def plot_risk_coverage(
 
 
 def _label(name: str, found: RiskCoverage) -> str:
-    """Return the words for a method: how many of those it trusts are wrong."""
+    """Return the legend of a method: how many of the answers that it trusts are wrong."""
     return f"{name}: {found.n_trusted_wrong:,} of {found.n_trusted:,}"
 
 
 def _highest(found: RiskCoverage) -> float:
-    """The highest rate to be seen, percent: of markers and line, and as much of the bar as there is room for."""
+    """The highest rate to be drawn, percent: of markers and line, and of the interval up to `MOST_FOR_INTERVALS`."""
     line = found.rates[found.n_accepted >= FEWEST]
     trusted = found.n_trusted_wrong / max(found.n_trusted, 1)
     end = min(found.trusted_interval[1], MOST_FOR_INTERVALS) if found.n_trusted else 0.0
@@ -109,9 +109,9 @@ def _highest(found: RiskCoverage) -> float:
 
 
 def _set_apart(by_method: Sequence[RiskCoverage], top: float) -> list[float]:
-    """Share of the epochs that each method trusts, percent, moved aside until its bar lies on none before it.
+    """Places of the bars, percent: the share of epochs each method trusts, moved aside where it would cover another.
 
-    `top` is the height of the axes, percent; NaN where a method trusts nothing.
+    NaN where a method trusts nothing. top : upper end of the y axis, percent.
     """
     places: list[float] = []
     bars: list[tuple[float, float, float]] = []
@@ -124,7 +124,7 @@ def _set_apart(by_method: Sequence[RiskCoverage], top: float) -> list[float]:
         reach = low - MARKER * top, high + MARKER * top
         near = [x for x, below, above in bars if reach[0] < above and below < reach[1]]
         places_near = (share + APART * step for step in sorted(range(-len(near), len(near) + 1), key=abs))
-        # Each bar is in the way of two of these at most.
+        # A bar is less than 0.99 steps from at most two of these places, so one of them is free.
         share = next(place for place in places_near if all(abs(place - x) > 0.99 * APART for x in near))
         bars.append((share, low, high))
         places.append(share)
@@ -132,7 +132,7 @@ def _set_apart(by_method: Sequence[RiskCoverage], top: float) -> list[float]:
 
 
 def _draw_method(axes: "Axes", style: MethodStyle, found: RiskCoverage, place: float) -> Any:
-    """Draw the order of one method, and its own word on it at a share, percent."""
+    """Draw the curve of one method, and at `place`, percent, the rate and interval of the answers that it trusts."""
     shares, rates = 100.0 * found.shares, 100.0 * found.rates
     is_drawn = found.n_accepted >= FEWEST
     if is_drawn.sum() > 2:

@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 __all__ = ["Scene", "draw_scene", "is_off_the_ground"]
 
 PRIOR_COLOR, SCAN_COLOR, CONSENSUS_COLOR = "#d55e00", "#56b4e9", "#00468b"
-# Level part of a normal from which on a surface is no ground: 30 degrees from level.
+# Horizontal part of a normal above which a surface is no ground: it is inclined by 30 degrees.
 STANDING_NORMAL = 0.5
-# Kerbs and the crown of the road are lower, m.
+# Points without a normal are drawn from this height above ground on, m: kerbs and the crown of the road are lower.
 ABOVE_GROUND = 0.4
 # Farther points are few, and would make the street too small to see the search space in it.
 MOST_HALF_WIDTH, LEAST_HALF_WIDTH = 45.0, 5.0
@@ -37,7 +37,7 @@ ONE_CELL = SearchSpace(half_width=0.0, heading_half_width_deg=0.0)
 
 @dataclass(frozen=True)
 class Scene:
-    """What one epoch was about.
+    """Everything that is drawn of one epoch.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class Scene:
     space : SearchSpace
         The cells that were tried.
     estimate : Estimate
-        What was found.
+        The answer.
     reference : Pose, optional
         The pose held for true, local frame.
     """
@@ -93,8 +93,8 @@ class Scene:
 def is_off_the_ground(scan: Scan, pose: Pose) -> NDArray[np.bool_]:
     """Whether each scan point is drawn from above, shape (n,): not those that lie, or may lie, on level ground.
 
-    A point without a normal is drawn where it is higher than the level surfaces below the sensor; all of them are
-    where there are none.
+    Points without a normal are drawn if they are higher than the level surfaces below the sensor; all are, if no point
+    lies on such a surface.
     """
     normals, heights = scan.normals @ pose.rotation.T, scan.points @ pose.rotation[2]
     has_normal = normals.any(axis=1)

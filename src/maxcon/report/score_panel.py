@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The scores of one heading, drawn around any place: the best cell, the reference, or on the ground."""
+"""The scores of one heading as an image, with (0, 0) at the best cell or the reference, or on the map."""
 
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
@@ -22,7 +22,7 @@ __all__ = ["draw_scores", "ground_of", "offset_words", "put_mark", "scale_words"
 
 
 def ground_of(space: SearchSpace, x: float, y: float) -> Window:
-    """Return the ground that the cells of a heading cover, where (x, y) is the place of the prior, m."""
+    """Return the ground that the cells of a heading cover, with the prior at (x, y), m."""
     low, high = (
         float(space.offsets[0]) - 0.5 * space.cell_edge,
         float(space.offsets[-1]) + 0.5 * space.cell_edge,
@@ -55,14 +55,14 @@ def put_mark(axes: "Axes", mark: "Line2D", x: float, y: float) -> None:
 
 
 def scale_words(views: Iterable[SearchSpaceView]) -> str:
-    """Return what 0 and 1 stand for where each search space has colours from 0 to its own highest score."""
+    """Return the label of a colour scale from 0 to 1 that search spaces share, each from 0 to its own highest score."""
     if any(view.limits[0] < 0.0 for view in views):
         return "score, from the lowest (0) to the highest (1) of the square"
     return "score, over the highest of the square"
 
 
 def score_words(score: float) -> str:
-    """Return a score with four digits, or all before the point."""
+    """Return a score with four digits, or with all digits before the point."""
     words = f"{score:,.0f}" if abs(score) >= 1000.0 else f"{score:.4g}"
     return words.replace("-", "−")
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The search space in colours: one panel per heading, and objectives side by side (figures 6 and 8)."""
+"""The search space in colours: one panel per heading, and objectives side by side (the paper's figures 2 and 4)."""
 
 import math
 import os
@@ -42,16 +42,16 @@ COLORS = "plasma"
 
 @dataclass(frozen=True)
 class SearchSpaceView:
-    """One accumulator, seen by one objective.
+    """An accumulator, scored by an objective.
 
     Parameters
     ----------
     accumulator : Accumulator
         The moments of every cell.
     objective : Objective
-        What a cell is worth.
+        Scores the cells.
     title : str
-        What is written above; the objective's name if empty.
+        Title of its panel; the objective's if empty.
     """
 
     accumulator: Accumulator
@@ -91,14 +91,14 @@ class SearchSpaceView:
         return pose.x - self.accumulator.prior.x, pose.y - self.accumulator.prior.y
 
     def heading_nearest(self, pose: Pose, among: Sequence[int]) -> int:
-        """Return that one of the headings `among` which is nearest to the pose's."""
+        """Return the index, of those `among`, of the heading nearest to that of a pose."""
         turns = self.space.headings
         turn = wrap_angle(pose.heading - self.accumulator.prior.heading)
         return min(among, key=lambda heading: abs(float(turns[heading]) - turn))
 
 
 def chosen_headings(n_headings: int, best: int, limit: int = 9) -> list[int]:
-    """Return at most `limit` headings in even steps, the widest that fit, with the best among them."""
+    """Return indices of at most `limit` headings, evenly and as widely spaced as fits, with the best among them."""
     widest = max(1, (n_headings - 1) // max(1, limit - 1))
     for step in range(widest, 0, -1):
         chosen = range(best % step, n_headings, step)

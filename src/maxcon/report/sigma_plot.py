@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""How large errors are against how large they were predicted to be."""
+"""Errors against their predicted standard deviations."""
 
 import math
 import os
@@ -24,10 +24,12 @@ __all__ = ["SigmaPanel", "plot_sigmas"]
 MOST_PANELS = 4
 # Errors below this part of the smallest sigma are drawn at it: the axis is logarithmic.
 LEAST = 0.03
+# More epochs are drawn as smaller, paler dots.
 MANY_EPOCHS = 300
 # Inches.
 AXES_WIDTH, AXES_HEIGHT, SHARES_HEIGHT = 3.0, 3.3, 2.1
 LEFT, BETWEEN, RIGHT, BELOW, ABOVE_SHARES, TITLES = 0.9, 1.0, 0.25, 0.62, 0.85, 1.5
+# Where the lower axis ends, sigmas.
 FARTHEST = 4.0
 
 
@@ -38,7 +40,7 @@ class SigmaPanel:
     Parameters
     ----------
     name, unit : str
-        What is wrong, and in which unit it is drawn.
+        Name of the error ("along"), and the unit in which it is given and drawn.
     errors : array_like, shape (n,)
         In that unit; the sign does not matter. NaN where there is none.
     sigmas : array_like, shape (n,)
@@ -70,7 +72,7 @@ def plot_sigmas(
 ) -> None:
     """Draw the error of each epoch against its predicted standard deviation, with lines at 1, 2 and 3 sigma.
 
-    Below, how many errors lie within so many sigmas, beside the normal distribution.
+    Below, the share of errors within k sigmas, over k, beside that of a normal distribution.
 
     Parameters
     ----------
@@ -175,7 +177,7 @@ def _draw_panel(
 def _draw_shares(
     axes: "Axes", panel: SigmaPanel, errors: NDArray[np.float64], sigmas: NDArray[np.float64]
 ) -> None:
-    """Draw how many errors lie within so many sigmas, and how many should."""
+    """Draw the share of errors within k sigmas over k, and what it should be."""
     del panel
     limits = np.linspace(0.0, FARTHEST, 161)
     n_within = np.searchsorted(np.sort(errors / sigmas), limits, side="right")

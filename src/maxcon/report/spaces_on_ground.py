@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Search spaces on the ground: which have room in a picture, and what of them its pixels can show."""
+"""Search spaces drawn on the map: which of them a picture has room for, and their cells merged to visible blocks."""
 
 from collections.abc import Sequence
 
@@ -13,11 +13,11 @@ from maxcon.report.score_panel import ground_of
 
 __all__ = ["apart", "highest_of_blocks", "window_around"]
 
-# A search space is about a twelfth of the picture's width: 75 m for the paper's of 6 m.
+# Half width of the picture over the reach of a search space: it shows 75 m for the paper's space of 6 m.
 WINDOW_REACHES, LEAST_HALF_WIDTH = 12.5, 5.0
-# Height of the picture over its width, where the drive runs east or west.
+# Least height of the picture over its width, for drives that run east or west.
 FLATTEST = 0.7
-# Of the edge of a search space, between it and the next.
+# Least gap between two search spaces, as a part of their edge.
 LEAST_GAP = 0.1
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The Stanford diagram: how large an error may be, by the method's own word, against how large it is."""
+"""The Stanford diagram: protection levels, which a method says errors do not exceed, against true errors."""
 
 import os
 from collections.abc import Mapping
@@ -38,7 +38,7 @@ def plot_stanford(
 ) -> None:
     """Draw the protection level of each epoch against its error, with the number of epochs in each region.
 
-    Below each panel stands what so many epochs prove of the rate at which errors exceed their level.
+    Below each panel stands the upper limit, with 95 % confidence, of the rate at which errors exceed their level.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def plot_stanford(
         Protection levels, m, above 0, under the same names; NaN where there is none: these errors are drawn in a strip
         above the diagram.
     alert_limit : float
-        The error from which on a vehicle is in danger, m.
+        The error above which a vehicle is in danger, m.
     title : str
         What is written above.
 
@@ -114,7 +114,7 @@ def plot_stanford(
 
 
 def _proof(counts: ProtectionCounts) -> str:
-    """What so many epochs prove."""
+    """Say what the epochs prove of the rate at which errors exceed their level."""
     if counts.n_used == 0:
         return "No epoch has a level within the alert limit: nothing is proved."
     return (

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""How sure the methods of a study say they are, beside how wrong they are: tables and pictures from its table."""
+"""How certain the methods of a study say they are, against their true errors: tables and pictures."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -32,7 +32,7 @@ KINDS = {
     "height": ("height_error", "sigma_z"),
     "heading": ("heading_error", "sigma_heading"),
 }
-"""Columns of error and sigma, by what is wrong."""
+"""Columns of error and predicted sigma in the table of a study, by kind of error."""
 DIRECTIONS = ("along", "across")
 
 
@@ -42,7 +42,7 @@ def certainty_of(
     prior: str,
     configured: Mapping[str, Mapping[str, object]],
 ) -> Certainty:
-    """Return what a study's table says of certainty; draw its pictures into a folder, as SVG.
+    """Return tables and pictures of how certain methods are; the pictures are drawn into a folder, as SVG.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def certainty_of(
     prior : str
         The prior of the pictures; the timelines are of all of them.
     configured : mapping of str to mapping
-        What each method is made of, as the study saved it.
+        Configuration of each method by its name, as the study saved it.
 
     Notes
     -----
@@ -97,7 +97,7 @@ def certainty_of(
 
 
 def _has(rows: MethodRows, column: str) -> bool:
-    """Whether any row has a value there."""
+    """Whether any row has a value in a column."""
     return bool(np.isfinite(rows.numbers(column)).any())
 
 
@@ -109,14 +109,14 @@ def _predicting(methods: Mapping[str, MethodRows]) -> list[str]:
 
 
 def _risk(configured: Mapping[str, Mapping[str, object]], name: str) -> float | None:
-    """How often a method says that its levels are exceeded, if it is saved that it does."""
+    """How often a method says that its protection levels are exceeded, 0 to 1; None if it is not configured."""
     method = configured.get(name, {}).get("method")
     risk = method.get("risk") if isinstance(method, dict) else None
     return float(risk) if isinstance(risk, float) and 0.0 < risk < 1.0 else None
 
 
 def _coverage(title: str, rows: MethodRows) -> CoverageTable:
-    """Shares of the errors of one method within their sigmas, each kind, and x and y together."""
+    """Shares of the errors of one method within their sigmas, for each kind of error, and for x and y together."""
     squares = rows.numbers("nees")
     found = [
         CoverageRow(name, Coverage.of(rows.numbers(error), rows.numbers(sigma)))
@@ -127,7 +127,7 @@ def _coverage(title: str, rows: MethodRows) -> CoverageTable:
 
 
 def _protection(title: str, rows: MethodRows, risk: float | None) -> ProtectionTable:
-    """How many epochs lie in which region, by direction and in either."""
+    """How many epochs lie in each region of the Stanford diagram, along, across, and by the worse of both."""
     errors, levels = (
         np.column_stack([rows.numbers(f"{prefix}{name}")[rows.is_tried] for name in DIRECTIONS])
         for prefix in ("", "protection_")

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""What the page of a study shows: claims, tables, pictures; nouns for its template."""
+"""What the page of a study shows, claims, tables and pictures, as records for its template."""
 
 import math
 import os
@@ -56,11 +56,11 @@ class CoverageRow:
     Parameters
     ----------
     name : str
-        What is wrong.
+        Kind of error.
     coverage : Coverage
         The counts.
     n_errors : {1, 2}
-        Errors of so many directions together, within ellipses if two.
+        Number of errors taken together: 2 for x and y within ellipses.
     """
 
     name: str
@@ -69,17 +69,17 @@ class CoverageRow:
 
     @property
     def promised(self) -> tuple[float, ...]:
-        """Shares within 1, 2 and 3 sigma where the sigmas hold, 0 to 1."""
+        """Shares within 1, 2 and 3 sigma, 0 to 1, that are expected if the sigmas hold."""
         return PROMISED if self.n_errors == 1 else PROMISED_PLANE
 
     @property
     def promised_rms(self) -> float:
-        """Root of the mean squared error in sigmas where the sigmas hold."""
+        """Root of the mean square of errors over sigmas that is expected if the sigmas hold."""
         return math.sqrt(self.n_errors)
 
     @property
     def verdict(self) -> str:
-        """What the sigmas are, as far as so many epochs can tell: by the intervals of the three shares."""
+        """Whether sigmas are too small, too large or as promised, by the 95 % intervals of the three shares."""
         ends = list(zip(self.coverage.intervals, self.promised, strict=True))
         if any(high < promised for (_, high), promised in ends):
             return "too small"
@@ -131,7 +131,7 @@ class ProtectionTable:
 
 @dataclass(frozen=True, slots=True)
 class Certainty:
-    """How sure a study's methods say they are, beside how wrong they are.
+    """How certain a study's methods say they are, against their true errors.
 
     Parameters
     ----------
@@ -140,11 +140,11 @@ class Certainty:
     protection : tuple of ProtectionTable
         Errors within protection levels.
     alert_limit : float
-        m, of the protection tables.
+        Alert limit of the protection tables, m.
     coverage_pictures, protection_pictures : tuple of Picture
-        Of these.
+        Pictures that belong to these tables.
     status_pictures : tuple of Picture
-        Of the status, and of the drive epoch by epoch.
+        Pictures of what the status is worth, and of the drive epoch by epoch.
     notes : tuple of str
         What is missing, and why.
     """
@@ -167,7 +167,7 @@ class StudyPage:
     title, headline : str
         What was studied, and what came out, in a sentence or two.
     facts : tuple of (str, str)
-        What and how much.
+        Names and values of what was studied.
     claims : tuple of Claim
         The paper beside this study.
     tables : tuple of MethodTable
@@ -175,7 +175,7 @@ class StudyPage:
     scenes, statistics : tuple of Picture
         Figures of single epochs, and of all epochs.
     certainty : Certainty
-        How sure the methods are, and whether they may be.
+        How certain the methods are, and whether their errors bear it out.
     notes : tuple of str
         What the page lacks, and why.
     reasons : tuple of (str, int)
@@ -183,7 +183,7 @@ class StudyPage:
     command : str
         What to type to get this page again.
     configuration : str
-        What ran, as it was saved.
+        The runs of the study, as it saved them, JSON.
     version : str
         Of maxcon.
     """

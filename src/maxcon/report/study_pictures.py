@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Which pictures a study can have: what is missing is said in a note, and leaves the rest of the page whole."""
+"""Draws those pictures of a study that its data allow; for others there is a note, and the page goes without them."""
 
 import os
 from collections.abc import Mapping
@@ -25,7 +25,7 @@ __all__ = ["draw_pictures", "open_scenes"]
 def open_scenes(
     study: Study, dataset: str | os.PathLike[str] | None, prior: str, notes: list[str]
 ) -> StudyScenes | None:
-    """Open the dataset of a study for its scenes; where it is gone or another, say so in a note.
+    """Open the dataset of a study for its scenes; None, and a note, if it is missing or not the one studied.
 
     Parameters
     ----------

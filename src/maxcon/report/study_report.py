@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""From a study to its page: the figures, the claims and the tables, from what the study saved."""
+"""From a study to its page: figures, claims and tables, made from what the study saved."""
 
 import json
 import math
@@ -133,7 +133,7 @@ def _checked_prior(by_prior: dict[str, dict[str, MethodRows]], prior: str | None
 
 
 def _cautions(study: Study, methods: dict[str, MethodRows]) -> list[str]:
-    """Say what a reader of the verdicts should know of the epochs behind them."""
+    """Return notes of what weakens the verdicts: an unfinished study, few epochs, methods with different epochs."""
     notes = []
     if any("n_rows" not in run for run in study.configuration.runs[-1:]):
         notes.append("This study is not finished, or was stopped: the same maxcon study command goes on.")
@@ -146,7 +146,7 @@ def _cautions(study: Study, methods: dict[str, MethodRows]) -> list[str]:
 
 
 def _headline(methods: dict[str, MethodRows], prior: str) -> str:
-    """Say in a sentence or two what came out."""
+    """Return the successes of the main methods as a sentence."""
     known = (MAXCON, HELMERT, COUNT, "helmert-occupied", "icp-plane-1m", "icp-plane-3m", "gicp-3m")
     own = [name for name in methods if name not in known_methods(SearchSpace.paper())]
     names = [*own, *(name for name in known if name in methods)] or list(methods)[:6]
@@ -164,7 +164,7 @@ def _command(study_folder: str | os.PathLike[str], path: str | os.PathLike[str],
 
 
 def _name(study: Study) -> str:
-    """What to call the dataset: its folder, or its file if that has a name of its own."""
+    """Name of the dataset: that of its folder, or of its description if that has not the usual name."""
     path = Path(study.configuration.dataset)
     return path.parent.name if path.name == DESCRIPTION else path.stem
 

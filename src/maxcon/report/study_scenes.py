@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The figures of a study that need its dataset again: scene, headings, crossing and street."""
+"""The figures of a study that need its dataset, for searching single epochs again: overview, headings, comparison."""
 
 import math
 from collections.abc import Mapping
@@ -30,8 +30,9 @@ from maxcon.study.bench import Bench
 
 __all__ = ["PictureEpochs", "StudyScenes", "pick_epochs"]
 
-# Epochs whose search spaces may be drawn on the ground: this far apart along the drive, to either side, m.
+# Epochs whose search spaces may be drawn on the map: at least this far apart, and at most this far away, m.
 SPACE_EVERY, SPACES_REACH = 3.0, 45.0
+# Errors of priors that are near, m: see `pick_epochs`.
 NEAR = 1.5
 SHOWN_BECAUSE = {
     "crossing": "where the count is the most distinct",
@@ -42,7 +43,7 @@ SHOWN_BECAUSE = {
 
 @dataclass(frozen=True, slots=True)
 class PictureEpochs:
-    """Which epochs the pictures show, by what the table says of them.
+    """Which epochs the pictures show, chosen by the table of the study.
 
     Parameters
     ----------
@@ -51,7 +52,7 @@ class PictureEpochs:
     street : int
         Where the count is right and the least distinct: nearly all surfaces face across.
     failure : int or None
-        Where the count is farthest off while Helmert's score is right, if it is anywhere.
+        Where the count is farthest off while Helmert's score is right; None if there is no such epoch.
     """
 
     crossing: int
@@ -60,10 +61,10 @@ class PictureEpochs:
 
 
 def pick_epochs(count: MethodRows, helmert: MethodRows) -> PictureEpochs | None:
-    """Pick the epochs to show; None if count and Helmert's score succeed nowhere together.
+    """Pick the epochs to show; None if there is none in which both count and Helmert's score succeed.
 
-    Crossing and street are taken from epochs whose prior is within 1.5 m, if there are any: there the search
-    space shows what lies around on all sides.
+    Crossing and street are taken from epochs whose prior is within 1.5 m of the reference, if there are any: their
+    peak is not at the border of the search space.
     """
     epochs = common_epochs({"count": count, "helmert": helmert}, ("count", "helmert"))
     here = [np.isin(rows.numbers("epoch"), epochs) for rows in (count, helmert)]
@@ -99,7 +100,7 @@ class StudyScenes:
     space : SearchSpace
         What was searched.
     multiplicity : str
-        Whether a match weighs one, or as many as the voxel's map points.
+        `occupied` or `points`: whether a match counts once, or as often as its voxel has map points.
     """
 
     bench: Bench
@@ -110,7 +111,7 @@ class StudyScenes:
 
     @property
     def method(self) -> MaximumConsensus:
-        """Helmert's score, as the study's method of that name searches."""
+        """The study's method with Helmert's score, in its search space."""
         return cast(MaximumConsensus, known_methods(self.space)[f"helmert-{self.multiplicity}"].method)
 
     def scan(self, epoch: int) -> Scan:
@@ -126,7 +127,7 @@ class StudyScenes:
         return prior, reference
 
     def search(self, epoch: int) -> tuple[Scan, Accumulator, Estimate]:
-        """Search an epoch around its prior."""
+        """Search an epoch around its prior; return its scan, its accumulator and the answer."""
         scan = self.scan(epoch)
         accumulator = self.method.accumulate(scan, self.point_map, self.poses(epoch)[0])
         return scan, accumulator, self.method.conclude(accumulator, scan, self.point_map)
@@ -184,7 +185,7 @@ class StudyScenes:
         )
 
     def _neighbours(self, epoch: int, rows: MethodRows) -> list[int]:
-        """Other epochs of the study at steps along the drive, before and behind this one."""
+        """Other epochs with an answer, at steps along the drive, after and before this one."""
         numbers = rows.numbers("epoch").astype(int)
         places = np.column_stack([rows.numbers("reference_x"), rows.numbers("reference_y")])
         has_answer = np.isfinite(rows.numbers("x")) & np.isfinite(places).all(axis=1)
@@ -204,7 +205,7 @@ class StudyScenes:
 
 
 def space_of(configuration_methods: Mapping[str, dict[str, object]], name: str) -> SearchSpace | None:
-    """Search space that a study's configuration gives a method, None if it has none."""
+    """Search space of a method in the configuration of a study; None if it has none."""
     method = configuration_methods.get(name, {}).get("method")
     space = method.get("space") if isinstance(method, dict) else None
     if not isinstance(space, dict):

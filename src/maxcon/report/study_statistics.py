@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The figures of a study that its table alone can make: distributions, success, errors, kurtosis on the map."""
+"""The figures of a study that need only its table: distinctness, success, errors, kurtosis along the drive."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -22,7 +22,7 @@ from maxcon.study import MethodRows, known_methods
 
 __all__ = ["NAMES", "common_epochs", "draw_statistics", "own_methods", "shown_methods"]
 
-# Told apart in one picture; the first of a study's that are there.
+# Methods that are drawn together in one picture, the first `MOST_SHOWN` of those that a study has.
 SHOWN = (
     "maxcon", "helmert-points", "helmert-occupied", "count-points", "count-occupied",
     "icp-plane-1m", "icp-plane-3m", "gicp-3m", "icp-point-3m",
@@ -41,7 +41,7 @@ OCCUPIED = ("count-occupied", "helmert-occupied")
 def draw_statistics(
     folder: Path, methods: Mapping[str, MethodRows], point_map: PointMap | None
 ) -> list[Picture]:
-    """Draw what the table of a study shows into a folder, as SVG; return the pictures with their words.
+    """Draw the figures into a folder, as SVG; return them with their captions.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def draw_statistics(
     methods : mapping of str to MethodRows
         By name, one prior.
     point_map : PointMap or None
-        Drawn below the trajectory, if it is there.
+        Drawn below the trajectory, if given.
     """
     pictures = []
     for pair, stem, words in (
@@ -81,13 +81,13 @@ def own_methods(methods: Mapping[str, MethodRows]) -> list[str]:
 
 
 def shown_methods(methods: Mapping[str, MethodRows]) -> list[str]:
-    """Names of the methods that one picture tells apart, at most 8: the user's own first."""
+    """Names of the methods that are drawn together in one picture, at most 8: the user's own first."""
     named = [*own_methods(methods), *(name for name in SHOWN if name in methods)]
     return (named or list(methods))[:MOST_SHOWN]
 
 
 def _have(methods: Mapping[str, MethodRows], names: Sequence[str], *columns: str) -> bool:
-    """Whether all of these methods have, in common epochs, values in all of these columns."""
+    """Whether each of these methods has, in epochs common to all, some value in each of these columns."""
     if not all(name in methods for name in names):
         return False
     epochs = common_epochs(methods, names)
@@ -107,7 +107,7 @@ def common_epochs(methods: Mapping[str, MethodRows], names: Sequence[str]) -> ND
 
 
 def _column(rows: MethodRows, name: str, epochs: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A column at some epochs."""
+    """Values of a column in the given epochs, in order of epochs."""
     return rows.numbers(name)[np.isin(rows.numbers("epoch"), epochs)]
 
 

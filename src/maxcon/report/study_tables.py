@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Which methods of a study stand together in a table: all of them, and those that answer one question."""
+"""Tables of a study: one of its methods, and one for each question that some methods were made to answer."""
 
 from collections.abc import Sequence
 
@@ -33,18 +33,18 @@ QUESTIONS: dict[str, tuple[str, str]] = {
 }
 
 WITHOUT_GROUND = ("helmert-occupied", "icp-plane-1m", "icp-plane-3m", "gicp-3m")
-"""Beside those with the ground."""
+"""Methods that are shown beside those with the ground in the map."""
 
 
 def method_tables(prior: str, found: Sequence[MethodStatistics]) -> list[MethodTable]:
-    """Return the tables of one prior: the methods themselves, and each question that the study answers.
+    """Return the tables of one prior: that of the methods, and one for each question that the study answers.
 
     Parameters
     ----------
     prior : str
-        Its name.
+        Name of the prior.
     found : sequence of MethodStatistics
-        Of all methods.
+        Statistics of all methods.
     """
     by_name = {method.method: method for method in found}
     asked = {name: [by_name[one] for one in METHOD_SETS[name] if one in by_name] for name in QUESTIONS}

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""How often each method succeeds, by how far the prior lies from the reference."""
+"""Success rate of each method over the distance of the prior from the reference."""
 
 import math
 import os
@@ -63,7 +63,7 @@ def wilson_interval(
     Parameters
     ----------
     n_successes, n_trials : array_like, shape (m,)
-        Of each rate.
+        Successes and trials of each rate.
     quantile : float
         z of the normal distribution; the default makes it an interval of 95 %.
 

@@ -17,22 +17,22 @@ if TYPE_CHECKING:
 __all__ = ["BAND", "MANY_EPOCHS", "TRUSTED", "WITHHELD", "ErrorDrawing", "ErrorRow"]
 
 BAND, TRUSTED, WITHHELD = "#bcd9ee", SERIES[0], "#9aa1ad"
-# A drive's errors are drawn up to so many times what 98 % of its epochs reach; what lies beyond is marked at the rim.
+# The axis ends at so many times what 98 % of the epochs stay below; errors beyond are marked at its end.
 ROOM = 1.25
-# A stroke of a protection level is no shorter than the row over this.
+# Strokes of protection levels are at least as long as the width of the row over this.
 MOST_STROKES = 400
-# More epochs are drawn as an image within the picture, which would be megabytes of strokes otherwise.
+# More epochs are drawn as pixels, as their strokes would take megabytes.
 MANY_EPOCHS = 300
 
 
 @dataclass(frozen=True)
 class ErrorRow:
-    """One kind of error over a drive, and how sure the method was of it.
+    """One kind of error over a drive, with its predicted standard deviations and protection levels.
 
     Parameters
     ----------
     name, unit : str
-        What is wrong, and in which unit it is drawn.
+        Name of the error ("along"), and the unit in which it is given and drawn.
     errors : array_like, shape (n,)
         Signed, in that unit; NaN where there is no answer.
     sigmas : array_like, shape (n,)
@@ -50,7 +50,7 @@ class ErrorRow:
 
 @dataclass(frozen=True)
 class ErrorDrawing:
-    """A row of errors in numbers, and the range it is drawn in."""
+    """The arrays of an `ErrorRow`, checked, and the range it is drawn in: from -limit to limit."""
 
     errors: NDArray[np.float64]
     sigmas: NDArray[np.float64]
@@ -59,7 +59,7 @@ class ErrorDrawing:
 
     @classmethod
     def of(cls, row: ErrorRow, n_epochs: int) -> "ErrorDrawing":
-        """Check a row, and find a range that gross errors do not blow up."""
+        """Check a row, and choose a range that is not dominated by gross errors."""
         levels = np.full(n_epochs, np.nan) if row.levels is None else row.levels
         found = [np.asarray(values, dtype=np.float64) for values in (row.errors, row.sigmas, levels)]
         if any(values.shape != (n_epochs,) for values in found):
@@ -75,7 +75,7 @@ class ErrorDrawing:
         ]
         predicted = reach[1:] if len(reach) > 1 else []
         limit = max(reach, default=1.0)
-        if predicted:  # a few answers of another place must not flatten all others
+        if predicted:  # a few gross errors must not flatten all others
             limit = min(limit, 4.0 * max(predicted))
         return cls(errors, sigmas, levels, ROOM * max(limit, 1e-3))
 
@@ -92,7 +92,10 @@ class ErrorDrawing:
     def draw(
         self, axes: "Axes", numbers: NDArray[np.float64], trusted: NDArray[np.bool_], stroke: float
     ) -> None:
-        """Draw band, levels and errors; what lies beyond the axis is marked at its rim."""
+        """Draw band, levels and errors; errors beyond the axis are marked at its end.
+
+        numbers, trusted : (n,), number of each epoch, and whether its answer is trusted; stroke : width, points.
+        """
         is_many = len(numbers) > MANY_EPOCHS
         axes.vlines(
             numbers,

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""A drive epoch by epoch: what the method says of its answers, and how wrong they are beside how sure it is."""
+"""A drive epoch by epoch: the status of each answer, and its errors with what the method predicts of them."""
 
 import os
 from collections import Counter
@@ -31,7 +31,7 @@ STATUS_COLORS = {
     Status.UNDETERMINED.value: SERIES[1],
     Status.NOT_CONVERGED.value: SERIES[1],
 }
-"""Of the words that say something about an answer; others are drawn in `MUTED`."""
+"""Colours of the statuses that an answer can have; others are drawn in `MUTED`."""
 
 WIDTH = 11.5
 # Inches.
@@ -49,7 +49,7 @@ def plot_timeline(
     *,
     title: str = "The drive, epoch by epoch",
 ) -> None:
-    """Draw a drive: a row for each status that came, and one for each kind of error.
+    """Draw a drive: a row for each status that occurs, and one for each kind of error.
 
     Parameters
     ----------
@@ -58,9 +58,9 @@ def plot_timeline(
     epochs : array_like, shape (n,)
         Numbers of the scans, rising.
     statuses : sequence of str, length n
-        What the method said of each answer.
+        Status of each answer, as the method says.
     is_wrong : array_like, shape (n,)
-        bool: known to be beyond the limits of success.
+        bool: whether the answer is known to be beyond the limits of success.
     rows : sequence of ErrorRow
         At most 4.
     title : str
@@ -115,7 +115,7 @@ def plot_timeline(
 
 
 def _words(errors: "Sequence[ErrorDrawing]", n_epochs: int, n_wrong: int) -> str:
-    """What the picture shows, and what to look for."""
+    """Return the subtitle: how many trusted answers are wrong, and what to look for."""
     wrong = "No trusted answer is wrong" if n_wrong == 0 else f"Trusted and wrong: {n_wrong:,}"
     lines = [f"{n_epochs:,} epochs. {wrong} ({SUCCESS_WORDS})."]
     if any(drawn.has_sigmas for drawn in errors):
@@ -126,7 +126,7 @@ def _words(errors: "Sequence[ErrorDrawing]", n_epochs: int, n_wrong: int) -> str
 
 
 def _stroke(numbers: NDArray[np.float64]) -> float:
-    """How wide an epoch is drawn, points: no gaps between neighbours, and never too thin to be seen."""
+    """Width of the stroke of an epoch, points: without gaps between neighbours, and never too thin to be seen."""
     if len(numbers) == 1:
         return 8.0
     step = float(np.median(np.diff(numbers))) / max(float(np.ptp(numbers)), 1.0)
@@ -134,7 +134,7 @@ def _stroke(numbers: NDArray[np.float64]) -> float:
 
 
 def _add_row(figure: "Figure", bottom: float, row_height: float, first: "Axes | None") -> "Axes":
-    """Add axes over the whole width; places in inches."""
+    """Add axes over the whole width, with its bottom and height in inches, sharing the x axis of the first row."""
     _, height = figure.get_size_inches()
     axes = figure.add_axes(
         (LEFT / WIDTH, bottom / height, (WIDTH - LEFT - RIGHT) / WIDTH, row_height / height), sharex=first

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""A seeded city or suburb, ray-cast by a mapping vehicle and by a car, so that a demo walks the road of real data."""
+"""A seeded city or suburb, ray-cast by a mapping vehicle and by a car, and written in the formats of real data."""
 
 from maxcon.simulation.campaign import simulate_campaign
 from maxcon.simulation.campaign_world import CampaignWorld

@@ -45,18 +45,18 @@ def simulate_campaign(
     Parameters
     ----------
     out : path
-        Folder to write; it appears only when everything in it is whole.
+        Folder to write; it appears only when all in it is complete.
     n_epochs : int
-        How many scans. 3001 are 0.1 s apart and take the 300 s of the round; fewer are some of these,
+        How many scans. 3001 are 0.1 s apart and take the 300 s of the round; fewer are chosen from these,
         spread evenly over the same round.
     every : float, optional
-        Seconds between two scans, a multiple of 0.1, from the beginning of the round on: a drive to track over.
+        Seconds between two scans, a multiple of 0.1, from the beginning of the round on: for tracking.
         Without it the scans are spread evenly.
     seed : int
         The same seed gives the same city, drives, scans, priors and map points.
     is_hard : bool
-        Whether the facades repeat every 3 m, a quarter of what breaks their period is gone since the
-        mapping, and 30 % of the returns are on objects that are not in the map.
+        Whether the facades repeat every 3 m, a quarter of the objects that break their period has been removed
+        since the mapping, and 30 % of the returns are on objects that are not in the map.
     n_rounds : int
         How often the circuit is mapped.
     mapping_scanners : sequence of ProfileScanner, optional
@@ -64,22 +64,22 @@ def simulate_campaign(
     scanner : RotatingScanner, optional
         On the car; a VLP-16 if None.
     overwrite : bool
-        Whether a dataset that stands there is replaced; anything else there is an error.
+        Whether a dataset at `out` is replaced; anything else there is an error.
     progress : callable, optional
         Called with (done, total) after each step.
 
     Returns
     -------
     Dataset
-        Where its parts lie. Its priors are `gnss` (slowly changing errors of about 1.2 m, see `GnssErrors`)
+        The paths of its parts. Its priors are `gnss` (slowly changing errors of about 1.2 m, see `GnssErrors`)
         and `uniform` (independent errors of up to 2.5 m, see `PriorErrors`). Its odometry is of the whole round, ten
         poses a second, and drifts (see `OdometryErrors`).
 
     Raises
     ------
     OptionError
-        If `n_epochs` is not 1 to 3001, or does not fit into the round `every` so many seconds, `n_rounds` is below 1 or
-        `seed` is negative.
+        If `n_epochs` is not 1 to 3001, or so many scans `every` seconds apart take longer than the round, or if
+        `n_rounds` is below 1 or `seed` negative.
     MissingExtraError
         If embreex is not installed.
     FileError
@@ -87,7 +87,7 @@ def simulate_campaign(
 
     Notes
     -----
-    The map is streamed to disk and never stands in memory as a whole, and so are the scans.
+    Map and scans are streamed to disk and never in memory as a whole.
     """
     if not 1 <= n_epochs <= MOST_EPOCHS:
         raise OptionError(

@@ -42,20 +42,20 @@ MOST_EPOCHS = 3001
 EPOCH_STEP = 0.1
 """Between two epochs when all are taken, s: the scanner turns ten times a second."""
 ROUND_TIME = (MOST_EPOCHS - 1) * EPOCH_STEP
-"""Of the car, s."""
+"""How long the round of the car takes, s."""
 MAP_START, SCAN_START = 300_000.0, 386_400.0
-"""Seconds of the week: the car comes a day after the mapping vehicle."""
+"""Seconds of the GPS week: the car comes a day after the mapping vehicle."""
 PAUSE = 60.0
 """Between two rounds of the mapping vehicle, s."""
 MAP_HEIGHT, SCAN_HEIGHT = 2.4, 2.0
 """Of the sensors above the carriageway, m."""
 OCCUPANCY, HARD_OCCUPANCY = 0.85, 0.95
-"""Which part of the kerbs is parked on."""
+"""Which part of the kerbs is taken by parked cars, 0 to 1."""
 SCAN_DRIVER = RoundDriver(speed=5.5, turn_speed=2.8, n_stops=1)
 
 
 class _Stream(IntEnum):
-    """What is drawn from a seed, each by itself, so that one can change without the others."""
+    """Random streams of a seed, one per thing that is drawn, so that one can change without the others."""
 
     CITY = 0
     CARS_OF_MAP = 1
@@ -80,21 +80,21 @@ class CampaignWorld:
     Parameters
     ----------
     seed : int
-        Of everything in it.
+        Everything random is drawn from it.
     circuit : Circuit
-        What all rounds follow.
+        The line that all rounds follow.
     map_caster, scan_caster : RayCaster
         The city on the day of the map and on the day of the scans: other cars are parked.
     map_drives : tuple of Drive
-        Rounds of the mapping vehicle, as they truly were.
+        True rounds of the mapping vehicle.
     georeferencing : GeoreferencingErrors
-        How wrong its trajectory is, and the map with it.
+        Errors of its post-processed trajectory, and so of the map.
     scan_drive : Drive
         The round of the car, 300 s long.
     traffic : Traffic or None
-        What moves about the car; nothing if None.
+        Vehicles and pedestrians around the car; none if None.
     drive_number : int
-        Which of the drives through it, see `again`.
+        Number of the car's drive, from 0, see `again`.
     """
 
     seed: int
@@ -119,7 +119,7 @@ class CampaignWorld:
             How often the circuit is mapped.
         is_hard : bool
             Whether the facades are periodic, a quarter of the items before them is gone on the day of the
-            scans, cars are parked more densely, and traffic hides 30 % of each scan.
+            scans, cars are parked more densely, and 30 % of the returns of each scan are on vehicles and pedestrians.
 
         Raises
         ------
@@ -152,7 +152,7 @@ class CampaignWorld:
         )
 
     def again(self, drive_number: int, day: int = 1) -> Self:
-        """Return the same world when the car comes another time: it drives otherwise, with other noise and priors.
+        """Return the same world on another drive of the car, with another speed profile, other noise and other priors.
 
         Parameters
         ----------
@@ -186,7 +186,7 @@ class CampaignWorld:
         )
 
     def _stream(self, stream: "_Stream", *more: int, number: int | None = None) -> list[int]:
-        """Seed of what is drawn anew for every drive; the first drive's does not say its number."""
+        """Seed of what is drawn anew for every drive; that of drive 0 goes without the number of the drive."""
         number = self.drive_number if number is None else number
         return [self.seed, stream, *more, *([number] if number else [])]
 
@@ -199,40 +199,40 @@ class CampaignWorld:
         return len(map_pieces(self.map_drives, scanners))
 
     def map_echoes(self, scanners: Sequence[ProfileScanner]) -> Iterator[Echoes]:
-        """Measure the map piece by piece, in order of time, and place it as the map's maker believes."""
+        """Measure the map piece by piece, in order of time, placed by the vehicle's trajectory with its errors."""
         stream = [self.seed, _Stream.MAP_NOISE]
         return believed_echoes(self.map_caster, self.map_drives, scanners, self.georeferencing, stream)
 
     def map_poses(self) -> tuple[NDArray[np.float64], list[Pose]]:
-        """Times (s) and poses (T_city_vehicle) of the mapping vehicle, as the map's maker believes."""
+        """Times (s) and poses (T_city_vehicle) of the mapping vehicle, with the errors of its trajectory."""
         return believed_poses(self.map_drives, self.georeferencing)
 
     def epochs(self, n_epochs: int = MOST_EPOCHS, ticks_apart: int | None = None) -> list[ScanEpoch]:
-        """Return `n_epochs` of the 3001, spread evenly over the round; or from its beginning, so many ticks apart."""
+        """Return `n_epochs` of the 3001, spread evenly; or from the beginning on, `ticks_apart` of them apart."""
         if ticks_apart is not None:
             return successive_epochs(self.scan_drive, n_epochs, ticks_apart, self._start, EPOCH_STEP)
         return evenly_spread_epochs(self.scan_drive, n_epochs, MOST_EPOCHS, self._start, EPOCH_STEP)
 
     def odometry(self, errors: OdometryErrors) -> tuple[NDArray[np.float64], list[Pose]]:
-        """Times (s) and poses (T_odometry_sensor) of the whole round, ten a second, whichever epochs are taken."""
+        """Times (s) and poses (T_odometry_sensor) over the whole round, ten a second, whichever epochs are taken."""
         times = np.round(self._start + EPOCH_STEP * np.arange(MOST_EPOCHS), 6)
         return times, errors.draw(self.scan_drive, times, self._stream(_Stream.ODOMETRY))
 
     def gnss_priors(self, epochs: Sequence[ScanEpoch], errors: GnssErrors) -> list[Pose]:
-        """Priors whose errors change slowly over the round."""
+        """Priors, T_city_sensor, whose errors change slowly over the round."""
         return gnss_priors(epochs, errors, MOST_EPOCHS, EPOCH_STEP, self._stream(_Stream.GNSS_PRIORS))
 
     def uniform_priors(self, epochs: Sequence[ScanEpoch], errors: PriorErrors) -> list[Pose]:
-        """Priors whose errors know nothing of each other."""
+        """Priors, T_city_sensor, whose errors are independent from epoch to epoch."""
         return uniform_priors(epochs, errors, self._stream(_Stream.UNIFORM_PRIORS))
 
     def scan(self, epoch: ScanEpoch, scanner: RotatingScanner) -> Echoes:
-        """Measure the scan of one epoch from its reference pose: the same, whichever others are taken."""
+        """Measure the scan of one epoch from its reference pose; it does not depend on which other epochs are taken."""
         rng = np.random.default_rng(self._stream(_Stream.SCAN_NOISE, epoch.tick))
         return scanner.scan(self._caster_at(epoch, scanner), epoch.reference, epoch.time, rng)
 
     def _caster_at(self, epoch: ScanEpoch, scanner: RotatingScanner) -> Caster:
-        """Return the city of the scans with the traffic of this epoch."""
+        """Return the city on the day of the scans with the traffic of this epoch."""
         if self.traffic is None:
             return self.scan_caster
         rng = np.random.default_rng(self._stream(_Stream.TRAFFIC, epoch.tick))
@@ -251,7 +251,7 @@ def _cities(seed: int) -> tuple[City, City]:
 
 
 def _hard_cities(seed: int) -> tuple[City, City]:
-    """Return the periodic city on both days: other and more cars are parked, and items are gone."""
+    """Return the periodic city on both days: on the second other and more cars are parked, and items are gone."""
     city = build_periodic_city([seed, _Stream.CITY])
     gone = city.draw_gone([seed, _Stream.GONE])
     return (

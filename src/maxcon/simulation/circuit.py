@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Circuit: a closed line through the streets of the campaign, over its crossings and round its corners."""
+"""Circuit: a closed line through the streets of the campaign, straight over some crossings, with turns at others."""
 
 import math
 from collections.abc import Sequence
@@ -17,30 +17,30 @@ __all__ = ["CAMPAIGN_CORNERS", "Circuit", "circuit_through"]
 STEP = 0.05
 """Between two points of a circuit, m."""
 LEFT_RADIUS, RIGHT_RADIUS = 9.0, 6.0
-"""Of turns, m: traffic keeps to the right, so that a right turn is the narrow one."""
+"""Radii of turns, m: traffic keeps to the right, so that a right turn is the narrow one."""
 EASING = 1.0
-"""Standard deviation over which the curvature of a turn comes and goes, m."""
+"""Standard deviation, m, of the Gaussian that smooths the line, so that curvature comes and goes gradually."""
 START = 42.0
 """How far behind its first corner a circuit begins, m."""
 
 CAMPAIGN_CORNERS = (
     (0, 0), (3, 0), (3, 1), (4, 1), (4, 3), (2, 3), (2, 4), (1, 4), (1, 2), (0, 2),
 )  # fmt: skip
-"""Where the campaign turns: crossings of `CAMPAIGN_GRID` as rows of its u_lines and v_lines."""
+"""Where the campaign turns: crossings of `CAMPAIGN_GRID`, as indices into its u_lines and v_lines."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Circuit:
-    """A closed line; the last point is the first again.
+    """A closed line along streets; its last point equals the first.
 
     Parameters
     ----------
     points : array, shape (k, 2)
         (x, y) evenly spaced, about 5 cm apart, city metres.
     turns : array, shape (n, 2)
-        How far along it each turn begins and ends, m, rising.
+        Distance along the line at which each turn begins and ends, m, rising.
     crossings : array, shape (m,)
-        How far along it each crossing lies that it runs straight over, m, rising.
+        Distance along the line of each crossing that it passes straight over, m, rising.
     """
 
     points: NDArray[np.float64]
@@ -49,24 +49,24 @@ class Circuit:
 
     @property
     def distances(self) -> NDArray[np.float64]:
-        """How far along it each point lies, shape (k,), m."""
+        """Distance of each point along the line, shape (k,), m."""
         return np.linspace(0.0, self.length, len(self.points))
 
     @property
     def length(self) -> float:
-        """Once round, m."""
+        """Length of one round, m."""
         return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
 
     @property
     def directions(self) -> NDArray[np.float64]:
-        """Unit vector of travel at each point, shape (k, 2); the last is the first again."""
+        """Unit vector of travel at each point, shape (k, 2); the last equals the first."""
         around = np.concatenate([self.points[-2:-1], self.points, self.points[1:2]])
         ways = around[2:] - around[:-2]
         return np.asarray(ways / np.linalg.norm(ways, axis=1, keepdims=True))
 
     @property
     def headings(self) -> NDArray[np.float64]:
-        """Direction of travel at each point, shape (k,), rad, going on beyond pi."""
+        """Direction of travel at each point, shape (k,), rad from +x, without jumps at pi."""
         return np.unwrap(np.arctan2(self.directions[:, 1], self.directions[:, 0]))
 
 
@@ -81,13 +81,13 @@ def circuit_through(
     Parameters
     ----------
     corners : sequence of (int, int)
-        Rows of `grid.u_lines` and `grid.v_lines`; neighbours share one of both, and it turns at each.
+        Indices into `grid.u_lines` and `grid.v_lines`; successive corners share one of the two.
     grid : StreetGrid
         The streets.
     street_angle : float
         Direction of the main street, rad, counter-clockwise from +x.
     lane : float
-        How far right of the centre line it runs, m.
+        Distance of the circuit to the right of the centre line, m.
     """
     places = np.array([[grid.u_lines[i], grid.v_lines[j]] for i, j in corners])
     ways = np.roll(places, -1, axis=0) - places
@@ -124,14 +124,14 @@ def _arc(
 
 
 def _evenly(outline: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points of a closed line, evenly spaced."""
+    """The same closed line, shape (k, 2), with points spaced evenly by about `STEP`."""
     distances = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(outline, axis=0), axis=1))])
     even = np.linspace(0.0, distances[-1], 1 + round(distances[-1] / STEP))
     return np.stack([np.interp(even, distances, column) for column in outline.T], axis=1)
 
 
 def _eased(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a closed line whose curvature has no steps: a moving, Gaussian mean of its points."""
+    """Return a closed line smoothed by a Gaussian, so that its curvature has no steps."""
     reach = round(4.0 * EASING / STEP)
     weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) * STEP / EASING) ** 2)
     weights /= weights.sum()
@@ -142,14 +142,14 @@ def _eased(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _nearest(points: NDArray[np.float64], places: ArrayLike) -> NDArray[np.float64]:
-    """How far along the line of `points` the nearest to each place lies, m."""
+    """Distance along the line of `points`, m, of the point nearest to each place."""
     step = float(np.linalg.norm(points[1] - points[0]))
     rows = [np.argmin(np.linalg.norm(points[:-1] - place, axis=1)) for place in np.asarray(places)]
     return np.asarray(rows, dtype=np.float64) * step
 
 
 def _straight_over(corners: Sequence[tuple[int, int]], grid: StreetGrid) -> NDArray[np.float64]:
-    """Crossings between neighbouring corners, shape (m, 2), frame of the grid, m."""
+    """Crossings passed between successive corners, shape (m, 2), frame of the grid, m."""
     found: list[tuple[float, float]] = []
     for (i0, j0), (i1, j1) in pairwise([*corners, corners[0]]):
         n_steps = abs(i1 - i0) + abs(j1 - j0)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""City: a seeded inner city as triangles with classes, with parked cars that come and go."""
+"""City: a seeded inner city as triangles with classes; other cars are parked on other days."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -18,10 +18,10 @@ from maxcon.simulation.street_grid import Frontage, StreetGrid
 __all__ = ["City", "Seed", "build_city", "city_of", "pavement"]
 
 Seed = int | Sequence[int]
-"""What numpy.random.default_rng takes; the same seed gives the same city."""
+"""A seed as numpy.random.default_rng takes it; the same seed gives the same city."""
 
 HOUSE_WIDTH = 13.0
-"""Typical, m."""
+"""Typical width of a house along the street, m."""
 CAR_SIDE = 1.05
 """From the kerb to the middle of a parked car, m."""
 
@@ -46,7 +46,7 @@ class City:
     street_angle : float
         Direction of the main street, rad, counter-clockwise from +x.
     car_numbers : array, shape (t,), int32
-        Number of the parked car that each triangle is of, from 0; -1 where it is none's.
+        Number of the parked car that each triangle belongs to, from 0; -1 for all that is no parked car.
     """
 
     vertices: NDArray[np.float64]
@@ -70,7 +70,7 @@ class City:
         seed : int or sequence of int
             The same seed gives the same cars.
         occupancy : float
-            About which part of the parking lanes is taken, 0 to 1.
+            Approximate share of the parking lanes that is taken, 0 to 1.
         """
         rng = np.random.default_rng(seed)
         cars = [car for lane in self.parking_lanes for car in _cars_along(lane, occupancy, rng)]
@@ -100,12 +100,12 @@ def build_city(seed: Seed, *, street_angle_deg: float = 31.0, grid: StreetGrid |
 
 
 def city_of(parts: Sequence[Patch], grid: StreetGrid, street_angle: float) -> City:
-    """Return the city without parked cars that `parts`, in the frame of the grid, are.
+    """Return the city made of `parts`, without parked cars.
 
     Parameters
     ----------
     parts : sequence of Patch
-        Ground, houses and all that stands.
+        Ground, houses and street furniture, in the frame of the grid.
     grid : StreetGrid
         Its streets.
     street_angle : float
@@ -134,7 +134,7 @@ def city_of(parts: Sequence[Patch], grid: StreetGrid, street_angle: float) -> Ci
 
 
 def _city(fixed: Patch, cars: Sequence[Patch], like: City) -> City:
-    """Return the city of what is fixed and some cars, with the streets of `like`."""
+    """Return the city of `fixed` parts and parked cars, with streets and parking lanes of `like`."""
     patch = join([fixed, *cars])
     numbers = np.repeat(np.arange(-1, len(cars), dtype=np.int32), [len(fixed), *map(len, cars)])
     vertices = patch.corners.reshape(-1, 3)
@@ -145,7 +145,7 @@ def _city(fixed: Patch, cars: Sequence[Patch], like: City) -> City:
 
 
 def _houses(side: Frontage, rng: np.random.Generator) -> Iterator[Patch]:
-    """Row of houses along a frontage: differing setbacks, a gap and at times a front garden."""
+    """Yield a row of houses along a frontage: with different setbacks, a gap and sometimes a front garden."""
     runs_along_u = abs(math.sin(side.heading)) < 0.5
     start = 0.0 if runs_along_u else HOUSE_DEPTH
     length = side.length - 2.0 * start
@@ -186,7 +186,7 @@ def pavement(side: Frontage, sidewalk: float, rng: np.random.Generator) -> Itera
     sidewalk : float
         From the kerb to the building line, m.
     rng : numpy.random.Generator
-        Of places and sizes.
+        Draws places and sizes.
     """
     for x in np.arange(12.0 + rng.uniform(0.0, 8.0), side.length - 8.0, 28.0):
         yield side.placed(lamp_pole(), x, sidewalk - 0.4)
@@ -200,7 +200,7 @@ def pavement(side: Frontage, sidewalk: float, rng: np.random.Generator) -> Itera
 
 
 def _cars_along(lane: NDArray[np.float64], occupancy: float, rng: np.random.Generator) -> Iterator[Patch]:
-    """Cars in a row, each a little off its line; every fourth stands the other way round."""
+    """Yield parked cars along a lane, shape (2, 2), m, each a little off its line; one in four faces the other way."""
     (x0, y0), (x1, y1) = lane
     length, heading = math.hypot(x1 - x0, y1 - y0), math.atan2(y1 - y0, x1 - x0)
     along = rng.uniform(0.0, 3.0)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""A simulated dataset on disk: map cloud, scans, reference and priors, in the files real ones come in."""
+"""A simulated dataset on disk: map cloud, scans, reference and prior, in the file formats of real datasets."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -46,7 +46,7 @@ def simulate(
     Parameters
     ----------
     out : path
-        Folder to write; it appears only when everything in it is whole.
+        Folder to write; it appears only when all in it is complete.
     n_epochs : int
         How many scans, evenly spaced in time.
     seed : int
@@ -62,14 +62,14 @@ def simulate(
     prior_errors : PriorErrors, optional
         How far the priors are off; up to 2.5 m and 1.8 degrees if None.
     overwrite : bool
-        Whether a dataset that stands there is replaced; anything else there is an error.
+        Whether a dataset at `out` is replaced; anything else there is an error.
     progress : callable, optional
         Called with (done, total) after each step.
 
     Returns
     -------
     Dataset
-        Where its parts lie.
+        The paths of its parts.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def simulate(
         epochs = world.epochs(n_epochs, prior_errors or PriorErrors())
         profiles = mapping_scanners or mobile_mapping_scanners()
         tick = ticker(progress, world.n_pieces(profiles) + n_epochs)
-        # The mapping vehicle's poses are written as they were: nothing but the points' noise is wrong with the map.
+        # The mapping vehicle's poses are written without errors: the map has no errors but the noise of its points.
         write_description(folder, f"seed {seed}, {n_epochs} epochs", {"uniform": "prior.txt"}, map_sigma=0.0)
         write_map_clouds(folder, world.map_echoes(profiles), tick)
         write_trajectory(folder / "map/trajectory.txt", *world.map_poses(), "T_map_vehicle")

@@ -38,10 +38,10 @@ CRS = "EPSG:25832"
 CITY_ORIGIN = (550_000.0, 5_802_000.0, 60.0)
 """Global coordinates (ETRS89 / UTM 32N, m) of the middle of the crossing."""
 SURVEYED = tuple(member for member in LasClass if member is not LasClass.UNCLASSIFIED)
-"""Classes of a map in which every point has one."""
+"""Classes of a map in which every point is classified."""
 
 PRIORS = {"gnss": "prior_gnss.txt", "uniform": "prior_uniform.txt"}
-"""File of each prior of a dataset with two, by its name."""
+"""File of each prior by its name, in datasets with two priors."""
 
 ODOMETRY = "odometry.txt"
 """File of the odometry of a dataset that has one."""
@@ -50,11 +50,11 @@ DATASET_NAMES = (
     DESCRIPTION, "map", "scans", "reference.txt", "prior.txt", "prior_*.txt", ODOMETRY,
     "drive.bag", "drive.mcap", "drive_ros2", "drive.pcap", "drive_pcd",
 )  # fmt: skip
-"""All that the folder of a dataset may hold."""
+"""All that the folder of a simulated dataset may hold; what holds anything else is not overwritten."""
 
 
 def ticker(progress: Callable[[int, int], None] | None, n_steps: int) -> Callable[[], None]:
-    """Return what to call after each step, so that `progress` hears of it."""
+    """Return a function to call after each of `n_steps` steps, which reports it to `progress`."""
     done = itertools.count(1)
 
     def tick() -> None:
@@ -83,7 +83,7 @@ def write_scans(
     scans: Iterable[Echoes],
     tick: Callable[[], None],
 ) -> None:
-    """Stream scans in the sensor frame to `folder`/scans, with their times and reference poses.
+    """Stream scans to `folder`/scans, in the sensor frame, with their times and reference poses.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def write_scans(
     references : sequence of Pose
         T_city_sensor, one per scan.
     scans : iterable of Echoes
-        City metres, one per scan.
+        In city metres, one per scan.
     tick : callable
         Called after each scan.
     """
@@ -127,9 +127,9 @@ def write_epochs(
     epochs : sequence of ScanEpoch
         One per scan.
     scans : iterable of Echoes
-        City metres.
+        In city metres, one per scan.
     priors : mapping of str to sequence of Pose
-        T_city_sensor, one per scan, by their name, one of `PRIORS`.
+        T_city_sensor, one per scan, by a name of `PRIORS`.
     tick : callable
         Called after each scan.
     """
@@ -140,13 +140,13 @@ def write_epochs(
 
 
 def write_trajectory(path: Path, times: NDArray[np.float64], poses: Sequence[Pose], what: str) -> None:
-    """Write `poses` (T_city_sensor) in global coordinates."""
+    """Write `poses`, T_city_x, in global coordinates as a TUM file; `what` they are goes into its comment."""
     poses_global = [pose.translated(CITY_ORIGIN) for pose in poses]
     write_tum(path, Trajectory.from_poses(times, poses_global), f"{what}, {CRS}, seconds of the week")
 
 
 def write_odometry(folder: Path, times: NDArray[np.float64], poses: Sequence[Pose]) -> None:
-    """Write odometry, T_odometry_sensor: its frame is its own."""
+    """Write odometry, T_odometry_sensor, as a TUM file; its frame is not georeferenced."""
     write_tum(
         folder / ODOMETRY, Trajectory.from_poses(times, poses), "T_odometry_sensor, seconds of the week"
     )
@@ -172,11 +172,11 @@ def write_description(
     priors : mapping of str to str
         File in `folder` by the name of the prior.
     classes : iterable of LasClass
-        Those of the points of the map.
+        Those that points of the map have.
     has_odometry : bool
-        Whether `write_odometry` writes there, too.
+        Whether the dataset has odometry, as `write_odometry` writes it.
     map_sigma : float, optional
-        How well the map is known, m; left to be estimated from its rounds if None.
+        Standard deviation of the map's position, m; if None it is left to be estimated from its rounds.
     """
     odometry = f'odometry = "{ODOMETRY}"\n' if has_odometry else ""
     sigma = "" if map_sigma is None else f"sigma = {map_sigma}\n"

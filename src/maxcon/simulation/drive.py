@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Drive: where a vehicle is at any time on its way over the crossing, and how wrong its priors are."""
+"""Drive: poses of a vehicle over time along a route, and the errors of its priors."""
 
 import math
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ class Route:
     points : array, shape (k, 2)
         (x, y) every few centimetres, city metres.
     stop_at : float
-        How far along the route the crossing makes it slow down, m.
+        Distance along the route at which a vehicle slows down for the crossing, m.
     """
 
     points: NDArray[np.float64]
@@ -36,7 +36,7 @@ class Route:
 
     @property
     def distances(self) -> NDArray[np.float64]:
-        """How far along the route each point lies, shape (k,), m."""
+        """Distance of each point along the route, shape (k,), m."""
         steps = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
         return np.concatenate([[0.0], np.cumsum(steps)])
 
@@ -49,9 +49,9 @@ def route_over_crossing(street_angle: float, before: float, after: float, lane: 
     street_angle : float
         Direction of the main street, rad.
     before, after : float
-        How far from the middle of the crossing it begins and ends, m.
+        Distance from the middle of the crossing at which it begins and ends, m.
     lane : float
-        How far right of the centre line it runs, m.
+        Distance of the route to the right of the centre line, m.
 
     Raises
     ------
@@ -86,7 +86,7 @@ class Drive:
     positions : array, shape (k, 3)
         City metres.
     angles : array, shape (k, 3)
-        Roll, pitch and heading, rad; the heading goes on beyond pi.
+        Roll, pitch and heading, rad; the heading does not jump at pi.
     """
 
     times: NDArray[np.float64]
@@ -124,24 +124,24 @@ def drive_along(
     Parameters
     ----------
     route : Route
-        Where it goes.
+        The line to follow.
     seed : int or sequence of int
-        Of speed and sway.
+        Of speed and sway: the same seed gives the same drive.
     speed : float
         On the straight parts, m/s; it varies by about a fifth.
     slowest : float
-        Part of `speed` that is left at the crossing.
+        Lowest speed, at the crossing, as a part of `speed`, above 0 and up to 1.
     wait : float
-        How long it stands where it has slowed down, as before a red light, s.
+        How long it stands at the crossing, as at a red light, s.
     height : float
         Of the sensor above the carriageway, m.
     start_time : float
-        s.
+        Of the first pose, s.
 
     Raises
     ------
     OptionError
-        If `speed` or `slowest` is not above 0, or `wait` is below.
+        If `speed` is not above 0, `slowest` not above 0 and up to 1, or `wait` negative.
     """
     if not 0.0 <= wait < math.inf:
         raise OptionError(f"Expected a wait of 0 s or more, got {wait}. With 0 the vehicle does not stop.")
@@ -165,7 +165,7 @@ def drive_along(
     positions, angles = np.column_stack([route.points, z]), np.column_stack([roll, pitch, heading])
     if wait == 0.0:
         return Drive(times, positions, angles)
-    # The same pose twice: where it stands, and when it goes on.
+    # The pose of the stop stands twice in a row: at the arrival and at the departure.
     stop = int(np.searchsorted(distances, route.stop_at))
     order = np.insert(np.arange(len(times)), stop, stop)
     times = times[order] + np.where(np.arange(len(order)) > stop, wait, 0.0)
@@ -178,7 +178,10 @@ def sway(
     wavelengths: tuple[float, float],
     rng: np.random.Generator,
 ) -> NDArray[np.float64]:
-    """Return a smooth wobble over the distance (m), never beyond `amplitude`, shape (k,)."""
+    """Return a smooth random function of the distance (m), shape (k,): a mean of four sines, within +-`amplitude`.
+
+    wavelengths : least and largest, m.
+    """
     waves = rng.uniform(*wavelengths, 4)
     phases = rng.uniform(0.0, 2.0 * math.pi, 4)
     sines = np.sin(2.0 * math.pi * distances[:, None] / waves + phases)
@@ -200,18 +203,18 @@ def off_by(reference: Pose, errors: Sequence[float]) -> Pose:
 
 @dataclass(frozen=True, slots=True)
 class PriorErrors:
-    """How far a prior may be off the reference pose: each error is uniform within plus and minus its bound.
+    """Bounds of the errors of a prior: each error is uniform within plus and minus its bound.
 
     Parameters
     ----------
     offset : float
-        In x and in y, m.
+        Of x and of y, m.
     heading_deg : float
-        degrees.
+        Of the heading, degrees.
     z : float
-        m.
+        Of the height, m.
     tilt_deg : float
-        In roll and in pitch, degrees.
+        Of roll and of pitch, degrees.
     """
 
     offset: float = 2.5
@@ -220,7 +223,7 @@ class PriorErrors:
     tilt_deg: float = 0.05
 
     def prior(self, reference: Pose, rng: np.random.Generator) -> Pose:
-        """Return a prior for `reference`."""
+        """Return a prior: `reference` with errors drawn from `rng`."""
         tilt, turn = math.radians(self.tilt_deg), math.radians(self.heading_deg)
         bounds = np.array([self.offset, self.offset, self.z, tilt, tilt, turn])
         return off_by(reference, (bounds * rng.uniform(-1.0, 1.0, 6)).tolist())

@@ -18,10 +18,10 @@ from maxcon.simulation.patches import Patch, boxes, join, prism, quads, triangle
 __all__ = ["HOUSE_DEPTH", "HouseStyle", "balcony", "draw_style", "house", "rain_pipe", "relief", "steps"]
 
 HOUSE_DEPTH = 12.0
-"""From front to back of every house, m."""
+"""Distance from front to back of every house, m."""
 
 THRESHOLD, SILL, LINTEL = 0.45, 1.1, 2.6
-"""Heights on the ground floor, m: below the door, below the windows, above both."""
+"""Heights of edges on the ground floor, m: lower edge of doors, lower edge of windows, upper edge of both."""
 ARCHWAY_DEPTH = 9.0
 DOOR_RECESS = 0.35
 
@@ -31,18 +31,18 @@ Grid = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 
 @dataclass(frozen=True, slots=True)
 class HouseStyle:
-    """What differs between two houses; lengths in m.
+    """The parameters in which houses differ; lengths in m.
 
     Parameters
     ----------
     width : float
         Along the street.
     n_storeys, storey_height : int, float
-        Ground floor included.
+        Number of storeys, ground floor included, and height of each.
     n_columns : int
         Columns of windows.
     window_width, window_height, reveal : float
-        Windows lie `reveal` behind the front.
+        Of windows, which lie `reveal` behind the front.
     plinth : float
         How far the foot of the house stands out; 0 for none.
     door_column : int
@@ -78,7 +78,7 @@ class HouseStyle:
 
 
 def draw_style(width: float, rng: np.random.Generator) -> HouseStyle:
-    """Return a house of `width` (m) as an inner city has them."""
+    """Return the style of an inner-city house of `width` (m)."""
     n_columns = max(2, int(width / rng.uniform(2.3, 3.1)))
     columns = rng.permutation(n_columns)
     draw = rng.random(4)
@@ -99,7 +99,7 @@ def draw_style(width: float, rng: np.random.Generator) -> HouseStyle:
 
 
 def house(style: HouseStyle, rng: np.random.Generator, *, shows_left: bool, shows_right: bool) -> Patch:
-    """Return a whole house; the sides that show to a street have windows too."""
+    """Return a whole house; its left and right sides have windows where they face a street."""
     side = _window_grid(style, HOUSE_DEPTH, max(2, round(HOUSE_DEPTH / 3.0)))
     parts = [relief(*_front_grid(style)), *_roof(style), *_entrance(style), *_balconies(style, rng)]
     back = [[0.0, -HOUSE_DEPTH, 0.0], [style.width, -HOUSE_DEPTH, 0.0]]
@@ -118,7 +118,7 @@ def house(style: HouseStyle, rng: np.random.Generator, *, shows_left: bool, show
 
 
 def relief(x_edges: NDArray[np.float64], z_edges: NDArray[np.float64], depths: NDArray[np.float64]) -> Patch:
-    """Wall of rectangles, each at its depth behind y = 0, with the faces that join neighbours.
+    """Wall of rectangles, each at its own depth behind y = 0, with faces that close the steps between neighbours.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def relief(x_edges: NDArray[np.float64], z_edges: NDArray[np.float64], depths: N
     )
     i, j = np.nonzero(
         padded[1:-1, 1:-1] != padded[1:-1, 2:]
-    )  # from the first row up: the ground closes the foot
+    )  # not below the first row: the ground closes the foot
     low, high = -padded[i + 1, j + 1], -padded[i + 1, j + 2]
     z = z_edges[j + 1]
     left, right = x_edges[i], x_edges[i + 1]
@@ -177,7 +177,7 @@ def _upright(feet: list[list[list[float]]], top: float) -> Patch:
 
 
 def _window_grid(style: HouseStyle, length: float, n_columns: int) -> Grid:
-    """Windows in columns and storeys: odd columns, and every second row from the third."""
+    """Relief with windows in columns and storeys: in odd columns, and in every second row from the third."""
     pitch = length / n_columns
     centers = (np.arange(n_columns) + 0.5) * pitch
     half = 0.5 * style.window_width
@@ -191,7 +191,7 @@ def _window_grid(style: HouseStyle, length: float, n_columns: int) -> Grid:
 
 
 def _front_grid(style: HouseStyle) -> Grid:
-    """Return the windows with plinth, bay, door and archway."""
+    """Return the relief of a front: windows, plinth, bay, door and archway."""
     x_edges, z_edges, depths = _window_grid(style, style.width, style.n_columns)
     door = 2 * style.door_column + 1
     depths[:, :2] = -style.plinth
@@ -212,7 +212,7 @@ def _entrance(style: HouseStyle) -> list[Patch]:
 
 
 def steps(center: float) -> Patch:
-    """Return two steps before `center` (m) along the front."""
+    """Return two door steps, their middle at `center` (m) along the front."""
     lows = [[center - 0.8, -DOOR_RECESS, 0.0], [center - 0.8, -DOOR_RECESS, 0.0]]
     highs = [[center + 0.8, 0.6, 0.15], [center + 0.8, 0.3, 0.3]]
     return boxes(lows, highs, LasClass.BUILDING)
@@ -249,7 +249,7 @@ def balcony(center: float, half: float, out: float, z: float) -> Patch:
 
 
 def rain_pipe(x: float, height: float) -> Patch:
-    """Return a round pipe of 10 cm before the front, up to `height` (m)."""
+    """Return a pipe, 10 cm in diameter, at `x` (m) along the front, up to `height` (m)."""
     angles = np.arange(8) * math.pi / 4.0
     outline = np.stack([x + 0.05 * np.cos(angles), 0.09 + 0.05 * np.sin(angles)], axis=1)
     return prism(outline, 0.0, height, LasClass.BUILDING)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""FiringScanner: a VLP-16 whose lasers fire one after the other while it turns, as its packets tell of it."""
+"""FiringScanner: a VLP-16 whose lasers fire one after the other while it turns, with the timing of its packets."""
 
 from dataclasses import dataclass
 
@@ -14,26 +14,26 @@ from maxcon.simulation.scanners import Echoes, RotatingScanner
 __all__ = ["BLOCK_STEP_DEG", "BLOCK_TIME", "FIRING_TIME", "LASER_TIME", "FiringScanner"]
 
 BLOCK_TIME, FIRING_TIME, LASER_TIME = 110.592e-6, 55.296e-6, 2.304e-6
-"""From one block of a packet to the next, from one round of all lasers to the next, and from laser to laser, s."""
+"""Time from one block of a packet to the next, from one firing of all lasers to the next, from laser to laser, s."""
 BLOCK_STEP_DEG = 0.4
-"""Turned from one block to the next: 900 blocks make a turn of 99.5 ms."""
+"""Rotation from one block to the next: 900 blocks make a turn of 99.5 ms."""
 
 
 @dataclass(frozen=True, slots=True)
 class FiringScanner(RotatingScanner):
-    """A VLP-16 at ten turns a second: which way each laser looks when it fires, and how high it sits.
+    """A VLP-16 at ten turns a second, with the direction of each laser when it fires, and the height of its beam.
 
-    It turns clockwise, seen from above. Ego-motion within a scan is held for corrected, as of any `RotatingScanner`.
+    It turns clockwise, seen from above. As for any `RotatingScanner`, scans are free of ego-motion.
 
     Notes
     -----
-    Lasers fire in the order -15, 1, -13, 3, ... degrees. Their beams leave the scanner at heights that fall with the
-    elevation, from 11.2 mm above its middle (-15 degrees) to as much below it.
+    Lasers fire in the order -15, 1, -13, 3, ... degrees; one shot of each of the 16 is a firing. Their beams leave the
+    scanner at heights that fall with the elevation, from 11.2 mm above its middle (-15 degrees) to as much below it.
     """
 
     @property
     def order(self) -> NDArray[np.int64]:
-        """Which place in a round each layer has, lowest layer first, shape (16,)."""
+        """Place of each layer in the order of a firing, from 0, lowest layer first, shape (16,)."""
         return np.concatenate([np.arange(0, 16, 2), np.arange(1, 16, 2)])
 
     @property
@@ -48,12 +48,12 @@ class FiringScanner(RotatingScanner):
 
     @property
     def lags_deg(self) -> NDArray[np.float64]:
-        """How far the scanner turns from the beginning of a round until each layer fires, shape (16,), degrees."""
+        """How far the scanner turns from the beginning of a firing until each layer's shot, shape (16,), degrees."""
         return np.asarray(self.order * (LASER_TIME / BLOCK_TIME * BLOCK_STEP_DEG), dtype=np.float64)
 
     @property
     def directions(self) -> NDArray[np.float64]:
-        """Unit rays of one turn in the sensor frame, round by round, shape (n_columns * 16, 3)."""
+        """Unit rays of one turn in the sensor frame, firing by firing, shape (n_columns * 16, 3)."""
         clockwise = np.radians((np.arange(self.n_columns) * self.azimuth_step_deg)[:, None] + self.lags_deg)
         level, up = np.cos(self.elevations), np.sin(self.elevations)
         rays = np.stack(

@@ -16,11 +16,11 @@ from maxcon.simulation.patches import Patch, boxes, extruded, join, prism, trian
 __all__ = ["draw_car", "draw_hedge", "draw_sign", "draw_tree", "lamp_pole"]
 
 LEAF = 0.16
-"""Typical side of a leaf triangle, m: a twig with its leaves."""
+"""Typical side of a triangle, m, which stands for a twig with its leaves."""
 
 
 def draw_car(rng: np.random.Generator) -> tuple[Patch, float]:
-    """Return a parked car and its length, m: small, long or a van."""
+    """Return a car and its length, m: a small car, a long one or a van."""
     kind = rng.choice(3, p=[0.45, 0.4, 0.15])
     length = (3.8, 4.6, 5.2)[kind] + rng.uniform(-0.2, 0.2)
     height = (1.48, 1.46, 2.1)[kind] + rng.uniform(-0.06, 0.06)
@@ -103,7 +103,7 @@ def lamp_pole() -> Patch:
 
 
 def draw_sign(rng: np.random.Generator) -> Patch:
-    """Return a traffic sign that faces the driving direction, give or take a few degrees."""
+    """Return a traffic sign on a pole, its plate across the x axis up to a few degrees."""
     height = rng.uniform(2.1, 2.5)
     pole = prism(_octagon(0.0, 0.0, 0.03), 0.0, height + 0.6, LasClass.POLE)
     plate = boxes([[-0.05, -0.3, height]], [[-0.03, 0.3, height + 0.6]], LasClass.POLE)
@@ -124,7 +124,7 @@ def _leaves(
     *,
     square: bool = False,
 ) -> Patch:
-    """Loose triangles in an ellipsoid, or in a box, denser towards its hull."""
+    """Loose triangles in an ellipsoid, denser towards its hull, or in a box if `square`."""
     places = rng.uniform(-1.0, 1.0, (n_leaves, 3))
     if not square:
         directions = rng.normal(size=(n_leaves, 3))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""How wrong a mapping vehicle's trajectory is after post-processing: centimetres, slowly changing."""
+"""Errors of a mapping vehicle's trajectory after post-processing: centimetres, slowly changing."""
 
 from dataclasses import dataclass
 
@@ -12,9 +12,9 @@ from maxcon.simulation.city import Seed
 __all__ = ["GeoreferencingErrors", "draw_georeferencing_errors"]
 
 DEVIATION = 0.02
-"""Per axis, m."""
+"""Standard deviation per axis, m."""
 CORRELATION_TIME = 30.0
-"""s; two errors this far apart in time correlate by exp(-1/4), and by nothing a round later."""
+"""s; two errors this far apart in time correlate by exp(-1/4), and a round apart not at all."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,13 +48,13 @@ def draw_georeferencing_errors(
     seed : int or sequence of int
         The same seed gives the same errors.
     start, end : float
-        s.
+        First and last time, s.
     deviation : float
         Standard deviation per axis, m.
 
     Notes
     -----
-    White noise every second under a moving Gaussian weight. Errors dt apart correlate by
+    White noise, one value per second, smoothed by a Gaussian. Errors dt apart correlate by
     exp(-dt^2 / (4 CORRELATION_TIME^2)): by less than 0.001 after 160 s, and a round takes longer.
     """
     rng = np.random.default_rng(seed)

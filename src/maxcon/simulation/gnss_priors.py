@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Priors as GNSS and IMU give them in a street: metres off, and off alike from one epoch to the next."""
+"""Errors of priors from GNSS and IMU in a street: metres, and nearly the same from one epoch to the next."""
 
 import math
 from dataclasses import dataclass
@@ -16,21 +16,21 @@ __all__ = ["GnssErrors"]
 
 @dataclass(frozen=True, slots=True)
 class GnssErrors:
-    """First-order Gauss-Markov errors of x, y, z, roll, pitch and heading, thrown back at their bounds.
+    """First-order Gauss-Markov errors of x, y, z, roll, pitch and heading, reflected at bounds.
 
     Parameters
     ----------
     offset, offset_bound : float
-        Standard deviation of x and y before they are bounded (1.17 m after it), and their bound, m: multipath
+        Standard deviation of x and y before the reflection (1.17 m after it), and their bound, m: multipath
         between houses, within the paper's search range of 3 m.
     heading_deg, heading_bound_deg : float
-        degrees.
+        The same for the heading, degrees.
     z, z_bound : float
-        m; small, for the height is held to be known from the map's ground.
+        The same for the height, m; small, as it is taken for known from the map's ground.
     tilt_deg, tilt_bound_deg : float
-        Of roll and pitch, degrees.
+        The same for roll and pitch, degrees.
     correlation_time : float
-        After which two errors correlate by 1/e, s.
+        Time after which two errors correlate by 1/e, s.
 
     Raises
     ------
@@ -59,20 +59,20 @@ class GnssErrors:
 
     @property
     def deviations(self) -> NDArray[np.float64]:
-        """Of x, y, z (m), roll, pitch and heading (rad), shape (6,)."""
+        """Standard deviations of x, y, z (m), roll, pitch and heading (rad), shape (6,), before the reflection."""
         tilt, turn = math.radians(self.tilt_deg), math.radians(self.heading_deg)
         return np.array([self.offset, self.offset, self.z, tilt, tilt, turn])
 
     @property
     def bounds(self) -> NDArray[np.float64]:
-        """Of x, y, z (m), roll, pitch and heading (rad), shape (6,)."""
+        """Largest errors of x, y, z (m), roll, pitch and heading (rad), shape (6,)."""
         tilt, turn = math.radians(self.tilt_bound_deg), math.radians(self.heading_bound_deg)
         return np.array([self.offset_bound, self.offset_bound, self.z_bound, tilt, tilt, turn])
 
     def draw(self, n_times: int, step: float, seed: Seed) -> NDArray[np.float64]:
         """Errors at `n_times` times, `step` (s) apart, shape (n_times, 6), m and rad.
 
-        The same seed and step give the same errors, however many follow.
+        The same seed and step give the same first errors, whatever `n_times` is.
         """
         rng = np.random.default_rng(seed)
         keeps = math.exp(-step / self.correlation_time)
@@ -85,6 +85,6 @@ class GnssErrors:
         return errors
 
     def _bounded(self, errors: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Reflect what is beyond a bound, as a ball at a wall."""
+        """Reflect errors, shape (6,), at their bounds, as often as it takes."""
         bounds = self.bounds
         return np.asarray(bounds - np.abs((errors + bounds) % (4.0 * bounds) - 2.0 * bounds))

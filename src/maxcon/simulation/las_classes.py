@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Which class each surface of the simulated city has: the codes that map clouds carry."""
+"""Classes of the surfaces of the simulated worlds, as codes in map clouds, and their reflectances."""
 
 from enum import IntEnum
 
@@ -11,7 +11,7 @@ class LasClass(IntEnum):
     """Classes of LAS 1.4 (ASPRS); 64 and above are free for users."""
 
     UNCLASSIFIED = 1
-    """In a suburb: fences, garden walls, bins, and most hedges and bushes, as surveys leave them."""
+    """In a suburb: fences, garden walls, bins, and the many plants that surveys leave unclassified."""
     GROUND = 2
     """Carriageway, kerbs, sidewalks and yards."""
     LOW_VEGETATION = 3

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The map is measured in pieces, so that it never stands in memory as a whole."""
+"""The map is measured in pieces, so that it is never in memory as a whole."""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -21,7 +21,7 @@ TRAJECTORY_STEP = 0.02
 
 
 class MapPiece(NamedTuple):
-    """Profiles of one scanner on one drive, from number `first` on."""
+    """At most 250 successive profiles of one scanner on one drive, from number `first` on."""
 
     drive: Drive
     scanner: ProfileScanner
@@ -45,11 +45,11 @@ def map_echoes(caster: Caster, pieces: Sequence[MapPiece], seed: Sequence[int]) 
     Parameters
     ----------
     caster : Caster
-        The city on the day of the map.
+        The world on the day of the map.
     pieces : sequence of MapPiece
-        See `map_pieces`.
+        Those of `map_pieces`.
     seed : sequence of int
-        Of the noise.
+        Of the noise; each piece has a stream of its own.
     """
     for i, (drive, scanner, first) in enumerate(pieces):
         n_lines = min(LINES_PER_PIECE, scanner.n_lines(drive) - first)

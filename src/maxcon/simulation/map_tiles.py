@@ -29,7 +29,7 @@ class MapTiles:
     folder : Path
         Where the files go; must exist.
     frame : LocalFrame
-        City metres to global coordinates; its CRS must be known and goes into every file.
+        From city metres to global coordinates; its CRS must be known and is written into every file.
     """
 
     def __init__(self, folder: Path, frame: LocalFrame) -> None:
@@ -58,7 +58,7 @@ class MapTiles:
         Raises
         ------
         OSError
-            If they cannot be written (full disk).
+            If a file cannot be written (full disk).
         """
         points = self._frame.to_global(echoes.points)
         tiles = np.floor(points[:, :2] / TILE_EDGE).astype(np.int64)
@@ -91,7 +91,7 @@ class MapTiles:
         header.offsets = np.array([east, north, 0.0])
         header.add_crs(self._crs)
         path = self._folder / f"tile_{east}_{north}.laz"
-        # A stream of ours: laspy leaves its own open where a full disk stops it, and Python says so much later.
+        # Opened here: laspy leaves a file of its own open when the disk is full, and Python warns of that much later.
         stream = self._open_files.enter_context(path.open("w+b"))
         writer = self._laspy.open(stream, mode="w", header=header, do_compress=True, closefd=False)
         return self._open_files.enter_context(writer)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""What all simulated worlds share: the map as its maker believes it to be, the epochs of a drive, and their priors."""
+"""What simulated worlds share: the map with the errors of its trajectory, the epochs of a drive, and their priors."""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -28,7 +28,7 @@ __all__ = [
 
 
 class ScanEpoch(NamedTuple):
-    """One scan to take: its number among all that the drive could take, time (s), reference pose T_city_sensor."""
+    """A scan to take: its number, in steps of the scanner from 0 (tick), time (s), reference pose T_city_sensor."""
 
     tick: int
     time: float
@@ -42,7 +42,7 @@ def believed_echoes(
     georeferencing: GeoreferencingErrors,
     seed: Sequence[int],
 ) -> Iterator[Echoes]:
-    """Measure a map piece by piece, in order of time, and place it where its maker believes it to be."""
+    """Measure a map piece by piece, in order of time, and shift it by the errors of the vehicle's trajectory."""
     for echoes in map_echoes(caster, map_pieces(drives, scanners), seed):
         offsets = georeferencing.at(echoes.times)
         yield echoes._replace(points=echoes.points + offsets, origins=echoes.origins + offsets)
@@ -51,7 +51,7 @@ def believed_echoes(
 def believed_poses(
     drives: Sequence[Drive], georeferencing: GeoreferencingErrors
 ) -> tuple[NDArray[np.float64], list[Pose]]:
-    """Times (s) and poses (T_city_vehicle) of the mapping vehicle, as the map's maker believes."""
+    """Times (s) and poses (T_city_vehicle) of the mapping vehicle, with the errors of its trajectory."""
     times, poses = drive_poses(drives)
     offsets = georeferencing.at(times)
     return times, [pose.translated(offset) for pose, offset in zip(poses, offsets, strict=True)]
@@ -60,14 +60,14 @@ def believed_poses(
 def evenly_spread_epochs(
     drive: Drive, n_epochs: int, most_epochs: int, start: float, step: float
 ) -> list[ScanEpoch]:
-    """Return some of `most_epochs`, every `step` seconds from `start` on; the first and the last are among them."""
+    """Return `n_epochs`, evenly spread, of `most_epochs` from `start` (s) on, `step` (s) apart; with first and last."""
     return _at_ticks(drive, np.rint(np.linspace(0, most_epochs - 1, n_epochs)).astype(np.int64), start, step)
 
 
 def successive_epochs(
     drive: Drive, n_epochs: int, ticks_apart: int, start: float, step: float
 ) -> list[ScanEpoch]:
-    """Return epochs from the beginning of the drive on, so many ticks of `step` seconds apart."""
+    """Return `n_epochs` from `start` (s) on, `ticks_apart` times `step` (s) apart."""
     return _at_ticks(drive, ticks_apart * np.arange(n_epochs, dtype=np.int64), start, step)
 
 
@@ -82,11 +82,11 @@ def _at_ticks(drive: Drive, ticks: NDArray[np.int64], start: float, step: float)
 def gnss_priors(
     epochs: Sequence[ScanEpoch], errors: GnssErrors, most_epochs: int, step: float, seed: Sequence[int]
 ) -> list[Pose]:
-    """Priors whose errors change slowly over the drive."""
+    """Priors, T_city_sensor, whose errors change slowly over the drive of `most_epochs`, `step` (s) apart."""
     rows = errors.draw(most_epochs, step, seed)
     return [off_by(epoch.reference, rows[epoch.tick].tolist()) for epoch in epochs]
 
 
 def uniform_priors(epochs: Sequence[ScanEpoch], errors: PriorErrors, seed: Sequence[int]) -> list[Pose]:
-    """Priors whose errors know nothing of each other."""
+    """Priors, T_city_sensor, whose errors are independent from epoch to epoch."""
     return [errors.prior(epoch.reference, np.random.default_rng([*seed, epoch.tick])) for epoch in epochs]

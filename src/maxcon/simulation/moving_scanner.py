@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""MovingScanner: a scan takes a tenth of a second, the vehicle drives on meanwhile, and deskewing is not perfect."""
+"""MovingScanner: a scan takes a tenth of a second, in which the vehicle moves, and deskewing is not perfect."""
 
 import math
 from dataclasses import dataclass
@@ -17,22 +17,22 @@ from maxcon.simulation.scanners import Echoes, RotatingScanner
 __all__ = ["DeskewErrors", "MovingScanner"]
 
 TURN_TIME = 0.1
-"""Of the scanner, s."""
+"""Duration of one turn of the scanner, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class DeskewErrors:
-    """How wrong the motion is by which a scan is deskewed: each error is uniform within plus and minus its bound.
+    """Bounds of the errors of the motion that a scan is deskewed by: each is uniform within plus and minus its bound.
 
     Parameters
     ----------
     speed : float
-        Part of the speed: 0.02 is 2 %. At 8 m/s the first and the last points of a scan are off by up to 8 mm.
+        Relative, 0.02 for 2 %. At 8 m/s the first and the last points of a scan are off by up to 8 mm.
     turn_rate_deg : float
-        degrees per second, of the turn about the sensor's up axis. At 0.3 points 20 m away at either end of the
-        scan are off by up to 5 mm.
+        Of the rotation about the sensor's up axis, degrees per second. With 0.3, points 20 m away at either end of
+        the scan are off by up to 5 mm.
     tilt_rate_deg : float
-        degrees per second, of roll and of pitch. At 0.5 points 20 m away are off by up to 9 mm.
+        Of roll and of pitch, degrees per second. With 0.5, points 20 m away are off by up to 9 mm.
 
     Raises
     ------
@@ -49,7 +49,7 @@ class DeskewErrors:
             raise OptionError(f"Expected bounds of deskew errors of 0 or more, got {self}. Take 0 for none.")
 
     def draw(self, rng: np.random.Generator) -> tuple[float, NDArray[np.float64]]:
-        """Error of the speed as part of it, and of roll, pitch and turn rate, shape (3,), rad/s."""
+        """Relative error of the speed, and errors of the rates of roll, pitch and heading, shape (3,), rad/s."""
         bounds = np.array([self.tilt_rate_deg, self.tilt_rate_deg, self.turn_rate_deg]) * math.pi / 180.0
         return float(self.speed * rng.uniform(-1.0, 1.0)), bounds * rng.uniform(-1.0, 1.0, 3)
 
@@ -61,7 +61,7 @@ class MovingScanner:
     Parameters
     ----------
     scanner : RotatingScanner
-        Its rays. A turn begins in driving direction, half a turn before the time of the scan.
+        Gives the rays. A turn begins in driving direction, half a turn before the time of the scan.
     errors : DeskewErrors
         Of the motion that the scans are deskewed by.
     """
@@ -70,14 +70,14 @@ class MovingScanner:
     errors: DeskewErrors = DeskewErrors()
 
     def scan(self, caster: Caster, drive: Drive, time: float, rng: np.random.Generator) -> Echoes:
-        """Return one scan, deskewed to `time` (s): the points lie where the believed motion puts them.
+        """Return one scan, deskewed to `time` (s), in city metres, with the errors of the deskewing.
 
         Notes
         -----
-        Each column of rays starts where the vehicle is at its own time. A point is then carried from the
-        sensor at that time to the sensor at `time` by the true motion between both, its displacement
-        stretched and its rotation turned on by the errors. With a vehicle that stands, and without errors,
-        this is `RotatingScanner.scan`.
+        Each column of rays starts where the vehicle is at the column's own time. A point is then transformed from
+        the sensor at that time to the sensor at `time` by the true motion between both with errors: its
+        displacement is scaled, and a small rotation added. For a vehicle that stands, and without errors, this is
+        `RotatingScanner.scan`.
         """
         n_columns = self.scanner.n_columns
         offsets = ((np.arange(n_columns) + 0.5) / n_columns - 0.5) * TURN_TIME

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Odometry as wheels and a gyroscope give it: smooth, in a frame of its own, and farther off with every metre."""
+"""Odometry as of wheels and a gyroscope: smooth, in a frame of its own, with an error that grows with distance."""
 
 import math
 from dataclasses import dataclass, fields
@@ -18,18 +18,18 @@ __all__ = ["OdometryErrors"]
 
 @dataclass(frozen=True, slots=True)
 class OdometryErrors:
-    """What is wrong with each motion that odometry tells.
+    """Errors of the motions that odometry measures.
 
     Parameters
     ----------
     scale : float
-        All ways are this share too long or too short; which of the two is drawn.
+        Relative error of all distances, 0.01 for 1 %; its sign is drawn at random.
     heading_drift_deg : float
-        Bias of the gyroscope, degrees per second; its sign is drawn.
+        Bias of the gyroscope while the vehicle moves, degrees per second; its sign is drawn at random.
     heading_walk_deg : float
-        Standard deviation of the heading, degrees per square root of a metre.
+        Random walk of the heading: standard deviation, degrees per square root of a metre.
     walk : float
-        Standard deviation of the position, in each direction, m per square root of a metre.
+        Random walk of the position along each axis: standard deviation, m per square root of a metre.
     tilt_deg : float
         Standard deviation of roll and pitch, degrees; gravity keeps them from drifting.
 
@@ -54,14 +54,14 @@ class OdometryErrors:
                 )
 
     def draw(self, drive: Drive, times: ArrayLike, seed: Seed) -> list[Pose]:
-        """Poses as odometry has them: it begins at the origin, heading along x.
+        """Return the poses that odometry gives: the first is at the origin, heading along x.
 
         Parameters
         ----------
         drive : Drive
-            The true one.
+            The true poses.
         times : array_like, shape (n,)
-            s, rising.
+            Times of the poses, s, rising.
         seed : int or sequence of int
             The same seed gives the same errors.
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Patch: triangles with a class each, and the plain shapes that everything is built of."""
+"""Patch: triangles with a class each, and the basic shapes that everything is built of."""
 
 import math
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ __all__ = ["Patch", "boxes", "extruded", "join", "prism", "quads", "triangles"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Patch:
-    """A piece of the city.
+    """A piece of a simulated world.
 
     Parameters
     ----------
@@ -33,14 +33,14 @@ class Patch:
         return len(self.corners)
 
     def placed(self, x: float, y: float, z: float = 0.0, heading: float = 0.0) -> "Patch":
-        """Return the patch turned by `heading` (rad) about its origin, which comes to (x, y, z) (m)."""
+        """Return the patch turned by `heading` (rad) about the z axis, then moved by (x, y, z) (m)."""
         cosine, sine = math.cos(heading), math.sin(heading)
         turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
         return Patch(self.corners @ turn.T + np.array([x, y, z]), self.classes)
 
 
 def join(patches: Sequence[Patch]) -> Patch:
-    """Return one patch with the triangles of all, in order."""
+    """Return one patch with the triangles of all patches, in their order."""
     if not patches:
         return Patch(np.empty((0, 3, 3)), np.empty(0, dtype=np.uint8))
     return Patch(
@@ -62,7 +62,7 @@ def quads(corners: ArrayLike, las_class: LasClass) -> Patch:
 
 
 def boxes(lows: ArrayLike, highs: ArrayLike, las_class: LasClass) -> Patch:
-    """Boxes along the axes from their lowest and highest corners, shape (n, 3) each, m."""
+    """Boxes parallel to the axes from their lowest and highest corners, shape (n, 3) each, m."""
     low, high = (np.asarray(corner, dtype=np.float64).reshape(-1, 3) for corner in (lows, highs))
     outline = np.stack(
         [low[:, :2], np.stack([high[:, 0], low[:, 1]], 1), high[:, :2], np.stack([low[:, 0], high[:, 1]], 1)],
@@ -82,7 +82,7 @@ def prism(outline: ArrayLike, bottom: float, top: float, las_class: LasClass) ->
 
 
 def extruded(profile: ArrayLike, half_width: float, las_class: LasClass) -> Patch:
-    """Convex profile in (x, z), shape (k, 2), drawn out along y from -half_width to +half_width, m."""
+    """Convex profile in (x, z), shape (k, 2), m, extruded along y from -half_width to +half_width, m."""
     shape = np.asarray(profile, dtype=np.float64)
     side = np.full(len(shape), half_width)
     return _between(
@@ -93,7 +93,7 @@ def extruded(profile: ArrayLike, half_width: float, las_class: LasClass) -> Patc
 
 
 def _between(first: NDArray[np.float64], second: NDArray[np.float64], las_class: LasClass) -> Patch:
-    """Solid between two convex outlines of as many corners, shape (k, 3) each."""
+    """Solid between two convex outlines with equally many corners, shape (k, 3) each, m."""
     sides = np.stack([first, np.roll(first, -1, axis=0), np.roll(second, -1, axis=0), second], axis=1)
     fans = [
         np.stack([np.broadcast_to(face[0], (len(face) - 2, 3)), face[1:-1], face[2:]], axis=1)

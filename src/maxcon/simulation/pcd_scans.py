@@ -21,14 +21,15 @@ def write_pcd_folder(path: str | os.PathLike[str], scans: Scans, *, overwrite: b
     path : path
         Folder to write.
     scans : Scans
-        All their returns are written: x, y, z, and as `t` the time of each point, s after that of the scan.
+        All their returns are written: x, y, z, m, sensor frame, and as `t` the time of each point where it is known,
+        s after that of the scan.
     overwrite : bool
-        Whether a folder of such files that stands there is replaced.
+        Whether a folder of PCD scans at `path` is replaced.
 
     Raises
     ------
     FileError
-        If it cannot be written, or something else stands there.
+        If the folder cannot be written, or there is something else at `path`.
     """
     if overwrite:
         check_replaceable(Path(path), "a folder of PCD scans", ("times.txt", "*.pcd"))

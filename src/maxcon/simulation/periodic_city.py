@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""PeriodicCity: facades that repeat every 3 m, and the irregular things before them that come and go."""
+"""PeriodicCity: facades that repeat every 3 m, and irregular items before them, some of which are removed later."""
 
 import math
 from collections.abc import Collection, Iterator
@@ -20,20 +20,20 @@ __all__ = ["PERIOD", "Item", "PeriodicCity", "build_periodic_city", "periodic_fr
 PERIOD = 3.0
 """Of all facades, m."""
 PILASTER, PILASTER_DEPTH = 0.5, 0.2
-"""Width and how far they stand out, m: one on each border of a period, from the ground to the eaves."""
+"""Width and how far it stands out, m: a pilaster on each border of a period, from the ground to the eaves."""
 WINDOW, REVEAL = 1.2, 0.18
-"""Width and depth behind the wall, m: one column in the middle of each period."""
+"""Width and depth behind the wall, m: a column of windows in the middle of each period."""
 FLOORS = (3.7, 7.0, 10.3)
 """Heights of the upper floors, m."""
 HEIGHT = 13.8
 """Of the eaves, m."""
 ROOF_DEPTH, ROOF_RISE, EAVES = 6.0, 4.2, 0.35
 ITEM_SPACING = 14.0
-"""Of balconies, of steps and of rain pipes each along a frontage, m on average."""
+"""Mean distance along a frontage from one balcony to the next, m; the same for steps and for rain pipes."""
 
 
 class Item(NamedTuple):
-    """Something distinctive: its number, and its triangles in the frame of the grid."""
+    """Something that breaks the period: its number, and its triangles in the frame of the grid."""
 
     number: int
     patch: Patch
@@ -41,7 +41,7 @@ class Item(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PeriodicCity:
-    """A city whose facades say nothing about where along a street one is, but for the items before them.
+    """A city whose facades repeat, so that only the items before them tell where along a street one is.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class PeriodicCity:
         return city_of([self.fabric, *stay], self.grid, self.street_angle)
 
     def draw_gone(self, seed: Seed, share: float = 0.25) -> frozenset[int]:
-        """Return the numbers of a `share` of the items, rounded to whole ones."""
+        """Draw a `share` (0 to 1) of the items, rounded to whole ones; return their numbers."""
         numbers = [item.number for item in self.items]
         rng = np.random.default_rng(seed)
         return frozenset(rng.choice(numbers, round(share * len(numbers)), replace=False).tolist())
@@ -80,12 +80,12 @@ def build_periodic_city(
     Parameters
     ----------
     seed : int or sequence of int
-        Of the items: the facades know no chance.
+        Of the items; facades are the same for every seed.
     street_angle_deg : float
         Direction of the main street, degrees, counter-clockwise from +x.
     grid : StreetGrid
-        Lines and building lines at multiples of 3 m keep the period over the crossings too, as those of
-        `CAMPAIGN_GRID` do.
+        The streets. If centre lines and building lines lie at multiples of 3 m, as in `CAMPAIGN_GRID`, the period
+        continues beyond crossings.
     """
     rng = np.random.default_rng(seed)
     parts = [grid.ground()]
@@ -98,7 +98,7 @@ def build_periodic_city(
 
 
 def periodic_front(length: float) -> Patch:
-    """Front of `length` (m) with its roof: pilasters and columns of windows every 3 m, from its start on.
+    """Front of `length` (m) with its roof: pilasters and columns of windows every 3 m, from x = 0 on.
 
     Notes
     -----
@@ -133,7 +133,7 @@ def periodic_front(length: float) -> Patch:
 
 
 def _fittings(side: Frontage, rng: np.random.Generator) -> Iterator[Patch]:
-    """Balconies, steps and rain pipes at places that keep no period, one by one."""
+    """Yield balconies, steps and rain pipes at random places, which keep no period, one by one."""
     n_each = round(side.length / ITEM_SPACING)
     for x in rng.uniform(3.0, side.length - 3.0, n_each):
         yield side.placed(

@@ -28,7 +28,7 @@ class Hits(NamedTuple):
 
 
 def check_embreex() -> None:
-    """Say that embreex is missing before the work that leads to its rays.
+    """Check that embreex is installed, before the work whose last step needs it.
 
     Raises
     ------
@@ -45,9 +45,9 @@ def check_embreex() -> None:
 
 
 class Caster(Protocol):
-    """What a scanner casts its rays into.
+    """A scene that a scanner can cast its rays into.
 
-    `normals`, shape (t, 3), and `classes`, shape (t,), belong to the triangles that `cast` answers with.
+    `normals`, shape (t, 3), and `classes`, shape (t,), are those of its triangles, to which `Hits.triangles` are rows.
     """
 
     @property
@@ -65,7 +65,7 @@ class TriangleScene:
     Parameters
     ----------
     corners : array, shape (t, 3, 3)
-        Of each triangle, m. They must be small: rays are cast in float32, whose steps are 0.01 mm at 150 m.
+        Of each triangle, m. Coordinates must be small: rays are cast in float32, whose steps are 0.01 mm at 150 m.
 
     Raises
     ------
@@ -87,7 +87,7 @@ class TriangleScene:
         self._mesh = TriangleMesh(self._scene, corners.astype(np.float32))
 
     def cast(self, origins: NDArray[np.float32], directions: NDArray[np.float32]) -> Hits:
-        """First hits of rays.
+        """First hit of each ray.
 
         Parameters
         ----------
@@ -99,7 +99,7 @@ class TriangleScene:
 
 
 class Surfaces(Protocol):
-    """What a world is made of: triangles, shape (t, 3, 3), m, and the LasClass of each, shape (t,)."""
+    """The surfaces of a world: triangles, shape (t, 3, 3), m, and the LasClass of each, shape (t,)."""
 
     @property
     def corners(self) -> NDArray[np.float64]: ...  # noqa: D102
@@ -109,7 +109,7 @@ class Surfaces(Protocol):
 
 
 class RayCaster:
-    """A city, or a suburb, made ready for casting rays.
+    """A city or a suburb, made ready for casting rays.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ class RayCaster:
 
     @property
     def normals(self) -> NDArray[np.float32]:
-        """Unit normal of each triangle, shape (t, 3); either side may be meant."""
+        """Unit normal of each triangle, shape (t, 3); its sign has no meaning."""
         return self._scene.normals
 
     @property
@@ -137,5 +137,5 @@ class RayCaster:
         return self.city.classes
 
     def cast(self, origins: NDArray[np.float32], directions: NDArray[np.float32]) -> Hits:
-        """First hits of rays, shape (n, 3) each: see `TriangleScene.cast`."""
+        """First hit of each ray, origins and directions of shape (n, 3): see `TriangleScene.cast`."""
         return self._scene.cast(origins, directions)

@@ -32,7 +32,7 @@ __all__ = [
 
 
 class ScansKind(StrEnum):
-    """What holds scans alone, without poses."""
+    """Formats that hold scans only, without poses."""
 
     PCAP = "pcap"
     PCD = "pcd"
@@ -45,7 +45,7 @@ RECORDING_NAMES: dict[RecordingKind | ScansKind, str] = {
     ScansKind.PCAP: "drive.pcap",
     ScansKind.PCD: "drive_pcd",
 }
-"""Of the recordings of a dataset."""
+"""File or folder, in that of the dataset, of each kind of recording."""
 
 
 class Topics(NamedTuple):
@@ -75,26 +75,26 @@ def record_drive(
     path : path
         File to write, or folder for a ROS 2 bag.
     kind : RecordingKind
-        What to write.
+        The format to write.
     scans : Scans
         All their returns are written, with the time of each point where it is known.
     prior : Trajectory
         T_map_sensor, written as NavSatFix and Imu.
     crs : str
-        Of the prior's coordinates; its heights are taken for ellipsoidal ones, unless it says otherwise.
+        CRS of the prior's coordinates; heights are taken for ellipsoidal ones, unless the CRS says otherwise.
     sigma : float
-        Standard deviation of the positions along each axis that the receiver states, m; 0: it states none.
+        Standard deviation along each axis that the receiver states for its positions, m; it states none if 0.
     odometry : Trajectory, optional
         T_odometry_sensor, written as Odometry.
     overwrite : bool
-        Whether the folder of a ROS 2 bag is replaced if it is there; a file always is.
+        Whether an existing folder of a ROS 2 bag is replaced; an existing file always is.
 
     Raises
     ------
     MissingExtraError
         If the extra `recordings` is not installed.
     FileError
-        If it cannot be written.
+        If the recording cannot be written.
     """
     entries = _in_order(scans, prior, GeographicFrame(crs), sigma, odometry)
     with open_writer(Path(path), kind, overwrite=overwrite) as writer:
@@ -103,9 +103,9 @@ def record_drive(
 
 
 def record_dataset(dataset: Dataset, kind: RecordingKind, *, sigma: float = 0.0) -> Path:
-    """Write the scans of a dataset, its first prior and its odometry as a recording beside them; return its path.
+    """Write the scans of a dataset, its first prior and its odometry as a recording into its folder; return the path.
 
-    Errors as of `record_drive`.
+    It raises what `record_drive` raises.
     """
     path = dataset.folder / RECORDING_NAMES[kind]
     odometry = None if dataset.odometry is None else read_trajectory(dataset.odometry)
@@ -115,9 +115,9 @@ def record_dataset(dataset: Dataset, kind: RecordingKind, *, sigma: float = 0.0)
 
 
 def write_dataset_scans(dataset: Dataset, kind: ScansKind) -> Path:
-    """Write the scans of a dataset as a capture of packets or as PCD files beside them; return its path.
+    """Write the scans of a dataset as a capture of packets or as PCD files into its folder; return the path.
 
-    Errors as of `write_capture` and `write_pcd_folder`.
+    It raises what `write_capture` and `write_pcd_folder` raise.
     """
     from maxcon.simulation.pcd_scans import write_pcd_folder
     from maxcon.simulation.velodyne_packets import write_capture
@@ -133,7 +133,7 @@ def write_dataset_scans(dataset: Dataset, kind: ScansKind) -> Path:
 def _in_order(
     scans: Scans, prior: Trajectory, frame: GeographicFrame, sigma: float, odometry: Trajectory | None
 ) -> Iterator[Entry]:
-    """Yield all messages by time; at equal times poses come before clouds."""
+    """Yield all messages in order of time; at equal times poses come before clouds."""
     poses = _fixes(prior, frame, sigma) + ([] if odometry is None else _odometry(odometry))
     poses.sort(key=lambda entry: entry.time)
     for i, time in enumerate(scans.times):
@@ -144,7 +144,7 @@ def _in_order(
 
 
 def cloud_message(scans: Scans, i: int, topic: str | None = None) -> Entry:
-    """Return scan number `i` as a PointCloud2, all its returns with the time of each where it is known."""
+    """Return scan number `i` as a PointCloud2 message: all its returns, with the time of each where it is known."""
     raw = scans.read(i, 0.0, np.inf)
     fields = [("x", 0, 7), ("y", 4, 7), ("z", 8, 7)]
     columns = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
@@ -171,7 +171,7 @@ def cloud_message(scans: Scans, i: int, topic: str | None = None) -> Entry:
 
 
 def _fixes(prior: Trajectory, frame: GeographicFrame, sigma: float) -> list[Entry]:
-    """What a receiver and an IMU say of each pose: north and east of both are true ones, not those of the grid."""
+    """Messages of a GNSS receiver and an IMU for each pose; both refer to true north, not to that of the map grid."""
     places = frame.to_geographic(prior.positions)
     turns = frame.quaternions_to_enu(places, prior.quaternions_xyzw)
     covariance = np.diag([sigma**2] * 3).ravel()

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""RoadUser: a vehicle or a pedestrian that stands somewhere for one scan, and rays that may meet it."""
+"""RoadUser: a vehicle or a pedestrian that stands at a place for one scan, and casting rays into a city with some."""
 
 import math
 from collections.abc import Sequence
@@ -19,12 +19,12 @@ __all__ = ["CrowdedCaster", "RoadUser", "RoadUserShape", "draw_pedestrian_shape"
 
 
 class RoadUserShape:
-    """What a road user looks like, made ready for casting rays; its foot is the origin, and it looks along x.
+    """The shape of a road user, made ready for casting rays; it stands on the origin and faces along x.
 
     Parameters
     ----------
     patch : Patch
-        Its triangles, m; all are held to be of class VEHICLE.
+        Its triangles, m; all are taken for class VEHICLE.
     """
 
     def __init__(self, patch: Patch) -> None:
@@ -36,12 +36,12 @@ class RoadUserShape:
 
     @property
     def radius(self) -> float:
-        """Of a ball about the middle of its height that holds all of it, m."""
+        """Radius of a ball around the shape, centred at half its height, m."""
         return math.hypot(self.half_length, self.half_width, 0.5 * self.height)
 
 
 class RoadUser(NamedTuple):
-    """A shape at a place: x, y, z (m) of its foot and the heading (rad) it looks along, in the city's frame."""
+    """A shape at a place: x, y, z (m) of its foot and its heading (rad), in the city's frame."""
 
     shape: RoadUserShape
     x: float
@@ -58,10 +58,10 @@ class RoadUser(NamedTuple):
     def cast(
         self, origin: NDArray[np.float32], directions: NDArray[np.float32]
     ) -> tuple[NDArray[np.int64], Hits]:
-        """Return which rays from `origin`, shape (3,), meet it, rows of shape (k,), and where they do."""
+        """Return which rays from `origin`, (3,), with `directions`, (n, 3), hit it: their rows, (k,), and the hits."""
         foot = np.array([self.x, self.y, self.z], np.float32)
         away = foot + np.array([0.0, 0.0, 0.5 * self.shape.height], np.float32) - origin
-        # Rays that pass the ball about the shape need no closer look.
+        # Rays that miss the ball around the shape are left out.
         tangent_squared = float(away @ away) - self.shape.radius**2
         least_along = math.sqrt(tangent_squared) if tangent_squared > 0.0 else -math.inf
         near = np.flatnonzero(directions @ away >= least_along)
@@ -81,7 +81,7 @@ class CrowdedCaster:
     caster : Caster
         The city.
     road_users : sequence of RoadUser
-        Their triangles come behind those of the city, one road user after the other.
+        Those around the car; their triangles follow those of the city, one road user after the other.
     """
 
     def __init__(self, caster: Caster, road_users: Sequence[RoadUser]) -> None:
@@ -93,12 +93,12 @@ class CrowdedCaster:
         self.classes: NDArray[np.uint8] = np.concatenate([caster.classes, users])
 
     def cast(self, origins: NDArray[np.float32], directions: NDArray[np.float32]) -> Hits:
-        """First hits of rays that all start at one place, shape (n, 3) each, city metres.
+        """First hit of each ray; origins, all the same, and directions of shape (n, 3), city metres.
 
         Raises
         ------
         ArrayError
-            If they start at several places: road users stand for one scan only.
+            If they start at several places, as in several scans: road users stand still for one scan only.
         """
         if (origins != origins[:1]).any():
             raise ArrayError(
@@ -118,7 +118,7 @@ class CrowdedCaster:
 
 
 def draw_vehicle_shape(rng: np.random.Generator) -> RoadUserShape:
-    """Return a car, a van or, at times, a lorry."""
+    """Return a car, a van or a lorry, drawn at random."""
     if rng.random() < 0.5:
         return RoadUserShape(draw_car(rng)[0])
     half, height = rng.uniform(2.6, 4.0), rng.uniform(2.6, 3.3)

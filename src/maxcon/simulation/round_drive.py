@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""One round of a circuit as traffic lets it be driven: slower at turns, waiting at times, never quite in line."""
+"""One round of a circuit, driven as in traffic: slower in turns, with stops, and wandering a little in the lane."""
 
 import math
 from collections.abc import Sequence
@@ -16,9 +16,9 @@ from maxcon.simulation.drive import Drive, sway
 __all__ = ["RoundDriver", "drive_round"]
 
 STOP_LINE = 9.0
-"""Before the middle of a crossing, m."""
+"""Distance from a stop line to the middle of its crossing, m."""
 SLOWEST = 0.4
-"""Where the drive comes to a halt and starts again, m/s."""
+"""Speed just before and after a halt, m/s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,19 +28,19 @@ class RoundDriver:
     Parameters
     ----------
     speed : float
-        Where nothing is in the way, m/s; it varies by up to a fifth.
+        On free stretches, m/s; it varies by up to a fifth.
     turn_speed : float
         In turns, m/s.
     crossing_speed : float
-        Part of `speed` with which crossings are run straight over, 0 to 1.
+        Speed straight over crossings, as a part of `speed`, 0 to 1.
     acceleration : float
         Of starting and braking, m/s^2.
     n_stops : int
-        At how many turns and crossings it waits.
+        Number of turns and crossings before which the vehicle waits.
     waits : (float, float)
         Shortest and longest wait, s.
     wander : float
-        How far left or right of the circuit it gets, m.
+        Largest distance to the left or right of the circuit, m.
 
     Raises
     ------
@@ -79,17 +79,17 @@ def drive_round(
     Parameters
     ----------
     circuit : Circuit
-        Where it goes.
+        The line to follow.
     driver : RoundDriver
-        How fast, and where it stops.
+        Speeds and stops.
     seed : int or sequence of int
-        Of speed, stops and sway.
+        Of speed, stops and sway: the same seed gives the same drive.
     height : float
         Of the sensor above the carriageway, m.
     start_time : float
-        s.
+        Of the first pose, s.
     duration : float, optional
-        How long the round takes, s: all speeds are scaled to it; waits are not. As it comes if None.
+        How long the round takes, s: speeds are scaled to fit, waits are not. If None, speeds are not scaled.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def drive_round(
 
 
 def _with_halts(drive: Drive, departures: NDArray[np.float64], halts: NDArray[np.int64]) -> Drive:
-    """Return the drive that stands at its rows `halts` until `departures` (s)."""
+    """Return the drive with a second pose for each of its rows `halts`: the same one, at `departures` (s)."""
     return Drive(
         np.insert(drive.times, halts + 1, departures),
         np.insert(drive.positions, halts + 1, drive.positions[halts], axis=0),
@@ -134,7 +134,7 @@ def _with_halts(drive: Drive, departures: NDArray[np.float64], halts: NDArray[np
 def _draw_stops(
     circuit: Circuit, driver: RoundDriver, rng: np.random.Generator
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Where (m along the circuit, rising) and how long (s) it waits: before turns and crossings."""
+    """Draw where (m along the circuit, rising) and how long (s) the vehicle waits, before turns and crossings."""
     places = np.sort(np.concatenate([circuit.turns[:, 0], circuit.crossings - STOP_LINE]))
     n_stops = min(driver.n_stops, len(places))
     stops = np.sort(rng.choice(places, n_stops, replace=False))
@@ -144,7 +144,7 @@ def _draw_stops(
 def _speeds(
     circuit: Circuit, driver: RoundDriver, stops: NDArray[np.float64], rng: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Speed at each point, m/s: as fast as it is let, with the braking that is needed before what is slow."""
+    """Speed at each point, m/s: as fast as limits allow, braking in time for turns, crossings and stops."""
     distances = circuit.distances
     speeds = driver.speed * (1.0 + sway(distances, 0.2, (25.0, 150.0), rng))
     slow_parts = [(begin, end, driver.turn_speed * rng.uniform(0.85, 1.15)) for begin, end in circuit.turns]

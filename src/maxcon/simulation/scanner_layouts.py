@@ -14,15 +14,15 @@ VLP_32C_DEG = (
     -2.0, -1.667, -1.333, -1.0, -0.667, -0.333, 0.0, 0.333, 0.667, 1.0, 1.333, 1.667, 2.333, 3.333, 4.667, 7.0,
     10.333, 15.0,
 )  # fmt: skip
-"""Half of the layers lie within 2.3 degrees of the horizon."""
+"""Elevations of the layers: half of them within 2.3 degrees of the horizon."""
 HDL_64E_DEG = tuple(
     np.concatenate([np.linspace(-24.33, -8.83, 32), np.linspace(-8.33, 2.0, 32)]).round(3).tolist()
 )
-"""Two blocks of 32 layers: 1/2 degree apart below, 1/3 degree above."""
+"""Elevations of the layers: two blocks of 32, the lower with steps of 1/2 degree, the upper of 1/3 degree."""
 
 
 class ScannerLayout(NamedOption, option="scanner"):
-    """A scanner by the name of its maker's data sheet, turning ten times a second."""
+    """A scanner by its product name, turning ten times a second."""
 
     VLP_16 = "vlp-16"
     VLP_32C = "vlp-32c"
@@ -30,7 +30,7 @@ class ScannerLayout(NamedOption, option="scanner"):
     OS1_64 = "os1-64"
 
     def scanner(self) -> RotatingScanner:
-        """Return the scanner: elevations, columns and ranges of its data sheet."""
+        """Return the scanner with the elevations, columns and ranges of its data sheet."""
         match self:
             case ScannerLayout.VLP_16:
                 return RotatingScanner()

@@ -20,18 +20,18 @@ __all__ = ["Echoes", "ProfileScanner", "RotatingScanner", "mobile_mapping_scanne
 
 
 class Echoes(NamedTuple):
-    """What a scanner measured, in order of time.
+    """Points that a scanner measured, in order of time.
 
     Parameters
     ----------
     points : array, shape (n, 3)
-        City metres, with the noise of the range.
+        City metres, with range noise.
     origins : array, shape (n, 3)
         Where each ray started, city metres.
     times : array, shape (n,)
         s.
     triangles : array, shape (n,), int32
-        Row of the caster's triangles that was hit.
+        Index of the triangle that was hit, among those of the caster.
     classes : array, shape (n,), uint8
         LasClass of that triangle.
     intensities : array, shape (n,), float32
@@ -48,14 +48,14 @@ class Echoes(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class RangeFinder:
-    """How well a scanner measures along a ray.
+    """Limits and errors of a scanner's range measurement.
 
     Parameters
     ----------
     noise : float
         Standard deviation of a range, m.
     dropout : float
-        Part of the echoes that is lost, 0 to 1.
+        Share of the echoes that is lost at random, 0 to 1.
     min_range, max_range : float
         Echoes nearer or farther are lost, m.
     """
@@ -74,7 +74,7 @@ class RangeFinder:
             )
 
     def returns(self, hits: Hits) -> NDArray[np.bool_]:
-        """Which hits come back but for dropouts, shape (n,)."""
+        """Which hits give an echo if none drops out, shape (n,): those within the limits of the range."""
         is_near = (hits.ranges >= self.min_range) & (hits.ranges <= self.max_range)
         return np.asarray((hits.triangles >= 0) & is_near)
 
@@ -86,7 +86,7 @@ class RangeFinder:
         times: NDArray[np.float64],
         rng: np.random.Generator,
     ) -> Echoes:
-        """Return the echoes of rays, shape (n, 3), that start at `times`, shape (n,)."""
+        """Return the echoes of rays: origins, city metres, and unit directions, (n, 3), at `times`, (n,), s."""
         hits = caster.cast(origins.astype(np.float32), directions.astype(np.float32))
         rows = np.flatnonzero(self.returns(hits) & (rng.random(len(origins)) >= self.dropout))
         triangles = hits.triangles[rows]
@@ -104,19 +104,19 @@ class RangeFinder:
 class RotatingScanner:
     """A scanner with layers of fixed elevation that turns about its z axis; the default is a Velodyne VLP-16.
 
-    Sensor axes: x forward, y left, z up. The rays of one turn start at one place: ego-motion within a
-    scan is held for corrected (`MovingScanner` has it, and what is left of it).
+    Sensor axes: x forward, y left, z up. The rays of one turn start at one place: scans are taken for perfectly
+    deskewed (`MovingScanner` simulates the motion within a scan, and a deskewing with errors).
 
     Parameters
     ----------
     n_layers, lowest_deg, highest_deg : int, float, float
         Layers, evenly spaced in elevation; without effect where `elevations_deg` are given.
     azimuth_step_deg : float
-        Between two columns of points.
+        From one column of points to the next, degrees.
     noise, dropout, min_range, max_range : float
-        See `RangeFinder`: m, part, m, m.
+        See `RangeFinder`: m, 0 to 1, m, m.
     elevations_deg : tuple of float
-        Of each layer, rising, where they are not evenly spaced, degrees.
+        Elevation of each layer, rising, degrees, where they are not evenly spaced.
 
     Raises
     ------
@@ -149,7 +149,7 @@ class RotatingScanner:
 
     @property
     def range_finder(self) -> RangeFinder:
-        """How well it measures along a ray."""
+        """Limits and errors of the range measurement."""
         return RangeFinder(self.noise, self.dropout, self.min_range, self.max_range)
 
     @property
@@ -161,7 +161,7 @@ class RotatingScanner:
 
     @property
     def n_columns(self) -> int:
-        """How many columns of points a turn has."""
+        """Number of columns of points in a turn."""
         return round(360.0 / self.azimuth_step_deg)
 
     @property
@@ -181,22 +181,22 @@ class RotatingScanner:
 
 @dataclass(frozen=True, slots=True)
 class ProfileScanner:
-    """A scanner that turns in an upright plane, so that the drive draws its profiles apart.
+    """A scanner whose ray turns in a vertical plane; the motion of the vehicle spaces its profiles.
 
     Parameters
     ----------
     turn_deg : float
-        From the driving direction to the plane, degrees, counter-clockwise.
+        Angle from the driving direction to the plane, degrees, counter-clockwise.
     side : float
-        How far left of the vehicle's middle it is mounted, m.
+        Distance of the mount to the left of the vehicle's middle, m.
     line_rate : float
         Profiles per second: the slower the drive, the denser the points.
     points_per_line : int
-        Rays of one profile.
+        Rays of a whole turn, the blind ones included.
     blind_deg : float
         Half angle about the nadir that the vehicle itself hides, degrees.
     noise, dropout, min_range, max_range : float
-        See `RangeFinder`: m, part, m, m.
+        See `RangeFinder`: m, 0 to 1, m, m.
 
     Raises
     ------
@@ -241,13 +241,13 @@ class ProfileScanner:
         return np.asarray(rays, dtype=np.float64)
 
     def n_lines(self, drive: Drive) -> int:
-        """How many whole profiles fit into `drive`."""
+        """Number of whole profiles in `drive`."""
         return int((drive.times[-1] - drive.times[0]) * self.line_rate)
 
     def scan(
         self, caster: Caster, drive: Drive, first: int, n_lines: int, rng: np.random.Generator
     ) -> Echoes:
-        """Return `n_lines` profiles of a drive from number `first` on; the vehicle moves within a profile."""
+        """Return `n_lines` profiles of a drive, city metres, from number `first` on; the vehicle moves within each."""
         starts = drive.times[0] + np.arange(first, first + n_lines + 1) / self.line_rate
         positions, angles = drive.at(starts)
         rotations = rotation_matrices(*angles.T)

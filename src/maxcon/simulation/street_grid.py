@@ -18,12 +18,12 @@ from maxcon.simulation.patches import Patch, boxes, join, quads
 __all__ = ["CAMPAIGN_GRID", "KERB_HEIGHT", "Block", "Frontage", "StreetGrid"]
 
 KERB_HEIGHT = 0.12
-"""m."""
+"""Height of blocks and sidewalks above the carriageway, m."""
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Ground between building lines, in the frame of the grid, m."""
+    """A rectangle of ground between streets, in the frame of the grid, m."""
 
     u_low: float
     u_high: float
@@ -33,16 +33,16 @@ class Block:
 
 @dataclass(frozen=True, slots=True)
 class Frontage:
-    """One side of a block that lies at a street: x runs along it and y out to the street, m.
+    """A side of a block along a street, with a frame: x runs along the building line and y out to the street, m.
 
     Parameters
     ----------
     u, v : float
-        Where x = y = 0 on the building line, in the frame of the grid, m.
+        Its origin, on the building line, in the frame of the grid, m.
     heading : float
         Direction of x in the frame of the grid, rad.
     length : float
-        m.
+        Of the side, m.
     """
 
     u: float
@@ -51,12 +51,12 @@ class Frontage:
     length: float
 
     def placed(self, patch: Patch, along: float, out: float, z: float = KERB_HEIGHT) -> Patch:
-        """Return `patch` with its origin `along` (m) the frontage and `out` (m) towards the street."""
+        """Return `patch`, turned with the frontage, its origin at x = `along`, y = `out` (m), in the grid's frame."""
         u, v = self.point(along, out)
         return patch.placed(u, v, z, self.heading)
 
     def point(self, along: float, out: float) -> tuple[float, float]:
-        """Return (u, v) of a point of the frontage, m."""
+        """Return (u, v) of the point x = `along`, y = `out` of the frontage, m."""
         cosine, sine = math.cos(self.heading), math.sin(self.heading)
         return self.u + along * cosine - out * sine, self.v + along * sine + out * cosine
 
@@ -68,7 +68,7 @@ class StreetGrid:
     Parameters
     ----------
     u_lines, v_lines : tuple of float
-        Where streets cross the main street and the cross street, m, rising; 0 is among both. By default
+        Where streets cross the main street and the cross street, m, rising; both contain 0. By default
         they are far apart, so that a street looks endless.
     carriageway : float
         From a street's centre line to its kerb, m: a lane and a row of parked cars.
@@ -77,7 +77,7 @@ class StreetGrid:
     no_parking : float
         From the corner of a block to its first parked car, m.
     margin : float
-        How far the city goes on behind the outer streets, m.
+        How far the city continues beyond the outermost streets, m.
     """
 
     u_lines: tuple[float, ...] = (-150.0, 0.0, 110.0)
@@ -110,12 +110,12 @@ class StreetGrid:
         return np.array([along_u[0], along_v[0], *along_u[1:], *along_v[1:]])
 
     def blocks(self, gap: float | None = None) -> list[Block]:
-        """Return all blocks, each `gap` (m) away from the centre lines of the streets around it.
+        """Return all blocks.
 
         Parameters
         ----------
         gap : float, optional
-            The blocks end at the building lines if None.
+            Distance of their sides from the centre lines of the streets around, m; up to the building lines if None.
         """
         away = self.half_width if gap is None else gap
         return [
@@ -125,7 +125,7 @@ class StreetGrid:
         ]
 
     def frontages(self, block: Block) -> list[Frontage]:
-        """Return the sides of `block` that lie at a street; houses along u stand at the corners."""
+        """Return the sides of `block` along streets; houses at its corners belong to the sides along u."""
         along_u, along_v = block.u_high - block.u_low, block.v_high - block.v_low
         sides = []
         if block.v_low > self.v_lines[0]:
@@ -143,7 +143,7 @@ class StreetGrid:
         return [side for block in self.blocks() for side in self.frontages(block)]
 
     def ground(self) -> Patch:
-        """Carriageways at z = 0, and blocks with their sidewalks one kerb higher."""
+        """Return carriageways at z = 0, and blocks with their sidewalks one kerb higher."""
         (u0, u1), (v0, v1) = self.u_ends, self.v_ends
         carriageway = quads([[[u0, v0, 0.0], [u1, v0, 0.0], [u1, v1, 0.0], [u0, v1, 0.0]]], LasClass.GROUND)
         raised = self.blocks(self.carriageway)
@@ -152,7 +152,7 @@ class StreetGrid:
         return join([carriageway, boxes(lows, highs, LasClass.GROUND)])
 
     def _intervals(self, lines: tuple[float, ...], gap: float) -> list[tuple[float, float]]:
-        """Return what the streets leave between them, out to the margin of the city."""
+        """Return the intervals between streets, from margin to margin of the city, `gap` from each centre line, m."""
         starts = [lines[0] - self.margin, *(line + gap for line in lines)]
         ends = [*(line - gap for line in lines), lines[-1] + self.margin]
         return list(zip(starts, ends, strict=True))
@@ -166,4 +166,4 @@ CAMPAIGN_GRID = StreetGrid(
     no_parking=7.0,
     margin=60.0,
 )
-"""Dense blocks and narrow streets; all lengths fit a period of 3 m, building lines included."""
+"""Dense blocks and narrow streets; centre lines and building lines lie at multiples of 3 m."""

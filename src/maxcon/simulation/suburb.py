@@ -46,34 +46,34 @@ def simulate_suburb(
     Parameters
     ----------
     out : path
-        Folder to write; it appears only when everything in it is whole.
+        Folder to write; it appears only when all in it is complete.
     n_epochs : int
-        How many scans. 601 are 0.1 s apart and take the minute of the drive; fewer are some of these,
+        How many scans. 601 are 0.1 s apart and take the minute of the drive; fewer are chosen from these,
         spread evenly over the same drive.
     seed : int
         The same seed gives the same suburb, drives, scans, priors and map points.
     road_length : float
-        m.
+        60 to 2000 m.
     mapping_scanners : sequence of ProfileScanner, optional
         On the mapping vehicle; two turned by 45 degrees to either side if None.
     scanner : RotatingScanner, optional
         On the car; a VLP-16 if None. `ScannerLayout` has others.
     deskew_errors : DeskewErrors, optional
-        Of the motion that scans are deskewed by.
+        Errors of the motion that scans are deskewed by; their defaults if None.
     overwrite : bool
-        Whether a dataset that stands there is replaced; anything else there is an error.
+        Whether a dataset at `out` is replaced; anything else there is an error.
     progress : callable, optional
         Called with (done, total) after each step.
 
     Returns
     -------
     Dataset
-        Where its parts lie. Its priors are `gnss` and `uniform`, as those of `simulate_campaign`.
+        The paths of its parts. Its priors are `gnss` and `uniform`, as those of `simulate_campaign`.
 
     Raises
     ------
     OptionError
-        If there are not as many epochs on the road, or it is too short or too long, or `seed` is negative.
+        If the road has fewer than `n_epochs` epochs, is too short or too long, or `seed` is negative.
     MissingExtraError
         If embreex is not installed.
     FileError
@@ -81,7 +81,7 @@ def simulate_suburb(
 
     Notes
     -----
-    The map is streamed to disk and never stands in memory as a whole, and so are the scans.
+    Map and scans are streamed to disk and never in memory as a whole.
     """
     check_road_length(road_length)
     if not 1 <= n_epochs <= n_epochs_on(road_length):

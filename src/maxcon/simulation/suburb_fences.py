@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""What bounds a garden but hedges: picket fences, wire fences, low walls; and mail boxes and bins before it.
+"""Boundaries of gardens other than hedges: picket fences, wire fences, low walls; and mail boxes and bins.
 
-Fences run along x from the origin, z up, m; they are laid on slopes piece by piece.
+Fences run along x from the origin, z up, m; they are built of short pieces, to follow slopes.
 """
 
 import numpy as np
@@ -22,7 +22,7 @@ __all__ = [
 ]
 
 PIECE = 0.5
-"""Long things are built of pieces of this length, so that they bend, m."""
+"""Length of the pieces of rails, m: short, so that a fence can follow the road and its slopes."""
 
 
 def draw_picket_fence(length: float, rng: np.random.Generator) -> Patch:
@@ -76,7 +76,7 @@ def draw_bin(rng: np.random.Generator) -> Patch:
 
 
 def draw_weeds(length: float, day: np.random.Generator) -> Patch:
-    """Return high grass and flowers at the foot of something of `length` along x."""
+    """Return high grass and flowers along x, at the foot of something of `length` (m); others every `day`."""
     n = int(25 * length)
     places = np.column_stack(
         [day.uniform(0.0, length, n), day.normal(0.0, 0.15, n), day.exponential(0.12, n)]
@@ -100,6 +100,6 @@ def _boxes(
     z0: NDArray[np.float64],
     z1: NDArray[np.float64],
 ) -> Patch:
-    """Many unclassified boxes from their borders."""
+    """Return unclassified boxes from x0 to x1, y0 to y1 and z0 to z1, shape (n,) each, m."""
     lows, highs = np.column_stack([x0, y0, z0]), np.column_stack([np.broadcast_to(x1, x0.shape), y1, z1])
     return boxes(lows, highs, LasClass.UNCLASSIFIED)

@@ -22,17 +22,17 @@ from maxcon.simulation.suburb_plants import draw_ivy
 __all__ = ["Cladding", "draw_house", "draw_shed", "rough_wall"]
 
 FOOT = -1.5
-"""Walls go so deep below the ground, m: no house floats on a slope."""
+"""Lower edge of walls, m, below the ground at the origin, so that no house floats on a slope."""
 STOREY = 2.8
 CELL = 0.4
-"""Of a wall with a depth of its own, m."""
+"""Edge of the cells of a wall, each with a depth of its own, m."""
 
 Window = tuple[float, float, float, float]
-"""Left, right, low and high border, m."""
+"""Left, right, lower and upper border of a window or door, m."""
 
 
 class Cladding(Enum):
-    """What a wall is made of, and so how its surface departs from a plane, cm by cm."""
+    """What a wall is made of, and so how its surface departs from a plane, by centimetres."""
 
     PLASTER = auto()
     BRICK = auto()
@@ -40,11 +40,11 @@ class Cladding(Enum):
 
     @classmethod
     def drawn(cls, rng: np.random.Generator) -> Self:
-        """Return one, all as likely."""
+        """Draw one; all are equally likely."""
         return list(cls)[rng.integers(len(cls))]
 
     def depths(self, n_columns: int, n_rows: int, rng: np.random.Generator) -> NDArray[np.float64]:
-        """Depths of the cells of a wall, shape (n_columns, n_rows), m."""
+        """Draw the depths of the cells of a wall behind its plane, shape (n_columns, n_rows), m."""
         if self is Cladding.BOARDS:
             rows = 0.012 * (-1.0) ** np.arange(n_rows) + 0.008 * rng.standard_normal(n_rows)
             return np.asarray(rows + 0.003 * rng.standard_normal((n_columns, n_rows)))
@@ -55,9 +55,9 @@ class Cladding(Enum):
 def rough_wall(
     length: float, height: float, windows: list[Window], cladding: Cladding, rng: np.random.Generator
 ) -> Patch:
-    """Return a wall along x from the ground's depths up to `height` (m).
+    """Return a wall along x, from `FOOT` up to `height` (m).
 
-    Windows lie behind it, and a part of each curtain or shutter at a depth of its own; sills stand out.
+    Windows lie behind it, half of their cells at random depths, as of curtains and furniture; sills stand out.
     """
     x_edges = _edges(0.0, length, [x for window in windows for x in window[:2]])
     z_edges = np.concatenate([[FOOT], _edges(0.0, height, [z for window in windows for z in window[2:]])])
@@ -80,7 +80,7 @@ def rough_wall(
 
 
 def draw_house(rng: np.random.Generator, day: np.random.Generator) -> tuple[Patch, float, float]:
-    """Return a house, its width along the front and its depth, m."""
+    """Return a house, its width along the front and its depth, m; only ivy depends on the `day`."""
     width, depth = rng.uniform(8.0, 12.5), rng.uniform(7.0, 10.0)
     height = STOREY * (1 if rng.random() < 0.6 else 2) + rng.uniform(0.1, 0.6)
     cladding = Cladding.drawn(rng)
@@ -106,7 +106,7 @@ def draw_house(rng: np.random.Generator, day: np.random.Generator) -> tuple[Patc
 
 
 def draw_shed(rng: np.random.Generator, *, is_garage: bool) -> Patch:
-    """Return a garage with its door in front, or a smaller shed of boards."""
+    """Return a garage, or a smaller shed of boards, with its door in front."""
     width, depth = (rng.uniform(2.8, 3.4), rng.uniform(5.2, 6.5)) if is_garage else rng.uniform(1.8, 3.0, 2)
     height = rng.uniform(2.3, 2.7)
     cladding = Cladding.drawn(rng) if is_garage else Cladding.BOARDS
@@ -117,7 +117,7 @@ def draw_shed(rng: np.random.Generator, *, is_garage: bool) -> Patch:
 
 
 def _edges(low: float, high: float, between: list[float]) -> NDArray[np.float64]:
-    """Edges from `low` to `high` over all in `between`, hardly more than a cell apart."""
+    """Edges of cells from `low` to `high`, with all of `between` among them, at most about `CELL` apart, m."""
     fixed = np.unique(np.clip([low, high, *between], low, high).round(3))
     runs = [np.linspace(a, b, max(1, round((b - a) / CELL)), endpoint=False) for a, b in pairwise(fixed)]
     return np.concatenate([*runs, [high]])
@@ -133,7 +133,7 @@ def _around(
     n_storeys: int,
     door: Window | None = None,
 ) -> Patch:
-    """Four walls, with windows of their own in each; the front also has the door."""
+    """Four walls with different windows; the front has the door, too."""
     walls: list[Patch] = []
     for x, y, heading, length in (
         (0.0, 0.0, 0.0, width),
@@ -150,7 +150,7 @@ def _around(
 
 
 def _draw_windows(length: float, n_storeys: int, rng: np.random.Generator) -> list[Window]:
-    """Few windows per storey, no two walls alike."""
+    """Draw the windows of one wall: a few per storey."""
     windows: list[Window] = []
     for storey in range(n_storeys):
         n_windows = int(rng.integers(1, max(2, int(length / 2.6)) + 1))
@@ -199,7 +199,7 @@ def _porch(door: float, rng: np.random.Generator) -> Patch:
 
 
 def _bay(start: float, rng: np.random.Generator) -> Patch:
-    """A bay before the ground floor."""
+    """A bay with a flat roof before the ground floor, `start` (m) along the front."""
     out, width = rng.uniform(0.5, 1.2), rng.uniform(2.0, 3.0)
     lows = [[start, 0.0, FOOT], [start - 0.1, 0.0, 2.4]]
     highs = [[start + width, out, 2.4], [start + width + 0.1, out + 0.15, 2.5]]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""What grows in a suburb: hedges, bushes, trees and ivy; their leaves hang elsewhere every day.
+"""What grows in a suburb: hedges, bushes, trees and ivy; on another day, a part of their leaves hangs elsewhere.
 
 Each plant stands with its foot at the origin, z up, m. What stays from day to day (stems, outlines) is drawn
 from `rng`, what the wind moves (leaves) from `day`.
@@ -17,24 +17,26 @@ from maxcon.simulation.patches import Patch, join, prism, quads, triangles
 __all__ = ["draw_bush", "draw_garden_tree", "draw_hedge_row", "draw_ivy", "leaves_at", "survey_class"]
 
 HEDGE_STEP = 0.1
-"""Between two points of the surface of a hedge, m."""
+"""Spacing of the points of a hedge's surface, m."""
 BUMPS, TWIGS = 0.1, 0.09
-"""Of the surface of a hedge, m: what a year's cutting leaves, and twigs that stand out or are missing."""
+"""Standard deviations of a hedge's surface, m: smooth bumps of its cut, and twigs that stand out or are missing."""
 GAPS = 0.3
-"""Part of the surface of a hedge that is open: light goes on to the twigs within, or through."""
+"""Share of a hedge's surface that is open: light goes on to the twigs inside, or through the hedge."""
 MOVING = 0.5
-"""Part of the leaves and of the twigs' roughness that is another every day."""
+"""Share of the leaves, and of the roughness of twigs, that differs from day to day."""
 
 
 def survey_class(las_class: LasClass, share: float, rng: np.random.Generator) -> LasClass:
-    """Return the class that a survey gives to a plant: of some it knows what they are, of others nothing.
+    """Return the class that a survey gives to a plant: the right one, or none, drawn at random.
 
     Parameters
     ----------
     las_class : LasClass
-        The right one.
+        The right class.
     share : float
-        Of such plants that are known, 0 to 1.
+        Share of such plants that the survey classifies, 0 to 1.
+    rng : numpy.random.Generator
+        Draws whether it does.
     """
     return las_class if rng.random() < share else LasClass.UNCLASSIFIED
 
@@ -42,7 +44,7 @@ def survey_class(las_class: LasClass, share: float, rng: np.random.Generator) ->
 def leaves_at(
     centers: NDArray[np.float64], size: float, las_class: LasClass, day: np.random.Generator
 ) -> Patch:
-    """Return a loose triangle of about `size` (m) at each of `centers`, shape (n, 3), turned at random."""
+    """Return a random triangle of about `size` (m) at each of `centers`, shape (n, 3), m."""
     return triangles(centers[:, None] + day.normal(0.0, size, (len(centers), 3, 3)), las_class)
 
 
@@ -78,7 +80,7 @@ def draw_hedge_row(length: float, height: float, rng: np.random.Generator, day: 
 
 
 def draw_bush(rng: np.random.Generator, day: np.random.Generator) -> Patch:
-    """Return a bush of 0.5 to 2.2 m."""
+    """Return a bush, 0.5 to 2.2 m high."""
     las_class = survey_class(LasClass.MEDIUM_VEGETATION, 0.3, rng)
     height = rng.uniform(0.5, 2.2)
     half = np.array([*(height * rng.uniform(0.35, 0.6, 2)), 0.5 * height])
@@ -117,7 +119,7 @@ def draw_ivy(width: float, height: float, rng: np.random.Generator, day: np.rand
 
 
 def _in_ball(n: int, rng: np.random.Generator, day: np.random.Generator) -> NDArray[np.float64]:
-    """Places in the unit ball, shape (n, 3), denser towards its hull, as leaves are; a part moves every day."""
+    """Places in the unit ball, shape (n, 3), denser towards its hull, as leaves are; some differ from day to day."""
     n_moving = round(MOVING * n)
     draws = ((rng, n - n_moving), (day, n_moving))
     directions = np.concatenate([source.normal(size=(k, 3)) for source, k in draws])
@@ -127,7 +129,7 @@ def _in_ball(n: int, rng: np.random.Generator, day: np.random.Generator) -> NDAr
 
 
 def _bumps(x: NDArray[np.float64], y: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
-    """Smooth bumps of half a metre to two metres over a grid, shape (len(x), len(y)), of deviation 1."""
+    """Smooth bumps over a grid, shape (len(x), len(y)), with wavelengths of 0.5 to 2 m and standard deviation 1."""
     waves = 2.0 * math.pi / rng.uniform(0.5, 2.0, 6)
     ways, phases = rng.uniform(0.0, math.pi, 6), rng.uniform(0.0, 2.0 * math.pi, 6)
     total = np.zeros((len(x), len(y)))
@@ -139,7 +141,7 @@ def _bumps(x: NDArray[np.float64], y: NDArray[np.float64], rng: np.random.Genera
 def _sheet(
     grid: NDArray[np.float64], las_class: LasClass, rng: np.random.Generator, day: np.random.Generator
 ) -> Patch:
-    """Surface through a grid of points, shape (n, m, 3), with gaps, a part of them others every day."""
+    """Surface through a grid of points, shape (n, m, 3), m, with gaps, some of which differ from day to day."""
     around = [grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]]
     faces = np.stack([corner.reshape(-1, 3) for corner in around], axis=1)
     is_moving = day.random(len(faces)) < MOVING

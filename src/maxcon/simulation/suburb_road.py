@@ -22,42 +22,42 @@ __all__ = ["BEYOND", "GARDEN_LEFT", "GARDEN_RIGHT", "ResidentialRoad", "check_ro
 HALF_WIDTH = 3.1
 """From the centre line to either kerb, m."""
 GARDEN_LEFT, GARDEN_RIGHT = 4.7, -6.5
-"""Where gardens begin, m to the left: behind a sidewalk on the left, a grass verge and a sidewalk on the right."""
+"""Where gardens begin, m to the left of the centre line: beyond a sidewalk, on the right beyond a grass verge, too."""
 SIDEWALK_RIGHT = -5.0
-"""Where the sidewalk on the right begins, m to the left."""
+"""Where the sidewalk on the right begins, m to the left of the centre line."""
 KERB_HEIGHT = 0.1
 CAMBER, SIDEWALK_SLOPE = 0.02, 0.03
-"""How much the carriageway falls to its sides, and how much sidewalks rise from it."""
+"""How much the carriageway falls to its sides, and how much sidewalks rise away from it, rise over run."""
 BEYOND = 45.0
-"""How far the world goes on before and behind the road, and to its sides, m."""
+"""How far the world extends beyond both ends of the road, and to its sides, m."""
 STEP = 0.25
-"""Between two points of the centre line, and of the ground, m."""
+"""Spacing of the points of the centre line and, along the road, of the ground, m."""
 MIN_RADIUS = 75.0
-"""Of the narrowest curve, m: more than `BEYOND`, so that no place has two addresses."""
+"""Radius of the narrowest curve, m: above `BEYOND`, so that (along, left) is unique for each place."""
 STEEPEST = 0.07
-"""Of the road, as rise over run, at most."""
+"""Largest slope of the road, rise over run."""
 TRACK, WHEELBASE = 1.5, 2.6
-"""Between the wheels of a vehicle, m."""
+"""Distances between the wheels of a vehicle, across and along, m."""
 ASPHALT, GRASS = 0.004, 0.03
 """Roughness: standard deviation of the ground's height, m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ResidentialRoad:
-    """A road in a suburb; it begins at 0, and the world goes on before it and behind it.
+    """A road in a suburb, with the ground around it; along it, 0 is its begin.
 
     Parameters
     ----------
     length : float
         m.
     centers : array, shape (k, 2)
-        (x, y) of the centre line every 0.25 m, from `BEYOND` before its begin to `BEYOND` behind its end, m.
+        (x, y) of the centre line every 0.25 m, from `BEYOND` before its begin to `BEYOND` after its end, m.
     headings : array, shape (k,)
-        Direction of travel there, rad.
+        Direction of the centre line at these points, rad from +x.
     heights : array, shape (k,)
         Of the centre line, m.
     tilts : array, shape (k,)
-        Cross fall: how much the road rises to the left, rise over run.
+        Cross slope: how much the road rises to the left, rise over run.
     banks : array, shape (k, 2)
         How much the gardens on the left and on the right rise away from the road, rise over run.
     """
@@ -71,15 +71,15 @@ class ResidentialRoad:
 
     @property
     def alongs(self) -> NDArray[np.float64]:
-        """How far along the road each point of its centre line lies, shape (k,), m."""
+        """Distance along the road of each point of the centre line, shape (k,), m; below 0 before its begin."""
         return np.arange(len(self.centers), dtype=np.float64) * STEP - BEYOND
 
     def heading(self, along: float) -> float:
-        """Direction of the road, rad."""
+        """Direction of the road `along` (m) it, rad from +x."""
         return float(np.interp(along, self.alongs, self.headings))
 
     def places(self, along: ArrayLike, left: ArrayLike) -> NDArray[np.float64]:
-        """Positions (x, y) of places in the frame of the road, shape (..., 2), m."""
+        """Positions (x, y), shape (..., 2), m, of places `along` and to the `left` of the road, shape (...), m."""
         along, left = np.broadcast_arrays(
             np.asarray(along, dtype=np.float64), np.asarray(left, dtype=np.float64)
         )
@@ -90,7 +90,7 @@ class ResidentialRoad:
         return np.stack([x - left * np.sin(heading), y + left * np.cos(heading)], axis=-1)
 
     def ground_heights(self, along: ArrayLike, left: ArrayLike) -> NDArray[np.float64]:
-        """Heights of the ground without its roughness, m, at places in the frame of the road."""
+        """Heights of the smooth ground, shape (...), m, at places `along` and to the `left` of the road, m."""
         along, left = np.broadcast_arrays(
             np.asarray(along, dtype=np.float64), np.asarray(left, dtype=np.float64)
         )
@@ -107,14 +107,16 @@ class ResidentialRoad:
         return np.asarray(heights, dtype=np.float64)
 
     def laid(self, patch: Patch, along: float, left: float, heading: float = 0.0) -> Patch:
-        """Return `patch` laid on the ground: it bends with the road and stands on every slope.
+        """Return `patch` bent to follow the road and the slopes of the ground, as fences and hedges do.
 
         Parameters
         ----------
         patch : Patch
-            Its x runs along the road and its y to the left before it is turned by `heading` (rad).
+            x along the road, y to the left, z above the ground, m, before it is turned by `heading`.
         along, left : float
-            Where its origin comes to, m.
+            Place of its origin, m.
+        heading : float
+            Counter-clockwise from the direction of the road, rad.
         """
         turned = patch.placed(along, left, heading=heading).corners
         level = self.places(turned[..., 0], turned[..., 1])
@@ -122,7 +124,10 @@ class ResidentialRoad:
         return Patch(np.concatenate([level, heights[..., None]], axis=-1), patch.classes)
 
     def stood(self, patch: Patch, along: float, left: float, heading: float = 0.0) -> Patch:
-        """Return `patch` upright and undistorted, its origin on the ground `along` and `left` (m)."""
+        """Return `patch` rigid and upright, as houses stand, its origin on the ground at `along` and `left` (m).
+
+        heading : counter-clockwise from the direction of the road, rad.
+        """
         (x, y), z = self.places(along, left).tolist(), float(self.ground_heights(along, left))
         return patch.placed(x, y, z, self.heading(along) + heading)
 
@@ -144,18 +149,18 @@ class ResidentialRoad:
         return quads(np.stack([corner.reshape(-1, 3) for corner in around], axis=1), LasClass.GROUND)
 
     def route(self, lane: float, seed: Seed, *, start: float = 0.0, is_back: bool = False) -> Route:
-        """Return the way along the road, from its begin or back from its end.
+        """Return a route along the road.
 
         Parameters
         ----------
         lane : float
-            To the left of the centre line, m; it wanders by up to 0.2 m.
+            Its distance to the left of the centre line, m; it wanders by up to 0.2 m.
         seed : int or sequence of int
-            Of where it wanders and slows down.
+            Of where it wanders, and of where a vehicle slows down.
         start : float
-            How far before the road it begins and behind the road it ends, m.
+            How far before the begin of the road it begins, and after the end of the road it ends, m.
         is_back : bool
-            Whether it comes back from the end.
+            Whether it runs from the end to the begin.
         """
         rng = np.random.default_rng(seed)
         along = np.arange(-start, self.length + start, 0.05)
@@ -165,9 +170,9 @@ class ResidentialRoad:
         return Route(points[::-1] if is_back else points, slows_at)
 
     def on_ground(self, drive: Drive) -> Drive:
-        """Return a drive over level ground as one over this ground: it climbs, pitches and rolls with it.
+        """Return a drive on level ground moved onto this ground: heights are added, and its slopes to pitch and roll.
 
-        Positions must lie within `BEYOND` of the road.
+        Positions, city metres, must lie within `BEYOND` of the road.
         """
         along, left = self.addresses(drive.positions[:, :2])
         turn = np.cos(drive.angles[:, 2] - np.interp(along, self.alongs, self.headings))
@@ -189,7 +194,7 @@ class ResidentialRoad:
         return Drive(drive.times, drive.positions + lift, drive.angles + slopes)
 
     def addresses(self, places: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """How far along the road and to its left places (x, y), shape (n, 2), lie, shape (n,) each, m."""
+        """Distances along the road and to the left of it, shape (n,) each, m, of places (x, y), shape (n, 2), m."""
         from scipy.spatial import cKDTree
 
         _, rows = cKDTree(self.centers).query(places)
@@ -202,7 +207,7 @@ class ResidentialRoad:
 
 
 def check_road_length(length: float) -> None:
-    """Refuse a road on which there is no drive, or none that the map holds.
+    """Check that a road is long enough for a drive, and short enough for its map.
 
     Raises
     ------
@@ -214,7 +219,7 @@ def check_road_length(length: float) -> None:
 
 
 def draw_road(length: float, seed: Seed) -> ResidentialRoad:
-    """Return a road of `length` (m) that winds and climbs.
+    """Return a random road of `length` (m) that winds and climbs.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Everything that stands along a residential road on one day: gardens with what bounds them, houses, trees, cars."""
+"""Everything along a residential road on one day: ground, gardens with their boundaries, houses, trees, cars."""
 
 import math
 from collections.abc import Iterator
@@ -26,21 +26,21 @@ __all__ = ["suburb_on_day"]
 
 PLOT_WIDTH = (15.0, 26.0)
 DRIVEWAY = 3.4
-"""Width of the opening in what bounds a garden, m."""
+"""Width of the opening in a garden's boundary, m."""
 EDGES = {"hedge": 0.55, "picket": 0.1, "wire": 0.1, "wall": 0.15, "open": 0.1}
-"""What bounds a garden to the road, and how often."""
+"""Kinds of a garden's boundary to the road, and how often each occurs."""
 LIKE_NEIGHBOUR = 0.5
-"""How often a garden is bounded as the one before it: there are long hedges, and open stretches."""
+"""How often a garden has the boundary of the one before it, which makes long hedges and open stretches."""
 PARKED_LEFT, PARKED_RIGHT = 2.2, -4.0
 """Where cars stand, m to the left of the centre line: at the left kerb, and on the verge on the right."""
 BAY, TREE_EVERY = 6.5, 3
-"""Length of a place for a car, m; every third on the verge is a tree's."""
+"""Length of a parking bay, m; every third bay on the verge has a tree instead."""
 PARKED_SHARE = 0.2
-"""Of the places for cars that are taken."""
+"""Share of the parking bays that is taken."""
 
 
 def suburb_on_day(road: ResidentialRoad, seed: int, stream: int, day_stream: int) -> Patch:
-    """Return all that a laser beam can meet along `road`.
+    """Return all surfaces along `road`, in city metres.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def suburb_on_day(road: ResidentialRoad, seed: int, stream: int, day_stream: int
     seed, stream : int
         Of what stays from day to day: gardens, houses, hedges and stems.
     day_stream : int
-        Of what does not: leaves, twigs, cars and bins.
+        With `seed`, of what changes from day to day: leaves, twigs, cars and bins.
     """
     day = np.random.default_rng([seed, day_stream])
     parts = [road.ground([seed, stream, 0])]
@@ -62,32 +62,32 @@ def suburb_on_day(road: ResidentialRoad, seed: int, stream: int, day_stream: int
 
 
 class _Side:
-    """One side of the road: x runs along it, y from the garden's border to the road."""
+    """One side of the road: places are given along the road and by their distance inside the garden's border, m."""
 
     def __init__(self, road: ResidentialRoad, *, is_left: bool) -> None:
         self.road = road
         self.border = GARDEN_LEFT if is_left else GARDEN_RIGHT
         self.outward = 1.0 if is_left else -1.0
-        # On the left the road lies to the right of who looks along it: everything is turned about.
+        # Seen along the road, the left side has the road on its right: its patches are turned by pi to face it.
         self.turn = math.pi if is_left else 0.0
 
     def left(self, inside: float) -> float:
-        """How far to the left of the centre line it is, `inside` (m) of the border of the garden."""
+        """Distance to the left of the centre line, m, of a place `inside` (m) of the garden's border."""
         return self.border + self.outward * inside
 
     def laid(self, patch: Patch, along: float, inside: float, heading: float = 0.0) -> Patch:
-        """Return `patch` on the ground: see `ResidentialRoad.laid`."""
+        """Return `patch` bent to follow road and ground: see `ResidentialRoad.laid`."""
         return self.road.laid(patch, along, self.left(inside), heading)
 
     def stood(self, patch: Patch, along: float, inside: float, turn: float = 0.0) -> Patch:
-        """Return `patch` upright, its y to the road but for `turn` (rad)."""
+        """Return `patch` rigid and upright, its y axis towards the road, turned further by `turn` (rad)."""
         return self.road.stood(patch, along, self.left(inside), self.turn + turn)
 
 
 def _side(
     road: ResidentialRoad, rng: np.random.Generator, day: np.random.Generator, *, is_left: bool
 ) -> Iterator[Patch]:
-    """Plot after plot."""
+    """Yield the plots on one side of the road, one after the other."""
     side = _Side(road, is_left=is_left)
     begin, edge = -BEYOND + rng.uniform(1.0, 8.0), "hedge"
     while begin < road.length + BEYOND - PLOT_WIDTH[1]:
@@ -106,7 +106,7 @@ def _plot(
     rng: np.random.Generator,
     day: np.random.Generator,
 ) -> Iterator[Patch]:
-    """A garden with what bounds it, a house, plants, and what stands about."""
+    """Yield a garden with its boundary, house, sheds, plants, car and bin."""
     driveway = begin + (0.6 if rng.random() < 0.5 else width - DRIVEWAY - 0.6)
     for start, end in ((begin, driveway), (driveway + DRIVEWAY, begin + width)):
         if end - start > 1.0 and edge != "open":
@@ -139,7 +139,7 @@ def _plot(
 
 
 def _bound(edge: str, length: float, rng: np.random.Generator, day: np.random.Generator) -> Patch:
-    """What bounds a garden to the road."""
+    """Return a garden's boundary to the road, of kind `edge` and of `length` (m) along x."""
     if edge == "picket":
         return draw_picket_fence(length, rng)
     if edge == "wire":
@@ -158,7 +158,7 @@ def _bound(edge: str, length: float, rng: np.random.Generator, day: np.random.Ge
 def _between_gardens(
     side: _Side, along: float, rng: np.random.Generator, day: np.random.Generator
 ) -> Iterator[Patch]:
-    """A hedge or a fence away from the road, which hides a part of the houses behind it."""
+    """Yield a hedge or a fence, or neither, between two gardens, which runs away from the road and hides houses."""
     kind, length = rng.random(), rng.uniform(8.0, 20.0)
     away = 0.5 * math.pi * side.outward
     if kind < 0.55:
@@ -170,7 +170,7 @@ def _between_gardens(
 def _back_row(
     road: ResidentialRoad, rng: np.random.Generator, day: np.random.Generator, *, is_left: bool
 ) -> Iterator[Patch]:
-    """Trees of the gardens behind the houses, and houses of the next road."""
+    """Yield trees in the gardens behind the houses, and houses of the next road."""
     side = _Side(road, is_left=is_left)
     for along in np.arange(-BEYOND, road.length + BEYOND, 9.0):
         tree = draw_garden_tree(rng, day, rng.uniform(5.0, 12.0))
@@ -183,7 +183,7 @@ def _back_row(
 def _along_kerbs(
     road: ResidentialRoad, rng: np.random.Generator, day: np.random.Generator
 ) -> Iterator[Patch]:
-    """Lamp posts on the left, and trees on the verge on the right."""
+    """Yield lamp posts on the left, and trees on the verge on the right."""
     left, right = _Side(road, is_left=True), _Side(road, is_left=False)
     for along in np.arange(-BEYOND + rng.uniform(3.0, 20.0), road.length + BEYOND, 38.0):
         yield left.stood(lamp_pole(), along, -0.25)
@@ -194,12 +194,12 @@ def _along_kerbs(
 
 
 def _bays(road: ResidentialRoad) -> NDArray[np.float64]:
-    """How far along the road the middle of each place for a car is, m."""
+    """Distance along the road of the middle of each parking bay, m."""
     return np.arange(-BEYOND + 5.0, road.length + BEYOND - 5.0, BAY)
 
 
 def _cars(road: ResidentialRoad, day: np.random.Generator) -> Iterator[Patch]:
-    """Parked cars of the day; every fourth stands the other way round."""
+    """Yield the parked cars of a day; one in four faces the other way."""
     for left in (PARKED_LEFT, PARKED_RIGHT):
         for number, along in enumerate(_bays(road)):
             car, _ = draw_car(day)

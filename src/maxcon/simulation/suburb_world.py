@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""SuburbWorld: a residential road on two days, mapped there and back, and driven by a car with a scanner."""
+"""SuburbWorld: a residential road, mapped in both directions, and driven by a car with a scanner on another day."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -33,25 +33,25 @@ from maxcon.simulation.suburb_scene import suburb_on_day
 __all__ = ["ROAD_LENGTH", "SuburbWorld"]
 
 ROAD_LENGTH = 460.0
-"""m: a minute at 28 km/h."""
+"""Default, m: a minute at 28 km/h."""
 EPOCH_STEP = 0.1
 """Between two epochs when all are taken, s: the scanner turns ten times a second."""
 MEAN_SPEED = ROAD_LENGTH / 60.0
-"""Of the car, m/s: it has 601 epochs on the whole road."""
+"""Mean speed of the car, m/s: a road of the default length has 601 epochs."""
 MAP_START, SCAN_START = 300_000.0, 386_400.0
-"""Seconds of the week: the car comes a day after the mapping vehicle."""
+"""Seconds of the GPS week: the car comes a day after the mapping vehicle."""
 PAUSE = 60.0
 """Between two drives of the mapping vehicle, s."""
 MAP_BEYOND = 35.0
-"""How far the mapping vehicle goes on before and behind the road, m."""
+"""How far the mapping drives extend beyond both ends of the road, m."""
 MAP_HEIGHT, SCAN_HEIGHT = 2.4, 1.8
 """Of the sensors above the carriageway, m."""
 LANE_THERE, LANE_BACK = -1.2, 0.1
-"""To the left of the centre line, m: cars parked on one side send who comes back to the middle."""
+"""Lanes, m to the left of the centre line: on the way back, parked cars force the vehicle to the middle."""
 
 
 class _Stream(IntEnum):
-    """What is drawn from a seed, each by itself, so that one can change without the others."""
+    """Random streams of a seed, one per thing that is drawn, so that one can change without the others."""
 
     ROAD = 0
     SCENE = 1
@@ -73,17 +73,17 @@ class SuburbWorld:
     Parameters
     ----------
     seed : int
-        Of everything in it.
+        Everything random is drawn from it.
     road : ResidentialRoad
-        What all drives follow.
+        The road that all drives follow.
     map_caster, scan_caster : RayCaster
         The suburb on the day of the map and on the day of the scans: leaves, cars and bins differ.
     map_drives : tuple of Drive
-        Of the mapping vehicle, there and back, as they truly were.
+        True drives of the mapping vehicle, there and back.
     georeferencing : GeoreferencingErrors
-        How wrong its trajectory is, and the map with it.
+        Errors of its post-processed trajectory, and so of the map.
     scan_drive : Drive
-        Of the car. It goes on for a second before the first and behind the last epoch.
+        Drive of the car; it begins about a second before the first epoch and ends as long after the last.
     """
 
     seed: int
@@ -126,7 +126,7 @@ class SuburbWorld:
 
     @property
     def most_epochs(self) -> int:
-        """How many scans there are when none is left out."""
+        """Number of scans of the whole drive, 0.1 s apart."""
         return n_epochs_on(self.road.length)
 
     def n_pieces(self, scanners: Sequence[ProfileScanner]) -> int:
@@ -134,39 +134,39 @@ class SuburbWorld:
         return len(map_pieces(self.map_drives, scanners))
 
     def map_echoes(self, scanners: Sequence[ProfileScanner]) -> Iterator[Echoes]:
-        """Measure the map piece by piece, in order of time, and place it as the map's maker believes."""
+        """Measure the map piece by piece, in order of time, placed by the vehicle's trajectory with its errors."""
         stream = [self.seed, _Stream.MAP_NOISE]
         return believed_echoes(self.map_caster, self.map_drives, scanners, self.georeferencing, stream)
 
     def map_poses(self) -> tuple[NDArray[np.float64], list[Pose]]:
-        """Times (s) and poses (T_city_vehicle) of the mapping vehicle, as the map's maker believes."""
+        """Times (s) and poses (T_city_vehicle) of the mapping vehicle, with the errors of its trajectory."""
         return believed_poses(self.map_drives, self.georeferencing)
 
     def epochs(self, n_epochs: int) -> list[ScanEpoch]:
-        """Return `n_epochs` of all, spread evenly over the drive; the first and the last are among them."""
+        """Return `n_epochs` of the whole drive, spread evenly; the first and the last are among them."""
         return evenly_spread_epochs(self.scan_drive, n_epochs, self.most_epochs, SCAN_START, EPOCH_STEP)
 
     def gnss_priors(self, epochs: Sequence[ScanEpoch], errors: GnssErrors) -> list[Pose]:
-        """Priors whose errors change slowly over the drive."""
+        """Priors, T_city_sensor, whose errors change slowly over the drive."""
         return gnss_priors(epochs, errors, self.most_epochs, EPOCH_STEP, [self.seed, _Stream.GNSS_PRIORS])
 
     def uniform_priors(self, epochs: Sequence[ScanEpoch], errors: PriorErrors) -> list[Pose]:
-        """Priors whose errors know nothing of each other."""
+        """Priors, T_city_sensor, whose errors are independent from epoch to epoch."""
         return uniform_priors(epochs, errors, [self.seed, _Stream.UNIFORM_PRIORS])
 
     def scan(self, epoch: ScanEpoch, scanner: MovingScanner) -> Echoes:
-        """Measure the scan of one epoch while the car moves: the same, whichever others are taken."""
+        """Measure the scan of one epoch while the car moves; it does not depend on which other epochs are taken."""
         rng = np.random.default_rng([self.seed, _Stream.SCAN_NOISE, epoch.tick])
         return scanner.scan(self.scan_caster, self.scan_drive, epoch.time, rng)
 
 
 def n_epochs_on(road_length: float) -> int:
-    """How many scans a road of `road_length` (m) has when none is left out."""
+    """Number of scans, 0.1 s apart, of the drive along a road of `road_length` (m)."""
     return 1 + round(road_length / MEAN_SPEED / EPOCH_STEP)
 
 
 def _mapping_drives(road: ResidentialRoad, seed: int) -> tuple[Drive, ...]:
-    """Return a drive there and one back, each slow somewhere."""
+    """Return a drive there and one back, each of which slows down at some place."""
     drives: list[Drive] = []
     start = MAP_START
     for i, lane in enumerate((LANE_THERE, LANE_BACK)):
@@ -179,7 +179,7 @@ def _mapping_drives(road: ResidentialRoad, seed: int) -> tuple[Drive, ...]:
 
 
 def _scan_drive(road: ResidentialRoad, seed: int) -> Drive:
-    """Return the drive of the car: it begins and ends 8 m beyond the road, at the time of no epoch."""
+    """Return the drive of the car: it begins 8 m before the road and ends 8 m after it, where there is no epoch."""
     stream = [seed, _Stream.SCAN_DRIVE]
     route = road.route(LANE_THERE, [*stream, 0], start=8.0)
     level = road.on_ground(drive_along(route, [*stream, 1], slowest=0.4, height=SCAN_HEIGHT))

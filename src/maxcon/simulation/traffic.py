@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Traffic: vehicles and pedestrians about the car, as many as hide the wanted share of a scan."""
+"""Traffic: vehicles and pedestrians around the car, as many as it takes for a given share of the returns."""
 
 import math
 from typing import NamedTuple
@@ -24,11 +24,11 @@ from maxcon.simulation.street_grid import KERB_HEIGHT, StreetGrid
 __all__ = ["UNMAPPED_SHARE", "Traffic"]
 
 UNMAPPED_SHARE = 0.3
-"""Of the returns of a scan that are on vehicles and pedestrians, parked ones among them."""
+"""Share of the returns of a scan that are on vehicles, parked ones included, and pedestrians."""
 MOST_TRIES = 400
-"""Places that are tried before a scan is left with fewer: in the open, there is not enough to hide."""
+"""Places tried before a scan is left with a smaller share: in the open, too few returns can be hidden."""
 LEAST_SEEN = 0.002
-"""Part of the returns that a road user must hide to be there: what nobody sees need not be."""
+"""A road user is placed only if it hides at least this share of the rays: others would not be seen."""
 CLEARANCE = 2.6
 """From the middle of the car to the nearest part of a road user, m."""
 GAP = 0.4
@@ -40,7 +40,7 @@ DRIVERS_REACH, WALKERS_REACH = 35.0, 12.0
 
 
 class _Rectangle(NamedTuple):
-    """Along the axes of the grid, m."""
+    """Ground that a road user covers: middle and half sides along the axes of the grid, m."""
 
     u: float
     v: float
@@ -58,13 +58,13 @@ class _Rectangle(NamedTuple):
 
 
 class Traffic:
-    """What moves in the streets of a grid, drawn anew for each scan.
+    """Vehicles and pedestrians in the streets of a grid, drawn anew for each scan.
 
     Parameters
     ----------
     grid : StreetGrid
         The streets: vehicles keep to their right lanes, pedestrians to the sidewalks and their prolongations
-        over the crossings, so that they meet neither houses nor parked cars.
+        over the crossings, so that they overlap neither houses nor parked cars.
     street_angle : float
         Direction of the main street, rad, counter-clockwise from +x.
     seed : int or sequence of int
@@ -91,16 +91,16 @@ class Traffic:
         Parameters
         ----------
         caster : Caster
-            The city of that day with its parked cars.
+            The city on the day of the scan with its parked cars.
         scanner : RotatingScanner
             On the car.
         pose : Pose
             Of the scanner, T_city_sensor.
         rng : numpy.random.Generator
-            Of places.
+            Draws their places.
         share : float
-            Road users come one by one until so large a part of the returns, before dropouts, is on triangles
-            of class VEHICLE: on them, or on parked cars. With many parked cars it can be larger, and none comes.
+            Road users are added one by one until this share of the returns, before dropouts, is on triangles of
+            class VEHICLE: theirs, or those of parked cars. Where parked cars alone exceed it, none is added.
         """
         view = _View(caster, scanner, pose)
         found: list[RoadUser] = []
@@ -117,7 +117,7 @@ class Traffic:
         return found
 
     def _candidate(self, u: float, v: float, rng: np.random.Generator) -> tuple[RoadUser, _Rectangle]:
-        """A vehicle or a pedestrian at a place of theirs near (u, v), m, and the ground it takes."""
+        """Draw a vehicle in a lane or a pedestrian on a sidewalk near (u, v), m; return it and the ground it covers."""
         is_vehicle = rng.random() < 0.6
         shapes = self._vehicles if is_vehicle else self._pedestrians
         shape = shapes[rng.integers(len(shapes))]
@@ -131,10 +131,10 @@ class Traffic:
         along, across = (u, v) if runs_along_u else (v, u)
         near = [line for line in lines if abs(line - across) <= reach]
         line = near[rng.integers(len(near))]
-        # Near ones are the likelier, as they hide more.
+        # Near places are more likely, as road users there hide more.
         place = float(np.clip(along + reach * rng.uniform(-1.0, 1.0) * rng.random(), *ends))
         is_forward = bool(rng.random() < 0.5)
-        # The right of u is -v, but the right of v is +u.
+        # To the right of +u is -v, but to the right of +v is +u.
         to_right = -1.0 if is_forward == runs_along_u else 1.0
         side = LANE if is_vehicle else self._walkers_side(rng)
         heading = (0.0 if runs_along_u else 0.5 * math.pi) + (0.0 if is_forward else math.pi)
@@ -144,13 +144,13 @@ class Traffic:
         return user, _Rectangle(at_u, at_v, *((half_u, half_v) if runs_along_u else (half_v, half_u)))
 
     def _draws_street_along_u(self, u: float, v: float, reach: float, rng: np.random.Generator) -> bool:
-        """Whether the street is one along u: of those in reach, for there is always one."""
+        """Draw whether the street is one along u, of the streets in reach; at least one is."""
         has_along_u = any(abs(line - v) <= reach for line in self._grid.v_lines)
         has_along_v = any(abs(line - u) <= reach for line in self._grid.u_lines)
         return bool(rng.random() < 0.5) if has_along_u and has_along_v else has_along_u
 
     def _walkers_side(self, rng: np.random.Generator) -> float:
-        """From the centre line to a pedestrian, m."""
+        """Draw the distance of a pedestrian from the centre line, m."""
         return float(rng.uniform(self._grid.carriageway + 0.35, self._grid.half_width - 0.5))
 
     def _user(
@@ -166,7 +166,7 @@ class Traffic:
 
 
 class _View:
-    """What a scan sees while road users come into it."""
+    """Ranges of a scan, and which returns are on vehicles or pedestrians, updated as road users are added."""
 
     def __init__(self, caster: Caster, scanner: RotatingScanner, pose: Pose) -> None:
         self._finder = scanner.range_finder
@@ -179,11 +179,11 @@ class _View:
 
     @property
     def share(self) -> float:
-        """Part of the returns that is on vehicles and pedestrians; 0 where nothing returns."""
+        """Share of the returns that are on vehicles and pedestrians; 0 where nothing returns."""
         return float(self._is_unmapped.sum() / max(int(np.isfinite(self._ranges).sum()), 1))
 
     def add(self, user: RoadUser) -> bool:
-        """Let `user` in, and say so, if it hides enough to be seen."""
+        """Add `user` if it hides enough rays; return whether it was added."""
         rows, hits = user.cast(self._origin, self._directions)
         is_seen = self._finder.returns(hits) & (hits.ranges < self._ranges[rows])
         if is_seen.sum() < LEAST_SEEN * len(self._ranges):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The data packets of a VLP-16, and captures of them: what a scan becomes on the wire of a scanner."""
+"""Scans as data packets of a VLP-16, as the scanner sends them over the network, and captures of such packets."""
 
 import os
 from collections.abc import Iterator
@@ -24,22 +24,22 @@ PACKET = np.dtype(
         ("model", "u1"),
     ]
 )  # fmt: skip
-"""1206 bytes: 12 blocks of two rounds of 16 lasers, and microseconds since the full hour."""
+"""1206 bytes: 12 blocks of two firings of 16 lasers each, and microseconds since the full hour."""
 FLAG, STRONGEST, VLP_16 = 0xEEFF, 0x37, 0x22
 RANGE_UNIT = 0.002
 N_BLOCKS, N_PACKETS, BLOCKS_PER_PACKET, PORT = 900, 76, 12, 2368
-"""75 packets hold a turn; one more without returns follows, for readers end a turn where its azimuths come again."""
+"""75 packets hold a turn; one more without returns follows, as readers end a turn where azimuths start again."""
 HOUR = 3600.0
 FIRST_TO_MIDDLE = ((N_BLOCKS - 1) * BLOCK_TIME + FIRING_TIME + 15 * LASER_TIME) / 2.0
-"""From the first shot of a turn to the middle between it and the last, s."""
+"""Time from the first shot of a turn to the middle between first and last shot, s."""
 LEAST_GAP = N_PACKETS * BLOCKS_PER_PACKET * BLOCK_TIME
-"""Between two scans, s."""
+"""Shortest time from one scan to the next, s: that of a turn's packets, the one without returns included."""
 LARGEST_ANGLE_OFF = np.radians(0.05)
-"""A point farther off each of the scanner's rays than this, rad, was not measured by it."""
+"""A point farther than this from every ray of the scanner, rad, was not measured by it."""
 
 
 def packets_of_scan(points: NDArray[np.float64], time: float) -> list[tuple[float, bytes]]:
-    """Return the packets of one turn, and when each was sent, s.
+    """Return the packets of one turn, each with the time when it was sent, s.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def packets_of_scan(points: NDArray[np.float64], time: float) -> list[tuple[floa
     Raises
     ------
     ArrayError
-        If a point lies on none of the scanner's rays, or farther than packets can say.
+        If a point lies on none of the scanner's rays, or farther than the 131 m that packets can hold.
 
     Notes
     -----
@@ -75,7 +75,7 @@ def packets_of_scan(points: NDArray[np.float64], time: float) -> list[tuple[floa
 def _shots(
     points: NDArray[np.float64],
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.int64]]:
-    """Which round and layer measured each point, and its range in units of a packet."""
+    """Firing and layer that measured each point, and its range in units of 2 mm, shape (n,) each."""
     scanner = FiringScanner()
     level = np.hypot(points[:, 0], points[:, 1])
     above = points[:, 2, None] - scanner.heights
@@ -83,8 +83,8 @@ def _shots(
     layers = np.abs(off).argmin(axis=1)
     rows = np.arange(len(points))
     clockwise = np.degrees(-np.arctan2(points[:, 1], points[:, 0])) - scanner.lags_deg[layers]
-    rounds = np.round(clockwise / scanner.azimuth_step_deg).astype(np.int64)
-    sideways = np.radians(clockwise - rounds * scanner.azimuth_step_deg)
+    firings = np.round(clockwise / scanner.azimuth_step_deg).astype(np.int64)
+    sideways = np.radians(clockwise - firings * scanner.azimuth_step_deg)
     ranges = np.round(np.hypot(level, above[rows, layers]) / RANGE_UNIT).astype(np.int64)
     wrong = (np.abs(off[rows, layers]) > LARGEST_ANGLE_OFF) | (np.abs(sideways) > LARGEST_ANGLE_OFF)
     wrong |= ranges > np.iinfo(np.uint16).max
@@ -94,29 +94,29 @@ def _shots(
             f"Expected points on the rays of a VLP-16 and up to 131 m away, to write them as its packets, got {x:.3f},"
             f" {y:.3f}, {z:.3f} m. Simulate with a FiringScanner."
         )
-    return rounds % scanner.n_columns, layers, ranges
+    return firings % scanner.n_columns, layers, ranges
 
 
 def write_capture(path: str | os.PathLike[str], scans: Scans) -> None:
-    """Write scans as a capture of packets, a .pcap: a turn for each, its middle at the time of the scan.
+    """Write scans as a capture of packets, a .pcap: one turn per scan, whose middle is at the time of the scan.
 
     Parameters
     ----------
     path : path
         File to write.
     scans : Scans
-        Of a `FiringScanner`, a tenth of a second apart or more.
+        Of a `FiringScanner`, at least `LEAST_GAP` (100.9 ms) apart.
 
     Raises
     ------
     MissingExtraError
-        If the extra `velodyne` is not installed.
+        If the extra `recordings` is not installed.
     OptionError
-        If scans are less than a turn apart.
+        If scans are closer together.
     ArrayError
-        If they are of another scanner.
+        If points are not on the rays of a `FiringScanner`.
     FileError
-        If it cannot be written.
+        If the capture cannot be written.
     """
     dpkt = check_capture_writer()
     closest = float(np.diff(scans.times).min(initial=np.inf))
@@ -137,7 +137,7 @@ def _packets(scans: Scans) -> Iterator[tuple[float, bytes]]:
 
 
 def _frame(dpkt: Any, data: bytes) -> bytes:
-    """The packet as it passes the network: from the scanner's own address to all."""
+    """The Ethernet frame of a packet: sent from the scanner's default address, as a broadcast."""
     udp = dpkt.udp.UDP(sport=PORT, dport=PORT, ulen=8 + len(data), data=data)
     inside = dpkt.ip.IP(
         src=b"\xc0\xa8\x01\xc9", dst=b"\xff" * 4, p=dpkt.ip.IP_PROTO_UDP, data=udp, len=28 + len(data)

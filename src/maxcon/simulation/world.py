@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""SimulatedWorld: a city on two days, and the drives through it."""
+"""SimulatedWorld: a city on the day of its mapping and on a later one, and the drives through it."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -22,21 +22,21 @@ from maxcon.simulation.scanners import Echoes, ProfileScanner, RotatingScanner
 __all__ = ["Epoch", "SimulatedWorld"]
 
 MAP_BEYOND = 35.0
-"""How much farther than the scans the mapping drive goes at either end, m."""
+"""How far the first mapping drive extends beyond the drive of the scans at either end, m."""
 MAP_BRANCHES = (50.0, 40.0)
-"""How far the second mapping drive goes into the two branches that the first leaves out, m."""
+"""Distance from the crossing at which the second mapping drive, over the other two branches, begins and ends, m."""
 MAP_SPEED = 8.0
-"""m/s: at 100 profiles per second they lie 8 cm apart."""
+"""m/s: 100 profiles per second lie 8 cm apart."""
 MAP_HEIGHT = 2.4
 """Of the profile scanners above the carriageway, m."""
 MAP_START, SCAN_START = 300_000.0, 386_400.0
-"""Seconds of the week: the car comes a day after the mapping vehicle."""
+"""Seconds of the GPS week: the car comes a day after the mapping vehicle."""
 PAUSE = 60.0
-"""Between the mapping drives, s."""
+"""From the end of one mapping drive to the start of the next, s."""
 
 
 class _Stream(IntEnum):
-    """What is drawn from a seed, each by itself, so that one can change without the others."""
+    """Random streams of a seed, one per thing that is drawn, so that one can change without the others."""
 
     CITY = 0
     CARS_OF_MAP = 1
@@ -64,13 +64,13 @@ class SimulatedWorld:
     Parameters
     ----------
     seed : int
-        Of everything in it.
+        Everything random is drawn from it.
     map_caster, scan_caster : RayCaster
         The city on the day of the map and on the day of the scans: other cars are parked.
     map_drives : tuple of Drive
-        Of the mapping vehicle: two, so that each branch of the crossing is driven.
+        Drives of the mapping vehicle: two, so that each branch of the crossing is mapped.
     scan_drive : Drive
-        Of the car with the rotating scanner.
+        Drive of the car with the rotating scanner.
     """
 
     seed: int
@@ -81,9 +81,10 @@ class SimulatedWorld:
 
     @classmethod
     def build(cls, seed: int, before: float = 75.0, after: float = 50.0, mapping_wait: float = 0.0) -> Self:
-        """Return the world of `seed`; the scans begin and end so far (m) from the middle of the crossing.
+        """Return the world of `seed`.
 
-        The mapping vehicle stands before it for `mapping_wait` (s).
+        The scans begin `before` and end `after` (m) from the middle of the crossing; the mapping vehicle stops in front
+        of it for `mapping_wait` (s).
 
         Raises
         ------
@@ -118,7 +119,7 @@ class SimulatedWorld:
         return drive_poses(self.map_drives)
 
     def epochs(self, n_epochs: int, errors: PriorErrors) -> list[Epoch]:
-        """Return `n_epochs` evenly spaced in time, with priors that are wrong by `errors`."""
+        """Return `n_epochs` epochs evenly spaced in time, with priors drawn from `errors`."""
         times = np.round(np.linspace(self.scan_drive.times[0], self.scan_drive.times[-1], n_epochs), 6)
         rng = np.random.default_rng([self.seed, _Stream.PRIORS])
         return [
@@ -137,7 +138,7 @@ class SimulatedWorld:
 def _mapping_drives(
     seed: int, street_angle: float, before: float, after: float, wait: float
 ) -> tuple[Drive, ...]:
-    """Return the route of the scans and more, and then the other two branches of the crossing."""
+    """Return a drive along the route of the scans and beyond it, and one over the other two branches."""
     routes = [
         route_over_crossing(street_angle, before + MAP_BEYOND, after + MAP_BEYOND, lane=1.7),
         route_over_crossing(street_angle + math.pi, *MAP_BRANCHES, lane=1.6),
