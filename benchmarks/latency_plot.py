@@ -14,8 +14,8 @@ from latency import MAXCON, STAGES
 from latency_table import read_series
 
 from drives import DOCS
-from maxcon.report.figure import INK, MUTED, SERIES, draw_titles, saved_figure
-from maxcon.report.method_style import draw_number_ticks
+from maxcon.report.canvas.figure import INK, MUTED, SERIES, draw_titles, saved_figure
+from maxcon.report.canvas.method_style import draw_number_ticks
 
 # Inches: the picture is read on phones, so it is narrow and its letters are large.
 WIDTH, LEFT, RIGHT, TOP, BOTTOM, ROW, PANEL_TITLE = 6.4, 2.4, 1.4, 1.13, 0.45, 0.26, 0.66

@@ -24,7 +24,7 @@ import maxcon
 from drives import DOCS, NamedDataset, put_into
 from maxcon.baselines import check_small_gicp
 from maxcon.errors import MaxconError, OptionError
-from maxcon.report.prior_error_plot import plot_prior_error
+from maxcon.report.plots.prior_error_plot import plot_prior_error
 from maxcon.study.description import describe
 from maxcon.study.prior_levels import LEVELS, methods_at, parse_level
 from maxcon.study.prior_trials import read_trials, summarize_trials, try_epoch, write_trials

@@ -8,7 +8,7 @@ import shutil
 import pytest
 
 from maxcon.errors import FileError, OptionError
-from maxcon.report.study_report import report_study
+from maxcon.report.study.report import report_study
 from maxcon.study import choose_methods, run_study
 from maxcon.study.table import TableParts
 

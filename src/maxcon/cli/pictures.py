@@ -52,8 +52,8 @@ def drawer(
 ) -> Callable[["EpochEstimate"], None]:
     """Return a function that draws an epoch into the folder."""
     from maxcon.maximum_consensus import MaximumConsensus
-    from maxcon.report.epoch import plot_epoch
-    from maxcon.report.figure import check_matplotlib
+    from maxcon.report.canvas.figure import check_matplotlib
+    from maxcon.report.plots.epoch import plot_epoch
     from maxcon.system.atomic import make_folder
     from maxcon.system.partials import sweep_folder
 

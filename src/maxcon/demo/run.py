@@ -19,8 +19,8 @@ from maxcon.mapping import build_map, dataset_map_options
 from maxcon.maximum_consensus import MaximumConsensus
 from maxcon.objectives import Count, Helmert
 from maxcon.point_map import PointMap
-from maxcon.report.figure import check_matplotlib
-from maxcon.report.html import check_jinja2
+from maxcon.report.canvas.figure import check_matplotlib
+from maxcon.report.canvas.html import check_jinja2
 from maxcon.search_space import SearchSpace
 from maxcon.simulation import simulate
 from maxcon.simulation.ray_caster import check_embreex

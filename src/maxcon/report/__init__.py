@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: MIT
 """Pictures and pages for people; they need ``pip install 'maxcon[demo]'``."""
 
-from maxcon.report.drive_plot import plot_drive
-from maxcon.report.epoch import plot_epoch
-from maxcon.report.errors_plot import plot_errors
-from maxcon.report.html import Picture
-from maxcon.report.page import DemoPage, MethodSummary, write_demo_page
-from maxcon.report.poses_plot import plot_poses
-from maxcon.report.prior_error_plot import plot_prior_error
-from maxcon.report.search_spaces import SearchSpaceView, plot_search_spaces
+from maxcon.report.canvas.html import Picture
+from maxcon.report.demo_page import DemoPage, MethodSummary, write_demo_page
+from maxcon.report.plots.drive_plot import plot_drive
+from maxcon.report.plots.epoch import plot_epoch
+from maxcon.report.plots.errors_plot import plot_errors
+from maxcon.report.plots.poses_plot import plot_poses
+from maxcon.report.plots.prior_error_plot import plot_prior_error
+from maxcon.report.plots.search_spaces import SearchSpaceView, plot_search_spaces
 
 __all__ = [
     "DemoPage",
