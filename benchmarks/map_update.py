@@ -37,11 +37,11 @@ from maxcon.io.trajectories import read_trajectory
 from maxcon.mapping.placement import Area
 from maxcon.options import SearchMethod
 from maxcon.point_map.surface_class import ALL_BUT_KNOWN, NOT_SEARCHED, SurfaceClass
-from maxcon.simulation.campaign_world import EPOCH_STEP, MOST_EPOCHS, SCAN_START, CampaignWorld
-from maxcon.simulation.dataset_files import CITY_ORIGIN, write_epochs
-from maxcon.simulation.gnss_priors import GnssErrors
-from maxcon.simulation.las_classes import LasClass
-from maxcon.simulation.scanners import RotatingScanner
+from maxcon.simulation.datasets.dataset_files import CITY_ORIGIN, write_epochs
+from maxcon.simulation.driving.gnss_priors import GnssErrors
+from maxcon.simulation.scenes.las_classes import LasClass
+from maxcon.simulation.sensing.scanners import RotatingScanner
+from maxcon.simulation.worlds.campaign_world import EPOCH_STEP, MOST_EPOCHS, SCAN_START, CampaignWorld
 from maxcon.upkeep import UpdateOptions, open_drives
 from maxcon.upkeep.drives import looks_of
 from maxcon.upkeep.surfaces import classes_of

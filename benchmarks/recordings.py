@@ -12,7 +12,7 @@ import numpy as np
 
 from maxcon.geometry import Pose
 from maxcon.io.scans import RawScan, Scans, open_scans
-from maxcon.simulation.recordings import RECORDING_NAMES, RecordingKind, record_drive
+from maxcon.simulation.datasets.recordings import RECORDING_NAMES, RecordingKind, record_drive
 from maxcon.trajectory import Trajectory
 
 

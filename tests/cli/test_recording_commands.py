@@ -13,8 +13,8 @@ from maxcon.io.recordings.writing import open_writer
 from maxcon.io.scans import Scans, open_scans
 from maxcon.io.scans.deskewed import DeskewedScans
 from maxcon.io.trajectories import read_trajectory
-from maxcon.simulation.dataset_files import CRS
-from maxcon.simulation.recordings import RecordingKind, cloud_message, record_drive
+from maxcon.simulation.datasets.dataset_files import CRS
+from maxcon.simulation.datasets.recordings import RecordingKind, cloud_message, record_drive
 from maxcon.trajectory import Trajectory
 
 pytest.importorskip("rosbags")

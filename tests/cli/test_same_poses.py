@@ -9,8 +9,13 @@ from localized_poses import localized_poses
 from maxcon.io.trajectories import read_trajectory
 from maxcon.mapping import MapOptions, build_map
 from maxcon.simulation import simulate
-from maxcon.simulation.firing_scanner import FiringScanner
-from maxcon.simulation.recordings import RecordingKind, ScansKind, record_dataset, write_dataset_scans
+from maxcon.simulation.datasets.recordings import (
+    RecordingKind,
+    ScansKind,
+    record_dataset,
+    write_dataset_scans,
+)
+from maxcon.simulation.sensing.firing_scanner import FiringScanner
 
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")

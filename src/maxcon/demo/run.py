@@ -23,7 +23,7 @@ from maxcon.report.canvas.figure import check_matplotlib
 from maxcon.report.canvas.html import check_jinja2
 from maxcon.search_space import SearchSpace
 from maxcon.simulation import simulate
-from maxcon.simulation.ray_caster import check_embreex
+from maxcon.simulation.sensing.ray_caster import check_embreex
 from maxcon.system.progress import Progress
 from maxcon.trajectory import Trajectory
 

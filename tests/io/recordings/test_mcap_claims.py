@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from maxcon import Pose, Trajectory, open_scans
-from maxcon.simulation.recordings import RecordingKind, record_drive
+from maxcon.simulation.datasets.recordings import RecordingKind, record_drive
 
 pytest.importorskip("mcap", reason="the extra recordings is not installed")
 

@@ -15,7 +15,7 @@ from maxcon.io.fixes import Fixes, Orientations, poses_of_fixes
 from maxcon.io.geographic import GeographicFrame
 from maxcon.io.recordings.poses import read_recorded_poses
 from maxcon.point_map import PointMap
-from maxcon.simulation.recordings import RecordingKind, record_drive
+from maxcon.simulation.datasets.recordings import RecordingKind, record_drive
 from maxcon.trajectory import Trajectory
 
 pytest.importorskip("rosbags")

@@ -16,7 +16,7 @@ from maxcon.io.recordings.cloud_sources import open_clouds
 from maxcon.io.recordings.mcap_files import unpacked_records
 from maxcon.io.recordings.opening import open_recording
 from maxcon.io.scans import RawScan, Scans, open_scans
-from maxcon.simulation.recordings import RecordingKind, record_drive
+from maxcon.simulation.datasets.recordings import RecordingKind, record_drive
 from maxcon.trajectory import Trajectory
 
 pytest.importorskip("rosbags")

@@ -1,0 +1,108 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""A dataset from a suburb: hedges, gardens and few facades, on slopes, scanned from a moving car."""
+
+import os
+from collections.abc import Callable, Sequence
+
+from maxcon.dataset import Dataset
+from maxcon.errors import OptionError
+from maxcon.simulation.datasets.dataset_files import (
+    DATASET_NAMES,
+    PRIORS,
+    ticker,
+    write_description,
+    write_epochs,
+    write_map_clouds,
+    write_trajectory,
+)
+from maxcon.simulation.drive import PriorErrors
+from maxcon.simulation.driving.gnss_priors import GnssErrors
+from maxcon.simulation.scenes.las_classes import LasClass
+from maxcon.simulation.scenes.suburb_road import check_road_length
+from maxcon.simulation.sensing.moving_scanner import DeskewErrors, MovingScanner
+from maxcon.simulation.sensing.scanner_layouts import ScannerLayout
+from maxcon.simulation.sensing.scanners import ProfileScanner, RotatingScanner, mobile_mapping_scanners
+from maxcon.simulation.worlds.suburb_world import ROAD_LENGTH, SuburbWorld, n_epochs_on
+from maxcon.system.atomic import atomic_folder, check_replaceable
+
+__all__ = ["simulate_suburb"]
+
+
+def simulate_suburb(
+    out: str | os.PathLike[str],
+    *,
+    n_epochs: int = 200,
+    seed: int = 0,
+    road_length: float = ROAD_LENGTH,
+    mapping_scanners: Sequence[ProfileScanner] | None = None,
+    scanner: RotatingScanner | None = None,
+    deskew_errors: DeskewErrors | None = None,
+    overwrite: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> Dataset:
+    """Write a seeded suburb: a residential road is mapped there and back, and driven on another day.
+
+    Parameters
+    ----------
+    out : path
+        Folder to write; it appears only when all in it is complete.
+    n_epochs : int
+        How many scans. 601 are 0.1 s apart and take the minute of the drive; fewer are chosen from these,
+        spread evenly over the same drive.
+    seed : int
+        The same seed gives the same suburb, drives, scans, priors and map points.
+    road_length : float
+        60 to 2000 m.
+    mapping_scanners : sequence of ProfileScanner, optional
+        On the mapping vehicle; two turned by 45 degrees to either side if None.
+    scanner : RotatingScanner, optional
+        On the car; a VLP-16 if None. `ScannerLayout` has others.
+    deskew_errors : DeskewErrors, optional
+        Errors of the motion that scans are deskewed by; their defaults if None.
+    overwrite : bool
+        Whether a dataset at `out` is replaced; anything else there is an error.
+    progress : callable, optional
+        Called with (done, total) after each step.
+
+    Returns
+    -------
+    Dataset
+        The paths of its parts. Its priors are `gnss` and `uniform`, as those of `simulate_campaign`.
+
+    Raises
+    ------
+    OptionError
+        If the road has fewer than `n_epochs` epochs, is too short or too long, or `seed` is negative.
+    MissingExtraError
+        If embreex is not installed.
+    FileError
+        If `out` exists and `overwrite` is False, or cannot be written.
+
+    Notes
+    -----
+    Map and scans are streamed to disk and never in memory as a whole.
+    """
+    check_road_length(road_length)
+    if not 1 <= n_epochs <= n_epochs_on(road_length):
+        raise OptionError(
+            f"Expected 1 to {n_epochs_on(road_length)} epochs of a suburb, got n_epochs = {n_epochs}."
+            " The drive has no more: the scanner turns ten times a second. Take a longer road for more."
+        )
+    if overwrite:
+        check_replaceable(out, "a simulated dataset", DATASET_NAMES)
+    with atomic_folder(out, overwrite=overwrite) as folder:
+        world = SuburbWorld.build(seed, road_length)
+        profiles = mapping_scanners or mobile_mapping_scanners()
+        tick = ticker(progress, world.n_pieces(profiles) + n_epochs)
+        write_description(folder, f"suburb, seed {seed}, {n_epochs} epochs", PRIORS, LasClass)
+        write_map_clouds(folder, world.map_echoes(profiles), tick)
+        write_trajectory(folder / "map/trajectory.txt", *world.map_poses(), "T_map_vehicle")
+        epochs = world.epochs(n_epochs)
+        moving = MovingScanner(scanner or ScannerLayout.VLP_16.scanner(), deskew_errors or DeskewErrors())
+        priors = {
+            "gnss": world.gnss_priors(epochs, GnssErrors()),
+            "uniform": world.uniform_priors(epochs, PriorErrors()),
+        }
+        write_epochs(folder, epochs, (world.scan(epoch, moving) for epoch in epochs), priors, tick)
+    return Dataset.open(out)
