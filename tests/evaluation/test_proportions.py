@@ -51,5 +51,7 @@ def test_impossible_counts_are_refused():
         clopper_pearson(4, 3)
     with pytest.raises(OptionError, match="`confidence` above 0 and below 1, got 1"):
         clopper_pearson(1, 3, 1.0)
+    with pytest.raises(OptionError, match=r"`confidence` above 0\.5 and below 1, got 0\.5\."):
+        upper_bound(1, 3, 0.5)
     with pytest.raises(OptionError, match="`rate` above 0 and below 1, got 0"):
         least_to_prove(0.0)

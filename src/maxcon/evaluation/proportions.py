@@ -40,8 +40,17 @@ def upper_bound(n_found: int, n_epochs: int, confidence: float = CONFIDENCE) -> 
     """Return the one-sided upper limit, 0 to 1, of the rate of an event found in `n_found` of `n_epochs`.
 
     With 95 % about 3 / n_epochs where it was never found. The upper end of `clopper_pearson`, with 1 - confidence
-    beyond it and not half of that; confidence must be above 0.5.
+    beyond it and not half of that.
+
+    Raises
+    ------
+    OptionError
+        If confidence is not above 0.5 and below 1, or fewer than 0 or more than `n_epochs` are found.
     """
+    if not 0.5 < confidence < 1.0:
+        raise OptionError(
+            f"Expected `confidence` above 0.5 and below 1, got {confidence}. The default is {CONFIDENCE}."
+        )
     return clopper_pearson(n_found, n_epochs, 2.0 * confidence - 1.0)[1]
 
 
