@@ -8,8 +8,8 @@ import pytest
 
 from maxcon.errors import FileError, MaxconError
 from maxcon.io.clouds import CLOUD_SUFFIXES, open_cloud
+from maxcon.io.file_names import SCAN_SUFFIXES
 from maxcon.io.scans import open_scans
-from maxcon.io.scans.points import SCAN_SUFFIXES
 from maxcon.io.trajectories import read_prior, read_trajectory
 from maxcon.system.regular_file import open_regular
 

@@ -6,15 +6,15 @@ import math
 import os
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from glob import escape
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
+from maxcon.alignment.alignment import Alignment
 from maxcon.alignment.corrected_files import (
     corrected_name,
     corrected_trajectory,
@@ -25,11 +25,11 @@ from maxcon.alignment.corrections import Corrections
 from maxcon.alignment.matching import Tie, match_visits
 from maxcon.alignment.options import AlignmentOptions
 from maxcon.alignment.places import PLACE_EDGE, PlaceKey, Places
-from maxcon.alignment.pose_graph import Adjusted, adjust_by_evidence
-from maxcon.alignment.residuals import PairResiduals, pair_residuals, remaining_sigma
+from maxcon.alignment.pose_graph import adjust_by_evidence
+from maxcon.alignment.residuals import remaining_sigma
 from maxcon.alignment.rounds import Rounds, read_rounds, survey
 from maxcon.alignment.tables import TABLES, files_there, write_tables
-from maxcon.alignment.tied import RoundTied, datum_sigma, tied_rounds
+from maxcon.alignment.tied import datum_sigma, tied_rounds
 from maxcon.alignment.visits import load_visits, save_visits, visits_of
 from maxcon.errors import FileError, MapError, OptionError
 from maxcon.io.clouds import CloudHeader
@@ -38,7 +38,7 @@ from maxcon.mapping.sources import common_crs, open_headers
 from maxcon.system.atomic import atomic_folder, check_replaceable
 from maxcon.system.progress import Progress
 
-__all__ = ["Alignment", "align", "align_files"]
+__all__ = ["align", "align_files"]
 
 MOST_THREADS = 4
 """By default; each thread holds the points of a place, some 0.4 GiB."""
@@ -47,47 +47,6 @@ N_MATCHINGS = 2
 
 Given = TypeVar("Given")
 Made = TypeVar("Made")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Alignment:
-    """The outcome of an alignment.
-
-    Parameters
-    ----------
-    rounds : Rounds
-        All rounds.
-    ties : tuple of Tie
-        Matched pairs of visits that are used.
-    refused : mapping of str to int
-        Number of the other matched pairs, by the reason why they are not used (`Tie.fault`).
-    adjusted : Adjusted
-        Corrections of the rounds, and what remains.
-    tied : tuple of RoundTied
-        For each round: its correction, how sure that is, and which rounds it is tied to.
-    sigma_before, sigma_of_round : float
-        Standard deviation of one round's position relative to the others, along a horizontal axis, m, before and after.
-    sigma_of_map : float
-        Standard deviation of a map of all rounds, that is of their mean, along a horizontal axis, m: from the
-        differences that remain between rounds and their mean drift, which no match reveals; without `sigma_of_datum`.
-    sigma_of_datum : float
-        Standard deviation of a shift common to all rounds, m: only their priors, not their matches, determine it.
-    """
-
-    rounds: Rounds
-    ties: tuple[Tie, ...]
-    refused: Mapping[str, int]
-    adjusted: Adjusted
-    tied: tuple[RoundTied, ...]
-    sigma_before: float
-    sigma_of_round: float
-    sigma_of_map: float
-    sigma_of_datum: float
-
-    @property
-    def pairs(self) -> list[PairResiduals]:
-        """Residuals of each pair of rounds."""
-        return pair_residuals(self.ties, self.adjusted)
 
 
 def align(

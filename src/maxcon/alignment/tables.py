@@ -8,17 +8,14 @@ import math
 import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from maxcon.alignment.alignment import Alignment
 from maxcon.alignment.options import AlignmentOptions
 from maxcon.alignment.residuals import is_contradicted
 from maxcon.system.regular_file import read_regular
 from maxcon.version import __version__
-
-if TYPE_CHECKING:
-    from maxcon.alignment.align import Alignment
 
 __all__ = ["TABLES", "files_there", "write_tables"]
 
@@ -31,9 +28,7 @@ LARGEST_SUMMARY = 2**24
 """Bytes."""
 
 
-def write_tables(
-    folder: Path, alignment: "Alignment", options: AlignmentOptions, files: Sequence[str]
-) -> None:
+def write_tables(folder: Path, alignment: Alignment, options: AlignmentOptions, files: Sequence[str]) -> None:
     """Write all tables of an alignment; lengths in m, angles in degrees.
 
     Parameters
@@ -79,7 +74,7 @@ def _is_nan(value: object) -> bool:
     return isinstance(value, float) and math.isnan(value)
 
 
-def _rounds(alignment: "Alignment") -> tuple[list[str], list[Row]]:
+def _rounds(alignment: Alignment) -> tuple[list[str], list[Row]]:
     head = ["round", "name", "n_points", "start_s", "end_s", "n_ties", "group"]
     head += [f"{what}_{axis}" for what in ("shift", "turn_deg", "sigma") for axis in AXES] + ["words"]
     rows: list[Row] = []
@@ -93,7 +88,7 @@ def _rounds(alignment: "Alignment") -> tuple[list[str], list[Row]]:
     return head, rows
 
 
-def _pairs(alignment: "Alignment") -> tuple[list[str], list[Row]]:
+def _pairs(alignment: Alignment) -> tuple[list[str], list[Row]]:
     head = ["round_a", "round_b", "n_ties", "n_contradicted"]
     head += [
         f"{what}_{when}_{size}"
@@ -111,7 +106,7 @@ def _pairs(alignment: "Alignment") -> tuple[list[str], list[Row]]:
     return head, rows
 
 
-def _ties(alignment: "Alignment") -> tuple[list[str], list[Row]]:
+def _ties(alignment: Alignment) -> tuple[list[str], list[Row]]:
     head = ["x", "y", "round_a", "round_b", "time_a", "time_b", "share", "weight", "is_contradicted"]
     head += [f"{what}_{axis}" for what in ("before", "after", "sigma") for axis in AXES]
     rows: list[Row] = []
@@ -132,7 +127,7 @@ def _ties(alignment: "Alignment") -> tuple[list[str], list[Row]]:
     return head, rows
 
 
-def _corrections(alignment: "Alignment") -> tuple[list[str], list[Row]]:
+def _corrections(alignment: Alignment) -> tuple[list[str], list[Row]]:
     """A row for each knot: how what was measured then, about there, is moved."""
     head = [
         "round",
@@ -156,7 +151,7 @@ def _corrections(alignment: "Alignment") -> tuple[list[str], list[Row]]:
     return head, rows
 
 
-def _summary(alignment: "Alignment", options: AlignmentOptions) -> dict[str, object]:
+def _summary(alignment: Alignment, options: AlignmentOptions) -> dict[str, object]:
     return {
         "program": f"maxcon {__version__}",
         "rounds_by": options.rounds_by,

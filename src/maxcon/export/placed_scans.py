@@ -16,8 +16,8 @@ from maxcon.export.rows import PoseRow
 from maxcon.geometry import Pose
 from maxcon.io.clouds.laz import laz_as_os_error
 from maxcon.io.crs import metric_crs
+from maxcon.io.raw_scan import nearest_in_time
 from maxcon.io.scans import Scans
-from maxcon.io.scans.raw_scan import nearest_in_time
 from maxcon.system.atomic import atomic_file
 
 __all__ = ["SCAN_SUFFIXES", "write_placed_scans"]

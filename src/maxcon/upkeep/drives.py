@@ -17,8 +17,8 @@ from maxcon.errors import FileError, OptionError
 from maxcon.export.parquet_rows import PARQUET
 from maxcon.export.rows import PoseRow, read_rows
 from maxcon.geometry import LocalFrame, Pose
+from maxcon.io.raw_scan import nearest_in_time
 from maxcon.io.scans import Scans, open_scans
-from maxcon.io.scans.raw_scan import nearest_in_time
 from maxcon.io.trajectories import read_trajectory
 from maxcon.upkeep.update_options import UpdateOptions
 

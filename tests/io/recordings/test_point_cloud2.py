@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from maxcon.errors import FileError
+from maxcon.io.point_times import find_point_times
 from maxcon.io.recordings.point_cloud2 import FORMATS, CloudRecord, FieldDescription, decode_cloud
-from maxcon.io.recordings.point_times import find_point_times
 
 CODES = {name: code for code, name in FORMATS.items()}
 STAMP = 1_714_506_077_250_967_979

@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 from maxcon.errors import FileError
+from maxcon.io.file_names import SCAN_SUFFIXES, in_natural_order
 from maxcon.io.recordings.bags import Ros1Bag, SqliteBag
 from maxcon.io.recordings.base import Recording
 from maxcon.io.recordings.mcap_files import McapFiles
@@ -73,8 +74,6 @@ def open_recording(path: str | os.PathLike[str]) -> Recording:
 
 def _is_bag(folder: Path) -> bool:
     """Whether a folder has what a ROS 2 bag has, and no scans in files."""
-    from maxcon.io.scans.points import SCAN_SUFFIXES
-
     try:
         files = [file for file in folder.iterdir() if file.is_file()]
     except OSError:
@@ -86,6 +85,4 @@ def _is_bag(folder: Path) -> bool:
 
 def _mcap_files(folder: Path) -> list[Path]:
     """List the MCAP files of a bag, which are numbered, in their order."""
-    from maxcon.io.scans.times import in_natural_order
-
     return in_natural_order([file for file in folder.glob("*.mcap") if file.is_file()])

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import FileError
+from maxcon.io.point_times import TIME_FIELDS, Column, PointTimes, find_point_times
 from maxcon.io.recordings.base import printable
-from maxcon.io.recordings.point_times import TIME_FIELDS, Column, PointTimes, find_point_times
 
 __all__ = [
     "CloudPoints",

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from maxcon.errors import FileError
 from maxcon.io.clouds.base import as_file_error
-from maxcon.io.recordings.cloud_sources import CloudSource, RecordedCloud
 from maxcon.io.recordings.point_cloud2 import FORMATS, CloudRecord, FieldDescription
+from maxcon.io.recordings.recorded_cloud import CloudSource, RecordedCloud
 
 __all__ = ["TurnsOfCapture", "record_of_points"]
 

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import FileError, MaxconError
+from maxcon.io.raw_scan import RawScan
 from maxcon.io.recordings.base import Topic
 from maxcon.io.recordings.opening import CAPTURE_SUFFIX, is_recording
-from maxcon.io.scans.raw_scan import RawScan
 from maxcon.scan import Scan
 
 if TYPE_CHECKING:
-    from maxcon.io.recordings.cloud_sources import RecordedCloud
+    from maxcon.io.recordings.recorded_cloud import RecordedCloud
 
 __all__ = ["RecordingDescription", "ScansDescription", "describe"]
 
@@ -221,7 +221,7 @@ def _rings(seen: list[_Seen]) -> str:
 
 
 def _share_with_normal(points: NDArray[np.float64]) -> float | None:
-    from maxcon.io.scans.raw_scan import returns_in_range
+    from maxcon.io.raw_scan import returns_in_range
 
     is_near, _ = returns_in_range(points, 1.0, 120.0)
     near = points[is_near]

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from maxcon.deskew import deskew, times_of_turn
 from maxcon.errors import FileError, TrajectoryError
-from maxcon.io.scans.raw_scan import RawScan, Scans
+from maxcon.io.raw_scan import RawScan, Scans
 from maxcon.trajectory import Trajectory
 
 __all__ = ["DeskewedScans"]

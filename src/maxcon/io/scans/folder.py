@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import FileError
-from maxcon.io.recordings.point_times import PointTimes, find_point_times
-from maxcon.io.scans.points import SCAN_SUFFIXES, read_scan_file
-from maxcon.io.scans.raw_scan import RawScan, Scans, check_range, returns_in_range
+from maxcon.io.file_names import SCAN_SUFFIXES, in_natural_order
+from maxcon.io.point_times import PointTimes, find_point_times
+from maxcon.io.raw_scan import RawScan, Scans, check_range, returns_in_range
+from maxcon.io.scans.points import read_scan_file
 from maxcon.io.scans.scan_file import ScanFile
-from maxcon.io.scans.times import in_natural_order, times_from_file, times_from_names
+from maxcon.io.scans.times import times_from_file, times_from_names
 
 __all__ = ["ScanFolder", "open_scan_folder"]
 

@@ -7,8 +7,8 @@ from __future__ import annotations
 import os
 
 from maxcon.errors import OptionError
+from maxcon.io.raw_scan import Scans
 from maxcon.io.scans.folder import open_scan_folder
-from maxcon.io.scans.raw_scan import Scans
 
 __all__ = ["open_scans"]
 

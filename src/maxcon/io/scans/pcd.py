@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from maxcon.errors import FileError, MissingExtraError
 from maxcon.io.clouds.base import as_file_error, as_float64
-from maxcon.io.recordings.point_times import TIME_FIELDS, Column
+from maxcon.io.point_times import TIME_FIELDS, Column
 from maxcon.io.scans.pcd_header import PcdLayout, read_pcd_layout
 from maxcon.io.scans.scan_file import ScanFile
 from maxcon.io.text import read_table

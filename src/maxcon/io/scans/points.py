@@ -14,9 +14,8 @@ from maxcon.io.scans.pcd import read_pcd
 from maxcon.io.scans.scan_file import ScanFile
 from maxcon.system.regular_file import check_regular
 
-__all__ = ["MAX_SCAN_POINTS", "SCAN_SUFFIXES", "read_scan_file"]
+__all__ = ["MAX_SCAN_POINTS", "read_scan_file"]
 
-SCAN_SUFFIXES = (".bin", ".pcd", ".las", ".laz", ".ply", ".npz")
 # The densest scanners return some hundred thousand points per turn; more is a map in the wrong place, and would take
 # over a gigabyte (about 200 bytes a point) to localize.
 MAX_SCAN_POINTS = 5_000_000

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.io.recordings.point_times import Column
+from maxcon.io.point_times import Column
 
 __all__ = ["ScanFile"]
 

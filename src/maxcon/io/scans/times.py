@@ -2,33 +2,20 @@
 # SPDX-License-Identifier: MIT
 """The time of each scan: from a file with one time per line, or from the names of the scans."""
 
-import re
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import FileError
+from maxcon.io.file_names import NUMBER
 from maxcon.io.text import numbered_lines, parse_float
 
-__all__ = ["in_natural_order", "times_from_file", "times_from_names"]
+__all__ = ["times_from_file", "times_from_names"]
 
-NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?")
 # Unix times since 2001: digits of an integer name, and how many of its units make a second.
 UNITS_BY_DIGITS = {19: 1e9, 16: 1e6, 13: 1e3}
 ADVICE = "Write a times.txt with one time in seconds per scan, in the order of the names."
-
-
-def in_natural_order(paths: list[Path]) -> list[Path]:
-    """Sort by name, numbers by value: 2 before 10, and 1.25 before 1.5 where all names are numbers."""
-    if all(NUMBER.fullmatch(path.stem) for path in paths):
-        return sorted(paths, key=lambda path: (float(path.stem), path.name))
-
-    def key(path: Path) -> tuple[list[str | int], str]:
-        parts = re.split(r"([0-9]+)", path.name)
-        return [int(part) if i % 2 else part for i, part in enumerate(parts)], path.name
-
-    return sorted(paths, key=key)
 
 
 def times_from_file(file: Path, n_scans: int) -> NDArray[np.float64]:

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon import __version__
 from maxcon.dataset import DESCRIPTION
 from maxcon.geometry import LocalFrame, Pose
 from maxcon.io.trajectories import write_tum
@@ -18,6 +17,7 @@ from maxcon.simulation.scenes.las_classes import LasClass
 from maxcon.simulation.sensing.scanners import Echoes
 from maxcon.simulation.worlds.mapped_drives import ScanEpoch
 from maxcon.trajectory import Trajectory
+from maxcon.version import __version__
 
 __all__ = [
     "CITY_ORIGIN",
