@@ -58,7 +58,7 @@ MANY_CELLS = 2**19
 # Scores in large cells rank places less sharply than those in small ones: a place that reaches so much of the share
 # that is asked for is looked at in small cells too, ...
 BLUNT, BLUNT_WIDE = 0.85, 0.75
-# ... of so many places at most, the highest: where more fit, none stands out.
+# ... of so many places at most, the highest; the next one counts with its share of the best large cell.
 MOST_PLACES, MOST_WIDE_PLACES = 12, 256
 # More cells of the first level take minutes.
 MOST_LARGE_CELLS = 2**28
@@ -80,7 +80,7 @@ class OpenPlaces:
     poses : list of Pose
         One for each place, the highest score first.
     rest : float
-        Share of the best large cell's score that no other place reaches.
+        Share of the best large cell's score that no other place exceeds.
     """
 
     poses: list[Pose]
@@ -130,8 +130,8 @@ def best_places(
     list of BestCell
         The best place first; none where nothing scores. Each is the best cell, of the map's own voxels, of a window
         around a large one. `runner_up` is a ratio to its own score by Helmert's: of the highest other place that was
-        searched in small cells; of one given up there, the share; or the share below which large cells were not
-        followed, which is proved for large cells and evidence for small ones.
+        searched in small cells; of one given up there, the share (of the objective, whichever it is); or the share
+        below which large cells were not followed, which is proved for large cells and evidence for small ones.
 
     Raises
     ------

@@ -90,8 +90,8 @@ class Estimate:
         Helmert's score of the second highest place, farther than a guard radius away, over that of the best
         cell: near 0 where the answer is distinct, near 1 where it is ambiguous. A search by bounds in given cells gives
         what it proved: no other place scores more than this, exact where that is too much to be trusted. Coarse to fine
-        it is the highest of the places looked at in small cells, one for each, or the share that large cells proved of
-        all others (D11).
+        it is the highest of the places looked at in small cells, one for each; or the share that large cells proved of
+        all others, by the objective of the search, even if that is not Helmert's (D11, decision 21).
     reason : str
         Why the answer, of whatever status, is to be doubted: what is unusual about the scan or about the matches that
         carry it, in words; empty if nothing is.

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from maxcon.errors import ArrayError, OptionError
 
 __all__ = [
+    "OBJECTIVES",
     "BoundedByAxes",
     "BoundedByCount",
     "Checked",
@@ -40,10 +41,13 @@ SINGULAR_RATIO = 1e-6
 
 
 class Objective(Protocol):
-    """Anything that scores moments; higher is better."""
+    """Anything that scores moments; higher is better, and 0 is worth nothing."""
 
     def score(self, moments: Moments) -> Scores:
-        """Scores, shape (...), of moments, shape (..., 4): count, Nxx, Nxy, Nyy. Never NaN."""
+        """Scores, shape (...), of moments, shape (..., 4): count, Nxx, Nxy, Nyy. Never NaN.
+
+        Searches by bounds and of open spaces look for shares of the best score: they refuse negative ones.
+        """
         ...
 
 
@@ -92,7 +96,7 @@ def checked_scores(scores: Scores, shape: tuple[int, ...]) -> Scores:
 
 @dataclass(frozen=True, slots=True)
 class Checked:
-    """Another objective, whose scores are looked at: one of a user's own may return anything.
+    """Another objective, whose scores are checked: one of a user's own may return anything.
 
     Parameters
     ----------
@@ -108,9 +112,15 @@ class Checked:
         Raises
         ------
         ArrayError
-            If the other objective returns scores of another shape, or NaN.
+            If the other objective returns scores of another shape, NaN, or negative ones.
         """
-        return checked_scores(self.objective.score(moments), moments.shape[:-1])
+        scores = checked_scores(self.objective.score(moments), moments.shape[:-1])
+        if scores.min(initial=0) < 0:
+            raise ArrayError(
+                f"Expected scores of 0 or more where shares of the best one are looked for, got {scores.min():g}. Let"
+                " the objective return 0 where a cell is worth nothing, or search given cells exhaustively."
+            )
+        return scores
 
 
 # Scores are computed from N with an error of a few times 2^-52 of its largest eigenvalue squared in det N, which is
@@ -187,6 +197,10 @@ class MaxEigenvalue:
         return np.minimum(along_u, along_v) * ROUNDING
 
 
+OBJECTIVES = (Count(), Helmert(), MaxEigenvalue())
+"""Those that have names, in the order of the paper: what studies compare, and the command line offers."""
+
+
 def as_objective(objective: Objective | str) -> Objective:
     """Return an objective as it is, or the one of a name.
 
@@ -197,7 +211,7 @@ def as_objective(objective: Objective | str) -> Objective:
     """
     if not isinstance(objective, str | type) and callable(getattr(objective, "score", None)):
         return objective
-    named: dict[str, Objective] = {each.name: each for each in (Helmert(), Count(), MaxEigenvalue())}
+    named: dict[str, Objective] = {each.name: each for each in OBJECTIVES}
     if isinstance(objective, str) and objective in named:
         return named[objective]
     *others, last = (repr(name) for name in named)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from maxcon.geometry import Pose
 from maxcon.mapping import MapOptions, build_map
 from maxcon.maximum_consensus import MaximumConsensus
-from maxcon.objectives import Count, Helmert, MaxEigenvalue, Objective
+from maxcon.objectives import OBJECTIVES
 from maxcon.point_map import PointMap
 from maxcon.relocalization import Relocalizer
 from maxcon.scan import Scan
@@ -28,11 +28,10 @@ from maxcon.search import consensus_set
 from maxcon.search_space import SearchSpace
 from maxcon.system.compiled import on_compilation
 
-__all__ = ["OBJECTIVES", "SPACE", "Compiled", "options_of_the_method", "search_room", "warm_up"]
+__all__ = ["SPACE", "Compiled", "options_of_the_method", "search_room", "warm_up"]
 
 PRIOR = Pose(0.02, -0.03, 0.0, 0.0, 0.0, 0.0)
 SPACE = SearchSpace(0.24, 0.06, 0.5, 0.5)
-OBJECTIVES: tuple[Objective, ...] = (Helmert(), Count(), MaxEigenvalue())
 LARGER = 5.0
 # A tile of the map with a single point: arrays of one row are of another memory layout, and so of another type.
 LONELY = np.array([[40.0, 0.0, 0.0]])

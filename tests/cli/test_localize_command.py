@@ -216,7 +216,7 @@ def test_an_own_objective_scores(localize, tmp_path, monkeypatch, name):
         ("own_bad:Missing", "AttributeError"),
         ("own_bad:silly", "`score"),
         (":Name", "ValueError"),
-        ("Helmert", "'helmert', 'count', 'max-eigenvalue'"),
+        ("Helmert", "'count', 'helmert', 'max-eigenvalue'"),
     ],
 )
 def test_an_objective_that_is_none_is_refused(localize, tmp_path, monkeypatch, word, reason):

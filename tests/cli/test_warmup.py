@@ -25,7 +25,8 @@ from maxcon import MaximumConsensus, PointMap
 from maxcon.drive.localize import localize_drive
 from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory
-from maxcon.warmup import OBJECTIVES, options_of_the_method
+from maxcon.objectives import OBJECTIVES
+from maxcon.warmup import options_of_the_method
 
 point_map, scans, prior = PointMap.open(sys.argv[1]), open_scans(sys.argv[2]), read_trajectory(sys.argv[3])
 for options in options_of_the_method():

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from maxcon import Count, Helmert, MaxEigenvalue, PointMap, Pose, Scan, SearchSpace
 from maxcon.errors import ArrayError, OptionError, SearchSpaceError
+from maxcon.objectives import OBJECTIVES
 from maxcon.search import Limits, Multiplicity, Standing, Weighting, branch_and_bound, exhaustive
 from maxcon.search.axis import N_AXES, Axis
 from maxcon.search.bounds import Summand, bounding_of
@@ -16,7 +17,6 @@ from maxcon.search.cells import Window
 from maxcon.search.prepared_scan import PreparedScan
 
 CELL = 0.1
-OBJECTIVES = (Count(), Helmert(), MaxEigenvalue())
 
 
 class OwnObjective:
@@ -324,7 +324,7 @@ class BrokenAndBounded(Broken):
 
 
 @pytest.mark.parametrize("kind", [Broken, BrokenAndBounded])
-def test_scores_that_are_no_numbers_or_not_one_for_each_cell_are_refused(kind):
+def test_scores_that_promise_nothing_are_refused(kind):
     space = SearchSpace(0.8, CELL, 1.0, 0.5)
     scan, point_map, prior = street(3, space)
     of_no_cell, of_all = kind(lambda moments: moments[..., 0] * np.nan), kind(lambda moments: moments.sum())
@@ -332,6 +332,9 @@ def test_scores_that_are_no_numbers_or_not_one_for_each_cell_are_refused(kind):
         branch_and_bound(scan, point_map, prior, space, of_no_cell)
     with pytest.raises(ArrayError, match=r"scores of shape \(.*\), got \(\)\."):
         branch_and_bound(scan, point_map, prior, space, of_all)
+    negative = kind(lambda moments: moments[..., 0] - 1e9)
+    with pytest.raises(ArrayError, match=r"scores of 0 or more .*, got -1e\+09\. Let the objective return 0"):
+        branch_and_bound(scan, point_map, prior, space, negative)
 
 
 @pytest.mark.parametrize("objective", OBJECTIVES)

@@ -9,13 +9,13 @@ import pytest
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
-from maxcon import Count, Helmert, MaxEigenvalue, PointMap, Pose, Scan, SearchSpace
+from maxcon import Count, Helmert, PointMap, Pose, Scan, SearchSpace
 from maxcon.errors import SearchSpaceError
+from maxcon.objectives import OBJECTIVES
 from maxcon.search import Weighting, accumulators, branch_and_bound, exhaustive, highest_of, reference
 
 CELL = 0.1
 SEEDS = st.integers(0, 2**32)
-OBJECTIVES = (Count(), Helmert(), MaxEigenvalue())
 
 
 class OwnObjective:

@@ -11,7 +11,7 @@ from maxcon.baselines import CountThenGicp, Gicp, Icp, MapTargets, MultiStart, c
 from maxcon.drive.localize import Method
 from maxcon.errors import MissingExtraError, OptionError
 from maxcon.maximum_consensus import MaximumConsensus
-from maxcon.objectives import Count, Helmert, MaxEigenvalue, Objective
+from maxcon.objectives import OBJECTIVES, Count, Helmert, MaxEigenvalue
 from maxcon.search_space import SearchSpace
 from maxcon.study.map_variants import MAP_VARIANTS, STANDARD
 
@@ -141,17 +141,17 @@ def installed_methods(methods: Sequence[StudyMethod]) -> tuple[list[StudyMethod]
 
 def _consensus_methods(space: SearchSpace) -> list[StudyMethod]:
     """The method as `localize` runs it; and the best cell alone, by every objective and with one thing changed."""
-    objectives: dict[str, Objective] = {each.name: each for each in (Count(), Helmert(), MaxEigenvalue())}
     as_localize = SearchSpace(space.half_width, heading_half_width_deg=space.heading_half_width_deg)
     methods = [StudyMethod("maxcon", MaximumConsensus(as_localize))]
     for multiplicity, options in (("points", AS_PUBLISHED), ("occupied", CELL_ONLY)):
-        for name, objective in objectives.items():
+        for objective in OBJECTIVES:
             method = MaximumConsensus(space, objective, multiplicity, **options)
-            methods.append(StudyMethod(f"{name}-{multiplicity}", method))
-            if name == "max-eigenvalue":
+            name = f"{objective.name}-{multiplicity}"
+            methods.append(StudyMethod(name, method))
+            if isinstance(objective, MaxEigenvalue):
                 continue
             methods += [
-                StudyMethod(f"{name}-{multiplicity}-{density}", method, density)
+                StudyMethod(f"{name}-{density}", method, density)
                 for density in ("density-1/4", "density-1/16")
             ]
         unweighted = MaximumConsensus(space, Helmert(), multiplicity, **{**options, "weighting": "one"})
