@@ -55,14 +55,14 @@ class CellSearch:
             if places:
                 return replace(self.judge(places[0], scan, point_map), cell=None)
             # Nothing scores: the large cells say how many points match all the same.
-        level, cells = self.cells(space, point_map)
+        level, cells = self.level_and_cells(space, point_map)
         if self.search is SearchMethod.BRANCH_AND_BOUND and self.has_bounds:
             best = self._by_bounds(scan.thinned(self.thinning), level, start, cells)
             if best is not None:
                 return self.judge(best, scan, level)
         return self.conclude(self.accumulate(scan, level, start, cells), scan, level)
 
-    def cells(self, space: SearchSpace, point_map: PointMap) -> tuple[PointMap, SearchSpace]:
+    def level_and_cells(self, space: SearchSpace, point_map: PointMap) -> tuple[PointMap, SearchSpace]:
         """The level of the map, and the cells, that a space is searched in; coarse to fine the coarse ones."""
         if self.is_coarse_to_fine(space, point_map):
             return COARSE.of(point_map), COARSE.cells(space, point_map)
@@ -77,7 +77,7 @@ class CellSearch:
     def places(self, scan: Scan, point_map: PointMap, start: Pose, space: SearchSpace) -> list[BestCell]:
         """Places of an open space where a scan may have been taken, the best first: see `best_places`."""
         search = self._branch_and_bound(self.objective)
-        return best_places(search, scan.thinned(self.thinning), point_map, start, space, self._least_share)
+        return best_places(search, scan.thinned(self.thinning), point_map, start, space, self._asked_share)
 
     def _branch_and_bound(self, objective: Objective) -> "partial[Found]":
         """Branch and bound for an objective, given scan, map, prior and space."""
@@ -87,7 +87,7 @@ class CellSearch:
         )  # fmt: skip
 
     @property
-    def _least_share(self) -> float:
+    def _asked_share(self) -> float:
         """Share of the best score from which on other places are to be known."""
         return max(self.trust.largest_runner_up, LEAST_SHARE)
 
@@ -121,7 +121,7 @@ class CellSearch:
 
     def _by_bounds(self, scan: Scan, point_map: PointMap, prior: Pose, space: SearchSpace) -> BestCell | None:
         """The best cell by branch and bound; None where nothing scores, and all cells have to be looked at."""
-        share = self._least_share
+        share = self._asked_share
         found = self._branch_and_bound(self.objective)(scan, point_map, prior, space, share=share)
         raised, plane = space.raised(prior, found.height), space.plane
         score = float(Helmert().score(found.moments))

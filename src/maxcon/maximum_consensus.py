@@ -149,13 +149,10 @@ class MaximumConsensus:
         SearchSpaceError
             If the cell edge is not the map's or that of a level of it, or the space is too large.
         """
-        found, start, space = max(
-            (
-                (self.cell_search.best(scan, point_map, *each), *each)
-                for each in self._starts(scan, point_map, prior)
-            ),
-            key=lambda each: each[0].score,
-        )
+        starts = self._starts(scan, point_map, prior)
+        answers = [self.cell_search.best(scan, point_map, start, space) for start, space in starts]
+        highest = max(range(len(starts)), key=lambda number: answers[number].score)
+        found, (start, space) = answers[highest], starts[highest]
         is_outermost = abs(found.pose.z - start.z) > space.height_half_width - 0.5 * point_map.cell
         found, ground = self._on_ground(found, prior, scan, point_map)
         settled = self._settle(found, ground, start, scan, point_map)
@@ -222,9 +219,11 @@ class MaximumConsensus:
 
     def _wider_spaces(self) -> Iterator[SearchSpace]:
         """What is searched around an answer in doubt, one after the other: at twice the headings, and twice as far."""
+        if self.wider == 0.0:
+            return
         half_width, turn_deg = max(self.wider, self.space.half_width), self.space.heading_half_width_deg
         least_deg = SearchSpace().heading_half_width_deg if self.widest > 0.0 else 0.0
-        while self.wider > 0.0:
+        while True:
             turn_deg = max(2.0 * turn_deg if turn_deg <= LARGEST_DOUBLED_DEG else turn_deg, least_deg)
             yield SearchSpace(half_width, heading_half_width_deg=turn_deg)
             if half_width >= self.widest:
@@ -275,7 +274,7 @@ class MaximumConsensus:
         starts = self._starts(scan, point_map, prior)
         found = []
         for start, space in starts:
-            level, cells = self.cell_search.cells(space, point_map)
+            level, cells = self.cell_search.level_and_cells(space, point_map)
             found.append(self.cell_search.accumulate(scan, level, start, cells))
         return (
             max(found, key=lambda each: each.score(self.cell_search.objective).max())

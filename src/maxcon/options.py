@@ -76,7 +76,7 @@ class SearchMethod(NamedOption, option="search"):
     """How the best cell is found; it is the same one (D7)."""
 
     EXHAUSTIVE = "exhaustive"
-    """Look at every cell."""
+    """Look at every cell. Only an answer in doubt is searched for farther around by bounds, coarse to fine."""
 
     BRANCH_AND_BOUND = "branch-and-bound"
     """Bound every cell, and look at those that could be the best."""

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 from maxcon.cli.drive_inputs import DriveInputs, RecordingOptions, naming_files
 from maxcon.cli.method_options import parse_objective
 from maxcon.cli.search_space import SpaceOptions
-from maxcon.cli.tracking import started_drive
 from maxcon.options import Multiplicity, SearchMethod, Weighting
 
 if TYPE_CHECKING:
@@ -121,12 +120,28 @@ class OpenedDrive:
 
     def started(self, first: int = 0) -> "Iterator[EpochEstimate]":
         """Return an iterator over the estimates from an epoch on; what cannot work is said at once, with the files."""
+        from maxcon.drive.localize import localize_drive
+
         with self._naming_files():
-            return started_drive(
-                self.point_map, self.inputs.scans, self.inputs.prior, self.method, self.opener.drive,
-                windows=self.windows, track=self.opener.is_track, odometry=self.inputs.odometry,
-                drift=self.opener.drift, threads=self.opener.threads, first=first,
+            if self.opener.is_track:
+                return self._tracked()
+            return localize_drive(
+                self.point_map, self.inputs.scans, self.inputs.prior, self.windows or self.method, self.opener.drive,
+                first=first, n_threads=self.opener.threads,
             )  # fmt: skip
+
+    def _tracked(self) -> "Iterator[EpochEstimate]":
+        """Return an iterator over the estimates of a track, by odometry or by what the prior says of motions."""
+        from maxcon.drive.track import track_drive
+        from maxcon.tracking import MotionNoise, Tracker
+
+        prior, odometry, drift = self.inputs.prior, self.inputs.odometry, self.opener.drift
+        if odometry is None:
+            noise = MotionNoise.of_prior(prior)
+        else:
+            noise = MotionNoise() if drift is None else MotionNoise(share=drift)
+        tracker = Tracker(self.method, noise)
+        return track_drive(self.point_map, self.inputs.scans, prior, tracker, odometry, self.opener.drive)
 
     def estimates(self, first: int, last: int) -> "Iterator[EpochEstimate]":
         """Localize the epochs from `first` up to, not including, `last`; a track from its beginning to its end."""

@@ -15,7 +15,7 @@ from maxcon.io.recordings.cloud_sources import open_clouds
 from maxcon.io.recordings.opening import is_recording
 from maxcon.io.recordings.point_cloud2 import CloudRecord, FieldDescription, decode_cloud
 from maxcon.io.scans import open_scans
-from maxcon.io.scans.points import read_scan_file
+from maxcon.io.scans.reading import read_scan_file
 
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")

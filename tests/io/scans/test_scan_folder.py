@@ -8,7 +8,7 @@ import pytest
 
 from maxcon.errors import FileError, OptionError
 from maxcon.io.scans import open_scans
-from maxcon.io.scans import points as scan_points
+from maxcon.io.scans import reading as scan_points
 
 POINTS = np.array(
     [

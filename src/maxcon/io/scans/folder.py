@@ -13,7 +13,7 @@ from maxcon.errors import FileError
 from maxcon.io.file_names import SCAN_SUFFIXES, in_natural_order
 from maxcon.io.point_times import PointTimes, find_point_times
 from maxcon.io.raw_scan import RawScan, Scans, check_range, returns_in_range
-from maxcon.io.scans.points import read_scan_file
+from maxcon.io.scans.reading import read_scan_file
 from maxcon.io.scans.scan_file import ScanFile
 from maxcon.io.scans.times import times_from_file, times_from_names
 
