@@ -9,7 +9,7 @@ import maxcon
 from maxcon.errors import FileError, OptionError
 from maxcon.report.plots.overview_plot import _draw_points, _draw_space, _words, plot_overview
 from maxcon.report.plots.scene import Scene
-from maxcon.report.plots.search_spaces import SearchSpaceView
+from maxcon.report.plots.search_space_view import SearchSpaceView
 
 
 def parts_of(epoch, space):

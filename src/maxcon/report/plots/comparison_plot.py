@@ -19,8 +19,16 @@ from maxcon.report.canvas.figure import SERIES, draw_titles, saved_figure
 from maxcon.report.canvas.from_above import Window, draw_map, draw_scale_bar
 from maxcon.report.canvas.objective_names import title_of
 from maxcon.report.plots.scene import is_off_the_ground
-from maxcon.report.plots.score_panel import draw_scores, ground_of, offset_words, put_mark, scale_words
-from maxcon.report.plots.search_spaces import COLORS, SearchSpaceView, cell_marks
+from maxcon.report.plots.score_panel import (
+    COLORS,
+    cell_marks,
+    draw_scores,
+    ground_of,
+    offset_words,
+    put_mark,
+    scale_words,
+)
+from maxcon.report.plots.search_space_view import SearchSpaceView
 from maxcon.scan import Scan
 
 if TYPE_CHECKING:

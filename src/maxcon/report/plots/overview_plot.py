@@ -17,8 +17,15 @@ from maxcon.report.canvas.figure import MUTED, draw_titles, saved_figure
 from maxcon.report.canvas.from_above import Window, draw_map, draw_scale_bar
 from maxcon.report.canvas.objective_names import title_of
 from maxcon.report.plots.scene import CONSENSUS_COLOR, PRIOR_COLOR, Scene
-from maxcon.report.plots.score_panel import draw_scores, ground_of, put_mark, scale_words
-from maxcon.report.plots.search_spaces import COLORS, SearchSpaceView, cell_marks
+from maxcon.report.plots.score_panel import (
+    COLORS,
+    cell_marks,
+    draw_scores,
+    ground_of,
+    put_mark,
+    scale_words,
+)
+from maxcon.report.plots.search_space_view import SearchSpaceView
 from maxcon.report.plots.spaces_on_ground import apart, highest_of_blocks, window_around
 from maxcon.scan import Scan
 
@@ -143,10 +150,9 @@ def _draw_space(axes: "Axes", view: SearchSpaceView, is_localized: bool, is_this
     from matplotlib.patches import Rectangle
 
     prior, space = view.accumulator.prior, view.space
-    heading, iy, ix = view.best
     ground = ground_of(space, prior.x, prior.y)
     edge = math.ceil(space.shape[2] / MOST_BLOCKS)
-    blocks = highest_of_blocks(view.scores[heading], edge)
+    blocks = highest_of_blocks(view.scores[view.best[0]], edge)
     ny, nx = blocks.shape
     covered = Window(
         ground.west,
@@ -162,12 +168,8 @@ def _draw_space(axes: "Axes", view: SearchSpaceView, is_localized: bool, is_this
         )
     )
     if view.has_best:
-        put_mark(
-            axes,
-            _mark(is_localized),
-            prior.x + float(space.offsets[ix]),
-            prior.y + float(space.offsets[iy]),
-        )
+        x, y = view.best_offset
+        put_mark(axes, _mark(is_localized), prior.x + x, prior.y + y)
 
 
 def _frame(is_this: bool) -> tuple[str, float]:

@@ -21,7 +21,7 @@ from maxcon.report.canvas.html import Picture
 from maxcon.report.plots.comparison_plot import ComparisonRow, plot_comparison
 from maxcon.report.plots.headings_plot import plot_headings
 from maxcon.report.plots.overview_plot import plot_overview
-from maxcon.report.plots.search_spaces import SearchSpaceView
+from maxcon.report.plots.search_space_view import SearchSpaceView
 from maxcon.report.study.statistics import common_epochs
 from maxcon.scan import Scan
 from maxcon.search_space import SearchSpace
