@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.lines import Line2D
 
-__all__ = ["Scene", "draw_scene", "is_off_the_ground"]
+__all__ = ["Scene", "draw_scene", "half_width_of", "is_off_the_ground"]
 
 PRIOR_COLOR, SCAN_COLOR, CONSENSUS_COLOR = "#d55e00", "#56b4e9", "#00468b"
 # Horizontal part of a normal above which a surface is no ground: it is inclined by 30 degrees.
@@ -84,10 +84,15 @@ class Scene:
     @property
     def window(self) -> Window:
         """The square around the prior that holds nine tenths of the scan, within limits."""
-        ranges = np.abs(self.scan.points[:, :2]).max(axis=1, initial=0.0)
-        half_width = float(np.percentile(ranges, 92)) if len(ranges) else 0.0
-        half_width = min(max(half_width, LEAST_HALF_WIDTH), MOST_HALF_WIDTH)
-        return Window.around(self.prior.x, self.prior.y, max(half_width, 1.25 * self.space.reach))
+        half_width = max(half_width_of(self.scan, MOST_HALF_WIDTH), 1.25 * self.space.reach)
+        return Window.around(self.prior.x, self.prior.y, half_width)
+
+
+def half_width_of(scan: Scan, most: float) -> float:
+    """Half width, m, of the square around the sensor that holds nine tenths of a scan: from 5 m to `most`."""
+    ranges = np.abs(scan.points[:, :2]).max(axis=1, initial=0.0)
+    half_width = float(np.percentile(ranges, 92)) if len(ranges) else 0.0
+    return min(max(half_width, LEAST_HALF_WIDTH), most)
 
 
 def is_off_the_ground(scan: Scan, pose: Pose) -> NDArray[np.bool_]:
