@@ -14,7 +14,7 @@ from maxcon.evaluation import SUCCESS_DISTANCE
 from maxcon.point_map import PointMap
 from maxcon.report.canvas.figure import MUTED, SERIES, draw_titles, saved_figure
 from maxcon.report.canvas.from_above import Window, as_places, draw_map, draw_scale_bar
-from maxcon.report.plots.errors_plot import as_errors
+from maxcon.report.canvas.method_style import as_epoch_values
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -60,7 +60,7 @@ def plot_drive(
         If the file cannot be written.
     """
     places = as_places(positions)
-    values = as_errors(errors, len(places), "`errors`")
+    values = as_epoch_values(errors, "`errors`", 0.0, n_epochs=len(places))
     window = Window.with_room(places)
     side = 6.6 / max(window.size)
     drawn_width, drawn_height = window.size[0] * side, window.size[1] * side

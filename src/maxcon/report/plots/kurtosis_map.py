@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from maxcon.errors import ArrayError
 from maxcon.point_map import PointMap
 from maxcon.report.canvas.figure import INK, MUTED, draw_titles, saved_figure
 from maxcon.report.canvas.from_above import Window, as_places, draw_map, draw_scale_bar
@@ -99,8 +98,8 @@ def plot_kurtosis_map(
     """
     places = as_places(positions)
     values = (
-        _as_kurtosis(kurtosis_small, len(places), "`kurtosis_small`"),
-        _as_kurtosis(kurtosis_large, len(places), "`kurtosis_large`"),
+        as_epoch_values(kurtosis_small, "`kurtosis_small`", LEAST_KURTOSIS, n_epochs=len(places)),
+        as_epoch_values(kurtosis_large, "`kurtosis_large`", LEAST_KURTOSIS, n_epochs=len(places)),
     )
     window = Window.with_room(places)
     scale = SIDE / max(window.size)
@@ -134,16 +133,6 @@ def plot_kurtosis_map(
         if high > SKEWED * low:
             draw_number_ticks(bar.yaxis, low, high)
         draw_legend(figure, _legend_circles()[: len(labels)], labels, legend, handle_length=1.6)
-
-
-def _as_kurtosis(values: ArrayLike, n_epochs: int, name: str) -> NDArray[np.float64]:
-    """Return kurtoses of shape (n_epochs,), 1 or more; NaN where they are not defined."""
-    kurtosis = as_epoch_values(values, name, LEAST_KURTOSIS)
-    if len(kurtosis) != n_epochs:
-        raise ArrayError(
-            f"Expected {name} to have shape ({n_epochs},), got {kurtosis.shape}. Give one per position."
-        )
-    return kurtosis
 
 
 def _median_words(name: str, kurtosis: NDArray[np.float64]) -> str:
