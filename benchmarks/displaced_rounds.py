@@ -93,7 +93,7 @@ def truth_of(options):
     """The errors that the campaign was simulated with, and those it is displaced by."""
     world = CampaignWorld.build(options.campaign_seed)
     given = (options.seed, options.sigma, options.sigma_deg, options.drift)
-    return world.georeferencing, displacement_of(world.map_drives, *given)
+    return world.mapping.georeferencing, displacement_of(world.mapping.drives, *given)
 
 
 def main():

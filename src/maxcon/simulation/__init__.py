@@ -25,7 +25,7 @@ from maxcon.simulation.sensing.scanners import (
     mobile_mapping_scanners,
 )
 from maxcon.simulation.worlds.campaign_world import CampaignWorld
-from maxcon.simulation.worlds.mapped_drives import ScanEpoch
+from maxcon.simulation.worlds.scan_epochs import ScanEpoch
 from maxcon.simulation.worlds.suburb_world import SuburbWorld
 from maxcon.simulation.worlds.world import Epoch, SimulatedWorld
 

@@ -21,7 +21,8 @@ from maxcon.simulation.drive import PriorErrors
 from maxcon.simulation.driving.gnss_priors import GnssErrors
 from maxcon.simulation.driving.odometry import OdometryErrors
 from maxcon.simulation.sensing.scanners import ProfileScanner, RotatingScanner, mobile_mapping_scanners
-from maxcon.simulation.worlds.campaign_world import EPOCH_STEP, MOST_EPOCHS, CampaignWorld
+from maxcon.simulation.worlds.campaign_world import MOST_EPOCHS, CampaignWorld
+from maxcon.simulation.worlds.scan_epochs import EPOCH_STEP
 from maxcon.system.atomic import atomic_folder, check_replaceable
 
 __all__ = ["simulate_campaign"]
@@ -100,12 +101,12 @@ def simulate_campaign(
     with atomic_folder(out, overwrite=overwrite) as folder:
         world = CampaignWorld.build(seed, n_rounds, is_hard=is_hard)
         profiles = mapping_scanners or mobile_mapping_scanners()
-        tick = ticker(progress, world.n_pieces(profiles) + n_epochs)
+        tick = ticker(progress, world.mapping.n_pieces(profiles) + n_epochs)
         kind = "hard campaign" if is_hard else "campaign"
         words = f"{kind}, seed {seed}, {n_rounds} rounds of mapping, {n_epochs} epochs"
         write_description(folder, words, PRIORS, has_odometry=True)
-        write_map_clouds(folder, world.map_echoes(profiles), tick)
-        write_trajectory(folder / "map/trajectory.txt", *world.map_poses(), "T_map_vehicle")
+        write_map_clouds(folder, world.mapping.echoes(profiles), tick)
+        write_trajectory(folder / "map/trajectory.txt", *world.mapping.poses(), "T_map_vehicle")
         write_odometry(folder, *world.odometry(OdometryErrors()))
         epochs = world.epochs(n_epochs, ticks_apart)
         rotating = scanner or RotatingScanner()

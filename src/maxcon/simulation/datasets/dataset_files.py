@@ -16,7 +16,7 @@ from maxcon.io.trajectories import write_tum
 from maxcon.simulation.datasets.map_tiles import MapTiles
 from maxcon.simulation.scenes.las_classes import LasClass
 from maxcon.simulation.sensing.scanners import Echoes
-from maxcon.simulation.worlds.mapped_drives import ScanEpoch
+from maxcon.simulation.worlds.scan_epochs import ScanEpoch
 from maxcon.trajectory import Trajectory
 
 __all__ = [

@@ -94,10 +94,10 @@ def simulate_suburb(
     with atomic_folder(out, overwrite=overwrite) as folder:
         world = SuburbWorld.build(seed, road_length)
         profiles = mapping_scanners or mobile_mapping_scanners()
-        tick = ticker(progress, world.n_pieces(profiles) + n_epochs)
+        tick = ticker(progress, world.mapping.n_pieces(profiles) + n_epochs)
         write_description(folder, f"suburb, seed {seed}, {n_epochs} epochs", PRIORS, LasClass)
-        write_map_clouds(folder, world.map_echoes(profiles), tick)
-        write_trajectory(folder / "map/trajectory.txt", *world.map_poses(), "T_map_vehicle")
+        write_map_clouds(folder, world.mapping.echoes(profiles), tick)
+        write_trajectory(folder / "map/trajectory.txt", *world.mapping.poses(), "T_map_vehicle")
         epochs = world.epochs(n_epochs)
         moving = MovingScanner(scanner or ScannerLayout.VLP_16.scanner(), deskew_errors or DeskewErrors())
         priors = {
