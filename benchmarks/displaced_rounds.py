@@ -17,7 +17,7 @@ import numpy as np
 
 from maxcon.geometry import rotation_matrices
 from maxcon.io.trajectories import read_trajectory, write_tum
-from maxcon.simulation.datasets.dataset import CITY_ORIGIN
+from maxcon.simulation.datasets.dataset_files import CITY_ORIGIN
 from maxcon.simulation.driving.georeferencing import GeoreferencingErrors, draw_georeferencing_errors
 from maxcon.simulation.worlds.campaign_world import CampaignWorld
 from maxcon.trajectory import Trajectory
