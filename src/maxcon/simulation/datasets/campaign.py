@@ -16,9 +16,9 @@ from maxcon.simulation.datasets.dataset_files import (
     write_map,
     write_odometry,
 )
-from maxcon.simulation.drive import PriorErrors
 from maxcon.simulation.driving.gnss_priors import GnssErrors
 from maxcon.simulation.driving.odometry import OdometryErrors
+from maxcon.simulation.driving.prior_errors import PriorErrors
 from maxcon.simulation.sensing.scanners import ProfileScanner, RotatingScanner, mobile_mapping_scanners
 from maxcon.simulation.worlds.campaign_world import MOST_EPOCHS, CampaignWorld
 from maxcon.simulation.worlds.scan_epochs import EPOCH_STEP

@@ -17,7 +17,7 @@ from maxcon.simulation.datasets.dataset_files import (
     write_scans,
     write_trajectory,
 )
-from maxcon.simulation.drive import PriorErrors
+from maxcon.simulation.driving.prior_errors import PriorErrors
 from maxcon.simulation.sensing.scanners import ProfileScanner, RotatingScanner, mobile_mapping_scanners
 from maxcon.simulation.worlds.world import SimulatedWorld
 

@@ -15,8 +15,8 @@ from maxcon.simulation.datasets.dataset_files import (
     write_epochs,
     write_map,
 )
-from maxcon.simulation.drive import PriorErrors
 from maxcon.simulation.driving.gnss_priors import GnssErrors
+from maxcon.simulation.driving.prior_errors import PriorErrors
 from maxcon.simulation.scenes.las_classes import LasClass
 from maxcon.simulation.scenes.suburb_road import check_road_length
 from maxcon.simulation.sensing.moving_scanner import DeskewErrors, MovingScanner

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from maxcon.errors import OptionError
 from maxcon.geometry import Pose
-from maxcon.simulation.drive import Drive, PriorErrors
+from maxcon.simulation.drive import Drive
 from maxcon.simulation.driving.circuit import Circuit, circuit_through
 from maxcon.simulation.driving.georeferencing import draw_georeferencing_errors
 from maxcon.simulation.driving.gnss_priors import GnssErrors
 from maxcon.simulation.driving.odometry import OdometryErrors
+from maxcon.simulation.driving.prior_errors import PriorErrors
 from maxcon.simulation.driving.round_drive import RoundDriver, drive_round
 from maxcon.simulation.scenes.city import City, build_city
 from maxcon.simulation.scenes.periodic_city import build_periodic_city

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.geometry import Pose
-from maxcon.simulation.drive import Drive, PriorErrors, off_by
+from maxcon.simulation.drive import Drive
 from maxcon.simulation.driving.gnss_priors import GnssErrors
+from maxcon.simulation.driving.prior_errors import PriorErrors, off_by
 
 __all__ = [
     "EPOCH_STEP",

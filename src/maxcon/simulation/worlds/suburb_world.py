@@ -10,9 +10,10 @@ from typing import Self
 import numpy as np
 
 from maxcon.geometry import Pose
-from maxcon.simulation.drive import Drive, PriorErrors, drive_along
+from maxcon.simulation.drive import Drive, drive_along
 from maxcon.simulation.driving.georeferencing import draw_georeferencing_errors
 from maxcon.simulation.driving.gnss_priors import GnssErrors
+from maxcon.simulation.driving.prior_errors import PriorErrors
 from maxcon.simulation.scenes.suburb_road import ResidentialRoad, draw_road
 from maxcon.simulation.scenes.suburb_scene import suburb_on_day
 from maxcon.simulation.seed import check_seed

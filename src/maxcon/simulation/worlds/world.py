@@ -10,7 +10,9 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from maxcon.geometry import Pose
-from maxcon.simulation.drive import Drive, PriorErrors, drive_along, route_over_crossing
+from maxcon.simulation.drive import Drive, drive_along
+from maxcon.simulation.driving.crossing_route import route_over_crossing
+from maxcon.simulation.driving.prior_errors import PriorErrors
 from maxcon.simulation.scenes.city import build_city
 from maxcon.simulation.seed import check_seed
 from maxcon.simulation.sensing.ray_caster import RayCaster
