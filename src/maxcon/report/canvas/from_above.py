@@ -13,8 +13,9 @@ from maxcon.point_map import PointMap
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.patches import Patch
 
-__all__ = ["MapFromAbove", "Window", "as_places", "draw_map", "draw_scale_bar"]
+__all__ = ["MapFromAbove", "Window", "as_places", "draw_map", "draw_scale_bar", "map_patch"]
 
 # Squares along the longer side of a window; finer ones than a picture's pixels would only make it larger.
 N_SQUARES = 700
@@ -118,6 +119,13 @@ def _draw_squares(axes: "Axes", seen: MapFromAbove) -> None:
         interpolation="nearest",
         zorder=0,
     )
+
+
+def map_patch() -> "Patch":
+    """Return what stands for the map in a legend."""
+    from matplotlib.patches import Patch
+
+    return Patch(facecolor="#a9a9a9", label="map (darker: taller)")
 
 
 def draw_scale_bar(axes: "Axes", window: Window) -> None:

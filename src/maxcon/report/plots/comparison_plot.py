@@ -14,7 +14,7 @@ from maxcon.errors import OptionError
 from maxcon.geometry import Pose, wrap_angle
 from maxcon.point_map import PointMap
 from maxcon.report.canvas.figure import SERIES, draw_titles, saved_figure
-from maxcon.report.canvas.from_above import Window, draw_map, draw_scale_bar
+from maxcon.report.canvas.from_above import Window, draw_map, draw_scale_bar, map_patch
 from maxcon.report.canvas.objective_names import title_of
 from maxcon.report.plots.scene import half_width_of, is_off_the_ground
 from maxcon.report.plots.score_panel import (
@@ -205,7 +205,6 @@ def _draw_legend(figure: "Figure", words: str) -> None:
     """Draw the colour scale that all search spaces share, and the marks."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
 
     width, height = figure.get_size_inches()
     left = LEFT + SIDE + FIRST_GAP
@@ -214,7 +213,7 @@ def _draw_legend(figure: "Figure", words: str) -> None:
     figure.text(left / width, 0.75 / height, words, fontsize=10)
     dot = Line2D([], [], ls="", marker="o", ms=7, mew=0, color=SCAN_COLOR, label="scan at the reference")
     figure.legend(
-        handles=[Patch(facecolor="#a9a9a9", label="map (darker: taller)"), dot],
+        handles=[map_patch(), dot],
         loc="lower left",
         bbox_to_anchor=((LEFT - 0.1) / width, 0.18 / height),
     )
