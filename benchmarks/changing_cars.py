@@ -37,7 +37,7 @@ def main():
     city = build_city([arguments.seed, 0], grid=CAMPAIGN_GRID)
     arguments.out.mkdir(parents=True)
     with MapTiles(arguments.out, LocalFrame(CITY_ORIGIN, CRS)) as tiles:
-        for number, drive in enumerate(world.map_drives):
+        for number, drive in enumerate(world.mapping.drives):
             caster = RayCaster(city.with_parked_cars([arguments.seed, 100 + number], arguments.occupancy))
             pieces = map_pieces([drive], mobile_mapping_scanners())
             times = np.array([drive.times[0] + piece.first / piece.scanner.line_rate for piece in pieces])
@@ -45,7 +45,7 @@ def main():
             is_near = np.hypot(*(places - places[0]).T) < arguments.reach
             near = [piece for piece, wanted in zip(pieces, is_near, strict=True) if wanted]
             for echoes in map_echoes(caster, near, [arguments.seed, 5, number]):
-                offsets = world.georeferencing.at(echoes.times)
+                offsets = world.mapping.georeferencing.at(echoes.times)
                 tiles.write(echoes._replace(points=echoes.points + offsets))
 
 

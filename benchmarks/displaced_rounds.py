@@ -17,7 +17,7 @@ import numpy as np
 
 from maxcon.geometry import rotation_matrices
 from maxcon.io.trajectories import read_trajectory, write_tum
-from maxcon.simulation.datasets.dataset import CITY_ORIGIN
+from maxcon.simulation.datasets.dataset_files import CITY_ORIGIN
 from maxcon.simulation.driving.georeferencing import GeoreferencingErrors, draw_georeferencing_errors
 from maxcon.simulation.worlds.campaign_world import CampaignWorld
 from maxcon.trajectory import Trajectory
@@ -93,7 +93,7 @@ def truth_of(options):
     """The errors that the campaign was simulated with, and those it is displaced by."""
     world = CampaignWorld.build(options.campaign_seed)
     given = (options.seed, options.sigma, options.sigma_deg, options.drift)
-    return world.georeferencing, displacement_of(world.map_drives, *given)
+    return world.mapping.georeferencing, displacement_of(world.mapping.drives, *given)
 
 
 def main():

@@ -41,7 +41,8 @@ from maxcon.simulation.datasets.dataset_files import CITY_ORIGIN, write_epochs
 from maxcon.simulation.driving.gnss_priors import GnssErrors
 from maxcon.simulation.scenes.las_classes import LasClass
 from maxcon.simulation.sensing.scanners import RotatingScanner
-from maxcon.simulation.worlds.campaign_world import EPOCH_STEP, MOST_EPOCHS, SCAN_START, CampaignWorld
+from maxcon.simulation.worlds.campaign_world import MOST_EPOCHS, CampaignWorld
+from maxcon.simulation.worlds.scan_epochs import EPOCH_STEP, SCAN_START
 from maxcon.upkeep import UpdateOptions, open_drives
 from maxcon.upkeep.drives import looks_of
 from maxcon.upkeep.surfaces import classes_of
@@ -255,7 +256,7 @@ def hold_against_truth(args):
     looks = looks_of(drives, point_map.frame, options)
     ticks = [round((look.time - SCAN_START) / EPOCH_STEP) for look in looks]
     references = [epoch.reference.position for epoch in world.epochs(MOST_EPOCHS)]
-    path = cKDTree(np.array([pose.position[:2] for pose in world.map_poses()[1][::25]]))
+    path = cKDTree(np.array([pose.position[:2] for pose in world.mapping.poses()[1][::25]]))
     known = np.sort(numbers(voxels))
 
     there, n_points = vehicle_points(args.clouds, origin, cell)
@@ -265,7 +266,7 @@ def hold_against_truth(args):
     distances, _ = nearest_cars(middles, world.scan_caster.city)
     has_vanished = (distances > NEAR) & (middles[:, 2] > NEAR_ROAD)
     vanished, middles = voxels[is_car][has_vanished], middles[has_vanished]
-    _, car = nearest_cars(middles, world.map_caster.city)
+    _, car = nearest_cars(middles, world.mapping.caster.city)
     is_near_path = path.query(middles[:, :2])[0] <= MAPPED
     in_sight = are_in_sight(middles, [references[tick] for tick in ticks], world.scan_caster)
     gone = after[classes == SurfaceClass.GONE]

@@ -12,7 +12,8 @@ import numpy as np
 
 from maxcon.geometry import Pose
 from maxcon.io.scans import RawScan, Scans, open_scans
-from maxcon.simulation.datasets.recordings import RECORDING_NAMES, RecordingKind, record_drive
+from maxcon.simulation.datasets.recorded_drive import record_drive
+from maxcon.simulation.datasets.recordings import RECORDING_NAMES, RecordingKind
 from maxcon.trajectory import Trajectory
 
 

@@ -9,12 +9,12 @@ import pytest
 
 from localized_poses import localized_poses
 from maxcon.geometry import Pose
-from maxcon.io.recordings.writing import open_writer
+from maxcon.io.recordings.writing import RecordingKind, open_writer
 from maxcon.io.scans import Scans, open_scans
 from maxcon.io.scans.deskewed import DeskewedScans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.simulation.datasets.dataset_files import CRS
-from maxcon.simulation.datasets.recordings import RecordingKind, cloud_message, record_drive
+from maxcon.simulation.datasets.recorded_drive import cloud_message, record_drive
 from maxcon.trajectory import Trajectory
 
 pytest.importorskip("rosbags")

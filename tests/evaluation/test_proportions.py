@@ -1,13 +1,16 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""What so many epochs prove, against the binomial distribution itself."""
+"""What so many epochs prove, against the binomial distribution itself; Wilson's interval, by hand and its equation."""
 
 import math
 
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from maxcon.errors import OptionError
-from maxcon.evaluation import clopper_pearson, least_to_prove, upper_bound
+from maxcon.evaluation import clopper_pearson, least_to_prove, upper_bound, wilson_interval
 
 
 def at_most(n_found, n_epochs, rate):
@@ -55,3 +58,29 @@ def test_impossible_counts_are_refused():
         upper_bound(1, 3, 0.5)
     with pytest.raises(OptionError, match="`rate` above 0 and below 1, got 0"):
         least_to_prove(0.0)
+
+
+def test_wilson_interval_by_hand():
+    # z = 2: 8 of 10: (0.8 + 0.2 -+ 2 sqrt(0.016 + 0.01)) / 1.4; 0 of 4: (0.5 -+ 2 sqrt(1 / 16)) / 2; 4 of 4 mirrored.
+    low, high = wilson_interval([8, 0, 4], [10, 4, 4], quantile=2.0)
+    half = 2.0 * math.sqrt(0.026)
+    np.testing.assert_allclose(low, [(1.0 - half) / 1.4, 0.0, 0.5], atol=1e-15)
+    np.testing.assert_allclose(high, [(1.0 + half) / 1.4, 0.5, 1.0])
+
+
+def test_wilson_interval_of_95_percent():
+    low, high = wilson_interval([8], [10])
+    assert (low[0], high[0]) == (pytest.approx(0.4902, abs=5e-5), pytest.approx(0.9433, abs=5e-5))
+
+
+@pytest.mark.filterwarnings("error")
+def test_wilson_interval_of_no_trials_is_unknown():
+    assert np.isnan(wilson_interval([0], [0])).all()
+
+
+@given(st.integers(1, 4000).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
+def test_wilson_interval_solves_its_equation(case):
+    k, n = case
+    for end in np.concatenate(wilson_interval([k], [n])):
+        # The ends are where the observed rate is z standard deviations off: (p - x)^2 = z^2 x (1 - x) / n.
+        assert (k / n - end) ** 2 == pytest.approx(1.959963984540054**2 * end * (1 - end) / n, abs=1e-12)

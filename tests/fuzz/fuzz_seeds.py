@@ -30,7 +30,8 @@ from maxcon.io.recordings.writing import Entry, open_writer
 from maxcon.io.trajectories import write_csv, write_tum
 from maxcon.mapping import MapOptions, build_map
 from maxcon.point_map.manifest import read_manifest
-from maxcon.simulation.datasets.recordings import RECORDING_NAMES, RecordingKind, record_drive
+from maxcon.simulation.datasets.recorded_drive import record_drive
+from maxcon.simulation.datasets.recordings import RECORDING_NAMES, RecordingKind
 
 __all__ = ["Seed", "make_seeds", "seeds_of"]
 

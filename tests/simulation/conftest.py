@@ -30,7 +30,7 @@ def world():
 
 @pytest.fixture(scope="session")
 def city(world):
-    return world.map_caster.city
+    return world.mapping.caster.city
 
 
 @pytest.fixture

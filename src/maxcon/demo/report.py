@@ -26,7 +26,7 @@ from maxcon.report import (
     write_demo_page,
 )
 from maxcon.scan import Scan
-from maxcon.simulation.datasets.dataset import CITY_ORIGIN
+from maxcon.simulation.datasets.dataset_files import CITY_ORIGIN
 from maxcon.system.atomic import make_folder
 from maxcon.system.progress import Progress
 from maxcon.version import __version__

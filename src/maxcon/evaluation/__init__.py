@@ -13,7 +13,7 @@ from maxcon.evaluation.accuracy import (
 )
 from maxcon.evaluation.coverage import PROMISED, PROMISED_PLANE, Coverage, MeanSquare
 from maxcon.evaluation.distinctness import Distinctness, distinctness, significant_ray
-from maxcon.evaluation.proportions import clopper_pearson, least_to_prove, upper_bound
+from maxcon.evaluation.proportions import clopper_pearson, least_to_prove, upper_bound, wilson_interval
 from maxcon.evaluation.protection import ALERT_LIMIT, ProtectionCounts
 from maxcon.evaluation.risk_coverage import RiskCoverage
 
@@ -38,4 +38,5 @@ __all__ = [
     "significant_ray",
     "summarize",
     "upper_bound",
+    "wilson_interval",
 ]

@@ -4,11 +4,15 @@
 
 import math
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 from maxcon.errors import OptionError
 
-__all__ = ["clopper_pearson", "least_to_prove", "upper_bound"]
+__all__ = ["clopper_pearson", "least_to_prove", "upper_bound", "wilson_interval"]
 
 CONFIDENCE = 0.95
+NORMAL_QUANTILE_975 = 1.959963984540054
 
 
 def clopper_pearson(n_found: int, n_epochs: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
@@ -52,6 +56,39 @@ def upper_bound(n_found: int, n_epochs: int, confidence: float = CONFIDENCE) -> 
             f"Expected `confidence` above 0.5 and below 1, got {confidence}. The default is {CONFIDENCE}."
         )
     return clopper_pearson(n_found, n_epochs, 2.0 * confidence - 1.0)[1]
+
+
+def wilson_interval(
+    n_successes: ArrayLike, n_trials: ArrayLike, quantile: float = NORMAL_QUANTILE_975
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the lower and upper ends of Wilson's interval of a success rate, 0 to 1.
+
+    Parameters
+    ----------
+    n_successes, n_trials : array_like, shape (m,)
+        Successes and trials of each rate.
+    quantile : float
+        z of the normal distribution; the default makes it an interval of 95 %.
+
+    Returns
+    -------
+    low, high : array, shape (m,)
+        NaN where there was no trial.
+
+    Notes
+    -----
+    (p + z^2 / 2n -+ z sqrt(p (1 - p) / n + z^2 / 4n^2)) / (1 + z^2 / n), p = successes / n (Wilson, 1927). Unlike
+    p -+ z sqrt(p (1 - p) / n) it does not shrink to nothing where all epochs succeed. It is
+    narrower than `clopper_pearson`: it holds the true rate that often on average over the rates, not for each.
+    """
+    n = np.asarray(n_trials, dtype=np.float64)
+    n = np.where(n > 0.0, n, np.nan)
+    rate = np.asarray(n_successes, dtype=np.float64) / n
+    z2 = quantile * quantile
+    center = rate + z2 / (2.0 * n)
+    half = quantile * np.sqrt(rate * (1.0 - rate) / n + z2 / (4.0 * n * n))
+    low, high = (center - half) / (1.0 + z2 / n), (center + half) / (1.0 + z2 / n)
+    return np.clip(low, 0.0, 1.0), np.clip(high, 0.0, 1.0)
 
 
 def least_to_prove(rate: float, confidence: float = CONFIDENCE) -> int:

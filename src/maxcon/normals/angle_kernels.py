@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Compiled: elevation and azimuth of the points of a scan, as seen from the sensor."""
+"""Compiled: elevations and azimuths of the points of a scan, as seen from the sensor, and their extremes."""
 
 import numpy as np
 from numba import njit

@@ -24,6 +24,32 @@ def rotation_and_axes(angles):
     return rotation, axes
 
 
+@njit(nogil=True, cache=True, inline="always")
+def _turned(R, point):
+    """Return R applied to a point (x, y, z): where it lies from the sensor, map axes, m."""
+    x, y, z = point
+    dx = R[0, 0] * x + R[0, 1] * y + R[0, 2] * z
+    dy = R[1, 0] * x + R[1, 1] * y + R[1, 2] * z
+    dz = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z
+    return dx, dy, dz
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _distance(away, normal, offset, unknowns):
+    """Signed distance of a point from its plane, m: `away` from the sensor, map axes; the plane is n . r = offset."""
+    (dx, dy, dz), (nx, ny, nz) = away, normal
+    return offset - nx * (dx + unknowns[0]) - ny * (dy + unknowns[1]) - nz * (dz + unknowns[2])
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _turn_gradient(axes, away, normal):
+    """Derivatives of n . d by roll, pitch and heading, for a point d away from the sensor: n . (axis x d), m."""
+    (dx, dy, dz), (nx, ny, nz) = away, normal
+    # n . (axis x d) = axis . (d x n)
+    cx, cy, cz = dy * nz - dz * ny, dz * nx - dx * nz, dx * ny - dy * nx
+    return axes[0, 0] * cx + axes[0, 1] * cy + axes[0, 2] * cz, axes[1, 0] * cx + axes[1, 1] * cy, cz
+
+
 @njit(nogil=True, cache=True)
 def _equations(points, planes, unknowns, gate, equations):
     """Signed distances of points from their planes, and minus their derivatives, times the root of Tukey's weight.
@@ -32,22 +58,15 @@ def _equations(points, planes, unknowns, gate, equations):
     equations : (7, n), out: a row for each of x, y, z, roll, pitch, heading, then the distances.
     """
     R, axes = rotation_and_axes(unknowns[3:])
-    tx, ty, tz = unknowns[0], unknowns[1], unknowns[2]
     for i in range(points.shape[1]):
-        x, y, z = points[0, i], points[1, i], points[2, i]
         nx, ny, nz = planes[0, i], planes[1, i], planes[2, i]
-        dx = R[0, 0] * x + R[0, 1] * y + R[0, 2] * z
-        dy = R[1, 0] * x + R[1, 1] * y + R[1, 2] * z
-        dz = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z
-        distance = planes[3, i] - nx * (dx + tx) - ny * (dy + ty) - nz * (dz + tz)
+        away = _turned(R, (points[0, i], points[1, i], points[2, i]))
+        distance = _distance(away, (nx, ny, nz), planes[3, i], unknowns)
         share = distance / gate
         root = max(1.0 - share * share, 0.0)
-        # n . (axis x d) = axis . (d x n)
-        cx, cy, cz = dy * nz - dz * ny, dz * nx - dx * nz, dx * ny - dy * nx
+        roll, pitch, heading = _turn_gradient(axes, away, (nx, ny, nz))
         equations[0, i], equations[1, i], equations[2, i] = root * nx, root * ny, root * nz
-        equations[3, i] = root * (axes[0, 0] * cx + axes[0, 1] * cy + axes[0, 2] * cz)
-        equations[4, i] = root * (axes[1, 0] * cx + axes[1, 1] * cy)
-        equations[5, i] = root * cz
+        equations[3, i], equations[4, i], equations[5, i] = root * roll, root * pitch, root * heading
         equations[6, i] = root * distance
 
 
@@ -117,13 +136,11 @@ def weigh(points, planes, unknowns, gate, normal_matrix, residuals, weights):
     residuals[:], weights[:] = np.inf, 0.0
     R, _ = rotation_and_axes(unknowns[3:])
     for k in range(len(numbers)):
-        x, y, z = used_points[0, k], used_points[1, k], used_points[2, k]
-        nx, ny, nz, offset = used_planes[0, k], used_planes[1, k], used_planes[2, k], used_planes[3, k]
-        offset -= nx * (R[0, 0] * x + R[0, 1] * y + R[0, 2] * z + unknowns[0])
-        offset -= ny * (R[1, 0] * x + R[1, 1] * y + R[1, 2] * z + unknowns[1])
-        offset -= nz * (R[2, 0] * x + R[2, 1] * y + R[2, 2] * z + unknowns[2])
-        residuals[numbers[k]] = offset
-        root = max(1.0 - (offset / gate) ** 2, 0.0)
+        away = _turned(R, (used_points[0, k], used_points[1, k], used_points[2, k]))
+        normal = used_planes[0, k], used_planes[1, k], used_planes[2, k]
+        distance = _distance(away, normal, used_planes[3, k], unknowns)
+        residuals[numbers[k]] = distance
+        root = max(1.0 - (distance / gate) ** 2, 0.0)
         weights[numbers[k]] = root * root
 
 
@@ -139,15 +156,12 @@ def sum_gradients(points, planes, groups, unknowns, factors, sums):
         group = groups[i]
         if group < 0:
             continue
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        nx, ny, nz = planes[i, 0], planes[i, 1], planes[i, 2]
-        dx = R[0, 0] * x + R[0, 1] * y + R[0, 2] * z
-        dy = R[1, 0] * x + R[1, 1] * y + R[1, 2] * z
-        dz = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z
-        cx, cy, cz = dy * nz - dz * ny, dz * nx - dx * nz, dx * ny - dy * nx
-        sums[group, 0] += factors[i] * nx
-        sums[group, 1] += factors[i] * ny
-        sums[group, 2] += factors[i] * nz
-        sums[group, 3] += factors[i] * (axes[0, 0] * cx + axes[0, 1] * cy + axes[0, 2] * cz)
-        sums[group, 4] += factors[i] * (axes[1, 0] * cx + axes[1, 1] * cy)
-        sums[group, 5] += factors[i] * cz
+        normal = planes[i, 0], planes[i, 1], planes[i, 2]
+        away = _turned(R, (points[i, 0], points[i, 1], points[i, 2]))
+        roll, pitch, heading = _turn_gradient(axes, away, normal)
+        sums[group, 0] += factors[i] * normal[0]
+        sums[group, 1] += factors[i] * normal[1]
+        sums[group, 2] += factors[i] * normal[2]
+        sums[group, 3] += factors[i] * roll
+        sums[group, 4] += factors[i] * pitch
+        sums[group, 5] += factors[i] * heading

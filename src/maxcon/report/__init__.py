@@ -9,7 +9,8 @@ from maxcon.report.plots.epoch import plot_epoch
 from maxcon.report.plots.errors_plot import plot_errors
 from maxcon.report.plots.poses_plot import plot_poses
 from maxcon.report.plots.prior_error_plot import plot_prior_error
-from maxcon.report.plots.search_spaces import SearchSpaceView, plot_search_spaces
+from maxcon.report.plots.search_space_view import SearchSpaceView
+from maxcon.report.plots.search_spaces import plot_search_spaces
 
 __all__ = [
     "DemoPage",

@@ -5,11 +5,13 @@
 from maxcon.simulation.datasets.campaign import simulate_campaign
 from maxcon.simulation.datasets.dataset import simulate
 from maxcon.simulation.datasets.suburb import simulate_suburb
-from maxcon.simulation.drive import Drive, PriorErrors, Route, drive_along, route_over_crossing
+from maxcon.simulation.drive import Drive, Route, drive_along
 from maxcon.simulation.driving.circuit import Circuit, circuit_through
+from maxcon.simulation.driving.crossing_route import route_over_crossing
 from maxcon.simulation.driving.georeferencing import GeoreferencingErrors, draw_georeferencing_errors
 from maxcon.simulation.driving.gnss_priors import GnssErrors
 from maxcon.simulation.driving.odometry import OdometryErrors
+from maxcon.simulation.driving.prior_errors import PriorErrors
 from maxcon.simulation.driving.round_drive import RoundDriver, drive_round
 from maxcon.simulation.scenes.city import City, build_city
 from maxcon.simulation.scenes.las_classes import LasClass
@@ -25,7 +27,7 @@ from maxcon.simulation.sensing.scanners import (
     mobile_mapping_scanners,
 )
 from maxcon.simulation.worlds.campaign_world import CampaignWorld
-from maxcon.simulation.worlds.mapped_drives import ScanEpoch
+from maxcon.simulation.worlds.scan_epochs import ScanEpoch
 from maxcon.simulation.worlds.suburb_world import SuburbWorld
 from maxcon.simulation.worlds.world import Epoch, SimulatedWorld
 

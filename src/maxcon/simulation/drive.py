@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Drive: poses of a vehicle over time along a route, and the errors of its priors."""
+"""Drive: poses of a vehicle over time along a route."""
 
 import math
 from collections.abc import Sequence
@@ -12,11 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from maxcon.errors import OptionError
 from maxcon.geometry import Pose
 
-__all__ = ["Drive", "PriorErrors", "Route", "drive_along", "off_by", "route_over_crossing", "sway"]
-
-STEP = 0.05
-"""Between two points of a route, m."""
-TURN_RADIUS = 9.0
+__all__ = ["Drive", "Route", "drive_along", "sway"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,40 +35,6 @@ class Route:
         """Distance of each point along the route, shape (k,), m."""
         steps = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
         return np.concatenate([[0.0], np.cumsum(steps)])
-
-
-def route_over_crossing(street_angle: float, before: float, after: float, lane: float = 1.5) -> Route:
-    """Return a route that comes along the main street and turns left at the crossing.
-
-    Parameters
-    ----------
-    street_angle : float
-        Direction of the main street, rad.
-    before, after : float
-        Distance from the middle of the crossing at which it begins and ends, m.
-    lane : float
-        Distance of the route to the right of the centre line, m.
-
-    Raises
-    ------
-    OptionError
-        If the route would begin or end within its turn.
-    """
-    reach = TURN_RADIUS - lane
-    if not (before > reach and after > reach):
-        raise OptionError(
-            f"Expected a route of more than {reach:g} m before and after the crossing, got {before} m and"
-            f" {after} m. Take 75 m and 50 m?"
-        )
-    u = np.arange(-before, -reach, STEP)
-    turn = np.arange(0.0, 0.5 * math.pi, STEP / TURN_RADIUS)
-    v = np.arange(reach, after, STEP)
-    arc = np.column_stack([TURN_RADIUS * np.sin(turn) - reach, -TURN_RADIUS * np.cos(turn) + reach])
-    grid = np.concatenate(
-        [np.column_stack([u, np.full(len(u), -lane)]), arc, np.column_stack([np.full(len(v), lane), v])]
-    )
-    cosine, sine = math.cos(street_angle), math.sin(street_angle)
-    return Route(grid @ np.array([[cosine, sine], [-sine, cosine]]), stop_at=before - reach)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -186,44 +148,3 @@ def sway(
     phases = rng.uniform(0.0, 2.0 * math.pi, 4)
     sines = np.sin(2.0 * math.pi * distances[:, None] / waves + phases)
     return np.asarray(amplitude * sines.mean(axis=1), dtype=np.float64)
-
-
-def off_by(reference: Pose, errors: Sequence[float]) -> Pose:
-    """Return `reference` with errors of x, y, z (m), roll, pitch and heading (rad) added."""
-    x, y, z, roll, pitch, heading = errors
-    return Pose(
-        reference.x + x,
-        reference.y + y,
-        reference.z + z,
-        reference.roll + roll,
-        reference.pitch + pitch,
-        reference.heading + heading,
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class PriorErrors:
-    """Bounds of the errors of a prior: each error is uniform within plus and minus its bound.
-
-    Parameters
-    ----------
-    offset : float
-        Of x and of y, m.
-    heading_deg : float
-        Of the heading, degrees.
-    z : float
-        Of the height, m.
-    tilt_deg : float
-        Of roll and of pitch, degrees.
-    """
-
-    offset: float = 2.5
-    heading_deg: float = 1.8
-    z: float = 0.01
-    tilt_deg: float = 0.05
-
-    def prior(self, reference: Pose, rng: np.random.Generator) -> Pose:
-        """Return a prior: `reference` with errors drawn from `rng`."""
-        tilt, turn = math.radians(self.tilt_deg), math.radians(self.heading_deg)
-        bounds = np.array([self.offset, self.offset, self.z, tilt, tilt, turn])
-        return off_by(reference, (bounds * rng.uniform(-1.0, 1.0, 6)).tolist())

@@ -4,7 +4,21 @@
 
 from collections.abc import Sequence
 
-__all__ = ["Seed"]
+from maxcon.errors import OptionError
+
+__all__ = ["Seed", "check_seed"]
 
 Seed = int | Sequence[int]
 """A seed as numpy.random.default_rng takes it; the same seed draws the same."""
+
+
+def check_seed(seed: int) -> None:
+    """Check the seed of a world, from which all its streams begin.
+
+    Raises
+    ------
+    OptionError
+        If it is negative.
+    """
+    if seed < 0:
+        raise OptionError(f"Expected a seed of 0 or more, got {seed}. Take another whole number.")

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from maxcon import Pose, Trajectory, open_scans
-from maxcon.simulation.datasets.recordings import RecordingKind, record_drive
+from maxcon.io.recordings.writing import RecordingKind
+from maxcon.simulation.datasets.recorded_drive import record_drive
 
 pytest.importorskip("mcap", reason="the extra recordings is not installed")
 

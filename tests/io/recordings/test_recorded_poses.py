@@ -14,8 +14,9 @@ from maxcon.geometry.quaternions import angles_from_quaternions, product, quater
 from maxcon.io.fixes import Fixes, Orientations, poses_of_fixes
 from maxcon.io.geographic import GeographicFrame
 from maxcon.io.recordings.poses import read_recorded_poses
+from maxcon.io.recordings.writing import RecordingKind
 from maxcon.point_map import PointMap
-from maxcon.simulation.datasets.recordings import RecordingKind, record_drive
+from maxcon.simulation.datasets.recorded_drive import record_drive
 from maxcon.trajectory import Trajectory
 
 pytest.importorskip("rosbags")

@@ -15,8 +15,9 @@ from maxcon.geometry import Pose
 from maxcon.io.recordings.cloud_sources import open_clouds
 from maxcon.io.recordings.mcap_files import unpacked_records
 from maxcon.io.recordings.opening import open_recording
+from maxcon.io.recordings.writing import RecordingKind
 from maxcon.io.scans import RawScan, Scans, open_scans
-from maxcon.simulation.datasets.recordings import RecordingKind, record_drive
+from maxcon.simulation.datasets.recorded_drive import record_drive
 from maxcon.trajectory import Trajectory
 
 pytest.importorskip("rosbags")

@@ -53,6 +53,11 @@ def test_values_are_checked():
     for wrong in ([], [[1.0]], 1.0):
         with pytest.raises(ArrayError, match=r"to have shape \(n,\), n > 0"):
             as_epoch_values(wrong, "x", 0.0)
+    assert as_epoch_values([], "x", 0.0, n_epochs=0).shape == (0,)
+    with pytest.raises(
+        ArrayError, match=r"Expected x to have shape \(2,\), got \(1,\)\. Give one value per epoch"
+    ):
+        as_epoch_values([1.0], "x", 0.0, n_epochs=2)
 
 
 @pytest.mark.parametrize(

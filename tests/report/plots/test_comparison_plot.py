@@ -16,7 +16,7 @@ from maxcon.report.plots.comparison_plot import (
     best_from,
     plot_comparison,
 )
-from maxcon.report.plots.search_spaces import SearchSpaceView
+from maxcon.report.plots.search_space_view import SearchSpaceView
 
 
 @pytest.fixture(scope="module")

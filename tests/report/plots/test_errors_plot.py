@@ -48,7 +48,7 @@ def test_a_drive_keeps_its_proportions(tmp_path, png_size):
 def test_errors_must_fit_the_times(tmp_path):
     with pytest.raises(ArrayError, match=r"errors of 'Count' to have shape \(40,\), got \(3,\)"):
         plot_errors(tmp_path / "errors.png", TIMES, {"Count": [1.0, 2.0, 3.0]})
-    with pytest.raises(ArrayError, match="Use NaN for no answer"):
+    with pytest.raises(ArrayError, match=r"to be 0 or more, got -1\. Use NaN where it is not defined"):
         plot_errors(tmp_path / "errors.png", [0.0], {"Count": [-1.0]})
     with pytest.raises(OptionError, match="1 to 6 methods, got 0"):
         plot_errors(tmp_path / "errors.png", TIMES, {})

@@ -12,7 +12,7 @@ from maxcon.report.plots.headings_plot import (
     _words,
     plot_headings,
 )
-from maxcon.report.plots.search_spaces import SearchSpaceView
+from maxcon.report.plots.search_space_view import SearchSpaceView
 
 PRIOR = maxcon.Pose(100.0, 50.0, 0.0, 0.0, 0.0, 0.0)
 

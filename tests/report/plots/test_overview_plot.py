@@ -7,9 +7,9 @@ import pytest
 
 import maxcon
 from maxcon.errors import FileError, OptionError
-from maxcon.report.plots.overview_plot import _draw_points, _draw_space, _words, plot_overview
+from maxcon.report.plots.overview_plot import _draw_scan, _draw_space, _words, plot_overview
 from maxcon.report.plots.scene import Scene
-from maxcon.report.plots.search_spaces import SearchSpaceView
+from maxcon.report.plots.search_space_view import SearchSpaceView
 
 
 def parts_of(epoch, space):
@@ -98,7 +98,7 @@ def test_cells_too_small_for_the_picture_are_drawn_as_blocks(epoch, panel):
 def test_consensus_set_is_drawn_at_the_answer(parts, space, panel):
     def drawn(estimate):
         scene = Scene(parts["scan"], parts["point_map"], parts["prior"], space, estimate)
-        return [handle.get_label() for handle in _draw_points(panel, scene)]
+        return [handle.get_label() for handle in _draw_scan(panel, scene)]
 
     matched = int(parts["accumulator"].moments[parts["estimate"].cell][0])
     assert drawn(parts["estimate"])[1:] == ["scan at the prior", f"consensus set ({matched:,} points)"]

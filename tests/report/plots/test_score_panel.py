@@ -5,6 +5,7 @@ import pytest
 
 import maxcon
 from maxcon.report.plots.score_panel import (
+    cell_marks,
     draw_scores,
     ground_of,
     offset_words,
@@ -12,7 +13,7 @@ from maxcon.report.plots.score_panel import (
     scale_words,
     score_words,
 )
-from maxcon.report.plots.search_spaces import SearchSpaceView, cell_marks
+from maxcon.report.plots.search_space_view import SearchSpaceView
 
 
 class BelowZero:

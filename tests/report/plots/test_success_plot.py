@@ -1,15 +1,12 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-import math
 import re
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from maxcon.errors import ArrayError, OptionError
-from maxcon.report.plots.success_plot import SuccessBins, _checked_width, plot_success, wilson_interval
+from maxcon.report.plots.success_plot import SuccessBins, _checked_width, plot_success
 
 GENERATOR = np.random.default_rng(6)
 OFFSETS = np.hypot(*GENERATOR.uniform(-3.0, 3.0, (2, 400)))
@@ -20,32 +17,6 @@ SUCCESS = {name: GENERATOR.random(400) < 1.0 - 0.1 * number for number, name in 
 def words(path):
     """What is written in an SVG: each text is named in a comment before its outlines."""
     return re.findall("<!-- (.*?) -->", path.read_text(encoding="utf-8"))
-
-
-def test_wilson_interval_by_hand():
-    # z = 2: 8 of 10: (0.8 + 0.2 -+ 2 sqrt(0.016 + 0.01)) / 1.4; 0 of 4: (0.5 -+ 2 sqrt(1 / 16)) / 2; 4 of 4 mirrored.
-    low, high = wilson_interval([8, 0, 4], [10, 4, 4], quantile=2.0)
-    half = 2.0 * math.sqrt(0.026)
-    np.testing.assert_allclose(low, [(1.0 - half) / 1.4, 0.0, 0.5], atol=1e-15)
-    np.testing.assert_allclose(high, [(1.0 + half) / 1.4, 0.5, 1.0])
-
-
-def test_wilson_interval_of_95_percent():
-    low, high = wilson_interval([8], [10])
-    assert (low[0], high[0]) == (pytest.approx(0.4902, abs=5e-5), pytest.approx(0.9433, abs=5e-5))
-
-
-@pytest.mark.filterwarnings("error")
-def test_wilson_interval_of_no_trials_is_unknown():
-    assert np.isnan(wilson_interval([0], [0])).all()
-
-
-@given(st.integers(1, 4000).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
-def test_wilson_interval_solves_its_equation(case):
-    k, n = case
-    for end in np.concatenate(wilson_interval([k], [n])):
-        # The ends are where the observed rate is z standard deviations off: (p - x)^2 = z^2 x (1 - x) / n.
-        assert (k / n - end) ** 2 == pytest.approx(1.959963984540054**2 * end * (1 - end) / n, abs=1e-12)
 
 
 def test_epochs_are_counted_by_distance():

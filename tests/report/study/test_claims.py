@@ -6,10 +6,7 @@ import pyarrow
 import pytest
 
 from maxcon.report.study.claims import Verdict, paper_claims
-from maxcon.report.study.scenes import pick_epochs, space_of
-from maxcon.search_space import SearchSpace
 from maxcon.study import rows_by_method
-from maxcon.study.description import describe
 from maxcon.study.table import table_schema
 
 PLAIN = {
@@ -136,31 +133,3 @@ def test_measures_are_compared_epoch_by_epoch():
         "count_points": [COUNT, {**COUNT, "kurtosis": None}],
     }
     assert "1 of 1 (100.0 %)" in paper_claims(methods(**rows), 0.06)[4].study
-
-
-def test_pictures_show_the_most_distinct_and_the_worst_epoch():
-    lost = COUNT | {"is_success": False, "distance": 2.96, "kurtosis": 30.0}
-    found = methods(
-        count_points=[COUNT, COUNT | {"kurtosis": 7.0}, COUNT | {"kurtosis": 1.8}, lost],
-        helmert_points=[HELMERT] * 4,
-    )
-    picked = pick_epochs(found["count-points"], found["helmert-points"])
-    assert (picked.crossing, picked.street, picked.failure) == (1, 2, 3)
-    found = methods(count_points=[COUNT, COUNT | {"kurtosis": 1.8}], helmert_points=[HELMERT] * 2)
-    picked = pick_epochs(found["count-points"], found["helmert-points"])
-    assert (picked.crossing, picked.street, picked.failure) == (0, 1, None)
-    near = {"prior_distance": 1.0}
-    found = methods(
-        count_points=[COUNT | {"kurtosis": 9.0, "prior_distance": 2.9}, COUNT | near],
-        helmert_points=[HELMERT] * 2,
-    )
-    picked = pick_epochs(found["count-points"], found["helmert-points"])
-    assert (picked.crossing, picked.street) == (1, 1)  # where the whole neighbourhood is in the search space
-    found = methods(count_points=[lost], helmert_points=[lost])
-    assert pick_epochs(found["count-points"], found["helmert-points"]) is None
-
-
-def test_the_search_space_is_read_from_the_configuration():
-    space = SearchSpace(1.2, 0.12, 1.0, 0.25)
-    assert space_of({"mine": {"method": {"class": "Mine", "space": describe(space)}}}, "mine") == space
-    assert space_of({}, "mine") is None

@@ -11,7 +11,7 @@ import maxcon
 from maxcon.report.plots.comparison_plot import ComparisonRow, plot_comparison
 from maxcon.report.plots.headings_plot import plot_headings
 from maxcon.report.plots.overview_plot import plot_overview
-from maxcon.report.plots.search_spaces import SearchSpaceView
+from maxcon.report.plots.search_space_view import SearchSpaceView
 
 
 class BelowZero:

@@ -39,7 +39,7 @@ def dataset(tmp_path_factory, thin):
 @pytest.fixture
 def built(monkeypatch, campaign):
     """The world is there already, with one round of mapping: building it is not what is tested."""
-    world = replace(campaign, map_drives=campaign.map_drives[:1])
+    world = replace(campaign, mapping=replace(campaign.mapping, drives=campaign.mapping.drives[:1]))
     monkeypatch.setattr(CampaignWorld, "build", lambda *_, **__: world)
 
 

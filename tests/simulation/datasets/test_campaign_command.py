@@ -14,7 +14,7 @@ from maxcon.simulation import simulate_campaign
 def asked(monkeypatch, campaign, thin_scanner, thinnest_profiles):
     """What simulate_campaign is asked for; it writes one epoch and a thin map."""
     calls = []
-    world = replace(campaign, map_drives=campaign.map_drives[:1])
+    world = replace(campaign, mapping=replace(campaign.mapping, drives=campaign.mapping.drives[:1]))
     monkeypatch.setattr(maxcon.simulation.CampaignWorld, "build", lambda *_, **__: world)
 
     def thinly(out, **options):

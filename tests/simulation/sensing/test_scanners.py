@@ -81,11 +81,11 @@ def test_intensities_are_between_0_and_1(world, epoch):
 
 
 def test_profiles_are_upright_and_turned(world):
-    drive = world.map_drives[0]
+    drive = world.mapping.drives[0]
     scanner = ProfileScanner(turn_deg=45.0, noise=0.0)
     assert np.allclose(scanner.directions @ np.array([-1.0, 1.0, 0.0]), 0.0)
-    echoes = scanner.scan(world.map_caster, drive, 0, 20, np.random.default_rng(0))
-    distances, _ = _distances_to_hit_planes(echoes, world.map_caster)
+    echoes = scanner.scan(world.mapping.caster, drive, 0, 20, np.random.default_rng(0))
+    distances, _ = _distances_to_hit_planes(echoes, world.mapping.caster)
     assert np.abs(distances).max() < 1e-3
     positions, _ = drive.at(echoes.times)
     np.testing.assert_allclose(echoes.origins, positions, atol=1e-3)
@@ -93,36 +93,38 @@ def test_profiles_are_upright_and_turned(world):
 
 
 def test_blind_part_hides_the_lane(world):
-    drive = world.map_drives[0]
-    echoes = ProfileScanner(blind_deg=45.0).scan(world.map_caster, drive, 0, 50, np.random.default_rng(0))
+    drive = world.mapping.drives[0]
+    echoes = ProfileScanner(blind_deg=45.0).scan(world.mapping.caster, drive, 0, 50, np.random.default_rng(0))
     rays = echoes.points - echoes.origins
     angle = np.degrees(np.arccos(-rays[:, 2] / np.linalg.norm(rays, axis=1)))
     assert angle.min() > 43.5  # less the tilt of the vehicle
 
 
 def test_map_is_denser_where_the_drive_is_slower(world, thin_profiles):
-    drive = world.map_drives[0]
+    drive = world.mapping.drives[0]
     speeds = np.linalg.norm(np.diff(drive.positions, axis=0), axis=1) / np.diff(drive.times)
     slow, fast = np.argmin(speeds), np.argmax(speeds)
     counts = []
     for place in (slow, fast):
         centre = drive.positions[place]
         (scanner, _) = thin_profiles
-        echoes = scanner.scan(world.map_caster, drive, 0, scanner.n_lines(drive), np.random.default_rng(0))
+        echoes = scanner.scan(
+            world.mapping.caster, drive, 0, scanner.n_lines(drive), np.random.default_rng(0)
+        )
         counts.append((np.linalg.norm(echoes.origins - centre, axis=1) < 2.0).sum())
     assert counts[0] > 2.5 * counts[1]
 
 
 def test_straight_street_is_weak_along_its_axis_and_the_crossing_is_not(world):
-    city = world.map_caster.city
+    city = world.mapping.caster.city
     axis = np.array([np.cos(city.street_angle), np.sin(city.street_angle)])
-    drive = world.map_drives[0]
+    drive = world.mapping.drives[0]
     u = drive.positions[:, :2] @ axis
     shares = []
     for place in (-55.0, -4.0):
         (pose,) = drive.poses([drive.times[np.argmin(np.abs(u - place))]])
-        echoes = RotatingScanner().scan(world.map_caster, pose, 0.0, np.random.default_rng(0))
-        normals = world.map_caster.normals[echoes.triangles[echoes.classes == LasClass.BUILDING], :2]
+        echoes = RotatingScanner().scan(world.mapping.caster, pose, 0.0, np.random.default_rng(0))
+        normals = world.mapping.caster.normals[echoes.triangles[echoes.classes == LasClass.BUILDING], :2]
         along = (normals @ axis) ** 2
         shares.append(along.sum() / (normals**2).sum())
     assert 0.005 < shares[0] < 0.15

@@ -85,7 +85,7 @@ def test_gnss_errors_change_slowly_and_uniform_ones_at_once(campaign):
 
 
 def test_five_rounds_of_differing_speed(campaign):
-    drives = campaign.map_drives
+    drives = campaign.mapping.drives
     assert len(drives) == 5
     durations = np.array([drive.times[-1] - drive.times[0] for drive in drives])
     means = campaign.circuit.length / durations
@@ -101,7 +101,7 @@ def test_five_rounds_of_differing_speed(campaign):
 
 def test_rounds_lie_decimetres_apart(campaign):
     lanes = np.array(
-        [drive.at(drive.times)[0][:: len(drive.times) // 50][:50, :2] for drive in campaign.map_drives]
+        [drive.at(drive.times)[0][:: len(drive.times) // 50][:50, :2] for drive in campaign.mapping.drives]
     )
     nearest = [
         np.linalg.norm(campaign.circuit.points[:, None] - lane[None, :5], axis=2).min(axis=0)
@@ -111,27 +111,27 @@ def test_rounds_lie_decimetres_apart(campaign):
 
 
 def test_rounds_are_off_by_2_cm_and_points_as_much_as_the_trajectory(campaign):
-    true = map_echoes(campaign.map_caster, map_pieces(campaign.map_drives, THIN), [campaign.seed, 5])
-    for echoes, placed in zip(true, campaign.map_echoes(THIN), strict=True):
-        offsets = campaign.georeferencing.at(echoes.times)
+    true = map_echoes(campaign.mapping.caster, map_pieces(campaign.mapping.drives, THIN), [campaign.seed, 5])
+    for echoes, placed in zip(true, campaign.mapping.echoes(THIN), strict=True):
+        offsets = campaign.mapping.georeferencing.at(echoes.times)
         np.testing.assert_allclose(placed.points - echoes.points, offsets, atol=1e-9)
         np.testing.assert_array_equal(placed.classes, echoes.classes)
         assert 0.0 < np.abs(offsets).max() < 0.1
-    times, poses = campaign.map_poses()
-    drives = campaign.map_drives
+    times, poses = campaign.mapping.poses()
+    drives = campaign.mapping.drives
     rows = np.searchsorted(times, [drive.times[0] + 60.0 for drive in drives])
     for row, drive in zip(rows, drives, strict=True):
         (true_pose,) = drive.poses([times[row]])
-        (offset,) = campaign.georeferencing.at([times[row]])
+        (offset,) = campaign.mapping.georeferencing.at([times[row]])
         np.testing.assert_allclose(poses[row].position - true_pose.position, offset, atol=1e-9)
     between = np.array(
-        [campaign.georeferencing.at(drive.times[0] + np.arange(0.0, 160.0, 40.0)) for drive in drives]
+        [campaign.mapping.georeferencing.at(drive.times[0] + np.arange(0.0, 160.0, 40.0)) for drive in drives]
     )
     assert 0.012 < between.std(axis=0).mean() < 0.028
 
 
 def test_parked_cars_have_moved(campaign):
-    days = [caster.city for caster in (campaign.map_caster, campaign.scan_caster)]
+    days = [caster.city for caster in (campaign.mapping.caster, campaign.scan_caster)]
     cars = [city.corners[city.classes == LasClass.VEHICLE] for city in days]
     assert min(len(car) for car in cars) > 50_000  # 100 and more triangles each
     assert len(np.intersect1d(cars[0][:, 0, 0], cars[1][:, 0, 0])) == 0

@@ -10,7 +10,7 @@ from maxcon.simulation import DeskewErrors, LasClass, MovingScanner, ScannerLayo
 
 
 def _days(suburb):
-    return suburb.map_caster.city, suburb.scan_caster.city
+    return suburb.mapping.caster.city, suburb.scan_caster.city
 
 
 @pytest.mark.parametrize("las_class", [LasClass.GROUND, LasClass.BUILDING, LasClass.POLE])
@@ -29,12 +29,12 @@ def test_leaves_and_cars_do_not_stay(suburb):
 
 
 def test_most_hedges_have_no_class(suburb):
-    classes = np.bincount(suburb.map_caster.classes, minlength=256)
+    classes = np.bincount(suburb.mapping.caster.classes, minlength=256)
     assert classes[LasClass.UNCLASSIFIED] > classes[LasClass.MEDIUM_VEGETATION]
 
 
 def test_the_ground_is_not_flat(suburb):
-    ground = suburb.map_caster.city
+    ground = suburb.mapping.caster.city
     heights = ground.corners[ground.classes == LasClass.GROUND][..., 2]
     assert np.ptp(heights) > 1.0
 

@@ -78,8 +78,8 @@ def test_parked_cars_alone_are_not_enough(hard_campaign, thin_scanner):
 
 
 def test_road_users_stand_where_they_may(hard_campaign, thin_scanner):
-    traffic = Traffic(CAMPAIGN_GRID, hard_campaign.map_caster.city.street_angle, 0)
-    angle = hard_campaign.map_caster.city.street_angle
+    traffic = Traffic(CAMPAIGN_GRID, hard_campaign.mapping.caster.city.street_angle, 0)
+    angle = hard_campaign.mapping.caster.city.street_angle
     blocks = np.array([[b.u_low, b.u_high, b.v_low, b.v_high] for b in CAMPAIGN_GRID.blocks()])
     kinds = set()
     for epoch in hard_campaign.epochs(12):
@@ -103,7 +103,7 @@ def test_road_users_stand_where_they_may(hard_campaign, thin_scanner):
 
 def test_traffic_is_another_in_each_epoch_and_the_same_for_the_same_seed(hard_campaign, thin_scanner):
     pose = hard_campaign.epochs(1)[0].reference
-    traffic = Traffic(CAMPAIGN_GRID, hard_campaign.map_caster.city.street_angle, 0)
+    traffic = Traffic(CAMPAIGN_GRID, hard_campaign.mapping.caster.city.street_angle, 0)
     drawn = [
         [
             user[1:]
@@ -119,7 +119,7 @@ def test_traffic_is_another_in_each_epoch_and_the_same_for_the_same_seed(hard_ca
 
 def test_nothing_unmapped_was_mapped(hard_campaign):
     assert hard_campaign.traffic is not None
-    map_city, scan_city = hard_campaign.map_caster.city, hard_campaign.scan_caster.city
+    map_city, scan_city = hard_campaign.mapping.caster.city, hard_campaign.scan_caster.city
     cars = [city.corners[city.classes == LasClass.VEHICLE] for city in (map_city, scan_city)]
     assert len(cars[1]) > len(cars[0])  # denser
     assert len(np.intersect1d(cars[0][:, 0, 0], cars[1][:, 0, 0])) == 0

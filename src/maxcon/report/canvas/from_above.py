@@ -1,22 +1,38 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The map from above, as grey squares: dark where many voxels lie above each other, as in walls."""
+"""Ground from above: the map as grey squares, dark where many voxels lie above each other, as in walls; a scale bar."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from maxcon.errors import ArrayError
 from maxcon.point_map import PointMap
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.patches import Patch
 
-__all__ = ["MapFromAbove", "Window", "draw_map", "draw_scale_bar"]
+__all__ = ["MapFromAbove", "Window", "as_places", "draw_map", "draw_scale_bar", "map_patch"]
 
 # Squares along the longer side of a window; finer ones than a picture's pixels would only make it larger.
 N_SQUARES = 700
+
+
+def as_places(positions: ArrayLike) -> NDArray[np.float64]:
+    """Return x and y of positions, shape (n, 2) or (n, 3), n > 0, as float64 of shape (n, 2), m.
+
+    Raises
+    ------
+    ArrayError
+        If the shape is another or a coordinate is not finite.
+    """
+    places = np.asarray(positions, dtype=np.float64)
+    if places.ndim != 2 or len(places) == 0 or places.shape[1] not in (2, 3) or not np.isfinite(places).all():
+        raise ArrayError(f"Expected `positions` to have shape (n, 2) or (n, 3), finite, got {places.shape}.")
+    return places[:, :2]
 
 
 class Window(NamedTuple):
@@ -79,9 +95,18 @@ class MapFromAbove:
         return cls(shown, n_voxels.reshape(ny, nx))
 
 
-def draw_map(axes: "Axes", point_map: PointMap, window: Window) -> None:
-    """Draw the map in light greys and fix the axes to the window, equal in x and y."""
-    seen = MapFromAbove.look(point_map, window)
+def draw_map(axes: "Axes", point_map: PointMap | None, window: Window) -> None:
+    """Draw the map, if there is one, in light greys; fix the axes to the window, equal in x and y."""
+    if point_map is not None:
+        _draw_squares(axes, MapFromAbove.look(point_map, window))
+    axes.set_xlim(window.west, window.east)
+    axes.set_ylim(window.south, window.north)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x, local frame [m]")
+    axes.set_ylabel("y, local frame [m]")
+
+
+def _draw_squares(axes: "Axes", seen: MapFromAbove) -> None:
     top = max(2.0, float(np.percentile(seen.n_voxels[seen.n_voxels > 0], 95))) if seen.n_voxels.any() else 2.0
     shades = 0.28 + 0.72 * np.clip(np.log1p(seen.n_voxels) / np.log1p(top), 0.0, 1.0)
     axes.imshow(
@@ -94,11 +119,13 @@ def draw_map(axes: "Axes", point_map: PointMap, window: Window) -> None:
         interpolation="nearest",
         zorder=0,
     )
-    axes.set_xlim(window.west, window.east)
-    axes.set_ylim(window.south, window.north)
-    axes.set_aspect("equal")
-    axes.set_xlabel("x, local frame [m]")
-    axes.set_ylabel("y, local frame [m]")
+
+
+def map_patch() -> "Patch":
+    """Return what stands for the map in a legend."""
+    from matplotlib.patches import Patch
+
+    return Patch(facecolor="#a9a9a9", label="map (darker: taller)")
 
 
 def draw_scale_bar(axes: "Axes", window: Window) -> None:

@@ -92,8 +92,10 @@ def check_methods(by_method: Mapping[str, Any], largest: int = len(METHOD_STYLES
         raise OptionError(f"Expected 1 to {largest} methods, got {len(by_method)}. Draw several pictures.")
 
 
-def as_epoch_values(values: ArrayLike, name: str, low: float, high: float = np.inf) -> NDArray[np.float64]:
-    """Return values of shape (n,), n > 0, from `low` to `high` or NaN, as float64.
+def as_epoch_values(
+    values: ArrayLike, name: str, low: float, high: float = np.inf, *, n_epochs: int | None = None
+) -> NDArray[np.float64]:
+    """Return values from `low` to `high` or NaN, as float64 of shape (n,): n = `n_epochs`, or any n > 0 if None.
 
     Raises
     ------
@@ -101,9 +103,10 @@ def as_epoch_values(values: ArrayLike, name: str, low: float, high: float = np.i
         If the shape is another or a value is out of range.
     """
     array = np.asarray(values, dtype=np.float64)
-    if array.ndim != 1 or len(array) == 0:
+    if array.ndim != 1 or (len(array) == 0 if n_epochs is None else len(array) != n_epochs):
+        shape = "(n,), n > 0" if n_epochs is None else f"({n_epochs},)"
         raise ArrayError(
-            f"Expected {name} to have shape (n,), n > 0, got {array.shape}. Give one value per epoch."
+            f"Expected {name} to have shape {shape}, got {array.shape}. Give one value per epoch."
         )
     is_wrong = (array < low) | (array > high) | np.isinf(array)
     if is_wrong.any():

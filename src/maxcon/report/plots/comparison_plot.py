@@ -10,17 +10,23 @@ from itertools import count
 from string import ascii_lowercase
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from maxcon.errors import OptionError
 from maxcon.geometry import Pose, wrap_angle
 from maxcon.point_map import PointMap
 from maxcon.report.canvas.figure import SERIES, draw_titles, saved_figure
-from maxcon.report.canvas.from_above import Window, draw_map, draw_scale_bar
+from maxcon.report.canvas.from_above import Window, draw_map, draw_scale_bar, map_patch
 from maxcon.report.canvas.objective_names import title_of
-from maxcon.report.plots.scene import is_off_the_ground
-from maxcon.report.plots.score_panel import draw_scores, ground_of, offset_words, put_mark, scale_words
-from maxcon.report.plots.search_spaces import COLORS, SearchSpaceView, cell_marks
+from maxcon.report.plots.scene import half_width_of, is_off_the_ground
+from maxcon.report.plots.score_panel import (
+    COLORS,
+    cell_marks,
+    draw_scores,
+    ground_of,
+    offset_words,
+    put_mark,
+    scale_words,
+)
+from maxcon.report.plots.search_space_view import SearchSpaceView
 from maxcon.scan import Scan
 
 if TYPE_CHECKING:
@@ -31,8 +37,8 @@ __all__ = ["ComparisonRow", "plot_comparison"]
 
 SCAN_COLOR = SERIES[2]
 OUTSIDE = "#d9d9d9"
-# Half width of the ground that is drawn around the reference, m: enough for a street and its facades.
-MOST_HALF_WIDTH, LEAST_HALF_WIDTH = 35.0, 5.0
+# Largest half width of the ground that is drawn around the reference, m: enough for a street and its facades.
+MOST_HALF_WIDTH = 35.0
 # Inches: the panels, and what stands around them.
 SIDE, LEFT, RIGHT, BOTTOM, TOP = 2.75, 0.3, 0.2, 0.95, 1.0
 FIRST_GAP, GAP, ROW_HEIGHT = 0.85, 0.55, 3.95
@@ -79,10 +85,7 @@ class ComparisonRow:
     @property
     def window(self) -> Window:
         """The square around the reference that holds nine tenths of the scan, within limits."""
-        ranges = np.abs(self.scan.points[:, :2]).max(axis=1, initial=0.0)
-        half_width = float(np.percentile(ranges, 92)) if len(ranges) else 0.0
-        half_width = min(max(half_width, LEAST_HALF_WIDTH), MOST_HALF_WIDTH)
-        return Window.around(self.reference.x, self.reference.y, half_width)
+        return Window.around(self.reference.x, self.reference.y, half_width_of(self.scan, MOST_HALF_WIDTH))
 
 
 def plot_comparison(path: str | os.PathLike[str], rows: Sequence[ComparisonRow], *, title: str) -> None:
@@ -202,7 +205,6 @@ def _draw_legend(figure: "Figure", words: str) -> None:
     """Draw the colour scale that all search spaces share, and the marks."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
 
     width, height = figure.get_size_inches()
     left = LEFT + SIDE + FIRST_GAP
@@ -211,7 +213,7 @@ def _draw_legend(figure: "Figure", words: str) -> None:
     figure.text(left / width, 0.75 / height, words, fontsize=10)
     dot = Line2D([], [], ls="", marker="o", ms=7, mew=0, color=SCAN_COLOR, label="scan at the reference")
     figure.legend(
-        handles=[Patch(facecolor="#a9a9a9", label="map (darker: taller)"), dot],
+        handles=[map_patch(), dot],
         loc="lower left",
         bbox_to_anchor=((LEFT - 0.1) / width, 0.18 / height),
     )

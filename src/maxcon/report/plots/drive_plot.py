@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from maxcon.errors import ArrayError
 from maxcon.evaluation import SUCCESS_DISTANCE
 from maxcon.point_map import PointMap
 from maxcon.report.canvas.figure import MUTED, SERIES, draw_titles, saved_figure
-from maxcon.report.canvas.from_above import Window, draw_map, draw_scale_bar
-from maxcon.report.plots.errors_plot import as_errors
+from maxcon.report.canvas.from_above import Window, as_places, draw_map, draw_scale_bar
+from maxcon.report.canvas.method_style import as_epoch_values
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -60,10 +59,8 @@ def plot_drive(
     FileError
         If the file cannot be written.
     """
-    places = np.asarray(positions, dtype=np.float64)
-    if places.ndim != 2 or len(places) == 0 or places.shape[1] not in (2, 3) or not np.isfinite(places).all():
-        raise ArrayError(f"Expected `positions` to have shape (n, 2) or (n, 3), finite, got {places.shape}.")
-    values = as_errors(errors, len(places), "`errors`")
+    places = as_places(positions)
+    values = as_epoch_values(errors, "`errors`", 0.0, n_epochs=len(places))
     window = Window.with_room(places)
     side = 6.6 / max(window.size)
     drawn_width, drawn_height = window.size[0] * side, window.size[1] * side
@@ -73,11 +70,8 @@ def plot_drive(
         words = f"{n_good} of {len(values)} epochs within {success:g} m of the reference."
         draw_titles(figure, title, words)
         axes = figure.add_axes((0.85 / width, 1.2 / height, drawn_width / width, drawn_height / height))
-        if point_map is not None:
-            draw_map(axes, point_map, window)
+        draw_map(axes, point_map, window)
         _draw_epochs(axes, places, values, success)
-        axes.set(xlim=(window.west, window.east), ylim=(window.south, window.north), aspect="equal")
-        axes.set(xlabel="x, local frame [m]", ylabel="y, local frame [m]")
         draw_scale_bar(axes, window)
         bar = figure.add_axes(
             ((1.0 + drawn_width) / width, 1.2 / height, 0.15 / width, drawn_height / height)
@@ -92,7 +86,7 @@ def _draw_epochs(
     axes: Axes, places: NDArray[np.float64], errors: NDArray[np.float64], success: float
 ) -> None:
     """Draw the drive as a line, epochs that succeeded in the colour of their error, and others with other marks."""
-    axes.plot(places[:, 0], places[:, 1], color=MUTED, lw=1.0, zorder=3)
+    axes.plot(*places.T, color=MUTED, lw=1.0, zorder=3)
     is_good, is_missing = errors <= success, np.isnan(errors)
     is_wrong = ~is_good & ~is_missing
     axes.scatter(
@@ -109,7 +103,7 @@ def _draw_epochs(
         label=f"within {success:g} m",
     )
     axes.plot(
-        *places[is_wrong, :2].T,
+        *places[is_wrong].T,
         "D",
         ms=9,
         mfc=SERIES[1],
@@ -118,4 +112,4 @@ def _draw_epochs(
         zorder=5,
         label="farther: failed",
     )
-    axes.plot(*places[is_missing, :2].T, "x", ms=9, mec="black", mew=2.2, zorder=5, label="not localized")
+    axes.plot(*places[is_missing].T, "x", ms=9, mec="black", mew=2.2, zorder=5, label="not localized")

@@ -13,17 +13,18 @@ from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose, wrap_angle
 from maxcon.objectives import Objective
 from maxcon.point_map import PointMap
-from maxcon.report.canvas.figure import INK, MUTED, draw_titles, saved_figure
+from maxcon.report.canvas.figure import draw_titles, saved_figure
 from maxcon.report.canvas.objective_names import title_of, unit_of
 from maxcon.report.plots.scene import Scene, draw_scene
-from maxcon.report.plots.search_spaces import (
-    SearchSpaceView,
+from maxcon.report.plots.score_panel import (
     cell_marks,
-    chosen_headings,
     draw_color_bar,
+    draw_frame,
     draw_heading,
+    score_words,
     turn_words,
 )
+from maxcon.report.plots.search_space_view import SearchSpaceView, chosen_headings
 from maxcon.scan import Scan
 
 if TYPE_CHECKING:
@@ -110,14 +111,13 @@ def _draw_panels(figure: Figure, view: SearchSpaceView, reference: Pose | None) 
     for heading, (left, bottom, side) in zip(headings, _panel_places(len(headings)), strict=True):
         axes = figure.add_axes((left / WIDTH, bottom / HEIGHT, side / WIDTH, side / HEIGHT))
         image = draw_heading(axes, view, heading, norm, reference if heading == marked else None)
-        is_best = view.has_best and heading == view.best[0]
+        is_best = view.has_best_at(heading)
         axes.set_title(
             turn_words(view.space, heading) + (" (best)" if is_best else ""),
             fontweight="bold" if is_best else "normal",
             pad=5,
         )
-        for spine in axes.spines.values():
-            spine.set(color=INK if is_best else MUTED, linewidth=3.0 if is_best else 0.8)
+        draw_frame(axes, is_best=is_best)
         is_first = first_of_row.setdefault(bottom, left) == left
         axes.tick_params(labelleft=is_first, labelbottom=bottom == BOTTOM)
     _draw_scale(figure, view, image, len(headings), reference)
@@ -178,11 +178,6 @@ def _draw_scale(
     )
 
 
-def _score_words(score: float) -> str:
-    """Return a score with four digits, or with all digits before the point."""
-    return f"{score:,.0f}" if abs(score) >= 1000.0 else f"{score:.4g}"
-
-
 def _answer_words(estimate: Estimate, prior: Pose, reference: Pose | None) -> str:
     """Return the answer in plain words, in two lines; the reason to doubt it in a third."""
     reason = f"\n{estimate.reason[:1].upper()}{estimate.reason[1:]}" if estimate.reason else ""
@@ -192,7 +187,7 @@ def _answer_words(estimate: Estimate, prior: Pose, reference: Pose | None) -> st
     turn = math.degrees(wrap_angle(pose.heading - prior.heading))
     words = (
         f"Answer: {pose.x - prior.x:+.2f} m in x, {pose.y - prior.y:+.2f} m in y, {turn:+.2f}°"
-        f" from the prior; score {_score_words(estimate.score)}"
+        f" from the prior; score {score_words(estimate.score)}"
     ).replace("-", "−")
     if estimate.cell is None:
         words += ", in smaller cells than are drawn"

@@ -9,38 +9,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from maxcon.errors import ArrayError, OptionError
 from maxcon.evaluation import SUCCESS_DISTANCE
-from maxcon.report.canvas.figure import INK, SERIES, draw_titles, saved_figure
+from maxcon.report.canvas.figure import INK, draw_titles, saved_figure
+from maxcon.report.canvas.method_style import METHOD_STYLES, as_epoch_values, check_methods
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["as_errors", "plot_errors"]
+__all__ = ["plot_errors"]
 
 # Errors below a millimetre are drawn at a millimetre: the axis is logarithmic.
 LEAST_ERROR = 1e-3
-MARKERS = ("o", "s", "^", "D", "v", "P")
-
-
-def as_errors(values: ArrayLike, n_epochs: int, name: str) -> NDArray[np.float64]:
-    """Return `values` as float64 errors of shape (n_epochs,), m, not negative; NaN where there is no answer.
-
-    Raises
-    ------
-    ArrayError
-        If the shape is another, or an error is negative or infinite.
-    """
-    errors = np.asarray(values, dtype=np.float64)
-    if errors.shape != (n_epochs,):
-        raise ArrayError(
-            f"Expected {name} to have shape ({n_epochs},), got {errors.shape}. Give one per epoch."
-        )
-    if (errors < 0.0).any() or np.isinf(errors).any():
-        raise ArrayError(
-            f"Expected {name} to be distances in m, got {errors.min():g}. Use NaN for no answer."
-        )
-    return errors
+# More methods cover each other.
+MOST_METHODS = 6
 
 
 def plot_errors(
@@ -78,12 +59,9 @@ def plot_errors(
         If the file cannot be written.
     """
     times = np.asarray(times, dtype=np.float64)
-    if not 1 <= len(errors_by_method) <= len(SERIES):
-        raise OptionError(
-            f"Expected 1 to {len(SERIES)} methods, got {len(errors_by_method)}. Draw several pictures."
-        )
+    check_methods(errors_by_method, MOST_METHODS)
     errors = {
-        name: as_errors(values, len(times), f"the errors of {name!r}")
+        name: as_epoch_values(values, f"the errors of {name!r}", 0.0, n_epochs=len(times))
         for name, values in errors_by_method.items()
     }
     width, height = 11.5, 4.9
@@ -115,23 +93,23 @@ def _draw_method(
     errors: NDArray[np.float64],
 ) -> None:
     """Draw one method: its errors over time, and their cumulative distribution."""
-    color, marker = SERIES[number], MARKERS[number]
+    style = METHOD_STYLES[number]
     drawn = np.maximum(errors, LEAST_ERROR)
     size = 5.0 if len(times) <= 200 else 2.5
-    over_time.plot(times, drawn, marker=marker, ms=size, mew=0, lw=1.0, color=color, label=name)
+    over_time.plot(times, drawn, marker=style.marker, ms=size, mew=0, lw=1.0, color=style.color, label=name)
     is_missing = np.isnan(errors)
     over_time.plot(
         times[is_missing],
         np.full(int(is_missing.sum()), 0.97 - 0.035 * number),
         "x",
-        color=color,
+        color=style.color,
         ms=6,
         transform=over_time.get_xaxis_transform(),
         clip_on=False,
     )
     reached = np.sort(drawn[~is_missing])
     percent = 100.0 * np.arange(1, len(reached) + 1) / max(1, len(times))
-    shares.plot(percent, reached, color=color, lw=1.8, drawstyle="steps-mid")
+    shares.plot(percent, reached, color=style.color, lw=1.8, drawstyle="steps-mid")
 
 
 def _finish_errors(

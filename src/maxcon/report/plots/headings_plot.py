@@ -12,17 +12,20 @@ from maxcon.accumulator import Accumulator
 from maxcon.errors import OptionError
 from maxcon.geometry import Pose
 from maxcon.objectives import Objective
-from maxcon.report.canvas.figure import INK, MUTED, draw_titles, saved_figure
+from maxcon.report.canvas.figure import MUTED, draw_titles, saved_figure
 from maxcon.report.canvas.from_above import Window
 from maxcon.report.canvas.objective_names import title_of, unit_of
-from maxcon.report.plots.score_panel import draw_scores, ground_of, put_mark, score_words
-from maxcon.report.plots.search_spaces import (
-    SearchSpaceView,
+from maxcon.report.plots.score_panel import (
     cell_marks,
-    chosen_headings,
     draw_color_bar,
+    draw_frame,
+    draw_scores,
+    ground_of,
+    put_mark,
+    score_words,
     turn_words,
 )
+from maxcon.report.plots.search_space_view import SearchSpaceView, chosen_headings
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -114,12 +117,6 @@ def _panel_places(n_panels: int) -> tuple[float, list[tuple[float, float]], floa
     return side, places, BOTTOM + n_rows * (side + ROW_GAP) - ROW_GAP + TOP
 
 
-def _best_offset(view: SearchSpaceView) -> tuple[float, float]:
-    """Offset (x, y) of the best cell from the prior, m."""
-    _, iy, ix = view.best
-    return float(view.space.offsets[ix]), float(view.space.offsets[iy])
-
-
 def _highest_in_section(view: SearchSpaceView, heading: int, half_width: float) -> float:
     """Return the highest score of a heading among cells at most `half_width` from the best, in x and in y."""
     _, iy, ix = view.best
@@ -133,18 +130,17 @@ def _draw_section(
     axes: "Axes", view: SearchSpaceView, heading: int, half_width: float, norm: "Normalize"
 ) -> "AxesImage":
     """Draw the cells around the best one, and write turn and highest score above."""
-    x, y = _best_offset(view)
+    x, y = view.best_offset
     axes.set(xlim=(-half_width, half_width), ylim=(-half_width, half_width), facecolor=OUTSIDE)
     image = draw_scores(axes, view.scores[heading], ground_of(view.space, -x, -y), norm)
-    is_best = view.has_best and heading == view.best[0]
+    is_best = view.has_best_at(heading)
     weight = "bold" if is_best else "normal"
     turn = turn_words(view.space, heading) + (" (best)" if is_best else "")
     axes.set_title(turn, loc="left", fontweight=weight, pad=5)
     axes.set_title(
         score_words(_highest_in_section(view, heading, half_width)), loc="right", fontweight=weight, pad=5
     )
-    for spine in axes.spines.values():
-        spine.set(color=INK if is_best else MUTED, linewidth=3.0 if is_best else 0.8)
+    draw_frame(axes, is_best=is_best)
     ticks = [-0.5 * half_width, 0.0, 0.5 * half_width]
     axes.set(xticks=ticks, yticks=ticks)
     return image
@@ -153,7 +149,7 @@ def _draw_section(
 def _draw_reference(axes: "Axes", view: SearchSpaceView, half_width: float, reference: Pose) -> None:
     """Mark the reference, if it lies in the section."""
     x, y = view.offset(reference)
-    best_x, best_y = _best_offset(view)
+    best_x, best_y = view.best_offset
     if max(abs(x - best_x), abs(y - best_y)) <= half_width:
         put_mark(axes, cell_marks()[1], x - best_x, y - best_y)
 
@@ -199,7 +195,7 @@ def _words(view: SearchSpaceView, n_drawn: int, half_width: float) -> str:
     n_headings = view.space.shape[0]
     which = "All" if n_drawn == n_headings else f"{n_drawn} of"
     drawn = "The prior's heading" if n_headings == 1 else f"{which} {n_headings} headings"
-    section, space = Window.around(*_best_offset(view), half_width), ground_of(view.space, 0.0, 0.0)
+    section, space = Window.around(*view.best_offset, half_width), ground_of(view.space, 0.0, 0.0)
     is_cut = min(section.west, section.south) < space.west or max(section.east, section.north) > space.east
     outside = " Grey: outside the search space." if is_cut else ""
     return (

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from maxcon.errors import ArrayError
 from maxcon.point_map import PointMap
 from maxcon.report.canvas.figure import INK, MUTED, draw_titles, saved_figure
-from maxcon.report.canvas.from_above import Window, draw_map, draw_scale_bar
+from maxcon.report.canvas.from_above import Window, as_places, draw_map, draw_scale_bar
 from maxcon.report.canvas.method_style import LegendShape, as_epoch_values, draw_legend, draw_number_ticks
 
 if TYPE_CHECKING:
@@ -97,15 +96,12 @@ def plot_kurtosis_map(
     FileError
         If the file cannot be written.
     """
-    places = np.asarray(positions, dtype=np.float64)
-    if places.ndim != 2 or len(places) == 0 or places.shape[1] not in (2, 3) or not np.isfinite(places).all():
-        raise ArrayError(f"Expected `positions` to have shape (n, 2) or (n, 3), finite, got {places.shape}.")
-    places = places[:, :2]
+    places = as_places(positions)
     values = (
-        _as_kurtosis(kurtosis_small, len(places), "`kurtosis_small`"),
-        _as_kurtosis(kurtosis_large, len(places), "`kurtosis_large`"),
+        as_epoch_values(kurtosis_small, "`kurtosis_small`", LEAST_KURTOSIS, n_epochs=len(places)),
+        as_epoch_values(kurtosis_large, "`kurtosis_large`", LEAST_KURTOSIS, n_epochs=len(places)),
     )
-    window = _window_of(places)
+    window = Window.with_room(places)
     scale = SIDE / max(window.size)
     apart = 1.04 * LARGE / 72.0 / scale
     shown = spaced_epochs(places, apart)
@@ -126,11 +122,8 @@ def plot_kurtosis_map(
         )
         left = (LEFT + 0.5 * (width - LEFT - drawn_width - RIGHT)) / width
         axes = figure.add_axes((left, bottom / height, drawn_width / width, drawn_height / height))
-        if point_map is not None:
-            draw_map(axes, point_map, window)
+        draw_map(axes, point_map, window)
         colors = _draw_circles(axes, places, values, shown)
-        axes.set(xlim=(window.west, window.east), ylim=(window.south, window.north), aspect="equal")
-        axes.set(xlabel="x, local frame [m]", ylabel="y, local frame [m]")
         draw_scale_bar(axes, window)
         bar = figure.add_axes(
             (left + (drawn_width + 0.15) / width, bottom / height, 0.16 / width, drawn_height / height)
@@ -142,28 +135,10 @@ def plot_kurtosis_map(
         draw_legend(figure, _legend_circles()[: len(labels)], labels, legend, handle_length=1.6)
 
 
-def _as_kurtosis(values: ArrayLike, n_epochs: int, name: str) -> NDArray[np.float64]:
-    """Return kurtoses of shape (n_epochs,), 1 or more; NaN where they are not defined."""
-    kurtosis = as_epoch_values(values, name, LEAST_KURTOSIS)
-    if len(kurtosis) != n_epochs:
-        raise ArrayError(
-            f"Expected {name} to have shape ({n_epochs},), got {kurtosis.shape}. Give one per position."
-        )
-    return kurtosis
-
-
 def _median_words(name: str, kurtosis: NDArray[np.float64]) -> str:
     """Return the name and the median of all epochs."""
     known = kurtosis[~np.isnan(kurtosis)]
     return f"{name} {np.median(known):.3g}" if known.size else f"{name} not defined"
-
-
-def _window_of(places: NDArray[np.float64]) -> Window:
-    """Return the rectangle around places, (n, 2), m, and 25 m more, at most three times as long as wide."""
-    low, high = places.min(axis=0), places.max(axis=0)
-    (x, y), half = 0.5 * (low + high), 0.5 * (high - low) + 25.0
-    half_x, half_y = np.maximum(half, half.max() / 3.0)
-    return Window(x - half_x, x + half_x, y - half_y, y + half_y)
 
 
 def _draw_circles(

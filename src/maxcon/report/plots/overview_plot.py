@@ -5,7 +5,7 @@
 import math
 import os
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from maxcon.accumulator import Accumulator
 from maxcon.errors import OptionError
@@ -14,11 +14,18 @@ from maxcon.geometry import Pose
 from maxcon.objectives import Objective
 from maxcon.point_map import PointMap
 from maxcon.report.canvas.figure import MUTED, draw_titles, saved_figure
-from maxcon.report.canvas.from_above import Window, draw_map, draw_scale_bar
+from maxcon.report.canvas.from_above import Window, draw_map, draw_scale_bar, map_patch
 from maxcon.report.canvas.objective_names import title_of
-from maxcon.report.plots.scene import CONSENSUS_COLOR, PRIOR_COLOR, Scene
-from maxcon.report.plots.score_panel import draw_scores, ground_of, put_mark, scale_words
-from maxcon.report.plots.search_spaces import COLORS, SearchSpaceView, cell_marks
+from maxcon.report.plots.scene import CONSENSUS_COLOR, PRIOR_COLOR, Scene, draw_points
+from maxcon.report.plots.score_panel import (
+    COLORS,
+    cell_marks,
+    draw_scores,
+    ground_of,
+    put_mark,
+    scale_words,
+)
+from maxcon.report.plots.search_space_view import SearchSpaceView
 from maxcon.report.plots.spaces_on_ground import apart, highest_of_blocks, window_around
 from maxcon.scan import Scan
 
@@ -111,30 +118,22 @@ def plot_overview(
         draw_titles(figure, title, _words(estimate, objective, accumulator))
         axes = figure.add_axes((LEFT / WIDTH, BOTTOM / height, side / WIDTH, drawn_height / height))
         draw_map(axes, point_map, window)
-        handles = _draw_points(axes, scene)
+        handles = _draw_scan(axes, scene)
         for number, (view, is_localized) in enumerate(zip(views, are_localized, strict=True)):
             _draw_space(axes, view, is_localized, is_this=number == 0)
         draw_scale_bar(axes, window)
         _draw_legend(figure, handles, views, are_localized)
 
 
-def _draw_points(axes: "Axes", scene: Scene) -> list["Artist"]:
+def _draw_scan(axes: "Axes", scene: Scene) -> list["Artist"]:
     """Draw the scan at the prior and, if anything matched, the consensus set at the answer."""
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
     is_matched = scene.is_matched
     points = scene.prior.apply(scene.scan.points[scene.is_drawn])
     sets = [("scan at the prior", PRIOR_COLOR, points, 1.3)]
     if scene.has_answer:
         points = scene.estimate.pose.apply(scene.scan.points[is_matched])
         sets.append((f"consensus set ({is_matched.sum():,} points)", CONSENSUS_COLOR, points, 2.0))
-    handles: list[Artist] = [Patch(facecolor="#a9a9a9", label="map (darker: taller)")]
-    for number, (label, color, points, size) in enumerate(sets):
-        style: dict[str, Any] = {"ls": "", "marker": "o", "mew": 0, "color": color}
-        axes.plot(*points[:, :2].T, ms=size, zorder=2 + number, rasterized=True, **style)
-        handles.append(Line2D([], [], ms=7, label=label, **style))
-    return handles
+    return [map_patch(), *draw_points(axes, sets)]
 
 
 def _draw_space(axes: "Axes", view: SearchSpaceView, is_localized: bool, is_this: bool) -> None:
@@ -143,10 +142,9 @@ def _draw_space(axes: "Axes", view: SearchSpaceView, is_localized: bool, is_this
     from matplotlib.patches import Rectangle
 
     prior, space = view.accumulator.prior, view.space
-    heading, iy, ix = view.best
     ground = ground_of(space, prior.x, prior.y)
     edge = math.ceil(space.shape[2] / MOST_BLOCKS)
-    blocks = highest_of_blocks(view.scores[heading], edge)
+    blocks = highest_of_blocks(view.scores[view.best[0]], edge)
     ny, nx = blocks.shape
     covered = Window(
         ground.west,
@@ -162,12 +160,8 @@ def _draw_space(axes: "Axes", view: SearchSpaceView, is_localized: bool, is_this
         )
     )
     if view.has_best:
-        put_mark(
-            axes,
-            _mark(is_localized),
-            prior.x + float(space.offsets[ix]),
-            prior.y + float(space.offsets[iy]),
-        )
+        x, y = view.best_offset
+        put_mark(axes, _mark(is_localized), prior.x + x, prior.y + y)
 
 
 def _frame(is_this: bool) -> tuple[str, float]:

@@ -3,6 +3,7 @@
 """One epoch from above: the map, the scan at the prior and at the answer, and which points agree."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,7 @@ from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
 from maxcon.point_map import PointMap
 from maxcon.report.canvas.figure import INK
-from maxcon.report.canvas.from_above import Window, draw_map, draw_scale_bar
+from maxcon.report.canvas.from_above import Window, draw_map, draw_scale_bar, map_patch
 from maxcon.scan import Scan
 from maxcon.search import consensus_set
 from maxcon.search_space import SearchSpace
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.lines import Line2D
 
-__all__ = ["Scene", "draw_scene", "is_off_the_ground"]
+__all__ = ["Scene", "draw_points", "draw_scene", "half_width_of", "is_off_the_ground"]
 
 PRIOR_COLOR, SCAN_COLOR, CONSENSUS_COLOR = "#d55e00", "#56b4e9", "#00468b"
 # Horizontal part of a normal above which a surface is no ground: it is inclined by 30 degrees.
@@ -84,10 +85,15 @@ class Scene:
     @property
     def window(self) -> Window:
         """The square around the prior that holds nine tenths of the scan, within limits."""
-        ranges = np.abs(self.scan.points[:, :2]).max(axis=1, initial=0.0)
-        half_width = float(np.percentile(ranges, 92)) if len(ranges) else 0.0
-        half_width = min(max(half_width, LEAST_HALF_WIDTH), MOST_HALF_WIDTH)
-        return Window.around(self.prior.x, self.prior.y, max(half_width, 1.25 * self.space.reach))
+        half_width = max(half_width_of(self.scan, MOST_HALF_WIDTH), 1.25 * self.space.reach)
+        return Window.around(self.prior.x, self.prior.y, half_width)
+
+
+def half_width_of(scan: Scan, most: float) -> float:
+    """Half width, m, of the square around the sensor that holds nine tenths of a scan: from 5 m to `most`."""
+    ranges = np.abs(scan.points[:, :2]).max(axis=1, initial=0.0)
+    half_width = float(np.percentile(ranges, 92)) if len(ranges) else 0.0
+    return min(max(half_width, LEAST_HALF_WIDTH), most)
 
 
 def is_off_the_ground(scan: Scan, pose: Pose) -> NDArray[np.bool_]:
@@ -106,11 +112,9 @@ def is_off_the_ground(scan: Scan, pose: Pose) -> NDArray[np.bool_]:
 
 def draw_scene(axes: "Axes", scene: Scene) -> list["Artist"]:
     """Draw the scene from above; return what its legend shows, in order."""
-    from matplotlib.patches import Patch
-
     window = scene.window
     draw_map(axes, scene.point_map, window)
-    handles: list[Artist] = [Patch(facecolor="#a9a9a9", label="map (darker: taller)")]
+    handles: list[Artist] = [map_patch()]
     handles += _draw_scans(axes, scene)
     handles += _draw_start(axes, scene)
     handles += _draw_answer(axes, scene, arrow=0.16 * window.size[0])
@@ -121,8 +125,6 @@ def draw_scene(axes: "Axes", scene: Scene) -> list["Artist"]:
 
 def _draw_scans(axes: "Axes", scene: Scene) -> list["Artist"]:
     """Draw the scan at the prior and, if anything matched, at the answer."""
-    from matplotlib.lines import Line2D
-
     is_drawn = scene.is_drawn
     sets = [("scan at the prior", PRIOR_COLOR, scene.prior.apply(scene.scan.points[is_drawn]), 1.3)]
     if scene.has_answer:
@@ -131,21 +133,22 @@ def _draw_scans(axes: "Axes", scene: Scene) -> list["Artist"]:
         sets.append(
             (f"consensus set ({is_matched.sum():,} points)", CONSENSUS_COLOR, points[is_matched], 2.0)
         )
-    for number, (_, color, points, size) in enumerate(sets):
-        axes.plot(
-            points[:, 0],
-            points[:, 1],
-            ls="",
-            marker="o",
-            mew=0,
-            ms=size,
-            color=color,
-            zorder=2 + number,
-            rasterized=True,
-        )
-    return [
-        Line2D([], [], ls="", marker="o", ms=7, mew=0, color=color, label=label) for label, color, *_ in sets
-    ]
+    return draw_points(axes, sets)
+
+
+def draw_points(axes: "Axes", sets: Sequence[tuple[str, str, NDArray[np.float64], float]]) -> list["Artist"]:
+    """Draw sets of points from above, one over the other; return what the legend shows of them.
+
+    sets : label, colour, points of shape (n, 3), local frame, m, and diameter of a dot, points.
+    """
+    from matplotlib.lines import Line2D
+
+    handles: list[Artist] = []
+    for number, (label, color, points, size) in enumerate(sets):
+        style: dict[str, Any] = {"ls": "", "marker": "o", "mew": 0, "color": color}
+        axes.plot(*points[:, :2].T, ms=size, zorder=2 + number, rasterized=True, **style)
+        handles.append(Line2D([], [], ms=7, label=label, **style))
+    return handles
 
 
 def _draw_start(axes: "Axes", scene: Scene) -> list["Artist"]:

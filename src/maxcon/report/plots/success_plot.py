@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from maxcon.errors import ArrayError, OptionError
-from maxcon.evaluation import SUCCESS_WORDS
+from maxcon.evaluation import SUCCESS_WORDS, wilson_interval
 from maxcon.report.canvas.figure import MUTED, draw_titles, saved_figure
 from maxcon.report.canvas.method_style import (
     METHOD_STYLES,
@@ -24,10 +24,9 @@ from maxcon.report.canvas.method_style import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["SuccessBins", "plot_success", "wilson_interval"]
+__all__ = ["SuccessBins", "plot_success"]
 
 MOST_BINS = 20
-NORMAL_QUANTILE_975 = 1.959963984540054
 WIDTH, AXES_HEIGHT = 9.2, 4.1
 # Inches: what is kept free around the axes, and how high a row of numbers of epochs is.
 LEFT, RIGHT, BELOW, TITLES, ROW = 1.02, 0.2, 0.62, 1.1, 0.21
@@ -53,38 +52,6 @@ class SuccessBins(NamedTuple):
         bins = np.floor(offsets / bin_width).astype(np.int64)
         n_epochs = np.bincount(bins, minlength=n_bins).astype(np.int64)
         return cls(n_epochs, np.bincount(bins[is_success], minlength=n_bins).astype(np.int64))
-
-
-def wilson_interval(
-    n_successes: ArrayLike, n_trials: ArrayLike, quantile: float = NORMAL_QUANTILE_975
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the lower and upper ends of Wilson's interval of a success rate, 0 to 1.
-
-    Parameters
-    ----------
-    n_successes, n_trials : array_like, shape (m,)
-        Successes and trials of each rate.
-    quantile : float
-        z of the normal distribution; the default makes it an interval of 95 %.
-
-    Returns
-    -------
-    low, high : array, shape (m,)
-        NaN where there was no trial.
-
-    Notes
-    -----
-    (p + z^2 / 2n -+ z sqrt(p (1 - p) / n + z^2 / 4n^2)) / (1 + z^2 / n), p = successes / n (Wilson, 1927). Unlike
-    p -+ z sqrt(p (1 - p) / n) it does not shrink to nothing where all epochs succeed.
-    """
-    n = np.asarray(n_trials, dtype=np.float64)
-    n = np.where(n > 0.0, n, np.nan)
-    rate = np.asarray(n_successes, dtype=np.float64) / n
-    z2 = quantile * quantile
-    center = rate + z2 / (2.0 * n)
-    half = quantile * np.sqrt(rate * (1.0 - rate) / n + z2 / (4.0 * n * n))
-    low, high = (center - half) / (1.0 + z2 / n), (center + half) / (1.0 + z2 / n)
-    return np.clip(low, 0.0, 1.0), np.clip(high, 0.0, 1.0)
 
 
 def plot_success(

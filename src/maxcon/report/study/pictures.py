@@ -11,7 +11,8 @@ from maxcon.drive.localize import DriveOptions
 from maxcon.errors import FileError, MaxconError
 from maxcon.report.canvas.html import Picture
 from maxcon.report.study.claims import HELMERT
-from maxcon.report.study.scenes import StudyScenes, pick_epochs, space_of
+from maxcon.report.study.picked_epochs import pick_epochs
+from maxcon.report.study.scenes import StudyScenes, space_of
 from maxcon.report.study.statistics import draw_statistics
 from maxcon.study import MethodRows, Study
 from maxcon.study.bench import REFERENCE, BenchPlan

@@ -19,9 +19,10 @@ from maxcon.report.study.claims import COUNT, HELMERT, paper_claims
 from maxcon.report.study.page import StudyPage, write_study_page
 from maxcon.report.study.pictures import draw_pictures, open_scenes
 from maxcon.report.study.scenes import space_of
+from maxcon.report.study.statistics import own_methods
 from maxcon.report.study.tables import method_tables
 from maxcon.search_space import SearchSpace
-from maxcon.study import MethodRows, Study, known_methods, rows_by_method, statistics
+from maxcon.study import MethodRows, Study, rows_by_method, statistics
 from maxcon.study.bench import REFERENCE
 from maxcon.system.atomic import check_folder, check_writable, make_folder
 from maxcon.system.partials import sweep_folder
@@ -148,8 +149,7 @@ def _cautions(study: Study, methods: dict[str, MethodRows]) -> list[str]:
 def _headline(methods: dict[str, MethodRows], prior: str) -> str:
     """Return the successes of the main methods as a sentence."""
     known = (MAXCON, HELMERT, COUNT, "helmert-occupied", "icp-plane-1m", "icp-plane-3m", "gicp-3m")
-    own = [name for name in methods if name not in known_methods(SearchSpace.paper())]
-    names = [*own, *(name for name in known if name in methods)] or list(methods)[:6]
+    names = [*own_methods(methods), *(name for name in known if name in methods)] or list(methods)[:6]
     found = [statistics(methods[name]) for name in names]
     words = "; ".join(f"{method.method} {method.n_success:,} of {method.n_epochs:,}" for method in found)
     return f"Epochs within {SUCCESS_WORDS} of the reference, from the prior “{prior}”: {words}."

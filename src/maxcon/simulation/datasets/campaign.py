@@ -8,21 +8,20 @@ from collections.abc import Callable, Sequence
 from maxcon.dataset import Dataset
 from maxcon.errors import OptionError
 from maxcon.simulation.datasets.dataset_files import (
-    DATASET_NAMES,
     PRIORS,
+    dataset_folder,
     ticker,
     write_description,
     write_epochs,
-    write_map_clouds,
+    write_map,
     write_odometry,
-    write_trajectory,
 )
-from maxcon.simulation.drive import PriorErrors
 from maxcon.simulation.driving.gnss_priors import GnssErrors
 from maxcon.simulation.driving.odometry import OdometryErrors
+from maxcon.simulation.driving.prior_errors import PriorErrors
 from maxcon.simulation.sensing.scanners import ProfileScanner, RotatingScanner, mobile_mapping_scanners
-from maxcon.simulation.worlds.campaign_world import EPOCH_STEP, MOST_EPOCHS, CampaignWorld
-from maxcon.system.atomic import atomic_folder, check_replaceable
+from maxcon.simulation.worlds.campaign_world import MOST_EPOCHS, CampaignWorld
+from maxcon.simulation.worlds.scan_epochs import EPOCH_STEP
 
 __all__ = ["simulate_campaign"]
 
@@ -95,17 +94,14 @@ def simulate_campaign(
             " A round has no more: the scanner turns ten times a second for 300 s. Take another seed for more."
         )
     ticks_apart = None if every is None else _ticks_apart(every, n_epochs)
-    if overwrite:
-        check_replaceable(out, "a simulated dataset", DATASET_NAMES)
-    with atomic_folder(out, overwrite=overwrite) as folder:
+    with dataset_folder(out, overwrite=overwrite) as folder:
         world = CampaignWorld.build(seed, n_rounds, is_hard=is_hard)
         profiles = mapping_scanners or mobile_mapping_scanners()
-        tick = ticker(progress, world.n_pieces(profiles) + n_epochs)
+        tick = ticker(progress, world.mapping.n_pieces(profiles) + n_epochs)
         kind = "hard campaign" if is_hard else "campaign"
         words = f"{kind}, seed {seed}, {n_rounds} rounds of mapping, {n_epochs} epochs"
         write_description(folder, words, PRIORS, has_odometry=True)
-        write_map_clouds(folder, world.map_echoes(profiles), tick)
-        write_trajectory(folder / "map/trajectory.txt", *world.map_poses(), "T_map_vehicle")
+        write_map(folder, world.mapping, profiles, tick)
         write_odometry(folder, *world.odometry(OdometryErrors()))
         epochs = world.epochs(n_epochs, ticks_apart)
         rotating = scanner or RotatingScanner()

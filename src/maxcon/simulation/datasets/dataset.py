@@ -10,21 +10,18 @@ import numpy as np
 from maxcon.dataset import Dataset
 from maxcon.errors import OptionError
 from maxcon.simulation.datasets.dataset_files import (
-    CITY_ORIGIN,
-    CRS,
-    DATASET_NAMES,
+    dataset_folder,
     ticker,
     write_description,
-    write_map_clouds,
+    write_map,
     write_scans,
     write_trajectory,
 )
-from maxcon.simulation.drive import PriorErrors
+from maxcon.simulation.driving.prior_errors import PriorErrors
 from maxcon.simulation.sensing.scanners import ProfileScanner, RotatingScanner, mobile_mapping_scanners
 from maxcon.simulation.worlds.world import SimulatedWorld
-from maxcon.system.atomic import atomic_folder, check_replaceable
 
-__all__ = ["CITY_ORIGIN", "CRS", "simulate"]
+__all__ = ["simulate"]
 
 
 def simulate(
@@ -86,17 +83,14 @@ def simulate(
     """
     if n_epochs < 1:
         raise OptionError(f"Expected at least one epoch, got n_epochs = {n_epochs}. The default is 40.")
-    if overwrite:
-        check_replaceable(out, "a simulated dataset", DATASET_NAMES)
-    with atomic_folder(out, overwrite=overwrite) as folder:
+    with dataset_folder(out, overwrite=overwrite) as folder:
         world = SimulatedWorld.build(seed, before, after, mapping_wait)
         epochs = world.epochs(n_epochs, prior_errors or PriorErrors())
         profiles = mapping_scanners or mobile_mapping_scanners()
-        tick = ticker(progress, world.n_pieces(profiles) + n_epochs)
+        tick = ticker(progress, world.mapping.n_pieces(profiles) + n_epochs)
         # The mapping vehicle's poses are written without errors: the map has no errors but the noise of its points.
         write_description(folder, f"seed {seed}, {n_epochs} epochs", {"uniform": "prior.txt"}, map_sigma=0.0)
-        write_map_clouds(folder, world.map_echoes(profiles), tick)
-        write_trajectory(folder / "map/trajectory.txt", *world.map_poses(), "T_map_vehicle")
+        write_map(folder, world.mapping, profiles, tick)
         times = np.array([epoch.time for epoch in epochs])
         rotating = scanner or RotatingScanner()
         scans = (world.scan(epoch, rotating) for epoch in epochs)

@@ -3,7 +3,9 @@
 """The files of a simulated dataset: map clouds, scans, trajectories and their description."""
 
 import itertools
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -14,21 +16,23 @@ from maxcon.geometry import LocalFrame, Pose
 from maxcon.io.trajectories import write_tum
 from maxcon.simulation.datasets.map_tiles import MapTiles
 from maxcon.simulation.scenes.las_classes import LasClass
-from maxcon.simulation.sensing.scanners import Echoes
-from maxcon.simulation.worlds.mapped_drives import ScanEpoch
+from maxcon.simulation.sensing.scanners import Echoes, ProfileScanner
+from maxcon.simulation.worlds.mapping_drives import MappingDrives
+from maxcon.simulation.worlds.scan_epochs import ScanEpoch
+from maxcon.system.atomic import atomic_folder, check_replaceable
 from maxcon.trajectory import Trajectory
 from maxcon.version import __version__
 
 __all__ = [
     "CITY_ORIGIN",
     "CRS",
-    "DATASET_NAMES",
     "ODOMETRY",
     "PRIORS",
+    "dataset_folder",
     "ticker",
     "write_description",
     "write_epochs",
-    "write_map_clouds",
+    "write_map",
     "write_odometry",
     "write_scans",
     "write_trajectory",
@@ -53,6 +57,21 @@ DATASET_NAMES = (
 """All that the folder of a simulated dataset may hold; what holds anything else is not overwritten."""
 
 
+@contextmanager
+def dataset_folder(out: str | os.PathLike[str], *, overwrite: bool) -> Iterator[Path]:
+    """Yield an empty folder to write a dataset to; it becomes `out` when the block ends well and vanishes otherwise.
+
+    Raises
+    ------
+    FileError
+        If there is something at `out` that is no simulated dataset, or `overwrite` is False; or it cannot be written.
+    """
+    if overwrite:
+        check_replaceable(out, "a simulated dataset", DATASET_NAMES)
+    with atomic_folder(out, overwrite=overwrite) as folder:
+        yield folder
+
+
 def ticker(progress: Callable[[int, int], None] | None, n_steps: int) -> Callable[[], None]:
     """Return a function to call after each of `n_steps` steps, which reports it to `progress`."""
     done = itertools.count(1)
@@ -64,16 +83,31 @@ def ticker(progress: Callable[[int, int], None] | None, n_steps: int) -> Callabl
     return tick
 
 
-def write_map_clouds(folder: Path, pieces: Iterable[Echoes], tick: Callable[[], None]) -> None:
-    """Stream the map, measured piece by piece, to the LAZ files of `folder`/map."""
+def write_map(
+    folder: Path, mapping: MappingDrives, scanners: Sequence[ProfileScanner], tick: Callable[[], None]
+) -> None:
+    """Measure the map, and stream it to the LAZ files of `folder`/map; the vehicle's trajectory stands beside them.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the dataset.
+    mapping : MappingDrives
+        The drives of the mapping vehicle.
+    scanners : sequence of ProfileScanner
+        On the mapping vehicle.
+    tick : callable
+        Called after each piece, `mapping.n_pieces(scanners)` times.
+    """
     import pyproj
 
     frame = LocalFrame(CITY_ORIGIN, pyproj.CRS.from_user_input(CRS).to_wkt())
     (folder / "map").mkdir()
     with MapTiles(folder / "map", frame) as tiles:
-        for echoes in pieces:
+        for echoes in mapping.echoes(scanners):
             tiles.write(echoes)
             tick()
+    write_trajectory(folder / "map/trajectory.txt", *mapping.poses(), "T_map_vehicle")
 
 
 def write_scans(

@@ -8,23 +8,21 @@ from collections.abc import Callable, Sequence
 from maxcon.dataset import Dataset
 from maxcon.errors import OptionError
 from maxcon.simulation.datasets.dataset_files import (
-    DATASET_NAMES,
     PRIORS,
+    dataset_folder,
     ticker,
     write_description,
     write_epochs,
-    write_map_clouds,
-    write_trajectory,
+    write_map,
 )
-from maxcon.simulation.drive import PriorErrors
 from maxcon.simulation.driving.gnss_priors import GnssErrors
+from maxcon.simulation.driving.prior_errors import PriorErrors
 from maxcon.simulation.scenes.las_classes import LasClass
 from maxcon.simulation.scenes.suburb_road import check_road_length
 from maxcon.simulation.sensing.moving_scanner import DeskewErrors, MovingScanner
 from maxcon.simulation.sensing.scanner_layouts import ScannerLayout
 from maxcon.simulation.sensing.scanners import ProfileScanner, RotatingScanner, mobile_mapping_scanners
 from maxcon.simulation.worlds.suburb_world import ROAD_LENGTH, SuburbWorld, n_epochs_on
-from maxcon.system.atomic import atomic_folder, check_replaceable
 
 __all__ = ["simulate_suburb"]
 
@@ -89,15 +87,12 @@ def simulate_suburb(
             f"Expected 1 to {n_epochs_on(road_length)} epochs of a suburb, got n_epochs = {n_epochs}."
             " The drive has no more: the scanner turns ten times a second. Take a longer road for more."
         )
-    if overwrite:
-        check_replaceable(out, "a simulated dataset", DATASET_NAMES)
-    with atomic_folder(out, overwrite=overwrite) as folder:
+    with dataset_folder(out, overwrite=overwrite) as folder:
         world = SuburbWorld.build(seed, road_length)
         profiles = mapping_scanners or mobile_mapping_scanners()
-        tick = ticker(progress, world.n_pieces(profiles) + n_epochs)
+        tick = ticker(progress, world.mapping.n_pieces(profiles) + n_epochs)
         write_description(folder, f"suburb, seed {seed}, {n_epochs} epochs", PRIORS, LasClass)
-        write_map_clouds(folder, world.map_echoes(profiles), tick)
-        write_trajectory(folder / "map/trajectory.txt", *world.map_poses(), "T_map_vehicle")
+        write_map(folder, world.mapping, profiles, tick)
         epochs = world.epochs(n_epochs)
         moving = MovingScanner(scanner or ScannerLayout.VLP_16.scanner(), deskew_errors or DeskewErrors())
         priors = {

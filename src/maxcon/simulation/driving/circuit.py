@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from maxcon.simulation.scenes.street_grid import CAMPAIGN_GRID, StreetGrid
+from maxcon.simulation.scenes.street_grid import CAMPAIGN_GRID, StreetGrid, in_city
 
 __all__ = ["CAMPAIGN_CORNERS", "Circuit", "circuit_through"]
 
@@ -102,9 +102,8 @@ def circuit_through(
     points = np.roll(points[:-1], -first, axis=0)
     points = np.concatenate([points, points[:1]])
     turns = np.array([_nearest(points, arc[[0, -1]]) for arc in arcs])
-    cosine, sine = math.cos(street_angle), math.sin(street_angle)
     return Circuit(
-        points @ np.array([[cosine, sine], [-sine, cosine]]),
+        in_city(points, street_angle),
         turns[np.argsort(turns[:, 0])],
         np.sort(_nearest(points, _straight_over(corners, grid))),
     )

@@ -13,7 +13,7 @@ from maxcon.simulation.scenes.facades import HOUSE_DEPTH, draw_style, house
 from maxcon.simulation.scenes.furniture import draw_car, draw_hedge, draw_sign, draw_tree, lamp_pole
 from maxcon.simulation.scenes.las_classes import LasClass
 from maxcon.simulation.scenes.patches import Patch, join
-from maxcon.simulation.scenes.street_grid import Frontage, StreetGrid
+from maxcon.simulation.scenes.street_grid import Frontage, StreetGrid, in_city
 from maxcon.simulation.seed import Seed
 
 __all__ = ["City", "build_city", "city_of", "pavement"]
@@ -109,8 +109,6 @@ def city_of(parts: Sequence[Patch], grid: StreetGrid, street_angle: float) -> Ci
     street_angle : float
         Direction of the main street, rad, counter-clockwise from +x.
     """
-    cosine, sine = math.cos(street_angle), math.sin(street_angle)
-    turn = np.array([[cosine, sine], [-sine, cosine]])
     out = grid.sidewalk + CAR_SIDE
     lanes = np.array(
         [
@@ -123,8 +121,8 @@ def city_of(parts: Sequence[Patch], grid: StreetGrid, street_angle: float) -> Ci
         np.empty((0, 3)),
         np.empty((0, 3), np.int32),
         np.empty(0, np.uint8),
-        grid.centre_lines() @ turn,
-        lanes @ turn,
+        in_city(grid.centre_lines(), street_angle),
+        in_city(lanes, street_angle),
         street_angle,
         np.empty(0, np.int32),
     )

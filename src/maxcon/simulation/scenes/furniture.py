@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.simulation.scenes.las_classes import LasClass
-from maxcon.simulation.scenes.patches import Patch, boxes, extruded, join, prism, triangles
+from maxcon.simulation.scenes.patches import OCTAGON, Patch, boxes, extruded, join, prism, triangles
 
 __all__ = ["draw_car", "draw_hedge", "draw_sign", "draw_tree", "lamp_pole"]
 
@@ -45,7 +45,7 @@ def draw_car(rng: np.random.Generator) -> tuple[Patch, float]:
         [back + tail, height],
     ]
     wheels = [
-        extruded(_octagon(x, 0.3, 0.3), half_width - 0.02, LasClass.VEHICLE)
+        extruded(0.3 * OCTAGON + [x, 0.3], half_width - 0.02, LasClass.VEHICLE)
         for x in (back + 0.75, front - 0.8)
     ]
     parts = [
@@ -68,7 +68,7 @@ def draw_tree(rng: np.random.Generator) -> Patch:
         _leaves(center, size, 260, LasClass.HIGH_VEGETATION, rng)
         for center, size in zip(centers, sizes, strict=True)
     ]
-    stem = prism(_octagon(0.0, 0.0, radius), 0.0, trunk + canopy, LasClass.HIGH_VEGETATION)
+    stem = prism(radius * OCTAGON, 0.0, trunk + canopy, LasClass.HIGH_VEGETATION)
     return join([stem, *blobs])
 
 
@@ -97,7 +97,7 @@ def draw_hedge(length: float, rng: np.random.Generator) -> Patch:
 
 def lamp_pole() -> Patch:
     """Return a pole of 7 m with an arm of 1.5 m over the carriageway (+y)."""
-    pole = prism(_octagon(0.0, 0.0, 0.07), 0.0, 7.0, LasClass.POLE)
+    pole = prism(0.07 * OCTAGON, 0.0, 7.0, LasClass.POLE)
     arm = boxes([[-0.03, 0.0, 6.9], [-0.15, 1.2, 6.85]], [[0.03, 1.3, 6.98], [0.15, 1.8, 7.0]], LasClass.POLE)
     return join([pole, arm])
 
@@ -105,14 +105,9 @@ def lamp_pole() -> Patch:
 def draw_sign(rng: np.random.Generator) -> Patch:
     """Return a traffic sign on a pole, its plate across the x axis up to a few degrees."""
     height = rng.uniform(2.1, 2.5)
-    pole = prism(_octagon(0.0, 0.0, 0.03), 0.0, height + 0.6, LasClass.POLE)
+    pole = prism(0.03 * OCTAGON, 0.0, height + 0.6, LasClass.POLE)
     plate = boxes([[-0.05, -0.3, height]], [[-0.03, 0.3, height + 0.6]], LasClass.POLE)
     return join([pole, plate]).placed(0.0, 0.0, heading=rng.normal(0.0, math.radians(5.0)))
-
-
-def _octagon(x: float, y: float, radius: float) -> list[list[float]]:
-    angles = [(k + 0.5) * math.pi / 4.0 for k in range(8)]
-    return [[x + radius * math.cos(angle), y + radius * math.sin(angle)] for angle in angles]
 
 
 def _leaves(

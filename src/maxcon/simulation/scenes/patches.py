@@ -11,7 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from maxcon.simulation.scenes.las_classes import LasClass
 
-__all__ = ["Patch", "boxes", "extruded", "join", "prism", "quads", "triangles"]
+__all__ = ["OCTAGON", "Patch", "boxes", "extruded", "grid_faces", "join", "prism", "quads", "triangles"]
+
+_ANGLES = (np.arange(8) + 0.5) * math.pi / 4.0
+OCTAGON = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
+"""Corners of an octagon around the origin, 1 m from it, shape (8, 2); its sides lie along and across the axes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,6 +63,12 @@ def quads(corners: ArrayLike, las_class: LasClass) -> Patch:
     """Flat four-cornered faces from their corners in order around, shape (n, 4, 3), m."""
     array = np.asarray(corners, dtype=np.float64).reshape(-1, 4, 3)
     return triangles(array[:, [[0, 1, 2], [0, 2, 3]]], las_class)
+
+
+def grid_faces(grid: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Four-cornered faces of the surface through a grid of points, shape (n, m, 3), for `quads`: ((n-1)(m-1), 4, 3)."""
+    around = [grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]]
+    return np.stack([corner.reshape(-1, 3) for corner in around], axis=1)
 
 
 def boxes(lows: ArrayLike, highs: ArrayLike, las_class: LasClass) -> Patch:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from maxcon.simulation.scenes.las_classes import LasClass
 from maxcon.simulation.scenes.patches import Patch, boxes, join, quads
 
-__all__ = ["CAMPAIGN_GRID", "KERB_HEIGHT", "Block", "Frontage", "StreetGrid"]
+__all__ = ["CAMPAIGN_GRID", "KERB_HEIGHT", "Block", "Frontage", "StreetGrid", "in_city"]
 
 KERB_HEIGHT = 0.12
 """Height of blocks and sidewalks above the carriageway, m."""
@@ -156,6 +156,15 @@ class StreetGrid:
         starts = [lines[0] - self.margin, *(line + gap for line in lines)]
         ends = [*(line - gap for line in lines), lines[-1] + self.margin]
         return list(zip(starts, ends, strict=True))
+
+
+def in_city(places: NDArray[np.float64], street_angle: float) -> NDArray[np.float64]:
+    """Return places (u, v) in the frame of a grid, shape (..., 2), as (x, y) in that of its city, m.
+
+    street_angle : direction of the main street, rad, counter-clockwise from +x.
+    """
+    cosine, sine = math.cos(street_angle), math.sin(street_angle)
+    return np.asarray(places @ np.array([[cosine, sine], [-sine, cosine]]))
 
 
 CAMPAIGN_GRID = StreetGrid(

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from maxcon.simulation.scenes.facades import rain_pipe, relief, steps
 from maxcon.simulation.scenes.las_classes import LasClass
-from maxcon.simulation.scenes.patches import Patch, boxes, join, quads, triangles
+from maxcon.simulation.scenes.patches import Patch, boxes, grid_faces, join, quads, triangles
 from maxcon.simulation.scenes.suburb_plants import draw_ivy
 
 __all__ = ["Cladding", "draw_house", "draw_shed", "rough_wall"]
@@ -177,9 +177,7 @@ def _gabled_roof(
         grid = np.empty((len(x), len(part), 3))
         grid[..., 0], grid[..., 1], grid[..., 2] = x[:, None], y, z
         grid[..., 2] += 0.02 * rng.standard_normal(grid.shape[:2])
-        around = [grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]]
-        faces = np.stack([corner.reshape(-1, 3) for corner in around], axis=1)
-        parts.append(quads(faces, LasClass.BUILDING))
+        parts.append(quads(grid_faces(grid), LasClass.BUILDING))
     gables = [
         [[at, -0.5 * span, height], [at, 0.5 * span, height], [at, 0.0, height + rise]] for at in (0, length)
     ]

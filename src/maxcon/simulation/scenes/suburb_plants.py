@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.simulation.scenes.las_classes import LasClass
-from maxcon.simulation.scenes.patches import Patch, join, prism, quads, triangles
+from maxcon.simulation.scenes.patches import OCTAGON, Patch, grid_faces, join, prism, quads, triangles
 
 __all__ = ["draw_bush", "draw_garden_tree", "draw_hedge_row", "draw_ivy", "leaves_at", "survey_class"]
 
@@ -96,8 +96,7 @@ def draw_garden_tree(rng: np.random.Generator, day: np.random.Generator, height:
     is_conifer = rng.random() < 0.3
     trunk = 0.1 * height if is_conifer else rng.uniform(0.2, 0.3) * height
     radius = 0.012 * height + 0.05
-    angles = (np.arange(8) + 0.5) * math.pi / 4.0
-    stem = prism(radius * np.column_stack([np.cos(angles), np.sin(angles)]), -0.3, 0.8 * height, las_class)
+    stem = prism(radius * OCTAGON, -0.3, 0.8 * height, las_class)
     parts = [stem]
     for k in range(5):
         part = (k + 0.5) / 5.0
@@ -142,8 +141,7 @@ def _sheet(
     grid: NDArray[np.float64], las_class: LasClass, rng: np.random.Generator, day: np.random.Generator
 ) -> Patch:
     """Surface through a grid of points, shape (n, m, 3), m, with gaps, some of which differ from day to day."""
-    around = [grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]]
-    faces = np.stack([corner.reshape(-1, 3) for corner in around], axis=1)
+    faces = grid_faces(grid)
     is_moving = day.random(len(faces)) < MOVING
     is_gap = np.where(is_moving, day.random(len(faces)), rng.random(len(faces))) < GAPS
     return quads(faces[~is_gap], las_class)

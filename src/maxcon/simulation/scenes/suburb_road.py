@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from maxcon.errors import OptionError
 from maxcon.simulation.drive import Drive, Route, sway
 from maxcon.simulation.scenes.las_classes import LasClass
-from maxcon.simulation.scenes.patches import Patch, quads
+from maxcon.simulation.scenes.patches import Patch, grid_faces, quads
 from maxcon.simulation.seed import Seed
 
 __all__ = ["BEYOND", "GARDEN_LEFT", "GARDEN_RIGHT", "ResidentialRoad", "check_road_length", "draw_road"]
@@ -145,8 +145,7 @@ class ResidentialRoad:
         roughness = np.where(is_grass, GRASS, ASPHALT) * rng.standard_normal(along.shape)
         heights = self.ground_heights(along, left) + roughness
         grid = np.concatenate([self.places(along, left), heights[..., None]], axis=-1)
-        around = [grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]]
-        return quads(np.stack([corner.reshape(-1, 3) for corner in around], axis=1), LasClass.GROUND)
+        return quads(grid_faces(grid), LasClass.GROUND)
 
     def route(self, lane: float, seed: Seed, *, start: float = 0.0, is_back: bool = False) -> Route:
         """Return a route along the road.

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 """CampaignWorld: an inner city on two days, five rounds of a mapping vehicle, and one round of a car."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Self
@@ -12,43 +12,39 @@ from numpy.typing import NDArray
 
 from maxcon.errors import OptionError
 from maxcon.geometry import Pose
-from maxcon.simulation.drive import Drive, PriorErrors
+from maxcon.simulation.drive import Drive
 from maxcon.simulation.driving.circuit import Circuit, circuit_through
-from maxcon.simulation.driving.georeferencing import GeoreferencingErrors, draw_georeferencing_errors
+from maxcon.simulation.driving.georeferencing import draw_georeferencing_errors
 from maxcon.simulation.driving.gnss_priors import GnssErrors
 from maxcon.simulation.driving.odometry import OdometryErrors
+from maxcon.simulation.driving.prior_errors import PriorErrors
 from maxcon.simulation.driving.round_drive import RoundDriver, drive_round
 from maxcon.simulation.scenes.city import City, build_city
 from maxcon.simulation.scenes.periodic_city import build_periodic_city
 from maxcon.simulation.scenes.street_grid import CAMPAIGN_GRID
+from maxcon.simulation.seed import check_seed
 from maxcon.simulation.sensing.ray_caster import Caster, RayCaster, check_embreex
-from maxcon.simulation.sensing.scanners import Echoes, ProfileScanner, RotatingScanner
-from maxcon.simulation.worlds.map_pieces import map_pieces
-from maxcon.simulation.worlds.mapped_drives import (
+from maxcon.simulation.sensing.scanners import Echoes, RotatingScanner
+from maxcon.simulation.worlds.mapping_drives import MAP_HEIGHT, MAP_START, PAUSE, MappingDrives
+from maxcon.simulation.worlds.road_users import CrowdedCaster
+from maxcon.simulation.worlds.scan_epochs import (
+    EPOCH_STEP,
+    SCAN_START,
     ScanEpoch,
-    believed_echoes,
-    believed_poses,
     evenly_spread_epochs,
     gnss_priors,
     successive_epochs,
     uniform_priors,
 )
-from maxcon.simulation.worlds.road_users import CrowdedCaster
 from maxcon.simulation.worlds.traffic import Traffic
 
 __all__ = ["MOST_EPOCHS", "CampaignWorld"]
 
 MOST_EPOCHS = 3001
-EPOCH_STEP = 0.1
-"""Between two epochs when all are taken, s: the scanner turns ten times a second."""
 ROUND_TIME = (MOST_EPOCHS - 1) * EPOCH_STEP
 """How long the round of the car takes, s."""
-MAP_START, SCAN_START = 300_000.0, 386_400.0
-"""Seconds of the GPS week: the car comes a day after the mapping vehicle."""
-PAUSE = 60.0
-"""Between two rounds of the mapping vehicle, s."""
-MAP_HEIGHT, SCAN_HEIGHT = 2.4, 2.0
-"""Of the sensors above the carriageway, m."""
+SCAN_HEIGHT = 2.0
+"""Of the scanner above the carriageway, m."""
 OCCUPANCY, HARD_OCCUPANCY = 0.85, 0.95
 """Which part of the kerbs is taken by parked cars, 0 to 1."""
 SCAN_DRIVER = RoundDriver(speed=5.5, turn_speed=2.8, n_stops=1)
@@ -83,12 +79,10 @@ class CampaignWorld:
         Everything random is drawn from it.
     circuit : Circuit
         The line that all rounds follow.
-    map_caster, scan_caster : RayCaster
-        The city on the day of the map and on the day of the scans: other cars are parked.
-    map_drives : tuple of Drive
-        True rounds of the mapping vehicle.
-    georeferencing : GeoreferencingErrors
-        Errors of its post-processed trajectory, and so of the map.
+    mapping : MappingDrives
+        The rounds of the mapping vehicle through the city on the day of the map.
+    scan_caster : RayCaster
+        The city on the day of the scans: other cars are parked.
     scan_drive : Drive
         The round of the car, 300 s long.
     traffic : Traffic or None
@@ -99,10 +93,8 @@ class CampaignWorld:
 
     seed: int
     circuit: Circuit
-    map_caster: RayCaster
+    mapping: MappingDrives
     scan_caster: RayCaster
-    map_drives: tuple[Drive, ...]
-    georeferencing: GeoreferencingErrors
     scan_drive: Drive
     traffic: Traffic | None = None
     drive_number: int = 0
@@ -128,8 +120,7 @@ class CampaignWorld:
         MissingExtraError
             If embreex is not installed.
         """
-        if seed < 0:
-            raise OptionError(f"Expected a seed of 0 or more, got {seed}. Take another whole number.")
+        check_seed(seed)
         if n_rounds < 1:
             raise OptionError(f"Expected at least one round of mapping, got {n_rounds}. The default is 5.")
         check_embreex()
@@ -139,12 +130,15 @@ class CampaignWorld:
         return cls(
             seed=seed,
             circuit=circuit,
-            map_caster=RayCaster(map_city),
-            scan_caster=RayCaster(scan_city),
-            map_drives=drives,
-            georeferencing=draw_georeferencing_errors(
-                [seed, _Stream.GEOREFERENCING], float(drives[0].times[0]), float(drives[-1].times[-1])
+            mapping=MappingDrives(
+                RayCaster(map_city),
+                drives,
+                [seed, _Stream.MAP_NOISE],
+                draw_georeferencing_errors(
+                    [seed, _Stream.GEOREFERENCING], float(drives[0].times[0]), float(drives[-1].times[-1])
+                ),
             ),
+            scan_caster=RayCaster(scan_city),
             scan_drive=_scan_drive(circuit, [seed, _Stream.SCAN_DRIVE], SCAN_START),
             traffic=(
                 Traffic(CAMPAIGN_GRID, map_city.street_angle, [seed, _Stream.ROAD_USERS]) if is_hard else None
@@ -194,24 +188,11 @@ class CampaignWorld:
     def _start(self) -> float:
         return float(self.scan_drive.times[0])
 
-    def n_pieces(self, scanners: Sequence[ProfileScanner]) -> int:
-        """How many pieces `map_echoes` yields."""
-        return len(map_pieces(self.map_drives, scanners))
-
-    def map_echoes(self, scanners: Sequence[ProfileScanner]) -> Iterator[Echoes]:
-        """Measure the map piece by piece, in order of time, placed by the vehicle's trajectory with its errors."""
-        stream = [self.seed, _Stream.MAP_NOISE]
-        return believed_echoes(self.map_caster, self.map_drives, scanners, self.georeferencing, stream)
-
-    def map_poses(self) -> tuple[NDArray[np.float64], list[Pose]]:
-        """Times (s) and poses (T_city_vehicle) of the mapping vehicle, with the errors of its trajectory."""
-        return believed_poses(self.map_drives, self.georeferencing)
-
     def epochs(self, n_epochs: int = MOST_EPOCHS, ticks_apart: int | None = None) -> list[ScanEpoch]:
         """Return `n_epochs` of the 3001, spread evenly; or from the beginning on, `ticks_apart` of them apart."""
         if ticks_apart is not None:
-            return successive_epochs(self.scan_drive, n_epochs, ticks_apart, self._start, EPOCH_STEP)
-        return evenly_spread_epochs(self.scan_drive, n_epochs, MOST_EPOCHS, self._start, EPOCH_STEP)
+            return successive_epochs(self.scan_drive, n_epochs, ticks_apart, self._start)
+        return evenly_spread_epochs(self.scan_drive, n_epochs, MOST_EPOCHS, self._start)
 
     def odometry(self, errors: OdometryErrors) -> tuple[NDArray[np.float64], list[Pose]]:
         """Times (s) and poses (T_odometry_sensor) over the whole round, ten a second, whichever epochs are taken."""
@@ -220,7 +201,7 @@ class CampaignWorld:
 
     def gnss_priors(self, epochs: Sequence[ScanEpoch], errors: GnssErrors) -> list[Pose]:
         """Priors, T_city_sensor, whose errors change slowly over the round."""
-        return gnss_priors(epochs, errors, MOST_EPOCHS, EPOCH_STEP, self._stream(_Stream.GNSS_PRIORS))
+        return gnss_priors(epochs, errors, MOST_EPOCHS, self._stream(_Stream.GNSS_PRIORS))
 
     def uniform_priors(self, epochs: Sequence[ScanEpoch], errors: PriorErrors) -> list[Pose]:
         """Priors, T_city_sensor, whose errors are independent from epoch to epoch."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from maxcon.errors import ArrayError
 from maxcon.simulation.scenes.furniture import draw_car
 from maxcon.simulation.scenes.las_classes import LasClass
-from maxcon.simulation.scenes.patches import Patch, boxes, join, prism
+from maxcon.simulation.scenes.patches import OCTAGON, Patch, boxes, join, prism
 from maxcon.simulation.sensing.ray_caster import Caster, Hits, TriangleScene
 
 __all__ = ["CrowdedCaster", "RoadUser", "RoadUserShape", "draw_pedestrian_shape", "draw_vehicle_shape"]
@@ -145,6 +145,4 @@ def draw_pedestrian_shape(rng: np.random.Generator) -> RoadUserShape:
 
 
 def _round(half_depth: float, half_width: float, bottom: float, top: float) -> Patch:
-    angles = (np.arange(8) + 0.5) * math.pi / 4.0
-    outline = np.column_stack([half_depth * np.cos(angles), half_width * np.sin(angles)])
-    return prism(outline, bottom, top, LasClass.VEHICLE)
+    return prism(OCTAGON * [half_depth, half_width], bottom, top, LasClass.VEHICLE)

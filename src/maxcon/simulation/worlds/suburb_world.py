@@ -2,50 +2,44 @@
 # SPDX-License-Identifier: MIT
 """SuburbWorld: a residential road, mapped in both directions, and driven by a car with a scanner on another day."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from maxcon.errors import OptionError
 from maxcon.geometry import Pose
-from maxcon.simulation.drive import Drive, PriorErrors, drive_along
-from maxcon.simulation.driving.georeferencing import GeoreferencingErrors, draw_georeferencing_errors
+from maxcon.simulation.drive import Drive, drive_along
+from maxcon.simulation.driving.georeferencing import draw_georeferencing_errors
 from maxcon.simulation.driving.gnss_priors import GnssErrors
+from maxcon.simulation.driving.prior_errors import PriorErrors
 from maxcon.simulation.scenes.suburb_road import ResidentialRoad, draw_road
 from maxcon.simulation.scenes.suburb_scene import suburb_on_day
+from maxcon.simulation.seed import check_seed
 from maxcon.simulation.sensing.moving_scanner import MovingScanner
 from maxcon.simulation.sensing.ray_caster import RayCaster, check_embreex
-from maxcon.simulation.sensing.scanners import Echoes, ProfileScanner
-from maxcon.simulation.worlds.map_pieces import map_pieces
-from maxcon.simulation.worlds.mapped_drives import (
+from maxcon.simulation.sensing.scanners import Echoes
+from maxcon.simulation.worlds.mapping_drives import MAP_HEIGHT, MAP_START, PAUSE, MappingDrives
+from maxcon.simulation.worlds.scan_epochs import (
+    EPOCH_STEP,
+    SCAN_START,
     ScanEpoch,
-    believed_echoes,
-    believed_poses,
     evenly_spread_epochs,
     gnss_priors,
     uniform_priors,
 )
 
-__all__ = ["ROAD_LENGTH", "SuburbWorld"]
+__all__ = ["ROAD_LENGTH", "SuburbWorld", "n_epochs_on"]
 
 ROAD_LENGTH = 460.0
 """Default, m: a minute at 28 km/h."""
-EPOCH_STEP = 0.1
-"""Between two epochs when all are taken, s: the scanner turns ten times a second."""
 MEAN_SPEED = ROAD_LENGTH / 60.0
 """Mean speed of the car, m/s: a road of the default length has 601 epochs."""
-MAP_START, SCAN_START = 300_000.0, 386_400.0
-"""Seconds of the GPS week: the car comes a day after the mapping vehicle."""
-PAUSE = 60.0
-"""Between two drives of the mapping vehicle, s."""
 MAP_BEYOND = 35.0
 """How far the mapping drives extend beyond both ends of the road, m."""
-MAP_HEIGHT, SCAN_HEIGHT = 2.4, 1.8
-"""Of the sensors above the carriageway, m."""
+SCAN_HEIGHT = 1.8
+"""Of the scanner above the carriageway, m."""
 LANE_THERE, LANE_BACK = -1.2, 0.1
 """Lanes, m to the left of the centre line: on the way back, parked cars force the vehicle to the middle."""
 
@@ -76,22 +70,18 @@ class SuburbWorld:
         Everything random is drawn from it.
     road : ResidentialRoad
         The road that all drives follow.
-    map_caster, scan_caster : RayCaster
-        The suburb on the day of the map and on the day of the scans: leaves, cars and bins differ.
-    map_drives : tuple of Drive
-        True drives of the mapping vehicle, there and back.
-    georeferencing : GeoreferencingErrors
-        Errors of its post-processed trajectory, and so of the map.
+    mapping : MappingDrives
+        The drives of the mapping vehicle, there and back, through the suburb on the day of the map.
+    scan_caster : RayCaster
+        The suburb on the day of the scans: leaves, cars and bins differ.
     scan_drive : Drive
         Drive of the car; it begins about a second before the first epoch and ends as long after the last.
     """
 
     seed: int
     road: ResidentialRoad
-    map_caster: RayCaster
+    mapping: MappingDrives
     scan_caster: RayCaster
-    map_drives: tuple[Drive, ...]
-    georeferencing: GeoreferencingErrors
     scan_drive: Drive
 
     @classmethod
@@ -105,8 +95,7 @@ class SuburbWorld:
         MissingExtraError
             If embreex is not installed.
         """
-        if seed < 0:
-            raise OptionError(f"Expected a seed of 0 or more, got {seed}. Take another whole number.")
+        check_seed(seed)
         check_embreex()
         road = draw_road(road_length, [seed, _Stream.ROAD])
         days = (_Stream.DAY_OF_MAP, _Stream.DAY_OF_SCANS)
@@ -115,12 +104,15 @@ class SuburbWorld:
         return cls(
             seed=seed,
             road=road,
-            map_caster=map_caster,
-            scan_caster=scan_caster,
-            map_drives=drives,
-            georeferencing=draw_georeferencing_errors(
-                [seed, _Stream.GEOREFERENCING], float(drives[0].times[0]), float(drives[-1].times[-1])
+            mapping=MappingDrives(
+                map_caster,
+                drives,
+                [seed, _Stream.MAP_NOISE],
+                draw_georeferencing_errors(
+                    [seed, _Stream.GEOREFERENCING], float(drives[0].times[0]), float(drives[-1].times[-1])
+                ),
             ),
+            scan_caster=scan_caster,
             scan_drive=_scan_drive(road, seed),
         )
 
@@ -129,26 +121,13 @@ class SuburbWorld:
         """Number of scans of the whole drive, 0.1 s apart."""
         return n_epochs_on(self.road.length)
 
-    def n_pieces(self, scanners: Sequence[ProfileScanner]) -> int:
-        """How many pieces `map_echoes` yields."""
-        return len(map_pieces(self.map_drives, scanners))
-
-    def map_echoes(self, scanners: Sequence[ProfileScanner]) -> Iterator[Echoes]:
-        """Measure the map piece by piece, in order of time, placed by the vehicle's trajectory with its errors."""
-        stream = [self.seed, _Stream.MAP_NOISE]
-        return believed_echoes(self.map_caster, self.map_drives, scanners, self.georeferencing, stream)
-
-    def map_poses(self) -> tuple[NDArray[np.float64], list[Pose]]:
-        """Times (s) and poses (T_city_vehicle) of the mapping vehicle, with the errors of its trajectory."""
-        return believed_poses(self.map_drives, self.georeferencing)
-
     def epochs(self, n_epochs: int) -> list[ScanEpoch]:
         """Return `n_epochs` of the whole drive, spread evenly; the first and the last are among them."""
-        return evenly_spread_epochs(self.scan_drive, n_epochs, self.most_epochs, SCAN_START, EPOCH_STEP)
+        return evenly_spread_epochs(self.scan_drive, n_epochs, self.most_epochs, SCAN_START)
 
     def gnss_priors(self, epochs: Sequence[ScanEpoch], errors: GnssErrors) -> list[Pose]:
         """Priors, T_city_sensor, whose errors change slowly over the drive."""
-        return gnss_priors(epochs, errors, self.most_epochs, EPOCH_STEP, [self.seed, _Stream.GNSS_PRIORS])
+        return gnss_priors(epochs, errors, self.most_epochs, [self.seed, _Stream.GNSS_PRIORS])
 
     def uniform_priors(self, epochs: Sequence[ScanEpoch], errors: PriorErrors) -> list[Pose]:
         """Priors, T_city_sensor, whose errors are independent from epoch to epoch."""

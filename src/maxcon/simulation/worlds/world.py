@@ -3,21 +3,22 @@
 """SimulatedWorld: a city on the day of its mapping and on a later one, and the drives through it."""
 
 import math
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from maxcon.errors import OptionError
 from maxcon.geometry import Pose
-from maxcon.simulation.drive import Drive, PriorErrors, drive_along, route_over_crossing
+from maxcon.simulation.drive import Drive, drive_along
+from maxcon.simulation.driving.crossing_route import route_over_crossing
+from maxcon.simulation.driving.prior_errors import PriorErrors
 from maxcon.simulation.scenes.city import build_city
+from maxcon.simulation.seed import check_seed
 from maxcon.simulation.sensing.ray_caster import RayCaster
-from maxcon.simulation.sensing.scanners import Echoes, ProfileScanner, RotatingScanner
-from maxcon.simulation.worlds.map_pieces import drive_poses, map_echoes, map_pieces
+from maxcon.simulation.sensing.scanners import Echoes, RotatingScanner
+from maxcon.simulation.worlds.mapping_drives import MAP_HEIGHT, MAP_START, PAUSE, MappingDrives
+from maxcon.simulation.worlds.scan_epochs import SCAN_START
 
 __all__ = ["Epoch", "SimulatedWorld"]
 
@@ -27,12 +28,6 @@ MAP_BRANCHES = (50.0, 40.0)
 """Distance from the crossing at which the second mapping drive, over the other two branches, begins and ends, m."""
 MAP_SPEED = 8.0
 """m/s: 100 profiles per second lie 8 cm apart."""
-MAP_HEIGHT = 2.4
-"""Of the profile scanners above the carriageway, m."""
-MAP_START, SCAN_START = 300_000.0, 386_400.0
-"""Seconds of the GPS week: the car comes a day after the mapping vehicle."""
-PAUSE = 60.0
-"""From the end of one mapping drive to the start of the next, s."""
 
 
 class _Stream(IntEnum):
@@ -65,18 +60,18 @@ class SimulatedWorld:
     ----------
     seed : int
         Everything random is drawn from it.
-    map_caster, scan_caster : RayCaster
-        The city on the day of the map and on the day of the scans: other cars are parked.
-    map_drives : tuple of Drive
-        Drives of the mapping vehicle: two, so that each branch of the crossing is mapped.
+    mapping : MappingDrives
+        Drives of the mapping vehicle through the city on the day of the map: two, so that each branch of the crossing
+        is mapped.
+    scan_caster : RayCaster
+        The city on the day of the scans: other cars are parked.
     scan_drive : Drive
         Drive of the car with the rotating scanner.
     """
 
     seed: int
-    map_caster: RayCaster
+    mapping: MappingDrives
     scan_caster: RayCaster
-    map_drives: tuple[Drive, ...]
     scan_drive: Drive
 
     @classmethod
@@ -93,30 +88,19 @@ class SimulatedWorld:
         MissingExtraError
             If embreex is not installed.
         """
-        if seed < 0:
-            raise OptionError(f"Expected a seed of 0 or more, got {seed}. Take another whole number.")
+        check_seed(seed)
         city = build_city([seed, _Stream.CITY])
         route = route_over_crossing(city.street_angle, before, after)
         return cls(
             seed=seed,
-            map_caster=RayCaster(city.with_parked_cars([seed, _Stream.CARS_OF_MAP])),
+            mapping=MappingDrives(
+                RayCaster(city.with_parked_cars([seed, _Stream.CARS_OF_MAP])),
+                _mapping_drives(seed, city.street_angle, before, after, mapping_wait),
+                [seed, _Stream.MAP_NOISE],
+            ),
             scan_caster=RayCaster(city.with_parked_cars([seed, _Stream.CARS_OF_SCANS])),
-            map_drives=_mapping_drives(seed, city.street_angle, before, after, mapping_wait),
             scan_drive=drive_along(route, [seed, _Stream.SCAN_DRIVE], slowest=0.25, start_time=SCAN_START),
         )
-
-    def n_pieces(self, scanners: Sequence[ProfileScanner]) -> int:
-        """How many pieces `map_echoes` yields."""
-        return len(map_pieces(self.map_drives, scanners))
-
-    def map_echoes(self, scanners: Sequence[ProfileScanner]) -> Iterator[Echoes]:
-        """Measure the map piece by piece, in order of time."""
-        pieces = map_pieces(self.map_drives, scanners)
-        return map_echoes(self.map_caster, pieces, [self.seed, _Stream.MAP_NOISE])
-
-    def map_poses(self) -> tuple[NDArray[np.float64], list[Pose]]:
-        """Times (s) and poses (T_city_vehicle) of the mapping vehicle."""
-        return drive_poses(self.map_drives)
 
     def epochs(self, n_epochs: int, errors: PriorErrors) -> list[Epoch]:
         """Return `n_epochs` epochs evenly spaced in time, with priors drawn from `errors`."""
