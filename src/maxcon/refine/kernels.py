@@ -146,7 +146,7 @@ def weigh(points, planes, unknowns, gate, normal_matrix, residuals, weights):
 
 @njit(nogil=True, cache=True)
 def sum_gradients(points, planes, groups, unknowns, factors, sums):
-    """Add factor times gradient (by the unknowns) of each point's distance from its plane to the sum of its group.
+    """Add factor times minus the gradient, by the unknowns, of each point's distance from its plane to its group's sum.
 
     points : (n, 3), sensor frame, m; planes : (n, 4); groups : (n,), numbers, below 0 for none; unknowns : (6,), the
     pose; factors : (n,); sums : (n_groups, 6), in zeros, out.

@@ -90,7 +90,7 @@ class Scene:
 
 
 def half_width_of(scan: Scan, most: float) -> float:
-    """Half width, m, of the square around the sensor that holds nine tenths of a scan: from 5 m to `most`."""
+    """Half width, m, of the square around the sensor that holds 92 of 100 points of a scan: from 5 m to `most`."""
     ranges = np.abs(scan.points[:, :2]).max(axis=1, initial=0.0)
     half_width = float(np.percentile(ranges, 92)) if len(ranges) else 0.0
     return min(max(half_width, LEAST_HALF_WIDTH), most)
