@@ -196,9 +196,9 @@ class MaximumConsensus:
         if not self.refinement:
             return found if ground is None else replace(found, pose=ground.pose)
         # A street that leaves a direction open does so from farther around too.
-        is_open = found.status is Status.UNDETERMINED and found.share >= self.trust.least_share
+        is_street = found.status is Status.UNDETERMINED and found.share >= self.trust.least_share
         examined = examine(found, ground, scan, point_map, self.trust, self.risk)
-        if examined.is_localized or is_open:
+        if examined.is_localized or is_street:
             return examined
         return self._search_wider(examined, start, scan, point_map)
 

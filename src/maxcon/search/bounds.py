@@ -40,7 +40,8 @@ class Summand:
     axis : Axis, optional
         Along it: a match adds w (n . u)^2, its part of N along the axis u. Without one it adds 1.
     least : float
-        Voxels with a (n . u)^2 of no more than this are left out; the slack has this much for each scan point instead.
+        Voxels with a (n . u)^2, times how often the voxel counts, of no more than this are left out; the slack has this
+        much for each scan point instead, as none falls in more than one voxel at one cell.
     """
 
     axis: Axis | None = None

@@ -90,8 +90,8 @@ def branch_and_bound(
     lists_all : bool
         Whether every cell that reaches the share is found, not only the best one and the runner-up.
     standing : Standing, optional
-        A score already reached elsewhere: only cells that reach it are sought. If none does, that is proved; the score
-        that comes back is below it (minus infinity where nothing was scored), and the cell means nothing.
+        A score from elsewhere: only cells that reach it are sought. If none does, that is proved; the score that comes
+        back is below it (minus infinity where nothing was scored), and the cell means nothing.
     n_threads : int
         Headings are shared out among that many threads; the result does not depend on it (D8).
     limits : Limits
@@ -173,7 +173,7 @@ class BoundedSearch:
         bounded, crowded = [], []
         parts = self._parts()
         for part in parts:
-            sums = self._bound(part)
+            sums = self._sum_and_score(part)
             if len(parts) > 1 and sums.count_reaching(self._least_sum()) > self.limits.most_kept:
                 crowded.append(part)  # other parts may have better cells, which leave less open
             else:
@@ -183,7 +183,7 @@ class BoundedSearch:
         for left_open in bounded:
             candidates = candidates.joined(self._search_around(self._reaching(left_open)))
         for part in crowded:
-            candidates = candidates.joined(self._search_around(self._left_open(self._bound(part))))
+            candidates = candidates.joined(self._search_around(self._left_open(self._sum_and_score(part))))
         self._score_best_first(candidates)
         # Answer.
         return self.scored.found(rest=max(self.ruled_out, self.scored.runner_up()))
@@ -199,8 +199,8 @@ class BoundedSearch:
         bands.sort(key=lambda window: abs(window.y_first + window.y_last))
         return [(headings, window) for headings in parts for window in bands]
 
-    def _bound(self, part: Part) -> CellSums:
-        """Bound all cells of a part by one sum, and score the most promising."""
+    def _sum_and_score(self, part: Part) -> CellSums:
+        """Sum up what bounds all cells of a part, and score those of the highest sums."""
         sums = self.bounding.sum_up(*part, self._summand(), self.n_threads)
         is_first = self.scored.best <= 0.0
         if is_first:
@@ -262,22 +262,22 @@ class BoundedSearch:
     def _score_best_first(self, candidates: Candidates) -> None:
         """Score candidates until none is left that could be the best, or the runner-up that is asked for."""
         candidates = candidates[np.argsort(-candidates.upper, kind="stable")]
-        at_once, place = self.limits.scored_at_once, 0
-        while place < len(candidates) and candidates.upper[place] >= self.scored.best:
-            self.scored.score(candidates.cells[place : place + at_once])
-            place += at_once
-        others = candidates[place:]
+        at_once, n_scored = self.limits.scored_at_once, 0
+        while n_scored < len(candidates) and candidates.upper[n_scored] >= self.scored.best:
+            self.scored.score(candidates.cells[n_scored : n_scored + at_once])
+            n_scored += at_once
+        others = candidates[n_scored:]
         if self.scored.wanted.lists_all:
             self.scored.score(self._reaching(others).cells)
             return
         others = others[self.scored.is_beyond(others.cells)]
-        place, runner_up = 0, self.scored.runner_up()
-        while place < len(others) and others.upper[place] >= max(self.scored.asked, runner_up):
-            some = others.cells[place : place + at_once]
+        n_scored, runner_up = 0, self.scored.runner_up()
+        while n_scored < len(others) and others.upper[n_scored] >= max(self.scored.asked, runner_up):
+            some = others.cells[n_scored : n_scored + at_once]
             self.scored.score(some)
             runner_up = max(runner_up, self.scored.highest_of(some))
-            place += at_once
-        self._rule_out(others.upper[place:])
+            n_scored += at_once
+        self._rule_out(others.upper[n_scored:])
 
     def _summand(self) -> Summand:
         """What to sum next, from the best cell so far."""
@@ -340,7 +340,7 @@ class ScoredCells:
 
     @property
     def leader(self) -> Standing | None:
-        """The best cell so far, of this height or of others; none before any is scored."""
+        """The best cell so far, or what it has to reach if that is more; none before any is scored."""
         standing = self.wanted.standing
         if self._best == -math.inf or (standing is not None and standing.score >= self._best):
             return standing

@@ -135,7 +135,7 @@ class CellGrid:
 
 @dataclass(frozen=True, slots=True)
 class Candidates:
-    """Cells (n, 3) that are not ruled out, and the upper bound of the score of each, (n,)."""
+    """Cells (n, 3) that are not ruled out, and the most that each scores, (n,): a bound, or its score."""
 
     cells: NDArray[np.int64]
     upper: Scores

@@ -27,7 +27,8 @@ class Found:
         Proved: no cell scores higher. It is the score, or that of the incumbent, if that is higher.
     rest : float
         Proved: no cell farther than the guard radius from the guarded one, at any heading, scores higher. It is the
-        score of the runner-up if that reaches the asked share of the best score; otherwise it lies between the two.
+        score of the runner-up if that reaches the asked share of the best score; otherwise at least that of the
+        runner-up, and below that share.
     n_scored : int
         Cells whose moments were computed, a few of them twice; all others were only bounded.
     height : int
@@ -49,14 +50,14 @@ class Found:
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """The incumbent of a search, from another height or place: only cells that score as much as it are sought.
+    """What a search has to reach: the best cell of another height or place, or a share of its score.
 
     Parameters
     ----------
     score : float
-        The least score of interest: that of the best cell so far, or a share of it.
+        The least score of interest; no cell need have it.
     moments : array, shape (4,)
-        Moments of the best cell so far: they give the axis to bound along.
+        Moments of that best cell: they give the axis to bound along.
     """
 
     score: float

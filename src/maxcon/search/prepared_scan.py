@@ -56,7 +56,7 @@ class PreparedScan:
     points : array, shape (2, n)
         x and y of each point of the upright scan, from the sensor, m.
     normals : array, shape (3, n)
-        Normals of the points of the upright scan.
+        Normals of the points of the upright scan, not turned by any heading.
     starts, middles : array, shape (groups + 1,) and (groups,)
         First point of each group, and its first without a normal.
     ranks : array, shape (groups,)
@@ -74,8 +74,8 @@ class PreparedScan:
     without_normal : float
         Weight of the matches of points without a normal.
     spread : array, shape (3,)
-        Sums of nx nx, nx ny and ny ny over all normals of the upright scan: from them follows which axis is
-        probably determined least, before anything is scored.
+        Sums of nx nx, nx ny and ny ny over all normals of the upright scan, not turned by any heading: from them
+        follows which axis is probably determined least, before anything is scored.
     """
 
     prior: Pose
@@ -206,7 +206,8 @@ class PreparedScan:
                 del self._at_heading[next(iter(self._at_heading))]
         voxels, normals = self._at_heading[heading]
         _, ny, nx = self.space.shape
-        offsets, moments = cells[:, :0:-1] - np.array([nx // 2, ny // 2]), np.zeros((len(cells), 4))
+        offsets = np.column_stack([cells[:, 2] - nx // 2, cells[:, 1] - ny // 2])
+        moments = np.zeros((len(cells), 4))
         cell_kernels.moments_of_cells(
             offsets, voxels, normals, self._layers, self._table.rows, self.edge.bit_length() - 1,
             self._table.grid, self.corner, self.is_once, self.is_signed, moments,
@@ -236,24 +237,25 @@ class PreparedScan:
         axis : tuple of 2 float32
             A match adds its weight times (n . u)^2 along this unit vector u; or its weight, where that is zeros.
         least : float
-            Voxels whose (n . u)^2 is no more than this are left out: the sums lack what they add.
+            Voxels whose (n . u)^2, times how often the voxel counts, is no more than this are left out: the sums lack
+            what they add.
         unit : float
             What each match adds is rounded up to a multiple of this, a power of two.
         n_threads : int
             Headings are shared out among that many threads; the sums do not depend on it.
         """
-        from maxcon.search import bound_kernels
+        from maxcon.search import sum_kernels
         from maxcon.search.visit_kernels import RIM
 
         turns = self._turns(headings)
         columns, visits = self._turned(turns)
         height, width = (n_cells + 2 * RIM for n_cells in window.shape)
         sums = np.zeros((len(headings), height, width), np.int32 if self.is_once else np.int64)
-        bases = bound_kernels.bases_of_points(columns, width, height * width)
+        bases = sum_kernels.bases_of_points(columns, width, height * width)
 
         def vote(part: NDArray[np.int64]) -> None:
             for stops, runs, voxels in self._stops(visits, window):
-                bound_kernels.sum_tile(
+                sum_kernels.sum_tile(
                     stops, runs, voxels, bases, weighed_normals, turns.astype(np.float32),
                     (int(part[0]), int(part[-1]) + 1), axis, tuple(window), width, self.is_signed,
                     np.float32(least), np.float32(1.0 / unit), sums.reshape(-1),

@@ -4,7 +4,7 @@
 
 A visit is a group of scan points, at a run of headings, and the box of voxels that they cover there. Its voxels are
 read from the map once, for all its points and headings (decision 13). A stop is a visit in one tile: which voxels of
-the tile it looks at. Both kernels that sum over all cells of a window, `window_kernels` and `bound_kernels`, go from
+the tile it looks at. Both kernels that sum over all cells of a window, `window_kernels` and `sum_kernels`, go from
 stop to stop.
 """
 
@@ -23,10 +23,14 @@ __all__ = [
     "visits_of_tiles",
 ]
 
-# A group visits the map at all headings at which it stays within a box of 25 voxels; a turned square of 16 is 23 wide.
+# A group visits the map at all headings between which its box grows by no more than 25 voxels from first to last; that
+# of a turned square of 16 is 23 wide. Sums have so many cells more on each side, for votes beside the window.
 RIM = 25
 
 PATCH_BITS = PATCH_VOXELS.bit_length() - 1
+
+# Columns of visits: a group of points, the headings of the visit (the last one is not among them), its box of voxels.
+GROUP, HEADING, END_HEADING, X_FIRST, X_LAST, Y_FIRST, Y_LAST = range(7)
 
 
 class TileVoxels(NamedTuple):
@@ -125,10 +129,10 @@ def visits_of_tiles(visits, window, edge_bits, corner, shape):
     numbers, rectangles, last = np.empty(0, np.int64), np.empty((0, 4), np.int64), (1 << edge_bits) - 1
     for is_filling in (False, True):
         for i in range(visits.shape[0]):
-            tx_first = max(((visits[i, 3] + x_first) >> edge_bits) - corner[0], 0)
-            tx_last = min(((visits[i, 4] + x_last) >> edge_bits) - corner[0], nx - 1)
-            ty_first = max(((visits[i, 5] + y_first) >> edge_bits) - corner[1], 0)
-            ty_last = min(((visits[i, 6] + y_last) >> edge_bits) - corner[1], ny - 1)
+            tx_first = max(((visits[i, X_FIRST] + x_first) >> edge_bits) - corner[0], 0)
+            tx_last = min(((visits[i, X_LAST] + x_last) >> edge_bits) - corner[0], nx - 1)
+            ty_first = max(((visits[i, Y_FIRST] + y_first) >> edge_bits) - corner[1], 0)
+            ty_last = min(((visits[i, Y_LAST] + y_last) >> edge_bits) - corner[1], ny - 1)
             for ty in range(ty_first, ty_last + 1):
                 for tx in range(tx_first, tx_last + 1):
                     tile = ty * nx + tx
@@ -136,10 +140,10 @@ def visits_of_tiles(visits, window, edge_bits, corner, shape):
                         x, y = (tx + corner[0]) << edge_bits, (ty + corner[1]) << edge_bits
                         numbers[starts[tile]] = i
                         rectangles[starts[tile]] = (
-                            max(visits[i, 3] + x_first - x, 0),
-                            min(visits[i, 4] + x_last - x, last),
-                            max(visits[i, 5] + y_first - y, 0),
-                            min(visits[i, 6] + y_last - y, last),
+                            max(visits[i, X_FIRST] + x_first - x, 0),
+                            min(visits[i, X_LAST] + x_last - x, last),
+                            max(visits[i, Y_FIRST] + y_first - y, 0),
+                            min(visits[i, Y_LAST] + y_last - y, last),
                         )
                         starts[tile] += 1
                     else:
@@ -171,7 +175,11 @@ def stops_in_tile(visits, numbers, rectangles, starts, middles, ranks, layers, p
     stops, runs = np.empty((numbers.shape[0], 11), np.int64), np.empty((n_rows, 2), np.int64)
     n_stops, n_runs = 0, 0
     for at in range(numbers.shape[0]):
-        group, since, until = visits[numbers[at], 0], visits[numbers[at], 1], visits[numbers[at], 2]
+        group, since, until = (
+            visits[numbers[at], GROUP],
+            visits[numbers[at], HEADING],
+            visits[numbers[at], END_HEADING],
+        )
         layer, first_run = layers[ranks[group]], n_runs
         if layer < 0:
             continue

@@ -99,7 +99,7 @@ def bases_of_points(columns, stride, plane):
 
 @njit(nogil=True, cache=True)
 def _lay_out_facing(voxels, axis, first, end, low, span, least, scale, stride, cells, rows, n_taken):
-    """Lay out those voxels of a run that lie in a rectangle and add more than `least`; without a branch.
+    """Lay out those voxels of a run that lie in a rectangle and of which a match adds more than `least`; no branch.
 
     voxels : `TileVoxels`; axis : (x, y) float32, unit, or zeros to count; scale : units in one.
     rows : (4, c) float32, out, normal times what a match of weight one adds along the axis, and that; cells : (c,)
@@ -145,7 +145,7 @@ def _turn(headings, points, bases, normals, turns, origin, turned, places):
 def _vote_all(n_taken, n_turned, turned, places, back, cells, rows, sums):
     """Let points as they are laid out vote for the cells at which they meet the voxels laid out."""
     n_padded = (n_taken + LANES - 1) // LANES * LANES
-    cells[n_taken:n_padded] = cells[n_taken - 1]  # these add two units to a cell, no more
+    cells[n_taken:n_padded] = cells[n_taken - 1]  # less than 2 LANES units more, once for each point and cell
     rows[:, n_taken:n_padded] = np.float32(0.0)
     for j in range(0, n_padded, LANES):
         _vote(sums, cells, rows, j, turned, places, n_turned, back)
