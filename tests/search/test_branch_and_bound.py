@@ -128,6 +128,52 @@ def test_it_finds_what_the_exhaustive_search_finds(
 @given(
     seed=SEEDS,
     objective=st.sampled_from([*OBJECTIVES, OwnObjective()]),
+    n_steps=st.sampled_from([1, 5, 10]),
+    share=st.sampled_from([1.0, 0.8, 0.1]),
+    is_guarded=st.booleans(),
+    n_points=st.sampled_from([30, 400]),
+    limits=st.builds(
+        Limits,
+        first_cells=st.sampled_from([1, 2, 30]),
+        scored_at_once=st.sampled_from([1, 8]),
+        left_out=st.sampled_from([0.0, 0.1, 0.9]),
+        left_out_of_scan=st.sampled_from([0.0, 0.01, 0.5]),
+        most_candidates=st.sampled_from([0, 3, 192]),
+        most_kept=st.sampled_from([0, 30, 2**14]),
+        undecided=st.sampled_from([1, 20]),
+        cells_per_candidate=st.sampled_from([1, 120, 10**9]),
+        margin=st.sampled_from([0, 24]),
+        bound_steps=st.sampled_from([2, 100, 4096]),
+        headings_per_pass=st.sampled_from([1, 2, 16]),
+        cells_per_pass=st.sampled_from([1, 100, 2**22]),
+        scored_per_pass=st.sampled_from([1, 100, 2**20]),
+    ),
+)
+@settings(max_examples=150)
+def test_limits_of_time_and_memory_change_no_answer(
+    seed, objective, n_steps, share, is_guarded, n_points, limits
+):
+    space = SearchSpace(n_steps * CELL, CELL, 2.0, 0.5)
+    scan, point_map, prior = street(seed, space, n_points=n_points)
+    rng = np.random.default_rng(seed)
+    guarded = tuple(int(rng.integers(n)) for n in space.shape) if is_guarded else None
+    found = branch_and_bound(
+        scan, point_map, prior, space, objective, share=share, guarded=guarded, lists_all=True, limits=limits
+    )
+    accumulator = exhaustive(scan, point_map, prior, space)
+    assert_it_is_the_best(found, accumulator, objective, space, share, 0.3, guarded)
+    scores = accumulator.score(objective)
+    asked = share * scores[guarded or found.cell]
+    if asked > 0.0:
+        assert {*map(tuple, found.reaching.cells.tolist())} == {
+            *map(tuple, np.argwhere(scores >= asked).tolist())
+        }
+        assert (found.reaching.upper == scores[tuple(found.reaching.cells.T)]).all()
+
+
+@given(
+    seed=SEEDS,
+    objective=st.sampled_from([*OBJECTIVES, OwnObjective()]),
     is_signed=st.booleans(),
     n_steps=st.sampled_from([0, 3, 10, 24]),
     turns=st.sampled_from([(0.0, 0.5), (2.0, 0.5), (20.0, 4.0)]),
@@ -311,6 +357,17 @@ def test_an_objective_without_bounds_is_searched_exhaustively():
     assert_it_is_the_best(in_passes, accumulator, OwnObjective(), space, 0.5, 0.3)
 
 
+def test_only_without_bounds_a_space_has_to_be_small_enough_to_score_all_of_it(monkeypatch):
+    space = SearchSpace(0.8, CELL, 1.0, 0.5)
+    scan, point_map, prior = street(3, space)
+    monkeypatch.setattr("maxcon.search.matching.MOST_CELLS", space.n_cells - 1)
+    with pytest.raises(SearchSpaceError, match="at most 1,279 cells in an exhaustive search, got 1,280"):
+        branch_and_bound(scan, point_map, prior, space, OwnObjective())
+    assert branch_and_bound(scan, point_map, prior, space, Helmert()).score > 0.0
+    monkeypatch.setattr("maxcon.search.matching.MOST_CELLS", space.n_cells)
+    assert branch_and_bound(scan, point_map, prior, space, OwnObjective()).score > 0.0
+
+
 class Broken:
     """One that breaks what objectives promise, with bounds or without."""
 
@@ -396,6 +453,14 @@ def test_a_space_is_searched_in_parts(headings, cells, most_kept):
     found = branch_and_bound(scan, point_map, prior, space, Helmert(), share=0.5, limits=limits)
     assert (found.cell, found.score) == (wanted.cell, wanted.score)
     assert_it_is_the_best(found, exhaustive(scan, point_map, prior, space), Helmert(), space, 0.5, 0.3)
+
+
+def test_scan_map_prior_space_and_objective_go_by_position_or_by_name_and_options_by_name_alone():
+    space = SearchSpace(0.1, CELL, 0.0, 0.5)
+    scan, point_map, prior = street(3, space)
+    branch_and_bound(scan=scan, point_map=point_map, prior=prior, space=space, objective=Count(), share=0.5)
+    with pytest.raises(TypeError):
+        branch_and_bound(scan, point_map, prior, space, Count(), "points")
 
 
 def test_refusals():

@@ -148,4 +148,5 @@ def test_what_is_asked_of_a_cell_where_one_is_guarded_and_one_stands():
     higher = Standing(2.0 * highest, moments[guarded])
     scored = ScoredCells(prepared, Wanted(Helmert(), standing=higher))
     assert (scored.asked, scored.best, scored.leader) == (higher.score, higher.score, higher)
-    assert scored.found(rest=1.0).score == -np.inf
+    found = scored.found(rest=1.0)
+    assert (found.score, found.moments.tolist()) == (-np.inf, [0.0, 0.0, 0.0, 0.0])
