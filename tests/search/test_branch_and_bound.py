@@ -2,6 +2,9 @@
 # SPDX-License-Identifier: MIT
 """Branch and bound finds the cell of the exhaustive search, to the last bit, and what it proves is true (D7)."""
 
+import math
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import event, given, settings
@@ -11,7 +14,7 @@ from maxcon import Count, Helmert, MaxEigenvalue, PointMap, Pose, Scan, SearchSp
 from maxcon.errors import ArrayError, OptionError, SearchSpaceError
 from maxcon.search import Limits, Multiplicity, Standing, Weighting, branch_and_bound, exhaustive
 from maxcon.search.axis import N_AXES, Axis
-from maxcon.search.bounds import Summand, bounding_of
+from maxcon.search.bounds import ByAxes, ByCount, Summand, bounding_of
 from maxcon.search.cells import Window
 from maxcon.search.prepared_scan import PreparedScan
 
@@ -194,6 +197,7 @@ def test_every_cell_that_reaches_the_share_is_listed(
         for cell, score in zip(found.reaching.cells.tolist(), found.reaching.upper, strict=True)
     }
     assert found.score == scores.max()
+    assert not len(branch_and_bound(scan, point_map, prior, space, objective, share=share).reaching)
     if found.score > 0.0:
         assert set(listed) == set(map(tuple, np.argwhere(scores >= share * found.score).tolist()))
         assert all(scores[cell] == score for cell, score in listed.items())
@@ -287,9 +291,63 @@ def test_sums_that_reach_something_and_the_highest(summand):
         cells, highest = along.reaching(least)
         assert (cells == all_cells[sums >= least]).all()
         assert highest == sums[sums < least].max(initial=0.0)
+        assert along.count_reaching(least) == len(cells)
     for n_cells in (1, 7, len(sums), len(sums) + 1):
         got = np.sort(along.at(along.highest(n_cells)))
         assert (got == np.sort(sums)[-n_cells:]).all()
+
+
+@pytest.mark.parametrize("multiplicity", list(Multiplicity))
+@pytest.mark.parametrize("length", [0.996, 1.0, 1.004])
+@pytest.mark.parametrize("n_bare", [0, 7])
+def test_where_every_point_matches_squarely_a_cell_has_all_that_is_thought_possible(
+    multiplicity, length, n_bare
+):
+    rng = np.random.default_rng(0)
+    voxels = np.column_stack([np.zeros(60), rng.permutation(60), np.arange(60) % 3])
+    points = (np.repeat(voxels, 3, axis=0) + rng.uniform(0.2, 0.8, (180, 3))) * CELL
+    point_map = PointMap.from_points(points, np.tile([-1.0, 0.0, 0.0], (180, 1)), CELL)
+    normals = np.repeat([[-length, 0.0, 0.0], [0.0, 0.0, 0.0]], [60 - n_bare, n_bare], axis=0)
+    scan, prior = Scan((voxels + 0.5) * CELL, normals), Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    prepared = PreparedScan.prepare(
+        scan, point_map, prior, SearchSpace(0.2, CELL, 0.0, 0.5), multiplicity, Weighting.COSINE
+    )
+    times = 1 if multiplicity is Multiplicity.OCCUPIED else 3
+    for objective, summand in ((Count(), Summand()), (Helmert(), Summand(Axis(0)))):
+        bounding = bounding_of(objective, prepared)
+        here = bounding.sum_up(np.array([0]), Window(0, 0, 0, 0), summand).at(np.array([[0, 2, 2]]))[0]
+        count, along, *_ = prepared.moments_of_cells(0, np.array([[0, 2, 2]]))[0]
+        assert count == 60 * times
+        if summand.axis is None:
+            weights, added = 60.0, count
+        else:
+            weights, added = (60 - n_bare) * max(1.0, length) + 0.5 * n_bare, along
+        assert added <= here <= added * (1.0 + 1e-3)
+        assert added <= bounding.most
+        assert bounding.most == pytest.approx(times * weights, rel=5e-6)
+
+
+def test_the_first_sum_is_along_the_axis_determined_least_and_the_second_across():
+    limits = Limits(left_out=0.2, left_out_of_scan=0.03)
+    normals = np.tile([[0.6], [0.0], [0.8]], 50)
+    for azimuth in np.linspace(-3.0, 3.0, 17):
+        weak, strong = np.array([[np.cos(azimuth), np.sin(azimuth)], [-np.sin(azimuth), np.cos(azimuth)]])
+        (xx, xy), (_, yy) = 4.0 * np.outer(weak, weak) + 40.0 * np.outer(strong, strong)
+        prepared = SimpleNamespace(
+            normals=normals,
+            without_normal=0.5,
+            spread=np.array([xx, xy, yy]),
+            prior=Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.7),
+        )
+        bounding = ByAxes(prepared, Helmert())
+        for leader in (None, Standing(0.0, np.zeros(4))):  # no cell determines anything yet: the scan decides
+            summand = bounding.summand(leader, 0.0, limits)
+            assert summand.axis == Axis.near(azimuth + 0.7)
+            assert summand.least == pytest.approx(0.03 * 4.0 / 50)
+        summand = bounding.summand(Standing(3.6, np.array([50.0, xx, xy, yy])), 2.5, limits)
+        assert summand.axis == Axis.near(azimuth)
+        assert summand.least == pytest.approx(0.2 * 2.5 / 50)
+        assert bounding.across(summand) == Summand(Axis.near(azimuth + 0.5 * np.pi), summand.least)
 
 
 def test_objectives_are_bounded_by_their_axes():
@@ -441,6 +499,42 @@ def test_very_full_voxels(seed):
         found = branch_and_bound(scan, fuller, prior, space, objective, multiplicity="points", share=0.7)
         accumulator = exhaustive(scan, fuller, prior, space, multiplicity="points")
         assert_it_is_the_best(found, accumulator, objective, space, 0.7, 0.3)
+
+
+@given(
+    n_points=st.integers(0, 2**20),
+    fullest=st.integers(1, 2**31),
+    is_once=st.booleans(),
+    objective=st.sampled_from(OBJECTIVES),
+)
+def test_sums_fit_in_their_integers_in_units_no_coarser_than_that_asks_for(
+    n_points, fullest, is_once, objective
+):
+    tiles = {0: (SimpleNamespace(fullest=1), None), 3: (SimpleNamespace(fullest=fullest), None)}
+    prepared = SimpleNamespace(n_points=n_points, is_once=is_once, tiles=tiles)
+    kind = ByCount if isinstance(objective, Count) else ByAxes
+    unit = kind(prepared, objective).unit
+    # A match adds at most as much as its voxel weighs, a little more for rounding, and what is rounded up to a unit.
+    largest, room = (n_points * 3, 2**30) if is_once else (fullest + 2, 2**22)
+    assert math.frexp(unit)[0] == 0.5
+    assert largest <= room * unit
+    assert unit == 2.0**-14 or largest > room * unit / 2
+
+
+@pytest.mark.parametrize("multiplicity", ["occupied", "points"])
+def test_a_scan_of_three_hundred_thousand_points_in_one_voxel(multiplicity):
+    walls = np.array([[1.05, 0.05, 0.05], [0.05, 1.05, 0.05]])
+    normals = np.array([[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+    point_map = PointMap.from_points(np.repeat(walls, 3, axis=0), np.repeat(normals, 3, axis=0), CELL)
+    scan = Scan(np.repeat(walls, 150_000, axis=0), np.repeat(normals, 150_000, axis=0))
+    prior, space = Pose(0.2, -0.3, 0.0, 0.0, 0.0, 0.0), SearchSpace(0.8, CELL, 1.0, 1.0)
+    for objective in OBJECTIVES:
+        found = branch_and_bound(
+            scan, point_map, prior, space, objective, multiplicity=multiplicity, share=0.5
+        )
+        accumulator = exhaustive(scan, point_map, prior, space, multiplicity=multiplicity)
+        assert found.score >= 75_000
+        assert_it_is_the_best(found, accumulator, objective, space, 0.5, 0.3)
 
 
 @pytest.mark.parametrize("most_kept", [2**14, 0])

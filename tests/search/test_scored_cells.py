@@ -137,6 +137,14 @@ def test_a_window_is_scored_at_once(seed, n_threads):
     assert scored.runner_up() == max([*wanted[tuple(far.T)], 0.0])
 
 
+def test_where_all_cells_lie_within_the_guard_radius_the_runner_up_scores_nothing():
+    _, prepared = scene(0, (0.0, 0.0), 3000, True, Multiplicity.OCCUPIED, Weighting.COSINE)
+    scored = ScoredCells(prepared, Wanted(Helmert(), guard_radius=100.0))
+    assert scored.runner_up() == 0.0
+    scored.score(some_cells(np.random.default_rng(0), 40))
+    assert (scored.best > 0.0, scored.runner_up()) == (True, 0.0)
+
+
 def test_what_is_asked_of_a_cell_where_one_is_guarded_and_one_stands():
     moments, prepared = scene(0, (0.0, 0.0), 3000, True, Multiplicity.OCCUPIED, Weighting.COSINE)
     scores = Helmert().score(moments)
