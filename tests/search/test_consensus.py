@@ -16,7 +16,7 @@ from maxcon.search import consensus_set
 
 CELL = 0.0625
 SPACE = SearchSpace(5 * CELL, CELL, 1.0, 0.5)
-EDGES = st.sampled_from([0, -TILE_VOXELS, 3 * TILE_VOXELS])
+EDGES = st.sampled_from([0, -3, -TILE_VOXELS, 3 * TILE_VOXELS])
 
 
 @given(
