@@ -149,6 +149,22 @@ def test_points_and_priors_beyond_all_indices_are_refused(far):
             PreparedScan.prepare(scan, point_map, prior, SPACE, Multiplicity.OCCUPIED, Weighting.COSINE)
 
 
+@pytest.mark.parametrize("direction", [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+def test_priors_from_which_a_point_or_a_cell_reaches_beyond_all_indices_are_refused(direction):
+    """Indices end at 2^30 voxels; the space reaches 2 m, and one cell more is kept free."""
+    point_map = random_map(np.random.default_rng(1), Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 5, 1.0)
+    for length, fits, refused in ((0.0, 3.0, 2.0), (4.0, 7.0, 5.5)):
+        scan = Scan([[0.0, length, 0.0]], [[1.0, 0.0, 0.0]])
+        for left, is_refused in ((fits, False), (refused, True)):
+            x, y = (2.0**30 * CELL - left) * np.array(direction)
+            options = (Pose(x, y, 0.0, 0.0, 0.0, 0.7), SPACE, Multiplicity.OCCUPIED, Weighting.COSINE)
+            if is_refused:
+                with pytest.raises(ArrayError, match="of the local origin"):
+                    PreparedScan.prepare(scan, point_map, *options)
+            else:
+                assert PreparedScan.prepare(scan, point_map, *options).matches_nothing
+
+
 def test_a_scan_from_another_process_needs_no_other_code():
     rng = np.random.default_rng(1)
     prior = random_prior(rng)
