@@ -15,7 +15,9 @@ from maxcon.errors import ArrayError, OptionError, SearchSpaceError
 from maxcon.search import Limits, Multiplicity, Standing, Weighting, branch_and_bound, exhaustive
 from maxcon.search.axis import N_AXES, Axis
 from maxcon.search.bounds import ByAxes, ByCount, Summand, bounding_of
+from maxcon.search.branch_and_bound import BoundedSearch, ScoredCells
 from maxcon.search.cells import Window
+from maxcon.search.found import Wanted
 from maxcon.search.prepared_scan import PreparedScan
 
 CELL = 0.1
@@ -348,6 +350,36 @@ def test_the_first_sum_is_along_the_axis_determined_least_and_the_second_across(
         assert summand.axis == Axis.near(azimuth)
         assert summand.least == pytest.approx(0.2 * 2.5 / 50)
         assert bounding.across(summand) == Summand(Axis.near(azimuth + 0.5 * np.pi), summand.least)
+
+
+@given(
+    seed=SEEDS,
+    objective=st.sampled_from([Helmert(), MaxEigenvalue()]),
+    first=st.integers(0, N_AXES - 1).map(Axis),
+    weak=st.floats(-np.pi, np.pi),
+    share=st.sampled_from([0.05, 0.5, 1.0]),
+)
+@settings(max_examples=60)
+def test_second_bounds_hold_along_whatever_axis_the_first_were(seed, objective, first, weak, share):
+    """The incumbent may be of another place: it may leave open what no cell of this one does."""
+    space = SearchSpace(0.6, CELL, 1.0, 0.5)
+    scan, point_map, prior = street(seed, space)
+    scores = exhaustive(scan, point_map, prior, space).score(objective)
+    if not scores.any():
+        return
+    cosine, sine = np.cos(weak), np.sin(weak)
+    moments = np.array([200.0, cosine**2 + 50.0 * sine**2, -49.0 * cosine * sine, sine**2 + 50.0 * cosine**2])
+    prepared = PreparedScan.prepare(scan, point_map, prior, space, Multiplicity.OCCUPIED, Weighting.COSINE)
+    scored = ScoredCells(prepared, Wanted(objective, standing=Standing(share * scores.max(), moments)))
+    limits = Limits(most_candidates=0, undecided=1)
+    search = BoundedSearch(bounding_of(objective, prepared), scored, limits, 1)
+    sums = search.bounding.sum_up(np.arange(space.shape[0]), Window.of(space), Summand(first))
+    left = search._left_open(sums)
+    assert (left.upper >= scores[tuple(left.cells.T)]).all()
+    is_left = np.zeros(space.shape, bool)
+    is_left[tuple(left.cells.T)] = True
+    assert is_left[scores >= scored.asked].all()
+    assert search.ruled_out >= scores[~is_left].max(initial=0.0)
 
 
 def test_objectives_are_bounded_by_their_axes():
