@@ -3,6 +3,7 @@
 """Branch and bound finds the cell of the exhaustive search, to the last bit, and what it proves is true (D7)."""
 
 import math
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -506,6 +507,49 @@ def test_a_large_space_in_which_nothing_stands_out_is_refused():
     limits = Limits(cells_per_candidate=10**9, most_candidates=0, most_scored=10)
     with pytest.raises(SearchSpaceError, match="at most 10 cells"):
         branch_and_bound(scan, point_map, prior, space, Helmert(), share=0.5, limits=limits)
+
+
+def test_exactly_so_many_cells_may_be_looked_at():
+    space = SearchSpace(0.8, CELL, 1.0, 0.5)
+    scan, point_map, prior = street(3, space)
+
+    def search(most_scored):
+        limits = Limits(cells_per_candidate=10**9, most_candidates=0, most_scored=most_scored)
+        return branch_and_bound(scan, point_map, prior, space, Helmert(), share=0.5, limits=limits)
+
+    with pytest.raises(SearchSpaceError) as refusal:
+        search(10)
+    asked = int(re.search(r"got ([\d,]+)", str(refusal.value))[1].replace(",", ""))
+    assert search(asked).score > 0.0
+    with pytest.raises(SearchSpaceError):
+        search(asked - 1)
+
+
+@given(
+    n_steps=st.integers(0, 9),
+    turn_deg=st.sampled_from([0.0, 1.0, 4.5]),
+    headings=st.sampled_from([1, 2, 5, 16]),
+    cells=st.sampled_from([1, 7, 40, 100, 650, 2**22]),
+)
+def test_parts_make_up_the_space_from_those_near_the_prior_on_and_fit_in_memory(
+    n_steps, turn_deg, headings, cells
+):
+    space = SearchSpace(n_steps * CELL, CELL, turn_deg, 0.5)
+    bounding = SimpleNamespace(prepared=SimpleNamespace(space=space))
+    parts = BoundedSearch(
+        bounding, None, Limits(headings_per_pass=headings, cells_per_pass=cells), 1
+    )._parts()
+    times = np.zeros(space.shape, int)
+    far = []
+    for some, window in parts:
+        (y, x), (ny, nx) = window.first_cell(space), window.shape
+        times[some, y : y + ny, x : x + nx] += 1
+        assert len(some) <= headings
+        assert len(some) * ny * nx <= cells or (len(some), ny) == (1, 1)
+        turned, rows = round(abs(space.headings[some].mean()), 9), abs(window.y_first + window.y_last)
+        far.append((turned, some[0] > space.shape[0] // 2, rows))
+    assert (times == 1).all()
+    assert far == sorted(far)
 
 
 def test_a_single_wall_determines_no_cell(scene):
