@@ -470,9 +470,11 @@ def test_the_level_of_a_map_is_that_of_the_nearest_edge_by_ratio(level, edge, ce
 @pytest.mark.parametrize(
     ("offset", "turn_deg", "space", "is_at_rim"),
     [
-        (11.93, 0.0, SearchSpace(12.0), False),
-        (11.95, 0.0, SearchSpace(12.0), True),
-        (-11.95, 0.0, SearchSpace(12.0), True),
+        (11.88, 0.0, SearchSpace(12.0), False),
+        (11.94, 0.0, SearchSpace(12.0), True),
+        (-11.94, 0.0, SearchSpace(12.0), False),
+        (-12.0, 0.0, SearchSpace(12.0), True),
+        (-12.3, 0.0, SearchSpace(12.0), True),
         (0.0, 10.24, SearchSpace(12.0), False),
         (0.0, -10.26, SearchSpace(12.0), True),
         (0.0, 349.76, SearchSpace(12.0), False),
@@ -484,7 +486,46 @@ def test_the_level_of_a_map_is_that_of_the_nearest_edge_by_ratio(level, edge, ce
 def test_the_rim_is_the_outermost_cell_or_half_a_step_beyond_the_last_heading(
     offset, turn_deg, space, is_along_y, is_at_rim
 ):
-    prior = replace(HERE, x=50.0, y=-20.0, heading=2.0)
-    x, y = (0.0, offset) if is_along_y else (offset, 0.0)
-    pose = replace(prior.translated([x, y, 0.0]), heading=prior.heading + math.radians(turn_deg))
-    assert _is_at_rim(pose, prior, space, CELL) is is_at_rim
+    for at in (0.0, 0.1, 50.0, -1234.56):  # rounding decides nothing
+        prior = replace(HERE, x=at, y=-at, heading=2.0)
+        x, y = (0.0, offset) if is_along_y else (offset, 0.0)
+        pose = replace(prior.translated([x, y, 0.0]), heading=prior.heading + math.radians(turn_deg))
+        assert _is_at_rim(pose, prior, space, CELL) is is_at_rim
+
+
+def test_a_place_that_just_reaches_the_share_in_small_cells_is_one_of_them(nowhere):
+    search = Hills(hill(0, 0), hill(9, 0, coarse=9.0, fine=8.0))
+    assert [each.score for each in best_places(search, *nowhere, HERE, SearchSpace(12.0), 0.8)] == [10.0, 8.0]
+
+
+def test_however_low_scores_are_places_are_found_but_none_where_all_are_zero(nowhere):
+    low, zero = Hills(hill(0, 0, 0.0, 1e-3, 1e-3)), Hills(hill(0, 0, 0.0, 0.0, 0.0))
+    (best,) = best_places(low, *nowhere, HERE, SearchSpace(12.0), 0.8)
+    assert (best.score, best.runner_up) == (1e-3, pytest.approx(0.68))
+    assert best_places(zero, *nowhere, HERE, SearchSpace(12.0), 0.8) == []
+
+
+def test_a_place_that_matches_determine_in_no_direction_may_have_any_runner_up(nowhere):
+    class Counted(Hills):
+        def __call__(self, *arguments, **options):
+            return replace(super().__call__(*arguments, **options), moments=np.array([10.0, 10.0, 0.0, 0.0]))
+
+    (best,) = best_places(Counted(hill(0, 0)), *nowhere, HERE, SearchSpace(12.0), 0.8)
+    assert (best.score, best.runner_up) == (10.0, math.inf)
+
+
+def test_more_cells_than_many_are_searched_in_wide_ones_first_and_more_than_most_are_refused(
+    nowhere, monkeypatch
+):
+    space = SearchSpace(12.0)
+    n_cells = COARSE.cells(space, nowhere[1]).n_cells
+    monkeypatch.setattr("maxcon.coarse_to_fine.MOST_LARGE_CELLS", n_cells)
+    for many, is_wide in ((n_cells, False), (n_cells - 1, True)):
+        monkeypatch.setattr("maxcon.coarse_to_fine.MANY_CELLS", many)
+        search = Hills(hill(0, 0))
+        best_places(search, *nowhere, HERE, space, 0.8)
+        assert bool(search.of(2 * EDGE)) is is_wide
+    monkeypatch.setattr("maxcon.coarse_to_fine.MANY_CELLS", n_cells)
+    monkeypatch.setattr("maxcon.coarse_to_fine.MOST_LARGE_CELLS", n_cells - 1)
+    with pytest.raises(SearchSpaceError, match=r"cells of 0\.48 m and 2 degrees"):
+        best_places(Hills(hill(0, 0)), *nowhere, HERE, space, 0.8)
