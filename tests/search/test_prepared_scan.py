@@ -16,7 +16,7 @@ from maxcon.point_map import TILE_VOXELS
 from maxcon.search import Multiplicity, Weighting, group_kernels
 from maxcon.search.group_kernels import SQUARE_VOXELS
 from maxcon.search.matching import turn, upright
-from maxcon.search.prepared_scan import PreparedScan
+from maxcon.search.prepared_scan import PreparedScan, _aligned_zeros
 
 CELL = 0.25
 TILE = TILE_VOXELS * CELL
@@ -163,6 +163,12 @@ def test_priors_from_which_a_point_or_a_cell_reaches_beyond_all_indices_are_refu
                     PreparedScan.prepare(scan, point_map, *options)
             else:
                 assert PreparedScan.prepare(scan, point_map, *options).matches_nothing
+
+
+def test_sums_of_cells_begin_with_a_cache_line():
+    for n in range(1, 40):
+        zeros = _aligned_zeros((n, 3, 4))
+        assert (zeros.shape, zeros.any(), zeros.ctypes.data % 64) == ((n, 3, 4), False, 0)
 
 
 def test_heights_end_where_indices_do():
