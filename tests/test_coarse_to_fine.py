@@ -498,6 +498,11 @@ def test_a_place_that_just_reaches_the_share_in_small_cells_is_one_of_them(nowhe
     assert [each.score for each in best_places(search, *nowhere, HERE, SearchSpace(12.0), 0.8)] == [10.0, 8.0]
 
 
+def test_a_coarse_cell_that_just_reaches_its_share_is_followed(nowhere):
+    search = Hills(hill(0, 0, coarse=1.0), hill(9, 0, coarse=0.85 * 0.8))
+    assert len(best_places(search, *nowhere, HERE, SearchSpace(12.0), 0.8)) == 2
+
+
 def test_however_low_scores_are_places_are_found_but_none_where_all_are_zero(nowhere):
     low, zero = Hills(hill(0, 0, 0.0, 1e-3, 1e-3)), Hills(hill(0, 0, 0.0, 0.0, 0.0))
     (best,) = best_places(low, *nowhere, HERE, SearchSpace(12.0), 0.8)
