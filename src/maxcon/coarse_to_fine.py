@@ -305,7 +305,9 @@ def _is_same_place(one: Pose, other: Pose) -> bool:
 
 def _is_at_rim(pose: Pose, prior: Pose, space: SearchSpace, cell: float) -> bool:
     """Whether a pose lies in the outermost cell of a space, or beyond."""
-    offset = max(abs(pose.x - prior.x), abs(pose.y - prior.y))
+    offsets = (pose.x - prior.x, pose.y - prior.y)
     turn_deg = math.degrees(abs(wrap_angle(pose.heading - prior.heading)))
-    is_far = space.half_width > 0.0 and offset > space.half_width - cell
+    # Offsets run from -half_width to half_width - cell; half a cell, so that rounding decides nothing.
+    is_low = min(offsets) < -space.half_width + 0.5 * cell
+    is_far = space.half_width > 0.0 and (is_low or max(offsets) > space.half_width - 1.5 * cell)
     return is_far or turn_deg > space.heading_half_width_deg + 0.5 * PAPER_STEP_DEG

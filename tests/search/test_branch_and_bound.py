@@ -2,6 +2,10 @@
 # SPDX-License-Identifier: MIT
 """Branch and bound finds the cell of the exhaustive search, to the last bit, and what it proves is true (D7)."""
 
+import math
+import re
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import event, given, settings
@@ -12,8 +16,10 @@ from maxcon.errors import ArrayError, OptionError, SearchSpaceError
 from maxcon.objectives import OBJECTIVES
 from maxcon.search import Limits, Multiplicity, Standing, Weighting, branch_and_bound, exhaustive
 from maxcon.search.axis import N_AXES, Axis
-from maxcon.search.bounds import Summand, bounding_of
+from maxcon.search.bounds import ByAxes, ByCount, Summand, bounding_of
+from maxcon.search.branch_and_bound import BoundedSearch, ScoredCells
 from maxcon.search.cells import Window
+from maxcon.search.found import Wanted
 from maxcon.search.prepared_scan import PreparedScan
 
 CELL = 0.1
@@ -128,6 +134,52 @@ def test_it_finds_what_the_exhaustive_search_finds(
 @given(
     seed=SEEDS,
     objective=st.sampled_from([*OBJECTIVES, OwnObjective()]),
+    n_steps=st.sampled_from([1, 5, 10]),
+    share=st.sampled_from([1.0, 0.8, 0.1]),
+    is_guarded=st.booleans(),
+    n_points=st.sampled_from([30, 400]),
+    limits=st.builds(
+        Limits,
+        first_cells=st.sampled_from([1, 2, 30]),
+        scored_at_once=st.sampled_from([1, 8]),
+        left_out=st.sampled_from([0.0, 0.1, 0.9]),
+        left_out_of_scan=st.sampled_from([0.0, 0.01, 0.5]),
+        most_candidates=st.sampled_from([0, 3, 192]),
+        most_kept=st.sampled_from([0, 30, 2**14]),
+        undecided=st.sampled_from([1, 20]),
+        cells_per_candidate=st.sampled_from([1, 120, 10**9]),
+        margin=st.sampled_from([0, 24]),
+        bound_steps=st.sampled_from([2, 100, 4096]),
+        headings_per_pass=st.sampled_from([1, 2, 16]),
+        cells_per_pass=st.sampled_from([1, 100, 2**22]),
+        scored_per_pass=st.sampled_from([1, 100, 2**20]),
+    ),
+)
+@settings(max_examples=150)
+def test_limits_of_time_and_memory_change_no_answer(
+    seed, objective, n_steps, share, is_guarded, n_points, limits
+):
+    space = SearchSpace(n_steps * CELL, CELL, 2.0, 0.5)
+    scan, point_map, prior = street(seed, space, n_points=n_points)
+    rng = np.random.default_rng(seed)
+    guarded = tuple(int(rng.integers(n)) for n in space.shape) if is_guarded else None
+    found = branch_and_bound(
+        scan, point_map, prior, space, objective, share=share, guarded=guarded, lists_all=True, limits=limits
+    )
+    accumulator = exhaustive(scan, point_map, prior, space)
+    assert_it_is_the_best(found, accumulator, objective, space, share, 0.3, guarded)
+    scores = accumulator.score(objective)
+    asked = share * scores[guarded or found.cell]
+    if asked > 0.0:
+        assert {*map(tuple, found.reaching.cells.tolist())} == {
+            *map(tuple, np.argwhere(scores >= asked).tolist())
+        }
+        assert (found.reaching.upper == scores[tuple(found.reaching.cells.T)]).all()
+
+
+@given(
+    seed=SEEDS,
+    objective=st.sampled_from([*OBJECTIVES, OwnObjective()]),
     is_signed=st.booleans(),
     n_steps=st.sampled_from([0, 3, 10, 24]),
     turns=st.sampled_from([(0.0, 0.5), (2.0, 0.5), (20.0, 4.0)]),
@@ -148,6 +200,7 @@ def test_every_cell_that_reaches_the_share_is_listed(
         for cell, score in zip(found.reaching.cells.tolist(), found.reaching.upper, strict=True)
     }
     assert found.score == scores.max()
+    assert not len(branch_and_bound(scan, point_map, prior, space, objective, share=share).reaching)
     if found.score > 0.0:
         assert set(listed) == set(map(tuple, np.argwhere(scores >= share * found.score).tolist()))
         assert all(scores[cell] == score for cell, score in listed.items())
@@ -241,9 +294,93 @@ def test_sums_that_reach_something_and_the_highest(summand):
         cells, highest = along.reaching(least)
         assert (cells == all_cells[sums >= least]).all()
         assert highest == sums[sums < least].max(initial=0.0)
+        assert along.count_reaching(least) == len(cells)
     for n_cells in (1, 7, len(sums), len(sums) + 1):
         got = np.sort(along.at(along.highest(n_cells)))
         assert (got == np.sort(sums)[-n_cells:]).all()
+
+
+@pytest.mark.parametrize("multiplicity", list(Multiplicity))
+@pytest.mark.parametrize("length", [0.996, 1.0, 1.004])
+@pytest.mark.parametrize("n_bare", [0, 7])
+def test_where_every_point_matches_squarely_a_cell_has_all_that_is_thought_possible(
+    multiplicity, length, n_bare
+):
+    rng = np.random.default_rng(0)
+    voxels = np.column_stack([np.zeros(60), rng.permutation(60), np.arange(60) % 3])
+    points = (np.repeat(voxels, 3, axis=0) + rng.uniform(0.2, 0.8, (180, 3))) * CELL
+    point_map = PointMap.from_points(points, np.tile([-1.0, 0.0, 0.0], (180, 1)), CELL)
+    normals = np.repeat([[-length, 0.0, 0.0], [0.0, 0.0, 0.0]], [60 - n_bare, n_bare], axis=0)
+    scan, prior = Scan((voxels + 0.5) * CELL, normals), Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    prepared = PreparedScan.prepare(
+        scan, point_map, prior, SearchSpace(0.2, CELL, 0.0, 0.5), multiplicity, Weighting.COSINE
+    )
+    times = 1 if multiplicity is Multiplicity.OCCUPIED else 3
+    for objective, summand in ((Count(), Summand()), (Helmert(), Summand(Axis(0)))):
+        bounding = bounding_of(objective, prepared)
+        here = bounding.sum_up(np.array([0]), Window(0, 0, 0, 0), summand).at(np.array([[0, 2, 2]]))[0]
+        count, along, *_ = prepared.moments_of_cells(0, np.array([[0, 2, 2]]))[0]
+        assert count == 60 * times
+        if summand.axis is None:
+            weights, added = 60.0, count
+        else:
+            weights, added = (60 - n_bare) * max(1.0, length) + 0.5 * n_bare, along
+        assert added <= here <= added * (1.0 + 1e-3)
+        assert added <= bounding.most
+        assert bounding.most == pytest.approx(times * weights, rel=5e-6)
+
+
+def test_the_first_sum_is_along_the_axis_determined_least_and_the_second_across():
+    limits = Limits(left_out=0.2, left_out_of_scan=0.03)
+    normals = np.tile([[0.6], [0.0], [0.8]], 50)
+    for azimuth in np.linspace(-3.0, 3.0, 17):
+        weak, strong = np.array([[np.cos(azimuth), np.sin(azimuth)], [-np.sin(azimuth), np.cos(azimuth)]])
+        (xx, xy), (_, yy) = 4.0 * np.outer(weak, weak) + 40.0 * np.outer(strong, strong)
+        prepared = SimpleNamespace(
+            normals=normals,
+            without_normal=0.5,
+            spread=np.array([xx, xy, yy]),
+            prior=Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.7),
+        )
+        bounding = ByAxes(prepared, Helmert())
+        for leader in (None, Standing(0.0, np.zeros(4))):  # no cell determines anything yet: the scan decides
+            summand = bounding.summand(leader, 0.0, limits)
+            assert summand.axis == Axis.near(azimuth + 0.7)
+            assert summand.least == pytest.approx(0.03 * 4.0 / 50)
+        summand = bounding.summand(Standing(3.6, np.array([50.0, xx, xy, yy])), 2.5, limits)
+        assert summand.axis == Axis.near(azimuth)
+        assert summand.least == pytest.approx(0.2 * 2.5 / 50)
+        assert bounding.across(summand) == Summand(Axis.near(azimuth + 0.5 * np.pi), summand.least)
+
+
+@given(
+    seed=SEEDS,
+    objective=st.sampled_from([Helmert(), MaxEigenvalue()]),
+    first=st.integers(0, N_AXES - 1).map(Axis),
+    weak=st.floats(-np.pi, np.pi),
+    share=st.sampled_from([0.05, 0.5, 1.0]),
+)
+@settings(max_examples=60)
+def test_second_bounds_hold_along_whatever_axis_the_first_were(seed, objective, first, weak, share):
+    """The incumbent may be of another place: it may leave open what no cell of this one does."""
+    space = SearchSpace(0.6, CELL, 1.0, 0.5)
+    scan, point_map, prior = street(seed, space)
+    scores = exhaustive(scan, point_map, prior, space).score(objective)
+    if not scores.any():
+        return
+    cosine, sine = np.cos(weak), np.sin(weak)
+    moments = np.array([200.0, cosine**2 + 50.0 * sine**2, -49.0 * cosine * sine, sine**2 + 50.0 * cosine**2])
+    prepared = PreparedScan.prepare(scan, point_map, prior, space, Multiplicity.OCCUPIED, Weighting.COSINE)
+    scored = ScoredCells(prepared, Wanted(objective, standing=Standing(share * scores.max(), moments)))
+    limits = Limits(most_candidates=0, undecided=1)
+    search = BoundedSearch(bounding_of(objective, prepared), scored, limits, 1)
+    sums = search.bounding.sum_up(np.arange(space.shape[0]), Window.of(space), Summand(first))
+    left = search._left_open(sums)
+    assert (left.upper >= scores[tuple(left.cells.T)]).all()
+    is_left = np.zeros(space.shape, bool)
+    is_left[tuple(left.cells.T)] = True
+    assert is_left[scores >= scored.asked].all()
+    assert search.ruled_out >= scores[~is_left].max(initial=0.0)
 
 
 def test_objectives_are_bounded_by_their_axes():
@@ -311,6 +448,17 @@ def test_an_objective_without_bounds_is_searched_exhaustively():
     assert_it_is_the_best(in_passes, accumulator, OwnObjective(), space, 0.5, 0.3)
 
 
+def test_only_without_bounds_a_space_has_to_be_small_enough_to_score_all_of_it(monkeypatch):
+    space = SearchSpace(0.8, CELL, 1.0, 0.5)
+    scan, point_map, prior = street(3, space)
+    monkeypatch.setattr("maxcon.search.matching.MOST_CELLS", space.n_cells - 1)
+    with pytest.raises(SearchSpaceError, match="at most 1,279 cells in an exhaustive search, got 1,280"):
+        branch_and_bound(scan, point_map, prior, space, OwnObjective())
+    assert branch_and_bound(scan, point_map, prior, space, Helmert()).score > 0.0
+    monkeypatch.setattr("maxcon.search.matching.MOST_CELLS", space.n_cells)
+    assert branch_and_bound(scan, point_map, prior, space, OwnObjective()).score > 0.0
+
+
 class Broken:
     """One that breaks what objectives promise, with bounds or without."""
 
@@ -364,6 +512,49 @@ def test_a_large_space_in_which_nothing_stands_out_is_refused():
         branch_and_bound(scan, point_map, prior, space, Helmert(), share=0.5, limits=limits)
 
 
+def test_exactly_so_many_cells_may_be_looked_at():
+    space = SearchSpace(0.8, CELL, 1.0, 0.5)
+    scan, point_map, prior = street(3, space)
+
+    def search(most_scored):
+        limits = Limits(cells_per_candidate=10**9, most_candidates=0, most_scored=most_scored)
+        return branch_and_bound(scan, point_map, prior, space, Helmert(), share=0.5, limits=limits)
+
+    with pytest.raises(SearchSpaceError) as refusal:
+        search(10)
+    asked = int(re.search(r"got ([\d,]+)", str(refusal.value))[1].replace(",", ""))
+    assert search(asked).score > 0.0
+    with pytest.raises(SearchSpaceError):
+        search(asked - 1)
+
+
+@given(
+    n_steps=st.integers(0, 9),
+    turn_deg=st.sampled_from([0.0, 1.0, 4.5]),
+    headings=st.sampled_from([1, 2, 5, 16]),
+    cells=st.sampled_from([1, 7, 40, 100, 650, 2**22]),
+)
+def test_parts_make_up_the_space_from_those_near_the_prior_on_and_fit_in_memory(
+    n_steps, turn_deg, headings, cells
+):
+    space = SearchSpace(n_steps * CELL, CELL, turn_deg, 0.5)
+    bounding = SimpleNamespace(prepared=SimpleNamespace(space=space))
+    parts = BoundedSearch(
+        bounding, None, Limits(headings_per_pass=headings, cells_per_pass=cells), 1
+    )._parts()
+    times = np.zeros(space.shape, int)
+    far = []
+    for some, window in parts:
+        (y, x), (ny, nx) = window.first_cell(space), window.shape
+        times[some, y : y + ny, x : x + nx] += 1
+        assert len(some) <= headings
+        assert len(some) * ny * nx <= cells or (len(some), ny) == (1, 1)
+        turned, rows = round(abs(space.headings[some].mean()), 9), abs(window.y_first + window.y_last)
+        far.append((turned, some[0] > space.shape[0] // 2, rows))
+    assert (times == 1).all()
+    assert far == sorted(far)
+
+
 def test_a_single_wall_determines_no_cell(scene):
     scene.wall((-5.0, 4.0), (5.0, 4.0))
     space = SearchSpace(3.0, 0.06, 1.0, 0.5)
@@ -389,6 +580,42 @@ def test_very_full_voxels(seed):
         assert_it_is_the_best(found, accumulator, objective, space, 0.7, 0.3)
 
 
+@given(
+    n_points=st.integers(0, 2**20),
+    fullest=st.integers(1, 2**31),
+    is_once=st.booleans(),
+    objective=st.sampled_from(OBJECTIVES),
+)
+def test_sums_fit_in_their_integers_in_units_no_coarser_than_that_asks_for(
+    n_points, fullest, is_once, objective
+):
+    tiles = {0: (SimpleNamespace(fullest=1), None), 3: (SimpleNamespace(fullest=fullest), None)}
+    prepared = SimpleNamespace(n_points=n_points, is_once=is_once, tiles=tiles)
+    kind = ByCount if isinstance(objective, Count) else ByAxes
+    unit = kind(prepared, objective).unit
+    # A match adds at most as much as its voxel weighs, a little more for rounding, and what is rounded up to a unit.
+    largest, room = (n_points * 3, 2**30) if is_once else (fullest + 2, 2**22)
+    assert math.frexp(unit)[0] == 0.5
+    assert largest <= room * unit
+    assert unit == 2.0**-14 or largest > room * unit / 2
+
+
+@pytest.mark.parametrize("multiplicity", ["occupied", "points"])
+def test_a_scan_of_three_hundred_thousand_points_in_one_voxel(multiplicity):
+    walls = np.array([[1.05, 0.05, 0.05], [0.05, 1.05, 0.05]])
+    normals = np.array([[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+    point_map = PointMap.from_points(np.repeat(walls, 3, axis=0), np.repeat(normals, 3, axis=0), CELL)
+    scan = Scan(np.repeat(walls, 150_000, axis=0), np.repeat(normals, 150_000, axis=0))
+    prior, space = Pose(0.2, -0.3, 0.0, 0.0, 0.0, 0.0), SearchSpace(0.8, CELL, 1.0, 1.0)
+    for objective in OBJECTIVES:
+        found = branch_and_bound(
+            scan, point_map, prior, space, objective, multiplicity=multiplicity, share=0.5
+        )
+        accumulator = exhaustive(scan, point_map, prior, space, multiplicity=multiplicity)
+        assert found.score >= 75_000
+        assert_it_is_the_best(found, accumulator, objective, space, 0.5, 0.3)
+
+
 @pytest.mark.parametrize("most_kept", [2**14, 0])
 @pytest.mark.parametrize(("headings", "cells"), [(2, 2**22), (16, 100), (16, 1)])
 def test_a_space_is_searched_in_parts(headings, cells, most_kept):
@@ -399,6 +626,14 @@ def test_a_space_is_searched_in_parts(headings, cells, most_kept):
     found = branch_and_bound(scan, point_map, prior, space, Helmert(), share=0.5, limits=limits)
     assert (found.cell, found.score) == (wanted.cell, wanted.score)
     assert_it_is_the_best(found, exhaustive(scan, point_map, prior, space), Helmert(), space, 0.5, 0.3)
+
+
+def test_scan_map_prior_space_and_objective_go_by_position_or_by_name_and_options_by_name_alone():
+    space = SearchSpace(0.1, CELL, 0.0, 0.5)
+    scan, point_map, prior = street(3, space)
+    branch_and_bound(scan=scan, point_map=point_map, prior=prior, space=space, objective=Count(), share=0.5)
+    with pytest.raises(TypeError):
+        branch_and_bound(scan, point_map, prior, space, Count(), "points")
 
 
 def test_refusals():

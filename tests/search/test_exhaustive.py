@@ -426,6 +426,14 @@ def test_other_options_are_refused():
         exhaustive(scan, point_map, prior, SearchSpace.paper(), n_threads=0)
 
 
+@pytest.mark.parametrize("search", [exhaustive, reference.voxels])
+def test_scan_map_prior_and_space_go_by_position_or_by_name_and_options_by_name_alone(search):
+    scan, point_map, prior = random_scene(0, 5, 5, 0.06, SearchSpace(0.06, 0.06))
+    search(scan=scan, point_map=point_map, prior=prior, space=SearchSpace(0.06, 0.06), multiplicity="points")
+    with pytest.raises(TypeError):
+        search(scan, point_map, prior, SearchSpace(0.06, 0.06), "points")
+
+
 def test_beyond_the_reach_of_indices_both_searches_refuse():
     scan, point_map, prior = random_scene(0, 5, 5, 0.06, SearchSpace(0.06, 0.06))
     far = prior.translated([1e9, 0.0, 0.0])

@@ -16,7 +16,7 @@ from maxcon.point_map import TILE_VOXELS
 from maxcon.search import Multiplicity, Weighting, group_kernels
 from maxcon.search.group_kernels import SQUARE_VOXELS
 from maxcon.search.matching import turn, upright
-from maxcon.search.prepared_scan import PreparedScan
+from maxcon.search.prepared_scan import PreparedScan, _aligned_zeros
 
 CELL = 0.25
 TILE = TILE_VOXELS * CELL
@@ -147,6 +147,57 @@ def test_points_and_priors_beyond_all_indices_are_refused(far):
         scan = Scan([place], [[1.0, 0.0, 0.0]])
         with pytest.raises(ArrayError, match=r"within 2\.68e\+08 m of the local origin, got 3e\+08 m"):
             PreparedScan.prepare(scan, point_map, prior, SPACE, Multiplicity.OCCUPIED, Weighting.COSINE)
+
+
+@pytest.mark.parametrize("direction", [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+def test_priors_from_which_a_point_or_a_cell_reaches_beyond_all_indices_are_refused(direction):
+    """Indices end at 2^30 voxels; the space reaches 2 m, and one cell more is kept free."""
+    point_map = random_map(np.random.default_rng(1), Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 5, 1.0)
+    for length, fits, refused in ((0.0, 3.0, 2.0), (4.0, 7.0, 5.5)):
+        scan = Scan([[0.0, length, 0.0]], [[1.0, 0.0, 0.0]])
+        for left, is_refused in ((fits, False), (refused, True)):
+            x, y = (2.0**30 * CELL - left) * np.array(direction)
+            options = (Pose(x, y, 0.0, 0.0, 0.0, 0.7), SPACE, Multiplicity.OCCUPIED, Weighting.COSINE)
+            if is_refused:
+                with pytest.raises(ArrayError, match="of the local origin"):
+                    PreparedScan.prepare(scan, point_map, *options)
+            else:
+                assert PreparedScan.prepare(scan, point_map, *options).matches_nothing
+
+
+def test_sums_of_cells_begin_with_a_cache_line():
+    for n in range(1, 40):
+        zeros = _aligned_zeros((n, 3, 4))
+        assert (zeros.shape, zeros.any(), zeros.ctypes.data % 64) == ((n, 3, 4), False, 0)
+
+
+def test_heights_end_where_indices_do():
+    point_map = random_map(np.random.default_rng(1), Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 5, 1.0)
+    scan, options = (
+        Scan([[0.0, 0.0, 0.0]], [[1.0, 0.0, 0.0]]),
+        (SPACE, Multiplicity.OCCUPIED, Weighting.COSINE),
+    )
+    for sign in (1.0, -1.0):
+        highest, too_high = (
+            Pose(0.0, 0.0, sign * (2.0**30 * CELL + up), 0.0, 0.0, 0.0) for up in (-0.5, 0.5)
+        )
+        assert PreparedScan.prepare(scan, point_map, highest, *options).n_points == 1
+        with pytest.raises(ArrayError, match="of the local origin"):
+            PreparedScan.prepare(scan, point_map, too_high, *options)
+
+
+@pytest.mark.parametrize("x", [-300.5, 300.5])
+@pytest.mark.parametrize("y", [-200.0, 200.0])
+def test_the_grid_is_as_large_as_the_tiles_in_reach_wherever_they_are(x, y):
+    prior = Pose(x * TILE, y * TILE, 0.0, 0.0, 0.0, 0.3)
+    rng = np.random.default_rng(2)
+    scan, point_map = random_scan(rng, 50, 3.0, 1.0), random_map(rng, prior, 400, 3.0)
+    prepared = PreparedScan.prepare(scan, point_map, prior, SPACE, Multiplicity.OCCUPIED, Weighting.COSINE)
+    assert [tile.key for tile, _ in prepared.tiles.values()] == [
+        (int(x - 0.5), int(y) - 1),
+        (int(x - 0.5), int(y)),
+    ]
+    assert (prepared.corner, prepared.shape) == ((int(x - 0.5), int(y) - 1), (2, 1))
 
 
 def test_a_scan_from_another_process_needs_no_other_code():

@@ -451,6 +451,18 @@ def test_no_points_match_nothing(multiplicity):
         ).moments.any()
 
 
+def test_scan_map_prior_and_space_may_be_named_and_options_must_be():
+    scan, where = Scan([[0.03, 0.03, 0.03]], [X]), {"prior": HERE, "space": SMALL}
+    point_map = PointMap.from_points([[0.0, 0.0, 0.0]], [X], CELL)
+    by_voxels = reference.voxels(scan=scan, point_map=point_map, **where)
+    by_pairs = reference.pairs(
+        scan=scan, points_map=[[0.03, 0.03, 0.03]], normals_map=[X], **where, threshold=CELL / 2
+    )
+    assert (by_voxels.moments == by_pairs.moments).all()
+    with pytest.raises(TypeError):
+        reference.pairs(scan, [[0.0, 0.0, 0.0]], [X], HERE, SMALL, CELL)
+
+
 def test_what_the_definition_refuses():
     point_map = PointMap.from_points([[0.0, 0.0, 0.0]], [X], CELL)
     scan = Scan([[0.0, 0.0, 0.0]], [X])

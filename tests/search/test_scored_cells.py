@@ -2,13 +2,17 @@
 # SPDX-License-Identifier: MIT
 """Single cells have, to the last bit, the moments of the exhaustive search; what is kept of their scores."""
 
+import inspect
+from dataclasses import fields
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from maxcon import Helmert, PointMap, Pose, Scan, SearchSpace
-from maxcon.search import Multiplicity, Standing, Weighting, exhaustive
+from maxcon import Count, Helmert, PointMap, Pose, Scan, SearchSpace
+from maxcon.search import Found, Multiplicity, Standing, Weighting, branch_and_bound, exhaustive
 from maxcon.search.branch_and_bound import ScoredCells
 from maxcon.search.cells import Window
 from maxcon.search.found import Wanted
@@ -137,6 +141,14 @@ def test_a_window_is_scored_at_once(seed, n_threads):
     assert scored.runner_up() == max([*wanted[tuple(far.T)], 0.0])
 
 
+def test_where_all_cells_lie_within_the_guard_radius_the_runner_up_scores_nothing():
+    _, prepared = scene(0, (0.0, 0.0), 3000, True, Multiplicity.OCCUPIED, Weighting.COSINE)
+    scored = ScoredCells(prepared, Wanted(Helmert(), guard_radius=100.0))
+    assert scored.runner_up() == 0.0
+    scored.score(some_cells(np.random.default_rng(0), 40))
+    assert (scored.best > 0.0, scored.runner_up()) == (True, 0.0)
+
+
 def test_what_is_asked_of_a_cell_where_one_is_guarded_and_one_stands():
     moments, prepared = scene(0, (0.0, 0.0), 3000, True, Multiplicity.OCCUPIED, Weighting.COSINE)
     scores = Helmert().score(moments)
@@ -148,4 +160,36 @@ def test_what_is_asked_of_a_cell_where_one_is_guarded_and_one_stands():
     higher = Standing(2.0 * highest, moments[guarded])
     scored = ScoredCells(prepared, Wanted(Helmert(), standing=higher))
     assert (scored.asked, scored.best, scored.leader) == (higher.score, higher.score, higher)
-    assert scored.found(rest=1.0).score == -np.inf
+    assert ScoredCells(prepared, Wanted(Helmert())).leader is None
+    lower = Standing(0.5 * highest, np.ones(4))
+    for standing, score in ((lower, highest), (higher, higher.score), (None, highest)):
+        known = ScoredCells(prepared, Wanted(Helmert(), standing=standing))
+        known.score(np.array([guarded]))
+        assert known.leader.score == known.best == score
+        assert (known.leader.moments == moments[guarded]).all()
+    found = scored.found(rest=1.0)
+    assert (found.score, found.moments.tolist()) == (-np.inf, [0.0, 0.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("per_pass", [1, 112, 250, 2**20])
+def test_windows_are_scored_as_many_headings_at_a_time_as_memory_allows(per_pass):
+    window, asked = Window(0, 15, 0, 6), []
+
+    def moments_of_window(headings, window, n_threads):
+        asked.append(headings)
+        return np.ones((len(headings), *window.shape, 4))
+
+    prepared = SimpleNamespace(space=SPACE, moments_of_window=moments_of_window)
+    scored = ScoredCells(prepared, Wanted(Count(), share=0.5))
+    assert scored.score_window(np.arange(5), window, 1, per_pass) == 0.0
+    assert np.concatenate(asked).tolist() == [0, 1, 2, 3, 4]
+    assert max(map(len, asked)) == {1: 1, 112: 1, 250: 2, 2**20: 5}[per_pass]
+    assert scored.n_in_windows == 5 * 7 * 16
+
+
+def test_what_is_wanted_by_default_is_what_the_search_finds_by_default():
+    parameters = inspect.signature(branch_and_bound).parameters
+    wanted = {each.name: each.default for each in fields(Wanted) if each.name != "objective"}
+    assert wanted == {name: parameters[name].default for name in wanted}
+    found = Found((0, 0, 0), 1.0, np.zeros(4), 1.0, 0.0, 1)
+    assert (found.height, len(found.reaching)) == (0, 0)
