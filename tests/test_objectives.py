@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from maxcon import Count, Helmert, MaxEigenvalue, MaximumConsensus
-from maxcon.errors import OptionError
-from maxcon.objectives import OBJECTIVES, as_objective
+from maxcon.errors import ArrayError, OptionError
+from maxcon.objectives import OBJECTIVES, Checked, as_objective
 
 VALUES = st.floats(-1e12, 1e12) | st.sampled_from([0.0, 1e-300, -1e-300, 1e-30, 5e-324, 1.0, 2.0**-24, 1e100])
 
@@ -203,3 +203,33 @@ def test_what_is_no_objective_is_refused(wrong):
         as_objective(wrong)
     with pytest.raises(OptionError, match="`objective`"):
         MaximumConsensus(objective=wrong)
+
+
+@pytest.mark.parametrize("shape", [(), (0,), (3,), (2, 3, 4)])
+@pytest.mark.parametrize("dtype", [np.float64, np.float32, np.int64])
+def test_scores_that_are_as_promised_pass(shape, dtype):
+    moments = np.random.default_rng(0).integers(0, 9, (*shape, 4)).astype(dtype)
+    own = Own(lambda moments: moments[..., 0])
+    assert np.array_equal(Checked(own).score(moments), moments[..., 0])
+
+
+@pytest.mark.parametrize(
+    ("score", "words"),
+    [
+        (lambda moments: moments, r"shape \(2, 3\), got \(2, 3, 4\)"),
+        (lambda moments: moments[..., 0].sum(axis=0), r"shape \(2, 3\), got \(3,\)"),
+        (lambda moments: np.where([[1, 1, 1], [1, 0, 1]], 1.0, np.nan), "numbers, got NaN"),
+        (lambda moments: np.full((2, 3), -1e-300), "0 or more .* got -1e-300"),
+        (lambda moments: np.array([[5, 4, 3], [2, 1, -7]]), "0 or more .* got -7"),
+    ],
+)
+def test_scores_that_are_not_are_refused(score, words):
+    with pytest.raises(ArrayError, match=words):
+        Checked(Own(score)).score(np.ones((2, 3, 4)))
+
+
+class Own:
+    """An objective of a user's own."""
+
+    def __init__(self, score):
+        self.score = score
