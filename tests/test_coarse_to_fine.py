@@ -480,6 +480,9 @@ def test_the_level_of_a_map_is_that_of_the_nearest_edge_by_ratio(level, edge, ce
         (0.0, 349.76, SearchSpace(12.0), False),
         (0.03, 0.0, SearchSpace(0.0), False),
         (0.3, 0.0, SearchSpace(0.3), True),
+        (0.0, 0.0, SearchSpace(CELL), False),
+        (-CELL, 0.0, SearchSpace(CELL), False),
+        (CELL, 0.0, SearchSpace(CELL), True),
     ],
 )
 @pytest.mark.parametrize("is_along_y", [False, True])

@@ -42,8 +42,14 @@ class Accumulator:
             raise ArrayError(f"Expected `moments` to have shape {expected}, got {self.moments.shape}.")
 
     def score(self, objective: Objective) -> Scores:
-        """Scores of all cells, shape (headings, ny, nx)."""
-        return objective.score(self.moments)
+        """Scores of all cells, shape (headings, ny, nx).
+
+        Raises
+        ------
+        ArrayError
+            If the objective returns scores of another shape, or NaN.
+        """
+        return checked_scores(objective.score(self.moments), self.space.shape)
 
     def best_cell(self, objective: Objective) -> Cell:
         """Return the cell with the highest score; the first in index order at ties (D8).

@@ -307,7 +307,9 @@ def _is_at_rim(pose: Pose, prior: Pose, space: SearchSpace, cell: float) -> bool
     """Whether a pose lies in the outermost cell of a space, or beyond."""
     offsets = (pose.x - prior.x, pose.y - prior.y)
     turn_deg = math.degrees(abs(wrap_angle(pose.heading - prior.heading)))
-    # Offsets run from -half_width to half_width - cell; half a cell, so that rounding decides nothing.
-    is_low = min(offsets) < -space.half_width + 0.5 * cell
-    is_far = space.half_width > 0.0 and (is_low or max(offsets) > space.half_width - 1.5 * cell)
+    # Offsets run from -half_width to half_width - cell; half a cell, so that rounding decides nothing. Of two columns
+    # none is an inner one: only what lies beyond them is far then.
+    rim = 0.5 * cell if space.half_width > 1.5 * cell else -0.5 * cell
+    is_low, is_high = min(offsets) < rim - space.half_width, max(offsets) > space.half_width - cell - rim
+    is_far = space.half_width > 0.0 and (is_low or is_high)
     return is_far or turn_deg > space.heading_half_width_deg + 0.5 * PAPER_STEP_DEG

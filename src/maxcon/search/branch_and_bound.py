@@ -110,7 +110,7 @@ def branch_and_bound(
         If the multiplicity or the weighting is unknown, the share, the guard radius or the threads out of range.
     ArrayError
         If the prior lies so far out that voxels have no index there, or the objective returns scores of another shape,
-        or NaN.
+        NaN, or negative ones.
     """
     space = cells_of(space, point_map)
     multiplicity, weighting = Multiplicity.parse(multiplicity), Weighting.parse(weighting)
@@ -133,7 +133,7 @@ def branch_and_bound(
             found = BoundedSearch(bounding_of(objective, prepared), scored, limits, n_threads).run()
         else:
             every_heading, whole = np.arange(len(space.headings)), Window.of(space)
-            rest = scored.score_window(every_heading, whole, n_threads, limits.scored_per_pass)
+            rest = scored.score_window(every_heading, whole, n_threads, n_threads * limits.scored_per_pass)
             found = scored.found(rest=max(rest, scored.runner_up()))
         return replace(found, height=height)
 

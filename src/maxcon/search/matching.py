@@ -34,9 +34,8 @@ equal in any order, up to 2^29 matches in a cell (D8)."""
 ROUNDER = 1.5 * 2.0**52 * CONTRIBUTION_STEP
 """Adding and subtracting this rounds a float64 to whole multiples of the step, ties to even, as numpy.rint does."""
 
-
 MOST_CELLS = 2**26
-"""Cells whose moments are computed all together: they take 32 bytes each, 2 GiB."""
+"""Most cells of a space that are all looked at; an accumulator of so many takes 2 GiB, 32 bytes each."""
 
 
 @dataclass(frozen=True, slots=True)
