@@ -60,8 +60,10 @@ def asked(monkeypatch):
 def test_an_answer_in_doubt_is_laid_on_its_ground_and_not_refined(asked):
     scan, point_map = in_a_room()
     doubted = found(Status.AMBIGUOUS)
-    assert examine(doubted, ground(), scan, point_map, Trust(), RISK) == replace(doubted, pose=ON_GROUND)
-    assert examine(doubted, None, scan, point_map, Trust(), RISK) is not None
+    for fit, pose in ((ground(), ON_GROUND), (None, HERE)):
+        answer = examine(doubted, fit, scan, point_map, Trust(), RISK)
+        assert (answer.pose, answer.status, answer.score) == (pose, Status.AMBIGUOUS, doubted.score)
+        assert not np.isfinite(np.diag(answer.covariance)).any()
     assert asked == []
 
 
