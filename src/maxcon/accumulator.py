@@ -59,7 +59,7 @@ class Accumulator:
         ArrayError
             If the objective returns scores of another shape, or NaN.
         """
-        return highest(self.score(objective), self.space)
+        return highest(self.score(objective))
 
     def normal_matrix(self, cell: Cell) -> NDArray[np.float64]:
         """N of one cell, shape (2, 2)."""
@@ -67,13 +67,6 @@ class Accumulator:
         return np.array([[nxx, nxy], [nxy, nyy]])
 
 
-def highest(scores: Scores, space: SearchSpace) -> Cell:
-    """Return the cell with the highest of `scores`, the first in index order at ties (D8).
-
-    Raises
-    ------
-    ArrayError
-        If the scores are not those of the space's cells, or NaN.
-    """
-    best = int(np.argmax(checked_scores(scores, space.shape)))
-    return cast(Cell, tuple(int(index) for index in np.unravel_index(best, space.shape)))
+def highest(scores: Scores) -> Cell:
+    """Return the cell with the highest of the scores of all cells, the first in index order at ties (D8)."""
+    return cast(Cell, tuple(int(index) for index in np.unravel_index(int(np.argmax(scores)), scores.shape)))

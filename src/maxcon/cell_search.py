@@ -12,7 +12,7 @@ from maxcon.coarse_to_fine import COARSE, best_places
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
 from maxcon.integrity import Trust, highest_beyond, invert, reasons_to_doubt_scan
-from maxcon.objectives import BoundedByAxes, BoundedByCount, Helmert, Objective
+from maxcon.objectives import Bounded, Helmert, Objective
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
 from maxcon.search import (
@@ -94,7 +94,7 @@ class CellSearch:
     @property
     def has_bounds(self) -> bool:
         """Whether the objective can be bounded, and need not be searched exhaustively."""
-        return isinstance(self.objective, BoundedByAxes | BoundedByCount)
+        return isinstance(self.objective, Bounded)
 
     def accumulate(self, scan: Scan, point_map: PointMap, start: Pose, space: SearchSpace) -> Accumulator:
         """Moments of every cell of a space around a start, of several heights those of the best."""
@@ -108,7 +108,7 @@ class CellSearch:
         """Say how far the best cell of an accumulator may be trusted."""
         space, prior, moments = accumulator.space, accumulator.prior, accumulator.moments
         scores = accumulator.score(self.objective)
-        cell = highest(scores, space)
+        cell = highest(scores)
         if not moments[..., 0].any():
             _, cofactor = invert(accumulator.normal_matrix(cell))
             reason = "; ".join(reasons_to_doubt_scan(scan, prior))

@@ -20,6 +20,7 @@ from maxcon.errors import ArrayError, OptionError
 
 __all__ = [
     "OBJECTIVES",
+    "Bounded",
     "BoundedByAxes",
     "BoundedByCount",
     "Checked",
@@ -71,6 +72,10 @@ class BoundedByAxes(Objective, Protocol):
         grows. It must hold for scores as they are computed, rounding included.
         """
         ...
+
+
+Bounded = BoundedByCount | BoundedByAxes
+"""An objective that branch and bound can bound, in whichever way."""
 
 
 def checked_scores(scores: Scores, shape: tuple[int, ...]) -> Scores:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from maxcon.accumulator import Accumulator, highest
 from maxcon.errors import ArrayError, OptionError
 from maxcon.integrity import peak_ratio
-from maxcon.objectives import Objective, Scores
+from maxcon.objectives import Objective, Scores, checked_scores
 from maxcon.search_space import Cell, SearchSpace
 
 __all__ = ["GUARD_RADIUS", "SPREAD_SHARE", "Distinctness", "distinctness", "significant_ray"]
@@ -102,7 +102,7 @@ def distinctness(
         )
     space = accumulator.space
     scores = _checked(accumulator.score(objective) if scores is None else scores, space)
-    peak = highest(scores, space)
+    peak = highest(scores)
     if scores[peak] == 0.0:
         return Distinctness(math.nan, math.nan, math.nan, math.nan)
     offsets, along = significant_ray(accumulator, scores, peak)
@@ -160,8 +160,7 @@ def significant_ray(
 
 def _checked(scores: Scores, space: SearchSpace) -> Scores:
     """Scores as float64; an ArrayError where shares of the peak would mean nothing."""
-    scores = np.asarray(scores, dtype=np.float64)
-    highest(scores, space)
+    scores = checked_scores(np.asarray(scores, dtype=np.float64), space.shape)
     lowest, top = scores.min(), scores.max()
     if lowest < 0.0 or not np.isfinite(top):
         raise ArrayError(

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.objectives import BoundedByAxes, BoundedByCount, Scores
+from maxcon.objectives import Bounded, BoundedByAxes, BoundedByCount, Scores
 from maxcon.search.axis import Axis
 from maxcon.search.cells import CellGrid, Window
 from maxcon.search.found import Standing
@@ -260,7 +260,7 @@ class ByAxes(Bounding):
         return self.objective.bound_by_axes(sums, sums_across)
 
 
-def bounding_of(objective: BoundedByCount | BoundedByAxes, prepared: PreparedScan) -> Bounding:
+def bounding_of(objective: Bounded, prepared: PreparedScan) -> Bounding:
     """Return the kind of bound that an objective has, for a prepared scan."""
     if isinstance(objective, BoundedByCount):
         return ByCount(prepared, objective)

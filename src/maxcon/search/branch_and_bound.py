@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from maxcon.errors import OptionError, SearchSpaceError
 from maxcon.geometry import Pose
-from maxcon.objectives import BoundedByAxes, BoundedByCount, Checked, Moments, Objective, Scores
+from maxcon.objectives import Bounded, Checked, Moments, Objective, Scores
 from maxcon.options import Multiplicity, Weighting
 from maxcon.point_map import PointMap
 from maxcon.scan import Scan
@@ -121,7 +121,7 @@ def branch_and_bound(
     check_threads(n_threads)
     if not 0.0 <= guard_radius < math.inf:
         raise OptionError(f"Expected `guard_radius` >= 0 m, got {guard_radius}. The default is 0.3.")
-    if not isinstance(objective, BoundedByCount | BoundedByAxes):
+    if not isinstance(objective, Bounded):
         check_all_fit(space.plane)
 
     def search(height: int, share: float, standing: Standing | None) -> Found:
@@ -129,7 +129,7 @@ def branch_and_bound(
         prepared = PreparedScan.prepare(scan, point_map, raised, space.plane, multiplicity, weighting)
         wanted = Wanted(Checked(objective), share, guard_radius, guarded, lists_all, standing)
         scored = ScoredCells(prepared, wanted)
-        if isinstance(objective, BoundedByCount | BoundedByAxes):
+        if isinstance(objective, Bounded):
             found = BoundedSearch(bounding_of(objective, prepared), scored, limits, n_threads).run()
         else:
             every_heading, whole = np.arange(len(space.headings)), Window.of(space)

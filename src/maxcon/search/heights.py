@@ -60,7 +60,7 @@ def highest_of(heights: Iterable[Accumulator], objective: Objective) -> tuple[in
     best: tuple[tuple[float, int, int, int, int], Accumulator] | None = None
     for height, accumulator in enumerate(heights):
         scores = accumulator.score(objective)
-        heading, y, x = cell = highest(scores, accumulator.space)
+        heading, y, x = cell = highest(scores)
         rank = (-float(scores[cell]), heading, height, y, x)
         if best is None or rank < best[0]:
             best = rank, accumulator
