@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from maxcon.accumulator import Accumulator
+from maxcon.accumulator import Accumulator, highest
 from maxcon.geometry import Pose, wrap_angle
 from maxcon.objectives import Objective, Scores
 from maxcon.search_space import Cell, SearchSpace
@@ -47,7 +47,7 @@ class SearchSpaceView:
     @cached_property
     def best(self) -> Cell:
         """The cell with the highest score."""
-        return self.accumulator.best_cell(self.objective)
+        return highest(self.scores)
 
     @property
     def has_best(self) -> bool:
