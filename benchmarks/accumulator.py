@@ -23,11 +23,11 @@ from roofline import add_all, addresses_of_matches
 from scene import header, scans, street
 
 import maxcon
-from maxcon.dataset import Dataset
+from maxcon.lab.dataset import Dataset
+from maxcon.lab.study import Study
+from maxcon.lab.study.bench import BenchPlan
 from maxcon.search import exhaustive, group_kernels, visit_kernels, window_kernels
 from maxcon.search.prepared_scan import PreparedScan
-from maxcon.study import Study
-from maxcon.study.bench import BenchPlan
 
 SPACE = maxcon.SearchSpace.paper()
 N_CALLS = 11

@@ -13,9 +13,9 @@ import numpy as np
 from scene import header
 
 import maxcon
-from maxcon.evaluation import pose_error, summarize
 from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory
+from maxcon.lab.evaluation import pose_error, summarize
 
 OBJECTIVES = (maxcon.Count(), maxcon.Helmert(), maxcon.MaxEigenvalue())
 

@@ -95,8 +95,8 @@ def judge(options):
 def localize(options):
     """Print errors of localized epochs in both maps, as they are and beside their common shift and turn."""
     from maxcon import MaximumConsensus, PointMap
-    from maxcon.baselines import Gicp
-    from maxcon.dataset import Dataset
+    from maxcon.lab.baselines import Gicp
+    from maxcon.lab.dataset import Dataset
 
     dataset = Dataset.open(options.campaign)
     maps = {"before": PointMap.open(options.before), "after": PointMap.open(options.after)}

@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 
 from maxcon.geometry import LocalFrame
-from maxcon.simulation.datasets.dataset_files import CITY_ORIGIN, CRS
-from maxcon.simulation.datasets.map_tiles import MapTiles
-from maxcon.simulation.scenes.city import build_city
-from maxcon.simulation.sensing.ray_caster import RayCaster
-from maxcon.simulation.sensing.scanners import mobile_mapping_scanners
-from maxcon.simulation.worlds.campaign_world import CAMPAIGN_GRID, CampaignWorld
-from maxcon.simulation.worlds.map_pieces import map_echoes, map_pieces
+from maxcon.lab.simulation.datasets.dataset_files import CITY_ORIGIN, CRS
+from maxcon.lab.simulation.datasets.map_tiles import MapTiles
+from maxcon.lab.simulation.scenes.city import build_city
+from maxcon.lab.simulation.sensing.ray_caster import RayCaster
+from maxcon.lab.simulation.sensing.scanners import mobile_mapping_scanners
+from maxcon.lab.simulation.worlds.campaign_world import CAMPAIGN_GRID, CampaignWorld
+from maxcon.lab.simulation.worlds.map_pieces import map_echoes, map_pieces
 
 
 def main():

@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from maxcon import PointMap
-from maxcon.dataset import DESCRIPTION, Dataset
+from maxcon._system.atomic import atomic_file
 from maxcon.drive.localize import DriveOptions
-from maxcon.study.bench import REFERENCE, BenchPlan
-from maxcon.study.map_variants import STANDARD, make_maps
-from maxcon.study.prior_levels import prior_at
-from maxcon.system.atomic import atomic_file
+from maxcon.lab.dataset import DESCRIPTION, Dataset
+from maxcon.lab.study.bench import REFERENCE, BenchPlan
+from maxcon.lab.study.map_variants import STANDARD, make_maps
+from maxcon.lab.study.prior_levels import prior_at
 
 DOCS = Path(__file__).parents[1] / "docs"
 BEGIN, END = "<!-- measured -->", "<!-- until here -->"

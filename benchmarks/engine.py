@@ -26,8 +26,8 @@ from pathlib import Path
 
 import pyarrow
 
-from maxcon.drives import PosesDataset
-from maxcon.study import Study
+from maxcon.drive.many import PosesDataset
+from maxcon.lab.study import Study
 
 MAXCON = [sys.executable, "-c", "from maxcon.cli import main; main()"]
 DASK = [sys.executable, "-m", "dask"]

@@ -13,10 +13,10 @@ import argparse
 import numpy as np
 
 import maxcon
-from maxcon.dataset import Dataset
-from maxcon.study import Study, rows_by_method
-from maxcon.study.bench import BenchPlan
-from maxcon.study.methods import AS_PUBLISHED
+from maxcon.lab.dataset import Dataset
+from maxcon.lab.study import Study, rows_by_method
+from maxcon.lab.study.bench import BenchPlan
+from maxcon.lab.study.methods import AS_PUBLISHED
 
 OBJECTIVES = {"count-points": maxcon.Count(), "helmert-points": maxcon.Helmert()}
 SPACE = maxcon.SearchSpace.paper()

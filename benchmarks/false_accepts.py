@@ -16,9 +16,9 @@ import numpy as np
 from scene import header
 
 import maxcon
-from maxcon.evaluation import pose_error
 from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory
+from maxcon.lab.evaluation import pose_error
 
 # How far the prior is from the reference: x and y in m, heading in degrees.
 MOVES = (

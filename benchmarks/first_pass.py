@@ -20,13 +20,13 @@ from pathlib import Path
 os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import numpy as np
+from drives import NamedDataset, points_of, prior_and_reference
 from scene import header
 
-from drives import NamedDataset, points_of, prior_and_reference
 from maxcon import MaximumConsensus, Scan
 from maxcon.errors import MaxconError
-from maxcon.study.map_variants import STANDARD
-from maxcon.study.prior_levels import parse_level, space_of
+from maxcon.lab.study.map_variants import STANDARD
+from maxcon.lab.study.prior_levels import parse_level, space_of
 
 
 def ms_of(method, points, point_map, prior):

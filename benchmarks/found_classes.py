@@ -19,14 +19,14 @@ import numpy as np
 from scene import header
 
 from maxcon.io.clouds import open_cloud
-from maxcon.mapping import Area
-from maxcon.mapping.found_classes import ClassFinder, FoundClasses
-from maxcon.mapping.sightings import SightingSpill
-from maxcon.mapping.spill import GroundSpill, TileSpill
-from maxcon.mapping.tiles import TileMaker
-from maxcon.mapping.voxel_moments import VoxelMoments
-from maxcon.point_map import TILE_VOXELS
-from maxcon.point_map.ground import ground_of_points, ground_voxels
+from maxcon.map import TILE_VOXELS
+from maxcon.map.ground import ground_of_points, ground_voxels
+from maxcon.mapping.build import Area
+from maxcon.mapping.build.found_classes import ClassFinder, FoundClasses
+from maxcon.mapping.build.sightings import SightingSpill
+from maxcon.mapping.build.spill import GroundSpill, TileSpill
+from maxcon.mapping.build.tiles import TileMaker
+from maxcon.mapping.build.voxel_moments import VoxelMoments
 
 TRUTH = ("ground", "vegetation", "temporary", "unsure", "other")
 

@@ -19,9 +19,9 @@ import numpy as np
 from scene import header
 
 from maxcon import MaximumConsensus, PointMap, Scan, SearchSpace
-from maxcon.evaluation import pose_error
 from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory
+from maxcon.lab.evaluation import pose_error
 
 
 def epochs(arguments, frame, seed):

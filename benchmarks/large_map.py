@@ -22,12 +22,12 @@ from pathlib import Path
 import numpy as np
 
 from maxcon import MaximumConsensus, PointMap, Scan, SearchSpace, open_scans, read_trajectory
-from maxcon.point_map import TILE_VOXELS
-from maxcon.point_map.manifest import read_manifest
-from maxcon.point_map.records import GROUND, TILES
-from maxcon.point_map.section import Section
-from maxcon.point_map.writer import MapWriter
-from maxcon.storage import open_place
+from maxcon.map import TILE_VOXELS
+from maxcon.map.manifest import read_manifest
+from maxcon.map.records import GROUND, TILES
+from maxcon.map.section import Section
+from maxcon.map.storage import open_place
+from maxcon.map.writer import MapWriter
 
 # Tiles of 6 cm that a block of the campaign takes along x and y.
 BLOCK = (15, 16)

@@ -26,20 +26,20 @@ from unittest import mock
 # Before any library starts threads of its own: all that is timed here is one thread.
 os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
+from drives import NamedDataset, points_of, prior_and_reference
 from scene import header
 
-from drives import NamedDataset, points_of, prior_and_reference
 from maxcon import MaximumConsensus, Scan, SearchSpace, cell_search, maximum_consensus
-from maxcon.baselines import check_small_gicp
+from maxcon._system.atomic import atomic_file, make_folder
 from maxcon.errors import MaxconError
-from maxcon.evaluation import pose_error
 from maxcon.geometry import scan_thinning
-from maxcon.normals import scan_normals
-from maxcon.study.map_variants import STANDARD
-from maxcon.study.methods import StudyMethod
-from maxcon.study.prior_levels import COUNT_THEN_GICP, MAXCON, methods_at, parse_level, space_of
-from maxcon.study.run import spread_epochs
-from maxcon.system.atomic import atomic_file, make_folder
+from maxcon.lab.baselines import check_small_gicp
+from maxcon.lab.evaluation import pose_error
+from maxcon.lab.study.map_variants import STANDARD
+from maxcon.lab.study.methods import StudyMethod
+from maxcon.lab.study.prior_levels import COUNT_THEN_GICP, MAXCON, methods_at, parse_level, space_of
+from maxcon.lab.study.run import spread_epochs
+from maxcon.scan.normals import scan_normals
 
 TABLE = "latency.csv"
 GATE = 3.0

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from drives import DOCS
 from latency import MAXCON, STAGES
 from latency_table import read_series
 
-from drives import DOCS
-from maxcon.report.canvas.figure import INK, MUTED, SERIES, draw_titles, saved_figure
-from maxcon.report.canvas.method_style import draw_number_ticks
+from maxcon.plotting.canvas.figure import INK, MUTED, SERIES, draw_titles, saved_figure
+from maxcon.plotting.canvas.method_style import draw_number_ticks
 
 # Inches: the picture is read on phones, so it is narrow and its letters are large.
 WIDTH, LEFT, RIGHT, TOP, BOTTOM, ROW, PANEL_TITLE = 6.4, 2.4, 1.4, 1.13, 0.45, 0.26, 0.66

@@ -14,9 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from latency import MAXCON, STAGES, TABLE
-
 from drives import DOCS, put_into
+from latency import MAXCON, STAGES, TABLE
 
 PERCENTILES = (50, 95, 99)
 

@@ -57,9 +57,9 @@ def write_trajectory(path: Path, length: float) -> None:
 
 def build(clouds: list[str], trajectory: str | None, n_workers: int) -> None:
     """Build once and print what it took, and what the map's bytes are."""
-    from maxcon.engine import Engine
+    from maxcon._system.engine import Engine
     from maxcon.io.trajectories import read_trajectory
-    from maxcon.mapping import MapOptions, build_map
+    from maxcon.mapping.build import MapOptions, build_map
 
     options = MapOptions(trajectory=read_trajectory(trajectory) if trajectory else None)
     read = []

@@ -34,18 +34,19 @@ from maxcon import MaximumConsensus, PointMap, Scan, SearchSpace
 from maxcon.drive.localize import DriveOptions
 from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory
-from maxcon.mapping.placement import Area
-from maxcon.options import SearchMethod
-from maxcon.point_map.surface_class import ALL_BUT_KNOWN, NOT_SEARCHED, SurfaceClass
-from maxcon.simulation.datasets.dataset_files import CITY_ORIGIN, write_epochs
-from maxcon.simulation.driving.gnss_priors import GnssErrors
-from maxcon.simulation.scenes.las_classes import LasClass
-from maxcon.simulation.sensing.scanners import RotatingScanner
-from maxcon.simulation.worlds.campaign_world import MOST_EPOCHS, CampaignWorld
-from maxcon.simulation.worlds.scan_epochs import EPOCH_STEP, SCAN_START
-from maxcon.upkeep import UpdateOptions, open_drives
-from maxcon.upkeep.drives import looks_of
-from maxcon.upkeep.surfaces import classes_of
+from maxcon.lab.dataset_drives import open_drives
+from maxcon.lab.simulation.datasets.dataset_files import CITY_ORIGIN, write_epochs
+from maxcon.lab.simulation.driving.gnss_priors import GnssErrors
+from maxcon.lab.simulation.scenes.las_classes import LasClass
+from maxcon.lab.simulation.sensing.scanners import RotatingScanner
+from maxcon.lab.simulation.worlds.campaign_world import MOST_EPOCHS, CampaignWorld
+from maxcon.lab.simulation.worlds.scan_epochs import EPOCH_STEP, SCAN_START
+from maxcon.map.surface_class import ALL_BUT_KNOWN, NOT_SEARCHED, SurfaceClass
+from maxcon.mapping.build.placement import Area
+from maxcon.mapping.update import UpdateOptions
+from maxcon.mapping.update.drives import looks_of
+from maxcon.mapping.update.surfaces import classes_of
+from maxcon.search.options import SearchMethod
 
 NEAR, NEAR_ROAD = 0.15, 0.15
 SIGHT, LEAST_LOOKS = 15.0, 3

@@ -17,14 +17,14 @@ import numpy as np
 from scene import header
 
 import maxcon
-from maxcon.dataset import Dataset
 from maxcon.drive.localize import DriveOptions, pose_or_none
-from maxcon.evaluation import pose_error
 from maxcon.integrity import highest_beyond
 from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory
-from maxcon.study import Study
-from maxcon.study.run import spread_epochs
+from maxcon.lab.dataset import Dataset
+from maxcon.lab.evaluation import pose_error
+from maxcon.lab.study import Study
+from maxcon.lab.study.run import spread_epochs
 
 GUARD_RADIUS = maxcon.Trust().guard_radius
 

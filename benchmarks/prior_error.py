@@ -18,18 +18,18 @@ from pathlib import Path
 # Before any library starts threads of its own: all that is timed here is one thread.
 os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
+from drives import DOCS, NamedDataset, put_into
 from scene import header
 
 import maxcon
-from drives import DOCS, NamedDataset, put_into
-from maxcon.baselines import check_small_gicp
+from maxcon._system.atomic import atomic_file, make_folder
+from maxcon.drive.many.description import describe
 from maxcon.errors import MaxconError, OptionError
-from maxcon.report.plots.prior_error_plot import plot_prior_error
-from maxcon.study.description import describe
-from maxcon.study.prior_levels import LEVELS, methods_at, parse_level
-from maxcon.study.prior_trials import read_trials, summarize_trials, try_epoch, write_trials
-from maxcon.study.run import spread_epochs
-from maxcon.system.atomic import atomic_file, make_folder
+from maxcon.lab.baselines import check_small_gicp
+from maxcon.lab.report.plots.prior_error_plot import plot_prior_error
+from maxcon.lab.study.prior_levels import LEVELS, methods_at, parse_level
+from maxcon.lab.study.prior_trials import read_trials, summarize_trials, try_epoch, write_trials
+from maxcon.lab.study.run import spread_epochs
 
 
 def check_same(folder, settings):

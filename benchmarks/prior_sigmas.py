@@ -15,9 +15,9 @@ import numpy as np
 from scene import header
 
 import maxcon
-from maxcon.evaluation import pose_error
 from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory
+from maxcon.lab.evaluation import pose_error
 
 SIGMA = 0.3
 COVARIANCE = np.diag([SIGMA**2, SIGMA**2, math.radians(SIGMA) ** 2])

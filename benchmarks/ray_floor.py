@@ -14,12 +14,12 @@ import argparse
 import numpy as np
 
 import maxcon
-from maxcon.dataset import Dataset
-from maxcon.evaluation import significant_ray
 from maxcon.geometry import voxel_indices
+from maxcon.lab.dataset import Dataset
+from maxcon.lab.evaluation import significant_ray
+from maxcon.lab.study import Study
+from maxcon.lab.study.bench import BenchPlan
 from maxcon.search.matching import turn, upright
-from maxcon.study import Study
-from maxcon.study.bench import BenchPlan
 
 SPACE = maxcon.SearchSpace.paper()
 STEPS = 20

@@ -12,9 +12,9 @@ import numpy as np
 
 from maxcon.geometry import Pose
 from maxcon.io.scans import RawScan, Scans, open_scans
-from maxcon.simulation.datasets.recorded_drive import record_drive
-from maxcon.simulation.datasets.recordings import RECORDING_NAMES, RecordingKind
-from maxcon.trajectory import Trajectory
+from maxcon.lab.simulation.datasets.recorded_drive import record_drive
+from maxcon.lab.simulation.datasets.recordings import RECORDING_NAMES, RecordingKind
+from maxcon.scan.trajectory import Trajectory
 
 
 class TurnsOfAScanner(Scans):

@@ -22,14 +22,14 @@ import numpy as np
 from scene import header
 
 from maxcon import MaximumConsensus, PointMap, Scan
-from maxcon.baselines import Gicp
-from maxcon.dataset import Dataset
-from maxcon.evaluation import pose_error
-from maxcon.examination import examine
-from maxcon.ground import fit_ground
 from maxcon.integrity import along_and_across
 from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory
+from maxcon.lab.baselines import Gicp
+from maxcon.lab.dataset import Dataset
+from maxcon.lab.evaluation import pose_error
+from maxcon.refine.ground import fit_ground
+from maxcon.refine.validation import examine
 
 
 def quantiles(values: list[float], digits: int = 0) -> str:

@@ -26,10 +26,11 @@ import numpy as np
 from scene import header
 
 from maxcon import PointMap, Pose, Scan
-from maxcon.dataset import Dataset
-from maxcon.evaluation import pose_error
+from maxcon._system.atomic import atomic_file
 from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory
+from maxcon.lab.dataset import Dataset
+from maxcon.lab.evaluation import pose_error
 from maxcon.relocalization import Relocalizer, kernels
 from maxcon.relocalization.coarse_tiles import HIGHEST
 from maxcon.relocalization.own_ground import above_own_ground
@@ -38,7 +39,6 @@ from maxcon.relocalization.relocalizer import SIFTED
 from maxcon.relocalization.sieve import sift
 from maxcon.relocalization.sieve_scan import SieveScan
 from maxcon.relocalization.sifted import HEADINGS, STEP_DEG
-from maxcon.system.atomic import atomic_file
 
 WITHIN, WITHIN_DEG = 0.3, 1.0
 # A large cell, or one beside it, is as good as large cells are.

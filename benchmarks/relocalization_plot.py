@@ -17,8 +17,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from maxcon import PointMap, Scan
-from maxcon.dataset import Dataset
 from maxcon.io.scans import open_scans
+from maxcon.lab.dataset import Dataset
 from maxcon.relocalization import Relocalizer
 from maxcon.relocalization.coarse_tiles import HIGHEST
 from maxcon.relocalization.own_ground import above_own_ground

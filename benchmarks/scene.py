@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 import maxcon
-from maxcon.demo import DemoDrive, prepare_demo
 from maxcon.geometry import Pose
-from maxcon.simulation import LasClass, PriorErrors, RotatingScanner, SimulatedWorld
+from maxcon.lab.demo import DemoDrive, prepare_demo
+from maxcon.lab.simulation import LasClass, PriorErrors, RotatingScanner, SimulatedWorld
 
 N_POINTS = 24_000
 BEFORE = 120.0
@@ -27,7 +27,7 @@ def scans(drive: DemoDrive, n_scans: int, azimuth_step_deg: float = 0.13) -> lis
 
     A VLP-16 has 28,800 rays, a third on the ground: to get so many off it, the rays lie closer here.
     """
-    from maxcon.simulation.datasets.dataset_files import CITY_ORIGIN
+    from maxcon.lab.simulation.datasets.dataset_files import CITY_ORIGIN
 
     world = SimulatedWorld.build(0, BEFORE, 50.0)
     scanner = RotatingScanner(azimuth_step_deg=azimuth_step_deg)

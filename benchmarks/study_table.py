@@ -5,7 +5,7 @@
 import argparse
 import math
 
-from maxcon.study import Study, rows_by_method, statistics
+from maxcon.lab.study import Study, rows_by_method, statistics
 
 
 def shown(value, digits):

@@ -22,11 +22,11 @@ import numpy as np
 from scene import header
 
 from maxcon import MaximumConsensus, Motion, MotionNoise, PointMap, Pose, Scan, Status, Tracker, UncertainPose
-from maxcon.dataset import Dataset
 from maxcon.drive.localize import DriveOptions
-from maxcon.evaluation import pose_error
 from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory
+from maxcon.lab.dataset import Dataset
+from maxcon.lab.evaluation import pose_error
 
 PERIOD, GAP = 3.0, 100.0
 N_PLACES, N_BEFORE, N_AFTER = 12, 12, 20

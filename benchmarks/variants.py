@@ -17,10 +17,10 @@ import numpy as np
 from scene import header
 
 import maxcon
-from maxcon.baselines import Gicp, Icp, MapTargets
-from maxcon.evaluation import pose_error
 from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory
+from maxcon.lab.baselines import Gicp, Icp, MapTargets
+from maxcon.lab.evaluation import pose_error
 
 
 def rings_of(points):

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 """The site of the documents and of the library: .ci/docs builds it."""
 
-from maxcon.version import __version__
+from maxcon._system.version import __version__
 
 project = "maxcon"
 author = "the maxcon authors"

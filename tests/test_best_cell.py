@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from maxcon import PointMap, Pose, Scan, SearchSpace, Status, Trust
-from maxcon.best_cell import BestCell, judge
+from maxcon.cell_search import judge
 from maxcon.integrity import reasons_to_doubt_answer
+from maxcon.search.best_cell import BestCell
 
 CELL = 0.1
 PRIOR = Pose(4.0, -3.0, 1.0, 0.0, 0.0, 0.3)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from maxcon import Accumulator, MaximumConsensus, PointMap, Pose, Scan, SearchSpace, Trust
-from maxcon.best_cell import BestCell
+from maxcon.search.best_cell import BestCell
 
 CELL = 0.06
 HERE = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

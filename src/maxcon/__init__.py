@@ -22,12 +22,12 @@ Units are metres, seconds and radians (`_deg`: degrees). Errors are kinds of `Ma
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from maxcon.version import __version__
+from maxcon._system.version import __version__
 
 if TYPE_CHECKING:
     from maxcon import search
-    from maxcon.accumulator import Accumulator
     from maxcon.drive.localize import DriveOptions, EpochEstimate, localize_drive
+    from maxcon.drive.tracking import Motion, MotionNoise, Tracker, TrackingOptions, UncertainPose
     from maxcon.errors import MaxconError
     from maxcon.estimate import Estimate, Status
     from maxcon.geometry import LocalFrame, Pose
@@ -35,16 +35,16 @@ if TYPE_CHECKING:
     from maxcon.io.recordings.poses import RecordedPoses, read_recorded_poses
     from maxcon.io.scans import RawScan, Scans, open_scans
     from maxcon.io.trajectories import read_trajectory
-    from maxcon.maximum_consensus import MaximumConsensus
-    from maxcon.objectives import Count, Helmert, MaxEigenvalue, Objective
-    from maxcon.point_map import PointMap
+    from maxcon.localizer import MaximumConsensus
+    from maxcon.map import PointMap
+    from maxcon.plotting import plot_drive, plot_epoch, plot_poses
     from maxcon.relocalization import Relocalization, Relocalizer
-    from maxcon.report import plot_drive, plot_epoch, plot_poses
     from maxcon.scan import Scan
+    from maxcon.scan.trajectory import Trajectory
     from maxcon.search import Multiplicity, Weighting
-    from maxcon.search_space import SearchSpace
-    from maxcon.tracking import Motion, MotionNoise, Tracker, TrackingOptions, UncertainPose
-    from maxcon.trajectory import Trajectory
+    from maxcon.search.accumulator import Accumulator
+    from maxcon.search.objectives import Count, Helmert, MaxEigenvalue, Objective
+    from maxcon.search.space import SearchSpace
 
 __all__ = [
     "Accumulator",
@@ -89,21 +89,21 @@ __all__ = [
 ]
 
 _HOME = {
-    "Accumulator": "maxcon.accumulator",
-    "Count": "maxcon.objectives",
+    "Accumulator": "maxcon.search.accumulator",
+    "Count": "maxcon.search.objectives",
     "DriveOptions": "maxcon.drive.localize",
     "EpochEstimate": "maxcon.drive.localize",
     "Estimate": "maxcon.estimate",
-    "Helmert": "maxcon.objectives",
+    "Helmert": "maxcon.search.objectives",
     "LocalFrame": "maxcon.geometry",
-    "MaxEigenvalue": "maxcon.objectives",
+    "MaxEigenvalue": "maxcon.search.objectives",
     "MaxconError": "maxcon.errors",
-    "MaximumConsensus": "maxcon.maximum_consensus",
-    "Motion": "maxcon.tracking",
-    "MotionNoise": "maxcon.tracking",
+    "MaximumConsensus": "maxcon.localizer",
+    "Motion": "maxcon.drive.tracking",
+    "MotionNoise": "maxcon.drive.tracking",
     "Multiplicity": "maxcon.search",
-    "Objective": "maxcon.objectives",
-    "PointMap": "maxcon.point_map",
+    "Objective": "maxcon.search.objectives",
+    "PointMap": "maxcon.map",
     "Pose": "maxcon.geometry",
     "RawScan": "maxcon.io.scans",
     "RecordedPoses": "maxcon.io.recordings.poses",
@@ -111,19 +111,19 @@ _HOME = {
     "Relocalizer": "maxcon.relocalization",
     "Scan": "maxcon.scan",
     "Scans": "maxcon.io.scans",
-    "SearchSpace": "maxcon.search_space",
+    "SearchSpace": "maxcon.search.space",
     "Status": "maxcon.estimate",
-    "Tracker": "maxcon.tracking",
-    "TrackingOptions": "maxcon.tracking",
-    "Trajectory": "maxcon.trajectory",
+    "Tracker": "maxcon.drive.tracking",
+    "TrackingOptions": "maxcon.drive.tracking",
+    "Trajectory": "maxcon.scan.trajectory",
     "Trust": "maxcon.integrity",
-    "UncertainPose": "maxcon.tracking",
+    "UncertainPose": "maxcon.drive.tracking",
     "Weighting": "maxcon.search",
     "localize_drive": "maxcon.drive.localize",
     "open_scans": "maxcon.io.scans",
-    "plot_drive": "maxcon.report",
-    "plot_epoch": "maxcon.report",
-    "plot_poses": "maxcon.report",
+    "plot_drive": "maxcon.plotting",
+    "plot_epoch": "maxcon.plotting",
+    "plot_poses": "maxcon.plotting",
     "read_recorded_poses": "maxcon.io.recordings.poses",
     "read_trajectory": "maxcon.io.trajectories",
 }

@@ -6,14 +6,12 @@ import math
 from dataclasses import dataclass, replace
 from functools import partial
 
-from maxcon.accumulator import Accumulator, highest
-from maxcon.best_cell import BestCell, judge
-from maxcon.coarse_to_fine import COARSE, best_places
+import numpy as np
+
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
-from maxcon.integrity import Trust, highest_beyond, invert, reasons_to_doubt_scan
-from maxcon.objectives import Bounded, Helmert, Objective
-from maxcon.point_map import PointMap
+from maxcon.integrity import Trust, highest_beyond, invert, reasons_to_doubt_answer, reasons_to_doubt_scan
+from maxcon.map import PointMap
 from maxcon.scan import Scan
 from maxcon.search import (
     Found,
@@ -26,7 +24,11 @@ from maxcon.search import (
     highest_of,
     level_of,
 )
-from maxcon.search_space import SearchSpace
+from maxcon.search.accumulator import Accumulator, highest
+from maxcon.search.best_cell import BestCell
+from maxcon.search.coarse_to_fine import COARSE, best_places
+from maxcon.search.objectives import Bounded, Helmert, Objective
+from maxcon.search.space import SearchSpace
 
 __all__ = ["CellSearch"]
 
@@ -139,3 +141,70 @@ class CellSearch:
             best, scan, scan.thinned(self.thinning), point_map, self.trust,
             objective=self.objective, multiplicity=self.multiplicity, weighting=self.weighting,
         )  # fmt: skip
+
+
+def judge(
+    best: BestCell,
+    scan: Scan,
+    searched: Scan,
+    point_map: PointMap,
+    trust: Trust,
+    *,
+    objective: Objective,
+    multiplicity: str | Multiplicity,
+    weighting: str | Weighting,
+) -> Estimate:
+    """Say how far a best cell may be trusted, and what casts doubt on it.
+
+    Parameters
+    ----------
+    best : BestCell
+        The cell.
+    scan, searched : Scan
+        The whole scan, and the thinned one that was searched with, sensor frame.
+    point_map : PointMap
+        The map.
+    trust : Trust
+        From where on the answer is not trusted.
+    objective, multiplicity, weighting
+        What the search was made with.
+    """
+    space, prior, cell = best.space, best.prior, best.cell
+    _, nxx, nxy, nyy = (float(moment) for moment in best.moments)
+    is_determined, cofactor = invert(np.array([[nxx, nxy], [nxy, nyy]]))
+    share = _matched_share(best, multiplicity, searched, point_map)
+    further = _beyond(best) if best.is_at_rim is None else None
+    is_at_rim = space.is_at_rim(cell) if best.is_at_rim is None else best.is_at_rim
+    if further is not None and not is_at_rim:
+        one_heading = replace(space, heading_half_width_deg=0.0)
+        found = exhaustive(
+            searched, point_map, further, one_heading, multiplicity=multiplicity, weighting=weighting
+        )
+        is_at_rim = bool(found.score(objective).max() > best.score)
+    status = trust.judge(
+        is_determined=is_determined, share=share, is_at_rim=is_at_rim, runner_up=best.runner_up
+    )
+    reasons = reasons_to_doubt_scan(scan, prior)
+    if multiplicity == Multiplicity.OCCUPIED:  # otherwise N counts map points, not matches
+        reasons += reasons_to_doubt_answer(best.moments)
+    return Estimate(best.pose, best.score, cell, status, cofactor, share, best.runner_up, "; ".join(reasons))
+
+
+def _beyond(best: BestCell) -> Pose | None:
+    """The prior turned by one step more than the outermost heading, where that is the best one."""
+    space, heading = best.space, best.cell[0]
+    if not space.is_outermost(heading):
+        return None
+    step = math.radians(space.step_deg)
+    beyond = space.headings[heading] + (step if heading > 0 else -step)
+    return replace(best.prior, heading=best.prior.heading + float(beyond))
+
+
+def _matched_share(
+    best: BestCell, multiplicity: str | Multiplicity, scan: Scan, point_map: PointMap
+) -> float:
+    """Share of the scan's points that match at a cell; a count of map points has to be counted anew."""
+    if multiplicity == Multiplicity.OCCUPIED:
+        return float(best.moments[0]) / len(scan)
+    here = SearchSpace(half_width=0.0, heading_half_width_deg=0.0)
+    return float(exhaustive(scan, point_map, best.pose, here).moments[0, 0, 0, 0]) / len(scan)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.geometry import Pose
-from maxcon.search_space import Cell
+from maxcon.search.space import Cell
 
 __all__ = ["Estimate", "Status"]
 

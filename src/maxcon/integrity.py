@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from maxcon.errors import OptionError
 from maxcon.estimate import Status
 from maxcon.geometry import Pose, rotation_matrices
-from maxcon.objectives import SINGULAR_RATIO, Moments, Scores
 from maxcon.scan import Scan
-from maxcon.search_space import Cell, SearchSpace
+from maxcon.search.objectives import SINGULAR_RATIO, Moments, Scores
+from maxcon.search.space import Cell, SearchSpace
 
 __all__ = [
     "Trust",
@@ -146,10 +146,10 @@ def reasons_to_doubt_scan(scan: Scan, prior: Pose) -> list[str]:
     n_points = len(scan)
     if n_points < FEWEST_POINTS:
         return [f"only {n_points} points: is the scan cut, or are range limits too narrow?"]
-    from maxcon import integrity_kernels
+    from maxcon.scan.normals.count_kernels import count_normals
 
     up = rotation_matrices(prior.roll, prior.pitch, 0.0)[2]
-    n_normals, n_horizontal = integrity_kernels.count_normals(scan.normals, up, HORIZONTAL)
+    n_normals, n_horizontal = count_normals(scan.normals, up, HORIZONTAL)
     share, horizontal = n_normals / n_points, n_horizontal / n_points
     if share >= FEWEST_NORMALS and horizontal >= FEWEST_HORIZONTAL:
         return []

@@ -17,16 +17,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon._system.compiled import on_compilation
 from maxcon.geometry import Pose
-from maxcon.mapping import MapOptions, build_map
-from maxcon.maximum_consensus import MaximumConsensus
-from maxcon.objectives import OBJECTIVES
-from maxcon.point_map import PointMap
+from maxcon.localizer import MaximumConsensus
+from maxcon.map import PointMap
+from maxcon.mapping.build import MapOptions, build_map
 from maxcon.relocalization import Relocalizer
 from maxcon.scan import Scan
 from maxcon.search import consensus_set
-from maxcon.search_space import SearchSpace
-from maxcon.system.compiled import on_compilation
+from maxcon.search.objectives import OBJECTIVES
+from maxcon.search.space import SearchSpace
 
 __all__ = ["SPACE", "Compiled", "options_of_the_method", "search_room", "warm_up"]
 

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from maxcon.cli import STOPPING, main
-from maxcon.dataset import Dataset
 from maxcon.io.trajectories import read_trajectory
-from maxcon.mapping import MapOptions, build_map
-from maxcon.simulation import ProfileScanner, simulate
+from maxcon.lab.dataset import Dataset
+from maxcon.lab.simulation import ProfileScanner, simulate
+from maxcon.mapping.build import MapOptions, build_map
 
 SCRIPT = "from maxcon.cli import main; main()"
 # A shell's background jobs ignore interrupts, those of nohup hangups, and so do their children: the tests must

@@ -8,7 +8,7 @@ import shutil
 
 import pytest
 
-from maxcon.point_map.manifest import read_manifest
+from maxcon.map.manifest import read_manifest
 
 
 @pytest.fixture

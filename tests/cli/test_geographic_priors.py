@@ -9,8 +9,8 @@ from localized_poses import localized_poses
 from maxcon.geometry import Pose
 from maxcon.io.geographic import GeographicFrame
 from maxcon.io.trajectories import read_trajectory, write_tum
-from maxcon.simulation.datasets.dataset_files import CRS
-from maxcon.trajectory import Trajectory
+from maxcon.lab.simulation.datasets.dataset_files import CRS
+from maxcon.scan.trajectory import Trajectory
 from nmea_sentences import clock, gga, sentence, zda
 
 FRAME = GeographicFrame(CRS)

@@ -7,9 +7,9 @@ import csv
 import numpy as np
 import pytest
 
-from maxcon.dataset import Dataset
 from maxcon.drive.poses_table import COLUMNS
 from maxcon.io.trajectories import read_trajectory
+from maxcon.lab.dataset import Dataset
 
 
 @pytest.fixture(scope="module")

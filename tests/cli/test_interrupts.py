@@ -14,7 +14,7 @@ if sys.platform == "win32":
 # So that there is time to be stopped in.
 SLOW = """
 import time
-import maxcon.mapping.build as build
+import maxcon.mapping.build.build as build
 from maxcon.cli import main
 
 def slow(function):

@@ -23,10 +23,10 @@ import laspy
 import numpy as np
 import pytest
 
-from maxcon.dataset import Dataset
-from maxcon.demo import DEMO_NAMES
-from maxcon.drives import PosesDataset
-from maxcon.study import Study
+from maxcon.drive.many import PosesDataset
+from maxcon.lab.dataset import Dataset
+from maxcon.lab.demo import DEMO_NAMES
+from maxcon.lab.study import Study
 from s3_buckets import bucket_on, s3_server_here
 
 if sys.platform == "win32":

@@ -18,8 +18,8 @@ import pyarrow
 import pyarrow.dataset
 import pytest
 
-from maxcon.drives import PosesDataset
-from maxcon.point_map.manifest import read_manifest, write_manifest
+from maxcon.drive.many import PosesDataset
+from maxcon.map.manifest import read_manifest, write_manifest
 
 pytest.importorskip("distributed")
 

@@ -14,9 +14,9 @@ import maxcon as library
 from maxcon.cli.localize import localize as command
 from maxcon.cli.pictures import parse_epochs
 from maxcon.cli.search_space import LARGEST_HALF_WIDTH, SIGMAS
+from maxcon.drive.within_sigmas import WithinSigmas
 from maxcon.errors import OptionError
 from maxcon.io.trajectories import read_trajectory, write_csv
-from maxcon.within_sigmas import WithinSigmas
 
 POSE = ("x", "y", "z", "roll", "pitch", "heading")
 

@@ -67,7 +67,7 @@ def test_from_an_alignment(said, maxcon, refused, rounds, tmp_path):
 
 
 def test_a_map_that_does_not_say(said, maxcon, street_npz, tmp_path):
-    from maxcon.point_map.manifest import read_manifest, write_manifest
+    from maxcon.map.manifest import read_manifest, write_manifest
 
     said(street_npz)
     manifest = read_manifest(tmp_path / "a.map")

@@ -23,7 +23,7 @@ def without(monkeypatch):
 
 @pytest.mark.parametrize("package", ["embreex", "matplotlib", "jinja2"])
 def test_a_demo_needs_the_extra_demo(maxcon, refused, without, tmp_path, monkeypatch, package):
-    monkeypatch.setattr("maxcon.demo.run.simulate", None)
+    monkeypatch.setattr("maxcon.lab.demo.run.simulate", None)
     without(package)
     refused(maxcon("demo", "--out", tmp_path / "demo"), package, "pip install 'maxcon[demo]'")
     assert list(tmp_path.iterdir()) == []

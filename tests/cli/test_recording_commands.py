@@ -13,9 +13,9 @@ from maxcon.io.recordings.writing import RecordingKind, open_writer
 from maxcon.io.scans import Scans, open_scans
 from maxcon.io.scans.deskewed import DeskewedScans
 from maxcon.io.trajectories import read_trajectory
-from maxcon.simulation.datasets.dataset_files import CRS
-from maxcon.simulation.datasets.recorded_drive import cloud_message, record_drive
-from maxcon.trajectory import Trajectory
+from maxcon.lab.simulation.datasets.dataset_files import CRS
+from maxcon.lab.simulation.datasets.recorded_drive import cloud_message, record_drive
+from maxcon.scan.trajectory import Trajectory
 
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")

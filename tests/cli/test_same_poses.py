@@ -7,15 +7,15 @@ import pytest
 
 from localized_poses import localized_poses
 from maxcon.io.trajectories import read_trajectory
-from maxcon.mapping import MapOptions, build_map
-from maxcon.simulation import simulate
-from maxcon.simulation.datasets.recordings import (
+from maxcon.lab.simulation import simulate
+from maxcon.lab.simulation.datasets.recordings import (
     RecordingKind,
     ScansKind,
     record_dataset,
     write_dataset_scans,
 )
-from maxcon.simulation.sensing.firing_scanner import FiringScanner
+from maxcon.lab.simulation.sensing.firing_scanner import FiringScanner
+from maxcon.mapping.build import MapOptions, build_map
 
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")

@@ -12,8 +12,8 @@ from maxcon.cli import one_line
 # As compiled code is loaded: what is raised in a callback from C goes no farther.
 SWALLOWS = """
 import ctypes, os, signal, sys, time
-import maxcon.system.atomic
-import maxcon.mapping as mapping
+import maxcon._system.atomic
+import maxcon.mapping.build as mapping
 from maxcon.cli import main
 
 @ctypes.CFUNCTYPE(None)
@@ -23,7 +23,7 @@ def callback():
         time.sleep(0.001)
 
 def build(clouds, out, *arguments, **options):
-    with maxcon.system.atomic.atomic_folder(out):
+    with maxcon._system.atomic.atomic_folder(out):
         callback()
         sys.stdout.write("went on")
         sys.stdout.flush()
@@ -37,7 +37,7 @@ main()
 # What takes long while it is cleaned up is not stopped once more.
 CLEANS_UP = """
 import os, signal, time
-import maxcon.mapping as mapping
+import maxcon.mapping.build as mapping
 from maxcon.cli import main
 
 def build(*arguments, **options):

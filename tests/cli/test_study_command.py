@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from maxcon.study import Study
-from maxcon.study.table import TableParts, keys_of
+from maxcon.lab.study import Study
+from maxcon.lab.study.table import TableParts, keys_of
 
 METHODS = ("--methods", "helmert-occupied,count-points,helmert-points-unweighted")
 SMALL = ("--half-width", "1.2", "--heading-half-width-deg", "1")

@@ -172,7 +172,7 @@ def test_epochs_not_localized_count_when_gone_on_with(maxcon, arguments, out):
 
 def test_a_map_that_breaks_half_way(maxcon, arguments, out, whole, monkeypatch):
     from maxcon.errors import MapError
-    from maxcon.maximum_consensus import MaximumConsensus
+    from maxcon.localizer import MaximumConsensus
 
     localize, asked = MaximumConsensus.localize, []
 

@@ -9,7 +9,7 @@ import pytest
 
 from maxcon import Trajectory
 from maxcon.io.trajectories import read_trajectory, write_tum
-from maxcon.simulation import ProfileScanner, simulate
+from maxcon.lab.simulation import ProfileScanner, simulate
 
 
 @pytest.fixture(scope="module")

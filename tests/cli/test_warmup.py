@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import maxcon as package
+from maxcon._system.compiled import code_folders, on_compilation
 from maxcon.cli.compiling import LINE, compiling_told
 from maxcon.cli.warmup import _where
-from maxcon.system.compiled import code_folders, on_compilation
 
 PARTS = (
     "building maps", "normals of scans", "search in maps in memory", "search in maps on disk", "search without a prior",
@@ -25,7 +25,7 @@ from maxcon import MaximumConsensus, PointMap
 from maxcon.drive.localize import localize_drive
 from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory
-from maxcon.objectives import OBJECTIVES
+from maxcon.search.objectives import OBJECTIVES
 from maxcon.warmup import options_of_the_method
 
 point_map, scans, prior = PointMap.open(sys.argv[1]), open_scans(sys.argv[2]), read_trajectory(sys.argv[3])

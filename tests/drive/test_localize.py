@@ -13,7 +13,7 @@ from maxcon.drive.localize import DriveOptions, EpochEstimate, localize_drive
 from maxcon.drive.poses_table import COLUMNS, localized_trajectory, write_poses
 from maxcon.errors import FileError, MapError, OptionError, TrajectoryError
 from maxcon.io.scans import RawScan, open_scans
-from maxcon.maximum_consensus import MaximumConsensus
+from maxcon.localizer import MaximumConsensus
 
 FRAME = LocalFrame((458_800.0, 5_429_000.0, 100.0))
 CELL = 0.06

@@ -9,13 +9,13 @@ import pytest
 
 from maxcon import MaximumConsensus, PointMap, Scan, SearchSpace
 from maxcon.drive.localize import localize_drive
-from maxcon.evaluation import pose_error
 from maxcon.geometry import wrap_angle
 from maxcon.io.scans import open_scans
 from maxcon.io.scans.deskewed import DeskewedScans
 from maxcon.io.scans.folder import ScanFolder
 from maxcon.io.trajectories import read_trajectory
-from maxcon.mapping import MapOptions, build_map
+from maxcon.lab.evaluation import pose_error
+from maxcon.mapping.build import MapOptions, build_map
 from maxcon.search import exhaustive, reference
 
 

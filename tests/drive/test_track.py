@@ -10,9 +10,9 @@ import pytest
 from maxcon import LocalFrame, MaximumConsensus, PointMap, Pose, SearchSpace, Status, Trajectory
 from maxcon.drive.localize import DriveOptions
 from maxcon.drive.track import track_drive
+from maxcon.drive.tracking import MotionNoise, Tracker
 from maxcon.errors import TrajectoryError
 from maxcon.io.scans import open_scans
-from maxcon.tracking import MotionNoise, Tracker
 
 FRAME = LocalFrame((458_800.0, 5_429_000.0, 100.0))
 CELL = 0.06

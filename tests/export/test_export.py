@@ -16,8 +16,8 @@ import pyproj
 import pytest
 
 from maxcon import Pose
+from maxcon.drive.many import poses_schema
 from maxcon.drive.poses_table import COLUMNS, COVARIANCES
-from maxcon.drives import poses_schema
 from maxcon.errors import CrsError, FileError, OptionError, TrajectoryError
 from maxcon.export import EXPORT_SUFFIXES, export_poses, export_scans, read_rows
 from maxcon.io.scans import open_scans

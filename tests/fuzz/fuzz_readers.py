@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 
 from maxcon import PointMap, open_scans, read_recorded_poses, read_trajectory
-from maxcon.dataset import Dataset
 from maxcon.errors import MaxconError
 from maxcon.export import read_rows
 from maxcon.io.clouds import open_cloud
@@ -22,12 +21,13 @@ from maxcon.io.geographic_priors import is_geographic, read_geographic_prior
 from maxcon.io.recordings.point_cloud2 import CloudRecord, FieldDescription, decode_cloud
 from maxcon.io.scans.description import describe
 from maxcon.io.trajectories import read_prior
-from maxcon.mounting import read_mounting
-from maxcon.point_map.manifest import checksum_of_manifest, read_manifest, write_manifest
-from maxcon.point_map.shard_table import ShardFile
-from maxcon.point_map.store import GroundStore
-from maxcon.storage import Folder
-from maxcon.study.run import Study
+from maxcon.lab.dataset import Dataset
+from maxcon.lab.study.run import Study
+from maxcon.map.manifest import checksum_of_manifest, read_manifest, write_manifest
+from maxcon.map.shard_table import ShardFile
+from maxcon.map.storage import Folder
+from maxcon.map.store import GroundStore
+from maxcon.scan.mounting import read_mounting
 
 __all__ = ["READERS", "Reader", "record_as_bytes"]
 

@@ -21,17 +21,17 @@ from fuzz_readers import record_as_bytes
 from pyproj import CRS
 
 from maxcon import Pose, Trajectory, open_scans
+from maxcon.drive.many import poses_schema
 from maxcon.drive.poses_table import COLUMNS
-from maxcon.drives import poses_schema
 from maxcon.io.clouds import CLOUD_SUFFIXES
 from maxcon.io.recordings.opening import CAPTURE_SUFFIX, RECORDING_SUFFIXES
 from maxcon.io.recordings.point_cloud2 import CloudRecord, FieldDescription
 from maxcon.io.recordings.writing import Entry, open_writer
 from maxcon.io.trajectories import write_csv, write_tum
-from maxcon.mapping import MapOptions, build_map
-from maxcon.point_map.manifest import read_manifest
-from maxcon.simulation.datasets.recorded_drive import record_drive
-from maxcon.simulation.datasets.recordings import RECORDING_NAMES, RecordingKind
+from maxcon.lab.simulation.datasets.recorded_drive import record_drive
+from maxcon.lab.simulation.datasets.recordings import RECORDING_NAMES, RecordingKind
+from maxcon.map.manifest import read_manifest
+from maxcon.mapping.build import MapOptions, build_map
 
 __all__ = ["Seed", "make_seeds", "seeds_of"]
 

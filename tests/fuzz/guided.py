@@ -16,7 +16,7 @@ from pathlib import Path
 import atheris
 
 with atheris.instrument_imports(
-    include=["maxcon.io", "maxcon.mounting", "maxcon.dataset", "maxcon.point_map.manifest"]
+    include=["maxcon.io", "maxcon.scan.mounting", "maxcon.lab.dataset", "maxcon.map.manifest"]
 ):
     from fuzz_seeds import Seed, make_seeds
     from fuzz_worker import outcome

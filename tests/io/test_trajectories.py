@@ -16,7 +16,7 @@ from maxcon.errors import FileError, MaxconError, TrajectoryError
 from maxcon.geometry import Pose
 from maxcon.geometry.quaternions import quaternions_from_angles
 from maxcon.io.trajectories import read_prior, read_trajectory, write_csv, write_tum
-from maxcon.trajectory import Trajectory
+from maxcon.scan.trajectory import Trajectory
 
 TUM_LINE = "47452.193478 458888.4217 5429081.5413 115.0739 0 0 0.6 0.8\n"
 HEADER = "time,x,y,z,roll,pitch,heading\n"

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from maxcon import PointMap, Pose, Scan
-from maxcon.evaluation import pose_error
 from maxcon.geometry import wrap_angle
+from maxcon.lab.evaluation import pose_error
 from maxcon.refine import kernels, partner_kernels, refine
 from maxcon.refine.adjustment import _lookup
 

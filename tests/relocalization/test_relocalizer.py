@@ -10,7 +10,7 @@ from towns import HEIGHT, Town, walls
 
 from maxcon import PointMap, Scan, Status, Trust
 from maxcon.errors import MapError, OptionError
-from maxcon.evaluation import pose_error
+from maxcon.lab.evaluation import pose_error
 from maxcon.relocalization import Relocalizer
 from maxcon.relocalization.own_ground import above_own_ground
 from maxcon.relocalization.relocalizer import _words

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from towns import HEIGHT, Town
 
 from maxcon import PointMap, Pose, Scan
-from maxcon.coarse_to_fine import Level
 from maxcon.relocalization import reference, sieve
 from maxcon.relocalization.coarse_tiles import CoarseTiles
 from maxcon.relocalization.reference import counts_of_region
@@ -20,6 +19,7 @@ from maxcon.relocalization.regions import REGION, Area, Regions
 from maxcon.relocalization.sieve import sift
 from maxcon.relocalization.sieve_scan import SieveScan
 from maxcon.relocalization.sifted import HEADINGS
+from maxcon.search.coarse_to_fine import Level
 
 LEVEL = Level(0.96, 2.0, 2.0)
 FEW = HEADINGS[::15]

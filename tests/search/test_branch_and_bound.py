@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 
 from maxcon import Count, Helmert, MaxEigenvalue, PointMap, Pose, Scan, SearchSpace
 from maxcon.errors import ArrayError, OptionError, SearchSpaceError
-from maxcon.objectives import OBJECTIVES
 from maxcon.search import Limits, Multiplicity, Standing, Weighting, branch_and_bound, exhaustive
 from maxcon.search.axis import N_AXES, Axis
 from maxcon.search.bounds import ByAxes, ByCount, Summand, bounding_of
 from maxcon.search.branch_and_bound import BoundedSearch, ScoredCells
 from maxcon.search.cells import Window
 from maxcon.search.found import Wanted
+from maxcon.search.objectives import OBJECTIVES
 from maxcon.search.prepared_scan import PreparedScan
 
 CELL = 0.1

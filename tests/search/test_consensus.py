@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from maxcon import PointMap, Pose, Scan, SearchSpace
 from maxcon.errors import SearchSpaceError
-from maxcon.point_map import TILE_VOXELS
+from maxcon.map import TILE_VOXELS
 from maxcon.search import consensus_set
 
 CELL = 0.0625

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from maxcon import Count, Helmert, PointMap, Pose, Scan, SearchSpace
 from maxcon.errors import ArrayError, OptionError, SearchSpaceError
 from maxcon.geometry import rotation_matrices, voxel_indices
-from maxcon.objectives import OBJECTIVES
-from maxcon.point_map import TILE_VOXELS
+from maxcon.map import TILE_VOXELS
 from maxcon.search import consensus_set, exhaustive, reference
 from maxcon.search.matching import CONTRIBUTION_STEP, turn, upright
+from maxcon.search.objectives import OBJECTIVES
 
 X = [1.0, 0.0, 0.0]
 

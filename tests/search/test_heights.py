@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from maxcon import Count, Helmert, PointMap, Pose, Scan, SearchSpace
 from maxcon.errors import SearchSpaceError
-from maxcon.objectives import OBJECTIVES
 from maxcon.search import Weighting, accumulators, branch_and_bound, exhaustive, highest_of, reference
+from maxcon.search.objectives import OBJECTIVES
 
 CELL = 0.1
 SEEDS = st.integers(0, 2**32)

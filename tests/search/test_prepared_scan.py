@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from maxcon import PointMap, Pose, Scan, SearchSpace
 from maxcon.errors import ArrayError
 from maxcon.geometry import voxel_indices
-from maxcon.point_map import TILE_VOXELS
+from maxcon.map import TILE_VOXELS
 from maxcon.search import Multiplicity, Weighting, group_kernels
 from maxcon.search.group_kernels import SQUARE_VOXELS
 from maxcon.search.matching import turn, upright

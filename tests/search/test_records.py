@@ -16,7 +16,7 @@ STATES = {"BoundedSearch"}  # what a search knows so far
 
 
 @pytest.mark.parametrize(
-    "name", [*MODULES, "maxcon.coarse_to_fine", "maxcon.cell_search", "maxcon.best_cell"]
+    "name", [*MODULES, "maxcon.search.coarse_to_fine", "maxcon.cell_search", "maxcon.search.best_cell"]
 )
 def test_records_are_frozen(name):
     classes = [kind for _, kind in inspect.getmembers(importlib.import_module(name), inspect.isclass)]

@@ -4,7 +4,7 @@
 
 import numpy as np
 
-from maxcon.point_map import PATCH_VOXELS, TILE_VOXELS
+from maxcon.map import PATCH_VOXELS, TILE_VOXELS
 from maxcon.search.tile_table import TileTable
 
 

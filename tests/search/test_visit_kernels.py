@@ -9,7 +9,7 @@ from hypothesis import event, given
 from hypothesis import strategies as st
 
 from maxcon import PointMap
-from maxcon.point_map import PATCH_VOXELS
+from maxcon.map import PATCH_VOXELS
 from maxcon.search import visit_kernels
 from maxcon.search.visit_kernels import RIM
 

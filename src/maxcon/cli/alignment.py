@@ -12,7 +12,7 @@ from maxcon.cli.compiling import compiling_told
 from maxcon.cli.progress import step_bars
 
 if TYPE_CHECKING:
-    from maxcon.alignment import Alignment
+    from maxcon.mapping.align import Alignment
 
 __all__ = ["align"]
 
@@ -89,7 +89,7 @@ def align(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
 ) -> None:
     """Bring rounds of a mapping campaign together: match them, adjust them, write corrected clouds."""
-    from maxcon.alignment import AlignmentOptions, align_files
+    from maxcon.mapping.align import AlignmentOptions, align_files
 
     options = AlignmentOptions(
         rounds_by=rounds,
@@ -142,7 +142,7 @@ def _describe(found: "Alignment") -> None:
 
 
 def _ties(found: "Alignment") -> str:
-    from maxcon.alignment.residuals import is_contradicted
+    from maxcon.mapping.align.residuals import is_contradicted
 
     n_contradicted = sum(map(is_contradicted, found.adjusted.weights.tolist()))
     text = f"{len(found.ties):,} matched pairs of visits, {n_contradicted:,} of them contradict the others"

@@ -16,7 +16,7 @@ LINE = "compiling, once after installation: up to a minute (`maxcon warmup` does
 @contextmanager
 def compiling_told(is_quiet: bool) -> Iterator[None]:
     """Say so, once, when something has to be compiled while this is open."""
-    from maxcon.system.compiled import failures_to_keep_told, on_compilation
+    from maxcon._system.compiled import failures_to_keep_told, on_compilation
 
     is_told = is_quiet or not sys.stderr.isatty()
 

@@ -13,7 +13,7 @@ from maxcon.cli.compiling import compiling_told
 from maxcon.cli.progress import step_bars
 
 if TYPE_CHECKING:
-    from maxcon.demo import MethodResult, WideResult
+    from maxcon.lab.demo import MethodResult, WideResult
 
 __all__ = ["demo"]
 
@@ -30,7 +30,8 @@ def demo(
 
     Needs the extra demo. A demo that stands in DIR is replaced; anything else there is an error.
     """
-    from maxcon.demo import (
+    from maxcon._system.atomic import atomic_folder, check_replaceable
+    from maxcon.lab.demo import (
         DEMO_METHODS,
         DEMO_NAMES,
         check_extras,
@@ -39,7 +40,6 @@ def demo(
         report_demo,
         try_wide_priors,
     )
-    from maxcon.system.atomic import atomic_folder, check_replaceable
 
     check_extras()
     check_replaceable(out, "a demo", DEMO_NAMES)

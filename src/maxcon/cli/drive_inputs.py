@@ -15,9 +15,9 @@ from maxcon.errors import OptionError
 if TYPE_CHECKING:
     from maxcon.io.scans import Scans
     from maxcon.io.scans.merged import MergedScans
-    from maxcon.mounting import Mounting
-    from maxcon.point_map import PointMap
-    from maxcon.trajectory import Trajectory
+    from maxcon.map import PointMap
+    from maxcon.scan.mounting import Mounting
+    from maxcon.scan.trajectory import Trajectory
 
 __all__ = ["DriveInputs", "RecordingOptions", "check_outputs", "naming_files"]
 
@@ -97,7 +97,7 @@ class DriveInputs:
         """
         from maxcon.io.scans import open_scans
         from maxcon.io.scans.deskewed import DeskewedScans
-        from maxcon.mounting import read_mounting
+        from maxcon.scan.mounting import read_mounting
 
         options.check()
         mounting = None if options.mounting is None else read_mounting(options.mounting)
@@ -290,7 +290,7 @@ def check_outputs(
     prior: Path | None, out: Path, tum: Path | None, plot: Path | None, numbers: str | None
 ) -> None:
     """Refuse outputs that cannot be written, or would replace each other or the prior, and options without effect."""
-    from maxcon.system.atomic import check_folder, check_writable
+    from maxcon._system.atomic import check_folder, check_writable
 
     named = [path.resolve() for path in (prior, out, tum) if path is not None]
     if len(set(named)) < len(named):

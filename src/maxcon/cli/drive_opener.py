@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING
 from maxcon.cli.drive_inputs import DriveInputs, RecordingOptions, naming_files
 from maxcon.cli.method_options import parse_objective
 from maxcon.cli.search_space import SpaceOptions
-from maxcon.options import Multiplicity, SearchMethod, Weighting
+from maxcon.search.options import Multiplicity, SearchMethod, Weighting
 
 if TYPE_CHECKING:
     from maxcon.drive.localize import Drive, DriveOptions, EpochEstimate
-    from maxcon.drives import DriveEntry
+    from maxcon.drive.many import DriveEntry
+    from maxcon.drive.within_sigmas import WithinSigmas
     from maxcon.integrity import Trust
-    from maxcon.maximum_consensus import MaximumConsensus
-    from maxcon.point_map import PointMap
-    from maxcon.within_sigmas import WithinSigmas
+    from maxcon.localizer import MaximumConsensus
+    from maxcon.map import PointMap
 
 __all__ = ["DriveOpener", "OpenedDrive"]
 
@@ -47,8 +47,8 @@ class DriveOpener:
 
     def open_map(self, path: Path | str) -> "PointMap":
         """Open a map."""
-        from maxcon.point_map import PointMap
-        from maxcon.point_map.surface_class import ALL_BUT_KNOWN, NOT_SEARCHED
+        from maxcon.map import PointMap
+        from maxcon.map.surface_class import ALL_BUT_KNOWN, NOT_SEARCHED
 
         return PointMap.open(path, left_out=ALL_BUT_KNOWN if self.known_only else NOT_SEARCHED)
 
@@ -60,7 +60,7 @@ class DriveOpener:
         MaxconError
             If one of them cannot be read, or an option does not fit it.
         """
-        from maxcon.maximum_consensus import MaximumConsensus
+        from maxcon.localizer import MaximumConsensus
 
         inputs = DriveInputs.open(
             point_map, entry.scans, entry.times, entry.prior, entry.odometry, self.drive.max_gap, self.recording,
@@ -133,7 +133,7 @@ class OpenedDrive:
     def _tracked(self) -> "Iterator[EpochEstimate]":
         """Return an iterator over the estimates of a track, by odometry or by what the prior says of motions."""
         from maxcon.drive.track import track_drive
-        from maxcon.tracking import MotionNoise, Tracker
+        from maxcon.drive.tracking import MotionNoise, Tracker
 
         prior, odometry, drift = self.inputs.prior, self.inputs.odometry, self.opener.drift
         if odometry is None:

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from maxcon.drive.localize import DriveOptions, EpochEstimate, Method
     from maxcon.drive.poses_table import RowsThere
     from maxcon.io.scans import Scans
-    from maxcon.point_map import PointMap
+    from maxcon.map import PointMap
 
 __all__ = ["is_whole", "print_alternative", "print_summary"]
 

@@ -12,11 +12,11 @@ from maxcon.cli.progress import step_bars
 from maxcon.errors import MaxconError, OptionError
 
 if TYPE_CHECKING:
+    from maxcon._system.engine import Engine
     from maxcon.cli.drive_opener import DriveOpener, OpenedDrive
     from maxcon.drive.localize import EpochEstimate
-    from maxcon.drives import ManyDrivesJob
-    from maxcon.drives.job import DriveTask
-    from maxcon.engine import Engine
+    from maxcon.drive.many import ManyDrivesJob
+    from maxcon.drive.many.job import DriveTask
 
 __all__ = ["check_one_or_many", "localize_many", "several_workers"]
 
@@ -85,7 +85,7 @@ def localize_many(
     MaxconError
         If a drive cannot be localized, when the others are.
     """
-    from maxcon.drives import ManyDrivesJob, localize_drives, read_drives
+    from maxcon.drive.many import ManyDrivesJob, localize_drives, read_drives
 
     entries = read_drives(drives, map_folder)
     with step_bars("epochs", quiet) as report:
@@ -111,8 +111,8 @@ def several_workers(
 
     Points stay with the workers; those of the epochs `with_points` are read once more.
     """
-    from maxcon.drives import ManyDrivesJob
-    from maxcon.drives.run import tasks_of
+    from maxcon.drive.many import ManyDrivesJob
+    from maxcon.drive.many.run import tasks_of
 
     opened.checked()  # what cannot work is said before anything is started
     tasks = list(tasks_of(opened.entry, range(first, opened.n_epochs)))

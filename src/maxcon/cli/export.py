@@ -94,16 +94,16 @@ def _table(path: Path, drive: str | None) -> Path:
                 f"Expected --drive with a folder of many drives (maxcon localize --drives), got {path}. Leave it out."
             )
         return path
-    from maxcon.drives import table_of_drive
+    from maxcon.drive.many import table_of_drive
 
     return table_of_drive(path, drive)
 
 
 def _check_out(table: Path, out: Path, *, overwrite: bool) -> None:
     """Refuse a file that cannot be written, or that is there."""
+    from maxcon._system.atomic import check_writable
     from maxcon.errors import FileError, OptionError
     from maxcon.export import files_of_export
-    from maxcon.system.atomic import check_writable
 
     for path in files_of_export(out):
         if table.resolve() == path.resolve():
@@ -119,7 +119,7 @@ def _crs_of_map(map_folder: Path, table: Path, rows: "list[PoseRow]") -> str | N
     """The CRS of a map; refuses one that most of the poses lie outside of."""
     from maxcon.drive.localize import MAP_MARGIN
     from maxcon.errors import MapError
-    from maxcon.point_map import PointMap
+    from maxcon.map import PointMap
 
     point_map = PointMap.open(map_folder)
     local = [point_map.frame.pose_to_local(row.pose) for row in rows if row.pose is not None]

@@ -40,7 +40,7 @@ from maxcon.cli.progress import warn
 from maxcon.cli.search_space import SpaceOptions
 from maxcon.cli.table_of_poses import check_table, read_there, write_trajectory, written
 from maxcon.cli.tracking import check_tracking
-from maxcon.options import Multiplicity, SearchMethod, Weighting
+from maxcon.search.options import Multiplicity, SearchMethod, Weighting
 
 __all__ = ["localize"]
 
@@ -233,11 +233,11 @@ def localize(
     Exit code 0: every epoch is localized, of a track every one from its beginning on; 1: some are not (the status
     column says why); 2: bad input.
     """
+    from maxcon._system.engine import Engine
     from maxcon.drive.localize import DriveOptions
-    from maxcon.drives import DriveEntry
-    from maxcon.engine import Engine
+    from maxcon.drive.many import DriveEntry
     from maxcon.integrity import Trust
-    from maxcon.storage import address_of
+    from maxcon.map.storage import address_of
 
     check_one_or_many(
         drives, map_folder, scans, out,

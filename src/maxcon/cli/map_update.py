@@ -45,7 +45,8 @@ def update(
 
     Only epochs called localized count. Searches in MAP2 leave out what is gone. MAP is not touched.
     """
-    from maxcon.upkeep import UpdateOptions, open_drives, update_map
+    from maxcon.lab.dataset_drives import open_drives
+    from maxcon.mapping.update import UpdateOptions, update_map
 
     options = UpdateOptions(reach=reach, least_looks=least_looks, min_range=min_range, max_range=max_range)
     with step_bars("", quiet) as report, compiling_told(quiet):

@@ -16,7 +16,7 @@ from maxcon.cli.options import Scheduler
 from maxcon.cli.progress import step_bars, warn
 
 if TYPE_CHECKING:
-    from maxcon.point_map.manifest import Manifest
+    from maxcon.map.manifest import Manifest
 
 __all__ = ["app"]
 
@@ -137,11 +137,11 @@ def build(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
 ) -> None:
     """Build a map: drop classes, find normals, rasterize into voxels, write tiles."""
-    from maxcon.engine import Engine
+    from maxcon._system.engine import Engine
     from maxcon.errors import OptionError
     from maxcon.io.trajectories import read_trajectory
-    from maxcon.mapping import Area, MapOptions, build_map
-    from maxcon.storage import address_of
+    from maxcon.map.storage import address_of
+    from maxcon.mapping.build import Area, MapOptions, build_map
 
     if address_of(out) is not None:
         raise OptionError(
@@ -194,9 +194,9 @@ def info(
     ] = False,
 ) -> None:
     """Print what a map is made of."""
-    from maxcon.point_map.manifest import read_manifest
-    from maxcon.point_map.store import GroundStore, TileStore
-    from maxcon.storage import open_place
+    from maxcon.map.manifest import read_manifest
+    from maxcon.map.storage import open_place
+    from maxcon.map.store import GroundStore, TileStore
 
     files = open_place(path)
     manifest = read_manifest(files)
@@ -227,7 +227,7 @@ def copy(
     Credentials and server of s3:// are those of the usual variables: AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY,
     AWS_REGION, AWS_ENDPOINT_URL. A map of an older format becomes one of this.
     """
-    from maxcon.point_map.copying import copy_map
+    from maxcon.map.copying import copy_map
 
     with step_bars("", quiet) as report:
         copy_map(source, target, overwrite=overwrite, progress=report)
@@ -236,7 +236,7 @@ def copy(
 
 def _describe(manifest: "Manifest") -> None:
     from maxcon.io.crs import crs_name
-    from maxcon.point_map import TILE_VOXELS
+    from maxcon.map import TILE_VOXELS
 
     edge = TILE_VOXELS * manifest.cell
     keys = manifest.tiles.keys
@@ -270,7 +270,7 @@ def _describe_files(manifest: "Manifest") -> str:
 
 def _describe_ground(manifest: "Manifest") -> str:
     """What is known of the ground, in words."""
-    from maxcon.point_map.ground import ground_voxels
+    from maxcon.map.ground import ground_voxels
 
     if not len(manifest.ground):
         return "not known: heights and tilts of priors are taken as they are"
@@ -280,7 +280,7 @@ def _describe_ground(manifest: "Manifest") -> str:
 
 def _describe_found(manifest: "Manifest") -> list[tuple[str, str]]:
     """Return a row on the classes that the build found, if it found some: shares of the points."""
-    from maxcon.mapping.classes import found_shares
+    from maxcon.mapping.build.classes import found_shares
 
     found = manifest.build.get("found")
     if found is None:
@@ -308,7 +308,7 @@ def _describe_sigma(manifest: "Manifest") -> str:
 
 
 def _describe_source(source: dict[str, object], *, is_found: bool = False) -> str:
-    from maxcon.mapping.classes import class_name
+    from maxcon.mapping.build.classes import class_name
 
     text = f"{source['name']}: {source['n_points']:,} points, {source['n_kept']:,} kept"
     dropped = source["n_dropped"]

@@ -5,7 +5,7 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from maxcon.objectives import Objective
+    from maxcon.search.objectives import Objective
 
 __all__ = ["parse_objective"]
 
@@ -24,7 +24,7 @@ def parse_objective(word: str) -> "Objective":
     from importlib import import_module
 
     from maxcon.errors import OptionError
-    from maxcon.objectives import as_objective
+    from maxcon.search.objectives import as_objective
 
     module_name, colon, name = word.partition(":")
     if not colon:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from maxcon.drive.localize import EpochEstimate
-    from maxcon.maximum_consensus import MaximumConsensus
-    from maxcon.point_map import PointMap
-    from maxcon.within_sigmas import WithinSigmas
+    from maxcon.drive.within_sigmas import WithinSigmas
+    from maxcon.localizer import MaximumConsensus
+    from maxcon.map import PointMap
 
 __all__ = ["drawer", "parse_epochs"]
 
@@ -51,11 +51,11 @@ def drawer(
     folder: Path, point_map: "PointMap", method: "MaximumConsensus | WithinSigmas", objective: str
 ) -> Callable[["EpochEstimate"], None]:
     """Return a function that draws an epoch into the folder."""
-    from maxcon.maximum_consensus import MaximumConsensus
-    from maxcon.report.canvas.figure import check_matplotlib
-    from maxcon.report.plots.epoch import plot_epoch
-    from maxcon.system.atomic import make_folder
-    from maxcon.system.partials import sweep_folder
+    from maxcon._system.atomic import make_folder
+    from maxcon._system.partials import sweep_folder
+    from maxcon.localizer import MaximumConsensus
+    from maxcon.plotting.canvas.figure import check_matplotlib
+    from maxcon.plotting.epoch import plot_epoch
 
     check_matplotlib()
     sweep_folder(folder)

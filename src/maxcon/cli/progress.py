@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-    from maxcon.system.progress import Progress as StepProgress
+    from maxcon._system.progress import Progress as StepProgress
 
 __all__ = ["progress_bar", "step_bars", "warn"]
 

@@ -27,7 +27,7 @@ from maxcon.errors import OptionError
 
 if TYPE_CHECKING:
     from maxcon.drive.localize import EpochEstimate
-    from maxcon.point_map import PointMap
+    from maxcon.map import PointMap
 
 __all__ = ["relocalize"]
 
@@ -87,7 +87,7 @@ def relocalize(
     from maxcon.drive.relocalize import relocalize_drive
     from maxcon.integrity import Trust
     from maxcon.io.scans import open_scans
-    from maxcon.point_map import PointMap
+    from maxcon.map import PointMap
     from maxcon.relocalization import Relocalizer
 
     _check(out, around, radius, tum, resume=resume, overwrite=overwrite)

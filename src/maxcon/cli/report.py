@@ -31,7 +31,7 @@ def report(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
 ) -> None:
     """Write the page of a study: claims, tables and figures in one file. Needs the extra demo."""
-    from maxcon.report.study.report import report_study
+    from maxcon.lab.report.study.report import report_study
 
     with step_bars("", quiet) as tell:
         folder = report_study(study, out, figures=figures, dataset=dataset, prior=prior, progress=tell)

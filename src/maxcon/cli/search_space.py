@@ -10,10 +10,10 @@ from maxcon.errors import OptionError
 
 if TYPE_CHECKING:
     from maxcon.drive.localize import EpochEstimate
-    from maxcon.maximum_consensus import MaximumConsensus
-    from maxcon.search_space import SearchSpace
-    from maxcon.trajectory import Trajectory
-    from maxcon.within_sigmas import WithinSigmas
+    from maxcon.drive.within_sigmas import WithinSigmas
+    from maxcon.localizer import MaximumConsensus
+    from maxcon.scan.trajectory import Trajectory
+    from maxcon.search.space import SearchSpace
 
 __all__ = ["SpaceOptions"]
 
@@ -42,7 +42,7 @@ class SpaceOptions:
         SearchSpaceError
             If there is no such space.
         """
-        from maxcon.search_space import PAPER_STEP_DEG, SearchSpace
+        from maxcon.search.space import PAPER_STEP_DEG, SearchSpace
 
         usual = SearchSpace()
         step_deg = self.heading_step_deg
@@ -68,7 +68,7 @@ class SpaceOptions:
         OptionError
             If half widths are given beside standard deviations, or one of these without the other, or a negative one.
         """
-        from maxcon.within_sigmas import WithinSigmas
+        from maxcon.drive.within_sigmas import WithinSigmas
 
         covariance = self._given_covariance()
         is_fixed = self.half_width is not None or self.heading_half_width_deg is not None
@@ -144,7 +144,7 @@ class SpaceOptions:
 
 def _in_steps(given: float | None, usual: float, step: float | None) -> float:
     """Return a half width, rounded up to whole steps; what makes no sense stays as it is, to be refused in words."""
-    from maxcon.whole_steps import rounded_up
+    from maxcon.search.grid_rounding import rounded_up
 
     reach = usual if given is None else given
     makes_sense = 0.0 <= reach < math.inf and (step is None or 0.0 < step < math.inf)
@@ -161,7 +161,7 @@ def _variance(name: str, sigma: float, unit: float) -> float:
 def _with_covariance(prior: "Trajectory", covariance: list[list[float]]) -> "Trajectory":
     import numpy as np
 
-    from maxcon.trajectory import Trajectory
+    from maxcon.scan.trajectory import Trajectory
 
     return Trajectory(
         prior.times, prior.positions, prior.quaternions_xyzw, np.tile(covariance, (len(prior), 1, 1))

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from maxcon.cli.progress import step_bars
-from maxcon.dataset import Dataset
 from maxcon.errors import OptionError
+from maxcon.lab.dataset import Dataset
 
 if TYPE_CHECKING:
-    from maxcon.simulation.datasets.recordings import RecordingKind, ScansKind
-    from maxcon.simulation.sensing.firing_scanner import FiringScanner
+    from maxcon.lab.simulation.datasets.recordings import RecordingKind, ScansKind
+    from maxcon.lab.simulation.sensing.firing_scanner import FiringScanner
 
 __all__ = ["Scene", "simulate"]
 
@@ -78,7 +78,7 @@ def simulate(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
 ) -> None:
     """Simulate a city or a suburb: map clouds (LAZ), scans, reference and priors (TUM). Needs the extra demo."""
-    from maxcon import simulation
+    from maxcon.lab import simulation
 
     if hard and not campaign:
         raise OptionError(
@@ -120,8 +120,8 @@ def simulate(
 def _recording_kind(name: str) -> "RecordingKind | ScansKind":
     """The kind of recording of a name; what writes it is there, or it is said before the work is done."""
     from maxcon.io.recordings.writing import check_writers
-    from maxcon.simulation.datasets.recordings import RecordingKind, ScansKind
-    from maxcon.simulation.datasets.velodyne_packets import check_capture_writer
+    from maxcon.lab.simulation.datasets.recordings import RecordingKind, ScansKind
+    from maxcon.lab.simulation.datasets.velodyne_packets import check_capture_writer
 
     kinds = [kind.value for kind in (*RecordingKind, *ScansKind)]
     if name not in kinds:
@@ -138,7 +138,7 @@ def _recording_kind(name: str) -> "RecordingKind | ScansKind":
 
 def _scanner_of_packets(scanner: str | None, scene: Scene) -> "FiringScanner":
     """The scanner whose packets are written; refuses others."""
-    from maxcon.simulation.sensing.firing_scanner import FiringScanner
+    from maxcon.lab.simulation.sensing.firing_scanner import FiringScanner
 
     if scanner not in (None, "vlp-16") or scene is not Scene.CITY:
         got = f"--scene {scene.value}" if scene is not Scene.CITY else f"--scanner {scanner}"
@@ -149,7 +149,7 @@ def _scanner_of_packets(scanner: str | None, scene: Scene) -> "FiringScanner":
 
 
 def _recorded(dataset: Dataset, kind: "RecordingKind | ScansKind") -> Path:
-    from maxcon.simulation.datasets.recordings import ScansKind, record_dataset, write_dataset_scans
+    from maxcon.lab.simulation.datasets.recordings import ScansKind, record_dataset, write_dataset_scans
 
     return (
         write_dataset_scans(dataset, kind) if isinstance(kind, ScansKind) else record_dataset(dataset, kind)

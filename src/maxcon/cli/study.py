@@ -12,7 +12,7 @@ from maxcon.cli.options import HeadingStepDeg, MaxRange, MinRange, Scheduler, Wo
 from maxcon.cli.progress import step_bars, warn
 
 if TYPE_CHECKING:
-    from maxcon.study import MethodStatistics, Study
+    from maxcon.lab.study import MethodStatistics, Study
 
 __all__ = ["study"]
 
@@ -62,10 +62,10 @@ def study(
 
     Stopped or killed, the same command goes on; with other methods, priors or epochs it adds to the table.
     """
-    from maxcon.dataset import Dataset
     from maxcon.drive.localize import DriveOptions
-    from maxcon.search_space import SearchSpace
-    from maxcon.study import DEFAULT_SETS, choose_methods, installed_methods, run_study
+    from maxcon.lab.dataset import Dataset
+    from maxcon.lab.study import DEFAULT_SETS, choose_methods, installed_methods, run_study
+    from maxcon.search.space import SearchSpace
 
     opened = Dataset.open(dataset)
     space = SearchSpace(half_width, _cell_of(opened.map_path), heading_half_width_deg, heading_step_deg)
@@ -94,14 +94,14 @@ def study(
 
 def _cell_of(map_path: Path | None) -> float:
     """Voxel edge of a built map; that of the standard map where it is still to be built."""
-    from maxcon.point_map.manifest import read_manifest
-    from maxcon.study.map_variants import MAP_VARIANTS, STANDARD
+    from maxcon.lab.study.map_variants import MAP_VARIANTS, STANDARD
+    from maxcon.map.manifest import read_manifest
 
     return MAP_VARIANTS[STANDARD].cell if map_path is None else read_manifest(map_path).cell
 
 
 def _print_summary(done: "Study") -> None:
-    from maxcon.study import rows_by_method, statistics
+    from maxcon.lab.study import rows_by_method, statistics
 
     found = [statistics(rows) for rows in rows_by_method(done.table, tuple(done.configuration.methods))]
     width = max(len(method.method) for method in found)

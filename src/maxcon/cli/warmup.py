@@ -21,8 +21,8 @@ def warmup(
 
     A call when all is compiled already says so, and where the code is kept.
     """
+    from maxcon._system.compiled import check_code_folder, code_folders
     from maxcon.errors import FileError
-    from maxcon.system.compiled import check_code_folder, code_folders
     from maxcon.warmup import warm_up
 
     done: list[Compiled] = []

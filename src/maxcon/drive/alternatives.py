@@ -15,7 +15,7 @@ from maxcon.estimate import Status
 from maxcon.geometry import Pose
 from maxcon.geometry.quaternions import angles_from_quaternions, quaternions_from_angles
 from maxcon.io.scans import Scans
-from maxcon.point_map import PointMap
+from maxcon.map import PointMap
 from maxcon.scan import Scan
 
 __all__ = ["ALTERNATIVES", "Alternative", "alternative_that_fits"]

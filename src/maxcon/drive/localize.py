@@ -12,14 +12,14 @@ from typing import Protocol
 
 import numpy as np
 
+from maxcon._system.in_order import in_order
 from maxcon.errors import FileError, MapError, OptionError, TrajectoryError
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
 from maxcon.io.scans import RawScan, Scans, check_range
-from maxcon.point_map import PointMap
+from maxcon.map import PointMap
 from maxcon.scan import Scan
-from maxcon.system.in_order import in_order
-from maxcon.trajectory import Trajectory
+from maxcon.scan.trajectory import Trajectory
 
 __all__ = [
     "Drive",

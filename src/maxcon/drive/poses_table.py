@@ -16,12 +16,12 @@ from typing import Any, BinaryIO, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon._system.atomic import atomic_file
+from maxcon._system.locks import locked
 from maxcon.drive.localize import EpochEstimate
 from maxcon.errors import FileError
 from maxcon.estimate import Status
-from maxcon.system.atomic import atomic_file
-from maxcon.system.locks import locked
-from maxcon.trajectory import Trajectory
+from maxcon.scan.trajectory import Trajectory
 
 __all__ = [
     "COLUMNS",

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from maxcon.errors import TrajectoryError
 from maxcon.geometry import Pose
-from maxcon.point_map import PointMap
-from maxcon.trajectory import Trajectory
+from maxcon.map import PointMap
+from maxcon.scan.trajectory import Trajectory
 
 __all__ = ["check_heights", "heights_in_words"]
 

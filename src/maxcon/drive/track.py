@@ -17,12 +17,12 @@ from maxcon.drive.localize import (
     scan_of,
     status_without_search,
 )
+from maxcon.drive.tracking import Motion, Tracker
 from maxcon.estimate import Status
 from maxcon.geometry import Pose
 from maxcon.io.scans import Scans
-from maxcon.point_map import PointMap
-from maxcon.tracking import Motion, Tracker
-from maxcon.trajectory import Trajectory
+from maxcon.map import PointMap
+from maxcon.scan.trajectory import Trajectory
 
 __all__ = ["track_drive"]
 

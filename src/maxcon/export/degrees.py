@@ -6,8 +6,8 @@ import csv
 import os
 from collections.abc import Sequence
 
+from maxcon._system.atomic import atomic_file
 from maxcon.export.rows import PoseRow, properties
-from maxcon.system.atomic import atomic_file
 
 __all__ = ["write_degrees"]
 

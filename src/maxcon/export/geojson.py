@@ -6,9 +6,9 @@ import json
 import os
 from collections.abc import Sequence
 
+from maxcon._system.atomic import atomic_file
 from maxcon.export.rows import PoseRow, properties
 from maxcon.io.crs import to_wgs84
-from maxcon.system.atomic import atomic_file
 
 __all__ = ["write_geojson"]
 

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from maxcon._system.atomic import atomic_file
 from maxcon.errors import FileError, MissingExtraError
 from maxcon.export.rows import PoseRow, properties
 from maxcon.geometry import Pose
 from maxcon.io.crs import metric_crs
-from maxcon.system.atomic import atomic_file
 
 __all__ = ["write_geopackage"]
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon._system.atomic import atomic_file
 from maxcon.errors import OptionError, TrajectoryError
 from maxcon.export.rows import PoseRow
 from maxcon.geometry import Pose
@@ -18,7 +19,6 @@ from maxcon.io.clouds.laz import laz_as_os_error
 from maxcon.io.crs import metric_crs
 from maxcon.io.raw_scan import nearest_in_time
 from maxcon.io.scans import Scans
-from maxcon.system.atomic import atomic_file
 
 __all__ = ["SCAN_SUFFIXES", "write_placed_scans"]
 

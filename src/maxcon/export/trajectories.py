@@ -6,10 +6,10 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from maxcon._system.atomic import atomic_file
 from maxcon.export.rows import PoseRow
 from maxcon.io.trajectories import write_tum
-from maxcon.system.atomic import atomic_file
-from maxcon.trajectory import Trajectory
+from maxcon.scan.trajectory import Trajectory
 
 __all__ = ["write_kitti", "write_tum_rows"]
 

@@ -5,7 +5,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.system.compiled import read_only_view
+from maxcon._system.compiled import read_only_view
 
 __all__ = ["one_per_cube"]
 

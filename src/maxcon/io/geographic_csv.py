@@ -16,7 +16,7 @@ from maxcon.io.fixes import Fixes, Heights, Orientations, is_place
 from maxcon.io.text import numbered_lines
 from maxcon.io.trajectory_csv import OTHER_NAMES, cells_of
 from maxcon.io.trajectory_rows import Row, numbers_of, parsed, refuse, words_of_line
-from maxcon.trajectory import Trajectory
+from maxcon.scan.trajectory import Trajectory
 
 __all__ = ["GeographicRows", "has_geographic_header", "read_geographic_csv"]
 

@@ -15,12 +15,12 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon._system.regular_file import open_regular
 from maxcon.errors import FileError, TrajectoryError
 from maxcon.geometry.quaternions import quaternions_from_angles
 from maxcon.io.fixes import Fixes, Heights, Orientations, is_place
 from maxcon.io.text import parse_float
-from maxcon.system.regular_file import open_regular
-from maxcon.trajectory import Trajectory
+from maxcon.scan.trajectory import Trajectory
 
 __all__ = ["NmeaLog", "is_nmea", "read_nmea"]
 

@@ -11,8 +11,8 @@ from typing import TextIO
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon._system.regular_file import open_regular
 from maxcon.errors import FileError
-from maxcon.system.regular_file import open_regular
 
 __all__ = ["numbered_lines", "parse_float", "printable", "read_lines", "read_table"]
 

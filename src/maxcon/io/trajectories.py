@@ -13,12 +13,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon._system.atomic import atomic_file
 from maxcon.errors import FileError, TrajectoryError
 from maxcon.io.text import numbered_lines
 from maxcon.io.trajectory_csv import COVARIANCE_COLUMNS, CSV_COLUMNS, csv_rows
 from maxcon.io.trajectory_rows import Line, Row, numbers_of, parsed, refuse, words_of_line
-from maxcon.system.atomic import atomic_file
-from maxcon.trajectory import Trajectory, TrajectoryFault, first_fault
+from maxcon.scan.trajectory import Trajectory, TrajectoryFault, first_fault
 
 __all__ = ["Prior", "read_prior", "read_trajectory", "write_csv", "write_tum"]
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from maxcon.geometry import Pose
 from maxcon.geometry.scan_thinning import one_per_cube
-from maxcon.point_map import PointMap
-from maxcon.point_map.voxel_lookup import VoxelLookup
+from maxcon.map import PointMap
+from maxcon.map.voxel_lookup import VoxelLookup
 from maxcon.scan import Scan
 
 __all__ = ["HEIGHT_SIGMA", "TILT_SIGMA", "Refined", "refine"]

@@ -5,7 +5,7 @@
 import numpy as np
 from numba import njit
 
-from maxcon.point_map.lookup_kernels import (
+from maxcon.map.lookup_kernels import (
     FIRSTS,
     MEANS,
     NORMALS,

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.coarse_to_fine import Level
 from maxcon.errors import MapError
-from maxcon.point_map import PointMap, TileKey
-from maxcon.point_map.kept_tiles import KeptTiles
+from maxcon.map import PointMap, TileKey
+from maxcon.map.kept_tiles import KeptTiles
 from maxcon.relocalization.facings import facings_of_voxels
+from maxcon.search.coarse_to_fine import Level
 
 if TYPE_CHECKING:
-    from maxcon.point_map.ground import GroundPatch
+    from maxcon.map.ground import GroundPatch
 
 __all__ = ["CoarseTile", "CoarseTiles"]
 

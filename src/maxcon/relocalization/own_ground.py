@@ -5,7 +5,7 @@
 import numpy as np
 
 from maxcon.geometry import Pose
-from maxcon.ground.levelling import CELL, FARTHEST, FEWEST_CELLS, NEAREST, THICKNESS, fit_plane, laid
+from maxcon.refine.ground.levelling import CELL, FARTHEST, FEWEST_CELLS, NEAREST, THICKNESS, fit_plane, laid
 from maxcon.scan import Scan
 
 __all__ = ["above_own_ground"]
@@ -28,7 +28,7 @@ def above_own_ground(scan: Scan) -> Pose | None:
         T_ground_sensor: its z is the scanner's height above the plane, its roll and pitch lay the plane level; x, y and
         heading are 0. None where too few cells of half a metre have points.
     """
-    from maxcon.ground import kernels
+    from maxcon.refine.ground import kernels
 
     points = kernels.lowest_of_cells(scan.points, np.eye(3), CELL, NEAREST, FARTHEST, THICKNESS)
     if len(points) < FEWEST_CELLS:

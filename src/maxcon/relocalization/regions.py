@@ -9,8 +9,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.point_map import TileKey
-from maxcon.point_map.kept_tiles import KeptTiles
+from maxcon.map import TileKey
+from maxcon.map.kept_tiles import KeptTiles
 from maxcon.relocalization.coarse_tiles import CoarseTiles
 
 __all__ = ["BLOCK", "N_BLOCKS", "REACH", "REGION", "RIM", "Area", "Region", "Regions", "Voxels"]

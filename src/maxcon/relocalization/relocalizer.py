@@ -14,19 +14,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from maxcon.best_cell import BestCell
 from maxcon.cell_search import CellSearch
-from maxcon.coarse_to_fine import Level, distinct_places
 from maxcon.errors import MapError, OptionError
 from maxcon.estimate import Estimate, Status
-from maxcon.examination import examine
 from maxcon.geometry import Pose
-from maxcon.ground import fit_ground
 from maxcon.integrity import Trust, reasons_to_doubt_scan
-from maxcon.objectives import Helmert
-from maxcon.options import Multiplicity, SearchMethod, Weighting
-from maxcon.point_map import PointMap
+from maxcon.map import PointMap
 from maxcon.refine import refine
+from maxcon.refine.ground import fit_ground
+from maxcon.refine.validation import examine
 from maxcon.relocalization.closer import Places, look_closer
 from maxcon.relocalization.coarse_tiles import HIGHEST, CoarseTiles
 from maxcon.relocalization.own_ground import above_own_ground
@@ -37,8 +33,12 @@ from maxcon.relocalization.sifted import HEADINGS, STEP_DEG
 from maxcon.relocalization.standing import standing_on
 from maxcon.scan import Scan
 from maxcon.search import Standing, branch_and_bound, exhaustive
+from maxcon.search.best_cell import BestCell
+from maxcon.search.coarse_to_fine import Level, distinct_places
 from maxcon.search.matching import check_threads
-from maxcon.search_space import SearchSpace
+from maxcon.search.objectives import Helmert
+from maxcon.search.options import Multiplicity, SearchMethod, Weighting
+from maxcon.search.space import SearchSpace
 
 __all__ = ["Relocalization", "Relocalizer"]
 

@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from maxcon.geometry import Pose
-from maxcon.ground.levelling import laid
-from maxcon.point_map import PointMap
+from maxcon.map import PointMap
+from maxcon.refine.ground.levelling import laid
 
 __all__ = ["standing_on"]
 

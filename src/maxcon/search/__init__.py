@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: MIT
 """Searches: the definition and the fast paths that equal it."""
 
-from maxcon.options import Multiplicity, SearchMethod, Weighting
 from maxcon.search import reference
 from maxcon.search.branch_and_bound import branch_and_bound
 from maxcon.search.consensus import consensus_set
@@ -11,6 +10,7 @@ from maxcon.search.found import Found, Standing
 from maxcon.search.heights import accumulators, highest_of
 from maxcon.search.limits import Limits
 from maxcon.search.matching import level_of
+from maxcon.search.options import Multiplicity, SearchMethod, Weighting
 
 __all__ = [
     "Found",

@@ -14,11 +14,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.objectives import Bounded, BoundedByAxes, BoundedByCount, Scores
 from maxcon.search.axis import Axis
 from maxcon.search.cells import CellGrid, Window
 from maxcon.search.found import Standing
 from maxcon.search.limits import Limits
+from maxcon.search.objectives import Bounded, BoundedByAxes, BoundedByCount, Scores
 from maxcon.search.prepared_scan import Headings, PreparedScan
 
 __all__ = ["Bounding", "ByAxes", "ByCount", "CellSums", "Summand", "bounding_of"]

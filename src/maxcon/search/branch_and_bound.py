@@ -15,9 +15,7 @@ from numpy.typing import NDArray
 
 from maxcon.errors import OptionError, SearchSpaceError
 from maxcon.geometry import Pose
-from maxcon.objectives import Bounded, Checked, Moments, Objective, Scores
-from maxcon.options import Multiplicity, Weighting
-from maxcon.point_map import PointMap
+from maxcon.map import PointMap
 from maxcon.scan import Scan
 from maxcon.search.bounds import Bounding, CellSums, Summand, bounding_of
 from maxcon.search.cells import Candidates, CellGrid, Window
@@ -25,8 +23,10 @@ from maxcon.search.found import Found, Standing, Wanted
 from maxcon.search.heights import best_of_heights
 from maxcon.search.limits import DEFAULT_LIMITS, Limits
 from maxcon.search.matching import cells_of, check_all_fit, check_threads
+from maxcon.search.objectives import Bounded, Checked, Moments, Objective, Scores
+from maxcon.search.options import Multiplicity, Weighting
 from maxcon.search.prepared_scan import Headings, PreparedScan
-from maxcon.search_space import Cell, SearchSpace
+from maxcon.search.space import Cell, SearchSpace
 
 __all__ = ["branch_and_bound"]
 

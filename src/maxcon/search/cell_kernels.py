@@ -5,8 +5,8 @@
 import numpy as np
 from numba import njit
 
-from maxcon.point_map import PATCH_VOXELS
-from maxcon.point_map.lookup_kernels import float32_at, int32_at, n_bits, uint64_at
+from maxcon.map import PATCH_VOXELS
+from maxcon.map.lookup_kernels import float32_at, int32_at, n_bits, uint64_at
 from maxcon.search.group_kernels import turn_normals, turn_to_columns
 from maxcon.search.matching import CONTRIBUTION_STEP, ROUNDER
 

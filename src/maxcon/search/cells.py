@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.objectives import Scores
-from maxcon.search_space import SearchSpace
+from maxcon.search.objectives import Scores
+from maxcon.search.space import SearchSpace
 
 __all__ = ["Candidates", "CellGrid", "Window"]
 

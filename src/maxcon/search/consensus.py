@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.geometry import Pose, voxel_centers, voxel_indices
-from maxcon.point_map import PointMap
+from maxcon.map import PointMap
 from maxcon.scan import Scan
 from maxcon.search.matching import cells_of, turn, upright
-from maxcon.search_space import Cell, SearchSpace
+from maxcon.search.space import Cell, SearchSpace
 
 __all__ = ["consensus_set"]
 

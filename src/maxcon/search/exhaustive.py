@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: MIT
 """The exhaustive search: the definition's accumulator, compiled (D5, D7)."""
 
-from maxcon.accumulator import Accumulator
 from maxcon.geometry import Pose
-from maxcon.options import Multiplicity, Weighting
-from maxcon.point_map import PointMap
+from maxcon.map import PointMap
 from maxcon.scan import Scan
+from maxcon.search.accumulator import Accumulator
 from maxcon.search.matching import cells_of, check_all_fit, check_one_height, check_threads
+from maxcon.search.options import Multiplicity, Weighting
 from maxcon.search.prepared_scan import PreparedScan
-from maxcon.search_space import SearchSpace
+from maxcon.search.space import SearchSpace
 
 __all__ = ["exhaustive"]
 

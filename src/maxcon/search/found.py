@@ -4,9 +4,9 @@
 
 from dataclasses import dataclass, field
 
-from maxcon.objectives import Moments, Objective
 from maxcon.search.cells import Candidates
-from maxcon.search_space import Cell
+from maxcon.search.objectives import Moments, Objective
+from maxcon.search.space import Cell
 
 __all__ = ["Found", "Standing", "Wanted"]
 

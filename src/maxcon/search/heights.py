@@ -6,14 +6,14 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
-from maxcon.accumulator import Accumulator, highest
 from maxcon.errors import SearchSpaceError
 from maxcon.geometry import Pose
-from maxcon.objectives import Objective
-from maxcon.point_map import PointMap
+from maxcon.map import PointMap
 from maxcon.scan import Scan
+from maxcon.search.accumulator import Accumulator, highest
 from maxcon.search.found import Found, Standing
-from maxcon.search_space import SearchSpace
+from maxcon.search.objectives import Objective
+from maxcon.search.space import SearchSpace
 
 __all__ = ["accumulators", "best_of_heights", "highest_of"]
 

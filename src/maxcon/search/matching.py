@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from maxcon.errors import OptionError, SearchSpaceError
 from maxcon.geometry import Pose, rotation_matrices
-from maxcon.point_map import PointMap
-from maxcon.point_map.level import FACTORS
+from maxcon.map import PointMap
+from maxcon.map.level import FACTORS
 from maxcon.scan import Scan
-from maxcon.search_space import SearchSpace
+from maxcon.search.space import SearchSpace
 
 __all__ = [
     "CONTRIBUTION_STEP",

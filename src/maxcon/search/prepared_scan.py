@@ -16,15 +16,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.accumulator import Accumulator
 from maxcon.geometry import Pose, rotation_matrices, voxel_indices
-from maxcon.objectives import Moments
-from maxcon.options import Multiplicity, Weighting
-from maxcon.point_map import PointMap, TileKey, VoxelTile
+from maxcon.map import PointMap, TileKey, VoxelTile
 from maxcon.scan import Scan
+from maxcon.search.accumulator import Accumulator
 from maxcon.search.cells import Window
+from maxcon.search.objectives import Moments
+from maxcon.search.options import Multiplicity, Weighting
+from maxcon.search.space import SearchSpace
 from maxcon.search.tile_table import TileTable
-from maxcon.search_space import SearchSpace
 
 __all__ = ["PreparedScan"]
 

@@ -9,13 +9,12 @@ letter and needs no voxels.
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from maxcon.accumulator import Accumulator
 from maxcon.geometry import Pose, voxel_indices
 from maxcon.geometry.arrays import as_points, as_unit_normals
-from maxcon.options import Multiplicity, Weighting
-from maxcon.point_map import PointMap
-from maxcon.point_map.voxelize import mean_normals, turn_alike
+from maxcon.map import PointMap
+from maxcon.map.voxelize import mean_normals, turn_alike
 from maxcon.scan import Scan
+from maxcon.search.accumulator import Accumulator
 from maxcon.search.matching import (
     CONTRIBUTION_STEP,
     cells_of,
@@ -23,7 +22,8 @@ from maxcon.search.matching import (
     turn,
     upright,
 )
-from maxcon.search_space import SearchSpace
+from maxcon.search.options import Multiplicity, Weighting
+from maxcon.search.space import SearchSpace
 
 __all__ = ["pairs", "voxels"]
 

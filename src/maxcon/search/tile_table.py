@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.point_map import PATCH_VOXELS, VoxelTile
-from maxcon.point_map.addresses import Addresses
+from maxcon.map import PATCH_VOXELS, VoxelTile
+from maxcon.map.addresses import Addresses
 
 __all__ = ["TileTable"]
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from maxcon.point_map import PATCH_VOXELS
+from maxcon.map import PATCH_VOXELS
 
 __all__ = [
     "RIM",

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from maxcon.errors import FileError, MaxconError
 from maxcon.io.clouds import Bounds, open_cloud
-from maxcon.mapping import MapOptions, build_map
-from maxcon.mapping.placement import Area
+from maxcon.mapping.build import MapOptions, build_map
+from maxcon.mapping.build.placement import Area
 
 N_POINTS, SIDE = 3000, 64.0
 EVERYWHERE = Bounds(-1e6, -1e6, 1e6, 1e6)

@@ -16,7 +16,7 @@ import pytest
 from maxcon.errors import CrsError, FileError, OptionError
 from maxcon.io.clouds import las as las_reader
 from maxcon.io.clouds import open_cloud
-from maxcon.mapping.sources import common_crs
+from maxcon.mapping.build.sources import common_crs
 
 FORMATS = [(0, "1.2"), (1, "1.2"), (3, "1.3"), (6, "1.4"), (7, "1.4"), (8, "1.4")]
 

@@ -84,7 +84,7 @@ def test_bytes_are_no_text(tmp_path):
 
 
 def test_a_map_of_text(tmp_path):
-    from maxcon.mapping import MapOptions, build_map
+    from maxcon.mapping.build import MapOptions, build_map
 
     rng = np.random.default_rng(2)
     wall = np.column_stack([rng.uniform(0, 5, 4000), np.full(4000, 3.0), rng.uniform(0, 3, 4000)])

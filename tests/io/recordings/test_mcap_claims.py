@@ -9,7 +9,7 @@ import pytest
 
 from maxcon import Pose, Trajectory, open_scans
 from maxcon.io.recordings.writing import RecordingKind
-from maxcon.simulation.datasets.recorded_drive import record_drive
+from maxcon.lab.simulation.datasets.recorded_drive import record_drive
 
 pytest.importorskip("mcap", reason="the extra recordings is not installed")
 

@@ -15,9 +15,9 @@ from maxcon.io.fixes import Fixes, Orientations, poses_of_fixes
 from maxcon.io.geographic import GeographicFrame
 from maxcon.io.recordings.poses import read_recorded_poses
 from maxcon.io.recordings.writing import RecordingKind
-from maxcon.point_map import PointMap
-from maxcon.simulation.datasets.recorded_drive import record_drive
-from maxcon.trajectory import Trajectory
+from maxcon.lab.simulation.datasets.recorded_drive import record_drive
+from maxcon.map import PointMap
+from maxcon.scan.trajectory import Trajectory
 
 pytest.importorskip("rosbags")
 

@@ -17,8 +17,8 @@ from maxcon.io.recordings.mcap_files import unpacked_records
 from maxcon.io.recordings.opening import open_recording
 from maxcon.io.recordings.writing import RecordingKind
 from maxcon.io.scans import RawScan, Scans, open_scans
-from maxcon.simulation.datasets.recorded_drive import record_drive
-from maxcon.trajectory import Trajectory
+from maxcon.lab.simulation.datasets.recorded_drive import record_drive
+from maxcon.scan.trajectory import Trajectory
 
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")

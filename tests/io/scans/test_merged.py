@@ -12,10 +12,10 @@ from maxcon.geometry import Pose
 from maxcon.io.scans import RawScan, Scans
 from maxcon.io.scans.deskewed import DeskewedScans
 from maxcon.io.scans.merged import MergedScans
-from maxcon.normals.scan_normals import estimate_scan_normals
+from maxcon.lab.simulation import RotatingScanner
 from maxcon.scan import Scan
-from maxcon.simulation import RotatingScanner
-from maxcon.trajectory import Trajectory
+from maxcon.scan.normals.scan_normals import estimate_scan_normals
+from maxcon.scan.trajectory import Trajectory
 
 FRONT = Pose(1.8, 0.1, 0.4, 0.02, 0.05, 0.1)
 REAR = Pose(-2.1, -0.3, 1.1, -0.03, 0.4, 2.9)

@@ -7,6 +7,7 @@ import stat
 from collections.abc import Callable
 from pathlib import Path
 
+from maxcon._system.regular_file import special_kind
 from maxcon.errors import FileError
 from maxcon.io.clouds.base import Bounds, CloudChunk, CloudHeader, CloudReader
 from maxcon.io.clouds.e57 import E57Reader
@@ -14,7 +15,6 @@ from maxcon.io.clouds.las import LasReader
 from maxcon.io.clouds.npz import NpzReader
 from maxcon.io.clouds.ply import PlyReader
 from maxcon.io.clouds.xyz import XyzReader
-from maxcon.system.regular_file import special_kind
 
 __all__ = ["CLOUD_SUFFIXES", "Bounds", "CloudChunk", "CloudHeader", "CloudReader", "open_cloud"]
 

@@ -9,10 +9,10 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon._system.regular_file import open_regular
 from maxcon.errors import FileError
 from maxcon.io.clouds.base import CloudChunk, CloudHeader, CloudReader, as_classes, as_file_error
 from maxcon.io.text import parse_float
-from maxcon.system.regular_file import open_regular
 
 __all__ = ["XyzReader"]
 

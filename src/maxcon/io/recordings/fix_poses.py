@@ -12,7 +12,7 @@ from maxcon.io.clouds.base import as_file_error
 from maxcon.io.fixes import Fixes, Orientations, is_place
 from maxcon.io.recordings.base import Recording, Topic, printable
 from maxcon.io.recordings.messages import decode_message, frame_of, stamp_of
-from maxcon.trajectory import Trajectory
+from maxcon.scan.trajectory import Trajectory
 
 __all__ = ["read_fixes", "read_orientations"]
 

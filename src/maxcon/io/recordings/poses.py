@@ -23,8 +23,8 @@ from maxcon.io.recordings.fix_poses import read_fixes, read_orientations
 from maxcon.io.recordings.messages import decode_message, frame_name, frame_of, stamp_of
 from maxcon.io.recordings.opening import open_recording
 from maxcon.io.recordings.transforms import TRANSFORMS, TransformTree
-from maxcon.mounting import sensor_trajectory
-from maxcon.trajectory import Trajectory, first_fault
+from maxcon.scan.mounting import sensor_trajectory
+from maxcon.scan.trajectory import Trajectory, first_fault
 
 __all__ = ["RecordedPoses", "read_recorded_poses"]
 

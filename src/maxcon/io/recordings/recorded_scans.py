@@ -14,11 +14,11 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon._system.progress import Progress
 from maxcon.errors import FileError
 from maxcon.io.raw_scan import RawScan, Scans, check_range, returns_in_range
 from maxcon.io.recordings.cloud_sources import open_clouds
 from maxcon.io.recordings.recorded_cloud import CloudSource, RecordedCloud
-from maxcon.system.progress import Progress
 
 __all__ = ["RecordedScans"]
 

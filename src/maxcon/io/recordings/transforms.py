@@ -19,7 +19,7 @@ from maxcon.geometry import Pose
 from maxcon.io.clouds.base import as_file_error
 from maxcon.io.recordings.base import Recording, printable
 from maxcon.io.recordings.messages import decode_message, frame_name, frame_of, stamp_of
-from maxcon.trajectory import Trajectory
+from maxcon.scan.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation

@@ -9,9 +9,9 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from maxcon._system.atomic import atomic_file, atomic_folder, check_replaceable
 from maxcon.errors import MissingExtraError
 from maxcon.io.recordings.messages import with_added_types
-from maxcon.system.atomic import atomic_file, atomic_folder, check_replaceable
 
 __all__ = ["Entry", "RecordingKind", "RecordingWriter", "check_writers", "header_of", "open_writer"]
 

@@ -4,10 +4,10 @@
 
 from dataclasses import replace
 
-from maxcon.deskew import deskew, times_of_turn
 from maxcon.errors import FileError, TrajectoryError
 from maxcon.io.raw_scan import RawScan, Scans
-from maxcon.trajectory import Trajectory
+from maxcon.scan.deskew import deskew, times_of_turn
+from maxcon.scan.trajectory import Trajectory
 
 __all__ = ["DeskewedScans"]
 

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon._system.regular_file import check_regular
 from maxcon.errors import FileError
 from maxcon.io.clouds import open_cloud
 from maxcon.io.clouds.base import as_float64
 from maxcon.io.scans.pcd import read_pcd
 from maxcon.io.scans.scan_file import ScanFile
-from maxcon.system.regular_file import check_regular
 
 __all__ = ["MAX_SCAN_POINTS", "read_scan_file"]
 

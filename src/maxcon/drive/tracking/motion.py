@@ -1,0 +1,152 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""How the sensor moved between two epochs, and how well that is known."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.errors import OptionError
+from maxcon.geometry import Pose
+from maxcon.scan.trajectory import Trajectory
+
+__all__ = ["Motion", "MotionNoise"]
+
+# Of a heading that is wrong by s at the end of a motion and grew evenly or at random, the position at the end is
+# off by up to s / sqrt(3) of the way.
+WAY_OF_TURN = 1.0 / math.sqrt(3.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """A relative pose with the way and the time it took.
+
+    Parameters
+    ----------
+    pose : Pose
+        T_before_after: where the sensor is afterwards, in its own axes before; m and rad.
+    distance : float
+        Way driven, m; longer than the straight line where the drive turned.
+    seconds : float
+        Time taken, s.
+    turned : float
+        Turns of the heading to either side, added up, rad.
+    """
+
+    pose: Pose
+    distance: float
+    seconds: float
+    turned: float
+
+    @classmethod
+    def none(cls) -> Self:
+        """Return no motion in no time."""
+        return cls(Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0)
+
+    @classmethod
+    def between(cls, before: Pose, after: Pose, seconds: float) -> Self:
+        """Return the motion from one pose to another of the same trajectory, whatever its frame."""
+        pose = before.inverse @ after
+        return cls(pose, float(np.linalg.norm(pose.position)), seconds, abs(pose.heading))
+
+    def then(self, following: Motion) -> Motion:
+        """Return this motion and the following one as one."""
+        return Motion(
+            self.pose @ following.pose,
+            self.distance + following.distance,
+            self.seconds + following.seconds,
+            self.turned + following.turned,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class MotionNoise:
+    """Standard deviations of a relative motion: what grows with the way, and what grows with the time.
+
+    The defaults are those of wheels and a gyroscope as cars have them, doubled.
+
+    Parameters
+    ----------
+    share : float
+        Of the way driven, in each direction: wheels are worn, or slip.
+    turn_share : float
+        Of the turns of the heading.
+    heading_drift_deg : float
+        Of the heading, degrees per second: the bias of a gyroscope.
+    heading_walk_deg : float
+        Of the heading, degrees per square root of a second.
+    walk : float
+        Of the position, m per square root of a second.
+    tilt_deg : float
+        Of roll and pitch, degrees, however long the motion: gravity holds them.
+
+    Raises
+    ------
+    OptionError
+        If one is negative or not finite.
+    """
+
+    share: float = 0.02
+    turn_share: float = 0.01
+    heading_drift_deg: float = 0.1
+    heading_walk_deg: float = 0.2
+    walk: float = 0.02
+    tilt_deg: float = 0.2
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not 0.0 <= value < math.inf:
+                raise OptionError(
+                    f"Expected `{field.name}` of a motion's noise to be a number >= 0, got {value}."
+                    f" The default is {field.default}."
+                )
+
+    @classmethod
+    def of_prior(cls, prior: Trajectory) -> Self:
+        """Return the noise of a prior trajectory's own motion, measured by how far it is from smooth.
+
+        Parameters
+        ----------
+        prior : Trajectory
+            Rough poses; at least three, else the default noise.
+
+        Notes
+        -----
+        Over three successive poses the velocity changes by what the vehicle accelerates and by the errors of the two
+        increments. The root mean square of all changes, over sqrt(2), is held for the error of one increment: too
+        much, by the acceleration. Errors that grow slowly do not show; the usual noise stands for them.
+        """
+        if len(prior) < 3:
+            return cls()
+        steps = np.diff(prior.times)
+        velocities = np.diff(prior.positions[:, :2], axis=0) / steps[:, None]
+        rates = np.diff(np.unwrap(prior.angles[:, 2])) / steps
+        per_root_second = np.sqrt(np.minimum(steps[1:], steps[:-1]) / 2.0)  # of two increments, one
+        jumps = np.diff(velocities, axis=0) * per_root_second[:, None]
+        turns = np.diff(rates) * per_root_second
+        usual = cls()
+        return cls(
+            walk=max(usual.walk, _root_mean_square(jumps)),
+            heading_walk_deg=max(usual.heading_walk_deg, math.degrees(_root_mean_square(turns))),
+        )
+
+    def covariance(self, motion: Motion) -> NDArray[np.float64]:
+        """Covariance of a motion's x, y, z, roll, pitch and heading, in its own axes, shape (6, 6), m^2 and rad^2."""
+        drift = math.radians(self.heading_drift_deg) * motion.seconds
+        walk = math.radians(self.heading_walk_deg) ** 2 * motion.seconds
+        heading = drift**2 + walk + (self.turn_share * motion.turned) ** 2
+        way = (self.share * motion.distance) ** 2
+        aside = way + WAY_OF_TURN**2 * heading * motion.distance**2
+        wander = self.walk**2 * motion.seconds
+        tilt = math.radians(self.tilt_deg) ** 2
+        return np.diag([aside + wander, aside + wander, way + wander, tilt, tilt, heading])
+
+
+def _root_mean_square(values: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,272 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Tracker: localizes scan after scan, each only where the one before and the motion since allow it to be."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from maxcon.drive.tracking.hypothesis import Hypothesis, distance, ranked, weighed
+from maxcon.drive.tracking.motion import Motion, MotionNoise
+from maxcon.drive.tracking.options import TrackingOptions
+from maxcon.drive.tracking.places import find_places
+from maxcon.drive.tracking.uncertain_pose import UncertainPose
+from maxcon.drive.tracking.window import FARTHEST_REACH, HEIGHTS_AND_TILTS, measured_covariance, window
+from maxcon.estimate import Estimate, Status
+from maxcon.geometry import Pose
+from maxcon.integrity import protection_level
+from maxcon.localizer import MaximumConsensus
+from maxcon.map import PointMap
+from maxcon.refine import map_covariance
+from maxcon.scan import Scan
+from maxcon.search.space import SearchSpace
+
+__all__ = ["Tracker"]
+
+# Where a wide search looks for other places at first, those that reach this share of the best one are kept.
+SHARE_AT_FIRST = 0.5
+# Once the track was told apart from all other places, one that fits about as well has all against it that was seen
+# before: only a slip of the odometry could have brought the sensor there. One that fits clearly better has not.
+NEWCOMER = 0.1
+# Of several places the best is not believed before all others are worth less than this; then it is for longer.
+TOLD_APART = 0.5
+# A scan that fits best at the rim of its window is compared again in one of so many times its width.
+WIDER = 3.0
+# A vehicle that stands looks widely as often as one that walks, m/s.
+WALKING_PACE = 1.0
+UNKNOWN = np.diag([np.inf, np.inf])
+
+
+@dataclass
+class Tracker:
+    """Localizes scan after scan: call `move` with the motion since the last one, then `localize`.
+
+    Hypotheses, one or several, are moved; each scan is compared with the map in the window that the covariance of
+    each prediction leaves, and adjusts it. Of several, the scores over the way decide. A wide search begins the track,
+    begins it anew where a prediction is too uncertain, and looks every few metres whether another place fits better.
+
+    Parameters
+    ----------
+    method : MaximumConsensus
+        How scans are compared with the map. Its space is the wide one, around the prior.
+    noise : MotionNoise
+        Of the motions that it is told.
+    options : TrackingOptions
+        What it asks for before it calls a pose localized.
+    start : UncertainPose, optional
+        Where the sensor is when `localize` is first called, local frame; it is checked there. Without it the prior
+        says where to begin.
+
+    Notes
+    -----
+    The filter is an extended Kalman filter of x, y, z, roll, pitch and heading. Height, roll and pitch follow the
+    motion, the prior's own and, where an estimate measures them, the estimate.
+    """
+
+    method: MaximumConsensus
+    noise: MotionNoise = field(default_factory=MotionNoise)
+    options: TrackingOptions = field(default_factory=TrackingOptions)
+    start: UncertainPose | None = None
+
+    def __post_init__(self) -> None:
+        self._hypotheses = [] if self.start is None else [Hypothesis(self.start)]
+        self._way = math.inf  # since a scan was last compared with all hypotheses, m
+        self._unchecked = math.inf  # since the whole search space was last looked at, m
+        self._was_localized = False
+        self._outside = 0.0  # since the track was last seen in the prior's search space, m
+
+    @property
+    def hypotheses(self) -> tuple[Hypothesis, ...]:
+        """Places where the sensor may be, the best first; none before the track begins."""
+        return tuple(self._hypotheses)
+
+    @property
+    def prediction(self) -> UncertainPose | None:
+        """Where the best hypothesis expects the sensor; None without one."""
+        return self._hypotheses[0].predicted(self.noise) if self._hypotheses else None
+
+    def move(self, motion: Motion) -> None:
+        """Take account of a motion since the last scan; several in a row are one."""
+        is_gap = motion.distance > self.options.patience
+        self._hypotheses = [
+            replace(each.moved(motion), agreement=0.0 if is_gap else each.agreement)
+            for each in self._hypotheses
+        ]
+        self._way += motion.distance
+        self._unchecked += max(motion.distance, WALKING_PACE * motion.seconds)
+        self._outside += motion.distance
+
+    def localize(self, scan: Scan, point_map: PointMap, prior: Pose | None) -> Estimate | None:
+        """Find the pose of a scan.
+
+        Parameters
+        ----------
+        scan : Scan
+            Points of one epoch, sensor frame.
+        point_map : PointMap
+            The map; its voxel edge is that of the method's space.
+        prior : Pose or None
+            T_map_sensor from another source such as GNSS, local frame, if there is one. It begins a track, and tells a
+            wrong one.
+
+        Returns
+        -------
+        Estimate or None
+            The pose is the filter's, with its covariance; `runner_up` is the evidence of the second hypothesis over
+            that of the first. None where there is neither a track nor a prior.
+        """
+        hypotheses, is_new = self._widely(scan, point_map, prior)
+        compared = [self._followed(each, scan, point_map, prior) for each in hypotheses]
+        weighted = weighed(compared, math.inf if is_new else self._way)
+        self._hypotheses = ranked(weighted, self.noise, self._guard_radius)
+        self._way = 0.0
+        if prior is None or (self.prediction is not None and self._is_inside(self.prediction.pose, prior)):
+            self._outside = 0.0
+        if self._hypotheses and self._unchecked >= self.options.check_distance:
+            self._check(scan, point_map, prior)
+        return self._conclude(point_map, prior)
+
+    @property
+    def _guard_radius(self) -> float:
+        return self.method.trust.guard_radius
+
+    def _widely(self, scan: Scan, point_map: PointMap, prior: Pose | None) -> tuple[list[Hypothesis], bool]:
+        """Hypotheses to compare a scan with, and whether a wide search found any of them."""
+        if not self._hypotheses:
+            return self._begun(scan, point_map, prior), True
+        spaces = [self._window(each.predicted(self.noise)) for each in self._hypotheses]
+        is_wide = [space.half_width > self._guard_radius for space in spaces]
+        compared = [each for each, wide in zip(self._hypotheses, is_wide, strict=True) if not wide]
+        for each, space, wide in zip(self._hypotheses, spaces, is_wide, strict=True):
+            if not wide:
+                continue
+            if prior is not None and space.half_width > self.method.space.half_width:
+                compared += self._inheriting(each, self._begun(scan, point_map, prior))
+                break  # the prior's search space is that of all of them
+            if space.half_width <= FARTHEST_REACH:
+                pose = each.predicted(self.noise).pose
+                places = find_places(self.method, space, scan, point_map, pose, SHARE_AT_FIRST)
+                compared += self._inheriting(each, [Hypothesis(place.uncertain) for place in places])
+        return compared, any(is_wide)
+
+    def _begun(self, scan: Scan, point_map: PointMap, prior: Pose | None) -> list[Hypothesis]:
+        """Hypotheses from the whole search space around the prior."""
+        if prior is None:
+            return []
+        self._unchecked = 0.0
+        places = find_places(self.method, self.method.space, scan, point_map, prior, SHARE_AT_FIRST)
+        return [Hypothesis(place.uncertain) for place in places]
+
+    def _inheriting(self, parent: Hypothesis, places: list[Hypothesis]) -> list[Hypothesis]:
+        """Return places with the evidence of the hypothesis they follow, where its prediction allows them."""
+        predicted = parent.predicted(self.noise)
+        reach = self._window(predicted).half_width if parent.n_refused == 0 else 0.0
+        return [
+            replace(
+                each,
+                evidence=parent.evidence,
+                agreement=parent.agreement if distance(each.anchor, predicted) <= reach else 0.0,
+            )
+            for each in places
+        ]
+
+    def _followed(
+        self, hypothesis: Hypothesis, scan: Scan, point_map: PointMap, prior: Pose | None
+    ) -> Hypothesis:
+        """Compare a scan with the map around the prediction of a hypothesis."""
+        predicted = hypothesis.predicted(self.noise)
+        if prior is not None:
+            predicted = predicted.adjusted(prior, HEIGHTS_AND_TILTS)
+        estimate = self._searched(predicted, scan, point_map)
+        if estimate.status is Status.AT_RIM:
+            predicted = replace(predicted, covariance=predicted.covariance * WIDER**2)
+            estimate = self._searched(predicted, scan, point_map)
+        if not estimate.is_localized:
+            return hypothesis.refused(estimate)
+        adjusted = predicted.adjusted(estimate.pose, measured_covariance(estimate, self.method.space))
+        return hypothesis.agreed(adjusted, estimate)
+
+    def _searched(self, predicted: UncertainPose, scan: Scan, point_map: PointMap) -> Estimate:
+        """The answer in the window of a prediction: that stands for the wider search that confirms a place."""
+        trust = replace(self.method.trust, least_wall_share=self.method.trust.least_confirmed_share)
+        method = replace(self.method, space=self._window(predicted), trust=trust, wider=0.0)
+        return method.localize(scan, point_map, predicted.pose)
+
+    def _window(self, predicted: UncertainPose) -> SearchSpace:
+        return window(predicted, self.options.sigmas, self.method.space)
+
+    def _check(self, scan: Scan, point_map: PointMap, prior: Pose | None) -> None:
+        """Look at the whole search space; what fits there about as well as the track competes with it from now on."""
+        here = self._hypotheses[0].predicted(self.noise)
+        share = self.method.trust.largest_runner_up
+        middle = here.pose if prior is None else prior
+        places = find_places(self.method, self.method.space, scan, point_map, middle, share)
+        # Scores are compared within this search: where its cells happen to lie changes them by a fifth and more.
+        near = [place.share for place in places if distance(place.uncertain, here) <= self._guard_radius]
+        own = max(near, default=share)
+        is_open = math.isinf(self._unchecked) or self._outside > self.options.patience
+        newcomers = []
+        for place in places:
+            worth = 1.0 if is_open or place.share * share >= own else NEWCOMER
+            newcomers.append(Hypothesis(place.uncertain, evidence=worth * min(1.0, place.share / own)))
+        self._hypotheses = ranked([*self._hypotheses, *newcomers], self.noise, self._guard_radius)
+        self._unchecked = 0.0
+
+    def _conclude(self, point_map: PointMap, prior: Pose | None) -> Estimate | None:
+        """Say where the best hypothesis is, and whether that may be used."""
+        if not self._hypotheses:
+            self._was_localized = False
+            if prior is None:
+                return None
+            return Estimate(prior, 0.0, None, Status.LOST, UNKNOWN, reason="no place fits the scan")
+        best = self._hypotheses[0]
+        place = best.predicted(self.noise)
+        rival = self._hypotheses[1].evidence if len(self._hypotheses) > 1 else 0.0
+        status, reason = self._judged(best, place, rival)
+        self._was_localized = status is Status.LOCALIZED
+        estimate = best.estimate or Estimate(place.pose, 0.0, None, status, UNKNOWN)
+        # The error of the map is the same from scan to scan: the filter cannot have averaged it out.
+        covariance = place.covariance + map_covariance(point_map.sigma)
+        level = (math.inf, math.inf)
+        if self._was_localized:
+            level = protection_level(covariance, place.pose.heading, self.method.risk)
+        return replace(
+            estimate,
+            pose=place.pose,
+            cell=None
+            if prior is None
+            else self.method.space.at(point_map.cell).nearest_cell(place.pose, prior),
+            status=status,
+            runner_up=rival,
+            reason="; ".join(filter(None, [reason, estimate.reason])),
+            covariance=covariance,
+            protection_level=level,
+        )
+
+    def _judged(self, best: Hypothesis, place: UncertainPose, rival: float) -> tuple[Status, str]:
+        """Status of the best hypothesis, and the reason beside it."""
+        options = self.options
+        why = Status.LOST if best.estimate is None or best.n_refused == 0 else best.estimate.status
+        if self._outside > options.patience:
+            return Status.LOST, f"outside of the prior's search space for {self._outside:.0f} m"
+        largest = self.method.trust.largest_runner_up
+        if rival > (largest if self._was_localized else min(largest, TOLD_APART)):
+            return Status.AMBIGUOUS, f"{len(self._hypotheses)} places fit the last scans"
+        if best.agreement < options.least_agreement:
+            return why, f"scans have agreed with this place by {best.agreement:.2f} of a whole one so far"
+        if place.sigma > options.largest_sigma:
+            return why, f"known to {place.sigma:.2f} m only"
+        if best.n_refused > 0:
+            return (
+                Status.LOCALIZED,
+                f"predicted over {best.motion.distance:.1f} m, for the scan itself: {why}",
+            )
+        return Status.LOCALIZED, ""
+
+    def _is_inside(self, pose: Pose, prior: Pose) -> bool:
+        """Whether a pose lies in the search space around the prior."""
+        reach = self.method.space.half_width + self._guard_radius
+        return max(abs(pose.x - prior.x), abs(pose.y - prior.y)) <= reach

@@ -1,0 +1,24 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""What maximum consensus is compared with: iterative methods that need a start, all with `localize` (D6)."""
+
+from maxcon.lab.baselines.count_then_gicp import CountThenGicp
+from maxcon.lab.baselines.gicp import Gicp, check_small_gicp
+from maxcon.lab.baselines.icp import Icp
+from maxcon.lab.baselines.map_targets import MapTargets
+from maxcon.lab.baselines.multistart import Choice, MultiStart
+from maxcon.lab.baselines.residuals import Residual
+from maxcon.lab.baselines.started import Aligner, StartedMethod
+
+__all__ = [
+    "Aligner",
+    "Choice",
+    "CountThenGicp",
+    "Gicp",
+    "Icp",
+    "MapTargets",
+    "MultiStart",
+    "Residual",
+    "StartedMethod",
+    "check_small_gicp",
+]

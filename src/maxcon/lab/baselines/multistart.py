@@ -1,0 +1,163 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""MultiStart: a method from many starts; whether all end at the same place, or which of the ends fits best."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from maxcon.errors import OptionError
+from maxcon.estimate import Estimate, Status
+from maxcon.geometry import Pose, wrap_angle
+from maxcon.lab.baselines.started import Aligner, StartedMethod, check_number, check_steps
+from maxcon.map import PointMap
+from maxcon.scan import Scan
+from maxcon.search.options import NamedOption
+
+__all__ = ["Choice", "MultiStart"]
+
+
+class Choice(NamedOption, option="choice"):
+    """Which end of many starts is the answer, and when it may be used."""
+
+    AGREEMENT = "agreement"
+    """The one with the most correspondences; it may be used if all starts ended there."""
+
+    OVERLAP = "overlap"
+    """The one that leaves the most scan points near the map; it may be used if the method itself says so."""
+
+
+@dataclass(frozen=True)
+class MultiStart:
+    """Localizes scans from a grid of starts; the default is the paper's 5 x 5 at 1 m, all at the prior's heading.
+
+    In the paper's evaluation the grid is centred at the reference, and ICP fails in an epoch if not all starts
+    end at the reference: take `estimates` for that. `localize` is what can be had without a reference.
+
+    Parameters
+    ----------
+    method : StartedMethod
+        `Icp` or `Gicp`. The work that does not depend on the start is done once.
+    n_side : int
+        Starts along each side of the grid.
+    spacing : float
+        Between starts, m.
+    agreement_distance : float
+        Ends farther than this from the best are another place, in x and y, m.
+    agreement_heading_deg : float
+        So are ends turned by more than this against the best, degrees.
+    n_headings : int
+        Every place of the grid is tried at so many headings.
+    heading_spacing_deg : float
+        Between headings, degrees.
+    choice : {"agreement", "overlap"}
+        Which end is the answer. Correspondences within a wide gate are about as many at a wrong place as at the
+        right one: where most starts are expected to fail, take `overlap`.
+    overlap_distance : float
+        A scan point within this of the map counts for the overlap, m.
+
+    Raises
+    ------
+    OptionError
+        If a value is out of its range.
+    """
+
+    method: StartedMethod
+    n_side: int = 5
+    spacing: float = 1.0
+    agreement_distance: float = 0.3
+    agreement_heading_deg: float = 1.0
+    n_headings: int = 1
+    heading_spacing_deg: float = 1.0
+    choice: str | Choice = Choice.AGREEMENT
+    overlap_distance: float = 0.3
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "choice", Choice.parse(self.choice))
+        check_steps("n_side", self.n_side, 5)
+        check_number("spacing", self.spacing, 1.0, "m")
+        check_number("agreement_distance", self.agreement_distance, 0.3, "m")
+        check_number("agreement_heading_deg", self.agreement_heading_deg, 1.0, "degrees")
+        check_steps("n_headings", self.n_headings, 1)
+        check_number("heading_spacing_deg", self.heading_spacing_deg, 1.0, "degrees")
+        check_number("overlap_distance", self.overlap_distance, 0.3, "m")
+
+    def starts(self, centre: Pose) -> list[Pose]:
+        """Poses around `centre`, in map axes, in the order (heading, y, x); all else is that of `centre`."""
+        offsets = _steps_about_zero(self.n_side, self.spacing)
+        turns = _steps_about_zero(self.n_headings, math.radians(self.heading_spacing_deg))
+        return [
+            replace(centre, x=centre.x + dx, y=centre.y + dy, heading=centre.heading + turn)
+            for turn in turns
+            for dy in offsets
+            for dx in offsets
+        ]
+
+    @property
+    def largest_offset(self) -> float:
+        """How far from the centre the corners of the grid lie, m."""
+        return math.sqrt(0.5) * self.spacing * (self.n_side - 1)
+
+    def prepare(self, scan: Scan, point_map: PointMap, around: Pose, spread: float = 0.0) -> Aligner:
+        """Do once what all starts share, those around any centre within `spread` (m) of `around`."""
+        return self.method.prepare(scan, point_map, around, self.largest_offset + spread)
+
+    def estimates(self, scan: Scan, point_map: PointMap, centre: Pose) -> list[Estimate]:
+        """Where the method ends from each start.
+
+        Parameters
+        ----------
+        scan : Scan
+            Points of one epoch, sensor frame.
+        point_map : PointMap
+            The map.
+        centre : Pose
+            T_map_sensor, local frame of the map: the prior, or the reference of an evaluation.
+
+        Returns
+        -------
+        list of Estimate
+            In the order of `starts`; with the choice `overlap`, `score` is how many points of the thinned scan
+            end near the map.
+        """
+        aligner = self.prepare(scan, point_map, centre)
+        ends = [aligner.align(start) for start in self.starts(centre)]
+        if self.choice is Choice.AGREEMENT:
+            return ends
+        overlaps = [aligner.n_near_map(end.pose, self.overlap_distance) for end in ends]
+        return [replace(end, score=float(overlap)) for end, overlap in zip(ends, overlaps, strict=True)]
+
+    def choose(self, estimates: Sequence[Estimate]) -> Estimate:
+        """Return the end with the highest score, the first of equal ones: correspondences, or the overlap.
+
+        By agreement, what would be `LOCALIZED` is `AMBIGUOUS` if not all starts ended within 0.3 m and 1 degree of
+        it (the options say how near). Most correspondences need not be the right place: in a street of equal houses
+        every house has about as many.
+
+        Raises
+        ------
+        OptionError
+            If there are no estimates.
+        """
+        if not estimates:
+            raise OptionError("Expected the estimates of at least one start, got none.")
+        best = max(estimates, key=lambda estimate: estimate.score)
+        if self.choice is Choice.OVERLAP:
+            return best
+        if best.is_localized and not all(self._agrees(estimate.pose, best.pose) for estimate in estimates):
+            return replace(best, status=Status.AMBIGUOUS)
+        return best
+
+    def localize(self, scan: Scan, point_map: PointMap, prior: Pose) -> Estimate:
+        """Find the pose of a scan in the map: what `choose` makes of `estimates` around the prior."""
+        return self.choose(self.estimates(scan, point_map, prior))
+
+    def _agrees(self, pose: Pose, best: Pose) -> bool:
+        distance = math.hypot(pose.x - best.x, pose.y - best.y)
+        turned = abs(wrap_angle(pose.heading - best.heading))
+        return distance <= self.agreement_distance and turned <= math.radians(self.agreement_heading_deg)
+
+
+def _steps_about_zero(n_steps: int, spacing: float) -> list[float]:
+    """`n_steps` numbers, `spacing` apart, with the mean 0."""
+    return [spacing * (step - 0.5 * (n_steps - 1)) for step in range(n_steps)]

@@ -1,0 +1,179 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Running the demo, by the same road as real data: dataset, map, poses."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from maxcon._system.progress import Progress
+from maxcon.drive.localize import EpochEstimate, localize_drive
+from maxcon.drive.poses_table import write_poses
+from maxcon.geometry import Pose
+from maxcon.io.scans import open_scans
+from maxcon.io.trajectories import read_trajectory
+from maxcon.lab.dataset import Dataset
+from maxcon.lab.dataset_options import dataset_map_options
+from maxcon.lab.evaluation import Accuracy, PoseError, pose_error, summarize
+from maxcon.lab.report.html import check_jinja2
+from maxcon.lab.simulation import simulate
+from maxcon.lab.simulation.sensing.ray_caster import check_embreex
+from maxcon.localizer import MaximumConsensus
+from maxcon.map import PointMap
+from maxcon.mapping.build import build_map
+from maxcon.plotting.canvas.figure import check_matplotlib
+from maxcon.scan.trajectory import Trajectory
+from maxcon.search.objectives import Count, Helmert
+from maxcon.search.space import SearchSpace
+
+__all__ = [
+    "DEMO_METHODS",
+    "DEMO_NAMES",
+    "MAPPING_WAIT",
+    "DemoDrive",
+    "DemoMethod",
+    "MethodResult",
+    "check_extras",
+    "localize_demo",
+    "prepare_demo",
+]
+
+DEMO_NAMES = (
+    "report.html",
+    "dataset",
+    "city.map",
+    "city-with-ground.map",
+    "prior-error.csv",
+    "pictures",
+    "poses-*.csv",
+)
+"""All that the folder of a demo holds."""
+
+
+@dataclass(frozen=True, slots=True)
+class DemoMethod:
+    """A method of the demo and the name it goes by."""
+
+    name: str
+    slug: str
+    method: MaximumConsensus
+
+
+PAPER = SearchSpace.paper()
+MAPPING_WAIT = 10.0
+"""The mapping vehicle stands before a red light for so long, s: the map is denser there, as real ones are."""
+
+DEMO_METHODS = (
+    DemoMethod(
+        "Count, every map point",
+        "count-points",
+        MaximumConsensus(PAPER, objective=Count(), multiplicity="points"),
+    ),
+    DemoMethod(
+        "Helmert, every map point",
+        "helmert-points",
+        MaximumConsensus(PAPER, objective=Helmert(), multiplicity="points"),
+    ),
+    DemoMethod("Count, a voxel once", "count-occupied", MaximumConsensus(PAPER, objective=Count())),
+    DemoMethod("Helmert, a voxel once", "helmert-occupied", MaximumConsensus(PAPER, objective=Helmert())),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class DemoDrive:
+    """The simulated drive, opened: the map, the scans, the priors and the reference."""
+
+    point_map: PointMap
+    dataset: Dataset
+    prior: Trajectory
+    reference: Trajectory
+
+    def reference_at(self, time: float) -> Pose:
+        """Return the reference pose at a time, local frame of the map."""
+        return self.point_map.frame.pose_to_local(self.reference.at(time))
+
+
+@dataclass(frozen=True, slots=True)
+class MethodResult:
+    """What one method answered over the drive."""
+
+    method: DemoMethod
+    epochs: tuple[EpochEstimate, ...]
+    errors: tuple[PoseError | None, ...]
+
+    @property
+    def accuracy(self) -> Accuracy:
+        """Success, median and worst error."""
+        return summarize(self.errors)
+
+    @property
+    def n_localized(self) -> int:
+        """Epochs the method itself calls localized."""
+        return sum(epoch.pose_global is not None for epoch in self.epochs)
+
+    @property
+    def median_milliseconds(self) -> float:
+        """From points in memory to the pose, the first epoch (compilation, first look at the map) left out."""
+        taken = [epoch.milliseconds for epoch in self.epochs]
+        return float(np.median(taken[1:] or taken))
+
+
+def check_extras() -> None:
+    """Say what is missing for a demo before a minute is spent on it.
+
+    Raises
+    ------
+    MissingExtraError
+        If embreex, matplotlib or jinja2 is not installed.
+    """
+    check_embreex()
+    check_matplotlib()
+    check_jinja2()
+
+
+def prepare_demo(
+    folder: Path, *, n_epochs: int, seed: int, progress: Progress, before: float = 75.0
+) -> DemoDrive:
+    """Simulate the dataset, from `before` (m) the crossing on, and build its map inside `folder`."""
+    dataset = simulate(
+        folder / "dataset",
+        n_epochs=n_epochs,
+        seed=seed,
+        before=before,
+        mapping_wait=MAPPING_WAIT,
+        progress=lambda done, total: progress("simulating the city and its drives", done, total),
+    )
+    build_map(dataset.map_clouds, folder / "city.map", dataset_map_options(dataset), progress=progress)
+    return DemoDrive(
+        PointMap.open(folder / "city.map"),
+        dataset,
+        read_trajectory(dataset.prior),
+        read_trajectory(dataset.reference),
+    )
+
+
+def localize_demo(
+    drive: DemoDrive, folder: Path, methods: Sequence[DemoMethod], *, progress: Progress
+) -> list[MethodResult]:
+    """Localize the drive with each method and write its poses to `folder`."""
+    scans = open_scans(drive.dataset.scans)
+    results = []
+    for number, method in enumerate(methods):
+        epochs: list[EpochEstimate] = []
+        errors: list[PoseError | None] = []
+        for epoch in localize_drive(drive.point_map, scans, drive.prior, method.method):
+            epochs.append(epoch.without_points())
+            errors.append(_error(epoch, drive))
+            progress("localizing", number * len(scans) + len(epochs), len(methods) * len(scans))
+        write_poses(folder / f"poses-{method.slug}.csv", epochs)
+        results.append(MethodResult(method, tuple(epochs), tuple(errors)))
+    return results
+
+
+def _error(epoch: EpochEstimate, drive: DemoDrive) -> PoseError | None:
+    """Error of the answer, whether the method trusts it or not."""
+    if epoch.estimate is None:
+        return None
+    return pose_error(epoch.estimate.pose, drive.reference_at(epoch.raw.time))

@@ -1,0 +1,233 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""How distinct the best cell of an accumulator is: the measures the paper compares objectives by."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.errors import ArrayError, OptionError
+from maxcon.integrity import peak_ratio
+from maxcon.search.accumulator import Accumulator, highest
+from maxcon.search.objectives import Objective, Scores, checked_scores
+from maxcon.search.space import Cell, SearchSpace
+
+__all__ = ["GUARD_RADIUS", "SPREAD_SHARE", "Distinctness", "distinctness", "significant_ray"]
+
+GUARD_RADIUS = 0.3
+"""Cells nearer to the peak than this cannot be its rival, the second peak, m (design, section 4)."""
+
+SPREAD_SHARE = 0.9
+"""The spread is how far cells go that reach this share of the peak's score."""
+
+# A Laplace distribution of standard deviation sigma falls by exp(-sqrt(2) / sigma) per unit; sigma = 1 cell.
+LAPLACE_DECAY = math.sqrt(2.0)
+
+# Rounding, in cells: places on the ray this close to a row or column of cells lie on it, for cos(pi / 2) is not 0.
+ON_THE_GRID = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Distinctness:
+    """How distinct a peak is, by four measures that do not depend on the unit of the score (design, section 4).
+
+    All are NaN where the highest score is 0: there is no peak.
+
+    Parameters
+    ----------
+    peak_ratio : float
+        Score of the second peak over that of the peak (the paper leaves open which over which), 0 to 1; lower
+        is more distinct. The second peak is the highest local maximum farther from the peak than the guard
+        radius, at any heading; 0 where there is none.
+    kurtosis : float
+        Fourth standardized moment of the scores along the significant ray, taken as a distribution over the
+        offset: 1.8 for many equal scores, 3 for a Gaussian; higher is more distinct. NaN where a single
+        place has all the score: a point has no kurtosis.
+    divergence : float
+        Kullback-Leibler divergence of the same distribution from a Laplace distribution with a standard
+        deviation of 1 cell about the peak, nats; lower is more distinct. NaN where the ray is one cell long
+        (a space of one cell, or a peak in a corner that the ray only touches): it tells nothing then.
+    spread : float
+        Largest horizontal distance from the peak to a cell of any heading that reaches 90 % of its score, m.
+    """
+
+    peak_ratio: float
+    kurtosis: float
+    divergence: float
+    spread: float
+
+
+def distinctness(
+    accumulator: Accumulator,
+    objective: Objective,
+    *,
+    guard_radius: float = GUARD_RADIUS,
+    scores: Scores | None = None,
+) -> Distinctness:
+    """Measures of how distinct the best cell is.
+
+    Parameters
+    ----------
+    accumulator : Accumulator
+        Moments of all cells.
+    objective : Objective
+        What a cell is worth; its scores must not be negative.
+    guard_radius : float
+        Cells nearer to the peak than this cannot be the second peak, m. State it with every ratio.
+    scores : array, shape (headings, ny, nx), optional
+        ``accumulator.score(objective)``, where it is known already; `objective` is not used then.
+
+    Returns
+    -------
+    Distinctness
+
+    Raises
+    ------
+    ArrayError
+        If scores have another shape, are negative or not finite: a share of the peak needs a zero that
+        means "nothing". They are not shifted, as the measures would depend on the lowest cell then.
+    OptionError
+        If the guard radius is negative or not finite.
+
+    Notes
+    -----
+    The ray ends where the search space ends, so kurtosis and divergence depend on where in the space the peak lies:
+    compare objectives on the same accumulator. The paper's search spaces are centred on the reference.
+    """
+    if not 0.0 <= guard_radius < math.inf:
+        raise OptionError(
+            f"Expected `guard_radius` >= 0 m, got {guard_radius}. The default is {GUARD_RADIUS:g}."
+        )
+    space = accumulator.space
+    scores = _checked(accumulator.score(objective) if scores is None else scores, space)
+    peak = highest(scores)
+    if scores[peak] == 0.0:
+        return Distinctness(math.nan, math.nan, math.nan, math.nan)
+    offsets, along = significant_ray(accumulator, scores, peak)
+    places, shares = offsets / space.cell_edge, along / along.sum()
+    return Distinctness(
+        peak_ratio=peak_ratio(scores, peak, space, guard_radius),
+        kurtosis=_kurtosis(places, shares),
+        divergence=_divergence(places, shares),
+        spread=_spread(scores, peak, space),
+    )
+
+
+def significant_ray(
+    accumulator: Accumulator, scores: Scores, cell: Cell
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Scores along the least determined direction through a cell (design, section 4).
+
+    The line lies in the heading plane of the cell and points along the eigenvector of the cell's normal matrix N with
+    the smallest eigenvalue: that of the largest of Q, but it exists where N is singular, too. Where N prefers no
+    direction (no matches, or equal eigenvalues) it is the y axis.
+
+    Parameters
+    ----------
+    accumulator : Accumulator
+        Moments of all cells.
+    scores : array, shape (headings, ny, nx)
+        Score of each cell.
+    cell : tuple of 3 int
+        (heading, y, x) that the line goes through: the best cell.
+
+    Returns
+    -------
+    offsets : array, shape (k,), m
+        Signed distances from the cell, ascending, a cell edge apart, as far as the search space goes; 0 is among
+        them. Positive is towards +x; towards +y where the line is the y axis.
+    scores : array, shape (k,)
+        Interpolated bilinearly between the four cells around each place; that of the cell itself at 0.
+
+    Raises
+    ------
+    ArrayError
+        If the scores have another shape, or are negative or not finite.
+    """
+    scores = _checked(scores, accumulator.space)
+    heading, iy, ix = cell
+    _, ny, nx = scores.shape
+    x_step, y_step = _least_determined(accumulator.normal_matrix(cell))
+    steps = np.arange(-(nx + ny), nx + ny + 1)
+    x, y = _snapped(ix + steps * x_step), _snapped(iy + steps * y_step)
+    is_inside = (x >= 0.0) & (x <= nx - 1) & (y >= 0.0) & (y <= ny - 1)
+    return steps[is_inside] * accumulator.space.cell_edge, _interpolated(
+        scores[heading], x[is_inside], y[is_inside]
+    )
+
+
+def _checked(scores: Scores, space: SearchSpace) -> Scores:
+    """Scores as float64; an ArrayError where shares of the peak would mean nothing."""
+    scores = checked_scores(np.asarray(scores, dtype=np.float64), space.shape)
+    lowest, top = scores.min(), scores.max()
+    if lowest < 0.0 or not np.isfinite(top):
+        raise ArrayError(
+            f"Expected finite scores >= 0 to measure how distinct a peak is, got {lowest:g} to {top:g}."
+            " Let the objective score 0 where nothing matches."
+        )
+    return scores
+
+
+def _least_determined(normal_matrix: NDArray[np.float64]) -> tuple[float, float]:
+    """Unit vector (x, y) along the eigenvector of the smallest eigenvalue of N, x > 0 or (0, 1)."""
+    (nxx, nxy), (_, nyy) = normal_matrix
+    largest = 0.5 * math.atan2(2.0 * nxy, nxx - nyy)  # direction of the largest; 0 where there is none
+    x, y = -math.sin(largest), math.cos(largest)
+    if abs(x) < ON_THE_GRID:
+        return 0.0, 1.0
+    return (x, y) if x > 0.0 else (-x, -y)
+
+
+def _snapped(places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Places, in cells, rounded to whole cells where only rounding errors keep them off."""
+    nearest = np.rint(places)
+    return np.where(np.abs(places - nearest) < ON_THE_GRID, nearest, places)
+
+
+def _interpolated(
+    plane: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Values of a plane, shape (ny, nx), interpolated bilinearly at places (x, y) inside it, in cells."""
+    ny, nx = plane.shape
+    x_low, y_low = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
+    x_high, y_high = np.minimum(x_low + 1, nx - 1), np.minimum(y_low + 1, ny - 1)
+    x_part, y_part = x - x_low, y - y_low
+    below = plane[y_low, x_low] * (1.0 - x_part) + plane[y_low, x_high] * x_part
+    above = plane[y_high, x_low] * (1.0 - x_part) + plane[y_high, x_high] * x_part
+    values: NDArray[np.float64] = below * (1.0 - y_part) + above * y_part
+    return values
+
+
+def _kurtosis(places: NDArray[np.float64], shares: NDArray[np.float64]) -> float:
+    """Fourth central moment over the squared variance of a distribution; NaN where one place has it all.
+
+    places, shares : shape (k,), in cells, and summing to 1.
+    """
+    deviations = places - shares @ places
+    variance = float(shares @ deviations**2)
+    if np.count_nonzero(shares) < 2:
+        return math.nan
+    return float(shares @ deviations**4) / variance / variance
+
+
+def _divergence(places: NDArray[np.float64], shares: NDArray[np.float64]) -> float:
+    """Sum of p log(p / q), nats: p the shares, q the Laplace density at the same places, both summing to 1.
+
+    places : shape (k,), in cells from the peak. NaN for one place, where p = q = 1 whatever the scores. In logarithms,
+    since q underflows some 530 cells from the peak.
+    """
+    if len(places) < 2:
+        return math.nan
+    log_density = -LAPLACE_DECAY * np.abs(places)
+    log_density -= math.log(float(np.exp(log_density).sum()))
+    is_present = shares > 0.0
+    present = shares[is_present]
+    return max(0.0, float(present @ (np.log(present) - log_density[is_present])))  # not -1e-17
+
+
+def _spread(scores: Scores, peak: Cell, space: SearchSpace) -> float:
+    """Largest horizontal distance from the peak to a cell reaching 90 % of it, m."""
+    _, iy, ix = np.nonzero(scores >= SPREAD_SHARE * scores[peak])
+    return float(np.hypot(iy - peak[1], ix - peak[2]).max()) * space.cell_edge

@@ -1,0 +1,122 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Pages: single HTML files with their pictures inside, which load nothing from anywhere."""
+
+import base64
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from maxcon._system.atomic import atomic_file
+from maxcon.errors import FileError, MissingExtraError
+
+__all__ = ["Picture", "check_jinja2", "write_page"]
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A PNG or SVG, with its title, caption and description.
+
+    Parameters
+    ----------
+    title, caption : str
+        What is written above and below.
+    alt : str
+        What the picture shows, for those who cannot see it.
+    source : path or bytes
+        The file, or its content.
+    """
+
+    title: str
+    caption: str
+    alt: str
+    source: str | os.PathLike[str] | bytes
+
+    @property
+    def data_uri(self) -> str:
+        """The picture as a data URI, to be embedded in a page.
+
+        Raises
+        ------
+        FileError
+            If the file cannot be read, or is neither a PNG nor an SVG.
+        """
+        content, name = self._content()
+        if content.startswith(b"\x89PNG\r\n\x1a\n"):
+            kind = "image/png"
+        elif content.lstrip().startswith((b"<?xml", b"<svg")) and b"<svg" in content:
+            kind = "image/svg+xml"
+        else:
+            raise FileError(
+                f"Expected {name} to be a PNG or an SVG, got {content[:8]!r}. Draw it as one of these."
+            )
+        return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
+
+    def _content(self) -> tuple[bytes, str]:
+        """Return the bytes of the picture, and what to call it in a message."""
+        if isinstance(self.source, bytes):
+            return self.source, f"the picture {self.title!r}"
+        try:
+            return Path(self.source).read_bytes(), os.fspath(self.source)
+        except OSError as error:
+            raise FileError(
+                f"Expected to read the picture {os.fspath(self.source)}, got: {error.strerror}."
+                " Draw it first."
+            ) from error
+
+
+def check_jinja2() -> None:
+    """Check that jinja2 is installed, before the work whose result the page is to show.
+
+    Raises
+    ------
+    MissingExtraError
+        If jinja2 is not installed.
+    """
+    try:
+        import jinja2  # noqa: F401
+    except ImportError as error:
+        raise MissingExtraError(
+            "Expected jinja2 to write a page, but it is not installed. Run: pip install 'maxcon[demo]'"
+        ) from error
+
+
+def write_page(path: str | os.PathLike[str], template: str, page: object) -> None:
+    """Write a page as one HTML file.
+
+    Parameters
+    ----------
+    path : path
+        The file to write.
+    template : str
+        Name of the template in `maxcon/report/templates`.
+    page : object
+        Its values, which the template refers to as `page`; all of them are escaped.
+
+    Raises
+    ------
+    MissingExtraError
+        If jinja2 is not installed.
+    FileError
+        If a picture cannot be read or the page cannot be written.
+    """
+    check_jinja2()
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("maxcon.lab.report"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters["number"] = _number
+    text = environment.get_template(template).render(page=page)
+    with atomic_file(path) as partial:
+        partial.write_text(text, encoding="utf-8", newline="\n")
+
+
+def _number(value: float | None, digits: int) -> str:
+    """Return a number for a table; a dash where there is none."""
+    return "–" if value is None or value != value else f"{value:,.{digits}f}"

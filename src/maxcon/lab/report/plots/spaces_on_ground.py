@@ -1,0 +1,119 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Search spaces drawn on the map: which of them a picture has room for, and their cells merged to visible blocks."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from maxcon.plotting.canvas.from_above import Window
+from maxcon.plotting.score_panel import ground_of
+from maxcon.search.accumulator import Accumulator
+from maxcon.search.objectives import Scores
+
+__all__ = ["apart", "highest_of_blocks", "window_around"]
+
+# Half width of the picture over the reach of a search space: it shows 75 m for the paper's space of 6 m.
+WINDOW_REACHES, LEAST_HALF_WIDTH = 12.5, 5.0
+# Least height of the picture over its width, for drives that run east or west.
+FLATTEST = 0.7
+# Least gap between two search spaces, as a part of their edge.
+LEAST_GAP = 0.1
+
+
+def window_around(accumulator: Accumulator, others: Sequence[Accumulator]) -> Window:
+    """Return the ground to draw around an epoch: as flat as the drive allows.
+
+    Parameters
+    ----------
+    accumulator : Accumulator
+        Of the epoch in the middle.
+    others : sequence of Accumulator
+        Of the other epochs.
+
+    Returns
+    -------
+    Window
+        12.5 times the reach of the search space to the east and west (37.5 m for 3 m), and 0.7 to 1 times as
+        much to the north and south: as far as the search spaces in the picture go.
+    """
+    prior = accumulator.prior
+    half = max(WINDOW_REACHES * accumulator.space.reach, LEAST_HALF_WIDTH)
+    square = Window.around(prior.x, prior.y, half)
+    farthest = max(
+        (
+            abs(other.prior.y - prior.y) + 1.5 * other.space.reach
+            for other in others
+            if _is_inside(other, square)
+        ),
+        default=0.0,
+    )
+    flat = min(half, max(FLATTEST * half, farthest))
+    return Window(square.west, square.east, prior.y - flat, prior.y + flat)
+
+
+def apart(accumulator: Accumulator, others: Sequence[Accumulator], window: Window) -> list[int]:
+    """Return which of `others` can be drawn beside `accumulator`, and beside each other, in their order.
+
+    Parameters
+    ----------
+    accumulator : Accumulator
+        Of the epoch that is drawn in any case.
+    others : sequence of Accumulator
+        Of the other epochs; the nearest is looked at first.
+    window : Window
+        What is drawn; search spaces that do not lie in it whole are left out.
+
+    Returns
+    -------
+    list of int
+        Indices into `others`, ascending.
+    """
+    here = accumulator.prior
+
+    def distance(number: int) -> float:
+        return float(np.hypot(others[number].prior.x - here.x, others[number].prior.y - here.y))
+
+    kept: list[int] = []
+    for number in sorted(range(len(others)), key=distance):
+        drawn = [accumulator, *(others[index] for index in kept)]
+        other = others[number]
+        if _is_inside(other, window) and not any(_are_close(other, one) for one in drawn):
+            kept.append(number)
+    return sorted(kept)
+
+
+def _is_inside(accumulator: Accumulator, window: Window) -> bool:
+    prior = accumulator.prior
+    ground = ground_of(accumulator.space, prior.x, prior.y)
+    return (
+        window.west <= ground.west
+        and ground.east <= window.east
+        and window.south <= ground.south
+        and ground.north <= window.north
+    )
+
+
+def _are_close(one: Accumulator, other: Accumulator) -> bool:
+    between = (1.0 + LEAST_GAP) * (one.space.reach + other.space.reach)
+    return abs(one.prior.x - other.prior.x) < between and abs(one.prior.y - other.prior.y) < between
+
+
+def highest_of_blocks(scores: Scores, edge: int) -> Scores:
+    """Return the highest score of each square block of cells.
+
+    Parameters
+    ----------
+    scores : array, shape (ny, nx)
+        Of one heading.
+    edge : int
+        Cells along the side of a block.
+
+    Returns
+    -------
+    array, shape (ceil(ny / edge), ceil(nx / edge))
+        Blocks at the north and east may hold fewer cells.
+    """
+    rows, columns = (np.arange(0, length, edge) for length in scores.shape)
+    blocks: Scores = np.maximum.reduceat(np.maximum.reduceat(scores, rows, axis=0), columns, axis=1)
+    return blocks

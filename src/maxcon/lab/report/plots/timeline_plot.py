@@ -1,0 +1,196 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""A drive epoch by epoch: the status of each answer, and its errors with what the method predicts of them."""
+
+import os
+from collections import Counter
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from maxcon.errors import ArrayError, OptionError
+from maxcon.estimate import Status
+from maxcon.lab.evaluation import SUCCESS_WORDS
+from maxcon.lab.report.plots.timeline_errors import (
+    BAND,
+    MANY_EPOCHS,
+    TRUSTED,
+    WITHHELD,
+    ErrorDrawing,
+    ErrorRow,
+)
+from maxcon.plotting.canvas.figure import INK, MUTED, SERIES, draw_titles, saved_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["plot_timeline"]
+
+STATUS_COLORS = {
+    Status.LOCALIZED.value: SERIES[2],
+    Status.AMBIGUOUS.value: SERIES[4],
+    Status.WALLS_MISSING.value: SERIES[3],
+    Status.NOT_CONFIRMED.value: SERIES[5],
+    Status.AT_RIM.value: SERIES[0],
+    Status.UNDETERMINED.value: SERIES[1],
+    Status.NOT_CONVERGED.value: SERIES[1],
+}
+"""Colours of the statuses that an answer can have; others are drawn in `MUTED`."""
+
+WIDTH = 11.5
+# Inches.
+LEFT, RIGHT, BELOW, TITLES, BETWEEN = 1.75, 0.25, 1.0, 1.08, 0.12
+STATUS_ROW, ERROR_ROW = 0.24, 1.35
+MOST_ROWS = 4
+
+
+def plot_timeline(
+    path: str | os.PathLike[str],
+    epochs: ArrayLike,
+    statuses: Sequence[str],
+    is_wrong: ArrayLike,
+    rows: Sequence[ErrorRow],
+    *,
+    title: str = "The drive, epoch by epoch",
+) -> None:
+    """Draw a drive: a row for each status that occurs, and one for each kind of error.
+
+    Parameters
+    ----------
+    path : path
+        A .png or .svg to write.
+    epochs : array_like, shape (n,)
+        Numbers of the scans, rising.
+    statuses : sequence of str, length n
+        Status of each answer, as the method says.
+    is_wrong : array_like, shape (n,)
+        bool: whether the answer is known to be beyond the limits of success.
+    rows : sequence of ErrorRow
+        At most 4.
+    title : str
+        What is written above.
+
+    Raises
+    ------
+    ArrayError
+        If there is no epoch, or the arrays do not have one value for each.
+    OptionError
+        If there is no row or more than 4, or the name ends in neither .png nor .svg.
+    MissingExtraError
+        If matplotlib is not installed.
+    FileError
+        If the file cannot be written.
+    """
+    numbers, wrong = np.asarray(epochs, dtype=np.float64), np.asarray(is_wrong, dtype=bool)
+    if not 1 <= len(rows) <= MOST_ROWS:
+        raise OptionError(f"Expected 1 to {MOST_ROWS} rows, got {len(rows)}. Draw several pictures.")
+    if (
+        numbers.ndim != 1
+        or len(numbers) == 0
+        or wrong.shape != numbers.shape
+        or len(statuses) != len(numbers)
+    ):
+        raise ArrayError(
+            f"Expected one status, and whether it is wrong, for each of n > 0 epochs, got {numbers.shape},"
+            f" {len(statuses)} and {wrong.shape}."
+        )
+    errors = [ErrorDrawing.of(row, len(numbers)) for row in rows]
+    words = [word for word, _ in Counter(statuses).most_common()]
+    words.sort(key=lambda word: word != Status.LOCALIZED.value)
+    trusted = np.array([word == Status.LOCALIZED.value for word in statuses])
+    n_lines = len(words) + 1
+    height = BELOW + len(rows) * (ERROR_ROW + BETWEEN) + n_lines * STATUS_ROW + TITLES
+    with saved_figure(path, WIDTH, height) as figure:
+        draw_titles(figure, title, _words(errors, len(numbers), int((trusted & wrong).sum())))
+        stroke = _stroke(numbers)
+        bottom = height - TITLES - n_lines * STATUS_ROW
+        first = _add_row(figure, bottom, n_lines * STATUS_ROW, None)
+        _draw_statuses(first, numbers, statuses, words, trusted & wrong, stroke)
+        for row, drawn in zip(rows, errors, strict=True):
+            bottom -= ERROR_ROW + BETWEEN
+            axes = _add_row(figure, bottom, ERROR_ROW, first)
+            drawn.draw(axes, numbers, trusted, stroke)
+            axes.set_ylabel(f"{row.name}\n[{row.unit}]", labelpad=8)
+        axes.set_xlabel("epoch (number of the scan)")
+        axes.tick_params(labelbottom=True)
+        margin = max(0.6, 0.012 * float(np.ptp(numbers)))
+        first.set_xlim(numbers[0] - margin, numbers[-1] + margin)
+        _draw_legend(figure, errors)
+
+
+def _words(errors: "Sequence[ErrorDrawing]", n_epochs: int, n_wrong: int) -> str:
+    """Return the subtitle: how many trusted answers are wrong, and what to look for."""
+    wrong = "No trusted answer is wrong" if n_wrong == 0 else f"Trusted and wrong: {n_wrong:,}"
+    lines = [f"{n_epochs:,} epochs. {wrong} ({SUCCESS_WORDS})."]
+    if any(drawn.has_sigmas for drawn in errors):
+        lines.append("About 95 % of the dots should lie within the band, and hardly any beyond the lines.")
+    else:
+        lines.append("The method predicts no errors: there are no bands.")
+    return "\n".join(lines)
+
+
+def _stroke(numbers: NDArray[np.float64]) -> float:
+    """Width of the stroke of an epoch, points: without gaps between neighbours, and never too thin to be seen."""
+    if len(numbers) == 1:
+        return 8.0
+    step = float(np.median(np.diff(numbers))) / max(float(np.ptp(numbers)), 1.0)
+    return float(np.clip(0.9 * 72.0 * (WIDTH - LEFT - RIGHT) * step, 0.9, 8.0))
+
+
+def _add_row(figure: "Figure", bottom: float, row_height: float, first: "Axes | None") -> "Axes":
+    """Add axes over the whole width, with its bottom and height in inches, sharing the x axis of the first row."""
+    _, height = figure.get_size_inches()
+    axes = figure.add_axes(
+        (LEFT / WIDTH, bottom / height, (WIDTH - LEFT - RIGHT) / WIDTH, row_height / height), sharex=first
+    )
+    axes.tick_params(labelbottom=False)
+    axes.grid(color="#dfe2e8", lw=0.7)
+    axes.set_axisbelow(True)
+    return axes
+
+
+def _draw_statuses(
+    axes: "Axes",
+    numbers: NDArray[np.float64],
+    statuses: Sequence[str],
+    words: Sequence[str],
+    is_false: NDArray[np.bool_],
+    stroke: float,
+) -> None:
+    """Draw a line of strokes for each status, and one for answers that are trusted and wrong."""
+    said = np.array(statuses)
+    lines = [(word, said == word, STATUS_COLORS.get(word, MUTED)) for word in words]
+    lines.append(("trusted and wrong", is_false, "#c00000"))
+    for number, (_, is_here, color) in enumerate(lines):
+        axes.vlines(
+            numbers[is_here],
+            number - 0.36,
+            number + 0.36,
+            color=color,
+            lw=stroke if number < len(words) else max(stroke, 2.0),
+            rasterized=len(numbers) > MANY_EPOCHS,
+        )
+    axes.set(ylim=(len(lines) - 0.5, -0.5))
+    axes.set_yticks(range(len(lines)), [f"{word}: {int(is_here.sum()):,}" for word, is_here, _ in lines])
+    axes.tick_params(axis="y", length=0, labelsize=9)
+    axes.grid(visible=False, axis="y")
+
+
+def _draw_legend(figure: "Figure", errors: Sequence[ErrorDrawing]) -> None:
+    """Say what the marks of the error rows mean."""
+    from matplotlib.lines import Line2D
+
+    entries = [
+        (Line2D([], [], ls="", marker="o", ms=6, color=TRUSTED), "error, trusted answer"),
+        (Line2D([], [], ls="", marker="o", ms=6, color=WITHHELD), "error, withheld answer"),
+        (Line2D([], [], ls="", marker="^", ms=6, color=MUTED), "beyond the axis"),
+    ]
+    if any(drawn.has_sigmas for drawn in errors):
+        entries.append((Line2D([], [], color=BAND, lw=7), "±2 predicted sigmas"))
+    if any(drawn.has_levels for drawn in errors):
+        entries.append((Line2D([], [], color=INK, lw=0.9), "protection level"))
+    handles, labels = zip(*entries, strict=True)
+    figure.legend(handles, labels, loc="lower left", bbox_to_anchor=(0.2 / WIDTH, 0.0), ncols=len(entries))

@@ -1,0 +1,233 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""How certain the methods of a study say they are, against their true errors: tables and pictures."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from maxcon.lab.evaluation import (
+    ALERT_LIMIT,
+    Coverage,
+    MeanSquare,
+    ProtectionCounts,
+    RiskCoverage,
+)
+from maxcon.lab.report.html import Picture
+from maxcon.lab.report.plots.risk_coverage_plot import plot_risk_coverage
+from maxcon.lab.report.plots.sigma_plot import SigmaPanel, plot_sigmas
+from maxcon.lab.report.plots.stanford_plot import plot_stanford
+from maxcon.lab.report.plots.timeline_errors import ErrorRow
+from maxcon.lab.report.plots.timeline_plot import plot_timeline
+from maxcon.lab.report.study.page import Certainty, CoverageRow, CoverageTable, ProtectionTable
+from maxcon.lab.report.study.statistics import NAMES, own_methods, shown_methods
+from maxcon.lab.study import MethodRows
+
+__all__ = ["certainty_of"]
+
+KINDS = {
+    "along": ("along", "sigma_along"),
+    "across": ("across", "sigma_across"),
+    "height": ("height_error", "sigma_z"),
+    "heading": ("heading_error", "sigma_heading"),
+}
+"""Columns of error and predicted sigma in the table of a study, by kind of error."""
+DIRECTIONS = ("along", "across")
+
+
+def certainty_of(
+    folder: Path,
+    by_prior: Mapping[str, Mapping[str, MethodRows]],
+    prior: str,
+    configured: Mapping[str, Mapping[str, object]],
+) -> Certainty:
+    """Return tables and pictures of how certain methods are; the pictures are drawn into a folder, as SVG.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the pictures go; must exist.
+    by_prior : mapping of str to mapping of str to MethodRows
+        Rows by prior and by method.
+    prior : str
+        The prior of the pictures; the timelines are of all of them.
+    configured : mapping of str to mapping
+        Configuration of each method by its name, as the study saved it.
+
+    Notes
+    -----
+    The pictures that need a covariance are of one method: the first that has one, the user's own before others.
+    """
+    methods = by_prior[prior]
+    predicting = _predicting(methods)
+    coverage, protection = [], []
+    for name, found in by_prior.items():
+        for method in _predicting(found):
+            rows, words = found[method], f"{method}, prior “{name}”"
+            coverage.append(_coverage(f"Errors within predicted sigmas: {words}", rows))
+            if _has(rows, "protection_along"):
+                risk = _risk(configured, method)
+                protection.append(_protection(f"Errors within protection levels: {words}", rows, risk))
+    pictures = _risk_coverage(folder / "risk-coverage.svg", methods)
+    for number, (name, found) in enumerate({prior: methods, **by_prior}.items(), 1):
+        path = folder / ("timeline.svg" if number == 1 else f"timeline-{number}.svg")
+        pictures.append(_timeline(path, name, found[(_predicting(found) or shown_methods(found))[0]]))
+    notes, sigmas, stanford = [], [], []
+    for method in predicting[:1]:
+        sigmas.append(_sigmas(folder / "sigmas.svg", methods[method]))
+        if _has(methods[method], "protection_along"):
+            stanford.append(_stanford(folder / "stanford.svg", methods[method]))
+        else:
+            notes.append(f"No Stanford diagram: {method} gives no protection levels.")
+    if not predicting:
+        notes.append(
+            "No errors against predicted sigmas, no protection levels: no method predicts its errors here, with the"
+            f" prior “{prior}”. The method “maxcon” does: maxcon study --methods maxcon."
+        )
+    return Certainty(
+        tuple(coverage),
+        tuple(protection),
+        ALERT_LIMIT,
+        tuple(sigmas),
+        tuple(stanford),
+        tuple(pictures),
+        tuple(notes),
+    )
+
+
+def _has(rows: MethodRows, column: str) -> bool:
+    """Whether any row has a value in a column."""
+    return bool(np.isfinite(rows.numbers(column)).any())
+
+
+def _predicting(methods: Mapping[str, MethodRows]) -> list[str]:
+    """Methods that predict their errors, the user's own first."""
+    own = own_methods(methods)
+    names = [name for name, rows in methods.items() if _has(rows, "nees")]
+    return sorted(names, key=lambda name: name not in own)
+
+
+def _risk(configured: Mapping[str, Mapping[str, object]], name: str) -> float | None:
+    """How often a method says that its protection levels are exceeded, 0 to 1; None if it is not configured."""
+    method = configured.get(name, {}).get("method")
+    risk = method.get("risk") if isinstance(method, dict) else None
+    return float(risk) if isinstance(risk, float) and 0.0 < risk < 1.0 else None
+
+
+def _coverage(title: str, rows: MethodRows) -> CoverageTable:
+    """Shares of the errors of one method within their sigmas, for each kind of error, and for x and y together."""
+    squares = rows.numbers("nees")
+    found = [
+        CoverageRow(name, Coverage.of(rows.numbers(error), rows.numbers(sigma)))
+        for name, (error, sigma) in KINDS.items()
+    ]
+    found.append(CoverageRow("x and y", Coverage.of(np.sqrt(squares), np.ones(len(squares))), n_errors=2))
+    return CoverageTable(title, tuple(found), MeanSquare.of(squares))
+
+
+def _protection(title: str, rows: MethodRows, risk: float | None) -> ProtectionTable:
+    """How many epochs lie in each region of the Stanford diagram, along, across, and by the worse of both."""
+    errors, levels = (
+        np.column_stack([rows.numbers(f"{prefix}{name}")[rows.is_tried] for name in DIRECTIONS])
+        for prefix in ("", "protection_")
+    )
+    found = [
+        (name, ProtectionCounts.of(errors[:, number], levels[:, number]))
+        for number, name in enumerate(DIRECTIONS)
+    ]
+    found.append(("either", ProtectionCounts.of(errors, levels)))
+    return ProtectionTable(title, tuple(found), risk)
+
+
+def _sigmas(path: Path, rows: MethodRows) -> Picture:
+    panels = []
+    for name, unit, factor in (
+        ("along", "cm", 100.0),
+        ("across", "cm", 100.0),
+        ("heading", "°", np.degrees(1.0)),
+    ):
+        error, sigma = (factor * rows.numbers(column) for column in KINDS[name])
+        panels.append(SigmaPanel(name, unit, error, sigma))
+    plot_sigmas(path, panels, title=f"Error against predicted sigma: {rows.method}")
+    return Picture(
+        "Error against predicted sigma",
+        "Every answer with a covariance is a dot: to the right, how far off it expected to be (one standard deviation);"
+        " upwards, how far off it was. Where the predictions hold, a third of the dots lie above the line of 1 sigma,"
+        " hardly any above that of 3 sigma, and the curves below lie on each other: a curve below the dashed one tells"
+        " of sigmas that are too small.",
+        "Errors along, across and of the heading over their predicted standard deviations, with lines at 1 to 3 sigma.",
+        path,
+    )
+
+
+def _stanford(path: Path, rows: MethodRows) -> Picture:
+    errors = {name: rows.numbers(name)[rows.is_tried] for name in DIRECTIONS}
+    levels = {name: rows.numbers(f"protection_{name}")[rows.is_tried] for name in DIRECTIONS}
+    plot_stanford(path, errors, levels, title=f"Protection level against true error: {rows.method}")
+    return Picture(
+        "Stanford diagram: protection level against true error",
+        "The protection level is what the error shall not exceed, but for the method's stated risk. Green: it did not,"
+        " and the level is small enough to drive by. Yellow and red: the error was larger than promised; red: larger"
+        " than the alert limit too, with nobody warned. Grey: the level itself is beyond the alert limit, or the answer"
+        " was withheld; nobody drives by it.",
+        "Protection levels over true errors, along and across, with the regions of a Stanford diagram.",
+        path,
+    )
+
+
+def _risk_coverage(path: Path, methods: Mapping[str, MethodRows]) -> list[Picture]:
+    found = {}
+    for name in shown_methods(methods):
+        rows = methods[name]
+        tried = rows.is_tried
+        if tried.any():
+            found[NAMES.get(name, name)] = RiskCoverage.of(
+                rows.numbers("is_success")[tried] == 1.0,
+                np.isfinite(rows.numbers("x"))[tried],
+                rows.numbers("is_localized")[tried] == 1.0,
+                rows.numbers("runner_up")[tried],
+            )
+    if not found:
+        return []
+    plot_risk_coverage(path, found)
+    return [
+        Picture(
+            "What the status is worth",
+            "To the right: more answers are accepted. Upwards: more of them are wrong. A good status stands low and far"
+            " right: it withholds the wrong answers and no others. The order of trust: answers with the status"
+            " “localized” before withheld ones, each group by its runner-up, which is the score of the next best place"
+            " over that of the answer; methods without scores have no order within a group. Epochs without an answer"
+            " are never accepted.",
+            "Rates of wrong answers over the share of accepted ones, a line or two markers for each method.",
+            path,
+        )
+    ]
+
+
+def _timeline(path: Path, prior: str, rows: MethodRows) -> Picture:
+    def error_row(name: str, unit: str, factor: float) -> ErrorRow:
+        error, sigma = (factor * rows.numbers(column) for column in KINDS[name])
+        level = factor * rows.numbers(f"protection_{name}") if name in DIRECTIONS else None
+        return ErrorRow(name, unit, error, sigma, level)
+
+    plot_timeline(
+        path,
+        rows.numbers("epoch"),
+        [str(word) for word in rows.words("status")],
+        rows.numbers("is_success") == 0.0,
+        [
+            error_row("along", "cm", 100.0),
+            error_row("across", "cm", 100.0),
+            error_row("heading", "°", np.degrees(1.0)),
+        ],
+        title=f"The drive, epoch by epoch: {rows.method}, prior “{prior}”",
+    )
+    return Picture(
+        f"The drive, epoch by epoch: prior “{prior}”",
+        "On top what the method said of each answer, and which trusted answers were wrong; below, its signed errors,"
+        " with the band of 2 predicted sigmas and the protection level where it has them. Look for errors that leave"
+        " the band for many epochs in a row: neighbours err together, and a mean over the drive hides that.",
+        "Status, errors along, across and of the heading over the epochs of the drive.",
+        path,
+    )

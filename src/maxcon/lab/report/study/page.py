@@ -1,0 +1,223 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""What the page of a study shows, claims, tables and pictures, as records for its template."""
+
+import math
+import os
+from dataclasses import dataclass
+
+from maxcon.lab.evaluation import (
+    PROMISED,
+    PROMISED_PLANE,
+    Coverage,
+    MeanSquare,
+    ProtectionCounts,
+    least_to_prove,
+)
+from maxcon.lab.report.html import Picture, write_page
+from maxcon.lab.report.study.claims import Claim
+from maxcon.lab.study import MethodStatistics
+
+__all__ = [
+    "Certainty",
+    "CoverageRow",
+    "CoverageTable",
+    "MethodTable",
+    "ProtectionTable",
+    "StudyPage",
+    "write_study_page",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class MethodTable:
+    """How methods did with one prior.
+
+    Parameters
+    ----------
+    title, words : str
+        What is compared, and how to read it.
+    methods : tuple of MethodStatistics
+        A row each.
+    """
+
+    title: str
+    words: str
+    methods: tuple[MethodStatistics, ...]
+
+    @property
+    def has_distinctness(self) -> bool:
+        """Whether any method has measures of distinctness."""
+        return any(not math.isnan(method.kurtosis) for method in self.methods)
+
+    @property
+    def has_starts(self) -> bool:
+        """Whether any method has several starts."""
+        return any(method.n_starts for method in self.methods)
+
+
+@dataclass(frozen=True, slots=True)
+class CoverageRow:
+    """How many errors of one kind lie within their predicted sigmas.
+
+    Parameters
+    ----------
+    name : str
+        Kind of error.
+    coverage : Coverage
+        The counts.
+    n_errors : {1, 2}
+        Number of errors taken together: 2 for x and y within ellipses.
+    """
+
+    name: str
+    coverage: Coverage
+    n_errors: int = 1
+
+    @property
+    def promised(self) -> tuple[float, ...]:
+        """Shares within 1, 2 and 3 sigma, 0 to 1, that are expected if the sigmas hold."""
+        return PROMISED if self.n_errors == 1 else PROMISED_PLANE
+
+    @property
+    def promised_rms(self) -> float:
+        """Root of the mean square of errors over sigmas that is expected if the sigmas hold."""
+        return math.sqrt(self.n_errors)
+
+    @property
+    def verdict(self) -> str:
+        """Whether sigmas are too small, too large or as promised, by the 95 % intervals of the three shares."""
+        ends = list(zip(self.coverage.intervals, self.promised, strict=True))
+        if any(high < promised for (_, high), promised in ends):
+            return "too small"
+        return "too large" if any(low > promised for (low, _), promised in ends) else "as promised"
+
+
+@dataclass(frozen=True, slots=True)
+class CoverageTable:
+    """How well a method knows its errors.
+
+    Parameters
+    ----------
+    title : str
+        Which method and prior.
+    rows : tuple of CoverageRow
+        At least one.
+    squares : MeanSquare
+        Of x and y together.
+    """
+
+    title: str
+    rows: tuple[CoverageRow, ...]
+    squares: MeanSquare
+
+
+@dataclass(frozen=True, slots=True)
+class ProtectionTable:
+    """How often errors exceed a method's protection levels, and what that proves.
+
+    Parameters
+    ----------
+    title : str
+        Which method and prior.
+    rows : tuple of (str, ProtectionCounts)
+        By direction.
+    risk : float or None
+        How often the method says that its levels are exceeded, 0 to 1, if it says so.
+    """
+
+    title: str
+    rows: tuple[tuple[str, ProtectionCounts], ...]
+    risk: float | None
+
+    @property
+    def n_to_prove(self) -> int | None:
+        """Epochs that, none of them beyond its level, would prove the stated risk."""
+        return None if self.risk is None else least_to_prove(self.risk)
+
+
+@dataclass(frozen=True, slots=True)
+class Certainty:
+    """How certain a study's methods say they are, against their true errors.
+
+    Parameters
+    ----------
+    coverage : tuple of CoverageTable
+        Errors within predicted sigmas.
+    protection : tuple of ProtectionTable
+        Errors within protection levels.
+    alert_limit : float
+        Alert limit of the protection tables, m.
+    coverage_pictures, protection_pictures : tuple of Picture
+        Pictures that belong to these tables.
+    status_pictures : tuple of Picture
+        Pictures of what the status is worth, and of the drive epoch by epoch.
+    notes : tuple of str
+        What is missing, and why.
+    """
+
+    coverage: tuple[CoverageTable, ...]
+    protection: tuple[ProtectionTable, ...]
+    alert_limit: float
+    coverage_pictures: tuple[Picture, ...]
+    protection_pictures: tuple[Picture, ...]
+    status_pictures: tuple[Picture, ...]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class StudyPage:
+    """Everything the page of a study shows; all of it is escaped.
+
+    Parameters
+    ----------
+    title, headline : str
+        What was studied, and what came out, in a sentence or two.
+    facts : tuple of (str, str)
+        Names and values of what was studied.
+    claims : tuple of Claim
+        The paper beside this study.
+    tables : tuple of MethodTable
+        At least one.
+    scenes, statistics : tuple of Picture
+        Figures of single epochs, and of all epochs.
+    certainty : Certainty
+        How certain the methods are, and whether their errors bear it out.
+    notes : tuple of str
+        What the page lacks, and why.
+    reasons : tuple of (str, int)
+        Why epochs have no answer, and how many rows each reason has.
+    command : str
+        What to type to get this page again.
+    configuration : str
+        The runs of the study, as it saved them, JSON.
+    version : str
+        Of maxcon.
+    """
+
+    title: str
+    headline: str
+    facts: tuple[tuple[str, str], ...]
+    claims: tuple[Claim, ...]
+    tables: tuple[MethodTable, ...]
+    scenes: tuple[Picture, ...]
+    statistics: tuple[Picture, ...]
+    certainty: Certainty
+    notes: tuple[str, ...]
+    reasons: tuple[tuple[str, int], ...]
+    command: str
+    configuration: str
+    version: str
+
+
+def write_study_page(path: str | os.PathLike[str], page: StudyPage) -> None:
+    """Write the page of a study as one HTML file, pictures inside.
+
+    Raises
+    ------
+    MissingExtraError
+        If jinja2 is not installed.
+    FileError
+        If a picture cannot be read or the page cannot be written.
+    """
+    write_page(path, "study.html.j2", page)

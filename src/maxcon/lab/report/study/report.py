@@ -1,0 +1,200 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""From a study to its page: figures, claims and tables, made from what the study saved."""
+
+import json
+import math
+import os
+import shlex
+from collections import Counter
+from pathlib import Path
+
+from maxcon._system.atomic import check_folder, check_writable, make_folder
+from maxcon._system.partials import sweep_folder
+from maxcon._system.progress import Progress
+from maxcon._system.version import __version__
+from maxcon.errors import OptionError
+from maxcon.lab.dataset import DESCRIPTION
+from maxcon.lab.evaluation import SUCCESS_WORDS
+from maxcon.lab.report.html import check_jinja2
+from maxcon.lab.report.study.certainty import certainty_of
+from maxcon.lab.report.study.claims import COUNT, HELMERT, paper_claims
+from maxcon.lab.report.study.page import StudyPage, write_study_page
+from maxcon.lab.report.study.pictures import draw_pictures, open_scenes
+from maxcon.lab.report.study.scenes import space_of
+from maxcon.lab.report.study.statistics import own_methods
+from maxcon.lab.report.study.tables import method_tables
+from maxcon.lab.study import MethodRows, Study, rows_by_method, statistics
+from maxcon.lab.study.bench import REFERENCE
+from maxcon.plotting.canvas.figure import check_matplotlib
+from maxcon.search.space import SearchSpace
+
+__all__ = ["report_study"]
+
+MAXCON = "maxcon"
+FEW_EPOCHS = 50
+
+
+def report_study(
+    study_folder: str | os.PathLike[str],
+    path: str | os.PathLike[str],
+    *,
+    figures: str | os.PathLike[str] | None = None,
+    dataset: str | os.PathLike[str] | None = None,
+    prior: str | None = None,
+    progress: Progress | None = None,
+) -> Path:
+    """Write the page of a study, and its figures beside it; return the folder of the figures.
+
+    Parameters
+    ----------
+    study_folder : path
+        What `run_study` made, done or not.
+    path : path
+        HTML file to write.
+    figures : path, optional
+        Folder for the figures, SVG; named after the page if None.
+    dataset : path, optional
+        Where the dataset is now; where it was if None. Without it the scenes are left out, and the page says so.
+    prior : str, optional
+        The prior that figures and claims are about; the first of the study if None. Tables have all.
+    progress : callable, optional
+        Called with (step, done, of how many).
+
+    Raises
+    ------
+    FileError
+        If there is no study, `dataset` is not its dataset, or something cannot be written.
+    OptionError
+        If the study has no rows, or not that prior.
+    MissingExtraError
+        If matplotlib or jinja2 is not installed.
+    """
+    check_matplotlib()
+    check_jinja2()
+    page = Path(path)
+    folder = page.with_name(f"{page.stem}-figures") if figures is None else Path(figures)
+    if page.suffix.lower() not in (".html", ".htm"):
+        raise OptionError(f"Expected the name of a page to end in .html, got {os.fspath(path)!r}. Rename it.")
+    check_writable(page)
+    check_folder(folder)
+    study = Study.open(study_folder)
+    by_prior = _by_prior(study)
+    prior = _checked_prior(by_prior, prior)
+    methods = by_prior[prior]
+    make_folder(folder)
+    sweep_folder(folder)
+    report = progress or (lambda step, done, total: None)
+    notes = _cautions(study, methods)
+    scenes = open_scenes(study, dataset, prior, notes)
+    drawn, pictures = draw_pictures(folder, scenes, methods, notes, report)
+    certainty = certainty_of(folder, by_prior, prior, study.configuration.methods)
+    space = space_of(study.configuration.methods, HELMERT) or SearchSpace.paper()
+    numbers = {name: [statistics(rows) for rows in methods.values()] for name, methods in by_prior.items()}
+    write_study_page(
+        page,
+        StudyPage(
+            title=f"maxcon study: {_name(study)}",
+            headline=_headline(methods, prior),
+            facts=_facts(study, methods),
+            claims=tuple(paper_claims(methods, space.cell_edge, by_prior.get(REFERENCE))),
+            tables=tuple(table for name, found in numbers.items() for table in method_tables(name, found)),
+            scenes=tuple(drawn),
+            statistics=tuple(pictures),
+            certainty=certainty,
+            notes=tuple(notes),
+            reasons=_reasons(by_prior),
+            command=_command(study_folder, path, figures=figures, dataset=dataset, prior=prior),
+            configuration=json.dumps(study.configuration.runs, indent=1),
+            version=__version__,
+        ),
+    )
+    return folder
+
+
+def _by_prior(study: Study) -> dict[str, dict[str, MethodRows]]:
+    """Rows by prior and by method: priors in the order they were studied, the reference last."""
+    found: dict[str, dict[str, MethodRows]] = {}
+    for rows in rows_by_method(study.table, tuple(study.configuration.methods)):
+        found.setdefault(rows.prior, {})[rows.method] = rows
+    if not found:
+        raise OptionError(
+            f"Expected rows in the study {study.folder}, got none yet. Let it run: maxcon study DATASET -o STUDY."
+        )
+    studied = [str(name) for run in study.configuration.runs for name in run.get("priors", ())]
+    place = {name: number for number, name in reversed(list(enumerate(studied)))}
+    order = sorted(found, key=lambda name: (name == REFERENCE, place.get(name, len(place)), name))
+    return {name: found[name] for name in order}
+
+
+def _checked_prior(by_prior: dict[str, dict[str, MethodRows]], prior: str | None) -> str:
+    if prior is not None and prior not in by_prior:
+        raise OptionError(f"Expected a prior of the study, {', '.join(by_prior)}, got {prior!r}.")
+    return prior or next(iter(by_prior))
+
+
+def _cautions(study: Study, methods: dict[str, MethodRows]) -> list[str]:
+    """Return notes of what weakens the verdicts: an unfinished study, few epochs, methods with different epochs."""
+    notes = []
+    if any("n_rows" not in run for run in study.configuration.runs[-1:]):
+        notes.append("This study is not finished, or was stopped: the same maxcon study command goes on.")
+    n_epochs = {len(rows) for rows in methods.values()}
+    if min(n_epochs) < FEW_EPOCHS:
+        notes.append(f"Some methods have {min(n_epochs)} epochs only: rates from so few say little.")
+    if len(n_epochs) > 1:
+        notes.append("Not all methods were studied over the same epochs; the tables say over how many.")
+    return notes
+
+
+def _headline(methods: dict[str, MethodRows], prior: str) -> str:
+    """Return the successes of the main methods as a sentence."""
+    known = (MAXCON, HELMERT, COUNT, "helmert-occupied", "icp-plane-1m", "icp-plane-3m", "gicp-3m")
+    names = [*own_methods(methods), *(name for name in known if name in methods)] or list(methods)[:6]
+    found = [statistics(methods[name]) for name in names]
+    words = "; ".join(f"{method.method} {method.n_success:,} of {method.n_epochs:,}" for method in found)
+    return f"Epochs within {SUCCESS_WORDS} of the reference, from the prior “{prior}”: {words}."
+
+
+def _command(study_folder: str | os.PathLike[str], path: str | os.PathLike[str], **options: object) -> str:
+    """What to type to get the page again."""
+    words = ["maxcon", "report", os.fspath(study_folder), "-o", os.fspath(path)]
+    for name, value in options.items():
+        words += [f"--{name}", str(value)] if value is not None else []
+    return shlex.join(words)
+
+
+def _name(study: Study) -> str:
+    """Name of the dataset: that of its folder, or of its description if that has not the usual name."""
+    path = Path(study.configuration.dataset)
+    return path.parent.name if path.name == DESCRIPTION else path.stem
+
+
+def _facts(study: Study, methods: dict[str, MethodRows]) -> tuple[tuple[str, str], ...]:
+    epochs = {epoch for rows in methods.values() for epoch in rows.numbers("epoch").tolist()}
+    n_runs = len(study.configuration.runs)
+    seconds = sum(float(run.get("seconds", 0.0)) for run in study.configuration.runs)
+    return (
+        ("Dataset", _name(study)),
+        ("Epochs", f"{len(epochs):,} of {study.configuration.n_scans:,} scans"),
+        ("Methods", f"{len(study.configuration.methods)}"),
+        ("Rows", f"{len(study.table):,}"),
+        ("Time", f"{seconds / 60.0:.1f} min, {n_runs} run{'s' * (n_runs != 1)}"),
+    )
+
+
+def _reasons(by_prior: dict[str, dict[str, MethodRows]]) -> tuple[tuple[str, int], ...]:
+    """Why rows have no answer: each status with how many rows it has, and one reason as an example."""
+    counted: Counter[str] = Counter()
+    example: dict[str, str] = {}
+    for methods in by_prior.values():
+        for rows in methods.values():
+            words = zip(rows.words("status"), rows.words("reason"), rows.numbers("x"), strict=True)
+            for status, reason, x in words:
+                if math.isnan(x):
+                    counted[str(status)] += 1
+                    if reason:
+                        example.setdefault(str(status), reason)
+    return tuple(
+        (f"{status}, such as: {example[status]}" if status in example else status, n_rows)
+        for status, n_rows in counted.most_common()
+    )

@@ -1,0 +1,272 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""How a house looks from the street: relief of windows, doors and bays, balconies, steps, pipes, roof.
+
+In the frame of a house x runs along its front, y out to the street and z up; its front stands at y = 0
+and its ground at z = 0, m.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.lab.simulation.scenes.las_classes import LasClass
+from maxcon.lab.simulation.scenes.patches import Patch, boxes, join, prism, quads, triangles
+
+__all__ = ["HOUSE_DEPTH", "HouseStyle", "balcony", "draw_style", "house", "rain_pipe", "relief", "steps"]
+
+HOUSE_DEPTH = 12.0
+"""Distance from front to back of every house, m."""
+
+THRESHOLD, SILL, LINTEL = 0.45, 1.1, 2.6
+"""Heights of edges on the ground floor, m: lower edge of doors, lower edge of windows, upper edge of both."""
+ARCHWAY_DEPTH = 9.0
+DOOR_RECESS = 0.35
+
+Grid = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
+"""Edges of columns, shape (nx + 1,), and of rows, (nz + 1,); depths behind the front, (nx, nz); all in m."""
+
+
+@dataclass(frozen=True, slots=True)
+class HouseStyle:
+    """The parameters in which houses differ; lengths in m.
+
+    Parameters
+    ----------
+    width : float
+        Along the street.
+    n_storeys, storey_height : int, float
+        Number of storeys, ground floor included, and height of each.
+    n_columns : int
+        Columns of windows.
+    window_width, window_height, reveal : float
+        Of windows, which lie `reveal` behind the front.
+    plinth : float
+        How far the foot of the house stands out; 0 for none.
+    door_column : int
+        Column of the entrance.
+    bay : float
+        How far a bay over the door stands out, above the ground floor; 0 for none.
+    balcony_column, archway_column : int or None
+        Columns with balconies on the upper floors, and with a passage to the yard.
+    """
+
+    width: float
+    n_storeys: int
+    storey_height: float
+    n_columns: int
+    window_width: float
+    window_height: float
+    reveal: float
+    plinth: float
+    door_column: int
+    bay: float
+    balcony_column: int | None
+    archway_column: int | None
+
+    @property
+    def ground_height(self) -> float:
+        """Height of the first upper floor, m."""
+        return self.storey_height + 0.5
+
+    @property
+    def height(self) -> float:
+        """Height of the eaves, m."""
+        return self.ground_height + (self.n_storeys - 1) * self.storey_height + 0.4
+
+
+def draw_style(width: float, rng: np.random.Generator) -> HouseStyle:
+    """Return the style of an inner-city house of `width` (m)."""
+    n_columns = max(2, int(width / rng.uniform(2.3, 3.1)))
+    columns = rng.permutation(n_columns)
+    draw = rng.random(4)
+    return HouseStyle(
+        width=width,
+        n_storeys=int(rng.integers(3, 6)),
+        storey_height=rng.uniform(3.0, 3.7),
+        n_columns=n_columns,
+        window_width=min(rng.uniform(1.0, 1.4), 0.6 * width / n_columns),
+        window_height=rng.uniform(1.4, 1.9),
+        reveal=rng.uniform(0.1, 0.25),
+        plinth=rng.uniform(0.03, 0.07) if draw[0] < 0.5 else 0.0,
+        door_column=int(columns[0]),
+        bay=rng.uniform(0.5, 0.9) if draw[1] < 0.1 else 0.0,
+        balcony_column=int(columns[1]) if draw[2] < 0.4 else None,
+        archway_column=int(columns[-1]) if draw[3] < 0.08 and n_columns > 3 else None,
+    )
+
+
+def house(style: HouseStyle, rng: np.random.Generator, *, shows_left: bool, shows_right: bool) -> Patch:
+    """Return a whole house; its left and right sides have windows where they face a street."""
+    side = _window_grid(style, HOUSE_DEPTH, max(2, round(HOUSE_DEPTH / 3.0)))
+    parts = [relief(*_front_grid(style)), *_roof(style), *_entrance(style), *_balconies(style, rng)]
+    back = [[0.0, -HOUSE_DEPTH, 0.0], [style.width, -HOUSE_DEPTH, 0.0]]
+    parts.append(_upright([back], style.height))
+    for x, heading, start, shows in (
+        (0.0, math.pi / 2.0, -HOUSE_DEPTH, shows_left),
+        (style.width, -math.pi / 2.0, 0.0, shows_right),
+    ):
+        if shows:
+            parts.append(relief(*side).placed(x, start, heading=heading))
+        else:
+            parts.append(_upright([[[x, 0.0, 0.0], [x, -HOUSE_DEPTH, 0.0]]], style.height))
+    pipe_x = 0.15 if rng.random() < 0.5 else style.width - 0.15
+    parts.append(rain_pipe(pipe_x, style.height))
+    return join(parts)
+
+
+def relief(x_edges: NDArray[np.float64], z_edges: NDArray[np.float64], depths: NDArray[np.float64]) -> Patch:
+    """Wall of rectangles, each at its own depth behind y = 0, with faces that close the steps between neighbours.
+
+    Parameters
+    ----------
+    x_edges, z_edges : array, shape (nx + 1,) and (nz + 1,)
+        Edges of columns and rows, m, rising.
+    depths : array, shape (nx, nz)
+        m; negative where a rectangle stands out of the wall. Outside the wall the depth is 0.
+    """
+    padded = np.pad(depths, 1)
+    i, j = (index.ravel() for index in np.indices(depths.shape))
+    faces = [_face(x_edges[i], x_edges[i + 1], -depths[i, j], -depths[i, j], z_edges[j], z_edges[j + 1])]
+    i, j = np.nonzero(padded[:-1, 1:-1] != padded[1:, 1:-1])
+    faces.append(
+        _face(x_edges[i], x_edges[i], -padded[i, j + 1], -padded[i + 1, j + 1], z_edges[j], z_edges[j + 1])
+    )
+    i, j = np.nonzero(
+        padded[1:-1, 1:-1] != padded[1:-1, 2:]
+    )  # not below the first row: the ground closes the foot
+    low, high = -padded[i + 1, j + 1], -padded[i + 1, j + 2]
+    z = z_edges[j + 1]
+    left, right = x_edges[i], x_edges[i + 1]
+    faces.append(
+        np.stack(
+            [
+                np.stack(corner, 1)
+                for corner in ((left, low, z), (right, low, z), (right, high, z), (left, high, z))
+            ],
+            1,
+        )
+    )
+    return quads(np.concatenate(faces), LasClass.BUILDING)
+
+
+def _face(
+    x0: NDArray[np.float64],
+    x1: NDArray[np.float64],
+    y0: NDArray[np.float64],
+    y1: NDArray[np.float64],
+    z0: NDArray[np.float64],
+    z1: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Upright rectangles from (x0, y0) to (x1, y1) between z0 and z1: corners, shape (n, 4, 3)."""
+    corners = ((x0, y0, z0), (x1, y1, z0), (x1, y1, z1), (x0, y0, z1))
+    return np.stack([np.stack(corner, axis=1) for corner in corners], axis=1)
+
+
+def _upright(feet: list[list[list[float]]], top: float) -> Patch:
+    """Plain walls over pairs of foot points, up to `top`."""
+    foot = np.array(feet)
+    return quads(
+        _face(
+            foot[:, 0, 0], foot[:, 1, 0], foot[:, 0, 1], foot[:, 1, 1], foot[:, 0, 2], np.full(len(foot), top)
+        ),
+        LasClass.BUILDING,
+    )
+
+
+def _window_grid(style: HouseStyle, length: float, n_columns: int) -> Grid:
+    """Relief with windows in columns and storeys: in odd columns, and in every second row from the third."""
+    pitch = length / n_columns
+    centers = (np.arange(n_columns) + 0.5) * pitch
+    half = 0.5 * style.window_width
+    x_edges = np.concatenate([[0.0], np.stack([centers - half, centers + half], 1).ravel(), [length]])
+    sills = style.ground_height + np.arange(style.n_storeys - 1) * style.storey_height + 0.85
+    upper = np.stack([sills, sills + style.window_height], 1).ravel()
+    z_edges = np.concatenate([[0.0, THRESHOLD, SILL, LINTEL], upper, [style.height]])
+    depths = np.zeros((len(x_edges) - 1, len(z_edges) - 1))
+    depths[1::2, 2::2] = style.reveal
+    return x_edges, z_edges, depths
+
+
+def _front_grid(style: HouseStyle) -> Grid:
+    """Return the relief of a front: windows, plinth, bay, door and archway."""
+    x_edges, z_edges, depths = _window_grid(style, style.width, style.n_columns)
+    door = 2 * style.door_column + 1
+    depths[:, :2] = -style.plinth
+    depths[door - 1 : door + 2, 3:] -= style.bay
+    depths[door, 1:3] = DOOR_RECESS
+    if style.archway_column is not None:
+        depths[2 * style.archway_column + 1, :3] = ARCHWAY_DEPTH
+    return x_edges, z_edges, depths
+
+
+def _column_center(style: HouseStyle, column: int) -> float:
+    return (column + 0.5) * style.width / style.n_columns
+
+
+def _entrance(style: HouseStyle) -> list[Patch]:
+    """Two steps up to the door."""
+    return [steps(_column_center(style, style.door_column))]
+
+
+def steps(center: float) -> Patch:
+    """Return two door steps, their middle at `center` (m) along the front."""
+    lows = [[center - 0.8, -DOOR_RECESS, 0.0], [center - 0.8, -DOOR_RECESS, 0.0]]
+    highs = [[center + 0.8, 0.6, 0.15], [center + 0.8, 0.3, 0.3]]
+    return boxes(lows, highs, LasClass.BUILDING)
+
+
+def _balconies(style: HouseStyle, rng: np.random.Generator) -> list[Patch]:
+    """One balcony on each upper floor."""
+    if style.balcony_column is None:
+        return []
+    center = _column_center(style, style.balcony_column)
+    half, out = rng.uniform(1.0, 1.5), rng.uniform(0.9, 1.3)
+    floors = [style.ground_height + storey * style.storey_height for storey in range(style.n_storeys - 1)]
+    return [balcony(center, half, out, z) for z in floors]
+
+
+def balcony(center: float, half: float, out: float, z: float) -> Patch:
+    """Return a balcony: slab, parapet and its two sides.
+
+    Parameters
+    ----------
+    center, half : float
+        Its middle along the front, and half of its width, m.
+    out : float
+        How far it stands out, m.
+    z : float
+        Height of its floor, m.
+    """
+    wall = 0.06
+    lows = [[center - half, 0.0, z - 0.15], [center - half, out - wall, z]]
+    highs = [[center + half, out, z], [center + half, out, z + 1.0]]
+    lows += [[center - half, 0.0, z], [center + half - wall, 0.0, z]]
+    highs += [[center - half + wall, out - wall, z + 1.0], [center + half, out - wall, z + 1.0]]
+    return boxes(lows, highs, LasClass.BUILDING)
+
+
+def rain_pipe(x: float, height: float) -> Patch:
+    """Return a pipe, 10 cm in diameter, at `x` (m) along the front, up to `height` (m)."""
+    angles = np.arange(8) * math.pi / 4.0
+    outline = np.stack([x + 0.05 * np.cos(angles), 0.09 + 0.05 * np.sin(angles)], axis=1)
+    return prism(outline, 0.0, height, LasClass.BUILDING)
+
+
+def _roof(style: HouseStyle) -> list[Patch]:
+    """Two slopes with eaves over front and back, and the gables."""
+    eaves, middle = 0.35, -0.5 * HOUSE_DEPTH
+    ridge = style.height + 0.35 * HOUSE_DEPTH
+    corners, gables = [], []
+    for y, foot in ((eaves, 0.0), (-HOUSE_DEPTH - eaves, -HOUSE_DEPTH)):
+        eave_z = style.height - 0.7 * eaves
+        corners.append(
+            [[0.0, y, eave_z], [style.width, y, eave_z], [style.width, middle, ridge], [0.0, middle, ridge]]
+        )
+        gables += [
+            [[x, foot, style.height], [x, middle, style.height], [x, middle, ridge]]
+            for x in (0.0, style.width)
+        ]
+    return [quads(corners, LasClass.BUILDING), triangles(gables, LasClass.BUILDING)]

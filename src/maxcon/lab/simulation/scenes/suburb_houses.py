@@ -1,0 +1,204 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Single houses, garages and sheds: rough walls with windows, gabled roofs, porches, pipes and ivy.
+
+In the frame of a house x runs along its front, y out to the road and z up; its front stands at y = 0
+and its ground at z = 0, m.
+"""
+
+import math
+from enum import Enum, auto
+from itertools import pairwise
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.lab.simulation.scenes.facades import rain_pipe, relief, steps
+from maxcon.lab.simulation.scenes.las_classes import LasClass
+from maxcon.lab.simulation.scenes.patches import Patch, boxes, grid_faces, join, quads, triangles
+from maxcon.lab.simulation.scenes.suburb_plants import draw_ivy
+
+__all__ = ["Cladding", "draw_house", "draw_shed", "rough_wall"]
+
+FOOT = -1.5
+"""Lower edge of walls, m, below the ground at the origin, so that no house floats on a slope."""
+STOREY = 2.8
+CELL = 0.4
+"""Edge of the cells of a wall, each with a depth of its own, m."""
+
+Window = tuple[float, float, float, float]
+"""Left, right, lower and upper border of a window or door, m."""
+
+
+class Cladding(Enum):
+    """What a wall is made of, and so how its surface departs from a plane, by centimetres."""
+
+    PLASTER = auto()
+    BRICK = auto()
+    BOARDS = auto()
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator) -> Self:
+        """Draw one; all are equally likely."""
+        return list(cls)[rng.integers(len(cls))]
+
+    def depths(self, n_columns: int, n_rows: int, rng: np.random.Generator) -> NDArray[np.float64]:
+        """Draw the depths of the cells of a wall behind its plane, shape (n_columns, n_rows), m."""
+        if self is Cladding.BOARDS:
+            rows = 0.012 * (-1.0) ** np.arange(n_rows) + 0.008 * rng.standard_normal(n_rows)
+            return np.asarray(rows + 0.003 * rng.standard_normal((n_columns, n_rows)))
+        deviation = 0.006 if self is Cladding.PLASTER else 0.015
+        return deviation * rng.standard_normal((n_columns, n_rows))
+
+
+def rough_wall(
+    length: float, height: float, windows: list[Window], cladding: Cladding, rng: np.random.Generator
+) -> Patch:
+    """Return a wall along x, from `FOOT` up to `height` (m).
+
+    Windows lie behind it, half of their cells at random depths, as of curtains and furniture; sills stand out.
+    """
+    x_edges = _edges(0.0, length, [x for window in windows for x in window[:2]])
+    z_edges = np.concatenate([[FOOT], _edges(0.0, height, [z for window in windows for z in window[2:]])])
+    depths = cladding.depths(len(x_edges) - 1, len(z_edges) - 1, rng)
+    x, z = 0.5 * (x_edges[1:] + x_edges[:-1]), 0.5 * (z_edges[1:] + z_edges[:-1])
+    sills = []
+    for left, right, low, high in windows:
+        is_inside = np.outer((x > left) & (x < right), (z > low) & (z < high))
+        # Light goes through the glass and comes back from curtains, plants and furniture.
+        behind = rng.uniform(0.08, 0.2) + np.where(
+            rng.random(is_inside.sum()) < 0.5, rng.exponential(0.3, is_inside.sum()), 0.0
+        )
+        depths[is_inside] = behind
+        if low > 0.3:
+            sills.append(([left - 0.05, 0.0, low - 0.06], [right + 0.05, rng.uniform(0.05, 0.15), low]))
+    parts = [relief(x_edges, z_edges, depths)]
+    if sills:
+        parts.append(boxes([low for low, _ in sills], [high for _, high in sills], LasClass.BUILDING))
+    return join(parts)
+
+
+def draw_house(rng: np.random.Generator, day: np.random.Generator) -> tuple[Patch, float, float]:
+    """Return a house, its width along the front and its depth, m; only ivy depends on the `day`."""
+    width, depth = rng.uniform(8.0, 12.5), rng.uniform(7.0, 10.0)
+    height = STOREY * (1 if rng.random() < 0.6 else 2) + rng.uniform(0.1, 0.6)
+    cladding = Cladding.drawn(rng)
+    gable_in_front = bool(rng.random() < 0.4)
+    parts = [
+        _around(width, depth, height, cladding, rng, n_storeys=int(height / STOREY)),
+        _gabled_roof(width, depth, height, rng, gable_in_front=gable_in_front),
+        rain_pipe(0.15 if rng.random() < 0.5 else width - 0.15, height),
+    ]
+    door = rng.uniform(1.5, width - 1.5)
+    parts += [steps(door)]
+    if rng.random() < 0.6:
+        parts.append(_porch(door, rng))
+    if rng.random() < 0.25:
+        start, span = rng.uniform(0.0, 0.5 * width), rng.uniform(1.5, 0.5 * width)
+        parts.append(draw_ivy(span, rng.uniform(1.5, height), rng, day).placed(start, 0.0))
+    if rng.random() < 0.4:
+        parts.append(_bay(rng.uniform(0.5, width - 3.5), rng))
+    chimney = rng.uniform(0.3, 0.7, 2) * np.array([width, -depth])
+    lows, highs = [[*(chimney - 0.3), height]], [[*(chimney + 0.3), height + 0.45 * depth + 0.6]]
+    parts.append(boxes(lows, highs, LasClass.BUILDING))
+    return join(parts), width, depth
+
+
+def draw_shed(rng: np.random.Generator, *, is_garage: bool) -> Patch:
+    """Return a garage, or a smaller shed of boards, with its door in front."""
+    width, depth = (rng.uniform(2.8, 3.4), rng.uniform(5.2, 6.5)) if is_garage else rng.uniform(1.8, 3.0, 2)
+    height = rng.uniform(2.3, 2.7)
+    cladding = Cladding.drawn(rng) if is_garage else Cladding.BOARDS
+    door = (0.3, width - 0.3, 0.0, 2.1) if is_garage else (0.4, 1.2, 0.0, 1.9)
+    walls = _around(width, depth, height, cladding, rng, n_storeys=0, door=door)
+    roof = boxes([[-0.2, -depth - 0.2, height]], [[width + 0.2, 0.2, height + 0.15]], LasClass.BUILDING)
+    return join([walls, roof])
+
+
+def _edges(low: float, high: float, between: list[float]) -> NDArray[np.float64]:
+    """Edges of cells from `low` to `high`, with all of `between` among them, at most about `CELL` apart, m."""
+    fixed = np.unique(np.clip([low, high, *between], low, high).round(3))
+    runs = [np.linspace(a, b, max(1, round((b - a) / CELL)), endpoint=False) for a, b in pairwise(fixed)]
+    return np.concatenate([*runs, [high]])
+
+
+def _around(
+    width: float,
+    depth: float,
+    height: float,
+    cladding: Cladding,
+    rng: np.random.Generator,
+    *,
+    n_storeys: int,
+    door: Window | None = None,
+) -> Patch:
+    """Four walls with different windows; the front has the door, too."""
+    walls: list[Patch] = []
+    for x, y, heading, length in (
+        (0.0, 0.0, 0.0, width),
+        (0.0, -depth, 0.5 * math.pi, depth),
+        (width, 0.0, -0.5 * math.pi, depth),
+        (width, -depth, math.pi, width),
+    ):
+        windows = _draw_windows(length, n_storeys, rng)
+        if door is not None and not walls:
+            windows.append(door)
+        wall = rough_wall(length, height, windows, cladding, rng)
+        walls.append(wall.placed(x, y, heading=heading))
+    return join(walls)
+
+
+def _draw_windows(length: float, n_storeys: int, rng: np.random.Generator) -> list[Window]:
+    """Draw the windows of one wall: a few per storey."""
+    windows: list[Window] = []
+    for storey in range(n_storeys):
+        n_windows = int(rng.integers(1, max(2, int(length / 2.6)) + 1))
+        pitch = length / n_windows
+        for k in range(n_windows):
+            half, center = 0.5 * min(rng.uniform(0.7, 2.2), pitch - 0.6), (k + 0.5) * pitch
+            low = storey * STOREY + (0.1 if rng.random() < 0.15 else rng.uniform(0.8, 1.1))
+            windows.append((center - half, center + half, low, storey * STOREY + rng.uniform(2.0, 2.3)))
+    return windows
+
+
+def _gabled_roof(
+    width: float, depth: float, height: float, rng: np.random.Generator, *, gable_in_front: bool
+) -> Patch:
+    """Two rough slopes of tiles with eaves, and the gables below them."""
+    span, length = (width, depth) if gable_in_front else (depth, width)
+    eaves, rise = 0.4, rng.uniform(0.35, 0.5) * span
+    x = np.linspace(-eaves, length + eaves, round(length / 0.4))
+    part = np.linspace(0.0, 1.0, round(span / 0.7))
+    parts = []
+    for side in (-1.0, 1.0):
+        y = side * (0.5 * span + eaves) * (1.0 - part)
+        z = height + rise * part - eaves * rise / (0.5 * span) * (1.0 - part)
+        grid = np.empty((len(x), len(part), 3))
+        grid[..., 0], grid[..., 1], grid[..., 2] = x[:, None], y, z
+        grid[..., 2] += 0.02 * rng.standard_normal(grid.shape[:2])
+        parts.append(quads(grid_faces(grid), LasClass.BUILDING))
+    gables = [
+        [[at, -0.5 * span, height], [at, 0.5 * span, height], [at, 0.0, height + rise]] for at in (0, length)
+    ]
+    parts.append(triangles(gables, LasClass.BUILDING))
+    roof = join(parts)
+    if gable_in_front:
+        return roof.placed(0.5 * width, -depth, heading=math.pi / 2.0)
+    return roof.placed(0.0, -0.5 * depth)
+
+
+def _porch(door: float, rng: np.random.Generator) -> Patch:
+    """A roof on two posts before the door."""
+    out, half, top = rng.uniform(1.0, 1.8), rng.uniform(0.9, 1.6), rng.uniform(2.3, 2.6)
+    lows = [[door - half, 0.0, top], [door - half, out - 0.12, FOOT], [door + half - 0.12, out - 0.12, FOOT]]
+    highs = [[door + half, out, top + 0.15], [door - half + 0.12, out, top], [door + half, out, top]]
+    return boxes(lows, highs, LasClass.BUILDING)
+
+
+def _bay(start: float, rng: np.random.Generator) -> Patch:
+    """A bay with a flat roof before the ground floor, `start` (m) along the front."""
+    out, width = rng.uniform(0.5, 1.2), rng.uniform(2.0, 3.0)
+    lows = [[start, 0.0, FOOT], [start - 0.1, 0.0, 2.4]]
+    highs = [[start + width, out, 2.4], [start + width + 0.1, out + 0.15, 2.5]]
+    return boxes(lows, highs, LasClass.BUILDING)

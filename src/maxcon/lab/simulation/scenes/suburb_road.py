@@ -1,0 +1,250 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""ResidentialRoad: a winding road up and down a hillside, and the ground to both sides of it.
+
+Places are given along the road and to the left of its centre line, m: a curved frame that follows the road.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from maxcon.errors import OptionError
+from maxcon.lab.simulation.drive import Drive, Route, sway
+from maxcon.lab.simulation.scenes.las_classes import LasClass
+from maxcon.lab.simulation.scenes.patches import Patch, grid_faces, quads
+from maxcon.lab.simulation.seed import Seed
+
+__all__ = ["BEYOND", "GARDEN_LEFT", "GARDEN_RIGHT", "ResidentialRoad", "check_road_length", "draw_road"]
+
+HALF_WIDTH = 3.1
+"""From the centre line to either kerb, m."""
+GARDEN_LEFT, GARDEN_RIGHT = 4.7, -6.5
+"""Where gardens begin, m to the left of the centre line: beyond a sidewalk, on the right beyond a grass verge, too."""
+SIDEWALK_RIGHT = -5.0
+"""Where the sidewalk on the right begins, m to the left of the centre line."""
+KERB_HEIGHT = 0.1
+CAMBER, SIDEWALK_SLOPE = 0.02, 0.03
+"""How much the carriageway falls to its sides, and how much sidewalks rise away from it, rise over run."""
+BEYOND = 45.0
+"""How far the world extends beyond both ends of the road, and to its sides, m."""
+STEP = 0.25
+"""Spacing of the points of the centre line and, along the road, of the ground, m."""
+MIN_RADIUS = 75.0
+"""Radius of the narrowest curve, m: above `BEYOND`, so that (along, left) is unique for each place."""
+STEEPEST = 0.07
+"""Largest slope of the road, rise over run."""
+TRACK, WHEELBASE = 1.5, 2.6
+"""Distances between the wheels of a vehicle, across and along, m."""
+ASPHALT, GRASS = 0.004, 0.03
+"""Roughness: standard deviation of the ground's height, m."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ResidentialRoad:
+    """A road in a suburb, with the ground around it; along it, 0 is its begin.
+
+    Parameters
+    ----------
+    length : float
+        m.
+    centers : array, shape (k, 2)
+        (x, y) of the centre line every 0.25 m, from `BEYOND` before its begin to `BEYOND` after its end, m.
+    headings : array, shape (k,)
+        Direction of the centre line at these points, rad from +x.
+    heights : array, shape (k,)
+        Of the centre line, m.
+    tilts : array, shape (k,)
+        Cross slope: how much the road rises to the left, rise over run.
+    banks : array, shape (k, 2)
+        How much the gardens on the left and on the right rise away from the road, rise over run.
+    """
+
+    length: float
+    centers: NDArray[np.float64]
+    headings: NDArray[np.float64]
+    heights: NDArray[np.float64]
+    tilts: NDArray[np.float64]
+    banks: NDArray[np.float64]
+
+    @property
+    def alongs(self) -> NDArray[np.float64]:
+        """Distance along the road of each point of the centre line, shape (k,), m; below 0 before its begin."""
+        return np.arange(len(self.centers), dtype=np.float64) * STEP - BEYOND
+
+    def heading(self, along: float) -> float:
+        """Direction of the road `along` (m) it, rad from +x."""
+        return float(np.interp(along, self.alongs, self.headings))
+
+    def places(self, along: ArrayLike, left: ArrayLike) -> NDArray[np.float64]:
+        """Positions (x, y), shape (..., 2), m, of places `along` and to the `left` of the road, shape (...), m."""
+        along, left = np.broadcast_arrays(
+            np.asarray(along, dtype=np.float64), np.asarray(left, dtype=np.float64)
+        )
+        x, y, heading = (
+            np.interp(along, self.alongs, column)
+            for column in (self.centers[:, 0], self.centers[:, 1], self.headings)
+        )
+        return np.stack([x - left * np.sin(heading), y + left * np.cos(heading)], axis=-1)
+
+    def ground_heights(self, along: ArrayLike, left: ArrayLike) -> NDArray[np.float64]:
+        """Heights of the smooth ground, shape (...), m, at places `along` and to the `left` of the road, m."""
+        along, left = np.broadcast_arrays(
+            np.asarray(along, dtype=np.float64), np.asarray(left, dtype=np.float64)
+        )
+        heights, tilts, bank_left, bank_right = (
+            np.interp(along, self.alongs, column) for column in (self.heights, self.tilts, *self.banks.T)
+        )
+        out = np.abs(left)
+        heights = heights + tilts * np.clip(left, GARDEN_RIGHT, GARDEN_LEFT)
+        heights -= CAMBER * np.minimum(out, HALF_WIDTH)
+        heights += KERB_HEIGHT * np.clip((out - HALF_WIDTH) / 0.02, 0.0, 1.0)
+        heights += SIDEWALK_SLOPE * np.clip(out - HALF_WIDTH, 0.0, 3.4)
+        heights += bank_left * np.maximum(left - GARDEN_LEFT, 0.0)
+        heights += bank_right * np.maximum(GARDEN_RIGHT - left, 0.0)
+        return np.asarray(heights, dtype=np.float64)
+
+    def laid(self, patch: Patch, along: float, left: float, heading: float = 0.0) -> Patch:
+        """Return `patch` bent to follow the road and the slopes of the ground, as fences and hedges do.
+
+        Parameters
+        ----------
+        patch : Patch
+            x along the road, y to the left, z above the ground, m, before it is turned by `heading`.
+        along, left : float
+            Place of its origin, m.
+        heading : float
+            Counter-clockwise from the direction of the road, rad.
+        """
+        turned = patch.placed(along, left, heading=heading).corners
+        level = self.places(turned[..., 0], turned[..., 1])
+        heights = self.ground_heights(turned[..., 0], turned[..., 1]) + turned[..., 2]
+        return Patch(np.concatenate([level, heights[..., None]], axis=-1), patch.classes)
+
+    def stood(self, patch: Patch, along: float, left: float, heading: float = 0.0) -> Patch:
+        """Return `patch` rigid and upright, as houses stand, its origin on the ground at `along` and `left` (m).
+
+        heading : counter-clockwise from the direction of the road, rad.
+        """
+        (x, y), z = self.places(along, left).tolist(), float(self.ground_heights(along, left))
+        return patch.placed(x, y, z, self.heading(along) + heading)
+
+    def ground(self, seed: Seed) -> Patch:
+        """Return carriageway, kerbs, verges, sidewalks and gardens; grass is rougher than asphalt."""
+        rng = np.random.default_rng(seed)
+        near = np.arange(GARDEN_LEFT, 14.0, 0.3)
+        far = np.arange(14.0, BEYOND + 1.0, 1.0)
+        paved = np.array([0.0, 1.0, 2.0, HALF_WIDTH, HALF_WIDTH + 0.02, 3.8])
+        verge = np.arange(3.5, -GARDEN_RIGHT, 0.25)
+        lefts = np.unique(np.concatenate([paved, near, far, -paved, -verge, -near, -far]).round(3))
+        along, left = np.meshgrid(self.alongs, lefts, indexing="ij")
+        is_verge = (left < -HALF_WIDTH - 0.1) & (left > SIDEWALK_RIGHT)
+        is_grass = is_verge | (left > GARDEN_LEFT) | (left < GARDEN_RIGHT)
+        roughness = np.where(is_grass, GRASS, ASPHALT) * rng.standard_normal(along.shape)
+        heights = self.ground_heights(along, left) + roughness
+        grid = np.concatenate([self.places(along, left), heights[..., None]], axis=-1)
+        return quads(grid_faces(grid), LasClass.GROUND)
+
+    def route(self, lane: float, seed: Seed, *, start: float = 0.0, is_back: bool = False) -> Route:
+        """Return a route along the road.
+
+        Parameters
+        ----------
+        lane : float
+            Its distance to the left of the centre line, m; it wanders by up to 0.2 m.
+        seed : int or sequence of int
+            Of where it wanders, and of where a vehicle slows down.
+        start : float
+            How far before the begin of the road it begins, and after the end of the road it ends, m.
+        is_back : bool
+            Whether it runs from the end to the begin.
+        """
+        rng = np.random.default_rng(seed)
+        along = np.arange(-start, self.length + start, 0.05)
+        lefts = lane + sway(along, 0.2, (40.0, 200.0), rng)
+        points = self.places(along, lefts)
+        slows_at = float(rng.uniform(0.2, 0.8)) * float(along[-1] - along[0])
+        return Route(points[::-1] if is_back else points, slows_at)
+
+    def on_ground(self, drive: Drive) -> Drive:
+        """Return a drive on level ground moved onto this ground: heights are added, and its slopes to pitch and roll.
+
+        Positions, city metres, must lie within `BEYOND` of the road.
+        """
+        along, left = self.addresses(drive.positions[:, :2])
+        turn = np.cos(drive.angles[:, 2] - np.interp(along, self.alongs, self.headings))
+        forward = np.where(turn > 0.0, 1.0, -1.0)
+        front, back = (
+            self.ground_heights(along + side * forward * 0.5 * WHEELBASE, left) for side in (1, -1)
+        )
+        on_left, on_right = (
+            self.ground_heights(along, left + side * forward * 0.5 * TRACK) for side in (1, -1)
+        )
+        slopes = np.column_stack(
+            [
+                np.arctan((on_left - on_right) / TRACK),
+                -np.arctan((front - back) / WHEELBASE),
+                np.zeros(len(along)),
+            ]
+        )
+        lift = np.column_stack([np.zeros((len(along), 2)), 0.25 * (front + back + on_left + on_right)])
+        return Drive(drive.times, drive.positions + lift, drive.angles + slopes)
+
+    def addresses(self, places: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Distances along the road and to the left of it, shape (n,) each, m, of places (x, y), shape (n, 2), m."""
+        from scipy.spatial import cKDTree
+
+        _, rows = cKDTree(self.centers).query(places)
+        away = places - self.centers[rows]
+        cosine, sine = np.cos(self.headings[rows]), np.sin(self.headings[rows])
+        return (
+            self.alongs[rows] + away[:, 0] * cosine + away[:, 1] * sine,
+            away[:, 1] * cosine - away[:, 0] * sine,
+        )
+
+
+def check_road_length(length: float) -> None:
+    """Check that a road is long enough for a drive, and short enough for its map.
+
+    Raises
+    ------
+    OptionError
+        If it is shorter than 60 m or longer than 2000 m.
+    """
+    if not 60.0 <= length <= 2000.0:
+        raise OptionError(f"Expected a road of 60 to 2000 m, got {length} m. The default is 460 m.")
+
+
+def draw_road(length: float, seed: Seed) -> ResidentialRoad:
+    """Return a random road of `length` (m) that winds and climbs.
+
+    Raises
+    ------
+    OptionError
+        If it is shorter than 60 m or longer than 2000 m.
+    """
+    check_road_length(length)
+    rng = np.random.default_rng(seed)
+    along = STEP * np.arange(round((length + 2.0 * BEYOND) / STEP) + 1, dtype=np.float64)
+    bends = rng.uniform(0.35, 0.6) * np.sin(
+        2.0 * math.pi * along / rng.uniform(180.0, 260.0) + rng.uniform(0, 6)
+    )
+    bends += rng.uniform(0.1, 0.2) * np.sin(
+        2.0 * math.pi * along / rng.uniform(70.0, 110.0) + rng.uniform(0, 6)
+    )
+    bends *= min(1.0, STEP / MIN_RADIUS / np.abs(np.diff(bends)).max())
+    headings = bends + rng.uniform(-math.pi, math.pi)
+    steps = STEP * np.column_stack([np.cos(headings), np.sin(headings)])
+    centers = np.cumsum(steps, axis=0) - steps.sum(axis=0) / 2.0
+    slopes = STEEPEST * sway(along, 1.0, (130.0, 320.0), rng)
+    heights = STEP * np.cumsum(slopes)
+    return ResidentialRoad(
+        length=length,
+        centers=centers,
+        headings=headings,
+        heights=heights - heights.mean(),
+        tilts=sway(along, 0.04, (80.0, 200.0), rng),
+        banks=np.column_stack([sway(along, 0.18, (60.0, 160.0), rng) for _ in ("left", "right")]),
+    )

@@ -1,0 +1,265 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Scanners: the rays of a rotating multi-layer scanner and of a profile scanner, and what comes back."""
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.errors import OptionError
+from maxcon.geometry import Pose, rotation_matrices
+from maxcon.lab.simulation.drive import Drive
+from maxcon.lab.simulation.scenes.las_classes import REFLECTANCES
+from maxcon.lab.simulation.sensing.ray_caster import Caster, Hits
+
+__all__ = ["Echoes", "ProfileScanner", "RotatingScanner", "mobile_mapping_scanners"]
+
+
+class Echoes(NamedTuple):
+    """Points that a scanner measured, in order of time.
+
+    Parameters
+    ----------
+    points : array, shape (n, 3)
+        City metres, with range noise.
+    origins : array, shape (n, 3)
+        Where each ray started, city metres.
+    times : array, shape (n,)
+        s.
+    triangles : array, shape (n,), int32
+        Index of the triangle that was hit, among those of the caster.
+    classes : array, shape (n,), uint8
+        LasClass of that triangle.
+    intensities : array, shape (n,), float32
+        0 to 1: reflectance times the cosine of incidence.
+    """
+
+    points: NDArray[np.float64]
+    origins: NDArray[np.float64]
+    times: NDArray[np.float64]
+    triangles: NDArray[np.int32]
+    classes: NDArray[np.uint8]
+    intensities: NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class RangeFinder:
+    """Limits and errors of a scanner's range measurement.
+
+    Parameters
+    ----------
+    noise : float
+        Standard deviation of a range, m.
+    dropout : float
+        Share of the echoes that is lost at random, 0 to 1.
+    min_range, max_range : float
+        Echoes nearer or farther are lost, m.
+    """
+
+    noise: float
+    dropout: float
+    min_range: float
+    max_range: float
+
+    def __post_init__(self) -> None:
+        if not (self.noise >= 0.0 and 0.0 <= self.dropout <= 1.0 and 0.0 <= self.min_range < self.max_range):
+            raise OptionError(
+                "Expected a scanner with noise >= 0 m, a dropout of 0 to 1 and 0 <= min_range < max_range,"
+                f" got noise {self.noise}, dropout {self.dropout}, min_range {self.min_range} and max_range"
+                f" {self.max_range}. Leave them out for the scanner's own."
+            )
+
+    def returns(self, hits: Hits) -> NDArray[np.bool_]:
+        """Which hits give an echo if none drops out, shape (n,): those within the limits of the range."""
+        is_near = (hits.ranges >= self.min_range) & (hits.ranges <= self.max_range)
+        return np.asarray((hits.triangles >= 0) & is_near)
+
+    def measure(
+        self,
+        caster: Caster,
+        origins: NDArray[np.float64],
+        directions: NDArray[np.float64],
+        times: NDArray[np.float64],
+        rng: np.random.Generator,
+    ) -> Echoes:
+        """Return the echoes of rays: origins, city metres, and unit directions, (n, 3), at `times`, (n,), s."""
+        hits = caster.cast(origins.astype(np.float32), directions.astype(np.float32))
+        rows = np.flatnonzero(self.returns(hits) & (rng.random(len(origins)) >= self.dropout))
+        triangles = hits.triangles[rows]
+        starts, ways = origins[rows], directions[rows]
+        ranges = hits.ranges[rows] + self.noise * rng.standard_normal(len(rows))
+        classes = caster.classes[triangles]
+        cosines = np.abs(np.einsum("ij,ij->i", caster.normals[triangles], ways))
+        reflectances = np.zeros(256)
+        reflectances[list(REFLECTANCES)] = list(REFLECTANCES.values())
+        intensities = (reflectances[classes] * cosines).astype(np.float32)
+        return Echoes(starts + ranges[:, None] * ways, starts, times[rows], triangles, classes, intensities)
+
+
+@dataclass(frozen=True, slots=True)
+class RotatingScanner:
+    """A scanner with layers of fixed elevation that turns about its z axis; the default is a Velodyne VLP-16.
+
+    Sensor axes: x forward, y left, z up. The rays of one turn start at one place: scans are taken for perfectly
+    deskewed (`MovingScanner` simulates the motion within a scan, and a deskewing with errors).
+
+    Parameters
+    ----------
+    n_layers, lowest_deg, highest_deg : int, float, float
+        Layers, evenly spaced in elevation; without effect where `elevations_deg` are given.
+    azimuth_step_deg : float
+        From one column of points to the next, degrees.
+    noise, dropout, min_range, max_range : float
+        See `RangeFinder`: m, 0 to 1, m, m.
+    elevations_deg : tuple of float
+        Elevation of each layer, rising, degrees, where they are not evenly spaced.
+
+    Raises
+    ------
+    OptionError
+        If a value is out of its range.
+    """
+
+    n_layers: int = 16
+    lowest_deg: float = -15.0
+    highest_deg: float = 15.0
+    azimuth_step_deg: float = 0.2
+    noise: float = 0.03
+    dropout: float = 0.03
+    min_range: float = 1.0
+    max_range: float = 100.0
+    elevations_deg: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        is_rising = all(low < high for low, high in pairwise(self.elevations_deg))
+        if not is_rising or not all(abs(elevation) <= 90.0 for elevation in self.elevations_deg):
+            raise OptionError(
+                f"Expected rising elevations of -90 to 90 degrees, got {self.elevations_deg}. Sort them?"
+            )
+        if self.n_layers < 1 or not 0.0 < self.azimuth_step_deg <= 360.0:
+            raise OptionError(
+                "Expected at least one layer and an azimuth step above 0 and up to 360 degrees, got"
+                f" {self.n_layers} layers and {self.azimuth_step_deg} degrees. Leave them out for a VLP-16."
+            )
+        _ = self.range_finder
+
+    @property
+    def range_finder(self) -> RangeFinder:
+        """Limits and errors of the range measurement."""
+        return RangeFinder(self.noise, self.dropout, self.min_range, self.max_range)
+
+    @property
+    def elevations(self) -> NDArray[np.float64]:
+        """Elevation of each layer, lowest first, shape (n_layers,), rad."""
+        if self.elevations_deg:
+            return np.radians(self.elevations_deg)
+        return np.radians(np.linspace(self.lowest_deg, self.highest_deg, self.n_layers))
+
+    @property
+    def n_columns(self) -> int:
+        """Number of columns of points in a turn."""
+        return round(360.0 / self.azimuth_step_deg)
+
+    @property
+    def directions(self) -> NDArray[np.float64]:
+        """Unit rays of one turn in the sensor frame, column by column, shape (n_columns * n_layers, 3)."""
+        azimuths = np.radians(np.arange(self.n_columns) * self.azimuth_step_deg)
+        azimuth, elevation = (grid.ravel() for grid in np.meshgrid(azimuths, self.elevations, indexing="ij"))
+        level = np.cos(elevation)
+        return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=1)
+
+    def scan(self, caster: Caster, pose: Pose, time: float, rng: np.random.Generator) -> Echoes:
+        """Return one scan from `pose` (T_city_sensor) at `time` (s)."""
+        directions = self.directions @ pose.rotation.T
+        origins = np.broadcast_to(pose.position, directions.shape)
+        return self.range_finder.measure(caster, origins, directions, np.full(len(directions), time), rng)
+
+
+@dataclass(frozen=True, slots=True)
+class ProfileScanner:
+    """A scanner whose ray turns in a vertical plane; the motion of the vehicle spaces its profiles.
+
+    Parameters
+    ----------
+    turn_deg : float
+        Angle from the driving direction to the plane, degrees, counter-clockwise.
+    side : float
+        Distance of the mount to the left of the vehicle's middle, m.
+    line_rate : float
+        Profiles per second: the slower the drive, the denser the points.
+    points_per_line : int
+        Rays of a whole turn, the blind ones included.
+    blind_deg : float
+        Half angle about the nadir that the vehicle itself hides, degrees.
+    noise, dropout, min_range, max_range : float
+        See `RangeFinder`: m, 0 to 1, m, m.
+
+    Raises
+    ------
+    OptionError
+        If a value is out of its range.
+    """
+
+    turn_deg: float = 45.0
+    side: float = 0.0
+    line_rate: float = 100.0
+    points_per_line: int = 960
+    blind_deg: float = 45.0
+    noise: float = 0.01
+    dropout: float = 0.01
+    min_range: float = 1.5
+    max_range: float = 60.0
+
+    def __post_init__(self) -> None:
+        if not self.line_rate > 0.0 or self.points_per_line < 1 or not 0.0 <= self.blind_deg < 180.0:
+            raise OptionError(
+                "Expected a line rate above 0, at least one point per line and a blind angle of 0 to 180"
+                f" degrees, got {self.line_rate}, {self.points_per_line} and {self.blind_deg}."
+                " Leave them out for the defaults."
+            )
+        RangeFinder(self.noise, self.dropout, self.min_range, self.max_range)
+
+    @property
+    def angles(self) -> NDArray[np.float64]:
+        """Angle of each ray of a profile from the nadir, shape (k,), rad, without the blind part."""
+        angles = (np.arange(self.points_per_line) + 0.5) * (2.0 * math.pi / self.points_per_line)
+        blind = math.radians(self.blind_deg)
+        seen = (angles >= blind) & (angles <= 2.0 * math.pi - blind)
+        return np.asarray(angles[seen], dtype=np.float64)
+
+    @property
+    def directions(self) -> NDArray[np.float64]:
+        """Unit rays of one profile in the vehicle frame, shape (k, 3)."""
+        turn = math.radians(self.turn_deg)
+        across = np.array([math.cos(turn), math.sin(turn), 0.0])
+        up = np.array([0.0, 0.0, 1.0])
+        rays = np.outer(np.sin(self.angles), across) - np.outer(np.cos(self.angles), up)
+        return np.asarray(rays, dtype=np.float64)
+
+    def n_lines(self, drive: Drive) -> int:
+        """Number of whole profiles in `drive`."""
+        return int((drive.times[-1] - drive.times[0]) * self.line_rate)
+
+    def scan(
+        self, caster: Caster, drive: Drive, first: int, n_lines: int, rng: np.random.Generator
+    ) -> Echoes:
+        """Return `n_lines` profiles of a drive, city metres, from number `first` on; the vehicle moves within each."""
+        starts = drive.times[0] + np.arange(first, first + n_lines + 1) / self.line_rate
+        positions, angles = drive.at(starts)
+        rotations = rotation_matrices(*angles.T)
+        mounts = positions + rotations[:, :, 1] * self.side
+        part = self.angles / (2.0 * math.pi)
+        origins = mounts[:-1, None] + part[:, None] * np.diff(mounts, axis=0)[:, None]
+        times = starts[:-1, None] + part / self.line_rate
+        directions = self.directions @ rotations[:-1].transpose(0, 2, 1)
+        finder = RangeFinder(self.noise, self.dropout, self.min_range, self.max_range)
+        return finder.measure(caster, origins.reshape(-1, 3), directions.reshape(-1, 3), times.ravel(), rng)
+
+
+def mobile_mapping_scanners() -> tuple[ProfileScanner, ProfileScanner]:
+    """Return the two profile scanners of a mobile mapping vehicle, turned 45 degrees to either side."""
+    return ProfileScanner(turn_deg=45.0, side=0.3), ProfileScanner(turn_deg=-45.0, side=-0.3)

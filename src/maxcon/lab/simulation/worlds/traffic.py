@@ -1,0 +1,193 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Traffic: vehicles and pedestrians around the car, as many as it takes for a given share of the returns."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.geometry import Pose
+from maxcon.lab.simulation.scenes.las_classes import LasClass
+from maxcon.lab.simulation.scenes.street_grid import KERB_HEIGHT, StreetGrid
+from maxcon.lab.simulation.seed import Seed
+from maxcon.lab.simulation.sensing.ray_caster import Caster
+from maxcon.lab.simulation.sensing.scanners import RotatingScanner
+from maxcon.lab.simulation.worlds.road_users import (
+    RoadUser,
+    RoadUserShape,
+    draw_pedestrian_shape,
+    draw_vehicle_shape,
+)
+
+__all__ = ["UNMAPPED_SHARE", "Traffic"]
+
+UNMAPPED_SHARE = 0.3
+"""Share of the returns of a scan that are on vehicles, parked ones included, and pedestrians."""
+MOST_TRIES = 400
+"""Places tried before a scan is left with a smaller share: in the open, too few returns can be hidden."""
+LEAST_SEEN = 0.002
+"""A road user is placed only if it hides at least this share of the rays: others would not be seen."""
+CLEARANCE = 2.6
+"""From the middle of the car to the nearest part of a road user, m."""
+GAP = 0.4
+"""Between two road users, m."""
+LANE = 0.9
+"""From the centre line of a street to the middle of its lanes, m."""
+DRIVERS_REACH, WALKERS_REACH = 35.0, 12.0
+"""How far from the car, along and across, vehicles and pedestrians are placed, m."""
+
+
+class _Rectangle(NamedTuple):
+    """Ground that a road user covers: middle and half sides along the axes of the grid, m."""
+
+    u: float
+    v: float
+    half_u: float
+    half_v: float
+
+    def distance_to(self, u: float, v: float) -> float:
+        return math.hypot(max(abs(u - self.u) - self.half_u, 0.0), max(abs(v - self.v) - self.half_v, 0.0))
+
+    def meets(self, other: "_Rectangle") -> bool:
+        return (
+            abs(self.u - other.u) < self.half_u + other.half_u + GAP
+            and abs(self.v - other.v) < self.half_v + other.half_v + GAP
+        )
+
+
+class Traffic:
+    """Vehicles and pedestrians in the streets of a grid, drawn anew for each scan.
+
+    Parameters
+    ----------
+    grid : StreetGrid
+        The streets: vehicles keep to their right lanes, pedestrians to the sidewalks and their prolongations
+        over the crossings, so that they overlap neither houses nor parked cars.
+    street_angle : float
+        Direction of the main street, rad, counter-clockwise from +x.
+    seed : int or sequence of int
+        Of the shapes.
+    """
+
+    def __init__(self, grid: StreetGrid, street_angle: float, seed: Seed) -> None:
+        rng = np.random.default_rng(seed)
+        self._grid = grid
+        self._street_angle = street_angle
+        self._vehicles = [draw_vehicle_shape(rng) for _ in range(40)]
+        self._pedestrians = [draw_pedestrian_shape(rng) for _ in range(20)]
+
+    def draw(
+        self,
+        caster: Caster,
+        scanner: RotatingScanner,
+        pose: Pose,
+        rng: np.random.Generator,
+        share: float = UNMAPPED_SHARE,
+    ) -> list[RoadUser]:
+        """Return road users for one scan.
+
+        Parameters
+        ----------
+        caster : Caster
+            The city on the day of the scan with its parked cars.
+        scanner : RotatingScanner
+            On the car.
+        pose : Pose
+            Of the scanner, T_city_sensor.
+        rng : numpy.random.Generator
+            Draws their places.
+        share : float
+            Road users are added one by one until this share of the returns, before dropouts, is on triangles of
+            class VEHICLE: theirs, or those of parked cars. Where parked cars alone exceed it, none is added.
+        """
+        view = _View(caster, scanner, pose)
+        found: list[RoadUser] = []
+        taken: list[_Rectangle] = []
+        ego_u, ego_v = self._turned(pose.x, pose.y, -self._street_angle)
+        for _ in range(MOST_TRIES):
+            if view.share >= share:
+                break
+            user, place = self._candidate(ego_u, ego_v, rng)
+            is_free = not any(place.meets(other) for other in taken)
+            if is_free and place.distance_to(ego_u, ego_v) >= CLEARANCE and view.add(user):
+                found.append(user)
+                taken.append(place)
+        return found
+
+    def _candidate(self, u: float, v: float, rng: np.random.Generator) -> tuple[RoadUser, _Rectangle]:
+        """Draw a vehicle in a lane or a pedestrian on a sidewalk near (u, v), m; return it and the ground it covers."""
+        is_vehicle = rng.random() < 0.6
+        shapes = self._vehicles if is_vehicle else self._pedestrians
+        shape = shapes[rng.integers(len(shapes))]
+        reach = DRIVERS_REACH if is_vehicle else WALKERS_REACH
+        runs_along_u = self._draws_street_along_u(u, v, reach, rng)
+        lines, ends = (
+            (self._grid.v_lines, self._grid.u_ends)
+            if runs_along_u
+            else (self._grid.u_lines, self._grid.v_ends)
+        )
+        along, across = (u, v) if runs_along_u else (v, u)
+        near = [line for line in lines if abs(line - across) <= reach]
+        line = near[rng.integers(len(near))]
+        # Near places are more likely, as road users there hide more.
+        place = float(np.clip(along + reach * rng.uniform(-1.0, 1.0) * rng.random(), *ends))
+        is_forward = bool(rng.random() < 0.5)
+        # To the right of +u is -v, but to the right of +v is +u.
+        to_right = -1.0 if is_forward == runs_along_u else 1.0
+        side = LANE if is_vehicle else self._walkers_side(rng)
+        heading = (0.0 if runs_along_u else 0.5 * math.pi) + (0.0 if is_forward else math.pi)
+        at_u, at_v = (place, line + to_right * side) if runs_along_u else (line + to_right * side, place)
+        user = self._user(shape, at_u, at_v, heading, is_vehicle=is_vehicle)
+        half_u, half_v = shape.half_length, shape.half_width
+        return user, _Rectangle(at_u, at_v, *((half_u, half_v) if runs_along_u else (half_v, half_u)))
+
+    def _draws_street_along_u(self, u: float, v: float, reach: float, rng: np.random.Generator) -> bool:
+        """Draw whether the street is one along u, of the streets in reach; at least one is."""
+        has_along_u = any(abs(line - v) <= reach for line in self._grid.v_lines)
+        has_along_v = any(abs(line - u) <= reach for line in self._grid.u_lines)
+        return bool(rng.random() < 0.5) if has_along_u and has_along_v else has_along_u
+
+    def _walkers_side(self, rng: np.random.Generator) -> float:
+        """Draw the distance of a pedestrian from the centre line, m."""
+        return float(rng.uniform(self._grid.carriageway + 0.35, self._grid.half_width - 0.5))
+
+    def _user(
+        self, shape: RoadUserShape, u: float, v: float, heading: float, *, is_vehicle: bool
+    ) -> RoadUser:
+        x, y = self._turned(u, v, self._street_angle)
+        return RoadUser(shape, x, y, 0.0 if is_vehicle else KERB_HEIGHT, heading + self._street_angle)
+
+    @staticmethod
+    def _turned(x: float, y: float, angle: float) -> tuple[float, float]:
+        cosine, sine = math.cos(angle), math.sin(angle)
+        return cosine * x - sine * y, sine * x + cosine * y
+
+
+class _View:
+    """Ranges of a scan, and which returns are on vehicles or pedestrians, updated as road users are added."""
+
+    def __init__(self, caster: Caster, scanner: RotatingScanner, pose: Pose) -> None:
+        self._finder = scanner.range_finder
+        directions = scanner.directions @ pose.rotation.T
+        self._directions: NDArray[np.float32] = directions.astype(np.float32)
+        self._origin: NDArray[np.float32] = pose.position.astype(np.float32)
+        hits = caster.cast(np.broadcast_to(self._origin, directions.shape), self._directions)
+        self._ranges = np.where(self._finder.returns(hits), hits.ranges, np.float32(np.inf))
+        self._is_unmapped = np.isfinite(self._ranges) & (caster.classes[hits.triangles] == LasClass.VEHICLE)
+
+    @property
+    def share(self) -> float:
+        """Share of the returns that are on vehicles and pedestrians; 0 where nothing returns."""
+        return float(self._is_unmapped.sum() / max(int(np.isfinite(self._ranges).sum()), 1))
+
+    def add(self, user: RoadUser) -> bool:
+        """Add `user` if it hides enough rays; return whether it was added."""
+        rows, hits = user.cast(self._origin, self._directions)
+        is_seen = self._finder.returns(hits) & (hits.ranges < self._ranges[rows])
+        if is_seen.sum() < LEAST_SEEN * len(self._ranges):
+            return False
+        self._ranges[rows[is_seen]] = hits.ranges[is_seen]
+        self._is_unmapped[rows[is_seen]] = True
+        return True

@@ -1,0 +1,31 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""A study: methods x epochs of a dataset, in one table."""
+
+from maxcon.lab.study.methods import (
+    DEFAULT_SETS,
+    METHOD_SETS,
+    StudyMethod,
+    choose_methods,
+    installed_methods,
+    known_methods,
+)
+from maxcon.lab.study.run import Study, run_study
+from maxcon.lab.study.summary import MethodRows, MethodStatistics, rows_by_method, statistics
+from maxcon.lab.study.table import COLUMNS
+
+__all__ = [
+    "COLUMNS",
+    "DEFAULT_SETS",
+    "METHOD_SETS",
+    "MethodRows",
+    "MethodStatistics",
+    "Study",
+    "StudyMethod",
+    "choose_methods",
+    "installed_methods",
+    "known_methods",
+    "rows_by_method",
+    "run_study",
+    "statistics",
+]

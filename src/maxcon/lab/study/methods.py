@@ -1,0 +1,202 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""The methods a study compares, by name, and sets of them."""
+
+import difflib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from maxcon.drive.localize import Method
+from maxcon.errors import MissingExtraError, OptionError
+from maxcon.lab.baselines import CountThenGicp, Gicp, Icp, MapTargets, MultiStart, check_small_gicp
+from maxcon.lab.study.map_variants import MAP_VARIANTS, STANDARD
+from maxcon.localizer import MaximumConsensus
+from maxcon.search.objectives import OBJECTIVES, Count, Helmert, MaxEigenvalue
+from maxcon.search.space import SearchSpace
+
+__all__ = [
+    "DEFAULT_SETS",
+    "METHOD_SETS",
+    "StudyMethod",
+    "choose_methods",
+    "installed_methods",
+    "known_methods",
+]
+
+
+@dataclass(frozen=True)
+class StudyMethod:
+    """A method of a study and its name.
+
+    Parameters
+    ----------
+    name : str
+        In the table and in figures.
+    method : Method
+        Anything with ``localize(scan, point_map, prior)``; it is sent to other processes, so its class must be
+        importable.
+    map_name : str
+        Name of the map that it gets, of `MAP_VARIANTS`.
+    around_reference : bool
+        Whether it starts from the reference pose instead of the prior: for starts spread around the true
+        pose, as the paper's.
+    """
+
+    name: str
+    method: Method
+    map_name: str = STANDARD
+    around_reference: bool = False
+
+    @property
+    def needs_small_gicp(self) -> bool:
+        """Whether it works only where that package is installed."""
+        inner = self.method.method if isinstance(self.method, MultiStart) else self.method
+        return isinstance(inner, Gicp | CountThenGicp)
+
+
+METHOD_SETS: dict[str, tuple[str, ...]] = {
+    "consensus": (
+        "maxcon",
+        "count-points", "helmert-points", "max-eigenvalue-points",
+        "count-occupied", "helmert-occupied", "max-eigenvalue-occupied",
+    ),
+    "baselines": (
+        "icp-point-1m", "icp-point-3m", "icp-plane-1m", "icp-plane-3m", "gicp-1m", "gicp-3m",
+        "icp-plane-1m-5x5", "icp-plane-3m-5x5", "count-1m-then-gicp",
+    ),
+    "ground": (
+        "helmert-ground", "icp-plane-1m-ground", "icp-plane-3m-ground", "gicp-3m-ground",
+        "count-1m-then-gicp-ground",
+    ),
+    "weights": (
+        "helmert-points", "helmert-points-unweighted", "helmert-occupied-published", "helmert-occupied-unweighted",
+        "helmert-occupied",
+    ),
+    "thinning": (
+        "helmert-occupied-whole-scan", "helmert-occupied", "helmert-occupied-thinned-0.40",
+        "count-occupied-whole-scan", "count-occupied", "helmert-points-thinned",
+    ),
+    "cells": ("helmert-cell-0.03", "helmert-occupied", "helmert-cell-0.12", "helmert-cell-0.20"),
+    "density": tuple(
+        f"{objective}-{multiplicity}{density}"
+        for density in ("", "-density-1/4", "-density-1/16")
+        for objective in ("count", "helmert")
+        for multiplicity in ("points", "occupied")
+    ),
+}  # fmt: skip
+"""Sets of methods that are compared to answer one question, by name."""
+
+DEFAULT_SETS = ("consensus", "baselines")
+
+CELL_ONLY: dict[str, Any] = {"refinement": False, "search": "exhaustive"}
+"""The answer is the best cell, which is where objectives, weights and cells can be compared; all are scored, once for
+all objectives, and how distinct the best one is can be measured."""
+
+AS_PUBLISHED: dict[str, Any] = {"weighting": "published", "thinning": 0.0, "is_levelled": False, **CELL_ONLY}
+"""As in the paper: points without a normal constrain nothing, all points are used, the prior's height is kept."""
+
+
+def known_methods(space: SearchSpace) -> dict[str, StudyMethod]:
+    """Return all methods that have a name; those of maximum consensus search in `space`.
+
+    A map with another cell edge gets the same space in cells of that edge.
+    """
+    found = [*_consensus_methods(space), *_baseline_methods(space)]
+    return {method.name: method for method in found}
+
+
+def choose_methods(names: Sequence[str], space: SearchSpace) -> list[StudyMethod]:
+    """Return the methods of these names and names of sets, each once, in their order.
+
+    Raises
+    ------
+    OptionError
+        If a name is neither a method nor a set.
+    """
+    known = known_methods(space)
+    chosen: dict[str, StudyMethod] = {}
+    for name in names:
+        if name not in known and name not in METHOD_SETS:
+            near = difflib.get_close_matches(name, [*known, *METHOD_SETS], n=3, cutoff=0.4)
+            raise OptionError(
+                f"Expected a method or a set, got {name!r}. Did you mean {' or '.join(near) or 'consensus'}?"
+                f" Sets are {', '.join(METHOD_SETS)}; docs/study.md lists the methods."
+            )
+        chosen.update({member: known[member] for member in METHOD_SETS.get(name, (name,))})
+    if not chosen:
+        raise OptionError(f"Expected at least one method, got none. Sets are {', '.join(METHOD_SETS)}.")
+    return list(chosen.values())
+
+
+def installed_methods(methods: Sequence[StudyMethod]) -> tuple[list[StudyMethod], list[str]]:
+    """Return the methods whose packages are installed, and the names of the others."""
+    try:
+        check_small_gicp()
+    except MissingExtraError:
+        missing = [method.name for method in methods if method.needs_small_gicp]
+        return [method for method in methods if method.name not in missing], missing
+    return list(methods), []
+
+
+def _consensus_methods(space: SearchSpace) -> list[StudyMethod]:
+    """The method as `localize` runs it; and the best cell alone, by every objective and with one thing changed."""
+    as_localize = SearchSpace(space.half_width, heading_half_width_deg=space.heading_half_width_deg)
+    methods = [StudyMethod("maxcon", MaximumConsensus(as_localize))]
+    for multiplicity, options in (("points", AS_PUBLISHED), ("occupied", CELL_ONLY)):
+        for objective in OBJECTIVES:
+            method = MaximumConsensus(space, objective, multiplicity, **options)
+            name = f"{objective.name}-{multiplicity}"
+            methods.append(StudyMethod(name, method))
+            if isinstance(objective, MaxEigenvalue):
+                continue
+            methods += [
+                StudyMethod(f"{name}-{density}", method, density)
+                for density in ("density-1/4", "density-1/16")
+            ]
+        unweighted = MaximumConsensus(space, Helmert(), multiplicity, **{**options, "weighting": "one"})
+        methods.append(StudyMethod(f"helmert-{multiplicity}-unweighted", unweighted))
+    methods += [
+        StudyMethod("helmert-occupied-published", MaximumConsensus(space, **AS_PUBLISHED)),
+        StudyMethod("helmert-occupied-whole-scan", MaximumConsensus(space, thinning=0.0, **CELL_ONLY)),
+        StudyMethod("helmert-occupied-thinned-0.40", MaximumConsensus(space, thinning=0.4, **CELL_ONLY)),
+        StudyMethod("helmert-points-thinned", MaximumConsensus(space, multiplicity="points", **CELL_ONLY)),
+        StudyMethod("count-occupied-whole-scan", MaximumConsensus(space, Count(), thinning=0.0, **CELL_ONLY)),
+    ]
+    methods += [
+        StudyMethod(
+            f"helmert-{name}",
+            MaximumConsensus(_in_cells_of(space, MAP_VARIANTS[name].cell), **CELL_ONLY),
+            name,
+        )
+        for name in ("cell-0.03", "cell-0.12", "cell-0.20")
+    ]
+    methods.append(StudyMethod("helmert-ground", MaximumConsensus(space, **CELL_ONLY), "ground"))
+    return methods
+
+
+def _in_cells_of(space: SearchSpace, cell: float) -> SearchSpace:
+    """Return the space in cells of another edge, widened to whole cells."""
+    n_cells = -(-space.half_width // cell) if space.half_width % cell > 1e-9 else space.half_width / cell
+    return SearchSpace(round(n_cells) * cell, cell, space.heading_half_width_deg, space.heading_step_deg)
+
+
+def _baseline_methods(space: SearchSpace) -> list[StudyMethod]:
+    """ICP and GICP with both gates from the prior, 5 x 5 starts around the reference, and a count before GICP."""
+    methods, targets = [], MapTargets()
+    for gate in (1.0, 3.0):
+        end = f"{gate:.0f}m"
+        point, plane = (Icp(residual, gate, targets=targets) for residual in ("point", "plane"))
+        gicp = Gicp(gate, targets=targets)
+        methods += [
+            StudyMethod(f"icp-point-{end}", point),
+            StudyMethod(f"icp-plane-{end}", plane),
+            StudyMethod(f"gicp-{end}", gicp),
+            StudyMethod(f"icp-point-{end}-5x5", MultiStart(point), around_reference=True),
+            StudyMethod(f"icp-plane-{end}-5x5", MultiStart(plane), around_reference=True),
+            StudyMethod(f"icp-plane-{end}-ground", plane, "ground"),
+            StudyMethod(f"gicp-{end}-ground", gicp, "ground"),
+        ]
+    name = "count-1m-then-gicp"
+    count = CountThenGicp(space.half_width, space.heading_half_width_deg, gicp=Gicp(3.0, targets=targets))
+    return [*methods, StudyMethod(name, count), StudyMethod(f"{name}-ground", count, "ground")]

@@ -1,0 +1,207 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Trials: one method, one epoch, one prior that is wrong by up to a known amount; their table and its summary."""
+
+import csv
+import math
+import os
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from maxcon._system.atomic import atomic_file
+from maxcon.drive.localize import DriveOptions
+from maxcon.errors import FileError
+from maxcon.lab.evaluation import pose_error
+from maxcon.lab.simulation import PriorErrors
+from maxcon.lab.study.bench import REFERENCE, Bench, prepare_map
+from maxcon.lab.study.methods import StudyMethod
+from maxcon.lab.study.prior_levels import prior_at
+from maxcon.scan import Scan
+
+__all__ = ["PriorTrial", "TrialSummary", "read_trials", "summarize_trials", "try_epoch", "write_trials"]
+
+
+@dataclass(frozen=True, slots=True)
+class PriorTrial:
+    """The result of one method from one prior.
+
+    Parameters
+    ----------
+    offset, heading_deg : float
+        The level: the prior is wrong by up to so much in x and in y, m, and in heading, degrees.
+    epoch : int
+        Number of the scan.
+    method : str
+        Its name.
+    status : str
+        The method's own word.
+    is_good : bool
+        Whether the method itself calls its pose good.
+    is_right : bool
+        Whether the pose is within 0.3 m and 1 degree of the reference.
+    distance : float
+        Of the pose from the reference in x and y, m.
+    heading_error_deg : float
+        Signed, degrees.
+    ms : float
+        Processor time from points in memory to the pose.
+    """
+
+    offset: float
+    heading_deg: float
+    epoch: int
+    method: str
+    status: str
+    is_good: bool
+    is_right: bool
+    distance: float
+    heading_error_deg: float
+    ms: float
+
+    @property
+    def key(self) -> tuple[float, float, int, str]:
+        """Level, epoch and method: what tells one trial from another."""
+        return self.offset, self.heading_deg, self.epoch, self.method
+
+
+def try_epoch(
+    bench: Bench, epoch: int, level: PriorErrors, methods: Sequence[StudyMethod], seed: int
+) -> list[PriorTrial]:
+    """Let methods localize one epoch from the same prior, drawn around the reference.
+
+    Parameters
+    ----------
+    bench : Bench
+        Scans, reference and maps.
+    epoch : int
+        Number of the scan.
+    level : PriorErrors
+        How wrong the prior may be.
+    methods : sequence of StudyMethod
+        Each is timed on its own copy of the scan, with all it computes from the scan; its part of the map is loaded
+        before.
+    seed : int
+        Of the priors.
+    """
+    options = DriveOptions()
+    points = bench.scans.read(epoch, options.min_range, options.max_range).points
+    true_pose = bench.priors[REFERENCE].at(float(bench.scans.times[epoch]))
+    trials = []
+    for method in methods:
+        point_map = bench.maps[method.map_name]
+        reference = point_map.frame.pose_to_local(true_pose)
+        prior = prior_at(reference, level, seed, epoch)
+        prepare_map(method.method, Scan(points), point_map, prior)
+        scan, started = Scan(points), time.process_time()
+        estimate = method.method.localize(scan, point_map, prior)
+        ms = 1e3 * (time.process_time() - started)
+        error = pose_error(estimate.pose, reference)
+        trials.append(
+            PriorTrial(
+                level.offset, level.heading_deg, epoch, method.name, estimate.status.value,
+                estimate.is_localized, error.is_success, error.distance, math.degrees(error.heading), ms,
+            )
+        )  # fmt: skip
+    return trials
+
+
+def write_trials(path: str | os.PathLike[str], trials: Iterable[PriorTrial]) -> None:
+    """Write trials as CSV, a row each; the file appears, or is replaced, only whole.
+
+    Raises
+    ------
+    FileError
+        If it cannot be written.
+    """
+    with atomic_file(path) as partial, partial.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.DictWriter(stream, [field.name for field in fields(PriorTrial)])
+        writer.writeheader()
+        writer.writerows(asdict(trial) for trial in trials)
+
+
+def read_trials(path: str | os.PathLike[str]) -> list[PriorTrial]:
+    """Return the trials of a file; none if there is no file.
+
+    Raises
+    ------
+    FileError
+        If it holds something else.
+    """
+    if not Path(path).exists():
+        return []
+    with Path(path).open(newline="", encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))
+    try:
+        return [
+            PriorTrial(
+                float(row["offset"]), float(row["heading_deg"]), int(row["epoch"]), row["method"], row["status"],
+                row["is_good"] == "True", row["is_right"] == "True", float(row["distance"]),
+                float(row["heading_error_deg"]), float(row["ms"]),
+            )
+            for row in rows
+        ]  # fmt: skip
+    except (KeyError, TypeError, ValueError) as error:
+        raise FileError(
+            f"Expected the trials of an earlier run in {path}, got something else ({error}). Move the file away."
+        ) from error
+
+
+@dataclass(frozen=True, slots=True)
+class TrialSummary:
+    """The results of one method from all priors of one level.
+
+    Parameters
+    ----------
+    offset, heading_deg : float
+        The level, m and degrees.
+    method : str
+        Its name.
+    n_epochs, n_right, n_good, n_wrong_but_good : int
+        Of `PriorTrial.is_right` and `is_good`.
+    median_error : float
+        Distance of the right ones, m; NaN where none is right.
+    median_ms, p95_ms : float
+        Processor time.
+    """
+
+    offset: float
+    heading_deg: float
+    method: str
+    n_epochs: int
+    n_right: int
+    n_good: int
+    n_wrong_but_good: int
+    median_error: float
+    median_ms: float
+    p95_ms: float
+
+
+def summarize_trials(trials: Iterable[PriorTrial]) -> list[TrialSummary]:
+    """Return one summary per level and method: levels rising, methods in the order they first come."""
+    groups: dict[tuple[float, float], dict[str, list[PriorTrial]]] = {}
+    for trial in trials:
+        of_level = groups.setdefault((trial.offset, trial.heading_deg), {})
+        of_level.setdefault(trial.method, []).append(trial)
+    return [_summary(of_method) for level in sorted(groups) for of_method in groups[level].values()]
+
+
+def _summary(trials: Sequence[PriorTrial]) -> TrialSummary:
+    first = trials[0]
+    right = [trial.distance for trial in trials if trial.is_right]
+    median_ms, p95_ms = np.percentile([trial.ms for trial in trials], (50, 95))
+    return TrialSummary(
+        offset=first.offset,
+        heading_deg=first.heading_deg,
+        method=first.method,
+        n_epochs=len(trials),
+        n_right=len(right),
+        n_good=sum(trial.is_good for trial in trials),
+        n_wrong_but_good=sum(trial.is_good and not trial.is_right for trial in trials),
+        median_error=float(np.median(right)) if right else math.nan,
+        median_ms=float(median_ms),
+        p95_ms=float(p95_ms),
+    )

@@ -1,0 +1,289 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Maximum-consensus localization: the page to read first.
+
+The paper's method in the order of the paper: every cell of a search space around the prior is a candidate
+pose; each match of a scan point with the map adds to its cell; the cell whose matches determine the
+position best is the answer. Then what the paper does not have: its pose is adjusted to the surfaces of the
+map, examined, and where in doubt searched for once more, wider (D12).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+from maxcon.cell_search import CellSearch
+from maxcon.errors import OptionError
+from maxcon.estimate import Estimate, Status
+from maxcon.geometry import Pose
+from maxcon.integrity import Trust
+from maxcon.map import PointMap
+from maxcon.refine.ground import GroundFit, fit_ground
+from maxcon.refine.validation import examine
+from maxcon.scan import Scan
+from maxcon.search import Multiplicity, SearchMethod, Weighting, level_of
+from maxcon.search.accumulator import Accumulator
+from maxcon.search.objectives import Helmert, Objective, as_objective
+from maxcon.search.space import SearchSpace
+
+__all__ = ["MaximumConsensus"]
+
+# Where the ground lies so much higher or lower than the prior or the answer (m), it is searched from both heights.
+OTHER_GROUND = 0.25
+# A wider search turns twice as far, unless that is much.
+LARGEST_DOUBLED_DEG = 10.0
+
+
+@dataclass(frozen=True)
+class MaximumConsensus:
+    """Localizes scans by search for the cell of highest score (equations (1), (2) and (6)).
+
+    Parameters
+    ----------
+    space : SearchSpace
+        The candidate poses around each prior; 12 m and 10 degrees if not given. An open space, without a cell, is
+        searched coarse to fine: in a level of the map first, then in the map's own cells around the places left open.
+        One with a cell is searched in these cells alone, `SearchSpace.paper()` in the paper's.
+    objective : Objective or {"helmert", "count", "max-eigenvalue"}
+        What a cell is worth; Helmert's point error if not given. Any object with ``score(moments)``.
+    multiplicity : {"occupied", "points"}
+        Whether a match weighs one, or as many as the voxel's map points (D4).
+    n_threads : int
+        Headings searched at the same time; the answer does not depend on it.
+    trust : Trust
+        From where on an answer is not called localized.
+    weighting : {"cosine", "published", "one"}
+        Weight of a match in N: max(0, n_scan . n_map), and 1/2 where the scan point has no normal; the same, but 0
+        there, as published; or 1 (D5).
+    search : {"branch-and-bound", "exhaustive"}
+        How the best cell is found; in given cells it is the same one. Branch and bound takes a fraction of the time. Of
+        the runner-up it proves what `trust` asks for, not what it scores. An objective without bounds
+        (`BoundedByAxes`, `BoundedByCount`) is searched exhaustively. "exhaustive" looks at every cell; of an open
+        space at all of the map's own.
+    thinning : float
+        One point of the scan is searched with in each cube of this edge, m; 0 for all, as published. Near surfaces
+        have most of the points, and would outvote the far ones.
+    refinement : bool
+        Whether the pose of the best cell is adjusted to the surfaces of the map and examined there, and a covariance
+        given. Without, the answer is the cell, as published.
+    wider : float
+        Where an answer is in doubt, all places within so much of it along x and y are searched too, coarse to fine, m;
+        0 for never, as where the prior is certain to hold the true pose.
+    risk : float
+        The error may be larger than the protection level with at most this probability.
+    is_levelled : bool
+        Whether height, roll and pitch of the prior are first corrected by the ground, where the map has some and scan
+        and map agree on it; the heights of `space` are searched where they do not. Otherwise these are always searched.
+    widest : float
+        An answer that stays in doubt is searched for once more, twice as far around as before, until it is localized or
+        this is reached, m; 0 for never. For spaces of a covariance that may be too small: turns reach as far as by
+        default, too.
+
+    Raises
+    ------
+    OptionError
+        If the objective, the multiplicity, the weighting or the search is unknown, or a number out of its range.
+    """
+
+    space: SearchSpace = field(default_factory=SearchSpace)
+    objective: Objective | str = field(default_factory=Helmert)
+    multiplicity: str | Multiplicity = Multiplicity.OCCUPIED
+    n_threads: int = 1
+    trust: Trust = field(default_factory=Trust)
+    weighting: str | Weighting = Weighting.COSINE
+    search: str | SearchMethod = SearchMethod.BRANCH_AND_BOUND
+    thinning: float = 0.25
+    refinement: bool = True
+    wider: float = 12.0
+    risk: float = 0.01
+    is_levelled: bool = True
+    widest: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "objective", as_objective(self.objective))
+        object.__setattr__(self, "multiplicity", Multiplicity.parse(self.multiplicity))
+        object.__setattr__(self, "weighting", Weighting.parse(self.weighting))
+        object.__setattr__(self, "search", SearchMethod.parse(self.search))
+        if not 0.0 <= self.thinning < math.inf:
+            raise OptionError(
+                f"Expected `thinning` to be an edge >= 0 m, got {self.thinning}. With 0 all points are searched with."
+            )
+        for name in ("wider", "widest"):
+            value = getattr(self, name)
+            if not 0.0 <= value < math.inf:
+                raise OptionError(
+                    f"Expected `{name}` to be a half width >= 0 m, got {value}. With 0 nothing wider is searched."
+                )
+        if not 0.0 < self.risk < 1.0:
+            raise OptionError(f"Expected `risk` above 0 and below 1, got {self.risk}. The default is 0.01.")
+
+    @property
+    def cell_search(self) -> CellSearch:
+        """How the best cell of a space is found and judged."""
+        return CellSearch(
+            as_objective(self.objective), self.multiplicity, self.weighting, self.search, self.thinning,
+            self.n_threads, self.trust,
+        )  # fmt: skip
+
+    def localize(self, scan: Scan, point_map: PointMap, prior: Pose) -> Estimate:
+        """Find the pose of a scan in the map.
+
+        Parameters
+        ----------
+        scan : Scan
+            Points (and normals) of one epoch, sensor frame.
+        point_map : PointMap
+            The map; the space's cell edge, if given, is its voxel edge or 2, 4, ... 32 times that.
+        prior : Pose
+            T_map_sensor before localization, local frame of the map.
+
+        Returns
+        -------
+        Estimate
+            Its `status` says whether the pose may be used.
+
+        Raises
+        ------
+        SearchSpaceError
+            If the cell edge is not the map's or that of a level of it, or the space is too large.
+        """
+        starts = self._starts(scan, point_map, prior)
+        answers = [self.cell_search.best(scan, point_map, start, space) for start, space in starts]
+        highest = max(range(len(starts)), key=lambda number: answers[number].score)
+        found, (start, space) = answers[highest], starts[highest]
+        is_outermost = abs(found.pose.z - start.z) > space.height_half_width - 0.5 * point_map.cell
+        found, ground = self._on_ground(found, prior, scan, point_map)
+        settled = self._settle(found, ground, start, scan, point_map)
+        if space.height_half_width > 0.0 and is_outermost and settled.is_localized:
+            return replace(settled, status=Status.AT_RIM)
+        return settled
+
+    def _starts(self, scan: Scan, point_map: PointMap, prior: Pose) -> list[tuple[Pose, SearchSpace]]:
+        """The prior on the ground and the cells of that height; the prior and all heights where it cannot be told.
+
+        Where the two are far apart both are searched from: what looks like the ground may be the roofs of cars.
+        """
+        ground = fit_ground(scan, point_map, prior) if self.is_levelled else None
+        if ground is None:
+            return [(prior, self.space)]
+        starts = [(ground.pose, self.space.plane)]
+        return starts if abs(ground.height) <= OTHER_GROUND else [*starts, (prior, self.space.plane)]
+
+    def _on_ground(
+        self, found: Estimate, around: Pose, scan: Scan, point_map: PointMap
+    ) -> tuple[Estimate, GroundFit | None]:
+        """An answer and its ground. Where that is far off, the answer from there if it scores higher, or no ground."""
+        ground = self._ground_at(found, scan, point_map)
+        if ground is None or abs(ground.height) <= OTHER_GROUND:
+            return found, ground
+        other = self.cell_search.best(scan, point_map, around.levelled(ground.pose), self.space.plane)
+        return (
+            (other, self._ground_at(other, scan, point_map)) if other.score > found.score else (found, None)
+        )
+
+    def _ground_at(self, found: Estimate, scan: Scan, point_map: PointMap) -> GroundFit | None:
+        """The ground of the place that was found, where that can be told."""
+        if not self.is_levelled or found.status is Status.NO_MATCH:
+            return None
+        return fit_ground(scan, point_map, found.pose)
+
+    def _settle(
+        self, found: Estimate, ground: GroundFit | None, start: Pose, scan: Scan, point_map: PointMap
+    ) -> Estimate:
+        """Lay an answer on its ground, adjust it to the map, and search wider where it is in doubt (D12)."""
+        if not self.refinement:
+            return found if ground is None else replace(found, pose=ground.pose)
+        # A street that leaves a direction open does so from farther around too.
+        is_street = found.status is Status.UNDETERMINED and found.share >= self.trust.least_share
+        examined = examine(found, ground, scan, point_map, self.trust, self.risk)
+        if examined.is_localized or is_street:
+            return examined
+        return self._search_wider(examined, start, scan, point_map)
+
+    def _search_wider(self, doubted: Estimate, start: Pose, scan: Scan, point_map: PointMap) -> Estimate:
+        """Search all around an answer in doubt: the same place may win, or another one."""
+        answer, farthest = doubted, 0.0
+        offset = max(abs(doubted.pose.x - start.x), abs(doubted.pose.y - start.y))
+        for space in self._wider_spaces():
+            if doubted.status is Status.AMBIGUOUS and space.half_width < offset + self.space.half_width:
+                continue  # the other place, which is as good, may not be in it
+            answer, farthest = self._search_around(doubted, space, start, scan, point_map), space.half_width
+            if answer.is_localized:
+                return answer
+        if self.widest == 0.0 or farthest == 0.0:
+            return answer
+        reason = f"searched for up to {farthest:g} m around"
+        return replace(answer, reason="; ".join(filter(None, [answer.reason, reason])), was_widened=True)
+
+    def _wider_spaces(self) -> Iterator[SearchSpace]:
+        """What is searched around an answer in doubt, one after the other: at twice the headings, and twice as far."""
+        if self.wider == 0.0:
+            return
+        half_width, turn_deg = max(self.wider, self.space.half_width), self.space.heading_half_width_deg
+        least_deg = SearchSpace().heading_half_width_deg if self.widest > 0.0 else 0.0
+        while True:
+            turn_deg = max(2.0 * turn_deg if turn_deg <= LARGEST_DOUBLED_DEG else turn_deg, least_deg)
+            yield SearchSpace(half_width, heading_half_width_deg=turn_deg)
+            if half_width >= self.widest:
+                return
+            half_width = min(2.0 * half_width, self.widest)
+
+    def _search_around(
+        self, doubted: Estimate, space: SearchSpace, start: Pose, scan: Scan, point_map: PointMap
+    ) -> Estimate:
+        """Search around an answer in doubt, in a space wider than that of its own search.
+
+        What wins is examined in its turn; the same place needs less evidence then. Another place is the answer if it is
+        localized; otherwise it is one more reason to doubt.
+        """
+        around = replace(doubted.pose, heading=start.heading)  # a wrong place has a wrong heading
+        wide = (
+            self.cell_search
+            if self.cell_search.has_bounds
+            else replace(self.cell_search, objective=Helmert())
+        )
+        places = wide.places(scan, point_map, around, space)
+        if not places:
+            return doubted
+        best = places[0]
+        found = wide.judge(best, scan, point_map)
+        found, ground = self._on_ground(found, found.pose, scan, point_map)
+        moved = math.hypot(found.pose.x - doubted.pose.x, found.pose.y - doubted.pose.y)
+        is_same = doubted.status is not Status.NO_MATCH and moved <= self.trust.guard_radius
+        examined = examine(found, ground, scan, point_map, self.trust, self.risk, is_confirmed=is_same)
+        if not (is_same or examined.is_localized):
+            reason = f"from farther around another place, {moved:.1f} m away, fits better"
+            return replace(
+                doubted, reason="; ".join(filter(None, [doubted.reason, reason])), was_widened=True
+            )
+        score = (
+            examined.score
+            if self.cell_search.has_bounds
+            else float(self.cell_search.objective.score(best.moments))
+        )
+        return replace(examined, score=score, cell=doubted.cell if is_same else None, was_widened=True)
+
+    def accumulate(self, scan: Scan, point_map: PointMap, prior: Pose) -> Accumulator:
+        """Moments of every cell; of several heights those of the best. What `conclude` decides on, and what plots show.
+
+        Of a space that is searched coarse to fine these are the coarse cells, so that `conclude` is coarser than
+        `localize`.
+        """
+        starts = self._starts(scan, point_map, prior)
+        found = []
+        for start, space in starts:
+            level, cells = self.cell_search.level_and_cells(space, point_map)
+            found.append(self.cell_search.accumulate(scan, level, start, cells))
+        return (
+            max(found, key=lambda each: each.score(self.cell_search.objective).max())
+            if len(found) > 1
+            else found[0]
+        )
+
+    def conclude(self, accumulator: Accumulator, scan: Scan, point_map: PointMap) -> Estimate:
+        """Take the best cell of an accumulator of this scan, and settle its pose: `localize`, of given cells."""
+        found = self.cell_search.conclude(accumulator, scan, level_of(point_map, accumulator.space))
+        found, ground = self._on_ground(found, accumulator.prior, scan, point_map)
+        return self._settle(found, ground, accumulator.prior, scan, point_map)

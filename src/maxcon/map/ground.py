@@ -1,0 +1,221 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""The ground of a map: heights in a grid of about half a metre, tile by tile, beside the voxels (decision 17)."""
+
+import math
+from collections import OrderedDict
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.geometry import voxel_indices
+from maxcon.map.layout import TILE_VOXELS, TileKey
+
+__all__ = [
+    "HEADROOM",
+    "GroundInMemory",
+    "GroundPatch",
+    "GroundSource",
+    "GroundTile",
+    "ground_of_points",
+    "ground_patch",
+    "ground_voxels",
+    "stack_levels",
+]
+
+GROUND_EDGE = 0.5
+"""The edge of a cell of the grid is a power of two of voxels, the nearest to this, m."""
+
+HEADROOM = 2.0
+"""Ground that lies farther than this above other ground of the same cell is another level, m: a bridge."""
+
+LEAST_SHARE = 0.1
+"""A level has at least this share of the points of the fullest one of its cell: a stray point is none."""
+
+TILES_KEPT = 1024
+"""Tiles of the grid that are kept before those used longest ago go: 16 MB at 6 cm."""
+
+
+def ground_voxels(cell: float) -> int:
+    """How many voxels of edge `cell` (m) make the edge of a cell of the ground grid; 8 at 6 cm."""
+    power = round(math.log2(GROUND_EDGE / cell))
+    return int(2 ** min(max(power, 0), TILE_VOXELS.bit_length() - 1))
+
+
+@dataclass(frozen=True, slots=True)
+class GroundTile:
+    """The ground of one tile of the map.
+
+    Parameters
+    ----------
+    key : tuple of 2 int
+        The tile's (x, y) index.
+    heights : array, shape (levels, n, n), float32
+        Height of the ground in cell (y, x) of the tile, local frame, m, from the lowest level on; NaN where there is
+        none. There are n cells along an edge, `TILE_VOXELS` / `ground_voxels`.
+    """
+
+    key: TileKey
+    heights: NDArray[np.float32]
+
+    def rows(self) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
+        """(x, y) of cells, shape (m, 2), and heights, shape (m,), m, in the order (y, x, height)."""
+        y, x, level = np.nonzero(np.isfinite(self.heights.transpose(1, 2, 0)))
+        return np.column_stack([x, y]).astype(np.int16), self.heights[level, y, x]
+
+    @classmethod
+    def from_rows(
+        cls, key: TileKey, columns: NDArray[np.integer], heights: NDArray[np.floating], n: int
+    ) -> "GroundTile":
+        """Return the tile whose `rows` these are, of n cells along an edge."""
+        return cls(key, stack_levels(columns[:, 1].astype(np.int64) * n + columns[:, 0], heights, n))
+
+    @property
+    def n_heights(self) -> int:
+        """How many heights there are in all cells and levels."""
+        return int(np.count_nonzero(np.isfinite(self.heights)))
+
+
+def stack_levels(cells: NDArray[np.integer], heights: NDArray[np.floating], n: int) -> NDArray[np.float32]:
+    """Heights by (level, y, x) from those of cells y * n + x, which come ascending in (cell, height)."""
+    is_first = np.diff(cells, prepend=-1) != 0
+    first = np.flatnonzero(is_first)[np.cumsum(is_first) - 1] if len(cells) else np.empty(0, np.int64)
+    level = np.arange(len(cells)) - first
+    stacked = np.full((int(level.max(initial=0)) + 1, n * n), np.nan, np.float32)
+    stacked[level, cells] = heights
+    return stacked.reshape(-1, n, n)
+
+
+def ground_of_points(
+    columns: NDArray[np.integer], heights: NDArray[np.floating], n: int
+) -> NDArray[np.float32]:
+    """Heights of the ground by (level, y, x), m: the median of the points of each level of each cell.
+
+    Parameters
+    ----------
+    columns : array, shape (m, 2)
+        (x, y) cell of each point in its tile.
+    heights : array, shape (m,)
+        Its height, m.
+    n : int
+        Cells along an edge of the tile.
+    """
+    cells = columns[:, 1].astype(np.int64) * n + columns[:, 0]
+    order = np.lexsort((heights, cells))
+    cells, heights = cells[order], heights[order]
+    is_new_cell = np.diff(cells, prepend=-1) != 0
+    starts = np.flatnonzero(is_new_cell | (np.diff(heights, prepend=0.0) > HEADROOM))
+    counts = np.diff(starts, append=len(cells))
+    cells, medians = cells[starts], heights[starts + (counts - 1) // 2]
+    if len(cells):
+        fullest = np.zeros(n * n, np.int64)
+        np.maximum.at(fullest, cells, counts)
+        is_level = counts >= LEAST_SHARE * fullest[cells]
+        cells, medians = cells[is_level], medians[is_level]
+    return stack_levels(cells, medians, n)
+
+
+class GroundSource(Protocol):
+    """Where the ground of a map comes from: memory, or a folder on disk."""
+
+    @property
+    def keys(self) -> frozenset[TileKey]:
+        """Keys of the tiles that have ground."""
+        ...
+
+    def load(self, key: TileKey) -> GroundTile:
+        """Return one of them."""
+        ...
+
+
+class GroundInMemory:
+    """The ground of a map in memory.
+
+    Parameters
+    ----------
+    tiles : mapping
+        By their keys.
+    """
+
+    def __init__(self, tiles: Mapping[TileKey, GroundTile]) -> None:
+        self._tiles = dict(tiles)
+
+    @classmethod
+    def of_points(cls, points: NDArray[np.float64], cell: float) -> "GroundInMemory":
+        """Ground of a map of edge `cell` (m) from points on it, shape (n, 3), local frame, m."""
+        edge, n = ground_voxels(cell), TILE_VOXELS // ground_voxels(cell)
+        columns = voxel_indices(points, cell)[:, :2] // edge
+        keys = columns // n
+        tiles = {}
+        for x, y in np.unique(keys, axis=0).tolist():
+            is_here = (keys == [x, y]).all(axis=1)
+            inside = columns[is_here] - np.array([x, y]) * n
+            tiles[(x, y)] = GroundTile((x, y), ground_of_points(inside, points[is_here, 2], n))
+        return cls(tiles)
+
+    @property
+    def keys(self) -> frozenset[TileKey]:
+        """Keys of the tiles that have ground."""
+        return frozenset(self._tiles)
+
+    def load(self, key: TileKey) -> GroundTile:
+        """Return one of them."""
+        return self._tiles[key]
+
+
+class RecentTiles(OrderedDict[TileKey, GroundTile]):
+    """The tiles used last, at most `TILES_KEPT`."""
+
+    def keep(self, tile: GroundTile) -> GroundTile:
+        """Take a tile in, as the one used last, and let go of the one used longest ago."""
+        self[tile.key] = tile
+        self.move_to_end(tile.key)
+        while len(self) > TILES_KEPT:
+            self.popitem(last=False)
+        return tile
+
+
+@dataclass(frozen=True, slots=True)
+class GroundPatch:
+    """The ground around a place.
+
+    Parameters
+    ----------
+    heights : array, shape (levels, ny, nx), float32
+        As in `GroundTile`.
+    first : tuple of 2 int
+        (x, y) number of its first cell, counted from the local frame's origin.
+    edge : float
+        Of a cell, m.
+    """
+
+    heights: NDArray[np.float32]
+    first: tuple[int, int]
+    edge: float
+
+
+def ground_patch(source: GroundSource, cell: float, x: float, y: float, reach: float) -> GroundPatch:
+    """Return the ground in the square of half width `reach` (m) around (x, y), of a map of edge `cell` (m)."""
+    edge, n = ground_voxels(cell) * cell, TILE_VOXELS // ground_voxels(cell)
+    x_first, x_last, y_first, y_last = (
+        math.floor(place / edge) for place in (x - reach, x + reach, y - reach, y + reach)
+    )
+    shape = (y_last - y_first + 1, x_last - x_first + 1)
+    tiles = [
+        source.load((key_x, key_y))
+        for key_y in range(y_first // n, y_last // n + 1)
+        for key_x in range(x_first // n, x_last // n + 1)
+        if (key_x, key_y) in source.keys
+    ]
+    heights = np.full((max((len(tile.heights) for tile in tiles), default=1), *shape), np.nan, np.float32)
+    for tile in tiles:
+        left, low = tile.key[0] * n - x_first, tile.key[1] * n - y_first
+        rows = slice(max(low, 0), min(low + n, shape[0]))
+        columns = slice(max(left, 0), min(left + n, shape[1]))
+        heights[: len(tile.heights), rows, columns] = tile.heights[
+            :, rows.start - low : rows.stop - low, columns.start - left : columns.stop - left
+        ]
+    return GroundPatch(heights, (x_first, y_first), edge)

@@ -1,0 +1,247 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""VoxelTile: the voxels of one square of the map, in the order the search reads them."""
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon._system.compiled import read_only_view
+from maxcon.map.addresses import Addresses
+from maxcon.map.layout import MEAN_STEPS, PATCH_VOXELS, TILE_VOXELS, WORD_BITS, TileKey
+from maxcon.map.surface_class import SurfaceClass
+
+__all__ = ["Occupancy", "TileIndex", "TileSource", "VoxelTile", "search_order"]
+
+PATCH_WORDS = PATCH_VOXELS**2 // WORD_BITS
+
+
+@dataclass(frozen=True, slots=True)
+class TileIndex:
+    """Where each patch of 16 x 16 voxels of one height layer begins in its tile.
+
+    Parameters
+    ----------
+    layers : array, shape (n_layers,), int32
+        The z indices that occur, ascending.
+    patch_starts : array, shape (n_layers * n_patches**2 + 1,), int32
+        The voxels of patch (py, px) of layer k, of n_patches along each edge of the tile, are those from number
+        (k * n_patches + py) * n_patches + px to the next. Patches that follow each other along x are one run of voxels.
+    """
+
+    layers: NDArray[np.int32]
+    patch_starts: NDArray[np.int32]
+
+
+@dataclass(frozen=True, slots=True)
+class Occupancy:
+    """Which patches and voxels a tile holds, a bit each: a single voxel is found without a search.
+
+    Patches that hold voxels are numbered in the order (patch y, patch x, layer): what stands upright, as walls do,
+    lies together in memory.
+
+    Parameters
+    ----------
+    held : array, shape (n_patches, n_patches, n), uint64
+        Whether patch (py, px) of each layer holds voxels: bit k % 64 of word k // 64 for layer k. Bit
+        n_layers is never set: it stands for heights at which the tile has no layer.
+    numbers : array, shape (n_patches, n_patches, n), int32
+        Number of the first patch of each word; those of its others follow, in the order of their bits.
+    words : array, shape (m, 4), uint64
+        Four rows of a patch each: its voxel (x, y) is bit (y % 4) * PATCH_VOXELS + x of word y // 4.
+    firsts : array, shape (m, 4), int32
+        Number in the tile of each word's first voxel; those of its others follow, in the order of their bits.
+    """
+
+    held: NDArray[np.uint64]
+    numbers: NDArray[np.int32]
+    words: NDArray[np.uint64]
+    firsts: NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class VoxelTile:
+    """The voxels of one tile of the map: 512 x 512 columns, 30.72 m at 6 cm; of a level fewer and larger ones.
+
+    Sorted by (z, patch y, patch x, y, x), see `search_order`. The arrays may be views of a
+    file that was read.
+
+    Parameters
+    ----------
+    key : tuple of 2 int
+        The tile's (x, y) index.
+    columns : array, shape (n, 2), int16
+        (x, y) voxel index less the tile's first, from 0 to `edge` - 1.
+    layers : array, shape (n,), int32
+        z voxel index.
+    counts : array, shape (n,), int32
+        How many map points the voxel holds.
+    normals : array, shape (n, 3), float32
+        Their mean unit normal; zeros where there is none.
+    means : array, shape (n, 3), uint8
+        Where in the voxel their mean lies, in 256ths of its edge, from its corner.
+    edge : int
+        Voxels along an edge of the tile, a power of two.
+    classes : array, shape (n,), uint8, or None
+        `SurfaceClass` of each voxel; all are known if None.
+    """
+
+    key: TileKey
+    columns: NDArray[np.int16]
+    layers: NDArray[np.int32]
+    counts: NDArray[np.int32]
+    normals: NDArray[np.float32]
+    means: NDArray[np.uint8]
+    edge: int = TILE_VOXELS
+    classes: NDArray[np.uint8] | None = None
+
+    def __len__(self) -> int:
+        return len(self.layers)
+
+    def without(self, left_out: Collection[SurfaceClass]) -> "VoxelTile":
+        """Return the tile without the voxels of some classes; those that are left have none any more."""
+        if self.classes is None:
+            return self
+        is_kept = ~np.isin(self.classes, list(left_out))
+        return replace(self.rows(is_kept), classes=None)
+
+    def rows(self, chosen: NDArray[np.bool_] | NDArray[np.integer]) -> "VoxelTile":
+        """Return a tile of some of the voxels, which must ascend."""
+        return VoxelTile(
+            self.key,
+            self.columns[chosen],
+            self.layers[chosen],
+            self.counts[chosen],
+            self.normals[chosen],
+            self.means[chosen],
+            self.edge,
+            None if self.classes is None else self.classes[chosen],
+        )
+
+    @property
+    def corner(self) -> tuple[int, int]:
+        """(x, y) index of its first voxel."""
+        return self.key[0] * self.edge, self.key[1] * self.edge
+
+    @property
+    def n_patches(self) -> int:
+        """How many patches there are along an edge."""
+        return self.edge // PATCH_VOXELS
+
+    @cached_property
+    def index(self) -> TileIndex:
+        """Where each patch begins; made when first asked for."""
+        from maxcon.map import tile_kernels
+
+        layers = np.empty(self._n_layers_and_patches[0], np.int32)
+        patch_starts = np.empty(len(layers) * self.n_patches**2 + 1, np.int32)
+        tile_kernels.find_patches(
+            self._voxel_columns, self._voxel_layers, self.n_patches, layers, patch_starts
+        )
+        return TileIndex(layers, patch_starts)
+
+    @cached_property
+    def fullest(self) -> int:
+        """How many map points the fullest voxel holds; counted when first asked for."""
+        return int(self.counts.max(initial=1))
+
+    @cached_property
+    def occupancy(self) -> Occupancy:
+        """Which voxels there are; made when first asked for."""
+        from maxcon.map import tile_kernels
+
+        starts, n_words = self.index.patch_starts, len(self.index.layers) // WORD_BITS + 1
+        held = np.zeros((self.n_patches**2, n_words), np.uint64)
+        numbers = np.empty(held.shape, np.int32)
+        n_held = tile_kernels.number_patches(starts, held, numbers)
+        words, firsts = (np.zeros((n_held, PATCH_WORDS), dtype) for dtype in (np.uint64, np.int32))
+        tile_kernels.set_bits(starts, self._voxel_columns, numbers, words, firsts)
+        shape = (self.n_patches, self.n_patches, n_words)
+        return Occupancy(held.reshape(shape), numbers.reshape(shape), words, firsts)
+
+    @cached_property
+    def addresses(self) -> Addresses:
+        """Where the arrays lie that single voxels are looked up in; made when first asked for."""
+        occupancy = self.occupancy
+        normals, counts = (
+            self.normals.astype(np.float32, copy=False),
+            self.counts.astype(np.int32, copy=False),
+        )
+        bits = (occupancy.held, occupancy.numbers, occupancy.words, occupancy.firsts)
+        return Addresses.of(*bits, normals, counts, self.means)
+
+    @cached_property
+    def layer_numbers(self) -> NDArray[np.int32]:
+        """Number of each height layer from the lowest to the highest, -1 where there is none; made when first asked."""
+        layers = self.index.layers
+        height = int(layers[-1]) - int(layers[0]) + 1 if len(layers) else 0
+        numbers = np.full(height, -1, np.int32)
+        numbers[layers - layers[:1]] = np.arange(len(layers))
+        return numbers
+
+    @property
+    def is_in_order(self) -> bool:
+        """Whether columns lie inside the tile and voxels are in search order, on which all searches rely."""
+        return self._n_layers_and_patches[0] >= 0
+
+    @cached_property
+    def _n_layers_and_patches(self) -> tuple[int, int]:
+        """How many layers there are, and patches that hold voxels; -1 for both if voxels are not in order."""
+        from maxcon.map import tile_kernels
+
+        n_layers, n_held = tile_kernels.count_layers_and_patches(
+            self._voxel_columns, self._voxel_layers, self.edge
+        )
+        return n_layers, n_held
+
+    @property
+    def _voxel_columns(self) -> NDArray[np.int16]:
+        """Columns as the kernels take them: in one piece, whether they can be written or not."""
+        return read_only_view(self.columns)
+
+    @property
+    def _voxel_layers(self) -> NDArray[np.int32]:
+        return read_only_view(self.layers)
+
+    @property
+    def voxels(self) -> NDArray[np.int32]:
+        """(x, y, z) voxel indices in the local frame, shape (n, 3)."""
+        return np.column_stack([self.columns + np.array(self.corner, dtype=np.int32), self.layers])
+
+    def mean_points(self, cell: float) -> NDArray[np.float64]:
+        """Mean of the points of each voxel of edge `cell` (m), local frame, shape (n, 3), m; to 1/512 of the edge."""
+        inside = (self.means + 0.5) / MEAN_STEPS
+        return np.asarray((self.voxels + inside) * cell, dtype=np.float64)
+
+    @cached_property
+    def n_bytes(self) -> int:
+        """Memory this tile holds once its index and its occupancy are made."""
+        arrays = (self.columns, self.layers, self.counts, self.normals, self.means)
+        index = (self.index.layers, self.index.patch_starts, self.layer_numbers)
+        n_words = self.n_patches**2 * (len(self.index.layers) // WORD_BITS + 1)
+        n_words += PATCH_WORDS * self._n_layers_and_patches[1]
+        occupancy = n_words * (np.uint64().nbytes + np.int32().nbytes)
+        return sum(array.nbytes for array in arrays + index) + occupancy
+
+
+class TileSource(Protocol):
+    """Where a map's tiles come from: memory, or a folder on disk."""
+
+    @property
+    def keys(self) -> frozenset[TileKey]:
+        """Keys of the tiles there are."""
+        ...
+
+    def load(self, key: TileKey) -> VoxelTile:
+        """Return one of them."""
+        ...
+
+
+def search_order(columns: NDArray[np.int16], layers: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Return the order (z, patch y, patch x, y, x) of voxels with these indices."""
+    patches = columns // PATCH_VOXELS
+    return np.lexsort((columns[:, 0], columns[:, 1], patches[:, 0], patches[:, 1], layers))

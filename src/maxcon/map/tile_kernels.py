@@ -1,0 +1,136 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Compiled: index and occupancy of a tile, made when a search first needs them. Arrays in, arrays out.
+
+Voxels come in the order (z, patch y, patch x, y, x); a tile has n_patches x n_patches patches a layer, of
+PATCH_VOXELS x PATCH_VOXELS columns.
+"""
+
+import numpy as np
+from numba import njit
+
+from maxcon.map.layout import PATCH_VOXELS, WORD_BITS
+
+__all__ = ["count_layers_and_patches", "find_patches", "mark_tiles", "number_patches", "set_bits"]
+
+PATCH_BITS = PATCH_VOXELS.bit_length() - 1
+INSIDE = PATCH_VOXELS - 1
+
+
+@njit(nogil=True, cache=True)
+def _patch(x, y, n_patches):
+    """Number of the patch of a column in its layer."""
+    return (y >> PATCH_BITS) * n_patches + (x >> PATCH_BITS)
+
+
+@njit(nogil=True, cache=True)
+def count_layers_and_patches(columns, layers, edge):
+    """How many layers there are, and how many patches that hold voxels.
+
+    columns : (n, 2) int16; layers : (n,) int32; edge : voxels along an edge of the tile. -1 for both if a column lies
+    outside of it, or the voxels are not in order.
+    """
+    n_layers, n_patches, place_before = 0, 0, 0
+    for k in range(columns.shape[0]):
+        x, y = np.int64(columns[k, 0]), np.int64(columns[k, 1])
+        if x < 0 or x >= edge or y < 0 or y >= edge:
+            return -1, -1
+        place = (_patch(x, y, edge >> PATCH_BITS) * PATCH_VOXELS + (y & INSIDE)) * PATCH_VOXELS + (x & INSIDE)
+        if k == 0 or layers[k] != layers[k - 1]:
+            if k > 0 and layers[k] < layers[k - 1]:
+                return -1, -1
+            n_layers += 1
+            n_patches += 1
+        elif place <= place_before:
+            return -1, -1
+        else:
+            n_patches += place // PATCH_VOXELS**2 > place_before // PATCH_VOXELS**2
+        place_before = place
+    return n_layers, n_patches
+
+
+@njit(nogil=True, cache=True)
+def find_patches(columns, layers, n_patches, z_indices, patch_starts):
+    """Find the z index of each layer, and the first voxel of each patch of each layer; of voxels in order.
+
+    n_patches : along an edge of the tile; z_indices : (n_layers,) int32; patch_starts : (n_layers * n_patches**2 + 1,)
+    int32. Both out.
+    """
+    layer, patch = -1, -1
+    for k in range(columns.shape[0]):
+        if k == 0 or layers[k] != layers[k - 1]:
+            layer += 1
+            z_indices[layer] = layers[k]
+        here = layer * n_patches**2 + _patch(np.int64(columns[k, 0]), np.int64(columns[k, 1]), n_patches)
+        while patch < here:
+            patch += 1
+            patch_starts[patch] = k
+    patch_starts[patch + 1 :] = columns.shape[0]
+
+
+@njit(nogil=True, cache=True)
+def number_patches(patch_starts, held, numbers):
+    """Set a bit for each patch that holds voxels, and number them in the order (patch y, patch x, layer).
+
+    held : (n_patches**2, n) uint64, in zeros, out; numbers : the same, int32, number of the first patch of each
+    word, out. Returns how many there are.
+    """
+    n_places = held.shape[0]
+    n_layers = (patch_starts.shape[0] - 1) // n_places
+    for layer in range(n_layers):
+        word, bit = layer // WORD_BITS, np.uint64(1) << np.uint64(layer % WORD_BITS)
+        for place in range(n_places):
+            patch = layer * n_places + place
+            if patch_starts[patch + 1] > patch_starts[patch]:
+                held[place, word] |= bit
+    n = 0
+    for place in range(n_places):
+        for word in range(held.shape[1]):
+            numbers[place, word] = n
+            bits = held[place, word]
+            while bits:
+                bits &= bits - np.uint64(1)
+                n += 1
+    return n
+
+
+@njit(nogil=True, cache=True)
+def set_bits(patch_starts, columns, numbers, words, firsts):
+    """Set a bit for each voxel, and find the first voxel of each word that is not empty.
+
+    numbers : as `number_patches` made them; words : (n_patches, 4) uint64, in zeros, out; firsts : the same,
+    int32, in zeros, out.
+    """
+    n_places = numbers.shape[0]
+    n_layers = (patch_starts.shape[0] - 1) // n_places
+    number = numbers[:, 0].copy()  # of the next patch of each place: layers come in order
+    for layer in range(n_layers):
+        for place in range(n_places):
+            patch = layer * n_places + place
+            first, end = patch_starts[patch], patch_starts[patch + 1]
+            if first == end:
+                continue
+            for k in range(first, end):
+                bit = ((columns[k, 1] & INSIDE) << PATCH_BITS) | (columns[k, 0] & INSIDE)
+                word = bit // WORD_BITS
+                if words[number[place], word] == 0:
+                    firsts[number[place], word] = k
+                words[number[place], word] |= np.uint64(1) << np.uint64(bit % WORD_BITS)
+            number[place] += 1
+
+
+@njit(nogil=True, cache=True)
+def mark_tiles(places, margin, edge, corner, is_met):
+    """Mark the tiles that hold a corner of a square around any of the places.
+
+    places : (n, 2) float64, m; margin : half the edge of a square, m; edge : of a tile, m; corner :
+    (2,) int64, key of the first tile; is_met : (ny, nx) bool, out, where tiles farther out are those at the rim.
+    """
+    last_x, last_y = np.float64(is_met.shape[1] - 1), np.float64(is_met.shape[0] - 1)
+    for i in range(places.shape[0]):
+        in_x, in_y = places[i, 0], places[i, 1]
+        x_low = np.int64(min(max((in_x - margin) / edge - corner[0], 0.0), last_x))
+        x_high = np.int64(min(max((in_x + margin) / edge - corner[0], 0.0), last_x))
+        y_low = np.int64(min(max((in_y - margin) / edge - corner[1], 0.0), last_y))
+        y_high = np.int64(min(max((in_y + margin) / edge - corner[1], 0.0), last_y))
+        is_met[y_low, x_low] = is_met[y_low, x_high] = is_met[y_high, x_low] = is_met[y_high, x_high] = True

@@ -1,0 +1,159 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Compiled loops of the map build: moments of voxels, and planes through their neighbourhoods."""
+
+import numpy as np
+from numba import njit
+
+from maxcon.scan.normals.plane_kernels import covariance, plane_normal
+
+__all__ = ["gather_points", "merge_voxels", "neighbourhood_normals", "sum_neighbourhood"]
+
+
+@njit(nogil=True, cache=True)
+def gather_points(order, keys, inside, sides, counts, sums, outers, side_sums):
+    """Sum the points of each voxel.
+
+    order : (n,) numbers of the points by ascending key; keys : (n,) int64; inside : (n, 3) float32,
+    position in the voxel, m; sides : (n, 3) float32, direction to the sensor or normal.
+    counts (n,), sums (n, 3), outers (n, 6), side_sums (n, 3) : out, zeroed; the first rows are filled.
+    Returns the number of voxels.
+    """
+    voxel = -1
+    previous = np.int64(0)
+    for i in order:
+        if voxel < 0 or keys[i] != previous:
+            voxel += 1
+            previous = keys[i]
+        counts[voxel] += 1
+        x, y, z = np.float64(inside[i, 0]), np.float64(inside[i, 1]), np.float64(inside[i, 2])
+        sums[voxel, 0] += x
+        sums[voxel, 1] += y
+        sums[voxel, 2] += z
+        outers[voxel, 0] += x * x
+        outers[voxel, 1] += x * y
+        outers[voxel, 2] += x * z
+        outers[voxel, 3] += y * y
+        outers[voxel, 4] += y * z
+        outers[voxel, 5] += z * z
+        for axis in range(3):
+            side_sums[voxel, axis] += sides[i, axis]
+    return voxel + 1
+
+
+@njit(nogil=True, cache=True)
+def _add_shifted(weight, count, sums, outers, dx, dy, dz, total_sums, total_outers):
+    """Add a voxel's moments, times a weight, moved by (dx, dy, dz)."""
+    n = weight * count
+    sx, sy, sz = weight * sums[0], weight * sums[1], weight * sums[2]
+    total_sums[0] += sx + n * dx
+    total_sums[1] += sy + n * dy
+    total_sums[2] += sz + n * dz
+    total_outers[0] += weight * outers[0] + 2.0 * sx * dx + n * dx * dx
+    total_outers[1] += weight * outers[1] + sx * dy + sy * dx + n * dx * dy
+    total_outers[2] += weight * outers[2] + sx * dz + sz * dx + n * dx * dz
+    total_outers[3] += weight * outers[3] + 2.0 * sy * dy + n * dy * dy
+    total_outers[4] += weight * outers[4] + sy * dz + sz * dy + n * dy * dz
+    total_outers[5] += weight * outers[5] + 2.0 * sz * dz + n * dz * dz
+    return n
+
+
+@njit(nogil=True, cache=True)
+def merge_voxels(order, parents, shifts, in_counts, in_sums, in_outers, counts, sums, outers):
+    """Sum the moments of voxels that share a parent.
+
+    order : voxels by ascending parent; parents : (n,) int64; shifts : (n, 3) float64, m, from the
+    parent's corner to the voxel's. counts, sums, outers : out, zeroed. Returns the number of parents.
+    """
+    voxel = -1
+    previous = np.int64(0)
+    for i in order:
+        if voxel < 0 or parents[i] != previous:
+            voxel += 1
+            previous = parents[i]
+        counts[voxel] += _add_shifted(
+            1.0, in_counts[i], in_sums[i], in_outers[i], shifts[i, 0], shifts[i, 1], shifts[i, 2],
+            sums[voxel], outers[voxel],
+        )  # fmt: skip
+    return voxel + 1
+
+
+@njit(nogil=True, cache=True)
+def reach_line(line, key, keys, row, layer, reach, first):
+    """Find one of the (2 reach + 1)^2 lines of voxels around a voxel: its steps (z, y), middle key and first voxel.
+
+    key : of the voxel; they ascend from call to call. first : ((2 reach + 1)^2,) int64, where each line was reached
+    last, zeroed before the first call; in and out.
+    """
+    width = 2 * reach + 1
+    dz, dy = line // width - reach, line % width - reach
+    middle = key + dz * layer + dy * row
+    k = first[line]
+    while k < keys.shape[0] and keys[k] < middle - reach:
+        k += 1
+    first[line] = k
+    return dz, dy, middle, k
+
+
+@njit(nogil=True, cache=True)
+def sum_neighbourhood(
+    i, keys, counts, sums, outers, edge, row, layer, reach, count_cap, first, total_sums, total_outers
+):
+    """Sum the moments of the (2 reach + 1)^3 voxels around voxel `i`, from its own corner; call with `i` ascending.
+
+    Parameters as of `neighbourhood_normals`. first : as of `reach_line`. total_sums, total_outers : out. Returns the
+    sum of weights and of occupied voxels.
+    """
+    total_sums[:] = 0.0
+    total_outers[:] = 0.0
+    weight_sum = 0.0
+    n_voxels = 0
+    n, width = keys.shape[0], 2 * reach + 1
+    for line in range(width * width):
+        dz, dy, middle, k = reach_line(line, keys[i], keys, row, layer, reach, first)
+        while k < n and keys[k] <= middle + reach:
+            dx = keys[k] - middle
+            weight = min(1.0, count_cap / counts[k])
+            weight_sum += _add_shifted(
+                weight,
+                counts[k],
+                sums[k],
+                outers[k],
+                dx * edge,
+                dy * edge,
+                dz * edge,
+                total_sums,
+                total_outers,
+            )
+            n_voxels += 1
+            k += 1
+    return weight_sum, n_voxels
+
+
+@njit(nogil=True, cache=True)
+def neighbourhood_normals(
+    keys, counts, sums, outers, wanted, edge, row, layer, reach, count_cap, least_voxels, flatness, normals
+):
+    """Fit a plane to the points of the (2 reach + 1)^3 voxels around each voxel.
+
+    keys : (n,) int64, ascending, (z layer + y row + x) of each voxel, rows padded by at least `reach`;
+    wanted : (n,) bool, whether the normal is asked for; edge : voxel edge, m; count_cap : a voxel weighs at
+    most as many points; least_voxels : fewer occupied voxels leave the normal open; flatness : so does a
+    smallest eigenvalue above this share of the middle one, or a middle one below (edge / 2)^2.
+    normals : (n, 3) float64, out, zeros where open.
+    """
+    first = np.zeros((2 * reach + 1) ** 2, np.int64)
+    total_sums, total_outers = np.zeros(3), np.zeros(6)
+    matrix, normal = np.zeros((3, 3)), np.zeros(3)
+    for i in range(keys.shape[0]):
+        if not wanted[i]:
+            continue
+        weight_sum, n_voxels = sum_neighbourhood(
+            i, keys, counts, sums, outers, edge, row, layer, reach, count_cap, first, total_sums, total_outers
+        )
+        if n_voxels < least_voxels:
+            continue
+        covariance(weight_sum, total_sums, total_outers, matrix)
+        smallest, middle_value, _ = plane_normal(matrix, normal)
+        if middle_value >= 0.25 * edge * edge and smallest <= flatness * middle_value:
+            normals[i] = normal

@@ -1,0 +1,252 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Compiled: which voxels the rays of a look met and saw through (see `reference`). Arrays in, arrays out."""
+
+import numpy as np
+from numba import njit
+
+from maxcon.map.lookup_kernels import (
+    PATCH_BITS,
+    find_in_patch,
+    find_patch,
+    is_near_voxels,
+    plane_of_voxel,
+)
+
+__all__ = ["are_far_from_voxels", "hide_known_surfaces", "sum_around", "weigh_look"]
+
+
+@njit(nogil=True, cache=True)
+def _is_seen_through(origin, along, length, plane, voxel, cell, margin, least_cosine, reach):
+    """Whether a ray saw through the surface in a voxel: `reference.is_seen_through` for one of them."""
+    nx, ny, nz, mx, my, mz = plane
+    ox, oy, oz = origin
+    ax, ay, az = along
+    has_normal = nx != 0.0 or ny != 0.0 or nz != 0.0
+    if has_normal:
+        cosine = nx * ax + ny * ay + nz * az
+        steepness = abs(cosine)
+        if steepness < least_cosine:
+            return False
+        at = ((mx - ox) * nx + (my - oy) * ny + (mz - oz) * nz) / cosine
+    else:
+        steepness = 0.5
+        at = (mx - ox) * ax + (my - oy) * ay + (mz - oz) * az
+    if not 0.0 < at < min(length, reach):
+        return False
+    if at * steepness < margin or (length - at) * steepness < margin:
+        return False
+    x, y, z = ox + at * ax, oy + at * ay, oz + at * az
+    if (
+        np.int64(np.floor(x / cell)) != voxel[0]
+        or np.int64(np.floor(y / cell)) != voxel[1]
+        or np.int64(np.floor(z / cell)) != voxel[2]
+    ):
+        return False
+    return has_normal or (x - mx) ** 2 + (y - my) ** 2 + (z - mz) ** 2 <= (0.5 * cell) ** 2
+
+
+@njit(nogil=True, cache=True)
+def _add(k, weight, lowest, highest, log_odds):
+    log_odds[k] = min(max(log_odds[k] + np.float32(weight), np.float32(lowest)), np.float32(highest))
+
+
+@njit(nogil=True, cache=True)
+def _mark_met(end, look, cell, weights, rows, grid, corner, offsets, log_odds, n_met, met_in, judged_in):
+    """Count a hit of the voxel that a ray ended in, and of the 26 around it, once per look."""
+    hit, _, lowest, highest = weights
+    x0 = np.int64(np.floor(end[0] / cell))
+    y0 = np.int64(np.floor(end[1] / cell))
+    z0 = np.int64(np.floor(end[2] / cell))
+    for z in range(z0 - 1, z0 + 2):
+        for y in range(y0 - 1, y0 + 2):
+            for x in range(x0 - 1, x0 + 2):
+                row, patch = find_patch(x, y, z, rows, grid, corner)
+                if row == 0:
+                    continue
+                is_held, number = find_in_patch(x, y, row, patch, rows)
+                if not is_held:
+                    continue
+                k = offsets[row] + np.int64(number)
+                if judged_in[k] == look:
+                    continue
+                judged_in[k] = look
+                n_met[k] += 1
+                if met_in[k, 0] < 0:
+                    met_in[k, 0] = look
+                met_in[k, 1] = look
+                _add(k, hit, lowest, highest, log_odds)
+
+
+@njit(nogil=True, cache=True)
+def _first_border(place, along, cell):
+    """Along one axis: voxel, step, distance along the ray to the next border, and between two borders, m."""
+    index = np.int64(np.floor(place / cell))
+    if along > 0.0:
+        return index, 1, ((index + 1) * cell - place) / along, cell / along
+    if along < 0.0:
+        return index, -1, (index * cell - place) / along, -cell / along
+    return index, 0, np.inf, np.inf
+
+
+@njit(nogil=True, cache=True)
+def _walk(
+    origin, end, look, cell, margin, least_cosine, reach, weights, rows, grid, corner, offsets, log_odds, n_through,
+    judged_in,
+):  # fmt: skip
+    """Add a miss to each voxel that a ray saw through, unless a ray of the same look judged it before.
+
+    Voxels are visited along the ray (Amanatides and Woo 1987); a patch without any is looked up only once.
+    """
+    _, miss, lowest, highest = weights
+    dx, dy, dz = end[0] - origin[0], end[1] - origin[1], end[2] - origin[2]
+    length = np.sqrt(dx * dx + dy * dy + dz * dz)
+    if length == 0.0:
+        return
+    along = dx / length, dy / length, dz / length
+    start = origin[0], origin[1], origin[2]
+    x, step_x, to_x, every_x = _first_border(start[0], along[0], cell)
+    y, step_y, to_y, every_y = _first_border(start[1], along[1], cell)
+    z, step_z, to_z, every_z = _first_border(start[2], along[2], cell)
+    stop = min(length - margin, reach)
+    row, patch = find_patch(x, y, z, rows, grid, corner)
+    here_x, here_y, here_z = x >> PATCH_BITS, y >> PATCH_BITS, z
+    at = 0.0
+    while at <= stop:
+        if x >> PATCH_BITS != here_x or y >> PATCH_BITS != here_y or z != here_z:
+            here_x, here_y, here_z = x >> PATCH_BITS, y >> PATCH_BITS, z
+            row, patch = find_patch(x, y, z, rows, grid, corner)
+        if row != 0:
+            is_held, number = find_in_patch(x, y, row, patch, rows)
+            if is_held:
+                k = offsets[row] + np.int64(number)
+                if judged_in[k] != look and _is_seen_through(
+                    start, along, length, plane_of_voxel(row, number, x, y, z, cell, rows), (x, y, z), cell,
+                    margin, least_cosine, reach,
+                ):  # fmt: skip
+                    judged_in[k] = look
+                    n_through[k] += 1
+                    _add(k, miss, lowest, highest, log_odds)
+        if to_x <= to_y and to_x <= to_z:
+            x, at, to_x = x + step_x, to_x, to_x + every_x
+        elif to_y <= to_z:
+            y, at, to_y = y + step_y, to_y, to_y + every_y
+        else:
+            z, at, to_z = z + step_z, to_z, to_z + every_z
+
+
+@njit(nogil=True, cache=True)
+def weigh_look(
+    origin, ends, look, cell, margins, least_cosine, reach, weights, rows, grid, corner, offsets, log_odds, n_met,
+    n_through, met_in, judged_in,
+):  # fmt: skip
+    """Add what one look says to the evidence of the voxels: first what its rays met, then what they saw through.
+
+    origin : (3,) float64, the sensor; ends : (n, 3) float64, local frame, m; look : its number, rising from 0;
+    margins : (n,) float64, m, of each ray, see `reference.is_seen_through`; weights : (hit, miss, lowest, highest).
+    rows, grid, corner : of a `VoxelLookup`; offsets : (n_tiles + 1,) int64, place of the first voxel of each of its
+    rows in the following, all of them out: log_odds (m,) float32; n_met, n_through (m,) int32, looks; met_in (m, 2)
+    int32, the first and the last look that met it, -1 for none; judged_in (m,) int32, the last look that said anything.
+    """
+    for i in range(ends.shape[0]):
+        dx, dy, dz = ends[i, 0] - origin[0], ends[i, 1] - origin[1], ends[i, 2] - origin[2]
+        if dx * dx + dy * dy + dz * dz <= reach * reach:
+            _mark_met(
+                ends[i], look, cell, weights, rows, grid, corner, offsets, log_odds, n_met, met_in, judged_in
+            )
+    for i in range(ends.shape[0]):
+        _walk(
+            origin, ends[i], look, cell, margins[i], least_cosine, reach, weights, rows, grid, corner, offsets,
+            log_odds, n_through, judged_in,
+        )  # fmt: skip
+
+
+@njit(nogil=True, cache=True)
+def are_far_from_voxels(points, reach, cell, rows, grid, corner, is_far):
+    """Find the points whose voxel is farther than `reach` voxels, along each axis, from any that is held.
+
+    points : (n, 3) float64, local frame, m; is_far : (n,) bool, out.
+    """
+    for i in range(points.shape[0]):
+        is_far[i] = True
+        place = points[i, 0] / cell, points[i, 1] / cell, points[i, 2] / cell
+        reaches = np.float64(reach), np.float64(reach), np.float64(reach)
+        if not is_near_voxels(place, reaches, rows, grid, corner):
+            continue
+        x0, y0, z0 = np.int64(np.floor(place[0])), np.int64(np.floor(place[1])), np.int64(np.floor(place[2]))
+        for z in range(z0 - reach, z0 + reach + 1):
+            for y in range(y0 - reach, y0 + reach + 1):
+                for x in range(x0 - reach, x0 + reach + 1):
+                    row, patch = find_patch(x, y, z, rows, grid, corner)
+                    if row != 0 and find_in_patch(x, y, row, patch, rows)[0]:
+                        is_far[i] = False
+                        break
+                if not is_far[i]:
+                    break
+            if not is_far[i]:
+                break
+
+
+@njit(nogil=True, cache=True)
+def hide_known_surfaces(
+    origin, ends, clearance, most, cell, rows, grid, corner, heights, first, edge, is_hiding
+):  # fmt: skip
+    """Find the rays whose extension behind their end meets a voxel or the ground of the map.
+
+    origin : (3,) float64; ends : (n, 3) float64, local frame, m; clearance, most : from where to where behind the end
+    a surface counts, m; heights : (levels, ny, nx) float32, ground in cells of `edge` (m) from number `first` on, NaN
+    where it is not known; is_hiding : (n,) bool, out. The ray is looked at in steps of half a voxel.
+    """
+    step = 0.5 * cell
+    n_steps = np.int64((most - clearance) / step)
+    for i in range(ends.shape[0]):
+        is_hiding[i] = False
+        dx, dy, dz = ends[i, 0] - origin[0], ends[i, 1] - origin[1], ends[i, 2] - origin[2]
+        length = np.sqrt(dx * dx + dy * dy + dz * dz)
+        if length == 0.0:
+            continue
+        dx, dy, dz = dx / length, dy / length, dz / length
+        here_x = here_y = here_z = np.int64(-(2**40))
+        row, patch = np.uint64(0), np.uint64(0)
+        for k in range(n_steps):
+            t = clearance + k * step
+            x, y, z = ends[i, 0] + t * dx, ends[i, 1] + t * dy, ends[i, 2] + t * dz
+            column = np.int64(np.floor(x / edge)) - first[0]
+            line = np.int64(np.floor(y / edge)) - first[1]
+            if not (0 <= column < heights.shape[2] and 0 <= line < heights.shape[1]):
+                break
+            for level in range(heights.shape[0]):
+                if abs(z - heights[level, line, column]) <= edge:  # comparisons with NaN are false
+                    is_hiding[i] = is_hiding[i] or z <= heights[level, line, column]
+            vx, vy, vz = (
+                np.int64(np.floor(x / cell)),
+                np.int64(np.floor(y / cell)),
+                np.int64(np.floor(z / cell)),
+            )
+            if vx >> PATCH_BITS != here_x or vy >> PATCH_BITS != here_y or vz != here_z:
+                here_x, here_y, here_z = vx >> PATCH_BITS, vy >> PATCH_BITS, vz
+                row, patch = find_patch(vx, vy, vz, rows, grid, corner)
+            if row != 0 and find_in_patch(vx, vy, row, patch, rows)[0]:
+                is_hiding[i] = True
+            if is_hiding[i]:
+                break
+
+
+@njit(nogil=True, cache=True)
+def sum_around(voxels, reach, rows, grid, corner, offsets, values, sums):
+    """Sum the values of the voxels within `reach` voxels, along each axis, of each of some voxels, itself included.
+
+    voxels : (n, 3) int32; values : (m, c) float32, in the order of `weigh_look`; sums : (n, c) float64, zeroed, out.
+    """
+    for i in range(voxels.shape[0]):
+        for z in range(voxels[i, 2] - reach, voxels[i, 2] + reach + 1):
+            for y in range(voxels[i, 1] - reach, voxels[i, 1] + reach + 1):
+                for x in range(voxels[i, 0] - reach, voxels[i, 0] + reach + 1):
+                    row, patch = find_patch(x, y, z, rows, grid, corner)
+                    if row == 0:
+                        continue
+                    is_held, number = find_in_patch(x, y, row, patch, rows)
+                    if is_held:
+                        k = offsets[row] + np.int64(number)
+                        for c in range(values.shape[1]):
+                            sums[i, c] += values[k, c]

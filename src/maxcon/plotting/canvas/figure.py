@@ -1,0 +1,112 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""The common style of all pictures, and writing them to files: the same bytes for the same input."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from maxcon._system.atomic import atomic_file
+from maxcon.errors import MissingExtraError, OptionError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["INK", "MUTED", "SERIES", "check_matplotlib", "draw_titles", "saved_figure"]
+
+INK = "#1f2430"
+MUTED = "#5b6270"
+SERIES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+"""Colours of things that stand side by side; told apart by colour-blind readers too (Okabe and Ito)."""
+
+DOTS_PER_INCH = 120
+
+# Set over matplotlib's own defaults, so that no settings of the user's change what a picture shows.
+_STYLE: dict[Any, Any] = {
+    "axes.edgecolor": MUTED,
+    "axes.labelcolor": INK,
+    "axes.labelsize": 10.5,
+    "axes.linewidth": 0.8,
+    "axes.titlecolor": INK,
+    "axes.titlesize": 11,
+    "figure.dpi": DOTS_PER_INCH,
+    "font.family": "DejaVu Sans",
+    "legend.fontsize": 10,
+    "legend.frameon": False,
+    "savefig.dpi": DOTS_PER_INCH,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "maxcon",
+    "text.color": INK,
+    "xtick.color": MUTED,
+    "xtick.labelsize": 9.5,
+    "ytick.color": MUTED,
+    "ytick.labelsize": 9.5,
+}
+
+_METADATA: dict[str, dict[str, Any]] = {"png": {"Software": None}, "svg": {"Date": None, "Creator": None}}
+
+
+def check_matplotlib() -> None:
+    """Check that matplotlib is installed, before the work whose result it is to draw.
+
+    Raises
+    ------
+    MissingExtraError
+        If matplotlib is not installed.
+    """
+    try:
+        import matplotlib  # noqa: F401
+    except ImportError as error:
+        raise MissingExtraError(
+            "Expected matplotlib to draw pictures, but it is not installed. Run: pip install 'maxcon[demo]'"
+        ) from error
+
+
+@contextmanager
+def saved_figure(path: str | os.PathLike[str], width: float, height: float) -> Iterator["Figure"]:
+    """Yield an empty figure to draw on; it is written to `path` when the block ends well.
+
+    Parameters
+    ----------
+    path : path
+        Ends in .png or .svg.
+    width, height : float
+        Inches; a PNG has 120 pixels to the inch.
+
+    Raises
+    ------
+    OptionError
+        If the name ends otherwise.
+    MissingExtraError
+        If matplotlib is not installed.
+    FileError
+        If the file cannot be written.
+    """
+    kind = Path(path).suffix.lower().removeprefix(".")
+    if kind not in _METADATA:
+        raise OptionError(
+            f"Expected the name of a picture to end in .png or .svg, got {os.fspath(path)!r}. Rename it."
+        )
+    check_matplotlib()
+    import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(_STYLE)
+        figure = Figure(figsize=(width, height), facecolor="white")
+        FigureCanvasAgg(figure)
+        yield figure
+        with atomic_file(path) as partial:
+            figure.savefig(partial, format=kind, metadata=_METADATA[kind])
+
+
+def draw_titles(figure: "Figure", title: str, lines: str) -> None:
+    """Write a title and the lines below it at the top left of a figure; a $ in them begins no formula."""
+    width, height = figure.get_size_inches()
+    left, top = 0.3 / width, 1.0 - 0.16 / height
+    figure.text(left, top, title, fontsize=15, fontweight="bold", va="top", parse_math=False)
+    figure.text(left, top - 0.34 / height, lines, fontsize=11, va="top", linespacing=1.35, parse_math=False)

@@ -1,0 +1,159 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Ground from above: the map as grey squares, dark where many voxels lie above each other, as in walls; a scale bar."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from maxcon.errors import ArrayError
+from maxcon.map import PointMap
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.patches import Patch
+
+__all__ = ["MapFromAbove", "Window", "as_places", "draw_map", "draw_scale_bar", "map_patch"]
+
+# Squares along the longer side of a window; finer ones than a picture's pixels would only make it larger.
+N_SQUARES = 700
+
+
+def as_places(positions: ArrayLike) -> NDArray[np.float64]:
+    """Return x and y of positions, shape (n, 2) or (n, 3), n > 0, as float64 of shape (n, 2), m.
+
+    Raises
+    ------
+    ArrayError
+        If the shape is another or a coordinate is not finite.
+    """
+    places = np.asarray(positions, dtype=np.float64)
+    if places.ndim != 2 or len(places) == 0 or places.shape[1] not in (2, 3) or not np.isfinite(places).all():
+        raise ArrayError(f"Expected `positions` to have shape (n, 2) or (n, 3), finite, got {places.shape}.")
+    return places[:, :2]
+
+
+class Window(NamedTuple):
+    """A rectangle of the ground, local frame, m."""
+
+    west: float
+    east: float
+    south: float
+    north: float
+
+    @classmethod
+    def around(cls, x: float, y: float, half_width: float) -> "Window":
+        """Return the square around a place."""
+        return cls(x - half_width, x + half_width, y - half_width, y + half_width)
+
+    @classmethod
+    def with_room(cls, places: NDArray[np.float64]) -> "Window":
+        """Return the rectangle around places, (n, 2 or more), m, and 25 m more, at most three times as long as wide."""
+        low, high = places[:, :2].min(axis=0), places[:, :2].max(axis=0)
+        center, half = 0.5 * (low + high), 0.5 * (high - low) + 25.0
+        half = np.maximum(half, half.max() / 3.0)
+        return cls(center[0] - half[0], center[0] + half[0], center[1] - half[1], center[1] + half[1])
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and height, m."""
+        return self.east - self.west, self.north - self.south
+
+
+@dataclass(frozen=True)
+class MapFromAbove:
+    """How many voxels of a map lie above each square of the ground.
+
+    Parameters
+    ----------
+    window : Window
+        The ground that the squares cover.
+    n_voxels : array, shape (ny, nx)
+        Rows from south to north, columns from west to east.
+    """
+
+    window: Window
+    n_voxels: NDArray[np.int64]
+
+    @classmethod
+    def look(cls, point_map: PointMap, window: Window) -> "MapFromAbove":
+        """Count the voxels above the squares of a window, tile by tile."""
+        width, height = window.size
+        edge = max(point_map.cell, max(width, height) / N_SQUARES)
+        nx, ny = max(1, int(np.ceil(width / edge))), max(1, int(np.ceil(height / edge)))
+        n_voxels = np.zeros(ny * nx, np.int64)
+        center_x, center_y = window.west + 0.5 * width, window.south + 0.5 * height
+        for tile in point_map.tiles_within(center_x, center_y, 0.5 * max(width, height)):
+            centers = (tile.voxels[:, :2] + 0.5) * point_map.cell
+            squares = np.floor((centers - [window.west, window.south]) / edge).astype(np.int64)
+            is_inside = ((squares >= 0) & (squares < [nx, ny])).all(axis=1)
+            x, y = squares[is_inside].T
+            n_voxels += np.bincount(y * nx + x, minlength=ny * nx)
+        shown = Window(window.west, window.west + nx * edge, window.south, window.south + ny * edge)
+        return cls(shown, n_voxels.reshape(ny, nx))
+
+
+def draw_map(axes: "Axes", point_map: PointMap | None, window: Window) -> None:
+    """Draw the map, if there is one, in light greys; fix the axes to the window, equal in x and y."""
+    if point_map is not None:
+        _draw_squares(axes, MapFromAbove.look(point_map, window))
+    axes.set_xlim(window.west, window.east)
+    axes.set_ylim(window.south, window.north)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x, local frame [m]")
+    axes.set_ylabel("y, local frame [m]")
+
+
+def _draw_squares(axes: "Axes", seen: MapFromAbove) -> None:
+    top = max(2.0, float(np.percentile(seen.n_voxels[seen.n_voxels > 0], 95))) if seen.n_voxels.any() else 2.0
+    shades = 0.28 + 0.72 * np.clip(np.log1p(seen.n_voxels) / np.log1p(top), 0.0, 1.0)
+    axes.imshow(
+        np.ma.masked_where(seen.n_voxels == 0, shades),
+        origin="lower",
+        extent=seen.window,
+        cmap="Greys",
+        vmin=0.0,
+        vmax=1.9,
+        interpolation="nearest",
+        zorder=0,
+    )
+
+
+def map_patch() -> "Patch":
+    """Return what stands for the map in a legend."""
+    from matplotlib.patches import Patch
+
+    return Patch(facecolor="#a9a9a9", label="map (darker: taller)")
+
+
+def draw_scale_bar(axes: "Axes", window: Window) -> None:
+    """Draw a bar of a round length, about a sixth of the window, in its lower left corner."""
+    from matplotlib.patches import Rectangle
+
+    width, height = window.size
+    length = _round_length(width / 6.0)
+    margin, thick = 0.02 * width, 0.006 * height
+    x, y = window.west + 1.6 * margin, window.south + 0.025 * height
+    axes.add_patch(
+        Rectangle(
+            (x - margin, y - 1.6 * thick),
+            length + 2.0 * margin,
+            0.065 * height,
+            facecolor="white",
+            alpha=0.85,
+            edgecolor="none",
+            zorder=8,
+        )
+    )
+    axes.add_patch(Rectangle((x, y), length, thick, facecolor="black", edgecolor="none", zorder=9))
+    axes.text(
+        x + 0.5 * length, y + 2.0 * thick, f"{length:g} m", ha="center", va="bottom", fontsize=9.5, zorder=9
+    )
+
+
+def _round_length(length: float) -> float:
+    """Return the longest of 1, 2 and 5 times a power of ten that is not above `length`."""
+    power = 10.0 ** np.floor(np.log10(length))
+    return float(max(digit * power for digit in (1.0, 2.0, 5.0) if digit * power <= length * (1.0 + 1e-9)))

@@ -1,0 +1,149 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""A panel of scores: one heading as an image, its frame, its marks and its colour scale, and how scores are written."""
+
+import math
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from maxcon.geometry import Pose
+from maxcon.plotting.canvas.figure import INK, MUTED
+from maxcon.plotting.canvas.from_above import Window
+from maxcon.plotting.search_space_view import SearchSpaceView
+from maxcon.search.objectives import Scores
+from maxcon.search.space import SearchSpace
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.colors import Normalize
+    from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
+    from matplotlib.lines import Line2D
+
+__all__ = [
+    "COLORS",
+    "cell_marks",
+    "draw_color_bar",
+    "draw_frame",
+    "draw_heading",
+    "draw_scores",
+    "ground_of",
+    "offset_words",
+    "put_mark",
+    "scale_words",
+    "score_words",
+    "turn_words",
+]
+
+COLORS = "plasma"
+"""From cold blue to warm yellow, in steps that are even to every eye, and in grey print."""
+
+
+def ground_of(space: SearchSpace, x: float, y: float) -> Window:
+    """Return the ground that the cells of a heading cover, with the prior at (x, y), m."""
+    low, high = (
+        float(space.offsets[0]) - 0.5 * space.cell_edge,
+        float(space.offsets[-1]) + 0.5 * space.cell_edge,
+    )
+    return Window(x + low, x + high, y + low, y + high)
+
+
+def draw_scores(
+    axes: "Axes", scores: Scores, ground: Window, norm: "Normalize", zorder: float = 1.0
+) -> "AxesImage":
+    """Draw the scores of a heading, shape (ny, nx), over the ground they cover; keep the axes' limits."""
+    limits = axes.get_xlim(), axes.get_ylim()
+    image = axes.imshow(
+        np.ma.masked_invalid(scores),
+        origin="lower",
+        extent=ground,
+        norm=norm,
+        cmap=COLORS,
+        interpolation="nearest",
+        zorder=zorder,
+    )
+    axes.set(xlim=limits[0], ylim=limits[1])
+    return image
+
+
+def draw_heading(
+    axes: "Axes", view: SearchSpaceView, heading: int, norm: "Normalize", reference: Pose | None
+) -> "AxesImage":
+    """Draw all cells of one heading, with the best cell if it is here and the reference if given."""
+    ground = ground_of(view.space, 0.0, 0.0)
+    axes.set(xlim=(ground.west, ground.east), ylim=(ground.south, ground.north))
+    image = draw_scores(axes, view.scores[heading], ground, norm)
+    best_mark, reference_mark = cell_marks()
+    if reference is not None and all(ground.west <= value <= ground.east for value in view.offset(reference)):
+        put_mark(axes, reference_mark, *view.offset(reference))
+    if view.has_best_at(heading):
+        put_mark(axes, best_mark, *view.best_offset)
+    axes.locator_params(nbins=5)
+    return image
+
+
+def draw_frame(axes: "Axes", *, is_best: bool) -> None:
+    """Draw the frame of a panel: a strong one around the heading of the best cell."""
+    for spine in axes.spines.values():
+        spine.set(color=INK if is_best else MUTED, linewidth=3.0 if is_best else 0.8)
+
+
+def cell_marks() -> tuple["Line2D", "Line2D"]:
+    """Return the marks of the best cell and of the reference: for a panel and for the legend."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patheffects import withStroke
+
+    best = Line2D([], [], ls="", marker="o", ms=14, mfc="none", mec="white", mew=1.6, label="best cell")
+    reference = Line2D(
+        [], [], ls="", marker="D", ms=16, mfc="none", mec="#7fffd4", mew=1.4, label="reference"
+    )
+    for mark in (best, reference):
+        mark.set_clip_on(False)
+        mark.set_zorder(5)
+        mark.set_path_effects([withStroke(linewidth=3.2, foreground="black")])
+    return best, reference
+
+
+def put_mark(axes: "Axes", mark: "Line2D", x: float, y: float) -> None:
+    """Draw a mark at a place of the axes."""
+    mark.set_data([x], [y])
+    axes.add_line(mark)
+
+
+def draw_color_bar(figure: "Figure", image: "AxesImage", axes: "Axes", orientation: str) -> None:
+    """Draw the colour scale of an image into axes of its own."""
+    from matplotlib.ticker import FuncFormatter, MaxNLocator
+
+    figure.colorbar(
+        image,
+        cax=axes,
+        orientation=orientation,
+        ticks=MaxNLocator(5),
+        format=FuncFormatter(lambda value, _: f"{value:,.6g}".replace("-", "−")),
+    )
+
+
+def turn_words(space: SearchSpace, heading: int) -> str:
+    """Return the turn of a heading from the prior's, in degrees."""
+    turn_deg = math.degrees(float(space.headings[heading]))
+    return f"{turn_deg:+.3g}°".replace("-", "−") if turn_deg else "0°"
+
+
+def scale_words(views: Iterable[SearchSpaceView]) -> str:
+    """Return the label of a colour scale from 0 to 1 that search spaces share, each from 0 to its own highest score."""
+    if any(view.limits[0] < 0.0 for view in views):
+        return "score, from the lowest (0) to the highest (1) of the square"
+    return "score, over the highest of the square"
+
+
+def score_words(score: float) -> str:
+    """Return a score with four digits, or with all digits before the point."""
+    words = f"{score:,.0f}" if abs(score) >= 1000.0 else f"{score:.4g}"
+    return words.replace("-", "−")
+
+
+def offset_words(offset: float) -> str:
+    """Return an offset (m) to the centimetre, with a minus that is as wide as a digit, and none before 0."""
+    return f"{round(offset, 2) + 0.0:.2f}".replace("-", "−")

@@ -1,0 +1,118 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Scan: the points of one epoch, in the sensor frame."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from maxcon.errors import ArrayError, OptionError
+from maxcon.geometry.arrays import as_points, as_unit_normals
+from maxcon.scan.normals.viewpoints import Viewpoints
+
+__all__ = ["Scan"]
+
+
+def _frozen(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The array in one piece, from now on for nobody to change: what was made of it is kept beside it.
+
+    Kernels take it as it is: they are compiled for arrays of one kind.
+    """
+    values = np.ascontiguousarray(values)
+    values.flags.writeable = False
+    return values
+
+
+class Scan:
+    """The points of one epoch with their normals, as read-only copies.
+
+    Parameters
+    ----------
+    points : array_like, shape (n, 3)
+        Sensor frame, m, finite. Drop (0, 0, 0) and NaN returns first (the readers do).
+    normals : array_like, shape (n, 3), optional
+        Unit normals in the sensor frame, turned to the sensor's side; a row of zeros where there is
+        none (the weighting says what such a point weighs). Estimated from the points when first
+        asked for if None.
+    time : float
+        When the scan was taken, s.
+    viewpoints : Viewpoints, optional
+        Where each point was measured from, if several scanners did; the sensor frame is the vehicle's then. Without
+        them all were measured from (0, 0, 0).
+
+    Raises
+    ------
+    ArrayError
+        If a shape is wrong, a value is not finite or a normal is not a unit vector.
+    """
+
+    def __init__(
+        self,
+        points: ArrayLike,
+        normals: ArrayLike | None = None,
+        time: float = 0.0,
+        viewpoints: Viewpoints | None = None,
+    ) -> None:
+        self.points: NDArray[np.float64] = _frozen(as_points(points, "points").copy())
+        self.time = float(time)
+        self.viewpoints = viewpoints
+        self._thinned: dict[float, Scan] = {}
+        if not np.isfinite(self.time):
+            raise ArrayError(f"Expected a finite `time` of the scan, got {time}.")
+        if viewpoints is not None and len(viewpoints.scanners) != len(self.points):
+            raise ArrayError(
+                f"Expected a viewpoint for each of {len(self.points)} points, got {len(viewpoints.scanners)}."
+            )
+        if normals is not None:
+            self.normals = _frozen(as_unit_normals(normals, len(self.points), "normals").copy())
+
+    @cached_property
+    def normals(self) -> NDArray[np.float64]:
+        """Unit normals, sensor frame, shape (n, 3); zeros where the points around do not determine one."""
+        from maxcon.scan.normals.scan_normals import estimate_scan_normals
+
+        if self.viewpoints is not None:
+            return _frozen(self.viewpoints.normals(self.points))
+        return _frozen(estimate_scan_normals(self.points))
+
+    def thinned(self, edge: float) -> Scan:
+        """Return the scan with one of its points in each cube of an edge (m) of a grid in the sensor frame; 0 for all.
+
+        A point with a normal comes before one without, then the nearest to the middle of the cube: which points are
+        kept does not depend on their order. The normals are those of the whole scan.
+
+        Raises
+        ------
+        OptionError
+            If the edge is negative or not finite.
+        """
+        if not 0.0 <= edge < math.inf:
+            raise OptionError(f"Expected `edge` of thinning >= 0 m, got {edge}. With 0 all points are kept.")
+        if edge == 0.0 or len(self) == 0:
+            return self
+        if edge not in self._thinned:
+            from maxcon.geometry.scan_thinning import one_per_cube
+
+            kept = one_per_cube(self.points, self.normals, edge)
+            thinned = object.__new__(Scan)  # of parts that were checked already
+            thinned.points, thinned.normals = _frozen(self.points[kept]), _frozen(self.normals[kept])
+            thinned.time, thinned.viewpoints, thinned._thinned = self.time, None, {}
+            self._thinned[edge] = thinned
+        return self._thinned[edge]
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore a copy, perhaps in another process: its arrays are read-only again."""
+        self.__dict__.update(state)
+        for name in self.__dict__.keys() & {"points", "normals"}:
+            self.__dict__[name] = _frozen(self.__dict__[name])
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def __repr__(self) -> str:
+        return f"Scan({len(self)} points, time={self.time!r})"

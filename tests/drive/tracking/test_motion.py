@@ -1,0 +1,102 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Motions, put together, and how well they are known."""
+
+import math
+
+import numpy as np
+import pytest
+
+from maxcon import Pose, Trajectory
+from maxcon.drive.tracking import Motion, MotionNoise
+from maxcon.errors import OptionError
+
+ANYWHERE = Pose(458_800.0, 5_429_000.0, 100.0, 0.02, -0.03, 2.9)
+AHEAD = Pose(2.0, 0.1, 0.01, 0.001, -0.002, 0.05)
+
+
+def same(pose, other):
+    np.testing.assert_allclose(pose.position, other.position, atol=1e-8)
+    np.testing.assert_allclose(pose.rotation, other.rotation, atol=1e-12)
+
+
+def test_a_motion_is_that_of_the_vehicle_whatever_the_frame():
+    motion = Motion.between(ANYWHERE, ANYWHERE @ AHEAD, 0.5)
+    same(motion.pose, AHEAD)
+    assert motion.distance == pytest.approx(np.linalg.norm(AHEAD.position), abs=1e-8)
+    assert (motion.seconds, motion.turned) == (0.5, pytest.approx(0.05, abs=1e-9))
+    turned_frame = Pose(3.0, -7.0, 1.0, 0.4, 0.3, -2.0)
+    moved = Motion.between(turned_frame @ ANYWHERE, turned_frame @ (ANYWHERE @ AHEAD), 0.5)
+    same(moved.pose, AHEAD)
+
+
+def test_motions_one_after_another_are_one():
+    both = Motion.between(ANYWHERE, ANYWHERE @ AHEAD, 0.5).then(
+        Motion(AHEAD.inverse, float(np.linalg.norm(AHEAD.position)), 0.25, 0.05)
+    )
+    same(both.pose, Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    assert both.distance == pytest.approx(2.0 * np.linalg.norm(AHEAD.position))  # the way, not the distance
+    assert (both.seconds, both.turned) == (0.75, pytest.approx(0.1))
+    same(Motion.none().then(both).pose, both.pose)
+
+
+def test_errors_that_stay_the_same_add_up_over_the_way():
+    """A scale that is off by 2 % is off by 2 m after 100 m, in one motion or in many that are made one."""
+    noise = MotionNoise(share=0.02, turn_share=0.0, heading_drift_deg=0.0, heading_walk_deg=0.0, walk=0.0)
+    step = Motion(Pose(1.0, 0.0, 0.0, 0.0, 0.0, 0.0), 1.0, 0.1, 0.0)
+    whole = Motion.none()
+    for _ in range(100):
+        whole = whole.then(step)
+    assert math.sqrt(noise.covariance(whole)[0, 0]) == pytest.approx(2.0)
+
+
+def test_the_covariance_has_what_grows_with_way_time_and_turn():
+    noise = MotionNoise(
+        share=0.01, turn_share=0.1, heading_drift_deg=1.0, heading_walk_deg=2.0, walk=0.3, tilt_deg=0.5
+    )
+    motion = Motion(Pose(8.0, 6.0, 0.0, 0.0, 0.0, 0.3), 12.0, 4.0, 0.4)
+    heading = math.radians(4.0) ** 2 + 4.0 * math.radians(2.0) ** 2 + 0.04**2
+    aside = 0.12**2 + heading * 144.0 / 3.0 + 0.09 * 4.0
+    tilt = math.radians(0.5) ** 2
+    wanted = np.diag([aside, aside, 0.12**2 + 0.09 * 4.0, tilt, tilt, heading])
+    np.testing.assert_allclose(noise.covariance(motion), wanted, rtol=1e-12)
+    assert not noise.covariance(Motion.none())[[0, 1, 2, 5], [0, 1, 2, 5]].any()
+
+
+def drive(n, step, errors):
+    """A vehicle at 5 m/s along x that steers a little, with errors of x and y, shape (n, 2), m."""
+    times = step * np.arange(n)
+    poses = [
+        Pose(5.0 * t + dx, dy, 0.0, 0.0, 0.0, 0.1 * math.sin(0.2 * t))
+        for t, (dx, dy) in zip(times, errors, strict=True)
+    ]
+    return Trajectory.from_poses(times, poses)
+
+
+@pytest.mark.parametrize("step", [0.1, 0.5])
+def test_a_prior_is_as_good_a_source_as_it_is_smooth(step):
+    rng = np.random.default_rng(0)
+    smooth = MotionNoise.of_prior(drive(200, step, np.zeros((200, 2))))
+    assert smooth.walk == MotionNoise().walk
+    walking = np.cumsum(
+        0.3 * math.sqrt(step) * rng.standard_normal((200, 2)), axis=0
+    )  # 0.3 m per root second
+    assert MotionNoise.of_prior(drive(200, step, walking)).walk == pytest.approx(0.3, rel=0.15)
+    jumping = MotionNoise.of_prior(drive(200, step, rng.uniform(-2.5, 2.5, (200, 2))))
+    increment = Motion(Pose(5.0 * step, 0.0, 0.0, 0.0, 0.0, 0.0), 5.0 * step, step, 0.0)
+    of_one_axis = 2.5 / math.sqrt(3.0) * math.sqrt(2.0)  # of a difference of two uniform errors
+    assert math.sqrt(jumping.covariance(increment)[0, 0]) >= of_one_axis
+
+
+def test_a_prior_of_few_poses_has_the_usual_noise():
+    assert MotionNoise.of_prior(drive(2, 0.1, np.zeros((2, 2)))) == MotionNoise()
+
+
+@pytest.mark.parametrize("name", ["share", "walk", "heading_drift_deg", "tilt_deg"])
+def test_standard_deviations_are_not_negative(name):
+    with pytest.raises(
+        OptionError, match=f"Expected `{name}` of a motion's noise to be a number >= 0, got -1"
+    ):
+        MotionNoise(**{name: -1.0})
+    with pytest.raises(OptionError, match="got nan"):
+        MotionNoise(**{name: math.nan})

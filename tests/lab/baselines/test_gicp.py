@@ -1,0 +1,151 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Generalized ICP through small_gicp, on the same streets."""
+
+import math
+import pickle
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from maxcon import PointMap, Pose, Scan, Status
+from maxcon.errors import MissingExtraError, OptionError
+from maxcon.lab.baselines import Gicp
+
+
+@pytest.fixture(autouse=True)
+def _small_gicp(request):
+    if "without" not in request.node.name:
+        pytest.importorskip("small_gicp")
+
+
+@pytest.fixture(scope="module")
+def dense_scan(street):
+    return street.scan(step=0.04)
+
+
+@pytest.fixture(scope="module")
+def tilted(new_street):
+    return (
+        new_street(sensor=Pose(512.2, -1.4, 1.9, 0.05, -0.04, 0.9))
+        .facades()
+        .pilasters([-13.7, -6.1, 3.3, 9.4])
+    )
+
+
+def test_all_six_unknowns_are_found(tilted):
+    start = tilted.prior(0.5, 0.3, 1.0)
+    start = replace(start, roll=start.roll + 0.01, pitch=start.pitch - 0.005)
+    estimate = Gicp(thinning=0.0).localize(tilted.scan(step=0.05), tilted.point_map, start)
+    assert estimate.status == Status.LOCALIZED
+    assert tilted.distance(estimate.pose) < 0.01
+    assert abs(estimate.pose.heading - tilted.sensor.heading) < math.radians(0.1)
+    assert abs(estimate.pose.roll - tilted.sensor.roll) < 0.005
+    assert abs(estimate.pose.pitch - tilted.sensor.pitch) < 0.005
+    assert estimate.cell is None
+    assert estimate.share == estimate.score / len(tilted.scan(step=0.05)) > 0.99
+
+
+def test_as_if_the_map_were_at_the_origin(new_street, tilted):
+    """Coordinates are shifted: a map 2,560 km away gives the same answer."""
+    near = (
+        new_street(sensor=Pose(12.2, -1.4, 1.9, 0.0, 0.0, 0.9)).facades().pilasters([-13.7, -6.1, 3.3, 9.4])
+    )
+    far = replace(near, sensor=replace(near.sensor, x=near.sensor.x + 2.56e6))
+    errors = [
+        street.error(Gicp().localize(street.scan(), street.point_map, street.prior(0.3, 0.2)).pose)
+        for street in (near, far)
+    ]
+    np.testing.assert_allclose(errors[0], errors[1], atol=1e-3)
+
+
+@pytest.mark.parametrize("heading", [0.4, 2.0])
+def test_one_wall_leaves_a_direction_open(new_street, heading):
+    wall = new_street(sensor=Pose(3.2, -1.4, 1.7, 0.0, 0.0, heading)).wall((-20.0, 6.0), (20.0, 6.0))
+    estimate = Gicp().localize(wall.scan(step=0.02), wall.point_map, wall.prior(0.4, 0.4))
+    assert estimate.status == Status.UNDETERMINED
+    assert abs(wall.error(estimate.pose)[1]) < 0.02
+
+
+@pytest.mark.parametrize("heading", [0.4, 2.0])
+def test_the_cofactor_is_in_map_axes_and_in_units_of_one_match(new_street, heading):
+    corner = new_street(0.0, Pose(3.2, -1.4, 1.7, 0.0, 0.0, heading))
+    corner.wall((-20.0, 6.0), (20.0, 6.0)).wall((15.0, -2.0), (15.0, 3.0))
+    method = Gicp(thinning=0.0)
+    estimate = method.localize(corner.scan(step=0.05), corner.point_map, corner.prior(0.1, 0.1))
+    assert estimate.is_localized
+    n_y, n_x = 800, 100  # points that face along y, and along x
+    assert estimate.cofactor[1, 1] == pytest.approx(1.0 / n_y, rel=0.1)
+    assert estimate.cofactor[0, 0] == pytest.approx(1.0 / n_x, rel=0.25)
+
+
+def test_nothing_within_the_gate(street, street_map, dense_scan):
+    prior = replace(street.sensor, z=street.sensor.z + 10.0)
+    estimate = Gicp().localize(dense_scan, street_map, prior)
+    assert estimate.status == Status.NO_MATCH
+    assert estimate.pose == prior
+    assert estimate.score == 0.0
+
+
+def test_no_map_around_no_points_and_hardly_any(street, street_map, street_scan):
+    far = replace(street.sensor, x=1e5)
+    assert Gicp().localize(street_scan, street_map, far).status == Status.NO_MATCH
+    nothing = Scan(np.empty((0, 3)))
+    assert Gicp().localize(nothing, street_map, street.sensor).status == Status.NO_MATCH
+    lone = PointMap.from_points([[5.03, 0.03, 1.03]], [[-1.0, 0.0, 0.0]])
+    estimate = Gicp().localize(Scan([[5.0, 0.0, 1.0]]), lone, Pose(0, 0, 0, 0, 0, 0))
+    assert not estimate.is_localized
+
+
+def test_the_gate_decides(new_street):
+    dead_end = new_street().facades(length=30.0).wall((14.0, -6.0), (14.0, 6.0))
+    scan, point_map, start = dead_end.scan(step=0.04), dead_end.point_map, dead_end.prior(along=-2.0)
+    narrow, wide = (Gicp(gate=gate).localize(scan, point_map, start) for gate in (1.0, 3.0))
+    assert dead_end.distance(narrow.pose) > 1.0
+    assert wide.is_localized
+    assert dead_end.distance(wide.pose) < 0.05
+
+
+def test_one_step_is_not_rest(street, street_map, dense_scan):
+    estimate = Gicp(max_iterations=1).localize(dense_scan, street_map, street.prior(0.5))
+    assert estimate.status == Status.NOT_CONVERGED
+    loose = Gicp(max_iterations=2, step_tolerance=9.0, turn_tolerance=9.0)
+    assert loose.localize(dense_scan, street_map, street.prior(0.5)).status != Status.NOT_CONVERGED
+
+
+def test_an_answer_does_not_depend_on_what_was_localized_before(same, street, street_map, dense_scan):
+    prior, used = street.prior(0.5, 0.3), Gicp()
+    fresh = Gicp().localize(dense_scan, street_map, prior)
+    for x in (-70.0, -30.0, 10.0, 50.0, 90.0):
+        used.localize(dense_scan, street_map, replace(prior, x=x))
+    assert same(used.localize(dense_scan, street_map, prior), fresh)
+    twin = pickle.loads(pickle.dumps(used))
+    assert twin == used
+    assert same(twin.localize(dense_scan, street_map, prior), fresh)
+
+
+def test_without_small_gicp_the_extra_is_named(street, street_map, street_scan, monkeypatch):
+    monkeypatch.setitem(sys.modules, "small_gicp", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'maxcon\[baselines\]'"):
+        Gicp().localize(street_scan, street_map, street.sensor)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"gate": -1.0}, "`gate` > 0 m, got -1.0. The default is 3."),
+        ({"thinning": math.nan}, "`thinning` >= 0 m, got nan"),
+        ({"max_iterations": 0}, "`max_iterations`"),
+        ({"step_tolerance": 0.0}, "`step_tolerance` > 0 m"),
+        ({"turn_tolerance": 0.0}, "`turn_tolerance` > 0 rad"),
+        ({"target_edge": 0.0}, "`target_edge` > 0 m"),
+        ({"n_neighbours": 4}, "`n_neighbours` from 5, got 4"),
+        ({"n_neighbours": 7.5}, "`n_neighbours` to be a whole number"),
+    ],
+)
+def test_bad_options_are_refused(options, words):
+    with pytest.raises(OptionError) as refusal:
+        Gicp(**options)
+    assert words in str(refusal.value)

@@ -1,0 +1,268 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""How distinct a peak is, on accumulators made by hand."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from maxcon import Accumulator, Count, Helmert, PointMap, Pose, Scan, SearchSpace
+from maxcon.errors import ArrayError, OptionError
+from maxcon.lab.evaluation import Distinctness, distinctness, significant_ray
+from maxcon.search import exhaustive
+
+CELL = 0.06
+HERE = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+SPACE = SearchSpace(5 * CELL, CELL, 0.5, 0.5)  # 3 headings of 10 x 10 cells
+MIDDLE = (1, 5, 5)
+ALONG_X = (0.0, 0.0, 9.0)  # Nxx, Nxy, Nyy of facades along x: they leave x open
+ROOT_2 = math.sqrt(2.0)
+LAPLACE = np.exp(-ROOT_2 * np.abs(np.arange(-5, 5)))
+
+
+def made(scores, normal_sums=ALONG_X, space=SPACE):
+    """An accumulator whose counts are `scores`, with the same N in each cell."""
+    moments = np.zeros((*space.shape, 4))
+    moments[..., 0] = scores
+    moments[..., 1:] = normal_sums
+    return Accumulator(moments, space, HERE)
+
+
+def row(values):
+    """Scores of nothing but one row, y = 0, of the middle heading."""
+    scores = np.zeros(SPACE.shape)
+    scores[1, 5] = values
+    return scores
+
+
+def measured(scores, **options):
+    return distinctness(made(scores), Count(), **options)
+
+
+# --- kurtosis -----------------------------------------------------------------------------------------
+
+
+def test_kurtosis_of_equal_scores_by_hand():
+    """n equal places: 3 (3 n^2 - 7) / (5 (n^2 - 1)), 1.8 in the limit."""
+    assert measured(row(1.0)).kurtosis == pytest.approx(0.6 * 293 / 99, rel=1e-12)
+    space = SearchSpace(100 * CELL, CELL, 0.0, 0.5)
+    wide = distinctness(made(7.0, space=space), Count())
+    assert wide.kurtosis == pytest.approx(1.8, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("values", "wanted"),
+    [
+        ([0, 0, 0, 0, 1, 6, 1, 0, 0, 0], 4.0),  # variance 1/4, fourth moment 1/4
+        ([0, 0, 1, 0, 0, 6, 0, 0, 1, 0], 4.0),  # wider, but of the same shape
+        ([0, 0, 0, 0, 0, 2, 2, 0, 0, 0], 1.0),  # two places
+        ([3, 0, 0, 0, 0, 0, 0, 0, 0, 1], 7 / 3),  # about its mean: 1 / (p q) - 3 with p = 1/4
+    ],
+)
+def test_kurtosis_by_hand(values, wanted):
+    assert measured(row(values)).kurtosis == pytest.approx(wanted, rel=1e-12)
+
+
+@pytest.mark.parametrize("least", [1e-9, 1e-170, 1e-200])
+def test_kurtosis_grows_without_bound_towards_a_point(least):
+    values = np.zeros(10)
+    values[4:7] = least, 2.0, least
+    assert measured(row(values)).kurtosis == pytest.approx(1.0 / least, rel=1e-6)
+
+
+# --- divergence ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("factor", [1.0, 1e-3, 1e6])
+def test_a_laplace_distribution_of_one_cell_does_not_diverge(factor):
+    assert measured(row(factor * LAPLACE)).divergence == pytest.approx(0.0, abs=1e-12)
+
+
+def test_divergence_by_hand():
+    values = [0, 0, 0, 0, 1, 6, 1, 0, 0, 0]
+    total = 1 + 2 * sum(math.exp(-ROOT_2 * k) for k in (1, 2, 3, 4)) + math.exp(-ROOT_2 * 5)
+    at_peak, beside = 1 / total, math.exp(-ROOT_2) / total
+    wanted = 6 / 8 * math.log(6 / 8 / at_peak) + 2 * (1 / 8 * math.log(1 / 8 / beside))
+    assert wanted > 0.05
+    assert measured(row(values)).divergence == pytest.approx(wanted, rel=1e-12)
+
+
+def test_divergence_counts_from_the_peak_and_not_from_the_middle():
+    values = np.zeros(10)
+    values[0:3] = 3.0, 1.0, 1.0
+    log_density = -ROOT_2 * np.arange(10) - math.log(sum(math.exp(-ROOT_2 * k) for k in range(10)))
+    wanted = sum(p * (math.log(p) - q) for p, q in zip([0.6, 0.2, 0.2], log_density, strict=False))
+    assert measured(row(values)).divergence == pytest.approx(wanted, rel=1e-12)
+
+
+def test_divergence_is_finite_where_the_laplace_distribution_underflows():
+    assert math.exp(-ROOT_2 * 600) == 0.0
+    space = SearchSpace(600 * CELL, CELL, 0.0, 0.5)
+    scores = np.zeros(space.shape)
+    scores[0, 600, 600], scores[0, 600, 0] = 1.0, 0.5
+    found = distinctness(made(scores, space=space), Count())
+    wanted = 2 / 3 * math.log(2 / 3) + 1 / 3 * math.log(1 / 3) + 600 * ROOT_2 / 3
+    wanted += math.log(1 / math.tanh(ROOT_2 / 2))  # the sum of the density
+    assert found.divergence == pytest.approx(wanted, rel=1e-9)
+
+
+def test_the_ray_keeps_to_the_heading_of_the_peak():
+    scores = row(LAPLACE)
+    scores[0] = scores[2] = 0.3
+    assert measured(scores).divergence == pytest.approx(0.0, abs=1e-12)
+
+
+# --- peak ratio and spread ----------------------------------------------------------------------------
+
+
+def test_the_peak_ratio_is_second_over_highest_outside_the_guard_radius():
+    scores = row([4.0, 0, 0, 0, 7.9, 8.0, 0, 0, 0, 0])
+    scores[2, 5, 9] = 6.0  # 0.24 m away, at another heading
+    scores[0, 1, 8] = 3.0  # 0.3 m away: on the guard radius itself it does not count
+    assert measured(scores, guard_radius=0.2).peak_ratio == 6.0 / 8.0
+    assert measured(scores, guard_radius=0.27).peak_ratio == 4.0 / 8.0
+    assert measured(scores, guard_radius=0.0).peak_ratio == 6.0 / 8.0  # 7.9 is the slope of the peak
+    assert measured(scores).peak_ratio == 0.0
+
+
+@pytest.mark.parametrize(
+    ("others", "wanted"),
+    [
+        ([], 0.0),
+        ([((1, 5, 6), 9.0)], CELL),  # 90 % themselves reach it
+        ([((1, 5, 6), 8.99)], 0.0),
+        ([((0, 1, 8), 9.5), ((1, 5, 4), 9.5)], 5 * CELL),  # 3 and 4 cells away, at another heading
+        ([((2, 5, 5), 9.9)], 0.0),  # the same place at another heading
+        ([((1, 0, 0), 10.0)], 5 * ROOT_2 * CELL),
+    ],
+)
+def test_the_spread_is_the_farthest_cell_of_90_per_cent(others, wanted):
+    scores = np.zeros(SPACE.shape)
+    scores[MIDDLE] = 10.0
+    for cell, value in others:
+        scores[cell] = value
+    assert measured(scores).spread == pytest.approx(wanted, abs=1e-12)
+
+
+# --- where there is little to measure -----------------------------------------------------------------
+
+
+def test_a_peak_without_anything_around_it():
+    found = measured(row([0, 0, 0, 0, 0, 5, 0, 0, 0, 0]))
+    assert (found.peak_ratio, found.spread) == (0.0, 0.0)
+    assert math.isnan(found.kurtosis)
+    assert found.divergence == pytest.approx(math.log(LAPLACE.sum()), rel=1e-12)
+
+
+def test_a_space_of_one_cell():
+    found = distinctness(made(3.0, space=SearchSpace(0.0, CELL, 0.0, 0.5)), Count())
+    assert (found.peak_ratio, found.spread) == (0.0, 0.0)
+    assert math.isnan(found.kurtosis) and math.isnan(found.divergence)
+
+
+def test_a_ray_that_only_touches_the_corner_of_the_space_tells_nothing():
+    scores = np.ones(SPACE.shape)
+    scores[1, 0, 0] = 4.0
+    accumulator = made(scores, (1.0, 1.0, 1.0))  # along (1, -1)
+    assert [part.tolist() for part in significant_ray(accumulator, scores, (1, 0, 0))] == [[0.0], [4.0]]
+    found = distinctness(accumulator, Count())
+    assert (found.peak_ratio, found.spread) == (0.25, 0.0)
+    assert math.isnan(found.kurtosis) and math.isnan(found.divergence)
+
+
+def test_without_a_peak_there_is_no_measure():
+    found = measured(np.zeros(SPACE.shape))
+    values = (found.peak_ratio, found.kurtosis, found.divergence, found.spread)
+    assert all(math.isnan(value) for value in values)
+
+
+# --- all four -----------------------------------------------------------------------------------------
+
+
+@given(st.integers(0, 2**32), st.sampled_from([2.0**-20, 0.5, 4.0, 2.0**30]))
+@settings(max_examples=30)
+def test_the_unit_of_the_score_does_not_matter(seed, factor):
+    rng = np.random.default_rng(seed)
+    scores, normals = rng.random(SPACE.shape), rng.normal(size=2)
+    scores[MIDDLE] = 1.5
+    accumulator = made(scores, (normals[0] ** 2, normals[0] * normals[1], normals[1] ** 2))
+    once = distinctness(accumulator, Count())
+    assert distinctness(accumulator, Count(), scores=scores) == once
+    assert distinctness(accumulator, Count(), scores=factor * scores) == once
+    assert once.divergence >= 0.0 and once.kurtosis >= 1.0
+    assert 0.0 <= once.peak_ratio <= 1.0
+
+
+def test_known_scores_are_not_computed_again():
+    class Unasked:
+        def score(self, moments):
+            raise AssertionError
+
+    scores = row([0, 0, 0, 0, 1, 6, 1, 0, 0, 0])
+    found = distinctness(made(0.0), Unasked(), scores=scores)
+    assert found == distinctness(made(scores), Count())
+    assert isinstance(found, Distinctness)
+    assert distinctness(made(0.0), Unasked(), scores=scores.astype(np.int64)) == found
+
+
+def test_in_a_street_helmert_is_more_distinct_than_the_count():
+    """What the paper's figure of the three measures says: a lower ratio and divergence, a higher kurtosis."""
+    rng = np.random.default_rng(0)
+    facades = [
+        (np.column_stack([rng.uniform(-12, 12, 60_000), np.full(60_000, y), rng.uniform(0, 2, 60_000)]), n)
+        for y, n in ((5.01, [0.0, -1.0, 0.0]), (-6.03, [0.0, 1.0, 0.0]))
+    ]
+    sides = [
+        (np.column_stack([np.full(3000, x), rng.uniform(5, 5.4, 3000), rng.uniform(0, 2, 3000)]), n)
+        for x, n in ((-3.03, [1.0, 0.0, 0.0]), (2.01, [-1.0, 0.0, 0.0]), (7.11, [-1.0, 0.0, 0.0]))
+    ]
+    points = np.concatenate([part for part, _ in facades + sides])
+    normals = np.concatenate([np.tile(normal, (len(part), 1)) for part, normal in facades + sides])
+    chosen = rng.permutation(len(points))[:4000]
+    space = SearchSpace(1.5, CELL, 0.5, 0.5)
+    accumulator = exhaustive(
+        Scan(points[chosen], normals[chosen]), PointMap.from_points(points, normals), HERE, space
+    )
+    count, helmert = (distinctness(accumulator, objective) for objective in (Count(), Helmert()))
+    assert accumulator.best_cell(Helmert()) == accumulator.best_cell(Count()) == (1, 25, 25)
+    assert helmert.peak_ratio < 0.5 * count.peak_ratio
+    assert helmert.kurtosis > 1.5 * count.kurtosis
+    assert helmert.divergence < 0.7 * count.divergence
+    assert helmert.spread <= count.spread
+
+
+# --- what is refused ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        (-0.5, r"finite scores >= 0 .*got -0\.5 to 8\. Let the objective score 0 where nothing matches"),
+        (math.inf, "finite scores >= 0 .*got 0 to inf"),
+        (-math.inf, "finite scores >= 0 .*got -inf to 8"),
+        (math.nan, "scores that are numbers, got NaN"),
+    ],
+)
+def test_scores_that_have_no_shares_are_refused(value, words):
+    scores = row(8.0)
+    scores[2, 0, 0] = value
+    with pytest.raises(ArrayError, match=words):
+        distinctness(made(scores), Count())
+    with pytest.raises(ArrayError, match=words):
+        significant_ray(made(scores), scores, MIDDLE)
+
+
+def test_scores_of_another_shape_are_refused():
+    with pytest.raises(ArrayError, match=r"scores of shape \(3, 10, 10\), got \(10, 10\)"):
+        distinctness(made(1.0), Count(), scores=np.ones((10, 10)))
+    with pytest.raises(ArrayError, match=r"scores of shape \(3, 10, 10\), got \(1, 10, 10\)"):
+        significant_ray(made(1.0), np.ones((1, 10, 10)), MIDDLE)
+
+
+@pytest.mark.parametrize("guard_radius", [-0.1, math.inf, math.nan])
+def test_guard_radii_that_are_refused(guard_radius):
+    with pytest.raises(OptionError, match=r"`guard_radius` >= 0 m, got .*\. The default is 0\.3"):
+        measured(row(1.0), guard_radius=guard_radius)

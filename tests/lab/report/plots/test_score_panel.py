@@ -1,0 +1,75 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+import numpy as np
+import pytest
+
+import maxcon
+from maxcon.plotting.score_panel import (
+    cell_marks,
+    draw_scores,
+    ground_of,
+    offset_words,
+    put_mark,
+    scale_words,
+    score_words,
+)
+from maxcon.plotting.search_space_view import SearchSpaceView
+
+
+class BelowZero:
+    def score(self, moments):
+        return moments[..., 0] - 3.0
+
+
+@pytest.fixture
+def axes():
+    from matplotlib.figure import Figure
+
+    axes = Figure().add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set(xlim=(-7.0, 9.0), ylim=(-3.0, 4.0))
+    return axes
+
+
+def test_ground_reaches_half_a_cell_beyond_the_outermost_offsets():
+    space = maxcon.SearchSpace(half_width=0.6, cell=0.06)
+    assert ground_of(space, 10.0, 20.0) == pytest.approx((9.37, 10.57, 19.37, 20.57))
+    assert ground_of(maxcon.SearchSpace(0.0, 0.06), 1.0, 2.0) == pytest.approx((0.97, 1.03, 1.97, 2.03))
+
+
+def test_scores_lie_on_their_ground_and_the_axes_keep_their_limits(axes):
+    from matplotlib.colors import Normalize
+
+    scores = np.array([[0.0, 1.0], [-np.inf, 3.0]])
+    image = draw_scores(axes, scores, ground_of(maxcon.SearchSpace(1.0, 1.0), 5.0, 1.0), Normalize(0.0, 3.0))
+    assert image.get_extent() == [3.5, 5.5, -0.5, 1.5]
+    assert image.origin == "lower"
+    np.testing.assert_array_equal(image.get_array().mask, [[False, False], [True, False]])
+    assert axes.get_xlim() == (-7.0, 9.0) and axes.get_ylim() == (-3.0, 4.0)
+
+
+def test_marks_are_put_where_they_belong(axes):
+    put_mark(axes, cell_marks()[0], 1.5, -0.5)
+    assert axes.lines[0].get_xydata().tolist() == [[1.5, -0.5]]
+
+
+@pytest.mark.parametrize(
+    ("offset", "words"),
+    [(-0.9, "−0.90"), (2.824, "2.82"), (-0.004, "0.00"), (0.0, "0.00"), (-2.816, "−2.82")],
+)
+def test_offsets_are_written_to_the_centimetre(offset, words):
+    assert offset_words(offset) == words
+
+
+@pytest.mark.parametrize(
+    ("score", "words"),
+    [(190.34, "190.3"), (15287.4, "15,287"), (0.012344, "0.01234"), (-3.0, "−3"), (0.0, "0")],
+)
+def test_scores_are_written_with_four_digits(score, words):
+    assert score_words(score) == words
+
+
+def test_scale_says_so_when_scores_may_be_negative(epoch, space):
+    accumulator = epoch.accumulate(space)
+    views = [SearchSpaceView(accumulator, maxcon.Helmert()), SearchSpaceView(accumulator, maxcon.Count())]
+    assert scale_words(views) == "score, over the highest of the square"
+    assert "from the lowest (0)" in scale_words([*views, SearchSpaceView(accumulator, BelowZero())])

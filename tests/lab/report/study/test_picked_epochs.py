@@ -1,0 +1,43 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+import pyarrow
+
+from maxcon.lab.report.study.picked_epochs import pick_epochs
+from maxcon.lab.study import rows_by_method
+from maxcon.lab.study.table import table_schema
+
+GOOD = {"is_success": True, "distance": 0.05, "kurtosis": 2.0}
+LOST = {"is_success": False, "distance": 2.96, "kurtosis": 30.0}
+
+
+def picked(*count, helmert=GOOD):
+    """Epochs picked where the count has these rows, and Helmert's score the same row in each epoch."""
+    table = pyarrow.Table.from_pylist(
+        [
+            {"prior": "gnss", "method": method, "epoch": epoch, **row}
+            for epoch, of_count in enumerate(count)
+            for method, row in (("count", of_count), ("helmert", helmert))
+        ],
+        schema=table_schema(),
+    )
+    rows = {found.method: found for found in rows_by_method(table)}
+    return pick_epochs(rows["count"], rows["helmert"])
+
+
+def test_pictures_show_the_most_distinct_and_the_worst_epoch():
+    epochs = picked(GOOD, GOOD | {"kurtosis": 7.0}, GOOD | {"kurtosis": 1.8}, LOST)
+    assert (epochs.crossing, epochs.street, epochs.failure) == (1, 2, 3)
+
+
+def test_there_may_be_no_epoch_where_the_count_fails():
+    epochs = picked(GOOD, GOOD | {"kurtosis": 1.8})
+    assert (epochs.crossing, epochs.street, epochs.failure) == (0, 1, None)
+
+
+def test_pictures_show_epochs_whose_whole_neighbourhood_is_in_the_search_space():
+    epochs = picked(GOOD | {"kurtosis": 9.0, "prior_distance": 2.9}, GOOD | {"prior_distance": 1.0})
+    assert (epochs.crossing, epochs.street) == (1, 1)
+
+
+def test_nothing_is_shown_where_nothing_succeeds():
+    assert picked(LOST, helmert=LOST) is None

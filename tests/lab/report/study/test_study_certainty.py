@@ -1,0 +1,94 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""What a study's table says of certainty, from small tables made by hand."""
+
+import pyarrow
+import pytest
+
+from maxcon.lab.evaluation import ProtectionCounts
+from maxcon.lab.report.study.certainty import certainty_of
+from maxcon.lab.study import rows_by_method
+from maxcon.lab.study.table import table_schema
+
+ANSWER = {
+    "status": "localized", "is_localized": True, "is_success": True, "x": 0.0, "reference_x": 0.0, "distance": 0.01,
+    "along": 0.01, "across": -0.01, "height_error": 0.01, "heading_error": 0.001, "runner_up": 0.3,
+}  # fmt: skip
+SIGMAS = {"sigma_along": 0.02, "sigma_across": 0.005, "sigma_z": 0.02, "sigma_heading": 0.002, "nees": 4.25}
+LEVELS = {"protection_along": 0.05, "protection_across": 0.008}
+WITHHELD = ANSWER | {"status": "ambiguous", "is_localized": False}
+UNREADABLE = {"status": "unreadable scan", "is_localized": False, "is_success": False, "reference_x": 0.0}
+CONFIGURED = {"maxcon": {"method": {"class": "MaximumConsensus", "risk": 0.02}}}
+
+
+def by_prior(rows_of, priors=("gnss",)):
+    rows = [
+        {"prior": prior, "method": name, "epoch": epoch, **row}
+        for prior in priors
+        for name, rows in rows_of.items()
+        for epoch, row in enumerate(rows)
+    ]
+    found = {prior: {} for prior in priors}
+    for each in rows_by_method(pyarrow.Table.from_pylist(rows, schema=table_schema())):
+        found[each.prior][each.method] = each
+    return found
+
+
+def test_errors_are_held_to_sigmas_and_levels(tmp_path):
+    sure = ANSWER | SIGMAS | LEVELS
+    rows = by_prior({"maxcon": [sure] * 9 + [sure | {"across": 0.004}, WITHHELD, UNREADABLE]})
+    found = certainty_of(tmp_path, rows, "gnss", CONFIGURED)
+    coverage, protection = found.coverage[0], found.protection[0]
+    assert {row.name: row.coverage.n_within for row in coverage.rows} == {
+        "along": (10, 10, 10), "across": (1, 10, 10), "height": (10, 10, 10), "heading": (10, 10, 10),
+        "x and y": (0, 0, 10),
+    }  # fmt: skip
+    assert [row.verdict for row in coverage.rows] == [
+        "too large", "too small", "too large", "too large", "too small"
+    ]  # fmt: skip
+    assert coverage.squares.mean == pytest.approx(4.25 / 2.0)
+    assert dict(protection.rows) == {
+        "along": ProtectionCounts(10, 0, 0, 0, 1),
+        "across": ProtectionCounts(1, 9, 0, 0, 1),
+        "either": ProtectionCounts(1, 9, 0, 0, 1),
+    }
+    assert (protection.risk, protection.n_to_prove) == (0.02, 149)
+    assert {path.stem for path in tmp_path.iterdir()} == {"sigmas", "stanford", "risk-coverage", "timeline"}
+    assert found.notes == ()
+
+
+def test_baselines_alone_are_shown_without_sigmas_and_the_page_says_so(tmp_path):
+    found = certainty_of(tmp_path, by_prior({"gicp-3m": [ANSWER, WITHHELD]}), "gnss", {})
+    assert (found.coverage, found.protection, found.coverage_pictures, found.protection_pictures) == ((),) * 4
+    assert {path.stem for path in tmp_path.iterdir()} == {"risk-coverage", "timeline"}
+    assert "no method predicts its errors here, with the prior “gnss”" in found.notes[0]
+
+
+def test_sigmas_without_levels_have_no_stanford_diagram(tmp_path):
+    found = certainty_of(tmp_path, by_prior({"maxcon": [ANSWER | SIGMAS]}), "gnss", CONFIGURED)
+    assert len(found.coverage) == 1 and found.protection == ()
+    assert {path.stem for path in tmp_path.iterdir()} == {"sigmas", "risk-coverage", "timeline"}
+    assert found.notes == ("No Stanford diagram: maxcon gives no protection levels.",)
+
+
+def test_every_prior_has_its_tables_and_its_timeline(tmp_path):
+    rows = by_prior({"maxcon": [ANSWER | SIGMAS | LEVELS] * 3}, ("gnss", "uniform", "reference"))
+    found = certainty_of(tmp_path, rows, "uniform", CONFIGURED)
+    assert len(found.coverage) == len(found.protection) == 3
+    assert [picture.title.rpartition(" ")[2] for picture in found.status_pictures[1:]] == [
+        "“uniform”", "“gnss”", "“reference”"
+    ]  # fmt: skip
+    assert {"timeline", "timeline-2", "timeline-3"} <= {path.stem for path in tmp_path.iterdir()}
+
+
+def test_a_method_of_one_s_own_goes_first_and_states_no_risk(tmp_path):
+    rows = by_prior({"maxcon": [ANSWER | SIGMAS | LEVELS], "mine": [ANSWER | SIGMAS | LEVELS]})
+    found = certainty_of(tmp_path, rows, "gnss", CONFIGURED | {"mine": {"method": {"class": "Mine"}}})
+    assert found.coverage[0].title == "Errors within predicted sigmas: mine, prior “gnss”"
+    assert (found.protection[0].risk, found.protection[0].n_to_prove) == (None, None)
+
+
+def test_epochs_that_say_nothing_leave_a_page(tmp_path):
+    found = certainty_of(tmp_path, by_prior({"maxcon": [UNREADABLE] * 2}), "gnss", CONFIGURED)
+    assert {path.stem for path in tmp_path.iterdir()} == {"timeline"}
+    assert len(found.notes) == 1

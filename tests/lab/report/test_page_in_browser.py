@@ -1,0 +1,77 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""The page as a reader sees it, in headless Chromium; skipped where none is installed."""
+
+import shutil
+
+import pytest
+
+from maxcon.lab.report import (
+    DemoPage,
+    MethodSummary,
+    Picture,
+    plot_drive,
+    plot_epoch,
+    plot_errors,
+    write_demo_page,
+)
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+
+
+@pytest.fixture(scope="module")
+def browser():
+    if CHROMIUM is None:
+        pytest.skip("no chromium on the PATH: the page is not opened")
+    playwright = pytest.importorskip("playwright.sync_api", reason="no playwright: the page is not opened")
+    with playwright.sync_playwright() as engine:
+        chromium = engine.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture(scope="module")
+def page_file(epoch, space, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("page")
+    plot_epoch(
+        folder / "epoch.png",
+        **epoch.conclude(space),
+        scan=epoch.scan,
+        point_map=epoch.point_map,
+        title="A yard",
+    )
+    plot_errors(folder / "errors.svg", [0.0, 1.0], {"Count": [0.1, 3.0], "Helmert": [0.1, 0.1]})
+    plot_drive(folder / "drive.png", [[-5.0, 0.0], [5.0, 0.0]], [0.1, 0.2], point_map=epoch.point_map)
+    method = MethodSummary("Count", "points", 40, 40, 31, 0.052, 5.54, 1.9, 81.0)
+    write_demo_page(
+        folder / "demo.html",
+        DemoPage(
+            title="A page with AVeryLongWordThatDoesNotFitOnAPhoneAndCannotBeBrokenAnywhere",
+            headline="A headline. " * 20,
+            methods=(method, method),
+            epochs=(Picture("Yard", "Caption.", "Squares.", folder / "epoch.png"),),
+            command="maxcon demo --out " + "folder/" * 30,
+            version="0.1.0",
+            errors=Picture("Errors", "Caption.", "Chart.", folder / "errors.svg"),
+            drive=Picture("Drive", "Caption.", "Map.", folder / "drive.png"),
+            facts=(("Map", "4.1 million points"),),
+        ),
+    )
+    return folder / "demo.html"
+
+
+@pytest.mark.parametrize("width", [390, 1280])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_page_opens_whole_and_asks_for_nothing(browser, page_file, width, scheme):
+    page = browser.new_page(viewport={"width": width, "height": 844}, color_scheme=scheme)
+    complaints, requests = [], []
+    page.on("console", lambda message: complaints.append(message.text))
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.on("request", lambda request: requests.append(request.url))
+    page.on("requestfailed", lambda request: complaints.append(request.url))
+    page.goto(page_file.as_uri(), wait_until="load")
+    assert page.evaluate("Array.from(document.images, image => image.naturalWidth > 0)") == [True] * 3
+    assert page.evaluate("document.documentElement.scrollWidth") == width
+    assert complaints == []
+    assert [url for url in requests if not url.startswith("data:")] == [page_file.as_uri()]
+    page.close()

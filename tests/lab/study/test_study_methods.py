@@ -1,0 +1,147 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Methods by name, what is saved of them, and the numbers a study sums up to."""
+
+import pickle
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from maxcon.drive.many.description import describe
+from maxcon.errors import OptionError
+from maxcon.lab.study import (
+    DEFAULT_SETS,
+    METHOD_SETS,
+    choose_methods,
+    installed_methods,
+    known_methods,
+    rows_by_method,
+    statistics,
+)
+from maxcon.lab.study.map_variants import MAP_VARIANTS
+from maxcon.lab.study.table import table_schema
+from maxcon.search.objectives import Count
+from maxcon.search.space import SearchSpace
+
+
+def test_every_set_is_of_known_methods():
+    known = known_methods(SearchSpace.paper())
+    for names in METHOD_SETS.values():
+        assert set(names) <= set(known)
+    assert {method.map_name for method in known.values()} <= set(MAP_VARIANTS)
+
+
+def test_methods_search_in_the_cells_of_their_map():
+    for method in known_methods(SearchSpace.paper()).values():
+        space = getattr(method.method, "space", None)
+        if space is not None and not space.is_open:
+            assert space.cell == MAP_VARIANTS[method.map_name].cell
+            assert 3.0 <= space.half_width < 3.0 + space.cell
+
+
+def test_methods_travel_to_other_processes():
+    for method in known_methods(SearchSpace.paper()).values():
+        assert describe(pickle.loads(pickle.dumps(method))) == describe(method)
+
+
+def test_names_and_sets_mix():
+    chosen = choose_methods(["helmert-occupied", "weights"], SearchSpace.paper())
+    assert [method.name for method in chosen] == [
+        "helmert-occupied", "helmert-points", "helmert-points-unweighted", "helmert-occupied-published",
+        "helmert-occupied-unweighted",
+    ]  # fmt: skip
+    with pytest.raises(OptionError, match=r"got 'helmet'\. Did you mean"):
+        choose_methods(["helmet"], SearchSpace.paper())
+    with pytest.raises(OptionError, match="at least one method"):
+        choose_methods([], SearchSpace.paper())
+
+
+def test_a_description_tells_methods_apart():
+    known = known_methods(SearchSpace.paper())
+    assert describe(known["helmert-points"].method)["objective"] == {"class": "Helmert"}
+    assert describe(known["helmert-points"].method)["multiplicity"] == "points"
+    assert describe(known["icp-plane-1m"].method)["gate"] == 1.0
+    seen = [
+        (str(describe(method.method)), method.map_name, method.around_reference) for method in known.values()
+    ]
+    assert len(set(seen)) == len(seen)
+
+    class Mine:
+        def __init__(self):
+            self.power, self._cache = 2.0, object()
+
+    mine, count, nothing = describe([Mine(), Count(), None])
+    source = mine.pop("source")
+    assert mine == {"class": f"{Mine.__module__}.{Mine.__qualname__}", "power": 2.0}
+    assert (count, nothing) == ({"class": "Count"}, None)
+    assert len(source) == 16  # another source is another method, though its values are the same
+
+    class Other:
+        def __init__(self):
+            self.power, self._cache = 3.0 - 1.0, object()
+
+    assert describe(Other())["source"] != source
+
+
+def test_values_that_differ_are_described_apart():
+    values = [
+        np.float32(1.5),
+        np.int64(3),
+        np.arange(3),
+        np.arange(3.0),
+        np.arange(1, 4),
+        Path("a"),
+        Path("b"),
+        "a\nb",
+    ]
+    described = [str(describe(value)) for value in values]
+    assert len(set(described)) == len(values)
+    assert described[0] == "1.5"
+    with pytest.raises(OptionError, match="cannot be written down"):
+        describe([lambda x: x])
+    with pytest.raises(OptionError, match="cannot be written down"):
+        describe({1, 2})
+
+
+def a_row(epoch, status="localized", **values):
+    plain = {"prior": "gnss", "method": "mine", "epoch": epoch, "status": status, "is_localized": False}
+    return plain | {"is_success": False} | values
+
+
+def test_statistics_by_hand():
+    import pyarrow
+
+    rows = [
+        a_row(0, is_localized=True, is_success=True, x=1.0, distance=0.1, along=-0.1, across=0.0, heading_error=0.01,
+              ms=10.0, kurtosis=4.0, n_starts=25, n_converged=25),
+        a_row(1, is_localized=True, x=1.0, distance=3.0, along=3.0, across=0.0, heading_error=-0.02, ms=20.0,
+              kurtosis=2.0, n_starts=25, n_converged=5),
+        a_row(2, "ambiguous", is_success=True, x=1.0, distance=0.2, along=0.0, across=0.2, heading_error=0.0, ms=60.0),
+        a_row(3, "unreadable scan", reason="gone"),
+        a_row(0, method="other"),
+    ]  # fmt: skip
+    table = pyarrow.Table.from_pylist(rows, schema=table_schema())
+    found = {rows.method: statistics(rows) for rows in rows_by_method(table, ("other", "mine"))}
+    assert list(found) == ["other", "mine"]
+    mine = found["mine"]
+    assert (mine.n_epochs, mine.n_answers, mine.n_success, mine.n_localized, mine.n_false) == (4, 3, 2, 2, 1)
+    assert mine.statuses == {"localized": 2, "ambiguous": 1, "unreadable scan": 1}
+    assert (mine.distance.median, mine.distance.worst) == (0.2, 3.0)
+    assert (mine.along.median, mine.across.worst, mine.heading.worst) == (0.1, 0.2, 0.02)
+    assert (mine.ms, mine.kurtosis, mine.n_starts, mine.n_converged) == (20.0, 3.0, 50, 30)
+    assert mine.peak_ratio != mine.peak_ratio
+    assert found["other"].n_answers == 0
+    assert found["other"].distance.worst != found["other"].distance.worst
+
+
+def test_what_is_not_installed_is_left_out_and_named(monkeypatch):
+    chosen = choose_methods(DEFAULT_SETS, SearchSpace.paper())
+    assert installed_methods(chosen) == (chosen, [])
+    monkeypatch.setitem(sys.modules, "small_gicp", None)
+    kept, missing = installed_methods(chosen)
+    assert missing == ["gicp-1m", "gicp-3m", "count-1m-then-gicp"]
+    assert [method.name for method in kept] == [
+        method.name for method in chosen if method.name not in missing
+    ]

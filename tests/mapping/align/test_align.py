@@ -1,0 +1,229 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Clouds in, clouds out: a corner of two walls and a floor, in three rounds and two tiles."""
+
+import csv
+import json
+import re
+import shutil
+
+import laspy
+import numpy as np
+import pytest
+
+from maxcon.errors import CrsError, FileError, MapError, OptionError
+from maxcon.io.trajectories import read_trajectory, write_tum
+from maxcon.mapping.align import AlignmentOptions, align_files
+from maxcon.scan.trajectory import Trajectory
+
+PRIOR = {"georeference_sigma": 0.1, "georeference_sigma_deg": 0.2}
+
+
+def coordinates(path):
+    las = laspy.read(path)
+    return np.column_stack([las.x, las.y, las.z]) - [550_000.0, 5_802_000.0, 60.0], np.array(las.gps_time)
+
+
+@pytest.fixture(scope="module")
+def aligned(three_rounds, tmp_path_factory):
+    clouds, _twists = three_rounds
+    folder = tmp_path_factory.mktemp("aligned")
+    trajectory = folder / "vehicle.txt"
+    times = np.concatenate([300_000.0 + 100.0 * i + np.arange(0.0, 8.0, 0.5) for i in range(3)])
+    positions = np.column_stack(
+        [np.tile(np.arange(0.0, 8.0, 0.5), 3), np.zeros(len(times)), np.full(len(times), 2.0)]
+    )
+    write_tum(
+        trajectory,
+        Trajectory(
+            times, positions + [550_000.0, 5_802_000.0, 60.0], np.tile([0, 0, 0, 1.0], (len(times), 1))
+        ),
+    )
+    found = align_files(
+        clouds, folder / "out", AlignmentOptions(**PRIOR), trajectories=[trajectory], n_threads=1
+    )
+    return found, folder / "out", trajectory
+
+
+def test_rounds_come_together(three_rounds, aligned, scene):
+    found, _out, _ = aligned
+    assert found.adjusted.drift_sigma == 0.0
+    assert found.sigma_before > 0.03
+    assert found.sigma_of_round < 0.002
+    assert found.sigma_of_map == pytest.approx(found.sigma_of_round / np.sqrt(3))
+    assert 0.05 < found.sigma_of_datum < 0.075
+    _, twists = three_rounds
+    corners = scene.origin + [[-9.0, 5.0, 1.0], [6.0, 5.0, 3.0], [6.0, -9.0, 1.0]]
+    ends = []
+    for number, twist in enumerate(twists):
+        displaced = scene.moved(corners - scene.origin, twist) + scene.origin
+        times = np.full(3, 300_004.0 + 100.0 * number)
+        ends.append(found.adjusted.corrections.moved(displaced, times, np.full(3, number)))
+    ends = np.array(ends)
+    assert np.linalg.norm(ends - ends.mean(axis=0), axis=2).max() < 0.004
+    # where all are is the mean of where they were
+    assert np.linalg.norm((ends.mean(axis=0) - corners).mean(axis=0)) < 3.0 * found.sigma_of_datum
+
+
+def test_only_coordinates_change(three_rounds, aligned):
+    found, out, _ = aligned
+    for source in three_rounds[0]:
+        before, after = laspy.read(source), laspy.read(out / f"{source.stem}.laz")
+        assert len(before.points) == len(after.points)
+        for name in before.point_format.dimension_names:
+            if name not in ("X", "Y", "Z"):
+                np.testing.assert_array_equal(before[name], after[name], err_msg=name)
+        assert after.header.parse_crs() == before.header.parse_crs()
+        np.testing.assert_array_equal(before.header.scales, after.header.scales)
+        points, times = coordinates(source)
+        rounds = found.rounds.at(times)
+        origin = np.array([550_000.0, 5_802_000.0, 60.0])
+        wanted = found.adjusted.corrections.moved(points + origin, times, rounds) - origin
+        np.testing.assert_allclose(coordinates(out / f"{source.stem}.laz")[0], wanted, atol=0.00051)
+
+
+def test_the_trajectory_moves_with_its_points(aligned):
+    found, out, trajectory = aligned
+    before, after = read_trajectory(trajectory), read_trajectory(out / "vehicle.txt")
+    rounds = found.rounds.at(before.times)
+    wanted = found.adjusted.corrections.moved(before.positions, before.times, rounds)
+    np.testing.assert_allclose(after.positions, wanted, atol=1e-6)
+    turns = found.adjusted.corrections.motions(before.times, rounds)[2]
+    np.testing.assert_allclose(after.angles, turns, atol=1e-5)  # from level, small turns are angles
+
+
+def test_tables_say_what_was_found(aligned):
+    found, out, _ = aligned
+    summary = json.loads((out / "alignment.json").read_text())
+    assert summary["n_ties"] == len(found.ties)
+    assert summary["sigma"]["of_map"] == pytest.approx(found.sigma_of_map, abs=1e-5)
+    assert summary["words"] == []
+    rows = {
+        name: list(csv.DictReader((out / name).open()))
+        for name in ("rounds.csv", "residuals.csv", "ties.csv")
+    }
+    assert [row["name"] for row in rows["rounds.csv"]] == ["round 1", "round 2", "round 3"]
+    assert [(row["round_a"], row["round_b"]) for row in rows["residuals.csv"]] == [
+        ("1", "2"),
+        ("1", "3"),
+        ("2", "3"),
+    ]
+    for row in rows["residuals.csv"]:
+        assert float(row["horizontal_after_median"]) < 0.1 * float(row["horizontal_before_median"])
+    assert len(rows["ties.csv"]) == len(found.ties)
+    assert len(list(csv.DictReader((out / "corrections.csv").open()))) == len(
+        found.adjusted.corrections.knots
+    )
+
+
+def test_threads_change_nothing(three_rounds, aligned, tmp_path):
+    _, out, trajectory = aligned
+    align_files(
+        three_rounds[0], tmp_path / "out", AlignmentOptions(**PRIOR), trajectories=[trajectory], n_threads=3
+    )
+    for file in (tmp_path / "out").iterdir():
+        assert file.read_bytes() == (out / file.name).read_bytes(), file.name
+
+
+def test_nothing_is_overwritten(three_rounds, aligned, tmp_path):
+    clouds, _ = three_rounds
+    _, out, _ = aligned
+    with pytest.raises(FileError, match="not to exist yet"):
+        align_files(clouds, out)
+    with pytest.raises(FileError, match="without what is to be aligned"):
+        align_files(clouds, clouds[0].parent, overwrite=True)
+    (tmp_path / "mine.doc").write_text("")
+    with pytest.raises(FileError, match="to be an alignment"):
+        align_files(clouds, tmp_path, overwrite=True)
+
+
+def test_only_the_files_of_an_alignment_are_replaced(three_rounds, aligned, tmp_path):
+    """It lists them itself: other clouds and tables that were put beside them stay."""
+    clouds, _ = three_rounds
+    _, made, trajectory = aligned
+    out = tmp_path / "out"
+    shutil.copytree(made, out)
+    align_files(clouds, out, AlignmentOptions(**PRIOR), overwrite=True)
+    names = {path.name for path in out.iterdir()}
+    assert names == {path.name for path in made.iterdir()} - {trajectory.name}
+    for name in ("mine.laz", "mine.csv", "mine.txt", "[we]st.laz"):
+        (out / name).touch()
+        with pytest.raises(FileError, match=rf"to be an alignment, .* it holds {re.escape(name)}"):
+            align_files(clouds, out, overwrite=True)
+        (out / name).unlink()
+    for summary in ('{"files": ["*"]}', '{"files": 3}', "[]", "{"):
+        (out / "alignment.json").write_text(summary)
+        with pytest.raises(FileError, match=r"to be an alignment, .* it holds \w+\.laz"):
+            align_files(clouds, out, overwrite=True)
+
+
+def test_one_pass_is_nothing_to_align(tmp_path, write_las, scene):
+    points = scene.points_on(scene.corner, 60, 0.01, np.random.default_rng(0))
+    cloud = write_las(tmp_path / "a.laz", points, np.linspace(0.0, 8.0, len(points)))
+    with pytest.raises(MapError, match="one pass only"):
+        align_files([cloud], tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    assert [file.name for file in tmp_path.iterdir()] == ["a.laz"]
+
+
+def test_rounds_elsewhere_are_told(tmp_path, write_las, scene):
+    rng = np.random.default_rng(0)
+    here, there = (scene.points_on(scene.corner, 60, 0.01, rng) for _ in range(2))
+    times = np.linspace(0.0, 8.0, len(here))
+    clouds = [
+        write_las(tmp_path / "a.laz", here, times),
+        write_las(tmp_path / "b.laz", there + [500.0, 0.0, 0.0], times + 100.0),
+    ]
+    with pytest.raises(MapError, match="no place that two of them saw enough of"):
+        align_files(clouds, tmp_path / "out")
+
+
+def test_a_round_elsewhere_stays_and_is_told(tmp_path, write_las, scene):
+    rng = np.random.default_rng(0)
+    rounds = [scene.points_on(scene.corner, 60, 0.01, rng) for _ in range(3)]
+    times = np.linspace(0.0, 8.0, len(rounds[0]))
+    rounds[1] += [0.08, 0.03, 0.0]
+    rounds[2] += [500.0, 0.0, 0.0]
+    clouds = [
+        write_las(tmp_path / f"{i}.laz", points, times + 100.0 * i, point_format=1, version="1.2")
+        for i, points in enumerate(rounds)
+    ]
+    found = align_files(clouds, tmp_path / "out", AlignmentOptions(rounds_by="file", **PRIOR))
+    assert [each.group for each in found.tied] == [0, 0, 1]
+    assert "cannot be tied" in found.tied[2].words
+    np.testing.assert_allclose(coordinates(tmp_path / "out/2.laz")[0], coordinates(clouds[2])[0], atol=1e-6)
+    gap = coordinates(tmp_path / "out/1.laz")[0].mean(axis=0) - coordinates(tmp_path / "out/0.laz")[0].mean(
+        axis=0
+    )
+    was = coordinates(clouds[1])[0].mean(axis=0) - coordinates(clouds[0])[0].mean(axis=0)
+    np.testing.assert_allclose(gap - was, [-0.08, -0.03, 0.0], atol=0.006)
+
+
+def test_what_cannot_be_is_refused(three_rounds, tmp_path, write_las, scene):
+    clouds, _ = three_rounds
+    for wrong in (
+        {"pause": 0.0},
+        {"georeference_sigma": -1.0},
+        {"drift_sigma": np.nan},
+        {"knot_spacing": 0.1},
+    ):
+        with pytest.raises(OptionError):
+            AlignmentOptions(**wrong)
+    with pytest.raises(CrsError):
+        align_files(clouds, tmp_path / "out", AlignmentOptions(crs="EPSG:32632"))
+    (tmp_path / "sub").mkdir()
+    twin = write_las(tmp_path / "sub" / "west.las", np.zeros((5, 3)), np.arange(5.0))
+    with pytest.raises(FileError, match=r"west\.laz twice"):
+        align_files([clouds[0], twin], tmp_path / "out")
+
+
+def test_rounds_at_the_same_time_have_no_trajectory(tmp_path, write_las, scene):
+    rng = np.random.default_rng(0)
+    clouds = []
+    for number in range(2):
+        points = scene.points_on(scene.corner, 60, 0.01, rng)
+        clouds.append(write_las(tmp_path / f"{number}.laz", points, np.linspace(0.0, 8.0, len(points))))
+    trajectory = tmp_path / "t.txt"
+    trajectory.write_text("0 0 0 0 0 0 0 1\n8 0 0 0 0 0 0 1\n")
+    with pytest.raises(OptionError, match="at the same time"):
+        align_files(clouds, tmp_path / "out", AlignmentOptions(rounds_by="file"), trajectories=[trajectory])

@@ -1,0 +1,186 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Maps in another CRS than their clouds, and of a part of them: feet, degrees, geocentric coordinates, heights."""
+
+import numpy as np
+import pyproj
+import pytest
+
+from maxcon import PointMap
+from maxcon.errors import CrsError, MapError, OptionError
+from maxcon.io.clouds import open_cloud
+from maxcon.io.crs_transform import PointTransform
+from maxcon.mapping.build import Area, MapOptions, build_map
+
+UTM = "EPSG:25832"
+FOOT = 1200.0 / 3937.0
+
+
+@pytest.fixture
+def points():
+    rng = np.random.default_rng(3)
+    return np.array([550_000.0, 5_802_000.0, 60.0]) + rng.uniform(0, 40, (3000, 3))
+
+
+def _other(points, crs):
+    """The points in another plane CRS, heights as they are."""
+    x, y = pyproj.Transformer.from_crs(UTM, crs, always_xy=True).transform(points[:, 0], points[:, 1])
+    return np.column_stack([x, y, points[:, 2]])
+
+
+def _voxels(path):
+    point_map = PointMap.open(path)
+    indices, counts, _ = point_map.all_voxels()
+    corner = np.asarray(point_map.frame.origin) + indices * point_map.cell
+    return {tuple(np.round(row, 3)): int(n) for row, n in zip(corner, counts, strict=True)}
+
+
+def _shared(one, other):
+    return len(one.keys() & other.keys()) / len(one)
+
+
+@pytest.mark.parametrize("crs", ["EPSG:25833", "EPSG:4258", "EPSG:3035"])
+def test_points_of_another_crs_are_where_they_would_be(tmp_path, points, crs):
+    np.savez(tmp_path / "here.npz", points=points)
+    np.savez(tmp_path / "there.npz", points=_other(points, crs))
+    build_map([tmp_path / "here.npz"], tmp_path / "here.map", MapOptions(crs=UTM))
+    manifest = build_map([tmp_path / "there.npz"], tmp_path / "there.map", MapOptions(crs=crs, to_crs=UTM))
+    assert (
+        _shared(_voxels(tmp_path / "here.map"), _voxels(tmp_path / "there.map")) > 0.99
+    )  # 0.1 mm of the projection
+    assert pyproj.CRS(manifest.crs).to_epsg() == 25832
+    assert manifest.build["sources"][0]["transform"].startswith("from ")
+
+
+def test_sources_of_several_crs_make_one_map(tmp_path, cloud_files, points):
+    one = cloud_files.las(tmp_path / "a.laz", points[:1500], crs=UTM)
+    two = cloud_files.las(tmp_path / "b.laz", _other(points[1500:], "EPSG:25833"), crs="EPSG:25833")
+    manifest = build_map([one, two], tmp_path / "ab.map", MapOptions(to_crs=UTM))
+    np.savez(tmp_path / "here.npz", points=points)
+    build_map([tmp_path / "here.npz"], tmp_path / "here.map", MapOptions(crs=UTM))
+    assert _shared(_voxels(tmp_path / "here.map"), _voxels(tmp_path / "ab.map")) > 0.9  # LAS rounds to 1 mm
+    assert manifest.n_points == 3000
+
+
+def test_feet_are_scaled_by_the_crs():
+    """New York in feet of the US survey: what no CRS says of heights is in the unit of the plane."""
+    transform = PointTransform("EPSG:2263", "EPSG:32618")
+    placed = transform.apply(np.array([[1_000_000.0, 200_000.0, 100.0]]))
+    plane = pyproj.Transformer.from_crs("EPSG:2263", "EPSG:32618", always_xy=True).transform(
+        1_000_000.0, 200_000.0
+    )
+    np.testing.assert_allclose(placed, [[*plane, 100.0 * FOOT]])
+    assert "heights times 0.3048006096" in transform.words
+    with_heights = PointTransform("EPSG:2263+6360", "EPSG:32618")  # NAVD88 in feet
+    np.testing.assert_allclose(with_heights.apply(np.array([[1e6, 2e5, 100.0]]))[0, 2], 100.0 * FOOT)
+    metres = PointTransform("EPSG:2263+5703", "EPSG:32618")  # NAVD88 in metres
+    np.testing.assert_allclose(metres.apply(np.array([[1e6, 2e5, 100.0]]))[0, 2], 100.0)
+
+
+def test_degrees_and_geocentric_coordinates():
+    degrees = PointTransform("EPSG:4326", "EPSG:32632").apply(np.array([[9.0, 52.0, 61.0]]))
+    np.testing.assert_allclose(degrees[0, [0, 2]], [500_000.0, 61.0], atol=1e-6)
+    x, y, z = pyproj.Transformer.from_crs("EPSG:4979", "EPSG:4978", always_xy=True).transform(9.0, 52.0, 61.0)
+    np.testing.assert_allclose(
+        PointTransform("EPSG:4978", "EPSG:32632").apply(np.array([[x, y, z]])), degrees, atol=1e-6
+    )
+
+
+def test_the_same_crs_changes_nothing(points):
+    np.testing.assert_array_equal(PointTransform(UTM, UTM).apply(points), points)
+    np.testing.assert_array_equal(PointTransform("EPSG:25832+7837", UTM).apply(points), points)
+
+
+def test_heights_are_not_mixed(tmp_path, cloud_files, points):
+    with pytest.raises(CrsError, match="whose CRS says what heights are"):
+        PointTransform(UTM, "EPSG:25832+7837")
+    one = cloud_files.las(tmp_path / "a.laz", points, crs=UTM)
+    two = cloud_files.las(tmp_path / "b.laz", points, crs="EPSG:25832+7837")
+    with pytest.raises(CrsError, match=r"no stated reference in .*a\.laz and of DHHN2016 height in .*b\.laz"):
+        build_map([one, two], tmp_path / "x.map", MapOptions(to_crs=UTM))
+
+
+def test_what_cannot_be_transformed_is_refused(tmp_path, cloud_files, points):
+    np.savez(tmp_path / "none.npz", points=points)
+    none = tmp_path / "none.npz"
+    for options, kind, words in (
+        ({"to_crs": UTM}, CrsError, r"none\.npz.*got none\. Say which it is with --crs"),
+        ({"crs": UTM, "to_crs": "EPSG:4326"}, CrsError, "projected CRS in metres, got WGS 84"),
+        ({"crs": UTM, "to_crs": "EPSG:2263"}, CrsError, "projected CRS in metres"),
+        ({"crs": "EPSG:4326", "to_crs": UTM}, MapError, "3,000 have no finite coordinates"),
+    ):
+        with pytest.raises(kind, match=words):
+            build_map([none], tmp_path / "x.map", MapOptions(**options))
+    with pytest.raises(OptionError, match="--signed-normals or --to-crs"):
+        MapOptions(to_crs=UTM, normals_have_sides=True)
+    assert not (tmp_path / "x.map").exists()
+
+
+def test_a_part_of_a_cloud(tmp_path, cloud_files, points):
+    path = cloud_files.las(tmp_path / "a.laz", points, crs=UTM)
+    area = Area.parse("550010,5802005,550025,5802030")
+    with open_cloud(path) as reader:
+        seen = np.concatenate([chunk.points for chunk in reader.chunks()])
+    inside = area.contains(seen)
+    assert 200 < inside.sum() < 2000
+    manifest = build_map([path], tmp_path / "part.map", MapOptions(area=area))
+    assert manifest.n_points == inside.sum()
+    assert manifest.build["sources"][0]["n_outside"] == (~inside).sum()
+    np.savez(tmp_path / "inside.npz", points=seen[inside])
+    build_map([tmp_path / "inside.npz"], tmp_path / "inside.map", MapOptions(crs=UTM))
+    assert _shared(_voxels(tmp_path / "part.map"), _voxels(tmp_path / "inside.map")) > 0.98  # LAS: on borders
+    with pytest.raises(MapError, match="3,000 lie outside of the area"):
+        build_map([path], tmp_path / "x.map", MapOptions(area=Area(0, 0, 1, 1)))
+
+
+@pytest.mark.parametrize(
+    "text", ["", "1,2,3", "1,2,3,x", "3,0,1,1", "0,0,0,1", "nan,0,1,1", "0,0,inf,1", "1,2,3,4,5"]
+)
+def test_what_is_no_area(text):
+    with pytest.raises(OptionError, match="x_min,y_min,x_max,y_max"):
+        Area.parse(text)
+
+
+def test_real_copc_files_as_a_whole_and_by_area(real_data, tmp_path):
+    folder = real_data("recorders/copc")
+    lone_star = (
+        folder / "PDAL" / "lone-star.copc.laz"
+    )  # it says geocentric, and has coordinates of a UTM zone
+    with pytest.raises(CrsError, match="--to-crs"):
+        build_map([lone_star], tmp_path / "x.map", MapOptions(cell=0.5))
+    with pytest.raises(CrsError, match=r"got 515378\.8, 4918365\.0, 2324\.3\. They are of another CRS"):
+        build_map([lone_star], tmp_path / "x.map", MapOptions(cell=0.5, to_crs="EPSG:32613"))
+    for path in (
+        folder / "las-rs" / "autzen.copc.laz",
+        folder / "laspy" / "simple_with_page.copc.laz",
+    ):  # in feet
+        with pytest.raises(CrsError, match="foot"):
+            build_map([path], tmp_path / "x.map")
+        with open_cloud(path) as reader:
+            crs, points = reader.header.crs, np.concatenate([chunk.points for chunk in reader.chunks()])
+        placed = PointTransform(crs, "EPSG:32610").apply(points)
+        np.testing.assert_allclose(np.ptp(placed[:, 2]), np.ptp(points[:, 2]) * 0.3048, rtol=1e-4)
+        x, y = np.median(placed[:, :2], axis=0)
+        area = Area(x - 5000.0, y - 200.0, x + 1.0, y + 200.0)
+        options = MapOptions(to_crs="EPSG:32610", area=area, cell=1.0, drop=())
+        manifest = build_map([path], tmp_path / f"{path.name}.map", options)
+        counts = manifest.build["sources"][0]
+        assert manifest.n_points == counts["n_kept"] == area.contains(placed).sum()
+        assert 0 < counts["n_outside"] == len(points) - counts["n_kept"]
+        assert "foot" in crs and "heights times 0.3048" in counts["transform"]
+
+
+@pytest.mark.parametrize("name", ["scalar_Classification", "Classification", "label"])
+def test_classes_of_a_ply_are_those_of_las_if_one_says_so(tmp_path, points, name):
+    head = ["ply", "format ascii 1.0", "element vertex 3000", *(f"property double {axis}" for axis in "xyz")]
+    classes = np.repeat([2, 5, 6], 1000)
+    rows = [f"{x:.4f} {y:.4f} {z:.4f} {c}" for (x, y, z), c in zip(points.tolist(), classes, strict=True)]
+    path = tmp_path / "a.ply"
+    path.write_text("\n".join([*head, f"property float {name}", "end_header", *rows]) + "\n")
+    assert build_map([path], tmp_path / "all.map").n_points == 3000
+    manifest = build_map([path], tmp_path / "some.map", MapOptions(classes_are_asprs=True))
+    assert manifest.n_points == 1000
+    assert manifest.build["sources"][0]["n_dropped"] == {"2": 1000, "5": 1000}
+    np.savez(tmp_path / "none.npz", points=points)
+    with pytest.raises(OptionError, match=r"none\.npz, said to be those of the ASPRS"):
+        build_map([tmp_path / "none.npz"], tmp_path / "x.map", MapOptions(classes_are_asprs=True))

@@ -1,0 +1,101 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""A build that fails or is killed leaves no map, and no other map changed."""
+
+import errno
+import os
+import subprocess
+import sys
+
+import pytest
+from built_maps import left_over
+
+from maxcon import PointMap
+from maxcon.errors import FileError, MapError
+from maxcon.mapping.build import build_map
+from maxcon.map.manifest import read_manifest
+from maxcon.map.writer import MapWriter
+
+
+def test_a_map_that_exists_is_replaced_only_if_asked(tmp_path, cloud_files, some_points, surfaces):
+    one = cloud_files.npz(tmp_path / "one.npz", some_points)
+    other = cloud_files.npz(tmp_path / "other.npz", surfaces.wall(70, (0, 0), (3, 0))[0])
+    build_map([one], tmp_path / "a.map")
+    with pytest.raises(FileError, match=r"a\.map not to exist yet, but it does"):
+        build_map([other], tmp_path / "a.map")
+    assert read_manifest(tmp_path / "a.map").n_points == 200
+    build_map([other], tmp_path / "a.map", overwrite=True)
+    assert read_manifest(tmp_path / "a.map").n_points == 70
+    assert PointMap.open(tmp_path / "a.map").all_voxels()[1].sum() == 70
+    assert left_over(tmp_path) == ["a.map", "one.npz", "other.npz"]
+
+
+def test_overwriting_replaces_maps_only(tmp_path, cloud_files, some_points):
+    path = cloud_files.npz(tmp_path / "a.npz", some_points)
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos" / "summer.jpg").write_text("dear")
+    with pytest.raises(FileError, match=r"photos to be a map, to overwrite it, but it holds summer\.jpg"):
+        build_map([path], tmp_path / "photos", overwrite=True)
+    assert (tmp_path / "photos" / "summer.jpg").read_text() == "dear"
+
+
+@pytest.mark.parametrize("where", ["put", "finish"])
+def test_a_full_disk_leaves_nothing_behind(tmp_path, cloud_files, scene, monkeypatch, where):
+    path = cloud_files.npz(tmp_path / "a.npz", scene)
+    build_map([path], tmp_path / "old.map")
+    before = read_manifest(tmp_path / "old.map")
+
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(MapWriter, where, full)
+    for name, overwrite in (("new.map", False), ("old.map", True)):
+        with pytest.raises(
+            FileError, match=rf"able to write .*{name}, got: No space left on device\..*disk space"
+        ):
+            build_map([path], tmp_path / name, overwrite=overwrite)
+    assert left_over(tmp_path) == ["a.npz", "old.map"]
+    assert read_manifest(tmp_path / "old.map") == before
+    PointMap.open(tmp_path / "old.map").all_voxels()
+
+
+def test_a_broken_source_leaves_nothing_behind(tmp_path, cloud_files, scene):
+    whole = cloud_files.npz(tmp_path / "whole.npz", scene)
+    broken = cloud_files.las(tmp_path / "broken.las", scene)
+    broken.write_bytes(broken.read_bytes()[:-1000])
+    with pytest.raises(FileError, match=r"broken\.las"):
+        build_map([whole, broken], tmp_path / "a.map")
+    assert left_over(tmp_path) == ["broken.las", "whole.npz"]
+
+
+KILLED = """
+import sys, time
+import maxcon.mapping.build.build as build
+put = build.MapWriter.put
+def slowly(writer, record):
+    put(writer, record)
+    sys.stdout.write("wrote a tile\\n")
+    sys.stdout.flush()
+    time.sleep(60)
+build.MapWriter.put = slowly
+build.build_map([sys.argv[1]], sys.argv[2], n_threads=2)
+"""
+
+
+def test_a_killed_build_leaves_no_map(tmp_path, cloud_files, scene):
+    path = cloud_files.npz(tmp_path / "a.npz", scene)
+    out = tmp_path / "a.map"
+    with subprocess.Popen(
+        [sys.executable, "-c", KILLED, str(path), str(out)], stdout=subprocess.PIPE, text=True
+    ) as build:
+        try:
+            first_line = build.stdout.readline()
+        finally:
+            build.kill()
+        build.wait(10)
+    assert first_line.startswith("wrote a tile")
+    assert not out.exists()
+    with pytest.raises(MapError, match="no such folder"):
+        PointMap.open(out)
+    build_map([path], out)  # what the killed run left does not stand in the way
+    assert PointMap.open(out).all_voxels()[1].sum() == len(scene)

@@ -1,0 +1,179 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""A map is the same to the byte, whoever makes its tiles, and however often they end over it."""
+
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from maxcon._system.engine import Engine
+from maxcon.errors import MapError
+from maxcon.mapping.build import MapOptions, build_map
+from maxcon.mapping.build.sightings import SightingSpill
+from maxcon.mapping.build.spill import TileSpill
+from maxcon.mapping.build.tile_job import TileJob, TileStep, TileTask, by_threads
+from maxcon.map import PointMap
+
+for package in ("distributed", "cryptography"):
+    pytest.importorskip(package, reason="the extra engine is not installed")
+if sys.platform == "win32":
+    pytest.skip("no POSIX signals to kill a worker with", allow_module_level=True)
+
+CELL = 0.06
+
+
+def files_of(folder):
+    return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture(scope="module")
+def street():
+    """A road and the house beside it, in some ten tiles; seen twice, a car the first time only. Points and times."""
+    rng = np.random.default_rng(0)
+
+    def spread(n, low, high):
+        return rng.uniform(low, high, (n, 3))
+
+    once = [
+        spread(60_000, [0.0, 0.0, 0.0], [100.0, 40.0, 0.02]),
+        spread(60_000, [0.0, 35.0, 0.0], [100.0, 35.02, 6.0]),
+    ]
+    car = spread(6_000, [40.0, 10.0, 0.3], [44.0, 12.0, 1.5])
+    points = np.concatenate([*once, car, *once])
+    times = np.concatenate([np.full(126_000, 5.0), np.full(120_000, 500.0)])
+    return points + [458_000.0, 5_428_000.0, 100.0], times
+
+
+@pytest.fixture
+def cloud(street, cloud_files, tmp_path):
+    return cloud_files.las(tmp_path / "street.laz", street[0], None, street[1])
+
+
+OPTIONS = {
+    "plain": MapOptions(classify="off"),
+    "classes found": MapOptions(classify="always"),
+    "classes kept": MapOptions(classify="always", drop=()),
+}
+
+
+@pytest.fixture(scope="module", params=OPTIONS)
+def options(request):
+    return OPTIONS[request.param]
+
+
+def test_two_workers_make_the_map_that_threads_make(cloud, options, tmp_path):
+    build_map([cloud], tmp_path / "threads.map", options, n_threads=2)
+    build_map([cloud], tmp_path / "workers.map", options, engine=Engine(2))
+    assert files_of(tmp_path / "workers.map") == files_of(tmp_path / "threads.map")
+    n_points = PointMap.open(tmp_path / "workers.map").all_voxels()[1].sum()
+    assert n_points == 246_000 if options.classify == "off" else 100_000 < n_points <= 246_000
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["street.laz", "threads.map", "workers.map"]
+
+
+def test_thin_tiles_go_together(tmp_path, cloud_files):
+    points = np.random.default_rng(0).uniform(0.0, 700.0, (2000, 3)) * [1.0, 1.0, 0.01]
+    cloud = cloud_files.npz(tmp_path / "a.npz", points)
+    build_map([cloud], tmp_path / "threads.map")
+    build_map([cloud], tmp_path / "workers.map", engine=Engine(2))
+    assert files_of(tmp_path / "workers.map") == files_of(tmp_path / "threads.map")
+
+
+def kill_a_worker():
+    """Kill one of the processes that this one's cluster has started; return whether there was one."""
+    import psutil
+
+    for child in psutil.Process().children(recursive=True):
+        with suppress(psutil.Error):  # it ended by itself
+            if any("spawn_main" in word for word in child.cmdline()):
+                child.kill()
+                return True
+    return False
+
+
+def test_workers_that_are_killed_change_nothing(cloud, tmp_path):
+    """One of them after every third tile, at each step."""
+    kills = []
+
+    def kill(step, done, total):
+        if step == "making tiles" and done % 3 == 1 and done < total:
+            kills.append(kill_a_worker())
+
+    options = OPTIONS["classes found"]
+    build_map([cloud], tmp_path / "threads.map", options)
+    build_map([cloud], tmp_path / "workers.map", options, engine=Engine(2), progress=kill)
+    assert sum(kills) > 3
+    assert files_of(tmp_path / "workers.map") == files_of(tmp_path / "threads.map")
+
+
+@pytest.fixture
+def spilled(street, tmp_path):
+    """The points of the street on disk, as a build sorts them for others; the job, and the keys of its tiles."""
+    points = street[0] - [458_000.0, 5_428_000.0, 100.0]
+    spill, sightings = TileSpill(tmp_path, CELL), SightingSpill(tmp_path, CELL)
+    spill.add(points, np.zeros(points.shape, np.float32))
+    sightings.add(points, street[1])
+    spill.complete(to_disk=True)
+    sightings.complete(to_disk=True)
+    return TileJob(
+        tmp_path, CELL, has_normals=False, is_signed=False, finds_surfaces=True, drop=frozenset()
+    ), spill.keys
+
+
+def test_every_step_may_be_done_twice_and_each_by_another_process(spilled):
+    job, keys = spilled
+    for part in (keys[:3], keys[2:]):  # the third by one that took over, too
+        job.open()(TileTask(TileStep.GATHER, tuple(part)))
+    once, twice = (job.open()(TileTask(TileStep.FIND_CLASSES, tuple(keys))) for _ in range(2))
+    assert [found.n_points for found in once] == [found.n_points for found in twice]
+    made = [
+        [job.fetched(tile) for tile in job.open()(TileTask(TileStep.MAKE, tuple(keys)))] for _ in range(2)
+    ]
+    assert [tile.record for tile in made[0]] == [tile.record for tile in made[1]]
+    assert sum(tile.record.n_points for tile in made[0]) == 246_000
+
+
+def test_a_tile_without_points_is_an_error_and_not_an_empty_tile(spilled):
+    job, _ = spilled
+    with pytest.raises(FileNotFoundError):
+        job.open()(TileTask(TileStep.GATHER, ((99, 99),)))
+
+
+def test_a_map_without_one_of_its_tiles_is_refused():
+    job = TileJob(Path(), CELL, has_normals=False, is_signed=False, finds_surfaces=False)
+    task = TileTask(TileStep.MAKE, ((3, -4), (5, 6)))
+    one, _ = job.split(task)
+    assert one == TileTask(TileStep.MAKE, ((3, -4),))
+    with pytest.raises(
+        MapError, match=r"Expected to make all tiles of the map, but of tile \(3, -4\) it crashes"
+    ):
+        job.lost(one, "it crashes")
+
+
+def test_tiles_wait_in_files_for_those_before_them(spilled):
+    """A tile that takes long, or ends its workers, lets all others wait: they must not do so in memory."""
+    job, keys = spilled
+    job.open()(TileTask(TileStep.GATHER, tuple(keys)))
+    job.open()(TileTask(TileStep.FIND_CLASSES, tuple(keys)))
+    waiting = job.open()(TileTask(TileStep.MAKE, tuple(keys)))
+    assert all(tile.record.content == b"" for tile in waiting)
+    assert all(len(job.fetched(tile).record.content) > 1000 for tile in waiting)
+    assert not list(job.folder.glob("*.record"))
+
+
+def test_a_worker_that_does_not_see_the_folder_says_so(tmp_path):
+    job = TileJob(tmp_path / "no", CELL, has_normals=False, is_signed=False, finds_surfaces=False)
+    with pytest.raises(MapError, match=r"Expected all workers to see .*no, got one on .* that does not"):
+        job.open()
+
+
+def test_one_worker_is_this_process_with_one_thread(cloud, tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr(
+        "maxcon.mapping.build.build.by_threads",
+        lambda *arguments: asked.append(arguments[-1]) or by_threads(*arguments),
+    )
+    build_map([cloud], tmp_path / "a.map", engine=Engine(1))
+    assert asked == [1]

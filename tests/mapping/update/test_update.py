@@ -1,0 +1,190 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""A car is gone, another is new, a third passes, and the wall stays: what an update makes of a street."""
+
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from maxcon import PointMap
+from maxcon.errors import FileError, MapError, OptionError
+from maxcon.lab.dataset_drives import open_drives
+from maxcon.map.manifest import read_manifest
+from maxcon.map.surface_class import SurfaceClass
+from maxcon.mapping.update import LocalizedDrive, UpdateOptions, update_map
+from street_of_boxes import CAR, CELL, OTHER_CAR, WALL, DriveOfBoxes, map_of
+from written_maps import write
+
+
+def parked(*boxes):
+    return lambda seconds: boxes
+
+
+def with_passing_car(seconds):
+    """A car on the other lane, at 8 m/s."""
+    return (OTHER_CAR, ((8.0 * seconds - 4.0, -3.6, 0.2), (8.0 * seconds, -1.9, 1.5)))
+
+
+def drive(boxes_at, **changes):
+    scans = DriveOfBoxes(boxes_at, **changes)
+    return LocalizedDrive(scans, scans.rows(), len(scans), "poses.csv", "0" * 64)
+
+
+def checksums(folder):
+    return {
+        p: hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(Path(folder).rglob("*")) if p.is_file()
+    }
+
+
+@pytest.fixture(scope="module")
+def street(tmp_path_factory):
+    """The map of a day when CAR was there."""
+    folder = tmp_path_factory.mktemp("street") / "street.map"
+    point_map = map_of(WALL, CAR)
+    write(folder, point_map, point_map._ground, origin=(0.0, 0.0, 0.0))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def updated(street, tmp_path_factory):
+    out = tmp_path_factory.mktemp("updated") / "next.map"
+    update_map(street, [drive(with_passing_car)], out)
+    return out
+
+
+def voxels_of(folder, which):
+    opened = PointMap.open(folder, left_out=None)
+    parts = []
+    for key in sorted(opened.tile_keys):
+        tile = opened.tile(key)
+        classes = np.zeros(len(tile), np.uint8) if tile.classes is None else tile.classes
+        parts.append(tile.mean_points(CELL)[classes == which])
+    return np.concatenate(parts)
+
+
+def inside(points, box, margin=0.1):
+    low, high = np.array(box)
+    return ((points >= low - margin) & (points <= high + margin)).all(axis=1)
+
+
+def test_what_was_seen_through_is_gone(updated):
+    gone = voxels_of(updated, SurfaceClass.GONE)
+    assert inside(gone, CAR).all()
+    left = voxels_of(updated, SurfaceClass.KNOWN)
+    is_of_car = inside(left, CAR)
+    assert len(gone) > 0.9 * (len(gone) + is_of_car.sum())
+
+
+def test_the_wall_stays_and_no_voxel_is_lost(street, updated):
+    known = voxels_of(street, SurfaceClass.KNOWN)
+    n_wall = inside(known, WALL).sum()
+    assert inside(voxels_of(updated, SurfaceClass.KNOWN), WALL).sum() == n_wall
+    assert len(voxels_of(updated, SurfaceClass.KNOWN)) + len(voxels_of(updated, SurfaceClass.GONE)) == len(
+        known
+    )
+
+
+def test_what_was_seen_newly_is_new_and_what_passed_is_not(updated):
+    new = voxels_of(updated, SurfaceClass.NEW)
+    assert len(new) > 1000
+    assert inside(new, OTHER_CAR).all()
+    assert (new[:, 2] > 0.2).all()  # the road is none
+
+
+def test_a_search_does_not_meet_what_is_gone(updated):
+    points = np.concatenate(
+        [PointMap.open(updated).tile(key).mean_points(CELL) for key in PointMap.open(updated).tile_keys]
+    )
+    assert not inside(points, CAR, margin=0.0).sum() > 0.1 * len(voxels_of(updated, SurfaceClass.GONE))
+    assert PointMap.open(updated).tile(next(iter(PointMap.open(updated).tile_keys))).classes is None
+
+
+def test_the_map_is_not_touched_and_is_named(street, updated):
+    said = read_manifest(updated).build["updates"]
+    assert len(said) == 1
+    assert said[0]["parent"]["sha256"] == json.loads((street / "manifest.json").read_text())["sha256"]
+    assert said[0]["drives"][0]["n_looks"] == 40
+    assert said[0]["n_gone"] == len(voxels_of(updated, SurfaceClass.GONE))
+    assert said[0]["n_new"] == len(voxels_of(updated, SurfaceClass.NEW))
+
+
+def test_a_car_that_comes_back_is_new_again(street, updated, tmp_path):
+    before = checksums(updated)
+    update_map(updated, [drive(parked(CAR), start=5000.0)], tmp_path / "third.map")
+    assert checksums(updated) == before
+    third = tmp_path / "third.map"
+    back = voxels_of(third, SurfaceClass.NEW)
+    assert inside(back, CAR).sum() > 1000
+    n_before = inside(voxels_of(updated, SurfaceClass.NEW), OTHER_CAR).sum()
+    assert inside(back, OTHER_CAR).sum() < 0.1 * n_before  # it has left meanwhile
+    said = read_manifest(third).build["updates"]
+    assert [len(each["drives"]) for each in said] == [1, 1]
+    assert said[1]["n_back"] > 1000
+    assert said[1]["parent"]["sha256"] == json.loads((updated / "manifest.json").read_text())["sha256"]
+
+
+def test_the_same_street_does_not_change(street, tmp_path):
+    update_map(street, [drive(parked(CAR))], tmp_path / "same.map")
+    said = read_manifest(tmp_path / "same.map").build["updates"][0]
+    assert (said["n_gone"], said["n_new"]) == (0, 0)
+    assert said["n_judged"] > 10_000
+
+
+def test_one_place_says_nothing_however_long(street, tmp_path):
+    """A vehicle that stands sees the same again and again: one look."""
+    standing = drive(parked(OTHER_CAR))
+    rows = tuple(
+        (i, row.__class__(row.time, standing.rows[10][1].pose, "localized", "", {}))
+        for i, row in standing.rows
+    )
+    update_map(street, [LocalizedDrive(standing.scans, rows, 40, "poses.csv", "")], tmp_path / "same.map")
+    said = read_manifest(tmp_path / "same.map").build["updates"][0]
+    assert (said["n_gone"], said["n_new"]) == (0, 0)
+
+
+def test_tiles_come_and_go_from_memory_without_a_trace(street, updated, tmp_path, monkeypatch):
+    """Looks one by one, the tiles of each read for it: the same bytes as all at once."""
+    monkeypatch.setattr("maxcon.mapping.update.gathering.MOST_VOXELS", 1)
+    update_map(street, [drive(with_passing_car)], tmp_path / "next.map")
+    assert list(checksums(tmp_path / "next.map").values()) == list(checksums(updated).values())
+
+
+def test_what_cannot_be_is_refused(street, tmp_path):
+    with pytest.raises(OptionError, match="another folder"):
+        update_map(street, [drive(parked())], street, overwrite=True)
+    with pytest.raises(OptionError, match="at least one drive"):
+        update_map(street, [], tmp_path / "x.map")
+    far = drive(parked())
+    rows = tuple(
+        (i, row.__class__(row.time, row.pose.translated((1e5, 0, 0)), "localized", "", {}))
+        for i, row in far.rows
+    )
+    with pytest.raises(MapError, match="no pose comes near"):
+        update_map(street, [LocalizedDrive(far.scans, rows, 40, "p", "")], tmp_path / "x.map")
+    assert not (tmp_path / "x.map").exists()
+    with pytest.raises(OptionError, match="gone_at"):
+        UpdateOptions(gone_at=-3.0)
+    with pytest.raises(OptionError, match="least_share"):
+        UpdateOptions(least_share=0.0)
+
+
+def test_drives_are_named_in_turn(tmp_path):
+    scans, poses = DriveOfBoxes(parked(), n=3).write(tmp_path)
+    (one,) = open_drives([scans, poses])
+    assert (one.n_epochs, len(one.rows), one.name) == (3, 3, "poses.csv")
+    with pytest.raises(OptionError, match="behind it"):
+        open_drives([scans])
+    with pytest.raises(OptionError, match="got it alone"):
+        open_drives([poses])
+    with pytest.raises(OptionError, match="at least one"):
+        open_drives([])
+    lines = poses.read_text().splitlines()
+    poses.write_text("\n".join([lines[0], *(line.replace("localized", "weak") for line in lines[1:])]) + "\n")
+    with pytest.raises(FileError, match="Expected a localized epoch"):
+        open_drives([scans, poses])
+    (tmp_path / "scans/times.txt").write_text("1\n2\n3\n")
+    with pytest.raises(FileError, match="when there is no"):
+        open_drives([scans, poses])

@@ -1,0 +1,233 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""A scan is laid on the ground of the map: slopes, camber, kerbs, ramps, cars; and where it cannot be told."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from maxcon import PointMap, Pose, Scan
+from maxcon.refine.ground import fit_ground, kernels
+
+CELL = 0.06
+WALL, FACING = np.array([[0.0, 50.0, 2.0]]), np.array([[0.0, -1.0, 0.0]])
+HEIGHT = 1.8
+
+
+def flat(x, y):
+    return 0.0 * x
+
+
+def slope(x, y):
+    return 0.12 * x - 0.03 * y
+
+
+def camber(x, y):
+    return -0.03 * np.abs(y)
+
+
+def kerb(x, y):
+    return 0.12 * (np.abs(y) > 4.0)
+
+
+def ramp(x, y):
+    return 0.15 * np.clip(x - 5.0, 0.0, 12.0)
+
+
+def hill(x, y):
+    return 1.5 * np.sin(x / 25.0) + 0.01 * y
+
+
+GROUNDS = (flat, slope, camber, kerb, ramp, hill)
+
+
+def map_of(ground, reach=45.0, keep=None, seed=0):
+    """A map with the heights of a ground, shape (z of x and y), every 10 cm and rough by 1 cm."""
+    x, y = (grid.ravel() for grid in np.meshgrid(*2 * [np.arange(-reach, reach, 0.1)]))
+    z = ground(x, y) + np.random.default_rng(seed).normal(0.0, 0.01, len(x))
+    points = np.column_stack([x, y, z])
+    return PointMap.from_points(WALL, FACING, CELL, ground=points if keep is None else points[keep(x, y)])
+
+
+MAPS = {ground: map_of(ground) for ground in GROUNDS}
+
+
+def on(ground, x=0.0, y=0.0, heading=0.0):
+    """The pose of a sensor above a ground, upright on it."""
+    step = 0.5
+    slope_x, slope_y = (
+        (ground(x + dx, y + dy) - ground(x - dx, y - dy)) / (2.0 * step)
+        for dx, dy in ((step, 0.0), (0.0, step))
+    )
+    c, s = math.cos(heading), math.sin(heading)
+    along, across = c * slope_x + s * slope_y, -s * slope_x + c * slope_y
+    pitch = -math.atan(along)
+    return Pose(x, y, float(ground(x, y)) + HEIGHT, math.atan(across * math.cos(pitch)), pitch, heading)
+
+
+def scan_of(ground, pose, *, cars=0.0, n_rings=40, noise=0.02, seed=0, sector=math.pi):
+    """A scan of a ground from a pose, in rings; on a share of the azimuths a box 1.5 m high hides it from 5 m on."""
+    rng = np.random.default_rng(seed)
+    azimuths, distances = (
+        grid.ravel()
+        for grid in np.meshgrid(
+            np.radians(np.arange(0.0, 360.0, 0.5)), HEIGHT / np.tan(np.linspace(0.05, 0.7, n_rings))
+        )
+    )
+    is_seen = np.abs((azimuths - pose.heading + math.pi) % (2.0 * math.pi) - math.pi) <= sector
+    azimuths, distances = azimuths[is_seen], distances[is_seen]
+    x, y = pose.x + distances * np.cos(azimuths), pose.y + distances * np.sin(azimuths)
+    z = ground(x, y) + rng.normal(0.0, noise, len(x))
+    blocks = rng.random(36) < cars
+    z += np.where(blocks[(azimuths / (2.0 * math.pi) * 36).astype(int) % 36] & (distances > 5.0), 1.5, 0.0)
+    return Scan((np.column_stack([x, y, z]) - pose.position) @ pose.rotation)
+
+
+def tilt_between(one, other):
+    """Angle between the verticals of two poses, degrees."""
+    cosine = (one.rotation.T @ [0.0, 0.0, 1.0]) @ (other.rotation.T @ [0.0, 0.0, 1.0])
+    return math.degrees(math.acos(min(1.0, cosine)))
+
+
+def off_by(pose, height, roll_deg, pitch_deg):
+    return replace(
+        pose,
+        z=pose.z + height,
+        roll=pose.roll + math.radians(roll_deg),
+        pitch=pose.pitch + math.radians(pitch_deg),
+    )
+
+
+@given(
+    ground=st.sampled_from(GROUNDS),
+    height=st.floats(-2.0, 2.0),
+    roll_deg=st.floats(-1.5, 1.5),
+    pitch_deg=st.floats(-1.5, 1.5),
+    heading=st.floats(-3.0, 3.0),
+    cars=st.sampled_from([0.0, 0.2, 0.35]),
+    seed=st.integers(0, 2**32),
+)
+@settings(max_examples=60, deadline=None)
+def test_height_and_tilt_of_a_prior_are_corrected(ground, height, roll_deg, pitch_deg, heading, cars, seed):
+    pose = on(ground, heading=heading)
+    fit = fit_ground(
+        scan_of(ground, pose, cars=cars, seed=seed), MAPS[ground], off_by(pose, height, roll_deg, pitch_deg)
+    )
+    assert fit is not None
+    assert abs(fit.pose.z - pose.z) < 0.05
+    assert tilt_between(fit.pose, pose) < 0.25
+    assert (fit.pose.x, fit.pose.y, fit.pose.heading) == (pose.x, pose.y, pose.heading)
+    assert fit.height == pytest.approx(fit.pose.z - (pose.z + height))
+
+
+@pytest.mark.parametrize("ground", GROUNDS)
+@pytest.mark.parametrize("offset", [(3.0, 0.0), (-2.0, 2.0), (0.0, -3.0)])
+def test_at_a_wrong_place_the_height_is_that_of_this_place(ground, offset):
+    """A prior 3 m and 2 degrees off, and 1 m too high: what it gets is what stands upright where it is."""
+    pose = on(ground)
+    there = on(ground, *offset)
+    prior = off_by(replace(pose, x=offset[0], y=offset[1], heading=math.radians(2.0)), 1.0, 0.5, -0.5)
+    fit = fit_ground(scan_of(ground, pose), MAPS[ground], prior)
+    assert fit is not None
+    assert abs(fit.pose.z - there.z) < 0.15
+
+
+def test_a_right_prior_stays():
+    pose = on(hill, 4.0, -3.0, 0.7)
+    fit = fit_ground(scan_of(hill, pose), MAPS[hill], pose)
+    assert abs(fit.height) < 0.02
+    assert math.degrees(fit.tilt) < 0.1
+    assert fit.spread < 0.04
+    assert fit.share > 0.9
+    assert fit.sigma_height < 0.01
+    assert math.degrees(fit.sigma_tilt) < 0.1
+
+
+def test_a_narrow_view_tells_less_of_the_tilt():
+    pose = on(flat)
+    wide, narrow = (
+        fit_ground(scan_of(flat, pose, sector=sector), MAPS[flat], pose) for sector in (math.pi, 0.3)
+    )
+    assert narrow.sigma_tilt > 2.0 * wide.sigma_tilt
+    assert abs(narrow.height) < 0.05
+
+
+def test_under_a_bridge_and_on_it():
+    """The level that is nearest to most of the ground near the sensor."""
+    x, y = (grid.ravel() for grid in np.meshgrid(*2 * [np.arange(-35.0, 35.0, 0.1)]))
+    road, deck = np.column_stack([x, y, 0.0 * x]), np.column_stack([x, y, 0.0 * x + 5.5])[np.abs(x) < 8.0]
+    point_map = PointMap.from_points(WALL, FACING, CELL, ground=np.concatenate([road, deck]))
+    below = on(flat)
+    fit = fit_ground(scan_of(flat, below), point_map, off_by(below, 1.2, 0.5, 0.5))
+    assert abs(fit.pose.z - below.z) < 0.05
+    above = replace(below, z=below.z + 5.5)
+    seen = scan_of(lambda x, y: np.where(np.abs(x) < 8.0, 5.5, 0.0), above)
+    fit = fit_ground(seen, point_map, off_by(above, -1.2, 0.5, 0.5))
+    assert abs(fit.pose.z - above.z) < 0.05
+
+
+def test_fences_below_and_reflections_do_not_pull_it_down():
+    pose = on(camber)
+    scan = scan_of(camber, pose)
+    rng = np.random.default_rng(1)
+    under = scan.points[rng.random(len(scan)) < 0.02] - [0.0, 0.0, 2.5]
+    fit = fit_ground(Scan(np.concatenate([scan.points, under])), MAPS[camber], off_by(pose, -0.8, 1.0, -1.0))
+    assert abs(fit.pose.z - pose.z) < 0.05
+
+
+@pytest.mark.parametrize(
+    ("scan", "point_map", "prior"),
+    [
+        (scan_of(flat, on(flat)), PointMap.from_points(WALL, FACING, CELL), on(flat)),
+        (scan_of(flat, on(flat)), MAPS[flat], on(flat, 500.0)),
+        (scan_of(flat, on(flat)), MAPS[flat], off_by(on(flat), 6.0, 0.0, 0.0)),
+        (Scan(np.empty((0, 3))), MAPS[flat], on(flat)),
+        (Scan([[5.0, 0.0, -HEIGHT]]), MAPS[flat], on(flat)),
+        (scan_of(flat, on(flat)), map_of(flat, keep=lambda x, y: np.hypot(x - 6.0, y) < 1.5), on(flat)),
+    ],
+    ids=["no ground", "elsewhere", "too high", "no points", "one point", "a speck of ground"],
+)
+def test_where_it_cannot_be_told_nothing_is_said(scan, point_map, prior):
+    assert fit_ground(scan, point_map, prior) is None
+
+
+def test_walls_all_around_are_no_ground():
+    rng = np.random.default_rng(0)
+    azimuths, heights = rng.uniform(-math.pi, math.pi, 20_000), rng.uniform(-1.0, 12.0, 20_000)
+    far = rng.uniform(5.0, 25.0, 20_000)
+    scan = Scan(np.column_stack([far * np.cos(azimuths), far * np.sin(azimuths), heights + 3.0]))
+    assert fit_ground(scan, MAPS[flat], on(flat)) is None
+
+
+@given(seed=st.integers(0, 2**32), height=st.floats(-1.0, 1.0))
+@settings(max_examples=10, deadline=None)
+def test_the_order_of_points_does_not_matter(seed, height):
+    pose = on(hill)
+    scan = scan_of(hill, pose)
+    order = np.random.default_rng(seed).permutation(len(scan))
+    one, other = (
+        fit_ground(s, MAPS[hill], off_by(pose, height, 0.3, 0.3)) for s in (scan, Scan(scan.points[order]))
+    )
+    assert abs(one.pose.z - other.pose.z) < 1e-6
+
+
+def plain_most_frequent(points, below, near, reach, width):
+    """The median of the five bins that hold most, the middle ones weighing more."""
+    some = below[(np.hypot(points[:, 0], points[:, 1]) <= near) & (np.abs(below) <= reach)]
+    if not len(some):
+        return 0.0
+    counts = np.bincount(((some + reach) / width).astype(int), minlength=round(2 * reach / width) + 1)
+    most = (np.argmax(np.convolve(counts, [1, 2, 3, 2, 1], mode="same")) + 0.5) * width - reach
+    return np.median(some[np.abs(some - most) <= 2.5 * width])
+
+
+@given(st.integers(0, 2**32), st.integers(0, 200))
+def test_the_most_frequent_height_is_that_of_a_histogram(seed, n):
+    rng = np.random.default_rng(seed)
+    points, below = rng.uniform(-20, 20, (n, 3)), rng.choice([-1.0, 0.3, 2.4], n) + rng.normal(0.0, 0.2, n)
+    got = kernels.most_frequent(points, below, 12.0, 2.5, 0.1)
+    assert got == plain_most_frequent(points, below, 12.0, 2.5, 0.1)

@@ -1,0 +1,427 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Scan normals against surfaces that are known, seen by a synthetic ring scanner."""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from maxcon import Scan
+from maxcon.errors import ArrayError
+from maxcon.io.scans import open_scans
+from maxcon.scan.normals.scan_normals import estimate_scan_normals
+
+STREET = np.radians(31.0)
+GROUND = ((0.0, 0.0, 1.0), 1.7, (-2.0, 9.0))
+
+
+def directions(n_rings=16, low_deg=-15.0, high_deg=15.0, step_deg=0.2, jitter_deg=0.0, seed=0):
+    """Unit vectors of the beams of a ring scanner: 16 rings, 2 degrees apart, as of a VLP-16."""
+    rng = np.random.default_rng(seed)
+    elevations = np.radians(np.linspace(low_deg, high_deg, n_rings))
+    azimuths = np.radians(np.arange(0.0, 360.0, step_deg))
+    elevations, azimuths = (grid.ravel() for grid in np.meshgrid(elevations, azimuths, indexing="ij"))
+    elevations = elevations + np.radians(rng.normal(0.0, jitter_deg, len(elevations)))
+    level = np.cos(elevations)
+    return np.column_stack([level * np.cos(azimuths), level * np.sin(azimuths), np.sin(elevations)])
+
+
+def unit(*vector):
+    return np.array(vector) / np.linalg.norm(vector)
+
+
+def cast(beams, planes, noise=0.03, seed=0):
+    """Points on the nearest of some planes (normal to the sensor, distance, heights), and their true normals."""
+    ranges = np.full(len(beams), np.inf)
+    hit = np.zeros(len(beams), int)
+    for number, (normal, distance, (low, high)) in enumerate(planes):
+        with np.errstate(divide="ignore"):
+            along = -distance / (beams @ np.asarray(normal))
+        is_hit = (along > 0.5) & (along < np.minimum(ranges, 100.0))
+        heights = beams[:, 2] * np.where(is_hit, along, 0.0)
+        is_hit &= (heights > low) & (heights < high)
+        ranges[is_hit], hit[is_hit] = along[is_hit], number
+    seen = np.isfinite(ranges)
+    noisy = ranges[seen] + np.random.default_rng(seed).normal(0.0, noise, seen.sum())
+    true = np.array([plane[0] for plane in planes], float)[hit[seen]]
+    return beams[seen] * noisy[:, None], true
+
+
+def angle_errors_deg(normals, true):
+    return np.degrees(np.arccos(np.clip((normals * true).sum(axis=1), -1.0, 1.0)))
+
+
+def assert_good(points, true, normals, *, within=40.0):
+    """Near to 10 m the median error stays below 3 degrees, beyond about 1; most points have a normal."""
+    ranges = np.linalg.norm(points, axis=1)
+    has_normal = normals.any(axis=1)
+    errors = angle_errors_deg(normals, true)
+    n_checked = 0
+    for low, high, bound in ((3.0, 5.0, 3.5), (5.0, 10.0, 2.5), (10.0, 20.0, 1.2), (20.0, within, 0.8)):
+        is_in = (ranges >= low) & (ranges < high)
+        if is_in.sum() < 200:
+            continue
+        n_checked += 1
+        assert has_normal[is_in].mean() > 0.85
+        assert np.median(errors[is_in & has_normal]) < bound
+        assert np.quantile(errors[is_in & has_normal], 0.9) < 2.5 * bound
+    assert n_checked
+
+
+def assert_unit_and_turned_to_the_sensor(points, normals):
+    lengths = np.linalg.norm(normals, axis=1)
+    np.testing.assert_allclose(lengths[lengths > 0.0], 1.0, atol=1e-12)
+    assert ((normals * points).sum(axis=1) <= 0.0).all()
+
+
+def wall(distance, heading=0.0):
+    return (-np.sin(heading), -np.cos(heading), 0.0), distance, (-1.7, 8.0)
+
+
+@pytest.mark.parametrize("distance", [4.0, 6.0, 9.0, 12.0, 20.0])
+@pytest.mark.parametrize("heading", [0.0, STREET, 2.9])
+def test_a_wall(distance, heading):
+    points, true = cast(directions(), [wall(distance, heading)])
+    normals = estimate_scan_normals(points)
+    assert_good(points, true, normals, within=25.0)
+    assert_unit_and_turned_to_the_sensor(points, normals)
+    assert angle_errors_deg(normals, true)[normals.any(axis=1)].max() < 45.0
+
+
+def test_a_street_at_31_degrees():
+    across = unit(-np.sin(STREET), np.cos(STREET), 0.0)
+    points, true = cast(directions(), [(-across, 6.0, (-1.7, 12.0)), (across, 7.0, (-1.7, 12.0)), GROUND])
+    normals = estimate_scan_normals(points)
+    assert_unit_and_turned_to_the_sensor(points, normals)
+    is_wall = true[:, 2] == 0.0
+    assert_good(points[is_wall], true[is_wall], normals[is_wall], within=25.0)
+
+
+def test_a_tilted_roof():
+    points, true = cast(directions(), [(unit(0.0, -0.6, -0.8), 8.0, (-1.0, 8.0))])
+    normals = estimate_scan_normals(points)
+    near = np.linalg.norm(points, axis=1) < 20.0
+    assert_good(points[near], true[near], normals[near])
+    assert np.median(np.abs(normals[normals.any(axis=1), 2])) == pytest.approx(0.8, abs=0.02)
+
+
+def test_beyond_a_corner_each_wall_keeps_its_own_normal():
+    points, true = cast(directions(), [wall(6.0), wall(6.0, np.pi / 2)])
+    normals = estimate_scan_normals(points)
+    from_edge = np.hypot(points[:, 0] - 6.0, points[:, 1] - 6.0)
+    away = from_edge > 1.0
+    assert_good(points[away], true[away], normals[away], within=20.0)
+    errors = angle_errors_deg(normals, true)[normals.any(axis=1) & ~away]
+    assert np.quantile(errors, 0.95) < 60.0
+    assert_unit_and_turned_to_the_sensor(points, normals)
+
+
+def test_a_step_in_depth_is_not_bridged():
+    """A pillar 2 m before a wall: at its edges no normal looks along the step."""
+    beams = directions()
+    before = np.abs(np.arctan2(beams[:, 0], beams[:, 1])) < 0.2
+    front, front_true = cast(beams[before], [wall(6.0)], seed=1)
+    back, back_true = cast(beams[~before], [wall(8.0)], seed=2)
+    points, true = np.concatenate([front, back]), np.concatenate([front_true, back_true])
+    normals = estimate_scan_normals(points)
+    has_normal = normals.any(axis=1)
+    errors = angle_errors_deg(normals, true)[has_normal]
+    assert has_normal.mean() > 0.9
+    assert np.quantile(errors, 0.99) < 15.0
+
+
+def test_rings_of_unequal_spacing_as_kittis_every_fourth():
+    """64 layers in two blocks, every fourth kept, with jitter, 0.17 degrees apart."""
+    layers = np.concatenate([np.linspace(2.0, -8.33, 32), np.linspace(-8.87, -24.33, 32)])[::4]
+    beams = np.concatenate(
+        [directions(1, low, low, 0.17, 0.02, seed=number) for number, low in enumerate(layers)]
+    )
+    points, true = cast(beams, [wall(8.0, STREET), (GROUND[0], 1.73, (-2.0, 9.0))])
+    normals = estimate_scan_normals(points)
+    assert_unit_and_turned_to_the_sensor(points, normals)
+    is_wall = (true[:, 2] == 0.0) & (points[:, 2] > -1.2)
+    ranges = np.linalg.norm(points, axis=1)
+    errors = angle_errors_deg(normals, true)
+    for low, high, bound in ((8.0, 10.0, 3.0), (10.0, 20.0, 1.5)):
+        chosen = is_wall & (ranges >= low) & (ranges < high)
+        assert normals[chosen].any(axis=1).mean() > 0.8
+        assert np.median(errors[chosen & normals.any(axis=1)]) < bound
+
+
+def test_points_in_any_order_get_the_same_normals():
+    points, _ = cast(directions(), [wall(5.0, STREET), GROUND])
+    normals = estimate_scan_normals(points)
+    for seed in range(3):
+        order = np.random.default_rng(seed).permutation(len(points))
+        np.testing.assert_array_equal(estimate_scan_normals(points[order]), normals[order])
+
+
+def test_turning_the_scan_turns_its_normals():
+    points, _ = cast(directions(), [wall(6.0)])
+    normals = estimate_scan_normals(points)
+    for angle in (0.7, np.pi, -2.0):
+        c, s = np.cos(angle), np.sin(angle)
+        rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        turned = estimate_scan_normals(points @ rotation.T)
+        both = turned.any(axis=1) & normals.any(axis=1)
+        assert both.mean() > 0.95
+        assert np.median(angle_errors_deg(turned[both], (normals @ rotation.T)[both])) < 2.0
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_wall_behind_the_seam_of_azimuths(side):
+    """At 180 degrees azimuth jumps from pi to -pi; points there have neighbours on both sides all the same."""
+    errors = {}
+    for middle in (0.0, np.pi):
+        normal = np.array([-np.cos(middle), 0.0, 0.0])
+        for seed in range(8):
+            points, true = cast(directions(), [(normal, 6.0, (-1.7, 8.0))], seed=seed)
+            across = side * points[:, 1] / (points @ -normal)  # tangent of the angle from the middle
+            is_beside = (across > 0.0) & (across < np.radians(1.0)) & (points @ normal < 0.0)
+            normals = estimate_scan_normals(points)
+            assert normals[is_beside].any(axis=1).all()
+            errors.setdefault(middle, []).extend(angle_errors_deg(normals, true)[is_beside])
+    assert len(errors[np.pi]) > 400
+    assert np.median(errors[np.pi]) < 1.3 * np.median(errors[0.0]) < 3.0
+
+
+@pytest.mark.parametrize("distance", [3.0, 6.0, 12.0])
+def test_a_single_ring_says_nothing_of_a_wall(distance):
+    beams = directions(1, 1.0, 1.0)
+    points, _ = cast(beams, [wall(distance)], noise=0.01)
+    assert len(points) > 500
+    assert not estimate_scan_normals(points).any()
+    # Noise of 3 cm makes a band of a line: where that passes for a plane, it lies level and constrains nothing.
+    normals = estimate_scan_normals(cast(beams, [wall(distance)], noise=0.03)[0])
+    has_normal = normals.any(axis=1)
+    assert has_normal.mean() < 0.2
+    assert (np.abs(normals[has_normal, 2]) > 0.95).all()
+
+
+@pytest.mark.parametrize("n", range(6))
+def test_fewer_than_six_points_have_no_normals(n):
+    points, _ = cast(directions(), [wall(6.0)])
+    normals = estimate_scan_normals(points[:n])
+    assert normals.shape == (n, 3)
+    assert not normals.any()
+
+
+def test_points_scattered_in_space_have_few_normals():
+    points = np.random.default_rng(0).uniform(-20, 20, (2000, 3))
+    normals = estimate_scan_normals(points)
+    assert_unit_and_turned_to_the_sensor(points, normals)
+    assert normals.any(axis=1).mean() < 0.2
+
+
+def test_duplicates_and_points_at_the_sensor_do_no_harm():
+    points, true = cast(directions(), [wall(6.0)])
+    there = len(points)
+    many = np.concatenate([points, points, np.zeros((50, 3)), np.tile(points[:1], (500, 1))])
+    normals = estimate_scan_normals(many)
+    assert np.isfinite(normals).all()
+    np.testing.assert_array_equal(normals[2 * there : 2 * there + 50], 0.0)
+    assert np.median(angle_errors_deg(normals[:there], true)) < 3.0
+    same = estimate_scan_normals(np.tile([[3.0, 4.0, 1.0]], (1000, 1)))
+    assert not same.any()
+    assert not estimate_scan_normals(np.zeros((100, 3))).any()
+
+
+@given(st.integers(0, 2**32), st.integers(0, 200), st.sampled_from([1e-6, 1e-2, 1.0, 50.0, 1e6]))
+@settings(max_examples=60)
+def test_whatever_comes_normals_are_unit_vectors_or_zeros(seed, n, scale):
+    rng = np.random.default_rng(seed)
+    points = rng.normal(size=(n, 3)) * scale
+    points[rng.random(n) < 0.1] = 0.0
+    points[rng.random(n) < 0.3, 2] = 0.0
+    points[rng.random(n) < 0.1, :2] = 0.0  # straight up and down
+    normals = estimate_scan_normals(points)
+    assert normals.shape == points.shape
+    assert_unit_and_turned_to_the_sensor(points, normals)
+
+
+# Elevations of rings, deg: 16 evenly, 32 unevenly spaced, 64 in two blocks, 64 and 128 evenly.
+VLP_32C = (
+    -25.0, -15.639, -11.31, -8.843, -7.254, -6.148, -5.333, -4.667, -4.0, -3.667, -3.333, -3.0, -2.667, -2.333,
+    -2.0, -1.667, -1.333, -1.0, -0.667, -0.333, 0.0, 0.333, 0.667, 1.0, 1.333, 1.667, 2.333, 3.333, 4.667, 7.0,
+    10.333, 15.0,
+)  # fmt: skip
+RINGS_DEG = {
+    "8 rings": np.linspace(-10.0, 10.0, 8),
+    "16 rings": np.linspace(-15.0, 15.0, 16),
+    "32 uneven rings": np.array(VLP_32C),
+    "64 rings in two blocks": np.concatenate([np.linspace(2.0, -8.33, 32), np.linspace(-8.87, -24.33, 32)]),
+    "64 rings": np.linspace(-22.5, 22.5, 64),
+    "128 rings": np.linspace(-22.5, 22.5, 128),
+}
+
+
+def room():
+    """Five walls around the sensor, upright and leaning, at no special azimuth: unit normals, distances."""
+    turns = 0.4 + np.arange(5) * 2.0 * np.pi / 5.0
+    leaning = np.array([-0.25, 0.0, -0.25, 0.0, 0.35])
+    normals = np.column_stack([-np.cos(turns), -np.sin(turns), leaning])
+    return normals / np.linalg.norm(normals, axis=1)[:, None], np.array([8.0, 6.0, 15.0, 10.0, 7.0])
+
+
+def sweep(layout, speed=0.0, noise=0.02, step_deg=0.35):
+    """What a scanner sees of the room, and the true normals.
+
+    It turns at 10 Hz and moves along x at `speed` (m/s); points are moved to where it is at the middle of the scan.
+    """
+    rng = np.random.default_rng(len(layout))
+    if layout == "a cone":  # solid state: directions at random
+        up, turn = rng.uniform(np.cos(np.radians(38.0)), 1.0, 12_000), rng.uniform(0.0, 2.0 * np.pi, 12_000)
+        level = np.sqrt(1.0 - up * up)
+        beams = np.column_stack([up, level * np.cos(turn), level * np.sin(turn)])
+        origins = np.zeros_like(beams)
+    else:
+        beams = np.concatenate([directions(1, ring, ring, step_deg) for ring in RINGS_DEG[layout]])
+        turn = np.arctan2(beams[:, 1], beams[:, 0]) % (2.0 * np.pi)
+        origins = np.outer((turn / (2.0 * np.pi) - 0.5) * 0.1, [speed, 0.0, 0.0])
+    normals, distances = room()
+    with np.errstate(divide="ignore"):
+        ranges = -(distances + origins @ normals.T) / (beams @ normals.T)
+    ranges[ranges <= 0.5] = np.inf
+    nearest, wall_seen = ranges.min(axis=1), ranges.argmin(axis=1)
+    noisy = nearest + rng.normal(0.0, noise, len(nearest))
+    return origins + noisy[:, None] * beams, normals[wall_seen]
+
+
+def thinned(points, true, voxel=0.25):
+    """One point of each voxel (m)."""
+    _, kept = np.unique(np.floor(points / voxel).astype(int), axis=0, return_index=True)
+    return points[kept], true[kept]
+
+
+def shuffled(points, true):
+    order = np.random.default_rng(0).permutation(len(points))
+    return points[order], true[order]
+
+
+def as_it_came(points, true):
+    return points, true
+
+
+@pytest.mark.parametrize("change", [as_it_came, thinned, shuffled])
+@pytest.mark.parametrize("speed", [0.0, 15.0])
+@pytest.mark.parametrize("layout", [*RINGS_DEG, "a cone"])
+def test_whatever_the_layout_walls_get_their_normals(layout, speed, change):
+    points, true = change(*sweep(layout, speed))
+    normals = estimate_scan_normals(points)
+    assert_unit_and_turned_to_the_sensor(points, normals)
+    has_normal = normals.any(axis=1)
+    errors = angle_errors_deg(normals, true)[has_normal]
+    assert has_normal.mean() > (0.75 if change is thinned else 0.85)
+    assert np.median(errors) < 3.0
+    assert np.quantile(errors, 0.9) < (12.0 if change is thinned else 6.0)
+    assert (np.abs(normals[has_normal, 2]) > 0.8).mean() < 0.005  # no wall is taken for ground
+
+
+@pytest.mark.parametrize("tilt_deg", [-50.0, -20.0, 0.0, 20.0, 50.0])
+@pytest.mark.parametrize("azimuth_deg", [0.0, 77.0, 145.0, 180.0, -90.0])
+def test_a_plane_at_any_azimuth_and_tilt(azimuth_deg, tilt_deg):
+    """Within 25 degrees of its nearest point: there, every ring meets it."""
+    azimuth, tilt = np.radians([azimuth_deg, tilt_deg])
+    normal = -np.array([np.cos(tilt) * np.cos(azimuth), np.cos(tilt) * np.sin(azimuth), np.sin(tilt)])
+    points, true = cast(directions(), [(normal, 7.0, (-20.0, 20.0))], noise=0.02)
+    sees = points / np.linalg.norm(points, axis=1)[:, None] @ -normal
+    front = sees > np.cos(np.radians(max(25.0, abs(tilt_deg) - 5.0)))
+    normals = estimate_scan_normals(points)
+    has_normal = normals.any(axis=1)
+    assert front.sum() > 100
+    assert has_normal[front].mean() > 0.85
+    assert np.median(angle_errors_deg(normals, true)[front & has_normal]) < 3.0
+
+
+@pytest.mark.parametrize("elevation_deg", [-12.0, 0.0, 1.0, 9.0])
+@pytest.mark.parametrize("speed", [0.0, 15.0])
+@pytest.mark.parametrize("noise", [0.0, 0.02, 0.05])
+def test_a_lone_ring_gives_no_vertical_normals(elevation_deg, speed, noise, monkeypatch):
+    monkeypatch.setitem(RINGS_DEG, "one ring", np.array([elevation_deg]))
+    points, _ = sweep("one ring", speed, noise, step_deg=0.1)
+    normals = estimate_scan_normals(points)
+    assert not (np.abs(normals[:, 2]) > 0.5).any()
+    assert normals.any(axis=1).mean() < 0.01
+
+
+def test_points_in_one_direction_may_come_in_any_order():
+    """Two echoes of a beam have the same angles: they, too, are told apart by where they are."""
+    points, _ = sweep("16 rings")
+    points = np.concatenate(
+        [points, 1.25 * points[::3], np.tile(points[:1], (40, 1)) * np.linspace(1, 2, 40)[:, None]]
+    )
+    normals = estimate_scan_normals(points)
+    for seed in range(3):
+        order = np.random.default_rng(seed).permutation(len(points))
+        assert (estimate_scan_normals(points[order]) == normals[order]).all()
+
+
+def test_many_points_take_bounded_memory_and_time():
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(150_000, 3)) * [1e-3, 1e-3, 1e-3] + [20.0, 3.0, 1.0]  # all in one direction
+    normals = estimate_scan_normals(points)
+    assert_unit_and_turned_to_the_sensor(points, normals)
+
+
+@pytest.mark.parametrize("drive", ["kitti360-suburb/scans", "kitti360-suburb/scans_raw", "kitti-0013/scans"])
+def test_real_scans_have_horizontal_normals(real_data, drive):
+    """Every fourth of 64 layers; the deskewed ones had none once."""
+    folder = real_data(drive)
+    scans = open_scans(folder)
+    for i in range(0, len(scans), 8):
+        normals = estimate_scan_normals(scans.read(i).points)
+        is_horizontal = normals.any(axis=1) & (np.abs(normals[:, 2]) < 0.3)
+        assert is_horizontal.mean() > (0.25 if drive.startswith("kitti360") else 0.06)
+        assert normals.any(axis=1).mean() < 0.8  # bushes have none
+
+
+@pytest.fixture
+def allocation_stats():
+    """Counts of what compiled loops took and gave back."""
+    from numba.core.runtime import _nrt_python, rtsys
+
+    rtsys.initialize(None)
+    were_on = _nrt_python.memsys_stats_enabled()
+    _nrt_python.memsys_enable_stats()
+    yield rtsys.get_allocation_stats
+    if not were_on:
+        _nrt_python.memsys_disable_stats()
+
+
+def test_memory_does_not_grow_with_the_epochs(allocation_stats):
+    beams = directions()
+    scans = [cast(beams, [wall(5.0 + 0.1 * i, STREET), GROUND], seed=i)[0] for i in range(5)]
+
+    def prepare(n_epochs):
+        for i in range(n_epochs):
+            assert Scan(scans[i % len(scans)]).normals.any()
+
+    prepare(5)
+    before = allocation_stats()
+    prepare(50)
+    after = allocation_stats()
+    assert after.alloc - before.alloc == after.free - before.free >= 50
+    assert after.mi_alloc - before.mi_alloc == after.mi_free - before.mi_free >= 50
+
+    tracemalloc.start()
+    try:
+        prepare(5)
+        held, _ = tracemalloc.get_traced_memory()
+        tracemalloc.reset_peak()
+        prepare(50)
+        held_after, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    largest = max(scan.nbytes for scan in scans)
+    assert held_after - held < 0.1 * largest
+    assert peak - held < 12 * largest
+
+
+def test_what_is_refused():
+    with pytest.raises(ArrayError, match=r"`points` to have shape \(n, 3\), got \(3, 9\)\. Transpose it\?"):
+        estimate_scan_normals(np.zeros((3, 9)))
+    with pytest.raises(ArrayError, match="got 1 of 2 rows with NaN or infinity"):
+        estimate_scan_normals(np.array([[0.0, 0.0, 0.0], [np.inf, 0.0, 0.0]]))

@@ -1,0 +1,324 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Trajectory: what it accepts, the pose at any time, many positions at once."""
+
+import math
+from dataclasses import FrozenInstanceError
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from maxcon.errors import ArrayError, OptionError, TrajectoryError
+from maxcon.geometry import Pose, rotation_matrices
+from maxcon.geometry.quaternions import angles_from_quaternions, quaternions_from_angles
+from maxcon.scan.trajectory import Trajectory
+
+UTM = np.array([458888.4217, 5429081.5413, 115.0739])
+ANGLE = st.floats(-math.pi, math.pi)
+STEEP = st.floats(-math.pi / 2, math.pi / 2)
+IDENTITY = (0.0, 0.0, 0.0, 1.0)
+
+
+def drive(times, positions=None):
+    """Identity orientation; by default 10 m/s along x from a UTM position."""
+    times = np.asarray(times, dtype=float)
+    if positions is None:
+        positions = UTM + np.outer(times - times[0], [10.0, 0.0, 0.0])
+    return Trajectory(times, positions, np.tile(IDENTITY, (len(times), 1)))
+
+
+def assert_same_pose(got, wanted, atol=1e-9):
+    np.testing.assert_allclose(got.position, wanted.position, rtol=0, atol=atol)
+    np.testing.assert_allclose(got.rotation, wanted.rotation, atol=1e-12)
+
+
+@given(ANGLE, STEEP, ANGLE)
+def test_quaternions_mean_the_same_rotation_as_the_angles(roll, pitch, heading):
+    wanted = rotation_matrices(roll, pitch, heading)
+    quaternion = quaternions_from_angles(roll, pitch, heading)
+    np.testing.assert_allclose(Rotation.from_quat(quaternion).as_matrix(), wanted, atol=1e-14)
+    angles = angles_from_quaternions(quaternion)
+    np.testing.assert_allclose(rotation_matrices(*angles), wanted, atol=1e-7 if abs(pitch) > 1.57 else 1e-12)
+
+
+@pytest.mark.parametrize("pitch", [math.pi / 2, -math.pi / 2])
+@pytest.mark.parametrize("heading", [-3.0, -1.0, 0.0, 2.0])
+def test_a_sensor_that_looks_straight_up_or_down_keeps_its_rotation(pitch, heading):
+    angles = angles_from_quaternions(quaternions_from_angles(0.4, pitch, heading))
+    assert angles[0] == 0.0
+    np.testing.assert_allclose(rotation_matrices(*angles), rotation_matrices(0.4, pitch, heading), atol=1e-8)
+
+
+def test_angles_of_many_quaternions_have_their_shape():
+    angles = np.random.default_rng(1).uniform(-1.5, 1.5, (7, 3))
+    np.testing.assert_allclose(
+        angles_from_quaternions(quaternions_from_angles(*angles.T)), angles, atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("heading", [-math.pi, -math.pi + 1e-9, 0.0, math.pi / 2, math.pi - 1e-9])
+def test_poses_come_back_at_utm_coordinates(heading):
+    poses = [Pose(*UTM, 0.01, -0.02, heading), Pose(*(UTM + 1.0), -0.03, 0.04, -heading)]
+    trajectory = Trajectory.from_poses([1.0, 2.0], poses)
+    assert len(trajectory) == 2
+    for got, wanted in zip(trajectory.poses(), poses, strict=True):
+        assert_same_pose(got, wanted, atol=0)
+        assert abs(math.remainder(got.heading - wanted.heading, 2 * math.pi)) < 1e-12
+
+
+def test_arrays_are_copies_and_read_only():
+    times = np.array([0.0, 1.0])
+    trajectory = drive(times)
+    times[0] = 5.0
+    assert trajectory.times[0] == 0.0
+    with pytest.raises(ValueError, match="read-only"):
+        trajectory.positions[0, 0] = 1.0
+
+
+def test_nearly_unit_quaternions_are_normalized():
+    trajectory = Trajectory([0.0], [UTM], [(0.0, 0.0, 0.71, 0.71)])
+    assert np.linalg.norm(trajectory.quaternions_xyzw) == pytest.approx(1.0, abs=1e-15)
+    assert trajectory.pose(0).heading == pytest.approx(math.pi / 2)
+
+
+@pytest.mark.parametrize(
+    ("times", "quaternion", "words"),
+    [
+        ([0.0, 1.0, 1.0], IDENTITY, r"Row 2 .*increase, got 1\.0+ s after 1\.0+ s.*Sort"),
+        ([0.0, 1.0, 0.5], IDENTITY, r"Row 2 .*increase"),
+        ([0.0, math.nan, 2.0], IDENTITY, "Row 1 .*finite"),
+        ([0.0, 1.0, math.inf], IDENTITY, "Row 2 .*finite"),
+        ([0.0, 1.0, 2.0], (0.0, 0.0, 0.0, 0.0), "Row 1 .*unit quaternion.*length 0"),
+        ([0.0, 1.0, 2.0], (0.0, 0.0, 0.0, 2.0), "Row 1 .*unit quaternion.*length 2.*order of the columns"),
+        ([0.0, 1.0, 2.0], (0.0, 0.0, 0.0, math.nan), "Row 1 .*finite"),
+        ([0.0, 1.0, 2.0], (0.0, 1e300, 1e300, 1.0), "Row 1 .*unit quaternion"),
+    ],
+)
+def test_rows_that_cannot_be_used_are_named(times, quaternion, words):
+    quaternions = [IDENTITY, quaternion, IDENTITY]
+    with pytest.raises(TrajectoryError, match=words):
+        Trajectory(times, np.zeros((3, 3)), quaternions)
+
+
+def test_infinite_positions_are_named():
+    with pytest.raises(TrajectoryError, match=r"Row 1 .*finite"):
+        drive([0.0, 1.0], [[0.0, 0.0, 0.0], [0.0, math.inf, 0.0]])
+
+
+def test_an_empty_trajectory_is_refused():
+    with pytest.raises(TrajectoryError, match="at least one pose"):
+        Trajectory.from_poses([], [])
+
+
+@pytest.mark.parametrize(
+    ("times", "positions", "quaternions", "words"),
+    [
+        ([[0.0]], [[0.0] * 3], [IDENTITY], r"`times` to have shape \(n,\), got \(1, 1\)"),
+        ([0.0, 1.0], [[0.0] * 3], [IDENTITY] * 2, r"`positions` to have shape \(2, 3\), got \(1, 3\)"),
+        ([0.0], [[0.0] * 3], [[0.0] * 3], r"`quaternions_xyzw` to have shape \(1, 4\)"),
+        (["a"], [[0.0] * 3], [IDENTITY], "`times` to be numbers"),
+    ],
+)
+def test_wrong_shapes_are_refused(times, positions, quaternions, words):
+    with pytest.raises(ArrayError, match=words):
+        Trajectory(times, positions, quaternions)
+
+
+def test_between_two_poses_position_is_linear_and_heading_takes_the_short_way():
+    first, second = (
+        Pose(*UTM, 0.0, 0.0, math.pi - 0.1),
+        Pose(*(UTM + np.array([1, 2, 4])), 0.0, 0.0, -math.pi + 0.1),
+    )
+    middle = Trajectory.from_poses([10.0, 10.4], [first, second]).at(10.1)
+    np.testing.assert_allclose(middle.position, UTM + np.array([0.25, 0.5, 1.0]), atol=1e-9)
+    assert middle.heading == pytest.approx(math.pi - 0.05)
+
+
+@given(ANGLE, STEEP, ANGLE, ANGLE, STEEP, ANGLE, st.floats(0.01, 0.99))
+def test_orientation_between_poses_agrees_with_an_independent_slerp(r1, p1, h1, r2, p2, h2, part):
+    from scipy.spatial.transform import Slerp
+
+    trajectory = Trajectory.from_poses([0.0, 1.0], [Pose(0, 0, 0, r1, p1, h1), Pose(0, 0, 0, r2, p2, h2)])
+    rotations = Rotation.from_quat(trajectory.quaternions_xyzw)
+    if (rotations[0].inv() * rotations[1]).magnitude() > math.pi - 1e-3:
+        return  # opposite orientations: both ways round are as short
+    wanted = Slerp([0.0, 1.0], rotations)(part).as_matrix()
+    np.testing.assert_allclose(trajectory.at(part, max_gap=1.0).rotation, wanted, atol=1e-6)
+
+
+def test_at_a_pose_it_is_that_pose_whatever_the_gaps():
+    trajectory = Trajectory.from_poses([0.0, 100.0], [Pose(*UTM, 0, 0, 1.0), Pose(*(UTM + 5), 0, 0, 2.0)])
+    for time, i in (
+        (0.0, 0),
+        (-0.001, 0),
+        (-0.0009, 0),
+        (0.0009, 0),
+        (99.9995, 1),
+        (100.0, 1),
+        (100.0009, 1),
+    ):
+        assert_same_pose(trajectory.at(time), trajectory.pose(i), atol=0)
+
+
+def test_a_gap_longer_than_allowed_is_refused_and_can_be_allowed():
+    trajectory = drive([0.0, 1.0])
+    with pytest.raises(
+        TrajectoryError,
+        match=r"at most 0\.5 s apart around 0\.2.*gap of 1\.0.*0\.2\d* s from the nearest.*max_gap",
+    ):
+        trajectory.at(0.2)
+    assert trajectory.at(0.2, max_gap=1.0).x == pytest.approx(UTM[0] + 2.0)
+
+
+@pytest.mark.parametrize("time", [-0.01, 1.01, 1.7e9])
+def test_a_time_outside_is_refused(time):
+    with pytest.raises(TrajectoryError, match=r"within the trajectory, 0\.0+ to 1\.0+ s, got .*clock"):
+        drive([0.0, 1.0]).at(time, max_gap=10.0)
+
+
+def test_a_time_that_is_no_number_and_a_gap_below_zero_are_refused():
+    with pytest.raises(TrajectoryError, match="finite time"):
+        drive([0.0, 1.0]).at(math.nan)
+    for gap in (-1.0, math.nan):
+        with pytest.raises(OptionError, match="max_gap >= 0"):
+            drive([0.0, 1.0]).at(0.5, max_gap=gap)
+        with pytest.raises(OptionError, match="max_gap >= 0"):
+            drive([0.0, 1.0]).positions_at([0.5], max_gap=gap)
+
+
+def test_without_a_gap_only_poses_themselves_are_taken():
+    trajectory = drive([0.0, 0.4])
+    assert trajectory.at(0.4, max_gap=0.0).x == pytest.approx(UTM[0] + 4.0)
+    with pytest.raises(TrajectoryError, match="at most 0 s apart"):
+        trajectory.at(0.2, max_gap=0.0)
+    found = trajectory.positions_at([0.0, 0.2, 0.4], max_gap=0.0)
+    np.testing.assert_allclose(found[[0, 2], 0], UTM[0] + np.array([0.0, 4.0]))
+    assert np.isnan(found[1]).all()
+
+
+def test_close_to_a_pose_it_is_between_the_two_where_they_are_close():
+    """The rounding of clocks is forgiven at ends and gaps only; elsewhere a millisecond is a centimetre."""
+    trajectory = drive([1000.0, 1000.1, 1001.1])
+    assert trajectory.at(1000.0005).x == pytest.approx(UTM[0] + 0.005, abs=1e-6)
+    assert trajectory.at(1000.0995).x == pytest.approx(UTM[0] + 0.995, abs=1e-6)
+    assert trajectory.at(1000.1005).x == pytest.approx(UTM[0] + 1.0, abs=1e-6)  # a gap begins
+
+
+def test_what_is_wrong_is_said_with_its_numbers():
+    with pytest.raises(TrajectoryError, match=r"0\.000000 to 2\.000000 s, got 3\.000000 s, 1\.000000 s from"):
+        drive([0.0, 1.0, 2.0]).at(3.0)
+    with pytest.raises(
+        TrajectoryError, match=r"a gap of 1\.000000 s from 11\.000000 to 12\.000000 s, 0\.250000 s"
+    ):
+        drive([10.0, 11.0, 12.0]).at(11.25)
+    with pytest.raises(TrajectoryError, match=r"got 1\.000000000 s after 2\.000000000 s"):
+        drive([0.0, 2.0, 1.0])
+
+
+def test_a_covariance_is_not_carried_across_a_longer_gap_than_a_pose():
+    with pytest.raises(TrajectoryError, match=r"at most 0\.5 s apart"):
+        known_drive([np.eye(3), np.eye(3)]).covariance_at(0.25)
+
+
+def test_a_trajectory_does_not_change():
+    with pytest.raises(FrozenInstanceError):
+        drive([0.0, 1.0]).times = np.array([0.0, 2.0])
+    one, other = drive([0.0, 1.0]), drive([0.0, 1.0])
+    assert {one: 1, other: 2}[one] == 1  # each is itself: arrays are not compared
+
+
+def test_a_gap_that_is_just_the_largest_is_bridged():
+    trajectory = drive([0.0, 0.5, 1.5])
+    assert trajectory.at(0.25).x == pytest.approx(UTM[0] + 2.5)
+    np.testing.assert_allclose(trajectory.positions_at([0.25, 0.75])[:, 0], UTM[0] + np.array([2.5, 5.0]))
+
+
+def test_positions_at_many_times():
+    trajectory = drive([0.0, 0.4, 2.0, 2.2])
+    times = [0.0, 0.1, 0.4, 0.6, 0.7, 1.2, 1.8, 2.0, 2.1, 2.4, 2.5, -0.2, -0.3, math.nan, math.inf, -math.inf]
+    along = [0.0, 1.0, 4.0, 4.0, None, None, 20.0, 20.0, 21.0, 22.0, None, 0.0, None, None, None, None]
+    found = trajectory.positions_at(times)
+    assert found.shape == (len(times), 3)
+    wanted = [UTM + np.array([a, 0, 0]) if a is not None else [math.nan] * 3 for a in along]
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-8)
+
+
+def test_positions_at_agrees_with_at():
+    rng = np.random.default_rng(3)
+    trajectory = drive(np.cumsum(rng.uniform(0.05, 0.45, 50)), rng.normal(size=(50, 3)) + UTM)
+    times = rng.uniform(trajectory.times[0], trajectory.times[-1], 200)
+    wanted = [trajectory.at(t).position for t in times]
+    np.testing.assert_allclose(trajectory.positions_at(times), wanted, rtol=0, atol=0.03)  # 1 ms rule of `at`
+    apart = np.abs(times[:, None] - trajectory.times).min(axis=1) > 1e-3
+    np.testing.assert_allclose(
+        trajectory.positions_at(times)[apart], np.array(wanted)[apart], rtol=0, atol=1e-8
+    )
+
+
+def test_one_pose_and_no_times():
+    trajectory = drive([5.0])
+    np.testing.assert_array_equal(trajectory.positions_at([5.0, 5.2, 5.3])[:, 0], [UTM[0], UTM[0], math.nan])
+    assert trajectory.positions_at([]).shape == (0, 3)
+    assert trajectory.at(5.0).x == UTM[0]
+    with pytest.raises(ArrayError, match=r"`times` to have shape \(n,\)"):
+        trajectory.positions_at([[5.0]])
+
+
+def known_drive(covariances):
+    times = np.arange(len(covariances), dtype=float)
+    return Trajectory(
+        times, np.outer(times, [1.0, 0.0, 0.0]), np.tile(IDENTITY, (len(times), 1)), covariances
+    )
+
+
+UNKNOWN = np.full((3, 3), np.nan)
+
+
+def test_covariances_are_linear_between_poses_and_may_be_unknown():
+    first, second = np.diag([1.0, 4.0, 0.01]), np.diag([3.0, 0.0, 0.03])
+    trajectory = known_drive([first, second, UNKNOWN, first])
+    np.testing.assert_allclose(trajectory.covariance_at(0.25, 2.0), 0.75 * first + 0.25 * second)
+    np.testing.assert_array_equal(trajectory.covariance_at(1.0, 2.0), second)  # beside one that is unknown
+    assert trajectory.covariance_at(1.5, 2.0) is None
+    assert trajectory.covariance_at(2.0, 2.0) is None
+    np.testing.assert_array_equal(trajectory.covariance_at(3.0005), first)
+    np.testing.assert_array_equal(trajectory.covariance_at(3.0, 2.0), first)  # just after one that is unknown
+    with pytest.raises(TrajectoryError, match="within the trajectory"):
+        trajectory.covariance_at(4.0)
+    with pytest.raises(ValueError, match="read-only"):
+        trajectory.covariances[0, 0, 0] = 1.0
+
+
+def test_without_covariances_none_is_known():
+    trajectory = drive([0.0, 0.1])
+    assert trajectory.covariances is None
+    assert trajectory.covariance_at(0.05) is None
+
+
+@given(st.lists(st.floats(-2.0, 2.0), min_size=36, max_size=36), st.floats(0.0, 1.0))
+def test_a_covariance_between_poses_is_never_too_small(factors, part):
+    """However the errors of two poses are correlated: what it is larger by than that of their mean is semidefinite."""
+    factors = np.reshape(factors, (6, 6))
+    joint = factors @ factors.T
+    weights = np.hstack([(1.0 - part) * np.eye(3), part * np.eye(3)])
+    trajectory = known_drive([joint[:3, :3], joint[3:, 3:]])
+    surplus = trajectory.covariance_at(part, 1.0) - weights @ joint @ weights.T
+    assert np.linalg.eigvalsh(surplus).min() > -1e-9 * max(1.0, np.abs(joint).max())
+
+
+@pytest.mark.parametrize(
+    ("covariance", "words"),
+    [
+        (np.diag([1.0, -1.0, 1.0]), "Row 1 .*variances >= 0 .*got -1"),
+        (np.diag([1.0, np.nan, 1.0]), "Row 1 .*finite numbers"),
+        (np.ones((3, 3)) + np.diag([0.0, 0.0, -0.5]), "Row 1 .*positive semidefinite"),
+    ],
+)
+def test_covariances_that_are_none_are_named(covariance, words):
+    with pytest.raises(TrajectoryError, match=words):
+        known_drive([np.eye(3), covariance])
+    with pytest.raises(ArrayError, match=r"`covariances` to have shape \(2, 3, 3\), got \(2, 6, 6\)"):
+        known_drive([np.eye(6), np.eye(6)])
