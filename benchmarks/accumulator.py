@@ -82,18 +82,7 @@ def report(point_map, epochs):
 
 
 def row(numbers):
-    (
-        n_matches,
-        search,
-        preparation,
-        turning,
-        kernel,
-        rest,
-        roofline,
-        ratio,
-        kernel_ratio,
-        *others,
-    ) = numbers
+    (n_matches, search, preparation, turning, kernel, rest, roofline, ratio, kernel_ratio, *others) = numbers
     return (
         f" {n_matches / 1e6:.1f} M | {search:.1f} | {1e6 * search / n_matches:.2f}"
         f" | {n_matches / search / 1e6:.2f} | {preparation:.1f} | {turning:.1f} | {kernel:.1f} | {rest:.1f}"
@@ -108,9 +97,7 @@ def measure(point_map, scan, prior):
     n_matches = int(exhaustive(*search).moments[..., 0].sum())
     calls = []
     accumulate = window_kernels.accumulate_tile
-    with mock.patch.object(
-        window_kernels, "accumulate_tile", lambda *call: calls.append(call) or accumulate(*call)
-    ):
+    with mock.patch.object(window_kernels, "accumulate_tile", lambda *call: calls.append(call) or accumulate(*call)):
         exhaustive(*search)
     sums = calls[0][-1].reshape(-1)
     addresses = addresses_of_matches(calls, n_matches)

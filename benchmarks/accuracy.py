@@ -54,9 +54,7 @@ def main() -> None:
                 errors[name].append(pose_error(estimate.pose, truth))
                 trusted[name].append(estimate.is_localized)
     header(f"Accuracy over {len(scans)} epochs")
-    print(
-        "| objective | multiplicity | success | median m | worst m | worst deg | trusted | of these wrong |"
-    )
+    print("| objective | multiplicity | success | median m | worst m | worst deg | trusted | of these wrong |")
     print("|---|---|---|---|---|---|---|---|")
     for (objective, multiplicity), found in errors.items():
         accuracy = summarize(found)

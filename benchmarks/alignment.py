@@ -42,9 +42,7 @@ def errors_at_places(true, times, positions):
     rounds = np.concatenate([[0], np.cumsum(np.diff(times) > PAUSE)])
     first = true[rounds == 0]
     walked = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(first, axis=0), axis=1))])
-    places = first[
-        np.unique(np.searchsorted(walked, np.arange(0.0, walked[-1], STEP)).clip(0, len(first) - 1))
-    ]
+    places = first[np.unique(np.searchsorted(walked, np.arange(0.0, walked[-1], STEP)).clip(0, len(first) - 1))]
     errors = np.full((len(places), rounds.max() + 1, 3), np.nan)
     for number in range(rounds.max() + 1):
         rows = np.flatnonzero(rounds == number)
@@ -75,9 +73,7 @@ def judge(options):
     read = read_trajectory(options.campaign / "map/trajectory.txt")
     true = read.positions - believed.at(read.times)
     header("Alignment")
-    print(
-        "| | apart at a place, median m | 95 % | worst | mean of the rounds from where it was, m | bent, median m |"
-    )
+    print("| | apart at a place, median m | 95 % | worst | mean of the rounds from where it was, m | bent, median m |")
     print("|---|---|---|---|---|---|")
     for name, folder in (("before", options.before), ("after", options.after)):
         positions = read_trajectory(folder / "trajectory.txt").positions
@@ -102,9 +98,7 @@ def localize(options):
     maps = {"before": PointMap.open(options.before), "after": PointMap.open(options.after)}
     epochs = covered_epochs(dataset, maps["before"], options.epochs)
     header("Localization before and after alignment")
-    print(
-        "| map | its sigma, m | method | epochs | localized | median / 95 % m | beside the common motion, m |"
-    )
+    print("| map | its sigma, m | method | epochs | localized | median / 95 % m | beside the common motion, m |")
     print("|---|---|---|---|---|---|---|")
     for name, point_map in maps.items():
         found = {"maxcon": [], "GICP, gate 1 m, from maxcon's pose": []}
@@ -118,13 +112,9 @@ def localize(options):
         for method, rows in found.items():
             rows = np.array(rows)
             raw, left = rows[:, 2:4], without_common_turn(rows[:, :2], rows[:, 2:4])
-            sizes = [
-                " / ".join(f"{np.percentile(np.hypot(*e.T), q):.4f}" for q in (50, 95)) for e in (raw, left)
-            ]
+            sizes = [" / ".join(f"{np.percentile(np.hypot(*e.T), q):.4f}" for q in (50, 95)) for e in (raw, left)]
             n_localized = int(rows[:, 4].sum())
-            print(
-                f"| {name} | {point_map.sigma} | {method} | {len(rows)} | {n_localized} | {sizes[0]} | {sizes[1]} |"
-            )
+            print(f"| {name} | {point_map.sigma} | {method} | {len(rows)} | {n_localized} | {sizes[0]} | {sizes[1]} |")
 
 
 def covered_epochs(dataset, point_map, n_epochs):
@@ -158,11 +148,7 @@ def without_common_turn(places, errors):
         return errors - unknowns[:2] - turned
 
     found = least_squares(
-        lambda unknowns: left(unknowns).ravel(),
-        np.zeros(3),
-        loss="soft_l1",
-        f_scale=0.02,
-        x_scale=[1, 1, 0.01],
+        lambda unknowns: left(unknowns).ravel(), np.zeros(3), loss="soft_l1", f_scale=0.02, x_scale=[1, 1, 0.01]
     )
     return left(found.x)
 
@@ -181,9 +167,7 @@ def picture(options):
         for number in np.unique(rounds):
             rows = np.flatnonzero(rounds == number)
             rows = rows[:: max(1, len(rows) // MOST_DRAWN)]
-            axis.plot(
-                100.0 * (across[rows] - middle), height[rows], ".", markersize=2, label=f"round {number + 1}"
-            )
+            axis.plot(100.0 * (across[rows] - middle), height[rows], ".", markersize=2, label=f"round {number + 1}")
         low, high = (float(value) for value in options.heights.split(","))
         is_wall = (height >= low) & (height <= high)
         medians = [np.median(across[is_wall & (rounds == number)]) for number in np.unique(rounds[is_wall])]
@@ -234,12 +218,8 @@ def main():
             command.add_argument("--epochs", type=int, default=60)
         if run is picture:
             command.add_argument("--at", required=True, help="x,y of the wall, m")
-            command.add_argument(
-                "--towards", type=float, required=True, help="direction of its normal, degrees"
-            )
-            command.add_argument(
-                "--heights", required=True, help="between which there is nothing but the wall, m"
-            )
+            command.add_argument("--towards", type=float, required=True, help="direction of its normal, degrees")
+            command.add_argument("--heights", required=True, help="between which there is nothing but the wall, m")
             command.add_argument("--within", type=float, default=0.5, help="of the place, across, m")
     options = parser.parse_args()
     options.run(options)

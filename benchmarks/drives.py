@@ -53,10 +53,7 @@ class NamedDataset:
 
     def bench_in_memory(self, folder, names):
         """The same, with maps that keep all tiles they have read."""
-        kept = {
-            name: PointMap.open(path, cache_bytes=CACHE_BYTES)
-            for name, path in self.maps(folder, names).items()
-        }
+        kept = {name: PointMap.open(path, cache_bytes=CACHE_BYTES) for name, path in self.maps(folder, names).items()}
         return replace(self.bench(folder, names), maps=kept)
 
 

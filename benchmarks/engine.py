@@ -52,19 +52,13 @@ def by_hand():
     with ExitStack() as stack:
 
         def start(*words):
-            process = subprocess.Popen(
-                [*DASK, *words], stderr=subprocess.PIPE, text=True, env=os.environ | ALONE
-            )
+            process = subprocess.Popen([*DASK, *words], stderr=subprocess.PIPE, text=True, env=os.environ | ALONE)
             stack.callback(process.wait)
             stack.callback(process.terminate)
             return process
 
-        scheduler = start(
-            "scheduler", "--host", "127.0.0.1", "--port", "0", "--dashboard-address", "127.0.0.1:0"
-        )
-        address = next(
-            word for line in scheduler.stderr for word in line.split() if word.startswith("tcp://")
-        )
+        scheduler = start("scheduler", "--host", "127.0.0.1", "--port", "0", "--dashboard-address", "127.0.0.1:0")
+        address = next(word for line in scheduler.stderr for word in line.split() if word.startswith("tcp://"))
         options = ("--host", "127.0.0.1", "--nthreads", "1", "--nworkers", "1", "--memory-limit", "0")
         yield address, [start("worker", address, *options).pid for _ in range(2)]
 
@@ -114,9 +108,7 @@ def rows(arguments, way, *options, nannies=()):
 
 
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("dataset", type=Path)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--map", type=Path, help="DATASET is a table of drives in this map")

@@ -24,9 +24,7 @@ SPACE = maxcon.SearchSpace.paper()
 
 def near(scores, cell):
     """The best cell next to another."""
-    h, y, x = (
-        slice(max(0, index - reach), index + reach + 1) for index, reach in zip(cell, (1, 2, 2), strict=True)
-    )
+    h, y, x = (slice(max(0, index - reach), index + reach + 1) for index, reach in zip(cell, (1, 2, 2), strict=True))
     best = np.unravel_index(np.argmax(scores[h, y, x]), scores[h, y, x].shape)
     return best[0] + h.start, best[1] + y.start, best[2] + x.start
 
@@ -37,20 +35,14 @@ def ratios(bench, point_map, prior_name, epoch, objective):
     poses = (bench.priors[prior_name].at(raw.time), bench.reference.at(raw.time))
     prior, reference = (point_map.frame.pose_to_local(pose) for pose in poses)
     points, once = (
-        maxcon.MaximumConsensus(SPACE, objective, multiplicity, **AS_PUBLISHED).accumulate(
-            scan, point_map, prior
-        )
+        maxcon.MaximumConsensus(SPACE, objective, multiplicity, **AS_PUBLISHED).accumulate(scan, point_map, prior)
         for multiplicity in ("points", "occupied")
     )
     wrong = points.best_cell(objective)
     right = near(points.score(objective), SPACE.nearest_cell(reference, prior))
     density = [points.moments[cell][0] / once.moments[cell][0] for cell in (wrong, right)]
     score = once.score(objective)
-    return (
-        density[0] / density[1],
-        once.moments[wrong][0] / once.moments[right][0],
-        score[wrong] / score[right],
-    )
+    return (density[0] / density[1], once.moments[wrong][0] / once.moments[right][0], score[wrong] / score[right])
 
 
 def main():
@@ -62,16 +54,13 @@ def main():
     dataset = Dataset.open(study.configuration.dataset)
     plan = BenchPlan(dataset, {"standard": dataset.map_path or study.folder / "maps" / "standard.map"})
     bench = plan.open()
-    print(
-        "| method | lost epochs | points per voxel, wrong over right | matched voxels | score, a voxel once |"
-    )
+    print("| method | lost epochs | points per voxel, wrong over right | matched voxels | score, a voxel once |")
     print("|---|---|---|---|---|")
     for rows in rows_by_method(study.table):
         if rows.prior == arguments.prior and rows.method in OBJECTIVES:
             lost = rows.numbers("epoch")[(rows.numbers("is_success") == 0.0) & rows.is_tried].astype(int)
             found = [
-                ratios(bench, bench.maps["standard"], rows.prior, int(epoch), OBJECTIVES[rows.method])
-                for epoch in lost
+                ratios(bench, bench.maps["standard"], rows.prior, int(epoch), OBJECTIVES[rows.method]) for epoch in lost
             ]
             words = [
                 f"{np.median(column):.2f} ({min(column):.2f} to {max(column):.2f})"

@@ -21,17 +21,7 @@ from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.evaluation import pose_error
 
 # How far the prior is from the reference: x and y in m, heading in degrees.
-MOVES = (
-    (10, 11, 0),
-    (5, 0, 0),
-    (-5, 0, 0),
-    (0, 5, 0),
-    (0, -5, 0),
-    (-8, 6, 0),
-    (0, 0, 180),
-    (0, 0, 4),
-    (0.7, 0.7, 3),
-)
+MOVES = ((10, 11, 0), (5, 0, 0), (-5, 0, 0), (0, 5, 0), (0, -5, 0), (-8, 6, 0), (0, 0, 180), (0, 0, 4), (0.7, 0.7, 3))
 NARROW, PAPER = maxcon.SearchSpace(3.0, heading_half_width_deg=2.0), maxcon.SearchSpace.paper()
 METHODS = {
     "3 m": maxcon.MaximumConsensus(NARROW),
@@ -47,9 +37,7 @@ def main() -> None:
     parser.add_argument("scans")
     parser.add_argument("--reference", required=True)
     parser.add_argument("--every", type=int, default=3, metavar="N", help="take each N-th scan")
-    parser.add_argument(
-        "--random", type=int, default=0, metavar="N", help="N priors each, 4 to 12 m off, instead"
-    )
+    parser.add_argument("--random", type=int, default=0, metavar="N", help="N priors each, 4 to 12 m off, instead")
     options = parser.parse_args()
     point_map, scans = maxcon.PointMap.open(options.map), open_scans(options.scans)
     reference = read_trajectory(options.reference)
@@ -78,10 +66,7 @@ def main() -> None:
                 ]  # fmt: skip
         for name, numbers in counts.items():
             total[name] += numbers
-            print(
-                f"| {move[0]} | {move[1]} | {move[2]} | {name} | {' | '.join(map(str, numbers))} |",
-                flush=True,
-            )
+            print(f"| {move[0]} | {move[1]} | {move[2]} | {name} | {' | '.join(map(str, numbers))} |", flush=True)
     for name, numbers in total.items():
         print(f"| all | | | {name} | {' | '.join(map(str, numbers))} |")
 

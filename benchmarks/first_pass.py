@@ -47,9 +47,7 @@ def passes_of_drive(named, folder, level, n_epochs, seed):
     ]
     for points, prior in epochs:
         ms_of(method, points, known, prior)
-    return np.transpose(
-        [[ms_of(method, points, each, prior) for each in (new, known)] for points, prior in epochs]
-    )
+    return np.transpose([[ms_of(method, points, each, prior) for each in (new, known)] for points, prior in epochs])
 
 
 def main():

@@ -70,9 +70,7 @@ def spilled(arguments, folder):
 
 
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("clouds", nargs="+")
     parser.add_argument("--temporary", type=int, nargs="*", default=[])
     parser.add_argument("--unsure", type=int, nargs="*", default=[])
@@ -87,9 +85,7 @@ def main():
         (one, other), seen, true_ground = spilled(arguments, folder)
         start = time.process_time()
         finder = ClassFinder(folder / "a", arguments.cell, seen)
-        maker = TileMaker(
-            one, folder / "a", arguments.cell, has_normals=False, is_signed=False, finder=finder
-        )
+        maker = TileMaker(one, folder / "a", arguments.cell, has_normals=False, is_signed=False, finder=finder)
         for key in one.keys:
             maker.gather(key)
         found = FoundClasses(has_times=bool(seen.n_tiles))
@@ -115,9 +111,7 @@ def report(table, found, seconds):
     for place, name in enumerate(TRUTH[:3]):
         right, true = counts[name][place], table[:, place].sum()
         said = counts[name].sum() - counts[name][TRUTH.index("unsure")]
-        print(
-            f"{name}: precision {100 * right / max(said, 1):.2f} %, recall {100 * right / max(true, 1):.2f} %"
-        )
+        print(f"{name}: precision {100 * right / max(said, 1):.2f} %, recall {100 * right / max(true, 1):.2f} %")
 
 
 def heights(found, true_ground, cell):

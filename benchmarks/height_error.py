@@ -79,17 +79,12 @@ def main():
     arguments = parser.parse_args()
     point_map = PointMap.open(arguments.map)
     space = SearchSpace()
-    methods = {
-        "prior as it is": MaximumConsensus(space, is_levelled=False),
-        "on the ground": MaximumConsensus(space),
-    }
+    methods = {"prior as it is": MaximumConsensus(space, is_levelled=False), "on the ground": MaximumConsensus(space)}
     if arguments.height_half_width > 0.0:
         searched = replace(space, height_half_width=arguments.height_half_width)
         methods["over heights"] = MaximumConsensus(searched, is_levelled=False)
     header("Priors of wrong height and tilt")
-    print(
-        "| | epochs | right | localized | wrong, localized | cm | z p50 / p95 / max cm | tilt p50 / max | ms |"
-    )
+    print("| | epochs | right | localized | wrong, localized | cm | z p50 / p95 / max cm | tilt p50 / max | ms |")
     print("|---" * 9 + "|")
     for name, method in methods.items():
         drive = (epoch for seed in arguments.seeds for epoch in epochs(arguments, point_map.frame, seed))

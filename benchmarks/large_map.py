@@ -42,9 +42,7 @@ def write(out, maps, n_blocks):
     Path(out).mkdir()
     with MapWriter(Path(out)) as writer:
         for name in (TILES, GROUND):
-            sections = [
-                Section(place, manifest, name) for place, manifest in zip(places, manifests, strict=True)
-            ]
+            sections = [Section(place, manifest, name) for place, manifest in zip(places, manifests, strict=True)]
             for x, y in product(range(n_blocks), repeat=2):
                 section = sections[(x * n_blocks + y) % len(sections)]
                 low = np.array(sorted(section.keys)).min(axis=0)

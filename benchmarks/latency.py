@@ -139,9 +139,7 @@ def rows_of_epoch(bench, epoch, methods, seed, n_rounds):
         for each in of_level:
             point_map = bench.maps[each.map_name]
             prior, reference = prior_and_reference(bench, each.map_name, epoch, level, seed)
-            each.method.localize(
-                Scan(points), point_map, prior
-            )  # compiles, reads tiles, makes what it makes of them
+            each.method.localize(Scan(points), point_map, prior)  # compiles, reads tiles, makes what it makes of them
             grown = memory_taken(each.method, points, point_map, prior)
             cases.append((level, each, point_map, prior, reference, grown))
     for turn in range(n_rounds):

@@ -61,9 +61,7 @@ def plot(path, panels):
     """Draw p50, p95 and p99 of each stage of the default window, and of each method in each window."""
     heights = [ROW * (_places(rows)[-1] + 1.5) + PANEL_TITLE for rows in panels.values()]
     height = TOP + sum(heights) + BOTTOM
-    values = np.array(
-        [row.percentiles for rows in panels.values() for row in rows if row.percentiles is not None]
-    )
+    values = np.array([row.percentiles for rows in panels.values() for row in rows if row.percentiles is not None])
     nice = np.outer(10.0 ** np.arange(-3, 2), (1, 2, 5)).ravel()
     limits = nice[nice < 0.95 * values.min()].max(), 1.25 * values.max()
     with saved_figure(path, WIDTH, height) as figure:
@@ -83,19 +81,13 @@ def plot(path, panels):
         axes.set_xlabel("ms, logarithmic")
 
 
-STYLES = (
-    (SERIES[0], "o", "a stage of maxcon"),
-    (INK, "D", "maxcon"),
-    (SERIES[1], "s", "registration"),
-)
+STYLES = ((SERIES[0], "o", "a stage of maxcon"), (INK, "D", "maxcon"), (SERIES[1], "s", "registration"))
 
 
 def _draw_key(figure, height):
     from matplotlib.lines import Line2D
 
-    marks = [
-        Line2D([], [], ls="", marker=mark, ms=7, color=color, label=words) for color, mark, words in STYLES
-    ]
+    marks = [Line2D([], [], ls="", marker=mark, ms=7, color=color, label=words) for color, mark, words in STYLES]
     place = {"loc": "upper left", "bbox_to_anchor": (0.15 / WIDTH, 1.0 - 0.94 / height)}
     figure.legend(handles=marks, ncols=3, handletextpad=0.1, columnspacing=0.9, fontsize=10.5, **place)
 

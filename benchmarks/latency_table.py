@@ -64,8 +64,7 @@ def read_series(folder):
             of_drive = groups.setdefault(row["drive"], {})
             of_drive.setdefault((window, row["method"]), {}).setdefault(row["epoch"], []).append(row)
     return {
-        drive: [Series(*key, list(epochs.values())) for key, epochs in found.items()]
-        for drive, found in groups.items()
+        drive: [Series(*key, list(epochs.values())) for key, epochs in found.items()] for drive, found in groups.items()
     }
 
 

@@ -121,9 +121,7 @@ def main() -> None:
                 command += ["--trajectory", trajectory] if trajectory else []
                 ended = subprocess.run(command, capture_output=True, text=True, check=True)
                 *numbers, checksum = ended.stdout.split()
-                n_points, n_voxels, n_tiles, reading, read_cpu, making, made_cpu, peak, n_bytes = map(
-                    float, numbers
-                )
+                n_points, n_voxels, n_tiles, reading, read_cpu, making, made_cpu, peak, n_bytes = map(float, numbers)
                 print(
                     f"| {workers} | {n_points:,.0f} | {n_voxels:,.0f} | {n_tiles:.0f} | {n_bytes / 1e6:.0f} |"
                     f" {reading:.1f} | {read_cpu:.1f} | {making:.1f} | {made_cpu:.1f} |"

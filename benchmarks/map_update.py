@@ -73,17 +73,13 @@ def localize(args):
     method = MaximumConsensus(SPACE, search=SearchMethod.EXHAUSTIVE)
     prior, reference = (read_trajectory(args.drive / f"{name}.txt") for name in ("prior_gnss", "reference"))
     left_out = ALL_BUT_KNOWN if args.without_new else NOT_SEARCHED
-    print(
-        "map                    localized  wrong   median m    95 % m   runner-up: median      90 %   score"
-    )
+    print("map                    localized  wrong   median m    95 % m   runner-up: median      90 %   score")
     for path in args.maps:
         point_map, rows = PointMap.open(path, left_out=left_out), []
         for i in range(0, len(scans), args.every):
             time = float(scans.times[i])
             raw = scans.read(i, options.min_range, options.max_range)
-            estimate = method.localize(
-                Scan(raw.points), point_map, point_map.frame.pose_to_local(prior.at(time))
-            )
+            estimate = method.localize(Scan(raw.points), point_map, point_map.frame.pose_to_local(prior.at(time)))
             truth = point_map.frame.pose_to_local(reference.at(time))
             error = float(np.hypot(estimate.pose.x - truth.x, estimate.pose.y - truth.y))
             rows.append((estimate.is_localized, error, estimate.runner_up, estimate.score))
@@ -114,9 +110,7 @@ def voxels_of(path):
     point_map = PointMap.open(path, left_out=None)
     tiles = [point_map.tile(key) for key in sorted(point_map.tile_keys)]
     classes = [classes_of(tile) for tile in tiles]
-    voxels, counts = (
-        np.concatenate([getattr(tile, name) for tile in tiles]) for name in ("voxels", "counts")
-    )
+    voxels, counts = (np.concatenate([getattr(tile, name) for tile in tiles]) for name in ("voxels", "counts"))
     return point_map, voxels, counts, np.concatenate(classes)
 
 
@@ -163,9 +157,7 @@ def nearest_cars(points, city, reach=0.3):
     for car in range(city.car_numbers.max() + 1):
         triangles = corners[order[starts[car] : starts[car + 1]]]
         low, high = triangles.min(axis=(0, 1)) - reach, triangles.max(axis=(0, 1)) + reach
-        rows = np.array(
-            tree.query_ball_point((low + high)[:2] / 2, np.linalg.norm((high - low)[:2]) / 2), int
-        )
+        rows = np.array(tree.query_ball_point((low + high)[:2] / 2, np.linalg.norm((high - low)[:2]) / 2), int)
         rows = rows[((points[rows] >= low) & (points[rows] <= high)).all(axis=1)] if len(rows) else rows
         if len(rows):
             squared = np.min([distances_to_triangle(points[rows], each) for each in triangles], axis=0)
@@ -321,9 +313,7 @@ def draw(args):
         (SurfaceClass.KNOWN, "0.72", 0.15), (SurfaceClass.GONE, "#c8102e", 0.4), (SurfaceClass.NEW, "#00843d", 0.4),
     ):  # fmt: skip
         rows = classes == which
-        axes.scatter(
-            x[rows], y[rows], s=size, c=colour, linewidths=0, rasterized=True, label=which.name.lower()
-        )
+        axes.scatter(x[rows], y[rows], s=size, c=colour, linewidths=0, rasterized=True, label=which.name.lower())
     axes.set(aspect="equal", xlabel="x, m", ylabel="y, m")
     axes.legend(markerscale=20, loc="upper right")
     figure.savefig(args.out, dpi=110)

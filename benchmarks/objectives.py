@@ -63,9 +63,7 @@ def main() -> None:
     parser.add_argument("--epochs", type=int, default=50)
     options = parser.parse_args()
     header("Objectives on the same moments")
-    print(
-        "| drive | prior | objective | right | runner-up below 0.8 | median runner-up | 95 % | median m | worst m |"
-    )
+    print("| drive | prior | objective | right | runner-up below 0.8 | median runner-up | 95 % | median m | worst m |")
     print("|---|---|---|---|---|---|---|---|---|")
     method, limits = maxcon.MaximumConsensus(), DriveOptions()
     for name, folder in (text.split("=", 1) for text in options.studies):

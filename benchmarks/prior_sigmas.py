@@ -21,9 +21,7 @@ from maxcon.lab.evaluation import pose_error
 
 SIGMA = 0.3
 COVARIANCE = np.diag([SIGMA**2, SIGMA**2, math.radians(SIGMA) ** 2])
-SPACE = maxcon.SearchSpace.from_covariance(
-    COVARIANCE, smallest_half_width=1.0, smallest_heading_half_width_deg=1.0
-)
+SPACE = maxcon.SearchSpace.from_covariance(COVARIANCE, smallest_half_width=1.0, smallest_heading_half_width_deg=1.0)
 METHODS = {
     "no sigmas: 12 m": maxcon.MaximumConsensus(),
     "3 sigma, then 12 m": maxcon.MaximumConsensus(SPACE),

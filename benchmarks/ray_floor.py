@@ -76,13 +76,9 @@ def main():
         shares.append([added[faces].sum() / added.sum(), added[noise].sum() / added.sum()])
     for name, values in floors.items():
         low, middle, high = np.percentile(values, [25, 50, 75])
-        print(
-            f"{name}: floor {middle:.3f} of the peak (quartiles {low:.3f} to {high:.3f}), {len(values)} epochs"
-        )
+        print(f"{name}: floor {middle:.3f} of the peak (quartiles {low:.3f} to {high:.3f}), {len(values)} epochs")
     print(
-        "of N along the ray: {:.2f} from surfaces that face along it, {:.2f} noise".format(
-            *np.median(shares, axis=0)
-        )
+        "of N along the ray: {:.2f} from surfaces that face along it, {:.2f} noise".format(*np.median(shares, axis=0))
     )
 
 

@@ -35,9 +35,7 @@ class TurnsOfAScanner(Scans):
         elevations = np.radians(np.resize(np.linspace(-20, 10, 64), self._n_points))
         ranges = rng.uniform(3.0, 60.0, self._n_points)
         level = ranges * np.cos(elevations)
-        points = np.column_stack(
-            [level * np.cos(azimuths), level * np.sin(azimuths), ranges * np.sin(elevations)]
-        )
+        points = np.column_stack([level * np.cos(azimuths), level * np.sin(azimuths), ranges * np.sin(elevations)])
         offsets = np.linspace(-0.05, 0.05, self._n_points)
         return RawScan(points, float(self.times[i]), str(i), len(points), 0, 0, 0, offsets)
 

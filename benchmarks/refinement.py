@@ -72,9 +72,7 @@ def main() -> None:
         refined, refined_ms = timed(examine, cell, ground, scan, point_map, believed, 0.01, is_confirmed=True)
         gicp.prepare(scan, point_map, cell.pose)
         by_gicp, gicp_ms = timed(gicp.localize, scan, point_map, cell.pose)
-        for name, estimate, ms in zip(
-            poses, (cell, refined, by_gicp), (search_ms, refined_ms, gicp_ms), strict=True
-        ):
+        for name, estimate, ms in zip(poses, (cell, refined, by_gicp), (search_ms, refined_ms, gicp_ms), strict=True):
             error = pose_error(estimate.pose, truth)
             poses[name].append((error.distance, abs(error.heading), abs(estimate.pose.z - truth.z)))
             took[name].append(ms)

@@ -61,9 +61,7 @@ def row(epoch, method, status, pose, truth, milliseconds, **others):
     """One row of the table; no error where the scan was not taken in the map."""
     error = None if truth is None else pose_error(pose, truth)
     within = (WITHIN, WITHIN_DEG) if method == "maxcon" else (NEAR, NEAR_DEG)
-    is_right = (
-        error is not None and error.distance <= within[0] and abs(math.degrees(error.heading)) <= within[1]
-    )
+    is_right = error is not None and error.distance <= within[0] and abs(math.degrees(error.heading)) <= within[1]
     return {
         "epoch": epoch, "method": method, "status": status, "is_right": is_right, "x": pose.x, "y": pose.y,
         "error_m": "" if error is None else error.distance,
@@ -112,13 +110,7 @@ def best_of_all(scan, regions):
             cells = np.column_stack([np.full(len(allowed), heading), allowed])
             counts = np.empty(len(cells), np.int64)
             kernels.count_cells(
-                region.voxels.facings,
-                turned.layers,
-                turned.columns,
-                turned.facings,
-                cells,
-                region.margin,
-                counts,
+                region.voxels.facings, turned.layers, turned.columns, turned.facings, cells, region.margin, counts
             )
             if counts.max() > best:
                 best = counts.max()
@@ -151,9 +143,7 @@ def print_rows(rows, title):
 
 
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("dataset")
     parser.add_argument("--map")
     parser.add_argument("--epochs", type=int, default=100)
@@ -178,10 +168,7 @@ def main():
         truth = None if options.map else point_map.frame.pose_to_local(reference.at(raw.time, 0.5))
         relocalizer = whole
         if options.radius:
-            turn, away = (
-                rng.uniform(0.0, 2.0 * math.pi),
-                FARTHEST_SHARE * options.radius * math.sqrt(rng.uniform()),
-            )
+            turn, away = (rng.uniform(0.0, 2.0 * math.pi), FARTHEST_SHARE * options.radius * math.sqrt(rng.uniform()))
             around = truth.x + away * math.cos(turn), truth.y + away * math.sin(turn)
             relocalizer = whole.within(around, options.radius)
         rows.append(relocalized(epoch, relocalizer, raw.points, truth))

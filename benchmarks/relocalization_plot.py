@@ -40,11 +40,7 @@ def backdrop(axes, relocalizer):
         extent = (left, left + REGION * edge, low, low + REGION * edge)
         allowed = np.where(region.is_allowed, 1.0, np.nan)
         axes.imshow(
-            allowed,
-            origin="lower",
-            extent=extent,
-            cmap=plt.matplotlib.colors.ListedColormap([GROUND]),
-            zorder=0,
+            allowed, origin="lower", extent=extent, cmap=plt.matplotlib.colors.ListedColormap([GROUND]), zorder=0
         )
         inside = slice(region.margin, region.margin + REGION)
         y, x = np.nonzero(region.voxels.facings[1:, inside, inside].any(axis=0))
@@ -73,28 +69,13 @@ def draw_sieve(axes, relocalizer, scan, row):
     found = sift(sieved, relocalizer.sifted, SIFTED_SHARE)
     places = (found.cells[::-1, [2, 1]] + 0.5) * relocalizer.sifted.tiles.cell
     drawn = axes.scatter(
-        *places.T,
-        c=found.counts[::-1] / found.counts[0],
-        s=9,
-        cmap="viridis_r",
-        vmin=SIFTED_SHARE,
-        vmax=1.0,
-        zorder=3,
+        *places.T, c=found.counts[::-1] / found.counts[0], s=9, cmap="viridis_r", vmin=SIFTED_SHARE, vmax=1.0, zorder=3
     )
-    axes.figure.colorbar(
-        drawn, ax=axes, fraction=0.04, pad=0.02, label="matches, over those of the best cell"
-    )
+    axes.figure.colorbar(drawn, ax=axes, fraction=0.04, pad=0.02, label="matches, over those of the best cell")
     for pose in relocalizer.search(scan).places[1:]:
         axes.plot(pose.x, pose.y, "s", ms=9, mfc="none", mec="#d98a00", mew=1.3, zorder=4)
     axes.plot(
-        float(row["true_x"]),
-        float(row["true_y"]),
-        "+",
-        ms=16,
-        mew=2.0,
-        color=FOUND,
-        zorder=5,
-        label="true place",
+        float(row["true_x"]), float(row["true_y"]), "+", ms=16, mew=2.0, color=FOUND, zorder=5, label="true place"
     )
     n_places = len(np.unique(found.cells[:, 1:], axis=0))
     share = 100.0 * len(found) / relocalizer.n_cells
@@ -105,9 +86,7 @@ def draw_sieve(axes, relocalizer, scan, row):
 
 
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("dataset")
     parser.add_argument("rows")
     parser.add_argument("epoch", type=int)
@@ -118,9 +97,7 @@ def main():
         rows = [row for row in csv.DictReader(file) if row["method"] == "maxcon"]
     relocalizer = Relocalizer(PointMap.open(dataset.map_path))
     scan = Scan(open_scans(dataset.scans, dataset.times).read(options.epoch, 1.0, 120.0).points)
-    figure, (left, right) = plt.subplots(
-        1, 2, figsize=(13.0, 6.6), sharex=True, sharey=True, layout="constrained"
-    )
+    figure, (left, right) = plt.subplots(1, 2, figsize=(13.0, 6.6), sharex=True, sharey=True, layout="constrained")
     for axes in (left, right):
         backdrop(axes, relocalizer)
         axes.set(aspect="equal", xlabel="x, local frame (m)")

@@ -53,9 +53,7 @@ def judge(options):
     true, before, after = ([[], []] for _ in range(3))
     for number in range(2):
         for path in sorted(options.before.glob(f"*_{number}.laz")):
-            given, got = (
-                coordinates(laspy.read(file))[::EVERY] for file in (path, options.after / path.name)
-            )
+            given, got = (coordinates(laspy.read(file))[::EVERY] for file in (path, options.after / path.name))
             was = given
             if number == 1:
                 was = (given - truth["about"] - truth["shift"]) @ rotation_matrices(*truth["turn"])

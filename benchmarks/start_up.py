@@ -11,11 +11,7 @@ import sys
 import numpy as np
 from scene import header, times_ms
 
-HELP = [
-    sys.executable,
-    "-c",
-    "import sys; sys.argv = ['maxcon', '--help']; from maxcon.cli import main; main()",
-]
+HELP = [sys.executable, "-c", "import sys; sys.argv = ['maxcon', '--help']; from maxcon.cli import main; main()"]
 NOTHING = [sys.executable, "-c", "pass"]
 
 

@@ -18,17 +18,7 @@ def header(columns):
 
 
 def accuracy_rows(found):
-    columns = (
-        "prior",
-        "method",
-        "success",
-        "%",
-        "trusted",
-        "of these wrong",
-        "median m",
-        "95 % m",
-        "worst m",
-    )
+    columns = ("prior", "method", "success", "%", "trusted", "of these wrong", "median m", "95 % m", "worst m")
     yield from header((*columns, "heading 95 % deg", "ms"))
     for method in found:
         yield (

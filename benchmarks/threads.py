@@ -26,9 +26,7 @@ WINDOWS = ((3.0, 2.0, 40), (12.0, 10.0, 40), (25.0, 15.0, 20), (60.0, 180.0, 12)
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("datasets", nargs="+", metavar="DATASET", type=NamedDataset.of_word)
-    parser.add_argument(
-        "-o", "--out", type=Path, required=True, metavar="FOLDER", help="maps are built there"
-    )
+    parser.add_argument("-o", "--out", type=Path, required=True, metavar="FOLDER", help="maps are built there")
     parser.add_argument("--threads", type=int, nargs="+", default=[2, 4, 8])
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()

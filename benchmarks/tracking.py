@@ -94,9 +94,7 @@ class Drive:
         for epoch in range(len(self.times)):
             points, at = self.scan(epoch)
             began = time.perf_counter()
-            yield self.judged(
-                method.localize(Scan(points, time=at), self.point_map, self.prior[epoch]), epoch, began
-            )
+            yield self.judged(method.localize(Scan(points, time=at), self.point_map, self.prior[epoch]), epoch, began)
 
     def judged(self, estimate, epoch, began):
         """Error (m), status and milliseconds of an answer."""
@@ -126,10 +124,7 @@ def print_trouble(name, runs):
     """One row of the table of troubles."""
     n_wrong = [sum(status == Status.LOCALIZED and error > WRONG for error, status, _ in run) for run in runs]
     found = [
-        next(
-            (k for k, (error, status, _) in enumerate(run) if status == Status.LOCALIZED and error < WITHIN),
-            None,
-        )
+        next((k for k, (error, status, _) in enumerate(run) if status == Status.LOCALIZED and error < WITHIN), None)
         for run in runs
     ]
     n_ended = sum(run[-1][1] == Status.LOCALIZED and run[-1][0] < WITHIN for run in runs)
@@ -181,9 +176,7 @@ def slips(drive, method, slip):
 
 
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("map")
     parser.add_argument("dataset")
     parser.add_argument("--prior")
@@ -196,8 +189,7 @@ def main():
     everything = range(len(drive.times))
     print_drive("every epoch by itself", drive.alone(method))
     print_drive(
-        "tracked, the prior's motion",
-        drive.tracked(everything, Tracker(method, drive.noise_of_prior), drive.prior),
+        "tracked, the prior's motion", drive.tracked(everything, Tracker(method, drive.noise_of_prior), drive.prior)
     )
     if drive.odometry is None:
         return

@@ -82,9 +82,7 @@ def main() -> None:
             for number, raw in enumerate(scans.scans()):
                 rng = np.random.default_rng([number, zlib.crc32(variant.encode())])
                 points = change(raw.points, rng)
-                start, truth = (
-                    point_map.frame.pose_to_local(poses.at(raw.time)) for poses in (prior, reference)
-                )
+                start, truth = (point_map.frame.pose_to_local(poses.at(raw.time)) for poses in (prior, reference))
                 start = replace(start, z=truth.z + raised if raised else start.z)
                 for name, method in methods.items():
                     estimate = method.localize(maxcon.Scan(points, time=raw.time), point_map, start)

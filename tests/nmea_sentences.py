@@ -32,9 +32,7 @@ def gga(time, latitude, longitude, altitude="", geoid="", quality=4, hdop=0.8):
 
 def rmc(time):
     """RMC, for its date."""
-    return sentence(
-        "GNRMC", clock(time)[0], "A", "5200.0", "N", "01000.0", "E", "1.0", "", clock(time)[1], "", "", "A"
-    )
+    return sentence("GNRMC", clock(time)[0], "A", "5200.0", "N", "01000.0", "E", "1.0", "", clock(time)[1], "", "", "A")
 
 
 def zda(time):

@@ -91,9 +91,7 @@ class DriveOfBoxes:
         return RawScan(points, float(self.times[i]), self.name(i), len(points), 0, 0)
 
     def rows(self):
-        return tuple(
-            (i, PoseRow(float(t), self.poses[i], "localized", "", {})) for i, t in enumerate(self.times)
-        )
+        return tuple((i, PoseRow(float(t), self.poses[i], "localized", "", {})) for i, t in enumerate(self.times))
 
     def write(self, folder):
         """Write scans and POSES.csv; return both paths."""
@@ -113,11 +111,7 @@ class DriveOfBoxes:
             for t, pose in zip(self.times, self.poses, strict=True):
                 row = dict.fromkeys(COLUMNS, "") | {"time": f"{t:.9f}", "status": "localized"}
                 row |= dict(
-                    zip(
-                        ("x", "y", "z", "roll", "pitch", "heading"),
-                        map(repr, pose.values.tolist()),
-                        strict=True,
-                    )
+                    zip(("x", "y", "z", "roll", "pitch", "heading"), map(repr, pose.values.tolist()), strict=True)
                 )
                 writer.writerow(row.values())
         return folder / "scans", folder / "poses.csv"

@@ -23,9 +23,7 @@ FEW = np.array([4.0, 1.2, 0.0, 2.5])
 def scene(cell, n_matching=4, n_points=16):
     """Points of which the first few lie in voxels of three map points, and the others in none, at a cell."""
     pose = SPACE.pose(cell, PRIOR)
-    at = pose.position + np.column_stack(
-        [np.arange(n_points) + 1.0, 2.0 * np.arange(n_points), np.zeros(n_points)]
-    )
+    at = pose.position + np.column_stack([np.arange(n_points) + 1.0, 2.0 * np.arange(n_points), np.zeros(n_points)])
     normals = np.tile([1.0, 0.0, 0.0], (n_points, 1))
     point_map = PointMap.from_points(
         np.repeat(at[:n_matching], 3, axis=0), np.repeat(normals[:n_matching], 3, axis=0), CELL
@@ -76,9 +74,7 @@ def test_what_is_known_of_the_cell_is_passed_on():
 
 
 @pytest.mark.parametrize(("heading", "turn_deg"), [(0, -1.5), (4, 1.5)])
-@pytest.mark.parametrize(
-    ("beyond", "status"), [(0.9, Status.LOCALIZED), (1.0, Status.LOCALIZED), (1.1, Status.AT_RIM)]
-)
+@pytest.mark.parametrize(("beyond", "status"), [(0.9, Status.LOCALIZED), (1.0, Status.LOCALIZED), (1.1, Status.AT_RIM)])
 def test_one_heading_beyond_the_last_is_scored_and_only_a_higher_score_there_is_the_rim(
     monkeypatch, heading, turn_deg, beyond, status
 ):
@@ -104,8 +100,7 @@ def test_one_heading_beyond_the_last_is_scored_and_only_a_higher_score_there_is_
 def test_beyond_headings_in_the_middle_nothing_is_scored(heading):
     objective = Constant(5.0)
     assert (
-        judged(BestCell(SPACE, PRIOR, (heading, 5, 5), 1.0, FEW, 0.1), objective=objective).status
-        is Status.LOCALIZED
+        judged(BestCell(SPACE, PRIOR, (heading, 5, 5), 1.0, FEW, 0.1), objective=objective).status is Status.LOCALIZED
     )
     assert objective.shapes == []
 

@@ -45,9 +45,7 @@ def test_only_open_spaces_of_more_than_a_few_cells_are_searched_coarse_to_fine_a
     corner, monkeypatch
 ):
     _, point_map = corner
-    bounded, exhaustive = (
-        MaximumConsensus(search=name).cell_search for name in ("branch-and-bound", "exhaustive")
-    )
+    bounded, exhaustive = (MaximumConsensus(search=name).cell_search for name in ("branch-and-bound", "exhaustive"))
     is_open = SearchSpace(1.0, heading_half_width_deg=2.0)
     n_cells = is_open.n_cells_at(CELL)
     for few, is_few in ((n_cells - 1, False), (n_cells, True), (n_cells + 1, True)):
@@ -82,7 +80,5 @@ def test_the_runner_up_is_a_ratio_of_helmert_s_scores_however_low_these_are(corn
     moments = np.zeros((*SPACE.shape, 4))
     moments[2, 10, 10] = [100.0, least, 0.0, least]
     moments[2, 10, 19] = [50.0, 0.5 * least, 0.0, 0.5 * least]
-    estimate = MaximumConsensus(SPACE).cell_search.conclude(
-        Accumulator(moments, SPACE, HERE), scan, point_map
-    )
+    estimate = MaximumConsensus(SPACE).cell_search.conclude(Accumulator(moments, SPACE, HERE), scan, point_map)
     assert estimate.runner_up == pytest.approx(runner_up)

@@ -52,9 +52,7 @@ def test_every_section_and_fact_that_the_source_cites_is_in_the_design(sections)
     for name, found in _cited(FACT):
         section, *facts = (int(number) for number in found.groups() if number)
         for fact in facts:
-            assert re.search(rf"^{fact}\. ", sections[section], flags=re.MULTILINE), (
-                f"{name}: {found.group()}"
-            )
+            assert re.search(rf"^{fact}\. ", sections[section], flags=re.MULTILINE), f"{name}: {found.group()}"
 
 
 def _is_in_the_source(dotted):

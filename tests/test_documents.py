@@ -18,10 +18,7 @@ from maxcon.cli import app
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted((ROOT / "src").rglob("*.py"))
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
-SPDX = (
-    "# SPDX-FileCopyrightText: 2026 the maxcon authors",
-    "# SPDX-License-Identifier: MIT",
-)
+SPDX = ("# SPDX-FileCopyrightText: 2026 the maxcon authors", "# SPDX-License-Identifier: MIT")
 
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
@@ -103,9 +100,7 @@ def test_the_readme_s_commands_are_found_at_all():
     lines = [line for block in _blocks(ROOT / "README.md", "sh") for line in _command_lines(block)]
     named = {" ".join(shlex.split(line)[1:3]) for line in lines}
     assert {"map build", "map info"} <= named
-    assert any(name.startswith("localize") for name in named) and any(
-        name.startswith("demo") for name in named
-    )
+    assert any(name.startswith("localize") for name in named) and any(name.startswith("demo") for name in named)
 
 
 WITH_PYTHON = [path for path in DOCUMENTS if _blocks(path, "python") and path.name != "tutorial.md"]

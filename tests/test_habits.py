@@ -11,11 +11,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 KINDS = {kind["directory"] for kind in PROJECT["tool"]["towncrier"]["type"]}
-NAMING = [
-    ROOT / "CONTRIBUTING.md",
-    ROOT / "docs" / "releasing.md",
-    ROOT / ".github" / "workflows" / "tests.yml",
-]
+NAMING = [ROOT / "CONTRIBUTING.md", ROOT / "docs" / "releasing.md", ROOT / ".github" / "workflows" / "tests.yml"]
 
 
 def test_linters_are_of_one_version_everywhere():
@@ -33,26 +29,20 @@ def test_commands_of_the_repository_exist(path):
 
 
 def test_the_linters_run_everywhere_alike():
-    commands = re.findall(
-        r"^(\w[\w-]*)", (ROOT / ".ci" / "lint").read_text().partition("PATH=")[2], re.MULTILINE
-    )
+    commands = re.findall(r"^(\w[\w-]*)", (ROOT / ".ci" / "lint").read_text().partition("PATH=")[2], re.MULTILINE)
     assert [name for name in commands if name not in (ROOT / ".pre-commit-config.yaml").read_text()] == []
     assert ".ci/lint" in (ROOT / ".ci" / "run").read_text()
 
 
 def test_the_archive_has_what_contributors_read():
     archived = PROJECT["tool"]["hatch"]["build"]["targets"]["sdist"]["include"]
-    assert {"CONTRIBUTING.md", "CHANGELOG.md", "CITATION.cff", "LICENSE", "tests", "docs", "changes"} <= set(
-        archived
-    )
+    assert {"CONTRIBUTING.md", "CHANGELOG.md", "CITATION.cff", "LICENSE", "tests", "docs", "changes"} <= set(archived)
     assert [name for name in archived if not (ROOT / name).exists()] == []
 
 
 def test_changes_are_of_a_kind_that_the_changelog_knows():
     changes = [path.name for path in (ROOT / "changes").glob("*.md") if path.name != "README.md"]
-    assert [
-        name for name in changes if not re.fullmatch(rf"(\+[\w-]+|\d+)\.({'|'.join(KINDS)})\.md", name)
-    ] == []
+    assert [name for name in changes if not re.fullmatch(rf"(\+[\w-]+|\d+)\.({'|'.join(KINDS)})\.md", name)] == []
 
 
 @pytest.mark.parametrize("name", ["run", "archives"])

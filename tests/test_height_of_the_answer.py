@@ -56,9 +56,7 @@ def yard():
 
 def wrong(truth, height, tilt_deg=0.0):
     tilt = math.radians(tilt_deg)
-    return replace(
-        truth, x=truth.x + 0.25, z=truth.z + height, roll=truth.roll + tilt, pitch=truth.pitch - tilt
-    )
+    return replace(truth, x=truth.x + 0.25, z=truth.z + height, roll=truth.roll + tilt, pitch=truth.pitch - tilt)
 
 
 @pytest.mark.parametrize("search", ["branch-and-bound", "exhaustive"])
@@ -79,10 +77,7 @@ def test_what_is_accumulated_is_what_is_localized(yard):
     method = MaximumConsensus(SPACE)
     prior = wrong(truth, 0.7, 0.5)
     accumulator = method.accumulate(scan, point_map, prior)
-    concluded, estimate = (
-        method.conclude(accumulator, scan, point_map),
-        method.localize(scan, point_map, prior),
-    )
+    concluded, estimate = (method.conclude(accumulator, scan, point_map), method.localize(scan, point_map, prior))
     assert accumulator.best_cell(Helmert()) == estimate.cell == concluded.cell
     assert concluded.pose == estimate.pose
 
@@ -94,9 +89,7 @@ def test_roofs_of_cars_are_not_the_ground(yard, search):
     points = scan.points.copy()
     is_floor = ~scan.normals.any(axis=1)
     points[is_floor] += truth.rotation.T @ [0.0, 0.0, 0.9]
-    estimate = MaximumConsensus(SPACE, search=search).localize(
-        Scan(points, scan.normals), point_map, wrong(truth, 0.0)
-    )
+    estimate = MaximumConsensus(SPACE, search=search).localize(Scan(points, scan.normals), point_map, wrong(truth, 0.0))
     assert estimate.status is Status.LOCALIZED
     np.testing.assert_allclose(estimate.pose.position, truth.position, atol=0.05)
 

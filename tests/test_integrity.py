@@ -107,9 +107,7 @@ def test_the_outermost_heading_may_be_the_answer(corner):
 
 def test_an_offset_at_the_rim_is_told(corner):
     prior = replace(HERE, x=1.2)
-    estimate = MaximumConsensus(SPACE, wider=0.0).localize(
-        scan_of(*corner), PointMap.from_points(*corner), prior
-    )
+    estimate = MaximumConsensus(SPACE, wider=0.0).localize(scan_of(*corner), PointMap.from_points(*corner), prior)
     assert estimate.status is Status.AT_RIM
 
 
@@ -176,9 +174,7 @@ def test_the_protection_level_is_along_and_across_the_heading():
     covariance = np.diag([0.04, 0.01, 9.0, 1.0, 1.0, 1.0]) ** 2
     along, across = protection_level(covariance, 0.0, 0.01)
     assert along == pytest.approx(4.0 * across)
-    assert across / 0.01 == pytest.approx(
-        3.02, abs=0.01
-    )  # 0.5 % of 1 % is left, for two directions of two sides
+    assert across / 0.01 == pytest.approx(3.02, abs=0.01)  # 0.5 % of 1 % is left, for two directions of two sides
     assert protection_level(covariance, math.pi / 2, 0.01) == pytest.approx((across, along))
     assert protection_level(covariance, 0.0, 0.02)[0] < along
     assert protection_level(covariance, 0.0, 0.005) == (math.inf, math.inf)

@@ -12,18 +12,7 @@ import numpy as np
 import pytest
 
 import maxcon
-from maxcon import (
-    Accumulator,
-    Count,
-    Estimate,
-    Helmert,
-    MaximumConsensus,
-    PointMap,
-    Pose,
-    Scan,
-    SearchSpace,
-    Status,
-)
+from maxcon import Accumulator, Count, Estimate, Helmert, MaximumConsensus, PointMap, Pose, Scan, SearchSpace, Status
 from maxcon.errors import ArrayError, OptionError, SearchSpaceError
 from maxcon.search import Weighting
 
@@ -100,18 +89,14 @@ def test_the_cofactor_is_the_inverse_of_n_and_the_score_that_of_its_trace(scan, 
     np.testing.assert_allclose(estimate.cofactor, np.diag([1 / n_x, 1 / n_y]), rtol=1e-9, atol=1e-12)
     assert estimate.score == pytest.approx(1.0 / np.trace(estimate.cofactor), rel=1e-9)
     assert estimate.helmert_point_error == pytest.approx(math.sqrt(1 / n_x + 1 / n_y), rel=1e-9)
-    np.testing.assert_allclose(
-        accumulator.normal_matrix(estimate.cell) @ estimate.cofactor, np.eye(2), atol=1e-9
-    )
+    np.testing.assert_allclose(accumulator.normal_matrix(estimate.cell) @ estimate.cofactor, np.eye(2), atol=1e-9)
 
 
 def test_a_scan_without_normals_is_localized_but_not_as_published(scan, point_map):
     """As published all its weights are 0; the count stays what it is."""
     bare = Scan(scan.points, np.zeros_like(scan.normals))
     prior = prior_of(4, -7, 0.5)
-    published, cosine, one = (
-        MaximumConsensus(SPACE, weighting=name) for name in ("published", "cosine", "one")
-    )
+    published, cosine, one = (MaximumConsensus(SPACE, weighting=name) for name in ("published", "cosine", "one"))
     assert MaximumConsensus(SPACE).weighting is cosine.weighting is Weighting.COSINE
     assert published.localize(bare, point_map, prior).status is Status.UNDETERMINED
     for method in (cosine, one):
@@ -129,10 +114,7 @@ def test_the_scan_is_thinned_before_the_search(points_and_normals, point_map, se
     beside = points + [0.001, 0.001, 0.001]  # in the same cubes, mostly
     scan = as_scan(np.concatenate([points, beside]), np.concatenate([normals, normals]))
     prior = prior_of(4, -7, 0.5)
-    default, whole = (
-        MaximumConsensus(SPACE, search=search),
-        MaximumConsensus(SPACE, search=search, thinning=0.0),
-    )
+    default, whole = (MaximumConsensus(SPACE, search=search), MaximumConsensus(SPACE, search=search, thinning=0.0))
     assert default.thinning == 0.25
     thinned = scan.thinned(0.25)
     assert len(thinned) < 120
@@ -238,9 +220,7 @@ def test_an_answer_in_doubt_is_searched_for_again_twice_as_wide(scan, point_map)
     ],
 )
 def test_wider_spaces_double_until_the_widest(half_width, turn_deg, wider, widest, wanted):
-    method = MaximumConsensus(
-        SearchSpace(half_width, heading_half_width_deg=turn_deg), wider=wider, widest=widest
-    )
+    method = MaximumConsensus(SearchSpace(half_width, heading_half_width_deg=turn_deg), wider=wider, widest=widest)
     spaces = list(method._wider_spaces())
     assert [(space.half_width, space.heading_half_width_deg) for space in spaces] == wanted
     assert all(space.is_open for space in spaces)
@@ -305,9 +285,7 @@ def test_its_scores_may_be_of_any_type_of_number(scan, point_map, dtype):
 
 def test_scores_of_another_shape_are_refused(scan, point_map):
     objective = Returns(lambda moments: moments[..., 0].sum(axis=0))
-    with pytest.raises(
-        ArrayError, match=r"scores of shape \(5, 20, 20\), got \(20, 20\)\. Reduce the last axis"
-    ):
+    with pytest.raises(ArrayError, match=r"scores of shape \(5, 20, 20\), got \(20, 20\)\. Reduce the last axis"):
         MaximumConsensus(SPACE, objective).localize(scan, point_map, TRUTH)
 
 
@@ -327,9 +305,7 @@ def test_nan_among_the_scores_is_refused(scan, point_map):
 def test_what_is_refused(scan, point_map):
     with pytest.raises(OptionError, match="Expected `multiplicity` to be 'occupied' or 'points', got 'both'"):
         MaximumConsensus(multiplicity="both")
-    with pytest.raises(
-        OptionError, match="Expected `weighting` to be 'cosine', 'published' or 'one', got 'none'"
-    ):
+    with pytest.raises(OptionError, match="Expected `weighting` to be 'cosine', 'published' or 'one', got 'none'"):
         MaximumConsensus(weighting="none")
     with pytest.raises(SearchSpaceError, match=r"0\.06 m, or 2, 4, \.\.\. 32 times that, got 0\.05 m"):
         MaximumConsensus(SearchSpace(1.0, 0.05)).localize(scan, point_map, TRUTH)
@@ -358,10 +334,7 @@ def test_a_scan_estimates_normals_when_asked():
         ((np.zeros((3, 8)),), r"`points` to have shape \(n, 3\), got \(3, 8\)\. Transpose it\?"),
         (([[0.0, math.nan, 0.0]],), "finite coordinates in `points`, got 1 of 1 rows"),
         ((np.zeros((2, 3)), np.zeros((1, 3))), "`normals` to have one row per point, 2, got 1"),
-        (
-            (np.zeros((1, 3)), [[1.0, 1.0, 0.0]]),
-            r"unit normals in `normals` .*got length 1\.41 in row 0\. Divide",
-        ),
+        ((np.zeros((1, 3)), [[1.0, 1.0, 0.0]]), r"unit normals in `normals` .*got length 1\.41 in row 0\. Divide"),
         ((np.zeros((1, 3)), None, math.nan), "finite `time` of the scan, got nan"),
     ],
 )
@@ -410,9 +383,7 @@ def test_a_wall_with_noisy_normals_is_still_undetermined(noise_deg):
 def test_both_searches_give_the_same_estimate(objective, multiplicity, offset):
     """Near the truth, at the rim, beyond it and outside the map."""
     points, normals = corner(noise_deg=3.0)
-    around = np.repeat(points, 20, axis=0) + np.random.default_rng(1).uniform(
-        -0.02, 0.02, (20 * len(points), 3)
-    )
+    around = np.repeat(points, 20, axis=0) + np.random.default_rng(1).uniform(-0.02, 0.02, (20 * len(points), 3))
     point_map = PointMap.from_points(around, np.repeat(normals, 20, axis=0))
     scan = Scan((points - TRUTH.position) @ TRUTH.rotation, normals @ TRUTH.rotation)
     prior = TRUTH.translated([offset, -0.2, 0.0])
@@ -428,9 +399,7 @@ def test_both_searches_give_the_same_estimate(objective, multiplicity, offset):
 
 
 def test_an_unknown_search_is_refused():
-    with pytest.raises(
-        OptionError, match="Expected `search` to be 'exhaustive' or 'branch-and-bound', got 'bbs'"
-    ):
+    with pytest.raises(OptionError, match="Expected `search` to be 'exhaustive' or 'branch-and-bound', got 'bbs'"):
         MaximumConsensus(search="bbs")
 
 

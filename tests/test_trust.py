@@ -54,9 +54,7 @@ def test_walls_that_are_three_degrees_off():
     assert pytest.approx(0.002739, abs=1e-6) == LEAST_EIGENVALUE_RATIO
 
 
-@pytest.mark.parametrize(
-    "name", ["least_share", "largest_runner_up", "least_wall_share", "least_confirmed_share"]
-)
+@pytest.mark.parametrize("name", ["least_share", "largest_runner_up", "least_wall_share", "least_confirmed_share"])
 def test_shares_are_from_0_to_1(name):
     for share in (0.0, 1.0):
         assert getattr(Trust(**{name: share}), name) == share
@@ -117,8 +115,7 @@ def test_horizontal_is_within_30_degrees():
 
 
 @pytest.mark.parametrize(
-    ("azimuth_deg", "words"),
-    [(0.0, "along 0 degrees"), (30.0, "along 30 degrees"), (135.0, "along 135 degrees")],
+    ("azimuth_deg", "words"), [(0.0, "along 0 degrees"), (30.0, "along 30 degrees"), (135.0, "along 135 degrees")]
 )
 def test_the_direction_that_few_matches_fix_is_named(azimuth_deg, words):
     azimuth = math.radians(azimuth_deg)
@@ -145,12 +142,8 @@ def test_the_level_of_a_risk_is_that_of_two_directions_of_two_sides(risk):
 def test_errors_along_and_across_a_heading():
     covariance = np.zeros((6, 6))
     covariance[:2, :2] = [[5.0, 4.0], [4.0, 5.0]]  # 9 along 45 degrees, 1 across
-    np.testing.assert_allclose(
-        along_and_across(covariance, math.radians(45.0)), np.diag([9.0, 1.0]), atol=1e-12
-    )
-    np.testing.assert_allclose(
-        along_and_across(covariance, math.radians(-45.0)), np.diag([1.0, 9.0]), atol=1e-12
-    )
+    np.testing.assert_allclose(along_and_across(covariance, math.radians(45.0)), np.diag([9.0, 1.0]), atol=1e-12)
+    np.testing.assert_allclose(along_and_across(covariance, math.radians(-45.0)), np.diag([1.0, 9.0]), atol=1e-12)
     np.testing.assert_allclose(along_and_across(covariance, math.radians(90.0)), [[5.0, -4.0], [-4.0, 5.0]])
 
 

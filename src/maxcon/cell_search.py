@@ -177,13 +177,9 @@ def judge(
     is_at_rim = space.is_at_rim(cell) if best.is_at_rim is None else best.is_at_rim
     if further is not None and not is_at_rim:
         one_heading = replace(space, heading_half_width_deg=0.0)
-        found = exhaustive(
-            searched, point_map, further, one_heading, multiplicity=multiplicity, weighting=weighting
-        )
+        found = exhaustive(searched, point_map, further, one_heading, multiplicity=multiplicity, weighting=weighting)
         is_at_rim = bool(found.score(objective).max() > best.score)
-    status = trust.judge(
-        is_determined=is_determined, share=share, is_at_rim=is_at_rim, runner_up=best.runner_up
-    )
+    status = trust.judge(is_determined=is_determined, share=share, is_at_rim=is_at_rim, runner_up=best.runner_up)
     reasons = reasons_to_doubt_scan(scan, prior)
     if multiplicity == Multiplicity.OCCUPIED:  # otherwise N counts map points, not matches
         reasons += reasons_to_doubt_answer(best.moments)
@@ -200,9 +196,7 @@ def _beyond(best: BestCell) -> Pose | None:
     return replace(best.prior, heading=best.prior.heading + float(beyond))
 
 
-def _matched_share(
-    best: BestCell, multiplicity: str | Multiplicity, scan: Scan, point_map: PointMap
-) -> float:
+def _matched_share(best: BestCell, multiplicity: str | Multiplicity, scan: Scan, point_map: PointMap) -> float:
     """Share of the scan's points that match at a cell; a count of map points has to be counted anew."""
     if multiplicity == Multiplicity.OCCUPIED:
         return float(best.moments[0]) / len(scan)

@@ -109,9 +109,7 @@ class Trust:
             return Status.AMBIGUOUS
         return Status.LOCALIZED
 
-    def judge_refined(
-        self, *, n_planes: int, moved: float, wall_share: float | None, is_confirmed: bool
-    ) -> Status:
+    def judge_refined(self, *, n_planes: int, moved: float, wall_share: float | None, is_confirmed: bool) -> Status:
         """Return the status of a best cell that was localized, after its pose was adjusted to the map.
 
         Parameters

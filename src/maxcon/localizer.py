@@ -179,9 +179,7 @@ class MaximumConsensus:
         if ground is None or abs(ground.height) <= OTHER_GROUND:
             return found, ground
         other = self.cell_search.best(scan, point_map, around.levelled(ground.pose), self.space.plane)
-        return (
-            (other, self._ground_at(other, scan, point_map)) if other.score > found.score else (found, None)
-        )
+        return (other, self._ground_at(other, scan, point_map)) if other.score > found.score else (found, None)
 
     def _ground_at(self, found: Estimate, scan: Scan, point_map: PointMap) -> GroundFit | None:
         """The ground of the place that was found, where that can be told."""
@@ -239,11 +237,7 @@ class MaximumConsensus:
         localized; otherwise it is one more reason to doubt.
         """
         around = replace(doubted.pose, heading=start.heading)  # a wrong place has a wrong heading
-        wide = (
-            self.cell_search
-            if self.cell_search.has_bounds
-            else replace(self.cell_search, objective=Helmert())
-        )
+        wide = self.cell_search if self.cell_search.has_bounds else replace(self.cell_search, objective=Helmert())
         places = wide.places(scan, point_map, around, space)
         if not places:
             return doubted
@@ -255,14 +249,8 @@ class MaximumConsensus:
         examined = examine(found, ground, scan, point_map, self.trust, self.risk, is_confirmed=is_same)
         if not (is_same or examined.is_localized):
             reason = f"from farther around another place, {moved:.1f} m away, fits better"
-            return replace(
-                doubted, reason="; ".join(filter(None, [doubted.reason, reason])), was_widened=True
-            )
-        score = (
-            examined.score
-            if self.cell_search.has_bounds
-            else float(self.cell_search.objective.score(best.moments))
-        )
+            return replace(doubted, reason="; ".join(filter(None, [doubted.reason, reason])), was_widened=True)
+        score = examined.score if self.cell_search.has_bounds else float(self.cell_search.objective.score(best.moments))
         return replace(examined, score=score, cell=doubted.cell if is_same else None, was_widened=True)
 
     def accumulate(self, scan: Scan, point_map: PointMap, prior: Pose) -> Accumulator:
@@ -276,11 +264,7 @@ class MaximumConsensus:
         for start, space in starts:
             level, cells = self.cell_search.level_and_cells(space, point_map)
             found.append(self.cell_search.accumulate(scan, level, start, cells))
-        return (
-            max(found, key=lambda each: each.score(self.cell_search.objective).max())
-            if len(found) > 1
-            else found[0]
-        )
+        return max(found, key=lambda each: each.score(self.cell_search.objective).max()) if len(found) > 1 else found[0]
 
     def conclude(self, accumulator: Accumulator, scan: Scan, point_map: PointMap) -> Estimate:
         """Take the best cell of an accumulator of this scan, and settle its pose: `localize`, of given cells."""

@@ -97,9 +97,7 @@ def _timed(run: Callable[[], object]) -> Compiled:
 
 def _room() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Points of a room of 8 by 6 m as a scanner of 8 rings sees them, and their normals, shape (n, 3), m."""
-    azimuths, elevations = np.meshgrid(
-        np.radians(np.arange(0.0, 360.0, 2.0)), np.radians(np.arange(-7.0, 8.0, 2.0))
-    )
+    azimuths, elevations = np.meshgrid(np.radians(np.arange(0.0, 360.0, 2.0)), np.radians(np.arange(-7.0, 8.0, 2.0)))
     x, y = np.cos(azimuths).ravel(), np.sin(azimuths).ravel()
     is_end = np.abs(x) * 3.0 > np.abs(y) * 4.0
     distances = 1.0 / np.where(is_end, np.abs(x) / 4.0, np.abs(y) / 3.0)
@@ -137,9 +135,7 @@ def _build(folder: Path) -> None:
 def search_room(methods: Iterable[MaximumConsensus], *, is_signed: bool = True) -> None:
     """Let methods with the space `SPACE` localize a scan of the room in a map in memory."""
     points, normals = _room()
-    _search(
-        PointMap.from_points(points, normals, SPACE.cell_edge, is_signed=is_signed, ground=_floor()), methods
-    )
+    _search(PointMap.from_points(points, normals, SPACE.cell_edge, is_signed=is_signed, ground=_floor()), methods)
 
 
 def _search_in_memory() -> None:
@@ -176,9 +172,5 @@ def _search(point_map: PointMap, methods: Iterable[MaximumConsensus]) -> None:
 
 def options_of_the_method() -> list[dict[str, Any]]:
     """All values of all options of the method that have names for values, each with each."""
-    choices = {
-        field.name: type(field.default)
-        for field in fields(MaximumConsensus)
-        if isinstance(field.default, Enum)
-    }
+    choices = {field.name: type(field.default) for field in fields(MaximumConsensus) if isinstance(field.default, Enum)}
     return [dict(zip(choices, values, strict=True)) for values in product(*choices.values())]

@@ -62,9 +62,7 @@ def test_an_exception_inside_leaves_the_old_file(tmp_path, error):
 def test_a_full_disk_while_writing_a_file(tmp_path):
     target = tmp_path / "poses.csv"
     with (
-        pytest.raises(
-            FileError, match=r"able to write .*poses\.csv, got: No space left on device\..*nothing was"
-        ),
+        pytest.raises(FileError, match=r"able to write .*poses\.csv, got: No space left on device\..*nothing was"),
         atomic_file(target) as partial,
     ):
         partial.write_text("half")
@@ -73,10 +71,7 @@ def test_a_full_disk_while_writing_a_file(tmp_path):
 
 
 def test_a_file_in_no_folder_or_over_a_folder(tmp_path):
-    with (
-        pytest.raises(FileError, match="No such file or directory"),
-        atomic_file(tmp_path / "no" / "a") as partial,
-    ):
+    with pytest.raises(FileError, match="No such file or directory"), atomic_file(tmp_path / "no" / "a") as partial:
         partial.write_text("x")
     (tmp_path / "folder").mkdir()
     with pytest.raises(FileError, match="got the folder"), atomic_file(tmp_path / "folder") as partial:
@@ -356,10 +351,7 @@ def test_the_old_folder_comes_back_when_the_exchange_fails(tmp_path, monkeypatch
         return rename(self, other)
 
     monkeypatch.setattr(cls, "replace", replace)
-    with (
-        pytest.raises(FileError, match="No space left"),
-        atomic_folder(target, overwrite=True) as partial,
-    ):
+    with pytest.raises(FileError, match="No space left"), atomic_folder(target, overwrite=True) as partial:
         (partial / "new").write_text("new")
     assert (target / "old").read_text() == "old"
     assert names(tmp_path) == ["city.map"]

@@ -47,10 +47,7 @@ def test_two_at_a_time_are_refused(tmp_path):
 
 def test_a_file_is_no_folder(tmp_path):
     (tmp_path / "work").touch()
-    with (
-        pytest.raises(FileError, match="Expected a folder to write into"),
-        work_folder(tmp_path / "work", "work", "r"),
-    ):
+    with pytest.raises(FileError, match="Expected a folder to write into"), work_folder(tmp_path / "work", "work", "r"):
         pass
 
 

@@ -54,9 +54,7 @@ def thin_profiles():
 @pytest.fixture(scope="session")
 def drive(tmp_path_factory, thin_profiles):
     folder = tmp_path_factory.mktemp("drive")
-    dataset = simulate(
-        folder / "dataset", n_epochs=4, seed=3, before=30.0, after=20.0, mapping_scanners=thin_profiles
-    )
+    dataset = simulate(folder / "dataset", n_epochs=4, seed=3, before=30.0, after=20.0, mapping_scanners=thin_profiles)
     options = MapOptions(trajectory=read_trajectory(dataset.map_trajectory), vehicle_classes=(64,))
     build_map(dataset.map_clouds, folder / "city.map", options)
     return Drive(dataset, str(folder / "city.map"), read_trajectory(dataset.reference))
@@ -75,9 +73,7 @@ def maxcon(monkeypatch, capfd):
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             # Of velodyne-decoder 3.1, on a newer numpy; Python shows it to nobody.
-            warnings.filterwarnings(
-                "ignore", "Setting the (dtype|shape) on a NumPy array", DeprecationWarning
-            )
+            warnings.filterwarnings("ignore", "Setting the (dtype|shape) on a NumPy array", DeprecationWarning)
             try:
                 main()
             except SystemExit as ended:

@@ -98,9 +98,7 @@ def test_a_folder_of_clouds(not_built, tmp_path):
 
 
 def test_a_cloud_named_twice(not_built, street_npz):
-    not_built(
-        street_npz, street_npz.parent / "." / street_npz.name, words=[street_npz.name, "more than once"]
-    )
+    not_built(street_npz, street_npz.parent / "." / street_npz.name, words=[street_npz.name, "more than once"])
 
 
 def test_points_without_finite_coordinates_are_dropped_and_counted(build, tmp_path, street):
@@ -126,9 +124,7 @@ def test_a_lone_point_far_away_is_no_map(not_built, tmp_path, street):
 
 def test_a_ply_with_lists_in_its_vertices(not_built, tmp_path):
     path = tmp_path / "mesh.ply"
-    path.write_text(
-        PLY.format(n=1).replace("end_header", "property list uchar int parts\nend_header") + "0 0 0 1 1\n"
-    )
+    path.write_text(PLY.format(n=1).replace("end_header", "property list uchar int parts\nend_header") + "0 0 0 1 1\n")
     not_built(path, words=[path, "list"])
 
 
@@ -214,15 +210,11 @@ def test_a_trajectory_for_a_cloud_without_times(not_built, street_npz, tmp_path)
 
 def test_a_trajectory_of_another_time(not_built, write_las, tmp_path):
     (tmp_path / "drive.txt").write_text("5000 550000 5802000 60 0 0 0 1\n5001 550000 5802000 60 0 0 0 1\n")
-    not_built(
-        write_las(), "--trajectory", tmp_path / "drive.txt", words=["5000.000", "5001.000", "same clock"]
-    )
+    not_built(write_las(), "--trajectory", tmp_path / "drive.txt", words=["5000.000", "5001.000", "same clock"])
 
 
 def test_a_missing_trajectory(not_built, write_las, tmp_path):
-    not_built(
-        write_las(), "--trajectory", tmp_path / "none.txt", words=[tmp_path / "none.txt", "no such file"]
-    )
+    not_built(write_las(), "--trajectory", tmp_path / "none.txt", words=[tmp_path / "none.txt", "no such file"])
 
 
 def test_several_clouds_at_once_and_a_crs_by_option(build, write_las, street, tmp_path):
@@ -235,10 +227,7 @@ def test_several_clouds_at_once_and_a_crs_by_option(build, write_las, street, tm
 
 def test_what_is_found_of_clouds_without_classes_is_told_in_shares(build, maxcon, tmp_path):
     x, y = (at.ravel() for at in np.meshgrid(np.arange(0.0, 10.0, 0.05), np.arange(0.0, 10.0, 0.05)))
-    floor, wall = (
-        np.column_stack([x, y, np.zeros(x.size)]),
-        np.column_stack([x, np.full(x.size, 9.0), y / 2.0]),
-    )
+    floor, wall = (np.column_stack([x, y, np.zeros(x.size)]), np.column_stack([x, np.full(x.size, 9.0), y / 2.0]))
     np.savez(tmp_path / "a.npz", points=np.concatenate([floor, wall]))
     ended = build(tmp_path / "a.npz")
     row = next(line for line in ended.out.splitlines() if line.startswith("found "))

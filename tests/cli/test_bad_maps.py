@@ -43,11 +43,7 @@ def _edit(city, **entries):
 def test_no_map(not_localized, maxcon, refused, tmp_path):
     (tmp_path / "photos").mkdir()
     (tmp_path / "notes.txt").touch()
-    for name, got in (
-        ("missing.map", "no such folder"),
-        ("photos", "no manifest.json"),
-        ("notes.txt", "got a file"),
-    ):
+    for name, got in (("missing.map", "no such folder"), ("photos", "no manifest.json"), ("notes.txt", "got a file")):
         not_localized(tmp_path / name, tmp_path / name, got, "maxcon map build")
         refused(maxcon("map", "info", tmp_path / name), tmp_path / name, got)
 

@@ -22,15 +22,11 @@ def not_localized(maxcon, refused, drive, tmp_path):
     def check(content, *words, name="prior.txt", options=()):
         path = tmp_path / name
         if content is not None:
-            path.write_text(
-                content if isinstance(content, str) else "".join(f"{' '.join(row)}\n" for row in content)
-            )
+            path.write_text(content if isinstance(content, str) else "".join(f"{' '.join(row)}\n" for row in content))
         out = tmp_path / "out"
         out.mkdir(exist_ok=True)
         outputs = ("-o", out / "poses.csv", "--tum", out / "poses.txt", "--plot", out / "pictures")
-        refused(
-            maxcon("localize", drive.city, drive.dataset.scans, "--prior", path, *outputs, *options), *words
-        )
+        refused(maxcon("localize", drive.city, drive.dataset.scans, "--prior", path, *outputs, *options), *words)
         assert list(out.iterdir()) == []
 
     return check
@@ -64,10 +60,7 @@ def test_one_senseless_row_is_a_row_with_its_status(maxcon, drive, rows, tmp_pat
         "localize", drive.city, drive.dataset.scans, "--prior", tmp_path / "prior.txt", "-o", tmp_path / "poses.csv"
     )  # fmt: skip
     assert (ended.code, ended.err) == (1, ""), ended
-    assert (
-        f"1 rows of the prior are left out; the first: {tmp_path / 'prior.txt'}, line 2: Expected"
-        in ended.out
-    )
+    assert f"1 rows of the prior are left out; the first: {tmp_path / 'prior.txt'}, line 2: Expected" in ended.out
     with (tmp_path / "poses.csv").open() as file:
         table = list(csv.DictReader(file))
     assert [row["status"] for row in table] == ["localized", "no prior", "localized", "localized"]
@@ -95,10 +88,7 @@ SIGMA_COLUMNS = "time,x,y,z,roll,pitch,heading,sigma_x,sigma_y,sigma_heading_deg
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (
-            SIGMA_COLUMNS.replace(",sigma_y", "") + "1,2,3,4,0,0,0,1,1\n",
-            ("line 1", "sigma_x", "no 'sigma_y'"),
-        ),
+        (SIGMA_COLUMNS.replace(",sigma_y", "") + "1,2,3,4,0,0,0,1,1\n", ("line 1", "sigma_x", "no 'sigma_y'")),
         (SIGMA_COLUMNS + "1,2,3,4,0,0,0,1,-1,1\n", ("line 2", ">= 0", "got -1")),
         (SIGMA_COLUMNS + "1,2,3,4,0,0,0,1,nan,1\n", ("line 2", "finite", "'nan'")),
         (SIGMA_COLUMNS + "1,2,3,4,0,0,0,1,,1\n", ("line 2", "finite", "''")),

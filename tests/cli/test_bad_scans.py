@@ -132,9 +132,7 @@ def test_a_ply_with_lists(not_localized, tmp_path):
 
 def test_a_scan_without_a_finite_point_is_not_localized(maxcon, drive, scans, tmp_path):
     np.full((100, 4), np.nan, "<f4").tofile(scans / "000001.bin")
-    ended = maxcon(
-        "localize", drive.city, scans, "--prior", drive.dataset.prior, "-o", tmp_path / "poses.csv"
-    )
+    ended = maxcon("localize", drive.city, scans, "--prior", drive.dataset.prior, "-o", tmp_path / "poses.csv")
     assert (ended.code, ended.err) == (1, "")
     assert "1 no points: " in ended.out
     assert "left out: 100 points" in ended.out
@@ -144,9 +142,7 @@ def test_infinite_coordinates_are_dropped(maxcon, drive, scans, tmp_path):
     points = np.fromfile(scans / "000001.bin", "<f4").reshape(-1, 4)
     points[::50, 0], points[1::50, 2] = np.inf, np.nan
     points.tofile(scans / "000001.bin")
-    ended = maxcon(
-        "localize", drive.city, scans, "--prior", drive.dataset.prior, "-o", tmp_path / "poses.csv"
-    )
+    ended = maxcon("localize", drive.city, scans, "--prior", drive.dataset.prior, "-o", tmp_path / "poses.csv")
     assert (ended.code, ended.err) == (0, "")
 
 

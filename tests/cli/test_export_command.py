@@ -19,21 +19,15 @@ def test_a_drive_is_exported_in_the_crs_of_its_map(maxcon, refused, poses, drive
     ended = maxcon("export", poses, "-o", tmp_path / "a.geojson", "--map", drive.city)
     assert (ended.code, ended.err) == (0, "")
     assert ended.out == f"4 of 4 epochs have a pose; written to {tmp_path / 'a.geojson'}\n"
-    longitude, latitude, _ = json.loads((tmp_path / "a.geojson").read_text())["features"][0]["geometry"][
-        "coordinates"
-    ]
+    longitude, latitude, _ = json.loads((tmp_path / "a.geojson").read_text())["features"][0]["geometry"]["coordinates"]
     assert 9.0 < longitude < 10.0
     assert 52.0 < latitude < 53.0
     refused(maxcon("export", poses, "-o", tmp_path / "b.kml"), "--map")
-    refused(
-        maxcon("export", poses, "-o", tmp_path / "b.kml", "--map", drive.city, "--crs", "EPSG:25832"), "both"
-    )
+    refused(maxcon("export", poses, "-o", tmp_path / "b.kml", "--map", drive.city, "--crs", "EPSG:25832"), "both")
     refused(maxcon("export", poses, "-o", poses), "another file")
     refused(maxcon("export", drive.dataset.prior, "-o", tmp_path / "b.tum"), "POSES.csv")
     refused(maxcon("export", poses, "-o", tmp_path / "b.laz"), "--scans for")
-    refused(
-        maxcon("export", poses, "-o", tmp_path / "b.tum", "--scans", drive.dataset.scans), ".laz or .las file"
-    )
+    refused(maxcon("export", poses, "-o", tmp_path / "b.tum", "--scans", drive.dataset.scans), ".laz or .las file")
     assert not list(tmp_path.glob("b.*"))
 
 
@@ -56,16 +50,7 @@ def test_another_map_is_noticed(maxcon, refused, poses, drive, tmp_path):
 
 def test_scans_lie_in_the_map(maxcon, poses, drive, tmp_path):
     laspy = pytest.importorskip("laspy")
-    arguments = (
-        "export",
-        poses,
-        "-o",
-        tmp_path / "a.laz",
-        "--map",
-        drive.city,
-        "--scans",
-        drive.dataset.scans,
-    )
+    arguments = ("export", poses, "-o", tmp_path / "a.laz", "--map", drive.city, "--scans", drive.dataset.scans)
     ended = maxcon(*arguments)
     assert (ended.code, ended.err) == (0, "")
     cloud = laspy.read(tmp_path / "a.laz")
@@ -86,10 +71,7 @@ def test_a_drive_of_many_is_exported_by_its_name(maxcon, refused, poses, drive, 
     assert maxcon(*export, tmp_path / "a.geojson", "--drive", "0013").code == 0
     assert maxcon("export", poses, "--map", drive.city, "-o", tmp_path / "b.geojson").code == 0
     places = [
-        [
-            feature["geometry"]["coordinates"]
-            for feature in json.loads((tmp_path / name).read_text())["features"]
-        ]
+        [feature["geometry"]["coordinates"] for feature in json.loads((tmp_path / name).read_text())["features"]]
         for name in ("a.geojson", "b.geojson")
     ]
     assert places[0] == [pytest.approx(place, abs=1e-3) for place in places[1]]

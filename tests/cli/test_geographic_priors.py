@@ -46,15 +46,7 @@ def table(geographic, tmp_path):
 def localize(maxcon, drive, tmp_path):
     def run(prior, *options):
         return maxcon(
-            "localize",
-            drive.city,
-            drive.dataset.scans,
-            "--prior",
-            prior,
-            "-o",
-            tmp_path / "poses.csv",
-            "-q",
-            *options,
+            "localize", drive.city, drive.dataset.scans, "--prior", prior, "-o", tmp_path / "poses.csv", "-q", *options
         )
 
     return run
@@ -65,10 +57,7 @@ def reference(maxcon, drive, tmp_path):
     """The poses with the drive's own prior."""
     path = tmp_path / "reference.csv"
     assert (
-        maxcon(
-            "localize", drive.city, drive.dataset.scans, "--prior", drive.dataset.prior, "-o", path, "-q"
-        ).code
-        == 0
+        maxcon("localize", drive.city, drive.dataset.scans, "--prior", drive.dataset.prior, "-o", path, "-q").code == 0
     )
     return localized_poses(path)
 
@@ -83,11 +72,7 @@ def test_a_table_in_latitude_and_longitude(localize, table, reference, tmp_path)
 
 def test_heights_are_told_apart(localize, refused, table, reference, tmp_path):
     refused(localize(table(lifted=46.0)), "ellipsoidal heights", "--geoid-height, about 46")
-    refused(
-        localize(table("orthometric_height", 46.0)),
-        "heights above the geoid",
-        "Are the map's heights ellipsoidal",
-    )
+    refused(localize(table("orthometric_height", 46.0)), "heights above the geoid", "Are the map's heights ellipsoidal")
     refused(localize(table("orthometric_height"), "--geoid-height", "46"), "Leave it out")
     refused(localize(table("altitude")), "'altitude', which may be either")
     refused(localize(table(), "--prior-topic", "/fix"), "--prior-topic with priors of a recording")

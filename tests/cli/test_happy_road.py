@@ -83,8 +83,4 @@ def test_every_epoch_is_localized_within_a_cell(road):
 def test_nothing_else_is_left(road):
     folder, _ = road
     assert sorted(path.name for path in folder.iterdir()) == ["city.map", "dataset", "poses.csv", "poses.txt"]
-    assert sorted(path.name for path in (folder / "city.map").iterdir()) == [
-        "ground",
-        "manifest.json",
-        "tiles",
-    ]
+    assert sorted(path.name for path in (folder / "city.map").iterdir()) == ["ground", "manifest.json", "tiles"]

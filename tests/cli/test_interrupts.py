@@ -72,9 +72,7 @@ def test_where_there_is_no_hangup_nothing_waits_for_one(maxcon, monkeypatch):
 
 
 def test_what_ignores_hangups_goes_on(maxcon_process, build, out):
-    script = (
-        "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN); from maxcon.cli import main; main()"
-    )
+    script = "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN); from maxcon.cli import main; main()"
     with maxcon_process(*build, script=script) as process:
         while not list(out.glob(".city.map.partial-*")) and process.poll() is None:
             time.sleep(0.005)
@@ -84,9 +82,7 @@ def test_what_ignores_hangups_goes_on(maxcon_process, build, out):
     assert sorted(path.name for path in out.iterdir()) == ["city.map"]
 
 
-@pytest.mark.parametrize(
-    "error", ["SystemError('a result with an exception set')", "FileError('not complete')"]
-)
+@pytest.mark.parametrize("error", ["SystemError('a result with an exception set')", "FileError('not complete')"])
 def test_a_stop_that_became_another_error_on_its_way(maxcon_process, drive, tmp_path, error):
     script = f"""
 import os, signal

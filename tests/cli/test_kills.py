@@ -83,15 +83,7 @@ def map_build(drive, folder):
 
 
 def map_update(drive, folder):
-    return (
-        "map",
-        "update",
-        drive.city,
-        drive.dataset.scans,
-        folder.parent / "poses.csv",
-        "-o",
-        folder / "out.map",
-    )
+    return ("map", "update", drive.city, drive.dataset.scans, folder.parent / "poses.csv", "-o", folder / "out.map")
 
 
 def map_align(drive, folder):
@@ -197,18 +189,7 @@ def relocalize(drive, out):
 
 
 def study(dataset, out):
-    return (
-        "study",
-        dataset.folder,
-        "-o",
-        out,
-        "--methods",
-        "helmert-occupied",
-        "--epochs",
-        "3",
-        "--workers",
-        "1",
-    )
+    return ("study", dataset.folder, "-o", out, "--methods", "helmert-occupied", "--epochs", "3", "--workers", "1")
 
 
 @pytest.fixture
@@ -326,9 +307,7 @@ def bucket(monkeypatch):
         yield address
 
 
-def test_a_killed_copy_to_a_bucket_leaves_no_map_there_and_is_gone_on_with(
-    drive, bucket, maxcon, timed, killed
-):
+def test_a_killed_copy_to_a_bucket_leaves_no_map_there_and_is_gone_on_with(drive, bucket, maxcon, timed, killed):
     rng = random.Random("bucket")
     seconds = timed("map", "copy", drive.city, f"{bucket}/whole")
     for number in range(SOME):

@@ -51,9 +51,7 @@ def as_csv(row):
 
 def dataset_rows(out, name):
     flavour = pyarrow.dataset.partitioning(pyarrow.schema([("drive", pyarrow.string())]), flavor="hive")
-    table = pyarrow.dataset.dataset(out, partitioning=flavour).to_table(
-        filter=pyarrow.dataset.field("drive") == name
-    )
+    table = pyarrow.dataset.dataset(out, partitioning=flavour).to_table(filter=pyarrow.dataset.field("drive") == name)
     return [as_csv(row) for row in table.sort_by("epoch").to_pylist()]
 
 
@@ -63,9 +61,7 @@ def long_drive(drive, tmp_path):
     folder = tmp_path / "long"
     folder.mkdir()
     scans = sorted(drive.dataset.scans.glob("*.bin"))
-    lines = [
-        line.split() for line in drive.dataset.prior.read_text().splitlines() if not line.startswith("#")
-    ]
+    lines = [line.split() for line in drive.dataset.prior.read_text().splitlines() if not line.startswith("#")]
     times = [f"{number / 10.0:.6f}" for number in range(N_EPOCHS)]
     for number in range(N_EPOCHS):
         shutil.copy(scans[number % 4], folder / f"{number:06d}.bin")
@@ -113,9 +109,7 @@ def test_workers_write_the_table_of_one_process(drive, long_drive, maxcon, singl
 
 
 @pytest.mark.parametrize("n_workers", [1, 2])
-def test_many_drives_have_the_rows_of_single_calls(
-    drive, long_drive, table, maxcon, single, tmp_path, n_workers
-):
+def test_many_drives_have_the_rows_of_single_calls(drive, long_drive, table, maxcon, single, tmp_path, n_workers):
     out = tmp_path / "out"
     arguments = ("localize", drive.city, "--drives", table, "-o", out, *NARROW, "--workers", n_workers)
     ended = maxcon(*arguments)
@@ -168,9 +162,7 @@ def cluster():
             return process
 
         scheduler = start("scheduler", "--port", "0", "--dashboard-address", "127.0.0.1:0")
-        address = next(
-            word for line in scheduler.stderr for word in line.split() if word.startswith("tcp://")
-        )
+        address = next(word for line in scheduler.stderr for word in line.split() if word.startswith("tcp://"))
         Thread(target=scheduler.stderr.read, daemon=True).start()  # else it stops where the pipe is full
         for _ in range(2):
             worker = start("worker", address, "--nthreads", "1", "--no-dashboard", "--memory-limit", "0")
@@ -178,16 +170,12 @@ def cluster():
         yield address
 
 
-def test_a_cluster_started_by_hand_makes_the_same_rows(
-    drive, long_drive, table, cluster, maxcon, single, tmp_path
-):
+def test_a_cluster_started_by_hand_makes_the_same_rows(drive, long_drive, table, cluster, maxcon, single, tmp_path):
     out = tmp_path / "out"
     arguments = ("localize", drive.city, "--drives", table, "-o", out, *NARROW, "--scheduler", cluster)
     ended = maxcon(*arguments)
     # Its workers may be starting still.
-    assert ended.code == 0 and set(ended.err.splitlines()) <= {
-        f"waiting up to 30 s for a worker at {cluster}"
-    }
+    assert ended.code == 0 and set(ended.err.splitlines()) <= {f"waiting up to 30 s for a worker at {cluster}"}
     assert ended.out == f"44 of 44 epochs of 2 drives localized; in {out}\n"
     for name, parts in {"long": long_drive, "short": (drive.dataset.scans, drive.dataset.prior)}.items():
         assert without_times(dataset_rows(out, name)) == without_times(single(name, *parts))
@@ -198,14 +186,10 @@ def test_a_drive_that_cannot_be_localized_keeps_no_other_from_it(drive, table, m
     lines = table.read_text().splitlines()
     (tmp_path / "far.txt").write_text("0 9000000 0 0 0 0 0 1\n4 9000000 0 0 0 0 0 1\n")
     table.write_text("\n".join([lines[0], "far,long,far.txt", "none,nowhere,far.txt", *lines[2:]]) + "\n")
-    ended = maxcon(
-        "localize", drive.city, "--drives", table, "-o", out, *NARROW, "--workers", "1", "--max-gap", "9"
-    )
+    ended = maxcon("localize", drive.city, "--drives", table, "-o", out, *NARROW, "--workers", "1", "--max-gap", "9")
     assert ended.code == 2
     assert ended.out == f"4 of 4 epochs of 1 drives localized; in {out}\n"
-    assert ended.err.startswith(
-        "maxcon: Expected drives that can be localized, but 2 of 3 cannot; the first, "
-    )
+    assert ended.err.startswith("maxcon: Expected drives that can be localized, but 2 of 3 cannot; the first, ")
     assert ended.err.count("\n") == 1
 
 
@@ -306,9 +290,7 @@ def test_what_has_no_effect_is_refused(drive, table, maxcon, refused, tmp_path):
     refused(maxcon("localize", drive.city, "scans", "--drives", table, *out), "no SCANS beside it")
     refused(maxcon("localize", drive.city, "--drives", table, *out, "--prior", table), "no --prior beside it")
     refused(
-        maxcon("localize", drive.city, "--drives", table, *out, "--resume"),
-        "without --resume",
-        "goes on by itself",
+        maxcon("localize", drive.city, "--drives", table, *out, "--resume"), "without --resume", "goes on by itself"
     )
     refused(
         maxcon("localize", drive.city, "--drives", table, *out, "--overwrite"),
@@ -318,17 +300,12 @@ def test_what_has_no_effect_is_refused(drive, table, maxcon, refused, tmp_path):
         maxcon("localize", drive.city, "--drives", table, *out, "--tum", tmp_path / "a.tum"),
         "--tum with one drive only", "maxcon export",
     )  # fmt: skip
-    refused(
-        maxcon("localize", drive.city, "--drives", table, *out, "--plot", tmp_path),
-        "--plot with one drive only",
-    )
+    refused(maxcon("localize", drive.city, "--drives", table, *out, "--plot", tmp_path), "--plot with one drive only")
     refused(maxcon("localize", drive.city, *out), "got no SCANS")
     refused(maxcon("localize", *out), "got no MAP")
     refused(maxcon("localize", "--drives", table, *out), "Name it there, or one MAP for all")
     both = ("--workers", "2", "--scheduler", "tcp://127.0.0.1:1")
-    refused(
-        maxcon("localize", drive.city, drive.dataset.scans, *out, *both), "Leave out --workers or --scheduler"
-    )
+    refused(maxcon("localize", drive.city, drive.dataset.scans, *out, *both), "Leave out --workers or --scheduler")
     refused(
         maxcon("localize", drive.city, drive.dataset.scans, "--track", "--workers", "2", *out),
         "each epoch needs the one before",

@@ -37,15 +37,7 @@ def localize(maxcon, drive, tmp_path):
     def run(*options, prior=None, out="poses.csv"):
         prior = prior or drive.dataset.prior
         return maxcon(
-            "localize",
-            drive.city,
-            drive.dataset.scans,
-            "--prior",
-            prior,
-            "-o",
-            tmp_path / out,
-            "--overwrite",
-            *options,
+            "localize", drive.city, drive.dataset.scans, "--prior", prior, "-o", tmp_path / out, "--overwrite", *options
         )
 
     return run
@@ -112,9 +104,8 @@ def test_windows_are_those_of_the_priors_covariances(localize, known_prior):
     assert (ended.code, ended.err) == (0, ""), ended
     assert "\nwindows from the prior's covariances: half width 1.5 to 3.6 m, 2.1 degrees\n" in ended.out
     ended = localize("--sigmas", "2", "--largest-half-width", "2.2", prior=prior)
-    assert (
-        "\nwindows from the prior's covariances: half width 1.0 to 2.2 m, 1.4 degrees; 1 of them cut at 2.2 m\n"
-        in (ended.out)
+    assert "\nwindows from the prior's covariances: half width 1.0 to 2.2 m, 1.4 degrees; 1 of them cut at 2.2 m\n" in (
+        ended.out
     )
 
 
@@ -344,9 +335,7 @@ def test_lists_of_epochs(text, n_epochs, wanted):
     "text", ["", ",", "-1", "1-", "2-1", "9", "0-9", "1.5", "one", "²", "0;1", "9" * 5000, "0-1-2"]
 )
 def test_lists_of_epochs_that_are_none(text):
-    with pytest.raises(
-        OptionError, match=r"--plot-epochs to list epochs from 0 to 3, such as 0,5,10-20, or all"
-    ):
+    with pytest.raises(OptionError, match=r"--plot-epochs to list epochs from 0 to 3, such as 0,5,10-20, or all"):
         parse_epochs(text, 4)
 
 

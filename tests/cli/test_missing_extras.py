@@ -55,9 +55,7 @@ def test_compressed_pcd_needs_the_extra_pcd(maxcon, refused, without, drive, tmp
     scans.mkdir()
     points = np.fromfile(drive.dataset.scans / "000000.bin", "<f4").reshape(-1, 4)[:, :3]
     points = np.repeat(points[:500], 5, axis=0)  # what does not compress, pypcd4 writes uncompressed
-    pypcd4.PointCloud.from_xyz_points(points).save(
-        scans / "386400.0.pcd", encoding=pypcd4.Encoding.BINARY_COMPRESSED
-    )
+    pypcd4.PointCloud.from_xyz_points(points).save(scans / "386400.0.pcd", encoding=pypcd4.Encoding.BINARY_COMPRESSED)
     arguments = ("localize", drive.city, scans, "--prior", drive.dataset.prior, "-o", tmp_path / "poses.csv")
     assert b"DATA binary_compressed\n" in (scans / "386400.0.pcd").read_bytes()
     assert maxcon(*arguments).code in (0, 1)

@@ -36,11 +36,7 @@ def build(drive):
 
 
 def test_no_folder_for_the_map(maxcon, refused, build, out):
-    refused(
-        maxcon(*build, out / "missing" / "city.map"),
-        out / "missing" / "city.map",
-        "No such file or directory",
-    )
+    refused(maxcon(*build, out / "missing" / "city.map"), out / "missing" / "city.map", "No such file or directory")
     assert list(out.iterdir()) == []
 
 
@@ -85,9 +81,7 @@ def test_outputs_that_replace_each_other_or_the_prior(maxcon, refused, localize,
 def test_a_file_where_the_pictures_shall_go(maxcon, refused, localize, out):
     (out / "pictures").touch()
     refused(maxcon(*localize, out / "poses.csv", "--plot", out / "pictures"), "the file", out / "pictures")
-    refused(
-        maxcon(*localize, out / "poses.csv", "--plot", out / "pictures" / "new"), out / "pictures" / "new"
-    )
+    refused(maxcon(*localize, out / "poses.csv", "--plot", out / "pictures" / "new"), out / "pictures" / "new")
     assert sorted(path.name for path in out.iterdir()) == ["pictures"]
 
 

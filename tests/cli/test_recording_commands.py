@@ -71,19 +71,10 @@ def test_what_is_asked_of_a_recording_and_is_not_there(maxcon, refused, drive, r
     for arguments, words in (
         ((scans,), ("--prior with rough poses",)),
         ((scans, "--prior", drive.dataset.prior, "--topic", "/a"), ("asked of a recording",)),
-        (
-            (scans, "--prior", drive.dataset.prior, "--geoid-height", "40"),
-            ("--geoid-height with priors of a",),
-        ),
+        ((scans, "--prior", drive.dataset.prior, "--geoid-height", "40"), ("--geoid-height with priors of a",)),
         ((scans, "--prior", drive.dataset.prior, "--odometry-topic", "/a"), ("--odometry-topic together",)),
-        (
-            (scans, "--odometry-frames", "odom:base_link", "--prior", drive.dataset.prior),
-            ("--odometry-frames tog",),
-        ),
-        (
-            (scans, "--prior", drive.dataset.prior, "--prior-frames", "a:b"),
-            ("--prior-frames with priors of a",),
-        ),
+        ((scans, "--odometry-frames", "odom:base_link", "--prior", drive.dataset.prior), ("--odometry-frames tog",)),
+        ((scans, "--prior", drive.dataset.prior, "--prior-frames", "a:b"), ("--prior-frames with priors of a",)),
         ((bag, "--prior-frames", "map"), ("FIXED:MOVING", "'map'")),
         ((bag, "--prior-frames", "map:sensor"), ("a frame of", "no transforms")),
         ((bag, "--prior-frames", "a:b", "--prior-topic", "/c"), ("either --prior-topic or --prior-frames",)),
@@ -197,17 +188,7 @@ def test_scans_of_a_fast_car_are_deskewed_by_its_odometry(maxcon, drive, of_file
             assert np.median(np.linalg.norm(skewed - true, axis=1)) > 0.3
             assert np.linalg.norm(points - true, axis=1).max() < 0.01
         assert len(points) >= len(rows)
-    arguments = (
-        "localize",
-        drive.city,
-        path,
-        "--odometry",
-        path,
-        "--deskew",
-        "-o",
-        tmp_path / "poses.csv",
-        "-q",
-    )
+    arguments = ("localize", drive.city, path, "--odometry", path, "--deskew", "-o", tmp_path / "poses.csv", "-q")
     ended = maxcon(*arguments)
     assert (ended.code, ended.err) == (0, "")
     assert "deskewed by the odometry" in ended.out
@@ -218,15 +199,11 @@ def test_scans_of_a_fast_car_are_deskewed_by_its_odometry(maxcon, drive, of_file
 def test_a_turn_time_needs_deskew(maxcon, refused, drive, recordings, tmp_path):
     bag, out = recordings[RecordingKind.ROS1], ("-o", tmp_path / "poses.csv")
     refused(maxcon("localize", drive.city, bag, "--turn-time", "0.1", *out), "together with --deskew")
-    refused(
-        maxcon("localize", drive.city, bag, "--deskew", "--turn-time", "10", *out), "of up to 2 s, got 10"
-    )
+    refused(maxcon("localize", drive.city, bag, "--deskew", "--turn-time", "10", *out), "of up to 2 s, got 10")
 
 
 def test_simulating_a_recording(maxcon, refused, tmp_path):
-    refused(
-        maxcon("simulate", tmp_path / "d", "--recording", "tape"), "bag, ros2, mcap, pcap, pcd, got 'tape'"
-    )
+    refused(maxcon("simulate", tmp_path / "d", "--recording", "tape"), "bag, ros2, mcap, pcap, pcd, got 'tape'")
     ended = maxcon("simulate", tmp_path / "d", "--epochs", "1", "--recording", "ros2", "-q")
     assert (ended.code, ended.err) == (0, "")
     assert f"recording    {tmp_path / 'd' / 'drive_ros2'}" in ended.out
@@ -259,10 +236,7 @@ def test_two_scanners_in_one_epoch(maxcon, refused, drive, tmp_path):
     poses = localized_poses(tmp_path / "poses.csv")
     true = np.array([drive.reference.at(time).position for time in poses[:, 0]])
     assert np.linalg.norm(poses[:, 1:3] - true[:, :2], axis=1).max() < 0.02
-    refused(
-        maxcon(*arguments, "--overwrite", "--turn-time", "0.1", "--deskew"),
-        "got --turn-time, which is for one",
-    )
+    refused(maxcon(*arguments, "--overwrite", "--turn-time", "0.1", "--deskew"), "got --turn-time, which is for one")
 
     # The same as two topics of one recording.
     with open_writer(tmp_path / "two.mcap", RecordingKind.MCAP, overwrite=False) as writer:

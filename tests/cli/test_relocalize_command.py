@@ -71,9 +71,7 @@ def test_without_a_table_a_line_is_printed_for_each(relocalize, drive):
 
 def test_in_another_place_the_exit_code_is_1_and_the_table_has_no_pose(relocalize, drive, tmp_path):
     truth = drive.reference.at(float(drive.reference.times[0]), 0.5)
-    ended = relocalize(
-        "-o", tmp_path / "poses.csv", "--around", f"{truth.x + 25.0:.1f},{truth.y:.1f}", "--radius", "4"
-    )
+    ended = relocalize("-o", tmp_path / "poses.csv", "--around", f"{truth.x + 25.0:.1f},{truth.y:.1f}", "--radius", "4")
     assert ended.code == 1, ended
     rows = _rows(tmp_path / "poses.csv")
     assert all(row["status"] != "localized" and row["x"] == "" for row in rows)

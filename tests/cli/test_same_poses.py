@@ -8,12 +8,7 @@ import pytest
 from localized_poses import localized_poses
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.simulation import simulate
-from maxcon.lab.simulation.datasets.recordings import (
-    RecordingKind,
-    ScansKind,
-    record_dataset,
-    write_dataset_scans,
-)
+from maxcon.lab.simulation.datasets.recordings import RecordingKind, ScansKind, record_dataset, write_dataset_scans
 from maxcon.lab.simulation.sensing.firing_scanner import FiringScanner
 from maxcon.mapping.build import MapOptions, build_map
 
@@ -60,9 +55,7 @@ def test_six_formats_have_the_same_poses(maxcon, dataset, city, tmp_path):
 
 def test_the_command_writes_packets_of_a_scanner_that_has_such(maxcon, refused, tmp_path):
     arguments = ("simulate", tmp_path / "dataset", "--recording")
-    refused(
-        maxcon(*arguments, "pcap", "--scanner", "vlp-32c"), "the packets of a vlp-16", "--scanner vlp-32c"
-    )
+    refused(maxcon(*arguments, "pcap", "--scanner", "vlp-32c"), "the packets of a vlp-16", "--scanner vlp-32c")
     refused(maxcon(*arguments, "pcap", "--scene", "suburb"), "the packets of a vlp-16", "--scene suburb")
     refused(maxcon(*arguments, "cdr"), "one of bag, ros2, mcap, pcap, pcd", "'cdr'")
     assert not list(tmp_path.iterdir())

@@ -40,9 +40,7 @@ def priors(drive):
 def rows_of(priors, meant=lambda pose: pose, scale=1.0):
     poses = [(time, meant(pose)) for time, pose in priors]
     return [
-        ",".join(
-            map(repr, (time, pose.x, pose.y, pose.z, *(scale * turn for turn in pose.values[3:].tolist())))
-        )
+        ",".join(map(repr, (time, pose.x, pose.y, pose.z, *(scale * turn for turn in pose.values[3:].tolist()))))
         for time, pose in poses
     ]
 
@@ -69,23 +67,15 @@ def test_what_would_fit_is_said_where_nothing_does(localized, priors, meant, wor
     ended = localized(rows_of(priors, meant))
     assert ended.code == 1
     assert "0 of 4 epochs localized" in ended.out
-    assert (
-        f"3 of 3 tried would be localized were the {'headings' if 'compass' in words else 'sensor'}"
-        in ended.out
-    )
+    assert f"3 of 3 tried would be localized were the {'headings' if 'compass' in words else 'sensor'}" in ended.out
     assert words in ended.out
 
 
 def test_quaternions_with_the_scalar_first(localized, drive):
-    lines = [
-        line.split() for line in drive.dataset.prior.read_text().splitlines() if not line.startswith("#")
-    ]
+    lines = [line.split() for line in drive.dataset.prior.read_text().splitlines() if not line.startswith("#")]
     ended = localized([" ".join([*line[:4], line[7], *line[4:7]]) for line in lines], name="prior.txt")
     assert ended.code == 1
-    assert (
-        "would be localized were the quaternions of the prior qw qx qy qz: write them as qx qy qz qw"
-        in ended.out
-    )
+    assert "would be localized were the quaternions of the prior qw qx qy qz: write them as qx qy qz qw" in ended.out
 
 
 @pytest.mark.parametrize("frame", ["global coordinates", "the map's local frame"])
@@ -113,15 +103,9 @@ def test_where_nothing_fits_that_is_said(localized, priors):
 def test_angles_in_degrees_under_names_of_radians(localized, refused, priors):
     rows = [row.rpartition(",")[0] + ",123.4" for row in rows_of(priors)]
     refused(
-        localized(rows),
-        "line 2",
-        "roll,pitch,heading within one turn, got 123.4",
-        "roll_deg,pitch_deg,heading_deg",
+        localized(rows), "line 2", "roll,pitch,heading within one turn, got 123.4", "roll_deg,pitch_deg,heading_deg"
     )
-    assert (
-        localized(rows_of(priors, scale=180.0 / math.pi), "time,x,y,z,roll_deg,pitch_deg,heading_deg").code
-        == 0
-    )
+    assert localized(rows_of(priors, scale=180.0 / math.pi), "time,x,y,z,roll_deg,pitch_deg,heading_deg").code == 0
 
 
 def test_columns_by_other_names(localized, refused, priors):
@@ -141,15 +125,7 @@ def test_a_map_in_millimetres_is_refused_at_once(maxcon, refused, tmp_path):
 def test_times_that_are_all_zero(maxcon, refused, tmp_path, street):
     np.savez(tmp_path / "a.npz", points=street, times=np.zeros(len(street)))
     (tmp_path / "drive.txt").write_text("0 550000 5802000 62 0 0 0 1\n9 550001 5802000 62 0 0 0 1\n")
-    arguments = (
-        "map",
-        "build",
-        tmp_path / "a.npz",
-        "--trajectory",
-        tmp_path / "drive.txt",
-        "-o",
-        tmp_path / "a.map",
-    )
+    arguments = ("map", "build", tmp_path / "a.npz", "--trajectory", tmp_path / "drive.txt", "-o", tmp_path / "a.map")
     refused(maxcon(*arguments), "a.npz", "gps_time is 0", "--trajectory")
 
 
@@ -159,10 +135,7 @@ def test_heights_of_another_kind_are_named(localized, priors):
 
     ended = localized(rows_of(priors, lifted))
     assert ended.code == 1
-    assert (
-        "m above the map's ground. Are its heights above the ellipsoid, and the map's above the geoid?"
-        in ended.out
-    )
+    assert "m above the map's ground. Are its heights above the ellipsoid, and the map's above the geoid?" in ended.out
     assert "Take about 46 m off its z" in ended.out
 
 

@@ -22,9 +22,7 @@ COMMANDS = (
 
 
 def test_nothing_heavy_is_loaded_before_it_is_needed(maxcon_in_process_of_its_own):
-    script = (
-        f"import sys; from maxcon.cli import app; print([n for n in {HEAVY.split()!r} if n in sys.modules])"
-    )
+    script = f"import sys; from maxcon.cli import app; print([n for n in {HEAVY.split()!r} if n in sys.modules])"
     assert maxcon_in_process_of_its_own(script=script) == (0, "[]\n", "")
 
 

@@ -88,10 +88,7 @@ def test_study_and_report_say_what_they_did(described, maxcon, tmp_path):
     assert [line.split()[:2] for line in lines[2:5]] == [
         ["helmert-occupied", "3/3"], ["count-points", "3/3"], ["helmert-points-unweighted", "3/3"],
     ]  # fmt: skip
-    assert lines[5:] == [
-        f"9 rows in {out / 'table.parquet'}",
-        f"page         maxcon report {out} -o report.html",
-    ]
+    assert lines[5:] == [f"9 rows in {out / 'table.parquet'}", f"page         maxcon report {out} -o report.html"]
     ended = maxcon("report", out, "-o", page)
     assert (ended.code, ended.err) == (0, "")
     assert ended.out.splitlines() == [str(page), f"figures      {tmp_path / 'page-figures'}"]
@@ -102,9 +99,7 @@ def test_statuses_without_an_answer_are_printed(described, maxcon, tmp_path):
     scan = tmp_path / "scans" / "000000.bin"
     scan.unlink()
     scan.write_bytes(b"123")
-    ended = maxcon(
-        "study", described, "-o", tmp_path / "study", *METHODS, *SMALL, "--epochs", "2", "--workers", "1"
-    )
+    ended = maxcon("study", described, "-o", tmp_path / "study", *METHODS, *SMALL, "--epochs", "2", "--workers", "1")
     assert ended.code == 0
     assert ended.out.count("1 unreadable scan") == 3
 
@@ -126,9 +121,7 @@ def test_what_cannot_be_studied_is_one_line(described, maxcon, refused, tmp_path
 
 
 def test_paths_that_are_wrong_are_one_line(described, drive, maxcon, refused, tmp_path):
-    refused(
-        maxcon("study", tmp_path / "nowhere", "-o", tmp_path / "study"), "Expected a dataset's description"
-    )
+    refused(maxcon("study", tmp_path / "nowhere", "-o", tmp_path / "study"), "Expected a dataset's description")
     refused(maxcon("study", described, "-o", described), "drive.toml")
     refused(maxcon("study", described, "-o", drive.dataset.folder), "it holds")
     refused(maxcon("report", tmp_path, "-o", tmp_path / "page.html"), "Expected a study in")

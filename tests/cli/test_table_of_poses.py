@@ -79,9 +79,7 @@ def stopped(maxcon_process, arguments, out, tmp_path):
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
-def test_a_drive_that_is_stopped_keeps_its_rows_and_is_gone_on_with(
-    stopped, maxcon, arguments, out, whole, number
-):
+def test_a_drive_that_is_stopped_keeps_its_rows_and_is_gone_on_with(stopped, maxcon, arguments, out, whole, number):
     code, err = stopped(number)
     assert code == (-number if number == signal.SIGKILL else 128 + number)
     if number != signal.SIGKILL:
@@ -116,10 +114,7 @@ def test_a_whole_table_that_is_gone_on_with_is_left_as_it_is(maxcon, arguments, 
     assert maxcon(*arguments).code == 0
     ended = maxcon(*arguments, "--resume")
     assert ended.code == 0 and rows_of(out) == whole
-    assert (
-        "all 4 epochs were in" in ended.out
-        and "prior, map and options of this call had no effect" in ended.out
-    )
+    assert "all 4 epochs were in" in ended.out and "prior, map and options of this call had no effect" in ended.out
 
 
 def test_a_table_is_not_replaced_unasked(maxcon, refused, arguments, out, whole):

@@ -82,9 +82,7 @@ def test_a_second_call_has_nothing_to_compile_and_says_so(warmed, in_cache):
     assert _code(cache) == before
 
 
-@pytest.mark.parametrize(
-    "options", [(), ("--multiplicity", "points", "--objective", "count", "--threads", "2")]
-)
+@pytest.mark.parametrize("options", [(), ("--multiplicity", "points", "--objective", "count", "--threads", "2")])
 def test_nothing_is_left_to_compile_when_localizing(warmed, in_cache, drive, tmp_path, options):
     cache, _ = warmed
     before = _code(cache)
@@ -94,9 +92,7 @@ def test_nothing_is_left_to_compile_when_localizing(warmed, in_cache, drive, tmp
     assert _code(cache) == before
 
 
-def test_nothing_is_left_to_compile_for_any_option_of_the_method(
-    warmed, maxcon_in_process_of_its_own, drive, tmp_path
-):
+def test_nothing_is_left_to_compile_for_any_option_of_the_method(warmed, maxcon_in_process_of_its_own, drive, tmp_path):
     cache, _ = warmed
     before = _code(cache)
     folders = (drive.city, drive.dataset.scans, drive.dataset.prior)
@@ -110,9 +106,7 @@ def test_nothing_is_left_to_compile_when_building_a_map(warmed, in_cache, drive,
     cache, _ = warmed
     before = _code(cache)
     trajectory = ("--trajectory", drive.dataset.map_trajectory)
-    ended = in_cache(
-        cache, "map", "build", *drive.dataset.map_clouds, *trajectory, "-o", tmp_path / "city.map"
-    )
+    ended = in_cache(cache, "map", "build", *drive.dataset.map_clouds, *trajectory, "-o", tmp_path / "city.map")
     assert ended.code == 0, ended
     assert _code(cache) == before
 
@@ -133,9 +127,7 @@ def test_a_named_folder_that_cannot_be_written_is_refused(in_cache, refused, tmp
 
 
 @pytest.mark.skipif(not hasattr(numba.config, "CACHE_LOCATOR_CLASSES"), reason="this numba cannot be told")
-@pytest.mark.parametrize(
-    "command", [("warmup",), ("map", "build", "{cloud}", "-o", "{out}")], ids=lambda c: c[0]
-)
+@pytest.mark.parametrize("command", [("warmup",), ("map", "build", "{cloud}", "-o", "{out}")], ids=lambda c: c[0])
 def test_no_folder_at_all_is_refused(maxcon_in_process_of_its_own, refused, street_npz, tmp_path, command):
     # As where neither the program's nor the user's folder can be written: which a test by root cannot make.
     environment = {"NUMBA_CACHE_LOCATOR_CLASSES": "IPythonCacheLocator", "NUMBA_CACHE_DIR": ""}
@@ -176,9 +168,7 @@ def _new_kernel(module):
     return numba.njit(kernel)
 
 
-@pytest.mark.parametrize(
-    ("is_quiet", "is_terminal", "n_lines"), [(False, True, 1), (True, True, 0), (False, False, 0)]
-)
+@pytest.mark.parametrize(("is_quiet", "is_terminal", "n_lines"), [(False, True, 1), (True, True, 0), (False, False, 0)])
 def test_nothing_is_said_where_quiet_or_no_terminal(monkeypatch, capsys, is_quiet, is_terminal, n_lines):
     monkeypatch.setattr("sys.stderr.isatty", lambda: is_terminal)
     kernel = _new_kernel("maxcon.kernels")

@@ -44,9 +44,7 @@ def scan_of_court(pose):
     """What a scanner of 16 rings sees of the court, sensor frame."""
     elevations, azimuths = np.meshgrid(np.radians(np.arange(-7, 9)), np.radians(np.arange(0.0, 360.0, 0.4)))
     level = np.cos(elevations)
-    beams = np.stack([level * np.cos(azimuths), level * np.sin(azimuths), np.sin(elevations)], -1).reshape(
-        -1, 3
-    )
+    beams = np.stack([level * np.cos(azimuths), level * np.sin(azimuths), np.sin(elevations)], -1).reshape(-1, 3)
     in_map = beams @ pose.rotation.T
     walls = np.where(in_map[:, :2] > 0.0, 25.03, 5.03)
     return beams * ((walls - pose.position[:2]) / in_map[:, :2]).min(axis=1)[:, None]
@@ -191,9 +189,7 @@ def test_ranges_that_leave_nothing_are_refused_before_a_drive(nearest, farthest)
 def test_a_gap_in_the_prior_is_not_bridged_unless_allowed(point_map, scan_folder):
     poses = prior_trajectory().poses()
     sparse = Trajectory.from_poses([9.0, 11.0], [poses[0], poses[3]])
-    with pytest.raises(
-        TrajectoryError, match=r"10\.000 to 10\.300 s, but the prior trajectory has none near"
-    ):
+    with pytest.raises(TrajectoryError, match=r"10\.000 to 10\.300 s, but the prior trajectory has none near"):
         list(localize_drive(point_map, scan_folder, sparse, SaysWhere()))
     epochs = list(localize_drive(point_map, scan_folder, sparse, SaysWhere(), DriveOptions(max_gap=3.0)))
     assert epochs[0].status is Status.LOCALIZED
@@ -201,14 +197,10 @@ def test_a_gap_in_the_prior_is_not_bridged_unless_allowed(point_map, scan_folder
 
 def test_a_prior_of_another_clock_or_place_is_an_error(point_map, scan_folder):
     late = prior_trajectory([time + 1e6 for time in TIMES])
-    with pytest.raises(
-        TrajectoryError, match=r"\(1000010\.000 to 1000010\.300 s\)\. Do both use the same clock\?"
-    ):
+    with pytest.raises(TrajectoryError, match=r"\(1000010\.000 to 1000010\.300 s\)\. Do both use the same clock\?"):
         next(localize_drive(point_map, scan_folder, late, SaysWhere()))
     elsewhere = prior_trajectory(shift=(0.0, -5_400_000.0, 0.0))
-    with pytest.raises(
-        MapError, match=r"the prior inside the map, x 458800 to .*, y 29014.* Are both in the same CRS"
-    ):
+    with pytest.raises(MapError, match=r"the prior inside the map, x 458800 to .*, y 29014.* Are both in the same CRS"):
         next(localize_drive(point_map, scan_folder, elsewhere, SaysWhere()))
 
 
@@ -216,11 +208,7 @@ def test_epochs_without_points_are_light(point_map, scan_folder):
     epoch = next(localize_drive(point_map, scan_folder, prior_trajectory(), SaysWhere()))
     light = epoch.without_points()
     assert (len(light.scan), len(light.raw.points)) == (0, 0)
-    assert (light.raw.n_returns, light.pose_global, light.scan.time) == (
-        epoch.raw.n_returns,
-        epoch.pose_global,
-        10.0,
-    )
+    assert (light.raw.n_returns, light.pose_global, light.scan.time) == (epoch.raw.n_returns, epoch.pose_global, 10.0)
     assert len(epoch.scan) > 0
 
 
@@ -238,11 +226,7 @@ POSE = Pose(458_888.42171, 5_429_081.54139, 115.0739, 0.001, -0.002, -3.1)
 
 
 def test_the_table_has_a_row_per_epoch_and_a_pose_where_localized(tmp_path):
-    epochs = [
-        epoch_at(0, POSE),
-        epoch_at(1, None, Status.UNDETERMINED, 0.25),
-        epoch_at(2, None, Status.NO_PRIOR, None),
-    ]
+    epochs = [epoch_at(0, POSE), epoch_at(1, None, Status.UNDETERMINED, 0.25), epoch_at(2, None, Status.NO_PRIOR, None)]
     write_poses(tmp_path / "poses.csv", epochs)
     with (tmp_path / "poses.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
@@ -272,9 +256,7 @@ def test_the_table_is_written_whole_or_not_at_all(tmp_path):
 def test_the_trajectory_of_what_was_localized():
     assert localized_trajectory([]) is None
     assert localized_trajectory([epoch_at(0, None, Status.NO_MATCH)]) is None
-    trajectory = localized_trajectory(
-        [epoch_at(0, POSE), epoch_at(1, None, Status.AT_RIM), epoch_at(2, POSE)]
-    )
+    trajectory = localized_trajectory([epoch_at(0, POSE), epoch_at(1, None, Status.AT_RIM), epoch_at(2, POSE)])
     assert len(trajectory) == 2
     assert trajectory.times[1] - trajectory.times[0] == pytest.approx(2.0, abs=1e-6)
     pose = trajectory.pose(1)

@@ -47,9 +47,7 @@ def test_columns_and_text(tmp_path):
     write_poses(tmp_path / "poses.csv", [_epoch(0)])
     header, row = (tmp_path / "poses.csv").read_text().splitlines()
     assert header.split(",") == list(COLUMNS)
-    assert header.startswith(
-        "time,x,y,z,roll,pitch,heading,score,status,ms,protection_along,protection_across,cov_x_x"
-    )
+    assert header.startswith("time,x,y,z,roll,pitch,heading,score,status,ms,protection_along,protection_across,cov_x_x")
     assert header.endswith("cov_pitch_heading,cov_heading_heading,reason")
     assert len(COLUMNS) == 10 + 2 + 21 + 1
     assert row == (
@@ -66,15 +64,8 @@ def test_the_covariance_is_written_as_its_upper_triangle(tmp_path):
     with (tmp_path / "poses.csv").open() as file:
         (row,) = csv.DictReader(file)
     assert (row["protection_along"], row["protection_across"]) == ("0.1235", "")
-    assert (row["cov_x_x"], row["cov_x_y"], row["cov_y_y"], row["cov_heading_heading"]) == (
-        "1",
-        "2",
-        "8",
-        "36",
-    )
-    assert [float(row[name]) for name in COLUMNS if name.startswith("cov_")] == half[
-        np.triu_indices(6)
-    ].tolist()
+    assert (row["cov_x_x"], row["cov_x_y"], row["cov_y_y"], row["cov_heading_heading"]) == ("1", "2", "8", "36")
+    assert [float(row[name]) for name in COLUMNS if name.startswith("cov_")] == half[np.triu_indices(6)].tolist()
 
 
 def test_a_reason_of_many_words_is_read_back_and_does_not_disturb_the_others(tmp_path):

@@ -55,9 +55,7 @@ def test_what_the_map_is_made_of(city):
 
 def test_every_seventh_scan_is_localized(drive_folder, city, every_seventh):
     _, point_map = city
-    prior, wanted = (
-        read_trajectory(drive_folder / f"{name}.txt") for name in ("prior_perturbed", "reference")
-    )
+    prior, wanted = (read_trajectory(drive_folder / f"{name}.txt") for name in ("prior_perturbed", "reference"))
     method = MaximumConsensus(n_threads=2)
     errors, turns_deg = [], []
     for epoch in localize_drive(point_map, every_seventh, prior, method):

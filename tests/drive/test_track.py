@@ -115,10 +115,7 @@ def test_a_gap_in_the_source_of_the_motion_is_one_long_motion(point_map, scans):
 
 def test_a_noisy_prior_is_a_poor_source_and_no_worse_than_none(point_map, scans):
     rng = np.random.default_rng(0)
-    poses = [
-        FRAME.pose_to_global(truth(epoch)).translated([*rng.uniform(-0.8, 0.8, 2), 0.0])
-        for epoch in range(10)
-    ]
+    poses = [FRAME.pose_to_global(truth(epoch)).translated([*rng.uniform(-0.8, 0.8, 2), 0.0]) for epoch in range(10)]
     noisy = Trajectory.from_poses(TIMES, poses)
     epochs = list(track_drive(point_map, scans, noisy, Tracker(METHOD, MotionNoise.of_prior(noisy))))
     assert [epoch.status for epoch in epochs[5:9]] == [Status.LOCALIZED] * 4
@@ -135,7 +132,5 @@ def test_a_place_outside_of_the_map_is_said(point_map, scans):
 
 def test_odometry_of_another_clock_is_an_error(point_map, scans):
     late = Trajectory.from_poses(np.array(TIMES) + 1e6, odometry().poses())
-    with pytest.raises(
-        TrajectoryError, match=r"Expected an odometry pose for the scans, 10\.000 to 11\.800 s"
-    ):
+    with pytest.raises(TrajectoryError, match=r"Expected an odometry pose for the scans, 10\.000 to 11\.800 s"):
         track_drive(point_map, scans, prior(), Tracker(METHOD), late)

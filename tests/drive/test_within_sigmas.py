@@ -23,9 +23,7 @@ def yard():
     for first, last in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         length = np.linalg.norm(last - first)
         along = (last - first) / length
-        at, z = (
-            grid.ravel() for grid in np.meshgrid(np.arange(0.0, length, 0.06), np.arange(0.0, 4.0, 0.06))
-        )
+        at, z = (grid.ravel() for grid in np.meshgrid(np.arange(0.0, length, 0.06), np.arange(0.0, 4.0, 0.06)))
         points.append(np.column_stack([first + at[:, None] * along, z]))
         normals.append(np.tile([-along[1], along[0], 0.0], (len(at), 1)))
     return np.concatenate(points), np.concatenate(normals)
@@ -62,9 +60,7 @@ def drive(scans, point_map, offsets, covariances, method=None, **options):
         Pose(pose.x + x, pose.y + y, pose.z, 0.0, 0.0, pose.heading + math.radians(turn_deg))
         for pose, (x, y, turn_deg) in zip(map(truth, range(len(scans))), offsets, strict=True)
     ]
-    trajectory = Trajectory.from_poses(
-        TIMES, [FRAME.pose_to_global(pose) for pose in priors], np.array(covariances)
-    )
+    trajectory = Trajectory.from_poses(TIMES, [FRAME.pose_to_global(pose) for pose in priors], np.array(covariances))
     within = WithinSigmas(method or MaximumConsensus(), trajectory, **options)
     estimates = [within.localize(scan, point_map, prior) for scan, prior in zip(scans, priors, strict=True)]
     return estimates, [within.at(time).space for time in TIMES]
@@ -94,10 +90,7 @@ def test_sigmas_that_are_too_small_are_found_out_and_said(scans, point_map):
     assert {(space.half_width, space.heading_half_width_deg) for space in spaces} == {(1.0, 1.0)}
     assert_right(estimates)
     assert [estimate.was_widened for estimate in estimates] == [False, True, True, False, True]
-    assert (
-        "4.0 m and 5.0 degrees from the prior, searched first were 1.0 m and 1.0 degrees"
-        in estimates[1].reason
-    )
+    assert "4.0 m and 5.0 degrees from the prior, searched first were 1.0 m and 1.0 degrees" in estimates[1].reason
     assert "are its sigmas too small?" in estimates[4].reason
     assert estimates[3].reason == ""
 

@@ -106,11 +106,7 @@ def test_a_parquet_file_that_is_none_of_a_drive(parquet, change, words):
 
 def test_a_parquet_file_that_is_broken(parquet, tmp_path):
     content = parquet.read_bytes()
-    for broken in (
-        b"",
-        content[:100],
-        content[: len(content) // 2] + bytes(9) + content[len(content) // 2 + 9 :],
-    ):
+    for broken in (b"", content[:100], content[: len(content) // 2] + bytes(9) + content[len(content) // 2 + 9 :]):
         parquet.write_bytes(broken)
         with pytest.raises(FileError, match=r"Expected the poses of a drive in .*poses\.parquet") as refused:
             read_rows(parquet)
@@ -155,9 +151,7 @@ def test_kml(table, tmp_path):
     space = {"k": "http://www.opengis.net/kml/2.2"}
     places = [point.text.split(",") for point in root.findall(".//k:Point/k:coordinates", space)]
     assert len(places) == 2
-    assert root.find(".//k:LineString/k:coordinates", space).text.split() == [
-        ",".join(place) for place in places
-    ]
+    assert root.find(".//k:LineString/k:coordinates", space).text.split() == [",".join(place) for place in places]
     transformer = pyproj.Transformer.from_crs("EPSG:4326", CRS, always_xy=True)
     back = [transformer.transform(*map(float, place)) for place in places]
     np.testing.assert_allclose(back, [pose.position for pose in POSES if pose], atol=1e-3)

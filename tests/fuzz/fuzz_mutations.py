@@ -10,22 +10,7 @@ __all__ = ["mutated"]
 
 Mutation = Callable[[bytearray, random.Random], None]
 
-EXTREMES = (
-    0,
-    1,
-    2,
-    0x7F,
-    0x80,
-    0xFF,
-    0x7FFF,
-    0x8000,
-    0xFFFF,
-    0x7FFFFFFF,
-    0x80000000,
-    0xFFFFFFFF,
-    2**63 - 1,
-    2**63,
-)
+EXTREMES = (0, 1, 2, 0x7F, 0x80, 0xFF, 0x7FFF, 0x8000, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF, 2**63 - 1, 2**63)
 FLOATS = (0.0, -0.0, 1e-308, 1e38, 1e308, -1e308, float("nan"), float("inf"), float("-inf"), 2.0**53 + 1)
 WORDS = (
     "0", "-1", "1e308", "-1e308", "nan", "inf", "1e-320", "9" * 40, str(2**31), str(2**63), str(2**64), "", " ", "\n",

@@ -161,8 +161,7 @@ def _read_map(folder: Path) -> None:
     point_map = PointMap.open(folder)
     ground = GroundStore(Folder(folder), read_manifest(folder))
     _each(
-        lambda: point_map.tiles_within(0.0, 0.0, 100.0),
-        *(partial(ground.load, key) for key in sorted(ground.keys)[:9]),
+        lambda: point_map.tiles_within(0.0, 0.0, 100.0), *(partial(ground.load, key) for key in sorted(ground.keys)[:9])
     )
 
 

@@ -128,11 +128,7 @@ def _clouds() -> Iterator[Seed]:
             stream = io.BytesIO()
             las.write(stream, do_compress=suffix == "laz")
             yield Seed(f"{suffix} {point_format}", "cloud", f"1.5.{suffix}", _content(stream))
-    arrays = {
-        "points": POINTS,
-        "normals": np.tile([0.0, 0.0, 1.0], (N_POINTS, 1)),
-        "classes": np.full(N_POINTS, 6),
-    }
+    arrays = {"points": POINTS, "normals": np.tile([0.0, 0.0, 1.0], (N_POINTS, 1)), "classes": np.full(N_POINTS, 6)}
     for label, save in (("npz", np.savez), ("npz compressed", np.savez_compressed)):
         stream = io.BytesIO()
         save(stream, **arrays)
@@ -235,9 +231,7 @@ def _positions() -> Iterator[Seed]:
 def _recordings(folder: Path) -> Iterator[Seed]:
     (folder / "scans").mkdir()
     for i in range(3):
-        (folder / "scans" / f"{i}.5.bin").write_bytes(
-            np.hstack([POINTS, POINTS[:, :1]]).astype("<f4").tobytes()
-        )
+        (folder / "scans" / f"{i}.5.bin").write_bytes(np.hstack([POINTS, POINTS[:, :1]]).astype("<f4").tobytes())
     scans = open_scans(folder / "scans")
     for kind in RecordingKind:
         path = folder / RECORDING_NAMES[kind]
@@ -295,9 +289,7 @@ def _maps(folder: Path) -> Iterator[Seed]:
     las.classification = np.repeat([6, 2], len(along)).astype(np.uint8)
     las.write(folder / "street.las")
     build_map([folder / "street.las"], folder / "city.map", MapOptions(cell=0.24))
-    yield Seed(
-        "manifest.json", "manifest", "manifest.json", (folder / "city.map" / "manifest.json").read_bytes()
-    )
+    yield Seed("manifest.json", "manifest", "manifest.json", (folder / "city.map" / "manifest.json").read_bytes())
     for name, table in read_manifest(folder / "city.map").sections.items():
         shard = (folder / "city.map" / table.files[0].name).read_bytes()
         at, length = int(table.offsets[0]), int(table.lengths[0])

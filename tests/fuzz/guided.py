@@ -64,16 +64,12 @@ def _one_input(seed: Seed, folder: Path, out: Path):
 
 
 def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("label", nargs="?", help="of the seed to begin with")
     parser.add_argument("--list", action="store_true", help="labels of all seeds")
     parser.add_argument("--seconds", type=int, default=60)
     parser.add_argument("--seed", type=int, default=1, help="of the mutations")
-    parser.add_argument(
-        "--corpus", type=Path, help="folder of inputs that reached new branches, to go on with"
-    )
+    parser.add_argument("--corpus", type=Path, help="folder of inputs that reached new branches, to go on with")
     parser.add_argument("--out", type=Path, default=Path("fuzz-findings"), help="folder for findings")
     return parser.parse_args()
 

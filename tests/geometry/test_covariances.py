@@ -13,10 +13,7 @@ from maxcon.geometry.covariances import first_covariance_fault
 GOOD = np.diag([1.0, 0.0, 1e-6])
 
 
-@given(
-    st_np.arrays(np.float64, (4, 3, 3), elements=st.floats(-1.0, 1.0)),
-    st.tuples(*[st.floats(1e-4, 1e4)] * 3),
-)
+@given(st_np.arrays(np.float64, (4, 3, 3), elements=st.floats(-1.0, 1.0)), st.tuples(*[st.floats(1e-4, 1e4)] * 3))
 def test_what_is_made_of_factors_is_a_covariance(factors, scales):
     factors = factors * np.array(scales)[:, None]
     assert first_covariance_fault(factors @ factors.transpose(0, 2, 1)) is None

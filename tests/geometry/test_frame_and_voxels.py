@@ -78,9 +78,7 @@ def test_indices_end_where_int32_would_not_hold_a_window(sign, axis):
     points[1, axis] = sign * (INDEX_LIMIT - 1) * 0.5
     assert abs(int(voxel_indices(points, 0.5)[1, axis])) == INDEX_LIMIT - 1
     points[1, axis] = sign * INDEX_LIMIT * 0.5
-    with pytest.raises(
-        ArrayError, match=r"within 5\.37e\+08 m of the local origin, got 5\.37e\+08 m\. Express them"
-    ):
+    with pytest.raises(ArrayError, match=r"within 5\.37e\+08 m of the local origin, got 5\.37e\+08 m\. Express them"):
         voxel_indices(points, 0.5)
 
 

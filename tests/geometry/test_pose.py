@@ -89,9 +89,7 @@ def test_numbers_that_are_not_finite_are_refused_by_name(name, value):
 
 def test_points_of_another_shape_are_refused():
     pose = Pose(0, 0, 0, 0, 0, 0)
-    with pytest.raises(
-        ArrayError, match=r"`points_sensor` to have shape \(n, 3\), got \(3, 7\)\. Transpose it\?"
-    ):
+    with pytest.raises(ArrayError, match=r"`points_sensor` to have shape \(n, 3\), got \(3, 7\)\. Transpose it\?"):
         pose.apply(np.zeros((3, 7)))
     with pytest.raises(ArrayError, match=r"`points_sensor` to have shape \(n, 3\), got \(3,\)\.$"):
         pose.apply([1.0, 2.0, 3.0])

@@ -30,9 +30,7 @@ def plainly(points, normals, edge):
 
 
 def random_points(rng, n, spread):
-    points = (
-        np.round(rng.uniform(-spread, spread, (n, 3)) * 16) / 16
-    )  # so that some are equally far, or the same
+    points = np.round(rng.uniform(-spread, spread, (n, 3)) * 16) / 16  # so that some are equally far, or the same
     normals = rng.normal(size=(n, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     normals[rng.random(n) < 0.6] = 0.0
@@ -84,9 +82,7 @@ def test_a_point_with_a_normal_comes_first():
 
 
 def test_points_on_both_sides_of_the_sensor_and_far_away():
-    points = np.array(
-        [[-0.1, 0.0, 0.0], [0.1, 0.0, 0.0], [1e300, 0.0, 0.0], [-1e18, 3.0, 0.0], [-1e18, 3.1, 0.0]]
-    )
+    points = np.array([[-0.1, 0.0, 0.0], [0.1, 0.0, 0.0], [1e300, 0.0, 0.0], [-1e18, 3.0, 0.0], [-1e18, 3.1, 0.0]])
     assert one_per_cube(points, np.zeros((5, 3)), 0.25).tolist() == [
         0,
         1,

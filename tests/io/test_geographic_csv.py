@@ -62,15 +62,12 @@ def test_the_height_that_says_what_it_is_counts(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("columns", "values"),
-    [("azimuth_deg", "89.0"), ("heading_deg", "1.0"), ("heading", str(math.radians(1.0)))],
+    ("columns", "values"), [("azimuth_deg", "89.0"), ("heading_deg", "1.0"), ("heading", str(math.radians(1.0)))]
 )
 def test_headings_of_a_compass_or_counter_clockwise(tmp_path, columns, values):
     path = _way(tmp_path, f",roll_deg,pitch_deg,{columns},sigma_heading_deg", f",1.0,-2.0,{values},0.5")
     rows = read_geographic_csv(path)
-    np.testing.assert_allclose(
-        np.degrees(rows.orientations.trajectory.angles[4]), [1.0, -2.0, 1.0], atol=1e-9
-    )
+    np.testing.assert_allclose(np.degrees(rows.orientations.trajectory.angles[4]), [1.0, -2.0, 1.0], atol=1e-9)
     np.testing.assert_allclose(np.degrees(rows.orientations.sigmas), 0.5)
     trajectory = read_geographic_prior(path, UTM).placed.trajectory
     convergence = GeographicFrame(UTM).convergence(rows.fixes.places[4:5])[0]
@@ -93,9 +90,7 @@ def test_rows_without_a_position_or_a_sigma(tmp_path):
     assert rows.fixes.n_left_out == 1
     np.testing.assert_allclose(rows.fixes.covariances[0], np.diag([0.01, 0.04]))
     assert np.isnan(rows.fixes.covariances[1:]).all()
-    assert [f"line {number}:" in words for number, words in zip((6, 8), rows.left_out, strict=True)] == [
-        True
-    ] * 2
+    assert [f"line {number}:" in words for number, words in zip((6, 8), rows.left_out, strict=True)] == [True] * 2
 
 
 @pytest.mark.parametrize(

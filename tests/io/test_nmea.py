@@ -21,9 +21,7 @@ NEAR = (52.0, 13.0)
 
 
 def _write(path, lines, end="\r\n"):
-    path.write_bytes(
-        b"".join((line if isinstance(line, bytes) else line.encode()) + end.encode() for line in lines)
-    )
+    path.write_bytes(b"".join((line if isinstance(line, bytes) else line.encode()) + end.encode() for line in lines))
     return path
 
 
@@ -32,19 +30,14 @@ def _way(n=20, start=START, **options):
     return [
         line
         for i in range(n)
-        for line in (
-            gga(start + i, NEAR[0], NEAR[1] + i * 2.92e-5, 60.0, 40.0, **options),
-            rmc(start + i),
-        )
+        for line in (gga(start + i, NEAR[0], NEAR[1] + i * 2.92e-5, 60.0, 40.0, **options), rmc(start + i))
     ]
 
 
 def test_positions_heights_and_times(tmp_path):
     log = read_nmea(_write(tmp_path / "a.nmea", _way(3)))
     np.testing.assert_allclose(log.fixes.times, START + np.arange(3), atol=1e-6)
-    np.testing.assert_allclose(
-        log.fixes.places, [[52.0, 13.0 + i * 2.92e-5, 100.0] for i in range(3)], atol=1e-10
-    )
+    np.testing.assert_allclose(log.fixes.places, [[52.0, 13.0 + i * 2.92e-5, 100.0] for i in range(3)], atol=1e-10)
     assert log.fixes.heights is Heights.ELLIPSOIDAL  # altitude and the receiver's own geoid
     np.testing.assert_allclose(log.fixes.covariances[0], np.diag([0.04**2] * 2))  # RTK fixed: 5 cm times HDOP
     assert log.orientations is None and "0 of GST, 3 of HDOP" in log.words
@@ -91,9 +84,7 @@ def test_midnight_between_a_date_and_the_next_position(tmp_path):
 def test_dates_of_zda_after_the_positions(tmp_path):
     day = sentence("GPZDA", clock(START + 3)[0], 21, "07", 2021, "00", "00")
     lines = [*(gga(START + i, *NEAR, 1.0, 1.0) for i in range(3)), day]
-    np.testing.assert_allclose(
-        read_nmea(_write(tmp_path / "a.nmea", lines)).fixes.times, START + np.arange(3)
-    )
+    np.testing.assert_allclose(read_nmea(_write(tmp_path / "a.nmea", lines)).fixes.times, START + np.arange(3))
 
 
 def test_no_date_no_position_no_height_no_sentence(tmp_path):
@@ -116,15 +107,9 @@ def test_no_date_no_position_no_height_no_sentence(tmp_path):
 def test_sigmas_of_gst_before_or_after_its_position(tmp_path, leads):
     lines = []
     for i in range(3):
-        pair = [
-            gga(START + i, *NEAR, 1.0, 1.0),
-            sentence("GNGST", clock(START + i)[0], 9, "", "", "", 0.3, 0.2, 0.5),
-        ]
+        pair = [gga(START + i, *NEAR, 1.0, 1.0), sentence("GNGST", clock(START + i)[0], 9, "", "", "", 0.3, 0.2, 0.5)]
         lines += [*(reversed(pair) if leads else pair), rmc(START + i)]
-    lines += [
-        gga(START + 3, *NEAR, 1.0, 1.0, quality=1, hdop=1.5),
-        gga(START + 4, *NEAR, 1.0, 1.0, quality=6),
-    ]
+    lines += [gga(START + 3, *NEAR, 1.0, 1.0, quality=1, hdop=1.5), gga(START + 4, *NEAR, 1.0, 1.0, quality=6)]
     log = read_nmea(_write(tmp_path / "a.nmea", lines))
     for covariance in log.fixes.covariances[:3]:
         np.testing.assert_allclose(covariance, np.diag([0.04, 0.09]))  # east, north
@@ -141,18 +126,14 @@ def test_headings_of_hdt_are_of_their_epoch(tmp_path, leads):
         lines += [*(reversed(pair) if leads else pair), *([] if i else [rmc(START)])]
     log = read_nmea(_write(tmp_path / "a.nmea", lines))
     np.testing.assert_allclose(log.orientations.trajectory.times, START + np.arange(4), atol=1e-6)
-    np.testing.assert_allclose(
-        np.degrees(log.orientations.trajectory.angles[:, 2]), 10.0 - np.arange(4), atol=1e-9
-    )
+    np.testing.assert_allclose(np.degrees(log.orientations.trajectory.angles[:, 2]), 10.0 - np.arange(4), atol=1e-9)
 
 
 def test_orientations_of_pashr(tmp_path):
     """Roll to starboard is to the right, as about x forward; a nose up is a negative turn about y to the left."""
     attitude = sentence("PASHR", clock(START)[0], 100.0, "T", 2.0, 3.0, 0.1, 0.02, 0.02, 0.5, 1, 1)
     log = read_nmea(_write(tmp_path / "a.nmea", [gga(START, *NEAR, 1.0, 1.0), rmc(START), attitude]))
-    np.testing.assert_allclose(
-        np.degrees(log.orientations.trajectory.angles[0]), [2.0, -3.0, -10.0], atol=1e-9
-    )
+    np.testing.assert_allclose(np.degrees(log.orientations.trajectory.angles[0]), [2.0, -3.0, -10.0], atol=1e-9)
     np.testing.assert_allclose(np.degrees(log.orientations.sigmas), [0.5])
 
 
@@ -160,9 +141,7 @@ def test_poses_in_the_coordinates_of_a_map(tmp_path):
     path = _write(tmp_path / "a.nmea", _way())
     prior = read_geographic_prior(path, UTM)
     np.testing.assert_allclose(
-        GeographicFrame(UTM).to_geographic(prior.placed.trajectory.positions)[0],
-        [52.0, 13.0, 100.0],
-        atol=1e-9,
+        GeographicFrame(UTM).to_geographic(prior.placed.trajectory.positions)[0], [52.0, 13.0, 100.0], atol=1e-9
     )
     assert abs(prior.placed.trajectory.angles[10, 2]) < math.radians(2.0)  # grid north is 1.6 degrees off
     assert prior.placed.heights is Heights.ELLIPSOIDAL and not prior.placed.has_orientations
@@ -174,9 +153,7 @@ def test_poses_in_the_coordinates_of_a_map(tmp_path):
 
 
 def test_heights_above_the_geoid_are_not_mixed_with_ellipsoidal_ones(tmp_path):
-    lines = [
-        line for i in range(20) for line in (gga(START + i, 52.0, 13.0 + i * 3e-5, 60.0), rmc(START + i))
-    ]
+    lines = [line for i in range(20) for line in (gga(START + i, 52.0, 13.0 + i * 3e-5, 60.0), rmc(START + i))]
     path = _write(tmp_path / "a.nmea", lines)
     prior = read_geographic_prior(path, UTM)
     np.testing.assert_allclose(prior.placed.trajectory.positions[:, 2], 60.0)
@@ -233,8 +210,6 @@ def test_every_real_log_is_read_or_refused_in_a_line(real_data):
 def test_heights_times_and_sigmas_of_a_real_log(real_data):
     path = real_data("recorders/nmea/gpsd/nmea-rtk.log")
     log = read_nmea(path)
-    np.testing.assert_allclose(
-        log.fixes.places[0], [41 + 34.49795459 / 60, -(93 + 45.03431408 / 60), 246.719]
-    )
+    np.testing.assert_allclose(log.fixes.places[0], [41 + 34.49795459 / 60, -(93 + 45.03431408 / 60), 246.719])
     assert np.median(np.diff(log.fixes.times)) == pytest.approx(0.1, abs=1e-6)
     assert log.fixes.covariances[0, 0, 0] == pytest.approx((2.0 * 0.9) ** 2)

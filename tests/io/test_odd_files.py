@@ -72,9 +72,7 @@ def read():
     process.wait()
 
 
-@pytest.mark.skipif(
-    not FILES, reason="no real files of recorders: set MAXCON_DATA to a folder with recorders/"
-)
+@pytest.mark.skipif(not FILES, reason="no real files of recorders: set MAXCON_DATA to a folder with recorders/")
 def test_every_odd_file_is_read_or_refused_in_one_line(read):
     wrong = []
     for path in FILES:

@@ -101,9 +101,7 @@ def test_csv_takes_degrees(tmp_path):
 
 
 SIGMAS = HEADER.strip() + ",sigma_x,sigma_y,sigma_heading_deg\n"
-COVARIANCES = (
-    HEADER.strip() + ",cov_x_x,cov_x_y,cov_x_heading,cov_y_y,cov_y_heading,cov_heading_heading,cov_z_z\n"
-)
+COVARIANCES = HEADER.strip() + ",cov_x_x,cov_x_y,cov_x_heading,cov_y_y,cov_y_heading,cov_heading_heading,cov_z_z\n"
 
 
 def test_csv_takes_standard_deviations_and_rows_without(tmp_path):
@@ -139,11 +137,7 @@ def test_covariances_are_written_and_read_back(tmp_path):
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
-        (
-            "a.txt",
-            TUM_LINE + "1 2 3\n",
-            r"a\.txt, line 2: Expected 8 columns 'time x y z qx qy qz qw', got 3",
-        ),
+        ("a.txt", TUM_LINE + "1 2 3\n", r"a\.txt, line 2: Expected 8 columns 'time x y z qx qy qz qw', got 3"),
         ("a.txt", "1,2,3,4,0,0,0,1\n", r"line 1: Expected 8 columns .*got 1.*Is it CSV"),
         (
             "a.txt",
@@ -152,11 +146,7 @@ def test_covariances_are_written_and_read_back(tmp_path):
         ),
         ("a.txt", "1 2 3 nan 0 0 0 1\n", r"line 1: Expected finite numbers .*got 'nan'"),
         ("a.txt", "1 2 3 1e999 0 0 0 1\n", r"line 1: Expected finite numbers .*got '1e999'"),
-        (
-            "a.txt",
-            "# c\n" + TUM_LINE + TUM_LINE,
-            r"line 3: Expected times that increase, got 47452\.193478.*Sort",
-        ),
+        ("a.txt", "# c\n" + TUM_LINE + TUM_LINE, r"line 3: Expected times that increase, got 47452\.193478.*Sort"),
         (
             "a.txt",
             "2 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n",
@@ -192,23 +182,11 @@ def test_covariances_are_written_and_read_back(tmp_path):
         ("a.csv", SIGMAS.strip() + ",sigma_heading\n", "got both 'sigma_heading' and 'sigma_heading_deg'"),
         ("a.csv", SIGMAS.strip() + ",cov_x_x\n", "line 1: Expected either cov_x_x,.*got both"),
         ("a.csv", COVARIANCES.replace(",cov_y_y", ""), "line 1: Expected either .*got no 'cov_y_y'"),
-        (
-            "a.csv",
-            SIGMAS + "1,2,3,4,0,0,0,1,1,1\n2,2,3,4,0,0,0,1,-1,1\n",
-            r"line 3: Expected 'sigma_x,.*>= 0, got -1",
-        ),
-        (
-            "a.csv",
-            SIGMAS + "1,2,3,4,0,0,0,1,nan,1\n",
-            r"line 2: Expected finite numbers for 'sigma_x,.*got 'nan'",
-        ),
+        ("a.csv", SIGMAS + "1,2,3,4,0,0,0,1,1,1\n2,2,3,4,0,0,0,1,-1,1\n", r"line 3: Expected 'sigma_x,.*>= 0, got -1"),
+        ("a.csv", SIGMAS + "1,2,3,4,0,0,0,1,nan,1\n", r"line 2: Expected finite numbers for 'sigma_x,.*got 'nan'"),
         ("a.csv", SIGMAS + "1,2,3,4,0,0,0,1,,1\n", r"line 2: Expected finite numbers for 'sigma_x,.*got ''"),
         ("a.csv", SIGMAS + "1,2,3,4,0,0,0,1,1e200,1\n", r"line 2: Expected finite numbers in a covariance"),
-        (
-            "a.csv",
-            COVARIANCES + "1,2,3,4,0,0,0,1,0,0,-2,0,1,0\n",
-            r"line 2: Expected variances >= 0 .*got -2",
-        ),
+        ("a.csv", COVARIANCES + "1,2,3,4,0,0,0,1,0,0,-2,0,1,0\n", r"line 2: Expected variances >= 0 .*got -2"),
         ("a.csv", COVARIANCES + "1,2,3,4,0,0,0,1,5,0,2,0,1,0\n", r"line 2: Expected a positive semidefinite"),
     ],
 )
@@ -222,11 +200,7 @@ def test_a_malformed_file_is_refused_with_file_and_line(tmp_path, name, content,
 
 @pytest.mark.parametrize(
     ("name", "words"),
-    [
-        ("missing.txt", "no such file"),
-        ("folder.txt", "got the folder"),
-        ("a.xyz", r"suffix \.txt, \.tum or \.csv"),
-    ],
+    [("missing.txt", "no such file"), ("folder.txt", "got the folder"), ("a.xyz", r"suffix \.txt, \.tum or \.csv")],
 )
 def test_no_file_to_read(tmp_path, name, words):
     (tmp_path / "folder.txt").mkdir()
@@ -244,10 +218,7 @@ def test_no_folder_to_write_to(tmp_path):
 def test_broken_files_end_in_an_error_of_ours(tmp_path, survives_breaking, suffix, save):
     whole = sample(8)
     covariances = np.tile(np.diag([0.25, 0.04, 1e-4]), (8, 1, 1))
-    save(
-        tmp_path / f"whole{suffix}",
-        Trajectory(whole.times, whole.positions, whole.quaternions_xyzw, covariances),
-    )
+    save(tmp_path / f"whole{suffix}", Trajectory(whole.times, whole.positions, whole.quaternions_xyzw, covariances))
     survives_breaking((tmp_path / f"whole{suffix}").read_bytes(), suffix, read_trajectory)
 
 

@@ -137,9 +137,7 @@ def test_what_is_no_dataset_is_refused(tmp_path):
 
 @pytest.mark.parametrize("key", ["folder", "clouds", "reference", "gnss"])
 def test_names_longer_than_any_file_system_takes(folder, key):
-    text = "\n".join(
-        f'{key} = "{"a" * 300}"' if line.startswith(f"{key} =") else line for line in PLAIN.splitlines()
-    )
+    text = "\n".join(f'{key} = "{"a" * 300}"' if line.startswith(f"{key} =") else line for line in PLAIN.splitlines())
     with pytest.raises(FileError, match=rf"Expected {key} under .*a{{70}}.*: File name too long"):
         opened(folder, text)
 

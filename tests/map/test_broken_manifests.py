@@ -54,13 +54,7 @@ JUNK = st.sampled_from(
 def places(content, path=()):
     """Paths to all values of a JSON document."""
     yield path
-    items = (
-        content.items()
-        if isinstance(content, dict)
-        else enumerate(content)
-        if isinstance(content, list)
-        else ()
-    )
+    items = content.items() if isinstance(content, dict) else enumerate(content) if isinstance(content, list) else ()
     for key, value in items:
         yield from places(value, (*path, key))
 
@@ -111,9 +105,7 @@ def test_a_manifest_of_broken_bytes_is_read_or_refused(manifest_folder, data):
     path = manifest_folder / "manifest.json"
     whole = path.read_bytes()
     try:
-        broken = bytearray(
-            whole[: data.draw(st.integers(0, len(whole)))] if data.draw(st.booleans()) else whole
-        )
+        broken = bytearray(whole[: data.draw(st.integers(0, len(whole)))] if data.draw(st.booleans()) else whole)
         for _ in range(data.draw(st.integers(0, 4))):
             if broken:
                 broken[data.draw(st.integers(0, len(broken) - 1))] ^= 1 << data.draw(st.integers(0, 7))

@@ -128,8 +128,7 @@ def test_ground_on_disk_is_that_in_memory(on_disk):
         np.testing.assert_array_equal(store.load(key).heights, ground.load(key).heights)
         assert store.load(key) is store.load(key)
     np.testing.assert_array_equal(
-        point_map.ground_around(30.0, 10.0, 20.0).heights,
-        ground_patch(ground, CELL, 30.0, 10.0, 20.0).heights,
+        point_map.ground_around(30.0, 10.0, 20.0).heights, ground_patch(ground, CELL, 30.0, 10.0, 20.0).heights
     )
 
 

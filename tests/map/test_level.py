@@ -30,16 +30,10 @@ def a_map(seed: int, *, is_signed: bool, n_points: int = 400, reach: float = 40.
 
 def merged_one_by_one(point_map: PointMap, factor: int) -> dict[tuple[int, int, int], tuple]:
     """The definition: voxel by voxel of the map, in the order of its tiles."""
-    n_points, sums, totals = (
-        defaultdict(int),
-        defaultdict(lambda: np.zeros(3)),
-        defaultdict(lambda: np.zeros(3)),
-    )
+    n_points, sums, totals = (defaultdict(int), defaultdict(lambda: np.zeros(3)), defaultdict(lambda: np.zeros(3)))
     for key in sorted(point_map.tile_keys):
         tile = point_map.tile(key)
-        for voxel, count, normal, mean in zip(
-            tile.voxels, tile.counts, tile.normals, tile.means, strict=True
-        ):
+        for voxel, count, normal, mean in zip(tile.voxels, tile.counts, tile.normals, tile.means, strict=True):
             larger = tuple((voxel // factor).tolist())
             normal = normal.astype(np.float64)
             if not point_map.is_signed and sums[larger] @ normal < 0.0:
@@ -64,9 +58,7 @@ def test_a_level_is_what_voxel_by_voxel_gives(seed: int, factor: int, is_signed:
         tile = level.tile(key)
         assert tile.is_in_order
         assert tile.edge == TILE_VOXELS // factor
-        for voxel, count, normal, mean in zip(
-            tile.voxels, tile.counts, tile.normals, tile.means, strict=True
-        ):
+        for voxel, count, normal, mean in zip(tile.voxels, tile.counts, tile.normals, tile.means, strict=True):
             n, expected_normal, expected_mean = expected[tuple(voxel.tolist())]
             assert count == n
             np.testing.assert_allclose(normal, expected_normal, atol=1e-6)

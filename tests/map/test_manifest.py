@@ -84,9 +84,7 @@ def test_a_map_without_ground(tmp_path):
 
 
 def test_a_map_without_tiles_is_none(tmp_path):
-    write_manifest(
-        tmp_path, replace(WHOLE, sections={"tiles": ShardTable.empty(), "ground": table_of(2, "ground")})
-    )
+    write_manifest(tmp_path, replace(WHOLE, sections={"tiles": ShardTable.empty(), "ground": table_of(2, "ground")}))
     with pytest.raises(MapError, match="broken entry: no tiles"):
         read_manifest(tmp_path)
 
@@ -121,9 +119,7 @@ def test_a_section_that_cannot_be_is_named(changed, changes, words):
     folder = changed()
     content = json.loads((folder / manifests.MANIFEST).read_text())
     for name, value in changes.items():
-        content["sections"]["tiles"].pop(name) if value is ... else content["sections"]["tiles"].update(
-            {name: value}
-        )
+        content["sections"]["tiles"].pop(name) if value is ... else content["sections"]["tiles"].update({name: value})
     with pytest.raises(MapError) as refused:
         read_manifest(changed(sections=content["sections"]))
     assert words in str(refused.value)

@@ -204,10 +204,8 @@ def test_tiles_met_by_rectangles_against_all_tiles(seed, n, n_rectangles, at_onc
 def _touches(keys, x, y, reach, edge):
     """Whether the square only touches these tiles, to rounding."""
     return all(
-        min(abs(a - b) for a, b in itertools.product((kx * edge, (kx + 1) * edge), (x - reach, x + reach)))
-        < 1e-6
-        or min(abs(a - b) for a, b in itertools.product((ky * edge, (ky + 1) * edge), (y - reach, y + reach)))
-        < 1e-6
+        min(abs(a - b) for a, b in itertools.product((kx * edge, (kx + 1) * edge), (x - reach, x + reach))) < 1e-6
+        or min(abs(a - b) for a, b in itertools.product((ky * edge, (ky + 1) * edge), (y - reach, y + reach))) < 1e-6
         for kx, ky in keys
     )
 
@@ -240,11 +238,7 @@ def test_a_voxel_edge_is_positive(cell):
 @pytest.mark.parametrize(
     ("points", "normals", "words"),
     [
-        (
-            np.zeros((3, 9)),
-            np.zeros((9, 3)),
-            r"`points` to have shape \(n, 3\), got \(3, 9\)\. Transpose it\?",
-        ),
+        (np.zeros((3, 9)), np.zeros((9, 3)), r"`points` to have shape \(n, 3\), got \(3, 9\)\. Transpose it\?"),
         (np.zeros((2, 3)), np.zeros((3, 3)), "`normals` to have one row per point, 2, got 3"),
         (np.zeros((1, 3)), [[0.5, 0.0, 0.0]], "length 0.5 in row 0. Divide each row by its length"),
         (np.full((1, 3), np.nan), np.zeros((1, 3)), "finite coordinates in `points`"),

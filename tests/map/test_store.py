@@ -64,9 +64,7 @@ def test_the_search_finds_the_same_in_both(whole, in_memory):
     indices, _, normals = in_memory.all_voxels()
     chosen = rng.integers(0, len(indices), 200)
     prior = Pose(0.3, -0.2, 0.0, 0.0, 0.0, 0.3)
-    scan = Scan(
-        ((indices[chosen] + 0.5) * CELL - prior.position) @ prior.rotation, normals[chosen] @ prior.rotation
-    )
+    scan = Scan(((indices[chosen] + 0.5) * CELL - prior.position) @ prior.rotation, normals[chosen] @ prior.rotation)
     space = SearchSpace(0.6, CELL, 1.0, 0.5)
     opened = PointMap.open(whole, cache_bytes=1)
     for multiplicity in ("occupied", "points"):
@@ -107,9 +105,7 @@ def test_opening_reads_no_tile(copy):
     tile_shard(copy).unlink()
     opened = PointMap.open(copy)
     assert opened.covers(0.0, 0.0)
-    with pytest.raises(
-        MapError, match=r"tile \(-2, -2\) in .*\.arrows to be of the map, got: .*No such file"
-    ):
+    with pytest.raises(MapError, match=r"tile \(-2, -2\) in .*\.arrows to be of the map, got: .*No such file"):
         opened.all_voxels()
 
 

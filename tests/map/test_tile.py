@@ -57,9 +57,7 @@ def test_each_voxel_is_found_and_no_other(seed, n, width, height):
     tile = tile_of(rng.integers([*low, -100], [*(low + width), height - 100], (n, 3)))
     assert tile.is_in_order
     layers = np.searchsorted(tile.index.layers, tile.layers).tolist()
-    there = {
-        (x, y, layer): k for k, ((x, y), layer) in enumerate(zip(tile.columns.tolist(), layers, strict=True))
-    }
+    there = {(x, y, layer): k for k, ((x, y), layer) in enumerate(zip(tile.columns.tolist(), layers, strict=True))}
     assert [number_of(tile, *place) for place in there] == list(there.values())
     for place in rng.integers([*low, 0], [*(low + width), len(tile.index.layers) + 1], (100, 3)).tolist():
         assert number_of(tile, *place) == there.get(tuple(place))
@@ -129,9 +127,7 @@ def plain_patches(tile):
     return (layer * TILE_PATCHES + y) * TILE_PATCHES + x
 
 
-@given(
-    seed=st.integers(0, 2**32), n=st.sampled_from([0, 1, 2, 300]), width=st.sampled_from([20, TILE_VOXELS])
-)
+@given(seed=st.integers(0, 2**32), n=st.sampled_from([0, 1, 2, 300]), width=st.sampled_from([20, TILE_VOXELS]))
 def test_patches_begin_where_their_voxels_do(seed, n, width):
     rng = np.random.default_rng(seed)
     tile = tile_of(rng.integers([0, 0, -4], [width, width, 9], (n, 3)))
@@ -141,9 +137,7 @@ def test_patches_begin_where_their_voxels_do(seed, n, width):
     assert (tile.index.patch_starts == wanted).all()
 
 
-@given(
-    seed=st.integers(0, 2**32), n=st.sampled_from([1, 2, 3, 40]), width=st.sampled_from([2, 20, TILE_VOXELS])
-)
+@given(seed=st.integers(0, 2**32), n=st.sampled_from([1, 2, 3, 40]), width=st.sampled_from([2, 20, TILE_VOXELS]))
 def test_other_orders_are_noticed(seed, n, width):
     rng = np.random.default_rng(seed)
     tile = tile_of(rng.integers([0, 0, 0], [width, width, 3], (n, 3)))

@@ -25,9 +25,7 @@ def test_voxels_are_found_as_in_a_dictionary(seed, n, spread):
     point_map = map_of(rng, n, spread)
     tiles = point_map.tiles_within(0.0, 0.0, 1e3)
     there = {
-        tuple(voxel): (row, k)
-        for row, tile in enumerate(tiles, 1)
-        for k, voxel in enumerate(tile.voxels.tolist())
+        tuple(voxel): (row, k) for row, tile in enumerate(tiles, 1) for k, voxel in enumerate(tile.voxels.tolist())
     }
     lookup = VoxelLookup.of(tiles)
     near = [tuple(np.add(voxel, rng.integers(-1, 2, 3)).tolist()) for voxel in there]

@@ -36,9 +36,7 @@ def test_thin_walls_at_any_offset_from_the_voxels(yard, seed, share_with_normals
         assert pose_error(refined.pose, truth).distance < 0.002
         assert abs(wrap_angle(refined.pose.heading - truth.heading)) < math.radians(0.02)
         assert abs(refined.pose.z - truth.z) < 0.002
-        assert max(abs(refined.pose.roll - truth.roll), abs(refined.pose.pitch - truth.pitch)) < math.radians(
-            0.02
-        )
+        assert max(abs(refined.pose.roll - truth.roll), abs(refined.pose.pitch - truth.pitch)) < math.radians(0.02)
 
 
 def test_there_is_no_bias_over_offsets_and_noise(yard):
@@ -72,9 +70,7 @@ def test_a_tenth_of_clutter_and_a_moved_wall_do_not_pull(yard):
     n = len(points) // 10
     points[:n] += rng.uniform(-3.0, 3.0, (n, 3))
     normals[:n] = 0.0
-    moved = (
-        np.abs(points @ [0.0, 1.0, 0.0] - points[:, 1].max()) < 0.4
-    )  # a part of one wall stands half a metre off
+    moved = np.abs(points @ [0.0, 1.0, 0.0] - points[:, 1].max()) < 0.4  # a part of one wall stands half a metre off
     points[moved] += 0.5 * normals[moved]
     refined = refine(Scan(points, normals), point_map, off(truth, rng))
     assert pose_error(refined.pose, truth).distance < 0.003
@@ -94,9 +90,7 @@ def test_a_single_wall_leaves_the_rest_at_the_start():
     rng = np.random.default_rng(0)
     points = np.column_stack([np.full(4000, 5.013), rng.uniform(-4, 4, 4000), rng.uniform(-1, 3, 4000)])
     normals = np.tile([-1.0, 0.0, 0.0], (4000, 1))
-    refined = refine(
-        Scan(points, normals), PointMap.from_points(points, normals), Pose(0.05, 0.07, 0.0, 0, 0, 0)
-    )
+    refined = refine(Scan(points, normals), PointMap.from_points(points, normals), Pose(0.05, 0.07, 0.0, 0, 0, 0))
     assert refined.pose.x == pytest.approx(0.0, abs=0.001)
     assert refined.pose.y == pytest.approx(0.07, abs=0.02)
 
@@ -158,18 +152,7 @@ def test_partners_are_those_of_a_plain_search(seed, along, around):
     planes = np.zeros((100, 4))
     lookup = _lookup(seen, point_map, HERE)
     partner_kernels.find_partners(
-        seen,
-        facing,
-        np.zeros(6),
-        1,
-        cell,
-        (along, around),
-        0.8,
-        True,
-        lookup.rows,
-        lookup.grid,
-        lookup.corner,
-        planes,
+        seen, facing, np.zeros(6), 1, cell, (along, around), 0.8, True, lookup.rows, lookup.grid, lookup.corner, planes
     )
     for point, normal, plane in zip(seen, facing, planes, strict=True):
         wanted = plain_partner(point, normal, voxels, cell, along, around, 0.8)

@@ -38,9 +38,7 @@ def plain_covariance(refined, map_sigma):
         pulls[cube, facing] = pulls.get((cube, facing), 0.0) + weight * residual * gradient
         walls[depth, facing] = walls.get((depth, facing), 0.0) + weight * gradient
         A = A + weight * np.outer(gradient, gradient)
-    scatter = (
-        sum(np.outer(pull, pull) for pull in pulls.values()) + np.diag(refined.start_weights) * MATCH_SIGMA**2
-    )
+    scatter = sum(np.outer(pull, pull) for pull in pulls.values()) + np.diag(refined.start_weights) * MATCH_SIGMA**2
     wall = sum(np.outer(pull, pull) for pull in walls.values())
     inverse = np.linalg.inv(A)
     factors = np.diag(SCATTER_FACTORS)
@@ -103,9 +101,7 @@ def test_the_map_adds_what_it_is_wrong_by(yard):
 
 def test_between_two_walls_the_open_direction_is_as_uncertain_as_the_start():
     rng = np.random.default_rng(0)
-    points = np.column_stack(
-        [rng.choice([-5.0, 6.0], 6000), rng.uniform(-9, 9, 6000), rng.uniform(-1, 4, 6000)]
-    )
+    points = np.column_stack([rng.choice([-5.0, 6.0], 6000), rng.uniform(-9, 9, 6000), rng.uniform(-1, 4, 6000)])
     normals = np.column_stack([-np.sign(points[:, 0]), np.zeros(6000), np.zeros(6000)])
     refined = refine(Scan(points, normals), PointMap.from_points(points, normals), Pose(0, 0, 0, 0, 0, 0))
     sigmas = np.sqrt(np.diag(covariance(refined, 0.0)))

@@ -23,10 +23,7 @@ def in_a_room(seen_walls=(0, 1, 2, 3), n_points=3000):
     rng = np.random.default_rng(1)
     points, normals = [], []
     for azimuth in np.arange(4) * np.pi / 2:
-        out, along = (
-            np.array([np.cos(azimuth), np.sin(azimuth)]),
-            np.array([-np.sin(azimuth), np.cos(azimuth)]),
-        )
+        out, along = (np.array([np.cos(azimuth), np.sin(azimuth)]), np.array([-np.sin(azimuth), np.cos(azimuth)]))
         across, up = rng.uniform(-5.0, 5.0, (60_000, 1)), rng.uniform(0.0, 4.0, 60_000)
         points.append(np.column_stack([5.0 * out + across * along, up]))
         normals.append(np.tile([*-out, 0.0], (60_000, 1)))
@@ -76,14 +73,10 @@ def test_an_answer_in_doubt_is_laid_on_its_ground_and_not_refined(asked):
         (ground(0.001, 0.02), 0.03, 0.02),
     ],
 )
-def test_the_ground_tells_height_and_tilt_no_better_than_map_and_walls_agree(
-    asked, fit, height_sigma, tilt_sigma
-):
+def test_the_ground_tells_height_and_tilt_no_better_than_map_and_walls_agree(asked, fit, height_sigma, tilt_sigma):
     scan, point_map = in_a_room()
     answer = examine(found(), fit, scan, point_map, Trust(), RISK)
-    assert asked == [
-        (HERE if fit is None else ON_GROUND, {"height_sigma": height_sigma, "tilt_sigma": tilt_sigma})
-    ]
+    assert asked == [(HERE if fit is None else ON_GROUND, {"height_sigma": height_sigma, "tilt_sigma": tilt_sigma})]
     assert answer.is_localized
     assert answer.pose.position[:2] == pytest.approx(HERE.position[:2], abs=0.01)
     assert np.isfinite(answer.covariance).all() and np.isfinite(answer.protection_level).all()

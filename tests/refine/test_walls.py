@@ -17,9 +17,7 @@ def wall(azimuth, distance, n, seed):
     rng = np.random.default_rng(seed)
     out = np.array([math.cos(azimuth), math.sin(azimuth), 0.0])
     along = np.array([-out[1], out[0], 0.0])
-    points = (
-        distance * out + rng.uniform(-6, 6, (n, 1)) * along + rng.uniform(-1, 4, (n, 1)) * [0.0, 0.0, 1.0]
-    )
+    points = distance * out + rng.uniform(-6, 6, (n, 1)) * along + rng.uniform(-1, 4, (n, 1)) * [0.0, 0.0, 1.0]
     return points, np.tile(-out, (n, 1))
 
 

@@ -34,9 +34,7 @@ def assert_right(estimate, truth):
     assert abs(math.degrees(error.heading)) < 0.3
 
 
-@pytest.mark.parametrize(
-    ("x", "y", "heading_deg"), [(-12.0, 20.3, 171.0), (0.4, 0.7, -88.5), (18.1, -9.2, 37.3)]
-)
+@pytest.mark.parametrize(("x", "y", "heading_deg"), [(-12.0, 20.3, 171.0), (0.4, 0.7, -88.5), (18.1, -9.2, 37.3)])
 def test_a_scan_is_found_at_any_place_and_heading(town, relocalizer, x, y, heading_deg):
     truth = town.pose(x, y, math.radians(heading_deg))
     found = relocalizer.search(town.scan(truth, 1))
@@ -123,8 +121,7 @@ def test_any_share_may_be_asked_for(town, largest):
 
 
 @pytest.mark.parametrize(
-    "points",
-    [np.empty((0, 3)), [[5.0, 0.0, 0.0]], np.random.default_rng(0).uniform(-1.0, 1.0, (500, 3))],
+    "points", [np.empty((0, 3)), [[5.0, 0.0, 0.0]], np.random.default_rng(0).uniform(-1.0, 1.0, (500, 3))]
 )
 def test_a_scan_without_ground_matches_nothing(relocalizer, points):
     found = relocalizer.search(Scan(points))

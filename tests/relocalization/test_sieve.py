@@ -95,9 +95,7 @@ def a_wall(facing):
     return PointMap.from_points(points, np.tile(facing, (len(up), 1)), 0.48, ground=low)
 
 
-@pytest.mark.parametrize(
-    ("normal", "counted"), [((-1.0, 0.0, 0.0), 1), ((1.0, 0.0, 0.0), 0), ((0.0, 0.0, 0.0), 1)]
-)
+@pytest.mark.parametrize(("normal", "counted"), [((-1.0, 0.0, 0.0), 1), ((1.0, 0.0, 0.0), 0), ((0.0, 0.0, 0.0), 1)])
 def test_a_point_counts_where_the_voxel_it_falls_in_faces_as_it_does(normal, counted):
     point_map = a_wall((-1.0, 0.0, 0.0))
     scan = SieveScan(np.array([[10.0 * 0.96, 0.0, 1.5]]), np.array([normal]))

@@ -17,9 +17,7 @@ def walls(seed, n_walls=40, reach=35.0, middle=(0.0, 0.0)):
     for number in range(n_walls):
         start, length, top = rng.uniform(-reach, reach, 2), rng.uniform(3.0, 12.0), rng.uniform(3.0, 9.0)
         run = np.array([1.0, 0.0]) if number % 2 else np.array([0.0, 1.0])
-        along, up = (
-            grid.ravel() for grid in np.meshgrid(np.arange(0.0, length, 0.1), np.arange(0.1, top, 0.1))
-        )
+        along, up = (grid.ravel() for grid in np.meshgrid(np.arange(0.0, length, 0.1), np.arange(0.1, top, 0.1)))
         on_wall = np.column_stack([start + along[:, None] * run, up])
         normal = np.array([run[1], run[0], 0.0])
         normal *= -np.sign(normal[:2] @ (start + 0.5 * length * run)) or 1.0

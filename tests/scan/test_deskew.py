@@ -38,9 +38,7 @@ def _scene(n=4000):
 
 def _seen(places, times):
     """Where the moving sensor sees each place at its own time."""
-    return np.concatenate(
-        [_pose(t).inverse.apply(p[None]) for p, t in zip(places, times.tolist(), strict=True)]
-    )
+    return np.concatenate([_pose(t).inverse.apply(p[None]) for p, t in zip(places, times.tolist(), strict=True)])
 
 
 @pytest.mark.parametrize("reference", [0.0, 0.05, 0.1], ids=["first point", "middle", "last point"])
@@ -72,9 +70,7 @@ def test_the_motion_goes_on_a_little_beyond_its_poses():
 def test_a_sensor_that_stands_sees_what_it_sees():
     points = _scene(100)
     still = Trajectory.from_poses([0.0, 1.0], [Pose(3, 4, 5, 0.1, 0.2, 3.0)] * 2)
-    np.testing.assert_allclose(
-        deskew(points, np.linspace(0, 1, len(points)), still, 0.3, 1.0), points, atol=1e-12
-    )
+    np.testing.assert_allclose(deskew(points, np.linspace(0, 1, len(points)), still, 0.3, 1.0), points, atol=1e-12)
 
 
 def test_a_motion_that_does_not_cover_the_scan_is_refused():

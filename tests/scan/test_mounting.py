@@ -28,9 +28,7 @@ position = [-0.4, 0.3, 1.6]
 def _drive(n=30):
     """T_map_vehicle that turns, climbs and rolls."""
     rng = np.random.default_rng(4)
-    values = np.column_stack(
-        [rng.uniform(-100, 100, (n, 3)), rng.uniform(-0.2, 0.2, (n, 2)), rng.uniform(-3, 3, n)]
-    )
+    values = np.column_stack([rng.uniform(-100, 100, (n, 3)), rng.uniform(-0.2, 0.2, (n, 2)), rng.uniform(-3, 3, n)])
     return [Pose(*row) for row in values.tolist()]
 
 
@@ -63,15 +61,11 @@ def test_the_course_over_ground_is_the_vehicle_s():
 def test_covariances_follow_the_lever_arm():
     """Against drawn errors."""
     rng = np.random.default_rng(5)
-    covariance = np.array(
-        [[0.04, 0.01, 0.002], [0.01, 0.09, -0.001], [0.002, -0.001, math.radians(1.0) ** 2]]
-    )
+    covariance = np.array([[0.04, 0.01, 0.002], [0.01, 0.09, -0.001], [0.002, -0.001, math.radians(1.0) ** 2]])
     errors = rng.multivariate_normal(np.zeros(3), covariance, 40_000)
     pose, T_part_sensor = Pose(1.0, 2.0, 3.0, 0.05, -0.1, 0.8), Pose(4.0, -2.0, 1.0, 0.0, 0.0, 0.3)
     one = sensor_trajectory(Trajectory.from_poses([0.0], [pose], covariance[None]), T_part_sensor)
-    drawn = [
-        Pose(pose.x + x, pose.y + y, pose.z, pose.roll, pose.pitch, pose.heading + h) for x, y, h in errors
-    ]
+    drawn = [Pose(pose.x + x, pose.y + y, pose.z, pose.roll, pose.pitch, pose.heading + h) for x, y, h in errors]
     sensors = sensor_trajectory(Trajectory.from_poses(np.arange(len(drawn)), drawn), T_part_sensor)
     seen = np.cov(np.column_stack([sensors.positions[:, :2], sensors.angles[:, 2]]).T)
     np.testing.assert_allclose(one.covariances[0], seen, rtol=0.05, atol=3e-4)
@@ -83,9 +77,7 @@ def test_a_file(tmp_path):
     path = tmp_path / "mounting.toml"
     path.write_text(TEXT)
     mounting = read_mounting(path)
-    np.testing.assert_allclose(
-        mounting.T_vehicle_sensor.values, [1.1, 0.2, 1.9, *np.radians([1.0, -2.0, 90.0])]
-    )
+    np.testing.assert_allclose(mounting.T_vehicle_sensor.values, [1.1, 0.2, 1.9, *np.radians([1.0, -2.0, 90.0])])
     np.testing.assert_allclose(mounting.T_vehicle_prior.values, [-0.4, 0.3, 1.6, 0, 0, 0])
     assert mounting.T_vehicle_odometry is None
 

@@ -54,9 +54,7 @@ def test_a_sensor_that_looks_straight_up_or_down_keeps_its_rotation(pitch, headi
 
 def test_angles_of_many_quaternions_have_their_shape():
     angles = np.random.default_rng(1).uniform(-1.5, 1.5, (7, 3))
-    np.testing.assert_allclose(
-        angles_from_quaternions(quaternions_from_angles(*angles.T)), angles, atol=1e-12
-    )
+    np.testing.assert_allclose(angles_from_quaternions(quaternions_from_angles(*angles.T)), angles, atol=1e-12)
 
 
 @pytest.mark.parametrize("heading", [-math.pi, -math.pi + 1e-9, 0.0, math.pi / 2, math.pi - 1e-9])
@@ -128,10 +126,7 @@ def test_wrong_shapes_are_refused(times, positions, quaternions, words):
 
 
 def test_between_two_poses_position_is_linear_and_heading_takes_the_short_way():
-    first, second = (
-        Pose(*UTM, 0.0, 0.0, math.pi - 0.1),
-        Pose(*(UTM + np.array([1, 2, 4])), 0.0, 0.0, -math.pi + 0.1),
-    )
+    first, second = (Pose(*UTM, 0.0, 0.0, math.pi - 0.1), Pose(*(UTM + np.array([1, 2, 4])), 0.0, 0.0, -math.pi + 0.1))
     middle = Trajectory.from_poses([10.0, 10.4], [first, second]).at(10.1)
     np.testing.assert_allclose(middle.position, UTM + np.array([0.25, 0.5, 1.0]), atol=1e-9)
     assert middle.heading == pytest.approx(math.pi - 0.05)
@@ -151,23 +146,14 @@ def test_orientation_between_poses_agrees_with_an_independent_slerp(r1, p1, h1, 
 
 def test_at_a_pose_it_is_that_pose_whatever_the_gaps():
     trajectory = Trajectory.from_poses([0.0, 100.0], [Pose(*UTM, 0, 0, 1.0), Pose(*(UTM + 5), 0, 0, 2.0)])
-    for time, i in (
-        (0.0, 0),
-        (-0.001, 0),
-        (-0.0009, 0),
-        (0.0009, 0),
-        (99.9995, 1),
-        (100.0, 1),
-        (100.0009, 1),
-    ):
+    for time, i in ((0.0, 0), (-0.001, 0), (-0.0009, 0), (0.0009, 0), (99.9995, 1), (100.0, 1), (100.0009, 1)):
         assert_same_pose(trajectory.at(time), trajectory.pose(i), atol=0)
 
 
 def test_a_gap_longer_than_allowed_is_refused_and_can_be_allowed():
     trajectory = drive([0.0, 1.0])
     with pytest.raises(
-        TrajectoryError,
-        match=r"at most 0\.5 s apart around 0\.2.*gap of 1\.0.*0\.2\d* s from the nearest.*max_gap",
+        TrajectoryError, match=r"at most 0\.5 s apart around 0\.2.*gap of 1\.0.*0\.2\d* s from the nearest.*max_gap"
     ):
         trajectory.at(0.2)
     assert trajectory.at(0.2, max_gap=1.0).x == pytest.approx(UTM[0] + 2.0)
@@ -210,9 +196,7 @@ def test_close_to_a_pose_it_is_between_the_two_where_they_are_close():
 def test_what_is_wrong_is_said_with_its_numbers():
     with pytest.raises(TrajectoryError, match=r"0\.000000 to 2\.000000 s, got 3\.000000 s, 1\.000000 s from"):
         drive([0.0, 1.0, 2.0]).at(3.0)
-    with pytest.raises(
-        TrajectoryError, match=r"a gap of 1\.000000 s from 11\.000000 to 12\.000000 s, 0\.250000 s"
-    ):
+    with pytest.raises(TrajectoryError, match=r"a gap of 1\.000000 s from 11\.000000 to 12\.000000 s, 0\.250000 s"):
         drive([10.0, 11.0, 12.0]).at(11.25)
     with pytest.raises(TrajectoryError, match=r"got 1\.000000000 s after 2\.000000000 s"):
         drive([0.0, 2.0, 1.0])
@@ -253,9 +237,7 @@ def test_positions_at_agrees_with_at():
     wanted = [trajectory.at(t).position for t in times]
     np.testing.assert_allclose(trajectory.positions_at(times), wanted, rtol=0, atol=0.03)  # 1 ms rule of `at`
     apart = np.abs(times[:, None] - trajectory.times).min(axis=1) > 1e-3
-    np.testing.assert_allclose(
-        trajectory.positions_at(times)[apart], np.array(wanted)[apart], rtol=0, atol=1e-8
-    )
+    np.testing.assert_allclose(trajectory.positions_at(times)[apart], np.array(wanted)[apart], rtol=0, atol=1e-8)
 
 
 def test_one_pose_and_no_times():
@@ -269,9 +251,7 @@ def test_one_pose_and_no_times():
 
 def known_drive(covariances):
     times = np.arange(len(covariances), dtype=float)
-    return Trajectory(
-        times, np.outer(times, [1.0, 0.0, 0.0]), np.tile(IDENTITY, (len(times), 1)), covariances
-    )
+    return Trajectory(times, np.outer(times, [1.0, 0.0, 0.0]), np.tile(IDENTITY, (len(times), 1)), covariances)
 
 
 UNKNOWN = np.full((3, 3), np.nan)

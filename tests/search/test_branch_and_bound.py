@@ -36,10 +36,7 @@ def street(seed, space, *, n_walls=8, is_signed=True, azimuth=None, n_points=400
     """Walls along and across a street of any azimuth, in part also scanned, from a pose of the space; and clutter."""
     rng = np.random.default_rng(seed)
     azimuth = rng.uniform(-np.pi, np.pi) if azimuth is None else azimuth
-    along, across = (
-        np.array([np.cos(azimuth), np.sin(azimuth)]),
-        np.array([-np.sin(azimuth), np.cos(azimuth)]),
-    )
+    along, across = (np.array([np.cos(azimuth), np.sin(azimuth)]), np.array([-np.sin(azimuth), np.cos(azimuth)]))
     points, normals = [], []
     for number in range(n_walls):
         is_facade = number % 4 != 0
@@ -156,9 +153,7 @@ def test_it_finds_what_the_exhaustive_search_finds(
     ),
 )
 @settings(max_examples=150)
-def test_limits_of_time_and_memory_change_no_answer(
-    seed, objective, n_steps, share, is_guarded, n_points, limits
-):
+def test_limits_of_time_and_memory_change_no_answer(seed, objective, n_steps, share, is_guarded, n_points, limits):
     space = SearchSpace(n_steps * CELL, CELL, 2.0, 0.5)
     scan, point_map, prior = street(seed, space, n_points=n_points)
     rng = np.random.default_rng(seed)
@@ -171,9 +166,7 @@ def test_limits_of_time_and_memory_change_no_answer(
     scores = accumulator.score(objective)
     asked = share * scores[guarded or found.cell]
     if asked > 0.0:
-        assert {*map(tuple, found.reaching.cells.tolist())} == {
-            *map(tuple, np.argwhere(scores >= asked).tolist())
-        }
+        assert {*map(tuple, found.reaching.cells.tolist())} == {*map(tuple, np.argwhere(scores >= asked).tolist())}
         assert (found.reaching.upper == scores[tuple(found.reaching.cells.T)]).all()
 
 
@@ -187,17 +180,14 @@ def test_limits_of_time_and_memory_change_no_answer(
     factor=st.sampled_from([1, 8]),
 )
 @settings(max_examples=60)
-def test_every_cell_that_reaches_the_share_is_listed(
-    seed, objective, is_signed, n_steps, turns, share, factor
-):
+def test_every_cell_that_reaches_the_share_is_listed(seed, objective, is_signed, n_steps, turns, share, factor):
     space = SearchSpace(n_steps * CELL * factor, CELL * factor, *turns)
     scan, point_map, prior = street(seed, space, is_signed=is_signed)
     point_map = point_map.level(factor)
     found = branch_and_bound(scan, point_map, prior, space, objective, share=share, lists_all=True)
     scores = exhaustive(scan, point_map, prior, space).score(objective)
     listed = {
-        tuple(cell): score
-        for cell, score in zip(found.reaching.cells.tolist(), found.reaching.upper, strict=True)
+        tuple(cell): score for cell, score in zip(found.reaching.cells.tolist(), found.reaching.upper, strict=True)
     }
     assert found.score == scores.max()
     assert not len(branch_and_bound(scan, point_map, prior, space, objective, share=share).reaching)
@@ -250,9 +240,7 @@ def test_no_cell_has_more_than_its_bound(
     sums = bounding.sum_up(np.arange(space.shape[0]), Window.of(space), summand, n_threads)
     cells = np.argwhere(np.ones(space.shape, bool))
     upper = sums.at(cells).reshape(space.shape)
-    moments = exhaustive(
-        scan, point_map, prior, space, multiplicity=multiplicity, weighting=weighting
-    ).moments
+    moments = exhaustive(scan, point_map, prior, space, multiplicity=multiplicity, weighting=weighting).moments
     if summand.axis is None:
         along = moments[..., 0]
     else:
@@ -264,9 +252,7 @@ def test_no_cell_has_more_than_its_bound(
         assert (upper <= along + 1e-3 * bounding.most * bounding.fullest + 1e-6).all()
     assert (along <= bounding.most).all()
 
-    rng = np.random.default_rng(
-        seed
-    )  # a window has the bounds of the whole, up to the units that rounding adds
+    rng = np.random.default_rng(seed)  # a window has the bounds of the whole, up to the units that rounding adds
     cells = np.unique(cells[rng.integers(0, len(cells), 3)], axis=0)
     window = Window.around(cells, space)
     part = bounding.sum_up(np.unique(cells[:, 0]), window, summand, n_threads)
@@ -303,9 +289,7 @@ def test_sums_that_reach_something_and_the_highest(summand):
 @pytest.mark.parametrize("multiplicity", list(Multiplicity))
 @pytest.mark.parametrize("length", [0.996, 1.0, 1.004])
 @pytest.mark.parametrize("n_bare", [0, 7])
-def test_where_every_point_matches_squarely_a_cell_has_all_that_is_thought_possible(
-    multiplicity, length, n_bare
-):
+def test_where_every_point_matches_squarely_a_cell_has_all_that_is_thought_possible(multiplicity, length, n_bare):
     rng = np.random.default_rng(0)
     voxels = np.column_stack([np.zeros(60), rng.permutation(60), np.arange(60) % 3])
     points = (np.repeat(voxels, 3, axis=0) + rng.uniform(0.2, 0.8, (180, 3))) * CELL
@@ -337,10 +321,7 @@ def test_the_first_sum_is_along_the_axis_determined_least_and_the_second_across(
         weak, strong = np.array([[np.cos(azimuth), np.sin(azimuth)], [-np.sin(azimuth), np.cos(azimuth)]])
         (xx, xy), (_, yy) = 4.0 * np.outer(weak, weak) + 40.0 * np.outer(strong, strong)
         prepared = SimpleNamespace(
-            normals=normals,
-            without_normal=0.5,
-            spread=np.array([xx, xy, yy]),
-            prior=Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.7),
+            normals=normals, without_normal=0.5, spread=np.array([xx, xy, yy]), prior=Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.7)
         )
         bounding = ByAxes(prepared, Helmert())
         for leader in (None, Standing(0.0, np.zeros(4))):  # no cell determines anything yet: the scan decides
@@ -488,16 +469,12 @@ def test_scores_that_promise_nothing_are_refused(kind):
 @pytest.mark.parametrize("objective", OBJECTIVES)
 @pytest.mark.parametrize("share", [1.0, 0.5, 1e-6])
 @pytest.mark.parametrize(("pass_cells", "n_threads"), [(2**20, 1), (50, 2)])
-def test_where_bounds_decide_little_windows_are_searched_exhaustively(
-    objective, share, pass_cells, n_threads
-):
+def test_where_bounds_decide_little_windows_are_searched_exhaustively(objective, share, pass_cells, n_threads):
     space = SearchSpace(0.8, CELL, 1.0, 0.5)
     scan, point_map, prior = street(3, space)
     accumulator = exhaustive(scan, point_map, prior, space)
     for undecided in (4, 10**9):  # bounded again before, or not
-        limits = Limits(
-            cells_per_candidate=10**9, most_candidates=0, scored_per_pass=pass_cells, undecided=undecided
-        )
+        limits = Limits(cells_per_candidate=10**9, most_candidates=0, scored_per_pass=pass_cells, undecided=undecided)
         found = branch_and_bound(
             scan, point_map, prior, space, objective, share=share, n_threads=n_threads, limits=limits
         )
@@ -534,14 +511,10 @@ def test_exactly_so_many_cells_may_be_looked_at():
     headings=st.sampled_from([1, 2, 5, 16]),
     cells=st.sampled_from([1, 7, 40, 100, 650, 2**22]),
 )
-def test_parts_make_up_the_space_from_those_near_the_prior_on_and_fit_in_memory(
-    n_steps, turn_deg, headings, cells
-):
+def test_parts_make_up_the_space_from_those_near_the_prior_on_and_fit_in_memory(n_steps, turn_deg, headings, cells):
     space = SearchSpace(n_steps * CELL, CELL, turn_deg, 0.5)
     bounding = SimpleNamespace(prepared=SimpleNamespace(space=space))
-    parts = BoundedSearch(
-        bounding, None, Limits(headings_per_pass=headings, cells_per_pass=cells), 1
-    )._parts()
+    parts = BoundedSearch(bounding, None, Limits(headings_per_pass=headings, cells_per_pass=cells), 1)._parts()
     times = np.zeros(space.shape, int)
     far = []
     for some, window in parts:
@@ -586,9 +559,7 @@ def test_very_full_voxels(seed):
     is_once=st.booleans(),
     objective=st.sampled_from(OBJECTIVES),
 )
-def test_sums_fit_in_their_integers_in_units_no_coarser_than_that_asks_for(
-    n_points, fullest, is_once, objective
-):
+def test_sums_fit_in_their_integers_in_units_no_coarser_than_that_asks_for(n_points, fullest, is_once, objective):
     tiles = {0: (SimpleNamespace(fullest=1), None), 3: (SimpleNamespace(fullest=fullest), None)}
     prepared = SimpleNamespace(n_points=n_points, is_once=is_once, tiles=tiles)
     kind = ByCount if isinstance(objective, Count) else ByAxes
@@ -608,9 +579,7 @@ def test_a_scan_of_three_hundred_thousand_points_in_one_voxel(multiplicity):
     scan = Scan(np.repeat(walls, 150_000, axis=0), np.repeat(normals, 150_000, axis=0))
     prior, space = Pose(0.2, -0.3, 0.0, 0.0, 0.0, 0.0), SearchSpace(0.8, CELL, 1.0, 1.0)
     for objective in OBJECTIVES:
-        found = branch_and_bound(
-            scan, point_map, prior, space, objective, multiplicity=multiplicity, share=0.5
-        )
+        found = branch_and_bound(scan, point_map, prior, space, objective, multiplicity=multiplicity, share=0.5)
         accumulator = exhaustive(scan, point_map, prior, space, multiplicity=multiplicity)
         assert found.score >= 75_000
         assert_it_is_the_best(found, accumulator, objective, space, 0.5, 0.3)

@@ -28,9 +28,7 @@ def walls(seed, n_walls=26, reach=22.0):
     for number in range(n_walls):
         start, length = rng.uniform(-reach, reach, 2), rng.uniform(2.0, 7.0)
         run = np.array([1.0, 0.0]) if number % 2 else np.array([0.0, 1.0])
-        along, up = (
-            grid.ravel() for grid in np.meshgrid(np.arange(0.0, length, 0.04), np.arange(0.1, 4.0, 0.1))
-        )
+        along, up = (grid.ravel() for grid in np.meshgrid(np.arange(0.0, length, 0.04), np.arange(0.1, 4.0, 0.1)))
         on_wall = np.column_stack([start + along[:, None] * run, up])
         normal = np.array([run[1], run[0], 0.0])
         normal *= -np.sign(normal[:2] @ (start + 0.5 * length * run)) or 1.0
@@ -64,10 +62,7 @@ def test_it_finds_the_best_small_cell_of_the_whole_space(seed, objective):
     points, normals = walls(seed)
     point_map, scan = PointMap.from_points(points, normals, CELL), seen(points, normals, TRUTH, seed)
     prior = replace(
-        TRUTH,
-        x=TRUTH.x + rng.uniform(-2.8, 2.8),
-        y=TRUTH.y + rng.uniform(-2.8, 2.8),
-        heading=TRUTH.heading + 0.02,
+        TRUTH, x=TRUTH.x + rng.uniform(-2.8, 2.8), y=TRUTH.y + rng.uniform(-2.8, 2.8), heading=TRUTH.heading + 0.02
     )
     method, space = MaximumConsensus(objective=objective), SearchSpace(3.0, heading_half_width_deg=2.0)
     best = places(method, scan, point_map, prior, space)[0]
@@ -123,9 +118,7 @@ def test_sixty_metres_at_any_heading_find_what_twelve_and_ten_degrees_do(seed):
     wanted, *_ = places(MaximumConsensus(), scan, point_map, prior, SearchSpace())
     assert found.score == pytest.approx(wanted.score, rel=1e-9)
     assert found.pose.position == pytest.approx(wanted.pose.position, abs=1e-9)
-    assert math.remainder(found.pose.heading - wanted.pose.heading, 2.0 * math.pi) == pytest.approx(
-        0.0, abs=1e-9
-    )
+    assert math.remainder(found.pose.heading - wanted.pose.heading, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_twins_farther_apart_than_wide_cells_make_it_ambiguous():
@@ -203,9 +196,7 @@ def test_a_small_open_space_is_searched_in_small_cells_at_once(town):
     is_open, given = SearchSpace(0.6, heading_half_width_deg=1.0), SearchSpace(0.6, CELL, 1.0, 0.5)
     method = MaximumConsensus(is_open, refinement=False)
     assert not method.cell_search.is_coarse_to_fine(is_open, point_map)
-    answer, wanted = (
-        replace(method, space=space).localize(scan, point_map, prior) for space in (is_open, given)
-    )
+    answer, wanted = (replace(method, space=space).localize(scan, point_map, prior) for space in (is_open, given))
     assert (answer.pose, answer.score, answer.cell) == (wanted.pose, wanted.score, wanted.cell)
 
 
@@ -267,10 +258,7 @@ class Hills:
             cell = space.nearest_cell(replace(prior, x=x, y=y, heading=math.radians(turn_deg)), prior)
             pose = space.pose(cell, prior)
             off = max(abs(pose.x - x), abs(pose.y - y))
-            if (
-                off <= edge / 2 + 1e-9
-                and abs(math.degrees(pose.heading) - turn_deg) <= space.step_deg / 2 + 1e-9
-            ):
+            if off <= edge / 2 + 1e-9 and abs(math.degrees(pose.heading) - turn_deg) <= space.step_deg / 2 + 1e-9:
                 scores[cell] = max(scores.get(cell, 0.0), of_edges.get(edge, 0.0))
         cell = max(scores, key=scores.get, default=(0, 0, 0))
         score = scores.get(cell, 0.0)
@@ -293,9 +281,7 @@ def hill(x, y, turn_deg=0.0, coarse=10.0, fine=10.0, wide=10.0):
 def nowhere():
     """A map for its cells alone, and a scan of some points for their number."""
     points = np.random.default_rng(0).uniform(-3.0, 3.0, (500, 3))
-    return Scan(points, np.zeros_like(points)), PointMap.from_points(
-        [[0.0, 0.0, 0.0]], [[1.0, 0.0, 0.0]], CELL
-    )
+    return Scan(points, np.zeros_like(points)), PointMap.from_points([[0.0, 0.0, 0.0]], [[1.0, 0.0, 0.0]], CELL)
 
 
 def test_cells_within_a_metre_and_four_degrees_are_of_one_place(nowhere):
@@ -303,9 +289,7 @@ def test_cells_within_a_metre_and_four_degrees_are_of_one_place(nowhere):
     far = hill(3, 0, 0.0, 9.6), hill(0, 0, 6.0, 9.5), hill(-2, -2, 0.0, 9.4), hill(0, 0, -6.0, 9.3)
     search = Hills(hill(0, 0), *near, *far)
     best_places(search, *nowhere, HERE, SearchSpace(12.0), 0.8)
-    followed = [
-        (asked.prior.x, asked.prior.y, math.degrees(asked.prior.heading)) for asked in search.of(CELL)
-    ]
+    followed = [(asked.prior.x, asked.prior.y, math.degrees(asked.prior.heading)) for asked in search.of(CELL)]
     assert np.array(followed) == pytest.approx(np.array([each[:3] for each in (hill(0, 0), *far)]))
 
 
@@ -324,17 +308,14 @@ def test_the_highest_best_cell_of_a_place_stands_for_it(x, y, turn_deg, n):
     other = replace(HERE, x=x, y=y, heading=math.radians(turn_deg))
     space = SearchSpace(0.0, CELL, 0.0, 0.5)
     low, high = (
-        BestCell(space, pose, (0, 0, 0), score, moments_of(score), 0.0)
-        for pose, score in ((HERE, 3.0), (other, 4.0))
+        BestCell(space, pose, (0, 0, 0), score, moments_of(score), 0.0) for pose, score in ((HERE, 3.0), (other, 4.0))
     )
     assert distinct_places([low, high]) == [high, low][:n] == distinct_places([high, low])
 
 
 def test_coarse_cells_are_followed_that_reach_so_much_of_the_share_that_is_asked_for(nowhere):
     scan, _ = nowhere
-    search = Hills(
-        hill(0, 0, coarse=10.0), hill(9, 0, coarse=6.81, fine=9.0), hill(-9, 0, coarse=6.79, fine=20.0)
-    )
+    search = Hills(hill(0, 0, coarse=10.0), hill(9, 0, coarse=6.81, fine=9.0), hill(-9, 0, coarse=6.79, fine=20.0))
     first, second = best_places(search, *nowhere, HERE, SearchSpace(12.0), 0.8)
     (coarse,) = search.of(EDGE)
     assert (coarse.share, coarse.lists_all) == (pytest.approx(0.85 * 0.8), True)
@@ -358,10 +339,7 @@ def test_a_place_of_a_lower_coarse_score_may_be_the_best_and_what_is_given_up_is
 
 def test_no_more_than_twelve_places_are_followed_and_the_thirteenth_is_told(nowhere):
     def along(n, coarse):
-        return [
-            hill(4 * (k % 5) - 8, 4 * (k // 5) - 8, 0.0, coarse - 0.01 * k, 10.0 - 5.0 * (k > 0))
-            for k in range(n)
-        ]
+        return [hill(4 * (k % 5) - 8, 4 * (k // 5) - 8, 0.0, coarse - 0.01 * k, 10.0 - 5.0 * (k > 0)) for k in range(n)]
 
     for n, rest in ((12, math.nextafter(0.8, 0.0)), (13, 9.88 / 10.0), (20, 9.88 / 10.0)):
         search = Hills(*along(n, 10.0))
@@ -396,10 +374,7 @@ def test_from_a_best_small_cell_at_the_rim_it_is_gone_on_four_times(nowhere, cel
                 return found
             n = len(self.of(CELL))
             return replace(
-                found,
-                cell=cell if n < self.stops else (3, 8, 8),
-                score=10.0 + n,
-                moments=moments_of(10.0 + n),
+                found, cell=cell if n < self.stops else (3, 8, 8), score=10.0 + n, moments=moments_of(10.0 + n)
             )
 
     for stops, n_looked in ((3, 3), (5, 5), (9, 5)):
@@ -438,13 +413,9 @@ def test_a_very_wide_space_is_searched_in_wide_cells_first_and_in_coarse_ones_ar
         pytest.approx(6.8),
     ]
     assert [asked.prior.x for asked in coarse] == pytest.approx([0.0, 20 * EDGE, 0.0])
-    assert all(
-        (asked.space.half_width, asked.space.heading_half_width_deg) == (0.96, 2.0) for asked in coarse
-    )
+    assert all((asked.space.half_width, asked.space.heading_half_width_deg) == (0.96, 2.0) for asked in coarse)
     assert {asked.space.height_half_width for asked in coarse} == {0.0}
-    assert best_places(Hills(*hills[:1]), scan, point_map, HERE, space, 0.8)[0].runner_up == pytest.approx(
-        0.68
-    )
+    assert best_places(Hills(*hills[:1]), scan, point_map, HERE, space, 0.8)[0].runner_up == pytest.approx(0.68)
     low = best_places(Hills(*hills[:1]), scan, point_map, HERE, replace(space, height_half_width=3.0), 0.8)
     assert len(low) == 1
 
@@ -522,9 +493,7 @@ def test_a_place_that_matches_determine_in_no_direction_may_have_any_runner_up(n
     assert (best.score, best.runner_up) == (10.0, math.inf)
 
 
-def test_more_cells_than_many_are_searched_in_wide_ones_first_and_more_than_most_are_refused(
-    nowhere, monkeypatch
-):
+def test_more_cells_than_many_are_searched_in_wide_ones_first_and_more_than_most_are_refused(nowhere, monkeypatch):
     space = SearchSpace(12.0)
     n_cells = COARSE.cells(space, nowhere[1]).n_cells
     monkeypatch.setattr("maxcon.search.coarse_to_fine.MOST_LARGE_CELLS", n_cells)

@@ -164,9 +164,7 @@ def test_crowded_voxels_and_scans(seed, n_steps, turns, multiplicity, weighting,
     normals_map, normals = unit_vectors(rng, 3000), unit_vectors(rng, 50)
     normals_map[rng.random(3000) < 0.4] = 0.0
     normals[rng.random(50) < 0.4] = 0.0
-    points = np.repeat(rng.uniform(-1.0, 1.0, (10, 3)) * [1, 1, 0.03], 5, axis=0) + rng.uniform(
-        0.0, 0.03, (50, 3)
-    )
+    points = np.repeat(rng.uniform(-1.0, 1.0, (10, 3)) * [1, 1, 0.03], 5, axis=0) + rng.uniform(0.0, 0.03, (50, 3))
     scan = Scan(points[rng.permutation(50)], normals)
     point_map = PointMap.from_points(points_map, normals_map, cell, is_signed=is_signed)
     prior = Pose(0.3, -0.2, 0.0, 0.01, -0.02, rng.uniform(-4, 4))
@@ -263,9 +261,7 @@ def test_moving_map_and_prior_by_whole_cells_changes_nothing(seed, cells_x, cell
     prior = Pose(0.25, 0.125, 0.0, 0.0, 0.0, 0.0)
     shift = np.array([cells_x, cells_y, 0.0]) * cell
     here = exhaustive(scan, PointMap.from_points(points_map, normals, cell), prior, space)
-    there = exhaustive(
-        scan, PointMap.from_points(points_map + shift, normals, cell), prior.translated(shift), space
-    )
+    there = exhaustive(scan, PointMap.from_points(points_map + shift, normals, cell), prior.translated(shift), space)
     assert here.moments.any()
     assert_same(there, here.moments)
 
@@ -341,9 +337,7 @@ def test_a_voxel_of_a_million_points_weighs_a_million():
     scan = Scan(place * 3, [X] * 3)
     accumulator = exhaustive(scan, point_map, prior, space, multiplicity="points")
     assert_same(accumulator, reference.voxels(scan, point_map, prior, space, multiplicity="points").moments)
-    np.testing.assert_allclose(
-        accumulator.moments[0, 1, 1], 3e6 * np.array([1, 0.216, 0.288, 0.384]), rtol=1e-6
-    )
+    np.testing.assert_allclose(accumulator.moments[0, 1, 1], 3e6 * np.array([1, 0.216, 0.288, 0.384]), rtol=1e-6)
 
 
 def test_ties_go_to_the_first_cell_in_index_order():
@@ -418,9 +412,7 @@ def test_other_options_are_refused():
     scan, point_map, prior = random_scene(0, 5, 5, 0.06, SearchSpace.paper())
     with pytest.raises(OptionError, match="'occupied' or 'points', got 'all'"):
         exhaustive(scan, point_map, prior, SearchSpace.paper(), multiplicity="all")
-    with pytest.raises(
-        OptionError, match="Expected `weighting` to be 'cosine', 'published' or 'one', got 'two'"
-    ):
+    with pytest.raises(OptionError, match="Expected `weighting` to be 'cosine', 'published' or 'one', got 'two'"):
         exhaustive(scan, point_map, prior, SearchSpace.paper(), weighting="two")
     with pytest.raises(OptionError, match="Expected `n_threads` to be 1 or more, got 0"):
         exhaustive(scan, point_map, prior, SearchSpace.paper(), n_threads=0)

@@ -93,13 +93,9 @@ def test_branch_and_bound_over_heights_finds_what_the_exhaustive_search_finds(
     assert found.score == accumulator.score(objective)[cell] == found.bound
     np.testing.assert_array_equal(found.moments, accumulator.moments[cell])
     # The runner-up is that of the same height.
-    alone = branch_and_bound(
-        *scene[:2], space.raised(scene[2], height), space.plane, objective, share=share, **options
-    )
+    alone = branch_and_bound(*scene[:2], space.raised(scene[2], height), space.plane, objective, share=share, **options)
     scores = accumulator.score(objective)
-    distance = np.hypot(
-        *np.meshgrid(*(np.arange(n) - at for n, at in zip(space.shape[1:], cell[1:], strict=True)))
-    )
+    distance = np.hypot(*np.meshgrid(*(np.arange(n) - at for n, at in zip(space.shape[1:], cell[1:], strict=True))))
     runner_up = scores.max(axis=0).max(where=distance.T * CELL > 0.3, initial=0.0)
     assert found.rest >= runner_up
     assert alone.cell == found.cell

@@ -110,9 +110,7 @@ def test_one_direction_however_often_scores_nothing(seed, angle, n):
     assert MaxEigenvalue().score(moments) == 0.0
 
 
-@given(
-    hnp.arrays(np.float64, hnp.array_shapes(max_dims=2, max_side=6).map(lambda s: (*s, 4)), elements=VALUES)
-)
+@given(hnp.arrays(np.float64, hnp.array_shapes(max_dims=2, max_side=6).map(lambda s: (*s, 4)), elements=VALUES))
 @settings(max_examples=100)
 def test_never_nan_and_never_a_warning(moments):
     """Count, Nxx and Nyy are sums of what is never negative; Nxy may be anything."""

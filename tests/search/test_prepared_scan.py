@@ -173,14 +173,9 @@ def test_sums_of_cells_begin_with_a_cache_line():
 
 def test_heights_end_where_indices_do():
     point_map = random_map(np.random.default_rng(1), Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 5, 1.0)
-    scan, options = (
-        Scan([[0.0, 0.0, 0.0]], [[1.0, 0.0, 0.0]]),
-        (SPACE, Multiplicity.OCCUPIED, Weighting.COSINE),
-    )
+    scan, options = (Scan([[0.0, 0.0, 0.0]], [[1.0, 0.0, 0.0]]), (SPACE, Multiplicity.OCCUPIED, Weighting.COSINE))
     for sign in (1.0, -1.0):
-        highest, too_high = (
-            Pose(0.0, 0.0, sign * (2.0**30 * CELL + up), 0.0, 0.0, 0.0) for up in (-0.5, 0.5)
-        )
+        highest, too_high = (Pose(0.0, 0.0, sign * (2.0**30 * CELL + up), 0.0, 0.0, 0.0) for up in (-0.5, 0.5))
         assert PreparedScan.prepare(scan, point_map, highest, *options).n_points == 1
         with pytest.raises(ArrayError, match="of the local origin"):
             PreparedScan.prepare(scan, point_map, too_high, *options)
@@ -193,10 +188,7 @@ def test_the_grid_is_as_large_as_the_tiles_in_reach_wherever_they_are(x, y):
     rng = np.random.default_rng(2)
     scan, point_map = random_scan(rng, 50, 3.0, 1.0), random_map(rng, prior, 400, 3.0)
     prepared = PreparedScan.prepare(scan, point_map, prior, SPACE, Multiplicity.OCCUPIED, Weighting.COSINE)
-    assert [tile.key for tile, _ in prepared.tiles.values()] == [
-        (int(x - 0.5), int(y) - 1),
-        (int(x - 0.5), int(y)),
-    ]
+    assert [tile.key for tile, _ in prepared.tiles.values()] == [(int(x - 0.5), int(y) - 1), (int(x - 0.5), int(y))]
     assert (prepared.corner, prepared.shape) == ((int(x - 0.5), int(y) - 1), (2, 1))
 
 

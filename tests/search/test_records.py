@@ -21,6 +21,4 @@ STATES = {"BoundedSearch"}  # what a search knows so far
 def test_records_are_frozen(name):
     classes = [kind for _, kind in inspect.getmembers(importlib.import_module(name), inspect.isclass)]
     classes = [kind for kind in classes if is_dataclass(kind)]
-    assert [
-        kind for kind in classes if kind.__name__ not in STATES and not kind.__dataclass_params__.frozen
-    ] == []
+    assert [kind for kind in classes if kind.__name__ not in STATES and not kind.__dataclass_params__.frozen] == []

@@ -154,9 +154,7 @@ def test_pairs_too_prefer_the_dense_part_by_count_and_the_truth_by_helmert(uneve
     for name, shift in (("truth", 0), ("drawn", 20)):
         prior = uneven_street.prior(-shift, 0)  # the only cell lies that far along the street
         cells[name] = by_pairs(uneven_street, prior, ONE_CELL, "points")
-    score = {
-        name: {type(o): o.score(a.moments).item() for o in (Count(), Helmert())} for name, a in cells.items()
-    }
+    score = {name: {type(o): o.score(a.moments).item() for o in (Count(), Helmert())} for name, a in cells.items()}
     assert score["drawn"][Count] > 1.5 * score["truth"][Count]
     assert score["truth"][Helmert] > 2.0 * score["drawn"][Helmert]
 
@@ -243,9 +241,7 @@ def test_pairs_are_equation_2(seed, n_scan, n_map, share, heading, is_signed, we
     prior = Pose(0.01, -0.01, 0.001, 0.0, 0.0, heading)
     space = SearchSpace(3 * cell, cell, 0.5, 0.5)
     options = {"is_signed": is_signed, "weighting": weighting}
-    accumulator = reference.pairs(
-        scan, map_points, map_normals, prior, space, threshold=share * cell, **options
-    )
+    accumulator = reference.pairs(scan, map_points, map_normals, prior, space, threshold=share * cell, **options)
     wanted = triple_loop(scan, map_points, map_normals, prior, space, share * cell, **options)
     np.testing.assert_array_equal(accumulator.moments[..., 0], wanted[..., 0])
     np.testing.assert_allclose(accumulator.moments, wanted, atol=1e-6)
@@ -257,9 +253,7 @@ def test_the_threshold_itself_still_matches():
     scan = Scan([[0.0, 0.0, 0.0]], [X])
     counts = {}
     for share in (0.5, 1.0):
-        accumulator = reference.pairs(
-            scan, [[0.0, 0.0, share * cell]], [X], HERE, space, threshold=share * cell
-        )
+        accumulator = reference.pairs(scan, [[0.0, 0.0, share * cell]], [X], HERE, space, threshold=share * cell)
         counts[share] = accumulator.moments[0, ..., 0]
     # l-infinity: with the cell edge a pair votes for 3 x 3 cells, with half of it for one.
     np.testing.assert_array_equal(counts[1.0], [[0, 0, 0, 0], [0, 1, 1, 1], [0, 1, 1, 1], [0, 1, 1, 1]])
@@ -455,9 +449,7 @@ def test_scan_map_prior_and_space_may_be_named_and_options_must_be():
     scan, where = Scan([[0.03, 0.03, 0.03]], [X]), {"prior": HERE, "space": SMALL}
     point_map = PointMap.from_points([[0.0, 0.0, 0.0]], [X], CELL)
     by_voxels = reference.voxels(scan=scan, point_map=point_map, **where)
-    by_pairs = reference.pairs(
-        scan=scan, points_map=[[0.03, 0.03, 0.03]], normals_map=[X], **where, threshold=CELL / 2
-    )
+    by_pairs = reference.pairs(scan=scan, points_map=[[0.03, 0.03, 0.03]], normals_map=[X], **where, threshold=CELL / 2)
     assert (by_voxels.moments == by_pairs.moments).all()
     with pytest.raises(TypeError):
         reference.pairs(scan, [[0.0, 0.0, 0.0]], [X], HERE, SMALL, CELL)
@@ -466,21 +458,15 @@ def test_scan_map_prior_and_space_may_be_named_and_options_must_be():
 def test_what_the_definition_refuses():
     point_map = PointMap.from_points([[0.0, 0.0, 0.0]], [X], CELL)
     scan = Scan([[0.0, 0.0, 0.0]], [X])
-    with pytest.raises(
-        SearchSpaceError, match=r"voxel edge, 0\.06 m, got 0\.05 m\. Search in a level of the map"
-    ):
+    with pytest.raises(SearchSpaceError, match=r"voxel edge, 0\.06 m, got 0\.05 m\. Search in a level of the map"):
         reference.voxels(scan, point_map, HERE, SearchSpace(0.1, 0.05))
     with pytest.raises(OptionError, match="Expected `multiplicity` to be 'occupied' or 'points', got 'once'"):
         reference.voxels(scan, point_map, HERE, SMALL, multiplicity="once")
-    with pytest.raises(
-        OptionError, match="Expected `weighting` to be 'cosine', 'published' or 'one', got 'sine'"
-    ):
+    with pytest.raises(OptionError, match="Expected `weighting` to be 'cosine', 'published' or 'one', got 'sine'"):
         reference.voxels(scan, point_map, HERE, SMALL, weighting="sine")
     with pytest.raises(OptionError, match="Expected `weighting` to be 'cosine', 'published' or 'one', got 1"):
         reference.pairs(scan, np.zeros((1, 3)), [X], HERE, SMALL, threshold=CELL, weighting=1)
-    with pytest.raises(
-        ArrayError, match=r"`points_map` to have shape \(n, 3\), got \(3, 5\)\. Transpose it\?"
-    ):
+    with pytest.raises(ArrayError, match=r"`points_map` to have shape \(n, 3\), got \(3, 5\)\. Transpose it\?"):
         reference.pairs(scan, np.zeros((3, 5)), np.zeros((3, 5)), HERE, SMALL, threshold=CELL)
     with pytest.raises(ArrayError, match=r"unit normals in `normals_map` .*length 2 in row 1"):
         reference.pairs(scan, np.zeros((2, 3)), [X, [2.0, 0.0, 0.0]], HERE, SMALL, threshold=CELL)

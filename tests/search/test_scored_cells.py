@@ -61,9 +61,7 @@ CORNERS = st.sampled_from([(0.0, 0.0), (1.0, -1.0), (0.5, 3.0), (-2.5, -0.5), (-
     weighting=st.sampled_from(list(Weighting)),
 )
 @settings(max_examples=80)
-def test_moments_are_those_of_the_exhaustive_search(
-    seed, corner, n_points, is_signed, multiplicity, weighting
-):
+def test_moments_are_those_of_the_exhaustive_search(seed, corner, n_points, is_signed, multiplicity, weighting):
     wanted, prepared = scene(seed, corner, n_points, is_signed, multiplicity, weighting)
     cells = some_cells(np.random.default_rng(seed), 30)
     for heading in range(SPACE.shape[0]):

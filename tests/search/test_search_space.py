@@ -20,9 +20,7 @@ def test_the_papers_space_is_the_default():
     space = SearchSpace.paper()
     assert space.shape == (9, 100, 100)
     assert space.n_cells == 90_000
-    np.testing.assert_allclose(
-        np.degrees(space.headings), [-2, -1.5, -1, -0.5, 0, 0.5, 1, 1.5, 2], atol=1e-12
-    )
+    np.testing.assert_allclose(np.degrees(space.headings), [-2, -1.5, -1, -0.5, 0, 0.5, 1, 1.5, 2], atol=1e-12)
     assert (space.headings[4], space.offsets[50]) == (0.0, 0.0)
     np.testing.assert_allclose(space.offsets[[0, 49, 51, 99]], [-3.0, -0.06, 0.06, 2.94])
     np.testing.assert_allclose(np.diff(space.offsets), 0.06)
@@ -106,14 +104,8 @@ def test_headings_alone_or_one_pose_alone():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (
-            (3.0, 0.07),
-            r"half width of the offsets to be a multiple of its step, got 3.0 m and 0.07 m\. Take 3.01 m\?",
-        ),
-        (
-            (3.0, 0.06, 2.0, 0.3),
-            r"half width of the headings .*got 2.0 degrees and 0.3 degrees\. Take 2.1 degrees\?",
-        ),
+        ((3.0, 0.07), r"half width of the offsets to be a multiple of its step, got 3.0 m and 0.07 m\. Take 3.01 m\?"),
+        ((3.0, 0.06, 2.0, 0.3), r"half width of the headings .*got 2.0 degrees and 0.3 degrees\. Take 2.1 degrees\?"),
         ((-3.0, 0.06), r"half width >= 0 and a step > 0 for the offsets, got -3.0 m and 0.06 m"),
         ((3.0, 0.0), r"a step > 0 for the offsets, got 3.0 m and 0.0 m"),
         ((3.0, -0.06), "a step > 0 for the offsets"),
@@ -134,9 +126,7 @@ def test_the_suggestion_is_accepted():
     assert SearchSpace(3.01, 0.07).shape[1] == 86
 
 
-@pytest.mark.parametrize(
-    ("half_width", "cell"), [(3.0, 0.06), (0.3, 0.1), (2.1, 0.7), (4.2, 0.06), (100.0, 0.05)]
-)
+@pytest.mark.parametrize(("half_width", "cell"), [(3.0, 0.06), (0.3, 0.1), (2.1, 0.7), (4.2, 0.06), (100.0, 0.05)])
 def test_rounding_refuses_no_multiple(half_width, cell):
     assert SearchSpace(half_width, cell).shape[1] == 2 * round(half_width / cell)
 
@@ -160,9 +150,7 @@ def _full(factors, variances):
     st.tuples(*[st.floats(-1.0, 1.0)] * 3),
 )  # fmt: skip
 def test_every_pose_within_k_sigma_lies_in_the_space(factors, variances, k, cell, step_deg, shares):
-    space = SearchSpace.from_covariance(
-        _full(factors, np.array(variances)), k=k, cell=cell, heading_step_deg=step_deg
-    )
+    space = SearchSpace.from_covariance(_full(factors, np.array(variances)), k=k, cell=cell, heading_step_deg=step_deg)
     for part in (shares, np.sign(shares)):  # also where it ends
         dx, dy, turn = k * np.sqrt(variances) * part
         pose = Pose(PRIOR.x + dx, PRIOR.y + dy, 0.0, 0.0, 0.0, PRIOR.heading + turn)
@@ -192,10 +180,7 @@ def test_half_widths_of_a_covariance_are_rounded_up_and_no_wider(xx, yy, hh, k, 
 def test_every_pose_within_k_sigma_lies_in_an_open_space(factors, variances, k, smallest, shares):
     """Also once it has cells, and however small or large the smallest is."""
     space = SearchSpace.from_covariance(
-        _full(factors, np.array(variances)),
-        k=k,
-        smallest_half_width=smallest,
-        smallest_heading_half_width_deg=smallest,
+        _full(factors, np.array(variances)), k=k, smallest_half_width=smallest, smallest_heading_half_width_deg=smallest
     )
     dx, dy, turn = np.abs(k * np.sqrt(variances) * shares)
     for each in (space, space.at(0.06)):
@@ -212,10 +197,7 @@ def test_a_space_of_a_covariance_is_no_smaller_than_the_smallest_and_no_larger_t
     assert (between.half_width, between.heading_half_width_deg) == (6.0, pytest.approx(3.0))
     huge = SearchSpace.from_covariance(np.diag([1e4, 1.0, 1e2]), **limits)
     assert (huge.half_width, huge.heading_half_width_deg) == (24.0, 180.0)
-    assert (
-        SearchSpace.from_covariance(np.eye(3), smallest_half_width=9.0, largest_half_width=2.0).half_width
-        == 2.0
-    )
+    assert SearchSpace.from_covariance(np.eye(3), smallest_half_width=9.0, largest_half_width=2.0).half_width == 2.0
 
 
 @given(FACTORS, st.floats(1e-4, 9.0), st.floats(1e-6, 0.1))
@@ -229,9 +211,7 @@ def test_correlations_do_not_matter_and_the_larger_variance_counts(factors, vari
 
 def test_spaces_of_a_covariance_by_hand():
     covariance = np.diag([1.0, 0.25, math.radians(2.0 / 3.0) ** 2])
-    space = SearchSpace.from_covariance(
-        covariance, cell=0.06
-    )  # 3 m are 50 cells, and half a cell more is searched
+    space = SearchSpace.from_covariance(covariance, cell=0.06)  # 3 m are 50 cells, and half a cell more is searched
     assert (space.half_width, space.heading_half_width_deg) == (pytest.approx(51 * 0.06), 2.0)
     assert (space.cell, space.heading_step_deg) == (0.06, 0.5)
     still_open = SearchSpace.from_covariance(covariance)
@@ -263,11 +243,7 @@ def test_a_space_of_a_covariance_is_cut_to_the_largest():
     still_open = SearchSpace.from_covariance(covariance, **largest)
     assert (still_open.half_width, still_open.heading_half_width_deg) == (3.0, 2.2)
     one = SearchSpace.from_covariance(
-        covariance,
-        cell=0.06,
-        heading_step_deg=0.5,
-        largest_half_width=0.0,
-        largest_heading_half_width_deg=0.1,
+        covariance, cell=0.06, heading_step_deg=0.5, largest_half_width=0.0, largest_heading_half_width_deg=0.1
     )
     assert one.n_cells == 1
     free = SearchSpace.from_covariance(covariance)
@@ -291,18 +267,14 @@ def test_whole_steps_do_not_reach_beyond_a_limit_that_is_none_of_them(step_deg, 
     st.floats(0.0, 400.0), st.floats(0.0, 0.5), st.floats(0.05, 5.0), st.floats(0.05, 5.0), st.floats(0.0, 30.0),
     st.floats(0.0, 180.0),
 )  # fmt: skip
-def test_no_space_of_a_covariance_exceeds_its_limits(
-    variance, angle_variance, cell, step_deg, most, most_deg
-):
+def test_no_space_of_a_covariance_exceeds_its_limits(variance, angle_variance, cell, step_deg, most, most_deg):
     space = SearchSpace.from_covariance(
         np.diag([variance, 0.0, angle_variance]), cell=cell, heading_step_deg=step_deg,
         largest_half_width=most, largest_heading_half_width_deg=most_deg,
     )  # fmt: skip
     assert space.half_width <= most + 1e-6 * cell
     assert space.heading_half_width_deg <= most_deg + 1e-6 * step_deg
-    free = SearchSpace.from_covariance(
-        np.diag([variance, 0.0, angle_variance]), cell=cell, heading_step_deg=step_deg
-    )
+    free = SearchSpace.from_covariance(np.diag([variance, 0.0, angle_variance]), cell=cell, heading_step_deg=step_deg)
     assert space.half_width >= min(free.half_width, most - cell)
     assert space.heading_half_width_deg >= min(free.heading_half_width_deg, most_deg - step_deg)
 
@@ -415,12 +387,7 @@ def test_an_open_space_has_no_cells_before_it_is_given_some():
             getattr(space, ask)
 
 
-@given(
-    st.floats(0.0, 100.0),
-    st.floats(0.0, 180.0),
-    st.sampled_from([0.06, 0.12, 0.48]),
-    st.sampled_from([0.5, 2.0]),
-)
+@given(st.floats(0.0, 100.0), st.floats(0.0, 180.0), st.sampled_from([0.06, 0.12, 0.48]), st.sampled_from([0.5, 2.0]))
 def test_cells_hold_the_half_widths_of_an_open_space(half_width, turn_deg, cell, step_deg):
     space = SearchSpace(half_width, heading_half_width_deg=turn_deg).at(cell, step_deg)
     assert half_width - 1e-6 <= space.half_width < half_width + cell
@@ -446,9 +413,7 @@ def test_half_widths_that_are_none_are_refused_of_open_spaces_too(half_width):
 
 
 def test_an_absurd_space_is_refused_before_it_is_searched():
-    with pytest.raises(
-        SearchSpaceError, match=r"at most 68,719,476,736 cells .* got 3\.6e\+14: 36,001 headings of"
-    ):
+    with pytest.raises(SearchSpaceError, match=r"at most 68,719,476,736 cells .* got 3\.6e\+14: 36,001 headings of"):
         SearchSpace(3000.0, 0.06, 180.0, 0.01)
     assert SearchSpace(3000.0, None, 180.0).is_open  # its cells are the method's to choose
     assert SearchSpace(60.0, 0.06, 180.0, 0.5).n_cells == 721 * 2000 * 2000

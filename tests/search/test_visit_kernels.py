@@ -55,9 +55,7 @@ def test_visits_are_the_runs_within_the_rim(seed, n_groups, n_headings, drift, s
 
 
 @given(
-    **GROUPS,
-    window=st.sampled_from([(0, 0, 0, 0), (-3, 2, 5, 5), (-600, 599, -2, 40)]),
-    edge_bits=st.integers(4, 9),
+    **GROUPS, window=st.sampled_from([(0, 0, 0, 0), (-3, 2, 5, 5), (-600, 599, -2, 40)]), edge_bits=st.integers(4, 9)
 )
 def test_tiles_get_the_visits_that_meet_them(seed, n_groups, n_headings, drift, window, edge_bits):
     visits = visit_kernels.plan_visits(*random_groups(seed, n_groups, n_headings, drift, 1500))
@@ -76,21 +74,15 @@ def test_tiles_get_the_visits_that_meet_them(seed, n_groups, n_headings, drift, 
 
 
 @given(**GROUPS, n_voxels=st.sampled_from([1, 30, 3000]), spread=st.sampled_from([8, 60, 512]))
-def test_runs_hold_the_voxels_of_the_patches_that_a_visit_meets(
-    seed, n_groups, n_headings, drift, n_voxels, spread
-):
+def test_runs_hold_the_voxels_of_the_patches_that_a_visit_meets(seed, n_groups, n_headings, drift, n_voxels, spread):
     rng = np.random.default_rng(seed)
     low = rng.integers(0, 513 - spread)
-    points = (
-        np.column_stack([low + rng.integers(0, spread, (n_voxels, 2)), rng.integers(0, 5, n_voxels)]) + 0.5
-    )
+    points = np.column_stack([low + rng.integers(0, spread, (n_voxels, 2)), rng.integers(0, 5, n_voxels)]) + 0.5
     tile = PointMap.from_points(points, np.tile([1.0, 0.0, 0.0], (n_voxels, 1)), 1.0).tile((0, 0))
     starts, columns = random_groups(seed, n_groups, n_headings, drift, 600)
     visits = visit_kernels.plan_visits(starts, columns)
     middles, ranks = starts[1:] - rng.integers(0, 2, n_groups), rng.integers(0, 7, n_groups)
-    layers = np.array(
-        [tile.index.layers.tolist().index(k) if k in tile.index.layers else -1 for k in range(7)]
-    )
+    layers = np.array([tile.index.layers.tolist().index(k) if k in tile.index.layers else -1 for k in range(7)])
     firsts, numbers, rectangles = visit_kernels.visits_of_tiles(visits, (-3, 9, -40, 2), 9, (0, 0), (1, 1))
     stops, runs = visit_kernels.stops_in_tile(
         visits, numbers, rectangles, starts, middles, ranks, layers, tile.index.patch_starts, tile.n_patches

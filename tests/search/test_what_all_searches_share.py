@@ -8,14 +8,7 @@ import pytest
 from maxcon import PointMap, SearchSpace
 from maxcon.errors import OptionError, SearchSpaceError
 from maxcon.search import level_of
-from maxcon.search.matching import (
-    CONTRIBUTION_STEP,
-    ROUNDER,
-    cells_of,
-    check_all_fit,
-    check_one_height,
-    check_threads,
-)
+from maxcon.search.matching import CONTRIBUTION_STEP, ROUNDER, cells_of, check_all_fit, check_one_height, check_threads
 
 CELL = 0.06
 POINT_MAP = PointMap.from_points([[0.0, 0.0, 0.0]], [[1.0, 0.0, 0.0]], CELL)
@@ -29,9 +22,7 @@ def test_half_a_billion_matches_add_up_exactly():
 def test_the_rounder_rounds_to_whole_steps_with_ties_to_even():
     rng = np.random.default_rng(0)
     most = 2.0**27
-    values = np.concatenate(
-        [rng.uniform(-most, most, 10_000), rng.uniform(-1.0, 1.0, 10_000), [-most, 0.0, most]]
-    )
+    values = np.concatenate([rng.uniform(-most, most, 10_000), rng.uniform(-1.0, 1.0, 10_000), [-most, 0.0, most]])
     ties = (rng.integers(-(2**40), 2**40, 10_000) + 0.5) * CONTRIBUTION_STEP
     for some in (values, ties):
         wanted = np.rint(some / CONTRIBUTION_STEP) * CONTRIBUTION_STEP

@@ -11,15 +11,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from maxcon._system.exchange import swapped
-from maxcon._system.partials import (
-    check_name,
-    old_place,
-    partial_folder,
-    partials_of,
-    put_back,
-    remove,
-    sweep,
-)
+from maxcon._system.partials import check_name, old_place, partial_folder, partials_of, put_back, remove, sweep
 from maxcon._system.regular_file import special_kind
 from maxcon.errors import FileError
 
@@ -115,11 +107,7 @@ def check_replaceable(path: str | os.PathLike[str], what: str, names: Sequence[s
             f"Expected {folder} to be {what}, to overwrite it, got: {error.strerror}. Name another folder."
         ) from error
     known = frozenset(names)  # thousands of files, where they are many
-    others = [
-        name
-        for name in there
-        if name not in known and not any(fnmatchcase(name, pattern) for pattern in names)
-    ]
+    others = [name for name in there if name not in known and not any(fnmatchcase(name, pattern) for pattern in names)]
     if others:
         raise FileError(
             f"Expected {folder} to be {what}, to overwrite it, but it holds {others[0]}."

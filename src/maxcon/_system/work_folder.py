@@ -41,9 +41,7 @@ def work_folder(folder: str | os.PathLike[str], what: str, record: str) -> Itera
     ours = {lock, *partials_of(root / record)}
     others = sorted(path.name for path in root.iterdir() if path not in ours) if root.exists() else []
     if others and record not in others:
-        raise FileError(
-            f"Expected {what} or an empty folder in {root}, but it holds {others[0]}. Name another folder."
-        )
+        raise FileError(f"Expected {what} or an empty folder in {root}, but it holds {others[0]}. Name another folder.")
     make_folder(root)
     with locked(lock, str(root)):
         for left in partials_in(root):  # by processes that were killed: this one alone is at work

@@ -27,17 +27,13 @@ app = typer.Typer(
 )
 app.add_typer(maps.app, name="map")
 app.add_typer(scans.app, name="scans")
-app.command("localize", cls=GroupedCommand, short_help="Localize every scan of a drive in a map.")(
-    localize.localize
-)
+app.command("localize", cls=GroupedCommand, short_help="Localize every scan of a drive in a map.")(localize.localize)
 app.command("relocalize", cls=GroupedCommand, short_help="Find scans in a map without any prior.")(
     relocalize.relocalize
 )
 app.command("export", short_help="Write poses as GeoJSON, GeoPackage, KML, TUM, KITTI.")(export.export)
 app.command("simulate", short_help="Simulate a city, its mapping and scans.")(simulate.simulate)
-app.command("study", cls=GroupedCommand, short_help="Compare methods over the epochs of a dataset.")(
-    study.study
-)
+app.command("study", cls=GroupedCommand, short_help="Compare methods over the epochs of a dataset.")(study.study)
 app.command("report", short_help="Write the page of a study.")(report.report)
 app.command("demo", short_help="Simulate, map, localize and report a small city.")(demo.demo)
 app.command("warmup", short_help="Compile once, so that the first call does not pause.")(warmup.warmup)
@@ -54,8 +50,7 @@ def _print_version(is_wanted: bool) -> None:
 @app.callback()
 def _options(
     version: Annotated[
-        bool,
-        typer.Option("--version", help="Print the version and end.", callback=_print_version, is_eager=True),
+        bool, typer.Option("--version", help="Print the version and end.", callback=_print_version, is_eager=True)
     ] = False,
 ) -> None:
     """Maximum-consensus localization of LiDAR scans in a point-cloud map."""

@@ -22,8 +22,7 @@ MOST_PAIRS = 15
 
 def align(
     clouds: Annotated[
-        list[Path],
-        typer.Argument(metavar="CLOUD...", help="LAS or LAZ files of all rounds, in tiles or whole."),
+        list[Path], typer.Argument(metavar="CLOUD...", help="LAS or LAZ files of all rounds, in tiles or whole.")
     ],
     out: Annotated[Path, typer.Option("--out", "-o", metavar="FOLDER", help="Folder to write.")],
     trajectory: Annotated[
@@ -36,8 +35,7 @@ def align(
     rounds: Annotated[
         str,
         typer.Option(
-            metavar="time|source|file",
-            help="What tells rounds apart: pauses in gps_time, point source ids, or files.",
+            metavar="time|source|file", help="What tells rounds apart: pauses in gps_time, point source ids, or files."
         ),
     ] = "time",
     pause: Annotated[
@@ -79,12 +77,9 @@ def align(
     crs: Annotated[
         str | None, typer.Option(metavar="EPSG:N|WKT", help="CRS of clouds that name none themselves.")
     ] = None,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace the alignment if there is one.")
-    ] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the alignment if there is one.")] = False,
     threads: Annotated[
-        int | None,
-        typer.Option(min=1, help="Places matched at once, 0.4 GiB each. Default: processors, at most 4."),
+        int | None, typer.Option(min=1, help="Places matched at once, 0.4 GiB each. Default: processors, at most 4.")
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
 ) -> None:
@@ -104,13 +99,7 @@ def align(
     )
     with step_bars("", quiet) as report, compiling_told(quiet):
         found = align_files(
-            clouds,
-            out,
-            options,
-            trajectories=trajectory or (),
-            overwrite=overwrite,
-            n_threads=threads,
-            progress=report,
+            clouds, out, options, trajectories=trajectory or (), overwrite=overwrite, n_threads=threads, progress=report
         )
     typer.echo(f"{out}")
     _describe(found)

@@ -61,9 +61,7 @@ def _print_table(results: "Sequence[MethodResult]") -> None:
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(
-        title="Within 0.3 m and 1 degree of the reference, from priors wrong by up to 2.5 m and 1.8 degrees"
-    )
+    table = Table(title="Within 0.3 m and 1 degree of the reference, from priors wrong by up to 2.5 m and 1.8 degrees")
     table.add_column("method")
     for name in ("success", "median m", "worst m", "worst deg", "ms per epoch"):
         table.add_column(name, justify="right")
@@ -91,11 +89,6 @@ def _print_wide(wide: "WideResult") -> None:
     for name in ("success", "wrong, but called good", "median ms"):
         table.add_column(name, justify="right")
     for one in widest:
-        table.add_row(
-            one.method,
-            f"{one.n_right} of {one.n_epochs}",
-            str(one.n_wrong_but_good),
-            f"{one.median_ms:.0f}",
-        )
+        table.add_row(one.method, f"{one.n_right} of {one.n_epochs}", str(one.n_wrong_but_good), f"{one.median_ms:.0f}")
     Console().print("", table)
     Console(soft_wrap=True).print(wide.words, markup=False, highlight=False)

@@ -50,17 +50,13 @@ class RecordingOptions:
             ("odometry", self.odometry_topic, self.odometry_frames),
         ):
             if topic is not None and frames is not None:
-                raise OptionError(
-                    f"Expected either --{what}-topic or --{what}-frames, got both. Leave one out."
-                )
+                raise OptionError(f"Expected either --{what}-topic or --{what}-frames, got both. Leave one out.")
         if self.turn_time is None:
             return
         if not self.deskew:
             raise OptionError("Expected --turn-time together with --deskew, got it alone. Add --deskew.")
         if not 0.0 < abs(self.turn_time) <= 2.0:
-            raise OptionError(
-                f"Expected --turn-time of up to 2 s, got {self.turn_time}. Most scanners take 0.1 s."
-            )
+            raise OptionError(f"Expected --turn-time of up to 2 s, got {self.turn_time}. Most scanners take 0.1 s.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,9 +111,7 @@ class DriveInputs:
             motion = prior_trajectory if odometry_trajectory is None else odometry_trajectory
             opened = DeskewedScans(opened, motion, max_gap, options.turn_time)
             words.append(f"deskewed by the {'prior' if odometry_trajectory is None else 'odometry'}")
-        return cls(
-            opened, prior_trajectory, odometry_trajectory, tuple(line for line in words if line), left_out
-        )
+        return cls(opened, prior_trajectory, odometry_trajectory, tuple(line for line in words if line), left_out)
 
     def tell(self) -> None:
         """Print what was taken from a recording."""
@@ -125,9 +119,7 @@ class DriveInputs:
             typer.echo(line)
 
 
-def _of_scanners(
-    scans: Path, times: Path | None, options: RecordingOptions, mounting: "Mounting"
-) -> "MergedScans":
+def _of_scanners(scans: Path, times: Path | None, options: RecordingOptions, mounting: "Mounting") -> "MergedScans":
     """The scans of several scanners, in the vehicle's frame."""
     from maxcon.io.scans import open_scans
     from maxcon.io.scans.merged import MergedScans
@@ -199,9 +191,7 @@ def _prior(
             )
         _check_without("--prior-topic", options.prior_topic, "a recording", prior)
         _check_without("--prior-frames", options.prior_frames, "a recording", prior)
-        _check_without(
-            "--geoid-height", options.geoid_height, "a receiver (in latitude and longitude)", prior
-        )
+        _check_without("--geoid-height", options.geoid_height, "a receiver (in latitude and longitude)", prior)
         read = read_prior(prior)
         return _of_sensor(read.trajectory, mounting), "", read.left_out
     frames = None if options.prior_frames is None else parse_frames(options.prior_frames, "--prior-frames")
@@ -221,9 +211,7 @@ def _check_without(name: str, value: str | float | None, what: str, prior: Path)
         raise OptionError(f"Expected {name} with priors of {what}, got it with {prior}. Leave it out.")
 
 
-def _of_sensor(
-    trajectory: "Trajectory", mounting: "Mounting | None", *, has_orientations: bool = True
-) -> "Trajectory":
+def _of_sensor(trajectory: "Trajectory", mounting: "Mounting | None", *, has_orientations: bool = True) -> "Trajectory":
     """The poses of the scanner, from those of what the prior is of."""
     if mounting is None:
         return trajectory
@@ -240,9 +228,7 @@ def _geographic_prior(
 
     _check_without("--prior-topic", options.prior_topic, "a recording", prior)
     _check_without("--prior-frames", options.prior_frames, "a recording", prior)
-    read = read_geographic_prior(
-        prior, point_map.frame.crs, options.geoid_height, are_sure=mounting is not None
-    )
+    read = read_geographic_prior(prior, point_map.frame.crs, options.geoid_height, are_sure=mounting is not None)
     kind = read.placed.heights
     trajectory = _of_sensor(read.placed.trajectory, mounting, has_orientations=read.placed.has_orientations)
     if kind is not None:
@@ -250,9 +236,7 @@ def _geographic_prior(
     return trajectory, f"prior: {read.words}", read.left_out
 
 
-def _odometry(
-    odometry: Path | None, options: RecordingOptions, sensor_frame: str
-) -> "tuple[Trajectory | None, str]":
+def _odometry(odometry: Path | None, options: RecordingOptions, sensor_frame: str) -> "tuple[Trajectory | None, str]":
     from maxcon.io.recordings.opening import is_recording
     from maxcon.io.recordings.poses import read_recorded_poses
     from maxcon.io.recordings.transforms import parse_frames
@@ -286,9 +270,7 @@ def naming_files(prior: Path, scans: Path, map_folder: Path | str) -> Iterator[N
         raise MapError(f"{prior} and {map_folder}: {error}") from error
 
 
-def check_outputs(
-    prior: Path | None, out: Path, tum: Path | None, plot: Path | None, numbers: str | None
-) -> None:
+def check_outputs(prior: Path | None, out: Path, tum: Path | None, plot: Path | None, numbers: str | None) -> None:
     """Refuse outputs that cannot be written, or would replace each other or the prior, and options without effect."""
     from maxcon._system.atomic import check_folder, check_writable
 

@@ -31,9 +31,7 @@ def is_whole(epochs: "list[EpochEstimate]", there: "RowsThere", n_epochs: int, *
 def _beginning(epochs: "list[EpochEstimate]") -> str:
     """Where a track begins, in words; empty where it does with the first epoch, or never."""
     first = next((number for number, epoch in enumerate(epochs) if epoch.pose_global is not None), 0)
-    return (
-        f"the track begins with epoch {epochs[first].epoch}: before, it was not known where" if first else ""
-    )
+    return f"the track begins with epoch {epochs[first].epoch}: before, it was not known where" if first else ""
 
 
 def print_summary(
@@ -79,31 +77,21 @@ def print_summary(
     n_repeated = sum(epoch.raw.n_dropped_duplicates for epoch in epochs)
     if n_invalid or n_out_of_range or n_repeated:
         repeated = f", {n_repeated:,} that come twice" if n_repeated else ""
-        typer.echo(
-            f"left out: {n_invalid:,} points that are no returns, {n_out_of_range:,} out of range{repeated}"
-        )
+        typer.echo(f"left out: {n_invalid:,} points that are no returns, {n_out_of_range:,} out of range{repeated}")
     n_widened = sum(epoch.estimate is not None and epoch.estimate.was_widened for epoch in epochs)
     if n_widened:
-        typer.echo(
-            f"{n_widened} {'was' if n_widened == 1 else 'were'} in doubt and searched for farther around"
-        )
+        typer.echo(f"{n_widened} {'was' if n_widened == 1 else 'were'} in doubt and searched for farther around")
     others = Counter(epoch.status for epoch in epochs if epoch.pose_global is None)
     for status, number in sorted(others.items()):
         typer.echo(f"{number} {status.value}: {status.explanation}")
     doubtful = [epoch for epoch in epochs if epoch.reason]
     if doubtful:
         first = doubtful[0]
-        typer.echo(
-            f"{len(doubtful)} have a reason beside them; the first, epoch {first.epoch}: {first.reason}"
-        )
+        typer.echo(f"{len(doubtful)} have a reason beside them; the first, epoch {first.epoch}: {first.reason}")
 
 
 def print_alternative(
-    point_map: "PointMap",
-    scans: "Scans",
-    epochs: "list[EpochEstimate]",
-    method: "Method",
-    options: "DriveOptions",
+    point_map: "PointMap", scans: "Scans", epochs: "list[EpochEstimate]", method: "Method", options: "DriveOptions"
 ) -> None:
     """Say what prior or scans would have to mean for epochs to be localized, where none is."""
     from maxcon.drive.alternatives import alternative_that_fits

@@ -43,9 +43,7 @@ def check_one_or_many(
     if drives is None:
         missing = "MAP" if map_folder is None else "SCANS"
         if map_folder is None or scans is None:
-            raise OptionError(
-                f"Expected MAP and SCANS, or --drives with a table of drives, got no {missing}. Name it."
-            )
+            raise OptionError(f"Expected MAP and SCANS, or --drives with a table of drives, got no {missing}. Name it.")
         return
     given = [name for name, value in {"SCANS": scans, **alone}.items() if value]
     if given:
@@ -65,9 +63,7 @@ def _of_one_drive(name: str, out: Path) -> str:
             f" all anew remove {out} yourself, to do so with one its drive=NAME there; and leave --overwrite out."
         )
     if name in ("--tum", "--plot", "--plot-epochs"):
-        instead = (
-            f"; when all is done: maxcon export {out} --drive NAME -o FILE.tum" if name == "--tum" else ""
-        )
+        instead = f"; when all is done: maxcon export {out} --drive NAME -o FILE.tum" if name == "--tum" else ""
         return f"Expected {name} with one drive only, got it beside --drives. Leave it out{instead}."
     return (
         f"Expected each drive's files in the table of --drives and no {name} beside it, got both. Name the file in the"

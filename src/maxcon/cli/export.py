@@ -44,8 +44,7 @@ def export(
     scans: Annotated[
         Path | None,
         typer.Option(
-            metavar="SCANS",
-            help="The scans of the drive: their points are written, placed in the map, as LAZ.",
+            metavar="SCANS", help="The scans of the drive: their points are written, placed in the map, as LAZ."
         ),
     ] = None,
     topic: Topic = None,
@@ -68,9 +67,7 @@ def export(
     are_scans = out.suffix.lower() in SCAN_SUFFIXES
     if are_scans != (scans is not None):
         what = "--scans for" if are_scans else f"a {' or '.join(SCAN_SUFFIXES)} file with --scans, got"
-        raise OptionError(
-            f"Expected {what} {out}{', got none' * are_scans}. Name the scans of the drive, or none."
-        )
+        raise OptionError(f"Expected {what} {out}{', got none' * are_scans}. Name the scans of the drive, or none.")
     _check_out(table, out, overwrite=overwrite)
     if map_folder is not None:
         crs = _crs_of_map(map_folder, table, read_rows(table))

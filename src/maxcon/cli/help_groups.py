@@ -41,9 +41,7 @@ class GroupedCommand(TyperCommand):
             record = parameter.get_help_record(ctx)
             is_argument = parameter.param_type_name == "argument"
             if record is not None:
-                groups[
-                    "Arguments" if is_argument else self.group_of.get(parameter.name or "", OTHERS)
-                ].append(record)
+                groups["Arguments" if is_argument else self.group_of.get(parameter.name or "", OTHERS)].append(record)
         for name, records in groups.items():
             if records:
                 with formatter.section(name):

@@ -56,8 +56,7 @@ def localize(
         ),
     ],
     map_folder: Annotated[
-        Path | None,
-        typer.Argument(metavar="MAP", help="Map made by `maxcon map build`.", show_default=False),
+        Path | None, typer.Argument(metavar="MAP", help="Map made by `maxcon map build`.", show_default=False)
     ] = None,
     scans: Annotated[
         Path | None,
@@ -97,22 +96,17 @@ def localize(
     thinning: Annotated[
         float,
         typer.Option(
-            metavar="M",
-            help="Search with one point of the scan in each cube of this edge, m; 0: all, as published.",
+            metavar="M", help="Search with one point of the scan in each cube of this edge, m; 0: all, as published."
         ),
     ] = 0.25,
     search: Annotated[
         SearchMethod, typer.Option(help="How the best cell is found; it is the same one.")
     ] = SearchMethod.BRANCH_AND_BOUND,
     refinement: Annotated[
-        bool,
-        typer.Option(
-            help="Adjust the pose of the best cell to the surfaces of the map, and examine it there."
-        ),
+        bool, typer.Option(help="Adjust the pose of the best cell to the surfaces of the map, and examine it there.")
     ] = True,
     wider: Annotated[
-        float,
-        typer.Option(metavar="M", help="Search so far around an answer that is in doubt, m; 0: never."),
+        float, typer.Option(metavar="M", help="Search so far around an answer that is in doubt, m; 0: never.")
     ] = 12.0,
     risk: Risk = 0.01,
     half_width: Annotated[
@@ -135,17 +129,13 @@ def localize(
         ),
     ] = None,
     sigma_position: Annotated[
-        float | None,
-        typer.Option(metavar="M", help="Instead: standard deviation of every prior's x, and of its y, m."),
+        float | None, typer.Option(metavar="M", help="Instead: standard deviation of every prior's x, and of its y, m.")
     ] = None,
-    sigma_heading_deg: Annotated[
-        float | None, typer.Option(metavar="DEG", help="And of its heading, degrees.")
-    ] = None,
+    sigma_heading_deg: Annotated[float | None, typer.Option(metavar="DEG", help="And of its heading, degrees.")] = None,
     sigmas: Annotated[
         float | None,
         typer.Option(
-            metavar="K",
-            help="How many standard deviations to search, these or the prior's own; 3 if not given.",
+            metavar="K", help="How many standard deviations to search, these or the prior's own; 3 if not given."
         ),
     ] = None,
     largest_half_width: Annotated[
@@ -170,29 +160,21 @@ def localize(
     ] = None,
     min_range: MinRange = 1.0,
     max_range: MaxRange = 120.0,
-    max_gap: Annotated[
-        float, typer.Option(metavar="S", help="Largest gap in the prior to interpolate across.")
-    ] = 0.5,
+    max_gap: Annotated[float, typer.Option(metavar="S", help="Largest gap in the prior to interpolate across.")] = 0.5,
     least_share: Annotated[
         float,
-        typer.Option(
-            metavar="0..1", help="Fewer of the scan's points matched: not trusted. Lower it for thin maps."
-        ),
+        typer.Option(metavar="0..1", help="Fewer of the scan's points matched: not trusted. Lower it for thin maps."),
     ] = 0.05,
     largest_runner_up: Annotated[
-        float,
-        typer.Option(metavar="0..1", help="A second place that scores more than this share: not trusted."),
+        float, typer.Option(metavar="0..1", help="A second place that scores more than this share: not trusted.")
     ] = 0.8,
     track: Annotated[
         bool,
-        typer.Option(
-            "--track", help="Search each scan only where the one before and the motion since allow it to be."
-        ),
+        typer.Option("--track", help="Search each scan only where the one before and the motion since allow it to be."),
     ] = False,
     odometry: Odometry = None,
     drift: Annotated[
-        float | None,
-        typer.Option(metavar="SHARE", help="Of the way, by which the odometry is off; 0.02 if not given."),
+        float | None, typer.Option(metavar="SHARE", help="Of the way, by which the odometry is off; 0.02 if not given.")
     ] = None,
     topic: Topic = None,
     prior_topic: PriorTopic = None,
@@ -210,8 +192,7 @@ def localize(
     tum: AlsoTum = None,
     plot: Annotated[Path | None, typer.Option(metavar="DIR", help="Draw epochs into this folder.")] = None,
     plot_epochs: Annotated[
-        str | None,
-        typer.Option(metavar="LIST", help="Epochs to draw: 0,5,10-20 or all. Default: ten over the drive."),
+        str | None, typer.Option(metavar="LIST", help="Epochs to draw: 0,5,10-20 or all. Default: ten over the drive.")
     ] = None,
     threads: Annotated[
         int, typer.Option(min=1, help="Epochs localized at once; of a track, headings searched at once.")
@@ -219,10 +200,7 @@ def localize(
     workers: Workers = None,
     scheduler: Scheduler = None,
     known_only: Annotated[
-        bool,
-        typer.Option(
-            "--known-only", help="In an updated map: leave out what is new, too, not only what is gone."
-        ),
+        bool, typer.Option("--known-only", help="In an updated map: leave out what is new, too, not only what is gone.")
     ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
 ) -> None:

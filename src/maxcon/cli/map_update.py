@@ -31,10 +31,7 @@ def update(
         float, typer.Option(metavar="M", help="Surfaces farther from the sensor are not judged, m.")
     ] = 30.0,
     least_looks: Annotated[
-        int,
-        typer.Option(
-            metavar="N", help="Looks from places at least 0.5 m apart that it takes to call a change."
-        ),
+        int, typer.Option(metavar="N", help="Looks from places at least 0.5 m apart that it takes to call a change.")
     ] = 2,
     min_range: MinRange = 1.0,
     max_range: MaxRange = 120.0,
@@ -50,9 +47,7 @@ def update(
 
     options = UpdateOptions(reach=reach, least_looks=least_looks, min_range=min_range, max_range=max_range)
     with step_bars("", quiet) as report, compiling_told(quiet):
-        manifest = update_map(
-            map_folder, open_drives(drives), out, options, overwrite=overwrite, progress=report
-        )
+        manifest = update_map(map_folder, open_drives(drives), out, options, overwrite=overwrite, progress=report)
     typer.echo(f"{out}")
     for name, text in rows_of_updates(manifest.build.get("updates", [])):
         typer.echo(f"{name:<12} {text}")

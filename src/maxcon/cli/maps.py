@@ -42,8 +42,7 @@ def build(
     clouds: Annotated[
         list[Path],
         typer.Argument(
-            metavar="CLOUD...",
-            help="LAS, LAZ, COPC, PLY, NPZ, E57, or text files with x, y, z (.xyz, .csv, .txt).",
+            metavar="CLOUD...", help="LAS, LAZ, COPC, PLY, NPZ, E57, or text files with x, y, z (.xyz, .csv, .txt)."
         ),
     ],
     out: Annotated[Path, typer.Option("--out", "-o", metavar="MAP", help="Folder of the map to write.")],
@@ -54,9 +53,7 @@ def build(
             help="Where the mapping sensor was, matched by the points' gps_time: turns normals to its side.",
         ),
     ] = None,
-    cell: Annotated[
-        float, typer.Option(metavar="M", help="Voxel edge, and cell edge of the search, in m.")
-    ] = 0.06,
+    cell: Annotated[float, typer.Option(metavar="M", help="Voxel edge, and cell edge of the search, in m.")] = 0.06,
     drop: Annotated[
         list[str] | None,
         typer.Option(
@@ -69,8 +66,7 @@ def build(
     vehicle_class: Annotated[
         list[int] | None,
         typer.Option(
-            metavar="NUMBER",
-            help="Class number that means vehicles in these files: left out too; repeatable.",
+            metavar="NUMBER", help="Class number that means vehicles in these files: left out too; repeatable."
         ),
     ] = None,
     asprs_classes: Annotated[
@@ -89,8 +85,7 @@ def build(
         ),
     ] = Classify.AUTO,
     signed_normals: Annotated[
-        bool,
-        typer.Option("--signed-normals", help="The clouds' own normals are turned to the sensor already."),
+        bool, typer.Option("--signed-normals", help="The clouds' own normals are turned to the sensor already.")
     ] = False,
     crs: Annotated[
         str | None, typer.Option(metavar="EPSG:N|WKT", help="CRS of clouds that name none themselves.")
@@ -106,8 +101,7 @@ def build(
     area: Annotated[
         str | None,
         typer.Option(
-            metavar="X_MIN,Y_MIN,X_MAX,Y_MAX",
-            help="Take only points in this rectangle, in the CRS of the map.",
+            metavar="X_MIN,Y_MIN,X_MAX,Y_MAX", help="Take only points in this rectangle, in the CRS of the map."
         ),
     ] = None,
     keep_every: Annotated[
@@ -125,13 +119,10 @@ def build(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the map if there is one.")] = False,
     threads: Annotated[
         int | None,
-        typer.Option(
-            min=1, help="Tiles made at once in this process, 0.25 GiB each. Default: processors, at most 4."
-        ),
+        typer.Option(min=1, help="Tiles made at once in this process, 0.25 GiB each. Default: processors, at most 4."),
     ] = None,
     workers: Annotated[
-        int | None,
-        typer.Option(min=1, metavar="N", help="Let N processes make the tiles instead."),
+        int | None, typer.Option(min=1, metavar="N", help="Let N processes make the tiles instead.")
     ] = None,
     scheduler: Scheduler = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
@@ -189,9 +180,7 @@ def info(
     path: Annotated[
         Path, typer.Argument(metavar="MAP", help="Folder of a map, or its address: s3://, http://, https://.")
     ],
-    check: Annotated[
-        bool, typer.Option("--check", help="Also read every tile and verify its checksum.")
-    ] = False,
+    check: Annotated[bool, typer.Option("--check", help="Also read every tile and verify its checksum.")] = False,
 ) -> None:
     """Print what a map is made of."""
     from maxcon.map.manifest import read_manifest
@@ -214,10 +203,7 @@ def info(
 def copy(
     source: Annotated[str, typer.Argument(metavar="MAP", help="Folder of a map, or its address.")],
     target: Annotated[
-        str,
-        typer.Argument(
-            metavar="PLACE", help="Folder to write, or s3://bucket/prefix; one of both is a folder."
-        ),
+        str, typer.Argument(metavar="PLACE", help="Folder to write, or s3://bucket/prefix; one of both is a folder.")
     ],
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the map if there is one.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,

@@ -52,9 +52,7 @@ Odometry = Annotated[
         help="With --track or --deskew: poses in any frame that tell the motion; else the prior's own does.",
     ),
 ]
-Topic = Annotated[
-    str | None, typer.Option(metavar="NAME", help="Which of several point clouds of a recording.")
-]
+Topic = Annotated[str | None, typer.Option(metavar="NAME", help="Which of several point clouds of a recording.")]
 PriorTopic = Annotated[
     str | None,
     typer.Option(
@@ -62,9 +60,7 @@ PriorTopic = Annotated[
         help="Which poses of a recording are the prior: NavSatFix, Odometry, PoseStamped or PoseWithCovarianceStamped.",
     ),
 ]
-OdometryTopic = Annotated[
-    str | None, typer.Option(metavar="NAME", help="Which poses of a recording are the odometry.")
-]
+OdometryTopic = Annotated[str | None, typer.Option(metavar="NAME", help="Which poses of a recording are the odometry.")]
 PriorFrames = Annotated[
     str | None,
     typer.Option(
@@ -78,9 +74,7 @@ OdometryFrames = Annotated[
 ]
 GeoidHeight = Annotated[
     float | None,
-    typer.Option(
-        metavar="M", help="Of the geoid above the ellipsoid: subtracted from a receiver's heights, m."
-    ),
+    typer.Option(metavar="M", help="Of the geoid above the ellipsoid: subtracted from a receiver's heights, m."),
 ]
 Mounting = Annotated[
     Path | None,
@@ -91,10 +85,7 @@ Mounting = Annotated[
     ),
 ]
 Deskew = Annotated[
-    bool,
-    typer.Option(
-        "--deskew", help="Points have times: move them to where they were at the time of their scan."
-    ),
+    bool, typer.Option("--deskew", help="Points have times: move them to where they were at the time of their scan.")
 ]
 AtStamp = Annotated[
     bool,
@@ -121,19 +112,14 @@ Workers = Annotated[
     ),
 ]
 Scheduler = Annotated[
-    str | None,
-    typer.Option(metavar="ADDRESS", help="Of a dask scheduler, tcp://HOST:8786: its workers do the work."),
+    str | None, typer.Option(metavar="ADDRESS", help="Of a dask scheduler, tcp://HOST:8786: its workers do the work.")
 ]
 Risk = Annotated[
-    float,
-    typer.Option(metavar="0..1", help="Errors exceed the protection level with at most this probability."),
+    float, typer.Option(metavar="0..1", help="Errors exceed the protection level with at most this probability.")
 ]
 Times = Annotated[
-    Path | None,
-    typer.Option(metavar="FILE", help="Time of each scan; default times.txt there, or the names."),
+    Path | None, typer.Option(metavar="FILE", help="Time of each scan; default times.txt there, or the names.")
 ]
-Resume = Annotated[
-    bool, typer.Option("--resume", help="Go on with POSES.csv where a call that was stopped ended.")
-]
+Resume = Annotated[bool, typer.Option("--resume", help="Go on with POSES.csv where a call that was stopped ended.")]
 OverwriteTable = Annotated[bool, typer.Option("--overwrite", help="Replace POSES.csv, if it is there.")]
 AlsoTum = Annotated[Path | None, typer.Option(metavar="FILE", help="Also write the localized poses as TUM.")]

@@ -45,9 +45,7 @@ def _new_bars(unit: str) -> "Progress":
 
 
 @contextmanager
-def progress_bar(
-    title: str, total: int, unit: str, is_quiet: bool, n_before: int = 0
-) -> Iterator[Callable[[], None]]:
+def progress_bar(title: str, total: int, unit: str, is_quiet: bool, n_before: int = 0) -> Iterator[Callable[[], None]]:
     """Yield a function to call after each of `total` units, of which `n_before` were done before."""
     n_done = n_before
     with step_bars(unit, is_quiet) as report:

@@ -11,17 +11,7 @@ import typer
 
 from maxcon.cli.drive_inputs import check_outputs
 from maxcon.cli.drive_summary import is_whole, print_summary
-from maxcon.cli.options import (
-    AlsoTum,
-    AtStamp,
-    MaxRange,
-    MinRange,
-    OverwriteTable,
-    Resume,
-    Risk,
-    Times,
-    Topic,
-)
+from maxcon.cli.options import AlsoTum, AtStamp, MaxRange, MinRange, OverwriteTable, Resume, Risk, Times, Topic
 from maxcon.cli.table_of_poses import check_table, read_there, write_trajectory, written
 from maxcon.errors import OptionError
 
@@ -33,12 +23,9 @@ __all__ = ["relocalize"]
 
 
 def relocalize(
-    map_folder: Annotated[
-        Path, typer.Argument(metavar="MAP", help="Map made by `maxcon map build`, with ground.")
-    ],
+    map_folder: Annotated[Path, typer.Argument(metavar="MAP", help="Map made by `maxcon map build`, with ground.")],
     scans: Annotated[
-        Path,
-        typer.Argument(metavar="SCANS", help="Folder of scans, or a recording, as of `maxcon localize`."),
+        Path, typer.Argument(metavar="SCANS", help="Folder of scans, or a recording, as of `maxcon localize`.")
     ],
     out: Annotated[
         Path | None,
@@ -51,21 +38,16 @@ def relocalize(
     ] = None,
     around: Annotated[
         str | None,
-        typer.Option(
-            metavar="X,Y", help="Look in a circle around this place alone, m, in the CRS of the map."
-        ),
+        typer.Option(metavar="X,Y", help="Look in a circle around this place alone, m, in the CRS of the map."),
     ] = None,
-    radius: Annotated[
-        float | None, typer.Option(metavar="M", help="Of that circle, m; 300 if not given.")
-    ] = None,
+    radius: Annotated[float | None, typer.Option(metavar="M", help="Of that circle, m; 300 if not given.")] = None,
     min_range: MinRange = 1.0,
     max_range: MaxRange = 120.0,
     least_share: Annotated[
         float, typer.Option(metavar="0..1", help="Fewer of the scan's points matched: not trusted.")
     ] = 0.1,
     largest_runner_up: Annotated[
-        float,
-        typer.Option(metavar="0..1", help="Another place that scores more than this share: ambiguous."),
+        float, typer.Option(metavar="0..1", help="Another place that scores more than this share: ambiguous.")
     ] = 0.8,
     risk: Risk = 0.01,
     topic: Topic = None,
@@ -118,19 +100,11 @@ def relocalize(
 
 
 def _check(
-    out: Path | None,
-    around: str | None,
-    radius: float | None,
-    tum: Path | None,
-    *,
-    resume: bool,
-    overwrite: bool,
+    out: Path | None, around: str | None, radius: float | None, tum: Path | None, *, resume: bool, overwrite: bool
 ) -> None:
     """Refuse options without effect, and outputs that cannot be written."""
     if radius is not None and around is None:
-        raise OptionError(
-            "Expected --radius together with --around X,Y, got it alone. Add the middle of the circle."
-        )
+        raise OptionError("Expected --radius together with --around X,Y, got it alone. Add the middle of the circle.")
     if out is None:
         for name, is_given in (("--resume", resume), ("--overwrite", overwrite), ("--tum", tum is not None)):
             if is_given:

@@ -17,16 +17,13 @@ def report(
     out: Annotated[Path, typer.Option("--out", "-o", metavar="REPORT.html", help="Page to write.")],
     figures: Annotated[
         Path | None,
-        typer.Option(
-            metavar="DIR", help="Folder for the figures (SVG). Default: REPORT-figures beside the page."
-        ),
+        typer.Option(metavar="DIR", help="Folder for the figures (SVG). Default: REPORT-figures beside the page."),
     ] = None,
     dataset: Annotated[
         Path | None, typer.Option(metavar="DATASET", help="Where the dataset is now, if it was moved.")
     ] = None,
     prior: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Prior that figures and claims are about. Default: the first."),
+        str | None, typer.Option(metavar="NAME", help="Prior that figures and claims are about. Default: the first.")
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
 ) -> None:

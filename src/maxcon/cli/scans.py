@@ -26,9 +26,7 @@ def _group() -> None:
 def info(
     path: Annotated[
         Path,
-        typer.Argument(
-            metavar="SCANS", help="Folder of scans, a scan, or a recording, as `maxcon localize` takes it."
-        ),
+        typer.Argument(metavar="SCANS", help="Folder of scans, a scan, or a recording, as `maxcon localize` takes it."),
     ],
     topic: Topic = None,
 ) -> None:
@@ -75,13 +73,9 @@ def _rows(scanner: "ScansDescription") -> list[tuple[str, str]]:
         rows.append(("range", f"{nearest:.2f} to {farthest:.1f} m, median {median:.1f} m"))
     if scanner.low is not None and scanner.high is not None:
         extents = zip("xyz", scanner.low, scanner.high, strict=True)
-        rows.append(
-            ("extent", ", ".join(f"{axis} {low:.1f} to {high:.1f}" for axis, low, high in extents) + " m")
-        )
+        rows.append(("extent", ", ".join(f"{axis} {low:.1f} to {high:.1f}" for axis, low, high in extents) + " m"))
     if scanner.share_with_normal is not None:
-        rows.append(
-            ("normals", f"{100.0 * scanner.share_with_normal:.0f} % of the points of the first scan have one")
-        )
+        rows.append(("normals", f"{100.0 * scanner.share_with_normal:.0f} % of the points of the first scan have one"))
     if scanner.problem:
         rows.append(("problem", scanner.problem))
     return rows

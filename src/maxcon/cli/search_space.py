@@ -116,9 +116,7 @@ class SpaceOptions:
                     " covariances and no --track, got no --sigma-position. Give both, or leave it out."
                 )
 
-    def words(
-        self, windows: "WithinSigmas | None", prior: "Trajectory", epochs: "list[EpochEstimate]"
-    ) -> str:
+    def words(self, windows: "WithinSigmas | None", prior: "Trajectory", epochs: "list[EpochEstimate]") -> str:
         """Return which spaces of standard deviations were searched, in a line, or that those of the prior were not."""
         if windows is None:
             given = (
@@ -163,9 +161,7 @@ def _with_covariance(prior: "Trajectory", covariance: list[list[float]]) -> "Tra
 
     from maxcon.scan.trajectory import Trajectory
 
-    return Trajectory(
-        prior.times, prior.positions, prior.quaternions_xyzw, np.tile(covariance, (len(prior), 1, 1))
-    )
+    return Trajectory(prior.times, prior.positions, prior.quaternions_xyzw, np.tile(covariance, (len(prior), 1, 1)))
 
 
 def _range(values: list[float], unit: str) -> str:

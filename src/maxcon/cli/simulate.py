@@ -29,12 +29,10 @@ class Scene(StrEnum):
 def simulate(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the dataset to write.")],
     campaign: Annotated[
-        bool,
-        typer.Option("--campaign", help="A circuit mapped in five rounds, and a round of up to 3001 scans."),
+        bool, typer.Option("--campaign", help="A circuit mapped in five rounds, and a round of up to 3001 scans.")
     ] = False,
     hard: Annotated[
-        bool,
-        typer.Option("--hard", help="With --campaign: periodic facades, things gone, 30 % unmapped returns."),
+        bool, typer.Option("--hard", help="With --campaign: periodic facades, things gone, 30 % unmapped returns.")
     ] = False,
     scene: Annotated[
         Scene, typer.Option("--scene", help="A city, or a suburb: hedges, gardens, slopes, a moving scanner.")
@@ -49,9 +47,7 @@ def simulate(
     ] = None,
     epochs: Annotated[
         int | None,
-        typer.Option(
-            min=1, help="How many scans; 40, 3001 with --campaign, 200 in a suburb.", show_default=False
-        ),
+        typer.Option(min=1, help="How many scans; 40, 3001 with --campaign, 200 in a suburb.", show_default=False),
     ] = None,
     every: Annotated[
         float | None,
@@ -72,26 +68,18 @@ def simulate(
             show_default=False,
         ),
     ] = None,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace the folder if there is one.")
-    ] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the folder if there is one.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
 ) -> None:
     """Simulate a city or a suburb: map clouds (LAZ), scans, reference and priors (TUM). Needs the extra demo."""
     from maxcon.lab import simulation
 
     if hard and not campaign:
-        raise OptionError(
-            "Expected --hard together with --campaign, got it alone. Add --campaign, or leave it out."
-        )
+        raise OptionError("Expected --hard together with --campaign, got it alone. Add --campaign, or leave it out.")
     if every is not None and not campaign:
-        raise OptionError(
-            "Expected --every together with --campaign, got it alone. Add --campaign, or leave it out."
-        )
+        raise OptionError("Expected --every together with --campaign, got it alone. Add --campaign, or leave it out.")
     if campaign and scene is not Scene.CITY:
-        raise OptionError(
-            f"Expected --campaign in the city, got it with --scene {scene.value}. Leave one of them out."
-        )
+        raise OptionError(f"Expected --campaign in the city, got it with --scene {scene.value}. Leave one of them out.")
     kind = None if recording is None else _recording_kind(recording)
     options: dict[str, Any] = {"seed": seed, "overwrite": overwrite}
     if kind == "pcap":
@@ -105,9 +93,7 @@ def simulate(
 
         options["progress"] = progress
         if campaign:
-            dataset = simulation.simulate_campaign(
-                out, n_epochs=epochs or 3001, every=every, is_hard=hard, **options
-            )
+            dataset = simulation.simulate_campaign(out, n_epochs=epochs or 3001, every=every, is_hard=hard, **options)
         elif scene is Scene.SUBURB:
             dataset = simulation.simulate_suburb(out, n_epochs=epochs or 200, **options)
         else:
@@ -125,9 +111,7 @@ def _recording_kind(name: str) -> "RecordingKind | ScansKind":
 
     kinds = [kind.value for kind in (*RecordingKind, *ScansKind)]
     if name not in kinds:
-        raise OptionError(
-            f"Expected --recording to be one of {', '.join(kinds)}, got {name!r}. Choose one of these."
-        )
+        raise OptionError(f"Expected --recording to be one of {', '.join(kinds)}, got {name!r}. Choose one of these.")
     if name in list(RecordingKind):
         check_writers()
         return RecordingKind(name)
@@ -151,9 +135,7 @@ def _scanner_of_packets(scanner: str | None, scene: Scene) -> "FiringScanner":
 def _recorded(dataset: Dataset, kind: "RecordingKind | ScansKind") -> Path:
     from maxcon.lab.simulation.datasets.recordings import ScansKind, record_dataset, write_dataset_scans
 
-    return (
-        write_dataset_scans(dataset, kind) if isinstance(kind, ScansKind) else record_dataset(dataset, kind)
-    )
+    return write_dataset_scans(dataset, kind) if isinstance(kind, ScansKind) else record_dataset(dataset, kind)
 
 
 def _say_what_was_written(dataset: Dataset) -> None:

@@ -18,12 +18,8 @@ __all__ = ["study"]
 
 
 def study(
-    dataset: Annotated[
-        Path, typer.Argument(metavar="DATASET", help="Folder with a dataset.toml, or such a file.")
-    ],
-    out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="STUDY", help="Folder to write; a study there goes on.")
-    ],
+    dataset: Annotated[Path, typer.Argument(metavar="DATASET", help="Folder with a dataset.toml, or such a file.")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="STUDY", help="Folder to write; a study there goes on.")],
     methods: Annotated[
         str | None,
         typer.Option(
@@ -35,16 +31,13 @@ def study(
     prior: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="NAME",
-            help="Prior of the dataset, or reference; repeatable. Default: all of the dataset.",
+            metavar="NAME", help="Prior of the dataset, or reference; repeatable. Default: all of the dataset."
         ),
     ] = None,
     epochs: Annotated[
         int | None, typer.Option(min=1, metavar="N", help="So many scans, evenly spread. Default: all.")
     ] = None,
-    half_width: Annotated[
-        float, typer.Option(metavar="M", help="Largest offset from the prior in x and y, m.")
-    ] = 3.0,
+    half_width: Annotated[float, typer.Option(metavar="M", help="Largest offset from the prior in x and y, m.")] = 3.0,
     heading_half_width_deg: Annotated[
         float, typer.Option(metavar="DEG", help="Largest turn from the prior's heading, degrees.")
     ] = 2.0,

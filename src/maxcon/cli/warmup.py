@@ -14,9 +14,7 @@ if TYPE_CHECKING:
 __all__ = ["warmup"]
 
 
-def warmup(
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Only the last line.")] = False,
-) -> None:
+def warmup(quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Only the last line.")] = False) -> None:
     """Compile what `map build` and `localize` need, once after installation: the first real call does not pause then.
 
     A call when all is compiled already says so, and where the code is kept.

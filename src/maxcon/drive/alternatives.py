@@ -76,12 +76,10 @@ def _turn(words: str, roll_deg: float, heading_deg: float) -> Alternative:
 ALTERNATIVES = (
     Alternative("were the quaternions of the prior qw qx qy qz: write them as qx qy qz qw", _scalar_first),
     Alternative(
-        "were the headings of the prior those of a compass: a heading is 90 degrees less a bearing",
-        _of_compass,
+        "were the headings of the prior those of a compass: a heading is 90 degrees less a bearing", _of_compass
     ),
     Alternative(
-        "were the angles of the prior in degrees: name their columns roll_deg, pitch_deg, heading_deg",
-        _of_degrees,
+        "were the angles of the prior in degrees: name their columns roll_deg, pitch_deg, heading_deg", _of_degrees
     ),
     _turn("turned by 90 degrees to the left", 0.0, 90.0),
     _turn("turned by 90 degrees to the right", 0.0, -90.0),
@@ -133,9 +131,7 @@ def alternative_that_fits(
         return ""
     for alternative in ALTERNATIVES:
         if all(
-            _is_localized(
-                alternative, raw.points, epoch.prior, raw.time, point_map, method, min_range, max_range
-            )
+            _is_localized(alternative, raw.points, epoch.prior, raw.time, point_map, method, min_range, max_range)
             for epoch, raw in read
             if epoch.prior is not None
         ):

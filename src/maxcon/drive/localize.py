@@ -201,13 +201,9 @@ class Drive:
     priors: list[Pose | None]
 
     @classmethod
-    def of(
-        cls, point_map: PointMap, scans: Scans, prior: Trajectory, method: Method, options: DriveOptions
-    ) -> Drive:
+    def of(cls, point_map: PointMap, scans: Scans, prior: Trajectory, method: Method, options: DriveOptions) -> Drive:
         """Return a drive with its priors found; errors as of `localize_drive`."""
-        return cls(
-            point_map, scans, prior, method, options, priors_of_scans(point_map, scans, prior, options)
-        )
+        return cls(point_map, scans, prior, method, options, priors_of_scans(point_map, scans, prior, options))
 
     def localize(self, epoch: int) -> EpochEstimate:
         """Return the answer for one epoch."""
@@ -243,9 +239,7 @@ def _several_at_once(
         pool.shutdown(cancel_futures=True)
 
 
-def priors_of_scans(
-    point_map: PointMap, scans: Scans, prior: Trajectory, options: DriveOptions
-) -> list[Pose | None]:
+def priors_of_scans(point_map: PointMap, scans: Scans, prior: Trajectory, options: DriveOptions) -> list[Pose | None]:
     """Return the prior of each scan, local frame; None where there is none.
 
     Raises
@@ -263,12 +257,7 @@ def priors_of_scans(
 
 
 def _localize_epoch(
-    epoch: int,
-    point_map: PointMap,
-    scans: Scans,
-    prior: Pose,
-    method: Method,
-    options: DriveOptions,
+    epoch: int, point_map: PointMap, scans: Scans, prior: Pose, method: Method, options: DriveOptions
 ) -> EpochEstimate:
     raw, reason = read_epoch(scans, epoch, options)
     scan = scan_of(raw)
@@ -307,9 +296,7 @@ def answered(
 ) -> EpochEstimate:
     """Return the answer of an epoch that was searched for, with its pose in global coordinates if it is localized."""
     pose = point_map.frame.pose_to_global(estimate.pose) if estimate.is_localized else None
-    return EpochEstimate(
-        epoch, raw, estimate.status, milliseconds, scan, prior, estimate, pose, estimate.reason
-    )
+    return EpochEstimate(epoch, raw, estimate.status, milliseconds, scan, prior, estimate, pose, estimate.reason)
 
 
 def scan_of(raw: RawScan) -> Scan:
@@ -344,9 +331,7 @@ def pose_or_none(trajectory: Trajectory, at: float, max_gap: float) -> Pose | No
         return None
 
 
-def check_times(
-    scans: Scans, trajectory: Trajectory, poses: Sequence[Pose | None], what: str = "prior"
-) -> None:
+def check_times(scans: Scans, trajectory: Trajectory, poses: Sequence[Pose | None], what: str = "prior") -> None:
     """Refuse a trajectory that has a pose for none of the scans.
 
     Raises

@@ -23,15 +23,7 @@ from maxcon.errors import FileError
 from maxcon.estimate import Status
 from maxcon.scan.trajectory import Trajectory
 
-__all__ = [
-    "COLUMNS",
-    "GrowingTable",
-    "RowsThere",
-    "localized_trajectory",
-    "pose_values",
-    "rows_there",
-    "write_poses",
-]
+__all__ = ["COLUMNS", "GrowingTable", "RowsThere", "localized_trajectory", "pose_values", "rows_there", "write_poses"]
 
 UNKNOWNS = ("x", "y", "z", "roll", "pitch", "heading")
 COVARIANCES = tuple(f"cov_{UNKNOWNS[row]}_{UNKNOWNS[column]}" for row in range(6) for column in range(row, 6))
@@ -101,9 +93,7 @@ def rows_there(path: str | os.PathLike[str], times: NDArray[np.float64]) -> Rows
     except FileNotFoundError:
         return RowsThere()
     except OSError as error:
-        raise FileError(
-            f"Expected to be able to read {path}, got: {error.strerror}. Name another."
-        ) from error
+        raise FileError(f"Expected to be able to read {path}, got: {error.strerror}. Name another.") from error
 
 
 def _rows_of(path: Path, file: BinaryIO, times: NDArray[np.float64]) -> RowsThere:

@@ -44,9 +44,7 @@ def relocalize_drive(
     return (_relocalize_epoch(epoch, scans, relocalizer, options) for epoch in range(first, len(scans)))
 
 
-def _relocalize_epoch(
-    epoch: int, scans: Scans, relocalizer: Relocalizer, options: DriveOptions
-) -> EpochEstimate:
+def _relocalize_epoch(epoch: int, scans: Scans, relocalizer: Relocalizer, options: DriveOptions) -> EpochEstimate:
     raw, unreadable = read_epoch(scans, epoch, options)
     scan = scan_of(raw)
     if unreadable or len(scan) == 0:

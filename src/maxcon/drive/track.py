@@ -120,7 +120,5 @@ class _TrackedDrive:
         estimate = self.tracker.localize(scan, self.point_map, prior)
         milliseconds = 1e3 * (time.perf_counter() - start)
         if estimate is None:
-            return EpochEstimate(
-                number, raw, Status.NO_PRIOR, milliseconds, scan, expected, reason=NOTHING_KNOWN
-            )
+            return EpochEstimate(number, raw, Status.NO_PRIOR, milliseconds, scan, expected, reason=NOTHING_KNOWN)
         return answered(number, raw, scan, prior or expected, estimate, milliseconds, self.point_map)

@@ -38,9 +38,7 @@ def files_of_export(out: str | os.PathLike[str]) -> tuple[Path, ...]:
     return (path, path.with_suffix(".times.txt")) if path.suffix.lower() == ".kitti" else (path,)
 
 
-def export_poses(
-    table: str | os.PathLike[str], out: str | os.PathLike[str], crs: str | None = None
-) -> list[PoseRow]:
+def export_poses(table: str | os.PathLike[str], out: str | os.PathLike[str], crs: str | None = None) -> list[PoseRow]:
     """Write the poses of POSES.csv, or of a drive's Parquet file, for another program.
 
     Parameters
@@ -116,7 +114,5 @@ def _localized_rows(table: str | os.PathLike[str]) -> list[PoseRow]:
     """All rows of a table in which some epoch is localized."""
     rows = read_rows(table)
     if not any(row.pose is not None for row in rows):
-        raise TrajectoryError(
-            f"Expected localized epochs in {table}, got none of {len(rows)}. Nothing is exported."
-        )
+        raise TrajectoryError(f"Expected localized epochs in {table}, got none of {len(rows)}. Nothing is exported.")
     return rows

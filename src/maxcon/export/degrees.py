@@ -18,9 +18,7 @@ def write_degrees(path: str | os.PathLike[str], rows: Sequence[PoseRow]) -> None
         writer = csv.writer(file)
         for number, row in enumerate(rows):
             known = properties(row)
-            place = (
-                dict.fromkeys("xyz") if row.pose is None else dict(zip("xyz", row.pose.position, strict=True))
-            )
+            place = dict.fromkeys("xyz") if row.pose is None else dict(zip("xyz", row.pose.position, strict=True))
             cells = {"time": known.pop("time"), **place, **known}
             if number == 0:
                 writer.writerow(cells)

@@ -50,9 +50,7 @@ def write_geopackage(path: str | os.PathLike[str], rows: Sequence[PoseRow], crs:
                 layer=LAYER, driver="GPKG", geometry_type="Point Z", crs=wkt,
             )  # fmt: skip
         except RuntimeError as error:  # of which all of pyogrio's errors are
-            raise FileError(
-                f"Expected GDAL to write {path}, got: {str(error).splitlines()[0][:120]}."
-            ) from error
+            raise FileError(f"Expected GDAL to write {path}, got: {str(error).splitlines()[0][:120]}.") from error
         made.replace(partial)
 
 

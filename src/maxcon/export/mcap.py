@@ -84,10 +84,7 @@ def _place_and_turn(pose: Pose, names: tuple[str, str]) -> dict[str, dict[str, f
 def _pose(row: PoseRow, pose: Pose) -> Entry:
     content = {
         "header": header_of(row.time, MAP_FRAME),
-        "pose": {
-            "pose": _place_and_turn(pose, ("position", "orientation")),
-            "covariance": _covariance(row).ravel(),
-        },
+        "pose": {"pose": _place_and_turn(pose, ("position", "orientation")), "covariance": _covariance(row).ravel()},
     }
     return Entry(row.time, "/pose", "geometry_msgs/msg/PoseWithCovarianceStamped", content)
 

@@ -76,16 +76,10 @@ def write_placed_scans(
     """
     suffix = Path(path).suffix.lower()
     if suffix not in SCAN_SUFFIXES:
-        raise OptionError(
-            f"Expected a .laz or .las file for scans in the map, got {os.fspath(path)!r}. Rename it."
-        )
+        raise OptionError(f"Expected a .laz or .las file for scans in the map, got {os.fspath(path)!r}. Rename it.")
     epochs = _epochs(rows, scans)
     n_points = 0
-    with (
-        atomic_file(path) as partial,
-        partial.open("wb") as stream,
-        _las(stream, rows, crs, suffix) as writer,
-    ):
+    with atomic_file(path) as partial, partial.open("wb") as stream, _las(stream, rows, crs, suffix) as writer:
         for row, epoch, pose in epochs:
             raw = scans.read(epoch, min_range, max_range)
             times = np.full(len(raw.points), row.time) + (0.0 if raw.point_times is None else raw.point_times)

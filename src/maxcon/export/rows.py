@@ -93,9 +93,7 @@ def _rows(file: Path) -> Iterator[PoseRow]:
 def _parquet_rows(file: Path) -> Iterator[PoseRow]:
     for number, values in enumerate(parquet_values(file), 1):
         texts = {name: values.pop(name, "") for name in WORDS}
-        wrong = [
-            value for value in values.values() if not isinstance(value, float) or not math.isfinite(value)
-        ]
+        wrong = [value for value in values.values() if not isinstance(value, float) or not math.isfinite(value)]
         wrong += [text for text in texts.values() if not isinstance(text, str)]
         if wrong:
             raise _refused(file, number, repr(wrong[0])[:40])
@@ -108,9 +106,7 @@ def _row(file: Path, number: int, cells: dict[str, str]) -> PoseRow:
     wrong = [texts[name] for name, value in values.items() if value is None]
     if wrong:
         raise _refused(file, number, repr(wrong[0][:40]))
-    return _pose_row(
-        file, number, {name: value for name, value in values.items() if value is not None}, cells
-    )
+    return _pose_row(file, number, {name: value for name, value in values.items() if value is not None}, cells)
 
 
 def _pose_row(file: Path, number: int, numbers: dict[str, float], texts: Mapping[str, str]) -> PoseRow:

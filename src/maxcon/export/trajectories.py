@@ -35,6 +35,4 @@ def write_kitti(path: str | os.PathLike[str], rows: Sequence[PoseRow]) -> None:
     with atomic_file(times_path) as times_partial, atomic_file(path) as poses_partial:
         for partial, text in ((poses_partial, lines), (times_partial, times)):
             partial.write_text("\n".join(text) + "\n", encoding="utf-8", newline="\n")
-        times_path.unlink(
-            missing_ok=True
-        )  # a kill from here on leaves poses without times, not with those of others
+        times_path.unlink(missing_ok=True)  # a kill from here on leaves poses without times, not with those of others

@@ -24,9 +24,7 @@ def as_points(values: ArrayLike, name: str) -> NDArray[np.float64]:
     try:
         points = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise ArrayError(
-            f"Expected `{name}` to be numbers of shape (n, 3), got {type(values).__name__}."
-        ) from error
+        raise ArrayError(f"Expected `{name}` to be numbers of shape (n, 3), got {type(values).__name__}.") from error
     if points.ndim != 2 or points.shape[1] != 3:
         hint = " Transpose it?" if points.ndim == 2 and points.shape[0] == 3 else ""
         raise ArrayError(f"Expected `{name}` to have shape (n, 3), got {points.shape}.{hint}")

@@ -36,9 +36,7 @@ class LocalFrame:
     def __post_init__(self) -> None:
         origin = tuple(float(value) for value in self.origin)
         if len(origin) != 3 or not np.isfinite(origin).all():
-            raise ArrayError(
-                f"Expected three finite numbers as the origin of a LocalFrame, got {self.origin}."
-            )
+            raise ArrayError(f"Expected three finite numbers as the origin of a LocalFrame, got {self.origin}.")
         object.__setattr__(self, "origin", origin)
 
     def to_local(self, points_global: ArrayLike) -> NDArray[np.float64]:

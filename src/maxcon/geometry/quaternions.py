@@ -12,9 +12,7 @@ __all__ = ["angles_from_quaternions", "product", "quaternions_from_angles", "sle
 
 def quaternions_from_angles(roll: ArrayLike, pitch: ArrayLike, heading: ArrayLike) -> NDArray[np.float64]:
     """Return unit quaternions (x, y, z, w), shape (..., 4), of Rz(heading) Ry(pitch) Rx(roll), angles in rad (D2)."""
-    halves = np.broadcast_arrays(
-        *(np.asarray(angle, dtype=np.float64) / 2.0 for angle in (roll, pitch, heading))
-    )
+    halves = np.broadcast_arrays(*(np.asarray(angle, dtype=np.float64) / 2.0 for angle in (roll, pitch, heading)))
     (cr, cp, ch), (sr, sp, sh) = np.cos(halves), np.sin(halves)
     return np.stack(
         [

@@ -78,9 +78,7 @@ class PointTransform:
             x, y = self._transformer.transform(x, y)
         return np.stack([x, y, z * self._height_unit], axis=1)
 
-    def bounds_in_source(
-        self, bounds: tuple[float, float, float, float]
-    ) -> tuple[float, float, float, float] | None:
+    def bounds_in_source(self, bounds: tuple[float, float, float, float]) -> tuple[float, float, float, float] | None:
         """A rectangle of the source that holds one of the target; None where heights or the earth's middle take part.
 
         Parameters
@@ -128,9 +126,7 @@ class PointTransform:
         from pyproj.exceptions import ProjError
 
         try:
-            return Transformer.from_crs(
-                source, target, always_xy=True, allow_ballpark=False, only_best=only_best
-            )
+            return Transformer.from_crs(source, target, always_xy=True, allow_ballpark=False, only_best=only_best)
         except ProjError as error:
             raise CrsError(
                 f"Expected a way from {source.name} to {target.name}, got: {str(error).splitlines()[0][:100]}. Choose"

@@ -87,12 +87,7 @@ class Orientations:
 
 def is_place(place: list[float]) -> bool:
     """Whether latitude, longitude (degrees) and height (m) are a place; receivers without a fix say 0, 0."""
-    return (
-        all(map(math.isfinite, place))
-        and abs(place[0]) <= 90.0
-        and abs(place[1]) <= 360.0
-        and place[:2] != [0, 0]
-    )
+    return all(map(math.isfinite, place)) and abs(place[0]) <= 90.0 and abs(place[1]) <= 360.0 and place[:2] != [0, 0]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -233,9 +228,7 @@ def poses_of_fixes(
             f" longitude {fixes.places[0, 1]:.5f}. Is it the right map?"
         )
     courses = _courses(fixes.times, positions)
-    turns = (
-        None if orientations is None else _of_imu(fixes, orientations, frame, None if are_sure else courses)
-    )
+    turns = None if orientations is None else _of_imu(fixes, orientations, frame, None if are_sure else courses)
     if turns is None:
         if courses is None:
             raise TrajectoryError(

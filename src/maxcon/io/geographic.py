@@ -72,14 +72,10 @@ class GeographicFrame:
         if not self.has_heights:
             return Transformer.from_crs(GEOGRAPHIC, self._crs, always_xy=True)
         try:
-            found = Transformer.from_crs(
-                GEOGRAPHIC_3D, self._crs, always_xy=True, allow_ballpark=False, only_best=True
-            )
+            found = Transformer.from_crs(GEOGRAPHIC_3D, self._crs, always_xy=True, allow_ballpark=False, only_best=True)
             # A missing grid of the geoid is noticed when it is asked.
             area = self._crs.area_of_use
-            place = (
-                (0.0, 0.0) if area is None else ((area.west + area.east) / 2, (area.south + area.north) / 2)
-            )
+            place = (0.0, 0.0) if area is None else ((area.west + area.east) / 2, (area.south + area.north) / 2)
             values = found.transform(place[0], place[1], 0.0, errcheck=True)
         except ProjError as error:
             raise self._no_heights(str(error)) from error
@@ -137,9 +133,7 @@ class GeographicFrame:
         latitude, longitude = places[:, 0], places[:, 1]
         x, y = self._plane.transform(longitude, latitude)
         further_x, further_y = self._plane.transform(longitude, latitude + NORTHWARDS)
-        return np.asarray(
-            np.arctan2(np.subtract(further_y, y), np.subtract(further_x, x)) - math.pi / 2.0, np.float64
-        )
+        return np.asarray(np.arctan2(np.subtract(further_y, y), np.subtract(further_x, x)) - math.pi / 2.0, np.float64)
 
     def quaternions_to_map(
         self, places: NDArray[np.float64], quaternions_xyzw: NDArray[np.float64]

@@ -142,9 +142,7 @@ def _columns(file: Path, number: int, names: list[str]) -> tuple[Heights, Header
     """Return what heights are counted from, and the columns; None for those that are not there."""
     twice = next((name for name in names if name and names.count(name) > 1), None)
     if twice is not None:
-        refuse(
-            file, number, f"Expected each column once, got {twice!r} more than once. Rename or remove one."
-        )
+        refuse(file, number, f"Expected each column once, got {twice!r} more than once. Rename or remove one.")
     height = next((name for name in HEIGHT_COLUMNS if name in names), None)
     if height is None:
         unclear = next((name for name in UNCLEAR_HEIGHTS if name in names), None)
@@ -172,9 +170,7 @@ def _columns(file: Path, number: int, names: list[str]) -> tuple[Heights, Header
     wanted = ("time", "latitude", "longitude")
     for name, column in zip(wanted, columns, strict=False):
         if column is None:
-            refuse(
-                file, number, f"Expected columns {', '.join(wanted)} and a height, got no {name!r}. Add it."
-            )
+            refuse(file, number, f"Expected columns {', '.join(wanted)} and a height, got no {name!r}. Add it.")
     for one, other in ((4, 5), (7, 8)):
         if (columns[one] is None) != (columns[other] is None):
             pair = " and ".join(("roll", "pitch") if one == 4 else sigmas)
@@ -227,9 +223,7 @@ def _row(file: Path, number: int, texts: list[str], names: list[str], header: He
             if column.is_compass:
                 row[entry] = math.pi / 2.0 - row[entry]
     if not is_place(row[1:4]):
-        words = (
-            f"Expected a latitude and a longitude in degrees, got {row[1]:g}, {row[2]:g}. Correct this line."
-        )
+        words = f"Expected a latitude and a longitude in degrees, got {row[1]:g}, {row[2]:g}. Correct this line."
         refuse(file, number, words)
     if max(abs(angle) for angle in (0.0, *row[4:7]) if not math.isnan(angle)) > 2.5 * math.pi + 1e-6:
         words = "Expected angles within one turn. Are they degrees? Then name them roll_deg, pitch_deg, heading_deg."

@@ -123,13 +123,9 @@ def read_nmea(file: Path) -> NmeaLog:
             for order, (kind, texts) in enumerate(_sentences(stream, read)):
                 _take(read, order, kind, texts)
     except FileNotFoundError as error:
-        raise FileError(
-            f"Expected a log of NMEA sentences at {file}, got no such file. Check the path."
-        ) from error
+        raise FileError(f"Expected a log of NMEA sentences at {file}, got no such file. Check the path.") from error
     except OSError as error:
-        raise FileError(
-            f"Expected to be able to read {file}, got: {error.strerror}. Check the path."
-        ) from error
+        raise FileError(f"Expected to be able to read {file}, got: {error.strerror}. Check the path.") from error
     if not read.n_sentences:
         broken = f"{read.n_broken} with a wrong checksum, or without" if read.n_broken else "none"
         raise FileError(f"Expected NMEA sentences in {file}, got {broken}. Is it the right file?")
@@ -239,11 +235,7 @@ def _time_of_day(text: str) -> float:
     if not re.fullmatch(r"\d{6}(\.\d*)?", text):
         return math.nan
     hours, minutes, seconds = int(text[:2]), int(text[2:4]), float(text[4:])
-    return (
-        hours * 3600.0 + minutes * 60.0 + seconds
-        if hours < 24 and minutes < 60 and seconds < 61.0
-        else math.nan
-    )
+    return hours * 3600.0 + minutes * 60.0 + seconds if hours < 24 and minutes < 60 and seconds < 61.0 else math.nan
 
 
 def _degrees(text: str, side: str, sides: str) -> float:
@@ -262,12 +254,8 @@ def _with_heights(file: Path, read: _Sentences) -> tuple[list[_Position], Height
         kind = Heights.ORTHOMETRIC
         chosen = [position for position in read.positions if math.isfinite(position.altitude)]
     if not chosen:
-        got = (
-            "positions without heights" if read.positions else f"{read.n_without_fix} sentences without a fix"
-        )
-        raise TrajectoryError(
-            f"{file}: Expected positions with heights (GGA or GNS), got {got}. Log GGA with a fix."
-        )
+        got = "positions without heights" if read.positions else f"{read.n_without_fix} sentences without a fix"
+        raise TrajectoryError(f"{file}: Expected positions with heights (GGA or GNS), got {got}. Log GGA with a fix.")
     return chosen, kind
 
 
@@ -285,10 +273,7 @@ def _log(file: Path, read: _Sentences, chosen: list[_Position], kind: Heights) -
         sigmas = (assumed, assumed) if stated is None else stated
         covariances[row] = np.diag(np.square(sigmas)) if sum(sigmas) > 0.0 else np.nan
     places = np.array(
-        [
-            (p.latitude, p.longitude, p.altitude + (p.geoid if kind is Heights.ELLIPSOIDAL else 0.0))
-            for p in chosen
-        ]
+        [(p.latitude, p.longitude, p.altitude + (p.geoid if kind is Heights.ELLIPSOIDAL else 0.0)) for p in chosen]
     )
     n_known = int((~np.isnan(covariances[:, 0, 0])).sum())
     words = f"times: UTC; sigmas: {n_stated} of GST, {n_known - n_stated} of HDOP, {len(chosen) - n_known} unknown"
@@ -325,6 +310,4 @@ def _orientations(file: Path, read: _Sentences, dates: NDArray[np.float64]) -> O
     # NMEA counts clockwise from north and noses up; here it is counter-clockwise from east, and noses down.
     quaternions = quaternions_from_angles(rows[:, 1], -rows[:, 2], math.pi / 2.0 - rows[:, 0])
     sigmas = np.where(rows[:, 3] > 0.0, rows[:, 3], np.nan)
-    return Orientations(
-        f"{name} in {file.name}", Trajectory(times, np.zeros((len(times), 3)), quaternions), sigmas
-    )
+    return Orientations(f"{name} in {file.name}", Trajectory(times, np.zeros((len(times), 3)), quaternions), sigmas)

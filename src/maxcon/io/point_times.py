@@ -12,17 +12,7 @@ __all__ = ["TIME_FIELDS", "Column", "PointTimes", "find_point_times"]
 
 PAIRS = (("time_sec", "time_nsec"), ("sec", "nsec"), ("timestampsec", "timestampnsec"))
 """Fields that hold seconds, and the nanoseconds to add."""
-NAMES = (
-    "timestamp",
-    "time_stamp",
-    "timestamps",
-    "time",
-    "times",
-    "t",
-    "offset_time",
-    "time_offset",
-    "t_offset",
-)
+NAMES = ("timestamp", "time_stamp", "timestamps", "time", "times", "t", "offset_time", "time_offset", "t_offset")
 """Fields that hold a time, in small letters; the first of these that is there is taken."""
 TIME_FIELDS = frozenset([*NAMES, *(name for pair in PAIRS for name in pair)])
 """All of these, in small letters."""
@@ -94,9 +84,7 @@ def find_point_times(columns: Mapping[str, Column], stamp: int) -> PointTimes:
     return _of_field(f"{name} ({kind})", values, stamp)
 
 
-def _of_pair(
-    label: str, seconds: NDArray[np.generic], nanoseconds: NDArray[np.generic], stamp: int
-) -> PointTimes:
+def _of_pair(label: str, seconds: NDArray[np.generic], nanoseconds: NDArray[np.generic], stamp: int) -> PointTimes:
     if not len(seconds):
         return PointTimes(np.empty(0), label, f"{label}: no points")
     # A float64 of seconds since 1970 has steps of 0.2 us; whole seconds less those of the message are exact.

@@ -105,14 +105,11 @@ def check_range(min_range: float, max_range: float) -> None:
     """
     if not 0.0 <= min_range < max_range:
         raise OptionError(
-            f"Expected 0 <= min_range < max_range, got {min_range} m and {max_range} m. The defaults are 1 and"
-            " 120 m."
+            f"Expected 0 <= min_range < max_range, got {min_range} m and {max_range} m. The defaults are 1 and 120 m."
         )
 
 
-def returns_in_range(
-    points: NDArray[np.float64], min_range: float, max_range: float
-) -> tuple[NDArray[np.bool_], int]:
+def returns_in_range(points: NDArray[np.float64], min_range: float, max_range: float) -> tuple[NDArray[np.bool_], int]:
     """Return which points are returns within the range, shape (n,), and how many are returns at all.
 
     Raises

@@ -60,8 +60,7 @@ def numbered_lines(file: Path, what: str) -> Iterator[tuple[int, str]]:
         raise FileError(f"Expected {what} in a file, got the folder {file}. Name a file in it.") from error
     except UnicodeDecodeError as error:
         raise FileError(
-            f"{file}, after line {number}: Expected {what} as UTF-8 text, got other bytes. Is it the right"
-            " file?"
+            f"{file}, after line {number}: Expected {what} as UTF-8 text, got other bytes. Is it the right file?"
         ) from error
     except OSError as error:
         raise FileError(
@@ -130,6 +129,4 @@ def read_lines(file: Path, text: TextIO, n_lines: int, *, keep: bool = True) -> 
 
 def _not_numbers(file: Path, n_columns: int | None, got: str) -> FileError:
     wanted = "rows of numbers" if n_columns is None else f"{n_columns} numbers per point"
-    return FileError(
-        f"Expected {wanted} in {file}, got: {got[:100]}. Write it anew with the program it comes from."
-    )
+    return FileError(f"Expected {wanted} in {file}, got: {got[:100]}. Write it anew with the program it comes from.")

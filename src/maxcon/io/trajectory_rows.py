@@ -31,9 +31,7 @@ def numbers_of(file: Path, number: int, texts: list[str], names: str) -> list[fl
     values = [parse_float(text) for text in texts]
     if None in values:
         text = texts[values.index(None)][:40]
-        refuse(
-            file, number, f"Expected finite numbers for '{names}', got {text!r}. Correct or remove this line."
-        )
+        refuse(file, number, f"Expected finite numbers for '{names}', got {text!r}. Correct or remove this line.")
     return [value for value in values if value is not None]
 
 

@@ -194,9 +194,7 @@ class _Table:
 
     def needed_path(self, table: str, key: str) -> Path:
         if key not in self.named[table]:
-            raise FileError(
-                f"Expected {key} under [{table}] in {self.file}, got none. Add it (docs/study.md)."
-            )
+            raise FileError(f"Expected {key} under [{table}] in {self.file}, got none. Add it (docs/study.md).")
         return self._existing(table, key, self.value(table, key, str, None))
 
     def path(self, table: str, key: str) -> Path | None:

@@ -47,6 +47,4 @@ def dataset_map_options(
 def _without_ground(drop: tuple[str, ...] | None) -> tuple[str, ...]:
     """Return what is dropped, but for the ground."""
     ground = parse_classes(["ground"])
-    return tuple(
-        name for name in (DEFAULT_DROP if drop is None else drop) if not parse_classes([name]) <= ground
-    )
+    return tuple(name for name in (DEFAULT_DROP if drop is None else drop) if not parse_classes([name]) <= ground)

@@ -8,14 +8,7 @@ from pathlib import Path
 from maxcon._system.atomic import atomic_folder, check_replaceable
 from maxcon._system.progress import Progress
 from maxcon.errors import FileError, OptionError
-from maxcon.map.manifest import (
-    MANIFEST,
-    MAP_NAMES,
-    TILE_FILES_VERSION,
-    Manifest,
-    file_names,
-    read_manifest,
-)
+from maxcon.map.manifest import MANIFEST, MAP_NAMES, TILE_FILES_VERSION, Manifest, file_names, read_manifest
 from maxcon.map.section import Section
 from maxcon.map.storage import Folder, MapFiles, address_of, open_place
 from maxcon.map.writer import MapWriter

@@ -89,9 +89,7 @@ def stack_levels(cells: NDArray[np.integer], heights: NDArray[np.floating], n: i
     return stacked.reshape(-1, n, n)
 
 
-def ground_of_points(
-    columns: NDArray[np.integer], heights: NDArray[np.floating], n: int
-) -> NDArray[np.float32]:
+def ground_of_points(columns: NDArray[np.integer], heights: NDArray[np.floating], n: int) -> NDArray[np.float32]:
     """Heights of the ground by (level, y, x), m: the median of the points of each level of each cell.
 
     Parameters

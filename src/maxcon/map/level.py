@@ -78,6 +78,4 @@ class MergedTiles:
         MapError
             If its file is missing, or is not what was written.
         """
-        return self._kept.load(
-            key, lambda: merged(self._source.load(key), self._factor, is_signed=self._is_signed)
-        )
+        return self._kept.load(key, lambda: merged(self._source.load(key), self._factor, is_signed=self._is_signed))

@@ -66,11 +66,7 @@ def merge(columns, layers, counts, normals, means, edge, factor, is_signed):
     of_place, places = np.full(n_columns, -1, np.int32), np.empty(n_columns, np.int64)
     sums, totals = np.empty((n_columns, 3)), np.empty((n_columns, 3))
     n_points = np.empty((n_columns, 1), np.int64)
-    to_columns, to_layers, to_counts = (
-        np.empty((n, 2), np.int16),
-        np.empty(n, np.int32),
-        np.empty(n, np.int32),
-    )
+    to_columns, to_layers, to_counts = (np.empty((n, 2), np.int16), np.empty(n, np.int32), np.empty(n, np.int32))
     to_normals, to_means = np.empty((n, 3), np.float32), np.empty((n, 3), np.uint8)
     n_merged, k = 0, 0
     while k < n:

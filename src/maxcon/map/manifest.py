@@ -118,9 +118,7 @@ class Manifest:
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:
     """Write the indices of the sections that have records, and the manifest: the last step of a build."""
-    sections = {
-        name: _write_index(folder, name, table) for name, table in manifest.sections.items() if len(table)
-    }
+    sections = {name: _write_index(folder, name, table) for name, table in manifest.sections.items() if len(table)}
     content = {
         "format": FORMAT,
         "format_version": FORMAT_VERSION,
@@ -198,9 +196,7 @@ def file_names(files: MapFiles) -> list[str]:
         If it cannot be read.
     """
     sections = _read_json(files)["sections"].values()
-    return [
-        name for entry in sections for name in (*(shard["name"] for shard in entry["shards"]), entry["index"])
-    ]
+    return [name for entry in sections for name in (*(shard["name"] for shard in entry["shards"]), entry["index"])]
 
 
 def _read_json(files: MapFiles) -> Any:
@@ -272,19 +268,14 @@ def _read_section(name: str, entry: Mapping[str, Any], files: MapFiles) -> Shard
         content = files.read(index, size)
     except OSError as error:
         raise MapError(
-            f"Expected {files.where(index)} to be the index of the map, got: {error.strerror or error}."
-            f" {files.remedy}"
+            f"Expected {files.where(index)} to be the index of the map, got: {error.strerror or error}. {files.remedy}"
         ) from None
     if hashlib.sha256(content).hexdigest() != entry["index_sha256"]:
-        raise MapError(
-            f"Expected {files.where(index)} to be as it was written, got another checksum. {REBUILD}"
-        )
+        raise MapError(f"Expected {files.where(index)} to be as it was written, got another checksum. {REBUILD}")
     try:
         return ShardTable.from_bytes(content, shards)
     except ValueError as error:
-        raise MapError(
-            f"Expected {files.where(index)} to be the index of the map, got: {error}. {REBUILD}"
-        ) from None
+        raise MapError(f"Expected {files.where(index)} to be the index of the map, got: {error}. {REBUILD}") from None
 
 
 def _file_name(section: str, name: Any) -> str:

@@ -130,9 +130,7 @@ class PointMap:
         normals = as_unit_normals(normals, len(points), "normals")
         tiles = split_into_tiles(*voxelize(points, normals, cell, is_signed=is_signed))
         on_ground = None if ground is None else GroundInMemory.of_points(as_points(ground, "ground"), cell)
-        return cls(
-            frame or LocalFrame(), float(cell), is_signed, _TilesInMemory(tiles), float(sigma), on_ground
-        )
+        return cls(frame or LocalFrame(), float(cell), is_signed, _TilesInMemory(tiles), float(sigma), on_ground)
 
     @classmethod
     def open(
@@ -257,9 +255,7 @@ class PointMap:
         if not len(low):
             return []
         first, last = np.floor(low / edge), np.floor(high / edge)
-        is_new = np.ones(
-            len(first), bool
-        )  # neighbours meet the same tiles: most are told apart by the one before
+        is_new = np.ones(len(first), bool)  # neighbours meet the same tiles: most are told apart by the one before
         is_new[1:] = ((first[1:] != first[:-1]) | (last[1:] != last[:-1])).any(axis=1)
         first, last = first[is_new], last[is_new]
         keys = self._sorted_keys

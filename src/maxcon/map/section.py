@@ -129,25 +129,17 @@ class Section:
         table, row = self._table, self._rows[key]
         name, length = table.files[table.shards[row]].name, int(table.lengths[row])
         try:
-            content = (
-                self._files.read(name, length)
-                if self._is_of_files
-                else self._files.read_record(self._place(row))
-            )
+            content = self._files.read(name, length) if self._is_of_files else self._files.read_record(self._place(row))
         except OSError as error:
             raise self._is_none(key, error.strerror or str(error)) from None
         if hashlib.sha256(content).digest() != table.checksums[row].tobytes():
-            raise MapError(
-                f"Expected {self.where(key)} to be as it was written, got another checksum. {REBUILD}"
-            )
+            raise MapError(f"Expected {self.where(key)} to be as it was written, got another checksum. {REBUILD}")
         return content
 
     def _place(self, row: int) -> RecordPlace:
         table = self._table
         name = table.files[table.shards[row]].name
-        return RecordPlace(
-            name, int(table.offsets[row]), int(table.lengths[row]), table.checksums[row].tobytes()
-        )
+        return RecordPlace(name, int(table.offsets[row]), int(table.lengths[row]), table.checksums[row].tobytes())
 
     def _is_none(self, key: TileKey, words: str) -> MapError:
         return MapError(f"Expected {self.where(key)} to be of the map, got: {words}. {self._files.remedy}")

@@ -145,11 +145,7 @@ class ShardTable:
         try:
             with pa.ipc.open_file(pa.py_buffer(content)) as file:
                 metadata = file.schema.metadata or {}
-                if (
-                    not file.schema.equals(_file_schema())
-                    or file.num_record_batches != 1
-                    or RECORDS not in metadata
-                ):
+                if not file.schema.equals(_file_schema()) or file.num_record_batches != 1 or RECORDS not in metadata:
                     raise ValueError("not the columns of an index")
                 batch = file.get_batch(0)
             batch.validate()

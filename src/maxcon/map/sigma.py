@@ -21,6 +21,4 @@ def check_sigma(sigma: float) -> None:
         If it is negative or not finite.
     """
     if not 0.0 <= sigma < math.inf:
-        raise ArrayError(
-            f"Expected `sigma` of the map >= 0 m, got {sigma}. Leave it out if you do not know it."
-        )
+        raise ArrayError(f"Expected `sigma` of the map >= 0 m, got {sigma}. Leave it out if you do not know it.")

@@ -57,12 +57,7 @@ class TileStore:
     """
 
     def __init__(
-        self,
-        files: MapFiles,
-        manifest: Manifest,
-        *,
-        cache_bytes: int,
-        left_out: Collection[SurfaceClass] | None = None,
+        self, files: MapFiles, manifest: Manifest, *, cache_bytes: int, left_out: Collection[SurfaceClass] | None = None
     ) -> None:
         self._section = Section(files, manifest, TILES, tile_schema())
         self._classes = Section(files, manifest, CLASSES, classes_schema())

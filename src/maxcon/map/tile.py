@@ -139,9 +139,7 @@ class VoxelTile:
 
         layers = np.empty(self._n_layers_and_patches[0], np.int32)
         patch_starts = np.empty(len(layers) * self.n_patches**2 + 1, np.int32)
-        tile_kernels.find_patches(
-            self._voxel_columns, self._voxel_layers, self.n_patches, layers, patch_starts
-        )
+        tile_kernels.find_patches(self._voxel_columns, self._voxel_layers, self.n_patches, layers, patch_starts)
         return TileIndex(layers, patch_starts)
 
     @cached_property
@@ -167,10 +165,7 @@ class VoxelTile:
     def addresses(self) -> Addresses:
         """Where the arrays lie that single voxels are looked up in; made when first asked for."""
         occupancy = self.occupancy
-        normals, counts = (
-            self.normals.astype(np.float32, copy=False),
-            self.counts.astype(np.int32, copy=False),
-        )
+        normals, counts = (self.normals.astype(np.float32, copy=False), self.counts.astype(np.int32, copy=False))
         bits = (occupancy.held, occupancy.numbers, occupancy.words, occupancy.firsts)
         return Addresses.of(*bits, normals, counts, self.means)
 
@@ -193,9 +188,7 @@ class VoxelTile:
         """How many layers there are, and patches that hold voxels; -1 for both if voxels are not in order."""
         from maxcon.map import tile_kernels
 
-        n_layers, n_held = tile_kernels.count_layers_and_patches(
-            self._voxel_columns, self._voxel_layers, self.edge
-        )
+        n_layers, n_held = tile_kernels.count_layers_and_patches(self._voxel_columns, self._voxel_layers, self.edge)
         return n_layers, n_held
 
     @property

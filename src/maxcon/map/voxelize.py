@@ -58,9 +58,7 @@ def voxelize(
     return indices, counts.astype(np.int32), mean_normals(sums(normals), counts), means
 
 
-def _unique_rows(
-    indices: NDArray[np.int32],
-) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.int64]]:
+def _unique_rows(indices: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.int64]]:
     """Rows, each once and sorted, the number of each row among them, and how often each occurs.
 
     As numpy.unique along an axis, which takes several times as long.
@@ -73,9 +71,7 @@ def _unique_rows(
     return indices[order[is_first]], number, np.bincount(number).astype(np.int64)
 
 
-def turn_alike(
-    normals: NDArray[np.float64], group: NDArray[np.integer], n_groups: int
-) -> NDArray[np.float64]:
+def turn_alike(normals: NDArray[np.float64], group: NDArray[np.integer], n_groups: int) -> NDArray[np.float64]:
     """Turn normals, shape (n, 3), to the side of the first normal of their group: n and -n mean the same."""
     rows = np.flatnonzero(normals.any(axis=1))[::-1]
     first = np.zeros(n_groups, np.int64)
@@ -84,9 +80,7 @@ def turn_alike(
     return np.where(along[:, None] < 0.0, -normals, normals)
 
 
-def mean_normals(
-    sums: NDArray[np.float64], counts: NDArray[np.integer] | NDArray[np.float64]
-) -> NDArray[np.float32]:
+def mean_normals(sums: NDArray[np.float64], counts: NDArray[np.integer] | NDArray[np.float64]) -> NDArray[np.float32]:
     """Unit vectors along sums of `counts` unit normals, shape (n, 3); zeros where they cancel."""
     lengths = np.linalg.norm(sums, axis=1)
     has_direction = lengths > CANCELLED_LENGTH * np.maximum(counts, 1)
@@ -129,10 +123,7 @@ def tile_of_voxels(
 
 
 def split_into_tiles(
-    indices: NDArray[np.int32],
-    counts: NDArray[np.int32],
-    normals: NDArray[np.float32],
-    means: NDArray[np.uint8],
+    indices: NDArray[np.int32], counts: NDArray[np.int32], normals: NDArray[np.float32], means: NDArray[np.uint8]
 ) -> dict[TileKey, VoxelTile]:
     """Tiles of voxels with (x, y, z) `indices`, shape (n, 3)."""
     keys, tile, _ = _unique_rows(indices[:, :2] // TILE_VOXELS)

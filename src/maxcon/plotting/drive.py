@@ -72,18 +72,12 @@ def plot_drive(
         draw_map(axes, point_map, window)
         _draw_epochs(axes, places, values, success)
         draw_scale_bar(axes, window)
-        bar = figure.add_axes(
-            ((1.0 + drawn_width) / width, 1.2 / height, 0.15 / width, drawn_height / height)
-        )
+        bar = figure.add_axes(((1.0 + drawn_width) / width, 1.2 / height, 0.15 / width, drawn_height / height))
         figure.colorbar(axes.collections[0], cax=bar).set_label("error [m]")
-        figure.legend(
-            *axes.get_legend_handles_labels(), loc="lower left", bbox_to_anchor=(0.6 / width, 0.0), ncols=2
-        )
+        figure.legend(*axes.get_legend_handles_labels(), loc="lower left", bbox_to_anchor=(0.6 / width, 0.0), ncols=2)
 
 
-def _draw_epochs(
-    axes: Axes, places: NDArray[np.float64], errors: NDArray[np.float64], success: float
-) -> None:
+def _draw_epochs(axes: Axes, places: NDArray[np.float64], errors: NDArray[np.float64], success: float) -> None:
     """Draw the drive as a line, epochs that succeeded in the colour of their error, and others with other marks."""
     axes.plot(*places.T, color=MUTED, lw=1.0, zorder=3)
     is_good, is_missing = errors <= success, np.isnan(errors)
@@ -101,14 +95,5 @@ def _draw_epochs(
         zorder=4,
         label=f"within {success:g} m",
     )
-    axes.plot(
-        *places[is_wrong].T,
-        "D",
-        ms=9,
-        mfc=SERIES[1],
-        mec="black",
-        mew=0.8,
-        zorder=5,
-        label="farther: failed",
-    )
+    axes.plot(*places[is_wrong].T, "D", ms=9, mfc=SERIES[1], mec="black", mew=0.8, zorder=5, label="farther: failed")
     axes.plot(*places[is_missing].T, "x", ms=9, mec="black", mew=2.2, zorder=5, label="not localized")

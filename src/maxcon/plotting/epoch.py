@@ -14,14 +14,7 @@ from maxcon.map import PointMap
 from maxcon.plotting.canvas.figure import draw_titles, saved_figure
 from maxcon.plotting.canvas.objective_names import title_of, unit_of
 from maxcon.plotting.scene import Scene, draw_scene
-from maxcon.plotting.score_panel import (
-    cell_marks,
-    draw_color_bar,
-    draw_frame,
-    draw_heading,
-    score_words,
-    turn_words,
-)
+from maxcon.plotting.score_panel import cell_marks, draw_color_bar, draw_frame, draw_heading, score_words, turn_words
 from maxcon.plotting.search_space_view import SearchSpaceView, chosen_headings
 from maxcon.scan import Scan
 from maxcon.search.accumulator import Accumulator
@@ -137,9 +130,7 @@ def _panel_places(n_panels: int) -> list[tuple[float, float, float]]:
     return places
 
 
-def _draw_scale(
-    figure: Figure, view: SearchSpaceView, image: AxesImage, n_drawn: int, reference: Pose | None
-) -> None:
+def _draw_scale(figure: Figure, view: SearchSpaceView, image: AxesImage, n_drawn: int, reference: Pose | None) -> None:
     """Write what the panels are, with the colour scale below and the marks above."""
     n_headings = view.space.shape[0]
     n_words = f"All {n_headings}" if n_drawn == n_headings else f"{n_drawn} of {n_headings}"
@@ -159,12 +150,7 @@ def _draw_scale(
     center = (PANELS_LEFT + 0.5 * SIDE) / WIDTH
     figure.text(center, 0.76 / HEIGHT, "x from the prior [m]", ha="center", fontsize=10.5)
     figure.text(
-        0.2 / WIDTH,
-        (BOTTOM + 0.5 * SIDE) / HEIGHT,
-        "y from the prior [m]",
-        va="center",
-        rotation=90,
-        fontsize=10.5,
+        0.2 / WIDTH, (BOTTOM + 0.5 * SIDE) / HEIGHT, "y from the prior [m]", va="center", rotation=90, fontsize=10.5
     )
     bar = figure.add_axes((PANELS_LEFT / WIDTH, 0.46 / HEIGHT, 3.7 / WIDTH, 0.15 / HEIGHT))
     draw_color_bar(figure, image, bar, "horizontal")

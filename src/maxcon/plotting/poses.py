@@ -78,9 +78,7 @@ def plot_poses(
         figure.legend(handles, labels, loc="lower left", bbox_to_anchor=(0.6 / width, 0.0), ncols=2)
 
 
-def _draw_arrows(
-    axes: Axes, places: NDArray[np.float64], headings: NDArray[np.float64], extent: float
-) -> None:
+def _draw_arrows(axes: Axes, places: NDArray[np.float64], headings: NDArray[np.float64], extent: float) -> None:
     """Draw all positions as dots, and at most `N_ARROWS` headings as arrows; `extent` of the picture, m."""
     axes.plot(*places[:, :2].T, "o", color=SERIES[0], ms=4.5, mec="white", mew=0.6, zorder=5, label="poses")
     step = -(-len(places) // N_ARROWS)

@@ -130,9 +130,7 @@ def _draw_scans(axes: "Axes", scene: Scene) -> list["Artist"]:
     if scene.has_answer:
         points, is_matched = scene.estimate.pose.apply(scene.scan.points), scene.is_matched
         sets.append(("scan at the answer", SCAN_COLOR, points[~is_matched & is_drawn], 1.3))
-        sets.append(
-            (f"consensus set ({is_matched.sum():,} points)", CONSENSUS_COLOR, points[is_matched], 2.0)
-        )
+        sets.append((f"consensus set ({is_matched.sum():,} points)", CONSENSUS_COLOR, points[is_matched], 2.0))
     return draw_points(axes, sets)
 
 
@@ -174,9 +172,7 @@ def _draw_answer(axes: "Axes", scene: Scene, arrow: float) -> list["Artist"]:
         mark = {"marker": "o", "ms": 8, "mfc": "#f0e442", "mec": "black", "mew": 1.0}
         handles += _draw_mark(axes, pose, "sensor and heading", mark)
     if scene.reference is not None:
-        handles += _draw_mark(
-            axes, scene.reference, "reference", {"marker": "+", "ms": 15, "mec": "black", "mew": 1.4}
-        )
+        handles += _draw_mark(axes, scene.reference, "reference", {"marker": "+", "ms": 15, "mec": "black", "mew": 1.4})
     return handles
 
 

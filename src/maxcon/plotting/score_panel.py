@@ -43,16 +43,11 @@ COLORS = "plasma"
 
 def ground_of(space: SearchSpace, x: float, y: float) -> Window:
     """Return the ground that the cells of a heading cover, with the prior at (x, y), m."""
-    low, high = (
-        float(space.offsets[0]) - 0.5 * space.cell_edge,
-        float(space.offsets[-1]) + 0.5 * space.cell_edge,
-    )
+    low, high = (float(space.offsets[0]) - 0.5 * space.cell_edge, float(space.offsets[-1]) + 0.5 * space.cell_edge)
     return Window(x + low, x + high, y + low, y + high)
 
 
-def draw_scores(
-    axes: "Axes", scores: Scores, ground: Window, norm: "Normalize", zorder: float = 1.0
-) -> "AxesImage":
+def draw_scores(axes: "Axes", scores: Scores, ground: Window, norm: "Normalize", zorder: float = 1.0) -> "AxesImage":
     """Draw the scores of a heading, shape (ny, nx), over the ground they cover; keep the axes' limits."""
     limits = axes.get_xlim(), axes.get_ylim()
     image = axes.imshow(
@@ -96,9 +91,7 @@ def cell_marks() -> tuple["Line2D", "Line2D"]:
     from matplotlib.patheffects import withStroke
 
     best = Line2D([], [], ls="", marker="o", ms=14, mfc="none", mec="white", mew=1.6, label="best cell")
-    reference = Line2D(
-        [], [], ls="", marker="D", ms=16, mfc="none", mec="#7fffd4", mew=1.4, label="reference"
-    )
+    reference = Line2D([], [], ls="", marker="D", ms=16, mfc="none", mec="#7fffd4", mew=1.4, label="reference")
     for mark in (best, reference):
         mark.set_clip_on(False)
         mark.set_zorder(5)

@@ -110,12 +110,7 @@ class Refined:
 
 
 def refine(
-    scan: Scan,
-    point_map: PointMap,
-    start: Pose,
-    *,
-    height_sigma: float = HEIGHT_SIGMA,
-    tilt_sigma: float = TILT_SIGMA,
+    scan: Scan, point_map: PointMap, start: Pose, *, height_sigma: float = HEIGHT_SIGMA, tilt_sigma: float = TILT_SIGMA
 ) -> Refined:
     """Adjust a pose to the map: minimize the weighted squares of point-to-plane distances n . r, in all six unknowns.
 

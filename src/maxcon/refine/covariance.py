@@ -44,9 +44,7 @@ def covariance(refined: Refined, map_sigma: float) -> NDArray[np.float64]:
     """
     from maxcon.refine import group_kernels, kernels
 
-    def outer_sums(
-        n_groups: int, groups: NDArray[np.int64], factors: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def outer_sums(n_groups: int, groups: NDArray[np.int64], factors: NDArray[np.float64]) -> NDArray[np.float64]:
         sums = np.zeros((n_groups, 6))
         kernels.sum_gradients(refined.points, refined.planes, groups, refined.pose.values, factors, sums)
         return sums.T @ sums

@@ -26,9 +26,7 @@ BLOCK = 32
 
 
 @njit(nogil=True, cache=True)
-def _partner_along(
-    px, py, pz, nx, ny, nz, row, patch, cell, reach, least_cosine, is_signed, rows, grid, corner
-):
+def _partner_along(px, py, pz, nx, ny, nz, row, patch, cell, reach, least_cosine, is_signed, rows, grid, corner):
     """Plane (normal, offset) nearest to a point among the voxels along its normal; a normal of zeros for none.
 
     Looked for from the voxel of the point outwards to both sides, to one step beyond the first partner. row, patch : of
@@ -121,9 +119,7 @@ def _is_near(place, normal, reaches, rows, grid, corner):
 
 
 @njit(nogil=True, cache=True)
-def _place_some(
-    first, points, normals, unknowns, R, every, cell, reaches, rows, grid, corner, planes, placed, owned
-):
+def _place_some(first, points, normals, unknowns, R, every, cell, reaches, rows, grid, corner, planes, placed, owned):
     """Transform points from number `first` on into the map frame, if they may have a partner, until `placed` is full.
 
     planes : set to zeros for all points that were looked at, out; placed : (m, 6), out, points and normals, map frame;

@@ -33,11 +33,7 @@ def bound_blocks(blocks, layers, columns, facings, rows, margin, least, bounds):
     met = np.flatnonzero(rows)
     n_points = layers.shape[0]
     n_padded = -(-n_points // TOGETHER) * TOGETHER
-    starts, shifts, kept = (
-        np.zeros(n_padded, np.uint64),
-        np.zeros(n_padded, np.uint64),
-        np.zeros(n_padded, np.uint64),
-    )
+    starts, shifts, kept = (np.zeros(n_padded, np.uint64), np.zeros(n_padded, np.uint64), np.zeros(n_padded, np.uint64))
     kept[:n_points] = ALL_BITS
     for h in range(columns.shape[0]):
         for i in range(n_points):

@@ -27,9 +27,7 @@ def counts_of_region(scan: SieveScan, region: Region, cell: float) -> NDArray[np
             turned.facings[heading].tolist(),
             strict=True,
         ):
-            counts[heading] += (
-                region.voxels.facings[layer, y : y + REGION, x : x + REGION] & (1 << facing)
-            ) != 0
+            counts[heading] += (region.voxels.facings[layer, y : y + REGION, x : x + REGION] & (1 << facing)) != 0
     counts[:, ~region.is_allowed] = -1
     return counts
 

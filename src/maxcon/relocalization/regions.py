@@ -223,6 +223,4 @@ class Regions:
 
 def _squares(x: int, y: int, width: int, edge: int) -> list[TileKey]:
     """Keys of the squares of an edge that meet the square of `width` cells from (x, y) on."""
-    return list(
-        product(range(x // edge, (x + width - 1) // edge + 1), range(y // edge, (y + width - 1) // edge + 1))
-    )
+    return list(product(range(x // edge, (x + width - 1) // edge + 1), range(y // edge, (y + width - 1) // edge + 1)))

@@ -166,15 +166,11 @@ class Relocalizer:
         """
         if self.n_cells == 0:
             where = "" if self.area is None else f" within {self.area.radius:g} m of the place that was named"
-            raise MapError(
-                f"Expected ground of the map{where}, got none. Is that place in the map, in its CRS?"
-            )
+            raise MapError(f"Expected ground of the map{where}, got none. Is that place in the map, in its CRS?")
 
     def within(self, around: tuple[float, float], radius: float) -> "Relocalizer":
         """Return a relocalizer for a circle (`around`, `radius`) that shares what this one keeps of the map."""
-        other = Relocalizer(
-            self.map, around, radius, n_threads=self.n_threads, trust=self.trust, risk=self.risk
-        )
+        other = Relocalizer(self.map, around, radius, n_threads=self.n_threads, trust=self.trust, risk=self.risk)
         other.sifted, other._closer = self.sifted.within(other.area), self._closer
         return other
 
@@ -213,9 +209,7 @@ class Relocalizer:
     def _places(self, scan: Scan, above_ground: Pose) -> tuple[Places, int]:
         """Places left by cells of half a metre, the highest count first; and how many large cells left."""
         nothing = Places(np.empty((0, 3)), np.empty(0, np.int64), 0.0)
-        few, many = (
-            SieveScan.of(scan.thinned(level.thinning), above_ground, HIGHEST) for level in (SIFTED, CLOSER)
-        )
+        few, many = (SieveScan.of(scan.thinned(level.thinning), above_ground, HIGHEST) for level in (SIFTED, CLOSER))
         if len(few) < FEWEST_SIFTED:
             return nothing, 0
         sifted = sift(few, self.sifted, SIFTED_SHARE * self._followed / FOLLOWED, n_threads=self.n_threads)
@@ -249,13 +243,7 @@ class Relocalizer:
         window = SearchSpace(AROUND, heading_half_width_deg=AROUND_DEG).at(self.map.cell)
         for _ in range(1 + MOST_CLIMBS):
             found = branch_and_bound(
-                scan.thinned(THINNING),
-                self.map,
-                pose,
-                window,
-                Helmert(),
-                standing=standing,
-                n_threads=self.n_threads,
+                scan.thinned(THINNING), self.map, pose, window, Helmert(), standing=standing, n_threads=self.n_threads
             )
             if found.score <= 0.0 or (standing is not None and found.score < standing.score):
                 return None

@@ -168,14 +168,7 @@ class _RegionSieve:
 
         def count(part: slice) -> None:
             kernels.count_children(
-                grid,
-                turned.layers,
-                turned.columns,
-                turned.facings,
-                nodes[part],
-                step,
-                region.margin,
-                counts[part],
+                grid, turned.layers, turned.columns, turned.facings, nodes[part], step, region.margin, counts[part]
             )
 
         size = max(1, -(-len(nodes) // self.n_threads))

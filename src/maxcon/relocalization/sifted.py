@@ -37,9 +37,7 @@ class Sifted:
     n_counted: int = 0
 
     @classmethod
-    def of(
-        cls, cells: NDArray[np.int64], counts: NDArray[np.int64], left_out: float, n_counted: int = 0
-    ) -> "Sifted":
+    def of(cls, cells: NDArray[np.int64], counts: NDArray[np.int64], left_out: float, n_counted: int = 0) -> "Sifted":
         """Put cells in order."""
         order = np.lexsort((cells[:, 2], cells[:, 1], cells[:, 0], -counts))
         return cls(cells[order], counts[order], left_out, n_counted)

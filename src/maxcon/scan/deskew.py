@@ -52,9 +52,7 @@ def deskew(
     points = as_points(points_sensor, "points_sensor")
     at = np.asarray(times, dtype=np.float64)
     if at.shape != (len(points),) or not np.isfinite(at).all():
-        raise ArrayError(
-            f"Expected `times` to be {len(points)} finite numbers, one per point, got shape {at.shape}."
-        )
+        raise ArrayError(f"Expected `times` to be {len(points)} finite numbers, one per point, got shape {at.shape}.")
     # A turn has some thousand different times, of all layers at once.
     moments, which = np.unique(np.append(at, time), return_inverse=True)
     rotations, positions = _poses(motion, moments, max_gap)

@@ -138,9 +138,7 @@ def read_mounting(path: str | os.PathLike[str]) -> Mounting:
     unknown = sorted(set(named) - {*TABLES, "scanner"})
     if unknown or not any(name in named for name in ("sensor", "prior", "scanner")):
         got = ", ".join(unknown)[:80] or "neither [sensor] nor [prior]"
-        raise FileError(
-            f"Expected tables [sensor], [prior] and [odometry] in {file}, got {got}. See docs/priors.md."
-        )
+        raise FileError(f"Expected tables [sensor], [prior] and [odometry] in {file}, got {got}. See docs/priors.md.")
     poses = {name: _pose(file, name, named[name]) for name in TABLES if name in named}
     scanners = _scanners(file, named["scanner"]) if "scanner" in named else ()
     if scanners and "sensor" in named:
@@ -185,9 +183,7 @@ def _pose(file: Path, name: str, table: Any, others: tuple[str, ...] = ()) -> Po
         )
     position = table.get("position", [0.0, 0.0, 0.0])
     if not isinstance(position, list) or len(position) != 3:
-        raise FileError(
-            f"Expected position under [{name}] in {file} to be [x, y, z] in m, got {position!r:.60}."
-        )
+        raise FileError(f"Expected position under [{name}] in {file} to be [x, y, z] in m, got {position!r:.60}.")
     angles = [_number(file, name, key, table.get(key, 0.0), 360.0) for key in ANGLES]
     x, y, z = (_number(file, name, "position", value, LARGEST_OFFSET) for value in position)
     return Pose(x, y, z, *(math.radians(angle) for angle in angles))

@@ -17,11 +17,7 @@ from maxcon.geometry import Pose
 from maxcon.geometry.covariances import first_covariance_fault
 from maxcon.geometry.quaternions import angles_from_quaternions, quaternions_from_angles, slerp
 
-__all__ = [
-    "Trajectory",
-    "TrajectoryFault",
-    "first_fault",
-]
+__all__ = ["Trajectory", "TrajectoryFault", "first_fault"]
 
 # A time this near to a pose's is that pose's: loggers round to the millisecond.
 SAME_TIME = 1e-3
@@ -87,26 +83,16 @@ def _first_bad_covariance(covariances: NDArray[np.float64]) -> TrajectoryFault |
 
 def _as_array(values: ArrayLike, shape: tuple[int, ...], name: str) -> NDArray[np.float64]:
     """Return a copy of `values` as float64; -1 in `shape` stands for any length of one or more."""
-    wanted = (
-        "("
-        + ", ".join("n" if size < 0 else str(size) for size in shape)
-        + ("," if len(shape) == 1 else "")
-        + ")"
-    )
+    wanted = "(" + ", ".join("n" if size < 0 else str(size) for size in shape) + ("," if len(shape) == 1 else "") + ")"
     try:
         array = np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise ArrayError(
-            f"Expected `{name}` to be numbers of shape {wanted}, got {type(values).__name__}. Give an"
-            " array of numbers."
+            f"Expected `{name}` to be numbers of shape {wanted}, got {type(values).__name__}. Give an array of numbers."
         ) from error
-    fits = array.ndim == len(shape) and all(
-        size in (-1, got) for size, got in zip(shape, array.shape, strict=True)
-    )
+    fits = array.ndim == len(shape) and all(size in (-1, got) for size, got in zip(shape, array.shape, strict=True))
     if not fits:
-        raise ArrayError(
-            f"Expected `{name}` to have shape {wanted}, got {array.shape}. Give one row per pose."
-        )
+        raise ArrayError(f"Expected `{name}` to have shape {wanted}, got {array.shape}. Give one row per pose.")
     return array
 
 
@@ -145,9 +131,7 @@ class Trajectory:
         positions = _as_array(self.positions, (len(times), 3), "positions")
         quaternions = _as_array(self.quaternions_xyzw, (len(times), 4), "quaternions_xyzw")
         if len(times) == 0:
-            raise TrajectoryError(
-                "Expected a trajectory of at least one pose, got none. Check where it comes from."
-            )
+            raise TrajectoryError("Expected a trajectory of at least one pose, got none. Check where it comes from.")
         covariances = self.covariances
         if covariances is not None:
             covariances = _as_array(covariances, (len(times), 3, 3), "covariances")
@@ -156,9 +140,7 @@ class Trajectory:
             raise TrajectoryError(f"Row {fault.row} of the trajectory (counted from 0): {fault.words}")
         quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
         arrays = {"times": times, "positions": positions, "quaternions_xyzw": quaternions}
-        for name, array in (
-            arrays if covariances is None else {**arrays, "covariances": covariances}
-        ).items():
+        for name, array in (arrays if covariances is None else {**arrays, "covariances": covariances}).items():
             array.flags.writeable = False
             object.__setattr__(self, name, array)
 

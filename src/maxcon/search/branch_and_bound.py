@@ -115,9 +115,7 @@ def branch_and_bound(
     space = cells_of(space, point_map)
     multiplicity, weighting = Multiplicity.parse(multiplicity), Weighting.parse(weighting)
     if not 0.0 < share <= 1.0:
-        raise OptionError(
-            f"Expected `share` above 0 and at most 1, got {share}. With 1 only the best cell is found."
-        )
+        raise OptionError(f"Expected `share` above 0 and at most 1, got {share}. With 1 only the best cell is found.")
     check_threads(n_threads)
     if not 0.0 <= guard_radius < math.inf:
         raise OptionError(f"Expected `guard_radius` >= 0 m, got {guard_radius}. The default is 0.3.")
@@ -359,9 +357,7 @@ class ScoredCells:
                 new[heading].append((heading, y, x))
         for heading, mine in new.items():
             moments = self.prepared.moments_of_cells(heading, np.array(mine, np.int64))
-            for cell, score, four in zip(
-                mine, self.wanted.objective.score(moments).tolist(), moments, strict=True
-            ):
+            for cell, score, four in zip(mine, self.wanted.objective.score(moments).tolist(), moments, strict=True):
                 self._singles[cell] = score
                 self._note(cell, score, four)
 

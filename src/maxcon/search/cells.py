@@ -84,9 +84,7 @@ class CellGrid:
     numbers: NDArray[Any]
 
     @classmethod
-    def of(
-        cls, space: SearchSpace, headings: NDArray[np.int64], window: Window, numbers: NDArray[Any]
-    ) -> "CellGrid":
+    def of(cls, space: SearchSpace, headings: NDArray[np.int64], window: Window, numbers: NDArray[Any]) -> "CellGrid":
         """Numbers of a window of a space at some of its headings."""
         return cls(headings, window.first_cell(space), numbers)
 
@@ -103,23 +101,17 @@ class CellGrid:
         if len(cells) == self.numbers.size:
             return cells, None
         lowest = self.numbers.min() if len(cells) else None
-        highest = (
-            self.numbers.max() if lowest is None else self.numbers.max(where=~is_reached, initial=lowest)
-        )
+        highest = self.numbers.max() if lowest is None else self.numbers.max(where=~is_reached, initial=lowest)
         return cells, float(highest)
 
     def highest(self, n_cells: int) -> NDArray[np.int64]:
         """The cells (n, 3) of the highest numbers."""
         highest_of_rows = self.numbers.max(axis=2)
         n_rows = min(n_cells, highest_of_rows.size)
-        rows = np.unravel_index(
-            np.argpartition(highest_of_rows, -n_rows, axis=None)[-n_rows:], highest_of_rows.shape
-        )
+        rows = np.unravel_index(np.argpartition(highest_of_rows, -n_rows, axis=None)[-n_rows:], highest_of_rows.shape)
         candidates = self.numbers[rows]
         n_cells = min(n_cells, candidates.size)
-        numbers, x = np.divmod(
-            np.argpartition(candidates, -n_cells, axis=None)[-n_cells:], candidates.shape[1]
-        )
+        numbers, x = np.divmod(np.argpartition(candidates, -n_cells, axis=None)[-n_cells:], candidates.shape[1])
         return self._cells((rows[0][numbers], rows[1][numbers], x))
 
     def first_highest(self) -> NDArray[np.int64]:
@@ -147,9 +139,7 @@ class Candidates:
 
     def joined(self, other: "Candidates") -> "Candidates":
         """These and others."""
-        return Candidates(
-            np.concatenate([self.cells, other.cells]), np.concatenate([self.upper, other.upper])
-        )
+        return Candidates(np.concatenate([self.cells, other.cells]), np.concatenate([self.upper, other.upper]))
 
     def below(self, upper: Scores) -> "Candidates":
         """The same cells, each with the lower one of two bounds."""

@@ -39,9 +39,7 @@ class Level:
 
     def of(self, point_map: PointMap) -> PointMap:
         """Return the level of a map that is searched."""
-        return point_map.level(
-            min(FACTORS, key=lambda factor: abs(math.log(factor * point_map.cell / self.cell)))
-        )
+        return point_map.level(min(FACTORS, key=lambda factor: abs(math.log(factor * point_map.cell / self.cell))))
 
     def cells(self, space: SearchSpace, point_map: PointMap) -> SearchSpace:
         """Return the cells of an open space that are searched."""
@@ -163,9 +161,7 @@ def _places_in_coarse_cells(
 ) -> OpenPlaces:
     """Places of a space where coarse cells may reach a share of the best small one."""
     found = _search_level(search, COARSE, scan, point_map, prior, space, BLUNT * share)
-    return _distinct_places(
-        _poses_reaching(found, COARSE.cells(space, point_map), prior), BLUNT * share, MOST_PLACES
-    )
+    return _distinct_places(_poses_reaching(found, COARSE.cells(space, point_map), prior), BLUNT * share, MOST_PLACES)
 
 
 def _places_in_wide_cells(
@@ -215,9 +211,7 @@ def _poses_reaching(found: Found, cells: SearchSpace, prior: Pose) -> list[tuple
     raised = cells.raised(prior, found.height)
     return [
         (upper, cells.pose((heading, y, x), raised))
-        for (heading, y, x), upper in zip(
-            found.reaching.cells.tolist(), found.reaching.upper.tolist(), strict=True
-        )
+        for (heading, y, x), upper in zip(found.reaching.cells.tolist(), found.reaching.upper.tolist(), strict=True)
     ]
 
 
@@ -254,12 +248,7 @@ def _fine_places(
 
 
 def _climbed(
-    search: Search,
-    scan: Scan,
-    point_map: PointMap,
-    pose: Pose,
-    window: SearchSpace,
-    standing: Standing | None,
+    search: Search, scan: Scan, point_map: PointMap, pose: Pose, window: SearchSpace, standing: Standing | None
 ) -> BestCell | None:
     """The best small cell around a pose; around that, as long as scores rise at the rim of the window.
 

@@ -14,9 +14,7 @@ from maxcon.search.space import Cell, SearchSpace
 __all__ = ["consensus_set"]
 
 
-def consensus_set(
-    scan: Scan, point_map: PointMap, prior: Pose, space: SearchSpace, cell: Cell
-) -> NDArray[np.bool_]:
+def consensus_set(scan: Scan, point_map: PointMap, prior: Pose, space: SearchSpace, cell: Cell) -> NDArray[np.bool_]:
     """Whether each scan point falls in a voxel of the map when the sensor is at `cell`.
 
     Parameters
@@ -40,14 +38,8 @@ def consensus_set(
     heading, iy, ix = cell
     _, ny, nx = space.shape
     scan_upright = upright(scan, prior)
-    points = turn(scan_upright.points, prior.heading + space.headings[heading]) + [
-        prior.x,
-        prior.y,
-        0.0,
-    ]
-    indices = voxel_indices(points, point_map.cell) + np.array(
-        [ix - nx // 2, iy - ny // 2, 0], dtype=np.int32
-    )
+    points = turn(scan_upright.points, prior.heading + space.headings[heading]) + [prior.x, prior.y, 0.0]
+    indices = voxel_indices(points, point_map.cell) + np.array([ix - nx // 2, iy - ny // 2, 0], dtype=np.int32)
     if len(indices) == 0:
         return np.zeros(0, bool)
     low, high = indices.min(axis=0), indices.max(axis=0)

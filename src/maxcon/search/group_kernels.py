@@ -75,9 +75,7 @@ def group_scan(points, normals, rotation, height, has_normals, turn, place, cell
     grouped = gather(upright[:2], order)
     starts, middles, group_layers, boxes, radii = _find_groups(keys, order, grouped, columns, layers)
     ranks, occurring = _rank(group_layers)
-    return Groups(
-        grouped, gather(turned, order), starts, middles, ranks, occurring, boxes, radii, extent, spread
-    )
+    return Groups(grouped, gather(turned, order), starts, middles, ranks, occurring, boxes, radii, extent, spread)
 
 
 @njit(nogil=True, cache=True)

@@ -19,12 +19,7 @@ __all__ = ["accumulators", "best_of_heights", "highest_of"]
 
 
 def accumulators(
-    search: Callable[..., Accumulator],
-    scan: Scan,
-    point_map: PointMap,
-    prior: Pose,
-    space: SearchSpace,
-    **options: Any,
+    search: Callable[..., Accumulator], scan: Scan, point_map: PointMap, prior: Pose, space: SearchSpace, **options: Any
 ) -> Iterator[Accumulator]:
     """Yield the moments of all cells, height by height from the lowest on: the definition of a search over heights.
 
@@ -65,9 +60,7 @@ def highest_of(heights: Iterable[Accumulator], objective: Objective) -> tuple[in
         if best is None or rank < best[0]:
             best = rank, accumulator
     if best is None:
-        raise SearchSpaceError(
-            "Expected the accumulators of at least one height, got none. Pass all of a space."
-        )
+        raise SearchSpaceError("Expected the accumulators of at least one height, got none. Pass all of a space.")
     return best[0][2], best[1]
 
 
@@ -78,10 +71,7 @@ def _outwards(space: SearchSpace) -> list[int]:
 
 
 def best_of_heights(
-    search: Callable[[int, float, Standing | None], Found],
-    space: SearchSpace,
-    share: float,
-    standing: Standing | None,
+    search: Callable[[int, float, Standing | None], Found], space: SearchSpace, share: float, standing: Standing | None
 ) -> Found:
     """Search height by height, from that of the prior outwards, for the best cell of all and its runner-up there.
 

@@ -93,9 +93,7 @@ def checked_scores(scores: Scores, shape: tuple[int, ...]) -> Scores:
             " Reduce the last axis of the moments only."
         )
     if scores.size and np.isnan(scores.max()):
-        raise ArrayError(
-            "Expected scores that are numbers, got NaN. Let the objective return 0 where it has none."
-        )
+        raise ArrayError("Expected scores that are numbers, got NaN. Let the objective return 0 where it has none.")
     return scores
 
 

@@ -178,9 +178,7 @@ class PreparedScan:
         moments = self.moments_of_window(headings, window, n_threads)
         return Accumulator(moments, self.space, self.prior)
 
-    def moments_of_window(
-        self, headings: Headings, window: Window, n_threads: int = 1
-    ) -> NDArray[np.float64]:
+    def moments_of_window(self, headings: Headings, window: Window, n_threads: int = 1) -> NDArray[np.float64]:
         """Moments of all cells of a window at some headings, shape (h, ny, nx, 4)."""
         moments = np.empty((len(headings), *window.shape, 4))
         most = min(PASS_HEADINGS, max(1, PASS_CELLS // math.prod(window.shape)))
@@ -326,9 +324,7 @@ class PreparedScan:
         return np.repeat(self.ranks, np.diff(self.starts)).astype(np.int32)
 
 
-def _in_threads(
-    do: Callable[[NDArray[np.int64]], None], parts: list[NDArray[np.int64]], n_threads: int
-) -> None:
+def _in_threads(do: Callable[[NDArray[np.int64]], None], parts: list[NDArray[np.int64]], n_threads: int) -> None:
     """Call a function with each part, at most so many of them at a time."""
     if n_threads == 1 or len(parts) == 1:
         for part in parts:

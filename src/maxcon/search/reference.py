@@ -15,13 +15,7 @@ from maxcon.map import PointMap
 from maxcon.map.voxelize import mean_normals, turn_alike
 from maxcon.scan import Scan
 from maxcon.search.accumulator import Accumulator
-from maxcon.search.matching import (
-    CONTRIBUTION_STEP,
-    cells_of,
-    check_one_height,
-    turn,
-    upright,
-)
+from maxcon.search.matching import CONTRIBUTION_STEP, cells_of, check_one_height, turn, upright
 from maxcon.search.options import Multiplicity, Weighting
 from maxcon.search.space import SearchSpace
 
@@ -150,10 +144,7 @@ def voxels(
 
 
 def _weights(
-    normals_scan: NDArray[np.floating],
-    normals_map: NDArray[np.floating],
-    is_signed: bool,
-    weighting: Weighting,
+    normals_scan: NDArray[np.floating], normals_map: NDArray[np.floating], is_signed: bool, weighting: Weighting
 ) -> NDArray[np.floating]:
     """Weights, the diagonal of P: max(0, n_scan . n_map), |n_scan . n_map| where the map has no side, or 1 (D5).
 

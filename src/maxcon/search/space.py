@@ -298,11 +298,7 @@ class SearchSpace:
         heading = round(math.degrees(turn) / self.step_deg) + n_headings // 2
         iy = round((pose.y - prior.y) / self.cell_edge) + ny // 2
         ix = round((pose.x - prior.x) / self.cell_edge) + nx // 2
-        return (
-            min(max(heading, 0), n_headings - 1),
-            min(max(iy, 0), ny - 1),
-            min(max(ix, 0), nx - 1),
-        )
+        return (min(max(heading, 0), n_headings - 1), min(max(iy, 0), ny - 1), min(max(ix, 0), nx - 1))
 
     def is_at_rim(self, cell: Cell) -> bool:
         """Whether `cell` lies in the outermost rows or columns of offsets (where there are others)."""

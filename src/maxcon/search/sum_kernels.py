@@ -34,8 +34,7 @@ def _vote(typing_context, sums, cells, rows, j, turned, places, n_turned, back):
 
     def generate(context, builder, signature, arguments):
         sums, cells, rows, turned, places = (
-            context.make_array(signature.args[i])(context, builder, arguments[i]).data
-            for i in (0, 1, 2, 4, 5)
+            context.make_array(signature.args[i])(context, builder, arguments[i]).data for i in (0, 1, 2, 4, 5)
         )
         j, n_turned, back = arguments[3], arguments[6], arguments[7]
         floats, index = ir.VectorType(ir.FloatType(), LANES), ir.IntType(32)
@@ -48,15 +47,11 @@ def _vote(typing_context, sums, cells, rows, j, turned, places, n_turned, back):
 
         def all_lanes(scalar):
             vector = builder.insert_element(undefined, scalar, ir.Constant(index, 0))
-            return builder.shuffle_vector(
-                vector, undefined, ir.Constant(ir.VectorType(index, LANES), [0] * LANES)
-            )
+            return builder.shuffle_vector(vector, undefined, ir.Constant(ir.VectorType(index, LANES), [0] * LANES))
 
         voxels = [row(number) for number in range(4)]
         lanes = [builder.add(j, ir.Constant(j.type, lane)) for lane in range(LANES)]
-        cells_here = [
-            builder.sext(builder.load(builder.gep(cells, [lane])), ir.IntType(64)) for lane in lanes
-        ]
+        cells_here = [builder.sext(builder.load(builder.gep(cells, [lane])), ir.IntType(64)) for lane in lanes]
         back = all_lanes(back)
         with cgutils.for_range(builder, n_turned) as loop:
             first = builder.mul(loop.index, ir.Constant(j.type, 4))
@@ -66,9 +61,7 @@ def _vote(typing_context, sums, cells, rows, j, turned, places, n_turned, back):
             product = builder.fadd(builder.fadd(terms[0], terms[1], flags=flags), terms[2], flags=flags)
             opposite = builder.fmul(product, back)
             weight = builder.select(builder.fcmp_ordered(">", product, opposite), product, opposite)
-            rounded = builder.fadd(
-                builder.fadd(weight, terms[3], flags=flags), ir.Constant(floats, [2.0] * LANES)
-            )
+            rounded = builder.fadd(builder.fadd(weight, terms[3], flags=flags), ir.Constant(floats, [2.0] * LANES))
             added = builder.fptosi(rounded, ir.VectorType(index, LANES))
             start = builder.gep(sums, [builder.load(builder.gep(places, [loop.index]))])
             for lane in range(LANES):
@@ -182,9 +175,7 @@ def sum_tile(
         n_taken, k, end_k = np.uint64(0), runs[run, 0], runs[run, 1]
         while run < end_run:
             to = min(end_k, k + CAPACITY - np.int64(n_taken))
-            n_taken = _lay_out_facing(
-                voxels, axis, k, to, low, span, least, scale, stride, cells, rows, n_taken
-            )
+            n_taken = _lay_out_facing(voxels, axis, k, to, low, span, least, scale, stride, cells, rows, n_taken)
             k = to
             if k == end_k:
                 run += 1

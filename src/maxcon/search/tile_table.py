@@ -35,11 +35,7 @@ class TileTable:
 
     @classmethod
     def of(
-        cls,
-        tiles: dict[int, tuple[VoxelTile, NDArray[np.int64]]],
-        shape: tuple[int, int],
-        edge: int,
-        n_layers: int,
+        cls, tiles: dict[int, tuple[VoxelTile, NDArray[np.int64]]], shape: tuple[int, int], edge: int, n_layers: int
     ) -> "TileTable":
         """Table of the tiles of a `PreparedScan`, from its fields; its points lie in `n_layers` height layers."""
         layers = np.zeros((len(tiles) + 1, n_layers), np.int32)

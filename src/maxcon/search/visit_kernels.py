@@ -15,13 +15,7 @@ from numba import njit
 
 from maxcon.map import PATCH_VOXELS
 
-__all__ = [
-    "RIM",
-    "TileVoxels",
-    "plan_visits",
-    "stops_in_tile",
-    "visits_of_tiles",
-]
+__all__ = ["RIM", "TileVoxels", "plan_visits", "stops_in_tile", "visits_of_tiles"]
 
 # A group visits the map at all headings between which its box grows by no more than 25 voxels from first to last; that
 # of a turned square of 16 is 23 wide. Sums have so many cells more on each side, for votes beside the window.
@@ -72,12 +66,7 @@ def _boxes(starts, columns, boxes):
 @njit(nogil=True, cache=True)
 def _box(boxes, group):
     """(x first, x last, y first, y last) of a group."""
-    return (
-        np.int64(boxes[group, 0]),
-        np.int64(boxes[group, 1]),
-        np.int64(boxes[group, 2]),
-        np.int64(boxes[group, 3]),
-    )
+    return (np.int64(boxes[group, 0]), np.int64(boxes[group, 1]), np.int64(boxes[group, 2]), np.int64(boxes[group, 3]))
 
 
 @njit(nogil=True, cache=True)

@@ -56,9 +56,7 @@ def _adding(is_once):
             lane_0 = ROUNDER - 1.0 if is_once else ROUNDER
             product = builder.fsub(product, ir.Constant(four_doubles, [lane_0] + [ROUNDER] * 3))
             if not is_once:
-                product = builder.insert_element(
-                    product, builder.load(at(times, 4, j)), ir.Constant(index, 0)
-                )
+                product = builder.insert_element(product, builder.load(at(times, 4, j)), ir.Constant(index, 0))
             pointer = four_at(sums, 0, cell)
             builder.store(builder.fadd(builder.load(pointer, align=8), product), pointer, align=8)
             return context.get_dummy_value()
@@ -150,9 +148,7 @@ def _lay_out_voxels(selected, voxels, stride, out):
         out.factors[at + np.uint64(1)] = nx * nx
         out.factors[at + np.uint64(2)] = nx * ny
         out.factors[at + np.uint64(3)] = ny * ny
-        out.cells[to] = np.int32(4) * (
-            np.int32(voxels.columns[k, 1]) * stride + np.int32(voxels.columns[k, 0])
-        )
+        out.cells[to] = np.int32(4) * (np.int32(voxels.columns[k, 1]) * stride + np.int32(voxels.columns[k, 0]))
         if has_counts:
             out.times[to] = voxels.counts[k]
     return np.int64(n_normals)

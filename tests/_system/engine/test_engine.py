@@ -207,9 +207,7 @@ def test_the_dashboard_is_named_where_it_is_served(tmp_path, monkeypatch):
     assert squares(Engine(2, tell=tell), Squares(tmp_path)) == RIGHT
     assert len(lines) == 1 and lines[0].startswith("dashboard    http://127.0.0.1:")
     assert pages == [200]
-    monkeypatch.setattr(
-        "maxcon._system.engine.cluster.find_spec", lambda name: None if name == "bokeh" else name
-    )
+    monkeypatch.setattr("maxcon._system.engine.cluster.find_spec", lambda name: None if name == "bokeh" else name)
     assert squares(Engine(2, tell=tell), Squares(tmp_path)) == RIGHT
     assert len(lines) == 1
 
@@ -283,13 +281,7 @@ def test_a_scheduler_that_is_not_there_is_refused(tmp_path, monkeypatch):
         taken.listen()
         port = taken.getsockname()[1]
         silent, lines = f"tcp://127.0.0.1:{port}", []
-        for address in (
-            "nonsense://here",
-            "tls://127.0.0.1:1",
-            "tcp://a..b:8786",
-            f"tcp://{'x' * 70}:1",
-            silent,
-        ):
+        for address in ("nonsense://here", "tls://127.0.0.1:1", "tcp://a..b:8786", f"tcp://{'x' * 70}:1", silent):
             with pytest.raises(OptionError, match="Expected a dask scheduler at"):
                 squares(Engine(scheduler=address, warn=lines.append), Squares(tmp_path))
     assert lines[-1] == f"waiting up to 1 s for a scheduler at {silent}"
@@ -385,10 +377,7 @@ def test_a_script_that_its_workers_would_run_again_is_told_so(tmp_path):
     ended = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=900)
     assert ended.returncode == 1
     last = ended.stderr.splitlines()[-1]
-    assert (
-        "Expected 2 worker processes to start, got: Nanny failed to start. A script needs its last lines"
-        in last
-    )
+    assert "Expected 2 worker processes to start, got: Nanny failed to start. A script needs its last lines" in last
 
 
 def test_loading_the_engine_loads_no_dask():

@@ -24,18 +24,10 @@ def epoch(number, status=Status.LOCALIZED, protection=(0.1234567, math.inf)):
     """An answer with a covariance, and a protection level that is known along the heading only."""
     raw = RawScan(NOTHING, 100.0 + number, f"{number:06d}.bin", 10, 1, 2)
     estimate = Estimate(
-        POSE,
-        256.07712345,
-        (4, 50, 50),
-        status,
-        np.eye(2),
-        covariance=SOME.T @ SOME,
-        protection_level=protection,
+        POSE, 256.07712345, (4, 50, 50), status, np.eye(2), covariance=SOME.T @ SOME, protection_level=protection
     )
     pose = POSE if status is Status.LOCALIZED else None
-    return EpochEstimate(
-        number, raw, status, 12.3456, Scan(NOTHING, time=raw.time), None, estimate, pose, "a\nreason"
-    )
+    return EpochEstimate(number, raw, status, 12.3456, Scan(NOTHING, time=raw.time), None, estimate, pose, "a\nreason")
 
 
 def test_rows_are_published_once_and_whole(tmp_path):

@@ -51,9 +51,7 @@ def test_errors_that_stay_the_same_add_up_over_the_way():
 
 
 def test_the_covariance_has_what_grows_with_way_time_and_turn():
-    noise = MotionNoise(
-        share=0.01, turn_share=0.1, heading_drift_deg=1.0, heading_walk_deg=2.0, walk=0.3, tilt_deg=0.5
-    )
+    noise = MotionNoise(share=0.01, turn_share=0.1, heading_drift_deg=1.0, heading_walk_deg=2.0, walk=0.3, tilt_deg=0.5)
     motion = Motion(Pose(8.0, 6.0, 0.0, 0.0, 0.0, 0.3), 12.0, 4.0, 0.4)
     heading = math.radians(4.0) ** 2 + 4.0 * math.radians(2.0) ** 2 + 0.04**2
     aside = 0.12**2 + heading * 144.0 / 3.0 + 0.09 * 4.0
@@ -78,9 +76,7 @@ def test_a_prior_is_as_good_a_source_as_it_is_smooth(step):
     rng = np.random.default_rng(0)
     smooth = MotionNoise.of_prior(drive(200, step, np.zeros((200, 2))))
     assert smooth.walk == MotionNoise().walk
-    walking = np.cumsum(
-        0.3 * math.sqrt(step) * rng.standard_normal((200, 2)), axis=0
-    )  # 0.3 m per root second
+    walking = np.cumsum(0.3 * math.sqrt(step) * rng.standard_normal((200, 2)), axis=0)  # 0.3 m per root second
     assert MotionNoise.of_prior(drive(200, step, walking)).walk == pytest.approx(0.3, rel=0.15)
     jumping = MotionNoise.of_prior(drive(200, step, rng.uniform(-2.5, 2.5, (200, 2))))
     increment = Motion(Pose(5.0 * step, 0.0, 0.0, 0.0, 0.0, 0.0), 5.0 * step, step, 0.0)
@@ -94,9 +90,7 @@ def test_a_prior_of_few_poses_has_the_usual_noise():
 
 @pytest.mark.parametrize("name", ["share", "walk", "heading_drift_deg", "tilt_deg"])
 def test_standard_deviations_are_not_negative(name):
-    with pytest.raises(
-        OptionError, match=f"Expected `{name}` of a motion's noise to be a number >= 0, got -1"
-    ):
+    with pytest.raises(OptionError, match=f"Expected `{name}` of a motion's noise to be a number >= 0, got -1"):
         MotionNoise(**{name: -1.0})
     with pytest.raises(OptionError, match="got nan"):
         MotionNoise(**{name: math.nan})

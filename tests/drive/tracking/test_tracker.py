@@ -212,9 +212,7 @@ def test_after_a_gap_the_track_is_found_again(street, method, prior):
     tracker = Tracker(method, MotionNoise(share=0.03))
     ride = Ride(tracker, street, scale=1.02)
     answers(ride, np.arange(0.0, 4.0, 1.0), prior=where(0.0))
-    ride = Ride(
-        Tracker(method, MotionNoise(share=0.03), start=start_at(where(0.0))), street, x=0.0, scale=1.02
-    )
+    ride = Ride(Tracker(method, MotionNoise(share=0.03), start=start_at(where(0.0))), street, x=0.0, scale=1.02)
     found = answers(ride, np.arange(35.0, 50.0, 1.0), prior=prior)
     assert not found[0][1].is_localized or is_right(found[0][1].pose, 35.0)
     assert wrong(found) == []

@@ -26,14 +26,9 @@ def write_copc(path, points, levels=2, twist=lambda entries: entries):
     keys = np.clip((points / SIDE * n).astype(int), 0, n - 1)
     header = laspy.LasHeader(point_format=6, version="1.4")
     header.scales = np.full(3, 1e-3)
-    octree = struct.pack("<5d2Q2d", SIDE / 2, SIDE / 2, SIDE / 2, SIDE / 2, 1.0, 0, 0, 0.0, 0.0).ljust(
-        160, b"\0"
-    )
+    octree = struct.pack("<5d2Q2d", SIDE / 2, SIDE / 2, SIDE / 2, SIDE / 2, 1.0, 0, 0, 0.0, 0.0).ljust(160, b"\0")
     laszip = lazrs.LazVlr.new_for_compression(6, 0, True)
-    for user, number, data in (
-        ("copc", 1, octree),
-        ("laszip encoded", 22204, laszip.record_data()),
-    ):
+    for user, number, data in (("copc", 1, octree), ("laszip encoded", 22204, laszip.record_data())):
         header.vlrs.append(laspy.VLR(user, number, "", data))
     header.set_compressed(True)
     header.partial_reset()
@@ -126,8 +121,7 @@ def test_a_map_of_an_area_is_that_of_a_file_without_an_octree(cloud, tmp_path):
     las.write(tmp_path / "plain.laz")
     options = MapOptions(crs="EPSG:25832", area=Area(3.0, 5.0, 20.0, 30.0), cell=0.5)
     manifests = [
-        build_map([file], tmp_path / f"{i}.map", options)
-        for i, file in enumerate((path, tmp_path / "plain.laz"))
+        build_map([file], tmp_path / f"{i}.map", options) for i, file in enumerate((path, tmp_path / "plain.laz"))
     ]
     counts = [manifest.build["sources"][0] for manifest in manifests]
     for name in ("n_points", "n_kept", "n_outside"):
@@ -198,6 +192,4 @@ def test_real_files(real_data):
         bounds = Bounds(*low, *high)
         read = points_of(path, bounds)
         assert within(read, bounds) == within(points, bounds)
-        assert len(points_of(path, Bounds(*points[:, :2].min(axis=0), *points[:, :2].max(axis=0)))) == len(
-            points
-        )
+        assert len(points_of(path, Bounds(*points[:, :2].min(axis=0), *points[:, :2].max(axis=0)))) == len(points)

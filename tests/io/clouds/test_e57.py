@@ -31,10 +31,7 @@ def two_scans(tmp_path):
     own = [rng.uniform(-20, 20, (n, 3)) for n in (1500, 700)]
     path = tmp_path / "two.e57"
     file = pye57.E57(str(path), mode="w")
-    poses = (
-        {},
-        {"rotation": np.array([HALF, 0, 0, HALF]), "translation": np.array([550_000.25, 5_802_000.5, 60.0])},
-    )
+    poses = ({}, {"rotation": np.array([HALF, 0, 0, HALF]), "translation": np.array([550_000.25, 5_802_000.5, 60.0])})
     for points, pose in zip(own, poses, strict=True):
         data = {f"cartesian{axis}": points[:, i].copy() for i, axis in enumerate("XYZ")}
         data["cartesianInvalidState"] = (np.arange(len(points)) % 10 == 3).astype(np.int8)
@@ -57,9 +54,7 @@ def test_poses_are_applied_and_invalid_points_are_none(two_scans, max_points):
 def test_a_file_that_is_none_and_one_cut_off(two_scans, tmp_path):
     path = two_scans[0]
     content = path.read_bytes()
-    for number, broken in enumerate(
-        (b"no", content[: len(content) // 2], b"\0" * 3000, content[:1000] + b"\xff" * 9)
-    ):
+    for number, broken in enumerate((b"no", content[: len(content) // 2], b"\0" * 3000, content[:1000] + b"\xff" * 9)):
         file = tmp_path / f"{number}.e57"
         file.write_bytes(broken)
         with pytest.raises(FileError, match=rf"{number}\.e57") as error:

@@ -161,10 +161,7 @@ def test_a_header_that_cannot_be_is_refused(tmp_path, suffix, offset, layout, va
 
 
 def test_more_points_than_bytes_are_refused_before_they_are_read(tmp_path):
-    for suffix, words in (
-        (".las", r"Expected 1099511627776 points .*got bytes for 1000"),
-        (".laz", "chunks of 50000"),
-    ):
+    for suffix, words in ((".las", r"Expected 1099511627776 points .*got bytes for 1000"), (".laz", "chunks of 50000")):
         path = tmp_path / f"a{suffix}"
         write_las(path)
         patched(path, 247, "<Q", 2**40)

@@ -47,14 +47,7 @@ def archive(tmp_path, compression=zipfile.ZIP_STORED, **members):
 @pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
 def test_everything_reads_back_in_chunks(tmp_path, save):
     classes, times = np.arange(7, dtype=np.int64), 1.7e9 + np.arange(7) * 0.1
-    save(
-        tmp_path / "a.npz",
-        points=POINTS,
-        normals=POINTS.astype(">f4"),
-        classes=classes,
-        times=times,
-        other=[1],
-    )
+    save(tmp_path / "a.npz", points=POINTS, normals=POINTS.astype(">f4"), classes=classes, times=times, other=[1])
     header, chunks = read(tmp_path / "a.npz", 3)
     assert (header.n_points, header.crs) == (7, None)
     assert (header.has_normals, header.has_classes, header.has_times) == (True, True, True)

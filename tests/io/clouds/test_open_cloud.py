@@ -12,8 +12,7 @@ def test_other_suffixes_are_refused_with_a_list_of_what_is_read(tmp_path):
     for name in ("a.pts", "a", "a.dxf"):
         (tmp_path / name).write_text("0 0 0")
         with pytest.raises(
-            FileError,
-            match=r"suffix \.las, \.laz, \.ply, \.npz, \.e57, \.xyz, \.csv, \.txt, got .*a.* Convert",
+            FileError, match=r"suffix \.las, \.laz, \.ply, \.npz, \.e57, \.xyz, \.csv, \.txt, got .*a.* Convert"
         ):
             open_cloud(tmp_path / name)
 

@@ -24,13 +24,7 @@ TYPES = {
 def ply(encoding, properties, columns, before="", after="", body_before=b"", body_after=b"", end="\n"):
     """Bytes of a PLY file of `properties` [(type, name)] with these columns."""
     n = len(columns[0])
-    lines = [
-        "ply",
-        f"format {encoding} 1.0",
-        "comment made by a test",
-        *before.split("|"),
-        f"element vertex {n}",
-    ]
+    lines = ["ply", f"format {encoding} 1.0", "comment made by a test", *before.split("|"), f"element vertex {n}"]
     lines += [f"property {kind} {name}" for kind, name in properties] + [*after.split("|"), "end_header"]
     head = end.join(line for line in lines if line) + end
     if encoding == "ascii":
@@ -40,9 +34,7 @@ def ply(encoding, properties, columns, before="", after="", body_before=b"", bod
         ]
         body = "".join(" ".join(row) + end for row in zip(*texts, strict=True)).encode()
     else:
-        records = np.empty(
-            n, [(f"f{i}", ENCODINGS[encoding] + TYPES[k]) for i, (k, _) in enumerate(properties)]
-        )
+        records = np.empty(n, [(f"f{i}", ENCODINGS[encoding] + TYPES[k]) for i, (k, _) in enumerate(properties)])
         for i, column in enumerate(columns):
             records[f"f{i}"] = column
         body = records.tobytes()
@@ -73,15 +65,7 @@ def test_everything_reads_back_in_chunks(tmp_path, encoding, end):
     ]  # fmt: skip
     normals = np.random.default_rng(7).normal(size=(7, 3)).astype(np.float32)
     classes, times = np.array([0, 2, 255, 6, 5, 1, 2]), 1.7e9 + np.arange(7) * 0.1
-    columns = [
-        np.arange(7),
-        normals[:, 2],
-        normals[:, 0],
-        normals[:, 1],
-        classes,
-        *POINTS.T[[1, 0, 2]],
-        times,
-    ]
+    columns = [np.arange(7), normals[:, 2], normals[:, 0], normals[:, 1], classes, *POINTS.T[[1, 0, 2]], times]
     header, chunks = read_bytes(tmp_path, ply(encoding, properties, columns, end=end), 3)
     assert (header.n_points, header.crs) == (7, None)
     assert (header.has_normals, header.has_classes, header.has_times) == (True, True, True)
@@ -105,9 +89,7 @@ def test_coordinates_of_any_type(tmp_path, encoding, kind):
 
 
 @given(
-    st.sampled_from(list(ENCODINGS)),
-    st.lists(st.tuples(*[st.floats()] * 3), min_size=1, max_size=9),
-    st.integers(1, 4),
+    st.sampled_from(list(ENCODINGS)), st.lists(st.tuples(*[st.floats()] * 3), min_size=1, max_size=9), st.integers(1, 4)
 )
 @settings(max_examples=60)
 def test_any_float64_reads_back_also_nan_and_infinity(encoding, rows, max_points):
@@ -128,28 +110,20 @@ def test_names_of_classes(tmp_path, name):
 
 @pytest.mark.parametrize("name", ["gps_time", "time", "scalar_GpsTime"])
 def test_names_of_times(tmp_path, name):
-    _, chunks = read_bytes(
-        tmp_path, ply("binary_big_endian", [*XYZ, ("float", name)], [*POINTS.T, np.arange(7)])
-    )
+    _, chunks = read_bytes(tmp_path, ply("binary_big_endian", [*XYZ, ("float", name)], [*POINTS.T, np.arange(7)]))
     np.testing.assert_array_equal(chunks[0].times, np.arange(7))
 
 
 @pytest.mark.parametrize("value", [-1, 256])
 def test_class_codes_that_do_not_fit_are_refused(tmp_path, value):
     content = ply("ascii", [*XYZ, ("int", "label")], [*POINTS.T, np.full(7, value)])
-    with pytest.raises(
-        FileError, match=rf"codes from 0 to 255 as 'label' in .*a\.ply, got {value}\. Rename it"
-    ):
+    with pytest.raises(FileError, match=rf"codes from 0 to 255 as 'label' in .*a\.ply, got {value}\. Rename it"):
         read_bytes(tmp_path, content)
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
 def test_other_elements_are_passed_over(tmp_path, encoding):
-    camera = (
-        b"1 2\n3 4\n"
-        if encoding == "ascii"
-        else np.array([(1, 2), (3, 4)], ENCODINGS[encoding] + "f4").tobytes()
-    )
+    camera = b"1 2\n3 4\n" if encoding == "ascii" else np.array([(1, 2), (3, 4)], ENCODINGS[encoding] + "f4").tobytes()
     faces = b"3 0 1 2\n" if encoding == "ascii" else b"\x03" + bytes(12)
     content = ply(
         encoding, XYZ, POINTS.T,
@@ -192,10 +166,7 @@ HEAD = "ply\nformat ascii 1.0\n"
             HEAD + "element vertex 1\nproperty float x\nproperty float y\nend_header\n1 2\n",
             "one property 'z'.*got 0 in 'x y'",
         ),
-        (
-            HEAD + "element vertex 1\n" + "property float x\n" * 2 + "end_header\n1 2\n",
-            "one property 'x'.*got 2",
-        ),
+        (HEAD + "element vertex 1\n" + "property float x\n" * 2 + "end_header\n1 2\n", "one property 'x'.*got 2"),
         (
             HEAD + "element vertex 99999999999\nproperty float x\nend_header\n1\n",
             "Expected 99999999999 vertices.*truncated",

@@ -30,9 +30,7 @@ def _write(tmp_path, lines, name="a.xyz"):
 
 @pytest.mark.parametrize("name", ["a.xyz", "a.csv", "a.txt"])
 @pytest.mark.parametrize("separator", [",", ";", "\t", " ", "   "])
-@pytest.mark.parametrize(
-    "header", [None, "x{0}y{0}z{0}Classification{0}gps_time", "//X{0}Y{0}Z{0}label{0}GpsTime"]
-)
+@pytest.mark.parametrize("header", [None, "x{0}y{0}z{0}Classification{0}gps_time", "//X{0}Y{0}Z{0}label{0}GpsTime"])
 def test_columns_by_name_or_the_first_three(tmp_path, name, separator, header):
     lines = [separator.join(map(str, row)) for row in ROWS]
     lines = lines if header is None else [header.format(separator), *lines]
@@ -89,9 +87,7 @@ def test_a_map_of_text(tmp_path):
     rng = np.random.default_rng(2)
     wall = np.column_stack([rng.uniform(0, 5, 4000), np.full(4000, 3.0), rng.uniform(0, 3, 4000)])
     path = _write(
-        tmp_path,
-        [f"{x:.4f};{y};{z:.4f};6" for x, y, z in (wall + [550_000, 5_802_000, 60]).tolist()],
-        "wall.csv",
+        tmp_path, [f"{x:.4f};{y};{z:.4f};6" for x, y, z in (wall + [550_000, 5_802_000, 60]).tolist()], "wall.csv"
     )
     manifest = build_map([path], tmp_path / "wall.map", MapOptions(crs="EPSG:25832"))
     assert manifest.n_points == 4000

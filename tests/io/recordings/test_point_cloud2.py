@@ -89,9 +89,7 @@ def test_what_is_packed_in_any_layout_comes_out(layout):
     stored = points.copy()
     spoiled = rng.permutation(np.arange(1, n - 1))
     bad = spoiled[: layout["n_nan"] + layout["n_zero"]]
-    stored[bad[: layout["n_nan"]], rng.integers(0, 3, layout["n_nan"])] = rng.choice(
-        [np.nan, np.inf, -np.inf]
-    )
+    stored[bad[: layout["n_nan"]], rng.integers(0, 3, layout["n_nan"])] = rng.choice([np.nan, np.inf, -np.inf])
     stored[bad[layout["n_nan"] :]] = rng.choice([0.0, -0.0])
     twice = spoiled[len(bad) : len(bad) + layout["n_twice"]]
     stored[twice] = stored[0]
@@ -128,9 +126,7 @@ def _columns(**columns):
 
 def test_seconds_and_nanoseconds_in_two_fields_are_exact():
     nanoseconds = STAMP + np.arange(-87_000_000, 1, 1_000_000)
-    columns = _columns(
-        time_sec=(nanoseconds // 10**9).astype("u4"), time_nsec=(nanoseconds % 10**9).astype("u4")
-    )
+    columns = _columns(time_sec=(nanoseconds // 10**9).astype("u4"), time_nsec=(nanoseconds % 10**9).astype("u4"))
     times = find_point_times(columns, STAMP)
     np.testing.assert_allclose(times.offsets, (nanoseconds - STAMP) * 1e-9, atol=1e-15)
     assert "absolute" in times.kind and "time of the last point" in times.words
@@ -138,9 +134,7 @@ def test_seconds_and_nanoseconds_in_two_fields_are_exact():
 
 
 def test_times_since_boot_begin_at_the_time_of_the_message_and_say_so():
-    times = find_point_times(
-        _columns(t=np.arange(7_000_000_000 // 2, 3_600_000_000, 10**6).astype("u4")), STAMP
-    )
+    times = find_point_times(_columns(t=np.arange(7_000_000_000 // 2, 3_600_000_000, 10**6).astype("u4")), STAMP)
     assert times.offsets.min() == 0.0 and times.offsets.max() == pytest.approx(0.099)
     assert "another clock" in times.words and "nanoseconds" in times.words
 

@@ -35,9 +35,7 @@ def _way(n=40, turn=0.0):
     """Poses 1 m apart that bend by `turn` (rad) each."""
     headings = 0.8 + turn * np.arange(n)
     steps = np.column_stack([np.cos(headings), np.sin(headings)])
-    places = np.array([550_123.0, 5_802_417.0]) + np.concatenate(
-        [[[0.0, 0.0]], np.cumsum(steps[:-1], axis=0)]
-    )
+    places = np.array([550_123.0, 5_802_417.0]) + np.concatenate([[[0.0, 0.0]], np.cumsum(steps[:-1], axis=0)])
     times = 100.0 + 0.1 * np.arange(n)
     return Trajectory.from_poses(
         times, [Pose(x, y, 61.0, 0.01, -0.02, h) for (x, y), h in zip(places.tolist(), headings, strict=True)]
@@ -59,9 +57,7 @@ def _imu(way, off=0.0, sigma=math.nan):
     wrong = product(quaternions_from_angles([0.0], [0.0], [off]), turned)
     times = np.append(way.times - 0.03, way.times[-1] + 0.07)
     turns = wrong[[*range(len(way)), len(way) - 1]]
-    return Orientations(
-        "/imu", Trajectory(times, np.zeros((len(times), 3)), turns), np.full(len(times), sigma)
-    )
+    return Orientations("/imu", Trajectory(times, np.zeros((len(times), 3)), turns), np.full(len(times), sigma))
 
 
 def test_geographic_coordinates_and_back():
@@ -70,9 +66,7 @@ def test_geographic_coordinates_and_back():
     places = FRAME.to_geographic(positions)
     assert (places[:, 0] > 47).all() and (places[:, 0] < 55).all() and (places[:, 1] < 13).all()
     np.testing.assert_allclose(FRAME.to_map(places), positions, atol=1e-6)
-    np.testing.assert_allclose(
-        FRAME.to_map(places, geoid_height=46.5)[:, 2], positions[:, 2] - 46.5, atol=1e-9
-    )
+    np.testing.assert_allclose(FRAME.to_map(places, geoid_height=46.5)[:, 2], positions[:, 2] - 46.5, atol=1e-9)
 
 
 def test_north_is_turned_as_the_projection_says():
@@ -147,9 +141,7 @@ def test_neither_orientations_nor_a_way():
 
 
 def test_positions_that_the_projection_does_not_reach():
-    fixes = Fixes(
-        np.arange(2.0), np.array([[0.0, -81.0, 0.0], [90.0, 99.0, 0.0]]), np.full((2, 2, 2), np.nan), 0
-    )
+    fixes = Fixes(np.arange(2.0), np.array([[0.0, -81.0, 0.0], [90.0, 99.0, 0.0]]), np.full((2, 2, 2), np.nan), 0)
     with pytest.raises(TrajectoryError):
         poses_of_fixes(fixes, None, FRAME, None, "fix")
 
@@ -171,9 +163,7 @@ def test_heights_above_a_geoid_that_is_not_there_are_not_made_up():
 def _map_with_ground(height):
     x, y = np.meshgrid(np.arange(-20, 20, 0.5), np.arange(-20, 20, 0.5))
     ground = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, height)])
-    wall = np.column_stack(
-        [np.full(500, 10.0), np.linspace(-15, 15, 500), np.linspace(height, height + 4, 500)]
-    )
+    wall = np.column_stack([np.full(500, 10.0), np.linspace(-15, 15, 500), np.linspace(height, height + 4, 500)])
     normals = np.tile([-1.0, 0.0, 0.0], (500, 1))
     return PointMap.from_points(wall, normals, cell=0.06, ground=ground)
 
@@ -238,9 +228,7 @@ def test_bearings_for_headings_are_named():
     turns = FRAME.quaternions_to_enu(FRAME.to_geographic(way.positions), way.quaternions_xyzw)
     roll, pitch, heading = angles_from_quaternions(turns).T
     of_compass = quaternions_from_angles(roll, pitch, math.pi / 2 - heading)
-    imu = Orientations(
-        "/imu", Trajectory(way.times, np.zeros((len(way), 3)), of_compass), np.full(len(way), math.nan)
-    )
+    imu = Orientations("/imu", Trajectory(way.times, np.zeros((len(way), 3)), of_compass), np.full(len(way), math.nan))
     trajectory, words = poses_of_fixes(_fixes(way), imu, FRAME, None, "log.csv")
     assert "degrees off it (but " in words and "mixed up: bearings count clockwise from north" in words
     np.testing.assert_allclose(trajectory.angles[:, 2], way.angles[:, 2], atol=0.4)  # the course

@@ -133,9 +133,7 @@ def test_broken_recordings_are_refused_in_a_line(recorded, kind, tmp_path):
         if number % 3 == 0:
             content = content[: int(rng.integers(0, len(whole)))]
         else:
-            for at in rng.integers(
-                0, len(whole) if number % 3 == 1 else min(len(whole), 4096), 1 + number % 5
-            ):
+            for at in rng.integers(0, len(whole) if number % 3 == 1 else min(len(whole), 4096), 1 + number % 5):
                 content[at] = int(rng.integers(256))
         broken.write_bytes(bytes(content))
         try:

@@ -52,9 +52,7 @@ def test_every_recording_is_read_or_refused_in_a_line(recorders):
         begin = time.perf_counter()
         try:
             scans = open_scans(path)
-            assert sum(len(raw.points) > 0 for raw in scans.scans(0.0, 200.0)) == expected.get(
-                path.name, len(scans)
-            )
+            assert sum(len(raw.points) > 0 for raw in scans.scans(0.0, 200.0)) == expected.get(path.name, len(scans))
         except MaxconError as error:
             assert "\n" not in str(error)
             assert str(expected.get(path.name, "Expected")) in str(error)

@@ -95,10 +95,7 @@ def test_a_chain_is_read_backwards(tmp_path):
 def test_the_static_mounting_moves_poses_to_the_scanner(tmp_path):
     path = written(tmp_path, drive())
     poses = read_recorded_poses(path, frames=("map", "base_link"), sensor_frame="lidar")
-    assert (
-        "moved from base_link to lidar by /tf_static: 1.100 0.000 1.900 m, 0.57 2.29 -17.19 degrees"
-        in poses.words
-    )
+    assert "moved from base_link to lidar by /tf_static: 1.100 0.000 1.900 m, 0.57 2.29 -17.19 degrees" in poses.words
     true = odom(1.5) @ base(1.5) @ T_base_lidar
     np.testing.assert_allclose(poses.trajectory.at(1.5).position, true.position, atol=1e-4)
     unmoved = read_recorded_poses(path, frames=("map", "base_link"), sensor_frame="another")

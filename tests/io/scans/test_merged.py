@@ -26,9 +26,7 @@ SPEED, TURN = 15.0, math.radians(30.0)
 def vehicle(time):
     """T_room_vehicle: 15 m/s on a bend of 30 degrees/s."""
     heading = TURN * time
-    return Pose(
-        SPEED / TURN * math.sin(heading), SPEED / TURN * (1 - math.cos(heading)), 0.0, 0.01, -0.02, heading
-    )
+    return Pose(SPEED / TURN * math.sin(heading), SPEED / TURN * (1 - math.cos(heading)), 0.0, 0.01, -0.02, heading)
 
 
 class InARoom(Scans):
@@ -88,8 +86,7 @@ def test_epochs_are_matched_by_time():
     np.testing.assert_array_equal(scans._rows, [[0, -1], [1, 0], [2, 1], [3, 2], [4, -1]])
     assert len(scans) == 5
     assert (
-        scans.words
-        == "scans of 2 scanners: front in 5 epochs, up to 0.0 ms off; rear in 3 epochs, up to 30.0 ms off"
+        scans.words == "scans of 2 scanners: front in 5 epochs, up to 0.0 ms off; rear in 3 epochs, up to 30.0 ms off"
     )
     assert len(scans.read(0).points) == 5760 and len(scans.read(1).points) == 2 * 5760
 
@@ -106,8 +103,7 @@ def test_deskewed_at_15_metres_and_30_degrees_a_second():
 
 def test_a_scan_without_times_of_points_counts_as_of_its_own_time():
     scans = merged(
-        InARoom(FRONT, [0.3], moves=False, has_times=False),
-        InARoom(REAR, [0.34], moves=False, has_times=False),
+        InARoom(FRONT, [0.3], moves=False, has_times=False), InARoom(REAR, [0.34], moves=False, has_times=False)
     )
     times = np.arange(0.0, 1.0, 0.01)
     motion = Trajectory.from_poses(times, [vehicle(time) for time in times])
@@ -116,9 +112,7 @@ def test_a_scan_without_times_of_points_counts_as_of_its_own_time():
 
 
 def test_scanners_on_other_clocks_are_refused():
-    with pytest.raises(
-        FileError, match=r"scans of the scanner rear within 0\.050 s of those of front, got none"
-    ):
+    with pytest.raises(FileError, match=r"scans of the scanner rear within 0\.050 s of those of front, got none"):
         _ = merged(InARoom(FRONT, [0.0, 0.1]), InARoom(REAR, [1000.0, 1000.1])).words
     with pytest.raises(OptionError, match="a pose and a name for each"):
         MergedScans([InARoom(FRONT, [0.0])], [], [])

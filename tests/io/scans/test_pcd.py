@@ -47,8 +47,7 @@ def compressed(tmp_path, n_extra=0):
 
 def test_ascii_with_any_blanks(tmp_path):
     content = (
-        header(FIELDS="i y x z", SIZE="4 4 4 4", TYPE="U F F F", COUNT="2 1 1 1")
-        + "9 9 2  1\t3 \r\n\n8 8 5 4 nan\n"
+        header(FIELDS="i y x z", SIZE="4 4 4 4", TYPE="U F F F", COUNT="2 1 1 1") + "9 9 2  1\t3 \r\n\n8 8 5 4 nan\n"
     )
     np.testing.assert_array_equal(read(tmp_path, content), [[1, 2, 3], [4, 5, np.nan]])
 
@@ -71,13 +70,7 @@ def test_binary_compressed(tmp_path, n_extra):
 
 def test_lines_that_a_header_may_leave_out(tmp_path):
     body = "1 2 3\n4 5 6\n"
-    for changes in (
-        {"COUNT": None},
-        {"VIEWPOINT": None},
-        {"POINTS": None},
-        {"VERSION": ".6"},
-        {"HEIGHT": None},
-    ):
+    for changes in ({"COUNT": None}, {"VIEWPOINT": None}, {"POINTS": None}, {"VERSION": ".6"}, {"HEIGHT": None}):
         np.testing.assert_array_equal(read(tmp_path, header(**changes) + body), [[1, 2, 3], [4, 5, 6]])
     whole = compressed(tmp_path)
     start = whole.index(b"COUNT")
@@ -151,10 +144,7 @@ def test_compressed_points_need_the_extra(tmp_path, monkeypatch):
 @pytest.mark.parametrize("encoding", ["ascii", "binary", "binary_compressed"])
 def test_broken_pcd_ends_in_an_error_of_ours(tmp_path, survives_breaking, encoding):
     head = header(WIDTH="50", POINTS="50", DATA=encoding).encode()
-    body = {
-        "ascii": "".join(f"{x} {y} {z}\n" for x, y, z in POINTS).encode(),
-        "binary": POINTS.tobytes(),
-    }
+    body = {"ascii": "".join(f"{x} {y} {z}\n" for x, y, z in POINTS).encode(), "binary": POINTS.tobytes()}
     whole = head + body[encoding] if encoding in body else compressed(tmp_path)
     survives_breaking(whole, ".pcd", lambda path: read_pcd(path, 1000))
 

@@ -11,14 +11,7 @@ from maxcon.io.scans import open_scans
 from maxcon.io.scans import reading as scan_points
 
 POINTS = np.array(
-    [
-        [5.0, 0.0, 0.0],
-        [0.0, 0.0, 0.0],
-        [0.5, 0.0, 0.0],
-        [0.0, 130.0, 0.0],
-        [np.nan, 1.0, 1.0],
-        [3.0, 4.0, 0.0],
-    ]
+    [[5.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 130.0, 0.0], [np.nan, 1.0, 1.0], [3.0, 4.0, 0.0]]
 )
 
 
@@ -38,13 +31,7 @@ def test_a_scan_and_what_is_dropped_from_it(tmp_path):
     assert len(folder) == 2
     raw = folder.read(0)
     np.testing.assert_array_equal(raw.points, [[5, 0, 0], [3, 4, 0]])
-    assert (raw.time, raw.name, raw.n_returns, raw.n_dropped_invalid, raw.n_dropped_range) == (
-        9.0,
-        "9.bin",
-        6,
-        2,
-        2,
-    )
+    assert (raw.time, raw.name, raw.n_returns, raw.n_dropped_invalid, raw.n_dropped_range) == (9.0, "9.bin", 6, 2, 2)
     assert raw.points.dtype == np.float64
     assert [scan.name for scan in folder.scans()] == ["9.bin", "10.bin"]
 
@@ -68,9 +55,7 @@ def test_every_kind_of_file_gives_the_same_points(tmp_path):
     rows = "".join(f"{x} {y} {z}\n" for x, y, z in points)
     props = "property float x\nproperty float y\nproperty float z\n"
     (tmp_path / "1.ply").write_text(f"ply\nformat ascii 1.0\nelement vertex 3\n{props}end_header\n{rows}")
-    (tmp_path / "1.pcd").write_text(
-        f"FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 3\nHEIGHT 1\nDATA ascii\n{rows}"
-    )
+    (tmp_path / "1.pcd").write_text(f"FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 3\nHEIGHT 1\nDATA ascii\n{rows}")
     header = laspy.LasHeader(point_format=6, version="1.4")
     header.scales = [0.001] * 3
     las = laspy.LasData(header)
@@ -104,10 +89,7 @@ def test_times_from_names(tmp_path, names, times):
 @pytest.mark.parametrize(
     ("names", "words"),
     [
-        (
-            ["scan_1.bin"],
-            r"a time as the name of each scan, or a times\.txt .*got scan_1\.bin.*Write a times\.txt",
-        ),
+        (["scan_1.bin"], r"a time as the name of each scan, or a times\.txt .*got scan_1\.bin.*Write a times\.txt"),
         (["1.bin", "1.0.bin"], r"names of increasing times .*got .*1\.0\.bin"),
         (["999999999999.bin", "1000000000000.bin"], "names of the same unit"),
         ([], r"scans with suffix \.bin, \.pcd, \.las, \.laz, \.ply, \.npz in .*got none"),

@@ -30,12 +30,8 @@ def test_the_window_holds_either_rim(half_width, heading, cells, turns_deg):
     assert math.degrees(space.headings[0]) == pytest.approx(-turns_deg)
 
 
-@pytest.mark.parametrize(
-    ("along", "across", "turn_deg"), [(9.0, -5.0, 8.0), (-11.5, 4.0, -9.0), (0.0, 0.0, 0.0)]
-)
-def test_it_ends_at_the_truth_from_where_gicp_alone_does_not(
-    street, street_map, street_scan, along, across, turn_deg
-):
+@pytest.mark.parametrize(("along", "across", "turn_deg"), [(9.0, -5.0, 8.0), (-11.5, 4.0, -9.0), (0.0, 0.0, 0.0)])
+def test_it_ends_at_the_truth_from_where_gicp_alone_does_not(street, street_map, street_scan, along, across, turn_deg):
     prior = street.prior(along, across, turn_deg)
     fine = Gicp(3.0, thinning=0.3, target_edge=0.1, n_neighbours=15)
     found = CountThenGicp(12.0, 10.0, gicp=fine).localize(street_scan, street_map, prior)

@@ -28,11 +28,7 @@ def dense_scan(street):
 
 @pytest.fixture(scope="module")
 def tilted(new_street):
-    return (
-        new_street(sensor=Pose(512.2, -1.4, 1.9, 0.05, -0.04, 0.9))
-        .facades()
-        .pilasters([-13.7, -6.1, 3.3, 9.4])
-    )
+    return new_street(sensor=Pose(512.2, -1.4, 1.9, 0.05, -0.04, 0.9)).facades().pilasters([-13.7, -6.1, 3.3, 9.4])
 
 
 def test_all_six_unknowns_are_found(tilted):
@@ -50,9 +46,7 @@ def test_all_six_unknowns_are_found(tilted):
 
 def test_as_if_the_map_were_at_the_origin(new_street, tilted):
     """Coordinates are shifted: a map 2,560 km away gives the same answer."""
-    near = (
-        new_street(sensor=Pose(12.2, -1.4, 1.9, 0.0, 0.0, 0.9)).facades().pilasters([-13.7, -6.1, 3.3, 9.4])
-    )
+    near = new_street(sensor=Pose(12.2, -1.4, 1.9, 0.0, 0.0, 0.9)).facades().pilasters([-13.7, -6.1, 3.3, 9.4])
     far = replace(near, sensor=replace(near.sensor, x=near.sensor.x + 2.56e6))
     errors = [
         street.error(Gicp().localize(street.scan(), street.point_map, street.prior(0.3, 0.2)).pose)

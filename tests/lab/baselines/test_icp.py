@@ -31,9 +31,7 @@ def test_the_angle_of_the_street_does_not_matter(new_street, angle_deg):
     street = new_street(math.radians(angle_deg)).facades().pilasters([-13.7, -6.1, 3.3, 9.4])
     estimate = Icp().localize(street.scan(), street.point_map, street.prior(0.5, 0.3, -1.0))
     assert estimate.is_localized
-    assert (
-        street.distance(estimate.pose) < 0.011
-    )  # walls along an axis lie up to half a voxel beside their voxels
+    assert street.distance(estimate.pose) < 0.011  # walls along an axis lie up to half a voxel beside their voxels
 
 
 def test_point_to_point_at_a_corner(new_street):
@@ -126,9 +124,7 @@ def test_the_heading_turns_about_the_sensor(new_street):
 
 
 def test_roll_pitch_and_height_are_the_priors(new_street):
-    tilted = (
-        new_street(sensor=Pose(3.2, -1.4, 1.9, 0.05, -0.04, 0.9)).facades().pilasters([-13.7, -6.1, 3.3, 9.4])
-    )
+    tilted = new_street(sensor=Pose(3.2, -1.4, 1.9, 0.05, -0.04, 0.9)).facades().pilasters([-13.7, -6.1, 3.3, 9.4])
     scan, point_map, prior = tilted.scan(), tilted.point_map, tilted.prior(0.4, 0.3, 1.0)
     estimate = Icp().localize(scan, point_map, prior)
     assert (estimate.pose.z, estimate.pose.roll, estimate.pose.pitch) == (1.9, 0.05, -0.04)

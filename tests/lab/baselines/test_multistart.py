@@ -50,12 +50,7 @@ def test_the_papers_grid_is_five_by_five_at_one_metre():
 def test_grids_of_other_sizes():
     assert MultiStart(Icp(), n_side=1).starts(CENTRE) == [CENTRE]
     starts = MultiStart(Icp(), n_side=2, spacing=0.5).starts(CENTRE)
-    assert [(start.x, start.y) for start in starts] == [
-        (9.75, 19.75),
-        (10.25, 19.75),
-        (9.75, 20.25),
-        (10.25, 20.25),
-    ]
+    assert [(start.x, start.y) for start in starts] == [(9.75, 19.75), (10.25, 19.75), (9.75, 20.25), (10.25, 20.25)]
 
 
 def test_a_scan_is_prepared_once_for_all_starts():
@@ -92,10 +87,7 @@ def test_starts_that_end_elsewhere_make_it_ambiguous(other, status):
 
 
 def test_headings_agree_across_the_turn():
-    ends = [
-        estimate(0.0, 0.0, 9.0, heading=math.pi - 0.001),
-        estimate(0.0, 0.0, 3.0, heading=-math.pi + 0.001),
-    ]
+    ends = [estimate(0.0, 0.0, 9.0, heading=math.pi - 0.001), estimate(0.0, 0.0, 3.0, heading=-math.pi + 0.001)]
     assert MultiStart(Icp()).choose(ends).is_localized
 
 
@@ -115,11 +107,7 @@ def test_headings_of_starts_are_about_the_centre_s():
     many = MultiStart(Icp(), n_side=2, spacing=0.5, n_headings=3, heading_spacing_deg=4.0)
     starts = many.starts(CENTRE)
     assert len(starts) == 12
-    assert [round(math.degrees(start.heading - CENTRE.heading), 9) for start in starts[::4]] == [
-        -4.0,
-        0.0,
-        4.0,
-    ]
+    assert [round(math.degrees(start.heading - CENTRE.heading), 9) for start in starts[::4]] == [-4.0, 0.0, 4.0]
     assert [(start.x, start.y) for start in starts[:4]] == [(start.x, start.y) for start in starts[8:]]
 
 

@@ -56,10 +56,7 @@ def test_a_step_along_the_gradient_lowers_the_sum_of_squares(correspondences):
 def test_sliding_along_a_wall_costs_nothing(wall_deg):
     """The element-wise product n*r, squared and summed, pulls a point back along an oblique wall; n.r does not."""
     wall = math.radians(wall_deg)
-    along, normal = (
-        np.array([math.cos(wall), math.sin(wall), 0.0]),
-        np.array([-math.sin(wall), math.cos(wall), 0.0]),
-    )
+    along, normal = (np.array([math.cos(wall), math.sin(wall), 0.0]), np.array([-math.sin(wall), math.cos(wall), 0.0]))
     arms = np.linspace(-10.0, 10.0, 21)[:, None] * along + 5.0 * normal
     offsets, normals = np.tile(0.3 * along, (21, 1)), np.tile(-normal, (21, 1))
     N, gradient = Residual.PLANE.normal_equations(arms, offsets, normals)
@@ -70,10 +67,7 @@ def test_sliding_along_a_wall_costs_nothing(wall_deg):
 
 
 def test_point_equations_by_hand():
-    arms, offsets = (
-        np.array([[2.0, 1.0, 9.0], [0.0, -3.0, 9.0]]),
-        np.array([[0.1, 0.2, 5.0], [0.3, 0.0, 5.0]]),
-    )
+    arms, offsets = (np.array([[2.0, 1.0, 9.0], [0.0, -3.0, 9.0]]), np.array([[0.1, 0.2, 5.0], [0.3, 0.0, 5.0]]))
     N, gradient = Residual.POINT.normal_equations(arms, offsets, np.zeros((2, 3)))
     assert N.tolist() == [[2.0, 0.0, 2.0], [0.0, 2.0, 2.0], [2.0, 2.0, 14.0]]
     np.testing.assert_allclose(gradient, [0.4, 0.2, 2.0 * 0.2 - 1.0 * 0.1 + 3.0 * 0.3])
@@ -97,10 +91,7 @@ def test_an_open_direction_does_not_move():
 
 
 def test_a_full_step_solves_the_equations():
-    N, gradient = (
-        np.array([[3.0, 1.0, 20.0], [1.0, 2.0, -5.0], [20.0, -5.0, 900.0]]),
-        np.array([1.0, -2.0, 30.0]),
-    )
+    N, gradient = (np.array([[3.0, 1.0, 20.0], [1.0, 2.0, -5.0], [20.0, -5.0, 900.0]]), np.array([1.0, -2.0, 30.0]))
     step, is_full = smallest_step((N, gradient), 12.0)
     assert is_full
     np.testing.assert_allclose(N @ step, -gradient, rtol=1e-12)

@@ -12,8 +12,7 @@ from maxcon.lab.baselines.thinning import merge_planes, thin
 def test_means_of_cubes_in_the_order_z_y_x():
     points = np.array([[0.9, 0.1, 0.0], [-0.1, 0.1, 0.0], [0.1, 0.3, 0.0], [0.1, 0.1, 1.5], [0.3, 0.1, 0.2]])
     np.testing.assert_allclose(
-        thin(points, 1.0),
-        [[-0.1, 0.1, 0.0], [(0.9 + 0.1 + 0.3) / 3, 0.5 / 3, 0.2 / 3], [0.1, 0.1, 1.5]],
+        thin(points, 1.0), [[-0.1, 0.1, 0.0], [(0.9 + 0.1 + 0.3) / 3, 0.5 / 3, 0.2 / 3], [0.1, 0.1, 1.5]]
     )
 
 

@@ -92,9 +92,7 @@ def test_the_first_picture_shows_where_the_count_is_wrong_and_helmert_is_not(dem
     with (folder / "poses-helmert-occupied.csv").open() as file:
         row = list(csv.DictReader(file))[epoch]
     truth = read_trajectory(Dataset.open(folder / "dataset").reference).at(float(row["time"]))
-    assert of_ours == pytest.approx(
-        math.hypot(float(row["x"]) - truth.x, float(row["y"]) - truth.y), abs=0.001
-    )
+    assert of_ours == pytest.approx(math.hypot(float(row["x"]) - truth.x, float(row["y"]) - truth.y), abs=0.001)
 
 
 def test_a_second_run_replaces_it_by_the_same_poses(demo, run_demo):
@@ -126,7 +124,5 @@ def test_anything_else_is_not_replaced(run_demo, tmp_path):
 
 
 def test_a_missing_parent_folder(run_demo, tmp_path):
-    _assert_refused(
-        run_demo("--out", tmp_path / "missing" / "demo"), tmp_path / "missing", "No such file or directory"
-    )
+    _assert_refused(run_demo("--out", tmp_path / "missing" / "demo"), tmp_path / "missing", "No such file or directory")
     assert list(tmp_path.iterdir()) == []

@@ -223,9 +223,7 @@ def test_in_a_street_helmert_is_more_distinct_than_the_count():
     normals = np.concatenate([np.tile(normal, (len(part), 1)) for part, normal in facades + sides])
     chosen = rng.permutation(len(points))[:4000]
     space = SearchSpace(1.5, CELL, 0.5, 0.5)
-    accumulator = exhaustive(
-        Scan(points[chosen], normals[chosen]), PointMap.from_points(points, normals), HERE, space
-    )
+    accumulator = exhaustive(Scan(points[chosen], normals[chosen]), PointMap.from_points(points, normals), HERE, space)
     count, helmert = (distinctness(accumulator, objective) for objective in (Count(), Helmert()))
     assert accumulator.best_cell(Helmert()) == accumulator.best_cell(Count()) == (1, 25, 25)
     assert helmert.peak_ratio < 0.5 * count.peak_ratio

@@ -45,7 +45,5 @@ def test_without_answers_there_is_no_order():
 
 
 def test_arrays_that_do_not_fit_are_refused():
-    with pytest.raises(
-        ArrayError, match=r"four arrays of one shape \(n,\), got \(1,\), \(1,\), \(1,\) and \(2,\)"
-    ):
+    with pytest.raises(ArrayError, match=r"four arrays of one shape \(n,\), got \(1,\), \(1,\), \(1,\) and \(2,\)"):
         RiskCoverage.of([True], [True], [True], [0.1, 0.2])

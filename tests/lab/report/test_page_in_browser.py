@@ -6,15 +6,7 @@ import shutil
 
 import pytest
 
-from maxcon.lab.report import (
-    DemoPage,
-    MethodSummary,
-    Picture,
-    plot_drive,
-    plot_epoch,
-    plot_errors,
-    write_demo_page,
-)
+from maxcon.lab.report import DemoPage, MethodSummary, Picture, plot_drive, plot_epoch, plot_errors, write_demo_page
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 
@@ -34,11 +26,7 @@ def browser():
 def page_file(epoch, space, tmp_path_factory):
     folder = tmp_path_factory.mktemp("page")
     plot_epoch(
-        folder / "epoch.png",
-        **epoch.conclude(space),
-        scan=epoch.scan,
-        point_map=epoch.point_map,
-        title="A yard",
+        folder / "epoch.png", **epoch.conclude(space), scan=epoch.scan, point_map=epoch.point_map, title="A yard"
     )
     plot_errors(folder / "errors.svg", [0.0, 1.0], {"Count": [0.1, 3.0], "Helmert": [0.1, 0.1]})
     plot_drive(folder / "drive.png", [[-5.0, 0.0], [5.0, 0.0]], [0.1, 0.2], point_map=epoch.point_map)

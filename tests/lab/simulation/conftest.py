@@ -7,14 +7,7 @@ import sys
 import pytest
 
 from maxcon.cli import main
-from maxcon.lab.simulation import (
-    CampaignWorld,
-    ProfileScanner,
-    RotatingScanner,
-    SimulatedWorld,
-    SuburbWorld,
-    simulate,
-)
+from maxcon.lab.simulation import CampaignWorld, ProfileScanner, RotatingScanner, SimulatedWorld, SuburbWorld, simulate
 
 SEED = 3
 THIN_PROFILES = (

@@ -52,9 +52,7 @@ def copied(simulated, study, tmp_path):
     description = (tmp_path / "dataset" / "dataset.toml").read_text()
     description = description.replace('clouds = "map/tile_*.laz"', 'path = "city.map"')
     lines = [
-        line
-        for line in description.splitlines()
-        if not line.startswith(("trajectory", "crs", "vehicle", "sigma"))
+        line for line in description.splitlines() if not line.startswith(("trajectory", "crs", "vehicle", "sigma"))
     ]
     description = "\n".join(lines) + "\n"
     (tmp_path / "dataset" / "dataset.toml").write_text(description)

@@ -33,10 +33,7 @@ def test_priors_are_within_their_level_and_only_in_x_y_and_heading():
     turns = [math.degrees(prior.heading - REFERENCE.heading) for prior in priors]
     assert -12.0 <= min(dx) < -11.0 and 11.0 < max(dx) <= 12.0
     assert -10.0 <= min(turns) < -9.0 and 9.0 < max(turns) <= 10.0
-    assert all(
-        replace(prior, x=REFERENCE.x, y=REFERENCE.y, heading=REFERENCE.heading) == REFERENCE
-        for prior in priors
-    )
+    assert all(replace(prior, x=REFERENCE.x, y=REFERENCE.y, heading=REFERENCE.heading) == REFERENCE for prior in priors)
 
 
 def test_a_prior_depends_on_nothing_but_seed_epoch_and_level():
@@ -57,9 +54,7 @@ def test_levels_are_written_as_metres_and_degrees():
     assert parse_level("60:180") == prior_level(60.0, 180.0)
 
 
-@pytest.mark.parametrize(
-    "word", ["12", "12:", "a:b", "0:1", "1:0", "-3:2", "nan:1", "inf:1", "1:181", "1:2:3"]
-)
+@pytest.mark.parametrize("word", ["12", "12:", "a:b", "0:1", "1:0", "-3:2", "nan:1", "inf:1", "1:181", "1:2:3"])
 def test_other_words_are_refused(word):
     with pytest.raises(OptionError, match="METRES:DEGREES"):
         parse_level(word)

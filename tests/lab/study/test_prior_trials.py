@@ -33,11 +33,7 @@ def test_summaries_by_hand():
     small, wide, none = found
     assert (small.n_epochs, small.n_right, small.n_good, small.n_wrong_but_good) == (1, 1, 1, 0)
     assert (wide.n_epochs, wide.n_right, wide.n_good, wide.n_wrong_but_good) == (3, 2, 2, 1)
-    assert (wide.median_error, wide.median_ms, wide.p95_ms) == (
-        pytest.approx(0.15),
-        20.0,
-        pytest.approx(38.0),
-    )
+    assert (wide.median_error, wide.median_ms, wide.p95_ms) == (pytest.approx(0.15), 20.0, pytest.approx(38.0))
     assert (none.n_right, none.n_wrong_but_good) == (0, 0)
     assert none.median_error != none.median_error
     assert summarize_trials([]) == []

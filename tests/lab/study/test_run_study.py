@@ -153,9 +153,7 @@ def test_where_a_search_starts_is_told_apart(copied, tmp_path, small_space):
     for (name, _), row in rows.items():
         centre = ("reference_x", "reference_y") if name == "reference" else None
         if centre:
-            steps = [
-                (row[axis] - row[of]) / small_space.cell_edge for axis, of in zip("xy", centre, strict=True)
-            ]
+            steps = [(row[axis] - row[of]) / small_space.cell_edge for axis, of in zip("xy", centre, strict=True)]
             assert steps == pytest.approx(np.round(steps), abs=1e-3)
 
 
@@ -214,9 +212,7 @@ def test_priors_and_the_reference_are_told_apart(copied, tmp_path, small_space):
     chosen = choose_methods(["helmert-occupied"], small_space)
     names = [*dataset.priors, "reference"]
     study = run_study(dataset, tmp_path / "study", chosen, priors=names, n_epochs=2, n_workers=1)
-    offsets = {
-        prior: [row["prior_distance"] for row in rows_of(study, "helmert-occupied", prior)] for prior in names
-    }
+    offsets = {prior: [row["prior_distance"] for row in rows_of(study, "helmert-occupied", prior)] for prior in names}
     assert offsets["second"] == offsets["reference"] == [0.0, 0.0]
     assert min(offsets["uniform"]) > 0.05
 
@@ -249,9 +245,7 @@ def test_without_a_reference_there_is_no_success(copied, tmp_path, small_space):
     assert [row["is_success"] for row in rows[3:]] == [None] * 3
     assert all(row["x"] is not None and row["distance"] is None for row in rows[3:])
     rows = rows_of(study, "icp-plane-1m-5x5")
-    assert {(row["status"], row["reason"]) for row in rows[3:]} == {
-        ("no prior", "no reference pose to start around")
-    }
+    assert {(row["status"], row["reason"]) for row in rows[3:]} == {("no prior", "no reference pose to start around")}
 
 
 def test_an_objective_below_zero_is_no_failure(copied, tmp_path, small_space):
@@ -274,14 +268,7 @@ def test_bad_epochs_become_rows(copied, tmp_path, small_space):
     study = run_study(copied, tmp_path / "study", chosen, n_workers=1)
     for name in ("helmert-points", "icp-plane-1m"):
         rows = rows_of(study, name)
-        statuses = [
-            "outside the map",
-            "unreadable scan",
-            "unreadable scan",
-            "no points",
-            "localized",
-            "no prior",
-        ]
+        statuses = ["outside the map", "unreadable scan", "unreadable scan", "no points", "localized", "no prior"]
         assert [row["status"] for row in rows] == statuses
         assert "truncated" in rows[1]["reason"]
         assert scans[2].name in rows[2]["reason"]
@@ -314,10 +301,7 @@ def test_parts_that_changed_are_refused_and_new_priors_are_not(copied, tmp_path,
 
 def test_another_crs_is_said_at_once(copied, tmp_path, small_space):
     lines = copied.reference.read_text().splitlines()
-    poses = [
-        line if line.startswith("#") else " ".join([line.split()[0], "9.0", *line.split()[2:]])
-        for line in lines
-    ]
+    poses = [line if line.startswith("#") else " ".join([line.split()[0], "9.0", *line.split()[2:]]) for line in lines]
     copied.reference.write_text("\n".join(poses) + "\n")
     chosen = choose_methods(["helmert-occupied"], small_space)
     with pytest.raises(MapError, match=r"Expected poses of reference inside the map.* in the same CRS"):
@@ -329,21 +313,15 @@ def test_a_method_that_fails_is_a_row_with_its_reason(copied, tmp_path):
     rows = rows_of(study, "mine")
     failed = [row for row in rows if row["time"] > 386_402.0]
     assert 0 < len(failed) < N_EPOCHS
-    assert {(row["status"], row["reason"], row["x"]) for row in failed} == {
-        ("failed", Contrary().words, None)
-    }
+    assert {(row["status"], row["reason"], row["x"]) for row in failed} == {("failed", Contrary().words, None)}
     assert all(row["distance"] == pytest.approx(row["prior_distance"]) for row in rows if row not in failed)
 
 
 def test_a_study_goes_on_only_with_the_same(study, simulated, copied, methods, tmp_path, small_space):
-    with pytest.raises(
-        OptionError, match="Expected the description of map and scans of the dataset to be as before"
-    ):
+    with pytest.raises(OptionError, match="Expected the description of map and scans of the dataset to be as before"):
         run_study(copied, study.folder, methods)
     wider = choose_methods(["helmert-occupied"], type(small_space)(half_width=1.5))
-    with pytest.raises(
-        OptionError, match=r"as before in this study, with method\.space\.half_width 1\.2, got 1\.5; "
-    ):
+    with pytest.raises(OptionError, match=r"as before in this study, with method\.space\.half_width 1\.2, got 1\.5; "):
         run_study(simulated, study.folder, wider)
     (tmp_path / "letters.txt").touch()
     with pytest.raises(FileError, match=r"holds .*dataset"):
@@ -378,9 +356,7 @@ def test_a_built_map_has_no_variants(copied, tmp_path, small_space):
 
 def test_variants_are_maps_of_the_same_clouds(simulated, study, tmp_path, small_space):
     names = ["helmert-cell-0.12", "helmert-occupied-density-1/4", "helmert-ground", "helmert-occupied"]
-    done = run_study(
-        simulated, tmp_path / "study", choose_methods(names, small_space), n_epochs=2, n_workers=1
-    )
+    done = run_study(simulated, tmp_path / "study", choose_methods(names, small_space), n_epochs=2, n_workers=1)
     maps = {path.name: PointMap.open(path) for path in (tmp_path / "study" / "maps").iterdir()}
     assert set(maps) == {"cell-0.12.map", "density-1-4.map", "ground.map", "standard.map"}
     n_voxels = {name: len(point_map.all_voxels()[0]) for name, point_map in maps.items()}

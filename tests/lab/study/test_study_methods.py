@@ -63,9 +63,7 @@ def test_a_description_tells_methods_apart():
     assert describe(known["helmert-points"].method)["objective"] == {"class": "Helmert"}
     assert describe(known["helmert-points"].method)["multiplicity"] == "points"
     assert describe(known["icp-plane-1m"].method)["gate"] == 1.0
-    seen = [
-        (str(describe(method.method)), method.map_name, method.around_reference) for method in known.values()
-    ]
+    seen = [(str(describe(method.method)), method.map_name, method.around_reference) for method in known.values()]
     assert len(set(seen)) == len(seen)
 
     class Mine:
@@ -86,16 +84,7 @@ def test_a_description_tells_methods_apart():
 
 
 def test_values_that_differ_are_described_apart():
-    values = [
-        np.float32(1.5),
-        np.int64(3),
-        np.arange(3),
-        np.arange(3.0),
-        np.arange(1, 4),
-        Path("a"),
-        Path("b"),
-        "a\nb",
-    ]
+    values = [np.float32(1.5), np.int64(3), np.arange(3), np.arange(3.0), np.arange(1, 4), Path("a"), Path("b"), "a\nb"]
     described = [str(describe(value)) for value in values]
     assert len(set(described)) == len(values)
     assert described[0] == "1.5"
@@ -142,6 +131,4 @@ def test_what_is_not_installed_is_left_out_and_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "small_gicp", None)
     kept, missing = installed_methods(chosen)
     assert missing == ["gicp-1m", "gicp-3m", "count-1m-then-gicp"]
-    assert [method.name for method in kept] == [
-        method.name for method in chosen if method.name not in missing
-    ]
+    assert [method.name for method in kept] == [method.name for method in chosen if method.name not in missing]

@@ -53,9 +53,7 @@ def test_a_browser_shows_it_whole(page_file, width, scheme):
         page.goto(page_file.as_uri())
         n_images = page.evaluate("document.images.length")
         broken = page.evaluate("[...document.images].filter(i => !i.complete || i.naturalWidth < 100).length")
-        overflow = page.evaluate(
-            "document.documentElement.scrollWidth - document.documentElement.clientWidth"
-        )
+        overflow = page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
         rows = page.evaluate("document.querySelectorAll('table.methods tbody tr').length")
         browser.close()
     assert (said, broken, overflow) == ([], 0, 0)
@@ -65,18 +63,13 @@ def test_a_browser_shows_it_whole(page_file, width, scheme):
 
 
 def test_a_method_that_predicts_its_errors_is_held_to_it(copied, small_space, tmp_path):
-    run_study(
-        copied, tmp_path / "study", choose_methods(["maxcon", "icp-plane-1m"], small_space), n_workers=1
-    )
+    run_study(copied, tmp_path / "study", choose_methods(["maxcon", "icp-plane-1m"], small_space), n_workers=1)
     folder = report_study(tmp_path / "study", tmp_path / "page.html")
     assert {"sigmas", "stanford", "risk-coverage", "timeline"} <= {path.stem for path in folder.iterdir()}
     text = (tmp_path / "page.html").read_text()
     assert "maxcon 6 of 6" in text
     assert "Errors within predicted sigmas: maxcon, prior “uniform”" in text
-    assert (
-        "To prove that takes 299 independent epochs without a single one beyond its level; this study has 6."
-        in text
-    )
+    assert "To prove that takes 299 independent epochs without a single one beyond its level; this study has 6." in text
     assert "no method predicts its errors" not in text
 
 

@@ -57,10 +57,7 @@ def test_ranges_are_read_and_not_shards(city, web, web_server):
 
 def test_what_was_read_once_is_kept_on_this_machine(web, web_server, city, cache_folder):
     assert_same(PointMap.open(web), PointMap.open(city))
-    n_records, end = (
-        len(read_manifest(city).tiles) + len(read_manifest(city).ground),
-        time.monotonic() + 300.0,
-    )
+    n_records, end = (len(read_manifest(city).tiles) + len(read_manifest(city).ground), time.monotonic() + 300.0)
     while sum(path.is_file() for path in cache_folder.rglob("*")) < n_records:
         assert time.monotonic() < end
         time.sleep(0.01)
@@ -129,9 +126,7 @@ def test_a_shard_that_is_damaged_there(tmp_path, bucket, city):
     store = remote.Remote(f"{bucket}/a", None)
     (name,) = {file.name for file in read_manifest(city).ground.files}
     store.write(name, bytes(read_manifest(city).ground.files[0].n_bytes))
-    with pytest.raises(
-        MapError, match=rf"in {bucket}/a/{name} to be as it was written, got another checksum"
-    ):
+    with pytest.raises(MapError, match=rf"in {bucket}/a/{name} to be as it was written, got another checksum"):
         PointMap.open(f"{bucket}/a").ground_around(0.0, 0.0, 10.0)
     store.write(name, b"short")
     with pytest.raises(MapError, match=rf"in {bucket}/a/{name} to be "):
@@ -217,10 +212,7 @@ def test_no_permission(city, bucket, refusing, monkeypatch):
     with pytest.raises(FileError, match=r"to be able to write .* got: no permission"):
         copy_map(city, f"{bucket}/city")
     monkeypatch.setenv("AWS_SKIP_SIGNATURE", "true")
-    refused(
-        f"{bucket}/city",
-        "no permission without keys, as AWS_SKIP_SIGNATURE asks for: set AWS_ACCESS_KEY_ID and",
-    )
+    refused(f"{bucket}/city", "no permission without keys, as AWS_SKIP_SIGNATURE asks for: set AWS_ACCESS_KEY_ID and")
     with pytest.raises(MapError, match=r"got: no permission\. Check"):
         PointMap.open(f"{refusing}/city.map")
 
@@ -253,9 +245,7 @@ def test_no_message_has_the_keys(monkeypatch):
 def names(bucket, s3_server):
     import boto3
 
-    listed = boto3.client("s3", endpoint_url=s3_server, region_name="us-east-1").list_objects_v2(
-        Bucket="maps"
-    )
+    listed = boto3.client("s3", endpoint_url=s3_server, region_name="us-east-1").list_objects_v2(Bucket="maps")
     return {entry["Key"] for entry in listed.get("Contents", ())}
 
 
@@ -266,12 +256,10 @@ def test_a_map_comes_back_as_the_same_bytes(city, bucket, tmp_path):
     assert_same(PointMap.open(tmp_path / "back.map"), PointMap.open(city))
     copy_map(tmp_path / "back.map", tmp_path / "again.map")
     files = {
-        path.relative_to(tmp_path / "back.map"): path.read_bytes()
-        for path in (tmp_path / "back.map").rglob("*.*")
+        path.relative_to(tmp_path / "back.map"): path.read_bytes() for path in (tmp_path / "back.map").rglob("*.*")
     }
     again = {
-        path.relative_to(tmp_path / "again.map"): path.read_bytes()
-        for path in (tmp_path / "again.map").rglob("*.*")
+        path.relative_to(tmp_path / "again.map"): path.read_bytes() for path in (tmp_path / "again.map").rglob("*.*")
     }
     assert files == again
 
@@ -292,9 +280,7 @@ def test_the_manifest_comes_last(city, bucket, s3_server, monkeypatch):
             patch.setattr(remote.Remote, "write", write_some)
             with pytest.raises(FileError, match="the line is cut"):
                 copy_map(city, f"{bucket}/{n_written}")
-        assert (
-            len({name for name in names(bucket, s3_server) if name.startswith(f"{n_written}/")}) == n_written
-        )
+        assert len({name for name in names(bucket, s3_server) if name.startswith(f"{n_written}/")}) == n_written
         with pytest.raises(MapError, match=r"no manifest\.json there"):
             PointMap.open(f"{bucket}/{n_written}")
     copy_map(city, f"{bucket}/{n_files - 1}")
@@ -306,9 +292,7 @@ def test_a_map_is_replaced_only_if_asked_and_who_reads_the_old_goes_on(city, buc
     old = PointMap.open(f"{bucket}/a", cache_bytes=0)
     other = PointMap.from_points([[1.0, 2.0, 3.0]], [[0.0, 0.0, 1.0]], 0.06)
     write(tmp_path / "other.map", other)
-    with pytest.raises(
-        FileError, match=r"Expected no map at s3://maps/a yet, but there is one\..*--overwrite"
-    ):
+    with pytest.raises(FileError, match=r"Expected no map at s3://maps/a yet, but there is one\..*--overwrite"):
         copy_map(tmp_path / "other.map", f"{bucket}/a")
     copy_map(tmp_path / "other.map", f"{bucket}/a", overwrite=True)
     assert PointMap.open(f"{bucket}/a").all_voxels()[1].sum() == 1

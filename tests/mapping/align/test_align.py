@@ -30,18 +30,12 @@ def aligned(three_rounds, tmp_path_factory):
     folder = tmp_path_factory.mktemp("aligned")
     trajectory = folder / "vehicle.txt"
     times = np.concatenate([300_000.0 + 100.0 * i + np.arange(0.0, 8.0, 0.5) for i in range(3)])
-    positions = np.column_stack(
-        [np.tile(np.arange(0.0, 8.0, 0.5), 3), np.zeros(len(times)), np.full(len(times), 2.0)]
-    )
+    positions = np.column_stack([np.tile(np.arange(0.0, 8.0, 0.5), 3), np.zeros(len(times)), np.full(len(times), 2.0)])
     write_tum(
         trajectory,
-        Trajectory(
-            times, positions + [550_000.0, 5_802_000.0, 60.0], np.tile([0, 0, 0, 1.0], (len(times), 1))
-        ),
+        Trajectory(times, positions + [550_000.0, 5_802_000.0, 60.0], np.tile([0, 0, 0, 1.0], (len(times), 1))),
     )
-    found = align_files(
-        clouds, folder / "out", AlignmentOptions(**PRIOR), trajectories=[trajectory], n_threads=1
-    )
+    found = align_files(clouds, folder / "out", AlignmentOptions(**PRIOR), trajectories=[trajectory], n_threads=1)
     return found, folder / "out", trajectory
 
 
@@ -98,29 +92,18 @@ def test_tables_say_what_was_found(aligned):
     assert summary["n_ties"] == len(found.ties)
     assert summary["sigma"]["of_map"] == pytest.approx(found.sigma_of_map, abs=1e-5)
     assert summary["words"] == []
-    rows = {
-        name: list(csv.DictReader((out / name).open()))
-        for name in ("rounds.csv", "residuals.csv", "ties.csv")
-    }
+    rows = {name: list(csv.DictReader((out / name).open())) for name in ("rounds.csv", "residuals.csv", "ties.csv")}
     assert [row["name"] for row in rows["rounds.csv"]] == ["round 1", "round 2", "round 3"]
-    assert [(row["round_a"], row["round_b"]) for row in rows["residuals.csv"]] == [
-        ("1", "2"),
-        ("1", "3"),
-        ("2", "3"),
-    ]
+    assert [(row["round_a"], row["round_b"]) for row in rows["residuals.csv"]] == [("1", "2"), ("1", "3"), ("2", "3")]
     for row in rows["residuals.csv"]:
         assert float(row["horizontal_after_median"]) < 0.1 * float(row["horizontal_before_median"])
     assert len(rows["ties.csv"]) == len(found.ties)
-    assert len(list(csv.DictReader((out / "corrections.csv").open()))) == len(
-        found.adjusted.corrections.knots
-    )
+    assert len(list(csv.DictReader((out / "corrections.csv").open()))) == len(found.adjusted.corrections.knots)
 
 
 def test_threads_change_nothing(three_rounds, aligned, tmp_path):
     _, out, trajectory = aligned
-    align_files(
-        three_rounds[0], tmp_path / "out", AlignmentOptions(**PRIOR), trajectories=[trajectory], n_threads=3
-    )
+    align_files(three_rounds[0], tmp_path / "out", AlignmentOptions(**PRIOR), trajectories=[trajectory], n_threads=3)
     for file in (tmp_path / "out").iterdir():
         assert file.read_bytes() == (out / file.name).read_bytes(), file.name
 
@@ -192,21 +175,14 @@ def test_a_round_elsewhere_stays_and_is_told(tmp_path, write_las, scene):
     assert [each.group for each in found.tied] == [0, 0, 1]
     assert "cannot be tied" in found.tied[2].words
     np.testing.assert_allclose(coordinates(tmp_path / "out/2.laz")[0], coordinates(clouds[2])[0], atol=1e-6)
-    gap = coordinates(tmp_path / "out/1.laz")[0].mean(axis=0) - coordinates(tmp_path / "out/0.laz")[0].mean(
-        axis=0
-    )
+    gap = coordinates(tmp_path / "out/1.laz")[0].mean(axis=0) - coordinates(tmp_path / "out/0.laz")[0].mean(axis=0)
     was = coordinates(clouds[1])[0].mean(axis=0) - coordinates(clouds[0])[0].mean(axis=0)
     np.testing.assert_allclose(gap - was, [-0.08, -0.03, 0.0], atol=0.006)
 
 
 def test_what_cannot_be_is_refused(three_rounds, tmp_path, write_las, scene):
     clouds, _ = three_rounds
-    for wrong in (
-        {"pause": 0.0},
-        {"georeference_sigma": -1.0},
-        {"drift_sigma": np.nan},
-        {"knot_spacing": 0.1},
-    ):
+    for wrong in ({"pause": 0.0}, {"georeference_sigma": -1.0}, {"drift_sigma": np.nan}, {"knot_spacing": 0.1}):
         with pytest.raises(OptionError):
             AlignmentOptions(**wrong)
     with pytest.raises(CrsError):

@@ -24,9 +24,7 @@ def some_corrections(seed, durations=(45, 3, 20), size=1.0):
     rng = np.random.default_rng(seed)
     none = Corrections.none(rounds_of(durations, seed), 10.0)
     sigmas = size * np.repeat([0.1, 0.01], 3)
-    return none.changed(
-        rng.normal(size=(len(durations), 6)) * sigmas, rng.normal(size=(len(none.knots), 6)) * sigmas
-    )
+    return none.changed(rng.normal(size=(len(durations), 6)) * sigmas, rng.normal(size=(len(none.knots), 6)) * sigmas)
 
 
 def some_points(seed, corrections, n=50):

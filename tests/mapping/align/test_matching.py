@@ -71,10 +71,7 @@ def test_other_places_are_no_ties(scene):
 def test_what_moved_meanwhile_does_not_pull(scene):
     rng = np.random.default_rng(0)
     first, second = (scene.points_on(scene.corner, 120, 0.01, rng) for _ in range(2))
-    car = (
-        ((0.0, 2.0, 1.2), (4.0, 0.0, 0.0), (0.0, 1.8, 0.0)),
-        ((0.0, 2.0, 0.2), (4.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
-    )
+    car = (((0.0, 2.0, 1.2), (4.0, 0.0, 0.0), (0.0, 1.8, 0.0)), ((0.0, 2.0, 0.2), (4.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
     parked = scene.points_on(car, 400, 0.01, rng)
     parts = [np.concatenate([first, parked]), np.concatenate([second, parked + [0.3, 0.12, 0.05]])]
     (tie,) = match_visits(np.zeros(3), visits_of(records_of(parts), PLACE_EDGE), no_corrections(2))

@@ -45,9 +45,7 @@ def campaign(seed, n_rounds=4, duration=60, drift=0.0, every=4, noise=1.0):
 
 def tie_of(true, place, rounds, times, error):
     """What a match of two rounds would find that `true` corrects."""
-    first, second = (
-        pose_of(true.twist_at(place, time, number)) for time, number in zip(times, rounds, strict=True)
-    )
+    first, second = (pose_of(true.twist_at(place, time, number)) for time, number in zip(times, rounds, strict=True))
     pose = first.inverse @ second @ pose_of(error)
     return Tie(place, rounds, times, pose, np.diag(SIGMAS**2), 0.8)
 
@@ -85,9 +83,7 @@ def test_residuals_are_what_ties_say_of_corrected_rounds():
         )
         left = first @ tie.pose @ second.inverse
         np.testing.assert_allclose(residual[:3], left.position, atol=1e-12)
-        np.testing.assert_allclose(
-            rotated(np.eye(3), np.tile(residual[3:], (3, 1))).T, left.rotation, atol=1e-12
-        )
+        np.testing.assert_allclose(rotated(np.eye(3), np.tile(residual[3:], (3, 1))).T, left.rotation, atol=1e-12)
 
 
 def test_the_covariance_holds():
@@ -98,8 +94,7 @@ def test_the_covariance_holds():
         adjusted = adjust(TieEquations(none, ties), PRIOR, 0.0)
         tie = ties[4]
         rows = [
-            adjusted.twist_rows(tie.place, time, number)[:3]
-            for time, number in zip(tie.times, tie.rounds, strict=True)
+            adjusted.twist_rows(tie.place, time, number)[:3] for time, number in zip(tie.times, tie.rounds, strict=True)
         ]
         twists = [
             adjusted.corrections.twist_at(tie.place, time, number) - true.twist_at(tie.place, time, number)
@@ -144,11 +139,7 @@ def test_what_no_tie_tells_stays_at_its_prior():
     # a street along x, where matches are open; and a round that nobody met
     covariance = np.diag(SIGMAS**2)
     covariance[0, 0] = 1.0
-    ties = [
-        Tie(tie.place, tie.rounds, tie.times, tie.pose, covariance, 0.8)
-        for tie in ties
-        if 2 not in tie.rounds
-    ]
+    ties = [Tie(tie.place, tie.rounds, tie.times, tie.pose, covariance, 0.8) for tie in ties if 2 not in tie.rounds]
     adjusted = adjust(TieEquations(none, ties), PRIOR, 0.0)
     first, _second, third = tied_rounds(rounds, ties, adjusted, PRIOR)
     assert first.sigma[0] > 0.09

@@ -19,9 +19,7 @@ WEIGHTS = (0.85, -0.4, -2.0, 3.5)
 
 def seen_through(origin, end, voxel, mean, normal, margin=MARGIN, least_cosine=0.2, reach=50.0):
     arrays = (np.array([values]) for values in (voxel, mean, normal))
-    return bool(
-        is_seen_through(np.array(origin), np.array(end), *arrays, CELL, margin, least_cosine, reach)[0]
-    )
+    return bool(is_seen_through(np.array(origin), np.array(end), *arrays, CELL, margin, least_cosine, reach)[0])
 
 
 FRONT = {"voxel": (50, 0, 10), "mean": (5.03, 0.05, 1.05), "normal": (-1.0, 0.0, 0.0)}
@@ -61,9 +59,7 @@ def test_a_road_seen_at_a_flat_angle_is_not_carved(distance):
     normals = np.tile([0.0, 0.0, 1.0], (len(road), 1))
     for shift in (-0.03, 0.0, 0.03):  # of the pose
         origin, end = np.array([0.0, 0.05, height + shift]), np.array([distance, 0.05, 0.02 + shift])
-        assert not is_seen_through(
-            origin, end, np.array(road), means, normals, CELL, MARGIN, 0.01, 50.0
-        ).any()
+        assert not is_seen_through(origin, end, np.array(road), means, normals, CELL, MARGIN, 0.01, 50.0).any()
 
 
 def test_a_voxel_without_a_normal_takes_a_close_ray_and_twice_the_margin():
@@ -181,21 +177,12 @@ def test_points_far_from_voxels_and_sums_around(seed):
 
 
 def test_what_hides_a_wall_or_the_ground_is_told_from_what_hides_nothing():
-    wall = np.stack(np.meshgrid(np.arange(-2.0, 2.0, 0.05), [4.05], np.arange(0.0, 2.0, 0.05)), -1).reshape(
-        -1, 3
-    )
+    wall = np.stack(np.meshgrid(np.arange(-2.0, 2.0, 0.05), [4.05], np.arange(0.0, 2.0, 0.05)), -1).reshape(-1, 3)
     point_map = PointMap.from_points(wall, np.tile([0.0, -1.0, 0.0], (len(wall), 1)), CELL)
     kept = Kept([point_map.tile(key) for key in sorted(point_map.tile_keys)])
     ends = np.array([[0.0, 2.0, 1.0], [0.0, 3.8, 1.0], [0.0, -2.0, 1.0], [2.0, 0.0, 0.5]])
     origin, is_hiding = np.array([0.0, 0.0, 1.0]), np.empty(4, bool)
     ground = np.full((1, 40, 40), np.nan, np.float32)
     ground[0, :, 24:] = 0.0  # of cells of 0.5 m from x = 2 m on
-    hide_known_surfaces(
-        origin, ends, 0.5, 6.0, CELL, *kept.table, ground, np.array([-20, -20]), 0.5, is_hiding
-    )
-    assert is_hiding.tolist() == [
-        True,
-        False,
-        False,
-        True,
-    ]  # before the wall; at it; away from it; over the ground
+    hide_known_surfaces(origin, ends, 0.5, 6.0, CELL, *kept.table, ground, np.array([-20, -20]), 0.5, is_hiding)
+    assert is_hiding.tolist() == [True, False, False, True]  # before the wall; at it; away from it; over the ground

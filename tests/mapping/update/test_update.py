@@ -34,9 +34,7 @@ def drive(boxes_at, **changes):
 
 
 def checksums(folder):
-    return {
-        p: hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(Path(folder).rglob("*")) if p.is_file()
-    }
+    return {p: hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(Path(folder).rglob("*")) if p.is_file()}
 
 
 @pytest.fixture(scope="module")
@@ -82,9 +80,7 @@ def test_the_wall_stays_and_no_voxel_is_lost(street, updated):
     known = voxels_of(street, SurfaceClass.KNOWN)
     n_wall = inside(known, WALL).sum()
     assert inside(voxels_of(updated, SurfaceClass.KNOWN), WALL).sum() == n_wall
-    assert len(voxels_of(updated, SurfaceClass.KNOWN)) + len(voxels_of(updated, SurfaceClass.GONE)) == len(
-        known
-    )
+    assert len(voxels_of(updated, SurfaceClass.KNOWN)) + len(voxels_of(updated, SurfaceClass.GONE)) == len(known)
 
 
 def test_what_was_seen_newly_is_new_and_what_passed_is_not(updated):
@@ -137,8 +133,7 @@ def test_one_place_says_nothing_however_long(street, tmp_path):
     """A vehicle that stands sees the same again and again: one look."""
     standing = drive(parked(OTHER_CAR))
     rows = tuple(
-        (i, row.__class__(row.time, standing.rows[10][1].pose, "localized", "", {}))
-        for i, row in standing.rows
+        (i, row.__class__(row.time, standing.rows[10][1].pose, "localized", "", {})) for i, row in standing.rows
     )
     update_map(street, [LocalizedDrive(standing.scans, rows, 40, "poses.csv", "")], tmp_path / "same.map")
     said = read_manifest(tmp_path / "same.map").build["updates"][0]
@@ -159,8 +154,7 @@ def test_what_cannot_be_is_refused(street, tmp_path):
         update_map(street, [], tmp_path / "x.map")
     far = drive(parked())
     rows = tuple(
-        (i, row.__class__(row.time, row.pose.translated((1e5, 0, 0)), "localized", "", {}))
-        for i, row in far.rows
+        (i, row.__class__(row.time, row.pose.translated((1e5, 0, 0)), "localized", "", {})) for i, row in far.rows
     )
     with pytest.raises(MapError, match="no pose comes near"):
         update_map(street, [LocalizedDrive(far.scans, rows, 40, "p", "")], tmp_path / "x.map")

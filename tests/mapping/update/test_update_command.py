@@ -51,9 +51,7 @@ def test_slips_are_told(folder):
         ([folder / "poses.csv"], "got it alone"),
         ([folder / "none", folder / "poses.csv"], "no such folder"),
     ):
-        result = RUN(
-            app, ["map", "update", str(folder / "a.map"), *map(str, drives), "-o", str(folder / "x.map")]
-        )
+        result = RUN(app, ["map", "update", str(folder / "a.map"), *map(str, drives), "-o", str(folder / "x.map")])
         assert words in str(result.exception)
         assert not (folder / "x.map").exists()
 

@@ -60,8 +60,7 @@ def on(ground, x=0.0, y=0.0, heading=0.0):
     """The pose of a sensor above a ground, upright on it."""
     step = 0.5
     slope_x, slope_y = (
-        (ground(x + dx, y + dy) - ground(x - dx, y - dy)) / (2.0 * step)
-        for dx, dy in ((step, 0.0), (0.0, step))
+        (ground(x + dx, y + dy) - ground(x - dx, y - dy)) / (2.0 * step) for dx, dy in ((step, 0.0), (0.0, step))
     )
     c, s = math.cos(heading), math.sin(heading)
     along, across = c * slope_x + s * slope_y, -s * slope_x + c * slope_y
@@ -95,10 +94,7 @@ def tilt_between(one, other):
 
 def off_by(pose, height, roll_deg, pitch_deg):
     return replace(
-        pose,
-        z=pose.z + height,
-        roll=pose.roll + math.radians(roll_deg),
-        pitch=pose.pitch + math.radians(pitch_deg),
+        pose, z=pose.z + height, roll=pose.roll + math.radians(roll_deg), pitch=pose.pitch + math.radians(pitch_deg)
     )
 
 
@@ -149,9 +145,7 @@ def test_a_right_prior_stays():
 
 def test_a_narrow_view_tells_less_of_the_tilt():
     pose = on(flat)
-    wide, narrow = (
-        fit_ground(scan_of(flat, pose, sector=sector), MAPS[flat], pose) for sector in (math.pi, 0.3)
-    )
+    wide, narrow = (fit_ground(scan_of(flat, pose, sector=sector), MAPS[flat], pose) for sector in (math.pi, 0.3))
     assert narrow.sigma_tilt > 2.0 * wide.sigma_tilt
     assert abs(narrow.height) < 0.05
 
@@ -209,9 +203,7 @@ def test_the_order_of_points_does_not_matter(seed, height):
     pose = on(hill)
     scan = scan_of(hill, pose)
     order = np.random.default_rng(seed).permutation(len(scan))
-    one, other = (
-        fit_ground(s, MAPS[hill], off_by(pose, height, 0.3, 0.3)) for s in (scan, Scan(scan.points[order]))
-    )
+    one, other = (fit_ground(s, MAPS[hill], off_by(pose, height, 0.3, 0.3)) for s in (scan, Scan(scan.points[order])))
     assert abs(one.pose.z - other.pose.z) < 1e-6
 
 

@@ -12,9 +12,7 @@ from maxcon.scan.normals.angle_kernels import azimuths_of, elevations_of, extrem
 COORDINATES = st.one_of(
     st.floats(-1e3, 1e3), st.sampled_from([0.0, -0.0, 1.0, -1.0, 1e-17, -1e-17, 5e-324, 1e-200, 1e300])
 )
-VALUES = st.one_of(
-    st.floats(-2.0, 2.0), st.sampled_from([0.1, 0.1 + 1e-16, 0.2, -1.0]), st.floats(-1e-9, 1e-9)
-)
+VALUES = st.one_of(st.floats(-2.0, 2.0), st.sampled_from([0.1, 0.1 + 1e-16, 0.2, -1.0]), st.floats(-1e-9, 1e-9))
 
 
 @given(arrays(np.float64, st.tuples(st.integers(0, 40), st.just(3)), elements=COORDINATES))

@@ -136,9 +136,7 @@ def test_a_step_in_depth_is_not_bridged():
 def test_rings_of_unequal_spacing_as_kittis_every_fourth():
     """64 layers in two blocks, every fourth kept, with jitter, 0.17 degrees apart."""
     layers = np.concatenate([np.linspace(2.0, -8.33, 32), np.linspace(-8.87, -24.33, 32)])[::4]
-    beams = np.concatenate(
-        [directions(1, low, low, 0.17, 0.02, seed=number) for number, low in enumerate(layers)]
-    )
+    beams = np.concatenate([directions(1, low, low, 0.17, 0.02, seed=number) for number, low in enumerate(layers)])
     points, true = cast(beams, [wall(8.0, STREET), (GROUND[0], 1.73, (-2.0, 9.0))])
     normals = estimate_scan_normals(points)
     assert_unit_and_turned_to_the_sensor(points, normals)
@@ -350,9 +348,7 @@ def test_a_lone_ring_gives_no_vertical_normals(elevation_deg, speed, noise, monk
 def test_points_in_one_direction_may_come_in_any_order():
     """Two echoes of a beam have the same angles: they, too, are told apart by where they are."""
     points, _ = sweep("16 rings")
-    points = np.concatenate(
-        [points, 1.25 * points[::3], np.tile(points[:1], (40, 1)) * np.linspace(1, 2, 40)[:, None]]
-    )
+    points = np.concatenate([points, 1.25 * points[::3], np.tile(points[:1], (40, 1)) * np.linspace(1, 2, 40)[:, None]])
     normals = estimate_scan_normals(points)
     for seed in range(3):
         order = np.random.default_rng(seed).permutation(len(points))

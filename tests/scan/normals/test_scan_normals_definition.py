@@ -140,9 +140,7 @@ def worthwhile_growths(outcomes):
     """How often windows grow before all but a few of the planes that are not level are found, in a sample."""
     sample = outcomes[:: -(-len(outcomes) // rules.SAMPLE)]
     needed = np.array([o.growths for o in sample if o.normal.any() and abs(o.normal[2]) < rules.LEVEL])
-    return next(
-        g for g in range(rules.MOST_GROWTHS + 1) if (needed <= g).sum() >= rules.WORTHWHILE * len(needed)
-    )
+    return next(g for g in range(rules.MOST_GROWTHS + 1) if (needed <= g).sum() >= rules.WORTHWHILE * len(needed))
 
 
 def defined_normals(points):
@@ -176,23 +174,7 @@ RINGS_DEG = {
     "1 ring": [1.0],
     "8 rings": np.linspace(-10.0, 10.0, 8),
     "16 rings": np.linspace(-15.0, 15.0, 16),
-    "uneven rings": [
-        -25.0,
-        -16.0,
-        -11.0,
-        -8.0,
-        -6.0,
-        -5.0,
-        -4.3,
-        -3.7,
-        -3.3,
-        -3.0,
-        -2.7,
-        -2.0,
-        0.3,
-        3.3,
-        10.3,
-    ],
+    "uneven rings": [-25.0, -16.0, -11.0, -8.0, -6.0, -5.0, -4.3, -3.7, -3.3, -3.0, -2.7, -2.0, 0.3, 3.3, 10.3],
     "64 rings": np.linspace(-24.0, 2.0, 64),
 }
 
@@ -206,9 +188,7 @@ def beams_of(layout, azimuth, rng, n=900):
         turns = np.tile(np.linspace(-0.3, 0.3, n // len(rings)), len(rings))
         elevations = np.repeat(rings, n // len(rings)) + rng.normal(0.0, 1e-4, len(turns))
     level = np.cos(elevations)
-    beams = np.column_stack(
-        [level * np.cos(azimuth + turns), level * np.sin(azimuth + turns), np.sin(elevations)]
-    )
+    beams = np.column_stack([level * np.cos(azimuth + turns), level * np.sin(azimuth + turns), np.sin(elevations)])
     return beams, (turns + 0.3) / 0.6
 
 
@@ -304,11 +284,7 @@ def test_the_scenes_bring_every_end_about():
     """Otherwise they would agree on what never happens."""
     bush = np.random.default_rng(0).normal(size=(300, 3)) + [8.0, 0.0, 0.0]
     ends = assert_as_defined(bush)
-    for layout, planes in (
-        ("16 rings", "a wall close by"),
-        ("uneven rings", "a wall"),
-        ("64 rings", "a wall"),
-    ):
+    for layout, planes in (("16 rings", "a wall close by"), ("uneven rings", "a wall"), ("64 rings", "a wall")):
         ends += assert_as_defined(scene(layout, planes))
     for end in ("plane", "not flat", "full", "too high", "not worthwhile", "picked", "grown"):
         assert ends[end] > 20, end

@@ -35,9 +35,7 @@ def test_a_window_reaches_the_next_ring_and_not_much_further(spacing_deg, smear_
 
 
 def test_bands_of_sparse_rings_get_higher_windows():
-    rings = np.concatenate(
-        [[-25.0, -22.0, -19.0, -16.0, -13.0], np.arange(-4.0, 4.0, 0.33), [8.0, 11.0, 14.0]]
-    )
+    rings = np.concatenate([[-25.0, -22.0, -19.0, -16.0, -13.0], np.arange(-4.0, 4.0, 0.33), [8.0, 11.0, 14.0]])
     found = windows_tried_first(*ring_scan(rings))
     middle = np.linspace(rings.min(), rings.max(), BANDS)
     assert (found[np.abs(middle) < 3.0] <= 0.9).all()
@@ -46,11 +44,7 @@ def test_bands_of_sparse_rings_get_higher_windows():
 
 
 def test_a_lone_ring_and_points_in_one_direction_get_the_highest_window():
-    for elevations, azimuths in (
-        ring_scan([3.0]),
-        (np.zeros(5_000), np.zeros(5_000)),
-        (np.ones(1), np.ones(1)),
-    ):
+    for elevations, azimuths in (ring_scan([3.0]), (np.zeros(5_000), np.zeros(5_000)), (np.ones(1), np.ones(1))):
         assert (windows_tried_first(elevations, azimuths) == np.degrees(WINDOWS[-1])).all()
 
 
@@ -74,9 +68,7 @@ def window_of(elevations, k, width):
 
 def window_for_most(windows):
     """Number of the window that is high enough for FIRST_SHARE of a sample; the highest if there is none."""
-    shares = [
-        (windows <= number).sum() > rules.FIRST_SHARE * len(windows) for number in range(len(WINDOWS) - 1)
-    ]
+    shares = [(windows <= number).sum() > rules.FIRST_SHARE * len(windows) for number in range(len(WINDOWS) - 1)]
     return shares.index(True) if any(shares) else len(WINDOWS) - 1
 
 
@@ -95,10 +87,7 @@ def windows_by_definition(elevations, azimuths):
     bands, windows = np.minimum((share * BANDS).astype(int), BANDS - 1), np.array(windows)
     overall = window_for_most(windows)
     in_bands = [windows[bands == band] for band in range(BANDS)]
-    return [
-        max(overall, window_for_most(band)) if len(band) >= rules.LEAST_VOTES else overall
-        for band in in_bands
-    ]
+    return [max(overall, window_for_most(band)) if len(band) >= rules.LEAST_VOTES else overall for band in in_bands]
 
 
 @given(

@@ -89,9 +89,7 @@ class Engine:
         n_workers = self.n_workers or (n_processors() if has_dask() else 1)
         return min(n_workers, max(1, n_tasks))
 
-    def run(
-        self, job: Job[TaskT, ResultT], tasks: Iterable[TaskT], n_tasks: int
-    ) -> Iterator[tuple[TaskT, ResultT]]:
+    def run(self, job: Job[TaskT, ResultT], tasks: Iterable[TaskT], n_tasks: int) -> Iterator[tuple[TaskT, ResultT]]:
         """Yield each task with its result as it is done, in any order; a task may come back as the parts it splits to.
 
         A worker that ends is replaced, and its tasks are given to another one. A task that ends four in turn is split

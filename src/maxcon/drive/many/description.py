@@ -56,11 +56,7 @@ def _source(kind: type) -> str:
 
 def _name(kind: type) -> str:
     """Name of a class; with its module where it is not one of ours."""
-    return (
-        kind.__qualname__
-        if kind.__module__.startswith("maxcon.")
-        else f"{kind.__module__}.{kind.__qualname__}"
-    )
+    return kind.__qualname__ if kind.__module__.startswith("maxcon.") else f"{kind.__module__}.{kind.__qualname__}"
 
 
 def _fields(value: Any) -> dict[str, Any]:

@@ -27,9 +27,7 @@ def poses_schema() -> "pyarrow.Schema":
     import pyarrow
 
     fields = [pyarrow.field("epoch", pyarrow.int32())]
-    fields += [
-        pyarrow.field(name, pyarrow.string() if name in TEXTS else pyarrow.float64()) for name in COLUMNS
-    ]
+    fields += [pyarrow.field(name, pyarrow.string() if name in TEXTS else pyarrow.float64()) for name in COLUMNS]
     return pyarrow.schema(fields)
 
 
@@ -163,9 +161,7 @@ def table_of_drive(folder: Path, name: str | None) -> Path:
             f"Expected --drive NAME with one of the drives in {folder}, {_few(names)}, got none. Name it."
         )
     if name is not None and name not in names:
-        is_begun = (folder / "_parts").is_dir() and name in {
-            path.name for path in (folder / "_parts").iterdir()
-        }
+        is_begun = (folder / "_parts").is_dir() and name in {path.name for path in (folder / "_parts").iterdir()}
         raise OptionError(
             f"Expected --drive to be one of the drives in {folder} that are done, {_few(names)}, got {name!r}."
             f" {'Go on with it by the same localize command' if is_begun else 'Name one of them'}."

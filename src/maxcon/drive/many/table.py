@@ -87,9 +87,7 @@ def _csv_rows(file: Path) -> list[dict[str, str]]:
         header, *rows = list(csv.reader(lines, strict=True)) or [[]]
     except (OSError, ValueError, csv.Error) as error:
         reason = error.strerror if isinstance(error, OSError) else error
-        raise FileError(
-            f"Expected a table of drives in {file}, got: {reason}. Write a CSV or TOML file."
-        ) from error
+        raise FileError(f"Expected a table of drives in {file}, got: {reason}. Write a CSV or TOML file.") from error
     names = [name.strip() for name in header]
     _check_keys(file, names)
     if len(set(names)) < len(names):
@@ -114,9 +112,7 @@ def _toml_rows(file: Path) -> list[dict[str, str]]:
     for row in rows:
         values = row.values() if isinstance(row, dict) else [None]
         if not all(isinstance(value, str) for value in values):
-            raise FileError(
-                f"Expected words as values of [[drive]] in {file}, got {row!r}. Put them in quotes."
-            )
+            raise FileError(f"Expected words as values of [[drive]] in {file}, got {row!r}. Put them in quotes.")
         _check_keys(file, list(row))
     return rows
 

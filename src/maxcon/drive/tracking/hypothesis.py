@@ -69,9 +69,7 @@ class Hypothesis:
     def agreed(self, anchor: UncertainPose, estimate: Estimate) -> "Hypothesis":
         """Return it after a scan that agreed."""
         agreement = min(self.agreement + estimate.share, MOST_AGREEMENT)
-        return replace(
-            self, anchor=anchor, motion=STANDSTILL, agreement=agreement, n_refused=0, estimate=estimate
-        )
+        return replace(self, anchor=anchor, motion=STANDSTILL, agreement=agreement, n_refused=0, estimate=estimate)
 
     def refused(self, estimate: Estimate) -> "Hypothesis":
         """Return it after a scan that did not agree."""
@@ -85,10 +83,7 @@ def weighed(hypotheses: Iterable[Hypothesis], way: float) -> list[Hypothesis]:
     if best <= 0.0:
         return compared
     power = min(1.0, way / WAY_OF_EVIDENCE)
-    return [
-        replace(each, evidence=each.evidence * max(each.score / best, LEAST_RATIO) ** power)
-        for each in compared
-    ]
+    return [replace(each, evidence=each.evidence * max(each.score / best, LEAST_RATIO) ** power) for each in compared]
 
 
 def ranked(hypotheses: Iterable[Hypothesis], noise: MotionNoise, radius: float) -> list[Hypothesis]:

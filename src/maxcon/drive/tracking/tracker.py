@@ -92,8 +92,7 @@ class Tracker:
         """Take account of a motion since the last scan; several in a row are one."""
         is_gap = motion.distance > self.options.patience
         self._hypotheses = [
-            replace(each.moved(motion), agreement=0.0 if is_gap else each.agreement)
-            for each in self._hypotheses
+            replace(each.moved(motion), agreement=0.0 if is_gap else each.agreement) for each in self._hypotheses
         ]
         self._way += motion.distance
         self._unchecked += max(motion.distance, WALKING_PACE * motion.seconds)
@@ -173,9 +172,7 @@ class Tracker:
             for each in places
         ]
 
-    def _followed(
-        self, hypothesis: Hypothesis, scan: Scan, point_map: PointMap, prior: Pose | None
-    ) -> Hypothesis:
+    def _followed(self, hypothesis: Hypothesis, scan: Scan, point_map: PointMap, prior: Pose | None) -> Hypothesis:
         """Compare a scan with the map around the prediction of a hypothesis."""
         predicted = hypothesis.predicted(self.noise)
         if prior is not None:
@@ -236,9 +233,7 @@ class Tracker:
         return replace(
             estimate,
             pose=place.pose,
-            cell=None
-            if prior is None
-            else self.method.space.at(point_map.cell).nearest_cell(place.pose, prior),
+            cell=None if prior is None else self.method.space.at(point_map.cell).nearest_cell(place.pose, prior),
             status=status,
             runner_up=rival,
             reason="; ".join(filter(None, [reason, estimate.reason])),
@@ -260,10 +255,7 @@ class Tracker:
         if place.sigma > options.largest_sigma:
             return why, f"known to {place.sigma:.2f} m only"
         if best.n_refused > 0:
-            return (
-                Status.LOCALIZED,
-                f"predicted over {best.motion.distance:.1f} m, for the scan itself: {why}",
-            )
+            return (Status.LOCALIZED, f"predicted over {best.motion.distance:.1f} m, for the scan itself: {why}")
         return Status.LOCALIZED, ""
 
     def _is_inside(self, pose: Pose, prior: Pose) -> bool:

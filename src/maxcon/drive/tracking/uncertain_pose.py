@@ -58,9 +58,7 @@ class UncertainPose:
         by_state[3:5, 3:5] = [[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]]
         by_motion = np.eye(6)
         by_motion[:3, :3] = rotation
-        covariance = (
-            by_state @ self.covariance @ by_state.T + by_motion @ noise.covariance(motion) @ by_motion.T
-        )
+        covariance = by_state @ self.covariance @ by_state.T + by_motion @ noise.covariance(motion) @ by_motion.T
         return UncertainPose(moved, covariance)
 
     def adjusted(self, measured: Pose, covariance: NDArray[np.float64]) -> UncertainPose:

@@ -11,14 +11,7 @@ from maxcon.drive.tracking.uncertain_pose import PLANAR, UncertainPose
 from maxcon.estimate import Estimate
 from maxcon.search.space import PAPER_CELL, SearchSpace
 
-__all__ = [
-    "FARTHEST_REACH",
-    "HEIGHTS_AND_TILTS",
-    "HEIGHT_SIGMA",
-    "TILT_SIGMA",
-    "measured_covariance",
-    "window",
-]
+__all__ = ["FARTHEST_REACH", "HEIGHTS_AND_TILTS", "HEIGHT_SIGMA", "TILT_SIGMA", "measured_covariance", "window"]
 
 # Of an estimate without a covariance: a cell's and a heading step's own, and what the map and the scan add, m and rad.
 MAP_SIGMA, MAP_HEADING_SIGMA = 0.02, math.radians(0.1)

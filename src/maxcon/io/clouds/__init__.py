@@ -54,20 +54,15 @@ def open_cloud(path: str | os.PathLike[str]) -> CloudReader:
     except FileNotFoundError as error:
         raise FileError(f"Expected a point cloud at {file}, got no such file. Check the path.") from error
     except OSError as error:
-        raise FileError(
-            f"Expected a point cloud at {file}, got: {error.strerror}. Check the path."
-        ) from error
+        raise FileError(f"Expected a point cloud at {file}, got: {error.strerror}. Check the path.") from error
     if stat.S_ISDIR(status.st_mode):
         raise FileError(f"Expected a point-cloud file, got the folder {file}. Name the files in it.")
     if not stat.S_ISREG(status.st_mode):
-        raise FileError(
-            f"Expected a point-cloud file, got {file}, a {special_kind(status.st_mode)}. Name a file."
-        )
+        raise FileError(f"Expected a point-cloud file, got {file}, a {special_kind(status.st_mode)}. Name a file.")
     reader = _READERS.get(file.suffix.lower())
     if reader is None:
         raise FileError(
-            f"Expected a point cloud with suffix {', '.join(CLOUD_SUFFIXES)}, got {file}. Convert it to"
-            " one of these."
+            f"Expected a point cloud with suffix {', '.join(CLOUD_SUFFIXES)}, got {file}. Convert it to one of these."
         )
     if status.st_size == 0:
         raise FileError(f"Expected points in {file}, got an empty file. Copy it again, or leave it out.")

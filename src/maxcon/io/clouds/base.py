@@ -138,9 +138,7 @@ class CloudReader(ABC):
         """
         if max_points < 1:
             raise OptionError(f"Expected max_points >= 1, got {max_points}. The default is 1,000,000.")
-        self._running.append(
-            self._read(max_points) if bounds is None else self._read_within(max_points, bounds)
-        )
+        self._running.append(self._read(max_points) if bounds is None else self._read_within(max_points, bounds))
         return self._running[-1]
 
     def __enter__(self) -> Self:

@@ -22,17 +22,13 @@ __all__ = ["copc_chunks_within"]
 # The first record of a COPC file lies at a fixed place: its head of 54 bytes, and what it says of the octree.
 HEADER_BYTES, RECORD_HEAD = 375, 54
 OCTREE = struct.Struct("<5d2Q")
-ENTRY = np.dtype(
-    [("level", "<i4"), ("key", "<i4", 3), ("offset", "<u8"), ("n_bytes", "<i4"), ("n_points", "<i4")]
-)
+ENTRY = np.dtype([("level", "<i4"), ("key", "<i4", 3), ("offset", "<u8"), ("n_bytes", "<i4"), ("n_points", "<i4")])
 DEEPEST = 30
 PAGE = -1
 """The count of points of an entry that leads to another page of the octree."""
 
 
-def copc_chunks_within(
-    file: Path, stream: BinaryIO, chunks: LazChunks, bounds: Bounds
-) -> NDArray[np.bool_] | None:
+def copc_chunks_within(file: Path, stream: BinaryIO, chunks: LazChunks, bounds: Bounds) -> NDArray[np.bool_] | None:
     """Whether each chunk may have points in a rectangle, shape (n_chunks,); None for a file that is no COPC.
 
     Parameters
@@ -104,11 +100,7 @@ def _chunk_numbers(file: Path, nodes: NDArray[np.void], chunks: LazChunks) -> ND
     numbers = np.clip(np.searchsorted(starts, offsets), 0, len(starts) - 1)
     fits = (starts[numbers] == offsets) & (lengths[numbers] == nodes["n_bytes"])
     fits &= np.array(chunks.n_points)[numbers] == nodes["n_points"]
-    if (
-        not fits.all()
-        or len(np.unique(numbers)) != len(numbers)
-        or nodes["n_points"].sum() != sum(chunks.n_points)
-    ):
+    if not fits.all() or len(np.unique(numbers)) != len(numbers) or nodes["n_points"].sum() != sum(chunks.n_points):
         raise FileError(
             f"Expected each chunk of points of {file} as a node of its octree, got an octree of"
             f" {len(nodes)} nodes with {int(nodes['n_points'].sum())} points for {len(starts)} chunks with"

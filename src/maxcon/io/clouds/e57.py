@@ -121,9 +121,7 @@ def _chunks(file: Path, opened: Any, scan: Any, number: int, max_points: int) ->
         while n_left > 0:
             n_read = reader.read()
             if n_read == 0:
-                raise FileError(
-                    f"Expected {n_left} more points of scan {number} in {file}, got none: truncated."
-                )
+                raise FileError(f"Expected {n_left} more points of scan {number} in {file}, got none: truncated.")
             n_left -= n_read
             own = np.stack([columns[name][:n_read] for name in kind], axis=1)
             if kind is SPHERICAL:

@@ -63,8 +63,7 @@ def _read_layout(file: Path, stream: BinaryIO) -> _Layout:
     scales = struct.unpack_from("<6d", head, 131)
     if not all(map(math.isfinite, scales)) or 0.0 in scales[:3]:
         raise FileError(
-            f"Expected finite scales and offsets in {file}, got {scales}. Its header is broken; write it"
-            " anew."
+            f"Expected finite scales and offsets in {file}, got {scales}. Its header is broken; write it anew."
         )
     if n_points == 0:
         raise FileError(f"Expected points in {file}, got a header that says 0 points. Leave this file out.")
@@ -76,9 +75,7 @@ def _read_layout(file: Path, stream: BinaryIO) -> _Layout:
         )
     if not layout.is_compressed and start + n_points * record_length > size:
         n_there = (size - start) // record_length
-        raise FileError(
-            f"Expected {n_points} points in {file}, got bytes for {n_there}: truncated. Copy it again."
-        )
+        raise FileError(f"Expected {n_points} points in {file}, got bytes for {n_there}: truncated. Copy it again.")
     _check_end(file, layout, size, struct.unpack_from("<Q", head, 227)[0] if minor >= 3 else 0)
     return layout
 
@@ -102,8 +99,7 @@ def _wkt_after_points(file: Path, stream: BinaryIO, layout: _Layout) -> bytes | 
     at = layout.evlr_start
     if layout.n_evlrs > MAX_EVLRS:
         raise FileError(
-            f"Expected at most {MAX_EVLRS} extended records in {file}, got {layout.n_evlrs}. Its header is"
-            " broken."
+            f"Expected at most {MAX_EVLRS} extended records in {file}, got {layout.n_evlrs}. Its header is broken."
         )
     for _ in range(layout.n_evlrs):
         stream.seek(min(at, size))
@@ -160,13 +156,9 @@ class LasReader(CloudReader):
             return None
         found = header.vlrs.get("LasZipVlr")
         if not found:
-            raise FileError(
-                f"Expected a LASzip record in {file}, got none. Its header is broken; write it anew."
-            )
+            raise FileError(f"Expected a LASzip record in {file}, got none. Its header is broken; write it anew.")
         layout = self._layout
-        return read_laz_chunks(
-            file, stream, layout.start, layout.record_length, layout.n_points, found[0].record_data
-        )
+        return read_laz_chunks(file, stream, layout.start, layout.record_length, layout.n_points, found[0].record_data)
 
     def _read(self, max_points: int) -> Generator[CloudChunk]:
         for record in self.records(max_points, _needed()):
@@ -238,21 +230,15 @@ class LasReader(CloudReader):
                 sizes = [(chunks.n_points[k], chunks.n_bytes[k]) for k in numbers]
                 compressed = b"".join(_bytes_at(stream, starts[k], chunks.n_bytes[k]) for k in numbers)
                 unpacked = np.zeros(sum(n for n, _ in sizes) * self._layout.record_length, dtype=np.uint8)
-                lazrs.decompress_points_with_chunk_table(
-                    compressed, record_data, unpacked, sizes, _needed().to_lazrs()
-                )
+                lazrs.decompress_points_with_chunk_table(compressed, record_data, unpacked, sizes, _needed().to_lazrs())
                 packed = laspy.PackedPointRecord.from_buffer(unpacked, header.point_format)
-                record = laspy.ScaleAwarePointRecord(
-                    packed.array, packed.point_format, header.scales, header.offsets
-                )
+                record = laspy.ScaleAwarePointRecord(packed.array, packed.point_format, header.scales, header.offsets)
                 yield self._chunk(record)
 
     def _chunk(self, record: Any) -> CloudChunk:
         classes = np.array(record["classification"], dtype=np.uint8)
         times = np.array(record["gps_time"], dtype=np.float64) if self.header.has_times else None
-        return CloudChunk(
-            positions_of(record), None, classes, times, np.array(record["withheld"], dtype=bool)
-        )
+        return CloudChunk(positions_of(record), None, classes, times, np.array(record["withheld"], dtype=bool))
 
 
 def _needed() -> "laspy.DecompressionSelection":

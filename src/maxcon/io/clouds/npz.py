@@ -116,9 +116,7 @@ def _open_member(file: Path, archive: zipfile.ZipFile, name: str) -> tuple[_Memb
     """Return what one array is, checked against the archive, and a stream that stands at its first row."""
     info = archive.getinfo(f"{name}.npy")
     if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-        raise FileError(
-            f"Expected {file} to be stored or deflated, got another compression. Save it with numpy.savez."
-        )
+        raise FileError(f"Expected {file} to be stored or deflated, got another compression. Save it with numpy.savez.")
     if info.file_size > SMALL_BYTES and name == "points" and info.file_size > MAX_RATIO * info.compress_size:
         raise FileError(
             f"Expected `points` in {file} to unpack to at most {MAX_RATIO} times its size, got"
@@ -131,13 +129,10 @@ def _open_member(file: Path, archive: zipfile.ZipFile, name: str) -> tuple[_Memb
     wanted = f"(n, {n_columns})" if n_columns else "(n,)"
     if len(shape) != (2 if n_columns else 1) or min(shape) < 0 or (n_columns and shape[1] != n_columns):
         raise FileError(
-            f"Expected `{name}` in {file} to have shape {wanted}, got {shape}. Save it with one row per"
-            " point."
+            f"Expected `{name}` in {file} to have shape {wanted}, got {shape}. Save it with one row per point."
         )
     if dtype.kind not in "fiu" or dtype.itemsize > 8:
-        raise FileError(
-            f"Expected numbers as `{name}` in {file}, got {dtype}. Convert it with .astype(float)."
-        )
+        raise FileError(f"Expected numbers as `{name}` in {file}, got {dtype}. Convert it with .astype(float).")
     if is_fortran and n_columns and shape[0] > 1:
         raise FileError(
             f"Expected `{name}` in {file} row by row, got columns first (Fortran order), which cannot be"
@@ -153,25 +148,20 @@ def _open_member(file: Path, archive: zipfile.ZipFile, name: str) -> tuple[_Memb
     return member, stream
 
 
-def _read_array_header(
-    file: Path, name: str, stream: IO[bytes]
-) -> tuple[tuple[int, ...], bool, np.dtype[np.generic]]:
+def _read_array_header(file: Path, name: str, stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[np.generic]]:
     version = np.lib.format.read_magic(stream)
     if version == (1, 0):
         return np.lib.format.read_array_header_1_0(stream)
     if version == (2, 0):
         return np.lib.format.read_array_header_2_0(stream)
-    raise FileError(
-        f"Expected `{name}` in {file} in NPY format 1.0 or 2.0, got {version}. Save it with numpy.savez."
-    )
+    raise FileError(f"Expected `{name}` in {file} in NPY format 1.0 or 2.0, got {version}. Save it with numpy.savez.")
 
 
 def _read_rows(file: Path, member: _Member, stream: IO[bytes], n_rows: int) -> NDArray[np.generic]:
     raw = stream.read(n_rows * member.row_bytes)
     if len(raw) < n_rows * member.row_bytes:
         raise FileError(
-            f"Expected {member.n_rows} rows of `{member.name}` in {file}, got fewer: truncated. Copy it"
-            " again."
+            f"Expected {member.n_rows} rows of `{member.name}` in {file}, got fewer: truncated. Copy it again."
         )
     rows = np.frombuffer(raw, member.dtype)
     return rows.reshape(n_rows, member.n_columns) if member.n_columns else rows

@@ -105,9 +105,7 @@ class PlyReader(CloudReader):
 
 
 def _truncated(file: Path, layout: PlyLayout, n_missing: int) -> FileError:
-    return FileError(
-        f"Expected {layout.n_points} vertices in {file}, got {n_missing} fewer: truncated. Copy it again."
-    )
+    return FileError(f"Expected {layout.n_points} vertices in {file}, got {n_missing} fewer: truncated. Copy it again.")
 
 
 def _binary_rows(file: Path, stream: BinaryIO, layout: PlyLayout, max_points: int) -> Generator[Columns]:

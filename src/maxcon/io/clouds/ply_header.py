@@ -93,9 +93,7 @@ def read_ply_layout(file: Path, stream: BinaryIO) -> PlyLayout:
     start = stream.tell()
     names = [element.name for element in elements]
     if "vertex" not in names:
-        raise FileError(
-            f"Expected an element 'vertex' in {file}, got {', '.join(names) or 'none'}. Export its points."
-        )
+        raise FileError(f"Expected an element 'vertex' in {file}, got {', '.join(names) or 'none'}. Export its points.")
     before, vertex = elements[: names.index("vertex")], elements[names.index("vertex")]
     for element in (*before, vertex):
         if element.has_list:
@@ -128,9 +126,7 @@ def _header_lines(file: Path, stream: BinaryIO) -> list[list[str]]:
         raw = stream.readline(MAX_HEADER_BYTES)
         words = raw.decode("latin-1").split()
         if not lines and words != ["ply"]:
-            raise FileError(
-                f"Expected {file} to begin with the line 'ply', got {raw[:20]!r}. Is it a PLY file?"
-            )
+            raise FileError(f"Expected {file} to begin with the line 'ply', got {raw[:20]!r}. Is it a PLY file?")
         if not raw.endswith(b"\n") or stream.tell() > MAX_HEADER_BYTES:
             raise FileError(
                 f"Expected a PLY header of at most {MAX_HEADER_BYTES} bytes that ends with 'end_header' in"
@@ -161,11 +157,8 @@ def _parse(file: Path, lines: list[list[str]]) -> tuple[str, list[_Element]]:
                 elements[-1].properties.append((name, TYPES[kind]))
             case _:
                 raise FileError(
-                    f"Expected a PLY 1.0 header in {file}, got the line {' '.join(words)[:60]!r}. Export"
-                    " it anew."
+                    f"Expected a PLY 1.0 header in {file}, got the line {' '.join(words)[:60]!r}. Export it anew."
                 )
     if order is None:
-        raise FileError(
-            f"Expected a line 'format ... 1.0' in the header of {file}, got none. Export it anew."
-        )
+        raise FileError(f"Expected a line 'format ... 1.0' in the header of {file}, got none. Export it anew.")
     return order, elements

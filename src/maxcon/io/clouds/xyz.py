@@ -62,9 +62,7 @@ class XyzReader(CloudReader):
         with as_file_error(file, KIND), open_regular(file) as stream:
             self._layout = _read_layout(file, stream)
             stream.seek(0)
-            n_points = sum(
-                len(lines) for lines in _line_groups(file, stream, self._layout.n_lines_before, MAX_LINES)
-            )
+            n_points = sum(len(lines) for lines in _line_groups(file, stream, self._layout.n_lines_before, MAX_LINES))
         if n_points == 0:
             raise FileError(f"Expected points in {file}, got a header alone. Leave this file out.")
         self.header = CloudHeader(
@@ -116,9 +114,7 @@ def _numbers(file: Path, lines: list[str], layout: _Layout) -> NDArray[np.float6
         values = np.loadtxt(lines, dtype=np.float64, comments=None, delimiter=layout.separator, ndmin=2)
     except ValueError as error:
         words = str(error).partition(";")[0][:100]
-        raise FileError(
-            f"Expected rows of numbers in {file}, got: {words}. Correct or remove that row."
-        ) from error
+        raise FileError(f"Expected rows of numbers in {file}, got: {words}. Correct or remove that row.") from error
     if values.shape[1] != layout.n_columns:
         raise FileError(
             f"Expected {layout.n_columns} numbers per point in {file}, got {values.shape[1]}. Correct that row."
@@ -155,15 +151,11 @@ def _layout(
 ) -> _Layout:
     if named is None:
         if n_columns < 3:
-            raise FileError(
-                f"Expected x, y, z in each line of {file}, got {n_columns} numbers. Add what is missing."
-            )
+            raise FileError(f"Expected x, y, z in each line of {file}, got {n_columns} numbers. Add what is missing.")
         return _Layout(number - 1, separator, n_columns, {"x": 0, "y": 1, "z": 2})
     names = named[1]
     if len(names) != n_columns:
-        raise FileError(
-            f"Expected {len(names)} numbers per point in {file}, as its header has, got {n_columns}."
-        )
+        raise FileError(f"Expected {len(names)} numbers per point in {file}, as its header has, got {n_columns}.")
     columns = {}
     for wanted, possible in NAMES.items():
         found = [index for index, name in enumerate(names) if name in possible]

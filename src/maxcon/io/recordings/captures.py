@@ -93,9 +93,7 @@ def metadata_beside(path: Path) -> Path | None:
 def topics_of_capture(path: Path) -> tuple[Topic, ...]:
     """Return the ports of a capture as topics: kind and number of packets; errors as of `datagrams`."""
     seen = Counter((one.port, one.n_bytes) for one in datagrams(path))
-    return tuple(
-        Topic(f"port {port}", _kind(port, n_bytes), n) for (port, n_bytes), n in sorted(seen.items())[:20]
-    )
+    return tuple(Topic(f"port {port}", _kind(port, n_bytes), n) for (port, n_bytes), n in sorted(seen.items())[:20])
 
 
 def _kind(port: int, n_bytes: int) -> str:

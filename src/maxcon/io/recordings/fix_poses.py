@@ -43,13 +43,9 @@ def read_fixes(recording: Recording, topic: Topic) -> Fixes:
             continue
         rows.setdefault(time, place + (covariance.tolist() if is_known else [math.nan] * 4))
     if not rows:
-        raise TrajectoryError(
-            f"{label}: Expected at least one position, got none with a fix. Choose another topic."
-        )
+        raise TrajectoryError(f"{label}: Expected at least one position, got none with a fix. Choose another topic.")
     values = np.array([rows[time] for time in sorted(rows)])
-    return Fixes(
-        np.array(sorted(rows)), values[:, :3], values[:, 3:].reshape(-1, 2, 2), n_left_out, frame=frame
-    )
+    return Fixes(np.array(sorted(rows)), values[:, :3], values[:, 3:].reshape(-1, 2, 2), n_left_out, frame=frame)
 
 
 def read_orientations(recording: Recording) -> Orientations | None:

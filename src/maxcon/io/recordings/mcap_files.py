@@ -128,9 +128,7 @@ class _McapFile:
                     continue
                 stream.seek(index.chunk_start_offset + 9)  # behind its kind and length
                 records = [
-                    r
-                    for r in unpacked_records(Chunk.read(ReadDataStream(stream)))
-                    if isinstance(r, MessageRecord)
+                    r for r in unpacked_records(Chunk.read(ReadDataStream(stream))) if isinstance(r, MessageRecord)
                 ]
                 yield from sorted(records, key=lambda record: record.log_time)
 
@@ -191,9 +189,7 @@ def unpacked_records(chunk: Any) -> list[Any]:
     from mcap.stream_reader import breakup_chunk
 
     if chunk.uncompressed_size > LARGEST_CHUNK:
-        raise FileError(
-            f"Expected chunks of at most {LARGEST_CHUNK:,} bytes, got one of {chunk.uncompressed_size:,}."
-        )
+        raise FileError(f"Expected chunks of at most {LARGEST_CHUNK:,} bytes, got one of {chunk.uncompressed_size:,}.")
     data = _UNPACKERS[chunk.compression](chunk.data, chunk.uncompressed_size)
     if len(data) != chunk.uncompressed_size:
         raise _TruncatedError(f"a chunk of {len(data):,} bytes instead of {chunk.uncompressed_size:,}")

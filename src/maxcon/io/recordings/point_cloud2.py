@@ -13,14 +13,7 @@ from maxcon.errors import FileError
 from maxcon.io.point_times import TIME_FIELDS, Column, PointTimes, find_point_times
 from maxcon.io.recordings.base import printable
 
-__all__ = [
-    "CloudPoints",
-    "CloudRecord",
-    "FieldDescription",
-    "decode_cloud",
-    "decode_times",
-    "fields_in_words",
-]
+__all__ = ["CloudPoints", "CloudRecord", "FieldDescription", "decode_cloud", "decode_times", "fields_in_words"]
 
 FORMATS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """Kinds of numbers by their code in sensor_msgs/PointField."""
@@ -190,9 +183,7 @@ class _Layout:
         # A cloud of one row may leave out the length of rows, or say something else.
         row_step = record.point_step * record.width if record.height == 1 else record.row_step
         if row_step < record.point_step * record.width:
-            raise _refuse(
-                f"rows of {record.width} points of {record.point_step} bytes", f"rows of {row_step} bytes"
-            )
+            raise _refuse(f"rows of {record.width} points of {record.point_step} bytes", f"rows of {row_step} bytes")
         layout = cls(record, row_step)
         if n_points and (n_needed := layout._n_needed()) > len(record.data):
             raise _refuse(f"{n_needed:,} bytes of points", f"{len(record.data):,}")

@@ -33,10 +33,7 @@ ODOMETRY = "nav_msgs/msg/Odometry"
 POSES: dict[str, Callable[[Any], tuple[Any, Any]]] = {
     ODOMETRY: lambda content: (content.pose.pose, content.pose.covariance),
     "geometry_msgs/msg/PoseStamped": lambda content: (content.pose, None),
-    "geometry_msgs/msg/PoseWithCovarianceStamped": lambda content: (
-        content.pose.pose,
-        content.pose.covariance,
-    ),
+    "geometry_msgs/msg/PoseWithCovarianceStamped": lambda content: (content.pose.pose, content.pose.covariance),
 }
 """Kinds of messages that hold a pose, and where in them it is, with its covariance."""
 X_Y_HEADING = (0, 1, 5)
@@ -164,9 +161,7 @@ def _chosen(recording: Recording, name: str | None, *, is_odometry: bool) -> Top
     if name is not None:
         named = [topic for topic in found if topic.name == name]
         if not named:
-            got = next(
-                (printable(topic.type) for topic in recording.topics if topic.name == name), "no such topic"
-            )
+            got = next((printable(topic.type) for topic in recording.topics if topic.name == name), "no such topic")
             raise OptionError(
                 f"Expected poses in the topic {name} of {recording.path}, got {got}. "
                 + (f"Ask for {listed}." if found else "There are none in it.")
@@ -178,9 +173,7 @@ def _chosen(recording: Recording, name: str | None, *, is_odometry: bool) -> Top
             return topics[0]
     if found:
         option = "--odometry-topic" if is_odometry else "--prior-topic"
-        raise FileError(
-            f"Expected one topic of poses in {recording.path}, got {listed}. Choose one with {option}."
-        )
+        raise FileError(f"Expected one topic of poses in {recording.path}, got {listed}. Choose one with {option}.")
     wanted = ", ".join(kind.rpartition("/")[2] for kind in kinds)
     option = "--odometry" if is_odometry else "--prior"
     raise FileError(f"Expected poses ({wanted}) in {recording.path}, got none{_remedy(recording, option)}")
@@ -239,9 +232,7 @@ def _of_poses(recording: Recording, topic: Topic) -> RecordedPoses:
             rows.setdefault(time, row)
     if not rows:
         raise TrajectoryError(f"{label}: Expected at least one pose, got none. Choose another topic.")
-    trajectory = trajectory_of(
-        np.array(sorted(rows)), np.array([rows[time] for time in sorted(rows)]), str(label)
-    )
+    trajectory = trajectory_of(np.array(sorted(rows)), np.array([rows[time] for time in sorted(rows)]), str(label))
     kind = topic.type.rpartition("/")[2]
     named = ", ".join(sorted(frames)) or "without a name"
     left = f"; {n_left_out} messages without a pose left out" if n_left_out else ""

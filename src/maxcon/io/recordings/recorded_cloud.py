@@ -10,13 +10,7 @@ from pathlib import Path
 
 from maxcon.errors import FileError
 from maxcon.io.point_times import PointTimes
-from maxcon.io.recordings.point_cloud2 import (
-    CloudPoints,
-    CloudRecord,
-    FieldDescription,
-    decode_cloud,
-    decode_times,
-)
+from maxcon.io.recordings.point_cloud2 import CloudPoints, CloudRecord, FieldDescription, decode_cloud, decode_times
 
 __all__ = ["CloudSource", "RecordedCloud"]
 

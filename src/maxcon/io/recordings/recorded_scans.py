@@ -123,12 +123,9 @@ class RecordedScans(Scans):
     def words(self) -> str:
         """Which clouds these are, and how their times were understood, in a line."""
         kinds = "; ".join(
-            kind if len(self._index.kinds) == 1 else f"{kind} ({count})"
-            for kind, count in self._index.kinds.items()
+            kind if len(self._index.kinds) == 1 else f"{kind} ({count})" for kind, count in self._index.kinds.items()
         )
-        repeated = f"; {self._index.n_repeated} left out, as another has the same time" * bool(
-            self._index.n_repeated
-        )
+        repeated = f"; {self._index.n_repeated} left out, as another has the same time" * bool(self._index.n_repeated)
         notes = "".join(f"; {note}" for note in self.source.notes)
         return f"scans from {self.source.label}, times of points: {kinds}{repeated}{notes}"
 
@@ -179,6 +176,4 @@ class RecordedScans(Scans):
             self._next += 1
             if self._next > row and cloud.recorded == recorded[row]:
                 return cloud
-        raise FileError(
-            f"Expected {self.source.path} as it was when it was opened, got fewer clouds. Open it anew."
-        )
+        raise FileError(f"Expected {self.source.path} as it was when it was opened, got fewer clouds. Open it anew.")

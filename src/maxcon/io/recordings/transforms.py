@@ -100,9 +100,7 @@ class TransformTree:
             If a message is broken.
         """
         links: dict[str, list[_Link]] = {}
-        topics = [
-            t.name for t in recording.of_type(*TRANSFORMS) if not is_static_only or t.name.endswith(STATIC)
-        ]
+        topics = [t.name for t in recording.of_type(*TRANSFORMS) if not is_static_only or t.name.endswith(STATIC)]
         for message in recording.messages(topics) if topics else ():
             label = Path(f"{recording.path}, {printable(message.topic)}")
             with as_file_error(label, "messages of transforms"):
@@ -114,9 +112,7 @@ class TransformTree:
                     row += [turn.x, turn.y, turn.z, turn.w]
                     if np.isfinite(row).all() and abs(np.linalg.norm(row[4:]) - 1.0) < 0.01:
                         link.rows.extend(map(float, row))
-        known = {
-            child: [link for link in several if len(link.rows)] for child, several in links.items() if child
-        }
+        known = {child: [link for link in several if len(link.rows)] for child, several in links.items() if child}
         return cls(recording.path, {child: several for child, several in known.items() if several})
 
     @property
@@ -246,8 +242,7 @@ def _along(
     """Positions and rotations of the end of a path at some times, from the table of each of its links."""
     parts = [_at(table, times) for table in tables]
     return reduce(
-        _composed,
-        (part if step.is_down else _backwards(*part) for step, part in zip(steps, parts, strict=True)),
+        _composed, (part if step.is_down else _backwards(*part) for step, part in zip(steps, parts, strict=True))
     )
 
 
@@ -257,9 +252,7 @@ def _at(table: NDArray[np.float64], times: NDArray[np.float64]) -> tuple[NDArray
 
     turns = Rotation.from_quat(table[:, 4:])
     if len(table) == 1:
-        return np.tile(table[:, 1:4], (len(times), 1)), Rotation.from_quat(
-            np.tile(table[:, 4:], (len(times), 1))
-        )
+        return np.tile(table[:, 1:4], (len(times), 1)), Rotation.from_quat(np.tile(table[:, 4:], (len(times), 1)))
     positions = np.stack([np.interp(times, table[:, 0], column) for column in table[:, 1:4].T], axis=1)
     return positions, Slerp(table[:, 0], turns)(times)
 

@@ -69,9 +69,7 @@ class TurnsOfCapture(CloudSource):
 def record_of_points(points: NDArray[np.void], stamp: int) -> CloudRecord:
     """Return a structured array of points, shape (n,), as a PointCloud2 record of time `stamp` (ns)."""
     places: Any = points.dtype.fields
-    fields = tuple(
-        FieldDescription(name, place[1], CODES[place[0].str[1:]]) for name, place in places.items()
-    )
+    fields = tuple(FieldDescription(name, place[1], CODES[place[0].str[1:]]) for name, place in places.items())
     step = points.dtype.itemsize
     data = np.ascontiguousarray(points).view(np.uint8)
     return CloudRecord(fields, len(points), 1, step, step * len(points), False, data, stamp)

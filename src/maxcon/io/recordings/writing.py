@@ -131,9 +131,7 @@ def check_writers() -> None:
         ) from error
 
 
-def open_writer(
-    path: Path, kind: RecordingKind, *, overwrite: bool
-) -> AbstractContextManager[RecordingWriter]:
+def open_writer(path: Path, kind: RecordingKind, *, overwrite: bool) -> AbstractContextManager[RecordingWriter]:
     """Return a context manager that opens a writer, and moves the recording to its path once it is complete."""
     check_writers()
     if kind is RecordingKind.ROS1:

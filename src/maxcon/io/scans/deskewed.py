@@ -28,9 +28,7 @@ class DeskewedScans(Scans):
         negative for counter-clockwise. The time of a scan is that of the middle of its turn, which looks forward.
     """
 
-    def __init__(
-        self, scans: Scans, motion: Trajectory, max_gap: float = 0.5, turn_time: float | None = None
-    ) -> None:
+    def __init__(self, scans: Scans, motion: Trajectory, max_gap: float = 0.5, turn_time: float | None = None) -> None:
         self._scans, self._motion, self._max_gap, self._turn_time = scans, motion, max_gap, turn_time
         self.times = scans.times
 

@@ -103,13 +103,9 @@ def open_scan_folder(path: str | os.PathLike[str], times: str | os.PathLike[str]
     try:
         root.stat()
     except FileNotFoundError as error:
-        raise FileError(
-            f"Expected a folder of scans at {root}, got no such folder or file. Check the path."
-        ) from error
+        raise FileError(f"Expected a folder of scans at {root}, got no such folder or file. Check the path.") from error
     except OSError as error:
-        raise FileError(
-            f"Expected a folder of scans at {root}, got: {error.strerror}. Check the path."
-        ) from error
+        raise FileError(f"Expected a folder of scans at {root}, got: {error.strerror}. Check the path.") from error
     folder = root if root.is_dir() else root.parent
     paths = in_natural_order(_scan_paths(root))
     beside = folder / "times.txt"
@@ -126,22 +122,13 @@ def _scan_paths(root: Path) -> list[Path]:
     try:
         there = sorted(root.iterdir()) if root.is_dir() else [root]
     except OSError as error:
-        raise FileError(
-            f"Expected to be able to list {root}, got: {error.strerror}. Check its permissions."
-        ) from error
-    paths = [
-        p
-        for p in there
-        if p.suffix.lower() in SCAN_SUFFIXES and not p.name.startswith(".") and not p.is_dir()
-    ]
+        raise FileError(f"Expected to be able to list {root}, got: {error.strerror}. Check its permissions.") from error
+    paths = [p for p in there if p.suffix.lower() in SCAN_SUFFIXES and not p.name.startswith(".") and not p.is_dir()]
     if not paths:
-        raise FileError(
-            f"Expected scans with suffix {kinds} in {root}, got none. Name the folder they are in."
-        )
+        raise FileError(f"Expected scans with suffix {kinds} in {root}, got none. Name the folder they are in.")
     suffixes = sorted({p.suffix.lower() for p in paths})
     if len(suffixes) > 1:
         raise FileError(
-            f"Expected scans of one kind in {root}, got {', '.join(suffixes)}. Put each kind in its own"
-            " folder."
+            f"Expected scans of one kind in {root}, got {', '.join(suffixes)}. Put each kind in its own folder."
         )
     return paths

@@ -51,9 +51,7 @@ def read_pcd(file: Path, n_most: int) -> ScanFile:
 
 def _content(layout: PcdLayout, column: Callable[[str], NDArray[Any]]) -> ScanFile:
     """Points and possible times of a file whose values `column` returns by the name of the field."""
-    kinds = dict(
-        zip(layout.fields, (np.dtype(f"<{kind.lower()}").name for kind in layout.types), strict=True)
-    )
+    kinds = dict(zip(layout.fields, (np.dtype(f"<{kind.lower()}").name for kind in layout.types), strict=True))
     points = np.stack([as_float64(column(name)) for name in "xyz"], axis=1)
     once = [
         name
@@ -68,9 +66,7 @@ def _read_ascii(file: Path, stream: BinaryIO, layout: PcdLayout) -> NDArray[np.f
     text = io.TextIOWrapper(stream, encoding="latin-1", newline="\n")
     table = read_table(file, text, layout.n_points, sum(layout.counts))
     if len(table) < layout.n_points:
-        raise FileError(
-            f"Expected {layout.n_points} points in {file}, got {len(table)}: truncated. Copy it again."
-        )
+        raise FileError(f"Expected {layout.n_points} points in {file}, got {len(table)}: truncated. Copy it again.")
     return table
 
 

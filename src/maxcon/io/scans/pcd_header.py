@@ -51,10 +51,7 @@ class PcdLayout:
         """One binary record; fields are numbered, because names need not be unique."""
         rows = enumerate(zip(self.types, self.counts, strict=True))
         return np.dtype(
-            [
-                (f"f{i}", f"({count},)<{kind.lower()}" if count > 1 else f"<{kind.lower()}")
-                for i, (kind, count) in rows
-            ]
+            [(f"f{i}", f"({count},)<{kind.lower()}" if count > 1 else f"<{kind.lower()}") for i, (kind, count) in rows]
         )
 
     def column(self, field: str) -> int:
@@ -73,9 +70,7 @@ def read_pcd_layout(file: Path, stream: BinaryIO, n_most: int) -> PcdLayout:
     """
     header = _header(file, stream)
     fields = _lower_axes(tuple(header.get("FIELDS", [])))
-    types = tuple(
-        kind + size for kind, size in zip(header.get("TYPE", []), header.get("SIZE", []), strict=False)
-    )
+    types = tuple(kind + size for kind, size in zip(header.get("TYPE", []), header.get("SIZE", []), strict=False))
     counts = tuple(_whole(file, "COUNT", text) for text in header.get("COUNT", ["1"] * len(fields)))
     n_each = {len(fields), len(header.get("SIZE", [])), len(header.get("TYPE", [])), len(counts)}
     if len(n_each) != 1 or not set(types) <= TYPES or not 0 < sum(counts) <= MAX_COLUMNS or 0 in counts:
@@ -99,9 +94,7 @@ def _lower_axes(fields: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _broken(file: Path, expected: str, got: str) -> FileError:
-    return FileError(
-        f"Expected {expected} in the PCD file {file}, got {got}. Write it anew, or copy it again."
-    )
+    return FileError(f"Expected {expected} in the PCD file {file}, got {got}. Write it anew, or copy it again.")
 
 
 def _whole(file: Path, key: str, text: str) -> int:
@@ -156,9 +149,7 @@ def _check_size(file: Path, stream: BinaryIO, layout: PcdLayout) -> None:
             raise _broken(file, "the sizes of the compressed points", "the end of the file: truncated")
         n_packed, n_unpacked = struct.unpack("<II", sizes)
         if n_unpacked != n_needed or n_unpacked > MAX_RATIO * n_packed:
-            raise _broken(
-                file, f"points that unpack to {n_needed} bytes", f"{n_unpacked} from {n_packed} bytes"
-            )
+            raise _broken(file, f"points that unpack to {n_needed} bytes", f"{n_unpacked} from {n_packed} bytes")
         n_needed = 8 + n_packed
     if n_there < n_needed:
         raise _broken(file, f"{n_needed} bytes of points", f"{n_there}: truncated")

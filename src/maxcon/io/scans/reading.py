@@ -41,9 +41,7 @@ def read_scan_file(file: Path) -> ScanFile:
             return read_pcd(file, MAX_SCAN_POINTS)
         return ScanFile(_read_cloud(file))
     except OSError as error:
-        raise FileError(
-            f"Expected to be able to read {file}, got: {error.strerror}. Check the file."
-        ) from error
+        raise FileError(f"Expected to be able to read {file}, got: {error.strerror}. Check the file.") from error
 
 
 def _check_count(file: Path, n_points: int) -> None:

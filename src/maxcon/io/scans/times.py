@@ -65,9 +65,7 @@ def times_from_names(paths: list[Path]) -> NDArray[np.float64]:
                 f"Expected a time as the name of each scan, or a times.txt beside them, got {path.name} in"
                 f" {path.parent}. {ADVICE}"
             )
-    units = [
-        1.0 if "." in path.stem else UNITS_BY_DIGITS.get(len(path.stem.lstrip("-")), 1.0) for path in paths
-    ]
+    units = [1.0 if "." in path.stem else UNITS_BY_DIGITS.get(len(path.stem.lstrip("-")), 1.0) for path in paths]
     if len(set(units)) > 1:
         raise FileError(
             f"Expected names of the same unit in {paths[0].parent}, got {paths[0].name} and"
@@ -78,7 +76,6 @@ def times_from_names(paths: list[Path]) -> NDArray[np.float64]:
     if len(rows):
         first, second = paths[rows[0]], paths[rows[0] + 1]
         raise FileError(
-            f"Expected names of increasing times in {first.parent}, got {first.name} and {second.name}."
-            f" {ADVICE}"
+            f"Expected names of increasing times in {first.parent}, got {first.name} and {second.name}. {ADVICE}"
         )
     return times

@@ -72,9 +72,7 @@ class CountThenGicp:
         """Cells of the coarse search."""
         n_cells = math.ceil(self.half_width / self.voxel - 1e-9) + 1
         n_turns = math.ceil(self.heading_half_width_deg / self.heading_step_deg - 1e-9)
-        return SearchSpace(
-            n_cells * self.voxel, self.voxel, n_turns * self.heading_step_deg, self.heading_step_deg
-        )
+        return SearchSpace(n_cells * self.voxel, self.voxel, n_turns * self.heading_step_deg, self.heading_step_deg)
 
     def localize(self, scan: Scan, point_map: PointMap, prior: Pose) -> Estimate:
         """Find the pose of a scan in the map.
@@ -103,9 +101,7 @@ class CountThenGicp:
         """
         return self.prepare(scan, point_map, prior).align(prior)
 
-    def prepare(
-        self, scan: Scan, point_map: PointMap, around: Pose, spread: float = 0.0
-    ) -> "_CountThenGicpAligner":
+    def prepare(self, scan: Scan, point_map: PointMap, around: Pose, spread: float = 0.0) -> "_CountThenGicpAligner":
         """Thin the scan, and make both maps around it, which all priors within `spread` (m) share."""
         spread += math.sqrt(2.0) * self.window.half_width
         place = Place.of_scan(scan.points, around, self.gicp.gate, spread)

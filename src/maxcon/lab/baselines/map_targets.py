@@ -62,9 +62,7 @@ class MapTargets:
         made: Made = self._get(point_map, 0, N_TARGETS, key, make)
         return made
 
-    def _get(
-        self, point_map: PointMap, shelf: int, n_kept: int, key: Hashable, make: Callable[[], Any]
-    ) -> Any:
+    def _get(self, point_map: PointMap, shelf: int, n_kept: int, key: Hashable, make: Callable[[], Any]) -> Any:
         with self._lock:
             kept = self._kept.setdefault(point_map, (OrderedDict(), OrderedDict()))[shelf]
             if key not in kept:

@@ -70,9 +70,7 @@ def check_steps(name: str, value: int, default: int) -> None:
         If it is not.
     """
     if not (value >= 1 and value == int(value)):
-        raise OptionError(
-            f"Expected `{name}` to be a whole number from 1, got {value}. The default is {default}."
-        )
+        raise OptionError(f"Expected `{name}` to be a whole number from 1, got {value}. The default is {default}.")
 
 
 class IteratedMethod(Protocol):

@@ -38,13 +38,7 @@ STREET_PART = 0.25
 
 
 def report_demo(
-    folder: Path,
-    drive: DemoDrive,
-    results: Sequence[MethodResult],
-    wide: WideResult,
-    *,
-    seed: int,
-    progress: Progress,
+    folder: Path, drive: DemoDrive, results: Sequence[MethodResult], wide: WideResult, *, seed: int, progress: Progress
 ) -> Path:
     """Draw the pictures and write `report.html` into `folder`; return its path."""
     pictures = folder / "pictures"
@@ -144,9 +138,7 @@ def _why_picture(folder: Path, drive: DemoDrive, results: Sequence[MethodResult]
     path = folder / "why.png"
     _plot_spaces(path, drive, results, epoch, "where the map is denser in one place")
     off = {result.method.slug: _distances(result)[position] for result in results}
-    wrong = [
-        f"{result.method.name}: {result.accuracy.n_epochs - result.accuracy.n_success}" for result in results
-    ]
+    wrong = [f"{result.method.name}: {result.accuracy.n_epochs - result.accuracy.n_success}" for result in results]
     return Picture(
         "Why Helmert's point error, and a voxel once",
         f"The mapping vehicle stood before a red light for {MAPPING_WAIT:g} s, and the map is denser there. At"
@@ -187,9 +179,7 @@ def _plot_spaces(
     for result in results:
         if result.method.slug in ("count-points", "helmert-points", "helmert-occupied"):
             accumulator = result.method.method.accumulate(scan, drive.point_map, prior)
-            views.append(
-                SearchSpaceView(accumulator, result.method.method.cell_search.objective, result.method.name)
-            )
+            views.append(SearchSpaceView(accumulator, result.method.method.cell_search.objective, result.method.name))
     reference = drive.reference_at(epoch.raw.time)
     plot_search_spaces(path, views, title=f"Epoch {epoch.epoch}, {where}", reference=reference)
 
@@ -266,14 +256,8 @@ def _facts(drive: DemoDrive, results: Sequence[MethodResult]) -> tuple[tuple[str
     n_headings, ny, nx = space.shape
     n_tiles = len(drive.point_map.tile_keys)
     return (
-        (
-            "Map",
-            f"{len(drive.dataset.map_clouds)} LAZ clouds, {n_tiles} tiles of voxels of {space.cell_edge:g} m",
-        ),
-        (
-            "Search",
-            f"{n_headings} headings x {ny} x {nx} cells: {space.n_cells:,} poses per epoch, none left out",
-        ),
+        ("Map", f"{len(drive.dataset.map_clouds)} LAZ clouds, {n_tiles} tiles of voxels of {space.cell_edge:g} m"),
+        ("Search", f"{n_headings} headings x {ny} x {nx} cells: {space.n_cells:,} poses per epoch, none left out"),
         (
             "Scans",
             f"{len(results[0].epochs)} epochs of a VLP-16 with 3 cm noise; other cars are parked than in the map",

@@ -67,9 +67,7 @@ MAPPING_WAIT = 10.0
 
 DEMO_METHODS = (
     DemoMethod(
-        "Count, every map point",
-        "count-points",
-        MaximumConsensus(PAPER, objective=Count(), multiplicity="points"),
+        "Count, every map point", "count-points", MaximumConsensus(PAPER, objective=Count(), multiplicity="points")
     ),
     DemoMethod(
         "Helmert, every map point",
@@ -133,9 +131,7 @@ def check_extras() -> None:
     check_jinja2()
 
 
-def prepare_demo(
-    folder: Path, *, n_epochs: int, seed: int, progress: Progress, before: float = 75.0
-) -> DemoDrive:
+def prepare_demo(folder: Path, *, n_epochs: int, seed: int, progress: Progress, before: float = 75.0) -> DemoDrive:
     """Simulate the dataset, from `before` (m) the crossing on, and build its map inside `folder`."""
     dataset = simulate(
         folder / "dataset",
@@ -147,10 +143,7 @@ def prepare_demo(
     )
     build_map(dataset.map_clouds, folder / "city.map", dataset_map_options(dataset), progress=progress)
     return DemoDrive(
-        PointMap.open(folder / "city.map"),
-        dataset,
-        read_trajectory(dataset.prior),
-        read_trajectory(dataset.reference),
+        PointMap.open(folder / "city.map"), dataset, read_trajectory(dataset.prior), read_trajectory(dataset.reference)
     )
 
 

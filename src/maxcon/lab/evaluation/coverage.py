@@ -48,9 +48,7 @@ class Coverage:
         """Count errors, shape (n,), within their sigmas, shape (n,), same unit; NaN in either is left out."""
         wrong, predicted = np.asarray(errors, dtype=np.float64), np.asarray(sigmas, dtype=np.float64)
         if wrong.shape != predicted.shape or wrong.ndim != 1:
-            raise ArrayError(
-                f"Expected errors and sigmas of one shape (n,), got {wrong.shape} and {predicted.shape}."
-            )
+            raise ArrayError(f"Expected errors and sigmas of one shape (n,), got {wrong.shape} and {predicted.shape}.")
         is_known = np.isfinite(wrong) & np.isfinite(predicted)
         if (predicted[is_known] <= 0.0).any():
             raise ArrayError(

@@ -60,11 +60,7 @@ class Distinctness:
 
 
 def distinctness(
-    accumulator: Accumulator,
-    objective: Objective,
-    *,
-    guard_radius: float = GUARD_RADIUS,
-    scores: Scores | None = None,
+    accumulator: Accumulator, objective: Objective, *, guard_radius: float = GUARD_RADIUS, scores: Scores | None = None
 ) -> Distinctness:
     """Measures of how distinct the best cell is.
 
@@ -97,9 +93,7 @@ def distinctness(
     compare objectives on the same accumulator. The paper's search spaces are centred on the reference.
     """
     if not 0.0 <= guard_radius < math.inf:
-        raise OptionError(
-            f"Expected `guard_radius` >= 0 m, got {guard_radius}. The default is {GUARD_RADIUS:g}."
-        )
+        raise OptionError(f"Expected `guard_radius` >= 0 m, got {guard_radius}. The default is {GUARD_RADIUS:g}.")
     space = accumulator.space
     scores = _checked(accumulator.score(objective) if scores is None else scores, space)
     peak = highest(scores)
@@ -153,9 +147,7 @@ def significant_ray(
     steps = np.arange(-(nx + ny), nx + ny + 1)
     x, y = _snapped(ix + steps * x_step), _snapped(iy + steps * y_step)
     is_inside = (x >= 0.0) & (x <= nx - 1) & (y >= 0.0) & (y <= ny - 1)
-    return steps[is_inside] * accumulator.space.cell_edge, _interpolated(
-        scores[heading], x[is_inside], y[is_inside]
-    )
+    return steps[is_inside] * accumulator.space.cell_edge, _interpolated(scores[heading], x[is_inside], y[is_inside])
 
 
 def _checked(scores: Scores, space: SearchSpace) -> Scores:
@@ -186,9 +178,7 @@ def _snapped(places: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(np.abs(places - nearest) < ON_THE_GRID, nearest, places)
 
 
-def _interpolated(
-    plane: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _interpolated(plane: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
     """Values of a plane, shape (ny, nx), interpolated bilinearly at places (x, y) inside it, in cells."""
     ny, nx = plane.shape
     x_low, y_low = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)

@@ -102,6 +102,4 @@ def _check(n_found: int, n_epochs: int, confidence: float) -> None:
     if not 0 <= n_found <= n_epochs:
         raise OptionError(f"Expected from 0 to {n_epochs} of {n_epochs} epochs, got {n_found}.")
     if not 0.0 < confidence < 1.0:
-        raise OptionError(
-            f"Expected `confidence` above 0 and below 1, got {confidence}. The default is 0.95."
-        )
+        raise OptionError(f"Expected `confidence` above 0 and below 1, got {confidence}. The default is 0.95.")

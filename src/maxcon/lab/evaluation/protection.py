@@ -60,9 +60,7 @@ class ProtectionCounts:
                 f"Expected errors and levels of one shape (n,) or (n, m), got {wrong.shape} and {level.shape}."
             )
         if not 0.0 < alert_limit < np.inf:
-            raise OptionError(
-                f"Expected `alert_limit` above 0 m, got {alert_limit}. The default is {ALERT_LIMIT}."
-            )
+            raise OptionError(f"Expected `alert_limit` above 0 m, got {alert_limit}. The default is {ALERT_LIMIT}.")
         if wrong.ndim == 1:
             wrong, level = wrong[:, None], level[:, None]
         has_level = np.asarray((np.isfinite(level) & np.isfinite(wrong)).all(axis=1))

@@ -50,9 +50,7 @@ class RiskCoverage:
             Score of the next best place over that of the answer: lower is more trusted. NaN, where a method has none,
             is trusted less than any number.
         """
-        right, answered, trusted = (
-            np.asarray(each, dtype=bool) for each in (is_right, is_answer, is_trusted)
-        )
+        right, answered, trusted = (np.asarray(each, dtype=bool) for each in (is_right, is_answer, is_trusted))
         rivals = np.asarray(runner_up, dtype=np.float64)
         if not right.shape == answered.shape == trusted.shape == rivals.shape or right.ndim != 1:
             raise ArrayError(

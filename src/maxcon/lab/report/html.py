@@ -47,9 +47,7 @@ class Picture:
         elif content.lstrip().startswith((b"<?xml", b"<svg")) and b"<svg" in content:
             kind = "image/svg+xml"
         else:
-            raise FileError(
-                f"Expected {name} to be a PNG or an SVG, got {content[:8]!r}. Draw it as one of these."
-            )
+            raise FileError(f"Expected {name} to be a PNG or an SVG, got {content[:8]!r}. Draw it as one of these.")
         return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
 
     def _content(self) -> tuple[bytes, str]:
@@ -60,8 +58,7 @@ class Picture:
             return Path(self.source).read_bytes(), os.fspath(self.source)
         except OSError as error:
             raise FileError(
-                f"Expected to read the picture {os.fspath(self.source)}, got: {error.strerror}."
-                " Draw it first."
+                f"Expected to read the picture {os.fspath(self.source)}, got: {error.strerror}. Draw it first."
             ) from error
 
 

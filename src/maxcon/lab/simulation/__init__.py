@@ -20,12 +20,7 @@ from maxcon.lab.simulation.scenes.suburb_road import ResidentialRoad, draw_road
 from maxcon.lab.simulation.sensing.moving_scanner import DeskewErrors, MovingScanner
 from maxcon.lab.simulation.sensing.ray_caster import Hits, RayCaster
 from maxcon.lab.simulation.sensing.scanner_layouts import ScannerLayout
-from maxcon.lab.simulation.sensing.scanners import (
-    Echoes,
-    ProfileScanner,
-    RotatingScanner,
-    mobile_mapping_scanners,
-)
+from maxcon.lab.simulation.sensing.scanners import Echoes, ProfileScanner, RotatingScanner, mobile_mapping_scanners
 from maxcon.lab.simulation.worlds.campaign_world import CampaignWorld
 from maxcon.lab.simulation.worlds.scan_epochs import ScanEpoch
 from maxcon.lab.simulation.worlds.suburb_world import SuburbWorld

@@ -65,10 +65,7 @@ class Drive:
     def poses(self, times: ArrayLike) -> list[Pose]:
         """Return the poses at `times` (s)."""
         positions, angles = self.at(times)
-        return [
-            Pose(*position, *angle)
-            for position, angle in zip(positions.tolist(), angles.tolist(), strict=True)
-        ]
+        return [Pose(*position, *angle) for position, angle in zip(positions.tolist(), angles.tolist(), strict=True)]
 
 
 def drive_along(
@@ -116,9 +113,7 @@ def drive_along(
     distances = route.distances
     dip = 1.0 - (1.0 - slowest) * np.exp(-(((distances - route.stop_at) / 6.0) ** 2))
     speeds = speed * dip * (1.0 + sway(distances, 0.2, (25.0, 80.0), rng))
-    times = start_time + np.concatenate(
-        [[0.0], np.cumsum(np.diff(distances) * 2.0 / (speeds[1:] + speeds[:-1]))]
-    )
+    times = start_time + np.concatenate([[0.0], np.cumsum(np.diff(distances) * 2.0 / (speeds[1:] + speeds[:-1]))])
     steps = np.gradient(route.points, axis=0)
     heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
     roll = sway(distances, math.radians(0.8), (6.0, 40.0), rng)
@@ -135,10 +130,7 @@ def drive_along(
 
 
 def sway(
-    distances: NDArray[np.float64],
-    amplitude: float,
-    wavelengths: tuple[float, float],
-    rng: np.random.Generator,
+    distances: NDArray[np.float64], amplitude: float, wavelengths: tuple[float, float], rng: np.random.Generator
 ) -> NDArray[np.float64]:
     """Return a smooth random function of the distance (m), shape (k,): a mean of four sines, within +-`amplitude`.
 

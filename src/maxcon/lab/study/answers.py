@@ -94,13 +94,8 @@ def _certainty_columns(estimate: Estimate, reference: Pose) -> dict[str, Any]:
     error = pose_error(estimate.pose, reference)
     offset = np.array([error.along, error.across])
     columns |= {"sigma_along": math.sqrt(covariance[0, 0]), "sigma_across": math.sqrt(covariance[1, 1])}
-    columns |= {
-        "sigma_z": math.sqrt(estimate.covariance[2, 2]),
-        "sigma_heading": math.sqrt(estimate.covariance[5, 5]),
-    }
+    columns |= {"sigma_z": math.sqrt(estimate.covariance[2, 2]), "sigma_heading": math.sqrt(estimate.covariance[5, 5])}
     columns["nees"] = float(offset @ np.linalg.solve(covariance, offset))
     if math.isfinite(estimate.protection_level[0]):
-        columns |= dict(
-            zip(("protection_along", "protection_across"), estimate.protection_level, strict=True)
-        )
+        columns |= dict(zip(("protection_along", "protection_across"), estimate.protection_level, strict=True))
     return columns

@@ -10,14 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from maxcon.drive.localize import (
-    DriveOptions,
-    Method,
-    check_inside,
-    pose_or_none,
-    scan_of,
-    status_without_search,
-)
+from maxcon.drive.localize import DriveOptions, Method, check_inside, pose_or_none, scan_of, status_without_search
 from maxcon.errors import FileError, MaxconError, MissingExtraError, TrajectoryError
 from maxcon.estimate import Status
 from maxcon.geometry import Pose
@@ -175,12 +168,7 @@ class Bench:
     def _begun(self, prior_name: str, number: int) -> tuple[dict[str, Any], Pose | None, Pose | None]:
         """Columns of an epoch before any method has seen it; its prior and its reference."""
         at = float(self.scans.times[number])
-        row: dict[str, Any] = {
-            "prior": prior_name,
-            "epoch": number,
-            "time": at,
-            "scan": self.scans.name(number),
-        }
+        row: dict[str, Any] = {"prior": prior_name, "epoch": number, "time": at, "scan": self.scans.name(number)}
         prior = pose_or_none(self.priors[prior_name], at, self.options.max_gap)
         reference = pose_or_none(self.reference, at, self.options.max_gap)
         row |= {"is_localized": False, "is_success": None if reference is None else False}
@@ -244,9 +232,7 @@ class _SharedAccumulators:
         return accumulator, self._normals_ms + self._thinning_ms[method.thinning] + milliseconds
 
 
-def _answer(
-    method: StudyMethod, scan: Scan, point_map: PointMap, start: Pose, shared: _SharedAccumulators
-) -> Answer:
+def _answer(method: StudyMethod, scan: Scan, point_map: PointMap, start: Pose, shared: _SharedAccumulators) -> Answer:
     """Let a method localize an epoch; where it has scores of given cells, measure how distinct the best one is."""
     if isinstance(method.method, MaximumConsensus) and method.method.search is SearchMethod.EXHAUSTIVE:
         accumulator, taken = shared.of(method.method, method.map_name, point_map, start)
@@ -255,9 +241,7 @@ def _answer(
         taken += 1e3 * (time.perf_counter() - clock)
         if estimate.status is Status.NO_MATCH:
             return Answer(estimate, taken)
-        return Answer(
-            estimate, taken, _distinctness_or_none(accumulator, method.method.cell_search.objective)
-        )
+        return Answer(estimate, taken, _distinctness_or_none(accumulator, method.method.cell_search.objective))
     scan = Scan(scan.points, time=scan.time)  # whatever it needs of the scan is charged to it
     prepare_map(method.method, scan, point_map, start)
     clock = time.perf_counter()

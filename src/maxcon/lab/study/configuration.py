@@ -122,9 +122,7 @@ class Configuration:
         words = [self.version, self.dataset, *_listed(self.parts)]
         words += [name for run in self.runs for key in ("priors", "methods") for name in run.get(key, ())]
         numbers = [self.n_scans, *_listed(self.options)]
-        numbers += [
-            run.get(key, 0) for run in self.runs for key in ("n_epochs", "n_workers", "n_rows", "seconds")
-        ]
+        numbers += [run.get(key, 0) for run in self.runs for key in ("n_epochs", "n_workers", "n_rows", "seconds")]
         for values, kind, what in (
             (tables, dict, "a table"), (words, str, "a name"), (numbers, int | float, "a number"),
         ):  # fmt: skip
@@ -202,13 +200,8 @@ def dataset_parts(dataset: Dataset) -> dict[str, str]:
     """Return hashes of the parts of a dataset that a study depends on; scans and clouds are too large for one."""
     described = {name: value for name, value in asdict(dataset).items() if name not in ("path", "priors")}
     inside = dataset.folder.resolve()
-    words = json.dumps(
-        described, default=lambda path: str(path.resolve()).removeprefix(str(inside)), sort_keys=True
-    )
-    files = {
-        "reference": dataset.reference,
-        **{f"prior {name}": path for name, path in dataset.priors.items()},
-    }
+    words = json.dumps(described, default=lambda path: str(path.resolve()).removeprefix(str(inside)), sort_keys=True)
+    files = {"reference": dataset.reference, **{f"prior {name}": path for name, path in dataset.priors.items()}}
     return {
         MAP_AND_SCANS: hashlib.sha256(words.encode()).hexdigest(),
         **{name: _checksum(path) for name, path in files.items()},

@@ -55,9 +55,7 @@ class StudyJob:
 
     def split(self, task: StudyTask) -> Sequence[StudyTask]:
         """Return a task for each row."""
-        return [
-            StudyTask(task.prior, (epoch,), (method,)) for epoch in task.epochs for method in task.methods
-        ]
+        return [StudyTask(task.prior, (epoch,), (method,)) for epoch in task.epochs for method in task.methods]
 
     def lost(self, task: StudyTask, reason: str) -> list[Row]:
         """Return the row of an epoch whose worker ended before it was done, with the reason."""
@@ -72,8 +70,6 @@ def _warm_up() -> None:
     from maxcon.warmup import SPACE, search_room
 
     search_room(
-        MaximumConsensus(
-            SPACE, multiplicity=multiplicity, search="exhaustive"
-        )  # what a study looks at: all cells
+        MaximumConsensus(SPACE, multiplicity=multiplicity, search="exhaustive")  # what a study looks at: all cells
         for multiplicity in ("points", "occupied")
     )

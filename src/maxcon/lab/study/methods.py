@@ -15,14 +15,7 @@ from maxcon.localizer import MaximumConsensus
 from maxcon.search.objectives import OBJECTIVES, Count, Helmert, MaxEigenvalue
 from maxcon.search.space import SearchSpace
 
-__all__ = [
-    "DEFAULT_SETS",
-    "METHOD_SETS",
-    "StudyMethod",
-    "choose_methods",
-    "installed_methods",
-    "known_methods",
-]
+__all__ = ["DEFAULT_SETS", "METHOD_SETS", "StudyMethod", "choose_methods", "installed_methods", "known_methods"]
 
 
 @dataclass(frozen=True)
@@ -151,8 +144,7 @@ def _consensus_methods(space: SearchSpace) -> list[StudyMethod]:
             if isinstance(objective, MaxEigenvalue):
                 continue
             methods += [
-                StudyMethod(f"{name}-{density}", method, density)
-                for density in ("density-1/4", "density-1/16")
+                StudyMethod(f"{name}-{density}", method, density) for density in ("density-1/4", "density-1/16")
             ]
         unweighted = MaximumConsensus(space, Helmert(), multiplicity, **{**options, "weighting": "one"})
         methods.append(StudyMethod(f"helmert-{multiplicity}-unweighted", unweighted))
@@ -165,9 +157,7 @@ def _consensus_methods(space: SearchSpace) -> list[StudyMethod]:
     ]
     methods += [
         StudyMethod(
-            f"helmert-{name}",
-            MaximumConsensus(_in_cells_of(space, MAP_VARIANTS[name].cell), **CELL_ONLY),
-            name,
+            f"helmert-{name}", MaximumConsensus(_in_cells_of(space, MAP_VARIANTS[name].cell), **CELL_ONLY), name
         )
         for name in ("cell-0.03", "cell-0.12", "cell-0.20")
     ]

@@ -40,8 +40,7 @@ def prior_level(offset: float, heading_deg: float) -> PriorErrors:
 
 
 LEVELS = tuple(
-    prior_level(*level)
-    for level in ((1.0, 1.0), (3.0, 2.0), (6.0, 5.0), (12.0, 10.0), (18.0, 15.0), (25.0, 20.0))
+    prior_level(*level) for level in ((1.0, 1.0), (3.0, 2.0), (6.0, 5.0), (12.0, 10.0), (18.0, 15.0), (25.0, 20.0))
 )
 """From a good satellite fix to one between high houses, and a heading that was kept by dead reckoning."""
 
@@ -122,7 +121,5 @@ def methods_at(level: PriorErrors, gates: Sequence[float] = (1.0, 3.0, 6.0)) -> 
     ]
     found += [StudyMethod(f"GICP, gate {gate:g} m", Gicp(gate, targets=targets), "ground") for gate in gates]
     return found + [
-        StudyMethod(f"ICP, gate {gate:g} m", Icp(gate=gate, targets=targets), "ground")
-        for gate in gates
-        if gate <= 3.0
+        StudyMethod(f"ICP, gate {gate:g} m", Icp(gate=gate, targets=targets), "ground") for gate in gates if gate <= 3.0
     ]

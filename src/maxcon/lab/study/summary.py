@@ -136,8 +136,7 @@ def rows_by_method(table: "pyarrow.Table", order: Sequence[str] = ()) -> list[Me
     found = []
     for prior, method in sorted(pairs, key=lambda pair: (pair[0], place.get(pair[1], len(place)), pair[1])):
         is_here = pyarrow.compute.and_(
-            pyarrow.compute.equal(table.column("prior"), prior),
-            pyarrow.compute.equal(table.column("method"), method),
+            pyarrow.compute.equal(table.column("prior"), prior), pyarrow.compute.equal(table.column("method"), method)
         )
         found.append(MethodRows(prior, method, table.filter(is_here).sort_by("epoch")))
     return found

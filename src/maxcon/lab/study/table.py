@@ -83,10 +83,7 @@ def table_schema() -> "pyarrow.Schema":
         "bool": pyarrow.bool_(),
     }
     return pyarrow.schema(
-        [
-            pyarrow.field(name, types[kind], metadata={"meaning": meaning})
-            for name, (kind, meaning) in COLUMNS.items()
-        ]
+        [pyarrow.field(name, types[kind], metadata={"meaning": meaning}) for name, (kind, meaning) in COLUMNS.items()]
     )
 
 
@@ -129,9 +126,7 @@ class TableParts:
         import pyarrow
         import pyarrow.compute
 
-        tables = [
-            _read(path) for path in [self.path, *sorted(self.parts_folder.glob("*.parquet"))] if path.exists()
-        ]
+        tables = [_read(path) for path in [self.path, *sorted(self.parts_folder.glob("*.parquet"))] if path.exists()]
         table = pyarrow.concat_tables([table_schema().empty_table(), *tables])
         first = {key: row for row, key in reversed(list(enumerate(keys_of(table))))}
         table = table.take(pyarrow.array(sorted(first.values()), pyarrow.int64()))

@@ -50,12 +50,7 @@ Made = TypeVar("Made")
 
 
 def align(
-    headers: Sequence[CloudHeader],
-    options: AlignmentOptions,
-    folder: Path,
-    *,
-    n_threads: int,
-    report: Progress,
+    headers: Sequence[CloudHeader], options: AlignmentOptions, folder: Path, *, n_threads: int, report: Progress
 ) -> Alignment:
     """Find the corrections that bring the rounds of some clouds together.
 
@@ -199,11 +194,7 @@ def _distinct(names: list[str], what: str) -> list[str]:
 
 
 def _sort_into_places(
-    headers: Sequence[CloudHeader],
-    rounds: Rounds,
-    options: AlignmentOptions,
-    folder: Path,
-    report: Progress,
+    headers: Sequence[CloudHeader], rounds: Rounds, options: AlignmentOptions, folder: Path, report: Progress
 ) -> Places:
     """Read all clouds into places, without the classes that are not matched."""
     places = Places(folder, np.floor(rounds.rounds[0].centre))
@@ -236,12 +227,7 @@ def _gather_visits(places: Places, folder: Path, n_threads: int, report: Progres
 
 
 def _match(
-    keys: Sequence[PlaceKey],
-    places: Places,
-    folder: Path,
-    corrections: Corrections,
-    n_threads: int,
-    report: Progress,
+    keys: Sequence[PlaceKey], places: Places, folder: Path, corrections: Corrections, n_threads: int, report: Progress
 ) -> list[Tie]:
     """Match the visits to each place, from where the corrections put them."""
 
@@ -279,11 +265,7 @@ def _nothing_tied(rounds: Rounds, matched: Sequence[Tie]) -> MapError:
             " to align. --pause, --rounds source and --rounds file tell rounds apart otherwise."
         )
     why = Counter(tie.fault for tie in matched).most_common(1)
-    got = (
-        f"{len(matched)} matched pairs, and of most {why[0][0]}"
-        if why
-        else "no place that two of them saw enough of"
-    )
+    got = f"{len(matched)} matched pairs, and of most {why[0][0]}" if why else "no place that two of them saw enough of"
     return MapError(
         f"Expected places that {len(rounds)} rounds can be matched at, got {got}. Do they overlap, in one CRS, and are"
         " they within 0.6 m of each other?"

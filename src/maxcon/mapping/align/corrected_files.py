@@ -34,12 +34,7 @@ def corrected_name(path: Path) -> str:
 
 
 def write_corrected_cloud(
-    header: CloudHeader,
-    file: int,
-    rounds: Rounds,
-    corrections: Corrections,
-    out: Path,
-    tick: Callable[[int], None],
+    header: CloudHeader, file: int, rounds: Rounds, corrections: Corrections, out: Path, tick: Callable[[int], None]
 ) -> None:
     """Write a cloud with corrected coordinates, chunk by chunk; all other fields and records are copied.
 

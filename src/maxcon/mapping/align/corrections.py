@@ -68,13 +68,9 @@ class Corrections:
         """
         n_knots = [1 + int(np.ceil((each.end - each.start) / spacing)) for each in rounds.rounds]
         starts = np.array([each.start for each in rounds.rounds])
-        steps = np.array(
-            [(each.end - each.start) / (n - 1) for each, n in zip(rounds.rounds, n_knots, strict=True)]
-        )
+        steps = np.array([(each.end - each.start) / (n - 1) for each, n in zip(rounds.rounds, n_knots, strict=True)])
         knot_centres = [
-            np.column_stack(
-                [np.interp(start + step * np.arange(n), each.times, axis) for axis in each.middles.T]
-            )
+            np.column_stack([np.interp(start + step * np.arange(n), each.times, axis) for axis in each.middles.T])
             for each, start, step, n in zip(rounds.rounds, starts, steps, n_knots, strict=True)
         ]
         firsts = np.concatenate([[0], np.cumsum(n_knots)])

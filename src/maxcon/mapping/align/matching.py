@@ -89,8 +89,7 @@ def match_visits(middle: NDArray[np.float64], visits: Sequence[Visit], correctio
     matched = sorted({number for pair in pairs for number in pair})
     repetition = max(1.0, len(pairs) / max(1, len(matched) - 1))
     motions = {
-        number: motion(corrections.twist_at(middle, visits[number].time, visits[number].round))
-        for number in matched
+        number: motion(corrections.twist_at(middle, visits[number].time, visits[number].round)) for number in matched
     }
     maps = {number: visits[number].point_map for number in sorted({one for one, _ in pairs})}
     scans = {number: visits[number].scan for number in sorted({other for _, other in pairs})}

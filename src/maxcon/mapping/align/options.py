@@ -65,13 +65,9 @@ class AlignmentOptions:
             if not 0.0 < value < math.inf:
                 raise OptionError(f"Expected `{name}` above 0, got {value}.")
         if not 1.0 <= self.knot_spacing < math.inf:
-            raise OptionError(
-                f"Expected `knot_spacing` of 1 s or more, got {self.knot_spacing}. The default is 10."
-            )
+            raise OptionError(f"Expected `knot_spacing` of 1 s or more, got {self.knot_spacing}. The default is 10.")
         if self.drift_sigma is not None and not 0.0 <= self.drift_sigma < math.inf:
-            raise OptionError(
-                f"Expected `drift_sigma` of 0 m or more, got {self.drift_sigma}. 0 is for rigid rounds."
-            )
+            raise OptionError(f"Expected `drift_sigma` of 0 m or more, got {self.drift_sigma}. 0 is for rigid rounds.")
 
     @property
     def georeference(self) -> Georeference:

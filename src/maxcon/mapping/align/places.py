@@ -39,9 +39,7 @@ class Places(TileFiles):
         """Middle of a place at the height of the origin, shape (3,), global, m."""
         return self._origin + [(key[0] + 0.5) * PLACE_EDGE, (key[1] + 0.5) * PLACE_EDGE, 0.0]
 
-    def add(
-        self, points: NDArray[np.float64], times: NDArray[np.float64], rounds: NDArray[np.integer]
-    ) -> None:
+    def add(self, points: NDArray[np.float64], times: NDArray[np.float64], rounds: NDArray[np.integer]) -> None:
         """Take points, shape (n, 3), global, m, with their times (s) and the numbers of their rounds, (n,) each."""
         if not len(points):
             return

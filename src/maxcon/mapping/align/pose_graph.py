@@ -160,9 +160,7 @@ def adjust(
         if fixed is None:
             weights, inflation = _reweighted(equations.whitened(residuals))
         matrix, right_side = graph.normal_equations(unknowns, residuals, weights / inflation**2)
-        factor = splu(
-            matrix, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}, diag_pivot_thresh=0.0
-        )
+        factor = splu(matrix, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}, diag_pivot_thresh=0.0)
         step = factor.solve(right_side)
         unknowns = unknowns + step * graph.scales
         if not np.abs(step).max(initial=0.0) > AT_REST:
@@ -173,14 +171,7 @@ def adjust(
     log_determinant = float(np.log(np.abs(factor.U.diagonal())).sum())
     evidence = 0.5 * (graph.log_prior - squares - float(prior @ (graph.prior @ prior)) - log_determinant)
     return Adjusted(
-        graph.corrections(unknowns),
-        drift_sigma,
-        residuals,
-        weights,
-        inflation,
-        float(evidence),
-        graph,
-        factor,
+        graph.corrections(unknowns), drift_sigma, residuals, weights, inflation, float(evidence), graph, factor
     )
 
 
@@ -204,9 +195,7 @@ class _Graph:
         self._corrections = corrections = equations.corrections
         n_knots = len(corrections.knots) if self._has_drift else 0
         drifts = georeference.sigmas * (drift_sigma / georeference.sigma)
-        self.scales = np.concatenate(
-            [np.tile(georeference.sigmas, corrections.n_rounds), np.tile(drifts, n_knots)]
-        )
+        self.scales = np.concatenate([np.tile(georeference.sigmas, corrections.n_rounds), np.tile(drifts, n_knots)])
         self.n_unknowns = len(self.scales)
         self._design = equations.design(self.scales)
 
@@ -257,9 +246,7 @@ class _Graph:
         from scipy.sparse import csc_array, diags_array
 
         weighted = diags_array(np.repeat(weights, 6)) @ self._design
-        right_side = weighted.T @ self._equations.whitened(residuals).ravel() - self.prior @ (
-            unknowns / self.scales
-        )
+        right_side = weighted.T @ self._equations.whitened(residuals).ravel() - self.prior @ (unknowns / self.scales)
         return csc_array(self._design.T @ weighted + self.prior), right_side
 
 

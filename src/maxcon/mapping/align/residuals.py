@@ -109,11 +109,7 @@ def remaining_sigma(ties: Sequence[Tie], adjusted: Adjusted, *, is_after: bool) 
 
     From the median difference of pairs before or after the adjustment: wrong matches hardly change a median.
     """
-    shifts = (
-        adjusted.residuals[:, :3]
-        if is_after
-        else np.array([tie.pose.position for tie in ties]).reshape(-1, 3)
-    )
+    shifts = adjusted.residuals[:, :3] if is_after else np.array([tie.pose.position for tie in ties]).reshape(-1, 3)
     used = [not is_contradicted(weight) for weight in adjusted.weights.tolist()]
     median, _ = _sizes(_along_sure(ties, shifts, used)[0])
     return median / (NORMAL_MEDIAN * math.sqrt(2.0))

@@ -81,9 +81,7 @@ class Rounds:
     def __len__(self) -> int:
         return len(self.rounds)
 
-    def of_points(
-        self, times: NDArray[np.float64], source_ids: NDArray[np.integer], file: int
-    ) -> NDArray[np.int16]:
+    def of_points(self, times: NDArray[np.float64], source_ids: NDArray[np.integer], file: int) -> NDArray[np.int16]:
         """Number of the round of each point, shape (n,).
 
         Parameters
@@ -246,20 +244,14 @@ def survey(headers: Sequence[CloudHeader], by: str, pause: float, report: Progre
 
 
 def _rounds(
-    by: str,
-    headers: Sequence[CloudHeader],
-    places: NDArray[np.int64],
-    sums: NDArray[np.float64],
-    pause: float,
+    by: str, headers: Sequence[CloudHeader], places: NDArray[np.int64], sums: NDArray[np.float64], pause: float
 ) -> Rounds:
     is_new = np.diff(places[:, 0], prepend=places[0, 0] - 1) != 0
     if by == "time":
         is_new |= np.diff(places[:, 1], prepend=places[0, 1]) > pause
     groups = np.split(np.arange(len(places)), np.flatnonzero(is_new)[1:])
     if len(groups) > MOST_ROUNDS:
-        raise OptionError(
-            f"Expected at most {MOST_ROUNDS} rounds, got {len(groups):,}. Is --pause too short?"
-        )
+        raise OptionError(f"Expected at most {MOST_ROUNDS} rounds, got {len(groups):,}. Is --pause too short?")
     keys = places[[rows[0] for rows in groups], 0]
     order = sorted(range(len(groups)), key=lambda number: (places[groups[number][0], 1], keys[number]))
     rounds = []
@@ -268,7 +260,5 @@ def _rounds(
         name = {"time": f"round {number + 1}", "source": f"source {key}"}.get(by) or headers[key].path.name
         counts = sums[rows, 0]
         centre = np.average(sums[rows, 1:], axis=0, weights=counts)
-        rounds.append(
-            Round(name, places[rows, 1] + 0.5, sums[rows, 1:], int(counts.sum()), np.asarray(centre))
-        )
+        rounds.append(Round(name, places[rows, 1] + 0.5, sums[rows, 1:], int(counts.sum()), np.asarray(centre)))
     return Rounds(by, tuple(rounds), keys[order])

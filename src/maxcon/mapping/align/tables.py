@@ -100,9 +100,7 @@ def _pairs(alignment: Alignment) -> tuple[list[str], list[Row]]:
     for pair in alignment.pairs:
         values = pair.horizontal_before + pair.horizontal_after + pair.height_before + pair.height_after
         first, second = pair.rounds
-        rows.append(
-            [first + 1, second + 1, pair.n_ties, pair.n_contradicted, *(round(value, 5) for value in values)]
-        )
+        rows.append([first + 1, second + 1, pair.n_ties, pair.n_contradicted, *(round(value, 5) for value in values)])
     return head, rows
 
 
@@ -111,9 +109,7 @@ def _ties(alignment: Alignment) -> tuple[list[str], list[Row]]:
     head += [f"{what}_{axis}" for what in ("before", "after", "sigma") for axis in AXES]
     rows: list[Row] = []
     adjusted = alignment.adjusted
-    for tie, residual, weight in zip(
-        alignment.ties, adjusted.residuals, adjusted.weights.tolist(), strict=True
-    ):
+    for tie, residual, weight in zip(alignment.ties, adjusted.residuals, adjusted.weights.tolist(), strict=True):
         sigmas = np.sqrt(np.diag(tie.covariance)[:3])
         values = np.concatenate([tie.pose.position, residual[:3], sigmas])
         rows.append(
@@ -129,13 +125,7 @@ def _ties(alignment: Alignment) -> tuple[list[str], list[Row]]:
 
 def _corrections(alignment: Alignment) -> tuple[list[str], list[Row]]:
     """A row for each knot: how what was measured then, about there, is moved."""
-    head = [
-        "round",
-        "time",
-        *AXES,
-        *(f"shift_{axis}" for axis in AXES),
-        *(f"turn_deg_{axis}" for axis in AXES),
-    ]
+    head = ["round", "time", *AXES, *(f"shift_{axis}" for axis in AXES), *(f"turn_deg_{axis}" for axis in AXES)]
     rows: list[Row] = []
     corrections = alignment.adjusted.corrections
     for number in range(corrections.n_rounds):
@@ -145,9 +135,7 @@ def _corrections(alignment: Alignment) -> tuple[list[str], list[Row]]:
             place = corrections.knot_centres[knot]
             twist = corrections.twist_at(place, time, number)
             twist[3:] = np.degrees(twist[3:])
-            rows.append(
-                [number + 1, round(time, 3), *np.round(place, 3).tolist(), *np.round(twist, 6).tolist()]
-            )
+            rows.append([number + 1, round(time, 3), *np.round(place, 3).tolist(), *np.round(twist, 6).tolist()])
     return head, rows
 
 

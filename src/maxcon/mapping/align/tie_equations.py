@@ -44,9 +44,7 @@ class TieEquations:
     def __len__(self) -> int:
         return len(self._ties)
 
-    def blocks(
-        self, place: NDArray[np.float64], time: float, number: int
-    ) -> list[tuple[int, NDArray[np.float64]]]:
+    def blocks(self, place: NDArray[np.float64], time: float, number: int) -> list[tuple[int, NDArray[np.float64]]]:
         """Derivatives of the twist of what round `number` measured at a place (global, m) and a time (s).
 
         Returns

@@ -51,9 +51,7 @@ class RoundTied:
     words: str
 
 
-def tied_rounds(
-    rounds: Rounds, ties: Sequence[Tie], adjusted: Adjusted, georeference: Georeference
-) -> list[RoundTied]:
+def tied_rounds(rounds: Rounds, ties: Sequence[Tie], adjusted: Adjusted, georeference: Georeference) -> list[RoundTied]:
     """Say of every round how it is tied to the others.
 
     Parameters
@@ -67,11 +65,7 @@ def tied_rounds(
     georeference : Georeference
         The prior.
     """
-    used = [
-        tie
-        for tie, weight in zip(ties, adjusted.weights.tolist(), strict=True)
-        if not is_contradicted(weight)
-    ]
+    used = [tie for tie, weight in zip(ties, adjusted.weights.tolist(), strict=True) if not is_contradicted(weight)]
     groups = _groups(len(rounds), used)
     found = []
     for number, each in enumerate(rounds.rounds):
@@ -91,8 +85,7 @@ def datum_sigma(rounds: Rounds, adjusted: Adjusted) -> float:
         [each.centre for each in rounds.rounds], axis=0, weights=[each.n_points for each in rounds.rounds]
     )
     rows = np.mean(
-        [adjusted.twist_rows(place, _middle(rounds, number), number)[:2] for number in range(len(rounds))],
-        axis=0,
+        [adjusted.twist_rows(place, _middle(rounds, number), number)[:2] for number in range(len(rounds))], axis=0
     )
     return math.sqrt(float(np.trace(adjusted.covariance(rows))) / 2.0)
 
@@ -144,10 +137,6 @@ def _words(
     variances, axes = np.linalg.eigh(covariance)
     if math.sqrt(variances[-1]) > OPEN_SHARE * georeference.sigma:
         x, y, z = axes[:, -1].tolist()
-        along = (
-            "in height"
-            if abs(z) > 0.7
-            else f"along {math.degrees(math.atan2(y, x)) % 180.0:.0f} degrees from +x"
-        )
+        along = "in height" if abs(z) > 0.7 else f"along {math.degrees(math.atan2(y, x)) % 180.0:.0f} degrees from +x"
         return f"{name} is not tied {along}: it stays near where it was there, to {math.sqrt(variances[-1]):.3f} m"
     return ""

@@ -101,9 +101,7 @@ def load_visits(path: Path) -> list[Visit]:
     with np.load(path, allow_pickle=False) as arrays:
         return [
             Visit(number, time, *(arrays[f"{name}_{i}"] for name in ARRAYS))
-            for i, (number, time) in enumerate(
-                zip(arrays["rounds"].tolist(), arrays["times"].tolist(), strict=True)
-            )
+            for i, (number, time) in enumerate(zip(arrays["rounds"].tolist(), arrays["times"].tolist(), strict=True))
         ]
 
 
@@ -136,9 +134,7 @@ def _visit(number: int, time: float, points: NDArray[np.float64], edge: float) -
     return Visit(number, time, *(array.astype(np.float32) for array in arrays))
 
 
-def _moments(
-    points: NDArray[np.float64], edge: float
-) -> tuple[VoxelMoments, NDArray[np.int64], NDArray[np.float64]]:
+def _moments(points: NDArray[np.float64], edge: float) -> tuple[VoxelMoments, NDArray[np.int64], NDArray[np.float64]]:
     """Moments of the voxels of points (n, 3), m; the row of each point's voxel; the corner of the grid, m."""
     corner = np.array([-0.5 * edge - MARGIN * CELL, -0.5 * edge - MARGIN * CELL, 0.0])
     places = points - corner

@@ -94,9 +94,7 @@ class LocalizedDrive:
                 " the drive again, or leave it out."
             )
         table = Path(poses)
-        name = (
-            table.name if table.suffix.lower() != PARQUET else f"{table.absolute().parent.name}/{table.name}"
-        )
+        name = table.name if table.suffix.lower() != PARQUET else f"{table.absolute().parent.name}/{table.name}"
         return cls(opened, rows, len(opened), name, _sha256(table))
 
     @classmethod

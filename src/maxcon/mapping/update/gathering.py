@@ -20,14 +20,7 @@ from maxcon.map.voxelize import tile_of_voxels
 from maxcon.mapping.build.spill import TileSpill
 from maxcon.mapping.update.candidates import candidates_of_tile, spill_unknown_points
 from maxcon.mapping.update.drives import LocalizedDrive, Look, read_look
-from maxcon.mapping.update.surfaces import (
-    CANDIDATE,
-    Evidence,
-    SurfaceFiles,
-    Surfaces,
-    SurfacesInReach,
-    classes_of,
-)
+from maxcon.mapping.update.surfaces import CANDIDATE, Evidence, SurfaceFiles, Surfaces, SurfacesInReach, classes_of
 from maxcon.mapping.update.update_options import UpdateOptions
 
 __all__ = ["gather_evidence"]
@@ -78,9 +71,7 @@ def gather_evidence(
     for key in sorted(_keys_in_reach(looks, point_map, options) & (known | found)):
         candidates = None
         if key in found:
-            candidates = candidates_of_tile(
-                spill, key, point_map.cell, options, is_signed=point_map.is_signed
-            )
+            candidates = candidates_of_tile(spill, key, point_map.cell, options, is_signed=point_map.is_signed)
             spill.remove(key)
         tile = _with_candidates(point_map.tile(key) if key in known else None, candidates)
         if len(tile):

@@ -5,13 +5,7 @@
 import numpy as np
 from numba import njit
 
-from maxcon.map.lookup_kernels import (
-    PATCH_BITS,
-    find_in_patch,
-    find_patch,
-    is_near_voxels,
-    plane_of_voxel,
-)
+from maxcon.map.lookup_kernels import PATCH_BITS, find_in_patch, find_patch, is_near_voxels, plane_of_voxel
 
 __all__ = ["are_far_from_voxels", "hide_known_surfaces", "sum_around", "weigh_look"]
 
@@ -151,9 +145,7 @@ def weigh_look(
     for i in range(ends.shape[0]):
         dx, dy, dz = ends[i, 0] - origin[0], ends[i, 1] - origin[1], ends[i, 2] - origin[2]
         if dx * dx + dy * dy + dz * dz <= reach * reach:
-            _mark_met(
-                ends[i], look, cell, weights, rows, grid, corner, offsets, log_odds, n_met, met_in, judged_in
-            )
+            _mark_met(ends[i], look, cell, weights, rows, grid, corner, offsets, log_odds, n_met, met_in, judged_in)
     for i in range(ends.shape[0]):
         _walk(
             origin, ends[i], look, cell, margins[i], least_cosine, reach, weights, rows, grid, corner, offsets,
@@ -218,11 +210,7 @@ def hide_known_surfaces(
             for level in range(heights.shape[0]):
                 if abs(z - heights[level, line, column]) <= edge:  # comparisons with NaN are false
                     is_hiding[i] = is_hiding[i] or z <= heights[level, line, column]
-            vx, vy, vz = (
-                np.int64(np.floor(x / cell)),
-                np.int64(np.floor(y / cell)),
-                np.int64(np.floor(z / cell)),
-            )
+            vx, vy, vz = (np.int64(np.floor(x / cell)), np.int64(np.floor(y / cell)), np.int64(np.floor(z / cell)))
             if vx >> PATCH_BITS != here_x or vy >> PATCH_BITS != here_y or vz != here_z:
                 here_x, here_y, here_z = vx >> PATCH_BITS, vy >> PATCH_BITS, vz
                 row, patch = find_patch(vx, vy, vz, rows, grid, corner)

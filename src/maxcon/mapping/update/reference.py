@@ -63,9 +63,7 @@ def is_seen_through(
     has_normal = normals.any(axis=1)
     is_steep = np.abs(cosines) >= least_cosine
     to_mean = means - origin
-    to_plane = np.divide(
-        (to_mean * normals).sum(axis=1), cosines, out=np.full(len(voxels), np.inf), where=is_steep
-    )
+    to_plane = np.divide((to_mean * normals).sum(axis=1), cosines, out=np.full(len(voxels), np.inf), where=is_steep)
     at = np.where(has_normal, to_plane, to_mean @ along)  # m along the ray
     is_ahead = (at > 0.0) & (at < min(length, reach))
     at = np.where(is_ahead, at, 0.0)

@@ -47,9 +47,7 @@ class Evidence:
         start[[SurfaceClass.KNOWN, SurfaceClass.NEW]] = options.start
         start[SurfaceClass.GONE] = -options.start
         n = len(classes)
-        return cls(
-            start[classes], np.zeros(n, np.int32), np.zeros(n, np.int32), np.full((n, 2), -1, np.int32)
-        )
+        return cls(start[classes], np.zeros(n, np.int32), np.zeros(n, np.int32), np.full((n, 2), -1, np.int32))
 
     @classmethod
     def concatenate(cls, parts: Sequence["Evidence"]) -> "Evidence":
@@ -163,9 +161,7 @@ class SurfacesInReach:
         evidence = Evidence.concatenate([each.evidence for each in surfaces])
         offsets = np.zeros(len(tiles) + 1, np.int64)
         offsets[2:] = np.cumsum([len(tile) for tile in tiles])[:-1]
-        return cls(
-            tiles, VoxelLookup.of(tiles), offsets, evidence, np.full(len(evidence.log_odds), -1, np.int32)
-        )
+        return cls(tiles, VoxelLookup.of(tiles), offsets, evidence, np.full(len(evidence.log_odds), -1, np.int32))
 
     def of_tile(self, number: int) -> Evidence:
         """Evidence of one of the tiles."""

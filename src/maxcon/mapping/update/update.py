@@ -91,9 +91,7 @@ def update_map(
     options, report = options or UpdateOptions(), progress or (lambda step, done, total: None)
     if not drives:
         raise OptionError("Expected at least one drive to update a map with, got none. Name one.")
-    twice = [
-        name for name, number in Counter((drive.name, drive.sha256) for drive in drives).items() if number > 1
-    ]
+    twice = [name for name, number in Counter((drive.name, drive.sha256) for drive in drives).items() if number > 1]
     if twice:
         raise OptionError(
             f"Expected each drive once, got {twice[0][0]} more than once: its looks count once. Name it once."
@@ -145,9 +143,7 @@ def update_map(
 class _Copier:
     """Writes the tiles of the map into its new version, changed or as they are, and counts what changed."""
 
-    def __init__(
-        self, files: MapFiles, manifest: Manifest, writer: MapWriter, changes: "Counter[str]"
-    ) -> None:
+    def __init__(self, files: MapFiles, manifest: Manifest, writer: MapWriter, changes: "Counter[str]") -> None:
         self._tiles = Section(files, manifest, TILES, tile_schema())
         self._ground = Section(files, manifest, GROUND, ground_schema())
         self._classes = Section(files, manifest, CLASSES, classes_schema())
@@ -176,12 +172,8 @@ class _Copier:
             self._writer.put(classes_record(tile))
         self._count(classes[is_kept])
         evidence = surfaces.evidence
-        self._changes["n_judged"] += int(
-            ((evidence.n_met + evidence.n_through > 0) & (before != CANDIDATE)).sum()
-        )
-        self._changes["n_now_gone"] += int(
-            ((classes == SurfaceClass.GONE) & (before != SurfaceClass.GONE)).sum()
-        )
+        self._changes["n_judged"] += int(((evidence.n_met + evidence.n_through > 0) & (before != CANDIDATE)).sum())
+        self._changes["n_now_gone"] += int(((classes == SurfaceClass.GONE) & (before != SurfaceClass.GONE)).sum())
         self._changes["n_now_new"] += int(is_added.sum())
         self._changes["n_back"] += int(((classes == SurfaceClass.NEW) & (before == SurfaceClass.GONE)).sum())
 

@@ -15,11 +15,7 @@ from maxcon.io.scans import check_range
 __all__ = ["UpdateOptions"]
 
 _RANGES: tuple[tuple[str, tuple[str, ...], Callable[[float], bool]], ...] = (
-    (
-        "a number above 0",
-        ("reach", "sigma_range", "sigmas", "hit", "highest", "new_at"),
-        lambda value: value > 0.0,
-    ),
+    ("a number above 0", ("reach", "sigma_range", "sigmas", "hit", "highest", "new_at"), lambda value: value > 0.0),
     (
         "a number >= 0",
         ("least_motion", "sigma_position", "sigma_angle_deg", "least_time", "start"),
@@ -118,11 +114,7 @@ class UpdateOptions:
         )
 
     def margins(
-        self,
-        sigma_position: float | None,
-        sigma_angle: float | None,
-        sigma_map: float,
-        distances: NDArray[np.float64],
+        self, sigma_position: float | None, sigma_angle: float | None, sigma_map: float, distances: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """How far behind a surface rays must end to have seen through it, m.
 

@@ -85,16 +85,12 @@ def _neighbours(key: TileKey, there: Container[TileKey]) -> list[TileKey]:
     return [key, *(near for dx, dy in steps if (near := (key[0] + dx, key[1] + dy)) in there)]
 
 
-def _first_verdicts(
-    around: Sequence[Surfaces], times: LookTimes, options: UpdateOptions
-) -> NDArray[np.uint8]:
+def _first_verdicts(around: Sequence[Surfaces], times: LookTimes, options: UpdateOptions) -> NDArray[np.uint8]:
     """The first verdict on each voxel of the first tile, from its own evidence and that of its neighbourhood."""
     within = SurfacesInReach.of(around)
     evidence, classes = within.evidence, np.concatenate([each.classes for each in around])
     is_candidate = (classes == CANDIDATE) | (classes == SurfaceClass.GONE)
-    is_through = (
-        ~is_candidate & (evidence.log_odds <= options.gone_at) & (evidence.n_through >= options.least_looks)
-    )
+    is_through = ~is_candidate & (evidence.log_odds <= options.gone_at) & (evidence.n_through >= options.least_looks)
     is_new = is_candidate & (evidence.log_odds >= options.new_at) & (evidence.n_met >= options.least_looks)
     is_new &= times.are_lasting(evidence.met_in, options.least_time)
     own = slice(0, len(around[0].tile))
@@ -102,9 +98,9 @@ def _first_verdicts(
     verdicts = np.where(is_met, MET, UNTOUCHED).astype(np.uint8)[own]
     rows = np.flatnonzero((is_through | is_new)[own])
     of_map = np.where(is_candidate, 0, 1)
-    values = np.column_stack(
-        [is_through, is_new, of_map * evidence.n_through, of_map * evidence.n_met]
-    ).astype(np.float32)
+    values = np.column_stack([is_through, is_new, of_map * evidence.n_through, of_map * evidence.n_met]).astype(
+        np.float32
+    )
     n_through, n_new, looks_through, looks_met = _sums(around[0], rows, NEIGHBOURHOOD, within, values).T
     share = looks_through / np.maximum(looks_through + looks_met, 1.0)
     is_gone = is_through[rows] & (n_through >= options.least_voxels) & (share >= options.least_share)
@@ -134,9 +130,7 @@ def _counts_around(
     around: Sequence[Surfaces], verdicts: Sequence[NDArray[np.uint8]], what: int, voxels: NDArray[np.int32]
 ) -> NDArray[np.int64]:
     """How many voxels of one verdict lie in the cube of each of some voxels and in the 26 around it."""
-    chosen = np.concatenate(
-        [each.tile.voxels[verdict == what] for each, verdict in zip(around, verdicts, strict=True)]
-    )
+    chosen = np.concatenate([each.tile.voxels[verdict == what] for each, verdict in zip(around, verdicts, strict=True)])
     cubes, counts = np.unique(_numbers(chosen // CUBE), return_counts=True)
     own, cube_of_voxel = np.unique(voxels // CUBE, axis=0, return_inverse=True)
     total = np.zeros(len(own), np.int64)
@@ -149,11 +143,7 @@ def _counts_around(
 
 
 def _sums(
-    surfaces: Surfaces,
-    rows: NDArray[np.int64],
-    reach: int,
-    within: SurfacesInReach,
-    values: NDArray[np.float32],
+    surfaces: Surfaces, rows: NDArray[np.int64], reach: int, within: SurfacesInReach, values: NDArray[np.float32]
 ) -> NDArray[np.float64]:
     """Sums of the values of the voxels around some voxels of a tile."""
     from maxcon.mapping.update.ray_kernels import sum_around

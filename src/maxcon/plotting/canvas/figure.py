@@ -86,9 +86,7 @@ def saved_figure(path: str | os.PathLike[str], width: float, height: float) -> I
     """
     kind = Path(path).suffix.lower().removeprefix(".")
     if kind not in _METADATA:
-        raise OptionError(
-            f"Expected the name of a picture to end in .png or .svg, got {os.fspath(path)!r}. Rename it."
-        )
+        raise OptionError(f"Expected the name of a picture to end in .png or .svg, got {os.fspath(path)!r}. Rename it.")
     check_matplotlib()
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg

@@ -148,9 +148,7 @@ def draw_scale_bar(axes: "Axes", window: Window) -> None:
         )
     )
     axes.add_patch(Rectangle((x, y), length, thick, facecolor="black", edgecolor="none", zorder=9))
-    axes.text(
-        x + 0.5 * length, y + 2.0 * thick, f"{length:g} m", ha="center", va="bottom", fontsize=9.5, zorder=9
-    )
+    axes.text(x + 0.5 * length, y + 2.0 * thick, f"{length:g} m", ha="center", va="bottom", fontsize=9.5, zorder=9)
 
 
 def _round_length(length: float) -> float:

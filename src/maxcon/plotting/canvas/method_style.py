@@ -105,9 +105,7 @@ def as_epoch_values(
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 1 or (len(array) == 0 if n_epochs is None else len(array) != n_epochs):
         shape = "(n,), n > 0" if n_epochs is None else f"({n_epochs},)"
-        raise ArrayError(
-            f"Expected {name} to have shape {shape}, got {array.shape}. Give one value per epoch."
-        )
+        raise ArrayError(f"Expected {name} to have shape {shape}, got {array.shape}. Give one value per epoch.")
     is_wrong = (array < low) | (array > high) | np.isinf(array)
     if is_wrong.any():
         limits = f"{low:g} or more" if np.isinf(high) else f"from {low:g} to {high:g}"
@@ -118,11 +116,7 @@ def as_epoch_values(
 
 
 def draw_legend(
-    figure: "Figure",
-    handles: Sequence[Any],
-    labels: Sequence[str],
-    shape: LegendShape,
-    handle_length: float = 3.4,
+    figure: "Figure", handles: Sequence[Any], labels: Sequence[str], shape: LegendShape, handle_length: float = 3.4
 ) -> None:
     """Write a legend at the lower left of a figure; a $ in labels begins no formula."""
     width = figure.get_size_inches()[0]

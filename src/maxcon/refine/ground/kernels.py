@@ -151,14 +151,7 @@ def _step(points, below, square, stiffness, plane, normal, right):
         r0 += weight * off
         r1 += weight * off * x
         r2 += weight * off * y
-    normal[0, 0], normal[0, 1], normal[0, 2], normal[1, 1], normal[1, 2], normal[2, 2] = (
-        n00,
-        n01,
-        n02,
-        n11,
-        n12,
-        n22,
-    )
+    normal[0, 0], normal[0, 1], normal[0, 2], normal[1, 1], normal[1, 2], normal[2, 2] = (n00, n01, n02, n11, n12, n22)
     right[0], right[1], right[2] = r0, r1, r2
     normal[1, 0], normal[2, 0], normal[2, 1] = normal[0, 1], normal[0, 2], normal[1, 2]
     normal[0, 0] += 1e-9

@@ -140,9 +140,7 @@ def fit_plane(
     return plane, normal
 
 
-def _below_ground(
-    scan: Scan, point_map: PointMap, pose: Pose
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _below_ground(scan: Scan, point_map: PointMap, pose: Pose) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Lowest points of the scan's cells, levelled, about the sensor, (m, 3), and how far they lie below the ground, m.
 
     Where the map has several levels, of the one that most points near the sensor are nearest to.

@@ -152,13 +152,9 @@ def pick_candidates(grid, cell, rows, columns, candidates):
         before = n
         if is_cut:
             k = np.uint32(r * grid.n_columns + rest_first)
-            n = _pick_run(
-                grid.points, grid.starts[k], grid.starts[np.uint32(k + rest_columns)], most, candidates, n
-            )
+            n = _pick_run(grid.points, grid.starts[k], grid.starts[np.uint32(k + rest_columns)], most, candidates, n)
         k = np.uint32(r * grid.n_columns + first)
-        n = _pick_run(
-            grid.points, grid.starts[k], grid.starts[np.uint32(k + last - first)], most, candidates, n
-        )
+        n = _pick_run(grid.points, grid.starts[k], grid.starts[np.uint32(k + last - first)], most, candidates, n)
         if n > before:
             lowest, highest = min(lowest, r), r
     is_full = n >= ENOUGH and lowest <= row - rows and highest >= row + rows

@@ -51,9 +51,7 @@ def _take_block(grid, pending, first, factor, block):
         place = pending[k]
         x, y, z = grid.points[place, 0], grid.points[place, 1], grid.points[place, 2]
         distance = np.sqrt(x * x + y * y + z * z)
-        height = factor * max(
-            grid.heights[grid.cells[place] // grid.n_columns], NEAR_METRES / max(distance, 1e-3)
-        )
+        height = factor * max(grid.heights[grid.cells[place] // grid.n_columns], NEAR_METRES / max(distance, 1e-3))
         if height <= HIGHEST:
             places[n], heights[n] = place, height
             points[n], points[BLOCK + n], points[2 * BLOCK + n] = x, y, z

@@ -23,8 +23,6 @@ def test_large_windows_have_larger_squares(epoch):
     assert seen.n_voxels.sum() == len(epoch.point_map.all_voxels()[0])
 
 
-@pytest.mark.parametrize(
-    ("length", "expected"), [(0.7, 0.5), (1.0, 1.0), (4.9, 2.0), (15.0, 10.0), (350.0, 200.0)]
-)
+@pytest.mark.parametrize(("length", "expected"), [(0.7, 0.5), (1.0, 1.0), (4.9, 2.0), (15.0, 10.0), (350.0, 200.0)])
 def test_scale_bars_are_of_round_length(length, expected):
     assert _round_length(length) == pytest.approx(expected)

@@ -29,13 +29,7 @@ def test_one_to_eight_methods_fit_a_picture():
 
 @pytest.mark.parametrize(
     ("labels", "expected"),
-    [
-        (["a"], (1, 1)),
-        (["a"] * 4, (1, 4)),
-        (["a"] * 5, (2, 3)),
-        (["a" * 40] * 3, (2, 2)),
-        (["a" * 80, "b"], (2, 1)),
-    ],
+    [(["a"], (1, 1)), (["a"] * 4, (1, 4)), (["a"] * 5, (2, 3)), (["a" * 40] * 3, (2, 2)), (["a" * 80, "b"], (2, 1))],
 )
 def test_legends_have_as_many_columns_as_fit(labels, expected):
     assert LegendShape.of(labels, 9.2) == expected
@@ -54,9 +48,7 @@ def test_values_are_checked():
         with pytest.raises(ArrayError, match=r"to have shape \(n,\), n > 0"):
             as_epoch_values(wrong, "x", 0.0)
     assert as_epoch_values([], "x", 0.0, n_epochs=0).shape == (0,)
-    with pytest.raises(
-        ArrayError, match=r"Expected x to have shape \(2,\), got \(1,\)\. Give one value per epoch"
-    ):
+    with pytest.raises(ArrayError, match=r"Expected x to have shape \(2,\), got \(1,\)\. Give one value per epoch"):
         as_epoch_values([1.0], "x", 0.0, n_epochs=2)
 
 

@@ -14,10 +14,7 @@ def made_up(seed, kurtosis, n=301):
     values = np.clip(kurtosis * np.exp(generator.normal(0.0, 0.5, n)), 1.8, 60.0)
     values[::50] = np.nan
     return Distinctnesses(
-        generator.beta(5, 3, n),
-        values,
-        generator.gamma(3.0, 4.0, n),
-        generator.choice([0.0, 0.06, 0.12, 3.3], n),
+        generator.beta(5, 3, n), values, generator.gamma(3.0, 4.0, n), generator.choice([0.0, 0.06, 0.12, 3.3], n)
     )
 
 
@@ -74,9 +71,7 @@ def test_pictures_are_as_wide_as_a_page(tmp_path, png_size, svg_root):
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize(
-    ("values", "n"), [((0.0, 1.0, 0.0, 0.0), 7), ((1.0, 60.0, 35.0, 8.5), 1), ((np.nan,) * 4, 7)]
-)
+@pytest.mark.parametrize(("values", "n"), [((0.0, 1.0, 0.0, 0.0), 7), ((1.0, 60.0, 35.0, 8.5), 1), ((np.nan,) * 4, 7)])
 def test_equal_values_are_drawn(tmp_path, png_size, values, n):
     equal = Distinctnesses(*(np.full(n, value) for value in values))
     plot_distinctness(tmp_path / "plot.png", {"Count": equal})

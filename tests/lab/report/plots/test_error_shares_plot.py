@@ -37,9 +37,7 @@ def test_legend_states_the_share_within_the_limit(tmp_path):
     written = words(tmp_path / "plot.svg")
     assert "Count: 25.0 %, 2 without an answer" in written
     assert "Helmert: 75.0 %" in written
-    assert (
-        "Epochs: 4, those without an answer too. Dashed: success, 0.25 m. Below: shares within it." in written
-    )
+    assert "Epochs: 4, those without an answer too. Dashed: success, 0.25 m. Below: shares within it." in written
 
 
 def test_eight_methods_fit(tmp_path, png_size, svg_root):

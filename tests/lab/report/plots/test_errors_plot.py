@@ -19,9 +19,7 @@ def test_errors_are_drawn(tmp_path, png_size, svg_root):
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize(
-    "values", [np.full(40, np.nan), np.zeros(40), np.where(np.arange(40) % 2, np.nan, 0.1)]
-)
+@pytest.mark.parametrize("values", [np.full(40, np.nan), np.zeros(40), np.where(np.arange(40) % 2, np.nan, 0.1)])
 def test_epochs_without_an_answer_are_drawn(epoch, tmp_path, values, png_size):
     plot_errors(tmp_path / "errors.png", TIMES, {"Count": values})
     plot_drive(tmp_path / "drive.png", POSITIONS, values, point_map=epoch.point_map)
@@ -55,9 +53,7 @@ def test_errors_must_fit_the_times(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    "positions", [np.empty((0, 2)), np.zeros((3, 4)), np.full((3, 2), np.nan), np.zeros(3)]
-)
+@pytest.mark.parametrize("positions", [np.empty((0, 2)), np.zeros((3, 4)), np.full((3, 2), np.nan), np.zeros(3)])
 def test_positions_must_be_places(tmp_path, positions):
     with pytest.raises(ArrayError, match="Expected `positions` to have shape"):
         plot_drive(tmp_path / "drive.png", positions, np.zeros(len(positions)))

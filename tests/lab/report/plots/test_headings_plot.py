@@ -29,9 +29,7 @@ def counted(matches, n_headings=3):
 @pytest.mark.parametrize("n_headings", [1, 3, 5, 9, 61])
 def test_any_number_of_headings_is_drawn_to_the_same_width(tmp_path, n_headings, png_size):
     view = counted({(0, 5, 5): 7.0}, n_headings)
-    plot_headings(
-        tmp_path / "headings.png", view.accumulator, view.objective, title="A peak", reference=PRIOR
-    )
+    plot_headings(tmp_path / "headings.png", view.accumulator, view.objective, title="A peak", reference=PRIOR)
     width, height = png_size(tmp_path / "headings.png")
     assert width == 1152
     assert height < 1300
@@ -98,9 +96,7 @@ def test_nothing_matched_is_drawn_without_a_best_heading(tmp_path, svg_root):
 def test_sections_without_a_size_are_refused(tmp_path, half_width):
     view = counted({(1, 6, 6): 9.0})
     with pytest.raises(OptionError, match="half width of the section to be a positive number, got"):
-        plot_headings(
-            tmp_path / "a.png", view.accumulator, view.objective, title="None", half_width=half_width
-        )
+        plot_headings(tmp_path / "a.png", view.accumulator, view.objective, title="None", half_width=half_width)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -26,12 +26,7 @@ def test_epochs_keep_their_distance():
 
 
 @pytest.mark.parametrize(
-    ("values", "expected"),
-    [
-        ([3.0, np.nan, 7.0], (3.0, 7.0)),
-        ([4.0, 4.0], (3.2, 5.0)),
-        ([np.nan], (1.0, 10.0)),
-    ],
+    ("values", "expected"), [([3.0, np.nan, 7.0], (3.0, 7.0)), ([4.0, 4.0], (3.2, 5.0)), ([np.nan], (1.0, 10.0))]
 )
 def test_colors_span_the_values(values, expected):
     assert color_limits(np.array(values)) == pytest.approx(expected)

@@ -49,9 +49,7 @@ def test_other_epochs_are_drawn_where_they_are_apart(parts, other, tmp_path):
     files = {name: tmp_path / f"{name}.png" for name in ("alone", "beside", "itself")}
     plot_overview(files["alone"], **parts, title="A yard")
     plot_overview(files["beside"], **parts, others=[other], title="A yard")
-    plot_overview(
-        files["itself"], **parts, others=[(parts["accumulator"], parts["estimate"])], title="A yard"
-    )
+    plot_overview(files["itself"], **parts, others=[(parts["accumulator"], parts["estimate"])], title="A yard")
     assert files["alone"].read_bytes() == files["itself"].read_bytes()
     assert files["alone"].read_bytes() != files["beside"].read_bytes()
 
@@ -111,9 +109,9 @@ def test_consensus_set_is_drawn_at_the_answer(parts, space, panel):
 
 @pytest.mark.parametrize("status", list(maxcon.Status))
 def test_words_say_how_the_epoch_ended(parts, status):
-    words = _words(
-        replace(parts["estimate"], status=status), parts["objective"], parts["accumulator"]
-    ).replace("\n", " ")
+    words = _words(replace(parts["estimate"], status=status), parts["objective"], parts["accumulator"]).replace(
+        "\n", " "
+    )
     assert "1.2 m × 1.2 m, at the best heading; colours: Helmert's score." in words
     ending = "localized" if status is maxcon.Status.LOCALIZED else f"NOT LOCALIZED: {status.value}"
     assert f"This epoch is {ending}." in words
@@ -129,9 +127,7 @@ def test_overview_of_nothing_can_be_drawn(epoch, space, tmp_path, png_size):
 
 def test_a_prior_of_another_epoch_is_refused(parts, tmp_path):
     wrong = parts | {"prior": parts["prior"].translated([1.0, 0.0, 0.0])}
-    with pytest.raises(
-        OptionError, match=r"searched around, x -0\.180, y 0\.240 m, got x 0\.820, y 0\.240 m"
-    ):
+    with pytest.raises(OptionError, match=r"searched around, x -0\.180, y 0\.240 m, got x 0\.820, y 0\.240 m"):
         plot_overview(tmp_path / "a.png", **wrong, title="A yard")
     assert list(tmp_path.iterdir()) == []
 

@@ -19,30 +19,20 @@ def found(n_epochs, n_trusted, n_wrong):
 
 
 def test_legend_says_how_many_of_the_trusted_are_wrong(tmp_path):
-    plot_risk_coverage(
-        tmp_path / "plot.svg", {"maxcon": found(1200, 1100, 0), "gicp-3m": found(1200, 1000, 7)}
-    )
+    plot_risk_coverage(tmp_path / "plot.svg", {"maxcon": found(1200, 1100, 0), "gicp-3m": found(1200, 1000, 7)})
     written = re.findall("<!-- (.*?) -->", (tmp_path / "plot.svg").read_text(encoding="utf-8"))
     assert "maxcon: 0 of 1,100" in written
     assert "gicp-3m: 7 of 1,000" in written
 
 
 def test_bars_that_would_lie_on_each_other_are_set_apart():
-    methods = [
-        found(100, 100, 0),
-        found(100, 50, 0),
-        found(100, 100, 0),
-        found(100, 100, 0),
-        found(100, 0, 0),
-    ]
+    methods = [found(100, 100, 0), found(100, 50, 0), found(100, 100, 0), found(100, 100, 0), found(100, 0, 0)]
     np.testing.assert_allclose(_set_apart(methods, 10.0), [100.0, 50.0, 99.2, 100.8, np.nan])
     assert _set_apart([found(1000, 1000, 0), found(1000, 1000, 500)], 80.0) == [100.0, 100.0]
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize(
-    ("n_epochs", "n_trusted", "n_wrong"), [(1, 0, 1), (1, 1, 0), (30, 30, 30), (3001, 2900, 3)]
-)
+@pytest.mark.parametrize(("n_epochs", "n_trusted", "n_wrong"), [(1, 0, 1), (1, 1, 0), (30, 30, 30), (3001, 2900, 3)])
 def test_few_and_many_epochs_are_drawn(tmp_path, png_size, n_epochs, n_trusted, n_wrong):
     plot_risk_coverage(tmp_path / "plot.png", {"$\\frac$": found(n_epochs, n_trusted, n_wrong)})
     assert png_size(tmp_path / "plot.png")[0] == 1104

@@ -53,16 +53,14 @@ def test_marks_are_put_where_they_belong(axes):
 
 
 @pytest.mark.parametrize(
-    ("offset", "words"),
-    [(-0.9, "−0.90"), (2.824, "2.82"), (-0.004, "0.00"), (0.0, "0.00"), (-2.816, "−2.82")],
+    ("offset", "words"), [(-0.9, "−0.90"), (2.824, "2.82"), (-0.004, "0.00"), (0.0, "0.00"), (-2.816, "−2.82")]
 )
 def test_offsets_are_written_to_the_centimetre(offset, words):
     assert offset_words(offset) == words
 
 
 @pytest.mark.parametrize(
-    ("score", "words"),
-    [(190.34, "190.3"), (15287.4, "15,287"), (0.012344, "0.01234"), (-3.0, "−3"), (0.0, "0")],
+    ("score", "words"), [(190.34, "190.3"), (15287.4, "15,287"), (0.012344, "0.01234"), (-3.0, "−3"), (0.0, "0")]
 )
 def test_scores_are_written_with_four_digits(score, words):
     assert score_words(score) == words

@@ -32,9 +32,7 @@ def test_colours_run_from_nothing_to_the_best(epoch, space):
     view = SearchSpaceView(epoch.accumulate(space), maxcon.Helmert())
     assert view.limits == (0.0, view.scores[view.best])
     assert SearchSpaceView(view.accumulator, MyObjective()).limits[0] < 0.0
-    empty = SearchSpaceView(
-        maxcon.Accumulator(np.zeros((*space.shape, 4)), space, epoch.prior), maxcon.Count()
-    )
+    empty = SearchSpaceView(maxcon.Accumulator(np.zeros((*space.shape, 4)), space, epoch.prior), maxcon.Count())
     assert empty.limits == (0.0, 1.0)
     assert not empty.has_best
 

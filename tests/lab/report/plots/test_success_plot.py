@@ -57,9 +57,7 @@ def test_bins_are_of_round_width(farthest, expected):
 def test_eight_methods_and_empty_bins_are_drawn(tmp_path, png_size, svg_root):
     plot_success(tmp_path / "plot.png", dict.fromkeys(METHODS, OFFSETS), SUCCESS)
     assert png_size(tmp_path / "plot.png")[0] == 1104
-    plot_success(
-        tmp_path / "gap.svg", {"$\\frac$": [0.1, 3.0]}, {"$\\frac$": [False, False]}, title="<b> & $x$"
-    )
+    plot_success(tmp_path / "gap.svg", {"$\\frac$": [0.1, 3.0]}, {"$\\frac$": [False, False]}, title="<b> & $x$")
     svg_root(tmp_path / "gap.svg")
 
 

@@ -39,9 +39,7 @@ def test_a_method_that_predicts_nothing_has_no_band(tmp_path):
 def test_few_and_many_epochs_are_drawn(tmp_path, png_size, n_epochs):
     values = np.linspace(-1.0, 1.0, n_epochs)
     row = ErrorRow("$x$", "m", values, np.ones(n_epochs), np.full(n_epochs, np.nan))
-    plot_timeline(
-        tmp_path / "plot.png", np.arange(n_epochs), ["a word of one's own"] * n_epochs, values > 2, [row]
-    )
+    plot_timeline(tmp_path / "plot.png", np.arange(n_epochs), ["a word of one's own"] * n_epochs, values > 2, [row])
     assert png_size(tmp_path / "plot.png")[0] == 1380
 
 
@@ -57,8 +55,6 @@ def test_rows_that_do_not_fit_are_refused(tmp_path):
         plot_timeline(tmp_path / "plot.png", [0], ["localized"], [False], [])
     with pytest.raises(ArrayError, match=r"each of n > 0 epochs, got \(1,\), 2 and \(1,\)"):
         plot_timeline(tmp_path / "plot.png", [0], ["localized"] * 2, [False], [ROW])
-    with pytest.raises(
-        ArrayError, match=r"sigmas and levels along of shape \(1,\), got \(4,\), \(4,\), \(4,\)"
-    ):
+    with pytest.raises(ArrayError, match=r"sigmas and levels along of shape \(1,\), got \(4,\), \(4,\), \(4,\)"):
         plot_timeline(tmp_path / "plot.png", [0], ["localized"], [False], [ROW])
     assert list(tmp_path.iterdir()) == []

@@ -64,9 +64,7 @@ def test_timeline_fits(drive, tmp_path, drawn):
         ErrorRow("heading", "°", 1e-3 * errors[2], 1e-3 * sigmas[2]),
     ]
     is_wrong = np.abs(errors[0]) > 0.3
-    plot_timeline(
-        tmp_path / "timeline.png", np.arange(len(statuses)), statuses, is_wrong, rows, title="A drive"
-    )
+    plot_timeline(tmp_path / "timeline.png", np.arange(len(statuses)), statuses, is_wrong, rows, title="A drive")
     assert_fits(drawn[0])
 
 

@@ -128,8 +128,5 @@ def test_gates_that_disagree_agree_partly():
 
 def test_measures_are_compared_epoch_by_epoch():
     """Only where both have them: an epoch that one method lacks says nothing."""
-    rows = {
-        "helmert_points": [HELMERT, HELMERT, HELMERT],
-        "count_points": [COUNT, {**COUNT, "kurtosis": None}],
-    }
+    rows = {"helmert_points": [HELMERT, HELMERT, HELMERT], "count_points": [COUNT, {**COUNT, "kurtosis": None}]}
     assert "1 of 1 (100.0 %)" in paper_claims(methods(**rows), 0.06)[4].study

@@ -61,9 +61,7 @@ def test_headings_fit(epoch, tmp_path, drawn, n_headings, scale):
     accumulator = epoch.accumulate(space)
     accumulator = replace(accumulator, moments=accumulator.moments * scale)
     title = "Epoch 1234: every heading"
-    plot_headings(
-        tmp_path / "headings.png", accumulator, maxcon.Count(), title=title, reference=epoch.reference
-    )
+    plot_headings(tmp_path / "headings.png", accumulator, maxcon.Count(), title=title, reference=epoch.reference)
     assert_all_fits(drawn[0])
 
 
@@ -77,12 +75,8 @@ def test_comparison_fits(epoch, space, tmp_path, drawn, n_views):
     ]
     far = maxcon.Pose(-12.34, 12.34, 0.0, 0.0, 0.0, np.radians(10.0))
     rows = [
-        ComparisonRow(
-            "straight street, epoch 1234", epoch.scan, epoch.point_map, pose, tuple(views[:n_views])
-        )
+        ComparisonRow("straight street, epoch 1234", epoch.scan, epoch.point_map, pose, tuple(views[:n_views]))
         for pose in (epoch.reference, far)
     ]
-    plot_comparison(
-        tmp_path / "comparison.png", rows, title="Count beside Helmert's score, from the reference"
-    )
+    plot_comparison(tmp_path / "comparison.png", rows, title="Count beside Helmert's score, from the reference")
     assert_all_fits(drawn[0])

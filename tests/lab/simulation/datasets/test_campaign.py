@@ -14,21 +14,13 @@ from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.dataset import Dataset
 from maxcon.lab.simulation import CampaignWorld, LasClass, ProfileScanner, simulate_campaign
 
-THIN_PROFILES = tuple(
-    ProfileScanner(turn_deg=turn, line_rate=20.0, points_per_line=120) for turn in (45.0, -45.0)
-)
+THIN_PROFILES = tuple(ProfileScanner(turn_deg=turn, line_rate=20.0, points_per_line=120) for turn in (45.0, -45.0))
 THINNEST = (ProfileScanner(line_rate=2.0, points_per_line=30),)
 
 
 @pytest.fixture(scope="module")
 def thin(thin_scanner):
-    return {
-        "n_epochs": 7,
-        "seed": 3,
-        "n_rounds": 2,
-        "mapping_scanners": THIN_PROFILES,
-        "scanner": thin_scanner,
-    }
+    return {"n_epochs": 7, "seed": 3, "n_rounds": 2, "mapping_scanners": THIN_PROFILES, "scanner": thin_scanner}
 
 
 @pytest.fixture(scope="module")
@@ -138,9 +130,7 @@ def test_successive_epochs_and_the_odometry_of_the_whole_round(dataset, tmp_path
 @pytest.mark.usefixtures("built")
 def test_hard_is_said(tmp_path, thin_scanner):
     out = tmp_path / "hard"
-    simulate_campaign(
-        out, n_epochs=1, is_hard=True, n_rounds=2, mapping_scanners=THINNEST, scanner=thin_scanner
-    )
+    simulate_campaign(out, n_epochs=1, is_hard=True, n_rounds=2, mapping_scanners=THINNEST, scanner=thin_scanner)
     assert ": hard campaign, seed 0, 2 rounds of mapping, 1 epochs." in (out / "dataset.toml").read_text()
 
 
@@ -166,9 +156,7 @@ def test_a_failure_leaves_nothing(tmp_path, thin_scanner, stop_at):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        simulate_campaign(
-            tmp_path / "out", n_epochs=1, mapping_scanners=THINNEST, scanner=thin_scanner, progress=fail
-        )
+        simulate_campaign(tmp_path / "out", n_epochs=1, mapping_scanners=THINNEST, scanner=thin_scanner, progress=fail)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -33,15 +33,7 @@ def test_campaign_says_what_it_wrote(simulate_command, asked, tmp_path):
     lines = printed.out.splitlines()
     assert lines[0] == str(tmp_path / "out")
     parts = {line[:13].strip(): line[13:].strip() for line in lines[1:]}
-    assert list(parts) == [
-        "map clouds",
-        "mapping",
-        "scans",
-        "reference",
-        "prior gnss",
-        "prior uniform",
-        "odometry",
-    ]
+    assert list(parts) == ["map clouds", "mapping", "scans", "reference", "prior gnss", "prior uniform", "odometry"]
     assert parts["prior gnss"] == str(tmp_path / "out" / "prior_gnss.txt")
     assert parts["prior uniform"] == str(tmp_path / "out" / "prior_uniform.txt")
 

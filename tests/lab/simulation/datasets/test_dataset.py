@@ -89,9 +89,7 @@ def test_dataset_opens_again(dataset):
 
 
 def test_same_seed_same_files(dataset, tmp_path, thin_profiles):
-    again = simulate(
-        tmp_path / "again", n_epochs=3, seed=3, before=30.0, after=20.0, mapping_scanners=thin_profiles
-    )
+    again = simulate(tmp_path / "again", n_epochs=3, seed=3, before=30.0, after=20.0, mapping_scanners=thin_profiles)
     texts = ["reference.txt", "prior.txt", "map/trajectory.txt", "scans/times.txt", "dataset.toml"]
     for name in [*texts, "scans/000000.bin", "scans/000002.bin"]:
         assert (dataset.folder / name).read_bytes() == (again.folder / name).read_bytes(), name
@@ -122,14 +120,7 @@ def test_a_failure_leaves_nothing(tmp_path, thin_profiles, stop_at):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        simulate(
-            tmp_path / "out",
-            n_epochs=1,
-            before=10.0,
-            after=10.0,
-            mapping_scanners=thin_profiles,
-            progress=fail,
-        )
+        simulate(tmp_path / "out", n_epochs=1, before=10.0, after=10.0, mapping_scanners=thin_profiles, progress=fail)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -69,9 +69,7 @@ def test_same_seed_same_files(tmp_path, thin_scanner, monkeypatch, suburb):
 
 @pytest.mark.usefixtures("built")
 def test_fewer_epochs_are_the_same_scans(dataset, tmp_path):
-    fewer = simulate_suburb(
-        tmp_path / "fewer", n_epochs=2, seed=3, road_length=60.0, mapping_scanners=THINNEST
-    )
+    fewer = simulate_suburb(tmp_path / "fewer", n_epochs=2, seed=3, road_length=60.0, mapping_scanners=THINNEST)
     np.testing.assert_array_equal(_scan(fewer, 1), _scan(dataset, 2))
     for name in ("gnss", "uniform"):
         few, many = (read_trajectory(data.priors[name]) for data in (fewer, dataset))
@@ -84,9 +82,7 @@ def test_an_epoch_is_localized(dataset, tmp_path):
     reference, priors = (read_trajectory(path) for path in (dataset.reference, dataset.priors["uniform"]))
     origin = -np.asarray(point_map.frame.origin)
     prior, wanted = (poses.pose(1).translated(origin) for poses in (priors, reference))
-    estimate = MaximumConsensus(SearchSpace.paper()).localize(
-        Scan(_scan(dataset, 1)[:, :3]), point_map, prior
-    )
+    estimate = MaximumConsensus(SearchSpace.paper()).localize(Scan(_scan(dataset, 1)[:, :3]), point_map, prior)
     assert np.hypot(estimate.pose.x - wanted.x, estimate.pose.y - wanted.y) < 0.15
 
 

@@ -51,16 +51,10 @@ def test_the_city_takes_a_scanner_too(simulate_command, monkeypatch, tmp_path, d
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (
-            ("--scene", "suburb", "--campaign"),
-            "maxcon: Expected --campaign in the city, got it with --scene suburb.",
-        ),
+        (("--scene", "suburb", "--campaign"), "maxcon: Expected --campaign in the city, got it with --scene suburb."),
         (("--scene", "suburb", "--hard"), "maxcon: Expected --hard together with --campaign, got it alone."),
         (("--scene", "suburb", "--epochs", "602"), "maxcon: Expected 1 to 601 epochs of a suburb"),
-        (
-            ("--scanner", "vlp16"),
-            "maxcon: Expected `scanner` to be 'vlp-16', 'vlp-32c', 'hdl-64e' or 'os1-64'",
-        ),
+        (("--scanner", "vlp16"), "maxcon: Expected `scanner` to be 'vlp-16', 'vlp-32c', 'hdl-64e' or 'os1-64'"),
     ],
 )
 def test_wrong_options_are_refused(simulate_command, tmp_path, options, words):

@@ -29,9 +29,7 @@ class AlongRays(Scans):
         points = self.scanner.directions * ranges[:, None]
         if isinstance(self.scanner, FiringScanner):
             points[:, 2] += np.tile(self.scanner.heights, self.scanner.n_columns)
-        return RawScan(
-            points.astype(np.float32).astype(np.float64), float(self.times[i]), str(i), len(points), 0, 0
-        )
+        return RawScan(points.astype(np.float32).astype(np.float64), float(self.times[i]), str(i), len(points), 0, 0)
 
 
 def test_a_decoder_finds_the_points_and_the_times_of_the_scans(tmp_path):

@@ -60,9 +60,9 @@ def test_heading_and_curvature_are_continuous(circuit):
 def test_it_keeps_right_of_the_centre_lines(circuit):
     points, ways = _in_grid(circuit.points), _in_grid(circuit.directions)
     distances = circuit.distances
-    in_turn = (
-        (distances[:, None] > circuit.turns[:, 0] - 4.0) & (distances[:, None] < circuit.turns[:, 1] + 4.0)
-    ).any(axis=1)
+    in_turn = ((distances[:, None] > circuit.turns[:, 0] - 4.0) & (distances[:, None] < circuit.turns[:, 1] + 4.0)).any(
+        axis=1
+    )
     along_u = np.abs(ways[:, 0]) > 0.9
     for is_u, lines, to_right in ((True, CAMPAIGN_GRID.v_lines, -1.0), (False, CAMPAIGN_GRID.u_lines, 1.0)):
         rows = (along_u == is_u) & ~in_turn

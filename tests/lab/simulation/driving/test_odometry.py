@@ -55,9 +55,7 @@ def test_noise_grows_with_the_root_of_the_way_and_tilts_stay(drive, times):
     walking = motions(OdometryErrors(0.0, 0.0, 0.1, 0.005, 0.02).draw(drive, times, 0))
     roots = np.sqrt([np.linalg.norm(motion.position) for motion in true])
     off = np.array([told.x - exact.x for told, exact in zip(walking, true, strict=True)]) / roots
-    turns = (
-        np.array([told.heading - exact.heading for told, exact in zip(walking, true, strict=True)]) / roots
-    )
+    turns = np.array([told.heading - exact.heading for told, exact in zip(walking, true, strict=True)]) / roots
     assert np.std(off) == pytest.approx(0.005, rel=0.2)
     assert np.std(turns) == pytest.approx(math.radians(0.1), rel=0.2)
     tilts = [
@@ -82,7 +80,5 @@ def test_standing_still_it_stands_still():
 
 
 def test_errors_are_not_negative():
-    with pytest.raises(
-        OptionError, match=r"Expected `scale` of odometry errors to be a number >= 0, got -0\.01"
-    ):
+    with pytest.raises(OptionError, match=r"Expected `scale` of odometry errors to be a number >= 0, got -0\.01"):
         OdometryErrors(scale=-0.01)

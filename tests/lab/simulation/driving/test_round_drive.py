@@ -31,9 +31,7 @@ def test_it_slows_down_for_turns(circuit):
 
 
 def test_it_brakes_no_harder_than_it_should(circuit):
-    drive = drive_round(
-        circuit, RoundDriver(10.0, acceleration=2.0, n_stops=3), 2, height=2.0, start_time=0.0
-    )
+    drive = drive_round(circuit, RoundDriver(10.0, acceleration=2.0, n_stops=3), 2, height=2.0, start_time=0.0)
     changes = np.abs(np.diff(_speeds(drive))) / 0.1
     assert np.percentile(changes, 99) < 3.0
 
@@ -59,16 +57,13 @@ def test_it_wanders_by_decimetres_and_looks_where_it_goes(circuit):
     offsets = np.linalg.norm(drive.positions[:, :2] - circuit.points, axis=1)
     assert 0.1 < offsets.max() <= 0.3 + 1e-9
     ways = np.gradient(drive.positions[:, :2], axis=0)
-    np.testing.assert_allclose(
-        np.cos(np.arctan2(ways[:, 1], ways[:, 0]) - drive.angles[:, 2]), 1.0, atol=1e-6
-    )
+    np.testing.assert_allclose(np.cos(np.arctan2(ways[:, 1], ways[:, 0]) - drive.angles[:, 2]), 1.0, atol=1e-6)
     assert np.abs(np.diff(drive.angles[:, 2])).max() < 0.02
 
 
 def test_rounds_are_seeded(circuit):
     first, second, other = (
-        drive_round(circuit, RoundDriver(9.0, n_stops=1), seed, height=2.0, start_time=0.0)
-        for seed in (1, 1, 2)
+        drive_round(circuit, RoundDriver(9.0, n_stops=1), seed, height=2.0, start_time=0.0) for seed in (1, 1, 2)
     )
     np.testing.assert_array_equal(first.times, second.times)
     assert first.times[-1] != other.times[-1]

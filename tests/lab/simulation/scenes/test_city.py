@@ -78,9 +78,7 @@ def test_relief_of_one_window():
     patch = relief(np.array([0.0, 1.0, 2.0, 3.0]), np.array([0.0, 1.0, 2.0, 3.0]), np.pad([[0.2]], 1))
     cross = np.cross(patch.corners[:, 1] - patch.corners[:, 0], patch.corners[:, 2] - patch.corners[:, 0])
     areas = 0.5 * np.abs(cross).sum(axis=0)
-    np.testing.assert_allclose(
-        areas, [2 * 0.2, 9.0, 2 * 0.2]
-    )  # two reveals, the wall with its pane, lintel and sill
+    np.testing.assert_allclose(areas, [2 * 0.2, 9.0, 2 * 0.2])  # two reveals, the wall with its pane, lintel and sill
     assert np.isclose(patch.corners[:, :, 1].min(), -0.2)
 
 

@@ -27,15 +27,10 @@ def test_it_winds_and_climbs(road):
 
 def test_the_carriageway_is_cambered_and_has_kerbs(road):
     along = np.linspace(0.0, 460.0, 100)
-    middle, edges = (
-        road.ground_heights(along, 0.0),
-        [road.ground_heights(along, left) for left in (-3.0, 3.0)],
-    )
+    middle, edges = (road.ground_heights(along, 0.0), [road.ground_heights(along, left) for left in (-3.0, 3.0)])
     np.testing.assert_allclose(middle - np.mean(edges, axis=0), 0.06)
     assert np.abs(edges[0] - edges[1]).max() > 0.05
-    np.testing.assert_allclose(
-        road.ground_heights(along, 3.12) - road.ground_heights(along, 3.1), 0.1, atol=5e-3
-    )
+    np.testing.assert_allclose(road.ground_heights(along, 3.12) - road.ground_heights(along, 3.1), 0.1, atol=5e-3)
 
 
 def test_addresses_are_found_again(road):

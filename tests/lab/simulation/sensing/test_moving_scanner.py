@@ -29,9 +29,7 @@ def _driving(start, *, speed=0.0, turn_rate=0.0):
     times = np.linspace(9.0, 11.0, 2001)
     away = times - 10.0
     way = np.array([np.cos(angles[2]), np.sin(angles[2]), 0.0])
-    return Drive(
-        times, position + speed * away[:, None] * way, angles + np.outer(away, [0.0, 0.0, turn_rate])
-    )
+    return Drive(times, position + speed * away[:, None] * way, angles + np.outer(away, [0.0, 0.0, turn_rate]))
 
 
 def test_a_vehicle_that_stands_measures_an_instant_scan(world, start):
@@ -71,12 +69,9 @@ def test_the_residual_is_what_the_errors_say(world, start):
 def test_a_turn_rate_error_turns_points_by_their_time(world, start):
     drive, errors = _driving(start), DeskewErrors(0.0, 0.3, 0.0)
     right, wrong = (
-        MovingScanner(NOISE_FREE, each).scan(world.scan_caster, drive, 10.0, _rng())
-        for each in (NONE, errors)
+        MovingScanner(NOISE_FREE, each).scan(world.scan_caster, drive, 10.0, _rng()) for each in (NONE, errors)
     )
-    points, moved = (
-        (echoes.points - start[0]) @ drive.poses([10.0])[0].rotation for echoes in (right, wrong)
-    )
+    points, moved = ((echoes.points - start[0]) @ drive.poses([10.0])[0].rotation for echoes in (right, wrong))
     turns = np.arctan2(moved[:, 1], moved[:, 0]) - np.arctan2(points[:, 1], points[:, 0])
     rates = (turns + np.pi) % (2.0 * np.pi) - np.pi
     rates /= right.times - 10.0

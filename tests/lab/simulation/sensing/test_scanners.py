@@ -69,9 +69,7 @@ def test_dropouts_and_ranges(world, epoch):
 def test_scans_are_seeded(world, epoch):
     first, second = (world.scan(epoch, RotatingScanner()) for _ in range(2))
     np.testing.assert_array_equal(first.points, second.points)
-    assert not np.array_equal(
-        world.scan(epoch._replace(number=9), RotatingScanner()).points[:9], first.points[:9]
-    )
+    assert not np.array_equal(world.scan(epoch._replace(number=9), RotatingScanner()).points[:9], first.points[:9])
 
 
 def test_intensities_are_between_0_and_1(world, epoch):
@@ -108,9 +106,7 @@ def test_map_is_denser_where_the_drive_is_slower(world, thin_profiles):
     for place in (slow, fast):
         centre = drive.positions[place]
         (scanner, _) = thin_profiles
-        echoes = scanner.scan(
-            world.mapping.caster, drive, 0, scanner.n_lines(drive), np.random.default_rng(0)
-        )
+        echoes = scanner.scan(world.mapping.caster, drive, 0, scanner.n_lines(drive), np.random.default_rng(0))
         counts.append((np.linalg.norm(echoes.origins - centre, axis=1) < 2.0).sum())
     assert counts[0] > 2.5 * counts[1]
 
@@ -146,9 +142,7 @@ def test_wrong_rotating_scanners_are_refused(wrong):
         RotatingScanner(**wrong)
 
 
-@pytest.mark.parametrize(
-    "wrong", [{"line_rate": 0.0}, {"points_per_line": 0}, {"blind_deg": 180.0}, {"noise": -1.0}]
-)
+@pytest.mark.parametrize("wrong", [{"line_rate": 0.0}, {"points_per_line": 0}, {"blind_deg": 180.0}, {"noise": -1.0}])
 def test_wrong_profile_scanners_are_refused(wrong):
     with pytest.raises(OptionError, match=r"Expected .* got .* Leave them out"):
         ProfileScanner(**wrong)

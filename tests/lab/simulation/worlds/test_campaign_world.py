@@ -63,8 +63,7 @@ def test_priors_are_off_by_their_errors(campaign):
             [prior.position - epoch.reference.position for prior, epoch in zip(priors, epochs, strict=True)]
         )
         turns = [
-            wrap_angle(prior.heading - epoch.reference.heading)
-            for prior, epoch in zip(priors, epochs, strict=True)
+            wrap_angle(prior.heading - epoch.reference.heading) for prior, epoch in zip(priors, epochs, strict=True)
         ]
         assert 0.8 < np.abs(offsets[:, :2]).max() <= bound
         assert np.abs(offsets[:, 2]).max() <= 0.04
@@ -76,9 +75,7 @@ def test_gnss_errors_change_slowly_and_uniform_ones_at_once(campaign):
     reference = np.array([epoch.reference.position for epoch in epochs])
 
     def steps(priors):
-        return np.linalg.norm(
-            np.diff([prior.position for prior in priors] - reference, axis=0)[:, :2], axis=1
-        )
+        return np.linalg.norm(np.diff([prior.position for prior in priors] - reference, axis=0)[:, :2], axis=1)
 
     assert np.median(steps(campaign.gnss_priors(epochs, GnssErrors()))) < 0.3
     assert np.median(steps(campaign.uniform_priors(epochs, PriorErrors()))) > 1.0
@@ -103,10 +100,7 @@ def test_rounds_lie_decimetres_apart(campaign):
     lanes = np.array(
         [drive.at(drive.times)[0][:: len(drive.times) // 50][:50, :2] for drive in campaign.mapping.drives]
     )
-    nearest = [
-        np.linalg.norm(campaign.circuit.points[:, None] - lane[None, :5], axis=2).min(axis=0)
-        for lane in lanes
-    ]
+    nearest = [np.linalg.norm(campaign.circuit.points[:, None] - lane[None, :5], axis=2).min(axis=0) for lane in lanes]
     assert 0.02 < np.mean(nearest) < 0.3
 
 
@@ -172,13 +166,9 @@ def test_the_car_comes_again_on_the_same_day_and_on_another(campaign):
     assert other.scan_drive.times[0] - campaign.scan_drive.times[0] == pytest.approx(86_400.0)
     epochs = [world.epochs(5) for world in (campaign, same, other)]
     assert len({epoch[2].reference for epoch in epochs}) == 3
-    cars = [
-        world.scan_caster.city.corners[world.scan_caster.city.car_numbers >= 0] for world in (campaign, other)
-    ]
+    cars = [world.scan_caster.city.corners[world.scan_caster.city.car_numbers >= 0] for world in (campaign, other)]
     assert cars[0].shape != cars[1].shape or (cars[0] != cars[1]).any()
-    fixed = [
-        world.scan_caster.city.corners[world.scan_caster.city.car_numbers < 0] for world in (campaign, other)
-    ]
+    fixed = [world.scan_caster.city.corners[world.scan_caster.city.car_numbers < 0] for world in (campaign, other)]
     np.testing.assert_array_equal(*fixed)
     again = campaign.again(0)
     assert again.epochs(5) == epochs[0]

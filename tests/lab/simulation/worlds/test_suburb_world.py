@@ -46,9 +46,7 @@ def _scans(suburb, layout):
 
 
 def test_the_share_of_points_with_a_normal_is_that_of_real_scans(suburb):
-    shares = [
-        np.any(Scan(points).normals != 0.0, axis=1).mean() for points in _scans(suburb, ScannerLayout.VLP_16)
-    ]
+    shares = [np.any(Scan(points).normals != 0.0, axis=1).mean() for points in _scans(suburb, ScannerLayout.VLP_16)]
     assert 0.24 < np.mean(shares) < 0.50, shares
 
 

@@ -39,10 +39,7 @@ def test_the_nearest_is_met_and_its_normal_and_class_are_its_own(hard_campaign, 
     origin = pose.position.astype(np.float32)
     ahead = np.array([[np.cos(pose.heading), np.sin(pose.heading), -0.1]], np.float32)
     ahead /= np.linalg.norm(ahead)
-    users = [
-        RoadUser(box, pose.x + d * ahead[0, 0], pose.y + d * ahead[0, 1], 1.0, pose.heading)
-        for d in (12.0, 7.0)
-    ]
+    users = [RoadUser(box, pose.x + d * ahead[0, 0], pose.y + d * ahead[0, 1], 1.0, pose.heading) for d in (12.0, 7.0)]
     caster = CrowdedCaster(hard_campaign.scan_caster, users)
     hits = caster.cast(origin[None], ahead)
     assert hits.ranges[0] == pytest.approx(5.0 / np.hypot(ahead[0, 0], ahead[0, 1]), rel=0.02)
@@ -86,9 +83,7 @@ def test_road_users_stand_where_they_may(hard_campaign, thin_scanner):
         rng = np.random.default_rng(epoch.tick)
         users = traffic.draw(hard_campaign.scan_caster, thin_scanner, epoch.reference, rng)
         for user in users:
-            corners = (
-                user.shape.patch.placed(user.x, user.y, user.z, user.heading).corners[..., :2].reshape(-1, 2)
-            )
+            corners = user.shape.patch.placed(user.x, user.y, user.z, user.heading).corners[..., :2].reshape(-1, 2)
             assert np.linalg.norm(corners - epoch.reference.position[:2], axis=1).min() > 2.0
             u = corners @ [np.cos(angle), np.sin(angle)]
             v = corners @ [-np.sin(angle), np.cos(angle)]

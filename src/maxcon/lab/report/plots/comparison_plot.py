@@ -17,15 +17,7 @@ from maxcon.plotting.canvas.figure import SERIES, draw_titles, saved_figure
 from maxcon.plotting.canvas.from_above import Window, draw_map, draw_scale_bar, map_patch
 from maxcon.plotting.canvas.objective_names import title_of
 from maxcon.plotting.scene import half_width_of, is_off_the_ground
-from maxcon.plotting.score_panel import (
-    COLORS,
-    cell_marks,
-    draw_scores,
-    ground_of,
-    offset_words,
-    put_mark,
-    scale_words,
-)
+from maxcon.plotting.score_panel import COLORS, cell_marks, draw_scores, ground_of, offset_words, put_mark, scale_words
 from maxcon.plotting.search_space_view import SearchSpaceView
 from maxcon.scan import Scan
 
@@ -78,8 +70,7 @@ class ComparisonRow:
     def __post_init__(self) -> None:
         if not self.views:
             raise OptionError(
-                f"Expected at least one search space to compare at {self.label!r}, got none."
-                " Give a SearchSpaceView."
+                f"Expected at least one search space to compare at {self.label!r}, got none. Give a SearchSpaceView."
             )
 
     @property
@@ -139,10 +130,7 @@ def plot_comparison(path: str | os.PathLike[str], rows: Sequence[ComparisonRow],
                 axes = figure.add_axes((left / width, bottom / height, SIDE / width, SIDE / height))
                 _draw_view(axes, view, row.reference)
                 axes.set_title(
-                    f"{next(letters)} {_view_words(view, row.reference)}",
-                    loc="left",
-                    pad=TITLE_PAD,
-                    parse_math=False,
+                    f"{next(letters)} {_view_words(view, row.reference)}", loc="left", pad=TITLE_PAD, parse_math=False
                 )
                 axes.set_xlabel("x from the reference [m]")
                 axes.set_ylabel("y from the reference [m]" if column == 0 else "")
@@ -212,11 +200,7 @@ def _draw_legend(figure: "Figure", words: str) -> None:
     figure.colorbar(ScalarMappable(cmap=COLORS), cax=bar, orientation="horizontal", ticks=[0.0, 0.5, 1.0])
     figure.text(left / width, 0.75 / height, words, fontsize=10)
     dot = Line2D([], [], ls="", marker="o", ms=7, mew=0, color=SCAN_COLOR, label="scan at the reference")
-    figure.legend(
-        handles=[map_patch(), dot],
-        loc="lower left",
-        bbox_to_anchor=((LEFT - 0.1) / width, 0.18 / height),
-    )
+    figure.legend(handles=[map_patch(), dot], loc="lower left", bbox_to_anchor=((LEFT - 0.1) / width, 0.18 / height))
     figure.legend(
         handles=cell_marks(),
         loc="lower left",

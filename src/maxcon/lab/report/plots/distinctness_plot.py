@@ -62,12 +62,8 @@ _LOWER, _HIGHER = "← lower is more distinct", "higher is more distinct →"
 _MEASURES = (
     _Measure("peak_ratio", "Peak ratio", _LOWER, "second highest over highest score", "", False, 0.0),
     _Measure("kurtosis", "Kurtosis along the significant ray", _HIGHER, "kurtosis", "", True, 1.0),
-    _Measure(
-        "divergence", "Divergence from a Laplace peak", _LOWER, "KL divergence [nat]", " nat", True, 0.01
-    ),
-    _Measure(
-        "spread", "Spread at 90 %", _LOWER, "farthest cell with 90 % of the peak score [m]", " m", True, 0.05
-    ),
+    _Measure("divergence", "Divergence from a Laplace peak", _LOWER, "KL divergence [nat]", " nat", True, 0.01),
+    _Measure("spread", "Spread at 90 %", _LOWER, "farthest cell with 90 % of the peak score [m]", " m", True, 0.05),
 )
 
 
@@ -187,12 +183,8 @@ def plot_distinctness(
             row, column = divmod(number, 2)
             left = LEFT + column * (PANEL_WIDTH + ACROSS)
             bottom = height - TITLES - row * row_height - ABOVE - PANEL_HEIGHT
-            axes = figure.add_axes(
-                (left / width, bottom / height, PANEL_WIDTH / width, PANEL_HEIGHT / height)
-            )
-            handles = _draw_measure(
-                axes, measure, [getattr(values, measure.field) for values in by_method.values()]
-            )
+            axes = figure.add_axes((left / width, bottom / height, PANEL_WIDTH / width, PANEL_HEIGHT / height))
+            handles = _draw_measure(axes, measure, [getattr(values, measure.field) for values in by_method.values()])
             if column == 0:
                 axes.set_ylabel("share of all epochs [%]")
         draw_legend(figure, handles, names, legend, handle_length=2.6)
@@ -211,9 +203,7 @@ def _draw_measure(
         if not np.isnan(values).all():
             place = float(np.clip(np.nanmedian(values), edges[0], edges[-1]))
             axes.plot([place, place], [0.0, highest], color=style.color, lw=1.8, ls=style.line, clip_on=False)
-            axes.plot(
-                place, highest, style.marker, color=style.color, ms=7, mec="white", mew=0.8, clip_on=False
-            )
+            axes.plot(place, highest, style.marker, color=style.color, ms=7, mec="white", mew=0.8, clip_on=False)
     free = (0.24 + LEGEND_ROW * len(by_method)) / PANEL_HEIGHT
     axes.set_ylim(0.0, highest / (1.0 - free))
     axes.legend(
@@ -261,9 +251,7 @@ def _median_words(values: NDArray[np.float64], unit: str) -> str:
     n_missing = int(np.isnan(values).sum())
     if n_missing == len(values):
         return "not defined in any epoch"
-    return f"median {np.nanmedian(values):.3g}{unit}" + (
-        f" (not defined in {n_missing})" if n_missing else ""
-    )
+    return f"median {np.nanmedian(values):.3g}{unit}" + (f" (not defined in {n_missing})" if n_missing else "")
 
 
 def _finish_measure(axes: "Axes", measure: _Measure, edges: NDArray[np.float64], highest: float) -> None:
@@ -278,9 +266,7 @@ def _finish_measure(axes: "Axes", measure: _Measure, edges: NDArray[np.float64],
         axes.set_xlim(edges[0], edges[-1])
         draw_number_ticks(axes.xaxis, edges[0], edges[-1], least=measure.least)
     axes.set_title(measure.title, loc="left", pad=21, fontweight="bold")
-    axes.annotate(
-        measure.better, (0.0, 1.0), (0, 6), xycoords="axes fraction", textcoords="offset points", color=MUTED
-    )
+    axes.annotate(measure.better, (0.0, 1.0), (0, 6), xycoords="axes fraction", textcoords="offset points", color=MUTED)
     axes.set_xlabel(measure.label)
     axes.grid(axis="y", color="#dfe2e8", lw=0.7)
     axes.set_axisbelow(True)

@@ -86,8 +86,7 @@ def plot_error_shares(
     """
     check_methods(errors_by_method)
     errors = {
-        name: as_epoch_values(values, f"the errors of {name!r}", 0.0)
-        for name, values in errors_by_method.items()
+        name: as_epoch_values(values, f"the errors of {name!r}", 0.0) for name, values in errors_by_method.items()
     }
     n_epochs = {len(values) for values in errors.values()}
     if len(n_epochs) > 1:
@@ -106,9 +105,7 @@ def plot_error_shares(
             f"Epochs: {n_epochs.pop()}, those without an answer too."
             f" Dashed: success, {success:g} m. Below: shares within it.",
         )
-        axes = figure.add_axes(
-            (LEFT / WIDTH, bottom / height, (WIDTH - LEFT - RIGHT) / WIDTH, AXES_HEIGHT / height)
-        )
+        axes = figure.add_axes((LEFT / WIDTH, bottom / height, (WIDTH - LEFT - RIGHT) / WIDTH, AXES_HEIGHT / height))
         handles = [_draw_shares(axes, number, values) for number, values in enumerate(errors.values())]
         _finish(axes, success)
         draw_legend(figure, handles, labels, legend)

@@ -67,9 +67,7 @@ def plot_errors(
     width, height = 11.5, 4.9
     with saved_figure(path, width, height) as figure:
         draw_titles(
-            figure,
-            title,
-            f"Distance to the reference. Dashed: success, {success:g} m. Crosses on top: not localized.",
+            figure, title, f"Distance to the reference. Dashed: success, {success:g} m. Crosses on top: not localized."
         )
         over_time = figure.add_axes((0.8 / width, 1.05 / height, 6.9 / width, 2.85 / height))
         shares = figure.add_axes((8.0 / width, 1.05 / height, 3.25 / width, 2.85 / height), sharey=over_time)
@@ -77,20 +75,12 @@ def plot_errors(
             _draw_method(over_time, shares, number, name, times - times.min(initial=np.inf), values)
         _finish_errors(over_time, shares, errors, success)
         figure.legend(
-            *over_time.get_legend_handles_labels(),
-            loc="lower left",
-            bbox_to_anchor=(0.6 / width, 0.0),
-            ncols=4,
+            *over_time.get_legend_handles_labels(), loc="lower left", bbox_to_anchor=(0.6 / width, 0.0), ncols=4
         )
 
 
 def _draw_method(
-    over_time: "Axes",
-    shares: "Axes",
-    number: int,
-    name: str,
-    times: NDArray[np.float64],
-    errors: NDArray[np.float64],
+    over_time: "Axes", shares: "Axes", number: int, name: str, times: NDArray[np.float64], errors: NDArray[np.float64]
 ) -> None:
     """Draw one method: its errors over time, and their cumulative distribution."""
     style = METHOD_STYLES[number]
@@ -116,12 +106,8 @@ def _finish_errors(
     over_time: "Axes", shares: "Axes", errors: Mapping[str, NDArray[np.float64]], success: float
 ) -> None:
     """Scale and label both axes, and draw the limit of success."""
-    highest = max(
-        [float(np.nanmax(values)) for values in errors.values() if np.isfinite(values).any()] or [1.0]
-    )
-    lowest = min(
-        [float(np.nanmin(values)) for values in errors.values() if np.isfinite(values).any()] or [0.01]
-    )
+    highest = max([float(np.nanmax(values)) for values in errors.values() if np.isfinite(values).any()] or [1.0])
+    lowest = min([float(np.nanmin(values)) for values in errors.values() if np.isfinite(values).any()] or [0.01])
     over_time.set_yscale("log")
     over_time.set_ylim(0.6 * max(LEAST_ERROR, min(lowest, 0.1)), 2.5 * max(highest, 1.0))
     over_time.set_xlabel("time since the first epoch [s]")

@@ -137,9 +137,7 @@ def _draw_section(
     weight = "bold" if is_best else "normal"
     turn = turn_words(view.space, heading) + (" (best)" if is_best else "")
     axes.set_title(turn, loc="left", fontweight=weight, pad=5)
-    axes.set_title(
-        score_words(_highest_in_section(view, heading, half_width)), loc="right", fontweight=weight, pad=5
-    )
+    axes.set_title(score_words(_highest_in_section(view, heading, half_width)), loc="right", fontweight=weight, pad=5)
     draw_frame(axes, is_best=is_best)
     ticks = [-0.5 * half_width, 0.0, 0.5 * half_width]
     axes.set(xticks=ticks, yticks=ticks)
@@ -160,33 +158,18 @@ def _draw_around(
     """Draw the axes' labels, the colour scale at the right and the marks above; panels begin at `left`."""
     width, height = figure.get_size_inches()
     middle = BOTTOM + 0.5 * (height - BOTTOM - TOP)
+    figure.text((LEFT + 0.5 * PANELS) / width, 0.2 / height, "x from the best cell [m]", ha="center", fontsize=10.5)
     figure.text(
-        (LEFT + 0.5 * PANELS) / width, 0.2 / height, "x from the best cell [m]", ha="center", fontsize=10.5
-    )
-    figure.text(
-        (left - 0.65) / width,
-        middle / height,
-        "y from the best cell [m]",
-        va="center",
-        rotation=90,
-        fontsize=10.5,
+        (left - 0.65) / width, middle / height, "y from the best cell [m]", va="center", rotation=90, fontsize=10.5
     )
     bar = figure.add_axes(
-        (
-            (2.0 * LEFT + PANELS - left + 0.2) / width,
-            BOTTOM / height,
-            0.15 / width,
-            (height - BOTTOM - TOP) / height,
-        )
+        ((2.0 * LEFT + PANELS - left + 0.2) / width, BOTTOM / height, 0.15 / width, (height - BOTTOM - TOP) / height)
     )
     draw_color_bar(figure, image, bar, "vertical")
     bar.set_title(unit_of(view.objective), fontsize=9, loc="left", color=MUTED, parse_math=False)
     if reference is not None:
         figure.legend(
-            handles=cell_marks()[1:],
-            loc="upper right",
-            bbox_to_anchor=(1.0, 1.0 - 0.1 / height),
-            handletextpad=1.0,
+            handles=cell_marks()[1:], loc="upper right", bbox_to_anchor=(1.0, 1.0 - 0.1 / height), handletextpad=1.0
         )
 
 

@@ -16,14 +16,7 @@ from maxcon.plotting.canvas.figure import MUTED, draw_titles, saved_figure
 from maxcon.plotting.canvas.from_above import Window, draw_map, draw_scale_bar, map_patch
 from maxcon.plotting.canvas.objective_names import title_of
 from maxcon.plotting.scene import CONSENSUS_COLOR, PRIOR_COLOR, Scene, draw_points
-from maxcon.plotting.score_panel import (
-    COLORS,
-    cell_marks,
-    draw_scores,
-    ground_of,
-    put_mark,
-    scale_words,
-)
+from maxcon.plotting.score_panel import COLORS, cell_marks, draw_scores, ground_of, put_mark, scale_words
 from maxcon.plotting.search_space_view import SearchSpaceView
 from maxcon.scan import Scan
 from maxcon.search.accumulator import Accumulator
@@ -147,17 +140,12 @@ def _draw_space(axes: "Axes", view: SearchSpaceView, is_localized: bool, is_this
     blocks = highest_of_blocks(view.scores[view.best[0]], edge)
     ny, nx = blocks.shape
     covered = Window(
-        ground.west,
-        ground.west + nx * edge * space.cell_edge,
-        ground.south,
-        ground.south + ny * edge * space.cell_edge,
+        ground.west, ground.west + nx * edge * space.cell_edge, ground.south, ground.south + ny * edge * space.cell_edge
     )
     draw_scores(axes, blocks, covered, PowerNorm(COLOR_POWER, *view.limits), zorder=5.0)
     color, line_width = _frame(is_this)
     axes.add_patch(
-        Rectangle(
-            (covered.west, covered.south), *covered.size, fill=False, ec=color, lw=line_width, zorder=5.5
-        )
+        Rectangle((covered.west, covered.south), *covered.size, fill=False, ec=color, lw=line_width, zorder=5.5)
     )
     if view.has_best:
         x, y = view.best_offset
@@ -179,10 +167,7 @@ def _mark(is_localized: bool) -> "Line2D":
 
 
 def _draw_legend(
-    figure: "Figure",
-    handles: list["Artist"],
-    views: Sequence[SearchSpaceView],
-    are_localized: Sequence[bool],
+    figure: "Figure", handles: list["Artist"], views: Sequence[SearchSpaceView], are_localized: Sequence[bool]
 ) -> None:
     """Draw the colour scale of the search spaces, and below it what else there is."""
     from matplotlib.cm import ScalarMappable

@@ -12,13 +12,7 @@ import numpy as np
 from maxcon.errors import ArrayError
 from maxcon.lab.evaluation import SUCCESS_WORDS, RiskCoverage
 from maxcon.plotting.canvas.figure import draw_titles, saved_figure
-from maxcon.plotting.canvas.method_style import (
-    METHOD_STYLES,
-    LegendShape,
-    MethodStyle,
-    check_methods,
-    draw_legend,
-)
+from maxcon.plotting.canvas.method_style import METHOD_STYLES, LegendShape, MethodStyle, check_methods, draw_legend
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -88,9 +82,7 @@ def plot_risk_coverage(
             "intervals; open: all answers, if it withholds any. Lines: the most trusted first.\n"
             "Bars that would lie on each other are set apart. Below: how many of the trusted are wrong.",
         )
-        axes = figure.add_axes(
-            (LEFT / WIDTH, bottom / height, (WIDTH - LEFT - RIGHT) / WIDTH, AXES_HEIGHT / height)
-        )
+        axes = figure.add_axes((LEFT / WIDTH, bottom / height, (WIDTH - LEFT - RIGHT) / WIDTH, AXES_HEIGHT / height))
         top = min(102.0, 1.25 * max(LEAST_TOP, *(_highest(found) for found in by_method.values())))
         places = _set_apart(list(by_method.values()), top)
         handles = [
@@ -152,9 +144,7 @@ def _draw_method(axes: "Axes", style: MethodStyle, found: RiskCoverage, place: f
         axes.vlines(place, low, high, color=style.color, lw=1.8, alpha=0.6, zorder=2)
         rate = 100.0 * found.n_trusted_wrong / found.n_trusted
         axes.plot(place, rate, color=style.color, mec="white", mew=0.8, zorder=5, **marks)
-    (handle,) = axes.plot(
-        [], [], color=style.color, ls=style.line, lw=1.5, marker=style.marker, ms=7.5, mec="white"
-    )
+    (handle,) = axes.plot([], [], color=style.color, ls=style.line, lw=1.5, marker=style.marker, ms=7.5, mec="white")
     return handle
 
 

@@ -17,11 +17,7 @@ __all__ = ["plot_search_spaces"]
 
 
 def plot_search_spaces(
-    path: str | os.PathLike[str],
-    views: Sequence[SearchSpaceView],
-    *,
-    title: str,
-    reference: Pose | None = None,
+    path: str | os.PathLike[str], views: Sequence[SearchSpaceView], *, title: str, reference: Pose | None = None
 ) -> None:
     """Draw several objectives side by side, each at its own best heading: count beside Helmert, say.
 

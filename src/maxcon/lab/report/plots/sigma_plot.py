@@ -65,10 +65,7 @@ class SigmaPanel:
 
 
 def plot_sigmas(
-    path: str | os.PathLike[str],
-    panels: Sequence[SigmaPanel],
-    *,
-    title: str = "Error against predicted sigma",
+    path: str | os.PathLike[str], panels: Sequence[SigmaPanel], *, title: str = "Error against predicted sigma"
 ) -> None:
     """Draw the error of each epoch against its predicted standard deviation, with lines at 1, 2 and 3 sigma.
 
@@ -99,9 +96,7 @@ def plot_sigmas(
     known = [panel.known() for panel in panels]
     for panel, (errors, _) in zip(panels, known, strict=True):
         if len(errors) == 0:
-            raise ArrayError(
-                f"Expected an epoch with error and sigma {panel.name}, got none. Leave the panel out."
-            )
+            raise ArrayError(f"Expected an epoch with error and sigma {panel.name}, got none. Leave the panel out.")
     width = LEFT + len(panels) * AXES_WIDTH + (len(panels) - 1) * BETWEEN + RIGHT
     width, height = max(width, 8.2), BELOW + SHARES_HEIGHT + ABOVE_SHARES + AXES_HEIGHT + TITLES
     promised = ", ".join(f"{100.0 * share:.1f}" for share in PROMISED)
@@ -118,15 +113,11 @@ def plot_sigmas(
                 (BELOW + SHARES_HEIGHT + ABOVE_SHARES, AXES_HEIGHT, _draw_panel),
                 (BELOW, SHARES_HEIGHT, _draw_shares),
             ):
-                axes = figure.add_axes(
-                    (left / width, bottom / height, AXES_WIDTH / width, row_height / height)
-                )
+                axes = figure.add_axes((left / width, bottom / height, AXES_WIDTH / width, row_height / height))
                 draw(axes, panel, errors, sigmas)
 
 
-def _draw_panel(
-    axes: "Axes", panel: SigmaPanel, errors: NDArray[np.float64], sigmas: NDArray[np.float64]
-) -> None:
+def _draw_panel(axes: "Axes", panel: SigmaPanel, errors: NDArray[np.float64], sigmas: NDArray[np.float64]) -> None:
     """Draw one kind of error."""
     low, high = 0.8 * float(sigmas.min()), 1.25 * float(sigmas.max())
     middle = (low * high) ** 0.5
@@ -162,9 +153,7 @@ def _draw_panel(
     axes.set_ylabel(f"error [{panel.unit}]")
     shares = Coverage.of(errors, sigmas).shares
     axes.set_title(
-        f"{panel.name}\nwithin: "
-        + " · ".join(f"{100.0 * share:.1f}" for share in shares)
-        + f" % of {len(errors):,}",
+        f"{panel.name}\nwithin: " + " · ".join(f"{100.0 * share:.1f}" for share in shares) + f" % of {len(errors):,}",
         loc="left",
         fontsize=10.5,
         parse_math=False,
@@ -174,9 +163,7 @@ def _draw_panel(
     axes.set_axisbelow(True)
 
 
-def _draw_shares(
-    axes: "Axes", panel: SigmaPanel, errors: NDArray[np.float64], sigmas: NDArray[np.float64]
-) -> None:
+def _draw_shares(axes: "Axes", panel: SigmaPanel, errors: NDArray[np.float64], sigmas: NDArray[np.float64]) -> None:
     """Draw the share of errors within k sigmas over k, and what it should be."""
     del panel
     limits = np.linspace(0.0, FARTHEST, 161)

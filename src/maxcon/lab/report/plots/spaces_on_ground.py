@@ -41,11 +41,7 @@ def window_around(accumulator: Accumulator, others: Sequence[Accumulator]) -> Wi
     half = max(WINDOW_REACHES * accumulator.space.reach, LEAST_HALF_WIDTH)
     square = Window.around(prior.x, prior.y, half)
     farthest = max(
-        (
-            abs(other.prior.y - prior.y) + 1.5 * other.space.reach
-            for other in others
-            if _is_inside(other, square)
-        ),
+        (abs(other.prior.y - prior.y) + 1.5 * other.space.reach for other in others if _is_inside(other, square)),
         default=0.0,
     )
     flat = min(half, max(FLATTEST * half, farthest))

@@ -77,9 +77,7 @@ def plot_stanford(
         errors = as_epoch_values(np.abs(np.asarray(values, np.float64)), f"errors {name}", 0.0)
         levels = as_epoch_values(levels_by_direction[name], f"levels {name}", np.finfo(float).tiny)
         if errors.shape != levels.shape:
-            raise ArrayError(
-                f"Expected errors and levels {name} of one shape, got {errors.shape} and {levels.shape}."
-            )
+            raise ArrayError(f"Expected errors and levels {name} of one shape, got {errors.shape} and {levels.shape}.")
         found[name] = errors, levels
     everything = np.concatenate([np.concatenate(pair) for pair in found.values()])
     most = 1.6 * max(1.0, 2.0 * alert_limit, float(np.nanmax(everything, initial=0.0)))
@@ -95,21 +93,13 @@ def plot_stanford(
         for number, (name, (errors, levels)) in enumerate(found.items()):
             left = LEFT + number * (SIDE + BETWEEN)
             axes = figure.add_axes((left / width, BELOW / height, SIDE / width, SIDE / height))
-            strip = figure.add_axes(
-                (left / width, (BELOW + SIDE) / height, SIDE / width, STRIP / height), sharex=axes
-            )
+            strip = figure.add_axes((left / width, (BELOW + SIDE) / height, SIDE / width, STRIP / height), sharex=axes)
             counts = ProtectionCounts.of(errors, levels, alert_limit)
             _draw_regions(axes, counts, alert_limit, most)
             _draw_epochs(axes, strip, errors, levels)
             _finish(axes, strip, name, most)
             figure.text(
-                left / width,
-                0.5 / height,
-                _proof(counts),
-                fontsize=9.5,
-                color=MUTED,
-                va="top",
-                parse_math=False,
+                left / width, 0.5 / height, _proof(counts), fontsize=9.5, color=MUTED, va="top", parse_math=False
             )
 
 
@@ -140,30 +130,15 @@ def _draw_regions(axes: "Axes", counts: ProtectionCounts, alert_limit: float, mo
         (1.25 * LEAST, 0.86 * most, "left", "top", "unavailable", counts.n_unavailable),
     )
     for x, y, across, up, word, n_epochs in places:
-        axes.text(
-            x,
-            y,
-            f"{word}\n{n_epochs:,}",
-            ha=across,
-            va=up,
-            fontsize=9.5,
-            color=INK,
-            zorder=5,
-            linespacing=1.25,
-        )
+        axes.text(x, y, f"{word}\n{n_epochs:,}", ha=across, va=up, fontsize=9.5, color=INK, zorder=5, linespacing=1.25)
 
 
-def _draw_epochs(
-    axes: "Axes", strip: "Axes", errors: NDArray[np.float64], levels: NDArray[np.float64]
-) -> None:
+def _draw_epochs(axes: "Axes", strip: "Axes", errors: NDArray[np.float64], levels: NDArray[np.float64]) -> None:
     """Draw epochs with a level into the diagram, the errors of those without into the strip."""
     drawn = np.maximum(errors, LEAST)
     is_many = len(errors) > MANY_EPOCHS
     has_level, is_above = ~np.isnan(levels), errors > levels
-    for is_shown, color, marker in (
-        (has_level & ~is_above, SERIES[0], "o"),
-        (has_level & is_above, SERIES[1], "D"),
-    ):
+    for is_shown, color, marker in ((has_level & ~is_above, SERIES[0], "o"), (has_level & is_above, SERIES[1], "D")):
         axes.scatter(
             drawn[is_shown], np.maximum(levels[is_shown], LEAST), s=9.0 if is_many else 26.0, color=color,
             marker=marker, alpha=0.35 if is_many else 0.6, linewidths=0.0, zorder=3, rasterized=is_many,

@@ -13,13 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from maxcon.errors import ArrayError, OptionError
 from maxcon.lab.evaluation import SUCCESS_WORDS, wilson_interval
 from maxcon.plotting.canvas.figure import MUTED, draw_titles, saved_figure
-from maxcon.plotting.canvas.method_style import (
-    METHOD_STYLES,
-    LegendShape,
-    as_epoch_values,
-    check_methods,
-    draw_legend,
-)
+from maxcon.plotting.canvas.method_style import METHOD_STYLES, LegendShape, as_epoch_values, check_methods, draw_legend
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -116,9 +110,7 @@ def plot_success(
             f"Success: {criterion}. Bins of {bin_width:g} m; bars: Wilson's 95 % intervals.\n"
             "Numbers above: epochs in each bin. Below: success over all epochs.",
         )
-        axes = figure.add_axes(
-            (LEFT / WIDTH, bottom / height, (WIDTH - LEFT - RIGHT) / WIDTH, AXES_HEIGHT / height)
-        )
+        axes = figure.add_axes((LEFT / WIDTH, bottom / height, (WIDTH - LEFT - RIGHT) / WIDTH, AXES_HEIGHT / height))
         handles = [_draw_method(axes, number, len(bins), one, bin_width) for number, one in enumerate(bins)]
         _draw_numbers(axes, bins[:n_rows], bin_width)
         _finish(axes, n_bins, bin_width)
@@ -138,9 +130,7 @@ def _checked(
     for name, values in offsets_by_method.items():
         offsets[name] = as_epoch_values(values, f"the offsets of {name!r}", 0.0)
         if np.isnan(offsets[name]).any():
-            raise ArrayError(
-                f"Expected the offsets of {name!r} to be finite, got NaN. Leave these epochs out."
-            )
+            raise ArrayError(f"Expected the offsets of {name!r} to be finite, got NaN. Leave these epochs out.")
         is_success = np.asarray(success_by_method[name])
         if is_success.dtype != np.bool_ or is_success.shape != offsets[name].shape:
             raise ArrayError(
@@ -174,9 +164,7 @@ def _draw_method(axes: "Axes", number: int, n_methods: int, bins: SuccessBins, b
     apart = (number - 0.5 * (n_methods - 1)) * min(0.12, 0.7 / n_methods)
     places = (np.arange(len(bins.n_epochs)) + 0.5 + apart) * bin_width
     low, high = wilson_interval(bins.n_successes, bins.n_epochs)
-    rates = np.divide(
-        bins.n_successes, bins.n_epochs, out=np.full(len(places), np.nan), where=bins.n_epochs > 0
-    )
+    rates = np.divide(bins.n_successes, bins.n_epochs, out=np.full(len(places), np.nan), where=bins.n_epochs > 0)
     axes.vlines(places, 100.0 * low, 100.0 * high, color=style.color, lw=1.5, alpha=0.75, zorder=2)
     (line,) = axes.plot(
         places,
@@ -205,23 +193,13 @@ def _draw_numbers(axes: "Axes", rows: list[SuccessBins], bin_width: float) -> No
     for number, bins in enumerate(rows):
         above = 72.0 * ROW * (len(rows) - number - 0.35)
         style, is_shared = METHOD_STYLES[number], len(rows) == 1
-        for middle, n_epochs in zip(
-            (np.arange(len(bins.n_epochs)) + 0.5) * bin_width, bins.n_epochs, strict=True
-        ):
+        for middle, n_epochs in zip((np.arange(len(bins.n_epochs)) + 0.5) * bin_width, bins.n_epochs, strict=True):
             axes.annotate(f"{n_epochs}", (middle, 1.0), (0.0, above), ha="center", color=MUTED, **place)
         if number == 0:
             axes.annotate("epochs", (0.0, 1.0), (-20.0, above), ha="right", color=MUTED, **place)
         if not is_shared:
             height = 1.0 + above / (72.0 * AXES_HEIGHT)
-            axes.plot(
-                -0.018,
-                height,
-                style.marker,
-                color=style.color,
-                ms=6.5,
-                transform=axes.transAxes,
-                clip_on=False,
-            )
+            axes.plot(-0.018, height, style.marker, color=style.color, ms=6.5, transform=axes.transAxes, clip_on=False)
 
 
 def _finish(axes: "Axes", n_bins: int, bin_width: float) -> None:

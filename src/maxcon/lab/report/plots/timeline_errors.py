@@ -64,9 +64,7 @@ class ErrorDrawing:
         found = [np.asarray(values, dtype=np.float64) for values in (row.errors, row.sigmas, levels)]
         if any(values.shape != (n_epochs,) for values in found):
             shapes = ", ".join(str(values.shape) for values in found)
-            raise ArrayError(
-                f"Expected errors, sigmas and levels {row.name} of shape ({n_epochs},), got {shapes}."
-            )
+            raise ArrayError(f"Expected errors, sigmas and levels {row.name} of shape ({n_epochs},), got {shapes}.")
         errors, sigmas, levels = found
         reach = [
             float(np.quantile(values[~np.isnan(values)], 0.98))
@@ -89,49 +87,25 @@ class ErrorDrawing:
         """Whether there is a protection level."""
         return not bool(np.isnan(self.levels).all())
 
-    def draw(
-        self, axes: "Axes", numbers: NDArray[np.float64], trusted: NDArray[np.bool_], stroke: float
-    ) -> None:
+    def draw(self, axes: "Axes", numbers: NDArray[np.float64], trusted: NDArray[np.bool_], stroke: float) -> None:
         """Draw band, levels and errors; errors beyond the axis are marked at its end.
 
         numbers, trusted : (n,), number of each epoch, and whether its answer is trusted; stroke : width, points.
         """
         is_many = len(numbers) > MANY_EPOCHS
-        axes.vlines(
-            numbers,
-            -2.0 * self.sigmas,
-            2.0 * self.sigmas,
-            color=BAND,
-            lw=stroke,
-            zorder=1,
-            rasterized=is_many,
-        )
+        axes.vlines(numbers, -2.0 * self.sigmas, 2.0 * self.sigmas, color=BAND, lw=stroke, zorder=1, rasterized=is_many)
         step = float(np.median(np.diff(numbers))) if len(numbers) > 1 else 1.0
         half = 0.5 * max(step, float(np.ptp(numbers)) / MOST_STROKES)
         for sign in (-1.0, 1.0):
             axes.hlines(
-                sign * self.levels,
-                numbers - half,
-                numbers + half,
-                color=INK,
-                lw=0.9,
-                zorder=2,
-                rasterized=is_many,
+                sign * self.levels, numbers - half, numbers + half, color=INK, lw=0.9, zorder=2, rasterized=is_many
             )
         size = 5.0 if len(numbers) <= 120 else 3.2 if len(numbers) <= 600 else 1.8
         is_inside = np.abs(self.errors) <= self.limit
         for is_here, color, above in ((trusted, TRUSTED, 3), (~trusted, WITHHELD, 4)):
             here = is_inside & is_here
             look: dict[str, Any] = {"ls": "", "mew": 0, "color": color}
-            axes.plot(
-                numbers[here],
-                self.errors[here],
-                marker="o",
-                ms=size,
-                zorder=above,
-                rasterized=is_many,
-                **look,
-            )
+            axes.plot(numbers[here], self.errors[here], marker="o", ms=size, zorder=above, rasterized=is_many, **look)
             for sign, marker in ((1.0, "^"), (-1.0, "v")):
                 beyond = numbers[is_here & (sign * self.errors > self.limit)]
                 rim = np.full(len(beyond), sign * 0.93 * self.limit)

@@ -13,14 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from maxcon.errors import ArrayError, OptionError
 from maxcon.estimate import Status
 from maxcon.lab.evaluation import SUCCESS_WORDS
-from maxcon.lab.report.plots.timeline_errors import (
-    BAND,
-    MANY_EPOCHS,
-    TRUSTED,
-    WITHHELD,
-    ErrorDrawing,
-    ErrorRow,
-)
+from maxcon.lab.report.plots.timeline_errors import BAND, MANY_EPOCHS, TRUSTED, WITHHELD, ErrorDrawing, ErrorRow
 from maxcon.plotting.canvas.figure import INK, MUTED, SERIES, draw_titles, saved_figure
 
 if TYPE_CHECKING:
@@ -87,12 +80,7 @@ def plot_timeline(
     numbers, wrong = np.asarray(epochs, dtype=np.float64), np.asarray(is_wrong, dtype=bool)
     if not 1 <= len(rows) <= MOST_ROWS:
         raise OptionError(f"Expected 1 to {MOST_ROWS} rows, got {len(rows)}. Draw several pictures.")
-    if (
-        numbers.ndim != 1
-        or len(numbers) == 0
-        or wrong.shape != numbers.shape
-        or len(statuses) != len(numbers)
-    ):
+    if numbers.ndim != 1 or len(numbers) == 0 or wrong.shape != numbers.shape or len(statuses) != len(numbers):
         raise ArrayError(
             f"Expected one status, and whether it is wrong, for each of n > 0 epochs, got {numbers.shape},"
             f" {len(statuses)} and {wrong.shape}."

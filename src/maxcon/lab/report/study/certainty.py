@@ -7,13 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from maxcon.lab.evaluation import (
-    ALERT_LIMIT,
-    Coverage,
-    MeanSquare,
-    ProtectionCounts,
-    RiskCoverage,
-)
+from maxcon.lab.evaluation import ALERT_LIMIT, Coverage, MeanSquare, ProtectionCounts, RiskCoverage
 from maxcon.lab.report.html import Picture
 from maxcon.lab.report.plots.risk_coverage_plot import plot_risk_coverage
 from maxcon.lab.report.plots.sigma_plot import SigmaPanel, plot_sigmas
@@ -86,13 +80,7 @@ def certainty_of(
             f" prior “{prior}”. The method “maxcon” does: maxcon study --methods maxcon."
         )
     return Certainty(
-        tuple(coverage),
-        tuple(protection),
-        ALERT_LIMIT,
-        tuple(sigmas),
-        tuple(stanford),
-        tuple(pictures),
-        tuple(notes),
+        tuple(coverage), tuple(protection), ALERT_LIMIT, tuple(sigmas), tuple(stanford), tuple(pictures), tuple(notes)
     )
 
 
@@ -133,8 +121,7 @@ def _protection(title: str, rows: MethodRows, risk: float | None) -> ProtectionT
         for prefix in ("", "protection_")
     )
     found = [
-        (name, ProtectionCounts.of(errors[:, number], levels[:, number]))
-        for number, name in enumerate(DIRECTIONS)
+        (name, ProtectionCounts.of(errors[:, number], levels[:, number])) for number, name in enumerate(DIRECTIONS)
     ]
     found.append(("either", ProtectionCounts.of(errors, levels)))
     return ProtectionTable(title, tuple(found), risk)
@@ -142,11 +129,7 @@ def _protection(title: str, rows: MethodRows, risk: float | None) -> ProtectionT
 
 def _sigmas(path: Path, rows: MethodRows) -> Picture:
     panels = []
-    for name, unit, factor in (
-        ("along", "cm", 100.0),
-        ("across", "cm", 100.0),
-        ("heading", "°", np.degrees(1.0)),
-    ):
+    for name, unit, factor in (("along", "cm", 100.0), ("across", "cm", 100.0), ("heading", "°", np.degrees(1.0))):
         error, sigma = (factor * rows.numbers(column) for column in KINDS[name])
         panels.append(SigmaPanel(name, unit, error, sigma))
     plot_sigmas(path, panels, title=f"Error against predicted sigma: {rows.method}")
@@ -216,11 +199,7 @@ def _timeline(path: Path, prior: str, rows: MethodRows) -> Picture:
         rows.numbers("epoch"),
         [str(word) for word in rows.words("status")],
         rows.numbers("is_success") == 0.0,
-        [
-            error_row("along", "cm", 100.0),
-            error_row("across", "cm", 100.0),
-            error_row("heading", "°", np.degrees(1.0)),
-        ],
+        [error_row("along", "cm", 100.0), error_row("across", "cm", 100.0), error_row("heading", "°", np.degrees(1.0))],
         title=f"The drive, epoch by epoch: {rows.method}, prior “{prior}”",
     )
     return Picture(

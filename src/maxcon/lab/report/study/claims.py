@@ -240,9 +240,7 @@ def _precision(methods: Mapping[str, MethodRows]) -> Claim:
     if not both:
         return _not_studied(paper, f"success of both {HELMERT} and {name}")
     medians = [float(np.median([errors[epoch] for epoch in both])) for errors in (icp, helmert)]
-    words = (
-        f"Where both succeed ({len(both):,} epochs), median error of {name} {medians[0]:.3f} m, of {HELMERT}"
-    )
+    words = f"Where both succeed ({len(both):,} epochs), median error of {name} {medians[0]:.3f} m, of {HELMERT}"
     return Claim(paper, f"{words} {medians[1]:.3f} m.", Verdict.of(medians[0] < medians[1]))
 
 

@@ -6,14 +6,7 @@ import math
 import os
 from dataclasses import dataclass
 
-from maxcon.lab.evaluation import (
-    PROMISED,
-    PROMISED_PLANE,
-    Coverage,
-    MeanSquare,
-    ProtectionCounts,
-    least_to_prove,
-)
+from maxcon.lab.evaluation import PROMISED, PROMISED_PLANE, Coverage, MeanSquare, ProtectionCounts, least_to_prove
 from maxcon.lab.report.html import Picture, write_page
 from maxcon.lab.report.study.claims import Claim
 from maxcon.lab.study import MethodStatistics

@@ -42,9 +42,7 @@ def pick_epochs(count: MethodRows, helmert: MethodRows) -> PictureEpochs | None:
     """
     epochs = common_epochs({"count": count, "helmert": helmert}, ("count", "helmert"))
     here = [np.isin(rows.numbers("epoch"), epochs) for rows in (count, helmert)]
-    succeeds = [
-        rows.numbers("is_success")[at] == 1.0 for rows, at in zip((count, helmert), here, strict=True)
-    ]
+    succeeds = [rows.numbers("is_success")[at] == 1.0 for rows, at in zip((count, helmert), here, strict=True)]
     is_good, is_lost = succeeds[0] & succeeds[1], ~succeeds[0] & succeeds[1]
     if not is_good.any():
         return None

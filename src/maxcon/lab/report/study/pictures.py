@@ -70,11 +70,7 @@ def open_scenes(
 
 
 def draw_pictures(
-    folder: Path,
-    scenes: StudyScenes | None,
-    methods: Mapping[str, MethodRows],
-    notes: list[str],
-    progress: Progress,
+    folder: Path, scenes: StudyScenes | None, methods: Mapping[str, MethodRows], notes: list[str], progress: Progress
 ) -> tuple[list[Picture], list[Picture]]:
     """Draw scenes and statistics into a folder; return both.
 

@@ -107,9 +107,7 @@ class StudyScenes:
         """Draw all headings of an epoch around its best cell (the paper's figure 2)."""
         _, accumulator, _ = self.search(epoch)
         reference = self.poses(epoch)[1]
-        plot_headings(
-            path, accumulator, Helmert(), reference=reference, title=f"Epoch {epoch}: every heading, ±1 m"
-        )
+        plot_headings(path, accumulator, Helmert(), reference=reference, title=f"Epoch {epoch}: every heading, ±1 m")
         return Picture(
             "All headings",
             "Helmert's score within 1 m of the best cell, a panel for each heading, in one scale of colours: the peak"
@@ -164,6 +162,4 @@ def space_of(configuration_methods: Mapping[str, dict[str, object]], name: str) 
     space = method.get("space") if isinstance(method, dict) else None
     if not isinstance(space, dict):
         return None
-    return SearchSpace(
-        **{key: float(value) for key, value in space.items() if key != "class" and value is not None}
-    )
+    return SearchSpace(**{key: float(value) for key, value in space.items() if key != "class" and value is not None})

@@ -38,9 +38,7 @@ NAMES = {
 OCCUPIED = ("count-occupied", "helmert-occupied")
 
 
-def draw_statistics(
-    folder: Path, methods: Mapping[str, MethodRows], point_map: PointMap | None
-) -> list[Picture]:
+def draw_statistics(folder: Path, methods: Mapping[str, MethodRows], point_map: PointMap | None) -> list[Picture]:
     """Draw the figures into a folder, as SVG; return them with their captions.
 
     Parameters
@@ -54,11 +52,7 @@ def draw_statistics(
     """
     pictures = []
     for pair, stem, words in (
-        (
-            (COUNT, HELMERT),
-            "distinctness-points",
-            "as published",
-        ),
+        ((COUNT, HELMERT), "distinctness-points", "as published"),
         (OCCUPIED, "distinctness-occupied", "by our defaults"),
     ):
         if _have(methods, pair, "kurtosis"):
@@ -91,11 +85,7 @@ def _have(methods: Mapping[str, MethodRows], names: Sequence[str], *columns: str
     if not all(name in methods for name in names):
         return False
     epochs = common_epochs(methods, names)
-    return all(
-        bool(np.isfinite(_column(methods[name], column, epochs)).any())
-        for name in names
-        for column in columns
-    )
+    return all(bool(np.isfinite(_column(methods[name], column, epochs)).any()) for name in names for column in columns)
 
 
 def common_epochs(methods: Mapping[str, MethodRows], names: Sequence[str]) -> NDArray[np.float64]:
@@ -116,10 +106,7 @@ def _distinctness(path: Path, methods: Mapping[str, MethodRows], pair: Sequence[
     fields = ("peak_ratio", "kurtosis", "divergence", "spread")
     plot_distinctness(
         path,
-        {
-            NAMES[name]: Distinctnesses(*(_column(methods[name], field, epochs) for field in fields))
-            for name in pair
-        },
+        {NAMES[name]: Distinctnesses(*(_column(methods[name], field, epochs) for field in fields)) for name in pair},
         title=f"How distinct the answers are: {words}",
     )
     return Picture(
@@ -183,9 +170,7 @@ def _success(path: Path, methods: Mapping[str, MethodRows], shown: Sequence[str]
 
 def _error_shares(path: Path, methods: Mapping[str, MethodRows], shown: Sequence[str]) -> Picture:
     epochs = common_epochs(methods, shown)
-    plot_error_shares(
-        path, {NAMES.get(name, name): _column(methods[name], "distance", epochs) for name in shown}
-    )
+    plot_error_shares(path, {NAMES.get(name, name): _column(methods[name], "distance", epochs) for name in shown})
     return Picture(
         "How many epochs stay within which error",
         "Of all epochs, trusted or not; an epoch without an answer is within no error.",

@@ -18,14 +18,8 @@ QUESTIONS: dict[str, tuple[str, str]] = {
         "Thinning of the scan",
         "All its points, and one in each cube of 0.25 m (the default) or 0.40 m; every map point counted (points).",
     ),
-    "cells": (
-        "Edge of a cell",
-        "The map's voxels and the search's cells together; a voxel counts once.",
-    ),
-    "density": (
-        "Density of the map",
-        "The whole cloud, every fourth and every sixteenth point of it.",
-    ),
+    "cells": ("Edge of a cell", "The map's voxels and the search's cells together; a voxel counts once."),
+    "density": ("Density of the map", "The whole cloud, every fourth and every sixteenth point of it."),
     "ground": (
         "With the ground in the map",
         "A baseline that leans on the ground may have it; maximum consensus gets the same map.",
@@ -50,10 +44,7 @@ def method_tables(prior: str, found: Sequence[MethodStatistics]) -> list[MethodT
     asked = {name: [by_name[one] for one in METHOD_SETS[name] if one in by_name] for name in QUESTIONS}
     asked["ground"] += [by_name[name] for name in WITHOUT_GROUND if name in by_name]
     only_asked = {
-        name
-        for question in QUESTIONS
-        for name in METHOD_SETS[question]
-        if name not in METHOD_SETS["consensus"]
+        name for question in QUESTIONS for name in METHOD_SETS[question] if name not in METHOD_SETS["consensus"]
     }
     plain = [method for method in found if method.method not in only_asked]
     tables = []

@@ -95,7 +95,5 @@ def simulate(
         rotating = scanner or RotatingScanner()
         scans = (world.scan(epoch, rotating) for epoch in epochs)
         write_scans(folder, times, [epoch.reference for epoch in epochs], scans, tick)
-        write_trajectory(
-            folder / "prior.txt", times, [epoch.prior for epoch in epochs], "T_map_sensor, prior"
-        )
+        write_trajectory(folder / "prior.txt", times, [epoch.prior for epoch in epochs], "T_map_sensor, prior")
     return Dataset.open(out)

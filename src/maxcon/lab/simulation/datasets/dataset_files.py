@@ -139,9 +139,7 @@ def write_scans(
         rows = np.column_stack([points_sensor, echoes.intensities]).astype("<f4")
         (place / f"{number:06d}.bin").write_bytes(rows.tobytes())
         tick()
-    (place / "times.txt").write_text(
-        "".join(f"{time:.6f}\n" for time in times), encoding="utf-8", newline="\n"
-    )
+    (place / "times.txt").write_text("".join(f"{time:.6f}\n" for time in times), encoding="utf-8", newline="\n")
     write_trajectory(folder / "reference.txt", times, references, "T_map_sensor")
 
 
@@ -181,9 +179,7 @@ def write_trajectory(path: Path, times: NDArray[np.float64], poses: Sequence[Pos
 
 def write_odometry(folder: Path, times: NDArray[np.float64], poses: Sequence[Pose]) -> None:
     """Write odometry, T_odometry_sensor, as a TUM file; its frame is not georeferenced."""
-    write_tum(
-        folder / ODOMETRY, Trajectory.from_poses(times, poses), "T_odometry_sensor, seconds of the week"
-    )
+    write_tum(folder / ODOMETRY, Trajectory.from_poses(times, poses), "T_odometry_sensor, seconds of the week")
 
 
 def write_description(

@@ -72,9 +72,7 @@ def packets_of_scan(points: NDArray[np.float64], time: float) -> list[tuple[floa
     return [(float(at), packet.tobytes()) for at, packet in zip(times, packets, strict=True)]
 
 
-def _shots(
-    points: NDArray[np.float64],
-) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.int64]]:
+def _shots(points: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.int64]]:
     """Firing and layer that measured each point, and its range in units of 2 mm, shape (n,) each."""
     scanner = FiringScanner()
     level = np.hypot(points[:, 0], points[:, 1])
@@ -139,9 +137,7 @@ def _packets(scans: Scans) -> Iterator[tuple[float, bytes]]:
 def _frame(dpkt: Any, data: bytes) -> bytes:
     """The Ethernet frame of a packet: sent from the scanner's default address, as a broadcast."""
     udp = dpkt.udp.UDP(sport=PORT, dport=PORT, ulen=8 + len(data), data=data)
-    inside = dpkt.ip.IP(
-        src=b"\xc0\xa8\x01\xc9", dst=b"\xff" * 4, p=dpkt.ip.IP_PROTO_UDP, data=udp, len=28 + len(data)
-    )
+    inside = dpkt.ip.IP(src=b"\xc0\xa8\x01\xc9", dst=b"\xff" * 4, p=dpkt.ip.IP_PROTO_UDP, data=udp, len=28 + len(data))
     return bytes(dpkt.ethernet.Ethernet(src=b"\x60\x76\x88\x00\x00\x00", dst=b"\xff" * 6, data=inside))
 
 

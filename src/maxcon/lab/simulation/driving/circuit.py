@@ -109,17 +109,13 @@ def circuit_through(
     )
 
 
-def _arc(
-    vertex: NDArray[np.float64], way_in: NDArray[np.float64], way_out: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _arc(vertex: NDArray[np.float64], way_in: NDArray[np.float64], way_out: NDArray[np.float64]) -> NDArray[np.float64]:
     """Quarter of a circle that leaves one street before `vertex` and meets the other behind it."""
     is_left = way_in[0] * way_out[1] - way_in[1] * way_out[0] > 0.0
     radius = LEFT_RADIUS if is_left else RIGHT_RADIUS
     angles = np.linspace(0.0, 0.5 * math.pi, 1 + math.ceil(0.5 * math.pi * radius / STEP))
     center = vertex + radius * (way_out - way_in)
-    return np.asarray(
-        center + radius * (np.outer(np.sin(angles), way_in) - np.outer(np.cos(angles), way_out))
-    )
+    return np.asarray(center + radius * (np.outer(np.sin(angles), way_in) - np.outer(np.cos(angles), way_out)))
 
 
 def _evenly(outline: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -49,9 +49,7 @@ class GnssErrors:
     correlation_time: float = 20.0
 
     def __post_init__(self) -> None:
-        if not (
-            min(*self.deviations, self.correlation_time) > 0.0 and (self.bounds >= self.deviations).all()
-        ):
+        if not (min(*self.deviations, self.correlation_time) > 0.0 and (self.bounds >= self.deviations).all()):
             raise OptionError(
                 f"Expected standard deviations and a correlation time above 0, and no bound below its deviation,"
                 f" got {self}. Leave them out for the defaults."

@@ -73,9 +73,7 @@ class OdometryErrors:
         rng = np.random.default_rng(seed)
         wanted = np.asarray(times, dtype=np.float64)
         positions, angles = drive.at(wanted)
-        scale, drift = np.array([self.scale, math.radians(self.heading_drift_deg)]) * rng.choice(
-            [-1.0, 1.0], 2
-        )
+        scale, drift = np.array([self.scale, math.radians(self.heading_drift_deg)]) * rng.choice([-1.0, 1.0], 2)
         steps = np.diff(positions, axis=0)
         ways = np.linalg.norm(steps, axis=1)
         turns = np.diff(angles[:, 2]) + np.where(ways > 0.0, drift, 0.0) * np.diff(wanted)
@@ -85,11 +83,7 @@ class OdometryErrors:
         moved = (1.0 + scale) * steps
         moved += self.walk * np.sqrt(ways)[:, None] * rng.standard_normal(steps.shape)
         turned = np.column_stack(
-            [
-                cosine * moved[:, 0] - sine * moved[:, 1],
-                sine * moved[:, 0] + cosine * moved[:, 1],
-                moved[:, 2],
-            ]
+            [cosine * moved[:, 0] - sine * moved[:, 1], sine * moved[:, 0] + cosine * moved[:, 1], moved[:, 2]]
         )
         places = np.concatenate([np.zeros((1, 3)), np.cumsum(turned, axis=0)])
         tilts = angles[:, :2] + math.radians(self.tilt_deg) * rng.standard_normal((len(wanted), 2))

@@ -149,8 +149,7 @@ def _speeds(
     speeds = driver.speed * (1.0 + sway(distances, 0.2, (25.0, 150.0), rng))
     slow_parts = [(begin, end, driver.turn_speed * rng.uniform(0.85, 1.15)) for begin, end in circuit.turns]
     slow_parts += [
-        (place, place, driver.speed * driver.crossing_speed * rng.uniform(0.7, 1.3))
-        for place in circuit.crossings
+        (place, place, driver.speed * driver.crossing_speed * rng.uniform(0.7, 1.3)) for place in circuit.crossings
     ]
     slow_parts += [(place, place, SLOWEST) for place in stops]
     for begin, end, slow in slow_parts:

@@ -135,9 +135,7 @@ def _city(fixed: Patch, cars: Sequence[Patch], like: City) -> City:
     numbers = np.repeat(np.arange(-1, len(cars), dtype=np.int32), [len(fixed), *map(len, cars)])
     vertices = patch.corners.reshape(-1, 3)
     triangles = np.arange(len(vertices), dtype=np.int32).reshape(-1, 3)
-    return City(
-        vertices, triangles, patch.classes, like.street_lines, like.parking_lanes, like.street_angle, numbers
-    )
+    return City(vertices, triangles, patch.classes, like.street_lines, like.parking_lanes, like.street_angle, numbers)
 
 
 def _houses(side: Frontage, rng: np.random.Generator) -> Iterator[Patch]:

@@ -131,22 +131,14 @@ def relief(x_edges: NDArray[np.float64], z_edges: NDArray[np.float64], depths: N
     i, j = (index.ravel() for index in np.indices(depths.shape))
     faces = [_face(x_edges[i], x_edges[i + 1], -depths[i, j], -depths[i, j], z_edges[j], z_edges[j + 1])]
     i, j = np.nonzero(padded[:-1, 1:-1] != padded[1:, 1:-1])
-    faces.append(
-        _face(x_edges[i], x_edges[i], -padded[i, j + 1], -padded[i + 1, j + 1], z_edges[j], z_edges[j + 1])
-    )
-    i, j = np.nonzero(
-        padded[1:-1, 1:-1] != padded[1:-1, 2:]
-    )  # not below the first row: the ground closes the foot
+    faces.append(_face(x_edges[i], x_edges[i], -padded[i, j + 1], -padded[i + 1, j + 1], z_edges[j], z_edges[j + 1]))
+    i, j = np.nonzero(padded[1:-1, 1:-1] != padded[1:-1, 2:])  # not below the first row: the ground closes the foot
     low, high = -padded[i + 1, j + 1], -padded[i + 1, j + 2]
     z = z_edges[j + 1]
     left, right = x_edges[i], x_edges[i + 1]
     faces.append(
         np.stack(
-            [
-                np.stack(corner, 1)
-                for corner in ((left, low, z), (right, low, z), (right, high, z), (left, high, z))
-            ],
-            1,
+            [np.stack(corner, 1) for corner in ((left, low, z), (right, low, z), (right, high, z), (left, high, z))], 1
         )
     )
     return quads(np.concatenate(faces), LasClass.BUILDING)
@@ -169,9 +161,7 @@ def _upright(feet: list[list[list[float]]], top: float) -> Patch:
     """Plain walls over pairs of foot points, up to `top`."""
     foot = np.array(feet)
     return quads(
-        _face(
-            foot[:, 0, 0], foot[:, 1, 0], foot[:, 0, 1], foot[:, 1, 1], foot[:, 0, 2], np.full(len(foot), top)
-        ),
+        _face(foot[:, 0, 0], foot[:, 1, 0], foot[:, 0, 1], foot[:, 1, 1], foot[:, 0, 2], np.full(len(foot), top)),
         LasClass.BUILDING,
     )
 
@@ -262,11 +252,6 @@ def _roof(style: HouseStyle) -> list[Patch]:
     corners, gables = [], []
     for y, foot in ((eaves, 0.0), (-HOUSE_DEPTH - eaves, -HOUSE_DEPTH)):
         eave_z = style.height - 0.7 * eaves
-        corners.append(
-            [[0.0, y, eave_z], [style.width, y, eave_z], [style.width, middle, ridge], [0.0, middle, ridge]]
-        )
-        gables += [
-            [[x, foot, style.height], [x, middle, style.height], [x, middle, ridge]]
-            for x in (0.0, style.width)
-        ]
+        corners.append([[0.0, y, eave_z], [style.width, y, eave_z], [style.width, middle, ridge], [0.0, middle, ridge]])
+        gables += [[[x, foot, style.height], [x, middle, style.height], [x, middle, ridge]] for x in (0.0, style.width)]
     return [quads(corners, LasClass.BUILDING), triangles(gables, LasClass.BUILDING)]

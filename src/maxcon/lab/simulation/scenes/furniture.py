@@ -38,20 +38,11 @@ def draw_car(rng: np.random.Generator) -> tuple[Patch, float]:
     body += [[back + 0.15, bonnet], [back, 0.8]]
     screen = 0.55 if kind == 2 else 0.27 * length
     tail = 0.1 if kind == 2 else 0.35
-    cabin = [
-        [back + 0.12, bonnet],
-        [front - screen, bonnet],
-        [front - screen - 0.55, height],
-        [back + tail, height],
-    ]
+    cabin = [[back + 0.12, bonnet], [front - screen, bonnet], [front - screen - 0.55, height], [back + tail, height]]
     wheels = [
-        extruded(0.3 * OCTAGON + [x, 0.3], half_width - 0.02, LasClass.VEHICLE)
-        for x in (back + 0.75, front - 0.8)
+        extruded(0.3 * OCTAGON + [x, 0.3], half_width - 0.02, LasClass.VEHICLE) for x in (back + 0.75, front - 0.8)
     ]
-    parts = [
-        extruded(body, half_width, LasClass.VEHICLE),
-        extruded(cabin, half_width - 0.1, LasClass.VEHICLE),
-    ]
+    parts = [extruded(body, half_width, LasClass.VEHICLE), extruded(cabin, half_width - 0.1, LasClass.VEHICLE)]
     return join(parts + wheels), length
 
 
@@ -60,13 +51,10 @@ def draw_tree(rng: np.random.Generator) -> Patch:
     trunk = rng.uniform(2.6, 3.4)
     radius = rng.uniform(0.1, 0.18)
     canopy = rng.uniform(1.2, 1.7)
-    centers = np.column_stack(
-        [rng.normal(0.0, 0.35, (4, 2)), trunk + canopy * np.array([0.6, 1.1, 1.6, 2.1])]
-    )
+    centers = np.column_stack([rng.normal(0.0, 0.35, (4, 2)), trunk + canopy * np.array([0.6, 1.1, 1.6, 2.1])])
     sizes = canopy * np.array([[0.8], [1.0], [0.9], [0.6]]) * np.array([1.0, 1.0, 0.8])
     blobs = [
-        _leaves(center, size, 260, LasClass.HIGH_VEGETATION, rng)
-        for center, size in zip(centers, sizes, strict=True)
+        _leaves(center, size, 260, LasClass.HIGH_VEGETATION, rng) for center, size in zip(centers, sizes, strict=True)
     ]
     stem = prism(radius * OCTAGON, 0.0, trunk + canopy, LasClass.HIGH_VEGETATION)
     return join([stem, *blobs])
@@ -125,6 +113,4 @@ def _leaves(
         directions = rng.normal(size=(n_leaves, 3))
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         places = directions * rng.random((n_leaves, 1)) ** 0.25
-    return triangles(
-        (center + places * half_axes)[:, None] + rng.normal(0.0, LEAF, (n_leaves, 3, 3)), las_class
-    )
+    return triangles((center + places * half_axes)[:, None] + rng.normal(0.0, LEAF, (n_leaves, 3, 3)), las_class)

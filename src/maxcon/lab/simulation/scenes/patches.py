@@ -48,8 +48,7 @@ def join(patches: Sequence[Patch]) -> Patch:
     if not patches:
         return Patch(np.empty((0, 3, 3)), np.empty(0, dtype=np.uint8))
     return Patch(
-        np.concatenate([patch.corners for patch in patches]),
-        np.concatenate([patch.classes for patch in patches]),
+        np.concatenate([patch.corners for patch in patches]), np.concatenate([patch.classes for patch in patches])
     )
 
 
@@ -75,8 +74,7 @@ def boxes(lows: ArrayLike, highs: ArrayLike, las_class: LasClass) -> Patch:
     """Boxes parallel to the axes from their lowest and highest corners, shape (n, 3) each, m."""
     low, high = (np.asarray(corner, dtype=np.float64).reshape(-1, 3) for corner in (lows, highs))
     outline = np.stack(
-        [low[:, :2], np.stack([high[:, 0], low[:, 1]], 1), high[:, :2], np.stack([low[:, 0], high[:, 1]], 1)],
-        1,
+        [low[:, :2], np.stack([high[:, 0], low[:, 1]], 1), high[:, :2], np.stack([low[:, 0], high[:, 1]], 1)], 1
     )
     return join([prism(outline[i], float(low[i, 2]), float(high[i, 2]), las_class) for i in range(len(low))])
 
@@ -85,9 +83,7 @@ def prism(outline: ArrayLike, bottom: float, top: float, las_class: LasClass) ->
     """Upright prism over a convex outline, shape (k, 2), m, closed at bottom and top."""
     base = np.asarray(outline, dtype=np.float64)
     return _between(
-        np.column_stack([base, np.full(len(base), bottom)]),
-        np.column_stack([base, np.full(len(base), top)]),
-        las_class,
+        np.column_stack([base, np.full(len(base), bottom)]), np.column_stack([base, np.full(len(base), top)]), las_class
     )
 
 
@@ -96,9 +92,7 @@ def extruded(profile: ArrayLike, half_width: float, las_class: LasClass) -> Patc
     shape = np.asarray(profile, dtype=np.float64)
     side = np.full(len(shape), half_width)
     return _between(
-        np.column_stack([shape[:, 0], -side, shape[:, 1]]),
-        np.column_stack([shape[:, 0], side, shape[:, 1]]),
-        las_class,
+        np.column_stack([shape[:, 0], -side, shape[:, 1]]), np.column_stack([shape[:, 0], side, shape[:, 1]]), las_class
     )
 
 

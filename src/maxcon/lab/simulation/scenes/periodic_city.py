@@ -137,9 +137,7 @@ def _fittings(side: Frontage, rng: np.random.Generator) -> Iterator[Patch]:
     """Yield balconies, steps and rain pipes at random places, which keep no period, one by one."""
     n_each = round(side.length / ITEM_SPACING)
     for x in rng.uniform(3.0, side.length - 3.0, n_each):
-        yield side.placed(
-            balcony(0.0, rng.uniform(1.0, 1.5), rng.uniform(0.9, 1.3), rng.choice(FLOORS)), x, 0.0
-        )
+        yield side.placed(balcony(0.0, rng.uniform(1.0, 1.5), rng.uniform(0.9, 1.3), rng.choice(FLOORS)), x, 0.0)
     for x in rng.uniform(3.0, side.length - 3.0, n_each):
         yield side.placed(steps(0.0), x, 0.0)
     for x in rng.uniform(0.5 * PILASTER, PERIOD - 0.5 * PILASTER, n_each):

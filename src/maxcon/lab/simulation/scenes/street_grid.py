@@ -118,11 +118,7 @@ class StreetGrid:
             Distance of their sides from the centre lines of the streets around, m; up to the building lines if None.
         """
         away = self.half_width if gap is None else gap
-        return [
-            Block(*u, *v)
-            for u in self._intervals(self.u_lines, away)
-            for v in self._intervals(self.v_lines, away)
-        ]
+        return [Block(*u, *v) for u in self._intervals(self.u_lines, away) for v in self._intervals(self.v_lines, away)]
 
     def frontages(self, block: Block) -> list[Frontage]:
         """Return the sides of `block` along streets; houses at its corners belong to the sides along u."""

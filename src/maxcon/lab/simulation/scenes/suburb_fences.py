@@ -12,14 +12,7 @@ from maxcon.lab.simulation.scenes.las_classes import LasClass
 from maxcon.lab.simulation.scenes.patches import Patch, boxes, join
 from maxcon.lab.simulation.scenes.suburb_plants import leaves_at
 
-__all__ = [
-    "draw_bin",
-    "draw_garden_wall",
-    "draw_mail_box",
-    "draw_picket_fence",
-    "draw_weeds",
-    "draw_wire_fence",
-]
+__all__ = ["draw_bin", "draw_garden_wall", "draw_mail_box", "draw_picket_fence", "draw_weeds", "draw_wire_fence"]
 
 PIECE = 0.5
 """Length of the pieces of rails, m: short, so that a fence can follow the road and its slopes."""
@@ -78,9 +71,7 @@ def draw_bin(rng: np.random.Generator) -> Patch:
 def draw_weeds(length: float, day: np.random.Generator) -> Patch:
     """Return high grass and flowers along x, at the foot of something of `length` (m); others every `day`."""
     n = int(25 * length)
-    places = np.column_stack(
-        [day.uniform(0.0, length, n), day.normal(0.0, 0.15, n), day.exponential(0.12, n)]
-    )
+    places = np.column_stack([day.uniform(0.0, length, n), day.normal(0.0, 0.15, n), day.exponential(0.12, n)])
     return leaves_at(places, 0.06, LasClass.LOW_VEGETATION, day)
 
 

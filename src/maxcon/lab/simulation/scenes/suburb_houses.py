@@ -162,9 +162,7 @@ def _draw_windows(length: float, n_storeys: int, rng: np.random.Generator) -> li
     return windows
 
 
-def _gabled_roof(
-    width: float, depth: float, height: float, rng: np.random.Generator, *, gable_in_front: bool
-) -> Patch:
+def _gabled_roof(width: float, depth: float, height: float, rng: np.random.Generator, *, gable_in_front: bool) -> Patch:
     """Two rough slopes of tiles with eaves, and the gables below them."""
     span, length = (width, depth) if gable_in_front else (depth, width)
     eaves, rise = 0.4, rng.uniform(0.35, 0.5) * span
@@ -178,9 +176,7 @@ def _gabled_roof(
         grid[..., 0], grid[..., 1], grid[..., 2] = x[:, None], y, z
         grid[..., 2] += 0.02 * rng.standard_normal(grid.shape[:2])
         parts.append(quads(grid_faces(grid), LasClass.BUILDING))
-    gables = [
-        [[at, -0.5 * span, height], [at, 0.5 * span, height], [at, 0.0, height + rise]] for at in (0, length)
-    ]
+    gables = [[[at, -0.5 * span, height], [at, 0.5 * span, height], [at, 0.0, height + rise]] for at in (0, length)]
     parts.append(triangles(gables, LasClass.BUILDING))
     roof = join(parts)
     if gable_in_front:

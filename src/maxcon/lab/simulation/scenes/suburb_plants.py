@@ -41,9 +41,7 @@ def survey_class(las_class: LasClass, share: float, rng: np.random.Generator) ->
     return las_class if rng.random() < share else LasClass.UNCLASSIFIED
 
 
-def leaves_at(
-    centers: NDArray[np.float64], size: float, las_class: LasClass, day: np.random.Generator
-) -> Patch:
+def leaves_at(centers: NDArray[np.float64], size: float, las_class: LasClass, day: np.random.Generator) -> Patch:
     """Return a random triangle of about `size` (m) at each of `centers`, shape (n, 3), m."""
     return triangles(centers[:, None] + day.normal(0.0, size, (len(centers), 3, 3)), las_class)
 
@@ -61,9 +59,7 @@ def draw_hedge_row(length: float, height: float, rng: np.random.Generator, day: 
     middle = 0.5 * height
     outward = np.column_stack([np.sign(y) * (np.abs(z - middle) < middle - 0.12), z > height - 0.12])
     bulge = BUMPS * _bumps(x, around, rng)
-    bulge += TWIGS * (
-        MOVING * day.standard_normal(bulge.shape) + (1.0 - MOVING) * rng.standard_normal(bulge.shape)
-    )
+    bulge += TWIGS * (MOVING * day.standard_normal(bulge.shape) + (1.0 - MOVING) * rng.standard_normal(bulge.shape))
     grid = np.empty((len(x), len(around), 3))
     grid[..., 0] = x[:, None]
     grid[..., 1:] = np.column_stack([y, z]) + bulge[..., None] * outward
@@ -85,9 +81,7 @@ def draw_bush(rng: np.random.Generator, day: np.random.Generator) -> Patch:
     height = rng.uniform(0.5, 2.2)
     half = np.array([*(height * rng.uniform(0.35, 0.6, 2)), 0.5 * height])
     n_leaves = int(320 * height)
-    return leaves_at(
-        np.array([0.0, 0.0, half[2]]) + half * _in_ball(n_leaves, rng, day), 0.07, las_class, day
-    )
+    return leaves_at(np.array([0.0, 0.0, half[2]]) + half * _in_ball(n_leaves, rng, day), 0.07, las_class, day)
 
 
 def draw_garden_tree(rng: np.random.Generator, day: np.random.Generator, height: float) -> Patch:
@@ -137,9 +131,7 @@ def _bumps(x: NDArray[np.float64], y: NDArray[np.float64], rng: np.random.Genera
     return total / math.sqrt(3.0)
 
 
-def _sheet(
-    grid: NDArray[np.float64], las_class: LasClass, rng: np.random.Generator, day: np.random.Generator
-) -> Patch:
+def _sheet(grid: NDArray[np.float64], las_class: LasClass, rng: np.random.Generator, day: np.random.Generator) -> Patch:
     """Surface through a grid of points, shape (n, m, 3), m, with gaps, some of which differ from day to day."""
     faces = grid_faces(grid)
     is_moving = day.random(len(faces)) < MOVING

@@ -80,20 +80,15 @@ class ResidentialRoad:
 
     def places(self, along: ArrayLike, left: ArrayLike) -> NDArray[np.float64]:
         """Positions (x, y), shape (..., 2), m, of places `along` and to the `left` of the road, shape (...), m."""
-        along, left = np.broadcast_arrays(
-            np.asarray(along, dtype=np.float64), np.asarray(left, dtype=np.float64)
-        )
+        along, left = np.broadcast_arrays(np.asarray(along, dtype=np.float64), np.asarray(left, dtype=np.float64))
         x, y, heading = (
-            np.interp(along, self.alongs, column)
-            for column in (self.centers[:, 0], self.centers[:, 1], self.headings)
+            np.interp(along, self.alongs, column) for column in (self.centers[:, 0], self.centers[:, 1], self.headings)
         )
         return np.stack([x - left * np.sin(heading), y + left * np.cos(heading)], axis=-1)
 
     def ground_heights(self, along: ArrayLike, left: ArrayLike) -> NDArray[np.float64]:
         """Heights of the smooth ground, shape (...), m, at places `along` and to the `left` of the road, m."""
-        along, left = np.broadcast_arrays(
-            np.asarray(along, dtype=np.float64), np.asarray(left, dtype=np.float64)
-        )
+        along, left = np.broadcast_arrays(np.asarray(along, dtype=np.float64), np.asarray(left, dtype=np.float64))
         heights, tilts, bank_left, bank_right = (
             np.interp(along, self.alongs, column) for column in (self.heights, self.tilts, *self.banks.T)
         )
@@ -176,18 +171,10 @@ class ResidentialRoad:
         along, left = self.addresses(drive.positions[:, :2])
         turn = np.cos(drive.angles[:, 2] - np.interp(along, self.alongs, self.headings))
         forward = np.where(turn > 0.0, 1.0, -1.0)
-        front, back = (
-            self.ground_heights(along + side * forward * 0.5 * WHEELBASE, left) for side in (1, -1)
-        )
-        on_left, on_right = (
-            self.ground_heights(along, left + side * forward * 0.5 * TRACK) for side in (1, -1)
-        )
+        front, back = (self.ground_heights(along + side * forward * 0.5 * WHEELBASE, left) for side in (1, -1))
+        on_left, on_right = (self.ground_heights(along, left + side * forward * 0.5 * TRACK) for side in (1, -1))
         slopes = np.column_stack(
-            [
-                np.arctan((on_left - on_right) / TRACK),
-                -np.arctan((front - back) / WHEELBASE),
-                np.zeros(len(along)),
-            ]
+            [np.arctan((on_left - on_right) / TRACK), -np.arctan((front - back) / WHEELBASE), np.zeros(len(along))]
         )
         lift = np.column_stack([np.zeros((len(along), 2)), 0.25 * (front + back + on_left + on_right)])
         return Drive(drive.times, drive.positions + lift, drive.angles + slopes)
@@ -199,10 +186,7 @@ class ResidentialRoad:
         _, rows = cKDTree(self.centers).query(places)
         away = places - self.centers[rows]
         cosine, sine = np.cos(self.headings[rows]), np.sin(self.headings[rows])
-        return (
-            self.alongs[rows] + away[:, 0] * cosine + away[:, 1] * sine,
-            away[:, 1] * cosine - away[:, 0] * sine,
-        )
+        return (self.alongs[rows] + away[:, 0] * cosine + away[:, 1] * sine, away[:, 1] * cosine - away[:, 0] * sine)
 
 
 def check_road_length(length: float) -> None:
@@ -228,12 +212,8 @@ def draw_road(length: float, seed: Seed) -> ResidentialRoad:
     check_road_length(length)
     rng = np.random.default_rng(seed)
     along = STEP * np.arange(round((length + 2.0 * BEYOND) / STEP) + 1, dtype=np.float64)
-    bends = rng.uniform(0.35, 0.6) * np.sin(
-        2.0 * math.pi * along / rng.uniform(180.0, 260.0) + rng.uniform(0, 6)
-    )
-    bends += rng.uniform(0.1, 0.2) * np.sin(
-        2.0 * math.pi * along / rng.uniform(70.0, 110.0) + rng.uniform(0, 6)
-    )
+    bends = rng.uniform(0.35, 0.6) * np.sin(2.0 * math.pi * along / rng.uniform(180.0, 260.0) + rng.uniform(0, 6))
+    bends += rng.uniform(0.1, 0.2) * np.sin(2.0 * math.pi * along / rng.uniform(70.0, 110.0) + rng.uniform(0, 6))
     bends *= min(1.0, STEP / MIN_RADIUS / np.abs(np.diff(bends)).max())
     headings = bends + rng.uniform(-math.pi, math.pi)
     steps = STEP * np.column_stack([np.cos(headings), np.sin(headings)])

@@ -99,12 +99,7 @@ def _side(
 
 
 def _plot(
-    side: _Side,
-    begin: float,
-    width: float,
-    edge: str,
-    rng: np.random.Generator,
-    day: np.random.Generator,
+    side: _Side, begin: float, width: float, edge: str, rng: np.random.Generator, day: np.random.Generator
 ) -> Iterator[Patch]:
     """Yield a garden with its boundary, house, sheds, plants, car and bin."""
     driveway = begin + (0.6 if rng.random() < 0.5 else width - DRIVEWAY - 0.6)
@@ -124,9 +119,7 @@ def _plot(
         yield side.stood(garage, driveway + 0.5 * DRIVEWAY, rng.uniform(3.0, 9.0), rng.normal(0.0, 0.03))
     if rng.random() < 0.4:
         shed = draw_shed(rng, is_garage=False)
-        yield side.stood(
-            shed, begin + rng.uniform(1.0, width - 3.0), setback + depth + rng.uniform(3.0, 8.0), turn
-        )
+        yield side.stood(shed, begin + rng.uniform(1.0, width - 3.0), setback + depth + rng.uniform(3.0, 8.0), turn)
     for _ in range(int(rng.integers(4, 12))):
         yield side.laid(draw_bush(rng, day), begin + rng.uniform(0.8, width - 0.8), rng.uniform(0.9, setback))
     for _ in range(int(rng.integers(1, 5))):
@@ -147,17 +140,11 @@ def _bound(edge: str, length: float, rng: np.random.Generator, day: np.random.Ge
         return join([draw_wire_fence(length, rng), *bushes])
     if edge == "wall":
         wall = draw_garden_wall(length, rng)
-        return (
-            wall
-            if rng.random() < 0.4
-            else join([wall, draw_hedge_row(length, rng.uniform(0.9, 1.6), rng, day)])
-        )
+        return wall if rng.random() < 0.4 else join([wall, draw_hedge_row(length, rng.uniform(0.9, 1.6), rng, day)])
     return draw_hedge_row(length, rng.uniform(1.3, 2.4), rng, day)
 
 
-def _between_gardens(
-    side: _Side, along: float, rng: np.random.Generator, day: np.random.Generator
-) -> Iterator[Patch]:
+def _between_gardens(side: _Side, along: float, rng: np.random.Generator, day: np.random.Generator) -> Iterator[Patch]:
     """Yield a hedge or a fence, or neither, between two gardens, which runs away from the road and hides houses."""
     kind, length = rng.random(), rng.uniform(8.0, 20.0)
     away = 0.5 * math.pi * side.outward
@@ -180,9 +167,7 @@ def _back_row(
         yield side.stood(house, along + rng.uniform(-6.0, 6.0), rng.uniform(26.0, 30.0), rng.normal(0.0, 0.2))
 
 
-def _along_kerbs(
-    road: ResidentialRoad, rng: np.random.Generator, day: np.random.Generator
-) -> Iterator[Patch]:
+def _along_kerbs(road: ResidentialRoad, rng: np.random.Generator, day: np.random.Generator) -> Iterator[Patch]:
     """Yield lamp posts on the left, and trees on the verge on the right."""
     left, right = _Side(road, is_left=True), _Side(road, is_left=False)
     for along in np.arange(-BEYOND + rng.uniform(3.0, 20.0), road.length + BEYOND, 38.0):

@@ -40,10 +40,7 @@ class FiringScanner(RotatingScanner):
     def heights(self) -> NDArray[np.float64]:
         """Where the beam of each layer leaves the scanner, above its middle, shape (16,), m."""
         return (
-            np.array(
-                [11.2, 9.7, 8.1, 6.6, 5.1, 3.7, 2.2, 0.7, -0.7, -2.2, -3.7, -5.1, -6.6, -8.1, -9.7, -11.2]
-            )
-            / 1e3
+            np.array([11.2, 9.7, 8.1, 6.6, 5.1, 3.7, 2.2, 0.7, -0.7, -2.2, -3.7, -5.1, -6.6, -8.1, -9.7, -11.2]) / 1e3
         )
 
     @property
@@ -57,8 +54,7 @@ class FiringScanner(RotatingScanner):
         clockwise = np.radians((np.arange(self.n_columns) * self.azimuth_step_deg)[:, None] + self.lags_deg)
         level, up = np.cos(self.elevations), np.sin(self.elevations)
         rays = np.stack(
-            [level * np.cos(clockwise), -level * np.sin(clockwise), np.broadcast_to(up, clockwise.shape)],
-            axis=2,
+            [level * np.cos(clockwise), -level * np.sin(clockwise), np.broadcast_to(up, clockwise.shape)], axis=2
         )
         return rays.reshape(-1, 3)
 

@@ -80,9 +80,7 @@ class TriangleScene:
 
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-        self.normals: NDArray[np.float32] = (normals / np.where(lengths > 0.0, lengths, 1.0)).astype(
-            np.float32
-        )
+        self.normals: NDArray[np.float32] = (normals / np.where(lengths > 0.0, lengths, 1.0)).astype(np.float32)
         self._scene = rtcore_scene.EmbreeScene()
         self._mesh = TriangleMesh(self._scene, corners.astype(np.float32))
 

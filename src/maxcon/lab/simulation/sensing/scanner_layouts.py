@@ -15,9 +15,7 @@ VLP_32C_DEG = (
     10.333, 15.0,
 )  # fmt: skip
 """Elevations of the layers: half of them within 2.3 degrees of the horizon."""
-HDL_64E_DEG = tuple(
-    np.concatenate([np.linspace(-24.33, -8.83, 32), np.linspace(-8.33, 2.0, 32)]).round(3).tolist()
-)
+HDL_64E_DEG = tuple(np.concatenate([np.linspace(-24.33, -8.83, 32), np.linspace(-8.33, 2.0, 32)]).round(3).tolist())
 """Elevations of the layers: two blocks of 32, the lower with steps of 1/2 degree, the upper of 1/3 degree."""
 
 

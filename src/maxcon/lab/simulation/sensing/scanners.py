@@ -137,9 +137,7 @@ class RotatingScanner:
     def __post_init__(self) -> None:
         is_rising = all(low < high for low, high in pairwise(self.elevations_deg))
         if not is_rising or not all(abs(elevation) <= 90.0 for elevation in self.elevations_deg):
-            raise OptionError(
-                f"Expected rising elevations of -90 to 90 degrees, got {self.elevations_deg}. Sort them?"
-            )
+            raise OptionError(f"Expected rising elevations of -90 to 90 degrees, got {self.elevations_deg}. Sort them?")
         if self.n_layers < 1 or not 0.0 < self.azimuth_step_deg <= 360.0:
             raise OptionError(
                 "Expected at least one layer and an azimuth step above 0 and up to 360 degrees, got"
@@ -244,9 +242,7 @@ class ProfileScanner:
         """Number of whole profiles in `drive`."""
         return int((drive.times[-1] - drive.times[0]) * self.line_rate)
 
-    def scan(
-        self, caster: Caster, drive: Drive, first: int, n_lines: int, rng: np.random.Generator
-    ) -> Echoes:
+    def scan(self, caster: Caster, drive: Drive, first: int, n_lines: int, rng: np.random.Generator) -> Echoes:
         """Return `n_lines` profiles of a drive, city metres, from number `first` on; the vehicle moves within each."""
         starts = drive.times[0] + np.arange(first, first + n_lines + 1) / self.line_rate
         positions, angles = drive.at(starts)

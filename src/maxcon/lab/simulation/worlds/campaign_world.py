@@ -140,9 +140,7 @@ class CampaignWorld:
             ),
             scan_caster=RayCaster(scan_city),
             scan_drive=_scan_drive(circuit, [seed, _Stream.SCAN_DRIVE], SCAN_START),
-            traffic=(
-                Traffic(CAMPAIGN_GRID, map_city.street_angle, [seed, _Stream.ROAD_USERS]) if is_hard else None
-            ),
+            traffic=(Traffic(CAMPAIGN_GRID, map_city.street_angle, [seed, _Stream.ROAD_USERS]) if is_hard else None),
         )
 
     def again(self, drive_number: int, day: int = 1) -> Self:
@@ -173,9 +171,7 @@ class CampaignWorld:
         return replace(
             self,
             scan_caster=caster,
-            scan_drive=_scan_drive(
-                self.circuit, self._stream(_Stream.SCAN_DRIVE, number=drive_number), start
-            ),
+            scan_drive=_scan_drive(self.circuit, self._stream(_Stream.SCAN_DRIVE, number=drive_number), start),
             drive_number=drive_number,
         )
 
@@ -217,9 +213,7 @@ class CampaignWorld:
         if self.traffic is None:
             return self.scan_caster
         rng = np.random.default_rng(self._stream(_Stream.TRAFFIC, epoch.tick))
-        return CrowdedCaster(
-            self.scan_caster, self.traffic.draw(self.scan_caster, scanner, epoch.reference, rng)
-        )
+        return CrowdedCaster(self.scan_caster, self.traffic.draw(self.scan_caster, scanner, epoch.reference, rng))
 
 
 def _cities(seed: int) -> tuple[City, City]:

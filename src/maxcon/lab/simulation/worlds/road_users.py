@@ -55,9 +55,7 @@ class RoadUser(NamedTuple):
         cosine, sine = math.cos(self.heading), math.sin(self.heading)
         return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]], np.float32)
 
-    def cast(
-        self, origin: NDArray[np.float32], directions: NDArray[np.float32]
-    ) -> tuple[NDArray[np.int64], Hits]:
+    def cast(self, origin: NDArray[np.float32], directions: NDArray[np.float32]) -> tuple[NDArray[np.int64], Hits]:
         """Return which rays from `origin`, (3,), with `directions`, (n, 3), hit it: their rows, (k,), and the hits."""
         foot = np.array([self.x, self.y, self.z], np.float32)
         away = foot + np.array([0.0, 0.0, 0.5 * self.shape.height], np.float32) - origin
@@ -101,9 +99,7 @@ class CrowdedCaster:
             If they start at several places, as in several scans: road users stand still for one scan only.
         """
         if (origins != origins[:1]).any():
-            raise ArrayError(
-                "Expected rays from one origin, got several. Cast those of one scan, or use a RayCaster."
-            )
+            raise ArrayError("Expected rays from one origin, got several. Cast those of one scan, or use a RayCaster.")
         hits = self._caster.cast(origins, directions)
         ranges = np.where(hits.triangles >= 0, hits.ranges, np.float32(np.inf))
         triangles = hits.triangles.copy()
@@ -125,9 +121,7 @@ def draw_vehicle_shape(rng: np.random.Generator) -> RoadUserShape:
     width = rng.uniform(1.0, 1.15)
     lows = [[-half, -width, 0.5], [half - 1.6, -width + 0.05, 0.4]]
     highs = [[half - 1.7, width, height], [half, width - 0.05, 2.4]]
-    wheels = [
-        [[x - 0.45, -width + 0.05, 0.0], [x + 0.45, width - 0.05, 0.5]] for x in (1.0 - half, half - 1.0)
-    ]
+    wheels = [[[x - 0.45, -width + 0.05, 0.0], [x + 0.45, width - 0.05, 0.5]] for x in (1.0 - half, half - 1.0)]
     lows += [wheel[0] for wheel in wheels]
     highs += [wheel[1] for wheel in wheels]
     return RoadUserShape(boxes(lows, highs, LasClass.VEHICLE))

@@ -55,9 +55,7 @@ def _at_ticks(drive: Drive, ticks: NDArray[np.int64], start: float) -> list[Scan
     ]
 
 
-def gnss_priors(
-    epochs: Sequence[ScanEpoch], errors: GnssErrors, most_epochs: int, seed: Sequence[int]
-) -> list[Pose]:
+def gnss_priors(epochs: Sequence[ScanEpoch], errors: GnssErrors, most_epochs: int, seed: Sequence[int]) -> list[Pose]:
     """Priors, T_city_sensor, whose errors change slowly over the drive of `most_epochs`."""
     rows = errors.draw(most_epochs, EPOCH_STEP, seed)
     return [off_by(epoch.reference, rows[epoch.tick].tolist()) for epoch in epochs]

@@ -14,12 +14,7 @@ from maxcon.lab.simulation.scenes.street_grid import KERB_HEIGHT, StreetGrid
 from maxcon.lab.simulation.seed import Seed
 from maxcon.lab.simulation.sensing.ray_caster import Caster
 from maxcon.lab.simulation.sensing.scanners import RotatingScanner
-from maxcon.lab.simulation.worlds.road_users import (
-    RoadUser,
-    RoadUserShape,
-    draw_pedestrian_shape,
-    draw_vehicle_shape,
-)
+from maxcon.lab.simulation.worlds.road_users import RoadUser, RoadUserShape, draw_pedestrian_shape, draw_vehicle_shape
 
 __all__ = ["UNMAPPED_SHARE", "Traffic"]
 
@@ -124,9 +119,7 @@ class Traffic:
         reach = DRIVERS_REACH if is_vehicle else WALKERS_REACH
         runs_along_u = self._draws_street_along_u(u, v, reach, rng)
         lines, ends = (
-            (self._grid.v_lines, self._grid.u_ends)
-            if runs_along_u
-            else (self._grid.u_lines, self._grid.v_ends)
+            (self._grid.v_lines, self._grid.u_ends) if runs_along_u else (self._grid.u_lines, self._grid.v_ends)
         )
         along, across = (u, v) if runs_along_u else (v, u)
         near = [line for line in lines if abs(line - across) <= reach]
@@ -153,9 +146,7 @@ class Traffic:
         """Draw the distance of a pedestrian from the centre line, m."""
         return float(rng.uniform(self._grid.carriageway + 0.35, self._grid.half_width - 0.5))
 
-    def _user(
-        self, shape: RoadUserShape, u: float, v: float, heading: float, *, is_vehicle: bool
-    ) -> RoadUser:
+    def _user(self, shape: RoadUserShape, u: float, v: float, heading: float, *, is_vehicle: bool) -> RoadUser:
         x, y = self._turned(u, v, self._street_angle)
         return RoadUser(shape, x, y, 0.0 if is_vehicle else KERB_HEIGHT, heading + self._street_angle)
 

@@ -108,9 +108,7 @@ class SimulatedWorld:
         rng = np.random.default_rng([self.seed, _Stream.PRIORS])
         return [
             Epoch(number, time, reference, errors.prior(reference, rng))
-            for number, (time, reference) in enumerate(
-                zip(times.tolist(), self.scan_drive.poses(times), strict=True)
-            )
+            for number, (time, reference) in enumerate(zip(times.tolist(), self.scan_drive.poses(times), strict=True))
         ]
 
     def scan(self, epoch: Epoch, scanner: RotatingScanner) -> Echoes:
@@ -119,9 +117,7 @@ class SimulatedWorld:
         return scanner.scan(self.scan_caster, epoch.reference, epoch.time, rng)
 
 
-def _mapping_drives(
-    seed: int, street_angle: float, before: float, after: float, wait: float
-) -> tuple[Drive, ...]:
+def _mapping_drives(seed: int, street_angle: float, before: float, after: float, wait: float) -> tuple[Drive, ...]:
     """Return a drive along the route of the scans and beyond it, and one over the other two branches."""
     routes = [
         route_over_crossing(street_angle, before + MAP_BEYOND, after + MAP_BEYOND, lane=1.7),
