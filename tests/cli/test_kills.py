@@ -29,6 +29,8 @@ from maxcon.lab.demo import DEMO_NAMES
 from maxcon.lab.study import Study
 from s3_buckets import bucket_on, s3_server_here
 
+pytestmark = pytest.mark.kills
+
 if sys.platform == "win32":
     pytest.skip("no SIGKILL", allow_module_level=True)
 

@@ -15,6 +15,8 @@ from maxcon._system.compiled import code_folders, on_compilation
 from maxcon.cli.compiling import LINE, compiling_told
 from maxcon.cli.warmup import _where
 
+pytestmark = pytest.mark.cold
+
 PARTS = (
     "building maps", "normals of scans", "search in maps in memory", "search in maps on disk", "search without a prior",
 )  # fmt: skip

@@ -8,6 +8,8 @@ import pytest
 
 from maxcon.lab.report import DemoPage, MethodSummary, Picture, plot_drive, plot_epoch, plot_errors, write_demo_page
 
+pytestmark = pytest.mark.browser
+
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 
 
