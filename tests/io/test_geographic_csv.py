@@ -10,7 +10,7 @@ import pytest
 from maxcon.errors import TrajectoryError
 from maxcon.io.fixes import Heights
 from maxcon.io.geographic import GeographicFrame
-from maxcon.io.geographic_csv import has_geographic_header, read_geographic_csv
+from maxcon.io.geographic_priors import read_geographic_csv
 from maxcon.io.geographic_priors import is_geographic, read_geographic_prior
 from maxcon.io.trajectories import read_trajectory
 
@@ -100,7 +100,7 @@ def test_rows_without_a_position_or_a_sigma(tmp_path):
         ("time,latitude,longitude,altitude", "1,52,13,60", "got 'altitude', which may be either"),
         ("latitude,longitude,height", "52,13,60", "no 'time'"),
         ("time,latitude,height", "1,52,60", "no 'longitude'"),
-        ("time,latitude,longitude,height,height", "1,52,13,60,60", "'height' more than once"),
+        ("time,latitude,longitude,height,height", "1,52,13,60,60", "more than one 'height'"),
         ("time,latitude,longitude,height,yaw", "1,52,13,60,1", "got 'yaw', which may be either"),
         ("time,latitude,longitude,height,heading,azimuth_deg", "1,52,13,60,1,1", "got both"),
         ("time,latitude,longitude,height,roll", "1,52,13,60,1", "both roll and pitch"),
@@ -124,8 +124,8 @@ def test_times_that_do_not_increase(tmp_path):
 
 
 def test_tables_in_the_map_s_coordinates_are_not_geographic(tmp_path):
-    assert not has_geographic_header(_write(tmp_path, "time,x,y,z,roll,pitch,heading", "1,2,3,4,0,0,0"))
-    assert not has_geographic_header(_write(tmp_path, ""))
+    assert not is_geographic(_write(tmp_path, "time,x,y,z,roll,pitch,heading", "1,2,3,4,0,0,0"))
+    assert not is_geographic(_write(tmp_path, ""))
 
 
 def test_where_coordinates_of_the_map_are_wanted_the_message_says_so(tmp_path):
