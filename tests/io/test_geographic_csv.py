@@ -10,8 +10,7 @@ import pytest
 from maxcon.errors import TrajectoryError
 from maxcon.io.fixes import Heights
 from maxcon.io.geographic import GeographicFrame
-from maxcon.io.geographic_priors import read_geographic_csv
-from maxcon.io.geographic_priors import is_geographic, read_geographic_prior
+from maxcon.io.geographic_priors import is_geographic, read_geographic_csv, read_geographic_prior
 from maxcon.io.trajectories import read_trajectory
 
 UTM = "EPSG:25833"
