@@ -32,14 +32,13 @@ from scene import header
 from maxcon import MaximumConsensus, Scan, SearchSpace, cell_search, maximum_consensus
 from maxcon._system.atomic import atomic_file, make_folder
 from maxcon.errors import MaxconError
-from maxcon.geometry import scan_thinning
 from maxcon.lab.baselines import check_small_gicp
 from maxcon.lab.evaluation import pose_error
 from maxcon.lab.study.map_variants import STANDARD
 from maxcon.lab.study.methods import StudyMethod
 from maxcon.lab.study.prior_levels import COUNT_THEN_GICP, MAXCON, methods_at, parse_level, space_of
 from maxcon.lab.study.run import spread_epochs
-from maxcon.scan.normals import scan_normals
+from maxcon.scan import scan as scan_module
 
 TABLE = "latency.csv"
 GATE = 3.0
@@ -86,8 +85,8 @@ class StageTimes:
     def watching(self):
         """Note the stages of all calls inside."""
         functions = [
-            (scan_normals, "estimate_scan_normals", "normals"),
-            (scan_thinning, "one_per_cube", "thinning"),
+            (scan_module, "estimate_scan_normals", "normals"),
+            (scan_module, "one_per_cube", "thinning"),
             (maximum_consensus, "fit_ground", "ground"),
             (cell_search, "branch_and_bound", _kind_of_search),
             (cell_search, "judge", "judging"),

@@ -14,10 +14,9 @@ from scene import header, scans, street
 
 from maxcon.geometry.arrays import as_points
 from maxcon.io.scans import open_scans
-from maxcon.scan.normals.angle_kernels import azimuths_of, elevations_of, extremes
-from maxcon.scan.normals.scan_kernels import scan_planes
-from maxcon.scan.normals.scan_normals import estimate_scan_normals
-from maxcon.scan.normals.window_kernels import BANDS, first_windows
+from maxcon.scan.normal_kernels import scan_planes
+from maxcon.scan.normals import estimate_scan_normals
+from maxcon.scan.window_kernels import BANDS, azimuths_of, elevations_of, extremes, first_windows
 
 ROUNDS = 16
 STAGES = ("reading", "checking", "angles", "first windows", "these, sorting and planes", "all but reading")

@@ -12,7 +12,7 @@ from maxcon import Count, MaximumConsensus, PointMap, Pose, Scan, SearchSpace, S
 from maxcon.errors import OptionError
 from maxcon.geometry import rotation_matrices
 from maxcon.integrity import peak_ratio, protection_level, reasons_to_doubt_answer, reasons_to_doubt_scan
-from maxcon.scan.normals.count_kernels import count_normals
+from maxcon.scan.normal_kernels import count_normals
 
 SPACE = SearchSpace(1.2, 0.06, 1.0)
 HERE = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

@@ -144,7 +144,7 @@ def reasons_to_doubt_scan(scan: Scan, prior: Pose) -> list[str]:
     n_points = len(scan)
     if n_points < FEWEST_POINTS:
         return [f"only {n_points} points: is the scan cut, or are range limits too narrow?"]
-    from maxcon.scan.normals.count_kernels import count_normals
+    from maxcon.scan.normal_kernels import count_normals
 
     up = rotation_matrices(prior.roll, prior.pitch, 0.0)[2]
     n_normals, n_horizontal = count_normals(scan.normals, up, HORIZONTAL)

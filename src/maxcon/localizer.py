@@ -178,7 +178,7 @@ class MaximumConsensus:
         ground = self._ground_at(found, scan, point_map)
         if ground is None or abs(ground.height) <= OTHER_GROUND:
             return found, ground
-        other = self.cell_search.best(scan, point_map, around.levelled(ground.pose), self.space.plane)
+        other = self.cell_search.best(scan, point_map, around.with_height_and_tilt_of(ground.pose), self.space.plane)
         return (other, self._ground_at(other, scan, point_map)) if other.score > found.score else (found, None)
 
     def _ground_at(self, found: Estimate, scan: Scan, point_map: PointMap) -> GroundFit | None:

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: MIT
 """Poses, frames and voxels."""
 
-from maxcon.geometry.frame import LocalFrame
-from maxcon.geometry.pose import Pose, rotation_matrices, wrap_angle
-from maxcon.geometry.voxels import voxel_centers, voxel_indices
+from maxcon.geometry.frame import LocalFrame, voxel_centers, voxel_indices
+from maxcon.geometry.pose import Pose, interpolate_poses, rotation_matrices, wrap_angle
 
-__all__ = ["LocalFrame", "Pose", "rotation_matrices", "voxel_centers", "voxel_indices", "wrap_angle"]
+__all__ = [
+    "LocalFrame", "Pose", "interpolate_poses", "rotation_matrices", "voxel_centers", "voxel_indices", "wrap_angle",
+]  # fmt: skip

@@ -14,13 +14,7 @@ UNIT_TOLERANCE = 5e-3
 
 
 def as_points(values: ArrayLike, name: str) -> NDArray[np.float64]:
-    """Return `values` as float64 of shape (n, 3), all finite.
-
-    Raises
-    ------
-    ArrayError
-        If the shape is not (n, 3) or a coordinate is NaN or infinite.
-    """
+    """Return `values` as float64 of shape (n, 3), all finite; else an ArrayError."""
     try:
         points = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -38,13 +32,7 @@ def as_points(values: ArrayLike, name: str) -> NDArray[np.float64]:
 
 
 def as_unit_normals(values: ArrayLike, n_points: int, name: str) -> NDArray[np.float64]:
-    """Return `values` as float64 unit normals of shape (n_points, 3); a row of zeros means "no normal".
-
-    Raises
-    ------
-    ArrayError
-        If the shape is wrong or a row is neither a unit vector nor zero.
-    """
+    """Return `values` as float64 unit normals of shape (n_points, 3), zeros for none; else an ArrayError."""
     normals = as_points(values, name)
     if len(normals) != n_points:
         raise ArrayError(f"Expected `{name}` to have one row per point, {n_points}, got {len(normals)}.")

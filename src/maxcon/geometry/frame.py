@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""LocalFrame: metres about a float64 origin, with a CRS (D1)."""
+"""The local frame of a map (D1), and the voxels that coordinates in it fall into (D4)."""
 
 from __future__ import annotations
 
@@ -13,12 +13,15 @@ from maxcon.errors import ArrayError
 from maxcon.geometry.arrays import as_points
 from maxcon.geometry.pose import Pose
 
-__all__ = ["LocalFrame"]
+__all__ = ["INDEX_LIMIT", "LocalFrame", "voxel_centers", "voxel_indices"]
+
+# Indices stay in int32 with room for a search space on every side: at 6 cm that is 64,000 km.
+INDEX_LIMIT = 2**30
 
 
 @dataclass(frozen=True, slots=True)
 class LocalFrame:
-    """The frame everything inside a map is expressed in.
+    """The frame everything inside a map is expressed in: metres about a float64 origin, with a CRS.
 
     Global coordinates stay float64: a float32 at a UTM northing of 5.8e6 m has steps of 0.5 m.
 
@@ -41,15 +44,11 @@ class LocalFrame:
 
     def to_local(self, points_global: ArrayLike) -> NDArray[np.float64]:
         """Local coordinates, shape (n, 3), m, of global ones."""
-        points = as_points(points_global, "points_global")
-        points_local: NDArray[np.float64] = points - np.array(self.origin)
-        return points_local
+        return np.subtract(as_points(points_global, "points_global"), self.origin)
 
     def to_global(self, points_local: ArrayLike) -> NDArray[np.float64]:
         """Global coordinates, shape (n, 3), m, of local ones."""
-        points = as_points(points_local, "points_local")
-        points_global: NDArray[np.float64] = points + np.array(self.origin)
-        return points_global
+        return np.add(as_points(points_local, "points_local"), self.origin)
 
     def pose_to_local(self, pose_global: Pose) -> Pose:
         """Return the same pose with its position in this frame."""
@@ -58,3 +57,22 @@ class LocalFrame:
     def pose_to_global(self, pose_local: Pose) -> Pose:
         """Return the same pose with its position in global coordinates."""
         return pose_local.translated(self.origin)
+
+
+def voxel_indices(points: NDArray[np.float64], cell: float) -> NDArray[np.int32]:
+    """Index floor(coordinate / cell) of the voxel (edge `cell`, m) each point (n, 3) falls in, shape (n, 3).
+
+    An ArrayError if a point lies more than 2^30 voxels from the origin (64,000 km at 6 cm).
+    """
+    scaled = np.floor(points / cell)
+    if scaled.size and max(scaled.max(), -scaled.min()) >= INDEX_LIMIT:
+        raise ArrayError(
+            f"Expected points within {INDEX_LIMIT * cell:.3g} m of the local origin, got"
+            f" {np.abs(points).max():.3g} m. Express them in a local frame."
+        )
+    return scaled.astype(np.int32)
+
+
+def voxel_centers(indices: NDArray[np.int32], cell: float) -> NDArray[np.float64]:
+    """Centre of each voxel, shape (n, 3), local frame, m."""
+    return (indices.astype(np.float64) + 0.5) * cell

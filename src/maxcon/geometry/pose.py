@@ -1,11 +1,12 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Pose: where the sensor is and how it is turned, R = Rz(heading) Ry(pitch) Rx(roll) (D1, D2)."""
+"""Pose: where the sensor is and how it is turned, R = Rz(heading) Ry(pitch) Rx(roll) (D1, D2); and poses between."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,27 +14,25 @@ from numpy.typing import ArrayLike, NDArray
 from maxcon.errors import ArrayError
 from maxcon.geometry.arrays import as_points
 
-__all__ = ["Pose", "rotation_matrices", "wrap_angle"]
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
+__all__ = ["Pose", "interpolate_poses", "rotation_matrices", "wrap_angle"]
 
 
-def wrap_angle(angle: float) -> float:
-    """Return `angle` (rad) wrapped to [-pi, pi)."""
+Angle = TypeVar("Angle", float, NDArray[np.float64])
+
+
+def wrap_angle(angle: Angle) -> Angle:
+    """Return an angle, or an array of them, wrapped to [-pi, pi), rad."""
     wrapped = (angle + math.pi) % (2.0 * math.pi) - math.pi
-    return -math.pi if wrapped >= math.pi else wrapped
+    return wrapped - (wrapped >= math.pi) * 2.0 * math.pi  # a tiny negative angle is rounded up to pi
 
 
 def rotation_matrices(roll: ArrayLike, pitch: ArrayLike, heading: ArrayLike) -> NDArray[np.float64]:
-    """Rotation matrices Rz(heading) Ry(pitch) Rx(roll) (D2).
+    """Rotation matrices Rz(heading) Ry(pitch) Rx(roll), shape (..., 3, 3), of angles of shape (...), rad (D2).
 
-    Parameters
-    ----------
-    roll, pitch, heading : array_like, shape (...)
-        Angles, rad.
-
-    Returns
-    -------
-    array, shape (..., 3, 3)
-        Each maps sensor axes to map axes.
+    Each maps sensor axes to map axes.
     """
     roll, pitch, heading = (np.asarray(angle, dtype=np.float64) for angle in (roll, pitch, heading))
     cr, sr = np.cos(roll), np.sin(roll)
@@ -65,10 +64,7 @@ class Pose:
         Orientation, rad: R = Rz(heading) Ry(pitch) Rx(roll). Heading is counter-clockwise from +x
         and is kept in [-pi, pi).
 
-    Raises
-    ------
-    ArrayError
-        If a value is not a finite number.
+    An ArrayError if a value is not a finite number.
     """
 
     x: float
@@ -113,8 +109,8 @@ class Pose:
         x, y, z = self.position + np.asarray(offset, dtype=np.float64)
         return Pose(x, y, z, self.roll, self.pitch, self.heading)
 
-    def levelled(self, other: Pose) -> Pose:
-        """Return the pose at this place and heading with the height, roll and pitch of another."""
+    def with_height_and_tilt_of(self, other: Pose) -> Pose:
+        """Return the pose at this x, y and heading with the z, roll and pitch of another."""
         return Pose(self.x, self.y, other.z, other.roll, other.pitch, self.heading)
 
     @classmethod
@@ -133,3 +129,26 @@ class Pose:
     def inverse(self) -> Pose:
         """T_b_a of this T_a_b."""
         return Pose.from_rotation(-self.rotation.T @ self.position, self.rotation.T)
+
+
+def interpolate_poses(
+    times: NDArray[np.float64], positions: NDArray[np.float64], quaternions_xyzw: NDArray[np.float64], wanted: ArrayLike
+) -> tuple[NDArray[np.float64], Rotation]:
+    """Positions, shape (n, 3), and rotations (n of them) at wanted times, shape (n,), between known poses.
+
+    Positions are linear, turns take the shortest arc; beyond the ends both go on as between the two poses there. One
+    pose stands at all times. The callers say how large a gap, or how far beyond the ends, is too far.
+
+    times, shape (m,), increasing, s; positions, shape (m, 3), m; quaternions_xyzw, shape (m, 4), unit.
+    """
+    from scipy.spatial.transform import Rotation
+
+    at = np.asarray(wanted, dtype=np.float64)
+    if len(times) == 1:
+        return np.repeat(positions, len(at), axis=0), Rotation.from_quat(np.repeat(quaternions_xyzw, len(at), axis=0))
+    earlier = (np.searchsorted(times, at, side="right") - 1).clip(0, len(times) - 2)
+    parts = ((at - times[earlier]) / (times[earlier + 1] - times[earlier]))[:, None]
+    first = Rotation.from_quat(quaternions_xyzw[earlier])
+    arcs = (first.inv() * Rotation.from_quat(quaternions_xyzw[earlier + 1])).as_rotvec()
+    rotations = first * Rotation.from_rotvec(parts * arcs)
+    return (1.0 - parts) * positions[earlier] + parts * positions[earlier + 1], rotations

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import CrsError
-from maxcon.geometry.quaternions import product
 
 __all__ = ["GeographicFrame"]
 
@@ -150,7 +149,7 @@ class GeographicFrame:
     def _turned(
         self, places: NDArray[np.float64], quaternions_xyzw: NDArray[np.float64], sign: float
     ) -> NDArray[np.float64]:
-        half = sign * self.convergence(places) / 2.0
-        zeros = np.zeros_like(half)
-        about_up = np.stack([zeros, zeros, np.sin(half), np.cos(half)], axis=1)
-        return product(about_up, quaternions_xyzw)
+        from scipy.spatial.transform import Rotation
+
+        about_up = Rotation.from_rotvec(sign * self.convergence(places)[:, None] * [0.0, 0.0, 1.0])
+        return np.asarray((about_up * Rotation.from_quat(quaternions_xyzw)).as_quat(), dtype=np.float64)

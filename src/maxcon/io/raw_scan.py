@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import OptionError
-from maxcon.scan.normals.viewpoints import Viewpoints
+from maxcon.scan.normals import Viewpoints
 
 __all__ = ["RawScan", "Scans", "check_range", "nearest_in_time", "returns_in_range"]
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.geometry.voxels import INDEX_LIMIT
+from maxcon.geometry.frame import INDEX_LIMIT
 from maxcon.map.layout import TILE_VOXELS, TileKey
 
 __all__ = ["MOST_KEY", "ShardFile", "ShardTable"]

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.geometry import Pose
-from maxcon.geometry.scan_thinning import one_per_cube
 from maxcon.map import PointMap
 from maxcon.map.voxel_lookup import VoxelLookup
-from maxcon.scan import Scan
+from maxcon.scan import Scan, one_per_cube
 
 __all__ = ["HEIGHT_SIGMA", "TILT_SIGMA", "Refined", "refine"]
 

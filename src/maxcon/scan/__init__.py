@@ -2,6 +2,6 @@
 # SPDX-License-Identifier: MIT
 """Scans: their points, normals and times, how they are mounted, and the trajectories they were taken on."""
 
-from maxcon.scan.scan import Scan
+from maxcon.scan.scan import Scan, one_per_cube
 
-__all__ = ["Scan"]
+__all__ = ["Scan", "one_per_cube"]

@@ -1,11 +1,12 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Deskewing: points that were measured from where the sensor was by and by, as seen from where it was at one time."""
+"""Deskewing: the points of a moving scanner as they would have been measured at one time."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from maxcon.errors import ArrayError, TrajectoryError
+from maxcon.geometry import interpolate_poses
 from maxcon.geometry.arrays import as_points
 from maxcon.scan.trajectory import Trajectory
 
@@ -42,12 +43,8 @@ def deskew(
     array, shape (n, 3)
         Sensor frame at `time`, m.
 
-    Raises
-    ------
-    ArrayError
-        If there is not one time per point, or something is not finite.
-    TrajectoryError
-        If the motion does not cover the scan, to 0.15 s at either end.
+    An ArrayError if there is not one time per point, or something is not finite; a TrajectoryError if the motion does
+    not cover the scan, to 0.15 s at either end.
     """
     points = as_points(points_sensor, "points_sensor")
     at = np.asarray(times, dtype=np.float64)
@@ -55,55 +52,38 @@ def deskew(
         raise ArrayError(f"Expected `times` to be {len(points)} finite numbers, one per point, got shape {at.shape}.")
     # A turn has some thousand different times, of all layers at once.
     moments, which = np.unique(np.append(at, time), return_inverse=True)
-    rotations, positions = _poses(motion, moments, max_gap)
-    here = rotations[which[-1]], positions[which[-1]]
-    turns = here[0].T @ rotations
-    shifts = (positions - here[1]) @ here[0]
+    _check_covered(motion.times, moments, max_gap)
+    positions, turned = interpolate_poses(motion.times, motion.positions, motion.quaternions_xyzw, moments)
+    rotations = turned.as_matrix()
+    R_here = rotations[which[-1]]
+    turns = R_here.T @ rotations
+    shifts = (positions - positions[which[-1]]) @ R_here
     rows = which[:-1]
     return np.asarray(np.einsum("nij,nj->ni", turns[rows], points) + shifts[rows], dtype=np.float64)
 
 
 def times_of_turn(points_sensor: ArrayLike, turn_time: float) -> NDArray[np.float64]:
-    """When each point of a spinning scanner's turn was measured, where no more is known than the direction it lies in.
+    """When each point, (n, 3), of a spinning scanner's turn was measured, by the direction it lies in, shape (n,).
 
-    Parameters
-    ----------
-    points_sensor : array_like, shape (n, 3)
-        Sensor frame, x forward, m; not deskewed.
-    turn_time : float
-        How long a turn takes, s: clockwise seen from above; negative for counter-clockwise.
-
-    Returns
-    -------
-    array, shape (n,)
-        From the middle of the turn, when the scanner looks forward, s: turns begin and end behind.
+    In s from the middle of the turn, when the scanner looks forward: turns begin and end behind. The points are in the
+    sensor frame, x forward, m, not deskewed; a turn takes `turn_time` (s), clockwise seen from above, negative for
+    counter-clockwise.
     """
     points = as_points(points_sensor, "points_sensor")
     return np.asarray(np.arctan2(points[:, 1], points[:, 0]) * (-turn_time / (2.0 * np.pi)), dtype=np.float64)
 
 
-def _poses(
-    motion: Trajectory, times: NDArray[np.float64], max_gap: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Rotations, shape (n, 3, 3), and positions, shape (n, 3), at increasing times (s)."""
-    from scipy.spatial.transform import Rotation
-
-    known = motion.times
+def _check_covered(known: NDArray[np.float64], times: NDArray[np.float64], max_gap: float) -> None:
+    """Raise a TrajectoryError unless poses at times `known` are around increasing `times`, without large gaps, s."""
     if len(known) < 2 or times[0] < known[0] - MAX_BEYOND or times[-1] > known[-1] + MAX_BEYOND:
         raise TrajectoryError(
             f"Expected a motion over the scan, {times[0]:.6f} to {times[-1]:.6f} s, got poses from {known[0]:.6f} to"
             f" {known[-1]:.6f} s. Leave this scan out, or do not deskew it."
         )
     earlier = (np.searchsorted(known, times, side="right") - 1).clip(0, len(known) - 2)
-    gaps = known[earlier + 1] - known[earlier]
-    if gaps.max() > max_gap:
+    gap = (known[earlier + 1] - known[earlier]).max()
+    if gap > max_gap:
         raise TrajectoryError(
             f"Expected poses at most {max_gap:g} s apart over the scan at {times[0]:.6f} s, got a gap of"
-            f" {gaps.max():.6f} s. Leave this scan out, or do not deskew it."
+            f" {gap:.6f} s. Leave this scan out, or do not deskew it."
         )
-    parts = (times - known[earlier]) / gaps
-    before, after = motion.positions[earlier], motion.positions[earlier + 1]
-    first = Rotation.from_quat(motion.quaternions_xyzw[earlier])
-    arcs = (first.inv() * Rotation.from_quat(motion.quaternions_xyzw[earlier + 1])).as_rotvec()
-    rotations = first * Rotation.from_rotvec(parts[:, None] * arcs)
-    return rotations.as_matrix(), before + parts[:, None] * (after - before)

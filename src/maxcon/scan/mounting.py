@@ -4,17 +4,16 @@
 
 import math
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 
+from maxcon._system.checked import checked
 from maxcon._system.toml_file import read_toml
-from maxcon.errors import FileError
 from maxcon.geometry import Pose
-from maxcon.geometry.quaternions import product, quaternions_from_angles
+from maxcon.geometry.quaternions import quaternions_from_angles
 from maxcon.scan.trajectory import Trajectory
 
 __all__ = ["MountedScanner", "Mounting", "read_mounting", "sensor_trajectory"]
@@ -22,27 +21,16 @@ __all__ = ["MountedScanner", "Mounting", "read_mounting", "sensor_trajectory"]
 LARGEST_OFFSET = 100.0
 """Of a part from the vehicle's origin, m: larger ones are millimetres."""
 MOST_SCANNERS = 16
-TABLES = ("sensor", "prior", "odometry")
-SOURCES = ("topic", "scans")
-"""Where the scans of one of several scanners come from."""
-ANGLES = ("roll_deg", "pitch_deg", "heading_deg")
+ADVICE = "Positions are in m, angles in degrees; see docs/priors.md"
 LEVEL = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class MountedScanner:
-    """One of several scanners of a vehicle.
+    """One of several scanners of a vehicle: its name, where it is, and where its clouds come from.
 
-    Parameters
-    ----------
-    name : str
-        As the file calls it.
-    T_vehicle_sensor : Pose
-        Where it is.
-    topic : str or None
-        Of its clouds in a recording.
-    scans : Path or None
-        Its own folder of scans, or recording; None: the one that all share.
+    `topic` is that of its clouds in a recording; `scans` its own folder of scans, or recording, None for the one that
+    all share.
     """
 
     name: str
@@ -73,15 +61,10 @@ class Mounting:
     scanners: tuple[MountedScanner, ...] = ()
 
     def of_prior(self, trajectory: Trajectory, *, has_orientations: bool = True) -> Trajectory:
-        """Return T_map_sensor from a prior's poses.
+        """Return T_map_sensor from a prior's poses T_map_prior.
 
-        Parameters
-        ----------
-        trajectory : Trajectory
-            T_map_prior.
-        has_orientations : bool
-            Whether its orientations are measured; the course over ground is that of the vehicle, however an antenna is
-            turned.
+        Where its orientations are not measured they are the course over ground, which is that of the vehicle, however
+        an antenna is turned.
         """
         T_vehicle_prior = self.T_vehicle_prior
         if not has_orientations:
@@ -98,101 +81,77 @@ class Mounting:
 def sensor_trajectory(trajectory: Trajectory, T_part_sensor: Pose) -> Trajectory:
     """Return T_map_sensor from T_map_part of a part of the same rigid vehicle, with the covariances that follow.
 
-    Parameters
-    ----------
-    trajectory : Trajectory
-        T_map_part. An error of its heading moves the sensor by as much as it is away.
-    T_part_sensor : Pose
-        The sensor in the frame of the part.
+    An error of the part's heading moves the sensor by as much as it is away.
     """
-    angles = trajectory.angles
-    rotations = np.array([pose.rotation for pose in trajectory.poses()])
-    offsets = rotations @ T_part_sensor.position
+    from scipy.spatial.transform import Rotation
+
+    turns = Rotation.from_quat(trajectory.quaternions_xyzw)
+    offsets = turns.apply(T_part_sensor.position)
     turn = quaternions_from_angles(T_part_sensor.roll, T_part_sensor.pitch, T_part_sensor.heading)
-    quaternions = product(trajectory.quaternions_xyzw, np.broadcast_to(turn, (len(angles), 4)))
     covariances = trajectory.covariances
     if covariances is not None:
-        jacobians = np.tile(np.eye(3), (len(angles), 1, 1))
+        jacobians = np.tile(np.eye(3), (len(trajectory), 1, 1))
         jacobians[:, 0, 2], jacobians[:, 1, 2] = -offsets[:, 1], offsets[:, 0]
         covariances = jacobians @ covariances @ jacobians.transpose(0, 2, 1)
+    quaternions = (turns * Rotation.from_quat(turn)).as_quat()
     return Trajectory(trajectory.times, trajectory.positions + offsets, quaternions, covariances)
 
 
 def read_mounting(path: str | os.PathLike[str]) -> Mounting:
-    """Return what a TOML file says of where scanner, prior and odometry are in the vehicle.
+    """Return what a TOML file says of where scanner, prior and odometry are in the vehicle; else a FileError.
 
-    Parameters
-    ----------
-    path : path
-        Tables [sensor], [prior] and [odometry], each with `position`, x forward, y left, z up from any point of the
-        vehicle (m), and roll_deg, pitch_deg, heading_deg (degrees). What is not there is 0. Instead of [sensor] one
-        table [scanner.NAME] for each of several, with `topic`, or with `scans`, a path from the file on.
-
-    Raises
-    ------
-    FileError
-        If it cannot be read, or says something else.
+    Tables [sensor], [prior] and [odometry], each with `position`, x forward, y left, z up from any point of the
+    vehicle (m), and roll_deg, pitch_deg, heading_deg (degrees). What is not there is 0. Instead of [sensor] one
+    table [scanner.NAME] for each of several, with `topic`, or with `scans`, a path from the file on.
     """
+    from msgspec import Meta, Struct
+
+    Metres = Annotated[float, Meta(ge=-LARGEST_OFFSET, le=LARGEST_OFFSET)]
+    Degrees = Annotated[float, Meta(ge=-360.0, le=360.0)]
+    Source = Annotated[str, Meta(min_length=1)]
+
+    class Part(Struct, forbid_unknown_fields=True):
+        position: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)
+        roll_deg: Degrees = 0.0
+        pitch_deg: Degrees = 0.0
+        heading_deg: Degrees = 0.0
+
+        @property
+        def pose(self) -> Pose:
+            angles = self.roll_deg, self.pitch_deg, self.heading_deg
+            return Pose(*self.position, *map(math.radians, angles))
+
+    class Scanner(Part):
+        topic: Source | None = None
+        scans: Source | None = None
+
+        def __post_init__(self) -> None:
+            if self.topic is None and self.scans is None:
+                raise ValueError("a topic, or scans (a path), is missing")
+
+    class Tables(Struct, forbid_unknown_fields=True):
+        sensor: Part | None = None
+        prior: Part | None = None
+        odometry: Part | None = None
+        scanner: Annotated[dict[str, Scanner], Meta(min_length=1, max_length=MOST_SCANNERS)] | None = None
+
+        def __post_init__(self) -> None:
+            if self.sensor is None and self.prior is None and self.scanner is None:
+                raise ValueError("it has neither [sensor] nor [prior]")
+            if self.sensor is not None and self.scanner is not None:
+                raise ValueError(
+                    "it has both [sensor] and [scanner.NAME]; with several scanners poses are those of the vehicle"
+                )
+
     file = Path(path)
-    named = read_toml(file, "a mounting", "See docs/priors.md")
-    unknown = sorted(set(named) - {*TABLES, "scanner"})
-    if unknown or not any(name in named for name in ("sensor", "prior", "scanner")):
-        got = ", ".join(unknown)[:80] or "neither [sensor] nor [prior]"
-        raise FileError(f"Expected tables [sensor], [prior] and [odometry] in {file}, got {got}. See docs/priors.md.")
-    poses = {name: _pose(file, name, named[name]) for name in TABLES if name in named}
-    scanners = _scanners(file, named["scanner"]) if "scanner" in named else ()
-    if scanners and "sensor" in named:
-        raise FileError(
-            f"Expected either [sensor] or [scanner.NAME] tables in {file}, got both. With several scanners poses are"
-            " those of the vehicle."
-        )
-    return Mounting(poses.get("sensor", LEVEL), poses.get("prior", LEVEL), poses.get("odometry"), scanners)
-
-
-def _scanners(file: Path, tables: Any) -> tuple[MountedScanner, ...]:
-    if not isinstance(tables, Mapping) or not 1 <= len(tables) <= MOST_SCANNERS:
-        raise FileError(
-            f"Expected 1 to {MOST_SCANNERS} tables [scanner.NAME] in {file}, got {tables!r:.60}. See docs/priors.md."
-        )
-    scanners = []
-    for name, table in tables.items():
-        label = f"scanner.{name:.40}"
-        pose = _pose(file, label, table, SOURCES)
-        sources = {key: table[key] for key in SOURCES if key in table}
-        if not sources or not all(isinstance(value, str) and value for value in sources.values()):
-            raise FileError(
-                f"Expected a topic, or scans (a path), under [{label}] in {file}, got {sources!r:.60}."
-                " See docs/priors.md."
-            )
-        scans = sources.get("scans")
-        scanners.append(
-            MountedScanner(name, pose, sources.get("topic"), None if scans is None else file.parent / scans)
-        )
-    return tuple(scanners)
-
-
-def _pose(file: Path, name: str, table: Any, others: tuple[str, ...] = ()) -> Pose:
-    """T_vehicle_part of a table, which may say other things, too."""
-    if not isinstance(table, Mapping):
-        raise FileError(f"Expected a table [{name}] in {file}, got {table!r:.60}. See docs/priors.md.")
-    unknown = sorted(set(table) - {"position", *ANGLES, *others})
-    if unknown:
-        known = ", ".join(("position", *ANGLES, *others))
-        raise FileError(
-            f"Expected {known} under [{name}] in {file}, got {', '.join(unknown)[:80]}. Correct or remove it."
-        )
-    position = table.get("position", [0.0, 0.0, 0.0])
-    if not isinstance(position, list) or len(position) != 3:
-        raise FileError(f"Expected position under [{name}] in {file} to be [x, y, z] in m, got {position!r:.60}.")
-    angles = [_number(file, name, key, table.get(key, 0.0), 360.0) for key in ANGLES]
-    x, y, z = (_number(file, name, "position", value, LARGEST_OFFSET) for value in position)
-    return Pose(x, y, z, *(math.radians(angle) for angle in angles))
-
-
-def _number(file: Path, name: str, key: str, value: Any, largest: float) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= largest:
-        raise FileError(
-            f"Expected numbers of at most {largest:g} as {key} under [{name}] in {file}, got {value!r:.60}. Positions"
-            " are in m, angles in degrees."
-        )
-    return float(value)
+    tables = checked(read_toml(file, "a mounting", ADVICE), Tables, file, "a mounting", ADVICE)
+    scanners = {} if tables.scanner is None else tables.scanner
+    return Mounting(
+        LEVEL if tables.sensor is None else tables.sensor.pose,
+        LEVEL if tables.prior is None else tables.prior.pose,
+        None if tables.odometry is None else tables.odometry.pose,
+        tuple(
+            MountedScanner(name, each.pose, each.topic, None if each.scans is None else file.parent / each.scans)
+            for name, each in scanners.items()
+        ),
+    )

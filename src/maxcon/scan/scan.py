@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Scan: the points of one epoch, in the sensor frame."""
+"""Scan: the points of one epoch, in the sensor frame; and thinning, as near surfaces have most of its points."""
 
 from __future__ import annotations
 
@@ -11,18 +11,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from maxcon._system.compiled import read_only_view
 from maxcon.errors import ArrayError, OptionError
 from maxcon.geometry.arrays import as_points, as_unit_normals
-from maxcon.scan.normals.viewpoints import Viewpoints
+from maxcon.scan.normals import Viewpoints, estimate_scan_normals
 
-__all__ = ["Scan"]
+__all__ = ["Scan", "one_per_cube"]
 
 
 def _frozen(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The array in one piece, from now on for nobody to change: what was made of it is kept beside it.
-
-    Kernels take it as it is: they are compiled for arrays of one kind.
-    """
+    """The array, contiguous and read-only: normals and thinned scans made of it are kept beside it."""
     values = np.ascontiguousarray(values)
     values.flags.writeable = False
     return values
@@ -36,19 +34,15 @@ class Scan:
     points : array_like, shape (n, 3)
         Sensor frame, m, finite. Drop (0, 0, 0) and NaN returns first (the readers do).
     normals : array_like, shape (n, 3), optional
-        Unit normals in the sensor frame, turned to the sensor's side; a row of zeros where there is
-        none (the weighting says what such a point weighs). Estimated from the points when first
-        asked for if None.
+        Unit normals in the sensor frame, turned to the sensor's side; a row of zeros where there is none. Estimated
+        from the points when first asked for if None.
     time : float
         When the scan was taken, s.
     viewpoints : Viewpoints, optional
         Where each point was measured from, if several scanners did; the sensor frame is the vehicle's then. Without
         them all were measured from (0, 0, 0).
 
-    Raises
-    ------
-    ArrayError
-        If a shape is wrong, a value is not finite or a normal is not a unit vector.
+    An ArrayError if a shape is wrong, a value is not finite or a normal is not a unit vector.
     """
 
     def __init__(
@@ -74,8 +68,6 @@ class Scan:
     @cached_property
     def normals(self) -> NDArray[np.float64]:
         """Unit normals, sensor frame, shape (n, 3); zeros where the points around do not determine one."""
-        from maxcon.scan.normals.scan_normals import estimate_scan_normals
-
         if self.viewpoints is not None:
             return _frozen(self.viewpoints.normals(self.points))
         return _frozen(estimate_scan_normals(self.points))
@@ -85,19 +77,12 @@ class Scan:
 
         A point with a normal comes before one without, then the nearest to the middle of the cube: which points are
         kept does not depend on their order. The normals are those of the whole scan.
-
-        Raises
-        ------
-        OptionError
-            If the edge is negative or not finite.
         """
         if not 0.0 <= edge < math.inf:
             raise OptionError(f"Expected `edge` of thinning >= 0 m, got {edge}. With 0 all points are kept.")
         if edge == 0.0 or len(self) == 0:
             return self
         if edge not in self._thinned:
-            from maxcon.geometry.scan_thinning import one_per_cube
-
             kept = one_per_cube(self.points, self.normals, edge)
             thinned = object.__new__(Scan)  # of parts that were checked already
             thinned.points, thinned.normals = _frozen(self.points[kept]), _frozen(self.normals[kept])
@@ -116,3 +101,28 @@ class Scan:
 
     def __repr__(self) -> str:
         return f"Scan({len(self)} points, time={self.time!r})"
+
+
+def one_per_cube(
+    points: NDArray[np.float64], normals: NDArray[np.float64], edge: float, *, by_lot: bool = False
+) -> NDArray[np.int64]:
+    """Indices, ascending, of one of the points in each cube of a grid with a corner at (0, 0, 0).
+
+    A point with a normal is preferred to one without, then the nearest to the middle of the cube, then the one of the
+    smallest x, y, z: which points are kept does not depend on the order they come in.
+
+    Parameters
+    ----------
+    points, normals : array, shape (n, 3)
+        m, any frame; unit normals, zeros for none.
+    edge : float
+        Of a cube, m, above 0.
+    by_lot : bool
+        Whether a hash of the coordinates draws the point, and not the distance from the middle, which prefers the side
+        of a noisy surface on which the middle lies, and so moves a pose by millimetres. The grid is then turned against
+        the axes: else, where a wall runs along the sides of cubes, its few stray points beyond them would fill as many
+        cubes as all others, and weigh as much.
+    """
+    from maxcon.scan import thinning_kernels
+
+    return np.sort(thinning_kernels.one_per_cube(read_only_view(points), read_only_view(normals), edge, by_lot))

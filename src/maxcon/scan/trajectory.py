@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from maxcon.errors import ArrayError, OptionError, TrajectoryError
-from maxcon.geometry import Pose
+from maxcon.geometry import Pose, interpolate_poses
 from maxcon.geometry.covariances import first_covariance_fault
-from maxcon.geometry.quaternions import angles_from_quaternions, quaternions_from_angles, slerp
+from maxcon.geometry.quaternions import angles_from_quaternions, quaternions_from_angles
 
 __all__ = ["Trajectory", "TrajectoryFault", "first_fault"]
 
@@ -40,16 +40,8 @@ def first_fault(
 ) -> TrajectoryFault | None:
     """Return the first row whose time, position, quaternion or covariance cannot be used, or None if all can.
 
-    Parameters
-    ----------
-    times : array, shape (n,)
-        s.
-    positions : array, shape (n, 3)
-        m.
-    quaternions_xyzw : array, shape (n, 4)
-        Not yet normalized.
-    covariances : array, shape (n, 3, 3), optional
-        Of x, y and heading; NaN where not known.
+    times, shape (n,), s; positions, shape (n, 3), m; quaternions_xyzw, shape (n, 4), not yet normalized; covariances,
+    shape (n, 3, 3), of x, y and heading, NaN where not known.
     """
     lengths = np.hypot.reduce(quaternions_xyzw, axis=1)
     is_finite = np.isfinite(times) & np.isfinite(positions).all(axis=1) & np.isfinite(lengths)
@@ -58,7 +50,11 @@ def first_fault(
     is_unit = ~(np.abs(lengths - 1.0) > QUATERNION_TOLERANCE)
     is_good = is_finite & is_later & is_unit
     if is_good.all():
-        return None if covariances is None else _first_bad_covariance(covariances)
+        if covariances is None:
+            return None
+        rows = np.flatnonzero(~np.isnan(covariances).all(axis=(1, 2)))
+        fault = first_covariance_fault(covariances[rows])
+        return None if fault is None else TrajectoryFault(int(rows[fault.row]), fault.words)
     row = int(np.argmin(is_good))
     if not is_finite[row]:
         return TrajectoryFault(row, "Expected finite numbers, got NaN or infinity. Leave this pose out.")
@@ -73,12 +69,6 @@ def first_fault(
         f"Expected a unit quaternion (qx, qy, qz, qw), got length {lengths[row]:.3g}."
         " Check the order of the columns, or leave this pose out.",
     )
-
-
-def _first_bad_covariance(covariances: NDArray[np.float64]) -> TrajectoryFault | None:
-    rows = np.flatnonzero(~np.isnan(covariances).all(axis=(1, 2)))
-    fault = first_covariance_fault(covariances[rows])
-    return None if fault is None else TrajectoryFault(int(rows[fault.row]), fault.words)
 
 
 def _as_array(values: ArrayLike, shape: tuple[int, ...], name: str) -> NDArray[np.float64]:
@@ -112,13 +102,8 @@ class Trajectory:
         Of x, y and heading of each pose, axes of the CRS: m^2, m rad and rad^2. All of a pose's are NaN where it is not
         known how well that one is known.
 
-    Raises
-    ------
-    ArrayError
-        If a shape is wrong or something is not a number.
-    TrajectoryError
-        If there is no pose, a number is not finite, times do not increase, a quaternion is not a unit one, or a
-        covariance is none.
+    An ArrayError if a shape is wrong or something is not a number; a TrajectoryError if there is no pose or a row has a
+    `first_fault`.
     """
 
     times: NDArray[np.float64]
@@ -149,9 +134,8 @@ class Trajectory:
         cls, times: ArrayLike, poses: Sequence[Pose], covariances: NDArray[np.float64] | None = None
     ) -> Self:
         """Return the trajectory of `poses` at `times` (s), one pose (and covariance) per time."""
-        values = np.array([(p.x, p.y, p.z, p.roll, p.pitch, p.heading) for p in poses]).reshape(-1, 6)
-        angles = values[:, 3:].T
-        return cls(np.asarray(times), values[:, :3], quaternions_from_angles(*angles), covariances)
+        values = np.array([pose.values for pose in poses]).reshape(-1, 6)
+        return cls(np.asarray(times), values[:, :3], quaternions_from_angles(*values[:, 3:].T), covariances)
 
     def __len__(self) -> int:
         """How many poses there are."""
@@ -164,43 +148,30 @@ class Trajectory:
 
     def pose(self, i: int) -> Pose:
         """Return pose number `i`."""
-        return _pose(self.positions[i], self.quaternions_xyzw[i])
+        return _poses(self.positions[i][None], self.quaternions_xyzw[i][None])[0]
 
     def poses(self) -> list[Pose]:
         """Return all poses, in order of time."""
-        return [self.pose(i) for i in range(len(self))]
+        return _poses(self.positions, self.quaternions_xyzw)
 
     def at(self, time: float, max_gap: float = 0.5) -> Pose:
-        """Return the pose at `time`: positions are linear between poses, turns take the shortest arc.
+        """Return the pose at `time` (s): positions are linear between poses, turns take the shortest arc.
 
-        Parameters
-        ----------
-        time : float
-            s. Within 1 ms of a pose at an end or beside a gap it is that pose.
-        max_gap : float
-            Largest time between two poses to interpolate across, s.
-
-        Raises
-        ------
-        TrajectoryError
-            If `time` lies outside the trajectory, or between two poses farther apart than `max_gap`.
+        Within 1 ms of a pose at an end or beside a gap it is that pose. A TrajectoryError if `time` lies outside the
+        trajectory, or between two poses farther apart than `max_gap` (s).
         """
-        earlier, later, part = self._between(time, max_gap)
+        earlier, later, _ = self._between(time, max_gap)
         if earlier == later:
             return self.pose(earlier)
-        position = (1.0 - part) * self.positions[earlier] + part * self.positions[later]
-        return _pose(position, slerp(self.quaternions_xyzw[earlier], self.quaternions_xyzw[later], part))
+        two = slice(earlier, later + 1)
+        positions, turns = interpolate_poses(self.times[two], self.positions[two], self.quaternions_xyzw[two], [time])
+        return _poses(positions, turns.as_quat())[0]
 
     def covariance_at(self, time: float, max_gap: float = 0.5) -> NDArray[np.float64] | None:
         """Return the covariance of x, y and heading of the pose `at` a time, shape (3, 3); None where it is not known.
 
         Between two poses it is linear: never too small for a pose that is linear between them, however their errors a
         and b are correlated: (1 - s) A + s B is that of (1 - s) a + s b and s (1 - s) times that of a - b.
-
-        Raises
-        ------
-        TrajectoryError
-            As `at`.
         """
         earlier, later, part = self._between(time, max_gap)
         if self.covariances is None:
@@ -233,35 +204,22 @@ class Trajectory:
         if after - before > max_gap:
             raise TrajectoryError(
                 f"Expected poses at most {max_gap:g} s apart around {time:.6f} s, got a gap of"
-                f" {after - before:.6f} s from {before:.6f} to {after:.6f} s, {distance:.6f} s from the"
-                " nearest"
+                f" {after - before:.6f} s from {before:.6f} to {after:.6f} s, {distance:.6f} s from the nearest"
                 " pose. Raise max_gap to interpolate across it, or leave this epoch out."
             )
         return later - 1, later, (time - before) / (after - before)
 
     def positions_at(self, times: ArrayLike, max_gap: float = 0.5) -> NDArray[np.float64]:
-        """Where the sensor was at many times, e.g. those of a map's points.
+        """Where the sensor was, shape (n, 3), global coordinates, m, at many times, shape (n,), s, in any order.
 
-        Parameters
-        ----------
-        times : array_like, shape (n,)
-            s, in any order.
-        max_gap : float
-            Largest time between two poses to interpolate across, s. Elsewhere the nearest pose's position
-            stands in, if it is within half of `max_gap`.
-
-        Returns
-        -------
-        array, shape (n, 3)
-            Global coordinates, m; rows of NaN where no pose is near enough.
+        Elsewhere than between two poses at most `max_gap` (s) apart, the nearest pose's position stands in, if it is
+        within half of `max_gap`; NaN where none is.
         """
         _check_gap(max_gap)
         wanted = np.asarray(times, dtype=np.float64)
         if wanted.ndim != 1:
             raise ArrayError(f"Expected `times` to have shape (n,), got {wanted.shape}. Flatten it.")
-        found = np.empty((len(wanted), 3))
-        for axis in range(3):
-            found[:, axis] = np.interp(wanted, self.times, self.positions[:, axis])
+        found = np.stack([np.interp(wanted, self.times, axis) for axis in self.positions.T], axis=1)
         later = np.minimum(np.searchsorted(self.times, wanted), len(self) - 1)
         earlier = np.maximum(later - 1, 0)
         to_earlier, to_later = wanted - self.times[earlier], self.times[later] - wanted
@@ -279,6 +237,6 @@ def _check_gap(max_gap: float) -> None:
         raise OptionError(f"Expected max_gap >= 0 s, got {max_gap}. The default is 0.5 s.")
 
 
-def _pose(position: NDArray[np.float64], quaternion_xyzw: NDArray[np.float64]) -> Pose:
-    roll, pitch, heading = angles_from_quaternions(quaternion_xyzw)
-    return Pose(*(float(value) for value in (*position, roll, pitch, heading)))
+def _poses(positions: NDArray[np.float64], quaternions_xyzw: NDArray[np.float64]) -> list[Pose]:
+    values = np.hstack([positions, angles_from_quaternions(quaternions_xyzw)])
+    return [Pose(*row) for row in values.tolist()]

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from maxcon.errors import SearchSpaceError
 from maxcon.geometry import Pose, wrap_angle
-from maxcon.geometry.prior_sigmas import sigmas_of
+from maxcon.geometry.covariances import sigmas_of
 from maxcon.search.grid_rounding import n_steps, rounded_up
 
 __all__ = ["Cell", "SearchSpace"]

@@ -14,7 +14,7 @@ from maxcon.io.scans.deskewed import DeskewedScans
 from maxcon.io.scans.merged import MergedScans
 from maxcon.lab.simulation import RotatingScanner
 from maxcon.scan import Scan
-from maxcon.scan.normals.scan_normals import estimate_scan_normals
+from maxcon.scan.normals import estimate_scan_normals
 from maxcon.scan.trajectory import Trajectory
 
 FRONT = Pose(1.8, 0.1, 0.4, 0.02, 0.05, 0.1)

@@ -10,7 +10,7 @@ import pytest
 
 from maxcon import PointMap
 from maxcon.geometry import LocalFrame
-from maxcon.geometry.voxels import voxel_centers
+from maxcon.geometry.frame import voxel_centers
 from maxcon.lab.baselines import Gicp, Icp, MapTargets
 from maxcon.lab.baselines.map_targets import N_TARGETS
 from maxcon.lab.baselines.place import Place

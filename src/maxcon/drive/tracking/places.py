@@ -71,7 +71,7 @@ def find_places(
     if best.runner_up <= share:
         return [Place(best.pose, 1.0)]
     if asked.cell_search.is_coarse_to_fine(space, point_map):
-        found = asked.cell_search.places(scan, point_map, prior.levelled(best.pose), space)
+        found = asked.cell_search.places(scan, point_map, prior.with_height_and_tilt_of(best.pose), space)
         worth = [float(Helmert().score(each.moments)) for each in found[:MOST_PLACES]]
         ratios = [score / max(worth) for score in worth] if max(worth, default=0.0) > 0.0 else []
         return [Place(each.pose, ratio) for each, ratio in zip(found, ratios, strict=False) if ratio >= share]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import FileError, OptionError, TrajectoryError
-from maxcon.geometry import Pose
+from maxcon.geometry import Pose, interpolate_poses
 from maxcon.io.clouds.base import as_file_error
 from maxcon.io.recordings.base import Recording, printable
 from maxcon.io.recordings.messages import decode_message, frame_name, frame_of, stamp_of
@@ -248,13 +248,7 @@ def _along(
 
 def _at(table: NDArray[np.float64], times: NDArray[np.float64]) -> tuple[NDArray[np.float64], Rotation]:
     """Positions and turns of a link at some times; those of its only row at all times."""
-    from scipy.spatial.transform import Rotation, Slerp
-
-    turns = Rotation.from_quat(table[:, 4:])
-    if len(table) == 1:
-        return np.tile(table[:, 1:4], (len(times), 1)), Rotation.from_quat(np.tile(table[:, 4:], (len(times), 1)))
-    positions = np.stack([np.interp(times, table[:, 0], column) for column in table[:, 1:4].T], axis=1)
-    return positions, Slerp(table[:, 0], turns)(times)
+    return interpolate_poses(table[:, 0], table[:, 1:4], table[:, 4:], times)
 
 
 def _backwards(positions: NDArray[np.float64], turns: Rotation) -> tuple[NDArray[np.float64], Rotation]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from maxcon.errors import FileError, OptionError
 from maxcon.geometry import Pose
 from maxcon.io.raw_scan import RawScan, Scans, nearest_in_time
-from maxcon.scan.normals.viewpoints import Viewpoints
+from maxcon.scan.normals import Viewpoints
 
 __all__ = ["MergedScans"]
 

@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.geometry.voxels import voxel_centers
+from maxcon.geometry.frame import voxel_centers
 from maxcon.lab.baselines.place import Place
 from maxcon.lab.baselines.thinning import merge_planes
 from maxcon.map import PointMap, TileKey

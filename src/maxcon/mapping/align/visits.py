@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.geometry.scan_thinning import one_per_cube
 from maxcon.map import PointMap
 from maxcon.mapping.build.spill import RECORD
 from maxcon.mapping.build.voxel_moments import VoxelMoments, voxel_keys
 from maxcon.mapping.build.voxel_normals import plane_normals
 from maxcon.refine.adjustment import THINNING
-from maxcon.scan import Scan
+from maxcon.scan import Scan, one_per_cube
 
 __all__ = ["Visit", "load_visits", "save_visits", "visits_of"]
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from maxcon._system.engine import Engine
 from maxcon.errors import ArrayError, MapError, OptionError
-from maxcon.geometry.voxels import INDEX_LIMIT
+from maxcon.geometry.frame import INDEX_LIMIT
 from maxcon.io.clouds import CloudHeader
 from maxcon.mapping.build.classes import NOISE, class_name
 from maxcon.mapping.build.found_classes import FOUND, FoundClasses

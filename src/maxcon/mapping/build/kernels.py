@@ -5,7 +5,7 @@
 import numpy as np
 from numba import njit
 
-from maxcon.scan.normals.plane_kernels import covariance, plane_normal
+from maxcon.scan.plane_kernels import covariance, plane_normal
 
 __all__ = ["gather_points", "merge_voxels", "neighbourhood_normals", "sum_neighbourhood"]
 

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from maxcon.mapping.build.kernels import reach_line, sum_neighbourhood
-from maxcon.scan.normals.plane_kernels import covariance, plane_normal
+from maxcon.scan.plane_kernels import covariance, plane_normal
 
 __all__ = ["scatters", "sums_near"]
 

@@ -172,4 +172,4 @@ def laid(pose: Pose, height: float, slope_x: float, slope_y: float) -> Pose:
     cross = np.array([[0.0, 0.0, y], [0.0, 0.0, -x], [-y, x, 0.0]])
     turn = np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * (cross @ cross)
     rotation = turn @ rotation_matrices(pose.roll, pose.pitch, 0.0)
-    return pose.levelled(Pose.from_rotation([0.0, 0.0, pose.z + height], rotation))
+    return pose.with_height_and_tilt_of(Pose.from_rotation([0.0, 0.0, pose.z + height], rotation))

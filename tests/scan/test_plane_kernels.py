@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from maxcon.scan.normals.plane_kernels import BLOCK, covariance, plane_normal, plane_normals, squares_across, sum_near
+from maxcon.scan.plane_kernels import BLOCK, covariance, plane_normal, plane_normals, squares_across, sum_near
 
 STRIDE = 80
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from maxcon.scan.normals.angle_kernels import azimuths_of, elevations_of, extremes
+from maxcon.scan.window_kernels import azimuths_of, elevations_of, extremes
 
 COORDINATES = st.one_of(
     st.floats(-1e3, 1e3), st.sampled_from([0.0, -0.0, 1.0, -1.0, 1e-17, -1e-17, 5e-324, 1e-200, 1e300])

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from maxcon.scan.normals import window_kernels as rules
-from maxcon.scan.normals.window_kernels import BANDS, WINDOWS, first_windows
+from maxcon.scan import window_kernels as rules
+from maxcon.scan.window_kernels import BANDS, WINDOWS, first_windows
 
 
 def windows_tried_first(elevations_deg, azimuths_deg):

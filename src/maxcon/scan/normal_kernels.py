@@ -8,16 +8,16 @@ The window around a point grows until more than one ring is in it; only then is 
 import numpy as np
 from numba import njit
 
-from maxcon.scan.normals.plane_kernels import BLOCK, plane_normals, squares_across, sum_near
-from maxcon.scan.normals.scan_grid_kernels import MOST_REACH, STRIDE, pick_candidates, sorted_grid
-from maxcon.scan.normals.window_kernels import GROWTH, HIGHEST, LEAST_NEIGHBOURS, LEAST_SPREAD
+from maxcon.scan.grid_kernels import MOST_REACH, STRIDE, pick_candidates, sorted_grid
+from maxcon.scan.plane_kernels import BLOCK, plane_normals, squares_across, sum_near
+from maxcon.scan.window_kernels import GROWTH, HIGHEST, LEAST_NEIGHBOURS, LEAST_SPREAD
 
-__all__ = ["scan_planes"]
+__all__ = ["count_normals", "scan_planes"]
 
 # Half heights of windows are at least so many metres: in smaller ones near the sensor, range noise exceeds any extent.
 NEAR_METRES = 0.15
 MOST_GROWTHS = 8
-# A window reaches this share of its half height (and at least so many metres, at most so many rad) left and right.
+# A window reaches this ratio of its half height (and at least so many metres, at most so many rad) left and right.
 ALONG = 0.5
 ALONG_METRES = 0.25
 MOST_ALONG = 0.5
@@ -93,7 +93,7 @@ def _sum_block(grid, n, block, reaches, candidates, moments, is_full):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _judge(n, block, moments, squares, planes, normals, is_spread):
+def _write_normals(n, block, moments, squares, planes, normals, is_spread):
     """Write whether the neighbours of n points are spread in two dimensions, and normals where they form a plane.
 
     normals : (3 BLOCK,), out, x, y, z, turned to the sensor; zeros for no plane. is_spread : (BLOCK,), out.
@@ -133,7 +133,7 @@ def _fit_pending(grid, pending, factor, normals):
         _sum_block(grid, n, block, reaches, candidates, moments, is_full)
         plane_normals(n, moments, planes)
         squares_across(n, points, moments, squares)
-        _judge(n, block, moments, squares, planes, found, is_spread)
+        _write_normals(n, block, moments, squares, planes, found, is_spread)
         for k in range(n):
             place = places[k]
             normals[place, 0], normals[place, 1] = found[k], found[BLOCK + k]
@@ -182,3 +182,18 @@ def scan_planes(points, elevations, azimuths, lowest, highest, normals):
     for k in range(len(order)):
         for axis in range(3):
             normals[order[k], axis] = sorted_normals[k, axis]
+
+
+@njit(nogil=True, cache=True)
+def count_normals(normals, up, horizontal):
+    """How many normals (n, 3), zeros for none, there are, and how many of them are horizontal.
+
+    up : (3,), unit vector in the same axes; horizontal : the product of a horizontal normal with it is smaller.
+    """
+    n_normals, n_horizontal = 0, 0
+    for i in range(normals.shape[0]):
+        x, y, z = normals[i, 0], normals[i, 1], normals[i, 2]
+        has_normal = (x != 0.0) | (y != 0.0) | (z != 0.0)
+        n_normals += has_normal
+        n_horizontal += has_normal & (abs(up[0] * x + up[1] * y + up[2] * z) < horizontal)
+    return n_normals, n_horizontal

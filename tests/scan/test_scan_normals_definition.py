@@ -17,17 +17,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from maxcon.scan.normals import scan_grid_kernels as grids
-from maxcon.scan.normals import scan_kernels as rules
-from maxcon.scan.normals.angle_kernels import azimuths_of, elevations_of
-from maxcon.scan.normals.scan_normals import estimate_scan_normals
-from maxcon.scan.normals.window_kernels import (
+from maxcon.scan import grid_kernels as grids
+from maxcon.scan import normal_kernels as rules
+from maxcon.scan.normals import estimate_scan_normals
+from maxcon.scan.window_kernels import (
     BANDS,
     GROWTH,
     HIGHEST,
     LEAST_NEIGHBOURS,
     LEAST_SPREAD,
     WINDOWS,
+    azimuths_of,
+    elevations_of,
     first_windows,
 )
 

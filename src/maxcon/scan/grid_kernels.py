@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from maxcon.scan.normals.window_kernels import BANDS, HIGHEST, WINDOWS, first_windows
+from maxcon.scan.window_kernels import BANDS, HIGHEST, WINDOWS, first_windows
 
 __all__ = ["MOST_REACH", "STRIDE", "Grid", "pick_candidates", "sorted_grid"]
 

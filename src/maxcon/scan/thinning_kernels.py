@@ -52,7 +52,7 @@ def _comes_before(i, j, points, normals):
 
 @njit(nogil=True, cache=True)
 def one_per_cube(points, normals, edge, by_lot):
-    """Numbers, (m,) int64, of one point of those in each cube; see `scan_thinning.one_per_cube`.
+    """Numbers, (m,) int64, of one point of those in each cube; see `scan.one_per_cube`.
 
     points, normals : (n, 3) float64; edge : of a cube, m; by_lot : whether a hash of the coordinates replaces the
     distance from the middle, and the grid is turned by `ASKEW`. In the order in which cubes are first met.

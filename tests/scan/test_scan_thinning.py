@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from maxcon import Scan
 from maxcon.errors import OptionError
-from maxcon.geometry.scan_thinning import one_per_cube
-from maxcon.geometry.scan_thinning_kernels import ASKEW
+from maxcon.scan import one_per_cube
+from maxcon.scan.thinning_kernels import ASKEW
 
 
 def plainly(points, normals, edge):

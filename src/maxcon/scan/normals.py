@@ -1,0 +1,91 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Normals of sparse scans, turned to the sensor.
+
+A ring scanner's points lie 0.2 degrees apart along a ring and 2 degrees apart across: the nearest neighbours
+of a point are all on its own ring, and say nothing of the surface. So neighbours are taken by angle, from a
+window around the point that grows until more than one ring is in it, wherever the next rings are: they may be
+evenly spaced or not, smeared by the motion of the sensor, thinned, or missing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.errors import ArrayError
+from maxcon.geometry.arrays import as_points
+from maxcon.geometry.pose import Pose
+
+__all__ = ["Viewpoints", "estimate_scan_normals"]
+
+
+def estimate_scan_normals(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit normals of a scan's points, turned to the sensor.
+
+    Parameters
+    ----------
+    points : array, shape (n, 3)
+        Sensor frame, m, in any order, finite; the sensor is at (0, 0, 0).
+
+    Returns
+    -------
+    array, shape (n, 3)
+        Sensor frame; zeros where the neighbours are too few, lie on one ring or on no plane (bushes, edges). Points
+        of the ground mostly have none: seen at a flat angle, its rings lie too far apart.
+
+    Notes
+    -----
+    Windows reach at most 6.9 degrees above and below a point, rounded up to whole cells of a grid: neighbours lie
+    at most 10.5 degrees above or below it. Points nearer than 1.25 m have no normals: 15 cm are more than 6.9
+    degrees there. The same points in another order have the same normals, to the last bit.
+    """
+    from maxcon.scan.normal_kernels import scan_planes
+    from maxcon.scan.window_kernels import azimuths_of, elevations_of, extremes
+
+    points = np.ascontiguousarray(as_points(points, "points"))
+    normals = np.empty_like(points)
+    if len(points) == 0:
+        return normals
+    elevations, azimuths = elevations_of(points.ravel()), azimuths_of(points.ravel())
+    lowest, highest = extremes(elevations)
+    scan_planes(points, elevations, azimuths, lowest, highest, normals)
+    return normals
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Viewpoints:
+    """Where the points of an epoch were measured from, by several scanners of one vehicle.
+
+    Parameters
+    ----------
+    scanners : array, shape (n,), int
+        Index into `poses`: which scanner each point comes from; an ArrayError if it is outside.
+    poses : tuple of Pose
+        T_vehicle_sensor of each scanner.
+    """
+
+    scanners: NDArray[np.int64]
+    poses: tuple[Pose, ...]
+
+    def __post_init__(self) -> None:
+        if len(self.scanners) and not 0 <= self.scanners.min() <= self.scanners.max() < len(self.poses):
+            raise ArrayError(
+                f"Expected `scanners` from 0 to {len(self.poses) - 1}, got {self.scanners.min()} to"
+                f" {self.scanners.max()}."
+            )
+
+    def normals(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return unit normals, shape (n, 3), of points, shape (n, 3), m, both in the vehicle's frame.
+
+        They are estimated for each scanner by itself and turned to it: a point's neighbours lie on rings around its own
+        scanner, and rings of two scanners cross. Zeros where the neighbours do not determine a plane.
+        """
+        normals = np.zeros_like(points)
+        for number, pose in enumerate(self.poses):
+            rows = np.flatnonzero(self.scanners == number)
+            points_sensor = (points[rows] - pose.position) @ pose.rotation
+            normals[rows] = estimate_scan_normals(points_sensor) @ pose.rotation.T
+        return normals
