@@ -1,25 +1,27 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Coordinate reference systems: of text, and whether two are the same (D1)."""
+"""Coordinate reference systems (D1): of text, and points of one in those of another with what becomes of heights."""
 
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from maxcon.errors import CrsError
 
-__all__ = ["crs_name", "metric_crs", "parse_crs", "same_crs", "to_wgs84"]
+__all__ = ["PointTransform", "crs_name", "metric_crs", "parse_crs", "same_crs", "to_wgs84"]
+
+NEAREST, FARTHEST = 6_340_000.0, 6_470_000.0
+"""Of surveys, from the middle of the earth, m: from under the sea at the poles to aircraft above the equator."""
+MARKS = 21
+"""Points on each side of a rectangle that are transformed to find one around it."""
 
 
 @lru_cache(maxsize=32)
 def parse_crs(text: str) -> Any:
-    """Return the pyproj.CRS of a code or WKT.
-
-    Raises
-    ------
-    CrsError
-        If it is unknown.
-    """
+    """Return the pyproj.CRS of a code or WKT; CrsError if it is unknown."""
     import pyproj
     from pyproj.exceptions import CRSError
 
@@ -33,24 +35,15 @@ def parse_crs(text: str) -> Any:
 
 
 def metric_crs(text: str) -> str:
-    """WKT of a projected (or local) CRS in metres.
+    """Return the WKT of a projected (or local) CRS, of which all axes are in metres, given as a code or WKT.
 
-    Parameters
-    ----------
-    text : str
-        A code such as "EPSG:25832", or WKT.
-
-    Raises
-    ------
-    CrsError
-        If it is unknown, not a projected one, or an axis (also the heights') is not in metres.
+    CrsError if it is unknown, or another one.
     """
     crs = parse_crs(text)
     units = {axis.unit_name for axis in crs.axis_info}
     if crs.is_geographic or crs.is_geocentric or not units <= {"metre", "meter", "m"}:
         raise CrsError(
-            f"Expected a projected CRS in metres, got {crs.name} in"
-            f" {', '.join(sorted(units)) or 'unknown units'}."
+            f"Expected a projected CRS in metres, got {crs.name} in {', '.join(sorted(units)) or 'unknown units'}."
             " Reproject the points first, to the UTM zone for example: `map build --to-crs`."
         )
     wkt: str = crs.to_wkt()
@@ -74,10 +67,7 @@ def crs_name(wkt: str | None) -> str:
 def to_wgs84(crs: str, places: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
     """Return longitude and latitude, degrees of WGS 84, of places (x, y) in a projected CRS in metres.
 
-    Raises
-    ------
-    CrsError
-        If that is unknown or not one.
+    CrsError if that is unknown or not one.
     """
     import pyproj
 
@@ -86,3 +76,122 @@ def to_wgs84(crs: str, places: Sequence[tuple[float, float]]) -> list[tuple[floa
     x, y = zip(*places, strict=True) if places else ((), ())
     longitudes, latitudes = transformer.transform(x, y)
     return list(zip(longitudes, latitudes, strict=True))
+
+
+class PointTransform:
+    """Turns points of a source into coordinates of a projected CRS in metres.
+
+    Heights are converted with their reference where both CRS say what it is, and from geocentric coordinates into
+    ellipsoidal ones. Otherwise they keep their reference, and only their unit becomes the metre: that of the heights,
+    or where a projected CRS has none, that of its plane.
+
+    Parameters
+    ----------
+    source, target : str
+        CRS of the points, and the one to turn them into: WKT or codes.
+
+    Raises
+    ------
+    CrsError
+        If one is unknown, the target is not in metres, there is no way between them, or the target says what heights
+        are and the source does not.
+    """
+
+    def __init__(self, source: str, target: str) -> None:
+        self._source, self._target = parse_crs(source), parse_crs(metric_crs(target))
+        self._has_heights = self._source.is_geocentric or len(self._target.axis_info) > 2
+        self._transformer, self._height_unit = self._with_heights() if self._has_heights else self._in_plane()
+
+    @property
+    def height_reference(self) -> str:
+        """What heights of the source are counted from; empty where it does not say."""
+        crs = self._source
+        if crs.is_compound:
+            return str(crs.sub_crs_list[-1].name)
+        return "the ellipsoid" if len(crs.axis_info) > 2 else ""
+
+    @property
+    def words(self) -> str:
+        """From which CRS, how exactly, and what became of heights."""
+        accuracy = 0.0 if self._transformer is None else float(self._transformer.accuracy)
+        exact = f", exact to {accuracy:g} m" if accuracy > 0.0 else ""
+        unit = "" if self._height_unit == 1.0 else f", heights times {self._height_unit:.10g}"
+        return f"from {crs_name(self._source.to_wkt())}{exact}{unit}"
+
+    def apply(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return points in the target, shape (n, 3), m; not finite where it does not reach.
+
+        CrsError if points said to be geocentric are nowhere near the surface of the earth.
+        """
+        x, y, z = points.T
+        if self._source.is_geocentric:
+            _check_geocentric(points)
+        if self._has_heights:
+            return np.stack(self._transformer.transform(x, y, z), axis=1)
+        if self._transformer is not None:
+            x, y = self._transformer.transform(x, y)
+        return np.stack([x, y, z * self._height_unit], axis=1)
+
+    def bounds_in_source(self, bounds: tuple[float, float, float, float]) -> tuple[float, float, float, float] | None:
+        """Return a rectangle (x_min, y_min, x_max, y_max) of the source that holds one of the target.
+
+        None where heights or the earth's middle take part.
+        """
+        if self._has_heights:
+            return None
+        if self._transformer is None:
+            return bounds
+        found = self._transformer.transform_bounds(*bounds, densify_pts=MARKS, direction="INVERSE")
+        if not np.isfinite(found).all():
+            return None
+        x_min, y_min, x_max, y_max = map(float, found)
+        # Between marks the sides bend by far less than this.
+        x_slack, y_slack = (x_max - x_min) / MARKS, (y_max - y_min) / MARKS
+        return x_min - x_slack, y_min - y_slack, x_max + x_slack, y_max + y_slack
+
+    def _with_heights(self) -> tuple[Any, float]:
+        target = self._target
+        if len(target.axis_info) < 3:
+            target = target.to_3d()
+        elif len(self._source.axis_info) < 3:
+            raise CrsError(
+                f"Expected points whose CRS says what heights are, to turn them into {target.name}, got"
+                f" {self._source.name}. Name a CRS without heights: they stay what they are."
+            )
+        return _transformer(self._source, target, only_best=True), 1.0
+
+    def _in_plane(self) -> tuple[Any, float]:
+        crs = self._source
+        axes = crs.axis_info
+        plane = crs.sub_crs_list[0] if crs.is_compound else crs.to_2d()
+        if len(axes) > 2:
+            unit = float(axes[2].unit_conversion_factor)
+        else:
+            unit = 1.0 if crs.is_geographic or not axes else float(axes[0].unit_conversion_factor)
+        if same_crs(plane.to_wkt(), self._target.to_wkt()):
+            return None, unit
+        return _transformer(plane, self._target), unit
+
+
+def _transformer(source: Any, target: Any, *, only_best: bool = False) -> Any:
+    from pyproj import Transformer
+    from pyproj.exceptions import ProjError
+
+    try:
+        return Transformer.from_crs(source, target, always_xy=True, allow_ballpark=False, only_best=only_best)
+    except ProjError as error:
+        raise CrsError(
+            f"Expected a way from {source.name} to {target.name}, got: {str(error).splitlines()[0][:100]}. Choose"
+            " another CRS, or transform the points first."
+        ) from error
+
+
+def _check_geocentric(points: NDArray[np.float64]) -> None:
+    finite = points[np.isfinite(points).all(axis=1)]
+    if len(finite) and not NEAREST < float(np.median(np.linalg.norm(finite, axis=1))) < FARTHEST:
+        x, y, z = finite[0].tolist()
+        raise CrsError(
+            f"Expected geocentric coordinates, some 6,370 km from the middle of the earth, as the CRS of the points"
+            f" says, got {x:.1f}, {y:.1f}, {z:.1f}. They are of another CRS: assign it anew with the program they"
+            " come from."
+        )

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import CrsError
+from maxcon.io.crs import parse_crs
 
 __all__ = ["GeographicFrame"]
 
@@ -19,22 +20,12 @@ NORTHWARDS = 1e-4
 
 
 class GeographicFrame:
-    """What a GNSS receiver says, in the coordinates of a map.
+    """What a GNSS receiver says, in the coordinates of a map whose CRS is given as WKT or a code.
 
-    Parameters
-    ----------
-    crs : str
-        Of the map: WKT, or a code.
-
-    Raises
-    ------
-    CrsError
-        If it is unknown.
+    CrsError if that is unknown.
     """
 
     def __init__(self, crs: str) -> None:
-        from maxcon.io.crs import parse_crs
-
         self._crs = parse_crs(crs)
 
     def contains(self, places: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -44,8 +35,6 @@ class GeographicFrame:
         """
         area = self._crs.area_of_use
         if area is None and (code := self._crs.to_authority()) is not None:
-            from maxcon.io.crs import parse_crs
-
             area = parse_crs(":".join(code)).area_of_use
         if area is None or area.west > area.east:
             return np.ones(len(places), dtype=bool)
@@ -63,38 +52,13 @@ class GeographicFrame:
         """Whether the map's CRS says that its heights are above the ellipsoid."""
         return self.has_heights and not self._crs.is_compound
 
-    @cached_property
-    def _transformer(self) -> Any:
-        from pyproj import Transformer
-        from pyproj.exceptions import ProjError
-
-        if not self.has_heights:
-            return Transformer.from_crs(GEOGRAPHIC, self._crs, always_xy=True)
-        try:
-            found = Transformer.from_crs(GEOGRAPHIC_3D, self._crs, always_xy=True, allow_ballpark=False, only_best=True)
-            # A missing grid of the geoid is noticed when it is asked.
-            area = self._crs.area_of_use
-            place = (0.0, 0.0) if area is None else ((area.west + area.east) / 2, (area.south + area.north) / 2)
-            values = found.transform(place[0], place[1], 0.0, errcheck=True)
-        except ProjError as error:
-            raise self._no_heights(str(error)) from error
-        if not np.isfinite(values).all():
-            raise self._no_heights("no value")
-        return found
-
-    def _no_heights(self, why: str) -> CrsError:
-        return CrsError(
-            f"Expected to be able to turn ellipsoidal heights into those of {self._crs.name}, got:"
-            f" {why.splitlines()[0][:100]}. Say how high the geoid is there: --geoid-height."
-        )
-
     def to_map(self, places: NDArray[np.float64], geoid_height: float | None = None) -> NDArray[np.float64]:
-        """Coordinates in the map's CRS, shape (n, 3), m, of latitude, longitude (degrees), ellipsoidal height (m).
+        """Return coordinates in the map's CRS, shape (n, 3), m.
 
         Parameters
         ----------
         places : array, shape (n, 3)
-            As a receiver says them.
+            Latitude, longitude (degrees), ellipsoidal height (m).
         geoid_height : float, optional
             Of the geoid above the ellipsoid there, m: it is subtracted from the heights, whatever the CRS says.
 
@@ -109,22 +73,13 @@ class GeographicFrame:
         x, y = self._plane.transform(longitude, latitude)
         return np.stack([x, y, height - (geoid_height or 0.0)], axis=1)
 
-    @cached_property
-    def _plane(self) -> Any:
-        from pyproj import Transformer
-
-        plane = self._crs.sub_crs_list[0] if self._crs.is_compound else self._crs
-        return Transformer.from_crs(GEOGRAPHIC, plane, always_xy=True)
-
     def to_geographic(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Latitude, longitude (degrees) and height (m), shape (n, 3), of coordinates in the map's CRS."""
-        from pyproj.enums import TransformDirection
-
+        """Return latitude, longitude (degrees) and height (m), shape (n, 3), of coordinates in the map's CRS."""
         x, y, z = positions.T
         if self.has_heights:
-            found = self._transformer.transform(x, y, z, direction=TransformDirection.INVERSE)
-            return np.stack([found[1], found[0], found[2]], axis=1)
-        longitude, latitude = self._plane.transform(x, y, direction=TransformDirection.INVERSE)
+            longitude, latitude, z = self._transformer.transform(x, y, z, direction="INVERSE")
+        else:
+            longitude, latitude = self._plane.transform(x, y, direction="INVERSE")
         return np.stack([latitude, longitude, z], axis=1)
 
     def convergence(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -137,19 +92,46 @@ class GeographicFrame:
     def quaternions_to_map(
         self, places: NDArray[np.float64], quaternions_xyzw: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Orientations towards the axes of the map, shape (n, 4), of those towards true east, north and up."""
-        return self._turned(places, quaternions_xyzw, 1.0)
+        """Return orientations towards the axes of the map, shape (n, 4), of those towards true east, north and up."""
+        return _turned_about_up(self.convergence(places), quaternions_xyzw)
 
     def quaternions_to_enu(
         self, places: NDArray[np.float64], quaternions_xyzw: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Orientations towards true east, north and up, shape (n, 4), of those towards the axes of the map."""
-        return self._turned(places, quaternions_xyzw, -1.0)
+        """Return orientations towards true east, north and up, shape (n, 4), of those towards the axes of the map."""
+        return _turned_about_up(-self.convergence(places), quaternions_xyzw)
 
-    def _turned(
-        self, places: NDArray[np.float64], quaternions_xyzw: NDArray[np.float64], sign: float
-    ) -> NDArray[np.float64]:
-        from scipy.spatial.transform import Rotation
+    @cached_property
+    def _plane(self) -> Any:
+        from pyproj import Transformer
 
-        about_up = Rotation.from_rotvec(sign * self.convergence(places)[:, None] * [0.0, 0.0, 1.0])
-        return np.asarray((about_up * Rotation.from_quat(quaternions_xyzw)).as_quat(), dtype=np.float64)
+        plane = self._crs.sub_crs_list[0] if self._crs.is_compound else self._crs
+        return Transformer.from_crs(GEOGRAPHIC, plane, always_xy=True)
+
+    @cached_property
+    def _transformer(self) -> Any:
+        """Of a map whose CRS has heights."""
+        from pyproj import Transformer
+        from pyproj.exceptions import ProjError
+
+        why = "no value"
+        try:
+            found = Transformer.from_crs(GEOGRAPHIC_3D, self._crs, always_xy=True, allow_ballpark=False, only_best=True)
+            # A missing grid of the geoid is noticed when it is asked.
+            area = self._crs.area_of_use
+            place = (0.0, 0.0) if area is None else ((area.west + area.east) / 2, (area.south + area.north) / 2)
+            if np.isfinite(found.transform(place[0], place[1], 0.0, errcheck=True)).all():
+                return found
+        except ProjError as error:
+            why = str(error).splitlines()[0][:100]
+        raise CrsError(
+            f"Expected to be able to turn ellipsoidal heights into those of {self._crs.name}, got: {why}. Say how high"
+            " the geoid is there: --geoid-height."
+        )
+
+
+def _turned_about_up(angles: NDArray[np.float64], quaternions_xyzw: NDArray[np.float64]) -> NDArray[np.float64]:
+    from scipy.spatial.transform import Rotation
+
+    turned = Rotation.from_euler("z", angles) * Rotation.from_quat(quaternions_xyzw)
+    return np.asarray(turned.as_quat(), dtype=np.float64)

@@ -9,7 +9,7 @@ import pytest
 from maxcon import PointMap
 from maxcon.errors import CrsError, MapError, OptionError
 from maxcon.io.clouds import open_cloud
-from maxcon.io.crs_transform import PointTransform
+from maxcon.io.crs import PointTransform
 from maxcon.mapping.build import Area, MapOptions, build_map
 
 UTM = "EPSG:25832"

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from maxcon.errors import CrsError, OptionError
 from maxcon.io.clouds import Bounds, CloudHeader
 from maxcon.io.crs import metric_crs
-from maxcon.io.crs_transform import PointTransform
+from maxcon.io.crs import PointTransform
 
 __all__ = ["Area", "Placement", "placements"]
 
