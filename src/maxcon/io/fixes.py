@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import CrsError, OptionError, TrajectoryError
+from maxcon.geometry.pose import wrap_angle
 from maxcon.geometry.quaternions import angles_from_quaternions, quaternions_from_angles
 from maxcon.io.geographic import GeographicFrame
 from maxcon.scan.trajectory import Trajectory, first_fault
 
-__all__ = ["Fixes", "Heights", "Orientations", "PlacedFixes", "is_place", "place_fixes", "poses_of_fixes"]
+__all__ = ["Fixes", "Heights", "Orientations", "PlacedFixes", "is_place", "place_fixes"]
 
 BASELINE = 5.0
 """A course over ground is that between two positions so far apart, m."""
@@ -26,6 +27,7 @@ ASSUMED_SIGMA = math.radians(2.0)
 """Of an IMU's heading, where it states none, rad."""
 MAX_GAP = 0.5
 """Between two orientations to interpolate across, s."""
+COURSE = "headings: course over ground"
 
 
 class Heights(Enum):
@@ -145,28 +147,40 @@ def place_fixes(
     OptionError
         If heights are above the geoid already, and so are the map's, and a geoid height is given.
     TrajectoryError
-        As `poses_of_fixes`.
+        If there are neither orientations nor 5 m of way to tell headings from, or positions are not where the map's
+        CRS is meant for.
     """
     _check_heights(fixes, frame, geoid_height, label)
-    trajectory, headings = poses_of_fixes(fixes, orientations, frame, geoid_height, label, are_sure=are_sure)
-    kind = fixes.heights
-    if kind is Heights.ORTHOMETRIC and frame.has_ellipsoidal_heights:
-        heights = f"above the geoid, and {geoid_height:g} m added"
-    elif kind is Heights.ORTHOMETRIC:
-        heights = "above the geoid, as they are"
-    elif geoid_height is not None:
-        heights = f"the receiver's (ellipsoidal) less {geoid_height:g} m"
-    elif frame.has_heights:
-        heights = "the receiver's (ellipsoidal), turned into those of the map's CRS"
-    else:
-        heights = "the receiver's (ellipsoidal) as they are, for the map's CRS does not say what its own are"
+    positions = _positions(fixes, frame, geoid_height, label)
+    courses = _courses(fixes.times, positions)
+    turns = None if orientations is None else _of_imu(fixes, orientations, frame, None if are_sure else courses)
+    is_course = turns is None or turns.words.startswith(COURSE)
+    if turns is None:
+        if courses is None:
+            raise TrajectoryError(
+                f"{label}: Expected orientations beside the positions, or a way of more than {BASELINE:g} m to tell"
+                " headings from, got neither. Give the poses as a file: --prior."
+            )
+        level = quaternions_from_angles(0.0, 0.0, courses)
+        turns = _Turns(np.arange(len(courses)), level, _course_sigmas(fixes), f"{COURSE}; roll and pitch 0")
+    heights = _words_of_heights(fixes.heights, frame, geoid_height)
     left = f"; {fixes.n_left_out} messages without a fix left out" if fixes.n_left_out else ""
     return PlacedFixes(
-        trajectory,
-        f"{headings}; heights: {heights}{left}",
-        None if frame.has_heights or geoid_height is not None else kind,
-        not headings.startswith("headings: course over ground"),
+        _trajectory(fixes, positions, turns, label),
+        f"{turns.words}; heights: {heights}{left}",
+        None if frame.has_heights or geoid_height is not None else fixes.heights,
+        not is_course,
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Turns:
+    """Orientations of some of the fixes (rows) towards the axes of the map, sigmas of their headings, and in words."""
+
+    rows: NDArray[np.intp]
+    quaternions_xyzw: NDArray[np.float64]
+    sigmas: NDArray[np.float64]
+    words: str
 
 
 def _check_heights(fixes: Fixes, frame: GeographicFrame, geoid_height: float | None, label: str) -> None:
@@ -185,62 +199,39 @@ def _check_heights(fixes: Fixes, frame: GeographicFrame, geoid_height: float | N
         )
 
 
-def _positions(fixes: Fixes, frame: GeographicFrame, geoid_height: float | None) -> NDArray[np.float64]:
-    """Return positions in the map's CRS, shape (n, 3), m."""
-    if fixes.heights is Heights.ELLIPSOIDAL:
-        return frame.to_map(fixes.places, geoid_height)
-    if frame.has_ellipsoidal_heights and geoid_height is not None:
-        return frame.to_map(fixes.places + [0.0, 0.0, geoid_height])
-    return frame.to_map(fixes.places, 0.0)
+def _words_of_heights(kind: Heights, frame: GeographicFrame, geoid_height: float | None) -> str:
+    if kind is Heights.ORTHOMETRIC and frame.has_ellipsoidal_heights:
+        return f"above the geoid, and {geoid_height:g} m added"
+    if kind is Heights.ORTHOMETRIC:
+        return "above the geoid, as they are"
+    if geoid_height is not None:
+        return f"the receiver's (ellipsoidal) less {geoid_height:g} m"
+    if frame.has_heights:
+        return "the receiver's (ellipsoidal), turned into those of the map's CRS"
+    return "the receiver's (ellipsoidal) as they are, for the map's CRS does not say what its own are"
 
 
-def _check_swapped(fixes: Fixes, frame: GeographicFrame, label: str) -> None:
-    """Refuse latitudes and longitudes that fit the map's CRS only the other way round."""
-    swapped = fixes.places[:, [1, 0]]
-    if not frame.contains(fixes.places).any() and frame.contains(swapped).all():
+def _positions(fixes: Fixes, frame: GeographicFrame, geoid_height: float | None, label: str) -> NDArray[np.float64]:
+    """Return positions in the map's CRS, shape (n, 3), m; refuse such as fit it only the other way round, or not."""
+    places, swapped = fixes.places, fixes.places[:, [1, 0]]
+    got = f"got latitude {places[0, 0]:.5f}, longitude {places[0, 1]:.5f}"
+    if not frame.contains(places).any() and frame.contains(swapped).all():
         raise TrajectoryError(
-            f"{label}: Expected positions where the map's CRS is meant for, got latitude {fixes.places[0, 0]:.5f},"
-            f" longitude {fixes.places[0, 1]:.5f}. Are the two swapped? The other way round they would be."
+            f"{label}: Expected positions where the map's CRS is meant for, {got}. Are the two swapped? The other way"
+            " round they would be."
         )
-
-
-def poses_of_fixes(
-    fixes: Fixes,
-    orientations: Orientations | None,
-    frame: GeographicFrame,
-    geoid_height: float | None,
-    label: str,
-    *,
-    are_sure: bool = False,
-) -> tuple[Trajectory, str]:
-    """Return poses in the map's CRS, and in words what their headings are.
-
-    Raises
-    ------
-    TrajectoryError
-        If there are neither orientations nor 5 m of way to tell headings from.
-    """
-    _check_swapped(fixes, frame, label)
-    positions = _positions(fixes, frame, geoid_height)
+    if fixes.heights is Heights.ORTHOMETRIC and frame.has_ellipsoidal_heights:
+        positions = frame.to_map(places + [0.0, 0.0, geoid_height or 0.0])
+    else:
+        positions = frame.to_map(places, 0.0 if fixes.heights is Heights.ORTHOMETRIC else geoid_height)
     if not np.isfinite(positions).all():
         raise TrajectoryError(
-            f"{label}: Expected positions where the map's CRS is defined, got latitude {fixes.places[0, 0]:.5f},"
-            f" longitude {fixes.places[0, 1]:.5f}. Is it the right map?"
+            f"{label}: Expected positions where the map's CRS is defined, {got}. Is it the right map?"
         )
-    courses = _courses(fixes.times, positions)
-    turns = None if orientations is None else _of_imu(fixes, orientations, frame, None if are_sure else courses)
-    if turns is None:
-        if courses is None:
-            raise TrajectoryError(
-                f"{label}: Expected orientations beside the positions, or a way of more than {BASELINE:g} m to tell"
-                " headings from, got neither. Give the poses as a file: --prior."
-            )
-        turns = _Turns(
-            np.arange(len(courses)),
-            _level(courses),
-            _course_sigmas(fixes),
-            "headings: course over ground; roll and pitch 0",
-        )
+    return positions
+
+
+def _trajectory(fixes: Fixes, positions: NDArray[np.float64], turns: _Turns, label: str) -> Trajectory:
     rows = turns.rows
     covariances = np.zeros((len(rows), 3, 3))
     covariances[:, :2, :2] = fixes.covariances[rows]
@@ -250,17 +241,7 @@ def poses_of_fixes(
     fault = first_fault(fixes.times[rows], positions[rows], turns.quaternions_xyzw, known)
     if fault is not None:
         raise TrajectoryError(f"{label}, at {fixes.times[rows][fault.row]:.6f} s: {fault.words}")
-    return Trajectory(fixes.times[rows], positions[rows], turns.quaternions_xyzw, known), turns.words
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Turns:
-    """Orientations of some of the fixes (rows) towards the axes of the map, sigmas of their headings, and in words."""
-
-    rows: NDArray[np.intp]
-    quaternions_xyzw: NDArray[np.float64]
-    sigmas: NDArray[np.float64]
-    words: str
+    return Trajectory(fixes.times[rows], positions[rows], turns.quaternions_xyzw, known)
 
 
 def _of_imu(
@@ -270,17 +251,16 @@ def _of_imu(
     rows, turns, sigmas = _turns_at(fixes, orientations, frame)
     if not len(rows):
         return None
-    angles = angles_from_quaternions(turns)
-    off = 0.0
     if courses is not None:
-        off = float(np.median(np.abs(_wrapped(angles[:, 2] - courses[rows]))))
-    if courses is not None and off > ALIKE:
-        words = (
-            f"headings: course over ground, for those of {orientations.topic} are {math.degrees(off):.0f} degrees off"
-            f" it{_of_a_compass(angles[:, 2], courses[rows])}; roll and pitch of the latter"
-        )
-        turned = quaternions_from_angles(angles[:, 0], angles[:, 1], courses[rows])
-        return _Turns(rows, turned, _course_sigmas(fixes)[rows], words)
+        roll, pitch, headings = angles_from_quaternions(turns).T
+        off = float(np.median(np.abs(wrap_angle(headings - courses[rows]))))
+        if off > ALIKE:
+            words = (
+                f"{COURSE}, for those of {orientations.topic} are {math.degrees(off):.0f} degrees off"
+                f" it{_of_a_compass(headings, courses[rows])}; roll and pitch of the latter"
+            )
+            turned = quaternions_from_angles(roll, pitch, courses[rows])
+            return _Turns(rows, turned, _course_sigmas(fixes)[rows], words)
     words = f"orientations of {orientations.topic}"
     if np.isnan(sigmas).any():
         words += f", whose headings state no sigma: {math.degrees(ASSUMED_SIGMA):g} degrees assumed"
@@ -289,7 +269,7 @@ def _of_imu(
 
 def _of_a_compass(headings: NDArray[np.float64], courses: NDArray[np.float64]) -> str:
     """Say so where headings would be right if they were counted the other way, from the other axis."""
-    off = float(np.median(np.abs(_wrapped(np.pi / 2.0 - headings - courses))))
+    off = float(np.median(np.abs(wrap_angle(np.pi / 2.0 - headings - courses))))
     if off > COMPASS_ALIKE:
         return ""
     return (
@@ -303,18 +283,18 @@ def _turns_at(
 ) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]:
     """Which fixes have an orientation; these in the axes of the map; and their sigmas."""
     trajectory = orientations.trajectory
-    rows, turns = [], []
+    rows, angles = [], []
     for row, time in enumerate(fixes.times.tolist()):
         try:
             pose = trajectory.at(time, MAX_GAP)
         except TrajectoryError:
             continue
         rows.append(row)
-        turns.append(quaternions_from_angles(pose.roll, pose.pitch, pose.heading))
+        angles.append((pose.roll, pose.pitch, pose.heading))
     if not rows:
         return np.empty(0, np.intp), np.empty((0, 4)), np.empty(0)
     chosen = np.array(rows)
-    turned = frame.quaternions_to_map(fixes.places[chosen], np.array(turns))
+    turned = frame.quaternions_to_map(fixes.places[chosen], quaternions_from_angles(*np.array(angles).T))
     later = np.searchsorted(trajectory.times, fixes.times[chosen]).clip(max=len(trajectory) - 1)
     return chosen, turned, orientations.sigmas[later]
 
@@ -336,11 +316,3 @@ def _course_sigmas(fixes: Fixes) -> NDArray[np.float64]:
     """Of the direction between two positions that err independently, rad; NaN where no covariance is stated."""
     larger = np.maximum(fixes.covariances[:, 0, 0], fixes.covariances[:, 1, 1])
     return np.sqrt(2.0 * np.maximum(larger, 0.0)) / BASELINE
-
-
-def _level(headings: NDArray[np.float64]) -> NDArray[np.float64]:
-    return quaternions_from_angles(np.zeros_like(headings), np.zeros_like(headings), headings)
-
-
-def _wrapped(angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray((angles + math.pi) % (2.0 * math.pi) - math.pi, dtype=np.float64)

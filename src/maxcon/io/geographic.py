@@ -133,5 +133,5 @@ class GeographicFrame:
 def _turned_about_up(angles: NDArray[np.float64], quaternions_xyzw: NDArray[np.float64]) -> NDArray[np.float64]:
     from scipy.spatial.transform import Rotation
 
-    turned = Rotation.from_euler("z", angles) * Rotation.from_quat(quaternions_xyzw)
+    turned = Rotation.from_euler("z", angles[:, None]) * Rotation.from_quat(quaternions_xyzw)
     return np.asarray(turned.as_quat(), dtype=np.float64)
