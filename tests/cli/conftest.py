@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from maxcon.cli import STOPPING, main
+from maxcon.cli import main
+from maxcon.cli.terminal import STOPPING
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.dataset import Dataset
 from maxcon.lab.simulation import ProfileScanner, simulate

@@ -12,8 +12,8 @@ import pytest
 
 import maxcon as library
 from maxcon.cli.localize import localize as command
-from maxcon.cli.pictures import parse_epochs
-from maxcon.cli.search_space import LARGEST_HALF_WIDTH, SIGMAS
+from maxcon.cli.poses_csv import parse_epochs
+from maxcon.cli.space_options import LARGEST_HALF_WIDTH, SIGMAS
 from maxcon.drive.within_sigmas import WithinSigmas
 from maxcon.errors import OptionError
 from maxcon.io.trajectories import read_trajectory, write_csv

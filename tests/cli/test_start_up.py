@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import maxcon as package
-from maxcon.cli.help_groups import GROUPS
+from maxcon.cli.flags import TITLES
 
 HEAVY = (
     "numpy numba scipy pyarrow laspy lazrs pyproj matplotlib jinja2 embreex trimesh pypcd4 rich.progress rich.table"
@@ -62,8 +62,8 @@ def test_help_of_many_options_is_in_groups(maxcon, command):
     *groups, last = said.split("\n\n")
     assert last.split() == ["Options:", "--help", "Show", "this", "message", "and", "exit."]
     titles = [group.splitlines()[0] for group in groups]
-    assert [title for title in titles if title.rstrip(":") in GROUPS] == [
-        f"{name}:" for name in GROUPS if f"{name}:" in titles
+    assert [title for title in titles if title.rstrip(":") in TITLES] == [
+        f"{name}:" for name in TITLES if f"{name}:" in titles
     ]
     options = [line.split()[0] for line in said.splitlines() if line.startswith("  -")]
     assert len(options) == len(set(options)) > 10

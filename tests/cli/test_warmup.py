@@ -12,7 +12,7 @@ import pytest
 
 import maxcon as package
 from maxcon._system.compiled import code_folders, on_compilation
-from maxcon.cli.compiling import LINE, compiling_told
+from maxcon.cli.terminal import COMPILING, compiling_told
 from maxcon.cli.warmup import _where
 
 pytestmark = pytest.mark.cold
@@ -156,7 +156,7 @@ def _on_terminal(start, *arguments, cache):
 def test_a_command_that_pauses_to_compile_says_so_once(maxcon_process, street_npz, tmp_path):
     build, cache = ("map", "build", street_npz, "-o"), tmp_path / "cache"
     first = _on_terminal(maxcon_process, *build, tmp_path / "1.map", cache=cache)
-    assert first.count(LINE) == 1
+    assert first.count(COMPILING) == 1
     assert _code(cache)
     second = _on_terminal(maxcon_process, *build, tmp_path / "2.map", cache=cache)
     assert "making tiles" in second and "compiling" not in second
@@ -176,7 +176,7 @@ def test_nothing_is_said_where_quiet_or_no_terminal(monkeypatch, capsys, is_quie
     kernel = _new_kernel("maxcon.kernels")
     with compiling_told(is_quiet):
         kernel(1), kernel(1.0), kernel(2)
-    assert capsys.readouterr().err == f"{LINE}\n" * n_lines
+    assert capsys.readouterr().err == f"{COMPILING}\n" * n_lines
 
 
 def test_each_compilation_counts_once_and_those_of_others_do_not():

@@ -7,15 +7,12 @@ from typing import Annotated
 
 import typer
 
-from maxcon.cli import demo, export, localize, maps, relocalize, report, scans, simulate, study, warmup
-from maxcon.cli.help_groups import GroupedCommand
-from maxcon.cli.stopping import stopping_in_order
+from maxcon.cli import demo, export, localize, maps, relocalize, scans, simulate, study, warmup
+from maxcon.cli.flags import GroupedCommand
+from maxcon.cli.terminal import stopping_in_order
 from maxcon.errors import MaxconError
 
 __all__ = ["app", "main"]
-
-# Windows has no hangup.
-STOPPING = ("SIGINT", "SIGTERM", "SIGHUP")
 
 app = typer.Typer(
     name="maxcon",
@@ -34,7 +31,7 @@ app.command("relocalize", cls=GroupedCommand, short_help="Find scans in a map wi
 app.command("export", short_help="Write poses as GeoJSON, GeoPackage, KML, TUM, KITTI.")(export.export)
 app.command("simulate", short_help="Simulate a city, its mapping and scans.")(simulate.simulate)
 app.command("study", cls=GroupedCommand, short_help="Compare methods over the epochs of a dataset.")(study.study)
-app.command("report", short_help="Write the page of a study.")(report.report)
+app.command("report", short_help="Write the page of a study.")(study.report)
 app.command("demo", short_help="Simulate, map, localize and report a small city.")(demo.demo)
 app.command("warmup", short_help="Compile once, so that the first call does not pause.")(warmup.warmup)
 

@@ -3,13 +3,15 @@
 """`maxcon map align`."""
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from maxcon.cli.compiling import compiling_told
-from maxcon.cli.progress import step_bars
+from maxcon.cli.flags import OptionGroup, flag, flags
+from maxcon.cli.options import Quiet
+from maxcon.cli.terminal import compiling_told, step_bars
 
 if TYPE_CHECKING:
     from maxcon.mapping.align import Alignment
@@ -20,88 +22,114 @@ MOST_PAIRS = 15
 """In the printed table; residuals.csv has all."""
 
 
+@dataclass(frozen=True, slots=True)
+class CloudOptions(OptionGroup):
+    """What is known of the clouds."""
+
+    title = "Inputs"
+    trajectory: list[Path] | None = flag(
+        None,
+        "Where the mapping sensor was, in the times of the points: corrected as they are; repeatable.",
+        metavar="TUM|CSV",
+        rich_help_panel="Inputs",
+    )
+    crs: str | None = flag(None, "CRS of clouds that name none themselves.", metavar="EPSG:N|WKT")
+
+
+@dataclass(frozen=True, slots=True)
+class PassOptions(OptionGroup):
+    """How passes are told apart, and how well each is known."""
+
+    title = "Rounds"
+    rounds: str = flag(
+        "time",
+        "What tells rounds apart: pauses in gps_time, point source ids, or files.",
+        metavar="time|source|file",
+        rich_help_panel="Rounds",
+    )
+    pause: float = flag(20.0, "Seconds without a point between two rounds, by time.", metavar="S")
+    georeference_sigma: float = flag(
+        0.1,
+        "How well each round is georeferenced: standard deviation along any axis, in m.",
+        metavar="M",
+        rich_help_panel="Rounds",
+    )
+    georeference_sigma_deg: float = flag(0.05, "The same of its roll, pitch and heading, in degrees.", metavar="DEG")
+    drift_sigma: float | None = flag(
+        None,
+        "Standard deviation of how a round's errors change within it, in m; 0: rounds are rigid. Default: what the"
+        " matches ask for.",
+        metavar="M",
+        show_default=False,
+        rich_help_panel="Rounds",
+    )
+    knots: float = flag(10.0, "Corrections that drift are free every so many seconds.", metavar="S")
+
+
+@dataclass(frozen=True, slots=True)
+class ClassOptions(OptionGroup):
+    """Which classes are not matched."""
+
+    title = "Classes"
+    drop: list[str] | None = flag(
+        None,
+        "Class that is not matched, by name or number; repeatable. Default: vegetation, noise, temporal-exclusion.",
+        metavar="CLASS",
+        rich_help_panel="Classes",
+    )
+    vehicle_class: list[int] | None = flag(
+        None, "Class number that means vehicles: not matched; repeatable.", metavar="NUMBER", rich_help_panel="Classes"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class OutputFolder(OptionGroup):
+    """The alignment to write."""
+
+    title = "Output"
+    out: Path = flag(..., "Folder to write.", "--out", "-o", metavar="FOLDER")
+    overwrite: bool = flag(False, "Replace the alignment if there is one.", "--overwrite")
+
+
+@flags
 def align(
     clouds: Annotated[
         list[Path], typer.Argument(metavar="CLOUD...", help="LAS or LAZ files of all rounds, in tiles or whole.")
     ],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="FOLDER", help="Folder to write.")],
-    trajectory: Annotated[
-        list[Path] | None,
-        typer.Option(
-            metavar="TUM|CSV",
-            help="Where the mapping sensor was, in the times of the points: corrected as they are; repeatable.",
-        ),
-    ] = None,
-    rounds: Annotated[
-        str,
-        typer.Option(
-            metavar="time|source|file", help="What tells rounds apart: pauses in gps_time, point source ids, or files."
-        ),
-    ] = "time",
-    pause: Annotated[
-        float, typer.Option(metavar="S", help="Seconds without a point between two rounds, by time.")
-    ] = 20.0,
-    georeference_sigma: Annotated[
-        float,
-        typer.Option(
-            metavar="M", help="How well each round is georeferenced: standard deviation along any axis, in m."
-        ),
-    ] = 0.1,
-    georeference_sigma_deg: Annotated[
-        float, typer.Option(metavar="DEG", help="The same of its roll, pitch and heading, in degrees.")
-    ] = 0.05,
-    drift_sigma: Annotated[
-        float | None,
-        typer.Option(
-            metavar="M",
-            help="Standard deviation of how a round's errors change within it, in m; 0: rounds are rigid. Default: what"
-            " the matches ask for.",
-            show_default=False,
-        ),
-    ] = None,
-    knots: Annotated[
-        float, typer.Option(metavar="S", help="Corrections that drift are free every so many seconds.")
-    ] = 10.0,
-    drop: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="CLASS",
-            help="Class that is not matched, by name or number; repeatable. Default: vegetation, noise,"
-            " temporal-exclusion.",
-        ),
-    ] = None,
-    vehicle_class: Annotated[
-        list[int] | None,
-        typer.Option(metavar="NUMBER", help="Class number that means vehicles: not matched; repeatable."),
-    ] = None,
-    crs: Annotated[
-        str | None, typer.Option(metavar="EPSG:N|WKT", help="CRS of clouds that name none themselves.")
-    ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the alignment if there is one.")] = False,
+    cloud: CloudOptions,
+    passes: PassOptions,
+    classes: ClassOptions,
+    output: OutputFolder,
     threads: Annotated[
-        int | None, typer.Option(min=1, help="Places matched at once, 0.4 GiB each. Default: processors, at most 4.")
+        int | None,
+        typer.Option(
+            min=1,
+            help="Places matched at once, 0.4 GiB each. Default: processors, at most 4.",
+            rich_help_panel="How it is done",
+        ),
     ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Bring rounds of a mapping campaign together: match them, adjust them, write corrected clouds."""
     from maxcon.mapping.align import AlignmentOptions, align_files
 
     options = AlignmentOptions(
-        rounds_by=rounds,
-        pause=pause,
-        georeference_sigma=georeference_sigma,
-        georeference_sigma_deg=georeference_sigma_deg,
-        drift_sigma=drift_sigma,
-        knot_spacing=knots,
-        drop=drop or None,
-        vehicle_classes=tuple(vehicle_class or ()),
-        crs=crs,
+        rounds_by=passes.rounds,
+        pause=passes.pause,
+        georeference_sigma=passes.georeference_sigma,
+        georeference_sigma_deg=passes.georeference_sigma_deg,
+        drift_sigma=passes.drift_sigma,
+        knot_spacing=passes.knots,
+        drop=classes.drop or None,
+        vehicle_classes=tuple(classes.vehicle_class or ()),
+        crs=cloud.crs,
     )
     with step_bars("", quiet) as report, compiling_told(quiet):
         found = align_files(
-            clouds, out, options, trajectories=trajectory or (), overwrite=overwrite, n_threads=threads, progress=report
-        )
-    typer.echo(f"{out}")
+            clouds, output.out, options, trajectories=cloud.trajectory or (), overwrite=output.overwrite,
+            n_threads=threads, progress=report,
+        )  # fmt: skip
+    typer.echo(f"{output.out}")
     _describe(found)
 
 

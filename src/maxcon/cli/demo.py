@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from maxcon.cli.compiling import compiling_told
-from maxcon.cli.progress import step_bars
+from maxcon.cli.terminal import compiling_told, step_bars
 
 if TYPE_CHECKING:
     from maxcon.lab.demo import MethodResult, WideResult

@@ -10,53 +10,19 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from maxcon.cli.options import MotionOptions, RecordingOptions
+from maxcon.cli.terminal import step_bars
 from maxcon.errors import OptionError
 
 if TYPE_CHECKING:
+    from maxcon.drive.many import DriveEntry
     from maxcon.io.scans import Scans
     from maxcon.io.scans.merged import MergedScans
     from maxcon.map import PointMap
     from maxcon.scan.mounting import Mounting
     from maxcon.scan.trajectory import Trajectory
 
-__all__ = ["DriveInputs", "RecordingOptions", "check_outputs", "naming_files"]
-
-
-@dataclass(frozen=True, slots=True)
-class RecordingOptions:
-    """Options of `maxcon localize` that say what of a recording is used, and how; None for those not given."""
-
-    topic: str | None = None
-    prior_topic: str | None = None
-    odometry_topic: str | None = None
-    geoid_height: float | None = None
-    deskew: bool = False
-    at_stamp: bool = False
-    turn_time: float | None = None
-    mounting: Path | None = None
-    prior_frames: str | None = None
-    odometry_frames: str | None = None
-
-    def check(self) -> None:
-        """Refuse a time of turns that is none or without effect, and poses that are asked for twice.
-
-        Raises
-        ------
-        OptionError
-            If it is.
-        """
-        for what, topic, frames in (
-            ("prior", self.prior_topic, self.prior_frames),
-            ("odometry", self.odometry_topic, self.odometry_frames),
-        ):
-            if topic is not None and frames is not None:
-                raise OptionError(f"Expected either --{what}-topic or --{what}-frames, got both. Leave one out.")
-        if self.turn_time is None:
-            return
-        if not self.deskew:
-            raise OptionError("Expected --turn-time together with --deskew, got it alone. Add --deskew.")
-        if not 0.0 < abs(self.turn_time) <= 2.0:
-            raise OptionError(f"Expected --turn-time of up to 2 s, got {self.turn_time}. Most scanners take 0.1 s.")
+__all__ = ["DriveInputs", "check_outputs", "naming_files"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,43 +39,37 @@ class DriveInputs:
     def open(
         cls,
         point_map: "PointMap",
-        scans: Path,
-        times: Path | None,
-        prior: Path | None,
-        odometry: Path | None,
+        entry: "DriveEntry",
         max_gap: float,
         options: RecordingOptions,
+        motion: MotionOptions,
         *,
         quiet: bool = False,
     ) -> "DriveInputs":
         """Return the inputs of a drive; scans are read when they are asked for.
 
-        Raises
-        ------
-        OptionError
-            If there is no prior, or an option has nothing to act on.
-        MaxconError
-            If something cannot be read.
+        OptionError if there is no prior, or an option has nothing to act on.
         """
         from maxcon.io.scans import open_scans
         from maxcon.io.scans.deskewed import DeskewedScans
         from maxcon.scan.mounting import read_mounting
 
         options.check()
+        motion.check_turn_time()
         mounting = None if options.mounting is None else read_mounting(options.mounting)
         if mounting is not None and mounting.scanners:
-            opened: Scans = _of_scanners(scans, times, options, mounting)
+            opened: Scans = _of_scanners(entry, options, motion, mounting)
         else:
-            opened = open_scans(scans, times, topic=options.topic, at_stamp=options.at_stamp)
+            opened = open_scans(entry.scans, entry.times, topic=options.topic, at_stamp=options.at_stamp)
         frame = _frame_of(opened) if mounting is None else ""
-        prior_trajectory, prior_words, left_out = _prior(point_map, scans, prior, options, mounting, frame)
-        odometry_trajectory, odometry_words = _odometry(odometry, options, frame)
+        prior_trajectory, prior_words, left_out = _prior(point_map, entry, options, mounting, frame)
+        odometry_trajectory, odometry_words = _odometry(entry.odometry, options, frame)
         if mounting is not None and odometry_trajectory is not None:
             odometry_trajectory = mounting.of_odometry(odometry_trajectory)
         words = [*_words_of(opened, quiet), prior_words, odometry_words]
-        if options.deskew:
-            motion = prior_trajectory if odometry_trajectory is None else odometry_trajectory
-            opened = DeskewedScans(opened, motion, max_gap, options.turn_time)
+        if motion.deskew:
+            by = prior_trajectory if odometry_trajectory is None else odometry_trajectory
+            opened = DeskewedScans(opened, by, max_gap, motion.turn_time)
             words.append(f"deskewed by the {'prior' if odometry_trajectory is None else 'odometry'}")
         return cls(opened, prior_trajectory, odometry_trajectory, tuple(line for line in words if line), left_out)
 
@@ -119,19 +79,21 @@ class DriveInputs:
             typer.echo(line)
 
 
-def _of_scanners(scans: Path, times: Path | None, options: RecordingOptions, mounting: "Mounting") -> "MergedScans":
+def _of_scanners(
+    entry: "DriveEntry", options: RecordingOptions, motion: MotionOptions, mounting: "Mounting"
+) -> "MergedScans":
     """The scans of several scanners, in the vehicle's frame."""
     from maxcon.io.scans import open_scans
     from maxcon.io.scans.merged import MergedScans
 
-    given = {"--topic": options.topic, "--times": times, "--turn-time": options.turn_time}
+    given = {"--topic": options.topic, "--times": entry.times, "--turn-time": motion.turn_time}
     for name in [name for name, value in given.items() if value is not None]:
         raise OptionError(
             f"Expected several scanners, as {options.mounting} tells of them, got {name}, which is for one. Leave it"
             " out."
         )
     opened = [
-        open_scans(scanner.scans or scans, topic=scanner.topic, at_stamp=options.at_stamp)
+        open_scans(scanner.scans or entry.scans, topic=scanner.topic, at_stamp=options.at_stamp)
         for scanner in mounting.scanners
     ]
     return MergedScans(
@@ -150,7 +112,6 @@ def _frame_of(scans: "Scans") -> str:
 
 def _words_of(scans: "Scans", quiet: bool) -> list[str]:
     """What was taken from a recording; the times of its scans are found here, with a bar of progress."""
-    from maxcon.cli.progress import step_bars
     from maxcon.io.recordings.recorded_scans import RecordedScans
     from maxcon.io.scans.merged import MergedScans
 
@@ -166,8 +127,7 @@ def _words_of(scans: "Scans", quiet: bool) -> list[str]:
 
 def _prior(
     point_map: "PointMap",
-    scans: Path,
-    prior: Path | None,
+    entry: "DriveEntry",
     options: RecordingOptions,
     mounting: "Mounting | None",
     sensor_frame: str,
@@ -180,6 +140,7 @@ def _prior(
     from maxcon.io.recordings.transforms import parse_frames
     from maxcon.io.trajectories import read_prior
 
+    scans, prior = entry.scans, entry.prior
     source = scans if prior is None else prior
     if prior is not None and not is_recording(prior) and is_geographic(prior):
         return _geographic_prior(point_map, prior, options, mounting)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""How `maxcon localize` localizes: what its options say, and a drive opened with them, here or in a worker."""
+"""A drive opened as the options of `maxcon localize` say, in this process or in a worker."""
 
 from collections.abc import Iterator
 from contextlib import AbstractContextManager
@@ -8,110 +8,87 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from maxcon.cli.drive_inputs import DriveInputs, RecordingOptions, naming_files
-from maxcon.cli.method_options import parse_objective
-from maxcon.cli.search_space import SpaceOptions
-from maxcon.search.options import Multiplicity, SearchMethod, Weighting
+from maxcon.cli.drive_inputs import DriveInputs, naming_files
+from maxcon.cli.options import Certainty, MethodOptions, MotionOptions, RecordingOptions, parse_objective
+from maxcon.cli.space_options import SpaceOptions
+from maxcon.errors import MaxconError
 
 if TYPE_CHECKING:
+    from maxcon._system.engine import Engine
     from maxcon.drive.localize import Drive, DriveOptions, EpochEstimate
     from maxcon.drive.many import DriveEntry
+    from maxcon.drive.many.job import DriveTask
     from maxcon.drive.within_sigmas import WithinSigmas
-    from maxcon.integrity import Trust
     from maxcon.localizer import MaximumConsensus
     from maxcon.map import PointMap
 
-__all__ = ["DriveOpener", "OpenedDrive"]
+__all__ = ["DriveOpener", "OpenedDrive", "several_workers"]
 
 
 @dataclass(frozen=True)
 class DriveOpener:
-    """The options of `maxcon localize` that are not of one drive."""
+    """The options of `maxcon localize` that are not of one drive; it is sent to the workers."""
 
+    method: MethodOptions
+    space: SpaceOptions
     recording: RecordingOptions
-    spaces: SpaceOptions
+    motion: MotionOptions
     drive: "DriveOptions"
-    trust: "Trust"
-    objective: str
-    multiplicity: Multiplicity
-    weighting: Weighting
-    thinning: float
-    search: SearchMethod
-    refinement: bool
-    wider: float
-    risk: float
-    is_track: bool
-    drift: float | None
-    known_only: bool
+    certainty: Certainty
     threads: int = field(repr=False)  # of no effect on the rows: not written down with them
+
+    @property
+    def is_track(self) -> bool:
+        """Whether an epoch needs those before it."""
+        return self.motion.track
 
     def open_map(self, path: Path | str) -> "PointMap":
         """Open a map."""
         from maxcon.map import PointMap
         from maxcon.map.surface_class import ALL_BUT_KNOWN, NOT_SEARCHED
 
-        return PointMap.open(path, left_out=ALL_BUT_KNOWN if self.known_only else NOT_SEARCHED)
+        return PointMap.open(path, left_out=ALL_BUT_KNOWN if self.method.known_only else NOT_SEARCHED)
 
     def open(self, entry: "DriveEntry", point_map: "PointMap", *, quiet: bool = True) -> "OpenedDrive":
-        """Return a drive with its inputs opened.
-
-        Raises
-        ------
-        MaxconError
-            If one of them cannot be read, or an option does not fit it.
-        """
+        """Return a drive with its inputs opened; MaxconError if one cannot be read, or an option does not fit it."""
+        from maxcon.integrity import Trust
         from maxcon.localizer import MaximumConsensus
 
-        inputs = DriveInputs.open(
-            point_map, entry.scans, entry.times, entry.prior, entry.odometry, self.drive.max_gap, self.recording,
-            quiet=quiet,
-        )  # fmt: skip
+        inputs = DriveInputs.open(point_map, entry, self.drive.max_gap, self.recording, self.motion, quiet=quiet)
+        how, certainty = self.method, self.certainty
         method = MaximumConsensus(
-            self.spaces.fixed(), parse_objective(self.objective), self.multiplicity,
-            self.threads if self.is_track else 1, self.trust, self.weighting, self.search, self.thinning,
-            self.refinement, self.wider, self.risk,
-        )  # fmt: skip
-        windows = self.spaces.within_sigmas(method, inputs.prior, self.drive.max_gap, track=self.is_track)
+            self.space.fixed(),
+            objective=parse_objective(how.objective),
+            multiplicity=how.multiplicity,
+            n_threads=self.threads if self.is_track else 1,
+            trust=Trust(certainty.least_share, certainty.largest_runner_up),
+            weighting=how.weighting,
+            search=how.search,
+            thinning=how.thinning,
+            refinement=how.refinement,
+            wider=self.space.wider,
+            risk=certainty.risk,
+        )
+        windows = self.space.within_sigmas(method, inputs.prior, self.drive.max_gap, track=self.is_track)
         if self.is_track and windows is not None:
             method, windows = windows.at(float(inputs.prior.times[0])), None
         return OpenedDrive(self, entry, point_map, inputs, method, windows)
 
 
+@dataclass
 class OpenedDrive:
     """A drive with its inputs opened; its priors are looked at when the first epoch is asked for.
 
-    Parameters
-    ----------
-    opener : DriveOpener
-        How it is localized.
-    entry : DriveEntry
-        Where its parts are.
-    point_map : PointMap
-        Its map.
-    inputs : DriveInputs
-        Scans, prior and odometry.
-    method : MaximumConsensus
-        What searches.
-    windows : WithinSigmas or None
-        What searches within standard deviations instead.
+    `method` searches, or `windows`, within standard deviations of each prior.
     """
 
-    def __init__(
-        self,
-        opener: DriveOpener,
-        entry: "DriveEntry",
-        point_map: "PointMap",
-        inputs: DriveInputs,
-        method: "MaximumConsensus",
-        windows: "WithinSigmas | None",
-    ) -> None:
-        self.opener = opener
-        self.entry = entry
-        self.point_map = point_map
-        self.inputs = inputs
-        self.method = method
-        self.windows = windows
-        self._drive: Drive | None = None
+    opener: DriveOpener
+    entry: "DriveEntry"
+    point_map: "PointMap"
+    inputs: DriveInputs
+    method: "MaximumConsensus"
+    windows: "WithinSigmas | None"
+    _drive: "Drive | None" = field(default=None, init=False)
 
     @property
     def n_epochs(self) -> int:
@@ -135,7 +112,7 @@ class OpenedDrive:
         from maxcon.drive.track import track_drive
         from maxcon.drive.tracking import MotionNoise, Tracker
 
-        prior, odometry, drift = self.inputs.prior, self.inputs.odometry, self.opener.drift
+        prior, odometry, drift = self.inputs.prior, self.inputs.odometry, self.opener.motion.drift
         if odometry is None:
             noise = MotionNoise.of_prior(prior)
         else:
@@ -177,3 +154,30 @@ class OpenedDrive:
     def _naming_files(self) -> AbstractContextManager[None]:
         entry = self.entry
         return naming_files(entry.odometry or entry.prior or entry.scans, entry.scans, entry.map)
+
+
+def several_workers(
+    opened: OpenedDrive, engine: "Engine", first: int, with_points: frozenset[int]
+) -> "Iterator[EpochEstimate]":
+    """Yield the epochs of a drive from one on, in order, localized by the workers of an engine.
+
+    Points stay with the workers; those of the epochs `with_points` are read once more.
+    """
+    from maxcon.drive.many.run import tasks_of
+
+    opened.checked()  # what cannot work is said before anything is started
+    found = _in_order(opened, engine, list(tasks_of(opened.entry, range(first, opened.n_epochs))), first)
+    return (opened.with_points(epoch) if epoch.epoch in with_points else epoch for epoch in found)
+
+
+def _in_order(opened: OpenedDrive, engine: "Engine", tasks: "list[DriveTask]", first: int) -> "Iterator[EpochEstimate]":
+    from maxcon.drive.many import ManyDrivesJob
+
+    waiting: dict[int, EpochEstimate] = {}
+    for _, found in engine.run(ManyDrivesJob(opened.opener), tasks, len(tasks)):
+        if isinstance(found, str):
+            raise MaxconError(found)
+        waiting.update((epoch.epoch, epoch) for epoch in found)
+        while first in waiting:
+            yield waiting.pop(first)
+            first += 1

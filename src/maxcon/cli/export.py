@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from maxcon.cli.options import AtStamp, MaxRange, MinRange, Topic
+from maxcon.cli.flags import flags
+from maxcon.cli.options import AtStamp, RangeOptions, Topic
 
 if TYPE_CHECKING:
     from maxcon.export import PoseRow
@@ -15,7 +16,9 @@ if TYPE_CHECKING:
 __all__ = ["export"]
 
 
+@flags
 def export(
+    *,
     table: Annotated[
         Path,
         typer.Argument(
@@ -52,8 +55,7 @@ def export(
         Path | None, typer.Option(metavar="FILE", help="Time of each scan, as for `maxcon localize`.")
     ] = None,
     at_stamp: AtStamp = False,
-    min_range: MinRange = 1.0,
-    max_range: MaxRange = 120.0,
+    ranges: RangeOptions,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file, if it is there.")] = False,
 ) -> None:
     """Write the poses of a drive for another program, or its scans where they are in the map; the suffix says which."""
@@ -73,7 +75,7 @@ def export(
         crs = _crs_of_map(map_folder, table, read_rows(table))
     if scans is not None:
         opened = open_scans(scans, times, topic=topic, at_stamp=at_stamp)
-        rows, n_points = export_scans(table, out, opened, crs, min_range=min_range, max_range=max_range)
+        rows, n_points = export_scans(table, out, opened, crs, min_range=ranges.min_range, max_range=ranges.max_range)
     else:
         rows, n_points = export_poses(table, out, crs), 0
     n_localized = sum(row.pose is not None for row in rows)

@@ -2,50 +2,43 @@
 # SPDX-License-Identifier: MIT
 """`maxcon localize`."""
 
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from maxcon.cli.drive_inputs import RecordingOptions, check_outputs
-from maxcon.cli.drive_opener import DriveOpener
+from maxcon.cli.drive_inputs import check_outputs
+from maxcon.cli.drive_opener import DriveOpener, several_workers
 from maxcon.cli.drive_summary import is_whole, print_alternative, print_summary
-from maxcon.cli.drives import check_one_or_many, localize_many, several_workers
-from maxcon.cli.method_options import parse_objective
+from maxcon.cli.flags import flags
 from maxcon.cli.options import (
-    AlsoTum,
-    AtStamp,
-    Deskew,
-    GeoidHeight,
-    MaxRange,
-    MinRange,
-    Mounting,
-    Odometry,
-    OdometryFrames,
-    OdometryTopic,
-    OverwriteTable,
-    Prior,
-    PriorFrames,
-    PriorTopic,
-    Resume,
-    Risk,
-    Scheduler,
+    Certainty,
+    MethodOptions,
+    MotionOptions,
+    Quiet,
+    RangeOptions,
+    RecordingOptions,
+    TableOptions,
     Times,
-    Topic,
-    TurnTime,
-    Workers,
+    WorkerOptions,
+    parse_objective,
 )
-from maxcon.cli.pictures import drawer, parse_epochs
-from maxcon.cli.progress import warn
-from maxcon.cli.search_space import SpaceOptions
-from maxcon.cli.table_of_poses import check_table, read_there, write_trajectory, written
-from maxcon.cli.tracking import check_tracking
-from maxcon.search.options import Multiplicity, SearchMethod, Weighting
+from maxcon.cli.poses_csv import check_table, drawer, parse_epochs, read_there, write_trajectory, written
+from maxcon.cli.space_options import SpaceOptions
+from maxcon.cli.terminal import step_bars, warn
+from maxcon.errors import MaxconError, OptionError
+
+if TYPE_CHECKING:
+    from maxcon._system.engine import Engine
 
 __all__ = ["localize"]
 
 
+@flags
 def localize(
+    *,
     out: Annotated[
         Path,
         typer.Option(
@@ -53,8 +46,14 @@ def localize(
             "-o",
             metavar="POSES.csv",
             help="Table to write, a row per epoch; with --drives the folder of a Parquet dataset, which goes on.",
+            rich_help_panel="Output",
         ),
     ],
+    method: MethodOptions,
+    space: SpaceOptions,
+    certainty: Certainty,
+    motion: MotionOptions,
+    recording: RecordingOptions,
     map_folder: Annotated[
         Path | None, typer.Argument(metavar="MAP", help="Map made by `maxcon map build`.", show_default=False)
     ] = None,
@@ -73,136 +72,48 @@ def localize(
             metavar="CSV|TOML",
             help="Instead of SCANS: a table of many drives, each with its name, scans, prior, and map where that is not"
             " MAP.",
+            rich_help_panel="Inputs",
         ),
     ] = None,
-    prior: Prior = None,
-    objective: Annotated[
-        str,
+    prior: Annotated[
+        Path | None,
         typer.Option(
-            metavar="NAME",
-            help="What a cell is worth: helmert, count, max-eigenvalue, or one of your own, package.module:Name.",
+            metavar="TUM|CSV|NMEA|RECORDING",
+            help="Rough poses T_map_sensor, in the CRS of the map; or by latitude and longitude, in a CSV, a"
+            " log of NMEA sentences (.nmea, .log, .txt), or a recording."
+            " Without it the poses in the recording of the scans.",
+            show_default=False,
+            rich_help_panel="Inputs",
         ),
-    ] = "helmert",
-    multiplicity: Annotated[
-        Multiplicity, typer.Option(help="A match weighs one, or as many as the voxel's map points.")
-    ] = Multiplicity.OCCUPIED,
-    weighting: Annotated[
-        Weighting,
-        typer.Option(
-            help="Weight of a match: the cosine between the normals, and 1/2 where the scan point has none;"
-            " as published, where it is 0 then; or one."
-        ),
-    ] = Weighting.COSINE,
-    thinning: Annotated[
+    ] = None,
+    ranges: RangeOptions,
+    max_gap: Annotated[
         float,
-        typer.Option(
-            metavar="M", help="Search with one point of the scan in each cube of this edge, m; 0: all, as published."
-        ),
-    ] = 0.25,
-    search: Annotated[
-        SearchMethod, typer.Option(help="How the best cell is found; it is the same one.")
-    ] = SearchMethod.BRANCH_AND_BOUND,
-    refinement: Annotated[
-        bool, typer.Option(help="Adjust the pose of the best cell to the surfaces of the map, and examine it there.")
-    ] = True,
-    wider: Annotated[
-        float, typer.Option(metavar="M", help="Search so far around an answer that is in doubt, m; 0: never.")
-    ] = 12.0,
-    risk: Risk = 0.01,
-    half_width: Annotated[
-        float | None,
-        typer.Option(
-            metavar="M",
-            help="Largest offset from the prior in x and y, m. If not given: of the prior's covariances, or 12.",
-        ),
-    ] = None,
-    heading_half_width_deg: Annotated[
-        float | None,
-        typer.Option(metavar="DEG", help="Largest turn from the prior's heading, degrees; likewise, or 10."),
-    ] = None,
-    height_half_width: Annotated[
-        float | None,
-        typer.Option(
-            metavar="M",
-            help="Largest offset from the prior in z, m, searched where the ground does not tell the height; a multiple"
-            " of the cell. 0 if not given: the height is the prior's there.",
-        ),
-    ] = None,
-    sigma_position: Annotated[
-        float | None, typer.Option(metavar="M", help="Instead: standard deviation of every prior's x, and of its y, m.")
-    ] = None,
-    sigma_heading_deg: Annotated[float | None, typer.Option(metavar="DEG", help="And of its heading, degrees.")] = None,
-    sigmas: Annotated[
-        float | None,
-        typer.Option(
-            metavar="K", help="How many standard deviations to search, these or the prior's own; 3 if not given."
-        ),
-    ] = None,
-    largest_half_width: Annotated[
-        float | None,
-        typer.Option(
-            metavar="M",
-            help="No search within standard deviations is wider than this, nor one that is repeated, twice as wide each"
-            " time, where the answer is in doubt, m; 24 if not given.",
-        ),
-    ] = None,
-    cell: Annotated[
-        float | None,
-        typer.Option(
-            metavar="M",
-            help="Search in cells of this edge alone, m: the map's, or 2, 4, ... 32 times it. If neither this nor a"
-            " heading step is given, coarse to fine.",
-        ),
-    ] = None,
-    heading_step_deg: Annotated[
-        float | None,
-        typer.Option(metavar="DEG", help="Step between headings, degrees; 0.5 beside --cell, if not given."),
-    ] = None,
-    min_range: MinRange = 1.0,
-    max_range: MaxRange = 120.0,
-    max_gap: Annotated[float, typer.Option(metavar="S", help="Largest gap in the prior to interpolate across.")] = 0.5,
-    least_share: Annotated[
-        float,
-        typer.Option(metavar="0..1", help="Fewer of the scan's points matched: not trusted. Lower it for thin maps."),
-    ] = 0.05,
-    largest_runner_up: Annotated[
-        float, typer.Option(metavar="0..1", help="A second place that scores more than this share: not trusted.")
-    ] = 0.8,
-    track: Annotated[
-        bool,
-        typer.Option("--track", help="Search each scan only where the one before and the motion since allow it to be."),
-    ] = False,
-    odometry: Odometry = None,
-    drift: Annotated[
-        float | None, typer.Option(metavar="SHARE", help="Of the way, by which the odometry is off; 0.02 if not given.")
-    ] = None,
-    topic: Topic = None,
-    prior_topic: PriorTopic = None,
-    prior_frames: PriorFrames = None,
-    odometry_topic: OdometryTopic = None,
-    odometry_frames: OdometryFrames = None,
-    geoid_height: GeoidHeight = None,
-    mounting: Mounting = None,
-    deskew: Deskew = False,
-    turn_time: TurnTime = None,
-    at_stamp: AtStamp = False,
+        typer.Option(metavar="S", help="Largest gap in the prior to interpolate across.", rich_help_panel="Inputs"),
+    ] = 0.5,
     times: Times = None,
-    resume: Resume = False,
-    overwrite: OverwriteTable = False,
-    tum: AlsoTum = None,
-    plot: Annotated[Path | None, typer.Option(metavar="DIR", help="Draw epochs into this folder.")] = None,
+    table: TableOptions,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Draw epochs into this folder.", rich_help_panel="Output")
+    ] = None,
     plot_epochs: Annotated[
-        str | None, typer.Option(metavar="LIST", help="Epochs to draw: 0,5,10-20 or all. Default: ten over the drive.")
+        str | None,
+        typer.Option(
+            metavar="LIST",
+            help="Epochs to draw: 0,5,10-20 or all. Default: ten over the drive.",
+            rich_help_panel="Output",
+        ),
     ] = None,
     threads: Annotated[
-        int, typer.Option(min=1, help="Epochs localized at once; of a track, headings searched at once.")
+        int,
+        typer.Option(
+            min=1,
+            help="Epochs localized at once; of a track, headings searched at once.",
+            rich_help_panel="How it is done",
+        ),
     ] = 1,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
-    known_only: Annotated[
-        bool, typer.Option("--known-only", help="In an updated map: leave out what is new, too, not only what is gone.")
-    ] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
+    worker: WorkerOptions,
+    quiet: Quiet = False,
 ) -> None:
     """Localize every scan of a drive in a map; the row of each is in POSES.csv once it is done.
 
@@ -214,57 +125,102 @@ def localize(
     from maxcon._system.engine import Engine
     from maxcon.drive.localize import DriveOptions
     from maxcon.drive.many import DriveEntry
-    from maxcon.integrity import Trust
-    from maxcon.map.storage import address_of
 
-    check_one_or_many(
-        drives, map_folder, scans, out,
-        {"--prior": prior, "--odometry": odometry, "--times": times, "--tum": tum, "--plot": plot,
-         "--plot-epochs": plot_epochs, "--resume": resume, "--overwrite": overwrite},
-    )  # fmt: skip
-    is_alone = drives is None and workers is None and scheduler is None
-    if scheduler is not None:  # its workers are in other folders
-        map_folder, scans, prior, times, odometry, mounting = (
-            path if path is None or address_of(path) else path.absolute()
-            for path in (map_folder, scans, prior, times, odometry, mounting)
-        )
-    engine = Engine(1 if is_alone else workers, scheduler, typer.echo, warn)
-    opener = DriveOpener(
-        RecordingOptions(topic, prior_topic, odometry_topic, geoid_height, deskew, at_stamp, turn_time, mounting,
-                         prior_frames, odometry_frames),
-        SpaceOptions(
-            cell, heading_step_deg, half_width, heading_half_width_deg, height_half_width,
-            sigma_position, sigma_heading_deg, sigmas, largest_half_width,
-        ),
-        DriveOptions(min_range, max_range, max_gap), Trust(least_share, largest_runner_up), objective, multiplicity,
-        weighting, thinning, search, refinement, wider, risk, track, drift, known_only, threads,
-    )  # fmt: skip
+    alone = {
+        "SCANS": scans, "--prior": prior, "--odometry": motion.odometry, "--times": times, "--tum": table.tum,
+        "--plot": plot, "--plot-epochs": plot_epochs, "--resume": table.resume, "--overwrite": table.overwrite,
+    }  # fmt: skip
+    _check_one_or_many(drives, map_folder, out, alone)
+    if worker.scheduler is not None:  # its workers are in other folders
+        map_folder, scans, prior, times = (_absolute(path) for path in (map_folder, scans, prior, times))
+        motion = replace(motion, odometry=_absolute(motion.odometry))
+        recording = replace(recording, mounting=_absolute(recording.mounting))
+    engine = Engine(1 if drives is None and worker.is_alone else worker.workers, worker.scheduler, typer.echo, warn)
+    options = DriveOptions(ranges.min_range, ranges.max_range, max_gap)
+    opener = DriveOpener(method, space, recording, motion, options, certainty, threads)
+    parse_objective(method.objective)  # a wrong name is said before anything is read
     if drives is not None:
-        parse_objective(objective)
-        localize_many(drives, map_folder, out, opener, engine, quiet)
+        _localize_many(drives, map_folder, out, opener, engine, quiet)
         return
     assert map_folder is not None and scans is not None  # noqa: S101 - checked above
-    check_outputs(prior, out, tum, plot, plot_epochs)
-    check_table(out, resume=resume, overwrite=overwrite, track=track)
-    check_tracking(track, odometry, drift, deskew=deskew, is_shared=not engine.is_in_process)
-    parse_objective(objective)
-    entry = DriveEntry("", scans, map_folder, prior, times, odometry)
+    check_outputs(prior, out, table.tum, plot, plot_epochs)
+    check_table(out, resume=table.resume, overwrite=table.overwrite, track=motion.track)
+    motion.check(is_shared=not engine.is_in_process)
+    entry = DriveEntry("", scans, map_folder, prior, times, motion.odometry)
     opened = opener.open(entry, opener.open_map(map_folder), quiet=quiet)
     point_map, inputs, searching = opened.point_map, opened.inputs, opened.windows or opened.method
-    there = read_there(out, inputs.scans.times, resume=resume)
+    there = read_there(out, inputs.scans.times, resume=table.resume)
     wanted = parse_epochs(plot_epochs, opened.n_epochs) if plot is not None else frozenset()
-    draw = drawer(plot, point_map, searching, objective) if plot is not None else None
+    draw = drawer(plot, point_map, searching, method.objective) if plot is not None else None
     if engine.is_in_process:
         drive = opened.started(there.n_rows)
     else:
         drive = several_workers(opened, engine, there.n_rows, wanted)
     epochs = written(out, there, drive, opened.n_epochs, draw, wanted, quiet)
     inputs.tell()
-    searched = opener.spaces.words(opened.windows, inputs.prior, epochs)
-    print_summary(epochs, out, searched, there=there, left_out=inputs.left_out, track=track)
+    searched = space.words(opened.windows, inputs.prior, epochs)
+    print_summary(epochs, out, searched, there=there, left_out=inputs.left_out, track=motion.track)
     if not there.n_localized:
-        print_alternative(point_map, inputs.scans, epochs, searching, opener.drive)
-    if tum is not None:
-        write_trajectory(tum, out, there, epochs)
-    if not is_whole(epochs, there, opened.n_epochs, track=track):
+        print_alternative(point_map, inputs.scans, epochs, searching, options)
+    if table.tum is not None:
+        write_trajectory(table.tum, out, there, epochs)
+    if not is_whole(epochs, there, opened.n_epochs, track=motion.track):
+        raise typer.Exit(1)
+
+
+def _absolute(path: Path | None) -> Path | None:
+    from maxcon.map.storage import address_of
+
+    return path if path is None or address_of(path) else path.absolute()
+
+
+def _check_one_or_many(drives: Path | None, map_folder: Path | None, out: Path, alone: Mapping[str, object]) -> None:
+    """Refuse arguments of one drive beside a table of drives, and one drive without its arguments."""
+    if drives is None:
+        missing = "MAP" if map_folder is None else "SCANS"
+        if map_folder is None or alone["SCANS"] is None:
+            raise OptionError(f"Expected MAP and SCANS, or --drives with a table of drives, got no {missing}. Name it.")
+        return
+    name = next((name for name, value in alone.items() if value), None)
+    if name is None:
+        return
+    if name == "--resume":
+        raise OptionError(
+            "Expected --drives without --resume, got both: the same command goes on by itself where it was stopped."
+            " Leave --resume out."
+        )
+    if name == "--overwrite":
+        raise OptionError(
+            "Expected --drives without --overwrite, got both: what is there of drives is never replaced. To localize"
+            f" all anew remove {out} yourself, to do so with one its drive=NAME there; and leave --overwrite out."
+        )
+    if name in ("--tum", "--plot", "--plot-epochs"):
+        instead = f"; when all is done: maxcon export {out} --drive NAME -o FILE.tum" if name == "--tum" else ""
+        raise OptionError(f"Expected {name} with one drive only, got it beside --drives. Leave it out{instead}.")
+    raise OptionError(
+        f"Expected each drive's files in the table of --drives and no {name} beside it, got both. Name the file in the"
+        " table, or leave --drives out."
+    )
+
+
+def _localize_many(
+    drives: Path, map_folder: Path | None, out: Path, opener: DriveOpener, engine: "Engine", quiet: bool
+) -> None:
+    """Localize a table of drives into a dataset; MaxconError if a drive cannot be localized, when the others are."""
+    from maxcon.drive.many import ManyDrivesJob, localize_drives, read_drives
+
+    entries = read_drives(drives, map_folder)
+    with step_bars("epochs", quiet) as report:
+        done = localize_drives(entries, ManyDrivesJob(opener), out, engine, report)
+    before = f", {done.n_epochs - done.n_new} of them were there" if done.n_epochs > done.n_new else ""
+    typer.echo(
+        f"{done.n_localized:,} of {done.n_epochs:,} epochs of {done.n_drives:,} drives localized{before}; in {out}"
+    )
+    if done.refused:
+        name, reason = next(iter(done.refused.items()))
+        raise MaxconError(
+            f"Expected drives that can be localized, but {len(done.refused)} of {len(entries)} cannot; the first,"
+            f" {name}: {reason}"
+        )
+    if done.n_localized < done.n_epochs:
         raise typer.Exit(1)

@@ -8,14 +8,16 @@ from typing import Annotated, Any
 
 import typer
 
-from maxcon.cli.compiling import compiling_told
-from maxcon.cli.options import MaxRange, MinRange
-from maxcon.cli.progress import step_bars
+from maxcon.cli.flags import flags
+from maxcon.cli.options import Quiet, RangeOptions
+from maxcon.cli.terminal import compiling_told, step_bars
 
 __all__ = ["rows_of_updates", "update"]
 
 
+@flags
 def update(
+    *,
     map_folder: Annotated[Path, typer.Argument(metavar="MAP", help="Map made by `maxcon map build`.")],
     drives: Annotated[
         list[Path],
@@ -33,10 +35,9 @@ def update(
     least_looks: Annotated[
         int, typer.Option(metavar="N", help="Looks from places at least 0.5 m apart that it takes to call a change.")
     ] = 2,
-    min_range: MinRange = 1.0,
-    max_range: MaxRange = 120.0,
+    ranges: RangeOptions,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace MAP2 if there is one.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Write a new version of a map, in which what drives saw through is gone, and what they saw newly is new.
 
@@ -45,7 +46,9 @@ def update(
     from maxcon.lab.dataset_drives import open_drives
     from maxcon.mapping.update import UpdateOptions, update_map
 
-    options = UpdateOptions(reach=reach, least_looks=least_looks, min_range=min_range, max_range=max_range)
+    options = UpdateOptions(
+        reach=reach, least_looks=least_looks, min_range=ranges.min_range, max_range=ranges.max_range
+    )
     with step_bars("", quiet) as report, compiling_told(quiet):
         manifest = update_map(map_folder, open_drives(drives), out, options, overwrite=overwrite, progress=report)
     typer.echo(f"{out}")

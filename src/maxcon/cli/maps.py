@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: MIT
 """`maxcon map build`, `update`, `info` and `copy`; `map align` is in cli.alignment."""
 
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,13 +10,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from maxcon.cli import alignment
-from maxcon.cli.compiling import compiling_told
-from maxcon.cli.help_groups import GroupedCommand, MapCommand
+from maxcon.cli.flags import GroupedCommand, OptionGroup, flag, flags
 from maxcon.cli.map_update import rows_of_updates, update
-from maxcon.cli.options import Scheduler
-from maxcon.cli.progress import step_bars, warn
+from maxcon.cli.options import Quiet, Scheduler
+from maxcon.cli.terminal import compiling_told, step_bars, warn
+from maxcon.errors import OptionError
 
 if TYPE_CHECKING:
+    from maxcon._system.engine import Engine
     from maxcon.map.manifest import Manifest
 
 __all__ = ["app"]
@@ -29,6 +31,15 @@ class Classify(StrEnum):
     OFF = "off"
 
 
+@dataclass(frozen=True, slots=True)
+class OutputFolder(OptionGroup):
+    """The map to write."""
+
+    title = "Output"
+    out: Path = flag(..., "Folder of the map to write.", "--out", "-o", metavar="MAP")
+    overwrite: bool = flag(False, "Replace the map if there is one.", "--overwrite")
+
+
 app = typer.Typer(
     help="Build a map from point clouds, align them before, update it by drives, say what is in it, or copy it.",
     no_args_is_help=True,
@@ -37,7 +48,103 @@ app = typer.Typer(
 app.command("update", short_help="Write a new version of a map: what is gone, what is new.")(update)
 
 
-@app.command(cls=MapCommand)
+@dataclass(frozen=True, slots=True)
+class CloudOptions(OptionGroup):
+    """Which points are taken, and where they are."""
+
+    title = "Inputs"
+    trajectory: Path | None = flag(
+        None,
+        "Where the mapping sensor was, matched by the points' gps_time: turns normals to its side.",
+        metavar="TUM|CSV",
+    )
+    signed_normals: bool = flag(False, "The clouds' own normals are turned to the sensor already.", "--signed-normals")
+    crs: str | None = flag(None, "CRS of clouds that name none themselves.", metavar="EPSG:N|WKT")
+    to_crs: str | None = flag(
+        None,
+        "CRS of the map, in metres: points in any other, in feet or degrees too, are transformed into it. The"
+        " trajectory has to be in it.",
+        metavar="EPSG:N|WKT",
+    )
+    area: str | None = flag(
+        None, "Take only points in this rectangle, in the CRS of the map.", metavar="X_MIN,Y_MIN,X_MAX,Y_MAX"
+    )
+    keep_every: int = flag(1, "Take only every N-th point of each cloud: a thinner map.", metavar="N", min=1)
+
+
+@dataclass(frozen=True, slots=True)
+class ClassOptions(OptionGroup):
+    """Which classes of points are left out."""
+
+    title = "Classes"
+    drop: list[str] | None = flag(
+        None,
+        "Class to leave out, by name or number; repeatable. Default for classified LAS: ground, vegetation, noise,"
+        " temporal-exclusion, and the vehicle classes.",
+        metavar="CLASS",
+    )
+    keep_all: bool = flag(False, "Drop no class.", "--keep-all")
+    vehicle_class: list[int] | None = flag(
+        None, "Class number that means vehicles in these files: left out too; repeatable.", metavar="NUMBER"
+    )
+    asprs_classes: bool = flag(
+        False, "Class numbers are those of LAS in other clouds too: ground, vegetation are dropped.", "--asprs-classes"
+    )
+    classify: Classify = flag(
+        Classify.AUTO,
+        "Find ground, vegetation and what is not there in every pass: where no cloud has classes (auto), always, or"
+        " not at all (off). Found ground and temporary objects are left out, unless --drop names others.",
+    )
+
+    def check(self) -> None:
+        """Refuse classes to drop where none is: OptionError."""
+        if self.keep_all and (self.drop or self.vehicle_class):
+            other = "--drop" if self.drop else "--vehicle-class"
+            raise OptionError(f"Expected either {other} or --keep-all, got both. Leave one out.")
+
+
+@dataclass(frozen=True, slots=True)
+class VoxelOptions(OptionGroup):
+    """What the map is."""
+
+    title = "Map"
+    cell: float = flag(0.06, "Voxel edge, and cell edge of the search, in m.", metavar="M")
+    sigma: float | None = flag(
+        None,
+        "How well the map is known: standard deviation of its position along any axis, in m. Default: from the"
+        " differences between passes, told apart by gps_time; 0.02 where there is only one.",
+        metavar="M",
+        show_default=False,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class TileWorkers(OptionGroup):
+    """Who makes the tiles."""
+
+    title = "How it is done"
+    threads: int | None = flag(
+        None, "Tiles made at once in this process, 0.25 GiB each. Default: processors, at most 4.", min=1
+    )
+    workers: int | None = flag(None, "Let N processes make the tiles instead.", metavar="N", min=1)
+    scheduler: Scheduler = None
+
+    def engine(self) -> "Engine | None":
+        """Return the processes that make the tiles; None for the threads of this one. OptionError if both are given."""
+        from maxcon._system.engine import Engine
+
+        if (self.workers, self.scheduler) == (None, None):
+            return None
+        if self.threads is not None:
+            raise OptionError(
+                "Expected either threads of this process or others that make the tiles, got both. Leave out --threads,"
+                " or --workers and --scheduler."
+            )
+        return Engine(self.workers, self.scheduler, typer.echo, warn)
+
+
+@app.command(cls=GroupedCommand)
+@flags
 def build(
     clouds: Annotated[
         list[Path],
@@ -45,128 +152,46 @@ def build(
             metavar="CLOUD...", help="LAS, LAZ, COPC, PLY, NPZ, E57, or text files with x, y, z (.xyz, .csv, .txt)."
         ),
     ],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="MAP", help="Folder of the map to write.")],
-    trajectory: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="TUM|CSV",
-            help="Where the mapping sensor was, matched by the points' gps_time: turns normals to its side.",
-        ),
-    ] = None,
-    cell: Annotated[float, typer.Option(metavar="M", help="Voxel edge, and cell edge of the search, in m.")] = 0.06,
-    drop: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="CLASS",
-            help="Class to leave out, by name or number; repeatable. Default for classified LAS: ground,"
-            " vegetation, noise, temporal-exclusion, and the vehicle classes.",
-        ),
-    ] = None,
-    keep_all: Annotated[bool, typer.Option("--keep-all", help="Drop no class.")] = False,
-    vehicle_class: Annotated[
-        list[int] | None,
-        typer.Option(
-            metavar="NUMBER", help="Class number that means vehicles in these files: left out too; repeatable."
-        ),
-    ] = None,
-    asprs_classes: Annotated[
-        bool,
-        typer.Option(
-            "--asprs-classes",
-            help="Class numbers are those of LAS in other clouds too: ground, vegetation are dropped.",
-        ),
-    ] = False,
-    classify: Annotated[
-        Classify,
-        typer.Option(
-            help="Find ground, vegetation and what is not there in every pass: where no cloud has classes"
-            " (auto), always, or not at all (off). Found ground and temporary objects are left out, unless"
-            " --drop names others."
-        ),
-    ] = Classify.AUTO,
-    signed_normals: Annotated[
-        bool, typer.Option("--signed-normals", help="The clouds' own normals are turned to the sensor already.")
-    ] = False,
-    crs: Annotated[
-        str | None, typer.Option(metavar="EPSG:N|WKT", help="CRS of clouds that name none themselves.")
-    ] = None,
-    to_crs: Annotated[
-        str | None,
-        typer.Option(
-            metavar="EPSG:N|WKT",
-            help="CRS of the map, in metres: points in any other, in feet or degrees too, are transformed into it. The"
-            " trajectory has to be in it.",
-        ),
-    ] = None,
-    area: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X_MIN,Y_MIN,X_MAX,Y_MAX", help="Take only points in this rectangle, in the CRS of the map."
-        ),
-    ] = None,
-    keep_every: Annotated[
-        int, typer.Option(min=1, metavar="N", help="Take only every N-th point of each cloud: a thinner map.")
-    ] = 1,
-    sigma: Annotated[
-        float | None,
-        typer.Option(
-            metavar="M",
-            help="How well the map is known: standard deviation of its position along any axis, in m. Default:"
-            " from the differences between passes, told apart by gps_time; 0.02 where there is only one.",
-            show_default=False,
-        ),
-    ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the map if there is one.")] = False,
-    threads: Annotated[
-        int | None,
-        typer.Option(min=1, help="Tiles made at once in this process, 0.25 GiB each. Default: processors, at most 4."),
-    ] = None,
-    workers: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="Let N processes make the tiles instead.")
-    ] = None,
-    scheduler: Scheduler = None,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
+    cloud: CloudOptions,
+    classes: ClassOptions,
+    voxel: VoxelOptions,
+    worker: TileWorkers,
+    output: OutputFolder,
+    quiet: Quiet = False,
 ) -> None:
     """Build a map: drop classes, find normals, rasterize into voxels, write tiles."""
-    from maxcon._system.engine import Engine
-    from maxcon.errors import OptionError
     from maxcon.io.trajectories import read_trajectory
     from maxcon.map.storage import address_of
     from maxcon.mapping.build import Area, MapOptions, build_map
 
-    if address_of(out) is not None:
+    address = address_of(output.out)
+    if address is not None:
         raise OptionError(
-            f"Expected a folder to build the map in, got {address_of(out)}. Build it in a folder, then"
-            f" `maxcon map copy FOLDER {address_of(out)}`."
+            f"Expected a folder to build the map in, got {address}. Build it in a folder, then"
+            f" `maxcon map copy FOLDER {address}`."
         )
-    if keep_all and (drop or vehicle_class):
-        other = "--drop" if drop else "--vehicle-class"
-        raise OptionError(f"Expected either {other} or --keep-all, got both. Leave one out.")
-    if threads is not None and (workers, scheduler) != (None, None):
-        raise OptionError(
-            "Expected either threads of this process or others that make the tiles, got both. Leave out --threads, or"
-            " --workers and --scheduler."
-        )
-    is_alone = workers is None and scheduler is None
-    engine = None if is_alone else Engine(workers, scheduler, typer.echo, warn)
+    classes.check()
+    engine = worker.engine()
     options = MapOptions(
-        cell=cell,
-        drop=() if keep_all else drop or None,
-        vehicle_classes=tuple(vehicle_class or ()),
-        trajectory=read_trajectory(trajectory) if trajectory is not None else None,
-        normals_have_sides=signed_normals,
-        crs=crs,
-        keep_every=keep_every,
-        sigma=sigma,
-        to_crs=to_crs,
-        classes_are_asprs=asprs_classes,
-        classify=classify.value,
-        area=Area.parse(area) if area is not None else None,
+        cell=voxel.cell,
+        drop=() if classes.keep_all else classes.drop or None,
+        vehicle_classes=tuple(classes.vehicle_class or ()),
+        trajectory=read_trajectory(cloud.trajectory) if cloud.trajectory is not None else None,
+        normals_have_sides=cloud.signed_normals,
+        crs=cloud.crs,
+        keep_every=cloud.keep_every,
+        sigma=voxel.sigma,
+        to_crs=cloud.to_crs,
+        classes_are_asprs=classes.asprs_classes,
+        classify=classes.classify.value,
+        area=Area.parse(cloud.area) if cloud.area is not None else None,
     )
     with step_bars("", quiet) as report, compiling_told(quiet):
-        manifest = build_map(clouds, out, options, overwrite=overwrite, n_threads=threads, engine=engine,
-                             progress=report)  # fmt: skip
-    typer.echo(f"{out}")
+        manifest = build_map(
+            clouds, output.out, options, overwrite=output.overwrite, n_threads=worker.threads, engine=engine,
+            progress=report,
+        )  # fmt: skip
+    typer.echo(f"{output.out}")
     _describe(manifest)
 
 
@@ -206,7 +231,7 @@ def copy(
         str, typer.Argument(metavar="PLACE", help="Folder to write, or s3://bucket/prefix; one of both is a folder.")
     ],
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the map if there is one.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Copy a map to a folder or an object store, every tile checked; it is there once all of it is.
 

@@ -11,8 +11,9 @@ import typer
 
 from maxcon.cli.drive_inputs import check_outputs
 from maxcon.cli.drive_summary import is_whole, print_summary
-from maxcon.cli.options import AlsoTum, AtStamp, MaxRange, MinRange, OverwriteTable, Resume, Risk, Times, Topic
-from maxcon.cli.table_of_poses import check_table, read_there, write_trajectory, written
+from maxcon.cli.flags import flags
+from maxcon.cli.options import AtStamp, Quiet, RangeOptions, Risk, TableOptions, Times, Topic
+from maxcon.cli.poses_csv import check_table, read_there, write_trajectory, written
 from maxcon.errors import OptionError
 
 if TYPE_CHECKING:
@@ -22,11 +23,14 @@ if TYPE_CHECKING:
 __all__ = ["relocalize"]
 
 
+@flags
 def relocalize(
+    *,
     map_folder: Annotated[Path, typer.Argument(metavar="MAP", help="Map made by `maxcon map build`, with ground.")],
     scans: Annotated[
         Path, typer.Argument(metavar="SCANS", help="Folder of scans, or a recording, as of `maxcon localize`.")
     ],
+    ranges: RangeOptions,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -34,32 +38,47 @@ def relocalize(
             "-o",
             metavar="POSES.csv",
             help="Table to write, a row per epoch; if not given, a line is printed for each.",
+            rich_help_panel="Output",
         ),
     ] = None,
     around: Annotated[
         str | None,
-        typer.Option(metavar="X,Y", help="Look in a circle around this place alone, m, in the CRS of the map."),
+        typer.Option(
+            metavar="X,Y",
+            help="Look in a circle around this place alone, m, in the CRS of the map.",
+            rich_help_panel="Search space",
+        ),
     ] = None,
-    radius: Annotated[float | None, typer.Option(metavar="M", help="Of that circle, m; 300 if not given.")] = None,
-    min_range: MinRange = 1.0,
-    max_range: MaxRange = 120.0,
+    radius: Annotated[
+        float | None,
+        typer.Option(metavar="M", help="Of that circle, m; 300 if not given.", rich_help_panel="Search space"),
+    ] = None,
     least_share: Annotated[
-        float, typer.Option(metavar="0..1", help="Fewer of the scan's points matched: not trusted.")
+        float,
+        typer.Option(
+            metavar="0..1", help="Fewer of the scan's points matched: not trusted.", rich_help_panel="Certainty"
+        ),
     ] = 0.1,
     largest_runner_up: Annotated[
-        float, typer.Option(metavar="0..1", help="Another place that scores more than this share: ambiguous.")
+        float,
+        typer.Option(
+            metavar="0..1",
+            help="Another place that scores more than this share: ambiguous.",
+            rich_help_panel="Certainty",
+        ),
     ] = 0.8,
     risk: Risk = 0.01,
     topic: Topic = None,
     at_stamp: AtStamp = False,
     times: Times = None,
-    resume: Resume = False,
-    overwrite: OverwriteTable = False,
-    tum: AlsoTum = None,
+    table: TableOptions,
     threads: Annotated[
-        int, typer.Option(min=1, help="Headings searched at once; the answers do not depend on it.")
+        int,
+        typer.Option(
+            min=1, help="Headings searched at once; the answers do not depend on it.", rich_help_panel="How it is done"
+        ),
     ] = 1,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Find scans in a map without any prior: at any place of it, or in a circle, and at any heading.
 
@@ -72,8 +91,8 @@ def relocalize(
     from maxcon.map import PointMap
     from maxcon.relocalization import Relocalizer
 
-    _check(out, around, radius, tum, resume=resume, overwrite=overwrite)
-    trust, options = Trust(least_share, largest_runner_up), DriveOptions(min_range, max_range)
+    _check(out, around, radius, table)
+    trust, options = Trust(least_share, largest_runner_up), DriveOptions(ranges.min_range, ranges.max_range)
     point_map = PointMap.open(map_folder)
     middle = None if around is None else _local(point_map, around)
     relocalizer = Relocalizer(
@@ -86,34 +105,32 @@ def relocalize(
         if n_found < len(epochs):
             raise typer.Exit(1)
         return
-    there = read_there(out, opened.times, resume=resume)
+    there = read_there(out, opened.times, resume=table.resume)
     drive = relocalize_drive(opened, relocalizer, options, first=there.n_rows)
     epochs = written(out, there, drive, len(opened), None, frozenset(), quiet)
     area = relocalizer.area
     where = "the whole map" if area is None else f"{area.radius:g} m around {around}"
     searched = f"searched without a prior: {where}, {relocalizer.n_cells:,} large cells"
     print_summary(epochs, out, searched, there=there, left_out=())
-    if tum is not None:
-        write_trajectory(tum, out, there, epochs)
+    if table.tum is not None:
+        write_trajectory(table.tum, out, there, epochs)
     if not is_whole(epochs, there, len(opened), track=False):
         raise typer.Exit(1)
 
 
-def _check(
-    out: Path | None, around: str | None, radius: float | None, tum: Path | None, *, resume: bool, overwrite: bool
-) -> None:
+def _check(out: Path | None, around: str | None, radius: float | None, table: TableOptions) -> None:
     """Refuse options without effect, and outputs that cannot be written."""
     if radius is not None and around is None:
         raise OptionError("Expected --radius together with --around X,Y, got it alone. Add the middle of the circle.")
     if out is None:
-        for name, is_given in (("--resume", resume), ("--overwrite", overwrite), ("--tum", tum is not None)):
+        for name, is_given in (("--resume", table.resume), ("--overwrite", table.overwrite), ("--tum", table.tum)):
             if is_given:
                 raise OptionError(
                     f"Expected {name} together with --out, got it alone. Add -o POSES.csv, or leave it out."
                 )
         return
-    check_outputs(None, out, tum, None, None)
-    check_table(out, resume=resume, overwrite=overwrite, track=False)
+    check_outputs(None, out, table.tum, None, None)
+    check_table(out, resume=table.resume, overwrite=table.overwrite, track=False)
 
 
 def _local(point_map: "PointMap", around: str) -> tuple[float, float]:

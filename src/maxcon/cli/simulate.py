@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from maxcon.cli.progress import step_bars
+from maxcon.cli.options import Quiet
+from maxcon.cli.terminal import step_bars
 from maxcon.errors import OptionError
 from maxcon.lab.dataset import Dataset
 
@@ -69,7 +70,7 @@ def simulate(
         ),
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the folder if there is one.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Simulate a city or a suburb: map clouds (LAZ), scans, reference and priors (TUM). Needs the extra demo."""
     from maxcon.lab import simulation

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""`maxcon study`."""
+"""`maxcon study` and `maxcon report`."""
 
 import math
 from pathlib import Path
@@ -8,48 +8,69 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from maxcon.cli.options import HeadingStepDeg, MaxRange, MinRange, Scheduler, Workers
-from maxcon.cli.progress import step_bars, warn
+from maxcon.cli.flags import flags
+from maxcon.cli.options import Quiet, RangeOptions, WorkerOptions
+from maxcon.cli.terminal import step_bars, warn
 
 if TYPE_CHECKING:
     from maxcon.lab.study import MethodStatistics, Study
 
-__all__ = ["study"]
+__all__ = ["report", "study"]
 
 
+@flags
 def study(
+    *,
     dataset: Annotated[Path, typer.Argument(metavar="DATASET", help="Folder with a dataset.toml, or such a file.")],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="STUDY", help="Folder to write; a study there goes on.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", "-o", metavar="STUDY", help="Folder to write; a study there goes on.", rich_help_panel="Output"
+        ),
+    ],
     methods: Annotated[
         str | None,
         typer.Option(
             metavar="LIST",
             help="Names of methods and sets (consensus, baselines, ground, weights, cells, density). Default:"
             " consensus,baselines; without those whose packages are not installed.",
+            rich_help_panel="Method",
         ),
     ] = None,
     prior: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="NAME", help="Prior of the dataset, or reference; repeatable. Default: all of the dataset."
+            metavar="NAME",
+            help="Prior of the dataset, or reference; repeatable. Default: all of the dataset.",
+            rich_help_panel="Inputs",
         ),
     ] = None,
     epochs: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="So many scans, evenly spread. Default: all.")
+        int | None,
+        typer.Option(min=1, metavar="N", help="So many scans, evenly spread. Default: all.", rich_help_panel="Inputs"),
     ] = None,
-    half_width: Annotated[float, typer.Option(metavar="M", help="Largest offset from the prior in x and y, m.")] = 3.0,
+    half_width: Annotated[
+        float,
+        typer.Option(metavar="M", help="Largest offset from the prior in x and y, m.", rich_help_panel="Search space"),
+    ] = 3.0,
     heading_half_width_deg: Annotated[
-        float, typer.Option(metavar="DEG", help="Largest turn from the prior's heading, degrees.")
+        float,
+        typer.Option(
+            metavar="DEG", help="Largest turn from the prior's heading, degrees.", rich_help_panel="Search space"
+        ),
     ] = 2.0,
-    heading_step_deg: HeadingStepDeg = 0.5,
-    min_range: MinRange = 1.0,
-    max_range: MaxRange = 120.0,
-    max_gap: Annotated[
-        float, typer.Option(metavar="S", help="Largest gap in prior and reference to interpolate across.")
+    heading_step_deg: Annotated[
+        float, typer.Option(metavar="DEG", help="Step between headings, degrees.", rich_help_panel="Search space")
     ] = 0.5,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")] = False,
+    ranges: RangeOptions,
+    max_gap: Annotated[
+        float,
+        typer.Option(
+            metavar="S", help="Largest gap in prior and reference to interpolate across.", rich_help_panel="Inputs"
+        ),
+    ] = 0.5,
+    worker: WorkerOptions,
+    quiet: Quiet = False,
 ) -> None:
     """Compare methods over the epochs of a dataset: one table, a row per epoch and method.
 
@@ -75,10 +96,10 @@ def study(
             chosen,
             priors=prior,
             n_epochs=epochs,
-            n_workers=workers,
-            options=DriveOptions(min_range, max_range, max_gap),
+            n_workers=worker.workers,
+            options=DriveOptions(ranges.min_range, ranges.max_range, max_gap),
             progress=report,
-            scheduler=scheduler,
+            scheduler=worker.scheduler,
             tell=typer.echo,
             warn=warn,
         )
@@ -121,3 +142,27 @@ def _numbers(method: "MethodStatistics") -> str:
         f"{f'{method.n_success}/{method.n_epochs}':>10} {method.n_localized:>9} {method.n_false:>6}"
         f" {shown(method.distance.median, 3):>9} {shown(method.distance.worst, 2):>8} {shown(method.ms, 0):>7}"
     )
+
+
+def report(
+    study: Annotated[Path, typer.Argument(metavar="STUDY", help="Folder made by `maxcon study`.")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="REPORT.html", help="Page to write.")],
+    figures: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder for the figures (SVG). Default: REPORT-figures beside the page."),
+    ] = None,
+    dataset: Annotated[
+        Path | None, typer.Option(metavar="DATASET", help="Where the dataset is now, if it was moved.")
+    ] = None,
+    prior: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Prior that figures and claims are about. Default: the first.")
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Write the page of a study: claims, tables and figures in one file. Needs the extra demo."""
+    from maxcon.lab.report.study.report import report_study
+
+    with step_bars("", quiet) as tell:
+        folder = report_study(study, out, figures=figures, dataset=dataset, prior=prior, progress=tell)
+    typer.echo(f"{out}")
+    typer.echo(f"figures      {folder}")

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""POSES.csv of `maxcon localize`: begun, gone on with, and what is said of it when the command is stopped."""
+"""POSES.csv of `maxcon localize`: begun, gone on with, kept when the command is stopped; pictures of its epochs."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from maxcon.cli.compiling import compiling_told
-from maxcon.cli.progress import progress_bar
+from maxcon.cli.terminal import compiling_told, progress_bar
 from maxcon.errors import FileError, MaxconError, OptionError
 
 if TYPE_CHECKING:
@@ -19,20 +18,19 @@ if TYPE_CHECKING:
 
     from maxcon.drive.localize import EpochEstimate
     from maxcon.drive.poses_table import GrowingTable, RowsThere
+    from maxcon.drive.within_sigmas import WithinSigmas
+    from maxcon.localizer import MaximumConsensus
+    from maxcon.map import PointMap
 
-__all__ = ["check_table", "read_there", "write_trajectory", "written"]
+__all__ = ["check_table", "drawer", "parse_epochs", "read_there", "write_trajectory", "written"]
 
 GO_ON = "go on with --resume"
+# Pictures drawn when none are asked for by number, evenly over the drive.
+N_PICTURES = 10
 
 
 def check_table(out: Path, *, resume: bool, overwrite: bool, track: bool) -> None:
-    """Refuse to replace a table without being asked to, and what cannot be gone on with.
-
-    Raises
-    ------
-    OptionError, FileError
-        If it is so.
-    """
+    """Refuse to replace a table without being asked to, and what cannot be gone on with."""
     if resume and overwrite:
         raise OptionError("Expected either --resume or --overwrite, got both. Leave one out.")
     if resume and track:
@@ -48,13 +46,7 @@ def check_table(out: Path, *, resume: bool, overwrite: bool, track: bool) -> Non
 
 
 def read_there(out: Path, times: "NDArray[np.float64]", *, resume: bool) -> "RowsThere":
-    """Return what is there of the table, if it is gone on with.
-
-    Raises
-    ------
-    FileError
-        If that is not the beginning of the table of these scans.
-    """
+    """Return what is there of the table, if it is gone on with."""
     from maxcon.drive.poses_table import RowsThere, rows_there
 
     return rows_there(out, times) if resume else RowsThere()
@@ -69,13 +61,7 @@ def written(
     wanted: frozenset[int],
     quiet: bool,
 ) -> "list[EpochEstimate]":
-    """Write each epoch's row once it is localized; return all without their points. Draw those that are wanted.
-
-    Raises
-    ------
-    FileError
-        If not one scan can be read, or a row cannot be written.
-    """
+    """Write each epoch's row once it is localized; return all without their points. Draw those that are wanted."""
     from maxcon.drive.poses_table import GrowingTable
 
     epochs = []
@@ -123,3 +109,55 @@ def write_trajectory(tum: Path, out: Path, there: "RowsThere", epochs: "list[Epo
         typer.echo(f"no pose to write: {tum} is not written")
     else:
         write_tum(tum, trajectory, "T_map_sensor, localized by maxcon")
+
+
+def parse_epochs(text: str | None, n_epochs: int) -> frozenset[int]:
+    """Epoch numbers of "0,5,10-20" or "all"; ten evenly over the drive for None."""
+    if text is None:
+        step = max(1, -(-n_epochs // N_PICTURES))
+        return frozenset(range(0, n_epochs, step))
+    if text.strip().lower() == "all":
+        return frozenset(range(n_epochs))
+    numbers: set[int] = set()
+    for part in text.split(","):
+        first, dash, last = part.strip().partition("-")
+        last = last if dash else first
+        is_listed = all(n.isascii() and n.isdigit() and len(n) < 19 for n in (first, last))
+        if not (is_listed and int(first) <= int(last) < n_epochs):
+            raise OptionError(
+                f"Expected --plot-epochs to list epochs from 0 to {n_epochs - 1}, such as 0,5,10-20, or all,"
+                f" got {part.strip()[:40]!r}."
+            )
+        numbers.update(range(int(first), int(last) + 1))
+    return frozenset(numbers)
+
+
+def drawer(
+    folder: Path, point_map: "PointMap", method: "MaximumConsensus | WithinSigmas", objective: str
+) -> Callable[["EpochEstimate"], None]:
+    """Return a function that draws an epoch into the folder."""
+    from maxcon._system.atomic import make_folder
+    from maxcon._system.partials import sweep_folder
+    from maxcon.localizer import MaximumConsensus
+    from maxcon.plotting.canvas.figure import check_matplotlib
+    from maxcon.plotting.epoch import plot_epoch
+
+    check_matplotlib()
+    sweep_folder(folder)
+
+    def draw(epoch: "EpochEstimate") -> None:
+        if epoch.estimate is None or epoch.prior is None:
+            return
+        searching = method if isinstance(method, MaximumConsensus) else method.at(epoch.raw.time)
+        make_folder(folder)
+        plot_epoch(
+            folder / f"{epoch.epoch:06d}.png",
+            accumulator=searching.accumulate(epoch.scan, point_map, epoch.prior),
+            objective=searching.cell_search.objective,
+            estimate=epoch.estimate,
+            scan=epoch.scan,
+            point_map=point_map,
+            title=f"Epoch {epoch.epoch} ({epoch.raw.name}), {objective}, {searching.multiplicity}",
+        )
+
+    return draw

@@ -1,11 +1,12 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Where the options of `maxcon localize` search: within fixed half widths, or standard deviations of the prior."""
+"""Where `maxcon localize` searches: within fixed half widths, or standard deviations of the prior."""
 
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from maxcon.cli.flags import OptionGroup, flag
 from maxcon.errors import OptionError
 
 if TYPE_CHECKING:
@@ -21,27 +22,50 @@ SIGMAS, LARGEST_HALF_WIDTH = 3.0, 24.0
 
 
 @dataclass(frozen=True, slots=True)
-class SpaceOptions:
-    """Options of `maxcon localize` that say where it searches, None for those not given: m, degrees."""
+class SpaceOptions(OptionGroup):
+    """Where a scan is searched for around its prior; None for what is not given."""
 
-    cell: float | None
-    heading_step_deg: float | None
-    half_width: float | None
-    heading_half_width_deg: float | None
-    height_half_width: float | None
-    sigma_position: float | None
-    sigma_heading_deg: float | None
-    sigmas: float | None
-    largest_half_width: float | None
+    title = "Search space"
+    wider: float = flag(12.0, "Search so far around an answer that is in doubt, m; 0: never.", metavar="M")
+    half_width: float | None = flag(
+        None,
+        "Largest offset from the prior in x and y, m. If not given: of the prior's covariances, or 12.",
+        metavar="M",
+    )
+    heading_half_width_deg: float | None = flag(
+        None, "Largest turn from the prior's heading, degrees; likewise, or 10.", metavar="DEG"
+    )
+    height_half_width: float | None = flag(
+        None,
+        "Largest offset from the prior in z, m, searched where the ground does not tell the height; a multiple of"
+        " the cell. 0 if not given: the height is the prior's there.",
+        metavar="M",
+    )
+    sigma_position: float | None = flag(
+        None, "Instead: standard deviation of every prior's x, and of its y, m.", metavar="M"
+    )
+    sigma_heading_deg: float | None = flag(None, "And of its heading, degrees.", metavar="DEG")
+    sigmas: float | None = flag(
+        None, "How many standard deviations to search, these or the prior's own; 3 if not given.", metavar="K"
+    )
+    largest_half_width: float | None = flag(
+        None,
+        "No search within standard deviations is wider than this, nor one that is repeated, twice as wide each time,"
+        " where the answer is in doubt, m; 24 if not given.",
+        metavar="M",
+    )
+    cell: float | None = flag(
+        None,
+        "Search in cells of this edge alone, m: the map's, or 2, 4, ... 32 times it. If neither this nor a heading"
+        " step is given, coarse to fine.",
+        metavar="M",
+    )
+    heading_step_deg: float | None = flag(
+        None, "Step between headings, degrees; 0.5 beside --cell, if not given.", metavar="DEG"
+    )
 
     def fixed(self) -> "SearchSpace":
-        """Return the space of the half widths, and of the usual ones for those not given, rounded up to whole steps.
-
-        Raises
-        ------
-        SearchSpaceError
-            If there is no such space.
-        """
+        """Return the space of the half widths, and of the usual ones for those not given, rounded up to whole steps."""
         from maxcon.search.space import PAPER_STEP_DEG, SearchSpace
 
         usual = SearchSpace()
@@ -63,10 +87,7 @@ class SpaceOptions:
 
         A track is searched within half widths, unless standard deviations are given.
 
-        Raises
-        ------
-        OptionError
-            If half widths are given beside standard deviations, or one of these without the other, or a negative one.
+        OptionError if half widths are given beside standard deviations, or one of these without the other.
         """
         from maxcon.drive.within_sigmas import WithinSigmas
 

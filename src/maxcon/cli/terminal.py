@@ -1,0 +1,182 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""What a command shows on stderr while it runs (bars, lines, that it compiles), and how signals end it."""
+
+import signal
+import sys
+import weakref
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+    from maxcon._system.progress import Progress as StepProgress
+
+__all__ = ["STOPPING", "Stop", "compiling_told", "progress_bar", "step_bars", "stopping_in_order", "warn"]
+
+SPEED_PERIOD = 600.0
+"""The time left is estimated from the last so many seconds: a step of a study may take a minute."""
+COMPILING = "compiling, once after installation: up to a minute (`maxcon warmup` does it before)"
+STOPPING = ("SIGINT", "SIGTERM", "SIGHUP")
+"""Of Windows, which has no hangup, the first two."""
+
+LOOK_EVERY = 0.1
+"""s between looks at whether the exception is still on its way."""
+
+
+def warn(line: str) -> None:
+    """Say on stderr what a command is at, or is waiting for."""
+    print(line, file=sys.stderr, flush=True)  # noqa: T201
+
+
+def _new_bars(unit: str) -> "Progress":
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    class Rate(TextColumn):
+        def render(self, task: Any) -> Any:
+            speed = task.finished_speed or task.speed
+            self.text_format = f"{speed:,.1f} {unit}/s" if speed and unit else ""
+            return super().render(task)
+
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        Rate(""),
+        TimeRemainingColumn(),
+        console=Console(stderr=True),
+        speed_estimate_period=SPEED_PERIOD,
+    )
+
+
+@contextmanager
+def progress_bar(title: str, total: int, unit: str, is_quiet: bool, n_before: int = 0) -> Iterator[Callable[[], None]]:
+    """Yield a function to call after each of `total` units, of which `n_before` were done before."""
+    n_done = n_before
+    with step_bars(unit, is_quiet) as report:
+
+        def advance() -> None:
+            nonlocal n_done
+            n_done += 1
+            report(title, n_done, total)
+
+        yield advance
+
+
+@contextmanager
+def step_bars(unit: str, is_quiet: bool, *, has_lines: bool = False) -> Iterator["StepProgress"]:
+    """Yield a function to call with (step, done, of how many); each step gets a bar of its own.
+
+    Where stderr is not a terminal there are none; with `has_lines` a line says when a step begins.
+    """
+    if is_quiet or not sys.stderr.isatty():
+        yield _Lines().tell if has_lines and not is_quiet else lambda step, done, total: None
+        return
+    bars = _new_bars(unit)
+    tasks: dict[str, Any] = {}
+
+    def report(step: str, done: int, total: int) -> None:
+        if not tasks:
+            bars.start()
+        if step not in tasks:
+            tasks[step] = bars.add_task(step, total=total)
+        bars.update(tasks[step], completed=done, total=total)
+
+    try:
+        yield report
+    finally:
+        if tasks:
+            bars.stop()
+
+
+class _Lines:
+    """A line on stderr for each step, when it begins."""
+
+    def __init__(self) -> None:
+        self._told: set[str] = set()
+
+    def tell(self, step: str, done: int, total: int) -> None:
+        if step not in self._told:
+            self._told.add(step)
+            warn(f"{step} ...")
+
+
+@contextmanager
+def compiling_told(is_quiet: bool) -> Iterator[None]:
+    """Say so, once, when something has to be compiled while this is open."""
+    from maxcon._system.compiled import failures_to_keep_told, on_compilation
+
+    is_told = is_quiet or not sys.stderr.isatty()
+
+    def tell() -> None:
+        nonlocal is_told
+        if not is_told:
+            is_told = True
+            typer.echo(COMPILING, err=True)
+
+    with failures_to_keep_told(), on_compilation(tell):
+        yield
+
+
+class Stop(SystemExit):
+    """A signal has come: the exit code is that of a shell, 128 and its number."""
+
+
+class _Signals:
+    """What has come, and the exception that is on its way because of it."""
+
+    def __init__(self) -> None:
+        self.received: list[int] = []
+        self._on_its_way: weakref.ref[Stop] | None = None
+
+    def stop(self, number: int, frame: FrameType | None) -> None:
+        self.received.append(number)
+        if hasattr(signal, "setitimer"):
+            signal.signal(signal.SIGALRM, self.look)
+            signal.setitimer(signal.ITIMER_REAL, LOOK_EVERY, LOOK_EVERY)
+        self.throw()
+
+    def look(self, number: int, frame: FrameType | None) -> None:
+        """Throw again what was swallowed: callbacks of code that is loaded let nothing through."""
+        if self._on_its_way is None or self._on_its_way() is None:
+            self.throw()
+
+    def throw(self) -> None:
+        thrown = Stop(128 + self.received[0])
+        self._on_its_way = weakref.ref(thrown)
+        try:
+            raise thrown
+        finally:
+            del thrown  # else its own traceback would keep it
+
+    def rest(self) -> None:
+        if self.received and hasattr(signal, "setitimer"):
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+
+@contextmanager
+def stopping_in_order() -> Iterator[list[int]]:
+    """Let signals raise `Stop` while this is open; yield the numbers of those that came."""
+    signals = _Signals()
+    for number in (getattr(signal, name) for name in STOPPING if hasattr(signal, name)):
+        # Not where it is ignored, as under nohup.
+        if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
+            signal.signal(number, signals.stop)
+    told = sys.unraisablehook
+
+    def tell(what: Any) -> None:
+        if not isinstance(what.exc_value, Stop):
+            told(what)
+
+    sys.unraisablehook = tell
+    try:
+        yield signals.received
+    finally:
+        signals.rest()
+        sys.unraisablehook = told
