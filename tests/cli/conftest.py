@@ -53,11 +53,16 @@ def thin_profiles():
 
 
 @pytest.fixture(scope="session")
-def drive(tmp_path_factory, thin_profiles):
-    folder = tmp_path_factory.mktemp("drive")
-    dataset = simulate(folder / "dataset", n_epochs=4, seed=3, before=30.0, after=20.0, mapping_scanners=thin_profiles)
-    options = MapOptions(trajectory=read_trajectory(dataset.map_trajectory), vehicle_classes=(64,))
-    build_map(dataset.map_clouds, folder / "city.map", options)
+def drive(built_once, thin_profiles):
+    def make(folder):
+        dataset = simulate(
+            folder / "dataset", n_epochs=4, seed=3, before=30.0, after=20.0, mapping_scanners=thin_profiles
+        )
+        options = MapOptions(trajectory=read_trajectory(dataset.map_trajectory), vehicle_classes=(64,))
+        build_map(dataset.map_clouds, folder / "city.map", options)
+
+    folder = built_once("drive", make)
+    dataset = Dataset.open(folder / "dataset")
     return Drive(dataset, str(folder / "city.map"), read_trajectory(dataset.reference))
 
 

@@ -8,6 +8,8 @@ import time
 
 import pytest
 
+pytestmark = pytest.mark.kills
+
 if sys.platform == "win32":
     pytest.skip("no POSIX signals to stop a process with", allow_module_level=True)
 

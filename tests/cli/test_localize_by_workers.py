@@ -93,6 +93,7 @@ def table(drive, long_drive, tmp_path):
     return path
 
 
+@pytest.mark.clusters
 def test_workers_write_the_table_of_one_process(drive, long_drive, maxcon, single, tmp_path):
     out, pictures = tmp_path / "poses.csv", tmp_path / "pictures"
     arguments = ("localize", drive.city, long_drive[0], "--prior", long_drive[1], "-o", out, *NARROW)
@@ -108,6 +109,7 @@ def test_workers_write_the_table_of_one_process(drive, long_drive, maxcon, singl
     assert without_times(read_csv(out)) == without_times(wanted)
 
 
+@pytest.mark.clusters
 @pytest.mark.parametrize("n_workers", [1, 2])
 def test_many_drives_have_the_rows_of_single_calls(drive, long_drive, table, maxcon, single, tmp_path, n_workers):
     out = tmp_path / "out"
@@ -132,6 +134,7 @@ def test_many_drives_have_the_rows_of_single_calls(drive, long_drive, table, max
     assert "40 of them were there" in maxcon(*arguments).out
 
 
+@pytest.mark.clusters
 @pytest.mark.skipif(sys.platform == "win32", reason="no POSIX signals to stop a process with")
 def test_drives_that_are_stopped_go_on(drive, table, long_drive, maxcon, maxcon_process, single, tmp_path):
     out = tmp_path / "out"
@@ -170,6 +173,7 @@ def cluster():
         yield address
 
 
+@pytest.mark.clusters
 def test_a_cluster_started_by_hand_makes_the_same_rows(drive, long_drive, table, cluster, maxcon, single, tmp_path):
     out = tmp_path / "out"
     arguments = ("localize", drive.city, "--drives", table, "-o", out, *NARROW, "--scheduler", cluster)
@@ -314,6 +318,7 @@ def test_what_has_no_effect_is_refused(drive, table, maxcon, refused, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.clusters
 def test_a_drive_s_workers_may_be_killed(drive, long_drive, maxcon_process, single, tmp_path):
     pytest.importorskip("bokeh")
     if not Path("/proc/self/task").exists():

@@ -97,6 +97,7 @@ def test_names_that_are_none(maxcon, refused, localize, build, out, monkeypatch)
     assert list(out.iterdir()) == []
 
 
+@pytest.mark.kills
 @pytest.mark.parametrize("limit", [2_000, 200_000, 1_000_000])
 def test_the_disk_is_full_while_building(maxcon_in_process_of_its_own, refused, build, out, limit):
     ended = maxcon_in_process_of_its_own(*build, out / "city.map", preexec_fn=_small_disk(limit))
@@ -111,6 +112,7 @@ def nothing_to_compile(maxcon_in_process_of_its_own, localize, tmp_path):
     maxcon_in_process_of_its_own(*localize, tmp_path / "warm.csv", *options)
 
 
+@pytest.mark.kills
 @pytest.mark.usefixtures("nothing_to_compile")
 def test_the_disk_is_full_while_writing_poses(maxcon_in_process_of_its_own, refused, localize, out):
     (out / "poses.csv").write_text("the table of yesterday")
@@ -121,6 +123,7 @@ def test_the_disk_is_full_while_writing_poses(maxcon_in_process_of_its_own, refu
     assert (out / "poses.csv").read_text() == "the table of yesterday"
 
 
+@pytest.mark.kills
 @pytest.mark.usefixtures("nothing_to_compile")
 def test_the_disk_is_full_while_drawing(maxcon_in_process_of_its_own, refused, localize, out):
     arguments = (out / "poses.csv", "--plot", out / "pictures", "--plot-epochs", "0")
@@ -131,6 +134,7 @@ def test_the_disk_is_full_while_drawing(maxcon_in_process_of_its_own, refused, l
     assert len((out / "poses.csv").read_text().splitlines()) == 2
 
 
+@pytest.mark.kills
 @pytest.mark.usefixtures("nothing_to_compile")
 def test_the_disk_is_full_half_way(maxcon_in_process_of_its_own, maxcon, refused, localize, out):
     ended = maxcon_in_process_of_its_own(*localize, out / "poses.csv", preexec_fn=_small_disk(1_500))
@@ -143,6 +147,7 @@ def test_the_disk_is_full_half_way(maxcon_in_process_of_its_own, maxcon, refused
     assert maxcon(*localize, out / "poses.csv", "--resume").code == 0
 
 
+@pytest.mark.kills
 def test_the_disk_is_full_while_simulating(maxcon_in_process_of_its_own, refused, out):
     arguments = ("simulate", out / "dataset", "--epochs", "1")
     ended = maxcon_in_process_of_its_own(*arguments, preexec_fn=_small_disk(50_000))

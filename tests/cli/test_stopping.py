@@ -9,6 +9,8 @@ import pytest
 
 from maxcon.cli import one_line
 
+pytestmark = pytest.mark.kills
+
 # As compiled code is loaded: what is raised in a callback from C goes no farther.
 SWALLOWS = """
 import ctypes, os, signal, sys, time

@@ -50,6 +50,7 @@ def is_alive(pid):
         return False
 
 
+@pytest.mark.kills
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc: processes cannot be watched")
 @pytest.mark.parametrize("name", ["SIGKILL", "SIGTERM", "SIGINT"])
 def test_a_study_that_is_stopped_goes_on(described, maxcon_process, maxcon, tmp_path, name):

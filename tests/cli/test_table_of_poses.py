@@ -78,6 +78,7 @@ def stopped(maxcon_process, arguments, out, tmp_path):
     return run
 
 
+@pytest.mark.kills
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
 def test_a_drive_that_is_stopped_keeps_its_rows_and_is_gone_on_with(stopped, maxcon, arguments, out, whole, number):
     code, err = stopped(number)
@@ -96,6 +97,7 @@ def test_a_drive_that_is_stopped_keeps_its_rows_and_is_gone_on_with(stopped, max
     assert len(read_trajectory(out.parent / "poses.txt")) == 4
 
 
+@pytest.mark.kills
 def test_a_drive_that_is_stopped_before_its_first_row_writes_nothing(stopped, out):
     assert stopped(signal.SIGINT, 0) == (130, "maxcon: stopped; nothing was written\n")
     assert list(out.parent.iterdir()) == []
