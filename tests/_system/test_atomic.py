@@ -3,16 +3,15 @@
 """Nothing is ever half written: files and folders appear whole, or not at all (D10, decision 25)."""
 
 import errno
-import fcntl
 import os
 import signal
 import socket
 import stat
+from contextlib import suppress
 
 import pytest
 
-from maxcon._system.atomic import atomic_file, atomic_folder, check_writable, make_folder
-from maxcon._system.partials import sweep_folder
+from maxcon._system.atomic import atomic_file, atomic_folder, check_writable, locked, make_folder, sweep
 from maxcon.errors import FileError, MaxconError
 
 
@@ -111,17 +110,13 @@ def test_a_folder_that_exists_is_refused_before_the_work(tmp_path):
     assert names(tmp_path) == ["city.map"]
 
 
-@pytest.mark.parametrize("has_swap", [True, False])
 @pytest.mark.parametrize("after", range(4))
-def test_a_signal_anywhere_in_the_exchange_loses_neither_folder(tmp_path, monkeypatch, has_swap, after):
+def test_a_signal_anywhere_in_the_exchange_loses_neither_folder(tmp_path, monkeypatch, after):
     """Stop before the first step, after the first, and so on: the old folder, or the new one, stands there, whole."""
     target = tmp_path / "city.map"
     target.mkdir()
     (target / "old").write_text("old")
-    cls, rename = type(target), type(target).replace
-    if not has_swap:
-        monkeypatch.setattr("maxcon._system.atomic.swapped", lambda one, other: False)
-    steps_left = [after]
+    rename, steps_left = type(target).replace, [after]
 
     def replace(self, other):
         if steps_left == [0]:
@@ -131,30 +126,17 @@ def test_a_signal_anywhere_in_the_exchange_loses_neither_folder(tmp_path, monkey
         if steps_left == [1]:
             steps_left.clear()
             raise Interrupted
-        steps_left[:] = [n - 1 for n in steps_left]
+        steps_left[:] = [n - 2 for n in steps_left]
         return other
 
-    monkeypatch.setattr(cls, "replace", replace)
-    try:
-        with atomic_folder(target, overwrite=True) as partial:
-            (partial / "new").write_text("new")
-    except Interrupted:
-        pass
-    assert names(target) in (["old"], ["new"])
-    assert names(tmp_path) == ["city.map"] or names(target) == ["new"]
-
-
-def test_overwriting_is_one_step_here(tmp_path, monkeypatch):
-    """On Linux no rename of Python's is needed: a kill in between leaves one of the two where it was asked for."""
-    target = tmp_path / "city.map"
-    target.mkdir()
-    monkeypatch.setattr(type(target), "replace", None)
-    with atomic_folder(target, overwrite=True) as partial:
+    monkeypatch.setattr(type(target), "replace", replace)
+    with suppress(Interrupted), atomic_folder(target, overwrite=True) as partial:
         (partial / "new").write_text("new")
-    assert names(target) == ["new"]
+    assert names(target) == (["new"] if after > 2 else ["old"])
     assert names(tmp_path) == ["city.map"]
 
 
+@pytest.mark.kills
 def test_what_a_killed_process_left_is_swept_up(tmp_path):
     target = tmp_path / "city.map"
     child = os.fork()
@@ -179,6 +161,7 @@ def _killed_while_writing(target):
     os.waitpid(child, 0)
 
 
+@pytest.mark.kills
 def test_what_a_killed_process_left_of_a_file_is_swept_up(tmp_path):
     target = tmp_path / "poses.laz"
     _killed_while_writing(target)
@@ -189,26 +172,24 @@ def test_what_a_killed_process_left_of_a_file_is_swept_up(tmp_path):
         check_writable(target)
     assert target.read_text() == "whole"
     assert len(names(tmp_path)) == 2
-    sweep_folder(tmp_path)
+    sweep(tmp_path)
     assert names(tmp_path) == ["poses.laz"]
 
 
 @pytest.mark.parametrize("overwrite", [True, False])
 def test_a_folder_that_a_killed_process_moved_aside_returns(tmp_path, overwrite):
-    """Where two folders cannot change places in one step, a kill may fall between the two renames."""
-    old, target = tmp_path / ".city.map.old-12345678", tmp_path / "city.map"
-    old.mkdir()
-    (old / "old").touch()
-    error = ValueError if overwrite else FileError
-    with pytest.raises(error), atomic_folder(target, overwrite=overwrite):
+    """A kill may fall between the two renames that replace a folder, or behind them."""
+    left, target = tmp_path / ".city.map.partial-12345678", tmp_path / "city.map"
+    (left / "old").mkdir(parents=True)
+    (left / "old" / "a").touch()
+    with pytest.raises(ValueError if overwrite else FileError), atomic_folder(target, overwrite=overwrite):
         raise ValueError
     assert names(tmp_path) == ["city.map"]
-    assert names(target) == ["old"]
-    old.mkdir()  # a kill before it was removed
-    with atomic_folder(target, overwrite=True) as partial:
-        (partial / "new").touch()
+    assert names(target) == ["a"]
+    (left / "old").mkdir(parents=True)
+    sweep(tmp_path)
     assert names(tmp_path) == ["city.map"]
-    assert names(target) == ["new"]
+    assert names(target) == ["a"]
 
 
 def test_the_folder_of_a_process_at_work_is_left_alone(tmp_path):
@@ -220,20 +201,6 @@ def test_the_folder_of_a_process_at_work_is_left_alone(tmp_path):
         (one / "one").touch()
     assert names(target) == ["one"]
     assert names(tmp_path) == ["city.map"]
-
-
-def test_a_folder_whose_lock_is_held_is_nobody_elses(tmp_path):
-    left = tmp_path / ".city.map.partial-12345678"
-    left.mkdir()
-    descriptor = os.open(left, os.O_RDONLY)
-    fcntl.flock(descriptor, fcntl.LOCK_EX)
-    with atomic_folder(tmp_path / "city.map"):
-        pass
-    assert left.exists()
-    os.close(descriptor)
-    with atomic_folder(tmp_path / "city.map", overwrite=True):
-        pass
-    assert not left.exists()
 
 
 @pytest.fixture(params=["FIFO", "socket"])
@@ -336,27 +303,6 @@ def test_overwriting_replaces_the_whole_folder(tmp_path):
     assert names(tmp_path) == ["city.map"]
 
 
-def test_the_old_folder_comes_back_when_the_exchange_fails(tmp_path, monkeypatch):
-    """The second of two renames fails: the first is taken back."""
-    monkeypatch.setattr("maxcon._system.atomic.swapped", lambda one, other: False)
-    target = tmp_path / "city.map"
-    target.mkdir()
-    (target / "old").write_text("old")
-    cls = type(target)
-    rename = cls.replace
-
-    def replace(self, other):
-        if ".partial-" in self.name and other == target and (self / "new").exists():
-            raise full_disk()
-        return rename(self, other)
-
-    monkeypatch.setattr(cls, "replace", replace)
-    with pytest.raises(FileError, match="No space left"), atomic_folder(target, overwrite=True) as partial:
-        (partial / "new").write_text("new")
-    assert (target / "old").read_text() == "old"
-    assert names(tmp_path) == ["city.map"]
-
-
 def test_two_writers_do_not_meet(tmp_path):
     with atomic_file(tmp_path / "a") as one, atomic_file(tmp_path / "a") as other:
         assert one != other
@@ -372,3 +318,31 @@ def test_make_folder(tmp_path):
     (tmp_path / "file").write_text("x")
     with pytest.raises(FileError, match=r"able to make the folder .*file.*, got: .*Choose another"):
         make_folder(tmp_path / "file" / "b")
+
+
+@pytest.mark.kills
+def test_the_lock_of_a_killed_process_is_free(tmp_path):
+    lock = tmp_path / ".lock"
+    ready, told = os.pipe()
+    child = os.fork()
+    if child == 0:
+        with locked(lock, "it"):
+            os.write(told, b"!")
+            signal.pause()
+    os.read(ready, 1)
+    with pytest.raises(FileError, match="it to be left alone, but another process"), locked(lock, "it"):
+        pass
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    with locked(lock, "it"):
+        assert lock.exists()
+    assert not lock.exists()
+
+
+def test_a_file_system_without_locks_is_told(tmp_path, monkeypatch):
+    def no_locks(self, *arguments, **options):
+        raise OSError(errno.ENOSYS, "Function not implemented")
+
+    monkeypatch.setattr("filelock.FileLock.acquire", no_locks)
+    with pytest.raises(FileError, match=r"able to lock .*Function not.*another file"), locked(tmp_path / "l", ""):
+        pass

@@ -1,17 +1,18 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Outputs are written beside their place and renamed, so that nothing is ever half written (D10, decision 25)."""
+"""Files and folders that appear whole or not at all: written in a temporary sibling, then renamed (D10)."""
 
 import json
 import os
+import shutil
 import stat
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from fnmatch import fnmatchcase
+from glob import escape
 from pathlib import Path
+from tempfile import mkdtemp
 
-from maxcon._system.exchange import swapped
-from maxcon._system.partials import check_name, old_place, partial_folder, partials_of, put_back, remove, sweep
 from maxcon._system.regular_file import special_kind
 from maxcon.errors import FileError
 
@@ -21,20 +22,111 @@ __all__ = [
     "check_folder",
     "check_replaceable",
     "check_writable",
+    "locked",
     "make_folder",
-    "remove_partials",
+    "sweep",
     "write_json",
 ]
 
+MARK = ".partial-"
+"""In the names of temporary siblings: `.city.map.partial-x1y2z3w4`."""
+LOCK, NEW, OLD = ".lock", "new", "old"
+"""In such a sibling: held while somebody is at work in it; the folder that is filled; the one that it replaces."""
+
+
+@contextmanager
+def atomic_file(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Yield a path to write to; it replaces `path` when the block ends well and vanishes otherwise.
+
+    Behind a symbolic link the file that it leads to is replaced. FileError if it cannot be written, or something other
+    than a file stands there.
+    """
+    target = _output_file(path)
+    try:
+        with _temporary_sibling(target) as folder:
+            partial = folder / target.name
+            yield partial
+            partial.replace(_output_file(target))
+    except OSError as error:
+        raise _cannot_write(target, error) from error
+
+
+@contextmanager
+def atomic_folder(path: str | os.PathLike[str], *, overwrite: bool = False) -> Iterator[Path]:
+    """Yield an empty folder to fill; it becomes `path` when the block ends well and vanishes otherwise.
+
+    What killed processes left of the same `path` is removed before. FileError if `path` exists and `overwrite` is
+    False, or the folder cannot be written.
+    """
+    target = _behind_links(Path(path))
+    try:
+        sweep(target.parent, target.name)
+        if target.exists() and not overwrite:
+            raise FileError(
+                f"Expected {target} not to exist yet, but it does."
+                " Name another, remove it, or allow overwriting it (--overwrite)."
+            )
+        if target.exists() and not target.is_dir():
+            raise FileError(f"Expected a folder to overwrite, got the file {target}. Name another.")
+        with _temporary_sibling(target) as folder:
+            new = folder / NEW
+            new.mkdir()
+            yield new
+            if target.exists():
+                target.replace(folder / OLD)  # it returns if the next step is not reached
+            new.replace(target)
+    except OSError as error:
+        raise _cannot_write(path, error) from error
+
+
+def write_json(path: str | os.PathLike[str], value: object) -> None:
+    """Write a value as a JSON file; errors as of `atomic_file`."""
+    with atomic_file(path) as partial:
+        partial.write_text(json.dumps(value, indent=1) + "\n", encoding="utf-8", newline="\n")
+
+
+def sweep(folder: Path, name: str | None = None) -> None:
+    """Remove what killed processes left in a folder of an output of this name, or of any.
+
+    A folder that one of them had moved aside, to replace it, returns to its place.
+    """
+    from filelock import FileLock, Timeout
+
+    for left in folder.glob(f".{'*' if name is None else escape(name)}{MARK}*"):
+        with suppress(Timeout, OSError, NotImplementedError), FileLock(left / LOCK, timeout=0):
+            _remove(left)
+
+
+@contextmanager
+def locked(path: str | os.PathLike[str], what: str) -> Iterator[None]:
+    """Hold a lock file while the block runs, and remove it; the system lets go of it when the process is killed.
+
+    FileError that names `what` if another process holds it, or the file cannot be made or locked.
+    """
+    from filelock import FileLock, Timeout
+
+    lock = FileLock(path)
+    try:
+        lock.acquire(timeout=0)
+    except Timeout as error:
+        raise FileError(
+            f"Expected {what} to be left alone, but another process is at work on it. Wait for it, or stop it."
+        ) from error
+    except (OSError, NotImplementedError) as error:
+        raise FileError(
+            f"Expected to be able to lock {path}, got: {getattr(error, 'strerror', None) or error}. Check the folder"
+            " and its permissions, or name a place on another file system."
+        ) from error
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            Path(path).unlink()  # before it is free: the next one makes its own
+        lock.release()
+
 
 def make_folder(path: str | os.PathLike[str]) -> None:
-    """Make a folder for outputs, if it is not there.
-
-    Raises
-    ------
-    FileError
-        If it cannot be made.
-    """
+    """Make a folder for outputs, if it is not there; FileError if it cannot be made."""
     try:
         Path(path).mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -44,32 +136,21 @@ def make_folder(path: str | os.PathLike[str]) -> None:
 
 
 def check_writable(path: str | os.PathLike[str]) -> None:
-    """Refuse a file that cannot be written, before the work whose outcome it shall hold.
+    """Refuse a file that cannot be written, before the work whose outcome it shall hold; FileError if so.
 
     What killed processes left of it beside it is removed.
-
-    Raises
-    ------
-    FileError
-        If it is a folder or no file at all (a device, a FIFO), or its own folder does not exist or takes no files.
     """
     target = _output_file(path)
     try:
-        with partial_folder(target) as folder:
+        with _temporary_sibling(target) as folder:
             (folder / target.name).touch()
-        sweep(target)
+        sweep(target.parent, target.name)
     except OSError as error:
         raise _cannot_write(path, error) from error
 
 
 def check_folder(path: str | os.PathLike[str]) -> None:
-    """Refuse a folder for outputs that cannot be made, before the work whose outcome it shall hold.
-
-    Raises
-    ------
-    FileError
-        If it, or what it shall be in, is no folder, or its name is none.
-    """
+    """Refuse a folder for outputs that is a file, or is in one; FileError if so."""
     try:
         there = next(place for place in (Path(path), *Path(path).absolute().parents) if place.exists())
         is_folder = there.is_dir()
@@ -80,7 +161,7 @@ def check_folder(path: str | os.PathLike[str]) -> None:
 
 
 def check_replaceable(path: str | os.PathLike[str], what: str, names: Sequence[str]) -> None:
-    """Refuse to overwrite anything but a folder of the kind that is to be written.
+    """Refuse to overwrite anything but a folder of the kind that is to be written; FileError if so.
 
     Parameters
     ----------
@@ -91,11 +172,6 @@ def check_replaceable(path: str | os.PathLike[str], what: str, names: Sequence[s
     names : sequence of str
         Names and patterns (`poses-*.csv`) of all that such a folder may hold; the first it must hold, if it
         is not empty.
-
-    Raises
-    ------
-    FileError
-        If it is a file, or a folder that holds something else.
     """
     folder = Path(path)
     try:
@@ -120,21 +196,35 @@ def check_replaceable(path: str | os.PathLike[str], what: str, names: Sequence[s
         )
 
 
-def _cannot_write(path: str | os.PathLike[str], error: OSError) -> FileError:
-    return FileError(
-        f"Expected to be able to write {path}, got: {error.strerror or error}."
-        " Check the folder, its permissions and the free disk space; nothing was written."
-    )
+@contextmanager
+def _temporary_sibling(target: Path) -> Iterator[Path]:
+    """Yield an empty folder beside `target`, locked, so that nobody sweeps it away; it is removed in the end."""
+    from filelock import FileLock
+
+    if target.name in ("", ".."):
+        raise FileError(f"Expected the name of what to write, got '{target}'. Put a name behind it.")
+    folder = Path(mkdtemp(prefix=f".{target.name}{MARK}", dir=target.parent))
+    lock = FileLock(folder / LOCK)
+    try:
+        with suppress(NotImplementedError):  # a file system without locks: nothing is swept there
+            lock.acquire(timeout=0)
+        yield folder
+    finally:
+        lock.release()
+        _remove(folder)
+
+
+def _remove(sibling: Path) -> None:
+    """Remove a temporary sibling; the folder that was moved aside into it returns, if nothing stands in its place."""
+    old, place = sibling / OLD, sibling.with_name(sibling.name[1:].rpartition(MARK)[0])
+    with suppress(OSError):  # an error that is on its way says more than one of cleaning up
+        if old.is_dir() and not place.exists():
+            old.replace(place)
+        shutil.rmtree(sibling)
 
 
 def _output_file(path: str | os.PathLike[str]) -> Path:
-    """Return the file to write where `path` says: behind symbolic links, which stay; nothing but files is replaced.
-
-    Raises
-    ------
-    FileError
-        If a folder stands there, a device, a FIFO or a socket, or links that lead nowhere.
-    """
+    """Return the file to write, behind symbolic links; FileError if a folder, a device or a FIFO stands there."""
     target = _behind_links(Path(path))
     try:
         mode = target.stat().st_mode
@@ -159,82 +249,8 @@ def _behind_links(path: Path) -> Path:
         return path
 
 
-@contextmanager
-def atomic_file(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a path to write to; it replaces `path` when the block ends well and vanishes otherwise.
-
-    Raises
-    ------
-    FileError
-        If the folder does not exist, the file cannot be written (full disk, no permission), or something other than a
-        file stands there.
-    """
-    target = _output_file(path)
-    try:
-        with partial_folder(target) as folder:
-            partial = folder / target.name
-            yield partial
-            partial.replace(_output_file(target))
-    except OSError as error:
-        raise _cannot_write(target, error) from error
-
-
-def write_json(path: str | os.PathLike[str], value: object) -> None:
-    """Write a value as JSON, in a step; errors as of `atomic_file`."""
-    with atomic_file(path) as partial:
-        partial.write_text(json.dumps(value, indent=1) + "\n", encoding="utf-8", newline="\n")
-
-
-def remove_partials(path: str | os.PathLike[str]) -> None:
-    """Remove what killed processes left of a file that they were writing; nobody else may be writing it now."""
-    for left in partials_of(Path(path)):
-        remove(left)
-
-
-@contextmanager
-def atomic_folder(path: str | os.PathLike[str], *, overwrite: bool = False) -> Iterator[Path]:
-    """Yield an empty folder to fill; it becomes `path` when the block ends well and vanishes otherwise.
-
-    Folders that a killed process left half filled for the same `path` are removed; one that it had moved aside, to
-    replace it, returns.
-
-    Raises
-    ------
-    FileError
-        If `path` exists and `overwrite` is False, or the folder cannot be written.
-    """
-    target = _behind_links(Path(path))
-    check_name(target)
-    try:
-        put_back(target)
-        if target.exists() and not overwrite:
-            raise FileError(
-                f"Expected {target} not to exist yet, but it does."
-                " Name another, remove it, or allow overwriting it (--overwrite)."
-            )
-        if target.exists() and not target.is_dir():
-            raise FileError(f"Expected a folder to overwrite, got the file {target}. Name another.")
-        sweep(target)
-        with partial_folder(target) as partial:
-            yield partial
-            _exchange(partial, target)
-    except OSError as error:
-        raise _cannot_write(target, error) from error
-
-
-def _exchange(partial: Path, target: Path) -> None:
-    """Put `partial` where `target` is; the old folder goes only once the new one stands."""
-    if not target.exists():
-        partial.replace(target)
-        return
-    if swapped(partial, target):
-        return  # the old one is where `partial` was, and is removed there
-    old = old_place(target)
-    try:
-        target.replace(old)
-        partial.replace(target)
-    except BaseException:  # a signal, too
-        if old.exists() and not target.exists():
-            old.replace(target)
-        raise
-    remove(old)
+def _cannot_write(path: str | os.PathLike[str], error: OSError) -> FileError:
+    return FileError(
+        f"Expected to be able to write {path}, got: {error.strerror or error}."
+        " Check the folder, its permissions and the free disk space; nothing was written."
+    )

@@ -1,14 +1,25 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Values of TOML and JSON files, checked against a msgspec type in one place, with our errors."""
+"""TOML and JSON files, read within bounds of size and depth, and checked against a msgspec type, with our errors."""
 
-from typing import TypeVar
+import json
+import re
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
 
+from maxcon._system.regular_file import read_regular
 from maxcon.errors import FileError, MaxconError
 
-__all__ = ["checked"]
+__all__ = ["checked", "read_json", "read_toml"]
 
 T = TypeVar("T")
+
+LARGEST_TOML = 2**20
+"""Bytes; such a file is a page of text."""
+DEEP_KEY = re.compile(r"""(?<![\w"'-])(?:(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){31}""")
+"""Keys of as many parts take memory that grows with the square of their length, before anyone looks at them."""
 
 
 def checked(
@@ -41,3 +52,31 @@ def checked(
         at = f" at `{place.strip('.`')}`" if place.strip(".`") else ""
         said = said[0].lower() + said[1:]
         raise error(f"Expected {what} in {where}, got another{at}: {said}. {advice}.") from problem
+
+
+def read_toml(file: Path, what: str, advice: str) -> dict[str, Any]:
+    """Return what a TOML file says; FileError, with what was expected and what to do, if it is none or too large."""
+
+    def parsed(content: bytes) -> dict[str, Any]:
+        text = content.decode("utf-8")
+        if DEEP_KEY.search(text):
+            raise ValueError("a key of 32 parts or more")
+        return tomllib.loads(text)
+
+    return _read(file, parsed, LARGEST_TOML, what, advice)
+
+
+def read_json(file: Path, what: str, advice: str, most_bytes: int = 2**30) -> Any:
+    """Return what a JSON file says; errors as of `read_toml`."""
+    return _read(file, lambda content: json.loads(content.decode("utf-8")), most_bytes, what, advice)
+
+
+def _read(file: Path, parse: Callable[[bytes], T], most_bytes: int, what: str, advice: str) -> T:
+    try:
+        content = read_regular(file, most_bytes + 1)
+        if len(content) > most_bytes:
+            raise ValueError(f"it has more than {most_bytes:,} bytes")
+        return parse(content)
+    except (OSError, ValueError, RecursionError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise FileError(f"Expected {what} in {file}, got: {reason}. {advice}.") from error

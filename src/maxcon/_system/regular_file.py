@@ -3,40 +3,29 @@
 """Files to read that are files: opening a FIFO waits for ever, and a device may have no end."""
 
 import errno
+import hashlib
 import os
 import stat
 from io import BufferedReader
 from pathlib import Path
 
-__all__ = ["check_regular", "open_regular", "read_regular", "special_kind"]
+__all__ = ["check_regular", "open_regular", "read_regular", "sha256_of_file", "special_kind"]
 
 
 def special_kind(mode: int) -> str:
-    """Return what stands in the file system where there is neither file nor folder, from its `st_mode`."""
+    """Return the kind of what is neither file nor folder, from its `st_mode`."""
     if stat.S_ISFIFO(mode):
         return "FIFO"
     return "socket" if stat.S_ISSOCK(mode) else "device"
 
 
 def check_regular(path: str | os.PathLike[str]) -> None:
-    """Refuse what is no file, before anything opens it.
-
-    Raises
-    ------
-    OSError
-        If it is missing, a folder, a FIFO, a socket or a device, in words for an error of ours.
-    """
+    """Refuse what is no file, before anything opens it; OSError, in words for an error of ours."""
     _check(path, os.stat(path).st_mode)  # noqa: PTH116 - also names that are no Path
 
 
 def open_regular(path: str | os.PathLike[str]) -> BufferedReader:
-    """Open a file to read its bytes; what is none is refused, at once.
-
-    Raises
-    ------
-    OSError
-        As `check_regular`; or if it may not be read.
-    """
+    """Open a file to read its bytes; OSError at once, as of `check_regular`, if it is none."""
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     descriptor = os.open(path, flags)
     try:
@@ -48,15 +37,15 @@ def open_regular(path: str | os.PathLike[str]) -> BufferedReader:
 
 
 def read_regular(path: str | os.PathLike[str], most_bytes: int) -> bytes:
-    """Return the first bytes of a file, all of them if there are no more; memory is taken for those that are there.
-
-    Raises
-    ------
-    OSError
-        As `open_regular`.
-    """
+    """Return the first bytes of a file, all of them if there are no more; errors as of `open_regular`."""
     with open_regular(path) as stream:
         return stream.read(min(most_bytes, os.fstat(stream.fileno()).st_size))
+
+
+def sha256_of_file(path: str | os.PathLike[str]) -> str:
+    """Return the SHA-256 of a file's bytes, in hexadecimal digits; errors as of `open_regular`."""
+    with open_regular(path) as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def _check(path: str | os.PathLike[str], mode: int) -> None:

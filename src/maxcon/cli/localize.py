@@ -135,7 +135,7 @@ def localize(
         map_folder, scans, prior, times = (_absolute(path) for path in (map_folder, scans, prior, times))
         motion = replace(motion, odometry=_absolute(motion.odometry))
         recording = replace(recording, mounting=_absolute(recording.mounting))
-    engine = Engine(1 if drives is None and worker.is_alone else worker.workers, worker.scheduler, typer.echo, warn)
+    engine = Engine(1 if drives is None and worker.is_alone else worker.workers, worker.scheduler, warn)
     options = DriveOptions(ranges.min_range, ranges.max_range, max_gap)
     opener = DriveOpener(method, space, recording, motion, options, certainty, threads)
     parse_objective(method.objective)  # a wrong name is said before anything is read

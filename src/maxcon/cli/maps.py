@@ -140,7 +140,7 @@ class TileWorkers(OptionGroup):
                 "Expected either threads of this process or others that make the tiles, got both. Leave out --threads,"
                 " or --workers and --scheduler."
             )
-        return Engine(self.workers, self.scheduler, typer.echo, warn)
+        return Engine(self.workers, self.scheduler, warn)
 
 
 @app.command(cls=GroupedCommand)

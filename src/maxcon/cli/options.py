@@ -214,11 +214,7 @@ class WorkerOptions(OptionGroup):
 
     title = "How it is done"
     workers: int | None = flag(
-        None,
-        "Processes, about 1 GiB each; 1: all in this one. Default: as many as processors, if the extra engine is"
-        " installed.",
-        metavar="N",
-        min=1,
+        None, "Processes, about 1 GiB each; 1: all in this one. Default: as many as processors.", metavar="N", min=1
     )
     scheduler: Scheduler = None
 

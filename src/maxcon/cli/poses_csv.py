@@ -136,14 +136,13 @@ def drawer(
     folder: Path, point_map: "PointMap", method: "MaximumConsensus | WithinSigmas", objective: str
 ) -> Callable[["EpochEstimate"], None]:
     """Return a function that draws an epoch into the folder."""
-    from maxcon._system.atomic import make_folder
-    from maxcon._system.partials import sweep_folder
+    from maxcon._system.atomic import make_folder, sweep
     from maxcon.localizer import MaximumConsensus
     from maxcon.plotting.canvas.figure import check_matplotlib
     from maxcon.plotting.epoch import plot_epoch
 
     check_matplotlib()
-    sweep_folder(folder)
+    sweep(folder)
 
     def draw(epoch: "EpochEstimate") -> None:
         if epoch.estimate is None or epoch.prior is None:

@@ -100,7 +100,6 @@ def study(
             options=DriveOptions(ranges.min_range, ranges.max_range, max_gap),
             progress=report,
             scheduler=worker.scheduler,
-            tell=typer.echo,
             warn=warn,
         )
     _print_summary(done)

@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from maxcon._system.in_order import in_order
+from maxcon._system.ordered_map import ordered_map
 from maxcon.errors import FileError, MapError, OptionError, TrajectoryError
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
@@ -234,7 +234,7 @@ def _several_at_once(
         return
     pool = ThreadPoolExecutor(n_threads, thread_name_prefix="epoch")
     try:
-        yield from in_order(pool, localize, epochs, n_threads + 1)
+        yield from ordered_map(pool, localize, epochs, n_threads + 1)
     finally:
         pool.shutdown(cancel_futures=True)
 

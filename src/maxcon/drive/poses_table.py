@@ -16,8 +16,7 @@ from typing import Any, BinaryIO, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon._system.atomic import atomic_file
-from maxcon._system.locks import locked
+from maxcon._system.atomic import atomic_file, locked
 from maxcon.drive.localize import EpochEstimate
 from maxcon.errors import FileError
 from maxcon.estimate import Status
@@ -162,28 +161,25 @@ class GrowingTable:
         if self.n_rows == 0 and epoch.status is Status.UNREADABLE:
             return
         rows, self._waiting = self._waiting, []
-        if self._file is not None:
-            self._append(self._file, rows)
-        elif self._there.n_rows == 0:
-            self._file = self._begun(rows)
-        else:
-            self._file = self._taken_up()
+        if self._file is None:
+            lock = self._path.with_name(f".{self._path.name}.lock")
+            self._stack.enter_context(locked(lock, f"the table {self._path}"))
+            if self.n_rows == 0:
+                write_poses(self._path, rows)
+            self._file = self._opened()
+        if self.n_rows > 0:
             self._append(self._file, rows)
         self.n_rows += len(rows)
 
-    def _begun(self, rows: Sequence[EpochEstimate]) -> BinaryIO:
-        """Write the first rows, and return the file, to append to."""
-        write_poses(self._path, rows)
-        return self._stack.enter_context(locked(self._path, f"the table {self._path}"))
-
-    def _taken_up(self) -> BinaryIO:
-        """Return the file that is there, to append to, without the part of a row at its end."""
-        file = self._stack.enter_context(locked(self._path, f"the table {self._path}"))
-        if file.seek(0, 2) != self._there.size:
-            raise FileError(
-                f"Expected {self._path} as it was a moment ago, but it has grown. Is another process at work on it?"
-            )
-        file.truncate(self._there.n_bytes)
+    def _opened(self) -> BinaryIO:
+        """Return the file, to append to, without the part of a row at its end."""
+        file = self._stack.enter_context(self._path.open("ab"))
+        if self.n_rows > 0:
+            if file.seek(0, 2) != self._there.size:
+                raise FileError(
+                    f"Expected {self._path} as it was a moment ago, but it has grown. Is another process at work on it?"
+                )
+            file.truncate(self._there.n_bytes)
         return file
 
     def _append(self, file: BinaryIO, rows: Sequence[EpochEstimate]) -> None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from maxcon._system.toml_file import read_toml
+from maxcon._system.checked import read_toml
 from maxcon.errors import FileError
 
 __all__ = ["DESCRIPTION", "Dataset"]

@@ -10,8 +10,7 @@ from typing import Annotated
 
 import numpy as np
 
-from maxcon._system.checked import checked
-from maxcon._system.toml_file import read_toml
+from maxcon._system.checked import checked, read_toml
 from maxcon.geometry import Pose
 from maxcon.geometry.quaternions import quaternions_from_angles
 from maxcon.scan.trajectory import Trajectory

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from maxcon._system.locks import locked
+from maxcon._system.atomic import locked
 from maxcon.drive.localize import DriveOptions, localize_drive
 from maxcon.errors import ArrayError, FileError, MapError, OptionError, TrajectoryError
 from maxcon.estimate import Estimate, Status

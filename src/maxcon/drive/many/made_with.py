@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from maxcon._system.atomic import write_json
-from maxcon._system.differences import differences
 from maxcon._system.regular_file import read_regular
+from maxcon._system.resumable import differences
 from maxcon.drive.many.poses_dataset import PosesDataset
 from maxcon.drive.many.table import DriveEntry
 from maxcon.errors import FileError, OptionError

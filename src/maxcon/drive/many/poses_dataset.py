@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from maxcon._system.atomic import atomic_file, make_folder, remove_partials
+from maxcon._system.atomic import atomic_file, make_folder, sweep
 from maxcon.drive.localize import EpochEstimate
 from maxcon.drive.poses_table import COLUMNS, pose_values
 from maxcon.errors import FileError, OptionError
@@ -117,7 +117,7 @@ class PosesDataset:
             If it cannot be written.
         """
         make_folder(self.path(name).parent)
-        remove_partials(self.path(name))
+        sweep(self.path(name).parent, self.path(name).name)
         self._write(self.path(name), table)
         self.clear(name)
 

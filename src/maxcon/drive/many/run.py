@@ -12,8 +12,8 @@ import numpy as np
 
 from maxcon._system.engine import Engine
 from maxcon._system.progress import Progress
+from maxcon._system.resumable import work_folder
 from maxcon._system.version import __version__
-from maxcon._system.work_folder import work_folder
 from maxcon.drive.localize import EpochEstimate
 from maxcon.drive.many.job import DriveTask, ManyDrivesJob
 from maxcon.drive.many.made_with import OPTIONS, check_options, check_sources

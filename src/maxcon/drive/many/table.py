@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from maxcon._system.checked import read_toml
 from maxcon._system.regular_file import read_regular
-from maxcon._system.toml_file import read_toml
 from maxcon.errors import FileError
 
 __all__ = ["DriveEntry", "read_drives"]

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from maxcon._system.atomic import write_json
-from maxcon._system.differences import differences
 from maxcon._system.regular_file import open_regular
+from maxcon._system.resumable import differences
 from maxcon._system.version import __version__
 from maxcon.drive.localize import DriveOptions
 from maxcon.drive.many.description import describe

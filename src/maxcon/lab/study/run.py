@@ -13,7 +13,7 @@ import numpy as np
 
 from maxcon._system.engine import Engine
 from maxcon._system.progress import Progress
-from maxcon._system.work_folder import work_folder
+from maxcon._system.resumable import work_folder
 from maxcon.drive.localize import DriveOptions
 from maxcon.errors import OptionError
 from maxcon.io.scans import open_scans
@@ -77,7 +77,6 @@ def run_study(
     options: DriveOptions | None = None,
     progress: Progress | None = None,
     scheduler: str | None = None,
-    tell: Callable[[str], None] | None = None,
     warn: Callable[[str], None] | None = None,
 ) -> Study:
     """Let methods localize epochs of a dataset; rows that are in the folder already are not made again.
@@ -102,8 +101,6 @@ def run_study(
         Called with (step, done, of how many).
     scheduler : str, optional
         Address of a dask scheduler, whose workers do it instead.
-    tell : callable, optional
-        Called with a line for the user: where a browser finds the dashboard of dask.
     warn : callable, optional
         Called with a line for the user: that the scheduler is waited for.
 
@@ -119,8 +116,7 @@ def run_study(
         If the dataset cannot be used, or the folder cannot be written.
     """
     root, options = Path(folder), options or DriveOptions()
-    told = {name: call for name, call in (("tell", tell), ("warn", warn)) if call is not None}
-    engine = Engine(n_workers, scheduler, **told)
+    engine = Engine(n_workers, scheduler) if warn is None else Engine(n_workers, scheduler, warn)
     names = _checked(dataset, methods, priors)
     scans = open_scans(dataset.scans, dataset.times)
     numbers = spread_epochs(len(scans), n_epochs)

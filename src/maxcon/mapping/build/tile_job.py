@@ -19,7 +19,7 @@ from maxcon.mapping.build.spill import TileSpill
 from maxcon.mapping.build.tiles import MEMORY_BYTES, MadeTile, TileMaker
 from maxcon.map import TileKey
 from maxcon._system.atomic import atomic_file
-from maxcon._system.in_order import by_order, in_order
+from maxcon._system.ordered_map import in_order_of, ordered_map
 
 __all__ = ["TileJob", "TileRound", "TileStep", "TileTask", "by_engine", "by_threads"]
 
@@ -149,7 +149,7 @@ def by_threads(
         return
     with ThreadPoolExecutor(n_threads) as pool:
         try:
-            yield lambda step, keys: in_order(pool, do[step], keys, 2 * n_threads)
+            yield lambda step, keys: ordered_map(pool, do[step], keys, 2 * n_threads)
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
@@ -171,7 +171,7 @@ def by_engine(job: TileJob, engine: Engine, n_points: int, n_tiles: int) -> Iter
                 for task, of_tiles in run(job, tasks)
                 for of_tile in zip(task.keys, of_tiles, strict=True)
             )
-            results = by_order(keys, found)
+            results = in_order_of(keys, found)
             return map(job.fetched, results) if step is TileStep.MAKE else results
 
         yield do_all

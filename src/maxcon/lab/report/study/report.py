@@ -9,8 +9,7 @@ import shlex
 from collections import Counter
 from pathlib import Path
 
-from maxcon._system.atomic import check_folder, check_writable, make_folder
-from maxcon._system.partials import sweep_folder
+from maxcon._system.atomic import check_folder, check_writable, make_folder, sweep
 from maxcon._system.progress import Progress
 from maxcon._system.version import __version__
 from maxcon.errors import OptionError
@@ -83,7 +82,7 @@ def report_study(
     prior = _checked_prior(by_prior, prior)
     methods = by_prior[prior]
     make_folder(folder)
-    sweep_folder(folder)
+    sweep(folder)
     report = progress or (lambda step, done, total: None)
     notes = _cautions(study, methods)
     scenes = open_scenes(study, dataset, prior, notes)

@@ -1,19 +1,19 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Work whose results come in the order of what they are made of, whoever is done first."""
+"""Ordered map: results in the order of what they are made of, whoever is done first."""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
 
-__all__ = ["by_order", "in_order"]
+__all__ = ["in_order_of", "ordered_map"]
 
 ItemT = TypeVar("ItemT")
 ResultT = TypeVar("ResultT")
 
 
-def in_order(
+def ordered_map(
     pool: ThreadPoolExecutor, work: Callable[[ItemT], ResultT], items: Iterable[ItemT], n_ahead: int
 ) -> Iterator[ResultT]:
     """Yield what is made of each item, in their order; at most `n_ahead` are begun before the first is asked for."""
@@ -26,11 +26,8 @@ def in_order(
         yield begun.popleft().result()
 
 
-def by_order(items: Iterable[ItemT], results: Iterable[tuple[ItemT, ResultT]]) -> Iterator[ResultT]:
-    """Yield the results of items, which come with them in any order, in the order of the items.
-
-    What comes early is held back.
-    """
+def in_order_of(items: Iterable[ItemT], results: Iterable[tuple[ItemT, ResultT]]) -> Iterator[ResultT]:
+    """Yield the results of items, which come with them in any order, in the order of the items; early ones wait."""
     early: dict[ItemT, ResultT] = {}
     coming = iter(results)
     for item in items:

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from hypothesis import given
 from hypothesis import strategies as st
 
-from maxcon._system.in_order import by_order, in_order
+from maxcon._system.ordered_map import in_order_of, ordered_map
 
 
 @given(st.permutations(range(12)))
@@ -18,7 +18,7 @@ def test_results_that_come_in_any_order_are_put_in_order(order):
         yield from ((number, number**2) for number in order)
         is_ended.append(True)
 
-    assert list(by_order(range(12), coming())) == [number**2 for number in range(12)]
+    assert list(in_order_of(range(12), coming())) == [number**2 for number in range(12)]
     assert is_ended == [True]
 
 
@@ -30,7 +30,7 @@ def test_a_result_is_yielded_as_soon_as_those_before_it_were():
             asked.append(number)
             yield number, number
 
-    results = by_order(range(3), coming())
+    results = in_order_of(range(3), coming())
     assert next(results) == 0
     assert asked == [1, 0]
 
@@ -44,7 +44,7 @@ def test_threads_yield_in_order_and_begin_no_more_than_they_may(n, n_threads, n_
         return -number
 
     with ThreadPoolExecutor(n_threads) as pool:
-        for number, result in enumerate(in_order(pool, work, range(n), n_ahead)):
+        for number, result in enumerate(ordered_map(pool, work, range(n), n_ahead)):
             assert result == -number
             assert len(begun) <= number + n_ahead
     assert sorted(begun) == list(range(n))

@@ -1,0 +1,142 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Work that may be killed at any moment and gone on with: its folder, its table, and whether it is the same work."""
+
+import os
+import shutil
+import uuid
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from maxcon._system.atomic import LOCK, atomic_file, check_folder, locked, make_folder, sweep
+from maxcon.errors import FileError
+
+if TYPE_CHECKING:
+    import pyarrow
+
+__all__ = ["ResumableTable", "differences", "work_folder"]
+
+
+@contextmanager
+def work_folder(folder: str | os.PathLike[str], what: str, record: str) -> Iterator[None]:
+    """Hold a folder of work, made if it is not there, while the block runs.
+
+    FileError if it cannot be written, holds something else, or another process is at work on it.
+
+    Parameters
+    ----------
+    folder : path
+        Of this work alone.
+    what : str
+        The work, for messages, e.g. "a study".
+    record : str
+        Name of the file that says what the work is. The block writes it before any other file, so that a
+        folder with others and without it is somebody else's.
+    """
+    root = Path(folder)
+    check_folder(root)
+    sweep(root)
+    others = sorted(path.name for path in root.iterdir() if path.name != LOCK) if root.exists() else []
+    if others and record not in others:
+        raise FileError(f"Expected {what} or an empty folder in {root}, but it holds {others[0]}. Name another folder.")
+    make_folder(root)
+    with locked(root / LOCK, str(root)):
+        yield
+
+
+def differences(before: Any, now: Any, where: str = "") -> str:
+    """Say what differs between two descriptions, values by names: "space.half_width 3.0, got 3.6"."""
+    if not (isinstance(before, dict) and isinstance(now, dict)):
+        return f"{where or 'it'} {before}, got {now}"
+    keys = [key for key in {**before, **now} if before.get(key) != now.get(key)]
+    return "; ".join(differences(before.get(key), now.get(key), f"{where}.{key}".strip(".")) for key in keys)
+
+
+class ResumableTable:
+    """Parquet table that grows by parts, each whole or not there, which are merged into one file in the end (D10).
+
+    Parameters
+    ----------
+    path : Path
+        Of the merged file.
+    parts : Path
+        Folder of the parts, of this table alone.
+    schema : pyarrow.Schema
+        Of the table.
+    keys : sequence of str
+        Columns that name a row. Rows are in their order; of equal keys the merged row counts, then any.
+    what : str
+        The table, for messages, e.g. "poses of a drive".
+    """
+
+    def __init__(self, path: Path, parts: Path, schema: "pyarrow.Schema", keys: Sequence[str], what: str) -> None:
+        self.path = path
+        self.parts = parts
+        self._schema = schema
+        self._keys = keys
+        self._what = what
+
+    def part_paths(self) -> list[Path]:
+        """Return the files of rows that are not merged."""
+        return sorted(self.parts.glob("[!.]*.parquet"))
+
+    def add(self, rows: Sequence[Mapping[str, Any]]) -> None:
+        """Write rows as one more part; values left out are null. FileError if it cannot be written."""
+        import pyarrow
+
+        make_folder(self.parts)
+        table = pyarrow.Table.from_pylist([dict(row) for row in rows], schema=self._schema)
+        self._write(self.parts / f"{uuid.uuid4().hex}.parquet", table)
+
+    def read(self) -> "pyarrow.Table":
+        """Return all rows, merged or not, each key once, in order; FileError if a file is broken."""
+        import pyarrow
+
+        paths = [self.path] if self.path.exists() else []
+        tables = [self._schema.empty_table(), *map(self.read_file, [*paths, *self.part_paths()])]
+        table = pyarrow.concat_tables(tables)
+        rows = zip(*(table.column(name).to_pylist() for name in self._keys), strict=True)
+        first = {key: row for row, key in reversed(list(enumerate(rows)))}
+        return table.take(pyarrow.array(np.sort(list(first.values())), pyarrow.int64())).sort_by(
+            [(name, "ascending") for name in self._keys]
+        )
+
+    def read_file(self, path: Path, columns: Sequence[str] | None = None) -> "pyarrow.Table":
+        """Return the rows of a file of this table, or some columns of them; FileError if it is broken."""
+        import pyarrow
+        import pyarrow.parquet
+
+        names = self._schema.names if columns is None else columns
+        schema = pyarrow.schema([self._schema.field(name) for name in names])
+        try:
+            return pyarrow.parquet.ParquetFile(path).read(names).cast(schema)
+        except (OSError, ValueError, pyarrow.ArrowException) as error:
+            raise FileError(
+                f"Expected {self._what} in {path}, got: {error}. Is it readable? If it is broken, remove it: the same"
+                " command makes its rows anew."
+            ) from error
+
+    def merge(self) -> "pyarrow.Table":
+        """Put all rows into the merged file, remove the parts, and return the rows; FileError if it cannot be done."""
+        table = self.read()
+        if self.part_paths() or not self.path.exists():
+            make_folder(self.path.parent)
+            sweep(self.path.parent, self.path.name)
+            self._write(self.path, table)
+        self.clear()
+        return table
+
+    def clear(self) -> None:
+        """Remove the parts, with what a kill may have left half written among them."""
+        shutil.rmtree(self.parts, ignore_errors=True)
+
+    @staticmethod
+    def _write(path: Path, table: "pyarrow.Table") -> None:
+        import pyarrow.parquet
+
+        with atomic_file(path) as partial:
+            pyarrow.parquet.write_table(table, partial, compression="zstd")

@@ -1,0 +1,273 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Tasks have the same results wherever they are done, whoever ends meanwhile, and errors arrive in words."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from maxcon._system import cluster
+from maxcon._system.engine import Engine, Opening, close_jobs, do_task
+from maxcon.errors import ArrayError, MaxconError, MissingExtraError, OptionError
+
+if sys.platform == "win32":
+    pytest.skip("no POSIX signals to kill a worker with", allow_module_level=True)
+
+N_NUMBERS = 24
+TASKS = [tuple(range(first, first + 3)) for first in range(0, N_NUMBERS, 3)]
+RIGHT = {number: number**2 for number in range(N_NUMBERS)}
+
+
+@dataclass(frozen=True)
+class Squares:
+    """Squares of numbers; some end their worker, always or once, and some raise an error."""
+
+    folder: Path
+    deadly: tuple[int, ...] = ()
+    wrong: tuple[int, ...] = ()
+    name: str = "squares"
+
+    def open(self):
+        (self.folder / f"opened-{os.getpid()}-{time.monotonic_ns()}").touch()
+        return self._squares
+
+    def _squares(self, task):
+        for number in task:
+            if number in self.deadly:
+                os.kill(os.getpid(), signal.SIGKILL)
+            if number in self.wrong:
+                raise ArrayError(f"Expected another number, got {number}. Take one.")
+        time.sleep(0.05)
+        return [(number, number**2) for number in task]
+
+    def split(self, task):
+        return [(number,) for number in task]
+
+    def lost(self, task, reason):
+        return [(number, reason) for number in task]
+
+    def processes(self):
+        """Processes that opened this job, one entry for each time."""
+        return [int(path.name.split("-")[1]) for path in self.folder.glob("opened-*")]
+
+
+def squares(engine, job):
+    return dict(pair for _, pairs in engine.run(job, TASKS, len(TASKS)) for pair in pairs)
+
+
+def is_alive(pid):
+    """A zombie that nobody waits for counts as ended."""
+    stat = Path(f"/proc/{pid}/stat")
+    try:
+        return stat.read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def all_ended(pids):
+    deadline = time.monotonic() + 300.0
+    while any(map(is_alive, pids)) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    return not any(map(is_alive, pids))
+
+
+def test_one_worker_is_this_process(tmp_path):
+    job = Squares(tmp_path)
+    assert squares(Engine(1), job) == RIGHT
+    assert job.processes() == [os.getpid()]
+
+
+def test_several_give_the_same_each_opens_once_and_may_be_left_at_any_moment(tmp_path):
+    job = Squares(tmp_path)
+    with Engine(2).started(len(TASKS)) as run:
+        assert dict(pair for _, pairs in run(job, TASKS) for pair in pairs) == RIGHT
+        processes = job.processes()
+        assert 1 <= len(processes) == len(set(processes)) <= 2
+        assert os.getpid() not in processes
+        results = run(job, TASKS)
+        next(results)
+        results.close()
+    assert all_ended(processes)
+
+
+@pytest.mark.parametrize("n_workers", [1, 2])
+def test_an_error_arrives_in_words_and_ends_all(tmp_path, n_workers):
+    job = Squares(tmp_path, wrong=(10,))
+    with pytest.raises(ArrayError, match="Expected another number, got 10"):
+        squares(Engine(n_workers), job)
+    assert all_ended(set(job.processes()) - {os.getpid()})
+
+
+@pytest.mark.kills
+def test_a_worker_that_is_killed_loses_nothing(tmp_path):
+    job, n_killed, found = Squares(tmp_path), 0, {}
+    for _, pairs in Engine(2).run(job, TASKS, len(TASKS)):
+        found.update(pairs)
+        if n_killed < 3 and (victims := [pid for pid in job.processes() if is_alive(pid)]):
+            os.kill(victims[n_killed % len(victims)], signal.SIGKILL)
+            n_killed += 1
+    assert found == RIGHT and n_killed == 3
+    assert len(job.processes()) > 2
+    assert all_ended(job.processes())
+
+
+@pytest.mark.kills
+def test_what_ends_every_worker_is_told_from_its_neighbours(tmp_path):
+    found = squares(Engine(2), Squares(tmp_path, deadly=(7,)))
+    assert "each worker that was given it ended" in found.pop(7)
+    assert found == {number: square for number, square in RIGHT.items() if number != 7}
+
+
+ENDED_WITH_PARENT = """
+import os, signal, sys
+from pathlib import Path
+sys.path.insert(0, {folder!r})
+from test_engine import TASKS, Squares
+from maxcon._system.engine import Engine
+
+if __name__ == "__main__":
+    job = Squares(Path(sys.argv[1]))
+    next(Engine(2).run(job, TASKS, len(TASKS)))
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.kills
+def test_workers_end_with_the_process_that_started_them(tmp_path):
+    script, folder = tmp_path / "script.py", tmp_path / "opened"
+    folder.mkdir()
+    script.write_text(ENDED_WITH_PARENT.format(folder=str(Path(__file__).parent)))
+    assert subprocess.run([sys.executable, script, folder], timeout=300).returncode == -signal.SIGKILL
+    assert job_processes(folder) and all_ended(job_processes(folder))
+
+
+def job_processes(folder):
+    return Squares(folder).processes()
+
+
+@pytest.mark.kills
+def test_a_script_that_its_workers_would_run_again_is_told_so(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text("from maxcon._system.engine import Engine\nlist(Engine(2).run(None, [(0,)] * 9, 9))\n")
+    ended = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=900)
+    assert ended.returncode == 1
+    last = ended.stderr.splitlines()[-1]
+    assert "Expected 2 worker processes to start, got: A" in last and "A script needs its last lines behind" in last
+
+
+def test_a_job_is_opened_once_for_all_its_tasks_and_closed(tmp_path):
+    job = Squares(tmp_path)
+    opening = Opening("a word", job)
+    for task in TASKS[:3]:
+        do_task(Opening("a word", Squares(tmp_path)), task)
+        do_task(opening, task)
+    assert len(job.processes()) == 1
+    close_jobs()
+    do_task(opening, TASKS[0])
+    assert len(job.processes()) == 2
+    close_jobs()
+
+
+def test_a_worker_of_another_version_is_refused(tmp_path):
+    with pytest.raises(OptionError, match=r"Expected workers with maxcon 0\.0\.0, as here, got one with"):
+        do_task(Opening("another", Squares(tmp_path), "0.0.0"), TASKS[0])
+
+
+def test_options_that_contradict_each_other_are_refused(monkeypatch):
+    with pytest.raises(OptionError, match="Leave out --workers or --scheduler"):
+        Engine(2, "tcp://127.0.0.1:8786")
+    with pytest.raises(OptionError, match="at least one process, got 0"):
+        Engine(0)
+    monkeypatch.setattr(cluster, "find_spec", lambda name: None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'maxcon\[engine\]'"):
+        Engine(None, "tcp://127.0.0.1:8786")
+
+
+# --- a cluster that somebody has started ---------------------------------------------------------------------
+
+
+@pytest.fixture
+def dask(monkeypatch):
+    """Start a cluster of so many workers; what is waited for is waited for shortly."""
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(cluster, "TOLD_AFTER", 0.0)
+    clusters = []
+
+    def start(n_workers):
+        clusters.append(
+            distributed.LocalCluster(
+                n_workers=n_workers, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0",
+                silence_logs=50, memory_limit=0,
+            )
+        )  # fmt: skip
+        return clusters[-1]
+
+    yield start
+    for each in clusters:
+        each.close()
+
+
+@pytest.mark.clusters
+def test_workers_of_a_cluster_do_the_same_and_are_left_as_they_were(tmp_path, dask):
+    """Killed, wrong, deadly: three jobs, one after the other."""
+    engine = Engine(scheduler=dask(2).scheduler_address)
+    job, n_killed, found = Squares(tmp_path), 0, {}
+    for _, pairs in engine.run(job, TASKS, len(TASKS)):
+        found.update(pairs)
+        if n_killed < 2:
+            victims = [pid for pid in job.processes() if is_alive(pid)]
+            os.kill(victims[n_killed % len(victims)], signal.SIGKILL)
+            n_killed += 1
+    assert found == RIGHT
+    with pytest.raises(ArrayError, match="Expected another number, got 10"):
+        squares(engine, Squares(tmp_path, wrong=(10,)))
+    found = squares(engine, Squares(tmp_path, deadly=(7,)))
+    assert "each worker that was given it ended" in found.pop(7)
+    assert found == {number: square for number, square in RIGHT.items() if number != 7}
+
+
+@pytest.mark.clusters
+def test_a_scheduler_that_is_not_there_or_has_no_workers_is_refused(tmp_path, dask, monkeypatch):
+    monkeypatch.setattr(cluster, "JOIN_TIMEOUT", 1)
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        silent, lines = f"tcp://127.0.0.1:{taken.getsockname()[1]}", []
+        for address in ("nonsense://here", "tls://127.0.0.1:1", "tcp://a..b:8786", f"tcp://{'x' * 70}:1", silent):
+            with pytest.raises(OptionError, match="Expected a dask scheduler at"):
+                squares(Engine(scheduler=address, warn=lines.append), Squares(tmp_path))
+    assert lines[-1] == f"waiting up to 1 s for a scheduler at {silent}"
+    empty = dask(0).scheduler_address
+    with pytest.raises(OptionError, match=r"Expected workers at tcp.*but there is none after 1 s"):
+        squares(Engine(scheduler=empty, warn=lines.append), Squares(tmp_path))
+    assert lines[-1] == f"waiting up to 1 s for a worker at {empty}"
+
+
+@pytest.mark.clusters
+@pytest.mark.parametrize(
+    ("leave", "words"),
+    [(lambda each: each.scale(0), "there has been none for 1 s"), (lambda each: each.close(), "the scheduler is gone")],
+)
+def test_workers_or_a_scheduler_that_go_are_said(tmp_path, dask, monkeypatch, leave, words):
+    monkeypatch.setattr(cluster, "LONGEST_ALONE", 1.0)
+    started = dask(1)
+    results = Engine(scheduler=started.scheduler_address).run(Squares(tmp_path), TASKS, len(TASKS))
+    next(results)
+    leave(started)
+    with pytest.raises(MaxconError, match=rf"{words}\. What is done is kept"):
+        list(results)
+
+
+def test_loading_the_engine_loads_no_dask():
+    script = (
+        "import sys, maxcon._system.engine; print([n for n in ('dask', 'distributed', 'msgspec') if n in sys.modules])"
+    )
+    ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert ended.stdout == "[]\n"
