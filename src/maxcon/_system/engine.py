@@ -7,25 +7,23 @@ import os
 import signal
 import threading
 import uuid
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
-from functools import lru_cache
 from itertools import chain, islice
 from typing import Any, Protocol, Self, TypeVar
 
-from maxcon._system.version import __version__
+from maxcon._system.job import Job, Opening, do_task, workers_gone
 from maxcon.errors import MaxconError, OptionError
 
-__all__ = ["Engine", "Job", "n_processors"]
+__all__ = ["Engine", "n_processors"]
 
 TaskT = TypeVar("TaskT")
 ResultT = TypeVar("ResultT")
-ResultT_co = TypeVar("ResultT_co", covariant=True)
 
-Run = Callable[["Job[Any, Any]", Iterable[Any]], Iterator[tuple[Any, Any]]]
+Run = Callable[[Job[Any, Any], Iterable[Any]], Iterator[tuple[Any, Any]]]
 """Runs a job."""
 
 ALLOWED_DEATHS = 3
@@ -33,33 +31,6 @@ ALLOWED_DEATHS = 3
 LOST = "each worker that was given it ended: it crashes, or memory is short"
 LOOK_EVERY = 1.0
 """s between looks at whether the workers live, while no result comes."""
-MOST_JOBS = 2
-"""Kept open by a worker, with the tiles of their maps; two, for two who use the same cluster."""
-
-
-class Job(Protocol[TaskT, ResultT_co]):
-    """A kind of work: opened once by each process that takes part, and then asked for one task after the other.
-
-    It travels to each process: paths, names and options, but no maps and no scans. A task that is done twice gives the
-    same result twice.
-    """
-
-    @property
-    def name(self) -> str:
-        """What its tasks are called on dask's dashboard, in one word."""
-        ...
-
-    def open(self) -> Callable[[TaskT], ResultT_co]:
-        """Open what the tasks need; return what does one of them."""
-        ...
-
-    def split(self, task: TaskT) -> Sequence[TaskT]:
-        """Return the smallest tasks that do the same; the task itself where it cannot be split."""
-        ...
-
-    def lost(self, task: TaskT, reason: str) -> ResultT_co:
-        """Return what stands for the result of a task, one of `split`, that ends every process it is given to."""
-        ...
 
 
 def n_processors() -> int:
@@ -190,7 +161,7 @@ class Workers(Protocol):
         """Tasks to submit before the first is done: enough to keep all busy, few enough to stop at once."""
         ...
 
-    def submit(self, opening: "Opening", task: Any) -> Future[Any]:
+    def submit(self, opening: Opening, task: Any) -> Future[Any]:
         """Let one of them do a task."""
         ...
 
@@ -212,7 +183,7 @@ def _results(workers: Workers, job: Job[Any, Any], tasks: Iterable[Any]) -> Iter
 
 
 def _done(
-    workers: Workers, opening: "Opening", tasks: Iterable[Any], suspects: list[Any], n_ahead: int | None = None
+    workers: Workers, opening: Opening, tasks: Iterable[Any], suspects: list[Any], n_ahead: int | None = None
 ) -> Iterator[tuple[Any, Any]]:
     """Yield tasks with their results as they are done; append those to `suspects` that end their workers."""
     waiting = iter(tasks)
@@ -240,11 +211,6 @@ def _done(
             yield task, result
 
 
-def workers_gone(what: str) -> MaxconError:
-    """Return the error of workers that do not come back."""
-    return MaxconError(f"Expected the workers to live on, but {what}. What is done is kept: the same command goes on.")
-
-
 # --- processes of this machine --------------------------------------------------------------------------------
 
 
@@ -262,7 +228,7 @@ class Processes:
     def _begun(self) -> ProcessPoolExecutor:
         return ProcessPoolExecutor(self._n_workers, multiprocessing.get_context("spawn"), _begin_worker)
 
-    def submit(self, opening: "Opening", task: Any) -> Future[Any]:
+    def submit(self, opening: Opening, task: Any) -> Future[Any]:
         """Let one of them do a task."""
         try:
             return self._pool.submit(do_task, opening, task)
@@ -302,42 +268,3 @@ def _end_with_parent() -> None:
     if parent is not None:
         parent.join()
         os._exit(1)
-
-
-# --- in a worker ----------------------------------------------------------------------------------------------
-
-# What is opened is used by one thread at a time, however many threads a worker was started with.
-_one_at_a_time = threading.Lock()
-
-
-@dataclass(frozen=True, slots=True)
-class Opening:
-    """A job, known by the word that was made for it when it began, and the version of the maxcon that asks for it."""
-
-    token: str
-    job: Job[Any, Any] = field(compare=False)
-    version: str = field(default=__version__, compare=False)
-
-
-def do_task(opening: Opening, task: Any) -> Any:
-    """Do a task; its job is opened when the first one comes, and kept for those that follow."""
-    from threadpoolctl import threadpool_limits
-
-    with _one_at_a_time, threadpool_limits(1):
-        return _opened(opening)(task)
-
-
-def close_jobs() -> None:
-    """Let go of what is open in this process: a worker may outlive the job by weeks."""
-    with _one_at_a_time:
-        _opened.cache_clear()
-
-
-@lru_cache(maxsize=MOST_JOBS)
-def _opened(opening: Opening) -> Callable[[Any], Any]:
-    if opening.version != __version__:  # its rows would not be the same
-        raise OptionError(
-            f"Expected workers with maxcon {opening.version}, as here, got one with {__version__}. Install the same"
-            " everywhere."
-        )
-    return opening.job.open()
