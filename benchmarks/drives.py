@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from maxcon import PointMap
-from maxcon._system.atomic import atomic_file
 from maxcon.drive.localize import DriveOptions
 from maxcon.lab.dataset import DESCRIPTION, Dataset
 from maxcon.lab.study.bench import REFERENCE, BenchPlan
@@ -17,7 +16,6 @@ from maxcon.lab.study.map_variants import STANDARD, make_maps
 from maxcon.lab.study.prior_levels import prior_at
 
 DOCS = Path(__file__).parents[1] / "docs"
-BEGIN, END = "<!-- measured -->", "<!-- until here -->"
 GROUND = "ground"
 # All tiles of a drive stay in memory, with what searches derive from them.
 CACHE_BYTES = 2**33
@@ -67,11 +65,3 @@ def prior_and_reference(bench, map_name, epoch, level, seed):
     true_pose = bench.priors[REFERENCE].at(float(bench.scans.times[epoch]))
     reference = bench.maps[map_name].frame.pose_to_local(true_pose)
     return prior_at(reference, level, seed, epoch), reference
-
-
-def put_into(page, lines):
-    """Replace what stands between the marks of a page."""
-    before, rest = page.read_text().split(BEGIN)
-    text = "\n".join([before + BEGIN, "", *lines, END]) + rest.split(END)[1]
-    with atomic_file(page) as partial:
-        partial.write_text(text)

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: MIT
 """The tables of what benchmarks/latency.py measured.
 
-python benchmarks/latency_table.py FOLDER [--page docs/latency.md]
+python benchmarks/latency_table.py FOLDER
 
-They are printed, and put into the page between its marks. Of the rounds' times each epoch keeps the median; p50, p95
+Of the rounds' times each epoch keeps the median; p50, p95
 and p99 are taken over the epochs.
 """
 
@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from drives import DOCS, put_into
 from latency import MAXCON, STAGES, TABLE
 
 PERCENTILES = (50, 95, 99)
@@ -122,11 +121,9 @@ def _bold(words, is_bold):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--page", type=Path, default=DOCS / "latency.md")
     arguments = parser.parse_args()
     lines = [line for drive, series in read_series(arguments.folder).items() for line in table(drive, series)]
     print("\n".join(lines))
-    put_into(arguments.page, lines)
 
 
 if __name__ == "__main__":

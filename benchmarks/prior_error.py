@@ -6,7 +6,7 @@ python benchmarks/prior_error.py DATASET [DATASET ...] -o FOLDER [--epochs 16] [
 
 A DATASET is a dataset.toml, or a folder with one, and may be given a name: "city=city/dataset.toml". Maps are built
 once, in FOLDER, with and without the ground; so are the trials, a CSV per drive, a row per level, epoch and method. A
-run that was stopped goes on where it was. The table is put into docs/prior_error.md, the figure into docs/images.
+run that was stopped goes on where it was. The tables are printed, the figure is put into docs/images.
 """
 
 import argparse
@@ -18,7 +18,7 @@ from pathlib import Path
 # Before any library starts threads of its own: all that is timed here is one thread.
 os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
-from drives import DOCS, NamedDataset, put_into
+from drives import DOCS, NamedDataset
 from scene import header
 
 import maxcon
@@ -110,7 +110,6 @@ def main():
     parser.add_argument("--levels", nargs="+", type=parse_level, default=list(LEVELS))
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--figure", type=Path, default=DOCS / "images" / "prior_error.svg")
-    parser.add_argument("--page", type=Path, default=DOCS / "prior_error.md")
     arguments = parser.parse_args()
     header("Success against the error of the prior")
     check_small_gicp()
@@ -122,7 +121,6 @@ def main():
         summaries[named.name] = summarize_trials(trials)
         lines += [f"### {named.name}", "", *table(summaries[named.name]), ""]
     print("\n".join(lines))
-    put_into(arguments.page, lines)
     plot_prior_error(arguments.figure, summaries)
 
 

@@ -4,19 +4,17 @@
 
 import importlib
 import re
-import runpy
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[1]
+SOURCE = ROOT / "src" / "maxcon"
 DESIGN = ROOT / "docs" / "design.md"
 PAGES = (DESIGN, ROOT / "docs" / "one_epoch.md")
-CITING = [*sorted((ROOT / "src").rglob("*.py")), *sorted((ROOT / "tests").rglob("*.py"))]
 
-DECISIONS = re.compile(r"\((?:[^()]*\b)?D\d+[^()]*\)")  # "(D4, D7)", "(D2, decision 22)"
-SECTION = re.compile(r"design,? section (\d+)")
-FACT = re.compile(r"design,? section (\d+), facts? (\d+)(?: and (\d+))?")
+DECISIONS = re.compile(r"\((?:[^()]*\b)?D\d+[^()]*\)")  # "(D4, D7)"
+SECTION = re.compile(r"design,? section (\d+)(?:, facts? (\d+)(?: and (\d+))?)?")
 SPAN = re.compile(r"`([A-Za-z_]\w*(?:\.\w+)+)(?:\([^`]*\))?`")
 
 
@@ -29,7 +27,7 @@ def sections():
 
 def _cited(pattern):
     """(file, match) of a pattern in all sources, line breaks and comment signs taken as blanks."""
-    for path in CITING:
+    for path in sorted([*SOURCE.rglob("*.py"), *(ROOT / "tests").rglob("*.py")]):
         text = " ".join(re.sub(r"\n\s*#?", " ", path.read_text()).split())
         for found in pattern.finditer(text):
             yield path.name, found
@@ -37,20 +35,20 @@ def _cited(pattern):
 
 def test_every_decision_that_the_source_cites_is_in_the_design(sections):
     there = {int(number) for number in re.findall(r"^\| D(\d+) \|", sections[2], flags=re.MULTILINE)}
-    assert there == set(range(1, max(there) + 1))
-    cited = {}
-    for name, found in _cited(DECISIONS):
-        cited.update((int(number), name) for number in re.findall(r"\bD(\d+)\b", found.group()))
-    assert len(cited) >= 10
+    assert there == set(range(1, 13))
+    cited = {
+        int(number): name for name, found in _cited(DECISIONS) for number in re.findall(r"\bD(\d+)\b", found.group())
+    }
+    assert len(cited) >= 8
     assert {number: name for number, name in cited.items() if number not in there} == {}
 
 
 def test_every_section_and_fact_that_the_source_cites_is_in_the_design(sections):
     cited = list(_cited(SECTION))
-    assert len(cited) >= 8
-    assert [name for name, found in cited if int(found.group(1)) not in sections] == []
-    for name, found in _cited(FACT):
+    assert cited
+    for name, found in cited:
         section, *facts = (int(number) for number in found.groups() if number)
+        assert section in sections, name
         for fact in facts:
             assert re.search(rf"^{fact}\. ", sections[section], flags=re.MULTILINE), f"{name}: {found.group()}"
 
@@ -72,18 +70,10 @@ def _is_in_the_source(dotted):
 def test_names_with_dots_are_of_the_source(page):
     prose = re.sub(r"^```.*?^```$", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)
     names = {name for name in SPAN.findall(prose) if not name.endswith((".py", ".toml", ".csv", ".map"))}
-    assert len(names) > 5
+    assert len(names) > 3
     assert [name for name in sorted(names) if not _is_in_the_source(name)] == []
 
 
-def test_the_picture_of_the_rooms_is_that_of_the_contract():
-    drawn = runpy.run_path(str(ROOT / "docs" / "draw_rooms.py"))["picture"]()
-    picture = (ROOT / "docs" / "images" / "rooms.svg").read_text()
-    assert drawn == picture, "Draw it anew: python docs/draw_rooms.py"
-
-
-def test_every_room_of_the_source_is_in_the_picture():
-    picture = (ROOT / "docs" / "images" / "rooms.svg").read_text()
-    source = ROOT / "src" / "maxcon"
-    rooms = [path.name + "/" for path in source.iterdir() if (path / "__init__.py").exists()]
-    assert [name for name in rooms if f">{name}<" not in picture] == []
+def test_every_room_of_the_source_is_in_the_design(sections):
+    rooms = {path.parent.name for path in SOURCE.glob("*/__init__.py")}
+    assert set(re.findall(r"\b(\w+)/", sections[6].partition("```\n\n")[0])) - {"src", "maxcon"} == rooms

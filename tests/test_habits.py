@@ -40,6 +40,11 @@ def test_the_archive_has_what_contributors_read():
     assert [name for name in archived if not (ROOT / name).exists()] == []
 
 
+def test_names_of_test_files_are_unique():
+    names = [path.name for path in (ROOT / "tests").rglob("test_*.py")]
+    assert sorted(names) == sorted(set(names))
+
+
 def test_changes_are_of_a_kind_that_the_changelog_knows():
     changes = [path.name for path in (ROOT / "changes").glob("*.md") if path.name != "README.md"]
     assert [name for name in changes if not re.fullmatch(rf"(\+[\w-]+|\d+)\.({'|'.join(KINDS)})\.md", name)] == []

@@ -17,6 +17,10 @@ SCRIPT = f'#!/bin/sh\nexec {sys.executable} -c "from maxcon.cli import main; mai
 
 pytest.importorskip("rosbags", reason="the extra recordings is not installed")
 pytest.importorskip("embreex", reason="the extra demo is not installed")
+pytestmark = [
+    pytest.mark.documents,
+    pytest.mark.skipif(sys.platform == "win32", reason="its commands are those of a shell of Unix"),
+]
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +49,6 @@ def _shown():
     return [body for language, body in FENCE.findall(PAGE.read_text()) if not language]
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="its commands are those of a shell of Unix")
 def test_the_tutorial_goes_to_its_end(done):
     folder, printed = done
     assert (folder / "poses.png").stat().st_size > 20_000
@@ -54,7 +57,6 @@ def test_the_tutorial_goes_to_its_end(done):
     assert printed[-1] == "12 poses, all within 10 cm: True\n"
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="its commands are those of a shell of Unix")
 def test_it_shows_what_was_printed(done):
     _, printed = done
     lines = [" ".join(line.split()) for text in printed for line in text.splitlines()]

@@ -72,13 +72,6 @@ def test_the_table_has_a_row_per_level_and_method(benchmark_module):
     assert len({line.count("|") for line in lines}) == 1
 
 
-def test_the_table_replaces_what_stands_between_the_marks(benchmark_module, tmp_path):
-    page = tmp_path / "page.md"
-    page.write_text("before\n<!-- measured -->\nold\n<!-- until here -->\nafter\n")
-    benchmark_module.put_into(page, ["new"])
-    assert page.read_text() == "before\n<!-- measured -->\n\nnew\n<!-- until here -->\nafter\n"
-
-
 def test_a_folder_of_other_trials_is_refused(benchmark_module, tmp_path):
     level = benchmark_module.parse_level
     settings = benchmark_module.settings_of([level("1:1")], 0)
