@@ -23,10 +23,9 @@ import numpy as np
 
 from maxcon import MaximumConsensus, PointMap, Scan, SearchSpace, open_scans, read_trajectory
 from maxcon.map import TILE_VOXELS
-from maxcon.map.manifest import read_manifest
-from maxcon.map.records import GROUND, TILES
-from maxcon.map.section import Section
-from maxcon.map.storage import open_place
+from maxcon.map.manifest import GROUND, TILES, read_manifest
+from maxcon.map.storage import open_storage
+from maxcon.map.store import Section
 from maxcon.map.writer import MapWriter
 
 # Tiles of 6 cm that a block of the campaign takes along x and y.
@@ -35,7 +34,7 @@ BLOCK = (15, 16)
 
 def write(out, maps, n_blocks):
     start = time.perf_counter()
-    places = [open_place(path) for path in maps]
+    places = [open_storage(path) for path in maps]
     manifests = [read_manifest(place) for place in places]
     first = manifests[0]
     edge = TILE_VOXELS * first.cell
@@ -65,7 +64,7 @@ def write(out, maps, n_blocks):
 
 
 def read(place, small_path, scans_folder, prior_file, times, n_places, n_blocks, n_maps):
-    small = read_manifest(open_place(small_path))
+    small = read_manifest(open_storage(small_path))
     low = small.tiles.keys.min(axis=0)
     start = time.perf_counter()
     large = PointMap.open(place, cache_bytes=2**28)

@@ -41,7 +41,7 @@ from maxcon.lab.simulation.scenes.las_classes import LasClass
 from maxcon.lab.simulation.sensing.scanners import RotatingScanner
 from maxcon.lab.simulation.worlds.campaign_world import MOST_EPOCHS, CampaignWorld
 from maxcon.lab.simulation.worlds.scan_epochs import EPOCH_STEP, SCAN_START
-from maxcon.map.surface_class import ALL_BUT_KNOWN, NOT_SEARCHED, SurfaceClass
+from maxcon.map.layout import ALL_BUT_KNOWN, NOT_SEARCHED, SurfaceClass
 from maxcon.mapping.build.placement import Area
 from maxcon.mapping.update import UpdateOptions
 from maxcon.mapping.update.drives import looks_of

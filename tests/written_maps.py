@@ -7,11 +7,10 @@ import json
 from dataclasses import replace
 
 import pyarrow as pa
+from maxcon.map.records import GROUND, TILES, ground_record, tile_record
 
 from maxcon.map import manifest as manifests
-from maxcon.map.manifest import Manifest
-from maxcon.map.records import GROUND, TILES, ground_record, tile_record
-from maxcon.map.shard_table import ShardFile, ShardTable
+from maxcon.map.manifest import Manifest, ShardFile, ShardTable
 from maxcon.map.writer import SHARD_BYTES, MapWriter
 
 SAID = {"origin": (458_800.0, 5_429_000.0, 100.0), "crs": None, "is_signed": True, "sigma": 0.02, "build": {}}

@@ -23,8 +23,7 @@ from maxcon.io.scans.description import describe
 from maxcon.io.trajectories import read_prior
 from maxcon.lab.dataset import Dataset
 from maxcon.lab.study.run import Study
-from maxcon.map.manifest import checksum_of_manifest, read_manifest, write_manifest
-from maxcon.map.shard_table import ShardFile
+from maxcon.map.manifest import ShardFile, checksum_of_manifest, read_manifest, write_manifest
 from maxcon.map.storage import Folder
 from maxcon.map.store import GroundStore
 from maxcon.scan.mounting import read_mounting

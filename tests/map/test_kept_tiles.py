@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from maxcon.map.kept_tiles import KeptTiles
+from maxcon.map.tile import TileCache
 
 
 @dataclass(frozen=True)
@@ -30,13 +30,13 @@ def loaded():
 
 
 def test_what_is_kept_is_not_made_again(loaded):
-    kept = KeptTiles(100)
+    kept = TileCache(100)
     assert loaded(kept, [1, 2, 1, 2, 2]) == [1, 2]
     assert kept.load((1, 0), lambda: Tile(0)) is kept.load((1, 0), lambda: Tile(0))
 
 
 def test_those_used_longest_ago_go_first_and_no_more_than_must(loaded):
-    kept = KeptTiles(30)
+    kept = TileCache(30)
     assert loaded(kept, [1, 2, 3]) == [1, 2, 3]  # as many as fit
     assert loaded(kept, [1, 4]) == [4]  # in the place of 2
     assert sorted(kept) == [(1, 0), (3, 0), (4, 0)]
@@ -47,7 +47,7 @@ def test_those_used_longest_ago_go_first_and_no_more_than_must(loaded):
 
 
 def test_the_last_one_is_kept_whatever_its_size(loaded):
-    kept = KeptTiles(9)
+    kept = TileCache(9)
     assert loaded(kept, [1, 1, 2, 2, 1]) == [1, 2, 1]
     assert list(kept) == [(1, 0)]
 
@@ -56,7 +56,7 @@ def test_what_cannot_be_made_is_asked_for_again(loaded):
     def fail():
         raise OSError("gone")
 
-    kept = KeptTiles(100)
+    kept = TileCache(100)
     with pytest.raises(OSError, match="gone"):
         kept.load((1, 0), fail)
     assert loaded(kept, [1]) == [1]

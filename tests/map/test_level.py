@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from maxcon.map.level import MergedTiles, merged
 
 from maxcon import PointMap
 from maxcon.errors import OptionError
 from maxcon.map import TILE_VOXELS
 from maxcon.map.layout import MEAN_STEPS
-from maxcon.map.level import MergedTiles, merged
 from maxcon.map.voxelize import CANCELLED_LENGTH
 
 

@@ -12,8 +12,7 @@ from maxcon.errors import MapError
 from maxcon.map import TILE_VOXELS
 from maxcon.map import manifest as manifests
 from maxcon.map.ground import ground_voxels
-from maxcon.map.manifest import Manifest, read_manifest, write_manifest
-from maxcon.map.shard_table import ShardTable
+from maxcon.map.manifest import Manifest, ShardTable, read_manifest, write_manifest
 from written_maps import table_of, write_content
 
 SOURCE = {

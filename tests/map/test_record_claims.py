@@ -10,7 +10,6 @@ import pyarrow as pa
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
 from maxcon.map.record_claims import check_claims
 from maxcon.map.records import record_of
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from maxcon.map.shard_table import ShardFile, ShardTable
+from maxcon.map.manifest import ShardFile, ShardTable
 from written_maps import table_of
 
 FILES = tuple(ShardFile(f"tiles/{number}", 10_000) for number in range(3))

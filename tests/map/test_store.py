@@ -8,15 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from maxcon.map.records import classes_record
 
 from maxcon import Helmert, PointMap, Pose, Scan, SearchSpace
 from maxcon.errors import MapError
+from maxcon.map.layout import ALL_BUT_KNOWN, NOT_SEARCHED, SurfaceClass
 from maxcon.map.manifest import read_manifest
-from maxcon.map.records import classes_record
-from maxcon.map.section import Section
 from maxcon.map.storage import Folder
-from maxcon.map.store import TileStore
-from maxcon.map.surface_class import ALL_BUT_KNOWN, NOT_SEARCHED, SurfaceClass
+from maxcon.map.store import Section, TileStore
 from maxcon.map.writer import MapWriter
 from maxcon.search import exhaustive
 from written_maps import SAID, tile_shard, write

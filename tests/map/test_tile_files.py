@@ -7,14 +7,14 @@ import os
 
 import numpy as np
 import pytest
+from maxcon.map.records import TILES, tile_record, tile_schema
 
 from maxcon import PointMap
 from maxcon.errors import MapError
 from maxcon.map.ground import GroundInMemory
 from maxcon.map.manifest import read_manifest
-from maxcon.map.records import TILES, tile_record, tile_schema
-from maxcon.map.section import Section
 from maxcon.map.storage import Folder
+from maxcon.map.store import Section
 from written_maps import write, write_content, write_tile_files
 
 CELL = 0.06

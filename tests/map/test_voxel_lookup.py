@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from maxcon.map import TILE_VOXELS, PointMap
 from maxcon.map.lookup_kernels import find_in_patch, find_patch, is_near_voxels
-from maxcon.map.voxel_lookup import VoxelLookup
+from maxcon.map.tile import VoxelLookup
 
 
 def map_of(rng, n, spread):

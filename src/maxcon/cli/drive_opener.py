@@ -45,7 +45,7 @@ class DriveOpener:
     def open_map(self, path: Path | str) -> "PointMap":
         """Open a map."""
         from maxcon.map import PointMap
-        from maxcon.map.surface_class import ALL_BUT_KNOWN, NOT_SEARCHED
+        from maxcon.map.layout import ALL_BUT_KNOWN, NOT_SEARCHED
 
         return PointMap.open(path, left_out=ALL_BUT_KNOWN if self.method.known_only else NOT_SEARCHED)
 

@@ -209,10 +209,10 @@ def info(
 ) -> None:
     """Print what a map is made of."""
     from maxcon.map.manifest import read_manifest
-    from maxcon.map.storage import open_place
+    from maxcon.map.storage import open_storage
     from maxcon.map.store import GroundStore, TileStore
 
-    files = open_place(path)
+    files = open_storage(path)
     manifest = read_manifest(files)
     _describe(manifest)
     if check:
@@ -236,9 +236,9 @@ def copy(
     """Copy a map to a folder or an object store, every tile checked; it is there once all of it is.
 
     Credentials and server of s3:// are those of the usual variables: AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY,
-    AWS_REGION, AWS_ENDPOINT_URL. A map of an older format becomes one of this.
+    AWS_REGION, AWS_ENDPOINT_URL.
     """
-    from maxcon.map.copying import copy_map
+    from maxcon.map.writer import copy_map
 
     with step_bars("", quiet) as report:
         copy_map(source, target, overwrite=overwrite, progress=report)
@@ -275,8 +275,10 @@ def _describe(manifest: "Manifest") -> None:
 
 def _describe_files(manifest: "Manifest") -> str:
     """In how many files the map lies, and of which format they are."""
+    from maxcon.map.manifest import FORMAT_VERSION
+
     n_files = sum(len(section.files) for section in manifest.sections.values())
-    return f"in {n_files:,} file{'s' if n_files > 1 else ''} of format version {manifest.version}"
+    return f"in {n_files:,} file{'s' if n_files > 1 else ''} of format version {FORMAT_VERSION}"
 
 
 def _describe_ground(manifest: "Manifest") -> str:

@@ -208,7 +208,7 @@ class Drive:
     def localize(self, epoch: int) -> EpochEstimate:
         """Return the answer for one epoch."""
         ahead = self.priors[epoch : epoch + EPOCHS_AHEAD]
-        self.point_map.announce_around([(pose.x, pose.y) for pose in ahead if pose is not None], METRES_AHEAD)
+        self.point_map.prefetch_around([(pose.x, pose.y) for pose in ahead if pose is not None], METRES_AHEAD)
         pose = self.priors[epoch]
         if pose is None:
             return _without_prior(epoch, self.scans, self.prior, self.options)

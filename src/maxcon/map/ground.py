@@ -1,9 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The ground of a map: heights in a grid of about half a metre, tile by tile, beside the voxels (decision 17)."""
+"""The ground of a map: heights in a grid of about half a metre, tile by tile, beside the voxels."""
 
 import math
-from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
@@ -35,9 +34,6 @@ HEADROOM = 2.0
 LEAST_SHARE = 0.1
 """A level has at least this share of the points of the fullest one of its cell: a stray point is none."""
 
-TILES_KEPT = 1024
-"""Tiles of the grid that are kept before those used longest ago go: 16 MB at 6 cm."""
-
 
 def ground_voxels(cell: float) -> int:
     """How many voxels of edge `cell` (m) make the edge of a cell of the ground grid; 8 at 6 cm."""
@@ -45,7 +41,7 @@ def ground_voxels(cell: float) -> int:
     return int(2 ** min(max(power, 0), TILE_VOXELS.bit_length() - 1))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class GroundTile:
     """The ground of one tile of the map.
 
@@ -77,6 +73,11 @@ class GroundTile:
     def n_heights(self) -> int:
         """How many heights there are in all cells and levels."""
         return int(np.count_nonzero(np.isfinite(self.heights)))
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory it holds."""
+        return self.heights.nbytes
 
 
 def stack_levels(cells: NDArray[np.integer], heights: NDArray[np.floating], n: int) -> NDArray[np.float32]:
@@ -130,13 +131,7 @@ class GroundSource(Protocol):
 
 
 class GroundInMemory:
-    """The ground of a map in memory.
-
-    Parameters
-    ----------
-    tiles : mapping
-        By their keys.
-    """
+    """The ground of a map in memory: tiles by their keys."""
 
     def __init__(self, tiles: Mapping[TileKey, GroundTile]) -> None:
         self._tiles = dict(tiles)
@@ -164,19 +159,7 @@ class GroundInMemory:
         return self._tiles[key]
 
 
-class RecentTiles(OrderedDict[TileKey, GroundTile]):
-    """The tiles used last, at most `TILES_KEPT`."""
-
-    def keep(self, tile: GroundTile) -> GroundTile:
-        """Take a tile in, as the one used last, and let go of the one used longest ago."""
-        self[tile.key] = tile
-        self.move_to_end(tile.key)
-        while len(self) > TILES_KEPT:
-            self.popitem(last=False)
-        return tile
-
-
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class GroundPatch:
     """The ground around a place.
 
@@ -199,7 +182,7 @@ def ground_patch(source: GroundSource, cell: float, x: float, y: float, reach: f
     """Return the ground in the square of half width `reach` (m) around (x, y), of a map of edge `cell` (m)."""
     edge, n = ground_voxels(cell) * cell, TILE_VOXELS // ground_voxels(cell)
     x_first, x_last, y_first, y_last = (
-        math.floor(place / edge) for place in (x - reach, x + reach, y - reach, y + reach)
+        math.floor(value / edge) for value in (x - reach, x + reach, y - reach, y + reach)
     )
     shape = (y_last - y_first + 1, x_last - x_first + 1)
     tiles = [

@@ -1,8 +1,16 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""How a map is laid out: in square tiles, of square patches, of voxels whose means are kept in steps."""
+"""Sizes and limits of a map: square tiles of square patches of voxels, its levels, and the classes of its voxels."""
 
-__all__ = ["MEAN_STEPS", "PATCH_VOXELS", "TILE_PATCHES", "TILE_VOXELS", "WORD_BITS", "TileKey"]
+import math
+from enum import IntEnum
+
+from maxcon.errors import ArrayError
+
+__all__ = [
+    "ALL_BUT_KNOWN", "CANCELLED_LENGTH", "CELLS", "LEVEL_FACTORS", "MEAN_STEPS", "NOT_SEARCHED", "PATCH_VOXELS",
+    "TILE_PATCHES", "TILE_VOXELS", "UNKNOWN_SIGMA", "WORD_BITS", "SurfaceClass", "TileKey", "check_sigma",
+]  # fmt: skip
 
 TileKey = tuple[int, int]
 """(x, y) index of a tile: floor(voxel index / voxels along its edge), TILE_VOXELS or in a level fewer."""
@@ -17,3 +25,34 @@ WORD_BITS = 64
 """Bits of a word in the occupancy of a tile."""
 MEAN_STEPS = 256
 """Steps of a voxel's edge in which the mean of its points is kept."""
+CANCELLED_LENGTH = 1e-3
+"""A sum of n normals shorter than n times this has no direction: both faces of a thin wall in one voxel."""
+LEVEL_FACTORS = tuple(2**power for power in range(TILE_PATCHES.bit_length()))
+"""How many times as large the voxels of a level may be as the map's: whole patches fill a tile."""
+CELLS = (1e-4, 100.0)
+"""Smallest and largest voxel edge of a map, m."""
+UNKNOWN_SIGMA = 0.02
+"""Sigma of a map of which it is not known, m: what a mapping vehicle's trajectory is usually good to."""
+
+
+def check_sigma(sigma: float) -> None:
+    """Refuse a standard deviation of a map's position (m) that is negative or not finite, by an ArrayError."""
+    if not 0.0 <= sigma < math.inf:
+        raise ArrayError(f"Expected `sigma` of the map >= 0 m, got {sigma}. Leave it out if you do not know it.")
+
+
+class SurfaceClass(IntEnum):
+    """Whether the surface in a voxel of an updated map still stands, as drives through the map have found."""
+
+    KNOWN = 0
+    """It was there when the map was built, and nothing speaks against it."""
+    GONE = 1
+    """It was there when the map was built; drives since then have seen through it."""
+    NEW = 2
+    """It was not there; drives since then have seen it."""
+
+
+NOT_SEARCHED = frozenset({SurfaceClass.GONE})
+"""Classes that a search leaves out by default."""
+ALL_BUT_KNOWN = frozenset({SurfaceClass.GONE, SurfaceClass.NEW})
+"""Classes to leave out to search the surfaces of the original map only."""

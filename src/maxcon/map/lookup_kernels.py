@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 """Compiled look-ups of single voxels in many tiles, by the addresses of the tiles' arrays.
 
-How long an address is valid: see `addresses`.
+How long an address is valid: see `tile.Addresses`.
 """
 
 import numpy as np
@@ -14,6 +14,7 @@ from numba.extending import intrinsic
 from maxcon.map.layout import MEAN_STEPS, PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS
 
 __all__ = [
+    "fetch",
     "find_in_patch",
     "find_patch",
     "float32_at",

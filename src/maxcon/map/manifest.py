@@ -1,59 +1,158 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The manifest of a map: what it is made of, and how that is read and written (D10)."""
+"""The manifest of a map and the indices of its sections: what it is made of, and where each record lies (D10)."""
 
 import hashlib
 import json
-import math
 import os
-import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
+import msgspec
+import numpy as np
+from msgspec import Meta, Struct
+from numpy.typing import NDArray
+
+from maxcon._system.checked import checked
 from maxcon.errors import MapError
 from maxcon.map.ground import ground_voxels
-from maxcon.map.layout import TILE_VOXELS
-from maxcon.map.records import CLASSES, GROUND, TILES
-from maxcon.map.shard_table import ShardFile, ShardTable
-from maxcon.map.sigma import UNKNOWN_SIGMA
-from maxcon.map.storage import MapFiles, open_place
-from maxcon.map.tile_files import tables_of_tile_files
+from maxcon.map.layout import CELLS, TILE_VOXELS, UNKNOWN_SIGMA, TileKey
+from maxcon.map.storage import ByteRange, MapStorage, open_storage
 
 __all__ = [
-    "CELLS",
-    "FORMAT",
-    "FORMAT_VERSION",
-    "MANIFEST",
-    "MAP_NAMES",
-    "REBUILD",
-    "TILE_FILES_VERSION",
-    "Manifest",
-    "checksum_of_manifest",
-    "file_names",
-    "read_manifest",
-    "write_manifest",
-]
+    "CLASSES", "FORMAT", "FORMAT_VERSION", "GROUND", "MANIFEST", "MAP_NAMES", "MAX_MANIFEST_BYTES", "REBUILD", "TILES",
+    "Manifest", "ShardFile", "ShardTable", "checksum_of_manifest", "file_names", "read_manifest", "write_manifest",
+]  # fmt: skip
 
 FORMAT = "maxcon map"
 FORMAT_VERSION = 3
-TILE_FILES_VERSION = 2
-"""The version in which each tile was a file; such a map can still be read."""
 MANIFEST = "manifest.json"
-LARGEST_MANIFEST = 2**30
-"""Bytes: those of some millions of tiles of version 2."""
-LARGEST_INDEX = 2**32
-"""Bytes: those of fifty million tiles."""
-CELLS = (1e-4, 100.0)
-"""Smallest and largest voxel edge of a map, m."""
+MAX_MANIFEST_BYTES = 2**30
+TILES, GROUND = "tiles", "ground"
+"""Sections of every map."""
+CLASSES = "classes"
+"""Section of a map that was updated: of the tiles in which anything is gone or new."""
 MAP_NAMES = (MANIFEST, TILES, GROUND, CLASSES)
 """Names of the files and folders in the folder of a map."""
 REBUILD = "Build the map again with `maxcon map build`."
-SECTION_NAME, FILE_NAME = re.compile(r"[a-z][a-z_]*"), re.compile(r"[0-9A-Za-z_-]+(\.[0-9A-Za-z_-]+)*")
+CHECKSUM_BYTES = 32
+NUMBERS = {
+    "x": "int32", "y": "int32", "n_rows": "int32", "n_points": "int64",
+    "shard": "int32", "offset": "int64", "length": "int64",
+}  # fmt: skip
+"""Columns of an index and their types; that of the checksums follows."""
+RECORDS = b"records"
+"""Key in the metadata of an index whose value is the schema of the records."""
 
 
-@dataclass(frozen=True, slots=True)
+class ShardFile(Struct, frozen=True):
+    """A file that records lie in: its name in the map, and its size in bytes."""
+
+    name: Annotated[str, Meta(pattern=r"\A[a-z][a-z_]*/[0-9A-Za-z_-]+(\.[0-9A-Za-z_-]+)*\Z")]
+    n_bytes: Annotated[int, Meta(ge=0, lt=2**62)] = msgspec.field(name="bytes")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShardTable:
+    """The index of a section: a row for each record, by ascending key.
+
+    Parameters
+    ----------
+    schema : bytes
+        Arrow IPC message of the schema of all records.
+    files : tuple of ShardFile
+        The shards.
+    keys : array, shape (n, 2), int32
+        (x, y) of the tiles.
+    n_rows : array, shape (n,), int32
+        Rows of each record: voxels, or heights.
+    n_points : array, shape (n,), int64
+        Map points in the voxels of each record.
+    shards : array, shape (n,), int32
+        Number of the file that each record lies in.
+    offsets, lengths : array, shape (n,), int64
+        First byte of each record in its file, and its number of bytes.
+    checksums : array, shape (n, 32), uint8
+        SHA-256 of its bytes.
+    """
+
+    schema: bytes
+    files: tuple[ShardFile, ...]
+    keys: NDArray[np.int32]
+    n_rows: NDArray[np.int32]
+    n_points: NDArray[np.int64]
+    shards: NDArray[np.int32]
+    offsets: NDArray[np.int64]
+    lengths: NDArray[np.int64]
+    checksums: NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        return len(self.keys)
+
+    @classmethod
+    def of_rows(cls, schema: bytes, files: tuple[ShardFile, ...], rows: list[tuple[Any, ...]]) -> "ShardTable":
+        """Return the table of rows (key, n_rows, n_points, shard, offset, length, SHA-256) in any order."""
+        keys, *numbers, checksums = zip(*sorted(rows), strict=True) if rows else [()] * 7
+        n_rows, n_points, shards, offsets, lengths = (np.array(column, np.int64) for column in numbers)
+        packed = np.frombuffer(b"".join(checksums), np.uint8).reshape(-1, CHECKSUM_BYTES)
+        tiles = np.array(keys, np.int32).reshape(-1, 2)
+        return cls(
+            schema, files, tiles, n_rows.astype(np.int32), n_points, shards.astype(np.int32), offsets, lengths, packed
+        )
+
+    @classmethod
+    def empty(cls) -> "ShardTable":
+        """Return the table of a section without records."""
+        return cls.of_rows(b"", (), [])
+
+    def rows_by_key(self) -> dict[TileKey, int]:
+        """Return the number of each record's row."""
+        return dict(zip(zip(*self.keys.T.tolist(), strict=True), range(len(self)), strict=True))
+
+    def range_of(self, row: int) -> ByteRange:
+        """Return where the record of a row lies."""
+        return ByteRange(self.files[self.shards[row]].name, int(self.offsets[row]), int(self.lengths[row]))
+
+    def to_bytes(self) -> bytes:
+        """Return the table as an Arrow IPC file, the schema of the records among its metadata."""
+        import pyarrow as pa
+
+        checksums = [None, pa.py_buffer(self.checksums.tobytes())]
+        packed = pa.FixedSizeBinaryArray.from_buffers(pa.binary(CHECKSUM_BYTES), len(self), checksums)
+        x, y = np.ascontiguousarray(self.keys.T)
+        numbers = (x, y, self.n_rows, self.n_points, self.shards, self.offsets, self.lengths)
+        batch = pa.record_batch([*map(pa.array, numbers), packed], schema=_index_schema())
+        batch = batch.replace_schema_metadata({RECORDS: self.schema})
+        sink = pa.BufferOutputStream()
+        with pa.ipc.new_file(sink, batch.schema) as writer:
+            writer.write_batch(batch)
+        content: bytes = sink.getvalue().to_pybytes()
+        return content
+
+    @classmethod
+    def from_bytes(cls, content: Any, files: tuple[ShardFile, ...]) -> "ShardTable":
+        """Return the table that `to_bytes` wrote, of records in these files; their checksum was verified before."""
+        import pyarrow as pa
+
+        with pa.ipc.open_file(pa.py_buffer(content)) as file:
+            schema, batch = file.schema.metadata[RECORDS], file.get_batch(0)
+        *numbers, checksums = batch.columns
+        x, y, n_rows, n_points, shards, offsets, lengths = (column.to_numpy() for column in numbers)
+        packed = np.frombuffer(checksums.buffers()[1], np.uint8, CHECKSUM_BYTES * len(checksums))
+        packed = packed.reshape(-1, CHECKSUM_BYTES)
+        return cls(schema, files, np.column_stack([x, y]), n_rows, n_points, shards, offsets, lengths, packed)
+
+
+def _index_schema() -> Any:
+    import pyarrow as pa
+
+    numbers = [pa.field(name, getattr(pa, kind)(), nullable=False) for name, kind in NUMBERS.items()]
+    return pa.schema([*numbers, pa.field("sha256", pa.binary(CHECKSUM_BYTES), nullable=False)])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Manifest:
     """What a map is made of; `maxcon map info` prints it.
 
@@ -74,8 +173,6 @@ class Manifest:
         How it was made: sources, points read and dropped, the program's version, where sigma is from.
     sigma : float
         Standard deviation of the map's position along any axis, m.
-    version : int
-        Of the format.
     sha256 : str
         Its checksum, where it was read; empty where it is made.
     """
@@ -87,8 +184,7 @@ class Manifest:
     sections: Mapping[str, ShardTable]
     build: Mapping[str, Any] = field(default_factory=dict)
     sigma: float = UNKNOWN_SIGMA
-    version: int = FORMAT_VERSION
-    sha256: str = field(default="", compare=False)
+    sha256: str = ""
 
     @property
     def tiles(self) -> ShardTable:
@@ -114,6 +210,97 @@ class Manifest:
     def n_heights(self) -> int:
         """Heights of the ground."""
         return int(self.ground.n_rows.sum())
+
+
+# What JSON must hold for `maxcon map info` to print it and a search to use it; other entries are kept as they are.
+Count = Annotated[int, Meta(ge=0, lt=2**62)]
+ClassNumber = Annotated[int, Meta(ge=0, lt=256)]
+ClassText = Annotated[str, Meta(pattern=r"\A[0-9]{1,3}\Z")]
+Metres = Annotated[float, Meta(ge=-1e12, le=1e12)]
+
+
+class _Section(Struct):
+    index: Annotated[str, Meta(pattern=r"\A[a-z][a-z_]*/index-[0-9a-f]+\.arrow\Z")]
+    index_bytes: Annotated[int, Meta(ge=0, lt=2**32)]
+    index_sha256: str
+    shards: tuple[ShardFile, ...]
+
+
+class _Source(Struct):
+    name: str
+    n_points: Count
+    n_kept: Count
+    n_invalid: Count
+    n_without_side: Count
+    n_dropped: dict[ClassText, Count]
+    is_classified: bool
+    n_thinned: Count = 0
+    n_withheld: Count = 0
+
+
+class _Found(Struct):
+    n_points: dict[ClassText, Count]
+    dropped: list[ClassNumber]
+    temporary: str
+
+
+class _Given(Struct, tag_field="from", tag="given"):
+    pass
+
+
+class _Aligned(Struct, tag_field="from", tag="alignment"):
+    pass
+
+
+class _Assumed(Struct, tag_field="from", tag="assumed"):
+    reason: str
+
+
+class _FromPasses(Struct, tag_field="from", tag="passes"):
+    n_passes: int
+    sigma_of_pass: float
+    n_places: int
+
+
+class _UpdateDrive(Struct):
+    name: str
+    n_looks: int
+
+
+class _Parent(Struct):
+    name: str
+    sha256: str
+
+
+class _Update(Struct):
+    drives: list[_UpdateDrive]
+    parent: _Parent
+    n_judged: int
+    n_now_gone: int
+    n_now_new: int
+    n_back: int
+    n_known: int
+    n_gone: int
+    n_new: int
+
+
+class _Build(Struct):
+    sources: list[_Source] = []
+    found: _Found | None = None
+    sigma: _Given | _Aligned | _Assumed | _FromPasses | None = None
+    updates: list[_Update] = []
+
+
+class _Content(Struct):
+    cell: Annotated[float, Meta(ge=CELLS[0], le=CELLS[1])]
+    origin: tuple[Metres, Metres, Metres]
+    crs: str | None
+    is_signed: bool
+    sigma: Annotated[float, Meta(ge=0.0, le=1e12)]
+    tile_voxels: Literal[512]
+    ground_voxels: int
+    build: _Build
+    sections: dict[str, _Section]
 
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:
@@ -143,7 +330,7 @@ def _write_index(folder: Path, name: str, table: ShardTable) -> dict[str, Any]:
     index = f"{name}/index-{checksum[:8]}.arrow"
     (folder / name).mkdir(exist_ok=True)
     (folder / index).write_bytes(content)
-    shards = [{"name": file.name, "bytes": file.n_bytes} for file in table.files]
+    shards = msgspec.to_builtins(table.files)
     return {"index": index, "index_bytes": len(content), "index_sha256": checksum, "shards": shards}
 
 
@@ -153,59 +340,51 @@ def checksum_of_manifest(content: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(entries, sort_keys=True).encode()).hexdigest()
 
 
-def read_manifest(place: str | os.PathLike[str] | MapFiles) -> Manifest:
-    """Read the manifest of a map and the indices of its sections.
-
-    Parameters
-    ----------
-    place : path, str or MapFiles
-        Where the map is.
+def read_manifest(map_: str | os.PathLike[str] | MapStorage) -> Manifest:
+    """Read the manifest of a map (a path, an address, or opened) and the indices of its sections.
 
     Raises
     ------
-    MapError
-        If there is no map, its format version is another, or its manifest or an index is broken.
+    MapError: if there is no map, its format version is another, or its manifest or an index is broken.
     """
-    files = open_place(place) if isinstance(place, str | os.PathLike) else place
-    file, root = files.where(MANIFEST), files.where("")
-    content = _read_json(files)
+    storage = open_storage(map_) if isinstance(map_, str | os.PathLike) else map_
+    file, content = storage.where(MANIFEST), _read_json(storage)
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise MapError(f"Expected {file} to say it is a {FORMAT}, but it does not. {REBUILD}")
     version = content.get("format_version")
-    if version not in (TILE_FILES_VERSION, FORMAT_VERSION):
+    if version != FORMAT_VERSION:
         is_newer = isinstance(version, int) and version > FORMAT_VERSION
         raise MapError(
-            f"Expected {root} to have map format version {FORMAT_VERSION}, got {version!r}."
+            f"Expected {storage.where('')} to have map format version {FORMAT_VERSION}, got {version!r}."
             f" {'Update maxcon, or build the map again with this version.' if is_newer else REBUILD}"
         )
     if content.get("sha256") != checksum_of_manifest(content):
         raise MapError(f"Expected {file} to be as it was written, got another checksum. {REBUILD}")
-    try:
-        return replace(_parse_manifest(content, files), sha256=content["sha256"])
-    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        words = f"no {error}" if isinstance(error, KeyError) else f"a broken entry: {error}"
-        raise MapError(f"Expected a whole manifest in {file}, got {words}. {REBUILD}") from None
+    found = checked(content, _Content, file, "a whole manifest", REBUILD.rstrip("."), MapError)
+    sections = {name: _read_index(entry, storage) for name, entry in found.sections.items()}
+    if TILES not in sections:
+        raise MapError(f"Expected a map of at least one tile in {file}, got no tiles. {REBUILD}")
+    if GROUND in sections and found.ground_voxels != ground_voxels(found.cell):
+        raise MapError(f"Expected another grid of the ground in {file}, got {found.ground_voxels} voxels. {REBUILD}")
+    sections = {GROUND: ShardTable.empty(), **sections}
+    return Manifest(
+        found.cell, found.origin, found.crs, found.is_signed, sections, content["build"], found.sigma, content["sha256"]
+    )
 
 
-def file_names(files: MapFiles) -> list[str]:
-    """Return the names of the files of a map of this format version, without the manifest, which was read before.
-
-    Raises
-    ------
-    MapError
-        If it cannot be read.
-    """
-    sections = _read_json(files)["sections"].values()
+def file_names(storage: MapStorage) -> list[str]:
+    """Return the names of the files of a map, without the manifest, which was read before."""
+    sections = _read_json(storage)["sections"].values()
     return [name for entry in sections for name in (*(shard["name"] for shard in entry["shards"]), entry["index"])]
 
 
-def _read_json(files: MapFiles) -> Any:
-    file = files.where(MANIFEST)
+def _read_json(storage: MapStorage) -> Any:
+    file = storage.where(MANIFEST)
     try:
-        return json.loads(bytes(files.read(MANIFEST, LARGEST_MANIFEST)))
+        return msgspec.json.decode(storage.read(MANIFEST, MAX_MANIFEST_BYTES))
     except (FileNotFoundError, NotADirectoryError) as error:
         raise MapError(
-            f"Expected {files.where('')} to be a map, got {files.what_is_there(MANIFEST, error)}."
+            f"Expected {storage.where('')} to be a map, got {storage.what_is_there(MANIFEST, error)}."
             " Build one with `maxcon map build`."
         ) from None
     except OSError as error:
@@ -216,130 +395,15 @@ def _read_json(files: MapFiles) -> Any:
         raise MapError(f"Expected {file} to be the manifest of a map, got: {error}. {REBUILD}") from None
 
 
-def _parse_manifest(content: Mapping[str, Any], files: MapFiles) -> Manifest:
-    cell, sigma = float(content["cell"]), float(content["sigma"])
-    x, y, z = (float(value) for value in content["origin"])
-    if not (CELLS[0] <= cell <= CELLS[1] and all(map(math.isfinite, (x, y, z)))):
-        raise ValueError(f"cell {cell}, origin {(x, y, z)}")
-    if not 0.0 <= sigma < math.inf:
-        raise ValueError(f"sigma {sigma}")
-    if content["tile_voxels"] != TILE_VOXELS:
-        raise ValueError(f"tile_voxels {content['tile_voxels']}")
-    crs = content["crs"]
-    if not (crs is None or isinstance(crs, str)):
-        raise TypeError("crs")
-    if not isinstance(content["is_signed"], bool):
-        raise TypeError("is_signed")
-    build = dict(content["build"])
-    _check_sources(build.get("sources", []))
-    _check_how_known(build.get("sigma", {"from": "given"}))
-    _check_found(build.get("found"))
-    _check_updates(build.get("updates", []))
-    version = content["format_version"]
-    is_of_files = version == TILE_FILES_VERSION
-    sections = tables_of_tile_files(content) if is_of_files else _read_sections(content["sections"], files)
-    if not len(sections[TILES]):
-        raise ValueError("no tiles")
-    if len(sections[GROUND]) and content["ground_voxels"] != ground_voxels(cell):
-        raise ValueError(f"ground_voxels {content['ground_voxels']}")
-    return Manifest(cell, (x, y, z), crs, content["is_signed"], sections, build, sigma, version)
-
-
-def _read_sections(entries: Mapping[str, Any], files: MapFiles) -> dict[str, ShardTable]:
-    sections = {name: _read_section(name, entry, files) for name, entry in entries.items()}
-    return {TILES: ShardTable.empty(), GROUND: ShardTable.empty(), **sections}
-
-
-def _read_section(name: str, entry: Mapping[str, Any], files: MapFiles) -> ShardTable:
-    """Read the index of a section.
-
-    Raises
-    ------
-    MapError
-        If it is missing, or is not what was written.
-    """
-    if not SECTION_NAME.fullmatch(name):
-        raise ValueError(f"a section {name[:40]!r}")
-    shards = tuple(
-        ShardFile(_file_name(name, shard["name"]), _size(shard["bytes"], 2**62)) for shard in entry["shards"]
-    )
-    index, size = _file_name(name, entry["index"]), _size(entry["index_bytes"], LARGEST_INDEX)
+def _read_index(entry: _Section, storage: MapStorage) -> ShardTable:
+    """Read the index of a section, and verify its checksum."""
+    where = storage.where(entry.index)
     try:
-        content = files.read(index, size)
+        content = storage.read(entry.index, entry.index_bytes)
     except OSError as error:
         raise MapError(
-            f"Expected {files.where(index)} to be the index of the map, got: {error.strerror or error}. {files.remedy}"
+            f"Expected {where} to be the index of the map, got: {error.strerror or error}. {storage.remedy}"
         ) from None
-    if hashlib.sha256(content).hexdigest() != entry["index_sha256"]:
-        raise MapError(f"Expected {files.where(index)} to be as it was written, got another checksum. {REBUILD}")
-    try:
-        return ShardTable.from_bytes(content, shards)
-    except ValueError as error:
-        raise MapError(f"Expected {files.where(index)} to be the index of the map, got: {error}. {REBUILD}") from None
-
-
-def _file_name(section: str, name: Any) -> str:
-    """Return the name of a file of a section, which lies in its folder."""
-    folder, _, file = str(name).partition("/")
-    if folder != section or not FILE_NAME.fullmatch(file):
-        raise ValueError(f"a file {str(name)[:80]!r}")
-    return str(name)
-
-
-def _size(value: Any, most: int) -> int:
-    if not (type(value) is int and 0 <= value < most):
-        raise ValueError(f"a size of {str(value)[:40]}")
-    return value
-
-
-def _check_sources(sources: Sequence[Mapping[str, Any]]) -> None:
-    for source in sources:
-        numbers = [source[name] for name in ("n_points", "n_kept", "n_invalid", "n_without_side")]
-        numbers += [source.get(name, 0) for name in ("n_thinned", "n_withheld")]
-        numbers += [number for pair in source["n_dropped"].items() for number in (int(pair[0]), pair[1])]
-        if not (isinstance(source["name"], str) and isinstance(source["is_classified"], bool)):
-            raise TypeError("sources")
-        if not all(isinstance(number, int) for number in numbers):
-            raise TypeError("sources")
-
-
-def _check_found(found: Mapping[str, Any] | None) -> None:
-    """Refuse what was found of classes if `maxcon map info` could not print it."""
-    if found is None:
-        return
-    for number, n in found["n_points"].items():
-        _size(int(number), 256)
-        _size(n, 2**62)
-    for number in found["dropped"]:
-        _size(number, 256)
-    if not isinstance(found["temporary"], str):
-        raise TypeError("found")
-
-
-def _check_updates(updates: Sequence[Mapping[str, Any]]) -> None:
-    """Refuse a history that `maxcon map info` could not print."""
-    names = ("n_judged", "n_now_gone", "n_now_new", "n_back", "n_known", "n_gone", "n_new")
-    for update in updates:
-        numbers = [update[name] for name in names] + [drive["n_looks"] for drive in update["drives"]]
-        words = [drive["name"] for drive in update["drives"]]
-        words += [update["parent"]["name"], update["parent"]["sha256"]]
-        if not all(type(number) is int for number in numbers):
-            raise TypeError("updates")
-        if not all(isinstance(word, str) for word in words):
-            raise TypeError("updates")
-
-
-def _check_how_known(known: Mapping[str, Any]) -> None:
-    """Refuse words on where sigma is from that `maxcon map info` could not print."""
-    match known["from"]:
-        case "given" | "alignment":
-            is_known = True
-        case "assumed":
-            is_known = isinstance(known["reason"], str)
-        case "passes":
-            numbers = (known["n_passes"], known["sigma_of_pass"], known["n_places"])
-            is_known = all(isinstance(number, int | float) for number in numbers)
-        case _:
-            is_known = False
-    if not is_known:
-        raise ValueError(f"sigma from {known}")
+    if hashlib.sha256(content).hexdigest() != entry.index_sha256:
+        raise MapError(f"Expected {where} to be as it was written, got another checksum. {REBUILD}")
+    return ShardTable.from_bytes(content, entry.shards)

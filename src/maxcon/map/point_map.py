@@ -13,25 +13,33 @@ from typing import Any, SupportsIndex
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from maxcon.errors import ArrayError
+from maxcon._system.compiled import read_only_view
+from maxcon.errors import ArrayError, OptionError
 from maxcon.geometry import LocalFrame
 from maxcon.geometry.arrays import as_points, as_unit_normals
 from maxcon.map.ground import GroundInMemory, GroundPatch, GroundSource, ground_patch
-from maxcon.map.layout import TILE_VOXELS, TileKey
-from maxcon.map.sigma import UNKNOWN_SIGMA, check_sigma
-from maxcon.map.surface_class import NOT_SEARCHED, SurfaceClass
-from maxcon.map.tile import TileSource, VoxelTile
+from maxcon.map.layout import (
+    LEVEL_FACTORS,
+    NOT_SEARCHED,
+    TILE_VOXELS,
+    UNKNOWN_SIGMA,
+    SurfaceClass,
+    TileKey,
+    check_sigma,
+)
+from maxcon.map.tile import TileCache, TileSource, VoxelTile
 from maxcon.map.voxelize import split_into_tiles, voxelize
 
 __all__ = ["PointMap"]
 
-
-# Comparisons of rectangles with tiles that are made at once: a few MB.
-MOST_AT_ONCE = 1_000_000
+COMPARISONS_AT_ONCE = 1_000_000
+"""Comparisons of rectangles with tiles that are made at once: a few MB."""
+LEVEL_BYTES = 2**28
+"""Size of the tiles of a level that are kept, with their indices."""
 
 
 class _TilesInMemory:
-    """Tiles that were made here."""
+    """Tiles of a map made of points."""
 
     def __init__(self, tiles: dict[TileKey, VoxelTile]) -> None:
         self._tiles = tiles
@@ -42,6 +50,34 @@ class _TilesInMemory:
 
     def load(self, key: TileKey) -> VoxelTile:
         return self._tiles[key]
+
+
+class _MergedTiles:
+    """Tiles of a level: those of the map in voxels `factor` times as large, merged when asked for."""
+
+    def __init__(self, source: TileSource, factor: int, is_signed: bool) -> None:
+        self._source = source
+        self._factor = factor
+        self._is_signed = is_signed
+        self._cache: TileCache[VoxelTile] = TileCache(LEVEL_BYTES)
+
+    @property
+    def keys(self) -> frozenset[TileKey]:
+        return self._source.keys
+
+    def load(self, key: TileKey) -> VoxelTile:
+        return self._cache.load(key, lambda: self._merged(self._source.load(key)))
+
+    def _merged(self, tile: VoxelTile) -> VoxelTile:
+        """Merge voxels: numbers of points add up; positions and normals are means, each as often as it has points."""
+        from maxcon.map import tile_kernels
+
+        edge = tile.edge // self._factor
+        columns, layers, counts, normals, means = tile_kernels.merge(
+            read_only_view(tile.columns), read_only_view(tile.layers), read_only_view(tile.counts),
+            read_only_view(tile.normals), read_only_view(tile.means), edge, self._factor, self._is_signed,
+        )  # fmt: skip
+        return VoxelTile(tile.key, columns, layers, counts, normals, means, edge)
 
 
 class PointMap:
@@ -81,9 +117,9 @@ class PointMap:
         self._tiles = tiles
         self._ground: GroundSource = ground if ground is not None else GroundInMemory({})
         self._sorted_keys = np.array(sorted(tiles.keys), dtype=np.int64).reshape(-1, 2)
-        self._levels: dict[int, PointMap] = {1: self}
+        self._levels: dict[int, PointMap] = {}
         self._made_by: tuple[Callable[..., PointMap], tuple[Any, ...]] | None = None
-        self._fetch_ahead: Callable[[Iterable[TileKey]], None] | None = None
+        self._prefetch: Callable[[Iterable[TileKey]], None] | None = None
 
     def __reduce_ex__(self, protocol: SupportsIndex) -> Any:
         return super().__reduce_ex__(protocol) if self._made_by is None else self._made_by
@@ -119,9 +155,7 @@ class PointMap:
 
         Raises
         ------
-        ArrayError
-            If a shape is wrong, a value is not finite, a normal is not a unit vector, `cell` is not positive or `sigma`
-            negative.
+        ArrayError: if a shape is wrong, a value not finite or a normal no unit vector, `cell` <= 0 or `sigma` < 0.
         """
         check_sigma(sigma)
         if not (math.isfinite(cell) and cell > 0.0):
@@ -148,53 +182,48 @@ class PointMap:
             The folder `maxcon map build` made; or the address it was copied to: `s3://bucket/prefix`, `http://`,
             `https://`.
         cache_bytes : int
-            Tiles are kept up to this size in all, the ones used longest ago go first.
+            Size of the LRU cache of tiles.
         left_out : collection of SurfaceClass, optional
             What of an updated map is left out: by default what is gone. Nothing if None, and tiles have classes then.
 
         Raises
         ------
-        MapError
-            If it is not a map, is of another format version, or its manifest is broken.
+        MapError: if it is not a map, is of another format version, or its manifest is broken.
         """
         from maxcon.map.manifest import read_manifest
-        from maxcon.map.storage import address_of, open_place
+        from maxcon.map.storage import address_of, open_storage
         from maxcon.map.store import GroundStore, TileStore
 
-        files = open_place(path)
-        manifest = read_manifest(files)
-        store = TileStore(files, manifest, cache_bytes=cache_bytes, left_out=left_out)
-        frame, ground = LocalFrame(manifest.origin, manifest.crs), GroundStore(files, manifest)
+        storage = open_storage(path)
+        manifest = read_manifest(storage)
+        store = TileStore(storage, manifest, cache_bytes=cache_bytes, left_out=left_out)
+        frame, ground = LocalFrame(manifest.origin, manifest.crs), GroundStore(storage, manifest)
         opened = cls(frame, manifest.cell, manifest.is_signed, store, manifest.sigma, ground)
         address = address_of(path)
         opened._made_by = _opened, (address or str(Path(path).absolute()), cache_bytes, left_out)
-        opened._fetch_ahead = store.announce if address else None
+        opened._prefetch = store.prefetch if address else None
         return opened
 
     def level(self, factor: int) -> PointMap:
-        """Return the same map in voxels `factor` times as large, without ground; tiles are merged when a search asks.
+        """Return the same map in voxels `factor` (1, 2, 4, ... 32) times as large, without ground.
 
-        Parameters
-        ----------
-        factor : int
-            A power of two, at most 32.
-
-        Raises
-        ------
-        OptionError
-            If it is not.
+        Tiles are merged when a search asks for them. Another factor is an OptionError.
         """
+        if factor == 1:
+            return self
         if factor not in self._levels:
-            from maxcon.map.level import MergedTiles, check_factor
-
-            check_factor(factor)
-            merged = MergedTiles(self._tiles, factor, is_signed=self.is_signed)
+            if factor not in LEVEL_FACTORS:
+                raise OptionError(
+                    f"Expected the voxels of a level to be 1, 2, 4, ... or {LEVEL_FACTORS[-1]} times as large as the"
+                    f" map's, got {factor}. Choose one of these."
+                )
+            merged = _MergedTiles(self._tiles, factor, self.is_signed)
             level = PointMap(
                 self.frame, self.cell * factor, self.is_signed, merged, self.sigma,
                 tile_voxels=self.tile_voxels // factor,
             )  # fmt: skip
             level._made_by = PointMap.level, (self, factor)
-            level._fetch_ahead = self._fetch_ahead
+            level._prefetch = self._prefetch
             self._levels.setdefault(factor, level)  # the first one, where several threads ask at once
         return self._levels[factor]
 
@@ -226,19 +255,14 @@ class PointMap:
         """Tiles that meet the square of half width `reach` (m) around (x, y), local frame, ordered by key."""
         return self._load(self.keys_within(x, y, reach))
 
-    def announce(self, keys: Iterable[TileKey]) -> None:
-        """Announce tiles that will be needed soon: those of a map on a network are fetched in the background."""
-        if self._fetch_ahead is not None:
-            self._fetch_ahead(keys)
-
-    def announce_around(self, places: Iterable[tuple[float, float]], reach: float) -> None:
-        """Announce the tiles around places (x, y), local frame, m; costs nothing where the map is on this machine."""
-        if self._fetch_ahead is not None:
-            self._fetch_ahead(sorted({key for x, y in places for key in self._keys_within(x, y, reach)}))
+    def prefetch_around(self, positions: Iterable[tuple[float, float]], reach: float) -> None:
+        """Begin to fetch the tiles within `reach` (m) of positions (x, y), local frame, if the map is on a network."""
+        if self._prefetch is not None:
+            self._prefetch(sorted({key for x, y in positions for key in self._keys_within(x, y, reach)}))
 
     def _load(self, keys: Sequence[TileKey]) -> list[VoxelTile]:
-        if len(keys) > 1:
-            self.announce(keys)
+        if len(keys) > 1 and self._prefetch is not None:
+            self._prefetch(keys)
         return [self._tiles.load(key) for key in keys]
 
     def keys_within(self, x: float, y: float, reach: float) -> list[TileKey]:
@@ -262,7 +286,7 @@ class PointMap:
         near = keys[((keys >= first.min(axis=0)) & (keys <= last.max(axis=0))).all(axis=1)]
         met = [
             part[((first[:, None] <= part) & (last[:, None] >= part)).all(axis=2).any(axis=0)]
-            for part in np.array_split(near, 1 + len(near) * len(first) // MOST_AT_ONCE)
+            for part in np.array_split(near, 1 + len(near) * len(first) // COMPARISONS_AT_ONCE)
         ]
         return self._load([(x, y) for x, y in np.concatenate(met).tolist()])
 
@@ -276,7 +300,7 @@ class PointMap:
         if not (len(places) and len(self._sorted_keys)):
             return []
         corner, end = self._sorted_keys.min(axis=0) - 1, self._sorted_keys.max(axis=0) + 1
-        is_met = np.zeros((end - corner + 1)[::-1], bool)  # with a rim for what lies outside
+        is_met = np.zeros((end - corner + 1)[::-1], bool)  # with a border for what lies outside
         tile_kernels.mark_tiles(places, margin, self.tile_voxels * self.cell, corner, is_met)
         x, y = (self._sorted_keys - corner).T
         return self._load([(kx, ky) for kx, ky in self._sorted_keys[is_met[y, x]].tolist()])

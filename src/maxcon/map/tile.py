@@ -1,26 +1,27 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""VoxelTile: the voxels of one square of the map, in the order the search reads them."""
+"""VoxelTile: the voxels of one square of the map, in the order the search reads them; look-ups in several of them."""
 
-from collections.abc import Collection
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Collection, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maxcon._system.compiled import read_only_view
-from maxcon.map.addresses import Addresses
-from maxcon.map.layout import MEAN_STEPS, PATCH_VOXELS, TILE_VOXELS, WORD_BITS, TileKey
-from maxcon.map.surface_class import SurfaceClass
+from maxcon.map.layout import MEAN_STEPS, PATCH_VOXELS, TILE_VOXELS, WORD_BITS, SurfaceClass, TileKey
 
-__all__ = ["Occupancy", "TileIndex", "TileSource", "VoxelTile", "search_order"]
+__all__ = ["Addresses", "Occupancy", "TileCache", "TileIndex", "TileSource", "VoxelLookup", "VoxelTile", "search_order"]
 
 PATCH_WORDS = PATCH_VOXELS**2 // WORD_BITS
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class TileIndex:
     """Where each patch of 16 x 16 voxels of one height layer begins in its tile.
 
@@ -37,7 +38,7 @@ class TileIndex:
     patch_starts: NDArray[np.int32]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Occupancy:
     """Which patches and voxels a tile holds, a bit each: a single voxel is found without a search.
 
@@ -63,7 +64,35 @@ class Occupancy:
     firsts: NDArray[np.int32]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True, eq=False)
+class Addresses:
+    """Memory addresses of the arrays of a tile: one table of them hands tens of tiles to a compiled loop at once.
+
+    **An address is valid only as long as this object lives**, which keeps the arrays alive: a table of addresses must
+    keep the `Addresses` of all its tiles. A copy, also one in another process, has addresses of its own.
+
+    Parameters
+    ----------
+    values : array, shape (7,), uint64
+        Of the first items of: occupancy (held, numbers, words, firsts), normals, counts and means.
+    kept : tuple of arrays
+        The arrays, each contiguous.
+    """
+
+    values: NDArray[np.uint64]
+    kept: tuple[NDArray[Any], ...]
+
+    @classmethod
+    def of(cls, *arrays: NDArray[Any]) -> "Addresses":
+        """Addresses of arrays, or of contiguous copies."""
+        kept = tuple(np.ascontiguousarray(array) for array in arrays)
+        return cls(np.array([array.ctypes.data for array in kept], np.uint64), kept)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Addresses.of, self.kept
+
+
+@dataclass(frozen=True, eq=False)
 class VoxelTile:
     """The voxels of one tile of the map: 512 x 512 columns, 30.72 m at 6 cm; of a level fewer and larger ones.
 
@@ -134,22 +163,23 @@ class VoxelTile:
 
     @cached_property
     def index(self) -> TileIndex:
-        """Where each patch begins; made when first asked for."""
+        """Where each patch begins."""
         from maxcon.map import tile_kernels
 
         layers = np.empty(self._n_layers_and_patches[0], np.int32)
         patch_starts = np.empty(len(layers) * self.n_patches**2 + 1, np.int32)
-        tile_kernels.find_patches(self._voxel_columns, self._voxel_layers, self.n_patches, layers, patch_starts)
+        columns, heights = read_only_view(self.columns), read_only_view(self.layers)
+        tile_kernels.find_patches(columns, heights, self.n_patches, layers, patch_starts)
         return TileIndex(layers, patch_starts)
 
     @cached_property
     def fullest(self) -> int:
-        """How many map points the fullest voxel holds; counted when first asked for."""
+        """How many map points the fullest voxel holds."""
         return int(self.counts.max(initial=1))
 
     @cached_property
     def occupancy(self) -> Occupancy:
-        """Which voxels there are; made when first asked for."""
+        """Which voxels there are."""
         from maxcon.map import tile_kernels
 
         starts, n_words = self.index.patch_starts, len(self.index.layers) // WORD_BITS + 1
@@ -157,13 +187,13 @@ class VoxelTile:
         numbers = np.empty(held.shape, np.int32)
         n_held = tile_kernels.number_patches(starts, held, numbers)
         words, firsts = (np.zeros((n_held, PATCH_WORDS), dtype) for dtype in (np.uint64, np.int32))
-        tile_kernels.set_bits(starts, self._voxel_columns, numbers, words, firsts)
+        tile_kernels.set_bits(starts, read_only_view(self.columns), numbers, words, firsts)
         shape = (self.n_patches, self.n_patches, n_words)
         return Occupancy(held.reshape(shape), numbers.reshape(shape), words, firsts)
 
     @cached_property
     def addresses(self) -> Addresses:
-        """Where the arrays lie that single voxels are looked up in; made when first asked for."""
+        """Where the arrays lie that single voxels are looked up in."""
         occupancy = self.occupancy
         normals, counts = (self.normals.astype(np.float32, copy=False), self.counts.astype(np.int32, copy=False))
         bits = (occupancy.held, occupancy.numbers, occupancy.words, occupancy.firsts)
@@ -171,7 +201,7 @@ class VoxelTile:
 
     @cached_property
     def layer_numbers(self) -> NDArray[np.int32]:
-        """Number of each height layer from the lowest to the highest, -1 where there is none; made when first asked."""
+        """Number of each height layer from the lowest to the highest, -1 where there is none."""
         layers = self.index.layers
         height = int(layers[-1]) - int(layers[0]) + 1 if len(layers) else 0
         numbers = np.full(height, -1, np.int32)
@@ -188,17 +218,9 @@ class VoxelTile:
         """How many layers there are, and patches that hold voxels; -1 for both if voxels are not in order."""
         from maxcon.map import tile_kernels
 
-        n_layers, n_held = tile_kernels.count_layers_and_patches(self._voxel_columns, self._voxel_layers, self.edge)
+        columns, layers = read_only_view(self.columns), read_only_view(self.layers)
+        n_layers, n_held = tile_kernels.count_layers_and_patches(columns, layers, self.edge)
         return n_layers, n_held
-
-    @property
-    def _voxel_columns(self) -> NDArray[np.int16]:
-        """Columns as the kernels take them: in one piece, whether they can be written or not."""
-        return read_only_view(self.columns)
-
-    @property
-    def _voxel_layers(self) -> NDArray[np.int32]:
-        return read_only_view(self.layers)
 
     @property
     def voxels(self) -> NDArray[np.int32]:
@@ -221,8 +243,58 @@ class VoxelTile:
         return sum(array.nbytes for array in arrays + index) + occupancy
 
 
+def search_order(columns: NDArray[np.int16], layers: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Return the order (z, patch y, patch x, y, x) of voxels with these indices."""
+    patches = columns // PATCH_VOXELS
+    return np.lexsort((columns[:, 0], columns[:, 1], patches[:, 0], patches[:, 1], layers))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VoxelLookup:
+    """Table of several tiles, so that one call of a kernel looks up points in all of them.
+
+    Parameters
+    ----------
+    rows : array, shape (n_tiles + 1, 11), uint64
+        For each tile: z index of its lowest height layer, as the bits of an int64; how many layers there are from
+        there to the highest; the address of their numbers, -1 for none (int32); how many words each column of patches
+        has; the tile's `Addresses`. The first row is for where there is no tile.
+    grid : array, shape (ny, nx), int32
+        Rows of the tiles, by their keys.
+    corner : tuple of 2 int
+        Key (x, y) of the grid's first tile.
+    kept : tuple
+        The arrays at the addresses: they live as long as the lookup.
+    """
+
+    rows: NDArray[np.uint64]
+    grid: NDArray[np.int32]
+    corner: tuple[int, int]
+    kept: tuple[NDArray[np.int32] | Addresses, ...]
+
+    @classmethod
+    def of(cls, tiles: Sequence[VoxelTile]) -> "VoxelLookup":
+        """Lookup in some tiles."""
+        keys = np.array([tile.key for tile in tiles], np.int64).reshape(-1, 2)
+        low = keys.min(axis=0) if tiles else np.zeros(2, np.int64)
+        nx, ny = keys.max(axis=0) - low + 1 if tiles else (0, 0)
+        grid = np.zeros((int(ny), int(nx)), np.int32)
+        rows = np.zeros((len(tiles) + 1, 11), np.uint64)
+        signed, kept = rows.view(np.int64), list[NDArray[np.int32] | Addresses]()
+        for row, tile in enumerate(tiles, 1):
+            grid[tile.key[1] - low[1], tile.key[0] - low[0]] = row
+            numbers, addresses = tile.layer_numbers, tile.addresses
+            if not len(numbers):
+                continue
+            signed[row, 0] = tile.index.layers[0]
+            rows[row, 1:4] = len(numbers), numbers.ctypes.data, tile.occupancy.held.shape[2]
+            rows[row, 4:] = addresses.values
+            kept += [numbers, addresses]
+        return cls(rows, grid, (int(low[0]), int(low[1])), tuple(kept))
+
+
 class TileSource(Protocol):
-    """Where a map's tiles come from: memory, or a folder on disk."""
+    """Where a map's tiles come from: memory, disk, a network, or finer tiles."""
 
     @property
     def keys(self) -> frozenset[TileKey]:
@@ -234,7 +306,65 @@ class TileSource(Protocol):
         ...
 
 
-def search_order(columns: NDArray[np.int16], layers: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Return the order (z, patch y, patch x, y, x) of voxels with these indices."""
-    patches = columns // PATCH_VOXELS
-    return np.lexsort((columns[:, 0], columns[:, 1], patches[:, 0], patches[:, 1], layers))
+class Sized(Protocol):
+    """A tile, or something derived from one."""
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory it holds, with its indices."""
+        ...
+
+
+TileT = TypeVar("TileT", bound=Sized)
+
+
+class TileCache(Generic[TileT]):
+    """LRU cache of map tiles, bounded in bytes.
+
+    Threads load different tiles at once; a tile that several ask for is made once, and the others wait for it.
+
+    Parameters
+    ----------
+    max_bytes : int
+        Size of all tiles kept and their indices; the last one is kept whatever its size.
+    """
+
+    def __init__(self, max_bytes: int) -> None:
+        self._max_bytes = max_bytes
+        self._n_bytes = 0
+        self._tiles: OrderedDict[TileKey, TileT] = OrderedDict()
+        self._loading: dict[TileKey, Future[TileT]] = {}
+        self._lock = threading.Lock()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return TileCache, (self._max_bytes,)  # a copy, as in another process, begins empty
+
+    def __contains__(self, key: TileKey) -> bool:
+        return key in self._tiles
+
+    def load(self, key: TileKey, make: Callable[[], TileT]) -> TileT:
+        """Return the tile of a key from the cache, or else make it, and keep it."""
+        with self._lock:
+            if key in self._tiles:
+                self._tiles.move_to_end(key)
+                return self._tiles[key]
+            loading, mine = self._loading.get(key), Future[TileT]()
+            if loading is None:
+                self._loading[key] = mine
+        if loading is not None:
+            return loading.result()
+        try:
+            tile = make()
+            n_bytes = tile.n_bytes  # makes the index of a tile
+        except BaseException as error:
+            del self._loading[key]
+            mine.set_exception(error)
+            raise
+        with self._lock:
+            self._tiles[key] = tile
+            self._n_bytes += n_bytes
+            while self._n_bytes > self._max_bytes and len(self._tiles) > 1:
+                self._n_bytes -= self._tiles.popitem(last=False)[1].n_bytes
+            del self._loading[key]
+        mine.set_result(tile)
+        return tile

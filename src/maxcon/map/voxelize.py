@@ -7,13 +7,11 @@ from numpy.typing import NDArray
 
 from maxcon.errors import MapError
 from maxcon.geometry import voxel_indices
-from maxcon.map.layout import MEAN_STEPS, TILE_VOXELS, TileKey
+from maxcon.map.layout import CANCELLED_LENGTH, MEAN_STEPS, TILE_VOXELS, TileKey
 from maxcon.map.tile import VoxelTile, search_order
 
 __all__ = ["mean_normals", "mean_steps", "split_into_tiles", "tile_of_voxels", "turn_alike", "voxelize"]
 
-# Normals that cancel (both faces of a thin wall in one voxel) leave no direction.
-CANCELLED_LENGTH = 1e-3
 MOST_LAYERS = 16_384
 
 
@@ -59,10 +57,7 @@ def voxelize(
 
 
 def _unique_rows(indices: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.int64]]:
-    """Rows, each once and sorted, the number of each row among them, and how often each occurs.
-
-    As numpy.unique along an axis, which takes several times as long.
-    """
+    """As numpy.unique along an axis, which takes several times as long: rows, number of each among them, counts."""
     order = np.lexsort(indices.T[::-1])
     is_first = np.ones(len(order), bool)
     is_first[1:] = (indices[order[1:]] != indices[order[:-1]]).any(axis=1)
@@ -105,13 +100,7 @@ def tile_of_voxels(
     means: NDArray[np.uint8],
     classes: NDArray[np.uint8] | None = None,
 ) -> VoxelTile:
-    """Make a tile from voxels in any order.
-
-    Raises
-    ------
-    MapError
-        If they lie in more than 16,384 layers (983 m at 6 cm): the index of a tile takes 8 KiB for each.
-    """
+    """Make a tile from voxels in any order; a MapError if they lie in over 16,384 layers, which take 8 KiB each."""
     n_layers = len(np.unique(layers))
     if n_layers > MOST_LAYERS:
         raise MapError(

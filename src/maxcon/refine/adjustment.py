@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from maxcon.geometry import Pose
 from maxcon.map import PointMap
-from maxcon.map.voxel_lookup import VoxelLookup
+from maxcon.map.tile import VoxelLookup
 from maxcon.scan import Scan, one_per_cube
 
 __all__ = ["HEIGHT_SIGMA", "TILT_SIGMA", "Refined", "refine"]

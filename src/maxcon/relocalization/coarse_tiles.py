@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from maxcon.errors import MapError
 from maxcon.map import PointMap, TileKey
-from maxcon.map.kept_tiles import KeptTiles
+from maxcon.map.tile import TileCache
 from maxcon.relocalization.facings import facings_of_voxels
 from maxcon.search.coarse_to_fine import Level
 
@@ -87,7 +87,7 @@ class CoarseTiles:
         self.cell = self.level.cell
         """Edge of a voxel, and of a cell, m."""
         self.n_layers = int(np.ceil(HIGHEST / self.cell))
-        self._kept: KeptTiles[CoarseTile] = KeptTiles(KEPT_BYTES)
+        self._kept: TileCache[CoarseTile] = TileCache(KEPT_BYTES)
 
     @cached_property
     def keys(self) -> frozenset[TileKey]:

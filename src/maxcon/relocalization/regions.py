@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.map import TileKey
-from maxcon.map.kept_tiles import KeptTiles
+from maxcon.map.tile import TileCache
 from maxcon.relocalization.coarse_tiles import CoarseTiles
 
 __all__ = ["BLOCK", "N_BLOCKS", "REACH", "REGION", "RIM", "Area", "Region", "Regions", "Voxels"]
@@ -140,7 +140,7 @@ class Regions:
     def __init__(self, tiles: CoarseTiles, area: Area | None = None) -> None:
         self.tiles = tiles
         self.area = area
-        self._kept: KeptTiles[Voxels] = KeptTiles(KEPT_BYTES)
+        self._kept: TileCache[Voxels] = TileCache(KEPT_BYTES)
 
     def within(self, area: Area | None) -> "Regions":
         """The same regions with another area, or none; what is kept of them is shared."""

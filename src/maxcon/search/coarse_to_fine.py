@@ -9,7 +9,7 @@ from typing import Protocol
 from maxcon.errors import SearchSpaceError
 from maxcon.geometry import Pose, wrap_angle
 from maxcon.map import PointMap
-from maxcon.map.level import FACTORS
+from maxcon.map.layout import LEVEL_FACTORS
 from maxcon.scan import Scan
 from maxcon.search import Found, Standing
 from maxcon.search.best_cell import BestCell
@@ -39,7 +39,9 @@ class Level:
 
     def of(self, point_map: PointMap) -> PointMap:
         """Return the level of a map that is searched."""
-        return point_map.level(min(FACTORS, key=lambda factor: abs(math.log(factor * point_map.cell / self.cell))))
+        return point_map.level(
+            min(LEVEL_FACTORS, key=lambda factor: abs(math.log(factor * point_map.cell / self.cell)))
+        )
 
     def cells(self, space: SearchSpace, point_map: PointMap) -> SearchSpace:
         """Return the cells of an open space that are searched."""

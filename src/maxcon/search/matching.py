@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from maxcon.errors import OptionError, SearchSpaceError
 from maxcon.geometry import Pose, rotation_matrices
 from maxcon.map import PointMap
-from maxcon.map.level import FACTORS
+from maxcon.map.layout import LEVEL_FACTORS
 from maxcon.scan import Scan
 from maxcon.search.space import SearchSpace
 
@@ -83,7 +83,7 @@ def level_of(point_map: PointMap, space: SearchSpace) -> PointMap:
     SearchSpaceError
         If there is none.
     """
-    for factor in FACTORS:
+    for factor in LEVEL_FACTORS:
         if np.isclose(space.cell_edge, point_map.cell * factor, rtol=1e-9, atol=0.0):
             return point_map.level(factor)
     raise SearchSpaceError(

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""TileTable: the tiles around a scan for look-ups of single points; it holds addresses, see `point_map.addresses`."""
+"""TileTable: the tiles around a scan for look-ups of single points; it holds addresses, see `map.tile.Addresses`."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.map import PATCH_VOXELS, VoxelTile
-from maxcon.map.addresses import Addresses
+from maxcon.map.tile import Addresses
 
 __all__ = ["TileTable"]
 
@@ -46,6 +46,7 @@ class TileTable:
         for row, (slot, (tile, tile_layers)) in enumerate(tiles.items(), 1):
             grid.flat[slot] = row
             layers[row] = np.where(tile_layers < 0, len(tile.index.layers), tile_layers)[:n_layers]
-            rows[row, 1], rows[row, 2:] = tile.occupancy.held.shape[2], tile.addresses.values[:6]
-            kept.append(tile.addresses)
+            addresses = tile.addresses  # once: the table must keep the very ones whose values it has
+            rows[row, 1], rows[row, 2:] = tile.occupancy.held.shape[2], addresses.values[:6]
+            kept.append(addresses)
         return cls(rows, grid, (layers, nothing, *kept))

@@ -5,9 +5,9 @@
 import threading
 
 import pytest
+from maxcon.map.storage.ahead import FetchAhead
 
 from maxcon.map.storage import RecordPlace, ahead
-from maxcon.map.storage.ahead import FetchAhead
 
 PLACES = [RecordPlace("tiles/0", number, 10, b"") for number in range(40)]
 

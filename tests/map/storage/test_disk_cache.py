@@ -8,9 +8,9 @@ import threading
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from maxcon.map.storage.disk_cache import DiskCache, default_cache
 
 from maxcon.map.storage import RecordPlace
-from maxcon.map.storage.disk_cache import DiskCache, default_cache
 
 
 def place_of(content):

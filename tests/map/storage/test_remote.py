@@ -15,9 +15,9 @@ from served_map import GROUND, VOXELS
 
 from maxcon import PointMap
 from maxcon.errors import FileError, MapError, OptionError
-from maxcon.map.copying import copy_map
 from maxcon.map.manifest import read_manifest
 from maxcon.map.storage import remote
+from maxcon.map.writer import copy_map
 from written_maps import write, write_tile_files
 
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from maxcon import PointMap
-from maxcon.map.voxel_lookup import VoxelLookup
+from maxcon.map.tile import VoxelLookup
 from maxcon.mapping.update.ray_kernels import are_far_from_voxels, hide_known_surfaces, sum_around, weigh_look
 from maxcon.mapping.update.reference import is_met, is_seen_through
 

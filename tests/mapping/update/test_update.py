@@ -12,8 +12,8 @@ import pytest
 from maxcon import PointMap
 from maxcon.errors import FileError, MapError, OptionError
 from maxcon.lab.dataset_drives import open_drives
+from maxcon.map.layout import SurfaceClass
 from maxcon.map.manifest import read_manifest
-from maxcon.map.surface_class import SurfaceClass
 from maxcon.mapping.update import LocalizedDrive, UpdateOptions, update_map
 from street_of_boxes import CAR, CELL, OTHER_CAR, WALL, DriveOfBoxes, map_of
 from written_maps import write

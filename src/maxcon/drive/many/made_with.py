@@ -15,8 +15,8 @@ from maxcon._system.resumable import differences
 from maxcon.drive.many.poses_dataset import PosesDataset
 from maxcon.drive.many.table import DriveEntry
 from maxcon.errors import FileError, OptionError
-from maxcon.map.manifest import LARGEST_MANIFEST, MANIFEST
-from maxcon.map.storage import address_of, open_place
+from maxcon.map.manifest import MANIFEST, MAX_MANIFEST_BYTES
+from maxcon.map.storage import address_of, open_storage
 
 __all__ = ["OPTIONS", "check_options", "check_sources"]
 
@@ -93,7 +93,7 @@ def _map(place: Path | str) -> str:
     """Identity of a map: the checksum of its manifest, or where it should be if that cannot be read."""
     where = address_of(place) or str(Path(place).absolute())
     try:
-        content = open_place(place, uses_cache=False).read(MANIFEST, LARGEST_MANIFEST)
+        content = open_storage(place).read(MANIFEST, MAX_MANIFEST_BYTES)
     except OSError:
         return where  # opening the drive will say that there is no map
     return hashlib.sha256(content).hexdigest()

@@ -36,6 +36,7 @@ from maxcon.mapping.build.spill import GroundSpill, TileSpill
 from maxcon.mapping.build.tile_job import TileJob, TileRound, TileStep, by_engine, by_threads
 from maxcon.map import TILE_VOXELS, TileKey
 from maxcon.map.manifest import MAP_NAMES, Manifest
+from maxcon.map.store import ground_record
 from maxcon.map.writer import MapWriter
 from maxcon._system.atomic import atomic_folder, check_replaceable
 from maxcon._system.progress import Progress
@@ -135,7 +136,7 @@ def build_map(
             with _workers(job, spill, sightings, n_points, engine, n_threads) as do:
                 _write_tiles(writer, do, spill.keys, found, ground_maker, report)
             for tile in ground_maker.tiles():
-                writer.add_ground(tile)
+                writer.put(ground_record(tile))
             build = {
                 **_description(counts, placed, drop, use_normals, ground_maker.origin),
                 "sigma": how_known,

@@ -10,8 +10,8 @@ from maxcon.errors import ArrayError, OptionError
 from maxcon.mapping.build.classes import DEFAULT_DROP, FOUND_DROP, parse_classes
 from maxcon.mapping.build.found_classes import FOUND, LARGEST_CELL
 from maxcon.mapping.build.placement import Area
-from maxcon.map.manifest import CELLS
-from maxcon.map.sigma import check_sigma
+from maxcon.map.layout import CELLS
+from maxcon.map.layout import check_sigma
 from maxcon.scan.trajectory import Trajectory
 
 __all__ = ["Classify", "MapOptions"]

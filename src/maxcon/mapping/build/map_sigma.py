@@ -10,7 +10,7 @@ from pathlib import Path
 from maxcon.errors import FileError
 from maxcon.mapping.build.pass_differences import compare_passes
 from maxcon.mapping.build.place_sample import PlaceSample
-from maxcon.map.sigma import UNKNOWN_SIGMA
+from maxcon.map.layout import UNKNOWN_SIGMA
 from maxcon._system.regular_file import read_regular
 
 __all__ = ["aligned_sigma", "map_sigma"]

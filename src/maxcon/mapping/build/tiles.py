@@ -16,7 +16,7 @@ from maxcon.mapping.build.spill import TileSpill
 from maxcon.mapping.build.voxel_moments import HALO_VOXELS, VoxelMoments
 from maxcon.mapping.build.voxel_normals import plane_normals, turn_to_side
 from maxcon.map import TILE_VOXELS, TileKey, VoxelTile
-from maxcon.map.records import Record, tile_record
+from maxcon.map.store import Record, tile_record
 from maxcon.map.voxelize import mean_normals, mean_steps, tile_of_voxels
 
 __all__ = ["MadeTile", "TileMaker"]

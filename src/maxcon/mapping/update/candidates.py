@@ -9,7 +9,7 @@ from scipy.ndimage import distance_transform_edt
 from maxcon.geometry import Pose
 from maxcon.map import PointMap, TileKey, VoxelTile
 from maxcon.map.ground import GroundPatch
-from maxcon.map.voxel_lookup import VoxelLookup
+from maxcon.map.tile import VoxelLookup
 from maxcon.map.voxelize import mean_steps, tile_of_voxels
 from maxcon.mapping.build.spill import TileSpill
 from maxcon.mapping.build.voxel_moments import LAYER, ROW, VoxelMoments

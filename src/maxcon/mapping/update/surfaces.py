@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.map import TileKey, VoxelTile
-from maxcon.map.surface_class import SurfaceClass
-from maxcon.map.voxel_lookup import VoxelLookup
+from maxcon.map.layout import SurfaceClass
+from maxcon.map.tile import VoxelLookup
 from maxcon.mapping.update.update_options import UpdateOptions
 
 __all__ = ["CANDIDATE", "Evidence", "SurfaceFiles", "Surfaces", "SurfacesInReach", "classes_of"]

@@ -17,21 +17,10 @@ from maxcon._system.progress import Progress
 from maxcon._system.version import __version__
 from maxcon.errors import MapError, OptionError
 from maxcon.map import PointMap, TileKey
-from maxcon.map.manifest import MAP_NAMES, Manifest, read_manifest
-from maxcon.map.records import (
-    CLASSES,
-    GROUND,
-    TILES,
-    classes_of_batch,
-    classes_record,
-    classes_schema,
-    ground_schema,
-    tile_record,
-    tile_schema,
-)
-from maxcon.map.section import Section
-from maxcon.map.storage import MapFiles, open_place
-from maxcon.map.surface_class import SurfaceClass
+from maxcon.map.layout import SurfaceClass
+from maxcon.map.manifest import CLASSES, GROUND, MAP_NAMES, TILES, Manifest, read_manifest
+from maxcon.map.storage import MapStorage, open_storage
+from maxcon.map.store import Section, classes_of_batch, classes_record, tile_record
 from maxcon.map.writer import MapWriter
 from maxcon.mapping.update.drives import LocalizedDrive, Look, looks_of
 from maxcon.mapping.update.gathering import gather_evidence
@@ -100,7 +89,7 @@ def update_map(
         raise OptionError(f"Expected another folder than the map itself, got {out} for both. Name a new one.")
     if overwrite:
         check_replaceable(out, "a map", MAP_NAMES)
-    files = open_place(parent)
+    files = open_storage(parent)
     manifest = read_manifest(files)
     point_map = PointMap.open(parent, cache_bytes=CACHE_BYTES, left_out=None)
     looks = looks_of(drives, point_map.frame, options)
@@ -143,10 +132,10 @@ def update_map(
 class _Copier:
     """Writes the tiles of the map into its new version, changed or as they are, and counts what changed."""
 
-    def __init__(self, files: MapFiles, manifest: Manifest, writer: MapWriter, changes: "Counter[str]") -> None:
-        self._tiles = Section(files, manifest, TILES, tile_schema())
-        self._ground = Section(files, manifest, GROUND, ground_schema())
-        self._classes = Section(files, manifest, CLASSES, classes_schema())
+    def __init__(self, files: MapStorage, manifest: Manifest, writer: MapWriter, changes: "Counter[str]") -> None:
+        self._tiles = Section(files, manifest, TILES)
+        self._ground = Section(files, manifest, GROUND)
+        self._classes = Section(files, manifest, CLASSES)
         self._writer = writer
         self._changes = changes
 

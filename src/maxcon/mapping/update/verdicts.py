@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.map import TileKey
-from maxcon.map.surface_class import SurfaceClass
+from maxcon.map.layout import SurfaceClass
 from maxcon.mapping.update.surfaces import CANDIDATE, SurfaceFiles, Surfaces, SurfacesInReach
 from maxcon.mapping.update.update_options import UpdateOptions
 

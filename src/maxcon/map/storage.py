@@ -1,0 +1,334 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Storage of a map: a folder of this machine, or an object store or a web server through obstore.
+
+Every request has a time-out: a server that is gone is an error in a line, never a wait without end.
+"""
+
+import errno
+import mmap
+import os
+import re
+import threading
+import weakref
+from collections import OrderedDict
+from collections.abc import Callable, Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
+from datetime import timedelta
+from functools import cached_property
+from io import BufferedReader
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
+
+from maxcon._system.regular_file import open_regular
+from maxcon.errors import MissingExtraError, OptionError
+
+if TYPE_CHECKING:
+    from obstore.store import ClientConfig, RetryConfig, S3Config
+
+__all__ = ["ByteRange", "Folder", "MapStorage", "Remote", "address_of", "open_storage"]
+
+ADDRESS = re.compile(r"(s3|https?):/{1,2}(?=[^/])")
+"""How an address begins; a `Path` of one has lost a slash."""
+ANY_ADDRESS = re.compile(r"[a-z][a-z0-9+.-]+:/(/|$)|(s3|https?|gs|ftp|file):(/|$)")
+"""How names begin that mean an address of any kind, not a folder."""
+LARGE_PAGE = 2**21
+"""Bytes of a large page, asked for from this size on."""
+PREFETCH_THREADS = 8
+MAX_PREFETCH_BYTES = 2**26
+"""Most bytes of records that are fetched ahead of their use; the oldest are given up first."""
+CONNECT_SECONDS, READ_SECONDS, REQUEST_SECONDS = 5.0, 15.0, 120.0
+"""Time-outs of a connection, between two pieces of an answer, and of a whole request."""
+RETRIES, RETRY_SECONDS = 2, 20.0
+"""How often a request is repeated, and for how long."""
+NO_BUCKET = "no such bucket"
+NO_RANGES = (
+    "the server sends no ranges of files, by which tiles are read: serve the map by one that does, or copy its folder"
+    " to this machine"
+)
+KEYS = "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY"
+ANONYMOUS = "AWS_SKIP_SIGNATURE"
+NO_KEYS = (
+    f"no keys were found: set {KEYS} (AWS_SESSION_TOKEN too, where they are temporary), or {ANONYMOUS}=true for a"
+    " bucket that anybody may read"
+)
+CAUSES = {
+    NO_RANGES: r"Range request not supported",
+    # A machine of Amazon would have them from there.
+    NO_KEYS: r"169\.254\.169\.254|/latest/(api/token|meta-data)|instance metadata",
+    f"half of the keys: set both, {KEYS}": r"Missing ?(SecretAccessKey|AccessKeyId)",
+    "no permission": r"PermissionDenied|Forbidden|AccessDenied|\b403\b",
+    "the server does not know these credentials": r"Unauthenticated|InvalidAccessKeyId|SignatureDoesNotMatch|\b401\b",
+    "no server there: connection refused": r"[Cc]onnection ?refused",
+    "the server does not answer: timed out": r"timed out|TimedOut|timeout",
+    "no server of this name": r"dns error|failed to lookup",
+}
+"""Words for the user, by a pattern in the message of an error."""
+SECRETS = ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY", "AWS_SESSION_TOKEN")
+"""Environment variables whose values no message has."""
+Answer = TypeVar("Answer")
+
+
+class ByteRange(NamedTuple):
+    """Bytes of a file of a map: its name, the first byte, and how many."""
+
+    name: str
+    offset: int
+    length: int
+
+
+class MapStorage(Protocol):
+    """The files of a map, by their names in it, such as `manifest.json`.
+
+    Errors are OSError, with the cause in `strerror`; FileNotFoundError where there is no such file.
+    """
+
+    @property
+    def remedy(self) -> str:
+        """What helps where a file cannot be read, for messages."""
+        ...
+
+    def where(self, name: str) -> str:
+        """Return the file's path or address."""
+        ...
+
+    def what_is_there(self, name: str, error: OSError) -> str:
+        """Return what there is instead of a file that was not found, in words for a message."""
+        ...
+
+    def read(self, name: str, max_bytes: int) -> memoryview:
+        """Return all of a file, in memory of its own; one that is larger is refused."""
+        ...
+
+    def read_range(self, wanted: ByteRange) -> memoryview:
+        """Return some bytes of a file, in memory of their own; fewer where the file ends before."""
+        ...
+
+    def prefetch(self, ranges: Iterable[ByteRange]) -> None:
+        """Begin to fetch what will be read soon, where that takes time."""
+        ...
+
+
+def address_of(name: str | os.PathLike[str]) -> str | None:
+    """Return a name as an address, `s3://`, `http://` or `https://`; None if it is the path of a folder.
+
+    Raises
+    ------
+    OptionError: if it is an address of another kind, or one without a bucket or a host.
+    """
+    text = os.fspath(name)
+    begin = ADDRESS.match(text)
+    if begin is None and ANY_ADDRESS.match(text):
+        raise OptionError(
+            f"Expected a folder, s3://BUCKET/PREFIX, http:// or https:// and a host, got {text:.80}. Correct it."
+        )
+    return f"{begin[1]}://{text[begin.end() :].rstrip('/')}" if begin else None
+
+
+def open_storage(name: str | os.PathLike[str]) -> MapStorage:
+    """Return access to the files of a map in a folder or at an address; nothing is read yet.
+
+    Raises
+    ------
+    MissingExtraError: if it is an address, and obstore is not installed.
+    """
+    address = address_of(name)
+    return Folder(name) if address is None else Remote(address)
+
+
+class Folder:
+    """The files of a map in a folder, copied into private memory, so that later changes do no harm."""
+
+    remedy = "Build the map again with `maxcon map build`."
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self._path = Path(path)
+
+    def where(self, name: str) -> str:
+        """Return the file's path."""
+        return str(self._path / name)
+
+    def what_is_there(self, name: str, error: OSError) -> str:
+        """Return what there is instead of a file that was not found, in words for a message."""
+        if self._path.is_dir():
+            return f"no {name} in it"
+        return "a file" if self._path.is_file() else "no such folder"
+
+    def read(self, name: str, max_bytes: int) -> memoryview:
+        """Return all of a file, in memory of its own; one that is larger is refused."""
+        with open_regular(self._path / name) as file:
+            size = os.fstat(file.fileno()).st_size
+            if size > max_bytes:
+                raise OSError(errno.EFBIG, f"{size:,} bytes, more than there can be in it")
+            return _read(file, 0, size)
+
+    def read_range(self, wanted: ByteRange) -> memoryview:
+        """Return some bytes of a file, in memory of their own; fewer where the file ends before."""
+        with open_regular(self._path / wanted.name) as file:
+            size = os.fstat(file.fileno()).st_size
+            return _read(file, wanted.offset, max(min(wanted.length, size - wanted.offset), 0))
+
+    def prefetch(self, ranges: Iterable[ByteRange]) -> None:
+        """Do nothing: files of this machine need no fetching ahead."""
+
+
+def _read(file: BufferedReader, offset: int, length: int) -> memoryview:
+    """Read into private memory, in large pages where the system has them: it takes half the time to get."""
+    memory = mmap.mmap(-1, max(length, 1))
+    if length >= LARGE_PAGE and hasattr(mmap, "MADV_HUGEPAGE"):
+        with suppress(OSError):
+            memory.madvise(mmap.MADV_HUGEPAGE)
+    content = memoryview(memory)[:length]
+    file.seek(offset)
+    return content[: file.readinto(content)]
+
+
+class Remote:
+    """The files of a map behind an address, `s3://bucket/prefix`, `http://server/path` or `https://server/path`.
+
+    Ranges that are prefetched come through a few threads, which end with this object.
+    """
+
+    remedy = "Check the server and the address, and try again."
+
+    def __init__(self, address: str) -> None:
+        try:
+            import obstore
+        except ImportError as error:
+            raise MissingExtraError(
+                f"Expected the package obstore, to read {address}, but it is not installed."
+                " Install it: pip install 'maxcon[remote]'."
+            ) from error
+        self._obstore = obstore
+        self._address = address
+        self._is_s3 = address.startswith("s3:")
+        self._has_ranges = False  # whether a web server has sent one
+        self._coming: OrderedDict[ByteRange, Future[memoryview]] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def where(self, name: str) -> str:
+        """Return the file's address."""
+        return f"{self._address}/{name}" if name else self._address
+
+    def what_is_there(self, name: str, error: OSError) -> str:
+        """Return what there is instead of a file that was not found, in words for a message."""
+        return error.strerror if error.strerror == NO_BUCKET else f"no {name} there"
+
+    def read(self, name: str, max_bytes: int) -> memoryview:
+        """Return all of a file; one that is larger is refused, and so is a web server that sends no ranges."""
+
+        def ask() -> memoryview:
+            result = self._obstore.get(self._store, name)
+            if result.meta["size"] > max_bytes:
+                raise OSError(errno.EFBIG, f"{result.meta['size']:,} bytes, more than there can be in it")
+            return memoryview(result.bytes())
+
+        content = self._asked(ask)
+        if not (self._is_s3 or self._has_ranges) and len(content):
+            self._fetch(ByteRange(name, 0, 1))
+            self._has_ranges = True
+        return content
+
+    def prefetch(self, ranges: Iterable[ByteRange]) -> None:
+        """Begin to fetch what will be read soon, several at a time, up to MAX_PREFETCH_BYTES in all."""
+        n_bytes = 0
+        with self._lock:
+            for wanted in ranges:
+                n_bytes += wanted.length
+                if n_bytes > MAX_PREFETCH_BYTES:
+                    break
+                if wanted not in self._coming:
+                    self._coming[wanted] = self._pool.submit(_fetch, weakref.ref(self), wanted)
+                self._coming.move_to_end(wanted)
+            n_bytes = sum(coming.length for coming in self._coming)
+            while n_bytes > MAX_PREFETCH_BYTES:
+                oldest, future = self._coming.popitem(last=False)
+                future.cancel()
+                n_bytes -= oldest.length
+
+    def read_range(self, wanted: ByteRange) -> memoryview:
+        """Return some bytes of a file, prefetched or fetched now."""
+        with self._lock:
+            future = self._coming.pop(wanted, None)
+        if future is None or future.cancel():  # nobody has begun with it
+            return self._fetch(wanted)
+        return future.result()
+
+    def write(self, name: str, content: bytes | Path) -> None:
+        """Write a file, or replace it, in one step."""
+        self._asked(lambda: self._obstore.put(self._store, name, content))
+
+    def size(self, name: str) -> int | None:
+        """Return the size of a file, bytes; None if there is none."""
+        try:
+            return int(self._asked(lambda: self._obstore.head(self._store, name))["size"])
+        except FileNotFoundError:
+            return None
+
+    def _fetch(self, wanted: ByteRange) -> memoryview:
+        name, start, length = wanted
+        try:
+            return self._asked(
+                lambda: memoryview(self._obstore.get_range(self._store, name, start=start, length=length))
+            )
+        except OSError:  # what else is coming would fail as well, and be waited for when the process ends
+            with self._lock:
+                for future in self._coming.values():
+                    future.cancel()
+                self._coming.clear()
+            raise
+
+    @cached_property
+    def _pool(self) -> ThreadPoolExecutor:
+        pool = ThreadPoolExecutor(PREFETCH_THREADS, thread_name_prefix="prefetch")
+        weakref.finalize(self, pool.shutdown, wait=False, cancel_futures=True)
+        return pool
+
+    @cached_property
+    def _store(self) -> Any:
+        from obstore.store import HTTPStore, S3Store
+
+        endpoint = os.environ.get("AWS_ENDPOINT_URL_S3") or os.environ.get("AWS_ENDPOINT_URL", "")
+        client: ClientConfig = {
+            "connect_timeout": timedelta(seconds=CONNECT_SECONDS),
+            "read_timeout": timedelta(seconds=READ_SECONDS),
+            "timeout": timedelta(seconds=REQUEST_SECONDS),
+            "allow_http": (endpoint if self._is_s3 else self._address).startswith("http:"),
+        }
+        retry: RetryConfig = {"max_retries": RETRIES, "retry_timeout": timedelta(seconds=RETRY_SECONDS)}
+        if not self._is_s3:
+            return HTTPStore(self._address, client_options=client, retry_config=retry)
+        config: S3Config = {"endpoint": endpoint} if endpoint else {}
+        return S3Store.from_url(self._address, config=config, client_options=client, retry_config=retry)
+
+    def _asked(self, ask: Callable[[], Answer]) -> Answer:
+        """Return the answer of the server; its errors become OSError with words for the user."""
+        from obstore.exceptions import BaseError
+
+        try:
+            return ask()
+        except FileNotFoundError as error:
+            missing = NO_BUCKET if "NoSuchBucket" in str(error) else os.strerror(errno.ENOENT)
+            raise FileNotFoundError(errno.ENOENT, missing) from None
+        except (BaseError, ValueError) as error:
+            raise OSError(errno.EIO, _in_words(error, is_s3=self._is_s3)) from None
+
+
+def _fetch(remote: "weakref.ref[Remote]", wanted: ByteRange) -> memoryview:
+    """Fetch a range for a storage that nothing else may keep alive, so that its threads end with it."""
+    storage = remote()
+    return storage._fetch(wanted) if storage is not None else memoryview(b"")
+
+
+def _in_words(error: Exception, *, is_s3: bool) -> str:
+    """Return the cause of an error of obstore in one line, without what is secret."""
+    text = " ".join(str(error).split())
+    words = next((words for words, pattern in CAUSES.items() if re.search(pattern, text)), "")
+    if words == "no permission" and is_s3:
+        is_anonymous = os.environ.get(ANONYMOUS, "").lower() in ("1", "true", "yes", "on", "y")
+        without = f"without keys, as {ANONYMOUS} asks for: set {KEYS} instead"
+        return f"{words} {without}" if is_anonymous else f"{words}: check AWS_ACCESS_KEY_ID and its rights"
+    for name in SECRETS:
+        text = text.replace(os.environ.get(name) or name, name)
+    return words or text[:200]
