@@ -303,8 +303,7 @@ def test_a_killed_demo_leaves_none_or_the_one_before_and_the_same_command_works(
 
 @pytest.fixture
 def bucket(monkeypatch):
-    """Address of an empty bucket; what is read from it is kept nowhere."""
-    monkeypatch.setenv("MAXCON_CACHE_GB", "0")
+    """Address of an empty bucket."""
     with s3_server_here() as server, bucket_on(server, monkeypatch) as address:
         yield address
 

@@ -16,9 +16,8 @@ def server():
 
 
 @pytest.fixture
-def maps(server, monkeypatch, tmp_path):
-    """Address of a bucket; credentials, server and cache are in the environment."""
-    monkeypatch.setenv("MAXCON_CACHE_DIR", str(tmp_path / "cache"))
+def maps(server, monkeypatch):
+    """Address of a bucket; credentials and server are in the environment."""
     with bucket_on(server, monkeypatch) as address:
         yield address
 

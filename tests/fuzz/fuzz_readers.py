@@ -2,16 +2,11 @@
 # SPDX-License-Identifier: MIT
 """Everything that reads a file from outside: what is called with each mutated one, by name."""
 
-import hashlib
-import json
 import shutil
 import struct
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
-
-import numpy as np
 
 from maxcon import PointMap, open_scans, read_recorded_poses, read_trajectory
 from maxcon.errors import MaxconError
@@ -23,7 +18,7 @@ from maxcon.io.scans.description import describe
 from maxcon.io.trajectories import read_prior
 from maxcon.lab.dataset import Dataset
 from maxcon.lab.study.run import Study
-from maxcon.map.manifest import ShardFile, checksum_of_manifest, read_manifest, write_manifest
+from maxcon.map.manifest import read_manifest
 from maxcon.map.storage import Folder
 from maxcon.map.store import GroundStore
 from maxcon.scan.mounting import read_mounting
@@ -125,37 +120,6 @@ def _manifest(data: bytes, name: str, folder: Path, seeds: Path) -> None:
     _read_map(folder / "city.map")
 
 
-def _tile(data: bytes, name: str, folder: Path, seeds: Path) -> None:
-    """Besides the record its checksum in the index is replaced: what was written so, and not what was damaged after."""
-    section = Path(name).parent.name
-    shutil.copytree(seeds / "city.map", folder / "city.map")
-    manifest = read_manifest(folder / "city.map")
-    table = manifest.sections[section]
-    shard, end = folder / "city.map" / table.files[0].name, table.files[0].n_bytes
-    with shard.open("ab") as file:
-        file.write(data)
-    checksums, lengths, offsets = table.checksums.copy(), table.lengths.copy(), table.offsets.copy()
-    checksums[0] = np.frombuffer(hashlib.sha256(data).digest(), np.uint8)
-    offsets[0], lengths[0] = end, max(len(data), 1)
-    files = (ShardFile(table.files[0].name, end + max(len(data), 1)), *table.files[1:])
-    table = replace(table, files=files, checksums=checksums, lengths=lengths, offsets=offsets)
-    write_manifest(folder / "city.map", replace(manifest, sections={**manifest.sections, section: table}))
-    _read_map(folder / "city.map")
-
-
-def _index(data: bytes, name: str, folder: Path, seeds: Path) -> None:
-    """Besides the index its checksum in the manifest is replaced."""
-    section = Path(name).parent.name
-    shutil.copytree(seeds / "city.map", folder / "city.map")
-    path = folder / "city.map" / "manifest.json"
-    manifest = json.loads(path.read_text())
-    checksum = hashlib.sha256(data).hexdigest()
-    manifest["sections"][section].update(index_bytes=len(data), index_sha256=checksum)
-    (folder / "city.map" / manifest["sections"][section]["index"]).write_bytes(data)
-    path.write_text(json.dumps({**manifest, "sha256": checksum_of_manifest(manifest)}))
-    _read_map(folder / "city.map")
-
-
 def _read_map(folder: Path) -> None:
     point_map = PointMap.open(folder)
     ground = GroundStore(Folder(folder), read_manifest(folder))
@@ -215,8 +179,6 @@ READERS: dict[str, Reader] = {
     "recording": _recording,
     "transforms": _transforms,
     "manifest": _manifest,
-    "tile": _tile,
-    "index": _index,
     "dataset": _dataset,
     "study": _study,
     "message": _message,

@@ -30,7 +30,6 @@ from maxcon.io.recordings.writing import Entry, open_writer
 from maxcon.io.trajectories import write_csv, write_tum
 from maxcon.lab.simulation.datasets.recorded_drive import record_drive
 from maxcon.lab.simulation.datasets.recordings import RECORDING_NAMES, RecordingKind
-from maxcon.map.manifest import read_manifest
 from maxcon.mapping.build import MapOptions, build_map
 
 __all__ = ["Seed", "make_seeds", "seeds_of"]
@@ -290,11 +289,6 @@ def _maps(folder: Path) -> Iterator[Seed]:
     las.write(folder / "street.las")
     build_map([folder / "street.las"], folder / "city.map", MapOptions(cell=0.24))
     yield Seed("manifest.json", "manifest", "manifest.json", (folder / "city.map" / "manifest.json").read_bytes())
-    for name, table in read_manifest(folder / "city.map").sections.items():
-        shard = (folder / "city.map" / table.files[0].name).read_bytes()
-        at, length = int(table.offsets[0]), int(table.lengths[0])
-        yield Seed(f"{name}/record.arrow", "tile", f"{name}/record.arrow", shard[at : at + length])
-        yield Seed(f"{name}/index.arrow", "index", f"{name}/index.arrow", table.to_bytes())
 
 
 def _others_of_ours(folder: Path) -> Iterator[Seed]:

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from maxcon.map.level import MergedTiles, merged
 
 from maxcon import PointMap
 from maxcon.errors import OptionError
@@ -83,16 +82,8 @@ def test_voxels_that_do_not_fill_a_patch_are_refused(factor: int) -> None:
         a_map(1, is_signed=True).level(factor)
 
 
-def test_sides_of_normals_are_told_by_name() -> None:
-    point_map = a_map(1, is_signed=True)
-    with pytest.raises(TypeError, match="positional argument"):
-        merged(point_map.tile(min(point_map.tile_keys)), 2, True)
-    with pytest.raises(TypeError, match="positional argument"):
-        MergedTiles(point_map._tiles, 2, True)
-
-
 def test_tiles_that_are_not_kept_any_more_are_merged_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("maxcon.map.level.LEVEL_BYTES", 1)
+    monkeypatch.setattr("maxcon.map.point_map.LEVEL_BYTES", 1)
     level = a_map(2, is_signed=True).level(4)
     first, again = ([level.tile(key) for key in sorted(level.tile_keys)] for _ in range(2))
     assert len(first) > 1

@@ -1,23 +1,33 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The manifest alone: what it keeps, and which entries it refuses although its checksum fits."""
+"""The manifest of a map and the indices of its sections: they come back as written, or are refused in a line."""
 
 import json
 import math
-from dataclasses import FrozenInstanceError, replace
+import os
 
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from maxcon import PointMap
 from maxcon.errors import MapError
 from maxcon.map import TILE_VOXELS
 from maxcon.map import manifest as manifests
 from maxcon.map.ground import ground_voxels
-from maxcon.map.manifest import Manifest, ShardTable, read_manifest, write_manifest
-from written_maps import table_of, write_content
+from maxcon.map.manifest import Manifest, ShardFile, ShardTable, read_manifest, write_manifest
+from written_maps import edit_index, edit_manifest, said_by, table_of, write
 
 SOURCE = {
     "name": "a.laz", "n_points": 30, "n_kept": 20, "n_invalid": 1, "n_without_side": 2, "n_dropped": {"2": 7},
     "is_classified": True,
+}  # fmt: skip
+PASSES = {"from": "passes", "n_passes": 5, "sigma_of_pass": 0.02, "n_places": 700}
+FOUND = {"n_points": {"2": 1}, "dropped": [2], "temporary": ""}
+UPDATE = {
+    **dict.fromkeys(("n_judged", "n_now_gone", "n_now_new", "n_back", "n_known", "n_gone", "n_new"), 1),
+    "parent": {"name": "a.map", "sha256": "ff"}, "drives": [{"name": "a.csv", "n_looks": 3}],
 }  # fmt: skip
 WHOLE = Manifest(
     cell=0.06,
@@ -25,67 +35,40 @@ WHOLE = Manifest(
     crs="LOCAL",
     is_signed=True,
     sections={name: table_of(n, name) for name, n in (("tiles", 3), ("ground", 2), ("of_others", 1))},
-    build={"program": "maxcon", "sources": [SOURCE], "sigma": {"from": "given"}},
+    build={"program": "maxcon", "sources": [SOURCE], "sigma": PASSES, "found": FOUND, "updates": [UPDATE]},
     sigma=0.0,
 )
 
 
 @pytest.fixture
-def changed(tmp_path):
-    """Write the manifest with some entries changed, and a checksum that fits: as another program would."""
+def path(tmp_path):
+    """The file of that manifest."""
     write_manifest(tmp_path, WHOLE)
-    path = tmp_path / manifests.MANIFEST
-
-    def change(**changes):
-        content = json.loads(path.read_text())
-        for name, value in changes.items():
-            content.pop(name) if value is ... else content.update({name: value})
-        write_content(tmp_path, content)
-        return tmp_path
-
-    return change
+    return tmp_path / manifests.MANIFEST
 
 
-def test_what_is_written_is_what_is_read(tmp_path):
-    write_manifest(tmp_path, WHOLE)
-    assert read_manifest(tmp_path) == WHOLE
-    assert (WHOLE.n_points, WHOLE.n_voxels) == (63, 33)
-    assert WHOLE.n_heights == 21
-    text = (tmp_path / manifests.MANIFEST).read_text()
+def test_what_is_written_is_what_is_read(path):
+    assert said_by(read_manifest(path.parent)) == said_by(WHOLE)
+    assert (WHOLE.n_points, WHOLE.n_voxels, WHOLE.n_heights) == (63, 33, 21)
+    text = path.read_text()
     assert text.endswith("}\n")
     assert '\n "cell": 0.06,\n' in text  # one entry a line, for people
     content = json.loads(text)
     assert (content["tile_voxels"], content["ground_voxels"]) == (TILE_VOXELS, ground_voxels(0.06))
+    path.write_text(json.dumps(dict(reversed(content.items())), indent=7))  # spaces and order do not matter
+    assert said_by(read_manifest(path.parent)) == said_by(WHOLE)
 
 
-def test_entries_do_not_change():
-    for noun, name in ((WHOLE, "cell"), (WHOLE.tiles, "keys"), (WHOLE.tiles.files[0], "name")):
-        with pytest.raises(FrozenInstanceError):
-            setattr(noun, name, None)
-
-
-def test_spaces_and_order_do_not_change_what_is_read(tmp_path):
-    write_manifest(tmp_path, WHOLE)
-    path = tmp_path / manifests.MANIFEST
-    content = json.loads(path.read_text())
-    path.write_text(json.dumps(dict(reversed(content.items())), indent=7))
-    assert read_manifest(tmp_path) == WHOLE
-
-
-def test_what_may_be_left_out(changed):
-    bare = read_manifest(changed(crs=None, build={}))
-    assert (bare.crs, bare.build) == (None, {})
-
-
-def test_a_map_without_ground(tmp_path):
-    write_manifest(tmp_path, replace(WHOLE, sections={"tiles": table_of(3), "ground": ShardTable.empty()}))
-    assert len(read_manifest(tmp_path).ground) == 0
-
-
-def test_a_map_without_tiles_is_none(tmp_path):
-    write_manifest(tmp_path, replace(WHOLE, sections={"tiles": ShardTable.empty(), "ground": table_of(2, "ground")}))
-    with pytest.raises(MapError, match="broken entry: no tiles"):
-        read_manifest(tmp_path)
+@pytest.mark.parametrize("known", [{"from": "given"}, {"from": "alignment"}, {"from": "assumed", "reason": "one"}])
+def test_what_may_be_left_out_or_otherwise(path, known):
+    edit_manifest(path.parent, crs=None, build={"sigma": known, "sources": [{**SOURCE, "n_thinned": 3}]})
+    bare = read_manifest(path.parent)
+    assert (bare.crs, bare.build["sigma"]) == (None, known)
+    edit_manifest(path.parent, build={})
+    sections = json.loads(path.read_text())["sections"]
+    del sections["ground"]
+    edit_manifest(path.parent, sections=sections)
+    assert len(read_manifest(path.parent).ground) == 0
 
 
 SHARD = {"name": "tiles/00000-0.arrows", "bytes": 350}
@@ -94,152 +77,258 @@ SHARD = {"name": "tiles/00000-0.arrows", "bytes": 350}
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"index": "../secret"}, "a file '../secret'"),
-        ({"index": "tiles/../secret"}, "a file 'tiles/../secret'"),
-        ({"index": "ground/index.arrow"}, "a file 'ground/index.arrow'"),
-        ({"index": "tiles/a/b"}, "a file 'tiles/a/b'"),
-        ({"index": "tiles/"}, "a file 'tiles/'"),
-        ({"index": "tiles/.."}, "a file 'tiles/..'"),
-        ({"index": 7}, "a file '7'"),
-        ({"index": ...}, "no 'index'"),
-        ({"index_bytes": -1}, "a size of -1"),
-        ({"index_bytes": 2**40}, "a size of 1099"),
-        ({"index_bytes": "many"}, "a size of many"),
-        ({"index_sha256": ...}, "no 'index_sha256'"),
-        ({"shards": None}, "broken entry"),
-        ({"shards": [7]}, "broken entry"),
-        ({"shards": [{**SHARD, "bytes": 1.5}]}, "a size of 1.5"),
-        ({"shards": [{**SHARD, "bytes": 2**70}]}, "a size of 1180"),
-        ({"shards": [{**SHARD, "name": "/etc/passwd"}]}, "a file '/etc/passwd'"),
-        ({"shards": [{"name": "tiles/0"}]}, "no 'bytes'"),
+        *(({"index": name}, "index`") for name in ("../secret", "tiles/../secret", "tiles/a/b", "tiles/", "x", 7)),
+        ({"index": ...}, "`index`"),
+        *(({"index_bytes": size}, "index_bytes") for size in (-1, 2**40, "many")),
+        ({"index_sha256": ...}, "index_sha256"),
+        *(({"shards": shards}, "shards") for shards in (None, [7])),
+        *(({"shards": [{**SHARD, "bytes": size}]}, "bytes") for size in (1.5, 2**70)),
+        *(({"shards": [{**SHARD, "name": name}]}, "name") for name in ("/etc/passwd", "tiles/../a", "a/..", "a/b\n")),
+        ({"shards": [{"name": "tiles/0"}]}, "`bytes`"),
     ],
-)
-def test_a_section_that_cannot_be_is_named(changed, changes, words):
-    folder = changed()
-    content = json.loads((folder / manifests.MANIFEST).read_text())
-    for name, value in changes.items():
-        content["sections"]["tiles"].pop(name) if value is ... else content["sections"]["tiles"].update({name: value})
+)  # fmt: skip
+def test_a_section_that_cannot_be_is_named(path, changes, words):
+    sections = json.loads(path.read_text())["sections"]
+    sections["tiles"] = {name: value for name, value in {**sections["tiles"], **changes}.items() if value is not ...}
+    edit_manifest(path.parent, sections=sections)
     with pytest.raises(MapError) as refused:
-        read_manifest(changed(sections=content["sections"]))
+        read_manifest(path.parent)
     assert words in str(refused.value)
-
-
-@pytest.mark.parametrize("name", ["", "Tiles", "../tiles", "a/b", "tiles\n"])
-def test_names_of_sections_are_names_of_folders(changed, name):
-    content = json.loads((changed() / manifests.MANIFEST).read_text())["sections"]
-    with pytest.raises(MapError, match="a section"):
-        read_manifest(changed(sections={**content, name: content["tiles"]}))
 
 
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"cell": 0.0}, "cell 0.0"),
-        ({"cell": -0.06}, "cell -0.06"),
-        ({"cell": math.inf}, "cell inf"),
-        ({"cell": math.nan}, "cell nan"),
-        ({"cell": ...}, "no 'cell'"),
-        ({"cell": "wide"}, "wide"),
-        ({"origin": [0.0, math.inf, 0.0]}, "origin"),
-        ({"origin": [0.0, 0.0]}, "unpack"),
-        ({"origin": None}, "broken entry"),
-        ({"sigma": -0.01}, "sigma -0.01"),
-        ({"sigma": math.inf}, "sigma inf"),
-        ({"sigma": math.nan}, "sigma nan"),
-        ({"tile_voxels": 256}, "tile_voxels 256"),
+        *(({"cell": cell}, "cell") for cell in (0.0, -0.06, 1e3, ..., "wide")),
+        *(({"origin": origin}, "origin") for origin in ([0.0, 1e300, 0.0], [0.0, 0.0], None)),
+        *(({"sigma": sigma}, "sigma") for sigma in (-0.01, 1e300, "small")),
+        ({"tile_voxels": 256}, "tile_voxels"),
         ({"crs": 25832}, "crs"),
-        ({"is_signed": 1}, "is_signed"),
-        ({"is_signed": "true"}, "is_signed"),
-        ({"ground_voxels": 4}, "ground_voxels 4"),
+        *(({"is_signed": text}, "is_signed") for text in (1, "true", "false", None)),  # "false" must not read as true
+        ({"ground_voxels": 4}, "grid of the ground"),
         ({"sections": {}}, "no tiles"),
-        ({"sections": None}, "broken entry"),
-        ({"sections": ...}, "no 'sections'"),
-        ({"build": None}, "broken entry"),
-        ({"build": {"sources": [{**SOURCE, "n_kept": "20"}]}}, "sources"),
-        ({"build": {"sources": [{**SOURCE, "n_points": 1.5}]}}, "sources"),
-        ({"build": {"sources": [{**SOURCE, "n_invalid": None}]}}, "sources"),
-        ({"build": {"sources": [{**SOURCE, "n_without_side": []}]}}, "sources"),
-        ({"build": {"sources": [{**SOURCE, "n_dropped": {"ground": 7}}]}}, "ground"),
-        ({"build": {"sources": [{**SOURCE, "n_dropped": {"2": "7"}}]}}, "sources"),
-        ({"build": {"sources": [{**SOURCE, "name": 7}]}}, "sources"),
-        ({"build": {"sources": [{**SOURCE, "is_classified": 1}]}}, "sources"),
-        ({"build": {"sources": [SOURCE, {}]}}, "no 'n_points'"),
-        ({"build": {"found": {"n_points": {"2": -1}, "dropped": [], "temporary": ""}}}, "a size of -1"),
-        ({"build": {"found": {"n_points": {"two": 1}, "dropped": [], "temporary": ""}}}, "two"),
-        ({"build": {"found": {"n_points": {"2": 1}, "dropped": ["2"], "temporary": ""}}}, "a size of 2"),
-        ({"build": {"found": {"n_points": {"2": 1}, "dropped": [2], "temporary": 1}}}, "found"),
-        ({"build": {"found": {"n_points": {"2": 1}, "dropped": [2]}}}, "no 'temporary'"),
-        ({"build": {"sigma": {"from": "assumed"}}}, "no 'reason'"),
-        ({"build": {"sigma": {"from": "assumed", "reason": 3}}}, "sigma from"),
-        ({"build": {"sigma": {"from": "passes", "n_passes": 2, "sigma_of_pass": 0.02}}}, "no 'n_places'"),
-        ({"build": {"sigma": {"from": "passes", "n_passes": 2, "sigma_of_pass": "x", "n_places": 7}}}, "sigma from"),
-        ({"build": {"sigma": {"from": "guessed"}}}, "sigma from"),
-        ({"build": {"sigma": {}}}, "no 'from'"),
+        *(({"sections": sections}, "sections") for sections in (None, ..., [], {"../tiles": {}}, {"tiles\n": {}})),
+        *(({"build": {"sources": [{**SOURCE, name: value}]}}, name) for name, value in (
+            ("n_kept", "20"), ("n_points", 1.5), ("n_invalid", None), ("n_without_side", []), ("n_thinned", "many"),
+            ("n_withheld", -1), ("n_dropped", {"ground": 7}), ("n_dropped", {"2": "7"}), ("name", 7),
+            ("is_classified", 1),
+        )),
+        ({"build": {"sources": [SOURCE, {}]}}, "name"),
+        ({"build": None}, "build"),
+        *(({"build": {"found": {**FOUND, **found}}}, "found") for found in (
+            {"n_points": {"2": -1}}, {"n_points": {"two": 1}}, {"dropped": ["2"]}, {"dropped": [256]}, {"temporary": 1},
+        )),
+        *(({"build": {"sigma": known}}, "sigma") for known in (
+            0.02, {}, {"from": "guessed"}, {"from": "assumed"}, {"from": "assumed", "reason": 3},
+            {**PASSES, "sigma_of_pass": "x"}, {"from": "passes", "n_passes": 2, "sigma_of_pass": 0.02},
+        )),
+        *(({"build": {"updates": [{**UPDATE, **update}]}}, "updates") for update in (
+            {"n_back": "1"}, {"parent": {"name": "a"}}, {"drives": [{"name": 3, "n_looks": 3}]},
+        )),
     ],
 )  # fmt: skip
-def test_an_entry_that_cannot_be_is_named(changed, changes, words):
-    folder = changed(**changes)
+def test_an_entry_that_cannot_be_is_named(path, changes, words):
+    edit_manifest(path.parent, **changes)
     with pytest.raises(MapError) as refused:
-        read_manifest(folder)
-    assert str(refused.value).startswith(f"Expected a whole manifest in {folder}")
-    assert words in str(refused.value)
-    assert str(refused.value).endswith("Build the map again with `maxcon map build`.")
+        read_manifest(path.parent)
+    text = str(refused.value)
+    assert text.startswith("Expected ") and str(path) in text and words in text and "\n" not in text
+    assert text.endswith("Build the map again with `maxcon map build`.")
 
 
-@pytest.mark.parametrize(
-    "known",
-    [
-        {"from": "assumed", "reason": "one pass only"},
-        {"from": "passes", "n_passes": 5, "sigma_of_pass": 0.02, "n_places": 700},
-    ],
-)
-def test_where_sigma_is_from_is_kept(changed, known):
-    assert read_manifest(changed(build={"sigma": known})).build == {"sigma": known}
+@pytest.mark.parametrize("version", [1, 2, 4, 99, "3", None])
+def test_another_format_version_is_refused_with_both_numbers(path, version):
+    edit_manifest(path.parent, format_version=version)
+    remedy = "Update maxcon" if version in (4, 99) else "Build the map again"
+    with pytest.raises(MapError, match=rf"map format version 3, got {version!r}\. {remedy}"):
+        read_manifest(path.parent)
 
 
-def test_a_newer_version_asks_for_a_newer_program(changed):
-    for version, remedy in ((manifests.FORMAT_VERSION + 1, "Update maxcon"), ("4", "Build"), (1, "Build")):
-        with pytest.raises(MapError, match=rf"version 3, got {version!r}\. {remedy}"):
-            read_manifest(changed(format_version=version))
-
-
-def test_what_is_no_manifest_of_a_map(changed):
-    for wrong in ("other", None, ...):
-        with pytest.raises(MapError, match="to say it is a maxcon map, but it does not"):
-            read_manifest(changed(format=wrong))
+@pytest.mark.parametrize("wrong", ["other", None, ...])
+def test_what_is_no_manifest_of_a_map(path, wrong):
+    edit_manifest(path.parent, format=wrong)
+    with pytest.raises(MapError, match="to say it is a maxcon map, but it does not"):
+        read_manifest(path.parent)
 
 
 def test_what_is_no_map_says_what_it_is(tmp_path):
     (tmp_path / "file").write_text("{}")
     (tmp_path / "unreadable" / manifests.MANIFEST).mkdir(parents=True)
+    (tmp_path / "fifo").mkdir()
+    os.mkfifo(tmp_path / "fifo" / manifests.MANIFEST)
     for name, words in (
-        ("nothing", "to be a map, got no such folder"),
+        ("nothing", "to be a map, got no such folder. Build one with"),
         ("file", "to be a map, got a file"),
         ("", "to be a map, got no manifest.json in it"),
         ("unreadable", "Expected to be able to read"),
+        ("fifo", "got: a FIFO, no file"),
     ):
         with pytest.raises(MapError) as refused:
-            read_manifest(tmp_path / name)
+            PointMap.open(tmp_path / name)
         assert words in str(refused.value)
 
 
-@pytest.mark.parametrize("text", ["", "{", "[" * 100_000, "\x00"])
-def test_what_is_no_json_is_no_manifest(tmp_path, text):
-    (tmp_path / manifests.MANIFEST).write_text(text)
-    with pytest.raises(MapError, match="to be the manifest of a map"):
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        *((text, "be the manifest of a map") for text in (b"", b"{", b"[" * 100_000, b"\x00", b"\xff\xfe\x00", b"NaN")),
+        *((text, "to say it is a maxcon map") for text in (b"[]", b"null", b"1", b"{}")),
+    ],
+    ids=range(10),
+)  # fmt: skip
+def test_what_is_no_json_of_a_map(tmp_path, content, words):
+    (tmp_path / manifests.MANIFEST).write_bytes(content)
+    with pytest.raises(MapError, match=words):
         read_manifest(tmp_path)
 
 
-@pytest.mark.parametrize("text", ["[]", "null", "1", "{}"])
-def test_other_json_is_no_manifest(tmp_path, text):
-    (tmp_path / manifests.MANIFEST).write_text(text)
-    with pytest.raises(MapError, match="to say it is a maxcon map"):
-        read_manifest(tmp_path)
+@pytest.mark.parametrize("change", [('"bytes": 350', '"bytes": 351'), ('"cell": 0.', '"cell": 1.')])
+def test_a_manifest_that_was_changed_by_hand_is_noticed(path, change):
+    path.write_text(path.read_text().replace(*change))
+    with pytest.raises(MapError, match=r"manifest\.json to be as it was written, got another checksum"):
+        read_manifest(path.parent)
 
 
-def test_a_manifest_that_was_changed_by_hand_is_noticed(tmp_path):
-    write_manifest(tmp_path, WHOLE)
-    path = tmp_path / manifests.MANIFEST
-    path.write_text(path.read_text().replace('"bytes": 350', '"bytes": 351'))
-    with pytest.raises(MapError, match="to be as it was written, got another checksum"):
-        read_manifest(tmp_path)
+JUNK = st.sampled_from(
+    [None, True, False, 0, -1, 1.5, 1e400, float("nan"), 10**30, "", "x", "nan", [], [1], [[]], {}, {"a": 1}]
+)
+
+
+def paths_of(content, path=()):
+    """Paths to all values of a JSON document."""
+    yield path
+    items = content.items() if isinstance(content, dict) else enumerate(content) if isinstance(content, list) else ()
+    for key, value in items:
+        yield from paths_of(value, (*path, key))
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory, in_memory):
+    """A map in a folder whose manifest a test breaks, and puts back."""
+    folder = tmp_path_factory.mktemp("broken") / "small.map"
+    write(folder, in_memory, build={"program": "maxcon", "drop": {"2": "ground"}, "sources": [SOURCE]})
+    return folder
+
+
+def read_or_refused(folder):
+    """Read a map, or be told in one line why not."""
+    try:
+        opened = PointMap.open(folder)
+        opened.bounds, opened.covers(0.0, 0.0, 10.0)
+        opened.tile(min(opened.tile_keys))
+    except MapError as error:
+        assert str(folder) in str(error) and "\n" not in str(error)
+
+
+@given(st.data())
+def test_a_manifest_with_anything_in_the_wrong_place_is_read_or_refused(small, data):
+    path = small / "manifest.json"
+    text = path.read_text()
+    content = json.loads(text)
+    try:
+        *parents, last = data.draw(st.sampled_from([p for p in paths_of(content) if p]))
+        parent = content
+        for key in parents:
+            parent = parent[key]
+        if data.draw(st.booleans()) and isinstance(parent, dict):
+            del parent[last]
+        else:
+            parent[last] = data.draw(JUNK)
+        if last != "sha256" and data.draw(st.booleans()):  # as another program would write it
+            content["sha256"] = manifests.checksum_of_manifest(content)
+        path.write_text(json.dumps(content))
+        read_or_refused(small)
+    finally:
+        path.write_text(text)
+
+
+@given(st.data())
+def test_a_manifest_of_broken_bytes_is_read_or_refused(small, data):
+    path = small / "manifest.json"
+    whole = path.read_bytes()
+    try:
+        broken = bytearray(whole[: data.draw(st.integers(0, len(whole)))] if data.draw(st.booleans()) else whole)
+        for _ in range(data.draw(st.integers(0, 4)) if broken else 0):
+            broken[data.draw(st.integers(0, len(broken) - 1))] ^= 1 << data.draw(st.integers(0, 7))
+        path.write_bytes(broken)
+        read_or_refused(small)
+    finally:
+        path.write_bytes(whole)
+
+
+def test_a_map_without_tiles_is_none(tmp_path):
+    nothing = np.empty((0, 3))
+    write(tmp_path / "empty.map", PointMap.from_points(nothing, nothing, 0.06))
+    with pytest.raises(MapError, match="no tiles"):
+        PointMap.open(tmp_path / "empty.map")
+
+
+# --- indices ------------------------------------------------------------------------------------------
+
+FILES = tuple(ShardFile(f"tiles/{number}", 10_000) for number in range(3))
+ROWS = st.lists(
+    st.tuples(
+        st.tuples(st.integers(-(2**21), 2**21), st.integers(-(2**21), 2**21)),
+        st.integers(0, 10_000), st.integers(0, 2**61),
+        st.integers(0, 2), st.integers(0, 5000), st.integers(1, 5000), st.binary(min_size=32, max_size=32),
+    ),
+    max_size=40, unique_by=lambda row: row[0],
+)  # fmt: skip
+
+
+@given(ROWS, st.binary(max_size=50))
+def test_an_index_comes_back_as_it_was(rows, schema):
+    table = ShardTable.of_rows(schema, FILES, rows)
+    content = table.to_bytes()
+    assert ShardTable.of_rows(schema, FILES, rows[::-1]).to_bytes() == content
+    again = ShardTable.from_bytes(content, FILES)
+    assert (again.schema, again.files, len(again)) == (schema, FILES, len(rows))
+    by_key = again.rows_by_key()
+    assert list(by_key) == sorted(row[0] for row in rows)
+    for row in rows:
+        at = by_key[row[0]]
+        got = (again.n_rows[at], again.n_points[at], again.shards[at], again.offsets[at], again.lengths[at])
+        assert got == row[1:6]
+        assert again.range_of(at) == (f"tiles/{row[3]}", *row[4:6])
+        assert again.checksums[at].tobytes() == row[6]
+
+
+@pytest.mark.parametrize("what", ["missing", "cut", "larger", "a FIFO", "of another map"])
+def test_an_index_that_is_not_the_one_that_was_written(copy, what):
+    (path,) = (copy / "tiles").glob("index-*.arrow")
+    if what == "cut":
+        os.truncate(path, 100)
+    elif what == "larger":
+        os.truncate(path, 2**40)  # a hole: it takes no room, and would take a terabyte of memory
+    elif what == "of another map":
+        path.write_bytes(bytes(path.stat().st_size))
+    else:
+        path.unlink()
+        if what == "a FIFO":
+            os.mkfifo(path)
+    with pytest.raises(MapError, match=rf"Expected .*{path.name} to be .*, got.*map build"):
+        PointMap.open(copy)
+
+
+def test_records_of_other_columns_are_refused(copy):
+    schema = read_manifest(copy).tiles.schema.replace(b"normal", b"mormal")
+    edit_index(copy, "tiles", schema=schema)
+    with pytest.raises(MapError, match=r"tiles of .* to have columns of types that this version knows"):
+        PointMap.open(copy)
+
+
+def test_an_index_of_other_tiles_is_noticed_when_they_are_read(copy):
+    """Rows that point elsewhere inside of the shard, as another program could write them: no tile comes back."""
+    table = read_manifest(copy).tiles
+    edit_index(copy, "tiles", offsets=np.roll(table.offsets, 1), lengths=np.roll(table.lengths, 1))
+    opened = PointMap.open(copy)
+    for key in opened.tile_keys:
+        with pytest.raises(MapError, match="another checksum"):
+            opened.tile(key)
+
+
+def test_numbers_that_are_not_finite_are_no_json_of_a_map(path):
+    for value in (math.nan, math.inf):
+        edit_manifest(path.parent, cell=value)
+        with pytest.raises(MapError, match="to be the manifest of a map"):
+            read_manifest(path.parent)

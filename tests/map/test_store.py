@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""A map on disk: what is written is what is read, tiles as they are asked for, kept within a budget."""
+"""A map on disk: what is written is what is read, tiles as they are asked for; what is damaged is refused."""
 
 import os
 import pickle
@@ -8,54 +8,31 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from maxcon.map.records import classes_record
+from hypothesis import given
+from hypothesis import strategies as st
 
 from maxcon import Helmert, PointMap, Pose, Scan, SearchSpace
 from maxcon.errors import MapError
 from maxcon.map.layout import ALL_BUT_KNOWN, NOT_SEARCHED, SurfaceClass
 from maxcon.map.manifest import read_manifest
-from maxcon.map.storage import Folder
-from maxcon.map.store import Section, TileStore
+from maxcon.map.store import Section, classes_record, tile_record
 from maxcon.map.writer import MapWriter
 from maxcon.search import exhaustive
-from written_maps import SAID, tile_shard, write
+from written_maps import assert_same_map, said_by, tile_shard, write
 
 CELL = 0.06
 
 
-def store_of(folder, cache_bytes=0):
-    return TileStore(Folder(folder), read_manifest(folder), cache_bytes=cache_bytes)
-
-
 def test_what_is_written_is_what_is_opened(tmp_path, in_memory):
     build = {"program": "maxcon", "sources": []}
-    manifest = write(tmp_path / "a.map", in_memory, crs="LOCAL", is_signed=False, build=build)
-    assert read_manifest(tmp_path / "a.map") == manifest
+    manifest = write(tmp_path / "a.map", in_memory, crs="LOCAL", is_signed=False, sigma=0.009, build=build)
+    assert said_by(read_manifest(tmp_path / "a.map")) == said_by(manifest)
     opened = PointMap.open(tmp_path / "a.map")
-    assert (opened.cell, opened.is_signed) == (CELL, False)
+    assert (opened.cell, opened.is_signed, opened.sigma) == (CELL, False, 0.009)
     assert (opened.frame.origin, opened.frame.crs) == (manifest.origin, "LOCAL")
-    assert opened.tile_keys == in_memory.tile_keys
     assert opened.bounds == in_memory.bounds
-    for got, wanted in zip(opened.all_voxels(), in_memory.all_voxels(), strict=True):
-        np.testing.assert_array_equal(got, wanted)
-        assert got.dtype == wanted.dtype
-    assert manifest.n_points == 3000
-    assert manifest.n_voxels == len(in_memory.all_voxels()[0])
-
-
-@pytest.mark.parametrize(
-    "known",
-    [
-        {"from": "given"},
-        {"from": "assumed", "reason": "one pass only"},
-        {"from": "passes", "n_passes": 5, "sigma_of_pass": 0.02, "n_places": 700},
-    ],
-    ids=lambda known: known["from"],
-)
-def test_how_well_it_is_known_is_kept(tmp_path, in_memory, known):
-    manifest = write(tmp_path / "a.map", in_memory, sigma=0.009, build={"sigma": known})
-    assert read_manifest(tmp_path / "a.map") == manifest
-    assert PointMap.open(tmp_path / "a.map").sigma == 0.009
+    assert_same_map(opened, in_memory)
+    assert (manifest.n_points, manifest.n_voxels) == (3000, len(in_memory.all_voxels()[0]))
 
 
 def test_the_search_finds_the_same_in_both(whole, in_memory):
@@ -73,45 +50,23 @@ def test_the_search_finds_the_same_in_both(whole, in_memory):
         assert (got.moments == wanted.moments).all()
 
 
-def test_the_arrays_of_a_tile_are_those_of_its_file(whole):
+def test_a_map_is_pickled_by_its_path_or_whole(whole, in_memory):
     opened = PointMap.open(whole)
-    for tile in opened.tiles_within(0.0, 0.0, 100.0):
-        for array in (tile.columns, tile.layers, tile.counts, tile.normals, tile.means):
-            assert not array.flags.owndata
-
-
-def test_an_opened_map_is_pickled_as_its_path(whole):
-    opened = PointMap.open(whole)
-    opened.all_voxels()
     for point_map in (opened, opened.level(4)):
         content = pickle.dumps(point_map)
-        assert len(content) < 1000
-        assert str(whole).encode() in content
+        assert len(content) < 1000 and str(whole).encode() in content
         again = pickle.loads(content)
-        assert again.frame == point_map.frame
-        assert again.cell == point_map.cell
-        for got, wanted in zip(again.all_voxels(), point_map.all_voxels(), strict=True):
-            np.testing.assert_array_equal(got, wanted)
-
-
-def test_a_map_in_memory_is_pickled_whole(in_memory):
-    again = pickle.loads(pickle.dumps(in_memory))
-    for got, wanted in zip(again.all_voxels(), in_memory.all_voxels(), strict=True):
-        np.testing.assert_array_equal(got, wanted)
-
-
-def test_opening_reads_no_tile(copy):
-    tile_shard(copy).unlink()
-    opened = PointMap.open(copy)
-    assert opened.covers(0.0, 0.0)
-    with pytest.raises(MapError, match=r"tile \(-2, -2\) in .*\.arrows to be of the map, got: .*No such file"):
-        opened.all_voxels()
+        assert (again.frame, again.cell) == (point_map.frame, point_map.cell)
+        assert_same_map(again, point_map)
+    assert_same_map(pickle.loads(pickle.dumps(in_memory)), in_memory)
 
 
 @pytest.mark.parametrize("what", ["truncated", "overwritten", "removed", "a FIFO"])
-def test_tiles_in_use_do_not_follow_their_files(copy, what):
-    opened = PointMap.open(copy, cache_bytes=2**30)
+def test_opening_reads_no_tile_and_tiles_in_use_do_not_follow_their_files(copy, what):
+    opened, unused = (PointMap.open(copy, cache_bytes=2**30) for _ in range(2))
     before = [array.copy() for array in opened.all_voxels()]
+    for tile in opened.tiles_within(0.0, 0.0, 100.0):  # views of what was read, not copies
+        assert not any(array.flags.owndata for array in (tile.columns, tile.layers, tile.counts, tile.normals))
     path = tile_shard(copy)
     if what == "truncated":
         os.truncate(path, 100)
@@ -123,17 +78,18 @@ def test_tiles_in_use_do_not_follow_their_files(copy, what):
             os.mkfifo(path)
     for got, wanted in zip(opened.all_voxels(), before, strict=True):
         np.testing.assert_array_equal(got, wanted)
-    with pytest.raises(MapError, match=r"Expected tile .*\.arrows to be .*, got"):
-        PointMap.open(copy).all_voxels()
+    for each in (unused, PointMap.open(copy)):
+        assert each.covers(0.0, 0.0)
+        with pytest.raises(MapError, match=r"Expected tile \(-2, -2\) in .*\.arrows to be .*, got"):
+            each.all_voxels()
 
 
 def test_a_tile_that_is_read_again_is_checked_again(copy):
     opened = PointMap.open(copy, cache_bytes=0)
-    first, *others = sorted(opened.tile_keys)
+    first, other, *_ = sorted(opened.tile_keys)
     opened.tile(first)
-    opened.tile(others[0])  # nothing but the last is kept
-    content = bytearray(tile_shard(copy).read_bytes())
-    table = read_manifest(copy).tiles
+    opened.tile(other)  # nothing but the last is kept
+    content, table = bytearray(tile_shard(copy).read_bytes()), read_manifest(copy).tiles
     content[int(table.offsets[0] + table.lengths[0] // 2)] ^= 1
     times = tile_shard(copy).stat()
     tile_shard(copy).write_bytes(content)
@@ -142,76 +98,131 @@ def test_a_tile_that_is_read_again_is_checked_again(copy):
         opened.tile(first)
 
 
-def test_the_cache_is_bounded_and_drops_what_was_used_longest_ago(whole, monkeypatch):
-    a, b, c = read_manifest(whole).tiles.keys.tolist()[:3]
-    a, b, c = map(tuple, (a, b, c))
-    sizes = {key: store_of(whole).load(key).n_bytes for key in (a, b, c)}
-    store = store_of(whole, cache_bytes=sum(sizes.values()) - 1)  # two of the three
-    read = []
-    from_disk = Section.batch
+def test_tiles_are_read_once_while_the_cache_has_room(whole, monkeypatch):
+    read, from_disk = [], Section.batch
     monkeypatch.setattr(Section, "batch", lambda self, key: read.append(key) or from_disk(self, key))
-    store.load(a), store.load(b)
-    assert store.load(a) is store.load(a)
-    assert read == [a, b]
-    store.load(c)  # b was used longest ago
-    assert read == [a, b, c]
-    store.load(a)
-    assert read == [a, b, c]
-    store.load(b)
-    assert read == [a, b, c, b]
+    opened = PointMap.open(whole)
+    keys = sorted(opened.tile_keys)
+    for _ in range(2):
+        opened.all_voxels()
+    assert read == keys
 
 
-def test_the_cache_keeps_within_its_bytes(whole):
-    keys = sorted(store_of(whole).keys)
-    sizes = [store_of(whole).load(key).n_bytes for key in keys]
-    for limit in (0, max(sizes), 2 * max(sizes) + 1, sum(sizes)):
-        store = store_of(whole, cache_bytes=limit)
-        for key in [*keys, *keys[::-1], *keys[::2]]:
-            store.load(key)
-            kept = sum(tile.n_bytes for tile in store._cache.values())
-            assert kept <= limit or len(store._cache) == 1
-        assert len(store._cache) == len(keys) or limit < sum(sizes)
+# --- damage -------------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def classed(tmp_path, in_memory):
-    """The map of `in_memory` with every third voxel of its first tile gone, and the next one new."""
+def test_one_flipped_bit_anywhere_in_a_record_is_noticed(copy):
+    path, table = tile_shard(copy), read_manifest(copy).tiles
+    whole = path.read_bytes()
+    rng = np.random.default_rng(0)
+    positions = np.r_[table.offsets, table.offsets + table.lengths - 1, rng.integers(0, len(whole), 20)]
+    for position in np.unique(positions).tolist():
+        broken = bytearray(whole)
+        broken[position] ^= 1 << int(rng.integers(8))
+        path.write_bytes(broken)
+        inside = (table.offsets <= position) & (position < table.offsets + table.lengths)
+        opened = PointMap.open(copy)
+        hit = {tuple(key) for key in table.keys[inside].tolist()}  # none in the schema in front, or the end behind
+        for key in hit:
+            with pytest.raises(MapError) as caught:
+                opened.tile(key)
+            assert f"tile {key} in {path}" in str(caught.value) and "maxcon map build" in str(caught.value)
+        for key in opened.tile_keys - hit:
+            opened.tile(key)
+
+
+def test_the_record_of_another_tile_is_noticed(copy):
+    """Two records change places: each is whole, and neither is the one that was asked for."""
+    table = read_manifest(copy).tiles
+    content = tile_shard(copy).read_bytes()
+    (a, b), (n_a, n_b) = table.offsets[:2].tolist(), table.lengths[:2].tolist()
+    assert b == a + n_a
+    tile_shard(copy).write_bytes(content[:a] + content[b : b + n_b] + content[a:b] + content[b + n_b :])
+    for key in map(tuple, table.keys[:2].tolist()):
+        with pytest.raises(MapError, match="to be as it was written, got another checksum"):
+            PointMap.open(copy).tile(key)
+
+
+@pytest.fixture(scope="module")
+def shards(tmp_path_factory, in_memory):
+    """A map in several shards, to break and put back."""
+    folder = tmp_path_factory.mktemp("broken") / "shards.map"
+    write(folder, in_memory, shard_bytes=30_000)
+    assert len(read_manifest(folder).tiles.files) > 2
+    return folder
+
+
+@given(st.data())
+def test_whatever_happens_to_a_shard_or_its_index_no_other_tile_comes_back(shards, in_memory, data):
+    path = data.draw(st.sampled_from(sorted((shards / "tiles").iterdir())))
+    whole = path.read_bytes()
+    broken = bytearray(whole)
+    match data.draw(st.sampled_from(["bits", "cut", "longer", "moved"])):
+        case "bits":
+            for _ in range(data.draw(st.integers(1, 5))):
+                broken[data.draw(st.integers(0, len(broken) - 1))] ^= 1 << data.draw(st.integers(0, 7))
+        case "cut":
+            del broken[data.draw(st.integers(0, len(broken))) :]
+        case "longer":
+            broken += data.draw(st.binary(max_size=100))
+        case "moved":
+            at, n = data.draw(st.integers(0, len(broken))), data.draw(st.integers(1, 100))
+            broken[at:at] = bytes(n)
+    try:
+        path.write_bytes(broken)
+        try:
+            opened = PointMap.open(shards)
+        except MapError as error:
+            assert "index" in str(error) and "\n" not in str(error)
+            return
+        assert opened.tile_keys == in_memory.tile_keys
+        for key in opened.tile_keys:
+            try:
+                tile = opened.tile(key)
+            except MapError as error:
+                assert str(path) in str(error) and "\n" not in str(error)
+            else:
+                np.testing.assert_array_equal(tile.voxels, in_memory.tile(key).voxels)
+                np.testing.assert_array_equal(tile.normals, in_memory.tile(key).normals)
+    finally:
+        path.write_bytes(whole)
+
+
+def test_voxels_in_another_order_are_refused(tmp_path, in_memory):
     key = min(in_memory.tile_keys)
-    folder = tmp_path / "classed.map"
-    folder.mkdir()
-    with MapWriter(folder) as writer:
-        for each in sorted(in_memory.tile_keys):
-            writer.add_tile(in_memory.tile(each))
-        tile = in_memory.tile(key)
-        writer.put(classes_record(replace(tile, classes=(np.arange(len(tile)) % 3).astype(np.uint8))))
-        writer.finish(cell=CELL, **SAID)
-    return folder, key
+    tile = in_memory.tile(key).rows(np.arange(len(in_memory.tile(key)))[::-1])
+    with MapWriter(tmp_path) as writer:
+        writer.put(tile_record(tile))
+        with pytest.raises(MapError, match="one record of each tile"):
+            writer.put(tile_record(tile))
+        writer.finish(cell=CELL, origin=(0.0, 0.0, 0.0), crs=None, is_signed=True, sigma=0.02, build={})
+    with pytest.raises(MapError, match="in the order of the search, got another"):
+        PointMap.open(tmp_path).tile(key)
 
 
-def test_classes_of_voxels_are_read_and_decide_what_is_searched(classed, in_memory):
-    folder, key = classed
-    n = len(in_memory.tile(key))
+# --- classes of an updated map ------------------------------------------------------------------------
+
+
+def test_classes_of_voxels_are_read_and_decide_what_is_searched(tmp_path, in_memory):
+    folder, key = tmp_path / "classed.map", min(in_memory.tile_keys)
+    tile = in_memory.tile(key)
+    classes = (np.arange(len(tile)) % 3).astype(np.uint8)
+    write(folder, in_memory, records=[classes_record(replace(tile, classes=classes))])
     everything = PointMap.open(folder, left_out=None).tile(key)
-    np.testing.assert_array_equal(everything.classes, np.arange(n) % 3)
+    np.testing.assert_array_equal(everything.classes, classes)
     searched, known = (PointMap.open(folder, left_out=out).tile(key) for out in (NOT_SEARCHED, ALL_BUT_KNOWN))
-    assert searched.classes is None
-    np.testing.assert_array_equal(searched.voxels, everything.voxels[np.arange(n) % 3 != SurfaceClass.GONE])
-    np.testing.assert_array_equal(known.voxels, everything.voxels[np.arange(n) % 3 == SurfaceClass.KNOWN])
-    assert known.is_in_order
-    other = max(in_memory.tile_keys)
-    assert PointMap.open(folder).tile(other).classes is None
+    assert searched.classes is None and known.is_in_order
+    np.testing.assert_array_equal(searched.voxels, tile.voxels[classes != SurfaceClass.GONE])
+    np.testing.assert_array_equal(known.voxels, tile.voxels[classes == SurfaceClass.KNOWN])
+    assert PointMap.open(folder).tile(max(in_memory.tile_keys)).classes is None
     copied = pickle.loads(pickle.dumps(PointMap.open(folder, left_out=ALL_BUT_KNOWN)))
     assert len(copied.tile(key)) == len(known)
 
 
-def test_classes_that_are_none_are_refused(tmp_path, in_memory):
-    folder, key = tmp_path / "a.map", min(in_memory.tile_keys)
-    for number, classes in enumerate((np.full(len(in_memory.tile(key)), 7, np.uint8), np.zeros(3, np.uint8))):
-        folder = tmp_path / f"{number}.map"
-        folder.mkdir()
-        with MapWriter(folder) as writer:
-            writer.add_tile(in_memory.tile(key))
-            writer.put(classes_record(replace(in_memory.tile(key), classes=classes)))
-            writer.finish(cell=CELL, **SAID)
-        with pytest.raises(MapError, match="Expected a class for each"):
-            PointMap.open(folder).tile(key)
+@pytest.mark.parametrize("classes", [np.full(3, 0, np.uint8), None])
+def test_classes_that_are_none_are_refused(tmp_path, in_memory, classes):
+    tile = in_memory.tile(min(in_memory.tile_keys))
+    classes = np.full(len(tile), 7, np.uint8) if classes is None else classes
+    write(tmp_path / "a.map", in_memory, records=[classes_record(replace(tile, classes=classes))])
+    with pytest.raises(MapError, match="Expected a class for each"):
+        PointMap.open(tmp_path / "a.map").tile(tile.key)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The occupancy of a tile says of each voxel whether there is one, and which."""
+"""The voxels of a tile are found by its occupancy, and in several tiles as in a dictionary of them."""
 
 import copy
 import pickle
@@ -11,8 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from maxcon.map import PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS, VoxelTile
-from maxcon.map.tile import search_order
+from maxcon.map import PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS, PointMap, VoxelTile
+from maxcon.map.lookup_kernels import find_in_patch, find_patch, is_near_voxels
+from maxcon.map.tile import VoxelLookup, search_order
 
 
 def tile_of(voxels):
@@ -23,12 +24,6 @@ def tile_of(voxels):
     n = len(order)
     counts, normals, means = np.ones(n, np.int32), np.zeros((n, 3), np.float32), np.zeros((n, 3), np.uint8)
     return VoxelTile((3, -4), columns[order], layers[order], counts, normals, means)
-
-
-def rows_of(tile, rows):
-    """A tile of some rows of another."""
-    arrays = (tile.columns, tile.layers, tile.counts, tile.normals, tile.means)
-    return VoxelTile(tile.key, *(array[rows] for array in arrays))
 
 
 def number_of(tile, x, y, layer):
@@ -66,33 +61,21 @@ def test_each_voxel_is_found_and_no_other(seed, n, width, height):
     assert np.bitwise_count(occupancy.held).sum() == len(occupancy.words)
 
 
-def test_full_patches():
+def test_full_patches_and_none():
     x, y = np.meshgrid(np.arange(480, 512), np.arange(0, 32))
     tile = tile_of(np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 7)]))
     assert (tile.occupancy.words == np.uint64(2**64 - 1)).all()
     assert sorted(number_of(tile, x, y, 0) for x in range(480, 512) for y in range(32)) == list(range(1024))
-
-
-def test_a_tile_without_voxels():
-    tile = tile_of([])
-    assert not tile.occupancy.held.any()
-    assert tile.occupancy.words.shape == (0, 4)
+    nothing = tile_of([]).occupancy
+    assert not nothing.held.any() and nothing.words.shape == (0, 4)
 
 
 def test_addresses_are_those_of_the_arrays_also_of_a_copy():
     tile = tile_of(np.random.default_rng(0).integers(0, 100, (500, 3)))
     before = tile.addresses
     for each in (tile, pickle.loads(pickle.dumps(tile)), copy.deepcopy(tile)):
-        occupancy, addresses = each.occupancy, each.addresses
-        arrays = [
-            occupancy.held,
-            occupancy.numbers,
-            occupancy.words,
-            occupancy.firsts,
-            each.normals,
-            each.counts,
-            each.means,
-        ]
+        bits, addresses = each.occupancy, each.addresses
+        arrays = [bits.held, bits.numbers, bits.words, bits.firsts, each.normals, each.counts, each.means]
         assert addresses.values.tolist() == [array.ctypes.data for array in addresses.kept]
         for array, kept in zip(arrays, addresses.kept, strict=True):
             np.testing.assert_array_equal(array, kept)
@@ -146,10 +129,63 @@ def test_other_orders_are_noticed(seed, n, width):
         k = rng.integers(len(tile) - 1)
         order = np.arange(len(tile))
         order[[k, k + 1]] = order[[k + 1, k]]
-    assert rows_of(tile, order).is_in_order == (order == np.arange(len(tile))).all()
+    assert tile.rows(order).is_in_order == (order == np.arange(len(tile))).all()
     for bad in (-1, TILE_VOXELS):
         columns = tile.columns.copy()
         columns[rng.integers(len(tile)), rng.integers(2)] = bad
         assert not replace(tile, columns=columns).is_in_order
     twice = np.repeat(np.arange(len(tile)), 2)
-    assert not rows_of(tile, twice).is_in_order
+    assert not tile.rows(twice).is_in_order
+
+
+# --- several tiles ------------------------------------------------------------------------------------
+
+
+def map_of(rng, n, spread):
+    points = rng.normal(0.0, spread, (n, 3)) * [1.0, 1.0, 0.2]
+    return PointMap.from_points(points, np.zeros((n, 3)), 0.06)
+
+
+@given(st.integers(0, 2**32), st.sampled_from([0, 1, 500]), st.sampled_from([0.3, 30.0]))
+def test_voxels_are_found_as_in_a_dictionary(seed, n, spread):
+    rng = np.random.default_rng(seed)
+    point_map = map_of(rng, n, spread)
+    tiles = point_map.tiles_within(0.0, 0.0, 1e3)
+    there = {
+        tuple(voxel): (row, k) for row, tile in enumerate(tiles, 1) for k, voxel in enumerate(tile.voxels.tolist())
+    }
+    lookup = VoxelLookup.of(tiles)
+    near = [tuple(np.add(voxel, rng.integers(-1, 2, 3)).tolist()) for voxel in there]
+    far = rng.integers(-3 * TILE_VOXELS, 3 * TILE_VOXELS, (50, 3)).tolist()
+    for x, y, z in [*there, *near, *map(tuple, far)]:
+        wanted = there.get((x, y, z), (0, 0))
+        row, patch = find_patch(x, y, z, lookup.rows, lookup.grid, lookup.corner)
+        is_held, number = find_in_patch(x, y, row, patch, lookup.rows) if row else (False, 0)
+        assert ((row, number) if is_held else (0, 0)) == wanted
+
+
+@given(st.integers(0, 2**32), st.sampled_from([1, 500]), st.sampled_from([0.3, 30.0]))
+def test_no_voxel_within_the_reaches_of_a_place_is_overlooked(seed, n, spread):
+    rng = np.random.default_rng(seed)
+    tiles = map_of(rng, n, spread).tiles_within(0.0, 0.0, 1e3)
+    lookup = VoxelLookup.of(tiles)
+    voxels = np.concatenate([tile.voxels for tile in tiles])
+    table = lookup.rows, lookup.grid, lookup.corner
+    for _ in range(50):
+        reaches = rng.uniform(0.0, 6.0, 3)
+        place = voxels[rng.integers(len(voxels))] + 0.5 + rng.uniform(-12.0, 12.0, 3)
+        low, high = np.floor(place - reaches), np.floor(place + reaches)
+        if ((voxels >= low) & (voxels <= high)).all(axis=1).any():
+            assert is_near_voxels(tuple(place.tolist()), tuple(reaches.tolist()), *table)
+    far = voxels.max(axis=0) + 3.0 * TILE_VOXELS
+    assert not is_near_voxels(tuple(far.tolist()), (5.0, 5.0, 5.0), *table)
+
+
+@given(st.integers(0, 2**32), st.integers(0, 40), st.floats(0.0, 15.0))
+def test_tiles_around_places_are_those_that_squares_meet(seed, n, margin):
+    rng = np.random.default_rng(seed)
+    point_map = map_of(rng, 300, 60.0)
+    places = rng.normal(0.0, 100.0, (n, 2))
+    got = [tile.key for tile in point_map.tiles_around(places, margin)]
+    assert got == [tile.key for tile in point_map.tiles_met(places - margin, places + margin)]
+    assert PointMap.from_points(np.empty((0, 3)), np.empty((0, 3))).tiles_around(places, margin) == []

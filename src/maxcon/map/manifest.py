@@ -300,7 +300,7 @@ class _Content(Struct):
     tile_voxels: Literal[512]
     ground_voxels: int
     build: _Build
-    sections: dict[str, _Section]
+    sections: dict[Annotated[str, Meta(pattern=r"\A[a-z][a-z_]*\Z")], _Section]
 
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:

@@ -2,45 +2,106 @@
 # SPDX-License-Identifier: MIT
 """A map on an object store or a web server is the same map; what is wrong there is said in a line, and in time."""
 
+import gc
 import pickle
+import re
 import socket
 import threading
 import time
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from functools import partial
+from http.server import BaseHTTPRequestHandler, SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import numpy as np
 import pytest
-from served_map import GROUND, VOXELS
 
 from maxcon import PointMap
 from maxcon.errors import FileError, MapError, OptionError
+from maxcon.map import storage
+from maxcon.map.ground import GroundInMemory
 from maxcon.map.manifest import read_manifest
-from maxcon.map.storage import remote
+from maxcon.map.storage import ByteRange, Remote
 from maxcon.map.writer import copy_map
-from written_maps import write, write_tile_files
+from s3_buckets import bucket_on, s3_server_here
+from written_maps import assert_same_map, said_by, write
 
 
-def assert_same(got, wanted):
-    assert got.tile_keys == wanted.tile_keys
-    for one, other in zip(got.all_voxels(), wanted.all_voxels(), strict=True):
-        np.testing.assert_array_equal(one, other)
-    heights = (each.ground_around(0.0, 0.0, 30.0).heights for each in (got, wanted))
-    np.testing.assert_array_equal(*heights)
+@pytest.fixture(scope="session")
+def city(tmp_path_factory):
+    """A map of 16 tiles in a folder, in several shards."""
+    points = np.random.default_rng(5).uniform(-40.0, 40.0, (3000, 3)) * [1, 1, 0.05]
+    folder = tmp_path_factory.mktemp("maps") / "city.map"
+    voxels = PointMap.from_points(points, np.tile([0.0, 1.0, 0.0], (3000, 1)), 0.06)
+    write(folder, voxels, GroundInMemory.of_points(points, 0.06), shard_bytes=30_000)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def s3_server():
+    """Address of an S3 server."""
+    with s3_server_here() as address:
+        yield address
+
+
+@pytest.fixture
+def bucket(s3_server, monkeypatch):
+    """Address of an empty bucket; credentials and server are in the environment."""
+    with bucket_on(s3_server, monkeypatch) as address:
+        yield address
+
+
+class RangeHandler(SimpleHTTPRequestHandler):
+    """Files of a folder, whole or a range of one; what was asked for is noted."""
+
+    def do_GET(self):
+        asked = re.fullmatch(r"bytes=(\d+)-(\d+)", self.headers.get("Range", ""))
+        self.server.asked.append((self.path, self.headers.get("Range")))
+        if asked is None or not self.server.knows_ranges:
+            super().do_GET()
+            return
+        try:
+            content = Path(self.translate_path(self.path)).read_bytes()
+        except OSError:
+            self.send_error(404)
+            return
+        first, last = int(asked[1]), min(int(asked[2]), len(content) - 1)
+        self.send_response(206)
+        self.send_header("Content-Range", f"bytes {first}-{last}/{len(content)}")
+        self.send_header("Content-Length", str(last - first + 1))
+        self.end_headers()
+        self.wfile.write(content[first : last + 1])
+
+    def log_message(self, *_):
+        pass
+
+
+@pytest.fixture
+def web_server(city):
+    """A web server of the folder that the map is in."""
+    pytest.importorskip("obstore", reason="the extra `remote` is not installed")
+    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(RangeHandler, directory=str(city.parent)))
+    server.asked, server.knows_ranges = [], True
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    yield server
+    server.shutdown()
+    server.server_close()
+
+
+@pytest.fixture
+def web(web_server):
+    """Address of the map on the web server."""
+    return f"http://127.0.0.1:{web_server.server_address[1]}/city.map"
 
 
 def test_a_map_on_s3_is_the_map_that_was_copied_there(city, bucket):
     copy_map(city, f"{bucket}/germany/city")
-    assert_same(PointMap.open(f"{bucket}/germany/city"), PointMap.open(city))
-    assert read_manifest(f"{bucket}/germany/city") == read_manifest(city)
+    assert_same_map(PointMap.open(f"{bucket}/germany/city"), PointMap.open(city))
+    assert said_by(read_manifest(f"{bucket}/germany/city")) == said_by(read_manifest(city))
 
 
-def test_a_map_on_a_web_server(city, web):
-    assert_same(PointMap.open(web), PointMap.open(city))
-
-
-def test_a_path_of_an_address_has_lost_a_slash(city, web):
-    assert_same(PointMap.open(Path(web)), PointMap.open(city))
+@pytest.mark.parametrize("kind", [str, Path])
+def test_a_map_on_a_web_server(city, web, kind):
+    assert_same_map(PointMap.open(kind(web)), PointMap.open(city))  # a path of an address has lost a slash
 
 
 def test_ranges_are_read_and_not_shards(city, web, web_server):
@@ -50,65 +111,13 @@ def test_ranges_are_read_and_not_shards(city, web, web_server):
     opened.tile(key)
     table = read_manifest(city).tiles
     row = table.rows_by_key()[key]
-    first = int(table.offsets[row])
-    name = table.files[table.shards[row]].name
-    assert web_server.asked == [(f"/city.map/{name}", f"bytes={first}-{first + int(table.lengths[row]) - 1}")]
-
-
-def test_what_was_read_once_is_kept_on_this_machine(web, web_server, city, cache_folder):
-    assert_same(PointMap.open(web), PointMap.open(city))
-    n_records, end = (len(read_manifest(city).tiles) + len(read_manifest(city).ground), time.monotonic() + 300.0)
-    while sum(path.is_file() for path in cache_folder.rglob("*")) < n_records:
-        assert time.monotonic() < end
-        time.sleep(0.01)
-    web_server.asked.clear()
-    assert_same(PointMap.open(web), PointMap.open(city))
-    assert all("shard" not in path and ".arrows" not in path for path, _ in web_server.asked)
-
-
-def test_a_damaged_file_of_the_cache_is_fetched_again(web, city, cache_folder):
-    PointMap.open(web).all_voxels()
-    for path in cache_folder.rglob("*"):
-        if path.is_file():
-            path.write_bytes(path.read_bytes()[:-3] + b"abc")
-    assert_same(PointMap.open(web), PointMap.open(city))
-
-
-def test_without_a_cache_nothing_is_kept(web, city, cache_folder, monkeypatch):
-    monkeypatch.setenv("MAXCON_CACHE_GB", "0")
-    assert_same(PointMap.open(web), PointMap.open(city))
-    assert not cache_folder.exists()
-
-
-@pytest.mark.parametrize("text", ["much", "", "nan", "inf"])
-def test_a_size_of_the_cache_that_is_none(web, monkeypatch, text):
-    monkeypatch.setenv("MAXCON_CACHE_GB", text)
-    with pytest.raises(OptionError, match="MAXCON_CACHE_GB to be a number of gigabytes"):
-        PointMap.open(web)
-
-
-def test_a_cache_that_cannot_be_written(web, tmp_path, monkeypatch):
-    (tmp_path / "file").touch()
-    monkeypatch.setenv("MAXCON_CACHE_DIR", str(tmp_path / "file"))
-    with pytest.raises(FileError, match=r"keep tiles in .*, got: .*MAXCON_CACHE_GB=0"):
-        PointMap.open(web).all_voxels()
-
-
-def test_tiles_around_are_fetched_several_at_a_time(web, city, web_server):
-    opened = PointMap.open(web)
-    opened.announce(opened.tile_keys)
-    end = time.monotonic() + 300.0
-    while sum(".arrows" in path for path, _ in web_server.asked) < len(opened.tile_keys):
-        assert time.monotonic() < end
-        time.sleep(0.01)
-    n_asked = len(web_server.asked)
-    opened.all_voxels()
-    assert len(web_server.asked) == n_asked
+    name, first, length = table.range_of(row)
+    assert web_server.asked == [(f"/city.map/{name}", f"bytes={first}-{first + length - 1}")]
 
 
 def test_an_opened_map_goes_to_another_process_as_its_address(web, city):
     again = pickle.loads(pickle.dumps(PointMap.open(web)))
-    assert_same(again, PointMap.open(city))
+    assert_same_map(again, PointMap.open(city))
 
 
 def test_a_server_that_knows_no_ranges_is_refused_when_a_map_is_opened(web, web_server):
@@ -123,7 +132,7 @@ def test_a_server_that_knows_no_ranges_is_refused_when_a_map_is_opened(web, web_
 
 def test_a_shard_that_is_damaged_there(tmp_path, bucket, city):
     copy_map(city, f"{bucket}/a")
-    store = remote.Remote(f"{bucket}/a", None)
+    store = Remote(f"{bucket}/a")
     (name,) = {file.name for file in read_manifest(city).ground.files}
     store.write(name, bytes(read_manifest(city).ground.files[0].n_bytes))
     with pytest.raises(MapError, match=rf"in {bucket}/a/{name} to be as it was written, got another checksum"):
@@ -131,6 +140,110 @@ def test_a_shard_that_is_damaged_there(tmp_path, bucket, city):
     store.write(name, b"short")
     with pytest.raises(MapError, match=rf"in {bucket}/a/{name} to be "):
         PointMap.open(f"{bucket}/a").ground_around(0.0, 0.0, 10.0)
+
+
+# --- prefetching --------------------------------------------------------------------------------------
+
+RANGES = [ByteRange("tiles/0", number, 10) for number in range(40)]
+
+
+class Slow(Remote):
+    """Counts what is fetched, and waits until it may answer."""
+
+    def __init__(self):
+        super().__init__("http://nowhere")
+        self.fetched, self.may_answer, self.is_asked = [], threading.Event(), threading.Event()
+
+    def _asked(self, ask):
+        self.is_asked.set()
+        assert self.may_answer.wait(60)
+        return ask()
+
+    @property
+    def _store(self):
+        return self
+
+    @property
+    def _obstore(self):
+        return self
+
+    @_obstore.setter
+    def _obstore(self, _):
+        pytest.importorskip("obstore", reason="the extra `remote` is not installed")
+
+    def get_range(self, store, name, *, start, length):
+        self.fetched.append(start)
+        if start == 13:
+            raise OSError(5, "unlucky")
+        return bytes([start])
+
+
+@pytest.fixture
+def slow():
+    remote = Slow()
+    yield remote
+    remote.may_answer.set()
+
+
+def test_each_range_is_fetched_once(slow):
+    slow.may_answer.set()
+    for _ in range(3):
+        slow.prefetch(RANGES[:10])
+    assert [bytes(slow.read_range(wanted))[0] for wanted in RANGES[:12]] == list(range(12))  # two were not prefetched
+    assert sorted(slow.fetched) == list(range(12))
+
+
+def test_who_asks_first_is_served_first(slow):
+    slow.prefetch(RANGES[:12])
+    slow.is_asked.wait(60)
+    threading.Timer(0.05, slow.may_answer.set).start()
+    assert bytes(slow.read_range(RANGES[11])) == bytes([11])
+    assert slow.fetched.index(11) <= storage.PREFETCH_THREADS + 1
+
+
+def test_an_error_is_that_of_who_asks_and_ends_what_was_begun(slow):
+    slow.may_answer.set()
+    slow.prefetch(RANGES[10:16])
+    with pytest.raises(OSError, match="unlucky"):
+        slow.read_range(RANGES[13])
+    assert bytes(slow.read_range(RANGES[14])) == bytes([14])
+    with pytest.raises(OSError, match="unlucky"):  # asked again, it is tried again
+        slow.read_range(RANGES[13])
+
+
+def test_prefetching_is_bounded(slow, monkeypatch):
+    monkeypatch.setattr(storage, "MAX_PREFETCH_BYTES", 50)
+    slow.prefetch(RANGES[20:])
+    assert list(slow._coming) == RANGES[20:25]  # the first of what is wanted
+    slow.prefetch(RANGES[:2])
+    assert list(slow._coming) == [*RANGES[22:25], *RANGES[:2]]
+    slow.may_answer.set()
+    assert bytes(slow.read_range(RANGES[20])) == bytes([20])
+
+
+def n_threads():
+    return sum(thread.name.startswith("prefetch") for thread in threading.enumerate())
+
+
+def test_tiles_are_fetched_several_at_a_time_by_threads_that_end_with_the_map(web, web_server):
+    end = time.monotonic() + 300.0
+    gc.collect()
+    while n_threads():  # of maps of other tests
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    opened = PointMap.open(web)
+    opened.prefetch_around([(0.0, 0.0)], 100.0)
+    assert n_threads() > 1
+    while sum(".arrows" in path for path, _ in web_server.asked) < len(opened.tile_keys):
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    n_asked = len(web_server.asked)
+    opened.all_voxels()
+    assert len(web_server.asked) == n_asked
+    del opened
+    while n_threads():
+        assert time.monotonic() < end
+        time.sleep(0.01)
 
 
 # --- what is not there --------------------------------------------------------------------------------
@@ -169,8 +282,8 @@ def silent():
 
 
 def test_a_server_that_says_nothing(silent, bucket, monkeypatch):
-    monkeypatch.setattr(remote, "READ_SECONDS", 0.5)
-    monkeypatch.setattr(remote, "RETRIES", 1)
+    monkeypatch.setattr(storage, "READ_SECONDS", 0.5)
+    monkeypatch.setattr(storage, "RETRIES", 1)
     refused(f"{silent}/city.map", "timed out")
     monkeypatch.setenv("AWS_ENDPOINT_URL", silent)
     refused(f"{bucket}/city", "timed out")
@@ -235,7 +348,7 @@ def test_no_message_has_the_keys(monkeypatch):
     monkeypatch.setenv("AWS_ACCESS_KEY_ID", "AKIAOPEN")
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "secret-of-all")
     monkeypatch.delenv("AWS_SESSION_TOKEN", raising=False)
-    words = remote._in_words(ValueError("something with AKIAOPEN and\nsecret-of-all"), is_s3=True)
+    words = storage._in_words(ValueError("something with AKIAOPEN and\nsecret-of-all"), is_s3=True)
     assert words == "something with AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY"
 
 
@@ -253,7 +366,7 @@ def test_a_map_comes_back_as_the_same_bytes(city, bucket, tmp_path):
     copy_map(city, f"{bucket}/a")
     copy_map(f"{bucket}/a", tmp_path / "back.map")
     # one shard holds more than the small ones of the test: what is equal is what they hold
-    assert_same(PointMap.open(tmp_path / "back.map"), PointMap.open(city))
+    assert_same_map(PointMap.open(tmp_path / "back.map"), PointMap.open(city))
     copy_map(tmp_path / "back.map", tmp_path / "again.map")
     files = {
         path.relative_to(tmp_path / "back.map"): path.read_bytes() for path in (tmp_path / "back.map").rglob("*.*")
@@ -266,7 +379,7 @@ def test_a_map_comes_back_as_the_same_bytes(city, bucket, tmp_path):
 
 def test_the_manifest_comes_last(city, bucket, s3_server, monkeypatch):
     """Wherever copying stops there is no map, or the whole; and the same command goes on."""
-    write_one, n_files = remote.Remote.write, len([path for path in city.rglob("*") if path.is_file()])
+    write_one, n_files = Remote.write, len([path for path in city.rglob("*") if path.is_file()])
     for n_written in range(n_files):
         left = [n_written]
 
@@ -277,14 +390,14 @@ def test_the_manifest_comes_last(city, bucket, s3_server, monkeypatch):
             write_one(self, name, content)
 
         with monkeypatch.context() as patch:
-            patch.setattr(remote.Remote, "write", write_some)
+            patch.setattr(Remote, "write", write_some)
             with pytest.raises(FileError, match="the line is cut"):
                 copy_map(city, f"{bucket}/{n_written}")
         assert len({name for name in names(bucket, s3_server) if name.startswith(f"{n_written}/")}) == n_written
         with pytest.raises(MapError, match=r"no manifest\.json there"):
             PointMap.open(f"{bucket}/{n_written}")
     copy_map(city, f"{bucket}/{n_files - 1}")
-    assert_same(PointMap.open(f"{bucket}/{n_files - 1}"), PointMap.open(city))
+    assert_same_map(PointMap.open(f"{bucket}/{n_files - 1}"), PointMap.open(city))
 
 
 def test_a_map_is_replaced_only_if_asked_and_who_reads_the_old_goes_on(city, bucket, tmp_path):
@@ -296,7 +409,7 @@ def test_a_map_is_replaced_only_if_asked_and_who_reads_the_old_goes_on(city, buc
         copy_map(tmp_path / "other.map", f"{bucket}/a")
     copy_map(tmp_path / "other.map", f"{bucket}/a", overwrite=True)
     assert PointMap.open(f"{bucket}/a").all_voxels()[1].sum() == 1
-    assert_same(old, PointMap.open(city))
+    assert_same_map(old, PointMap.open(city))
 
 
 def test_nothing_damaged_is_published(city, bucket, tmp_path, s3_server):
@@ -310,15 +423,9 @@ def test_nothing_damaged_is_published(city, bucket, tmp_path, s3_server):
     assert names(bucket, s3_server) == set()
 
 
-def test_an_old_map_becomes_a_new_one(tmp_path, bucket, city):
-    write_tile_files(tmp_path / "old.map", VOXELS, GROUND)
-    with pytest.raises(FileError, match="Copy it to a folder first"):
-        copy_map(tmp_path / "old.map", f"{bucket}/a")
-    assert copy_map(tmp_path / "old.map", tmp_path / "new.map").version == 3
-    assert_same(PointMap.open(tmp_path / "new.map"), PointMap.open(city))
-
-
 def test_from_an_address_to_another(city, bucket):
     copy_map(city, f"{bucket}/a")
     with pytest.raises(FileError, match="Copy it to a folder first"):
         copy_map(f"{bucket}/a", f"{bucket}/b")
+    with pytest.raises(OptionError, match="a web server is only read"):
+        copy_map(city, "https://example.org/map")
