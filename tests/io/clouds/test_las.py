@@ -277,9 +277,9 @@ def test_a_lowered_count_of_points_is_refused(tmp_path, suffix, point_format):
 
 
 def test_equal_points_that_unpack_hugely_are_refused(tmp_path, monkeypatch):
-    from maxcon.io.clouds import laz
+    from maxcon.io.clouds import base
 
-    monkeypatch.setattr(laz, "SMALL_BYTES", 10_000)
+    monkeypatch.setattr(base, "SMALL_BYTES", 10_000)
     header = laspy.LasHeader(point_format=0, version="1.2")
     las = laspy.LasData(header)
     las.x = las.y = las.z = np.zeros(1_000_000)

@@ -19,14 +19,11 @@ from maxcon.io.clouds.xyz import XyzReader
 __all__ = ["CLOUD_SUFFIXES", "Bounds", "CloudChunk", "CloudHeader", "CloudReader", "open_cloud"]
 
 _READERS: dict[str, Callable[[Path], CloudReader]] = {
-    ".las": LasReader,
-    ".laz": LasReader,
+    **dict.fromkeys((".las", ".laz"), LasReader),
     ".ply": PlyReader,
     ".npz": NpzReader,
     ".e57": E57Reader,
-    ".xyz": XyzReader,
-    ".csv": XyzReader,
-    ".txt": XyzReader,
+    **dict.fromkeys((".xyz", ".csv", ".txt"), XyzReader),
 }
 CLOUD_SUFFIXES = tuple(_READERS)
 
@@ -39,10 +36,6 @@ def open_cloud(path: str | os.PathLike[str]) -> CloudReader:
     path : path
         A file with suffix .las, .laz (also .copc.laz), .ply, .npz, .e57, .xyz, .csv or .txt.
 
-    Returns
-    -------
-    CloudReader
-
     Raises
     ------
     FileError
@@ -51,10 +44,9 @@ def open_cloud(path: str | os.PathLike[str]) -> CloudReader:
     file = Path(path)
     try:
         status = file.stat()
-    except FileNotFoundError as error:
-        raise FileError(f"Expected a point cloud at {file}, got no such file. Check the path.") from error
     except OSError as error:
-        raise FileError(f"Expected a point cloud at {file}, got: {error.strerror}. Check the path.") from error
+        got = " no such file" if isinstance(error, FileNotFoundError) else f": {error.strerror}"
+        raise FileError(f"Expected a point cloud at {file}, got{got}. Check the path.") from error
     if stat.S_ISDIR(status.st_mode):
         raise FileError(f"Expected a point-cloud file, got the folder {file}. Name the files in it.")
     if not stat.S_ISREG(status.st_mode):

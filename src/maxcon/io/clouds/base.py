@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""What every reader of point clouds offers: a header, then chunks of points in global coordinates."""
+"""What every reader of point clouds offers: a header, then chunks of points; and what guards their memory."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Generator, Iterator
@@ -23,11 +23,14 @@ __all__ = [
     "as_classes",
     "as_file_error",
     "as_float64",
+    "check_unpacked_size",
     "rows_at_a_time",
 ]
 
 # Most bytes of a file's records that are held at a time: long records make shorter chunks.
 MAX_CHUNK_BYTES = 2**28
+# Below this a file may unpack to any multiple of its size.
+SMALL_BYTES = 2**24
 
 
 class Bounds(NamedTuple):
@@ -116,25 +119,20 @@ class CloudReader(ABC):
             self._running.pop().close()
 
     def chunks(self, max_points: int = 1_000_000, bounds: Bounds | None = None) -> Iterator[CloudChunk]:
-        """Yield the points in order, never holding more than one chunk.
+        """Return an iterator over the points in order, never holding more than one chunk.
 
         Parameters
         ----------
         max_points : int
-            Most points of one chunk; a million take about 100 MB while they are read.
+            Most points of one chunk; a million take about 100 MB while they are read. OptionError if it is not 1 or
+            more.
         bounds : Bounds, optional
             Parts of the file known to hold no points there are left out (COPC); others come as a whole.
-
-        Yields
-        ------
-        CloudChunk
 
         Raises
         ------
         FileError
             If the points do not match the header: the file is truncated or broken.
-        OptionError
-            If `max_points` is not 1 or more.
         """
         if max_points < 1:
             raise OptionError(f"Expected max_points >= 1, got {max_points}. The default is 1,000,000.")
@@ -154,44 +152,41 @@ class CloudReader(ABC):
 def as_file_error(file: Path, kind: str) -> Iterator[None]:
     """Turn whatever a parser raises on a broken file (also the panics of compiled ones) into FileError.
 
-    Parameters
-    ----------
-    file : Path
-        For the message.
-    kind : str
-        What it should be, e.g. "a LAS or LAZ file".
+    `kind` is what the file should be, e.g. "a LAS or LAZ file".
     """
     try:
         yield
     except (MaxconError, KeyboardInterrupt, SystemExit, GeneratorExit):
         raise
     except BaseException as error:
-        words = str(error).strip().splitlines()
+        words = (str(error).strip().splitlines() or [type(error).__name__])[0][:120]
         raise FileError(
-            f"Expected {file} to be {kind}, complete, got:"
-            f" {words[0][:120] if words else type(error).__name__}."
-            " Copy it again, or write it anew with the program it comes from."
+            f"Expected {file} to be {kind}, complete, got: {words}. Copy it again, or write it anew with the program"
+            " it comes from."
         ) from error
 
 
-def as_classes(file: Path, name: str, values: NDArray[np.generic]) -> NDArray[np.uint8]:
-    """Return class codes as uint8; `values` may be of any type of number.
+def check_unpacked_size(what: str, unpacked: int, packed: int, max_ratio: int, advice: str) -> None:
+    """Refuse a large file that claims to unpack to more than `max_ratio` times its bytes: it would exhaust memory."""
+    if unpacked > max(SMALL_BYTES, max_ratio * packed):
+        raise FileError(
+            f"Expected {what} to unpack to at most {max_ratio} times its size, got {unpacked / max(1, packed):.0f}"
+            f" times. Is it real data? {advice}"
+        )
 
-    Raises
-    ------
-    FileError
-        If a value is not a whole number from 0 to 255.
-    """
-    if values.dtype != np.uint8:
-        numbers = values.astype(np.float64)
-        is_code = (numbers >= 0) & (numbers <= 255) & (numbers == np.floor(numbers))
-        if not is_code.all():
-            raise FileError(
-                f"Expected class codes from 0 to 255 as {name!r} in {file}, got {numbers[~is_code][0]:g}."
-                " Rename it, if it does not hold classes, or map it to such codes."
-            )
-        return numbers.astype(np.uint8)
-    return np.array(values, dtype=np.uint8)
+
+def as_classes(file: Path, name: str, values: NDArray[np.generic]) -> NDArray[np.uint8]:
+    """Return class codes of any type of number as uint8; FileError if one is no whole number from 0 to 255."""
+    if values.dtype == np.uint8:
+        return np.array(values, dtype=np.uint8)
+    numbers = values.astype(np.float64)
+    is_code = (numbers >= 0) & (numbers <= 255) & (numbers == np.floor(numbers))
+    if not is_code.all():
+        raise FileError(
+            f"Expected class codes from 0 to 255 as {name!r} in {file}, got {numbers[~is_code][0]:g}."
+            " Rename it, if it does not hold classes, or map it to such codes."
+        )
+    return numbers.astype(np.uint8)
 
 
 def as_float64(values: NDArray[Any]) -> NDArray[np.float64]:

@@ -1,146 +1,48 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""LAS and LAZ, read through laspy; the header is checked against the file before laspy relies on it."""
+"""LAS and LAZ, read through laspy once header and chunk table are checked."""
 
-import math
 import os
-import struct
 from collections.abc import Generator, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import FileError
 from maxcon.io.clouds.base import Bounds, CloudChunk, CloudHeader, CloudReader, as_file_error, rows_at_a_time
-from maxcon.io.clouds.copc import copc_chunks_within
-from maxcon.io.clouds.las_crs import read_las_crs
-from maxcon.io.clouds.laz import LazChunks, check_layers, read_laz_chunks
+from maxcon.io.clouds.las_header import read_las_crs, read_las_layout
+from maxcon.io.clouds.laz import LazChunks, check_layers, copc_chunks_within, read_laz_chunks
 
 if TYPE_CHECKING:
     import laspy
 
 __all__ = ["LasReader", "positions_of"]
 
-HEADER_BYTES = 227  # of LAS 1.0 to 1.2; 1.4 has 375
+KIND = "a LAS or LAZ file"
 # The parallel decompressor holds whole chunks (usually 50,000 points); larger ones are read in one thread.
 MAX_PARALLEL_CHUNK = 2_000_000
-# Records between header and points; real files have kilobytes.
-MAX_RECORDS_BYTES = 2**28
-MAX_EVLRS = 10_000
-MAX_WKT_BYTES = 2**20
 # The decompressor's threads are of the process that loaded it: after a fork they are gone, and it would wait for them.
 PROCESS = os.getpid()
-
-
-class _Layout(NamedTuple):
-    """Where the points of a file are, as its header says, checked against its size."""
-
-    n_points: int
-    start: int
-    record_length: int
-    is_compressed: bool
-    evlr_start: int
-    n_evlrs: int
-
-
-def _read_layout(file: Path, stream: BinaryIO) -> _Layout:
-    size = stream.seek(0, 2)
-    stream.seek(0)
-    head = stream.read(375).ljust(375, b"\0")
-    if size < HEADER_BYTES or head[:4] != b"LASF":
-        raise FileError(
-            f"Expected {file} to begin with a LAS header of {HEADER_BYTES} bytes, got {size} bytes that"
-            " begin with"
-            f" {head[: min(size, 4)]!r}. Is it a LAS or LAZ file, and complete?"
-        )
-    header_bytes, start, n_vlrs, kind, record_length, n_points = struct.unpack_from("<HIIBHI", head, 94)
-    minor, evlr_start, n_evlrs = head[25], 0, 0
-    if minor >= 4:
-        evlr_start, n_evlrs, n_points = struct.unpack_from("<QIQ", head, 235)
-    layout = _Layout(n_points, start, record_length, bool(kind & 0xC0), evlr_start, n_evlrs)
-    scales = struct.unpack_from("<6d", head, 131)
-    if not all(map(math.isfinite, scales)) or 0.0 in scales[:3]:
-        raise FileError(
-            f"Expected finite scales and offsets in {file}, got {scales}. Its header is broken; write it anew."
-        )
-    if n_points == 0:
-        raise FileError(f"Expected points in {file}, got a header that says 0 points. Leave this file out.")
-    if start > size or start > MAX_RECORDS_BYTES or n_vlrs * 54 > start - header_bytes or record_length == 0:
-        raise FileError(
-            f"Expected the points of {file} within its {size} bytes, got a header with {n_vlrs} records"
-            " and points of"
-            f" {record_length} bytes from byte {start}. Is the file complete? Copy it again."
-        )
-    if not layout.is_compressed and start + n_points * record_length > size:
-        n_there = (size - start) // record_length
-        raise FileError(f"Expected {n_points} points in {file}, got bytes for {n_there}: truncated. Copy it again.")
-    _check_end(file, layout, size, struct.unpack_from("<Q", head, 227)[0] if minor >= 3 else 0)
-    return layout
-
-
-def _check_end(file: Path, layout: _Layout, size: int, waveforms: int) -> None:
-    """Refuse more bytes than the points and what is said to follow them: a count of points that is too low."""
-    if layout.is_compressed:
-        return  # the table of chunks tells
-    end = min((at for at in (layout.evlr_start if layout.n_evlrs else 0, waveforms) if at), default=size)
-    n_there = (min(end, size) - layout.start) // layout.record_length
-    if n_there > layout.n_points:
-        raise FileError(
-            f"Expected {layout.n_points} points in {file}, as its header says, got bytes for {n_there}. Its header is"
-            " broken; write it anew."
-        )
-
-
-def _wkt_after_points(file: Path, stream: BinaryIO, layout: _Layout) -> bytes | None:
-    """Return the WKT in the extended records at the end of the file, if there is one."""
-    size = stream.seek(0, 2)
-    at = layout.evlr_start
-    if layout.n_evlrs > MAX_EVLRS:
-        raise FileError(
-            f"Expected at most {MAX_EVLRS} extended records in {file}, got {layout.n_evlrs}. Its header is broken."
-        )
-    for _ in range(layout.n_evlrs):
-        stream.seek(min(at, size))
-        head = stream.read(60)
-        length = struct.unpack_from("<Q", head, 20)[0] if len(head) == 60 else size
-        if at + 60 + length > size:
-            raise FileError(
-                f"Expected {layout.n_evlrs} extended records in {file}, got the end of the file: truncated."
-                " Copy it again."
-            )
-        user, record = head[2:18].rstrip(b"\0"), struct.unpack_from("<H", head, 18)[0]
-        if user == b"LASF_Projection" and record == 2112 and length <= MAX_WKT_BYTES:
-            return stream.read(length)
-        at += 60 + length
-    return None
 
 
 class LasReader(CloudReader):
     """Points, classes and gps_time of a LAS or LAZ file, LAS 1.0 to 1.4, all point formats.
 
-    Parameters
-    ----------
-    file : Path
-        An existing file.
-
-    Raises
-    ------
-    FileError
-        If it is not LAS or LAZ, says 0 points, or is shorter or longer than its header says.
+    FileError if it is not LAS or LAZ, says 0 points, or is shorter or longer than its header says.
     """
 
     def __init__(self, file: Path) -> None:
         import laspy
 
         super().__init__()
-        with as_file_error(file, "a LAS or LAZ file"), file.open("rb") as stream:
-            self._layout = _read_layout(file, stream)
+        with as_file_error(file, KIND), file.open("rb") as stream:
+            self._layout = read_las_layout(file, stream)
             stream.seek(0)
             header = laspy.LasHeader.read_from(stream, read_evlrs=False)
             self._chunks = self._read_chunks(file, stream, header)
-            crs = read_las_crs(stream, _wkt_after_points(file, stream, self._layout))
+            crs = read_las_crs(file, stream, self._layout)
             self.header = CloudHeader(
                 path=file,
                 n_points=self._layout.n_points,
@@ -152,12 +54,12 @@ class LasReader(CloudReader):
             )
 
     def _read_chunks(self, file: Path, stream: BinaryIO, header: "laspy.LasHeader") -> LazChunks | None:
-        if not self._layout.is_compressed:
+        layout = self._layout
+        if not layout.is_compressed:
             return None
         found = header.vlrs.get("LasZipVlr")
         if not found:
             raise FileError(f"Expected a LASzip record in {file}, got none. Its header is broken; write it anew.")
-        layout = self._layout
         return read_laz_chunks(file, stream, layout.start, layout.record_length, layout.n_points, found[0].record_data)
 
     def _read(self, max_points: int) -> Generator[CloudChunk]:
@@ -169,18 +71,13 @@ class LasReader(CloudReader):
     ) -> Generator[Any]:
         """Yield laspy's records of all points in order, at most `max_points` at a time, checked as in `chunks`.
 
-        Parameters
-        ----------
-        max_points : int
-            Most points of one record.
-        selection : DecompressionSelection, optional
-            The fields of a LAZ file that are wanted; all if None.
+        `selection` are the fields of a LAZ file that are wanted; all if None.
         """
         import laspy
 
         file, n_left = self.header.path, self.header.n_points
         backend = laspy.LazBackend.LazrsParallel if os.getpid() == PROCESS else laspy.LazBackend.Lazrs
-        with as_file_error(file, "a LAS or LAZ file"), file.open("rb") as stream:
+        with as_file_error(file, KIND), file.open("rb") as stream:
             if self._chunks is not None:
                 check_layers(file, stream, self._chunks, self._layout.record_length)
                 if max(self._chunks.n_points) > MAX_PARALLEL_CHUNK:
@@ -241,6 +138,16 @@ class LasReader(CloudReader):
         return CloudChunk(positions_of(record), None, classes, times, np.array(record["withheld"], dtype=bool))
 
 
+def positions_of(record: Any) -> NDArray[np.float64]:
+    """Global coordinates of the points of a record of laspy's, shape (n, 3), m."""
+    points = np.empty((len(record), 3))
+    with np.errstate(over="ignore"):  # scales of a broken header
+        for axis, name in enumerate("XYZ"):
+            np.multiply(record.array[name], record.scales[axis], out=points[:, axis])
+        points += record.offsets
+    return points
+
+
 def _needed() -> "laspy.DecompressionSelection":
     """The fields of a point that are decompressed."""
     import laspy
@@ -267,13 +174,3 @@ def _runs(numbers: list[int], n_points: list[int], n_most: int) -> Iterator[list
 def _bytes_at(stream: BinaryIO, start: int, length: int) -> bytes:
     stream.seek(start)
     return stream.read(length)
-
-
-def positions_of(record: Any) -> NDArray[np.float64]:
-    """Global coordinates of the points of a record of laspy's, shape (n, 3), m."""
-    points = np.empty((len(record), 3))
-    with np.errstate(over="ignore"):  # scales of a broken header
-        for axis, name in enumerate("XYZ"):
-            np.multiply(record.array[name], record.scales[axis], out=points[:, axis])
-        points += record.offsets
-    return points

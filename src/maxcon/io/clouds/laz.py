@@ -1,8 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The chunk table of a LAZ file, checked against its bytes before anything is decompressed.
+"""The chunks of a LAZ file, and which of them a COPC file's octree says may have points in a rectangle.
 
-The decompressor allocates what the file claims (measured: 3.7 GB for a file of 0.6 MB).
+Both are checked against the bytes before anything is decompressed: the decompressor allocates what the file claims
+(measured: 3.7 GB for a file of 0.6 MB). A COPC file (Cloud Optimized Point Cloud 1.0) is a LAZ file whose every chunk
+is a node of an octree; nothing that the octree says is followed unless the table of chunks says the same.
 """
 
 import struct
@@ -15,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import FileError
+from maxcon.io.clouds.base import Bounds, check_unpacked_size
 
-__all__ = ["LazChunks", "check_layers", "laz_as_os_error", "read_laz_chunks"]
+__all__ = ["LazChunks", "check_layers", "copc_chunks_within", "laz_as_os_error", "read_laz_chunks"]
 
 # Codes of the LASzip specification: pointwise chunked (formats 0-5) and layered chunked (6-10).
 POINTWISE, LAYERED = 2, 3
@@ -25,7 +28,13 @@ LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
 EXTRA_BYTES = 14
 # Real clouds are compressed 5 to 20 times; a large file that claims more than this was made to exhaust memory.
 MAX_RATIO = 300
-SMALL_BYTES = 2**24
+# The first record of a COPC file lies at a fixed place: its head of 54 bytes, and what it says of the octree.
+HEADER_BYTES, RECORD_HEAD = 375, 54
+OCTREE = struct.Struct("<5d2Q")
+ENTRY = np.dtype([("level", "<i4"), ("key", "<i4", 3), ("offset", "<u8"), ("n_bytes", "<i4"), ("n_points", "<i4")])
+DEEPEST = 30
+PAGE = -1
+"""The count of points of an entry that leads to another page of the octree."""
 
 
 class LazChunks(NamedTuple):
@@ -53,15 +62,14 @@ def laz_as_os_error() -> Iterator[None]:
         raise OSError(str(error)) from error
 
 
-def broken_laz(file: Path, expected: str, got: str) -> FileError:
-    """Return the error of a LAZ file whose claims do not fit its bytes."""
+def _broken(file: Path, expected: str, got: object) -> FileError:
     return FileError(f"Expected {expected} in {file}, got {got}. Is the file complete? Copy it again.")
 
 
 def read_laz_chunks(
     file: Path, stream: BinaryIO, start: int, record_length: int, n_points: int, laszip_record: bytes
 ) -> LazChunks:
-    """Return the chunk table, checked.
+    """Return the chunk table of an open file, checked.
 
     Parameters
     ----------
@@ -69,12 +77,8 @@ def read_laz_chunks(
         For messages.
     stream : binary file
         The open file, seekable.
-    start : int
-        Offset of the point data, bytes.
-    record_length : int
-        Bytes of one uncompressed point, as the LAS header says.
-    n_points : int
-        As the LAS header says.
+    start, record_length, n_points : int
+        Offset of the points, bytes of one that is not compressed, and how many there are, as the LAS header says.
     laszip_record : bytes
         The LASzip record of the header.
 
@@ -88,68 +92,56 @@ def read_laz_chunks(
     n_layers = _count_layers(file, laszip_record)
     vlr = lazrs.LazVlr(laszip_record)
     if vlr.item_size() != record_length:
-        raise broken_laz(file, f"compressed points of {record_length} bytes", f"{vlr.item_size()} bytes")
+        raise _broken(file, f"compressed points of {record_length} bytes", f"{vlr.item_size()} bytes")
     size = stream.seek(0, 2)
     table = _table_offset(file, stream, start, size)
     stream.seek(table)
     n_chunks = struct.unpack("<II", stream.read(8))[1]
     if n_chunks * record_length > size:  # each chunk begins with an uncompressed point
-        raise broken_laz(file, f"at most {size // record_length} chunks", f"{n_chunks}")
+        raise _broken(file, f"at most {size // record_length} chunks", n_chunks)
     stream.seek(start)
     rows = lazrs.read_chunk_table(stream, vlr)
     chunks = LazChunks(start + 8, [row[0] for row in rows], [row[1] for row in rows], n_layers)
-    if sum(chunks.n_bytes) > table - chunks.start:
-        raise broken_laz(
-            file, f"{table - chunks.start} bytes of compressed points", f"{sum(chunks.n_bytes)} in its table"
-        )
+    n_compressed = table - chunks.start
+    if sum(chunks.n_bytes) > n_compressed:
+        raise _broken(file, f"{n_compressed} bytes of compressed points", f"{sum(chunks.n_bytes)} in its table")
     if not sum(chunks.n_points[:-1]) < n_points <= sum(chunks.n_points):
-        raise broken_laz(file, f"{n_points} points", f"chunks of {sum(chunks.n_points)}")
-    if n_points * record_length > max(SMALL_BYTES, MAX_RATIO * size):
-        raise FileError(
-            f"Expected the points of {file} to unpack to at most {MAX_RATIO} times its size, got"
-            f" {n_points * record_length / size:.0f} times. Is it real data? Write it as LAS."
-        )
+        raise _broken(file, f"{n_points} points", f"chunks of {sum(chunks.n_points)}")
+    check_unpacked_size(f"the points of {file}", n_points * record_length, size, MAX_RATIO, "Write it as LAS.")
     return chunks
 
 
 def check_layers(file: Path, stream: BinaryIO, chunks: LazChunks, record_length: int) -> None:
-    """Check that the layers of each chunk (point formats 6 to 10) fit into it.
-
-    Raises
-    ------
-    FileError
-        If a chunk claims longer layers than it has bytes.
-    """
+    """Check that the layers of each chunk (point formats 6 to 10) fit into it; FileError if they do not."""
     if chunks.n_layers == 0:
         return
-    at = chunks.start
     n_head = 4 + 4 * chunks.n_layers
-    for number, (n_points, n_bytes) in enumerate(zip(chunks.n_points, chunks.n_bytes, strict=True)):
-        stream.seek(at + record_length)
-        head = stream.read(n_head)
-        at += n_bytes
+    rows = zip(chunks.starts.tolist(), chunks.n_points, chunks.n_bytes, strict=True)
+    for number, (at, n_points, n_bytes) in enumerate(rows):
         if n_points == 0 or n_bytes == 0:
             continue
+        stream.seek(at + record_length)
+        head = stream.read(n_head)
         if len(head) < n_head:
-            raise broken_laz(file, f"chunk {number} of the points", "the end of the file")
+            raise _broken(file, f"chunk {number} of the points", "the end of the file")
         needed = record_length + n_head + sum(struct.unpack(f"<{chunks.n_layers}I", head[4:]))
         if needed > n_bytes:
-            raise broken_laz(file, f"chunk {number} to have {n_bytes} bytes", f"layers of {needed}")
+            raise _broken(file, f"chunk {number} to have {n_bytes} bytes", f"layers of {needed}")
 
 
 def _count_layers(file: Path, laszip_record: bytes) -> int:
     """How many layers each chunk has; 0 for the older, pointwise compression."""
     if len(laszip_record) < 34:
-        raise broken_laz(file, "a LASzip record of 34 bytes or more", f"{len(laszip_record)}")
-    compressor = struct.unpack_from("<H", laszip_record)[0]
-    n_items = struct.unpack_from("<H", laszip_record, 32)[0]
+        raise _broken(file, "a LASzip record of 34 bytes or more", len(laszip_record))
+    (compressor,) = struct.unpack_from("<H", laszip_record)
+    (n_items,) = struct.unpack_from("<H", laszip_record, 32)
     if compressor not in (POINTWISE, LAYERED):
         raise FileError(
             f"Expected {file} to be compressed in chunks (LASzip 2 or later), got compressor {compressor}."
             " Write it anew with a current LASzip, or as LAS."
         )
     if len(laszip_record) < 34 + 6 * n_items:
-        raise broken_laz(file, f"a LASzip record of {n_items} items", f"{len(laszip_record)} bytes")
+        raise _broken(file, f"a LASzip record of {n_items} items", f"{len(laszip_record)} bytes")
     if compressor == POINTWISE:
         return 0
     items = [struct.unpack_from("<HH", laszip_record, 34 + 6 * i) for i in range(n_items)]
@@ -168,4 +160,84 @@ def _table_offset(file: Path, stream: BinaryIO, start: int, size: int) -> int:
             return int(table)
         if table != -1:
             break
-    raise broken_laz(file, "a table of the compressed chunks", "none within the file")
+    raise _broken(file, "a table of the compressed chunks", "none within the file")
+
+
+def copc_chunks_within(file: Path, stream: BinaryIO, chunks: LazChunks, bounds: Bounds) -> NDArray[np.bool_] | None:
+    """Whether each chunk may have points in a rectangle, shape (n_chunks,); None for a file that is no COPC.
+
+    Parameters
+    ----------
+    file : Path
+        For messages.
+    stream : binary file
+        The open file, seekable.
+    chunks : LazChunks
+        Its table of chunks, checked.
+    bounds : Bounds
+        In the coordinates of the file.
+
+    Raises
+    ------
+    FileError
+        If the octree lies outside of the file, goes round in circles, or does not fit the table of chunks.
+    """
+    stream.seek(HEADER_BYTES)
+    record = stream.read(RECORD_HEAD + OCTREE.size)
+    if len(record) < RECORD_HEAD + OCTREE.size or record[2:20] != b"copc".ljust(16, b"\0") + b"\x01\x00":
+        return None
+    x, y, _, half, _, start, n_bytes = OCTREE.unpack_from(record, RECORD_HEAD)
+    entries = _octree_entries(file, stream, start, n_bytes)
+    nodes = entries[entries["n_points"] > 0]
+    numbers = _chunk_numbers(file, nodes, chunks)
+    edges = 2.0 * half / 2.0 ** nodes["level"]
+    x_low, y_low = x - half + nodes["key"][:, 0] * edges, y - half + nodes["key"][:, 1] * edges
+    # A point on a face may be in the node on either side of it; scales round by far less than this.
+    slack = 1e-6 * half
+    may_have = (x_low <= bounds.x_max + slack) & (x_low + edges >= bounds.x_min - slack)
+    may_have &= (y_low <= bounds.y_max + slack) & (y_low + edges >= bounds.y_min - slack)
+    found = np.zeros(len(chunks.n_points), dtype=bool)
+    found[numbers[may_have]] = True
+    return found
+
+
+def _octree_entries(file: Path, stream: BinaryIO, start: int, n_bytes: int) -> NDArray[np.void]:
+    """All entries of the octree's pages, shape (n,)."""
+    size = stream.seek(0, 2)
+    pages, seen, found = [(start, n_bytes)], 0, []
+    while pages:
+        at, length = pages.pop()
+        seen += length
+        # Pages do not overlap: together they are no longer than the file.
+        if length < 0 or length % ENTRY.itemsize or at + length > size or seen > size:
+            raise FileError(
+                f"Expected the octree of {file} within its {size} bytes, got a page of {length} bytes at byte {at}."
+                " Is the file complete? Copy it again, or leave out the area."
+            )
+        stream.seek(at)
+        entries = np.frombuffer(stream.read(length), dtype=ENTRY)
+        if ((entries["level"] < 0) | (entries["level"] > DEEPEST)).any():
+            raise FileError(
+                f"Expected an octree of {DEEPEST} levels at most in {file}, got another. Its header is broken; write"
+                " it anew, or leave out the area."
+            )
+        found.append(entries)
+        leading = entries[(entries["n_points"] == PAGE) & (entries["n_bytes"] != 0)]
+        pages += [(int(entry["offset"]), int(entry["n_bytes"])) for entry in leading]
+    return np.concatenate(found)
+
+
+def _chunk_numbers(file: Path, nodes: NDArray[np.void], chunks: LazChunks) -> NDArray[np.int64]:
+    """Which chunk each node is, shape (n,): by its offset, length and count."""
+    n_points, n_bytes, starts = np.array(chunks.n_points), np.array(chunks.n_bytes), chunks.starts
+    offsets = nodes["offset"].astype(np.int64)
+    numbers = np.clip(np.searchsorted(starts, offsets), 0, len(starts) - 1)
+    fits = (starts[numbers] == offsets) & (n_bytes[numbers] == nodes["n_bytes"])
+    fits &= n_points[numbers] == nodes["n_points"]
+    if not fits.all() or len(np.unique(numbers)) != len(numbers) or nodes["n_points"].sum() != n_points.sum():
+        raise FileError(
+            f"Expected each chunk of points of {file} as a node of its octree, got an octree of {len(nodes)} nodes with"
+            f" {int(nodes['n_points'].sum())} points for {len(starts)} chunks with {n_points.sum()}. Write it anew with"
+            " the program it comes from, or leave out the area."
+        )
+    return numbers

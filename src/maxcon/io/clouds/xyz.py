@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: MIT
 """Points as text, a line each: columns by the names of a header, or x, y, z first."""
 
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
+from itertools import islice
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
@@ -24,16 +25,16 @@ NAMES = {
     "class": ("classification", "class", "label", "scalar_classification"),
     "time": ("gps_time", "gpstime", "time", "scalar_gpstime"),
 }
-SEPARATORS = (",", ";", "\t", None)
+SEPARATORS = (",", ";", "\t")
 COMMENTS = ("#", "//")
 # Lines of text are heavier in memory than their numbers: a quarter of a million take about 100 MB.
 MAX_LINES, MAX_LINE = 250_000, 4096
 
 
 class _Layout(NamedTuple):
-    """Where the rows begin, and which column is which."""
+    """Line of the first row, what separates columns (None: blanks), how many there are, and which is which."""
 
-    n_lines_before: int
+    first_row: int
     separator: str | None
     n_columns: int
     columns: dict[str, int]
@@ -44,17 +45,8 @@ class XyzReader(CloudReader):
 
     Columns are apart by commas, semicolons, tabs or blanks. A header names them x, y, z (or easting, northing,
     height), classification, gps_time; without one the first three are x, y, z. A first line with the number of points
-    is passed over, and so are lines that begin with # or //, unless they are the header.
-
-    Parameters
-    ----------
-    file : Path
-        An existing file.
-
-    Raises
-    ------
-    FileError
-        If it is no such file, or holds no points.
+    is passed over, and so are lines that begin with # or //, unless they are the header. FileError if it is no such
+    file, or holds no points.
     """
 
     def __init__(self, file: Path) -> None:
@@ -62,35 +54,39 @@ class XyzReader(CloudReader):
         with as_file_error(file, KIND), open_regular(file) as stream:
             self._layout = _read_layout(file, stream)
             stream.seek(0)
-            n_points = sum(len(lines) for lines in _line_groups(file, stream, self._layout.n_lines_before, MAX_LINES))
-        if n_points == 0:
-            raise FileError(f"Expected points in {file}, got a header alone. Leave this file out.")
+            n_points = sum(1 for _ in _rows(file, stream, self._layout))
+        columns = self._layout.columns
         self.header = CloudHeader(
-            path=file,
-            n_points=n_points,
-            has_classes="class" in self._layout.columns,
-            has_times="time" in self._layout.columns,
+            path=file, n_points=n_points, has_classes="class" in columns, has_times="time" in columns
         )
 
     def _read(self, max_points: int) -> Generator[CloudChunk]:
-        file, layout = self.header.path, self._layout
+        file = self.header.path
         with as_file_error(file, KIND), open_regular(file) as stream:
-            for lines in _line_groups(file, stream, layout.n_lines_before, min(max_points, MAX_LINES)):
-                yield self._chunk(_numbers(file, lines, layout))
+            rows = _rows(file, stream, self._layout)
+            while lines := list(islice(rows, min(max_points, MAX_LINES))):
+                yield self._chunk(lines)
 
-    def _chunk(self, values: NDArray[np.float64]) -> CloudChunk:
-        columns = self._layout.columns
-        classes = times = None
-        if "class" in columns:
-            classes = as_classes(self.header.path, "classification", values[:, columns["class"]])
-        if "time" in columns:
-            times = values[:, columns["time"]]
-        return CloudChunk(values[:, [columns[name] for name in "xyz"]], classes=classes, times=times)
+    def _chunk(self, lines: list[str]) -> CloudChunk:
+        file, layout = self.header.path, self._layout
+        try:
+            values = np.loadtxt(lines, dtype=np.float64, comments=None, delimiter=layout.separator, ndmin=2)
+        except ValueError as error:
+            words = str(error).partition(";")[0][:100]
+            raise FileError(f"Expected rows of numbers in {file}, got: {words}. Correct or remove that row.") from error
+        if values.shape[1] != layout.n_columns:
+            raise FileError(
+                f"Expected {layout.n_columns} numbers per point in {file}, got {values.shape[1]}. Correct that row."
+            )
+        classes: NDArray[np.uint8] | None = None
+        if "class" in layout.columns:
+            classes = as_classes(file, "classification", values[:, layout.columns["class"]])
+        times = values[:, layout.columns["time"]] if "time" in layout.columns else None
+        return CloudChunk(values[:, [layout.columns[name] for name in "xyz"]], classes=classes, times=times)
 
 
-def _line_groups(file: Path, stream: BinaryIO, n_before: int, n_lines: int) -> Generator[list[str]]:
-    """Yield lines with content, some at a time."""
-    group: list[str] = []
+def _lines(file: Path, stream: BinaryIO) -> Iterator[tuple[int, str]]:
+    """Yield lines with content, and their numbers; a byte order mark is left out."""
     number = 0
     while line := stream.readline(MAX_LINE):
         number += 1
@@ -98,62 +94,41 @@ def _line_groups(file: Path, stream: BinaryIO, n_before: int, n_lines: int) -> G
             raise FileError(
                 f"Expected {KIND} in {file}, got a line of over {MAX_LINE} characters. Is it the right file?"
             )
-        text = line.decode("ascii", "replace").strip()
-        if number <= n_before or not text or text.startswith(COMMENTS):
-            continue
-        group.append(text)
-        if len(group) == n_lines:
-            yield group
-            group = []
-    if group:
-        yield group
+        if text := line.decode("utf-8-sig" if number == 1 else "ascii", "replace").strip():
+            yield number, text
 
 
-def _numbers(file: Path, lines: list[str], layout: _Layout) -> NDArray[np.float64]:
-    try:
-        values = np.loadtxt(lines, dtype=np.float64, comments=None, delimiter=layout.separator, ndmin=2)
-    except ValueError as error:
-        words = str(error).partition(";")[0][:100]
-        raise FileError(f"Expected rows of numbers in {file}, got: {words}. Correct or remove that row.") from error
-    if values.shape[1] != layout.n_columns:
-        raise FileError(
-            f"Expected {layout.n_columns} numbers per point in {file}, got {values.shape[1]}. Correct that row."
-        )
-    return values
+def _rows(file: Path, stream: BinaryIO, layout: _Layout) -> Iterator[str]:
+    return (
+        text for number, text in _lines(file, stream) if number >= layout.first_row and not text.startswith(COMMENTS)
+    )
 
 
 def _read_layout(file: Path, stream: BinaryIO) -> _Layout:
     """Return where rows begin and what is in them."""
-    named: tuple[int, list[str]] | None = None
-    number = 0
-    while line := stream.readline(MAX_LINE):
-        number += 1
-        text = line.decode("utf-8-sig" if number == 1 else "ascii", "replace").strip()
-        if not text:
-            continue
-        separator = next((mark for mark in SEPARATORS[:-1] if mark in text), None)
+    names: list[str] | None = None
+    for number, text in _lines(file, stream):
+        separator = next((mark for mark in SEPARATORS if mark in text), None)
         cells = [cell.strip() for cell in text.lstrip("#/ ").split(separator)]
         is_comment = text.startswith(COMMENTS)
         if not is_comment and all(parse_float(cell) is not None or cell.lower() == "nan" for cell in cells):
             if len(cells) == 1 and cells[0].isdecimal():
                 continue  # the number of points
-            return _layout(file, named, number, separator, len(cells))
-        names = [cell.lower().strip('"') for cell in cells]
-        if not is_comment and named is not None:
+            return _Layout(number, separator, len(cells), _columns(file, names, len(cells)))
+        if not is_comment and names is not None:
             break
-        if not is_comment or {"x", "y", "z"} <= set(names):
-            named = (number, names)
+        found = [cell.lower().strip('"') for cell in cells]
+        if not is_comment or {"x", "y", "z"} <= set(found):
+            names = found
     raise FileError(f"Expected {KIND} in {file}, x, y, z in each line, got none. Is it the right file?")
 
 
-def _layout(
-    file: Path, named: tuple[int, list[str]] | None, number: int, separator: str | None, n_columns: int
-) -> _Layout:
-    if named is None:
+def _columns(file: Path, names: list[str] | None, n_columns: int) -> dict[str, int]:
+    """Which column is which, by the names of a header, or x, y, z first if there is none."""
+    if names is None:
         if n_columns < 3:
             raise FileError(f"Expected x, y, z in each line of {file}, got {n_columns} numbers. Add what is missing.")
-        return _Layout(number - 1, separator, n_columns, {"x": 0, "y": 1, "z": 2})
-    names = named[1]
+        return {"x": 0, "y": 1, "z": 2}
     if len(names) != n_columns:
         raise FileError(f"Expected {len(names)} numbers per point in {file}, as its header has, got {n_columns}.")
     columns = {}
@@ -167,4 +142,4 @@ def _layout(
             )
         if found:
             columns[wanted] = found[0]
-    return _Layout(number - 1, separator, n_columns, columns)
+    return columns
