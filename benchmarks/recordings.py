@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from maxcon.geometry import Pose
+from maxcon.io.recordings.writing import RecordingKind, open_writer
 from maxcon.io.scans import RawScan, Scans, open_scans
-from maxcon.lab.simulation.datasets.recorded_drive import record_drive
-from maxcon.lab.simulation.datasets.recordings import RECORDING_NAMES, RecordingKind
+from maxcon.lab.simulation.datasets.recordings import drive_messages
 from maxcon.scan.trajectory import Trajectory
 
 
@@ -49,8 +49,10 @@ def main() -> None:
     prior = Trajectory.from_poses([1.7e9], [Pose(550_000, 5_802_000, 60, 0, 0, 0)])
     for kind in RecordingKind:
         with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / RECORDING_NAMES[kind]
-            record_drive(path, kind, made, prior, "EPSG:25832")
+            path = Path(folder) / f"drive.{kind}"
+            with open_writer(path, kind) as writer:
+                for entry in drive_messages(made, prior, "EPSG:25832"):
+                    writer.write(entry)
             scans = open_scans(path)
             begin = time.perf_counter()
             n_scans = len(scans)  # the pass that finds their times
@@ -58,7 +60,7 @@ def main() -> None:
             for raw in scans.scans(1.0, 120.0):
                 assert len(raw.points) > 0.9 * options.points
             end = time.perf_counter()
-            size = sum(f.stat().st_size for f in ([path] if path.is_file() else path.iterdir())) / 1e6
+            size = path.stat().st_size / 1e6
             print(
                 f"{kind.value:<5} {n_scans} scans of {options.points:,} points, {size:.0f} MB:"
                 f" times {n_scans / (middle - begin):.0f} scans/s, reading {n_scans / (end - middle):.0f} scans/s,"

@@ -9,18 +9,16 @@ import pytest
 
 from localized_poses import localized_poses
 from maxcon.geometry import Pose
-from maxcon.io.recordings.writing import RecordingKind, open_writer
 from maxcon.io.scans import Scans, open_scans
-from maxcon.io.scans.deskewed import DeskewedScans
+from maxcon.io.scans.derived import DeskewedScans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.simulation.datasets.dataset_files import CRS
-from maxcon.lab.simulation.datasets.recorded_drive import cloud_message, record_drive
+from maxcon.lab.simulation.datasets.recordings import cloud_message
 from maxcon.scan.trajectory import Trajectory
+from recorded_drives import NAMES, record_drive, write_recording
 
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
-
-NAMES = {RecordingKind.ROS1: "drive.bag", RecordingKind.ROS2: "drive", RecordingKind.MCAP: "drive.mcap"}
 
 
 @pytest.fixture(scope="module")
@@ -28,9 +26,9 @@ def recordings(drive, tmp_path_factory):
     """The simulated drive in every format, by its kind."""
     folder = tmp_path_factory.mktemp("recordings")
     dataset = drive.dataset
-    for kind, name in NAMES.items():
+    for name in NAMES.values():
         prior = read_trajectory(dataset.prior)
-        record_drive(folder / name, kind, open_scans(dataset.scans), prior, CRS, odometry=prior)
+        record_drive(folder / name, open_scans(dataset.scans), prior, CRS, odometry=prior)
     return {kind: folder / name for kind, name in NAMES.items()}
 
 
@@ -47,7 +45,7 @@ def of_files(drive, tmp_path_factory):
     return localized_poses(out)
 
 
-@pytest.mark.parametrize("kind", RecordingKind)
+@pytest.mark.parametrize("kind", NAMES)
 def test_a_recorded_drive_has_the_poses_of_its_files(maxcon, drive, recordings, of_files, kind, tmp_path):
     ended = maxcon("localize", drive.city, recordings[kind], "-o", tmp_path / "poses.csv", "-q")
     assert (ended.code, ended.err) == (0, "")
@@ -57,16 +55,16 @@ def test_a_recorded_drive_has_the_poses_of_its_files(maxcon, drive, recordings, 
 
 
 def test_a_recording_beside_files(maxcon, drive, recordings, of_files, tmp_path):
-    arguments = ("localize", drive.city, drive.dataset.scans, "--prior", recordings[RecordingKind.MCAP])
+    arguments = ("localize", drive.city, drive.dataset.scans, "--prior", recordings["mcap"])
     assert maxcon(*arguments, "-o", tmp_path / "a.csv", "-q").code == 0
     np.testing.assert_allclose(localized_poses(tmp_path / "a.csv"), of_files, atol=1e-4)
-    arguments = ("localize", drive.city, recordings[RecordingKind.ROS1], "--prior", drive.dataset.prior)
+    arguments = ("localize", drive.city, recordings["bag"], "--prior", drive.dataset.prior)
     assert maxcon(*arguments, "-o", tmp_path / "b.csv", "-q").code == 0
     np.testing.assert_allclose(localized_poses(tmp_path / "b.csv"), of_files, atol=1e-4)
 
 
 def test_what_is_asked_of_a_recording_and_is_not_there(maxcon, refused, drive, recordings, tmp_path):
-    bag, scans = recordings[RecordingKind.ROS1], drive.dataset.scans
+    bag, scans = recordings["bag"], drive.dataset.scans
     out = ("-o", tmp_path / "poses.csv")
     for arguments, words in (
         ((scans,), ("--prior with rough poses",)),
@@ -91,7 +89,7 @@ def test_heights_of_another_kind_are_refused(maxcon, refused, drive, tmp_path):
     prior = read_trajectory(drive.dataset.prior)
     lifted = type(prior)(prior.times, prior.positions + [0.0, 0.0, 46.0], prior.quaternions_xyzw)
     path = tmp_path / "drive.mcap"
-    record_drive(path, RecordingKind.MCAP, open_scans(drive.dataset.scans), lifted, CRS)
+    record_drive(path, open_scans(drive.dataset.scans), lifted, CRS)
     arguments = ("localize", drive.city, path, "-o", tmp_path / "poses.csv", "-q")
     refused(maxcon(*arguments), "above it", "--geoid-height, about 46")
     ended = maxcon(*arguments, "--geoid-height", "46")
@@ -100,12 +98,12 @@ def test_heights_of_another_kind_are_refused(maxcon, refused, drive, tmp_path):
 
 
 def test_scans_without_times_of_points_are_not_deskewed(maxcon, refused, drive, recordings, tmp_path):
-    bag = recordings[RecordingKind.ROS1]
+    bag = recordings["bag"]
     ended = maxcon("localize", drive.city, bag, "--deskew", "-o", tmp_path / "poses.csv", "-q")
     refused(ended, "a time for each point of /points#0", "--turn-time")
 
 
-@pytest.mark.parametrize("kind", RecordingKind)
+@pytest.mark.parametrize("kind", NAMES)
 def test_info_of_a_recording(maxcon, recordings, kind):
     ended = maxcon("scans", "info", recordings[kind])
     assert (ended.code, ended.err) == (0, "")
@@ -176,7 +174,7 @@ def test_scans_of_a_fast_car_are_deskewed_by_its_odometry(maxcon, drive, of_file
     moving = MovingScans(open_scans(dataset.scans), drive.reference)
     path = tmp_path / "moving.mcap"
     prior = read_trajectory(dataset.prior)
-    record_drive(path, RecordingKind.MCAP, moving, prior, CRS, odometry=moving.motion())
+    record_drive(path, moving, prior, CRS, odometry=moving.motion())
     still, seen = open_scans(dataset.scans), open_scans(path)
     assert "t (float32): s, relative" in seen.words
     deskewed = DeskewedScans(seen, moving.motion())
@@ -197,18 +195,18 @@ def test_scans_of_a_fast_car_are_deskewed_by_its_odometry(maxcon, drive, of_file
 
 
 def test_a_turn_time_needs_deskew(maxcon, refused, drive, recordings, tmp_path):
-    bag, out = recordings[RecordingKind.ROS1], ("-o", tmp_path / "poses.csv")
+    bag, out = recordings["bag"], ("-o", tmp_path / "poses.csv")
     refused(maxcon("localize", drive.city, bag, "--turn-time", "0.1", *out), "together with --deskew")
     refused(maxcon("localize", drive.city, bag, "--deskew", "--turn-time", "10", *out), "of up to 2 s, got 10")
 
 
 def test_simulating_a_recording(maxcon, refused, tmp_path):
-    refused(maxcon("simulate", tmp_path / "d", "--recording", "tape"), "bag, ros2, mcap, pcap, pcd, got 'tape'")
-    ended = maxcon("simulate", tmp_path / "d", "--epochs", "1", "--recording", "ros2", "-q")
+    refused(maxcon("simulate", tmp_path / "d", "--recording", "tape"), "bag, mcap, got 'tape'")
+    ended = maxcon("simulate", tmp_path / "d", "--epochs", "1", "--recording", "mcap", "-q")
     assert (ended.code, ended.err) == (0, "")
-    assert f"recording    {tmp_path / 'd' / 'drive_ros2'}" in ended.out
-    assert "/points: 1 scans" in maxcon("scans", "info", tmp_path / "d" / "drive_ros2").out
-    again = ("simulate", tmp_path / "d", "--epochs", "1", "--recording", "ros2", "-q", "--overwrite")
+    assert f"recording    {tmp_path / 'd' / 'drive.mcap'}" in ended.out
+    assert "/points: 1 scans" in maxcon("scans", "info", tmp_path / "d" / "drive.mcap").out
+    again = ("simulate", tmp_path / "d", "--epochs", "1", "--recording", "mcap", "-q", "--overwrite")
     assert maxcon(*again).code == 0
 
 
@@ -239,10 +237,9 @@ def test_two_scanners_in_one_epoch(maxcon, refused, drive, tmp_path):
     refused(maxcon(*arguments, "--overwrite", "--turn-time", "0.1", "--deskew"), "got --turn-time, which is for one")
 
     # The same as two topics of one recording.
-    with open_writer(tmp_path / "two.mcap", RecordingKind.MCAP, overwrite=False) as writer:
-        for i in range(len(whole)):
-            for side in mounts:
-                writer.write(cloud_message(open_scans(tmp_path / side), i, f"/{side}/points"))
+    sides = {side: open_scans(tmp_path / side) for side in mounts}
+    clouds = (cloud_message(scans, i, f"/{side}/points") for i in range(len(whole)) for side, scans in sides.items())
+    write_recording(tmp_path / "two.mcap", clouds)
     for side in mounts:
         text = text.replace(f"scans = '{side}'", f"topic = '/{side}/points'")
     (tmp_path / "topics.toml").write_text(text)

@@ -7,6 +7,7 @@ import io
 import json
 import struct
 from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import reduce
 from operator import xor
 from pathlib import Path
@@ -26,10 +27,9 @@ from maxcon.drive.poses_table import COLUMNS
 from maxcon.io.clouds import CLOUD_SUFFIXES
 from maxcon.io.recordings.opening import CAPTURE_SUFFIX, RECORDING_SUFFIXES
 from maxcon.io.recordings.point_cloud2 import CloudRecord, FieldDescription
-from maxcon.io.recordings.writing import Entry, open_writer
+from maxcon.io.recordings.writing import BagWriter, Entry, RecordingKind, header_of, open_writer
 from maxcon.io.trajectories import write_csv, write_tum
-from maxcon.lab.simulation.datasets.recorded_drive import record_drive
-from maxcon.lab.simulation.datasets.recordings import RECORDING_NAMES, RecordingKind
+from maxcon.lab.simulation.datasets.recordings import drive_messages
 from maxcon.mapping.build import MapOptions, build_map
 
 __all__ = ["Seed", "make_seeds", "seeds_of"]
@@ -232,22 +232,34 @@ def _recordings(folder: Path) -> Iterator[Seed]:
     for i in range(3):
         (folder / "scans" / f"{i}.5.bin").write_bytes(np.hstack([POINTS, POINTS[:, :1]]).astype("<f4").tobytes())
     scans = open_scans(folder / "scans")
-    for kind in RecordingKind:
-        path = folder / RECORDING_NAMES[kind]
-        record_drive(path, kind, scans, _drive(), "EPSG:25832", odometry=_drive())
+    for kind in (*RecordingKind, None):
+        path = folder / ("drive" if kind is None else f"drive.{kind}")
+        with _ros2_writer(path) if kind is None else open_writer(path, kind) as writer:
+            for entry in drive_messages(scans, _drive(), "EPSG:25832", odometry=_drive()):
+                writer.write(entry)
         for file in [path] if path.is_file() else sorted(path.glob("*.db3")):
             yield Seed(file.suffix, "recording", f"drive{file.suffix}", file.read_bytes())
     yield Seed("pcap", "recording", "drive.pcap", _capture())
-    for kind in (RecordingKind.ROS1, RecordingKind.MCAP):
-        path = folder / f"tf{Path(RECORDING_NAMES[kind]).suffix}"
+    for kind in RecordingKind:
+        path = folder / f"tf.{kind}"
         _write_transforms(path, kind)
         yield Seed(f"tf {kind}", "transforms", path.name, path.read_bytes())
+
+
+@contextmanager
+def _ros2_writer(path: Path) -> Iterator[BagWriter]:
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as bag:
+        yield BagWriter(store, bag, store.serialize_cdr)
 
 
 def _write_transforms(path: Path, kind: RecordingKind) -> None:
     """Write a way of a vehicle in a map, and a scanner on it, as transforms."""
     turn, place = dict(x=0.0, y=0.0, z=0.0, w=1.0), dict(x=1.0, y=2.0, z=0.0)
-    with open_writer(path, kind, overwrite=False) as writer:
+    with open_writer(path, kind) as writer:
         for time, topic, parent, child in (
             (1.0, "/tf_static", "base_link", "sensor"),
             (1.0, "/tf", "map", "odom"),
@@ -255,9 +267,10 @@ def _write_transforms(path: Path, kind: RecordingKind) -> None:
             (2.0, "/tf", "map", "odom"),
             (2.0, "/tf", "odom", "base_link"),
         ):
-            header = {"stamp": dict(sec=int(time), nanosec=0), "frame_id": parent}
             transform = {"translation": place, "rotation": turn}
-            content = {"transforms": [{"header": header, "child_frame_id": child, "transform": transform}]}
+            content = {
+                "transforms": [{"header": header_of(time, parent), "child_frame_id": child, "transform": transform}]
+            }
             writer.write(Entry(time, topic, "tf2_msgs/msg/TFMessage", content))
 
 

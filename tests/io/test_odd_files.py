@@ -23,7 +23,7 @@ import numpy as np
 from pathlib import Path
 from maxcon.errors import MaxconError
 from maxcon.io.clouds import open_cloud
-from maxcon.io.scans.reading import read_scan_file
+from maxcon.io.scans.scan_files import read_scan_file
 
 def read(path):
     if path.suffix.lower() == ".pcd":

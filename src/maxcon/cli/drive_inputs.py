@@ -17,7 +17,7 @@ from maxcon.errors import OptionError
 if TYPE_CHECKING:
     from maxcon.drive.many import DriveEntry
     from maxcon.io.scans import Scans
-    from maxcon.io.scans.merged import MergedScans
+    from maxcon.io.scans.derived import MergedScans
     from maxcon.map import PointMap
     from maxcon.scan.mounting import Mounting
     from maxcon.scan.trajectory import Trajectory
@@ -51,7 +51,7 @@ class DriveInputs:
         OptionError if there is no prior, or an option has nothing to act on.
         """
         from maxcon.io.scans import open_scans
-        from maxcon.io.scans.deskewed import DeskewedScans
+        from maxcon.io.scans.derived import DeskewedScans
         from maxcon.scan.mounting import read_mounting
 
         options.check()
@@ -84,7 +84,7 @@ def _of_scanners(
 ) -> "MergedScans":
     """The scans of several scanners, in the vehicle's frame."""
     from maxcon.io.scans import open_scans
-    from maxcon.io.scans.merged import MergedScans
+    from maxcon.io.scans.derived import MergedScans
 
     given = {"--topic": options.topic, "--times": entry.times, "--turn-time": motion.turn_time}
     for name in [name for name, value in given.items() if value is not None]:
@@ -113,7 +113,7 @@ def _frame_of(scans: "Scans") -> str:
 def _words_of(scans: "Scans", quiet: bool) -> list[str]:
     """What was taken from a recording; the times of its scans are found here, with a bar of progress."""
     from maxcon.io.recordings.recorded_scans import RecordedScans
-    from maxcon.io.scans.merged import MergedScans
+    from maxcon.io.scans.derived import MergedScans
 
     parts = scans.scanners if isinstance(scans, MergedScans) else (scans,)
     words = []

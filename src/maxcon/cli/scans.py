@@ -34,8 +34,8 @@ def info(
     from rich.console import Console
     from rich.table import Table
 
-    from maxcon.io.recordings.base import printable
     from maxcon.io.scans.description import describe
+    from maxcon.io.text import printable
 
     found = describe(path, topic)
     console = Console(highlight=False, markup=False)  # names in files are no markup
@@ -74,8 +74,10 @@ def _rows(scanner: "ScansDescription") -> list[tuple[str, str]]:
     if scanner.low is not None and scanner.high is not None:
         extents = zip("xyz", scanner.low, scanner.high, strict=True)
         rows.append(("extent", ", ".join(f"{axis} {low:.1f} to {high:.1f}" for axis, low, high in extents) + " m"))
-    if scanner.share_with_normal is not None:
-        rows.append(("normals", f"{100.0 * scanner.share_with_normal:.0f} % of the points of the first scan have one"))
+    if scanner.fraction_with_normal is not None:
+        rows.append(
+            ("normals", f"{100.0 * scanner.fraction_with_normal:.0f} % of the points of the first scan have one")
+        )
     if scanner.problem:
         rows.append(("problem", scanner.problem))
     return rows

@@ -14,8 +14,7 @@ from maxcon.errors import OptionError
 from maxcon.lab.dataset import Dataset
 
 if TYPE_CHECKING:
-    from maxcon.lab.simulation.datasets.recordings import RecordingKind, ScansKind
-    from maxcon.lab.simulation.sensing.firing_scanner import FiringScanner
+    from maxcon.io.recordings.writing import RecordingKind
 
 __all__ = ["Scene", "simulate"]
 
@@ -63,9 +62,9 @@ def simulate(
     recording: Annotated[
         str | None,
         typer.Option(
-            metavar="bag|ros2|mcap|pcap|pcd",
-            help="Also write the scans as a recording: with positions in latitude and longitude as a ROS 1 bag, a ROS 2"
-            " bag or MCAP (extra recordings); alone as packets of a VLP-16 (extra velodyne) or PCD files.",
+            metavar="bag|mcap",
+            help="Also write the scans, with positions in latitude and longitude, as a recording: a ROS 1 bag or MCAP"
+            " (extra recordings).",
             show_default=False,
         ),
     ] = None,
@@ -83,9 +82,7 @@ def simulate(
         raise OptionError(f"Expected --campaign in the city, got it with --scene {scene.value}. Leave one of them out.")
     kind = None if recording is None else _recording_kind(recording)
     options: dict[str, Any] = {"seed": seed, "overwrite": overwrite}
-    if kind == "pcap":
-        options["scanner"] = _scanner_of_packets(scanner, scene)
-    elif scanner is not None:
+    if scanner is not None:
         options["scanner"] = simulation.ScannerLayout.parse(scanner).scanner()
     with step_bars("", quiet) as report:
 
@@ -101,42 +98,20 @@ def simulate(
             dataset = simulation.simulate(out, n_epochs=epochs or 40, **options)
     _say_what_was_written(dataset)
     if kind is not None:
-        typer.echo(f"{'recording':<12} {_recorded(dataset, kind)}")
+        from maxcon.lab.simulation.datasets.recordings import record_dataset
+
+        typer.echo(f"{'recording':<12} {record_dataset(dataset, kind)}")
 
 
-def _recording_kind(name: str) -> "RecordingKind | ScansKind":
+def _recording_kind(name: str) -> "RecordingKind":
     """The kind of recording of a name; what writes it is there, or it is said before the work is done."""
-    from maxcon.io.recordings.writing import check_writers
-    from maxcon.lab.simulation.datasets.recordings import RecordingKind, ScansKind
-    from maxcon.lab.simulation.datasets.velodyne_packets import check_capture_writer
+    from maxcon.io.recordings.writing import RecordingKind, check_writers
 
-    kinds = [kind.value for kind in (*RecordingKind, *ScansKind)]
+    kinds = [kind.value for kind in RecordingKind]
     if name not in kinds:
         raise OptionError(f"Expected --recording to be one of {', '.join(kinds)}, got {name!r}. Choose one of these.")
-    if name in list(RecordingKind):
-        check_writers()
-        return RecordingKind(name)
-    if name == ScansKind.PCAP:
-        check_capture_writer()
-    return ScansKind(name)
-
-
-def _scanner_of_packets(scanner: str | None, scene: Scene) -> "FiringScanner":
-    """The scanner whose packets are written; refuses others."""
-    from maxcon.lab.simulation.sensing.firing_scanner import FiringScanner
-
-    if scanner not in (None, "vlp-16") or scene is not Scene.CITY:
-        got = f"--scene {scene.value}" if scene is not Scene.CITY else f"--scanner {scanner}"
-        raise OptionError(
-            f"Expected --recording pcap with the packets of a vlp-16 in the city, got {got}. Leave that out."
-        )
-    return FiringScanner()
-
-
-def _recorded(dataset: Dataset, kind: "RecordingKind | ScansKind") -> Path:
-    from maxcon.lab.simulation.datasets.recordings import ScansKind, record_dataset, write_dataset_scans
-
-    return write_dataset_scans(dataset, kind) if isinstance(kind, ScansKind) else record_dataset(dataset, kind)
+    check_writers()
+    return RecordingKind(name)
 
 
 def _say_what_was_written(dataset: Dataset) -> None:

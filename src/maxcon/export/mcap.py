@@ -50,7 +50,7 @@ def write_mcap(path: str | os.PathLike[str], rows: Sequence[PoseRow], crs: str |
     found = [(row, row.pose) for row in rows if row.pose is not None]
     origin = np.floor(found[0][1].position / ROUND) * ROUND
     places = None if crs is None else _places(crs, [pose for _, pose in found])
-    with open_writer(Path(path), RecordingKind.MCAP, overwrite=True) as writer:
+    with open_writer(Path(path), RecordingKind.MCAP) as writer:
         first = found[0][0].time
         T_crs_map = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0).translated(origin)
         writer.write(_transform(first, "/tf_static", CRS_FRAME, MAP_FRAME, T_crs_map))

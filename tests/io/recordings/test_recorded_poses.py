@@ -9,20 +9,13 @@ from maxcon.drive.prior_heights import check_heights
 from maxcon.errors import CrsError, FileError, OptionError, TrajectoryError
 from maxcon.geometry import Pose
 from maxcon.io.recordings.poses import read_recorded_poses
-from maxcon.io.recordings.writing import RecordingKind
-from maxcon.lab.simulation.datasets.recorded_drive import record_drive
 from maxcon.map import PointMap
 from maxcon.scan.trajectory import Trajectory
+from recorded_drives import MadeScans, record_drive
 
 pytest.importorskip("rosbags")
 
 UTM = "EPSG:25832"
-
-
-class NoScans:
-    """A drive without scans."""
-
-    times = np.empty(0)
 
 
 def _way(n=40, turn=0.0):
@@ -58,9 +51,7 @@ def recorded(tmp_path):
     """A recording with positions, orientations and odometry, of a bend."""
     way = _way(turn=0.02)
     odometry = Trajectory.from_poses(way.times, [way.pose(0).inverse @ pose for pose in way.poses()])
-    path = tmp_path / "drive.bag"
-    scans = NoScans()
-    record_drive(path, RecordingKind.ROS1, scans, way, UTM, sigma=0.3, odometry=odometry)
+    path = record_drive(tmp_path / "drive.bag", MadeScans(0), way, UTM, sigma=0.3, odometry=odometry)
     return path, way, odometry
 
 

@@ -13,12 +13,12 @@ from maxcon.geometry.quaternions import quaternions_from_angles
 from maxcon.io.recordings.opening import open_recording
 from maxcon.io.recordings.poses import read_recorded_poses
 from maxcon.io.recordings.transforms import TransformTree, parse_frames
-from maxcon.io.recordings.writing import Entry, RecordingKind, open_writer
+from maxcon.io.recordings.writing import Entry, header_of
+from recorded_drives import NAMES, write_recording
 
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 
-NAMES = {RecordingKind.ROS1: "drive.bag", RecordingKind.ROS2: "drive", RecordingKind.MCAP: "drive.mcap"}
 T_base_gnss = Pose(-0.4, 0.3, 1.6, 0.0, 0.0, 0.0)
 T_base_imu = Pose(0.2, 0.0, 0.5, 0.0, 0.0, math.pi / 2)
 T_base_lidar = Pose(1.1, 0.0, 1.9, 0.01, 0.04, -0.3)
@@ -29,13 +29,11 @@ def message(time, *transforms, topic="/tf"):
 
     def content(parent, child, pose):
         turn = quaternions_from_angles(pose.roll, pose.pitch, pose.heading).ravel()
-        nanoseconds = round(time * 1e9)
-        stamp = dict(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
         place = dict(
             translation=dict(zip("xyz", pose.position.tolist(), strict=True)),
             rotation=dict(zip("xyzw", turn.tolist(), strict=True)),
         )
-        return {"header": dict(stamp=stamp, frame_id=parent), "child_frame_id": child, "transform": place}
+        return {"header": header_of(time, parent), "child_frame_id": child, "transform": place}
 
     return Entry(time, topic, "tf2_msgs/msg/TFMessage", {"transforms": [content(*one) for one in transforms]})
 
@@ -65,15 +63,12 @@ def drive(n=101):
     ]
 
 
-def written(folder, entries, kind=RecordingKind.MCAP):
-    path = folder / NAMES[kind]
-    with open_writer(path, kind, overwrite=False) as writer:
-        for entry in sorted(entries, key=lambda entry: entry.time):
-            writer.write(entry)
-    return path
+def written(folder, entries, kind="mcap"):
+    folder.mkdir(exist_ok=True)
+    return write_recording(folder / NAMES[kind], sorted(entries, key=lambda entry: entry.time))
 
 
-@pytest.mark.parametrize("kind", RecordingKind)
+@pytest.mark.parametrize("kind", NAMES)
 def test_a_chain_is_composed_and_interpolated(tmp_path, kind):
     path = written(tmp_path, drive(), kind)
     poses = read_recorded_poses(path, frames=("map", "lidar"))
@@ -116,14 +111,13 @@ def test_an_antenna_and_an_imu_with_frames_of_their_own(tmp_path):
         turn = quaternions_from_angles(imu.roll, imu.pitch, imu.heading)
         (turn,) = frame.quaternions_to_enu(antenna, turn.reshape(1, 4))
         latitude, longitude, height = antenna[0].tolist()
-        stamp = dict(sec=int(time * 1e9) // 10**9, nanosec=int(time * 1e9) % 10**9)
         entries.append(Entry(time, "/fix", "sensor_msgs/msg/NavSatFix", {
-            "header": dict(stamp=stamp, frame_id="gnss"), "status": dict(status=0, service=1), "latitude": latitude,
+            "header": header_of(time, "gnss"), "status": dict(status=0, service=1), "latitude": latitude,
             "longitude": longitude, "altitude": height, "position_covariance": np.zeros(9),
         }))  # fmt: skip
         zero = dict(x=0.0, y=0.0, z=0.0)
         entries.append(Entry(time, "/imu", "sensor_msgs/msg/Imu", {
-            "header": dict(stamp=stamp, frame_id="imu"), "orientation": dict(zip("xyzw", turn.tolist(), strict=True)),
+            "header": header_of(time, "imu"), "orientation": dict(zip("xyzw", turn.tolist(), strict=True)),
             "orientation_covariance": np.zeros(9), "angular_velocity": zero, "linear_acceleration": zero,
             "angular_velocity_covariance": np.zeros(9), "linear_acceleration_covariance": np.zeros(9),
         }))  # fmt: skip
@@ -155,7 +149,6 @@ def test_two_parents_are_refused_and_circles_end(tmp_path):
     with pytest.raises(FileError, match=r"one parent of the frame base_link in .*, got odom, utm"):
         read_recorded_poses(written(tmp_path, two), frames=("map", "lidar"))
     circle = [message(1.0, ("a", "b", base(1.0)), ("b", "a", base(1.0)))]
-    (tmp_path / "circle").mkdir()
     with open_recording(written(tmp_path / "circle", circle)) as recording:
         assert TransformTree.read(recording).static_pose("a", "b") is None
 
@@ -165,7 +158,6 @@ def test_no_pose_is_made_across_a_gap(tmp_path):
     later = [message(9.0, ("map", "odom", odom(9.0))), message(5.0, ("odom", "base_link", base(5.0)))]
     trajectory = read_recorded_poses(written(tmp_path, still + later), frames=("map", "lidar")).trajectory
     np.testing.assert_allclose(trajectory.times, [1.0])
-    (tmp_path / "apart").mkdir()
     apart = [message(1.0, ("map", "odom", odom(1.0))), message(9.0, ("odom", "base_link", base(9.0)))]
     with pytest.raises(TrajectoryError, match="at common times"):
         read_recorded_poses(written(tmp_path / "apart", apart), frames=("map", "base_link"))

@@ -10,8 +10,7 @@ import pytest
 from maxcon.errors import FileError, OptionError
 from maxcon.geometry import Pose
 from maxcon.io.scans import RawScan, Scans
-from maxcon.io.scans.deskewed import DeskewedScans
-from maxcon.io.scans.merged import MergedScans
+from maxcon.io.scans.derived import DeskewedScans, MergedScans
 from maxcon.lab.simulation import RotatingScanner
 from maxcon.scan import Scan
 from maxcon.scan.normals import estimate_scan_normals

@@ -8,7 +8,7 @@ import pytest
 
 from maxcon.errors import FileError, OptionError
 from maxcon.io.scans import open_scans
-from maxcon.io.scans import reading as scan_points
+from maxcon.io.scans import scan_files as scan_points
 
 POINTS = np.array(
     [[5.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 130.0, 0.0], [np.nan, 1.0, 1.0], [3.0, 4.0, 0.0]]

@@ -5,17 +5,16 @@
 import io
 import os
 from collections import Counter
-from collections.abc import Collection, Generator, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from maxcon.errors import FileError
 from maxcon.io.clouds.base import as_file_error
-from maxcon.io.recordings.base import LARGEST_CHUNK, Message, Recording, Topic, as_extra_missing
+from maxcon.io.recordings.recording import LARGEST_CHUNK, Message, Recording, Topic, as_extra_missing
 
 __all__ = ["McapFiles", "unpacked_records"]
-
-CUT_OFF = "{} was not closed by its recorder: what is whole in it is read"
 
 
 class McapFiles(Recording):
@@ -46,11 +45,15 @@ class McapFiles(Recording):
                     counts[file.channels[channel].topic, file.type_of(channel)] += count
                 self._files.append(file)
         self.topics = tuple(Topic(*key, count) for key, count in sorted(counts.items()))
-        self.notes = tuple(CUT_OFF.format(file.path.name) for file in self._files if not file.is_closed)
+        self.notes = tuple(
+            f"{file.path.name} was not closed by its recorder: what is whole in it is read"
+            for file in self._files
+            if not file.is_closed
+        )
 
-    def _read(self, topics: Collection[str], start: int | None) -> Generator[Message]:
+    def _read(self, topics: Collection[str], start: int) -> Iterator[Message]:
         for file in self._files:
-            yield from file.messages(topics, start or 0)
+            yield from file.messages(topics, start)
 
 
 class _McapFile:
@@ -65,24 +68,25 @@ class _McapFile:
         self._chunks: list[Any] = []
         with _BoundedFile(path) as stream:
             if not self._read_summary(stream):
-                self._scan(stream)
+                self._count_messages(stream)
 
     def type_of(self, channel: int) -> str:
-        """Kind of the messages of a channel, as ROS 2 writes it."""
+        """Type of the messages of a channel, as ROS 2 writes it."""
         schema = self.schemas.get(self.channels[channel].schema_id)
         name = schema.name if schema is not None else "no schema"
-        parts = name.split("/")
-        return f"{parts[0]}/msg/{parts[1]}" if len(parts) == 2 else name
+        package, slash, kind = name.partition("/")
+        return f"{package}/msg/{kind}" if slash and "/" not in kind else name
 
     def messages(self, topics: Collection[str], start: int) -> Iterator[Message]:
-        """Yield the messages of some topics recorded at or after a time, ns."""
+        """Yield the messages of some topics recorded at a time (ns) or later, by time within each chunk."""
         wanted = {key: channel for key, channel in self.channels.items() if channel.topic in topics}
         types = {key: self.type_of(key) for key in wanted}
-        for record in self._records(start):
-            if record.channel_id in wanted and record.log_time >= start:
-                channel = wanted[record.channel_id]
-                encoding = channel.message_encoding
-                yield Message(channel.topic, types[channel.id], encoding, record.log_time, record.data)
+        with _BoundedFile(self.path) as stream:
+            for record in self._of_chunks(stream, start) if self._chunks else self._from_beginning(stream):
+                if record.channel_id in wanted and record.log_time >= start:
+                    channel = wanted[record.channel_id]
+                    encoding = channel.message_encoding
+                    yield Message(channel.topic, types[channel.id], encoding, record.log_time, record.data)
 
     def _read_summary(self, stream: BinaryIO) -> bool:
         """Take what the end of the file says of its content; False where it says nothing, or not enough."""
@@ -105,7 +109,7 @@ class _McapFile:
         self._chunks = sorted(summary.chunk_indexes, key=lambda chunk: chunk.message_start_time)
         return all(chunk.chunk_start_offset + chunk.chunk_length <= size for chunk in self._chunks)
 
-    def _scan(self, stream: BinaryIO) -> None:
+    def _count_messages(self, stream: BinaryIO) -> None:
         """Read the file from its beginning, and count."""
         self.channels, self.schemas, self._chunks = {}, {}, []
         self.counts.clear()
@@ -113,24 +117,18 @@ class _McapFile:
         for record in self._from_beginning(stream):
             self.counts[record.channel_id] += record.channel_id in self.channels
 
-    def _records(self, start: int) -> Iterator[Any]:
-        """Yield the message records of chunks that end at or after a time (ns), by time within each chunk."""
+    def _of_chunks(self, stream: BinaryIO, start: int) -> Iterator[Any]:
+        """Yield the message records of chunks that end at a time (ns) or later."""
         from mcap.data_stream import ReadDataStream
         from mcap.records import Chunk
         from mcap.records import Message as MessageRecord
 
-        with _BoundedFile(self.path) as stream:
-            if not self._chunks:
-                yield from self._from_beginning(stream)
-                return
-            for index in self._chunks:
-                if index.message_end_time < start:
-                    continue
+        for index in self._chunks:
+            if index.message_end_time >= start:
                 stream.seek(index.chunk_start_offset + 9)  # behind its kind and length
-                records = [
-                    r for r in unpacked_records(Chunk.read(ReadDataStream(stream))) if isinstance(r, MessageRecord)
-                ]
-                yield from sorted(records, key=lambda record: record.log_time)
+                records = unpacked_records(Chunk.read(ReadDataStream(stream)))
+                messages = [record for record in records if isinstance(record, MessageRecord)]
+                yield from sorted(messages, key=lambda record: record.log_time)
 
     def _from_beginning(self, stream: BinaryIO) -> Iterator[Any]:
         """Yield the message records in the order of the file, up to where it was cut off."""
@@ -139,16 +137,16 @@ class _McapFile:
         from mcap.records import Message as MessageRecord
         from mcap.stream_reader import StreamReader
 
-        has_end = False
+        self.is_closed = False
         records = StreamReader(stream, emit_chunks=True, record_size_limit=LARGEST_CHUNK).records
         while True:
             try:
                 record = next(records, None)
                 parts = unpacked_records(record) if isinstance(record, Chunk) else [record]
             except (EndOfFile, _TruncatedError):
-                break
+                return
             if record is None:
-                break
+                return
             for part in parts:
                 if isinstance(part, Channel):
                     self.channels[part.id] = part
@@ -156,8 +154,7 @@ class _McapFile:
                     self.schemas[part.id] = part
                 elif isinstance(part, MessageRecord):
                     yield part
-            has_end = has_end or isinstance(record, Footer)
-        self.is_closed = has_end
+            self.is_closed |= isinstance(record, Footer)
 
 
 class _BoundedFile(io.BufferedReader):
@@ -178,43 +175,29 @@ class _TruncatedError(Exception):
 
 
 def unpacked_records(chunk: Any) -> list[Any]:
-    """Return the records of a chunk.
-
-    Raises
-    ------
-    FileError
-        If it unpacks to more than a chunk has, or not to what its header says, or to something else.
-    """
-    from mcap.records import Chunk
+    """Return the records of a chunk; FileError if it claims, and another error if it holds, another number of bytes."""
     from mcap.stream_reader import breakup_chunk
 
-    if chunk.uncompressed_size > LARGEST_CHUNK:
-        raise FileError(f"Expected chunks of at most {LARGEST_CHUNK:,} bytes, got one of {chunk.uncompressed_size:,}.")
-    data = _UNPACKERS[chunk.compression](chunk.data, chunk.uncompressed_size)
-    if len(data) != chunk.uncompressed_size:
-        raise _TruncatedError(f"a chunk of {len(data):,} bytes instead of {chunk.uncompressed_size:,}")
-    plain = Chunk(
-        message_start_time=chunk.message_start_time,
-        message_end_time=chunk.message_end_time,
-        uncompressed_size=chunk.uncompressed_size,
-        uncompressed_crc=chunk.uncompressed_crc,
-        compression="",
-        data=data,
-    )
-    return breakup_chunk(plain, validate_crc=True)
+    size = chunk.uncompressed_size
+    if size > LARGEST_CHUNK:
+        raise FileError(f"Expected chunks of at most {LARGEST_CHUNK:,} bytes, got one of {size:,}.")
+    data = _unpacked(chunk.compression, chunk.data, size)
+    if len(data) != size:
+        raise _TruncatedError(f"a chunk of {len(data):,} bytes instead of {size:,}")
+    return breakup_chunk(replace(chunk, compression="", data=data), validate_crc=True)
 
 
-def _unpack_zstd(packed: bytes, size: int) -> bytes:
-    from zstandard import ZstdDecompressor
+def _unpacked(compression: str, packed: bytes, size: int) -> bytes:
+    """Unpack at most one byte more than there should be."""
+    if compression == "zstd":
+        from zstandard import ZstdDecompressor
 
-    with ZstdDecompressor().stream_reader(packed) as stream:
-        return bytes(stream.read(size + 1))
+        with ZstdDecompressor().stream_reader(packed) as stream:
+            return bytes(stream.read(size + 1))
+    if compression == "lz4":
+        from lz4.frame import LZ4FrameDecompressor
 
-
-def _unpack_lz4(packed: bytes, size: int) -> bytes:
-    from lz4.frame import LZ4FrameDecompressor
-
-    return bytes(LZ4FrameDecompressor().decompress(packed, size + 1))
-
-
-_UNPACKERS = {"": lambda data, size: data, "zstd": _unpack_zstd, "lz4": _unpack_lz4}
+        return bytes(LZ4FrameDecompressor().decompress(packed, size + 1))
+    if compression:
+        raise FileError(f"Expected chunks packed by zstd or lz4, got {compression[:20]!r}. Convert the recording.")
+    return packed

@@ -1,39 +1,42 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""open_recording: which kind of recording a path is."""
+"""open_recording: the reader of a bag of ROS 1, a bag of ROS 2, or an MCAP file, by its path."""
 
+import bz2
 import os
+from abc import abstractmethod
+from collections import Counter
+from collections.abc import Collection, Iterator
 from pathlib import Path
+from typing import Any
 
 from maxcon.errors import FileError
+from maxcon.io.clouds.base import as_file_error
 from maxcon.io.file_names import SCAN_SUFFIXES, in_natural_order
-from maxcon.io.recordings.bags import Ros1Bag, SqliteBag
-from maxcon.io.recordings.base import Recording
 from maxcon.io.recordings.mcap_files import McapFiles
+from maxcon.io.recordings.recording import LARGEST_CHUNK, Message, Recording, Topic, as_extra_missing
 
 __all__ = ["CAPTURE_SUFFIX", "RECORDING_SUFFIXES", "existing_file", "is_recording", "open_recording"]
 
 RECORDING_SUFFIXES = (".bag", ".mcap", ".db3")
 CAPTURE_SUFFIX = ".pcap"
-BAG_FOLDER = "metadata.yaml"
 
 
 def is_recording(path: str | os.PathLike[str]) -> bool:
-    """Whether a path is a recording by its suffix, or the folder of a ROS 2 bag."""
+    """Whether a path is a recording or a capture by its suffix, or the folder of a ROS 2 bag without scans in files."""
     place = Path(path)
-    if os.path.isdir(place):  # noqa: PTH112  (a name that is too long is no folder, not an error)
-        return _is_bag(place)
-    return place.suffix.lower() in (*RECORDING_SUFFIXES, CAPTURE_SUFFIX)
+    if not os.path.isdir(place):  # noqa: PTH112  (a name that is too long is no folder, not an error)
+        return place.suffix.lower() in (*RECORDING_SUFFIXES, CAPTURE_SUFFIX)
+    try:
+        names = [file.name for file in place.iterdir() if file.is_file()]
+    except OSError:
+        return False
+    suffixes = {Path(name).suffix.lower() for name in names}
+    return ("metadata.yaml" in names or ".mcap" in suffixes) and suffixes.isdisjoint(SCAN_SUFFIXES)
 
 
 def existing_file(path: str | os.PathLike[str]) -> Path:
-    """Return a path that is a file.
-
-    Raises
-    ------
-    FileError
-        If it is none: not there, a folder, or a pipe, which would be waited for.
-    """
+    """Return a path that is a file; FileError if it is missing, a folder, or a pipe."""
     place = Path(path)
     if not os.path.isfile(place):  # noqa: PTH113
         got = "which is no file" if os.path.lexists(place) else "no such file or folder"
@@ -64,25 +67,99 @@ def open_recording(path: str | os.PathLike[str]) -> Recording:
             f" {place}. Check the path."
         )
     if os.path.isdir(place):  # noqa: PTH112
-        files = _mcap_files(place)
-        return McapFiles(place, files) if files else SqliteBag(place)
+        files = in_natural_order([file for file in place.glob("*.mcap") if file.is_file()])
+        return McapFiles(place, files) if files else _Ros2Bag(place)
     file = existing_file(place)
     if suffix == ".bag":
-        return Ros1Bag(file)
-    return McapFiles(file, [file]) if suffix == ".mcap" else SqliteBag(file)
+        return _Ros1Bag(file)
+    return McapFiles(file, [file]) if suffix == ".mcap" else _Ros2Bag(file)
 
 
-def _is_bag(folder: Path) -> bool:
-    """Whether a folder has what a ROS 2 bag has, and no scans in files."""
-    try:
-        files = [file for file in folder.iterdir() if file.is_file()]
-    except OSError:
-        return False
-    suffixes = {file.suffix.lower() for file in files}
-    is_bag = BAG_FOLDER in {file.name for file in files} or ".mcap" in suffixes
-    return is_bag and suffixes.isdisjoint(SCAN_SUFFIXES)
+class _Bag(Recording):
+    """A bag that rosbags reads."""
+
+    encoding: str
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        with as_file_error(path, self.kind):
+            try:
+                reader = self._reader_class()
+            except ImportError as error:
+                raise as_extra_missing(path, "rosbags") from error
+            self._reader = reader(path)
+            self._reader.open()
+            counts: Counter[tuple[str, str]] = Counter()  # a topic has a connection for each of its publishers
+            for connection in self._reader.connections:
+                counts[connection.topic, connection.msgtype] += connection.msgcount
+            self.topics = tuple(Topic(*key, count) for key, count in sorted(counts.items()))
+
+    @staticmethod
+    @abstractmethod
+    def _reader_class() -> Any:
+        """Import the class of rosbags."""
+
+    def _read(self, topics: Collection[str], start: int) -> Iterator[Message]:
+        wanted = [connection for connection in self._reader.connections if connection.topic in topics]
+        if not wanted:
+            return
+        for connection, recorded, data in self._reader.messages(connections=wanted, start=start or None):
+            yield Message(connection.topic, connection.msgtype, self.encoding, recorded, data)
+
+    def close(self) -> None:
+        """Close the files."""
+        self._reader.close()
 
 
-def _mcap_files(folder: Path) -> list[Path]:
-    """List the MCAP files of a bag, which are numbered, in their order."""
-    return in_natural_order([file for file in folder.glob("*.mcap") if file.is_file()])
+class _Ros1Bag(_Bag):
+    """A .bag of ROS 1."""
+
+    kind = "a ROS 1 bag"
+    encoding = "ros1"
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        import lz4.frame
+
+        # rosbags does not bound what a chunk unpacks to.
+        bounded = {bz2.decompress: _unpack_bz2, lz4.frame.decompress: _unpack_lz4}
+        chunks = self._reader.chunks
+        for position, chunk in list(chunks.items()):
+            if chunk.decompressor in bounded:
+                chunks[position] = chunk._replace(decompressor=bounded[chunk.decompressor])
+
+    @staticmethod
+    def _reader_class() -> Any:
+        import lz4.frame  # noqa: F401  # for the chunks
+        from rosbags.rosbag1 import Reader
+
+        return Reader
+
+
+class _Ros2Bag(_Bag):
+    """A folder of ROS 2 with .db3 files and their metadata.yaml, or one .db3 file."""
+
+    kind = "a ROS 2 bag"
+    encoding = "cdr"
+
+    @staticmethod
+    def _reader_class() -> Any:
+        from rosbags.rosbag2 import Reader
+
+        return Reader
+
+
+def _unpack_bz2(packed: bytes) -> bytes:
+    return _within_limit(bz2.BZ2Decompressor().decompress(packed, LARGEST_CHUNK + 1))
+
+
+def _unpack_lz4(packed: bytes) -> bytes:
+    from lz4.frame import LZ4FrameDecompressor
+
+    return _within_limit(LZ4FrameDecompressor().decompress(packed, LARGEST_CHUNK + 1))
+
+
+def _within_limit(data: bytes) -> bytes:
+    if len(data) > LARGEST_CHUNK:
+        raise FileError(f"Expected chunks of at most {LARGEST_CHUNK:,} bytes, got one that unpacks to more.")
+    return data

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from maxcon.errors import FileError
 from maxcon.io.point_times import TIME_FIELDS, Column, PointTimes, find_point_times
-from maxcon.io.recordings.base import printable
+from maxcon.io.text import printable
 
 __all__ = ["CloudPoints", "CloudRecord", "FieldDescription", "decode_cloud", "decode_times", "fields_in_words"]
 
@@ -50,6 +50,12 @@ class FieldDescription:
         """Type of the number, as NumPy names it: uint32."""
         return np.dtype(FORMATS[self.datatype]).name if self.datatype in FORMATS else "unknown"
 
+    @property
+    def end(self) -> int:
+        """Where in a point's bytes it ends."""
+        size = np.dtype(FORMATS[self.datatype]).itemsize if self.datatype in FORMATS else 0
+        return self.offset + size * max(self.count, 1)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CloudRecord:
@@ -62,8 +68,7 @@ class CloudRecord:
     width, height : int
         Points in a row, and rows; one row if the cloud is not organized.
     point_step, row_step : int
-        Bytes from one point to the next, and from one row to the next; more than their fields take where there is
-        padding.
+        Bytes from one point to the next, and from one row to the next, padding included.
     is_big_endian : bool
         Order of the bytes of a number.
     data : bytes or array of uint8
@@ -94,12 +99,9 @@ class CloudPoints:
         When each was measured, and how its field of times was understood.
     rings : array, shape (n,), or None
         Layer of the scanner, where the cloud says.
-    n_points : int
-        Points in the record.
-    n_invalid : int
-        Of these those at (0, 0, 0), or with coordinates that are not finite.
-    n_duplicates : int
-        Of the others those with the same coordinates as one before them.
+    n_points, n_invalid, n_duplicates : int
+        Points in the record; those at (0, 0, 0) or with coordinates that are not finite; of the others those with the
+        same coordinates as one before them.
     """
 
     points: NDArray[np.float64]
@@ -118,8 +120,7 @@ def decode_cloud(record: CloudRecord) -> CloudPoints:
     FileError
         If x, y or z is missing, a field does not fit into its point, or there are fewer bytes than points.
     """
-    layout = _Layout.of(record)
-    coordinates = [layout.column(layout.coordinate(axis)) for axis in "xyz"]
+    coordinates = _coordinates(record)
     rows = _returns(coordinates)
     n_returns = len(rows)
     coordinates = _taken(coordinates, rows)
@@ -129,7 +130,7 @@ def decode_cloud(record: CloudRecord) -> CloudPoints:
     points = np.empty((len(rows), 3))
     for axis, values in enumerate(coordinates):
         points[:, axis] = values
-    columns = _columns(record, layout, rows)
+    columns = _times_and_rings(record, rows)
     ring = next((columns[name][1] for name in RINGS if name in columns), None)
     n_points = record.width * record.height
     return CloudPoints(
@@ -144,18 +145,30 @@ def decode_cloud(record: CloudRecord) -> CloudPoints:
 
 def decode_times(record: CloudRecord) -> PointTimes:
     """Return the times of the returns of a recorded cloud alone; errors as of `decode_cloud`."""
-    layout = _Layout.of(record)
-    rows = _returns([layout.column(layout.coordinate(axis)) for axis in "xyz"])
-    return find_point_times(_columns(record, layout, rows), record.stamp)
+    return find_point_times(_times_and_rings(record, _returns(_coordinates(record))), record.stamp)
 
 
-def _columns(record: CloudRecord, layout: "_Layout", rows: NDArray[np.intp]) -> dict[str, Column]:
+def fields_in_words(fields: Sequence[FieldDescription]) -> str:
+    """Return "x float32 at 0, ring uint16 at 16" or the like."""
+    return ", ".join(
+        f"{printable(field.name)} {field.kind}{f'[{field.count}]' if field.count > 1 else ''} at {field.offset}"
+        for field in fields
+    )
+
+
+def _coordinates(record: CloudRecord) -> list[NDArray[Any]]:
+    """The columns of x, y and z of a record that fits its bytes."""
+    _check_size(record)
+    return [_column(record, _coordinate_field(record, axis)) for axis in "xyz"]
+
+
+def _times_and_rings(record: CloudRecord, rows: NDArray[np.intp]) -> dict[str, Column]:
     """Types and values of the fields that may be times or rings, for some of the points."""
     columns = {}
     for field in record.fields:
         is_wanted = field.name.lower() in TIME_FIELDS or field.name in RINGS
         if is_wanted and field.count <= 1 and field.datatype in FORMATS:
-            columns[field.name] = (field.kind, _taken([layout.column(field)], rows)[0])
+            columns[field.name] = (field.kind, _taken([_column(record, field)], rows)[0])
     return columns
 
 
@@ -168,62 +181,51 @@ def _refuse(expected: str, got: str) -> FileError:
     return FileError(f"Expected a point cloud with {expected}, got {got}. Was it recorded whole?")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Layout:
-    """Where the values of a record lie; checked against its number of bytes."""
+def _row_step(record: CloudRecord) -> int:
+    """Bytes from row to row: a cloud of one row may leave that out, or say something else."""
+    return record.point_step * record.width if record.height == 1 else record.row_step
 
-    record: CloudRecord
-    row_step: int
 
-    @classmethod
-    def of(cls, record: CloudRecord) -> "_Layout":
-        n_points = record.width * record.height
-        if min(record.width, record.height) < 0 or n_points > MAX_POINTS:
-            raise _refuse(f"at most {MAX_POINTS:,} points", f"{record.width} x {record.height}")
-        # A cloud of one row may leave out the length of rows, or say something else.
-        row_step = record.point_step * record.width if record.height == 1 else record.row_step
-        if row_step < record.point_step * record.width:
-            raise _refuse(f"rows of {record.width} points of {record.point_step} bytes", f"rows of {row_step} bytes")
-        layout = cls(record, row_step)
-        if n_points and (n_needed := layout._n_needed()) > len(record.data):
-            raise _refuse(f"{n_needed:,} bytes of points", f"{len(record.data):,}")
-        return layout
+def _check_size(record: CloudRecord) -> None:
+    """Refuse fields that leave their point, points that leave their row, and fewer bytes than points."""
+    width, height, step, row_step = record.width, record.height, record.point_step, _row_step(record)
+    if min(width, height) < 0 or width * height > MAX_POINTS:
+        raise _refuse(f"at most {MAX_POINTS:,} points", f"{width} x {height}")
+    if row_step < step * width:
+        raise _refuse(f"rows of {width} points of {step} bytes", f"rows of {row_step} bytes")
+    for field in record.fields:
+        if width * height and (field.offset < 0 or field.end > step):
+            raise _refuse(
+                f"the field {field.name[:40]!r} within the {step} bytes of a point",
+                f"it at byte {field.offset} to {field.end}",
+            )
+    # The padding behind the last point may be missing.
+    last = max((field.end for field in record.fields), default=0)
+    n_needed = (height - 1) * row_step + (width - 1) * step + last if width * height else 0
+    if n_needed > len(record.data):
+        raise _refuse(f"{n_needed:,} bytes of points", f"{len(record.data):,}")
 
-    def _n_needed(self) -> int:
-        """Bytes up to the end of the last field of the last point; the padding behind it may be missing."""
-        record = self.record
-        ends = [0]
-        for field in record.fields:
-            size = np.dtype(FORMATS[field.datatype]).itemsize if field.datatype in FORMATS else 0
-            ends.append(field.offset + size * max(field.count, 1))
-            if field.offset < 0 or ends[-1] > record.point_step:
-                raise _refuse(
-                    f"the field {field.name[:40]!r} within the {record.point_step} bytes of a point",
-                    f"it at byte {field.offset} to {ends[-1]}",
-                )
-        return (record.height - 1) * self.row_step + (record.width - 1) * record.point_step + max(ends)
 
-    def coordinate(self, axis: str) -> FieldDescription:
-        """The field of x, y or z; in capitals where there is none in small letters."""
-        for name in (axis, axis.upper()):
-            found = [field for field in self.record.fields if field.name == name]
-            if len(found) == 1 and found[0].count <= 1 and found[0].datatype in (7, 8):
-                return found[0]
-        names = ", ".join(f"{printable(field.name)} ({field.kind})" for field in self.record.fields)
-        raise _refuse(f"one field {axis!r} of floating-point numbers", names[:120] or "no fields")
+def _coordinate_field(record: CloudRecord, axis: str) -> FieldDescription:
+    """The field of x, y or z; in capitals where there is none in small letters."""
+    for name in (axis, axis.upper()):
+        found = [field for field in record.fields if field.name == name]
+        if len(found) == 1 and found[0].count <= 1 and found[0].datatype in (7, 8):
+            return found[0]
+    names = ", ".join(f"{printable(field.name)} ({field.kind})" for field in record.fields)
+    raise _refuse(f"one field {axis!r} of floating-point numbers", names[:120] or "no fields")
 
-    def column(self, field: FieldDescription) -> NDArray[Any]:
-        """The number of a field, of all points, row by row; shape (n,)."""
-        record = self.record
-        order = ">" if record.is_big_endian else "<"
-        view: NDArray[Any] = np.ndarray(
-            (record.height, record.width),
-            dtype=f"{order}{FORMATS[field.datatype]}",
-            buffer=record.data,
-            offset=field.offset if record.width * record.height else 0,
-            strides=(self.row_step, record.point_step),
-        )
-        return np.ascontiguousarray(view, dtype=view.dtype.newbyteorder("=")).reshape(-1)
+
+def _column(record: CloudRecord, field: FieldDescription) -> NDArray[Any]:
+    """The number of a field, of all points, row by row; shape (n,)."""
+    view: NDArray[Any] = np.ndarray(
+        (record.height, record.width),
+        dtype=f"{'>' if record.is_big_endian else '<'}{FORMATS[field.datatype]}",
+        buffer=record.data,
+        offset=field.offset if record.width * record.height else 0,
+        strides=(_row_step(record), record.point_step),
+    )
+    return np.ascontiguousarray(view, dtype=view.dtype.newbyteorder("=")).reshape(-1)
 
 
 def _returns(coordinates: list[NDArray[np.floating]]) -> NDArray[np.intp]:
@@ -263,11 +265,3 @@ def _first_of_each(coordinates: list[NDArray[np.floating]]) -> NDArray[np.intp] 
         order = np.unique(np.stack(whole, axis=1), axis=0, return_index=True)[1]
         return np.sort(order)
     return np.sort(order[~is_same])
-
-
-def fields_in_words(fields: Sequence[FieldDescription]) -> str:
-    """Return "x float32 at 0, ring uint16 at 16" or the like."""
-    return ", ".join(
-        f"{printable(field.name)} {field.kind}{f'[{field.count}]' if field.count > 1 else ''} at {field.offset}"
-        for field in fields
-    )

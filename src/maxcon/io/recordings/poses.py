@@ -4,8 +4,9 @@
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,22 +14,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.errors import FileError, OptionError, TrajectoryError
+from maxcon.errors import CrsError, FileError, OptionError, TrajectoryError
 from maxcon.geometry import Pose
 from maxcon.io.clouds.base import as_file_error
-from maxcon.io.fixes import Heights, place_fixes
+from maxcon.io.fixes import Fixes, Heights, Orientations, is_place, place_fixes
 from maxcon.io.geographic import GeographicFrame
-from maxcon.io.recordings.base import Recording, Topic, printable
-from maxcon.io.recordings.fix_poses import read_fixes, read_orientations
-from maxcon.io.recordings.messages import decode_message, frame_name, frame_of, stamp_of
 from maxcon.io.recordings.opening import open_recording
+from maxcon.io.recordings.recording import Recording, Topic, decode_message, frame_name, frame_of, stamp_of
 from maxcon.io.recordings.transforms import TRANSFORMS, TransformTree
+from maxcon.io.text import printable
 from maxcon.scan.mounting import sensor_trajectory
 from maxcon.scan.trajectory import Trajectory, first_fault
 
 __all__ = ["RecordedPoses", "read_recorded_poses"]
 
-FIX = "sensor_msgs/msg/NavSatFix"
+FIX, IMU = "sensor_msgs/msg/NavSatFix", "sensor_msgs/msg/Imu"
 ODOMETRY = "nav_msgs/msg/Odometry"
 POSES: dict[str, Callable[[Any], tuple[Any, Any]]] = {
     ODOMETRY: lambda content: (content.pose.pose, content.pose.covariance),
@@ -44,7 +44,7 @@ VEHICLE = "base_link"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedPoses:
-    """Poses of one topic.
+    """Poses of one topic, or of a pair of frames.
 
     Parameters
     ----------
@@ -188,51 +188,101 @@ def _remedy(recording: Recording, option: str) -> str:
     return f", but transforms of {listed}. Choose two frames, {option}-frames FIXED:MOVING, or give a file: {option}."
 
 
+def _contents(recording: Recording, topic: Topic, what: str) -> Iterator[tuple[float, Any]]:
+    """Yield the messages of a topic with their times, s; FileError at one that cannot be decoded."""
+    label = Path(f"{recording.path}, {printable(topic.name)}")
+    for message in recording.messages([topic.name]):
+        with as_file_error(label, what):
+            content = decode_message(message)
+            time = stamp_of(content, message.recorded) / 1e9
+        yield time, content
+
+
+def _table(rows: dict[float, list[float]]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Times, shape (n,), strictly increasing, and the row of each, shape (n, k)."""
+    times = sorted(rows)
+    return np.array(times), np.array([rows[time] for time in times])
+
+
 def _of_fixes(
     recording: Recording, topic: Topic, crs: str | None, geoid_height: float | None, *, are_sure: bool
 ) -> RecordedPoses:
-    from maxcon.errors import CrsError
-
     if crs is None:
         raise CrsError(
             f"Expected a map with a CRS, to place {printable(topic.name)} of {recording.path}, which is in"
             " latitude and longitude; got one without. Build it with --crs, or choose poses in the map's coordinates"
             " with --prior-topic."
         )
-    fixes, orientations = read_fixes(recording, topic), read_orientations(recording)
+    fixes, orientations = _read_fixes(recording, topic), _read_orientations(recording)
     label = f"{recording.path}, {printable(topic.name)}"
     placed = place_fixes(fixes, orientations, GeographicFrame(crs), geoid_height, label, are_sure=are_sure)
-    turned = VEHICLE if orientations is None or not placed.has_orientations else orientations.frame
     return RecordedPoses(
         placed.trajectory,
         f"poses from {printable(topic.name)} (NavSatFix); {placed.words}",
         placed.heights is Heights.ELLIPSOIDAL,
         placed.has_orientations,
         fixes.frame,
-        turned,
+        VEHICLE if orientations is None or not placed.has_orientations else orientations.frame,
     )
+
+
+def _read_fixes(recording: Recording, topic: Topic) -> Fixes:
+    """The positions of a topic of NavSatFix; TrajectoryError if there is none."""
+    rows: dict[float, list[float]] = {}
+    n_left_out, frame = 0, ""
+    for time, content in _contents(recording, topic, "messages of positions"):
+        frame = frame_of(content)
+        place = [float(content.latitude), float(content.longitude), float(content.altitude)]
+        if content.status.status < 0 or not is_place(place):
+            n_left_out += 1
+            continue
+        stated = np.asarray(content.position_covariance, dtype=np.float64)[[0, 1, 3, 4]].tolist()
+        rows.setdefault(time, place + (stated if content.position_covariance_type > 0 else [math.nan] * 4))
+    if not rows:
+        raise TrajectoryError(
+            f"{recording.path}, {printable(topic.name)}: Expected at least one position, got none with a fix. Choose"
+            " another topic."
+        )
+    times, values = _table(rows)
+    return Fixes(times, values[:, :3], values[:, 3:].reshape(-1, 2, 2), n_left_out, frame=frame)
+
+
+def _read_orientations(recording: Recording) -> Orientations | None:
+    """The orientations of the first topic of Imu that has any."""
+    for topic in recording.of_type(IMU):
+        rows: dict[float, list[float]] = {}
+        frame = ""
+        for time, content in _contents(recording, topic, "messages of an IMU"):
+            frame, turn = frame_of(content), content.orientation
+            values = [float(value) for value in (turn.x, turn.y, turn.z, turn.w)]
+            first, *_, last = np.asarray(content.orientation_covariance, dtype=np.float64)
+            if first < 0.0 or abs(math.hypot(*values) - 1.0) > 0.01:  # -1: it knows none
+                continue
+            rows.setdefault(time, [*values, math.sqrt(last) if last > 0.0 else math.nan])
+        if rows:
+            times, table = _table(rows)
+            turns = Trajectory(times, np.zeros((len(times), 3)), table[:, :4])
+            return Orientations(printable(topic.name), turns, table[:, 4], frame)
+    return None
 
 
 def _of_poses(recording: Recording, topic: Topic) -> RecordedPoses:
     """Poses as they are written: in whatever frame their header names."""
-    rows: dict[float, NDArray[np.float64]] = {}
+    rows: dict[float, list[float]] = {}
     frames: set[str] = set()
     n_left_out, part = 0, ""
-    label = Path(f"{recording.path}, {printable(topic.name)}")
-    for message in recording.messages([topic.name]):
-        with as_file_error(label, "messages of poses"):
-            content = decode_message(message)
-            row = _row(*POSES[topic.type](content))
-            frames.add(printable(frame_of(content))[:40])
-            part = frame_name(content.child_frame_id) if topic.type == ODOMETRY else ""
-            time = stamp_of(content, message.recorded) / 1e9
-        if not np.isfinite(row[:7]).all() or not row[3:7].any():
+    for time, content in _contents(recording, topic, "messages of poses"):
+        row = _row(*POSES[topic.type](content))
+        frames.add(printable(frame_of(content))[:40])
+        part = frame_name(content.child_frame_id) if topic.type == ODOMETRY else ""
+        if not np.isfinite(row[:7]).all() or not any(row[3:7]):
             n_left_out += 1
         else:
             rows.setdefault(time, row)
+    label = f"{recording.path}, {printable(topic.name)}"
     if not rows:
         raise TrajectoryError(f"{label}: Expected at least one pose, got none. Choose another topic.")
-    trajectory = trajectory_of(np.array(sorted(rows)), np.array([rows[time] for time in sorted(rows)]), str(label))
+    trajectory = _trajectory_of(*_table(rows), label)
     kind = topic.type.rpartition("/")[2]
     named = ", ".join(sorted(frames)) or "without a name"
     left = f"; {n_left_out} messages without a pose left out" if n_left_out else ""
@@ -241,24 +291,18 @@ def _of_poses(recording: Recording, topic: Topic) -> RecordedPoses:
     return RecordedPoses(trajectory, words, position_frame=part, orientation_frame=part)
 
 
-def _row(pose: Any, covariance: NDArray[np.float64] | None) -> NDArray[np.float64]:
+def _row(pose: Any, covariance: NDArray[np.float64] | None) -> list[float]:
     """x, y, z, qx, qy, qz, qw, and the nine numbers of the covariance of x, y, heading; NaN where none is stated."""
     place, turn = pose.position, pose.orientation
     values = [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w]
     stated = np.full((3, 3), np.nan)
     if covariance is not None and np.asarray(covariance).any():
         stated = np.asarray(covariance, dtype=np.float64).reshape(6, 6)[np.ix_(X_Y_HEADING, X_Y_HEADING)]
-    return np.concatenate([values, stated.ravel()])
+    return [*values, *stated.ravel().tolist()]
 
 
-def trajectory_of(times: NDArray[np.float64], rows: NDArray[np.float64], label: str) -> Trajectory:
-    """Return the trajectory of rows of positions, quaternions and covariances.
-
-    Raises
-    ------
-    TrajectoryError
-        If one cannot be used; its time is named.
-    """
+def _trajectory_of(times: NDArray[np.float64], rows: NDArray[np.float64], label: str) -> Trajectory:
+    """The trajectory of rows of positions, quaternions and covariances; TrajectoryError names the time of a bad one."""
     covariances = rows[:, 7:].reshape(-1, 3, 3)
     known = None if np.isnan(covariances).all() else covariances
     fault = first_fault(times, rows[:, :3], rows[:, 3:7], known)

@@ -17,35 +17,31 @@ from numpy.typing import NDArray
 from maxcon._system.progress import Progress
 from maxcon.errors import FileError
 from maxcon.io.raw_scan import RawScan, Scans, check_range, returns_in_range
-from maxcon.io.recordings.cloud_sources import open_clouds
-from maxcon.io.recordings.recorded_cloud import CloudSource, RecordedCloud
+from maxcon.io.recordings.clouds import CloudSource, RecordedCloud, open_clouds
 
 __all__ = ["RecordedScans"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Index:
-    """Times of all clouds of a recording, and which of them are scans.
+    """All clouds of a recording, and which of them are scans.
 
     Parameters
     ----------
     recorded : array, shape (k,)
-        When each cloud was recorded, ns, in the order of the recording.
+        When each cloud was recorded, ns, in the order in which they are read; these times need not increase.
     times : array, shape (n,)
         Times of the scans, s, strictly increasing.
     rows : array, shape (n,)
         Which of the clouds each scan is.
     kinds : dict of str to int
         Number of clouds by `PointTimes.kind`.
-    n_repeated : int
-        Clouds left out, as another has the same time.
     """
 
     recorded: NDArray[np.int64]
     times: NDArray[np.float64]
     rows: NDArray[np.int64]
     kinds: dict[str, int]
-    n_repeated: int
 
 
 class RecordedScans(Scans):
@@ -63,8 +59,8 @@ class RecordedScans(Scans):
     def __init__(self, source: CloudSource, *, at_stamp: bool = False) -> None:
         self.source = source
         self.at_stamp = at_stamp
-        self._running: Iterator[RecordedCloud] | None = None
-        self._next = 0
+        self._running: Iterator[tuple[int, RecordedCloud]] | None = None
+        self._start, self._next = 0, 0
         self._lock = threading.Lock()  # epochs may be localized by several threads
         self._close = weakref.finalize(self, source.close)
 
@@ -112,11 +108,11 @@ class RecordedScans(Scans):
         if not times:
             raise FileError(f"Expected clouds in {self.source.path}, got none. Was it recorded whole?")
         in_order, rows = np.unique(np.array(times), return_index=True)
-        return _Index(np.array(recorded), in_order, rows, dict(kinds), len(times) - len(rows))
+        return _Index(np.array(recorded), in_order, rows, dict(kinds))
 
     @cached_property
     def times(self) -> NDArray[np.float64]:  # type: ignore[override]
-        """Of the scans, shape (n,), s, strictly increasing."""
+        """Times of the scans, shape (n,), s, strictly increasing."""
         return self._index.times
 
     @property
@@ -125,7 +121,8 @@ class RecordedScans(Scans):
         kinds = "; ".join(
             kind if len(self._index.kinds) == 1 else f"{kind} ({count})" for kind, count in self._index.kinds.items()
         )
-        repeated = f"; {self._index.n_repeated} left out, as another has the same time" * bool(self._index.n_repeated)
+        n_repeated = len(self._index.recorded) - len(self._index.rows)
+        repeated = f"; {n_repeated} left out, as another has the same time" * bool(n_repeated)
         notes = "".join(f"; {note}" for note in self.source.notes)
         return f"scans from {self.source.label}, times of points: {kinds}{repeated}{notes}"
 
@@ -144,9 +141,8 @@ class RecordedScans(Scans):
             If not 0 <= min_range < max_range.
         """
         check_range(min_range, max_range)
-        row = int(self._index.rows[i])
         with self._lock:
-            cloud = self._cloud(row)
+            cloud = self._cloud(int(self._index.rows[i]))
         content = cloud.points()
         is_kept, _ = returns_in_range(content.points, min_range, max_range)
         kept, offsets = np.flatnonzero(is_kept), content.times.offsets
@@ -164,16 +160,20 @@ class RecordedScans(Scans):
 
     def close(self) -> None:
         """Close the recording; it is closed as well when these scans are no longer used."""
+        self._running = None
         self._close()
 
     def _cloud(self, row: int) -> RecordedCloud:
         """The cloud of a row of the index: the next ones are read up to it, or the recording from its time on."""
         recorded = self._index.recorded
-        if self._running is None or not self._next <= row < self._next + 10:
-            self._next = int(np.argmax(recorded == recorded[row]))
-            self._running = self.source.clouds(int(recorded[row]))
-        for cloud in self._running:
-            self._next += 1
-            if self._next > row and cloud.recorded == recorded[row]:
+        n_ahead = row - self._next
+        if self._running is None or not 0 <= n_ahead < self.source.n_passed_over or recorded[row] < self._start:
+            self._start = int(recorded[row])
+            # Clouds recorded earlier are left out of what is read, wherever they stand.
+            rows = np.flatnonzero(recorded >= self._start).tolist()
+            self._running = zip(rows, self.source.clouds(self._start), strict=False)
+        for number, cloud in self._running:
+            self._next = number + 1
+            if number == row and cloud.recorded == recorded[row]:
                 return cloud
         raise FileError(f"Expected {self.source.path} as it was when it was opened, got fewer clouds. Open it anew.")

@@ -7,9 +7,8 @@ from __future__ import annotations
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import reduce
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +16,8 @@ from numpy.typing import NDArray
 from maxcon.errors import FileError, OptionError, TrajectoryError
 from maxcon.geometry import Pose, interpolate_poses
 from maxcon.io.clouds.base import as_file_error
-from maxcon.io.recordings.base import Recording, printable
-from maxcon.io.recordings.messages import decode_message, frame_name, frame_of, stamp_of
+from maxcon.io.recordings.recording import Recording, decode_message, frame_name, frame_of, stamp_of
+from maxcon.io.text import printable
 from maxcon.scan.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -27,22 +26,15 @@ if TYPE_CHECKING:
 __all__ = ["TRANSFORMS", "TransformTree", "parse_frames"]
 
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
-"""Kinds of messages that hold transforms."""
+"""Types of messages that hold transforms."""
 STATIC = "tf_static"
 """End of the names of topics with static transforms."""
 LARGEST_GAP = 2.0
 """Largest time between two transforms of a pair of frames to interpolate across, s."""
-N_ROW = 8
 
 
 def parse_frames(text: str, option: str) -> tuple[str, str]:
-    """Return the two frames of "map:base_link".
-
-    Raises
-    ------
-    OptionError
-        If these are not two names.
-    """
+    """Return the two frames of "map:base_link"; OptionError if these are not two names."""
     frames = tuple(frame_name(part) for part in text.split(":"))
     if len(frames) != 2 or not all(frames):
         raise OptionError(
@@ -61,14 +53,11 @@ class _Link:
 
     def table(self) -> NDArray[np.float64]:
         """The rows by time, each time once; of a static link the last one."""
-        values = np.frombuffer(self.rows).reshape(-1, N_ROW)
-        if self.is_static:
-            return values[-1:]
-        return values[np.unique(values[:, 0], return_index=True)[1]]
+        values = np.frombuffer(self.rows).reshape(-1, 8)
+        return values[-1:] if self.is_static else values[np.unique(values[:, 0], return_index=True)[1]]
 
 
-@dataclass(frozen=True, slots=True)
-class _Step:
+class _Step(NamedTuple):
     """One link of a path between two frames, passed from parent to child (`is_down`) or from child to parent."""
 
     child: str
@@ -92,27 +81,24 @@ class TransformTree:
 
     @classmethod
     def read(cls, recording: Recording, *, is_static_only: bool = False) -> TransformTree:
-        """Return the transforms of a recording, or the static ones only; one pass through their topics.
-
-        Raises
-        ------
-        FileError
-            If a message is broken.
-        """
-        links: dict[str, list[_Link]] = {}
+        """Return the transforms of a recording, or the static ones only; FileError if a message is broken."""
+        links: dict[str, dict[str, _Link]] = {}
         topics = [t.name for t in recording.of_type(*TRANSFORMS) if not is_static_only or t.name.endswith(STATIC)]
         for message in recording.messages(topics) if topics else ():
             label = Path(f"{recording.path}, {printable(message.topic)}")
+            is_static = message.topic.endswith(STATIC)
             with as_file_error(label, "messages of transforms"):
                 for content in decode_message(message).transforms:
                     child, parent = frame_name(content.child_frame_id), frame_of(content)
-                    link = _link(links, child, parent, is_static=message.topic.endswith(STATIC))
+                    link = links.setdefault(child, {}).setdefault(parent, _Link(parent, is_static))
+                    # A link on both topics moves: its static transform is taken for the first of its poses.
+                    link.is_static &= is_static
                     place, turn = content.transform.translation, content.transform.rotation
                     row = [stamp_of(content, message.recorded) / 1e9, place.x, place.y, place.z]
                     row += [turn.x, turn.y, turn.z, turn.w]
                     if np.isfinite(row).all() and abs(np.linalg.norm(row[4:]) - 1.0) < 0.01:
                         link.rows.extend(map(float, row))
-        known = {child: [link for link in several if len(link.rows)] for child, several in links.items() if child}
+        known = {child: [link for link in several.values() if link.rows] for child, several in links.items() if child}
         return cls(recording.path, {child: several for child, several in known.items() if several})
 
     @property
@@ -136,10 +122,9 @@ class TransformTree:
         TrajectoryError
             If the links have no time in common.
         """
-        steps = self._way(fixed, moving)
-        tables = [step.link.table() for step in steps]
-        moved = [table for step, table in zip(steps, tables, strict=True) if not step.link.is_static]
-        words = " -> ".join([fixed, *(_end(step) for step in steps)])
+        steps = self._path(fixed, moving)
+        moved = [step.link.table() for step in steps if not step.link.is_static]
+        words = " -> ".join([fixed, *(step.child if step.is_down else step.link.parent for step in steps)])
         if not moved:
             raise FileError(
                 f"Expected frames of {self.path} that move, to take poses from /tf, got {printable(words)}, which is"
@@ -151,25 +136,23 @@ class TransformTree:
                 f"Expected transforms of {printable(words)} in {self.path} at common times, got none less than"
                 f" {LARGEST_GAP:g} s apart. Choose other frames, or another recording."
             )
-        positions, turns = _along(steps, tables, times)
+        positions, turns = _composed(steps, times)
         return Trajectory(times, positions, turns.as_quat()), words
 
     def static_pose(self, fixed: str, moving: str) -> Pose | None:
         """Return T_fixed_moving if both frames are there and only static links between them; else None."""
         if fixed == moving:
             return Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        if not {fixed, moving} <= set(self.frames):
-            return None
         try:
-            steps = self._way(fixed, moving)
-        except FileError:
+            steps = self._path(fixed, moving)
+        except (FileError, OptionError):
             return None
         if not all(step.link.is_static for step in steps):
             return None
-        positions, turns = _along(steps, [step.link.table() for step in steps], np.zeros(1))
+        positions, turns = _composed(steps, np.zeros(1))
         return Pose.from_rotation(positions[0], turns.as_matrix()[0])
 
-    def _way(self, fixed: str, moving: str) -> list[_Step]:
+    def _path(self, fixed: str, moving: str) -> list[_Step]:
         """The links from one frame to another: up to their first common ancestor, and down."""
         frames = self.frames
         for frame in (fixed, moving):
@@ -178,7 +161,7 @@ class TransformTree:
                 raise OptionError(
                     f"Expected a frame of {self.path}, got {frame!r}. It has {listed or 'no transforms'}."
                 )
-        up, down = self._upwards(fixed), self._upwards(moving)
+        up, down = self._ancestors(fixed), self._ancestors(moving)
         shared = next((frame for frame in up if frame in down), None)
         if shared is None or fixed == moving:
             raise FileError(
@@ -189,7 +172,7 @@ class TransformTree:
         falling = [_Step(child, self._only(child), is_down=True) for child in down[: down.index(shared)]]
         return rising + falling[::-1]
 
-    def _upwards(self, frame: str) -> list[str]:
+    def _ancestors(self, frame: str) -> list[str]:
         """The frame, its parent, and so on; ends where frames come again."""
         found = [frame]
         while found[-1] in self._links and (parent := self._only(found[-1]).parent) not in found:
@@ -207,55 +190,28 @@ class TransformTree:
         return several[0]
 
 
-def _link(links: dict[str, list[_Link]], child: str, parent: str, *, is_static: bool) -> _Link:
-    several = links.setdefault(child, [])
-    for link in several:
-        if link.parent == parent:
-            # A link on both topics moves: its static transform is taken for the first of its poses.
-            link.is_static &= is_static
-            return link
-    several.append(_Link(parent, is_static))
-    return several[-1]
-
-
-def _end(step: _Step) -> str:
-    """The frame that a step leads to."""
-    return step.child if step.is_down else step.link.parent
-
-
 def _common_times(tables: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
     """All times of some links, as far as all of them reach, without those in a gap of any."""
     times = np.unique(np.concatenate([table[:, 0] for table in tables]))
     for table in tables:
         own = table[:, 0]
         later = np.searchsorted(own, times)
-        is_own = own[np.minimum(later, len(own) - 1)] == times
         before, after = own[np.maximum(later - 1, 0)], own[np.minimum(later, len(own) - 1)]
         is_between = (later > 0) & (later < len(own)) & (after - before <= LARGEST_GAP)
-        times = times[is_own | is_between]
+        times = times[(after == times) | is_between]
     return times
 
 
-def _along(
-    steps: Sequence[_Step], tables: Sequence[NDArray[np.float64]], times: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], Rotation]:
-    """Positions and rotations of the end of a path at some times, from the table of each of its links."""
-    parts = [_at(table, times) for table in tables]
-    return reduce(
-        _composed, (part if step.is_down else _backwards(*part) for step, part in zip(steps, parts, strict=True))
-    )
+def _composed(steps: Sequence[_Step], times: NDArray[np.float64]) -> tuple[NDArray[np.float64], Rotation]:
+    """Positions and rotations of the end of a path at some times."""
+    from scipy.spatial.transform import Rotation
 
-
-def _at(table: NDArray[np.float64], times: NDArray[np.float64]) -> tuple[NDArray[np.float64], Rotation]:
-    """Positions and turns of a link at some times; those of its only row at all times."""
-    return interpolate_poses(table[:, 0], table[:, 1:4], table[:, 4:], times)
-
-
-def _backwards(positions: NDArray[np.float64], turns: Rotation) -> tuple[NDArray[np.float64], Rotation]:
-    return -turns.inv().apply(positions), turns.inv()
-
-
-def _composed(
-    first: tuple[NDArray[np.float64], Rotation], second: tuple[NDArray[np.float64], Rotation]
-) -> tuple[NDArray[np.float64], Rotation]:
-    return first[0] + first[1].apply(second[0]), first[1] * second[1]
+    positions, turns = np.zeros((len(times), 3)), Rotation.identity(len(times))
+    for step in steps:
+        table = step.link.table()
+        own, turn = interpolate_poses(table[:, 0], table[:, 1:4], table[:, 4:], times)
+        if not step.is_down:
+            turn = turn.inv()
+            own = -turn.apply(own)
+        positions, turns = positions + turns.apply(own), turns * turn
+    return positions, turns

@@ -1,19 +1,19 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Writers of recordings: messages of nested values into a ROS 1 bag, a ROS 2 bag, or a bare MCAP file."""
+"""Writers of recordings: messages of nested values into a ROS 1 bag or an MCAP file."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from maxcon._system.atomic import atomic_file, atomic_folder, check_replaceable
+from maxcon._system.atomic import atomic_file
 from maxcon.errors import MissingExtraError
-from maxcon.io.recordings.messages import with_added_types
+from maxcon.io.recordings.recording import with_added_types
 
-__all__ = ["Entry", "RecordingKind", "RecordingWriter", "check_writers", "header_of", "open_writer"]
+__all__ = ["BagWriter", "Entry", "RecordingKind", "RecordingWriter", "check_writers", "header_of", "open_writer"]
 
 CHUNK_BYTES = 2**20
 
@@ -22,12 +22,11 @@ class RecordingKind(StrEnum):
     """Kinds of recordings that can be written."""
 
     ROS1 = "bag"
-    ROS2 = "ros2"
     MCAP = "mcap"
 
 
 class Entry(NamedTuple):
-    """A message to be written."""
+    """A message to be written: time of recording (s), topic, type, and nested values by the names of the type."""
 
     time: float
     topic: str
@@ -42,22 +41,33 @@ def header_of(time: float, frame: str) -> dict[str, Any]:
 
 
 class RecordingWriter(ABC):
-    """Writes messages with a package's writer."""
+    """Writes messages with a package's writer; `store` has the types of rosbags."""
 
     def __init__(self, store: Any) -> None:
         self.store = store
         self._channels: dict[str, Any] = {}
 
     def write(self, entry: Entry) -> None:
-        """Append one message."""
+        """Append one message; its header is that of a sensor at its time, unless its content has one."""
         if entry.topic not in self._channels:
             self._channels[entry.topic] = self._channel(entry)
         content = self._built(entry.type, {"header": header_of(entry.time, "sensor"), **entry.content})
         self._append(self._channels[entry.topic], round(entry.time * 1e9), entry.type, content)
 
     def _built(self, kind: str, values: dict[str, Any]) -> Any:
-        """Return a message from nested values; fields that are not given are 0."""
-        return _built(self.store, kind, values)
+        """A message from nested values; fields that are not given are 0."""
+        from rosbags.interfaces import Nodetype
+
+        _, fields = self.store.fielddefs[kind]
+        given: dict[str, Any] = {}
+        for name, (node, what) in fields:
+            value = values.get(name, 0)
+            if node == Nodetype.NAME:
+                value = self._built(what, value)
+            elif node == Nodetype.SEQUENCE and what[0][0] == Nodetype.NAME:
+                value = [self._built(what[0][1], item) for item in value]
+            given[name] = value
+        return self.store.types[kind](**given)
 
     @abstractmethod
     def _channel(self, entry: Entry) -> Any: ...
@@ -66,28 +76,12 @@ class RecordingWriter(ABC):
     def _append(self, channel: Any, nanoseconds: int, kind: str, content: Any) -> None: ...
 
 
-def _built(store: Any, kind: str, values: dict[str, Any]) -> Any:
-    from rosbags.interfaces import Nodetype
+class BagWriter(RecordingWriter):
+    """Into a bag, with a writer of rosbags and the function of the store that encodes for it."""
 
-    _, fields = store.fielddefs[kind]
-    given: dict[str, Any] = {}
-    for name, (node, what) in fields:
-        value = values.get(name, 0)
-        if node == Nodetype.NAME:
-            value = _built(store, what, value)
-        elif node == Nodetype.SEQUENCE and what[0][0] == Nodetype.NAME:
-            value = [_built(store, what[0][1], item) for item in value]
-        given[name] = value
-    return store.types[kind](**given)
-
-
-class _BagWriter(RecordingWriter):
-    """Into a bag of ROS 1 or ROS 2."""
-
-    def __init__(self, store: Any, writer: Any, *, is_ros1: bool) -> None:
+    def __init__(self, store: Any, writer: Any, serialize: Callable[[Any, str], Any]) -> None:
         super().__init__(store)
-        self._writer = writer
-        self._serialize = store.serialize_ros1 if is_ros1 else store.serialize_cdr
+        self._writer, self._serialize = writer, serialize
 
     def _channel(self, entry: Entry) -> Any:
         return self._writer.add_connection(entry.topic, entry.type, typestore=self.store)
@@ -131,46 +125,22 @@ def check_writers() -> None:
         ) from error
 
 
-def open_writer(path: Path, kind: RecordingKind, *, overwrite: bool) -> AbstractContextManager[RecordingWriter]:
-    """Return a context manager that opens a writer, and moves the recording to its path once it is complete."""
+@contextmanager
+def open_writer(path: Path, kind: RecordingKind) -> Iterator[RecordingWriter]:
+    """Open a writer of a recording, which appears at its path once it is complete; an old file there is replaced."""
     check_writers()
-    if kind is RecordingKind.ROS1:
-        return _ros1_writer(path)
-    return _mcap_writer(path) if kind is RecordingKind.MCAP else _ros2_writer(path, overwrite=overwrite)
-
-
-@contextmanager
-def _ros1_writer(path: Path) -> Iterator[RecordingWriter]:
-    from rosbags.rosbag1 import Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    with atomic_file(path) as partial, Writer(partial) as writer:
-        yield _BagWriter(with_added_types(get_typestore(Stores.ROS1_NOETIC)), writer, is_ros1=True)
-
-
-@contextmanager
-def _ros2_writer(path: Path, *, overwrite: bool) -> Iterator[RecordingWriter]:
-    from rosbags.rosbag2 import StoragePlugin, Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    if overwrite:
-        check_replaceable(path, "a ROS 2 bag", ("metadata.yaml", "*.db3"))
-    with atomic_folder(path, overwrite=overwrite) as partial:
-        folder = partial / path.name  # the writer makes its folder itself, and names its file like it
-        with Writer(folder, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
-            yield _BagWriter(get_typestore(Stores.ROS2_HUMBLE), writer, is_ros1=False)
-        for file in folder.iterdir():
-            file.rename(partial / file.name)
-        folder.rmdir()
-
-
-@contextmanager
-def _mcap_writer(path: Path) -> Iterator[RecordingWriter]:
     from mcap.writer import CompressionType, Writer
+    from rosbags import rosbag1
     from rosbags.typesys import Stores, get_typestore
 
-    with atomic_file(path) as partial, partial.open("wb") as stream:
-        writer: Any = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
-        writer.start(profile="ros2", library="maxcon")
-        yield _McapWriter(get_typestore(Stores.ROS2_HUMBLE), writer)
-        writer.finish()
+    with atomic_file(path) as partial:
+        if kind is RecordingKind.ROS1:
+            store = with_added_types(get_typestore(Stores.ROS1_NOETIC))
+            with rosbag1.Writer(partial) as bag:
+                yield BagWriter(store, bag, store.serialize_ros1)
+        else:
+            with partial.open("wb") as stream:
+                mcap: Any = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+                mcap.start(profile="ros2", library="maxcon")
+                yield _McapWriter(get_typestore(Stores.ROS2_HUMBLE), mcap)
+                mcap.finish()

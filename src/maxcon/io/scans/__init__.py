@@ -3,7 +3,6 @@
 """Scans of a drive: a folder with one file per epoch, or a recording, and the time of each."""
 
 from maxcon.io.raw_scan import RawScan, Scans, check_range
-from maxcon.io.scans.folder import ScanFolder
-from maxcon.io.scans.opening import open_scans
+from maxcon.io.scans.folder import ScanFolder, open_scans
 
 __all__ = ["RawScan", "ScanFolder", "Scans", "check_range", "open_scans"]

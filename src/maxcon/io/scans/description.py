@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""A description of scans from the first few of them: fields, times of points, rings, rate, extent, normals."""
+"""Describes scans by the first few of them: fields, times of points, rings, rate, extent, normals."""
 
 import os
 from collections.abc import Iterator
@@ -8,19 +8,19 @@ from contextlib import closing
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.errors import FileError, MaxconError
-from maxcon.io.raw_scan import RawScan
-from maxcon.io.recordings.base import Topic
+from maxcon.errors import FileError
+from maxcon.io.raw_scan import returns_in_range
 from maxcon.io.recordings.opening import CAPTURE_SUFFIX, is_recording
+from maxcon.io.recordings.recording import Topic
 from maxcon.scan import Scan
 
 if TYPE_CHECKING:
-    from maxcon.io.recordings.recorded_cloud import RecordedCloud
+    from maxcon.io.recordings.clouds import RecordedCloud
 
 __all__ = ["RecordingDescription", "ScansDescription", "describe"]
 
@@ -36,16 +36,10 @@ class ScansDescription:
     ----------
     source : str
         Their topic, or the folder.
-    n_scans : int
-        How many there are.
-    n_seen : int
-        How many of them were read: the first ones.
-    fields : str
-        What is stored of each point.
-    times : str
-        How the times of points were understood, and why.
-    rings : str
-        Layers of the scanner.
+    n_scans, n_seen : int
+        How many there are, and how many of them were read: the first ones.
+    fields, times, rings : str
+        What is stored of each point; how the times of points were understood, and why; layers of the scanner.
     rate : float or None
         Scans in a second.
     n_points, n_invalid, n_duplicates : int
@@ -54,8 +48,8 @@ class ScansDescription:
         Nearest, median and farthest of their returns, m.
     low, high : tuple of 3 float, or None
         Least and largest x, y, z, sensor frame, m.
-    share_with_normal : float or None
-        Share of points with a normal, of those between 1 m and 120 m in the first scan with points.
+    fraction_with_normal : float or None
+        Of the points between 1 m and 120 m in the first scan with points, those with a normal.
     problem : str
         Why one of these scans cannot be read; empty if all can.
     """
@@ -73,7 +67,7 @@ class ScansDescription:
     ranges: tuple[float, float, float] | None
     low: tuple[float, float, float] | None
     high: tuple[float, float, float] | None
-    share_with_normal: float | None
+    fraction_with_normal: float | None
     problem: str = ""
 
 
@@ -86,18 +80,15 @@ class RecordingDescription:
     scanners: tuple[ScansDescription, ...]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Seen:
+class _Seen(NamedTuple):
     """One scan that was read."""
 
     points: NDArray[np.float64]
     time: float
-    n_points: int
-    n_invalid: int
-    n_duplicates: int
+    counts: tuple[int, int, int]
+    fields: str
+    times: str
     rings: NDArray[np.int64] | None = None
-    fields: str = ""
-    times: str = ""
 
 
 def describe(path: str | os.PathLike[str], topic: str | None = None) -> RecordingDescription:
@@ -116,93 +107,80 @@ def describe(path: str | os.PathLike[str], topic: str | None = None) -> Recordin
         As `open_scans`; a recording with other messages only has no scanners.
     """
     from maxcon.io.recordings.captures import topics_of_capture
-    from maxcon.io.recordings.cloud_sources import CLOUD, VELODYNE, TopicOfClouds, chosen_topic, open_clouds
+    from maxcon.io.recordings.clouds import CLOUD, VELODYNE, TopicOfClouds, chosen_topic, open_clouds
     from maxcon.io.recordings.opening import open_recording
 
     if not is_recording(path):
         return RecordingDescription((), (), (_of_folder(path),))
     if Path(path).suffix.lower() == CAPTURE_SUFFIX:
-        source = open_clouds(path)
-        with closing(source):
+        with closing(open_clouds(path)) as source:
             turns = source.clouds()
-            seen = list(_clouds(turns))
-            n_turns = len(seen) + sum(1 for _ in turns)
-            scanner = _described(source.label, n_turns, iter(seen))
+            seen = list(_seen(turns))
+            scanner = _described(source.label, len(seen) + sum(1 for _ in turns), seen)
         return RecordingDescription(topics_of_capture(Path(path)), (), (scanner,))
     with open_recording(path) as recording:
         chosen = recording.of_type(CLOUD, VELODYNE) if topic is None else [chosen_topic(recording, topic)]
         scanners = tuple(
-            _described(found.name, found.n_messages, _clouds(TopicOfClouds(recording, found).clouds()))
+            _described(found.name, found.n_messages, list(_seen(TopicOfClouds(recording, found).clouds())))
             for found in chosen
         )
         return RecordingDescription(recording.topics, recording.notes, scanners)
 
 
-def _clouds(clouds: "Iterator[RecordedCloud]") -> Iterator[_Seen | FileError]:
+def _seen(clouds: "Iterator[RecordedCloud]") -> Iterator[_Seen | FileError]:
     """Read the first clouds."""
     from maxcon.io.recordings.point_cloud2 import fields_in_words
 
     for cloud in islice(clouds, N_SCANS):
         try:
-            content = cloud.points()
+            found = cloud.points()
         except FileError as error:
             yield error
         else:
-            yield _Seen(
-                points=content.points,
-                time=cloud.stamp * 1e-9,
-                n_points=content.n_points,
-                n_invalid=content.n_invalid,
-                n_duplicates=content.n_duplicates,
-                rings=content.rings,
-                fields=fields_in_words(cloud.fields),
-                times=content.times.words,
-            )
+            counts = found.n_points, found.n_invalid, found.n_duplicates
+            fields = fields_in_words(cloud.fields)
+            yield _Seen(found.points, cloud.stamp * 1e-9, counts, fields, found.times.words, found.rings)
 
 
 def _of_folder(path: str | os.PathLike[str]) -> ScansDescription:
     from maxcon.io.scans.folder import open_scan_folder
 
     scans = open_scan_folder(path)
-
-    def seen() -> Iterator[_Seen | FileError]:
-        for i in range(min(len(scans), N_SCANS)):
-            try:
-                raw: RawScan = scans.read(i, 0.0, np.inf)
-                fields, times = scans.words(i) if i == 0 else ("", "")
-            except FileError as error:
-                yield error
-            else:
-                counts = raw.n_returns, raw.n_dropped_invalid, 0
-                yield _Seen(raw.points, raw.time, *counts, fields=fields, times=times)
-
-    return _described(str(path), len(scans), seen())
+    found: list[_Seen | FileError] = []
+    for i in range(min(len(scans), N_SCANS)):
+        try:
+            raw = scans.read(i, 0.0, np.inf)
+            fields, times = scans.words(i) if i == 0 else ("", "")
+        except FileError as error:
+            found.append(error)
+        else:
+            found.append(_Seen(raw.points, raw.time, (raw.n_returns, raw.n_dropped_invalid, 0), fields, times))
+    return _described(str(path), len(scans), found)
 
 
-def _described(source: str, n_scans: int, scans: Iterator[_Seen | FileError]) -> ScansDescription:
-    found = list(scans)
+def _described(source: str, n_scans: int, found: list[_Seen | FileError]) -> ScansDescription:
     seen = [scan for scan in found if isinstance(scan, _Seen)]
-    problems = [str(scan) for scan in found if isinstance(scan, MaxconError)]
-    full = [scan for scan in seen if len(scan.points)]
-    points = np.concatenate([scan.points for scan in full]) if full else np.empty((0, 3))
-    times = np.array(sorted(scan.time for scan in seen))
-    has_rate = len(times) > 1 and times[-1] > times[0]
+    problems = [str(scan) for scan in found if isinstance(scan, FileError)]
+    full = [scan.points for scan in seen if len(scan.points)]
+    points = np.concatenate(full) if full else np.empty((0, 3))
+    times = sorted(scan.time for scan in seen)
     ranges = np.linalg.norm(points, axis=1)
+    n_points, n_invalid, n_duplicates = np.sum([(0, 0, 0), *(scan.counts for scan in seen)], axis=0).tolist()
     return ScansDescription(
         source=source,
         n_scans=n_scans,
         n_seen=len(found),
-        fields=seen[0].fields if seen and seen[0].fields else "x, y, z",
-        times=seen[0].times if seen and seen[0].times else "the points of these files have no times",
+        fields=(seen[0].fields if seen else "") or "x, y, z",
+        times=(seen[0].times if seen else "") or "the points of these files have no times",
         rings=_rings(seen),
-        rate=float((len(times) - 1) / (times[-1] - times[0])) if has_rate else None,
-        n_points=sum(scan.n_points for scan in seen),
-        n_invalid=sum(scan.n_invalid for scan in seen),
-        n_duplicates=sum(scan.n_duplicates for scan in seen),
-        ranges=(float(ranges.min()), float(np.median(ranges)), float(ranges.max())) if len(points) else None,
-        low=_triple(points.min(axis=0)) if len(points) else None,
-        high=_triple(points.max(axis=0)) if len(points) else None,
-        share_with_normal=_share_with_normal(full[0].points) if full else None,
+        rate=(len(times) - 1) / (times[-1] - times[0]) if times and times[-1] > times[0] else None,
+        n_points=n_points,
+        n_invalid=n_invalid,
+        n_duplicates=n_duplicates,
+        ranges=(float(ranges.min()), float(np.median(ranges)), float(ranges.max())) if full else None,
+        low=_triple(points.min(axis=0)) if full else None,
+        high=_triple(points.max(axis=0)) if full else None,
+        fraction_with_normal=_fraction_with_normal(full[0]) if full else None,
         problem=problems[0] if problems else "",
     )
 
@@ -220,9 +198,6 @@ def _rings(seen: list[_Seen]) -> str:
     return f"{len(different)} ({different[0]} to {different[-1]})"
 
 
-def _share_with_normal(points: NDArray[np.float64]) -> float | None:
-    from maxcon.io.raw_scan import returns_in_range
-
-    is_near, _ = returns_in_range(points, 1.0, 120.0)
-    near = points[is_near]
+def _fraction_with_normal(points: NDArray[np.float64]) -> float | None:
+    near = points[returns_in_range(points, 1.0, 120.0)[0]]
     return float(Scan(near).normals.any(axis=1).mean()) if len(near) else None

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""ScanFolder: the scans of a drive, one file per epoch, with their times."""
+"""ScanFolder: scans with one file per epoch, and the times of these, from a file or from their names."""
 
 import os
 from dataclasses import dataclass
@@ -9,15 +9,71 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.errors import FileError
-from maxcon.io.file_names import SCAN_SUFFIXES, in_natural_order
+from maxcon.errors import FileError, OptionError
+from maxcon.io.file_names import NUMBER, SCAN_SUFFIXES, in_natural_order
 from maxcon.io.point_times import PointTimes, find_point_times
 from maxcon.io.raw_scan import RawScan, Scans, check_range, returns_in_range
-from maxcon.io.scans.reading import read_scan_file
-from maxcon.io.scans.scan_file import ScanFile
-from maxcon.io.scans.times import times_from_file, times_from_names
+from maxcon.io.scans.pcd import ScanFile
+from maxcon.io.scans.scan_files import read_scan_file
+from maxcon.io.text import numbered_lines, parse_float
 
-__all__ = ["ScanFolder", "open_scan_folder"]
+__all__ = ["ScanFolder", "open_scan_folder", "open_scans"]
+
+# Unix times since 2001: digits of an integer name, and how many of its units make a second.
+UNITS_BY_DIGITS = {19: 1e9, 16: 1e6, 13: 1e3}
+ADVICE = "Write a times.txt with one time in seconds per scan, in the order of the names."
+
+
+def open_scans(
+    path: str | os.PathLike[str],
+    times: str | os.PathLike[str] | None = None,
+    *,
+    topic: str | None = None,
+    at_stamp: bool = False,
+) -> Scans:
+    """Return the scans in a folder, a recording, or the one scan in a file; none is read yet.
+
+    Parameters
+    ----------
+    path : path
+        A folder of scans of one kind: .bin (float32 x, y, z, and reflectance as KITTI has it), .pcd, .ply, .npz, .las
+        or .laz; or one such file. Files with other suffixes are left alone. Or a recording: .bag, .mcap, .db3, .pcap,
+        or the folder of a ROS 2 bag.
+    times : path or None
+        File with one time per line, s. If None: `times.txt` in the folder if there is one, else the names
+        are the times: decimals are seconds, integers of 19, 16, 13 digits are ns, us, ms, others seconds.
+    topic : str or None
+        Which of several clouds of a recording.
+    at_stamp : bool
+        Whether the time of a recorded scan is that of its message, and not the middle between its first and its last
+        point where these have times.
+
+    Raises
+    ------
+    FileError
+        If there is no scan, scans are of several kinds, times are missing or do not fit the scans, or a recording has
+        no cloud, or several and none is asked for.
+    MissingExtraError
+        If it is a recording, and the extra `recordings` is not installed.
+    OptionError
+        If times are given for a recording, or a topic for a folder.
+    """
+    from maxcon.io.recordings.opening import is_recording
+
+    if not is_recording(path):
+        if topic is not None or at_stamp:
+            raise OptionError(
+                f"Expected a topic, or times of messages, to be asked of a recording, got {os.fspath(path)}. Leave"
+                " that out."
+            )
+        return open_scan_folder(path, times)
+    if times is not None:
+        raise OptionError(
+            f"Expected no times beside the recording {os.fspath(path)}: its messages have their own. Leave them out."
+        )
+    from maxcon.io.recordings.recorded_scans import RecordedScans
+
+    return RecordedScans.open(path, topic, at_stamp=at_stamp)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,28 +133,12 @@ class ScanFolder(Scans):
     def words(self, i: int) -> tuple[str, str]:
         """Return the fields of scan number `i`, and how the times of its points are understood; errors as of `read`."""
         content = read_scan_file(self.paths[i])
-        is_return = returns_in_range(content.points, 0.0, np.inf)[0]
-        times = self._times_of(content, i, is_return)
+        times = self._times_of(content, i, returns_in_range(content.points, 0.0, np.inf)[0])
         return content.fields, "" if times is None else times.words
 
 
 def open_scan_folder(path: str | os.PathLike[str], times: str | os.PathLike[str] | None = None) -> ScanFolder:
-    """Return the scans in a folder, or the one scan in a file; none is read yet.
-
-    Parameters
-    ----------
-    path : path
-        A folder of scans of one kind: .bin (KITTI: float32 x, y, z, reflectance), .pcd, .ply, .npz, .las or
-        .laz; or one such file. Files with other suffixes are left alone.
-    times : path or None
-        File with one time per line, s. If None: `times.txt` in the folder if there is one, else the names
-        are the times: decimals are seconds, integers of 19, 16, 13 digits are ns, us, ms, others seconds.
-
-    Raises
-    ------
-    FileError
-        If there is no scan, scans are of several kinds, or times are missing or do not fit the scans.
-    """
+    """Return the scans in a folder, or the one scan in a file; parameters and errors as of `open_scans`."""
     root = Path(path)
     try:
         root.stat()
@@ -106,14 +146,10 @@ def open_scan_folder(path: str | os.PathLike[str], times: str | os.PathLike[str]
         raise FileError(f"Expected a folder of scans at {root}, got no such folder or file. Check the path.") from error
     except OSError as error:
         raise FileError(f"Expected a folder of scans at {root}, got: {error.strerror}. Check the path.") from error
-    folder = root if root.is_dir() else root.parent
-    paths = in_natural_order(_scan_paths(root))
-    beside = folder / "times.txt"
-    if times is not None:
-        return ScanFolder(tuple(paths), times_from_file(Path(times), len(paths)))
-    if root.is_dir() and beside.exists():
-        return ScanFolder(tuple(paths), times_from_file(beside, len(paths)))
-    return ScanFolder(tuple(paths), times_from_names(paths))
+    paths = tuple(in_natural_order(_scan_paths(root)))
+    if times is None and root.is_dir() and (root / "times.txt").exists():
+        times = root / "times.txt"
+    return ScanFolder(paths, _times_from_names(paths) if times is None else _times_from_file(Path(times), len(paths)))
 
 
 def _scan_paths(root: Path) -> list[Path]:
@@ -132,3 +168,50 @@ def _scan_paths(root: Path) -> list[Path]:
             f"Expected scans of one kind in {root}, got {', '.join(suffixes)}. Put each kind in its own folder."
         )
     return paths
+
+
+def _times_from_file(file: Path, n_scans: int) -> NDArray[np.float64]:
+    """Times of a file, shape (n_scans,), s: one per line, increasing; `#` begins a comment."""
+    times: list[float] = []
+    for number, line in numbered_lines(file, "times of scans"):
+        text = line.partition("#")[0].strip()
+        if not text:
+            continue
+        value = parse_float(text)
+        if value is None:
+            raise FileError(
+                f"{file}, line {number}: Expected one time in seconds, got {text[:40]!r}. Correct this line."
+            )
+        if times and value <= times[-1]:
+            raise FileError(
+                f"{file}, line {number}: Expected times that increase, got {value:.9f} s after {times[-1]:.9f} s. Put"
+                " scans and times in order."
+            )
+        times.append(value)
+    if len(times) != n_scans:
+        raise FileError(f"Expected {n_scans} times in {file}, one per scan, got {len(times)}. {ADVICE}")
+    return np.array(times)
+
+
+def _times_from_names(paths: tuple[Path, ...]) -> NDArray[np.float64]:
+    """Times in the names of files, shape (n,), s, increasing: seconds, or Unix time in ns, us or ms by their digits."""
+    for path in paths:
+        if not NUMBER.fullmatch(path.stem):
+            raise FileError(
+                f"Expected a time as the name of each scan, or a times.txt beside them, got {path.name} in"
+                f" {path.parent}. {ADVICE}"
+            )
+    units = [1.0 if "." in path.stem else UNITS_BY_DIGITS.get(len(path.stem.lstrip("-")), 1.0) for path in paths]
+    if len(set(units)) > 1:
+        other = next(path for path, unit in zip(paths, units, strict=True) if unit != units[0])
+        raise FileError(
+            f"Expected names of the same unit in {other.parent}, got {paths[0].name} and {other.name}. {ADVICE}"
+        )
+    times = np.array([float(path.stem) for path in paths]) / units[0]
+    rows = np.flatnonzero(~(np.diff(times) > 0.0))
+    if len(rows):
+        first, second = paths[rows[0]], paths[rows[0] + 1]
+        raise FileError(
+            f"Expected names of increasing times in {first.parent}, got {first.name} and {second.name}. {ADVICE}"
+        )
+    return times

@@ -1,9 +1,11 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Reads PCD files; only DATA binary_compressed needs the package pypcd4."""
+"""Reads PCD files; their header is checked against the size of the file before points are read."""
 
 import io
+import struct
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -13,35 +15,56 @@ from numpy.typing import NDArray
 from maxcon.errors import FileError, MissingExtraError
 from maxcon.io.clouds.base import as_file_error, as_float64
 from maxcon.io.point_times import TIME_FIELDS, Column
-from maxcon.io.scans.pcd_header import PcdLayout, read_pcd_layout
-from maxcon.io.scans.scan_file import ScanFile
-from maxcon.io.text import read_table
+from maxcon.io.text import printable, read_table
 
-__all__ = ["read_pcd"]
+__all__ = ["ScanFile", "read_pcd"]
+
+MAX_HEADER_BYTES = 2**16
+MAX_COLUMNS = 10_000
+MAX_RATIO = 300
+"""The compression of PCD reaches 88 at the very most."""
+TYPES = {"F4", "F8", "U1", "U2", "U4", "U8", "I1", "I2", "I4", "I8"}
+ENCODINGS = ("ascii", "binary", "binary_compressed")
+KEYS = ("VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA")
 
 
-def read_pcd(file: Path, n_most: int) -> ScanFile:
-    """Return the points of a PCD file, and the fields that may be their times.
+@dataclass(frozen=True, slots=True, eq=False)
+class ScanFile:
+    """All points of one scan file, and the fields that may be their times.
 
     Parameters
     ----------
-    file : Path
-        PCD with DATA ascii, binary or binary_compressed.
-    n_most : int
-        More points than this are refused before they are read.
+    points : array, shape (n, 3), float64
+        Sensor frame, m; points without a return (not finite, or at the origin) are still among them.
+    times : dict of str to (str, array of shape (n,))
+        By the name of the field: its type as NumPy names it, and its values as stored. Read from PCD files only.
+    fields : str
+        Names and types of all fields of a point, where the file tells them; else empty.
+    """
+
+    points: NDArray[np.float64]
+    times: dict[str, Column] = field(default_factory=dict)
+    fields: str = ""
+
+
+def read_pcd(file: Path, n_most: int) -> ScanFile:
+    """Return the points of a PCD file (ascii, binary or binary_compressed), and the fields that may be their times.
 
     Raises
     ------
     FileError
-        If the header is broken or does not fit the file.
+        If the header is broken or does not fit the file, or there are no points or more than `n_most`.
     MissingExtraError
         If the points are compressed and the extra `pcd` is not installed.
     """
     with as_file_error(file, "a PCD file"), file.open("rb") as stream:
-        layout = read_pcd_layout(file, stream, n_most)
+        layout = _read_layout(file, stream, n_most)
         if layout.encoding == "ascii":
-            table = _read_ascii(file, stream, layout)
-            return _content(layout, lambda name: table[:, layout.column(name)])
+            text = io.TextIOWrapper(stream, encoding="latin-1", newline="\n")
+            table = read_table(file, text, layout.n_points, sum(layout.counts))
+            if len(table) < layout.n_points:
+                raise _broken(file, f"{layout.n_points} points", f"{len(table)}: truncated")
+            return _content(layout, lambda name: table[:, sum(layout.counts[: layout.fields.index(name)])])
         if layout.encoding == "binary":
             records = np.fromfile(stream, layout.dtype, layout.n_points)
         else:
@@ -49,28 +72,39 @@ def read_pcd(file: Path, n_most: int) -> ScanFile:
         return _content(layout, lambda name: records[f"f{layout.fields.index(name)}"])
 
 
-def _content(layout: PcdLayout, column: Callable[[str], NDArray[Any]]) -> ScanFile:
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    """Where the points of a PCD file begin, how many there are, and name, type (F4) and count of each field."""
+
+    encoding: str
+    start: int
+    n_points: int
+    fields: tuple[str, ...]
+    types: tuple[str, ...]
+    counts: tuple[int, ...]
+
+    @property
+    def dtype(self) -> np.dtype[np.void]:
+        """One binary record; fields are numbered, because names need not be unique."""
+        rows = enumerate(zip(self.types, self.counts, strict=True))
+        return np.dtype(
+            [(f"f{i}", f"({count},)<{kind.lower()}" if count > 1 else f"<{kind.lower()}") for i, (kind, count) in rows]
+        )
+
+
+def _content(layout: _Layout, column: Callable[[str], NDArray[Any]]) -> ScanFile:
     """Points and possible times of a file whose values `column` returns by the name of the field."""
     kinds = dict(zip(layout.fields, (np.dtype(f"<{kind.lower()}").name for kind in layout.types), strict=True))
     points = np.stack([as_float64(column(name)) for name in "xyz"], axis=1)
-    once = [
-        name
+    times: dict[str, Column] = {
+        name: (kinds[name], column(name))
         for name, count in zip(layout.fields, layout.counts, strict=True)
         if name.lower() in TIME_FIELDS and count == 1 and layout.fields.count(name) == 1
-    ]
-    times: dict[str, Column] = {name: (kinds[name], column(name)) for name in once}
+    }
     return ScanFile(points, times, ", ".join(f"{name} {kind}" for name, kind in kinds.items()))
 
 
-def _read_ascii(file: Path, stream: BinaryIO, layout: PcdLayout) -> NDArray[np.float64]:
-    text = io.TextIOWrapper(stream, encoding="latin-1", newline="\n")
-    table = read_table(file, text, layout.n_points, sum(layout.counts))
-    if len(table) < layout.n_points:
-        raise FileError(f"Expected {layout.n_points} points in {file}, got {len(table)}: truncated. Copy it again.")
-    return table
-
-
-def _read_compressed(file: Path, stream: BinaryIO, layout: PcdLayout) -> NDArray[np.void]:
+def _read_compressed(file: Path, stream: BinaryIO, layout: _Layout) -> NDArray[np.void]:
     """Unpack the points behind a plain header, because pypcd4 refuses some legal ones (without COUNT)."""
     try:
         from pypcd4.pypcd4 import PointCloud
@@ -79,19 +113,102 @@ def _read_compressed(file: Path, stream: BinaryIO, layout: PcdLayout) -> NDArray
             f"Expected the package pypcd4 to read compressed points in {file}, got none installed."
             " pip install 'maxcon[pcd]'"
         ) from error
-    header = "\n".join(
-        [
-            "VERSION 0.7",
-            "FIELDS " + " ".join(f"f{i}" for i in range(len(layout.fields))),
-            "SIZE " + " ".join(kind[1:] for kind in layout.types),
-            "TYPE " + " ".join(kind[0] for kind in layout.types),
-            "COUNT " + " ".join(str(count) for count in layout.counts),
-            f"WIDTH {layout.n_points}",
-            "HEIGHT 1",
-            f"POINTS {layout.n_points}",
-            "DATA binary_compressed\n",
-        ]
-    )
-    plain: Any = io.BytesIO(header.encode("ascii") + stream.read())
+    header = [
+        "VERSION 0.7",
+        "FIELDS " + " ".join(f"f{i}" for i in range(len(layout.fields))),
+        "SIZE " + " ".join(kind[1:] for kind in layout.types),
+        "TYPE " + " ".join(kind[0] for kind in layout.types),
+        "COUNT " + " ".join(str(count) for count in layout.counts),
+        f"WIDTH {layout.n_points}",
+        "HEIGHT 1",
+        f"POINTS {layout.n_points}",
+        "DATA binary_compressed\n",
+    ]
+    plain: Any = io.BytesIO("\n".join(header).encode("ascii") + stream.read())
     records: NDArray[np.void] = PointCloud.from_fileobj(plain).pc_data
     return records
+
+
+def _read_layout(file: Path, stream: BinaryIO, n_most: int) -> _Layout:
+    """Read the header, and check it against the size of the file; the stream is left at the first point."""
+    header = _header(file, stream)
+    fields = tuple(header.get("FIELDS", []))
+    if not any(name in fields for name in "xyz"):
+        fields = tuple(name.lower() if name in ("X", "Y", "Z") else name for name in fields)
+    sizes, kinds = header.get("SIZE", []), header.get("TYPE", [])
+    types = tuple(kind + size for kind, size in zip(kinds, sizes, strict=False))
+    counts = tuple(_whole(file, "COUNT", text) for text in header.get("COUNT", ["1"] * len(fields)))
+    n_each = {len(fields), len(sizes), len(kinds), len(counts)}
+    if len(n_each) != 1 or not set(types) <= TYPES or not 0 < sum(counts) <= MAX_COLUMNS or 0 in counts:
+        raise _broken(file, "FIELDS, SIZE, TYPE, COUNT of the same length, with types F, U, I", "others")
+    for name in "xyz":
+        if fields.count(name) != 1 or counts[fields.index(name)] != 1:
+            raise _broken(file, f"one field {name!r}", f"FIELDS {printable(' '.join(fields)[:80])}")
+    encoding = header["DATA"][0] if header["DATA"] else ""
+    if encoding not in ENCODINGS:
+        raise _broken(file, f"DATA {', '.join(ENCODINGS)}", repr(encoding))
+    layout = _Layout(encoding, stream.tell(), _count_points(file, header, n_most), fields, types, counts)
+    _check_size(file, stream, layout)
+    return layout
+
+
+def _broken(file: Path, expected: str, got: str) -> FileError:
+    return FileError(f"Expected {expected} in the PCD file {file}, got {got}. Write it anew, or copy it again.")
+
+
+def _whole(file: Path, key: str, text: str) -> int:
+    if not (text.isascii() and text.isdigit() and len(text) < 19):
+        raise _broken(file, f"whole numbers as {key}", repr(text[:40]))
+    return int(text)
+
+
+def _header(file: Path, stream: BinaryIO) -> dict[str, list[str]]:
+    """Words behind each key; the stream stands behind the header afterwards."""
+    header: dict[str, list[str]] = {}
+    while "DATA" not in header:
+        raw = stream.readline(MAX_HEADER_BYTES)
+        if not raw.endswith(b"\n") or stream.tell() > MAX_HEADER_BYTES:
+            raise _broken(file, f"a header of at most {MAX_HEADER_BYTES} bytes that ends with DATA", "none")
+        words = raw.decode("latin-1").partition("#")[0].split()
+        if not words:
+            continue
+        if words[0] not in KEYS or words[0] in header:
+            raise _broken(file, f"header lines {', '.join(KEYS)}, each once", repr(words[0][:40]))
+        header[words[0]] = words[1:]
+    return header
+
+
+def _count_points(file: Path, header: dict[str, list[str]], n_most: int) -> int:
+    sizes = {}
+    for key in ("WIDTH", "HEIGHT", "POINTS"):
+        if key in header:
+            if len(header[key]) != 1:
+                raise _broken(file, f"one number as {key}", repr(" ".join(header[key])[:40]))
+            sizes[key] = _whole(file, key, header[key][0])
+    area = sizes.get("WIDTH", 0) * sizes.get("HEIGHT", 1)
+    n_points = sizes.get("POINTS", area)
+    if n_points != area:
+        raise _broken(file, "POINTS to be WIDTH times HEIGHT", f"{n_points} and {area}")
+    if not 0 < n_points <= n_most:
+        raise _broken(file, f"1 to {n_most:,} points", f"{n_points:,}")
+    return n_points
+
+
+def _check_size(file: Path, stream: BinaryIO, layout: _Layout) -> None:
+    """Check the number of points against the bytes that are there; the stream is left at their start."""
+    n_there = stream.seek(0, 2) - layout.start
+    stream.seek(layout.start)
+    n_needed = layout.n_points * layout.dtype.itemsize
+    if layout.encoding == "ascii":
+        n_needed = layout.n_points * 2 * sum(layout.counts) - 1  # a digit and a blank or line end each
+    elif layout.encoding == "binary_compressed":
+        sizes = stream.read(8)
+        stream.seek(layout.start)
+        if len(sizes) < 8:
+            raise _broken(file, "the sizes of the compressed points", "the end of the file: truncated")
+        n_packed, n_unpacked = struct.unpack("<II", sizes)
+        if n_unpacked != n_needed or n_unpacked > MAX_RATIO * n_packed:
+            raise _broken(file, f"points that unpack to {n_needed} bytes", f"{n_unpacked} from {n_packed} bytes")
+        n_needed = 8 + n_packed
+    if n_there < n_needed:
+        raise _broken(file, f"{n_needed} bytes of points", f"{n_there}: truncated")

@@ -52,7 +52,7 @@ ODOMETRY = "odometry.txt"
 
 DATASET_NAMES = (
     DESCRIPTION, "map", "scans", "reference.txt", "prior.txt", "prior_*.txt", ODOMETRY,
-    "drive.bag", "drive.mcap", "drive_ros2", "drive.pcap", "drive_pcd",
+    "drive.bag", "drive.mcap",
 )  # fmt: skip
 """All that the folder of a simulated dataset may hold; what holds anything else is not overwritten."""
 

@@ -1,60 +1,132 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""A dataset's drive as a file of each kind: a bag, an MCAP file, a capture of packets, or PCD files."""
+"""A drive as a recorder would have written it: clouds, positions of a GNSS receiver, orientations, odometry."""
 
-from enum import StrEnum
+from collections.abc import Iterator
+from heapq import merge
 from pathlib import Path
 
-from maxcon.io.recordings.writing import RecordingKind
-from maxcon.io.scans import open_scans
+import numpy as np
+
+from maxcon.io.geographic import GeographicFrame
+from maxcon.io.recordings.writing import Entry, RecordingKind, open_writer
+from maxcon.io.scans import Scans, open_scans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.dataset import Dataset
 from maxcon.lab.simulation.datasets.dataset_files import CRS
-from maxcon.lab.simulation.datasets.recorded_drive import record_drive
+from maxcon.scan.trajectory import Trajectory
 
-__all__ = ["RECORDING_NAMES", "RecordingKind", "ScansKind", "record_dataset", "write_dataset_scans"]
+__all__ = ["cloud_message", "drive_messages", "record_dataset"]
 
-
-class ScansKind(StrEnum):
-    """Formats that hold scans only, without poses."""
-
-    PCAP = "pcap"
-    PCD = "pcd"
+POINTS, FIX, IMU, ODOMETRY = "/points", "/gnss/fix", "/imu/data", "/odometry"
+"""Topics of a recorded drive."""
+ZERO = {"x": 0.0, "y": 0.0, "z": 0.0}
 
 
-RECORDING_NAMES: dict[RecordingKind | ScansKind, str] = {
-    RecordingKind.ROS1: "drive.bag",
-    RecordingKind.ROS2: "drive_ros2",
-    RecordingKind.MCAP: "drive.mcap",
-    ScansKind.PCAP: "drive.pcap",
-    ScansKind.PCD: "drive_pcd",
-}
-"""File or folder, in that of the dataset, of each kind of recording."""
-
-
-def record_dataset(dataset: Dataset, kind: RecordingKind, *, sigma: float = 0.0) -> Path:
+def record_dataset(dataset: Dataset, kind: RecordingKind) -> Path:
     """Write the scans of a dataset, its first prior and its odometry as a recording into its folder; return the path.
 
-    It raises what `record_drive` raises.
+    Raises
+    ------
+    MissingExtraError
+        If the extra `recordings` is not installed.
+    FileError
+        If the recording cannot be written.
     """
-    path = dataset.folder / RECORDING_NAMES[kind]
+    path = dataset.folder / f"drive.{kind.value}"
     odometry = None if dataset.odometry is None else read_trajectory(dataset.odometry)
     scans, prior = open_scans(dataset.scans, dataset.times), read_trajectory(dataset.prior)
-    record_drive(path, kind, scans, prior, dataset.crs or CRS, sigma=sigma, odometry=odometry, overwrite=True)
+    with open_writer(path, kind) as writer:
+        for entry in drive_messages(scans, prior, dataset.crs or CRS, odometry=odometry):
+            writer.write(entry)
     return path
 
 
-def write_dataset_scans(dataset: Dataset, kind: ScansKind) -> Path:
-    """Write the scans of a dataset as a capture of packets or as PCD files into its folder; return the path.
+def drive_messages(
+    scans: Scans, prior: Trajectory, crs: str, *, sigma: float = 0.0, odometry: Trajectory | None = None
+) -> Iterator[Entry]:
+    """Yield the messages of a drive in order of time; at equal times poses come before clouds.
 
-    It raises what `write_capture` and `write_pcd_folder` raise.
+    Parameters
+    ----------
+    scans : Scans
+        All their returns are written, with the time of each point where it is known.
+    prior : Trajectory
+        T_map_sensor, written as NavSatFix and Imu.
+    crs : str
+        CRS of the prior's coordinates; heights are taken for ellipsoidal ones, unless the CRS says otherwise.
+    sigma : float
+        Standard deviation along each axis that the receiver states for its positions, m; it states none if 0.
+    odometry : Trajectory, optional
+        T_odometry_sensor, written as Odometry.
     """
-    from maxcon.lab.simulation.datasets.pcd_scans import write_pcd_folder
-    from maxcon.lab.simulation.datasets.velodyne_packets import write_capture
+    poses = _fixes(prior, GeographicFrame(crs), sigma) + ([] if odometry is None else _odometry(odometry))
+    poses.sort(key=lambda entry: entry.time)
+    clouds = (cloud_message(scans, i) for i in range(len(scans.times)))
+    return merge(poses, clouds, key=lambda entry: entry.time)
 
-    path, scans = dataset.folder / RECORDING_NAMES[kind], open_scans(dataset.scans, dataset.times)
-    if kind is ScansKind.PCAP:
-        write_capture(path, scans)
-    else:
-        write_pcd_folder(path, scans, overwrite=True)
-    return path
+
+def cloud_message(scans: Scans, i: int, topic: str = POINTS) -> Entry:
+    """Return scan number `i` as a PointCloud2 message: all its returns, with the time of each where it is known."""
+    raw = scans.read(i, 0.0, np.inf)
+    columns = dict(zip("xyz", raw.points.T, strict=True))
+    if raw.point_times is not None:
+        columns["t"] = raw.point_times
+    rows = np.stack(list(columns.values()), axis=1).astype("<f4")
+    step = 4 * len(columns)
+    content = {
+        "height": 1,
+        "width": len(rows),
+        "fields": [dict(name=name, offset=4 * k, datatype=7, count=1) for k, name in enumerate(columns)],
+        "is_bigendian": False,
+        "point_step": step,
+        "row_step": step * len(rows),
+        "data": rows.ravel().view(np.uint8),
+        "is_dense": True,
+    }
+    return Entry(raw.time, topic, "sensor_msgs/msg/PointCloud2", content)
+
+
+def _fixes(prior: Trajectory, frame: GeographicFrame, sigma: float) -> list[Entry]:
+    """Messages of a GNSS receiver and an IMU for each pose; both refer to true north, not to that of the map grid."""
+    places = frame.to_geographic(prior.positions)
+    turns = frame.quaternions_to_enu(places, prior.quaternions_xyzw)
+    covariance = np.diag([sigma**2] * 3).ravel()
+    entries = []
+    for time, (latitude, longitude, height), turn in zip(prior.times.tolist(), places.tolist(), turns, strict=True):
+        fix = {
+            "status": dict(status=0, service=1),
+            "latitude": latitude,
+            "longitude": longitude,
+            "altitude": height,
+            "position_covariance": covariance,
+            "position_covariance_type": 2 if sigma > 0.0 else 0,
+        }
+        imu = {
+            "orientation": dict(zip("xyzw", turn.tolist(), strict=True)),
+            "orientation_covariance": np.zeros(9),
+            "angular_velocity": ZERO,
+            "angular_velocity_covariance": np.zeros(9),
+            "linear_acceleration": ZERO,
+            "linear_acceleration_covariance": np.zeros(9),
+        }
+        entries.append(Entry(time, FIX, "sensor_msgs/msg/NavSatFix", fix))
+        entries.append(Entry(time, IMU, "sensor_msgs/msg/Imu", imu))
+    return entries
+
+
+def _odometry(odometry: Trajectory) -> list[Entry]:
+    entries = []
+    poses = zip(odometry.times.tolist(), odometry.positions, odometry.quaternions_xyzw, strict=True)
+    for time, position, turn in poses:
+        pose = {
+            "position": dict(zip("xyz", position.tolist(), strict=True)),
+            "orientation": dict(zip("xyzw", turn.tolist(), strict=True)),
+        }
+        content = {
+            "child_frame_id": "sensor",
+            "pose": dict(pose=pose, covariance=np.zeros(36)),
+            "twist": dict(twist=dict(linear=ZERO, angular=ZERO), covariance=np.zeros(36)),
+        }
+        entries.append(Entry(time, ODOMETRY, "nav_msgs/msg/Odometry", content))
+    return entries

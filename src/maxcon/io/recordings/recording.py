@@ -1,0 +1,167 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Recording: topics and messages of a bag or MCAP file, and their content by the standard definitions of ROS."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from maxcon.errors import FileError, MissingExtraError
+from maxcon.io.clouds.base import as_file_error
+from maxcon.io.text import printable
+
+__all__ = [
+    "LARGEST_CHUNK",
+    "Message",
+    "Recording",
+    "Topic",
+    "as_extra_missing",
+    "decode_message",
+    "frame_name",
+    "frame_of",
+    "stamp_of",
+    "with_added_types",
+]
+
+LARGEST_CHUNK = 2**29
+"""Bytes; recorders write chunks of about a megabyte, and more where a single message is larger."""
+ADDED = {
+    "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms\n",
+    "tf/msg/tfMessage": "geometry_msgs/TransformStamped[] transforms\n",
+    "velodyne_msgs/msg/VelodynePacket": "time stamp\nuint8[1206] data\n",
+    "velodyne_msgs/msg/VelodyneScan": "std_msgs/Header header\nvelodyne_msgs/VelodynePacket[] packets\n",
+}
+"""Definitions of messages that rosbags lacks for ROS 1 or ROS 2."""
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """Name of a topic, type of its messages (sensor_msgs/msg/PointCloud2), and how many there are."""
+
+    name: str
+    type: str
+    n_messages: int
+
+    @property
+    def words(self) -> str:
+        """Return "/points (sensor_msgs/msg/PointCloud2)", on one line whatever the name."""
+        return f"{printable(self.name)} ({printable(self.type)})"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Message:
+    """A message as recorded: its topic and type, its encoding (cdr or ros1), time of recording (ns), and bytes."""
+
+    topic: str
+    type: str
+    encoding: str
+    recorded: int
+    data: bytes
+
+
+class Recording(ABC):
+    """An open recording. Opening reads its index; iterating holds one chunk of it at a time."""
+
+    kind = "a recording"
+    topics: tuple[Topic, ...]
+    notes: tuple[str, ...] = ()
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    @abstractmethod
+    def _read(self, topics: Collection[str], start: int) -> Iterator[Message]:
+        """Yield the messages of some topics recorded at `start` (ns) or later."""
+
+    def messages(self, topics: Collection[str], start: int = 0) -> Iterator[Message]:
+        """Yield the messages of some topics recorded at `start` (ns) or later, one in memory at a time.
+
+        They come by time of recording where the file allows; which come after which does not depend on `start`.
+
+        Raises
+        ------
+        FileError
+            If the recording is broken.
+        """
+        with as_file_error(self.path, self.kind):
+            yield from self._read(topics, start)
+
+    def of_type(self, *types: str) -> list[Topic]:
+        """Return the topics of some types that have messages."""
+        return [topic for topic in self.topics if topic.type in types and topic.n_messages]
+
+    def close(self) -> None:  # noqa: B027  (MCAP files are open only while they are read)
+        """Close the files."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def as_extra_missing(path: Path, package: str) -> MissingExtraError:
+    """Return the error of a recording that needs a package which is not installed."""
+    return MissingExtraError(
+        f"Expected the package {package} to read {path}, got none installed. pip install 'maxcon[recordings]'"
+    )
+
+
+@cache
+def _types(encoding: str) -> Any:
+    """Types of ROS 1 or ROS 2, whose headers differ."""
+    from rosbags.typesys import Stores, get_typestore
+
+    return with_added_types(get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_HUMBLE))
+
+
+def with_added_types(store: Any) -> Any:
+    """Return a store of types, with those of `ADDED` that it lacks."""
+    from rosbags.typesys import get_types_from_msg
+
+    added: dict[str, Any] = {}
+    for name, text in ADDED.items():
+        if name not in store.types:
+            added |= get_types_from_msg(text, name)
+    store.register(added)
+    return store
+
+
+def decode_message(message: Message) -> Any:
+    """Return the content of a message, with the names of its definition as attributes.
+
+    Raises
+    ------
+    FileError
+        If it is not encoded as ROS does.
+    """
+    if message.encoding == "cdr":
+        return _types("cdr").deserialize_cdr(message.data, message.type)
+    if message.encoding == "ros1":
+        return _types("ros1").deserialize_ros1(message.data, message.type)
+    raise FileError(
+        f"Expected messages of {printable(message.topic)} in the encoding cdr or ros1, got {message.encoding!r}."
+        " Record them with ROS, or convert the recording."
+    )
+
+
+def frame_name(text: str) -> str:
+    """Return a frame's name without the slash that older recordings begin it with."""
+    return text.strip().lstrip("/")
+
+
+def frame_of(content: Any) -> str:
+    """Name of the frame in the header of a message."""
+    return frame_name(str(content.header.frame_id))
+
+
+def stamp_of(content: Any, recorded: int) -> int:
+    """Time in the header of a message, ns; when it was recorded where the header has none."""
+    stamp = int(content.header.stamp.sec) * 10**9 + int(content.header.stamp.nanosec)
+    return stamp if stamp > 0 else recorded
