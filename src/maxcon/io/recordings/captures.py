@@ -13,8 +13,7 @@ import numpy as np
 
 from maxcon.errors import FileError, MissingExtraError
 from maxcon.io.clouds.base import as_file_error
-from maxcon.io.recordings.clouds import CloudSource, RecordedCloud
-from maxcon.io.recordings.point_cloud2 import FORMATS, CloudRecord, FieldDescription
+from maxcon.io.recordings.point_cloud2 import FORMATS, CloudRecord, CloudSource, FieldDescription, RecordedCloud
 from maxcon.io.recordings.recording import Topic, as_extra_missing
 
 __all__ = ["VelodyneCapture", "record_of_packets", "topics_of_capture"]

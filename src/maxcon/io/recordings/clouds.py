@@ -1,99 +1,23 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Point clouds of a recording: which topic or capture has them, one after the other, decoded when asked for."""
+"""open_clouds: the topic of a recording, or the capture, that has the point clouds."""
 
 import os
-from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from contextlib import suppress
 from pathlib import Path
 
 from maxcon.errors import FileError, OptionError
 from maxcon.io.clouds.base import as_file_error
-from maxcon.io.point_times import PointTimes
+from maxcon.io.recordings.captures import VelodyneCapture, record_of_packets
 from maxcon.io.recordings.opening import CAPTURE_SUFFIX, existing_file, open_recording
-from maxcon.io.recordings.point_cloud2 import CloudPoints, CloudRecord, FieldDescription, decode_cloud, decode_times
+from maxcon.io.recordings.point_cloud2 import CloudRecord, CloudSource, FieldDescription, RecordedCloud
 from maxcon.io.recordings.recording import Message, Recording, Topic, decode_message, frame_of, stamp_of
 from maxcon.io.text import printable
 
-__all__ = ["CLOUD", "VELODYNE", "CloudSource", "RecordedCloud", "TopicOfClouds", "chosen_topic", "open_clouds"]
+__all__ = ["CLOUD", "VELODYNE", "TopicOfClouds", "chosen_topic", "open_clouds"]
 
 CLOUD, VELODYNE = "sensor_msgs/msg/PointCloud2", "velodyne_msgs/msg/VelodyneScan"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RecordedCloud:
-    """One cloud of a recording, decoded when it is asked for its content.
-
-    Parameters
-    ----------
-    label : str
-        File and topic, for messages.
-    recorded, stamp : int
-        When it was recorded, and the time of its message, ns.
-    record : CloudRecord or FileError
-        The cloud as stored, or why its message cannot be read.
-    """
-
-    label: str
-    recorded: int
-    stamp: int
-    record: CloudRecord | FileError
-
-    def points(self) -> CloudPoints:
-        """Return its returns; FileError if it is broken."""
-        with self._named() as record:
-            return decode_cloud(record)
-
-    def times(self) -> PointTimes:
-        """Return the times of its returns; FileError if it is broken."""
-        with self._named() as record:
-            return decode_times(record)
-
-    @property
-    def fields(self) -> tuple[FieldDescription, ...]:
-        """What was stored of each point."""
-        return () if isinstance(self.record, FileError) else self.record.fields
-
-    @contextmanager
-    def _named(self) -> Iterator[CloudRecord]:
-        if isinstance(self.record, FileError):
-            raise self.record
-        try:
-            yield self.record
-        except FileError as error:
-            raise FileError(f"{self.label}: {error}") from error
-
-
-class CloudSource(ABC):
-    """Clouds of one scanner; opening it reads none of them."""
-
-    path: Path
-    label: str
-    notes: tuple[str, ...] = ()
-    n_clouds: int = 0
-    """Number of clouds; 0 if it is not known without reading them all."""
-    n_passed_over: int = 10
-    """Clouds to read on up to a later one, rather than to read from that one's time on."""
-
-    @property
-    def frame(self) -> str:
-        """Name of the scanner's frame, from the first of its clouds that tells it."""
-        return ""
-
-    @abstractmethod
-    def clouds(self, start: int = 0) -> Iterator[RecordedCloud]:
-        """Yield the clouds recorded at `start` (ns) or later; which comes after which does not depend on `start`.
-
-        Raises
-        ------
-        FileError
-            If the recording is broken.
-        """
-
-    def close(self) -> None:  # noqa: B027  (captures are open only while they are read)
-        """Close the files."""
 
 
 class TopicOfClouds(CloudSource):
@@ -129,8 +53,6 @@ def _cloud(message: Message, label: str) -> RecordedCloud:
             content = decode_message(message)
             stamp = stamp_of(content, message.recorded)
             if message.type == VELODYNE:
-                from maxcon.io.recordings.captures import record_of_packets
-
                 record = record_of_packets(content, stamp)
                 return RecordedCloud(label, message.recorded, record.stamp, record)
             record = CloudRecord(
@@ -159,8 +81,6 @@ def open_clouds(path: str | os.PathLike[str], topic: str | None = None) -> Cloud
         If an extra is not installed.
     """
     if Path(path).suffix.lower() == CAPTURE_SUFFIX and topic is None:
-        from maxcon.io.recordings.captures import VelodyneCapture
-
         return VelodyneCapture(existing_file(path))
     recording = open_recording(path)
     try:

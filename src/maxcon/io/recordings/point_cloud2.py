@@ -2,8 +2,11 @@
 # SPDX-License-Identifier: MIT
 """Point clouds as recorders store them: bytes, and a description of the fields in them (sensor_msgs/PointCloud2)."""
 
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +16,16 @@ from maxcon.errors import FileError
 from maxcon.io.point_times import TIME_FIELDS, Column, PointTimes, find_point_times
 from maxcon.io.text import printable
 
-__all__ = ["CloudPoints", "CloudRecord", "FieldDescription", "decode_cloud", "decode_times", "fields_in_words"]
+__all__ = [
+    "CloudPoints",
+    "CloudRecord",
+    "CloudSource",
+    "FieldDescription",
+    "RecordedCloud",
+    "decode_cloud",
+    "decode_times",
+    "fields_in_words",
+]
 
 FORMATS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """Kinds of numbers by their code in sensor_msgs/PointField."""
@@ -146,6 +158,80 @@ def decode_cloud(record: CloudRecord) -> CloudPoints:
 def decode_times(record: CloudRecord) -> PointTimes:
     """Return the times of the returns of a recorded cloud alone; errors as of `decode_cloud`."""
     return find_point_times(_times_and_rings(record, _returns(_coordinates(record))), record.stamp)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedCloud:
+    """One cloud of a recording, decoded when it is asked for its content.
+
+    Parameters
+    ----------
+    label : str
+        File and topic, for messages.
+    recorded, stamp : int
+        When it was recorded, and the time of its message, ns.
+    record : CloudRecord or FileError
+        The cloud as stored, or why its message cannot be read.
+    """
+
+    label: str
+    recorded: int
+    stamp: int
+    record: CloudRecord | FileError
+
+    def points(self) -> CloudPoints:
+        """Return its returns; FileError if it is broken."""
+        with self._named() as record:
+            return decode_cloud(record)
+
+    def times(self) -> PointTimes:
+        """Return the times of its returns; FileError if it is broken."""
+        with self._named() as record:
+            return decode_times(record)
+
+    @property
+    def fields(self) -> tuple[FieldDescription, ...]:
+        """What was stored of each point."""
+        return () if isinstance(self.record, FileError) else self.record.fields
+
+    @contextmanager
+    def _named(self) -> Iterator[CloudRecord]:
+        if isinstance(self.record, FileError):
+            raise self.record
+        try:
+            yield self.record
+        except FileError as error:
+            raise FileError(f"{self.label}: {error}") from error
+
+
+class CloudSource(ABC):
+    """Clouds of one scanner; opening it reads none of them."""
+
+    path: Path
+    label: str
+    notes: tuple[str, ...] = ()
+    n_clouds: int = 0
+    """Number of clouds; 0 if it is not known without reading them all."""
+    n_passed_over: int = 10
+    """Clouds to read on up to a later one, rather than to read from that one's time on."""
+
+    @property
+    def frame(self) -> str:
+        """Name of the scanner's frame, from the first of its clouds that tells it."""
+        return ""
+
+    @abstractmethod
+    def clouds(self, start: int = 0) -> Iterator[RecordedCloud]:
+        """Yield the clouds recorded at `start` (ns) or later; which comes after which does not depend on `start`.
+
+        Raises
+        ------
+        FileError
+            If the recording is broken.
+        """
+
+    def close(self) -> None:  # noqa: B027  (captures are open only while they are read)
+        """Close the files."""
 
 
 def fields_in_words(fields: Sequence[FieldDescription]) -> str:

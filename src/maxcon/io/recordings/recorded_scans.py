@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from maxcon._system.progress import Progress
 from maxcon.errors import FileError
 from maxcon.io.raw_scan import RawScan, Scans, check_range, returns_in_range
-from maxcon.io.recordings.clouds import CloudSource, RecordedCloud, open_clouds
+from maxcon.io.recordings.clouds import open_clouds
+from maxcon.io.recordings.point_cloud2 import CloudSource, RecordedCloud
 
 __all__ = ["RecordedScans"]
 

@@ -20,7 +20,7 @@ from maxcon.io.recordings.recording import Topic
 from maxcon.scan import Scan
 
 if TYPE_CHECKING:
-    from maxcon.io.recordings.clouds import RecordedCloud
+    from maxcon.io.recordings.point_cloud2 import RecordedCloud
 
 __all__ = ["RecordingDescription", "ScansDescription", "describe"]
 
