@@ -5,7 +5,7 @@
 import numpy as np
 
 from maxcon import PointMap, Pose
-from maxcon.export.rows import PoseRow
+from maxcon.export import PoseRow
 from maxcon.io.raw_scan import RawScan
 
 WALL = ((-2.0, 6.0, 0.0), (32.0, 6.4, 5.0))

@@ -1,41 +1,44 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Tables of poses in the formats of other programs; the suffix says which (decision 25)."""
+"""Tables of poses in the formats of other programs; the suffix says which."""
 
 import os
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from maxcon.errors import CrsError, OptionError, TrajectoryError
-from maxcon.export.degrees import write_degrees
-from maxcon.export.geojson import write_geojson
-from maxcon.export.geopackage import write_geopackage
-from maxcon.export.kml import write_kml
+from maxcon.export.formats import (
+    times_beside,
+    write_degrees,
+    write_geojson,
+    write_geopackage,
+    write_kitti,
+    write_kml,
+    write_tum_rows,
+)
 from maxcon.export.mcap import write_mcap
 from maxcon.export.placed_scans import SCAN_SUFFIXES, write_placed_scans
-from maxcon.export.rows import PoseRow, read_rows
-from maxcon.export.trajectories import write_kitti, write_tum_rows
+from maxcon.export.pose_rows import PARQUET, PoseRow, read_rows
 from maxcon.io.scans import Scans
 
 __all__ = [
-    "EXPORT_SUFFIXES",
-    "SCAN_SUFFIXES",
-    "PoseRow",
-    "export_poses",
-    "export_scans",
-    "files_of_export",
+    "EXPORT_SUFFIXES", "PARQUET", "SCAN_SUFFIXES", "PoseRow", "export_poses", "export_scans", "files_of_export",
     "read_rows",
-]
+]  # fmt: skip
 
-_ON_EARTH = {".geojson": write_geojson, ".gpkg": write_geopackage, ".kml": write_kml}
-_ANYWHERE = {".csv": write_degrees, ".tum": write_tum_rows, ".kitti": write_kitti}
-_EITHER_WAY = {".mcap": write_mcap}
-EXPORT_SUFFIXES = (*_ON_EARTH, *_EITHER_WAY, *_ANYWHERE)
+_WRITERS: dict[str, Callable[..., Any]] = {
+    ".geojson": write_geojson, ".gpkg": write_geopackage, ".kml": write_kml, ".mcap": write_mcap,
+    ".csv": write_degrees, ".tum": write_tum_rows, ".kitti": write_kitti,
+}  # fmt: skip
+_NEEDING_CRS = (".geojson", ".gpkg", ".kml")
+EXPORT_SUFFIXES = tuple(_WRITERS)
 
 
 def files_of_export(out: str | os.PathLike[str]) -> tuple[Path, ...]:
     """Return the files that an export writes: a .kitti has its times beside it."""
     path = Path(out)
-    return (path, path.with_suffix(".times.txt")) if path.suffix.lower() == ".kitti" else (path,)
+    return (path, times_beside(path)) if path.suffix.lower() == ".kitti" else (path,)
 
 
 def export_poses(table: str | os.PathLike[str], out: str | os.PathLike[str], crs: str | None = None) -> list[PoseRow]:
@@ -59,32 +62,21 @@ def export_poses(table: str | os.PathLike[str], out: str | os.PathLike[str], crs
 
     Raises
     ------
-    OptionError
-        If the suffix is none of these.
-    CrsError
-        If one is needed and not given, or not known.
-    FileError, TrajectoryError
-        If the table cannot be read, has no pose, or `out` cannot be written.
-    MissingExtraError
-        If it is `.gpkg` and pyogrio is not installed.
+    OptionError: if the suffix is none of these.
+    CrsError: if one is needed and not given, or not known.
+    FileError, TrajectoryError: if the table cannot be read, has no pose, or `out` cannot be written.
+    MissingExtraError: if the package for the format is not installed.
     """
     suffix = Path(out).suffix.lower()
-    if suffix not in EXPORT_SUFFIXES:
+    if suffix not in _WRITERS:
         raise OptionError(
-            f"Expected a file to export to with suffix {', '.join(EXPORT_SUFFIXES)}, got {os.fspath(out)!r}. Rename it."
+            f"Expected a file to export to with suffix {', '.join(EXPORT_SUFFIXES)}, or for scans"
+            f" {' or '.join(SCAN_SUFFIXES)}, got {os.fspath(out)!r}. Rename it."
         )
     rows = _localized_rows(table)
-    if suffix in _ANYWHERE:
-        _ANYWHERE[suffix](out, rows)
-    elif suffix in _EITHER_WAY:
-        _EITHER_WAY[suffix](out, rows, crs)
-    elif crs is None:
-        raise CrsError(
-            f"Expected a CRS to export to {suffix}, which the table of poses does not say. Name the map (--map), or the"
-            " CRS (--crs)."
-        )
-    else:
-        _ON_EARTH[suffix](out, rows, crs)
+    if suffix in _NEEDING_CRS:
+        _check_crs(crs)
+    _WRITERS[suffix](out, rows, crs)
     return rows
 
 
@@ -102,12 +94,16 @@ def export_scans(
     Errors as of `write_placed_scans` and `export_poses`.
     """
     rows = _localized_rows(table)
+    return rows, write_placed_scans(out, rows, scans, _check_crs(crs), min_range=min_range, max_range=max_range)
+
+
+def _check_crs(crs: str | None) -> str:
     if crs is None:
         raise CrsError(
-            "Expected a CRS for scans in the map, which the table of poses does not say. Name the map (--map), or the"
-            " CRS (--crs)."
+            "Expected a CRS to export to this format, which the table of poses does not say. Name the map (--map), or"
+            " the CRS (--crs)."
         )
-    return rows, write_placed_scans(out, rows, scans, crs, min_range=min_range, max_range=max_range)
+    return crs
 
 
 def _localized_rows(table: str | os.PathLike[str]) -> list[PoseRow]:

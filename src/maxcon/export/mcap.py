@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.drive.poses_table import COVARIANCES
-from maxcon.export.rows import PoseRow
+from maxcon.export.pose_rows import PoseRow
 from maxcon.geometry import Pose
 from maxcon.geometry.quaternions import quaternions_from_angles
+from maxcon.io.crs import to_wgs84
 from maxcon.io.recordings.writing import Entry, RecordingKind, header_of, open_writer
 
 __all__ = ["CRS_FRAME", "MAP_FRAME", "SENSOR_FRAME", "write_mcap"]
@@ -27,29 +28,11 @@ def write_mcap(path: str | os.PathLike[str], rows: Sequence[PoseRow], crs: str |
     """Write the localized epochs as topics of an MCAP file; each message has the time of its epoch.
 
     /pose (PoseWithCovarianceStamped, in the frame `map`), /tf (`map` to `sensor`), /tf_static (`crs` to `map`), and if
-    the CRS is known /fix (NavSatFix, heights as the map has them).
-
-    Parameters
-    ----------
-    path : path
-        File to write.
-    rows : sequence of PoseRow
-        Those without a pose are left out.
-    crs : str, optional
-        Of the poses.
-
-    Raises
-    ------
-    MissingExtraError
-        If the extra `recordings` is not installed.
-    CrsError
-        If the CRS is unknown, or not a projected one in metres.
-    FileError
-        If it cannot be written.
+    the CRS is known /fix (NavSatFix, heights as the map has them). Needs the extra `recordings`.
     """
     found = [(row, row.pose) for row in rows if row.pose is not None]
     origin = np.floor(found[0][1].position / ROUND) * ROUND
-    places = None if crs is None else _places(crs, [pose for _, pose in found])
+    lonlats = None if crs is None else to_wgs84(crs, [(pose.x, pose.y) for _, pose in found])
     with open_writer(Path(path), RecordingKind.MCAP) as writer:
         first = found[0][0].time
         T_crs_map = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0).translated(origin)
@@ -58,14 +41,8 @@ def write_mcap(path: str | os.PathLike[str], rows: Sequence[PoseRow], crs: str |
             local = pose.translated(-origin)
             writer.write(_pose(row, local))
             writer.write(_transform(row.time, "/tf", MAP_FRAME, SENSOR_FRAME, local))
-            if places is not None:
-                writer.write(_fix(row, pose.z, places[number]))
-
-
-def _places(crs: str, poses: Sequence[Pose]) -> list[tuple[float, float]]:
-    from maxcon.io.crs import to_wgs84
-
-    return to_wgs84(crs, [(pose.x, pose.y) for pose in poses])
+            if lonlats is not None:
+                writer.write(_fix(row, pose.z, lonlats[number]))
 
 
 def _covariance(row: PoseRow) -> NDArray[np.float64]:
@@ -75,16 +52,16 @@ def _covariance(row: PoseRow) -> NDArray[np.float64]:
     return matrix + np.triu(matrix, 1).T
 
 
-def _place_and_turn(pose: Pose, names: tuple[str, str]) -> dict[str, dict[str, float]]:
+def _position_and_turn(pose: Pose, names: tuple[str, str]) -> dict[str, dict[str, float]]:
     turn = quaternions_from_angles(pose.roll, pose.pitch, pose.heading).ravel().tolist()
-    place = pose.position.tolist()
-    return {names[0]: dict(zip("xyz", place, strict=True)), names[1]: dict(zip("xyzw", turn, strict=True))}
+    position = pose.position.tolist()
+    return {names[0]: dict(zip("xyz", position, strict=True)), names[1]: dict(zip("xyzw", turn, strict=True))}
 
 
 def _pose(row: PoseRow, pose: Pose) -> Entry:
     content = {
         "header": header_of(row.time, MAP_FRAME),
-        "pose": {"pose": _place_and_turn(pose, ("position", "orientation")), "covariance": _covariance(row).ravel()},
+        "pose": {"pose": _position_and_turn(pose, ("position", "orientation")), "covariance": _covariance(row).ravel()},
     }
     return Entry(row.time, "/pose", "geometry_msgs/msg/PoseWithCovarianceStamped", content)
 
@@ -93,18 +70,18 @@ def _transform(time: float, topic: str, parent: str, child: str, pose: Pose) -> 
     transform = {
         "header": header_of(time, parent),
         "child_frame_id": child,
-        "transform": _place_and_turn(pose, ("translation", "rotation")),
+        "transform": _position_and_turn(pose, ("translation", "rotation")),
     }
     return Entry(time, topic, "tf2_msgs/msg/TFMessage", {"transforms": [transform]})
 
 
-def _fix(row: PoseRow, z: float, place: tuple[float, float]) -> Entry:
+def _fix(row: PoseRow, z: float, lonlat: tuple[float, float]) -> Entry:
     covariance = _covariance(row)[:3, :3]
     content = {
         "header": header_of(row.time, SENSOR_FRAME),
         "status": dict(status=0, service=1),
-        "latitude": place[1],
-        "longitude": place[0],
+        "latitude": lonlat[1],
+        "longitude": lonlat[0],
         "altitude": z,
         "position_covariance": covariance.ravel(),
         "position_covariance_type": 3 if covariance.any() else 0,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from maxcon.errors import OptionError
-from maxcon.export.parquet_rows import PARQUET
+from maxcon.export import PARQUET
 from maxcon.io.scans import Scans, open_scans
 from maxcon.lab.dataset import DESCRIPTION, Dataset
 from maxcon.mapping.update import LocalizedDrive

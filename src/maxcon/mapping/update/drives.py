@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import FileError
-from maxcon.export.parquet_rows import PARQUET
-from maxcon.export.rows import PoseRow, read_rows
+from maxcon.export import PARQUET, PoseRow, read_rows
 from maxcon.geometry import LocalFrame, Pose
 from maxcon.io.raw_scan import nearest_in_time
 from maxcon.io.scans import Scans, open_scans

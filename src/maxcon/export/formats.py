@@ -1,0 +1,178 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Poses as GeoJSON, GeoPackage, KML, CSV in degrees, TUM and KITTI."""
+
+import csv
+import json
+import os
+import struct
+from collections.abc import Sequence
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon._system.atomic import atomic_file
+from maxcon.errors import FileError, MissingExtraError
+from maxcon.export.pose_rows import PoseRow, bearing_deg, properties
+from maxcon.geometry import Pose
+from maxcon.io.crs import metric_crs, to_wgs84
+from maxcon.io.trajectories import write_tum
+from maxcon.scan.trajectory import Trajectory
+
+__all__ = [
+    "times_beside",
+    "write_degrees",
+    "write_geojson",
+    "write_geopackage",
+    "write_kitti",
+    "write_kml",
+    "write_tum_rows",
+]  # fmt: skip
+
+PathLike = str | os.PathLike[str]
+ISO_POINT_Z = 1001
+"""Kind of geometry in well-known binary."""
+ON_THE_GROUND = "clampToGround"
+
+
+def _localized(rows: Sequence[PoseRow]) -> list[tuple[PoseRow, Pose]]:
+    return [(row, row.pose) for row in rows if row.pose is not None]
+
+
+def _position(row: PoseRow) -> dict[str, float | None]:
+    """Coordinates by their names; None where an epoch is not localized."""
+    return dict(zip("xyz", (None,) * 3 if row.pose is None else row.pose.position.tolist(), strict=True))
+
+
+def write_geojson(path: PathLike, rows: Sequence[PoseRow], crs: str) -> None:
+    """Write GeoJSON (RFC 7946), a feature per epoch: a point in WGS 84 where it is localized, else no geometry.
+
+    Position and covariance in the CRS of the map stand among the properties, as does the CRS. The height of a point is
+    that of the map, m, whatever it is counted from.
+    """
+    features = []
+    lonlats = iter(to_wgs84(crs, [(pose.x, pose.y) for _, pose in _localized(rows)]))
+    for row in rows:
+        geometry = None
+        if row.pose is not None:
+            lonlat = [round(degrees, 9) for degrees in next(lonlats)]
+            geometry = {"type": "Point", "coordinates": [*lonlat, round(row.pose.z, 4)]}
+        features.append({"type": "Feature", "geometry": geometry, "properties": {**_position(row), **properties(row)}})
+    content = {"type": "FeatureCollection", "crs_of_xyz": crs, "features": features}
+    _write(path, json.dumps(content, allow_nan=False))
+
+
+def write_geopackage(path: PathLike, rows: Sequence[PoseRow], crs: str) -> None:
+    """Write a layer `poses` of points with height, in the CRS; epochs that are not localized have no point."""
+    try:
+        from pyogrio.raw import write
+    except ImportError as error:
+        raise MissingExtraError(
+            "Expected the package pyogrio to write a GeoPackage, got none installed. pip install 'maxcon[export]'"
+        ) from error
+    points = [
+        None if row.pose is None else struct.pack("<BI3d", 1, ISO_POINT_Z, *row.pose.position.tolist()) for row in rows
+    ]
+    table = [properties(row) for row in rows]
+    columns = [_column([row[name] for row in table]) for name in table[0]]
+    with atomic_file(path) as partial:
+        made = partial.with_suffix(".gpkg")  # GDAL minds the suffix, where a link leads to another one
+        try:
+            write(
+                made, np.array(points, dtype=object), columns, list(table[0]),
+                layer="poses", driver="GPKG", geometry_type="Point Z", crs=metric_crs(crs),
+            )  # fmt: skip
+        except RuntimeError as error:  # of which all of pyogrio's errors are
+            raise FileError(f"Expected GDAL to write {path}, got: {str(error).splitlines()[0][:120]}.") from error
+        made.replace(partial)
+
+
+def _column(values: list[float | str | None]) -> NDArray[np.generic]:
+    if any(isinstance(value, str) for value in values):
+        return np.array(["" if value is None else value for value in values], dtype=object)
+    return np.array(values, dtype=np.float64)  # None is NaN
+
+
+def write_kml(path: PathLike, rows: Sequence[PoseRow], crs: str) -> None:
+    """Write KML: the way as a line and each localized epoch as a point with its heading.
+
+    Heights are those of the map, and viewers are told to draw on the ground: KML counts heights from the sea, and a
+    map's CRS mostly does not say what its are counted from.
+    """
+
+    def add(parent: ElementTree.Element, **texts: str) -> ElementTree.Element:
+        for name, text in texts.items():
+            ElementTree.SubElement(parent, name).text = text
+        return parent
+
+    root = ElementTree.Element("kml", xmlns="http://www.opengis.net/kml/2.2")
+    document = add(ElementTree.SubElement(root, "Document"), name="maxcon")
+    found = _localized(rows)
+    lonlats = to_wgs84(crs, [(pose.x, pose.y) for _, pose in found])
+    positions = [f"{x:.9f},{y:.9f},{pose.z:.3f}" for (x, y), (_, pose) in zip(lonlats, found, strict=True)]
+    way = add(ElementTree.SubElement(document, "Placemark"), name="way")
+    line = ElementTree.SubElement(way, "LineString")
+    add(line, tessellate="1", altitudeMode=ON_THE_GROUND, coordinates=" ".join(positions))
+    for (row, pose), position in zip(found, positions, strict=True):
+        words = f"{row.status}, bearing {bearing_deg(pose):.2f} degrees. {row.reason}".strip()
+        mark = add(ElementTree.SubElement(document, "Placemark"), name=f"{row.time:.3f}", description=words)
+        add(ElementTree.SubElement(mark, "Point"), altitudeMode=ON_THE_GROUND, coordinates=position)
+    with atomic_file(path) as partial:
+        ElementTree.ElementTree(root).write(partial, encoding="utf-8", xml_declaration=True)
+
+
+def write_degrees(path: PathLike, rows: Sequence[PoseRow], crs: str | None = None) -> None:
+    """Write CSV of every epoch: time (s), position (m), angles (degrees) and all else; `read_trajectory` reads it, too.
+
+    Here and in the formats below the CRS is not used.
+    """
+    with atomic_file(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        for number, row in enumerate(rows):
+            known = properties(row)
+            cells = {"time": known.pop("time"), **_position(row), **known}
+            if number == 0:
+                writer.writerow(cells)
+            writer.writerow("" if value is None else _text(name, value) for name, value in cells.items())
+
+
+def _text(name: str, value: float | str) -> str:
+    if isinstance(value, str):
+        return value
+    decimals = {"time": 9, "x": 4, "y": 4, "z": 4}.get(name, 7 if name.endswith("_deg") else None)
+    return f"{value:.6g}" if decimals is None else f"{value:.{decimals}f}"
+
+
+def write_tum_rows(path: PathLike, rows: Sequence[PoseRow], crs: str | None = None) -> None:
+    """Write the localized poses as lines `time x y z qx qy qz qw`, s and m."""
+    times, poses = zip(*[(row.time, pose) for row, pose in _localized(rows)], strict=True)
+    write_tum(path, Trajectory.from_poses(times, poses), "T_map_sensor, localized by maxcon")
+
+
+def times_beside(path: PathLike) -> Path:
+    """Return the file of the times of poses in KITTI's format."""
+    return Path(path).with_suffix(".times.txt")
+
+
+def write_kitti(path: PathLike, rows: Sequence[PoseRow], crs: str | None = None) -> None:
+    """Write the localized poses as the twelve numbers of [R t], row by row, a line each; their times beside it.
+
+    T_map_sensor, in global coordinates: the first pose is not the origin, as in KITTI's own.
+    """
+    found, times = _localized(rows), times_beside(path)
+    matrices = [np.column_stack([pose.rotation, pose.position]).ravel().tolist() for _, pose in found]
+    with atomic_file(times) as times_partial, atomic_file(path) as poses_partial:
+        _put(poses_partial, "\n".join(" ".join(f"{value:.12g}" for value in matrix) for matrix in matrices))
+        _put(times_partial, "\n".join(f"{row.time:.9f}" for row, _ in found))
+        times.unlink(missing_ok=True)  # a kill from here on leaves poses without times, not with those of others
+
+
+def _write(path: PathLike, text: str) -> None:
+    with atomic_file(path) as partial:
+        _put(partial, text)
+
+
+def _put(path: Path, text: str) -> None:
+    path.write_text(text + "\n", encoding="utf-8", newline="\n")
