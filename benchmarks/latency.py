@@ -90,7 +90,7 @@ class StageTimes:
             (maximum_consensus, "fit_ground", "ground"),
             (cell_search, "branch_and_bound", _kind_of_search),
             (cell_search, "judge", "judging"),
-            (maximum_consensus, "examine", "refining"),
+            (maximum_consensus, "validate", "refining"),
         ]
         with ExitStack() as stack:
             for module, name, stage in functions:

@@ -28,8 +28,8 @@ from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.baselines import Gicp
 from maxcon.lab.dataset import Dataset
 from maxcon.lab.evaluation import pose_error
+from maxcon.refine import validate
 from maxcon.refine.ground import fit_ground
-from maxcon.refine.validation import examine
 
 
 def quantiles(values: list[float], digits: int = 0) -> str:
@@ -69,7 +69,7 @@ def main() -> None:
         ground = fit_ground(scan, point_map, cell.pose)
         believed = replace(cells.trust, least_confirmed_share=0.0, fewest_planes=0, farthest_move=1e9)
         cell = replace(cell, status=type(cell.status).LOCALIZED)
-        refined, refined_ms = timed(examine, cell, ground, scan, point_map, believed, 0.01, is_confirmed=True)
+        refined, refined_ms = timed(validate, cell, ground, scan, point_map, believed, 0.01, is_confirmed=True)
         gicp.prepare(scan, point_map, cell.pose)
         by_gicp, gicp_ms = timed(gicp.localize, scan, point_map, cell.pose)
         for name, estimate, ms in zip(poses, (cell, refined, by_gicp), (search_ms, refined_ms, gicp_ms), strict=True):

@@ -31,21 +31,19 @@ from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.dataset import Dataset
 from maxcon.lab.evaluation import pose_error
+from maxcon.refine import fit_ground_plane
 from maxcon.relocalization import Relocalizer, kernels
-from maxcon.relocalization.coarse_tiles import HIGHEST
-from maxcon.relocalization.own_ground import above_own_ground
-from maxcon.relocalization.regions import REGION
-from maxcon.relocalization.relocalizer import SIFTED
-from maxcon.relocalization.sieve import sift
-from maxcon.relocalization.sieve_scan import SieveScan
-from maxcon.relocalization.sifted import HEADINGS, STEP_DEG
+from maxcon.relocalization.coarse_filter import filter_cells
+from maxcon.relocalization.coarse_map import REGION
+from maxcon.relocalization.coarse_scan import HEADINGS, STEP_DEG, CoarseScan
+from maxcon.relocalization.relocalizer import COARSE
 
 WITHIN, WITHIN_DEG = 0.3, 1.0
 # A large cell, or one beside it, is as good as large cells are.
 NEAR, NEAR_DEG = 1.5, 3.0
 FARTHEST_SHARE = 0.7
 COLUMNS = (
-    "epoch", "method", "status", "is_right", "error_m", "error_deg", "share", "runner_up", "n_open", "n_closer",
+    "epoch", "method", "status", "is_right", "error_m", "error_deg", "share", "runner_up", "n_coarse", "n_half",
     "n_others", "cpu_ms", "true_x", "true_y", "x", "y",
 )  # fmt: skip
 
@@ -77,15 +75,15 @@ def relocalized(epoch, relocalizer, points, truth):
     estimate = found.estimate
     return row(
         epoch, "maxcon", estimate.status.value, estimate.pose, truth, milliseconds, share=estimate.share,
-        runner_up=estimate.runner_up, n_open=found.n_open, n_closer=found.n_closer, n_others=found.n_others,
+        runner_up=estimate.runner_up, n_coarse=found.n_coarse, n_half=found.n_half, n_others=found.n_others,
     )  # fmt: skip
 
 
-def without_facings(points):
+def without_bins(points):
     """What is counted without regard to which way surfaces face."""
     scan = Scan(points)
-    sieved = SieveScan.of(scan.thinned(SIFTED.thinning), above_own_ground(scan), HIGHEST)
-    return SieveScan(sieved.points, np.zeros_like(sieved.normals))
+    coarse = CoarseScan.of(scan.thinned(COARSE.thinning), fit_ground_plane(scan))
+    return CoarseScan(coarse.points, np.zeros_like(coarse.normals))
 
 
 def pose_of(cell, edge):
@@ -96,7 +94,7 @@ def pose_of(cell, edge):
 
 def coarse(epoch, regions, points, truth):
     """The best large cell by count alone, by branch and bound."""
-    found, milliseconds = timed(lambda: sift(without_facings(points), regions, 1.0))
+    found, milliseconds = timed(lambda: filter_cells(without_bins(points), regions, 1.0))
     return row(epoch, "count, bounds", "", pose_of(found.cells[0], regions.tiles.cell), truth, milliseconds)
 
 
@@ -110,7 +108,7 @@ def best_of_all(scan, regions):
             cells = np.column_stack([np.full(len(allowed), heading), allowed])
             counts = np.empty(len(cells), np.int64)
             kernels.count_cells(
-                region.voxels.facings, turned.layers, turned.columns, turned.facings, cells, region.margin, counts
+                region.voxels.bins, turned.layers, turned.columns, turned.bins, cells, region.margin, counts
             )
             if counts.max() > best:
                 best = counts.max()
@@ -120,7 +118,7 @@ def best_of_all(scan, regions):
 
 def exhaustive(epoch, regions, points, truth):
     """The same cell by counting all."""
-    cell, milliseconds = timed(lambda: best_of_all(without_facings(points), regions))
+    cell, milliseconds = timed(lambda: best_of_all(without_bins(points), regions))
     return row(epoch, "count, exhaustive", "", pose_of(cell, regions.tiles.cell), truth, milliseconds)
 
 
@@ -158,7 +156,7 @@ def main():
     title = f"{dataset.path.stem} in {Path(options.map or dataset.map_path).stem}"
     header(f"No prior but the map: {title}")
     rng, whole, rows = np.random.default_rng(29), Relocalizer(point_map), []
-    regions = whole.sifted
+    regions = whole.coarse
     n_places = whole.n_cells // round(360 / STEP_DEG)
     print(f"{whole.n_cells:,} large cells, {n_places:,} places in {len(regions.keys)} regions")
     epochs = np.unique(np.linspace(0, len(scans) - 1, options.epochs).round().astype(int)).tolist()

@@ -19,13 +19,12 @@ import numpy as np
 from maxcon import PointMap, Scan
 from maxcon.io.scans import open_scans
 from maxcon.lab.dataset import Dataset
+from maxcon.refine import fit_ground_plane
 from maxcon.relocalization import Relocalizer
-from maxcon.relocalization.coarse_tiles import HIGHEST
-from maxcon.relocalization.own_ground import above_own_ground
-from maxcon.relocalization.regions import REGION
-from maxcon.relocalization.relocalizer import SIFTED, SIFTED_SHARE
-from maxcon.relocalization.sieve import sift
-from maxcon.relocalization.sieve_scan import SieveScan
+from maxcon.relocalization.coarse_filter import filter_cells
+from maxcon.relocalization.coarse_map import REGION
+from maxcon.relocalization.coarse_scan import CoarseScan
+from maxcon.relocalization.relocalizer import COARSE, COARSE_RATIO
 
 COLOURS = {"localized": "#1b7f3b", "ambiguous": "#d98a00"}
 WALL, GROUND, FOUND = "#4a4a4a", "#e3e9ef", "#c2185b"
@@ -33,7 +32,7 @@ WALL, GROUND, FOUND = "#4a4a4a", "#e3e9ef", "#c2185b"
 
 def backdrop(axes, relocalizer):
     """Walls, and the cells in which a scanner may stand."""
-    regions, edge = relocalizer.sifted, relocalizer.sifted.tiles.cell
+    regions, edge = relocalizer.coarse, relocalizer.coarse.tiles.cell
     for key in regions.keys:
         region = regions.load(key)
         left, low = (first * edge for first in region.first)
@@ -43,7 +42,7 @@ def backdrop(axes, relocalizer):
             allowed, origin="lower", extent=extent, cmap=plt.matplotlib.colors.ListedColormap([GROUND]), zorder=0
         )
         inside = slice(region.margin, region.margin + REGION)
-        y, x = np.nonzero(region.voxels.facings[1:, inside, inside].any(axis=0))
+        y, x = np.nonzero(region.voxels.bins[1:, inside, inside].any(axis=0))
         axes.plot(left + (x + 0.5) * edge, low + (y + 0.5) * edge, ",", color=WALL, alpha=0.5, zorder=1)
 
 
@@ -63,13 +62,13 @@ def draw_answers(axes, rows):
     axes.set_title("Where the scans were taken, and what the answer said", fontsize=10)
 
 
-def draw_sieve(axes, relocalizer, scan, row):
+def draw_candidates(axes, relocalizer, scan, row):
     """Large cells that one scan leaves open."""
-    sieved = SieveScan.of(scan.thinned(SIFTED.thinning), above_own_ground(scan), HIGHEST)
-    found = sift(sieved, relocalizer.sifted, SIFTED_SHARE)
-    places = (found.cells[::-1, [2, 1]] + 0.5) * relocalizer.sifted.tiles.cell
+    coarse = CoarseScan.of(scan.thinned(COARSE.thinning), fit_ground_plane(scan))
+    found = filter_cells(coarse, relocalizer.coarse, COARSE_RATIO)
+    places = (found.cells[::-1, [2, 1]] + 0.5) * relocalizer.coarse.tiles.cell
     drawn = axes.scatter(
-        *places.T, c=found.counts[::-1] / found.counts[0], s=9, cmap="viridis_r", vmin=SIFTED_SHARE, vmax=1.0, zorder=3
+        *places.T, c=found.counts[::-1] / found.counts[0], s=9, cmap="viridis_r", vmin=COARSE_RATIO, vmax=1.0, zorder=3
     )
     axes.figure.colorbar(drawn, ax=axes, fraction=0.04, pad=0.02, label="matches, over those of the best cell")
     for pose in relocalizer.search(scan).places[1:]:
@@ -81,7 +80,7 @@ def draw_sieve(axes, relocalizer, scan, row):
     share = 100.0 * len(found) / relocalizer.n_cells
     axes.set_title(
         f"Epoch {row['epoch']}: {len(found):,} of {relocalizer.n_cells:,} cells ({share:.3f} %, at {n_places} places)\n"
-        f"reach {SIFTED_SHARE:g} of the best; all others are excluded", fontsize=10,
+        f"reach {COARSE_RATIO:g} of the best; all others are excluded", fontsize=10,
     )  # fmt: skip
 
 
@@ -104,7 +103,7 @@ def main():
         axes.spines[["top", "right"]].set_visible(False)
     left.set_ylabel("y (m)")
     draw_answers(left, rows)
-    draw_sieve(right, relocalizer, scan, next(row for row in rows if int(row["epoch"]) == options.epoch))
+    draw_candidates(right, relocalizer, scan, next(row for row in rows if int(row["epoch"]) == options.epoch))
     left.legend(loc="lower right", fontsize=8, frameon=True)
     right.legend(loc="lower right", fontsize=8, frameon=True)
     (x_low, y_low), (x_high, y_high) = relocalizer.map.bounds

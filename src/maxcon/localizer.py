@@ -20,8 +20,8 @@ from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
 from maxcon.integrity import Trust
 from maxcon.map import PointMap
+from maxcon.refine import validate
 from maxcon.refine.ground import GroundFit, fit_ground
-from maxcon.refine.validation import examine
 from maxcon.scan import Scan
 from maxcon.search import Multiplicity, SearchMethod, Weighting, level_of
 from maxcon.search.accumulator import Accumulator
@@ -195,7 +195,7 @@ class MaximumConsensus:
             return found if ground is None else replace(found, pose=ground.pose)
         # A street that leaves a direction open does so from farther around too.
         is_street = found.status is Status.UNDETERMINED and found.share >= self.trust.least_share
-        examined = examine(found, ground, scan, point_map, self.trust, self.risk)
+        examined = validate(found, ground, scan, point_map, self.trust, self.risk)
         if examined.is_localized or is_street:
             return examined
         return self._search_wider(examined, start, scan, point_map)
@@ -246,7 +246,7 @@ class MaximumConsensus:
         found, ground = self._on_ground(found, found.pose, scan, point_map)
         moved = math.hypot(found.pose.x - doubted.pose.x, found.pose.y - doubted.pose.y)
         is_same = doubted.status is not Status.NO_MATCH and moved <= self.trust.guard_radius
-        examined = examine(found, ground, scan, point_map, self.trust, self.risk, is_confirmed=is_same)
+        examined = validate(found, ground, scan, point_map, self.trust, self.risk, is_confirmed=is_same)
         if not (is_same or examined.is_localized):
             reason = f"from farther around another place, {moved:.1f} m away, fits better"
             return replace(doubted, reason="; ".join(filter(None, [doubted.reason, reason])), was_widened=True)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from maxcon import PointMap, Pose, Scan
@@ -27,7 +27,7 @@ def off(truth, rng, metres=0.09, degrees=0.25):
 
 
 @pytest.mark.parametrize("share_with_normals", [1.0, 0.3, 0.0])
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(2))
 def test_thin_walls_at_any_offset_from_the_voxels(yard, seed, share_with_normals):
     scan, point_map, truth = yard(seed, share_with_normals=share_with_normals)
     rng = np.random.default_rng(seed)
@@ -133,7 +133,6 @@ def plain_partner(point, normal, voxels, cell, along, around, least_cosine):
 
 
 @given(st.integers(0, 2**32), st.integers(0, 5), st.integers(0, 3))
-@settings(max_examples=40)
 def test_partners_are_those_of_a_plain_search(seed, along, around):
     rng = np.random.default_rng(seed)
     cell = 0.06
@@ -164,7 +163,6 @@ def test_partners_are_those_of_a_plain_search(seed, along, around):
 
 
 @given(st.integers(0, 2**32))
-@settings(max_examples=20)
 def test_gradients_are_those_of_the_distances(seed):
     """The pull of one point is how its distance falls with each unknown: against differences."""
     rng = np.random.default_rng(seed)

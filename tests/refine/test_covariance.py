@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from maxcon import PointMap, Pose, Scan
-from maxcon.refine import covariance, group_kernels, map_covariance, refine
-from maxcon.refine.adjustment import MATCH_SIGMA
-from maxcon.refine.covariance import CLUSTER_EDGE, N_FACINGS, SCATTER_FACTORS, STEEPEST, WALL_SHARE
+from maxcon.refine import covariance, kernels, map_covariance, refine
+from maxcon.refine.adjustment import CLUSTER_EDGE, MATCH_SIGMA, N_BINS, SCATTER_FACTORS, STEEPEST, WALL_RATIO
 
 
 def plain_covariance(refined, map_sigma):
@@ -30,20 +29,20 @@ def plain_covariance(refined, map_sigma):
             step[k] = 1e-5
             there, back = Pose(*(at + step)).apply(point[None])[0], Pose(*(at - step)).apply(point[None])[0]
             gradient[k] = plane[:3] @ (there - back) / 2e-5
-        facing = N_FACINGS
+        own_bin = N_BINS
         if abs(plane[2]) <= STEEPEST:
-            facing = math.floor(math.atan2(plane[1], plane[0]) / (2 * math.pi) * N_FACINGS) % N_FACINGS
+            own_bin = math.floor(math.atan2(plane[1], plane[0]) / (2 * math.pi) * N_BINS) % N_BINS
         cube = tuple(np.floor(point / CLUSTER_EDGE).astype(int))
         depth = math.floor((plane[3] - plane[:3] @ pose.position) / CLUSTER_EDGE)
-        pulls[cube, facing] = pulls.get((cube, facing), 0.0) + weight * residual * gradient
-        walls[depth, facing] = walls.get((depth, facing), 0.0) + weight * gradient
+        pulls[cube, own_bin] = pulls.get((cube, own_bin), 0.0) + weight * residual * gradient
+        walls[depth, own_bin] = walls.get((depth, own_bin), 0.0) + weight * gradient
         A = A + weight * np.outer(gradient, gradient)
     scatter = sum(np.outer(pull, pull) for pull in pulls.values()) + np.diag(refined.start_weights) * MATCH_SIGMA**2
     wall = sum(np.outer(pull, pull) for pull in walls.values())
     inverse = np.linalg.inv(A)
     factors = np.diag(SCATTER_FACTORS)
     of_map = np.diag(np.array([1, 1, 1, 1 / 20, 1 / 20, 1 / 50]) * map_sigma) ** 2
-    of_walls = (WALL_SHARE * map_sigma) ** 2 * inverse @ wall @ inverse
+    of_walls = (WALL_RATIO * map_sigma) ** 2 * inverse @ wall @ inverse
     return factors @ inverse @ scatter @ inverse @ factors + of_walls + of_map
 
 
@@ -58,15 +57,13 @@ def test_groups_are_those_of_cubes_depths_and_azimuths(seed):
     planes = np.column_stack([normals, normals @ position + rng.uniform(-9, 9, n)])
     weights = rng.uniform(size=n) * (rng.random(n) < 0.8)
     clusters, walls = np.empty(n, np.int64), np.empty(n, np.int64)
-    n_groups = group_kernels.number_groups(
-        points, planes, weights, position, edge, N_FACINGS, STEEPEST, clusters, walls
-    )
-    azimuths = np.arctan2(normals[:, 1], normals[:, 0]) / (2 * math.pi) * N_FACINGS
-    facings = np.where(np.abs(normals[:, 2]) > STEEPEST, N_FACINGS, np.floor(azimuths) % N_FACINGS)
+    n_groups = kernels.number_groups(points, planes, weights, position, edge, N_BINS, STEEPEST, clusters, walls)
+    azimuths = np.arctan2(normals[:, 1], normals[:, 0]) / (2 * math.pi) * N_BINS
+    bins = np.where(np.abs(normals[:, 2]) > STEEPEST, N_BINS, np.floor(azimuths) % N_BINS)
     depths = np.floor((planes[:, 3] - normals @ position) / edge)
     for numbers, columns, n_numbers in (
-        (clusters, [*np.floor(points / edge).T, facings], n_groups[0]),
-        (walls, [depths, facings], n_groups[1]),
+        (clusters, [*np.floor(points / edge).T, bins], n_groups[0]),
+        (walls, [depths, bins], n_groups[1]),
     ):
         assert (numbers[weights == 0.0] == -1).all()
         rows = np.column_stack(columns)[weights > 0.0]
@@ -86,17 +83,18 @@ def test_it_is_what_its_words_say(yard, seed):
     assert np.linalg.eigvalsh(got / scale / scale[:, None]).min() > 0.0
 
 
-def test_the_map_adds_what_it_is_wrong_by(yard):
+def test_the_map_adds_what_it_is_wrong_by_and_single_walls_three_tenths_of_it(yard):
     scan, point_map, truth = yard(0)
     refined = refine(scan, point_map, truth)
-    added = covariance(refined, 0.05) - covariance(refined, 0.0)
     np.testing.assert_allclose(
         np.sqrt(np.diag(map_covariance(0.05))), [0.05, 0.05, 0.05, 0.0025, 0.0025, 0.001], rtol=1e-6
     )
-    # Beside that single walls are off, each by a share of it.
-    of_walls = np.sqrt(np.diag(added - map_covariance(0.05)))
-    assert (of_walls > 0.0).all()
-    assert (of_walls[:3] < WALL_SHARE * 0.05).all()
+    of_walls = covariance(refined, 0.05) - covariance(refined, 0.0) - map_covariance(0.05)
+    wanted = plain_covariance(refined, 0.05) - plain_covariance(refined, 0.0) - map_covariance(0.05)
+    assert (CLUSTER_EDGE, STEEPEST, WALL_RATIO) == (3.0, 0.7, 0.3)
+    np.testing.assert_allclose(np.diag(of_walls), np.diag(wanted), rtol=1e-3)
+    sigmas = np.sqrt(np.diag(of_walls))
+    assert (sigmas > 0.0).all() and (sigmas[:3] < WALL_RATIO * 0.05).all()
 
 
 def test_between_two_walls_the_open_direction_is_as_uncertain_as_the_start():
@@ -114,14 +112,5 @@ def test_without_partners_it_is_that_of_the_start(yard):
     nothing = PointMap.from_points(np.empty((0, 3)), np.empty((0, 3)))
     sigmas = np.sqrt(np.diag(covariance(refine(scan, nothing, truth), 0.0)))
     start = [1.0, 1.0, 0.3, math.radians(1), math.radians(1), math.radians(5)]
-    # The factors of decision 20, by which the coverage of docs/certainty.md was measured.
+    # The factors by which the coverage of docs/certainty.md was measured.
     np.testing.assert_allclose(sigmas, np.multiply([1.2, 1.2, 1.35, 1.35, 1.35, 1.2], start))
-
-
-def test_a_whole_wall_is_off_by_three_tenths_of_the_map(yard):
-    scan, point_map, truth = yard(0)
-    refined = refine(scan, point_map, truth)
-    of_walls = covariance(refined, 0.05) - covariance(refined, 0.0) - map_covariance(0.05)
-    wanted = plain_covariance(refined, 0.05) - plain_covariance(refined, 0.0) - map_covariance(0.05)
-    assert (CLUSTER_EDGE, STEEPEST, WALL_SHARE) == (3.0, 0.7, 0.3)
-    np.testing.assert_allclose(np.diag(of_walls), np.diag(wanted), rtol=1e-3)

@@ -1,7 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""What examining a best cell makes of it: what stays in doubt, what the ground is worth, and which words say why."""
+"""Validation of a best cell: what stays in doubt, what the ground is worth, which walls are missing, and the words."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -9,28 +10,49 @@ import pytest
 
 from maxcon import PointMap, Pose, Scan, Trust
 from maxcon.estimate import Estimate, Status
-from maxcon.refine import HEIGHT_SIGMA, TILT_SIGMA, validation
-from maxcon.refine.ground import GroundFit
-from maxcon.refine.validation import examine
+from maxcon.refine import (
+    HEIGHT_SIGMA,
+    TILT_SIGMA,
+    GroundFit,
+    Refined,
+    WallShare,
+    kernels,
+    least_wall_share,
+    refine,
+    validate,
+    validation,
+)  # fmt: skip
 
 HERE = Pose(0.2, -0.1, 1.6, 0.0, 0.0, 0.3)
 ON_GROUND = replace(HERE, z=1.55, roll=0.01)
 RISK = 0.01
 
 
-def in_a_room(seen_walls=(0, 1, 2, 3), n_points=3000):
-    """Four walls 5 m away, and a scan of some of them."""
+def wall(azimuth_deg, distance, n, rng):
+    """Points of a wall that faces the origin, seen at an azimuth; and its normals."""
+    azimuth = math.radians(azimuth_deg)
+    out = np.array([math.cos(azimuth), math.sin(azimuth), 0.0])
+    along = np.array([-out[1], out[0], 0.0])
+    points = distance * out + rng.uniform(-6, 6, (n, 1)) * along + rng.uniform(-1, 4, (n, 1)) * [0.0, 0.0, 1.0]
+    return points, np.tile(-out, (n, 1))
+
+
+def joined(*walls):
+    return tuple(np.concatenate(parts) for parts in zip(*walls, strict=True))
+
+
+@pytest.fixture(scope="module")
+def room():
+    """Four walls 5 m away, of 60,000 points each."""
     rng = np.random.default_rng(1)
-    points, normals = [], []
-    for azimuth in np.arange(4) * np.pi / 2:
-        out, along = (np.array([np.cos(azimuth), np.sin(azimuth)]), np.array([-np.sin(azimuth), np.cos(azimuth)]))
-        across, up = rng.uniform(-5.0, 5.0, (60_000, 1)), rng.uniform(0.0, 4.0, 60_000)
-        points.append(np.column_stack([5.0 * out + across * along, up]))
-        normals.append(np.tile([*-out, 0.0], (60_000, 1)))
-    point_map = PointMap.from_points(np.concatenate(points), np.concatenate(normals), 0.06)
-    seen = np.concatenate([points[number][: n_points // len(seen_walls)] for number in seen_walls])
-    facing = np.concatenate([normals[number][: n_points // len(seen_walls)] for number in seen_walls])
-    return Scan((seen - HERE.position) @ HERE.rotation, facing @ HERE.rotation), point_map
+    points, normals = joined(*(wall(azimuth, 5.0, 60_000, rng) for azimuth in (0, 90, 180, 270)))
+    return points, normals, PointMap.from_points(points, normals, 0.06)
+
+
+def seen(room, n_points):
+    """A scan of some points of each wall, wall by wall."""
+    rows = (np.arange(4)[:, None] * 60_000 + np.arange(n_points // 4)).ravel()
+    return Scan((room[0][rows] - HERE.position) @ HERE.rotation, room[1][rows] @ HERE.rotation)
 
 
 def found(status=Status.LOCALIZED, reason=""):
@@ -44,7 +66,7 @@ def ground(sigma_height=0.01, sigma_tilt=0.001):
 @pytest.fixture
 def asked(monkeypatch):
     """What the refinement was asked for."""
-    calls, refine = [], validation.refine
+    calls = []
 
     def recorded(scan, point_map, start, **sigmas):
         calls.append((start, sigmas))
@@ -54,11 +76,10 @@ def asked(monkeypatch):
     return calls
 
 
-def test_an_answer_in_doubt_is_laid_on_its_ground_and_not_refined(asked):
-    scan, point_map = in_a_room()
+def test_an_answer_in_doubt_gets_the_height_and_tilt_of_its_ground_and_is_not_refined(asked, room):
     doubted = found(Status.AMBIGUOUS)
     for fit, pose in ((ground(), ON_GROUND), (None, HERE)):
-        answer = examine(doubted, fit, scan, point_map, Trust(), RISK)
+        answer = validate(doubted, fit, seen(room, 3000), room[2], Trust(), RISK)
         assert (answer.pose, answer.status, answer.score) == (pose, Status.AMBIGUOUS, doubted.score)
         assert not np.isfinite(np.diag(answer.covariance)).any()
     assert asked == []
@@ -73,44 +94,97 @@ def test_an_answer_in_doubt_is_laid_on_its_ground_and_not_refined(asked):
         (ground(0.001, 0.02), 0.03, 0.02),
     ],
 )
-def test_the_ground_tells_height_and_tilt_no_better_than_map_and_walls_agree(asked, fit, height_sigma, tilt_sigma):
-    scan, point_map = in_a_room()
-    answer = examine(found(), fit, scan, point_map, Trust(), RISK)
+def test_the_ground_tells_no_more_than_map_and_walls_agree_on(asked, room, fit, height_sigma, tilt_sigma):
+    answer = validate(found(), fit, seen(room, 3000), room[2], Trust(), RISK)
     assert asked == [(HERE if fit is None else ON_GROUND, {"height_sigma": height_sigma, "tilt_sigma": tilt_sigma})]
     assert answer.is_localized
     assert answer.pose.position[:2] == pytest.approx(HERE.position[:2], abs=0.01)
     assert np.isfinite(answer.covariance).all() and np.isfinite(answer.protection_level).all()
 
 
-def test_too_few_points_on_planes_are_told_by_number_and_what_was_said_before_stays():
-    scan, point_map = in_a_room(n_points=800)
+def test_too_few_points_on_planes_are_told_by_number_and_what_was_said_before_stays(room):
     strict = Trust(fewest_planes=10_000)
-    answer = examine(found(reason="only 800 points"), None, scan, point_map, strict, RISK)
+    answer = validate(found(reason="only 800 points"), None, seen(room, 800), room[2], strict, RISK)
     assert (answer.status, answer.pose) == (Status.NOT_CONFIRMED, HERE)
     first, second = answer.reason.split("; ")
-    assert first == "only 800 points"
     number, words = second.split(" ", 1)
+    assert (first, words) == ("only 800 points", "points on planes of the map, 0.00 m from the best cell")
     assert 100 < int(number) <= 800
-    assert words == "points on planes of the map, 0.00 m from the best cell"
     assert not np.isfinite(answer.covariance).any(where=np.eye(6, dtype=bool))
 
 
-def test_walls_that_are_not_there_are_named_unless_a_wider_search_confirmed_the_place():
-    scan, point_map = in_a_room()
+def test_walls_that_are_not_there_are_named_unless_a_wider_search_confirmed_the_place(room):
+    scan = seen(room, 3000)
     beside, quarter = np.array(scan.points), len(scan) // 4
     for number, offset in ((0, 1.0), (2, -1.0)):  # two walls stand 1 m farther apart
         beside[number * quarter : (number + 1) * quarter] += HERE.rotation.T @ [offset, 0.0, 0.0]
-    moved = Scan(beside, scan.normals)
-    answer = examine(found(), None, moved, point_map, Trust(), RISK)
+    moved, lenient = Scan(beside, scan.normals), Trust(least_confirmed_share=0.0)
+    answer = validate(found(), None, moved, room[2], Trust(), RISK)
     assert answer.status is Status.WALLS_MISSING
     assert "wall" in answer.reason and "planes" not in answer.reason
-    lenient = Trust(least_confirmed_share=0.0)
-    assert examine(found(), None, moved, point_map, lenient, RISK).status is Status.WALLS_MISSING
-    assert examine(found(), None, moved, point_map, lenient, RISK, is_confirmed=True).is_localized
+    assert validate(found(), None, moved, room[2], lenient, RISK).status is Status.WALLS_MISSING
+    assert validate(found(), None, moved, room[2], lenient, RISK, is_confirmed=True).is_localized
 
 
-def test_a_scan_without_walls_has_nothing_that_could_confirm_it():
-    scan, point_map = in_a_room(n_points=36)
+def test_a_scan_without_walls_has_nothing_that_could_confirm_it(room):
     lenient = Trust(fewest_planes=0, farthest_move=10.0)
-    answer = examine(found(), None, scan, point_map, lenient, RISK)
+    answer = validate(found(), None, seen(room, 36), room[2], lenient, RISK)
     assert (answer.status, answer.reason) == (Status.WALLS_MISSING, "the scan has hardly any wall points")
+
+
+def test_the_orientation_bin_with_the_lowest_share_is_given():
+    rng = np.random.default_rng(0)
+    here = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    along, across = [wall(75, 5.0, 30_000, rng), wall(255, 7.0, 30_000, rng)], wall(165, 9.0, 30_000, rng)
+    point_map = PointMap.from_points(*joined(*along, across))
+    few = wall(15, 3.0, 12, rng)
+    assert least_wall_share(refine(Scan(*joined(*along, across, few)), point_map, here)).share > 0.95
+    missing = least_wall_share(refine(Scan(*joined(*along, wall(165, 4.0, 30_000, rng))), point_map, here))
+    assert (missing.n_found, missing.azimuth) == (0, pytest.approx(math.radians(165)))
+    assert missing.words == f"of {missing.n_points} wall points facing 165 degrees from +x (of 180) 0 lie on the map"
+    bare = Scan(across[0], np.zeros_like(across[1]))
+    assert least_wall_share(refine(bare, point_map, here)) is None
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_counts_are_those_of_azimuths(seed):
+    rng = np.random.default_rng(seed)
+    normals = rng.normal(size=(500, 3))
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    normals[:100] = 0.0
+    normals[100:103] = [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+    residuals, rotation = rng.normal(0.0, 0.1, 500), Pose(0.0, 0.0, 0.0, 0.1 * seed, 0.0, 0.3 * seed).rotation
+    n_points, n_found = np.zeros(6, np.int64), np.zeros(6, np.int64)
+    kernels.count_walls(normals, residuals, rotation, 0.5, 0.08, n_points, n_found)
+    turned = normals @ rotation.T
+    is_wall = turned.any(axis=1) & (np.abs(turned[:, 2]) < 0.5)
+    azimuths = np.arctan2(turned[is_wall, 1], turned[is_wall, 0]) % math.pi
+    bins = np.minimum((azimuths / math.pi * 6).astype(int), 5)
+    is_found = np.abs(residuals[is_wall]) <= 0.08
+    assert n_points.tolist() == np.bincount(bins, minlength=6).tolist()
+    assert n_found.tolist() == np.bincount(bins[is_found], minlength=6).tolist()
+
+
+@pytest.mark.parametrize(
+    ("vertical", "residual", "n_points", "wanted"),
+    [
+        (0.0, 0.0, 19, None),
+        (0.0, 0.0, 20, WallShare(math.radians(15), 20, 20)),
+        (0.0, 0.079, 30, WallShare(math.radians(15), 30, 30)),
+        (0.0, 0.081, 30, WallShare(math.radians(15), 30, 0)),
+        (0.49, 0.0, 30, WallShare(math.radians(15), 30, 30)),
+        (0.51, 0.0, 30, None),
+    ],
+)
+def test_what_a_wall_point_is_and_when_it_is_found(vertical, residual, n_points, wanted):
+    normals = np.tile([math.sqrt(1.0 - vertical**2), 0.0, vertical], (n_points, 1))
+    nothing = np.zeros((n_points, 4))
+    refined = Refined(
+        Pose(0, 0, 0, 0, 0, 0), normals, normals, nothing, np.full(n_points, residual), nothing[:, 0], np.eye(6),
+        np.ones(6), moved=0.0, turned=0.0,
+    )  # fmt: skip
+    assert least_wall_share(refined) == wanted
+
+
+def test_few_points_are_drawn_to_a_half():
+    assert (WallShare(0.0, 20, 2).share, WallShare(0.0, 20, 20).share) == (4 / 24, 22 / 24)

@@ -12,9 +12,8 @@ from maxcon import PointMap, Scan, Status, Trust
 from maxcon.errors import MapError, OptionError
 from maxcon.lab.evaluation import pose_error
 from maxcon.relocalization import Relocalizer
-from maxcon.relocalization.own_ground import above_own_ground
+from maxcon.relocalization.coarse_map import CoarseTiles
 from maxcon.relocalization.relocalizer import _words
-from maxcon.relocalization.standing import standing_on
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +55,7 @@ def test_threads_do_not_change_the_answer(town, relocalizer):
     one, three = relocalizer.search(scan), Relocalizer(town.map, n_threads=3).search(scan)
     assert one.places == three.places
     assert one.estimate.pose == three.estimate.pose
-    assert (one.n_open, one.n_closer, one.n_others) == (three.n_open, three.n_closer, three.n_others)
+    assert (one.n_coarse, one.n_half, one.n_others) == (three.n_coarse, three.n_half, three.n_others)
 
 
 def test_a_town_that_is_there_twice_is_ambiguous_and_says_so():
@@ -91,25 +90,26 @@ def test_in_a_circle_without_the_true_place_it_is_not_localized(town, relocalize
     assert inside.n_cells < 180 * math.pi * 16.0**2 / 0.96**2
 
 
-def test_at_the_rim_of_the_circle_it_says_so(town, relocalizer):
+def test_a_circle_shares_what_is_kept_of_the_map_and_makes_nothing_anew(relocalizer, monkeypatch):
+    monkeypatch.setattr(CoarseTiles, "__init__", lambda *_: pytest.fail("tiles are made anew"))
+    inside = relocalizer.within((10.0, 0.0), 30.0)
+    assert inside.coarse.tiles is relocalizer.coarse.tiles
+    assert inside._half is relocalizer._half
+    assert (relocalizer.area, relocalizer.coarse.area, inside.coarse.area) == (None, None, inside.area)
+    with pytest.raises(OptionError, match="radius"):
+        relocalizer.within((10.0, 0.0), -1.0)
+
+
+def test_at_the_boundary_of_the_circle_it_says_so(town, relocalizer):
     scan = town.scan(town.pose(10.0, 0.0, 0.4), 6)
     assert relocalizer.within((0.0, 0.0), 10.3).localize(scan).status is Status.AT_RIM
 
 
-@pytest.mark.parametrize(
-    ("n_others", "has_more", "words"),
-    [
-        (1, False, "1 other place of the map could not be excluded"),
-        (
-            2,
-            True,
-            "2 other places of the map could not be excluded; beyond 64 places others match nearly as many points",
-        ),
-        (0, True, "beyond 64 places others match nearly as many points"),
-    ],
-)
-def test_the_words_say_what_is_left(n_others, has_more, words):
-    assert _words(n_others, has_more=has_more) == words
+def test_the_words_say_what_is_left():
+    more = "beyond 64 places others match nearly as many points"
+    assert _words(1, has_more=False) == "1 other place of the map could not be excluded"
+    assert _words(2, has_more=True) == f"2 other places of the map could not be excluded; {more}"
+    assert _words(0, has_more=True) == more
 
 
 @pytest.mark.parametrize("largest", [0.0, 1.0])
@@ -143,10 +143,10 @@ def test_a_map_without_ground_is_refused():
 
 
 @pytest.mark.parametrize("cell", [0.02, 0.05, 0.06, 0.1, 0.2, 0.5])
-def test_of_any_map_the_closer_look_is_in_cells_half_as_large(cell):
+def test_of_any_map_candidates_are_counted_again_in_cells_half_as_large(cell):
     low = [[0.1, 0.1, 0.0]]
     relocalizer = Relocalizer(PointMap.from_points(low, [[0.0, 0.0, 1.0]], cell, ground=low))
-    assert relocalizer._closer.tiles.cell == pytest.approx(0.5 * relocalizer.sifted.tiles.cell)
+    assert relocalizer._half.tiles.cell == pytest.approx(0.5 * relocalizer.coarse.tiles.cell)
 
 
 def test_a_map_of_large_voxels_is_refused(town):
@@ -163,23 +163,3 @@ def test_a_circle_without_ground_is_refused(town):
 def test_numbers_out_of_range_are_refused(town, options):
     with pytest.raises(OptionError, match=next(iter(options))):
         Relocalizer(town.map, (0.0, 0.0), **options)
-
-
-@pytest.mark.parametrize(("roll", "pitch"), [(0.0, 0.0), (0.03, -0.02)])
-def test_height_and_tilt_are_told_by_the_scan_s_own_ground(town, roll, pitch):
-    from maxcon import Pose
-
-    truth = Pose(1.0, 2.0, HEIGHT, roll, pitch, 0.0)
-    found = above_own_ground(town.scan(truth, 7))
-    assert (found.z, found.roll, found.pitch) == pytest.approx((HEIGHT, roll, pitch), abs=0.005)
-
-
-def test_on_a_slope_a_scanner_stands_upright_to_it():
-    from maxcon import Pose
-
-    town, upright = Town(15, slope=(0.06, 0.0)), Pose(0.0, 0.0, HEIGHT, 0.0, 0.0, 0.0)
-    ahead = standing_on(town.map, 5.0, 5.0, 0.0, upright)
-    assert ahead.pitch == pytest.approx(-math.atan(0.06), abs=1e-3)
-    assert ahead.z == pytest.approx(HEIGHT + 5.0 * 0.06, abs=0.02)
-    sideways = standing_on(town.map, 5.0, 5.0, math.pi / 2.0, upright)
-    assert sideways.roll == pytest.approx(-math.atan(0.06), abs=1e-3)

@@ -1,9 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""A pose adjusted to the surfaces of the map: robust, point to plane, all six unknowns."""
+"""Adjustment of a pose to the surfaces of the map: robust, point to plane, all six unknowns; and its covariance."""
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,24 +14,18 @@ from maxcon.map import PointMap
 from maxcon.map.tile import VoxelLookup
 from maxcon.scan import Scan, one_per_cube
 
-__all__ = ["HEIGHT_SIGMA", "TILT_SIGMA", "Refined", "refine"]
+__all__ = ["HEIGHT_SIGMA", "TILT_SIGMA", "Refined", "covariance", "map_covariance", "refine"]
 
 THINNING = 0.4
 """Edge, m, of the cubes of which one point each is used: more points cost time and make no pose better."""
 
 
-@dataclass(frozen=True, slots=True)
-class Round:
-    """One round of the adjustment: how partners, planes of the map, are looked for before its steps.
+class Pass(NamedTuple):
+    """How partners (planes of the map) are looked for before the Gauss-Newton steps of one pass.
 
-    Parameters
-    ----------
-    along, around : int
-        How many voxels a partner may lie away: along the normal of a point, and along the axes from one without.
-    gate : float
-        Partners from this distance on do not count, m.
-    every : int
-        One point of so many is used; 0 for those that had a partner in the round before.
+    A partner lies at most `along` voxels away along the normal of a point, `around` along the axes from one without;
+    from the distance `gate` (m) on it does not count. One point of `every` is used; 0: those that had a partner in the
+    pass before.
     """
 
     along: int
@@ -40,18 +35,18 @@ class Round:
 
 
 # At first few points and distant partners, for starts that are off by a cell and half a heading step; then near ones.
-ROUNDS = (
-    Round(5, 3, gate=0.6, every=8),
-    Round(5, 3, gate=0.36, every=8),
-    Round(5, 3, gate=0.36, every=8),
-    Round(5, 3, gate=0.21, every=8),
-    Round(4, 2, gate=0.21, every=1),
-    Round(2, 1, gate=0.21, every=0),
-    Round(2, 1, gate=0.21, every=0),
+PASSES = (
+    Pass(5, 3, gate=0.6, every=8),
+    Pass(5, 3, gate=0.36, every=8),
+    Pass(5, 3, gate=0.36, every=8),
+    Pass(5, 3, gate=0.21, every=8),
+    Pass(4, 2, gate=0.21, every=1),
+    Pass(2, 1, gate=0.21, every=0),
+    Pass(2, 1, gate=0.21, every=0),
 )
-STEPS_PER_ROUND = 2
+STEPS_PER_PASS = 2
 AT_REST = 1e-4
-"""A round ends with a step that moves by less than this, m, and turns by less than a hundredth of it, rad."""
+"""A pass ends with a step that moves by less than this, m, and turns by less than a hundredth of it, rad."""
 LEAST_COSINE = 0.8
 """Of the angle between the normals of a point and of its partner."""
 REACH = 1.0
@@ -63,8 +58,25 @@ POSITION_SIGMA, HEADING_SIGMA = 1.0, math.radians(5.0)
 HEIGHT_SIGMA, TILT_SIGMA = 0.3, math.radians(1.0)
 """The same for height, roll and pitch, where nothing better is known of the start, m and rad."""
 
+CLUSTER_EDGE = 3.0
+"""Edge, m, of the cubes within which points of one orientation bin are off together; walls are this deep."""
+N_BINS = 12
+"""Orientation bins: sectors of azimuth, of a full turn, that normals are sorted into."""
+STEEPEST = 0.7
+"""Normals with a larger vertical part are up or down, which is one bin more; others are sorted by azimuth."""
+SCATTER_FACTORS = np.array([1.2, 1.2, 1.35, 1.35, 1.35, 1.2])
+"""True standard deviations of x, y, z, roll, pitch and heading over those that clusters predict, measured.
 
-@dataclass(frozen=True, slots=True)
+1.2 where walls hold the pose: of several planes a point takes the nearest, so residuals look smaller and the pose
+better held than they are. 1.35 for height and tilts: the noise of walls' normals looks like knowledge of these, too.
+"""
+WALL_RATIO = 0.3
+"""Standard deviation of one wall's position relative to the others, over the map's sigma: few passes saw both."""
+TILT_LENGTH, TURN_LENGTH = 20.0, 50.0
+"""The map tilts and turns a pose by its sigma over these lengths, m; the second as headings of real drives scatter."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Refined:
     """A pose adjusted to the map, and the points and planes that determine it.
 
@@ -116,7 +128,7 @@ def refine(
     Each point has one partner at a time, the plane of a voxel. For a point with a normal it is the nearest plane among
     the voxels along that normal whose own normals agree; for one without, the plane of the voxel along the axes whose
     mean is nearest. Planes go through the means of the map points in voxels, not through voxel centres. Partners are
-    looked for anew as the pose moves; weights are Tukey's, zero from a distance of 0.21 m on (design, section 5).
+    looked for anew as the pose moves; weights are Tukey's, zero from a distance of 0.21 m on.
 
     Parameters
     ----------
@@ -128,10 +140,6 @@ def refine(
         T_map_sensor to start from, local frame, within some 0.2 m and a degree.
     height_sigma, tilt_sigma : float
         Standard deviations of the start's height, m, and of its roll and pitch, rad.
-
-    Returns
-    -------
-    Refined
     """
     from maxcon.refine import kernels, partner_kernels
 
@@ -143,13 +151,13 @@ def refine(
     normal_matrix, start_weights = np.empty((6, 6)), (MATCH_SIGMA / np.array(sigmas)) ** 2
     first = start.values
     unknowns = first.copy()
-    for each in ROUNDS:
+    for each in PASSES:
         partner_kernels.find_partners(
             points, normals, unknowns, each.every, point_map.cell, (each.along, each.around), LEAST_COSINE,
             point_map.is_signed, lookup.rows, lookup.grid, lookup.corner, planes,
         )  # fmt: skip
-        kernels.adjust(points, planes, unknowns, first, start_weights, each.gate, STEPS_PER_ROUND, AT_REST)
-    kernels.weigh(points, planes, unknowns, ROUNDS[-1].gate, normal_matrix, residuals, weights)
+        kernels.adjust(points, planes, unknowns, first, start_weights, each.gate, STEPS_PER_PASS, AT_REST)
+    kernels.weigh(points, planes, unknowns, PASSES[-1].gate, normal_matrix, residuals, weights)
     return Refined(
         Pose(*unknowns.tolist()), points, normals, planes, residuals, weights, normal_matrix, start_weights,
         moved=math.hypot(unknowns[0] - first[0], unknowns[1] - first[1]), turned=abs(unknowns[5] - first[5]),
@@ -160,3 +168,39 @@ def _lookup(points: NDArray[np.float64], point_map: PointMap, start: Pose) -> Vo
     """The voxels among which scan points, (n, 3), sensor frame, can have partners."""
     placed = points @ start.rotation.T + start.position
     return VoxelLookup.of(point_map.tiles_around(placed[:, :2], REACH))
+
+
+def covariance(refined: Refined, map_sigma: float) -> NDArray[np.float64]:
+    """Covariance of x, y, z, roll, pitch and heading, shape (6, 6), map axes, m^2, m rad and rad^2.
+
+    A sum of three parts. The scatter of the adjustment is the cluster-robust "sandwich" A^-1 B A^-1: A is its normal
+    matrix, and B sums g g' over clusters of points, g the sum of weight times residual times gradient over a cluster.
+    Points of one surface are off together; taken for independent, they would promise too much of real scans. Whole
+    walls are off by a part of the map's sigma, propagated through the same equations. And the map itself is off, by
+    `map_sigma` (m) along any axis.
+    """
+    from maxcon.refine import kernels
+
+    def outer_sums(n_groups: int, groups: NDArray[np.int64], factors: NDArray[np.float64]) -> NDArray[np.float64]:
+        sums = np.zeros((n_groups, 6))
+        kernels.sum_gradients(refined.points, refined.planes, groups, refined.pose.values, factors, sums)
+        return sums.T @ sums
+
+    clusters, walls = (np.empty(len(refined.points), np.int64) for _ in range(2))
+    n_clusters, n_walls = kernels.number_groups(
+        refined.points, refined.planes, refined.weights, refined.pose.position, CLUSTER_EDGE, N_BINS, STEEPEST,
+        clusters, walls,
+    )  # fmt: skip
+    A_inv = np.linalg.inv(refined.normal_matrix + np.diag(refined.start_weights))
+    weighted = np.zeros(len(refined.points))
+    np.multiply(refined.weights, refined.residuals, out=weighted, where=refined.weights > 0.0)
+    scatter = outer_sums(n_clusters, clusters, weighted) + np.diag(refined.start_weights) * MATCH_SIGMA**2
+    of_scatter = SCATTER_FACTORS[:, None] * (A_inv @ scatter @ A_inv) * SCATTER_FACTORS
+    of_walls = (WALL_RATIO * map_sigma) ** 2 * A_inv @ outer_sums(n_walls, walls, refined.weights) @ A_inv
+    return np.asarray(of_scatter + of_walls + map_covariance(map_sigma), dtype=np.float64)
+
+
+def map_covariance(map_sigma: float) -> NDArray[np.float64]:
+    """Covariance, shape (6, 6), that a map's own error, `map_sigma` (m) along any axis, adds to that of a pose."""
+    tilt, turn = map_sigma / TILT_LENGTH, map_sigma / TURN_LENGTH
+    return np.diag(np.array([map_sigma, map_sigma, map_sigma, tilt, tilt, turn]) ** 2)

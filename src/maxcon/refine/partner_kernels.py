@@ -102,7 +102,7 @@ def _partner_around(px, py, pz, own_row, own_patch, cell, reach, rows, grid, cor
 
 @njit(nogil=True, cache=True, inline="always")
 def _is_asked(i, every, planes):
-    """Whether a partner of point i is looked for in this round; see `adjustment.Round`."""
+    """Whether a partner of point i is looked for in this pass; see `adjustment.Pass`."""
     if every == 0:
         return planes[i, 0] != 0.0 or planes[i, 1] != 0.0 or planes[i, 2] != 0.0
     return i % every == 0
@@ -172,7 +172,7 @@ def find_partners(
     """Find partners: for one of `every` points of a scan, the plane of the map that it lies on.
 
     points, normals : (n, 3) float64, sensor frame, m; a normal of zeros where there is none.
-    unknowns : (6,), the pose: x, y, z, roll, pitch, heading, m and rad. every : see `adjustment.Round`.
+    unknowns : (6,), the pose: x, y, z, roll, pitch, heading, m and rad. every : see `adjustment.Pass`.
     cell : edge of a voxel, m. rows, grid, corner : of a `VoxelLookup`, the map.
     reaches : how many voxels a partner may lie away, along the normal of a point, and along the axes from one without.
     least_cosine : of the angle between the normals of point and voxel.

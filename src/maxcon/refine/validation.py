@@ -1,24 +1,34 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Judged after refinement (D12): the pose of a best cell adjusted to the map, and what that says of it."""
+"""Validation after refinement (D12): a best cell adjusted to the map, and whether walls of scan and map agree there."""
 
-from dataclasses import replace
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from maxcon.estimate import Estimate, Status
 from maxcon.integrity import Trust, protection_level
 from maxcon.map import PointMap
-from maxcon.refine import HEIGHT_SIGMA, TILT_SIGMA, covariance, least_wall_share, refine
+from maxcon.refine.adjustment import HEIGHT_SIGMA, TILT_SIGMA, Refined, covariance, refine
 from maxcon.refine.ground import GroundFit
 from maxcon.scan import Scan
 
-__all__ = ["examine"]
+__all__ = ["WallShare", "least_wall_share", "validate"]
 
 # A height and a tilt told by the ground are not taken for better than this, m and rad: of walls and ground in the map
 # each has its own error.
 GROUND_HEIGHT_SIGMA, GROUND_TILT_SIGMA = 0.03, 0.003
+# A wall point has a normal with a vertical part below LEVEL; it is found if a plane of the map lies within this, m.
+LEVEL = 0.5
+FOUND_WITHIN = 0.08
+N_BINS = 6
+FEWEST_POINTS = 20
+# Added to the numbers of found and of all points: 2 of 20 are less certain than 20 of 200.
+FOUND_BEFORE, ALL_BEFORE = 2, 4
 
 
-def examine(
+def validate(
     found: Estimate,
     ground: GroundFit | None,
     scan: Scan,
@@ -35,7 +45,7 @@ def examine(
     found : Estimate
         The best cell of a search, judged. If it is in doubt already, only its height, roll and pitch are the ground's.
     ground : GroundFit or None
-        The scan on the ground of the place that was found, where that can be told.
+        The fit of the scan's ground at the place that was found, where that can be told.
     scan : Scan
         All its points, with normals, sensor frame.
     point_map : PointMap
@@ -75,3 +85,50 @@ def examine(
     if status is Status.WALLS_MISSING:
         reason = "the scan has hardly any wall points" if walls is None else walls.words
     return replace(found, pose=start, status=status, reason="; ".join(filter(None, [found.reason, reason])))
+
+
+@dataclass(frozen=True, slots=True)
+class WallShare:
+    """Of the wall points of one orientation bin, how many lie on walls of the map.
+
+    Parameters
+    ----------
+    azimuth : float
+        Middle of the bin, rad from +x, 0 to pi: both sides of a wall are in one bin.
+    n_points, n_found : int
+        Wall points of the bin, and those within 8 cm of a wall of the map.
+    """
+
+    azimuth: float
+    n_points: int
+    n_found: int
+
+    @property
+    def share(self) -> float:
+        """Found over all, 0 to 1, drawn to a half where there are few."""
+        return (self.n_found + FOUND_BEFORE) / (self.n_points + ALL_BEFORE)
+
+    @property
+    def words(self) -> str:
+        """The share as part of a sentence for a reader."""
+        azimuth = f"{math.degrees(self.azimuth):.0f} degrees from +x (of 180)"
+        return f"of {self.n_points} wall points facing {azimuth} {self.n_found} lie on the map"
+
+
+def least_wall_share(refined: Refined) -> WallShare | None:
+    """The lowest share over six orientation bins of 30 degrees each; None where no bin has 20 wall points.
+
+    At a wrong place along a street the walls along it fit all the same; those across do not.
+    """
+    from maxcon.refine import kernels
+
+    n_points, n_found = np.zeros(N_BINS, np.int64), np.zeros(N_BINS, np.int64)
+    kernels.count_walls(
+        refined.normals, refined.residuals, refined.pose.rotation, LEVEL, FOUND_WITHIN, n_points, n_found
+    )
+    shares = [
+        WallShare((k + 0.5) * math.pi / N_BINS, int(n_points[k]), int(n_found[k]))
+        for k in range(N_BINS)
+        if n_points[k] >= FEWEST_POINTS
+    ]
+    return min(shares, key=lambda each: each.share, default=None)

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Counts of matches of coarse cells and bounds of many, compiled. Arrays in, arrays out."""
+"""Counts of matches of large cells and bounds of many, compiled. Arrays in, arrays out."""
 
 import numpy as np
 from numba import njit
 
-from maxcon.relocalization.regions import BLOCK, N_BLOCKS
+from maxcon.relocalization.coarse_map import BLOCK, N_BLOCKS
 
 __all__ = ["bound_blocks", "count_cells", "count_children"]
 
@@ -17,14 +17,14 @@ ALL_BITS = np.uint64(2**64 - 1)
 
 
 @njit(nogil=True, cache=True)
-def bound_blocks(blocks, layers, columns, facings, rows, margin, least, bounds):
+def bound_blocks(blocks, layers, columns, bins, rows, margin, least, bounds):
     """Count the points that match anywhere in each block, at each heading: a bound for all its cells.
 
     The 64 blocks of a row are counted at once by bit-sliced counters: each bit of a word belongs to one block. A word
     of matches says which of them match a point; word k of the counters has bit k of their counts.
 
     blocks : (layers, 8, BLOCK, BLOCK, n, 2) uint64, see `Voxels.blocks`; layers : (points,) int64; columns :
-    (h, points, 2) int32; facings : (h, points) uint8; rows : (64,) uint64, blocks that are asked for; margin : cells
+    (h, points, 2) int32; bins : (h, points) uint8; rows : (64,) uint64, blocks that are asked for; margin : cells
     before the first of the region; least : bounds lower than this do not matter; bounds : (h, 64, 64) uint16, (Y, X),
     out, 0 where they do not.
     """
@@ -38,7 +38,7 @@ def bound_blocks(blocks, layers, columns, facings, rows, margin, least, bounds):
     for h in range(columns.shape[0]):
         for i in range(n_points):
             x, y = columns[h, i, 0] + margin, columns[h, i, 1] + margin
-            plane = ((layers[i] * 8 + facings[h, i]) * BLOCK + (y & INSIDE)) * BLOCK + (x & INSIDE)
+            plane = ((layers[i] * 8 + bins[h, i]) * BLOCK + (y & INSIDE)) * BLOCK + (x & INSIDE)
             starts[i] = 2 * (plane * blocks.shape[4] + (y >> BLOCK_BITS))
             shifts[i] = x >> BLOCK_BITS
         counters[:] = np.uint64(0)
@@ -109,10 +109,10 @@ def _read_counters(counters, row, least, bounds):
 
 
 @njit(nogil=True, cache=True)
-def count_children(grid, layers, columns, facings, nodes, step, margin, counts):
+def count_children(grid, layers, columns, bins, nodes, step, margin, counts):
     """Count the matches of the four parts of some squares of cells.
 
-    grid : (layers, n, n) uint8; layers, columns, facings : as of `bound_blocks`; nodes : (m, 3) int64, heading by its
+    grid : (layers, n, n) uint8; layers, columns, bins : as of `bound_blocks`; nodes : (m, 3) int64, heading by its
     number here and first cell (y, x) in the region; step : edge of a part, in cells; margin : as of `bound_blocks`;
     counts : (m, 4) uint16, out, of the parts at (0, 0), (0, 1), (1, 0), (1, 1), (y, x).
     """
@@ -125,7 +125,7 @@ def count_children(grid, layers, columns, facings, nodes, step, margin, counts):
         n0, n1, n2, n3 = 0, 0, 0, 0
         for i in range(layers.shape[0]):
             place = (layers[i] * width + columns[h, i, 1]) * width + columns[h, i, 0] + start
-            bit = 1 << facings[h, i]
+            bit = 1 << bins[h, i]
             n0 += (flat[place] & bit) != 0
             n1 += (flat[place + right] & bit) != 0
             n2 += (flat[place + up] & bit) != 0
@@ -134,7 +134,7 @@ def count_children(grid, layers, columns, facings, nodes, step, margin, counts):
 
 
 @njit(nogil=True, cache=True)
-def count_cells(grid, layers, columns, facings, cells, margin, counts):
+def count_cells(grid, layers, columns, bins, cells, margin, counts):
     """Count the matches of single cells.
 
     cells : (m, 3) int64, heading by its number here and cell (y, x) in the region; counts : (m,) int64, out; the others
@@ -148,5 +148,5 @@ def count_cells(grid, layers, columns, facings, cells, margin, counts):
         n = 0
         for i in range(layers.shape[0]):
             place = (layers[i] * width + columns[h, i, 1]) * width + columns[h, i, 0] + start
-            n += (flat[place] & (1 << facings[h, i])) != 0
+            n += (flat[place] & (1 << bins[h, i])) != 0
         counts[m] = n

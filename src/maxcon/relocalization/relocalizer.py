@@ -3,12 +3,13 @@
 """Relocalizer: where in a whole map a scan was taken. The page to read first.
 
 1. In cells of about a metre, all cells of the map that match nearly as many points as the best one: an exact branch and
-   bound over counts (`sieve`).
-2. Around each of these, counts in cells half as large (`closer`).
-3. Around the best of those, a search in the map's own cells by Helmert's score. The best place is refined and judged as
-   in a search around a prior; all other places of the map are its rivals.
+   bound over counts (`coarse_filter.filter_cells`).
+2. Around each of these, counts in cells half as large (`coarse_filter.recount`).
+3. Around the best of those, a search in the map's own cells by Helmert's score. The best place is refined and validated
+   as in a search around a prior; all other places of the map are its rivals.
 """
 
+import copy
 import math
 from dataclasses import dataclass, replace
 
@@ -20,17 +21,10 @@ from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
 from maxcon.integrity import Trust, reasons_to_doubt_scan
 from maxcon.map import PointMap
-from maxcon.refine import refine
-from maxcon.refine.ground import fit_ground
-from maxcon.refine.validation import examine
-from maxcon.relocalization.closer import Places, look_closer
-from maxcon.relocalization.coarse_tiles import HIGHEST, CoarseTiles
-from maxcon.relocalization.own_ground import above_own_ground
-from maxcon.relocalization.regions import Area, Regions
-from maxcon.relocalization.sieve import sift
-from maxcon.relocalization.sieve_scan import SieveScan
-from maxcon.relocalization.sifted import HEADINGS, STEP_DEG
-from maxcon.relocalization.standing import standing_on
+from maxcon.refine import fit_ground, fit_ground_plane, pose_above_ground, refine, validate
+from maxcon.relocalization.coarse_filter import filter_cells, recount
+from maxcon.relocalization.coarse_map import Area, CoarseTiles, Regions
+from maxcon.relocalization.coarse_scan import HEADINGS, STEP_DEG, CandidatePoses, CoarseScan
 from maxcon.scan import Scan
 from maxcon.search import Standing, branch_and_bound, exhaustive
 from maxcon.search.best_cell import BestCell
@@ -42,26 +36,26 @@ from maxcon.search.space import SearchSpace
 
 __all__ = ["Relocalization", "Relocalizer"]
 
-SIFTED = Level(0.96, STEP_DEG, 2.0)
-CLOSER = Level(0.48, 0.5 * STEP_DEG, 1.0)
-# Places that may reach this share of the best score are followed; less, where an answer is ambiguous from a lower share
-# on. For FOLLOWED, large cells that reach SIFTED_SHARE of the highest count are kept, and half as large ones that reach
-# CLOSER_SHARE of theirs: decision 29 has the shares that true places reached.
+COARSE = Level(0.96, STEP_DEG, 2.0)
+HALF = Level(0.48, 0.5 * STEP_DEG, 1.0)
+# Places that may reach this ratio to the best score are followed; less, where an answer is ambiguous from a lower ratio
+# on. For FOLLOWED, large cells that reach COARSE_RATIO of the highest count are kept, and half as large ones that reach
+# HALF_RATIO of theirs: true places reached these ratios.
 FOLLOWED, LEAST_FOLLOWED = 0.8, 0.4
-SIFTED_SHARE, CLOSER_SHARE = 0.6, 0.75
+COARSE_RATIO, HALF_RATIO = 0.6, 0.75
 # At most so many places are left by each of the two steps, those of the highest counts.
-MOST_SIFTED, MOST_CLOSER = 512, 64
+MOST_COARSE, MOST_HALF = 512, 64
 # Cells that lie nearer to each other are one place: large ones and half as large ones, m and degrees.
-SAME_SIFTED, SAME_SIFTED_DEG = 1.5, 4.5
-SAME_CLOSER, SAME_CLOSER_DEG = 0.8, 2.5
-# The map's own cells are searched so far around a place, m and degrees, and again around a best cell at the rim.
+SAME_COARSE, SAME_COARSE_DEG = 1.5, 4.5
+SAME_HALF, SAME_HALF_DEG = 0.8, 2.5
+# The map's own cells are searched so far around a place, m and degrees, and again around a best cell at the boundary.
 AROUND, AROUND_DEG = 0.48, 1.5
 MOST_CLIMBS = 4
 THINNING = 0.25
 LEAST_SHARE = 0.1
 """Least share of points that match: somewhere in a whole map a twentieth may match by chance."""
 # With fewer points above the ground than this nothing is searched.
-FEWEST_SIFTED = 50
+FEWEST_POINTS = 50
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,22 +65,22 @@ class Relocalization:
     Parameters
     ----------
     estimate : Estimate
-        The best place, judged; its runner-up is the best of all other places.
+        The best place, judged; its second best is the best of all other places.
     n_cells : int
         Large cells, at all headings, that were searched: those in which a scanner may stand.
-    n_open, n_closer : int
+    n_coarse, n_half : int
         Places left by large cells, and by half as large ones.
     n_others : int
-        Places that could not be excluded, beside the best one: those whose score exceeds the share of the best one
+        Places that could not be excluded, beside the best one: those whose score exceeds the ratio to the best one
         from which on an answer is ambiguous.
-    places : list of Pose
+    places : tuple of Pose
         Those that were searched in the map's own cells, the highest score first.
     """
 
     estimate: Estimate
     n_cells: int = 0
-    n_open: int = 0
-    n_closer: int = 0
+    n_coarse: int = 0
+    n_half: int = 0
     n_others: int = 0
     places: tuple[Pose, ...] = ()
 
@@ -113,12 +107,7 @@ class Relocalizer:
     risk : float
         The error may be larger than the protection level with at most this probability.
 
-    Raises
-    ------
-    MapError
-        If the map has no ground, or voxels of more than half a metre.
-    OptionError
-        If the radius, the threads or the risk is out of its range.
+    A MapError if the map has no ground, or voxels of more than half a metre.
     """
 
     def __init__(
@@ -131,47 +120,40 @@ class Relocalizer:
         trust: Trust | None = None,
         risk: float = 0.01,
     ) -> None:
-        if not 0.0 < radius < math.inf:
-            raise OptionError(f"Expected a `radius` above 0 m, got {radius}. The default is 300.")
         check_threads(n_threads)
         if not 0.0 < risk < 1.0:
             raise OptionError(f"Expected `risk` above 0 and below 1, got {risk}. The default is 0.01.")
         self.map = point_map
-        self.area = None if around is None else Area(*around, radius)
+        self.area = None if around is None else _area(around, radius)
         self.n_threads = n_threads
         self.trust = trust or Trust(least_share=LEAST_SHARE)
         self.risk = risk
-        self.sifted = Regions(CoarseTiles(point_map, SIFTED), self.area)
+        self.coarse = Regions(CoarseTiles(point_map, COARSE), self.area)
         """Regions of large cells in which the scanner may stand."""
-        half = 0.5 * self.sifted.tiles.cell
+        half = 0.5 * self.coarse.tiles.cell
         if point_map.cell > 1.01 * half:
             raise MapError(
                 f"Expected voxels of up to half a metre, to search a map without a prior, got {point_map.cell:g} m."
                 " Build it anew with a smaller cell; 0.06 m is the default."
             )
-        self._closer = Regions(CoarseTiles(point_map, replace(CLOSER, cell=half)))
+        self._half = Regions(CoarseTiles(point_map, replace(HALF, cell=half)))
 
     @property
     def n_cells(self) -> int:
         """Large cells, of all headings, in which a scanner may stand."""
-        return sum(self.sifted.n_allowed.values()) * len(HEADINGS)
+        return sum(self.coarse.n_allowed.values()) * len(HEADINGS)
 
     def check(self) -> None:
-        """Refuse to look where no scanner may stand.
-
-        Raises
-        ------
-        MapError
-            If the map has no ground there.
-        """
+        """Raise a MapError if the map has no ground where the scanner may stand."""
         if self.n_cells == 0:
             where = "" if self.area is None else f" within {self.area.radius:g} m of the place that was named"
             raise MapError(f"Expected ground of the map{where}, got none. Is that place in the map, in its CRS?")
 
     def within(self, around: tuple[float, float], radius: float) -> "Relocalizer":
         """Return a relocalizer for a circle (`around`, `radius`) that shares what this one keeps of the map."""
-        other = Relocalizer(self.map, around, radius, n_threads=self.n_threads, trust=self.trust, risk=self.risk)
-        other.sifted, other._closer = self.sifted.within(other.area), self._closer
+        other = copy.copy(self)
+        other.area = _area(around, radius)
+        other.coarse = self.coarse.within(other.area)
         return other
 
     def localize(self, scan: Scan) -> Estimate:
@@ -190,44 +172,36 @@ class Relocalizer:
         -------
         Relocalization
             Poses in the local frame of the map. Without a place, that of the estimate is the origin.
-
-        Raises
-        ------
-        MapError
-            If the map has no ground where scanners are looked for, or a tile cannot be read.
         """
         self.check()
-        above_ground = above_own_ground(scan)
-        if above_ground is None:
+        T_ground_sensor = fit_ground_plane(scan)
+        if T_ground_sensor is None:
             return _nothing(scan, "the scan shows no ground around it")
-        places, n_open = self._places(scan, above_ground)
-        if not len(places):
+        candidates, n_coarse = self._candidates(scan, T_ground_sensor)
+        if not len(candidates):
             return _nothing(scan, "few of the points are above the ground, or none matches anywhere")
-        found = self._fine_places(scan, above_ground, places)
-        return self._concluded(scan, found, places, n_open)
+        found = self._best_cells(scan, T_ground_sensor, candidates)
+        return self._concluded(scan, found, candidates, n_coarse)
 
-    def _places(self, scan: Scan, above_ground: Pose) -> tuple[Places, int]:
+    def _candidates(self, scan: Scan, T_ground_sensor: Pose) -> tuple[CandidatePoses, int]:
         """Places left by cells of half a metre, the highest count first; and how many large cells left."""
-        nothing = Places(np.empty((0, 3)), np.empty(0, np.int64), 0.0)
-        few, many = (SieveScan.of(scan.thinned(level.thinning), above_ground, HIGHEST) for level in (SIFTED, CLOSER))
-        if len(few) < FEWEST_SIFTED:
-            return nothing, 0
-        sifted = sift(few, self.sifted, SIFTED_SHARE * self._followed / FOLLOWED, n_threads=self.n_threads)
-        cell = self.sifted.tiles.cell
-        middles = (sifted.cells[:, [2, 1]] + 0.5) * cell
-        poses = np.column_stack([middles, HEADINGS[sifted.cells[:, 0]]])
-        wide = Places(poses, sifted.counts, sifted.left_out)
-        wide = wide.distinct(SAME_SIFTED, math.radians(SAME_SIFTED_DEG), MOST_SIFTED)
-        closer = look_closer(many, wide, cell, self._closer)
-        closer = closer.reaching(CLOSER_SHARE * self._followed / FOLLOWED)
-        return closer.distinct(SAME_CLOSER, math.radians(SAME_CLOSER_DEG), MOST_CLOSER), len(wide)
+        few, many = (CoarseScan.of(scan.thinned(level.thinning), T_ground_sensor) for level in (COARSE, HALF))
+        if len(few) < FEWEST_POINTS:
+            return CandidatePoses(np.empty((0, 3)), np.empty(0, np.int64), 0.0), 0
+        large = filter_cells(few, self.coarse, COARSE_RATIO * self._followed / FOLLOWED, n_threads=self.n_threads)
+        cell = self.coarse.tiles.cell
+        poses = np.column_stack([(large.cells[:, [2, 1]] + 0.5) * cell, HEADINGS[large.cells[:, 0]]])
+        coarse = CandidatePoses(poses, large.counts, large.left_out)
+        coarse = coarse.distinct(SAME_COARSE, math.radians(SAME_COARSE_DEG), MOST_COARSE)
+        half = recount(many, coarse, cell, self._half).reaching(HALF_RATIO * self._followed / FOLLOWED)
+        return half.distinct(SAME_HALF, math.radians(SAME_HALF_DEG), MOST_HALF), len(coarse)
 
-    def _fine_places(self, scan: Scan, above_ground: Pose, places: Places) -> list[BestCell]:
-        """The best of the map's own cells around each place whose score is followed, the best first."""
+    def _best_cells(self, scan: Scan, T_ground_sensor: Pose, candidates: CandidatePoses) -> list[BestCell]:
+        """The best of the map's own cells around each candidate whose score is followed, the best first."""
         found: list[BestCell] = []
         standing: Standing | None = None
-        for x, y, heading in places.poses.tolist():
-            start = standing_on(self.map, x, y, heading, above_ground)
+        for x, y, heading in candidates.poses.tolist():
+            start = pose_above_ground(self.map, x, y, heading, T_ground_sensor)
             ground = fit_ground(scan, self.map, start)
             best = self._climbed(scan, start if ground is None else ground.pose, standing)
             if best is None:
@@ -239,7 +213,7 @@ class Relocalizer:
         return distinct_places(found)
 
     def _climbed(self, scan: Scan, pose: Pose, standing: Standing | None) -> BestCell | None:
-        """The best cell around a pose, searched anew around it while it lies at the rim; None below `standing`."""
+        """Hill climbing: the best cell around a pose, again while it is at the boundary; None below `standing`."""
         window = SearchSpace(AROUND, heading_half_width_deg=AROUND_DEG).at(self.map.cell)
         for _ in range(1 + MOST_CLIMBS):
             found = branch_and_bound(
@@ -253,30 +227,32 @@ class Relocalizer:
             pose = best.pose
         return best
 
-    def _concluded(self, scan: Scan, found: list[BestCell], places: Places, n_open: int) -> Relocalization:
+    def _concluded(
+        self, scan: Scan, found: list[BestCell], candidates: CandidatePoses, n_coarse: int
+    ) -> Relocalization:
         """Judge the best place, with all others for rivals."""
         if not found:
             return _nothing(scan, "no place of the map determines x and y")
         largest = self.trust.largest_runner_up
         # Places that were not searched in small cells are judged by their counts.
-        has_more = len(places) == MOST_CLOSER or places.left_out > largest
-        left_out = max(places.left_out, self._followed) if has_more else self._followed
+        has_more = len(candidates) == MOST_HALF or candidates.left_out > largest
+        left_out = max(candidates.left_out, self._followed) if has_more else self._followed
         rivals = [found[0], *(each for each in found[1:] if each.score > largest * found[0].score)]
         others = found[len(rivals) :]
         runner_up = max(left_out, rivals[1].score / rivals[0].score if len(rivals) > 1 else 0.0)
-        # Refinement decides which of the rivals is best; that there are rivals stays true (decision 29).
+        # Refinement decides which of the rivals is best; that there are rivals stays true.
         if len(rivals) > 1:
             rivals = sorted((self._refined(scan, each) for each in rivals), key=lambda each: -each.score)
         best = replace(rivals[0], runner_up=runner_up, is_at_rim=self._is_at_rim(rivals[0].pose))
         judged = replace(self._cell_search.judge(best, scan, self.map), cell=None)
         ground = fit_ground(scan, self.map, judged.pose)
-        estimate = examine(judged, ground, scan, self.map, self.trust, self.risk)
+        estimate = validate(judged, ground, scan, self.map, self.trust, self.risk)
         n_others = len(rivals) - 1
         if estimate.status is Status.AMBIGUOUS:
             words = _words(n_others, has_more=has_more)
             estimate = replace(estimate, reason="; ".join(filter(None, [words, estimate.reason])))
         poses = tuple(each.pose for each in (*rivals, *others))
-        return Relocalization(estimate, self.n_cells, n_open, len(places), n_others, poses)
+        return Relocalization(estimate, self.n_cells, n_coarse, len(candidates), n_others, poses)
 
     def _refined(self, scan: Scan, best: BestCell) -> BestCell:
         """A best cell moved to its refined pose and scored there, so that scores of places can be compared.
@@ -297,7 +273,7 @@ class Relocalizer:
 
     @property
     def _followed(self) -> float:
-        """Share of the best score that other places are followed down to."""
+        """Ratio to the best score that other places are followed down to."""
         return min(max(self.trust.largest_runner_up, LEAST_FOLLOWED), FOLLOWED)
 
     def _is_at_rim(self, pose: Pose) -> bool:
@@ -305,7 +281,7 @@ class Relocalizer:
         if self.area is None:
             return False
         away = math.hypot(pose.x - self.area.x, pose.y - self.area.y)
-        return away > self.area.radius - self.sifted.tiles.cell
+        return away > self.area.radius - self.coarse.tiles.cell
 
     @property
     def _cell_search(self) -> CellSearch:
@@ -315,10 +291,16 @@ class Relocalizer:
         )  # fmt: skip
 
 
+def _area(around: tuple[float, float], radius: float) -> Area:
+    if not 0.0 < radius < math.inf:
+        raise OptionError(f"Expected a `radius` above 0 m, got {radius}. The default is 300.")
+    return Area(*around, radius)
+
+
 def _words(n_others: int, *, has_more: bool) -> str:
     """Reason of an ambiguous answer: how many places were not excluded, and whether more were not searched."""
     searched = f"{n_others} other place{'' if n_others == 1 else 's'} of the map could not be excluded"
-    more = f"beyond {MOST_CLOSER} places others match nearly as many points"
+    more = f"beyond {MOST_HALF} places others match nearly as many points"
     return "; ".join(([searched] if n_others or not has_more else []) + ([more] if has_more else []))
 
 

@@ -1,17 +1,17 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""A scan is laid on the ground of the map: slopes, camber, kerbs, ramps, cars; and where it cannot be told."""
+"""Ground plane fits: slopes, camber, kerbs, ramps, cars; where nothing can be told; and without a map."""
 
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from maxcon import PointMap, Pose, Scan
-from maxcon.refine.ground import fit_ground, kernels
+from maxcon.refine import fit_ground, fit_ground_plane, ground_kernels, pose_above_ground
 
 CELL = 0.06
 WALL, FACING = np.array([[0.0, 50.0, 2.0]]), np.array([[0.0, -1.0, 0.0]])
@@ -53,7 +53,9 @@ def map_of(ground, reach=45.0, keep=None, seed=0):
     return PointMap.from_points(WALL, FACING, CELL, ground=points if keep is None else points[keep(x, y)])
 
 
-MAPS = {ground: map_of(ground) for ground in GROUNDS}
+@pytest.fixture(scope="module")
+def maps():
+    return {ground: map_of(ground) for ground in GROUNDS}
 
 
 def on(ground, x=0.0, y=0.0, heading=0.0):
@@ -107,11 +109,10 @@ def off_by(pose, height, roll_deg, pitch_deg):
     cars=st.sampled_from([0.0, 0.2, 0.35]),
     seed=st.integers(0, 2**32),
 )
-@settings(max_examples=60, deadline=None)
-def test_height_and_tilt_of_a_prior_are_corrected(ground, height, roll_deg, pitch_deg, heading, cars, seed):
+def test_height_and_tilt_of_a_prior_are_corrected(maps, ground, height, roll_deg, pitch_deg, heading, cars, seed):
     pose = on(ground, heading=heading)
     fit = fit_ground(
-        scan_of(ground, pose, cars=cars, seed=seed), MAPS[ground], off_by(pose, height, roll_deg, pitch_deg)
+        scan_of(ground, pose, cars=cars, seed=seed), maps[ground], off_by(pose, height, roll_deg, pitch_deg)
     )
     assert fit is not None
     assert abs(fit.pose.z - pose.z) < 0.05
@@ -122,30 +123,30 @@ def test_height_and_tilt_of_a_prior_are_corrected(ground, height, roll_deg, pitc
 
 @pytest.mark.parametrize("ground", GROUNDS)
 @pytest.mark.parametrize("offset", [(3.0, 0.0), (-2.0, 2.0), (0.0, -3.0)])
-def test_at_a_wrong_place_the_height_is_that_of_this_place(ground, offset):
+def test_at_a_wrong_place_the_height_is_that_of_this_place(maps, ground, offset):
     """A prior 3 m and 2 degrees off, and 1 m too high: what it gets is what stands upright where it is."""
     pose = on(ground)
     there = on(ground, *offset)
     prior = off_by(replace(pose, x=offset[0], y=offset[1], heading=math.radians(2.0)), 1.0, 0.5, -0.5)
-    fit = fit_ground(scan_of(ground, pose), MAPS[ground], prior)
+    fit = fit_ground(scan_of(ground, pose), maps[ground], prior)
     assert fit is not None
     assert abs(fit.pose.z - there.z) < 0.15
 
 
-def test_a_right_prior_stays():
+def test_a_right_prior_stays(maps):
     pose = on(hill, 4.0, -3.0, 0.7)
-    fit = fit_ground(scan_of(hill, pose), MAPS[hill], pose)
+    fit = fit_ground(scan_of(hill, pose), maps[hill], pose)
     assert abs(fit.height) < 0.02
     assert math.degrees(fit.tilt) < 0.1
     assert fit.spread < 0.04
-    assert fit.share > 0.9
+    assert fit.ratio > 0.9
     assert fit.sigma_height < 0.01
     assert math.degrees(fit.sigma_tilt) < 0.1
 
 
-def test_a_narrow_view_tells_less_of_the_tilt():
+def test_a_narrow_view_tells_less_of_the_tilt(maps):
     pose = on(flat)
-    wide, narrow = (fit_ground(scan_of(flat, pose, sector=sector), MAPS[flat], pose) for sector in (math.pi, 0.3))
+    wide, narrow = (fit_ground(scan_of(flat, pose, sector=sector), maps[flat], pose) for sector in (math.pi, 0.3))
     assert narrow.sigma_tilt > 2.0 * wide.sigma_tilt
     assert abs(narrow.height) < 0.05
 
@@ -164,46 +165,41 @@ def test_under_a_bridge_and_on_it():
     assert abs(fit.pose.z - above.z) < 0.05
 
 
-def test_fences_below_and_reflections_do_not_pull_it_down():
+def test_fences_below_and_reflections_do_not_pull_it_down(maps):
     pose = on(camber)
     scan = scan_of(camber, pose)
     rng = np.random.default_rng(1)
     under = scan.points[rng.random(len(scan)) < 0.02] - [0.0, 0.0, 2.5]
-    fit = fit_ground(Scan(np.concatenate([scan.points, under])), MAPS[camber], off_by(pose, -0.8, 1.0, -1.0))
+    fit = fit_ground(Scan(np.concatenate([scan.points, under])), maps[camber], off_by(pose, -0.8, 1.0, -1.0))
     assert abs(fit.pose.z - pose.z) < 0.05
 
 
-@pytest.mark.parametrize(
-    ("scan", "point_map", "prior"),
-    [
-        (scan_of(flat, on(flat)), PointMap.from_points(WALL, FACING, CELL), on(flat)),
-        (scan_of(flat, on(flat)), MAPS[flat], on(flat, 500.0)),
-        (scan_of(flat, on(flat)), MAPS[flat], off_by(on(flat), 6.0, 0.0, 0.0)),
-        (Scan(np.empty((0, 3))), MAPS[flat], on(flat)),
-        (Scan([[5.0, 0.0, -HEIGHT]]), MAPS[flat], on(flat)),
-        (scan_of(flat, on(flat)), map_of(flat, keep=lambda x, y: np.hypot(x - 6.0, y) < 1.5), on(flat)),
-    ],
-    ids=["no ground", "elsewhere", "too high", "no points", "one point", "a speck of ground"],
-)
-def test_where_it_cannot_be_told_nothing_is_said(scan, point_map, prior):
-    assert fit_ground(scan, point_map, prior) is None
+def test_where_it_cannot_be_told_nothing_is_said(maps):
+    here, ground = on(flat), maps[flat]
+    scan = scan_of(flat, here)
+    speck = map_of(flat, keep=lambda x, y: np.hypot(x - 6.0, y) < 1.5)
+    assert fit_ground(scan, PointMap.from_points(WALL, FACING, CELL), here) is None  # no ground in the map
+    assert fit_ground(scan, ground, on(flat, 500.0)) is None
+    assert fit_ground(scan, ground, off_by(here, 6.0, 0.0, 0.0)) is None
+    assert fit_ground(scan, speck, here) is None
+    for points in (np.empty((0, 3)), [[5.0, 0.0, -HEIGHT]]):
+        assert fit_ground(Scan(points), ground, here) is None
 
 
-def test_walls_all_around_are_no_ground():
+def test_walls_all_around_are_no_ground(maps):
     rng = np.random.default_rng(0)
     azimuths, heights = rng.uniform(-math.pi, math.pi, 20_000), rng.uniform(-1.0, 12.0, 20_000)
     far = rng.uniform(5.0, 25.0, 20_000)
     scan = Scan(np.column_stack([far * np.cos(azimuths), far * np.sin(azimuths), heights + 3.0]))
-    assert fit_ground(scan, MAPS[flat], on(flat)) is None
+    assert fit_ground(scan, maps[flat], on(flat)) is None
 
 
 @given(seed=st.integers(0, 2**32), height=st.floats(-1.0, 1.0))
-@settings(max_examples=10, deadline=None)
-def test_the_order_of_points_does_not_matter(seed, height):
+def test_the_order_of_points_does_not_matter(maps, seed, height):
     pose = on(hill)
     scan = scan_of(hill, pose)
     order = np.random.default_rng(seed).permutation(len(scan))
-    one, other = (fit_ground(s, MAPS[hill], off_by(pose, height, 0.3, 0.3)) for s in (scan, Scan(scan.points[order])))
+    one, other = (fit_ground(s, maps[hill], off_by(pose, height, 0.3, 0.3)) for s in (scan, Scan(scan.points[order])))
     assert abs(one.pose.z - other.pose.z) < 1e-6
 
 
@@ -221,5 +217,24 @@ def plain_most_frequent(points, below, near, reach, width):
 def test_the_most_frequent_height_is_that_of_a_histogram(seed, n):
     rng = np.random.default_rng(seed)
     points, below = rng.uniform(-20, 20, (n, 3)), rng.choice([-1.0, 0.3, 2.4], n) + rng.normal(0.0, 0.2, n)
-    got = kernels.most_frequent(points, below, 12.0, 2.5, 0.1)
+    got = ground_kernels.most_frequent(points, below, 12.0, 2.5, 0.1)
     assert got == plain_most_frequent(points, below, 12.0, 2.5, 0.1)
+
+
+@pytest.mark.parametrize(("roll", "pitch"), [(0.0, 0.0), (0.03, -0.02)])
+def test_without_a_map_height_and_tilt_are_those_above_the_scan_s_own_plane(roll, pitch):
+    pose = Pose(0.0, 0.0, HEIGHT, roll, pitch, 0.0)
+    found = fit_ground_plane(scan_of(flat, pose, cars=0.2))
+    assert (found.z, found.roll, found.pitch) == pytest.approx((HEIGHT, roll, pitch), abs=0.01)
+    assert (found.x, found.y, found.heading) == (0.0, 0.0, 0.0)
+    assert fit_ground_plane(Scan([[5.0, 0.0, -HEIGHT]])) is None
+
+
+@pytest.mark.parametrize("heading", [0.0, math.pi / 2.0, -2.0])
+def test_above_the_ground_of_a_map_a_sensor_is_as_upright_as_above_its_own(maps, heading):
+    found = pose_above_ground(maps[slope], 5.0, 6.0, heading, Pose(0.0, 0.0, HEIGHT, 0.0, 0.0, 0.0))
+    wanted = on(slope, 5.0, 6.0, heading)
+    assert found.z == pytest.approx(wanted.z, abs=0.03)
+    assert tilt_between(found, wanted) < 0.1
+    nowhere = pose_above_ground(maps[slope], 500.0, 0.0, heading, wanted)
+    assert (nowhere.z, nowhere.roll, nowhere.pitch) == (wanted.z, wanted.roll, wanted.pitch)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The compiled loops of the fit of a scan's ground to that of the map. Arrays in, arrays out."""
+"""Compiled: the fit of the ground of a scan to that of the map. Arrays in, arrays out."""
 
 import numpy as np
 from numba import njit
@@ -13,11 +13,11 @@ N_LAST = 3
 
 @njit(nogil=True, cache=True)
 def lowest_of_cells(points, rotation, edge, nearest, farthest, thickness):
-    """Find the lowest points in each cell of a grid about the sensor: their means, in axes that are levelled.
+    """Find the lowest points in each cell of a grid about the sensor: their means, with a rotation applied.
 
-    points : (n, 3) float64, sensor frame, m; rotation : (3, 3), levels them; edge : of a cell, m; nearest, farthest :
-    points nearer or farther than this, horizontally, are left out, m; thickness : points up to this above the lowest
-    of their cell are taken, m. Returns (m, 3) float64.
+    points : (n, 3) float64, sensor frame, m; rotation : (3, 3), applies roll and pitch; edge : of a cell, m;
+    nearest, farthest : points nearer or farther than this, horizontally, are left out, m; thickness : points up to this
+    above the lowest of their cell are taken, m. Returns (m, 3) float64.
     """
     n = points.shape[0]
     reach = np.int64(np.ceil(farthest / edge))
@@ -90,7 +90,7 @@ def _ground_at(heights, x, y, z):
 def heights_below(points, heights, corner, edge, position, turn, height, below):
     """Find how far each point lies under the ground of the map; NaN where there is no ground.
 
-    points : (m, 3) float64, levelled, about the sensor, m; heights : (levels, ny, nx) float32; corner : (x, y) of
+    points : (m, 3) float64, tilt applied, about the sensor, m; heights : (levels, ny, nx) float32; corner : (x, y) of
     the first cell, m; edge : of a cell, m; position : of the sensor, (x, y, z), m; turn : cosine and sine of its
     heading; height : the level nearest to the point, raised by this, is its ground, m; below : (m,), out.
     """
@@ -106,7 +106,7 @@ def heights_below(points, heights, corner, edge, position, turn, height, below):
 def most_frequent(points, below, near, reach, width):
     """Find how far most points near the sensor lie below the ground, m: a median; 0 if there are none.
 
-    points : (m, 3) float64, levelled, about the sensor, m; below : (m,), m; near : points farther than this,
+    points : (m, 3) float64, tilt applied, about the sensor, m; below : (m,), m; near : points farther than this,
     horizontally, are left out, m; reach : also those more than this below or above the ground, m; width : of a bin, m.
     The fullest bin is looked for with its two neighbours on both sides, weighted 1, 2, 3, 2, 1; the median is that of
     the points in these five.
@@ -168,7 +168,7 @@ def fit_planes(points, below, starts, scales, stiffness, stride, plane, normal):
 
     From each start by reweighted least squares with Geman and McClure's weights, whose scale goes down step by step:
     what lies far off the rest has no weight in the end. The plane that most points agree on is taken.
-    points : (m, 3) float64, levelled, about the sensor, m; below : (m,), how far each lies under the ground, m;
+    points : (m, 3) float64, tilt applied, about the sensor, m; below : (m,), how far each lies under the ground, m;
     starts : (s, 3) float64; scales : (k,), m; stiffness : weight that holds the slopes at 0, in cells m^2; stride : of
     so many points one is looked at before the last steps; plane : (3,), out; normal : (3, 3), out, the normal matrix of
     the last step.

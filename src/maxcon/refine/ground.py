@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Where the ground of a scan lies on the ground of the map: height, roll and pitch, or that it cannot be told."""
+"""Ground plane fits: height, roll and pitch of a sensor from the ground of its scan, with and without a map."""
 
 import math
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from maxcon.geometry import Pose, rotation_matrices
 from maxcon.map import PointMap
 from maxcon.scan import Scan
 
-__all__ = ["GroundFit", "fit_ground"]
+__all__ = ["GroundFit", "fit_ground", "fit_ground_plane", "pose_above_ground"]
 
 # The scan's ground is looked for from NEAREST to FARTHEST around it (m): nearer there is the vehicle, farther rings
 # lie apart. Of each cell of CELL the points up to THICKNESS above the lowest are taken (m).
@@ -31,10 +31,15 @@ ENOUGH = 500
 # cells beside each other, of which ALIKE count as one.
 TILT, ROUGHNESS, ALIKE = math.radians(2.0), 0.05, 20.0
 STIFFNESS = ALIKE * (ROUGHNESS / TILT) ** 2
-# A cell lies on the ground if it is not farther off than this (m). So many must, and that share of those that have
+# A cell lies on the ground if it is not farther off than this (m). So many must, and that ratio of those that have
 # ground in the map.
 ON_GROUND = 0.15
-FEWEST_CELLS, LEAST_SHARE = 60, 0.2
+FEWEST_CELLS, LEAST_RATIO = 60, 0.2
+# Scanners stand up to so high above the ground, m.
+HIGHEST = 5.0
+# The slope below a scanner is that of the map's ground so far around, m, if it is known in so many cells.
+AROUND = 8.0
+FEWEST_SLOPE_CELLS = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +49,7 @@ class GroundFit:
     Parameters
     ----------
     pose : Pose
-        The pose it was fitted at, with the height, roll and pitch that lay the scan on the ground.
+        The pose it was fitted at, ground-aligned: with the height, roll and pitch that put the scan on the ground.
     height : float
         What that adds to its height, m.
     tilt : float
@@ -53,7 +58,7 @@ class GroundFit:
         Root mean square of how far the cells on the ground lie off it, m.
     n_cells : int
         Cells of half a metre of the scan that lie on the ground.
-    share : float
+    ratio : float
         That of those with ground in the map, 0 to 1: cars, hedges and walls are not on it.
     sigma_height, sigma_tilt : float
         Standard deviations of height, m, and of the less determined tilt, rad, as far as the cells tell: not what the
@@ -65,13 +70,13 @@ class GroundFit:
     tilt: float
     spread: float
     n_cells: int
-    share: float
+    ratio: float
     sigma_height: float
     sigma_tilt: float
 
 
 def fit_ground(scan: Scan, point_map: PointMap, pose: Pose) -> GroundFit | None:
-    """Lay the ground of a scan on the ground of the map, at the place and heading of a pose.
+    """Fit the ground of a scan to the ground of the map, at the place and heading of a pose.
 
     The lowest points in cells of half a metre are compared with the heights of the map below; the plane of corrections
     that most cells agree on is found by reweighted least squares from several tilts.
@@ -81,7 +86,7 @@ def fit_ground(scan: Scan, point_map: PointMap, pose: Pose) -> GroundFit | None:
     scan : Scan
         Sensor frame.
     point_map : PointMap
-        With ground; otherwise there is nothing to tell.
+        Without ground there is nothing to fit to.
     pose : Pose
         T_map_sensor, local frame; its height may be wrong by 2 m, roll and pitch by 2 degrees. On a slope another place
         has another height: the fit is right for the place that it is made at.
@@ -96,59 +101,84 @@ def fit_ground(scan: Scan, point_map: PointMap, pose: Pose) -> GroundFit | None:
     points, below = _below_ground(scan, point_map, pose)
     if len(points) < FEWEST_CELLS:
         return None
-    plane, normal = fit_plane(points, below, REACH)
+    plane, normal = _fit_plane(points, below, REACH)
     off = np.abs(below - plane[0] - points[:, :2] @ plane[1:])
     is_on_ground = off <= ON_GROUND
-    n_cells, share = int(is_on_ground.sum()), float(is_on_ground.mean())
-    if n_cells < FEWEST_CELLS or share < LEAST_SHARE or abs(plane[0]) > REACH:
+    n_cells, ratio = int(is_on_ground.sum()), float(is_on_ground.mean())
+    if n_cells < FEWEST_CELLS or ratio < LEAST_RATIO or abs(plane[0]) > REACH:
         return None
     spread = float(np.sqrt(np.mean(off[is_on_ground] ** 2)))
     sigma_height, sigma_x, sigma_y = (spread * np.sqrt(ALIKE * np.diag(np.linalg.inv(normal)))).tolist()
     height, slope_x, slope_y = plane.tolist()
     return GroundFit(
-        laid(pose, height, slope_x, slope_y), height, math.atan(math.hypot(slope_x, slope_y)), spread, n_cells, share,
-        sigma_height, max(sigma_x, sigma_y),
+        _aligned(pose, height, slope_x, slope_y), height, math.atan(math.hypot(slope_x, slope_y)), spread, n_cells,
+        ratio, sigma_height, max(sigma_x, sigma_y),
     )  # fmt: skip
 
 
-def fit_plane(
+def fit_ground_plane(scan: Scan) -> Pose | None:
+    """Fit a plane to the lowest points around a scanner, without any map.
+
+    Returns T_ground_sensor: its z is the height above the plane, its roll and pitch make the plane level; x, y and
+    heading are 0. None where too few cells of half a metre have points. The scan's z is within some degrees of up.
+    """
+    from maxcon.refine import ground_kernels
+
+    points = ground_kernels.lowest_of_cells(scan.points, np.eye(3), CELL, NEAREST, FARTHEST, THICKNESS)
+    if len(points) < FEWEST_CELLS:
+        return None
+    plane, _ = _fit_plane(points, np.ascontiguousarray(-points[:, 2]), HIGHEST)
+    return _aligned(Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), *plane.tolist())
+
+
+def pose_above_ground(point_map: PointMap, x: float, y: float, heading: float, T_ground_sensor: Pose) -> Pose:
+    """Return T_map_sensor of a scanner at a place (local frame, m) and heading (rad) of a map with ground.
+
+    Its height, roll and pitch are those above its own ground plane, as `fit_ground_plane` found them, put on the map's.
+    """
+    pose = Pose(x, y, T_ground_sensor.z, T_ground_sensor.roll, T_ground_sensor.pitch, heading)
+    patch = point_map.ground_around(x, y, AROUND)
+    rows, columns = np.nonzero(np.isfinite(patch.heights[0]))
+    if len(rows) == 0:
+        return pose
+    heights = patch.heights[0][rows, columns].astype(np.float64)
+    if len(rows) < FEWEST_SLOPE_CELLS:
+        return _aligned(pose, float(np.median(heights)), 0.0, 0.0)
+    east = (patch.first[0] + columns + 0.5) * patch.edge - x
+    north = (patch.first[1] + rows + 0.5) * patch.edge - y
+    sides = np.column_stack([np.ones(len(rows)), east, north])
+    (height, slope_x, slope_y), *_ = np.linalg.lstsq(sides, heights, rcond=None)
+    cosine, sine = math.cos(heading), math.sin(heading)
+    along, across = slope_x * cosine + slope_y * sine, slope_y * cosine - slope_x * sine
+    return _aligned(pose, float(height), float(along), float(across))
+
+
+def _fit_plane(
     points: NDArray[np.float64], below: NDArray[np.float64], reach: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The plane that most points agree on, from several tilts.
+    """The plane (height, slopes along x and y) that most points agree on, from several tilts; its normal equations.
 
-    Parameters
-    ----------
-    points : array, shape (n, 3)
-        About the sensor, levelled, m.
-    below : array, shape (n,)
-        How far each lies below the plane that is looked for, m.
-    reach : float
-        How far at most, m.
-
-    Returns
-    -------
-    plane : array, shape (3,)
-        Height, m, and slopes along x and y.
-    normal : array, shape (3, 3)
-        Its normal equations.
+    points : (n, 3), about the sensor, roll and pitch applied, m; below : (n,), how far each lies below the plane that
+    is looked for, at most `reach`, m.
     """
-    from maxcon.refine.ground import kernels
+    from maxcon.refine import ground_kernels
 
-    starts = STARTS + [kernels.most_frequent(points, below, NEAR, reach, BIN), 0.0, 0.0]
+    starts = STARTS + [ground_kernels.most_frequent(points, below, NEAR, reach, BIN), 0.0, 0.0]
     plane, normal = np.empty(3), np.empty((3, 3))
-    kernels.fit_planes(points, below, starts, SCALES, STIFFNESS, max(1, len(points) // ENOUGH), plane, normal)
+    ground_kernels.fit_planes(points, below, starts, SCALES, STIFFNESS, max(1, len(points) // ENOUGH), plane, normal)
     return plane, normal
 
 
 def _below_ground(scan: Scan, point_map: PointMap, pose: Pose) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Lowest points of the scan's cells, levelled, about the sensor, (m, 3), and how far they lie below the ground, m.
+    """Lowest points of the scan's cells, about the sensor, (m, 3), and how far they lie below the map's ground, m.
 
-    Where the map has several levels, of the one that most points near the sensor are nearest to.
+    The pose's roll and pitch are applied. Of several levels of ground, the one that most points near the sensor are
+    nearest to.
     """
-    from maxcon.refine.ground import kernels
+    from maxcon.refine import ground_kernels
 
     rotation = np.ascontiguousarray(rotation_matrices(pose.roll, pose.pitch, 0.0))
-    points = kernels.lowest_of_cells(scan.points, rotation, CELL, NEAREST, FARTHEST, THICKNESS)
+    points = ground_kernels.lowest_of_cells(scan.points, rotation, CELL, NEAREST, FARTHEST, THICKNESS)
     patch = point_map.ground_around(pose.x, pose.y, FARTHEST)
     corner = (patch.first[0] * patch.edge, patch.first[1] * patch.edge)
     turn = (math.cos(pose.heading), math.sin(pose.heading))
@@ -156,16 +186,16 @@ def _below_ground(scan: Scan, point_map: PointMap, pose: Pose) -> tuple[NDArray[
     height = 0.0
     for _ in range(2):
         position = (pose.x, pose.y, pose.z)
-        kernels.heights_below(points, patch.heights, corner, patch.edge, position, turn, height, below)
-        has_ground = np.isfinite(below)
+        ground_kernels.heights_below(points, patch.heights, corner, patch.edge, position, turn, height, below)
         if len(patch.heights) == 1:
             break
-        height = kernels.most_frequent(points, below, NEAR, REACH, BIN)
+        height = ground_kernels.most_frequent(points, below, NEAR, REACH, BIN)
+    has_ground = np.isfinite(below)
     return points[has_ground], below[has_ground]
 
 
-def laid(pose: Pose, height: float, slope_x: float, slope_y: float) -> Pose:
-    """The pose, raised and tilted as a plane in its levelled axes says."""
+def _aligned(pose: Pose, height: float, slope_x: float, slope_y: float) -> Pose:
+    """The pose, raised and tilted by a plane, z = height + slope_x x + slope_y y about it, roll and pitch applied."""
     slope = math.hypot(slope_x, slope_y)
     angle = math.atan(slope)
     x, y = (slope_y / slope, -slope_x / slope) if slope > 0.0 else (1.0, 0.0)
