@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from maxcon.geometry import Pose
-from maxcon.io.recordings.writing import BagWriter, RecordingKind, open_writer
+from maxcon.io.recordings.writing import RecordingKind, bag_writer, open_writer
 from maxcon.io.scans import RawScan, Scans
 from maxcon.lab.simulation.datasets.recordings import drive_messages
 from maxcon.scan.trajectory import Trajectory
@@ -52,7 +52,7 @@ def recording_writer(path):
 
     store = get_typestore(Stores.ROS2_HUMBLE)
     with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as bag:
-        yield BagWriter(store, bag, store.serialize_cdr)
+        yield bag_writer(store, bag, store.serialize_cdr)
 
 
 def write_recording(path, entries):

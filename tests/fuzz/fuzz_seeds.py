@@ -27,7 +27,7 @@ from maxcon.drive.poses_table import COLUMNS
 from maxcon.io.clouds import CLOUD_SUFFIXES
 from maxcon.io.recordings.opening import CAPTURE_SUFFIX, RECORDING_SUFFIXES
 from maxcon.io.recordings.point_cloud2 import CloudRecord, FieldDescription
-from maxcon.io.recordings.writing import BagWriter, Entry, RecordingKind, header_of, open_writer
+from maxcon.io.recordings.writing import Entry, RecordingKind, RecordingWriter, bag_writer, header_of, open_writer
 from maxcon.io.trajectories import write_csv, write_tum
 from maxcon.lab.simulation.datasets.recordings import drive_messages
 from maxcon.mapping.build import MapOptions, build_map
@@ -247,13 +247,13 @@ def _recordings(folder: Path) -> Iterator[Seed]:
 
 
 @contextmanager
-def _ros2_writer(path: Path) -> Iterator[BagWriter]:
+def _ros2_writer(path: Path) -> Iterator[RecordingWriter]:
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
     with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as bag:
-        yield BagWriter(store, bag, store.serialize_cdr)
+        yield bag_writer(store, bag, store.serialize_cdr)
 
 
 def _write_transforms(path: Path, kind: RecordingKind) -> None:

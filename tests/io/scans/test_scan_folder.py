@@ -1,14 +1,15 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Folders of scans: order, times, kinds, and what is dropped from a scan."""
+"""Folders of scans: order, times, kinds, what is dropped from a scan, and .bin of three floats or four."""
 
 import laspy
 import numpy as np
 import pytest
 
 from maxcon.errors import FileError, OptionError
-from maxcon.io.scans import open_scans
-from maxcon.io.scans import scan_files as scan_points
+from maxcon.io.scans import open_scans, scan_files
+from maxcon.io.scans.description import describe
+from maxcon.io.scans.scan_files import read_scan_file
 
 POINTS = np.array(
     [[5.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 130.0, 0.0], [np.nan, 1.0, 1.0], [3.0, 4.0, 0.0]]
@@ -19,30 +20,27 @@ def write_bin(path, points=POINTS):
     np.column_stack([points, np.ones(len(points))]).astype("<f4").tofile(path)
 
 
-def fill(folder, *names):
-    folder.mkdir(exist_ok=True)
-    for name in names:
-        write_bin(folder / name)
-    return folder
+@pytest.fixture
+def fill(tmp_path):
+    def write(*names):
+        (tmp_path / "s").mkdir(exist_ok=True)
+        for name in names:
+            write_bin(tmp_path / "s" / name)
+        return tmp_path / "s"
+
+    return write
 
 
-def test_a_scan_and_what_is_dropped_from_it(tmp_path):
-    folder = open_scans(fill(tmp_path / "s", "10.bin", "9.bin"))
-    assert len(folder) == 2
+def test_a_scan_and_what_is_dropped_from_it(fill):
+    folder = open_scans(fill("10.bin", "9.bin"))
+    assert [scan.name for scan in folder.scans()] == ["9.bin", "10.bin"]
     raw = folder.read(0)
     np.testing.assert_array_equal(raw.points, [[5, 0, 0], [3, 4, 0]])
     assert (raw.time, raw.name, raw.n_returns, raw.n_dropped_invalid, raw.n_dropped_range) == (9.0, "9.bin", 6, 2, 2)
     assert raw.points.dtype == np.float64
-    assert [scan.name for scan in folder.scans()] == ["9.bin", "10.bin"]
-
-
-def test_ranges_can_be_chosen_and_must_make_sense(tmp_path):
-    folder = open_scans(fill(tmp_path / "s", "1.bin"))
-    assert len(folder.read(0, min_range=0.0, max_range=200.0).points) == 4
-    assert len(folder.read(0, min_range=5.0, max_range=5.1).points) == 2
-    empty = folder.read(0, min_range=60.0, max_range=61.0)
-    assert empty.points.shape == (0, 3)
-    assert empty.n_dropped_range == 4
+    for low, high, n_kept in ((0.0, 200.0, 4), (5.0, 5.1, 2), (60.0, 61.0, 0)):
+        raw = folder.read(0, low, high)
+        assert raw.points.shape == (n_kept, 3) and raw.n_dropped_range == 4 - n_kept
     for low, high in ((5.0, 5.0), (-1.0, 5.0), (np.nan, 5.0), (1.0, np.nan)):
         with pytest.raises(OptionError, match="0 <= min_range < max_range"):
             folder.read(0, low, high)
@@ -63,10 +61,9 @@ def test_every_kind_of_file_gives_the_same_points(tmp_path):
     las.write(tmp_path / "1.las")
     las.write(tmp_path / "1.LAZ")
     for name in ("1.bin", "1.npz", "1.ply", "1.pcd", "1.las", "1.LAZ"):
-        folder = open_scans(tmp_path / name)
-        raw = folder.read(0, max_range=200.0)
-        np.testing.assert_allclose(raw.points, points, atol=1e-9)
-        assert (len(folder), raw.time, raw.n_returns) == (1, 1.0, 3)
+        scans = open_scans(tmp_path / name)
+        assert len(scans) == 1 and scans.times.tolist() == [1.0]
+        np.testing.assert_allclose(scans.read(0, 0.0, 200.0).points, points, atol=1e-9, err_msg=name)
 
 
 @pytest.mark.parametrize(
@@ -81,28 +78,12 @@ def test_every_kind_of_file_gives_the_same_points(tmp_path):
         (["1700000000050.bin", "1700000000150.bin"], [1700000000.05, 1700000000.15]),
     ],
 )
-def test_times_from_names(tmp_path, names, times):
-    folder = open_scans(fill(tmp_path / "s", *names))
-    np.testing.assert_allclose(folder.times, times, rtol=0, atol=1e-6)
+def test_times_from_names(fill, names, times):
+    np.testing.assert_allclose(open_scans(fill(*names)).times, times, rtol=0, atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("names", "words"),
-    [
-        (["scan_1.bin"], r"a time as the name of each scan, or a times\.txt .*got scan_1\.bin.*Write a times\.txt"),
-        (["1.bin", "1.0.bin"], r"names of increasing times .*got .*1\.0\.bin"),
-        (["999999999999.bin", "1000000000000.bin"], "names of the same unit"),
-        ([], r"scans with suffix \.bin, \.pcd, \.las, \.laz, \.ply, \.npz in .*got none"),
-        (["1.bin", "2.pcd"], r"scans of one kind in .*got \.bin, \.pcd"),
-    ],
-)
-def test_folders_that_cannot_be_read_are_refused(tmp_path, names, words):
-    with pytest.raises(FileError, match=words):
-        open_scans(fill(tmp_path / "s", *names))
-
-
-def test_times_from_the_file_beside_the_scans(tmp_path):
-    folder = fill(tmp_path / "s", "scan_2.bin", "scan_10.bin", "scan_1.bin")
+def test_times_from_the_file_beside_the_scans(fill, tmp_path):
+    folder = fill("scan_2.bin", "scan_10.bin", "scan_1.bin")
     (folder / "times.txt").write_text("# s\n10.5\n\n10.75 # the second\n11.0\n")
     (folder / "notes.md").write_text("left alone")
     (folder / "._scan_1.bin").write_text("left alone")
@@ -111,63 +92,98 @@ def test_times_from_the_file_beside_the_scans(tmp_path):
     np.testing.assert_array_equal(scans.times, [10.5, 10.75, 11.0])
     (tmp_path / "other.txt").write_text("1\n2\n3\n")
     np.testing.assert_array_equal(open_scans(folder, tmp_path / "other.txt").times, [1, 2, 3])
+    with pytest.raises(FileError, match=r"times of scans at .*no such file"):
+        open_scans(folder, tmp_path / "missing.txt")
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    ("names", "times", "words"),
     [
-        ("1\n", r"Expected 2 times in .*times\.txt, one per scan, got 1"),
-        ("", "Expected 2 times in .*got 0"),
-        ("1\n2\n3\n", "Expected 2 times in .*got 3"),
-        ("1\n1\n", r"times\.txt, line 2: Expected times that increase"),
-        ("1\nx\n", r"times\.txt, line 2: Expected one time in seconds, got 'x'"),
-        ("1 2\n", r"line 1: Expected one time in seconds, got '1 2'"),
-        ("nan\n2\n", "line 1: Expected one time in seconds, got 'nan'"),
+        (
+            ["scan_1.bin"],
+            None,
+            r"a time as the name of each scan, or a times\.txt .*got scan_1\.bin.*Write a times\.txt",
+        ),
+        (["1.bin", "1.0.bin"], None, r"names of increasing times .*got .*1\.0\.bin"),
+        (["999999999999.bin", "1000000000000.bin"], None, "names of the same unit"),
+        ([], None, r"scans with suffix \.bin, \.pcd, \.las, \.laz, \.ply, \.npz in .*got none"),
+        (["1.bin", "2.pcd"], None, r"scans of one kind in .*got \.bin, \.pcd"),
+        (["1.bin", "2.bin"], "1\n", r"Expected 2 times in .*times\.txt, one per scan, got 1"),
+        (["1.bin", "2.bin"], "1\n2\n3\n", "Expected 2 times in .*got 3"),
+        (["1.bin", "2.bin"], "1\n1\n", r"times\.txt, line 2: Expected times that increase"),
+        (["1.bin", "2.bin"], "1\nx\n", r"times\.txt, line 2: Expected one time in seconds, got 'x'"),
+        (["1.bin", "2.bin"], "1 2\n", r"line 1: Expected one time in seconds, got '1 2'"),
+        (["1.bin", "2.bin"], "nan\n2\n", "line 1: Expected one time in seconds, got 'nan'"),
     ],
 )
-def test_times_that_do_not_fit_are_refused(tmp_path, content, words):
-    folder = fill(tmp_path / "s", "1.bin", "2.bin")
-    (folder / "times.txt").write_text(content)
+def test_folders_that_cannot_be_read_are_refused(fill, names, times, words):
+    folder = fill(*names)
+    if times is not None:
+        (folder / "times.txt").write_text(times)
     with pytest.raises(FileError, match=words):
         open_scans(folder)
 
 
-def test_paths_that_are_not_there(tmp_path):
+def test_files_that_are_missing_empty_or_truncated(fill, tmp_path):
     with pytest.raises(FileError, match="no such folder or file"):
         open_scans(tmp_path / "missing")
-    with pytest.raises(FileError, match=r"times of scans at .*no such file"):
-        open_scans(fill(tmp_path / "s", "1.bin"), tmp_path / "missing.txt")
-    with pytest.raises(FileError, match="scans with suffix"):
-        open_scans(tmp_path)
-
-
-@pytest.mark.parametrize("n_bytes", [0, 1, 15, 17, 95])
-def test_an_empty_or_truncated_bin_is_refused(tmp_path, n_bytes):
-    path = tmp_path / "1.bin"
-    write_bin(path)
-    path.write_bytes(path.read_bytes()[:n_bytes])
-    with pytest.raises(FileError, match=rf"reflectance in .*1\.bin, 16 bytes per point, got {n_bytes} bytes"):
-        open_scans(path).read(0)
-
-
-@pytest.mark.parametrize("suffix", [".pcd", ".ply", ".npz", ".las", ".laz"])
-def test_an_empty_file_of_any_kind_is_refused(tmp_path, suffix):
-    (tmp_path / f"1{suffix}").touch()
-    with pytest.raises(FileError, match=rf"1\{suffix}"):
-        open_scans(tmp_path / f"1{suffix}").read(0)
-
-
-def test_a_scan_that_vanishes_is_refused(tmp_path):
-    folder = open_scans(fill(tmp_path / "s", "1.bin"))
+    folder = open_scans(fill("1.bin"))
+    whole = folder.paths[0].read_bytes()
+    for n_bytes in (0, 1, 12, 15, 17, 60, 95):
+        folder.paths[0].write_bytes(whole[:n_bytes])
+        with pytest.raises(FileError, match=rf"reflectance in .*1\.bin, 16 bytes per point, got {n_bytes} bytes"):
+            folder.read(0)
     folder.paths[0].unlink()
     with pytest.raises(FileError, match=r"able to read .*1\.bin"):
         folder.read(0)
+    for suffix in (".pcd", ".ply", ".npz", ".las", ".laz"):
+        (tmp_path / f"1{suffix}").touch()
+        with pytest.raises(FileError, match=rf"1\{suffix}"):
+            open_scans(tmp_path / f"1{suffix}").read(0)
 
 
 def test_a_map_is_not_a_scan(tmp_path, monkeypatch):
-    monkeypatch.setattr(scan_points, "MAX_SCAN_POINTS", 5)
+    monkeypatch.setattr(scan_files, "MAX_SCAN_POINTS", 5)
     np.savez(tmp_path / "1.npz", points=POINTS)
     write_bin(tmp_path / "1.bin")
     for name in ("1.npz", "1.bin"):
         with pytest.raises(FileError, match=r"at most 5 points, got 6 in .*Is it a map"):
             open_scans(tmp_path / name).read(0)
+
+
+def assert_widths_are_told(rows, path):
+    """Check a scan (x, y, z, reflectance), written with four floats and with three, of sizes that divide by either."""
+    for n_left_out in range(4):
+        part = rows[: len(rows) - n_left_out]
+        part.tofile(path)
+        np.testing.assert_array_equal(read_scan_file(path).points, part[:, :3])
+        np.ascontiguousarray(part[:, :3]).tofile(path)
+        np.testing.assert_array_equal(read_scan_file(path).points, part[:, :3])
+
+
+@pytest.mark.parametrize("drive", ["kitti-0013", "kitti360-suburb", "second-pass"])
+def test_real_scans_of_three_floats_are_told_from_those_of_four(real_data, tmp_path, drive):
+    """Files of three floats were read as four where their size allows that, and localized."""
+    paths = sorted(real_data(drive).rglob("*.bin"))
+    assert len(paths) > 20
+    for path in paths[:: len(paths) // 6]:
+        assert_widths_are_told(np.fromfile(path, "<f4").reshape(-1, 4), tmp_path / "1.bin")
+
+
+def test_three_floats_are_told_from_four(tmp_path):
+    rng = np.random.default_rng(5)
+    headings, z = rng.uniform(-np.pi, np.pi, 3000), rng.uniform(-1.7, 2.0, 3000)
+    rows = np.column_stack([9 * np.cos(headings), 30 * np.sin(headings), z, rng.uniform(0, 1, 3000)]).astype("<f4")
+    for reflectance in (rows[:, 3], 0.0, 255 * rows[:, 3]):
+        rows[:, 3] = reflectance
+        assert_widths_are_told(rows, tmp_path / "1.bin")
+    rows[:, :3].tofile(tmp_path / "1.bin")
+    assert describe(tmp_path / "1.bin").scanners[0].fields == "x float32, y float32, z float32"
+    for n in (1, 3, 6, 30, 300):  # of few points, or where columns do not differ, the size decides
+        same = rng.uniform(-9, 9, (n, 4)).astype("<f4")
+        same.tofile(tmp_path / "1.bin")
+        np.testing.assert_array_equal(read_scan_file(tmp_path / "1.bin").points, same[:, :3])
+    rows[:, :4].tofile(tmp_path / "1.bin")
+    (tmp_path / "1.bin").write_bytes((tmp_path / "1.bin").read_bytes()[: 12 * 2999])
+    with pytest.raises(FileError, match="truncated"):  # four floats, cut where three would fit
+        read_scan_file(tmp_path / "1.bin")

@@ -40,14 +40,7 @@ class VelodyneCapture(CloudSource):
 
     The first pass through the file finds where the packets of each turn are; later ones read only the turns they want.
     Times are those at which packets were captured: the scanner's own clock counts from the full hour, and is set only
-    where a GNSS receiver is connected.
-
-    Raises
-    ------
-    FileError
-        If it is no capture, or one of other packets.
-    MissingExtraError
-        If the extra `recordings` or `velodyne` is not installed.
+    where a GNSS receiver is connected. FileError if it is no capture, or one of other packets.
     """
 
     n_passed_over = 1
@@ -112,19 +105,7 @@ class VelodyneCapture(CloudSource):
 def record_of_packets(content: Any, stamp: int) -> CloudRecord:
     """Return the points of a velodyne_msgs/VelodyneScan message; their time is that of its last packet.
 
-    Parameters
-    ----------
-    content : message
-        As rosbags decodes it.
-    stamp : int
-        Time of the message, ns, for packets without a time of their own.
-
-    Raises
-    ------
-    FileError
-        If it has no packets.
-    MissingExtraError
-        If the extra `velodyne` is not installed.
+    `stamp` is the time of the message, ns, for packets without a time of their own.
     """
     package = _decoder_package(None)
     if not len(content.packets):

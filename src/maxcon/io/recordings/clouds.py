@@ -73,12 +73,8 @@ def _cloud(message: Message, label: str) -> RecordedCloud:
 def open_clouds(path: str | os.PathLike[str], topic: str | None = None) -> CloudSource:
     """Return the clouds of a recording or capture; none is read yet.
 
-    Raises
-    ------
-    FileError
-        If there is no recording, it is broken, it has no clouds, or several and none is asked for.
-    MissingExtraError
-        If an extra is not installed.
+    FileError if there is no recording, it is broken, it has no clouds, or several and none is asked for;
+    MissingExtraError if an extra is not installed.
     """
     if Path(path).suffix.lower() == CAPTURE_SUFFIX and topic is None:
         return VelodyneCapture(existing_file(path))
@@ -91,15 +87,7 @@ def open_clouds(path: str | os.PathLike[str], topic: str | None = None) -> Cloud
 
 
 def chosen_topic(recording: Recording, name: str | None) -> Topic:
-    """Return the topic with the clouds: the one asked for, or the only one.
-
-    Raises
-    ------
-    FileError
-        If there is none, or there are several.
-    OptionError
-        If the one asked for is not there, or has no clouds.
-    """
+    """Return the topic with the clouds: the one asked for (OptionError if it has none), or the only one (FileError)."""
     clouds = recording.of_type(CLOUD, VELODYNE)
     if name is not None:
         return _named_topic(recording, name, clouds)

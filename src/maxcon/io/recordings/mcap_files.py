@@ -18,15 +18,7 @@ __all__ = ["McapFiles", "unpacked_records"]
 
 
 class McapFiles(Recording):
-    """One MCAP file, or several that follow each other.
-
-    Parameters
-    ----------
-    path : Path
-        The file, or the folder of the bag.
-    files : sequence of Path
-        In the order of time.
-    """
+    """One MCAP file, or the several of a bag (whose folder is `path`) in the order of time."""
 
     kind = "an MCAP file"
 

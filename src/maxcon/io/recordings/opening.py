@@ -4,9 +4,9 @@
 
 import bz2
 import os
-from abc import abstractmethod
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -45,19 +45,9 @@ def existing_file(path: str | os.PathLike[str]) -> Path:
 
 
 def open_recording(path: str | os.PathLike[str]) -> Recording:
-    """Return an open recording; its index is read, no message.
+    """Open a .bag (ROS 1), a .mcap, a .db3, or the folder of a ROS 2 bag; its index is read, no message.
 
-    Parameters
-    ----------
-    path : path
-        A .bag (ROS 1), a .mcap, a .db3, or the folder of a ROS 2 bag with .mcap or .db3 files.
-
-    Raises
-    ------
-    FileError
-        If there is none, or it is broken.
-    MissingExtraError
-        If the extra `recordings` is not installed.
+    FileError if there is none, or it is broken; MissingExtraError if the extra `recordings` is not installed.
     """
     place = Path(path)
     suffix = place.suffix.lower()
@@ -68,98 +58,52 @@ def open_recording(path: str | os.PathLike[str]) -> Recording:
         )
     if os.path.isdir(place):  # noqa: PTH112
         files = in_natural_order([file for file in place.glob("*.mcap") if file.is_file()])
-        return McapFiles(place, files) if files else _Ros2Bag(place)
+        return McapFiles(place, files) if files else _Bag(place, is_ros1=False)
     file = existing_file(place)
-    if suffix == ".bag":
-        return _Ros1Bag(file)
-    return McapFiles(file, [file]) if suffix == ".mcap" else _Ros2Bag(file)
+    return McapFiles(file, [file]) if suffix == ".mcap" else _Bag(file, is_ros1=suffix == ".bag")
 
 
 class _Bag(Recording):
-    """A bag that rosbags reads."""
+    """A .bag of ROS 1; or a folder of ROS 2 with .db3 files and their metadata.yaml, or one .db3 file."""
 
-    encoding: str
-
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, is_ros1: bool) -> None:
         super().__init__(path)
+        self.kind, self._encoding = ("a ROS 1 bag", "ros1") if is_ros1 else ("a ROS 2 bag", "cdr")
         with as_file_error(path, self.kind):
             try:
-                reader = self._reader_class()
+                import lz4.frame  # for the chunks of ROS 1
+                from rosbags import rosbag1, rosbag2
             except ImportError as error:
                 raise as_extra_missing(path, "rosbags") from error
-            self._reader = reader(path)
+            self._reader: Any = (rosbag1 if is_ros1 else rosbag2).Reader(path)
             self._reader.open()
             counts: Counter[tuple[str, str]] = Counter()  # a topic has a connection for each of its publishers
             for connection in self._reader.connections:
                 counts[connection.topic, connection.msgtype] += connection.msgcount
             self.topics = tuple(Topic(*key, count) for key, count in sorted(counts.items()))
-
-    @staticmethod
-    @abstractmethod
-    def _reader_class() -> Any:
-        """Import the class of rosbags."""
+        if is_ros1:
+            # rosbags does not bound what a chunk unpacks to.
+            bounded = {bz2.decompress: bz2.BZ2Decompressor, lz4.frame.decompress: lz4.frame.LZ4FrameDecompressor}
+            for position, chunk in list(self._reader.chunks.items()):
+                if chunk.decompressor in bounded:
+                    unpack = partial(_unpacked, bounded[chunk.decompressor])
+                    self._reader.chunks[position] = chunk._replace(decompressor=unpack)
 
     def _read(self, topics: Collection[str], start: int) -> Iterator[Message]:
         wanted = [connection for connection in self._reader.connections if connection.topic in topics]
         if not wanted:
             return
         for connection, recorded, data in self._reader.messages(connections=wanted, start=start or None):
-            yield Message(connection.topic, connection.msgtype, self.encoding, recorded, data)
+            yield Message(connection.topic, connection.msgtype, self._encoding, recorded, data)
 
     def close(self) -> None:
         """Close the files."""
         self._reader.close()
 
 
-class _Ros1Bag(_Bag):
-    """A .bag of ROS 1."""
-
-    kind = "a ROS 1 bag"
-    encoding = "ros1"
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(path)
-        import lz4.frame
-
-        # rosbags does not bound what a chunk unpacks to.
-        bounded = {bz2.decompress: _unpack_bz2, lz4.frame.decompress: _unpack_lz4}
-        chunks = self._reader.chunks
-        for position, chunk in list(chunks.items()):
-            if chunk.decompressor in bounded:
-                chunks[position] = chunk._replace(decompressor=bounded[chunk.decompressor])
-
-    @staticmethod
-    def _reader_class() -> Any:
-        import lz4.frame  # noqa: F401  # for the chunks
-        from rosbags.rosbag1 import Reader
-
-        return Reader
-
-
-class _Ros2Bag(_Bag):
-    """A folder of ROS 2 with .db3 files and their metadata.yaml, or one .db3 file."""
-
-    kind = "a ROS 2 bag"
-    encoding = "cdr"
-
-    @staticmethod
-    def _reader_class() -> Any:
-        from rosbags.rosbag2 import Reader
-
-        return Reader
-
-
-def _unpack_bz2(packed: bytes) -> bytes:
-    return _within_limit(bz2.BZ2Decompressor().decompress(packed, LARGEST_CHUNK + 1))
-
-
-def _unpack_lz4(packed: bytes) -> bytes:
-    from lz4.frame import LZ4FrameDecompressor
-
-    return _within_limit(LZ4FrameDecompressor().decompress(packed, LARGEST_CHUNK + 1))
-
-
-def _within_limit(data: bytes) -> bytes:
+def _unpacked(decompressor: Callable[[], Any], packed: bytes) -> bytes:
+    """Unpack a chunk, but no more than one may hold."""
+    data: bytes = decompressor().decompress(packed, LARGEST_CHUNK + 1)
     if len(data) > LARGEST_CHUNK:
         raise FileError(f"Expected chunks of at most {LARGEST_CHUNK:,} bytes, got one that unpacks to more.")
     return data

@@ -17,15 +17,9 @@ from maxcon.io.point_times import TIME_FIELDS, Column, PointTimes, find_point_ti
 from maxcon.io.text import printable
 
 __all__ = [
-    "CloudPoints",
-    "CloudRecord",
-    "CloudSource",
-    "FieldDescription",
-    "RecordedCloud",
-    "decode_cloud",
-    "decode_times",
-    "fields_in_words",
-]
+    "CloudPoints", "CloudRecord", "CloudSource", "FieldDescription",
+    "RecordedCloud", "decode_cloud", "decode_times", "fields_in_words",
+]  # fmt: skip
 
 FORMATS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """Kinds of numbers by their code in sensor_msgs/PointField."""
@@ -38,18 +32,10 @@ MIXERS = tuple(np.uint64(odd) for odd in (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F
 
 @dataclass(frozen=True, slots=True)
 class FieldDescription:
-    """One number, or a few of a kind, of each point.
+    """One number, or a few of a kind, of each point: a sensor_msgs/PointField.
 
-    Parameters
-    ----------
-    name : str
-        Such as x, intensity or timestamp.
-    offset : int
-        Where in a point's bytes it begins; it need not be aligned.
-    datatype : int
-        1 to 8: int8, uint8, int16, uint16, int32, uint32, float32, float64.
-    count : int
-        How many such numbers; 0 is read as 1, as some drivers write it.
+    It begins `offset` bytes from the point's first one, aligned or not; `datatype` 1 to 8 is int8, uint8, int16,
+    uint16, int32, uint32, float32, float64; a `count` of 0 is read as 1, as some drivers write it.
     """
 
     name: str
@@ -71,22 +57,10 @@ class FieldDescription:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CloudRecord:
-    """A cloud as it was recorded, nothing of it interpreted yet.
+    """A cloud as it was recorded, nothing of it interpreted yet: a sensor_msgs/PointCloud2.
 
-    Parameters
-    ----------
-    fields : tuple of FieldDescription
-        What each point holds.
-    width, height : int
-        Points in a row, and rows; one row if the cloud is not organized.
-    point_step, row_step : int
-        Bytes from one point to the next, and from one row to the next, padding included.
-    is_big_endian : bool
-        Order of the bytes of a number.
-    data : bytes or array of uint8
-        The rows.
-    stamp : int
-        Time of the message, ns.
+    It has `height` rows of `width` points; `point_step` and `row_step` are the bytes from one point, and one row, to
+    the next, padding included; `stamp` is the time of the message, ns.
     """
 
     fields: tuple[FieldDescription, ...]
@@ -125,13 +99,7 @@ class CloudPoints:
 
 
 def decode_cloud(record: CloudRecord) -> CloudPoints:
-    """Return the returns of a recorded cloud, whatever its layout.
-
-    Raises
-    ------
-    FileError
-        If x, y or z is missing, a field does not fit into its point, or there are fewer bytes than points.
-    """
+    """Return the returns of a recorded cloud, whatever its layout; FileError if it contradicts itself."""
     coordinates = _coordinates(record)
     rows = _returns(coordinates)
     n_returns = len(rows)
@@ -156,7 +124,7 @@ def decode_cloud(record: CloudRecord) -> CloudPoints:
 
 
 def decode_times(record: CloudRecord) -> PointTimes:
-    """Return the times of the returns of a recorded cloud alone; errors as of `decode_cloud`."""
+    """Return the times of the returns of a recorded cloud alone."""
     return find_point_times(_times_and_rings(record, _returns(_coordinates(record))), record.stamp)
 
 
@@ -171,7 +139,7 @@ class RecordedCloud:
     recorded, stamp : int
         When it was recorded, and the time of its message, ns.
     record : CloudRecord or FileError
-        The cloud as stored, or why its message cannot be read.
+        The cloud as stored, or why it cannot be read.
     """
 
     label: str
@@ -222,13 +190,7 @@ class CloudSource(ABC):
 
     @abstractmethod
     def clouds(self, start: int = 0) -> Iterator[RecordedCloud]:
-        """Yield the clouds recorded at `start` (ns) or later; which comes after which does not depend on `start`.
-
-        Raises
-        ------
-        FileError
-            If the recording is broken.
-        """
+        """Yield the clouds recorded at `start` (ns) or later; which comes after which does not depend on `start`."""
 
     def close(self) -> None:  # noqa: B027  (captures are open only while they are read)
         """Close the files."""

@@ -7,9 +7,8 @@ import threading
 import weakref
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,20 +22,11 @@ from maxcon.io.recordings.point_cloud2 import CloudSource, RecordedCloud
 __all__ = ["RecordedScans"]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Index:
-    """All clouds of a recording, and which of them are scans.
+class _Index(NamedTuple):
+    """Clouds of a recording in the order in which they are read, and which of them are scans.
 
-    Parameters
-    ----------
-    recorded : array, shape (k,)
-        When each cloud was recorded, ns, in the order in which they are read; these times need not increase.
-    times : array, shape (n,)
-        Times of the scans, s, strictly increasing.
-    rows : array, shape (n,)
-        Which of the clouds each scan is.
-    kinds : dict of str to int
-        Number of clouds by `PointTimes.kind`.
+    When each was recorded, shape (k,), ns, not always increasing; times of scans, shape (n,), s, strictly increasing,
+    and the clouds that they are, shape (n,); number of clouds by `PointTimes.kind`.
     """
 
     recorded: NDArray[np.int64]
@@ -71,18 +61,7 @@ class RecordedScans(Scans):
         return cls(open_clouds(path, topic), at_stamp=at_stamp)
 
     def find_times(self, progress: Progress | None = None) -> None:
-        """Find the times of all scans now, with progress; otherwise that is done when they are first needed.
-
-        Parameters
-        ----------
-        progress : callable, optional
-            Called with (step, done, of how many) after each cloud.
-
-        Raises
-        ------
-        FileError
-            If the recording is broken, or has no clouds.
-        """
+        """Find the times of all scans now, with progress; otherwise that is done when they are first needed."""
         if "_index" not in self.__dict__:
             self.__dict__["_index"] = self._found(progress)
 

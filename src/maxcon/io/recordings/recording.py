@@ -15,17 +15,9 @@ from maxcon.io.clouds.base import as_file_error
 from maxcon.io.text import printable
 
 __all__ = [
-    "LARGEST_CHUNK",
-    "Message",
-    "Recording",
-    "Topic",
-    "as_extra_missing",
-    "decode_message",
-    "frame_name",
-    "frame_of",
-    "stamp_of",
-    "with_added_types",
-]
+    "LARGEST_CHUNK", "Message", "Recording", "Topic", "as_extra_missing",
+    "decode_message", "frame_name", "frame_of", "stamp_of", "with_added_types",
+]  # fmt: skip
 
 LARGEST_CHUNK = 2**29
 """Bytes; recorders write chunks of about a megabyte, and more where a single message is larger."""
@@ -81,11 +73,6 @@ class Recording(ABC):
         """Yield the messages of some topics recorded at `start` (ns) or later, one in memory at a time.
 
         They come by time of recording where the file allows; which come after which does not depend on `start`.
-
-        Raises
-        ------
-        FileError
-            If the recording is broken.
         """
         with as_file_error(self.path, self.kind):
             yield from self._read(topics, start)
@@ -134,13 +121,7 @@ def with_added_types(store: Any) -> Any:
 
 
 def decode_message(message: Message) -> Any:
-    """Return the content of a message, with the names of its definition as attributes.
-
-    Raises
-    ------
-    FileError
-        If it is not encoded as ROS does.
-    """
+    """Return the content of a message, with the names of its definition as attributes; FileError if it is not ROS's."""
     if message.encoding == "cdr":
         return _types("cdr").deserialize_cdr(message.data, message.type)
     if message.encoding == "ros1":

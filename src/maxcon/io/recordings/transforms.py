@@ -66,15 +66,7 @@ class _Step(NamedTuple):
 
 
 class TransformTree:
-    """All transforms of a recording.
-
-    Parameters
-    ----------
-    path : Path
-        Of the recording, for messages.
-    links : dict of str to list of _Link
-        Links of each frame to its parents, by its name; more than one where it has several parents.
-    """
+    """All transforms of a recording: the links of each frame to its parents, by its name."""
 
     def __init__(self, path: Path, links: dict[str, list[_Link]]) -> None:
         self.path, self._links = path, links
@@ -111,16 +103,9 @@ class TransformTree:
         """Return T_fixed_moving over time, and the path between the two frames in words.
 
         Its poses are at the times of all moving links together, as far as all of them reach; between two transforms
-        positions are linear, and turns take the shortest arc.
-
-        Raises
-        ------
-        OptionError
-            If a frame is not there.
-        FileError
-            If the two are not connected, a frame between them has several parents, or nothing between them moves.
-        TrajectoryError
-            If the links have no time in common.
+        positions are linear, and turns take the shortest arc. OptionError if a frame is not there; FileError if the two
+        are not connected, a frame between them has several parents, or nothing between them moves; TrajectoryError if
+        the links have no time in common.
         """
         steps = self._path(fixed, moving)
         moved = [step.link.table() for step in steps if not step.link.is_static]

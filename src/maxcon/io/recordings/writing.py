@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: MIT
 """Writers of recordings: messages of nested values into a ROS 1 bag or an MCAP file."""
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import StrEnum
@@ -13,7 +12,7 @@ from maxcon._system.atomic import atomic_file
 from maxcon.errors import MissingExtraError
 from maxcon.io.recordings.recording import with_added_types
 
-__all__ = ["BagWriter", "Entry", "RecordingKind", "RecordingWriter", "check_writers", "header_of", "open_writer"]
+__all__ = ["Entry", "RecordingKind", "RecordingWriter", "bag_writer", "check_writers", "header_of", "open_writer"]
 
 CHUNK_BYTES = 2**20
 
@@ -40,17 +39,19 @@ def header_of(time: float, frame: str) -> dict[str, Any]:
     return {"stamp": dict(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9), "frame_id": frame}
 
 
-class RecordingWriter(ABC):
-    """Writes messages with a package's writer; `store` has the types of rosbags."""
+class RecordingWriter:
+    """Writes messages; `store` has their types, `add_channel` and `append` act on a package's writer."""
 
-    def __init__(self, store: Any) -> None:
-        self.store = store
+    def __init__(
+        self, store: Any, add_channel: Callable[[Entry], Any], append: Callable[[Any, int, str, Any], None]
+    ) -> None:
+        self._store, self._add_channel, self._append = store, add_channel, append
         self._channels: dict[str, Any] = {}
 
     def write(self, entry: Entry) -> None:
         """Append one message; its header is that of a sensor at its time, unless its content has one."""
         if entry.topic not in self._channels:
-            self._channels[entry.topic] = self._channel(entry)
+            self._channels[entry.topic] = self._add_channel(entry)
         content = self._built(entry.type, {"header": header_of(entry.time, "sensor"), **entry.content})
         self._append(self._channels[entry.topic], round(entry.time * 1e9), entry.type, content)
 
@@ -58,7 +59,7 @@ class RecordingWriter(ABC):
         """A message from nested values; fields that are not given are 0."""
         from rosbags.interfaces import Nodetype
 
-        _, fields = self.store.fielddefs[kind]
+        _, fields = self._store.fielddefs[kind]
         given: dict[str, Any] = {}
         for name, (node, what) in fields:
             value = values.get(name, 0)
@@ -67,54 +68,31 @@ class RecordingWriter(ABC):
             elif node == Nodetype.SEQUENCE and what[0][0] == Nodetype.NAME:
                 value = [self._built(what[0][1], item) for item in value]
             given[name] = value
-        return self.store.types[kind](**given)
-
-    @abstractmethod
-    def _channel(self, entry: Entry) -> Any: ...
-
-    @abstractmethod
-    def _append(self, channel: Any, nanoseconds: int, kind: str, content: Any) -> None: ...
+        return self._store.types[kind](**given)
 
 
-class BagWriter(RecordingWriter):
-    """Into a bag, with a writer of rosbags and the function of the store that encodes for it."""
-
-    def __init__(self, store: Any, writer: Any, serialize: Callable[[Any, str], Any]) -> None:
-        super().__init__(store)
-        self._writer, self._serialize = writer, serialize
-
-    def _channel(self, entry: Entry) -> Any:
-        return self._writer.add_connection(entry.topic, entry.type, typestore=self.store)
-
-    def _append(self, channel: Any, nanoseconds: int, kind: str, content: Any) -> None:
-        self._writer.write(channel, nanoseconds, self._serialize(content, kind))
+def bag_writer(store: Any, bag: Any, serialize: Callable[[Any, str], Any]) -> RecordingWriter:
+    """Return a writer into a bag opened by rosbags; `serialize` is the method of the store that encodes for it."""
+    return RecordingWriter(
+        store,
+        lambda entry: bag.add_connection(entry.topic, entry.type, typestore=store),
+        lambda channel, nanoseconds, kind, content: bag.write(channel, nanoseconds, serialize(content, kind)),
+    )
 
 
-class _McapWriter(RecordingWriter):
-    """Into an MCAP file."""
+def _mcap_writer(store: Any, mcap: Any) -> RecordingWriter:
+    def add_channel(entry: Entry) -> Any:
+        text, _ = store.generate_msgdef(entry.type, ros_version=2)
+        return mcap.register_channel(entry.topic, "cdr", mcap.register_schema(entry.type, "ros2msg", text.encode()))
 
-    def __init__(self, store: Any, writer: Any) -> None:
-        super().__init__(store)
-        self._writer = writer
+    def append(channel: Any, nanoseconds: int, kind: str, content: Any) -> None:
+        mcap.add_message(channel, nanoseconds, bytes(store.serialize_cdr(content, kind)), nanoseconds)
 
-    def _channel(self, entry: Entry) -> Any:
-        text, _ = self.store.generate_msgdef(entry.type, ros_version=2)
-        schema = self._writer.register_schema(entry.type, "ros2msg", text.encode())
-        return self._writer.register_channel(entry.topic, "cdr", schema)
-
-    def _append(self, channel: Any, nanoseconds: int, kind: str, content: Any) -> None:
-        data = bytes(self.store.serialize_cdr(content, kind))
-        self._writer.add_message(channel, nanoseconds, data, nanoseconds)
+    return RecordingWriter(store, add_channel, append)
 
 
 def check_writers() -> None:
-    """Refuse to write recordings where the packages for it are missing.
-
-    Raises
-    ------
-    MissingExtraError
-        If the extra `recordings` is not installed.
-    """
+    """Refuse to write recordings where the packages for it are missing (MissingExtraError)."""
     try:
         import mcap.writer  # noqa: F401
         import rosbags.typesys  # noqa: F401
@@ -137,10 +115,10 @@ def open_writer(path: Path, kind: RecordingKind) -> Iterator[RecordingWriter]:
         if kind is RecordingKind.ROS1:
             store = with_added_types(get_typestore(Stores.ROS1_NOETIC))
             with rosbag1.Writer(partial) as bag:
-                yield BagWriter(store, bag, store.serialize_ros1)
+                yield bag_writer(store, bag, store.serialize_ros1)
         else:
             with partial.open("wb") as stream:
                 mcap: Any = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
                 mcap.start(profile="ros2", library="maxcon")
-                yield _McapWriter(get_typestore(Stores.ROS2_HUMBLE), mcap)
+                yield _mcap_writer(get_typestore(Stores.ROS2_HUMBLE), mcap)
                 mcap.finish()

@@ -49,10 +49,7 @@ class DeskewedScans(Scans):
     def read(self, i: int, min_range: float = 1.0, max_range: float = 120.0) -> RawScan:
         """Return scan number `i`, deskewed; range limits apply to the ranges as measured.
 
-        Raises
-        ------
-        FileError
-            If it cannot be read, its points have no times, or the motion does not cover it.
+        FileError if it cannot be read, its points have no times, or the motion does not cover it.
         """
         raw = self._scans.read(i, min_range, max_range)
         offsets = raw.point_times
@@ -83,10 +80,7 @@ class MergedScans(Scans):
     names : sequence of str
         Names of the scanners, for messages.
 
-    Raises
-    ------
-    OptionError
-        If there are not as many poses as scanners, or none.
+    OptionError if there are not as many poses as scanners, or none.
     """
 
     def __init__(self, scanners: Sequence[Scans], poses: Sequence[Pose], names: Sequence[str]) -> None:
@@ -141,12 +135,7 @@ class MergedScans(Scans):
 
         Points without times of their own get the time of their scan, if scans of the epoch differ in time.
 
-        Raises
-        ------
-        FileError
-            If one of its scans is broken.
-        OptionError
-            If not 0 <= min_range < max_range.
+        FileError if one of its scans is broken; OptionError if not 0 <= min_range < max_range.
         """
         time = float(self.times[i])
         raws, points, offsets, scanners = [], [], [], []

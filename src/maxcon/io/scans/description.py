@@ -101,10 +101,7 @@ def describe(path: str | os.PathLike[str], topic: str | None = None) -> Recordin
     topic : str, optional
         The only topic to describe; all with clouds if None.
 
-    Raises
-    ------
-    MaxconError
-        As `open_scans`; a recording with other messages only has no scanners.
+    Errors as of `open_scans`; a recording with other messages only has no scanners.
     """
     from maxcon.io.recordings.captures import topics_of_capture
     from maxcon.io.recordings.clouds import CLOUD, VELODYNE, TopicOfClouds, chosen_topic, open_clouds

@@ -96,17 +96,7 @@ class ScanFolder(Scans):
         return self.paths[i].name
 
     def read(self, i: int, min_range: float = 1.0, max_range: float = 120.0) -> RawScan:
-        """Return scan number `i`; parameters as of any scans.
-
-        Raises
-        ------
-        FileError
-            If the file is empty, truncated or broken.
-        MissingExtraError
-            If it is a PCD file and the extra `pcd` is not installed.
-        OptionError
-            If not 0 <= min_range < max_range.
-        """
+        """Return scan number `i`; parameters and errors as of any scans, MissingExtraError besides (PCD)."""
         check_range(min_range, max_range)
         content = read_scan_file(self.paths[i])
         points = content.points

@@ -50,12 +50,8 @@ class ScanFile:
 def read_pcd(file: Path, n_most: int) -> ScanFile:
     """Return the points of a PCD file (ascii, binary or binary_compressed), and the fields that may be their times.
 
-    Raises
-    ------
-    FileError
-        If the header is broken or does not fit the file, or there are no points or more than `n_most`.
-    MissingExtraError
-        If the points are compressed and the extra `pcd` is not installed.
+    FileError if the header is broken or does not fit the file, or there are no points or more than `n_most`;
+    MissingExtraError if the points are compressed and the extra `pcd` is not installed.
     """
     with as_file_error(file, "a PCD file"), file.open("rb") as stream:
         layout = _read_layout(file, stream, n_most)

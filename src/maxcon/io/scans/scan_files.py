@@ -28,12 +28,8 @@ real scans it is 0.41 to 1.0, and at most 0.02 with a wrong count: every column 
 def read_scan_file(file: Path) -> ScanFile:
     """Return the points of a scan file, and the fields that may be their times.
 
-    Raises
-    ------
-    FileError
-        If the file is empty, truncated or broken, or has more than 5 million points.
-    MissingExtraError
-        If it is a PCD file and the extra `pcd` is not installed.
+    FileError if it is empty, truncated or broken, or has more than 5 million points; MissingExtraError if it is a PCD
+    file and the extra `pcd` is not installed.
     """
     suffix = file.suffix.lower()
     try:
