@@ -93,8 +93,7 @@ def _of_pair(label: str, seconds: NDArray[np.generic], nanoseconds: NDArray[np.g
     span = float(np.ptp(offsets))
     if not 0.0 < span * 1e9 <= LONGEST:
         return _not_understood(label, f"they last {span:.6g} s")
-    words = f"seconds and nanoseconds, last {span:.6f} s"
-    return _placed(label, "s + ns", words, offsets)
+    return _absolute(label, "s + ns", f"seconds and nanoseconds, last {span:.6f} s", offsets)
 
 
 def _of_field(label: str, values: NDArray[np.generic], stamp: int) -> PointTimes:
@@ -109,24 +108,37 @@ def _of_field(label: str, values: NDArray[np.generic], stamp: int) -> PointTimes
     # Differences of integers are exact, also where float64 would round the integers themselves.
     exact = (values.astype(np.float64 if is_float else np.int64) - low.item()).astype(np.float64)
     span, begin = float(exact.max()), float(low.item())
-    unit = _absolute_unit(begin, span, stamp) or _unit_of_span(span, is_float=is_float)
+    unit = _unit(begin, span, stamp, is_float=is_float)
     if unit is None:
         return _not_understood(label, f"they range over {span:.6g}: between 1 ms and 2 s in no unit")
     first = _from_stamp(low, UNITS[unit], stamp, is_float=is_float)
     scale = UNITS[unit] * 1e-9
-    is_absolute = abs(first) <= SAME_CLOCK * 1e-9 and abs(begin) * scale > SAME_CLOCK * 1e-9
+    offsets, begin_seconds = exact * scale, begin * scale
     words = f"{UNIT_WORDS[unit]}, as they range over {span:.6g}"
-    if is_absolute:
-        return _placed(label, f"{unit}, absolute", words, first + exact * scale)
-    if abs(begin) * scale <= LONGEST * 1e-9:
-        return _relative(label, f"{unit}, relative", words, begin * scale + exact * scale)
-    offsets = exact * scale
-    told = f"{words}; they begin at {begin * scale:.6g} s, far from the message's {stamp * 1e-9:.6g} s"
+    if abs(first) <= SAME_CLOCK * 1e-9 < abs(begin_seconds):
+        return _absolute(label, f"{unit}, absolute", words, first + offsets)
+    if abs(begin_seconds) <= LONGEST * 1e-9:
+        offsets = begin_seconds + offsets
+        where = f"{offsets.min():+.6f} to {offsets.max():+.6f} s"
+        return PointTimes(offsets, f"{label}: {unit}, relative", f"{label}: {words}; from the message's time: {where}")
+    told = f"{words}; they begin at {begin_seconds:.6g} s, far from the message's {stamp * 1e-9:.6g} s"
     return PointTimes(
         offsets,
         f"{label}: {unit}, of another clock (since boot?)",
         f"{label}: {told}: another clock (since boot?), so that the message's time is held for the first point's",
     )
+
+
+def _unit(begin: float, span: float, stamp: int, *, is_float: bool) -> str | None:
+    """The unit in which times are near that of the message, or a scan lasts as long as it may."""
+    for name, unit in UNITS.items():
+        is_near = abs(begin * unit - stamp) <= SAME_CLOCK < abs(begin) * unit
+        if is_near and span * unit <= LONGEST:
+            return name
+    possible = [name for name, unit in UNITS.items() if SHORTEST <= span * unit <= LONGEST]
+    if not possible:
+        return None
+    return possible[0] if is_float else possible[-1]
 
 
 def _from_stamp(low: np.generic, unit: int, stamp: int, *, is_float: bool) -> float:
@@ -137,38 +149,14 @@ def _from_stamp(low: np.generic, unit: int, stamp: int, *, is_float: bool) -> fl
     return (int(low) * unit - stamp) * 1e-9
 
 
-def _absolute_unit(begin: float, span: float, stamp: int) -> str | None:
-    """The unit in which times are near that of the message, and last as long as a scan may."""
-    for name, unit in UNITS.items():
-        is_near = abs(begin * unit - stamp) <= SAME_CLOCK < abs(begin) * unit
-        if is_near and span * unit <= LONGEST:
-            return name
-    return None
-
-
-def _unit_of_span(span: float, *, is_float: bool) -> str | None:
-    """The unit in which a scan lasts as long as it may."""
-    possible = [name for name, unit in UNITS.items() if SHORTEST <= span * unit <= LONGEST]
-    if not possible:
-        return None
-    return possible[0] if is_float else possible[-1]
-
-
-def _relative(label: str, kind: str, words: str, offsets: NDArray[np.float64]) -> PointTimes:
-    """Times counted from that of the message."""
-    where = f"{offsets.min():+.6f} to {offsets.max():+.6f} s"
-    return PointTimes(offsets, f"{label}: {kind}", f"{label}: {words}; from the message's time: {where}")
-
-
-def _placed(label: str, kind: str, words: str, offsets: NDArray[np.float64]) -> PointTimes:
+def _absolute(label: str, kind: str, words: str, offsets: NDArray[np.float64]) -> PointTimes:
     """Absolute times, on the clock of the message."""
     if abs(float(offsets[0])) > SAME_CLOCK * 1e-9:
-        began = f"{float(offsets.min()):.6g} s from the message's time"
         return PointTimes(
             offsets - offsets.min(),
             f"{label}: {kind}, of another clock",
-            f"{label}: {words}; they begin {began}: another clock, so that the message's time is held for the"
-            " first point's",
+            f"{label}: {words}; they begin {float(offsets.min()):.6g} s from the message's time: another clock, so that"
+            " the message's time is held for the first point's",
         )
     span = float(np.ptp(offsets))
     ends = "last" if abs(offsets.max()) < 0.1 * span else "first" if abs(offsets.min()) < 0.1 * span else ""

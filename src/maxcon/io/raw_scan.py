@@ -68,21 +68,10 @@ class Scans(ABC):
 
     @abstractmethod
     def read(self, i: int, min_range: float = 1.0, max_range: float = 120.0) -> RawScan:
-        """Return scan number `i`.
+        """Return scan number `i`, counted from 0; FileError if it is broken.
 
-        Parameters
-        ----------
-        i : int
-            Counted from 0.
-        min_range, max_range : float
-            Points nearer or farther than this are dropped, m. Nearer than 1 m is mostly the vehicle.
-
-        Raises
-        ------
-        FileError
-            If it is broken.
-        OptionError
-            If not 0 <= min_range < max_range.
+        Points nearer than `min_range` or farther than `max_range` (m) are dropped: nearer than 1 m is mostly the
+        vehicle. OptionError if not 0 <= min_range < max_range.
         """
 
     def __len__(self) -> int:
@@ -96,13 +85,7 @@ class Scans(ABC):
 
 
 def check_range(min_range: float, max_range: float) -> None:
-    """Refuse range limits that leave nothing.
-
-    Raises
-    ------
-    OptionError
-        If not 0 <= min_range < max_range.
-    """
+    """Refuse range limits that leave nothing: OptionError if not 0 <= min_range < max_range (m)."""
     if not 0.0 <= min_range < max_range:
         raise OptionError(
             f"Expected 0 <= min_range < max_range, got {min_range} m and {max_range} m. The defaults are 1 and 120 m."
@@ -110,20 +93,11 @@ def check_range(min_range: float, max_range: float) -> None:
 
 
 def returns_in_range(points: NDArray[np.float64], min_range: float, max_range: float) -> tuple[NDArray[np.bool_], int]:
-    """Return which points are returns within the range, shape (n,), and how many are returns at all.
+    """Return which points are returns within the range (m), shape (n,), and how many are returns at all.
 
-    Raises
-    ------
-    OptionError
-        If not 0 <= min_range < max_range.
+    A return is finite, and not at (0, 0, 0). OptionError if not 0 <= min_range < max_range.
     """
     check_range(min_range, max_range)
-    ranges, is_return = _ranges(points)
-    return is_return & (ranges >= min_range) & (ranges <= max_range), int(np.count_nonzero(is_return))
-
-
-def _ranges(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Range of each point, m, and whether it is a return: finite, and not at (0, 0, 0)."""
     x, y, z = points.T
     with np.errstate(over="ignore"):
         squared = x * x
@@ -133,11 +107,12 @@ def _ranges(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[n
     # Squares leave the range of float64 before coordinates do: points that seem to be no returns are checked exactly.
     rows = np.flatnonzero(~is_return)
     is_return[rows] = np.isfinite(points[rows]).all(axis=1) & points[rows].any(axis=1)
-    return np.sqrt(squared), is_return
+    ranges = np.sqrt(squared)
+    return is_return & (ranges >= min_range) & (ranges <= max_range), int(np.count_nonzero(is_return))
 
 
 def nearest_in_time(times: NDArray[np.float64], wanted: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Number of the one of some rising times nearest to each wanted one, shape (n,); at ties the earlier."""
+    """Index of the increasing time nearest to each wanted one, shape (n,); at ties the earlier."""
     after = np.searchsorted(times, wanted).clip(max=len(times) - 1)
     before = (after - 1).clip(min=0)
     return np.where(wanted - times[before] <= times[after] - wanted, before, after)

@@ -28,19 +28,10 @@ def printable(text: str) -> str:
 
 
 def numbered_lines(file: Path, what: str) -> Iterator[tuple[int, str]]:
-    """Yield each line with its number from 1, without blanks around it; empty lines are left out.
+    """Yield each line of UTF-8 text with its number from 1, without blanks around it; empty lines are left out.
 
-    Parameters
-    ----------
-    file : Path
-        UTF-8 text.
-    what : str
-        What the file should hold, for messages, e.g. "a trajectory".
-
-    Raises
-    ------
-    FileError
-        If the file is missing, a folder, not readable, or not text.
+    `what` the file should hold is for messages, e.g. "a trajectory". FileError if it is missing, a folder, not
+    readable, or not text.
     """
     number = 0
     try:
@@ -80,19 +71,8 @@ def parse_float(text: str) -> float | None:
 def read_table(file: Path, text: TextIO, n_rows: int, n_columns: int) -> NDArray[np.float64]:
     """Return the next rows of numbers, shape (n, n_columns); n is less than `n_rows` at the end of the file.
 
-    Parameters
-    ----------
-    file : Path
-        For messages.
-    text : text stream
-        One row per line, numbers apart by blanks; empty lines are passed over.
-    n_rows, n_columns : int
-        How many rows to read at most, and how many numbers each must have.
-
-    Raises
-    ------
-    FileError
-        If a row has another count of numbers, or something that is none.
+    One row per line, numbers apart by blanks; empty lines are passed over. FileError if a row has another count of
+    numbers, or something that is none.
     """
     lines = read_lines(file, text, n_rows)
     if not lines:
@@ -107,13 +87,7 @@ def read_table(file: Path, text: TextIO, n_rows: int, n_columns: int) -> NDArray
 
 
 def read_lines(file: Path, text: TextIO, n_lines: int, *, keep: bool = True) -> list[str]:
-    """Return the next lines that are not empty, or pass over them; fewer at the end of the file.
-
-    Raises
-    ------
-    FileError
-        If a line is longer than any row of numbers.
-    """
+    """Return the next lines that are not empty, or pass over them; fewer at the end of the file."""
     lines: list[str] = []
     n_found = 0
     while n_found < n_lines and (line := text.readline(MAX_ROW)):
