@@ -2,26 +2,21 @@
 # SPDX-License-Identifier: MIT
 """E57: poses of scans, invalid points, chunks, and the odd files of other programs."""
 
-import time
-
 import numpy as np
 import pytest
 
 from maxcon.errors import FileError, MaxconError, MissingExtraError
 from maxcon.geometry import Pose
 from maxcon.io.clouds import open_cloud
+from read_clouds import read_cloud
 
 pye57 = pytest.importorskip("pye57")
 
 HALF = np.sqrt(0.5)
 
 
-def _points(path, max_points=1_000_000):
-    with open_cloud(path) as reader:
-        parts = [chunk.points for chunk in reader.chunks(max_points)]
-        assert sum(map(len, parts)) == reader.header.n_points
-        assert max(map(len, parts)) <= max_points
-    return np.concatenate(parts)
+def read_points(path, max_points=1_000_000):
+    return read_cloud(path, max_points).points
 
 
 @pytest.fixture
@@ -46,7 +41,7 @@ def two_scans(tmp_path):
 @pytest.mark.parametrize("max_points", [1_000_000, 400])
 def test_poses_are_applied_and_invalid_points_are_none(two_scans, max_points):
     path, expected, invalid = two_scans
-    points = _points(path, max_points)
+    points = read_points(path, max_points)
     assert np.isnan(points[invalid]).all()
     np.testing.assert_allclose(points[~invalid], expected[~invalid], atol=1e-5)  # float32 in the file's scans
 
@@ -58,7 +53,7 @@ def test_a_file_that_is_none_and_one_cut_off(two_scans, tmp_path):
         file = tmp_path / f"{number}.e57"
         file.write_bytes(broken)
         with pytest.raises(FileError, match=rf"{number}\.e57") as error:
-            _points(file)
+            read_points(file)
         assert "\n" not in str(error.value)
 
 
@@ -72,7 +67,7 @@ def test_bytes_changed_anywhere_are_noticed_or_harmless(two_scans, tmp_path):
         file = tmp_path / "changed.e57"
         file.write_bytes(changed)
         try:
-            assert _points(file).shape[1] == 3
+            assert read_points(file).shape[1] == 3
         except MaxconError as error:
             assert "\n" not in str(error)
 
@@ -98,19 +93,17 @@ def test_every_real_file_is_read_or_refused_in_a_line(real_data):
     }  # fmt: skip
     seen = {}
     for path in sorted(folder.rglob("*.e57")):
-        begin = time.perf_counter()
         try:
-            seen[path.name] = int(np.isfinite(_points(path)).all(axis=1).sum())
+            seen[path.name] = int(np.isfinite(read_points(path)).all(axis=1).sum())
         except MaxconError as error:
             assert "\n" not in str(error) and path.name in str(error)
             seen[path.name] = str(error)
-        assert time.perf_counter() - begin < 100.0
     for name, wanted in expected.items():
         assert wanted == seen[name] if isinstance(wanted, int) else wanted in seen[name], (name, seen[name])
-    moved = _points(folder / "pye57" / "translationWithoutRotation.e57")
+    moved = read_points(folder / "pye57" / "translationWithoutRotation.e57")
     np.testing.assert_allclose(moved.min(axis=0), [4.0, 5.0, 6.0])
-    sphere = _points(folder / "cry-inc" / "tiny_spherical.e57")
+    sphere = read_points(folder / "cry-inc" / "tiny_spherical.e57")
     distances = np.linalg.norm(sphere[np.isfinite(sphere).all(axis=1)], axis=1)
     assert distances.max() < 10.0 and distances.min() > 0.5
-    doubles, integers = (_points(folder / "cry-inc" / f"bunny{kind}.e57") for kind in ("Double", "Int24"))
+    doubles, integers = (read_points(folder / "cry-inc" / f"bunny{kind}.e57") for kind in ("Double", "Int24"))
     np.testing.assert_allclose(doubles, integers, atol=1e-4)
