@@ -9,8 +9,8 @@ import pytest
 from maxcon._system.regular_file import open_regular
 from maxcon.errors import FileError, MaxconError
 from maxcon.io.clouds import CLOUD_SUFFIXES, open_cloud
-from maxcon.io.file_names import SCAN_SUFFIXES
 from maxcon.io.scans import open_scans
+from maxcon.io.text import SCAN_SUFFIXES
 from maxcon.io.trajectories import read_prior, read_trajectory
 
 

@@ -1,9 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Text files that people or other programs wrote: lines, numbers, tables; nothing is read without bounds."""
+"""Text that people or other programs wrote: lines, numbers, tables, numbered names; nothing is read without bounds."""
 
 import io
 import math
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TextIO
@@ -14,12 +15,24 @@ from numpy.typing import NDArray
 from maxcon._system.regular_file import open_regular
 from maxcon.errors import FileError
 
-__all__ = ["numbered_lines", "parse_float", "printable", "read_lines", "read_table"]
+__all__ = [
+    "NUMBER",
+    "SCAN_SUFFIXES",
+    "in_natural_order",
+    "numbered_lines",
+    "parse_float",
+    "printable",
+    "read_lines",
+    "read_table",
+]
 
 # A pose is about 150 characters; a longer line is another kind of file.
 MAX_LINE = 10_000
 # A row of a cloud may have hundreds of numbers.
 MAX_ROW = 100_000
+
+SCAN_SUFFIXES = (".bin", ".pcd", ".las", ".laz", ".ply", ".npz")
+NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?")
 
 
 def printable(text: str) -> str:
@@ -104,3 +117,15 @@ def read_lines(file: Path, text: TextIO, n_lines: int, *, keep: bool = True) -> 
 def _not_numbers(file: Path, n_columns: int | None, got: str) -> FileError:
     wanted = "rows of numbers" if n_columns is None else f"{n_columns} numbers per point"
     return FileError(f"Expected {wanted} in {file}, got: {got[:100]}. Write it anew with the program it comes from.")
+
+
+def in_natural_order(paths: list[Path]) -> list[Path]:
+    """Sort by name, numbers by value: 2 before 10, and 1.25 before 1.5 where all names are numbers."""
+    if all(NUMBER.fullmatch(path.stem) for path in paths):
+        return sorted(paths, key=lambda path: (float(path.stem), path.name))
+
+    def key(path: Path) -> tuple[list[str | int], str]:
+        parts = re.split(r"([0-9]+)", path.name)
+        return [int(part) if i % 2 else part for i, part in enumerate(parts)], path.name
+
+    return sorted(paths, key=key)

@@ -12,9 +12,9 @@ from typing import Any
 
 from maxcon.errors import FileError
 from maxcon.io.clouds.base import as_file_error
-from maxcon.io.file_names import SCAN_SUFFIXES, in_natural_order
 from maxcon.io.recordings.mcap_files import McapFiles
 from maxcon.io.recordings.recording import LARGEST_CHUNK, Message, Recording, Topic, as_extra_missing
+from maxcon.io.text import SCAN_SUFFIXES, in_natural_order
 
 __all__ = ["CAPTURE_SUFFIX", "RECORDING_SUFFIXES", "existing_file", "is_recording", "open_recording"]
 

@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import FileError, OptionError
-from maxcon.io.file_names import NUMBER, SCAN_SUFFIXES, in_natural_order
 from maxcon.io.point_times import PointTimes, find_point_times
 from maxcon.io.raw_scan import RawScan, Scans, check_range, returns_in_range
 from maxcon.io.scans.pcd import ScanFile
 from maxcon.io.scans.scan_files import read_scan_file
-from maxcon.io.text import numbered_lines, parse_float
+from maxcon.io.text import NUMBER, SCAN_SUFFIXES, in_natural_order, numbered_lines, parse_float
 
 __all__ = ["ScanFolder", "open_scan_folder", "open_scans"]
 
