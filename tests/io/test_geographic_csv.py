@@ -42,22 +42,16 @@ def test_positions_alone(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "kind"),
+    ("names", "kind"),
     [
-        ("ellipsoidal_height", Heights.ELLIPSOIDAL),
-        ("height", Heights.ELLIPSOIDAL),
-        ("orthometric_height", Heights.ORTHOMETRIC),
+        ("ellipsoidal_height,ignored", Heights.ELLIPSOIDAL),
+        ("height,ignored", Heights.ELLIPSOIDAL),
+        ("orthometric_height,height", Heights.ORTHOMETRIC),
     ],
 )
-def test_heights_by_their_name(tmp_path, name, kind):
-    path = _write(tmp_path, f"time,latitude,longitude,{name}", "1,52,13,60")
-    assert read_geographic_csv(path).fixes.heights is kind
-
-
-def test_the_height_that_says_what_it_is_counts(tmp_path):
-    path = _write(tmp_path, "time,latitude,longitude,height,orthometric_height", "1,52,13,60,20")
-    rows = read_geographic_csv(path)
-    assert rows.fixes.heights is Heights.ORTHOMETRIC and rows.fixes.places[0, 2] == 20.0
+def test_heights_by_their_name(tmp_path, names, kind):
+    fixes = read_geographic_csv(_write(tmp_path, f"time,latitude,longitude,{names}", "1,52,13,60,20")).fixes
+    assert fixes.heights is kind and fixes.places[0, 2] == 60.0
 
 
 @pytest.mark.parametrize(
@@ -122,11 +116,8 @@ def test_times_that_do_not_increase(tmp_path):
         read_geographic_csv(path)
 
 
-def test_tables_in_the_map_s_coordinates_are_not_geographic(tmp_path):
+def test_each_kind_of_table_is_told_from_the_other(tmp_path):
     assert not is_geographic(_write(tmp_path, "time,x,y,z,roll,pitch,heading", "1,2,3,4,0,0,0"))
     assert not is_geographic(_write(tmp_path, ""))
-
-
-def test_where_coordinates_of_the_map_are_wanted_the_message_says_so(tmp_path):
     with pytest.raises(TrajectoryError, match="only be the --prior of"):
         read_trajectory(_write(tmp_path, "time,latitude,longitude,height", "1,52,13,60"))

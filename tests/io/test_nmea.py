@@ -3,7 +3,6 @@
 """Logs of receivers: positions, dates, sigmas and headings, among all that stands between them in real ones."""
 
 import math
-import time
 
 import numpy as np
 import pytest
@@ -41,9 +40,6 @@ def test_positions_heights_and_times(tmp_path):
     assert log.fixes.heights is Heights.ELLIPSOIDAL  # altitude and the receiver's own geoid
     np.testing.assert_allclose(log.fixes.covariances[0], np.diag([0.04**2] * 2))  # RTK fixed: 5 cm times HDOP
     assert log.orientations is None and "0 of GST, 3 of HDOP" in log.words
-
-
-def test_south_and_west(tmp_path):
     log = read_nmea(_write(tmp_path / "a.nmea", [gga(START, -33.25, -70.5, 1.0, 2.0), rmc(START)]))
     np.testing.assert_allclose(log.fixes.places, [[-33.25, -70.5, 3.0]], atol=1e-10)
 
@@ -87,20 +83,23 @@ def test_dates_of_zda_after_the_positions(tmp_path):
     np.testing.assert_allclose(read_nmea(_write(tmp_path / "a.nmea", lines)).fixes.times, START + np.arange(3))
 
 
-def test_no_date_no_position_no_height_no_sentence(tmp_path):
-    positions = [gga(START + i, *NEAR, 1.0, 1.0) for i in range(3)]
-    cases = (
-        (positions, TrajectoryError, "a date"),
+@pytest.mark.parametrize(
+    ("lines", "kind", "words"),
+    [
+        ([gga(START, *NEAR, 1.0, 1.0)], TrajectoryError, "a date"),
         ([rmc(START), gga(START, *NEAR, 1.0, 1.0, quality=0)], TrajectoryError, "1 sentences without a fix"),
         ([rmc(START), gga(START, *NEAR)], TrajectoryError, "positions without heights"),
         (["1.0 2.0"], FileError, "got none"),
-        ([positions[0][:-3]], FileError, "1 with a wrong checksum, or without"),
-    )
-    for lines, kind, words in cases:
-        with pytest.raises(kind, match=words):
-            read_nmea(_write(tmp_path / "a.nmea", lines))
-    with pytest.raises(FileError, match="no such file"):
-        read_nmea(tmp_path / "b.nmea")
+        ([gga(START, *NEAR, 1.0, 1.0)[:-3]], FileError, "1 with a wrong checksum, or without"),
+        (None, FileError, "no such file"),
+    ],
+)
+def test_no_date_no_position_no_height_no_sentence(tmp_path, lines, kind, words):
+    path = tmp_path / "a.nmea"
+    if lines is not None:
+        _write(path, lines)
+    with pytest.raises(kind, match=words):
+        read_nmea(path)
 
 
 @pytest.mark.parametrize("leads", [False, True])
@@ -196,13 +195,11 @@ def test_every_real_log_is_read_or_refused_in_a_line(real_data):
     }
     seen = {}
     for path in sorted(folder.rglob("*.*")):
-        begin = time.perf_counter()
         try:
             seen[path.name] = len(read_geographic_prior(path, "EPSG:3857").placed.trajectory)
         except MaxconError as error:
             assert "\n" not in str(error) and path.name in str(error)
             seen[path.name] = str(error)
-        assert time.perf_counter() - begin < 100.0
     for name, wanted in expected.items():
         assert wanted == seen[name] if isinstance(wanted, int) else wanted in seen[name], seen[name]
 
