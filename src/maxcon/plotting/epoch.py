@@ -12,13 +12,22 @@ from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose, wrap_angle
 from maxcon.map import PointMap
 from maxcon.plotting.canvas.figure import draw_titles, saved_figure
-from maxcon.plotting.canvas.objective_names import title_of, unit_of
 from maxcon.plotting.scene import Scene, draw_scene
-from maxcon.plotting.score_panel import cell_marks, draw_color_bar, draw_frame, draw_heading, score_words, turn_words
-from maxcon.plotting.search_space_view import SearchSpaceView, chosen_headings
+from maxcon.plotting.score_panel import (
+    SearchSpaceView,
+    cell_marks,
+    chosen_headings,
+    draw_color_bar,
+    draw_frame,
+    draw_heading,
+    score_words,
+    title_of,
+    turn_words,
+    unit_of,
+)  # fmt: skip
 from maxcon.scan import Scan
 from maxcon.search.accumulator import Accumulator
-from maxcon.search.objectives import Objective
+from maxcon.search.objectives import Objective, as_objective
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,7 +45,7 @@ def plot_epoch(
     path: str | os.PathLike[str],
     *,
     accumulator: Accumulator,
-    objective: Objective,
+    objective: Objective | str,
     estimate: Estimate,
     scan: Scan,
     point_map: PointMap,
@@ -51,7 +60,7 @@ def plot_epoch(
         A .png or .svg to write.
     accumulator : Accumulator
         The moments of every cell, and the prior.
-    objective : Objective
+    objective : Objective or {"helmert", "count", "max-eigenvalue"}
         Scores the cells, for their colours.
     estimate : Estimate
         The answer that was found from them.
@@ -64,20 +73,11 @@ def plot_epoch(
     reference : Pose, optional
         The pose held for true, local frame; marked, and the distance to it is stated.
 
-    Raises
-    ------
-    OptionError
-        If the name of the picture ends in neither .png nor .svg.
-    MissingExtraError
-        If matplotlib is not installed.
-    FileError
-        If the file cannot be written.
-
     Notes
     -----
     At most 9 headings are drawn: the best, and others in even steps. The scene ends 45 m from the prior.
     """
-    view = SearchSpaceView(accumulator, objective)
+    view = SearchSpaceView(accumulator, as_objective(objective))
     scene = Scene(scan, point_map, accumulator.prior, accumulator.space, estimate, reference)
     with saved_figure(path, WIDTH, HEIGHT) as figure:
         draw_titles(figure, title, _answer_words(estimate, accumulator.prior, reference))

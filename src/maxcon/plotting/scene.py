@@ -36,25 +36,9 @@ MOST_HALF_WIDTH, LEAST_HALF_WIDTH = 45.0, 5.0
 ONE_CELL = SearchSpace(half_width=0.0, heading_half_width_deg=0.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Scene:
-    """Everything that is drawn of one epoch.
-
-    Parameters
-    ----------
-    scan : Scan
-        Sensor frame.
-    point_map : PointMap
-        The map.
-    prior : Pose
-        T_map_sensor before localization, local frame.
-    space : SearchSpace
-        The cells that were tried.
-    estimate : Estimate
-        The answer.
-    reference : Pose, optional
-        The pose held for true, local frame.
-    """
+    """Everything that is drawn of one epoch; poses and points in the local frame, the scan in the sensor frame."""
 
     scan: Scan
     point_map: PointMap

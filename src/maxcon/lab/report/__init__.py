@@ -7,10 +7,9 @@ from maxcon.lab.report.html import Picture
 from maxcon.lab.report.plots.errors_plot import plot_errors
 from maxcon.lab.report.plots.prior_error_plot import plot_prior_error
 from maxcon.lab.report.plots.search_spaces import plot_search_spaces
-from maxcon.plotting.drive import plot_drive
 from maxcon.plotting.epoch import plot_epoch
-from maxcon.plotting.poses import plot_poses
-from maxcon.plotting.search_space_view import SearchSpaceView
+from maxcon.plotting.poses import plot_drive, plot_poses
+from maxcon.plotting.score_panel import SearchSpaceView
 
 __all__ = [
     "DemoPage",

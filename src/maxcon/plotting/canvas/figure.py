@@ -49,13 +49,7 @@ _METADATA: dict[str, dict[str, Any]] = {"png": {"Software": None}, "svg": {"Date
 
 
 def check_matplotlib() -> None:
-    """Check that matplotlib is installed, before the work whose result it is to draw.
-
-    Raises
-    ------
-    MissingExtraError
-        If matplotlib is not installed.
-    """
+    """Raise a MissingExtraError if matplotlib is not installed, before the work whose result it is to draw."""
     try:
         import matplotlib  # noqa: F401
     except ImportError as error:
@@ -74,15 +68,6 @@ def saved_figure(path: str | os.PathLike[str], width: float, height: float) -> I
         Ends in .png or .svg.
     width, height : float
         Inches; a PNG has 120 pixels to the inch.
-
-    Raises
-    ------
-    OptionError
-        If the name ends otherwise.
-    MissingExtraError
-        If matplotlib is not installed.
-    FileError
-        If the file cannot be written.
     """
     kind = Path(path).suffix.lower().removeprefix(".")
     if kind not in _METADATA:

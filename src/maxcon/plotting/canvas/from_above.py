@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: MIT
 """Ground from above: the map as grey squares, dark where many voxels lie above each other, as in walls; a scale bar."""
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -15,20 +14,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.patches import Patch
 
-__all__ = ["MapFromAbove", "Window", "as_places", "draw_map", "draw_scale_bar", "map_patch"]
+__all__ = ["Window", "as_places", "count_voxels", "draw_map", "draw_scale_bar", "map_patch"]
 
 # Squares along the longer side of a window; finer ones than a picture's pixels would only make it larger.
 N_SQUARES = 700
 
 
 def as_places(positions: ArrayLike) -> NDArray[np.float64]:
-    """Return x and y of positions, shape (n, 2) or (n, 3), n > 0, as float64 of shape (n, 2), m.
-
-    Raises
-    ------
-    ArrayError
-        If the shape is another or a coordinate is not finite.
-    """
+    """Return x and y of positions, shape (n, 2) or (n, 3), n > 0, finite, as float64 of shape (n, 2), m."""
     places = np.asarray(positions, dtype=np.float64)
     if places.ndim != 2 or len(places) == 0 or places.shape[1] not in (2, 3) or not np.isfinite(places).all():
         raise ArrayError(f"Expected `positions` to have shape (n, 2) or (n, 3), finite, got {places.shape}.")
@@ -62,43 +55,30 @@ class Window(NamedTuple):
         return self.east - self.west, self.north - self.south
 
 
-@dataclass(frozen=True)
-class MapFromAbove:
-    """How many voxels of a map lie above each square of the ground.
+def count_voxels(point_map: PointMap, window: Window) -> tuple[Window, NDArray[np.int64]]:
+    """How many voxels of a map lie above each square of the ground, shape (ny, nx), south to north, west to east.
 
-    Parameters
-    ----------
-    window : Window
-        The ground that the squares cover.
-    n_voxels : array, shape (ny, nx)
-        Rows from south to north, columns from west to east.
+    With the window that the squares cover, which may be a little larger than the one asked for.
     """
-
-    window: Window
-    n_voxels: NDArray[np.int64]
-
-    @classmethod
-    def look(cls, point_map: PointMap, window: Window) -> "MapFromAbove":
-        """Count the voxels above the squares of a window, tile by tile."""
-        width, height = window.size
-        edge = max(point_map.cell, max(width, height) / N_SQUARES)
-        nx, ny = max(1, int(np.ceil(width / edge))), max(1, int(np.ceil(height / edge)))
-        n_voxels = np.zeros(ny * nx, np.int64)
-        center_x, center_y = window.west + 0.5 * width, window.south + 0.5 * height
-        for tile in point_map.tiles_within(center_x, center_y, 0.5 * max(width, height)):
-            centers = (tile.voxels[:, :2] + 0.5) * point_map.cell
-            squares = np.floor((centers - [window.west, window.south]) / edge).astype(np.int64)
-            is_inside = ((squares >= 0) & (squares < [nx, ny])).all(axis=1)
-            x, y = squares[is_inside].T
-            n_voxels += np.bincount(y * nx + x, minlength=ny * nx)
-        shown = Window(window.west, window.west + nx * edge, window.south, window.south + ny * edge)
-        return cls(shown, n_voxels.reshape(ny, nx))
+    width, height = window.size
+    edge = max(point_map.cell, max(width, height) / N_SQUARES)
+    nx, ny = max(1, int(np.ceil(width / edge))), max(1, int(np.ceil(height / edge)))
+    n_voxels = np.zeros(ny * nx, np.int64)
+    center_x, center_y = window.west + 0.5 * width, window.south + 0.5 * height
+    for tile in point_map.tiles_within(center_x, center_y, 0.5 * max(width, height)):
+        centers = (tile.voxels[:, :2] + 0.5) * point_map.cell
+        squares = np.floor((centers - [window.west, window.south]) / edge).astype(np.int64)
+        is_inside = ((squares >= 0) & (squares < [nx, ny])).all(axis=1)
+        x, y = squares[is_inside].T
+        n_voxels += np.bincount(y * nx + x, minlength=ny * nx)
+    covered = Window(window.west, window.west + nx * edge, window.south, window.south + ny * edge)
+    return covered, n_voxels.reshape(ny, nx)
 
 
 def draw_map(axes: "Axes", point_map: PointMap | None, window: Window) -> None:
     """Draw the map, if there is one, in light greys; fix the axes to the window, equal in x and y."""
     if point_map is not None:
-        _draw_squares(axes, MapFromAbove.look(point_map, window))
+        _draw_squares(axes, *count_voxels(point_map, window))
     axes.set_xlim(window.west, window.east)
     axes.set_ylim(window.south, window.north)
     axes.set_aspect("equal")
@@ -106,19 +86,13 @@ def draw_map(axes: "Axes", point_map: PointMap | None, window: Window) -> None:
     axes.set_ylabel("y, local frame [m]")
 
 
-def _draw_squares(axes: "Axes", seen: MapFromAbove) -> None:
-    top = max(2.0, float(np.percentile(seen.n_voxels[seen.n_voxels > 0], 95))) if seen.n_voxels.any() else 2.0
-    shades = 0.28 + 0.72 * np.clip(np.log1p(seen.n_voxels) / np.log1p(top), 0.0, 1.0)
+def _draw_squares(axes: "Axes", covered: Window, n_voxels: NDArray[np.int64]) -> None:
+    top = max(2.0, float(np.percentile(n_voxels[n_voxels > 0], 95))) if n_voxels.any() else 2.0
+    shades = 0.28 + 0.72 * np.clip(np.log1p(n_voxels) / np.log1p(top), 0.0, 1.0)
     axes.imshow(
-        np.ma.masked_where(seen.n_voxels == 0, shades),
-        origin="lower",
-        extent=seen.window,
-        cmap="Greys",
-        vmin=0.0,
-        vmax=1.9,
-        interpolation="nearest",
-        zorder=0,
-    )
+        np.ma.masked_where(n_voxels == 0, shades), origin="lower", extent=covered, cmap="Greys", vmin=0.0, vmax=1.9,
+        interpolation="nearest", zorder=0,
+    )  # fmt: skip
 
 
 def map_patch() -> "Patch":
@@ -136,17 +110,8 @@ def draw_scale_bar(axes: "Axes", window: Window) -> None:
     length = _round_length(width / 6.0)
     margin, thick = 0.02 * width, 0.006 * height
     x, y = window.west + 1.6 * margin, window.south + 0.025 * height
-    axes.add_patch(
-        Rectangle(
-            (x - margin, y - 1.6 * thick),
-            length + 2.0 * margin,
-            0.065 * height,
-            facecolor="white",
-            alpha=0.85,
-            edgecolor="none",
-            zorder=8,
-        )
-    )
+    corner, size = (x - margin, y - 1.6 * thick), (length + 2.0 * margin, 0.065 * height)
+    axes.add_patch(Rectangle(corner, *size, facecolor="white", alpha=0.85, edgecolor="none", zorder=8))
     axes.add_patch(Rectangle((x, y), length, thick, facecolor="black", edgecolor="none", zorder=9))
     axes.text(x + 0.5 * length, y + 2.0 * thick, f"{length:g} m", ha="center", va="bottom", fontsize=9.5, zorder=9)
 

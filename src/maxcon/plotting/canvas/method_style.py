@@ -27,19 +27,7 @@ __all__ = [
 
 
 class MethodStyle(NamedTuple):
-    """How a method is drawn.
-
-    Parameters
-    ----------
-    color : str
-        Of its lines, markers and areas.
-    line : tuple
-        Dashes, as matplotlib takes them: (offset, (on, off, ...)), points.
-    marker : str
-        Shape of its markers.
-    hatch : str
-        Of its areas.
-    """
+    """How a method is drawn: its colour, dashes (offset, (on, off, ...)) in points, marker, and hatch of its areas."""
 
     color: str
     line: tuple[float, tuple[float, ...] | None]
@@ -61,13 +49,7 @@ METHOD_STYLES = (
 
 
 class LegendShape(NamedTuple):
-    """Rows and columns of a legend below a picture.
-
-    Parameters
-    ----------
-    n_rows, n_columns : int
-        As few rows as the labels fit into.
-    """
+    """Rows and columns of a legend below a picture: as few rows as the labels fit into."""
 
     n_rows: int
     n_columns: int
@@ -95,13 +77,7 @@ def check_methods(by_method: Mapping[str, Any], largest: int = len(METHOD_STYLES
 def as_epoch_values(
     values: ArrayLike, name: str, low: float, high: float = np.inf, *, n_epochs: int | None = None
 ) -> NDArray[np.float64]:
-    """Return values from `low` to `high` or NaN, as float64 of shape (n,): n = `n_epochs`, or any n > 0 if None.
-
-    Raises
-    ------
-    ArrayError
-        If the shape is another or a value is out of range.
-    """
+    """Return values from `low` to `high` or NaN, as float64 of shape (n,): n = `n_epochs`, or any n > 0 if None."""
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 1 or (len(array) == 0 if n_epochs is None else len(array) != n_epochs):
         shape = "(n,), n > 0" if n_epochs is None else f"({n_epochs},)"
@@ -121,14 +97,9 @@ def draw_legend(
     """Write a legend at the lower left of a figure; a $ in labels begins no formula."""
     width = figure.get_size_inches()[0]
     legend = figure.legend(
-        handles,
-        labels,
-        loc="lower left",
-        bbox_to_anchor=(0.2 / width, 0.0),
-        ncols=shape.n_columns,
-        handlelength=handle_length,
-        labelspacing=0.35,
-    )
+        handles, labels, loc="lower left", bbox_to_anchor=(0.2 / width, 0.0), ncols=shape.n_columns,
+        handlelength=handle_length, labelspacing=0.35,
+    )  # fmt: skip
     for text in legend.get_texts():
         text.set_parse_math(False)
 
@@ -136,14 +107,8 @@ def draw_legend(
 def draw_number_ticks(axis: Any, low: float, high: float, least: float = 0.0) -> None:
     """Write 1, 2 and 5 times the powers of ten on a logarithmic axis; fewer over more than 3 decades.
 
-    Parameters
-    ----------
-    axis : matplotlib axis
-        The x or y axis, or the long axis of a colour bar.
-    low, high : float
-        Its limits.
-    least : float
-        Lower values are drawn at this one, so its tick has a "≤".
+    axis : x or y axis, or the long axis of a colour bar; low, high : its limits; least : lower values are drawn at this
+    one, so its tick has a "≤".
     """
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 

@@ -16,7 +16,7 @@ from maxcon.lab.report.plots.comparison_plot import (
     best_from,
     plot_comparison,
 )
-from maxcon.plotting.search_space_view import SearchSpaceView
+from maxcon.plotting.score_panel import SearchSpaceView
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,7 @@ def draw(path, epoch, space, **changes):
     plot_epoch(path, **(parts | changes))
 
 
-@pytest.mark.parametrize("n_headings", [1, 5, 9, 61])
+@pytest.mark.parametrize("n_headings", [1, 61])
 def test_any_number_of_headings_is_drawn(epoch, tmp_path, n_headings, png_size):
     space = maxcon.SearchSpace(0.3, 0.06, 0.25 * (n_headings - 1), 0.5)
     assert space.shape[0] == n_headings
@@ -26,18 +26,19 @@ def test_any_number_of_headings_is_drawn(epoch, tmp_path, n_headings, png_size):
     assert png_size(tmp_path / "epoch.png") == (1812, 1122)
 
 
-def test_svg_can_be_read(epoch, space, tmp_path, svg_root):
-    draw(tmp_path / "epoch.svg", epoch, space, title="<script> & $x^2$")
-    root = svg_root(tmp_path / "epoch.svg")
-    assert root.find(".//{http://www.w3.org/2000/svg}image") is not None
+def test_svg_can_be_read_and_is_the_same_each_time(epoch, space, tmp_path, svg_root):
+    for name in ("a.svg", "b.svg"):
+        draw(tmp_path / name, epoch, space, title="<script> & $x^2$", reference=epoch.reference)
+    assert svg_root(tmp_path / "a.svg").find(".//{http://www.w3.org/2000/svg}image") is not None
+    assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
 
 
-@pytest.mark.parametrize("suffix", [".png", ".svg"])
-def test_same_input_gives_the_same_bytes(epoch, space, tmp_path, suffix):
-    files = [tmp_path / f"{name}{suffix}" for name in "ab"]
-    for file in files:
-        draw(file, epoch, space, reference=epoch.reference)
-    assert files[0].read_bytes() == files[1].read_bytes()
+def test_an_objective_may_be_named(epoch, space, tmp_path):
+    draw(tmp_path / "a.png", epoch, space, objective=maxcon.Helmert())
+    draw(tmp_path / "b.png", epoch, space, objective="helmert")
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    with pytest.raises(OptionError, match="helmert"):
+        draw(tmp_path / "c.png", epoch, space, objective="highest")
 
 
 def test_users_own_settings_change_nothing_and_are_left_alone(epoch, space, tmp_path):
@@ -74,6 +75,9 @@ def test_title_says_in_plain_words_what_happened(epoch, space, status):
     assert words.startswith("Localized." if estimate.is_localized else f"NOT LOCALIZED: {status.value}.")
     assert status.explanation in words.replace("\n", " ")
     assert len(words.splitlines()) == 2
+    if status is not maxcon.Status.NO_MATCH:
+        assert "+0.18 m in x, −0.24 m in y, +0.50° from the prior" in words
+        assert "0.00 m and 0.00° from the reference" in words
 
 
 def test_a_scan_without_normals_is_drawn_and_its_title_says_so(epoch, space, tmp_path):
@@ -99,12 +103,6 @@ def test_points_on_level_ground_are_not_drawn():
     )
     assert not is_drawn[:300].any()
     assert is_drawn[300:].all()
-
-
-def test_title_gives_the_distance_to_the_reference(epoch, space):
-    words = _answer_words(epoch.conclude(space)["estimate"], epoch.prior, epoch.reference)
-    assert "+0.18 m in x, −0.24 m in y, +0.50° from the prior" in words
-    assert "0.00 m and 0.00° from the reference" in words
 
 
 @pytest.mark.parametrize("n_panels", range(1, 10))
@@ -135,16 +133,6 @@ def test_other_kinds_of_files_are_refused(epoch, space, tmp_path):
 def test_a_missing_folder_is_named(epoch, space, tmp_path):
     with pytest.raises(FileError, match="Check the folder"):
         draw(tmp_path / "missing" / "epoch.png", epoch, space)
-
-
-def test_nothing_is_left_behind_when_drawing_fails(epoch, space, tmp_path):
-    class Broken:
-        def score(self, moments):
-            raise RuntimeError("broken")
-
-    with pytest.raises(RuntimeError, match="broken"):
-        draw(tmp_path / "epoch.png", epoch, space, objective=Broken())
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_nothing_is_left_behind_when_writing_fails(epoch, space, tmp_path, monkeypatch):

@@ -12,7 +12,7 @@ from maxcon.lab.report.plots.headings_plot import (
     _words,
     plot_headings,
 )
-from maxcon.plotting.search_space_view import SearchSpaceView
+from maxcon.plotting.score_panel import SearchSpaceView
 
 PRIOR = maxcon.Pose(100.0, 50.0, 0.0, 0.0, 0.0, 0.0)
 

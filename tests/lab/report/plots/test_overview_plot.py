@@ -9,7 +9,7 @@ import maxcon
 from maxcon.errors import FileError, OptionError
 from maxcon.lab.report.plots.overview_plot import _draw_scan, _draw_space, _words, plot_overview
 from maxcon.plotting.scene import Scene
-from maxcon.plotting.search_space_view import SearchSpaceView
+from maxcon.plotting.score_panel import SearchSpaceView
 
 
 def parts_of(epoch, space):

@@ -5,15 +5,18 @@ import pytest
 
 import maxcon
 from maxcon.plotting.score_panel import (
+    SearchSpaceView,
     cell_marks,
+    chosen_headings,
     draw_scores,
     ground_of,
     offset_words,
     put_mark,
     scale_words,
     score_words,
-)
-from maxcon.plotting.search_space_view import SearchSpaceView
+    title_of,
+    unit_of,
+)  # fmt: skip
 
 
 class BelowZero:
@@ -71,3 +74,41 @@ def test_scale_says_so_when_scores_may_be_negative(epoch, space):
     views = [SearchSpaceView(accumulator, maxcon.Helmert()), SearchSpaceView(accumulator, maxcon.Count())]
     assert scale_words(views) == "score, over the highest of the square"
     assert "from the lowest (0)" in scale_words([*views, SearchSpaceView(accumulator, BelowZero())])
+
+
+def test_objectives_have_names_and_a_users_own_has_its_classs():
+    assert unit_of(maxcon.Helmert()) == "1/tr Q"
+    assert (title_of(maxcon.Count()), unit_of(maxcon.Count())) == ("Count", "matches")
+    assert (title_of(BelowZero()), unit_of(BelowZero())) == ("BelowZero", "score")
+
+
+@pytest.mark.parametrize("n_headings", [1, 3, 5, 9])
+def test_few_headings_are_all_drawn(n_headings):
+    for best in range(n_headings):
+        assert chosen_headings(n_headings, best) == list(range(n_headings))
+
+
+@pytest.mark.parametrize("n_headings", [11, 13, 17, 61, 181])
+def test_of_many_headings_nine_are_drawn_in_even_steps_with_the_best(n_headings):
+    for best in range(n_headings):
+        chosen = chosen_headings(n_headings, best)
+        assert len(chosen) == 9
+        assert best in chosen
+        assert len(set(np.diff(chosen))) == 1
+        assert min(chosen) >= 0 and max(chosen) < n_headings
+
+
+def test_colours_run_from_nothing_to_the_best(epoch, space):
+    view = SearchSpaceView(epoch.accumulate(space), maxcon.Helmert())
+    assert view.limits == (0.0, view.scores[view.best])
+    assert SearchSpaceView(view.accumulator, BelowZero()).limits[0] < 0.0
+    empty = SearchSpaceView(maxcon.Accumulator(np.zeros((*space.shape, 4)), space, epoch.prior), maxcon.Count())
+    assert empty.limits == (0.0, 1.0)
+    assert not empty.has_best
+
+
+def test_reference_is_marked_at_its_offset_in_the_nearest_heading(epoch, space):
+    view = SearchSpaceView(epoch.accumulate(space), maxcon.Helmert())
+    assert view.offset(epoch.reference) == pytest.approx((0.18, -0.24))
+    assert view.heading_nearest(epoch.reference, range(5)) == 3
+    assert view.best == space.nearest_cell(epoch.reference, epoch.prior)

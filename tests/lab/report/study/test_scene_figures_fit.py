@@ -11,7 +11,7 @@ import maxcon
 from maxcon.lab.report.plots.comparison_plot import ComparisonRow, plot_comparison
 from maxcon.lab.report.plots.headings_plot import plot_headings
 from maxcon.lab.report.plots.overview_plot import plot_overview
-from maxcon.plotting.search_space_view import SearchSpaceView
+from maxcon.plotting.score_panel import SearchSpaceView
 
 
 class BelowZero:

@@ -15,10 +15,18 @@ from maxcon.geometry import Pose, wrap_angle
 from maxcon.map import PointMap
 from maxcon.plotting.canvas.figure import SERIES, draw_titles, saved_figure
 from maxcon.plotting.canvas.from_above import Window, draw_map, draw_scale_bar, map_patch
-from maxcon.plotting.canvas.objective_names import title_of
 from maxcon.plotting.scene import half_width_of, is_off_the_ground
-from maxcon.plotting.score_panel import COLORS, cell_marks, draw_scores, ground_of, offset_words, put_mark, scale_words
-from maxcon.plotting.search_space_view import SearchSpaceView
+from maxcon.plotting.score_panel import (
+    COLORS,
+    SearchSpaceView,
+    cell_marks,
+    draw_scores,
+    ground_of,
+    offset_words,
+    put_mark,
+    scale_words,
+    title_of,
+)
 from maxcon.scan import Scan
 
 if TYPE_CHECKING:

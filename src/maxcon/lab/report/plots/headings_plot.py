@@ -12,18 +12,20 @@ from maxcon.errors import OptionError
 from maxcon.geometry import Pose
 from maxcon.plotting.canvas.figure import MUTED, draw_titles, saved_figure
 from maxcon.plotting.canvas.from_above import Window
-from maxcon.plotting.canvas.objective_names import title_of, unit_of
 from maxcon.plotting.score_panel import (
+    SearchSpaceView,
     cell_marks,
+    chosen_headings,
     draw_color_bar,
     draw_frame,
     draw_scores,
     ground_of,
     put_mark,
     score_words,
+    title_of,
     turn_words,
+    unit_of,
 )
-from maxcon.plotting.search_space_view import SearchSpaceView, chosen_headings
 from maxcon.search.accumulator import Accumulator
 from maxcon.search.objectives import Objective
 

@@ -14,10 +14,17 @@ from maxcon.lab.report.plots.spaces_on_ground import apart, highest_of_blocks, w
 from maxcon.map import PointMap
 from maxcon.plotting.canvas.figure import MUTED, draw_titles, saved_figure
 from maxcon.plotting.canvas.from_above import Window, draw_map, draw_scale_bar, map_patch
-from maxcon.plotting.canvas.objective_names import title_of
 from maxcon.plotting.scene import CONSENSUS_COLOR, PRIOR_COLOR, Scene, draw_points
-from maxcon.plotting.score_panel import COLORS, cell_marks, draw_scores, ground_of, put_mark, scale_words
-from maxcon.plotting.search_space_view import SearchSpaceView
+from maxcon.plotting.score_panel import (
+    COLORS,
+    SearchSpaceView,
+    cell_marks,
+    draw_scores,
+    ground_of,
+    put_mark,
+    scale_words,
+    title_of,
+)
 from maxcon.scan import Scan
 from maxcon.search.accumulator import Accumulator
 from maxcon.search.objectives import Objective

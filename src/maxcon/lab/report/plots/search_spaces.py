@@ -9,9 +9,15 @@ from collections.abc import Sequence
 from maxcon.errors import OptionError
 from maxcon.geometry import Pose
 from maxcon.plotting.canvas.figure import MUTED, draw_titles, saved_figure
-from maxcon.plotting.canvas.objective_names import title_of, unit_of
-from maxcon.plotting.score_panel import cell_marks, draw_color_bar, draw_heading, turn_words
-from maxcon.plotting.search_space_view import SearchSpaceView
+from maxcon.plotting.score_panel import (
+    SearchSpaceView,
+    cell_marks,
+    draw_color_bar,
+    draw_heading,
+    title_of,
+    turn_words,
+    unit_of,
+)
 
 __all__ = ["plot_search_spaces"]
 

@@ -22,7 +22,7 @@ from maxcon.lab.study import MethodRows, known_methods
 from maxcon.lab.study.bench import Bench
 from maxcon.localizer import MaximumConsensus
 from maxcon.map import PointMap
-from maxcon.plotting.search_space_view import SearchSpaceView
+from maxcon.plotting.score_panel import SearchSpaceView
 from maxcon.scan import Scan
 from maxcon.search.accumulator import Accumulator
 from maxcon.search.objectives import Count, Helmert

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+import maxcon
 from maxcon.errors import ArrayError, OptionError
 from maxcon.plotting.canvas.figure import saved_figure
+from maxcon.plotting.canvas.from_above import Window, _round_length, count_voxels
 from maxcon.plotting.canvas.method_style import (
     METHOD_STYLES,
     LegendShape,
@@ -12,6 +14,27 @@ from maxcon.plotting.canvas.method_style import (
     check_methods,
     draw_number_ticks,
 )
+
+
+def test_voxels_over_each_square_are_counted():
+    points = np.array([[0.5, 0.5, 0.5], [0.5, 0.5, 1.5], [-1.5, 2.5, 0.5], [40.0, 0.0, 0.0]])
+    point_map = maxcon.PointMap.from_points(points, np.zeros_like(points), cell=1.0)
+    covered, n_voxels = count_voxels(point_map, Window(-2.0, 2.0, -1.0, 3.0))
+    expected = np.zeros((4, 4), int)
+    expected[1, 2], expected[3, 0] = 2, 1
+    np.testing.assert_array_equal(n_voxels, expected)
+    assert covered == (-2.0, 2.0, -1.0, 3.0)
+
+
+def test_large_windows_have_larger_squares(epoch):
+    _, n_voxels = count_voxels(epoch.point_map, Window.around(0.0, 0.0, 500.0))
+    assert max(n_voxels.shape) <= 701
+    assert n_voxels.sum() == len(epoch.point_map.all_voxels()[0])
+
+
+@pytest.mark.parametrize(("length", "expected"), [(0.7, 0.5), (1.0, 1.0), (4.9, 2.0), (15.0, 10.0), (350.0, 200.0)])
+def test_scale_bars_are_of_round_length(length, expected):
+    assert _round_length(length) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("field", ["color", "line", "marker", "hatch"])
