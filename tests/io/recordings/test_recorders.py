@@ -57,20 +57,6 @@ def test_every_recording_is_read_or_refused_in_a_line(recorders):
     assert set(expected) <= seen
 
 
-@pytest.mark.parametrize("kind", ["pcd", "ply", "las", "copc"])
-def test_every_scan_of_a_file_is_read_or_refused_in_a_line(recorders, kind):
-    suffixes = {".pcd", ".ply", ".las", ".laz"}
-    files = [path for path in sorted((recorders / kind).rglob("*")) if path.suffix.lower() in suffixes]
-    assert files
-    for path in files:
-        begin = time.perf_counter()
-        try:
-            assert read_scan_file(path).points.shape[1] == 3
-        except MaxconError as error:
-            assert "\n" not in str(error) and path.name in str(error)
-        assert time.perf_counter() - begin < 100.0
-
-
 def test_seconds_and_nanoseconds_of_a_real_scanner(recorders):
     with_clouds = open_clouds(recorders / "ros1bag" / "embag_test.bag")
     clouds = [cloud.points() for cloud in with_clouds.clouds()]

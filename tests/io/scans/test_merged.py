@@ -98,14 +98,9 @@ def test_deskewed_at_15_metres_and_30_degrees_a_second():
     assert np.percentile(off_the_walls(vehicle(0.3).apply(skewed.points)), 90) > 0.1
     assert off_the_walls(vehicle(0.3).apply(still.points)).max() < 0.01
     assert Scan(still.points, viewpoints=still.viewpoints).normals.any(axis=1).mean() > 0.5
-
-
-def test_a_scan_without_times_of_points_counts_as_of_its_own_time():
-    scans = merged(
-        InARoom(FRONT, [0.3], moves=False, has_times=False), InARoom(REAR, [0.34], moves=False, has_times=False)
-    )
-    times = np.arange(0.0, 1.0, 0.01)
-    motion = Trajectory.from_poses(times, [vehicle(time) for time in times])
+    # A scan without times of points counts as of its own time.
+    front, rear = (InARoom(m, [at], moves=False, has_times=False) for m, at in ((FRONT, 0.3), (REAR, 0.34)))
+    scans = merged(front, rear)
     assert off_the_walls(vehicle(0.3).apply(scans.read(0).points)).max() > 0.3
     assert off_the_walls(vehicle(0.3).apply(DeskewedScans(scans, motion).read(0).points)).max() < 0.01
 

@@ -71,11 +71,14 @@ class _Bag(Recording):
         self.kind, self._encoding = ("a ROS 1 bag", "ros1") if is_ros1 else ("a ROS 2 bag", "cdr")
         with as_file_error(path, self.kind):
             try:
-                import lz4.frame  # for the chunks of ROS 1
-                from rosbags import rosbag1, rosbag2
+                if is_ros1:
+                    import lz4.frame  # for the chunks
+                    from rosbags.rosbag1 import Reader
+                else:
+                    from rosbags.rosbag2 import Reader  # type: ignore[assignment]
             except ImportError as error:
                 raise as_extra_missing(path, "rosbags") from error
-            self._reader: Any = (rosbag1 if is_ros1 else rosbag2).Reader(path)
+            self._reader: Any = Reader(path)
             self._reader.open()
             counts: Counter[tuple[str, str]] = Counter()  # a topic has a connection for each of its publishers
             for connection in self._reader.connections:

@@ -147,13 +147,14 @@ class RecordedScans(Scans):
         """The cloud of a row of the index: the next ones are read up to it, or the recording from its time on."""
         recorded = self._index.recorded
         n_ahead = row - self._next
-        if self._running is None or not 0 <= n_ahead < self.source.n_passed_over or recorded[row] < self._start:
+        running, self._running = self._running, None  # after an error it is begun anew
+        if running is None or not 0 <= n_ahead < self.source.n_passed_over or recorded[row] < self._start:
             self._start = int(recorded[row])
             # Clouds recorded earlier are left out of what is read, wherever they stand.
             rows = np.flatnonzero(recorded >= self._start).tolist()
-            self._running = zip(rows, self.source.clouds(self._start), strict=False)
-        for number, cloud in self._running:
-            self._next = number + 1
+            running = zip(rows, self.source.clouds(self._start), strict=False)
+        for number, cloud in running:
             if number == row and cloud.recorded == recorded[row]:
+                self._running, self._next = running, number + 1
                 return cloud
         raise FileError(f"Expected {self.source.path} as it was when it was opened, got fewer clouds. Open it anew.")
