@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from maxcon import PointMap
 from maxcon.errors import MapError
 from maxcon.map import TILE_VOXELS
-from maxcon.map.ground import HEADROOM, GroundInMemory, GroundTile, ground_of_points, ground_patch, ground_voxels
+from maxcon.map.ground import HEADROOM, GroundTile, ground_in_memory, ground_of_points, ground_patch, ground_voxels
 from maxcon.map.manifest import read_manifest
 from maxcon.map.storage import Folder
 from maxcon.map.store import GroundStore
@@ -55,7 +55,7 @@ def test_a_stray_point_is_no_level():
 def test_a_patch_is_what_the_tiles_hold(seed, x, y, reach):
     rng = np.random.default_rng(seed)
     points = rng.uniform(-80.0, 80.0, (400, 3)) * [1.0, 1.0, 0.01]
-    source = GroundInMemory.of_points(points, CELL)
+    source = ground_in_memory(points, CELL)
     patch = ground_patch(source, CELL, x, y, reach)
     edge = 8 * CELL
     assert patch.edge == edge
@@ -100,7 +100,7 @@ def on_disk(tmp_path):
     """A map on disk with ground in two tiles, and the same ground in memory."""
     rng = np.random.default_rng(0)
     points = rng.uniform(0.0, 60.0, (3000, 3)) * [1.0, 0.4, 0.01] + [0.0, 0.0, 100.0]
-    ground = GroundInMemory.of_points(points, CELL)
+    ground = ground_in_memory(points, CELL)
     voxels = PointMap.from_points(WALL, np.tile([0.0, 1.0, 0.0], (2, 1)), CELL)
     write(tmp_path / "some.map", voxels, ground, origin=(0.0, 0.0, 0.0))
     return tmp_path / "some.map", ground

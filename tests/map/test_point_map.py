@@ -5,7 +5,6 @@
 import itertools
 import math
 from collections import defaultdict
-from unittest import mock
 
 import numpy as np
 import pytest
@@ -15,7 +14,6 @@ from hypothesis import strategies as st
 from maxcon import LocalFrame, PointMap
 from maxcon.errors import ArrayError
 from maxcon.map import PATCH_VOXELS, TILE_VOXELS
-from maxcon.map import point_map as point_map_module
 
 SEEDS = st.integers(0, 2**32)
 CELLS = st.sampled_from([0.03, 0.06, 0.25, 1.0])
@@ -137,25 +135,18 @@ def test_tiles_within_against_all_tiles(seed, n, x, y, reach):
     assert point_map.tile_keys == {tuple(key) for key in keys.tolist()}
 
 
-@given(SEEDS, st.integers(0, 40), st.integers(0, 12), st.sampled_from([1, 7, 1_000_000]))
-def test_tiles_met_by_rectangles_against_all_tiles(seed, n, n_rectangles, at_once):
+@given(SEEDS, st.integers(0, 40), st.integers(0, 12), st.floats(0.0, 0.5))
+def test_tiles_around_positions_against_all_tiles(seed, n, n_positions, margin):
     rng = np.random.default_rng(seed)
     edge = TILE_VOXELS * 0.06
     keys = np.unique(rng.integers(-4, 4, (n, 2)), axis=0)
     points = np.column_stack([(keys + 0.5) * edge, np.zeros(len(keys))])
     point_map = PointMap.from_points(points, np.zeros((len(keys), 3)), 0.06)
-    low = rng.uniform(-5.0, 4.0, (n_rectangles, 2)) * edge
-    high = low + rng.uniform(0.0, 3.0, (n_rectangles, 2)) * edge * rng.integers(0, 2, (n_rectangles, 2))
-    wanted = [
-        (kx, ky)
-        for kx, ky in keys.tolist()
-        if any(
-            kx * edge <= hx and (kx + 1) * edge > lx and ky * edge <= hy and (ky + 1) * edge > ly
-            for (lx, ly), (hx, hy) in zip(low.tolist(), high.tolist(), strict=True)
-        )
-    ]
-    with mock.patch.object(point_map_module, "COMPARISONS_AT_ONCE", at_once):
-        assert [tile.key for tile in point_map.tiles_met(low, high)] == wanted
+    positions = rng.uniform(-6.0, 6.0, (n_positions, 2))
+    positions = np.where(rng.random((n_positions, 1)) < 0.3, np.round(positions), positions) * edge  # some on edges
+    first, last = np.floor((positions - margin * edge) / edge), np.floor((positions + margin * edge) / edge)
+    wanted = [key for key in map(tuple, keys.tolist()) if ((first <= key) & (last >= key)).all(axis=1).any()]
+    assert [tile.key for tile in point_map.tiles_around(positions, margin * edge)] == wanted
 
 
 def _touches(keys, x, y, reach, edge):

@@ -18,7 +18,7 @@ import pytest
 from maxcon import PointMap
 from maxcon.errors import FileError, MapError, OptionError
 from maxcon.map import storage
-from maxcon.map.ground import GroundInMemory
+from maxcon.map.ground import ground_in_memory
 from maxcon.map.manifest import read_manifest
 from maxcon.map.storage import ByteRange, Remote
 from maxcon.map.writer import copy_map
@@ -32,7 +32,7 @@ def city(tmp_path_factory):
     points = np.random.default_rng(5).uniform(-40.0, 40.0, (3000, 3)) * [1, 1, 0.05]
     folder = tmp_path_factory.mktemp("maps") / "city.map"
     voxels = PointMap.from_points(points, np.tile([0.0, 1.0, 0.0], (3000, 1)), 0.06)
-    write(folder, voxels, GroundInMemory.of_points(points, 0.06), shard_bytes=30_000)
+    write(folder, voxels, ground_in_memory(points, 0.06), shard_bytes=30_000)
     return folder
 
 

@@ -179,13 +179,3 @@ def test_no_voxel_within_the_reaches_of_a_place_is_overlooked(seed, n, spread):
             assert is_near_voxels(tuple(place.tolist()), tuple(reaches.tolist()), *table)
     far = voxels.max(axis=0) + 3.0 * TILE_VOXELS
     assert not is_near_voxels(tuple(far.tolist()), (5.0, 5.0, 5.0), *table)
-
-
-@given(st.integers(0, 2**32), st.integers(0, 40), st.floats(0.0, 15.0))
-def test_tiles_around_places_are_those_that_squares_meet(seed, n, margin):
-    rng = np.random.default_rng(seed)
-    point_map = map_of(rng, 300, 60.0)
-    places = rng.normal(0.0, 100.0, (n, 2))
-    got = [tile.key for tile in point_map.tiles_around(places, margin)]
-    assert got == [tile.key for tile in point_map.tiles_met(places - margin, places + margin)]
-    assert PointMap.from_points(np.empty((0, 3)), np.empty((0, 3))).tiles_around(places, margin) == []

@@ -3,22 +3,20 @@
 """The ground of a map: heights in a grid of about half a metre, tile by tile, beside the voxels."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.geometry import voxel_indices
 from maxcon.map.layout import TILE_VOXELS, TileKey
+from maxcon.map.tile import TilesInMemory, TileSource
 
 __all__ = [
     "HEADROOM",
-    "GroundInMemory",
     "GroundPatch",
-    "GroundSource",
     "GroundTile",
+    "ground_in_memory",
     "ground_of_points",
     "ground_patch",
     "ground_voxels",
@@ -117,46 +115,17 @@ def ground_of_points(columns: NDArray[np.integer], heights: NDArray[np.floating]
     return stack_levels(cells, medians, n)
 
 
-class GroundSource(Protocol):
-    """Where the ground of a map comes from: memory, or a folder on disk."""
-
-    @property
-    def keys(self) -> frozenset[TileKey]:
-        """Keys of the tiles that have ground."""
-        ...
-
-    def load(self, key: TileKey) -> GroundTile:
-        """Return one of them."""
-        ...
-
-
-class GroundInMemory:
-    """The ground of a map in memory: tiles by their keys."""
-
-    def __init__(self, tiles: Mapping[TileKey, GroundTile]) -> None:
-        self._tiles = dict(tiles)
-
-    @classmethod
-    def of_points(cls, points: NDArray[np.float64], cell: float) -> "GroundInMemory":
-        """Ground of a map of edge `cell` (m) from points on it, shape (n, 3), local frame, m."""
-        edge, n = ground_voxels(cell), TILE_VOXELS // ground_voxels(cell)
-        columns = voxel_indices(points, cell)[:, :2] // edge
-        keys = columns // n
-        tiles = {}
-        for x, y in np.unique(keys, axis=0).tolist():
-            is_here = (keys == [x, y]).all(axis=1)
-            inside = columns[is_here] - np.array([x, y]) * n
-            tiles[(x, y)] = GroundTile((x, y), ground_of_points(inside, points[is_here, 2], n))
-        return cls(tiles)
-
-    @property
-    def keys(self) -> frozenset[TileKey]:
-        """Keys of the tiles that have ground."""
-        return frozenset(self._tiles)
-
-    def load(self, key: TileKey) -> GroundTile:
-        """Return one of them."""
-        return self._tiles[key]
+def ground_in_memory(points: NDArray[np.float64], cell: float) -> TilesInMemory[GroundTile]:
+    """Return the ground of a map of edge `cell` (m) from points on it, shape (n, 3), local frame, m."""
+    edge, n = ground_voxels(cell), TILE_VOXELS // ground_voxels(cell)
+    columns = voxel_indices(points, cell)[:, :2] // edge
+    keys = columns // n
+    tiles = {}
+    for x, y in np.unique(keys, axis=0).tolist():
+        is_here = (keys == [x, y]).all(axis=1)
+        inside = columns[is_here] - np.array([x, y]) * n
+        tiles[(x, y)] = GroundTile((x, y), ground_of_points(inside, points[is_here, 2], n))
+    return TilesInMemory(tiles)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -178,7 +147,7 @@ class GroundPatch:
     edge: float
 
 
-def ground_patch(source: GroundSource, cell: float, x: float, y: float, reach: float) -> GroundPatch:
+def ground_patch(source: TileSource[GroundTile], cell: float, x: float, y: float, reach: float) -> GroundPatch:
     """Return the ground in the square of half width `reach` (m) around (x, y), of a map of edge `cell` (m)."""
     edge, n = ground_voxels(cell) * cell, TILE_VOXELS // ground_voxels(cell)
     x_first, x_last, y_first, y_last = (

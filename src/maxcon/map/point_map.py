@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Collection, Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, SupportsIndex
 
@@ -17,7 +18,7 @@ from maxcon._system.compiled import read_only_view
 from maxcon.errors import ArrayError, OptionError
 from maxcon.geometry import LocalFrame
 from maxcon.geometry.arrays import as_points, as_unit_normals
-from maxcon.map.ground import GroundInMemory, GroundPatch, GroundSource, ground_patch
+from maxcon.map.ground import GroundPatch, GroundTile, ground_in_memory, ground_patch
 from maxcon.map.layout import (
     LEVEL_FACTORS,
     NOT_SEARCHED,
@@ -27,35 +28,19 @@ from maxcon.map.layout import (
     TileKey,
     check_sigma,
 )
-from maxcon.map.tile import TileCache, TileSource, VoxelTile
+from maxcon.map.tile import TileCache, TilesInMemory, TileSource, VoxelTile
 from maxcon.map.voxelize import split_into_tiles, voxelize
 
 __all__ = ["PointMap"]
 
-COMPARISONS_AT_ONCE = 1_000_000
-"""Comparisons of rectangles with tiles that are made at once: a few MB."""
 LEVEL_BYTES = 2**28
 """Size of the tiles of a level that are kept, with their indices."""
-
-
-class _TilesInMemory:
-    """Tiles of a map made of points."""
-
-    def __init__(self, tiles: dict[TileKey, VoxelTile]) -> None:
-        self._tiles = tiles
-
-    @property
-    def keys(self) -> frozenset[TileKey]:
-        return frozenset(self._tiles)
-
-    def load(self, key: TileKey) -> VoxelTile:
-        return self._tiles[key]
 
 
 class _MergedTiles:
     """Tiles of a level: those of the map in voxels `factor` times as large, merged when asked for."""
 
-    def __init__(self, source: TileSource, factor: int, is_signed: bool) -> None:
+    def __init__(self, source: TileSource[VoxelTile], factor: int, is_signed: bool) -> None:
         self._source = source
         self._factor = factor
         self._is_signed = is_signed
@@ -104,9 +89,9 @@ class PointMap:
         frame: LocalFrame,
         cell: float,
         is_signed: bool,
-        tiles: TileSource,
+        tiles: TileSource[VoxelTile],
         sigma: float = UNKNOWN_SIGMA,
-        ground: GroundSource | None = None,
+        ground: TileSource[GroundTile] | None = None,
         tile_voxels: int = TILE_VOXELS,
     ) -> None:
         self.frame = frame
@@ -115,7 +100,7 @@ class PointMap:
         self.sigma = sigma
         self.tile_voxels = tile_voxels
         self._tiles = tiles
-        self._ground: GroundSource = ground if ground is not None else GroundInMemory({})
+        self._ground: TileSource[GroundTile] = ground if ground is not None else TilesInMemory({})
         self._sorted_keys = np.array(sorted(tiles.keys), dtype=np.int64).reshape(-1, 2)
         self._levels: dict[int, PointMap] = {}
         self._made_by: tuple[Callable[..., PointMap], tuple[Any, ...]] | None = None
@@ -163,8 +148,8 @@ class PointMap:
         points = as_points(points, "points")
         normals = as_unit_normals(normals, len(points), "normals")
         tiles = split_into_tiles(*voxelize(points, normals, cell, is_signed=is_signed))
-        on_ground = None if ground is None else GroundInMemory.of_points(as_points(ground, "ground"), cell)
-        return cls(frame or LocalFrame(), float(cell), is_signed, _TilesInMemory(tiles), float(sigma), on_ground)
+        on_ground = None if ground is None else ground_in_memory(as_points(ground, "ground"), cell)
+        return cls(frame or LocalFrame(), float(cell), is_signed, TilesInMemory(tiles), float(sigma), on_ground)
 
     @classmethod
     def open(
@@ -200,7 +185,8 @@ class PointMap:
         frame, ground = LocalFrame(manifest.origin, manifest.crs), GroundStore(storage, manifest)
         opened = cls(frame, manifest.cell, manifest.is_signed, store, manifest.sigma, ground)
         address = address_of(path)
-        opened._made_by = _opened, (address or str(Path(path).absolute()), cache_bytes, left_out)
+        name = address or str(Path(path).absolute())
+        opened._made_by = partial(PointMap.open, name, cache_bytes=cache_bytes, left_out=left_out), ()
         opened._prefetch = store.prefetch if address else None
         return opened
 
@@ -273,35 +259,18 @@ class PointMap:
         """Load one tile, a key of `tile_keys`."""
         return self._tiles.load(key)
 
-    def tiles_met(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> list[VoxelTile]:
-        """Tiles that meet any of the rectangles from `low` to `high`, shape (n, 2), local frame, m, ordered by key."""
-        edge = self.tile_voxels * self.cell
-        if not len(low):
-            return []
-        first, last = np.floor(low / edge), np.floor(high / edge)
-        is_new = np.ones(len(first), bool)  # neighbours meet the same tiles: most are told apart by the one before
-        is_new[1:] = ((first[1:] != first[:-1]) | (last[1:] != last[:-1])).any(axis=1)
-        first, last = first[is_new], last[is_new]
-        keys = self._sorted_keys
-        near = keys[((keys >= first.min(axis=0)) & (keys <= last.max(axis=0))).all(axis=1)]
-        met = [
-            part[((first[:, None] <= part) & (last[:, None] >= part)).all(axis=2).any(axis=0)]
-            for part in np.array_split(near, 1 + len(near) * len(first) // COMPARISONS_AT_ONCE)
-        ]
-        return self._load([(x, y) for x, y in np.concatenate(met).tolist()])
+    def tiles_around(self, positions: NDArray[np.float64], margin: float) -> list[VoxelTile]:
+        """Tiles within `margin` (m), along x and y, of any of the positions, shape (n, 2), local frame, ordered by key.
 
-    def tiles_around(self, places: NDArray[np.float64], margin: float) -> list[VoxelTile]:
-        """Tiles within `margin` (m), along x and y, of any of the places, shape (n, 2), local frame, ordered by key.
-
-        As `tiles_met` of squares, for thousands of them; the margin is at most half the edge of a tile.
+        The margin is at most half the edge of a tile.
         """
         from maxcon.map import tile_kernels
 
-        if not (len(places) and len(self._sorted_keys)):
+        if not (len(positions) and len(self._sorted_keys)):
             return []
         corner, end = self._sorted_keys.min(axis=0) - 1, self._sorted_keys.max(axis=0) + 1
         is_met = np.zeros((end - corner + 1)[::-1], bool)  # with a border for what lies outside
-        tile_kernels.mark_tiles(places, margin, self.tile_voxels * self.cell, corner, is_met)
+        tile_kernels.mark_tiles(positions, margin, self.tile_voxels * self.cell, corner, is_met)
         x, y = (self._sorted_keys - corner).T
         return self._load([(kx, ky) for kx, ky in self._sorted_keys[is_met[y, x]].tolist()])
 
@@ -327,7 +296,3 @@ class PointMap:
             np.concatenate([tile.counts for tile in tiles] or [np.empty(0, np.int32)]),
             np.concatenate([tile.normals for tile in tiles] or [np.empty((0, 3), np.float32)]),
         )
-
-
-def _opened(path: str, cache_bytes: int, left_out: Collection[SurfaceClass] | None) -> PointMap:
-    return PointMap.open(path, cache_bytes=cache_bytes, left_out=left_out)

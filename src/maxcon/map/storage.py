@@ -19,7 +19,7 @@ from datetime import timedelta
 from functools import cached_property
 from io import BufferedReader
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar
 
 from maxcon._system.regular_file import open_regular
 from maxcon.errors import MissingExtraError, OptionError
@@ -78,38 +78,6 @@ class ByteRange(NamedTuple):
     length: int
 
 
-class MapStorage(Protocol):
-    """The files of a map, by their names in it, such as `manifest.json`.
-
-    Errors are OSError, with the cause in `strerror`; FileNotFoundError where there is no such file.
-    """
-
-    @property
-    def remedy(self) -> str:
-        """What helps where a file cannot be read, for messages."""
-        ...
-
-    def where(self, name: str) -> str:
-        """Return the file's path or address."""
-        ...
-
-    def what_is_there(self, name: str, error: OSError) -> str:
-        """Return what there is instead of a file that was not found, in words for a message."""
-        ...
-
-    def read(self, name: str, max_bytes: int) -> memoryview:
-        """Return all of a file, in memory of its own; one that is larger is refused."""
-        ...
-
-    def read_range(self, wanted: ByteRange) -> memoryview:
-        """Return some bytes of a file, in memory of their own; fewer where the file ends before."""
-        ...
-
-    def prefetch(self, ranges: Iterable[ByteRange]) -> None:
-        """Begin to fetch what will be read soon, where that takes time."""
-        ...
-
-
 def address_of(name: str | os.PathLike[str]) -> str | None:
     """Return a name as an address, `s3://`, `http://` or `https://`; None if it is the path of a folder.
 
@@ -124,17 +92,6 @@ def address_of(name: str | os.PathLike[str]) -> str | None:
             f"Expected a folder, s3://BUCKET/PREFIX, http:// or https:// and a host, got {text:.80}. Correct it."
         )
     return f"{begin[1]}://{text[begin.end() :].rstrip('/')}" if begin else None
-
-
-def open_storage(name: str | os.PathLike[str]) -> MapStorage:
-    """Return access to the files of a map in a folder or at an address; nothing is read yet.
-
-    Raises
-    ------
-    MissingExtraError: if it is an address, and obstore is not installed.
-    """
-    address = address_of(name)
-    return Folder(name) if address is None else Remote(address)
 
 
 class Folder:
@@ -319,6 +276,16 @@ def _fetch(remote: "weakref.ref[Remote]", wanted: ByteRange) -> memoryview:
     """Fetch a range for a storage that nothing else may keep alive, so that its threads end with it."""
     storage = remote()
     return storage._fetch(wanted) if storage is not None else memoryview(b"")
+
+
+MapStorage: TypeAlias = Folder | Remote
+"""The files of a map, by their names in it. Errors are OSError, with the cause in `strerror`."""
+
+
+def open_storage(name: str | os.PathLike[str]) -> MapStorage:
+    """Return access to the files of a map in a folder or at an address, which needs obstore; nothing is read yet."""
+    address = address_of(name)
+    return Folder(name) if address is None else Remote(address)
 
 
 def _in_words(error: Exception, *, is_s3: bool) -> str:

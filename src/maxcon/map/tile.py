@@ -4,7 +4,7 @@
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,7 +16,17 @@ from numpy.typing import NDArray
 from maxcon._system.compiled import read_only_view
 from maxcon.map.layout import MEAN_STEPS, PATCH_VOXELS, TILE_VOXELS, WORD_BITS, SurfaceClass, TileKey
 
-__all__ = ["Addresses", "Occupancy", "TileCache", "TileIndex", "TileSource", "VoxelLookup", "VoxelTile", "search_order"]
+__all__ = [
+    "Addresses",
+    "Occupancy",
+    "TileCache",
+    "TileIndex",
+    "TileSource",
+    "TilesInMemory",
+    "VoxelLookup",
+    "VoxelTile",
+    "search_order",
+]
 
 PATCH_WORDS = PATCH_VOXELS**2 // WORD_BITS
 
@@ -140,16 +150,11 @@ class VoxelTile:
 
     def rows(self, chosen: NDArray[np.bool_] | NDArray[np.integer]) -> "VoxelTile":
         """Return a tile of some of the voxels, which must ascend."""
-        return VoxelTile(
-            self.key,
-            self.columns[chosen],
-            self.layers[chosen],
-            self.counts[chosen],
-            self.normals[chosen],
-            self.means[chosen],
-            self.edge,
-            None if self.classes is None else self.classes[chosen],
-        )
+        return replace(
+            self, columns=self.columns[chosen], layers=self.layers[chosen], counts=self.counts[chosen],
+            normals=self.normals[chosen], means=self.means[chosen],
+            classes=None if self.classes is None else self.classes[chosen],
+        )  # fmt: skip
 
     @property
     def corner(self) -> tuple[int, int]:
@@ -293,21 +298,8 @@ class VoxelLookup:
         return cls(rows, grid, (int(low[0]), int(low[1])), tuple(kept))
 
 
-class TileSource(Protocol):
-    """Where a map's tiles come from: memory, disk, a network, or finer tiles."""
-
-    @property
-    def keys(self) -> frozenset[TileKey]:
-        """Keys of the tiles there are."""
-        ...
-
-    def load(self, key: TileKey) -> VoxelTile:
-        """Return one of them."""
-        ...
-
-
 class Sized(Protocol):
-    """A tile, or something derived from one."""
+    """A tile of voxels or of ground, or something derived from one."""
 
     @property
     def n_bytes(self) -> int:
@@ -316,6 +308,32 @@ class Sized(Protocol):
 
 
 TileT = TypeVar("TileT", bound=Sized)
+TileOut = TypeVar("TileOut", covariant=True)
+
+
+class TileSource(Protocol[TileOut]):
+    """Where the tiles or the ground of a map come from: memory, disk, a network, or finer tiles."""
+
+    @property
+    def keys(self) -> frozenset[TileKey]:
+        """Keys of the tiles there are."""
+        ...
+
+    def load(self, key: TileKey) -> TileOut:
+        """Return one of them."""
+        ...
+
+
+class TilesInMemory(Generic[TileT]):
+    """Tiles that were made here, by their keys."""
+
+    def __init__(self, tiles: Mapping[TileKey, TileT]) -> None:
+        self._tiles = tiles
+        self.keys = frozenset(tiles)
+
+    def load(self, key: TileKey) -> TileT:
+        """Return one of them."""
+        return self._tiles[key]
 
 
 class TileCache(Generic[TileT]):

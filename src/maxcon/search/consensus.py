@@ -47,7 +47,7 @@ def consensus_set(scan: Scan, point_map: PointMap, prior: Pose, space: SearchSpa
     wanted = _flat(indices - low, size)
     centers = voxel_centers(indices, point_map.cell)[:, :2]
     is_matched = np.zeros(len(indices), bool)
-    for tile in point_map.tiles_met(centers, centers):
+    for tile in point_map.tiles_around(centers, 0.0):
         voxels = tile.voxels
         is_near = ((voxels >= low) & (voxels <= high)).all(axis=1)
         is_matched |= np.isin(wanted, _flat(voxels[is_near] - low, size))
