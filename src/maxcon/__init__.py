@@ -27,7 +27,8 @@ from maxcon._system.version import __version__
 if TYPE_CHECKING:
     from maxcon import search
     from maxcon.drive.localize import DriveOptions, EpochEstimate, localize_drive
-    from maxcon.drive.tracking import Motion, MotionNoise, Tracker, TrackingOptions, UncertainPose
+    from maxcon.drive.motion import Motion, MotionNoise, UncertainPose
+    from maxcon.drive.tracker import Tracker, TrackingOptions
     from maxcon.errors import MaxconError
     from maxcon.estimate import Estimate, Status
     from maxcon.geometry import LocalFrame, Pose
@@ -99,8 +100,8 @@ _HOME = {
     "MaxEigenvalue": "maxcon.search.objectives",
     "MaxconError": "maxcon.errors",
     "MaximumConsensus": "maxcon.localizer",
-    "Motion": "maxcon.drive.tracking",
-    "MotionNoise": "maxcon.drive.tracking",
+    "Motion": "maxcon.drive.motion",
+    "MotionNoise": "maxcon.drive.motion",
     "Multiplicity": "maxcon.search",
     "Objective": "maxcon.search.objectives",
     "PointMap": "maxcon.map",
@@ -113,11 +114,11 @@ _HOME = {
     "Scans": "maxcon.io.scans",
     "SearchSpace": "maxcon.search.space",
     "Status": "maxcon.estimate",
-    "Tracker": "maxcon.drive.tracking",
-    "TrackingOptions": "maxcon.drive.tracking",
+    "Tracker": "maxcon.drive.tracker",
+    "TrackingOptions": "maxcon.drive.tracker",
     "Trajectory": "maxcon.scan.trajectory",
     "Trust": "maxcon.integrity",
-    "UncertainPose": "maxcon.drive.tracking",
+    "UncertainPose": "maxcon.drive.motion",
     "Weighting": "maxcon.search",
     "localize_drive": "maxcon.drive.localize",
     "open_scans": "maxcon.io.scans",

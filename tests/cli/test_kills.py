@@ -23,7 +23,7 @@ import laspy
 import numpy as np
 import pytest
 
-from maxcon.drive.many import PosesDataset
+from maxcon.drive.poses_dataset import PosesDataset
 from maxcon.lab.dataset import Dataset
 from maxcon.lab.demo import DEMO_NAMES
 from maxcon.lab.study import Study

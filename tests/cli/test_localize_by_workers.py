@@ -18,7 +18,7 @@ import pyarrow
 import pyarrow.dataset
 import pytest
 
-from maxcon.drive.many import PosesDataset
+from maxcon.drive.poses_dataset import PosesDataset
 from maxcon.map.manifest import read_manifest, write_manifest
 
 pytest.importorskip("distributed")

@@ -4,14 +4,18 @@
 
 import csv
 import math
+import os
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from maxcon import Estimate, Pose, Scan, Status
 from maxcon.drive.localize import EpochEstimate
-from maxcon.drive.poses_table import COLUMNS, localized_trajectory, write_poses
+from maxcon.drive.poses_table import COLUMNS, GrowingTable, localized_trajectory, rows_there, write_poses
 from maxcon.errors import FileError
 from maxcon.io.scans import RawScan
 from maxcon.io.trajectories import read_trajectory
@@ -101,7 +105,49 @@ def test_the_trajectory_of_the_localized_epochs():
     np.testing.assert_array_equal(found.positions[0], POSE.position)
 
 
-def test_no_folder(tmp_path):
+def test_the_table_is_written_whole_or_not_at_all(tmp_path):
+    path = tmp_path / "poses.csv"
+    write_poses(path, [_epoch(0)])
+    before = path.read_bytes()
+    with pytest.raises(AttributeError):
+        write_poses(path, [_epoch(0), None])
+    assert path.read_bytes() == before
     with pytest.raises(FileError, match=r"poses\.csv, got: No such file or directory.*nothing was written"):
         write_poses(tmp_path / "missing" / "poses.csv", [_epoch(0)])
-    assert list(tmp_path.iterdir()) == []
+    assert [name.name for name in tmp_path.iterdir()] == ["poses.csv"]
+
+
+def test_a_reason_in_any_letters_is_written_the_same_under_any_locale(tmp_path):
+    script = (
+        "from test_poses_table import _epoch, replace, write_poses; import sys;"
+        "write_poses(sys.argv[1], [replace(_epoch(0), reason='Stra\\u00dfe')])"
+    )
+    plain = {"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0", "PYTHONPATH": str(Path(__file__).parent)}
+    plain["PYTHONPATH"] += os.pathsep + os.environ.get("PYTHONPATH", "")
+    subprocess.run([sys.executable, "-c", script, tmp_path / "p.csv"], env=os.environ | plain, check=True)
+    assert (tmp_path / "p.csv").read_bytes().endswith("Straße\r\n".encode())
+    assert rows_there(tmp_path / "p.csv", np.array([386_400.123456789])).n_rows == 1
+
+
+def test_another_process_at_the_same_table_is_refused(tmp_path):
+    path = tmp_path / "poses.csv"
+    with GrowingTable(path) as one, GrowingTable(path) as other:
+        one.add(_epoch(0))
+        with pytest.raises(FileError, match="another process is at work on it"):
+            other.add(_epoch(0))
+    assert len(path.read_text().splitlines()) == 2
+    assert [name.name for name in tmp_path.iterdir()] == ["poses.csv"]
+
+
+def test_rows_go_on_behind_those_that_are_whole(tmp_path):
+    path, times = tmp_path / "poses.csv", np.array([_epoch(number).raw.time for number in range(3)])
+    write_poses(path, [_epoch(number) for number in range(3)])
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-20])  # killed in the third row
+    there = rows_there(path, times)
+    assert (there.n_rows, there.n_localized) == (2, 2)
+    with GrowingTable(path, there) as table:
+        table.add(_epoch(2))
+    assert path.read_bytes() == whole
+    with GrowingTable(path, there) as table, pytest.raises(FileError, match="it has grown"):
+        table.add(_epoch(2))

@@ -9,8 +9,9 @@ import pytest
 
 from maxcon import LocalFrame, MaximumConsensus, PointMap, Pose, SearchSpace, Status, Trajectory
 from maxcon.drive.localize import DriveOptions
+from maxcon.drive.motion import MotionNoise
 from maxcon.drive.track import track_drive
-from maxcon.drive.tracking import MotionNoise, Tracker
+from maxcon.drive.tracker import Tracker
 from maxcon.errors import TrajectoryError
 from maxcon.io.scans import open_scans
 

@@ -22,7 +22,7 @@ from fuzz_readers import record_as_bytes
 from pyproj import CRS
 
 from maxcon import Pose, Trajectory, open_scans
-from maxcon.drive.many import poses_schema
+from maxcon.drive.poses_dataset import poses_schema
 from maxcon.drive.poses_table import COLUMNS
 from maxcon.io.clouds import CLOUD_SUFFIXES
 from maxcon.io.recordings.opening import CAPTURE_SUFFIX, RECORDING_SUFFIXES

@@ -133,7 +133,7 @@ def _prior(
     sensor_frame: str,
 ) -> "tuple[Trajectory, str, tuple[str, ...]]":
     """The prior, of a file or a recording; what it is in words where it is of a recording; rows that are no poses."""
-    from maxcon.drive.prior_heights import check_heights
+    from maxcon.drive.diagnosis import check_heights
     from maxcon.io.geographic_priors import is_geographic
     from maxcon.io.recordings.opening import CAPTURE_SUFFIX, is_recording
     from maxcon.io.recordings.poses import read_recorded_poses
@@ -183,7 +183,7 @@ def _geographic_prior(
     point_map: "PointMap", prior: Path, options: RecordingOptions, mounting: "Mounting | None"
 ) -> "tuple[Trajectory, str, tuple[str, ...]]":
     """The prior of a file in latitude, longitude and height, likewise."""
-    from maxcon.drive.prior_heights import check_heights
+    from maxcon.drive.diagnosis import check_heights
     from maxcon.io.fixes import Heights
     from maxcon.io.geographic_priors import read_geographic_prior
 

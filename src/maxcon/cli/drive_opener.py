@@ -16,8 +16,7 @@ from maxcon.errors import MaxconError
 if TYPE_CHECKING:
     from maxcon._system.engine import Engine
     from maxcon.drive.localize import Drive, DriveOptions, EpochEstimate
-    from maxcon.drive.many import DriveEntry
-    from maxcon.drive.many.job import DriveTask
+    from maxcon.drive.many import DriveEntry, DriveTask
     from maxcon.drive.within_sigmas import WithinSigmas
     from maxcon.localizer import MaximumConsensus
     from maxcon.map import PointMap
@@ -109,8 +108,9 @@ class OpenedDrive:
 
     def _tracked(self) -> "Iterator[EpochEstimate]":
         """Return an iterator over the estimates of a track, by odometry or by what the prior says of motions."""
+        from maxcon.drive.motion import MotionNoise
         from maxcon.drive.track import track_drive
-        from maxcon.drive.tracking import MotionNoise, Tracker
+        from maxcon.drive.tracker import Tracker
 
         prior, odometry, drift = self.inputs.prior, self.inputs.odometry, self.opener.motion.drift
         if odometry is None:
@@ -163,7 +163,7 @@ def several_workers(
 
     Points stay with the workers; those of the epochs `with_points` are read once more.
     """
-    from maxcon.drive.many.run import tasks_of
+    from maxcon.drive.many import tasks_of
 
     opened.checked()  # what cannot work is said before anything is started
     found = _in_order(opened, engine, list(tasks_of(opened.entry, range(first, opened.n_epochs))), first)

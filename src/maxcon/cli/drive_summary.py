@@ -94,8 +94,7 @@ def print_alternative(
     point_map: "PointMap", scans: "Scans", epochs: "list[EpochEstimate]", method: "Method", options: "DriveOptions"
 ) -> None:
     """Say what prior or scans would have to mean for epochs to be localized, where none is."""
-    from maxcon.drive.alternatives import alternative_that_fits
-    from maxcon.drive.prior_heights import heights_in_words
+    from maxcon.drive.diagnosis import alternative_that_fits, heights_in_words
 
     if any(epoch.pose_global is not None for epoch in epochs):
         return
@@ -103,6 +102,6 @@ def print_alternative(
     if heights:
         typer.echo(heights)
         return
-    found = alternative_that_fits(point_map, scans, epochs, method, options.min_range, options.max_range)
+    found = alternative_that_fits(point_map, scans, epochs, method, options)
     if found:
         typer.echo(found)

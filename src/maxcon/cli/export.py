@@ -93,7 +93,7 @@ def _table(path: Path, drive: str | None) -> Path:
                 f"Expected --drive with a folder of many drives (maxcon localize --drives), got {path}. Leave it out."
             )
         return path
-    from maxcon.drive.many import table_of_drive
+    from maxcon.drive.poses_dataset import table_of_drive
 
     return table_of_drive(path, drive)
 

@@ -84,8 +84,7 @@ def relocalize(
 
     Exit code 0: every epoch is localized; 1: some are not (the status column says why); 2: bad input.
     """
-    from maxcon.drive.localize import DriveOptions
-    from maxcon.drive.relocalize import relocalize_drive
+    from maxcon.drive.localize import DriveOptions, relocalize_drive
     from maxcon.integrity import Trust
     from maxcon.io.scans import open_scans
     from maxcon.map import PointMap

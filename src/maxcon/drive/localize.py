@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Localizing a drive: epoch after epoch, each with its prior from a trajectory."""
+"""Localizing a drive, epoch after epoch, each with its prior from a trajectory, or in the whole map without one."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from maxcon._system.ordered_map import ordered_map
-from maxcon.errors import FileError, MapError, OptionError, TrajectoryError
+from maxcon.errors import ArrayError, FileError, MapError, OptionError, TrajectoryError
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
 from maxcon.io.scans import RawScan, Scans, check_range
@@ -21,7 +21,11 @@ from maxcon.map import PointMap
 from maxcon.scan import Scan
 from maxcon.scan.trajectory import Trajectory
 
+if TYPE_CHECKING:
+    from maxcon.relocalization import Relocalizer
+
 __all__ = [
+    "MAP_MARGIN",
     "Drive",
     "DriveOptions",
     "EpochEstimate",
@@ -32,16 +36,17 @@ __all__ = [
     "localize_drive",
     "pose_or_none",
     "read_epoch",
+    "relocalize_drive",
     "scan_of",
     "status_without_search",
 ]
 
-
-# A prior farther from any voxel tile lies outside the map. A wide square may have nothing but ground (m).
 MAP_MARGIN = 30.0
+"""A prior farther from any voxel tile lies outside the map. A wide square may have nothing but ground (m)."""
 
+NOTHING_KNOWN = "there is neither a track nor a prior to begin one"
 
-# The tiles so far (m) around the priors of so many epochs are announced to the map: a remote one fetches them ahead.
+# The map is told of the tiles so far (m) around the priors of so many epochs: a remote one fetches them ahead.
 EPOCHS_AHEAD, METRES_AHEAD = 10, 40.0
 
 
@@ -55,7 +60,7 @@ class Method(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class DriveOptions:
-    """Which points and which priors are used.
+    """Which points and which priors are used; OptionError if not 0 <= min_range < max_range.
 
     Parameters
     ----------
@@ -63,11 +68,6 @@ class DriveOptions:
         Points nearer or farther than this are left out, m.
     max_gap : float
         Largest time between two poses of the prior trajectory to interpolate across, s.
-
-    Raises
-    ------
-    OptionError
-        If not 0 <= min_range < max_range.
     """
 
     min_range: float = 1.0
@@ -165,32 +165,50 @@ def localize_drive(
 
     Notes
     -----
-    A scan that cannot be read is an epoch with that status and the reason, and the drive goes on.
+    A scan that cannot be read, or whose prior cannot be searched around, is an epoch with a status and the reason, and
+    the drive goes on.
     """
     if n_threads < 1:
         raise OptionError(f"Expected `n_threads` >= 1, got {n_threads}. The default is 1.")
     drive = Drive.of(point_map, scans, prior, method, options or DriveOptions())
-    return _several_at_once(drive.localize, range(first, len(scans)), n_threads)
+    return drive.estimates(first, len(scans), n_threads)
+
+
+def relocalize_drive(
+    scans: Scans, relocalizer: Relocalizer, options: DriveOptions | None = None, *, first: int = 0
+) -> Iterator[EpochEstimate]:
+    """Return an iterator over the estimates of all scans, each looked for without a prior, in order of time.
+
+    MapError, before the first, if there is no ground in the map where scanners are looked for; parameters as of
+    `localize_drive`.
+    """
+    options = options or DriveOptions()
+    relocalizer.check()
+
+    def relocalized(epoch: int) -> EpochEstimate:
+        raw, unreadable = read_epoch(scans, epoch, options)
+        scan = scan_of(raw)
+        if unreadable or len(scan) == 0:
+            status = Status.UNREADABLE if unreadable else Status.NO_POINTS
+            return EpochEstimate(epoch, raw, status, 0.0, scan, reason=unreadable)
+        places: list[object] = []
+
+        def search() -> Estimate:
+            found = relocalizer.search(scan)
+            places.extend(found.places)
+            return found.estimate
+
+        told = answered(epoch, raw, scan, None, relocalizer.map, search)
+        return told if places else replace(told, estimate=None)
+
+    return map(relocalized, range(first, len(scans)))
 
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """A drive whose epochs can be localized in any order, each by itself.
+    """A drive whose epochs can be localized in any order, each by itself; parameters as of `localize_drive`.
 
-    Parameters
-    ----------
-    point_map : PointMap
-        The map.
-    scans : Scans
-        The epochs.
-    prior : Trajectory
-        T_map_sensor before localization, global coordinates.
-    method : Method
-        How each is localized.
-    options : DriveOptions
-        Range limits and the largest gap of the prior.
-    priors : list of Pose or None
-        The prior of each scan, local frame.
+    Its `priors` are those of the scans, local frame, None where there is none.
     """
 
     point_map: PointMap
@@ -210,79 +228,32 @@ class Drive:
         ahead = self.priors[epoch : epoch + EPOCHS_AHEAD]
         self.point_map.prefetch_around([(pose.x, pose.y) for pose in ahead if pose is not None], METRES_AHEAD)
         pose = self.priors[epoch]
-        if pose is None:
-            return _without_prior(epoch, self.scans, self.prior, self.options)
-        return _localize_epoch(epoch, self.point_map, self.scans, pose, self.method, self.options)
+        raw, reason = read_epoch(self.scans, epoch, self.options)
+        scan = scan_of(raw)
+        if reason:
+            return EpochEstimate(epoch, raw, Status.UNREADABLE, 0.0, scan, pose, reason=reason)
+        status = status_without_search(self.point_map, scan, pose)
+        if status is Status.NO_PRIOR:
+            try:
+                self.prior.at(raw.time, self.options.max_gap)
+            except TrajectoryError as error:
+                reason = str(error)
+        if pose is None or status is not None:
+            return EpochEstimate(epoch, raw, status or Status.NO_PRIOR, 0.0, scan, pose, reason=reason)
+        return answered(
+            epoch, raw, scan, pose, self.point_map, lambda: self.method.localize(scan, self.point_map, pose)
+        )
 
     def estimates(self, first: int, last: int, n_threads: int = 1) -> Iterator[EpochEstimate]:
         """Yield the answers for the epochs from `first` up to, not including, `last`, in order."""
-        return _several_at_once(self.localize, range(first, last), n_threads)
-
-
-def failed_epoch(epoch: int, scans: Scans, reason: str) -> EpochEstimate:
-    """Return what stands for the answer of an epoch that ended the process it was given to, or never came back."""
-    raw = RawScan(np.empty((0, 3)), float(scans.times[epoch]), scans.name(epoch), 0, 0, 0)
-    return EpochEstimate(epoch, raw, Status.FAILED, 0.0, scan_of(raw), reason=reason)
-
-
-def _several_at_once(
-    localize: Callable[[int], EpochEstimate], epochs: range, n_threads: int
-) -> Iterator[EpochEstimate]:
-    """Yield the estimates of epochs in order, so many of them made at the same time."""
-    if n_threads == 1:
-        yield from map(localize, epochs)
-        return
-    pool = ThreadPoolExecutor(n_threads, thread_name_prefix="epoch")
-    try:
-        yield from ordered_map(pool, localize, epochs, n_threads + 1)
-    finally:
-        pool.shutdown(cancel_futures=True)
-
-
-def priors_of_scans(point_map: PointMap, scans: Scans, prior: Trajectory, options: DriveOptions) -> list[Pose | None]:
-    """Return the prior of each scan, local frame; None where there is none.
-
-    Raises
-    ------
-    TrajectoryError
-        If there is none for any scan.
-    MapError
-        If all lie outside the map.
-    """
-    priors = [pose_or_none(prior, float(at), options.max_gap) for at in scans.times]
-    check_times(scans, prior, priors)
-    local = [point_map.frame.pose_to_local(pose) if pose is not None else None for pose in priors]
-    check_inside(point_map, local)
-    return local
-
-
-def _localize_epoch(
-    epoch: int, point_map: PointMap, scans: Scans, prior: Pose, method: Method, options: DriveOptions
-) -> EpochEstimate:
-    raw, reason = read_epoch(scans, epoch, options)
-    scan = scan_of(raw)
-    if reason:
-        return EpochEstimate(epoch, raw, Status.UNREADABLE, 0.0, scan, prior, reason=reason)
-    status = status_without_search(point_map, scan, prior)
-    if status is not None:
-        return EpochEstimate(epoch, raw, status, 0.0, scan, prior)
-    start = time.perf_counter()
-    estimate = method.localize(scan, point_map, prior)
-    milliseconds = 1e3 * (time.perf_counter() - start)
-    return answered(epoch, raw, scan, prior, estimate, milliseconds, point_map)
-
-
-def _without_prior(epoch: int, scans: Scans, prior: Trajectory, options: DriveOptions) -> EpochEstimate:
-    """Return the answer of an epoch whose prior is not known, and why it is not."""
-    raw, unreadable = read_epoch(scans, epoch, options)
-    scan, status, reason = scan_of(raw), Status.UNREADABLE, unreadable
-    if not unreadable:
-        status = Status.NO_PRIOR
+        if n_threads == 1:
+            yield from map(self.localize, range(first, last))
+            return
+        pool = ThreadPoolExecutor(n_threads, thread_name_prefix="epoch")
         try:
-            prior.at(raw.time, options.max_gap)
-        except TrajectoryError as error:
-            reason = str(error)
-    return EpochEstimate(epoch, raw, status, 0.0, scan, reason=reason)
+            yield from ordered_map(pool, self.localize, range(first, last), n_threads + 1)
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 def answered(
@@ -290,13 +261,41 @@ def answered(
     raw: RawScan,
     scan: Scan,
     prior: Pose | None,
-    estimate: Estimate,
-    milliseconds: float,
     point_map: PointMap,
+    localize: Callable[[], Estimate | None],
 ) -> EpochEstimate:
-    """Return the answer of an epoch that was searched for, with its pose in global coordinates if it is localized."""
+    """Return the answer of an epoch, timed, with its pose in global coordinates if it is localized.
+
+    A prior or points with numbers that no map can hold (z = 1e9 m) get a status, and so does a track without a pose.
+    """
+    start = time.perf_counter()
+    try:
+        estimate = localize()
+    except ArrayError as error:
+        return EpochEstimate(epoch, raw, Status.FAILED, 0.0, scan, prior, reason=str(error))
+    milliseconds = 1e3 * (time.perf_counter() - start)
+    if estimate is None:
+        return EpochEstimate(epoch, raw, Status.NO_PRIOR, milliseconds, scan, prior, reason=NOTHING_KNOWN)
     pose = point_map.frame.pose_to_global(estimate.pose) if estimate.is_localized else None
     return EpochEstimate(epoch, raw, estimate.status, milliseconds, scan, prior, estimate, pose, estimate.reason)
+
+
+def failed_epoch(epoch: int, scans: Scans, reason: str) -> EpochEstimate:
+    """Return what stands for the answer of an epoch that ended the process it was given to, or never came back."""
+    raw = _nothing_read(epoch, scans)
+    return EpochEstimate(epoch, raw, Status.FAILED, 0.0, scan_of(raw), reason=reason)
+
+
+def priors_of_scans(point_map: PointMap, scans: Scans, prior: Trajectory, options: DriveOptions) -> list[Pose | None]:
+    """Return the prior of each scan, local frame, None where there is none.
+
+    TrajectoryError if there is none for any scan, MapError if all lie outside the map.
+    """
+    priors = [pose_or_none(prior, float(at), options.max_gap) for at in scans.times]
+    check_times(scans, prior, priors)
+    local = [point_map.frame.pose_to_local(pose) if pose is not None else None for pose in priors]
+    check_inside(point_map, local)
+    return local
 
 
 def scan_of(raw: RawScan) -> Scan:
@@ -309,8 +308,11 @@ def read_epoch(scans: Scans, epoch: int, options: DriveOptions) -> tuple[RawScan
     try:
         return scans.read(epoch, options.min_range, options.max_range), ""
     except FileError as error:
-        nothing = np.empty((0, 3))
-        return RawScan(nothing, float(scans.times[epoch]), scans.name(epoch), 0, 0, 0), str(error)
+        return _nothing_read(epoch, scans), str(error)
+
+
+def _nothing_read(epoch: int, scans: Scans) -> RawScan:
+    return RawScan(np.empty((0, 3)), float(scans.times[epoch]), scans.name(epoch), 0, 0, 0)
 
 
 def status_without_search(point_map: PointMap, scan: Scan, *priors: Pose | None) -> Status | None:
@@ -332,13 +334,7 @@ def pose_or_none(trajectory: Trajectory, at: float, max_gap: float) -> Pose | No
 
 
 def check_times(scans: Scans, trajectory: Trajectory, poses: Sequence[Pose | None], what: str = "prior") -> None:
-    """Refuse a trajectory that has a pose for none of the scans.
-
-    Raises
-    ------
-    TrajectoryError
-        If it has none.
-    """
+    """Refuse a trajectory that has a pose for none of the scans; TrajectoryError if so."""
     if all(pose is None for pose in poses):
         raise TrajectoryError(
             f"Expected a{'n' if what[0] in 'aeiou' else ''} {what} pose for the scans, {scans.times[0]:.3f} to"
@@ -349,20 +345,13 @@ def check_times(scans: Scans, trajectory: Trajectory, poses: Sequence[Pose | Non
 
 
 def check_inside(point_map: PointMap, priors: Sequence[Pose | None], what: str = "the prior") -> None:
-    """Refuse poses (local frame) that all lie outside the map.
-
-    Raises
-    ------
-    MapError
-        If they do.
-    """
+    """Refuse poses (local frame) that all lie outside the map; MapError if so."""
     known = [pose for pose in priors if pose is not None]
     if any(point_map.covers(pose.x, pose.y, MAP_MARGIN) for pose in known):
         return
     first = point_map.frame.pose_to_global(known[0])
     (x_low, y_low), (x_high, y_high) = point_map.bounds
-    low = point_map.frame.to_global([[x_low, y_low, 0.0]])[0]
-    high = point_map.frame.to_global([[x_high, y_high, 0.0]])[0]
+    low, high = point_map.frame.to_global([[x_low, y_low, 0.0], [x_high, y_high, 0.0]])
     raise MapError(
         f"Expected {what} inside the map, x {low[0]:.7g} to {high[0]:.7g} and y {low[1]:.7g} to"
         f" {high[1]:.7g} m, got x {first.x:.7g}, y {first.y:.7g} m. Are both in the same CRS?"

@@ -45,17 +45,16 @@ def write_poses(path: str | os.PathLike[str], epochs: Sequence[EpochEstimate]) -
     That is the protection level along and across the heading, m, and the upper triangle of the covariance of x, y, z,
     roll, pitch and heading, row by row, axes of the CRS, m^2, m rad and rad^2. Pose, level and covariance are empty
     unless the status is "localized": a row cannot be mistaken for a pose. The reason is empty where the status says
-    all.
-
-    Raises
-    ------
-    FileError
-        If it cannot be written.
+    all. FileError if it cannot be written.
     """
-    with atomic_file(path) as partial, partial.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(COLUMNS)
-        writer.writerows(_row(epoch) for epoch in epochs)
+    with atomic_file(path) as partial:
+        partial.write_bytes(_encoded([list(COLUMNS), *map(_row, epochs)]))
+
+
+def _encoded(rows: list[list[str]]) -> bytes:
+    text = io.StringIO(newline="")
+    csv.writer(text).writerows(rows)
+    return text.getvalue().encode("utf-8")
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,10 +80,7 @@ class RowsThere:
 def rows_there(path: str | os.PathLike[str], times: NDArray[np.float64]) -> RowsThere:
     """Return the part of a table of scans at `times` (s) that has been written; empty if there is no file.
 
-    Raises
-    ------
-    FileError
-        If it cannot be read, or its rows are not those of the first scans.
+    FileError if it cannot be read, or its rows are not those of the first scans.
     """
     try:
         with Path(path).open("rb") as file:
@@ -150,13 +146,7 @@ class GrowingTable:
         """Rows in the file."""
 
     def add(self, epoch: EpochEstimate) -> None:
-        """Write the row of the next epoch.
-
-        Raises
-        ------
-        FileError
-            If it cannot be written, or another process writes the same table.
-        """
+        """Write the row of the next epoch; FileError if it cannot be written, or another process is at the table."""
         self._waiting.append(epoch.without_points())
         if self.n_rows == 0 and epoch.status is Status.UNREADABLE:
             return
@@ -183,9 +173,7 @@ class GrowingTable:
         return file
 
     def _append(self, file: BinaryIO, rows: Sequence[EpochEstimate]) -> None:
-        text = io.StringIO(newline="")
-        csv.writer(text).writerows(_row(row) for row in rows)
-        left, size = text.getvalue().encode("utf-8"), file.seek(0, 2)
+        left, size = _encoded([_row(row) for row in rows]), file.seek(0, 2)
         try:
             while left:  # a disk that is nearly full takes a part
                 left = left[os.write(file.fileno(), left) :]

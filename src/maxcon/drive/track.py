@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: MIT
 """Tracking over a drive: scan after scan, with the motion between them from odometry or from the prior itself."""
 
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from maxcon.drive.localize import (
+    NOTHING_KNOWN,
     DriveOptions,
     EpochEstimate,
     answered,
@@ -17,7 +17,8 @@ from maxcon.drive.localize import (
     scan_of,
     status_without_search,
 )
-from maxcon.drive.tracking import Motion, Tracker
+from maxcon.drive.motion import Motion
+from maxcon.drive.tracker import Tracker
 from maxcon.estimate import Status
 from maxcon.geometry import Pose
 from maxcon.io.scans import Scans
@@ -25,8 +26,6 @@ from maxcon.map import PointMap
 from maxcon.scan.trajectory import Trajectory
 
 __all__ = ["track_drive"]
-
-NOTHING_KNOWN = "there is neither a track nor a prior to begin one"
 
 
 def track_drive(
@@ -64,7 +63,8 @@ def track_drive(
 
     Notes
     -----
-    A scan that cannot be read, or whose motion is not known, is an epoch with that status, and the drive goes on.
+    A scan that cannot be read or searched, or whose motion is not known, is an epoch with that status, and the drive
+    goes on.
     """
     options = options or DriveOptions()
     poses = priors = priors_of_scans(point_map, scans, prior, options)
@@ -116,9 +116,7 @@ class _TrackedDrive:
             status, reason = Status.NO_PRIOR, "the motion up to this scan is not known"
         if status is not None:
             return EpochEstimate(number, raw, status, 0.0, scan, expected, reason=reason)
-        start = time.perf_counter()
-        estimate = self.tracker.localize(scan, self.point_map, prior)
-        milliseconds = 1e3 * (time.perf_counter() - start)
-        if estimate is None:
-            return EpochEstimate(number, raw, Status.NO_PRIOR, milliseconds, scan, expected, reason=NOTHING_KNOWN)
-        return answered(number, raw, scan, prior or expected, estimate, milliseconds, self.point_map)
+        return answered(
+            number, raw, scan, prior or expected, self.point_map,
+            lambda: self.tracker.localize(scan, self.point_map, prior),
+        )  # fmt: skip

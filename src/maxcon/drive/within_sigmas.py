@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""WithinSigmas: each scan is searched for where the covariance of its own prior lets it be (D2, decision 22)."""
+"""WithinSigmas: each scan is searched where the covariance of its own prior lets it be (D2)."""
 
 import math
 from dataclasses import dataclass, replace
@@ -19,14 +19,16 @@ from maxcon.search.space import SearchSpace
 
 __all__ = ["WithinSigmas"]
 
-# A space smaller than this, m and degrees, saves no time, shows no other place beyond the guard radius, and leaves out
-# what no covariance of a prior holds: the map's own shift, a lever arm, a clock that is 20 ms off at 50 km/h.
+# A smaller space, m and degrees, saves no time, shows no place beyond the guard radius, and leaves out what no
+# covariance of a prior holds: the map's own shift, a lever arm, a clock that is 20 ms off at 50 km/h.
 SMALLEST_HALF_WIDTH, SMALLEST_TURN_DEG = 1.0, 1.0
 
 
 @dataclass(frozen=True)
 class WithinSigmas:
     """A method that searches so many standard deviations of each prior, and wider where its answer is in doubt.
+
+    OptionError if the largest half width is not above 0.
 
     Parameters
     ----------
@@ -41,11 +43,6 @@ class WithinSigmas:
         No space is larger, m, and no answer in doubt is searched for farther around.
     max_gap : float
         Largest time between two poses of the prior to interpolate across, s.
-
-    Raises
-    ------
-    OptionError
-        If the largest half width is not above 0.
     """
 
     method: MaximumConsensus
@@ -63,10 +60,7 @@ class WithinSigmas:
     def localize(self, scan: Scan, point_map: PointMap, prior: Pose) -> Estimate:
         """Find the pose of a scan around its prior, local frame: see `MaximumConsensus.localize`.
 
-        Raises
-        ------
-        TrajectoryError
-            If the trajectory has no pose at the time of the scan.
+        TrajectoryError if the trajectory has no pose at the time of the scan.
         """
         covariance = self.prior.covariance_at(scan.time, self.max_gap)
         estimate = self.at(scan.time).localize(scan, point_map, prior)

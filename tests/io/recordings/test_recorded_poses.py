@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from maxcon.drive.prior_heights import check_heights
+from maxcon.drive.diagnosis import check_heights
 from maxcon.errors import CrsError, FileError, OptionError, TrajectoryError
 from maxcon.geometry import Pose
 from maxcon.io.recordings.poses import read_recorded_poses

@@ -14,7 +14,7 @@ from maxcon._system.regular_file import open_regular
 from maxcon._system.resumable import differences
 from maxcon._system.version import __version__
 from maxcon.drive.localize import DriveOptions
-from maxcon.drive.many.description import describe
+from maxcon.drive.poses_dataset import describe
 from maxcon.errors import FileError, OptionError
 from maxcon.lab.dataset import Dataset
 from maxcon.lab.study.map_variants import MAP_VARIANTS

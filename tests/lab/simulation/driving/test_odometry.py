@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from maxcon import Trajectory
-from maxcon.drive.tracking import Motion
+from maxcon.drive.motion import Motion
 from maxcon.errors import OptionError
 from maxcon.lab.simulation import OdometryErrors, drive_along, route_over_crossing
 

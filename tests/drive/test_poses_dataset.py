@@ -4,15 +4,16 @@
 
 import csv
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from maxcon import Estimate, Pose, Scan, Status
 from maxcon.drive.localize import EpochEstimate
-from maxcon.drive.many.poses_dataset import PosesDataset, poses_schema
+from maxcon.drive.poses_dataset import PosesDataset, poses_schema
 from maxcon.drive.poses_table import COVARIANCES, FORMATS, write_poses
-from maxcon.errors import FileError
+from maxcon.errors import FileError, OptionError
 from maxcon.io.scans import RawScan
 
 NOTHING = np.empty((0, 3))
@@ -39,7 +40,7 @@ def test_rows_are_published_once_and_whole(tmp_path):
     assert (dataset.has_rows("a"), dataset.is_done("a"), dataset.has_any_rows()) == (True, False, True)
     waiting = dataset.rows("a")
     assert waiting.column("epoch").to_pylist() == [0, 1, 2, 3]
-    dataset.publish("a", waiting)
+    dataset.publish("a")
     assert dataset.is_done("a") and not (tmp_path / "_parts").exists()
     assert dataset.rows("a").equals(waiting)
     assert waiting.schema.equals(poses_schema())
@@ -72,7 +73,7 @@ def test_a_broken_file_is_named(tmp_path, is_done):
     dataset = PosesDataset(tmp_path)
     dataset.add("a", [epoch(0)])
     if is_done:
-        dataset.publish("a", dataset.rows("a"))
+        dataset.publish("a")
     (path,) = tmp_path.rglob("*.parquet")
     path.write_bytes(path.read_bytes()[:-20])
     with pytest.raises(FileError, match=f"Expected poses of a drive in {path}.*remove it"):
@@ -80,3 +81,24 @@ def test_a_broken_file_is_named(tmp_path, is_done):
     if is_done:
         with pytest.raises(FileError, match=f"Expected poses of a drive in {path}"):
             dataset.statuses("a")
+
+
+UNREADABLE = Path("/proc/self/mem")
+
+
+@pytest.mark.skipif(not UNREADABLE.exists(), reason="no file here that is there and cannot be read")
+def test_a_prior_that_cannot_be_read_keeps_no_other_drive_from_its_own(tmp_path):
+    sources = {name: {"map": tmp_path, "prior": prior} for name, prior in (("broken", UNREADABLE), ("whole", None))}
+    for _ in range(2):
+        PosesDataset(tmp_path).check_sources(sources)
+    assert '"broken"' in (tmp_path / "_drives.json").read_text()
+
+
+@pytest.mark.parametrize(("name", "check"), [("_options.json", "check_options"), ("_drives.json", "check_sources")])
+@pytest.mark.parametrize("content", [b"{", b"[]", b'{"a": 1}', b"\xff"])
+def test_provenance_that_is_none_is_refused(tmp_path, name, check, content):
+    dataset = PosesDataset(tmp_path)
+    dataset.add("a", [epoch(0)])
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises((FileError, OptionError), match=rf"{name}.*[Nn]ame another folder"):
+        getattr(dataset, check)({})

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""How the sensor moved between two epochs, and how well that is known."""
+"""Motion between two epochs and how well it is known; a pose with its covariance, moved and adjusted by an EKF."""
 
 from __future__ import annotations
 
@@ -12,14 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import OptionError
-from maxcon.geometry import Pose
+from maxcon.geometry import Pose, wrap_angle
 from maxcon.scan.trajectory import Trajectory
 
-__all__ = ["Motion", "MotionNoise"]
+__all__ = ["PLANAR", "Motion", "MotionNoise", "UncertainPose"]
 
 # Of a heading that is wrong by s at the end of a motion and grew evenly or at random, the position at the end is
 # off by up to s / sqrt(3) of the way.
 WAY_OF_TURN = 1.0 / math.sqrt(3.0)
+PLANAR = [0, 1, 5]
+"""x, y and heading among x, y, z, roll, pitch and heading."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +70,8 @@ class Motion:
 class MotionNoise:
     """Standard deviations of a relative motion: what grows with the way, and what grows with the time.
 
-    The defaults are those of wheels and a gyroscope as cars have them, doubled.
+    The defaults are those of wheels and a gyroscope as cars have them, doubled. OptionError if one is negative or not
+    finite.
 
     Parameters
     ----------
@@ -84,11 +87,6 @@ class MotionNoise:
         Of the position, m per square root of a second.
     tilt_deg : float
         Of roll and pitch, degrees, however long the motion: gravity holds them.
-
-    Raises
-    ------
-    OptionError
-        If one is negative or not finite.
     """
 
     share: float = 0.02
@@ -111,16 +109,12 @@ class MotionNoise:
     def of_prior(cls, prior: Trajectory) -> Self:
         """Return the noise of a prior trajectory's own motion, measured by how far it is from smooth.
 
-        Parameters
-        ----------
-        prior : Trajectory
-            Rough poses; at least three, else the default noise.
-
         Notes
         -----
         Over three successive poses the velocity changes by what the vehicle accelerates and by the errors of the two
         increments. The root mean square of all changes, over sqrt(2), is held for the error of one increment: too
-        much, by the acceleration. Errors that grow slowly do not show; the usual noise stands for them.
+        much, by the acceleration. Errors that grow slowly do not show; the default noise stands for them, and for a
+        prior of less than three poses.
         """
         if len(prior) < 3:
             return cls()
@@ -150,3 +144,66 @@ class MotionNoise:
 
 def _root_mean_square(values: NDArray[np.float64]) -> float:
     return float(np.sqrt(np.mean(values**2)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UncertainPose:
+    """A pose and how well it is known.
+
+    Parameters
+    ----------
+    pose : Pose
+        T_map_sensor, local frame of the map.
+    covariance : array, shape (6, 6)
+        Of x, y, z, roll, pitch and heading, map axes, m^2, m rad and rad^2.
+    """
+
+    pose: Pose
+    covariance: NDArray[np.float64]
+
+    @property
+    def planar_covariance(self) -> NDArray[np.float64]:
+        """Covariance of x, y and heading, shape (3, 3)."""
+        return self.covariance[np.ix_(PLANAR, PLANAR)]
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of the position in the direction that is known worst, m."""
+        return math.sqrt(max(0.0, float(np.linalg.eigvalsh(self.covariance[:2, :2])[-1])))
+
+    def moved(self, motion: Motion, noise: MotionNoise) -> UncertainPose:
+        """Return where the sensor is after a motion: the prediction of the filter, F P F' + G Q G'."""
+        moved = self.pose @ motion.pose
+        rotation = self.pose.rotation
+        way = rotation @ motion.pose.position
+        cosine, sine = math.cos(self.pose.heading), math.sin(self.pose.heading)
+        axes = np.array([rotation[:, 0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])  # of roll, pitch and heading
+        by_state = np.eye(6)
+        by_state[:3, 3:] = np.cross(axes, way).T
+        # Tilts stay where they are while the sensor turns; to first order in the tilt.
+        turn = motion.pose.heading
+        by_state[3:5, 3:5] = [[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]]
+        by_motion = np.eye(6)
+        by_motion[:3, :3] = rotation
+        covariance = by_state @ self.covariance @ by_state.T + by_motion @ noise.covariance(motion) @ by_motion.T
+        return UncertainPose(moved, covariance)
+
+    def adjusted(self, measured: Pose, covariance: NDArray[np.float64]) -> UncertainPose:
+        """Return the pose that a measurement of it leaves: the update of the filter, in Joseph's form.
+
+        Parameters
+        ----------
+        measured : Pose
+            Local frame.
+        covariance : array, shape (6, 6)
+            Of the measurement; what it does not measure has an infinite variance.
+        """
+        known = np.flatnonzero(np.isfinite(np.diag(covariance)))
+        observed = np.eye(6)[known]
+        noise = covariance[np.ix_(known, known)]
+        gain = np.linalg.solve(observed @ self.covariance @ observed.T + noise, observed @ self.covariance).T
+        difference = measured.values - self.pose.values
+        difference[3:] = [wrap_angle(turn) for turn in difference[3:].tolist()]
+        left = np.eye(6) - gain @ observed
+        pose = Pose(*(self.pose.values + gain @ difference[known]).tolist())
+        return UncertainPose(pose, left @ self.covariance @ left.T + gain @ noise @ gain.T)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""When no epoch of a drive is localized: would it be, were prior or scans meant otherwise? The usual slips."""
+"""Why no epoch of a drive is localized: heights far off the map's ground, or a usual slip of axes and angles."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -9,22 +9,74 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.drive.localize import MAP_MARGIN, EpochEstimate, Method
-from maxcon.errors import FileError
+from maxcon.drive.localize import MAP_MARGIN, DriveOptions, EpochEstimate, Method
+from maxcon.errors import ArrayError, FileError, TrajectoryError
 from maxcon.estimate import Status
 from maxcon.geometry import Pose
 from maxcon.geometry.quaternions import angles_from_quaternions, quaternions_from_angles
 from maxcon.io.scans import Scans
 from maxcon.map import PointMap
 from maxcon.scan import Scan
+from maxcon.scan.trajectory import Trajectory
 
-__all__ = ["ALTERNATIVES", "Alternative", "alternative_that_fits"]
+__all__ = ["ALTERNATIVES", "Alternative", "alternative_that_fits", "check_heights", "heights_in_words"]
 
+LOWEST, HIGHEST = -5.0, 12.0
+"""A sensor on a vehicle, and the errors of its receiver, lie between these above the ground, m."""
+REACH, N_POSES = 5.0, 50
 MOST_TRIED = 3
 """Epochs; all of them must be localized."""
-WITHOUT_SEARCH = (Status.UNREADABLE, Status.NO_PRIOR, Status.OUTSIDE_MAP)
+WITHOUT_SEARCH = (Status.UNREADABLE, Status.NO_PRIOR, Status.OUTSIDE_MAP, Status.FAILED)
 
 Points = NDArray[np.float64]
+
+
+def check_heights(point_map: PointMap, prior: Trajectory, *, are_orthometric: bool = False) -> None:
+    """Refuse heights of a prior, taken as they are, that lie far above or below the map's ground.
+
+    TrajectoryError if the median of some poses inside the map does; without ground in the map there is nothing to tell.
+    The prior is in global coordinates, its heights above the geoid (`are_orthometric`) or the ellipsoid.
+    """
+    median = _above_ground(point_map, point_map.frame.to_local(prior.positions))
+    if LOWEST <= median <= HIGHEST:
+        return
+    if are_orthometric:
+        raise TrajectoryError(
+            f"Expected the prior near the map's ground, got heights above the geoid {abs(median):.1f} m"
+            f" {'above' if median > 0 else 'below'} it. Are the map's heights ellipsoidal? Then give the prior"
+            " ellipsoidal heights too."
+        )
+    raise TrajectoryError(
+        f"Expected the prior near the map's ground, got ellipsoidal heights of the receiver {abs(median):.1f} m"
+        f" {'above' if median > 0 else 'below'} it. Are the map's heights above the geoid? Say how high that is above"
+        f" the ellipsoid there: --geoid-height, about {median - 2.0:.0f} here."
+    )
+
+
+def heights_in_words(point_map: PointMap, priors: Sequence[Pose]) -> str:
+    """Return what may be wrong with the heights of priors, local frame; empty if they are near the map's ground."""
+    median = _above_ground(point_map, np.array([prior.position for prior in priors]).reshape(-1, 3))
+    if LOWEST <= median <= HIGHEST:
+        return ""
+    side, kinds = ("below", "above the geoid, and the map's above the ellipsoid")
+    if median > 0.0:
+        side, kinds = ("above", "above the ellipsoid, and the map's above the geoid")
+    return (
+        f"the prior lies {abs(median):.1f} m {side} the map's ground. Are its heights {kinds}? Take about"
+        f" {median - 2.0:.0f} m off its z"
+    )
+
+
+def _above_ground(point_map: PointMap, positions: NDArray[np.float64]) -> float:
+    """Median height above the map's ground of some of the positions (local frame), m; 0 where no ground is known."""
+    above = []
+    for x, y, z in positions[:: max(1, len(positions) // N_POSES)].tolist():
+        if point_map.covers(x, y, REACH):
+            heights = point_map.ground_around(x, y, REACH).heights
+            known = heights[np.isfinite(heights)]
+            if len(known):
+                above.append(z - float(np.median(known)))
+    return float(np.median(above)) if above else 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,61 +150,43 @@ ALTERNATIVES = (
 
 
 def alternative_that_fits(
-    point_map: PointMap,
-    scans: Scans,
-    epochs: Sequence[EpochEstimate],
-    method: Method,
-    min_range: float,
-    max_range: float,
+    point_map: PointMap, scans: Scans, epochs: Sequence[EpochEstimate], method: Method, options: DriveOptions
 ) -> str:
     """Return in words which alternative localizes all epochs that are tried; empty if there is none to try.
 
-    Parameters
-    ----------
-    point_map, scans, method
-        As the drive was localized with.
-    epochs : sequence of EpochEstimate
-        None of them localized.
-    min_range, max_range : float
-        Points nearer or farther than this are left out, m.
+    Map, scans, method and options are those the drive was localized with, and none of the epochs is localized.
     """
     searched = [epoch for epoch in epochs if epoch.prior is not None and epoch.status not in WITHOUT_SEARCH]
     if not searched:
         return ""
-    numbers = np.unique(np.linspace(0, len(searched) - 1, MOST_TRIED).round().astype(int))
     read = []
-    for number in numbers.tolist():
+    for number in np.unique(np.linspace(0, len(searched) - 1, MOST_TRIED).round().astype(int)).tolist():
         epoch = searched[number]
         try:
-            read.append((epoch, scans.read(epoch.epoch, 0.0, math.inf)))
+            raw = scans.read(epoch.epoch, 0.0, math.inf)
         except FileError:
             continue
+        if epoch.prior is not None:
+            read.append((raw.points, epoch.prior, raw.time))
     if not read:
         return ""
     for alternative in ALTERNATIVES:
-        if all(
-            _is_localized(alternative, raw.points, epoch.prior, raw.time, point_map, method, min_range, max_range)
-            for epoch, raw in read
-            if epoch.prior is not None
-        ):
+        if all(_is_localized(alternative, *each, point_map, method, options) for each in read):
             return f"{len(read)} of {len(read)} tried would be localized {alternative.words}"
     return "meant otherwise (axes, angles, frames) they are not localized either"
 
 
 def _is_localized(
-    alternative: Alternative,
-    points: Points,
-    prior: Pose,
-    time: float,
-    point_map: PointMap,
-    method: Method,
-    min_range: float,
-    max_range: float,
-) -> bool:
+    alternative: Alternative, points: Points, prior: Pose, time: float, point_map: PointMap, method: Method,
+    options: DriveOptions,
+) -> bool:  # fmt: skip
     meant = alternative.prior(prior)
     points_sensor = alternative.points(points, prior, np.array(point_map.frame.origin))
     ranges = np.linalg.norm(points_sensor, axis=1)
-    kept = points_sensor[(ranges >= min_range) & (ranges <= max_range)]
+    kept = points_sensor[(ranges >= options.min_range) & (ranges <= options.max_range)]
     if not (len(kept) and point_map.covers(meant.x, meant.y, MAP_MARGIN)):
         return False
-    return method.localize(Scan(kept, time=time), point_map, meant).is_localized
+    try:
+        return method.localize(Scan(kept, time=time), point_map, meant).is_localized
+    except ArrayError:  # numbers that no map can hold
+        return False

@@ -5,16 +5,23 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
-from maxcon.drive.tracking.hypothesis import Hypothesis, distance, ranked, weighed
-from maxcon.drive.tracking.motion import Motion, MotionNoise
-from maxcon.drive.tracking.options import TrackingOptions
-from maxcon.drive.tracking.places import find_places
-from maxcon.drive.tracking.uncertain_pose import UncertainPose
-from maxcon.drive.tracking.window import FARTHEST_REACH, HEIGHTS_AND_TILTS, measured_covariance, window
+from maxcon.drive.hypotheses import (
+    FARTHEST_REACH,
+    HEIGHTS_AND_TILTS,
+    Hypothesis,
+    distance,
+    find_candidates,
+    measured_covariance,
+    ranked,
+    weighed,
+    window,
+)
+from maxcon.drive.motion import Motion, MotionNoise, UncertainPose
+from maxcon.errors import OptionError
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
 from maxcon.integrity import protection_level
@@ -24,10 +31,10 @@ from maxcon.refine import map_covariance
 from maxcon.scan import Scan
 from maxcon.search.space import SearchSpace
 
-__all__ = ["Tracker"]
+__all__ = ["Tracker", "TrackingOptions"]
 
-# Where a wide search looks for other places at first, those that reach this share of the best one are kept.
-SHARE_AT_FIRST = 0.5
+# Where a wide search looks for other places at first, those that reach this ratio of the best one are kept.
+RATIO_AT_FIRST = 0.5
 # Once the track was told apart from all other places, one that fits about as well has all against it that was seen
 # before: only a slip of the odometry could have brought the sensor there. One that fits clearly better has not.
 NEWCOMER = 0.1
@@ -38,6 +45,39 @@ WIDER = 3.0
 # A vehicle that stands looks widely as often as one that walks, m/s.
 WALKING_PACE = 1.0
 UNKNOWN = np.diag([np.inf, np.inf])
+
+
+@dataclass(frozen=True, slots=True)
+class TrackingOptions:
+    """What the tracker asks for before it calls a pose localized; OptionError if a number is not above 0.
+
+    Parameters
+    ----------
+    sigmas : float
+        A scan is searched within so many standard deviations of the prediction.
+    largest_sigma : float
+        Of a position, in the direction that is known worst, m: a pose known less well is not called localized.
+    least_agreement : float
+        Before a place is called localized, the matched ratios of the scans that agreed with it have to add up to this:
+        half a scan, which takes two scans that match by 25 %, or five that match by 10 %.
+    check_distance : float
+        Every so many metres the whole search space is searched for a place that fits better.
+    patience : float
+        A track that stays outside of the prior's search space for so many metres is lost. A single motion as long is a
+        gap, after which scans have to agree anew.
+    """
+
+    sigmas: float = 3.0
+    largest_sigma: float = 0.1
+    least_agreement: float = 0.5
+    check_distance: float = 3.0
+    patience: float = 20.0
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            value = getattr(self, each.name)
+            if not 0.0 < value < math.inf:
+                raise OptionError(f"Expected `{each.name}` above 0, got {value}. The default is {each.default}.")
 
 
 @dataclass
@@ -147,8 +187,8 @@ class Tracker:
                 break  # the prior's search space is that of all of them
             if space.half_width <= FARTHEST_REACH:
                 pose = each.predicted(self.noise).pose
-                places = find_places(self.method, space, scan, point_map, pose, SHARE_AT_FIRST)
-                compared += self._inheriting(each, [Hypothesis(place.uncertain) for place in places])
+                found = find_candidates(self.method, space, scan, point_map, pose, RATIO_AT_FIRST)
+                compared += self._inheriting(each, [Hypothesis(candidate.uncertain) for candidate in found])
         return compared, any(is_wide)
 
     def _begun(self, scan: Scan, point_map: PointMap, prior: Pose | None) -> list[Hypothesis]:
@@ -156,11 +196,11 @@ class Tracker:
         if prior is None:
             return []
         self._unchecked = 0.0
-        places = find_places(self.method, self.method.space, scan, point_map, prior, SHARE_AT_FIRST)
-        return [Hypothesis(place.uncertain) for place in places]
+        found = find_candidates(self.method, self.method.space, scan, point_map, prior, RATIO_AT_FIRST)
+        return [Hypothesis(candidate.uncertain) for candidate in found]
 
-    def _inheriting(self, parent: Hypothesis, places: list[Hypothesis]) -> list[Hypothesis]:
-        """Return places with the evidence of the hypothesis they follow, where its prediction allows them."""
+    def _inheriting(self, parent: Hypothesis, found: list[Hypothesis]) -> list[Hypothesis]:
+        """Return new hypotheses with the evidence of the one they follow, where its prediction allows them."""
         predicted = parent.predicted(self.noise)
         reach = self._window(predicted).half_width if parent.n_refused == 0 else 0.0
         return [
@@ -169,7 +209,7 @@ class Tracker:
                 evidence=parent.evidence,
                 agreement=parent.agreement if distance(each.anchor, predicted) <= reach else 0.0,
             )
-            for each in places
+            for each in found
         ]
 
     def _followed(self, hypothesis: Hypothesis, scan: Scan, point_map: PointMap, prior: Pose | None) -> Hypothesis:
@@ -196,19 +236,19 @@ class Tracker:
         return window(predicted, self.options.sigmas, self.method.space)
 
     def _check(self, scan: Scan, point_map: PointMap, prior: Pose | None) -> None:
-        """Look at the whole search space; what fits there about as well as the track competes with it from now on."""
+        """Search the whole search space; what fits there about as well as the track competes with it from now on."""
         here = self._hypotheses[0].predicted(self.noise)
-        share = self.method.trust.largest_runner_up
+        ratio = self.method.trust.largest_runner_up
         middle = here.pose if prior is None else prior
-        places = find_places(self.method, self.method.space, scan, point_map, middle, share)
+        found = find_candidates(self.method, self.method.space, scan, point_map, middle, ratio)
         # Scores are compared within this search: where its cells happen to lie changes them by a fifth and more.
-        near = [place.share for place in places if distance(place.uncertain, here) <= self._guard_radius]
-        own = max(near, default=share)
+        near = [each.ratio for each in found if distance(each.uncertain, here) <= self._guard_radius]
+        own = max(near, default=ratio)
         is_open = math.isinf(self._unchecked) or self._outside > self.options.patience
         newcomers = []
-        for place in places:
-            worth = 1.0 if is_open or place.share * share >= own else NEWCOMER
-            newcomers.append(Hypothesis(place.uncertain, evidence=worth * min(1.0, place.share / own)))
+        for each in found:
+            worth = 1.0 if is_open or each.ratio * ratio >= own else NEWCOMER
+            newcomers.append(Hypothesis(each.uncertain, evidence=worth * min(1.0, each.ratio / own)))
         self._hypotheses = ranked([*self._hypotheses, *newcomers], self.noise, self._guard_radius)
         self._unchecked = 0.0
 
@@ -230,10 +270,12 @@ class Tracker:
         level = (math.inf, math.inf)
         if self._was_localized:
             level = protection_level(covariance, place.pose.heading, self.method.risk)
+        space = self.method.space
+        cell = None if prior is None or space.is_open else space.at(point_map.cell).nearest_cell(place.pose, prior)
         return replace(
             estimate,
             pose=place.pose,
-            cell=None if prior is None else self.method.space.at(point_map.cell).nearest_cell(place.pose, prior),
+            cell=cell,
             status=status,
             runner_up=rival,
             reason="; ".join(filter(None, [reason, estimate.reason])),

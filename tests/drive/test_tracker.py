@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from maxcon import Estimate, MaximumConsensus, PointMap, Pose, Scan, SearchSpace, Status
-from maxcon.drive.tracking import Motion, MotionNoise, Tracker, TrackingOptions, UncertainPose
+from maxcon.drive.motion import Motion, MotionNoise, UncertainPose
+from maxcon.drive.tracker import Tracker, TrackingOptions
 from maxcon.errors import OptionError
 from maxcon.geometry import wrap_angle
 

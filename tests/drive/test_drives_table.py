@@ -4,8 +4,7 @@
 
 from pathlib import Path
 
-from maxcon.drive.many import DriveEntry, read_drives
-from maxcon.drive.many.run import tasks_of
+from maxcon.drive.many import DriveEntry, read_drives, tasks_of
 
 
 def test_paths_are_relative_to_the_table_and_addresses_are_not(tmp_path):

@@ -1,0 +1,241 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Hypotheses of a tracker: where the sensor may be, what speaks for each, and where a scan is searched around it."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.drive.motion import PLANAR, Motion, MotionNoise, UncertainPose
+from maxcon.estimate import Estimate, Status
+from maxcon.geometry import Pose
+from maxcon.localizer import MaximumConsensus
+from maxcon.map import PointMap
+from maxcon.scan import Scan
+from maxcon.search.objectives import Helmert
+from maxcon.search.space import PAPER_CELL, PAPER_STEP_DEG, SearchSpace
+
+__all__ = [
+    "FARTHEST_REACH",
+    "HEIGHTS_AND_TILTS",
+    "Candidate",
+    "Hypothesis",
+    "distance",
+    "find_candidates",
+    "measured_covariance",
+    "ranked",
+    "weighed",
+    "window",
+]
+
+# Scans taken within this way see much the same surfaces: together they are held to say as much as one, m.
+WAY_OF_EVIDENCE = 2.0
+# What no scan matches is not worth nothing: the next scan may be hidden no longer.
+LEAST_RATIO = 0.1
+# A hypothesis worth less than this fraction of the best one is given up.
+LEAST_EVIDENCE = 0.05
+MOST_HYPOTHESES = 8
+# What has agreed for long is not doubted for one scan that is hidden, but for the third in a row.
+MOST_AGREEMENT = 4.0
+STANDSTILL = Motion.none()
+
+# Of an estimate without a covariance: a cell's and a heading step's own, and what the map and the scan add, m and rad.
+MAP_SIGMA, MAP_HEADING_SIGMA = 0.02, math.radians(0.1)
+# What a prior's height, roll and pitch are held to be worth, m and rad: the search takes them as they come.
+HEIGHT_SIGMA, TILT_SIGMA = 0.1, math.radians(0.3)
+HEIGHTS_AND_TILTS = np.diag([np.inf, np.inf, HEIGHT_SIGMA**2, TILT_SIGMA**2, TILT_SIGMA**2, np.inf])
+"""Covariance of a prior as a measurement of height, roll and pitch alone, shape (6, 6)."""
+# How well a candidate is known, which is where a peak of the scores is, m and rad.
+PEAK_SIGMA, PEAK_HEADING_SIGMA = 0.1, math.radians(0.5)
+# A window of a larger half width (m) is not searched: only a prior helps then. Turns are not searched beyond.
+FARTHEST_REACH, LARGEST_TURN_DEG = 12.0, 10.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hypothesis:
+    """One place where the sensor may be.
+
+    Parameters
+    ----------
+    anchor : UncertainPose
+        Where it was when a scan last agreed with it, or where a search found it.
+    evidence : float
+        Its scores over those of the best hypothesis, multiplied over the way: at first the second best ratio of a
+        single epoch, and smaller with every metre on which it fits worse. The best one has 1.
+    motion : Motion
+        Since the anchor, as one: errors of odometry add up over it, they do not cancel.
+    agreement : float
+        Ratios of their points that scans matched here, added up over scans that agreed, up to `MOST_AGREEMENT`, and
+        halved with each scan that did not: so many whole scans lie on the map.
+    n_refused : int
+        Scans in a row that did not, up to now.
+    estimate : Estimate or None
+        What the search around it answered last.
+    """
+
+    anchor: UncertainPose
+    evidence: float = 1.0
+    motion: Motion = STANDSTILL
+    agreement: float = 0.0
+    n_refused: int = 0
+    estimate: Estimate | None = None
+
+    def moved(self, motion: Motion) -> "Hypothesis":
+        """Return it after a motion."""
+        return replace(self, motion=self.motion.then(motion))
+
+    def predicted(self, noise: MotionNoise) -> UncertainPose:
+        """Return where the sensor is, if this is the place."""
+        return self.anchor.moved(self.motion, noise)
+
+    @property
+    def score(self) -> float:
+        """Worth of the best cell around it in the last scan."""
+        return 0.0 if self.estimate is None else self.estimate.score
+
+    def agreed(self, anchor: UncertainPose, estimate: Estimate) -> "Hypothesis":
+        """Return it after a scan that agreed."""
+        agreement = min(self.agreement + estimate.share, MOST_AGREEMENT)
+        return replace(self, anchor=anchor, motion=STANDSTILL, agreement=agreement, n_refused=0, estimate=estimate)
+
+    def refused(self, estimate: Estimate) -> "Hypothesis":
+        """Return it after a scan that did not agree."""
+        return replace(self, agreement=self.agreement / 2.0, n_refused=self.n_refused + 1, estimate=estimate)
+
+
+def weighed(hypotheses: Iterable[Hypothesis], way: float) -> list[Hypothesis]:
+    """Return the hypotheses with the evidence of a scan that all were compared with, taken after so many metres."""
+    compared = list(hypotheses)
+    best = max((hypothesis.score for hypothesis in compared), default=0.0)
+    if best <= 0.0:
+        return compared
+    power = min(1.0, way / WAY_OF_EVIDENCE)
+    return [replace(each, evidence=each.evidence * max(each.score / best, LEAST_RATIO) ** power) for each in compared]
+
+
+def ranked(hypotheses: Iterable[Hypothesis], noise: MotionNoise, radius: float) -> list[Hypothesis]:
+    """Return the best hypotheses, the best first, each farther than a radius (m) from better ones."""
+    kept: list[Hypothesis] = []
+    for each in sorted(hypotheses, key=lambda hypothesis: -hypothesis.evidence):
+        place = each.predicted(noise)
+        if all(distance(place, other.predicted(noise)) > radius for other in kept):
+            kept.append(each)
+    if not kept or kept[0].evidence <= 0.0:
+        return kept[:MOST_HYPOTHESES]
+    best = kept[0].evidence
+    scaled = [replace(each, evidence=each.evidence / best) for each in kept[:MOST_HYPOTHESES]]
+    return [each for each in scaled if each.evidence >= LEAST_EVIDENCE]
+
+
+def distance(one: UncertainPose, other: UncertainPose) -> float:
+    """Between two positions, in x and y, m."""
+    return math.hypot(one.pose.x - other.pose.x, one.pose.y - other.pose.y)
+
+
+# --- where a scan is searched, and what it measures -----------------------------------------------------------
+
+
+def window(predicted: UncertainPose, sigmas: float, space: SearchSpace) -> SearchSpace:
+    """Return the window around a predicted pose in which a scan may find it: so many sigmas of the innovation.
+
+    Cells and steps are those of `space`, the wide one. A half width beyond `FARTHEST_REACH` only says so: it is cut at
+    twice that.
+    """
+    return SearchSpace.from_covariance(
+        predicted.planar_covariance + np.diag(_cell_variances(space)[PLANAR]),
+        k=sigmas,
+        cell=space.cell,
+        heading_step_deg=space.heading_step_deg,
+        largest_half_width=2.0 * FARTHEST_REACH,
+        largest_heading_half_width_deg=max(LARGEST_TURN_DEG, space.heading_half_width_deg),
+    )
+
+
+def measured_covariance(estimate: Estimate, space: SearchSpace) -> NDArray[np.float64]:
+    """Covariance of an estimate as a measurement, shape (6, 6): its own, or a best cell's where it has none.
+
+    A best cell measures x, y and heading: within the cell and the step any value is as likely (edge / sqrt(12)), and
+    map and scan add 2 cm and 0.1 degrees.
+    """
+    is_known = np.isfinite(np.diag(estimate.covariance)[PLANAR]).all()
+    return estimate.covariance if is_known else np.diag(_cell_variances(space))
+
+
+def _cell_variances(space: SearchSpace) -> NDArray[np.float64]:
+    edge = PAPER_CELL if space.cell is None else space.cell
+    step_deg = PAPER_STEP_DEG if space.heading_step_deg is None else space.heading_step_deg
+    offset = edge**2 / 12.0 + MAP_SIGMA**2
+    turn = math.radians(step_deg) ** 2 / 12.0 + MAP_HEADING_SIGMA**2
+    return np.array([offset, offset, np.inf, np.inf, np.inf, turn])
+
+
+# --- candidates of a wide search ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A pose (local frame) where a scan fits, and Helmert's score there over that of the best one."""
+
+    pose: Pose
+    ratio: float
+
+    @property
+    def uncertain(self) -> UncertainPose:
+        """The pose with what is known of it before a scan is compared with the map there closely."""
+        sigmas = [PEAK_SIGMA, PEAK_SIGMA, HEIGHT_SIGMA, TILT_SIGMA, TILT_SIGMA, PEAK_HEADING_SIGMA]
+        return UncertainPose(self.pose, np.diag(np.square(sigmas)))
+
+
+def find_candidates(
+    method: MaximumConsensus, space: SearchSpace, scan: Scan, point_map: PointMap, prior: Pose, ratio: float
+) -> list[Candidate]:
+    """Return the candidates in a search space that score at least a ratio of the best one, the best first.
+
+    Parameters
+    ----------
+    method : MaximumConsensus
+        How cells are scored; its own space is not used. Candidates lie farther apart than its guard radius.
+    space : SearchSpace
+        Around the prior.
+    scan : Scan
+        Of one epoch.
+    point_map : PointMap
+        The map.
+    prior : Pose
+        T_map_sensor, local frame.
+    ratio : float
+        Of the best score, above 0 to 1.
+
+    Notes
+    -----
+    Where branch and bound proves that no other place scores so much, that is all. Where it does not, every cell is
+    scored; of a wide space the places that it left open.
+    """
+    asked = replace(method, space=space, trust=replace(method.trust, largest_runner_up=ratio), refinement=False)
+    best = asked.localize(scan, point_map, prior)
+    if best.status is Status.NO_MATCH:
+        return []
+    if best.runner_up <= ratio:
+        return [Candidate(best.pose, 1.0)]
+    if asked.cell_search.is_coarse_to_fine(space, point_map):
+        found = asked.cell_search.places(scan, point_map, prior.with_height_and_tilt_of(best.pose), space)
+        worth = [float(Helmert().score(each.moments)) for each in found[:MOST_HYPOTHESES]]
+        ratios = [score / max(worth) for score in worth] if max(worth, default=0.0) > 0.0 else []
+        return [Candidate(each.pose, own) for each, own in zip(found, ratios, strict=False) if own >= ratio]
+    accumulator = asked.accumulate(scan, point_map, prior)
+    scores = np.array(accumulator.score(Helmert()), dtype=np.float64)
+    rows, columns = np.meshgrid(*map(np.arange, accumulator.space.shape[1:]), indexing="ij")
+    candidates: list[Candidate] = []
+    highest = float(scores.max())
+    while len(candidates) < MOST_HYPOTHESES and highest > 0.0:
+        heading, iy, ix = (int(index) for index in np.unravel_index(int(np.argmax(scores)), scores.shape))
+        own = float(scores[heading, iy, ix]) / highest
+        if own < ratio:
+            break
+        candidates.append(Candidate(accumulator.space.pose((heading, iy, ix), accumulator.prior), own))
+        is_near = np.hypot(rows - iy, columns - ix) * accumulator.space.cell_edge <= method.trust.guard_radius
+        scores[:, is_near] = -1.0
+    return candidates
