@@ -7,7 +7,7 @@ import pytest
 
 from localized_poses import localized_poses
 from maxcon.geometry import Pose
-from maxcon.io.geographic import GeographicFrame
+from maxcon.io.crs import GeographicFrame
 from maxcon.io.trajectories import read_trajectory, write_tum
 from maxcon.lab.simulation.datasets.dataset_files import CRS
 from maxcon.scan.trajectory import Trajectory

@@ -3,8 +3,9 @@
 """Mutations of files: each is what happens to real ones, or what a header could claim."""
 
 import random
-import struct
 from collections.abc import Callable
+
+import numpy as np
 
 __all__ = ["mutated"]
 
@@ -44,9 +45,28 @@ def _flip_bits(data: bytearray, rng: random.Random) -> None:
         data[min(_place(data, rng), len(data) - 1)] ^= 1 << rng.randrange(8)
 
 
+def _overwrite(data: bytearray, rng: random.Random, part: bytes) -> None:
+    at = _place(data, rng)
+    data[at : at + len(part)] = part
+
+
 def _random_bytes(data: bytearray, rng: random.Random) -> None:
-    at, length = _place(data, rng), rng.choice((1, 2, 4, 16, 200))
-    data[at : at + length] = rng.randbytes(length)
+    _overwrite(data, rng, rng.randbytes(rng.choice((1, 2, 4, 16, 200))))
+
+
+def _zeros(data: bytearray, rng: random.Random) -> None:
+    _overwrite(data, rng, bytes(rng.choice((1, 4, 64, 4096))))
+
+
+def _extreme_integer(data: bytearray, rng: random.Random) -> None:
+    size, value = rng.choice((1, 2, 4, 4, 8)), rng.choice(EXTREMES) + rng.choice((0, 0, 1, -1))
+    _overwrite(data, rng, (value % 2 ** (8 * size)).to_bytes(size, rng.choice(("little", "little", "big"))))
+
+
+def _extreme_float(data: bytearray, rng: random.Random) -> None:
+    kind = rng.choice(("<d", "<f4"))
+    with np.errstate(over="ignore"):
+        _overwrite(data, rng, np.array([rng.choice(FLOATS)]).astype(kind).tobytes())
 
 
 def _truncate(data: bytearray, rng: random.Random) -> None:
@@ -60,30 +80,7 @@ def _remove(data: bytearray, rng: random.Random) -> None:
 
 def _repeat(data: bytearray, rng: random.Random) -> None:
     at = _place(data, rng)
-    part = data[at : at + rng.choice((1, 4, 40, 400))]
-    data[at:at] = part * rng.choice((1, 2, 10, 300))
-
-
-def _zeros(data: bytearray, rng: random.Random) -> None:
-    at, length = _place(data, rng), rng.choice((1, 4, 64, 4096))
-    end = min(at + length, len(data))
-    data[at:end] = bytes(max(0, end - at))
-
-
-def _extreme_integer(data: bytearray, rng: random.Random) -> None:
-    size, order = rng.choice((1, 2, 4, 4, 8)), rng.choice("<<>")
-    at, value = _place(data, rng), rng.choice(EXTREMES) + rng.choice((0, 0, 1, -1))
-    number = (value % 2 ** (8 * size)).to_bytes(size, "little" if order == "<" else "big")
-    data[at : at + size] = number
-
-
-def _extreme_float(data: bytearray, rng: random.Random) -> None:
-    kind, value = rng.choice("fd"), rng.choice(FLOATS)
-    if kind == "f" and abs(value) > 3e38 and value not in (float("inf"), float("-inf")):
-        value = 3e38
-    packed = struct.pack("<" + kind, value)
-    at = _place(data, rng)
-    data[at : at + len(packed)] = packed
+    data[at:at] = data[at : at + rng.choice((1, 4, 40, 400))] * rng.choice((1, 2, 10, 300))
 
 
 def _word(data: bytearray, rng: random.Random) -> None:

@@ -29,115 +29,64 @@ Reader = Callable[[bytes, str, Path, Path], None]
 """Given the mutated bytes, the name of the file, an empty folder, and that of the seeds. Raises what it raises."""
 
 
-def _written(data: bytes, name: str, folder: Path) -> Path:
-    path = folder / name
-    path.write_bytes(data)
-    return path
+def _of_file(*calls: Callable[[Path], object]) -> Reader:
+    """Return a reader that writes the file and calls all, whatever the first says; the first refusal is raised."""
+
+    def read(data: bytes, name: str, folder: Path, seeds: Path) -> None:
+        path = folder / name
+        path.write_bytes(data)
+        refusals = []
+        for call in calls if not name.endswith(".pcap") else calls[:2]:  # packets have no poses
+            try:
+                call(path)
+            except MaxconError as error:
+                refusals.append(error)
+        if refusals:
+            raise refusals[0]
+
+    return read
 
 
-def _each(*calls: Callable[[], object]) -> None:
-    """Call all, whatever the first says; the first refusal is raised in the end."""
-    refusals = []
-    for call in calls:
-        try:
-            call()
-        except MaxconError as error:
-            refusals.append(error)
-    if refusals:
-        raise refusals[0]
-
-
-def _cloud(data: bytes, name: str, folder: Path, seeds: Path) -> None:
-    path = _written(data, name, folder)
-
-    _each(lambda: _read_cloud(path), lambda: list(open_scans(path).scans()))
-
-
-def _survey(data: bytes, name: str, folder: Path, seeds: Path) -> None:
-    """Clouds of a map only: no scan comes so."""
-    _read_cloud(_written(data, name, folder))
-
-
-def _read_cloud(path: Path) -> None:
+def _cloud(path: Path) -> None:
     with open_cloud(path) as reader:
         for _ in reader.chunks(100_000):
             pass
 
 
-def _scan(data: bytes, name: str, folder: Path, seeds: Path) -> None:
-    path = _written(data, name, folder)
-    _each(lambda: list(open_scans(path).scans()))
+def _scans(path: Path) -> None:
+    list(open_scans(path).scans())
 
 
-def _times(data: bytes, name: str, folder: Path, seeds: Path) -> None:
-    (folder / "0.bin").write_bytes(bytes(16))
-    (folder / "1.bin").write_bytes(bytes(16))
-    _written(data, name, folder)
-    list(open_scans(folder).scans())
+def _times(path: Path) -> None:
+    for name in ("0.bin", "1.bin"):
+        (path.parent / name).write_bytes(bytes(16))
+    _scans(path.parent)
 
 
-def _trajectory(data: bytes, name: str, folder: Path, seeds: Path) -> None:
-    path = _written(data, name, folder)
-    _each(lambda: read_trajectory(path), lambda: read_prior(path))
-
-
-def _positions(data: bytes, name: str, folder: Path, seeds: Path) -> None:
+def _positions(path: Path) -> None:
     """What is not recognised as latitudes and longitudes is refused by the reader of poses."""
-    path = _written(data, name, folder)
     if is_geographic(path):
         read_geographic_prior(path, "EPSG:25832")
     else:
         read_prior(path)
 
 
-def _poses(data: bytes, name: str, folder: Path, seeds: Path) -> None:
-    read_rows(_written(data, name, folder))
-
-
-def _mounting(data: bytes, name: str, folder: Path, seeds: Path) -> None:
-    read_mounting(_written(data, name, folder))
-
-
-def _recording(data: bytes, name: str, folder: Path, seeds: Path) -> None:
-    path = _written(data, name, folder)
-    calls = [lambda: describe(path), lambda: list(open_scans(path).scans())]
-    if not name.endswith(".pcap"):
-        calls += [
-            lambda: read_recorded_poses(path, crs="EPSG:25832"),
-            lambda: read_recorded_poses(path, is_odometry=True),
-        ]
-    _each(*calls)
-
-
-def _transforms(data: bytes, name: str, folder: Path, seeds: Path) -> None:
-    path = _written(data, name, folder)
-    read_recorded_poses(path, frames=("map", "base_link"), sensor_frame="sensor")
-
-
 def _manifest(data: bytes, name: str, folder: Path, seeds: Path) -> None:
-    shutil.copytree(seeds / "city.map", folder / "city.map")
-    _written(data, name, folder / "city.map")
-    _read_map(folder / "city.map")
+    there = folder / "city.map"
+    shutil.copytree(seeds / "city.map", there)
+    (there / name).write_bytes(data)
+    point_map = PointMap.open(there)
+    ground = GroundStore(Folder(there), read_manifest(there))
+    point_map.tiles_within(0.0, 0.0, 100.0)
+    for key in sorted(ground.keys)[:9]:
+        ground.load(key)
 
 
-def _read_map(folder: Path) -> None:
-    point_map = PointMap.open(folder)
-    ground = GroundStore(Folder(folder), read_manifest(folder))
-    _each(
-        lambda: point_map.tiles_within(0.0, 0.0, 100.0), *(partial(ground.load, key) for key in sorted(ground.keys)[:9])
-    )
-
-
-def _dataset(data: bytes, name: str, folder: Path, seeds: Path) -> None:
-    (folder / "scans").mkdir()
+def _dataset(path: Path) -> None:
+    (path.parent / "scans").mkdir()
     for part in ("reference.txt", "prior.txt", "cloud.laz"):
-        (folder / part).write_bytes(b"0")
-    Dataset.open(_written(data, name, folder))
-
-
-def _study(data: bytes, name: str, folder: Path, seeds: Path) -> None:
-    _written(data, name, folder)
-    Study.open(folder)
+        (path.parent / part).write_bytes(b"0")
+    Dataset.open(path)
 
 
 HEAD_OF_FIELD, HEAD_OF_RECORD = struct.Struct("<12sIBI"), struct.Struct("<IIII?q")
@@ -168,18 +117,20 @@ def _message(data: bytes, name: str, folder: Path, seeds: Path) -> None:
 
 
 READERS: dict[str, Reader] = {
-    "cloud": _cloud,
-    "survey": _survey,
-    "scan": _scan,
-    "times": _times,
-    "trajectory": _trajectory,
-    "positions": _positions,
-    "poses": _poses,
-    "mounting": _mounting,
-    "recording": _recording,
-    "transforms": _transforms,
+    "cloud": _of_file(_cloud, _scans),
+    "survey": _of_file(_cloud),  # clouds of a map only: no scan comes so
+    "scan": _of_file(_scans),
+    "times": _of_file(_times),
+    "trajectory": _of_file(read_trajectory, read_prior),
+    "positions": _of_file(_positions),
+    "poses": _of_file(read_rows),
+    "mounting": _of_file(read_mounting),
+    "recording": _of_file(
+        describe, _scans, partial(read_recorded_poses, crs="EPSG:25832"), partial(read_recorded_poses, is_odometry=True)
+    ),
+    "transforms": _of_file(partial(read_recorded_poses, frames=("map", "base_link"), sensor_frame="sensor")),
     "manifest": _manifest,
-    "dataset": _dataset,
-    "study": _study,
+    "dataset": _of_file(_dataset),
+    "study": _of_file(lambda path: Study.open(path.parent)),
     "message": _message,
 }

@@ -22,6 +22,7 @@ from fuzz_worker import input_of, outcome
 
 from maxcon.errors import FileError
 
+pytestmark = pytest.mark.fuzzing
 FOLDER = Path(__file__).parent
 SEED = Seed("made here", "times", "times.txt", b"1.5\n2.5\n")
 

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from maxcon.errors import CrsError, TrajectoryError
 from maxcon.geometry import Pose
 from maxcon.geometry.quaternions import angles_from_quaternions, quaternions_from_angles
+from maxcon.io.crs import GeographicFrame
 from maxcon.io.fixes import Fixes, Orientations, place_fixes
-from maxcon.io.geographic import GeographicFrame
 from maxcon.scan.trajectory import Trajectory
 
 UTM = "EPSG:25832"

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from maxcon.errors import TrajectoryError
+from maxcon.io.crs import GeographicFrame
 from maxcon.io.fixes import Heights
-from maxcon.io.geographic import GeographicFrame
 from maxcon.io.geographic_priors import is_geographic, read_geographic_csv, read_geographic_prior
 from maxcon.io.trajectories import read_trajectory
 

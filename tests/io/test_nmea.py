@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from maxcon.errors import CrsError, FileError, MaxconError, OptionError, TrajectoryError
+from maxcon.io.crs import GeographicFrame
 from maxcon.io.fixes import Heights
-from maxcon.io.geographic import GeographicFrame
 from maxcon.io.geographic_priors import is_geographic, read_geographic_prior
 from maxcon.io.nmea import is_nmea, read_nmea
 from nmea_sentences import clock, gga, rmc, sentence

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from maxcon.errors import CrsError, OptionError, TrajectoryError
 from maxcon.geometry.pose import wrap_angle
 from maxcon.geometry.quaternions import angles_from_quaternions, quaternions_from_angles
-from maxcon.io.geographic import GeographicFrame
+from maxcon.io.crs import GeographicFrame
 from maxcon.scan.trajectory import Trajectory, first_fault
 
 __all__ = ["Fixes", "Heights", "Orientations", "PlacedFixes", "is_place", "place_fixes"]

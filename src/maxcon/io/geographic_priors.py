@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from maxcon.errors import CrsError, TrajectoryError
 from maxcon.geometry.quaternions import quaternions_from_angles
+from maxcon.io.crs import GeographicFrame
 from maxcon.io.fixes import Fixes, Heights, Orientations, PlacedFixes, is_place, place_fixes
-from maxcon.io.geographic import GeographicFrame
 from maxcon.io.nmea import is_nmea, read_nmea
 from maxcon.io.pose_tables import UNCLEAR_HEADINGS, PoseTable, TableColumn, read_pose_table
 from maxcon.io.text import numbered_lines

@@ -99,7 +99,7 @@ def test_the_static_mounting_moves_poses_to_the_scanner(tmp_path):
 
 def test_an_antenna_and_an_imu_with_frames_of_their_own(tmp_path):
     """A position is the antenna's, its orientation the IMU's; both lie in the vehicle as /tf_static says."""
-    from maxcon.io.geographic import GeographicFrame
+    from maxcon.io.crs import GeographicFrame
 
     frame = GeographicFrame("EPSG:25832")
     entries = [STATIC]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from maxcon.io.geographic import GeographicFrame
+from maxcon.io.crs import GeographicFrame
 from maxcon.io.recordings.writing import Entry, RecordingKind, open_writer
 from maxcon.io.scans import Scans, open_scans
 from maxcon.io.trajectories import read_trajectory
