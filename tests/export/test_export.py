@@ -111,10 +111,20 @@ def test_a_parquet_file_that_is_broken(parquet, tmp_path):
         with pytest.raises(FileError, match=r"Expected the poses of a drive in .*poses\.parquet") as refused:
             read_rows(parquet)
         assert "\n" not in str(refused.value)
-    with pytest.raises(FileError, match=r"none\.parquet.*No such file"):
-        read_rows(tmp_path / "none.parquet")
-    with pytest.raises(FileError, match="no file"):
-        read_rows(parquet.parent.rename(tmp_path / "folder.parquet"))
+    for path, words in ((tmp_path / "none.parquet", "No such file"), (tmp_path / "a.parquet", "no file")):
+        (tmp_path / "a.parquet").mkdir(exist_ok=True)
+        with pytest.raises(FileError, match=words):
+            read_rows(path)
+
+
+def back_in_crs(*lonlats):
+    """Positions in the CRS of the poses, from longitude and latitude."""
+    transformer = pyproj.Transformer.from_crs("EPSG:4326", CRS, always_xy=True)
+    return [transformer.transform(*map(float, lonlat)) for lonlat in lonlats]
+
+
+LOCALIZED = [pose for pose in POSES if pose]
+POSITIONS = [pose.position for pose in LOCALIZED]
 
 
 def test_geojson(table, tmp_path):
@@ -122,9 +132,7 @@ def test_geojson(table, tmp_path):
     content = json.loads((tmp_path / "a.geojson").read_text())
     assert content["type"] == "FeatureCollection"
     first, second, _ = content["features"]
-    transformer = pyproj.Transformer.from_crs("EPSG:4326", CRS, always_xy=True)
-    back = transformer.transform(*first["geometry"]["coordinates"])
-    np.testing.assert_allclose(back, POSES[0].position, atol=1e-3)
+    np.testing.assert_allclose(back_in_crs(first["geometry"]["coordinates"]), POSITIONS[:1], atol=1e-3)
     assert first["properties"]["cov_x_x"] == 0.0001
     assert first["properties"]["heading_deg"] == pytest.approx(math.degrees(0.5))
     assert first["properties"]["bearing_deg"] == pytest.approx(90.0 - math.degrees(0.5))
@@ -152,9 +160,7 @@ def test_kml(table, tmp_path):
     places = [point.text.split(",") for point in root.findall(".//k:Point/k:coordinates", space)]
     assert len(places) == 2
     assert root.find(".//k:LineString/k:coordinates", space).text.split() == [",".join(place) for place in places]
-    transformer = pyproj.Transformer.from_crs("EPSG:4326", CRS, always_xy=True)
-    back = [transformer.transform(*map(float, place)) for place in places]
-    np.testing.assert_allclose(back, [pose.position for pose in POSES if pose], atol=1e-3)
+    np.testing.assert_allclose(back_in_crs(*places), POSITIONS, atol=1e-3)
     modes = {mode.text for mode in root.findall(".//k:altitudeMode", space)}
     assert modes == {"clampToGround"}
 
@@ -188,9 +194,8 @@ def test_mcap(table, tmp_path):
     _, fix = found["/fix"][0]
     assert 9.0 < fix.longitude < 10.0 and 52.0 < fix.latitude < 53.0 and fix.altitude == 61.25
     poses = read_recorded_poses(tmp_path / "a.mcap", frames=("crs", "sensor")).trajectory
-    wanted = [pose for pose in POSES if pose]
-    np.testing.assert_allclose(poses.positions, [pose.position for pose in wanted], atol=1e-9)
-    np.testing.assert_allclose(poses.angles, [[p.roll, p.pitch, p.heading] for p in wanted], atol=1e-9)
+    np.testing.assert_allclose(poses.positions, POSITIONS, atol=1e-9)
+    np.testing.assert_allclose(poses.angles, [[p.roll, p.pitch, p.heading] for p in LOCALIZED], atol=1e-9)
     export_poses(table, tmp_path / "b.mcap")  # without a CRS all but the positions on earth
     assert (tmp_path / "b.mcap").exists()
 
@@ -225,56 +230,38 @@ def test_scans_in_the_map(table, tmp_path, suffix):
 
 
 def test_tum_and_kitti(table, tmp_path):
-    wanted = [pose for pose in POSES if pose]
     export_poses(table, tmp_path / "a.tum")
     trajectory = read_trajectory(tmp_path / "a.tum")
     assert trajectory.times.tolist() == [10.0, 12.0]
-    np.testing.assert_allclose(trajectory.positions, [pose.position for pose in wanted], atol=1e-9)
+    np.testing.assert_allclose(trajectory.positions, POSITIONS, atol=1e-9)
     export_poses(table, tmp_path / "a.kitti")
     matrices = np.loadtxt(tmp_path / "a.kitti").reshape(-1, 3, 4)
-    np.testing.assert_allclose(matrices[:, :, 3], [pose.position for pose in wanted], atol=1e-4)
-    np.testing.assert_allclose(matrices[:, :, :3], [pose.rotation for pose in wanted], atol=1e-11)
+    np.testing.assert_allclose(matrices[:, :, 3], POSITIONS, atol=1e-4)
+    np.testing.assert_allclose(matrices[:, :, :3], [pose.rotation for pose in LOCALIZED], atol=1e-11)
     assert np.loadtxt(tmp_path / "a.times.txt").tolist() == [10.0, 12.0]
 
 
-def test_the_two_files_of_kitti_come_together(table, tmp_path, monkeypatch):
-    """What ends the writing of one leaves both as they were: never the times of other poses."""
+@pytest.mark.parametrize("ends_at", ["write_text", "replace"])
+def test_poses_of_kitti_never_stand_beside_the_times_of_others(table, tmp_path, monkeypatch, ends_at):
+    """What ends the writing leaves both files as they were; between the two renames, poses without times."""
     files = [tmp_path / "a.kitti", tmp_path / "a.times.txt"]
     for file in files:
         file.write_text("before")
-    write, written = Path.write_text, []
+    real = getattr(Path, ends_at)
 
-    def write_some(self, *arguments, **options):
-        written.append(self.name)
-        if len(written) == 2:
-            raise KeyboardInterrupt
-        return write(self, *arguments, **options)
-
-    monkeypatch.setattr(Path, "write_text", write_some)
-    with pytest.raises(KeyboardInterrupt):
-        export_poses(table, files[0])
-    assert sorted(written) == sorted(file.name for file in files)
-    assert [file.read_text() for file in files] == ["before", "before"]
-    assert sorted(tmp_path.glob("*a.*")) == files
-
-
-def test_poses_of_kitti_never_stand_beside_the_times_of_others(table, tmp_path, monkeypatch):
-    """Killed between the two renames: poses without times."""
-    files = [tmp_path / "a.kitti", tmp_path / "a.times.txt"]
-    for file in files:
-        file.write_text("before")
-    replace = Path.replace
-
-    def replace_but_times(self, target):
+    def all_but_times(self, *arguments, **options):
         if self.name == "a.times.txt":
             raise KeyboardInterrupt
-        return replace(self, target)
+        return real(self, *arguments, **options)
 
-    monkeypatch.setattr(Path, "replace", replace_but_times)
+    monkeypatch.setattr(Path, ends_at, all_but_times)
     with pytest.raises(KeyboardInterrupt):
         export_poses(table, files[0])
-    assert files[0].read_text() != "before"
-    assert not files[1].exists()
+    if ends_at == "write_text":
+        assert [file.read_text() for file in files] == ["before", "before"]
+        assert sorted(tmp_path.glob("*a.*")) == files
+    else:
+        assert files[0].read_text() != "before" and not files[1].exists()
 
 
 def test_csv_in_degrees_reads_back(table, tmp_path):

@@ -105,7 +105,7 @@ def test_a_section_that_cannot_be_is_named(path, changes, words):
         ({"tile_voxels": 256}, "tile_voxels"),
         ({"crs": 25832}, "crs"),
         *(({"is_signed": text}, "is_signed") for text in (1, "true", "false", None)),  # "false" must not read as true
-        ({"ground_voxels": 4}, "grid of the ground"),
+        ({"ground_voxels": 4}, "ground_voxels"),
         ({"sections": {}}, "no tiles"),
         *(({"sections": sections}, "sections") for sections in (None, ..., [], {"../tiles": {}}, {"tiles\n": {}})),
         *(({"build": {"sources": [{**SOURCE, name: value}]}}, name) for name, value in (

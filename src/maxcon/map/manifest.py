@@ -66,14 +66,10 @@ class ShardTable:
         The shards.
     keys : array, shape (n, 2), int32
         (x, y) of the tiles.
-    n_rows : array, shape (n,), int32
-        Rows of each record: voxels, or heights.
-    n_points : array, shape (n,), int64
-        Map points in the voxels of each record.
-    shards : array, shape (n,), int32
-        Number of the file that each record lies in.
-    offsets, lengths : array, shape (n,), int64
-        First byte of each record in its file, and its number of bytes.
+    n_rows, n_points : array, shape (n,), int32 and int64
+        Rows of each record, voxels or heights, and map points in its voxels.
+    shards, offsets, lengths : array, shape (n,), int32, int64, int64
+        Number of the file that each record lies in, its first byte there, and its number of bytes.
     checksums : array, shape (n, 32), uint8
         SHA-256 of its bytes.
     """
@@ -365,7 +361,8 @@ def read_manifest(map_: str | os.PathLike[str] | MapStorage) -> Manifest:
     if TILES not in sections:
         raise MapError(f"Expected a map of at least one tile in {file}, got no tiles. {REBUILD}")
     if GROUND in sections and found.ground_voxels != ground_voxels(found.cell):
-        raise MapError(f"Expected another grid of the ground in {file}, got {found.ground_voxels} voxels. {REBUILD}")
+        wanted, got = ground_voxels(found.cell), found.ground_voxels
+        raise MapError(f"Expected `ground_voxels` of {wanted} for these voxels in {file}, got {got}. {REBUILD}")
     sections = {GROUND: ShardTable.empty(), **sections}
     return Manifest(
         found.cell, found.origin, found.crs, found.is_signed, sections, content["build"], found.sigma, content["sha256"]

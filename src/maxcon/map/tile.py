@@ -261,9 +261,9 @@ class VoxelLookup:
     Parameters
     ----------
     rows : array, shape (n_tiles + 1, 11), uint64
-        For each tile: z index of its lowest height layer, as the bits of an int64; how many layers there are from
-        there to the highest; the address of their numbers, -1 for none (int32); how many words each column of patches
-        has; the tile's `Addresses`. The first row is for where there is no tile.
+        For each tile: z index of its lowest height layer, as the bits of an int64; how many layers there are up to the
+        highest; the address of `layer_numbers`; how many words each column of patches has; the tile's `Addresses`. The
+        first row is for where there is no tile.
     grid : array, shape (ny, nx), int32
         Rows of the tiles, by their keys.
     corner : tuple of 2 int
