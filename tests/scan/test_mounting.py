@@ -62,13 +62,13 @@ def test_covariances_follow_the_lever_arm():
     """Against drawn errors."""
     rng = np.random.default_rng(5)
     covariance = np.array([[0.04, 0.01, 0.002], [0.01, 0.09, -0.001], [0.002, -0.001, math.radians(1.0) ** 2]])
-    errors = rng.multivariate_normal(np.zeros(3), covariance, 40_000)
+    errors = rng.multivariate_normal(np.zeros(3), covariance, 10_000)
     pose, T_part_sensor = Pose(1.0, 2.0, 3.0, 0.05, -0.1, 0.8), Pose(4.0, -2.0, 1.0, 0.0, 0.0, 0.3)
     one = sensor_trajectory(Trajectory.from_poses([0.0], [pose], covariance[None]), T_part_sensor)
     drawn = [Pose(pose.x + x, pose.y + y, pose.z, pose.roll, pose.pitch, pose.heading + h) for x, y, h in errors]
     sensors = sensor_trajectory(Trajectory.from_poses(np.arange(len(drawn)), drawn), T_part_sensor)
     seen = np.cov(np.column_stack([sensors.positions[:, :2], sensors.angles[:, 2]]).T)
-    np.testing.assert_allclose(one.covariances[0], seen, rtol=0.05, atol=3e-4)
+    np.testing.assert_allclose(one.covariances[0], seen, rtol=0.08, atol=6e-4)
     unknown = Trajectory.from_poses([0.0], [pose], np.full((1, 3, 3), np.nan))
     assert np.isnan(sensor_trajectory(unknown, T_part_sensor).covariances).all()
 

@@ -6,11 +6,10 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from maxcon import Scan
-from maxcon.errors import ArrayError
 from maxcon.io.scans import open_scans
 from maxcon.scan.normals import estimate_scan_normals
 
@@ -81,31 +80,13 @@ def wall(distance, heading=0.0):
     return (-np.sin(heading), -np.cos(heading), 0.0), distance, (-1.7, 8.0)
 
 
-@pytest.mark.parametrize("distance", [4.0, 6.0, 9.0, 12.0, 20.0])
-@pytest.mark.parametrize("heading", [0.0, STREET, 2.9])
+@pytest.mark.parametrize(("distance", "heading"), [(4.0, 0.0), (6.0, STREET), (9.0, 2.9), (20.0, STREET)])
 def test_a_wall(distance, heading):
     points, true = cast(directions(), [wall(distance, heading)])
     normals = estimate_scan_normals(points)
     assert_good(points, true, normals, within=25.0)
     assert_unit_and_turned_to_the_sensor(points, normals)
     assert angle_errors_deg(normals, true)[normals.any(axis=1)].max() < 45.0
-
-
-def test_a_street_at_31_degrees():
-    across = unit(-np.sin(STREET), np.cos(STREET), 0.0)
-    points, true = cast(directions(), [(-across, 6.0, (-1.7, 12.0)), (across, 7.0, (-1.7, 12.0)), GROUND])
-    normals = estimate_scan_normals(points)
-    assert_unit_and_turned_to_the_sensor(points, normals)
-    is_wall = true[:, 2] == 0.0
-    assert_good(points[is_wall], true[is_wall], normals[is_wall], within=25.0)
-
-
-def test_a_tilted_roof():
-    points, true = cast(directions(), [(unit(0.0, -0.6, -0.8), 8.0, (-1.0, 8.0))])
-    normals = estimate_scan_normals(points)
-    near = np.linalg.norm(points, axis=1) < 20.0
-    assert_good(points[near], true[near], normals[near])
-    assert np.median(np.abs(normals[normals.any(axis=1), 2])) == pytest.approx(0.8, abs=0.02)
 
 
 def test_beyond_a_corner_each_wall_keeps_its_own_normal():
@@ -149,14 +130,6 @@ def test_rings_of_unequal_spacing_as_kittis_every_fourth():
         assert np.median(errors[chosen & normals.any(axis=1)]) < bound
 
 
-def test_points_in_any_order_get_the_same_normals():
-    points, _ = cast(directions(), [wall(5.0, STREET), GROUND])
-    normals = estimate_scan_normals(points)
-    for seed in range(3):
-        order = np.random.default_rng(seed).permutation(len(points))
-        np.testing.assert_array_equal(estimate_scan_normals(points[order]), normals[order])
-
-
 def test_turning_the_scan_turns_its_normals():
     points, _ = cast(directions(), [wall(6.0)])
     normals = estimate_scan_normals(points)
@@ -186,27 +159,6 @@ def test_a_wall_behind_the_seam_of_azimuths(side):
     assert np.median(errors[np.pi]) < 1.3 * np.median(errors[0.0]) < 3.0
 
 
-@pytest.mark.parametrize("distance", [3.0, 6.0, 12.0])
-def test_a_single_ring_says_nothing_of_a_wall(distance):
-    beams = directions(1, 1.0, 1.0)
-    points, _ = cast(beams, [wall(distance)], noise=0.01)
-    assert len(points) > 500
-    assert not estimate_scan_normals(points).any()
-    # Noise of 3 cm makes a band of a line: where that passes for a plane, it lies level and constrains nothing.
-    normals = estimate_scan_normals(cast(beams, [wall(distance)], noise=0.03)[0])
-    has_normal = normals.any(axis=1)
-    assert has_normal.mean() < 0.2
-    assert (np.abs(normals[has_normal, 2]) > 0.95).all()
-
-
-@pytest.mark.parametrize("n", range(6))
-def test_fewer_than_six_points_have_no_normals(n):
-    points, _ = cast(directions(), [wall(6.0)])
-    normals = estimate_scan_normals(points[:n])
-    assert normals.shape == (n, 3)
-    assert not normals.any()
-
-
 def test_points_scattered_in_space_have_few_normals():
     points = np.random.default_rng(0).uniform(-20, 20, (2000, 3))
     normals = estimate_scan_normals(points)
@@ -228,7 +180,6 @@ def test_duplicates_and_points_at_the_sensor_do_no_harm():
 
 
 @given(st.integers(0, 2**32), st.integers(0, 200), st.sampled_from([1e-6, 1e-2, 1.0, 50.0, 1e6]))
-@settings(max_examples=60)
 def test_whatever_comes_normals_are_unit_vectors_or_zeros(seed, n, scale):
     rng = np.random.default_rng(seed)
     points = rng.normal(size=(n, 3)) * scale
@@ -294,32 +245,24 @@ def thinned(points, true, voxel=0.25):
     return points[kept], true[kept]
 
 
-def shuffled(points, true):
-    order = np.random.default_rng(0).permutation(len(points))
-    return points[order], true[order]
-
-
-def as_it_came(points, true):
-    return points, true
-
-
-@pytest.mark.parametrize("change", [as_it_came, thinned, shuffled])
-@pytest.mark.parametrize("speed", [0.0, 15.0])
+@pytest.mark.parametrize(("speed", "is_thinned"), [(0.0, False), (15.0, False), (15.0, True)])
 @pytest.mark.parametrize("layout", [*RINGS_DEG, "a cone"])
-def test_whatever_the_layout_walls_get_their_normals(layout, speed, change):
-    points, true = change(*sweep(layout, speed))
+def test_whatever_the_layout_walls_get_their_normals(layout, speed, is_thinned):
+    points, true = sweep(layout, speed)
+    if is_thinned:
+        points, true = thinned(points, true)
     normals = estimate_scan_normals(points)
     assert_unit_and_turned_to_the_sensor(points, normals)
     has_normal = normals.any(axis=1)
     errors = angle_errors_deg(normals, true)[has_normal]
-    assert has_normal.mean() > (0.75 if change is thinned else 0.85)
+    assert has_normal.mean() > (0.75 if is_thinned else 0.85)
     assert np.median(errors) < 3.0
-    assert np.quantile(errors, 0.9) < (12.0 if change is thinned else 6.0)
+    assert np.quantile(errors, 0.9) < (12.0 if is_thinned else 6.0)
     assert (np.abs(normals[has_normal, 2]) > 0.8).mean() < 0.005  # no wall is taken for ground
 
 
 @pytest.mark.parametrize("tilt_deg", [-50.0, -20.0, 0.0, 20.0, 50.0])
-@pytest.mark.parametrize("azimuth_deg", [0.0, 77.0, 145.0, 180.0, -90.0])
+@pytest.mark.parametrize("azimuth_deg", [77.0, 180.0])
 def test_a_plane_at_any_azimuth_and_tilt(azimuth_deg, tilt_deg):
     """Within 25 degrees of its nearest point: there, every ring meets it."""
     azimuth, tilt = np.radians([azimuth_deg, tilt_deg])
@@ -334,9 +277,9 @@ def test_a_plane_at_any_azimuth_and_tilt(azimuth_deg, tilt_deg):
     assert np.median(angle_errors_deg(normals, true)[front & has_normal]) < 3.0
 
 
-@pytest.mark.parametrize("elevation_deg", [-12.0, 0.0, 1.0, 9.0])
+@pytest.mark.parametrize("elevation_deg", [-12.0, 1.0])
 @pytest.mark.parametrize("speed", [0.0, 15.0])
-@pytest.mark.parametrize("noise", [0.0, 0.02, 0.05])
+@pytest.mark.parametrize("noise", [0.0, 0.05])
 def test_a_lone_ring_gives_no_vertical_normals(elevation_deg, speed, noise, monkeypatch):
     monkeypatch.setitem(RINGS_DEG, "one ring", np.array([elevation_deg]))
     points, _ = sweep("one ring", speed, noise, step_deg=0.1)
@@ -388,7 +331,7 @@ def allocation_stats():
 
 
 def test_memory_does_not_grow_with_the_epochs(allocation_stats):
-    beams = directions()
+    beams = directions(step_deg=0.8)
     scans = [cast(beams, [wall(5.0 + 0.1 * i, STREET), GROUND], seed=i)[0] for i in range(5)]
 
     def prepare(n_epochs):
@@ -397,27 +340,20 @@ def test_memory_does_not_grow_with_the_epochs(allocation_stats):
 
     prepare(5)
     before = allocation_stats()
-    prepare(50)
+    prepare(20)
     after = allocation_stats()
-    assert after.alloc - before.alloc == after.free - before.free >= 50
-    assert after.mi_alloc - before.mi_alloc == after.mi_free - before.mi_free >= 50
+    assert after.alloc - before.alloc == after.free - before.free >= 20
+    assert after.mi_alloc - before.mi_alloc == after.mi_free - before.mi_free >= 20
 
     tracemalloc.start()
     try:
         prepare(5)
         held, _ = tracemalloc.get_traced_memory()
         tracemalloc.reset_peak()
-        prepare(50)
+        prepare(20)
         held_after, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
     largest = max(scan.nbytes for scan in scans)
     assert held_after - held < 0.1 * largest
     assert peak - held < 12 * largest
-
-
-def test_what_is_refused():
-    with pytest.raises(ArrayError, match=r"`points` to have shape \(n, 3\), got \(3, 9\)\. Transpose it\?"):
-        estimate_scan_normals(np.zeros((3, 9)))
-    with pytest.raises(ArrayError, match="got 1 of 2 rows with NaN or infinity"):
-        estimate_scan_normals(np.array([[0.0, 0.0, 0.0], [np.inf, 0.0, 0.0]]))

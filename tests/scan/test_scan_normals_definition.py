@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: MIT
 """Normals of a scan against their definition: one point at a time, as the page of the decision tells it.
 
-The definition and the compiled code share numbers (heights, gates, shares), directions (`angle_kernels`, held to
-numpy's by tests of their own) and the guess which window to try first in each band of elevation (`window_kernels`,
-held to a definition by theirs), for where windows begin decides in which one two rings are found. All else is written
-twice. Windows are counted in cells of the grid of elevation and azimuth, here as there: where a window ends, and what
-is picked from it, are part of the result.
+The definition and the compiled code share numbers (heights, gates, ratios), directions (held to numpy's by tests of
+their own) and the guess which window to try first in each band of elevation (`window_kernels`, held to a definition by
+theirs), for where windows begin decides in which one two rings are found. All else is written twice. Windows are
+counted in cells of the grid of elevation and azimuth, here as there: where a window ends, and what is picked from it,
+are part of the result.
 """
 
 from collections import Counter

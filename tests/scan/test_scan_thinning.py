@@ -83,12 +83,7 @@ def test_a_point_with_a_normal_comes_first():
 
 def test_points_on_both_sides_of_the_sensor_and_far_away():
     points = np.array([[-0.1, 0.0, 0.0], [0.1, 0.0, 0.0], [1e300, 0.0, 0.0], [-1e18, 3.0, 0.0], [-1e18, 3.1, 0.0]])
-    assert one_per_cube(points, np.zeros((5, 3)), 0.25).tolist() == [
-        0,
-        1,
-        2,
-        4,
-    ]  # the last is nearer to the middle of its cube
+    assert one_per_cube(points, np.zeros((5, 3)), 0.25).tolist() == [0, 1, 2, 4]  # 4 is nearer to the middle
 
 
 def test_all_points_are_kept_with_an_edge_of_0_and_of_an_empty_scan():

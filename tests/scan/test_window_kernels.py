@@ -1,14 +1,46 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The windows that are tried first, for layouts of which it is known how far their rings are apart."""
+"""Angles of a scan against numpy, and windows tried first, for layouts of which it is known how far rings are apart."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from maxcon.scan import window_kernels as rules
-from maxcon.scan.window_kernels import BANDS, WINDOWS, first_windows
+from maxcon.scan.window_kernels import BANDS, WINDOWS, azimuths_of, elevations_of, extremes, first_windows
+
+COORDINATES = st.one_of(
+    st.floats(-1e3, 1e3), st.sampled_from([0.0, -0.0, 1.0, -1.0, 1e-17, -1e-17, 5e-324, 1e-200, 1e300])
+)
+VALUES = st.one_of(st.floats(-2.0, 2.0), st.sampled_from([0.1, 0.1 + 1e-16, 0.2, -1.0]), st.floats(-1e-9, 1e-9))
+
+
+@given(arrays(np.float64, st.tuples(st.integers(0, 40), st.just(3)), elements=COORDINATES))
+def test_angles_are_those_of_numpy(points):
+    with np.errstate(over="ignore"):
+        level = np.sqrt(points[:, 0] * points[:, 0] + points[:, 1] * points[:, 1])
+    elevations, azimuths = elevations_of(points.ravel()), azimuths_of(points.ravel())
+    for angles, expected in (
+        (elevations, np.arctan2(points[:, 2], level)),
+        (azimuths, np.arctan2(points[:, 1], points[:, 0])),
+    ):
+        np.testing.assert_allclose(angles, expected, rtol=5e-16, atol=1e-323)
+        np.testing.assert_array_equal(np.signbit(angles), np.signbit(expected))
+        assert (np.abs(angles) <= np.pi).all()
+
+
+def test_angles_all_around():
+    true = np.random.default_rng(0).uniform(-np.pi, np.pi, 100_000)
+    points = np.column_stack([np.cos(true), np.sin(true), np.zeros(len(true))])
+    azimuths = azimuths_of(points.ravel())
+    np.testing.assert_allclose(azimuths, np.arctan2(points[:, 1], points[:, 0]), rtol=4e-16, atol=0.0)
+
+
+@given(arrays(np.float64, st.integers(1, 300), elements=VALUES))
+def test_extremes_are_those_of_numpy(values):
+    assert extremes(values) == (values.min(), values.max())
 
 
 def windows_tried_first(elevations_deg, azimuths_deg):
