@@ -22,10 +22,9 @@ from maxcon.io.clouds import open_cloud
 from maxcon.map import TILE_VOXELS
 from maxcon.map.ground import ground_of_points, ground_voxels
 from maxcon.mapping.build import Area
-from maxcon.mapping.build.found_classes import ClassFinder, FoundClasses
-from maxcon.mapping.build.sightings import SightingSpill
-from maxcon.mapping.build.spill import GroundSpill, TileSpill
-from maxcon.mapping.build.tiles import TileMaker
+from maxcon.mapping.build.bucketing import GROUND_POINT, POINT, TileBuckets, ground_records, point_records
+from maxcon.mapping.build.found_classes import OBSERVATION, FoundClasses, observation_records
+from maxcon.mapping.build.tiles import TileJob, TileMaker
 from maxcon.mapping.build.voxel_moments import VoxelMoments
 
 TRUTH = ("ground", "vegetation", "temporary", "unsure", "other")
@@ -44,10 +43,10 @@ def truth_of(classes, arguments):
     return truth
 
 
-def spilled(arguments, folder):
-    """Spill all points twice, as three true classes each beside them, and what was seen when, and the true ground."""
-    spills = [TileSpill(folder / name, arguments.cell) for name in ("a", "b")]
-    seen, ground = SightingSpill(folder / "a", arguments.cell), GroundSpill(folder / "a", arguments.cell)
+def sorted_points(arguments, folder):
+    """Sort all points into tiles twice, true classes beside them, with times of observation and the true ground."""
+    buckets = [TileBuckets(folder / name, POINT, "points") for name in ("a", "b")]
+    seen, ground = (TileBuckets(folder / "a", *kind) for kind in ((OBSERVATION, "seen"), (GROUND_POINT, "ground")))
     area, origin = (Area.parse(arguments.area) if arguments.area else None), None
     for cloud in arguments.clouds:
         with open_cloud(cloud) as reader:
@@ -60,13 +59,15 @@ def spilled(arguments, folder):
                     edge = TILE_VOXELS * arguments.cell
                     origin = np.floor(points[0] / edge) * edge
                 flags = (truth[:, None] == np.arange(len(TRUTH))).astype(np.float32)
-                spills[0].add(points - origin, flags[:, :3])
-                spills[1].add(points - origin, np.column_stack([flags[:, 3:], np.zeros(len(points))]))
-                seen.add(points - origin, None if chunk.times is None else chunk.times[inside])
-                ground.add((points - origin)[truth == 0])
-    for spill in (*spills, seen, ground):
-        spill.complete()
-    return spills, seen, ground
+                buckets[0].add(*point_records(points - origin, flags[:, :3], arguments.cell))
+                others = np.column_stack([flags[:, 3:], np.zeros(len(points))])
+                buckets[1].add(*point_records(points - origin, others, arguments.cell))
+                if chunk.times is not None:
+                    seen.add(*observation_records(points - origin, chunk.times[inside], arguments.cell))
+                ground.add(*ground_records((points - origin)[truth == 0], arguments.cell))
+    for each in (*buckets, seen, ground):
+        each.complete()
+    return buckets, seen, ground
 
 
 def main():
@@ -82,10 +83,10 @@ def main():
         folder = Path(name)
         (folder / "a").mkdir()
         (folder / "b").mkdir()
-        (one, other), seen, true_ground = spilled(arguments, folder)
+        (one, other), seen, true_ground = sorted_points(arguments, folder)
         start = time.process_time()
-        finder = ClassFinder(folder / "a", arguments.cell, seen)
-        maker = TileMaker(one, folder / "a", arguments.cell, has_normals=False, is_signed=False, finder=finder)
+        job = TileJob(folder / "a", arguments.cell, has_normals=False, is_signed=False, drop=frozenset())
+        maker = TileMaker(job, one, seen)
         for key in one.keys:
             maker.gather(key)
         found = FoundClasses(has_times=bool(seen.n_tiles))
@@ -93,9 +94,9 @@ def main():
             found.add(maker.find_classes(key))
         table = np.zeros((256, len(TRUTH)))
         for key in one.keys:
-            first = maker.gathered(key).sides
+            first = maker.moments(key).sides
             second = VoxelMoments.from_records(other.records(key)).sides[:, :2]
-            np.add.at(table, finder.load(key), np.column_stack([first, second]))
+            np.add.at(table, maker.finder.classes(key), np.column_stack([first, second]))
         report(table, found, time.process_time() - start)
         heights(found, true_ground, arguments.cell)
 
@@ -117,9 +118,9 @@ def report(table, found, seconds):
 def heights(found, true_ground, cell):
     """Print how far the found ground lies from the true one."""
     n, differences, n_true = TILE_VOXELS // ground_voxels(cell), [np.empty(0)], 0
-    tiles = {tile.key: tile for tile in found.ground}
+    tiles = {tile.key: tile for tile in found.ground if tile.n_heights}
     for key in true_ground.keys:
-        records = np.concatenate(list(true_ground.records(key)))
+        records = true_ground.load(key)
         true = ground_of_points(records["column"], records["height"], n)[0]
         n_true += np.isfinite(true).sum()
         if key in tiles:

@@ -12,8 +12,8 @@ on the day after, when other cars are parked. `objects` holds an updated map aga
 
 - A voxel of MAP has vanished if at least half of its points are of class vehicle (the clouds say it), and no car of
   the day of the scans is within 15 cm (exact, to its triangles), nor the carriageway. It is in sight if from at least
-  three looks of the drive, nearer than 15 m, a ray to its middle meets nothing before 15 cm behind it.
-- A voxel is new if on at least three looks a point of class vehicle fell in it, and MAP has nothing within two voxels.
+  three observations of the drive, nearer than 15 m, a ray to its middle meets nothing before 15 cm behind it.
+- A voxel is new if on at least three a point of class vehicle fell in it, and MAP has nothing within two voxels.
 - A called voxel is right if it has vanished, or lies within 15 cm of a car of the day of the scans.
 - A car is found if at least half of its voxels are called. An object called is right if half of its voxels are: called
   voxels in cubes of 24 cm that touch, at least 50 of them.
@@ -42,10 +42,10 @@ from maxcon.lab.simulation.sensing.scanners import RotatingScanner
 from maxcon.lab.simulation.worlds.campaign_world import MOST_EPOCHS, CampaignWorld
 from maxcon.lab.simulation.worlds.scan_epochs import EPOCH_STEP, SCAN_START
 from maxcon.map.layout import ALL_BUT_KNOWN, NOT_SEARCHED, SurfaceClass
-from maxcon.mapping.build.placement import Area
+from maxcon.mapping.build import Area
 from maxcon.mapping.update import UpdateOptions
-from maxcon.mapping.update.drives import looks_of
-from maxcon.mapping.update.surfaces import classes_of
+from maxcon.mapping.update.evidence import classes_of
+from maxcon.mapping.update.observations import observations_of
 from maxcon.search.options import SearchMethod
 
 NEAR, NEAR_ROAD = 0.15, 0.15
@@ -180,8 +180,8 @@ def are_in_sight(points, origins, caster):
     return seen >= LEAST_LOOKS
 
 
-def scan_points_on_cars(world, looks, ticks, origin, cell, reach):
-    """Numbers of the voxels that points on cars fell in on at least three looks: in truth, sorted."""
+def scan_points_on_cars(world, observations, ticks, origin, cell, reach):
+    """Numbers of the voxels that points on cars fell in on at least three observations: in truth, sorted."""
     scanner, parts = RotatingScanner(), []
     epochs = world.epochs(MOST_EPOCHS)
     for tick in ticks:
@@ -246,8 +246,8 @@ def hold_against_truth(args):
     origin, cell = np.array(point_map.frame.origin), point_map.cell
     to_city = origin - CITY_ORIGIN
     drives = open_drives(args.drive)
-    looks = looks_of(drives, point_map.frame, options)
-    ticks = [round((look.time - SCAN_START) / EPOCH_STEP) for look in looks]
+    observations = observations_of(drives, point_map.frame, options)
+    ticks = [round((each.time - SCAN_START) / EPOCH_STEP) for each in observations]
     references = [epoch.reference.position for epoch in world.epochs(MOST_EPOCHS)]
     path = cKDTree(np.array([pose.position[:2] for pose in world.mapping.poses()[1][::25]]))
     known = np.sort(numbers(voxels))
@@ -286,7 +286,7 @@ def hold_against_truth(args):
     print(f"new: {len(new):,} voxels called")
     print("  precision, voxels ", share(int(is_right.sum()), len(new)))
     print("  precision, objects", share(*right_objects(new, is_right)[::-1]))
-    seen = voxels_from(scan_points_on_cars(world, looks, ticks, origin, cell, options.reach))
+    seen = voxels_from(scan_points_on_cars(world, observations, ticks, origin, cell, options.reach))
     seen = seen[~has_near(seen, known, 2)]
     middles = (seen + 0.5) * cell + to_city
     _, car = nearest_cars(middles, world.scan_caster.city)

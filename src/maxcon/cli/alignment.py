@@ -114,7 +114,7 @@ def align(
     from maxcon.mapping.align import AlignmentOptions, align_files
 
     options = AlignmentOptions(
-        rounds_by=passes.rounds,
+        passes_by=passes.rounds,
         pause=passes.pause,
         georeference_sigma=passes.georeference_sigma,
         georeference_sigma_deg=passes.georeference_sigma_deg,
@@ -134,49 +134,46 @@ def align(
 
 
 def _describe(found: "Alignment") -> None:
-    """Print how far rounds lay apart and lie apart, and what that says of a map."""
+    """Print how far passes lay apart and lie apart, and what that says of a map."""
     drift = found.adjusted.drift_sigma
     rows = [
-        ("rounds", f"{len(found.rounds)}, told apart by {found.rounds.by}"),
-        ("ties", _ties(found)),
-        ("corrections", f"a motion of each round{f', and drift of {drift:g} m' if drift else ', rigid'}"),
+        ("passes", f"{len(found.passes)}, told apart by {found.passes.by}"),
+        ("matches", _matches(found)),
+        ("corrections", f"a motion of each pass{f', and drift of {drift:g} m' if drift else ', rigid'}"),
     ]
     for name, text in rows:
         typer.echo(f"{name:<12} {text}")
     _table(found)
     typer.echo(
-        f"{'sigma':<12} one round beside the others {found.sigma_before:.4f} m before, {found.sigma_of_round:.4f} m"
+        f"{'sigma':<12} one pass beside the others {found.sigma_before:.4f} m before, {found.sigma_of_pass:.4f} m"
         f" after; a map of all of them {found.sigma_of_map:.4f} m: `map build` finds it in alignment.json"
     )
     in_crs = math.hypot(found.sigma_of_map, found.sigma_of_datum)
     typer.echo(
-        f"{'datum':<12} the mean of the rounds' georeference, known to {found.sigma_of_datum:.3f} m: where answers have"
+        f"{'datum':<12} the mean of the passes' georeference, known to {found.sigma_of_datum:.3f} m: where answers have"
         f" to hold in the CRS, --sigma {in_crs:.3f}"
     )
-    for each in found.tied:
+    for each in found.connectivity:
         if each.words:
             typer.echo(f"{'note':<12} {each.words}")
 
 
-def _ties(found: "Alignment") -> str:
-    from maxcon.mapping.align.residuals import is_contradicted
-
-    n_contradicted = sum(map(is_contradicted, found.adjusted.weights.tolist()))
-    text = f"{len(found.ties):,} matched pairs of visits, {n_contradicted:,} of them contradict the others"
+def _matches(found: "Alignment") -> str:
+    text = f"{len(found.constraints):,} matched pairs of visits, {found.n_contradicted:,} of them contradict the others"
     for words, number in sorted(found.refused.items()):
         text += f"; of {number:,} more {words}"
     return text
 
 
 def _table(found: "Alignment") -> None:
-    """Distances between rounds, pair by pair."""
-    typer.echo(f"{'rounds':<12} {'ties':>5}  {'horizontal, median / 95 % m':>35}  {'height, median m':>18}")
+    """Distances between passes, pair by pair."""
+    typer.echo(f"{'passes':<12} {'pairs':>5}  {'horizontal, median / 95 % m':>35}  {'height, median m':>18}")
     pairs = found.pairs
     for pair in pairs[:MOST_PAIRS]:
-        first, second = (number + 1 for number in pair.rounds)
+        first, second = (number + 1 for number in pair.passes)
         (before, before_95), (after, after_95) = pair.horizontal_before, pair.horizontal_after
         horizontal = f"{before:>7.3f} / {before_95:.3f} -> {after:>7.4f} / {after_95:.4f}"
         height = f"{pair.height_before[0]:>7.3f} -> {pair.height_after[0]:>7.4f}"
-        typer.echo(f"{f'{first} - {second}':<12} {pair.n_ties:>5}  {horizontal}  {height}")
+        typer.echo(f"{f'{first} - {second}':<12} {pair.n_constraints:>5}  {horizontal}  {height}")
     if len(pairs) > MOST_PAIRS:
         typer.echo(f"{'':<12} {len(pairs) - MOST_PAIRS} more pairs in residuals.csv")

@@ -293,12 +293,12 @@ def _describe_ground(manifest: "Manifest") -> str:
 
 def _describe_found(manifest: "Manifest") -> list[tuple[str, str]]:
     """Return a row on the classes that the build found, if it found some: shares of the points."""
-    from maxcon.mapping.build.classes import found_shares
+    from maxcon.mapping.build.classes import found_ratios
 
     found = manifest.build.get("found")
     if found is None:
         return []
-    shares = found_shares(found["n_points"], found["dropped"])
+    shares = found_ratios(found["n_points"], found["dropped"])
     text = ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in shares)
     if found["temporary"]:
         text += f"; temporary objects cannot be found: {found['temporary']}"

@@ -5,7 +5,7 @@
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.dataset import Dataset
 from maxcon.mapping.build.classes import DEFAULT_DROP, parse_classes
-from maxcon.mapping.build.map_options import MapOptions
+from maxcon.mapping.build.options import MapOptions
 
 __all__ = ["dataset_map_options"]
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Scenes of few planes, and rounds of them as LAZ files, each displaced by what is known."""
+"""Scenes of few planes, and passes of them as LAZ files, each displaced by what is known."""
 
 import laspy
 import numpy as np
@@ -75,9 +75,9 @@ def write_las():
 
 
 @pytest.fixture(scope="session")
-def three_rounds(tmp_path_factory, write_las):
-    """Three rounds of the corner in two tiles, with the twists of the rounds about the origin."""
-    folder = tmp_path_factory.mktemp("rounds")
+def three_passes(tmp_path_factory, write_las):
+    """Three passes of the corner in two tiles, with the twists of the passes about the origin."""
+    folder = tmp_path_factory.mktemp("passes")
     rng = np.random.default_rng(0)
     twists = np.column_stack([rng.normal(0.0, 0.06, (3, 3)), rng.normal(0.0, np.radians(0.1), (3, 3))])
     parts, times = [], []

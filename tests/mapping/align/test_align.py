@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Clouds in, clouds out: a corner of two walls and a floor, in three rounds and two tiles."""
+"""Clouds in, clouds out: a corner of two walls and a floor, in three passes and two tiles."""
 
 import csv
 import json
@@ -25,8 +25,8 @@ def coordinates(path):
 
 
 @pytest.fixture(scope="module")
-def aligned(three_rounds, tmp_path_factory):
-    clouds, _twists = three_rounds
+def aligned(three_passes, tmp_path_factory):
+    clouds, _twists = three_passes
     folder = tmp_path_factory.mktemp("aligned")
     trajectory = folder / "vehicle.txt"
     times = np.concatenate([300_000.0 + 100.0 * i + np.arange(0.0, 8.0, 0.5) for i in range(3)])
@@ -39,14 +39,14 @@ def aligned(three_rounds, tmp_path_factory):
     return found, folder / "out", trajectory
 
 
-def test_rounds_come_together(three_rounds, aligned, scene):
+def test_rounds_come_together(three_passes, aligned, scene):
     found, _out, _ = aligned
     assert found.adjusted.drift_sigma == 0.0
     assert found.sigma_before > 0.03
-    assert found.sigma_of_round < 0.002
-    assert found.sigma_of_map == pytest.approx(found.sigma_of_round / np.sqrt(3))
+    assert found.sigma_of_pass < 0.002
+    assert found.sigma_of_map == pytest.approx(found.sigma_of_pass / np.sqrt(3))
     assert 0.05 < found.sigma_of_datum < 0.075
-    _, twists = three_rounds
+    _, twists = three_passes
     corners = scene.origin + [[-9.0, 5.0, 1.0], [6.0, 5.0, 3.0], [6.0, -9.0, 1.0]]
     ends = []
     for number, twist in enumerate(twists):
@@ -59,9 +59,9 @@ def test_rounds_come_together(three_rounds, aligned, scene):
     assert np.linalg.norm((ends.mean(axis=0) - corners).mean(axis=0)) < 3.0 * found.sigma_of_datum
 
 
-def test_only_coordinates_change(three_rounds, aligned):
+def test_only_coordinates_change(three_passes, aligned):
     found, out, _ = aligned
-    for source in three_rounds[0]:
+    for source in three_passes[0]:
         before, after = laspy.read(source), laspy.read(out / f"{source.stem}.laz")
         assert len(before.points) == len(after.points)
         for name in before.point_format.dimension_names:
@@ -70,46 +70,46 @@ def test_only_coordinates_change(three_rounds, aligned):
         assert after.header.parse_crs() == before.header.parse_crs()
         np.testing.assert_array_equal(before.header.scales, after.header.scales)
         points, times = coordinates(source)
-        rounds = found.rounds.at(times)
+        passes = found.passes.at(times)
         origin = np.array([550_000.0, 5_802_000.0, 60.0])
-        wanted = found.adjusted.corrections.moved(points + origin, times, rounds) - origin
+        wanted = found.adjusted.corrections.moved(points + origin, times, passes) - origin
         np.testing.assert_allclose(coordinates(out / f"{source.stem}.laz")[0], wanted, atol=0.00051)
 
 
 def test_the_trajectory_moves_with_its_points(aligned):
     found, out, trajectory = aligned
     before, after = read_trajectory(trajectory), read_trajectory(out / "vehicle.txt")
-    rounds = found.rounds.at(before.times)
-    wanted = found.adjusted.corrections.moved(before.positions, before.times, rounds)
+    passes = found.passes.at(before.times)
+    wanted = found.adjusted.corrections.moved(before.positions, before.times, passes)
     np.testing.assert_allclose(after.positions, wanted, atol=1e-6)
-    turns = found.adjusted.corrections.motions(before.times, rounds)[2]
+    turns = found.adjusted.corrections.motions(before.times, passes)[2]
     np.testing.assert_allclose(after.angles, turns, atol=1e-5)  # from level, small turns are angles
 
 
 def test_tables_say_what_was_found(aligned):
     found, out, _ = aligned
     summary = json.loads((out / "alignment.json").read_text())
-    assert summary["n_ties"] == len(found.ties)
+    assert summary["n_ties"] == len(found.constraints)
     assert summary["sigma"]["of_map"] == pytest.approx(found.sigma_of_map, abs=1e-5)
     assert summary["words"] == []
     rows = {name: list(csv.DictReader((out / name).open())) for name in ("rounds.csv", "residuals.csv", "ties.csv")}
-    assert [row["name"] for row in rows["rounds.csv"]] == ["round 1", "round 2", "round 3"]
+    assert [row["name"] for row in rows["rounds.csv"]] == ["pass 1", "pass 2", "pass 3"]
     assert [(row["round_a"], row["round_b"]) for row in rows["residuals.csv"]] == [("1", "2"), ("1", "3"), ("2", "3")]
     for row in rows["residuals.csv"]:
         assert float(row["horizontal_after_median"]) < 0.1 * float(row["horizontal_before_median"])
-    assert len(rows["ties.csv"]) == len(found.ties)
+    assert len(rows["ties.csv"]) == len(found.constraints)
     assert len(list(csv.DictReader((out / "corrections.csv").open()))) == len(found.adjusted.corrections.knots)
 
 
-def test_threads_change_nothing(three_rounds, aligned, tmp_path):
+def test_threads_change_nothing(three_passes, aligned, tmp_path):
     _, out, trajectory = aligned
-    align_files(three_rounds[0], tmp_path / "out", AlignmentOptions(**PRIOR), trajectories=[trajectory], n_threads=3)
+    align_files(three_passes[0], tmp_path / "out", AlignmentOptions(**PRIOR), trajectories=[trajectory], n_threads=3)
     for file in (tmp_path / "out").iterdir():
         assert file.read_bytes() == (out / file.name).read_bytes(), file.name
 
 
-def test_nothing_is_overwritten(three_rounds, aligned, tmp_path):
-    clouds, _ = three_rounds
+def test_nothing_is_overwritten(three_passes, aligned, tmp_path):
+    clouds, _ = three_passes
     _, out, _ = aligned
     with pytest.raises(FileError, match="not to exist yet"):
         align_files(clouds, out)
@@ -120,9 +120,9 @@ def test_nothing_is_overwritten(three_rounds, aligned, tmp_path):
         align_files(clouds, tmp_path, overwrite=True)
 
 
-def test_only_the_files_of_an_alignment_are_replaced(three_rounds, aligned, tmp_path):
+def test_only_the_files_of_an_alignment_are_replaced(three_passes, aligned, tmp_path):
     """It lists them itself: other clouds and tables that were put beside them stay."""
-    clouds, _ = three_rounds
+    clouds, _ = three_passes
     _, made, trajectory = aligned
     out = tmp_path / "out"
     shutil.copytree(made, out)
@@ -163,25 +163,25 @@ def test_rounds_elsewhere_are_told(tmp_path, write_las, scene):
 
 def test_a_round_elsewhere_stays_and_is_told(tmp_path, write_las, scene):
     rng = np.random.default_rng(0)
-    rounds = [scene.points_on(scene.corner, 60, 0.01, rng) for _ in range(3)]
-    times = np.linspace(0.0, 8.0, len(rounds[0]))
-    rounds[1] += [0.08, 0.03, 0.0]
-    rounds[2] += [500.0, 0.0, 0.0]
+    passes = [scene.points_on(scene.corner, 60, 0.01, rng) for _ in range(3)]
+    times = np.linspace(0.0, 8.0, len(passes[0]))
+    passes[1] += [0.08, 0.03, 0.0]
+    passes[2] += [500.0, 0.0, 0.0]
     clouds = [
         write_las(tmp_path / f"{i}.laz", points, times + 100.0 * i, point_format=1, version="1.2")
-        for i, points in enumerate(rounds)
+        for i, points in enumerate(passes)
     ]
-    found = align_files(clouds, tmp_path / "out", AlignmentOptions(rounds_by="file", **PRIOR))
-    assert [each.group for each in found.tied] == [0, 0, 1]
-    assert "cannot be tied" in found.tied[2].words
+    found = align_files(clouds, tmp_path / "out", AlignmentOptions(passes_by="file", **PRIOR))
+    assert [each.component for each in found.connectivity] == [0, 0, 1]
+    assert "cannot be connected" in found.connectivity[2].words
     np.testing.assert_allclose(coordinates(tmp_path / "out/2.laz")[0], coordinates(clouds[2])[0], atol=1e-6)
     gap = coordinates(tmp_path / "out/1.laz")[0].mean(axis=0) - coordinates(tmp_path / "out/0.laz")[0].mean(axis=0)
     was = coordinates(clouds[1])[0].mean(axis=0) - coordinates(clouds[0])[0].mean(axis=0)
     np.testing.assert_allclose(gap - was, [-0.08, -0.03, 0.0], atol=0.006)
 
 
-def test_what_cannot_be_is_refused(three_rounds, tmp_path, write_las, scene):
-    clouds, _ = three_rounds
+def test_what_cannot_be_is_refused(three_passes, tmp_path, write_las, scene):
+    clouds, _ = three_passes
     for wrong in ({"pause": 0.0}, {"georeference_sigma": -1.0}, {"drift_sigma": np.nan}, {"knot_spacing": 0.1}):
         with pytest.raises(OptionError):
             AlignmentOptions(**wrong)
@@ -202,4 +202,4 @@ def test_rounds_at_the_same_time_have_no_trajectory(tmp_path, write_las, scene):
     trajectory = tmp_path / "t.txt"
     trajectory.write_text("0 0 0 0 0 0 0 1\n8 0 0 0 0 0 0 1\n")
     with pytest.raises(OptionError, match="at the same time"):
-        align_files(clouds, tmp_path / "out", AlignmentOptions(rounds_by="file"), trajectories=[trajectory])
+        align_files(clouds, tmp_path / "out", AlignmentOptions(passes_by="file"), trajectories=[trajectory])

@@ -23,6 +23,10 @@ def assert_same_voxels(one, other, *, normals_too=True):
             np.testing.assert_allclose(normal, other[index][1], atol=1e-5)
 
 
+def files_of(folder):
+    return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
 def left_over(folder):
     return sorted(path.name for path in folder.iterdir())
 

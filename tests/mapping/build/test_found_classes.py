@@ -9,12 +9,10 @@ from maxcon import PointMap
 from maxcon.errors import OptionError
 from maxcon.geometry import voxel_indices
 from maxcon.mapping.build import MapOptions, build_map
-from maxcon.mapping.build.found_classes import ClassFinder, FoundClasses
-from maxcon.mapping.build.ground_filter import ground_heights, lowest_heights
-from maxcon.mapping.build.sightings import SightingSpill
-from maxcon.mapping.build.spill import TileSpill
-from maxcon.mapping.build.temporary import pass_of
-from maxcon.mapping.build.tiles import TileMaker
+from maxcon.mapping.build.bucketing import POINT, TileBuckets, point_records
+from maxcon.mapping.build.found_classes import OBSERVATION, FoundClasses, observation_records, pass_of
+from maxcon.mapping.build.ground import ground_heights, lowest_heights
+from maxcon.mapping.build.tiles import TileJob, TileMaker
 from maxcon.mapping.build.voxel_moments import VoxelMoments
 from maxcon.map import TILE_VOXELS
 
@@ -62,22 +60,21 @@ def slope(x, y):
 def found_in(folder, points, times=None, order=None, n_parts=1):
     """Class of each point, shape (n,), and what was found; points (n, 3) taken in an `order`, in parts."""
     folder.mkdir()
-    spill, seen = TileSpill(folder, CELL), SightingSpill(folder, CELL)
+    buckets, seen = TileBuckets(folder, POINT, "points"), TileBuckets(folder, OBSERVATION, "seen")
     for rows in np.array_split(np.arange(len(points)) if order is None else order, n_parts):
-        spill.add(points[rows], np.zeros((len(rows), 3), np.float32))
-        seen.add(points[rows], None if times is None else times[rows])
-    spill.complete()
-    seen.complete()
-    finder, found = ClassFinder(folder, CELL, seen), FoundClasses(has_times=bool(seen.n_tiles))
-    maker = TileMaker(spill, folder, CELL, has_normals=False, is_signed=False, finder=finder)
-    for key in spill.keys:
+        buckets.add(*point_records(points[rows], np.zeros((len(rows), 3), np.float32), CELL))
+        if times is not None:
+            seen.add(*observation_records(points[rows], times[rows], CELL))
+    maker = TileMaker(TileJob(folder, CELL, has_normals=False, is_signed=False, drop=frozenset()), buckets, seen)
+    found = FoundClasses(has_times=bool(seen.n_tiles))
+    for key in buckets.keys:
         maker.gather(key)
     indices, classes = voxel_indices(points, CELL), np.zeros(len(points), np.uint8)
-    for key in spill.keys:
+    for key in buckets.keys:
         found.add(maker.find_classes(key))
         corner = np.array([key[0] * TILE_VOXELS, key[1] * TILE_VOXELS, 0])
-        voxels = maker.gathered(key).indices + corner
-        class_of = dict(zip(map(tuple, voxels.tolist()), finder.load(key).tolist(), strict=True))
+        voxels = maker.moments(key).indices + corner
+        class_of = dict(zip(map(tuple, voxels.tolist()), maker.finder.classes(key).tolist(), strict=True))
         for row in np.flatnonzero((indices[:, :2] // TILE_VOXELS == key).all(axis=1)):
             classes[row] = class_of[tuple(indices[row].tolist())]
     return classes, found
@@ -197,10 +194,9 @@ def test_the_ground_is_the_same_from_the_tile_beside(tmp_path):
     """What a tile knows of the ground around it is what its neighbour finds there."""
     points = sheet((0.0, 61.0), (0.0, 20.0), slope, 0.1)
     points = np.concatenate([points, box([28.0, 5.0, 0.5], [33.0, 8.0, 9.0])])
-    spill = TileSpill(tmp_path, CELL)
-    spill.add(points, np.zeros((len(points), 3), np.float32))
-    spill.complete()
-    lowest = {key: lowest_heights(VoxelMoments.from_records(spill.records(key)), CELL) for key in spill.keys}
+    buckets = TileBuckets(tmp_path, POINT, "points")
+    buckets.add(*point_records(points, np.zeros((len(points), 3), np.float32), CELL))
+    lowest = {key: lowest_heights(VoxelMoments.from_records(buckets.records(key)), CELL) for key in buckets.keys}
     left, right = (ground_heights(lowest.get, key, CELL, 4) for key in ((0, 0), (1, 0)))
     np.testing.assert_allclose(left[:, -8:], right[:, :8], atol=1e-9)
     assert np.isfinite(left[4:30]).all()

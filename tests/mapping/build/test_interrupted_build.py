@@ -82,6 +82,7 @@ build.build_map([sys.argv[1]], sys.argv[2], n_threads=2)
 """
 
 
+@pytest.mark.kills
 def test_a_killed_build_leaves_no_map(tmp_path, cloud_files, scene):
     path = cloud_files.npz(tmp_path / "a.npz", scene)
     out = tmp_path / "a.map"

@@ -1,27 +1,29 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Sources that do not fit each other, their CRS or the trajectory of the mapping sensor."""
+"""Sources that do not fit each other or the trajectory, and points that are left out of a map: each is counted."""
 
+import laspy
 import numpy as np
 import pytest
 from built_maps import CELL, left_over, trajectory_at
 
 from maxcon import PointMap
-from maxcon.errors import CrsError, OptionError, TrajectoryError
+from maxcon.errors import CrsError, MapError, OptionError, TrajectoryError
 from maxcon.mapping.build import MapOptions, build_map
+from maxcon.mapping.build.classes import class_name, parse_classes
+
+ALL_CLASSES = {1, 2, 3, 4, 5, 6, 7, 18, 22, 64}
 
 
 def test_the_crs_of_the_sources_is_the_maps(tmp_path, cloud_files, some_points):
-    files = [cloud_files.las(tmp_path / f"{k}.laz", some_points, crs="EPSG:25832") for k in "ab"]
-    build_map(files, tmp_path / "a.map")
-    assert "25832" in PointMap.open(tmp_path / "a.map").frame.crs
-    build_map(
-        [cloud_files.npz(tmp_path / "a.npz", some_points)], tmp_path / "b.map", MapOptions(crs="EPSG:25832")
-    )
-    opened = PointMap.open(tmp_path / "b.map")
-    assert "UTM zone 32N" in opened.frame.crs
-    build_map([tmp_path / "a.npz", files[0]], tmp_path / "c.map", MapOptions(crs="EPSG:25832"))
-    build_map([tmp_path / "a.npz"], tmp_path / "d.map")
+    laz = cloud_files.las(tmp_path / "a.laz", some_points, crs="EPSG:25832")
+    npz = cloud_files.npz(tmp_path / "a.npz", some_points)
+    for number, (sources, crs, wanted) in enumerate(
+        [([laz], None, "25832"), ([npz], "EPSG:25832", "UTM zone 32N"), ([npz, laz], "EPSG:25832", "UTM zone 32N")]
+    ):
+        build_map(sources, tmp_path / f"{number}.map", MapOptions(crs=crs))
+        assert wanted in PointMap.open(tmp_path / f"{number}.map").frame.crs
+    build_map([npz], tmp_path / "d.map")
     assert PointMap.open(tmp_path / "d.map").frame.crs is None
 
 
@@ -32,11 +34,7 @@ def test_sources_of_different_crs_are_refused(tmp_path, cloud_files, some_points
     degrees = cloud_files.las(tmp_path / "degrees.laz", some_points, crs="EPSG:4326")
     for sources, crs, words in (
         ([a, b], None, r"in one CRS, but .*a\.laz and .*b\.laz name different ones\. Reproject"),
-        (
-            [a, none],
-            None,
-            r"to name their CRS as .*a\.laz does, but .*none\.npz names none\. Say it with --crs",
-        ),
+        ([a, none], None, r"to name their CRS as .*a\.laz does, but .*none\.npz names none\. Say it with --crs"),
         ([a], "EPSG:25833", r"a\.laz to be in the CRS given, EPSG:25833, but it names another"),
         ([degrees], None, r"projected CRS in metres, got WGS 84 in degree.*Reproject"),
         ([none], "EPSG:4326", "projected CRS in metres, got WGS 84"),
@@ -48,24 +46,22 @@ def test_sources_of_different_crs_are_refused(tmp_path, cloud_files, some_points
     assert not (tmp_path / "x.map").exists()
 
 
-def test_a_trajectory_of_another_time_is_refused(tmp_path, cloud_files, some_points):
-    path = cloud_files.las(tmp_path / "a.laz", some_points, times=np.linspace(1000, 1010, len(some_points)))
-    trajectory = trajectory_at([0.0, 10.0], some_points[:2])
-    with pytest.raises(TrajectoryError, match=r"0\.000 to 10\.000 s, but no point has a pose within 0\.5 s"):
-        build_map([path], tmp_path / "a.map", MapOptions(trajectory=trajectory))
-    timeless = cloud_files.npz(tmp_path / "b.npz", some_points)
-    with pytest.raises(OptionError, match=r"times in .*b\.npz to match with the trajectory, but it has none"):
-        build_map([timeless], tmp_path / "a.map", MapOptions(trajectory=trajectory))
-    assert left_over(tmp_path) == ["a.laz", "b.npz"]
+def test_a_trajectory_that_does_not_fit_is_refused(tmp_path, cloud_files, some_points):
+    def timed(name, start):
+        times = np.linspace(start, start + 10.0, len(some_points))
+        return cloud_files.las(tmp_path / name, some_points, times=times)
 
-
-@pytest.mark.parametrize("is_swapped", [True, False])
-def test_a_trajectory_far_from_the_points_is_refused(tmp_path, cloud_files, some_points, is_swapped):
-    path = cloud_files.las(tmp_path / "a.laz", some_points, times=np.linspace(0.0, 10.0, len(some_points)))
-    elsewhere = some_points[:2][:, [1, 0, 2]] if is_swapped else some_points[:2] + [440_000.0, 0.0, 0.0]
-    with pytest.raises(TrajectoryError, match=r"got x .* in the CRS of the map, and x and y in their places"):
-        build_map([path], tmp_path / "a.map", MapOptions(trajectory=trajectory_at([0.0, 10.0], elsewhere)))
-    assert not (tmp_path / "a.map").exists()
+    here, timeless = some_points[:2], cloud_files.npz(tmp_path / "b.npz", some_points)
+    far, elsewhere = r"got x .* in the CRS of the map, and x and y in their places", timed("c.las", 0.0)
+    for path, positions, kind, words in (
+        (timed("a.laz", 1000.0), here, TrajectoryError, r"0\.000 to 10\.000 s, but no point has a pose within 0\.5 s"),
+        (timeless, here, OptionError, r"times in .*b\.npz to match with the trajectory, but it has none"),
+        (elsewhere, here[:, [1, 0, 2]], TrajectoryError, far),
+        (elsewhere, here + [440_000.0, 0.0, 0.0], TrajectoryError, far),
+    ):
+        with pytest.raises(kind, match=words):
+            build_map([path], tmp_path / "a.map", MapOptions(trajectory=trajectory_at([0.0, 10.0], positions)))
+    assert left_over(tmp_path) == ["a.laz", "b.npz", "c.las"]
 
 
 def test_points_outside_the_trajectory_are_kept_without_a_side(tmp_path, cloud_files, surfaces):
@@ -80,3 +76,84 @@ def test_points_outside_the_trajectory_are_kept_without_a_side(tmp_path, cloud_f
     x = (indices[:, 0] + 0.5) * CELL + opened.frame.origin[0] - surfaces.origin[0]
     assert not normals[x > 15.1].any()
     assert (normals[x < 14.9, 1] < -0.9).mean() > 0.95
+
+
+@pytest.fixture
+def classified(tmp_path, cloud_files, surfaces):
+    points, _ = surfaces.wall(1000, (10, 20), (20, 20))
+    return cloud_files.las(tmp_path / "classified.laz", points, classes=np.repeat(sorted(ALL_CLASSES), 100))
+
+
+@pytest.mark.parametrize(
+    ("options", "dropped"),
+    [
+        ({}, {2, 3, 4, 5, 7, 18, 22}),
+        ({"vehicle_classes": (64,)}, {2, 3, 4, 5, 7, 18, 22, 64}),
+        ({"drop": ["Vegetation", "6"]}, {3, 4, 5, 6}),
+        ({"drop": ["high_vegetation", "NOISE"]}, {5, 7, 18}),
+        ({"drop": ["vehicles"], "vehicle_classes": iter([64, 22])}, {22, 64}),
+        ({"drop": []}, set()),
+    ],
+)
+def test_classes_are_dropped_by_name_and_number(tmp_path, classified, options, dropped):
+    manifest = build_map([classified], tmp_path / "a.map", MapOptions(**options))
+    (source,) = manifest.build["sources"]
+    assert manifest.n_points == 100 * len(ALL_CLASSES - dropped) == source["n_kept"]
+    assert source["n_dropped"] == {str(number): 100 for number in sorted(dropped)}
+    assert source["is_classified"]
+
+
+def test_the_default_drops_nothing_where_classes_are_not_the_asprs_s(tmp_path, cloud_files, some_points):
+    """A PLY's "class" 2 may be anything: buildings, in a well-known data set."""
+    twos = np.full(len(some_points), 2, np.uint8)
+    files = [cloud_files.npz(tmp_path / "a.npz", some_points), cloud_files.las(tmp_path / "b.las", some_points)]
+    files += [cloud_files.npz(tmp_path / "c.npz", some_points, classes=twos)]
+    manifest = build_map(files, tmp_path / "a.map")
+    assert [source["is_classified"] for source in manifest.build["sources"]] == [False, False, False]
+    assert [source["n_kept"] for source in manifest.build["sources"]] == [200, 200, 200]
+    assert manifest.build["drop"]["2"] == "ground"
+    with pytest.raises(MapError, match="none of the"):
+        build_map(files[2:], tmp_path / "b.map", MapOptions(drop=["ground"]))
+    with pytest.raises(OptionError, match=r"classes in .*a\.npz to drop ground, 6, but it has none\. Leave out --drop"):
+        build_map(files[:1], tmp_path / "a.map", MapOptions(drop=["ground", "6"]))
+
+
+def test_points_that_are_not_finite_or_withheld_are_dropped_and_counted(tmp_path, cloud_files, some_points):
+    path = cloud_files.las(tmp_path / "a.las", some_points)
+    las = laspy.read(path)
+    las.withheld[:100] = 1
+    las.write(path)
+    points = some_points.copy()
+    points[::10, 1], points[5::50, 0] = np.nan, np.inf
+    manifest = build_map([path, cloud_files.npz(tmp_path / "a.npz", points)], tmp_path / "a.map")
+    one, other = manifest.build["sources"]
+    assert (one["n_points"], one["n_withheld"], one["n_kept"]) == (200, 100, 100)
+    assert (other["n_points"], other["n_invalid"], other["n_kept"]) == (200, 24, 176)
+    assert manifest.n_points == 276
+
+
+def test_nothing_left_is_no_map(tmp_path, classified, cloud_files):
+    nan = cloud_files.npz(tmp_path / "nan.npz", np.full((30, 3), np.nan))
+    with pytest.raises(MapError, match=r"none of the 30 points in nan\.npz is left"):
+        build_map([nan], tmp_path / "a.map")
+    with pytest.raises(MapError, match=r"none of the 1,000 points in classified\.laz is left"):
+        build_map([classified], tmp_path / "a.map", MapOptions(drop=[str(number) for number in range(256)]))
+    assert left_over(tmp_path) == ["classified.laz", "nan.npz"]
+
+
+def test_classes_by_name_and_number():
+    assert parse_classes(["ground"]) == {2, 11, 20}
+    assert parse_classes([" Vegetation ", "low_vegetation", "17"]) == {3, 4, 5, 17}
+    assert parse_classes([]) == frozenset()
+    assert parse_classes(["vehicle"], [64, 65]) == {64, 65}
+    assert parse_classes(["0", "255"]) == {0, 255}
+    names = ["unclassified", "ground", "high-vegetation", "class 64"]
+    assert [class_name(number) for number in (0, 2, 5, 64)] == names
+    too_large = "9999999999999999999999"
+    for names, vehicles in (
+        *((names, ()) for names in (["vehicle"], ["-1"], ["1.5"], [""], ["²"], ["256"], [too_large])), ([], [256]),
+    ):  # fmt: skip
+        with pytest.raises(OptionError, match="Expected a class number from 0 to 255"):
+            parse_classes(names, vehicles)
+    with pytest.raises(OptionError, match=r"one of unclassified, ground, .*vegetation, got 'cars'.*--vehicle-class 64"):
+        parse_classes(["cars"])

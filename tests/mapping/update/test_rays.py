@@ -9,45 +9,45 @@ from hypothesis import strategies as st
 
 from maxcon import PointMap
 from maxcon.map.tile import VoxelLookup
-from maxcon.mapping.update.ray_kernels import are_far_from_voxels, hide_known_surfaces, sum_around, weigh_look
-from maxcon.mapping.update.reference import is_met, is_seen_through
+from maxcon.mapping.update.ray_kernels import add_observation, are_far_from_voxels, hide_known_surfaces, sum_around
+from maxcon.mapping.update.reference import is_hit, is_miss
 
 CELL = 0.1
 MARGIN = 0.15
 WEIGHTS = (0.85, -0.4, -2.0, 3.5)
 
 
-def seen_through(origin, end, voxel, mean, normal, margin=MARGIN, least_cosine=0.2, reach=50.0):
+def seen_misses(origin, end, voxel, mean, normal, margin=MARGIN, least_cosine=0.2, reach=50.0):
     arrays = (np.array([values]) for values in (voxel, mean, normal))
-    return bool(is_seen_through(np.array(origin), np.array(end), *arrays, CELL, margin, least_cosine, reach)[0])
+    return bool(is_miss(np.array(origin), np.array(end), *arrays, CELL, margin, least_cosine, reach)[0])
 
 
 FRONT = {"voxel": (50, 0, 10), "mean": (5.03, 0.05, 1.05), "normal": (-1.0, 0.0, 0.0)}
 
 
 def test_a_wall_behind_a_vanished_car_shows_that_it_is_gone():
-    assert seen_through((0.0, 0.05, 1.05), (9.0, 0.05, 1.05), **FRONT)
+    assert seen_misses((0.0, 0.05, 1.05), (9.0, 0.05, 1.05), **FRONT)
 
 
 def test_the_end_on_a_surface_does_not_speak_against_it():
-    assert not seen_through((0.0, 0.05, 1.05), (5.03, 0.05, 1.05), **FRONT)
-    assert not seen_through((0.0, 0.05, 1.05), (5.13, 0.05, 1.05), **FRONT)  # noise
+    assert not seen_misses((0.0, 0.05, 1.05), (5.03, 0.05, 1.05), **FRONT)
+    assert not seen_misses((0.0, 0.05, 1.05), (5.13, 0.05, 1.05), **FRONT)  # noise
 
 
 def test_what_is_hidden_is_not_judged():
-    assert not seen_through((0.0, 0.05, 1.05), (3.0, 0.05, 1.05), **FRONT)
+    assert not seen_misses((0.0, 0.05, 1.05), (3.0, 0.05, 1.05), **FRONT)
 
 
 def test_a_ray_beside_the_voxel_says_nothing():
-    assert not seen_through((0.0, 0.15, 1.05), (9.0, 0.15, 1.05), **FRONT)
+    assert not seen_misses((0.0, 0.15, 1.05), (9.0, 0.15, 1.05), **FRONT)
 
 
 def test_a_ray_the_other_way_says_nothing():
-    assert not seen_through((6.0, 0.05, 1.05), (9.0, 0.05, 1.05), **FRONT)
+    assert not seen_misses((6.0, 0.05, 1.05), (9.0, 0.05, 1.05), **FRONT)
 
 
 def test_beyond_the_reach_nothing_is_judged():
-    assert not seen_through((0.0, 0.05, 1.05), (9.0, 0.05, 1.05), **FRONT, reach=5.0)
+    assert not seen_misses((0.0, 0.05, 1.05), (9.0, 0.05, 1.05), **FRONT, reach=5.0)
 
 
 @pytest.mark.parametrize("distance", [3.0, 8.0, 20.0])
@@ -59,25 +59,25 @@ def test_a_road_seen_at_a_flat_angle_is_not_carved(distance):
     normals = np.tile([0.0, 0.0, 1.0], (len(road), 1))
     for shift in (-0.03, 0.0, 0.03):  # of the pose
         origin, end = np.array([0.0, 0.05, height + shift]), np.array([distance, 0.05, 0.02 + shift])
-        assert not is_seen_through(origin, end, np.array(road), means, normals, CELL, MARGIN, 0.01, 50.0).any()
+        assert not is_miss(origin, end, np.array(road), means, normals, CELL, MARGIN, 0.01, 50.0).any()
 
 
 def test_a_voxel_without_a_normal_takes_a_close_ray_and_twice_the_margin():
     bush = {"voxel": (50, 0, 10), "mean": (5.05, 0.05, 1.05), "normal": (0.0, 0.0, 0.0)}
-    assert seen_through((0.0, 0.05, 1.05), (9.0, 0.05, 1.05), **bush)
-    assert seen_through((0.0, 0.05, 1.05), (5.05 + 2.0 * MARGIN + 0.01, 0.05, 1.05), **bush)
-    assert not seen_through((0.0, 0.05, 1.05), (5.05 + 2.0 * MARGIN - 0.01, 0.05, 1.05), **bush)
-    assert not seen_through((0.0, 0.002, 1.002), (9.0, 0.002, 1.002), **bush)
+    assert seen_misses((0.0, 0.05, 1.05), (9.0, 0.05, 1.05), **bush)
+    assert seen_misses((0.0, 0.05, 1.05), (5.05 + 2.0 * MARGIN + 0.01, 0.05, 1.05), **bush)
+    assert not seen_misses((0.0, 0.05, 1.05), (5.05 + 2.0 * MARGIN - 0.01, 0.05, 1.05), **bush)
+    assert not seen_misses((0.0, 0.002, 1.002), (9.0, 0.002, 1.002), **bush)
 
 
 def test_a_flat_ray_says_nothing():
     side = {"voxel": (50, 0, 10), "mean": (5.05, 0.05, 1.05), "normal": (0.0, 1.0, 0.0)}
-    assert not seen_through((0.0, -0.05, 1.05), (20.0, 0.35, 1.05), **side, margin=0.001)
+    assert not seen_misses((0.0, -0.05, 1.05), (20.0, 0.35, 1.05), **side, margin=0.001)
 
 
 def test_an_end_meets_its_voxel_and_those_around():
     voxels = np.array([(x, y, 0) for x in range(-3, 4) for y in range(-3, 4)])
-    met = is_met(np.array([0.05, 0.05, 0.05]), voxels, CELL)
+    met = is_hit(np.array([0.05, 0.05, 0.05]), voxels, CELL)
     assert {tuple(v) for v in voxels[met].tolist()} == {(x, y, 0) for x in (-1, 0, 1) for y in (-1, 0, 1)}
 
 
@@ -101,13 +101,13 @@ class Kept:
         self.offsets = np.concatenate([[0, 0], np.cumsum(sizes)[:-1]]).astype(np.int64)
         n = sum(sizes)
         self.log_odds = np.zeros(n, np.float32)
-        self.n_met, self.n_through = np.zeros(n, np.int32), np.zeros(n, np.int32)
-        self.met_in, self.judged_in = np.full((n, 2), -1, np.int32), np.full(n, -1, np.int32)
+        self.n_hits, self.n_misses = np.zeros(n, np.int32), np.zeros(n, np.int32)
+        self.hit_in, self.seen_in = np.full((n, 2), -1, np.int32), np.full(n, -1, np.int32)
 
-    def weigh(self, origin, ends, look, margins, reach=4.0):
-        weigh_look(
+    def add(self, origin, ends, look, margins, reach=4.0):
+        add_observation(
             origin, ends, look, CELL, margins, 0.2, reach, WEIGHTS, *self.table, self.offsets, self.log_odds,
-            self.n_met, self.n_through, self.met_in, self.judged_in,
+            self.n_hits, self.n_misses, self.hit_in, self.seen_in,
         )  # fmt: skip
 
 
@@ -120,42 +120,42 @@ def test_the_compiled_walk_is_the_definition(seed):
     means = np.concatenate([tile.mean_points(CELL) for tile in tiles])
     normals = np.concatenate([tile.normals for tile in tiles]).astype(np.float64)
     log_odds = np.zeros(len(voxels), np.float32)
-    met_in = np.full((len(voxels), 2), -1)
-    n_met, n_through = np.zeros(len(voxels), int), np.zeros(len(voxels), int)
+    hit_in = np.full((len(voxels), 2), -1)
+    n_hits, n_misses = np.zeros(len(voxels), int), np.zeros(len(voxels), int)
     hit, miss, lowest, highest = WEIGHTS
     for look in range(6):
         origin = rng.uniform(-3.0, 3.0, 3)
         ends = rng.uniform(-4.0, 4.0, (60, 3))
         margins = rng.uniform(0.02, 0.2, len(ends))
-        kept.weigh(origin, ends, look, margins)
+        kept.add(origin, ends, look, margins)
         near = [end for end in ends if ((end - origin) ** 2).sum() <= 16.0]
-        met = np.any([is_met(end, voxels, CELL) for end in near] or [np.zeros(len(voxels), bool)], axis=0)
+        met = np.any([is_hit(end, voxels, CELL) for end in near] or [np.zeros(len(voxels), bool)], axis=0)
         through = np.any(
             [
-                is_seen_through(origin, end, voxels, means, normals, CELL, margin, 0.2, 4.0)
+                is_miss(origin, end, voxels, means, normals, CELL, margin, 0.2, 4.0)
                 for end, margin in zip(ends, margins, strict=True)
             ],
             axis=0,
         )
         through &= ~met  # what a look met it did not see through
-        n_met, n_through = n_met + met, n_through + through
+        n_hits, n_misses = n_hits + met, n_misses + through
         change = np.where(met, hit, np.where(through, miss, 0.0)).astype(np.float32)
         log_odds = np.clip(log_odds + change, np.float32(lowest), np.float32(highest))
-        met_in[met & (met_in[:, 0] < 0), 0] = look
-        met_in[met, 1] = look
-    np.testing.assert_array_equal(kept.n_met, n_met)
-    np.testing.assert_array_equal(kept.n_through, n_through)
+        hit_in[met & (hit_in[:, 0] < 0), 0] = look
+        hit_in[met, 1] = look
+    np.testing.assert_array_equal(kept.n_hits, n_hits)
+    np.testing.assert_array_equal(kept.n_misses, n_misses)
     np.testing.assert_array_equal(kept.log_odds, log_odds)
-    np.testing.assert_array_equal(kept.met_in, met_in)
-    assert n_through.sum() > 0
+    np.testing.assert_array_equal(kept.hit_in, hit_in)
+    assert n_misses.sum() > 0
 
 
 def test_a_look_counts_once_however_many_rays_it_has():
     tiles = random_map(np.random.default_rng(1))
     kept = Kept(tiles)
     end = tiles[0].mean_points(CELL)[:1]
-    kept.weigh(np.array([5.0, 5.0, 5.0]), np.repeat(end, 10, axis=0), 0, np.full(10, 0.1), reach=50.0)
-    assert kept.n_met.max() == 1
+    kept.add(np.array([5.0, 5.0, 5.0]), np.repeat(end, 10, axis=0), 0, np.full(10, 0.1), reach=50.0)
+    assert kept.n_hits.max() == 1
 
 
 @given(st.integers(0, 2**32 - 1))

@@ -68,7 +68,7 @@ def inside(points, box, margin=0.1):
     return ((points >= low - margin) & (points <= high + margin)).all(axis=1)
 
 
-def test_what_was_seen_through_is_gone(updated):
+def test_what_was_seen_misses_is_gone(updated):
     gone = voxels_of(updated, SurfaceClass.GONE)
     assert inside(gone, CAR).all()
     left = voxels_of(updated, SurfaceClass.KNOWN)
@@ -142,7 +142,7 @@ def test_one_place_says_nothing_however_long(street, tmp_path):
 
 def test_tiles_come_and_go_from_memory_without_a_trace(street, updated, tmp_path, monkeypatch):
     """Looks one by one, the tiles of each read for it: the same bytes as all at once."""
-    monkeypatch.setattr("maxcon.mapping.update.gathering.MOST_VOXELS", 1)
+    monkeypatch.setattr("maxcon.mapping.update.evidence.MOST_VOXELS", 1)
     update_map(street, [drive(with_passing_car)], tmp_path / "next.map")
     assert list(checksums(tmp_path / "next.map").values()) == list(checksums(updated).values())
 

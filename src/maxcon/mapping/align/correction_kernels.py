@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Compiled: points moved by the corrections of their rounds and times. Arrays in, arrays out."""
+"""Compiled: points moved by the corrections of their passes and times. Arrays in, arrays out."""
 
 import numpy as np
 from numba import njit
@@ -22,14 +22,14 @@ def _rotated(x, y, z, a, b, c):
 
 
 @njit(nogil=True, cache=True)
-def move(points, times, rounds, centres, wholes, starts, steps, firsts, knot_centres, knots, moved):
+def move(points, times, passes, centres, wholes, starts, steps, firsts, knot_centres, knots, moved):
     """Move points as `Corrections.motions` says.
 
-    points : (n, 3), global, m; times : (n,), s; rounds : (n,), numbers; then the arrays of `Corrections`; moved :
+    points : (n, 3), global, m; times : (n,), s; passes : (n,), numbers; then the arrays of `Corrections`; moved :
     (n, 3), out, global, m.
     """
     for i in range(points.shape[0]):
-        number = rounds[i]
+        number = passes[i]
         n_knots = firsts[number + 1] - firsts[number]
         at = (times[i] - starts[number]) / steps[number]
         before = min(max(np.int64(np.floor(at)), 0), n_knots - 2)

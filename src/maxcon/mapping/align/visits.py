@@ -1,22 +1,33 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Visits: what one round measured of one place in one pass, thinned to planes and to points on them."""
+"""Visits: what one pass measured of one place, and the pose of one visit relative to another, by `refine`."""
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.map import PointMap
-from maxcon.mapping.build.spill import RECORD
-from maxcon.mapping.build.voxel_moments import VoxelMoments, voxel_keys
-from maxcon.mapping.build.voxel_normals import plane_normals
+from maxcon.geometry import Pose
+from maxcon.map import PointMap, TileKey
+from maxcon.mapping.align.corrections import Corrections, pose_of_twist
+from maxcon.mapping.build.bucketing import POINT, TileBuckets
+from maxcon.mapping.build.voxel_moments import VoxelMoments, plane_normals, voxel_keys
+from maxcon.refine import Refined, covariance, refine
 from maxcon.refine.adjustment import THINNING
 from maxcon.scan import Scan, one_per_cube
 
-__all__ = ["Visit", "load_visits", "save_visits", "visits_of"]
+__all__ = ["PLACE_EDGE", "PLACE_POINT", "Constraint", "Places", "Visit", "match_visits", "visits_of"]
+
+PLACE_EDGE = 24.0
+"""Edge of the squares in which passes are matched, m: both sides of a street fit in."""
+PLACE_POINT = np.dtype([("time", "<f8"), ("pass", "<i2"), ("inside", "<f4", 3)])
+"""One point: its time (s), the number of its pass, and its position from the middle of its place (m)."""
+MOST_POINTS = 4_000_000
+"""Points of a place in memory, 90 MB; of more, every n-th is taken."""
 
 CELL = 0.12
 """Voxel edge of the planes, m: partners are looked for within five of them, as far as the first gate."""
@@ -31,27 +42,70 @@ LEAST_PLANES = 300
 """Visits with fewer points, or fewer voxels with a normal, are left out."""
 ARRAYS = ("planes", "normals", "points", "point_normals")
 
+LEAST_PAUSE = 60.0
+"""Visits of one pass are matched if so much time, s, lies between them: until then errors hardly change."""
+MATCH_FLOOR = 0.001
+"""Smallest standard deviation of a match, m: two visits see different points of rough walls."""
+LEAST_POINTS_ON_PLANES = 150
+LEAST_RATIO = 0.3
+"""Fewest points of a visit that must lie on planes of the other, and their ratio: with fewer it may be wrong."""
+NORMAL_NOISE = math.radians(2.0)
+"""Of fitted normals, rad. It alone lets thousands of points on walls along a street seem to fix a position along it."""
+LEAST_OVER_NOISE = 5.0
+"""A direction counts as not determined if the points give less than so many times the information of such noise."""
+OPEN_SIGMA, OPEN_ARM = 1.0, 10.0
+"""Standard deviation along such a direction, m: ten times a usual prior's. That of turns holds at this arm, m."""
+FARTHEST = 0.6
+"""Largest distance of a partner in the adjustment, m."""
+MOST_VISITS = 8
+"""All pairs of up to so many visits to a place are matched; of more visits, each with the next four."""
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Visit:
-    """What one round measured of one place; frame: axes of the map, origin in the middle of the place.
+
+class Places:
+    """Points of all passes sorted into squares, on disk where they are many, 22 bytes a point.
 
     Parameters
     ----------
-    round : int
-        Number of the round.
-    time : float
-        Mean of the points' times, s.
-    planes, normals : array, shape (k, 3), float32
-        Means of the points of voxels, m, and unit normals of the surface there.
-    points, point_normals : array, shape (n, 3), float32
-        Some measured points, one in 0.4 m, and normals of their voxels.
+    folder : Path
+        For files; the caller removes it.
+    origin : array, shape (3,)
+        Corner of place (0, 0), global, m.
     """
 
-    round: int
-    time: float
+    def __init__(self, folder: Path, origin: NDArray[np.float64]) -> None:
+        self.buckets = TileBuckets(folder, PLACE_POINT, "points")
+        self._origin = origin
+
+    def middle(self, key: TileKey) -> NDArray[np.float64]:
+        """Middle of a place at the height of the origin, shape (3,), global, m."""
+        return self._origin + [(key[0] + 0.5) * PLACE_EDGE, (key[1] + 0.5) * PLACE_EDGE, 0.0]
+
+    def add(self, points: NDArray[np.float64], times: NDArray[np.float64], passes: NDArray[np.integer]) -> None:
+        """Take points, shape (n, 3), global, m, with their times (s) and the numbers of their passes, (n,) each."""
+        inside = points - self._origin
+        keys = np.floor(inside[:, :2] / PLACE_EDGE).astype(np.int32)
+        inside[:, :2] -= (keys + 0.5) * PLACE_EDGE
+        records = np.empty(len(points), PLACE_POINT)
+        records["time"], records["pass"], records["inside"] = times, passes, inside
+        self.buckets.add(keys, records)
+
+    def points(self, key: TileKey) -> NDArray[np.void]:
+        """Points of a place (`PLACE_POINT`) in the order they came; every n-th where there are too many."""
+        every = -(-sum(len(part) for part in self.buckets.records(key)) // MOST_POINTS)
+        parts = self.buckets.records(key, every * (MOST_POINTS // every))  # each begins with one that is taken
+        return np.concatenate([part[::every] for part in parts])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Visit:
+    """What one pass measured of one place; frame: axes of the map, origin in the middle of the place."""
+
+    pass_: int  # Number of the pass
+    time: float  # Mean of the points' times, s
+    # (k, 3): Means of the points of voxels, m, and unit normals of the surface there
     planes: NDArray[np.float32]
     normals: NDArray[np.float32]
+    # (n, 3): Some measured points, one in 0.4 m, and normals of their voxels
     points: NDArray[np.float32]
     point_normals: NDArray[np.float32]
 
@@ -65,47 +119,33 @@ class Visit:
         """The points as a scan, to be matched with another visit."""
         return Scan(self.points, self.point_normals)
 
+    @staticmethod
+    def to_arrays(visits: "Sequence[Visit]") -> dict[str, NDArray[Any]]:
+        """Return all arrays of some visits by name."""
+        arrays = {f"{name}_{i}": getattr(visit, name) for i, visit in enumerate(visits) for name in ARRAYS}
+        passes, times = (np.array([getattr(visit, name) for visit in visits]) for name in ("pass_", "time"))
+        return {"passes": passes, "times": times, **arrays}
 
-def visits_of(records: NDArray[np.void], edge: float) -> list[Visit]:
-    """Return the visits to a place that saw enough of it, by round and time.
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> "list[Visit]":
+        """Return the visits of `to_arrays`."""
+        numbers = zip(arrays["passes"].tolist(), arrays["times"].tolist(), strict=True)
+        return [cls(*each, *(arrays[f"{name}_{i}"] for name in ARRAYS)) for i, each in enumerate(numbers)]
 
-    Parameters
-    ----------
-    records : array
-        Points of the place (`PLACE_RECORD`).
-    edge : float
-        Edge of the place, m.
-    """
+
+def visits_of(records: NDArray[np.void]) -> list[Visit]:
+    """Return the visits to a place that saw enough of it, by pass and time, from its points (`PLACE_POINT`)."""
     found = []
-    for number in np.unique(records["round"]).tolist():
-        of_round = records[records["round"] == number]
-        of_round = of_round[np.argsort(of_round["time"], kind="stable")]
-        for part in _parts(of_round):
-            visit = _visit(number, float(part["time"].mean()), part["inside"].astype(np.float64), edge)
-            if visit is not None:
-                found.append(visit)
+    for number in np.unique(records["pass"]).tolist():
+        of_pass = records[records["pass"] == number]
+        of_pass = of_pass[np.argsort(of_pass["time"], kind="stable")]
+        visits = (_visit(number, float(part["time"].mean()), part["inside"]) for part in _parts(of_pass))
+        found += [visit for visit in visits if visit is not None]
     return found
 
 
-def save_visits(path: Path, visits: list[Visit]) -> None:
-    """Write visits to an uncompressed NPZ file."""
-    arrays = {f"{name}_{i}": getattr(visit, name) for i, visit in enumerate(visits) for name in ARRAYS}
-    times, rounds = np.array([visit.time for visit in visits]), np.array([visit.round for visit in visits])
-    with path.open("wb") as file:
-        np.savez(file, times=times, rounds=rounds, **arrays)
-
-
-def load_visits(path: Path) -> list[Visit]:
-    """Read what `save_visits` wrote."""
-    with np.load(path, allow_pickle=False) as arrays:
-        return [
-            Visit(number, time, *(arrays[f"{name}_{i}"] for name in ARRAYS))
-            for i, (number, time) in enumerate(zip(arrays["rounds"].tolist(), arrays["times"].tolist(), strict=True))
-        ]
-
-
 def _parts(records: NDArray[np.void]) -> Iterator[NDArray[np.void]]:
-    """Points of single visits of one round, from points by time."""
+    """Points of single visits of one pass, from points by time."""
     is_new = np.diff(records["time"], prepend=records["time"][:1]) > LONGEST_GAP
     for group in np.split(records, np.flatnonzero(is_new)):
         if len(group) < LEAST_POINTS:
@@ -113,19 +153,25 @@ def _parts(records: NDArray[np.void]) -> Iterator[NDArray[np.void]]:
         since = group["time"] - group["time"][0]
         n_visits = max(1, int(np.ceil(since[-1] / LONGEST_VISIT)))
         number = np.minimum((since * n_visits / max(since[-1], 1e-9)).astype(np.int64), n_visits - 1)
-        for part in np.split(group, np.flatnonzero(np.diff(number)) + 1):
-            if len(part) >= LEAST_POINTS:
-                yield part
+        parts = np.split(group, np.flatnonzero(np.diff(number)) + 1)
+        yield from (part for part in parts if len(part) >= LEAST_POINTS)
 
 
-def _visit(number: int, time: float, points: NDArray[np.float64], edge: float) -> Visit | None:
-    """Return a visit of these points (n, 3), m from the middle of the place; None if they lie on too few planes."""
-    moments, voxel_of_point, corner = _moments(points, edge)
+def _visit(number: int, time: float, inside: NDArray[np.float32]) -> Visit | None:
+    """Return a visit of points (n, 3), m from the middle of the place; None if they lie on too few planes."""
+    points = inside.astype(np.float64)
+    corner = np.array([*[-0.5 * PLACE_EDGE - MARGIN * CELL] * 2, 0.0])
+    indices = np.floor((points - corner) / CELL).astype(np.int32)
+    records = np.zeros(len(points), POINT)
+    records["column"], records["layer"] = indices[:, :2], indices[:, 2]
+    records["inside"] = points - corner - indices * CELL
+    moments = VoxelMoments.from_records([records])
     normals = plane_normals(moments, CELL, np.ones(len(moments), bool))
     has_normal: NDArray[np.bool_] = np.asarray(normals.any(axis=1))
     if np.count_nonzero(has_normal) < LEAST_PLANES:
         return None
     means = moments.indices * CELL + corner + moments.sums / moments.counts[:, None]
+    voxel_of_point = np.searchsorted(moments.keys, voxel_keys(indices))
     of_points = normals[voxel_of_point]
     rows = np.flatnonzero(has_normal[voxel_of_point])
     kept = rows[one_per_cube(points[rows], of_points[rows], THINNING, by_lot=True)]
@@ -133,13 +179,97 @@ def _visit(number: int, time: float, points: NDArray[np.float64], edge: float) -
     return Visit(number, time, *(array.astype(np.float32) for array in arrays))
 
 
-def _moments(points: NDArray[np.float64], edge: float) -> tuple[VoxelMoments, NDArray[np.int64], NDArray[np.float64]]:
-    """Moments of the voxels of points (n, 3), m; the row of each point's voxel; the corner of the grid, m."""
-    corner = np.array([-0.5 * edge - MARGIN * CELL, -0.5 * edge - MARGIN * CELL, 0.0])
-    places = points - corner
-    indices = np.floor(places / CELL).astype(np.int32)
-    records = np.zeros(len(points), RECORD)
-    records["column"], records["layer"] = indices[:, :2], indices[:, 2]
-    records["inside"] = places - indices * CELL
-    moments = VoxelMoments.from_records([records])
-    return moments, np.searchsorted(moments.keys, voxel_keys(indices)), corner
+@dataclass(frozen=True, slots=True, eq=False)
+class Constraint:
+    """The measured pose of one visit to a place relative to another: an edge of the pose graph."""
+
+    place: NDArray[np.float64]  # (3,): Middle of the place, global, m
+    passes: tuple[int, int]  # Numbers of the passes
+    times: tuple[float, float]  # Of the visits, s
+    # T_first_second, axes of the map, origin in the middle of the place: it moves points of the second visit
+    # onto surfaces of the first, both uncorrected
+    pose: Pose
+    covariance: NDArray[np.float64]  # (6, 6): Of its x, y, z, roll, pitch and heading, m^2, m rad and rad^2
+    ratio: float  # Ratio of the second visit's points that lie on planes of the first
+    fault: str = ""  # Why the match is not used; empty if it is
+
+
+def match_visits(middle: NDArray[np.float64], visits: Sequence[Visit], corrections: Corrections) -> list[Constraint]:
+    """Match the visits to a place with each other.
+
+    Parameters
+    ----------
+    middle : array, shape (3,)
+        Of the place, global, m.
+    visits : sequence of Visit
+        In order of passes and times.
+    corrections : Corrections
+        Corrections found so far: each match starts from poses corrected by them.
+
+    Notes
+    -----
+    k visits have k (k - 1) / 2 pairs, but only k - 1 independent differences: covariances are made k / 2 times as
+    large, so that all pairs together weigh as much as the independent ones.
+    """
+    pairs = _pairs(visits)
+    matched = sorted({number for pair in pairs for number in pair})
+    repetition = max(1.0, len(pairs) / max(1, len(matched) - 1))
+    motions = {
+        number: pose_of_twist(corrections.twist_at(middle, visits[number].time, visits[number].pass_))
+        for number in matched
+    }
+    maps = {number: visits[number].point_map for number in sorted({one for one, _ in pairs})}
+    scans = {number: visits[number].scan for number in sorted({other for _, other in pairs})}
+    constraints = []
+    for one, other in pairs:
+        refined = refine(scans[other], maps[one], motions[one].inverse @ motions[other])
+        ratio = refined.n_planes / len(scans[other])
+        known = repetition * covariance(refined, MATCH_FLOOR) + _open_covariance(refined)
+        passes, times = (visits[one].pass_, visits[other].pass_), (visits[one].time, visits[other].time)
+        constraints.append(Constraint(middle, passes, times, refined.pose, known, ratio, _fault(refined, ratio)))
+    return constraints
+
+
+def _open_covariance(refined: Refined) -> NDArray[np.float64]:
+    """Covariance (6, 6) to be added along directions that only the noise of normals seems to determine.
+
+    A point on a plane of normal n adds n n' to the information on a shift; where n has noise of s (rad), on average
+    n n' + s^2 (I - n n'). A direction in which the sum over all points hardly exceeds that of the second term is open.
+    """
+    from scipy.linalg import eigh
+
+    rows = np.flatnonzero(refined.weights)
+    if len(rows) < LEAST_POINTS_ON_PLANES:
+        return np.zeros((6, 6))
+    arms = refined.points[rows] @ refined.pose.rotation.T
+    motions = np.zeros((len(rows), 3, 6))  # derivatives of each point by a shift and a turn
+    motions[:, [0, 1, 2], [0, 1, 2]] = 1.0
+    x, y, z = arms.T
+    motions[:, 0, 4], motions[:, 0, 5] = z, -y
+    motions[:, 1, 3], motions[:, 1, 5] = -z, x
+    motions[:, 2, 3], motions[:, 2, 4] = y, -x
+    roots = np.sqrt(refined.weights[rows])
+    along = roots[:, None] * np.einsum("ni,nij->nj", refined.planes[rows, :3], motions)
+    anyhow = (roots[:, None, None] * motions).reshape(-1, 6)
+    noise = NORMAL_NOISE**2 * (anyhow.T @ anyhow - along.T @ along)
+    over_noise, directions = eigh(along.T @ along, noise)
+    opened = directions[:, over_noise < LEAST_OVER_NOISE]
+    opened = opened / np.linalg.norm(opened * np.repeat([1.0, OPEN_ARM], 3)[:, None], axis=0)
+    return np.asarray(OPEN_SIGMA**2 * opened @ opened.T)
+
+
+def _pairs(visits: Sequence[Visit]) -> list[tuple[int, int]]:
+    reach = len(visits) if len(visits) <= MOST_VISITS else MOST_VISITS // 2
+    return [
+        (one, other)
+        for one in range(len(visits))
+        for other in range(one + 1, min(one + 1 + reach, len(visits)))
+        if visits[one].pass_ != visits[other].pass_ or visits[other].time - visits[one].time > LEAST_PAUSE
+    ]
+
+
+def _fault(refined: Refined, ratio: float) -> str:
+    """Why a match is not used, in words; empty if it is."""
+    if refined.n_planes < LEAST_POINTS_ON_PLANES or ratio < LEAST_RATIO:
+        return "too few points of one lie on planes of the other"
+    return "they lie farther apart than was looked" if refined.moved > FARTHEST else ""

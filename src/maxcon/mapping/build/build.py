@@ -3,44 +3,42 @@
 """Building a map on disk from point clouds: read, drop, sort into tiles, fit normals, write (D10)."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
+from pathlib import Path
 from shutil import rmtree
 
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon._system.atomic import atomic_folder, check_replaceable
 from maxcon._system.engine import Engine
+from maxcon._system.progress import Progress
+from maxcon._system.version import __version__
 from maxcon.errors import ArrayError, MapError, OptionError
 from maxcon.geometry.frame import INDEX_LIMIT
 from maxcon.io.clouds import CloudHeader
-from maxcon.mapping.build.classes import NOISE, class_name
-from maxcon.mapping.build.found_classes import FOUND, FoundClasses
-from maxcon.mapping.build.ground import GroundMaker
-from maxcon.mapping.build.map_options import MapOptions
-from maxcon.mapping.build.map_sigma import aligned_sigma, map_sigma
-from maxcon.mapping.build.place_sample import PlaceSample
-from maxcon.mapping.build.placement import Placement, placements
-from maxcon.mapping.build.sightings import SightingSpill
-from maxcon.mapping.build.sources import (
-    SidedPoints,
-    SourceCounts,
-    check_sides,
-    common_crs,
-    first_point,
-    open_headers,
-    read_source,
-)
-from maxcon.mapping.build.spill import GroundSpill, TileSpill
-from maxcon.mapping.build.tile_job import TileJob, TileRound, TileStep, by_engine, by_threads
 from maxcon.map import TILE_VOXELS, TileKey
+from maxcon.map.ground import GroundTile, ground_of_points, ground_voxels
 from maxcon.map.manifest import MAP_NAMES, Manifest
 from maxcon.map.store import ground_record
 from maxcon.map.writer import MapWriter
-from maxcon._system.atomic import atomic_folder, check_replaceable
-from maxcon._system.progress import Progress
-from maxcon._system.version import __version__
+from maxcon.mapping.build.bucketing import GROUND_POINT, POINT, TileBuckets, ground_records, point_records
+from maxcon.mapping.build.classes import FOUND, class_name
+from maxcon.mapping.build.found_classes import OBSERVATION, FoundClasses, observation_records
+from maxcon.mapping.build.ground import ground_among
+from maxcon.mapping.build.map_sigma import PlaceSample, aligned_sigma, map_sigma
+from maxcon.mapping.build.options import MapOptions
+from maxcon.mapping.build.sources import (
+    SidedPoints,
+    Source,
+    check_sides,
+    open_headers,
+    read_source,
+    sources_in_crs,
+)
+from maxcon.mapping.build.tiles import TileJob, TileStep, TileSteps, by_engine, by_threads
 
 __all__ = ["build_map"]
 
@@ -71,9 +69,9 @@ def build_map(
     out : path
         Folder of the map; it appears when all is done.
     options : MapOptions, optional
-        How; the defaults if None.
+        The defaults if None.
     overwrite : bool
-        Whether a map that stands there is replaced; anything else there is an error.
+        Whether a map that is there is replaced; anything else there is an error.
     n_threads : int, optional
         Tiles made at the same time in this process; the number of processors, but at most 4, if None, and one where
         tiles have few points. Each takes about 0.25 GiB. The map does not depend on it.
@@ -86,7 +84,6 @@ def build_map(
     Returns
     -------
     Manifest
-        What the map is made of.
 
     Raises
     ------
@@ -98,80 +95,51 @@ def build_map(
     headers = open_headers(sources)
     if options.classes_are_asprs:
         headers = [replace(header, has_asprs_classes=header.has_classes) for header in headers]
-    crs, placed = _placed(headers, options)
-    drop = options.dropped_classes()
+    crs, read = sources_in_crs(headers, options)
     _check_contents(headers, options)
     aligned = aligned_sigma([header.path for header in headers]) if options.sigma is None else None
     if overwrite:
         check_replaceable(out, "a map", MAP_NAMES)
     with atomic_folder(out, overwrite=overwrite) as folder:
-        spill_folder = folder.absolute() / "points"
-        spill_folder.mkdir()
-        spill, ground_spill = TileSpill(spill_folder, options.cell), GroundSpill(spill_folder, options.cell)
-        sightings = SightingSpill(spill_folder, options.cell)
         has_sides = options.trajectory is not None or options.normals_have_sides
         use_normals = has_sides and options.to_crs is None and all(header.has_normals for header in headers)
-        origin = _origin(headers, placed, options)
-        sample = PlaceSample()
-        counts = _sort_into_tiles(
-            headers, placed, origin, spill, ground_spill, sightings, sample, options, use_normals, report
-        )
-        sigma, how_known = map_sigma(options.sigma, sample, aligned)
-        del sample
         is_signed = options.trajectory is not None or use_normals
+        buckets = _Buckets(folder.absolute() / "points", _origin(read, options), options)
+        _sort_into_tiles(read, buckets, use_normals, report)
+        sigma, how_known = map_sigma(options.sigma, buckets.sample, aligned)
         found, drop_found = None, options.dropped_found_classes()
-        if options.may_find_classes and _is_unclassified(counts, options):
-            found = FoundClasses(has_times=bool(sightings.n_tiles), drop=drop_found)
-        ground_maker = GroundMaker(ground_spill, options.cell, found)
+        if buckets.may_find_classes(read):
+            found = FoundClasses(has_times=bool(buckets.observations.n_tiles), drop=drop_found)
+        ground = "found by a morphological filter" if found is not None else "of level surfaces"
+        ground = "of its classes" if buckets.ground.n_tiles else ground
         job = TileJob(
-            spill_folder,
-            options.cell,
-            has_normals=use_normals,
-            is_signed=is_signed,
-            finds_surfaces=ground_maker.needs_surfaces,
-            drop=None if found is None else drop_found,
-        )
+            buckets.folder, options.cell, use_normals, is_signed,
+            finds_surfaces=ground == "of level surfaces", drop=None if found is None else drop_found,
+        )  # fmt: skip
         with MapWriter(folder) as writer:
-            n_points = sum(source.n_kept for source in counts)
-            with _workers(job, spill, sightings, n_points, engine, n_threads) as do:
-                _write_tiles(writer, do, spill.keys, found, ground_maker, report)
-            for tile in ground_maker.tiles():
-                writer.put(ground_record(tile))
+            with _makers(job, buckets, sum(source.n_kept for source in read), engine, n_threads) as do:
+                surfaces = _write_tiles(writer, do, buckets.points.keys, found, report)
+            for tile in _ground_tiles(buckets, surfaces, found):
+                if tile.n_heights:
+                    writer.put(ground_record(tile))
             build = {
-                **_description(counts, placed, drop, use_normals, ground_maker.origin),
+                "program": f"maxcon {__version__}",
+                "normals": "of the sources" if use_normals else "from neighbourhoods",
+                "ground": ground,
+                "drop": {str(number): class_name(number) for number in sorted(options.dropped_classes())},
+                "sources": [source.describe() for source in read],
                 "sigma": how_known,
+                **({} if found is None else {"found": found.describe()}),
             }
-            if found is not None:
-                build["found"] = found.describe()
-            rmtree(spill_folder)
+            rmtree(buckets.folder)
             return writer.finish(
-                cell=options.cell, origin=origin, crs=crs, is_signed=is_signed, sigma=sigma, build=build
+                cell=options.cell, origin=buckets.origin, crs=crs, is_signed=is_signed, sigma=sigma, build=build
             )
 
 
-def _workers(
-    job: TileJob,
-    spill: TileSpill,
-    sightings: SightingSpill,
-    n_points: int,
-    engine: Engine | None,
-    n_threads: int | None,
-) -> AbstractContextManager[TileRound]:
-    """Those who make the tiles, with what was spilled where they find it."""
-    if engine is not None and not engine.is_in_process:
-        spill.complete(to_disk=True)
-        sightings.complete(to_disk=True)
-        return by_engine(job, engine, n_points, len(spill.keys))
-    spill.complete()
-    sightings.complete()
-    if n_threads is None:
-        is_thin = n_points < LEAST_POINTS_TO_SHARE * len(spill.keys)
-        n_threads = 1 if is_thin or engine is not None else min(MOST_THREADS, os.cpu_count() or 1)
-    return by_threads(job, spill, sightings, n_threads)
-
-
 def _check_contents(headers: Sequence[CloudHeader], options: MapOptions) -> None:
-    """Refuse sources without what the options speak of: it would silently have no effect."""
+    """Refuse options about normals or classes that a source does not have: they would silently have no effect."""
+    may_be_found = options.may_find_classes and options.dropped_found_classes() <= FOUND
     for header in headers:
         if options.normals_have_sides and not header.has_normals:
             raise OptionError(
@@ -183,7 +151,6 @@ def _check_contents(headers: Sequence[CloudHeader], options: MapOptions) -> None
                 f"Expected classes in {header.path}, said to be those of the ASPRS, but it has none. Leave out"
                 " --asprs-classes, or classify it."
             )
-        may_be_found = options.may_find_classes and options.dropped_found_classes() <= FOUND
         if options.drop and not (header.has_classes or may_be_found):
             raise OptionError(
                 f"Expected classes in {header.path} to drop {', '.join(options.drop)}, but it has none."
@@ -191,133 +158,112 @@ def _check_contents(headers: Sequence[CloudHeader], options: MapOptions) -> None
             )
 
 
-def _placed(headers: Sequence[CloudHeader], options: MapOptions) -> tuple[str | None, list[Placement]]:
-    """The CRS of the map, and where the points of each source are in it."""
-    if options.to_crs is None:
-        return common_crs(headers, options.crs), [Placement(None, options.area)] * len(headers)
-    return placements(headers, options.crs, options.to_crs, options.area)
-
-
-def _origin(
-    headers: Sequence[CloudHeader], placed: Sequence[Placement], options: MapOptions
-) -> tuple[float, float, float]:
+def _origin(sources: Sequence[Source], options: MapOptions) -> tuple[float, float, float]:
     """Return the origin of the local frame: a tile's corner near the points, whatever the order of the sources.
 
     Origins are whole tiles apart, so that maps of one cell edge share their voxels.
     """
     edge = TILE_VOXELS * options.cell
-    lowest = np.min([first_point(*source) for source in zip(headers, placed, strict=True)], axis=0)
+    lowest = np.min([source.first_point() for source in sources], axis=0)
     if options.area is not None:
         lowest[:2] = options.area.x_min, options.area.y_min
     x, y, z = (np.floor(lowest / edge) * edge if np.isfinite(lowest).all() else np.zeros(3)).tolist()
     return x, y, z
 
 
-def _sort_into_tiles(
-    headers: Sequence[CloudHeader],
-    placed: Sequence[Placement],
-    origin: tuple[float, float, float],
-    spill: TileSpill,
-    ground: GroundSpill,
-    sightings: SightingSpill,
-    sample: PlaceSample,
-    options: MapOptions,
-    use_normals: bool,
-    report: Progress,
-) -> list[SourceCounts]:
-    """Read all sources into the spill, and some of their points into the sample; return what was read."""
-    counts = [SourceCounts(header.path.name) for header in headers]
-    n_total = sum(header.n_points for header in headers)
-    for header, placement, counted in zip(headers, placed, counts, strict=True):
-        drop = options.dropped_classes(are_asprs=header.has_asprs_classes)
-        if options.classify == "always":
-            drop &= NOISE | options.vehicle_numbers
-        counted.has_known_classes = header.has_asprs_classes or options.drop is not None or bool(drop)
-        for part in read_source(
-            header,
-            counted,
-            drop,
-            options.trajectory,
-            use_normals=use_normals,
-            keep_every=options.keep_every,
-            placement=placement,
-        ):
-            points = part.points - origin
-            if options.classify == "always":
-                part = replace(part, ground=part.ground[:0])
-            _add(spill, ground, points, part, origin, header, options.cell)
-            _check_density(spill, counts, header, options.cell)
-            if options.may_find_classes and _is_unclassified(counts, options):
-                sightings.add(points, part.times)
-            if options.sigma is None:
-                sample.add(points, part.times)
-            report("reading points", sum(source.n_points for source in counts), n_total)
-    ground.complete()
-    if not spill.keys:
-        n_read = sum(source.n_points for source in counts)
-        n_read -= sum(source.n_thinned for source in counts)
-        n_outside = sum(source.n_outside for source in counts)
-        outside = f"{n_outside:,} lie outside of the area, " if options.area is not None else ""
-        n_invalid = sum(source.n_invalid for source in counts)
-        raise MapError(
-            f"Expected points for the map, but none of the {n_read:,} points in"
-            f" {', '.join(source.name for source in counts)} is left: {outside}{n_invalid:,} have no finite"
-            f" coordinates, {n_read - n_invalid - n_outside:,} are of classes that are dropped. Check the files, or"
-            " keep more classes."
-        )
+class _Buckets:
+    """All points of the sources, sorted into tiles in a folder, for voxels, ground, classes and sigma."""
+
+    def __init__(self, folder: Path, origin: tuple[float, float, float], options: MapOptions) -> None:
+        folder.mkdir()
+        self.folder, self.origin, self.options = folder, origin, options
+        self.points = TileBuckets(folder, POINT, "points")
+        self.ground = TileBuckets(folder, GROUND_POINT, "ground")
+        self.observations = TileBuckets(folder, OBSERVATION, "seen")
+        self.sample = PlaceSample()
+
+    def may_find_classes(self, sources: Sequence[Source]) -> bool:
+        """Whether classes are to be found as far as the sources have been read: no point has had one that counts."""
+        is_unclassified = self.options.classify == "always" or not any(source.is_classified for source in sources)
+        return self.options.may_find_classes and is_unclassified
+
+    def add(self, part: SidedPoints, sources: Sequence[Source]) -> None:
+        """Take points; ArrayError if one is too far from the origin."""
+        cell, points = self.options.cell, part.points - self.origin
+        self.points.add(*point_records(points, part.sides, cell))
+        self.ground.add(*ground_records(part.ground - self.origin, cell))
+        if part.times is not None:
+            if self.may_find_classes(sources):
+                self.observations.add(*observation_records(points, part.times, cell))
+            if self.options.sigma is None:
+                self.sample.add(points, part.times)
+
+    def complete(self, *, to_disk: bool) -> None:
+        """Say that all points have come."""
+        self.points.complete(to_disk=to_disk)
+        self.observations.complete(to_disk=to_disk)
+
+
+def _sort_into_tiles(sources: Sequence[Source], buckets: _Buckets, use_normals: bool, report: Progress) -> None:
+    """Read all sources into buckets."""
+    options, n_total = buckets.options, sum(source.header.n_points for source in sources)
+    for source in sources:
+        for part in read_source(source, options, use_normals=use_normals):
+            try:
+                buckets.add(part, sources)
+            except ArrayError as error:
+                raise MapError(
+                    f"Expected all points within {INDEX_LIMIT * options.cell:.3g} m ({INDEX_LIMIT:,} voxels) of the"
+                    f" first, got one in {source.header.path} farther away. Remove it from the cloud, or enlarge the"
+                    " cell."
+                ) from error
+            n_points, n_tiles = sum(each.n_kept for each in sources), buckets.points.n_tiles
+            if n_tiles > MOST_SPARSE_TILES and n_points < LEAST_POINTS_OF_TILE * n_tiles:
+                raise MapError(
+                    f"Expected a dense cloud in metres, got {n_points:,} points in {n_tiles:,} squares of"
+                    f" {TILE_VOXELS * options.cell:g} m, the last in {source.header.path}. Are its coordinates in"
+                    " millimetres? Scale them."
+                )
+            report("reading points", sum(each.n_points for each in sources), n_total)
+    buckets.ground.complete()
+    if not buckets.points.n_tiles:
+        raise _nothing_left(sources, options)
     if options.trajectory is not None:
-        check_sides(counts, options.trajectory)
-    return counts
+        check_sides(sources, options.trajectory)
 
 
-def _is_unclassified(counts: Sequence[SourceCounts], options: MapOptions) -> bool:
-    """Whether no source has had a class that counts so far."""
-    return options.classify == "always" or not any(source.is_classified for source in counts)
+def _nothing_left(sources: Sequence[Source], options: MapOptions) -> MapError:
+    n_read = sum(source.n_points - source.n_thinned for source in sources)
+    n_outside = sum(source.n_outside for source in sources)
+    n_invalid = sum(source.n_invalid for source in sources)
+    outside = f"{n_outside:,} lie outside of the area, " if options.area is not None else ""
+    return MapError(
+        f"Expected points for the map, but none of the {n_read:,} points in"
+        f" {', '.join(source.name for source in sources)} is left: {outside}{n_invalid:,} have no finite"
+        f" coordinates, {n_read - n_invalid - n_outside:,} are of classes that are dropped. Check the files, or"
+        " keep more classes."
+    )
 
 
-def _add(
-    spill: TileSpill,
-    ground: GroundSpill,
-    points: NDArray[np.float64],
-    part: SidedPoints,
-    origin: tuple[float, float, float],
-    header: CloudHeader,
-    cell: float,
-) -> None:
-    try:
-        spill.add(points, part.sides)
-        ground.add(part.ground - origin)
-    except ArrayError as error:
-        raise MapError(
-            f"Expected all points within {INDEX_LIMIT * cell:.3g} m ({INDEX_LIMIT:,} voxels) of the first, got"
-            f" one in {header.path} farther away. Remove it from the cloud, or enlarge the cell."
-        ) from error
-
-
-def _check_density(
-    spill: TileSpill, counts: Sequence[SourceCounts], header: CloudHeader, cell: float
-) -> None:
-    """Refuse points so far apart that hardly two share a tile: a map of them would be made for ever."""
-    n_points, n_tiles = sum(source.n_kept for source in counts), spill.n_tiles
-    if n_tiles > MOST_SPARSE_TILES and n_points < LEAST_POINTS_OF_TILE * n_tiles:
-        raise MapError(
-            f"Expected a dense cloud in metres, got {n_points:,} points in {n_tiles:,} squares of"
-            f" {TILE_VOXELS * cell:g} m, the last in {header.path}. Are its coordinates in millimetres? Scale them."
-        )
+def _makers(
+    job: TileJob, buckets: _Buckets, n_points: int, engine: Engine | None, n_threads: int | None
+) -> AbstractContextManager[TileSteps]:
+    """Threads or workers that make the tiles, with all buckets where they find them."""
+    n_tiles = buckets.points.n_tiles
+    has_workers = engine is not None and not engine.is_in_process
+    buckets.complete(to_disk=has_workers)
+    if engine is not None and has_workers:
+        return by_engine(job, engine, n_points, n_tiles)
+    if n_threads is None:
+        is_thin = n_points < LEAST_POINTS_TO_SHARE * n_tiles
+        n_threads = 1 if is_thin or engine is not None else min(MOST_THREADS, os.cpu_count() or 1)
+    return by_threads(job, buckets.points, buckets.observations, n_threads)
 
 
 def _write_tiles(
-    writer: MapWriter,
-    do: TileRound,
-    keys: Sequence[TileKey],
-    found: FoundClasses | None,
-    ground: GroundMaker,
-    report: Progress,
-) -> None:
-    """Make every tile, several at a time, in rounds: a tile's classes and normals need its neighbours.
-
-    Tiles are written in order.
-    """
+    writer: MapWriter, do: TileSteps, keys: Sequence[TileKey], found: FoundClasses | None, report: Progress
+) -> dict[TileKey, NDArray[np.float32]]:
+    """Make every tile, step by step, and write them in order; return their level surfaces, if they were asked for."""
     n_done, n_steps = 0, (2 if found is None else 3) * len(keys)
 
     def one_more(n_more: int = 1) -> None:
@@ -340,40 +286,28 @@ def _write_tiles(
             "Expected points for the map, but all of them were found to be ground, vegetation or temporary. Keep them:"
             " --classify off."
         )
+    surfaces = {}
     for key, made in zip(kept, do(TileStep.MAKE, kept), strict=True):
         writer.put(made.record)
-        if made.surfaces is not None:
-            ground.take(key, made.surfaces)
+        if made.surfaces is not None and np.isfinite(made.surfaces).any():
+            surfaces[key] = made.surfaces
         one_more()
+    return surfaces
 
 
-def _description(
-    counts: Sequence[SourceCounts],
-    placed: Sequence[Placement],
-    drop: frozenset[int],
-    use_normals: bool,
-    ground: str,
-) -> dict[str, object]:
-    """What the manifest says of how the map was made."""
-    return {
-        "program": f"maxcon {__version__}",
-        "normals": "of the sources" if use_normals else "from neighbourhoods",
-        "ground": ground,
-        "drop": {str(number): class_name(number) for number in sorted(drop)},
-        "sources": [
-            {
-                "name": source.name,
-                "n_points": source.n_points,
-                "n_kept": source.n_kept,
-                "n_thinned": source.n_thinned,
-                "n_outside": source.n_outside,
-                "transform": placement.transform.words if placement.transform is not None else "",
-                "n_invalid": source.n_invalid,
-                "n_withheld": source.n_withheld,
-                "n_without_side": source.n_without_side,
-                "n_dropped": {str(number): n for number, n in sorted(source.n_dropped.items())},
-                "is_classified": source.is_classified,
-            }
-            for source, placement in zip(counts, placed, strict=True)
-        ],
-    }
+def _ground_tiles(
+    buckets: _Buckets, surfaces: dict[TileKey, NDArray[np.float32]], found: FoundClasses | None
+) -> Iterable[GroundTile]:
+    """Ground of all tiles: as it was found, of points that are classified as ground, or among level surfaces."""
+    cell = buckets.options.cell
+    if found is not None:
+        yield from found.ground
+    elif buckets.ground.n_tiles:
+        for key in buckets.ground.keys:
+            records = buckets.ground.load(key)
+            buckets.ground.remove(key)
+            n = TILE_VOXELS // ground_voxels(cell)
+            yield GroundTile(key, ground_of_points(records["column"], records["height"], n))
+    else:
+        for key in sorted(surfaces):
+            yield ground_among(surfaces, key, cell)

@@ -1,92 +1,63 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The ground grid of a map: of points that are classified as ground, or else of surfaces that may be (decision 17)."""
+"""Ground of a tile where points are not classified: lowest level surfaces, or a simple morphological filter (SMRF).
+
+The filter of Pingel, Clarke and McBride (ISPRS Journal 77, 2013): what an opening with growing windows removes from the
+lowest surface by more than a slope explains is an object; the ground is interpolated through what is left. It looks at
+most `REACH` far, so that tiles can be made one by one.
+"""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
-from itertools import chain
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.mapping.build.found_classes import FoundClasses
-from maxcon.mapping.build.spill import GroundSpill
 from maxcon.map import TILE_VOXELS, TileKey, VoxelTile
-from maxcon.map.ground import GroundTile, ground_of_points, ground_voxels
+from maxcon.map.ground import GroundTile, ground_voxels
+from maxcon.mapping.build.voxel_moments import VoxelMoments
 
-__all__ = ["GroundMaker", "ground_among", "level_surfaces"]
+__all__ = ["ground_among", "ground_heights", "heights_at", "level_surfaces", "lowest_heights"]
 
-# A surface that may be ground is level to within this, and its voxels number at least so many in a cell.
-LEVEL = math.cos(math.radians(20.0))
 LEAST_VOXELS = 3
-# Of these only the ground is not above a slope of so much from any other nearby, m: a car's roof is, a ramp is not.
+"""Fewest voxels of a surface in a cell of the ground grid: a stray point is none."""
+SURFACE_DEPTH = 0.3
+"""Largest height difference between these voxels, and between a level surface and the next, m."""
+
+LEVEL = math.cos(math.radians(20.0))
+"""Smallest |z| of the normals of a level surface."""
 NEARBY = 3.0
+"""Radius, m, in which level surfaces are compared."""
 STEEPEST = 0.25
-CLEARANCE = 0.3
+"""Slope of the ground: what rises faster above another surface, as a car's roof, is no ground; a ramp is."""
 
+LOWEST_PIT = 1.0
+"""A cell so far below all around it is no ground: a reflection in a puddle, m."""
+LARGEST_WINDOW = 14.0
+"""Half width of the largest window, m: buildings up to twice as wide are removed."""
+SLOPE = 0.2
+"""Largest slope of the ground, unless it is as wide as the windows."""
+STEP = 0.15
+"""m; kerbs are no objects, and noise is not."""
+FILLS = (1, 2, 4, 8, 12)
+"""Half widths, in cells, of the squares whose mean fills a hole in the ground: the first that has any ground."""
+REACH = 2.0 * LARGEST_WINDOW
+"""How far the filter looks, m; filling looks no farther than the rest of a tile's edge."""
 
-class GroundMaker:
-    """Makes the ground of tiles. First take the surfaces of every tile of voxels, then all `tiles` of ground.
-
-    Parameters
-    ----------
-    spill : GroundSpill
-        Points of ground classes; if there are none, the ground is made of level surfaces.
-    cell : float
-        Voxel edge, m.
-    found : FoundClasses, optional
-        Classes that were found: the ground is of these, and not of level surfaces.
-    """
-
-    def __init__(self, spill: GroundSpill, cell: float, found: FoundClasses | None = None) -> None:
-        self._spill = spill
-        self._found = found
-        self._cell = cell
-        self._surfaces: dict[TileKey, NDArray[np.float32]] = {}
-
-    @property
-    def origin(self) -> str:
-        """What the ground is made of, in words."""
-        if self._found is not None:
-            return "found by a morphological filter"
-        return "of its classes" if self._spill.n_tiles else "of level surfaces"
-
-    @property
-    def needs_surfaces(self) -> bool:
-        """Whether the ground is made of level surfaces."""
-        return not self._spill.n_tiles and self._found is None
-
-    def take(self, key: TileKey, surfaces: NDArray[np.float32]) -> None:
-        """Take the `level_surfaces` of a tile."""
-        if np.isfinite(surfaces).any():
-            self._surfaces[key] = surfaces
-
-    def tiles(self) -> Iterator[GroundTile]:
-        """Yield the ground of all tiles that have some; points are removed as they are read."""
-        found = self._found.ground if self._found is not None else []
-        made = (self._classified(key) for key in self._spill.keys)
-        among = (ground_among(self._surfaces, key, self._cell) for key in sorted(self._surfaces))
-        return (tile for tile in chain(found, made, among) if tile.n_heights)
-
-    def _classified(self, key: TileKey) -> GroundTile:
-        records = np.concatenate(list(self._spill.records(key)))
-        self._spill.remove(key)
-        n = TILE_VOXELS // ground_voxels(self._cell)
-        return GroundTile(key, ground_of_points(records["column"], records["height"], n))
+LowestOf = Callable[[TileKey], NDArray[np.float64] | None]
+"""Gives the `lowest_heights` of a tile; None where there is no tile."""
 
 
 def level_surfaces(tile: VoxelTile, cell: float) -> NDArray[np.float32]:
     """Height of the lowest level surface in each cell of a tile, shape (n, n), m; NaN where there is none."""
     edge, n = ground_voxels(cell), TILE_VOXELS // ground_voxels(cell)
     is_level = np.abs(tile.normals[:, 2]) >= LEVEL
-    if np.count_nonzero(is_level) < LEAST_VOXELS:
-        return np.full((n, n), np.nan, np.float32)
     columns = tile.columns[is_level] // edge
     heights = tile.mean_points(cell)[is_level, 2]
     cells = columns[:, 1].astype(np.int64) * n + columns[:, 0]
     order = np.lexsort((heights, cells))
     cells, heights = cells[order], heights[order]
-    is_first = (np.diff(cells, prepend=-1) != 0) | (np.diff(heights, prepend=0.0) > CLEARANCE)
+    is_first = (np.diff(cells, prepend=-1) != 0) | (np.diff(heights, prepend=0.0) > SURFACE_DEPTH)
     starts = np.flatnonzero(is_first)
     counts = np.diff(starts, append=len(cells))
     is_surface = counts >= LEAST_VOXELS
@@ -97,28 +68,134 @@ def level_surfaces(tile: VoxelTile, cell: float) -> NDArray[np.float32]:
 
 
 def ground_among(surfaces: Mapping[TileKey, NDArray[np.float32]], key: TileKey, cell: float) -> GroundTile:
-    """Ground of a tile among the level surfaces of it and of the tiles around: what nothing nearby lies far below."""
+    """Ground of a tile among the level surfaces of it and of the tiles around: those not far above another nearby."""
     from scipy.ndimage import grey_erosion
 
     edge, n = ground_voxels(cell) * cell, TILE_VOXELS // ground_voxels(cell)
     reach = math.ceil(NEARBY / edge)
     distances = np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1]) * edge
-    around = np.full((3 * n, 3 * n), np.inf)
-    for dy, dx in _around():
-        heights = surfaces.get((key[0] + dx, key[1] + dy))
-        if heights is not None:
-            place = (slice((dy + 1) * n, (dy + 2) * n), slice((dx + 1) * n, (dx + 2) * n))
-            around[place] = np.where(np.isfinite(heights), heights, np.inf)
-    rim = min(reach, n)
-    around = around[n - rim : 2 * n + rim, n - rim : 2 * n + rim]
+    margin = min(reach, n)
+    around = _around(surfaces.get, key, n, margin)
+    around = np.where(np.isfinite(around), around, np.inf)
     lowest = grey_erosion(
         around, footprint=distances <= NEARBY, structure=-STEEPEST * distances, mode="constant", cval=np.inf
     )
-    is_ground = np.isfinite(around) & (around <= lowest + CLEARANCE)
-    heights = np.where(is_ground, around, np.nan)[rim : rim + n, rim : rim + n].astype(np.float32)
-    return GroundTile(key, heights[None])
+    is_ground = np.isfinite(around) & (around <= lowest + SURFACE_DEPTH)
+    inner = slice(margin, margin + n)
+    return GroundTile(key, np.where(is_ground, around, np.nan)[inner, inner].astype(np.float32)[None])
 
 
-def _around() -> Iterable[tuple[int, int]]:
-    """Steps (y, x) to a tile and to those around."""
-    return ((dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1))
+def lowest_heights(moments: VoxelMoments, cell: float) -> NDArray[np.float64]:
+    """Height of the lowest surface in each cell (y, x) of a tile's ground grid, m; NaN where there is none."""
+    edge, n = ground_voxels(cell), TILE_VOXELS // ground_voxels(cell)
+    places = (moments.indices[:, 1] // edge).astype(np.int64) * n + moments.indices[:, 0] // edge
+    heights = moments.mean_heights(cell)
+    order = np.lexsort((heights, places))
+    places, heights = places[order], heights[order]
+    least = min(LEAST_VOXELS, edge * edge)
+    end = max(0, len(places) - least + 1)  # from there on a cell has too few voxels above
+    is_surface = (places[least - 1 :] == places[:end]) & (heights[least - 1 :] - heights[:end] <= SURFACE_DEPTH)
+    lowest = np.full(n * n, np.nan)
+    lowest[places[:end][is_surface][::-1]] = heights[:end][is_surface][::-1]  # the lowest is written last
+    return lowest.reshape(n, n)
+
+
+def ground_heights(lowest: LowestOf, key: TileKey, cell: float, margin: int) -> NDArray[np.float64]:
+    """Height of the ground in the cells of a tile and `margin` cells around it, m; NaN where nothing is near.
+
+    Parameters
+    ----------
+    lowest : callable
+        `lowest_heights` of the tile and of all those within `REACH`, local frame.
+    key : tuple of 2 int
+        The tile.
+    cell : float
+        Voxel edge, m.
+    margin : int
+        Cells.
+    """
+    edge, n = ground_voxels(cell) * cell, TILE_VOXELS // ground_voxels(cell)
+    reach = math.ceil(REACH / edge) + max(FILLS) + 1 + margin
+    around = _around(lowest, key, n, reach)
+    around = np.where(_is_pit(around), np.nan, around)
+    ground = _filled(np.where(_is_object(around, edge), np.nan, around))
+    inner = slice(reach - margin, reach + n + margin)
+    return ground[inner, inner]
+
+
+def heights_at(ground: NDArray[np.float64], rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Interpolate heights between the middles of cells at places (y, x), shape (k, 2), counted in cells."""
+    from scipy.ndimage import map_coordinates
+
+    return np.asarray(map_coordinates(ground, rows.T - 0.5, order=1, mode="nearest"), np.float64)
+
+
+def _around(
+    heights_of: Callable[[TileKey], NDArray[np.floating] | None], key: TileKey, n: int, reach: int
+) -> NDArray[np.float64]:
+    """Heights of a tile of (n, n) cells and `reach` cells around it."""
+    tiles = math.ceil(reach / n)
+    whole = np.full(((2 * tiles + 1) * n,) * 2, np.nan)
+    for dy in range(-tiles, tiles + 1):
+        for dx in range(-tiles, tiles + 1):
+            heights = heights_of((key[0] + dx, key[1] + dy))
+            if heights is not None:
+                y, x = (dy + tiles) * n, (dx + tiles) * n
+                whole[y : y + n, x : x + n] = heights
+    inner = slice(tiles * n - reach, (tiles + 1) * n + reach)
+    return whole[inner, inner]
+
+
+def _is_pit(heights: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which cells lie far below all those around them."""
+    from scipy.ndimage import maximum_filter, minimum_filter
+
+    high = maximum_filter(np.nan_to_num(heights, nan=-np.inf), size=3, mode="nearest")
+    closed = minimum_filter(np.where(np.isfinite(high), high, np.inf), size=3, mode="nearest")
+    return np.asarray(closed - heights > LOWEST_PIT)
+
+
+def _is_object(heights: NDArray[np.float64], edge: float) -> NDArray[np.bool_]:
+    """Which cells an opening with growing windows removes by more than a slope explains.
+
+    Squares are openings of each other: each may be made of the heights themselves, and none looks farther than its
+    own window. Cells without a height count nowhere.
+    """
+    from scipy.ndimage import maximum_filter, minimum_filter
+
+    is_known = np.isfinite(heights)
+    high = np.where(is_known, heights, np.inf)
+    before, is_object = high, np.zeros(heights.shape, bool)
+    for radius in _radii(math.ceil(LARGEST_WINDOW / edge)):
+        size = 2 * radius + 1
+        low = minimum_filter(high, size=size, mode="constant", cval=np.inf)
+        low[~maximum_filter(is_known, size=size, mode="constant", cval=False)] = -np.inf
+        opened = maximum_filter(low, size=size, mode="constant", cval=-np.inf)
+        with np.errstate(invalid="ignore"):
+            is_object |= is_known & (before - opened > STEP + SLOPE * radius * edge)
+        before = opened
+    return is_object
+
+
+def _radii(largest: int) -> list[int]:
+    """Half widths of the windows, in cells: one by one, then in steps of a third."""
+    radii = [1]
+    while radii[-1] < largest:
+        radii.append(min(largest, max(radii[-1] + 1, radii[-1] * 4 // 3)))
+    return radii
+
+
+def _filled(ground: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Fill cells without ground with the mean of the nearest square that has some."""
+    from scipy.ndimage import uniform_filter
+
+    is_known = np.isfinite(ground)
+    base = float(ground[is_known].min()) if is_known.any() else 0.0
+    values, weights = np.where(is_known, ground - base, 0.0), is_known.astype(np.float64)
+    filled = np.where(is_known, ground, np.nan)
+    for half in FILLS:
+        size = 2 * half + 1
+        known, means = (uniform_filter(each, size=size, mode="constant") * size**2 for each in (weights, values))
+        is_open = np.isnan(filled) & (known > 0.5)
+        filled[is_open] = base + means[is_open] / known[is_open]
+    return filled

@@ -1,13 +1,18 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Compiled loops of the map build: moments of voxels, and planes through their neighbourhoods."""
+"""Compiled loops of the map build: moments of voxels, planes and shapes of their neighbourhoods, numbers of places."""
 
 import numpy as np
 from numba import njit
 
 from maxcon.scan.plane_kernels import covariance, plane_normal
 
-__all__ = ["gather_points", "merge_voxels", "neighbourhood_normals", "sum_neighbourhood"]
+__all__ = ["gather_points", "merge_voxels", "neighbourhood_normals", "place_keys", "scatters", "sums_near"]
+
+# Two rounds of multiplying and folding (the finalizer of splitmix64): one-to-one, and spread evenly.
+FIRST_FACTOR = np.uint64(0xBF58476D1CE4E5B9)
+SECOND_FACTOR = np.uint64(0x94D049BB133111EB)
+INDEX_BITS = 21
 
 
 @njit(nogil=True, cache=True)
@@ -79,7 +84,7 @@ def merge_voxels(order, parents, shifts, in_counts, in_sums, in_outers, counts, 
 
 
 @njit(nogil=True, cache=True)
-def reach_line(line, key, keys, row, layer, reach, first):
+def _reach_line(line, key, keys, row, layer, reach, first):
     """Find one of the (2 reach + 1)^2 lines of voxels around a voxel: its steps (z, y), middle key and first voxel.
 
     key : of the voxel; they ascend from call to call. first : ((2 reach + 1)^2,) int64, where each line was reached
@@ -96,12 +101,12 @@ def reach_line(line, key, keys, row, layer, reach, first):
 
 
 @njit(nogil=True, cache=True)
-def sum_neighbourhood(
+def _sum_neighbourhood(
     i, keys, counts, sums, outers, edge, row, layer, reach, count_cap, first, total_sums, total_outers
 ):
     """Sum the moments of the (2 reach + 1)^3 voxels around voxel `i`, from its own corner; call with `i` ascending.
 
-    Parameters as of `neighbourhood_normals`. first : as of `reach_line`. total_sums, total_outers : out. Returns the
+    Parameters as of `neighbourhood_normals`. first : as of `_reach_line`. total_sums, total_outers : out. Returns the
     sum of weights and of occupied voxels.
     """
     total_sums[:] = 0.0
@@ -110,20 +115,12 @@ def sum_neighbourhood(
     n_voxels = 0
     n, width = keys.shape[0], 2 * reach + 1
     for line in range(width * width):
-        dz, dy, middle, k = reach_line(line, keys[i], keys, row, layer, reach, first)
+        dz, dy, middle, k = _reach_line(line, keys[i], keys, row, layer, reach, first)
         while k < n and keys[k] <= middle + reach:
             dx = keys[k] - middle
             weight = min(1.0, count_cap / counts[k])
             weight_sum += _add_shifted(
-                weight,
-                counts[k],
-                sums[k],
-                outers[k],
-                dx * edge,
-                dy * edge,
-                dz * edge,
-                total_sums,
-                total_outers,
+                weight, counts[k], sums[k], outers[k], dx * edge, dy * edge, dz * edge, total_sums, total_outers
             )
             n_voxels += 1
             k += 1
@@ -148,7 +145,7 @@ def neighbourhood_normals(
     for i in range(keys.shape[0]):
         if not wanted[i]:
             continue
-        weight_sum, n_voxels = sum_neighbourhood(
+        weight_sum, n_voxels = _sum_neighbourhood(
             i, keys, counts, sums, outers, edge, row, layer, reach, count_cap, first, total_sums, total_outers
         )
         if n_voxels < least_voxels:
@@ -157,3 +154,62 @@ def neighbourhood_normals(
         smallest, middle_value, _ = plane_normal(matrix, normal)
         if middle_value >= 0.25 * edge * edge and smallest <= flatness * middle_value:
             normals[i] = normal
+
+
+@njit(nogil=True, cache=True)
+def scatters(keys, counts, sums, outers, edge, row, layer, reach, count_cap, least_voxels, scatter):
+    """Smallest by largest eigenvalue of the points in the (2 reach + 1)^3 voxels around each voxel.
+
+    Parameters as of `neighbourhood_normals`. scatter : (n,) float64, out, from 0 for a plane to 1 for a ball; NaN where
+    fewer than `least_voxels` are occupied.
+    """
+    first = np.zeros((2 * reach + 1) ** 2, np.int64)
+    total_sums, total_outers = np.zeros(3), np.zeros(6)
+    matrix, normal = np.zeros((3, 3)), np.zeros(3)
+    for i in range(keys.shape[0]):
+        weight_sum, n_voxels = _sum_neighbourhood(
+            i, keys, counts, sums, outers, edge, row, layer, reach, count_cap, first, total_sums, total_outers
+        )
+        scatter[i] = np.nan
+        if n_voxels >= least_voxels:
+            covariance(weight_sum, total_sums, total_outers, matrix)
+            smallest, _, largest = plane_normal(matrix, normal)
+            if largest > 0.0:
+                scatter[i] = max(0.0, smallest / largest)
+
+
+@njit(nogil=True, cache=True)
+def sums_near(keys, values, row, layer, reach, totals):
+    """Sum values over the (2 reach + 1)^3 voxels around each voxel.
+
+    keys : (n,) int64, ascending, rows padded by at least `reach`; values : (n, m) float64. totals : (n, m), out,
+    zeroed.
+    """
+    width = 2 * reach + 1
+    first = np.zeros(width * width, np.int64)
+    n = keys.shape[0]
+    for i in range(n):
+        for line in range(width * width):
+            _, _, middle, k = _reach_line(line, keys[i], keys, row, layer, reach, first)
+            while k < n and keys[k] <= middle + reach:
+                for j in range(values.shape[1]):
+                    totals[i, j] += values[k, j]
+                k += 1
+
+
+@njit(nogil=True, cache=True)
+def place_keys(points, edge, keys):
+    """Number the cube that each point is in, as if by chance: numbers that end in so many zeros are an even sample.
+
+    points : (n, 3) float64, m; edge : of the cubes, m. keys : (n,) uint64, out. Cubes 2^21 edges apart along an axis
+    share their number.
+    """
+    mask = np.int64((1 << INDEX_BITS) - 1)
+    for n in range(points.shape[0]):
+        packed = np.int64(0)
+        for axis in range(3):
+            packed = (packed << INDEX_BITS) | (np.int64(np.floor(points[n, axis] / edge)) & mask)
+        key = np.uint64(packed)
+        key = (key ^ (key >> np.uint64(30))) * FIRST_FACTOR
+        key = (key ^ (key >> np.uint64(27))) * SECOND_FACTOR
+        keys[n] = key ^ (key >> np.uint64(31))

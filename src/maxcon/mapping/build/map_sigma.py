@@ -1,39 +1,69 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""How well a map is known, and from what (decision 19)."""
+"""Standard deviation of a map: how far passes of the mapping vehicle differ where they saw the same wall."""
 
 import json
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-from maxcon.errors import FileError
-from maxcon.mapping.build.pass_differences import compare_passes
-from maxcon.mapping.build.place_sample import PlaceSample
-from maxcon.map.layout import UNKNOWN_SIGMA
-from maxcon._system.regular_file import read_regular
+import numpy as np
+from numpy.typing import NDArray
 
-__all__ = ["aligned_sigma", "map_sigma"]
+from maxcon._system.checked import checked
+from maxcon._system.regular_file import read_regular
+from maxcon.errors import FileError
+from maxcon.map.layout import UNKNOWN_SIGMA
+
+__all__ = ["LEAST_PAUSE", "PLACE_EDGE", "PassDifferences", "PlaceSample", "aligned_sigma", "compare_passes", "map_sigma"]
 
 ALIGNMENT = "alignment.json"
 LARGEST_ALIGNMENT = 2**24
-LEAST_TIES = 50
+LEAST_CONSTRAINTS = 50
+"""Fewer matches of passes, or one pass with itself, do not say how wrong all passes together are."""
+
+PLACE_EDGE = 0.5
+"""Edge of the cubes in which passes are compared, m: a piece of wall, seen in one pass by some hundred points."""
+MOST_POINTS = 500_000
+"""14 MB."""
+PLACE_POINT = np.dtype([("place", "<u8"), ("inside", "<f4", 3), ("time", "<f8")])
+"""One point: the number of its place, its position from the place's middle (m), and its time (s)."""
+
+LEAST_PAUSE = 60.0
+"""Between two passes at one place, s: a vehicle that waits at a light makes one."""
+LEAST_POINTS = 20
+"""Of a pass at a place."""
+LARGEST_OFFSET = 0.3 * PLACE_EDGE
+"""Of a pass's plane from the middle of the place, m: farther out the cube's faces cut noise off, and bias the mean."""
+LARGEST_ROUGHNESS = 0.03
+"""Root mean square distance of a pass's points from its plane, m."""
+LEAST_WIDTH = 0.16 * PLACE_EDGE
+"""Root mean square extent of the points along the plane's shorter side, m; 0.29 edges where they fill it evenly."""
+OUTLIER = 3.0
+"""Robust standard deviations; beyond it something has changed: a door, a parked car, leaves."""
+NORMAL_MEDIAN = 0.6745
+"""Median of the absolute value of a standard normal deviate."""
+STRETCH = 30.0
+"""s; errors of a trajectory within such a stretch are much the same."""
+LEAST_STRETCHES = 4
+LEAST_PLACES = 50
 
 
 def map_sigma(
-    given: float | None, sample: PlaceSample, aligned: float | None = None
+    given: float | None, sample: "PlaceSample", aligned: float | None = None
 ) -> tuple[float, dict[str, object]]:
-    """Return how well a map is known, and what its manifest says of where that is from.
+    """Return the standard deviation of a map's position along any axis, m, and where it is from.
 
     Parameters
     ----------
     given : float or None
-        Standard deviation of the map's position along any axis, m: it stands.
+        From the options; it is taken as it is.
     sample : PlaceSample
-        Points with times, from which it is estimated where it is not given.
+        Points with times, from which it is estimated otherwise.
     aligned : float, optional
-        What `maxcon map align` says of a map of the clouds, m: their rounds agree better than they are right, so that
-        what is estimated is not below it.
+        From `maxcon map align`, m: aligned passes differ less than they are wrong by, so that an estimate below it is
+        not believed.
 
     Returns
     -------
@@ -58,29 +88,210 @@ def map_sigma(
 
 
 def aligned_sigma(files: Sequence[Path]) -> float | None:
-    """What `maxcon map align` wrote beside all of these clouds of a map made of them, m; None where it did not.
+    """Sigma of the map, m, that `maxcon map align` wrote beside each of these clouds; None where it did not.
 
-    Raises
-    ------
-    FileError
-        If an alignment.json beside them cannot be read, or does not say it.
+    FileError if an alignment.json beside them cannot be read.
     """
     folders = {file.parent for file in files}
     if not all((folder / ALIGNMENT).exists() for folder in folders):
         return None
-    return max(_sigma_said(folder / ALIGNMENT) for folder in folders)
+    return max(_sigma_of_alignment(folder / ALIGNMENT) for folder in folders)
 
 
-def _sigma_said(file: Path) -> float:
+@dataclass(frozen=True, slots=True)
+class _Sigmas:
+    of_map: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Alignment:
+    sigma: _Sigmas
+    n_ties: int
+    n_rounds: int
+
+
+def _sigma_of_alignment(file: Path) -> float:
+    what, advice = "what `maxcon map align` writes", "Give --sigma, or move the clouds elsewhere"
     try:
-        said = json.loads(read_regular(file, LARGEST_ALIGNMENT))
-        sigma, n_ties, n_rounds = float(said["sigma"]["of_map"]), int(said["n_ties"]), int(said["n_rounds"])
-    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise FileError(
-            f"Expected {file} to be what `maxcon map align` writes, got: {str(error)[:80]!r}. Give --sigma, or move"
-            " the clouds elsewhere."
-        ) from None
+        content = json.loads(read_regular(file, LARGEST_ALIGNMENT))
+    except (OSError, ValueError, RecursionError) as error:
+        raise FileError(f"Expected {file} to be {what}, got: {str(error)[:80]!r}. {advice}.") from None
+    alignment = checked(content, _Alignment, file, what, advice)
+    sigma = alignment.sigma.of_map
     if not 0.0 <= sigma < math.inf:
         raise FileError(f"Expected a sigma of the map of 0 m or more in {file}, got {sigma}. Give --sigma.")
-    # A few ties, or one round with itself, say nothing of what all rounds together are wrong by.
-    return sigma if n_rounds > 1 and n_ties >= LEAST_TIES else max(sigma, UNKNOWN_SIGMA)
+    is_known = alignment.n_rounds > 1 and alignment.n_ties >= LEAST_CONSTRAINTS
+    return sigma if is_known else max(sigma, UNKNOWN_SIGMA)
+
+
+class PlaceSample:
+    """All points of an even sample of places, with their times; memory does not grow with the input.
+
+    Parameters
+    ----------
+    most_points : int
+        Kept at most. While there are more, every other place is left out, whatever the order of the points and files.
+    """
+
+    def __init__(self, most_points: int = MOST_POINTS) -> None:
+        self._most_points = most_points
+        self._n_halvings = 0
+        self._parts: list[NDArray[np.void]] = []
+        self._n_points = 0
+
+    def add(self, points: NDArray[np.float64], times: NDArray[np.float64] | None) -> None:
+        """Take points, shape (n, 3), local frame, m, with their times, shape (n,), s, on a common clock.
+
+        Points without a finite time are left out.
+        """
+        if times is None or not len(points):
+            return
+        from maxcon.mapping.build.kernels import place_keys
+
+        keys = np.empty(len(points), np.uint64)
+        place_keys(np.ascontiguousarray(points), PLACE_EDGE, keys)
+        chosen = np.flatnonzero(self._is_chosen(keys) & np.isfinite(times))
+        records = np.empty(len(chosen), PLACE_POINT)
+        records["place"], records["time"] = keys[chosen], times[chosen]
+        records["inside"] = points[chosen] % PLACE_EDGE - 0.5 * PLACE_EDGE
+        self._parts.append(records)
+        self._n_points += len(records)
+        while self._n_points > self._most_points:
+            self._n_halvings += 1
+            self._parts = [part[self._is_chosen(part["place"])] for part in self._parts]
+            self._n_points = sum(map(len, self._parts))
+
+    def records(self) -> NDArray[np.void]:
+        """Return the points that are kept (`PLACE_POINT`), place by place, in the order of their times."""
+        records = np.concatenate([np.empty(0, PLACE_POINT), *self._parts])
+        return records[np.lexsort((records["time"], records["place"]))]
+
+    def _is_chosen(self, places: NDArray[np.uint64]) -> NDArray[np.bool_]:
+        """Whether a place belongs to the sample: half of them for each halving."""
+        return np.asarray((places & np.uint64((1 << self._n_halvings) - 1)) == 0)
+
+
+@dataclass(frozen=True, slots=True)
+class PassDifferences:
+    """Differences between passes across planes."""
+
+    n_passes: int  # That left points at a plane, in the median; 0 if there is no plane with times
+    n_places: int = 0  # Where two or more were compared
+    n_stretches: int = 0  # Half minutes of mapping that were compared
+    sigma_of_pass: float = math.nan  # Standard deviation of the position of one pass along any axis, m
+    sigma_of_map: float = math.nan  # The same of the mean of all points at a place, which is what the map has, m
+
+    @property
+    def is_enough(self) -> bool:
+        """Whether enough was compared to believe the standard deviations."""
+        return self.n_places >= LEAST_PLACES and self.n_stretches >= LEAST_STRETCHES
+
+    @property
+    def shortcoming(self) -> str:
+        """Why it is not enough, in words."""
+        if self.n_passes == 0:
+            return "no planes of points with times"
+        if self.n_places == 0:
+            return "one pass only"
+        return f"passes meet at {self.n_places:,} places in {self.n_stretches} half minutes only"
+
+
+def compare_passes(records: NDArray[np.void]) -> PassDifferences:
+    """Find how far passes differ across the planes that several of them saw, from points (`PLACE_POINT`) in order.
+
+    Notes
+    -----
+    Two offsets of passes with independent errors of standard deviation s along any axis differ by sqrt(2) s, and by
+    the noise of the points, which is known and subtracted.
+    """
+    is_new_place = np.diff(records["place"], prepend=~records["place"][:1]) != 0
+    is_new_pass = is_new_place | (np.diff(records["time"], prepend=-np.inf) > LEAST_PAUSE)
+    starts = np.flatnonzero(is_new_pass)
+    n_points = np.diff(starts, append=len(records))
+    place_of_pass = np.cumsum(is_new_place)[starts] - 1
+    is_used = n_points >= LEAST_POINTS
+    if not is_used.any():
+        return PassDifferences(0)
+    inside = records["inside"].astype(np.float64)[np.repeat(is_used, n_points)]
+    offsets, noise, is_plane = _planes(inside, n_points[is_used], place_of_pass[is_used])
+    if not is_plane.any():
+        return PassDifferences(0)
+    rows = np.flatnonzero(is_used)[is_plane]
+    places, times, offsets, noise = place_of_pass[rows], records["time"][starts[rows]], offsets[is_plane], noise[is_plane]
+    at_planes = np.unique(places)
+    n_passes = int(np.median(np.bincount(place_of_pass)[at_planes]))
+    first, second = _pairs(places)
+    if not len(first):
+        return PassDifferences(n_passes)
+    variance = 0.5 * _variance(offsets[first] - offsets[second], noise[first] + noise[second])
+    # Of the mean of all points of a place, beside that of one pass: 1/5 if five passes left as many each.
+    parts = np.bincount(place_of_pass, n_points**2.0) / np.bincount(place_of_pass, n_points) ** 2
+    return PassDifferences(
+        n_passes,
+        len(np.unique(places[first])),
+        len(np.unique(np.floor(times[np.concatenate([first, second])] / STRETCH))),
+        math.sqrt(variance),
+        math.sqrt(variance * float(parts[at_planes].mean())),
+    )
+
+
+def _planes(
+    points: NDArray[np.float64], n_points: NDArray[np.int64], places: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Fit a plane to every place, with one normal for all passes and an offset for each.
+
+    Return for each pass at a place its offset (m), the variance of that from noise (m^2), and whether it is a plane.
+    """
+    counts = n_points.astype(np.float64)
+    means, covariances = _moments(points, n_points)
+    firsts = np.flatnonzero(np.diff(places, prepend=-1))
+    weights = counts[:, None, None]
+    pooled = np.add.reduceat(weights * covariances, firsts) / np.add.reduceat(weights, firsts)
+    extents, axes = np.linalg.eigh(pooled)
+    plane = np.cumsum(np.diff(places, prepend=-1) != 0) - 1
+    normals = axes[plane, :, 0]
+    offsets = np.einsum("vi,vi->v", normals, means)
+    roughness = np.einsum("vi,vij,vj->v", normals, covariances, normals)
+    is_plane = (extents[:, 1] >= LEAST_WIDTH**2)[plane]
+    is_plane &= (np.abs(offsets) <= LARGEST_OFFSET) & (roughness <= LARGEST_ROUGHNESS**2)
+    return offsets, roughness / counts, is_plane
+
+
+def _moments(
+    points: NDArray[np.float64], counts: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Means, shape (v, 3), and covariances, shape (v, 3, 3), of groups of points that follow each other."""
+    rows = np.cumsum(counts) - counts
+    means = np.add.reduceat(points, rows, axis=0) / counts[:, None]
+    centred = points - np.repeat(means, counts, axis=0)
+    covariances = np.empty((len(counts), 3, 3))
+    for one in range(3):
+        for other in range(3):
+            covariances[:, one, other] = np.add.reduceat(centred[:, one] * centred[:, other], rows) / counts
+    return means, covariances
+
+
+def _variance(differences: NDArray[np.float64], noise: NDArray[np.float64]) -> float:
+    """Variance of differences (m) less that of their noise (m^2), without those of things that changed, m^2.
+
+    The median gives the scale; of the differences within three of it the mean square is taken. Two passes d apart are
+    both within `LARGEST_OFFSET` of a cube's middle the less often the larger d is, and count the more for it. Beyond
+    0.9 of the most that can be seen there is nothing to weigh.
+    """
+    sizes, largest = np.abs(differences), 2.0 * LARGEST_OFFSET
+    is_usual = sizes <= min(OUTLIER * float(np.median(sizes)) / NORMAL_MEDIAN, 0.9 * largest)
+    weights = 1.0 / (largest - sizes[is_usual])
+    return max(0.0, float(np.average((differences**2 - noise)[is_usual], weights=weights)))
+
+
+def _pairs(places: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Numbers of all pairs of rows with one place; `places` is sorted."""
+    first: list[NDArray[np.intp]] = [np.empty(0, np.intp)]
+    second: list[NDArray[np.intp]] = [np.empty(0, np.intp)]
+    for lag in range(1, len(places)):
+        pair = np.flatnonzero(places[lag:] == places[:-lag])
+        if not len(pair):
+            break
+        first.append(pair)
+        second.append(pair + lag)
+    return np.concatenate(first), np.concatenate(second)

@@ -1,32 +1,24 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Where a map's points come from: their CRS, what is dropped of them, and which side of a surface they saw."""
+"""Sources of a map's points: their CRS, what is dropped of them, and from which side each surface was seen."""
 
 import os
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import CrsError, FileError, OptionError, TrajectoryError
-from maxcon.io.clouds import CloudChunk, CloudHeader, open_cloud
-from maxcon.io.crs import metric_crs, same_crs
+from maxcon.io.clouds import Bounds, CloudChunk, CloudHeader, open_cloud
+from maxcon.io.crs import PointTransform, metric_crs, same_crs
 from maxcon.mapping.build.classes import GROUND, NOISE, UNCLASSIFIED
-from maxcon.mapping.build.placement import Area, Placement
+from maxcon.mapping.build.options import Area, MapOptions
 from maxcon.scan.trajectory import Trajectory
 
-__all__ = [
-    "SidedPoints",
-    "SourceCounts",
-    "check_sides",
-    "common_crs",
-    "first_point",
-    "open_headers",
-    "read_source",
-]
+__all__ = ["SidedPoints", "Source", "check_sides", "common_crs", "open_headers", "read_source", "sources_in_crs"]
 
 # No scanner sees so far (m), from an aeroplane neither.
 FARTHEST_SENSOR = 20_000.0
@@ -34,14 +26,15 @@ FARTHEST_SENSOR = 20_000.0
 LARGEST_TIME_GAP = 0.5
 # Among so many at the start of a source its first finite point is looked for.
 FIRST_POINTS = 1000
-EVERYWHERE = Placement()
 
 
-@dataclass(slots=True)
-class SourceCounts:
-    """What became of the points of one file."""
+@dataclass(slots=True, eq=False)
+class Source:
+    """One cloud of a map: how its points get into the CRS of the map, and how many of them were left out and why."""
 
-    name: str
+    header: CloudHeader
+    area: Area | None = None
+    transform: PointTransform | None = None
     n_points: int = 0
     n_thinned: int = 0
     n_outside: int = 0
@@ -49,8 +42,12 @@ class SourceCounts:
     n_withheld: int = 0
     n_without_side: int = 0
     n_dropped: Counter[int] = field(default_factory=Counter)
-    has_known_classes: bool = True
     is_classified: bool = False
+
+    @property
+    def name(self) -> str:
+        """Name of its file."""
+        return self.header.path.name
 
     @property
     def n_kept(self) -> int:
@@ -58,41 +55,61 @@ class SourceCounts:
         left_out = self.n_thinned + self.n_outside + self.n_invalid + self.n_withheld + self.n_dropped.total()
         return self.n_points - left_out
 
+    def placed(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Points, shape (n, 3), in the coordinates of the map."""
+        return points if self.transform is None else self.transform.apply(points)
 
-@dataclass(frozen=True, slots=True)
+    @property
+    def bounds(self) -> Bounds | None:
+        """Where the points of the area lie in the coordinates of the source; None: perhaps anywhere."""
+        if self.area is None:
+            return None
+        sides = astuple(self.area)
+        found = sides if self.transform is None else self.transform.bounds_in_source(sides)
+        return None if found is None else Bounds(*found)
+
+    def first_point(self) -> NDArray[np.float64]:
+        """First point that is finite in the map, shape (3,), global, m; infinity if none is near the start."""
+        with open_cloud(self.header.path) as reader:
+            for chunk in reader.chunks(FIRST_POINTS):
+                points = self.placed(chunk.points)
+                finite = points[np.isfinite(points).all(axis=1)]
+                return finite[0] if len(finite) else np.full(3, np.inf)
+        return np.full(3, np.inf)
+
+    def describe(self) -> dict[str, object]:
+        """Return its entry in the manifest (docs/map_format.md)."""
+        return {
+            "name": self.name,
+            "n_points": self.n_points,
+            "n_kept": self.n_kept,
+            "n_thinned": self.n_thinned,
+            "n_outside": self.n_outside,
+            "transform": "" if self.transform is None else self.transform.words,
+            "n_invalid": self.n_invalid,
+            "n_withheld": self.n_withheld,
+            "n_without_side": self.n_without_side,
+            "n_dropped": {str(number): n for number, n in sorted(self.n_dropped.items())},
+            "is_classified": self.is_classified,
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class SidedPoints:
-    """Points for the map, global, m.
+    """Points for the map, global, m."""
 
-    Parameters
-    ----------
-    points : array, shape (n, 3)
-        For its voxels.
-    sides : array, shape (n, 3)
-        The side of the surface that each was seen from: a direction, or zeros.
-    ground : array, shape (k, 3)
-        For its grid of ground heights: those of a ground class, whether they are for the voxels too or not.
-    times : array, shape (n,), or None
-        s; None where the source has none.
-    """
-
-    points: NDArray[np.float64]
-    sides: NDArray[np.float32]
+    points: NDArray[np.float64]  # (n, 3): For its voxels
+    sides: NDArray[np.float32]  # (n, 3): The side of the surface that each was seen from: a direction, or zeros
+    # (k, 3): For its grid of ground heights: those of a ground class, whether they are for the voxels too or
+    # not
     ground: NDArray[np.float64]
-    times: NDArray[np.float64] | None
+    times: NDArray[np.float64] | None  # (n,): s; None where the source has none
 
 
 def open_headers(paths: Sequence[str | os.PathLike[str]]) -> list[CloudHeader]:
-    """Headers of all sources, so that what cannot work is said before anything is read.
-
-    Raises
-    ------
-    FileError
-        If there is no source, one is named twice, or one cannot be read.
-    """
+    """Headers of all sources; FileError if there is none, one is named twice, or one cannot be read."""
     if not paths:
-        raise FileError(
-            "Expected at least one point cloud, got none. Name LAS, LAZ, PLY, NPZ, E57 or XYZ files."
-        )
+        raise FileError("Expected at least one point cloud, got none. Name LAS, LAZ, PLY, NPZ, E57 or XYZ files.")
     files = [Path(path) for path in paths]
     twice = [file for file, number in Counter(file.resolve() for file in files).items() if number > 1]
     if twice:
@@ -104,18 +121,10 @@ def open_headers(paths: Sequence[str | os.PathLike[str]]) -> list[CloudHeader]:
     return headers
 
 
-def first_point(header: CloudHeader, placement: Placement) -> NDArray[np.float64]:
-    """First point of a source that is finite in the map, shape (3,), global, m; infinity if none is near the start."""
-    with open_cloud(header.path) as reader:
-        for chunk in reader.chunks(FIRST_POINTS):
-            points = placement.apply(chunk.points)
-            finite = points[np.isfinite(points).all(axis=1)]
-            return finite[0] if len(finite) else np.full(3, np.inf)
-    return np.full(3, np.inf)
-
-
 def common_crs(headers: Sequence[CloudHeader], crs: str | None) -> str | None:
     """Return the one CRS of all sources as WKT; None where none is named.
+
+    CrsError if sources disagree, or some name a CRS and some none, or none that is known, and `crs` is None.
 
     Parameters
     ----------
@@ -123,11 +132,6 @@ def common_crs(headers: Sequence[CloudHeader], crs: str | None) -> str | None:
         The sources.
     crs : str or None
         The CRS of sources that name none.
-
-    Raises
-    ------
-    CrsError
-        If sources disagree, or some name a CRS and some none, or none that is known, and `crs` is None.
     """
     wanted = metric_crs(crs) if crs is not None else None
     first: tuple[CloudHeader, str] | None = None
@@ -160,132 +164,128 @@ def common_crs(headers: Sequence[CloudHeader], crs: str | None) -> str | None:
     return first[1] if first is not None else None
 
 
-def read_source(
-    header: CloudHeader,
-    counts: SourceCounts,
-    drop: frozenset[int],
-    trajectory: Trajectory | None,
-    *,
-    use_normals: bool,
-    keep_every: int = 1,
-    placement: Placement = EVERYWHERE,
-) -> Iterator[SidedPoints]:
+def sources_in_crs(headers: Sequence[CloudHeader], options: MapOptions) -> tuple[str | None, list[Source]]:
+    """Return the CRS of a map as WKT, None if it has none, and its sources; CrsError if they cannot be put together."""
+    if options.to_crs is None:
+        return common_crs(headers, options.crs), [Source(header, options.area) for header in headers]
+    target = metric_crs(options.to_crs)
+    sources, references = [], dict[str, CloudHeader]()
+    for header in headers:
+        own = header.crs or options.crs
+        if own is None:
+            raise CrsError(
+                f"Expected a coordinate reference system in {header.path}, to turn its points into {options.to_crs},"
+                f" got {header.crs_fault or 'none'}. Say which it is with --crs."
+            )
+        transform = PointTransform(own, target)
+        sources.append(Source(header, options.area, transform))
+        references[transform.height_reference] = header
+    if len(references) > 1:
+        one, other = list(references.items())[:2]
+        raise CrsError(
+            f"Expected heights of one kind in all point clouds, got those of {one[0] or 'no stated reference'} in"
+            f" {one[1].path} and of {other[0] or 'no stated reference'} in {other[1].path}. Make a map of each, or"
+            " convert one."
+        )
+    return target, sources
+
+
+def read_source(source: Source, options: MapOptions, *, use_normals: bool) -> Iterator[SidedPoints]:
     """Yield the points of a source that belong in the map, and count the others.
 
-    Parameters
-    ----------
-    header : CloudHeader
-        The source.
-    counts : SourceCounts
-        Filled as it is read.
-    drop : frozenset of int
-        Classes to leave out.
-    trajectory : Trajectory or None
-        Where the sensor was, to tell the side of a surface it saw.
-    use_normals : bool
-        Whether the sides are the normals of the source (turned to the sensor where it is known).
-    keep_every : int
-        Of so many points, in the order of the file, one is kept.
-    placement : Placement
-        Where its points are in the map, and which of them are wanted.
-
-    Raises
-    ------
-    OptionError
-        If the trajectory needs times and the source has none.
+    OptionError if the trajectory needs times and the source has none. `use_normals`: the sides are the normals of the
+    source, turned to the sensor where it is known.
     """
+    header, trajectory = source.header, options.trajectory
+    advice = "Leave out --trajectory, or export the points with gps_time."
     if trajectory is not None and not header.has_times:
         raise OptionError(
-            f"Expected times in {header.path} to match with the trajectory, but it has none."
-            " Leave out --trajectory, or export the points with gps_time."
+            f"Expected times in {header.path} to match with the trajectory, but it has none. {advice}"
         )
+    drop = options.dropped_classes(are_asprs=header.has_asprs_classes)
+    if options.classify == "always":
+        drop &= NOISE | options.vehicle_numbers
+    are_known = header.has_asprs_classes or options.drop is not None or bool(drop)
     with open_cloud(header.path) as reader:
-        for chunk in reader.chunks(bounds=placement.bounds_in_source):
+        for chunk in reader.chunks(bounds=source.bounds):
             if trajectory is not None and chunk.times is not None and not chunk.times.any():
                 raise OptionError(
-                    f"Expected times in {header.path} to match with the trajectory, but gps_time is 0 there."
-                    " Leave out --trajectory, or export the points with gps_time."
+                    f"Expected times in {header.path} to match with the trajectory, but gps_time is 0 there. {advice}"
                 )
-            is_wanted = (counts.n_points + np.arange(len(chunk.points))) % keep_every == 0
-            counts.n_points += len(chunk.points)
-            counts.n_thinned += int((~is_wanted).sum())
-            placed = replace(chunk, points=placement.apply(chunk.points))
-            if placement.area is not None:
-                is_outside = is_wanted & _is_outside(placed.points, placement.area)
-                counts.n_outside += int(is_outside.sum())
-                is_wanted &= ~is_outside
-            yield _keep(placed, is_wanted, counts, drop, trajectory, use_normals, header.has_asprs_classes)
+            placed = replace(chunk, points=source.placed(chunk.points))
+            is_kept = _are_wanted(placed, source, options.keep_every)
+            ground = placed.points[:0]
+            if placed.classes is not None:
+                if header.has_asprs_classes and options.classify != "always":
+                    ground = placed.points[is_kept & np.isin(placed.classes, list(GROUND))]
+                _drop_classes(placed.classes, is_kept, source, drop, are_known=are_known)
+            points = placed.points[is_kept]
+            times = None if placed.times is None else placed.times[is_kept]
+            normals = placed.normals[is_kept] if use_normals and placed.normals is not None else None
+            yield SidedPoints(points, _sides(points, times, normals, trajectory, source), ground, times)
     # What a file knows to lie outside was not read.
-    counts.n_outside += header.n_points - counts.n_points
-    counts.n_points = header.n_points
+    source.n_outside += header.n_points - source.n_points
+    source.n_points = header.n_points
 
 
-def _is_outside(points: NDArray[np.float64], area: Area) -> NDArray[np.bool_]:
-    """Which points are somewhere else; those that are nowhere are counted as such."""
-    outside: NDArray[np.bool_] = np.isfinite(points).all(axis=1) & ~area.contains(points)
-    return outside
-
-
-def _keep(
-    chunk: CloudChunk,
-    is_wanted: NDArray[np.bool_],
-    counts: SourceCounts,
-    drop: frozenset[int],
-    trajectory: Trajectory | None,
-    use_normals: bool,
-    are_asprs: bool,
-) -> SidedPoints:
-    keep = is_wanted & np.isfinite(chunk.points).all(axis=1)
-    counts.n_invalid += int((is_wanted & ~keep).sum())
+def _are_wanted(chunk: CloudChunk, source: Source, keep_every: int) -> NDArray[np.bool_]:
+    """Which points are finite, in the area, not withheld and not thinned out; the others are counted."""
+    is_wanted: NDArray[np.bool_] = (source.n_points + np.arange(len(chunk.points))) % keep_every == 0
+    source.n_points += len(chunk.points)
+    source.n_thinned += int((~is_wanted).sum())
+    is_finite = np.isfinite(chunk.points).all(axis=1)
+    source.n_invalid += int((is_wanted & ~is_finite).sum())
+    is_wanted &= is_finite
+    if source.area is not None:
+        is_inside = source.area.contains(chunk.points)
+        source.n_outside += int((is_wanted & ~is_inside).sum())
+        is_wanted &= is_inside
     if chunk.is_withheld is not None:
-        counts.n_withheld += int((keep & chunk.is_withheld).sum())
-        keep &= ~chunk.is_withheld
-    ground = chunk.points[:0]
-    if chunk.classes is not None:
-        if are_asprs:
-            ground = chunk.points[keep & np.isin(chunk.classes, list(GROUND))]
-        n_of_class = np.bincount(chunk.classes[keep], minlength=256)
-        present = np.flatnonzero(n_of_class)
-        counts.is_classified |= counts.has_known_classes and not (UNCLASSIFIED | NOISE).issuperset(
-            present.tolist()
-        )
-        dropped = [number for number in present.tolist() if number in drop]
-        counts.n_dropped.update({number: int(n_of_class[number]) for number in dropped})
-        keep &= ~np.isin(chunk.classes, dropped)
-    points = chunk.points[keep]
-    times = None if chunk.times is None else chunk.times[keep]
+        source.n_withheld += int((is_wanted & chunk.is_withheld).sum())
+        is_wanted &= ~chunk.is_withheld
+    return is_wanted
+
+
+def _drop_classes(
+    classes: NDArray[np.uint8], is_kept: NDArray[np.bool_], source: Source, drop: frozenset[int], *, are_known: bool
+) -> None:
+    """Keep no points of dropped classes, and count them; in place."""
+    n_of_class = np.bincount(classes[is_kept], minlength=256)
+    present = set(np.flatnonzero(n_of_class).tolist())
+    source.is_classified |= are_known and not present <= UNCLASSIFIED | NOISE
+    source.n_dropped.update({number: int(n_of_class[number]) for number in present & drop})
+    is_kept &= ~np.isin(classes, list(present & drop))
+
+
+def _sides(
+    points: NDArray[np.float64],
+    times: NDArray[np.float64] | None,
+    normals: NDArray[np.float64] | None,
+    trajectory: Trajectory | None,
+    source: Source,
+) -> NDArray[np.float32]:
+    """Normals, turned to the sensor where it is known, or else directions to the sensor; zeros where not known."""
     sides = np.zeros((len(points), 3))
-    if use_normals and chunk.normals is not None:
-        sides = _unit(np.nan_to_num(chunk.normals[keep], posinf=0.0, neginf=0.0))
+    if normals is not None:
+        sides = _unit(np.nan_to_num(normals, posinf=0.0, neginf=0.0))
     if trajectory is not None and times is not None:
         to_sensor = trajectory.positions_at(times, LARGEST_TIME_GAP) - points
         _check_near(to_sensor, points)
         to_sensor = _unit(to_sensor)
         is_known = np.isfinite(to_sensor).all(axis=1)
-        counts.n_without_side += int((~is_known).sum())
+        source.n_without_side += int((~is_known).sum())
         to_sensor[~is_known] = 0.0
-        if use_normals:
-            sides *= np.sign((sides * to_sensor).sum(axis=1))[:, None]
-        else:
-            sides = to_sensor
-    return SidedPoints(points, sides.astype(np.float32), ground, times)
+        sides = to_sensor if normals is None else sides * np.sign((sides * to_sensor).sum(axis=1))[:, None]
+    return sides.astype(np.float32)
 
 
 def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    lengths = np.sqrt((vectors * vectors).sum(axis=1))
-    unit: NDArray[np.float64] = np.zeros_like(vectors)
-    np.divide(vectors, lengths[:, None], out=unit, where=lengths[:, None] != 0.0)
-    return unit
+    lengths = np.sqrt((vectors * vectors).sum(axis=1))[:, None]
+    return np.asarray(np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths != 0.0))
 
 
 def _check_near(to_sensor: NDArray[np.float64], points: NDArray[np.float64]) -> None:
-    """Refuse sensor positions that no scanner reaches the points from, given what leads to them, (n, 3), m.
-
-    Raises
-    ------
-    TrajectoryError
-        If most lie farther away than FARTHEST_SENSOR.
-    """
+    """Refuse a trajectory, TrajectoryError, if most ways to the sensor, (n, 3), m, are longer than FARTHEST_SENSOR."""
     distances = np.hypot(to_sensor[:, 0], to_sensor[:, 1])
     known = np.flatnonzero(np.isfinite(distances))
     if not len(known) or np.median(distances[known]) <= FARTHEST_SENSOR:
@@ -298,16 +298,10 @@ def _check_near(to_sensor: NDArray[np.float64], points: NDArray[np.float64]) -> 
     )
 
 
-def check_sides(counts: Sequence[SourceCounts], trajectory: Trajectory) -> None:
-    """Refuse a trajectory that says of no point where its sensor was.
-
-    Raises
-    ------
-    TrajectoryError
-        If no point has a pose near its time.
-    """
-    n_kept = sum(source.n_kept for source in counts)
-    if n_kept and sum(source.n_without_side for source in counts) == n_kept:
+def check_sides(sources: Sequence[Source], trajectory: Trajectory) -> None:
+    """Refuse a trajectory, TrajectoryError, that has no pose near the time of any point."""
+    n_kept = sum(source.n_kept for source in sources)
+    if n_kept and sum(source.n_without_side for source in sources) == n_kept:
         raise TrajectoryError(
             f"Expected times of the points within those of the trajectory, {trajectory.times[0]:.3f} to"
             f" {trajectory.times[-1]:.3f} s, but no point has a pose within {LARGEST_TIME_GAP} s."

@@ -1,190 +1,250 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Making one tile of a map: the moments of its voxels, then their normals, which need the tiles around."""
+"""Tiles of a map made from sorted points, step by step: by threads of this process, or by the workers of an engine."""
 
-import threading
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from enum import Enum
 from pathlib import Path
+from socket import gethostname
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.mapping.build.found_classes import NEIGHBOUR_VOXELS, ClassFinder, FoundInTile
-from maxcon.mapping.build.ground import level_surfaces
-from maxcon.mapping.build.spill import TileSpill
-from maxcon.mapping.build.voxel_moments import HALO_VOXELS, VoxelMoments
-from maxcon.mapping.build.voxel_normals import plane_normals, turn_to_side
+from maxcon._system.atomic import atomic_file
+from maxcon._system.engine import Engine
+from maxcon._system.ordered_map import in_order_of, ordered_map
+from maxcon.errors import MapError
 from maxcon.map import TILE_VOXELS, TileKey, VoxelTile
 from maxcon.map.store import Record, tile_record
 from maxcon.map.voxelize import mean_normals, mean_steps, tile_of_voxels
+from maxcon.mapping.build.bucketing import POINT, TileArrays, TileBuckets
+from maxcon.mapping.build.found_classes import NEIGHBOUR_VOXELS, OBSERVATION, ClassFinder, FoundInTile
+from maxcon.mapping.build.ground import level_surfaces
+from maxcon.mapping.build.voxel_moments import HALO_VOXELS, VoxelMoments, plane_normals, turn_to_side
 
-__all__ = ["MadeTile", "TileMaker"]
+__all__ = ["TileJob", "TileMaker", "TileStep", "TileSteps", "TileTask", "by_engine", "by_threads", "voxel_tile"]
 
 MEMORY_BYTES = 128 * 2**20
-"""Moments of voxels are kept in memory up to this size in all, the others on disk."""
+"""Size of the arrays of tiles kept in memory, between steps done by threads."""
+POINTS_OF_TASK, MOST_TILES_OF_TASK = 100_000, 64
+"""Tiles with few points go together: handing out a task takes some milliseconds."""
 
 
-@dataclass(frozen=True)
+class TileStep(Enum):
+    """Steps of making a tile, each done for all tiles before the next: it needs the tiles around."""
+
+    GATHER = "gather"
+    FIND_CLASSES = "find classes"
+    MAKE = "make"
+
+
+@dataclass(frozen=True, slots=True)
+class TileTask:
+    """One step of some tiles."""
+
+    step: TileStep
+    keys: tuple[TileKey, ...]
+
+
+TileSteps = Callable[[TileStep, Sequence[TileKey]], Iterator[Any]]
+"""Does a step for tiles, and yields what the method of `TileMaker` returns for each, in their order."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class MadeTile:
-    """A tile of a map.
-
-    Parameters
-    ----------
-    record : Record
-        As the map keeps it.
-    surfaces : array, shape (n, n), float32, optional
-        Its `level_surfaces`, if they were asked for, m.
-    """
+    """Record of a tile, and its `level_surfaces`, shape (n, n), m, if they were asked for."""
 
     record: Record
     surfaces: NDArray[np.float32] | None = None
 
 
+@dataclass(frozen=True)
+class TileJob:
+    """How the tiles of a map are made, wherever it runs: all data lies in a folder."""
+
+    folder: Path  # Of the buckets; all workers see it, and the caller removes it
+    cell: float  # Voxel edge, m
+    has_normals: bool  # Whether the points' sides are their normals; otherwise planes are fitted
+    is_signed: bool  # Whether normals are turned to the points' sides
+    finds_surfaces: bool = False  # Whether the level surfaces of tiles are asked for
+    drop: frozenset[int] | None = None  # Classes that are to be found and left out; None if none are to be found
+    name: str = "tiles"
+
+    def open(self) -> Callable[[TileTask], list[Any]]:
+        """Return what does a task in a worker; all data is in files, as another worker may do the next step."""
+        if not self.folder.is_dir():
+            raise MapError(
+                f"Expected all workers to see {self.folder}, got one on {gethostname()} that does not. Build the map in"
+                " a folder that has the same path for all."
+            )
+        points, seen = (TileBuckets(self.folder, *kind) for kind in ((POINT, "points"), (OBSERVATION, "seen")))
+        maker = TileMaker(self, points, seen)
+        do = maker.steps | {TileStep.MAKE: lambda key: self._put_aside(maker.make(key))}
+        return lambda task: [do[task.step](key) for key in task.keys]
+
+    def _put_aside(self, made: MadeTile) -> MadeTile:
+        """Write the content of a record into a file: all tiles but one may have to wait for that one."""
+        with atomic_file(self._record_path(made.record.key)) as partial:
+            partial.write_bytes(made.record.content)
+        return replace(made, record=replace(made.record, content=b""))
+
+    def fetched(self, made: MadeTile) -> MadeTile:
+        """Return a tile that was put aside, whose file is removed."""
+        path = self._record_path(made.record.key)
+        content = path.read_bytes()
+        path.unlink()
+        return replace(made, record=replace(made.record, content=content))
+
+    def _record_path(self, key: TileKey) -> Path:
+        return self.folder / f"{key[0]}_{key[1]}.record"
+
+    def split(self, task: TileTask) -> Sequence[TileTask]:
+        """Return a task for each tile."""
+        return [TileTask(task.step, (key,)) for key in task.keys]
+
+    def lost(self, task: TileTask, reason: str) -> NoReturn:
+        """Raise MapError: no map is made without one of its tiles."""
+        ((x, y),) = task.keys
+        raise MapError(
+            f"Expected to {task.step.value} all tiles of the map, but of tile ({x}, {y}) {reason}. Take a"
+            " smaller cell, or workers with more memory."
+        )
+
+
 class TileMaker:
-    """Makes tiles of sorted points. First `gather` every tile, then `make` any of them.
+    """Makes tiles of sorted points: `gather` all, `find_classes` of all if the job drops some, then `make` any.
 
     Parameters
     ----------
-    spill : TileSpill
-        The points.
-    folder : Path
-        Where moments are kept in between, if they are many; the caller removes it.
-    cell : float
-        Voxel edge, m.
-    has_normals : bool
-        Whether the points' sides are their normals; otherwise planes are fitted.
-    is_signed : bool
-        Whether normals are turned to the points' sides.
-    finder : ClassFinder, optional
-        Finds classes between the two: gather every tile, `find_classes` of every tile, make any of them.
-    finds_surfaces : bool
-        Whether the level surfaces of tiles are asked for.
+    job : TileJob
+        How.
+    points, observations : TileBuckets
+        Of `POINT` and of `OBSERVATION`.
     memory_bytes : int
-        Moments are kept in memory up to this size in all; with 0 every step may be done by another process.
+        Size of the arrays kept in memory; with 0 every step may be done by another process.
     """
 
     def __init__(
-        self,
-        spill: TileSpill,
-        folder: Path,
-        cell: float,
-        *,
-        has_normals: bool,
-        is_signed: bool,
-        finder: ClassFinder | None = None,
-        finds_surfaces: bool = False,
-        memory_bytes: int = MEMORY_BYTES,
+        self, job: TileJob, points: TileBuckets, observations: TileBuckets, *, memory_bytes: int = 0
     ) -> None:
-        self._spill = spill
-        self._folder = folder
-        self._cell = cell
-        self._has_normals = has_normals
-        self._is_signed = is_signed
-        self._finder = finder
-        self._finds_surfaces = finds_surfaces
-        self._memory_bytes = memory_bytes
-        self._in_memory: dict[TileKey, VoxelMoments] = {}
-        self._on_disk: set[TileKey] = set()
-        self._n_bytes = 0
-        self._lock = threading.Lock()
+        self._job = job
+        self._points = points
+        self._arrays = TileArrays(job.folder, memory_bytes)
+        self._finder = None if job.drop is None else ClassFinder(self._arrays, job.cell, observations, job.drop)
+
+    @property
+    def steps(self) -> dict[TileStep, Callable[[TileKey], Any]]:
+        """The method that does each step of a tile."""
+        return {
+            TileStep.GATHER: self.gather,
+            TileStep.FIND_CLASSES: self.find_classes,
+            TileStep.MAKE: self.make,
+        }
+
+    @property
+    def finder(self) -> ClassFinder:
+        """Finder of classes; TypeError if the job drops none."""
+        if self._finder is None:
+            raise TypeError("Expected a job that finds classes.")
+        return self._finder
 
     def gather(self, key: TileKey) -> None:
-        """Sum the points of a tile into its voxels, and keep these instead; done twice, it is done once.
-
-        Raises
-        ------
-        FileNotFoundError
-            If the tile has no points.
-        """
+        """Sum the points of a tile into its voxels, and keep these instead; FileNotFoundError if there are none."""
         try:
-            moments = VoxelMoments.from_records(self._spill.records(key))
+            moments = VoxelMoments.from_records(self._points.records(key))
         except FileNotFoundError:
-            if self._path(key).exists():  # gathered by a process that ended before it could say so
+            if self._arrays.has(key, "moments"):  # by a process that ended before it could say so
                 return
             raise
-        self._keep(key, moments)
+        self._arrays.put(key, "moments", **moments.arrays)
         if self._finder is not None:
-            self._finder.look_at(key, moments)
-        self._spill.remove(key)
+            self._finder.prepare(key, moments)
+        self._points.remove(key)
 
     def find_classes(self, key: TileKey) -> FoundInTile:
         """Find the classes of a tile; it and the tiles around it have been gathered."""
-        if self._finder is None:
-            raise TypeError("Expected something that finds classes, got None.")
-        return self._finder.find(
-            key, self.gathered(key), list(self._halo(key, NEIGHBOUR_VOXELS, self.gathered))
-        )
+        return self.finder.find(key, self.moments(key), self._halo(key, NEIGHBOUR_VOXELS, self.moments))
 
     def make(self, key: TileKey) -> MadeTile:
         """Return a tile; it and the tiles around it have been gathered, and their classes found."""
-        tile = self._made(key)
-        surfaces = level_surfaces(tile, self._cell) if self._finds_surfaces else None
-        return MadeTile(tile_record(tile), surfaces)
-
-    def _made(self, key: TileKey) -> VoxelTile:
         own = self._kept(key)
-        if self._has_normals:
+        if self._job.has_normals:
             normals = mean_normals(own.sides, own.counts)
         else:
-            halo = list(self._halo(key, HALO_VOXELS, self._kept))
+            halo = self._halo(key, HALO_VOXELS, self._kept)
             moments = VoxelMoments.concatenate([own, *halo]) if halo else own
-            x, y = moments.indices[:, 0], moments.indices[:, 1]
-            is_own = (x >= 0) & (x < TILE_VOXELS) & (y >= 0) & (y < TILE_VOXELS)
-            fitted = plane_normals(moments, self._cell, is_own)[is_own]
-            normals = (turn_to_side(fitted, own.sides) if self._is_signed else fitted).astype(np.float32)
-        return tile_of_voxels(
-            key,
-            own.indices[:, :2].astype(np.int16),
-            np.ascontiguousarray(own.indices[:, 2]),
-            own.counts.astype(np.int32),
-            normals,
-            mean_steps(own.sums, own.counts, self._cell),
-        )
+            is_own = moments.is_own
+            fitted = plane_normals(moments, self._job.cell, is_own)[is_own]
+            normals = (turn_to_side(fitted, own.sides) if self._job.is_signed else fitted).astype(np.float32)
+        tile = voxel_tile(key, own, normals, self._job.cell)
+        surfaces = level_surfaces(tile, self._job.cell) if self._job.finds_surfaces else None
+        return MadeTile(tile_record(tile), surfaces)
 
-    def _keep(self, key: TileKey, moments: VoxelMoments) -> None:
-        """Keep the voxels of a tile, in memory as long as they are few."""
-        with self._lock:
-            fits = self._n_bytes + moments.n_bytes <= self._memory_bytes
-            self._n_bytes += moments.n_bytes if fits else 0
-        if fits:
-            self._in_memory[key] = moments
-        else:
-            moments.save(self._path(key))
-            self._on_disk.add(key)
-
-    def _is_gathered(self, key: TileKey) -> bool:
-        if self._memory_bytes:
-            return key in self._in_memory or key in self._on_disk
-        return self._path(key).exists()  # by whichever process
-
-    def gathered(self, key: TileKey) -> VoxelMoments:
-        """Return the voxels of a tile."""
-        kept = self._in_memory.get(key)
-        return kept if kept is not None else VoxelMoments.load(self._path(key))
+    def moments(self, key: TileKey) -> VoxelMoments:
+        """Return the voxels of a gathered tile."""
+        return VoxelMoments(**self._arrays.get(key, "moments"))
 
     def _kept(self, key: TileKey) -> VoxelMoments:
         """Voxels of a gathered tile that are for the map."""
-        moments = self.gathered(key)
+        moments = self.moments(key)
         return moments if self._finder is None else moments.select(self._finder.is_kept(key))
 
-    def _halo(
-        self, key: TileKey, reach: int, load: Callable[[TileKey], VoxelMoments]
-    ) -> Iterator[VoxelMoments]:
+    def _halo(self, key: TileKey, reach: int, load: Callable[[TileKey], VoxelMoments]) -> list[VoxelMoments]:
         """Voxels of the tiles around, at most `reach` away; x and y from this tile's corner."""
+        halo = []
         for dx in (-1, 0, 1):
             for dy in (-1, 0, 1):
                 neighbour = (key[0] + dx, key[1] + dy)
-                if (dx, dy) == (0, 0) or not self._is_gathered(neighbour):
+                if (dx, dy) == (0, 0) or not self._arrays.has(neighbour, "moments"):
                     continue
-                moments = load(neighbour)
-                x = moments.indices[:, 0] + dx * TILE_VOXELS
-                y = moments.indices[:, 1] + dy * TILE_VOXELS
-                is_near = (
-                    (x >= -reach) & (x < TILE_VOXELS + reach) & (y >= -reach) & (y < TILE_VOXELS + reach)
-                )
+                moments, shift = load(neighbour), (dx * TILE_VOXELS, dy * TILE_VOXELS)
+                columns = moments.indices[:, :2] + np.array(shift)
+                is_near = ((columns >= -reach) & (columns < TILE_VOXELS + reach)).all(axis=1)
                 if is_near.any():
-                    yield moments.select(is_near, (dx * TILE_VOXELS, dy * TILE_VOXELS))
+                    halo.append(moments.select(is_near, shift))
+        return halo
 
-    def _path(self, key: TileKey) -> Path:
-        return self._folder / f"{key[0]}_{key[1]}.npz"
+
+def voxel_tile(key: TileKey, moments: VoxelMoments, normals: NDArray[np.float32], cell: float) -> VoxelTile:
+    """Return the tile of voxels with these moments and normals, shape (n, 3)."""
+    return tile_of_voxels(
+        key, moments.indices[:, :2].astype(np.int16), np.ascontiguousarray(moments.indices[:, 2]),
+        moments.counts.astype(np.int32), normals, mean_steps(moments.sums, moments.counts, cell),
+    )  # fmt: skip
+
+
+@contextmanager
+def by_threads(
+    job: TileJob, points: TileBuckets, observations: TileBuckets, n_threads: int
+) -> Iterator[TileSteps]:
+    """Yield what lets threads of this process make tiles; data stays in memory as far as it fits."""
+    do = TileMaker(job, points, observations, memory_bytes=MEMORY_BYTES).steps
+    if n_threads == 1:
+        yield lambda step, keys: map(do[step], keys)
+        return
+    with ThreadPoolExecutor(n_threads) as pool:
+        try:
+            yield lambda step, keys: ordered_map(pool, do[step], keys, 2 * n_threads)
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+@contextmanager
+def by_engine(job: TileJob, engine: Engine, n_points: int, n_tiles: int) -> Iterator[TileSteps]:
+    """Yield what lets the workers of an engine make tiles; all buckets are on disk."""
+    n_together = min(max(1, POINTS_OF_TASK * n_tiles // n_points), MOST_TILES_OF_TASK)
+    with engine.started(-(-n_tiles // n_together)) as run:
+
+        def do_all(step: TileStep, keys: Sequence[TileKey]) -> Iterator[Any]:
+            starts = range(0, len(keys), n_together)
+            tasks = [TileTask(step, tuple(keys[first : first + n_together])) for first in starts]
+            done = (each for task, results in run(job, tasks) for each in zip(task.keys, results, strict=True))
+            results = in_order_of(keys, done)
+            return map(job.fetched, results) if step is TileStep.MAKE else results
+
+        yield do_all

@@ -1,22 +1,20 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Candidates: voxels that drives have met where the map has none, before it is judged whether they are new."""
+"""Candidates for new surfaces: voxels that drives have hit where the map has none."""
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 
 from maxcon.geometry import Pose
 from maxcon.map import PointMap, TileKey, VoxelTile
 from maxcon.map.ground import GroundPatch
 from maxcon.map.tile import VoxelLookup
-from maxcon.map.voxelize import mean_steps, tile_of_voxels
-from maxcon.mapping.build.spill import TileSpill
-from maxcon.mapping.build.voxel_moments import LAYER, ROW, VoxelMoments
-from maxcon.mapping.build.voxel_normals import plane_normals, turn_to_side
-from maxcon.mapping.update.update_options import UpdateOptions
+from maxcon.mapping.build.bucketing import TileBuckets, point_records
+from maxcon.mapping.build.tiles import voxel_tile
+from maxcon.mapping.build.voxel_moments import LAYER, ROW, VoxelMoments, plane_normals, turn_to_side
+from maxcon.mapping.update.options import UpdateOptions
 
-__all__ = ["candidates_of_tile", "spill_unknown_points"]
+__all__ = ["candidates_of_tile", "sort_unknown_points"]
 
 NEAR_VOXELS = 2
 """A point up to so many voxels from one of the map, along each axis, may be of its surface: 12 cm at 6 cm."""
@@ -28,8 +26,8 @@ BEHIND = (0.5, 15.0)
 """Range behind a new surface, m, in which the extension of the ray must meet a surface that the map has."""
 
 
-def spill_unknown_points(
-    ends: NDArray[np.float64], pose: Pose, point_map: PointMap, options: UpdateOptions, spill: TileSpill
+def sort_unknown_points(
+    ends: NDArray[np.float64], pose: Pose, point_map: PointMap, options: UpdateOptions, buckets: TileBuckets
 ) -> None:
     """Keep the ends of rays that lie near no surface of the map, above the ground, and in front of a known surface.
 
@@ -46,8 +44,8 @@ def spill_unknown_points(
         The map with all its voxels.
     options : UpdateOptions
         The reach.
-    spill : TileSpill
-        Takes the points with the directions to the sensor.
+    buckets : TileBuckets
+        Takes the points with the directions to the sensor (`POINT`).
     """
     from maxcon.mapping.update.ray_kernels import are_far_from_voxels, hide_known_surfaces
 
@@ -68,11 +66,14 @@ def spill_unknown_points(
         is_hiding,
     )  # fmt: skip
     rows = rows[is_hiding]
-    spill.add(ends[rows], (to_sensor[rows] / distances[rows, None]).astype(np.float32))
+    directions = (to_sensor[rows] / distances[rows, None]).astype(np.float32)
+    buckets.add(*point_records(ends[rows], directions, point_map.cell))
 
 
 def _are_on_ground(points: NDArray[np.float64], patch: GroundPatch) -> NDArray[np.bool_]:
     """Whether each point lies on the ground, or below; none does where the map does not know the ground."""
+    from scipy.ndimage import distance_transform_edt
+
     is_known = np.isfinite(patch.heights).any(axis=0)
     if not (is_known.any() and len(points)):
         return np.zeros(len(points), bool)
@@ -87,26 +88,22 @@ def _are_on_ground(points: NDArray[np.float64], patch: GroundPatch) -> NDArray[n
 
 
 def candidates_of_tile(
-    spill: TileSpill, key: TileKey, cell: float, options: UpdateOptions, *, is_signed: bool
+    buckets: TileBuckets, key: TileKey, cell: float, options: UpdateOptions, *, is_signed: bool
 ) -> VoxelTile:
-    """Return the voxels of spilled points of a tile that have at least `least_looks` points in and around them."""
-    moments = VoxelMoments.from_records(spill.records(key))
-    moments = moments.select(_are_often_met(moments, options.least_looks))
+    """Return the voxels of a tile that have at least `least_looks` unknown points in and around them."""
+    moments = VoxelMoments.from_records(buckets.records(key))
+    moments = moments.select(_n_points_around(moments) >= options.least_looks)
     fitted = plane_normals(moments, cell, np.ones(len(moments), bool))
-    normals = (turn_to_side(fitted, moments.sides) if is_signed else fitted).astype(np.float32)
-    return tile_of_voxels(
-        key, moments.indices[:, :2].astype(np.int16), np.ascontiguousarray(moments.indices[:, 2]),
-        moments.counts.astype(np.int32), normals, mean_steps(moments.sums, moments.counts, cell),
-    )  # fmt: skip
+    normals = turn_to_side(fitted, moments.sides) if is_signed else fitted
+    return voxel_tile(key, moments, normals.astype(np.float32), cell)
 
 
-def _are_often_met(moments: VoxelMoments, least: int) -> NDArray[np.bool_]:
-    """Whether at least so many points lie in each voxel and the 26 around it."""
+def _n_points_around(moments: VoxelMoments) -> NDArray[np.float64]:
+    """How many points lie in each voxel and the 26 around it."""
     keys, before = moments.keys, np.concatenate([[0.0], np.cumsum(moments.counts)])
     total = np.zeros(len(keys))
     for dz in (-1, 0, 1):
         for dy in (-1, 0, 1):
             middle = keys + dz * LAYER + dy * ROW
-            total += before[np.searchsorted(keys, middle + 1, "right")]
-            total -= before[np.searchsorted(keys, middle - 1)]
-    return np.asarray(total >= least)
+            total += before[np.searchsorted(keys, middle + 1, "right")] - before[np.searchsorted(keys, middle - 1)]
+    return total

@@ -1,18 +1,18 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Compiled: which voxels the rays of a look met and saw through (see `reference`). Arrays in, arrays out."""
+"""Compiled loops of a map update: which voxels the rays of an observation hit and missed (see `reference`)."""
 
 import numpy as np
 from numba import njit
 
 from maxcon.map.lookup_kernels import PATCH_BITS, find_in_patch, find_patch, is_near_voxels, plane_of_voxel
 
-__all__ = ["are_far_from_voxels", "hide_known_surfaces", "sum_around", "weigh_look"]
+__all__ = ["add_observation", "are_far_from_voxels", "hide_known_surfaces", "sum_around"]
 
 
 @njit(nogil=True, cache=True)
-def _is_seen_through(origin, along, length, plane, voxel, cell, margin, least_cosine, reach):
-    """Whether a ray saw through the surface in a voxel: `reference.is_seen_through` for one of them."""
+def _is_miss(origin, along, length, plane, voxel, cell, margin, least_cosine, reach):
+    """Whether a ray saw through the surface in a voxel: `reference.is_miss` for one of them."""
     nx, ny, nz, mx, my, mz = plane
     ox, oy, oz = origin
     ax, ay, az = along
@@ -46,8 +46,8 @@ def _add(k, weight, lowest, highest, log_odds):
 
 
 @njit(nogil=True, cache=True)
-def _mark_met(end, look, cell, weights, rows, grid, corner, offsets, log_odds, n_met, met_in, judged_in):
-    """Count a hit of the voxel that a ray ended in, and of the 26 around it, once per look."""
+def _mark_hits(end, scan, cell, weights, rows, grid, corner, offsets, log_odds, n_hits, hit_in, seen_in):
+    """Count a hit of the voxel that a ray ended in, and of the 26 around it, once per observation."""
     hit, _, lowest, highest = weights
     x0 = np.int64(np.floor(end[0] / cell))
     y0 = np.int64(np.floor(end[1] / cell))
@@ -62,13 +62,13 @@ def _mark_met(end, look, cell, weights, rows, grid, corner, offsets, log_odds, n
                 if not is_held:
                     continue
                 k = offsets[row] + np.int64(number)
-                if judged_in[k] == look:
+                if seen_in[k] == scan:
                     continue
-                judged_in[k] = look
-                n_met[k] += 1
-                if met_in[k, 0] < 0:
-                    met_in[k, 0] = look
-                met_in[k, 1] = look
+                seen_in[k] = scan
+                n_hits[k] += 1
+                if hit_in[k, 0] < 0:
+                    hit_in[k, 0] = scan
+                hit_in[k, 1] = scan
                 _add(k, hit, lowest, highest, log_odds)
 
 
@@ -85,10 +85,10 @@ def _first_border(place, along, cell):
 
 @njit(nogil=True, cache=True)
 def _walk(
-    origin, end, look, cell, margin, least_cosine, reach, weights, rows, grid, corner, offsets, log_odds, n_through,
-    judged_in,
+    origin, end, scan, cell, margin, least_cosine, reach, weights, rows, grid, corner, offsets, log_odds, n_misses,
+    seen_in,
 ):  # fmt: skip
-    """Add a miss to each voxel that a ray saw through, unless a ray of the same look judged it before.
+    """Add a miss to each voxel that a ray saw through, unless a ray of the same observation judged it before.
 
     Voxels are visited along the ray (Amanatides and Woo 1987); a patch without any is looked up only once.
     """
@@ -114,12 +114,12 @@ def _walk(
             is_held, number = find_in_patch(x, y, row, patch, rows)
             if is_held:
                 k = offsets[row] + np.int64(number)
-                if judged_in[k] != look and _is_seen_through(
+                if seen_in[k] != scan and _is_miss(
                     start, along, length, plane_of_voxel(row, number, x, y, z, cell, rows), (x, y, z), cell,
                     margin, least_cosine, reach,
                 ):  # fmt: skip
-                    judged_in[k] = look
-                    n_through[k] += 1
+                    seen_in[k] = scan
+                    n_misses[k] += 1
                     _add(k, miss, lowest, highest, log_odds)
         if to_x <= to_y and to_x <= to_z:
             x, at, to_x = x + step_x, to_x, to_x + every_x
@@ -130,26 +130,28 @@ def _walk(
 
 
 @njit(nogil=True, cache=True)
-def weigh_look(
-    origin, ends, look, cell, margins, least_cosine, reach, weights, rows, grid, corner, offsets, log_odds, n_met,
-    n_through, met_in, judged_in,
+def add_observation(
+    origin, ends, scan, cell, margins, least_cosine, reach, weights, rows, grid, corner, offsets, log_odds, n_hits,
+    n_misses, hit_in, seen_in,
 ):  # fmt: skip
-    """Add what one look says to the evidence of the voxels: first what its rays met, then what they saw through.
+    """Add one observation to the evidence of the voxels: first hits, then misses.
 
-    origin : (3,) float64, the sensor; ends : (n, 3) float64, local frame, m; look : its number, rising from 0;
-    margins : (n,) float64, m, of each ray, see `reference.is_seen_through`; weights : (hit, miss, lowest, highest).
+    origin : (3,) float64, the sensor; ends : (n, 3) float64, local frame, m; scan : number of the
+    observation, rising from 0; margins : (n,) float64, m, of each ray, see `reference.is_miss`;
+    weights : (hit, miss, lowest, highest).
     rows, grid, corner : of a `VoxelLookup`; offsets : (n_tiles + 1,) int64, place of the first voxel of each of its
-    rows in the following, all of them out: log_odds (m,) float32; n_met, n_through (m,) int32, looks; met_in (m, 2)
-    int32, the first and the last look that met it, -1 for none; judged_in (m,) int32, the last look that said anything.
+    rows in the following, all of them out: log_odds (m,) float32; n_hits, n_misses (m,) int32, observations;
+    hit_in (m, 2) int32, the first and the last observation that hit it, -1 for none; seen_in (m,) int32, the last
+    observation that hit or missed it.
     """
     for i in range(ends.shape[0]):
         dx, dy, dz = ends[i, 0] - origin[0], ends[i, 1] - origin[1], ends[i, 2] - origin[2]
         if dx * dx + dy * dy + dz * dz <= reach * reach:
-            _mark_met(ends[i], look, cell, weights, rows, grid, corner, offsets, log_odds, n_met, met_in, judged_in)
+            _mark_hits(ends[i], scan, cell, weights, rows, grid, corner, offsets, log_odds, n_hits, hit_in, seen_in)
     for i in range(ends.shape[0]):
         _walk(
-            origin, ends[i], look, cell, margins[i], least_cosine, reach, weights, rows, grid, corner, offsets,
-            log_odds, n_through, judged_in,
+            origin, ends[i], scan, cell, margins[i], least_cosine, reach, weights, rows, grid, corner, offsets,
+            log_odds, n_misses, seen_in,
         )  # fmt: skip
 
 
@@ -222,9 +224,10 @@ def hide_known_surfaces(
 
 @njit(nogil=True, cache=True)
 def sum_around(voxels, reach, rows, grid, corner, offsets, values, sums):
-    """Sum the values of the voxels within `reach` voxels, along each axis, of each of some voxels, itself included.
+    """Sum the values of the voxels within `reach` voxels, along each axis, of each of some voxels and of itself.
 
-    voxels : (n, 3) int32; values : (m, c) float32, in the order of `weigh_look`; sums : (n, c) float64, zeroed, out.
+    voxels : (n, 3) int32; values : (m, c) float32, in the order of `add_observation`; sums : (n, c) float64,
+    zeroed, out.
     """
     for i in range(voxels.shape[0]):
         for z in range(voxels[i, 2] - reach, voxels[i, 2] + reach + 1):

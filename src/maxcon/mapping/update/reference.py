@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""What a ray says of a voxel, as it is defined, in plain NumPy; `ray_kernels` does the same for many (D7).
+"""Definition of hits and misses of a ray, in plain NumPy; `ray_kernels` does the same for many (D7).
 
-A ray met a voxel if it ended in it or in one of the 26 around: noise moves an end by less than that, mostly.
+A ray hits a voxel if it ended in it or in one of the 26 around: noise moves an end by less than that, mostly.
 
-A ray saw through a voxel if it crossed the surface in it and ended clearly behind. The surface is the plane through the
+A ray misses a voxel if it crossed the surface in it and ended clearly behind. The surface is the plane through the
 mean of the voxel's points, along their normal. The ray must cross this plane inside of the voxel, not at a flat angle,
 and both the sensor and the end must lie farther from the plane than noise explains, on either side. So a road seen at a
 flat angle is not carved: its rays end on the very plane that they pass through. A voxel without a normal is crossed if
@@ -16,16 +16,16 @@ A pulse without a return is no ray: from glass, water and the sky nothing follow
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["is_met", "is_seen_through"]
+__all__ = ["is_hit", "is_miss"]
 
 
-def is_met(end: NDArray[np.float64], voxels: NDArray[np.integer], cell: float) -> NDArray[np.bool_]:
-    """Whether a ray that ended at `end`, shape (3,), m, met each of the voxels, indices of shape (n, 3)."""
+def is_hit(end: NDArray[np.float64], voxels: NDArray[np.integer], cell: float) -> NDArray[np.bool_]:
+    """Whether a ray that ended at `end`, shape (3,), m, hit each of the voxels, indices of shape (n, 3)."""
     there = np.floor(end / cell).astype(np.int64)
     return np.asarray((np.abs(voxels - there) <= 1).all(axis=1))
 
 
-def is_seen_through(
+def is_miss(
     origin: NDArray[np.float64],
     end: NDArray[np.float64],
     voxels: NDArray[np.integer],
@@ -36,7 +36,7 @@ def is_seen_through(
     least_cosine: float,
     reach: float,
 ) -> NDArray[np.bool_]:
-    """Whether a ray saw through each of the voxels.
+    """Whether a ray missed each of the voxels: it saw through the surface there.
 
     Parameters
     ----------

@@ -1,12 +1,13 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Updating a map: a new version of it, in which what drives found gone or new has a class of its own (decision 31)."""
+"""Map update: a new version of a map, in which surfaces that drives found gone or new have a class of their own."""
 
 import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
+from shutil import rmtree
 from typing import Any
 
 import numpy as np
@@ -22,11 +23,10 @@ from maxcon.map.manifest import CLASSES, GROUND, MAP_NAMES, TILES, Manifest, rea
 from maxcon.map.storage import MapStorage, open_storage
 from maxcon.map.store import Section, classes_of_batch, classes_record, tile_record
 from maxcon.map.writer import MapWriter
-from maxcon.mapping.update.drives import LocalizedDrive, Look, looks_of
-from maxcon.mapping.update.gathering import gather_evidence
-from maxcon.mapping.update.surfaces import CANDIDATE, Surfaces
-from maxcon.mapping.update.update_options import UpdateOptions
-from maxcon.mapping.update.verdicts import LookTimes, find_verdicts
+from maxcon.mapping.update.classification import classify
+from maxcon.mapping.update.evidence import CANDIDATE, Surfaces, gather_evidence
+from maxcon.mapping.update.observations import LocalizedDrive, Observation, observations_of
+from maxcon.mapping.update.options import UpdateOptions
 
 __all__ = ["update_map"]
 
@@ -44,6 +44,8 @@ def update_map(
 ) -> Manifest:
     """Write the next version of a map; the map itself is not touched, and nothing that was measured is deleted.
 
+    Memory is bounded by the tiles in reach of a few observations, not by the drives.
+
     Parameters
     ----------
     parent : path
@@ -55,7 +57,7 @@ def update_map(
     options : UpdateOptions, optional
         What counts as evidence, and when a surface is gone or new; the defaults if None.
     overwrite : bool
-        Whether a map that stands at `out` is replaced; anything else there is an error, and so is the map itself.
+        Whether a map that is at `out` is replaced; anything else there is an error, and so is the map itself.
     progress : callable, optional
         Called with (step, done, of how many).
 
@@ -67,57 +69,48 @@ def update_map(
     Raises
     ------
     OptionError
-        If `out` is the map itself, or there is no drive.
+        If `out` is the map itself, or there is no drive, or one is named twice.
     MapError
         If the map cannot be read, or no drive comes near it.
     FileError
         If a scan cannot be read, or `out` cannot be written.
-
-    Notes
-    -----
-    Memory is bounded by the tiles in reach of a few looks, not by the drives.
     """
     options, report = options or UpdateOptions(), progress or (lambda step, done, total: None)
-    if not drives:
-        raise OptionError("Expected at least one drive to update a map with, got none. Name one.")
-    twice = [name for name, number in Counter((drive.name, drive.sha256) for drive in drives).items() if number > 1]
-    if twice:
-        raise OptionError(
-            f"Expected each drive once, got {twice[0][0]} more than once: its looks count once. Name it once."
-        )
-    if Path(out).resolve() == Path(parent).resolve():
-        raise OptionError(f"Expected another folder than the map itself, got {out} for both. Name a new one.")
+    _check(parent, drives, out)
     if overwrite:
         check_replaceable(out, "a map", MAP_NAMES)
     files = open_storage(parent)
     manifest = read_manifest(files)
     point_map = PointMap.open(parent, cache_bytes=CACHE_BYTES, left_out=None)
-    looks = looks_of(drives, point_map.frame, options)
-    _check_inside(point_map, looks, options, parent)
+    observations = observations_of(drives, point_map.frame, options)
+    if not any(point_map.covers(each.pose.x, each.pose.y, options.reach) for each in observations):
+        first = point_map.frame.pose_to_global(observations[0].pose)
+        raise MapError(
+            f"Expected drives through {parent}, but no pose comes near it; the first is at x {first.x:.7g}, y"
+            f" {first.y:.7g} m. Was it localized in another map, or in another CRS?"
+        )
     with atomic_folder(out, overwrite=overwrite) as folder:
         work = folder / "work"
         work.mkdir()
-        judged = gather_evidence(point_map, drives, looks, options, work, report)
-        times = LookTimes(np.array([look.time for look in looks]), np.array([look.drive for look in looks]))
-        changes = Counter[str]()
+        evidence = gather_evidence(point_map, drives, observations, options, work, report)
         with MapWriter(folder) as writer:
-            copier = _Copier(files, manifest, writer, changes)
-            done, keys = 0, sorted(point_map.tile_keys | judged.n_voxels.keys())
-            verdicts = find_verdicts(judged, times, options)
+            copier = _Copier(files, manifest, writer)
+            keys = sorted(point_map.tile_keys | evidence.n_voxels.keys())
+            classified = classify(evidence, observations, options)
             for done, key in enumerate(keys, 1):
-                if key in judged.n_voxels:
-                    copier.put_judged(*next(verdicts))
+                if key in evidence.n_voxels:
+                    copier.put_classified(*next(classified))
                 else:
                     copier.put_unchanged(key)
                 report("writing tiles", done, len(keys))
             copier.put_ground()
-            for path in work.iterdir():
-                path.unlink()
-            work.rmdir()
+            rmtree(work)
             update = {
-                **_history(parent, manifest, drives, looks, options),
-                **{name: changes[name] for name in ("n_judged", "n_now_gone", "n_now_new", "n_back")},
-                **{f"n_{each.name.lower()}": changes[each.name] for each in SurfaceClass},
+                "program": f"maxcon {__version__}",
+                "parent": {"name": Path(parent).name, "sha256": manifest.sha256},
+                "drives": _describe(drives, observations),
+                "options": asdict(options),
+                **copier.counts,
             }
             return writer.finish(
                 cell=manifest.cell,
@@ -129,18 +122,32 @@ def update_map(
             )
 
 
+def _check(parent: str | os.PathLike[str], drives: Sequence[LocalizedDrive], out: str | os.PathLike[str]) -> None:
+    """Refuse no drives, a drive twice, and to write over the map itself."""
+    if not drives:
+        raise OptionError("Expected at least one drive to update a map with, got none. Name one.")
+    twice = [name for (name, _), n in Counter((drive.name, drive.sha256) for drive in drives).items() if n > 1]
+    if twice:
+        raise OptionError(
+            f"Expected each drive once, got {twice[0]} more than once: its observations count once. Name it once."
+        )
+    if Path(out).resolve() == Path(parent).resolve():
+        raise OptionError(f"Expected another folder than the map itself, got {out} for both. Name a new one.")
+
+
 class _Copier:
     """Writes the tiles of the map into its new version, changed or as they are, and counts what changed."""
 
-    def __init__(self, files: MapStorage, manifest: Manifest, writer: MapWriter, changes: "Counter[str]") -> None:
+    def __init__(self, files: MapStorage, manifest: Manifest, writer: MapWriter) -> None:
         self._tiles = Section(files, manifest, TILES)
         self._ground = Section(files, manifest, GROUND)
         self._classes = Section(files, manifest, CLASSES)
         self._writer = writer
-        self._changes = changes
+        changes = ("n_judged", "n_now_gone", "n_now_new", "n_back")
+        self.counts: dict[str, int] = dict.fromkeys([*changes, *(f"n_{each.name.lower()}" for each in SurfaceClass)], 0)
 
     def put_unchanged(self, key: TileKey) -> None:
-        """Write a tile that no look reaches."""
+        """Write a tile that no observation reaches."""
         record = self._tiles.record(key)
         self._writer.put(record)
         classes = np.full(record.n_rows, SurfaceClass.KNOWN, np.uint8)
@@ -149,7 +156,7 @@ class _Copier:
             classes = classes_of_batch(self._classes.batch(key))
         self._count(classes)
 
-    def put_judged(self, surfaces: Surfaces, classes: NDArray[np.uint8]) -> None:
+    def put_classified(self, surfaces: Surfaces, classes: NDArray[np.uint8]) -> None:
         """Write a tile with the classes that were found; candidates that are not new are left out."""
         before, is_kept = surfaces.classes, classes != CANDIDATE
         tile = replace(surfaces.tile.rows(is_kept), classes=classes[is_kept])
@@ -160,11 +167,15 @@ class _Copier:
         if classes[is_kept].any():
             self._writer.put(classes_record(tile))
         self._count(classes[is_kept])
-        evidence = surfaces.evidence
-        self._changes["n_judged"] += int(((evidence.n_met + evidence.n_through > 0) & (before != CANDIDATE)).sum())
-        self._changes["n_now_gone"] += int(((classes == SurfaceClass.GONE) & (before != SurfaceClass.GONE)).sum())
-        self._changes["n_now_new"] += int(is_added.sum())
-        self._changes["n_back"] += int(((classes == SurfaceClass.NEW) & (before == SurfaceClass.GONE)).sum())
+        is_seen = surfaces.evidence.n_hits + surfaces.evidence.n_misses > 0
+        was_gone = before == SurfaceClass.GONE
+        for name, is_changed in (
+            ("n_judged", is_seen & (before != CANDIDATE)),
+            ("n_now_gone", (classes == SurfaceClass.GONE) & ~was_gone),
+            ("n_now_new", is_added),
+            ("n_back", (classes == SurfaceClass.NEW) & was_gone),
+        ):
+            self.counts[name] += int(is_changed.sum())
 
     def put_ground(self) -> None:
         """Write the ground as it is."""
@@ -173,43 +184,21 @@ class _Copier:
 
     def _count(self, classes: NDArray[np.uint8]) -> None:
         for each in SurfaceClass:
-            self._changes[each.name] += int(np.count_nonzero(classes == each))
+            self.counts[f"n_{each.name.lower()}"] += int(np.count_nonzero(classes == each))
 
 
-def _check_inside(
-    point_map: PointMap, looks: Sequence[Look], options: UpdateOptions, parent: str | os.PathLike[str]
-) -> None:
-    if not any(point_map.covers(look.pose.x, look.pose.y, options.reach) for look in looks):
-        first = point_map.frame.pose_to_global(looks[0].pose)
-        raise MapError(
-            f"Expected drives through {parent}, but no pose comes near it; the first is at x {first.x:.7g}, y"
-            f" {first.y:.7g} m. Was it localized in another map, or in another CRS?"
-        )
-
-
-def _history(
-    parent: str | os.PathLike[str],
-    manifest: Manifest,
-    drives: Sequence[LocalizedDrive],
-    looks: Sequence[Look],
-    options: UpdateOptions,
-) -> Mapping[str, Any]:
-    """The entry of an update in the manifest: its parent, the drives, and the options."""
-    n_looks = Counter(look.drive for look in looks)
-    return {
-        "program": f"maxcon {__version__}",
-        "parent": {"name": Path(parent).name, "sha256": manifest.sha256},
-        "drives": [
-            {
-                "name": drive.name,
-                "sha256": drive.sha256,
-                "n_epochs": drive.n_epochs,
-                "n_localized": len(drive.rows),
-                "n_looks": n_looks[number],
-                "from_time": drive.rows[0][1].time,
-                "to_time": drive.rows[-1][1].time,
-            }
-            for number, drive in enumerate(drives)
-        ],
-        "options": asdict(options),
-    }
+def _describe(drives: Sequence[LocalizedDrive], observations: Sequence[Observation]) -> list[Mapping[str, Any]]:
+    """Return the drives of an update, for the manifest."""
+    n_observations = Counter(each.drive for each in observations)
+    return [
+        {
+            "name": drive.name,
+            "sha256": drive.sha256,
+            "n_epochs": drive.n_epochs,
+            "n_localized": len(drive.rows),
+            "n_looks": n_observations[number],
+            "from_time": drive.rows[0][1].time,
+            "to_time": drive.rows[-1][1].time,
+        }
+        for number, drive in enumerate(drives)
+    ]

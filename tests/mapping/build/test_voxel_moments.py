@@ -7,14 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
-from maxcon.errors import OptionError
-from maxcon.mapping.build.classes import class_name, parse_classes
-from maxcon.mapping.build.spill import RECORD, TileSpill
-from maxcon.mapping.build.voxel_moments import HALO_VOXELS, PADDING, VoxelMoments
-from maxcon.mapping.build.voxel_normals import plane_normals, turn_to_side
+from maxcon.mapping.build.bucketing import POINT, TileArrays, TileBuckets, point_records
+from maxcon.mapping.build.voxel_moments import HALO_VOXELS, PADDING, VoxelMoments, plane_normals, turn_to_side
 from maxcon.map import TILE_VOXELS
 
 SEEDS = st.integers(0, 2**32)
@@ -33,23 +30,22 @@ def spread_points(seed, n, cell, tiles):
     st.floats(0.001, 40),
     st.booleans(),
 )
-@settings(max_examples=60)
 def test_every_point_comes_back_from_its_tile(seed, sizes, cell, tiles, has_little_memory):
     points, sides = spread_points(seed, sum(sizes), cell, tiles)
     with tempfile.TemporaryDirectory() as folder:
-        spill = TileSpill(Path(folder), cell)
+        buckets = TileBuckets(Path(folder), POINT, "points")
         for number, part in enumerate(np.split(np.arange(len(points)), np.cumsum(sizes))):
-            spill.add(points[part], sides[part])
+            buckets.add(*point_records(points[part], sides[part], cell))
             if has_little_memory and number % 2:
-                spill._flush()
-        spill.complete()
+                buckets._flush()
+        buckets.complete()
         assert has_little_memory or not list(Path(folder).iterdir())
         indices = np.floor(points / cell).astype(int)
         wanted = {tuple(key) for key in (indices[:, :2] // TILE_VOXELS).tolist()}
-        assert spill.keys == sorted(wanted)
+        assert buckets.keys == sorted(wanted)
         n_back = 0
-        for key in spill.keys:
-            records = np.concatenate(list(spill.records(key, n_at_once=7)))
+        for key in buckets.keys:
+            records = np.concatenate(list(buckets.records(key, n_at_once=7)))
             is_here = (indices[:, :2] // TILE_VOXELS == key).all(axis=1)
             here = np.flatnonzero(is_here)
             n_back += len(here)
@@ -60,7 +56,7 @@ def test_every_point_comes_back_from_its_tile(seed, sizes, cell, tiles, has_litt
                 (got * cell) + records["inside"], points[here], atol=1e-6 * max(1, tiles)
             )
             np.testing.assert_array_equal(records["side"], sides[here])
-            spill.remove(key)
+            buckets.remove(key)
         assert n_back == len(points)
         assert not list(Path(folder).iterdir())
 
@@ -79,15 +75,14 @@ def moments_by_loop(points, sides, cell):
 
 def gathered(points, sides, cell, n_at_once):
     with tempfile.TemporaryDirectory() as folder:
-        spill = TileSpill(Path(folder), cell)
-        spill.add(points, sides)
-        spill.complete()
-        assert spill.keys == [(0, 0)]
-        return VoxelMoments.from_records(spill.records((0, 0), n_at_once))
+        buckets = TileBuckets(Path(folder), POINT, "points")
+        buckets.add(*point_records(points, sides, cell))
+        buckets.complete()
+        assert buckets.keys == [(0, 0)]
+        return VoxelMoments.from_records(buckets.records((0, 0), n_at_once))
 
 
 @given(SEEDS, st.integers(1, 150), st.sampled_from([1, 7, 1000]))
-@settings(max_examples=30)
 def test_moments_are_sums_whatever_the_parts(seed, n, n_at_once):
     cell = 0.06
     rng = np.random.default_rng(seed)
@@ -108,7 +103,6 @@ def test_moments_are_sums_whatever_the_parts(seed, n, n_at_once):
 
 
 @given(SEEDS, st.integers(1, 100))
-@settings(max_examples=20)
 def test_coarser_voxels_hold_the_sums_of_theirs(seed, n):
     cell = 0.06
     rng = np.random.default_rng(seed)
@@ -123,17 +117,21 @@ def test_coarser_voxels_hold_the_sums_of_theirs(seed, n):
     np.testing.assert_allclose(coarse.outers, wanted.outers, atol=1e-6)
 
 
-def test_moments_come_back_from_disk(tmp_path):
-    rng = np.random.default_rng(0)
-    moments = gathered(rng.uniform(0, 1, (50, 3)), rng.normal(size=(50, 3)).astype(np.float32), 0.06, 9)
-    moments.save(tmp_path / "a.npz")
-    again = VoxelMoments.load(tmp_path / "a.npz")
-    for name in ("indices", "counts", "sums", "outers", "sides"):
-        np.testing.assert_array_equal(getattr(again, name), getattr(moments, name))
+@pytest.mark.parametrize("memory_bytes", [0, 3000, 10**9])
+def test_arrays_of_tiles_come_back_from_memory_and_disk(tmp_path, memory_bytes):
+    arrays, kept = TileArrays(tmp_path, memory_bytes), np.random.default_rng(0).normal(size=(5, 100, 3))
+    for number, values in enumerate(kept):
+        arrays.put((number, -1), "values", values=values, counts=np.array([number]))
+    assert len(list(tmp_path.iterdir())) == {0: 5, 3000: 4, 10**9: 0}[memory_bytes]
+    for number, values in enumerate(kept):
+        assert arrays.has((number, -1), "values")
+        assert not arrays.has((number, -1), "others")
+        again = arrays.get((number, -1), "values")
+        np.testing.assert_array_equal(again["values"], values)
+        assert again["counts"] == [number]
 
 
 @given(SEEDS, st.floats(0.0, np.pi), st.floats(-1.0, 1.0))
-@settings(max_examples=25)
 def test_the_normal_of_any_plane(seed, turn, tilt):
     """Also where the tile ends, and below zero."""
     cell = 0.06
@@ -157,7 +155,7 @@ def _wall(spacing, n=12):
 
 def _moments(indices, cell=0.06):
     """Moments of voxels with one point each, in the middle; order and types as `VoxelMoments` has them."""
-    records = np.zeros(len(indices), RECORD)
+    records = np.zeros(len(indices), POINT)
     records["column"], records["layer"], records["inside"] = indices[:, :2], indices[:, 2], 0.5 * cell
     return VoxelMoments.from_records([records])
 
@@ -194,24 +192,3 @@ def test_normals_are_turned_to_the_side_or_left_out():
     sides = np.array([[5.0, 1, 0], [-0.1, 9, 0], [0, 1.0, 0], [1.0, 0, 0], [0, 0, 0]])
     turned = turn_to_side(normals, sides)
     np.testing.assert_array_equal(turned, [[1, 0, 0], [-1, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0]])
-
-
-def test_classes_by_name_and_number():
-    assert parse_classes(["ground"]) == {2, 11, 20}
-    assert parse_classes([" Vegetation ", "low_vegetation", "17"]) == {3, 4, 5, 17}
-    assert parse_classes([]) == frozenset()
-    assert parse_classes(["vehicle"], [64, 65]) == {64, 65}
-    assert parse_classes(["0", "255"]) == {0, 255}
-    assert [class_name(number) for number in (0, 2, 5, 64)] == [
-        "unclassified", "ground", "high-vegetation", "class 64",
-    ]  # fmt: skip
-    for names, vehicles in (
-        (["vehicle"], ()),
-        (["-1"], ()),
-        (["1.5"], ()),
-        ([""], ()),
-        (["²"], ()),
-        ([], [256]),
-    ):
-        with pytest.raises(OptionError, match="Expected a class number from 0 to 255"):
-            parse_classes(names, vehicles)

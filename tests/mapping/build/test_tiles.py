@@ -8,13 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from built_maps import files_of
 
 from maxcon._system.engine import Engine
 from maxcon.errors import MapError
 from maxcon.mapping.build import MapOptions, build_map
-from maxcon.mapping.build.sightings import SightingSpill
-from maxcon.mapping.build.spill import TileSpill
-from maxcon.mapping.build.tile_job import TileJob, TileStep, TileTask, by_threads
+from maxcon.mapping.build.bucketing import POINT, TileBuckets, point_records
+from maxcon.mapping.build.found_classes import OBSERVATION, observation_records
+from maxcon.mapping.build.tiles import TileJob, TileStep, TileTask, by_threads
 from maxcon.map import PointMap
 
 for package in ("distributed", "cryptography"):
@@ -23,10 +24,6 @@ if sys.platform == "win32":
     pytest.skip("no POSIX signals to kill a worker with", allow_module_level=True)
 
 CELL = 0.06
-
-
-def files_of(folder):
-    return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 @pytest.fixture(scope="module")
@@ -64,6 +61,7 @@ def options(request):
     return OPTIONS[request.param]
 
 
+@pytest.mark.clusters
 def test_two_workers_make_the_map_that_threads_make(cloud, options, tmp_path):
     build_map([cloud], tmp_path / "threads.map", options, n_threads=2)
     build_map([cloud], tmp_path / "workers.map", options, engine=Engine(2))
@@ -73,6 +71,7 @@ def test_two_workers_make_the_map_that_threads_make(cloud, options, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["street.laz", "threads.map", "workers.map"]
 
 
+@pytest.mark.clusters
 def test_thin_tiles_go_together(tmp_path, cloud_files):
     points = np.random.default_rng(0).uniform(0.0, 700.0, (2000, 3)) * [1.0, 1.0, 0.01]
     cloud = cloud_files.npz(tmp_path / "a.npz", points)
@@ -93,6 +92,7 @@ def kill_a_worker():
     return False
 
 
+@pytest.mark.kills
 def test_workers_that_are_killed_change_nothing(cloud, tmp_path):
     """One of them after every third tile, at each step."""
     kills = []
@@ -109,21 +109,19 @@ def test_workers_that_are_killed_change_nothing(cloud, tmp_path):
 
 
 @pytest.fixture
-def spilled(street, tmp_path):
+def sorted_points(street, tmp_path):
     """The points of the street on disk, as a build sorts them for others; the job, and the keys of its tiles."""
     points = street[0] - [458_000.0, 5_428_000.0, 100.0]
-    spill, sightings = TileSpill(tmp_path, CELL), SightingSpill(tmp_path, CELL)
-    spill.add(points, np.zeros(points.shape, np.float32))
-    sightings.add(points, street[1])
-    spill.complete(to_disk=True)
-    sightings.complete(to_disk=True)
-    return TileJob(
-        tmp_path, CELL, has_normals=False, is_signed=False, finds_surfaces=True, drop=frozenset()
-    ), spill.keys
+    buckets, seen = TileBuckets(tmp_path, POINT, "points"), TileBuckets(tmp_path, OBSERVATION, "seen")
+    buckets.add(*point_records(points, np.zeros(points.shape, np.float32), CELL))
+    seen.add(*observation_records(points, street[1], CELL))
+    buckets.complete(to_disk=True)
+    seen.complete(to_disk=True)
+    return TileJob(tmp_path, CELL, False, False, finds_surfaces=True, drop=frozenset()), buckets.keys
 
 
-def test_every_step_may_be_done_twice_and_each_by_another_process(spilled):
-    job, keys = spilled
+def test_every_step_may_be_done_twice_and_each_by_another_process(sorted_points):
+    job, keys = sorted_points
     for part in (keys[:3], keys[2:]):  # the third by one that took over, too
         job.open()(TileTask(TileStep.GATHER, tuple(part)))
     once, twice = (job.open()(TileTask(TileStep.FIND_CLASSES, tuple(keys))) for _ in range(2))
@@ -135,14 +133,14 @@ def test_every_step_may_be_done_twice_and_each_by_another_process(spilled):
     assert sum(tile.record.n_points for tile in made[0]) == 246_000
 
 
-def test_a_tile_without_points_is_an_error_and_not_an_empty_tile(spilled):
-    job, _ = spilled
+def test_a_tile_without_points_is_an_error_and_not_an_empty_tile(sorted_points):
+    job, _ = sorted_points
     with pytest.raises(FileNotFoundError):
         job.open()(TileTask(TileStep.GATHER, ((99, 99),)))
 
 
 def test_a_map_without_one_of_its_tiles_is_refused():
-    job = TileJob(Path(), CELL, has_normals=False, is_signed=False, finds_surfaces=False)
+    job = TileJob(Path(), CELL, has_normals=False, is_signed=False)
     task = TileTask(TileStep.MAKE, ((3, -4), (5, 6)))
     one, _ = job.split(task)
     assert one == TileTask(TileStep.MAKE, ((3, -4),))
@@ -152,9 +150,9 @@ def test_a_map_without_one_of_its_tiles_is_refused():
         job.lost(one, "it crashes")
 
 
-def test_tiles_wait_in_files_for_those_before_them(spilled):
+def test_tiles_wait_in_files_for_those_before_them(sorted_points):
     """A tile that takes long, or ends its workers, lets all others wait: they must not do so in memory."""
-    job, keys = spilled
+    job, keys = sorted_points
     job.open()(TileTask(TileStep.GATHER, tuple(keys)))
     job.open()(TileTask(TileStep.FIND_CLASSES, tuple(keys)))
     waiting = job.open()(TileTask(TileStep.MAKE, tuple(keys)))
@@ -164,7 +162,7 @@ def test_tiles_wait_in_files_for_those_before_them(spilled):
 
 
 def test_a_worker_that_does_not_see_the_folder_says_so(tmp_path):
-    job = TileJob(tmp_path / "no", CELL, has_normals=False, is_signed=False, finds_surfaces=False)
+    job = TileJob(tmp_path / "no", CELL, has_normals=False, is_signed=False)
     with pytest.raises(MapError, match=r"Expected all workers to see .*no, got one on .* that does not"):
         job.open()
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from maxcon.errors import FileError, OptionError
-from maxcon.mapping.align.rounds import read_rounds, survey
+from maxcon.mapping.align.passes import read_passes, survey
 from maxcon.mapping.build.sources import open_headers
 
 TIMES = np.array([7.2, 8.9, 9.1, 100.4, 101.2, 160.0])
@@ -15,12 +15,12 @@ def silent(step, done, total):
     pass
 
 
-def numbers(rounds, headers):
+def numbers(passes, headers):
     return np.concatenate(
         [
-            rounds.of_points(part.times, part.source_ids, file)
+            passes.of_points(part.times, part.source_ids, file)
             for file, header in enumerate(headers)
-            for part in read_rounds(header)
+            for part in read_passes(header)
         ]
     ).tolist()
 
@@ -33,17 +33,17 @@ def headers(tmp_path, write_las):
 
 
 def test_pauses_tell_rounds_apart_in_order_of_time(headers):
-    rounds = survey(headers, "time", 20.0, silent)
-    assert [each.name for each in rounds.rounds] == ["round 1", "round 2", "round 3"]
-    assert [(each.start, each.end) for each in rounds.rounds] == [(7.0, 10.0), (100.0, 102.0), (160.0, 161.0)]
-    assert numbers(rounds, headers) == [1, 1, 2, 0, 0, 0]
-    assert rounds.are_apart
-    assert rounds.at(np.array([0.0, 50.0, 60.0, 140.0, 1e6])).tolist() == [0, 0, 1, 2, 2]
+    passes = survey(headers, "time", 20.0, silent)
+    assert [each.name for each in passes] == ["pass 1", "pass 2", "pass 3"]
+    assert [(each.start, each.end) for each in passes.passes] == [(7.0, 10.0), (100.0, 102.0), (160.0, 161.0)]
+    assert numbers(passes, headers) == [1, 1, 2, 0, 0, 0]
+    assert passes.are_apart
+    assert passes.at(np.array([0.0, 50.0, 60.0, 140.0, 1e6])).tolist() == [0, 0, 1, 2, 2]
     assert len(survey(headers, "time", 70.0, silent)) == 2
 
 
 def test_a_second_has_the_mean_of_its_points(headers):
-    first = survey(headers, "time", 20.0, silent).rounds[0]
+    first = survey(headers, "time", 20.0, silent).passes[0]
     np.testing.assert_allclose(first.times, [7.5, 8.5, 9.5])
     np.testing.assert_allclose(first.middles - [550_000, 5_802_000, 60], POINTS[:3], atol=1e-6)
     np.testing.assert_allclose(first.centre - [550_000, 5_802_000, 60], POINTS[:3].mean(axis=0), atol=1e-6)
@@ -51,9 +51,9 @@ def test_a_second_has_the_mean_of_its_points(headers):
 
 def test_files_and_sources_tell_rounds_apart(headers):
     by_file, by_source = (survey(headers, by, 20.0, silent) for by in ("file", "source"))
-    assert [each.name for each in by_file.rounds] == ["a.las", "b.las"]
+    assert [each.name for each in by_file.passes] == ["a.las", "b.las"]
     assert numbers(by_file, headers) == [1, 1, 1, 0, 0, 0]
-    assert [each.name for each in by_source.rounds] == ["source 3", "source 7"]
+    assert [each.name for each in by_source.passes] == ["source 3", "source 7"]
     assert numbers(by_source, headers) == [1, 1, 0, 0, 0, 1]
     assert by_file.are_apart
     assert not by_source.are_apart
@@ -63,11 +63,11 @@ def test_without_times_files_have_to_tell(tmp_path, write_las):
     headers = open_headers([write_las(tmp_path / "a.las", POINTS, TIMES, point_format=0, version="1.2")])
     with pytest.raises(OptionError, match="--rounds file"):
         survey(headers, "time", 20.0, silent)
-    assert survey(headers, "file", 20.0, silent).rounds[0].times.tolist() == [0.5]
+    assert survey(headers, "file", 20.0, silent).passes[0].times.tolist() == [0.5]
 
 
 def test_times_that_are_none_do_not_fill_the_memory(tmp_path, write_las, monkeypatch):
-    monkeypatch.setattr("maxcon.mapping.align.rounds.MOST_SECONDS", 4)
+    monkeypatch.setattr("maxcon.mapping.align.passes.MOST_SECONDS", 4)
     headers = open_headers([write_las(tmp_path / "a.las", POINTS, TIMES)])
     with pytest.raises(OptionError, match="Are these times"):
         survey(headers, "time", 20.0, silent)

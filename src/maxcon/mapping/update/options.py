@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""UpdateOptions: which scans are looks, what evidence a look adds, and when a surface is gone or new."""
+"""Options of a map update: which scans are observations, what they add, and when a surface is gone or new."""
 
 import math
 from collections.abc import Callable
@@ -14,22 +14,24 @@ from maxcon.io.scans import check_range
 
 __all__ = ["UpdateOptions"]
 
-_RANGES: tuple[tuple[str, tuple[str, ...], Callable[[float], bool]], ...] = (
-    ("a number above 0", ("reach", "sigma_range", "sigmas", "hit", "highest", "new_at"), lambda value: value > 0.0),
+_BOUNDS: tuple[tuple[str, Callable[[float], bool], tuple[str, ...]], ...] = (
+    ("a number above 0", lambda value: value > 0.0, ("reach", "sigma_range", "sigmas", "hit", "highest", "new_at")),
     (
         "a number >= 0",
-        ("least_motion", "sigma_position", "sigma_angle_deg", "least_time", "start"),
         lambda value: value >= 0.0,
+        ("least_motion", "sigma_position", "sigma_angle_deg", "least_time", "start"),
     ),
-    ("a number below 0", ("miss", "lowest", "gone_at"), lambda value: value < 0.0),
-    ("a number above 0 and up to 1", ("least_cosine", "least_share"), lambda value: 0.0 < value <= 1.0),
-    ("at least 1", ("least_looks", "least_voxels"), lambda value: value >= 1),
+    ("a number below 0", lambda value: value < 0.0, ("miss", "lowest", "gone_at")),
+    ("a number above 0 and up to 1", lambda value: 0.0 < value <= 1.0, ("least_cosine", "least_share")),
+    ("at least 1", lambda value: value >= 1, ("least_looks", "least_voxels")),
 )
 
 
 @dataclass(frozen=True, slots=True)
 class UpdateOptions:
-    """How the evidence of drives is gathered and judged (decision 31).
+    """Which scans are observations, how they are weighed, and when a surface is gone or new.
+
+    OptionError if a value is out of its range.
 
     Parameters
     ----------
@@ -38,8 +40,8 @@ class UpdateOptions:
     reach : float
         Surfaces farther from the sensor than this are not judged, m: an angle of 0.1 degrees is 5 cm at 30 m.
     least_motion : float
-        An epoch is a look of its own where the sensor has moved so far since the last one, m: while it stands, its
-        rays say the same again and again.
+        An epoch is an observation of its own where the sensor has moved so far since the last one, m: while it stands,
+        its rays say the same again and again.
     sigma_range : float
         Standard deviation of a range, m.
     sigma_position : float
@@ -47,32 +49,27 @@ class UpdateOptions:
     sigma_angle_deg : float
         The same of its angles, degrees.
     sigmas : float
-        A ray saw through a surface if it ended so many standard deviations behind it.
+        A ray misses a surface if it ended so many standard deviations behind it.
     least_cosine : float
         Cosine of the angle between a ray and the normal of a surface; flatter rays are no evidence.
     hit, miss : float
-        Log-odds that a look adds to a surface that it met, and to one that it saw through.
+        Log-odds that an observation adds to a surface that it hit, and to one that it missed.
     start : float
-        Log-odds of a surface of the map before the first look; new ones begin at 0.
+        Log-odds of a surface of the map before the first observation; new ones begin at 0.
     lowest, highest : float
-        Log-odds are kept between these: what was seen a hundred times can change within a few looks.
+        Log-odds are kept between these: what was seen a hundred times can change within a few observations.
     gone_at : float
         A surface of the map is gone if the log-odds are at most this, in the mean over its neighbourhood, too.
     new_at : float
         A surface that the map does not have is new if they are at least this.
     least_looks : int
-        Fewest looks for either.
+        Fewest observations for either.
     least_time : float
-        From the first to the last look that met a new surface, s, where a single drive saw it: what passes is not new.
+        From the first to the last hit of a new surface, s, where a single drive saw it: what passes is not new.
     least_share : float
-        A neighbourhood is gone if at least this share of the looks at it saw through.
+        A neighbourhood is gone if at least this ratio of the observations of it missed it.
     least_voxels : int
         A neighbourhood has at least so many voxels that changed the same way: single ones are noise.
-
-    Raises
-    ------
-    OptionError
-        If a value is out of its range.
     """
 
     min_range: float = 1.0
@@ -100,7 +97,7 @@ class UpdateOptions:
         for field in fields(self):
             if not math.isfinite(getattr(self, field.name)):
                 raise self._refused(field.name, "a finite number")
-        for expected, names, is_valid in _RANGES:
+        for expected, is_valid, names in _BOUNDS:
             for name in names:
                 if not is_valid(getattr(self, name)):
                     raise self._refused(name, expected)
@@ -116,7 +113,7 @@ class UpdateOptions:
     def margins(
         self, sigma_position: float | None, sigma_angle: float | None, sigma_map: float, distances: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """How far behind a surface rays must end to have seen through it, m.
+        """How far behind a surface rays must end to be a miss of it, m.
 
         Parameters
         ----------

@@ -1,8 +1,7 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""LocalizedDrive: the scans of a drive with the poses found for them; looks: those of them that an update uses."""
+"""Localized drives, and those of their scans that an update uses: its observations."""
 
-import hashlib
 import math
 import os
 from collections.abc import Iterator, Sequence
@@ -12,44 +11,37 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon._system.regular_file import sha256_of_file
 from maxcon.errors import FileError
 from maxcon.export import PARQUET, PoseRow, read_rows
 from maxcon.geometry import LocalFrame, Pose
 from maxcon.io.raw_scan import nearest_in_time
 from maxcon.io.scans import Scans, open_scans
 from maxcon.io.trajectories import read_trajectory
-from maxcon.mapping.update.update_options import UpdateOptions
+from maxcon.mapping.update.options import UpdateOptions
 
-__all__ = ["LocalizedDrive", "Look", "looks_of"]
+__all__ = ["LocalizedDrive", "Observation", "observations_of"]
 
 # Times of the table are written to the nanosecond, those of scans are read from text.
 SAME_TIME = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
-    """One scan that an update uses.
+class Observation:
+    """One scan that an update uses."""
 
-    Parameters
-    ----------
-    drive : int
-        Number of its drive.
-    epoch : int
-        Number of the scan in it.
-    time : float
-        s.
-    pose : Pose
-        T_map_sensor, local frame of the map.
-    sigma_position, sigma_angle : float
-        Largest standard deviations of the position along an axis, m, and of an angle, rad; None where not known.
-    """
-
-    drive: int
-    epoch: int
-    time: float
-    pose: Pose
+    drive: int  # Number of its drive
+    epoch: int  # Number of the scan in it
+    time: float  # s
+    pose: Pose  # T_map_sensor, local frame of the map
+    # Largest standard deviations of the position along an axis, m, and of an angle, rad; None where not known
     sigma_position: float | None
     sigma_angle: float | None
+
+    def ends(self, drives: "Sequence[LocalizedDrive]", options: UpdateOptions) -> NDArray[np.float64]:
+        """Read where its rays ended, local frame of the map, shape (n, 3), m."""
+        raw = drives[self.drive].scans.read(self.epoch, options.min_range, options.max_range)
+        return np.ascontiguousarray(self.pose.apply(raw.points))
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,30 +72,24 @@ class LocalizedDrive:
     def open(cls, scans: Scans | str | os.PathLike[str], poses: str | os.PathLike[str]) -> "LocalizedDrive":
         """Return the drive of scans, or of a folder or recording of them, and the table of poses made of them.
 
-        Raises
-        ------
-        FileError
-            If either cannot be read, or the table is of other scans, or no epoch in it is localized.
+        FileError if either cannot be read, or the table is of other scans, or no epoch in it is localized.
         """
         opened = scans if isinstance(scans, Scans) else open_scans(scans)
-        rows = tuple(_with_scans(opened, read_rows(poses), Path(poses)))
+        table = Path(poses)
+        rows = tuple(_with_scans(opened, read_rows(table), table))
         if not rows:
             raise FileError(
-                f"Expected a localized epoch in {poses}, got none: an update learns from what is localized. Localize"
+                f"Expected a localized epoch in {table}, got none: an update learns from what is localized. Localize"
                 " the drive again, or leave it out."
             )
-        table = Path(poses)
         name = table.name if table.suffix.lower() != PARQUET else f"{table.absolute().parent.name}/{table.name}"
-        return cls(opened, rows, len(opened), name, _sha256(table))
+        return cls(opened, rows, len(opened), name, sha256_of_file(table))
 
     @classmethod
     def of_reference(cls, scans: Scans, reference: str | os.PathLike[str]) -> "LocalizedDrive":
         """Return the drive of scans with the poses of a reference trajectory at their times.
 
-        Raises
-        ------
-        FileError, TrajectoryError
-            If the trajectory cannot be read, or has no pose at the time of a scan.
+        FileError or TrajectoryError if the trajectory cannot be read, or has no pose at the time of a scan.
         """
         trajectory = read_trajectory(reference)
         nearest = nearest_in_time(trajectory.times, scans.times)
@@ -116,12 +102,12 @@ class LocalizedDrive:
             raise FileError(
                 f"Expected reference poses at the times of the scans in {reference}, got none. Correct its times."
             )
-        return cls(scans, rows, len(scans), Path(reference).name, _sha256(Path(reference)))
+        return cls(scans, rows, len(scans), Path(reference).name, sha256_of_file(Path(reference)))
 
 
-def looks_of(drives: Sequence[LocalizedDrive], frame: LocalFrame, options: UpdateOptions) -> list[Look]:
-    """Return the looks of all drives, drive by drive: epochs before which the sensor moved by `least_motion`."""
-    looks = list[Look]()
+def observations_of(drives: Sequence[LocalizedDrive], frame: LocalFrame, options: UpdateOptions) -> list[Observation]:
+    """Return the observations of all drives, in order: epochs before which the sensor moved by `least_motion`."""
+    observations = list[Observation]()
     for number, drive in enumerate(drives):
         last = np.full(3, np.inf)
         for epoch, row in drive.rows:
@@ -129,24 +115,14 @@ def looks_of(drives: Sequence[LocalizedDrive], frame: LocalFrame, options: Updat
             if pose is None or np.linalg.norm(pose.position - last) < options.least_motion:
                 continue
             last = pose.position
-            looks.append(Look(number, epoch, row.time, pose, *_sigmas(row)))
-    return looks
+            sigmas = (_largest_sigma(row, names) for names in (("x", "y", "z"), ("roll", "pitch", "heading")))
+            observations.append(Observation(number, epoch, row.time, pose, *sigmas))
+    return observations
 
 
-def read_look(look: Look, drives: Sequence[LocalizedDrive], options: UpdateOptions) -> NDArray[np.float64]:
-    """Return where the rays of a look ended, local frame of the map, shape (n, 3), m."""
-    raw = drives[look.drive].scans.read(look.epoch, options.min_range, options.max_range)
-    return np.ascontiguousarray(look.pose.apply(raw.points))
-
-
-def _sigmas(row: PoseRow) -> tuple[float | None, float | None]:
-    """Largest standard deviation of position and of angles in a row; None where it has none."""
-    position = [row.numbers.get(f"cov_{name}_{name}") for name in ("x", "y", "z")]
-    angles = [row.numbers.get(f"cov_{name}_{name}") for name in ("roll", "pitch", "heading")]
-    return _largest_sigma(position), _largest_sigma(angles)
-
-
-def _largest_sigma(variances: Sequence[float | None]) -> float | None:
+def _largest_sigma(row: PoseRow, names: Sequence[str]) -> float | None:
+    """Largest standard deviation of some coordinates of a pose; None if one is not known."""
+    variances = [row.numbers.get(f"cov_{name}_{name}") for name in names]
     known = [value for value in variances if value is not None]
     return math.sqrt(max(known)) if len(known) == len(variances) else None
 
@@ -162,8 +138,3 @@ def _with_scans(scans: Scans, rows: Sequence[PoseRow], path: Path) -> Iterator[t
             )
         if row.status == "localized" and row.pose is not None:
             yield i, row
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

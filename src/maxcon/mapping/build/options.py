@@ -1,22 +1,61 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""How a map is made of its points."""
+"""Options of a map build: voxels, area, coordinate reference system, and which classes are dropped."""
 
+import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import Literal, get_args
 
+import numpy as np
+from numpy.typing import NDArray
+
 from maxcon.errors import ArrayError, OptionError
-from maxcon.mapping.build.classes import DEFAULT_DROP, FOUND_DROP, parse_classes
-from maxcon.mapping.build.found_classes import FOUND, LARGEST_CELL
-from maxcon.mapping.build.placement import Area
 from maxcon.map.layout import CELLS
 from maxcon.map.layout import check_sigma
+from maxcon.mapping.build.classes import DEFAULT_DROP, FOUND, FOUND_DROP, parse_classes
 from maxcon.scan.trajectory import Trajectory
 
-__all__ = ["Classify", "MapOptions"]
+__all__ = ["Area", "Classify", "MapOptions"]
 
 Classify = Literal["auto", "always", "off"]
+LARGEST_CLASSIFIED_CELL = 0.25
+"""Largest voxel edge, m, at which classes can be found from the shapes of surfaces."""
+
+
+@dataclass(frozen=True, slots=True)
+class Area:
+    """Rectangle of a map in the coordinates of its CRS, m; OptionError if its sides are not finite and in order."""
+
+    x_min: float
+    y_min: float
+    x_max: float
+    y_max: float
+
+    def __post_init__(self) -> None:
+        sides = astuple(self)
+        if not all(map(math.isfinite, sides)) or not (self.x_min < self.x_max and self.y_min < self.y_max):
+            raise OptionError(
+                "Expected an area x_min,y_min,x_max,y_max, the smaller numbers first, got"
+                f" {','.join(f'{side:.12g}' for side in sides)}. Give it in the coordinates of the map."
+            )
+
+    @classmethod
+    def parse(cls, text: str) -> "Area":
+        """Return the area of four numbers separated by commas; OptionError if they are not."""
+        try:
+            x_min, y_min, x_max, y_max = map(float, text.split(","))
+        except ValueError:
+            raise OptionError(
+                f"Expected an area as x_min,y_min,x_max,y_max, four numbers, got {text!r:.80}. Give it in the"
+                " coordinates of the map."
+            ) from None
+        return cls(x_min, y_min, x_max, y_max)
+
+    def contains(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Which points, shape (n, 3), lie in it, its lower sides included."""
+        x, y = points[:, 0], points[:, 1]
+        return np.asarray((x >= self.x_min) & (x < self.x_max) & (y >= self.y_min) & (y < self.y_max))
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,21 +79,20 @@ class MapOptions:
     crs : str, optional
         CRS of sources that name none.
     keep_every : int
-        Of so many points, in the order of each source, one is kept: a thinner map to compare with.
+        Only every n-th point of each source is taken: a thinner map to compare with.
     sigma : float, optional
-        How well the map is known: standard deviation of its position along any axis, m. If None it is estimated
-        from what several passes of the mapping vehicle saw (decision 19), and `UNKNOWN_SIGMA` where there are none.
+        Standard deviation of the map's position along any axis, m. If None it is estimated from the differences
+        between passes of the mapping vehicle, and `UNKNOWN_SIGMA` where there is only one.
     to_crs : str, optional
         CRS of the map, into which all points are transformed; that of the sources if None. The trajectory is in it.
     area : Area, optional
-        Only points in it are taken, in the CRS of the map.
+        Only points in it are taken.
     classes_are_asprs : bool
         Whether class numbers of clouds that are not LAS are those of the ASPRS, too.
     classify : str
-        Whether ground, vegetation and temporary objects are found from the points themselves (decision 23): "auto"
-        where no cloud has classes (all points are 0 or 1, or noise), "always" also where they have, which then count
-        for nothing but noise and vehicles, or "off". Where they are found, ground and temporary objects are left out
-        if `drop` is None.
+        Whether ground, vegetation and temporary objects are found from the points themselves: "auto" where no cloud
+        has classes (all points are 0 or 1, or noise), "always" also where they have (of these only noise and vehicles
+        count then), or "off". Where they are found, ground and temporary objects are left out if `drop` is None.
     """
 
     cell: float = 0.06
@@ -84,13 +122,11 @@ class MapOptions:
                 " out --signed-normals or --to-crs."
             )
         if self.classify not in get_args(Classify):
+            raise OptionError(f"Expected classify to be auto, always or off, got {self.classify!r}. Correct it.")
+        if self.classify == "always" and self.cell > LARGEST_CLASSIFIED_CELL:
             raise OptionError(
-                f"Expected classify to be auto, always or off, got {self.classify!r}. Correct it."
-            )
-        if self.classify == "always" and self.cell > LARGEST_CELL:
-            raise OptionError(
-                f"Expected voxels of at most {LARGEST_CELL:g} m to tell shapes by, got {self.cell:g} m. Leave out"
-                " --classify, or make the cell smaller."
+                f"Expected voxels of at most {LARGEST_CLASSIFIED_CELL:g} m to tell shapes by, got {self.cell:g} m."
+                " Leave out --classify, or make the cell smaller."
             )
         if self.sigma is not None:
             check_sigma(self.sigma)
@@ -105,7 +141,7 @@ class MapOptions:
         """Whether classes are found, or may be once all points are read."""
         return self.classify == "always" or (
             self.classify == "auto"
-            and self.cell <= LARGEST_CELL
+            and self.cell <= LARGEST_CLASSIFIED_CELL
             and bool(self.dropped_found_classes() & FOUND)
         )
 
@@ -116,5 +152,4 @@ class MapOptions:
     def dropped_classes(self, *, are_asprs: bool = True) -> frozenset[int]:
         """Class numbers that are left out of a source; the default speaks of ASPRS classes only."""
         default = DEFAULT_DROP if are_asprs else ()
-        named = parse_classes(default if self.drop is None else self.drop, self.vehicle_classes)
-        return named | self.vehicle_numbers
+        return parse_classes(default if self.drop is None else self.drop, self.vehicle_classes) | self.vehicle_numbers
