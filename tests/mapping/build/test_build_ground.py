@@ -4,6 +4,7 @@
 
 import numpy as np
 import pytest
+from built_maps import files_of
 
 from maxcon import PointMap
 from maxcon.mapping.build import MapOptions, build_map
@@ -56,7 +57,7 @@ def test_the_ground_does_not_depend_on_whether_its_points_are_voxels_too(tmp_pat
         for name, drop in (("a.map", None), ("b.map", ()))
     )
     assert without.n_points < with_it.n_points
-    assert without.ground == with_it.ground  # checksums too
+    assert files_of(tmp_path / "a.map" / "ground") == files_of(tmp_path / "b.map" / "ground")
 
 
 def test_a_bridge_is_another_level(tmp_path, cloud_files):

@@ -30,7 +30,8 @@ def test_voxels_are_those_of_the_same_points_in_memory(tmp_path, cloud_files, sc
             points = np.concatenate([chunk.points for chunk in reader.chunks()])
     local = points - np.array(opened.frame.origin)
     assert_same_voxels(opened, PointMap.from_points(local, np.zeros_like(local), CELL), normals_too=False)
-    assert manifest == read_manifest(tmp_path / "a.map")
+    read = read_manifest(tmp_path / "a.map")
+    assert (manifest.build, manifest.n_points, manifest.origin) == (read.build, read.n_points, read.origin)
     assert manifest.n_points == len(points)
     assert left_over(tmp_path) == sorted(["a.map", path.name])
     assert left_over(tmp_path / "a.map") == ["manifest.json", "tiles"]
