@@ -20,13 +20,6 @@ def open_drives(paths: Sequence[str | os.PathLike[str]]) -> list[LocalizedDrive]
 
     A table may be the Parquet file of a drive, `drive=NAME/poses.parquet`, as `maxcon localize --drives` writes it.
     SCANS may be a dataset, which may stand without a table: its reference poses are taken then.
-
-    Raises
-    ------
-    OptionError
-        If scans are named without a table, or a table without scans.
-    MaxconError
-        If something cannot be read.
     """
     left, drives = [Path(path) for path in paths], list[LocalizedDrive]()
     while left:

@@ -15,21 +15,10 @@ def dataset_map_options(
 ) -> MapOptions:
     """Return the options to build the map of a dataset from its clouds.
 
-    Parameters
-    ----------
-    dataset : Dataset
-        What is dropped, which classes mean vehicles, where the mapping sensor was, and how well the map is known.
-    cell : float
-        Voxel edge, m.
-    keep_every : int
-        Of so many points one is kept.
-    keeps_ground : bool
-        Whether the ground stays in the map: a baseline that needs it may have it.
-
-    Raises
-    ------
-    FileError
-        If the trajectory of the mapping sensor cannot be read.
+    dataset: what is dropped, which classes mean vehicles, where the mapping sensor was, and how well the map is known.
+    cell: voxel edge, m.
+    keep_every: of so many points one is kept.
+    keeps_ground: whether the ground stays in the map: a baseline that needs it may have it.
     """
     trajectory = dataset.map_trajectory
     return MapOptions(

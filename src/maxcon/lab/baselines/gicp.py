@@ -27,24 +27,12 @@ LEAST_NEIGHBOURS = 5
 
 
 def check_small_gicp() -> None:
-    """Say that small_gicp is missing before the work that leads to it.
-
-    Raises
-    ------
-    MissingExtraError
-        If small_gicp is not installed.
-    """
+    """Say that small_gicp is missing before the work that leads to it."""
     _small_gicp()
 
 
 def _small_gicp() -> Any:
-    """Return the package.
-
-    Raises
-    ------
-    MissingExtraError
-        If it is not installed.
-    """
+    """Return the package."""
     try:
         import small_gicp
     except ImportError as error:

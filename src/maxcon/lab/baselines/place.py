@@ -27,12 +27,8 @@ class Place:
     It follows from the start and the scan alone, so that an answer does not depend on what was localized
     before.
 
-    Parameters
-    ----------
-    column, row : int
-        Index of the square, floor(coordinate / 20 m), local frame.
-    reach : float
-        m.
+    column, row: index of the square, floor(coordinate / 20 m), local frame.
+    reach: m.
     """
 
     column: int

@@ -34,22 +34,12 @@ class Residual(NamedOption, option="residual"):
     ) -> NormalEquations:
         """Linearize half the sum of squared residuals at the present pose.
 
-        Parameters
-        ----------
-        arms : array, shape (n, 3)
-            From the sensor to each scan point, axes of the map, m. A turn dh moves the point by
-            (-y, x, 0) dh.
-        offsets : array, shape (n, 3)
-            r = p - q, m.
-        normals : array, shape (n, 3)
-            Unit normals of the map at q; not used by `POINT`.
-
-        Returns
-        -------
-        N : array, shape (3, 3)
-            A^T A; the rows of A are the derivatives of the residuals by x, y and heading.
-        gradient : array, shape (3,)
-            A^T r. A step d of Gauss-Newton solves N d = -gradient.
+        arms: shape (n, 3); from the sensor to each scan point, axes of the map, m. A turn dh moves the point by (-y, x,
+            0) dh.
+        offsets: shape (n, 3); r = p - q, m.
+        normals: shape (n, 3); unit normals of the map at q; not used by `POINT`.
+        Returns N: shape (3, 3); A^T A; the rows of A are the derivatives of the residuals by x, y and heading.
+        Returns gradient: shape (3,); A^T r. A step d of Gauss-Newton solves N d = -gradient.
         """
         x, y, _ = arms.T
         if self is Residual.PLANE:
@@ -64,19 +54,10 @@ class Residual(NamedOption, option="residual"):
 def smallest_step(equations: NormalEquations, arm: float) -> tuple[NDArray[np.float64], bool]:
     """Shortest step d with N d = -gradient: nothing moves in a direction that N leaves open.
 
-    Parameters
-    ----------
-    equations : tuple of arrays
-        N and the gradient.
-    arm : float
-        A turn is as long as the way it moves a point at this distance, m.
-
-    Returns
-    -------
-    step : array, shape (3,)
-        Of x, y (m) and heading (rad).
-    is_full : bool
-        Whether N leaves no direction open.
+    equations: N and the gradient.
+    arm: a turn is as long as the way it moves a point at this distance, m.
+    Returns step: shape (3,); of x, y (m) and heading (rad).
+    Returns is_full: whether N leaves no direction open.
     """
     matrix, gradient = equations
     scale = np.array([1.0, 1.0, 1.0 / max(arm, 1e-3)])

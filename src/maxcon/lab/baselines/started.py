@@ -33,28 +33,16 @@ class StartedMethod(Protocol):
     def prepare(self, scan: Scan, point_map: PointMap, around: Pose, spread: float = 0.0) -> Aligner:
         """Do once what all starts share.
 
-        Parameters
-        ----------
-        scan : Scan
-            Points of one epoch, sensor frame.
-        point_map : PointMap
-            The map.
-        around : Pose
-            T_map_sensor, local frame of the map: the middle of the starts.
-        spread : float
-            How far from it the starts lie at most, in x and y, m.
+        scan: points of one epoch, sensor frame.
+        point_map: the map.
+        around: T_map_sensor, local frame of the map: the middle of the starts.
+        spread: how far from it the starts lie at most, in x and y, m.
         """
         ...
 
 
 def check_number(name: str, value: float, default: float, unit: str, *, may_be_zero: bool = False) -> None:
-    """Refuse an option that is not a finite number above zero.
-
-    Raises
-    ------
-    OptionError
-        If it is not.
-    """
+    """Refuse an option that is not a finite number above zero."""
     is_good = math.isfinite(value) and (value > 0.0 or (may_be_zero and value == 0.0))
     if not is_good:
         sign = ">=" if may_be_zero else ">"
@@ -62,13 +50,7 @@ def check_number(name: str, value: float, default: float, unit: str, *, may_be_z
 
 
 def check_steps(name: str, value: int, default: int) -> None:
-    """Refuse a number of steps that is not a whole number from 1.
-
-    Raises
-    ------
-    OptionError
-        If it is not.
-    """
+    """Refuse a number of steps that is not a whole number from 1."""
     if not (value >= 1 and value == int(value)):
         raise OptionError(f"Expected `{name}` to be a whole number from 1, got {value}. The default is {default}.")
 
@@ -85,13 +67,7 @@ class IteratedMethod(Protocol):
 
 
 def check_iteration(method: IteratedMethod) -> None:
-    """Refuse options that all methods which iterate from a start have; defaults are those of its class.
-
-    Raises
-    ------
-    OptionError
-        If one is out of its range.
-    """
+    """Refuse options that all methods which iterate from a start have; defaults are those of its class."""
     defaults = {option.name: option.default for option in fields(method)}
 
     def check(name: str, unit: str, *, may_be_zero: bool = False) -> None:

@@ -21,11 +21,6 @@ def thin(points: NDArray[np.float64], edge: float) -> NDArray[np.float64]:
     """Mean of the points in each cube of edge `edge` (m), shape (m, 3), ordered by (z, y, x) of the cubes.
 
     The points themselves where `edge` is 0.
-
-    Raises
-    ------
-    ArrayError
-        If the points extend over more than 2^21 cubes along an axis (1,049 km with an edge of 0.5 m).
     """
     if edge == 0.0:
         return points
@@ -38,20 +33,11 @@ def merge_planes(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Mean point and mean unit normal of each cube of edge `edge`.
 
-    Parameters
-    ----------
-    points, normals : array, shape (n, 3)
-        m; unit normals, zeros for none.
-    edge : float
-        m.
-    is_signed : bool
-        Whether normals are turned to the sensor's side; otherwise n and -n mean the same.
-
-    Returns
-    -------
-    points, normals : array, shape (m, 3)
-        Ordered by (z, y, x) of the cubes. A normal is zero where the normals in its cube disagree or many are
-        missing: at the edge of a house their mean belongs to no surface.
+    points, normals: shape (n, 3); m; unit normals, zeros for none.
+    edge: m.
+    is_signed: whether normals are turned to the sensor's side; otherwise n and -n mean the same.
+    Returns points, normals: shape (m, 3); ordered by (z, y, x) of the cubes. A normal is zero where the normals in its
+        cube disagree or many are missing: at the edge of a house their mean belongs to no surface.
     """
     cube, n_cubes = _cubes(points, edge)
     if not is_signed:

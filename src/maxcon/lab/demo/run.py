@@ -119,13 +119,7 @@ class MethodResult:
 
 
 def check_extras() -> None:
-    """Say what is missing for a demo before a minute is spent on it.
-
-    Raises
-    ------
-    MissingExtraError
-        If embreex, matplotlib or jinja2 is not installed.
-    """
+    """Say what is missing for a demo before a minute is spent on it."""
     check_embreex()
     check_matplotlib()
     check_jinja2()

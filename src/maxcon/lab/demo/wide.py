@@ -30,10 +30,7 @@ MOST_EPOCHS = 8
 class WideResult:
     """All trials with wide priors.
 
-    Parameters
-    ----------
-    trials : tuple of PriorTrial
-        Epoch by epoch; those of GICP only where small_gicp is installed.
+    trials: epoch by epoch; those of GICP only where small_gicp is installed.
     """
 
     trials: tuple[PriorTrial, ...]
@@ -94,16 +91,10 @@ def _methods(level: PriorErrors) -> list[StudyMethod]:
 def try_wide_priors(drive: DemoDrive, folder: Path, *, seed: int, progress: Progress) -> WideResult:
     """Localize some epochs of the drive from ever wider priors and write the trials to `folder`.
 
-    Parameters
-    ----------
-    drive : DemoDrive
-        The simulated drive.
-    folder : Path
-        Of the demo; the map with ground, for the peers, is built there.
-    seed : int
-        Of the priors.
-    progress : callable
-        Called with (step, done, of how many).
+    drive: the simulated drive.
+    folder: of the demo; the map with ground, for the peers, is built there.
+    seed: of the priors.
+    progress: called with (step, done, of how many).
     """
     options = dataset_map_options(drive.dataset, keeps_ground=True)
     build_map(drive.dataset.map_clouds, folder / GROUND_MAP, options, progress=progress)

@@ -31,14 +31,9 @@ SUCCESS_WORDS = f"{SUCCESS_DISTANCE:g} m and {math.degrees(SUCCESS_HEADING):g}°
 class PoseError:
     """How far a pose is from the reference, in x, y and heading.
 
-    Parameters
-    ----------
-    along : float
-        In the direction of the reference's heading, signed, m.
-    across : float
-        To the left of that direction, signed, m.
-    heading : float
-        Counter-clockwise, signed, rad.
+    along: in the direction of the reference's heading, signed, m.
+    across: to the left of that direction, signed, m.
+    heading: counter-clockwise, signed, rad.
     """
 
     along: float
@@ -71,13 +66,9 @@ def pose_error(pose: Pose, reference: Pose) -> PoseError:
 class Quantiles:
     """Quantiles of absolute errors, in the unit of the errors; all NaN where there is no error.
 
-    Parameters
-    ----------
-    median, p95, p99 : float
-        The error that 50, 95 and 99 % of the epochs do not exceed, interpolated linearly between the two
+    median, p95, p99: the error that 50, 95 and 99 % of the epochs do not exceed, interpolated linearly between the two
         epochs next to that rank. Of fewer than 100 epochs, `p99` is nearly the worst.
-    worst : float
-        The largest.
+    worst: the largest.
     """
 
     median: float
@@ -99,16 +90,10 @@ class Quantiles:
 class Accuracy:
     """Errors of a method over the epochs it localized.
 
-    Parameters
-    ----------
-    n_epochs : int
-        All epochs, those without an answer too.
-    n_success : int
-        Localized within 0.3 m and 1 degree.
-    distance, along, across : Quantiles
-        Of the absolute errors of the epochs that were localized, m.
-    heading : Quantiles
-        Of the absolute heading errors of these epochs, rad.
+    n_epochs: all epochs, those without an answer too.
+    n_success: localized within 0.3 m and 1 degree.
+    distance, along, across: of the absolute errors of the epochs that were localized, m.
+    heading: of the absolute heading errors of these epochs, rad.
     """
 
     n_epochs: int

@@ -24,18 +24,12 @@ PROMISED_PLANE = tuple(1.0 - math.exp(-0.5 * k * k) for k in SIGMAS)
 class Coverage:
     """How many errors lie within 1, 2 and 3 of their predicted sigmas.
 
-    Parameters
-    ----------
-    n_epochs : int
-        How many errors have a predicted sigma.
-    n_within : tuple of 3 int
-        Of these, how many are at most 1, 2 and 3 sigma.
-    rms : float
-        Root of the mean square of errors over sigmas: 1 where the sigmas hold; one gross error makes it large. NaN
+    n_epochs: how many errors have a predicted sigma.
+    n_within: of these, how many are at most 1, 2 and 3 sigma.
+    rms: root of the mean square of errors over sigmas: 1 where the sigmas hold; one gross error makes it large. NaN
         without errors.
-    median : float
-        Median of absolute errors over sigmas: 0.67 where the sigmas hold, 1.18 for the length of two errors together.
-        NaN without errors.
+    median: median of absolute errors over sigmas: 0.67 where the sigmas hold, 1.18 for the length of two errors
+        together. NaN without errors.
     """
 
     n_epochs: int
@@ -75,17 +69,11 @@ class Coverage:
 class MeanSquare:
     """Normalized squared errors of x and y (NEES, e' P^-1 e) over a drive, halved: 1 where the covariances P hold.
 
-    Parameters
-    ----------
-    n_epochs : int
-        How many epochs have a NEES.
-    mean : float
-        Mean of NEES / 2: above 1 where errors are larger than predicted; one gross error makes it large. NaN without
+    n_epochs: how many epochs have a NEES.
+    mean: mean of NEES / 2: above 1 where errors are larger than predicted; one gross error makes it large. NaN without
         epochs.
-    median : float
-        Median of NEES over the one expected, 2 ln 2: 1 where most covariances hold. NaN without epochs.
-    low, high : float
-        If the covariances held, 95 % of the means over so many epochs would lie between these.
+    median: median of NEES over the one expected, 2 ln 2: 1 where most covariances hold. NaN without epochs.
+    low, high: if the covariances held, 95 % of the means over so many epochs would lie between these.
     """
 
     n_epochs: int

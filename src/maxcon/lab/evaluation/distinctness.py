@@ -35,22 +35,16 @@ class Distinctness:
 
     All are NaN where the highest score is 0: there is no peak.
 
-    Parameters
-    ----------
-    peak_ratio : float
-        Score of the second peak over that of the peak (the paper leaves open which over which), 0 to 1; lower
-        is more distinct. The second peak is the highest local maximum farther from the peak than the guard
-        radius, at any heading; 0 where there is none.
-    kurtosis : float
-        Fourth standardized moment of the scores along the significant ray, taken as a distribution over the
-        offset: 1.8 for many equal scores, 3 for a Gaussian; higher is more distinct. NaN where a single
-        place has all the score: a point has no kurtosis.
-    divergence : float
-        Kullback-Leibler divergence of the same distribution from a Laplace distribution with a standard
-        deviation of 1 cell about the peak, nats; lower is more distinct. NaN where the ray is one cell long
-        (a space of one cell, or a peak in a corner that the ray only touches): it tells nothing then.
-    spread : float
-        Largest horizontal distance from the peak to a cell of any heading that reaches 90 % of its score, m.
+    peak_ratio: score of the second peak over that of the peak (the paper leaves open which over which), 0 to 1; lower
+        is more distinct. The second peak is the highest local maximum farther from the peak than the guard radius, at
+        any heading; 0 where there is none.
+    kurtosis: fourth standardized moment of the scores along the significant ray, taken as a distribution over the
+        offset: 1.8 for many equal scores, 3 for a Gaussian; higher is more distinct. NaN where a single place has all
+        the score: a point has no kurtosis.
+    divergence: Kullback-Leibler divergence of the same distribution from a Laplace distribution with a standard
+        deviation of 1 cell about the peak, nats; lower is more distinct. NaN where the ray is one cell long (a space of
+        one cell, or a peak in a corner that the ray only touches): it tells nothing then.
+    spread: largest horizontal distance from the peak to a cell of any heading that reaches 90 % of its score, m.
     """
 
     peak_ratio: float
@@ -118,27 +112,13 @@ def significant_ray(
     the smallest eigenvalue: that of the largest of Q, but it exists where N is singular, too. Where N prefers no
     direction (no matches, or equal eigenvalues) it is the y axis.
 
-    Parameters
-    ----------
-    accumulator : Accumulator
-        Moments of all cells.
-    scores : array, shape (headings, ny, nx)
-        Score of each cell.
-    cell : tuple of 3 int
-        (heading, y, x) that the line goes through: the best cell.
-
-    Returns
-    -------
-    offsets : array, shape (k,), m
-        Signed distances from the cell, ascending, a cell edge apart, as far as the search space goes; 0 is among
-        them. Positive is towards +x; towards +y where the line is the y axis.
-    scores : array, shape (k,)
-        Interpolated bilinearly between the four cells around each place; that of the cell itself at 0.
-
-    Raises
-    ------
-    ArrayError
-        If the scores have another shape, or are negative or not finite.
+    accumulator: moments of all cells.
+    scores: shape (headings, ny, nx); score of each cell.
+    cell: (heading, y, x) that the line goes through: the best cell.
+    Returns offsets: shape (k,), m; signed distances from the cell, ascending, a cell edge apart, as far as the search
+        space goes; 0 is among them. Positive is towards +x; towards +y where the line is the y axis.
+    Returns scores: shape (k,); interpolated bilinearly between the four cells around each place; that of the cell
+        itself at 0.
     """
     scores = _checked(scores, accumulator.space)
     heading, iy, ix = cell

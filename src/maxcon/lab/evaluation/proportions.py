@@ -18,15 +18,9 @@ NORMAL_QUANTILE_975 = 1.959963984540054
 def clopper_pearson(n_found: int, n_epochs: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
     """Return the ends, 0 to 1, of Clopper and Pearson's confidence interval of a rate; (0, 1) where there is no epoch.
 
-    Parameters
-    ----------
-    n_found, n_epochs : int
-        In how many of how many epochs the event was found.
-    confidence : float
-        Above 0, below 1: at least so often the interval holds the true rate.
+    n_found, n_epochs: in how many of how many epochs the event was found.
+    confidence: above 0, below 1: at least so often the interval holds the true rate.
 
-    Notes
-    -----
     It holds the rates at which finding at most `n_found`, and finding at least `n_found`, both have a probability of
     (1 - confidence) / 2 or more (Clopper and Pearson, 1934): its ends are quantiles of beta distributions. Epochs are
     taken for independent.
@@ -45,11 +39,6 @@ def upper_bound(n_found: int, n_epochs: int, confidence: float = CONFIDENCE) -> 
 
     With 95 % about 3 / n_epochs where it was never found. The upper end of `clopper_pearson`, with 1 - confidence
     beyond it and not half of that.
-
-    Raises
-    ------
-    OptionError
-        If confidence is not above 0.5 and below 1, or fewer than 0 or more than `n_epochs` are found.
     """
     if not 0.5 < confidence < 1.0:
         raise OptionError(
@@ -63,20 +52,10 @@ def wilson_interval(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the lower and upper ends of Wilson's interval of a success rate, 0 to 1.
 
-    Parameters
-    ----------
-    n_successes, n_trials : array_like, shape (m,)
-        Successes and trials of each rate.
-    quantile : float
-        z of the normal distribution; the default makes it an interval of 95 %.
+    n_successes, n_trials: shape (m,); successes and trials of each rate.
+    quantile: z of the normal distribution; the default makes it an interval of 95 %.
+    Returns low, high: shape (m,); NaN where there was no trial.
 
-    Returns
-    -------
-    low, high : array, shape (m,)
-        NaN where there was no trial.
-
-    Notes
-    -----
     (p + z^2 / 2n -+ z sqrt(p (1 - p) / n + z^2 / 4n^2)) / (1 + z^2 / n), p = successes / n (Wilson, 1927). Unlike
     p -+ z sqrt(p (1 - p) / n) it does not shrink to nothing where all epochs succeed. It is
     narrower than `clopper_pearson`: it holds the true rate that often on average over the rates, not for each.

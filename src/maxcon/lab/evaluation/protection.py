@@ -20,18 +20,11 @@ ALERT_LIMIT = 0.29
 class ProtectionCounts:
     """How many epochs lie in each region of the Stanford diagram.
 
-    Parameters
-    ----------
-    n_nominal : int
-        Error <= protection level <= alert limit: used, and rightly so.
-    n_misleading : int
-        Level < error <= alert limit: used, although the error exceeds its level.
-    n_hazardous : int
-        Level <= alert limit < error: used, and nobody was warned.
-    n_large : int
-        Alert limit < level: not to be used, as the method itself says.
-    n_withheld : int
-        There is no level: the answer is not trusted, or there is no answer.
+    n_nominal: error <= protection level <= alert limit: used, and rightly so.
+    n_misleading: level < error <= alert limit: used, although the error exceeds its level.
+    n_hazardous: level <= alert limit < error: used, and nobody was warned.
+    n_large: alert limit < level: not to be used, as the method itself says.
+    n_withheld: there is no level: the answer is not trusted, or there is no answer.
     """
 
     n_nominal: int
@@ -44,14 +37,10 @@ class ProtectionCounts:
     def of(cls, errors: ArrayLike, levels: ArrayLike, alert_limit: float = ALERT_LIMIT) -> "ProtectionCounts":
         """Count the epochs in each region.
 
-        Parameters
-        ----------
-        errors : array_like, shape (n,) or (n, k)
-            Of each epoch, in k directions, in metres; the sign does not matter. An epoch counts by its worst direction.
-        levels : array_like, shape as errors
-            Protection levels, in metres; NaN where there is none.
-        alert_limit : float
-            Largest error that is not dangerous, in metres.
+        errors: shape (n,) or (n, k); of each epoch, in k directions, in metres; the sign does not matter. An epoch
+            counts by its worst direction.
+        levels: shape as errors; protection levels, in metres; NaN where there is none.
+        alert_limit: largest error that is not dangerous, in metres.
         """
         wrong = np.abs(np.asarray(errors, dtype=np.float64))
         level = np.asarray(levels, dtype=np.float64)

@@ -17,17 +17,11 @@ __all__ = ["RiskCoverage"]
 class RiskCoverage:
     """How many answers are wrong among the k most trusted, for every k: the risk-coverage curve.
 
-    Parameters
-    ----------
-    n_epochs : int
-        All epochs, those without an answer too.
-    n_accepted : array, shape (k,)
-        int64, rising: how many answers are accepted, one step per degree of trust; those of equal trust are accepted
-        together.
-    n_wrong : array, shape (k,)
-        int64: how many of the accepted ones are wrong.
-    n_trusted, n_trusted_wrong : int
-        How many answers may be used as the method itself says, and how many of these are wrong.
+    n_epochs: all epochs, those without an answer too.
+    n_accepted: shape (k,); int64, rising: how many answers are accepted, one step per degree of trust; those of equal
+        trust are accepted together.
+    n_wrong: shape (k,); int64: how many of the accepted ones are wrong.
+    n_trusted, n_trusted_wrong: how many answers may be used as the method itself says, and how many of these are wrong.
     """
 
     n_epochs: int
@@ -42,13 +36,10 @@ class RiskCoverage:
     ) -> "RiskCoverage":
         """Sort answers by trust: first those that the method trusts, then the others, both by their runner-up.
 
-        Parameters
-        ----------
-        is_right, is_answer, is_trusted : array_like, shape (n,)
-            bool: whether each epoch is a success, has a pose, and whether the method says that it may be used.
-        runner_up : array_like, shape (n,)
-            Score of the next best place over that of the answer: lower is more trusted. NaN, where a method has none,
-            is trusted less than any number.
+        is_right, is_answer, is_trusted: shape (n,); bool: whether each epoch is a success, has a pose, and whether the
+            method says that it may be used.
+        runner_up: shape (n,); score of the next best place over that of the answer: lower is more trusted. NaN, where a
+            method has none, is trusted less than any number.
         """
         right, answered, trusted = (np.asarray(each, dtype=bool) for each in (is_right, is_answer, is_trusted))
         rivals = np.asarray(runner_up, dtype=np.float64)

@@ -14,20 +14,13 @@ __all__ = ["DemoPage", "MethodSummary", "write_demo_page"]
 class MethodSummary:
     """How one method did over a drive: a row of the table.
 
-    Parameters
-    ----------
-    name : str
-        The objective or method.
-    multiplicity : str
-        How matches are counted (`occupied`, `points`); empty where the method has no matches.
-    n_epochs, n_localized, n_success : int
-        Epochs in all, with an answer, and with one within 0.3 m and 1 degree of the reference.
-    median_error, worst_error : float, optional
-        Distance to the reference over the answers, m; None where there is no answer.
-    worst_heading_error_deg : float, optional
-        Over the answers, degrees.
-    median_ms : float, optional
-        Time per epoch, ms.
+    name: the objective or method.
+    multiplicity: how matches are counted (`occupied`, `points`); empty where the method has no matches.
+    n_epochs, n_localized, n_success: epochs in all, with an answer, and with one within 0.3 m and 1 degree of the
+        reference.
+    median_error, worst_error: distance to the reference over the answers, m; None where there is no answer.
+    worst_heading_error_deg: over the answers, degrees.
+    median_ms: time per epoch, ms.
     """
 
     name: str
@@ -45,30 +38,17 @@ class MethodSummary:
 class DemoPage:
     """Everything the page shows; all of it is escaped.
 
-    Parameters
-    ----------
-    title : str
-        Heading of the page.
-    headline : str
-        What was done and what came out, in a sentence or two.
-    methods : sequence of MethodSummary
-        Rows of the table.
-    epochs : sequence of Picture
-        Some epochs: a street by count and by Helmert, a crossing.
-    why : Picture, optional
-        An epoch where the count is wrong and Helmert's score is not; it comes first.
-    errors, drive : Picture, optional
-        Errors over the drive, and the drive from above.
-    wide : Picture, optional
-        How each method does with less and less accurate priors.
-    facts : sequence of (str, str)
-        Names and values: ("Map", "4.1 million points").
-    command : str
-        What to type to get this page again.
-    version : str
-        Of maxcon.
-    seed : int, optional
-        The seed of the simulated data.
+    title: heading of the page.
+    headline: what was done and what came out, in a sentence or two.
+    methods: rows of the table.
+    epochs: some epochs: a street by count and by Helmert, a crossing.
+    why: an epoch where the count is wrong and Helmert's score is not; it comes first.
+    errors, drive: errors over the drive, and the drive from above.
+    wide: how each method does with less and less accurate priors.
+    facts: names and values: ("Map", "4.1 million points").
+    command: what to type to get this page again.
+    version: of maxcon.
+    seed: the seed of the simulated data.
     """
 
     title: str
@@ -88,18 +68,7 @@ class DemoPage:
 def write_demo_page(path: str | os.PathLike[str], page: DemoPage) -> None:
     """Write the page as one HTML file, with its pictures inside.
 
-    Parameters
-    ----------
-    path : path
-        The file to write.
-    page : DemoPage
-        What it shows.
-
-    Raises
-    ------
-    MissingExtraError
-        If jinja2 is not installed.
-    FileError
-        If a picture cannot be read or the page cannot be written.
+    path: the file to write.
+    page: what it shows.
     """
     write_page(path, "demo.html.j2", page)

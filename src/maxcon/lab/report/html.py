@@ -17,14 +17,9 @@ __all__ = ["Picture", "check_jinja2", "write_page"]
 class Picture:
     """A PNG or SVG, with its title, caption and description.
 
-    Parameters
-    ----------
-    title, caption : str
-        What is written above and below.
-    alt : str
-        What the picture shows, for those who cannot see it.
-    source : path or bytes
-        The file, or its content.
+    title, caption: what is written above and below.
+    alt: what the picture shows, for those who cannot see it.
+    source: the file, or its content.
     """
 
     title: str
@@ -34,13 +29,7 @@ class Picture:
 
     @property
     def data_uri(self) -> str:
-        """The picture as a data URI, to be embedded in a page.
-
-        Raises
-        ------
-        FileError
-            If the file cannot be read, or is neither a PNG nor an SVG.
-        """
+        """The picture as a data URI, to be embedded in a page."""
         content, name = self._content()
         if content.startswith(b"\x89PNG\r\n\x1a\n"):
             kind = "image/png"
@@ -63,13 +52,7 @@ class Picture:
 
 
 def check_jinja2() -> None:
-    """Check that jinja2 is installed, before the work whose result the page is to show.
-
-    Raises
-    ------
-    MissingExtraError
-        If jinja2 is not installed.
-    """
+    """Check that jinja2 is installed, before the work whose result the page is to show."""
     try:
         import jinja2  # noqa: F401
     except ImportError as error:
@@ -81,21 +64,9 @@ def check_jinja2() -> None:
 def write_page(path: str | os.PathLike[str], template: str, page: object) -> None:
     """Write a page as one HTML file.
 
-    Parameters
-    ----------
-    path : path
-        The file to write.
-    template : str
-        Name of the template in `maxcon/report/templates`.
-    page : object
-        Its values, which the template refers to as `page`; all of them are escaped.
-
-    Raises
-    ------
-    MissingExtraError
-        If jinja2 is not installed.
-    FileError
-        If a picture cannot be read or the page cannot be written.
+    path: the file to write.
+    template: name of the template in `maxcon/report/templates`.
+    page: its values, which the template refers to as `page`; all of them are escaped.
     """
     check_jinja2()
     import jinja2

@@ -19,12 +19,8 @@ __all__ = ["Drive", "Route", "drive_along", "sway"]
 class Route:
     """The line a vehicle follows.
 
-    Parameters
-    ----------
-    points : array, shape (k, 2)
-        (x, y) every few centimetres, city metres.
-    stop_at : float
-        Distance along the route at which a vehicle slows down for the crossing, m.
+    points: shape (k, 2); (x, y) every few centimetres, city metres.
+    stop_at: distance along the route at which a vehicle slows down for the crossing, m.
     """
 
     points: NDArray[np.float64]
@@ -41,14 +37,9 @@ class Route:
 class Drive:
     """Poses of a vehicle over time, T_city_vehicle, close enough together to interpolate linearly.
 
-    Parameters
-    ----------
-    times : array, shape (k,)
-        s, rising.
-    positions : array, shape (k, 3)
-        City metres.
-    angles : array, shape (k, 3)
-        Roll, pitch and heading, rad; the heading does not jump at pi.
+    times: shape (k,); s, rising.
+    positions: shape (k, 3); city metres.
+    angles: shape (k, 3); roll, pitch and heading, rad; the heading does not jump at pi.
     """
 
     times: NDArray[np.float64]
@@ -80,27 +71,13 @@ def drive_along(
 ) -> Drive:
     """Return a drive along `route` that changes speed, slows down for the crossing and sways a little.
 
-    Parameters
-    ----------
-    route : Route
-        The line to follow.
-    seed : int or sequence of int
-        Of speed and sway: the same seed gives the same drive.
-    speed : float
-        On the straight parts, m/s; it varies by about a fifth.
-    slowest : float
-        Lowest speed, at the crossing, as a part of `speed`, above 0 and up to 1.
-    wait : float
-        How long it stands at the crossing, as at a red light, s.
-    height : float
-        Of the sensor above the carriageway, m.
-    start_time : float
-        Of the first pose, s.
-
-    Raises
-    ------
-    OptionError
-        If `speed` is not above 0, `slowest` not above 0 and up to 1, or `wait` negative.
+    route: the line to follow.
+    seed: of speed and sway: the same seed gives the same drive.
+    speed: on the straight parts, m/s; it varies by about a fifth.
+    slowest: lowest speed, at the crossing, as a part of `speed`, above 0 and up to 1.
+    wait: how long it stands at the crossing, as at a red light, s.
+    height: of the sensor above the carriageway, m.
+    start_time: of the first pose, s.
     """
     if not 0.0 <= wait < math.inf:
         raise OptionError(f"Expected a wait of 0 s or more, got {wait}. With 0 the vehicle does not stop.")

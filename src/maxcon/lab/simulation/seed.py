@@ -13,12 +13,6 @@ Seed = int | Sequence[int]
 
 
 def check_seed(seed: int) -> None:
-    """Check the seed of a world, from which all its streams begin.
-
-    Raises
-    ------
-    OptionError
-        If it is negative.
-    """
+    """Check the seed of a world, from which all its streams begin."""
     if seed < 0:
         raise OptionError(f"Expected a seed of 0 or more, got {seed}. Take another whole number.")

@@ -23,16 +23,10 @@ MEASURES = ("peak_ratio", "kurtosis", "divergence", "spread")
 class Answer:
     """A method's answer to an epoch; poses in the local frame of its map.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        The answer.
-    milliseconds : float
-        From points in memory to the pose.
-    distinctness : Distinctness, optional
-        Measures of methods that have scores of cells.
-    starts : tuple of Estimate
-        Where each start of a method with several ended.
+    estimate: the answer.
+    milliseconds: from points in memory to the pose.
+    distinctness: measures of methods that have scores of cells.
+    starts: where each start of a method with several ended.
     """
 
     estimate: Estimate

@@ -53,14 +53,9 @@ class _Epoch:
 class BenchPlan:
     """The parts of a bench, from which each process opens its own.
 
-    Parameters
-    ----------
-    dataset : Dataset
-        Scans, reference and priors.
-    maps : dict of str to Path
-        By name of the variant.
-    options : DriveOptions
-        Range limits, and gaps of the trajectories to interpolate across.
+    dataset: scans, reference and priors.
+    maps: by name of the variant.
+    options: range limits, and gaps of the trajectories to interpolate across.
     """
 
     dataset: Dataset
@@ -68,13 +63,7 @@ class BenchPlan:
     options: DriveOptions = field(default_factory=DriveOptions)
 
     def open(self) -> "Bench":
-        """Open the parts of the dataset and the maps made of it.
-
-        Raises
-        ------
-        FileError, TrajectoryError, MapError
-            If a part cannot be read.
-        """
+        """Open the parts of the dataset and the maps made of it."""
         reference = read_trajectory(self.dataset.reference)
         priors = {name: read_trajectory(path) for name, path in self.dataset.priors.items()}
         cache_bytes = CACHE_BYTES // max(1, len(self.maps))
@@ -91,18 +80,11 @@ class BenchPlan:
 class Bench:
     """Everything a study of one dataset needs.
 
-    Parameters
-    ----------
-    scans : Scans
-        The epochs.
-    reference : Trajectory
-        Poses held for true, global.
-    priors : dict of str to Trajectory
-        By name, global; the reference is one of them.
-    maps : dict of str to PointMap
-        By name of the variant.
-    options : DriveOptions
-        Range limits, and gaps of the trajectories to interpolate across.
+    scans: the epochs.
+    reference: poses held for true, global.
+    priors: by name, global; the reference is one of them.
+    maps: by name of the variant.
+    options: range limits, and gaps of the trajectories to interpolate across.
     """
 
     scans: Scans
@@ -112,15 +94,7 @@ class Bench:
     options: DriveOptions
 
     def check_times(self, prior_names: Sequence[str], numbers: Sequence[int]) -> None:
-        """Refuse a prior or a reference that has no pose at any of the epochs, or none inside the map.
-
-        Raises
-        ------
-        TrajectoryError
-            If it is on another clock.
-        MapError
-            If it is in another CRS.
-        """
+        """Refuse a prior or a reference that has no pose at any of the epochs, or none inside the map."""
         for name in dict.fromkeys((REFERENCE, *prior_names)):
             poses, times = self.priors[name], self.scans.times[list(numbers)]
             found = [pose_or_none(poses, float(at), self.options.max_gap) for at in times]
@@ -138,15 +112,9 @@ class Bench:
     def evaluate(self, prior_name: str, number: int, methods: Sequence[StudyMethod]) -> list[Row]:
         """Return a row for each method: its answer to one epoch, or why there is none.
 
-        Parameters
-        ----------
-        prior_name : str
-            Which prior.
-        number : int
-            The epoch.
-        methods : sequence of StudyMethod
-            Those of maximum consensus that need the same accumulator share it; each is
-            charged with its time.
+        prior_name: which prior.
+        number: the epoch.
+        methods: those of maximum consensus that need the same accumulator share it; each is charged with its time.
         """
         row, prior, reference = self._begun(prior_name, number)
         try:

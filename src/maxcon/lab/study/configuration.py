@@ -31,24 +31,14 @@ MAP_AND_SCANS = "description of map and scans"
 class Configuration:
     """Everything that a study was run with.
 
-    Parameters
-    ----------
-    version : str
-        Of maxcon.
-    dataset : str
-        Path of the dataset's TOML file.
-    parts : dict
-        Hashes of what the dataset is made of: its description of map and scans, its reference and each prior.
-    n_scans : int
-        Scans in the dataset.
-    options : dict
-        Range limits of the scans, and gaps of prior and reference to interpolate across.
-    methods : dict
-        Description of each method, by its name, in the order of the table.
-    maps : dict
-        How each map differs, by its name.
-    runs : list of dict
-        Each run: methods, priors, number of epochs, processes; and seconds and rows made, once it is done.
+    version: of maxcon.
+    dataset: path of the dataset's TOML file.
+    parts: hashes of what the dataset is made of: its description of map and scans, its reference and each prior.
+    n_scans: scans in the dataset.
+    options: range limits of the scans, and gaps of prior and reference to interpolate across.
+    methods: description of each method, by its name, in the order of the table.
+    maps: how each map differs, by its name.
+    runs: each run: methods, priors, number of epochs, processes; and seconds and rows made, once it is done.
     """
 
     version: str
@@ -87,13 +77,7 @@ class Configuration:
 
     @classmethod
     def read(cls, folder: Path) -> "Configuration":
-        """Return the configuration of the study in a folder.
-
-        Raises
-        ------
-        FileError
-            If there is none, or it is broken.
-        """
+        """Return the configuration of the study in a folder."""
         path = folder / CONFIGURATION
         try:
             with open_regular(path) as stream:
@@ -110,13 +94,7 @@ class Configuration:
         return found
 
     def _check_kinds(self) -> None:
-        """Refuse what another program has put into the file where names and numbers are expected.
-
-        Raises
-        ------
-        TypeError
-            If there is such.
-        """
+        """Refuse what another program has put into the file where names and numbers are expected."""
         tables = [self.parts, self.options, self.methods, self.maps]
         tables += [*_listed(self.methods), *_listed(self.runs)]
         words = [self.version, self.dataset, *_listed(self.parts)]
@@ -131,30 +109,15 @@ class Configuration:
                 raise TypeError(f"{str(wrong[0])[:40]!r} where {what} should be")
 
     def write(self, folder: Path) -> None:
-        """Write it into the folder of a study.
-
-        Raises
-        ------
-        FileError
-            If it cannot be written.
-        """
+        """Write it into the folder of a study."""
         write_json(folder / CONFIGURATION, asdict(self))
 
     def joined(self, other: "Configuration", with_rows: Collection[str]) -> "Configuration":
         """Return this configuration with the methods of another run of the same study.
 
-        Parameters
-        ----------
-        other : Configuration
-            Of the run that begins.
-        with_rows : collection of str
-            Methods that have rows already: they must be the same as before. Without any, priors and reference may
-            have changed: a run that was stopped, or refused, before its first row has made maps only.
-
-        Raises
-        ------
-        OptionError
-            If the other is of another version, of another dataset or means something else by a method's name.
+        other: of the run that begins.
+        with_rows: methods that have rows already: they must be the same as before. Without any, priors and reference
+            may have changed: a run that was stopped, or refused, before its first row has made maps only.
         """
         for what, mine, theirs in (
             ("made by maxcon", self.version, other.version),
@@ -218,13 +181,7 @@ def _checksum(path: Path) -> str:
 
 
 def check_parts(mine: Mapping[str, str], theirs: Mapping[str, str]) -> None:
-    """Refuse a dataset whose parts are not those of a study; other priors may come.
-
-    Raises
-    ------
-    OptionError
-        If one has changed.
-    """
+    """Refuse a dataset whose parts are not those of a study; other priors may come."""
     for name in mine.keys() & theirs.keys():
         if mine[name] != theirs[name]:
             raise OptionError(

@@ -30,12 +30,8 @@ class StudyTask:
 class StudyJob:
     """What the workers of a study do: rows of its table.
 
-    Parameters
-    ----------
-    plan : BenchPlan
-        The dataset and maps that each worker opens.
-    methods : tuple of StudyMethod
-        They stay in each process, and with them what they keep of the map for later epochs.
+    plan: the dataset and maps that each worker opens.
+    methods: they stay in each process, and with them what they keep of the map for later epochs.
     """
 
     plan: BenchPlan

@@ -20,14 +20,9 @@ STANDARD = "standard"
 class MapVariant:
     """How a map of a dataset differs from the standard one.
 
-    Parameters
-    ----------
-    cell : float
-        Voxel edge, m.
-    keep_every : int
-        One of so many points of the clouds is kept.
-    keeps_ground : bool
-        Whether the ground stays in.
+    cell: voxel edge, m.
+    keep_every: one of so many points of the clouds is kept.
+    keeps_ground: whether the ground stays in.
     """
 
     cell: float = 0.06
@@ -52,23 +47,10 @@ def make_maps(
 ) -> dict[str, Path]:
     """Build the maps that are not there yet; return the path of each.
 
-    Parameters
-    ----------
-    dataset : Dataset
-        Its clouds, or its built map, which is the standard one.
-    folder : Path
-        Where the maps go, a folder each.
-    names : iterable of str
-        Of `MAP_VARIANTS`.
-    progress : callable, optional
-        Called with (step, done, of how many).
-
-    Raises
-    ------
-    OptionError
-        If the dataset comes with a built map, of which there are no variants.
-    FileError, CrsError, TrajectoryError, MapError
-        If a map cannot be built.
+    dataset: its clouds, or its built map, which is the standard one.
+    folder: where the maps go, a folder each.
+    names: of `MAP_VARIANTS`.
+    progress: called with (step, done, of how many).
     """
     from maxcon.lab.dataset_options import dataset_map_options
     from maxcon.mapping.build import build_map

@@ -46,13 +46,7 @@ LEVELS = tuple(
 
 
 def parse_level(word: str) -> PriorErrors:
-    """Return the level of a word such as 12:10, metres and degrees.
-
-    Raises
-    ------
-    OptionError
-        If it is none.
-    """
+    """Return the level of a word such as 12:10, metres and degrees."""
     try:
         offset, heading_deg = (float(number) for number in word.split(":"))
     except ValueError:
@@ -68,14 +62,9 @@ def parse_level(word: str) -> PriorErrors:
 def prior_at(reference: Pose, level: PriorErrors, seed: int, epoch: int) -> Pose:
     """Draw the prior of an epoch: the same at every call, whatever else was drawn before.
 
-    Parameters
-    ----------
-    reference : Pose
-        The pose held for true.
-    level : PriorErrors
-        How far off it may be.
-    seed, epoch : int
-        From 0.
+    reference: the pose held for true.
+    level: how far off it may be.
+    seed, epoch: from 0.
     """
     millis = (round(1e3 * level.offset), round(1e3 * level.heading_deg))
     return level.prior(reference, np.random.default_rng((seed, epoch, *millis)))
@@ -89,17 +78,9 @@ def space_of(level: PriorErrors) -> SearchSpace:
 def methods_at(level: PriorErrors, gates: Sequence[float] = (1.0, 3.0, 6.0)) -> list[StudyMethod]:
     """Return maximum consensus and the methods it is compared with; those that search a window get the level's.
 
-    Parameters
-    ----------
-    level : PriorErrors
-        How wrong the priors are.
-    gates : sequence of float
-        Of registration from one start, m; ICP has all but those above 3.
-
-    Returns
-    -------
-    list of StudyMethod
-        Maximum consensus has all its defaults and the standard map. The peers get the ground too: it holds height
+    level: how wrong the priors are.
+    gates: of registration from one start, m; ICP has all but those above 3.
+    Returns maximum consensus has all its defaults and the standard map. The peers get the ground too: it holds height
         and tilt, which GICP solves for, and ICP is right more often with it (docs/prior_error.md).
     """
     targets = MapTargets()

@@ -29,26 +29,15 @@ __all__ = ["PriorTrial", "TrialSummary", "read_trials", "summarize_trials", "try
 class PriorTrial:
     """The result of one method from one prior.
 
-    Parameters
-    ----------
-    offset, heading_deg : float
-        The level: the prior is wrong by up to so much in x and in y, m, and in heading, degrees.
-    epoch : int
-        Number of the scan.
-    method : str
-        Its name.
-    status : str
-        The method's own word.
-    is_good : bool
-        Whether the method itself calls its pose good.
-    is_right : bool
-        Whether the pose is within 0.3 m and 1 degree of the reference.
-    distance : float
-        Of the pose from the reference in x and y, m.
-    heading_error_deg : float
-        Signed, degrees.
-    ms : float
-        Processor time from points in memory to the pose.
+    offset, heading_deg: the level: the prior is wrong by up to so much in x and in y, m, and in heading, degrees.
+    epoch: number of the scan.
+    method: its name.
+    status: the method's own word.
+    is_good: whether the method itself calls its pose good.
+    is_right: whether the pose is within 0.3 m and 1 degree of the reference.
+    distance: of the pose from the reference in x and y, m.
+    heading_error_deg: signed, degrees.
+    ms: processor time from points in memory to the pose.
     """
 
     offset: float
@@ -73,19 +62,12 @@ def try_epoch(
 ) -> list[PriorTrial]:
     """Let methods localize one epoch from the same prior, drawn around the reference.
 
-    Parameters
-    ----------
-    bench : Bench
-        Scans, reference and maps.
-    epoch : int
-        Number of the scan.
-    level : PriorErrors
-        How wrong the prior may be.
-    methods : sequence of StudyMethod
-        Each is timed on its own copy of the scan, with all it computes from the scan; its part of the map is loaded
-        before.
-    seed : int
-        Of the priors.
+    bench: scans, reference and maps.
+    epoch: number of the scan.
+    level: how wrong the prior may be.
+    methods: each is timed on its own copy of the scan, with all it computes from the scan; its part of the map is
+        loaded before.
+    seed: of the priors.
     """
     options = DriveOptions()
     points = bench.scans.read(epoch, options.min_range, options.max_range).points
@@ -110,13 +92,7 @@ def try_epoch(
 
 
 def write_trials(path: str | os.PathLike[str], trials: Iterable[PriorTrial]) -> None:
-    """Write trials as CSV, a row each; the file appears, or is replaced, only whole.
-
-    Raises
-    ------
-    FileError
-        If it cannot be written.
-    """
+    """Write trials as CSV, a row each; the file appears, or is replaced, only whole."""
     with atomic_file(path) as partial, partial.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.DictWriter(stream, [field.name for field in fields(PriorTrial)])
         writer.writeheader()
@@ -124,13 +100,7 @@ def write_trials(path: str | os.PathLike[str], trials: Iterable[PriorTrial]) -> 
 
 
 def read_trials(path: str | os.PathLike[str]) -> list[PriorTrial]:
-    """Return the trials of a file; none if there is no file.
-
-    Raises
-    ------
-    FileError
-        If it holds something else.
-    """
+    """Return the trials of a file; none if there is no file."""
     if not Path(path).exists():
         return []
     with Path(path).open(newline="", encoding="utf-8") as stream:
@@ -154,18 +124,11 @@ def read_trials(path: str | os.PathLike[str]) -> list[PriorTrial]:
 class TrialSummary:
     """The results of one method from all priors of one level.
 
-    Parameters
-    ----------
-    offset, heading_deg : float
-        The level, m and degrees.
-    method : str
-        Its name.
-    n_epochs, n_right, n_good, n_wrong_but_good : int
-        Of `PriorTrial.is_right` and `is_good`.
-    median_error : float
-        Distance of the right ones, m; NaN where none is right.
-    median_ms, p95_ms : float
-        Processor time.
+    offset, heading_deg: the level, m and degrees.
+    method: its name.
+    n_epochs, n_right, n_good, n_wrong_but_good: of `PriorTrial.is_right` and `is_good`.
+    median_error: distance of the right ones, m; NaN where none is right.
+    median_ms, p95_ms: processor time.
     """
 
     offset: float

@@ -39,14 +39,9 @@ ROWS_PER_TASK = 3
 class Study:
     """A study on disk.
 
-    Parameters
-    ----------
-    folder : Path
-        Holds study.json, table.parquet and maps/.
-    configuration : Configuration
-        What it was run with.
-    table : pyarrow.Table
-        A row per epoch, method and prior (`COLUMNS`).
+    folder: holds study.json, table.parquet and maps/.
+    configuration: what it was run with.
+    table: a row per epoch, method and prior (`COLUMNS`).
     """
 
     folder: Path
@@ -55,13 +50,7 @@ class Study:
 
     @classmethod
     def open(cls, folder: str | os.PathLike[str]) -> "Study":
-        """Open a study, done or not.
-
-        Raises
-        ------
-        FileError
-            If there is none, or a part of it is broken.
-        """
+        """Open a study, done or not."""
         root = Path(folder)
         return cls(root, Configuration.read(root), TableParts(root).read())
 
@@ -166,13 +155,7 @@ def _work_off(
 
 
 def spread_epochs(n_scans: int, n_epochs: int | None) -> list[int]:
-    """Return `n_epochs` of the numbers of `n_scans` scans, evenly spread; all if None.
-
-    Raises
-    ------
-    OptionError
-        If there are fewer scans, or none is wanted.
-    """
+    """Return `n_epochs` of the numbers of `n_scans` scans, evenly spread; all if None."""
     if n_epochs is None:
         return list(range(n_scans))
     if not 1 <= n_epochs <= n_scans:

@@ -32,12 +32,8 @@ Column = NDArray[np.float64]
 class MethodRows:
     """The rows of one method with one prior, in order of epochs.
 
-    Parameters
-    ----------
-    prior, method : str
-        Which.
-    table : pyarrow.Table
-        Its rows.
+    prior, method: which.
+    table: its rows.
     """
 
     prior: str
@@ -67,33 +63,20 @@ class MethodRows:
 class MethodStatistics:
     """Statistics of one method over all its epochs.
 
-    Parameters
-    ----------
-    prior, method : str
-        Which.
-    n_epochs : int
-        Rows.
-    n_tried : int
-        Epochs that say something about the method: the reference is known, the scan could be read, and the start
+    prior, method: which.
+    n_epochs: rows.
+    n_tried: epochs that say something about the method: the reference is known, the scan could be read, and the start
         lay inside the map.
-    n_answers : int
-        Epochs with a pose, trusted or not.
-    n_success : int
-        Within 0.3 m and 1 degree of the reference, trusted or not; of several starts: all.
-    n_localized : int
-        Epochs whose pose the method itself calls localized.
-    n_false : int
-        Of these, how many are no success.
-    statuses : dict of str to int
-        How often each status came.
-    distance, along, across, heading : Quantiles
-        Of the absolute errors over the answers, m, and rad for the heading; NaN without answers.
-    peak_ratio, kurtosis, divergence, spread : float
-        Medians; NaN where the method has none.
-    n_starts, n_converged : int
-        Over all epochs; 0 where the method has one start.
-    ms, ms_95 : float
-        Median and 95 % of the time, ms.
+    n_answers: epochs with a pose, trusted or not.
+    n_success: within 0.3 m and 1 degree of the reference, trusted or not; of several starts: all.
+    n_localized: epochs whose pose the method itself calls localized.
+    n_false: of these, how many are no success.
+    statuses: how often each status came.
+    distance, along, across, heading: of the absolute errors over the answers, m, and rad for the heading; NaN without
+        answers.
+    peak_ratio, kurtosis, divergence, spread: medians; NaN where the method has none.
+    n_starts, n_converged: over all epochs; 0 where the method has one start.
+    ms, ms_95: median and 95 % of the time, ms.
     """
 
     prior: str
@@ -122,12 +105,8 @@ class MethodStatistics:
 def rows_by_method(table: "pyarrow.Table", order: Sequence[str] = ()) -> list[MethodRows]:
     """Return the table of a study method by method, prior by prior.
 
-    Parameters
-    ----------
-    table : pyarrow.Table
-        Of a study.
-    order : sequence of str
-        Methods in this order first, others behind them by name.
+    table: of a study.
+    order: methods in this order first, others behind them by name.
     """
     import pyarrow.compute
 

@@ -90,10 +90,7 @@ def table_schema() -> "pyarrow.Schema":
 class TableParts:
     """The table of a study folder: `table.parquet` and, while it grows, the files in `parts/`.
 
-    Parameters
-    ----------
-    folder : Path
-        Of the study.
+    folder: of the study.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -102,13 +99,7 @@ class TableParts:
         self.parts_folder = folder / "parts"
 
     def add(self, rows: Sequence[Row]) -> None:
-        """Write rows as one more part: whole, or not at all.
-
-        Raises
-        ------
-        FileError
-            If it cannot be written.
-        """
+        """Write rows as one more part: whole, or not at all."""
         import pyarrow
 
         make_folder(self.parts_folder)
@@ -116,13 +107,7 @@ class TableParts:
         self._write(part, pyarrow.Table.from_pylist([dict(row) for row in rows], schema=table_schema()))
 
     def read(self) -> "pyarrow.Table":
-        """Return all rows that are there, in order of prior, method and epoch; the first of equal keys.
-
-        Raises
-        ------
-        FileError
-            If a file of it is broken.
-        """
+        """Return all rows that are there, in order of prior, method and epoch; the first of equal keys."""
         import pyarrow
         import pyarrow.compute
 
@@ -134,13 +119,7 @@ class TableParts:
         return table.sort_by(order)
 
     def merge(self) -> "pyarrow.Table":
-        """Put all parts into one table, and remove them.
-
-        Raises
-        ------
-        FileError
-            If it cannot be written, or a part is broken.
-        """
+        """Put all parts into one table, and remove them."""
         table = self.read()
         if any(self.parts_folder.glob("*.parquet")):
             self._write(self.path, table)

@@ -50,23 +50,11 @@ TITLE_PAD = 12
 class ComparisonRow:
     """One epoch, scored by several objectives.
 
-    Parameters
-    ----------
-    label : str
-        What is special about it: "crossing", "straight street".
-    scan : Scan
-        Sensor frame.
-    point_map : PointMap
-        The map.
-    reference : Pose
-        The pose held for true, local frame: where the highest score should be.
-    views : tuple of SearchSpaceView
-        At least one; they need not share an accumulator. Search around the reference to have it in the middle.
-
-    Raises
-    ------
-    OptionError
-        If there is no view.
+    label: what is special about it: "crossing", "straight street".
+    scan: sensor frame.
+    point_map: the map.
+    reference: the pose held for true, local frame: where the highest score should be.
+    views: at least one; they need not share an accumulator. Search around the reference to have it in the middle.
     """
 
     label: str
@@ -90,26 +78,10 @@ class ComparisonRow:
 def plot_comparison(path: str | os.PathLike[str], rows: Sequence[ComparisonRow], *, title: str) -> None:
     """Draw one row per epoch: the scan in the map from above, and the search space of each objective.
 
-    Parameters
-    ----------
-    path : path
-        A .png or .svg to write.
-    rows : sequence of ComparisonRow
-        At least one.
-    title : str
-        What is written above all.
+    path: a .png or .svg to write.
+    rows: at least one.
+    title: what is written above all.
 
-    Raises
-    ------
-    OptionError
-        If there is no row, or the name ends in neither .png nor .svg.
-    MissingExtraError
-        If matplotlib is not installed.
-    FileError
-        If the file cannot be written.
-
-    Notes
-    -----
     A search space is drawn at the heading of its best cell, with (0, 0) at the reference. Its colours run from
     0 (the lowest score, if negative) to its own highest: scores of different objectives have different units.
     """

@@ -71,21 +71,13 @@ _MEASURES = (
 class Distinctnesses:
     """How distinct the solution of each epoch is, by four measures (design, section 4); NaN where one is not defined.
 
-    Parameters
-    ----------
-    peak_ratio : array_like, shape (n,)
-        Score of the second highest place over the highest, 0 to 1: 0 without a rival, 1 where two are equal.
-    kurtosis : array_like, shape (n,)
-        Fourth standardized moment of the scores along the significant ray, 1 or more; 3 is a normal's.
-    divergence : array_like, shape (n,)
-        Kullback-Leibler divergence of these scores from a Laplace distribution with sigma = 1 cell, nat.
-    spread : array_like, shape (n,)
-        Largest distance from the peak to a cell with at least 90 % of its score, m.
-
-    Raises
-    ------
-    ArrayError
-        If an array has another shape or values beyond these limits.
+    peak_ratio: shape (n,); score of the second highest place over the highest, 0 to 1: 0 without a rival, 1 where two
+        are equal.
+    kurtosis: shape (n,); fourth standardized moment of the scores along the significant ray, 1 or more; 3 is a
+        normal's.
+    divergence: shape (n,); Kullback-Leibler divergence of these scores from a Laplace distribution with sigma = 1 cell,
+        nat.
+    spread: shape (n,); largest distance from the peak to a cell with at least 90 % of its score, m.
     """
 
     peak_ratio: NDArray[np.float64]
@@ -117,12 +109,8 @@ class Distinctnesses:
 def bin_shares(values: NDArray[np.float64], edges: NDArray[np.float64]) -> NDArray[np.float64]:
     """Share of all epochs in each bin, percent; those without a value are in no bin, so the sum may be below 100.
 
-    Parameters
-    ----------
-    values : array, shape (n,)
-        One per epoch, NaN where it is not defined; those beyond the edges fall into the outermost bins.
-    edges : array, shape (n_bins + 1,)
-        Rising. A bin holds its lower edge; the last one its upper edge too.
+    values: shape (n,); one per epoch, NaN where it is not defined; those beyond the edges fall into the outermost bins.
+    edges: shape (n_bins + 1,); rising. A bin holds its lower edge; the last one its upper edge too.
     """
     defined = np.clip(values[~np.isnan(values)], edges[0], edges[-1])
     counts, _ = np.histogram(defined, edges)
@@ -138,27 +126,10 @@ def plot_distinctness(
 ) -> None:
     """Draw the distributions of peak ratio, kurtosis, divergence and spread, with the median of each method.
 
-    Parameters
-    ----------
-    path : path
-        A .png or .svg to write.
-    by_method : mapping of str to Distinctnesses
-        By the method's name, at most 4, all of the same epochs.
-    guard_radius : float
-        Cells nearer to the peak than this were no rivals in the peak ratio, m; stated in the picture.
-    title : str
-        What is written above.
-
-    Raises
-    ------
-    ArrayError
-        If the methods have different numbers of epochs.
-    OptionError
-        If there are no methods or more than 4, or the name ends in neither .png nor .svg.
-    MissingExtraError
-        If matplotlib is not installed.
-    FileError
-        If the file cannot be written.
+    path: a .png or .svg to write.
+    by_method: by the method's name, at most 4, all of the same epochs.
+    guard_radius: cells nearer to the peak than this were no rivals in the peak ratio, m; stated in the picture.
+    title: what is written above.
     """
     check_methods(by_method, MOST_METHODS)
     n_epochs = {values.n_epochs for values in by_method.values()}

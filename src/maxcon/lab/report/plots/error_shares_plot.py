@@ -37,16 +37,9 @@ LEFT, RIGHT, BELOW, TITLES = 0.82, 0.25, 0.62, 0.92
 def shares_within(errors: NDArray[np.float64], limits: NDArray[np.float64]) -> NDArray[np.float64]:
     """Share of all epochs with at most these errors, percent; an epoch without an answer is within none.
 
-    Parameters
-    ----------
-    errors : array, shape (n,)
-        m, n > 0; NaN where there is no answer.
-    limits : array, shape (m,)
-        m.
-
-    Returns
-    -------
-    array, shape (m,)
+    errors: shape (n,); m, n > 0; NaN where there is no answer.
+    limits: shape (m,); m.
+    Returns shape (m,).
     """
     known = np.sort(errors[~np.isnan(errors)])
     return np.asarray(100.0 * np.searchsorted(known, limits, side="right") / len(errors), dtype=np.float64)
@@ -61,28 +54,11 @@ def plot_error_shares(
 ) -> None:
     """Draw the cumulative distribution of each method's horizontal errors over all epochs.
 
-    Parameters
-    ----------
-    path : path
-        A .png or .svg to write.
-    errors_by_method : mapping of str to array_like, shape (n,)
-        Distance to the reference, m, by the method's name, at most 8, all of the same epochs; NaN where it
-        did not localize: such an epoch is within no error, the curve ends below 100 %.
-    success : float
-        The error drawn as the limit of success, m; the legend states each method's share within it.
-    title : str
-        What is written above.
-
-    Raises
-    ------
-    ArrayError
-        If errors are negative, or the methods have different numbers of epochs or none.
-    OptionError
-        If there are no methods or more than 8, or the name ends in neither .png nor .svg.
-    MissingExtraError
-        If matplotlib is not installed.
-    FileError
-        If the file cannot be written.
+    path: a .png or .svg to write.
+    errors_by_method: shape (n,); distance to the reference, m, by the method's name, at most 8, all of the same epochs;
+        NaN where it did not localize: such an epoch is within no error, the curve ends below 100 %.
+    success: the error drawn as the limit of success, m; the legend states each method's share within it.
+    title: what is written above.
     """
     check_methods(errors_by_method)
     errors = {

@@ -34,29 +34,12 @@ def plot_errors(
 ) -> None:
     """Draw the horizontal error of each epoch over the drive, and the share of epochs within each error.
 
-    Parameters
-    ----------
-    path : path
-        A .png or .svg to write.
-    times : array_like, shape (n,)
-        When each epoch was, s; drawn from the first one on.
-    errors_by_method : mapping of str to array_like, shape (n,)
-        Distance to the reference, m, by the method's name, at most 6; NaN where it did not localize.
-    title : str
-        What is written above.
-    success : float
-        The error drawn as the limit of success, m.
-
-    Raises
-    ------
-    ArrayError
-        If the errors do not fit the times or are negative.
-    OptionError
-        If there are no methods or more than 6, or the name ends in neither .png nor .svg.
-    MissingExtraError
-        If matplotlib is not installed.
-    FileError
-        If the file cannot be written.
+    path: a .png or .svg to write.
+    times: shape (n,); when each epoch was, s; drawn from the first one on.
+    errors_by_method: shape (n,); distance to the reference, m, by the method's name, at most 6; NaN where it did not
+        localize.
+    title: what is written above.
+    success: the error drawn as the limit of success, m.
     """
     times = np.asarray(times, dtype=np.float64)
     check_methods(errors_by_method, MOST_METHODS)

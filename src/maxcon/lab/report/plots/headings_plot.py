@@ -55,32 +55,13 @@ def plot_headings(
 ) -> None:
     """Draw a section around the best cell, one panel per heading, in one scale of colours.
 
-    Parameters
-    ----------
-    path : path
-        A .png or .svg to write.
-    accumulator : Accumulator
-        The moments of every cell.
-    objective : Objective
-        Scores the cells, for their colours.
-    title : str
-        What is written above all.
-    reference : Pose, optional
-        The pose held for true, local frame; marked in the heading nearest to it, if it lies in the section.
-    half_width : float
-        From the best cell to the edge of a panel, m.
+    path: a .png or .svg to write.
+    accumulator: the moments of every cell.
+    objective: scores the cells, for their colours.
+    title: what is written above all.
+    reference: the pose held for true, local frame; marked in the heading nearest to it, if it lies in the section.
+    half_width: from the best cell to the edge of a panel, m.
 
-    Raises
-    ------
-    OptionError
-        If the half width is not a positive number, or the name ends in neither .png nor .svg.
-    MissingExtraError
-        If matplotlib is not installed.
-    FileError
-        If the file cannot be written.
-
-    Notes
-    -----
     At most 9 headings are drawn: the best, and others in even steps. Above each stand its turn from the
     prior's heading and the highest score of the section; what lies outside the search space is grey.
     """

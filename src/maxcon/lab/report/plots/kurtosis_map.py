@@ -34,12 +34,8 @@ SKEWED = 5.0
 def spaced_epochs(places: NDArray[np.float64], distance: float) -> NDArray[np.intp]:
     """Return indices of epochs that are at least `distance` apart: the first, and each that is far from all chosen.
 
-    Parameters
-    ----------
-    places : array, shape (n, 2)
-        m, n > 0.
-    distance : float
-        m.
+    places: shape (n, 2); m, n > 0.
+    distance: m.
     """
     chosen = [0]
     for epoch in range(1, len(places)):
@@ -70,31 +66,13 @@ def plot_kurtosis_map(
     Both share one colour scale, logarithmic where the values are skewed. Epochs whose circles would cover
     those of an earlier one are left out; the picture says how many are shown.
 
-    Parameters
-    ----------
-    path : path
-        A .png or .svg to write.
-    positions : array_like, shape (n, 2) or (n, 3)
-        Reference positions, local frame, m.
-    kurtosis_small, kurtosis_large : array_like, shape (n,)
-        Kurtosis along the significant ray, in the small and in the large circles; NaN where it is not defined.
-    names : tuple of two str
-        What the small and the large circles stand for.
-    point_map : PointMap, optional
-        Drawn below, in grey.
-    title : str
-        What is written above.
-
-    Raises
-    ------
-    ArrayError
-        If there is no position, the kurtoses do not fit the positions, or one is below 1.
-    OptionError
-        If the name ends in neither .png nor .svg.
-    MissingExtraError
-        If matplotlib is not installed.
-    FileError
-        If the file cannot be written.
+    path: a .png or .svg to write.
+    positions: shape (n, 2) or (n, 3); reference positions, local frame, m.
+    kurtosis_small, kurtosis_large: shape (n,); kurtosis along the significant ray, in the small and in the large
+        circles; NaN where it is not defined.
+    names: what the small and the large circles stand for.
+    point_map: drawn below, in grey.
+    title: what is written above.
     """
     places = as_places(positions)
     values = (

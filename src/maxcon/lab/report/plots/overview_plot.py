@@ -60,41 +60,17 @@ def plot_overview(
 ) -> None:
     """Draw one epoch from above, with its search space and those of other epochs on the ground.
 
-    Parameters
-    ----------
-    path : path
-        A .png or .svg to write.
-    point_map : PointMap
-        The map, drawn in grey.
-    scan : Scan
-        Sensor frame; drawn at the prior, without level ground.
-    prior : Pose
-        T_map_sensor before localization, local frame.
-    estimate : Estimate
-        The answer; the consensus set is drawn at its pose.
-    accumulator : Accumulator
-        The moments of every cell of this epoch.
-    objective : Objective
-        Scores the cells, for their colours.
-    others : sequence of (Accumulator, Estimate)
-        Other epochs of the drive. Those are left out whose search space would overlap or nearly touch that of an epoch
-        nearer by, or would not fit into the picture.
-    title : str
-        What is written above all.
+    path: a .png or .svg to write.
+    point_map: the map, drawn in grey.
+    scan: sensor frame; drawn at the prior, without level ground.
+    prior: T_map_sensor before localization, local frame.
+    estimate: the answer; the consensus set is drawn at its pose.
+    accumulator: the moments of every cell of this epoch.
+    objective: scores the cells, for their colours.
+    others: other epochs of the drive. Those are left out whose search space would overlap or nearly touch that of an
+        epoch nearer by, or would not fit into the picture.
+    title: what is written above all.
 
-    Raises
-    ------
-    OptionError
-        If `prior` is not the accumulator's, or the name of the picture ends in neither .png nor .svg.
-    SearchSpaceError
-        If the cell edge is not the map's.
-    MissingExtraError
-        If matplotlib is not installed.
-    FileError
-        If the file cannot be written.
-
-    Notes
-    -----
     Each search space is drawn at the heading of its best cell, in colours from 0 (the lowest score, if
     negative) to its own highest; they follow the root of the score, which shows rays of a few tenths of the peak.
     Cells too small for the picture are drawn as blocks, each with its highest score: no peak is lost.

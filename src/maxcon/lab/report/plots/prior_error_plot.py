@@ -65,23 +65,9 @@ def plot_prior_error(
 ) -> None:
     """Draw how many epochs are right, how many wrong but called good, and the time of one, over the prior's error.
 
-    Parameters
-    ----------
-    path : path
-        A .png or .svg to write.
-    summaries_by_drive : mapping of str to sequence of TrialSummary
-        One column per drive, at most 4, by its name; of at most 8 methods, the first emphasized.
-    title : str
-        What is written above.
-
-    Raises
-    ------
-    OptionError
-        If there are no drives, methods or levels, or too many, or the name ends in neither .png nor .svg.
-    MissingExtraError
-        If matplotlib is not installed.
-    FileError
-        If the file cannot be written.
+    path: a .png or .svg to write.
+    summaries_by_drive: one column per drive, at most 4, by its name; of at most 8 methods, the first emphasized.
+    title: what is written above.
     """
     names = dict.fromkeys(one.method for found in summaries_by_drive.values() for one in found)
     check_methods(names)

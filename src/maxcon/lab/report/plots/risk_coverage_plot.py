@@ -44,27 +44,10 @@ def plot_risk_coverage(
     Filled markers: the answers that the method itself says may be used, with an interval of 95 %. Open markers: all
     answers, if it withholds any. Lines: the most trusted answers first; a method without measures of trust has none.
 
-    Parameters
-    ----------
-    path : path
-        A .png or .svg to write.
-    by_method : mapping of str to RiskCoverage
-        By the method's name, at most 8.
-    criterion : str
-        What counts as wrong; stated in the picture.
-    title : str
-        What is written above.
-
-    Raises
-    ------
-    ArrayError
-        If a method has no epoch.
-    OptionError
-        If there are no methods or more than 8, or the name ends in neither .png nor .svg.
-    MissingExtraError
-        If matplotlib is not installed.
-    FileError
-        If the file cannot be written.
+    path: a .png or .svg to write.
+    by_method: by the method's name, at most 8.
+    criterion: what counts as wrong; stated in the picture.
+    title: what is written above.
     """
     check_methods(by_method)
     for name, found in by_method.items():

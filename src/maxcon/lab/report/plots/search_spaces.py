@@ -27,25 +27,10 @@ def plot_search_spaces(
 ) -> None:
     """Draw several objectives side by side, each at its own best heading: count beside Helmert, say.
 
-    Parameters
-    ----------
-    path : path
-        A .png or .svg to write.
-    views : sequence of SearchSpaceView
-        At least one; they need not share an accumulator.
-    title : str
-        What is written above all.
-    reference : Pose, optional
-        The pose held for true, local frame; marked, and each best cell's distance to it is stated.
-
-    Raises
-    ------
-    OptionError
-        If there is no view, or the name ends in neither .png nor .svg.
-    MissingExtraError
-        If matplotlib is not installed.
-    FileError
-        If the file cannot be written.
+    path: a .png or .svg to write.
+    views: at least one; they need not share an accumulator.
+    title: what is written above all.
+    reference: the pose held for true, local frame; marked, and each best cell's distance to it is stated.
     """
     if not views:
         raise OptionError("Expected at least one search space to draw, got none. Give a SearchSpaceView.")

@@ -37,14 +37,9 @@ FARTHEST = 4.0
 class SigmaPanel:
     """Errors of one kind, and their predicted standard deviations.
 
-    Parameters
-    ----------
-    name, unit : str
-        Name of the error ("along"), and the unit in which it is given and drawn.
-    errors : array_like, shape (n,)
-        In that unit; the sign does not matter. NaN where there is none.
-    sigmas : array_like, shape (n,)
-        In that unit, above 0; NaN where none is predicted.
+    name, unit: name of the error ("along"), and the unit in which it is given and drawn.
+    errors: shape (n,); in that unit; the sign does not matter. NaN where there is none.
+    sigmas: shape (n,); in that unit, above 0; NaN where none is predicted.
     """
 
     name: str
@@ -71,25 +66,9 @@ def plot_sigmas(
 
     Below, the share of errors within k sigmas, over k, beside that of a normal distribution.
 
-    Parameters
-    ----------
-    path : path
-        A .png or .svg to write.
-    panels : sequence of SigmaPanel
-        Side by side, at most 4; each with at least one epoch that has an error and a sigma.
-    title : str
-        What is written above.
-
-    Raises
-    ------
-    ArrayError
-        If errors and sigmas do not fit each other, a sigma is not above 0, or no epoch has both.
-    OptionError
-        If there is no panel or more than 4, or the name ends in neither .png nor .svg.
-    MissingExtraError
-        If matplotlib is not installed.
-    FileError
-        If the file cannot be written.
+    path: a .png or .svg to write.
+    panels: side by side, at most 4; each with at least one epoch that has an error and a sigma.
+    title: what is written above.
     """
     if not 1 <= len(panels) <= MOST_PANELS:
         raise OptionError(f"Expected 1 to {MOST_PANELS} panels, got {len(panels)}. Draw several pictures.")

@@ -24,18 +24,10 @@ LEAST_GAP = 0.1
 def window_around(accumulator: Accumulator, others: Sequence[Accumulator]) -> Window:
     """Return the ground to draw around an epoch: as flat as the drive allows.
 
-    Parameters
-    ----------
-    accumulator : Accumulator
-        Of the epoch in the middle.
-    others : sequence of Accumulator
-        Of the other epochs.
-
-    Returns
-    -------
-    Window
-        12.5 times the reach of the search space to the east and west (37.5 m for 3 m), and 0.7 to 1 times as
-        much to the north and south: as far as the search spaces in the picture go.
+    accumulator: of the epoch in the middle.
+    others: of the other epochs.
+    Returns 12.5 times the reach of the search space to the east and west (37.5 m for 3 m), and 0.7 to 1 times as much
+        to the north and south: as far as the search spaces in the picture go.
     """
     prior = accumulator.prior
     half = max(WINDOW_REACHES * accumulator.space.reach, LEAST_HALF_WIDTH)
@@ -51,19 +43,10 @@ def window_around(accumulator: Accumulator, others: Sequence[Accumulator]) -> Wi
 def apart(accumulator: Accumulator, others: Sequence[Accumulator], window: Window) -> list[int]:
     """Return which of `others` can be drawn beside `accumulator`, and beside each other, in their order.
 
-    Parameters
-    ----------
-    accumulator : Accumulator
-        Of the epoch that is drawn in any case.
-    others : sequence of Accumulator
-        Of the other epochs; the nearest is looked at first.
-    window : Window
-        What is drawn; search spaces that do not lie in it whole are left out.
-
-    Returns
-    -------
-    list of int
-        Indices into `others`, ascending.
+    accumulator: of the epoch that is drawn in any case.
+    others: of the other epochs; the nearest is looked at first.
+    window: what is drawn; search spaces that do not lie in it whole are left out.
+    Returns indices into `others`, ascending.
     """
     here = accumulator.prior
 
@@ -98,17 +81,9 @@ def _are_close(one: Accumulator, other: Accumulator) -> bool:
 def highest_of_blocks(scores: Scores, edge: int) -> Scores:
     """Return the highest score of each square block of cells.
 
-    Parameters
-    ----------
-    scores : array, shape (ny, nx)
-        Of one heading.
-    edge : int
-        Cells along the side of a block.
-
-    Returns
-    -------
-    array, shape (ceil(ny / edge), ceil(nx / edge))
-        Blocks at the north and east may hold fewer cells.
+    scores: shape (ny, nx); of one heading.
+    edge: cells along the side of a block.
+    Returns shape (ceil(ny / edge), ceil(nx / edge)); blocks at the north and east may hold fewer cells.
     """
     rows, columns = (np.arange(0, length, edge) for length in scores.shape)
     blocks: Scores = np.maximum.reduceat(np.maximum.reduceat(scores, rows, axis=0), columns, axis=1)

@@ -40,31 +40,13 @@ def plot_stanford(
 
     Below each panel stands the upper limit, with 95 % confidence, of the rate at which errors exceed their level.
 
-    Parameters
-    ----------
-    path : path
-        A .png or .svg to write.
-    errors_by_direction : mapping of str to array_like, shape (n,)
-        m, by the name of the direction, one or two; the sign does not matter. NaN where there is no answer.
-    levels_by_direction : mapping of str to array_like, shape (n,)
-        Protection levels, m, above 0, under the same names; NaN where there is none: these errors are drawn in a strip
-        above the diagram.
-    alert_limit : float
-        The error above which a vehicle is in danger, m.
-    title : str
-        What is written above.
-
-    Raises
-    ------
-    ArrayError
-        If errors and levels do not fit each other.
-    OptionError
-        If there are no directions or more than 2, the alert limit is not above 0, or the name ends in neither .png nor
-        .svg.
-    MissingExtraError
-        If matplotlib is not installed.
-    FileError
-        If the file cannot be written.
+    path: a .png or .svg to write.
+    errors_by_direction: shape (n,); m, by the name of the direction, one or two; the sign does not matter. NaN where
+        there is no answer.
+    levels_by_direction: shape (n,); protection levels, m, above 0, under the same names; NaN where there is none: these
+        errors are drawn in a strip above the diagram.
+    alert_limit: the error above which a vehicle is in danger, m.
+    title: what is written above.
     """
     check_methods(errors_by_direction, MOST_DIRECTIONS)
     if set(errors_by_direction) != set(levels_by_direction):

@@ -29,10 +29,7 @@ LEFT, RIGHT, BELOW, TITLES, ROW = 1.02, 0.2, 0.62, 1.1, 0.21
 class SuccessBins(NamedTuple):
     """Epochs and successes of one method, by the distance of the prior from the reference.
 
-    Parameters
-    ----------
-    n_epochs, n_successes : array, shape (n_bins,)
-        int64; bin k holds the distances from k to below k + 1 bin widths.
+    n_epochs, n_successes: shape (n_bins,); int64; bin k holds the distances from k to below k + 1 bin widths.
     """
 
     n_epochs: NDArray[np.int64]
@@ -61,33 +58,14 @@ def plot_success(
 
     Bars are Wilson intervals of 95 %; the numbers of epochs of each bin stand above it.
 
-    Parameters
-    ----------
-    path : path
-        A .png or .svg to write.
-    offsets_by_method : mapping of str to array_like, shape (n,)
-        Distance of each prior from the reference, m, by the method's name, at most 8 of them; the methods need
-        not have the same epochs.
-    success_by_method : mapping of str to array_like, shape (n,)
-        bool: whether the method succeeded, under the same names; False where it did not localize.
-    bin_width : float, optional
-        m; if None, the smallest of 0.5, 1, 2, 5, 10, ... m that makes at most 20 bins.
-    criterion : str
-        What counts as a success; stated in the picture.
-    title : str
-        What is written above.
-
-    Raises
-    ------
-    ArrayError
-        If offsets are negative or not finite, or successes are no booleans or do not fit them.
-    OptionError
-        If there are no methods or more than 8, the names of the two mappings differ, the bin width is not
-        positive or makes more than 20 bins, or the name ends in neither .png nor .svg.
-    MissingExtraError
-        If matplotlib is not installed.
-    FileError
-        If the file cannot be written.
+    path: a .png or .svg to write.
+    offsets_by_method: shape (n,); distance of each prior from the reference, m, by the method's name, at most 8 of
+        them; the methods need not have the same epochs.
+    success_by_method: shape (n,); bool: whether the method succeeded, under the same names; False where it did not
+        localize.
+    bin_width: m; if None, the smallest of 0.5, 1, 2, 5, 10, ... m that makes at most 20 bins.
+    criterion: what counts as a success; stated in the picture.
+    title: what is written above.
     """
     check_methods(offsets_by_method)
     offsets, successes = _checked(offsets_by_method, success_by_method)

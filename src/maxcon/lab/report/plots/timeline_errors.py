@@ -29,16 +29,10 @@ MANY_EPOCHS = 300
 class ErrorRow:
     """One kind of error over a drive, with its predicted standard deviations and protection levels.
 
-    Parameters
-    ----------
-    name, unit : str
-        Name of the error ("along"), and the unit in which it is given and drawn.
-    errors : array_like, shape (n,)
-        Signed, in that unit; NaN where there is no answer.
-    sigmas : array_like, shape (n,)
-        Predicted standard deviations in that unit; NaN where there is none.
-    levels : array_like, shape (n,), optional
-        Protection levels in that unit; NaN where there is none.
+    name, unit: name of the error ("along"), and the unit in which it is given and drawn.
+    errors: shape (n,); signed, in that unit; NaN where there is no answer.
+    sigmas: shape (n,); predicted standard deviations in that unit; NaN where there is none.
+    levels: shape (n,), optional; protection levels in that unit; NaN where there is none.
     """
 
     name: str

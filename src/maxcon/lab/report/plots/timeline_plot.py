@@ -51,31 +51,12 @@ def plot_timeline(
 ) -> None:
     """Draw a drive: a row for each status that occurs, and one for each kind of error.
 
-    Parameters
-    ----------
-    path : path
-        A .png or .svg to write.
-    epochs : array_like, shape (n,)
-        Numbers of the scans, rising.
-    statuses : sequence of str, length n
-        Status of each answer, as the method says.
-    is_wrong : array_like, shape (n,)
-        bool: whether the answer is known to be beyond the limits of success.
-    rows : sequence of ErrorRow
-        At most 4.
-    title : str
-        What is written above.
-
-    Raises
-    ------
-    ArrayError
-        If there is no epoch, or the arrays do not have one value for each.
-    OptionError
-        If there is no row or more than 4, or the name ends in neither .png nor .svg.
-    MissingExtraError
-        If matplotlib is not installed.
-    FileError
-        If the file cannot be written.
+    path: a .png or .svg to write.
+    epochs: shape (n,); numbers of the scans, rising.
+    statuses: status of each answer, as the method says.
+    is_wrong: shape (n,); bool: whether the answer is known to be beyond the limits of success.
+    rows: at most 4.
+    title: what is written above.
     """
     numbers, wrong = np.asarray(epochs, dtype=np.float64), np.asarray(is_wrong, dtype=bool)
     if not 1 <= len(rows) <= MOST_ROWS:

@@ -38,19 +38,11 @@ def certainty_of(
 ) -> Certainty:
     """Return tables and pictures of how certain methods are; the pictures are drawn into a folder, as SVG.
 
-    Parameters
-    ----------
-    folder : Path
-        Where the pictures go; must exist.
-    by_prior : mapping of str to mapping of str to MethodRows
-        Rows by prior and by method.
-    prior : str
-        The prior of the pictures; the timelines are of all of them.
-    configured : mapping of str to mapping
-        Configuration of each method by its name, as the study saved it.
+    folder: where the pictures go; must exist.
+    by_prior: rows by prior and by method.
+    prior: the prior of the pictures; the timelines are of all of them.
+    configured: configuration of each method by its name, as the study saved it.
 
-    Notes
-    -----
     The pictures that need a covariance are of one method: the first that has one, the user's own before others.
     """
     methods = by_prior[prior]

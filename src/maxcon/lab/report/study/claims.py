@@ -41,14 +41,9 @@ class Verdict(StrEnum):
 class Claim:
     """One statement of the paper beside what a study shows.
 
-    Parameters
-    ----------
-    paper : str
-        What the paper says, in our words.
-    study : str
-        What this study shows, in numbers.
-    verdict : Verdict
-        Whether they agree.
+    paper: what the paper says, in our words.
+    study: what this study shows, in numbers.
+    verdict: whether they agree.
     """
 
     paper: str
@@ -61,18 +56,11 @@ def paper_claims(
 ) -> list[Claim]:
     """Return the claims of the paper's evaluation with what a study shows of each.
 
-    Parameters
-    ----------
-    methods : mapping of str to MethodRows
-        By name, one prior.
-    cell : float
-        Edge of a cell, m.
-    centred : mapping of str to MethodRows, optional
-        The same with the reference as the prior, if it was studied: kurtosis and divergence depend on where in
-        the search space the peak lies, and the paper's search spaces lie around the reference.
+    methods: by name, one prior.
+    cell: edge of a cell, m.
+    centred: the same with the reference as the prior, if it was studied: kurtosis and divergence depend on where in the
+        search space the peak lies, and the paper's search spaces lie around the reference.
 
-    Notes
-    -----
     Epochs in which a method could not be tried do not count (`MethodStatistics.n_tried`).
     """
     found = {name: statistics(rows) for name, rows in methods.items()}

@@ -26,12 +26,8 @@ __all__ = [
 class MethodTable:
     """How methods did with one prior.
 
-    Parameters
-    ----------
-    title, words : str
-        What is compared, and how to read it.
-    methods : tuple of MethodStatistics
-        A row each.
+    title, words: what is compared, and how to read it.
+    methods: a row each.
     """
 
     title: str
@@ -53,14 +49,9 @@ class MethodTable:
 class CoverageRow:
     """How many errors of one kind lie within their predicted sigmas.
 
-    Parameters
-    ----------
-    name : str
-        Kind of error.
-    coverage : Coverage
-        The counts.
-    n_errors : {1, 2}
-        Number of errors taken together: 2 for x and y within ellipses.
+    name: kind of error.
+    coverage: the counts.
+    n_errors: number of errors taken together: 2 for x and y within ellipses.
     """
 
     name: str
@@ -90,14 +81,9 @@ class CoverageRow:
 class CoverageTable:
     """How well a method knows its errors.
 
-    Parameters
-    ----------
-    title : str
-        Which method and prior.
-    rows : tuple of CoverageRow
-        At least one.
-    squares : MeanSquare
-        Of x and y together.
+    title: which method and prior.
+    rows: at least one.
+    squares: of x and y together.
     """
 
     title: str
@@ -109,14 +95,9 @@ class CoverageTable:
 class ProtectionTable:
     """How often errors exceed a method's protection levels, and what that proves.
 
-    Parameters
-    ----------
-    title : str
-        Which method and prior.
-    rows : tuple of (str, ProtectionCounts)
-        By direction.
-    risk : float or None
-        How often the method says that its levels are exceeded, 0 to 1, if it says so.
+    title: which method and prior.
+    rows: by direction.
+    risk: how often the method says that its levels are exceeded, 0 to 1, if it says so.
     """
 
     title: str
@@ -133,20 +114,12 @@ class ProtectionTable:
 class Certainty:
     """How certain a study's methods say they are, against their true errors.
 
-    Parameters
-    ----------
-    coverage : tuple of CoverageTable
-        Errors within predicted sigmas.
-    protection : tuple of ProtectionTable
-        Errors within protection levels.
-    alert_limit : float
-        Alert limit of the protection tables, m.
-    coverage_pictures, protection_pictures : tuple of Picture
-        Pictures that belong to these tables.
-    status_pictures : tuple of Picture
-        Pictures of what the status is worth, and of the drive epoch by epoch.
-    notes : tuple of str
-        What is missing, and why.
+    coverage: errors within predicted sigmas.
+    protection: errors within protection levels.
+    alert_limit: alert limit of the protection tables, m.
+    coverage_pictures, protection_pictures: pictures that belong to these tables.
+    status_pictures: pictures of what the status is worth, and of the drive epoch by epoch.
+    notes: what is missing, and why.
     """
 
     coverage: tuple[CoverageTable, ...]
@@ -162,30 +135,17 @@ class Certainty:
 class StudyPage:
     """Everything the page of a study shows; all of it is escaped.
 
-    Parameters
-    ----------
-    title, headline : str
-        What was studied, and what came out, in a sentence or two.
-    facts : tuple of (str, str)
-        Names and values of what was studied.
-    claims : tuple of Claim
-        The paper beside this study.
-    tables : tuple of MethodTable
-        At least one.
-    scenes, statistics : tuple of Picture
-        Figures of single epochs, and of all epochs.
-    certainty : Certainty
-        How certain the methods are, and whether their errors bear it out.
-    notes : tuple of str
-        What the page lacks, and why.
-    reasons : tuple of (str, int)
-        Why epochs have no answer, and how many rows each reason has.
-    command : str
-        What to type to get this page again.
-    configuration : str
-        The runs of the study, as it saved them, JSON.
-    version : str
-        Of maxcon.
+    title, headline: what was studied, and what came out, in a sentence or two.
+    facts: names and values of what was studied.
+    claims: the paper beside this study.
+    tables: at least one.
+    scenes, statistics: figures of single epochs, and of all epochs.
+    certainty: how certain the methods are, and whether their errors bear it out.
+    notes: what the page lacks, and why.
+    reasons: why epochs have no answer, and how many rows each reason has.
+    command: what to type to get this page again.
+    configuration: the runs of the study, as it saved them, JSON.
+    version: of maxcon.
     """
 
     title: str
@@ -204,13 +164,5 @@ class StudyPage:
 
 
 def write_study_page(path: str | os.PathLike[str], page: StudyPage) -> None:
-    """Write the page of a study as one HTML file, pictures inside.
-
-    Raises
-    ------
-    MissingExtraError
-        If jinja2 is not installed.
-    FileError
-        If a picture cannot be read or the page cannot be written.
-    """
+    """Write the page of a study as one HTML file, pictures inside."""
     write_page(path, "study.html.j2", page)

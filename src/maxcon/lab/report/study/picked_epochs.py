@@ -19,14 +19,9 @@ NEAR = 1.5
 class PictureEpochs:
     """Which epochs the pictures show, chosen by the table of the study.
 
-    Parameters
-    ----------
-    crossing : int
-        Where the count is the most distinct: surfaces face in several directions.
-    street : int
-        Where the count is right and the least distinct: nearly all surfaces face across.
-    failure : int or None
-        Where the count is farthest off while Helmert's score is right; None if there is no such epoch.
+    crossing: where the count is the most distinct: surfaces face in several directions.
+    street: where the count is right and the least distinct: nearly all surfaces face across.
+    failure: where the count is farthest off while Helmert's score is right; None if there is no such epoch.
     """
 
     crossing: int

@@ -28,21 +28,10 @@ def open_scenes(
 ) -> StudyScenes | None:
     """Open the dataset of a study for its scenes; None, and a note, if it is missing or not the one studied.
 
-    Parameters
-    ----------
-    study : Study
-        What was run.
-    dataset : path or None
-        Where the dataset is now; where it was if None.
-    prior : str
-        Name of the prior of the pictures.
-    notes : list of str
-        What cannot be shown, and why, is added.
-
-    Raises
-    ------
-    FileError
-        If `dataset` is given and is not the study's.
+    study: what was run.
+    dataset: where the dataset is now; where it was if None.
+    prior: name of the prior of the pictures.
+    notes: what cannot be shown, and why, is added.
     """
     configuration = study.configuration
     name = next((name for name in (HELMERT, "helmert-occupied") if name in configuration.methods), None)
@@ -74,18 +63,11 @@ def draw_pictures(
 ) -> tuple[list[Picture], list[Picture]]:
     """Draw scenes and statistics into a folder; return both.
 
-    Parameters
-    ----------
-    folder : Path
-        Must exist.
-    scenes : StudyScenes or None
-        The dataset, opened.
-    methods : mapping of str to MethodRows
-        By name, one prior.
-    notes : list of str
-        What cannot be shown, and why, is added.
-    progress : callable
-        Called with (step, done, of how many).
+    folder: must exist.
+    scenes: the dataset, opened.
+    methods: by name, one prior.
+    notes: what cannot be shown, and why, is added.
+    progress: called with (step, done, of how many).
     """
     progress("drawing", 0, 2)
     drawn = _draw_scenes(folder, scenes, methods, notes) if scenes is not None else []

@@ -45,29 +45,12 @@ def report_study(
 ) -> Path:
     """Write the page of a study, and its figures beside it; return the folder of the figures.
 
-    Parameters
-    ----------
-    study_folder : path
-        What `run_study` made, done or not.
-    path : path
-        HTML file to write.
-    figures : path, optional
-        Folder for the figures, SVG; named after the page if None.
-    dataset : path, optional
-        Where the dataset is now; where it was if None. Without it the scenes are left out, and the page says so.
-    prior : str, optional
-        The prior that figures and claims are about; the first of the study if None. Tables have all.
-    progress : callable, optional
-        Called with (step, done, of how many).
-
-    Raises
-    ------
-    FileError
-        If there is no study, `dataset` is not its dataset, or something cannot be written.
-    OptionError
-        If the study has no rows, or not that prior.
-    MissingExtraError
-        If matplotlib or jinja2 is not installed.
+    study_folder: what `run_study` made, done or not.
+    path: HTML file to write.
+    figures: folder for the figures, SVG; named after the page if None.
+    dataset: where the dataset is now; where it was if None. Without it the scenes are left out, and the page says so.
+    prior: the prior that figures and claims are about; the first of the study if None. Tables have all.
+    progress: called with (step, done, of how many).
     """
     check_matplotlib()
     check_jinja2()

@@ -43,18 +43,11 @@ SHOWN_BECAUSE = {
 class StudyScenes:
     """Epochs of a study, searched again for its pictures.
 
-    Parameters
-    ----------
-    bench : Bench
-        The dataset, opened.
-    prior : str
-        Name of the prior.
-    point_map : PointMap
-        The standard map.
-    space : SearchSpace
-        What was searched.
-    multiplicity : str
-        `occupied` or `points`: whether a match counts once, or as often as its voxel has map points.
+    bench: the dataset, opened.
+    prior: name of the prior.
+    point_map: the standard map.
+    space: what was searched.
+    multiplicity: `occupied` or `points`: whether a match counts once, or as often as its voxel has map points.
     """
 
     bench: Bench

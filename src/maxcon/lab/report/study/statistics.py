@@ -41,14 +41,9 @@ OCCUPIED = ("count-occupied", "helmert-occupied")
 def draw_statistics(folder: Path, methods: Mapping[str, MethodRows], point_map: PointMap | None) -> list[Picture]:
     """Draw the figures into a folder, as SVG; return them with their captions.
 
-    Parameters
-    ----------
-    folder : Path
-        Where the figures go; must exist.
-    methods : mapping of str to MethodRows
-        By name, one prior.
-    point_map : PointMap or None
-        Drawn below the trajectory, if given.
+    folder: where the figures go; must exist.
+    methods: by name, one prior.
+    point_map: drawn below the trajectory, if given.
     """
     pictures = []
     for pair, stem, words in (

@@ -33,12 +33,8 @@ WITHOUT_GROUND = ("helmert-occupied", "icp-plane-1m", "icp-plane-3m", "gicp-3m")
 def method_tables(prior: str, found: Sequence[MethodStatistics]) -> list[MethodTable]:
     """Return the tables of one prior: that of the methods, and one for each question that the study answers.
 
-    Parameters
-    ----------
-    prior : str
-        Name of the prior.
-    found : sequence of MethodStatistics
-        Statistics of all methods.
+    prior: name of the prior.
+    found: statistics of all methods.
     """
     by_name = {method.method: method for method in found}
     asked = {name: [by_name[one] for one in METHOD_SETS[name] if one in by_name] for name in QUESTIONS}

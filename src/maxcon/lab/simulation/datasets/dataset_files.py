@@ -59,13 +59,7 @@ DATASET_NAMES = (
 
 @contextmanager
 def dataset_folder(out: str | os.PathLike[str], *, overwrite: bool) -> Iterator[Path]:
-    """Yield an empty folder to write a dataset to; it becomes `out` when the block ends well and vanishes otherwise.
-
-    Raises
-    ------
-    FileError
-        If there is something at `out` that is no simulated dataset, or `overwrite` is False; or it cannot be written.
-    """
+    """Yield an empty folder to write a dataset to; it becomes `out` when the block ends well and vanishes otherwise."""
     if overwrite:
         check_replaceable(out, "a simulated dataset", DATASET_NAMES)
     with atomic_folder(out, overwrite=overwrite) as folder:
@@ -88,16 +82,10 @@ def write_map(
 ) -> None:
     """Measure the map, and stream it to the LAZ files of `folder`/map; the vehicle's trajectory stands beside them.
 
-    Parameters
-    ----------
-    folder : Path
-        Of the dataset.
-    mapping : MappingDrives
-        The drives of the mapping vehicle.
-    scanners : sequence of ProfileScanner
-        On the mapping vehicle.
-    tick : callable
-        Called after each piece, `mapping.n_pieces(scanners)` times.
+    folder: of the dataset.
+    mapping: the drives of the mapping vehicle.
+    scanners: on the mapping vehicle.
+    tick: called after each piece, `mapping.n_pieces(scanners)` times.
     """
     import pyproj
 
@@ -119,18 +107,11 @@ def write_scans(
 ) -> None:
     """Stream scans to `folder`/scans, in the sensor frame, with their times and reference poses.
 
-    Parameters
-    ----------
-    folder : Path
-        Of the dataset.
-    times : array, shape (n,)
-        s.
-    references : sequence of Pose
-        T_city_sensor, one per scan.
-    scans : iterable of Echoes
-        In city metres, one per scan.
-    tick : callable
-        Called after each scan.
+    folder: of the dataset.
+    times: shape (n,); s.
+    references: T_city_sensor, one per scan.
+    scans: in city metres, one per scan.
+    tick: called after each scan.
     """
     place = folder / "scans"
     place.mkdir()
@@ -152,18 +133,11 @@ def write_epochs(
 ) -> None:
     """Write scans with their times and reference poses, and the priors.
 
-    Parameters
-    ----------
-    folder : Path
-        Of the dataset.
-    epochs : sequence of ScanEpoch
-        One per scan.
-    scans : iterable of Echoes
-        In city metres, one per scan.
-    priors : mapping of str to sequence of Pose
-        T_city_sensor, one per scan, by a name of `PRIORS`.
-    tick : callable
-        Called after each scan.
+    folder: of the dataset.
+    epochs: one per scan.
+    scans: in city metres, one per scan.
+    priors: T_city_sensor, one per scan, by a name of `PRIORS`.
+    tick: called after each scan.
     """
     times = np.array([epoch.time for epoch in epochs])
     write_scans(folder, times, [epoch.reference for epoch in epochs], scans, tick)
@@ -193,20 +167,12 @@ def write_description(
 ) -> None:
     """Write the description of the dataset in `folder`.
 
-    Parameters
-    ----------
-    folder : Path
-        Of the dataset.
-    words : str
-        What it is, for the comment at the top: seed and number of epochs.
-    priors : mapping of str to str
-        File in `folder` by the name of the prior.
-    classes : iterable of LasClass
-        Those that points of the map have.
-    has_odometry : bool
-        Whether the dataset has odometry, as `write_odometry` writes it.
-    map_sigma : float, optional
-        Standard deviation of the map's position, m; if None it is left to be estimated from its rounds.
+    folder: of the dataset.
+    words: what it is, for the comment at the top: seed and number of epochs.
+    priors: file in `folder` by the name of the prior.
+    classes: those that points of the map have.
+    has_odometry: whether the dataset has odometry, as `write_odometry` writes it.
+    map_sigma: standard deviation of the map's position, m; if None it is left to be estimated from its rounds.
     """
     odometry = f'odometry = "{ODOMETRY}"\n' if has_odometry else ""
     sigma = "" if map_sigma is None else f"sigma = {map_sigma}\n"

@@ -24,12 +24,8 @@ RESOLUTION = 0.001
 class MapTiles:
     """Open LAZ files (LAS 1.4, point format 6), one per square of 50 m, named by its lower left corner.
 
-    Parameters
-    ----------
-    folder : Path
-        Where the files go; must exist.
-    frame : LocalFrame
-        From city metres to global coordinates; its CRS must be known and is written into every file.
+    folder: where the files go; must exist.
+    frame: from city metres to global coordinates; its CRS must be known and is written into every file.
     """
 
     def __init__(self, folder: Path, frame: LocalFrame) -> None:
@@ -53,13 +49,7 @@ class MapTiles:
             self._open_files.close()
 
     def write(self, echoes: Echoes) -> None:
-        """Append `echoes` to the files they fall in.
-
-        Raises
-        ------
-        OSError
-            If a file cannot be written (full disk).
-        """
+        """Append `echoes` to the files they fall in."""
         points = self._frame.to_global(echoes.points)
         tiles = np.floor(points[:, :2] / TILE_EDGE).astype(np.int64)
         order = np.lexsort((tiles[:, 1], tiles[:, 0]))

@@ -33,14 +33,9 @@ CAMPAIGN_CORNERS = (
 class Circuit:
     """A closed line along streets; its last point equals the first.
 
-    Parameters
-    ----------
-    points : array, shape (k, 2)
-        (x, y) evenly spaced, about 5 cm apart, city metres.
-    turns : array, shape (n, 2)
-        Distance along the line at which each turn begins and ends, m, rising.
-    crossings : array, shape (m,)
-        Distance along the line of each crossing that it passes straight over, m, rising.
+    points: shape (k, 2); (x, y) evenly spaced, about 5 cm apart, city metres.
+    turns: shape (n, 2); distance along the line at which each turn begins and ends, m, rising.
+    crossings: shape (m,); distance along the line of each crossing that it passes straight over, m, rising.
     """
 
     points: NDArray[np.float64]
@@ -78,16 +73,10 @@ def circuit_through(
 ) -> Circuit:
     """Return the circuit that turns at `corners`, driven in the right lane.
 
-    Parameters
-    ----------
-    corners : sequence of (int, int)
-        Indices into `grid.u_lines` and `grid.v_lines`; successive corners share one of the two.
-    grid : StreetGrid
-        The streets.
-    street_angle : float
-        Direction of the main street, rad, counter-clockwise from +x.
-    lane : float
-        Distance of the circuit to the right of the centre line, m.
+    corners: indices into `grid.u_lines` and `grid.v_lines`; successive corners share one of the two.
+    grid: the streets.
+    street_angle: direction of the main street, rad, counter-clockwise from +x.
+    lane: distance of the circuit to the right of the centre line, m.
     """
     places = np.array([[grid.u_lines[i], grid.v_lines[j]] for i, j in corners])
     ways = np.roll(places, -1, axis=0) - places

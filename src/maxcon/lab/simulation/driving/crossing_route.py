@@ -20,19 +20,9 @@ TURN_RADIUS = 9.0
 def route_over_crossing(street_angle: float, before: float, after: float, lane: float = 1.5) -> Route:
     """Return a route that comes along the main street and turns left at the crossing.
 
-    Parameters
-    ----------
-    street_angle : float
-        Direction of the main street, rad.
-    before, after : float
-        Distance from the middle of the crossing at which it begins and ends, m.
-    lane : float
-        Distance of the route to the right of the centre line, m.
-
-    Raises
-    ------
-    OptionError
-        If the route would begin or end within its turn.
+    street_angle: direction of the main street, rad.
+    before, after: distance from the middle of the crossing at which it begins and ends, m.
+    lane: distance of the route to the right of the centre line, m.
     """
     reach = TURN_RADIUS - lane
     if not (before > reach and after > reach):

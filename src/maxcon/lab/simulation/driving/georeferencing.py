@@ -21,12 +21,8 @@ CORRELATION_TIME = 30.0
 class GeoreferencingErrors:
     """Errors of a trajectory, and so of the points that were placed by it, over time.
 
-    Parameters
-    ----------
-    times : array, shape (k,)
-        s, rising.
-    offsets : array, shape (k, 3)
-        What is added to true positions, m.
+    times: shape (k,); s, rising.
+    offsets: shape (k, 3); what is added to true positions, m.
     """
 
     times: NDArray[np.float64]
@@ -43,17 +39,10 @@ def draw_georeferencing_errors(
 ) -> GeoreferencingErrors:
     """Return errors from `start` to `end` (s): a smooth stationary process per axis.
 
-    Parameters
-    ----------
-    seed : int or sequence of int
-        The same seed gives the same errors.
-    start, end : float
-        First and last time, s.
-    deviation : float
-        Standard deviation per axis, m.
+    seed: the same seed gives the same errors.
+    start, end: first and last time, s.
+    deviation: standard deviation per axis, m.
 
-    Notes
-    -----
     White noise, one value per second, smoothed by a Gaussian. Errors dt apart correlate by
     exp(-dt^2 / (4 CORRELATION_TIME^2)): by less than 0.001 after 160 s, and a round takes longer.
     """

@@ -18,24 +18,12 @@ __all__ = ["GnssErrors"]
 class GnssErrors:
     """First-order Gauss-Markov errors of x, y, z, roll, pitch and heading, reflected at bounds.
 
-    Parameters
-    ----------
-    offset, offset_bound : float
-        Standard deviation of x and y before the reflection (1.17 m after it), and their bound, m: multipath
-        between houses, within the paper's search range of 3 m.
-    heading_deg, heading_bound_deg : float
-        The same for the heading, degrees.
-    z, z_bound : float
-        The same for the height, m; small, as it is taken for known from the map's ground.
-    tilt_deg, tilt_bound_deg : float
-        The same for roll and pitch, degrees.
-    correlation_time : float
-        Time after which two errors correlate by 1/e, s.
-
-    Raises
-    ------
-    OptionError
-        If a standard deviation or the correlation time is not above 0, or a bound is below its deviation.
+    offset, offset_bound: standard deviation of x and y before the reflection (1.17 m after it), and their bound, m:
+        multipath between houses, within the paper's search range of 3 m.
+    heading_deg, heading_bound_deg: the same for the heading, degrees.
+    z, z_bound: the same for the height, m; small, as it is taken for known from the map's ground.
+    tilt_deg, tilt_bound_deg: the same for roll and pitch, degrees.
+    correlation_time: time after which two errors correlate by 1/e, s.
     """
 
     offset: float = 1.3

@@ -20,23 +20,11 @@ __all__ = ["OdometryErrors"]
 class OdometryErrors:
     """Errors of the motions that odometry measures.
 
-    Parameters
-    ----------
-    scale : float
-        Relative error of all distances, 0.01 for 1 %; its sign is drawn at random.
-    heading_drift_deg : float
-        Bias of the gyroscope while the vehicle moves, degrees per second; its sign is drawn at random.
-    heading_walk_deg : float
-        Random walk of the heading: standard deviation, degrees per square root of a metre.
-    walk : float
-        Random walk of the position along each axis: standard deviation, m per square root of a metre.
-    tilt_deg : float
-        Standard deviation of roll and pitch, degrees; gravity keeps them from drifting.
-
-    Raises
-    ------
-    OptionError
-        If one is negative or not finite.
+    scale: relative error of all distances, 0.01 for 1 %; its sign is drawn at random.
+    heading_drift_deg: bias of the gyroscope while the vehicle moves, degrees per second; its sign is drawn at random.
+    heading_walk_deg: random walk of the heading: standard deviation, degrees per square root of a metre.
+    walk: random walk of the position along each axis: standard deviation, m per square root of a metre.
+    tilt_deg: standard deviation of roll and pitch, degrees; gravity keeps them from drifting.
     """
 
     scale: float = 0.01
@@ -56,19 +44,10 @@ class OdometryErrors:
     def draw(self, drive: Drive, times: ArrayLike, seed: Seed) -> list[Pose]:
         """Return the poses that odometry gives: the first is at the origin, heading along x.
 
-        Parameters
-        ----------
-        drive : Drive
-            The true poses.
-        times : array_like, shape (n,)
-            Times of the poses, s, rising.
-        seed : int or sequence of int
-            The same seed gives the same errors.
-
-        Returns
-        -------
-        list of n Pose
-            T_odometry_sensor.
+        drive: the true poses.
+        times: shape (n,); times of the poses, s, rising.
+        seed: the same seed gives the same errors.
+        Returns T_odometry_sensor.
         """
         rng = np.random.default_rng(seed)
         wanted = np.asarray(times, dtype=np.float64)

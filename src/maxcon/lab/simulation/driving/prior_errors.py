@@ -30,16 +30,10 @@ def off_by(reference: Pose, errors: Sequence[float]) -> Pose:
 class PriorErrors:
     """Bounds of the errors of a prior: each error is uniform within plus and minus its bound.
 
-    Parameters
-    ----------
-    offset : float
-        Of x and of y, m.
-    heading_deg : float
-        Of the heading, degrees.
-    z : float
-        Of the height, m.
-    tilt_deg : float
-        Of roll and of pitch, degrees.
+    offset: of x and of y, m.
+    heading_deg: of the heading, degrees.
+    z: of the height, m.
+    tilt_deg: of roll and of pitch, degrees.
     """
 
     offset: float = 2.5

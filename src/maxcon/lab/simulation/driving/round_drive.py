@@ -25,27 +25,13 @@ SLOWEST = 0.4
 class RoundDriver:
     """How a round is driven.
 
-    Parameters
-    ----------
-    speed : float
-        On free stretches, m/s; it varies by up to a fifth.
-    turn_speed : float
-        In turns, m/s.
-    crossing_speed : float
-        Speed straight over crossings, as a part of `speed`, 0 to 1.
-    acceleration : float
-        Of starting and braking, m/s^2.
-    n_stops : int
-        Number of turns and crossings before which the vehicle waits.
-    waits : (float, float)
-        Shortest and longest wait, s.
-    wander : float
-        Largest distance to the left or right of the circuit, m.
-
-    Raises
-    ------
-    OptionError
-        If a speed, the part or the acceleration is not above 0.
+    speed: on free stretches, m/s; it varies by up to a fifth.
+    turn_speed: in turns, m/s.
+    crossing_speed: speed straight over crossings, as a part of `speed`, 0 to 1.
+    acceleration: of starting and braking, m/s^2.
+    n_stops: number of turns and crossings before which the vehicle waits.
+    waits: shortest and longest wait, s.
+    wander: largest distance to the left or right of the circuit, m.
     """
 
     speed: float
@@ -76,25 +62,12 @@ def drive_round(
 ) -> Drive:
     """Return the drive of `driver` once round `circuit`.
 
-    Parameters
-    ----------
-    circuit : Circuit
-        The line to follow.
-    driver : RoundDriver
-        Speeds and stops.
-    seed : int or sequence of int
-        Of speed, stops and sway: the same seed gives the same drive.
-    height : float
-        Of the sensor above the carriageway, m.
-    start_time : float
-        Of the first pose, s.
-    duration : float, optional
-        How long the round takes, s: speeds are scaled to fit, waits are not. If None, speeds are not scaled.
-
-    Raises
-    ------
-    OptionError
-        If the waits leave no time to drive.
+    circuit: the line to follow.
+    driver: speeds and stops.
+    seed: of speed, stops and sway: the same seed gives the same drive.
+    height: of the sensor above the carriageway, m.
+    start_time: of the first pose, s.
+    duration: how long the round takes, s: speeds are scaled to fit, waits are not. If None, speeds are not scaled.
     """
     rng = np.random.default_rng(seed)
     distances = circuit.distances

@@ -28,23 +28,15 @@ CAR_SIDE = 1.05
 class City:
     """Triangles with classes in city metres: z is up, the main crossing is the origin.
 
-    Parameters
-    ----------
-    vertices : array, shape (v, 3)
-        m.
-    triangles : array, shape (t, 3), int32
-        Rows of `vertices`. Parked cars come last.
-    classes : array, shape (t,), uint8
-        LasClass of each triangle.
-    street_lines : array, shape (k, 2, 2)
-        Start and end (x, y) of each street's centre line, m; the main street is the first, the cross
-        street the second.
-    parking_lanes : array, shape (k, 2, 2)
-        Start and end (x, y) of each row of parked cars, m.
-    street_angle : float
-        Direction of the main street, rad, counter-clockwise from +x.
-    car_numbers : array, shape (t,), int32
-        Number of the parked car that each triangle belongs to, from 0; -1 for all that is no parked car.
+    vertices: shape (v, 3); m.
+    triangles: shape (t, 3), int32; rows of `vertices`. Parked cars come last.
+    classes: shape (t,), uint8; LasClass of each triangle.
+    street_lines: shape (k, 2, 2); start and end (x, y) of each street's centre line, m; the main street is the first,
+        the cross street the second.
+    parking_lanes: shape (k, 2, 2); start and end (x, y) of each row of parked cars, m.
+    street_angle: direction of the main street, rad, counter-clockwise from +x.
+    car_numbers: shape (t,), int32; number of the parked car that each triangle belongs to, from 0; -1 for all that is
+        no parked car.
     """
 
     vertices: NDArray[np.float64]
@@ -63,12 +55,8 @@ class City:
     def with_parked_cars(self, seed: Seed, occupancy: float = 0.7) -> "City":
         """Return the same city on another day: other cars stand at the kerbs.
 
-        Parameters
-        ----------
-        seed : int or sequence of int
-            The same seed gives the same cars.
-        occupancy : float
-            Approximate share of the parking lanes that is taken, 0 to 1.
+        seed: the same seed gives the same cars.
+        occupancy: approximate share of the parking lanes that is taken, 0 to 1.
         """
         rng = np.random.default_rng(seed)
         cars = [car for lane in self.parking_lanes for car in _cars_along(lane, occupancy, rng)]
@@ -79,15 +67,10 @@ class City:
 def build_city(seed: Seed, *, street_angle_deg: float = 31.0, grid: StreetGrid | None = None) -> City:
     """Return a city without parked cars.
 
-    Parameters
-    ----------
-    seed : int or sequence of int
-        The same seed gives the same city.
-    street_angle_deg : float
-        Direction of the main street, degrees, counter-clockwise from +x; by default nothing is parallel
+    seed: the same seed gives the same city.
+    street_angle_deg: direction of the main street, degrees, counter-clockwise from +x; by default nothing is parallel
         to an axis.
-    grid : StreetGrid, optional
-        Where its streets are; those of the demo if None.
+    grid: where its streets are; those of the demo if None.
     """
     streets = grid or StreetGrid()
     rng = np.random.default_rng(seed)
@@ -100,14 +83,9 @@ def build_city(seed: Seed, *, street_angle_deg: float = 31.0, grid: StreetGrid |
 def city_of(parts: Sequence[Patch], grid: StreetGrid, street_angle: float) -> City:
     """Return the city made of `parts`, without parked cars.
 
-    Parameters
-    ----------
-    parts : sequence of Patch
-        Ground, houses and street furniture, in the frame of the grid.
-    grid : StreetGrid
-        Its streets.
-    street_angle : float
-        Direction of the main street, rad, counter-clockwise from +x.
+    parts: ground, houses and street furniture, in the frame of the grid.
+    grid: its streets.
+    street_angle: direction of the main street, rad, counter-clockwise from +x.
     """
     out = grid.sidewalk + CAR_SIDE
     lanes = np.array(
@@ -173,14 +151,9 @@ def _setback(rng: np.random.Generator, *, has_garden: bool) -> float:
 def pavement(side: Frontage, sidewalk: float, rng: np.random.Generator) -> Iterator[Patch]:
     """Yield lamp poles, trees and signs along the kerb and tubs with bushes along the houses, one by one.
 
-    Parameters
-    ----------
-    side : Frontage
-        What they stand along.
-    sidewalk : float
-        From the kerb to the building line, m.
-    rng : numpy.random.Generator
-        Draws places and sizes.
+    side: what they stand along.
+    sidewalk: from the kerb to the building line, m.
+    rng: draws places and sizes.
     """
     for x in np.arange(12.0 + rng.uniform(0.0, 8.0), side.length - 8.0, 28.0):
         yield side.placed(lamp_pole(), x, sidewalk - 0.4)

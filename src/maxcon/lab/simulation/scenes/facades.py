@@ -33,24 +33,14 @@ Grid = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 class HouseStyle:
     """The parameters in which houses differ; lengths in m.
 
-    Parameters
-    ----------
-    width : float
-        Along the street.
-    n_storeys, storey_height : int, float
-        Number of storeys, ground floor included, and height of each.
-    n_columns : int
-        Columns of windows.
-    window_width, window_height, reveal : float
-        Of windows, which lie `reveal` behind the front.
-    plinth : float
-        How far the foot of the house stands out; 0 for none.
-    door_column : int
-        Column of the entrance.
-    bay : float
-        How far a bay over the door stands out, above the ground floor; 0 for none.
-    balcony_column, archway_column : int or None
-        Columns with balconies on the upper floors, and with a passage to the yard.
+    width: along the street.
+    n_storeys, storey_height: number of storeys, ground floor included, and height of each.
+    n_columns: columns of windows.
+    window_width, window_height, reveal: of windows, which lie `reveal` behind the front.
+    plinth: how far the foot of the house stands out; 0 for none.
+    door_column: column of the entrance.
+    bay: how far a bay over the door stands out, above the ground floor; 0 for none.
+    balcony_column, archway_column: columns with balconies on the upper floors, and with a passage to the yard.
     """
 
     width: float
@@ -120,12 +110,8 @@ def house(style: HouseStyle, rng: np.random.Generator, *, shows_left: bool, show
 def relief(x_edges: NDArray[np.float64], z_edges: NDArray[np.float64], depths: NDArray[np.float64]) -> Patch:
     """Wall of rectangles, each at its own depth behind y = 0, with faces that close the steps between neighbours.
 
-    Parameters
-    ----------
-    x_edges, z_edges : array, shape (nx + 1,) and (nz + 1,)
-        Edges of columns and rows, m, rising.
-    depths : array, shape (nx, nz)
-        m; negative where a rectangle stands out of the wall. Outside the wall the depth is 0.
+    x_edges, z_edges: shape (nx + 1,) and (nz + 1,); edges of columns and rows, m, rising.
+    depths: shape (nx, nz); m; negative where a rectangle stands out of the wall. Outside the wall the depth is 0.
     """
     padded = np.pad(depths, 1)
     i, j = (index.ravel() for index in np.indices(depths.shape))
@@ -221,14 +207,9 @@ def _balconies(style: HouseStyle, rng: np.random.Generator) -> list[Patch]:
 def balcony(center: float, half: float, out: float, z: float) -> Patch:
     """Return a balcony: slab, parapet and its two sides.
 
-    Parameters
-    ----------
-    center, half : float
-        Its middle along the front, and half of its width, m.
-    out : float
-        How far it stands out, m.
-    z : float
-        Height of its floor, m.
+    center, half: its middle along the front, and half of its width, m.
+    out: how far it stands out, m.
+    z: height of its floor, m.
     """
     wall = 0.06
     lows = [[center - half, 0.0, z - 0.15], [center - half, out - wall, z]]

@@ -22,12 +22,8 @@ OCTAGON = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 class Patch:
     """A piece of a simulated world.
 
-    Parameters
-    ----------
-    corners : array, shape (t, 3, 3)
-        Corners of each triangle, m. Triangles are seen from both sides.
-    classes : array, shape (t,), uint8
-        LasClass of each triangle.
+    corners: shape (t, 3, 3); corners of each triangle, m. Triangles are seen from both sides.
+    classes: shape (t,), uint8; LasClass of each triangle.
     """
 
     corners: NDArray[np.float64]

@@ -44,16 +44,10 @@ class Item(NamedTuple):
 class PeriodicCity:
     """A city whose facades repeat, so that only the items before them tell where along a street one is.
 
-    Parameters
-    ----------
-    grid : StreetGrid
-        Its streets.
-    street_angle : float
-        Direction of the main street, rad, counter-clockwise from +x.
-    fabric : Patch
-        Ground and facades, in the frame of the grid.
-    items : tuple of Item
-        Balconies, steps, rain pipes, lamp poles, signs, trees and tubs.
+    grid: its streets.
+    street_angle: direction of the main street, rad, counter-clockwise from +x.
+    fabric: ground and facades, in the frame of the grid.
+    items: balconies, steps, rain pipes, lamp poles, signs, trees and tubs.
     """
 
     grid: StreetGrid
@@ -78,14 +72,9 @@ def build_periodic_city(
 ) -> PeriodicCity:
     """Return a city of periodic facades.
 
-    Parameters
-    ----------
-    seed : int or sequence of int
-        Of the items; facades are the same for every seed.
-    street_angle_deg : float
-        Direction of the main street, degrees, counter-clockwise from +x.
-    grid : StreetGrid
-        The streets. If centre lines and building lines lie at multiples of 3 m, as in `CAMPAIGN_GRID`, the period
+    seed: of the items; facades are the same for every seed.
+    street_angle_deg: direction of the main street, degrees, counter-clockwise from +x.
+    grid: the streets. If centre lines and building lines lie at multiples of 3 m, as in `CAMPAIGN_GRID`, the period
         continues beyond crossings.
     """
     rng = np.random.default_rng(seed)
@@ -101,8 +90,6 @@ def build_periodic_city(
 def periodic_front(length: float) -> Patch:
     """Front of `length` (m) with its roof: pilasters and columns of windows every 3 m, from x = 0 on.
 
-    Notes
-    -----
     One front from corner to corner of a block, without borders between houses. Its last period is cut off
     where `length` is no multiple of 3 m.
     """

@@ -35,14 +35,9 @@ class Block:
 class Frontage:
     """A side of a block along a street, with a frame: x runs along the building line and y out to the street, m.
 
-    Parameters
-    ----------
-    u, v : float
-        Its origin, on the building line, in the frame of the grid, m.
-    heading : float
-        Direction of x in the frame of the grid, rad.
-    length : float
-        Of the side, m.
+    u, v: its origin, on the building line, in the frame of the grid, m.
+    heading: direction of x in the frame of the grid, rad.
+    length: of the side, m.
     """
 
     u: float
@@ -65,19 +60,12 @@ class Frontage:
 class StreetGrid:
     """Straight streets that cross at right angles; the default is the grid of the demo.
 
-    Parameters
-    ----------
-    u_lines, v_lines : tuple of float
-        Where streets cross the main street and the cross street, m, rising; both contain 0. By default
+    u_lines, v_lines: where streets cross the main street and the cross street, m, rising; both contain 0. By default
         they are far apart, so that a street looks endless.
-    carriageway : float
-        From a street's centre line to its kerb, m: a lane and a row of parked cars.
-    sidewalk : float
-        From the kerb to the building line, m.
-    no_parking : float
-        From the corner of a block to its first parked car, m.
-    margin : float
-        How far the city continues beyond the outermost streets, m.
+    carriageway: from a street's centre line to its kerb, m: a lane and a row of parked cars.
+    sidewalk: from the kerb to the building line, m.
+    no_parking: from the corner of a block to its first parked car, m.
+    margin: how far the city continues beyond the outermost streets, m.
     """
 
     u_lines: tuple[float, ...] = (-150.0, 0.0, 110.0)
@@ -112,10 +100,7 @@ class StreetGrid:
     def blocks(self, gap: float | None = None) -> list[Block]:
         """Return all blocks.
 
-        Parameters
-        ----------
-        gap : float, optional
-            Distance of their sides from the centre lines of the streets around, m; up to the building lines if None.
+        gap: distance of their sides from the centre lines of the streets around, m; up to the building lines if None.
         """
         away = self.half_width if gap is None else gap
         return [Block(*u, *v) for u in self._intervals(self.u_lines, away) for v in self._intervals(self.v_lines, away)]

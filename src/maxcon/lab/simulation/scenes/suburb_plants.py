@@ -29,14 +29,9 @@ MOVING = 0.5
 def survey_class(las_class: LasClass, share: float, rng: np.random.Generator) -> LasClass:
     """Return the class that a survey gives to a plant: the right one, or none, drawn at random.
 
-    Parameters
-    ----------
-    las_class : LasClass
-        The right class.
-    share : float
-        Share of such plants that the survey classifies, 0 to 1.
-    rng : numpy.random.Generator
-        Draws whether it does.
+    las_class: the right class.
+    share: share of such plants that the survey classifies, 0 to 1.
+    rng: draws whether it does.
     """
     return las_class if rng.random() < share else LasClass.UNCLASSIFIED
 

@@ -46,20 +46,13 @@ ASPHALT, GRASS = 0.004, 0.03
 class ResidentialRoad:
     """A road in a suburb, with the ground around it; along it, 0 is its begin.
 
-    Parameters
-    ----------
-    length : float
-        m.
-    centers : array, shape (k, 2)
-        (x, y) of the centre line every 0.25 m, from `BEYOND` before its begin to `BEYOND` after its end, m.
-    headings : array, shape (k,)
-        Direction of the centre line at these points, rad from +x.
-    heights : array, shape (k,)
-        Of the centre line, m.
-    tilts : array, shape (k,)
-        Cross slope: how much the road rises to the left, rise over run.
-    banks : array, shape (k, 2)
-        How much the gardens on the left and on the right rise away from the road, rise over run.
+    length: m.
+    centers: shape (k, 2); (x, y) of the centre line every 0.25 m, from `BEYOND` before its begin to `BEYOND` after its
+        end, m.
+    headings: shape (k,); direction of the centre line at these points, rad from +x.
+    heights: shape (k,); of the centre line, m.
+    tilts: shape (k,); cross slope: how much the road rises to the left, rise over run.
+    banks: shape (k, 2); how much the gardens on the left and on the right rise away from the road, rise over run.
     """
 
     length: float
@@ -104,14 +97,9 @@ class ResidentialRoad:
     def laid(self, patch: Patch, along: float, left: float, heading: float = 0.0) -> Patch:
         """Return `patch` bent to follow the road and the slopes of the ground, as fences and hedges do.
 
-        Parameters
-        ----------
-        patch : Patch
-            x along the road, y to the left, z above the ground, m, before it is turned by `heading`.
-        along, left : float
-            Place of its origin, m.
-        heading : float
-            Counter-clockwise from the direction of the road, rad.
+        patch: x along the road, y to the left, z above the ground, m, before it is turned by `heading`.
+        along, left: place of its origin, m.
+        heading: counter-clockwise from the direction of the road, rad.
         """
         turned = patch.placed(along, left, heading=heading).corners
         level = self.places(turned[..., 0], turned[..., 1])
@@ -145,16 +133,10 @@ class ResidentialRoad:
     def route(self, lane: float, seed: Seed, *, start: float = 0.0, is_back: bool = False) -> Route:
         """Return a route along the road.
 
-        Parameters
-        ----------
-        lane : float
-            Its distance to the left of the centre line, m; it wanders by up to 0.2 m.
-        seed : int or sequence of int
-            Of where it wanders, and of where a vehicle slows down.
-        start : float
-            How far before the begin of the road it begins, and after the end of the road it ends, m.
-        is_back : bool
-            Whether it runs from the end to the begin.
+        lane: its distance to the left of the centre line, m; it wanders by up to 0.2 m.
+        seed: of where it wanders, and of where a vehicle slows down.
+        start: how far before the begin of the road it begins, and after the end of the road it ends, m.
+        is_back: whether it runs from the end to the begin.
         """
         rng = np.random.default_rng(seed)
         along = np.arange(-start, self.length + start, 0.05)
@@ -190,25 +172,13 @@ class ResidentialRoad:
 
 
 def check_road_length(length: float) -> None:
-    """Check that a road is long enough for a drive, and short enough for its map.
-
-    Raises
-    ------
-    OptionError
-        If it is shorter than 60 m or longer than 2000 m.
-    """
+    """Check that a road is long enough for a drive, and short enough for its map."""
     if not 60.0 <= length <= 2000.0:
         raise OptionError(f"Expected a road of 60 to 2000 m, got {length} m. The default is 460 m.")
 
 
 def draw_road(length: float, seed: Seed) -> ResidentialRoad:
-    """Return a random road of `length` (m) that winds and climbs.
-
-    Raises
-    ------
-    OptionError
-        If it is shorter than 60 m or longer than 2000 m.
-    """
+    """Return a random road of `length` (m) that winds and climbs."""
     check_road_length(length)
     rng = np.random.default_rng(seed)
     along = STEP * np.arange(round((length + 2.0 * BEYOND) / STEP) + 1, dtype=np.float64)

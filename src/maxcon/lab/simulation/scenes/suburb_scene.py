@@ -42,14 +42,9 @@ PARKED_SHARE = 0.2
 def suburb_on_day(road: ResidentialRoad, seed: int, stream: int, day_stream: int) -> Patch:
     """Return all surfaces along `road`, in city metres.
 
-    Parameters
-    ----------
-    road : ResidentialRoad
-        Where everything stands.
-    seed, stream : int
-        Of what stays from day to day: gardens, houses, hedges and stems.
-    day_stream : int
-        With `seed`, of what changes from day to day: leaves, twigs, cars and bins.
+    road: where everything stands.
+    seed, stream: of what stays from day to day: gardens, houses, hedges and stems.
+    day_stream: with `seed`, of what changes from day to day: leaves, twigs, cars and bins.
     """
     day = np.random.default_rng([seed, day_stream])
     parts = [road.ground([seed, stream, 0])]

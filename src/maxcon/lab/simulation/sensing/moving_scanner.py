@@ -24,20 +24,10 @@ TURN_TIME = 0.1
 class DeskewErrors:
     """Bounds of the errors of the motion that a scan is deskewed by: each is uniform within plus and minus its bound.
 
-    Parameters
-    ----------
-    speed : float
-        Relative, 0.02 for 2 %. At 8 m/s the first and the last points of a scan are off by up to 8 mm.
-    turn_rate_deg : float
-        Of the rotation about the sensor's up axis, degrees per second. With 0.3, points 20 m away at either end of
-        the scan are off by up to 5 mm.
-    tilt_rate_deg : float
-        Of roll and of pitch, degrees per second. With 0.5, points 20 m away are off by up to 9 mm.
-
-    Raises
-    ------
-    OptionError
-        If a bound is below 0.
+    speed: relative, 0.02 for 2 %. At 8 m/s the first and the last points of a scan are off by up to 8 mm.
+    turn_rate_deg: of the rotation about the sensor's up axis, degrees per second. With 0.3, points 20 m away at either
+        end of the scan are off by up to 5 mm.
+    tilt_rate_deg: of roll and of pitch, degrees per second. With 0.5, points 20 m away are off by up to 9 mm.
     """
 
     speed: float = 0.02
@@ -58,12 +48,8 @@ class DeskewErrors:
 class MovingScanner:
     """A rotating scanner on a vehicle that moves while it turns, and the deskewing of its scans.
 
-    Parameters
-    ----------
-    scanner : RotatingScanner
-        Gives the rays. A turn begins in driving direction, half a turn before the time of the scan.
-    errors : DeskewErrors
-        Of the motion that the scans are deskewed by.
+    scanner: gives the rays. A turn begins in driving direction, half a turn before the time of the scan.
+    errors: of the motion that the scans are deskewed by.
     """
 
     scanner: RotatingScanner
@@ -72,8 +58,6 @@ class MovingScanner:
     def scan(self, caster: Caster, drive: Drive, time: float, rng: np.random.Generator) -> Echoes:
         """Return one scan, deskewed to `time` (s), in city metres, with the errors of the deskewing.
 
-        Notes
-        -----
         Each column of rays starts where the vehicle is at the column's own time. A point is then transformed from
         the sensor at that time to the sensor at `time` by the true motion between both with errors: its
         displacement is scaled, and a small rotation added. For a vehicle that stands, and without errors, this is

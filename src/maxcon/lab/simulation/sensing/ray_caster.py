@@ -15,12 +15,8 @@ __all__ = ["Caster", "Hits", "RayCaster", "Surfaces", "TriangleScene", "check_em
 class Hits(NamedTuple):
     """Where rays met triangles; rays that met nothing have triangle -1.
 
-    Parameters
-    ----------
-    ranges : array, shape (n,), float32
-        m; meaningless where nothing was met.
-    triangles : array, shape (n,), int32
-        Row of the triangle, or -1.
+    ranges: shape (n,), float32; m; meaningless where nothing was met.
+    triangles: shape (n,), int32; row of the triangle, or -1.
     """
 
     ranges: NDArray[np.float32]
@@ -28,13 +24,7 @@ class Hits(NamedTuple):
 
 
 def check_embreex() -> None:
-    """Check that embreex is installed, before the work whose last step needs it.
-
-    Raises
-    ------
-    MissingExtraError
-        If embreex is not installed.
-    """
+    """Check that embreex is installed, before the work whose last step needs it."""
     try:
         import embreex  # noqa: F401
     except ImportError as error:
@@ -62,15 +52,8 @@ class Caster(Protocol):
 class TriangleScene:
     """Triangles made ready for casting rays (Embree).
 
-    Parameters
-    ----------
-    corners : array, shape (t, 3, 3)
-        Of each triangle, m. Coordinates must be small: rays are cast in float32, whose steps are 0.01 mm at 150 m.
-
-    Raises
-    ------
-    MissingExtraError
-        If embreex is not installed.
+    corners: shape (t, 3, 3); of each triangle, m. Coordinates must be small: rays are cast in float32, whose steps are
+        0.01 mm at 150 m.
     """
 
     def __init__(self, corners: NDArray[np.float64]) -> None:
@@ -87,10 +70,7 @@ class TriangleScene:
     def cast(self, origins: NDArray[np.float32], directions: NDArray[np.float32]) -> Hits:
         """First hit of each ray.
 
-        Parameters
-        ----------
-        origins, directions : array, shape (n, 3), float32
-            In the frame of the corners, m; unit directions.
+        origins, directions: shape (n, 3), float32; in the frame of the corners, m; unit directions.
         """
         found = self._scene.run(np.ascontiguousarray(origins), np.ascontiguousarray(directions), output=True)
         return Hits(found["tfar"], found["primID"])
@@ -109,15 +89,7 @@ class Surfaces(Protocol):
 class RayCaster:
     """A city or a suburb, made ready for casting rays.
 
-    Parameters
-    ----------
-    city : Surfaces
-        In city metres.
-
-    Raises
-    ------
-    MissingExtraError
-        If embreex is not installed.
+    city: in city metres.
     """
 
     def __init__(self, city: Surfaces) -> None:

@@ -22,20 +22,12 @@ __all__ = ["Echoes", "ProfileScanner", "RotatingScanner", "mobile_mapping_scanne
 class Echoes(NamedTuple):
     """Points that a scanner measured, in order of time.
 
-    Parameters
-    ----------
-    points : array, shape (n, 3)
-        City metres, with range noise.
-    origins : array, shape (n, 3)
-        Where each ray started, city metres.
-    times : array, shape (n,)
-        s.
-    triangles : array, shape (n,), int32
-        Index of the triangle that was hit, among those of the caster.
-    classes : array, shape (n,), uint8
-        LasClass of that triangle.
-    intensities : array, shape (n,), float32
-        0 to 1: reflectance times the cosine of incidence.
+    points: shape (n, 3); city metres, with range noise.
+    origins: shape (n, 3); where each ray started, city metres.
+    times: shape (n,); s.
+    triangles: shape (n,), int32; index of the triangle that was hit, among those of the caster.
+    classes: shape (n,), uint8; LasClass of that triangle.
+    intensities: shape (n,), float32; 0 to 1: reflectance times the cosine of incidence.
     """
 
     points: NDArray[np.float64]
@@ -50,14 +42,9 @@ class Echoes(NamedTuple):
 class RangeFinder:
     """Limits and errors of a scanner's range measurement.
 
-    Parameters
-    ----------
-    noise : float
-        Standard deviation of a range, m.
-    dropout : float
-        Share of the echoes that is lost at random, 0 to 1.
-    min_range, max_range : float
-        Echoes nearer or farther are lost, m.
+    noise: standard deviation of a range, m.
+    dropout: share of the echoes that is lost at random, 0 to 1.
+    min_range, max_range: echoes nearer or farther are lost, m.
     """
 
     noise: float
@@ -107,21 +94,11 @@ class RotatingScanner:
     Sensor axes: x forward, y left, z up. The rays of one turn start at one place: scans are taken for perfectly
     deskewed (`MovingScanner` simulates the motion within a scan, and a deskewing with errors).
 
-    Parameters
-    ----------
-    n_layers, lowest_deg, highest_deg : int, float, float
-        Layers, evenly spaced in elevation; without effect where `elevations_deg` are given.
-    azimuth_step_deg : float
-        From one column of points to the next, degrees.
-    noise, dropout, min_range, max_range : float
-        See `RangeFinder`: m, 0 to 1, m, m.
-    elevations_deg : tuple of float
-        Elevation of each layer, rising, degrees, where they are not evenly spaced.
-
-    Raises
-    ------
-    OptionError
-        If a value is out of its range.
+    n_layers, lowest_deg, highest_deg: layers, evenly spaced in elevation; without effect where `elevations_deg` are
+        given.
+    azimuth_step_deg: from one column of points to the next, degrees.
+    noise, dropout, min_range, max_range: see `RangeFinder`: m, 0 to 1, m, m.
+    elevations_deg: elevation of each layer, rising, degrees, where they are not evenly spaced.
     """
 
     n_layers: int = 16
@@ -181,25 +158,12 @@ class RotatingScanner:
 class ProfileScanner:
     """A scanner whose ray turns in a vertical plane; the motion of the vehicle spaces its profiles.
 
-    Parameters
-    ----------
-    turn_deg : float
-        Angle from the driving direction to the plane, degrees, counter-clockwise.
-    side : float
-        Distance of the mount to the left of the vehicle's middle, m.
-    line_rate : float
-        Profiles per second: the slower the drive, the denser the points.
-    points_per_line : int
-        Rays of a whole turn, the blind ones included.
-    blind_deg : float
-        Half angle about the nadir that the vehicle itself hides, degrees.
-    noise, dropout, min_range, max_range : float
-        See `RangeFinder`: m, 0 to 1, m, m.
-
-    Raises
-    ------
-    OptionError
-        If a value is out of its range.
+    turn_deg: angle from the driving direction to the plane, degrees, counter-clockwise.
+    side: distance of the mount to the left of the vehicle's middle, m.
+    line_rate: profiles per second: the slower the drive, the denser the points.
+    points_per_line: rays of a whole turn, the blind ones included.
+    blind_deg: half angle about the nadir that the vehicle itself hides, degrees.
+    noise, dropout, min_range, max_range: see `RangeFinder`: m, 0 to 1, m, m.
     """
 
     turn_deg: float = 45.0

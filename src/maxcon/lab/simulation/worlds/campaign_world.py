@@ -73,22 +73,13 @@ class _Stream(IntEnum):
 class CampaignWorld:
     """The campaign before anything is measured.
 
-    Parameters
-    ----------
-    seed : int
-        Everything random is drawn from it.
-    circuit : Circuit
-        The line that all rounds follow.
-    mapping : MappingDrives
-        The rounds of the mapping vehicle through the city on the day of the map.
-    scan_caster : RayCaster
-        The city on the day of the scans: other cars are parked.
-    scan_drive : Drive
-        The round of the car, 300 s long.
-    traffic : Traffic or None
-        Vehicles and pedestrians around the car; none if None.
-    drive_number : int
-        Number of the car's drive, from 0, see `again`.
+    seed: everything random is drawn from it.
+    circuit: the line that all rounds follow.
+    mapping: the rounds of the mapping vehicle through the city on the day of the map.
+    scan_caster: the city on the day of the scans: other cars are parked.
+    scan_drive: the round of the car, 300 s long.
+    traffic: vehicles and pedestrians around the car; none if None.
+    drive_number: number of the car's drive, from 0, see `again`.
     """
 
     seed: int
@@ -103,22 +94,10 @@ class CampaignWorld:
     def build(cls, seed: int, n_rounds: int = 5, *, is_hard: bool = False) -> Self:
         """Return the world of `seed`, mapped in `n_rounds`.
 
-        Parameters
-        ----------
-        seed : int
-            The same seed gives the same world.
-        n_rounds : int
-            How often the circuit is mapped.
-        is_hard : bool
-            Whether the facades are periodic, a quarter of the items before them is gone on the day of the
-            scans, cars are parked more densely, and 30 % of the returns of each scan are on vehicles and pedestrians.
-
-        Raises
-        ------
-        OptionError
-            If `seed` is negative or `n_rounds` is below 1.
-        MissingExtraError
-            If embreex is not installed.
+        seed: the same seed gives the same world.
+        n_rounds: how often the circuit is mapped.
+        is_hard: whether the facades are periodic, a quarter of the items before them is gone on the day of the scans,
+            cars are parked more densely, and 30 % of the returns of each scan are on vehicles and pedestrians.
         """
         check_seed(seed)
         if n_rounds < 1:
@@ -146,17 +125,8 @@ class CampaignWorld:
     def again(self, drive_number: int, day: int = 1) -> Self:
         """Return the same world on another drive of the car, with another speed profile, other noise and other priors.
 
-        Parameters
-        ----------
-        drive_number : int
-            From 0, the first drive.
-        day : int
-            1 for the day of the first drive; on each other day, other cars are parked.
-
-        Raises
-        ------
-        OptionError
-            If the number is negative, or the day before the first.
+        drive_number: from 0, the first drive.
+        day: 1 for the day of the first drive; on each other day, other cars are parked.
         """
         if drive_number < 0 or day < 1:
             raise OptionError(

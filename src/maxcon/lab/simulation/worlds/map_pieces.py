@@ -42,14 +42,9 @@ def map_pieces(drives: Sequence[Drive], scanners: Sequence[ProfileScanner]) -> l
 def map_echoes(caster: Caster, pieces: Sequence[MapPiece], seed: Sequence[int]) -> Iterator[Echoes]:
     """Measure `pieces` one by one.
 
-    Parameters
-    ----------
-    caster : Caster
-        The world on the day of the map.
-    pieces : sequence of MapPiece
-        Those of `map_pieces`.
-    seed : sequence of int
-        Of the noise; each piece has a stream of its own.
+    caster: the world on the day of the map.
+    pieces: those of `map_pieces`.
+    seed: of the noise; each piece has a stream of its own.
     """
     for i, (drive, scanner, first) in enumerate(pieces):
         n_lines = min(LINES_PER_PIECE, scanner.n_lines(drive) - first)

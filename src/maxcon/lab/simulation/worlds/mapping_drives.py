@@ -29,16 +29,10 @@ MAP_HEIGHT = 2.4
 class MappingDrives:
     """The drives of the mapping vehicle, before anything is measured on them.
 
-    Parameters
-    ----------
-    caster : RayCaster
-        The scene on the day of the map.
-    drives : tuple of Drive
-        True drives, one after the other.
-    seed : sequence of int
-        Of the scanners' noise.
-    georeferencing : GeoreferencingErrors or None
-        Errors of the vehicle's post-processed trajectory, and so of the map; none if None.
+    caster: the scene on the day of the map.
+    drives: true drives, one after the other.
+    seed: of the scanners' noise.
+    georeferencing: errors of the vehicle's post-processed trajectory, and so of the map; none if None.
     """
 
     caster: RayCaster

@@ -21,10 +21,7 @@ __all__ = ["CrowdedCaster", "RoadUser", "RoadUserShape", "draw_pedestrian_shape"
 class RoadUserShape:
     """The shape of a road user, made ready for casting rays; it stands on the origin and faces along x.
 
-    Parameters
-    ----------
-    patch : Patch
-        Its triangles, m; all are taken for class VEHICLE.
+    patch: its triangles, m; all are taken for class VEHICLE.
     """
 
     def __init__(self, patch: Patch) -> None:
@@ -74,12 +71,8 @@ class RoadUser(NamedTuple):
 class CrowdedCaster:
     """A city with road users in it, for one scan.
 
-    Parameters
-    ----------
-    caster : Caster
-        The city.
-    road_users : sequence of RoadUser
-        Those around the car; their triangles follow those of the city, one road user after the other.
+    caster: the city.
+    road_users: those around the car; their triangles follow those of the city, one road user after the other.
     """
 
     def __init__(self, caster: Caster, road_users: Sequence[RoadUser]) -> None:
@@ -91,13 +84,7 @@ class CrowdedCaster:
         self.classes: NDArray[np.uint8] = np.concatenate([caster.classes, users])
 
     def cast(self, origins: NDArray[np.float32], directions: NDArray[np.float32]) -> Hits:
-        """First hit of each ray; origins, all the same, and directions of shape (n, 3), city metres.
-
-        Raises
-        ------
-        ArrayError
-            If they start at several places, as in several scans: road users stand still for one scan only.
-        """
+        """First hit of each ray; origins, all the same, and directions of shape (n, 3), city metres."""
         if (origins != origins[:1]).any():
             raise ArrayError("Expected rays from one origin, got several. Cast those of one scan, or use a RayCaster.")
         hits = self._caster.cast(origins, directions)

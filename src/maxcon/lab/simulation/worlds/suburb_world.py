@@ -64,18 +64,11 @@ class _Stream(IntEnum):
 class SuburbWorld:
     """The suburb before anything is measured.
 
-    Parameters
-    ----------
-    seed : int
-        Everything random is drawn from it.
-    road : ResidentialRoad
-        The road that all drives follow.
-    mapping : MappingDrives
-        The drives of the mapping vehicle, there and back, through the suburb on the day of the map.
-    scan_caster : RayCaster
-        The suburb on the day of the scans: leaves, cars and bins differ.
-    scan_drive : Drive
-        Drive of the car; it begins about a second before the first epoch and ends as long after the last.
+    seed: everything random is drawn from it.
+    road: the road that all drives follow.
+    mapping: the drives of the mapping vehicle, there and back, through the suburb on the day of the map.
+    scan_caster: the suburb on the day of the scans: leaves, cars and bins differ.
+    scan_drive: drive of the car; it begins about a second before the first epoch and ends as long after the last.
     """
 
     seed: int
@@ -86,15 +79,7 @@ class SuburbWorld:
 
     @classmethod
     def build(cls, seed: int, road_length: float = ROAD_LENGTH) -> Self:
-        """Return the world of `seed` along a road of `road_length` (m).
-
-        Raises
-        ------
-        OptionError
-            If `seed` is negative or the road too short or too long.
-        MissingExtraError
-            If embreex is not installed.
-        """
+        """Return the world of `seed` along a road of `road_length` (m)."""
         check_seed(seed)
         check_embreex()
         road = draw_road(road_length, [seed, _Stream.ROAD])

@@ -55,15 +55,10 @@ class _Rectangle(NamedTuple):
 class Traffic:
     """Vehicles and pedestrians in the streets of a grid, drawn anew for each scan.
 
-    Parameters
-    ----------
-    grid : StreetGrid
-        The streets: vehicles keep to their right lanes, pedestrians to the sidewalks and their prolongations
-        over the crossings, so that they overlap neither houses nor parked cars.
-    street_angle : float
-        Direction of the main street, rad, counter-clockwise from +x.
-    seed : int or sequence of int
-        Of the shapes.
+    grid: the streets: vehicles keep to their right lanes, pedestrians to the sidewalks and their prolongations over the
+        crossings, so that they overlap neither houses nor parked cars.
+    street_angle: direction of the main street, rad, counter-clockwise from +x.
+    seed: of the shapes.
     """
 
     def __init__(self, grid: StreetGrid, street_angle: float, seed: Seed) -> None:
@@ -83,18 +78,11 @@ class Traffic:
     ) -> list[RoadUser]:
         """Return road users for one scan.
 
-        Parameters
-        ----------
-        caster : Caster
-            The city on the day of the scan with its parked cars.
-        scanner : RotatingScanner
-            On the car.
-        pose : Pose
-            Of the scanner, T_city_sensor.
-        rng : numpy.random.Generator
-            Draws their places.
-        share : float
-            Road users are added one by one until this share of the returns, before dropouts, is on triangles of
+        caster: the city on the day of the scan with its parked cars.
+        scanner: on the car.
+        pose: of the scanner, T_city_sensor.
+        rng: draws their places.
+        share: road users are added one by one until this share of the returns, before dropouts, is on triangles of
             class VEHICLE: theirs, or those of parked cars. Where parked cars alone exceed it, none is added.
         """
         view = _View(caster, scanner, pose)

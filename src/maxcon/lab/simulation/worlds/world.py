@@ -56,17 +56,11 @@ class Epoch(NamedTuple):
 class SimulatedWorld:
     """A city with its drives, before anything is measured.
 
-    Parameters
-    ----------
-    seed : int
-        Everything random is drawn from it.
-    mapping : MappingDrives
-        Drives of the mapping vehicle through the city on the day of the map: two, so that each branch of the crossing
-        is mapped.
-    scan_caster : RayCaster
-        The city on the day of the scans: other cars are parked.
-    scan_drive : Drive
-        Drive of the car with the rotating scanner.
+    seed: everything random is drawn from it.
+    mapping: drives of the mapping vehicle through the city on the day of the map: two, so that each branch of the
+        crossing is mapped.
+    scan_caster: the city on the day of the scans: other cars are parked.
+    scan_drive: drive of the car with the rotating scanner.
     """
 
     seed: int
@@ -80,13 +74,6 @@ class SimulatedWorld:
 
         The scans begin `before` and end `after` (m) from the middle of the crossing; the mapping vehicle stops in front
         of it for `mapping_wait` (s).
-
-        Raises
-        ------
-        OptionError
-            If `seed` or `mapping_wait` is negative, or the route begins or ends within its turn over the crossing.
-        MissingExtraError
-            If embreex is not installed.
         """
         check_seed(seed)
         city = build_city([seed, _Stream.CITY])
