@@ -12,8 +12,7 @@ from maxcon import PointMap
 from maxcon.geometry import LocalFrame
 from maxcon.geometry.frame import voxel_centers
 from maxcon.lab.baselines import Gicp, Icp, MapTargets
-from maxcon.lab.baselines.map_targets import N_TARGETS
-from maxcon.lab.baselines.place import Place
+from maxcon.lab.baselines.map_targets import N_TARGETS, Place
 
 
 @pytest.fixture(scope="module")

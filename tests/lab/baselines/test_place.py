@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from maxcon import Pose
-from maxcon.lab.baselines.place import Place
+from maxcon.lab.baselines.map_targets import Place
 
 
 def at(x, y):

@@ -9,7 +9,7 @@ import pytest
 
 from maxcon.errors import OptionError
 from maxcon.lab.baselines import Residual
-from maxcon.lab.baselines.residuals import smallest_step
+from maxcon.lab.baselines.icp import smallest_step
 from maxcon.search.matching import turn
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from maxcon.errors import ArrayError
-from maxcon.lab.baselines.thinning import merge_planes, thin
+from maxcon.lab.baselines.map_targets import merge_planes, thin
 
 
 def test_means_of_cubes_in_the_order_z_y_x():

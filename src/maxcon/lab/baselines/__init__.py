@@ -4,10 +4,9 @@
 
 from maxcon.lab.baselines.count_then_gicp import CountThenGicp
 from maxcon.lab.baselines.gicp import Gicp, check_small_gicp
-from maxcon.lab.baselines.icp import Icp
+from maxcon.lab.baselines.icp import Icp, Residual
 from maxcon.lab.baselines.map_targets import MapTargets
 from maxcon.lab.baselines.multistart import Choice, MultiStart
-from maxcon.lab.baselines.residuals import Residual
 from maxcon.lab.baselines.started import Aligner, StartedMethod
 
 __all__ = [

@@ -10,10 +10,8 @@ import numpy as np
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
 from maxcon.lab.baselines.gicp import Gicp
-from maxcon.lab.baselines.map_targets import MapTargets
-from maxcon.lab.baselines.place import Place
+from maxcon.lab.baselines.map_targets import MapTargets, Place, thin
 from maxcon.lab.baselines.started import Aligner, check_number
-from maxcon.lab.baselines.thinning import thin
 from maxcon.map import PointMap
 from maxcon.scan import Scan
 from maxcon.search.exhaustive import exhaustive

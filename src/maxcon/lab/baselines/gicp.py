@@ -12,10 +12,8 @@ from maxcon.errors import MissingExtraError, OptionError
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
 from maxcon.integrity import invert
-from maxcon.lab.baselines.map_targets import MapTargets
-from maxcon.lab.baselines.place import Place
+from maxcon.lab.baselines.map_targets import MapTargets, Place, thin
 from maxcon.lab.baselines.started import check_iteration, check_steps
-from maxcon.lab.baselines.thinning import thin
 from maxcon.map import PointMap
 from maxcon.scan import Scan
 

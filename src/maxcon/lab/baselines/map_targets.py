@@ -1,10 +1,12 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""MapTargets: what baselines made of a map, kept for the epochs that follow and for each other."""
+"""MapTargets: thinned points of the map around a place, kept for the epochs that follow."""
 
+import math
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
@@ -12,12 +14,118 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon.errors import ArrayError
+from maxcon.geometry import Pose
 from maxcon.geometry.frame import voxel_centers
-from maxcon.lab.baselines.place import Place
-from maxcon.lab.baselines.thinning import merge_planes
 from maxcon.map import PointMap, TileKey
+from maxcon.map.voxelize import turn_alike
 
-__all__ = ["MapTargets"]
+SQUARE = 20.0
+"""Edge of the squares of the ground whose sensors share a place, m."""
+REACH_STEP = 20.0
+"""Reaches are rounded up to multiples of this, so that scans of nearly the same range share a place, m."""
+DRIFT = 5.0
+"""How far an iteration may carry the sensor before the scan's farthest points leave the place, m."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A square of the ground and all that a sensor inside it reaches.
+
+    It follows from the start and the scan alone, so that an answer does not depend on what was localized
+    before.
+
+    column, row: index of the square, floor(coordinate / 20 m), local frame.
+    reach: m.
+    """
+
+    column: int
+    row: int
+    reach: float
+
+    @classmethod
+    def of_scan(cls, points_sensor: NDArray[np.float64], around: Pose, gate: float, spread: float) -> "Place":
+        """Place of a scan: its range, a correspondence gate and a spread of starts (m) beyond `around`."""
+        largest_range = float(np.linalg.norm(points_sensor, axis=1).max(initial=0.0))
+        reach = REACH_STEP * math.ceil((largest_range + gate + spread + DRIFT) / REACH_STEP)
+        return cls(math.floor(around.x / SQUARE), math.floor(around.y / SQUARE), reach)
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """Where the middle of the square lies in x and y, local frame, m."""
+        return (self.column + 0.5) * SQUARE, (self.row + 0.5) * SQUARE
+
+    @property
+    def half_width(self) -> float:
+        """From the middle to the edge of the square that holds all within reach, m."""
+        return 0.5 * SQUARE + self.reach
+
+    def reaches(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Whether a sensor in the square reaches each point, shape (n, 3), local frame, m."""
+        beyond = np.maximum(np.abs(points[:, :2] - self.middle) - 0.5 * SQUARE, 0.0)
+        return np.asarray(np.hypot(beyond[:, 0], beyond[:, 1]) <= self.reach)
+
+
+# Cubes are numbered in int64: 2^21 along each axis.
+MOST_CUBES = 2**21
+
+LEAST_AGREEMENT = 0.8
+"""Length of the mean normal of a cube's points (0 for one without) from which they are called a plane."""
+
+
+def thin(points: NDArray[np.float64], edge: float) -> NDArray[np.float64]:
+    """Mean of the points in each cube of edge `edge` (m), shape (m, 3), ordered by (z, y, x) of the cubes.
+
+    The points themselves where `edge` is 0.
+    """
+    if edge == 0.0:
+        return points
+    cube, n_cubes = _cubes(points, edge)
+    return _sums(points, cube, n_cubes) / np.bincount(cube, minlength=n_cubes)[:, None]
+
+
+def merge_planes(
+    points: NDArray[np.float64], normals: NDArray[np.floating], edge: float, *, is_signed: bool
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean point and mean unit normal of each cube of edge `edge`.
+
+    points, normals: shape (n, 3); m; unit normals, zeros for none.
+    edge: m.
+    is_signed: whether normals are turned to the sensor's side; otherwise n and -n mean the same.
+    Returns points, normals: shape (m, 3); ordered by (z, y, x) of the cubes. A normal is zero where the normals in its
+        cube disagree or many are missing: at the edge of a house their mean belongs to no surface.
+    """
+    cube, n_cubes = _cubes(points, edge)
+    if not is_signed:
+        normals = turn_alike(normals.astype(np.float64), cube, n_cubes)
+    counts = np.bincount(cube, minlength=n_cubes)[:, None]
+    mean_points, mean_normals = _sums(points, cube, n_cubes) / counts, _sums(normals, cube, n_cubes) / counts
+    lengths = np.linalg.norm(mean_normals, axis=1, keepdims=True)
+    is_plane = lengths >= LEAST_AGREEMENT
+    return mean_points, np.divide(mean_normals, lengths, out=np.zeros_like(mean_normals), where=is_plane)
+
+
+def _cubes(points: NDArray[np.float64], edge: float) -> tuple[NDArray[np.int64], int]:
+    """Return the number of the cube of each point, 0, 1, ... in the order (z, y, x), and how many there are."""
+    if not len(points):
+        return np.empty(0, np.int64), 0
+    indices = [np.floor(column / edge) for column in points.T]
+    firsts = [index.min() for index in indices]
+    if max(index.max() - first for index, first in zip(indices, firsts, strict=True)) >= MOST_CUBES:
+        extent = float(np.ptp(points, axis=0).max())
+        raise ArrayError(
+            f"Expected points within {MOST_CUBES * edge:.3g} m of each other, got {extent:.3g} m. Drop stray points,"
+            " or thin less finely."
+        )
+    x, y, z = ((index - first).astype(np.int64) for index, first in zip(indices, firsts, strict=True))
+    n_x, n_y = int(x.max()) + 1, int(y.max()) + 1
+    found, cube = np.unique((z * n_y + y) * n_x + x, return_inverse=True)
+    return cube, len(found)
+
+
+def _sums(values: NDArray[np.floating], cube: NDArray[np.int64], n_cubes: int) -> NDArray[np.float64]:
+    return np.column_stack([np.bincount(cube, weights=column, minlength=n_cubes) for column in values.T])
+
 
 N_TARGETS = 12
 """About 15 MB each in a city."""

@@ -11,11 +11,20 @@ from maxcon.lab.evaluation.accuracy import (
     pose_error,
     summarize,
 )
-from maxcon.lab.evaluation.coverage import PROMISED, PROMISED_PLANE, Coverage, MeanSquare
+from maxcon.lab.evaluation.certainty import (
+    ALERT_LIMIT,
+    PROMISED,
+    PROMISED_PLANE,
+    Coverage,
+    MeanSquare,
+    ProtectionCounts,
+    RiskCoverage,
+    clopper_pearson,
+    least_to_prove,
+    upper_bound,
+    wilson_interval,
+)
 from maxcon.lab.evaluation.distinctness import Distinctness, distinctness, significant_ray
-from maxcon.lab.evaluation.proportions import clopper_pearson, least_to_prove, upper_bound, wilson_interval
-from maxcon.lab.evaluation.protection import ALERT_LIMIT, ProtectionCounts
-from maxcon.lab.evaluation.risk_coverage import RiskCoverage
 
 __all__ = [
     "ALERT_LIMIT",
