@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 
 from maxcon.geometry import LocalFrame
-from maxcon.lab.simulation.datasets.dataset_files import CITY_ORIGIN, CRS
-from maxcon.lab.simulation.datasets.map_tiles import MapTiles
-from maxcon.lab.simulation.scenes.city import build_city
-from maxcon.lab.simulation.sensing.ray_caster import RayCaster
-from maxcon.lab.simulation.sensing.scanners import mobile_mapping_scanners
-from maxcon.lab.simulation.worlds.campaign_world import CAMPAIGN_GRID, CampaignWorld
-from maxcon.lab.simulation.worlds.map_pieces import map_echoes, map_pieces
+from maxcon.lab.simulation.dataset_files import CITY_ORIGIN, CRS
+from maxcon.lab.simulation.dataset_files import MapTiles
+from maxcon.lab.simulation.city import build_city
+from maxcon.lab.simulation.ray_caster import RayCaster
+from maxcon.lab.simulation.scanners import mobile_mapping_scanners
+from maxcon.lab.simulation.campaign_world import CAMPAIGN_GRID, CampaignWorld
+from maxcon.lab.simulation.world import map_echoes, map_pieces
 
 
 def main():

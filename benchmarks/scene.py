@@ -27,7 +27,7 @@ def scans(drive: DemoDrive, n_scans: int, azimuth_step_deg: float = 0.13) -> lis
 
     A VLP-16 has 28,800 rays, a third on the ground: to get so many off it, the rays lie closer here.
     """
-    from maxcon.lab.simulation.datasets.dataset_files import CITY_ORIGIN
+    from maxcon.lab.simulation.dataset_files import CITY_ORIGIN
 
     world = SimulatedWorld.build(0, BEFORE, 50.0)
     scanner = RotatingScanner(azimuth_step_deg=azimuth_step_deg)

@@ -28,7 +28,7 @@ from maxcon.lab.report import (
     plot_search_spaces,
     write_demo_page,
 )
-from maxcon.lab.simulation.datasets.dataset_files import CITY_ORIGIN
+from maxcon.lab.simulation.dataset_files import CITY_ORIGIN
 from maxcon.scan import Scan
 
 __all__ = ["report_demo"]

@@ -19,7 +19,7 @@ from maxcon.lab.dataset_options import dataset_map_options
 from maxcon.lab.evaluation import Accuracy, PoseError, pose_error, summarize
 from maxcon.lab.report.html import check_jinja2
 from maxcon.lab.simulation import simulate
-from maxcon.lab.simulation.sensing.ray_caster import check_embreex
+from maxcon.lab.simulation.ray_caster import check_embreex
 from maxcon.localizer import MaximumConsensus
 from maxcon.map import PointMap
 from maxcon.mapping.build import build_map

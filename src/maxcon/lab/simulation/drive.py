@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Drive: poses of a vehicle over time along a route."""
+"""Drives: poses and times of a vehicle along a route."""
 
 import math
 from collections.abc import Sequence
@@ -12,7 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 from maxcon.errors import OptionError
 from maxcon.geometry import Pose
 
-__all__ = ["Drive", "Route", "drive_along", "sway"]
+Seed = int | Sequence[int]
+"""A seed as numpy.random.default_rng takes it; the same seed draws the same."""
+
+
+def check_seed(seed: int) -> None:
+    """Check the seed of a world, from which all its streams begin."""
+    if seed < 0:
+        raise OptionError(f"Expected a seed of 0 or more, got {seed}. Take another whole number.")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

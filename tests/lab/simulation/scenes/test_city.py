@@ -5,8 +5,8 @@
 import numpy as np
 
 from maxcon.lab.simulation import LasClass, build_city
-from maxcon.lab.simulation.scenes.facades import relief
-from maxcon.lab.simulation.scenes.patches import boxes
+from maxcon.lab.simulation.facades import relief
+from maxcon.lab.simulation.furniture import boxes
 
 
 def _areas_and_normals(city):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from maxcon.lab.simulation import CAMPAIGN_GRID, LasClass, StreetGrid
-from maxcon.lab.simulation.scenes.periodic_city import build_periodic_city, periodic_front
+from maxcon.lab.simulation.city import build_periodic_city, periodic_front
 
 CROSS = StreetGrid(u_lines=(0.0,), v_lines=(0.0,), carriageway=4.2, sidewalk=1.8, margin=60.0)
 

@@ -7,7 +7,7 @@ import pytest
 
 from maxcon.errors import OptionError
 from maxcon.lab.simulation import LasClass, draw_road, drive_along
-from maxcon.lab.simulation.scenes.patches import boxes
+from maxcon.lab.simulation.furniture import boxes
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ import pytest
 from maxcon.errors import OptionError
 from maxcon.geometry import wrap_angle
 from maxcon.lab.simulation import CampaignWorld, GnssErrors, LasClass, PriorErrors, ProfileScanner
-from maxcon.lab.simulation.worlds.map_pieces import map_echoes, map_pieces
+from maxcon.lab.simulation.world import map_echoes, map_pieces
 
 THIN = (ProfileScanner(line_rate=1.0, points_per_line=90),)
 

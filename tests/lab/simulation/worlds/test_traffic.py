@@ -9,9 +9,8 @@ import pytest
 
 from maxcon.errors import ArrayError
 from maxcon.lab.simulation import CAMPAIGN_GRID, LasClass, RotatingScanner
-from maxcon.lab.simulation.scenes.patches import boxes
-from maxcon.lab.simulation.worlds.road_users import CrowdedCaster, RoadUser, RoadUserShape
-from maxcon.lab.simulation.worlds.traffic import Traffic
+from maxcon.lab.simulation.furniture import boxes
+from maxcon.lab.simulation.traffic import CrowdedCaster, RoadUser, RoadUserShape, Traffic
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""SuburbWorld: a residential road, mapped in both directions, and driven by a car with a scanner on another day."""
+"""The world of the suburb."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -10,27 +10,25 @@ from typing import Self
 import numpy as np
 
 from maxcon.geometry import Pose
-from maxcon.lab.simulation.drive import Drive, drive_along
-from maxcon.lab.simulation.driving.georeferencing import draw_georeferencing_errors
-from maxcon.lab.simulation.driving.gnss_priors import GnssErrors
-from maxcon.lab.simulation.driving.prior_errors import PriorErrors
-from maxcon.lab.simulation.scenes.suburb_road import ResidentialRoad, draw_road
-from maxcon.lab.simulation.scenes.suburb_scene import suburb_on_day
-from maxcon.lab.simulation.seed import check_seed
-from maxcon.lab.simulation.sensing.moving_scanner import MovingScanner
-from maxcon.lab.simulation.sensing.ray_caster import RayCaster, check_embreex
-from maxcon.lab.simulation.sensing.scanners import Echoes
-from maxcon.lab.simulation.worlds.mapping_drives import MAP_HEIGHT, MAP_START, PAUSE, MappingDrives
-from maxcon.lab.simulation.worlds.scan_epochs import (
+from maxcon.lab.simulation.drive import Drive, check_seed, drive_along
+from maxcon.lab.simulation.measured_poses import GnssErrors, PriorErrors
+from maxcon.lab.simulation.passes import draw_georeferencing_errors
+from maxcon.lab.simulation.ray_caster import RayCaster, check_embreex
+from maxcon.lab.simulation.scanners import Echoes, MovingScanner
+from maxcon.lab.simulation.suburb_ground import ResidentialRoad, draw_road
+from maxcon.lab.simulation.suburb_scene import suburb_on_day
+from maxcon.lab.simulation.world import (
     EPOCH_STEP,
+    MAP_HEIGHT,
+    MAP_START,
+    PAUSE,
     SCAN_START,
+    MappingDrives,
     ScanEpoch,
     evenly_spread_epochs,
     gnss_priors,
     uniform_priors,
 )
-
-__all__ = ["ROAD_LENGTH", "SuburbWorld", "n_epochs_on"]
 
 ROAD_LENGTH = 460.0
 """Default, m: a minute at 28 km/h."""

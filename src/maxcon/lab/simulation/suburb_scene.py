@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Everything along a residential road on one day: ground, gardens with their boundaries, houses, trees, cars."""
+"""Suburb: a winding road with houses, gardens and hedges on a slope."""
 
 import math
 from collections.abc import Iterator
@@ -8,21 +8,26 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.lab.simulation.scenes.furniture import draw_car, lamp_pole
-from maxcon.lab.simulation.scenes.patches import Patch, join
-from maxcon.lab.simulation.scenes.suburb_fences import (
+from maxcon.lab.simulation.furniture import Patch, draw_car, join, lamp_pole
+from maxcon.lab.simulation.suburb_buildings import (
     draw_bin,
     draw_garden_wall,
+    draw_house,
     draw_mail_box,
     draw_picket_fence,
+    draw_shed,
     draw_weeds,
     draw_wire_fence,
 )
-from maxcon.lab.simulation.scenes.suburb_houses import draw_house, draw_shed
-from maxcon.lab.simulation.scenes.suburb_plants import draw_bush, draw_garden_tree, draw_hedge_row
-from maxcon.lab.simulation.scenes.suburb_road import BEYOND, GARDEN_LEFT, GARDEN_RIGHT, ResidentialRoad
-
-__all__ = ["suburb_on_day"]
+from maxcon.lab.simulation.suburb_ground import (
+    BEYOND,
+    GARDEN_LEFT,
+    GARDEN_RIGHT,
+    ResidentialRoad,
+    draw_bush,
+    draw_garden_tree,
+    draw_hedge_row,
+)
 
 PLOT_WIDTH = (15.0, 26.0)
 DRIVEWAY = 3.4

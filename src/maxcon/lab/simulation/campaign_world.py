@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""CampaignWorld: an inner city on two days, five rounds of a mapping vehicle, and one round of a car."""
+"""The world of the campaign: a circuit mapped in five passes, driven on another day."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -12,33 +12,27 @@ from numpy.typing import NDArray
 
 from maxcon.errors import OptionError
 from maxcon.geometry import Pose
-from maxcon.lab.simulation.drive import Drive
-from maxcon.lab.simulation.driving.circuit import Circuit, circuit_through
-from maxcon.lab.simulation.driving.georeferencing import draw_georeferencing_errors
-from maxcon.lab.simulation.driving.gnss_priors import GnssErrors
-from maxcon.lab.simulation.driving.odometry import OdometryErrors
-from maxcon.lab.simulation.driving.prior_errors import PriorErrors
-from maxcon.lab.simulation.driving.round_drive import RoundDriver, drive_round
-from maxcon.lab.simulation.scenes.city import City, build_city
-from maxcon.lab.simulation.scenes.periodic_city import build_periodic_city
-from maxcon.lab.simulation.scenes.street_grid import CAMPAIGN_GRID
-from maxcon.lab.simulation.seed import check_seed
-from maxcon.lab.simulation.sensing.ray_caster import Caster, RayCaster, check_embreex
-from maxcon.lab.simulation.sensing.scanners import Echoes, RotatingScanner
-from maxcon.lab.simulation.worlds.mapping_drives import MAP_HEIGHT, MAP_START, PAUSE, MappingDrives
-from maxcon.lab.simulation.worlds.road_users import CrowdedCaster
-from maxcon.lab.simulation.worlds.scan_epochs import (
+from maxcon.lab.simulation.city import City, build_city, build_periodic_city
+from maxcon.lab.simulation.drive import Drive, check_seed
+from maxcon.lab.simulation.measured_poses import GnssErrors, OdometryErrors, PriorErrors
+from maxcon.lab.simulation.passes import RoundDriver, draw_georeferencing_errors, drive_round
+from maxcon.lab.simulation.ray_caster import Caster, RayCaster, check_embreex
+from maxcon.lab.simulation.scanners import Echoes, RotatingScanner
+from maxcon.lab.simulation.streets import CAMPAIGN_GRID, Circuit, circuit_through
+from maxcon.lab.simulation.traffic import CrowdedCaster, Traffic
+from maxcon.lab.simulation.world import (
     EPOCH_STEP,
+    MAP_HEIGHT,
+    MAP_START,
+    PAUSE,
     SCAN_START,
+    MappingDrives,
     ScanEpoch,
     evenly_spread_epochs,
     gnss_priors,
     successive_epochs,
     uniform_priors,
 )
-from maxcon.lab.simulation.worlds.traffic import Traffic
-
-__all__ = ["MOST_EPOCHS", "CampaignWorld"]
 
 MOST_EPOCHS = 3001
 ROUND_TIME = (MOST_EPOCHS - 1) * EPOCH_STEP

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Scanners: the rays of a rotating multi-layer scanner and of a profile scanner, and what comes back."""
+"""Scanners: where their rays go, how their ranges are disturbed, and how they move while they turn."""
 
 import math
 from dataclasses import dataclass
@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 from maxcon.errors import OptionError
 from maxcon.geometry import Pose, rotation_matrices
 from maxcon.lab.simulation.drive import Drive
-from maxcon.lab.simulation.scenes.las_classes import REFLECTANCES
-from maxcon.lab.simulation.sensing.ray_caster import Caster, Hits
-
-__all__ = ["Echoes", "ProfileScanner", "RotatingScanner", "mobile_mapping_scanners"]
+from maxcon.lab.simulation.furniture import REFLECTANCES
+from maxcon.lab.simulation.ray_caster import Caster, Hits
+from maxcon.search.options import NamedOption
 
 
 class Echoes(NamedTuple):
@@ -223,3 +222,111 @@ class ProfileScanner:
 def mobile_mapping_scanners() -> tuple[ProfileScanner, ProfileScanner]:
     """Return the two profile scanners of a mobile mapping vehicle, turned 45 degrees to either side."""
     return ProfileScanner(turn_deg=45.0, side=0.3), ProfileScanner(turn_deg=-45.0, side=-0.3)
+
+
+VLP_32C_DEG = (
+    -25.0, -15.639, -11.31, -8.843, -7.254, -6.148, -5.333, -4.667, -4.0, -3.667, -3.333, -3.0, -2.667, -2.333,
+    -2.0, -1.667, -1.333, -1.0, -0.667, -0.333, 0.0, 0.333, 0.667, 1.0, 1.333, 1.667, 2.333, 3.333, 4.667, 7.0,
+    10.333, 15.0,
+)  # fmt: skip
+"""Elevations of the layers: half of them within 2.3 degrees of the horizon."""
+HDL_64E_DEG = tuple(np.concatenate([np.linspace(-24.33, -8.83, 32), np.linspace(-8.33, 2.0, 32)]).round(3).tolist())
+"""Elevations of the layers: two blocks of 32, the lower with steps of 1/2 degree, the upper of 1/3 degree."""
+
+
+class ScannerLayout(NamedOption, option="scanner"):
+    """A scanner by its product name, turning ten times a second."""
+
+    VLP_16 = "vlp-16"
+    VLP_32C = "vlp-32c"
+    HDL_64E = "hdl-64e"
+    OS1_64 = "os1-64"
+
+    def scanner(self) -> RotatingScanner:
+        """Return the scanner with the elevations, columns and ranges of its data sheet."""
+        match self:
+            case ScannerLayout.VLP_16:
+                return RotatingScanner()
+            case ScannerLayout.VLP_32C:
+                return RotatingScanner(max_range=200.0, elevations_deg=VLP_32C_DEG)
+            case ScannerLayout.HDL_64E:
+                return RotatingScanner(
+                    azimuth_step_deg=360.0 / 2083, noise=0.02, max_range=120.0, elevations_deg=HDL_64E_DEG
+                )
+            case ScannerLayout.OS1_64:
+                return RotatingScanner(
+                    n_layers=64,
+                    lowest_deg=-22.5,
+                    highest_deg=22.5,
+                    azimuth_step_deg=360.0 / 1024,
+                    min_range=0.5,
+                    max_range=120.0,
+                )
+
+
+TURN_TIME = 0.1
+"""Duration of one turn of the scanner, s."""
+
+
+@dataclass(frozen=True, slots=True)
+class DeskewErrors:
+    """Bounds of the errors of the motion that a scan is deskewed by: each is uniform within plus and minus its bound.
+
+    speed: relative, 0.02 for 2 %. At 8 m/s the first and the last points of a scan are off by up to 8 mm.
+    turn_rate_deg: of the rotation about the sensor's up axis, degrees per second. With 0.3, points 20 m away at either
+        end of the scan are off by up to 5 mm.
+    tilt_rate_deg: of roll and of pitch, degrees per second. With 0.5, points 20 m away are off by up to 9 mm.
+    """
+
+    speed: float = 0.02
+    turn_rate_deg: float = 0.3
+    tilt_rate_deg: float = 0.5
+
+    def __post_init__(self) -> None:
+        if not min(self.speed, self.turn_rate_deg, self.tilt_rate_deg) >= 0.0:
+            raise OptionError(f"Expected bounds of deskew errors of 0 or more, got {self}. Take 0 for none.")
+
+    def draw(self, rng: np.random.Generator) -> tuple[float, NDArray[np.float64]]:
+        """Relative error of the speed, and errors of the rates of roll, pitch and heading, shape (3,), rad/s."""
+        bounds = np.array([self.tilt_rate_deg, self.tilt_rate_deg, self.turn_rate_deg]) * math.pi / 180.0
+        return float(self.speed * rng.uniform(-1.0, 1.0)), bounds * rng.uniform(-1.0, 1.0, 3)
+
+
+@dataclass(frozen=True, slots=True)
+class MovingScanner:
+    """A rotating scanner on a vehicle that moves while it turns, and the deskewing of its scans.
+
+    scanner: gives the rays. A turn begins in driving direction, half a turn before the time of the scan.
+    errors: of the motion that the scans are deskewed by.
+    """
+
+    scanner: RotatingScanner
+    errors: DeskewErrors = DeskewErrors()
+
+    def scan(self, caster: Caster, drive: Drive, time: float, rng: np.random.Generator) -> Echoes:
+        """Return one scan, deskewed to `time` (s), in city metres, with the errors of the deskewing.
+
+        Each column of rays starts where the vehicle is at the column's own time. A point is then transformed from
+        the sensor at that time to the sensor at `time` by the true motion between both with errors: its
+        displacement is scaled, and a small rotation added. For a vehicle that stands, and without errors, this is
+        `RotatingScanner.scan`.
+        """
+        n_columns = self.scanner.n_columns
+        offsets = ((np.arange(n_columns) + 0.5) / n_columns - 0.5) * TURN_TIME
+        positions, angles = drive.at(time + offsets)
+        rotations = rotation_matrices(*angles.T)
+        rays = self.scanner.directions.reshape(n_columns, -1, 3)
+        n_layers = rays.shape[1]
+        directions = (rays @ rotations.transpose(0, 2, 1)).reshape(-1, 3)
+        columns = np.repeat(np.arange(n_columns), n_layers)
+        numbers = np.repeat(time + offsets, n_layers)
+        echoes = self.scanner.range_finder.measure(caster, positions[columns], directions, numbers, rng)
+        speed_error, rate_errors = self.errors.draw(rng)
+        rows = np.rint((echoes.times - time - offsets[0]) / TURN_TIME * n_columns).astype(np.int64)
+        points_sensor = np.einsum("nji,nj->ni", rotations[rows], echoes.points - echoes.origins)
+        here, angles_here = (column[0] for column in drive.at([time]))
+        believed = rotation_matrices(*(np.outer(rate_errors, offsets)))
+        turns = rotation_matrices(*angles_here) @ believed @ rotation_matrices(*angles_here).T @ rotations
+        shifts = (1.0 + speed_error) * (positions - here)
+        deskewed = np.einsum("nij,nj->ni", turns[rows], points_sensor) + shifts[rows] + here
+        return echoes._replace(points=deskewed)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""RayCaster: which triangle each ray meets first, and how far away."""
+"""Rays cast into a scene."""
 
 from typing import NamedTuple, Protocol
 
@@ -8,8 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import MissingExtraError
-
-__all__ = ["Caster", "Hits", "RayCaster", "Surfaces", "TriangleScene", "check_embreex"]
 
 
 class Hits(NamedTuple):

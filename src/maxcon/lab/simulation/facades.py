@@ -1,10 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""How a house looks from the street: relief of windows, doors and bays, balconies, steps, pipes, roof.
-
-In the frame of a house x runs along its front, y out to the street and z up; its front stands at y = 0
-and its ground at z = 0, m.
-"""
+"""Facades of city houses: windows, pilasters, balconies."""
 
 import math
 from dataclasses import dataclass
@@ -12,10 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.lab.simulation.scenes.las_classes import LasClass
-from maxcon.lab.simulation.scenes.patches import Patch, boxes, join, prism, quads, triangles
-
-__all__ = ["HOUSE_DEPTH", "HouseStyle", "balcony", "draw_style", "house", "rain_pipe", "relief", "steps"]
+from maxcon.lab.simulation.furniture import LasClass, Patch, boxes, join, prism, quads, triangles
 
 HOUSE_DEPTH = 12.0
 """Distance from front to back of every house, m."""
