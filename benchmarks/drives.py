@@ -12,8 +12,8 @@ from maxcon import PointMap
 from maxcon.drive.localize import DriveOptions
 from maxcon.lab.dataset import DESCRIPTION, Dataset
 from maxcon.lab.study.bench import REFERENCE, BenchPlan
-from maxcon.lab.study.map_variants import STANDARD, make_maps
-from maxcon.lab.study.prior_levels import prior_at
+from maxcon.lab.study.methods import STANDARD, make_maps
+from maxcon.lab.study.prior_trials import prior_at
 
 DOCS = Path(__file__).parents[1] / "docs"
 GROUND = "ground"

@@ -25,8 +25,8 @@ from scene import header
 
 from maxcon import MaximumConsensus, Scan
 from maxcon.errors import MaxconError
-from maxcon.lab.study.map_variants import STANDARD
-from maxcon.lab.study.prior_levels import parse_level, space_of
+from maxcon.lab.study.methods import STANDARD
+from maxcon.lab.study.prior_trials import parse_level, space_of
 
 
 def ms_of(method, points, point_map, prior):

@@ -43,7 +43,6 @@ from maxcon.lab.simulation.furniture import LasClass
 from maxcon.lab.simulation.scanners import RotatingScanner
 from maxcon.lab.simulation.campaign_world import MOST_EPOCHS, CampaignWorld
 from maxcon.lab.simulation.world import EPOCH_STEP, SCAN_START
-from maxcon.mapping.build.placement import Area
 from maxcon.mapping.update import UpdateOptions
 from maxcon.mapping.update.evidence import classes_of
 from maxcon.mapping.update.observations import observations_of

@@ -16,8 +16,8 @@ from drives import NamedDataset, points_of, prior_and_reference
 
 from maxcon import MaximumConsensus, Scan
 from maxcon.lab.evaluation import pose_error
-from maxcon.lab.study.map_variants import STANDARD
-from maxcon.lab.study.prior_levels import prior_level, space_of
+from maxcon.lab.study.methods import STANDARD
+from maxcon.lab.study.prior_trials import prior_level, space_of
 
 # Half widths of windows, m and degrees, and epochs.
 WINDOWS = ((3.0, 2.0, 40), (12.0, 10.0, 40), (25.0, 15.0, 20), (60.0, 180.0, 12))

@@ -107,7 +107,7 @@ def study(
 
 def _cell_of(map_path: Path | None) -> float:
     """Voxel edge of a built map; that of the standard map where it is still to be built."""
-    from maxcon.lab.study.map_variants import MAP_VARIANTS, STANDARD
+    from maxcon.lab.study.methods import MAP_VARIANTS, STANDARD
     from maxcon.map.manifest import read_manifest
 
     return MAP_VARIANTS[STANDARD].cell if map_path is None else read_manifest(map_path).cell
@@ -159,7 +159,7 @@ def report(
     quiet: Quiet = False,
 ) -> None:
     """Write the page of a study: claims, tables and figures in one file. Needs the extra demo."""
-    from maxcon.lab.report.study.report import report_study
+    from maxcon.lab.report.study_report import report_study
 
     with step_bars("", quiet) as tell:
         folder = report_study(study, out, figures=figures, dataset=dataset, prior=prior, progress=tell)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from maxcon import MaximumConsensus, PointMap, Pose, Scan, SearchSpace
-from maxcon.lab.study.prior_levels import prior_level
+from maxcon.lab.study.prior_trials import prior_level
 
 BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
 

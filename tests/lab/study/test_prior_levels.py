@@ -10,8 +10,8 @@ import pytest
 from maxcon import MaximumConsensus, Pose
 from maxcon.errors import OptionError
 from maxcon.lab.baselines import CountThenGicp, MultiStart
-from maxcon.lab.study.map_variants import MAP_VARIANTS
-from maxcon.lab.study.prior_levels import (
+from maxcon.lab.study.methods import MAP_VARIANTS
+from maxcon.lab.study.prior_trials import (
     COUNT_THEN_GICP,
     GICP_FROM_MANY,
     LEVELS,

@@ -20,7 +20,7 @@ from maxcon.lab.study import (
     rows_by_method,
     statistics,
 )
-from maxcon.lab.study.map_variants import MAP_VARIANTS
+from maxcon.lab.study.methods import MAP_VARIANTS
 from maxcon.lab.study.table import table_schema
 from maxcon.search.objectives import Count
 from maxcon.search.space import SearchSpace

@@ -8,7 +8,7 @@ import shutil
 import pytest
 
 from maxcon.errors import FileError, OptionError
-from maxcon.lab.report.study.report import report_study
+from maxcon.lab.report.study_report import report_study
 from maxcon.lab.study import choose_methods, run_study
 from maxcon.lab.study.table import TableParts
 

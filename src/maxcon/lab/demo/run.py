@@ -17,7 +17,7 @@ from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.dataset import Dataset
 from maxcon.lab.dataset_options import dataset_map_options
 from maxcon.lab.evaluation import Accuracy, PoseError, pose_error, summarize
-from maxcon.lab.report.html import check_jinja2
+from maxcon.lab.report.pages import check_jinja2
 from maxcon.lab.simulation import simulate
 from maxcon.lab.simulation.ray_caster import check_embreex
 from maxcon.localizer import MaximumConsensus

@@ -13,8 +13,17 @@ from maxcon.lab.demo.run import DemoDrive
 from maxcon.lab.simulation import PriorErrors
 from maxcon.lab.study.bench import BenchPlan
 from maxcon.lab.study.methods import StudyMethod
-from maxcon.lab.study.prior_levels import GICP_FROM_MANY, MAXCON, methods_at, prior_level
-from maxcon.lab.study.prior_trials import PriorTrial, TrialSummary, summarize_trials, try_epoch, write_trials
+from maxcon.lab.study.prior_trials import (
+    GICP_FROM_MANY,
+    MAXCON,
+    PriorTrial,
+    TrialSummary,
+    methods_at,
+    prior_level,
+    summarize_trials,
+    try_epoch,
+    write_trials,
+)
 from maxcon.lab.study.run import spread_epochs
 from maxcon.mapping.build import build_map
 

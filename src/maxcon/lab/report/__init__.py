@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: MIT
 """Pictures and pages for people; they need ``pip install 'maxcon[demo]'``."""
 
-from maxcon.lab.report.demo_page import DemoPage, MethodSummary, write_demo_page
-from maxcon.lab.report.html import Picture
+from maxcon.lab.report.pages import DemoPage, MethodSummary, Picture, write_demo_page
 from maxcon.lab.report.plots.errors_plot import plot_errors
 from maxcon.lab.report.plots.prior_error_plot import plot_prior_error
 from maxcon.lab.report.plots.search_spaces import plot_search_spaces

@@ -11,8 +11,7 @@ from maxcon.lab.study.methods import (
     known_methods,
 )
 from maxcon.lab.study.run import Study, run_study
-from maxcon.lab.study.summary import MethodRows, MethodStatistics, rows_by_method, statistics
-from maxcon.lab.study.table import COLUMNS
+from maxcon.lab.study.table import COLUMNS, MethodRows, MethodStatistics, rows_by_method, statistics
 
 __all__ = [
     "COLUMNS",

@@ -1,9 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Bench: a dataset opened with its maps, on which the methods of a study localize epoch by epoch."""
+"""One method over the epochs of a dataset: scans, priors and maps opened, answers as rows."""
 
+import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -12,15 +13,14 @@ import numpy as np
 
 from maxcon.drive.localize import DriveOptions, Method, check_inside, pose_or_none, scan_of, status_without_search
 from maxcon.errors import FileError, MaxconError, MissingExtraError, TrajectoryError
-from maxcon.estimate import Status
+from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
-from maxcon.integrity import Trust
+from maxcon.integrity import Trust, along_and_across
 from maxcon.io.scans import Scans, open_scans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.baselines import CountThenGicp, Gicp, Icp, MultiStart
 from maxcon.lab.dataset import Dataset
-from maxcon.lab.evaluation import Distinctness, distinctness
-from maxcon.lab.study.answers import Answer, answer_columns, reference_columns
+from maxcon.lab.evaluation import Distinctness, distinctness, pose_error
 from maxcon.lab.study.methods import StudyMethod
 from maxcon.lab.study.table import Row
 from maxcon.localizer import MaximumConsensus
@@ -31,7 +31,84 @@ from maxcon.search.accumulator import Accumulator
 from maxcon.search.objectives import Helmert, Objective
 from maxcon.search.options import SearchMethod
 
-__all__ = ["REFERENCE", "Bench", "BenchPlan", "prepare_map"]
+MEASURES = ("peak_ratio", "kurtosis", "divergence", "spread")
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """A method's answer to an epoch; poses in the local frame of its map.
+
+    estimate: the answer.
+    milliseconds: from points in memory to the pose.
+    distinctness: measures of methods that have scores of cells.
+    starts: where each start of a method with several ended.
+    """
+
+    estimate: Estimate
+    milliseconds: float
+    distinctness: Distinctness | None = None
+    starts: tuple[Estimate, ...] = ()
+
+
+def reference_columns(prior: Pose | None, reference: Pose | None) -> dict[str, Any]:
+    """Reference pose of an epoch, and the error of its prior; no columns where they are not known."""
+    columns: dict[str, Any] = {}
+    if reference is not None:
+        columns |= {f"reference_{name}": getattr(reference, name) for name in ("x", "y", "z", "heading")}
+    if reference is not None and prior is not None:
+        error = pose_error(prior, reference)
+        columns |= {"prior_distance": error.distance, "prior_heading_error": error.heading}
+    return columns
+
+
+def answer_columns(answer: Answer, reference: Pose | None, point_map: PointMap) -> dict[str, Any]:
+    """Pose, errors and measures of an answer, also of one that the method does not trust."""
+    estimate = answer.estimate
+    columns: dict[str, Any] = {"status": estimate.status.value, "is_localized": estimate.is_localized}
+    columns |= {"ms": answer.milliseconds, "score": estimate.score, "share": estimate.share}
+    if estimate.reason:
+        columns["reason"] = estimate.reason
+    if math.isfinite(estimate.runner_up):
+        columns["runner_up"] = estimate.runner_up
+    if answer.starts:
+        columns["n_starts"] = len(answer.starts)
+    columns["was_widened"] = estimate.was_widened
+    if estimate.status is Status.NO_MATCH:
+        return columns | ({"n_converged": 0} if answer.starts else {})
+    pose = point_map.frame.pose_to_global(estimate.pose)
+    columns |= {name: getattr(pose, name) for name in ("x", "y", "z", "roll", "pitch", "heading")}
+    if answer.distinctness is not None:
+        measures = {name: getattr(answer.distinctness, name) for name in MEASURES}
+        columns |= {name: value for name, value in measures.items() if math.isfinite(value)}
+    if reference is not None:
+        columns |= _certainty_columns(estimate, reference)
+        error = pose_error(estimate.pose, reference)
+        columns |= {"distance": error.distance, "along": error.along, "across": error.across}
+        columns |= {"heading_error": error.heading, "is_success": error.is_success}
+        if answer.starts:
+            n_converged = sum(
+                start.status is not Status.NO_MATCH and pose_error(start.pose, reference).is_success
+                for start in answer.starts
+            )
+            columns |= {"n_converged": n_converged, "is_success": n_converged == len(answer.starts)}
+    return columns
+
+
+def _certainty_columns(estimate: Estimate, reference: Pose) -> dict[str, Any]:
+    """Standard deviations, protection level and normalized squared error (NEES), along and across the reference."""
+    columns: dict[str, Any] = {"height_error": estimate.pose.z - reference.z}
+    if not np.isfinite(estimate.covariance).all():
+        return columns
+    covariance = along_and_across(estimate.covariance, reference.heading)
+    error = pose_error(estimate.pose, reference)
+    offset = np.array([error.along, error.across])
+    columns |= {"sigma_along": math.sqrt(covariance[0, 0]), "sigma_across": math.sqrt(covariance[1, 1])}
+    columns |= {"sigma_z": math.sqrt(estimate.covariance[2, 2]), "sigma_heading": math.sqrt(estimate.covariance[5, 5])}
+    columns["nees"] = float(offset @ np.linalg.solve(covariance, offset))
+    if math.isfinite(estimate.protection_level[0]):
+        columns |= dict(zip(("protection_along", "protection_across"), estimate.protection_level, strict=True))
+    return columns
+
 
 REFERENCE = "reference"
 """Name of the reference as a prior: the search space lies around the true pose, as in the paper's figures."""
@@ -236,3 +313,62 @@ def _distinctness_or_none(accumulator: Accumulator, objective: Objective) -> Dis
     if not (np.isfinite(scores).all() and (scores >= 0.0).all()):
         return None
     return distinctness(accumulator, objective, scores=scores)
+
+
+@dataclass(frozen=True, slots=True)
+class StudyTask:
+    """Some epochs of one prior, and the names of the methods that are to answer them."""
+
+    prior: str
+    epochs: tuple[int, ...]
+    methods: tuple[str, ...]
+
+    @property
+    def n_rows(self) -> int:
+        """How many rows it makes."""
+        return len(self.epochs) * len(self.methods)
+
+
+@dataclass(frozen=True)
+class StudyJob:
+    """What the workers of a study do: rows of its table.
+
+    plan: the dataset and maps that each worker opens.
+    methods: they stay in each process, and with them what they keep of the map for later epochs.
+    """
+
+    plan: BenchPlan
+    methods: tuple[StudyMethod, ...]
+    name: str = "epochs"
+
+    def open(self) -> Callable[[StudyTask], list[Row]]:
+        """Open dataset and maps, and load what is compiled."""
+        bench, known = self.plan.open(), {method.name: method for method in self.methods}
+        _warm_up()
+
+        def answer(task: StudyTask) -> list[Row]:
+            methods = [known[name] for name in task.methods]
+            return [row for epoch in task.epochs for row in bench.evaluate(task.prior, epoch, methods)]
+
+        return answer
+
+    def split(self, task: StudyTask) -> Sequence[StudyTask]:
+        """Return a task for each row."""
+        return [StudyTask(task.prior, (epoch,), (method,)) for epoch in task.epochs for method in task.methods]
+
+    def lost(self, task: StudyTask, reason: str) -> list[Row]:
+        """Return the row of an epoch whose worker ended before it was done, with the reason."""
+        bench = self.plan.open()
+        methods = [method for method in self.methods if method.name in task.methods]
+        return [row for epoch in task.epochs for row in bench.failed(task.prior, epoch, methods, reason)]
+
+
+def _warm_up() -> None:
+    """Load what is compiled at first use, so that it is not charged to the first epoch."""
+    from maxcon.localizer import MaximumConsensus
+    from maxcon.warmup import SPACE, search_room
+
+    search_room(
+        MaximumConsensus(SPACE, multiplicity=multiplicity, search="exhaustive")  # what a study looks at: all cells
+        for multiplicity in ("points", "occupied")
+    )

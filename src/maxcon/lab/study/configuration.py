@@ -17,8 +17,7 @@ from maxcon.drive.localize import DriveOptions
 from maxcon.drive.poses_dataset import describe
 from maxcon.errors import FileError, OptionError
 from maxcon.lab.dataset import Dataset
-from maxcon.lab.study.map_variants import MAP_VARIANTS
-from maxcon.lab.study.methods import StudyMethod
+from maxcon.lab.study.methods import MAP_VARIANTS, StudyMethod
 
 __all__ = ["CONFIGURATION", "Configuration", "check_parts", "dataset_parts"]
 

@@ -19,11 +19,9 @@ from maxcon.errors import OptionError
 from maxcon.io.scans import open_scans
 from maxcon.lab.baselines import check_small_gicp
 from maxcon.lab.dataset import Dataset
-from maxcon.lab.study.bench import REFERENCE, BenchPlan
+from maxcon.lab.study.bench import REFERENCE, BenchPlan, StudyJob, StudyTask
 from maxcon.lab.study.configuration import CONFIGURATION, Configuration
-from maxcon.lab.study.job import StudyJob, StudyTask
-from maxcon.lab.study.map_variants import make_maps
-from maxcon.lab.study.methods import StudyMethod
+from maxcon.lab.study.methods import StudyMethod, make_maps
 from maxcon.lab.study.table import Key, TableParts, keys_of
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from maxcon.errors import ArrayError, OptionError
-from maxcon.lab.report.plots.error_shares_plot import plot_error_shares, shares_within
+from maxcon.lab.report.plots.errors_plot import plot_error_shares, shares_within
 
 GENERATOR = np.random.default_rng(4)
 ERRORS = {f"method {number}": GENERATOR.rayleigh(0.03 + 0.02 * number, 301) for number in range(8)}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from maxcon.errors import ArrayError, OptionError
-from maxcon.lab.report.plots.sigma_plot import SigmaPanel, plot_sigmas
+from maxcon.lab.report.plots.certainty_plots import SigmaPanel, plot_sigmas
 
 PANEL = SigmaPanel("along", "cm", [0.5, -1.5, 2.5, 9.0, np.nan], [1.0, 1.0, 1.0, 1.0, 1.0])
 

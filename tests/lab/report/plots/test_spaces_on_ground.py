@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import maxcon
-from maxcon.lab.report.plots.spaces_on_ground import apart, highest_of_blocks, window_around
+from maxcon.lab.report.plots.search_spaces import apart, highest_of_blocks, window_around
 from maxcon.plotting.canvas.from_above import Window
 
 # 6 m by 6 m, as the paper's, in few cells.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from maxcon.errors import ArrayError, OptionError
-from maxcon.lab.report.plots.stanford_plot import plot_stanford
+from maxcon.lab.report.plots.certainty_plots import plot_stanford
 
 ERRORS = [0.05, -0.1, 0.2, -0.5, 0.1, 0.9, 3.0, np.nan]
 LEVELS = [0.10, 0.10, 0.1, 0.10, 0.4, 0.4, np.nan, np.nan]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from maxcon.errors import ArrayError
-from maxcon.lab.report.plots.timeline_errors import ErrorDrawing, ErrorRow
+from maxcon.lab.report.plots.timeline_plot import ErrorDrawing, ErrorRow
 
 
 def test_gross_errors_do_not_flatten_the_others():

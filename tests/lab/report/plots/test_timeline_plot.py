@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from maxcon.errors import ArrayError, OptionError
-from maxcon.lab.report.plots.timeline_errors import ErrorRow
-from maxcon.lab.report.plots.timeline_plot import plot_timeline
+from maxcon.lab.report.plots.timeline_plot import ErrorRow, plot_timeline
 
 ROW = ErrorRow("along", "cm", [1.0, -2.0, 300.0, np.nan], [1.0, 1.0, 1.0, np.nan], [3.0, 3.0, 3.0, np.nan])
 STATUSES = ["localized", "localized", "localized", "no match"]

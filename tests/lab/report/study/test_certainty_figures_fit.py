@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 from maxcon.lab.evaluation import RiskCoverage
+from maxcon.lab.report.plots.certainty_plots import SigmaPanel, plot_sigmas, plot_stanford
 from maxcon.lab.report.plots.risk_coverage_plot import plot_risk_coverage
-from maxcon.lab.report.plots.sigma_plot import SigmaPanel, plot_sigmas
-from maxcon.lab.report.plots.stanford_plot import plot_stanford
-from maxcon.lab.report.plots.timeline_errors import ErrorRow
-from maxcon.lab.report.plots.timeline_plot import plot_timeline
+from maxcon.lab.report.plots.timeline_plot import ErrorRow, plot_timeline
 
 WORDS = ("localized", "ambiguous", "walls missing", "not confirmed", "at the rim", "unreadable scan")
 

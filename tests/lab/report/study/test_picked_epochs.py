@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 import pyarrow
 
-from maxcon.lab.report.study.picked_epochs import pick_epochs
+from maxcon.lab.report.study_pictures import pick_epochs
 from maxcon.lab.study import rows_by_method
 from maxcon.lab.study.table import table_schema
 

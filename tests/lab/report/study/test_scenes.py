@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
 from maxcon.drive.poses_dataset import describe
-from maxcon.lab.report.study.scenes import space_of
+from maxcon.lab.report.study_pictures import space_of
 from maxcon.search.space import SearchSpace
 
 

@@ -6,7 +6,7 @@ import pyarrow
 import pytest
 
 from maxcon.lab.evaluation import ProtectionCounts
-from maxcon.lab.report.study.certainty import certainty_of
+from maxcon.lab.report.study_certainty import certainty_of
 from maxcon.lab.study import rows_by_method
 from maxcon.lab.study.table import table_schema
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from maxcon.errors import OptionError
 from maxcon.estimate import Estimate
 from maxcon.geometry import Pose
-from maxcon.lab.report.plots.spaces_on_ground import apart, highest_of_blocks, window_around
+from maxcon.lab.report.plots.search_spaces import apart, highest_of_blocks, window_around
 from maxcon.map import PointMap
 from maxcon.plotting.canvas.figure import MUTED, draw_titles, saved_figure
 from maxcon.plotting.canvas.from_above import Window, draw_map, draw_scale_bar, map_patch

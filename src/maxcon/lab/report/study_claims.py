@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The claims of the paper, each beside what a study shows."""
+"""The paper's claims, and what a study says of them."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -10,8 +10,6 @@ import numpy as np
 
 from maxcon.lab.evaluation import SUCCESS_DISTANCE, SUCCESS_WORDS
 from maxcon.lab.study import MethodRows, MethodStatistics, statistics
-
-__all__ = ["COUNT", "HELMERT", "Claim", "Verdict", "paper_claims"]
 
 COUNT, HELMERT = "count-points", "helmert-points"
 """The paper's two methods: a match counts as often as its voxel has map points."""

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""From a study to its page: figures, claims and tables, made from what the study saved."""
+"""A study's report: figures made, and the page written."""
 
 import json
 import math
@@ -15,20 +15,16 @@ from maxcon._system.version import __version__
 from maxcon.errors import OptionError
 from maxcon.lab.dataset import DESCRIPTION
 from maxcon.lab.evaluation import SUCCESS_WORDS
-from maxcon.lab.report.html import check_jinja2
-from maxcon.lab.report.study.certainty import certainty_of
-from maxcon.lab.report.study.claims import COUNT, HELMERT, paper_claims
-from maxcon.lab.report.study.page import StudyPage, write_study_page
-from maxcon.lab.report.study.pictures import draw_pictures, open_scenes
-from maxcon.lab.report.study.scenes import space_of
-from maxcon.lab.report.study.statistics import own_methods
-from maxcon.lab.report.study.tables import method_tables
+from maxcon.lab.report.pages import check_jinja2
+from maxcon.lab.report.study_certainty import certainty_of
+from maxcon.lab.report.study_claims import COUNT, HELMERT, paper_claims
+from maxcon.lab.report.study_page import StudyPage, method_tables, write_study_page
+from maxcon.lab.report.study_pictures import draw_pictures, open_scenes, space_of
+from maxcon.lab.report.study_statistics import own_methods
 from maxcon.lab.study import MethodRows, Study, rows_by_method, statistics
 from maxcon.lab.study.bench import REFERENCE
 from maxcon.plotting.canvas.figure import check_matplotlib
 from maxcon.search.space import SearchSpace
-
-__all__ = ["report_study"]
 
 MAXCON = "maxcon"
 FEW_EPOCHS = 50

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""How certain the methods of a study say they are, against their true errors: tables and pictures."""
+"""Certainty on a study's page: coverage, protection levels, risk."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -8,17 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from maxcon.lab.evaluation import ALERT_LIMIT, Coverage, MeanSquare, ProtectionCounts, RiskCoverage
-from maxcon.lab.report.html import Picture
+from maxcon.lab.report.pages import Picture
+from maxcon.lab.report.plots.certainty_plots import SigmaPanel, plot_sigmas, plot_stanford
 from maxcon.lab.report.plots.risk_coverage_plot import plot_risk_coverage
-from maxcon.lab.report.plots.sigma_plot import SigmaPanel, plot_sigmas
-from maxcon.lab.report.plots.stanford_plot import plot_stanford
-from maxcon.lab.report.plots.timeline_errors import ErrorRow
-from maxcon.lab.report.plots.timeline_plot import plot_timeline
-from maxcon.lab.report.study.page import Certainty, CoverageRow, CoverageTable, ProtectionTable
-from maxcon.lab.report.study.statistics import NAMES, own_methods, shown_methods
+from maxcon.lab.report.plots.timeline_plot import ErrorRow, plot_timeline
+from maxcon.lab.report.study_page import Certainty, CoverageRow, CoverageTable, ProtectionTable
+from maxcon.lab.report.study_statistics import NAMES, own_methods, shown_methods
 from maxcon.lab.study import MethodRows
-
-__all__ = ["certainty_of"]
 
 KINDS = {
     "along": ("along", "sigma_along"),

@@ -1,8 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The figures of a study that need its dataset, for searching single epochs again: overview, headings, comparison."""
+"""Pictures of a study's page: epochs picked, scenes, figures."""
 
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,16 +11,22 @@ from typing import cast
 
 import numpy as np
 
-from maxcon.drive.localize import scan_of
+from maxcon._system.progress import Progress
+from maxcon.drive.localize import DriveOptions, scan_of
+from maxcon.errors import FileError, MaxconError
 from maxcon.estimate import Estimate
 from maxcon.geometry import Pose
-from maxcon.lab.report.html import Picture
+from maxcon.lab.dataset import Dataset
+from maxcon.lab.report.pages import Picture
 from maxcon.lab.report.plots.comparison_plot import ComparisonRow, plot_comparison
 from maxcon.lab.report.plots.headings_plot import plot_headings
 from maxcon.lab.report.plots.overview_plot import plot_overview
-from maxcon.lab.report.study.picked_epochs import PictureEpochs
-from maxcon.lab.study import MethodRows, known_methods
-from maxcon.lab.study.bench import Bench
+from maxcon.lab.report.study_claims import HELMERT
+from maxcon.lab.report.study_statistics import common_epochs, draw_statistics
+from maxcon.lab.study import MethodRows, Study, known_methods
+from maxcon.lab.study.bench import REFERENCE, Bench, BenchPlan
+from maxcon.lab.study.configuration import check_parts, dataset_parts
+from maxcon.lab.study.methods import STANDARD
 from maxcon.localizer import MaximumConsensus
 from maxcon.map import PointMap
 from maxcon.plotting.score_panel import SearchSpaceView
@@ -28,7 +35,46 @@ from maxcon.search.accumulator import Accumulator
 from maxcon.search.objectives import Count, Helmert
 from maxcon.search.space import SearchSpace
 
-__all__ = ["StudyScenes", "space_of"]
+# Errors of priors that are near, m: see `pick_epochs`.
+NEAR = 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class PictureEpochs:
+    """Which epochs the pictures show, chosen by the table of the study.
+
+    crossing: where the count is the most distinct: surfaces face in several directions.
+    street: where the count is right and the least distinct: nearly all surfaces face across.
+    failure: where the count is farthest off while Helmert's score is right; None if there is no such epoch.
+    """
+
+    crossing: int
+    street: int
+    failure: int | None
+
+
+def pick_epochs(count: MethodRows, helmert: MethodRows) -> PictureEpochs | None:
+    """Pick the epochs to show; None if there is none in which both count and Helmert's score succeed.
+
+    Crossing and street are taken from epochs whose prior is within 1.5 m of the reference, if there are any: their
+    peak is not at the border of the search space.
+    """
+    epochs = common_epochs({"count": count, "helmert": helmert}, ("count", "helmert"))
+    here = [np.isin(rows.numbers("epoch"), epochs) for rows in (count, helmert)]
+    succeeds = [rows.numbers("is_success")[at] == 1.0 for rows, at in zip((count, helmert), here, strict=True)]
+    is_good, is_lost = succeeds[0] & succeeds[1], ~succeeds[0] & succeeds[1]
+    if not is_good.any():
+        return None
+    is_near = is_good & (np.nan_to_num(count.numbers("prior_distance")[here[0]]) <= NEAR)
+    is_shown = is_near if is_near.any() else is_good
+    distinct = np.nan_to_num(count.numbers("kurtosis")[here[0]])
+    errors = np.where(is_lost, np.nan_to_num(count.numbers("distance")[here[0]]), 0.0)
+    return PictureEpochs(
+        crossing=int(epochs[np.argmax(np.where(is_shown, distinct, -1.0))]),
+        street=int(epochs[np.argmin(np.where(is_shown, distinct, np.inf))]),
+        failure=int(epochs[np.argmax(errors)]) if errors.any() else None,
+    )
+
 
 # Epochs whose search spaces may be drawn on the map: at least this far apart, and at most this far away, m.
 SPACE_EVERY, SPACES_REACH = 3.0, 45.0
@@ -156,3 +202,81 @@ def space_of(configuration_methods: Mapping[str, dict[str, object]], name: str) 
     if not isinstance(space, dict):
         return None
     return SearchSpace(**{key: float(value) for key, value in space.items() if key != "class" and value is not None})
+
+
+def open_scenes(
+    study: Study, dataset: str | os.PathLike[str] | None, prior: str, notes: list[str]
+) -> StudyScenes | None:
+    """Open the dataset of a study for its scenes; None, and a note, if it is missing or not the one studied.
+
+    study: what was run.
+    dataset: where the dataset is now; where it was if None.
+    prior: name of the prior of the pictures.
+    notes: what cannot be shown, and why, is added.
+    """
+    configuration = study.configuration
+    name = next((name for name in (HELMERT, "helmert-occupied") if name in configuration.methods), None)
+    space = space_of(configuration.methods, name or "")
+    if name is None or space is None:
+        notes.append("No scenes: the study has neither helmert-points nor helmert-occupied.")
+        return None
+    try:
+        opened = Dataset.open(dataset or configuration.dataset)
+        check_parts(configuration.parts, dataset_parts(opened))
+        if prior not in (*opened.priors, REFERENCE):
+            raise FileError(f"Expected the prior {prior} in {opened.path}, got {', '.join(opened.priors)}.")
+        path = opened.map_path or study.folder / "maps" / f"{STANDARD}.map"
+        bench = BenchPlan(opened, {STANDARD: path}, DriveOptions(**configuration.options)).open()
+        if len(bench.scans) != configuration.n_scans:
+            raise FileError(
+                f"Expected the {configuration.n_scans} scans of the study in {opened.scans}, got {len(bench.scans)}."
+            )
+    except MaxconError as error:
+        if dataset is not None:
+            raise
+        notes.append(f"No scenes: {error} If the dataset was moved: maxcon report --dataset DATASET.")
+        return None
+    return StudyScenes(bench, prior, bench.maps[STANDARD], space, name.partition("-")[2])
+
+
+def draw_pictures(
+    folder: Path, scenes: StudyScenes | None, methods: Mapping[str, MethodRows], notes: list[str], progress: Progress
+) -> tuple[list[Picture], list[Picture]]:
+    """Draw scenes and statistics into a folder; return both.
+
+    folder: must exist.
+    scenes: the dataset, opened.
+    methods: by name, one prior.
+    notes: what cannot be shown, and why, is added.
+    progress: called with (step, done, of how many).
+    """
+    progress("drawing", 0, 2)
+    drawn = _draw_scenes(folder, scenes, methods, notes) if scenes is not None else []
+    progress("drawing", 1, 2)
+    pictures = draw_statistics(folder, methods, scenes.point_map if scenes is not None else None)
+    if not pictures:
+        notes.append("No figures over all epochs: no epoch has an answer and a reference.")
+    progress("drawing", 2, 2)
+    return drawn, pictures
+
+
+def _draw_scenes(
+    folder: Path, scenes: StudyScenes, methods: Mapping[str, MethodRows], notes: list[str]
+) -> list[Picture]:
+    """Draw overview, headings and comparison."""
+    helmert, count = (methods.get(f"{name}-{scenes.multiplicity}") for name in ("helmert", "count"))
+    epochs = pick_epochs(count, helmert) if count is not None and helmert is not None else None
+    if epochs is None or helmert is None:
+        notes.append(
+            f"No scenes: no epoch where both count-{scenes.multiplicity} and helmert-{scenes.multiplicity} succeed."
+        )
+        return []
+    try:
+        return [
+            scenes.overview(folder / "scene.svg", epochs.street, helmert),
+            scenes.headings(folder / "headings.svg", epochs.crossing),
+            scenes.comparison(folder / "comparison.svg", epochs),
+        ]
+    except MaxconError as error:
+        notes.append(f"Scenes are missing: {error}")
+        return []

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The figures of a study that need only its table: distinctness, success, errors, kurtosis along the drive."""
+"""Numbers of a study's page: rates, intervals, quantiles by method."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,17 +10,15 @@ from numpy.typing import NDArray
 
 from maxcon.lab.evaluation import SUCCESS_WORDS
 from maxcon.lab.evaluation.distinctness import GUARD_RADIUS
-from maxcon.lab.report.html import Picture
+from maxcon.lab.report.pages import Picture
 from maxcon.lab.report.plots.distinctness_plot import Distinctnesses, plot_distinctness
-from maxcon.lab.report.plots.error_shares_plot import plot_error_shares
+from maxcon.lab.report.plots.errors_plot import plot_error_shares
 from maxcon.lab.report.plots.kurtosis_map import plot_kurtosis_map
 from maxcon.lab.report.plots.success_plot import plot_success
-from maxcon.lab.report.study.claims import COUNT, HELMERT
+from maxcon.lab.report.study_claims import COUNT, HELMERT
 from maxcon.lab.study import MethodRows, known_methods
 from maxcon.map import PointMap
 from maxcon.search.space import SearchSpace
-
-__all__ = ["NAMES", "common_epochs", "draw_statistics", "own_methods", "shown_methods"]
 
 # Methods that are drawn together in one picture, the first `MOST_SHOWN` of those that a study has.
 SHOWN = (
