@@ -14,12 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from maxcon.geometry import LocalFrame
-from maxcon.lab.simulation.dataset_files import CITY_ORIGIN, CRS
-from maxcon.lab.simulation.dataset_files import MapTiles
+from maxcon.lab.simulation.campaign_world import CAMPAIGN_GRID, CampaignWorld
 from maxcon.lab.simulation.city import build_city
+from maxcon.lab.simulation.dataset_files import CITY_ORIGIN, CRS, MapTiles
 from maxcon.lab.simulation.ray_caster import RayCaster
 from maxcon.lab.simulation.scanners import mobile_mapping_scanners
-from maxcon.lab.simulation.campaign_world import CAMPAIGN_GRID, CampaignWorld
 from maxcon.lab.simulation.world import map_echoes, map_pieces
 
 

@@ -34,8 +34,7 @@ from maxcon._system.atomic import atomic_file, make_folder
 from maxcon.errors import MaxconError
 from maxcon.lab.baselines import check_small_gicp
 from maxcon.lab.evaluation import pose_error
-from maxcon.lab.study.methods import STANDARD
-from maxcon.lab.study.methods import StudyMethod
+from maxcon.lab.study.methods import STANDARD, StudyMethod
 from maxcon.lab.study.prior_trials import COUNT_THEN_GICP, MAXCON, methods_at, parse_level, space_of
 from maxcon.lab.study.run import spread_epochs
 from maxcon.scan import scan as scan_module

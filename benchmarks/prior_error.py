@@ -27,8 +27,15 @@ from maxcon.drive.poses_dataset import describe
 from maxcon.errors import MaxconError, OptionError
 from maxcon.lab.baselines import check_small_gicp
 from maxcon.lab.report.plots.prior_error_plot import plot_prior_error
-from maxcon.lab.study.prior_trials import LEVELS, methods_at, parse_level
-from maxcon.lab.study.prior_trials import read_trials, summarize_trials, try_epoch, write_trials
+from maxcon.lab.study.prior_trials import (
+    LEVELS,
+    methods_at,
+    parse_level,
+    read_trials,
+    summarize_trials,
+    try_epoch,
+    write_trials,
+)
 from maxcon.lab.study.run import spread_epochs
 
 
