@@ -13,7 +13,7 @@ import numpy as np
 from maxcon.geometry import Pose
 from maxcon.io.recordings.writing import RecordingKind, open_writer
 from maxcon.io.scans import RawScan, Scans, open_scans
-from maxcon.lab.simulation.datasets.recordings import drive_messages
+from maxcon.lab.simulation.recordings import drive_messages
 from maxcon.scan.trajectory import Trajectory
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from maxcon.geometry import Pose
 from maxcon.io.recordings.writing import RecordingKind, bag_writer, open_writer
 from maxcon.io.scans import RawScan, Scans
-from maxcon.lab.simulation.datasets.recordings import drive_messages
+from maxcon.lab.simulation.recordings import drive_messages
 from maxcon.scan.trajectory import Trajectory
 
 NAMES = {"bag": "drive.bag", "ros2": "drive", "mcap": "drive.mcap"}

@@ -12,8 +12,8 @@ from maxcon.geometry import Pose
 from maxcon.io.scans import Scans, open_scans
 from maxcon.io.scans.derived import DeskewedScans
 from maxcon.io.trajectories import read_trajectory
-from maxcon.lab.simulation.datasets.dataset_files import CRS
-from maxcon.lab.simulation.datasets.recordings import cloud_message
+from maxcon.lab.simulation.dataset_files import CRS
+from maxcon.lab.simulation.recordings import cloud_message
 from maxcon.scan.trajectory import Trajectory
 from recorded_drives import NAMES, record_drive, write_recording
 

@@ -29,7 +29,7 @@ from maxcon.io.recordings.opening import CAPTURE_SUFFIX, RECORDING_SUFFIXES
 from maxcon.io.recordings.point_cloud2 import CloudRecord, FieldDescription
 from maxcon.io.recordings.writing import Entry, RecordingKind, RecordingWriter, bag_writer, header_of, open_writer
 from maxcon.io.trajectories import write_csv, write_tum
-from maxcon.lab.simulation.datasets.recordings import drive_messages
+from maxcon.lab.simulation.recordings import drive_messages
 from maxcon.mapping.build import MapOptions, build_map
 
 __all__ = ["Seed", "make_seeds", "seeds_of"]

@@ -98,7 +98,7 @@ def simulate(
             dataset = simulation.simulate(out, n_epochs=epochs or 40, **options)
     _say_what_was_written(dataset)
     if kind is not None:
-        from maxcon.lab.simulation.datasets.recordings import record_dataset
+        from maxcon.lab.simulation.recordings import record_dataset
 
         typer.echo(f"{'recording':<12} {record_dataset(dataset, kind)}")
 

@@ -16,7 +16,7 @@ from maxcon.io.recordings.clouds import open_clouds
 from maxcon.io.recordings.mcap_files import unpacked_records
 from maxcon.io.recordings.opening import open_recording
 from maxcon.io.scans import open_scans
-from maxcon.lab.simulation.datasets.recordings import cloud_message
+from maxcon.lab.simulation.recordings import cloud_message
 from recorded_drives import NAMES, START, MadeScans, made_prior, record_drive, recording_writer, write_recording
 
 pytest.importorskip("rosbags")

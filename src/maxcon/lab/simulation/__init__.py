@@ -4,7 +4,6 @@
 
 from maxcon.lab.simulation.campaign_world import CampaignWorld
 from maxcon.lab.simulation.city import City, build_city
-from maxcon.lab.simulation.datasets.simulated import simulate, simulate_campaign, simulate_suburb
 from maxcon.lab.simulation.drive import Drive, Route, drive_along
 from maxcon.lab.simulation.furniture import LasClass
 from maxcon.lab.simulation.measured_poses import GnssErrors, OdometryErrors, PriorErrors
@@ -19,6 +18,7 @@ from maxcon.lab.simulation.scanners import (
     ScannerLayout,
     mobile_mapping_scanners,
 )
+from maxcon.lab.simulation.simulated_datasets import simulate, simulate_campaign, simulate_suburb
 from maxcon.lab.simulation.streets import CAMPAIGN_GRID, Circuit, StreetGrid, circuit_through, route_over_crossing
 from maxcon.lab.simulation.suburb_ground import ResidentialRoad, draw_road
 from maxcon.lab.simulation.suburb_world import SuburbWorld
