@@ -35,14 +35,14 @@ from maxcon.drive.localize import DriveOptions
 from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.dataset_drives import open_drives
+from maxcon.lab.simulation.campaign_world import MOST_EPOCHS, CampaignWorld
+from maxcon.lab.simulation.dataset_files import CITY_ORIGIN, write_epochs
+from maxcon.lab.simulation.furniture import LasClass
+from maxcon.lab.simulation.measured_poses import GnssErrors
+from maxcon.lab.simulation.scanners import RotatingScanner
+from maxcon.lab.simulation.world import EPOCH_STEP, SCAN_START
 from maxcon.map.layout import ALL_BUT_KNOWN, NOT_SEARCHED, SurfaceClass
 from maxcon.mapping.build import Area
-from maxcon.lab.simulation.dataset_files import CITY_ORIGIN, write_epochs
-from maxcon.lab.simulation.measured_poses import GnssErrors
-from maxcon.lab.simulation.furniture import LasClass
-from maxcon.lab.simulation.scanners import RotatingScanner
-from maxcon.lab.simulation.campaign_world import MOST_EPOCHS, CampaignWorld
-from maxcon.lab.simulation.world import EPOCH_STEP, SCAN_START
 from maxcon.mapping.update import UpdateOptions
 from maxcon.mapping.update.evidence import classes_of
 from maxcon.mapping.update.observations import observations_of

@@ -23,9 +23,7 @@ def write_ply(path, points, normals=None, classes=None):
         for name, values in zip(("nx", "ny", "nz"), normals.T, strict=True):
             rows[name] = values
     header = [f"property double {name}" for name, _ in columns]
-    text = "\n".join(
-        ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}", *header, "end_header"]
-    )
+    text = "\n".join(["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}", *header, "end_header"])
     path.write_bytes(text.encode() + b"\n" + rows.tobytes())
     return path
 

@@ -53,8 +53,7 @@ def test_the_ground_does_not_depend_on_whether_its_points_are_voxels_too(tmp_pat
     points, classes = np.concatenate([ground, walls]), np.repeat([2, 6], [len(ground), len(walls)])
     cloud = cloud_files.las(tmp_path / "a.las", points, classes)
     without, with_it = (
-        build_map([cloud], tmp_path / name, MapOptions(drop=drop))
-        for name, drop in (("a.map", None), ("b.map", ()))
+        build_map([cloud], tmp_path / name, MapOptions(drop=drop)) for name, drop in (("a.map", None), ("b.map", ()))
     )
     assert without.n_points < with_it.n_points
     assert files_of(tmp_path / "a.map" / "ground") == files_of(tmp_path / "b.map" / "ground")

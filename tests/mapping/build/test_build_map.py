@@ -9,8 +9,8 @@ from built_maps import CELL, assert_same_voxels, files_of, left_over
 from maxcon import PointMap
 from maxcon.errors import ArrayError, FileError, OptionError
 from maxcon.io.clouds.base import CloudReader
-from maxcon.mapping.build import MapOptions, build_map
 from maxcon.map.manifest import read_manifest
+from maxcon.mapping.build import MapOptions, build_map
 
 
 @pytest.mark.parametrize("kind", ["npz", "ply", "las", "laz"])
@@ -20,9 +20,7 @@ def test_voxels_are_those_of_the_same_points_in_memory(tmp_path, cloud_files, sc
     path = writer(tmp_path / f"a.{kind}", points)
     manifest = build_map([path], tmp_path / "a.map")
     opened = PointMap.open(tmp_path / "a.map")
-    np.testing.assert_allclose(
-        np.array(opened.frame.origin) % (512 * CELL) % (512 * CELL - 1e-6), 0.0, atol=1e-5
-    )
+    np.testing.assert_allclose(np.array(opened.frame.origin) % (512 * CELL) % (512 * CELL - 1e-6), 0.0, atol=1e-5)
     if kind in ("las", "laz"):
         from maxcon.io.clouds import open_cloud
 
@@ -37,18 +35,14 @@ def test_voxels_are_those_of_the_same_points_in_memory(tmp_path, cloud_files, sc
     assert left_over(tmp_path / "a.map") == ["manifest.json", "tiles"]
 
 
-def test_the_map_does_not_depend_on_chunks_files_their_order_or_threads(
-    tmp_path, cloud_files, scene, monkeypatch
-):
+def test_the_map_does_not_depend_on_chunks_files_their_order_or_threads(tmp_path, cloud_files, scene, monkeypatch):
     whole = cloud_files.npz(tmp_path / "whole.npz", scene)
     build_map([whole], tmp_path / "whole.map", n_threads=1)
     wanted = PointMap.open(tmp_path / "whole.map")
     parts = np.array_split(np.random.default_rng(0).permutation(len(scene)), 3)
     files = [cloud_files.npz(tmp_path / f"{k}.npz", scene[part]) for k, part in enumerate(parts)]
     chunks = CloudReader.chunks
-    monkeypatch.setattr(
-        CloudReader, "chunks", lambda self, max_points=517, bounds=None: chunks(self, max_points)
-    )
+    monkeypatch.setattr(CloudReader, "chunks", lambda self, max_points=517, bounds=None: chunks(self, max_points))
     monkeypatch.setattr("maxcon.mapping.build.bucketing.BUFFER_BYTES", 10_000)
     monkeypatch.setattr("maxcon.mapping.build.tiles.MEMORY_BYTES", 10_000)
     for number, (sources, n_threads) in enumerate([([whole], 4), (files, 1), (files[::-1], 3)]):
@@ -73,9 +67,7 @@ def test_a_thinner_map_takes_every_nth_point(tmp_path, cloud_files, scene, keep_
     whole = cloud_files.npz(tmp_path / "whole.npz", scene)
     part = cloud_files.npz(tmp_path / "part.npz", scene[::keep_every])
     chunks = CloudReader.chunks
-    monkeypatch.setattr(
-        CloudReader, "chunks", lambda self, max_points=517, bounds=None: chunks(self, max_points)
-    )
+    monkeypatch.setattr(CloudReader, "chunks", lambda self, max_points=517, bounds=None: chunks(self, max_points))
     thin = build_map([whole], tmp_path / "thin.map", MapOptions(keep_every=keep_every))
     build_map([part], tmp_path / "part.map")
     assert_same_voxels(PointMap.open(tmp_path / "thin.map"), PointMap.open(tmp_path / "part.map"))
@@ -124,9 +116,7 @@ def test_what_is_refused(tmp_path, cloud_files, some_points):
         build_map([tmp_path / "b.npz"], tmp_path / "a.map")
     with pytest.raises(FileError, match="able to write"):
         build_map([path], tmp_path / "no" / "such" / "folder" / "a.map")
-    with pytest.raises(
-        OptionError, match=r"normals in .*a\.npz, said to be turned to the sensor, but it has none"
-    ):
+    with pytest.raises(OptionError, match=r"normals in .*a\.npz, said to be turned to the sensor, but it has none"):
         build_map([path], tmp_path / "a.map", MapOptions(normals_have_sides=True))
     for cell in (0.0, -1.0, float("nan")):
         with pytest.raises(ArrayError, match="positive voxel edge"):

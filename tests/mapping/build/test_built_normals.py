@@ -56,15 +56,11 @@ def test_both_sides_of_a_thin_wall_are_turned_to_who_saw_them(tmp_path, cloud_fi
     """A wall of 20 cm, seen from the south at first and from the north later."""
     south, _ = surfaces.wall(8000, (10, 20.0), (20, 20.0), noise=0.003)
     north, _ = surfaces.wall(8000, (10, 20.2), (20, 20.2), noise=0.003, seed=1)
-    times = np.r_[
-        np.random.default_rng(0).uniform(0, 10, 8000), np.random.default_rng(1).uniform(20, 30, 8000)
-    ]
+    times = np.r_[np.random.default_rng(0).uniform(0, 10, 8000), np.random.default_rng(1).uniform(20, 30, 8000)]
     path = cloud_files.las(tmp_path / "a.laz", np.concatenate([south, north]), times=times)
     at = np.arange(0.0, 30.5, 0.25)
     y = np.where(at < 15, 15.0, 26.0)
-    trajectory = trajectory_at(
-        at, surfaces.origin + np.column_stack([10 + at % 10, y, np.full(len(at), 1.8)])
-    )
+    trajectory = trajectory_at(at, surfaces.origin + np.column_stack([10 + at % 10, y, np.full(len(at), 1.8)]))
     build_map([path], tmp_path / "a.map", MapOptions(trajectory=trajectory))
     opened = PointMap.open(tmp_path / "a.map")
     assert opened.is_signed

@@ -8,13 +8,13 @@ import pytest
 from maxcon import PointMap
 from maxcon.errors import OptionError
 from maxcon.geometry import voxel_indices
+from maxcon.map import TILE_VOXELS
 from maxcon.mapping.build import MapOptions, build_map
 from maxcon.mapping.build.bucketing import POINT, TileBuckets, point_records
 from maxcon.mapping.build.found_classes import OBSERVATION, FoundClasses, observation_records, pass_of
 from maxcon.mapping.build.ground import ground_heights, lowest_heights
 from maxcon.mapping.build.tiles import TileJob, TileMaker
 from maxcon.mapping.build.voxel_moments import VoxelMoments
-from maxcon.map import TILE_VOXELS
 
 CELL = 0.06
 ORIGIN = np.array([458_800.0, 5_429_000.0, 100.0])
@@ -243,9 +243,7 @@ def test_noise_alone_is_no_classification(tmp_path, cloud_files, two_passes):
 
 def test_found_classes_are_dropped_by_name(tmp_path, cloud_files, two_passes):
     cloud, points = write_street(tmp_path, cloud_files, two_passes)
-    manifest = build_map(
-        [cloud], tmp_path / "a.map", MapOptions(classify="auto", drop=("temporal-exclusion",))
-    )
+    manifest = build_map([cloud], tmp_path / "a.map", MapOptions(classify="auto", drop=("temporal-exclusion",)))
     n_found = manifest.build["found"]["n_points"]
     assert manifest.n_points == len(points) - n_found["22"]
     kept = build_map([cloud], tmp_path / "b.map", MapOptions(classify="always", drop=()))

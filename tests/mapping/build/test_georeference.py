@@ -45,9 +45,7 @@ def test_points_of_another_crs_are_where_they_would_be(tmp_path, points, crs):
     np.savez(tmp_path / "there.npz", points=_other(points, crs))
     build_map([tmp_path / "here.npz"], tmp_path / "here.map", MapOptions(crs=UTM))
     manifest = build_map([tmp_path / "there.npz"], tmp_path / "there.map", MapOptions(crs=crs, to_crs=UTM))
-    assert (
-        _shared(_voxels(tmp_path / "here.map"), _voxels(tmp_path / "there.map")) > 0.99
-    )  # 0.1 mm of the projection
+    assert _shared(_voxels(tmp_path / "here.map"), _voxels(tmp_path / "there.map")) > 0.99  # 0.1 mm of the projection
     assert pyproj.CRS(manifest.crs).to_epsg() == 25832
     assert manifest.build["sources"][0]["transform"].startswith("from ")
 
@@ -66,9 +64,7 @@ def test_feet_are_scaled_by_the_crs():
     """New York in feet of the US survey: what no CRS says of heights is in the unit of the plane."""
     transform = PointTransform("EPSG:2263", "EPSG:32618")
     placed = transform.apply(np.array([[1_000_000.0, 200_000.0, 100.0]]))
-    plane = pyproj.Transformer.from_crs("EPSG:2263", "EPSG:32618", always_xy=True).transform(
-        1_000_000.0, 200_000.0
-    )
+    plane = pyproj.Transformer.from_crs("EPSG:2263", "EPSG:32618", always_xy=True).transform(1_000_000.0, 200_000.0)
     np.testing.assert_allclose(placed, [[*plane, 100.0 * FOOT]])
     assert "heights times 0.3048006096" in transform.words
     with_heights = PointTransform("EPSG:2263+6360", "EPSG:32618")  # NAVD88 in feet
@@ -133,9 +129,7 @@ def test_a_part_of_a_cloud(tmp_path, cloud_files, points):
         build_map([path], tmp_path / "x.map", MapOptions(area=Area(0, 0, 1, 1)))
 
 
-@pytest.mark.parametrize(
-    "text", ["", "1,2,3", "1,2,3,x", "3,0,1,1", "0,0,0,1", "nan,0,1,1", "0,0,inf,1", "1,2,3,4,5"]
-)
+@pytest.mark.parametrize("text", ["", "1,2,3", "1,2,3,x", "3,0,1,1", "0,0,0,1", "nan,0,1,1", "0,0,inf,1", "1,2,3,4,5"])
 def test_what_is_no_area(text):
     with pytest.raises(OptionError, match="x_min,y_min,x_max,y_max"):
         Area.parse(text)
@@ -143,17 +137,12 @@ def test_what_is_no_area(text):
 
 def test_real_copc_files_as_a_whole_and_by_area(real_data, tmp_path):
     folder = real_data("recorders/copc")
-    lone_star = (
-        folder / "PDAL" / "lone-star.copc.laz"
-    )  # it says geocentric, and has coordinates of a UTM zone
+    lone_star = folder / "PDAL" / "lone-star.copc.laz"  # it says geocentric, and has coordinates of a UTM zone
     with pytest.raises(CrsError, match="--to-crs"):
         build_map([lone_star], tmp_path / "x.map", MapOptions(cell=0.5))
     with pytest.raises(CrsError, match=r"got 515378\.8, 4918365\.0, 2324\.3\. They are of another CRS"):
         build_map([lone_star], tmp_path / "x.map", MapOptions(cell=0.5, to_crs="EPSG:32613"))
-    for path in (
-        folder / "las-rs" / "autzen.copc.laz",
-        folder / "laspy" / "simple_with_page.copc.laz",
-    ):  # in feet
+    for path in (folder / "las-rs" / "autzen.copc.laz", folder / "laspy" / "simple_with_page.copc.laz"):  # in feet
         with pytest.raises(CrsError, match="foot"):
             build_map([path], tmp_path / "x.map")
         with open_cloud(path) as reader:

@@ -12,9 +12,9 @@ from built_maps import left_over
 
 from maxcon import PointMap
 from maxcon.errors import FileError, MapError
-from maxcon.mapping.build import build_map
 from maxcon.map.manifest import read_manifest
 from maxcon.map.writer import MapWriter
+from maxcon.mapping.build import build_map
 
 
 def test_a_map_that_exists_is_replaced_only_if_asked(tmp_path, cloud_files, some_points, surfaces):
@@ -50,9 +50,7 @@ def test_a_full_disk_leaves_nothing_behind(tmp_path, cloud_files, scene, monkeyp
 
     monkeypatch.setattr(MapWriter, where, full)
     for name, overwrite in (("new.map", False), ("old.map", True)):
-        with pytest.raises(
-            FileError, match=rf"able to write .*{name}, got: No space left on device\..*disk space"
-        ):
+        with pytest.raises(FileError, match=rf"able to write .*{name}, got: No space left on device\..*disk space"):
             build_map([path], tmp_path / name, overwrite=overwrite)
     assert left_over(tmp_path) == ["a.npz", "old.map"]
     assert read_manifest(tmp_path / "old.map").sha256 == before

@@ -12,11 +12,11 @@ from built_maps import files_of
 
 from maxcon._system.engine import Engine
 from maxcon.errors import MapError
+from maxcon.map import PointMap
 from maxcon.mapping.build import MapOptions, build_map
 from maxcon.mapping.build.bucketing import POINT, TileBuckets, point_records
 from maxcon.mapping.build.found_classes import OBSERVATION, observation_records
 from maxcon.mapping.build.tiles import TileJob, TileStep, TileTask, by_threads
-from maxcon.map import PointMap
 
 for package in ("distributed", "cryptography"):
     pytest.importorskip(package, reason="the extra engine is not installed")
@@ -34,10 +34,7 @@ def street():
     def spread(n, low, high):
         return rng.uniform(low, high, (n, 3))
 
-    once = [
-        spread(60_000, [0.0, 0.0, 0.0], [100.0, 40.0, 0.02]),
-        spread(60_000, [0.0, 35.0, 0.0], [100.0, 35.02, 6.0]),
-    ]
+    once = [spread(60_000, [0.0, 0.0, 0.0], [100.0, 40.0, 0.02]), spread(60_000, [0.0, 35.0, 0.0], [100.0, 35.02, 6.0])]
     car = spread(6_000, [40.0, 10.0, 0.3], [44.0, 12.0, 1.5])
     points = np.concatenate([*once, car, *once])
     times = np.concatenate([np.full(126_000, 5.0), np.full(120_000, 500.0)])
@@ -126,9 +123,7 @@ def test_every_step_may_be_done_twice_and_each_by_another_process(sorted_points)
         job.open()(TileTask(TileStep.GATHER, tuple(part)))
     once, twice = (job.open()(TileTask(TileStep.FIND_CLASSES, tuple(keys))) for _ in range(2))
     assert [found.n_points for found in once] == [found.n_points for found in twice]
-    made = [
-        [job.fetched(tile) for tile in job.open()(TileTask(TileStep.MAKE, tuple(keys)))] for _ in range(2)
-    ]
+    made = [[job.fetched(tile) for tile in job.open()(TileTask(TileStep.MAKE, tuple(keys)))] for _ in range(2)]
     assert [tile.record for tile in made[0]] == [tile.record for tile in made[1]]
     assert sum(tile.record.n_points for tile in made[0]) == 246_000
 
@@ -144,9 +139,7 @@ def test_a_map_without_one_of_its_tiles_is_refused():
     task = TileTask(TileStep.MAKE, ((3, -4), (5, 6)))
     one, _ = job.split(task)
     assert one == TileTask(TileStep.MAKE, ((3, -4),))
-    with pytest.raises(
-        MapError, match=r"Expected to make all tiles of the map, but of tile \(3, -4\) it crashes"
-    ):
+    with pytest.raises(MapError, match=r"Expected to make all tiles of the map, but of tile \(3, -4\) it crashes"):
         job.lost(one, "it crashes")
 
 

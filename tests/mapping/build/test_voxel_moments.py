@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from maxcon.map import TILE_VOXELS
 from maxcon.mapping.build.bucketing import POINT, TileArrays, TileBuckets, point_records
 from maxcon.mapping.build.voxel_moments import HALO_VOXELS, PADDING, VoxelMoments, plane_normals, turn_to_side
-from maxcon.map import TILE_VOXELS
 
 SEEDS = st.integers(0, 2**32)
 
@@ -52,9 +52,7 @@ def test_every_point_comes_back_from_its_tile(seed, sizes, cell, tiles, has_litt
             corner = np.array([*key, 0]) * TILE_VOXELS
             got = np.column_stack([records["column"], records["layer"]]) + corner
             np.testing.assert_array_equal(got, indices[here])  # in the order they came
-            np.testing.assert_allclose(
-                (got * cell) + records["inside"], points[here], atol=1e-6 * max(1, tiles)
-            )
+            np.testing.assert_allclose((got * cell) + records["inside"], points[here], atol=1e-6 * max(1, tiles))
             np.testing.assert_array_equal(records["side"], sides[here])
             buckets.remove(key)
         assert n_back == len(points)
@@ -90,9 +88,7 @@ def test_moments_are_sums_whatever_the_parts(seed, n, n_at_once):
     sides = rng.normal(size=(n, 3)).astype(np.float32)
     moments = gathered(points, sides, cell, n_at_once)
     wanted = moments_by_loop(points, sides, cell)
-    assert [tuple(index) for index in moments.indices.tolist()] == sorted(
-        wanted, key=lambda index: index[::-1]
-    )
+    assert [tuple(index) for index in moments.indices.tolist()] == sorted(wanted, key=lambda index: index[::-1])
     assert (np.diff(moments.keys) > 0).all()
     for row, index in enumerate(moments.indices.tolist()):
         count, sums, outers, total = wanted[tuple(index)]

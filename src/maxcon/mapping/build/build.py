@@ -30,14 +30,7 @@ from maxcon.mapping.build.found_classes import OBSERVATION, FoundClasses, observ
 from maxcon.mapping.build.ground import ground_among
 from maxcon.mapping.build.map_sigma import PlaceSample, aligned_sigma, map_sigma
 from maxcon.mapping.build.options import MapOptions
-from maxcon.mapping.build.sources import (
-    SidedPoints,
-    Source,
-    check_sides,
-    open_headers,
-    read_source,
-    sources_in_crs,
-)
+from maxcon.mapping.build.sources import SidedPoints, Source, check_sides, open_headers, read_source, sources_in_crs
 from maxcon.mapping.build.tiles import TileJob, TileStep, TileSteps, by_engine, by_threads
 
 __all__ = ["build_map"]

@@ -189,12 +189,7 @@ class ClassFinder:
         return is_near & ~is_upright
 
     def _is_temporary(
-        self,
-        key: TileKey,
-        moments: VoxelMoments,
-        above: NDArray[np.float64],
-        ground: NDArray[np.float64],
-        margin: int,
+        self, key: TileKey, moments: VoxelMoments, above: NDArray[np.float64], ground: NDArray[np.float64], margin: int
     ) -> tuple[NDArray[np.bool_], int]:
         """Which voxels of a tile are temporary, and how many points lie where several passes saw the ground."""
         edge = block_voxels(self._cell)

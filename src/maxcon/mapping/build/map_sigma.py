@@ -16,7 +16,15 @@ from maxcon._system.regular_file import read_regular
 from maxcon.errors import FileError
 from maxcon.map.layout import UNKNOWN_SIGMA
 
-__all__ = ["LEAST_PAUSE", "PLACE_EDGE", "PassDifferences", "PlaceSample", "aligned_sigma", "compare_passes", "map_sigma"]
+__all__ = [
+    "LEAST_PAUSE",
+    "PLACE_EDGE",
+    "PassDifferences",
+    "PlaceSample",
+    "aligned_sigma",
+    "compare_passes",
+    "map_sigma",
+]
 
 ALIGNMENT = "alignment.json"
 LARGEST_ALIGNMENT = 2**24
@@ -217,7 +225,12 @@ def compare_passes(records: NDArray[np.void]) -> PassDifferences:
     if not is_plane.any():
         return PassDifferences(0)
     rows = np.flatnonzero(is_used)[is_plane]
-    places, times, offsets, noise = place_of_pass[rows], records["time"][starts[rows]], offsets[is_plane], noise[is_plane]
+    places, times, offsets, noise = (
+        place_of_pass[rows],
+        records["time"][starts[rows]],
+        offsets[is_plane],
+        noise[is_plane],
+    )
     at_planes = np.unique(places)
     n_passes = int(np.median(np.bincount(place_of_pass)[at_planes]))
     first, second = _pairs(places)
@@ -257,9 +270,7 @@ def _planes(
     return offsets, roughness / counts, is_plane
 
 
-def _moments(
-    points: NDArray[np.float64], counts: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _moments(points: NDArray[np.float64], counts: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Means, shape (v, 3), and covariances, shape (v, 3, 3), of groups of points that follow each other."""
     rows = np.cumsum(counts) - counts
     means = np.add.reduceat(points, rows, axis=0) / counts[:, None]

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import ArrayError, OptionError
-from maxcon.map.layout import CELLS
-from maxcon.map.layout import check_sigma
+from maxcon.map.layout import CELLS, check_sigma
 from maxcon.mapping.build.classes import DEFAULT_DROP, FOUND, FOUND_DROP, parse_classes
 from maxcon.scan.trajectory import Trajectory
 

@@ -199,9 +199,7 @@ def read_source(source: Source, options: MapOptions, *, use_normals: bool) -> It
     header, trajectory = source.header, options.trajectory
     advice = "Leave out --trajectory, or export the points with gps_time."
     if trajectory is not None and not header.has_times:
-        raise OptionError(
-            f"Expected times in {header.path} to match with the trajectory, but it has none. {advice}"
-        )
+        raise OptionError(f"Expected times in {header.path} to match with the trajectory, but it has none. {advice}")
     drop = options.dropped_classes(are_asprs=header.has_asprs_classes)
     if options.classify == "always":
         drop &= NOISE | options.vehicle_numbers

@@ -128,9 +128,7 @@ class TileMaker:
         Size of the arrays kept in memory; with 0 every step may be done by another process.
     """
 
-    def __init__(
-        self, job: TileJob, points: TileBuckets, observations: TileBuckets, *, memory_bytes: int = 0
-    ) -> None:
+    def __init__(self, job: TileJob, points: TileBuckets, observations: TileBuckets, *, memory_bytes: int = 0) -> None:
         self._job = job
         self._points = points
         self._arrays = TileArrays(job.folder, memory_bytes)
@@ -139,11 +137,7 @@ class TileMaker:
     @property
     def steps(self) -> dict[TileStep, Callable[[TileKey], Any]]:
         """The method that does each step of a tile."""
-        return {
-            TileStep.GATHER: self.gather,
-            TileStep.FIND_CLASSES: self.find_classes,
-            TileStep.MAKE: self.make,
-        }
+        return {TileStep.GATHER: self.gather, TileStep.FIND_CLASSES: self.find_classes, TileStep.MAKE: self.make}
 
     @property
     def finder(self) -> ClassFinder:
@@ -218,9 +212,7 @@ def voxel_tile(key: TileKey, moments: VoxelMoments, normals: NDArray[np.float32]
 
 
 @contextmanager
-def by_threads(
-    job: TileJob, points: TileBuckets, observations: TileBuckets, n_threads: int
-) -> Iterator[TileSteps]:
+def by_threads(job: TileJob, points: TileBuckets, observations: TileBuckets, n_threads: int) -> Iterator[TileSteps]:
     """Yield what lets threads of this process make tiles; data stays in memory as far as it fits."""
     do = TileMaker(job, points, observations, memory_bytes=MEMORY_BYTES).steps
     if n_threads == 1:

@@ -1,0 +1,260 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Sigma of a map: from a sample of places and passes of known offsets over known walls, given, or assumed."""
+
+import json
+
+import numpy as np
+import pytest
+
+from maxcon import PointMap
+from maxcon.errors import ArrayError, FileError
+from maxcon.map.manifest import read_manifest
+from maxcon.mapping.build import MapOptions, build_map
+from maxcon.mapping.build.map_sigma import PLACE_EDGE, PlaceSample, aligned_sigma, compare_passes
+
+PAUSE = 300.0
+"""Between passes, s."""
+
+
+class Street:
+    """Pieces of wall of all orientations, 1.5 m wide and 5 m apart, passed at 2 s each.
+
+    Parameters
+    ----------
+    errors : array, shape (n_passes, n_walls, 3)
+        Of each pass at each wall, m.
+    density : array_like, shape (n_passes,) or float
+        Points per pass and wall.
+    """
+
+    def __init__(self, errors, density=600, noise=0.005, seed=0):
+        n_passes, n_walls, _ = errors.shape
+        rng = np.random.default_rng(seed)
+        axes = np.linalg.qr(rng.normal(size=(n_walls, 3, 3)))[0]
+        normals, sides = axes[:, :, 0], axes[:, :, 1:]
+        middles = np.column_stack([5.0 * np.arange(n_walls), *rng.uniform(-1.0, 1.0, (2, n_walls))])
+        clouds, times = [], []
+        for number, n_points in enumerate(np.broadcast_to(density, n_passes)):
+            wall = np.repeat(np.arange(n_walls), n_points)
+            on_wall = np.einsum("nij,nj->ni", sides[wall], rng.uniform(-0.75, 0.75, (len(wall), 2)))
+            roughness = rng.normal(0.0, noise, (len(wall), 1)) * normals[wall]
+            clouds.append(middles[wall] + on_wall + roughness + errors[number, wall])
+            times.append(PAUSE * number + 2.0 * wall + rng.uniform(0.0, 0.5, len(wall)))
+        self.points, self.times = np.concatenate(clouds), np.concatenate(times)
+        self.across = np.einsum("wi,pwi->pw", normals, errors)
+
+    @property
+    def sigma_of_pass(self):
+        """The standard deviation that the drawn errors have across the walls, m."""
+        return float(np.sqrt(self.across.var(axis=0, ddof=1).mean()))
+
+    def compared(self):
+        sample = PlaceSample()
+        order = np.random.default_rng(1).permutation(len(self.points))
+        sample.add(self.points[order], self.times[order])
+        return compare_passes(sample.records())
+
+
+def drawn(n_passes, sigma, n_walls=100, seed=0):
+    return np.random.default_rng(seed).normal(0.0, sigma, (n_passes, n_walls, 3))
+
+
+@pytest.mark.parametrize(("n_passes", "sigma"), [(2, 0.005), (2, 0.04), (3, 0.02), (5, 0.04)])
+def test_the_errors_of_passes_are_found(n_passes, sigma):
+    street = Street(drawn(n_passes, sigma))
+    found = street.compared()
+    assert found.is_enough
+    assert found.n_passes == n_passes
+    assert found.sigma_of_pass == pytest.approx(street.sigma_of_pass, rel=0.06)
+    assert found.sigma_of_map == pytest.approx(found.sigma_of_pass / np.sqrt(n_passes), rel=0.03)
+
+
+def test_offsets_are_measured_across_the_walls_only():
+    street = Street(drawn(2, 0.0))
+    street.points[street.times > PAUSE] += [0.03, 0.0, 0.0]  # the same along the street, everywhere
+    assert street.compared().sigma_of_pass == pytest.approx(0.03 / np.sqrt(3.0) / np.sqrt(2.0), rel=0.1)
+
+
+def test_noise_of_points_is_not_taken_for_an_error_of_passes():
+    found = Street(drawn(3, 0.0), density=300, noise=0.02).compared()
+    assert found.is_enough
+    assert found.sigma_of_pass < 0.001  # a mean of 33 points is good to 0.0035 m
+
+
+def test_what_changed_between_passes_is_left_out():
+    errors = drawn(3, 0.02)
+    street = Street(errors)
+    wanted = street.compared().sigma_of_pass
+    errors[1, ::8] += 0.12  # doors that stood open, and cars
+    changed = Street(errors)
+    assert changed.sigma_of_pass > 1.5 * wanted
+    assert changed.compared().sigma_of_pass == pytest.approx(wanted, rel=0.15)
+
+
+def test_what_is_rough_is_left_out():
+    street = Street(drawn(3, 0.01))
+    bush = np.random.default_rng(2).uniform(-3.0, 3.0, (60_000, 3)) + [250.0, 20.0, 0.0]
+    wanted = street.compared()
+    street.points = np.concatenate([street.points, bush])
+    street.times = np.concatenate([street.times, np.repeat(PAUSE * np.arange(3), 20_000)])
+    assert street.compared() == wanted
+
+
+def test_a_pass_that_left_most_of_the_points_decides_the_map():
+    found = Street(drawn(2, 0.02), density=(900, 100)).compared()
+    assert found.n_passes == 2
+    assert found.sigma_of_map == pytest.approx(found.sigma_of_pass * np.sqrt(0.9**2 + 0.1**2), rel=0.03)
+
+
+def test_passes_that_cannot_be_compared():
+    one = Street(drawn(1, 0.02)).compared()
+    assert (one.is_enough, one.n_passes, one.shortcoming) == (False, 1, "one pass only")
+    waiting = Street(drawn(2, 0.02))
+    waiting.times[waiting.times > PAUSE] -= PAUSE - 55.0  # a vehicle that waits makes no second pass
+    assert waiting.compared().shortcoming == "one pass only"
+    short = Street(drawn(2, 0.02, n_walls=14)).compared()  # 28 s each
+    assert short.n_places > 0
+    assert not short.is_enough
+    assert "half minutes only" in short.shortcoming
+
+
+@pytest.mark.parametrize("n_points", [0, 1, 19, 1000])
+def test_points_without_planes_say_nothing(n_points):
+    sample = PlaceSample()
+    rng = np.random.default_rng(0)
+    sample.add(rng.uniform(0.0, 0.5, (n_points, 3)), rng.uniform(0.0, 1000.0, n_points))
+    found = compare_passes(sample.records())
+    assert not found.is_enough
+    assert found.shortcoming == "no planes of points with times"
+
+
+def points_and_times(n=20_000, seed=0):
+    rng = np.random.default_rng(seed)
+    return rng.uniform(-10.0, 10.0, (n, 3)) * [1.0, 1.0, 0.1], rng.uniform(0.0, 1000.0, n)
+
+
+def sampled(points, times, most_points, n_parts=1):
+    sample = PlaceSample(most_points)
+    for part in np.array_split(np.arange(len(points)), n_parts):
+        sample.add(points[part], times[part])
+    return sample.records()
+
+
+def cubes(points):
+    return np.floor(points / PLACE_EDGE).astype(int)
+
+
+def test_all_points_are_kept_while_they_are_few_by_place_and_time():
+    points, times = points_and_times()
+    records = sampled(points, times, len(points), n_parts=7)
+    assert len(records) == len(points)
+    assert len(np.unique(records["place"])) == len(np.unique(cubes(points), axis=0))
+    order = np.argsort(records["time"])
+    inside = points - (cubes(points) + 0.5) * PLACE_EDGE
+    np.testing.assert_allclose(records["inside"][order], inside[np.argsort(times)], atol=1e-6)
+    steps = np.diff(records["place"].astype(object))
+    assert (steps >= 0).all()
+    assert (np.diff(records["time"])[steps == 0] >= 0.0).all()
+
+
+@pytest.mark.parametrize("most_points", [12_000, 700])
+def test_of_many_points_those_of_some_places_are_kept_whole_and_evenly(most_points):
+    points, times = points_and_times()
+    records = sampled(points, times, most_points)
+    assert 0.3 * most_points < len(records) <= most_points
+    everything = sampled(points, times, len(points))
+    kept = np.isin(everything["place"], records["place"])
+    np.testing.assert_array_equal(everything[kept], records)
+    at = points[np.isin(times, records["time"])]
+    assert abs(at[:, :2].mean(axis=0)).max() < 15.0 / np.sqrt(len(np.unique(records["place"])))
+
+
+@pytest.mark.parametrize("n_parts", [1, 50])
+def test_the_sample_depends_neither_on_parts_nor_on_their_order(n_parts):
+    points, times = points_and_times()
+    wanted = sampled(points, times, 3_000)
+    order = np.random.default_rng(1).permutation(len(points))
+    np.testing.assert_array_equal(sampled(points[order], times[order], 3_000, n_parts), wanted)
+
+
+def test_points_without_times_are_left_out():
+    points, times = points_and_times(100)
+    sample = PlaceSample()
+    sample.add(points, None)
+    sample.add(points[:0], times[:0])
+    sample.add(points, np.where(np.arange(100) < 40, np.nan, times))
+    assert len(sample.records()) == 60
+
+
+def three_passes(surfaces, offsets=(0.0, 0.02, 0.04), n_walls=60):
+    """Walls along a road, and times: passes 300 s apart, each off by its offset across the walls."""
+    points, times = [], []
+    for number, offset in enumerate(offsets):
+        for wall in range(n_walls):
+            x = 2.0 * wall
+            across = offset if wall % 2 else -offset
+            points.append(surfaces.wall(1500, (x, 10.15 + across), (x + 1.5, 10.15 + across), noise=0.005)[0])
+            times.append(np.full(1500, 300.0 * number + 2.0 * wall))
+    return np.concatenate(points), np.concatenate(times)
+
+
+@pytest.mark.parametrize("kind", ["npz", "laz"])
+def test_passes_say_how_well_a_map_is_known(tmp_path, cloud_files, surfaces, kind):
+    points, times = three_passes(surfaces)
+    writer = cloud_files.las if kind == "laz" else cloud_files.npz
+    build_map([writer(tmp_path / f"a.{kind}", points, times=times)], tmp_path / "a.map")
+    manifest = read_manifest(tmp_path / "a.map")
+    known = manifest.build["sigma"]
+    assert (known["from"], known["n_passes"]) == ("passes", 3)
+    assert known["n_places"] >= 50
+    assert known["sigma_of_pass"] == pytest.approx(np.std([0.0, 0.02, 0.04], ddof=1), rel=0.05)
+    assert manifest.sigma == pytest.approx(known["sigma_of_pass"] / np.sqrt(3.0), rel=0.05)
+    assert PointMap.open(tmp_path / "a.map").sigma == manifest.sigma
+
+
+def test_what_leaves_it_assumed_or_given(tmp_path, cloud_files, surfaces):
+    points, times = three_passes(surfaces, offsets=(0.0,), n_walls=10)
+    timed = cloud_files.npz(tmp_path / "a.npz", points, times=times)
+    untimed = cloud_files.npz(tmp_path / "b.npz", points)
+    for number, (path, options, sigma, said) in enumerate(
+        [
+            (timed, {}, 0.02, {"from": "assumed", "reason": "one pass only"}),
+            (untimed, {}, 0.02, {"from": "assumed", "reason": "no planes of points with times"}),
+            (timed, {"sigma": 0.0}, 0.0, {"from": "given"}),
+            (timed, {"sigma": 1}, 1.0, {"from": "given"}),
+        ]
+    ):
+        manifest = build_map([path], tmp_path / f"{number}.map", MapOptions(**options))
+        assert (manifest.sigma, manifest.build["sigma"]) == (sigma, said)
+        assert read_manifest(tmp_path / f"{number}.map").sigma == sigma
+
+
+def test_alignments_beside_the_clouds(tmp_path, cloud_files, surfaces):
+    points, times = three_passes(surfaces, n_walls=60)
+    path, file = cloud_files.npz(tmp_path / "a.npz", points, times=times), tmp_path / "alignment.json"
+    for sigma, n_ties, n_rounds, wanted in (
+        (0.03, 60, 3, 0.03),
+        (0.001, 60, 3, 0.001),
+        (0.001, 60, 1, 0.02),
+        (0, 9, 3, 0.02),
+    ):
+        file.write_text(json.dumps({"sigma": {"of_map": sigma}, "n_ties": n_ties, "n_rounds": n_rounds, "more": []}))
+        assert aligned_sigma([path]) == wanted
+    file.write_text(json.dumps({"sigma": {"of_map": 0.05}, "n_ties": 60, "n_rounds": 3}))
+    manifest = build_map([path], tmp_path / "a.map")
+    assert (manifest.sigma, manifest.build["sigma"]) == (0.05, {"from": "alignment"})
+    for content in ("{", "[]", '{"sigma": {"of_map": "a"}}', '{"sigma": {"of_map": -1.0}, "n_ties": 1, "n_rounds": 1}'):
+        file.write_text(content)
+        with pytest.raises(FileError, match=r"alignment\.json.*--sigma"):
+            aligned_sigma([path])
+    file.unlink()
+    assert aligned_sigma([path]) is None
+
+
+@pytest.mark.parametrize("sigma", [-0.001, float("nan"), float("inf")])
+def test_a_sigma_that_is_none_is_refused(sigma):
+    with pytest.raises(ArrayError, match=r"Expected `sigma` of the map >= 0 m, got .*Leave it out"):
+        MapOptions(sigma=sigma)
+    with pytest.raises(ArrayError, match="Expected `sigma` of the map >= 0 m"):
+        PointMap.from_points(np.zeros((1, 3)), np.zeros((1, 3)), sigma=sigma)
