@@ -25,29 +25,29 @@ def seen_misses(origin, end, voxel, mean, normal, margin=MARGIN, least_cosine=0.
 FRONT = {"voxel": (50, 0, 10), "mean": (5.03, 0.05, 1.05), "normal": (-1.0, 0.0, 0.0)}
 
 
-def test_a_wall_behind_a_vanished_car_shows_that_it_is_gone():
-    assert seen_misses((0.0, 0.05, 1.05), (9.0, 0.05, 1.05), **FRONT)
+BUSH = {"voxel": (50, 0, 10), "mean": (5.05, 0.05, 1.05), "normal": (0.0, 0.0, 0.0)}
+SIDE = {"voxel": (50, 0, 10), "mean": (5.05, 0.05, 1.05), "normal": (0.0, 1.0, 0.0)}
 
 
-def test_the_end_on_a_surface_does_not_speak_against_it():
-    assert not seen_misses((0.0, 0.05, 1.05), (5.03, 0.05, 1.05), **FRONT)
-    assert not seen_misses((0.0, 0.05, 1.05), (5.13, 0.05, 1.05), **FRONT)  # noise
-
-
-def test_what_is_hidden_is_not_judged():
-    assert not seen_misses((0.0, 0.05, 1.05), (3.0, 0.05, 1.05), **FRONT)
-
-
-def test_a_ray_beside_the_voxel_says_nothing():
-    assert not seen_misses((0.0, 0.15, 1.05), (9.0, 0.15, 1.05), **FRONT)
-
-
-def test_a_ray_the_other_way_says_nothing():
-    assert not seen_misses((6.0, 0.05, 1.05), (9.0, 0.05, 1.05), **FRONT)
-
-
-def test_beyond_the_reach_nothing_is_judged():
-    assert not seen_misses((0.0, 0.05, 1.05), (9.0, 0.05, 1.05), **FRONT, reach=5.0)
+@pytest.mark.parametrize(
+    ("origin", "end", "more", "is_through"),
+    [
+        ((0.0, 0.05, 1.05), (9.0, 0.05, 1.05), FRONT, True),  # the wall behind a vanished car
+        ((0.0, 0.05, 1.05), (5.03, 0.05, 1.05), FRONT, False),  # ends on the surface
+        ((0.0, 0.05, 1.05), (5.13, 0.05, 1.05), FRONT, False),  # ends on it but for noise
+        ((0.0, 0.05, 1.05), (3.0, 0.05, 1.05), FRONT, False),  # hidden
+        ((0.0, 0.15, 1.05), (9.0, 0.15, 1.05), FRONT, False),  # beside the voxel
+        ((6.0, 0.05, 1.05), (9.0, 0.05, 1.05), FRONT, False),  # the other way
+        ((0.0, 0.05, 1.05), (9.0, 0.05, 1.05), FRONT | {"reach": 5.0}, False),  # beyond the reach
+        ((0.0, 0.05, 1.05), (9.0, 0.05, 1.05), BUSH, True),  # no normal: a close ray and twice the margin
+        ((0.0, 0.05, 1.05), (5.05 + 2.0 * MARGIN + 0.01, 0.05, 1.05), BUSH, True),
+        ((0.0, 0.05, 1.05), (5.05 + 2.0 * MARGIN - 0.01, 0.05, 1.05), BUSH, False),
+        ((0.0, 0.002, 1.002), (9.0, 0.002, 1.002), BUSH, False),
+        ((0.0, -0.05, 1.05), (20.0, 0.35, 1.05), SIDE | {"margin": 0.001}, False),  # a flat ray
+    ],
+)
+def test_what_a_ray_says_of_a_voxel(origin, end, more, is_through):
+    assert seen_through(origin, end, **more) == is_through
 
 
 @pytest.mark.parametrize("distance", [3.0, 8.0, 20.0])
@@ -60,19 +60,6 @@ def test_a_road_seen_at_a_flat_angle_is_not_carved(distance):
     for shift in (-0.03, 0.0, 0.03):  # of the pose
         origin, end = np.array([0.0, 0.05, height + shift]), np.array([distance, 0.05, 0.02 + shift])
         assert not is_miss(origin, end, np.array(road), means, normals, CELL, MARGIN, 0.01, 50.0).any()
-
-
-def test_a_voxel_without_a_normal_takes_a_close_ray_and_twice_the_margin():
-    bush = {"voxel": (50, 0, 10), "mean": (5.05, 0.05, 1.05), "normal": (0.0, 0.0, 0.0)}
-    assert seen_misses((0.0, 0.05, 1.05), (9.0, 0.05, 1.05), **bush)
-    assert seen_misses((0.0, 0.05, 1.05), (5.05 + 2.0 * MARGIN + 0.01, 0.05, 1.05), **bush)
-    assert not seen_misses((0.0, 0.05, 1.05), (5.05 + 2.0 * MARGIN - 0.01, 0.05, 1.05), **bush)
-    assert not seen_misses((0.0, 0.002, 1.002), (9.0, 0.002, 1.002), **bush)
-
-
-def test_a_flat_ray_says_nothing():
-    side = {"voxel": (50, 0, 10), "mean": (5.05, 0.05, 1.05), "normal": (0.0, 1.0, 0.0)}
-    assert not seen_misses((0.0, -0.05, 1.05), (20.0, 0.35, 1.05), **side, margin=0.001)
 
 
 def test_an_end_meets_its_voxel_and_those_around():
