@@ -117,18 +117,7 @@ def align(
 
     MapError if no two visits to any place could be matched.
 
-    Parameters
-    ----------
-    headers : sequence of CloudHeader
-        LAS or LAZ files.
-    options : AlignmentOptions
-        Options of the alignment.
-    folder : Path
-        An empty folder for intermediate files; the caller removes it.
-    n_threads : int
-        Places worked on at the same time; the outcome does not depend on it.
-    report : callable
-        Called with (step, done, of how many).
+    `n_threads`: places worked on at the same time; the outcome does not depend on it.
     """
     passes = survey(headers, options.passes_by, options.pause, report)
     corrections = Corrections.none(passes, options.knot_spacing)

@@ -58,20 +58,8 @@ def write_corrected_cloud(
 
     FileError if a corrected coordinate does not fit the scale and offset of the file, or the file holds waveforms.
 
-    Parameters
-    ----------
-    header : CloudHeader
-        Header of the cloud.
-    file : int
-        Its number among all clouds.
-    passes : Passes
-        All passes.
-    corrections : Corrections
-        Motions of the passes.
-    out : Path
-        File to write, LAZ.
-    tick : callable
-        Called with the number of points after each chunk.
+    `header`: header of the cloud; `file`: its number among all clouds; `corrections`: motions of the passes; `out`:
+    file to write, LAZ; `tick`: called with the number of points after each chunk.
     """
     import laspy
 
@@ -148,16 +136,8 @@ def files_there(folder: str | os.PathLike[str]) -> tuple[str, ...]:
 def write_tables(folder: Path, alignment: Alignment, summary: dict[str, object], files: Sequence[str]) -> None:
     """Write all tables of an alignment; lengths in m, angles in degrees.
 
-    Parameters
-    ----------
-    folder : Path
-        Of the alignment.
-    alignment : Alignment
-        The outcome.
-    summary : dict
-        Options, for the summary.
-    files : sequence of str
-        Names of the corrected clouds and trajectories in the folder: an alignment that replaces it replaces them.
+    `alignment`: the outcome; `summary`: options, for the summary; `files`: names of the corrected clouds and
+    trajectories in the folder: an alignment that replaces it replaces them.
     """
     for name, table in zip(TABLES[1:], (_passes, _pairs, _constraints, _corrections), strict=True):
         with (folder / name).open("w", encoding="utf-8", newline="") as stream:

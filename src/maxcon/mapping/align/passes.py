@@ -126,16 +126,7 @@ def survey(headers: Sequence[CloudHeader], by: str, pause: float, report: Progre
     FileError if a cloud cannot be read; OptionError if there are no times to tell passes apart by, or far too many
     seconds or passes.
 
-    Parameters
-    ----------
-    headers : sequence of CloudHeader
-        Headers of the clouds.
-    by : str
-        One of `PASSES_BY`.
-    pause : float
-        Seconds without a point that separate two passes by time.
-    report : callable
-        Called with (step, done, of how many).
+    `by`: one of `PASSES_BY`; `pause`: seconds without a point that separate two passes by time.
     """
     if by not in PASSES_BY:
         raise OptionError(f"Expected rounds by {', '.join(PASSES_BY)}, got {by!r}.")

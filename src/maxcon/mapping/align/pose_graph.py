@@ -45,12 +45,7 @@ class Georeference:
 class Equations:
     """Residuals of constraints, and their derivatives by the twists of passes and knots (`Corrections.derivatives`).
 
-    Parameters
-    ----------
-    corrections : Corrections
-        Passes and knots; their twists are those at which an adjustment starts.
-    constraints : sequence of Constraint
-        At least one, none with a fault.
+    `corrections`: passes and knots; their twists are those at which an adjustment starts.
     """
 
     def __init__(self, corrections: Corrections, constraints: Sequence[Constraint]) -> None:
@@ -150,16 +145,7 @@ def adjust_by_evidence(
 ) -> Adjusted:
     """Adjust with a given drift, or with the smallest one that explains the constraints.
 
-    Parameters
-    ----------
-    corrections : Corrections
-        To start from.
-    constraints : sequence of Constraint
-        Without a fault.
-    georeference : Georeference
-        The prior.
-    drift_sigma : float or None
-        Standard deviation of drift, m; None to let the constraints decide.
+    `corrections`: to start from; `drift_sigma`: standard deviation of drift, m; None to let the constraints decide.
 
     Notes
     -----
@@ -188,16 +174,9 @@ def adjust(
 ) -> Adjusted:
     """Adjust the corrections of all passes to all constraints and to their prior, which is zero.
 
-    Parameters
-    ----------
-    equations : Equations
-        Of the constraints, with the corrections to start from.
-    georeference : Georeference
-        The prior of each pass as a whole.
-    drift_sigma : float
-        Standard deviation of drift along any axis, m; that of turns is to it as in the prior. If 0, knots do not move.
-    fixed : tuple of array, shape (n,), and float, optional
-        Weights of the constraints, and their inflation; found with the corrections if None.
+    `equations`: of the constraints, with the corrections to start from; `drift_sigma`: standard deviation of drift
+    along any axis, m; that of turns is to it as in the prior. If 0, knots do not move; `fixed` (n,): weights of the
+    constraints, and their inflation; found with the corrections if None.
 
     Notes
     -----

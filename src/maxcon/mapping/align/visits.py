@@ -64,12 +64,7 @@ MOST_VISITS = 8
 class Places:
     """Points of all passes sorted into squares, on disk where they are many, 22 bytes a point.
 
-    Parameters
-    ----------
-    folder : Path
-        For files; the caller removes it.
-    origin : array, shape (3,)
-        Corner of place (0, 0), global, m.
+    `origin` (3,): corner of place (0, 0), global, m.
     """
 
     def __init__(self, folder: Path, origin: NDArray[np.float64]) -> None:
@@ -197,14 +192,8 @@ class Constraint:
 def match_visits(middle: NDArray[np.float64], visits: Sequence[Visit], corrections: Corrections) -> list[Constraint]:
     """Match the visits to a place with each other.
 
-    Parameters
-    ----------
-    middle : array, shape (3,)
-        Of the place, global, m.
-    visits : sequence of Visit
-        In order of passes and times.
-    corrections : Corrections
-        Corrections found so far: each match starts from poses corrected by them.
+    `middle` (3,): of the place, global, m; `visits`: in order of passes and times; `corrections`: corrections found so
+    far: each match starts from poses corrected by them.
 
     Notes
     -----

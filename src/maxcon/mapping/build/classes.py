@@ -48,12 +48,7 @@ def class_name(number: int) -> str:
 def found_ratios(n_points: Mapping[str, int], dropped: Collection[int]) -> list[tuple[str, float]]:
     """Ratios of the points found to be ground, vegetation and temporary, and of those kept in the map.
 
-    Parameters
-    ----------
-    n_points : mapping
-        Points by class number, as text.
-    dropped : collection of int
-        The classes that are left out of the map.
+    `n_points`: points by class number, as text; `dropped`: the classes that are left out of the map.
     """
     numbers = {int(number): n for number, n in n_points.items()}
     total = max(1, sum(numbers.values()))
@@ -65,12 +60,7 @@ def found_ratios(n_points: Mapping[str, int], dropped: Collection[int]) -> list[
 def parse_classes(names: Sequence[str], vehicle_classes: Iterable[int] = ()) -> frozenset[int]:
     """Class numbers of names such as "vegetation" and numbers given as text; OptionError if unknown.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Names of classes, or numbers from 0 to 255.
-    vehicle_classes : iterable of int
-        The numbers that "vehicle" stands for.
+    `names`: names of classes, or numbers from 0 to 255; `vehicle_classes`: the numbers that "vehicle" stands for.
     """
     vehicles = frozenset(_in_range(number) for number in vehicle_classes)
     numbers: set[int] = set()

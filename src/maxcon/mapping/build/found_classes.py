@@ -76,12 +76,7 @@ class FoundInTile:
 class FoundClasses:
     """Sum of the classes found in all tiles of a map.
 
-    Parameters
-    ----------
-    has_times : bool
-        Whether any point has a time to tell passes apart by.
-    drop : frozenset of int
-        Classes that are left out of the map.
+    `has_times`: whether any point has a time to tell passes apart by; `drop`: classes that are left out of the map.
     """
 
     def __init__(self, *, has_times: bool, drop: frozenset[int] = frozenset()) -> None:
@@ -111,16 +106,8 @@ class FoundClasses:
 class ClassFinder:
     """Finds the class of every voxel: first `prepare` every tile, then `find` in any of them, from any thread.
 
-    Parameters
-    ----------
-    arrays : TileArrays
-        Keeps the lowest heights and the classes of tiles.
-    cell : float
-        Voxel edge, m.
-    observations : TileBuckets
-        Of `OBSERVATION`; complete.
-    drop : frozenset of int
-        Classes that are left out of the map.
+    `arrays`: keeps the lowest heights and the classes of tiles; `cell`: voxel edge, m; `drop`: classes that are left
+    out of the map.
     """
 
     def __init__(
@@ -142,14 +129,8 @@ class ClassFinder:
     def find(self, key: TileKey, own: VoxelMoments, halo: list[VoxelMoments]) -> FoundInTile:
         """Find and keep the class of each voxel of a tile; all tiles around have been prepared.
 
-        Parameters
-        ----------
-        key : tuple of 2 int
-            The tile.
-        own : VoxelMoments
-            Its voxels.
-        halo : list of VoxelMoments
-            Voxels within `NEIGHBOUR_VOXELS` of it, x and y from the tile's corner.
+        `key`: the tile; `own`: its voxels; `halo`: voxels within `NEIGHBOUR_VOXELS` of it, x and y from the tile's
+        corner.
         """
         moments = VoxelMoments.concatenate([own, *halo])
         margin = math.ceil((NEIGHBOUR_VOXELS + 1) / ground_voxels(self._cell)) + 1
@@ -260,12 +241,7 @@ def observation_records(
 ) -> tuple[NDArray[np.int32], NDArray[np.void]]:
     """Tiles, shape (k, 2), and records (`OBSERVATION`) of the blocks that points lay in, each once.
 
-    Parameters
-    ----------
-    points : array, shape (n, 3)
-        Local frame, m.
-    times : array, shape (n,)
-        s; points without a finite one are left out.
+    `points` (n, 3): local frame, m; `times` (n,): s; points without a finite one are left out.
     """
     is_timed = np.isfinite(times)
     edge = block_voxels(cell)
@@ -302,16 +278,9 @@ def temporary_blocks(
 ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
     """Find what is temporary among blocks that were observed.
 
-    Parameters
-    ----------
-    layers : array, shape (n,)
-        Of each observation, from that in which the ground ends on: -1 (also ground), 0, 1, ...
-    columns : array, shape (n, 2)
-        (x, y) of each.
-    times : array, shape (n,)
-        s.
-    shape : tuple of 3 int
-        How many layers, and columns along y and x, there are. Observations elsewhere are left out.
+    `layers` (n,): of each observation, from that in which the ground ends on: -1 (also ground), 0, 1, ...; `columns` (n,
+    2): (x, y) of each; `times` (n,): s; `shape`: how many layers, and columns along y and x, there are. Observations
+    elsewhere are left out.
 
     Returns
     -------

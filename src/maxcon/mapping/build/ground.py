@@ -103,16 +103,8 @@ def lowest_heights(moments: VoxelMoments, cell: float) -> NDArray[np.float64]:
 def ground_heights(lowest: LowestOf, key: TileKey, cell: float, margin: int) -> NDArray[np.float64]:
     """Height of the ground in the cells of a tile and `margin` cells around it, m; NaN where nothing is near.
 
-    Parameters
-    ----------
-    lowest : callable
-        `lowest_heights` of the tile and of all those within `REACH`, local frame.
-    key : tuple of 2 int
-        The tile.
-    cell : float
-        Voxel edge, m.
-    margin : int
-        Cells.
+    `lowest`: `lowest_heights` of the tile and of all those within `REACH`, local frame; `key`: the tile; `cell`: voxel
+    edge, m; `margin`: cells.
     """
     edge, n = ground_voxels(cell) * cell, TILE_VOXELS // ground_voxels(cell)
     reach = math.ceil(REACH / edge) + max(FILLS) + 1 + margin

@@ -135,10 +135,8 @@ def _sigma_of_alignment(file: Path) -> float:
 class PlaceSample:
     """All points of an even sample of places, with their times; memory does not grow with the input.
 
-    Parameters
-    ----------
-    most_points : int
-        Kept at most. While there are more, every other place is left out, whatever the order of the points and files.
+    `most_points`: kept at most. While there are more, every other place is left out, whatever the order of the points
+    and files.
     """
 
     def __init__(self, most_points: int = MOST_POINTS) -> None:

@@ -126,12 +126,7 @@ def common_crs(headers: Sequence[CloudHeader], crs: str | None) -> str | None:
 
     CrsError if sources disagree, or some name a CRS and some none, or none that is known, and `crs` is None.
 
-    Parameters
-    ----------
-    headers : sequence of CloudHeader
-        The sources.
-    crs : str or None
-        The CRS of sources that name none.
+    `crs`: the CRS of sources that name none.
     """
     wanted = metric_crs(crs) if crs is not None else None
     first: tuple[CloudHeader, str] | None = None

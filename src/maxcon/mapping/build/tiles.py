@@ -118,14 +118,8 @@ class TileJob:
 class TileMaker:
     """Makes tiles of sorted points: `gather` all, `find_classes` of all if the job drops some, then `make` any.
 
-    Parameters
-    ----------
-    job : TileJob
-        How.
-    points, observations : TileBuckets
-        Of `POINT` and of `OBSERVATION`.
-    memory_bytes : int
-        Size of the arrays kept in memory; with 0 every step may be done by another process.
+    `points`, `observations`: of `POINT` and of `OBSERVATION`; `memory_bytes`: size of the arrays kept in
+    memory; with 0 every step may be done by another process.
     """
 
     def __init__(self, job: TileJob, points: TileBuckets, observations: TileBuckets, *, memory_bytes: int = 0) -> None:

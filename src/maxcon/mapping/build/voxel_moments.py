@@ -146,14 +146,8 @@ def _grouped(indices: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.
 def plane_normals(moments: VoxelMoments, cell: float, is_wanted: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Unit normals of voxels, their sign open, from the smallest neighbourhood that determines a plane.
 
-    Parameters
-    ----------
-    moments : VoxelMoments
-        The voxels of a tile with its halo.
-    cell : float
-        Voxel edge, m.
-    is_wanted : array, shape (n,), bool
-        Voxels whose normal is asked for (not the halo's).
+    `moments`: the voxels of a tile with its halo; `cell`: voxel edge, m; `is_wanted` (n,): voxels whose normal is asked
+    for (not the halo's).
 
     Returns
     -------

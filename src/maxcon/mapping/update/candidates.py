@@ -34,18 +34,8 @@ def sort_unknown_points(
     The last condition tells a new object from surroundings that the map does not cover, such as the end of a side
     street or a house seen through a gap: only behind the new object does the map go on.
 
-    Parameters
-    ----------
-    ends : array, shape (n, 3)
-        Local frame, m.
-    pose : Pose
-        Where the sensor was, local frame.
-    point_map : PointMap
-        The map with all its voxels.
-    options : UpdateOptions
-        The reach.
-    buckets : TileBuckets
-        Takes the points with the directions to the sensor (`POINT`).
+    `ends` (n, 3): local frame, m; `pose`: where the sensor was, local frame; `buckets`: takes the points with the
+    directions to the sensor (`POINT`).
     """
     from maxcon.mapping.update.ray_kernels import are_far_from_voxels, hide_known_surfaces
 

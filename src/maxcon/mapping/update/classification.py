@@ -38,14 +38,7 @@ def classify(
 ) -> Iterator[tuple[Surfaces, NDArray[np.uint8]]]:
     """Yield each tile with the class of each voxel, `CANDIDATE` for a candidate that is not new.
 
-    Parameters
-    ----------
-    files : SurfaceFiles
-        The tiles with all evidence.
-    observations : sequence of Observation
-        All of them, in order.
-    options : UpdateOptions
-        Thresholds of the evidence.
+    `files`: the tiles with all evidence.
     """
     keys = sorted(files.n_voxels)
     times, drives = (np.array([getattr(each, name) for each in observations]) for name in ("time", "drive"))

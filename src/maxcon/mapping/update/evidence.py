@@ -78,13 +78,7 @@ def classes_of(tile: VoxelTile) -> NDArray[np.uint8]:
 
 
 class SurfaceFiles:
-    """The tiles that an update judges, on disk until they are asked for.
-
-    Parameters
-    ----------
-    folder : Path
-        For the files; the caller removes it.
-    """
+    """The tiles that an update judges, on disk until they are asked for."""
 
     def __init__(self, folder: Path) -> None:
         self.arrays = TileArrays(folder)
@@ -150,21 +144,6 @@ def gather_evidence(
     """Return all tiles that any observation reaches, with candidates and evidence, on disk.
 
     FileError or MapError if a scan or a tile cannot be read.
-
-    Parameters
-    ----------
-    point_map : PointMap
-        The map with all its voxels.
-    drives : sequence of LocalizedDrive
-        Their scans.
-    observations : sequence of Observation
-        Of the drives, in order.
-    options : UpdateOptions
-        Weights and ranges of an observation.
-    folder : Path
-        For files in between; the caller removes it.
-    report : callable
-        Called with (step, done, of how many).
     """
     buckets = TileBuckets(folder, POINT, "points")
     for done, each in enumerate(observations, 1):

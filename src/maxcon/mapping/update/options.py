@@ -115,14 +115,9 @@ class UpdateOptions:
     ) -> NDArray[np.float64]:
         """How far behind a surface rays must end to be a miss of it, m.
 
-        Parameters
-        ----------
-        sigma_position, sigma_angle : float or None
-            Standard deviations of the pose along any axis, m, and about any, rad; those of the options if None.
-        sigma_map : float
-            Of the position of the map's surfaces, m.
-        distances : array, shape (n,)
-            How far from the sensor the rays ended, m.
+        `sigma_position`, `sigma_angle`: standard deviations of the pose along any axis, m, and about any, rad; those of
+        the options if None; `sigma_map`: of the position of the map's surfaces, m; `distances` (n,): how far from the
+        sensor the rays ended, m.
         """
         position = self.sigma_position if sigma_position is None else sigma_position
         angle = math.radians(self.sigma_angle_deg) if sigma_angle is None else sigma_angle
