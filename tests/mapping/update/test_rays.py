@@ -17,20 +17,18 @@ MARGIN = 0.15
 WEIGHTS = (0.85, -0.4, -2.0, 3.5)
 
 
-def seen_misses(origin, end, voxel, mean, normal, margin=MARGIN, least_cosine=0.2, reach=50.0):
+def is_missed(origin, end, voxel, mean, normal, margin=MARGIN, least_cosine=0.2, reach=50.0):
     arrays = (np.array([values]) for values in (voxel, mean, normal))
     return bool(is_miss(np.array(origin), np.array(end), *arrays, CELL, margin, least_cosine, reach)[0])
 
 
 FRONT = {"voxel": (50, 0, 10), "mean": (5.03, 0.05, 1.05), "normal": (-1.0, 0.0, 0.0)}
-
-
 BUSH = {"voxel": (50, 0, 10), "mean": (5.05, 0.05, 1.05), "normal": (0.0, 0.0, 0.0)}
 SIDE = {"voxel": (50, 0, 10), "mean": (5.05, 0.05, 1.05), "normal": (0.0, 1.0, 0.0)}
 
 
 @pytest.mark.parametrize(
-    ("origin", "end", "more", "is_through"),
+    ("origin", "end", "more", "expected"),
     [
         ((0.0, 0.05, 1.05), (9.0, 0.05, 1.05), FRONT, True),  # the wall behind a vanished car
         ((0.0, 0.05, 1.05), (5.03, 0.05, 1.05), FRONT, False),  # ends on the surface
@@ -46,8 +44,8 @@ SIDE = {"voxel": (50, 0, 10), "mean": (5.05, 0.05, 1.05), "normal": (0.0, 1.0, 0
         ((0.0, -0.05, 1.05), (20.0, 0.35, 1.05), SIDE | {"margin": 0.001}, False),  # a flat ray
     ],
 )
-def test_what_a_ray_says_of_a_voxel(origin, end, more, is_through):
-    assert seen_through(origin, end, **more) == is_through
+def test_what_a_ray_says_of_a_voxel(origin, end, more, expected):
+    assert is_missed(origin, end, **more) == expected
 
 
 @pytest.mark.parametrize("distance", [3.0, 8.0, 20.0])
