@@ -278,8 +278,8 @@ def temporary_blocks(
 ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
     """Find what is temporary among blocks that were observed.
 
-    `layers` (n,): of each observation, from that in which the ground ends on: -1 (also ground), 0, 1, ...; `columns` (n,
-    2): (x, y) of each; `times` (n,): s; `shape`: how many layers, and columns along y and x, there are. Observations
+    `layers` (n,): of each observation, from that in which the ground ends on: -1 (also ground), 0, 1, ...;
+    `columns` (n, 2): (x, y) of each; `times` (n,): s; `shape`: how many layers, and columns along y and x. Observations
     elsewhere are left out.
 
     Returns
