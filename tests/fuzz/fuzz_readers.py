@@ -35,16 +35,22 @@ def _of_file(*calls: Callable[[Path], object]) -> Reader:
     def read(data: bytes, name: str, folder: Path, seeds: Path) -> None:
         path = folder / name
         path.write_bytes(data)
-        refusals = []
-        for call in calls if not name.endswith(".pcap") else calls[:2]:  # packets have no poses
-            try:
-                call(path)
-            except MaxconError as error:
-                refusals.append(error)
-        if refusals:
-            raise refusals[0]
+        # Packets have no poses.
+        _each(*(partial(call, path) for call in (calls[:2] if name.endswith(".pcap") else calls)))
 
     return read
+
+
+def _each(*calls: Callable[[], object]) -> None:
+    """Call all, whatever the first says; the first refusal is raised in the end."""
+    refusals = []
+    for call in calls:
+        try:
+            call()
+        except MaxconError as error:
+            refusals.append(error)
+    if refusals:
+        raise refusals[0]
 
 
 def _cloud(path: Path) -> None:
@@ -77,9 +83,8 @@ def _manifest(data: bytes, name: str, folder: Path, seeds: Path) -> None:
     (there / name).write_bytes(data)
     point_map = PointMap.open(there)
     ground = GroundStore(Folder(there), read_manifest(there))
-    point_map.tiles_within(0.0, 0.0, 100.0)
-    for key in sorted(ground.keys)[:9]:
-        ground.load(key)
+    keys = sorted(ground.keys)[:9]
+    _each(partial(point_map.tiles_within, 0.0, 0.0, 100.0), *(partial(ground.load, key) for key in keys))
 
 
 def _dataset(path: Path) -> None:

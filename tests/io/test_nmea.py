@@ -70,6 +70,13 @@ def test_a_sentence_across_blocks_of_reading_is_found(tmp_path, monkeypatch):
         np.testing.assert_array_equal(read_nmea(path).fixes.places, whole.places)
 
 
+def test_a_base_station_with_letters_and_times_of_nanoseconds_cost_no_position(tmp_path):
+    """Both are in real logs, and a common parser drops them."""
+    place = ("5200.0", "N", "01300.0", "E", 4, 12, 0.8, 60.0, "M", 40.0, "M", "1.0", "TSTR")
+    lines = [sentence("GPGGA", f"{clock(START)[0]}789", *place), rmc(START), sentence("PASHR", "", "", "T")]
+    np.testing.assert_allclose(read_nmea(_write(tmp_path / "a.nmea", lines)).fixes.places, [[52.0, 13.0, 100.0]])
+
+
 def test_midnight_between_a_date_and_the_next_position(tmp_path):
     midnight = 1_626_912_000.0
     lines = [rmc(midnight - 0.4), gga(midnight - 0.2, *NEAR, 1.0, 1.0), gga(midnight + 0.2, *NEAR, 1.0, 1.0)]
