@@ -84,6 +84,7 @@ def test_without_a_map_the_start_is_kept(yard):
     assert (refined.n_planes, refined.moved, refined.turned) == (0, 0.0, 0.0)
     nobody = refine(Scan(np.empty((0, 3)), np.empty((0, 3))), nothing, truth)
     assert nobody.pose == truth
+    assert refined != nobody  # each is itself: arrays are not compared
 
 
 def test_a_single_wall_leaves_the_rest_at_the_start():

@@ -58,7 +58,7 @@ LEAST_SHARE = 0.1
 FEWEST_POINTS = 50
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Relocalization:
     """Where a scan was taken, and what is known of all other places of the map.
 
