@@ -3,11 +3,8 @@
 """The compiled loops, seen from outside: what they are given, when one is compiled, and where its code is kept."""
 
 import os
-import sys
-import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,9 +12,7 @@ from numpy.typing import NDArray
 
 from maxcon.errors import FileError
 
-__all__ = ["check_code_folder", "code_folders", "failures_to_keep_told", "on_compilation", "read_only_view"]
-
-NAME_A_FOLDER = "Name a folder that you can write in NUMBA_CACHE_DIR."
+__all__ = ["check_code_folder", "on_compilation", "read_only_view"]
 
 
 @contextmanager
@@ -51,55 +46,14 @@ def read_only_view(array: NDArray[Any]) -> NDArray[Any]:
     return view
 
 
-def code_folders() -> list[Path]:
-    """Folders that keep the compiled code of all kernels loaded so far, sorted."""
-    from numba.core.dispatcher import Dispatcher
-
-    modules = [module for name, module in list(sys.modules.items()) if name.partition(".")[0] == "maxcon"]
-    kernels = {id(value): value for module in modules for value in vars(module).values()}
-    paths = (kernel.stats.cache_path for kernel in kernels.values() if isinstance(kernel, Dispatcher))
-    return sorted({Path(path) for path in paths if path is not None})
-
-
 def check_code_folder() -> None:
-    """Refuse to compile what cannot be kept, or not where NUMBA_CACHE_DIR says: it would silently be elsewhere.
+    """Refuse to compile what cannot be kept, or not where NUMBA_CACHE_DIR says; FileError if so."""
+    from maxcon._system.kernel_cache import code_folder
 
-    Raises
-    ------
-    FileError
-        If the folder that NUMBA_CACHE_DIR names cannot be made or written; or there is no other.
-    """
-    from numba import njit
-
-    folder = os.environ.get("NUMBA_CACHE_DIR")
-    try:
-        if folder:
-            Path(folder).mkdir(parents=True, exist_ok=True)
-            tempfile.TemporaryFile(dir=folder).close()
-    except OSError as error:
+    named = os.environ.get("NUMBA_CACHE_DIR")
+    if code_folder() is None:
+        what = f"{named}, which NUMBA_CACHE_DIR names," if named else "the user's own cache or the program's folder"
         raise FileError(
-            f"Expected to be able to write compiled code into {folder}, which NUMBA_CACHE_DIR names, got:"
-            f" {error.strerror or error}. {NAME_A_FOLDER}"
-        ) from error
-    with failures_to_keep_told():
-        njit(cache=True)(check_code_folder)  # looks for a folder; nothing is compiled yet
-
-
-@contextmanager
-def failures_to_keep_told() -> Iterator[None]:
-    """Say in one line that there is no folder to keep compiled code in.
-
-    Raises
-    ------
-    FileError
-        If neither the folder NUMBA_CACHE_DIR names, nor that of the program, nor that of the user can be written.
-    """
-    try:
-        yield
-    except RuntimeError as error:
-        if "no locator available" not in str(error):
-            raise
-        raise FileError(
-            "Expected a folder to keep compiled code in, but neither that of the program nor the user's own can"
-            f" be written. {NAME_A_FOLDER}"
-        ) from error
+            f"Expected to be able to write compiled code into {what} but cannot. Name a folder that you can write in"
+            " NUMBA_CACHE_DIR."
+        )

@@ -110,7 +110,7 @@ class _Lines:
 @contextmanager
 def compiling_told(is_quiet: bool) -> Iterator[None]:
     """Say so, once, when something has to be compiled while this is open."""
-    from maxcon._system.compiled import failures_to_keep_told, on_compilation
+    from maxcon._system.compiled import on_compilation
 
     is_told = is_quiet or not sys.stderr.isatty()
 
@@ -120,7 +120,7 @@ def compiling_told(is_quiet: bool) -> Iterator[None]:
             is_told = True
             typer.echo(COMPILING, err=True)
 
-    with failures_to_keep_told(), on_compilation(tell):
+    with on_compilation(tell):
         yield
 
 

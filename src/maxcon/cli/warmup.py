@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: MIT
 """`maxcon warmup`."""
 
-import os
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -19,7 +17,8 @@ def warmup(quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Only the l
 
     A call when all is compiled already says so, and where the code is kept.
     """
-    from maxcon._system.compiled import check_code_folder, code_folders
+    from maxcon._system.compiled import check_code_folder
+    from maxcon._system.kernel_cache import code_folder
     from maxcon.errors import FileError
     from maxcon.warmup import warm_up
 
@@ -48,17 +47,4 @@ def warmup(quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Only the l
     seconds = sum(compiled.seconds for compiled in done)
     is_new = any(compiled.n_functions for compiled in done)
     begin = f"compiled in {seconds:.0f} s" if is_new else "everything was compiled already"
-    typer.echo(f"{begin}; the code is kept {_where(code_folders())}")
-
-
-def _where(folders: list[Path]) -> str:
-    """Words for the folders that keep the compiled code."""
-    import maxcon
-
-    package, common = Path(maxcon.__file__).parent, Path(os.path.commonpath(folders))
-    named = os.environ.get("NUMBA_CACHE_DIR")
-    if named and Path(named).resolve() in (common.resolve(), *common.resolve().parents):
-        return f"in {named}, which NUMBA_CACHE_DIR names"
-    if package in (common, *common.parents):
-        return f"beside the program, in the folders __pycache__ of {package}"
-    return f"in {common}, for this user: that of the program cannot be written"
+    typer.echo(f"{begin}; the code is kept in {code_folder()}")

@@ -7,10 +7,11 @@ How long an address is valid: see `tile.Addresses`.
 
 import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from maxcon._system.kernel_cache import njit
 from maxcon.map.layout import MEAN_STEPS, PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS
 
 __all__ = [

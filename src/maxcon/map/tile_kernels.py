@@ -7,8 +7,8 @@ patches of PATCH_VOXELS x PATCH_VOXELS columns.
 """
 
 import numpy as np
-from numba import njit
 
+from maxcon._system.kernel_cache import njit
 from maxcon.map.layout import CANCELLED_LENGTH, MEAN_STEPS, PATCH_VOXELS, WORD_BITS
 
 __all__ = ["count_layers_and_patches", "find_patches", "mark_tiles", "merge", "number_patches", "set_bits"]

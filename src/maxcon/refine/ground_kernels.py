@@ -3,7 +3,8 @@
 """Compiled: the fit of the ground of a scan to that of the map. Arrays in, arrays out."""
 
 import numpy as np
-from numba import njit
+
+from maxcon._system.kernel_cache import njit
 
 __all__ = ["fit_planes", "heights_below", "lowest_of_cells", "most_frequent"]
 

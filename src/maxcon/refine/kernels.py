@@ -3,7 +3,8 @@
 """Compiled: least squares of the distances of scan points from planes of the map, and points grouped by surface."""
 
 import numpy as np
-from numba import njit
+
+from maxcon._system.kernel_cache import njit
 
 __all__ = ["adjust", "count_walls", "number_groups", "rotation_and_axes", "sum_gradients", "weigh"]
 

@@ -3,8 +3,8 @@
 """Compiled: partners, the planes of the map that scan points lie on. Arrays in, arrays out."""
 
 import numpy as np
-from numba import njit
 
+from maxcon._system.kernel_cache import njit
 from maxcon.map.lookup_kernels import (
     FIRSTS,
     MEANS,

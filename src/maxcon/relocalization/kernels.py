@@ -3,8 +3,8 @@
 """Counts of matches of large cells and bounds of many, compiled. Arrays in, arrays out."""
 
 import numpy as np
-from numba import njit
 
+from maxcon._system.kernel_cache import njit
 from maxcon.relocalization.coarse_map import BLOCK, N_BLOCKS
 
 __all__ = ["bound_blocks", "count_cells", "count_children"]

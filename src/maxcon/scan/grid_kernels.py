@@ -8,8 +8,8 @@ Indices are unsigned for speed: of a signed one numba checks every time whether 
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from maxcon._system.kernel_cache import njit
 from maxcon.scan.window_kernels import BANDS, HIGHEST, WINDOWS, first_windows
 
 __all__ = ["MOST_REACH", "STRIDE", "Grid", "pick_candidates", "sorted_grid"]

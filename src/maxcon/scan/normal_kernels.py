@@ -6,8 +6,8 @@ The window around a point grows until more than one ring is in it; only then is 
 """
 
 import numpy as np
-from numba import njit
 
+from maxcon._system.kernel_cache import njit
 from maxcon.scan.grid_kernels import MOST_REACH, STRIDE, pick_candidates, sorted_grid
 from maxcon.scan.plane_kernels import BLOCK, plane_normals, squares_across, sum_near
 from maxcon.scan.window_kernels import GROWTH, HIGHEST, LEAST_NEIGHBOURS, LEAST_SPREAD

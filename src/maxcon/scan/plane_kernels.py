@@ -7,7 +7,8 @@ thousands of them: block by block, each quantity of a block in consecutive memor
 """
 
 import numpy as np
-from numba import njit
+
+from maxcon._system.kernel_cache import njit
 
 __all__ = ["BLOCK", "covariance", "plane_normal", "plane_normals", "squares_across", "sum_near"]
 

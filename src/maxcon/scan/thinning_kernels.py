@@ -3,8 +3,8 @@
 """Compiled: one point of those in each cube of a grid."""
 
 import numpy as np
-from numba import njit
 
+from maxcon._system.kernel_cache import njit
 from maxcon.geometry.pose import rotation_matrices
 
 __all__ = ["one_per_cube"]

@@ -7,7 +7,8 @@ its window holds two rings.
 """
 
 import numpy as np
-from numba import njit
+
+from maxcon._system.kernel_cache import njit
 
 __all__ = [
     "BANDS", "GROWTH", "HIGHEST", "LEAST_NEIGHBOURS", "LEAST_SPREAD", "WINDOWS",

@@ -3,8 +3,8 @@
 """Compiled: the moments of single cells, each by itself; to the last bit those of a whole window."""
 
 import numpy as np
-from numba import njit
 
+from maxcon._system.kernel_cache import njit
 from maxcon.map import PATCH_VOXELS
 from maxcon.map.lookup_kernels import float32_at, int32_at, n_bits, uint64_at
 from maxcon.search.group_kernels import turn_normals, turn_to_columns

@@ -5,7 +5,8 @@
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
+
+from maxcon._system.kernel_cache import njit
 
 __all__ = [
     "SQUARE_VOXELS",

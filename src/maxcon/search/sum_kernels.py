@@ -4,10 +4,11 @@
 
 import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from maxcon._system.kernel_cache import njit
 from maxcon.search.visit_kernels import RIM, TileVoxels
 
 __all__ = ["bases_of_points", "sum_tile"]

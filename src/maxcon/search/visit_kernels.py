@@ -11,8 +11,8 @@ stop to stop.
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from maxcon._system.kernel_cache import njit
 from maxcon.map import PATCH_VOXELS
 
 __all__ = ["RIM", "TileVoxels", "plan_visits", "stops_in_tile", "visits_of_tiles"]

@@ -6,9 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.extending import intrinsic
 
+from maxcon._system.kernel_cache import njit
 from maxcon.search.matching import ROUNDER
 from maxcon.search.visit_kernels import RIM, TileVoxels
 

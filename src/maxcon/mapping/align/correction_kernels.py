@@ -3,7 +3,8 @@
 """Compiled: points moved by the corrections of their passes and times. Arrays in, arrays out."""
 
 import numpy as np
-from numba import njit
+
+from maxcon._system.kernel_cache import njit
 
 __all__ = ["move"]
 

@@ -3,7 +3,7 @@
 """Compiled loops of the map build: moments of voxels, planes and shapes of their neighbourhoods, numbers of places."""
 
 import numpy as np
-from numba import njit
+from maxcon._system.kernel_cache import njit
 
 from maxcon.scan.plane_kernels import covariance, plane_normal
 

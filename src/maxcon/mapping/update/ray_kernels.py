@@ -3,8 +3,8 @@
 """Compiled loops of a map update: which voxels the rays of an observation hit and missed (see `reference`)."""
 
 import numpy as np
-from numba import njit
 
+from maxcon._system.kernel_cache import njit
 from maxcon.map.lookup_kernels import PATCH_BITS, find_in_patch, find_patch, is_near_voxels, plane_of_voxel
 
 __all__ = ["add_observation", "are_far_from_voxels", "hide_known_surfaces", "sum_around"]
