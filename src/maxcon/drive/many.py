@@ -28,7 +28,11 @@ from maxcon.map import PointMap
 
 __all__ = ["DriveEntry", "DriveTask", "Localized", "ManyDrivesJob", "localize_drives", "read_drives", "tasks_of"]
 
-WHAT, ADVICE = "a table of drives", "Give each the keys name, scans and, where needed, prior, map, times, odometry"
+WHAT = "a table of drives"
+ADVICE = (
+    "Give each a name (letters, digits, . _ + -: a folder is named by it), scans and, where needed, prior, map, times,"
+    " odometry"
+)
 LARGEST_TABLE = 2**28
 """Bytes: a million drives."""
 EPOCHS_PER_TASK = 32

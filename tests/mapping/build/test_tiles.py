@@ -18,8 +18,6 @@ from maxcon.mapping.build.bucketing import POINT, TileBuckets, point_records
 from maxcon.mapping.build.found_classes import OBSERVATION, observation_records
 from maxcon.mapping.build.tiles import TileJob, TileStep, TileTask, by_threads
 
-for package in ("distributed", "cryptography"):
-    pytest.importorskip(package, reason="the extra engine is not installed")
 if sys.platform == "win32":
     pytest.skip("no POSIX signals to kill a worker with", allow_module_level=True)
 
