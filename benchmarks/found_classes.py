@@ -16,13 +16,13 @@ import time
 from pathlib import Path
 
 import numpy as np
-from maxcon.mapping.build.bucketing import GROUND_POINT, POINT, TileBuckets, ground_records, point_records
 from scene import header
 
 from maxcon.io.clouds import open_cloud
 from maxcon.map import TILE_VOXELS
 from maxcon.map.ground import ground_of_points, ground_voxels
 from maxcon.mapping.build import Area
+from maxcon.mapping.build.bucketing import GROUND_POINT, POINT, TileBuckets, ground_records, point_records
 from maxcon.mapping.build.found_classes import OBSERVATION, FoundClasses, observation_records
 from maxcon.mapping.build.tiles import TileJob, TileMaker
 from maxcon.mapping.build.voxel_moments import VoxelMoments

@@ -3,8 +3,8 @@
 """Compiled loops of the map build: moments of voxels, planes and shapes of their neighbourhoods, numbers of places."""
 
 import numpy as np
-from maxcon._system.kernel_cache import njit
 
+from maxcon._system.kernel_cache import njit
 from maxcon.scan.plane_kernels import covariance, plane_normal
 
 __all__ = ["gather_points", "merge_voxels", "neighbourhood_normals", "place_keys", "scatters", "sums_near"]
