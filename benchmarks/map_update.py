@@ -46,7 +46,7 @@ from maxcon.mapping.build import Area
 from maxcon.mapping.update import UpdateOptions
 from maxcon.mapping.update.evidence import classes_of
 from maxcon.mapping.update.observations import observations_of
-from maxcon.search.options import SearchMethod
+from maxcon.search.accumulator import SearchMethod
 
 NEAR, NEAR_ROAD = 0.15, 0.15
 SIGHT, LEAST_LOOKS = 15.0, 3

@@ -19,7 +19,7 @@ from maxcon.lab.dataset import Dataset
 from maxcon.lab.evaluation import significant_ray
 from maxcon.lab.study import Study
 from maxcon.lab.study.bench import BenchPlan
-from maxcon.search.matching import turn, upright
+from maxcon.search.accumulator import turn, upright
 
 SPACE = maxcon.SearchSpace.paper()
 STEPS = 20

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from maxcon import PointMap, Pose, Scan, SearchSpace, Status, Trust
-from maxcon.cell_search import judge
+from maxcon import PointMap, Pose, Scan, SearchSpace, Status, Trust, cell_search
+from maxcon.cell_search import CellSearch
 from maxcon.integrity import reasons_to_doubt_answer
-from maxcon.search.best_cell import BestCell
+from maxcon.search.coarse_to_fine import BestCell
 
 CELL = 0.1
 PRIOR = Pose(4.0, -3.0, 1.0, 0.0, 0.0, 0.3)
@@ -44,10 +44,8 @@ class Constant:
 
 def judged(best, multiplicity="occupied", objective=None, scan_and_map=None):
     scan, point_map = scan_and_map or scene(best.cell)
-    return judge(
-        best=best, scan=scan, searched=scan, point_map=point_map, trust=Trust(),
-        objective=objective or Constant(0.0), multiplicity=multiplicity, weighting="cosine",
-    )  # fmt: skip
+    search = CellSearch(objective or Constant(0.0), multiplicity, "cosine", "branch-and-bound", 0.0, 1, Trust())
+    return search.estimate(best, scan, point_map)
 
 
 @pytest.mark.parametrize("cell", [MIDDLE, (1, 3, 8)])
@@ -84,10 +82,8 @@ def test_one_heading_beyond_the_last_is_scored_and_only_a_higher_score_there_is_
         priors.append(prior)
         return real(scan, point_map, prior, space, **options)
 
-    from maxcon import best_cell
-
-    real = best_cell.exhaustive
-    monkeypatch.setattr(best_cell, "exhaustive", exhaustive)
+    real = cell_search.exhaustive
+    monkeypatch.setattr(cell_search, "exhaustive", exhaustive)
     objective = Constant(beyond)
     best = BestCell(SPACE, PRIOR, (heading, 5, 5), 1.0, FEW, 0.1)
     assert judged(best, objective=objective).status is status

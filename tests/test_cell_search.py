@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from maxcon import Accumulator, MaximumConsensus, PointMap, Pose, Scan, SearchSpace, Trust
-from maxcon.search.best_cell import BestCell
+from maxcon.search.coarse_to_fine import BestCell
 
 CELL = 0.06
 HERE = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -62,7 +62,7 @@ def test_of_several_places_the_best_is_the_answer(corner, monkeypatch):
         BestCell(one_cell, HERE.translated([x, 0.0, 0.0]), (0, 0, 0), 9.0 - x, moments, 0.1, False)
         for x in (0.0, 1.0, 2.0)
     ]
-    monkeypatch.setattr("maxcon.cell_search.best_places", lambda *_: places)
+    monkeypatch.setattr("maxcon.cell_search.best_candidates", lambda *_: places)
     estimate = MaximumConsensus().cell_search.best(*corner, HERE, SearchSpace())
     assert (estimate.score, estimate.pose, estimate.cell) == (9.0, HERE, None)
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from maxcon import Helmert, MaximumConsensus, PointMap, Pose, Scan, SearchSpace, Status
+from maxcon.refine import fit_ground
 
 CELL = 0.06
 SPACE = SearchSpace(0.6, CELL, 1.0, 0.5)
@@ -123,6 +124,23 @@ def test_the_outermost_height_is_the_rim(yard, search):
     method = MaximumConsensus(replace(SPACE, height_half_width=0.3), search=search)
     assert method.localize(scan, without, wrong(truth, 0.42)).status is Status.AT_RIM
     assert method.localize(scan, without, wrong(truth, 0.24)).status is Status.LOCALIZED
+
+
+def test_a_height_that_the_ground_of_the_answer_confirms_is_not_at_the_rim(yard, monkeypatch):
+    """Around the prior the ground cannot be told, so that heights are searched; at the answer it can."""
+    scan, point_map, _, truth = yard
+    told = []
+
+    def fit(*arguments):
+        told.append(fit_ground(*arguments) if told else None)
+        return told[-1]
+
+    monkeypatch.setattr("maxcon.localizer.fit_ground", fit)
+    prior = wrong(truth, 0.3)
+    estimate = MaximumConsensus(replace(SPACE, height_half_width=0.3)).localize(scan, point_map, prior)
+    assert told[0] is None and told[1] is not None
+    assert estimate.status is Status.LOCALIZED
+    assert abs(estimate.pose.z - truth.z) < 0.02
 
 
 def test_with_ground_heights_are_not_searched(yard, monkeypatch):

@@ -126,23 +126,23 @@ def test_walls_that_are_missing_are_told(corner):
     [
         ({}, Status.LOCALIZED),
         ({"is_determined": False}, Status.UNDETERMINED),
-        ({"is_determined": False, "share": 0.0, "is_at_rim": True, "runner_up": 1.0}, Status.UNDETERMINED),
+        ({"is_determined": False, "share": 0.0, "is_at_boundary": True, "runner_up": 1.0}, Status.UNDETERMINED),
         ({"share": 0.05}, Status.LOCALIZED),
         ({"share": 0.049}, Status.FEW_MATCHES),
-        ({"share": 0.049, "is_at_rim": True, "runner_up": 1.0}, Status.FEW_MATCHES),
-        ({"is_at_rim": True, "runner_up": 1.0}, Status.AT_RIM),
+        ({"share": 0.049, "is_at_boundary": True, "runner_up": 1.0}, Status.FEW_MATCHES),
+        ({"is_at_boundary": True, "runner_up": 1.0}, Status.AT_RIM),
         ({"runner_up": 0.8}, Status.LOCALIZED),
         ({"runner_up": 0.801}, Status.AMBIGUOUS),
     ],
 )
 def test_what_a_best_cell_is_judged_by(evidence, status):
-    good = {"is_determined": True, "share": 0.5, "is_at_rim": False, "runner_up": 0.5}
-    assert Trust().judge(**{**good, **evidence}) is status
+    good = {"is_determined": True, "share": 0.5, "is_at_boundary": False, "runner_up": 0.5}
+    assert Trust().status_of_cell(**{**good, **evidence}) is status
 
 
 def test_with_a_largest_runner_up_of_one_a_place_as_good_is_no_doubt():
     judged = [
-        Trust(largest_runner_up=1.0).judge(is_determined=True, share=0.5, is_at_rim=False, runner_up=each)
+        Trust(largest_runner_up=1.0).status_of_cell(is_determined=True, share=0.5, is_at_boundary=False, runner_up=each)
         for each in (1.0, 1.001)
     ]
     assert judged == [Status.LOCALIZED, Status.AMBIGUOUS]
@@ -167,7 +167,7 @@ def test_with_a_largest_runner_up_of_one_a_place_as_good_is_no_doubt():
 )
 def test_what_a_refined_pose_is_judged_by(evidence, status):
     good = {"n_planes": 500, "moved": 0.05, "wall_share": 0.5, "is_confirmed": False}
-    assert Trust().judge_refined(**{**good, **evidence}) is status
+    assert Trust().status_of_pose(**{**good, **evidence}) is status
 
 
 def test_the_protection_level_is_along_and_across_the_heading():

@@ -145,7 +145,7 @@ def test_the_heading_beyond_the_space_is_scored_with_the_same_weights(scan, mult
     method = MaximumConsensus(SPACE, multiplicity=multiplicity, weighting="one", wider=0.0)
     estimate = method.localize(bare, PointMap.from_points(walls, normals, CELL), prior_of(0, 0, turn_deg))
     assert estimate.cell[0] == (4 if turn_deg > 0 else 0)
-    assert not SPACE.is_at_rim(estimate.cell)
+    assert not SPACE.is_at_boundary(estimate.cell)
     assert estimate.status is Status.AT_RIM
 
 

@@ -179,9 +179,9 @@ def test_low_scores_are_compared_like_high_ones():
 
 def test_evidence_is_told_by_name():
     with pytest.raises(TypeError, match="positional argument"):
-        Trust().judge(True, 0.5, False, 0.5)
+        Trust().status_of_cell(True, 0.5, False, 0.5)
     with pytest.raises(TypeError, match="positional argument"):
-        Trust().judge_refined(500, 0.05, 0.5, False)
+        Trust().status_of_pose(500, 0.05, 0.5, False)
 
 
 def test_a_place_at_the_corner_of_the_space_counts():

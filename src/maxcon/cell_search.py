@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""CellSearch: the best cell of a search space, by the search that suits it, and judged."""
+"""The best cell of a search space, by the search that suits the space and the objective, and how far it is trusted."""
 
 import math
 from dataclasses import dataclass, replace
@@ -25,22 +25,21 @@ from maxcon.search import (
     level_of,
 )
 from maxcon.search.accumulator import Accumulator, highest
-from maxcon.search.best_cell import BestCell
-from maxcon.search.coarse_to_fine import COARSE, best_places
+from maxcon.search.coarse_to_fine import COARSE, BestCell, best_candidates
 from maxcon.search.objectives import Bounded, Helmert, Objective
 from maxcon.search.space import SearchSpace
 
 __all__ = ["CellSearch"]
 
-# Where every other place is to be known, however low it scores.
-LEAST_SHARE = 1e-6
+# Least ratio to the best score that is asked for, where every other candidate is to be known.
+LEAST_RATIO = 1e-6
 # An open space of fewer of the map's own cells is searched in these at once: that is as fast.
 FEW_CELLS = 8_000
 
 
 @dataclass(frozen=True, slots=True)
 class CellSearch:
-    """How the best cell is found and judged: what `MaximumConsensus` says of it."""
+    """How the best cell is found and validated; its parameters are those of `MaximumConsensus`."""
 
     objective: Objective
     multiplicity: str | Multiplicity
@@ -51,17 +50,17 @@ class CellSearch:
     trust: Trust
 
     def best(self, scan: Scan, point_map: PointMap, start: Pose, space: SearchSpace) -> Estimate:
-        """Find the best cell of a space around a start, and judge it."""
+        """Return the estimate of the best cell of a space around a start."""
         if self.is_coarse_to_fine(space, point_map):
-            places = self.places(scan, point_map, start, space)
-            if places:
-                return replace(self.judge(places[0], scan, point_map), cell=None)
+            candidates = self.candidates(scan, point_map, start, space)
+            if candidates:
+                return replace(self.estimate(candidates[0], scan, point_map), cell=None)
             # Nothing scores: the large cells say how many points match all the same.
         level, cells = self.level_and_cells(space, point_map)
         if self.search is SearchMethod.BRANCH_AND_BOUND and self.has_bounds:
             best = self._by_bounds(scan.thinned(self.thinning), level, start, cells)
             if best is not None:
-                return self.judge(best, scan, level)
+                return self.estimate(best, scan, level)
         return self.conclude(self.accumulate(scan, level, start, cells), scan, level)
 
     def level_and_cells(self, space: SearchSpace, point_map: PointMap) -> tuple[PointMap, SearchSpace]:
@@ -76,27 +75,10 @@ class CellSearch:
         is_free = space.is_open and self.search is SearchMethod.BRANCH_AND_BOUND
         return is_free and space.n_cells_at(point_map.cell) > FEW_CELLS
 
-    def places(self, scan: Scan, point_map: PointMap, start: Pose, space: SearchSpace) -> list[BestCell]:
-        """Places of an open space where a scan may have been taken, the best first: see `best_places`."""
+    def candidates(self, scan: Scan, point_map: PointMap, start: Pose, space: SearchSpace) -> list[BestCell]:
+        """Candidates of an open space, the best first: see `best_candidates`."""
         search = self._branch_and_bound(self.objective)
-        return best_places(search, scan.thinned(self.thinning), point_map, start, space, self._asked_share)
-
-    def _branch_and_bound(self, objective: Objective) -> "partial[Found]":
-        """Branch and bound for an objective, given scan, map, prior and space."""
-        return partial(
-            branch_and_bound, objective=objective, multiplicity=self.multiplicity, weighting=self.weighting,
-            guard_radius=self.trust.guard_radius, n_threads=self.n_threads,
-        )  # fmt: skip
-
-    @property
-    def _asked_share(self) -> float:
-        """Share of the best score from which on other places are to be known."""
-        return max(self.trust.largest_runner_up, LEAST_SHARE)
-
-    @property
-    def has_bounds(self) -> bool:
-        """Whether the objective can be bounded, and need not be searched exhaustively."""
-        return isinstance(self.objective, Bounded)
+        return best_candidates(search, scan.thinned(self.thinning), point_map, start, space, self._asked_ratio)
 
     def accumulate(self, scan: Scan, point_map: PointMap, start: Pose, space: SearchSpace) -> Accumulator:
         """Moments of every cell of a space around a start, of several heights those of the best."""
@@ -107,7 +89,7 @@ class CellSearch:
         return next(heights) if space.n_heights == 1 else highest_of(heights, self.objective)[1]
 
     def conclude(self, accumulator: Accumulator, scan: Scan, point_map: PointMap) -> Estimate:
-        """Say how far the best cell of an accumulator may be trusted."""
+        """Return the estimate of the best cell of an accumulator."""
         space, prior, moments = accumulator.space, accumulator.prior, accumulator.moments
         scores = accumulator.score(self.objective)
         cell = highest(scores)
@@ -119,11 +101,45 @@ class CellSearch:
         beyond = highest_beyond(helmert, cell, space, self.trust.guard_radius)
         runner_up = beyond / float(helmert[cell]) if helmert[cell] > 0.0 else math.inf
         best = BestCell(space, prior, cell, float(scores[cell]), moments[cell], runner_up)
-        return self.judge(best, scan, point_map)
+        return self.estimate(best, scan, point_map)
+
+    def estimate(self, best: BestCell, scan: Scan, point_map: PointMap) -> Estimate:
+        """Return the estimate of a best cell: how far it may be trusted, and what casts doubt on it."""
+        searched = scan.thinned(self.thinning)
+        _, nxx, nxy, nyy = (float(moment) for moment in best.moments)
+        is_determined, cofactor = invert(np.array([[nxx, nxy], [nxy, nyy]]))
+        share = self._matched_ratio(best, searched, point_map)
+        is_at_boundary = best.is_at_boundary
+        if is_at_boundary is None:
+            is_at_boundary = best.space.is_at_boundary(best.cell) or self._is_higher_beyond(best, searched, point_map)
+        status = self.trust.status_of_cell(
+            is_determined=is_determined, share=share, is_at_boundary=is_at_boundary, runner_up=best.runner_up
+        )
+        reasons = reasons_to_doubt_scan(scan, best.prior)
+        if self.multiplicity == Multiplicity.OCCUPIED:  # otherwise N counts map points, not matches
+            reasons += reasons_to_doubt_answer(best.moments)
+        return Estimate(best.pose, best.score, best.cell, status, cofactor, share, best.runner_up, "; ".join(reasons))
+
+    @property
+    def has_bounds(self) -> bool:
+        """Whether the objective can be bounded, and need not be searched exhaustively."""
+        return isinstance(self.objective, Bounded)
+
+    @property
+    def _asked_ratio(self) -> float:
+        """Ratio to the best score from which on other candidates are to be known."""
+        return max(self.trust.largest_runner_up, LEAST_RATIO)
+
+    def _branch_and_bound(self, objective: Objective) -> "partial[Found]":
+        """Branch and bound for an objective, given scan, map, prior and space."""
+        return partial(
+            branch_and_bound, objective=objective, multiplicity=self.multiplicity, weighting=self.weighting,
+            guard_radius=self.trust.guard_radius, n_threads=self.n_threads,
+        )  # fmt: skip
 
     def _by_bounds(self, scan: Scan, point_map: PointMap, prior: Pose, space: SearchSpace) -> BestCell | None:
         """The best cell by branch and bound; None where nothing scores, and all cells have to be looked at."""
-        share = self._asked_share
+        share = self._asked_ratio
         found = self._branch_and_bound(self.objective)(scan, point_map, prior, space, share=share)
         raised, plane = space.raised(prior, found.height), space.plane
         score = float(Helmert().score(found.moments))
@@ -135,70 +151,23 @@ class CellSearch:
             helmert = search(scan, point_map, raised, plane, share=share, guarded=found.cell)
         return BestCell(plane, raised, found.cell, found.score, found.moments, helmert.rest / score)
 
-    def judge(self, best: BestCell, scan: Scan, point_map: PointMap) -> Estimate:
-        """Say how far the best cell may be trusted, and what casts doubt on it."""
-        return judge(
-            best, scan, scan.thinned(self.thinning), point_map, self.trust,
-            objective=self.objective, multiplicity=self.multiplicity, weighting=self.weighting,
-        )  # fmt: skip
-
-
-def judge(
-    best: BestCell,
-    scan: Scan,
-    searched: Scan,
-    point_map: PointMap,
-    trust: Trust,
-    *,
-    objective: Objective,
-    multiplicity: str | Multiplicity,
-    weighting: str | Weighting,
-) -> Estimate:
-    """Say how far a best cell may be trusted, and what casts doubt on it.
-
-    Parameters
-    ----------
-    best : BestCell
-        The cell.
-    scan, searched : Scan
-        The whole scan, and the thinned one that was searched with, sensor frame.
-    point_map : PointMap
-        The map.
-    trust : Trust
-        From where on the answer is not trusted.
-    objective, multiplicity, weighting
-        What the search was made with.
-    """
-    space, prior, cell = best.space, best.prior, best.cell
-    _, nxx, nxy, nyy = (float(moment) for moment in best.moments)
-    is_determined, cofactor = invert(np.array([[nxx, nxy], [nxy, nyy]]))
-    share = _matched_share(best, multiplicity, searched, point_map)
-    further = _beyond(best) if best.is_at_rim is None else None
-    is_at_rim = space.is_at_rim(cell) if best.is_at_rim is None else best.is_at_rim
-    if further is not None and not is_at_rim:
+    def _is_higher_beyond(self, best: BestCell, scan: Scan, point_map: PointMap) -> bool:
+        """Whether one step beyond the outermost heading, if that is the best one, some cell scores higher."""
+        space, heading = best.space, best.cell[0]
+        if not space.is_outermost(heading):
+            return False
+        step = math.radians(space.step_deg)
+        turn = space.headings[heading] + (step if heading > 0 else -step)
+        beyond = replace(best.prior, heading=best.prior.heading + float(turn))
         one_heading = replace(space, heading_half_width_deg=0.0)
-        found = exhaustive(searched, point_map, further, one_heading, multiplicity=multiplicity, weighting=weighting)
-        is_at_rim = bool(found.score(objective).max() > best.score)
-    status = trust.judge(is_determined=is_determined, share=share, is_at_rim=is_at_rim, runner_up=best.runner_up)
-    reasons = reasons_to_doubt_scan(scan, prior)
-    if multiplicity == Multiplicity.OCCUPIED:  # otherwise N counts map points, not matches
-        reasons += reasons_to_doubt_answer(best.moments)
-    return Estimate(best.pose, best.score, cell, status, cofactor, share, best.runner_up, "; ".join(reasons))
+        found = exhaustive(
+            scan, point_map, beyond, one_heading, multiplicity=self.multiplicity, weighting=self.weighting
+        )
+        return bool(found.score(self.objective).max() > best.score)
 
-
-def _beyond(best: BestCell) -> Pose | None:
-    """The prior turned by one step more than the outermost heading, where that is the best one."""
-    space, heading = best.space, best.cell[0]
-    if not space.is_outermost(heading):
-        return None
-    step = math.radians(space.step_deg)
-    beyond = space.headings[heading] + (step if heading > 0 else -step)
-    return replace(best.prior, heading=best.prior.heading + float(beyond))
-
-
-def _matched_share(best: BestCell, multiplicity: str | Multiplicity, scan: Scan, point_map: PointMap) -> float:
-    """Share of the scan's points that match at a cell; a count of map points has to be counted anew."""
-    if multiplicity == Multiplicity.OCCUPIED:
-        return float(best.moments[0]) / len(scan)
-    here = SearchSpace(half_width=0.0, heading_half_width_deg=0.0)
-    return float(exhaustive(scan, point_map, best.pose, here).moments[0, 0, 0, 0]) / len(scan)
+    def _matched_ratio(self, best: BestCell, scan: Scan, point_map: PointMap) -> float:
+        """Fraction of the scan's points that match at a cell; a count of map points has to be counted anew."""
+        if self.multiplicity == Multiplicity.OCCUPIED:
+            return float(best.moments[0]) / len(scan)
+        here = SearchSpace(half_width=0.0, heading_half_width_deg=0.0)
+        return float(exhaustive(scan, point_map, best.pose, here).moments[0, 0, 0, 0]) / len(scan)

@@ -66,7 +66,7 @@ _EXPLANATIONS = {
 }
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
     """The answer of a method for one epoch.
 
@@ -85,13 +85,13 @@ class Estimate:
         Q = N^-1 of x and y at the best cell (equation (4)): the covariance up to the variance factor, in
         units of one match's variance. Infinite on the diagonal where the matches leave a direction open.
     share : float
-        Of the points that were searched with, how many match the map at the best cell, 0 to 1.
+        Fraction of the points that were searched with that match the map at the best cell, 0 to 1.
     runner_up : float
-        Helmert's score of the second highest place, farther than a guard radius away, over that of the best
-        cell: near 0 where the answer is distinct, near 1 where it is ambiguous. A search by bounds in given cells gives
-        what it proved: no other place scores more than this, exact where that is too much to be trusted. Coarse to fine
-        it is the highest of the places looked at in small cells, one for each; or the share that large cells proved of
-        all others, by the objective of the search, even if that is not Helmert's (D11, decision 21).
+        Helmert's score of the second best candidate, farther than a guard radius away, over that of the best cell: near
+        0 where the answer is distinct, near 1 where it is ambiguous. By bounds in given cells it is what was proved: no
+        other scores more than this, exact where that is too much to be trusted. Coarse to fine it is the highest of the
+        candidates searched in small cells; or the ratio that large cells proved of all others, by the objective of the
+        search, even if that is not Helmert's (D11).
     reason : str
         Why the answer, of whatever status, is to be doubted: what is unusual about the scan or about the matches that
         carry it, in words; empty if nothing is.

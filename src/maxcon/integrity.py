@@ -5,7 +5,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+import sys
+from dataclasses import dataclass, fields
 from statistics import NormalDist
 
 import numpy as np
@@ -35,15 +36,18 @@ LEAST_EIGENVALUE = 1.0
 LEAST_EIGENVALUE_RATIO = math.sin(math.radians(3.0)) ** 2
 
 # Of real scans of 16 rings at least FEWEST_NORMALS of the points have a normal, and FEWEST_HORIZONTAL of the points
-# a horizontal one, within 30 degrees: decision 4.
+# a horizontal one, within 30 degrees.
 FEWEST_POINTS = 500
 FEWEST_NORMALS = 0.1
 FEWEST_HORIZONTAL = 0.03
 HORIZONTAL = math.sin(math.radians(30.0))
 # An answer that so few full matches carry along its least determined direction rests on a single small surface.
 FEWEST_CARRYING = 10.0
-# Share of wrong answers among those localized that trials could exclude: decision 20.
+# Fraction of wrong answers among those localized that trials could exclude (D12).
 WRONG_PLACE = 0.005
+
+
+RATIOS = ("least_share", "largest_runner_up", "least_wall_share", "least_confirmed_share")
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,14 +59,14 @@ class Trust:
     least_share : float
         Of the scan's points, so many must match the map at the best cell, 0 to 1.
     largest_runner_up : float
-        Helmert's score of the runner-up over that of the best cell may reach this, 0 to 1; with 1 an
-        answer is never ambiguous, unless the runner-up scores higher.
+        Helmert's score of the second best candidate over that of the best cell may reach this, 0 to 1; with 1 an
+        answer is never ambiguous, unless the second best scores higher.
     guard_radius : float
-        The runner-up lies farther than this from the best cell, m: a peak that is half a metre wide is a
-        matter of precision, not of another place.
+        The second best lies farther than this from the best cell, m: a peak that is half a metre wide is a
+        matter of precision, not of another candidate.
     least_wall_share : float
-        Of the wall points of each facing, so many must lie on walls of the map at the refined pose, 0 to 1; where
-        less do, a wider search has to find the same place.
+        This fraction of the wall points of each orientation bin must lie on walls of the map at the refined pose, 0 to
+        1; where less do, a wider search has to find the same pose.
     least_confirmed_share : float
         The same once a wider search found that place.
     fewest_planes : int
@@ -85,43 +89,30 @@ class Trust:
     farthest_move: float = 0.25
 
     def __post_init__(self) -> None:
-        for name in ("least_share", "largest_runner_up", "least_wall_share", "least_confirmed_share"):
-            value = getattr(self, name)
-            if not 0.0 <= value <= 1.0:
-                raise OptionError(
-                    f"Expected `{name}` from 0 to 1, got {value}. The default is {getattr(Trust(), name)}."
-                )
-        for name in ("guard_radius", "fewest_planes", "farthest_move"):
-            if not 0.0 <= getattr(self, name) < math.inf:
-                raise OptionError(
-                    f"Expected `{name}` >= 0, got {getattr(self, name)}. The default is {getattr(Trust(), name)}."
-                )
+        for each in fields(self):
+            value, is_ratio = getattr(self, each.name), each.name in RATIOS
+            if not 0.0 <= value <= (1.0 if is_ratio else sys.float_info.max):
+                range_ = "from 0 to 1" if is_ratio else ">= 0"
+                raise OptionError(f"Expected `{each.name}` {range_}, got {value}. The default is {each.default}.")
 
-    def judge(self, *, is_determined: bool, share: float, is_at_rim: bool, runner_up: float) -> Status:
+    def status_of_cell(self, *, is_determined: bool, share: float, is_at_boundary: bool, runner_up: float) -> Status:
         """Return the status of a best cell that has matches."""
         if not is_determined:
             return Status.UNDETERMINED
         if share < self.least_share:
             return Status.FEW_MATCHES
-        if is_at_rim:
+        if is_at_boundary:
             return Status.AT_RIM
         if runner_up > self.largest_runner_up:
             return Status.AMBIGUOUS
         return Status.LOCALIZED
 
-    def judge_refined(self, *, n_planes: int, moved: float, wall_share: float | None, is_confirmed: bool) -> Status:
+    def status_of_pose(self, *, n_planes: int, moved: float, wall_share: float | None, is_confirmed: bool) -> Status:
         """Return the status of a best cell that was localized, after its pose was adjusted to the map.
 
-        Parameters
-        ----------
-        n_planes : int
-            Points that lie on planes of the map.
-        moved : float
-            From the cell to the refined pose, m.
-        wall_share : float or None
-            The least share of wall points found, of all facings; None where no facing has enough.
-        is_confirmed : bool
-            Whether a wider search found the same place.
+        `n_planes` points lie on planes of the map, the pose moved by `moved` m from the cell, and `is_confirmed` says
+        whether a wider search found the same pose. `wall_share` is the least fraction of wall points found of all
+        orientation bins, None where no bin has enough.
         """
         if n_planes < self.fewest_planes or moved > self.farthest_move:
             return Status.NOT_CONFIRMED
@@ -134,12 +125,7 @@ class Trust:
 def reasons_to_doubt_scan(scan: Scan, prior: Pose) -> list[str]:
     """What is unusual about a scan, in words that name the likely cause; nothing for an ordinary one.
 
-    Parameters
-    ----------
-    scan : Scan
-        All its points, sensor frame.
-    prior : Pose
-        Its roll and pitch say what is horizontal.
+    Roll and pitch of the prior say what is horizontal.
     """
     n_points = len(scan)
     if n_points < FEWEST_POINTS:
@@ -179,16 +165,8 @@ def protection_level(covariance: NDArray[np.float64], heading: float, risk: floa
     """How large the error of a localized pose may be, along and across its heading, m, with at most a stated risk.
 
     Part of the risk is that of another place altogether, `WRONG_PLACE`: no level covers that, so that it is infinite
-    where the stated risk is smaller. The rest is shared by the two directions, normally distributed.
-
-    Parameters
-    ----------
-    covariance : array, shape (6, 6)
-        Of x, y, z, roll, pitch and heading, map axes.
-    heading : float
-        rad.
-    risk : float
-        Above 0, below 1, in an epoch.
+    where the stated risk is smaller. The rest is shared by the two directions, normally distributed. `covariance` is
+    that of x, y, z, roll, pitch and heading in map axes, shape (6, 6); `heading` in rad; `risk` above 0 and below 1.
     """
     left = risk - WRONG_PLACE
     if left <= 0.0:
@@ -206,24 +184,10 @@ def along_and_across(covariance: NDArray[np.float64], heading: float) -> NDArray
 
 
 def peak_ratio(scores: Scores, cell: Cell, space: SearchSpace, guard_radius: float) -> float:
-    """Score of the second highest place over that of `cell` (design, section 4: peak ratio).
+    """Score of the second highest peak over that of `cell` (design, section 4).
 
-    Parameters
-    ----------
-    scores : array, shape (headings, ny, nx)
-        Scores of all cells, not negative.
-    cell : tuple of 3 int
-        The best cell.
-    space : SearchSpace
-        The cells.
-    guard_radius : float
-        Places nearer to the best cell do not count, m.
-
-    Returns
-    -------
-    float
-        The highest local maximum over all headings, outside the guard radius, over the score of `cell`;
-        0 where there is none, infinity where `cell` scores 0.
+    The second peak is the highest local maximum over all headings farther than `guard_radius` (m) from `cell`; the
+    ratio is 0 where there is none, infinity where `cell` scores 0. `scores` (headings, ny, nx) are not negative.
     """
     if scores[cell] <= 0.0:
         return math.inf
@@ -236,19 +200,7 @@ def peak_ratio(scores: Scores, cell: Cell, space: SearchSpace, guard_radius: flo
 
 
 def highest_beyond(scores: Scores, cell: Cell, space: SearchSpace, guard_radius: float) -> float:
-    """Return the highest score of any cell farther than the guard radius from one, at any heading; 0 for none.
-
-    Parameters
-    ----------
-    scores : array, shape (headings, ny, nx)
-        Scores of all cells.
-    cell : tuple of 3 int
-        The cell.
-    space : SearchSpace
-        The cells.
-    guard_radius : float
-        Places nearer to the cell do not count, m.
-    """
+    """Return the highest of scores (headings, ny, nx) farther than the guard radius (m) from a cell; 0 for none."""
     return float(scores.max(axis=0).max(where=_is_beyond(cell, space, guard_radius), initial=0.0))
 
 

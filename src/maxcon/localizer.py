@@ -153,10 +153,11 @@ class MaximumConsensus:
         answers = [self.cell_search.best(scan, point_map, start, space) for start, space in starts]
         highest = max(range(len(starts)), key=lambda number: answers[number].score)
         found, (start, space) = answers[highest], starts[highest]
-        is_outermost = abs(found.pose.z - start.z) > space.height_half_width - 0.5 * point_map.cell
         found, ground = self._on_ground(found, prior, scan, point_map)
         settled = self._settle(found, ground, start, scan, point_map)
-        if space.height_half_width > 0.0 and is_outermost and settled.is_localized:
+        outermost = space.height_half_width - 0.5 * point_map.cell
+        is_searched = ground is None and space.height_half_width > 0.0  # otherwise the ground says the height
+        if settled.is_localized and is_searched and abs(settled.pose.z - start.z) > outermost:
             return replace(settled, status=Status.AT_RIM)
         return settled
 
@@ -238,11 +239,11 @@ class MaximumConsensus:
         """
         around = replace(doubted.pose, heading=start.heading)  # a wrong place has a wrong heading
         wide = self.cell_search if self.cell_search.has_bounds else replace(self.cell_search, objective=Helmert())
-        places = wide.places(scan, point_map, around, space)
-        if not places:
+        candidates = wide.candidates(scan, point_map, around, space)
+        if not candidates:
             return doubted
-        best = places[0]
-        found = wide.judge(best, scan, point_map)
+        best = candidates[0]
+        found = wide.estimate(best, scan, point_map)
         found, ground = self._on_ground(found, found.pose, scan, point_map)
         moved = math.hypot(found.pose.x - doubted.pose.x, found.pose.y - doubted.pose.y)
         is_same = doubted.status is not Status.NO_MATCH and moved <= self.trust.guard_radius

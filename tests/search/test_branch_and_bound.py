@@ -13,14 +13,13 @@ from hypothesis import strategies as st
 
 from maxcon import Count, Helmert, MaxEigenvalue, PointMap, Pose, Scan, SearchSpace
 from maxcon.errors import ArrayError, OptionError, SearchSpaceError
-from maxcon.search import Limits, Multiplicity, Standing, Weighting, branch_and_bound, exhaustive
-from maxcon.search.axis import N_AXES, Axis
-from maxcon.search.bounds import ByAxes, ByCount, Summand, bounding_of
-from maxcon.search.branch_and_bound import BoundedSearch, ScoredCells
-from maxcon.search.cells import Window
-from maxcon.search.found import Wanted
+from maxcon.search import Incumbent, Limits, Multiplicity, Weighting, branch_and_bound, exhaustive
+from maxcon.search.bounds import N_AXES, ByAxes, ByCount, Summand, bounding_of, nearest_axis
+from maxcon.search.branch_and_bound import BoundedSearch
 from maxcon.search.objectives import OBJECTIVES
 from maxcon.search.prepared_scan import PreparedScan
+from maxcon.search.scored_cells import ScoredCells
+from maxcon.search.space import Window
 
 CELL = 0.1
 
@@ -207,12 +206,12 @@ def test_where_something_stands_only_what_scores_as_much_is_found(seed, objectiv
     space = SearchSpace(n_steps * CELL, CELL, 1.0, 0.5)
     scan, point_map, prior = street(seed, space)
     best = branch_and_bound(scan, point_map, prior, space, objective)
-    standing = Standing(worth * best.score, best.moments)
-    found = branch_and_bound(scan, point_map, prior, space, objective, standing=standing)
+    incumbent = Incumbent(worth * best.score, best.moments)
+    found = branch_and_bound(scan, point_map, prior, space, objective, incumbent=incumbent)
     if worth <= 1.0:
         assert (found.cell, found.score) == (best.cell, best.score)
     elif best.score > 0.0:
-        assert found.score < standing.score
+        assert found.score < incumbent.score
 
 
 @given(
@@ -222,8 +221,7 @@ def test_where_something_stands_only_what_scores_as_much_is_found(seed, objectiv
     weighting=st.sampled_from(list(Weighting)),
     is_signed=st.booleans(),
     n_steps=st.sampled_from([0, 1, 2, 7, 16]),
-    summand=st.just(Summand())
-    | st.builds(Summand, st.integers(0, N_AXES - 1).map(Axis), st.sampled_from([0.0, 0.01, 0.2])),
+    summand=st.just(Summand()) | st.builds(Summand, st.integers(0, N_AXES - 1), st.sampled_from([0.0, 0.01, 0.2])),
     n_threads=st.sampled_from([1, 2]),
 )
 @settings(max_examples=150)
@@ -244,7 +242,7 @@ def test_no_cell_has_more_than_its_bound(
     if summand.axis is None:
         along = moments[..., 0]
     else:
-        azimuth = summand.axis.number * np.pi / N_AXES
+        azimuth = summand.axis * np.pi / N_AXES
         c, s = np.cos(azimuth), np.sin(azimuth)
         along = moments @ [0.0, c * c, 2.0 * c * s, s * s]
     assert (upper >= along).all()
@@ -265,7 +263,7 @@ def test_no_cell_has_more_than_its_bound(
     assert {*in_window[:, 2]} == {*range(x, x + nx)}
 
 
-@pytest.mark.parametrize("summand", [Summand(Axis(5)), Summand()])
+@pytest.mark.parametrize("summand", [Summand(5), Summand()])
 def test_sums_that_reach_something_and_the_highest(summand):
     space = SearchSpace(0.8, CELL, 1.0, 0.5)
     scan, point_map, prior = street(3, space)
@@ -282,7 +280,7 @@ def test_sums_that_reach_something_and_the_highest(summand):
         assert highest == sums[sums < least].max(initial=0.0)
         assert along.count_reaching(least) == len(cells)
     for n_cells in (1, 7, len(sums), len(sums) + 1):
-        got = np.sort(along.at(along.highest(n_cells)))
+        got = np.sort(along.at(along.units.highest(n_cells)))
         assert (got == np.sort(sums)[-n_cells:]).all()
 
 
@@ -300,7 +298,7 @@ def test_where_every_point_matches_squarely_a_cell_has_all_that_is_thought_possi
         scan, point_map, prior, SearchSpace(0.2, CELL, 0.0, 0.5), multiplicity, Weighting.COSINE
     )
     times = 1 if multiplicity is Multiplicity.OCCUPIED else 3
-    for objective, summand in ((Count(), Summand()), (Helmert(), Summand(Axis(0)))):
+    for objective, summand in ((Count(), Summand()), (Helmert(), Summand(0))):
         bounding = bounding_of(objective, prepared)
         here = bounding.sum_up(np.array([0]), Window(0, 0, 0, 0), summand).at(np.array([[0, 2, 2]]))[0]
         count, along, *_ = prepared.moments_of_cells(0, np.array([[0, 2, 2]]))[0]
@@ -324,20 +322,21 @@ def test_the_first_sum_is_along_the_axis_determined_least_and_the_second_across(
             normals=normals, without_normal=0.5, spread=np.array([xx, xy, yy]), prior=Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.7)
         )
         bounding = ByAxes(prepared, Helmert())
-        for leader in (None, Standing(0.0, np.zeros(4))):  # no cell determines anything yet: the scan decides
-            summand = bounding.summand(leader, 0.0, limits)
-            assert summand.axis == Axis.near(azimuth + 0.7)
+        for leader in (None, Incumbent(0.0, np.zeros(4))):  # no cell determines anything yet: the scan decides
+            summand = BoundedSearch(bounding, SimpleNamespace(leader=leader, asked=0.0), limits, 1)._summand()
+            assert summand.axis == nearest_axis(azimuth + 0.7)
             assert summand.least == pytest.approx(0.03 * 4.0 / 50)
-        summand = bounding.summand(Standing(3.6, np.array([50.0, xx, xy, yy])), 2.5, limits)
-        assert summand.axis == Axis.near(azimuth)
+        leader = Incumbent(3.6, np.array([50.0, xx, xy, yy]))
+        summand = BoundedSearch(bounding, SimpleNamespace(leader=leader, asked=2.5), limits, 1)._summand()
+        assert summand.axis == nearest_axis(azimuth)
         assert summand.least == pytest.approx(0.2 * 2.5 / 50)
-        assert bounding.across(summand) == Summand(Axis.near(azimuth + 0.5 * np.pi), summand.least)
+        assert bounding.across(summand) == Summand(nearest_axis(azimuth + 0.5 * np.pi), summand.least)
 
 
 @given(
     seed=SEEDS,
     objective=st.sampled_from([Helmert(), MaxEigenvalue()]),
-    first=st.integers(0, N_AXES - 1).map(Axis),
+    first=st.integers(0, N_AXES - 1),
     weak=st.floats(-np.pi, np.pi),
     share=st.sampled_from([0.05, 0.5, 1.0]),
 )
@@ -352,7 +351,7 @@ def test_second_bounds_hold_along_whatever_axis_the_first_were(seed, objective, 
     cosine, sine = np.cos(weak), np.sin(weak)
     moments = np.array([200.0, cosine**2 + 50.0 * sine**2, -49.0 * cosine * sine, sine**2 + 50.0 * cosine**2])
     prepared = PreparedScan.prepare(scan, point_map, prior, space, Multiplicity.OCCUPIED, Weighting.COSINE)
-    scored = ScoredCells(prepared, Wanted(objective, standing=Standing(share * scores.max(), moments)))
+    scored = ScoredCells(prepared, objective, incumbent=Incumbent(share * scores.max(), moments))
     limits = Limits(most_candidates=0, undecided=1)
     search = BoundedSearch(bounding_of(objective, prepared), scored, limits, 1)
     sums = search.bounding.sum_up(np.arange(space.shape[0]), Window.of(space), Summand(first))
@@ -432,11 +431,11 @@ def test_an_objective_without_bounds_is_searched_exhaustively():
 def test_only_without_bounds_a_space_has_to_be_small_enough_to_score_all_of_it(monkeypatch):
     space = SearchSpace(0.8, CELL, 1.0, 0.5)
     scan, point_map, prior = street(3, space)
-    monkeypatch.setattr("maxcon.search.matching.MOST_CELLS", space.n_cells - 1)
+    monkeypatch.setattr("maxcon.search.accumulator.MOST_CELLS", space.n_cells - 1)
     with pytest.raises(SearchSpaceError, match="at most 1,279 cells in an exhaustive search, got 1,280"):
         branch_and_bound(scan, point_map, prior, space, OwnObjective())
     assert branch_and_bound(scan, point_map, prior, space, Helmert()).score > 0.0
-    monkeypatch.setattr("maxcon.search.matching.MOST_CELLS", space.n_cells)
+    monkeypatch.setattr("maxcon.search.accumulator.MOST_CELLS", space.n_cells)
     assert branch_and_bound(scan, point_map, prior, space, OwnObjective()).score > 0.0
 
 

@@ -13,9 +13,16 @@ import pytest
 from maxcon import Count, Helmert, MaximumConsensus, PointMap, Pose, Scan, SearchSpace, Status
 from maxcon.errors import SearchSpaceError
 from maxcon.search import Found, branch_and_bound
-from maxcon.search.best_cell import BestCell
-from maxcon.search.cells import Candidates
-from maxcon.search.coarse_to_fine import COARSE, MANY_CELLS, WIDE, _is_at_rim, best_places, distinct_places
+from maxcon.search.coarse_to_fine import (
+    COARSE,
+    MANY_CELLS,
+    WIDE,
+    BestCell,
+    _is_at_boundary,
+    best_candidates,
+    distinct_candidates,
+)
+from maxcon.search.scored_cells import Candidates
 
 CELL = 0.06
 TRUTH = Pose(1.23, -0.87, 1.6, 0.0, 0.0, 0.4)
@@ -52,7 +59,7 @@ def town():
 
 
 def places(method, scan, point_map, prior, space):
-    return method.cell_search.places(scan, point_map, prior, space)
+    return method.cell_search.candidates(scan, point_map, prior, space)
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -161,9 +168,9 @@ def test_an_answer_in_the_outermost_cell_or_beyond_is_at_the_rim(town, beyond):
     prior = replace(TRUTH, x=TRUTH.x - beyond)
     space = SearchSpace(3.0, heading_half_width_deg=2.0)
     best = places(MaximumConsensus(), scan, point_map, prior, space)[0]
-    assert best.is_at_rim
+    assert best.is_at_boundary
     inside = places(MaximumConsensus(), scan, point_map, replace(prior, x=TRUTH.x - 2.5), space)[0]
-    assert not inside.is_at_rim
+    assert not inside.is_at_boundary
     answer = MaximumConsensus(space, wider=0.0).localize(scan, point_map, prior)
     assert answer.status is Status.AT_RIM
 
@@ -249,9 +256,9 @@ class Hills:
     def __init__(self, *hills):
         self.hills, self.asked = hills, []
 
-    def __call__(self, scan, point_map, prior, space, *, share=1.0, lists_all=False, standing=None):
+    def __call__(self, scan, point_map, prior, space, *, share=1.0, lists_all=False, incumbent=None):
         edge = round(point_map.cell, 2)
-        asked = {"scan": scan, "prior": prior, "space": space, "share": share, "standing": standing}
+        asked = {"scan": scan, "prior": prior, "space": space, "share": share, "incumbent": incumbent}
         self.asked.append(SimpleNamespace(edge=edge, lists_all=lists_all, **asked))
         scores = {}
         for x, y, turn_deg, of_edges in self.hills:
@@ -263,8 +270,8 @@ class Hills:
         cell = max(scores, key=scores.get, default=(0, 0, 0))
         score = scores.get(cell, 0.0)
         reached = [each for each in scores if scores[each] > 0.0 and scores[each] >= share * score]
-        if standing is not None:
-            reached = [each for each in reached if scores[each] >= standing.score]
+        if incumbent is not None:
+            reached = [each for each in reached if scores[each] >= incumbent.score]
         reaching = Candidates(np.array(reached).reshape(-1, 3), np.array([scores[each] for each in reached]))
         return Found(cell, score, moments_of(score), score, 0.0, 1, reaching=reaching)
 
@@ -288,7 +295,7 @@ def test_cells_within_a_metre_and_four_degrees_are_of_one_place(nowhere):
     near = hill(2, 0, 0.0, 9.9, 1.0), hill(0, -2, 2.0, 9.8, 1.0), hill(-1, 1, -2.0, 9.7, 1.0)
     far = hill(3, 0, 0.0, 9.6), hill(0, 0, 6.0, 9.5), hill(-2, -2, 0.0, 9.4), hill(0, 0, -6.0, 9.3)
     search = Hills(hill(0, 0), *near, *far)
-    best_places(search, *nowhere, HERE, SearchSpace(12.0), 0.8)
+    best_candidates(search, *nowhere, HERE, SearchSpace(12.0), 0.8)
     followed = [(asked.prior.x, asked.prior.y, math.degrees(asked.prior.heading)) for asked in search.of(CELL)]
     assert np.array(followed) == pytest.approx(np.array([each[:3] for each in (hill(0, 0), *far)]))
 
@@ -310,13 +317,13 @@ def test_the_highest_best_cell_of_a_place_stands_for_it(x, y, turn_deg, n):
     low, high = (
         BestCell(space, pose, (0, 0, 0), score, moments_of(score), 0.0) for pose, score in ((HERE, 3.0), (other, 4.0))
     )
-    assert distinct_places([low, high]) == [high, low][:n] == distinct_places([high, low])
+    assert distinct_candidates([low, high]) == [high, low][:n] == distinct_candidates([high, low])
 
 
 def test_coarse_cells_are_followed_that_reach_so_much_of_the_share_that_is_asked_for(nowhere):
     scan, _ = nowhere
     search = Hills(hill(0, 0, coarse=10.0), hill(9, 0, coarse=6.81, fine=9.0), hill(-9, 0, coarse=6.79, fine=20.0))
-    first, second = best_places(search, *nowhere, HERE, SearchSpace(12.0), 0.8)
+    first, second = best_candidates(search, *nowhere, HERE, SearchSpace(12.0), 0.8)
     (coarse,) = search.of(EDGE)
     assert (coarse.share, coarse.lists_all) == (pytest.approx(0.85 * 0.8), True)
     assert (coarse.space.cell, coarse.space.heading_step_deg) == (pytest.approx(EDGE), 2.0)
@@ -330,9 +337,9 @@ def test_coarse_cells_are_followed_that_reach_so_much_of_the_share_that_is_asked
 
 def test_a_place_of_a_lower_coarse_score_may_be_the_best_and_what_is_given_up_is_below_the_share(nowhere):
     search = Hills(hill(0, 0, fine=5.0), hill(9, 0, coarse=9.0, fine=10.0), hill(0, 9, coarse=8.0, fine=7.9))
-    best, other = best_places(search, *nowhere, HERE, SearchSpace(12.0), 0.8)
+    best, other = best_candidates(search, *nowhere, HERE, SearchSpace(12.0), 0.8)
     assert (best.score, other.score) == (10.0, 5.0)  # the third reaches 0.8 of 5, but not of 10
-    assert [asked.standing and asked.standing.score for asked in search.of(CELL)] == [None, 4.0, 8.0]
+    assert [asked.incumbent and asked.incumbent.score for asked in search.of(CELL)] == [None, 4.0, 8.0]
     assert best.runner_up == math.nextafter(0.8, 0.0)
     assert other.runner_up == pytest.approx(2.0)
 
@@ -343,7 +350,7 @@ def test_no_more_than_twelve_places_are_followed_and_the_thirteenth_is_told(nowh
 
     for n, rest in ((12, math.nextafter(0.8, 0.0)), (13, 9.88 / 10.0), (20, 9.88 / 10.0)):
         search = Hills(*along(n, 10.0))
-        (best,) = best_places(search, *nowhere, HERE, SearchSpace(12.0), 0.8)
+        (best,) = best_candidates(search, *nowhere, HERE, SearchSpace(12.0), 0.8)
         assert len(search.of(CELL)) == 12
         assert rest <= best.runner_up + 1e-9 <= 1.0 + 1e-9
         assert n > 12 or best.runner_up == rest
@@ -357,7 +364,7 @@ def test_small_cells_are_searched_around_a_coarse_one_as_far_as_the_space_goes(n
         (SearchSpace(0.3, heading_half_width_deg=0.0), (0.3, 0.0, 0.0)),
     ):
         search = Hills(hill(0, 0))
-        best_places(search, *nowhere, HERE, space, 0.8)
+        best_candidates(search, *nowhere, HERE, space, 0.8)
         (fine,) = search.of(CELL)
         assert (fine.space.half_width, fine.space.heading_half_width_deg) == pytest.approx(wanted[:2])
         assert fine.space.height_half_width == pytest.approx(wanted[2])
@@ -380,7 +387,7 @@ def test_from_a_best_small_cell_at_the_rim_it_is_gone_on_four_times(nowhere, cel
     for stops, n_looked in ((3, 3), (5, 5), (9, 5)):
         search = Slope(hill(0, 0))
         search.stops = stops
-        (best,) = best_places(search, *nowhere, HERE, SearchSpace(12.0), 0.8)
+        (best,) = best_candidates(search, *nowhere, HERE, SearchSpace(12.0), 0.8)
         asked = search.of(CELL)
         assert len(asked) == n_looked
         for one, other in itertools.pairwise(asked):
@@ -399,7 +406,7 @@ def test_a_very_wide_space_is_searched_in_wide_cells_first_and_in_coarse_ones_ar
         hill(0, -20, wide=5.99, coarse=10.0, fine=30.0),  # below 0.75 * 0.8 of the best wide one
     )
     search = Hills(*hills)
-    first, second = best_places(search, scan, point_map, HERE, space, 0.8)
+    first, second = best_candidates(search, scan, point_map, HERE, space, 0.8)
     assert (first.score, second.score) == (10.0, 9.0)
     (wide,) = search.of(2 * EDGE)
     assert (wide.share, wide.lists_all) == (pytest.approx(0.75 * 0.8), True)
@@ -407,7 +414,7 @@ def test_a_very_wide_space_is_searched_in_wide_cells_first_and_in_coarse_ones_ar
     assert len(wide.scan) == len(scan.thinned(2.0)) < len(scan.thinned(1.0))
     coarse = search.of(EDGE)
     assert [asked.share for asked in coarse] == pytest.approx([0.68, 0.68, 0.68])
-    assert [asked.standing and asked.standing.score for asked in coarse] == [
+    assert [asked.incumbent and asked.incumbent.score for asked in coarse] == [
         None,
         pytest.approx(5.44),
         pytest.approx(6.8),
@@ -415,8 +422,8 @@ def test_a_very_wide_space_is_searched_in_wide_cells_first_and_in_coarse_ones_ar
     assert [asked.prior.x for asked in coarse] == pytest.approx([0.0, 20 * EDGE, 0.0])
     assert all((asked.space.half_width, asked.space.heading_half_width_deg) == (0.96, 2.0) for asked in coarse)
     assert {asked.space.height_half_width for asked in coarse} == {0.0}
-    assert best_places(Hills(*hills[:1]), scan, point_map, HERE, space, 0.8)[0].runner_up == pytest.approx(0.68)
-    low = best_places(Hills(*hills[:1]), scan, point_map, HERE, replace(space, height_half_width=3.0), 0.8)
+    assert best_candidates(Hills(*hills[:1]), scan, point_map, HERE, space, 0.8)[0].runner_up == pytest.approx(0.68)
+    low = best_candidates(Hills(*hills[:1]), scan, point_map, HERE, replace(space, height_half_width=3.0), 0.8)
     assert len(low) == 1
 
 
@@ -425,7 +432,7 @@ def test_no_more_than_256_wide_cells_are_followed(nowhere):
     hills = [hill(6 * (k % 17) - 48, 6 * (k // 17) - 48, 0.0, 5.0, 5.0, 10.0 - 0.01 * k) for k in range(280)]
     hills[0] = hill(-48, -48)
     search = Hills(*hills)
-    (best,) = best_places(search, *nowhere, HERE, space, 0.8)
+    (best,) = best_candidates(search, *nowhere, HERE, space, 0.8)
     assert len(search.of(EDGE)) == 256
     assert (10.0 - 2.56) / 10.0 <= best.runner_up + 1e-9 <= 1.0 + 1e-9
 
@@ -439,7 +446,7 @@ def test_the_level_of_a_map_is_that_of_the_nearest_edge_by_ratio(level, edge, ce
 
 
 @pytest.mark.parametrize(
-    ("offset", "turn_deg", "space", "is_at_rim"),
+    ("offset", "turn_deg", "space", "is_at_boundary"),
     [
         (11.88, 0.0, SearchSpace(12.0), False),
         (11.94, 0.0, SearchSpace(12.0), True),
@@ -458,30 +465,30 @@ def test_the_level_of_a_map_is_that_of_the_nearest_edge_by_ratio(level, edge, ce
 )
 @pytest.mark.parametrize("is_along_y", [False, True])
 def test_the_rim_is_the_outermost_cell_or_half_a_step_beyond_the_last_heading(
-    offset, turn_deg, space, is_along_y, is_at_rim
+    offset, turn_deg, space, is_along_y, is_at_boundary
 ):
     for at in (0.0, 0.1, 50.0, -1234.56):  # rounding decides nothing
         prior = replace(HERE, x=at, y=-at, heading=2.0)
         x, y = (0.0, offset) if is_along_y else (offset, 0.0)
         pose = replace(prior.translated([x, y, 0.0]), heading=prior.heading + math.radians(turn_deg))
-        assert _is_at_rim(pose, prior, space, CELL) is is_at_rim
+        assert _is_at_boundary(pose, prior, space, CELL) is is_at_boundary
 
 
 def test_a_place_that_just_reaches_the_share_in_small_cells_is_one_of_them(nowhere):
     search = Hills(hill(0, 0), hill(9, 0, coarse=9.0, fine=8.0))
-    assert [each.score for each in best_places(search, *nowhere, HERE, SearchSpace(12.0), 0.8)] == [10.0, 8.0]
+    assert [each.score for each in best_candidates(search, *nowhere, HERE, SearchSpace(12.0), 0.8)] == [10.0, 8.0]
 
 
 def test_a_coarse_cell_that_just_reaches_its_share_is_followed(nowhere):
     search = Hills(hill(0, 0, coarse=1.0), hill(9, 0, coarse=0.85 * 0.8))
-    assert len(best_places(search, *nowhere, HERE, SearchSpace(12.0), 0.8)) == 2
+    assert len(best_candidates(search, *nowhere, HERE, SearchSpace(12.0), 0.8)) == 2
 
 
 def test_however_low_scores_are_places_are_found_but_none_where_all_are_zero(nowhere):
     low, zero = Hills(hill(0, 0, 0.0, 1e-3, 1e-3)), Hills(hill(0, 0, 0.0, 0.0, 0.0))
-    (best,) = best_places(low, *nowhere, HERE, SearchSpace(12.0), 0.8)
+    (best,) = best_candidates(low, *nowhere, HERE, SearchSpace(12.0), 0.8)
     assert (best.score, best.runner_up) == (1e-3, pytest.approx(0.68))
-    assert best_places(zero, *nowhere, HERE, SearchSpace(12.0), 0.8) == []
+    assert best_candidates(zero, *nowhere, HERE, SearchSpace(12.0), 0.8) == []
 
 
 def test_a_place_that_matches_determine_in_no_direction_may_have_any_runner_up(nowhere):
@@ -489,7 +496,7 @@ def test_a_place_that_matches_determine_in_no_direction_may_have_any_runner_up(n
         def __call__(self, *arguments, **options):
             return replace(super().__call__(*arguments, **options), moments=np.array([10.0, 10.0, 0.0, 0.0]))
 
-    (best,) = best_places(Counted(hill(0, 0)), *nowhere, HERE, SearchSpace(12.0), 0.8)
+    (best,) = best_candidates(Counted(hill(0, 0)), *nowhere, HERE, SearchSpace(12.0), 0.8)
     assert (best.score, best.runner_up) == (10.0, math.inf)
 
 
@@ -500,9 +507,9 @@ def test_more_cells_than_many_are_searched_in_wide_ones_first_and_more_than_most
     for many, is_wide in ((n_cells, False), (n_cells - 1, True)):
         monkeypatch.setattr("maxcon.search.coarse_to_fine.MANY_CELLS", many)
         search = Hills(hill(0, 0))
-        best_places(search, *nowhere, HERE, space, 0.8)
+        best_candidates(search, *nowhere, HERE, space, 0.8)
         assert bool(search.of(2 * EDGE)) is is_wide
     monkeypatch.setattr("maxcon.search.coarse_to_fine.MANY_CELLS", n_cells)
     monkeypatch.setattr("maxcon.search.coarse_to_fine.MOST_LARGE_CELLS", n_cells - 1)
     with pytest.raises(SearchSpaceError, match=r"cells of 0\.48 m and 2 degrees"):
-        best_places(Hills(hill(0, 0)), *nowhere, HERE, space, 0.8)
+        best_candidates(Hills(hill(0, 0)), *nowhere, HERE, space, 0.8)

@@ -14,7 +14,7 @@ from maxcon.errors import ArrayError, OptionError, SearchSpaceError
 from maxcon.geometry import rotation_matrices, voxel_indices
 from maxcon.map import TILE_VOXELS
 from maxcon.search import consensus_set, exhaustive, reference
-from maxcon.search.matching import CONTRIBUTION_STEP, turn, upright
+from maxcon.search.accumulator import CONTRIBUTION_STEP, turn, upright
 from maxcon.search.objectives import OBJECTIVES
 
 X = [1.0, 0.0, 0.0]

@@ -3,7 +3,6 @@
 """Single cells have, to the last bit, the moments of the exhaustive search; what is kept of their scores."""
 
 import inspect
-from dataclasses import fields
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,11 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from maxcon import Count, Helmert, PointMap, Pose, Scan, SearchSpace
-from maxcon.search import Found, Multiplicity, Standing, Weighting, branch_and_bound, exhaustive
-from maxcon.search.branch_and_bound import ScoredCells
-from maxcon.search.cells import Window
-from maxcon.search.found import Wanted
+from maxcon.search import Found, Incumbent, Multiplicity, Weighting, branch_and_bound, exhaustive
 from maxcon.search.prepared_scan import PreparedScan
+from maxcon.search.scored_cells import ScoredCells
+from maxcon.search.space import Window
 
 CELL = 0.1
 TILE = 512 * CELL
@@ -100,7 +98,7 @@ def test_scores_and_the_best_cell(seed):
     moments, prepared = scene(seed, (0.0, 0.0), 3000, True, Multiplicity.OCCUPIED, Weighting.COSINE)
     wanted = Helmert().score(moments)
     cells = some_cells(np.random.default_rng(seed), 40)
-    scored = ScoredCells(prepared, Wanted(Helmert(), share=1e-9, lists_all=True))
+    scored = ScoredCells(prepared, Helmert(), share=1e-9, lists_all=True)
     for part in (cells[:10], cells[5:25], cells[25:], cells[:0]):  # some twice
         scored.score(part)
     found = scored.found(rest=0.0)
@@ -124,7 +122,7 @@ def test_a_window_is_scored_at_once(seed, n_threads):
     moments, prepared = scene(seed, (0.0, 0.0), 3000, True, Multiplicity.OCCUPIED, Weighting.COSINE)
     scores = Helmert().score(moments)
     headings, window = np.array([0, 2, 3]), Window.around(np.array([[0, 3, 10], [0, 9, 25]]), SPACE)
-    scored = ScoredCells(prepared, Wanted(Helmert(), share=0.5, lists_all=True))
+    scored = ScoredCells(prepared, Helmert(), share=0.5, lists_all=True)
     highest_other = scored.score_window(headings, window, n_threads, 2**20)
     wanted = np.zeros_like(scores)
     wanted[headings, 3:10, 10:26] = scores[headings, 3:10, 10:26]
@@ -141,7 +139,7 @@ def test_a_window_is_scored_at_once(seed, n_threads):
 
 def test_where_all_cells_lie_within_the_guard_radius_the_runner_up_scores_nothing():
     _, prepared = scene(0, (0.0, 0.0), 3000, True, Multiplicity.OCCUPIED, Weighting.COSINE)
-    scored = ScoredCells(prepared, Wanted(Helmert(), guard_radius=100.0))
+    scored = ScoredCells(prepared, Helmert(), guard_radius=100.0)
     assert scored.runner_up() == 0.0
     scored.score(some_cells(np.random.default_rng(0), 40))
     assert (scored.best > 0.0, scored.runner_up()) == (True, 0.0)
@@ -153,15 +151,15 @@ def test_what_is_asked_of_a_cell_where_one_is_guarded_and_one_stands():
     cell = np.unravel_index(np.argmax(scores), scores.shape)
     guarded = tuple(int(index) for index in cell)
     highest = float(scores[guarded])
-    scored = ScoredCells(prepared, Wanted(Helmert(), share=0.5, guarded=guarded))
+    scored = ScoredCells(prepared, Helmert(), share=0.5, guarded=guarded)
     assert (scored.best, scored.asked, scored.leader.score) == (highest, 0.5 * highest, highest)
-    higher = Standing(2.0 * highest, moments[guarded])
-    scored = ScoredCells(prepared, Wanted(Helmert(), standing=higher))
+    higher = Incumbent(2.0 * highest, moments[guarded])
+    scored = ScoredCells(prepared, Helmert(), incumbent=higher)
     assert (scored.asked, scored.best, scored.leader) == (higher.score, higher.score, higher)
-    assert ScoredCells(prepared, Wanted(Helmert())).leader is None
-    lower = Standing(0.5 * highest, np.ones(4))
-    for standing, score in ((lower, highest), (higher, higher.score), (None, highest)):
-        known = ScoredCells(prepared, Wanted(Helmert(), standing=standing))
+    assert ScoredCells(prepared, Helmert()).leader is None
+    lower = Incumbent(0.5 * highest, np.ones(4))
+    for incumbent, score in ((lower, highest), (higher, higher.score), (None, highest)):
+        known = ScoredCells(prepared, Helmert(), incumbent=incumbent)
         known.score(np.array([guarded]))
         assert known.leader.score == known.best == score
         assert (known.leader.moments == moments[guarded]).all()
@@ -178,7 +176,7 @@ def test_windows_are_scored_as_many_headings_at_a_time_as_memory_allows(per_pass
         return np.ones((len(headings), *window.shape, 4))
 
     prepared = SimpleNamespace(space=SPACE, moments_of_window=moments_of_window)
-    scored = ScoredCells(prepared, Wanted(Count(), share=0.5))
+    scored = ScoredCells(prepared, Count(), share=0.5)
     assert scored.score_window(np.arange(5), window, 1, per_pass) == 0.0
     assert np.concatenate(asked).tolist() == [0, 1, 2, 3, 4]
     assert max(map(len, asked)) == {1: 1, 112: 1, 250: 2, 2**20: 5}[per_pass]
@@ -187,7 +185,8 @@ def test_windows_are_scored_as_many_headings_at_a_time_as_memory_allows(per_pass
 
 def test_what_is_wanted_by_default_is_what_the_search_finds_by_default():
     parameters = inspect.signature(branch_and_bound).parameters
-    wanted = {each.name: each.default for each in fields(Wanted) if each.name != "objective"}
+    of_cells = inspect.signature(ScoredCells).parameters
+    wanted = {name: each.default for name, each in of_cells.items() if each.default is not inspect.Parameter.empty}
     assert wanted == {name: parameters[name].default for name in wanted}
     found = Found((0, 0, 0), 1.0, np.zeros(4), 1.0, 0.0, 1)
     assert (found.height, len(found.reaching)) == (0, 0)

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from maxcon import MaxconError, Pose, SearchSpace
 from maxcon.errors import SearchSpaceError
+from maxcon.search.space import MOST_STEPS, _n_steps, rounded_up
 
 PRIOR = Pose(458_888.42, 5_429_081.54, 115.07, 0.02, -0.03, 3.1)
 
@@ -73,17 +74,17 @@ def test_headings_wrap_between_pose_and_prior():
 
 def test_the_rim_is_the_outermost_rows_and_columns():
     space = SearchSpace(0.3, 0.1, 0.5, 0.5)  # 6 x 6 cells
-    n_rim = sum(space.is_at_rim((1, iy, ix)) for iy in range(6) for ix in range(6))
+    n_rim = sum(space.is_at_boundary((1, iy, ix)) for iy in range(6) for ix in range(6))
     assert n_rim == 6 * 6 - 4 * 4
-    assert not space.is_at_rim((0, 3, 3))  # the outermost heading is no rim of offsets
+    assert not space.is_at_boundary((0, 3, 3))  # the outermost heading is no rim of offsets
     for cell in ((1, 0, 3), (1, 5, 3), (1, 3, 0), (1, 3, 5)):
-        assert space.is_at_rim(cell)
+        assert space.is_at_boundary(cell)
 
 
 def test_where_there_are_no_rows_inside_there_is_no_rim():
     two_by_two = SearchSpace(0.1, 0.1, 0.5, 0.5)
     assert two_by_two.shape == (3, 2, 2)
-    assert not any(two_by_two.is_at_rim((1, iy, ix)) for iy in range(2) for ix in range(2))
+    assert not any(two_by_two.is_at_boundary((1, iy, ix)) for iy in range(2) for ix in range(2))
 
 
 def test_the_outermost_of_several_headings():
@@ -96,7 +97,7 @@ def test_headings_alone_or_one_pose_alone():
     space = SearchSpace(0.0, 0.06, 2.0, 0.5)
     assert space.shape == (9, 1, 1)
     np.testing.assert_array_equal(space.offsets, [0.0])
-    assert not space.is_at_rim((4, 0, 0))
+    assert not space.is_at_boundary((4, 0, 0))
     assert space.reach == 0.0
     assert SearchSpace(0.0, 0.06, 0.0, 0.5).n_cells == 1
 
@@ -417,3 +418,52 @@ def test_an_absurd_space_is_refused_before_it_is_searched():
         SearchSpace(3000.0, 0.06, 180.0, 0.01)
     assert SearchSpace(3000.0, None, 180.0).is_open  # its cells are the method's to choose
     assert SearchSpace(60.0, 0.06, 180.0, 0.5).n_cells == 721 * 2000 * 2000
+
+
+# --- rounding to whole steps ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("half_width", "n"),
+    [(0.0, 0), (0.9e-6, 0), (1.0 + 0.9e-6, 1), (50_000.0 * (1.0 + 0.9e-6), 50_000), (1.0 * MOST_STEPS, MOST_STEPS)],
+)  # fmt: skip
+def test_a_millionth_is_forgiven_of_a_step_or_of_all_of_them(half_width, n):
+    assert _n_steps(half_width, 1.0, "offsets", "m") == n
+
+
+@pytest.mark.parametrize("half_width", [1.1e-6, 1.0 + 1.1e-6, 50_000.0 * (1.0 + 1.1e-6), 0.5])
+def test_more_is_not_forgiven(half_width):
+    with pytest.raises(SearchSpaceError, match="a multiple of its step"):
+        _n_steps(half_width, 1.0, "offsets", "m")
+
+
+def test_so_many_steps_and_no_more():
+    with pytest.raises(SearchSpaceError, match="at most 100,000 cells in the half width of the offsets"):
+        _n_steps(MOST_STEPS + 1.0, 1.0, "offsets", "m")
+
+
+@pytest.mark.parametrize(
+    ("reach", "held"),
+    [
+        (0.0, 0.0),
+        (1.0, 1.0),
+        (1.0 + 0.9e-9, 1.0),
+        (1.0 + 1.5e-9, 2.0),
+        (50_000.0 * (1.0 + 0.5e-9), 50_000.0),
+        (50_000.0 * (1.0 + 1.5e-9), 50_001.0),
+    ],
+)
+def test_what_is_reached_is_held_up_to_a_billionth(reach, held):
+    assert rounded_up(reach, 1.0) == held
+
+
+def test_half_a_step_more_as_a_margin():
+    assert rounded_up(1.0, 1.0, margin=0.5) == 2.0
+    assert rounded_up(0.0, 1.0, margin=0.5) == 0.0
+    assert rounded_up(MOST_STEPS - 0.5, 1.0, margin=0.5) == MOST_STEPS
+
+
+def test_what_cannot_be_held_is_left_for_the_space_to_refuse():
+    assert rounded_up(2.5 * MOST_STEPS, 1.0) == 2.5 * MOST_STEPS
+    assert rounded_up(2.5 * MOST_STEPS, 1.0, 1.5 * MOST_STEPS) == 1.5 * MOST_STEPS
+    assert rounded_up(2.5 * MOST_STEPS, 1.0, 10.5) == 10.0

@@ -163,7 +163,7 @@ class SpaceOptions(OptionGroup):
 
 def _in_steps(given: float | None, usual: float, step: float | None) -> float:
     """Return a half width, rounded up to whole steps; what makes no sense stays as it is, to be refused in words."""
-    from maxcon.search.grid_rounding import rounded_up
+    from maxcon.search.space import rounded_up
 
     reach = usual if given is None else given
     makes_sense = 0.0 <= reach < math.inf and (step is None or 0.0 < step < math.inf)

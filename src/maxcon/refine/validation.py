@@ -71,7 +71,7 @@ def validate(
         tilt_sigma = max(ground.sigma_tilt, GROUND_TILT_SIGMA)
     refined = refine(scan, point_map, start, height_sigma=height_sigma, tilt_sigma=tilt_sigma)
     walls = least_wall_share(refined)
-    status = trust.judge_refined(
+    status = trust.status_of_pose(
         n_planes=refined.n_planes,
         moved=refined.moved,
         wall_share=None if walls is None else walls.share,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from maxcon.geometry import Pose, wrap_angle
 from maxcon.relocalization.coarse_map import ANY_BIN, BIN_WIDTH, HIGHEST, N_BINS, REACH
 from maxcon.scan import Scan
-from maxcon.search.matching import upright
+from maxcon.search.accumulator import upright
 
 __all__ = ["HEADINGS", "STEP_DEG", "CandidateCells", "CandidatePoses", "CoarseScan", "TurnedScan"]
 

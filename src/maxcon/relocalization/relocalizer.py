@@ -26,12 +26,10 @@ from maxcon.relocalization.coarse_filter import filter_cells, recount
 from maxcon.relocalization.coarse_map import Area, CoarseTiles, Regions
 from maxcon.relocalization.coarse_scan import HEADINGS, STEP_DEG, CandidatePoses, CoarseScan
 from maxcon.scan import Scan
-from maxcon.search import Standing, branch_and_bound, exhaustive
-from maxcon.search.best_cell import BestCell
-from maxcon.search.coarse_to_fine import Level, distinct_places
-from maxcon.search.matching import check_threads
+from maxcon.search import Incumbent, branch_and_bound, exhaustive
+from maxcon.search.accumulator import Multiplicity, SearchMethod, Weighting, check_threads
+from maxcon.search.coarse_to_fine import BestCell, Level, distinct_candidates
 from maxcon.search.objectives import Helmert
-from maxcon.search.options import Multiplicity, SearchMethod, Weighting
 from maxcon.search.space import SearchSpace
 
 __all__ = ["Relocalization", "Relocalizer"]
@@ -199,30 +197,30 @@ class Relocalizer:
     def _best_cells(self, scan: Scan, T_ground_sensor: Pose, candidates: CandidatePoses) -> list[BestCell]:
         """The best of the map's own cells around each candidate whose score is followed, the best first."""
         found: list[BestCell] = []
-        standing: Standing | None = None
+        incumbent: Incumbent | None = None
         for x, y, heading in candidates.poses.tolist():
             start = pose_above_ground(self.map, x, y, heading, T_ground_sensor)
             ground = fit_ground(scan, self.map, start)
-            best = self._climbed(scan, start if ground is None else ground.pose, standing)
+            best = self._climbed(scan, start if ground is None else ground.pose, incumbent)
             if best is None:
                 continue
             found.append(best)
             least = self._followed * best.score
-            if standing is None or least > standing.score:
-                standing = Standing(least, best.moments)
-        return distinct_places(found)
+            if incumbent is None or least > incumbent.score:
+                incumbent = Incumbent(least, best.moments)
+        return distinct_candidates(found)
 
-    def _climbed(self, scan: Scan, pose: Pose, standing: Standing | None) -> BestCell | None:
-        """Hill climbing: the best cell around a pose, again while it is at the boundary; None below `standing`."""
+    def _climbed(self, scan: Scan, pose: Pose, incumbent: Incumbent | None) -> BestCell | None:
+        """Hill climbing: the best cell around a pose, again while it is at the boundary; None below `incumbent`."""
         window = SearchSpace(AROUND, heading_half_width_deg=AROUND_DEG).at(self.map.cell)
         for _ in range(1 + MOST_CLIMBS):
             found = branch_and_bound(
-                scan.thinned(THINNING), self.map, pose, window, Helmert(), standing=standing, n_threads=self.n_threads
+                scan.thinned(THINNING), self.map, pose, window, Helmert(), incumbent=incumbent, n_threads=self.n_threads
             )
-            if found.score <= 0.0 or (standing is not None and found.score < standing.score):
+            if found.score <= 0.0 or (incumbent is not None and found.score < incumbent.score):
                 return None
-            best = BestCell(window, pose, found.cell, found.score, found.moments, 0.0, is_at_rim=False)
-            if not (window.is_at_rim(found.cell) or window.is_outermost(found.cell[0])):
+            best = BestCell(window, pose, found.cell, found.score, found.moments, 0.0, is_at_boundary=False)
+            if not (window.is_at_boundary(found.cell) or window.is_outermost(found.cell[0])):
                 return best
             pose = best.pose
         return best
@@ -243,8 +241,8 @@ class Relocalizer:
         # Refinement decides which of the rivals is best; that there are rivals stays true.
         if len(rivals) > 1:
             rivals = sorted((self._refined(scan, each) for each in rivals), key=lambda each: -each.score)
-        best = replace(rivals[0], runner_up=runner_up, is_at_rim=self._is_at_rim(rivals[0].pose))
-        judged = replace(self._cell_search.judge(best, scan, self.map), cell=None)
+        best = replace(rivals[0], runner_up=runner_up, is_at_boundary=self._is_at_rim(rivals[0].pose))
+        judged = replace(self._cell_search.estimate(best, scan, self.map), cell=None)
         ground = fit_ground(scan, self.map, judged.pose)
         estimate = validate(judged, ground, scan, self.map, self.trust, self.risk)
         n_others = len(rivals) - 1
@@ -269,7 +267,7 @@ class Relocalizer:
         score = float(Helmert().score(moments))
         if score < best.score:
             return best
-        return BestCell(here.at(self.map.cell), refined.pose, (0, 0, 0), score, moments, 0.0, is_at_rim=False)
+        return BestCell(here.at(self.map.cell), refined.pose, (0, 0, 0), score, moments, 0.0, is_at_boundary=False)
 
     @property
     def _followed(self) -> float:

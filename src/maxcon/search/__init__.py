@@ -1,23 +1,20 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Searches: the definition and the fast paths that equal it."""
+"""Searches: the definition (`reference`) and the fast ones that equal it."""
 
 from maxcon.search import reference
-from maxcon.search.branch_and_bound import branch_and_bound
-from maxcon.search.consensus import consensus_set
-from maxcon.search.exhaustive import exhaustive
-from maxcon.search.found import Found, Standing
-from maxcon.search.heights import accumulators, highest_of
-from maxcon.search.limits import Limits
-from maxcon.search.matching import level_of
-from maxcon.search.options import Multiplicity, SearchMethod, Weighting
+from maxcon.search.accumulator import Multiplicity, SearchMethod, Weighting, level_of
+from maxcon.search.branch_and_bound import Limits, branch_and_bound
+from maxcon.search.exhaustive import accumulators, exhaustive, highest_of
+from maxcon.search.reference import consensus_set
+from maxcon.search.scored_cells import Found, Incumbent
 
 __all__ = [
     "Found",
+    "Incumbent",
     "Limits",
     "Multiplicity",
     "SearchMethod",
-    "Standing",
     "Weighting",
     "accumulators",
     "branch_and_bound",

@@ -7,8 +7,8 @@ import numpy as np
 from maxcon._system.kernel_cache import njit
 from maxcon.map import PATCH_VOXELS
 from maxcon.map.lookup_kernels import float32_at, int32_at, n_bits, uint64_at
+from maxcon.search.accumulator import CONTRIBUTION_STEP, ROUNDER
 from maxcon.search.group_kernels import turn_normals, turn_to_columns
-from maxcon.search.matching import CONTRIBUTION_STEP, ROUNDER
 
 __all__ = ["moments_of_cells", "points_at_heading"]
 
@@ -144,7 +144,7 @@ def _fetch(n, found, matched, normals, tiles, fetched, times):
 def _add(n, fetched, times, back, moments):
     """Add n matches to the moments of a cell, (4,).
 
-    With the arithmetic of `window_kernels.accumulate_tile`; as whole numbers of steps they are added in any order.
+    With the arithmetic of `window_kernels._weigh`; as whole numbers of steps they are added in any order.
     """
     n_all, xx, xy, yy = np.int64(0), np.int64(0), np.int64(0), np.int64(0)
     for m in range(n):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Coarse to fine: a wide space is searched in a level of the map, then finely where that leaves it open (D11)."""
+"""Coarse-to-fine search: automatic cells, first those of a level of the map, then its own around what is left (D11)."""
 
 import math
 from dataclasses import dataclass, replace
@@ -11,26 +11,18 @@ from maxcon.geometry import Pose, wrap_angle
 from maxcon.map import PointMap
 from maxcon.map.layout import LEVEL_FACTORS
 from maxcon.scan import Scan
-from maxcon.search import Found, Standing
-from maxcon.search.best_cell import BestCell
-from maxcon.search.objectives import Helmert
-from maxcon.search.space import PAPER_STEP_DEG, SearchSpace
+from maxcon.search.objectives import Helmert, Moments
+from maxcon.search.scored_cells import Found, Incumbent
+from maxcon.search.space import PAPER_STEP_DEG, Cell, SearchSpace
 
-__all__ = ["COARSE", "Level", "Search", "best_places"]
+__all__ = ["COARSE", "BestCell", "Level", "Search", "best_candidates", "distinct_candidates"]
 
 
 @dataclass(frozen=True, slots=True)
 class Level:
-    """How coarsely a space is searched.
+    """Cell edge (m) and heading step (degrees) of a search in a level of the map, and edge (m) of the scan's thinning.
 
-    Parameters
-    ----------
-    cell : float
-        Edge of the cells, m; what 1, 2, 4, ... 32 of the map's voxels come nearest to it.
-    heading_step_deg : float
-        Degrees.
-    thinning : float
-        One point of the scan is searched with in each cube of this edge, m.
+    The level is that of 1, 2, 4, ... 32 of the map's voxels whose edge comes nearest to `cell`.
     """
 
     cell: float
@@ -55,40 +47,63 @@ WIDE = Level(0.96, 2.0, 2.0)
 """Sixteen: what a space of more than MANY_CELLS coarse cells is searched in before."""
 MANY_CELLS = 2**19
 
-# Scores in large cells rank places less sharply than those in small ones: a place that reaches so much of the share
-# that is asked for is looked at in small cells too, ...
-BLUNT, BLUNT_WIDE = 0.85, 0.75
-# ... of so many places at most, the highest; the next one counts with its share of the best large cell.
-MOST_PLACES, MOST_WIDE_PLACES = 12, 256
-# More cells of the first level take minutes.
 MOST_LARGE_CELLS = 2**28
-# Coarse cells are searched so far around a wide one, m and degrees, and small ones around a coarse one; from a best
-# small one at the rim of that it is gone on.
+"""More cells of the first level take minutes, and are refused."""
+
+# Scores in large cells rank poses less sharply than those in small ones: a candidate that reaches so much of the asked
+# ratio is searched in small cells too, ...
+BLUNT, BLUNT_WIDE = 0.85, 0.75
+# ... of so many at most, the highest; the next one counts with its ratio to the best large cell.
+MOST_CANDIDATES, MOST_WIDE_CANDIDATES = 12, 256
+# Coarse cells are searched so far around a wide one, m and degrees, and small ones around a coarse one; hill climbing
+# goes on from a best small one at the boundary of that.
 AROUND_WIDE, AROUND_WIDE_DEG = 0.96, 2.0
 AROUND, AROUND_DEG = 0.48, 1.5
 MOST_CLIMBS = 4
-# Cells this near to each other, m and degrees, are of one place.
-SAME_PLACE, SAME_PLACE_DEG = 1.0, 4.0
+# Cells this near to each other, m and degrees, are one candidate.
+SAME_POSE, SAME_POSE_DEG = 1.0, 4.0
 
 
-@dataclass(frozen=True, slots=True)
-class OpenPlaces:
-    """Places that large cells leave open.
+@dataclass(frozen=True, slots=True, eq=False)
+class BestCell:
+    """The best cell of a search at one height, and Helmert's score of the second best candidate over its own.
 
     Parameters
     ----------
-    poses : list of Pose
-        One for each place, the highest score first.
-    rest : float
-        Share of the best large cell's score that no other place exceeds.
+    space, prior : SearchSpace, Pose
+        The cells of its height, and the prior raised to it.
+    cell, score, moments
+        Index, score and moments, shape (4,), of the cell.
+    runner_up : float
+        The ratio.
+    is_at_boundary : bool or None
+        Whether the cell lies at the boundary of the whole space; None where `space` is that.
     """
+
+    space: SearchSpace
+    prior: Pose
+    cell: Cell
+    score: float
+    moments: Moments
+    runner_up: float
+    is_at_boundary: bool | None = None
+
+    @property
+    def pose(self) -> Pose:
+        """T_map_sensor of the cell, local frame."""
+        return self.space.pose(self.cell, self.prior)
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOpen:
+    """Poses that large cells leave open, the highest score first; no other exceeds the ratio `rest` to the best."""
 
     poses: list[Pose]
     rest: float
 
 
 class Search(Protocol):
-    """An exact search for the best cell of a space, and if asked for every cell that reaches a share of its score."""
+    """An exact search for the best cell of a space, and if asked for every cell that reaches a ratio to its score."""
 
     def __call__(
         self,
@@ -99,39 +114,35 @@ class Search(Protocol):
         *,
         share: float = 1.0,
         lists_all: bool = False,
-        standing: Standing | None = None,
+        incumbent: Incumbent | None = None,
     ) -> Found:
         """Search."""
         ...
 
 
-def best_places(
+def best_candidates(
     search: Search, scan: Scan, point_map: PointMap, prior: Pose, space: SearchSpace, share: float
 ) -> list[BestCell]:
-    """Find the best place of an open space, and the others that may reach a share of its score.
+    """Find the best cell of an open space, and other candidates that may reach a ratio to its score.
 
     Parameters
     ----------
     search : Search
-        What is asked in large cells, and in small ones.
-    scan : Scan
-        Points with normals, sensor frame.
-    point_map : PointMap
-        The map: it is searched in a level first, in two of a space of very many cells.
-    prior : Pose
-        T_map_sensor before localization, local frame.
+        Used in large cells, and in small ones.
+    scan, point_map, prior
+        As of `exhaustive`. A level of the map is searched first, or two of them in a space of very many cells.
     space : SearchSpace
         An open one.
     share : float
-        Of the score of the best place, above 0 to 1.
+        The ratio, above 0 to 1.
 
     Returns
     -------
     list of BestCell
-        The best place first; none where nothing scores. Each is the best cell, of the map's own voxels, of a window
-        around a large one. `runner_up` is a ratio to its own score by Helmert's: of the highest other place that was
-        searched in small cells; of one given up there, the share (of the objective, whichever it is); or the share
-        below which large cells were not followed, which is proved for large cells and evidence for small ones.
+        The best one first; none where nothing scores. Each is the best of the map's own cells in a window around a
+        large one. `runner_up` is a ratio to its own score by Helmert's: of the highest other candidate that was
+        searched in small cells; of one given up there, the ratio asked for (of the objective, whichever it is); or the
+        ratio below which large cells were not followed, which is proved for large cells and evidence for small ones.
 
     Raises
     ------
@@ -139,49 +150,58 @@ def best_places(
         If the space has more than 2^28 cells of the first level.
     """
     is_wide = COARSE.cells(space, point_map).n_cells > MANY_CELLS
-    find = _places_in_wide_cells if is_wide else _places_in_coarse_cells
-    places = find(search, scan, point_map, prior, space, share)
+    find = _in_wide_cells if is_wide else _in_coarse_cells
+    left_open = find(search, scan, point_map, prior, space, share)
     window = _window(space, AROUND, AROUND_DEG, COARSE.of(point_map).cell).at(point_map.cell)
-    found = _fine_places(search, scan, point_map, places.poses, window, share)
-    fine = distinct_places(found)
+    found = _in_small_cells(search, scan, point_map, left_open.poses, window, share)
+    fine = distinct_candidates(found)
     scores = [float(Helmert().score(best.moments)) for best in fine]
-    rest = places.rest
-    if len(found) < len(places.poses):  # a place that was given up scores less than the share
+    rest = left_open.rest
+    if len(found) < len(left_open.poses):  # a candidate that was given up scores less than the ratio
         rest = max(rest, math.nextafter(share, 0.0))
     return [
         replace(
             best,
             runner_up=max([rest * score, *scores[:k], *scores[k + 1 :]]) / score if score > 0.0 else math.inf,
-            is_at_rim=_is_at_rim(best.pose, prior, space, point_map.cell),
+            is_at_boundary=_is_at_boundary(best.pose, prior, space, point_map.cell),
         )
         for k, (best, score) in enumerate(zip(fine, scores, strict=True))
     ]
 
 
-def _places_in_coarse_cells(
+def distinct_candidates(best: list[BestCell]) -> list[BestCell]:
+    """One best cell of each candidate, the highest score first."""
+    distinct: list[BestCell] = []
+    for each in sorted(best, key=lambda each: -each.score):
+        if not any(_is_same(each.pose, other.pose) for other in distinct):
+            distinct.append(each)
+    return distinct
+
+
+def _in_coarse_cells(
     search: Search, scan: Scan, point_map: PointMap, prior: Pose, space: SearchSpace, share: float
-) -> OpenPlaces:
-    """Places of a space where coarse cells may reach a share of the best small one."""
+) -> LeftOpen:
+    """Poses of a space where coarse cells may reach a ratio to the best small one."""
     found = _search_level(search, COARSE, scan, point_map, prior, space, BLUNT * share)
-    return _distinct_places(_poses_reaching(found, COARSE.cells(space, point_map), prior), BLUNT * share, MOST_PLACES)
+    return _distinct(_reaching(found, COARSE.cells(space, point_map), prior), BLUNT * share, MOST_CANDIDATES)
 
 
-def _places_in_wide_cells(
+def _in_wide_cells(
     search: Search, scan: Scan, point_map: PointMap, prior: Pose, space: SearchSpace, share: float
-) -> OpenPlaces:
+) -> LeftOpen:
     """The same for a space of very many: coarse cells are searched around wide ones alone."""
     found = _search_level(search, WIDE, scan, point_map, prior, space, BLUNT_WIDE * share)
-    reaching = _poses_reaching(found, WIDE.cells(space, point_map), prior)
-    wide = _distinct_places(reaching, BLUNT_WIDE * share, MOST_WIDE_PLACES)
+    reaching = _reaching(found, WIDE.cells(space, point_map), prior)
+    wide = _distinct(reaching, BLUNT_WIDE * share, MOST_WIDE_CANDIDATES)
     window = _window(space, AROUND_WIDE, AROUND_WIDE_DEG, WIDE.of(point_map).cell)
-    least, standing = BLUNT * share, None
+    least, incumbent = BLUNT * share, None
     scored: list[tuple[float, Pose]] = []
     for pose in wide.poses:
-        found = _search_level(search, COARSE, scan, point_map, pose, window, least, standing)
-        scored += _poses_reaching(found, COARSE.cells(window, point_map), pose)
-        if standing is None or least * found.score > standing.score:
-            standing = Standing(least * found.score, found.moments)
-    coarse = _distinct_places(scored, least, MOST_PLACES)
+        found = _search_level(search, COARSE, scan, point_map, pose, window, least, incumbent)
+        scored += _reaching(found, COARSE.cells(window, point_map), pose)
+        if incumbent is None or least * found.score > incumbent.score:
+            incumbent = Incumbent(least * found.score, found.moments)
+    coarse = _distinct(scored, least, MOST_CANDIDATES)
     return replace(coarse, rest=max(coarse.rest, wide.rest))
 
 
@@ -193,9 +213,9 @@ def _search_level(
     prior: Pose,
     space: SearchSpace,
     least: float,
-    standing: Standing | None = None,
+    incumbent: Incumbent | None = None,
 ) -> Found:
-    """Search all cells of a level in an open space, for all that reach a share of the best one."""
+    """Search all cells of a level in an open space, for all that reach a ratio to the best one."""
     cells = level.cells(space, point_map)
     if cells.n_cells > MOST_LARGE_CELLS:
         raise SearchSpaceError(
@@ -203,81 +223,69 @@ def _search_level(
             f" {cells.n_cells:,}. Narrow the search space."
         )
     thinned = scan.thinned(level.thinning)
-    return search(thinned, level.of(point_map), prior, cells, share=least, lists_all=True, standing=standing)
+    return search(thinned, level.of(point_map), prior, cells, share=least, lists_all=True, incumbent=incumbent)
 
 
-def _poses_reaching(found: Found, cells: SearchSpace, prior: Pose) -> list[tuple[float, Pose]]:
+def _reaching(found: Found, cells: SearchSpace, prior: Pose) -> list[tuple[float, Pose]]:
     """Scores and poses of the cells that reached what was asked; none where nothing scores."""
     if found.score <= 0.0:
         return []
-    raised = cells.raised(prior, found.height)
+    raised, reaching = cells.raised(prior, found.height), found.reaching
     return [
         (upper, cells.pose((heading, y, x), raised))
-        for (heading, y, x), upper in zip(found.reaching.cells.tolist(), found.reaching.upper.tolist(), strict=True)
+        for (heading, y, x), upper in zip(reaching.cells.tolist(), reaching.upper.tolist(), strict=True)
     ]
 
 
-def _distinct_places(scored: list[tuple[float, Pose]], least: float, most: int) -> OpenPlaces:
-    """At most so many places that reach a share of the best score; of the cells of one the highest stands for all."""
+def _distinct(scored: list[tuple[float, Pose]], least: float, most: int) -> LeftOpen:
+    """At most so many candidates that reach a ratio to the best score; of near cells the highest stands for all."""
     poses: list[Pose] = []
     ordered = sorted(scored, key=lambda each: -each[0])
     for score, pose in ordered:
-        share = score / ordered[0][0]
-        if share < least:
+        ratio = score / ordered[0][0]
+        if ratio < least:
             break
-        if any(_is_same_place(pose, other) for other in poses):
+        if any(_is_same(pose, other) for other in poses):
             continue
         if len(poses) == most:
-            return OpenPlaces(poses, share)
+            return LeftOpen(poses, ratio)
         poses.append(pose)
-    return OpenPlaces(poses, least)
+    return LeftOpen(poses, least)
 
 
-def _fine_places(
+def _in_small_cells(
     search: Search, scan: Scan, point_map: PointMap, poses: list[Pose], window: SearchSpace, share: float
 ) -> list[BestCell]:
-    """The best small cells around poses: of the first, and of others that reach a share of the best so far."""
+    """The best small cells around poses: of the first, and of others that reach a ratio to the best so far."""
     fine: list[BestCell] = []
-    standing: Standing | None = None
+    incumbent: Incumbent | None = None
     for pose in poses:
-        best = _climbed(search, scan, point_map, pose, window, standing)
+        best = _climb(search, scan, point_map, pose, window, incumbent)
         if best is None:
             continue
         fine.append(best)
-        if standing is None or share * best.score > standing.score:
-            standing = Standing(share * best.score, best.moments)
+        if incumbent is None or share * best.score > incumbent.score:
+            incumbent = Incumbent(share * best.score, best.moments)
     return fine
 
 
-def _climbed(
-    search: Search, scan: Scan, point_map: PointMap, pose: Pose, window: SearchSpace, standing: Standing | None
+def _climb(
+    search: Search, scan: Scan, point_map: PointMap, pose: Pose, window: SearchSpace, incumbent: Incumbent | None
 ) -> BestCell | None:
-    """The best small cell around a pose; around that, as long as scores rise at the rim of the window.
+    """Hill climbing: the best small cell around a pose; around that, as long as it lies at the boundary of the window.
 
-    None where no cell scores as much as what stands.
+    None where no cell scores as much as the incumbent.
     """
     for _ in range(1 + MOST_CLIMBS):
-        found = search(scan, point_map, pose, window, standing=standing)
-        if standing is not None and found.score < standing.score:
+        found = search(scan, point_map, pose, window, incumbent=incumbent)
+        if incumbent is not None and found.score < incumbent.score:
             return None
         raised = window.raised(pose, found.height)
         best = BestCell(window.plane, raised, found.cell, found.score, found.moments, 0.0)
-        if not (window.is_at_rim(found.cell) or window.is_outermost(found.cell[0])):
+        if not (window.is_at_boundary(found.cell) or window.is_outermost(found.cell[0])):
             break
-        pose = window.pose(found.cell, raised)
+        pose = best.pose
     return best
-
-
-def distinct_places(best: list[BestCell]) -> list[BestCell]:
-    """One best cell of each place, the highest score first."""
-    distinct: list[BestCell] = []
-    poses: list[Pose] = []
-    for each in sorted(best, key=lambda each: -each.score):
-        pose = each.pose
-        if not any(_is_same_place(pose, other) for other in poses):
-            distinct.append(each)
-            poses.append(pose)
-    return distinct
 
 
 def _window(space: SearchSpace, around: float, around_deg: float, large_cell: float) -> SearchSpace:
@@ -289,18 +297,18 @@ def _window(space: SearchSpace, around: float, around_deg: float, large_cell: fl
     )
 
 
-def _is_same_place(one: Pose, other: Pose) -> bool:
+def _is_same(one: Pose, other: Pose) -> bool:
     turn_deg = math.degrees(abs(wrap_angle(one.heading - other.heading)))
-    return math.hypot(one.x - other.x, one.y - other.y) <= SAME_PLACE and turn_deg <= SAME_PLACE_DEG
+    return math.hypot(one.x - other.x, one.y - other.y) <= SAME_POSE and turn_deg <= SAME_POSE_DEG
 
 
-def _is_at_rim(pose: Pose, prior: Pose, space: SearchSpace, cell: float) -> bool:
+def _is_at_boundary(pose: Pose, prior: Pose, space: SearchSpace, cell: float) -> bool:
     """Whether a pose lies in the outermost cell of a space, or beyond."""
     offsets = (pose.x - prior.x, pose.y - prior.y)
     turn_deg = math.degrees(abs(wrap_angle(pose.heading - prior.heading)))
     # Offsets run from -half_width to half_width - cell; half a cell, so that rounding decides nothing. Of two columns
     # none is an inner one: only what lies beyond them is far then.
-    rim = 0.5 * cell if space.half_width > 1.5 * cell else -0.5 * cell
-    is_low, is_high = min(offsets) < rim - space.half_width, max(offsets) > space.half_width - cell - rim
+    margin = 0.5 * cell if space.half_width > 1.5 * cell else -0.5 * cell
+    is_low, is_high = min(offsets) < margin - space.half_width, max(offsets) > space.half_width - cell - margin
     is_far = space.half_width > 0.0 and (is_low or is_high)
     return is_far or turn_deg > space.heading_half_width_deg + 0.5 * PAPER_STEP_DEG

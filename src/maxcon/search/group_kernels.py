@@ -83,7 +83,7 @@ def group_scan(points, normals, rotation, height, has_normals, turn, place, cell
 def _set_upright(points, normals, rotation, height):
     """Turn points and normals, (n, 3) float64, by a rotation, (3, 3), and raise the points; both (3, n).
 
-    With the arithmetic of `matching.upright`. Also returns the least and the largest coordinates of the points and of
+    With the arithmetic of `accumulator.upright`. Also returns the least and largest coordinates of the points and of
     the sensor, (2, 3).
     """
     n = points.shape[0]

@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: MIT
 """What a cell is worth: functions of the moments its matches added (D5).
 
-A new objective is a class with one method, ``score(moments)``; nothing has to be registered. It may say what it is
-called in pictures (``title``), and what its scores are measured in (``unit``). The
-moments of a cell are count, Nxx, Nxy and Nyy: the number of its matches and the normal matrix
-N = sum of w n n^T over them (equation (4)).
+A new objective is a class with one method, ``score(moments)``; nothing has to be registered. Pictures use its ``title``
+and the ``unit`` of its scores, if it has them. The moments of a cell are count, Nxx, Nxy and Nyy: the number of its
+matches and the normal matrix N = sum of w n n^T over them (equation (4)).
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ class Objective(Protocol):
     def score(self, moments: Moments) -> Scores:
         """Scores, shape (...), of moments, shape (..., 4): count, Nxx, Nxy, Nyy. Never NaN.
 
-        Searches by bounds and of open spaces look for shares of the best score: they refuse negative ones.
+        Branch and bound refuses negative scores: it looks for ratios to the best one.
         """
         ...
 
@@ -68,24 +67,18 @@ class BoundedByAxes(Objective, Protocol):
     def bound_by_axes(self, along_u: Scores, along_v: Scores) -> Scores:
         """Most that a cell scores whose N has u^T N u and v^T N v of at most this.
 
-        The search picks the orthonormal u and v: it must hold for every pair of them. Never falls when one of the two
-        grows. It must hold for scores as they are computed, rounding included.
+        Holds for any orthonormal u and v, and for scores as they are computed, rounding included. Never falls when one
+        of the two grows.
         """
         ...
 
 
 Bounded = BoundedByCount | BoundedByAxes
-"""An objective that branch and bound can bound, in whichever way."""
+"""An objective that branch and bound can bound."""
 
 
 def checked_scores(scores: Scores, shape: tuple[int, ...]) -> Scores:
-    """Return scores as an objective gave them, once they are known to be numbers of the expected shape.
-
-    Raises
-    ------
-    ArrayError
-        If they have another shape, or one of them is NaN.
-    """
+    """Return scores of an objective; `ArrayError` if they have another shape, or one of them is NaN."""
     scores = np.asarray(scores)
     if scores.shape != shape:
         raise ArrayError(
@@ -99,24 +92,12 @@ def checked_scores(scores: Scores, shape: tuple[int, ...]) -> Scores:
 
 @dataclass(frozen=True, slots=True)
 class Checked:
-    """Another objective, whose scores are checked: one of a user's own may return anything.
-
-    Parameters
-    ----------
-    objective : Objective
-        The other one.
-    """
+    """An objective whose scores are checked for shape, NaN and negative values: a user's own may return anything."""
 
     objective: Objective
 
     def score(self, moments: Moments) -> Scores:
-        """Scores, shape (...), of moments, shape (..., 4).
-
-        Raises
-        ------
-        ArrayError
-            If the other objective returns scores of another shape, NaN, or negative ones.
-        """
+        """Scores, shape (...), of moments, shape (..., 4); `ArrayError` if they are not as promised."""
         scores = checked_scores(self.objective.score(moments), moments.shape[:-1])
         if scores.min(initial=0) < 0:
             raise ArrayError(
@@ -201,17 +182,11 @@ class MaxEigenvalue:
 
 
 OBJECTIVES = (Count(), Helmert(), MaxEigenvalue())
-"""Those that have names, in the order of the paper: what studies compare, and the command line offers."""
+"""Objectives with names, in the order of the paper: what studies compare and the command line offers."""
 
 
 def as_objective(objective: Objective | str) -> Objective:
-    """Return an objective as it is, or the one of a name.
-
-    Raises
-    ------
-    OptionError
-        If there is none of that name, or the object has no `score`.
-    """
+    """Return an objective as it is, or the one of a name; `OptionError` if it is neither."""
     if not isinstance(objective, str | type) and callable(getattr(objective, "score", None)):
         return objective
     named: dict[str, Objective] = {each.name: each for each in OBJECTIVES}

@@ -17,14 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.geometry import Pose, rotation_matrices, voxel_indices
-from maxcon.map import PointMap, TileKey, VoxelTile
+from maxcon.map import PATCH_VOXELS, PointMap, TileKey, VoxelTile
+from maxcon.map.tile import Addresses
 from maxcon.scan import Scan
-from maxcon.search.accumulator import Accumulator
-from maxcon.search.cells import Window
+from maxcon.search.accumulator import Multiplicity, Weighting
 from maxcon.search.objectives import Moments
-from maxcon.search.options import Multiplicity, Weighting
-from maxcon.search.space import SearchSpace
-from maxcon.search.tile_table import TileTable
+from maxcon.search.space import SearchSpace, Window
 
 __all__ = ["PreparedScan"]
 
@@ -39,7 +37,7 @@ Headings = NDArray[np.int64]
 """Numbers of some headings of a search space, shape (h,)."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PreparedScan:
     """An upright scan in groups of neighbouring points, and the tiles that it can fall in at any cell of a space.
 
@@ -172,12 +170,6 @@ class PreparedScan:
             ranks=self.ranks[sizes > 0],
         )
 
-    def accumulated(self, n_threads: int = 1) -> Accumulator:
-        """Moments of every cell of the space."""
-        headings, window = np.arange(len(self.space.headings)), Window.of(self.space)
-        moments = self.moments_of_window(headings, window, n_threads)
-        return Accumulator(moments, self.space, self.prior)
-
     def moments_of_window(self, headings: Headings, window: Window, n_threads: int = 1) -> NDArray[np.float64]:
         """Moments of all cells of a window at some headings, shape (h, ny, nx, 4)."""
         moments = np.empty((len(headings), *window.shape, 4))
@@ -242,18 +234,18 @@ class PreparedScan:
         n_threads : int
             Headings are shared out among that many threads; the sums do not depend on it.
         """
-        from maxcon.search import sum_kernels
+        from maxcon.search import window_kernels
         from maxcon.search.visit_kernels import RIM
 
         turns = self._turns(headings)
         columns, visits = self._turned(turns)
         height, width = (n_cells + 2 * RIM for n_cells in window.shape)
         sums = np.zeros((len(headings), height, width), np.int32 if self.is_once else np.int64)
-        bases = sum_kernels.bases_of_points(columns, width, height * width)
+        bases = window_kernels.bases_of_points(columns, width, height * width)
 
         def vote(part: NDArray[np.int64]) -> None:
             for stops, runs, voxels in self._stops(visits, window):
-                sum_kernels.sum_tile(
+                window_kernels.sum_tile(
                     stops, runs, voxels, bases, weighed_normals, turns.astype(np.float32),
                     (int(part[0]), int(part[-1]) + 1), axis, tuple(window), width, self.is_signed,
                     np.float32(least), np.float32(1.0 / unit), sums.reshape(-1),
@@ -281,7 +273,7 @@ class PreparedScan:
         moments[...] = sums[:, RIM : RIM + ny, RIM : RIM + nx]
 
     def _turns(self, headings: Headings) -> NDArray[np.float64]:
-        """Cosine and sine of some headings in the map's axes, shape (h, 2), one by one as in `matching.turn`."""
+        """Cosine and sine of some headings in the map's axes, shape (h, 2), one by one as in `accumulator.turn`."""
         azimuths = self.prior.heading + self.space.headings[headings]
         return np.array([(np.cos(azimuth), np.sin(azimuth)) for azimuth in azimuths])
 
@@ -314,7 +306,7 @@ class PreparedScan:
             yield stops, runs, (tile.corner, tile.columns, tile.normals, counts)
 
     @cached_property
-    def _table(self) -> TileTable:
+    def _table(self) -> "TileTable":
         """The tiles, as single points are looked up in them."""
         return TileTable.of(self.tiles, self.shape, self.edge, int(self.ranks.max(initial=0)) + 1)
 
@@ -322,6 +314,44 @@ class PreparedScan:
     def _layers(self) -> NDArray[np.int32]:
         """Number of each point's height layer among those of the scan, shape (n,)."""
         return np.repeat(self.ranks, np.diff(self.starts)).astype(np.int32)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TileTable:
+    """The tiles around a scan in one array, so that one call of the kernel looks up points in all of them.
+
+    Parameters
+    ----------
+    rows : array, shape (n_tiles + 1, 8), uint64
+        Addresses of the arrays of each tile, as `cell_kernels.moments_of_cells` reads them. The first row is for
+        where there is no tile.
+    grid : array, shape (ny, nx), int32
+        Rows of the tiles, by their keys.
+    kept : tuple
+        The arrays at the addresses: they live as long as the table.
+    """
+
+    rows: NDArray[np.uint64]
+    grid: NDArray[np.int32]
+    kept: tuple[NDArray[Any] | Addresses, ...]
+
+    @classmethod
+    def of(
+        cls, tiles: dict[int, tuple[VoxelTile, NDArray[np.int64]]], shape: tuple[int, int], edge: int, n_layers: int
+    ) -> "TileTable":
+        """Table of the tiles of a `PreparedScan`, from its fields; its points lie in `n_layers` height layers."""
+        layers = np.zeros((len(tiles) + 1, n_layers), np.int32)
+        nothing, kept = np.zeros((edge // PATCH_VOXELS) ** 2, np.uint64), []
+        rows, grid = np.empty((len(layers), 8), np.uint64), np.zeros(shape, np.int32)
+        rows[:, 0] = layers.ctypes.data + layers.strides[0] * np.arange(len(layers))
+        rows[0, 1:] = [1, *[nothing.ctypes.data] * 6]
+        for row, (slot, (tile, tile_layers)) in enumerate(tiles.items(), 1):
+            grid.flat[slot] = row
+            layers[row] = np.where(tile_layers < 0, len(tile.index.layers), tile_layers)[:n_layers]
+            addresses = tile.addresses  # once: the table must keep the very ones whose values it has
+            rows[row, 1], rows[row, 2:] = tile.occupancy.held.shape[2], addresses.values[:6]
+            kept.append(addresses)
+        return cls(rows, grid, (layers, nothing, *kept))
 
 
 def _in_threads(do: Callable[[NDArray[np.int64]], None], parts: list[NDArray[np.int64]], n_threads: int) -> None:

@@ -2,24 +2,31 @@
 # SPDX-License-Identifier: MIT
 """The definition: plain NumPy, to be read beside the paper (D4, D7).
 
-Slow on purpose. Every faster search must give the same accumulator; `pairs` is equation (2) to the
-letter and needs no voxels.
+Slow on purpose. Every faster search must give the same accumulator as `voxels`; `pairs` is equation (2) to the letter
+and needs no voxels. `consensus_set` says which scan points are counted at one cell.
 """
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from maxcon.geometry import Pose, voxel_indices
+from maxcon.geometry import Pose, voxel_centers, voxel_indices
 from maxcon.geometry.arrays import as_points, as_unit_normals
 from maxcon.map import PointMap
 from maxcon.map.voxelize import mean_normals, turn_alike
 from maxcon.scan import Scan
-from maxcon.search.accumulator import Accumulator
-from maxcon.search.matching import CONTRIBUTION_STEP, cells_of, check_one_height, turn, upright
-from maxcon.search.options import Multiplicity, Weighting
-from maxcon.search.space import SearchSpace
+from maxcon.search.accumulator import (
+    CONTRIBUTION_STEP,
+    Accumulator,
+    Multiplicity,
+    Weighting,
+    cells_of,
+    check_one_height,
+    turn,
+    upright,
+)
+from maxcon.search.space import Cell, SearchSpace
 
-__all__ = ["pairs", "voxels"]
+__all__ = ["consensus_set", "pairs", "voxels"]
 
 
 def pairs(
@@ -55,10 +62,6 @@ def pairs(
         Weight of a match in N, see `Weighting` (D5).
     is_signed : bool
         Whether map normals are turned to the sensor's side; otherwise w = |n_scan . n_map| (D5).
-
-    Returns
-    -------
-    Accumulator
     """
     check_one_height(space)
     points_map = as_points(points_map, "points_map")
@@ -109,10 +112,6 @@ def voxels(
     weighting : {"cosine", "published", "one"}
         Weight of a match in N, see `Weighting` (D5).
 
-    Returns
-    -------
-    Accumulator
-
     Raises
     ------
     SearchSpaceError
@@ -143,13 +142,34 @@ def voxels(
     return Accumulator(moments, space, prior)
 
 
+def consensus_set(scan: Scan, point_map: PointMap, prior: Pose, space: SearchSpace, cell: Cell) -> NDArray[np.bool_]:
+    """Whether each of n scan points falls in a voxel of the map when the sensor is at `cell`, shape (n,).
+
+    Parameters as of `voxels`; `cell` is the (heading, y, x) of one cell.
+    """
+    space = cells_of(space, point_map)
+    heading, iy, ix = cell
+    _, ny, nx = space.shape
+    points = turn(upright(scan, prior).points, prior.heading + space.headings[heading]) + [prior.x, prior.y, 0.0]
+    indices = voxel_indices(points, point_map.cell) + np.array([ix - nx // 2, iy - ny // 2, 0], dtype=np.int32)
+    is_matched = np.zeros(len(indices), bool)
+    if len(indices) == 0:
+        return is_matched
+    low, high = indices.min(axis=0), indices.max(axis=0)
+    sizes = (high - low + 1).astype(np.int64)
+    numbering = np.array([1, sizes[0], sizes[0] * sizes[1]])
+    wanted = (indices - low).astype(np.int64) @ numbering
+    centers = voxel_centers(indices, point_map.cell)[:, :2]
+    for tile in point_map.tiles_around(centers, 0.0):
+        near = tile.voxels[((tile.voxels >= low) & (tile.voxels <= high)).all(axis=1)]
+        is_matched |= np.isin(wanted, (near - low).astype(np.int64) @ numbering)
+    return is_matched
+
+
 def _weights(
     normals_scan: NDArray[np.floating], normals_map: NDArray[np.floating], is_signed: bool, weighting: Weighting
 ) -> NDArray[np.floating]:
-    """Weights, the diagonal of P: max(0, n_scan . n_map), |n_scan . n_map| where the map has no side, or 1 (D5).
-
-    Where the scan point has no normal, what the weighting says of it.
-    """
+    """Weights, the diagonal of P: max(0, n_scan . n_map), |n_scan . n_map| where the map has no side, or 1 (D5)."""
     if weighting is Weighting.ONE:
         return np.ones(len(normals_scan))
     cosines = (normals_scan * normals_map).sum(axis=1)

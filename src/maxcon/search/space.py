@@ -1,12 +1,14 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""SearchSpace: all cells that are tried, and which pose each stands for (D3)."""
+"""Search space: all cells that are tried, which pose each stands for (D3), and windows of them."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,35 +16,35 @@ from numpy.typing import ArrayLike, NDArray
 from maxcon.errors import SearchSpaceError
 from maxcon.geometry import Pose, wrap_angle
 from maxcon.geometry.covariances import sigmas_of
-from maxcon.search.grid_rounding import n_steps, rounded_up
 
-__all__ = ["Cell", "SearchSpace"]
+__all__ = ["PAPER_CELL", "PAPER_STEP_DEG", "Cell", "SearchSpace", "Window", "rounded_up"]
+
+PAPER_CELL, PAPER_STEP_DEG = 0.06, 0.5
+"""The paper's cell edge, m, and its step between headings, degrees: also the default where nothing else chose one."""
+
+MOST_CELLS = 2**36
+"""More cells would take branch and bound over a quarter of an hour, and are refused."""
+
+MOST_STEPS = 100_000
+"""Most cells in a half width: 6 km at 6 cm. It keeps every number of cells finite."""
 
 GIVE_CELLS = "Give it cells: `space.at(point_map.cell)`."
 
-PAPER_CELL, PAPER_STEP_DEG = 0.06, 0.5
-"""The paper's cell edge, m, and its step between headings, degrees: also where nothing else has chosen one."""
-
-MOST_CELLS = 2**36
-"""Cells of a space that takes branch and bound a quarter of an hour; what has more was a slip of the pen."""
-
 Cell = tuple[int, int, int]
-"""(heading, y, x) indices of one cell; where heights are searched too, the number of its height goes beside it."""
+"""(heading, y, x) indices of a cell; where heights are searched too, the number of its height goes beside it."""
 
 
 @dataclass(frozen=True, slots=True)
 class SearchSpace:
     """A grid of headings and offsets around a prior.
 
-    A cell and a heading step that are not given are the method's to choose: the space is open then, and has no cells
-    before it is given both, see `at`. Given ones are obeyed. `paper` is the paper's.
+    Without a cell and a heading step the space is open: the method chooses them (automatic cells), and the space has
+    no cells before it is given both, see `at`. `paper` is the paper's space.
 
-    Cell (h, iy, ix) stands for heading prior + headings[h] and offset (offsets[ix], offsets[iy]) in map
-    axes. The offset (0, 0) and the heading 0 are cells. Offsets run from -half_width to
-    half_width - cell, headings from -half width to +half width.
-
-    With a height half width there are these cells at every height k: those of the prior raised by heights[k]. Index
-    order is (heading, height, y, x) then; `shape` and `Cell` speak of the cells of one height.
+    Cell (h, iy, ix) stands for heading prior + headings[h] and offset (offsets[ix], offsets[iy]) in map axes. The
+    offset (0, 0) and the heading 0 are cells. Offsets run from -half_width to half_width - cell, headings from -half
+    width to +half width. With a height half width there are these cells at every height k, around the prior raised by
+    heights[k]. Index order is (heading, height, y, x) then; `shape` and `Cell` describe the cells of one height.
 
     Parameters
     ----------
@@ -53,15 +55,14 @@ class SearchSpace:
     heading_half_width_deg : float
         Largest turn from the prior's heading, degrees; a multiple of the step, if that is given.
     heading_step_deg : float, optional
-        Step between headings, degrees; 0.5 beside a cell, if not given.
+        Step between headings, degrees; 0.5 if only the cell is given.
     height_half_width : float
         Largest offset from the prior in z, up and down, m; a multiple of `cell`, if that is given.
 
     Raises
     ------
     SearchSpaceError
-        If a half width is not a multiple of its step, a number is negative or not finite, or there are more than 2^36
-        cells.
+        If a half width is no multiple of its step, a number is out of range, or there are more than 2^36 cells.
     """
 
     half_width: float = 12.0
@@ -79,7 +80,7 @@ class SearchSpace:
             (self.heading_half_width_deg, self.heading_step_deg, "headings", "degrees"),
         ):
             if step is not None:
-                n_steps(half_width, step, what, unit)
+                _n_steps(half_width, step, what, unit)
             elif not 0.0 <= half_width < math.inf:
                 raise SearchSpaceError(f"Expected a half width >= 0 for the {what}, got {half_width} {unit}.")
         if self.cell is not None and self.n_cells > MOST_CELLS:
@@ -93,67 +94,6 @@ class SearchSpace:
     def paper(cls) -> SearchSpace:
         """Return the paper's: 3 m in cells of 0.06 m, and 2 degrees in steps of 0.5 degrees."""
         return cls(3.0, PAPER_CELL, 2.0, PAPER_STEP_DEG)
-
-    @property
-    def is_open(self) -> bool:
-        """Whether cell and heading step are the method's to choose."""
-        return self.cell is None and self.heading_step_deg is None
-
-    def at(self, cell: float, heading_step_deg: float = PAPER_STEP_DEG) -> SearchSpace:
-        """Return the space with a cell edge, m, and a heading step, degrees, where it has none yet.
-
-        Half widths are rounded up to what these make.
-        """
-        if self.cell is not None:
-            return self
-        step_deg = heading_step_deg if self.heading_step_deg is None else self.heading_step_deg
-        return SearchSpace(
-            rounded_up(self.half_width, cell),
-            cell,
-            rounded_up(self.heading_half_width_deg, step_deg),
-            step_deg,
-            rounded_up(self.height_half_width, cell),
-        )
-
-    def n_cells_at(self, cell: float, heading_step_deg: float = PAPER_STEP_DEG) -> int:
-        """How many cells the space has once it is given these (see `at`), even if they are too many to be searched."""
-        step_deg = heading_step_deg if self.heading_step_deg is None else self.heading_step_deg
-        edge = cell if self.cell is None else self.cell
-        n_offsets, n_turns, n_up = (
-            round(rounded_up(half_width, step) / step)
-            for half_width, step in (
-                (self.half_width, edge),
-                (self.heading_half_width_deg, step_deg),
-                (self.height_half_width, edge),
-            )
-        )
-        return (2 * n_up + 1) * (2 * n_turns + 1) * max(1, 2 * n_offsets) ** 2
-
-    @property
-    def cell_edge(self) -> float:
-        """Cell edge e, m.
-
-        Raises
-        ------
-        SearchSpaceError
-            If it is the method's to choose.
-        """
-        if self.cell is None:
-            raise SearchSpaceError(f"Expected a search space with a cell, got {self}. {GIVE_CELLS}")
-        return self.cell
-
-    @property
-    def step_deg(self) -> float:
-        """Step between headings, degrees, of a space that is not open.
-
-        Raises
-        ------
-        SearchSpaceError
-            If it is.
-        """
-        if self.heading_step_deg is None:
-            raise SearchSpaceError(f"Expected a search space with a heading step, got {self}. {GIVE_CELLS}")
-        return self.heading_step_deg
 
     @classmethod
     def from_covariance(
@@ -170,40 +110,36 @@ class SearchSpace:
     ) -> SearchSpace:
         """Return the space that holds every pose within k standard deviations of a prior (D2).
 
+        Half widths are rounded up to whole cells and steps, if given, so that every pose within k sigma lies within
+        half a cell of one that is tried. A variance of 0 gives one cell, or one heading. The turn is at most 180
+        degrees, before rounding.
+
         Parameters
         ----------
         covariance : array_like, shape (3, 3)
-            Of the prior's x, y and heading: m^2, m rad and rad^2, axes of the map. x and y share the larger
-            variance of the two, as the window is a square; how they are correlated does not matter.
+            Of the prior's x, y and heading, map axes: m^2, m rad and rad^2. The window is a square: the larger of the
+            variances of x and y counts, correlations do not matter.
         k : float
             Half widths in standard deviations, > 0.
         cell : float, optional
-            Cell edge e, m; the method's to choose if not given.
+            Cell edge e, m.
         heading_step_deg : float, optional
-            Step between headings, degrees; the method's to choose if not given.
+            Step between headings, degrees.
         smallest_half_width, smallest_heading_half_width_deg : float
-            The space reaches so far at least, m and degrees, whatever the covariance says.
+            Least half widths, m and degrees, whatever the covariance says.
         largest_half_width, largest_heading_half_width_deg : float, optional
-            The space is cut to these, m and degrees, and to whole cells and steps within them, where those are given:
-            poses beyond are not searched then.
+            The space is cut to these, m and degrees, and to whole cells and steps within them.
 
         Raises
         ------
         SearchSpaceError
-            If the covariance is not of shape (3, 3), finite, symmetric and positive semidefinite; if a number
-            is negative or not finite, or the space has too many cells.
-
-        Notes
-        -----
-        Half widths are rounded up to whole cells and steps, where those are given. As the last column stands one cell
-        before the half width, that is at least k sigma and half a cell: every pose within k sigma lies within half a
-        cell of one that is tried. A variance of 0 gives one cell, or one heading. Turns of more than 180 degrees are
-        none: that is the most that is rounded up, to less than a step more.
+            If the covariance is not of shape (3, 3), finite, symmetric and positive semidefinite, a number is out of
+            range, or the space has too many cells.
         """
         if cell is not None:
-            n_steps(0.0, cell, "offsets", "m")
+            _n_steps(0.0, cell, "offsets", "m")
         if heading_step_deg is not None:
-            n_steps(0.0, heading_step_deg, "headings", "degrees")
+            _n_steps(0.0, heading_step_deg, "headings", "degrees")
         if not 0.0 < k < math.inf:
             raise SearchSpaceError(f"Expected `k` > 0 standard deviations, got {k}. The default is 3.")
         for name, limit in (
@@ -218,34 +154,85 @@ class SearchSpace:
         reach = max(k * max(sigma_x, sigma_y), smallest_half_width)
         turn_deg = min(max(k * math.degrees(sigma_heading), smallest_heading_half_width_deg), 180.0)
         return cls(
-            rounded_up(reach, cell, largest_half_width, rim=0.5),
+            rounded_up(reach, cell, largest_half_width, margin=0.5),  # the last column stands one cell before the end
             cell,
             rounded_up(turn_deg, heading_step_deg, largest_heading_half_width_deg),
             heading_step_deg,
         )
 
     @property
+    def is_open(self) -> bool:
+        """Whether cell and heading step are the method's to choose."""
+        return self.cell is None and self.heading_step_deg is None
+
+    def at(self, cell: float, heading_step_deg: float = PAPER_STEP_DEG) -> SearchSpace:
+        """Return the space with a cell edge, m, and a heading step, degrees, where it has none, rounded up."""
+        if self.cell is not None:
+            return self
+        step_deg = heading_step_deg if self.heading_step_deg is None else self.heading_step_deg
+        return SearchSpace(
+            rounded_up(self.half_width, cell), cell, rounded_up(self.heading_half_width_deg, step_deg), step_deg,
+            rounded_up(self.height_half_width, cell),
+        )  # fmt: skip
+
+    def n_cells_at(self, cell: float, heading_step_deg: float = PAPER_STEP_DEG) -> int:
+        """Return the number of cells of `at`, even if they are too many to be searched."""
+        step_deg = heading_step_deg if self.heading_step_deg is None else self.heading_step_deg
+        edge = cell if self.cell is None else self.cell
+        widths = (self.half_width, edge), (self.heading_half_width_deg, step_deg), (self.height_half_width, edge)
+        n_offsets, n_turns, n_up = (round(rounded_up(half_width, step) / step) for half_width, step in widths)
+        return (2 * n_up + 1) * (2 * n_turns + 1) * max(1, 2 * n_offsets) ** 2
+
+    @property
+    def cell_edge(self) -> float:
+        """Cell edge e, m; `SearchSpaceError` if it has none."""
+        if self.cell is None:
+            raise SearchSpaceError(f"Expected a search space with a cell, got {self}. {GIVE_CELLS}")
+        return self.cell
+
+    @property
+    def step_deg(self) -> float:
+        """Step between headings, degrees; `SearchSpaceError` if it has none."""
+        if self.heading_step_deg is None:
+            raise SearchSpaceError(f"Expected a search space with a heading step, got {self}. {GIVE_CELLS}")
+        return self.heading_step_deg
+
+    @property
     def shape(self) -> tuple[int, int, int]:
         """(headings, ny, nx): how many cells along each axis, at one height."""
-        n_offsets = max(1, 2 * n_steps(self.half_width, self.cell_edge, "offsets", "m"))
-        n_turns = n_steps(self.heading_half_width_deg, self.step_deg, "headings", "degrees")
+        n_offsets = max(1, 2 * _n_steps(self.half_width, self.cell_edge, "offsets", "m"))
+        n_turns = _n_steps(self.heading_half_width_deg, self.step_deg, "headings", "degrees")
         return 2 * n_turns + 1, n_offsets, n_offsets
 
     @property
+    def n_heights(self) -> int:
+        """Number of heights."""
+        return 2 * _n_steps(self.height_half_width, self.cell_edge, "heights", "m") + 1
+
+    @property
     def n_cells(self) -> int:
-        """How many cells there are in all, at all heights."""
+        """Number of cells at all heights."""
         return self.n_heights * math.prod(self.shape)
 
     @property
-    def n_heights(self) -> int:
-        """How many heights there are."""
-        return 2 * n_steps(self.height_half_width, self.cell_edge, "heights", "m") + 1
+    def offsets(self) -> NDArray[np.float64]:
+        """Offset of each column (and of each row) from the prior, shape (nx,), m."""
+        return _centred(self.shape[2]) * self.cell_edge
+
+    @property
+    def headings(self) -> NDArray[np.float64]:
+        """Turn of each heading from the prior's, shape (headings,), rad."""
+        return np.asarray(np.radians(_centred(self.shape[0]) * self.step_deg), dtype=np.float64)
 
     @property
     def heights(self) -> NDArray[np.float64]:
-        """What each height lies above the prior, shape (n_heights,), m."""
-        n_heights = self.n_heights
-        return np.asarray((np.arange(n_heights) - n_heights // 2) * self.cell_edge, dtype=np.float64)
+        """Height of each plane of cells above the prior, shape (n_heights,), m."""
+        return _centred(self.n_heights) * self.cell_edge
+
+    @property
+    def reach(self) -> float:
+        """Largest offset of a cell from the prior along x or y, m."""
+        return self.shape[2] // 2 * self.cell_edge
 
     @property
     def plane(self) -> SearchSpace:
@@ -260,36 +247,12 @@ class SearchSpace:
         """Yield the prior raised to each height, from the lowest on."""
         return (self.raised(prior, height) for height in range(self.n_heights))
 
-    @property
-    def offsets(self) -> NDArray[np.float64]:
-        """Offset of each column (and of each row) from the prior, shape (nx,), m."""
-        n_offsets = self.shape[2]
-        return np.asarray((np.arange(n_offsets) - n_offsets // 2) * self.cell_edge, dtype=np.float64)
-
-    @property
-    def headings(self) -> NDArray[np.float64]:
-        """Turn of each heading from the prior's, shape (headings,), rad."""
-        n_headings = self.shape[0]
-        turns_deg = (np.arange(n_headings) - n_headings // 2) * self.step_deg
-        return np.asarray(np.radians(turns_deg), dtype=np.float64)
-
-    @property
-    def reach(self) -> float:
-        """Farthest a cell can lie from the prior, along x or y, m."""
-        return self.shape[2] // 2 * self.cell_edge
-
     def pose(self, cell: Cell, prior: Pose) -> Pose:
         """Return the pose that `cell` stands for; z, roll and pitch are the prior's (see `raised`)."""
         heading, iy, ix = cell
         offsets = self.offsets
-        return Pose(
-            prior.x + float(offsets[ix]),
-            prior.y + float(offsets[iy]),
-            prior.z,
-            prior.roll,
-            prior.pitch,
-            prior.heading + float(self.headings[heading]),
-        )
+        x, y = prior.x + float(offsets[ix]), prior.y + float(offsets[iy])
+        return replace(prior, x=x, y=y, heading=prior.heading + float(self.headings[heading]))
 
     def nearest_cell(self, pose: Pose, prior: Pose) -> Cell:
         """Return the cell whose pose is nearest to `pose`, clipped to the space."""
@@ -300,7 +263,7 @@ class SearchSpace:
         ix = round((pose.x - prior.x) / self.cell_edge) + nx // 2
         return (min(max(heading, 0), n_headings - 1), min(max(iy, 0), ny - 1), min(max(ix, 0), nx - 1))
 
-    def is_at_rim(self, cell: Cell) -> bool:
+    def is_at_boundary(self, cell: Cell) -> bool:
         """Whether `cell` lies in the outermost rows or columns of offsets (where there are others)."""
         _, ny, nx = self.shape
         return (ny > 2 and cell[1] in (0, ny - 1)) or (nx > 2 and cell[2] in (0, nx - 1))
@@ -309,3 +272,87 @@ class SearchSpace:
         """Whether a heading, by number, is the first or the last of several."""
         n_headings = self.shape[0]
         return n_headings > 1 and heading in (0, n_headings - 1)
+
+
+class Window(NamedTuple):
+    """A rectangle of cells, the same at all headings: first and last offset in x and y, in voxels, both included."""
+
+    x_first: int
+    x_last: int
+    y_first: int
+    y_last: int
+
+    @classmethod
+    def of(cls, space: SearchSpace) -> Window:
+        """All offsets of a space."""
+        _, ny, nx = space.shape
+        return cls(-(nx // 2), nx - 1 - nx // 2, -(ny // 2), ny - 1 - ny // 2)
+
+    @classmethod
+    def around(cls, cells: NDArray[np.int64], space: SearchSpace) -> Window:
+        """Return the smallest window that holds some cells (n, 3) of a space."""
+        _, ny, nx = space.shape
+        (y_first, x_first), (y_last, x_last) = cells[:, 1:].min(axis=0).tolist(), cells[:, 1:].max(axis=0).tolist()
+        return cls(x_first - nx // 2, x_last - nx // 2, y_first - ny // 2, y_last - ny // 2)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of cells along each axis, (ny, nx)."""
+        return self.y_last - self.y_first + 1, self.x_last - self.x_first + 1
+
+    def first_cell(self, space: SearchSpace) -> tuple[int, int]:
+        """Index (y, x) of its first cell in a space."""
+        _, ny, nx = space.shape
+        return self.y_first + ny // 2, self.x_first + nx // 2
+
+    def bands(self, most_cells: int) -> Iterator[Window]:
+        """Yield bands of whole rows that make up this window, in order, each of at most `most_cells` or of one row."""
+        n_rows = max(1, most_cells // self.shape[1])
+        for y_first in range(self.y_first, self.y_last + 1, n_rows):
+            yield self._replace(y_first=y_first, y_last=min(y_first + n_rows - 1, self.y_last))
+
+
+def rounded_up(reach: float, step: float | None, largest: float | None = None, margin: float = 0.0) -> float:
+    """Return the least multiple of `step` that holds `reach` and `margin` steps more, but none beyond `largest`.
+
+    Without a step `reach` is not rounded, and cut to `largest`. What would be too many steps is returned as it is, for
+    `SearchSpace` to refuse.
+    """
+    most = math.inf if largest is None else largest
+    if step is None:
+        return min(reach, most)
+    steps = reach / step + margin if reach > 0.0 else 0.0
+    if min(steps, most / step) > MOST_STEPS:
+        return min(reach, most)
+    whole = math.ceil(steps - 1e-9 * max(1.0, steps))
+    if most / step < whole:
+        whole = math.floor(most / step + 1e-6)
+    return whole * step
+
+
+@lru_cache(maxsize=4096)
+def _n_steps(half_width: float, step: float, what: str, unit: str) -> int:
+    """Number of steps in a half width, which must be a whole one."""
+    if not (math.isfinite(half_width) and math.isfinite(step) and step > 0.0 and half_width >= 0.0):
+        raise SearchSpaceError(
+            f"Expected a half width >= 0 and a step > 0 for the {what}, got {half_width} {unit} and {step} {unit}."
+            " The defaults are 3 m by 0.06 m and 2 degrees by 0.5 degrees."
+        )
+    steps = half_width / step
+    if steps > MOST_STEPS:
+        raise SearchSpaceError(
+            f"Expected at most {MOST_STEPS:,} cells in the half width of the {what}, got {half_width:g} {unit} by"
+            f" {step:g} {unit}. Narrow the search space, or take larger steps."
+        )
+    n_steps = round(steps)
+    if abs(steps - n_steps) > 1e-6 * max(1.0, steps):
+        raise SearchSpaceError(
+            f"Expected the half width of the {what} to be a multiple of its step, got {half_width} {unit} and"
+            f" {step} {unit}. Take {math.ceil(steps) * step:g} {unit}?"
+        )
+    return n_steps
+
+
+def _centred(n: int) -> NDArray[np.float64]:
+    """Numbers of n steps, 0 in the middle."""
+    return np.asarray(np.arange(n) - n // 2, dtype=np.float64)

@@ -1,253 +1,46 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Compiled: the moments of all cells of a window (D5)."""
+"""Compiled: sums over the matches of all cells of a window: their moments (D5), or what bounds them along one axis.
 
-from typing import Any, NamedTuple
+Both kernels work tile by tile, on the stops of `visit_kernels`: a group of neighbouring scan points, at a run of
+headings, and the voxels of one tile that these points can meet at some cell of the window.
+
+How a cell is found. A scan point in voxel (px, py) meets the map's voxel (vx, vy) at the cell of offset
+(vx - px, vy - py). The sums of one heading lie row by row: the offset (x, y) has its place at y * stride + x. So the
+place is the sum of two parts, `cells` = vy * stride + vx of the voxel and `base` = -(py * stride + px) of the point:
+one addition for each match. The sums are RIM cells wider than the window on each side, because the box of a stop holds
+voxels that only some of its points meet within the window; what falls there is cut off in the end.
+
+How a stop is summed. Its voxels are laid out in short arrays, CAPACITY at a time, which stay in the L1 cache; each
+point at each heading then runs over them twice: a loop without branches computes what the matches add (the compiler
+makes vector instructions of it: `normals` and the like are one array for each component for that), and a second one
+adds this to the cells, which lie scattered.
+"""
 
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic
 
 from maxcon._system.kernel_cache import njit
-from maxcon.search.matching import ROUNDER
+from maxcon.search.accumulator import ROUNDER
 from maxcon.search.visit_kernels import RIM, TileVoxels
 
-__all__ = ["accumulate_tile"]
+__all__ = ["accumulate_tile", "bases_of_points", "sum_tile"]
 
-# Voxels that are laid out at a time, a multiple of BLOCK: they fit into the L1 cache.
+# Voxels that are laid out at a time, a multiple of the blocks in which loops over them run.
 CAPACITY = 256
-
-# Weights are computed in blocks of this many, so that the vectorized loop has no remainder.
 BLOCK = 32
-
-
-def _adding(is_once):
-    """Make the one vector operation of a match; the compiler does not find it in four scalar ones.
-
-    add(sums, cell, factors, weights, times, j): sums[cell : cell + 4] += (1 or times[j], rounded products of
-    weights[j] and factors[4 j + 1 : 4 j + 4]). Lane 0 of the factors is 0.
-    """
-
-    @intrinsic
-    def add(typing_context, sums, cell, factors, weights, times, j):
-        signature = types.void(sums, types.int64, factors, weights, times, types.int64)
-
-        def generate(context, builder, signature, arguments):
-            sums, cell, factors, weights, times, j = arguments
-            four_doubles = ir.VectorType(ir.DoubleType(), 4)
-            index = ir.IntType(32)
-            undefined = ir.Constant(four_doubles, ir.Undefined)
-
-            def at(array, number, position):
-                data = context.make_array(signature.args[number])(context, builder, array).data
-                return builder.gep(data, [position])
-
-            def four_at(array, number, position):
-                return builder.bitcast(at(array, number, position), four_doubles.as_pointer())
-
-            factor = builder.load(four_at(factors, 2, builder.shl(j, ir.Constant(j.type, 2))), align=8)
-            weight = builder.insert_element(undefined, builder.load(at(weights, 3, j)), ir.Constant(index, 0))
-            weight = builder.shuffle_vector(weight, undefined, ir.Constant(ir.VectorType(index, 4), [0] * 4))
-            rounder = ir.Constant(four_doubles, [ROUNDER] * 4)
-            # The product of two numbers of 24 bits is exact: to fuse it with the sum changes nothing. With
-            # times it is not.
-            flags = ("contract",) if is_once else ()
-            product = builder.fadd(builder.fmul(weight, factor, flags=flags), rounder, flags=flags)
-            lane_0 = ROUNDER - 1.0 if is_once else ROUNDER
-            product = builder.fsub(product, ir.Constant(four_doubles, [lane_0] + [ROUNDER] * 3))
-            if not is_once:
-                product = builder.insert_element(product, builder.load(at(times, 4, j)), ir.Constant(index, 0))
-            pointer = four_at(sums, 0, cell)
-            builder.store(builder.fadd(builder.load(pointer, align=8), product), pointer, align=8)
-            return context.get_dummy_value()
-
-        return signature, generate
-
-    return add
-
-
-_add_once = _adding(True)
-_add_times = _adding(False)
-
-
-@intrinsic
-def _add_alike(typing_context, sums, cell, rows, n_alike, j):
-    """sums[cell : cell + 4] += n_alike * rows[4 j : 4 j + 4], in one vector operation."""
-    signature = types.void(sums, types.int64, rows, types.float64, types.int64)
-
-    def generate(context, builder, signature, arguments):
-        sums, cell, rows, n_alike, j = arguments
-        four_doubles, index = ir.VectorType(ir.DoubleType(), 4), ir.IntType(32)
-        undefined = ir.Constant(four_doubles, ir.Undefined)
-
-        def four_at(array, number, position):
-            data = context.make_array(signature.args[number])(context, builder, array).data
-            return builder.bitcast(builder.gep(data, [position]), four_doubles.as_pointer())
-
-        row = builder.load(four_at(rows, 2, builder.shl(j, ir.Constant(j.type, 2))), align=8)
-        times = builder.insert_element(undefined, n_alike, ir.Constant(index, 0))
-        times = builder.shuffle_vector(times, undefined, ir.Constant(ir.VectorType(index, 4), [0] * 4))
-        pointer = four_at(sums, 0, cell)
-        # Both are multiples of a step that float64 holds exactly: to fuse them changes nothing.
-        added = builder.fmul(times, row, flags=("contract",))
-        total = builder.fadd(builder.load(pointer, align=8), added, flags=("contract",))
-        builder.store(total, pointer, align=8)
-        return context.get_dummy_value()
-
-    return signature, generate
-
-
-class LaidOut(NamedTuple):
-    """Voxels laid out in arrays to be matched with scan points, at most c, and room for intermediate results.
-
-    normals : (3, c) float32; factors : (4 c,) float64, 0, nx nx, nx ny, ny ny; cells : (c,) int32, where in the sums a
-    scan point in voxel (0, 0) meets them; times : (c,) float64, their counts, or empty where a voxel counts once.
-    weights : (c,) float64, of the matches of one point; rows : (4 c,) float64, what points without a normal add.
-    """
-
-    normals: Any
-    factors: Any
-    cells: Any
-    times: Any
-    weights: Any
-    rows: Any
-
-
-class TurnedPoints(NamedTuple):
-    """The points of a scan at some headings: columns, (headings, 2, n) int32, and normals, (headings, 3, n) float32."""
-
-    columns: Any
-    normals: Any
+LANES = 8
 
 
 @njit(nogil=True, cache=True)
-def _select(columns, first, last, low, span, selected, n_selected):
-    """Append to `selected` those voxels of a run that lie in a rectangle; without a branch. Returns how many."""
-    for k in range(first, last):
-        selected[n_selected] = k
-        x = np.uint32(np.int32(columns[np.uint64(k), 0]) - low[0])
-        y = np.uint32(np.int32(columns[np.uint64(k), 1]) - low[1])
-        n_selected += np.uint64((x <= span[0]) & (y <= span[1]))
-    return n_selected
+def _read_on(runs, run, end_run, k):
+    """Where to read on once all voxels before k are read: the run, and its next voxel."""
+    if k < runs[run, 1]:
+        return run, k
+    run += 1
+    return run, runs[run, 0] if run < end_run else k
 
 
-@njit(nogil=True, cache=True)
-def _lay_out_voxels(selected, voxels, stride, out):
-    """Lay out the selected voxels, those with a normal first, then the others. Returns how many have one."""
-    has_counts = voxels.counts.shape[0] > 0
-    one, n_normals, n_left = np.uint64(1), np.uint64(0), np.uint64(selected.shape[0])
-    for number in selected:
-        k = np.uint64(number)
-        nx, ny, nz = voxels.normals[k, 0], voxels.normals[k, 1], voxels.normals[k, 2]
-        has_normal = np.uint64((nx != 0.0) | (ny != 0.0) | (nz != 0.0))
-        n_left -= one - has_normal
-        to = n_normals if has_normal == one else n_left
-        n_normals += has_normal
-        out.normals[0, to], out.normals[1, to], out.normals[2, to] = nx, ny, nz
-        at = np.uint64(4) * to
-        out.factors[at + np.uint64(1)] = nx * nx
-        out.factors[at + np.uint64(2)] = nx * ny
-        out.factors[at + np.uint64(3)] = ny * ny
-        out.cells[to] = np.int32(4) * (np.int32(voxels.columns[k, 1]) * stride + np.int32(voxels.columns[k, 0]))
-        if has_counts:
-            out.times[to] = voxels.counts[k]
-    return np.int64(n_normals)
-
-
-@njit(nogil=True, cache=True)
-def _lay_out_alike(n_voxels, without_normal, out):
-    """Lay out what a match of weight `without_normal` adds at each voxel."""
-    has_counts = out.times.shape[0] > 0
-    for j in range(n_voxels):
-        at, n_points = np.uint64(4 * j), 1.0
-        if has_counts:
-            n_points = out.times[j]
-        weight, out.rows[at] = without_normal * n_points, n_points
-        for channel in range(np.uint64(1), np.uint64(4)):
-            out.rows[at + channel] = weight * out.factors[at + channel] + ROUNDER - ROUNDER
-
-
-@njit(nogil=True, cache=True, forceinline=True)
-def _weigh(normals, n_normals, turned, i, back, weights):
-    """Weights of the matches of a scan point: w = max(c, 0) where normals have a side, |c| = max(c, -c) where not.
-
-    back : 0 where normals have a side, otherwise -1.
-    """
-    nx, ny, nz = turned[0, i], turned[1, i], turned[2, i]
-    for j in range((n_normals + BLOCK - 1) // BLOCK * BLOCK):
-        cosine = nx * normals[0, j] + ny * normals[1, j] + nz * normals[2, j]
-        weights[j] = max(cosine, back * cosine)
-
-
-@njit(nogil=True, cache=True)
-def _accumulate(headings, points, turned, origin, stride, back, n_normals, n_voxels, laid_out, sums):
-    """Add the matches of scan points with the laid out voxels to the sums of some headings.
-
-    headings, points : first and end; origin : where in the sums a point in voxel (0, 0) meets a voxel (0, 0).
-    """
-    columns, cells, weights = turned.columns, laid_out.cells, laid_out.weights
-    for heading in range(headings[0], headings[1]):
-        cell_sums = sums[heading]
-        for i in range(points[0], points[1]):
-            base = 4 * ((origin[1] - columns[heading, 1, i]) * stride + origin[0] - columns[heading, 0, i])
-            _weigh(laid_out.normals, n_normals, turned.normals[heading], i, back, weights)
-            for j in range(n_normals):
-                _add_once(cell_sums, base + cells[j], laid_out.factors, weights, laid_out.times, j)
-            for j in range(n_normals, n_voxels):
-                cell_sums[np.uint64(base + cells[j])] += 1.0
-
-
-@njit(nogil=True, cache=True)
-def _accumulate_times(headings, points, turned, origin, stride, back, n_normals, n_voxels, laid_out, sums):
-    """As `_accumulate`, each voxel as often as it has points."""
-    columns, cells, weights, times = turned.columns, laid_out.cells, laid_out.weights, laid_out.times
-    for heading in range(headings[0], headings[1]):
-        cell_sums = sums[heading]
-        for i in range(points[0], points[1]):
-            base = 4 * ((origin[1] - columns[heading, 1, i]) * stride + origin[0] - columns[heading, 0, i])
-            _weigh(laid_out.normals, n_normals, turned.normals[heading], i, back, weights)
-            for j in range(n_normals):
-                weights[j] *= times[j]
-            for j in range(n_normals):
-                _add_times(cell_sums, base + cells[j], laid_out.factors, weights, times, j)
-            for j in range(n_normals, n_voxels):
-                cell_sums[np.uint64(base + cells[j])] += times[j]
-
-
-@njit(nogil=True, cache=True)
-def _accumulate_alike(headings, points, columns, origin, stride, n_voxels, laid_out, sums):
-    """Add the matches of scan points without a normal: those in one voxel add the same, and are added at once.
-
-    headings, points : first and end; points in one voxel follow each other.
-    """
-    cells, rows = laid_out.cells, laid_out.rows
-    for heading in range(headings[0], headings[1]):
-        cell_sums, i = sums[heading], points[0]
-        while i < points[1]:
-            x, y, n_alike = columns[heading, 0, i], columns[heading, 1, i], 0.0
-            while i < points[1] and columns[heading, 0, i] == x and columns[heading, 1, i] == y:
-                n_alike += 1.0
-                i += 1
-            base = 4 * ((origin[1] - y) * stride + origin[0] - x)
-            for j in range(n_voxels):
-                _add_alike(cell_sums, base + cells[j], rows, n_alike, j)
-
-
-@njit(nogil=True, cache=True)
-def _match(selected, headings, points, turned, voxels, origin, stride, weighting, laid_out, sums):
-    """Add the matches of the scan points of a stop with the selected voxels, at all its headings."""
-    n_voxels, (without_normal, back) = selected.shape[0], weighting
-    first, middle, end = points
-    n_normals = _lay_out_voxels(selected, voxels, stride, laid_out)
-    some = (first, middle)
-    if laid_out.times.shape[0] == 0:
-        _accumulate(headings, some, turned, origin, stride, back, n_normals, n_voxels, laid_out, sums)
-    else:
-        _accumulate_times(headings, some, turned, origin, stride, back, n_normals, n_voxels, laid_out, sums)
-    if middle < end:
-        _lay_out_alike(n_voxels, without_normal, laid_out)
-        _accumulate_alike(headings, (middle, end), turned.columns, origin, stride, n_voxels, laid_out, sums)
+# --- moments ------------------------------------------------------------------------------------------------------
 
 
 @njit(nogil=True, cache=True)
@@ -257,32 +50,221 @@ def accumulate_tile(stops, runs, tile, columns, normals, window, stride, without
     stops, runs : see `stops_in_tile`; tile : fields of `TileVoxels`; columns : (headings, 2, n) int32, voxels of the
     points; normals : (headings, 3, n) float32, theirs.
     window : (x first, x last, y first, y last) offset; stride : cells from one row of the sums to the next;
-    without_normal : weight of a match whose scan point has no normal; sums : (headings, 4 rows stride) float64, with a
-    rim of RIM cells where voxels fall that only other points of a visit meet.
+    without_normal : weight of a match whose scan point has no normal; sums : (headings, 4 rows stride) float64, the
+    four moments of a cell side by side.
     """
-    voxels, stride = TileVoxels(*tile), np.int32(stride)
-    origin = (RIM + voxels.corner[0] - window[0], RIM + voxels.corner[1] - window[2])
-    weighting = (np.float64(without_normal), np.float32(0.0 if is_signed else -1.0))
-    turned, selected = TurnedPoints(columns, normals), np.empty(CAPACITY, np.int64)
-    laid_out = LaidOut(
-        np.zeros((3, CAPACITY), np.float32), np.zeros(4 * CAPACITY), np.empty(CAPACITY, np.int32),
-        np.empty(CAPACITY if voxels.counts.shape[0] > 0 else 0), np.empty(CAPACITY), np.empty(4 * CAPACITY),
-    )  # fmt: skip
+    voxels = TileVoxels(*tile)
+    origin = (RIM + voxels.corner[1] - window[2]) * stride + RIM + voxels.corner[0] - window[0]
+    back = np.float32(0.0 if is_signed else -1.0)
+    selected, cells = np.empty(CAPACITY, np.int64), np.empty(CAPACITY, np.int64)
+    facing, outer = np.zeros((3, CAPACITY), np.float32), np.zeros((3, CAPACITY))
+    times, added = np.ones(CAPACITY), np.empty((3, CAPACITY))
     for at in range(stops.shape[0]):
         first, middle, end, since, until, x_first, x_last, y_first, y_last, run, end_run = stops[at]
-        points, headings = (first, middle, end), (since, until)
-        low, span = (x_first, y_first), (np.uint32(x_last - x_first), np.uint32(y_last - y_first))
-        n_selected, k, end_k = np.uint64(0), runs[run, 0], runs[run, 1]
+        n, k = np.uint64(0), runs[run, 0]
         while run < end_run:
-            to = min(end_k, k + CAPACITY - np.int64(n_selected))
-            n_selected = _select(voxels.columns, k, to, low, span, selected, n_selected)
-            k = to
-            if k == end_k:
-                run += 1
-                if run < end_run:
-                    k, end_k = runs[run, 0], runs[run, 1]
-            if n_selected == CAPACITY or (run == end_run and n_selected > 0):
-                _match(
-                    selected[:n_selected], headings, points, turned, voxels, origin, stride, weighting, laid_out, sums
-                )  # fmt: skip
-                n_selected = np.uint64(0)
+            to = min(runs[run, 1], k + CAPACITY - np.int64(n))
+            n = _select(voxels.columns, k, to, (x_first, x_last, y_first, y_last), selected, n)
+            run, k = _read_on(runs, run, end_run, to)
+            if n == CAPACITY or (run == end_run and n > 0):
+                _lay_out(selected[:n], voxels, stride, facing, outer, times, cells)
+                n_voxels, n = np.int64(n), np.uint64(0)
+                for heading in range(since, until):
+                    x, y, turned, of_heading = columns[heading, 0], columns[heading, 1], normals[heading], sums[heading]
+                    for i in range(first, middle):
+                        _weigh(n_voxels, facing, outer, times, turned[0, i], turned[1, i], turned[2, i], back, added)
+                        base = 4 * (origin - y[i] * stride - x[i])
+                        _add(n_voxels, cells, times, added, base, 1.0, of_heading)
+                if middle < end:
+                    _weigh_alike(n_voxels, outer, times, without_normal, added)
+                    for heading in range(since, until):
+                        _add_alike(
+                            n_voxels, cells, times, added, middle, end, columns[heading], origin, stride, sums[heading]
+                        )
+
+
+@njit(nogil=True, cache=True)
+def _select(columns, first, end, rectangle, selected, n):
+    """Append to `selected` those voxels of a run that lie in a rectangle; without a branch. Returns how many."""
+    x_first, y_first = rectangle[0], rectangle[2]
+    width, height = np.uint32(rectangle[1] - x_first), np.uint32(rectangle[3] - y_first)
+    for k in range(first, end):
+        selected[n] = k
+        x = np.uint32(np.int32(columns[np.uint64(k), 0]) - x_first)
+        y = np.uint32(np.int32(columns[np.uint64(k), 1]) - y_first)
+        n += np.uint64((x <= width) & (y <= height))
+    return n
+
+
+@njit(nogil=True, cache=True)
+def _lay_out(selected, voxels, stride, facing, outer, times, cells):
+    """Lay out voxels: normals n, (3, c) float32; nx nx, nx ny, ny ny, (3, c) float64; how often they count; cells."""
+    for j in range(selected.shape[0]):
+        k = np.uint64(selected[j])
+        nx, ny, nz = voxels.normals[k, 0], voxels.normals[k, 1], voxels.normals[k, 2]
+        facing[0, j], facing[1, j], facing[2, j] = nx, ny, nz
+        outer[0, j], outer[1, j], outer[2, j] = nx * nx, nx * ny, ny * ny
+        cells[j] = 4 * (np.int64(voxels.columns[k, 1]) * stride + voxels.columns[k, 0])
+        if voxels.counts.shape[0] > 0:
+            times[j] = voxels.counts[k]
+
+
+@njit(nogil=True, cache=True)
+def _weigh(n, facing, outer, times, nx, ny, nz, back, added):
+    """What the matches of a scan point of normal (nx, ny, nz) with n voxels add to N, rounded: (3, c) float64.
+
+    The weight is max(c, 0) where normals have a side (back = 0), and |c| = max(c, -c) where not (back = -1). Whole
+    blocks are computed, so that the vectorized loop has no remainder.
+    """
+    for j in range((n + BLOCK - 1) // BLOCK * BLOCK):
+        cosine = nx * facing[0, j] + ny * facing[1, j] + nz * facing[2, j]
+        weight = np.float64(max(cosine, back * cosine)) * times[j]
+        added[0, j] = weight * outer[0, j] + ROUNDER - ROUNDER
+        added[1, j] = weight * outer[1, j] + ROUNDER - ROUNDER
+        added[2, j] = weight * outer[2, j] + ROUNDER - ROUNDER
+
+
+@njit(nogil=True, cache=True)
+def _weigh_alike(n, outer, times, weight, added):
+    """What the matches of a scan point without a normal add: the same for all of them."""
+    for j in range(n):
+        added[0, j] = weight * times[j] * outer[0, j] + ROUNDER - ROUNDER
+        added[1, j] = weight * times[j] * outer[1, j] + ROUNDER - ROUNDER
+        added[2, j] = weight * times[j] * outer[2, j] + ROUNDER - ROUNDER
+
+
+@njit(nogil=True, cache=True)
+def _add_alike(n, cells, times, added, first, end, columns, origin, stride, sums):
+    """Add the matches of points without a normal: those in one voxel follow each other, and are added at once."""
+    i = first
+    while i < end:
+        x, y, n_alike = columns[0, i], columns[1, i], 0.0
+        while i < end and columns[0, i] == x and columns[1, i] == y:
+            n_alike += 1.0
+            i += 1
+        _add(n, cells, times, added, 4 * (origin - y * stride - x), n_alike, sums)
+
+
+@njit(nogil=True, cache=True, fastmath={"contract"})
+def _add(n, cells, times, added, base, n_alike, sums):
+    """Add what n_alike scan points in one voxel add at n voxels, to the sums of their cells.
+
+    All are multiples of a step that float64 holds exactly: to fuse product and sum ("contract") changes nothing.
+    """
+    one, two, three = np.uint64(1), np.uint64(2), np.uint64(3)
+    for j in range(n):
+        to = np.uint64(base + cells[j])
+        count, xx = sums[to] + n_alike * times[j], sums[to + one] + n_alike * added[0, j]
+        xy, yy = sums[to + two] + n_alike * added[1, j], sums[to + three] + n_alike * added[2, j]
+        sums[to], sums[to + one], sums[to + two], sums[to + three] = count, xx, xy, yy
+
+
+# --- bounds -------------------------------------------------------------------------------------------------------
+
+
+@njit(nogil=True, cache=True)
+def sum_tile(
+    stops, runs, tile, bases, normals, turns, within, axis, window, stride, is_signed, least, scale, sums
+):  # fmt: skip
+    """Add the most that all matches of some scan points with one tile can add to the sums of their cells.
+
+    stops, runs : see `stops_in_tile`; tile : fields of `TileVoxels`; bases : (n, headings), see `bases_of_points`;
+    normals : (n, 4) float32, normal at heading 0, or zeros for none, and what is added to the weight; turns :
+    (headings, 2) float32, cosine and sine; within : first and end of the headings to look at.
+    axis : (x, y) float32, unit, or zeros to count; window : (x first, x last, y first, y last) offset; stride : cells
+    from one row of the sums to the next; least : voxels that add no more are left out; scale : float32, units of the
+    sums in one; sums : (headings * rows * stride,) int32 or int64.
+    """
+    voxels, stride = TileVoxels(*tile), np.int32(stride)
+    origin = (RIM + voxels.corner[1] - window[2]) * np.int64(stride) + RIM + voxels.corner[0] - window[0]
+    back = np.float32(0.0 if is_signed else -1.0)
+    cells, rows, added = np.empty(CAPACITY, np.int32), np.empty((4, CAPACITY), np.float32), np.empty(CAPACITY, np.int32)
+    for at in range(stops.shape[0]):
+        first, _, end, since, until, x_first, x_last, y_first, y_last, run, end_run = stops[at]
+        headings = (max(since, within[0]), min(until, within[1]))
+        if headings[0] >= headings[1]:
+            continue
+        low = (np.int32(x_first), np.int32(y_first))
+        span = (np.uint32(x_last - x_first), np.uint32(y_last - y_first))
+        n, k = np.uint64(0), runs[run, 0]
+        while run < end_run:
+            to = min(runs[run, 1], k + CAPACITY - np.int64(n))
+            n = _lay_out_along(voxels, axis, k, to, low, span, least, scale, stride, cells, rows, n)
+            run, k = _read_on(runs, run, end_run, to)
+            if n == CAPACITY or (run == end_run and n > 0):
+                n_padded = _pad(np.int64(n), cells, rows)
+                n = np.uint64(0)
+                for i in range(first, end):
+                    for heading in range(headings[0], headings[1]):
+                        normal = _turned(normals, i, turns, heading)
+                        _vote(n_padded, cells, rows, normal, back, added, origin + bases[i, heading], sums)
+
+
+@njit(nogil=True, cache=True)
+def bases_of_points(columns, stride, plane):
+    """Where a voxel (0, 0) meets each point in the sums of each heading, less the origin; (n, headings) int64.
+
+    columns : (headings, 2, n) int32; stride, plane : cells from one row, and from one heading, to the next. All
+    headings of a point are read together.
+    """
+    bases = np.empty((columns.shape[2], columns.shape[0]), np.int64)
+    for i in range(columns.shape[2]):
+        for heading in range(columns.shape[0]):
+            x, y = np.int64(columns[heading, 0, i]), np.int64(columns[heading, 1, i])
+            bases[i, heading] = heading * plane - y * stride - x
+    return bases
+
+
+@njit(nogil=True, cache=True)
+def _lay_out_along(voxels, axis, first, end, low, span, least, scale, stride, cells, rows, n):
+    """Lay out those voxels of a run that lie in a rectangle and of which a match adds more than `least`; no branch.
+
+    rows : (4, c) float32, out, normal times what a match of weight one adds along the axis, and that; cells : (c,)
+    int32, out. Returns how many there are.
+    """
+    columns, normals, counts = voxels.columns, voxels.normals, voxels.counts
+    has_counts, is_count = counts.shape[0] > 0, axis[0] == 0.0 and axis[1] == 0.0
+    for k in range(np.uint64(first), np.uint64(end)):
+        x, y = np.int32(columns[k, 0]), np.int32(columns[k, 1])
+        nx, ny, nz = normals[k, 0], normals[k, 1], normals[k, 2]
+        along = nx * axis[0] + ny * axis[1]
+        value = np.float32(1.0) if is_count else along * along
+        if has_counts:
+            value *= np.float32(counts[k])
+        units = value * scale
+        cells[n] = y * stride + x
+        rows[0, n], rows[1, n], rows[2, n] = nx * units, ny * units, nz * units
+        rows[3, n] = units
+        is_inside = (np.uint32(x - low[0]) <= span[0]) & (np.uint32(y - low[1]) <= span[1])
+        n += np.uint64(is_inside & (value > least))
+    return n
+
+
+@njit(nogil=True, cache=True)
+def _pad(n, cells, rows):
+    """Fill up to whole blocks of LANES with voxels that add two units at most, at the cell of the last one."""
+    n_padded = (n + LANES - 1) // LANES * LANES
+    cells[n:n_padded] = cells[n - 1]
+    rows[:, n:n_padded] = np.float32(0.0)
+    return n_padded
+
+
+@njit(nogil=True, cache=True)
+def _turned(normals, i, turns, heading):
+    """Normal of a point at a heading, and what is added to the weight."""
+    nx, ny, cosine, sine = normals[i, 0], normals[i, 1], turns[heading, 0], turns[heading, 1]
+    return nx * cosine - ny * sine, nx * sine + ny * cosine, normals[i, 2], normals[i, 3]
+
+
+@njit(nogil=True, cache=True, fastmath={"contract"})
+def _vote(n, cells, rows, normal, back, added, base, sums):
+    """Let a scan point vote for the cells at which it meets n voxels: the sums grow by what their matches add at most.
+
+    That is rounded up to whole units: of the 2 added one rounds up, and one covers the errors of float32.
+    """
+    nx, ny, nz, without_normal = normal
+    for j in range(n):
+        cosine = rows[0, j] * nx + rows[1, j] * ny + rows[2, j] * nz
+        added[j] = np.int32(max(cosine, back * cosine) + rows[3, j] * without_normal + np.float32(2.0))
+    for j in range(n):
+        sums[np.uint64(base + cells[j])] += added[j]

@@ -10,7 +10,7 @@ import pytest
 from maxcon.errors import OptionError
 from maxcon.lab.baselines import Residual
 from maxcon.lab.baselines.icp import smallest_step
-from maxcon.search.matching import turn
+from maxcon.search.accumulator import turn
 
 
 @pytest.fixture

@@ -16,8 +16,7 @@ from maxcon.lab.baselines.map_targets import MapTargets, Place, thin
 from maxcon.lab.baselines.started import check_iteration
 from maxcon.map import PointMap
 from maxcon.scan import Scan
-from maxcon.search.matching import turn, upright
-from maxcon.search.options import NamedOption
+from maxcon.search.accumulator import NamedOption, turn, upright
 
 NormalEquations = tuple[NDArray[np.float64], NDArray[np.float64]]
 """N = A^T A, shape (3, 3), and A^T r, shape (3,), of the unknowns x, y (m) and heading (rad)."""

@@ -12,7 +12,7 @@ from maxcon.geometry import Pose, wrap_angle
 from maxcon.lab.baselines.started import Aligner, StartedMethod, check_number, check_steps
 from maxcon.map import PointMap
 from maxcon.scan import Scan
-from maxcon.search.options import NamedOption
+from maxcon.search.accumulator import NamedOption
 
 __all__ = ["Choice", "MultiStart"]
 

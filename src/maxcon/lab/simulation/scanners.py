@@ -15,7 +15,7 @@ from maxcon.geometry import Pose, rotation_matrices
 from maxcon.lab.simulation.drive import Drive
 from maxcon.lab.simulation.furniture import REFLECTANCES
 from maxcon.lab.simulation.ray_caster import Caster, Hits
-from maxcon.search.options import NamedOption
+from maxcon.search.accumulator import NamedOption
 
 
 class Echoes(NamedTuple):

@@ -27,9 +27,8 @@ from maxcon.localizer import MaximumConsensus
 from maxcon.map import PointMap
 from maxcon.scan import Scan
 from maxcon.scan.trajectory import Trajectory
-from maxcon.search.accumulator import Accumulator
+from maxcon.search.accumulator import Accumulator, SearchMethod
 from maxcon.search.objectives import Helmert, Objective
-from maxcon.search.options import SearchMethod
 
 MEASURES = ("peak_ratio", "kurtosis", "divergence", "spread")
 

@@ -8,7 +8,14 @@ import pytest
 from maxcon import PointMap, SearchSpace
 from maxcon.errors import OptionError, SearchSpaceError
 from maxcon.search import level_of
-from maxcon.search.matching import CONTRIBUTION_STEP, ROUNDER, cells_of, check_all_fit, check_one_height, check_threads
+from maxcon.search.accumulator import (
+    CONTRIBUTION_STEP,
+    ROUNDER,
+    cells_of,
+    check_all_fit,
+    check_one_height,
+    check_threads,
+)
 
 CELL = 0.06
 POINT_MAP = PointMap.from_points([[0.0, 0.0, 0.0]], [[1.0, 0.0, 0.0]], CELL)

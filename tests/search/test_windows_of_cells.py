@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from maxcon import SearchSpace
-from maxcon.search.cells import Candidates, CellGrid, Window
+from maxcon.search.scored_cells import Candidates, CellGrid
+from maxcon.search.space import Window
 
 
 def cells_of(window, space):
@@ -63,7 +64,7 @@ def some_grid(seed, n_values, dtype):
     (y, x), (ny, nx) = window.first_cell(SPACE), window.shape
     part = numbers[headings, y : y + ny, x : x + nx]
     cells = np.array([(h, y + j, x + i) for h in headings for j in range(ny) for i in range(nx)])
-    return numbers, CellGrid.of(SPACE, headings, window, part), cells
+    return numbers, CellGrid(headings, window.first_cell(SPACE), part), cells
 
 
 @given(st.integers(0, 2**32), st.sampled_from([0, 1, 30]), st.sampled_from([np.int32, np.int64, np.float64]))
