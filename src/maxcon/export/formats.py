@@ -21,16 +21,6 @@ from maxcon.io.crs import metric_crs, to_wgs84
 from maxcon.io.trajectories import write_tum
 from maxcon.scan.trajectory import Trajectory
 
-__all__ = [
-    "times_beside",
-    "write_degrees",
-    "write_geojson",
-    "write_geopackage",
-    "write_kitti",
-    "write_kml",
-    "write_tum_rows",
-]  # fmt: skip
-
 PathLike = str | os.PathLike[str]
 ISO_POINT_Z = 1001
 """Kind of geometry in well-known binary."""

@@ -17,8 +17,6 @@ from maxcon.io.crs import metric_crs
 from maxcon.io.raw_scan import nearest_in_time
 from maxcon.io.scans import Scans
 
-__all__ = ["SCAN_SUFFIXES", "write_placed_scans"]
-
 SCAN_SUFFIXES = (".laz", ".las")
 """Of scans placed in the map."""
 
@@ -42,14 +40,9 @@ def write_placed_scans(
     LAS 1.4, point format 6: gps_time is the time of the epoch, or of the point where it is known, s as in the table;
     point_source_id is the number of the epoch, counted on from 0 after 65,535. One epoch is in memory at a time.
 
-    Parameters
-    ----------
-    scans : Scans
-        Those of the table: a localized row without a scan of its time is a TrajectoryError.
-    crs : str
-        Of the poses, projected and in metres.
-    min_range, max_range : float
-        Points nearer or farther than this are left out, m.
+    scans: those of the table: a localized row without a scan of its time is a TrajectoryError.
+    crs: of the poses, projected and in metres.
+    min_range, max_range: points nearer or farther than this are left out, m.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in SCAN_SUFFIXES:

@@ -16,8 +16,6 @@ from maxcon.errors import FileError
 from maxcon.geometry import Pose
 from maxcon.io.text import numbered_lines, parse_float
 
-__all__ = ["PARQUET", "PoseRow", "bearing_deg", "properties", "read_rows"]
-
 PARQUET = ".parquet"
 WORDS = ("status", "reason")
 
@@ -26,16 +24,10 @@ WORDS = ("status", "reason")
 class PoseRow:
     """One epoch.
 
-    Parameters
-    ----------
-    time : float
-        s.
-    pose : Pose or None
-        Global coordinates; None unless localized.
-    status, reason : str
-        In words.
-    numbers : dict of str to float
-        Score, milliseconds, protection levels and covariances by the names of their columns, those that are there.
+    time: s.
+    pose: global coordinates; None unless localized.
+    status, reason: in words.
+    numbers: score, milliseconds, protection levels and covariances by the names of their columns, those that are there.
     """
 
     time: float

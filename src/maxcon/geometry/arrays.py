@@ -7,8 +7,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from maxcon.errors import ArrayError
 
-__all__ = ["as_points", "as_unit_normals"]
-
 # A float32 unit vector read from a file is off by 1e-7; files with 2 to 3 decimals are off by 1e-3.
 UNIT_TOLERANCE = 5e-3
 

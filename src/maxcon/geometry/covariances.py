@@ -9,8 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from maxcon.errors import SearchSpaceError
 
-__all__ = ["CovarianceFault", "first_covariance_fault", "sigmas_of"]
-
 # Covariances in files have some six digits: smaller asymmetries and negative eigenvalues are rounding.
 ROUNDING = 1e-6
 

@@ -13,8 +13,6 @@ from maxcon.errors import ArrayError
 from maxcon.geometry.arrays import as_points
 from maxcon.geometry.pose import Pose
 
-__all__ = ["INDEX_LIMIT", "LocalFrame", "voxel_centers", "voxel_indices"]
-
 # Indices stay in int32 with room for a search space on every side: at 6 cm that is 64,000 km.
 INDEX_LIMIT = 2**30
 

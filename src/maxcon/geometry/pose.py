@@ -17,9 +17,6 @@ from maxcon.geometry.arrays import as_points
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-__all__ = ["Pose", "interpolate_poses", "rotation_matrices", "wrap_angle"]
-
-
 Angle = TypeVar("Angle", float, NDArray[np.float64])
 
 

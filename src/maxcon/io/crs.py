@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from maxcon.errors import CrsError
 
-__all__ = ["GeographicFrame", "PointTransform", "crs_name", "metric_crs", "parse_crs", "same_crs", "to_wgs84"]
-
 NEAREST, FARTHEST = 6_340_000.0, 6_470_000.0
 """Of surveys, from the middle of the earth, m: from under the sea at the poles to aircraft above the equator."""
 MARKS = 21
@@ -89,16 +87,7 @@ class PointTransform:
     ellipsoidal ones. Otherwise they keep their reference, and only their unit becomes the metre: that of the heights,
     or where a projected CRS has none, that of its plane.
 
-    Parameters
-    ----------
-    source, target : str
-        CRS of the points, and the one to turn them into: WKT or codes.
-
-    Raises
-    ------
-    CrsError
-        If one is unknown, the target is not in metres, there is no way between them, or the target says what heights
-        are and the source does not.
+    source, target: CRS of the points, and the one to turn them into: WKT or codes.
     """
 
     def __init__(self, source: str, target: str) -> None:
@@ -237,17 +226,9 @@ class GeographicFrame:
     def to_map(self, places: NDArray[np.float64], geoid_height: float | None = None) -> NDArray[np.float64]:
         """Return coordinates in the map's CRS, shape (n, 3), m.
 
-        Parameters
-        ----------
-        places : array, shape (n, 3)
-            Latitude, longitude (degrees), ellipsoidal height (m).
-        geoid_height : float, optional
-            Of the geoid above the ellipsoid there, m: it is subtracted from the heights, whatever the CRS says.
-
-        Raises
-        ------
-        CrsError
-            If the map's CRS has heights of its own, but not the grid to find them, and no `geoid_height` is given.
+        places: shape (n, 3); latitude, longitude (degrees), ellipsoidal height (m).
+        geoid_height: of the geoid above the ellipsoid there, m: it is subtracted from the heights, whatever the CRS
+            says.
         """
         latitude, longitude, height = places.T
         if self.has_heights and geoid_height is None:

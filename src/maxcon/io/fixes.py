@@ -15,8 +15,6 @@ from maxcon.geometry.quaternions import angles_from_quaternions, quaternions_fro
 from maxcon.io.crs import GeographicFrame
 from maxcon.scan.trajectory import Trajectory, first_fault
 
-__all__ = ["Fixes", "Heights", "Orientations", "PlacedFixes", "is_place", "place_fixes"]
-
 BASELINE = 5.0
 """A course over ground is that between two positions so far apart, m."""
 ALIKE = math.radians(30.0)
@@ -41,20 +39,12 @@ class Heights(Enum):
 class Fixes:
     """Positions of a receiver.
 
-    Parameters
-    ----------
-    times : array, shape (n,)
-        s, strictly increasing.
-    places : array, shape (n, 3)
-        Latitude, longitude (degrees), height (m).
-    covariances : array, shape (n, 2, 2)
-        Of east and north, m^2; NaN where none is stated.
-    n_left_out : int
-        Messages without a fix.
-    heights : Heights
-        What the heights are counted from.
-    frame : str
-        Name of the antenna's frame, where there are such.
+    times: shape (n,); s, strictly increasing.
+    places: shape (n, 3); latitude, longitude (degrees), height (m).
+    covariances: shape (n, 2, 2); of east and north, m^2; NaN where none is stated.
+    n_left_out: messages without a fix.
+    heights: what the heights are counted from.
+    frame: name of the antenna's frame, where there are such.
     """
 
     times: NDArray[np.float64]
@@ -69,16 +59,10 @@ class Fixes:
 class Orientations:
     """Orientations of an IMU towards east, north and up.
 
-    Parameters
-    ----------
-    topic : str
-        Where they come from.
-    trajectory : Trajectory
-        At the origin.
-    sigmas : array, shape (n,)
-        Standard deviations of the heading, rad; NaN where none is stated.
-    frame : str
-        Name of the IMU's frame, where there are such.
+    topic: where they come from.
+    trajectory: at the origin.
+    sigmas: shape (n,); standard deviations of the heading, rad; NaN where none is stated.
+    frame: name of the IMU's frame, where there are such.
     """
 
     topic: str
@@ -96,16 +80,11 @@ def is_place(place: list[float]) -> bool:
 class PlacedFixes:
     """Poses in the coordinates of a map.
 
-    Parameters
-    ----------
-    trajectory : Trajectory
-        With covariances, where they are stated.
-    words : str
-        What headings and heights are, in a line.
-    heights : Heights or None
-        What heights are counted from that are taken as they are, though the map's CRS does not say what its own are.
-    has_orientations : bool
-        Whether headings are measured; if not, they are the course over ground.
+    trajectory: with covariances, where they are stated.
+    words: what headings and heights are, in a line.
+    heights: what heights are counted from that are taken as they are, though the map's CRS does not say what its own
+        are.
+    has_orientations: whether headings are measured; if not, they are the course over ground.
     """
 
     trajectory: Trajectory
@@ -125,30 +104,12 @@ def place_fixes(
 ) -> PlacedFixes:
     """Return poses in the map's CRS, and what is to be said of them.
 
-    Parameters
-    ----------
-    fixes : Fixes
-        The positions.
-    orientations : Orientations or None
-        Towards true north, where there are any.
-    frame : GeographicFrame
-        Of the map.
-    geoid_height : float or None
-        Of the geoid above the ellipsoid, m.
-    label : str
-        Where they come from, for messages.
-    are_sure : bool
-        Whether orientations are believed even if they are nothing like the course over ground.
-
-    Raises
-    ------
-    CrsError
-        If heights cannot be turned into those of the map.
-    OptionError
-        If heights are above the geoid already, and so are the map's, and a geoid height is given.
-    TrajectoryError
-        If there are neither orientations nor 5 m of way to tell headings from, or positions are not where the map's
-        CRS is meant for.
+    fixes: the positions.
+    orientations: towards true north, where there are any.
+    frame: of the map.
+    geoid_height: of the geoid above the ellipsoid, m.
+    label: where they come from, for messages.
+    are_sure: whether orientations are believed even if they are nothing like the course over ground.
     """
     _check_heights(fixes, frame, geoid_height, label)
     positions = _positions(fixes, frame, geoid_height, label)

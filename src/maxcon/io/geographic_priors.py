@@ -19,8 +19,6 @@ from maxcon.io.pose_tables import UNCLEAR_HEADINGS, PoseTable, TableColumn, read
 from maxcon.io.text import numbered_lines
 from maxcon.scan.trajectory import Trajectory
 
-__all__ = ["GeographicPrior", "is_geographic", "read_geographic_csv", "read_geographic_prior"]
-
 HEIGHT_COLUMNS = {
     "ellipsoidal_height": Heights.ELLIPSOIDAL,
     "orthometric_height": Heights.ORTHOMETRIC,
@@ -35,14 +33,9 @@ SIGMAS = (("sigma_east", "sigma_north"), ("sigma_x", "sigma_y"))
 class GeographicPrior:
     """Rough poses from positions in latitude, longitude and height.
 
-    Parameters
-    ----------
-    placed : PlacedFixes
-        In the coordinates of the map.
-    words : str
-        Where they come from, what headings and heights are, in a line.
-    left_out : tuple of str
-        What is wrong with rows that are no positions.
+    placed: in the coordinates of the map.
+    words: where they come from, what headings and heights are, in a line.
+    left_out: what is wrong with rows that are no positions.
     """
 
     placed: PlacedFixes
@@ -73,25 +66,10 @@ def read_geographic_prior(
 ) -> GeographicPrior:
     """Return the poses in a log of NMEA sentences, or in a table with a column latitude.
 
-    Parameters
-    ----------
-    path : Path
-        The file: see `read_nmea`, `read_geographic_csv`.
-    crs : str or None
-        Of the map, WKT or a code.
-    geoid_height : float, optional
-        Of the geoid above the ellipsoid, m: subtracted from ellipsoidal heights.
-    are_sure : bool
-        Whether headings are believed even if they are nothing like the course over ground.
-
-    Raises
-    ------
-    FileError, TrajectoryError
-        If the file cannot be read, or its positions cannot be used.
-    CrsError
-        If the map has no CRS, or heights cannot be turned into its.
-    OptionError
-        If `geoid_height` is given with heights above the geoid.
+    path: the file: see `read_nmea`, `read_geographic_csv`.
+    crs: of the map, WKT or a code.
+    geoid_height: of the geoid above the ellipsoid, m: subtracted from ellipsoidal heights.
+    are_sure: whether headings are believed even if they are nothing like the course over ground.
     """
     if crs is None:
         raise CrsError(
@@ -111,21 +89,11 @@ def read_geographic_prior(
 def read_geographic_csv(file: Path) -> GeographicRows:
     """Return positions and orientations in a table.
 
-    Parameters
-    ----------
-    file : Path
-        With a header: time (s), latitude, longitude (degrees), and ellipsoidal_height, orthometric_height or height
+    file: with a header: time (s), latitude, longitude (degrees), and ellipsoidal_height, orthometric_height or height
         (m; ellipsoidal). Then, where they are known, roll, pitch (rad; or roll_deg, pitch_deg), heading (rad,
         counter-clockwise from true east; or heading_deg) or azimuth_deg (clockwise from true north; or azimuth, rad),
-        sigma_east, sigma_north (m), and sigma_heading (rad; or sigma_heading_deg). Rows without a latitude are
-        left out.
-
-    Raises
-    ------
-    FileError
-        If it cannot be read.
-    TrajectoryError
-        If columns are missing or unclear, most rows are no positions, or there is none.
+        sigma_east, sigma_north (m), and sigma_heading (rad; or sigma_heading_deg). Rows without a latitude are left
+        out.
     """
     table = read_pose_table(file, "positions")
     if not table.names:

@@ -24,8 +24,6 @@ from maxcon.io.fixes import Fixes, Heights, Orientations, is_place
 from maxcon.io.text import parse_float
 from maxcon.scan.trajectory import Trajectory
 
-__all__ = ["NmeaLog", "is_nmea", "read_nmea"]
-
 SUFFIXES = (".nmea", ".log")
 SENTENCE = re.compile(rb"\$([A-Z]{5},[ -#%-)+-~]{0,200})(?:\*([0-9A-Fa-f]{2}))?")
 """Wherever in a line: other protocols stand between sentences, and before the first of a line."""
@@ -66,23 +64,9 @@ def is_nmea(file: Path) -> bool:
 def read_nmea(file: Path) -> NmeaLog:
     """Return what a receiver logged; sentences with a wrong checksum, or without, are passed over and counted.
 
-    Parameters
-    ----------
-    file : Path
-        The log; other lines and protocols between sentences are passed over.
-
-    Returns
-    -------
-    NmeaLog
-        Times are UTC, seconds since 1970. Heights are ellipsoidal: the altitude and the receiver's own geoid height
+    file: the log; other lines and protocols between sentences are passed over.
+    Returns times are UTC, seconds since 1970. Heights are ellipsoidal: the altitude and the receiver's own geoid height
         are added; or above the geoid, if it never states the latter.
-
-    Raises
-    ------
-    FileError
-        If it cannot be read, or holds no sentences.
-    TrajectoryError
-        If there is no position with a height, or no date.
     """
     log = _Log()
     try:

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["TIME_FIELDS", "Column", "PointTimes", "find_point_times"]
-
 PAIRS = (("time_sec", "time_nsec"), ("sec", "nsec"), ("timestampsec", "timestampnsec"))
 """Fields that hold seconds, and the nanoseconds to add."""
 NAMES = ("timestamp", "time_stamp", "timestamps", "time", "times", "t", "offset_time", "time_offset", "t_offset")
@@ -30,14 +28,10 @@ SAME_CLOCK = 60 * 10**9
 class PointTimes:
     """When the points of a scan were measured.
 
-    Parameters
-    ----------
-    offsets : array, shape (n,), float64, or None
-        From the time of the message to that of each point, s; None where no field tells, or its values make no sense.
-    kind : str
-        Field, unit and reference of the times, without figures: usually the same for all scans of a recording.
-    words : str
-        The same with the figures of this scan that speak for it.
+    offsets: shape (n,), float64, or None; from the time of the message to that of each point, s; None where no field
+        tells, or its values make no sense.
+    kind: field, unit and reference of the times, without figures: usually the same for all scans of a recording.
+    words: the same with the figures of this scan that speak for it.
     """
 
     offsets: NDArray[np.float64] | None
@@ -59,15 +53,9 @@ Column = tuple[str, NDArray[np.generic]]
 def find_point_times(columns: Mapping[str, Column], stamp: int) -> PointTimes:
     """Return the times of the points of a scan.
 
-    Parameters
-    ----------
-    columns : mapping of str to (str, array of shape (n,))
-        Type and values of each field, for the points that are returns.
-    stamp : int
-        Time of the message, ns.
+    columns: shape (n,)); type and values of each field, for the points that are returns.
+    stamp: time of the message, ns.
 
-    Notes
-    -----
     A unit is right if the scan then lasts between 1 ms and 2 s; times near the message's are absolute ones. Where
     several units are possible, floating-point numbers are in the largest, integers in the smallest of them.
     """

@@ -15,16 +15,6 @@ from numpy.typing import NDArray
 from maxcon.errors import TrajectoryError
 from maxcon.io.text import numbered_lines, parse_float
 
-__all__ = [
-    "COVARIANCE_COLUMNS",
-    "CSV_COLUMNS",
-    "UNCLEAR_HEADINGS",
-    "PoseTable",
-    "TableColumn",
-    "read_pose_table",
-    "rows_of_lines",
-]
-
 CSV_COLUMNS = ("time", "x", "y", "z", "roll", "pitch", "heading")
 COVARIANCE_COLUMNS = (
     "cov_x_x", "cov_x_y", "cov_x_heading", "cov_y_y", "cov_y_heading", "cov_heading_heading",
@@ -47,20 +37,12 @@ class TableColumn(NamedTuple):
 class PoseTable:
     """Rows of a table, as texts.
 
-    Parameters
-    ----------
-    file : Path
-        For messages.
-    names : list of str
-        Of the columns, in small letters; empty if the file holds no line.
-    header_line : int
-        Counted from 1.
-    lines : list of int
-        Of each row.
-    rows : list of list of str
-        Cells, as many as there are names.
-    faults : dict of int to str
-        What is wrong with lines that are no rows.
+    file: for messages.
+    names: of the columns, in small letters; empty if the file holds no line.
+    header_line: counted from 1.
+    lines: of each row.
+    rows: cells, as many as there are names.
+    faults: what is wrong with lines that are no rows.
     """
 
     file: Path
@@ -135,15 +117,7 @@ class PoseTable:
 
 
 def read_pose_table(file: Path, what: str = "a trajectory") -> PoseTable:
-    """Return a CSV table with a header; `#` begins a comment line. `what` it should hold is for messages.
-
-    Raises
-    ------
-    FileError
-        If it cannot be read as text.
-    TrajectoryError
-        If the header is not comma-separated.
-    """
+    """Return a CSV table with a header; `#` begins a comment line. `what` it should hold is for messages."""
     lines = ((number, line) for number, line in numbered_lines(file, what) if not line.startswith("#"))
     first = next(lines, None)
     if first is None:

@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 from maxcon.errors import OptionError
 from maxcon.scan.normals import Viewpoints
 
-__all__ = ["RawScan", "Scans", "check_range", "nearest_in_time", "returns_in_range"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RawScan:

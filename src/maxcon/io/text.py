@@ -15,17 +15,6 @@ from numpy.typing import NDArray
 from maxcon._system.regular_file import open_regular
 from maxcon.errors import FileError
 
-__all__ = [
-    "NUMBER",
-    "SCAN_SUFFIXES",
-    "in_natural_order",
-    "numbered_lines",
-    "parse_float",
-    "printable",
-    "read_lines",
-    "read_table",
-]
-
 # A pose is about 150 characters; a longer line is another kind of file.
 MAX_LINE = 10_000
 # A row of a cloud may have hundreds of numbers.

@@ -27,8 +27,6 @@ from maxcon.io.pose_tables import (
 from maxcon.io.text import numbered_lines
 from maxcon.scan.trajectory import Trajectory, first_fault
 
-__all__ = ["Prior", "read_prior", "read_trajectory", "write_csv", "write_tum"]
-
 TUM_COLUMNS = "time x y z qx qy qz qw"
 SIGMA_COLUMNS = ("sigma_x", "sigma_y", "sigma_heading")
 

@@ -12,17 +12,6 @@ from maxcon.geometry import voxel_indices
 from maxcon.map.layout import TILE_VOXELS, TileKey
 from maxcon.map.tile import TilesInMemory, TileSource
 
-__all__ = [
-    "HEADROOM",
-    "GroundPatch",
-    "GroundTile",
-    "ground_in_memory",
-    "ground_of_points",
-    "ground_patch",
-    "ground_voxels",
-    "stack_levels",
-]
-
 GROUND_EDGE = 0.5
 """The edge of a cell of the grid is a power of two of voxels, the nearest to this, m."""
 
@@ -43,13 +32,9 @@ def ground_voxels(cell: float) -> int:
 class GroundTile:
     """The ground of one tile of the map.
 
-    Parameters
-    ----------
-    key : tuple of 2 int
-        The tile's (x, y) index.
-    heights : array, shape (levels, n, n), float32
-        Height of the ground in cell (y, x) of the tile, local frame, m, from the lowest level on; NaN where there is
-        none. There are n cells along an edge, `TILE_VOXELS` / `ground_voxels`.
+    key: the tile's (x, y) index.
+    heights: shape (levels, n, n), float32; height of the ground in cell (y, x) of the tile, local frame, m, from the
+        lowest level on; NaN where there is none. There are n cells along an edge, `TILE_VOXELS` / `ground_voxels`.
     """
 
     key: TileKey
@@ -91,14 +76,9 @@ def stack_levels(cells: NDArray[np.integer], heights: NDArray[np.floating], n: i
 def ground_of_points(columns: NDArray[np.integer], heights: NDArray[np.floating], n: int) -> NDArray[np.float32]:
     """Heights of the ground by (level, y, x), m: the median of the points of each level of each cell.
 
-    Parameters
-    ----------
-    columns : array, shape (m, 2)
-        (x, y) cell of each point in its tile.
-    heights : array, shape (m,)
-        Its height, m.
-    n : int
-        Cells along an edge of the tile.
+    columns: shape (m, 2); (x, y) cell of each point in its tile.
+    heights: shape (m,); its height, m.
+    n: cells along an edge of the tile.
     """
     cells = columns[:, 1].astype(np.int64) * n + columns[:, 0]
     order = np.lexsort((heights, cells))
@@ -132,14 +112,9 @@ def ground_in_memory(points: NDArray[np.float64], cell: float) -> TilesInMemory[
 class GroundPatch:
     """The ground around a place.
 
-    Parameters
-    ----------
-    heights : array, shape (levels, ny, nx), float32
-        As in `GroundTile`.
-    first : tuple of 2 int
-        (x, y) number of its first cell, counted from the local frame's origin.
-    edge : float
-        Of a cell, m.
+    heights: shape (levels, ny, nx), float32; as in `GroundTile`.
+    first: (x, y) number of its first cell, counted from the local frame's origin.
+    edge: of a cell, m.
     """
 
     heights: NDArray[np.float32]

@@ -7,11 +7,6 @@ from enum import IntEnum
 
 from maxcon.errors import ArrayError
 
-__all__ = [
-    "ALL_BUT_KNOWN", "CANCELLED_LENGTH", "CELLS", "LEVEL_FACTORS", "MEAN_STEPS", "NOT_SEARCHED", "PATCH_VOXELS",
-    "TILE_PATCHES", "TILE_VOXELS", "UNKNOWN_SIGMA", "WORD_BITS", "SurfaceClass", "TileKey", "check_sigma",
-]  # fmt: skip
-
 TileKey = tuple[int, int]
 """(x, y) index of a tile: floor(voxel index / voxels along its edge), TILE_VOXELS or in a level fewer."""
 

@@ -14,19 +14,6 @@ from numba.extending import intrinsic
 from maxcon._system.kernel_cache import njit
 from maxcon.map.layout import MEAN_STEPS, PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS
 
-__all__ = [
-    "fetch",
-    "find_in_patch",
-    "find_patch",
-    "float32_at",
-    "int32_at",
-    "is_near_voxels",
-    "n_bits",
-    "plane_of_voxel",
-    "uint8_at",
-    "uint64_at",
-]
-
 TILE_BITS, PATCH_BITS = TILE_VOXELS.bit_length() - 1, PATCH_VOXELS.bit_length() - 1
 BETWEEN_BITS = TILE_BITS - PATCH_BITS
 INSIDE_TILE, INSIDE_PATCH = TILE_VOXELS - 1, PATCH_VOXELS - 1

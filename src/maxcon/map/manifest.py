@@ -58,20 +58,13 @@ class ShardFile(Struct, frozen=True):
 class ShardTable:
     """The index of a section: a row for each record, by ascending key.
 
-    Parameters
-    ----------
-    schema : bytes
-        Arrow IPC message of the schema of all records.
-    files : tuple of ShardFile
-        The shards.
-    keys : array, shape (n, 2), int32
-        (x, y) of the tiles.
-    n_rows, n_points : array, shape (n,), int32 and int64
-        Rows of each record, voxels or heights, and map points in its voxels.
-    shards, offsets, lengths : array, shape (n,), int32, int64, int64
-        Number of the file that each record lies in, its first byte there, and its number of bytes.
-    checksums : array, shape (n, 32), uint8
-        SHA-256 of its bytes.
+    schema: arrow IPC message of the schema of all records.
+    files: the shards.
+    keys: shape (n, 2), int32; (x, y) of the tiles.
+    n_rows, n_points: shape (n,), int32 and int64; rows of each record, voxels or heights, and map points in its voxels.
+    shards, offsets, lengths: shape (n,), int32, int64, int64; number of the file that each record lies in, its first
+        byte there, and its number of bytes.
+    checksums: shape (n, 32), uint8; SHA-256 of its bytes.
     """
 
     schema: bytes
@@ -152,25 +145,15 @@ def _index_schema() -> Any:
 class Manifest:
     """What a map is made of; `maxcon map info` prints it.
 
-    Parameters
-    ----------
-    cell : float
-        Voxel edge, m.
-    origin : tuple of 3 float
-        Global coordinates of the local frame's origin, m.
-    crs : str or None
-        WKT.
-    is_signed : bool
-        Whether normals are turned to the sensor's side.
-    sections : mapping
-        By name, where the records of each section lie: "tiles", of voxels, and "ground", of the ground grid, without
-        records where it is not known; others that were written.
-    build : mapping
-        How it was made: sources, points read and dropped, the program's version, where sigma is from.
-    sigma : float
-        Standard deviation of the map's position along any axis, m.
-    sha256 : str
-        Its checksum, where it was read; empty where it is made.
+    cell: voxel edge, m.
+    origin: global coordinates of the local frame's origin, m.
+    crs: WKT.
+    is_signed: whether normals are turned to the sensor's side.
+    sections: by name, where the records of each section lie: "tiles", of voxels, and "ground", of the ground grid,
+        without records where it is not known; others that were written.
+    build: how it was made: sources, points read and dropped, the program's version, where sigma is from.
+    sigma: standard deviation of the map's position along any axis, m.
+    sha256: its checksum, where it was read; empty where it is made.
     """
 
     cell: float
@@ -337,12 +320,7 @@ def checksum_of_manifest(content: Mapping[str, Any]) -> str:
 
 
 def read_manifest(map_: str | os.PathLike[str] | MapStorage) -> Manifest:
-    """Read the manifest of a map (a path, an address, or opened) and the indices of its sections.
-
-    Raises
-    ------
-    MapError: if there is no map, its format version is another, or its manifest or an index is broken.
-    """
+    """Read the manifest of a map (a path, an address, or opened) and the indices of its sections."""
     storage = open_storage(map_) if isinstance(map_, str | os.PathLike) else map_
     file, content = storage.where(MANIFEST), _read_json(storage)
     if not isinstance(content, dict) or content.get("format") != FORMAT:

@@ -31,8 +31,6 @@ from maxcon.map.layout import (
 from maxcon.map.tile import TileCache, TilesInMemory, TileSource, VoxelTile
 from maxcon.map.voxelize import split_into_tiles, voxelize
 
-__all__ = ["PointMap"]
-
 LEVEL_BYTES = 2**28
 """Size of the tiles of a level that are kept, with their indices."""
 

@@ -27,8 +27,6 @@ from maxcon.errors import MissingExtraError, OptionError
 if TYPE_CHECKING:
     from obstore.store import ClientConfig, RetryConfig, S3Config
 
-__all__ = ["ByteRange", "Folder", "MapStorage", "Remote", "address_of", "open_storage"]
-
 ADDRESS = re.compile(r"(s3|https?):/{1,2}(?=[^/])")
 """How an address begins; a `Path` of one has lost a slash."""
 ANY_ADDRESS = re.compile(r"[a-z][a-z0-9+.-]+:/(/|$)|(s3|https?|gs|ftp|file):(/|$)")
@@ -79,12 +77,7 @@ class ByteRange(NamedTuple):
 
 
 def address_of(name: str | os.PathLike[str]) -> str | None:
-    """Return a name as an address, `s3://`, `http://` or `https://`; None if it is the path of a folder.
-
-    Raises
-    ------
-    OptionError: if it is an address of another kind, or one without a bucket or a host.
-    """
+    """Return a name as an address, `s3://`, `http://` or `https://`; None if it is the path of a folder."""
     text = os.fspath(name)
     begin = ADDRESS.match(text)
     if begin is None and ANY_ADDRESS.match(text):

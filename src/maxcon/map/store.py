@@ -22,11 +22,6 @@ from maxcon.map.manifest import CLASSES, GROUND, REBUILD, TILES, Manifest, Shard
 from maxcon.map.storage import MapStorage
 from maxcon.map.tile import TileCache, VoxelTile
 
-__all__ = [
-    "END_OF_STREAM", "GroundStore", "Record", "Section", "TileStore", "classes_of_batch", "classes_record",
-    "ground_record", "tile_record",
-]  # fmt: skip
-
 END_OF_STREAM = b"\xff\xff\xff\xff\0\0\0\0"
 """How a stream of the Arrow IPC format ends."""
 GROUND_CACHE_BYTES = 2**24
@@ -39,20 +34,12 @@ UPDATE = "Update the map it was made of again with `maxcon map update`."
 class Record:
     """What a section of a map keeps of one tile.
 
-    Parameters
-    ----------
-    section : str
-        "tiles", "ground", or that of others: lower-case letters and underscores.
-    key : tuple of 2 int
-        The tile's (x, y) index.
-    n_rows, n_points : int
-        Rows of the record batch, and the map points they stand for; 0 where they stand for none.
-    schema : bytes
-        Arrow IPC message of the schema, the same for all records of a section.
-    content : bytes
-        Arrow IPC message of the record batch.
-    sha256 : bytes
-        Of the content.
+    section: "tiles", "ground", or that of others: lower-case letters and underscores.
+    key: the tile's (x, y) index.
+    n_rows, n_points: rows of the record batch, and the map points they stand for; 0 where they stand for none.
+    schema: arrow IPC message of the schema, the same for all records of a section.
+    content: arrow IPC message of the record batch.
+    sha256: of the content.
     """
 
     section: str
@@ -161,12 +148,7 @@ class Section:
         return f"tile {key} in {self._storage.where(self._table.range_of(self._rows[key]).name)}"
 
     def batch(self, key: TileKey) -> Any:
-        """Return the Arrow record batch of a tile, in private memory: later changes of the file do no harm.
-
-        Raises
-        ------
-        MapError: if its file is missing, or is not what was written.
-        """
+        """Return the Arrow record batch of a tile, in private memory: later changes of the file do no harm."""
         import pyarrow as pa
 
         return pa.ipc.read_record_batch(pa.py_buffer(self._content(key)), self._schema)
@@ -194,16 +176,10 @@ class Section:
 class TileStore:
     """The tiles of a map on disk or on a network, checked when they are read, behind an LRU cache.
 
-    Parameters
-    ----------
-    storage : MapStorage
-        The map's files.
-    manifest : Manifest
-        Its manifest.
-    cache_bytes : int
-        Size of the tiles that are kept, and of their indices.
-    left_out : collection of SurfaceClass, optional
-        Voxels of these classes are left out, and tiles have no classes then. Nothing is left out if None.
+    storage: the map's files.
+    manifest: its manifest.
+    cache_bytes: size of the tiles that are kept, and of their indices.
+    left_out: voxels of these classes are left out, and tiles have no classes then. Nothing is left out if None.
     """
 
     def __init__(

@@ -16,18 +16,6 @@ from numpy.typing import NDArray
 from maxcon._system.compiled import read_only_view
 from maxcon.map.layout import MEAN_STEPS, PATCH_VOXELS, TILE_VOXELS, WORD_BITS, SurfaceClass, TileKey
 
-__all__ = [
-    "Addresses",
-    "Occupancy",
-    "TileCache",
-    "TileIndex",
-    "TileSource",
-    "TilesInMemory",
-    "VoxelLookup",
-    "VoxelTile",
-    "search_order",
-]
-
 PATCH_WORDS = PATCH_VOXELS**2 // WORD_BITS
 
 
@@ -35,13 +23,10 @@ PATCH_WORDS = PATCH_VOXELS**2 // WORD_BITS
 class TileIndex:
     """Where each patch of 16 x 16 voxels of one height layer begins in its tile.
 
-    Parameters
-    ----------
-    layers : array, shape (n_layers,), int32
-        The z indices that occur, ascending.
-    patch_starts : array, shape (n_layers * n_patches**2 + 1,), int32
-        The voxels of patch (py, px) of layer k, of n_patches along each edge of the tile, are those from number
-        (k * n_patches + py) * n_patches + px to the next. Patches that follow each other along x are one run of voxels.
+    layers: shape (n_layers,), int32; the z indices that occur, ascending.
+    patch_starts: shape (n_layers * n_patches**2 + 1,), int32; the voxels of patch (py, px) of layer k, of n_patches
+        along each edge of the tile, are those from number (k * n_patches + py) * n_patches + px to the next. Patches
+        that follow each other along x are one run of voxels.
     """
 
     layers: NDArray[np.int32]
@@ -55,17 +40,14 @@ class Occupancy:
     Patches that hold voxels are numbered in the order (patch y, patch x, layer): what stands upright, as walls do,
     lies together in memory.
 
-    Parameters
-    ----------
-    held : array, shape (n_patches, n_patches, n), uint64
-        Whether patch (py, px) of each layer holds voxels: bit k % 64 of word k // 64 for layer k. Bit
-        n_layers is never set: it stands for heights at which the tile has no layer.
-    numbers : array, shape (n_patches, n_patches, n), int32
-        Number of the first patch of each word; those of its others follow, in the order of their bits.
-    words : array, shape (m, 4), uint64
-        Four rows of a patch each: its voxel (x, y) is bit (y % 4) * PATCH_VOXELS + x of word y // 4.
-    firsts : array, shape (m, 4), int32
-        Number in the tile of each word's first voxel; those of its others follow, in the order of their bits.
+    held: shape (n_patches, n_patches, n), uint64; whether patch (py, px) of each layer holds voxels: bit k % 64 of word
+        k // 64 for layer k. Bit n_layers is never set: it stands for heights at which the tile has no layer.
+    numbers: shape (n_patches, n_patches, n), int32; number of the first patch of each word; those of its others follow,
+        in the order of their bits.
+    words: shape (m, 4), uint64; four rows of a patch each: its voxel (x, y) is bit (y % 4) * PATCH_VOXELS + x of word y
+        // 4.
+    firsts: shape (m, 4), int32; number in the tile of each word's first voxel; those of its others follow, in the order
+        of their bits.
     """
 
     held: NDArray[np.uint64]
@@ -81,12 +63,9 @@ class Addresses:
     **An address is valid only as long as this object lives**, which keeps the arrays alive: a table of addresses must
     keep the `Addresses` of all its tiles. A copy, also one in another process, has addresses of its own.
 
-    Parameters
-    ----------
-    values : array, shape (7,), uint64
-        Of the first items of: occupancy (held, numbers, words, firsts), normals, counts and means.
-    kept : tuple of arrays
-        The arrays, each contiguous.
+    values: shape (7,), uint64; of the first items of: occupancy (held, numbers, words, firsts), normals, counts and
+        means.
+    kept: the arrays, each contiguous.
     """
 
     values: NDArray[np.uint64]
@@ -109,24 +88,14 @@ class VoxelTile:
     Sorted by (z, patch y, patch x, y, x), see `search_order`. The arrays may be views of a
     file that was read.
 
-    Parameters
-    ----------
-    key : tuple of 2 int
-        The tile's (x, y) index.
-    columns : array, shape (n, 2), int16
-        (x, y) voxel index less the tile's first, from 0 to `edge` - 1.
-    layers : array, shape (n,), int32
-        z voxel index.
-    counts : array, shape (n,), int32
-        How many map points the voxel holds.
-    normals : array, shape (n, 3), float32
-        Their mean unit normal; zeros where there is none.
-    means : array, shape (n, 3), uint8
-        Where in the voxel their mean lies, in 256ths of its edge, from its corner.
-    edge : int
-        Voxels along an edge of the tile, a power of two.
-    classes : array, shape (n,), uint8, or None
-        `SurfaceClass` of each voxel; all are known if None.
+    key: the tile's (x, y) index.
+    columns: shape (n, 2), int16; (x, y) voxel index less the tile's first, from 0 to `edge` - 1.
+    layers: shape (n,), int32; z voxel index.
+    counts: shape (n,), int32; how many map points the voxel holds.
+    normals: shape (n, 3), float32; their mean unit normal; zeros where there is none.
+    means: shape (n, 3), uint8; where in the voxel their mean lies, in 256ths of its edge, from its corner.
+    edge: voxels along an edge of the tile, a power of two.
+    classes: shape (n,), uint8, or None; `SurfaceClass` of each voxel; all are known if None.
     """
 
     key: TileKey
@@ -258,18 +227,12 @@ def search_order(columns: NDArray[np.int16], layers: NDArray[np.int32]) -> NDArr
 class VoxelLookup:
     """Table of several tiles, so that one call of a kernel looks up points in all of them.
 
-    Parameters
-    ----------
-    rows : array, shape (n_tiles + 1, 11), uint64
-        For each tile: z index of its lowest height layer, as the bits of an int64; how many layers there are up to the
-        highest; the address of `layer_numbers`; how many words each column of patches has; the tile's `Addresses`. The
-        first row is for where there is no tile.
-    grid : array, shape (ny, nx), int32
-        Rows of the tiles, by their keys.
-    corner : tuple of 2 int
-        Key (x, y) of the grid's first tile.
-    kept : tuple
-        The arrays at the addresses: they live as long as the lookup.
+    rows: shape (n_tiles + 1, 11), uint64; for each tile: z index of its lowest height layer, as the bits of an int64;
+        how many layers there are up to the highest; the address of `layer_numbers`; how many words each column of
+        patches has; the tile's `Addresses`. The first row is for where there is no tile.
+    grid: shape (ny, nx), int32; rows of the tiles, by their keys.
+    corner: key (x, y) of the grid's first tile.
+    kept: the arrays at the addresses: they live as long as the lookup.
     """
 
     rows: NDArray[np.uint64]
@@ -341,10 +304,7 @@ class TileCache(Generic[TileT]):
 
     Threads load different tiles at once; a tile that several ask for is made once, and the others wait for it.
 
-    Parameters
-    ----------
-    max_bytes : int
-        Size of all tiles kept and their indices; the last one is kept whatever its size.
+    max_bytes: size of all tiles kept and their indices; the last one is kept whatever its size.
     """
 
     def __init__(self, max_bytes: int) -> None:

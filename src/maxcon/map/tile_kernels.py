@@ -11,8 +11,6 @@ import numpy as np
 from maxcon._system.kernel_cache import njit
 from maxcon.map.layout import CANCELLED_LENGTH, MEAN_STEPS, PATCH_VOXELS, WORD_BITS
 
-__all__ = ["count_layers_and_patches", "find_patches", "mark_tiles", "merge", "number_patches", "set_bits"]
-
 PATCH_BITS = PATCH_VOXELS.bit_length() - 1
 INSIDE = PATCH_VOXELS - 1
 

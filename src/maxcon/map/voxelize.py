@@ -10,8 +10,6 @@ from maxcon.geometry import voxel_indices
 from maxcon.map.layout import CANCELLED_LENGTH, MEAN_STEPS, TILE_VOXELS, TileKey
 from maxcon.map.tile import VoxelTile, search_order
 
-__all__ = ["mean_normals", "mean_steps", "split_into_tiles", "tile_of_voxels", "turn_alike", "voxelize"]
-
 MOST_LAYERS = 16_384
 
 
@@ -20,25 +18,13 @@ def voxelize(
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32], NDArray[np.uint8]]:
     """Gather points into voxels of edge `cell`.
 
-    Parameters
-    ----------
-    points, normals : array, shape (n, 3)
-        Local frame, m; unit normals, zeros for none.
-    cell : float
-        Voxel edge, m.
-    is_signed : bool
-        Whether normals are turned to the sensor's side; otherwise n and -n mean the same.
-
-    Returns
-    -------
-    indices : array, shape (m, 3), int32
-        (x, y, z) voxel indices, each once.
-    counts : array, shape (m,), int32
-        Points in each.
-    normals : array, shape (m, 3), float32
-        Mean unit normal of each; zeros where there is none or they cancel.
-    means : array, shape (m, 3), uint8
-        Where in the voxel the mean of its points lies, see `mean_steps`.
+    points, normals: shape (n, 3); local frame, m; unit normals, zeros for none.
+    cell: voxel edge, m.
+    is_signed: whether normals are turned to the sensor's side; otherwise n and -n mean the same.
+    Returns indices: shape (m, 3), int32; (x, y, z) voxel indices, each once.
+    Returns counts: shape (m,), int32; points in each.
+    Returns normals: shape (m, 3), float32; mean unit normal of each; zeros where there is none or they cancel.
+    Returns means: shape (m, 3), uint8; where in the voxel the mean of its points lies, see `mean_steps`.
     """
     of_points = voxel_indices(points, cell)
     indices, voxel, counts = _unique_rows(of_points)

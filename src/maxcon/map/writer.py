@@ -27,8 +27,6 @@ from maxcon.map.manifest import (
 from maxcon.map.storage import Folder, MapStorage, Remote, address_of, open_storage
 from maxcon.map.store import END_OF_STREAM, Record, Section
 
-__all__ = ["SHARD_BYTES", "MapWriter", "copy_map"]
-
 SHARD_BYTES = 2**27
 """Largest size of a shard of several records."""
 
@@ -39,12 +37,8 @@ class MapWriter:
     The files are the same if records come in the same order, whoever made them. Before `finish` there is no manifest,
     and the folder is no map: fill it under `atomic_folder`.
 
-    Parameters
-    ----------
-    folder : Path
-        An empty folder.
-    shard_bytes : int
-        Largest size of a file of several records.
+    folder: an empty folder.
+    shard_bytes: largest size of a file of several records.
     """
 
     def __init__(self, folder: Path, *, shard_bytes: int = SHARD_BYTES) -> None:

@@ -80,27 +80,17 @@ TILT_LENGTH, TURN_LENGTH = 20.0, 50.0
 class Refined:
     """A pose adjusted to the map, and the points and planes that determine it.
 
-    Parameters
-    ----------
-    pose : Pose
-        T_map_sensor, local frame.
-    points, normals : array, shape (n, 3)
-        Those of the scan that were used, sensor frame, m; normals of zeros for none.
-    planes : array, shape (n, 4)
-        The plane of the map on which each point lies, local frame: unit normal, and its scalar product with a point of
-        the plane; zeros where none was found.
-    residuals : array, shape (n,)
-        Signed distance of each point from its plane, m; infinite without one.
-    weights : array, shape (n,)
-        Weight of each point, 0 to 1.
-    normal_matrix : array, shape (6, 6)
-        Of x, y, z, roll, pitch and heading: sum of w g g' over the points, g the gradient of a distance.
-    start_weights : array, shape (6,)
-        What the start, being an observation too, adds to the diagonal of the normal matrix.
-    moved : float
-        How far the pose lies from the start in x and y, m.
-    turned : float
-        How far the pose is turned from the start in heading, rad.
+    pose: T_map_sensor, local frame.
+    points, normals: shape (n, 3); those of the scan that were used, sensor frame, m; normals of zeros for none.
+    planes: shape (n, 4); the plane of the map on which each point lies, local frame: unit normal, and its scalar
+        product with a point of the plane; zeros where none was found.
+    residuals: shape (n,); signed distance of each point from its plane, m; infinite without one.
+    weights: shape (n,); weight of each point, 0 to 1.
+    normal_matrix: shape (6, 6); of x, y, z, roll, pitch and heading: sum of w g g' over the points, g the gradient of a
+        distance.
+    start_weights: shape (6,); what the start, being an observation too, adds to the diagonal of the normal matrix.
+    moved: how far the pose lies from the start in x and y, m.
+    turned: how far the pose is turned from the start in heading, rad.
     """
 
     pose: Pose
@@ -130,16 +120,10 @@ def refine(
     mean is nearest. Planes go through the means of the map points in voxels, not through voxel centres. Partners are
     looked for anew as the pose moves; weights are Tukey's, zero from a distance of 0.21 m on.
 
-    Parameters
-    ----------
-    scan : Scan
-        All its points, with normals, sensor frame.
-    point_map : PointMap
-        The map.
-    start : Pose
-        T_map_sensor to start from, local frame, within some 0.2 m and a degree.
-    height_sigma, tilt_sigma : float
-        Standard deviations of the start's height, m, and of its roll and pitch, rad.
+    scan: all its points, with normals, sensor frame.
+    point_map: the map.
+    start: T_map_sensor to start from, local frame, within some 0.2 m and a degree.
+    height_sigma, tilt_sigma: standard deviations of the start's height, m, and of its roll and pitch, rad.
     """
     from maxcon.refine import kernels, partner_kernels
 

@@ -12,8 +12,6 @@ from maxcon.geometry import Pose, rotation_matrices
 from maxcon.map import PointMap
 from maxcon.scan import Scan
 
-__all__ = ["GroundFit", "fit_ground", "fit_ground_plane", "pose_above_ground"]
-
 # The scan's ground is looked for from NEAREST to FARTHEST around it (m): nearer there is the vehicle, farther rings
 # lie apart. Of each cell of CELL the points up to THICKNESS above the lowest are taken (m).
 NEAREST, FARTHEST = 2.5, 30.0
@@ -46,23 +44,14 @@ FEWEST_SLOPE_CELLS = 20
 class GroundFit:
     """Where the ground of a scan lies on that of the map.
 
-    Parameters
-    ----------
-    pose : Pose
-        The pose it was fitted at, ground-aligned: with the height, roll and pitch that put the scan on the ground.
-    height : float
-        What that adds to its height, m.
-    tilt : float
-        The angle by which it turns, rad.
-    spread : float
-        Root mean square of how far the cells on the ground lie off it, m.
-    n_cells : int
-        Cells of half a metre of the scan that lie on the ground.
-    ratio : float
-        That of those with ground in the map, 0 to 1: cars, hedges and walls are not on it.
-    sigma_height, sigma_tilt : float
-        Standard deviations of height, m, and of the less determined tilt, rad, as far as the cells tell: not what the
-        ground of another place is worth.
+    pose: the pose it was fitted at, ground-aligned: with the height, roll and pitch that put the scan on the ground.
+    height: what that adds to its height, m.
+    tilt: the angle by which it turns, rad.
+    spread: root mean square of how far the cells on the ground lie off it, m.
+    n_cells: cells of half a metre of the scan that lie on the ground.
+    ratio: that of those with ground in the map, 0 to 1: cars, hedges and walls are not on it.
+    sigma_height, sigma_tilt: standard deviations of height, m, and of the less determined tilt, rad, as far as the
+        cells tell: not what the ground of another place is worth.
     """
 
     pose: Pose
@@ -81,20 +70,11 @@ def fit_ground(scan: Scan, point_map: PointMap, pose: Pose) -> GroundFit | None:
     The lowest points in cells of half a metre are compared with the heights of the map below; the plane of corrections
     that most cells agree on is found by reweighted least squares from several tilts.
 
-    Parameters
-    ----------
-    scan : Scan
-        Sensor frame.
-    point_map : PointMap
-        Without ground there is nothing to fit to.
-    pose : Pose
-        T_map_sensor, local frame; its height may be wrong by 2 m, roll and pitch by 2 degrees. On a slope another place
-        has another height: the fit is right for the place that it is made at.
-
-    Returns
-    -------
-    GroundFit or None
-        None where too little ground is known, or scan and map do not agree on it.
+    scan: sensor frame.
+    point_map: without ground there is nothing to fit to.
+    pose: T_map_sensor, local frame; its height may be wrong by 2 m, roll and pitch by 2 degrees. On a slope another
+        place has another height: the fit is right for the place that it is made at.
+    Returns none where too little ground is known, or scan and map do not agree on it.
     """
     if not (point_map.has_ground and len(scan)):
         return None

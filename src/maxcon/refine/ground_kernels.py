@@ -6,8 +6,6 @@ import numpy as np
 
 from maxcon._system.kernel_cache import njit
 
-__all__ = ["fit_planes", "heights_below", "lowest_of_cells", "most_frequent"]
-
 # Steps with all points, after those from each start.
 N_LAST = 3
 

@@ -6,8 +6,6 @@ import numpy as np
 
 from maxcon._system.kernel_cache import njit
 
-__all__ = ["adjust", "count_walls", "number_groups", "rotation_and_axes", "sum_gradients", "weigh"]
-
 # Cubes along an axis that have a number each: 400 km of 3 m. FACTOR, a large odd number, mixes the bits of a hash.
 CUBES = np.int64(2**17)
 FACTOR = 0x9E3779B97F4A7C15

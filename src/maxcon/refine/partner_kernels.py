@@ -19,8 +19,6 @@ from maxcon.map.lookup_kernels import (
 )
 from maxcon.refine.kernels import rotation_and_axes
 
-__all__ = ["find_partners"]
-
 # Points whose planes are prefetched together.
 BLOCK = 32
 

@@ -14,8 +14,6 @@ from maxcon.refine.adjustment import HEIGHT_SIGMA, TILT_SIGMA, Refined, covarian
 from maxcon.refine.ground import GroundFit
 from maxcon.scan import Scan
 
-__all__ = ["WallShare", "least_wall_share", "validate"]
-
 # A height and a tilt told by the ground are not taken for better than this, m and rad: of walls and ground in the map
 # each has its own error.
 GROUND_HEIGHT_SIGMA, GROUND_TILT_SIGMA = 0.03, 0.003
@@ -40,27 +38,15 @@ def validate(
 ) -> Estimate:
     """Adjust the pose of a best cell to the surfaces of the map, and judge it once more.
 
-    Parameters
-    ----------
-    found : Estimate
-        The best cell of a search, judged. If it is in doubt already, only its height, roll and pitch are the ground's.
-    ground : GroundFit or None
-        The fit of the scan's ground at the place that was found, where that can be told.
-    scan : Scan
-        All its points, with normals, sensor frame.
-    point_map : PointMap
-        The map.
-    trust : Trust
-        From where on the answer is not trusted.
-    risk : float
-        Of an error larger than the protection level.
-    is_confirmed : bool
-        Whether a wider search found the same place.
-
-    Returns
-    -------
-    Estimate
-        With a refined pose, covariance and protection level where it is localized still, with a reason where not.
+    found: the best cell of a search, judged. If it is in doubt already, only its height, roll and pitch are the
+        ground's.
+    ground: the fit of the scan's ground at the place that was found, where that can be told.
+    scan: all its points, with normals, sensor frame.
+    point_map: the map.
+    trust: from where on the answer is not trusted.
+    risk: of an error larger than the protection level.
+    is_confirmed: whether a wider search found the same place.
+    Returns with a refined pose, covariance and protection level where it is localized still, with a reason where not.
     """
     start = found.pose if ground is None else ground.pose
     if not found.is_localized:
@@ -91,12 +77,8 @@ def validate(
 class WallShare:
     """Of the wall points of one orientation bin, how many lie on walls of the map.
 
-    Parameters
-    ----------
-    azimuth : float
-        Middle of the bin, rad from +x, 0 to pi: both sides of a wall are in one bin.
-    n_points, n_found : int
-        Wall points of the bin, and those within 8 cm of a wall of the map.
+    azimuth: middle of the bin, rad from +x, 0 to pi: both sides of a wall are in one bin.
+    n_points, n_found: wall points of the bin, and those within 8 cm of a wall of the map.
     """
 
     azimuth: float

@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 from maxcon.relocalization.coarse_map import BLOCK, N_BLOCKS, REGION, Region, Regions
 from maxcon.relocalization.coarse_scan import HEADINGS, STEP_DEG, CandidateCells, CandidatePoses, CoarseScan, TurnedScan
 
-__all__ = ["MOST_KEPT", "filter_cells", "recount"]
-
 # Squares that are split at a time: few at first, as a good count rules out most others.
 FIRST_SPLIT, MOST_SPLIT = 256, 2**16
 MOST_KEPT = 2**18
@@ -40,21 +38,11 @@ def filter_cells(scan: CoarseScan, regions: Regions, ratio: float, *, n_threads:
     that may reach the ratio of the best count so far, of all regions, are split into squares of 2 x 2 cells, the
     highest bound first, and these into cells.
 
-    Parameters
-    ----------
-    scan : CoarseScan
-        The points to count.
-    regions : Regions
-        Where a scanner may stand.
-    ratio : float
-        Above 0, at most 1.
-    n_threads : int
-        Threads that share headings and squares; what is found does not depend on their number (D8).
-
-    Returns
-    -------
-    CandidateCells
-        At most the `MOST_KEPT` highest cells; then `left_out` says how high the others may count.
+    scan: the points to count.
+    regions: where a scanner may stand.
+    ratio: above 0, at most 1.
+    n_threads: threads that share headings and squares; what is found does not depend on their number (D8).
+    Returns at most the `MOST_KEPT` highest cells; then `left_out` says how high the others may count.
     """
     turned = scan.turned(HEADINGS, regions.tiles.cell)
     kept = _Kept(ratio)
@@ -186,21 +174,11 @@ class _RegionSearch:
 def recount(scan: CoarseScan, candidates: CandidatePoses, cell: float, regions: Regions) -> CandidatePoses:
     """Count the cells around candidates once more, in voxels of half the edge.
 
-    Parameters
-    ----------
-    scan : CoarseScan
-        The scan, with more points than the coarse filter had.
-    candidates : CandidatePoses
-        Middles of large cells, at headings of `HEADINGS`.
-    cell : float
-        Edge of these cells, m.
-    regions : Regions
-        Of half the edge.
-
-    Returns
-    -------
-    CandidatePoses
-        For each candidate the best cell around it, the first in index order; the highest count first.
+    scan: the scan, with more points than the coarse filter had.
+    candidates: middles of large cells, at headings of `HEADINGS`.
+    cell: edge of these cells, m.
+    regions: of half the edge.
+    Returns for each candidate the best cell around it, the first in index order; the highest count first.
     """
     from maxcon.relocalization import kernels
 

@@ -22,11 +22,6 @@ from maxcon.search.coarse_to_fine import Level
 if TYPE_CHECKING:
     from maxcon.map.ground import GroundPatch
 
-__all__ = [
-    "ANY_BIN", "BIN_WIDTH", "BLOCK", "HIGHEST", "N_BINS", "N_BLOCKS", "REACH", "REGION", "Area", "CoarseTiles",
-    "Region", "Regions", "Voxels",
-]  # fmt: skip
-
 HIGHEST = 30.0
 """Voxels, and points, higher above the ground do not take part, m."""
 # A scanner may stand up to so far from known ground, m: a parked truck hides some.

@@ -13,8 +13,6 @@ from maxcon.relocalization.coarse_map import ANY_BIN, BIN_WIDTH, HIGHEST, N_BINS
 from maxcon.scan import Scan
 from maxcon.search.accumulator import upright
 
-__all__ = ["HEADINGS", "STEP_DEG", "CandidateCells", "CandidatePoses", "CoarseScan", "TurnedScan"]
-
 STEP_DEG = 2.0
 HEADINGS = np.radians(np.arange(-180.0, 180.0, STEP_DEG))
 """Headings that are tried, rad."""
@@ -85,17 +83,11 @@ class CoarseScan:
 class CandidateCells:
     """Large cells in which a scan may have been taken: those the coarse filter leaves.
 
-    Parameters
-    ----------
-    cells : array, shape (n, 3), int64
-        (heading, y, x): number in `HEADINGS`, index of the cell in the local frame. The highest count comes first, the
-        first in index order where counts are the same.
-    counts : array, shape (n,), int64
-        Points that match.
-    left_out : float
-        Ratio to the highest count that none of the other cells reaches.
-    n_counted : int
-        Counts that this took, of cells and of bounds.
+    cells: shape (n, 3), int64; (heading, y, x): number in `HEADINGS`, index of the cell in the local frame. The highest
+        count comes first, the first in index order where counts are the same.
+    counts: shape (n,), int64; points that match.
+    left_out: ratio to the highest count that none of the other cells reaches.
+    n_counted: counts that this took, of cells and of bounds.
     """
 
     cells: NDArray[np.int64]
@@ -119,14 +111,9 @@ class CandidateCells:
 class CandidatePoses:
     """Poses at which a scan may have been taken, the highest count first.
 
-    Parameters
-    ----------
-    poses : array, shape (n, 3)
-        x, y (local frame, m) and heading (rad).
-    counts : array, shape (n,), int64
-        Points that match there.
-    left_out : float
-        Ratio to the highest count that none of the other poses reaches.
+    poses: shape (n, 3); x, y (local frame, m) and heading (rad).
+    counts: shape (n,), int64; points that match there.
+    left_out: ratio to the highest count that none of the other poses reaches.
     """
 
     poses: NDArray[np.float64]

@@ -7,8 +7,6 @@ import numpy as np
 from maxcon._system.kernel_cache import njit
 from maxcon.relocalization.coarse_map import BLOCK, N_BLOCKS
 
-__all__ = ["bound_blocks", "count_cells", "count_children"]
-
 BLOCK_BITS = BLOCK.bit_length() - 1
 INSIDE = BLOCK - 1
 COUNTER_BITS = 16

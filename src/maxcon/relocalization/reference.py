@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 from maxcon.relocalization.coarse_map import REGION, Region, Regions
 from maxcon.relocalization.coarse_scan import HEADINGS, CandidateCells, CoarseScan
 
-__all__ = ["counts_of_region", "filter_cells"]
-
 
 def counts_of_region(scan: CoarseScan, region: Region, cell: float) -> NDArray[np.int32]:
     """Points that match at each heading and cell of a region, shape (headings, REGION, REGION).

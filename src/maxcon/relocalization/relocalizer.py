@@ -32,8 +32,6 @@ from maxcon.search.coarse_to_fine import BestCell, Level, distinct_candidates
 from maxcon.search.objectives import Helmert
 from maxcon.search.space import SearchSpace
 
-__all__ = ["Relocalization", "Relocalizer"]
-
 COARSE = Level(0.96, STEP_DEG, 2.0)
 HALF = Level(0.48, 0.5 * STEP_DEG, 1.0)
 # Places that may reach this ratio to the best score are followed; less, where an answer is ambiguous from a lower ratio

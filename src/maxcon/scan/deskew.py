@@ -10,8 +10,6 @@ from maxcon.geometry import interpolate_poses
 from maxcon.geometry.arrays import as_points
 from maxcon.scan.trajectory import Trajectory
 
-__all__ = ["deskew", "times_of_turn"]
-
 MAX_GAP = 0.5
 """Between two poses of the motion to interpolate across, s."""
 MAX_BEYOND = 0.15
@@ -24,27 +22,13 @@ def deskew(
 ) -> NDArray[np.float64]:
     """Return points as they would have been measured at one time.
 
-    Parameters
-    ----------
-    points_sensor : array_like, shape (n, 3)
-        Each in the sensor frame at its own time, m.
-    times : array_like, shape (n,)
-        When each was measured, s, on the clock of the motion.
-    motion : Trajectory
-        T_any_sensor in any frame that stands: odometry, or a prior. Between its poses positions are linear and turns
-        take the shortest arc.
-    time : float
-        s.
-    max_gap : float
-        Largest time between two poses to interpolate across, s.
-
-    Returns
-    -------
-    array, shape (n, 3)
-        Sensor frame at `time`, m.
-
-    An ArrayError if there is not one time per point, or something is not finite; a TrajectoryError if the motion does
-    not cover the scan, to 0.15 s at either end.
+    points_sensor: shape (n, 3); each in the sensor frame at its own time, m.
+    times: shape (n,); when each was measured, s, on the clock of the motion.
+    motion: T_any_sensor in any frame that stands: odometry, or a prior. Between its poses positions are linear and
+        turns take the shortest arc.
+    time: s.
+    max_gap: largest time between two poses to interpolate across, s.
+    Returns shape (n, 3); sensor frame at `time`, m.
     """
     points = as_points(points_sensor, "points_sensor")
     at = np.asarray(times, dtype=np.float64)

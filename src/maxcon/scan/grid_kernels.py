@@ -12,8 +12,6 @@ import numpy as np
 from maxcon._system.kernel_cache import njit
 from maxcon.scan.window_kernels import BANDS, HIGHEST, WINDOWS, first_windows
 
-__all__ = ["MOST_REACH", "STRIDE", "Grid", "pick_candidates", "sorted_grid"]
-
 # Rows per half height of the lowest window; the bounds are for scans that no real scanner makes.
 CELLS_PER_WINDOW = 2.0
 MOST_ROWS = 1024

@@ -15,8 +15,6 @@ from maxcon.geometry import Pose
 from maxcon.geometry.quaternions import quaternions_from_angles
 from maxcon.scan.trajectory import Trajectory
 
-__all__ = ["MountedScanner", "Mounting", "read_mounting", "sensor_trajectory"]
-
 LARGEST_OFFSET = 100.0
 """Of a part from the vehicle's origin, m: larger ones are millimetres."""
 MOST_SCANNERS = 16
@@ -42,16 +40,10 @@ class MountedScanner:
 class Mounting:
     """Where the parts of a vehicle are in its frame: x forward, y left, z up.
 
-    Parameters
-    ----------
-    T_vehicle_sensor : Pose
-        The scanner.
-    T_vehicle_prior : Pose
-        What the prior's poses are those of: an antenna, or an IMU.
-    T_vehicle_odometry : Pose or None
-        What the odometry's poses are those of; None: the scanner, or with several the vehicle.
-    scanners : tuple of MountedScanner
-        Of several scanners all, in the order of the file; points and poses are in the vehicle's frame then.
+    T_vehicle_sensor: the scanner.
+    T_vehicle_prior: what the prior's poses are those of: an antenna, or an IMU.
+    T_vehicle_odometry: what the odometry's poses are those of; None: the scanner, or with several the vehicle.
+    scanners: of several scanners all, in the order of the file; points and poses are in the vehicle's frame then.
     """
 
     T_vehicle_sensor: Pose = LEVEL

@@ -12,8 +12,6 @@ from maxcon.scan.grid_kernels import MOST_REACH, STRIDE, pick_candidates, sorted
 from maxcon.scan.plane_kernels import BLOCK, plane_normals, squares_across, sum_near
 from maxcon.scan.window_kernels import GROWTH, HIGHEST, LEAST_NEIGHBOURS, LEAST_SPREAD
 
-__all__ = ["count_normals", "scan_planes"]
-
 # Half heights of windows are at least so many metres: in smaller ones near the sensor, range noise exceeds any extent.
 NEAR_METRES = 0.15
 MOST_GROWTHS = 8

@@ -19,25 +19,14 @@ from maxcon.errors import ArrayError
 from maxcon.geometry.arrays import as_points
 from maxcon.geometry.pose import Pose
 
-__all__ = ["Viewpoints", "estimate_scan_normals"]
-
 
 def estimate_scan_normals(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Unit normals of a scan's points, turned to the sensor.
 
-    Parameters
-    ----------
-    points : array, shape (n, 3)
-        Sensor frame, m, in any order, finite; the sensor is at (0, 0, 0).
+    points: shape (n, 3); sensor frame, m, in any order, finite; the sensor is at (0, 0, 0).
+    Returns shape (n, 3); sensor frame; zeros where the neighbours are too few, lie on one ring or on no plane (bushes,
+        edges). Points of the ground mostly have none: seen at a flat angle, its rings lie too far apart.
 
-    Returns
-    -------
-    array, shape (n, 3)
-        Sensor frame; zeros where the neighbours are too few, lie on one ring or on no plane (bushes, edges). Points
-        of the ground mostly have none: seen at a flat angle, its rings lie too far apart.
-
-    Notes
-    -----
     Windows reach at most 6.9 degrees above and below a point, rounded up to whole cells of a grid: neighbours lie
     at most 10.5 degrees above or below it. Points nearer than 1.25 m have no normals: 15 cm are more than 6.9
     degrees there. The same points in another order have the same normals, to the last bit.
@@ -59,12 +48,8 @@ def estimate_scan_normals(points: NDArray[np.float64]) -> NDArray[np.float64]:
 class Viewpoints:
     """Where the points of an epoch were measured from, by several scanners of one vehicle.
 
-    Parameters
-    ----------
-    scanners : array, shape (n,), int
-        Index into `poses`: which scanner each point comes from; an ArrayError if it is outside.
-    poses : tuple of Pose
-        T_vehicle_sensor of each scanner.
+    scanners: shape (n,), int; index into `poses`: which scanner each point comes from; an ArrayError if it is outside.
+    poses: T_vehicle_sensor of each scanner.
     """
 
     scanners: NDArray[np.int64]

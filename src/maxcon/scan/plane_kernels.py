@@ -10,8 +10,6 @@ import numpy as np
 
 from maxcon._system.kernel_cache import njit
 
-__all__ = ["BLOCK", "covariance", "plane_normal", "plane_normals", "squares_across", "sum_near"]
-
 # Neighbourhoods in a block. Its moments: BLOCK counts, then BLOCK sums of x, of y, of z, of xx, xy, xz, yy, yz, zz.
 BLOCK = 64
 # Newton steps from 0 to the smallest eigenvalue: exact to the last digits where it is below half the middle one.

@@ -16,8 +16,6 @@ from maxcon.errors import ArrayError, OptionError
 from maxcon.geometry.arrays import as_points, as_unit_normals
 from maxcon.scan.normals import Viewpoints, estimate_scan_normals
 
-__all__ = ["Scan", "one_per_cube"]
-
 
 def _frozen(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """The array, contiguous and read-only: normals and thinned scans made of it are kept beside it."""
@@ -111,17 +109,12 @@ def one_per_cube(
     A point with a normal is preferred to one without, then the nearest to the middle of the cube, then the one of the
     smallest x, y, z: which points are kept does not depend on the order they come in.
 
-    Parameters
-    ----------
-    points, normals : array, shape (n, 3)
-        m, any frame; unit normals, zeros for none.
-    edge : float
-        Of a cube, m, above 0.
-    by_lot : bool
-        Whether a hash of the coordinates draws the point, and not the distance from the middle, which prefers the side
-        of a noisy surface on which the middle lies, and so moves a pose by millimetres. The grid is then turned against
-        the axes: else, where a wall runs along the sides of cubes, its few stray points beyond them would fill as many
-        cubes as all others, and weigh as much.
+    points, normals: shape (n, 3); m, any frame; unit normals, zeros for none.
+    edge: of a cube, m, above 0.
+    by_lot: whether a hash of the coordinates draws the point, and not the distance from the middle, which prefers the
+        side of a noisy surface on which the middle lies, and so moves a pose by millimetres. The grid is then turned
+        against the axes: else, where a wall runs along the sides of cubes, its few stray points beyond them would fill
+        as many cubes as all others, and weigh as much.
     """
     from maxcon.scan import thinning_kernels
 

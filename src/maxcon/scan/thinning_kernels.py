@@ -7,8 +7,6 @@ import numpy as np
 from maxcon._system.kernel_cache import njit
 from maxcon.geometry.pose import rotation_matrices
 
-__all__ = ["one_per_cube"]
-
 NONE = np.int32(-1)
 # Factors of a 64-bit hash, large odd numbers; of its upper bits as many are taken as the table needs.
 FACTOR_X, FACTOR_Y, FACTOR_Z = 0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9

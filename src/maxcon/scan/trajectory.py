@@ -17,8 +17,6 @@ from maxcon.geometry import Pose, interpolate_poses
 from maxcon.geometry.covariances import first_covariance_fault
 from maxcon.geometry.quaternions import angles_from_quaternions, quaternions_from_angles
 
-__all__ = ["Trajectory", "TrajectoryFault", "first_fault"]
-
 # A time this near to a pose's is that pose's: loggers round to the millisecond.
 SAME_TIME = 1e-3
 # Files with two decimals are off by 0.01; anything farther is another order of columns, not rounding.

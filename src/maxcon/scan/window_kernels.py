@@ -10,11 +10,6 @@ import numpy as np
 
 from maxcon._system.kernel_cache import njit
 
-__all__ = [
-    "BANDS", "GROWTH", "HIGHEST", "LEAST_NEIGHBOURS", "LEAST_SPREAD", "WINDOWS",
-    "azimuths_of", "elevations_of", "extremes", "first_windows",
-]  # fmt: skip
-
 # Half heights of windows, rad, lowest first: they suit scanners of 128 rings to those of eight.
 GROWTH = 1.6
 WINDOWS = tuple(np.radians(0.5 * GROWTH**k) for k in range(6))

@@ -31,15 +31,7 @@ CLOUD_SUFFIXES = tuple(_READERS)
 def open_cloud(path: str | os.PathLike[str]) -> CloudReader:
     """Return a reader of the point cloud in `path`; use it in a `with` block.
 
-    Parameters
-    ----------
-    path : path
-        A file with suffix .las, .laz (also .copc.laz), .ply, .npz, .e57, .xyz, .csv or .txt.
-
-    Raises
-    ------
-    FileError
-        If the file is missing, empty, not what its suffix says, or of a kind that is not read.
+    path: a file with suffix .las, .laz (also .copc.laz), .ply, .npz, .e57, .xyz, .csv or .txt.
     """
     file = Path(path)
     try:

@@ -15,18 +15,6 @@ from numpy.typing import NDArray
 
 from maxcon.errors import FileError, MaxconError, OptionError
 
-__all__ = [
-    "Bounds",
-    "CloudChunk",
-    "CloudHeader",
-    "CloudReader",
-    "as_classes",
-    "as_file_error",
-    "as_float64",
-    "check_unpacked_size",
-    "rows_at_a_time",
-]
-
 # Most bytes of a file's records that are held at a time: long records make shorter chunks.
 MAX_CHUNK_BYTES = 2**28
 # Below this a file may unpack to any multiple of its size.
@@ -46,20 +34,12 @@ class Bounds(NamedTuple):
 class CloudHeader:
     """What is known of a cloud before its points are read.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    n_points : int
-        How many points it holds.
-    crs : str or None
-        Coordinate reference system as WKT; None where the file names none that can be used.
-    crs_fault : str
-        What the file has instead of one, in words; empty where it names none at all.
-    has_asprs_classes : bool
-        Whether classes are those of the ASPRS (LAS), not of any scheme.
-    has_normals, has_classes, has_times : bool
-        Which of these come with each chunk.
+    path: the file.
+    n_points: how many points it holds.
+    crs: coordinate reference system as WKT; None where the file names none that can be used.
+    crs_fault: what the file has instead of one, in words; empty where it names none at all.
+    has_asprs_classes: whether classes are those of the ASPRS (LAS), not of any scheme.
+    has_normals, has_classes, has_times: which of these come with each chunk.
     """
 
     path: Path
@@ -76,18 +56,11 @@ class CloudHeader:
 class CloudChunk:
     """Some points of a cloud, as they stand in the file: also those with NaN or infinite coordinates.
 
-    Parameters
-    ----------
-    points : array, shape (k, 3), float64
-        Global coordinates, m.
-    normals : array, shape (k, 3), float64, or None
-        Not checked to be unit vectors.
-    classes : array, shape (k,), uint8, or None
-        Classification codes, e.g. 2 for ground.
-    times : array, shape (k,), float64, or None
-        gps_time, s.
-    is_withheld : array, shape (k,), bool, or None
-        Points that the file marks as deleted (LAS).
+    points: shape (k, 3), float64; global coordinates, m.
+    normals: shape (k, 3), float64, or None; not checked to be unit vectors.
+    classes: shape (k,), uint8, or None; classification codes, e.g. 2 for ground.
+    times: shape (k,), float64, or None; gps_time, s.
+    is_withheld: shape (k,), bool, or None; points that the file marks as deleted (LAS).
     """
 
     points: NDArray[np.float64]
@@ -121,18 +94,9 @@ class CloudReader(ABC):
     def chunks(self, max_points: int = 1_000_000, bounds: Bounds | None = None) -> Iterator[CloudChunk]:
         """Return an iterator over the points in order, never holding more than one chunk.
 
-        Parameters
-        ----------
-        max_points : int
-            Most points of one chunk; a million take about 100 MB while they are read. OptionError if it is not 1 or
-            more.
-        bounds : Bounds, optional
-            Parts of the file known to hold no points there are left out (COPC); others come as a whole.
-
-        Raises
-        ------
-        FileError
-            If the points do not match the header: the file is truncated or broken.
+        max_points: most points of one chunk; a million take about 100 MB while they are read. OptionError if it is not
+            1 or more.
+        bounds: parts of the file known to hold no points there are left out (COPC); others come as a whole.
         """
         if max_points < 1:
             raise OptionError(f"Expected max_points >= 1, got {max_points}. The default is 1,000,000.")

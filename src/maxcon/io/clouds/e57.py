@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 from maxcon.errors import FileError, MissingExtraError
 from maxcon.io.clouds.base import CloudChunk, CloudHeader, CloudReader, as_file_error
 
-__all__ = ["E57Reader"]
-
 CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
 INVALID = {CARTESIAN: "cartesianInvalidState", SPHERICAL: "sphericalInvalidState"}

@@ -18,8 +18,6 @@ from maxcon.io.clouds.laz import LazChunks, check_layers, copc_chunks_within, re
 if TYPE_CHECKING:
     import laspy
 
-__all__ = ["LasReader", "positions_of"]
-
 KIND = "a LAS or LAZ file"
 # The parallel decompressor holds whole chunks (usually 50,000 points); larger ones are read in one thread.
 MAX_PARALLEL_CHUNK = 2_000_000

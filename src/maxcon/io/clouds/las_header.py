@@ -14,8 +14,6 @@ from typing import BinaryIO, NamedTuple
 
 from maxcon.errors import FileError
 
-__all__ = ["LasCrs", "LasLayout", "read_las_crs", "read_las_layout"]
-
 HEADER_BYTES = 227  # of LAS 1.0 to 1.2; 1.4 has 375
 # Records between header and points; real files have kilobytes.
 MAX_RECORDS_BYTES = 2**28
@@ -39,13 +37,7 @@ class LasLayout(NamedTuple):
 
 
 def read_las_layout(file: Path, stream: BinaryIO) -> LasLayout:
-    """Return the layout of an open file.
-
-    Raises
-    ------
-    FileError
-        If it is not LAS or LAZ, says 0 points, or is shorter or longer than its header says.
-    """
+    """Return the layout of an open file."""
     size = stream.seek(0, 2)
     stream.seek(0)
     head = stream.read(375).ljust(375, b"\0")

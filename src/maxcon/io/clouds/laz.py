@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 from maxcon.errors import FileError
 from maxcon.io.clouds.base import Bounds, check_unpacked_size
 
-__all__ = ["LazChunks", "check_layers", "copc_chunks_within", "laz_as_os_error", "read_laz_chunks"]
-
 # Codes of the LASzip specification: pointwise chunked (formats 0-5) and layered chunked (6-10).
 POINTWISE, LAYERED = 2, 3
 # Layers of each kind of item: point, RGB, RGB and NIR, wave packet; extra bytes have one per byte.
@@ -71,21 +69,11 @@ def read_laz_chunks(
 ) -> LazChunks:
     """Return the chunk table of an open file, checked.
 
-    Parameters
-    ----------
-    file : Path
-        For messages.
-    stream : binary file
-        The open file, seekable.
-    start, record_length, n_points : int
-        Offset of the points, bytes of one that is not compressed, and how many there are, as the LAS header says.
-    laszip_record : bytes
-        The LASzip record of the header.
-
-    Raises
-    ------
-    FileError
-        If the compression is of an unknown kind, or the table does not fit the file or the header.
+    file: for messages.
+    stream: the open file, seekable.
+    start, record_length, n_points: offset of the points, bytes of one that is not compressed, and how many there are,
+        as the LAS header says.
+    laszip_record: the LASzip record of the header.
     """
     import lazrs
 
@@ -166,21 +154,10 @@ def _table_offset(file: Path, stream: BinaryIO, start: int, size: int) -> int:
 def copc_chunks_within(file: Path, stream: BinaryIO, chunks: LazChunks, bounds: Bounds) -> NDArray[np.bool_] | None:
     """Whether each chunk may have points in a rectangle, shape (n_chunks,); None for a file that is no COPC.
 
-    Parameters
-    ----------
-    file : Path
-        For messages.
-    stream : binary file
-        The open file, seekable.
-    chunks : LazChunks
-        Its table of chunks, checked.
-    bounds : Bounds
-        In the coordinates of the file.
-
-    Raises
-    ------
-    FileError
-        If the octree lies outside of the file, goes round in circles, or does not fit the table of chunks.
+    file: for messages.
+    stream: the open file, seekable.
+    chunks: its table of chunks, checked.
+    bounds: in the coordinates of the file.
     """
     stream.seek(HEADER_BYTES)
     record = stream.read(RECORD_HEAD + OCTREE.size)

@@ -16,8 +16,6 @@ from maxcon.io.clouds import base
 from maxcon.io.clouds.base import CloudChunk, CloudHeader, CloudReader, as_file_error, as_float64
 from maxcon.io.text import printable
 
-__all__ = ["NpzReader"]
-
 COLUMNS = {"points": 3, "normals": 3, "classes": 0, "times": 0}
 # Coordinates hardly compress; a large array that claims a higher ratio than this was made to exhaust memory.
 MAX_RATIO = 100

@@ -23,8 +23,6 @@ from maxcon.io.clouds.base import (
 )
 from maxcon.io.text import read_lines, read_table
 
-__all__ = ["PlyReader"]
-
 POINT_NAMES = ("x", "y", "z")
 NORMAL_NAMES = ("nx", "ny", "nz")
 CLASS_NAMES = ("classification", "class", "label", "scalar_classification", "scalar_class", "scalar_label")

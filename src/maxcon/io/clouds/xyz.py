@@ -15,8 +15,6 @@ from maxcon.errors import FileError
 from maxcon.io.clouds.base import CloudChunk, CloudHeader, CloudReader, as_classes, as_file_error
 from maxcon.io.text import parse_float
 
-__all__ = ["XyzReader"]
-
 KIND = "points as text"
 NAMES = {
     "x": ("x", "easting", "east"),
