@@ -66,25 +66,16 @@ def test_without_times_files_have_to_tell(tmp_path, write_las):
     assert survey(headers, "file", 20.0, silent).passes[0].times.tolist() == [0.5]
 
 
-def test_times_that_are_none_do_not_fill_the_memory(tmp_path, write_las, monkeypatch):
-    monkeypatch.setattr("maxcon.mapping.align.passes.MOST_SECONDS", 4)
-    headers = open_headers([write_las(tmp_path / "a.las", POINTS, TIMES)])
-    with pytest.raises(OptionError, match="Are these times"):
-        survey(headers, "time", 20.0, silent)
-
-
-def test_times_that_are_not_finite_are_refused(tmp_path, write_las):
-    times = TIMES.copy()
-    times[2] = np.nan
-    headers = open_headers([write_las(tmp_path / "a.las", POINTS, times)])
-    with pytest.raises(FileError, match="finite times"):
-        survey(headers, "time", 20.0, silent)
-
-
-def test_other_files_and_words_are_refused(tmp_path, headers):
+def test_what_is_refused(tmp_path, headers, write_las, monkeypatch):
     text = tmp_path / "a.xyz"
     text.write_text("1 2 3\n4 5 6\n")
     with pytest.raises(FileError, match="Expected LAS or LAZ"):
         survey(open_headers([text]), "file", 20.0, silent)
     with pytest.raises(OptionError, match="time, source, file"):
         survey(headers, "colour", 20.0, silent)
+    not_finite = write_las(tmp_path / "nan.las", POINTS, np.where(TIMES == 9.1, np.nan, TIMES))
+    with pytest.raises(FileError, match="finite times"):
+        survey(open_headers([not_finite]), "time", 20.0, silent)
+    monkeypatch.setattr("maxcon.mapping.align.passes.MOST_SECONDS", 4)  # times that are none fill the memory
+    with pytest.raises(OptionError, match="Are these times"):
+        survey(headers, "time", 20.0, silent)

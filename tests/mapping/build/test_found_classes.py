@@ -220,42 +220,31 @@ def test_ground_and_temporary_objects_are_left_out_of_the_map(tmp_path, cloud_fi
     assert abs(point_map.ground_around(local[0], local[1], 0.0).heights[0, 0, 0] - local[2] - 0.5) < 0.03
 
 
-def test_classes_that_somebody_gave_count_unless_they_are_to_be_found_anew(tmp_path, cloud_files, two_passes):
-    cloud, points = write_street(tmp_path, cloud_files, two_passes, classes=np.full(_n(two_passes), 6))
-    for classify, is_found in (("auto", False), ("off", False), ("always", True)):
-        options = MapOptions(classify=classify)
-        manifest = build_map([cloud], tmp_path / "a.map", options, overwrite=True)
-        assert ("found" in manifest.build) == is_found
-        assert (manifest.n_points == len(points)) != is_found
-
-
-def _n(two_passes):
-    return len(two_passes[1])
-
-
-def test_noise_alone_is_no_classification(tmp_path, cloud_files, two_passes):
-    classes = np.ones(_n(two_passes), np.uint8)
-    classes[:100] = 7
-    cloud, points = write_street(tmp_path, cloud_files, two_passes, classes=classes)
-    manifest = build_map([cloud], tmp_path / "a.map", MapOptions(classify="auto"))
-    assert sum(manifest.build["found"]["n_points"].values()) == len(points) - 100
-
-
-def test_found_classes_are_dropped_by_name(tmp_path, cloud_files, two_passes):
-    cloud, points = write_street(tmp_path, cloud_files, two_passes)
-    manifest = build_map([cloud], tmp_path / "a.map", MapOptions(classify="auto", drop=("temporal-exclusion",)))
-    n_found = manifest.build["found"]["n_points"]
-    assert manifest.n_points == len(points) - n_found["22"]
-    kept = build_map([cloud], tmp_path / "b.map", MapOptions(classify="always", drop=()))
-    assert kept.n_points == len(points)
-    assert kept.build["found"]["n_points"] == n_found
-
-
-def test_shapes_cannot_be_told_in_large_voxels(tmp_path, cloud_files, two_passes):
+def test_when_classes_are_found_and_which_are_dropped(tmp_path, cloud_files, two_passes):
+    n = len(two_passes[1])
+    noise = np.where(np.arange(n) < 100, 7, 1)
+    n_found = {}
+    for name, classes, options, n_left_out in (
+        ("given", np.full(n, 6), {"classify": "auto"}, None),
+        ("off", np.full(n, 6), {"classify": "off"}, None),
+        ("anew", np.full(n, 6), {"classify": "always"}, ("2", "22")),
+        ("noise", noise, {"classify": "auto"}, ("2", "22")),  # noise alone is no classification
+        ("by name", None, {"classify": "auto", "drop": ("temporal-exclusion",)}, ("22",)),
+        ("kept", None, {"classify": "always", "drop": ()}, ()),
+        ("large", None, {"classify": "auto", "cell": 0.5}, None),  # shapes cannot be told in large voxels
+    ):
+        cloud, _ = write_street(tmp_path, cloud_files, two_passes, f"{name}.laz", classes)
+        manifest = build_map([cloud], tmp_path / f"{name}.map", MapOptions(**options))
+        assert ("found" in manifest.build) == (n_left_out is not None), name
+        n_read = n - 100 if name == "noise" else n
+        if n_left_out is None:
+            assert manifest.n_points == n_read, name
+        else:
+            n_found[name] = manifest.build["found"]["n_points"]
+            assert sum(n_found[name].values()) == n_read
+            assert manifest.n_points == n_read - sum(n_found[name][number] for number in n_left_out), name
+    assert n_found["kept"] == n_found["by name"] == n_found["anew"]
     with pytest.raises(OptionError, match=r"at most 0.25 m .* got 0.5 m"):
         MapOptions(cell=0.5, classify="always")
     with pytest.raises(OptionError, match="auto, always or off, got 'yes'"):
         MapOptions(classify="yes")
-    cloud, _ = write_street(tmp_path, cloud_files, two_passes)
-    manifest = build_map([cloud], tmp_path / "a.map", MapOptions(cell=0.5, classify="auto"))
-    assert "found" not in manifest.build

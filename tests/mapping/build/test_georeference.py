@@ -159,7 +159,7 @@ def test_real_copc_files_as_a_whole_and_by_area(real_data, tmp_path):
         assert "foot" in crs and "heights times 0.3048" in counts["transform"]
 
 
-@pytest.mark.parametrize("name", ["scalar_Classification", "Classification", "label"])
+@pytest.mark.parametrize("name", ["scalar_Classification", "label"])
 def test_classes_of_a_ply_are_those_of_las_if_one_says_so(tmp_path, points, name):
     head = ["ply", "format ascii 1.0", "element vertex 3000", *(f"property double {axis}" for axis in "xyz")]
     classes = np.repeat([2, 5, 6], 1000)

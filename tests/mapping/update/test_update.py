@@ -68,34 +68,24 @@ def inside(points, box, margin=0.1):
     return ((points >= low - margin) & (points <= high + margin)).all(axis=1)
 
 
-def test_what_was_seen_misses_is_gone(updated):
-    gone = voxels_of(updated, SurfaceClass.GONE)
+def test_what_was_missed_is_gone_what_was_hit_is_new_and_the_rest_stays(street, updated):
+    was = voxels_of(street, SurfaceClass.KNOWN)
+    known, gone, new = (voxels_of(updated, each) for each in (SurfaceClass.KNOWN, SurfaceClass.GONE, SurfaceClass.NEW))
     assert inside(gone, CAR).all()
-    left = voxels_of(updated, SurfaceClass.KNOWN)
-    is_of_car = inside(left, CAR)
-    assert len(gone) > 0.9 * (len(gone) + is_of_car.sum())
-
-
-def test_the_wall_stays_and_no_voxel_is_lost(street, updated):
-    known = voxels_of(street, SurfaceClass.KNOWN)
-    n_wall = inside(known, WALL).sum()
-    assert inside(voxels_of(updated, SurfaceClass.KNOWN), WALL).sum() == n_wall
-    assert len(voxels_of(updated, SurfaceClass.KNOWN)) + len(voxels_of(updated, SurfaceClass.GONE)) == len(known)
-
-
-def test_what_was_seen_newly_is_new_and_what_passed_is_not(updated):
-    new = voxels_of(updated, SurfaceClass.NEW)
+    assert len(gone) > 0.9 * (len(gone) + inside(known, CAR).sum())
+    assert inside(known, WALL).sum() == inside(was, WALL).sum()
+    assert len(known) + len(gone) == len(was)
     assert len(new) > 1000
-    assert inside(new, OTHER_CAR).all()
-    assert (new[:, 2] > 0.2).all()  # the road is none
+    assert inside(new, OTHER_CAR).all()  # and not of the car that passed
+    assert (new[:, 2] > 0.2).all()  # nor of the road
 
 
 def test_a_search_does_not_meet_what_is_gone(updated):
-    points = np.concatenate(
-        [PointMap.open(updated).tile(key).mean_points(CELL) for key in PointMap.open(updated).tile_keys]
-    )
-    assert not inside(points, CAR, margin=0.0).sum() > 0.1 * len(voxels_of(updated, SurfaceClass.GONE))
-    assert PointMap.open(updated).tile(next(iter(PointMap.open(updated).tile_keys))).classes is None
+    opened = PointMap.open(updated)
+    tiles = [opened.tile(key) for key in opened.tile_keys]
+    points = np.concatenate([tile.mean_points(CELL) for tile in tiles])
+    assert inside(points, CAR, margin=0.0).sum() <= 0.1 * len(voxels_of(updated, SurfaceClass.GONE))
+    assert tiles[0].classes is None
 
 
 def test_the_map_is_not_touched_and_is_named(street, updated):
