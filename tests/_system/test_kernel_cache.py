@@ -72,3 +72,8 @@ def test_no_folder_at_all_is_refused_by_a_warm_up(monkeypatch, tmp_path):
     assert kernel_cache.code_folder() is None
     with pytest.raises(FileError, match=r"into .*cache, which NUMBA_CACHE_DIR names"):
         check_code_folder()
+
+
+def test_every_kernel_is_kept_so():
+    kernels = kernel_cache.PACKAGE.rglob("*kernels.py")
+    assert [path for path in kernels if "from maxcon._system.kernel_cache import njit" not in path.read_text()] == []

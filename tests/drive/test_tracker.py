@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from maxcon import Estimate, MaximumConsensus, PointMap, Pose, Scan, SearchSpace, Status
+from maxcon import MaximumConsensus, PointMap, Pose, Scan, SearchSpace, Status
+from maxcon.drive.hypotheses import measured_covariance, window
 from maxcon.drive.motion import Motion, MotionNoise, UncertainPose
 from maxcon.drive.tracker import Tracker, TrackingOptions
 from maxcon.errors import OptionError
@@ -279,12 +280,17 @@ def test_an_estimate_s_own_covariance_is_used_where_it_has_one(street, method):
     assert 0.02 < math.sqrt(last.covariance[0, 0]) < 0.023
 
 
+def test_an_open_space_is_never_turned_into_cells(street):
+    """One of 40 km would have over 2^36 of the map's; and what has no cells has no best cell."""
+    wide = MaximumConsensus(SearchSpace(40_000.0))
+    tracker = Tracker(wide, start=start_at(where(30.0)))
+    estimate = tracker._conclude(street.point_map, prior_at(30.0))
+    assert estimate.cell is None and is_right(estimate.pose, 30.0)
+    unknown = replace(estimate, covariance=np.diag(np.full(6, np.inf)))
+    assert 0.02 < math.sqrt(measured_covariance(unknown, wide.space)[0, 0]) < 0.03
+    assert window(tracker.prediction, 3.0, wide.space).half_width < 2.0
+
+
 def test_options_are_checked():
     with pytest.raises(OptionError, match=r"Expected `sigmas` above 0, got 0\.0\. The default is 3\.0"):
         TrackingOptions(sigmas=0.0)
-
-
-def test_the_word_for_a_lost_track_is_explained():
-    assert Status.LOST.value == "lost"
-    assert "looks around the prior" in Status.LOST.explanation
-    assert isinstance(Estimate(where(0.0), 0.0, None, Status.LOST, np.eye(2)), Estimate)
