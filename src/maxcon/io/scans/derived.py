@@ -70,6 +70,8 @@ class DeskewedScans(Scans):
 class MergedScans(Scans):
     """Scans of several scanners, matched by their times, their points in the frame of the vehicle.
 
+    OptionError if there are not as many poses and names as scanners, or none.
+
     Parameters
     ----------
     scanners : sequence of Scans
@@ -79,8 +81,6 @@ class MergedScans(Scans):
         T_vehicle_sensor of each.
     names : sequence of str
         Names of the scanners, for messages.
-
-    OptionError if there are not as many poses as scanners, or none.
     """
 
     def __init__(self, scanners: Sequence[Scans], poses: Sequence[Pose], names: Sequence[str]) -> None:

@@ -94,14 +94,14 @@ class _Seen(NamedTuple):
 def describe(path: str | os.PathLike[str], topic: str | None = None) -> RecordingDescription:
     """Describe scans or a recording; of each scanner the first ten scans are read.
 
+    A recording without clouds has no scanners. Errors as of `open_scans`.
+
     Parameters
     ----------
     path : path
         As `open_scans` takes it.
     topic : str, optional
         The only topic to describe; all with clouds if None.
-
-    Errors as of `open_scans`; a recording with other messages only has no scanners.
     """
     from maxcon.io.recordings.captures import topics_of_capture
     from maxcon.io.recordings.clouds import CLOUD, VELODYNE, TopicOfClouds, chosen_topic, open_clouds
