@@ -129,7 +129,7 @@ def survey(headers: Sequence[CloudHeader], by: str, pause: float, report: Progre
     `by`: one of `PASSES_BY`; `pause`: seconds without a point that separate two passes by time.
     """
     if by not in PASSES_BY:
-        raise OptionError(f"Expected rounds by {', '.join(PASSES_BY)}, got {by!r}.")
+        raise OptionError(f"Expected passes by {', '.join(PASSES_BY)}, got {by!r}.")
     sums: defaultdict[tuple[int, int], NDArray[np.float64]] = defaultdict(lambda: np.zeros(4))
     origin, n_done, n_total = np.zeros(3), 0, sum(header.n_points for header in headers)
     for file, header in enumerate(headers):
@@ -144,7 +144,7 @@ def survey(headers: Sequence[CloudHeader], by: str, pause: float, report: Progre
             keys = np.full(len(part.times), file if by == "file" else 0, np.int64)
             _add_seconds(sums, part.source_ids.astype(np.int64) if by == "source" else keys, part, origin)
             n_done += len(part.times)
-            report("finding rounds", n_done, n_total)
+            report("finding passes", n_done, n_total)
             if len(sums) > MOST_SECONDS:
                 raise OptionError(
                     f"Expected gps_time in seconds, got points of more than {MOST_SECONDS:,} different ones, the last"

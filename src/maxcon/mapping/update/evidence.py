@@ -168,7 +168,7 @@ def gather_evidence(
             within = SurfacesInReach.of([files.load(key) for key in keys])
             for number, each in enumerate(part, first):
                 _add(number, each, each.ends(drives, options), within, point_map, options)
-                report("weighing looks", number + 1, len(observations))
+                report("weighing observations", number + 1, len(observations))
             for number, key in enumerate(keys):
                 files.save(key, within.of_tile(number))
         first += len(part)
