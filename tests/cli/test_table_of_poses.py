@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""POSES.csv while it grows: what is localized is kept whatever happens, and gone on with (decision 25)."""
+"""POSES.csv while it grows: what is localized is kept whatever happens, and gone on with."""
 
 import csv
 import signal

@@ -3,7 +3,7 @@
 """Compiled: which scan points look at which voxels of the map together.
 
 A visit is a group of scan points, at a run of headings, and the box of voxels that they cover there. Its voxels are
-read from the map once, for all its points and headings (decision 13). A stop is a visit in one tile: which voxels of
+read from the map once, for all its points and headings. A stop is a visit in one tile: which voxels of
 the tile it looks at. Both kernels that sum over all cells of a window, `window_kernels` and `sum_kernels`, go from
 stop to stop.
 """

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Where the ground grid of a built map comes from: classified points, or else level surfaces (decision 17)."""
+"""Where the ground grid of a built map comes from: classified points, or else level surfaces."""
 
 import numpy as np
 import pytest

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Ground, vegetation and temporary objects of hand-made scenes without classes (decision 23)."""
+"""Ground, vegetation and temporary objects of hand-made scenes without classes."""
 
 import numpy as np
 import pytest
