@@ -29,8 +29,6 @@ from maxcon.search.coarse_to_fine import COARSE, BestCell, best_candidates
 from maxcon.search.objectives import Bounded, Helmert, Objective
 from maxcon.search.space import SearchSpace
 
-__all__ = ["CellSearch"]
-
 # Least ratio to the best score that is asked for, where every other candidate is to be known.
 LEAST_RATIO = 1e-6
 # An open space of fewer of the map's own cells is searched in these at once: that is as fast.

@@ -5,18 +5,6 @@
 Every message says what was expected, what came, and what to do about it.
 """
 
-__all__ = [
-    "ArrayError",
-    "CrsError",
-    "FileError",
-    "MapError",
-    "MaxconError",
-    "MissingExtraError",
-    "OptionError",
-    "SearchSpaceError",
-    "TrajectoryError",
-]
-
 
 class MaxconError(Exception):
     """Base of everything maxcon raises on purpose."""

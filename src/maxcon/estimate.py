@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 from maxcon.geometry import Pose
 from maxcon.search.space import Cell
 
-__all__ = ["Estimate", "Status"]
-
 
 class Status(StrEnum):
     """How far an estimate may be trusted; the values are the words a user reads."""

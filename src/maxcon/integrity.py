@@ -19,17 +19,6 @@ from maxcon.scan import Scan
 from maxcon.search.objectives import SINGULAR_RATIO, Moments, Scores
 from maxcon.search.space import Cell, SearchSpace
 
-__all__ = [
-    "Trust",
-    "along_and_across",
-    "highest_beyond",
-    "invert",
-    "peak_ratio",
-    "protection_level",
-    "reasons_to_doubt_answer",
-    "reasons_to_doubt_scan",
-]
-
 # Less than one full match in the least determined direction does not fix a position, nor does what a single
 # wall's matches add there when their normals are 3 degrees off: sin^2 of that, of each.
 LEAST_EIGENVALUE = 1.0

@@ -28,8 +28,6 @@ from maxcon.search.accumulator import Accumulator
 from maxcon.search.objectives import Helmert, Objective, as_objective
 from maxcon.search.space import SearchSpace
 
-__all__ = ["MaximumConsensus"]
-
 # Where the ground lies so much higher or lower than the prior or the answer (m), it is searched from both heights.
 OTHER_GROUND = 0.25
 # A wider search turns twice as far, unless that is much.

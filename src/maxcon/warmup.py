@@ -28,8 +28,6 @@ from maxcon.search import consensus_set
 from maxcon.search.objectives import OBJECTIVES
 from maxcon.search.space import SearchSpace
 
-__all__ = ["SPACE", "Compiled", "options_of_the_method", "search_room", "warm_up"]
-
 PRIOR = Pose(0.02, -0.03, 0.0, 0.0, 0.0, 0.0)
 SPACE = SearchSpace(0.24, 0.06, 0.5, 0.5)
 LARGER = 5.0
@@ -41,12 +39,8 @@ LONELY = np.array([[40.0, 0.0, 0.0]])
 class Compiled:
     """What became of one part of the warm-up.
 
-    Parameters
-    ----------
-    seconds : float
-        How long it took.
-    n_functions : int
-        Functions compiled; 0 if their code was there already.
+    seconds: how long it took.
+    n_functions: functions compiled; 0 if their code was there already.
     """
 
     seconds: float
@@ -60,15 +54,7 @@ Report = Callable[[str, Compiled | None], None]
 def warm_up(report: Report) -> None:
     """Compile all that building maps and localizing call, and keep the code for later processes.
 
-    Parameters
-    ----------
-    report : callable
-        Called before and after each part.
-
-    Raises
-    ------
-    FileError
-        If the maps of the warm-up cannot be written to the temporary folder.
+    report: called before and after each part.
     """
     with tempfile.TemporaryDirectory(prefix="maxcon-warmup-") as folder:
         for part, run in (

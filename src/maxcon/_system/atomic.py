@@ -16,18 +16,6 @@ from tempfile import mkdtemp
 from maxcon._system.regular_file import special_kind
 from maxcon.errors import FileError
 
-__all__ = [
-    "atomic_file",
-    "atomic_folder",
-    "check_folder",
-    "check_replaceable",
-    "check_writable",
-    "locked",
-    "make_folder",
-    "sweep",
-    "write_json",
-]
-
 MARK = ".partial-"
 """In the names of temporary siblings: `.city.map.partial-x1y2z3w4`."""
 LOCK, NEW, OLD = ".lock", "new", "old"
@@ -163,15 +151,10 @@ def check_folder(path: str | os.PathLike[str]) -> None:
 def check_replaceable(path: str | os.PathLike[str], what: str, names: Sequence[str]) -> None:
     """Refuse to overwrite anything but a folder of the kind that is to be written; FileError if so.
 
-    Parameters
-    ----------
-    path : path
-        May be missing.
-    what : str
-        The kind, for the message, e.g. "a map".
-    names : sequence of str
-        Names and patterns (`poses-*.csv`) of all that such a folder may hold; the first it must hold, if it
-        is not empty.
+    path: may be missing.
+    what: the kind, for the message, e.g. "a map".
+    names: names and patterns (`poses-*.csv`) of all that such a folder may hold; the first it must hold, if it is not
+        empty.
     """
     folder = Path(path)
     try:

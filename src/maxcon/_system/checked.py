@@ -12,8 +12,6 @@ from typing import Any, TypeVar
 from maxcon._system.regular_file import read_regular
 from maxcon.errors import FileError, MaxconError
 
-__all__ = ["checked", "read_json", "read_toml"]
-
 T = TypeVar("T")
 
 LARGEST_TOML = 2**20
@@ -30,18 +28,11 @@ def checked(
     Bounds stand in the type: ``Annotated[float, msgspec.Meta(gt=0)]``. NaN and infinities pass such bounds in one
     direction; give both where they matter.
 
-    Parameters
-    ----------
-    values : object
-        As tomllib or json returned them.
-    kind : type
-        What they should be.
-    where : object
-        The file, for messages.
-    what, advice : str
-        For messages: what was expected there, and what to do.
-    error : type
-        Kind of the error raised.
+    values: as tomllib or json returned them.
+    kind: what they should be.
+    where: the file, for messages.
+    what, advice: for messages: what was expected there, and what to do.
+    error: kind of the error raised.
     """
     import msgspec
 

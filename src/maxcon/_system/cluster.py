@@ -19,8 +19,6 @@ from maxcon.errors import MissingExtraError, OptionError
 if TYPE_CHECKING:
     from distributed import Client
 
-__all__ = ["check_dask", "joined_cluster"]
-
 JOIN_TIMEOUT = 30
 """s until a scheduler answers and has a worker."""
 TOLD_AFTER = 1.0

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from maxcon.errors import FileError
 
-__all__ = ["check_code_folder", "on_compilation", "read_only_view"]
-
 
 @contextmanager
 def on_compilation(call: Callable[[], None]) -> Iterator[None]:

@@ -18,8 +18,6 @@ from typing import Any, Protocol, Self, TypeVar
 from maxcon._system.job import Job, Opening, do_task, workers_gone
 from maxcon.errors import MaxconError, OptionError
 
-__all__ = ["Engine", "n_processors"]
-
 TaskT = TypeVar("TaskT")
 ResultT = TypeVar("ResultT")
 
@@ -46,22 +44,11 @@ def _nobody(line: str) -> None:
 class Engine:
     """Where tasks are done. The results are the same wherever, but for the order they come in.
 
-    Parameters
-    ----------
-    n_workers : int, optional
-        Processes on this machine; with one, all is done in this process. As many as there are processors if None.
-    scheduler : str, optional
-        Address of a dask scheduler, as tcp://HOST:8786, instead: its workers do the tasks. All that they need must have
-        the same paths for them.
-    warn : callable, optional
-        Called with a line for the user: what is waited for.
-
-    Raises
-    ------
-    OptionError
-        If both are given, or there is less than one worker.
-    MissingExtraError
-        If dask is needed and not installed.
+    n_workers: processes on this machine; with one, all is done in this process. As many as there are processors if
+        None.
+    scheduler: address of a dask scheduler, as tcp://HOST:8786, instead: its workers do the tasks. All that they need
+        must have the same paths for them.
+    warn: called with a line for the user: what is waited for.
     """
 
     n_workers: int | None = None
@@ -99,19 +86,9 @@ class Engine:
         everything else is done, and each part is tried alone; a part that again ends four has the result that the
         job gives for lost ones.
 
-        Parameters
-        ----------
-        job : Job
-            What is to be done.
-        tasks : iterable
-            Taken as workers become free.
-        n_tasks : int
-            How many there are, or may be: no more processes are started.
-
-        Raises
-        ------
-        MaxconError
-            What the job raises; or if workers do not start, or are gone.
+        job: what is to be done.
+        tasks: taken as workers become free.
+        n_tasks: how many there are, or may be: no more processes are started.
         """
         with self.started(n_tasks) as run:
             yield from run(job, tasks)

@@ -11,8 +11,6 @@ from typing import Any, Protocol, TypeVar
 from maxcon._system.version import __version__
 from maxcon.errors import MaxconError, OptionError
 
-__all__ = ["Job", "Opening", "close_jobs", "do_task", "workers_gone"]
-
 TaskT = TypeVar("TaskT")
 ResultT_co = TypeVar("ResultT_co", covariant=True)
 

@@ -22,8 +22,6 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLoca
 from numba.core.dispatcher import Dispatcher
 from numba.misc.appdirs import AppDirs
 
-__all__ = ["code_folder", "content_of_kernels", "njit"]
-
 PACKAGE = Path(__file__).parents[1]
 IMPORTS = re.compile(r"^from (maxcon[\w.]*) import (\([^)]*\)|.*)", re.MULTILINE)
 CONSTANT = re.compile(r"\b[A-Z][A-Z0-9_]+\b")

@@ -7,8 +7,6 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
 
-__all__ = ["in_order_of", "ordered_map"]
-
 ItemT = TypeVar("ItemT")
 ResultT = TypeVar("ResultT")
 

@@ -4,7 +4,5 @@
 
 from collections.abc import Callable
 
-__all__ = ["Progress"]
-
 Progress = Callable[[str, int, int], None]
 """Called with (step, done, of how many)."""

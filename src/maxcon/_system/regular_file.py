@@ -9,8 +9,6 @@ import stat
 from io import BufferedReader
 from pathlib import Path
 
-__all__ = ["check_regular", "open_regular", "read_regular", "sha256_of_file", "special_kind"]
-
 
 def special_kind(mode: int) -> str:
     """Return the kind of what is neither file nor folder, from its `st_mode`."""

@@ -18,8 +18,6 @@ from maxcon.errors import FileError
 if TYPE_CHECKING:
     import pyarrow
 
-__all__ = ["ResumableTable", "differences", "work_folder"]
-
 
 @contextmanager
 def work_folder(folder: str | os.PathLike[str], what: str, record: str) -> Iterator[None]:
@@ -27,15 +25,10 @@ def work_folder(folder: str | os.PathLike[str], what: str, record: str) -> Itera
 
     FileError if it cannot be written, holds something else, or another process is at work on it.
 
-    Parameters
-    ----------
-    folder : path
-        Of this work alone.
-    what : str
-        The work, for messages, e.g. "a study".
-    record : str
-        Name of the file that says what the work is. The block writes it before any other file, so that a
-        folder with others and without it is somebody else's.
+    folder: of this work alone.
+    what: the work, for messages, e.g. "a study".
+    record: name of the file that says what the work is. The block writes it before any other file, so that a folder
+        with others and without it is somebody else's.
     """
     root = Path(folder)
     check_folder(root)
@@ -59,18 +52,11 @@ def differences(before: Any, now: Any, where: str = "") -> str:
 class ResumableTable:
     """Parquet table that grows by parts, each whole or not there, which are merged into one file in the end (D10).
 
-    Parameters
-    ----------
-    path : Path
-        Of the merged file.
-    parts : Path
-        Folder of the parts, of this table alone.
-    schema : pyarrow.Schema
-        Of the table.
-    keys : sequence of str
-        Columns that name a row. Rows are in their order; of equal keys the merged row counts, then any.
-    what : str
-        The table, for messages, e.g. "poses of a drive".
+    path: of the merged file.
+    parts: folder of the parts, of this table alone.
+    schema: of the table.
+    keys: columns that name a row. Rows are in their order; of equal keys the merged row counts, then any.
+    what: the table, for messages, e.g. "poses of a drive".
     """
 
     def __init__(self, path: Path, parts: Path, schema: "pyarrow.Schema", keys: Sequence[str], what: str) -> None:

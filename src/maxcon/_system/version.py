@@ -2,6 +2,4 @@
 # SPDX-License-Identifier: MIT
 """The version, at the bottom of the house where everybody may read it."""
 
-__all__ = ["__version__"]
-
 __version__ = "0.1.0"

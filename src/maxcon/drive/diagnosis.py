@@ -19,8 +19,6 @@ from maxcon.map import PointMap
 from maxcon.scan import Scan
 from maxcon.scan.trajectory import Trajectory
 
-__all__ = ["ALTERNATIVES", "Alternative", "alternative_that_fits", "check_heights", "heights_in_words"]
-
 LOWEST, HIGHEST = -5.0, 12.0
 """A sensor on a vehicle, and the errors of its receiver, lie between these above the ground, m."""
 REACH, N_POSES = 5.0, 50
@@ -83,15 +81,10 @@ def _above_ground(point_map: PointMap, positions: NDArray[np.float64]) -> float:
 class Alternative:
     """Something that may be meant otherwise.
 
-    Parameters
-    ----------
-    words : str
-        What, and what to do about it, behind "it would be, ".
-    prior : callable
-        The prior, local frame, if it is meant so.
-    points : callable
-        The points of the scan, sensor frame, from those that were read, the prior and where the map's local frame lies
-        in global coordinates.
+    words: what, and what to do about it, behind "it would be, ".
+    prior: the prior, local frame, if it is meant so.
+    points: the points of the scan, sensor frame, from those that were read, the prior and where the map's local frame
+        lies in global coordinates.
     """
 
     words: str

@@ -58,22 +58,14 @@ FARTHEST_REACH, LARGEST_TURN_DEG = 12.0, 10.0
 class Hypothesis:
     """One place where the sensor may be.
 
-    Parameters
-    ----------
-    anchor : UncertainPose
-        Where it was when a scan last agreed with it, or where a search found it.
-    evidence : float
-        Its scores over those of the best hypothesis, multiplied over the way: at first the second best ratio of a
+    anchor: where it was when a scan last agreed with it, or where a search found it.
+    evidence: its scores over those of the best hypothesis, multiplied over the way: at first the second best ratio of a
         single epoch, and smaller with every metre on which it fits worse. The best one has 1.
-    motion : Motion
-        Since the anchor, as one: errors of odometry add up over it, they do not cancel.
-    agreement : float
-        Ratios of their points that scans matched here, added up over scans that agreed, up to `MOST_AGREEMENT`, and
-        halved with each scan that did not: so many whole scans lie on the map.
-    n_refused : int
-        Scans in a row that did not, up to now.
-    estimate : Estimate or None
-        What the search around it answered last.
+    motion: since the anchor, as one: errors of odometry add up over it, they do not cancel.
+    agreement: ratios of their points that scans matched here, added up over scans that agreed, up to `MOST_AGREEMENT`,
+        and halved with each scan that did not: so many whole scans lie on the map.
+    n_refused: scans in a row that did not, up to now.
+    estimate: what the search around it answered last.
     """
 
     anchor: UncertainPose
@@ -194,23 +186,13 @@ def find_candidates(
 ) -> list[Candidate]:
     """Return the candidates in a search space that score at least a ratio of the best one, the best first.
 
-    Parameters
-    ----------
-    method : MaximumConsensus
-        How cells are scored; its own space is not used. Candidates lie farther apart than its guard radius.
-    space : SearchSpace
-        Around the prior.
-    scan : Scan
-        Of one epoch.
-    point_map : PointMap
-        The map.
-    prior : Pose
-        T_map_sensor, local frame.
-    ratio : float
-        Of the best score, above 0 to 1.
+    method: how cells are scored; its own space is not used. Candidates lie farther apart than its guard radius.
+    space: around the prior.
+    scan: of one epoch.
+    point_map: the map.
+    prior: T_map_sensor, local frame.
+    ratio: of the best score, above 0 to 1.
 
-    Notes
-    -----
     Where branch and bound proves that no other place scores so much, that is all. Where it does not, every cell is
     scored; of a wide space the places that it left open.
     """

@@ -24,23 +24,6 @@ from maxcon.scan.trajectory import Trajectory
 if TYPE_CHECKING:
     from maxcon.relocalization import Relocalizer
 
-__all__ = [
-    "MAP_MARGIN",
-    "Drive",
-    "DriveOptions",
-    "EpochEstimate",
-    "Method",
-    "check_inside",
-    "check_times",
-    "failed_epoch",
-    "localize_drive",
-    "pose_or_none",
-    "read_epoch",
-    "relocalize_drive",
-    "scan_of",
-    "status_without_search",
-]
-
 MAP_MARGIN = 30.0
 """A prior farther from any voxel tile lies outside the map. A wide square may have nothing but ground (m)."""
 

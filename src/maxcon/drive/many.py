@@ -26,8 +26,6 @@ from maxcon.errors import FileError, MaxconError
 from maxcon.estimate import Status
 from maxcon.map import PointMap
 
-__all__ = ["DriveEntry", "DriveTask", "Localized", "ManyDrivesJob", "localize_drives", "read_drives", "tasks_of"]
-
 WHAT = "a table of drives"
 ADVICE = (
     "Give each a name (letters, digits, . _ + -: a folder is named by it), scans and, where needed, prior, map, times,"
@@ -48,16 +46,10 @@ MOST_MAPS, MOST_DRIVES = 4, 2
 class DriveEntry:
     """Where the parts of a drive are.
 
-    Parameters
-    ----------
-    name : str
-        Different from that of all other drives.
-    scans : Path
-        A folder, or a recording.
-    map : Path or str
-        The map it is localized in: a folder, or a URL.
-    prior, times, odometry : Path or None
-        As `maxcon localize` takes them.
+    name: different from that of all other drives.
+    scans: a folder, or a recording.
+    map: the map it is localized in: a folder, or a URL.
+    prior, times, odometry: as `maxcon localize` takes them.
     """
 
     name: str
@@ -86,18 +78,9 @@ class _Table(msgspec.Struct, forbid_unknown_fields=True):
 def read_drives(path: str | os.PathLike[str], map_folder: Path | str | None = None) -> list[DriveEntry]:
     """Return the drives of a table; paths in it are relative to its folder.
 
-    Parameters
-    ----------
-    path : path
-        CSV with a header, of `name`, `scans` and, as far as needed, `prior`, `map`, `times`, `odometry`; or TOML with a
-        table `[[drive]]` of the same keys for each.
-    map_folder : Path, optional
-        The map of drives that name none.
-
-    Raises
-    ------
-    FileError
-        If it is no such table, or names a drive twice, none, or one without scans or map.
+    path: CSV with a header, of `name`, `scans` and, as far as needed, `prior`, `map`, `times`, `odometry`; or TOML with
+        a table `[[drive]]` of the same keys for each.
+    map_folder: the map of drives that name none.
     """
     file = Path(path)
     values = read_toml(file, WHAT, ADVICE) if file.suffix.lower() == ".toml" else {"drive": _csv_rows(file)}
@@ -250,14 +233,9 @@ class ManyDrivesJob:
 class Localized:
     """Summary of a run over many drives.
 
-    Parameters
-    ----------
-    n_drives, n_epochs, n_localized : int
-        Drives in the dataset, their epochs, and those of them with the status "localized".
-    n_new : int
-        Epochs localized by this call.
-    refused : dict of str to str
-        Why a drive cannot be localized, by its name.
+    n_drives, n_epochs, n_localized: drives in the dataset, their epochs, and those of them with the status "localized".
+    n_new: epochs localized by this call.
+    refused: why a drive cannot be localized, by its name.
     """
 
     n_drives: int

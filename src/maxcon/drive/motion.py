@@ -15,8 +15,6 @@ from maxcon.errors import OptionError
 from maxcon.geometry import Pose, wrap_angle
 from maxcon.scan.trajectory import Trajectory
 
-__all__ = ["PLANAR", "Motion", "MotionNoise", "UncertainPose"]
-
 # Of a heading that is wrong by s at the end of a motion and grew evenly or at random, the position at the end is
 # off by up to s / sqrt(3) of the way.
 WAY_OF_TURN = 1.0 / math.sqrt(3.0)

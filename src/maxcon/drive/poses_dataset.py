@@ -48,10 +48,7 @@ def poses_schema() -> "pyarrow.Schema":
 class PosesDataset:
     """The dataset in a folder. A drive is published once all its epochs are done; until then its rows are in _parts.
 
-    Parameters
-    ----------
-    folder : Path
-        `drive=NAME/poses.parquet` for each drive.
+    folder: `drive=NAME/poses.parquet` for each drive.
     """
 
     def __init__(self, folder: Path) -> None:

@@ -22,8 +22,6 @@ from maxcon.errors import FileError
 from maxcon.estimate import Status
 from maxcon.scan.trajectory import Trajectory
 
-__all__ = ["COLUMNS", "GrowingTable", "RowsThere", "localized_trajectory", "pose_values", "rows_there", "write_poses"]
-
 UNKNOWNS = ("x", "y", "z", "roll", "pitch", "heading")
 COVARIANCES = tuple(f"cov_{UNKNOWNS[row]}_{UNKNOWNS[column]}" for row in range(6) for column in range(row, 6))
 PROTECTION_LEVELS = ("protection_along", "protection_across")
@@ -61,14 +59,10 @@ def _encoded(rows: list[list[str]]) -> bytes:
 class RowsThere:
     """The part of a table that an earlier call has written.
 
-    Parameters
-    ----------
-    n_rows : int
-        Whole rows, below the header.
-    n_localized : int
-        How many of them have the status "localized".
-    n_bytes, size : int
-        Bytes of the header and the whole rows, and of the file: a killed writer may have left a part of a row.
+    n_rows: whole rows, below the header.
+    n_localized: how many of them have the status "localized".
+    n_bytes, size: bytes of the header and the whole rows, and of the file: a killed writer may have left a part of a
+        row.
     """
 
     n_rows: int = 0
@@ -128,12 +122,8 @@ class GrowingTable:
     there when the process is killed can be gone on with. Rows of scans that cannot be read wait for the first that can:
     where there is none, nothing is written.
 
-    Parameters
-    ----------
-    path : path
-        Of the table.
-    there : RowsThere
-        Rows to continue; None to begin anew.
+    path: of the table.
+    there: rows to continue; None to begin anew.
     """
 
     def __init__(self, path: str | os.PathLike[str], there: RowsThere | None = None) -> None:

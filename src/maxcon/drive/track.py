@@ -25,8 +25,6 @@ from maxcon.io.scans import Scans
 from maxcon.map import PointMap
 from maxcon.scan.trajectory import Trajectory
 
-__all__ = ["track_drive"]
-
 
 def track_drive(
     point_map: PointMap,

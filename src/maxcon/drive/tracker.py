@@ -31,8 +31,6 @@ from maxcon.refine import map_covariance
 from maxcon.scan import Scan
 from maxcon.search.space import SearchSpace
 
-__all__ = ["Tracker", "TrackingOptions"]
-
 # Where a wide search looks for other places at first, those that reach this ratio of the best one are kept.
 RATIO_AT_FIRST = 0.5
 # Once the track was told apart from all other places, one that fits about as well has all against it that was seen

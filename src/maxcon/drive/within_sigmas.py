@@ -17,8 +17,6 @@ from maxcon.scan import Scan
 from maxcon.scan.trajectory import Trajectory
 from maxcon.search.space import SearchSpace
 
-__all__ = ["WithinSigmas"]
-
 # A smaller space, m and degrees, saves no time, shows no place beyond the guard radius, and leaves out what no
 # covariance of a prior holds: the map's own shift, a lever arm, a clock that is 20 ms off at 50 km/h.
 SMALLEST_HALF_WIDTH, SMALLEST_TURN_DEG = 1.0, 1.0
@@ -30,19 +28,12 @@ class WithinSigmas:
 
     OptionError if the largest half width is not above 0.
 
-    Parameters
-    ----------
-    method : MaximumConsensus
-        What searches. Cells, steps and heights of its space are taken over; all of it is searched where it is not known
-        how well a prior is known.
-    prior : Trajectory
-        Whose covariance, at the time of a scan, makes the space around its prior.
-    sigmas : float
-        Half widths in standard deviations; 1 m and 1 degree at least.
-    largest_half_width : float
-        No space is larger, m, and no answer in doubt is searched for farther around.
-    max_gap : float
-        Largest time between two poses of the prior to interpolate across, s.
+    method: what searches. Cells, steps and heights of its space are taken over; all of it is searched where it is not
+        known how well a prior is known.
+    prior: whose covariance, at the time of a scan, makes the space around its prior.
+    sigmas: half widths in standard deviations; 1 m and 1 degree at least.
+    largest_half_width: no space is larger, m, and no answer in doubt is searched for farther around.
+    max_gap: largest time between two poses of the prior to interpolate across, s.
     """
 
     method: MaximumConsensus

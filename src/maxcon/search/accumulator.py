@@ -23,26 +23,6 @@ from maxcon.scan import Scan
 from maxcon.search.objectives import Moments, Objective, Scores, checked_scores
 from maxcon.search.space import Cell, SearchSpace
 
-__all__ = [
-    "CONTRIBUTION_STEP",
-    "MOST_CELLS",
-    "ROUNDER",
-    "Accumulator",
-    "Multiplicity",
-    "NamedOption",
-    "SearchMethod",
-    "UprightScan",
-    "Weighting",
-    "cells_of",
-    "check_all_fit",
-    "check_one_height",
-    "check_threads",
-    "highest",
-    "level_of",
-    "turn",
-    "upright",
-]
-
 CONTRIBUTION_STEP = 2.0**-24
 """What a match adds to N is rounded to multiples of this: float64 sums are then exact, and equal in any order, up to
 2^29 matches in a cell (D8)."""
@@ -163,12 +143,8 @@ def highest(scores: Scores) -> Cell:
 class UprightScan:
     """A scan after applying the prior's roll, pitch and z, but not its heading (D2).
 
-    Parameters
-    ----------
-    points : array, shape (n, 3)
-        m; x and y from the sensor, z in the local frame of the map.
-    normals : array, shape (n, 3)
-        Unit normals or zeros, same axes.
+    points: shape (n, 3); m; x and y from the sensor, z in the local frame of the map.
+    normals: shape (n, 3); unit normals or zeros, same axes.
     """
 
     points: NDArray[np.float64]

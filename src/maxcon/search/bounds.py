@@ -19,8 +19,6 @@ from maxcon.search.prepared_scan import Headings, PreparedScan
 from maxcon.search.scored_cells import CellGrid
 from maxcon.search.space import Window
 
-__all__ = ["N_AXES", "Bounding", "ByAxes", "ByCount", "CellSums", "Summand", "bounding_of", "nearest_axis"]
-
 N_AXES = 64
 """The nearest of 64 axes is at most 1.4 degrees off, which hardly loosens a bound: (sin 1.4 deg)^2 is 0.0006."""
 
@@ -36,14 +34,10 @@ amount to, of the sum over all points. Some twenty roundings of 2^-24 add up to 
 class Summand:
     """The single number that a match adds to the sum of its cell.
 
-    Parameters
-    ----------
-    axis : int, optional
-        Number of the axis u, of azimuth axis * pi / N_AXES: a match adds w (n . u)^2, its part of N along u. Without
+    axis: number of the axis u, of azimuth axis * pi / N_AXES: a match adds w (n . u)^2, its part of N along u. Without
         one it adds 1.
-    least : float
-        Voxels with a (n . u)^2, times how often the voxel counts, of no more than this are left out; the slack has this
-        much for each scan point instead, as none falls in more than one voxel at one cell.
+    least: voxels with a (n . u)^2, times how often the voxel counts, of no more than this are left out; the slack has
+        this much for each scan point instead, as none falls in more than one voxel at one cell.
     """
 
     axis: int | None = None
@@ -62,16 +56,10 @@ class Summand:
 class CellSums:
     """What the matches of each cell of a window add up to at most: whole units of one size, and slack for all.
 
-    Parameters
-    ----------
-    summand : Summand
-        What was summed.
-    units : CellGrid
-        The sums over the voxels that were not left out, in units.
-    unit : float
-        One unit.
-    slack : float
-        Most that rounding, and the voxels that were left out, add to any sum.
+    summand: what was summed.
+    units: the sums over the voxels that were not left out, in units.
+    unit: one unit.
+    slack: most that rounding, and the voxels that were left out, add to any sum.
     """
 
     summand: Summand

@@ -23,8 +23,6 @@ from maxcon.search.prepared_scan import Headings, PreparedScan
 from maxcon.search.scored_cells import FIRST_OF_ALL, Candidates, Found, Incumbent, ScoredCells
 from maxcon.search.space import Cell, SearchSpace, Window
 
-__all__ = ["Limits", "branch_and_bound"]
-
 Part = tuple[Headings, Window]
 """Cells of a search space: those of a window at some headings, by number."""
 

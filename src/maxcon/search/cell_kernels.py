@@ -10,8 +10,6 @@ from maxcon.map.lookup_kernels import float32_at, int32_at, n_bits, uint64_at
 from maxcon.search.accumulator import CONTRIBUTION_STEP, ROUNDER
 from maxcon.search.group_kernels import turn_normals, turn_to_columns
 
-__all__ = ["moments_of_cells", "points_at_heading"]
-
 # Points that are looked up at a time: intermediate results of so many fit into the L1 cache.
 CAPACITY = 1024
 

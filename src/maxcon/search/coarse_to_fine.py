@@ -15,8 +15,6 @@ from maxcon.search.objectives import Helmert, Moments
 from maxcon.search.scored_cells import Found, Incumbent
 from maxcon.search.space import PAPER_STEP_DEG, Cell, SearchSpace
 
-__all__ = ["COARSE", "BestCell", "Level", "Search", "best_candidates", "distinct_candidates"]
-
 
 @dataclass(frozen=True, slots=True)
 class Level:
@@ -68,16 +66,10 @@ SAME_POSE, SAME_POSE_DEG = 1.0, 4.0
 class BestCell:
     """The best cell of a search at one height, and Helmert's score of the second best candidate over its own.
 
-    Parameters
-    ----------
-    space, prior : SearchSpace, Pose
-        The cells of its height, and the prior raised to it.
-    cell, score, moments
-        Index, score and moments, shape (4,), of the cell.
-    runner_up : float
-        The ratio.
-    is_at_boundary : bool or None
-        Whether the cell lies at the boundary of the whole space; None where `space` is that.
+    space, prior: the cells of its height, and the prior raised to it.
+    cell, score, moments: index, score and moments, shape (4,), of the cell.
+    runner_up: the ratio.
+    is_at_boundary: whether the cell lies at the boundary of the whole space; None where `space` is that.
     """
 
     space: SearchSpace
@@ -125,29 +117,15 @@ def best_candidates(
 ) -> list[BestCell]:
     """Find the best cell of an open space, and other candidates that may reach a ratio to its score.
 
-    Parameters
-    ----------
-    search : Search
-        Used in large cells, and in small ones.
-    scan, point_map, prior
-        As of `exhaustive`. A level of the map is searched first, or two of them in a space of very many cells.
-    space : SearchSpace
-        An open one.
-    share : float
-        The ratio, above 0 to 1.
-
-    Returns
-    -------
-    list of BestCell
-        The best one first; none where nothing scores. Each is the best of the map's own cells in a window around a
+    search: used in large cells, and in small ones.
+    scan, point_map, prior: as of `exhaustive`. A level of the map is searched first, or two of them in a space of very
+        many cells.
+    space: an open one.
+    share: the ratio, above 0 to 1.
+    Returns the best one first; none where nothing scores. Each is the best of the map's own cells in a window around a
         large one. `runner_up` is a ratio to its own score by Helmert's: of the highest other candidate that was
         searched in small cells; of one given up there, the ratio asked for (of the objective, whichever it is); or the
         ratio below which large cells were not followed, which is proved for large cells and evidence for small ones.
-
-    Raises
-    ------
-    SearchSpaceError
-        If the space has more than 2^28 cells of the first level.
     """
     is_wide = COARSE.cells(space, point_map).n_cells > MANY_CELLS
     find = _in_wide_cells if is_wide else _in_coarse_cells

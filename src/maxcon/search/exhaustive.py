@@ -25,8 +25,6 @@ from maxcon.search.objectives import Objective
 from maxcon.search.prepared_scan import PreparedScan
 from maxcon.search.space import SearchSpace, Window
 
-__all__ = ["accumulators", "exhaustive", "highest_of"]
-
 
 def exhaustive(
     scan: Scan,

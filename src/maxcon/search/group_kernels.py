@@ -8,18 +8,6 @@ import numpy as np
 
 from maxcon._system.kernel_cache import njit
 
-__all__ = [
-    "SQUARE_VOXELS",
-    "Groups",
-    "gather",
-    "group_scan",
-    "meets_tiles",
-    "number_layers",
-    "sort_keys",
-    "turn_normals",
-    "turn_to_columns",
-]
-
 # Points of one height layer in a square of 16 x 16 voxels are a group: they visit the map together.
 SQUARE_VOXELS = 16
 

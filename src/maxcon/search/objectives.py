@@ -17,22 +17,6 @@ from numpy.typing import NDArray
 
 from maxcon.errors import ArrayError, OptionError
 
-__all__ = [
-    "OBJECTIVES",
-    "Bounded",
-    "BoundedByAxes",
-    "BoundedByCount",
-    "Checked",
-    "Count",
-    "Helmert",
-    "MaxEigenvalue",
-    "Moments",
-    "Objective",
-    "Scores",
-    "as_objective",
-    "checked_scores",
-]
-
 Moments = NDArray[np.floating]
 Scores = NDArray[np.float64]
 

@@ -24,8 +24,6 @@ from maxcon.search.accumulator import Multiplicity, Weighting
 from maxcon.search.objectives import Moments
 from maxcon.search.space import SearchSpace, Window
 
-__all__ = ["PreparedScan"]
-
 # Headings whose cells are summed in one pass over the map share what is read of it; the sums of a pass take 32 MiB at
 # most, unless those of one heading alone take more.
 PASS_HEADINGS, PASS_CELLS = 16, 2**20
@@ -45,35 +43,20 @@ class PreparedScan:
     Those with a normal come first in it, those in one voxel follow each other; neighbouring groups read the
     same voxels. With weights of one normals are dropped here: all points take `without_normal`.
 
-    Parameters
-    ----------
-    prior : Pose
-        T_map_sensor before localization, local frame of the map.
-    space : SearchSpace
-        The cells, around the prior.
-    points : array, shape (2, n)
-        x and y of each point of the upright scan, from the sensor, m.
-    normals : array, shape (3, n)
-        Normals of the points of the upright scan, not turned by any heading.
-    starts, middles : array, shape (groups + 1,) and (groups,)
-        First point of each group, and its first without a normal.
-    ranks : array, shape (groups,)
-        Rank of each group's height layer among the layers of the scan.
-    tiles : dict
-        Tiles by their slot in the grid, with the layer each rank has in the tile (-1 for none).
-    corner, shape : tuple of 2 int
-        Key (x, y) of the first tile of the grid that covers the tiles, and its size (ny, nx).
-    edge : int
-        Voxels along an edge of a tile.
-    cell : float
-        Voxel edge of the map, m: that of the space may differ from it by rounding.
-    is_once, is_signed : bool
-        Whether a voxel counts once, and whether the map's normals have a side.
-    without_normal : float
-        Weight of the matches of points without a normal.
-    spread : array, shape (3,)
-        Sums of nx nx, nx ny and ny ny over all normals of the upright scan, not turned by any heading: from them
-        follows which axis is probably determined least, before anything is scored.
+    prior: T_map_sensor before localization, local frame of the map.
+    space: the cells, around the prior.
+    points: shape (2, n); x and y of each point of the upright scan, from the sensor, m.
+    normals: shape (3, n); normals of the points of the upright scan, not turned by any heading.
+    starts, middles: shape (groups + 1,) and (groups,); first point of each group, and its first without a normal.
+    ranks: shape (groups,); rank of each group's height layer among the layers of the scan.
+    tiles: tiles by their slot in the grid, with the layer each rank has in the tile (-1 for none).
+    corner, shape: key (x, y) of the first tile of the grid that covers the tiles, and its size (ny, nx).
+    edge: voxels along an edge of a tile.
+    cell: voxel edge of the map, m: that of the space may differ from it by rounding.
+    is_once, is_signed: whether a voxel counts once, and whether the map's normals have a side.
+    without_normal: weight of the matches of points without a normal.
+    spread: shape (3,); sums of nx nx, nx ny and ny ny over all normals of the upright scan, not turned by any heading:
+        from them follows which axis is probably determined least, before anything is scored.
     """
 
     prior: Pose
@@ -106,13 +89,7 @@ class PreparedScan:
         multiplicity: Multiplicity,
         weighting: Weighting,
     ) -> "PreparedScan":
-        """Set a scan upright, sort its points into groups and find the tiles in reach.
-
-        Raises
-        ------
-        ArrayError
-            If scan or prior lie so far out that voxels have no index there.
-        """
+        """Set a scan upright, sort its points into groups and find the tiles in reach."""
         from maxcon.search import group_kernels
 
         cell, rotation = point_map.cell, rotation_matrices(prior.roll, prior.pitch, 0.0)
@@ -216,23 +193,15 @@ class PreparedScan:
     ) -> NDArray[np.signedinteger]:
         """Upper limits of the sums over the matches of each cell of a window, in whole units, shape (h, ny, nx).
 
-        Parameters
-        ----------
-        headings : array, shape (h,)
-            Numbers of the headings.
-        window : Window
-            The cells.
-        weighed_normals : array, shape (n, 4), float32
-            Normal of each point, zeros for none, and what is added to the weight of its matches.
-        axis : tuple of 2 float32
-            A match adds its weight times (n . u)^2 along this unit vector u; or its weight, where that is zeros.
-        least : float
-            Voxels whose (n . u)^2, times how often the voxel counts, is no more than this are left out: the sums lack
-            what they add.
-        unit : float
-            What each match adds is rounded up to a multiple of this, a power of two.
-        n_threads : int
-            Headings are shared out among that many threads; the sums do not depend on it.
+        headings: shape (h,); numbers of the headings.
+        window: the cells.
+        weighed_normals: shape (n, 4), float32; normal of each point, zeros for none, and what is added to the weight of
+            its matches.
+        axis: a match adds its weight times (n . u)^2 along this unit vector u; or its weight, where that is zeros.
+        least: voxels whose (n . u)^2, times how often the voxel counts, is no more than this are left out: the sums
+            lack what they add.
+        unit: what each match adds is rounded up to a multiple of this, a power of two.
+        n_threads: headings are shared out among that many threads; the sums do not depend on it.
         """
         from maxcon.search import window_kernels
         from maxcon.search.visit_kernels import RIM
@@ -320,15 +289,10 @@ class PreparedScan:
 class TileTable:
     """The tiles around a scan in one array, so that one call of the kernel looks up points in all of them.
 
-    Parameters
-    ----------
-    rows : array, shape (n_tiles + 1, 8), uint64
-        Addresses of the arrays of each tile, as `cell_kernels.moments_of_cells` reads them. The first row is for
-        where there is no tile.
-    grid : array, shape (ny, nx), int32
-        Rows of the tiles, by their keys.
-    kept : tuple
-        The arrays at the addresses: they live as long as the table.
+    rows: shape (n_tiles + 1, 8), uint64; addresses of the arrays of each tile, as `cell_kernels.moments_of_cells` reads
+        them. The first row is for where there is no tile.
+    grid: shape (ny, nx), int32; rows of the tiles, by their keys.
+    kept: the arrays at the addresses: they live as long as the table.
     """
 
     rows: NDArray[np.uint64]

@@ -14,8 +14,6 @@ from maxcon.search.objectives import Moments, Objective, Scores
 from maxcon.search.prepared_scan import Headings, PreparedScan
 from maxcon.search.space import Cell, Window
 
-__all__ = ["Candidates", "CellGrid", "Found", "Incumbent", "ScoredCells"]
-
 FIRST_OF_ALL: Cell = (0, 0, 0)
 SMALLEST = float(np.nextafter(0.0, 1.0))
 
@@ -24,14 +22,9 @@ SMALLEST = float(np.nextafter(0.0, 1.0))
 class CellGrid:
     """One number for each cell of a window at some headings.
 
-    Parameters
-    ----------
-    headings : array, shape (h,)
-        Their numbers in the search space, in order.
-    first_cell : tuple of 2 int
-        Index (y, x) in the search space of the window's first cell.
-    numbers : array, shape (h, ny, nx)
-        The numbers.
+    headings: shape (h,); their numbers in the search space, in order.
+    first_cell: index (y, x) in the search space of the window's first cell.
+    numbers: shape (h, ny, nx); the numbers.
     """
 
     headings: NDArray[np.int64]
@@ -106,12 +99,8 @@ class Candidates:
 class Incumbent:
     """What a search has to reach: the score of the best cell of another height or pose, or a fraction of it.
 
-    Parameters
-    ----------
-    score : float
-        The least score of interest; no cell need have it.
-    moments : array, shape (4,)
-        Moments of that best cell: they give the axis to bound along.
+    score: the least score of interest; no cell need have it.
+    moments: shape (4,); moments of that best cell: they give the axis to bound along.
     """
 
     score: float

@@ -15,8 +15,6 @@ import numpy as np
 from maxcon._system.kernel_cache import njit
 from maxcon.map import PATCH_VOXELS
 
-__all__ = ["RIM", "TileVoxels", "plan_visits", "stops_in_tile", "visits_of_tiles"]
-
 # A group visits the map at all headings between which its box grows by no more than 25 voxels from first to last; that
 # of a turned square of 16 is 23 wide. Sums have so many cells more on each side, for votes beside the window.
 RIM = 25

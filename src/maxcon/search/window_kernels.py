@@ -23,8 +23,6 @@ from maxcon._system.kernel_cache import njit
 from maxcon.search.accumulator import ROUNDER
 from maxcon.search.visit_kernels import RIM, TileVoxels
 
-__all__ = ["accumulate_tile", "bases_of_points", "sum_tile"]
-
 # Voxels that are laid out at a time, a multiple of the blocks in which loops over them run.
 CAPACITY = 256
 BLOCK = 32

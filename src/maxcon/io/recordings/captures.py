@@ -16,8 +16,6 @@ from maxcon.io.clouds.base import as_file_error
 from maxcon.io.recordings.point_cloud2 import FORMATS, CloudRecord, CloudSource, FieldDescription, RecordedCloud
 from maxcon.io.recordings.recording import Topic, as_extra_missing
 
-__all__ = ["VelodyneCapture", "record_of_packets", "topics_of_capture"]
-
 PACKET_BYTES, POSITION_BYTES = 1206, (512, 554)
 """Bytes of a Velodyne's data packets, and of those with the position of its GNSS receiver."""
 LOOKED_AT = 2000

@@ -14,8 +14,6 @@ from maxcon.errors import FileError
 from maxcon.io.clouds.base import as_file_error
 from maxcon.io.recordings.recording import LARGEST_CHUNK, Message, Recording, Topic, as_extra_missing
 
-__all__ = ["McapFiles", "unpacked_records"]
-
 
 class McapFiles(Recording):
     """One MCAP file, or the several of a bag (whose folder is `path`) in the order of time."""

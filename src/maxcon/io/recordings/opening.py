@@ -16,8 +16,6 @@ from maxcon.io.recordings.mcap_files import McapFiles
 from maxcon.io.recordings.recording import LARGEST_CHUNK, Message, Recording, Topic, as_extra_missing
 from maxcon.io.text import SCAN_SUFFIXES, in_natural_order
 
-__all__ = ["CAPTURE_SUFFIX", "RECORDING_SUFFIXES", "existing_file", "is_recording", "open_recording"]
-
 RECORDING_SUFFIXES = (".bag", ".mcap", ".db3")
 CAPTURE_SUFFIX = ".pcap"
 

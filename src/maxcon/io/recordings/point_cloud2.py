@@ -16,11 +16,6 @@ from maxcon.errors import FileError
 from maxcon.io.point_times import TIME_FIELDS, Column, PointTimes, find_point_times
 from maxcon.io.text import printable
 
-__all__ = [
-    "CloudPoints", "CloudRecord", "CloudSource", "FieldDescription",
-    "RecordedCloud", "decode_cloud", "decode_times", "fields_in_words",
-]  # fmt: skip
-
 FORMATS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """Kinds of numbers by their code in sensor_msgs/PointField."""
 RINGS = ("ring", "channel", "laser_id", "line", "laser_number")
@@ -77,17 +72,11 @@ class CloudRecord:
 class CloudPoints:
     """The returns of a cloud: finite, not at (0, 0, 0), and each once.
 
-    Parameters
-    ----------
-    points : array, shape (n, 3), float64
-        Sensor frame, m.
-    times : PointTimes
-        When each was measured, and how its field of times was understood.
-    rings : array, shape (n,), or None
-        Layer of the scanner, where the cloud says.
-    n_points, n_invalid, n_duplicates : int
-        Points in the record; those at (0, 0, 0) or with coordinates that are not finite; of the others those with the
-        same coordinates as one before them.
+    points: shape (n, 3), float64; sensor frame, m.
+    times: when each was measured, and how its field of times was understood.
+    rings: shape (n,), or None; layer of the scanner, where the cloud says.
+    n_points, n_invalid, n_duplicates: points in the record; those at (0, 0, 0) or with coordinates that are not finite;
+        of the others those with the same coordinates as one before them.
     """
 
     points: NDArray[np.float64]
@@ -132,14 +121,9 @@ def decode_times(record: CloudRecord) -> PointTimes:
 class RecordedCloud:
     """One cloud of a recording, decoded when it is asked for its content.
 
-    Parameters
-    ----------
-    label : str
-        File and topic, for messages.
-    recorded, stamp : int
-        When it was recorded, and the time of its message, ns.
-    record : CloudRecord or FileError
-        The cloud as stored, or why it cannot be read.
+    label: file and topic, for messages.
+    recorded, stamp: when it was recorded, and the time of its message, ns.
+    record: the cloud as stored, or why it cannot be read.
     """
 
     label: str

@@ -26,8 +26,6 @@ from maxcon.io.text import printable
 from maxcon.scan.mounting import sensor_trajectory
 from maxcon.scan.trajectory import Trajectory, first_fault
 
-__all__ = ["RecordedPoses", "read_recorded_poses"]
-
 FIX, IMU = "sensor_msgs/msg/NavSatFix", "sensor_msgs/msg/Imu"
 ODOMETRY = "nav_msgs/msg/Odometry"
 POSES: dict[str, Callable[[Any], tuple[Any, Any]]] = {

@@ -19,8 +19,6 @@ from maxcon.io.raw_scan import RawScan, Scans, check_range, returns_in_range
 from maxcon.io.recordings.clouds import open_clouds
 from maxcon.io.recordings.point_cloud2 import CloudSource, RecordedCloud
 
-__all__ = ["RecordedScans"]
-
 
 class _Index(NamedTuple):
     """Clouds of a recording in the order in which they are read, and which of them are scans.
@@ -38,13 +36,9 @@ class _Index(NamedTuple):
 class RecordedScans(Scans):
     """The scans of a recording; their times are found by one pass through it, when they are first asked for.
 
-    Parameters
-    ----------
-    source : CloudSource
-        Where the clouds come from.
-    at_stamp : bool
-        Whether the time of a scan is that of its message. Else it is the middle between its first and its last point,
-        where points have times.
+    source: where the clouds come from.
+    at_stamp: whether the time of a scan is that of its message. Else it is the middle between its first and its last
+        point, where points have times.
     """
 
     def __init__(self, source: CloudSource, *, at_stamp: bool = False) -> None:
@@ -111,15 +105,7 @@ class RecordedScans(Scans):
         return f"{self.source.label}#{self._index.rows[i]}"
 
     def read(self, i: int, min_range: float = 1.0, max_range: float = 120.0) -> RawScan:
-        """Return scan number `i`; fast where they are read one after the other.
-
-        Raises
-        ------
-        FileError
-            If the recording, or this cloud, is broken.
-        OptionError
-            If not 0 <= min_range < max_range.
-        """
+        """Return scan number `i`; fast where they are read one after the other."""
         check_range(min_range, max_range)
         with self._lock:
             cloud = self._cloud(int(self._index.rows[i]))

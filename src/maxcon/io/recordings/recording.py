@@ -14,11 +14,6 @@ from maxcon.errors import FileError, MissingExtraError
 from maxcon.io.clouds.base import as_file_error
 from maxcon.io.text import printable
 
-__all__ = [
-    "LARGEST_CHUNK", "Message", "Recording", "Topic", "as_extra_missing",
-    "decode_message", "frame_name", "frame_of", "stamp_of", "with_added_types",
-]  # fmt: skip
-
 LARGEST_CHUNK = 2**29
 """Bytes; recorders write chunks of about a megabyte, and more where a single message is larger."""
 ADDED = {

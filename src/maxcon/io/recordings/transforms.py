@@ -23,8 +23,6 @@ from maxcon.scan.trajectory import Trajectory
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-__all__ = ["TRANSFORMS", "TransformTree", "parse_frames"]
-
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 """Types of messages that hold transforms."""
 STATIC = "tf_static"

@@ -12,8 +12,6 @@ from maxcon._system.atomic import atomic_file
 from maxcon.errors import MissingExtraError
 from maxcon.io.recordings.recording import with_added_types
 
-__all__ = ["Entry", "RecordingKind", "RecordingWriter", "bag_writer", "check_writers", "header_of", "open_writer"]
-
 CHUNK_BYTES = 2**20
 
 

@@ -16,8 +16,6 @@ from maxcon.scan.deskew import deskew, times_of_turn
 from maxcon.scan.normals import Viewpoints
 from maxcon.scan.trajectory import Trajectory
 
-__all__ = ["DeskewedScans", "MergedScans"]
-
 LONELY_GAP = 0.1
 """Where the first scanner has a single scan: largest distance in time to scans of the others, s."""
 
@@ -25,17 +23,11 @@ LONELY_GAP = 0.1
 class DeskewedScans(Scans):
     """Scans whose points have times, deskewed by a motion when they are read.
 
-    Parameters
-    ----------
-    scans : Scans
-        As they were recorded.
-    motion : Trajectory
-        T_fixed_sensor in any fixed frame, on the clock of the scans.
-    max_gap : float
-        Largest time between two of its poses to interpolate across, s.
-    turn_time : float, optional
-        For scans whose points have no times: how long a turn of the scanner takes, s, clockwise seen from above, and
-        negative for counter-clockwise. The time of a scan is that of the middle of its turn, which looks forward.
+    scans: as they were recorded.
+    motion: T_fixed_sensor in any fixed frame, on the clock of the scans.
+    max_gap: largest time between two of its poses to interpolate across, s.
+    turn_time: for scans whose points have no times: how long a turn of the scanner takes, s, clockwise seen from above,
+        and negative for counter-clockwise. The time of a scan is that of the middle of its turn, which looks forward.
     """
 
     def __init__(self, scans: Scans, motion: Trajectory, max_gap: float = 0.5, turn_time: float | None = None) -> None:
@@ -72,15 +64,10 @@ class MergedScans(Scans):
 
     OptionError if there are not as many poses and names as scanners, or none.
 
-    Parameters
-    ----------
-    scanners : sequence of Scans
-        Each scan of the first one is an epoch; of each other scanner the scan nearest
-        in time is added, if it is within half of the first one's usual interval.
-    poses : sequence of Pose
-        T_vehicle_sensor of each.
-    names : sequence of str
-        Names of the scanners, for messages.
+    scanners: each scan of the first one is an epoch; of each other scanner the scan nearest in time is added, if it is
+        within half of the first one's usual interval.
+    poses: T_vehicle_sensor of each.
+    names: names of the scanners, for messages.
     """
 
     def __init__(self, scanners: Sequence[Scans], poses: Sequence[Pose], names: Sequence[str]) -> None:

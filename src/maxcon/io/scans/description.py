@@ -22,8 +22,6 @@ from maxcon.scan import Scan
 if TYPE_CHECKING:
     from maxcon.io.recordings.point_cloud2 import RecordedCloud
 
-__all__ = ["RecordingDescription", "ScansDescription", "describe"]
-
 N_SCANS = 10
 """Scans of each scanner that are read for it."""
 
@@ -32,26 +30,17 @@ N_SCANS = 10
 class ScansDescription:
     """The scans of one scanner.
 
-    Parameters
-    ----------
-    source : str
-        Their topic, or the folder.
-    n_scans, n_seen : int
-        How many there are, and how many of them were read: the first ones.
-    fields, times, rings : str
-        What is stored of each point; how the times of points were understood, and why; layers of the scanner.
-    rate : float or None
-        Scans in a second.
-    n_points, n_invalid, n_duplicates : int
-        In all scans that were read: points, those of them without a return, and those that come twice.
-    ranges : tuple of 3 float, or None
-        Nearest, median and farthest of their returns, m.
-    low, high : tuple of 3 float, or None
-        Least and largest x, y, z, sensor frame, m.
-    fraction_with_normal : float or None
-        Of the points between 1 m and 120 m in the first scan with points, those with a normal.
-    problem : str
-        Why one of these scans cannot be read; empty if all can.
+    source: their topic, or the folder.
+    n_scans, n_seen: how many there are, and how many of them were read: the first ones.
+    fields, times, rings: what is stored of each point; how the times of points were understood, and why; layers of the
+        scanner.
+    rate: scans in a second.
+    n_points, n_invalid, n_duplicates: in all scans that were read: points, those of them without a return, and those
+        that come twice.
+    ranges: nearest, median and farthest of their returns, m.
+    low, high: least and largest x, y, z, sensor frame, m.
+    fraction_with_normal: of the points between 1 m and 120 m in the first scan with points, those with a normal.
+    problem: why one of these scans cannot be read; empty if all can.
     """
 
     source: str
@@ -96,12 +85,8 @@ def describe(path: str | os.PathLike[str], topic: str | None = None) -> Recordin
 
     A recording without clouds has no scanners. Errors as of `open_scans`.
 
-    Parameters
-    ----------
-    path : path
-        As `open_scans` takes it.
-    topic : str, optional
-        The only topic to describe; all with clouds if None.
+    path: as `open_scans` takes it.
+    topic: the only topic to describe; all with clouds if None.
     """
     from maxcon.io.recordings.captures import topics_of_capture
     from maxcon.io.recordings.clouds import CLOUD, VELODYNE, TopicOfClouds, chosen_topic, open_clouds

@@ -16,8 +16,6 @@ from maxcon.io.scans.pcd import ScanFile
 from maxcon.io.scans.scan_files import read_scan_file
 from maxcon.io.text import NUMBER, SCAN_SUFFIXES, in_natural_order, numbered_lines, parse_float
 
-__all__ = ["ScanFolder", "open_scan_folder", "open_scans"]
-
 # Unix times since 2001: digits of an integer name, and how many of its units make a second.
 UNITS_BY_DIGITS = {19: 1e9, 16: 1e6, 13: 1e3}
 ADVICE = "Write a times.txt with one time in seconds per scan, in the order of the names."
@@ -79,12 +77,8 @@ def open_scans(
 class ScanFolder(Scans):
     """Scans of one drive in order of time; each is read when asked for.
 
-    Parameters
-    ----------
-    paths : tuple of Path
-        One file per epoch.
-    times : array, shape (n,)
-        s, strictly increasing.
+    paths: one file per epoch.
+    times: shape (n,); s, strictly increasing.
     """
 
     paths: tuple[Path, ...]

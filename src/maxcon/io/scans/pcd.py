@@ -17,8 +17,6 @@ from maxcon.io.clouds.base import as_file_error, as_float64
 from maxcon.io.point_times import TIME_FIELDS, Column
 from maxcon.io.text import printable, read_table
 
-__all__ = ["ScanFile", "read_pcd"]
-
 MAX_HEADER_BYTES = 2**16
 MAX_COLUMNS = 10_000
 MAX_RATIO = 300
@@ -32,14 +30,11 @@ KEYS = ("VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPO
 class ScanFile:
     """All points of one scan file, and the fields that may be their times.
 
-    Parameters
-    ----------
-    points : array, shape (n, 3), float64
-        Sensor frame, m; points without a return (not finite, or at the origin) are still among them.
-    times : dict of str to (str, array of shape (n,))
-        By the name of the field: its type as NumPy names it, and its values as stored. Read from PCD files only.
-    fields : str
-        Names and types of all fields of a point, where the file tells them; else empty.
+    points: shape (n, 3), float64; sensor frame, m; points without a return (not finite, or at the origin) are still
+        among them.
+    times: shape (n,)); by the name of the field: its type as NumPy names it, and its values as stored. Read from PCD
+        files only.
+    fields: names and types of all fields of a point, where the file tells them; else empty.
     """
 
     points: NDArray[np.float64]

@@ -13,8 +13,6 @@ from maxcon.io.clouds import open_cloud
 from maxcon.io.clouds.base import as_float64
 from maxcon.io.scans.pcd import ScanFile, read_pcd
 
-__all__ = ["MAX_SCAN_POINTS", "read_scan_file"]
-
 # The densest scanners return some hundred thousand points per turn; more is a map in the wrong place, and would take
 # over a gigabyte (about 200 bytes a point) to localize.
 MAX_SCAN_POINTS = 5_000_000

@@ -38,8 +38,6 @@ from maxcon.mapping.build.bucketing import TileArrays
 from maxcon.mapping.build.classes import parse_classes
 from maxcon.mapping.build.sources import common_crs, open_headers
 
-__all__ = ["AlignmentOptions", "align", "align_files"]
-
 DEFAULT_DROP = ("vegetation", "noise", "temporal-exclusion")
 """Classes without a firm surface, or that change from pass to pass. Ground determines height, roll and pitch."""
 MOST_THREADS = 4

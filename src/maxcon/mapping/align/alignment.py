@@ -14,17 +14,6 @@ from maxcon.mapping.align.passes import Passes
 from maxcon.mapping.align.pose_graph import Adjusted, Georeference
 from maxcon.mapping.align.visits import Constraint
 
-__all__ = [
-    "Alignment",
-    "PairResiduals",
-    "PassConnectivity",
-    "connectivity_of_passes",
-    "datum_sigma",
-    "is_contradicted",
-    "pair_residuals",
-    "remaining_sigma",
-]
-
 LARGEST_SIGMA = 0.02
 """Directions in which a constraint is less sure than this, m, are left out of residuals."""
 LEAST_WEIGHT = 0.2
@@ -70,25 +59,17 @@ class PassConnectivity:
 class Alignment:
     """The outcome of an alignment.
 
-    Parameters
-    ----------
-    passes : Passes
-        All passes.
-    constraints : tuple of Constraint
-        Matched pairs of visits that are used.
-    refused : mapping of str to int
-        Number of the other matched pairs, by the reason why they are not used (`Constraint.fault`).
-    adjusted : Adjusted
-        Corrections of the passes, and what remains.
-    connectivity : tuple of PassConnectivity
-        For each pass: its correction, how sure that is, and which passes it is connected to.
-    sigma_before, sigma_of_pass : float
-        Standard deviation of one pass's position relative to the others, along a horizontal axis, m, before and after.
-    sigma_of_map : float
-        Standard deviation of a map of all passes, that is of their mean, along a horizontal axis, m: from the
+    passes: all passes.
+    constraints: matched pairs of visits that are used.
+    refused: number of the other matched pairs, by the reason why they are not used (`Constraint.fault`).
+    adjusted: corrections of the passes, and what remains.
+    connectivity: for each pass: its correction, how sure that is, and which passes it is connected to.
+    sigma_before, sigma_of_pass: standard deviation of one pass's position relative to the others, along a horizontal
+        axis, m, before and after.
+    sigma_of_map: standard deviation of a map of all passes, that is of their mean, along a horizontal axis, m: from the
         differences that remain between passes and their mean drift, which no match reveals; without `sigma_of_datum`.
-    sigma_of_datum : float
-        Standard deviation of a shift common to all passes, m: only their priors, not their matches, determine it.
+    sigma_of_datum: standard deviation of a shift common to all passes, m: only their priors, not their matches,
+        determine it.
     """
 
     passes: Passes

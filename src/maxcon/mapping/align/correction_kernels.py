@@ -6,8 +6,6 @@ import numpy as np
 
 from maxcon._system.kernel_cache import njit
 
-__all__ = ["move"]
-
 
 @njit(nogil=True, cache=True)
 def _rotated(x, y, z, a, b, c):

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from maxcon.geometry import Pose
 from maxcon.mapping.align.passes import Passes
 
-__all__ = ["Corrections", "pose_of_twist", "twist_matrix"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Corrections:

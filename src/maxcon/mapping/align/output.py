@@ -27,15 +27,6 @@ if TYPE_CHECKING:
     import laspy
     from laspy.vlrs.vlrlist import VLRList
 
-__all__ = [
-    "TABLES",
-    "corrected_name",
-    "files_there",
-    "write_corrected_cloud",
-    "write_corrected_trajectory",
-    "write_tables",
-]
-
 MOST_EXTENDED_BYTES = 2**28
 """Largest size of the extended records (EVLRs) behind the points, which are copied as a whole."""
 SUMMARY = "alignment.json"

@@ -15,8 +15,6 @@ from maxcon.errors import FileError, OptionError
 from maxcon.io.clouds import CloudHeader, open_cloud
 from maxcon.io.clouds.las import LasReader, positions_of
 
-__all__ = ["PASSES_BY", "Pass", "PassPoints", "Passes", "read_passes", "survey"]
-
 PASSES_BY = ("time", "source", "file")
 """What tells passes apart: pauses in gps_time, point source ids, or files."""
 MOST_SECONDS = 2_000_000

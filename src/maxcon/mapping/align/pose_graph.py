@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 from maxcon.mapping.align.corrections import Corrections
 from maxcon.mapping.align.visits import Constraint
 
-__all__ = ["Adjusted", "Equations", "Georeference", "adjust", "adjust_by_evidence"]
-
 CORRELATION_TIME = 60.0
 """s; errors of a trajectory so far apart in time correlate by 1/e."""
 DRIFTS = (0.0, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2)
@@ -147,8 +145,6 @@ def adjust_by_evidence(
 
     `corrections`: to start from; `drift_sigma`: standard deviation of drift, m; None to let the constraints decide.
 
-    Notes
-    -----
     The evidence is the probability of the constraints under a drift, with all unknowns integrated over: a larger drift
     fits better, and pays for the freedom that it has. Weights and inflation are those of the largest drift: with those
     of rigid passes, constraints that show a drift would be taken for wrong matches.
@@ -178,8 +174,6 @@ def adjust(
     along any axis, m; that of turns is to it as in the prior. If 0, knots do not move; `fixed` (n,): weights of the
     constraints, and their inflation; found with the corrections if None.
 
-    Notes
-    -----
     Gauss-Newton steps with sparse normal equations, reweighted: residuals are taken to follow a
     multivariate Student distribution, so that a wrong constraint weighs the less the farther it is off. Unknowns are
     divided by their scales, the standard deviations of their priors.

@@ -20,8 +20,6 @@ from maxcon.refine import Refined, covariance, refine
 from maxcon.refine.adjustment import THINNING
 from maxcon.scan import Scan, one_per_cube
 
-__all__ = ["PLACE_EDGE", "PLACE_POINT", "Constraint", "Places", "Visit", "match_visits", "visits_of"]
-
 PLACE_EDGE = 24.0
 """Edge of the squares in which passes are matched, m: both sides of a street fit in."""
 PLACE_POINT = np.dtype([("time", "<f8"), ("pass", "<i2"), ("inside", "<f4", 3)])
@@ -195,8 +193,6 @@ def match_visits(middle: NDArray[np.float64], visits: Sequence[Visit], correctio
     `middle` (3,): of the place, global, m; `visits`: in order of passes and times; `corrections`: corrections found so
     far: each match starts from poses corrected by them.
 
-    Notes
-    -----
     k visits have k (k - 1) / 2 pairs, but only k - 1 independent differences: covariances are made k / 2 times as
     large, so that all pairs together weigh as much as the independent ones.
     """

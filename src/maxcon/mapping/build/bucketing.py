@@ -16,8 +16,6 @@ from maxcon.geometry import voxel_indices
 from maxcon.map import TILE_VOXELS, TileKey
 from maxcon.map.ground import ground_voxels
 
-__all__ = ["GROUND_POINT", "POINT", "TileArrays", "TileBuckets", "ground_records", "point_records"]
-
 POINT = np.dtype([("column", "<i2", 2), ("layer", "<i4"), ("inside", "<f4", 3), ("side", "<f4", 3)])
 """One point: its voxel, its position in the voxel (m), and the direction to the sensor, its normal, or zeros."""
 GROUND_POINT = np.dtype([("column", "<i2", 2), ("height", "<f4")])

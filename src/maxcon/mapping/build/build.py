@@ -33,8 +33,6 @@ from maxcon.mapping.build.options import MapOptions
 from maxcon.mapping.build.sources import SidedPoints, Source, check_sides, open_headers, read_source, sources_in_crs
 from maxcon.mapping.build.tiles import TileJob, TileStep, TileSteps, by_engine, by_threads
 
-__all__ = ["build_map"]
-
 # Each thread holds a part of a tile's points and its voxels, about 0.25 GiB: more threads only on demand.
 MOST_THREADS = 4
 # Threads are in each other's way at tiles with fewer points: what is compiled has little to do there.

@@ -6,8 +6,6 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from maxcon.errors import OptionError
 
-__all__ = ["CLASS_NAMES", "DEFAULT_DROP", "FOUND", "FOUND_DROP", "class_name", "found_ratios", "parse_classes"]
-
 # There is no class for vehicles: 22 is for what changes between surveys, 64 and above are the user's own.
 CLASS_NAMES: dict[str, tuple[int, ...]] = {
     "unclassified": (0, 1),

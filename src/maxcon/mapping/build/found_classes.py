@@ -22,16 +22,6 @@ from maxcon.mapping.build.ground import ground_heights, heights_at, lowest_heigh
 from maxcon.mapping.build.map_sigma import LEAST_PAUSE
 from maxcon.mapping.build.voxel_moments import VoxelMoments, is_vegetation, plane_normals
 
-__all__ = [
-    "NEIGHBOUR_VOXELS",
-    "OBSERVATION",
-    "ClassFinder",
-    "FoundClasses",
-    "FoundInTile",
-    "block_voxels",
-    "observation_records",
-]
-
 UNCLASSIFIED, GROUND, LOW_VEGETATION, TEMPORARY = 1, 2, 3, 22
 """Codes of ASPRS LAS 1.4; behind low vegetation come medium and high."""
 VEGETATION_HEIGHTS = (0.5, 2.0)
@@ -282,12 +272,9 @@ def temporary_blocks(
     `columns` (n, 2): (x, y) of each; `times` (n,): s; `shape`: how many layers, and columns along y and x. Observations
     elsewhere are left out.
 
-    Returns
-    -------
-    is_temporary : array, shape (layers, ny, nx), bool
-        Whether what is in a block is temporary; nothing is said of layer 0, in which the ground ends.
-    n_passes : array, shape (ny, nx), int64
-        Passes that saw the ground of a column.
+    Returns is_temporary: shape (layers, ny, nx), bool; whether what is in a block is temporary; nothing is said of
+        layer 0, in which the ground ends.
+    Returns n_passes: shape (ny, nx), int64; passes that saw the ground of a column.
     """
     from scipy.ndimage import maximum_filter, uniform_filter
 

@@ -17,8 +17,6 @@ from maxcon.map import TILE_VOXELS, TileKey, VoxelTile
 from maxcon.map.ground import GroundTile, ground_voxels
 from maxcon.mapping.build.voxel_moments import VoxelMoments
 
-__all__ = ["ground_among", "ground_heights", "heights_at", "level_surfaces", "lowest_heights"]
-
 LEAST_VOXELS = 3
 """Fewest voxels of a surface in a cell of the ground grid: a stray point is none."""
 SURFACE_DEPTH = 0.3

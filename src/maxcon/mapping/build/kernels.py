@@ -7,8 +7,6 @@ import numpy as np
 from maxcon._system.kernel_cache import njit
 from maxcon.scan.plane_kernels import covariance, plane_normal
 
-__all__ = ["gather_points", "merge_voxels", "neighbourhood_normals", "place_keys", "scatters", "sums_near"]
-
 # Two rounds of multiplying and folding (the finalizer of splitmix64): one-to-one, and spread evenly.
 FIRST_FACTOR = np.uint64(0xBF58476D1CE4E5B9)
 SECOND_FACTOR = np.uint64(0x94D049BB133111EB)

@@ -16,16 +16,6 @@ from maxcon._system.regular_file import read_regular
 from maxcon.errors import FileError
 from maxcon.map.layout import UNKNOWN_SIGMA
 
-__all__ = [
-    "LEAST_PAUSE",
-    "PLACE_EDGE",
-    "PassDifferences",
-    "PlaceSample",
-    "aligned_sigma",
-    "compare_passes",
-    "map_sigma",
-]
-
 ALIGNMENT = "alignment.json"
 LARGEST_ALIGNMENT = 2**24
 LEAST_CONSTRAINTS = 50
@@ -63,22 +53,12 @@ def map_sigma(
 ) -> tuple[float, dict[str, object]]:
     """Return the standard deviation of a map's position along any axis, m, and where it is from.
 
-    Parameters
-    ----------
-    given : float or None
-        From the options; it is taken as it is.
-    sample : PlaceSample
-        Points with times, from which it is estimated otherwise.
-    aligned : float, optional
-        From `maxcon map align`, m: aligned passes differ less than they are wrong by, so that an estimate below it is
-        not believed.
-
-    Returns
-    -------
-    sigma : float
-        m; estimates are rounded to 0.1 mm, and where there are not enough passes it is `UNKNOWN_SIGMA`.
-    build : dict
-        The entry `sigma` of the manifest's `build` (docs/map_format.md).
+    given: from the options; it is taken as it is.
+    sample: points with times, from which it is estimated otherwise.
+    aligned: from `maxcon map align`, m: aligned passes differ less than they are wrong by, so that an estimate below it
+        is not believed.
+    Returns sigma: m; estimates are rounded to 0.1 mm, and where there are not enough passes it is `UNKNOWN_SIGMA`.
+    Returns build: the entry `sigma` of the manifest's `build` (docs/map_format.md).
     """
     if given is not None:
         return float(given), {"from": "given"}
@@ -205,8 +185,6 @@ class PassDifferences:
 def compare_passes(records: NDArray[np.void]) -> PassDifferences:
     """Find how far passes differ across the planes that several of them saw, from points (`PLACE_POINT`) in order.
 
-    Notes
-    -----
     Two offsets of passes with independent errors of standard deviation s along any axis differ by sqrt(2) s, and by
     the noise of the points, which is known and subtracted.
     """

@@ -15,8 +15,6 @@ from maxcon.map.layout import CELLS, check_sigma
 from maxcon.mapping.build.classes import DEFAULT_DROP, FOUND, FOUND_DROP, parse_classes
 from maxcon.scan.trajectory import Trajectory
 
-__all__ = ["Area", "Classify", "MapOptions"]
-
 Classify = Literal["auto", "always", "off"]
 LARGEST_CLASSIFIED_CELL = 0.25
 """Largest voxel edge, m, at which classes can be found from the shapes of surfaces."""

@@ -18,8 +18,6 @@ from maxcon.mapping.build.classes import GROUND, NOISE, UNCLASSIFIED
 from maxcon.mapping.build.options import Area, MapOptions
 from maxcon.scan.trajectory import Trajectory
 
-__all__ = ["SidedPoints", "Source", "check_sides", "common_crs", "open_headers", "read_source", "sources_in_crs"]
-
 # No scanner sees so far (m), from an aeroplane neither.
 FARTHEST_SENSOR = 20_000.0
 # Farther from any pose of the trajectory than this, a point's sensor position is not known (s).

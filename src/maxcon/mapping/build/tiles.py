@@ -26,8 +26,6 @@ from maxcon.mapping.build.found_classes import NEIGHBOUR_VOXELS, OBSERVATION, Cl
 from maxcon.mapping.build.ground import level_surfaces
 from maxcon.mapping.build.voxel_moments import HALO_VOXELS, VoxelMoments, plane_normals, turn_to_side
 
-__all__ = ["TileJob", "TileMaker", "TileStep", "TileSteps", "TileTask", "by_engine", "by_threads", "voxel_tile"]
-
 MEMORY_BYTES = 128 * 2**20
 """Size of the arrays of tiles kept in memory, between steps done by threads."""
 POINTS_OF_TASK, MOST_TILES_OF_TASK = 100_000, 64

@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 from maxcon.map import TILE_VOXELS
 from maxcon.mapping.build.bucketing import POINT
 
-__all__ = ["HALO_VOXELS", "VoxelMoments", "is_vegetation", "plane_normals", "turn_to_side", "voxel_keys"]
-
 PADDING = 16
 ROW = TILE_VOXELS + 2 * PADDING
 LAYER = ROW * ROW
@@ -149,10 +147,7 @@ def plane_normals(moments: VoxelMoments, cell: float, is_wanted: NDArray[np.bool
     `moments`: the voxels of a tile with its halo; `cell`: voxel edge, m; `is_wanted` (n,): voxels whose normal is asked
     for (not the halo's).
 
-    Returns
-    -------
-    array, shape (n, 3)
-        Zeros where no neighbourhood determines a plane, or none is asked for.
+    Returns shape (n, 3); zeros where no neighbourhood determines a plane, or none is asked for.
     """
     from maxcon.mapping.build.kernels import neighbourhood_normals
 

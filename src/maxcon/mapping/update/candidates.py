@@ -14,8 +14,6 @@ from maxcon.mapping.build.tiles import voxel_tile
 from maxcon.mapping.build.voxel_moments import LAYER, ROW, VoxelMoments, plane_normals, turn_to_side
 from maxcon.mapping.update.options import UpdateOptions
 
-__all__ = ["candidates_of_tile", "sort_unknown_points"]
-
 NEAR_VOXELS = 2
 """A point up to so many voxels from one of the map, along each axis, may be of its surface: 12 cm at 6 cm."""
 GROUND_CLEARANCE = 0.25

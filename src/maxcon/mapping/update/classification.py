@@ -20,8 +20,6 @@ from maxcon.mapping.update.evidence import CANDIDATE, SurfaceFiles, Surfaces, Su
 from maxcon.mapping.update.observations import Observation
 from maxcon.mapping.update.options import UpdateOptions
 
-__all__ = ["classify"]
-
 NEIGHBOURHOOD = 2
 """Voxels to either side along each axis: 30 cm at 6 cm."""
 CUBE = 4

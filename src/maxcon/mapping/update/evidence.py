@@ -25,8 +25,6 @@ from maxcon.mapping.update.candidates import candidates_of_tile, sort_unknown_po
 from maxcon.mapping.update.observations import LocalizedDrive, Observation
 from maxcon.mapping.update.options import UpdateOptions
 
-__all__ = ["CANDIDATE", "Evidence", "SurfaceFiles", "Surfaces", "SurfacesInReach", "classes_of", "gather_evidence"]
-
 CANDIDATE = 255
 """In place of a class: a voxel that the map does not have, and drives have hit."""
 MOST_VOXELS = 6_000_000

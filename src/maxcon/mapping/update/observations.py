@@ -20,8 +20,6 @@ from maxcon.io.scans import Scans, open_scans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.mapping.update.options import UpdateOptions
 
-__all__ = ["LocalizedDrive", "Observation", "observations_of"]
-
 # Times of the table are written to the nanosecond, those of scans are read from text.
 SAME_TIME = 1e-6
 
@@ -48,18 +46,11 @@ class Observation:
 class LocalizedDrive:
     """Scans with poses.
 
-    Parameters
-    ----------
-    scans : Scans
-        Read when they are asked for.
-    rows : tuple of (int, PoseRow)
-        Number of the scan, and row of the table of poses, of each localized epoch.
-    n_epochs : int
-        How many scans there are.
-    name : str
-        Name of the file that the poses were read from.
-    sha256 : str
-        Checksum of that file.
+    scans: read when they are asked for.
+    rows: number of the scan, and row of the table of poses, of each localized epoch.
+    n_epochs: how many scans there are.
+    name: name of the file that the poses were read from.
+    sha256: checksum of that file.
     """
 
     scans: Scans

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from maxcon.errors import OptionError
 from maxcon.io.scans import check_range
 
-__all__ = ["UpdateOptions"]
-
 _BOUNDS: tuple[tuple[str, Callable[[float], bool], tuple[str, ...]], ...] = (
     ("a number above 0", lambda value: value > 0.0, ("reach", "sigma_range", "sigmas", "hit", "highest", "new_at")),
     (

@@ -7,8 +7,6 @@ import numpy as np
 from maxcon._system.kernel_cache import njit
 from maxcon.map.lookup_kernels import PATCH_BITS, find_in_patch, find_patch, is_near_voxels, plane_of_voxel
 
-__all__ = ["add_observation", "are_far_from_voxels", "hide_known_surfaces", "sum_around"]
-
 
 @njit(nogil=True, cache=True)
 def _is_miss(origin, along, length, plane, voxel, cell, margin, least_cosine, reach):

@@ -16,8 +16,6 @@ A pulse without a return is no ray: from glass, water and the sky nothing follow
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["is_hit", "is_miss"]
-
 
 def is_hit(end: NDArray[np.float64], voxels: NDArray[np.integer], cell: float) -> NDArray[np.bool_]:
     """Whether a ray that ended at `end`, shape (3,), m, hit each of the voxels, indices of shape (n, 3)."""
@@ -38,22 +36,13 @@ def is_miss(
 ) -> NDArray[np.bool_]:
     """Whether a ray missed each of the voxels: it saw through the surface there.
 
-    Parameters
-    ----------
-    origin, end : array, shape (3,)
-        Where the sensor was and where the ray ended, local frame, m.
-    voxels : array, shape (n, 3), int
-        Indices of the voxels.
-    means, normals : array, shape (n, 3)
-        Mean of the points of each, local frame, m; unit normal, or zeros.
-    cell : float
-        Edge of a voxel, m.
-    margin : float
-        How far behind a surface the end must lie, m.
-    least_cosine : float
-        Of the angle between ray and normal.
-    reach : float
-        Voxels farther along the ray are not judged, m.
+    origin, end: shape (3,); where the sensor was and where the ray ended, local frame, m.
+    voxels: shape (n, 3), int; indices of the voxels.
+    means, normals: shape (n, 3); mean of the points of each, local frame, m; unit normal, or zeros.
+    cell: edge of a voxel, m.
+    margin: how far behind a surface the end must lie, m.
+    least_cosine: of the angle between ray and normal.
+    reach: voxels farther along the ray are not judged, m.
     """
     length = float(np.sqrt(((end - origin) ** 2).sum()))
     if length == 0.0:

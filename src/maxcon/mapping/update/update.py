@@ -28,8 +28,6 @@ from maxcon.mapping.update.evidence import CANDIDATE, Surfaces, gather_evidence
 from maxcon.mapping.update.observations import LocalizedDrive, Observation, observations_of
 from maxcon.mapping.update.options import UpdateOptions
 
-__all__ = ["update_map"]
-
 CACHE_BYTES = 2**29
 
 
