@@ -15,13 +15,14 @@ from maxcon.map.writer import SHARD_BYTES, MapWriter
 SAID = {"origin": (458_800.0, 5_429_000.0, 100.0), "crs": None, "is_signed": True, "sigma": 0.02, "build": {}}
 
 
-def write(folder, point_map, ground=None, *, shard_bytes=SHARD_BYTES, records=(), **said) -> Manifest:
-    """Write the voxels of a map, ground of another source, if given, and more records."""
+def write(folder, point_map, *, shard_bytes=SHARD_BYTES, records=(), **said) -> Manifest:
+    """Write the voxels and the ground of a map in memory, and more records."""
     folder.mkdir()
+    ground = point_map._ground
     with MapWriter(folder, shard_bytes=shard_bytes) as writer:
         for key in sorted(point_map.tile_keys):
             writer.put(tile_record(point_map.tile(key)))
-        for key in sorted(ground.keys) if ground is not None else ():
+        for key in sorted(ground.keys):
             writer.put(ground_record(ground.load(key)))
         for record in records:
             writer.put(record)

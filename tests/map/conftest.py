@@ -13,20 +13,24 @@ from written_maps import write
 
 @pytest.fixture(scope="session")
 def in_memory():
-    """Three thousand points with normals, scattered over 80 m x 80 m; voxels of 6 cm."""
+    """Three thousand points with normals, scattered over 80 m x 80 m, all of them ground too; voxels of 6 cm."""
     rng = np.random.default_rng(0)
     normals = rng.normal(size=(3000, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     points = rng.uniform(-40.0, 40.0, (3000, 3)) * [1, 1, 0.05]
-    return PointMap.from_points(points, normals, 0.06)
+    return PointMap.from_points(points, normals, 0.06, ground=points)
 
 
 @pytest.fixture(scope="session")
-def whole(tmp_path_factory, in_memory):
+def whole(built_once, in_memory):
     """The folder of that map; nobody changes it."""
-    folder = tmp_path_factory.mktemp("maps") / "whole.map"
-    write(folder, in_memory)
-    return folder
+    return built_once("whole", lambda folder: write(folder / "whole.map", in_memory)) / "whole.map"
+
+
+@pytest.fixture(scope="session")
+def shards(built_once, in_memory):
+    """The same in several shards."""
+    return built_once("shards", lambda folder: write(folder / "s.map", in_memory, shard_bytes=30_000)) / "s.map"
 
 
 @pytest.fixture

@@ -8,17 +8,16 @@ import re
 import socket
 import threading
 import time
+from contextlib import contextmanager
 from functools import partial
 from http.server import BaseHTTPRequestHandler, SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from maxcon import PointMap
 from maxcon.errors import FileError, MapError, OptionError
 from maxcon.map import storage
-from maxcon.map.ground import ground_in_memory
 from maxcon.map.manifest import read_manifest
 from maxcon.map.storage import ByteRange, Remote
 from maxcon.map.writer import copy_map
@@ -26,14 +25,10 @@ from s3_buckets import bucket_on, s3_server_here
 from written_maps import assert_same_map, said_by, write
 
 
-@pytest.fixture(scope="session")
-def city(tmp_path_factory):
+@pytest.fixture
+def city(shards):
     """A map of 16 tiles in a folder, in several shards."""
-    points = np.random.default_rng(5).uniform(-40.0, 40.0, (3000, 3)) * [1, 1, 0.05]
-    folder = tmp_path_factory.mktemp("maps") / "city.map"
-    voxels = PointMap.from_points(points, np.tile([0.0, 1.0, 0.0], (3000, 1)), 0.06)
-    write(folder, voxels, ground_in_memory(points, 0.06), shard_bytes=30_000)
-    return folder
+    return shards
 
 
 @pytest.fixture(scope="session")
@@ -50,7 +45,7 @@ def bucket(s3_server, monkeypatch):
         yield address
 
 
-class RangeHandler(SimpleHTTPRequestHandler):
+class Ranges(SimpleHTTPRequestHandler):
     """Files of a folder, whole or a range of one; what was asked for is noted."""
 
     def do_GET(self):
@@ -75,59 +70,80 @@ class RangeHandler(SimpleHTTPRequestHandler):
         pass
 
 
+class Refusing(BaseHTTPRequestHandler):
+    """Gives nothing to anybody."""
+
+    def do_GET(self):
+        self.send_response(403)
+        self.end_headers()
+
+    do_HEAD = do_PUT = do_GET
+
+    def log_message(self, *_):
+        pass
+
+
+@contextmanager
+def serving(handler):
+    """A web server on this machine, and its address."""
+    pytest.importorskip("obstore", reason="the extra `remote` is not installed")
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        server.asked, server.knows_ranges = [], True
+        threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True).start()
+        yield server, f"http://127.0.0.1:{server.server_address[1]}"
+        server.shutdown()
+
+
 @pytest.fixture
 def web_server(city):
-    """A web server of the folder that the map is in."""
-    pytest.importorskip("obstore", reason="the extra `remote` is not installed")
-    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(RangeHandler, directory=str(city.parent)))
-    server.asked, server.knows_ranges = [], True
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    yield server
-    server.shutdown()
-    server.server_close()
+    """A web server of the folder that the map is in, and the map's address."""
+    with serving(partial(Ranges, directory=str(city.parent))) as (server, address):
+        yield server, f"{address}/{city.name}"
 
 
 @pytest.fixture
 def web(web_server):
-    """Address of the map on the web server."""
-    return f"http://127.0.0.1:{web_server.server_address[1]}/city.map"
+    return web_server[1]
+
+
+@pytest.fixture
+def refusing():
+    """Address of a server that gives nothing to anybody."""
+    with serving(Refusing) as (_, address):
+        yield address
 
 
 def test_a_map_on_s3_is_the_map_that_was_copied_there(city, bucket):
     copy_map(city, f"{bucket}/germany/city")
     assert_same_map(PointMap.open(f"{bucket}/germany/city"), PointMap.open(city))
     assert said_by(read_manifest(f"{bucket}/germany/city")) == said_by(read_manifest(city))
+    with pytest.raises(FileError, match="Copy it to a folder first"):
+        copy_map(f"{bucket}/germany/city", f"{bucket}/b")
+    with pytest.raises(OptionError, match="a web server is only read"):
+        copy_map(city, "https://example.org/map")
 
 
-@pytest.mark.parametrize("kind", [str, Path])
-def test_a_map_on_a_web_server(city, web, kind):
-    assert_same_map(PointMap.open(kind(web)), PointMap.open(city))  # a path of an address has lost a slash
+def test_a_map_on_a_web_server_also_by_a_path_and_in_another_process(city, web):
+    for opened in (PointMap.open(web), PointMap.open(Path(web))):  # a path of an address has lost a slash
+        assert_same_map(opened, PointMap.open(city))
+    assert_same_map(pickle.loads(pickle.dumps(opened)), PointMap.open(city))
 
 
-def test_ranges_are_read_and_not_shards(city, web, web_server):
-    opened = PointMap.open(web)
+def test_ranges_are_read_and_not_shards(city, web_server):
+    server, web = web_server
+    opened, table = PointMap.open(web), read_manifest(city).tiles
     key = sorted(opened.tile_keys)[3]
-    web_server.asked.clear()
+    server.asked.clear()
     opened.tile(key)
-    table = read_manifest(city).tiles
-    row = table.rows_by_key()[key]
-    name, first, length = table.range_of(row)
-    assert web_server.asked == [(f"/city.map/{name}", f"bytes={first}-{first + length - 1}")]
+    name, first, length = table.range_of(table.rows_by_key()[key])
+    assert server.asked == [(f"/{city.name}/{name}", f"bytes={first}-{first + length - 1}")]
 
 
-def test_an_opened_map_goes_to_another_process_as_its_address(web, city):
-    again = pickle.loads(pickle.dumps(PointMap.open(web)))
-    assert_same_map(again, PointMap.open(city))
-
-
-def test_a_server_that_knows_no_ranges_is_refused_when_a_map_is_opened(web, web_server):
-    web_server.knows_ranges = False
-    with pytest.raises(
-        MapError, match=rf"read {web}/manifest\.json, got: the server sends no ranges.*or copy"
-    ) as refused:
-        PointMap.open(web)
-    assert "\n" not in str(refused.value)
-    assert web_server.asked == [("/city.map/manifest.json", None), ("/city.map/manifest.json", "bytes=0-0")]
+def test_a_server_that_knows_no_ranges_is_refused_when_a_map_is_opened(web_server):
+    server, web = web_server
+    server.knows_ranges = False
+    refused(web, f"read {web}/manifest.json, got: the server sends no ranges")
+    assert [asked for _, asked in server.asked] == [None, "bytes=0-0"]
 
 
 def test_a_shard_that_is_damaged_there(tmp_path, bucket, city):
@@ -224,7 +240,8 @@ def n_threads():
     return sum(thread.name.startswith("prefetch") for thread in threading.enumerate())
 
 
-def test_tiles_are_fetched_several_at_a_time_by_threads_that_end_with_the_map(web, web_server):
+def test_tiles_are_fetched_several_at_a_time_by_threads_that_end_with_the_map(web_server):
+    server, web = web_server
     end = time.monotonic() + 300.0
     gc.collect()
     while n_threads():  # of maps of other tests
@@ -233,12 +250,12 @@ def test_tiles_are_fetched_several_at_a_time_by_threads_that_end_with_the_map(we
     opened = PointMap.open(web)
     opened.prefetch_around([(0.0, 0.0)], 100.0)
     assert n_threads() > 1
-    while sum(".arrows" in path for path, _ in web_server.asked) < len(opened.tile_keys):
+    while sum(".arrows" in path for path, _ in server.asked) < len(opened.tile_keys):
         assert time.monotonic() < end
         time.sleep(0.01)
-    n_asked = len(web_server.asked)
+    n_asked = len(server.asked)
     opened.all_voxels()
-    assert len(web_server.asked) == n_asked
+    assert len(server.asked) == n_asked
     del opened
     while n_threads():
         assert time.monotonic() < end
@@ -288,34 +305,13 @@ def test_a_server_that_says_nothing(silent, bucket, monkeypatch):
     refused(f"{bucket}/city", "timed out")
 
 
-def test_a_server_that_is_gone_after_opening(web, web_server):
+def test_a_server_that_is_gone_after_opening(web_server):
+    server, web = web_server
     opened = PointMap.open(web)
-    web_server.shutdown()
-    web_server.server_close()
+    server.shutdown()
+    server.server_close()
     with pytest.raises(MapError, match="connection refused"):
         opened.all_voxels()
-
-
-class Refusing(BaseHTTPRequestHandler):
-    """Gives nothing to anybody."""
-
-    def do_GET(self):
-        self.send_response(403)
-        self.end_headers()
-
-    do_HEAD = do_PUT = do_GET
-
-    def log_message(self, *_):
-        pass
-
-
-@pytest.fixture
-def refusing():
-    """Address of a server that gives nothing to anybody."""
-    with ThreadingHTTPServer(("127.0.0.1", 0), Refusing) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        yield f"http://127.0.0.1:{server.server_address[1]}"
-        server.shutdown()
 
 
 def test_no_permission(city, bucket, refusing, monkeypatch):
@@ -367,12 +363,10 @@ def test_a_map_comes_back_as_the_same_bytes(city, bucket, tmp_path):
     # one shard holds more than the small ones of the test: what is equal is what they hold
     assert_same_map(PointMap.open(tmp_path / "back.map"), PointMap.open(city))
     copy_map(tmp_path / "back.map", tmp_path / "again.map")
-    files = {
-        path.relative_to(tmp_path / "back.map"): path.read_bytes() for path in (tmp_path / "back.map").rglob("*.*")
-    }
-    again = {
-        path.relative_to(tmp_path / "again.map"): path.read_bytes() for path in (tmp_path / "again.map").rglob("*.*")
-    }
+    files, again = (
+        {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*.*")}
+        for folder in (tmp_path / "back.map", tmp_path / "again.map")
+    )
     assert files == again
 
 
@@ -420,11 +414,3 @@ def test_nothing_damaged_is_published(city, bucket, tmp_path, s3_server):
     with pytest.raises(MapError, match="another checksum"):
         copy_map(tmp_path / "copy.map", f"{bucket}/a")
     assert names(bucket, s3_server) == set()
-
-
-def test_from_an_address_to_another(city, bucket):
-    copy_map(city, f"{bucket}/a")
-    with pytest.raises(FileError, match="Copy it to a folder first"):
-        copy_map(f"{bucket}/a", f"{bucket}/b")
-    with pytest.raises(OptionError, match="a web server is only read"):
-        copy_map(city, "https://example.org/map")

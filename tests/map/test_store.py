@@ -4,6 +4,7 @@
 
 import os
 import pickle
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +19,7 @@ from maxcon.map.manifest import read_manifest
 from maxcon.map.store import Section, classes_record, tile_record
 from maxcon.map.writer import MapWriter
 from maxcon.search import exhaustive
-from written_maps import assert_same_map, said_by, tile_shard, write
+from written_maps import SAID, assert_same_map, said_by, tile_shard, write
 
 CELL = 0.06
 
@@ -102,10 +103,9 @@ def test_tiles_are_read_once_while_the_cache_has_room(whole, monkeypatch):
     read, from_disk = [], Section.batch
     monkeypatch.setattr(Section, "batch", lambda self, key: read.append(key) or from_disk(self, key))
     opened = PointMap.open(whole)
-    keys = sorted(opened.tile_keys)
     for _ in range(2):
         opened.all_voxels()
-    assert read == keys
+    assert read == sorted(opened.tile_keys)
 
 
 # --- damage -------------------------------------------------------------------------------------------
@@ -144,17 +144,14 @@ def test_the_record_of_another_tile_is_noticed(copy):
 
 
 @pytest.fixture(scope="module")
-def shards(tmp_path_factory, in_memory):
-    """A map in several shards, to break and put back."""
-    folder = tmp_path_factory.mktemp("broken") / "shards.map"
-    write(folder, in_memory, shard_bytes=30_000)
-    assert len(read_manifest(folder).tiles.files) > 2
-    return folder
+def breakable(tmp_path_factory, shards):
+    """A copy of a map of several shards, to break and put back."""
+    return shutil.copytree(shards, tmp_path_factory.mktemp("broken") / "shards.map")
 
 
 @given(st.data())
-def test_whatever_happens_to_a_shard_or_its_index_no_other_tile_comes_back(shards, in_memory, data):
-    path = data.draw(st.sampled_from(sorted((shards / "tiles").iterdir())))
+def test_whatever_happens_to_a_shard_or_its_index_no_other_tile_comes_back(breakable, in_memory, data):
+    path = data.draw(st.sampled_from(sorted((breakable / "tiles").iterdir())))
     whole = path.read_bytes()
     broken = bytearray(whole)
     match data.draw(st.sampled_from(["bits", "cut", "longer", "moved"])):
@@ -171,7 +168,7 @@ def test_whatever_happens_to_a_shard_or_its_index_no_other_tile_comes_back(shard
     try:
         path.write_bytes(broken)
         try:
-            opened = PointMap.open(shards)
+            opened = PointMap.open(breakable)
         except MapError as error:
             assert "index" in str(error) and "\n" not in str(error)
             return
@@ -189,15 +186,14 @@ def test_whatever_happens_to_a_shard_or_its_index_no_other_tile_comes_back(shard
 
 
 def test_voxels_in_another_order_are_refused(tmp_path, in_memory):
-    key = min(in_memory.tile_keys)
-    tile = in_memory.tile(key).rows(np.arange(len(in_memory.tile(key)))[::-1])
+    tile = in_memory.tile(min(in_memory.tile_keys))
     with MapWriter(tmp_path) as writer:
-        writer.put(tile_record(tile))
+        writer.put(tile_record(tile.rows(np.arange(len(tile))[::-1])))
         with pytest.raises(MapError, match="one record of each tile"):
             writer.put(tile_record(tile))
-        writer.finish(cell=CELL, origin=(0.0, 0.0, 0.0), crs=None, is_signed=True, sigma=0.02, build={})
+        writer.finish(cell=CELL, **SAID)
     with pytest.raises(MapError, match="in the order of the search, got another"):
-        PointMap.open(tmp_path).tile(key)
+        PointMap.open(tmp_path).tile(tile.key)
 
 
 # --- classes of an updated map ------------------------------------------------------------------------
@@ -219,10 +215,10 @@ def test_classes_of_voxels_are_read_and_decide_what_is_searched(tmp_path, in_mem
     assert len(copied.tile(key)) == len(known)
 
 
-@pytest.mark.parametrize("classes", [np.full(3, 0, np.uint8), None])
-def test_classes_that_are_none_are_refused(tmp_path, in_memory, classes):
+@pytest.mark.parametrize(("n_missing", "number"), [(1, 0), (0, 7)])
+def test_classes_that_are_none_are_refused(tmp_path, in_memory, n_missing, number):
     tile = in_memory.tile(min(in_memory.tile_keys))
-    classes = np.full(len(tile), 7, np.uint8) if classes is None else classes
+    classes = np.full(len(tile) - n_missing, number, np.uint8)
     write(tmp_path / "a.map", in_memory, records=[classes_record(replace(tile, classes=classes))])
     with pytest.raises(MapError, match="Expected a class for each"):
         PointMap.open(tmp_path / "a.map").tile(tile.key)

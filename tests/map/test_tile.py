@@ -1,10 +1,12 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""The voxels of a tile are found by its occupancy, and in several tiles as in a dictionary of them."""
+"""The voxels of a tile are found by its occupancy, and in several tiles as in a dictionary; tiles are kept by use."""
 
 import copy
 import pickle
-from dataclasses import replace
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -13,7 +15,9 @@ from hypothesis import strategies as st
 
 from maxcon.map import PATCH_VOXELS, TILE_PATCHES, TILE_VOXELS, PointMap, VoxelTile
 from maxcon.map.lookup_kernels import find_in_patch, find_patch, is_near_voxels
-from maxcon.map.tile import VoxelLookup, search_order
+from maxcon.map.tile import TileCache, VoxelLookup, search_order
+
+SEEDS = st.integers(0, 2**32)
 
 
 def tile_of(voxels):
@@ -41,11 +45,9 @@ def number_of(tile, x, y, layer):
 
 
 @given(
-    seed=st.integers(0, 2**32),
-    n=st.sampled_from([1, 2, 30, 2000]),
-    width=st.sampled_from([3, 40, TILE_VOXELS]),
-    height=st.sampled_from([1, 5, 63, 64, 65, 200]),
-)
+    SEEDS, st.sampled_from([1, 2, 30, 2000]), st.sampled_from([3, 40, TILE_VOXELS]),
+    st.sampled_from([1, 5, 63, 64, 65, 200]),
+)  # fmt: skip
 def test_each_voxel_is_found_and_no_other(seed, n, width, height):
     rng = np.random.default_rng(seed)
     low = rng.integers(0, TILE_VOXELS - width + 1, 2)
@@ -70,24 +72,19 @@ def test_full_patches_and_none():
     assert not nothing.held.any() and nothing.words.shape == (0, 4)
 
 
-def test_addresses_are_those_of_the_arrays_also_of_a_copy():
+def test_addresses_are_those_of_the_arrays_also_of_a_copy_and_of_pieces():
     tile = tile_of(np.random.default_rng(0).integers(0, 100, (500, 3)))
+    counts, normals = np.arange(1000, dtype=np.int32)[::2], np.asfortranarray(tile.normals + np.float32(0.5))
+    in_pieces = replace(tile, counts=counts, normals=normals)
     before = tile.addresses
-    for each in (tile, pickle.loads(pickle.dumps(tile)), copy.deepcopy(tile)):
+    for each in (tile, pickle.loads(pickle.dumps(tile)), copy.deepcopy(tile), in_pieces):
         bits, addresses = each.occupancy, each.addresses
         arrays = [bits.held, bits.numbers, bits.words, bits.firsts, each.normals, each.counts, each.means]
         assert addresses.values.tolist() == [array.ctypes.data for array in addresses.kept]
         for array, kept in zip(arrays, addresses.kept, strict=True):
             np.testing.assert_array_equal(array, kept)
+            assert kept.flags.c_contiguous
         assert (each is tile) == (addresses.values == before.values).all()
-
-
-def test_arrays_in_pieces_are_copied():
-    tile = tile_of(np.random.default_rng(0).integers(0, 100, (500, 3)))
-    counts, normals = np.arange(1000, dtype=np.int32)[::2], np.asfortranarray(tile.normals + np.float32(0.5))
-    addresses = VoxelTile(tile.key, tile.columns, tile.layers, counts, normals, tile.means).addresses
-    for array, kept in zip((normals, counts, tile.means), addresses.kept[4:], strict=True):
-        assert kept.flags.c_contiguous and (array == kept).all()
 
 
 @pytest.mark.parametrize("n", [0, 1, 500])
@@ -103,24 +100,18 @@ def test_the_size_is_known_before_anything_is_made(n, height):
     assert told == sum(array.nbytes for array in arrays)
 
 
-def plain_patches(tile):
-    """Number of each voxel's patch among those of all layers."""
-    _, layer = np.unique(tile.layers, return_inverse=True)
-    x, y = tile.columns.T.astype(np.int64) // PATCH_VOXELS
-    return (layer * TILE_PATCHES + y) * TILE_PATCHES + x
-
-
-@given(seed=st.integers(0, 2**32), n=st.sampled_from([0, 1, 2, 300]), width=st.sampled_from([20, TILE_VOXELS]))
+@given(SEEDS, st.sampled_from([0, 1, 2, 300]), st.sampled_from([20, TILE_VOXELS]))
 def test_patches_begin_where_their_voxels_do(seed, n, width):
     rng = np.random.default_rng(seed)
     tile = tile_of(rng.integers([0, 0, -4], [width, width, 9], (n, 3)))
-    assert (tile.index.layers == np.unique(tile.layers)).all()
-    n_patches = len(tile.index.layers) * TILE_PATCHES**2
-    wanted = np.searchsorted(plain_patches(tile), np.arange(n_patches + 1))
-    assert (tile.index.patch_starts == wanted).all()
+    layers, layer = np.unique(tile.layers, return_inverse=True)
+    assert (tile.index.layers == layers).all()
+    x, y = tile.columns.T.astype(np.int64) // PATCH_VOXELS
+    patches = (layer * TILE_PATCHES + y) * TILE_PATCHES + x
+    assert (tile.index.patch_starts == np.searchsorted(patches, np.arange(len(layers) * TILE_PATCHES**2 + 1))).all()
 
 
-@given(seed=st.integers(0, 2**32), n=st.sampled_from([1, 2, 3, 40]), width=st.sampled_from([2, 20, TILE_VOXELS]))
+@given(SEEDS, st.sampled_from([1, 2, 3, 40]), st.sampled_from([2, 20, TILE_VOXELS]))
 def test_other_orders_are_noticed(seed, n, width):
     rng = np.random.default_rng(seed)
     tile = tile_of(rng.integers([0, 0, 0], [width, width, 3], (n, 3)))
@@ -134,23 +125,21 @@ def test_other_orders_are_noticed(seed, n, width):
         columns = tile.columns.copy()
         columns[rng.integers(len(tile)), rng.integers(2)] = bad
         assert not replace(tile, columns=columns).is_in_order
-    twice = np.repeat(np.arange(len(tile)), 2)
-    assert not tile.rows(twice).is_in_order
+    assert not tile.rows(np.repeat(np.arange(len(tile)), 2)).is_in_order
 
 
 # --- several tiles ------------------------------------------------------------------------------------
 
 
-def map_of(rng, n, spread):
+def tiles_of(rng, n, spread):
     points = rng.normal(0.0, spread, (n, 3)) * [1.0, 1.0, 0.2]
-    return PointMap.from_points(points, np.zeros((n, 3)), 0.06)
+    return PointMap.from_points(points, np.zeros((n, 3)), 0.06).tiles_within(0.0, 0.0, 1e3)
 
 
-@given(st.integers(0, 2**32), st.sampled_from([0, 1, 500]), st.sampled_from([0.3, 30.0]))
+@given(SEEDS, st.sampled_from([0, 1, 500]), st.sampled_from([0.3, 30.0]))
 def test_voxels_are_found_as_in_a_dictionary(seed, n, spread):
     rng = np.random.default_rng(seed)
-    point_map = map_of(rng, n, spread)
-    tiles = point_map.tiles_within(0.0, 0.0, 1e3)
+    tiles = tiles_of(rng, n, spread)
     there = {
         tuple(voxel): (row, k) for row, tile in enumerate(tiles, 1) for k, voxel in enumerate(tile.voxels.tolist())
     }
@@ -158,16 +147,15 @@ def test_voxels_are_found_as_in_a_dictionary(seed, n, spread):
     near = [tuple(np.add(voxel, rng.integers(-1, 2, 3)).tolist()) for voxel in there]
     far = rng.integers(-3 * TILE_VOXELS, 3 * TILE_VOXELS, (50, 3)).tolist()
     for x, y, z in [*there, *near, *map(tuple, far)]:
-        wanted = there.get((x, y, z), (0, 0))
         row, patch = find_patch(x, y, z, lookup.rows, lookup.grid, lookup.corner)
         is_held, number = find_in_patch(x, y, row, patch, lookup.rows) if row else (False, 0)
-        assert ((row, number) if is_held else (0, 0)) == wanted
+        assert ((row, number) if is_held else (0, 0)) == there.get((x, y, z), (0, 0))
 
 
-@given(st.integers(0, 2**32), st.sampled_from([1, 500]), st.sampled_from([0.3, 30.0]))
+@given(SEEDS, st.sampled_from([1, 500]), st.sampled_from([0.3, 30.0]))
 def test_no_voxel_within_the_reaches_of_a_place_is_overlooked(seed, n, spread):
     rng = np.random.default_rng(seed)
-    tiles = map_of(rng, n, spread).tiles_within(0.0, 0.0, 1e3)
+    tiles = tiles_of(rng, n, spread)
     lookup = VoxelLookup.of(tiles)
     voxels = np.concatenate([tile.voxels for tile in tiles])
     table = lookup.rows, lookup.grid, lookup.corner
@@ -179,3 +167,68 @@ def test_no_voxel_within_the_reaches_of_a_place_is_overlooked(seed, n, spread):
             assert is_near_voxels(tuple(place.tolist()), tuple(reaches.tolist()), *table)
     far = voxels.max(axis=0) + 3.0 * TILE_VOXELS
     assert not is_near_voxels(tuple(far.tolist()), (5.0, 5.0, 5.0), *table)
+
+
+# --- the cache ----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Sized:
+    """What the cache asks of a tile."""
+
+    n_bytes: int
+
+
+def loaded(cache, numbers, n_bytes=10):
+    """Load tiles by their numbers; return the numbers of those that had to be made, and of all that are kept."""
+    made = []
+    for number in numbers:
+        cache.load((number, 0), lambda number=number: made.append(number) or Sized(n_bytes))
+    return made, [number for number in range(10) if (number, 0) in cache]
+
+
+def test_those_used_longest_ago_go_first_and_no_more_than_must():
+    cache = TileCache(30)
+    assert loaded(cache, [1, 2, 1, 3, 3, 2]) == ([1, 2, 3], [1, 2, 3])  # as many as fit
+    assert loaded(cache, [1, 4]) == ([4], [1, 2, 4])  # in the place of 3
+    assert loaded(cache, [5], n_bytes=25) == ([5], [5])  # in the place of all
+    assert loaded(cache, [6], n_bytes=5) == ([6], [5, 6])
+    assert loaded(cache, [7, 7], n_bytes=99) == ([7], [7])  # the last one, whatever its size
+    assert loaded(pickle.loads(pickle.dumps(cache)), []) == ([], [])
+
+
+def test_threads_make_different_tiles_at_once():
+    """Each waits until the others are at it, too: under one lock none would ever be done."""
+    cache, together = TileCache(1000), threading.Barrier(4, timeout=60)
+
+    def make():
+        together.wait()
+        return Sized(1)
+
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(lambda number: cache.load((number, 0), make), range(4)))
+    assert loaded(cache, []) == ([], [0, 1, 2, 3])
+
+
+@pytest.mark.parametrize("error", [None, OSError("gone")])
+def test_a_tile_that_several_threads_ask_for_is_made_once(error):
+    cache, made, may_end = TileCache(1000), [], threading.Event()
+
+    def make():
+        made.append(1)
+        assert may_end.wait(60)
+        if error is not None:
+            raise error
+        return Sized(1)
+
+    with ThreadPoolExecutor(4) as pool:
+        first = pool.submit(cache.load, (1, 0), make)
+        while not made:
+            pass
+        others = [pool.submit(cache.load, (1, 0), make) for _ in range(3)]
+        while sum(future.running() for future in others) < 3:
+            pass
+        threading.Timer(0.05, may_end.set).start()
+    assert all(future.exception() is error for future in (first, *others))
+    assert made == [1] or error is not None  # who asks after an error tries again
+    assert loaded(cache, [1])[0] == ([] if error is None else [1])

@@ -42,7 +42,7 @@ def street(tmp_path_factory):
     """The map of a day when CAR was there."""
     folder = tmp_path_factory.mktemp("street") / "street.map"
     point_map = map_of(WALL, CAR)
-    write(folder, point_map, point_map._ground, origin=(0.0, 0.0, 0.0))
+    write(folder, point_map, origin=(0.0, 0.0, 0.0))
     return folder
 
 

@@ -18,7 +18,7 @@ def folder(tmp_path_factory):
     """A street's map with CAR, and a drive when OTHER_CAR is there instead."""
     folder = tmp_path_factory.mktemp("street")
     point_map = map_of(WALL, CAR)
-    write(folder / "a.map", point_map, point_map._ground, origin=(0.0, 0.0, 0.0))
+    write(folder / "a.map", point_map, origin=(0.0, 0.0, 0.0))
     DriveOfBoxes(lambda seconds: (OTHER_CAR,)).write(folder)
     return folder
 
@@ -54,10 +54,3 @@ def test_slips_are_told(folder):
         result = RUN(app, ["map", "update", str(folder / "a.map"), *map(str, drives), "-o", str(folder / "x.map")])
         assert words in str(result.exception)
         assert not (folder / "x.map").exists()
-
-
-def test_a_broken_history_is_refused(folder, tmp_path):
-    point_map = map_of(CAR)
-    write(tmp_path / "a.map", point_map, build={"updates": [{"drives": []}]})
-    result = RUN(app, ["map", "info", str(tmp_path / "a.map")])
-    assert "broken entry" in str(result.exception) or "got no" in str(result.exception)
