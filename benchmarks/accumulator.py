@@ -25,7 +25,7 @@ from scene import header, scans, street
 import maxcon
 from maxcon.lab.dataset import Dataset
 from maxcon.lab.study import Study
-from maxcon.lab.study.bench import BenchPlan
+from maxcon.lab.study.bench import Bench
 from maxcon.search import exhaustive, group_kernels, visit_kernels, window_kernels
 from maxcon.search.prepared_scan import PreparedScan
 
@@ -57,7 +57,7 @@ def of_study(folder, every):
     study = Study.open(folder)
     dataset = Dataset.open(study.configuration.dataset)
     maps = {"standard": dataset.map_path or study.folder / "maps" / "standard.map"}
-    bench = BenchPlan(dataset, maps).open()
+    bench = Bench.open(dataset, maps)
     point_map = bench.maps["standard"]
     found = []
     for epoch in range(every // 2, len(bench.scans), every):

@@ -61,8 +61,8 @@ def main() -> None:
         is_trusted = trusted[objective, multiplicity]
         n_wrong = sum(not error.is_success for error, yes in zip(found, is_trusted, strict=True) if yes)
         print(
-            f"| {objective} | {multiplicity} | {accuracy.n_success} | {accuracy.median_distance:.3f}"
-            f" | {accuracy.worst_distance:.3f} | {math.degrees(accuracy.worst_heading):.2f} | {sum(is_trusted)}"
+            f"| {objective} | {multiplicity} | {accuracy.n_success} | {accuracy.distance.median:.3f}"
+            f" | {accuracy.distance.worst:.3f} | {math.degrees(accuracy.heading.worst):.2f} | {sum(is_trusted)}"
             f" | {n_wrong} |"
         )
     for multiplicity, values in taken.items():

@@ -120,9 +120,8 @@ def localize(options):
 def covered_epochs(dataset, point_map, n_epochs):
     """Scans, priors and reference poses, global, evenly over the epochs whose surroundings are in a map."""
     from maxcon import Scan
-    from maxcon.io.scans import open_scans
 
-    scans, reference = open_scans(dataset.scans, dataset.times), read_trajectory(dataset.reference)
+    scans, reference = dataset.open_scans(), read_trajectory(dataset.reference)
     prior = read_trajectory(dataset.priors["gnss"])
     local = reference.positions - point_map.frame.origin
     covered = [

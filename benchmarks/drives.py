@@ -9,9 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from maxcon import PointMap
-from maxcon.drive.localize import DriveOptions
 from maxcon.lab.dataset import DESCRIPTION, Dataset
-from maxcon.lab.study.bench import REFERENCE, BenchPlan
+from maxcon.lab.study.bench import REFERENCE, Bench
 from maxcon.lab.study.methods import STANDARD, make_maps
 from maxcon.lab.study.prior_trials import prior_at
 
@@ -47,7 +46,7 @@ class NamedDataset:
 
     def bench(self, folder, names):
         """Scans, reference and maps."""
-        return BenchPlan(self.dataset, self.maps(folder, names), DriveOptions()).open()
+        return Bench.open(self.dataset, self.maps(folder, names))
 
     def bench_in_memory(self, folder, names):
         """The same, with maps that keep all tiles they have read."""

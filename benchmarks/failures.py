@@ -15,7 +15,7 @@ import numpy as np
 import maxcon
 from maxcon.lab.dataset import Dataset
 from maxcon.lab.study import Study, rows_by_method
-from maxcon.lab.study.bench import BenchPlan
+from maxcon.lab.study.bench import Bench
 from maxcon.lab.study.methods import AS_PUBLISHED
 
 OBJECTIVES = {"count-points": maxcon.Count(), "helmert-points": maxcon.Helmert()}
@@ -52,8 +52,7 @@ def main():
     arguments = parser.parse_args()
     study = Study.open(arguments.study)
     dataset = Dataset.open(study.configuration.dataset)
-    plan = BenchPlan(dataset, {"standard": dataset.map_path or study.folder / "maps" / "standard.map"})
-    bench = plan.open()
+    bench = Bench.open(dataset, {"standard": dataset.map_path or study.folder / "maps" / "standard.map"})
     print("| method | lost epochs | points per voxel, wrong over right | matched voxels | score, a voxel once |")
     print("|---|---|---|---|---|")
     for rows in rows_by_method(study.table):

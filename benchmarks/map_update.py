@@ -34,7 +34,7 @@ from maxcon import MaximumConsensus, PointMap, Scan, SearchSpace
 from maxcon.drive.localize import DriveOptions
 from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory
-from maxcon.lab.dataset_drives import open_drives
+from maxcon.lab.dataset import open_drives
 from maxcon.lab.simulation.campaign_world import MOST_EPOCHS, CampaignWorld
 from maxcon.lab.simulation.dataset_files import CITY_ORIGIN, write_epochs
 from maxcon.lab.simulation.furniture import LasClass

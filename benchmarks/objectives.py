@@ -19,7 +19,6 @@ from scene import header
 import maxcon
 from maxcon.drive.localize import DriveOptions, pose_or_none
 from maxcon.integrity import highest_beyond
-from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.dataset import Dataset
 from maxcon.lab.evaluation import pose_error
@@ -70,7 +69,7 @@ def main() -> None:
         study = Study.open(folder)
         dataset = Dataset.open(study.configuration.dataset)
         point_map = maxcon.PointMap.open(dataset.map_path or Path(folder) / "maps" / "standard.map")
-        scans, reference = open_scans(dataset.scans, dataset.times), read_trajectory(dataset.reference)
+        scans, reference = dataset.open_scans(), read_trajectory(dataset.reference)
         for prior_name in dict.fromkeys(study.table["prior"].to_pylist()):
             prior = read_trajectory(dataset.priors[prior_name])
             found = {objective: [] for objective in OBJECTIVES}

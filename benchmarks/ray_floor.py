@@ -18,7 +18,7 @@ from maxcon.geometry import voxel_indices
 from maxcon.lab.dataset import Dataset
 from maxcon.lab.evaluation import significant_ray
 from maxcon.lab.study import Study
-from maxcon.lab.study.bench import BenchPlan
+from maxcon.lab.study.bench import Bench
 from maxcon.search.accumulator import turn, upright
 
 SPACE = maxcon.SearchSpace.paper()
@@ -56,7 +56,7 @@ def main():
     study = Study.open(arguments.study)
     dataset = Dataset.open(study.configuration.dataset)
     maps = {"standard": dataset.map_path or study.folder / "maps" / "standard.map"}
-    bench = BenchPlan(dataset, maps).open()
+    bench = Bench.open(dataset, maps)
     point_map = bench.maps["standard"]
     floors, shares = {"Helmert": [], "Count": []}, []
     for epoch in range(arguments.every // 3, len(bench.scans), arguments.every):

@@ -23,7 +23,6 @@ from scene import header
 
 from maxcon import MaximumConsensus, PointMap, Scan
 from maxcon.integrity import along_and_across
-from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.baselines import Gicp
 from maxcon.lab.dataset import Dataset
@@ -50,7 +49,7 @@ def main() -> None:
     parser.add_argument("--epochs", type=int, metavar="N", help="evenly over the drive; all if not given")
     options = parser.parse_args()
     dataset = Dataset.open(options.dataset)
-    point_map, scans = PointMap.open(options.map), open_scans(dataset.scans, dataset.times)
+    point_map, scans = PointMap.open(options.map), dataset.open_scans()
     reference = read_trajectory(dataset.reference)
     prior = read_trajectory(dataset.priors[options.prior] if options.prior else dataset.prior)
     cells, gicp = MaximumConsensus(refinement=False), Gicp(gate=1.0)

@@ -27,7 +27,6 @@ from scene import header
 
 from maxcon import PointMap, Pose, Scan
 from maxcon._system.atomic import atomic_file
-from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.dataset import Dataset
 from maxcon.lab.evaluation import pose_error
@@ -152,7 +151,7 @@ def main():
     options = parser.parse_args()
     dataset = Dataset.open(options.dataset)
     point_map = PointMap.open(options.map or dataset.map_path)
-    scans, reference = open_scans(dataset.scans, dataset.times), read_trajectory(dataset.reference)
+    scans, reference = dataset.open_scans(), read_trajectory(dataset.reference)
     title = f"{dataset.path.stem} in {Path(options.map or dataset.map_path).stem}"
     header(f"No prior but the map: {title}")
     rng, whole, rows = np.random.default_rng(29), Relocalizer(point_map), []

@@ -17,7 +17,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from maxcon import PointMap, Scan
-from maxcon.io.scans import open_scans
 from maxcon.lab.dataset import Dataset
 from maxcon.refine import fit_ground_plane
 from maxcon.relocalization import Relocalizer
@@ -95,7 +94,7 @@ def main():
     with Path(options.rows).open(newline="") as file:
         rows = [row for row in csv.DictReader(file) if row["method"] == "maxcon"]
     relocalizer = Relocalizer(PointMap.open(dataset.map_path))
-    scan = Scan(open_scans(dataset.scans, dataset.times).read(options.epoch, 1.0, 120.0).points)
+    scan = Scan(dataset.open_scans().read(options.epoch, 1.0, 120.0).points)
     figure, (left, right) = plt.subplots(1, 2, figsize=(13.0, 6.6), sharex=True, sharey=True, layout="constrained")
     for axes in (left, right):
         backdrop(axes, relocalizer)

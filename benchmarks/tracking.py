@@ -23,7 +23,6 @@ from scene import header
 
 from maxcon import MaximumConsensus, Motion, MotionNoise, PointMap, Pose, Scan, Status, Tracker, UncertainPose
 from maxcon.drive.localize import DriveOptions
-from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.dataset import Dataset
 from maxcon.lab.evaluation import pose_error
@@ -51,7 +50,7 @@ class Drive:
     def open(cls, map_folder, dataset, prior):
         """Read all of a dataset but its scans."""
         point_map = PointMap.open(map_folder)
-        scans = open_scans(dataset.scans, dataset.times)
+        scans = dataset.open_scans()
         times = [float(at) for at in scans.times]
         trajectory = read_trajectory(dataset.priors[prior] if prior else dataset.prior)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from maxcon.lab.study import Study
-from maxcon.lab.study.table import TableParts, keys_of
+from maxcon.lab.study.table import keys_of, table_of
 
 METHODS = ("--methods", "helmert-occupied,count-points,helmert-points-unweighted")
 SMALL = ("--half-width", "1.2", "--heading-half-width-deg", "1")
@@ -70,7 +70,7 @@ def test_a_study_that_is_stopped_goes_on(described, maxcon_process, maxcon, tmp_
         time.sleep(0.05)
     assert not [child for child in children if is_alive(child)]
     assert not (out / "table.parquet").exists()
-    before = TableParts(out).read().to_pylist()
+    before = table_of(out).read().to_pylist()
     assert 0 < len(before) < 120
     assert maxcon(*arguments).code == 0
     table = Study.open(out).table

@@ -10,7 +10,6 @@ import pytest
 
 from maxcon.errors import FileError
 from maxcon.lab.dataset import Dataset
-from maxcon.lab.dataset_options import dataset_map_options
 
 PLAIN = """
 [map]
@@ -60,8 +59,8 @@ def test_clouds_are_named_once_and_literally(folder):
 @pytest.mark.parametrize("name", ["ground", " Ground", "02"])
 def test_the_ground_can_be_kept_however_it_is_named(folder, name):
     dataset = opened(folder, PLAIN.replace("[scans]", f'drop = ["{name}", "noise"]\n[scans]'))
-    assert 2 in dataset_map_options(dataset).dropped_classes()
-    assert dataset_map_options(dataset, keeps_ground=True).drop == ("noise",)
+    assert 2 in dataset.map_options().dropped_classes()
+    assert dataset.map_options(keeps_ground=True).drop == ("noise",)
 
 
 def test_a_built_map_stands_in_for_clouds(folder):
@@ -71,7 +70,7 @@ def test_a_built_map_stands_in_for_clouds(folder):
 
 def test_what_it_says_of_the_map_becomes_its_options(folder):
     more = 'trajectory = "map/mapping.txt"\ncrs = "EPSG:25832"\ndrop = ["ground"]\nvehicle_classes = [64]\n'
-    options = dataset_map_options(opened(folder, PLAIN.replace("[scans]", more + "[scans]")), cell=0.1)
+    options = opened(folder, PLAIN.replace("[scans]", more + "[scans]")).map_options(cell=0.1)
     assert (options.cell, options.crs, options.drop) == (0.1, "EPSG:25832", ("ground",))
     assert options.dropped_classes() >= {2, 64}
     assert len(options.trajectory) == 2
@@ -81,34 +80,34 @@ def test_what_it_says_of_the_map_becomes_its_options(folder):
 @pytest.mark.parametrize("sigma", ["0", "0.0", "0.009"])
 def test_how_well_the_map_is_known_becomes_an_option(folder, sigma):
     dataset = opened(folder, PLAIN.replace("[scans]", f"sigma = {sigma}\n[scans]"))
-    assert dataset.map_sigma == dataset_map_options(dataset).sigma == float(sigma)
+    assert dataset.map_sigma == dataset.map_options().sigma == float(sigma)
 
 
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
         ("[map]", "[map", "Expected a dataset's description in"),
-        ('[priors]\ngnss = "gnss.txt"\nrough = "rough.txt"', "", r"Expected a table \[priors\]"),
-        ("clouds", "cluods", "got cluods"),
+        ('[priors]\ngnss = "gnss.txt"\nrough = "rough.txt"', "", "missing required field `priors`"),
+        ("clouds", "cluods", "at `map`: object contains unknown field `cluods`"),
         ("map/*.laz", "map/*.las", "got none for 'map/\\*.las'"),
-        ('"map/*.laz"', "3", "to be a list, got 3"),
-        ('"map/*.laz"', "[3]", "to be a list of str"),
-        ('clouds = "map/*.laz"', "", r"Expected a table \[map\]"),
+        ('"map/*.laz"', "3", "at `map.clouds`: expected `str . array . null`, got `int`"),
+        ('"map/*.laz"', "[3]", r"at `map.clouds\[0\]`: expected `str`"),
+        ('clouds = "map/*.laz"', "", "got neither"),
         ('"map/*.laz"', '"map/*.laz"\npath = "city.map"', "got both"),
         ("rough =", "reference =", "other than reference"),
-        ("[map]", 'crs = "EPSG:25832"\n[map]', r"Expected the tables \[map\]"),
+        ("[map]", 'crs = "EPSG:25832"\n[map]', "unknown field `crs`"),
         ('clouds = "map/*.laz"', 'path = "city.map"\ncrs = "EPSG:25832"', "beside the path of a built map"),
         ("map/*.laz", "/", "got none for '/'"),
         ("map/*.laz", "map/**.laz", None),
-        ('folder = "scans"', "", r"Expected folder under \[scans\]"),
+        ('folder = "scans"', "", "at `scans`: object missing required field `folder`"),
         ('"reference.txt"', '"nowhere.txt"', "to name what exists"),
-        ('"gnss.txt"', "7", "Expected gnss under .* to be a str, got 7"),
-        ('"map/*.laz"', '"map/*.laz"\nvehicle_classes = [true]', "list of int"),
-        ('"map/*.laz"', '"map/*.laz"\nsigma = -0.01', "sigma under .* metres >= 0, got -0.01"),
-        ('"map/*.laz"', '"map/*.laz"\nsigma = nan', "metres >= 0, got nan"),
-        ('"map/*.laz"', '"map/*.laz"\nsigma = inf', "metres >= 0, got inf"),
-        ('"map/*.laz"', '"map/*.laz"\nsigma = true', "metres >= 0, got True"),
-        ('"map/*.laz"', '"map/*.laz"\nsigma = "2 cm"', "metres >= 0, got '2 cm'"),
+        ('"gnss.txt"', "7", r"at `priors.*`: expected `str`, got `int`"),
+        ('"map/*.laz"', '"map/*.laz"\nvehicle_classes = [true]', r"at `map.vehicle_classes\[0\]`: expected `int`, got `bool`"),
+        ('"map/*.laz"', '"map/*.laz"\nsigma = -0.01', "at `map.sigma`: expected `float` >= 0.0"),
+        ('"map/*.laz"', '"map/*.laz"\nsigma = nan', "expected `float` >= 0.0"),
+        ('"map/*.laz"', '"map/*.laz"\nsigma = inf', "expected `float` <= 1000.0"),
+        ('"map/*.laz"', '"map/*.laz"\nsigma = true', "got `bool`"),
+        ('"map/*.laz"', '"map/*.laz"\nsigma = "2 cm"', "got `str`"),
         ('clouds = "map/*.laz"', 'path = "city.map"\nsigma = 0.01', "Expected no sigma .* beside the path"),
     ],
 )

@@ -69,9 +69,9 @@ def _print_table(results: "Sequence[MethodResult]") -> None:
         table.add_row(
             result.method.name,
             f"{accuracy.n_success} of {accuracy.n_epochs}",
-            f"{accuracy.median_distance:.3f}",
-            f"{accuracy.worst_distance:.3f}",
-            f"{math.degrees(accuracy.worst_heading):.2f}",
+            f"{accuracy.distance.median:.3f}",
+            f"{accuracy.distance.worst:.3f}",
+            f"{math.degrees(accuracy.heading.worst):.2f}",
             f"{result.median_milliseconds:.0f}",
         )
     Console().print(table)

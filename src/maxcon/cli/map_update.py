@@ -43,7 +43,7 @@ def update(
 
     Only epochs called localized count. Searches in MAP2 leave out what is gone. MAP is not touched.
     """
-    from maxcon.lab.dataset_drives import open_drives
+    from maxcon.lab.dataset import open_drives
     from maxcon.mapping.update import UpdateOptions, update_map
 
     options = UpdateOptions(

@@ -2,23 +2,23 @@
 # SPDX-License-Identifier: MIT
 """Dataset: a map, scans, their reference and priors, as a small TOML file names them."""
 
-import math
 import os
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from maxcon._system.checked import read_toml
-from maxcon.errors import FileError
+from maxcon._system.checked import checked, read_toml
+from maxcon.errors import FileError, OptionError
+from maxcon.io.scans import Scans, open_scans
+from maxcon.io.trajectories import read_trajectory
 
-__all__ = ["DESCRIPTION", "Dataset"]
+if TYPE_CHECKING:
+    from maxcon.mapping.build.options import MapOptions
+    from maxcon.mapping.update import LocalizedDrive
 
 DESCRIPTION = "dataset.toml"
-_KEYS = {
-    "map": {"clouds", "path", "trajectory", "crs", "drop", "vehicle_classes", "normals_have_sides", "sigma"},
-    "scans": {"folder", "times", "reference", "odometry"},
-}
+WHAT, ADVICE = "a dataset's description", f"Write a {DESCRIPTION} (docs/study.md), or simulate a dataset"
 _FOR_CLOUDS = ("trajectory", "crs", "drop", "vehicle_classes", "normals_have_sides", "sigma")
 
 
@@ -85,165 +85,180 @@ class Dataset:
 
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> "Dataset":
-        """Return the dataset of a TOML file, or of the dataset.toml of a folder.
-
-        Raises
-        ------
-        FileError
-            If there is none, a key is unknown, missing or of the wrong kind, or a part does not exist.
-        """
+        """Return the dataset of a TOML file, or of the dataset.toml of a folder; FileError if something is wrong."""
         file = Path(path)
         file = file / DESCRIPTION if file.is_dir() else file
-        named = read_toml(
-            file, "a dataset's description", f"Write a {DESCRIPTION} (docs/study.md), or simulate a dataset"
-        )
-        _check_keys(file, named)
-        table = _Table(file, named)
-        dataset = cls(
-            path=file,
-            map_clouds=table.clouds(),
-            map_path=table.path("map", "path"),
-            map_trajectory=table.path("map", "trajectory"),
-            crs=table.value("map", "crs", str, None),
-            drop=table.tuple_of("map", "drop", str),
-            vehicle_classes=table.tuple_of("map", "vehicle_classes", int) or (),
-            normals_have_sides=bool(table.value("map", "normals_have_sides", bool, False)),
-            map_sigma=table.length("map", "sigma"),
-            scans=table.needed_path("scans", "folder"),
-            times=table.path("scans", "times"),
-            reference=table.needed_path("scans", "reference"),
-            odometry=table.path("scans", "odometry"),
-            priors={name: table.needed_path("priors", name) for name in named["priors"]},
-        )
-        useless = [key for key in _FOR_CLOUDS if key in named["map"]]
-        if dataset.map_path is not None and useless:
+        named = checked(read_toml(file, WHAT, ADVICE), _description(), file, WHAT, "Correct it (docs/study.md)")
+        if "reference" in named.priors:
+            raise FileError(
+                f"Expected a prior's name under [priors] in {file} other than reference: it stands for the reference"
+                " itself. Rename it."
+            )
+        useless = [key for key in _FOR_CLOUDS if getattr(named.map, key) is not None]
+        if named.map.path is not None and useless:
             raise FileError(
                 f"Expected no {', '.join(useless)} under [map] in {file} beside the path of a built map: it would have"
                 " no effect. Remove it."
             )
-        if (dataset.map_path is None) == (not dataset.map_clouds):
+        if (named.map.path is None) == (not named.map.clouds):
             raise FileError(
                 f"Expected {file} to name either clouds or the path of a built map under [map], got"
-                f" {'both' if dataset.map_clouds else 'neither'}. Keep one."
-            )
-        return dataset
-
-
-def _check_keys(file: Path, named: Mapping[str, Any]) -> None:
-    """Refuse tables and keys that would have no effect."""
-    for key in ("map", "scans", "priors"):
-        if not isinstance(named.get(key), dict) or not named[key]:
-            raise FileError(f"Expected a table [{key}] in {file}, got none. Add it (docs/study.md).")
-    if "reference" in named["priors"]:
-        raise FileError(
-            f"Expected a prior's name under [priors] in {file} other than reference: it stands for the reference"
-            " itself. Rename it."
-        )
-    unknown_tables = sorted(set(named) - {"map", "scans", "priors"})
-    if unknown_tables:
-        raise FileError(
-            f"Expected the tables [map], [scans] and [priors] in {file}, got {', '.join(unknown_tables)}."
-            " Put it into the table it belongs to, or remove it."
-        )
-    for table, known in _KEYS.items():
-        unknown = sorted(set(named[table]) - known)
-        if unknown:
-            raise FileError(
-                f"Expected the keys {', '.join(sorted(known))} under [{table}] in {file}, got"
-                f" {', '.join(unknown)}. Correct or remove it."
+                f" {'both' if named.map.clouds else 'neither'}. Keep one."
             )
 
+        def existing(table: str, key: str) -> Path:
+            values = getattr(named, table)
+            return _existing(file, table, key, values[key] if table == "priors" else getattr(values, key))
 
-@dataclass(frozen=True, slots=True)
-class _Table:
-    """Typed access to what a description says."""
+        def optional(table: str, key: str) -> Path | None:
+            return None if getattr(getattr(named, table), key) is None else existing(table, key)
 
-    file: Path
-    named: Mapping[str, Any]
-
-    def value(self, table: str, key: str, kind: type, default: Any) -> Any:
-        value = self.named[table].get(key, default)
-        if value is not default and not isinstance(value, kind):
-            raise FileError(
-                f"Expected {key} under [{table}] in {self.file} to be a {kind.__name__}, got {value!r}. Correct it."
-            )
-        return value
-
-    def tuple_of(self, table: str, key: str, kind: type) -> tuple[Any, ...] | None:
-        values = self.value(table, key, list, None)
-        if values is None:
-            return None
-        if not all(isinstance(value, kind) and not isinstance(value, bool) for value in values):
-            raise FileError(
-                f"Expected {key} under [{table}] in {self.file} to be a list of {kind.__name__}, got {values!r}."
-                " Correct it."
-            )
-        return tuple(values)
-
-    def length(self, table: str, key: str) -> float | None:
-        value = self.named[table].get(key)
-        if value is None:
-            return None
-        is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not (is_number and 0.0 <= value < math.inf):
-            raise FileError(
-                f"Expected {key} under [{table}] in {self.file} to be a number of metres >= 0, got {value!r}."
-                " Correct it."
-            )
-        return float(value)
-
-    def needed_path(self, table: str, key: str) -> Path:
-        if key not in self.named[table]:
-            raise FileError(f"Expected {key} under [{table}] in {self.file}, got none. Add it (docs/study.md).")
-        return self._existing(table, key, self.value(table, key, str, None))
-
-    def path(self, table: str, key: str) -> Path | None:
-        name = self.value(table, key, str, None)
-        return None if name is None else self._existing(table, key, name)
-
-    def _existing(self, table: str, key: str, name: str) -> Path:
-        path = self.file.parent / name
-        try:
-            is_there = path.exists()
-        except OSError as error:  # too long a name
-            raise self._cannot_open(key, table, name, error) from error
-        if not is_there:
-            raise FileError(
-                f"Expected {key} under [{table}] in {self.file} to name what exists, got {path}."
-                " Correct it; paths are relative to that file."
-            )
-        return path
-
-    def _cannot_open(self, key: str, table: str, name: str, error: OSError) -> FileError:
-        return FileError(
-            f"Expected {key} under [{table}] in {self.file} to name what exists, got {name[:80]!r}: {error.strerror}."
-            " Correct it; paths are relative to that file."
+        return cls(
+            path=file,
+            map_clouds=_clouds(file, named.map.clouds or ()),
+            map_path=optional("map", "path"),
+            map_trajectory=optional("map", "trajectory"),
+            crs=named.map.crs,
+            drop=named.map.drop,
+            vehicle_classes=named.map.vehicle_classes or (),
+            normals_have_sides=bool(named.map.normals_have_sides),
+            map_sigma=named.map.sigma,
+            scans=existing("scans", "folder"),
+            times=optional("scans", "times"),
+            reference=existing("scans", "reference"),
+            odometry=optional("scans", "odometry"),
+            priors={name: existing("priors", name) for name in named.priors},
         )
 
-    def clouds(self) -> tuple[Path, ...]:
-        """Files of one pattern or a list of them, in order; each pattern must find some."""
-        named = self.named["map"].get("clouds")
-        patterns = (named,) if isinstance(named, str) else self.tuple_of("map", "clouds", str) or ()
-        found: list[Path] = []
-        for pattern in patterns:
-            try:
-                files = _matching(self.file.parent, pattern)
-            except OSError as error:
-                raise self._cannot_open("clouds", "map", pattern, error) from error
-            if not files:
-                raise FileError(
-                    f"Expected clouds under [map] in {self.file} to name files, got none for {pattern!r}. Correct it."
-                )
-            found += files
-        return tuple(dict.fromkeys(found))
+    def open_scans(self) -> Scans:
+        """Open the scans."""
+        return open_scans(self.scans, self.times)
+
+    def map_options(self, *, cell: float = 0.06, keep_every: int = 1, keeps_ground: bool = False) -> "MapOptions":
+        """Return the options to build the map from the clouds.
+
+        cell: voxel edge, m.
+        keep_every: of so many points one is kept.
+        keeps_ground: whether the ground stays in the map: a baseline that needs it may have it.
+        """
+        from maxcon.mapping.build.classes import DEFAULT_DROP, parse_classes
+        from maxcon.mapping.build.options import MapOptions
+
+        drop, ground = self.drop, parse_classes(["ground"])
+        if keeps_ground:
+            drop = tuple(
+                name for name in (DEFAULT_DROP if drop is None else drop) if not parse_classes([name]) <= ground
+            )
+        return MapOptions(
+            cell=cell,
+            drop=drop,
+            vehicle_classes=self.vehicle_classes,
+            trajectory=read_trajectory(self.map_trajectory) if self.map_trajectory is not None else None,
+            normals_have_sides=self.normals_have_sides,
+            crs=self.crs,
+            keep_every=keep_every,
+            sigma=self.map_sigma,
+        )
 
 
-def _matching(folder: Path, pattern: str) -> list[Path]:
-    """Return the files of a pattern whose folder part is plain and whose name may have wildcards."""
-    place = folder / pattern
-    if place.is_file():
-        return [place]
+def open_drives(paths: Sequence[str | os.PathLike[str]]) -> list["LocalizedDrive"]:
+    """Return the drives of scans and tables of poses in turn: SCANS POSES.csv, SCANS POSES.csv, ...
+
+    A table may be the Parquet file of a drive, `drive=NAME/poses.parquet`, as `maxcon localize --drives` writes it.
+    SCANS may be a dataset, which may stand without a table: its reference poses are taken then. OptionError if they
+    are not in turn.
+    """
+    from maxcon.export import PARQUET
+    from maxcon.mapping.update import LocalizedDrive
+
+    def is_table(path: Path) -> bool:
+        return path.suffix.lower() in (".csv", PARQUET)
+
+    left, drives = [Path(path) for path in paths], list[LocalizedDrive]()
+    while left:
+        scans = left.pop(0)
+        if is_table(scans):
+            raise OptionError(
+                f"Expected scans before the table {scans}, got it alone. Name drives as SCANS POSES.csv, in turn."
+            )
+        is_dataset = scans.suffix == ".toml" or (scans / DESCRIPTION).is_file()
+        dataset = Dataset.open(scans) if is_dataset else None
+        if left and is_table(left[0]):
+            drives.append(LocalizedDrive.open(dataset.open_scans() if dataset else scans, left.pop(0)))
+        elif dataset:
+            drives.append(LocalizedDrive.of_reference(dataset.open_scans(), dataset.reference))
+        else:
+            raise OptionError(
+                f"Expected the table of poses of {scans} behind it (POSES.csv or poses.parquet, as maxcon localize"
+                f" writes it), got {left[0] if left else 'nothing'}. Localize the drive first."
+            )
+    if not drives:
+        raise OptionError("Expected at least one drive, got none. Name it as SCANS POSES.csv.")
+    return drives
+
+
+def _description() -> Any:
+    """Return the type of what a description may say; msgspec is imported when one is read."""
+    from msgspec import Meta, Struct
+
+    class Map(Struct, forbid_unknown_fields=True):
+        clouds: str | tuple[str, ...] | None = None
+        path: str | None = None
+        trajectory: str | None = None
+        crs: str | None = None
+        drop: tuple[str, ...] | None = None
+        vehicle_classes: tuple[int, ...] | None = None
+        normals_have_sides: bool | None = None
+        sigma: Annotated[float, Meta(ge=0.0, le=1e3)] | None = None
+
+    class ScansTable(Struct, forbid_unknown_fields=True):
+        folder: str
+        reference: str
+        times: str | None = None
+        odometry: str | None = None
+
+    class Description(Struct, forbid_unknown_fields=True):
+        map: Map
+        scans: ScansTable
+        priors: Annotated[dict[str, str], Meta(min_length=1)]
+
+    return Description
+
+
+def _existing(file: Path, table: str, key: str, name: str) -> Path:
+    """Return the path of a part; FileError if it does not exist."""
+    path = file.parent / name
     try:
-        return sorted(file for file in place.parent.glob(place.name) if file.is_file())
-    except ValueError:  # no pattern at all, such as a bare root
-        return []
+        if path.exists():
+            return path
+        got: object = path
+    except OSError as error:  # too long a name
+        got = f"{name[:80]!r}: {error.strerror}"
+    raise FileError(
+        f"Expected {key} under [{table}] in {file} to name what exists, got {got}. Correct it; paths are relative to"
+        " that file."
+    )
+
+
+def _clouds(file: Path, named: str | tuple[str, ...]) -> tuple[Path, ...]:
+    """Return the files of one pattern or several, in order; each must find some, in a folder that is named plainly."""
+    found: list[Path] = []
+    for pattern in (named,) if isinstance(named, str) else named:
+        place = file.parent / pattern
+        try:
+            files = (
+                [place] if place.is_file() else sorted(path for path in place.parent.glob(place.name) if path.is_file())
+            )
+        except ValueError:  # no pattern at all, such as a bare root
+            files = []
+        except OSError as error:
+            raise FileError(
+                f"Expected clouds under [map] in {file} to name what exists, got {pattern[:80]!r}: {error.strerror}."
+                " Correct it; paths are relative to that file."
+            ) from error
+        if not files:
+            raise FileError(
+                f"Expected clouds under [map] in {file} to name files, got none for {pattern!r}. Correct it."
+            )
+        found += files
+    return tuple(dict.fromkeys(found))

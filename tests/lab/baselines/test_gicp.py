@@ -135,7 +135,7 @@ def test_without_small_gicp_the_extra_is_named(street, street_map, street_scan, 
         ({"step_tolerance": 0.0}, "`step_tolerance` > 0 m"),
         ({"turn_tolerance": 0.0}, "`turn_tolerance` > 0 rad"),
         ({"target_edge": 0.0}, "`target_edge` > 0 m"),
-        ({"n_neighbours": 4}, "`n_neighbours` from 5, got 4"),
+        ({"n_neighbours": 4}, "`n_neighbours` to be a whole number from 5, got 4"),
         ({"n_neighbours": 7.5}, "`n_neighbours` to be a whole number"),
     ],
 )

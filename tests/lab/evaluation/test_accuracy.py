@@ -96,9 +96,9 @@ def test_summary():
     ]
     accuracy = summarize(errors)
     assert (accuracy.n_epochs, accuracy.n_success) == (5, 2)
-    assert accuracy.median_distance == pytest.approx(0.15)
-    assert accuracy.worst_distance == pytest.approx(0.6)
-    assert accuracy.worst_heading == pytest.approx(math.radians(2.0))
+    assert accuracy.distance.median == pytest.approx(0.15)
+    assert accuracy.distance.worst == pytest.approx(0.6)
+    assert accuracy.heading.worst == pytest.approx(math.radians(2.0))
     assert accuracy.along.median == pytest.approx(0.045)  # of 0, 0.03, 0.06 and 0.2
     assert accuracy.along.worst == pytest.approx(0.2)
     assert accuracy.across.median == pytest.approx(0.06)  # of 0, 0.04, 0.08 and 0.6
@@ -110,8 +110,8 @@ def test_nothing_localized_has_no_errors():
     for errors in ([], [None, None]):
         accuracy = summarize(errors)
         assert (accuracy.n_epochs, accuracy.n_success) == (len(errors), 0)
-        assert math.isnan(accuracy.median_distance)
-        assert math.isnan(accuracy.worst_distance) and math.isnan(accuracy.worst_heading)
+        assert math.isnan(accuracy.distance.median)
+        assert math.isnan(accuracy.distance.worst) and math.isnan(accuracy.heading.worst)
         assert math.isnan(accuracy.along.p95) and math.isnan(accuracy.across.p99)
 
 

@@ -60,14 +60,6 @@ def test_impossible_counts_are_refused():
         least_to_prove(0.0)
 
 
-def test_wilson_interval_by_hand():
-    # z = 2: 8 of 10: (0.8 + 0.2 -+ 2 sqrt(0.016 + 0.01)) / 1.4; 0 of 4: (0.5 -+ 2 sqrt(1 / 16)) / 2; 4 of 4 mirrored.
-    low, high = wilson_interval([8, 0, 4], [10, 4, 4], quantile=2.0)
-    half = 2.0 * math.sqrt(0.026)
-    np.testing.assert_allclose(low, [(1.0 - half) / 1.4, 0.0, 0.5], atol=1e-15)
-    np.testing.assert_allclose(high, [(1.0 + half) / 1.4, 0.5, 1.0])
-
-
 def test_wilson_interval_of_95_percent():
     low, high = wilson_interval([8], [10])
     assert (low[0], high[0]) == (pytest.approx(0.4902, abs=5e-5), pytest.approx(0.9433, abs=5e-5))

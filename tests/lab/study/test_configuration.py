@@ -52,5 +52,5 @@ def test_what_is_written_is_read(tmp_path):
     ids=str,
 )
 def test_a_number_for_a_name(tmp_path, changes):
-    with pytest.raises(FileError, match=r"Expected a study in .*got: .*study\.json"):
+    with pytest.raises(FileError, match=r"Expected a study in .*study\.json, got"):
         read(tmp_path, **changes)

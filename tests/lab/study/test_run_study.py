@@ -18,7 +18,7 @@ from maxcon.lab.evaluation import distinctness, pose_error
 from maxcon.lab.study import COLUMNS, Study, StudyMethod, choose_methods, run_study
 from maxcon.lab.study.configuration import CONFIGURATION
 from maxcon.lab.study.run import spread_epochs
-from maxcon.lab.study.table import TableParts, keys_of, table_schema
+from maxcon.lab.study.table import keys_of, table_of, table_schema
 from maxcon.localizer import MaximumConsensus
 from maxcon.map import PointMap
 from maxcon.search.objectives import Helmert
@@ -130,7 +130,7 @@ def test_what_is_done_is_not_done_again(simulated, copied, tmp_path, small_space
     assert [row["epoch"] for row in begun.table.to_pylist()] == spread_epochs(N_EPOCHS, 3) == [0, 2, 5]
     # A part that was written before a kill, with a row that is in the table too: the table's row counts.
     other = begun.table.slice(0, 1).set_column(table_schema().get_field_index("ms"), "ms", [[-1.0]])
-    TableParts(folder).add(other.to_pylist())
+    table_of(folder).add(other.to_pylist())
     more = run_study(copied, folder, both, n_workers=1)
     assert len(more.table) == len(set(keys_of(more.table))) == 2 * N_EPOCHS
     old = {row["epoch"]: row["ms"] for row in begun.table.to_pylist()}
@@ -162,7 +162,7 @@ def test_what_a_kill_leaves_half_written_is_cleared(copied, tmp_path, small_spac
     chosen = choose_methods(["helmert-occupied"], small_space)
     run_study(copied, folder, chosen, n_epochs=2, n_workers=1)
     (folder / "parts").mkdir()
-    (folder / "parts" / ".abc.parquet.partial-12345678").write_bytes(b"PAR1")
+    (folder / "parts" / ".abc.parquet.partial-12345678").mkdir()
     study = run_study(copied, folder, chosen, n_epochs=3, n_workers=1)
     assert len(study.table) == len({*spread_epochs(N_EPOCHS, 2), *spread_epochs(N_EPOCHS, 3)})
     assert not (folder / "parts").exists()
@@ -179,7 +179,7 @@ def test_a_study_stopped_while_maps_are_built_is_gone_on_with(simulated, study, 
     with pytest.raises(KeyboardInterrupt):
         run_study(simulated, folder, chosen, n_epochs=1, n_workers=1, progress=interrupt)
     assert (folder / "maps").exists()
-    (folder / f".{CONFIGURATION}.partial-12345678").touch()
+    (folder / f".{CONFIGURATION}.partial-12345678").mkdir()
     run_study(simulated, folder, chosen, n_epochs=1, n_workers=1)
     assert sorted(path.name for path in folder.iterdir()) == [".lock", "maps", "study.json", "table.parquet"]
     assert len(run_study(simulated, folder, chosen, n_epochs=1, n_workers=1).table) == 1

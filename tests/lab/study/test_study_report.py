@@ -10,7 +10,7 @@ import pytest
 from maxcon.errors import FileError, OptionError
 from maxcon.lab.report.study_report import report_study
 from maxcon.lab.study import choose_methods, run_study
-from maxcon.lab.study.table import TableParts
+from maxcon.lab.study.table import table_of
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 FIGURES = {
@@ -116,7 +116,7 @@ def test_methods_without_common_epochs_still_make_a_page(copied, small_space, tm
     first, second = (choose_methods([name], small_space) for name in ("count-points", "helmert-points"))
     run_study(copied, tmp_path / "study", first, n_epochs=1, n_workers=1)
     run_study(copied, tmp_path / "study", second, n_epochs=2, n_workers=1)
-    table = TableParts(tmp_path / "study")
+    table = table_of(tmp_path / "study")
     kept = [row for row in table.read().to_pylist() if row["method"] == "count-points" or row["epoch"] > 0]
     table.path.unlink()
     table.add(kept)

@@ -11,7 +11,7 @@ import pytest
 
 from maxcon import PointMap
 from maxcon.errors import FileError, MapError, OptionError
-from maxcon.lab.dataset_drives import open_drives
+from maxcon.lab.dataset import open_drives
 from maxcon.map.layout import SurfaceClass
 from maxcon.map.manifest import read_manifest
 from maxcon.mapping.update import LocalizedDrive, UpdateOptions, update_map

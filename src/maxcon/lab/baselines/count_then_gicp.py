@@ -7,33 +7,32 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from maxcon.estimate import Estimate, Status
+from maxcon.estimate import Estimate
 from maxcon.geometry import Pose
 from maxcon.lab.baselines.gicp import Gicp
-from maxcon.lab.baselines.map_targets import MapTargets, Place, thin
-from maxcon.lab.baselines.started import Aligner, check_number
+from maxcon.lab.baselines.map_targets import Place, thin
+from maxcon.lab.baselines.started import Aligner, StartedMethod, check_options, no_answer, number
 from maxcon.map import PointMap
 from maxcon.scan import Scan
 from maxcon.search.exhaustive import exhaustive
 from maxcon.search.objectives import Count
 from maxcon.search.space import SearchSpace
 
-__all__ = ["CountThenGicp"]
-
 
 @dataclass(frozen=True)
-class CountThenGicp:
+class CountThenGicp(StartedMethod):
     """Localizes scans in two steps: where most points hit coarse voxels of the map, then GICP from there.
 
     The idea of 3D-BBS (branch and bound by hit count in a voxel map) followed by GICP, made from parts of this
-    package: the window around the prior is searched exhaustively, z, roll and pitch are the prior's until GICP
-    starts. The answer is the coarse search's best cell, moved; there is no second best, and no word on one.
+    package: the space around the prior is searched exhaustively; z, roll and pitch are the prior's until GICP
+    starts. The answer is that of `Gicp.localize` from the best cell; the prior with the status `NO_MATCH` if no point
+    hit the map in any cell. SearchSpaceError if there are too many cells.
 
     Parameters
     ----------
     half_width : float
-        Largest offset from the prior in x and in y, m; widened to whole voxels and one more, so that either rim
-        is searched.
+        Largest offset from the prior in x and in y, m; widened to whole voxels and one more, so that the boundary
+        is searched on either side.
     heading_half_width_deg : float
         Largest turn from the prior's heading, degrees; widened to whole steps.
     voxel : float
@@ -44,26 +43,17 @@ class CountThenGicp:
         The scan is thinned to one point, the mean, per cube of this edge, m, before hits are counted.
     gicp : Gicp
         What follows. Its `targets` keep the coarse map too.
-
-    Raises
-    ------
-    OptionError
-        If a value is out of its range.
     """
 
-    half_width: float = 3.0
-    heading_half_width_deg: float = 2.0
-    voxel: float = 1.0
-    heading_step_deg: float = 1.0
-    thinning: float = 0.75
+    half_width: float = number(3.0, "m")
+    heading_half_width_deg: float = number(2.0, "degrees", may_be_zero=True)
+    voxel: float = number(1.0, "m")
+    heading_step_deg: float = number(1.0, "degrees")
+    thinning: float = number(0.75, "m", may_be_zero=True)
     gicp: Gicp = field(default_factory=Gicp)
 
     def __post_init__(self) -> None:
-        check_number("half_width", self.half_width, 3.0, "m")
-        check_number("heading_half_width_deg", self.heading_half_width_deg, 2.0, "degrees", may_be_zero=True)
-        check_number("voxel", self.voxel, 1.0, "m")
-        check_number("heading_step_deg", self.heading_step_deg, 1.0, "degrees")
-        check_number("thinning", self.thinning, 0.75, "m", may_be_zero=True)
+        check_options(self)
 
     @property
     def window(self) -> SearchSpace:
@@ -72,41 +62,13 @@ class CountThenGicp:
         n_turns = math.ceil(self.heading_half_width_deg / self.heading_step_deg - 1e-9)
         return SearchSpace(n_cells * self.voxel, self.voxel, n_turns * self.heading_step_deg, self.heading_step_deg)
 
-    def localize(self, scan: Scan, point_map: PointMap, prior: Pose) -> Estimate:
-        """Find the pose of a scan in the map.
-
-        Parameters
-        ----------
-        scan : Scan
-            Points of one epoch, sensor frame; its normals are not used.
-        point_map : PointMap
-            The map; its normals are not used.
-        prior : Pose
-            T_map_sensor, local frame of the map: the middle of the window.
-
-        Returns
-        -------
-        Estimate
-            That of `Gicp.localize` from the best cell: it may be used if GICP came to rest. `NO_MATCH` (and the
-            prior) if no point hit the map in any cell.
-
-        Raises
-        ------
-        MissingExtraError
-            If small_gicp is not installed.
-        SearchSpaceError
-            If the window has too many cells.
-        """
-        return self.prepare(scan, point_map, prior).align(prior)
-
     def prepare(self, scan: Scan, point_map: PointMap, around: Pose, spread: float = 0.0) -> "_CountThenGicpAligner":
         """Thin the scan, and make both maps around it, which all priors within `spread` (m) share."""
         spread += math.sqrt(2.0) * self.window.half_width
         place = Place.of_scan(scan.points, around, self.gicp.gate, spread)
         points = thin(scan.points, self.thinning)
-        targets: MapTargets = self.gicp.targets
         key = ("count", place, self.voxel, self.gicp.target_edge)
-        coarse = targets.get(point_map, key, lambda: self._coarse(point_map, place))
+        coarse = self.gicp.targets.get(point_map, key, lambda: self._coarse(point_map, place))
         fine = self.gicp.prepare(scan, point_map, around, spread)
         return _CountThenGicpAligner(self.window, Scan(points, np.zeros_like(points)), coarse, fine)
 
@@ -115,9 +77,9 @@ class CountThenGicp:
         return PointMap.from_points(points, np.zeros_like(points), self.voxel)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class _CountThenGicpAligner:
-    """A thinned scan, the coarse map around it, and GICP made ready for any start in the window."""
+    """A thinned scan, the coarse map around it, and GICP prepared for any start in the space."""
 
     space: SearchSpace
     scan: Scan
@@ -125,13 +87,10 @@ class _CountThenGicpAligner:
     fine: Aligner
 
     def align(self, start: Pose) -> Estimate:
-        """Search the window around a pose, and iterate from its best cell."""
+        """Search the space around a pose, and iterate from its best cell."""
         hits = exhaustive(self.scan, self.coarse, start, self.space)
         cell = hits.best_cell(Count())
-        if not hits.moments[..., 0].any():
-            return Estimate(start, 0.0, None, Status.NO_MATCH, np.diag([np.inf, np.inf]))
-        return self.fine.align(self.space.pose(cell, start))
+        return self.fine.align(self.space.pose(cell, start)) if hits.moments[..., 0].any() else no_answer(start)
 
     def n_near_map(self, pose: Pose, distance: float) -> int:
-        """How many points of the thinned scan lie within `distance` (m) of the map's points at a pose."""
         return self.fine.n_near_map(pose, distance)

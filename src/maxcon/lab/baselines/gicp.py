@@ -8,20 +8,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.errors import MissingExtraError, OptionError
+from maxcon.errors import MissingExtraError
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
 from maxcon.integrity import invert
 from maxcon.lab.baselines.map_targets import MapTargets, Place, thin
-from maxcon.lab.baselines.started import check_iteration, check_steps
+from maxcon.lab.baselines.started import StartedMethod, check_options, no_answer, number, whole_number
 from maxcon.map import PointMap
 from maxcon.scan import Scan
-
-__all__ = ["Gicp"]
 
 MATCH_VARIANCE = 2e-3
 """Variance along the common normal of a scan point and a map point on a plane: small_gicp gives each 1e-3."""
 LEAST_NEIGHBOURS = 5
+"""Fewer make no plane."""
 
 
 def check_small_gicp() -> None:
@@ -30,7 +29,6 @@ def check_small_gicp() -> None:
 
 
 def _small_gicp() -> Any:
-    """Return the package."""
     try:
         import small_gicp
     except ImportError as error:
@@ -40,7 +38,7 @@ def _small_gicp() -> Any:
     return small_gicp
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class _Cloud:
     """Points about `origin` with covariances, and their tree, as small_gicp keeps them."""
 
@@ -51,11 +49,13 @@ class _Cloud:
 
 
 @dataclass(frozen=True)
-class Gicp:
+class Gicp(StartedMethod):
     """Localizes scans by generalized ICP: both clouds are made of small planes.
 
-    Unknown are all six: x, y, z, roll, pitch and heading of the answer are as GICP found them. In a map without
-    ground, little holds z and pitch. What is said of `Icp` about ground points and the gate holds here too.
+    Unknown are all six: x, y, z, roll, pitch and heading. In a map without ground, little holds z and pitch. What is
+    said of `Icp` about ground points, the gate, the estimate and `targets` holds here too, but `cofactor` is in units
+    of the variance of one match of two planes that face each other, all else held; `NOT_CONVERGED` is small_gicp's own
+    word.
 
     Parameters
     ----------
@@ -66,65 +66,26 @@ class Gicp:
     max_iterations : int
         Largest number of steps.
     step_tolerance, turn_tolerance : float
-        The iteration has come to rest when a step is shorter than this, m, and turns less than this, rad.
+        The iteration has converged when a step is shorter than this, m, and turns less than this, rad.
     target_edge : float
         The voxels of the map are merged to one point, the mean, per cube of this edge, m.
     n_neighbours : int
-        From so many of its neighbours the covariance of a point is estimated, in scan and map.
+        Neighbours from which the covariance of a point is estimated, in scan and map.
     targets : MapTargets
-        Keeps what was made of the map; methods with the same object share it.
-
-    Raises
-    ------
-    OptionError
-        If a value is out of its range.
-
-    Notes
-    -----
-    Threads, pickles and copies: as with `Icp`.
+        Cache of what is made of the map.
     """
 
-    gate: float = 3.0
-    thinning: float = 0.75
-    max_iterations: int = 50
-    step_tolerance: float = 1e-3
-    turn_tolerance: float = 2e-3
-    target_edge: float = 0.5
-    n_neighbours: int = 10
+    gate: float = number(3.0, "m")
+    thinning: float = number(0.75, "m", may_be_zero=True)
+    max_iterations: int = whole_number(50)
+    step_tolerance: float = number(1e-3, "m")
+    turn_tolerance: float = number(2e-3, "rad")
+    target_edge: float = number(0.5, "m")
+    n_neighbours: int = whole_number(10, LEAST_NEIGHBOURS)
     targets: MapTargets = field(default_factory=MapTargets, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        check_iteration(self)
-        check_steps("n_neighbours", self.n_neighbours, 10)
-        if self.n_neighbours < LEAST_NEIGHBOURS:
-            raise OptionError(
-                f"Expected `n_neighbours` from {LEAST_NEIGHBOURS}, got {self.n_neighbours}: fewer make no plane."
-            )
-
-    def localize(self, scan: Scan, point_map: PointMap, prior: Pose) -> Estimate:
-        """Find the pose of a scan in the map.
-
-        Parameters
-        ----------
-        scan : Scan
-            Points of one epoch, sensor frame; its normals are not used.
-        point_map : PointMap
-            The map; its normals are not used.
-        prior : Pose
-            T_map_sensor to start from, local frame of the map.
-
-        Returns
-        -------
-        Estimate
-            As that of `Icp.localize`; `cofactor` is in units of the variance of one match of two planes that
-            face each other, all else held. `NOT_CONVERGED` is small_gicp's own word.
-
-        Raises
-        ------
-        MissingExtraError
-            If small_gicp is not installed.
-        """
-        return self.prepare(scan, point_map, prior).align(prior)
+        check_options(self)
 
     def prepare(self, scan: Scan, point_map: PointMap, around: Pose, spread: float = 0.0) -> "_GicpAligner":
         """Make the clouds of the scan and of the map around it, which all starts within `spread` (m) share."""
@@ -147,7 +108,7 @@ class Gicp:
         return _Cloud(cloud, tree, len(points), origin)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class _GicpAligner:
     """A thinned scan and the map around it, ready for any start near by."""
 
@@ -157,9 +118,8 @@ class _GicpAligner:
 
     def align(self, start: Pose) -> Estimate:
         """Iterate from a start to the end."""
-        nothing = Estimate(start, 0.0, None, Status.NO_MATCH, np.diag([np.inf, np.inf]))
         if not (self.source.n_points and self.target.n_points):
-            return nothing
+            return no_answer(start)
         T_target_source = np.eye(4)
         T_target_source[:3, :3] = start.rotation
         T_target_source[:3, 3] = start.position - self.target.origin
@@ -177,19 +137,18 @@ class _GicpAligner:
         )
         n_matched = int(found.num_inliers)
         if not n_matched:
-            return nothing
+            return no_answer(start)
         T_target_source, hessian = np.asarray(found.T_target_source), np.asarray(found.H)
         if not (np.isfinite(T_target_source).all() and np.isfinite(hessian).all()):
-            return Estimate(start, 0.0, None, Status.NOT_CONVERGED, np.diag([np.inf, np.inf]))
+            return no_answer(start, Status.NOT_CONVERGED)
         is_determined, cofactor = invert(_normal_matrix(hessian, T_target_source[:3, :3]))
         status = Status.LOCALIZED if found.converged else Status.NOT_CONVERGED
+        status = status if is_determined else Status.UNDETERMINED
         pose = Pose.from_rotation(T_target_source[:3, 3] + self.target.origin, T_target_source[:3, :3])
         share = n_matched / self.source.n_points
-        status = status if is_determined else Status.UNDETERMINED
         return Estimate(pose, float(n_matched), None, status, cofactor, share)
 
     def n_near_map(self, pose: Pose, distance: float) -> int:
-        """How many points of the thinned scan lie within `distance` (m) of the map's points at a pose."""
         if not (self.source.n_points and self.target.n_points):
             return 0
         points = np.asarray(self.source.cloud.points())[:, :3]

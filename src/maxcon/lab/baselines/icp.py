@@ -13,7 +13,7 @@ from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
 from maxcon.integrity import invert
 from maxcon.lab.baselines.map_targets import MapTargets, Place, thin
-from maxcon.lab.baselines.started import check_iteration
+from maxcon.lab.baselines.started import StartedMethod, check_options, no_answer, number, whole_number
 from maxcon.map import PointMap
 from maxcon.scan import Scan
 from maxcon.search.accumulator import NamedOption, turn, upright
@@ -43,12 +43,9 @@ class Residual(NamedOption, option="residual"):
     ) -> NormalEquations:
         """Linearize half the sum of squared residuals at the present pose.
 
-        arms: shape (n, 3); from the sensor to each scan point, axes of the map, m. A turn dh moves the point by (-y, x,
-            0) dh.
-        offsets: shape (n, 3); r = p - q, m.
-        normals: shape (n, 3); unit normals of the map at q; not used by `POINT`.
-        Returns N: shape (3, 3); A^T A; the rows of A are the derivatives of the residuals by x, y and heading.
-        Returns gradient: shape (3,); A^T r. A step d of Gauss-Newton solves N d = -gradient.
+        arms, shape (n, 3): from the sensor to each scan point, axes of the map, m; a turn dh moves it by (-y, x, 0) dh.
+        offsets, shape (n, 3): r, m. normals, shape (n, 3): of the map at q; not used by `POINT`.
+        The rows of A are the derivatives of the residuals; a step d of Gauss-Newton solves N d = -A^T r.
         """
         x, y, _ = arms.T
         if self is Residual.PLANE:
@@ -63,10 +60,7 @@ class Residual(NamedOption, option="residual"):
 def smallest_step(equations: NormalEquations, arm: float) -> tuple[NDArray[np.float64], bool]:
     """Shortest step d with N d = -gradient: nothing moves in a direction that N leaves open.
 
-    equations: N and the gradient.
-    arm: a turn is as long as the way it moves a point at this distance, m.
-    Returns step: shape (3,); of x, y (m) and heading (rad).
-    Returns is_full: whether N leaves no direction open.
+    A turn is as long as the way it moves a point at the distance `arm`, m. Also returns whether no direction is open.
     """
     matrix, gradient = equations
     scale = np.array([1.0, 1.0, 1.0 / max(arm, 1e-3)])
@@ -77,7 +71,7 @@ def smallest_step(equations: NormalEquations, arm: float) -> tuple[NDArray[np.fl
     return scale * step, bool(is_fixed.all())
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class _Target:
     """Points of the map, their normals, each of shape (n, 3), and a tree to find the nearest."""
 
@@ -87,7 +81,7 @@ class _Target:
 
 
 @dataclass(frozen=True)
-class Icp:
+class Icp(StartedMethod):
     """Localizes scans by ICP: the nearest map point of each scan point, a least-squares step, and again.
 
     Unknown are x, y and heading, which turns about the sensor; z, roll and pitch are the prior's, as with
@@ -114,59 +108,33 @@ class Icp:
     max_iterations : int
         Largest number of steps. Point-to-point slides along a wall by a little in each step: 50 are too few.
     step_tolerance, turn_tolerance : float
-        The iteration has come to rest when a step is shorter than this, m, and turns less than this, rad.
+        The iteration has converged when a step is shorter than this, m, and turns less than this, rad.
     target_edge : float
         The voxels of the map are merged to one point, the mean, per cube of this edge, m.
     targets : MapTargets
-        Keeps what was made of the map; methods with the same object share it.
-
-    Raises
-    ------
-    OptionError
-        If a value is out of its range.
+        Cache of what is made of the map; methods with the same object share it. Answers do not depend on it.
 
     Notes
     -----
-    An object may be used by several threads; a pickled or copied one starts with empty `targets`. The answer
-    is the same in any case.
+    Of the estimate, `score` is the number of correspondences of the last step and `share` their fraction of the points
+    of the thinned scan. `cofactor` is the inverse of the x, y block of N at the last step, with the heading held, in
+    units of one residual's variance; with `point`, N has the same weight in all directions and cannot tell an open
+    one. Status `UNDETERMINED` if N leaves a direction open or nearly so, `NO_MATCH` (and the prior) if no scan point
+    is within the gate, `NOT_CONVERGED` if the last step was not small.
     """
 
     residual: str | Residual = Residual.PLANE
-    gate: float = 1.0
-    thinning: float = 0.75
-    max_iterations: int = 100
-    step_tolerance: float = 3e-3
-    turn_tolerance: float = 5e-4
-    target_edge: float = 0.25
+    gate: float = number(1.0, "m")
+    thinning: float = number(0.75, "m", may_be_zero=True)
+    max_iterations: int = whole_number(100)
+    step_tolerance: float = number(3e-3, "m")
+    turn_tolerance: float = number(5e-4, "rad")
+    target_edge: float = number(0.25, "m")
     targets: MapTargets = field(default_factory=MapTargets, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "residual", Residual.parse(self.residual))
-        check_iteration(self)
-
-    def localize(self, scan: Scan, point_map: PointMap, prior: Pose) -> Estimate:
-        """Find the pose of a scan in the map.
-
-        Parameters
-        ----------
-        scan : Scan
-            Points of one epoch, sensor frame; its normals are not used.
-        point_map : PointMap
-            The map.
-        prior : Pose
-            T_map_sensor to start from, local frame of the map.
-
-        Returns
-        -------
-        Estimate
-            `score` is the number of correspondences of the last step, `share` that number over the points of
-            the thinned scan. `cofactor` is the inverse of the x, y block of N at the last step, with the heading
-            held: in units of one residual's variance, and for the points of the thinned scan. With `point`, N
-            has the same weight in all directions and cannot tell an open one. `runner_up` is not known.
-            Status `UNDETERMINED` if N leaves a direction open or nearly so, `NO_MATCH` (and the prior) if no scan
-            point is within the gate, `NOT_CONVERGED` if the last step was not small.
-        """
-        return self.prepare(scan, point_map, prior).align(prior)
+        check_options(self)
 
     def prepare(self, scan: Scan, point_map: PointMap, around: Pose, spread: float = 0.0) -> "_IcpAligner":
         """Thin the scan and find the map around it: what all starts within `spread` (m) of `around` share."""
@@ -188,7 +156,7 @@ class Icp:
         return _Target(points, normals, cKDTree(points, balanced_tree=False, compact_nodes=False))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class _IcpAligner:
     """A thinned scan and the map around it, ready for any start near by."""
 
@@ -208,7 +176,7 @@ class _IcpAligner:
             _, nearest = target.tree.query(placed, distance_upper_bound=method.gate)
             matched = np.flatnonzero(nearest < len(target.points))
             if not len(matched):
-                return Estimate(start, 0.0, None, Status.NO_MATCH, np.diag([np.inf, np.inf]))
+                return no_answer(start)
             partners = nearest[matched]
             equations = residual.normal_equations(
                 arms[matched], placed[matched] - target.points[partners], target.normals[partners]
@@ -227,7 +195,6 @@ class _IcpAligner:
         return Estimate(pose, float(n_matched), None, status, cofactor, n_matched / n_points)
 
     def n_near_map(self, pose: Pose, distance: float) -> int:
-        """How many points of the thinned scan lie within `distance` (m) of the map's points at a pose."""
         placed = pose.apply(self.scan.points)
         _, nearest = self.target.tree.query(placed, distance_upper_bound=distance)
         return int((nearest < len(self.target.points)).sum())

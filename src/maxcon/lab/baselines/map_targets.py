@@ -30,13 +30,9 @@ DRIFT = 5.0
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A square of the ground and all that a sensor inside it reaches.
+    """A square of the ground, of index floor(coordinate / 20 m) in the local frame, and all within `reach` (m) of it.
 
-    It follows from the start and the scan alone, so that an answer does not depend on what was localized
-    before.
-
-    column, row: index of the square, floor(coordinate / 20 m), local frame.
-    reach: m.
+    It follows from the start and the scan alone, so that an answer does not depend on what was localized before.
     """
 
     column: int
@@ -45,7 +41,7 @@ class Place:
 
     @classmethod
     def of_scan(cls, points_sensor: NDArray[np.float64], around: Pose, gate: float, spread: float) -> "Place":
-        """Place of a scan: its range, a correspondence gate and a spread of starts (m) beyond `around`."""
+        """Return the place of a scan: its range, a correspondence gate and a spread of starts (m) beyond `around`."""
         largest_range = float(np.linalg.norm(points_sensor, axis=1).max(initial=0.0))
         reach = REACH_STEP * math.ceil((largest_range + gate + spread + DRIFT) / REACH_STEP)
         return cls(math.floor(around.x / SQUARE), math.floor(around.y / SQUARE), reach)
@@ -57,7 +53,7 @@ class Place:
 
     @property
     def half_width(self) -> float:
-        """From the middle to the edge of the square that holds all within reach, m."""
+        """Half the side of the square that holds all within reach, m."""
         return 0.5 * SQUARE + self.reach
 
     def reaches(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -74,10 +70,7 @@ LEAST_AGREEMENT = 0.8
 
 
 def thin(points: NDArray[np.float64], edge: float) -> NDArray[np.float64]:
-    """Mean of the points in each cube of edge `edge` (m), shape (m, 3), ordered by (z, y, x) of the cubes.
-
-    The points themselves where `edge` is 0.
-    """
+    """Return the mean of the points in each cube of edge `edge` (m), ordered by (z, y, x); all points for 0."""
     if edge == 0.0:
         return points
     cube, n_cubes = _cubes(points, edge)
@@ -87,13 +80,10 @@ def thin(points: NDArray[np.float64], edge: float) -> NDArray[np.float64]:
 def merge_planes(
     points: NDArray[np.float64], normals: NDArray[np.floating], edge: float, *, is_signed: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Mean point and mean unit normal of each cube of edge `edge`.
+    """Return the mean point and mean unit normal of each cube of edge `edge` (m), ordered by (z, y, x).
 
-    points, normals: shape (n, 3); m; unit normals, zeros for none.
-    edge: m.
-    is_signed: whether normals are turned to the sensor's side; otherwise n and -n mean the same.
-    Returns points, normals: shape (m, 3); ordered by (z, y, x) of the cubes. A normal is zero where the normals in its
-        cube disagree or many are missing: at the edge of a house their mean belongs to no surface.
+    A normal is zero where the normals in its cube disagree or many are missing (zero): at the edge of a house their
+    mean belongs to no surface. If not signed, n and -n mean the same.
     """
     cube, n_cubes = _cubes(points, edge)
     if not is_signed:
@@ -137,11 +127,10 @@ _Planes = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 class MapTargets:
-    """Thinned tiles of maps, and what methods made of the places around the last epochs.
+    """Cache (LRU) of thinned map tiles, and of what methods made of the places around the last epochs.
 
-    Give the same object to several methods, and they share what they can. It may be used by several threads:
-    one that makes something holds up the others. A pickled or copied one is empty; answers do not depend on
-    what it holds.
+    Methods with the same object share it, also in several threads, which wait for each other. A pickled or copied one
+    is empty; answers do not depend on what it holds.
     """
 
     def __init__(self) -> None:
@@ -150,12 +139,9 @@ class MapTargets:
         self._kept = WeakKeyDictionary()
 
     def planes(self, point_map: PointMap, place: Place, edge: float) -> _Planes:
-        """Points and unit normals of the map within reach of a place, one per cube of edge `edge` of each tile.
+        """Return points and unit normals of the map within reach of a place, one per cube of `edge` (m) of each tile.
 
-        Returns
-        -------
-        points, normals : array, shape (n, 3)
-            Local frame, m; zeros for a normal where there is none (`merge_planes`).
+        Each of shape (n, 3), local frame, m; a normal is zero where there is none (`merge_planes`).
         """
         points, normals = [np.empty((0, 3))], [np.empty((0, 3))]
         for key in point_map.keys_within(*place.middle, place.half_width):

@@ -9,12 +9,10 @@ from dataclasses import dataclass, replace
 from maxcon.errors import OptionError
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose, wrap_angle
-from maxcon.lab.baselines.started import Aligner, StartedMethod, check_number, check_steps
+from maxcon.lab.baselines.started import Aligner, StartedMethod, check_options, number, whole_number
 from maxcon.map import PointMap
 from maxcon.scan import Scan
 from maxcon.search.accumulator import NamedOption
-
-__all__ = ["Choice", "MultiStart"]
 
 
 class Choice(NamedOption, option="choice"):
@@ -28,7 +26,7 @@ class Choice(NamedOption, option="choice"):
 
 
 @dataclass(frozen=True)
-class MultiStart:
+class MultiStart(StartedMethod):
     """Localizes scans from a grid of starts; the default is the paper's 5 x 5 at 1 m, all at the prior's heading.
 
     In the paper's evaluation the grid is centred at the reference, and ICP fails in an epoch if not all starts
@@ -55,32 +53,21 @@ class MultiStart:
         right one: where most starts are expected to fail, take `overlap`.
     overlap_distance : float
         A scan point within this of the map counts for the overlap, m.
-
-    Raises
-    ------
-    OptionError
-        If a value is out of its range.
     """
 
     method: StartedMethod
-    n_side: int = 5
-    spacing: float = 1.0
-    agreement_distance: float = 0.3
-    agreement_heading_deg: float = 1.0
-    n_headings: int = 1
-    heading_spacing_deg: float = 1.0
+    n_side: int = whole_number(5)
+    spacing: float = number(1.0, "m")
+    agreement_distance: float = number(0.3, "m")
+    agreement_heading_deg: float = number(1.0, "degrees")
+    n_headings: int = whole_number(1)
+    heading_spacing_deg: float = number(1.0, "degrees")
     choice: str | Choice = Choice.AGREEMENT
-    overlap_distance: float = 0.3
+    overlap_distance: float = number(0.3, "m")
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "choice", Choice.parse(self.choice))
-        check_steps("n_side", self.n_side, 5)
-        check_number("spacing", self.spacing, 1.0, "m")
-        check_number("agreement_distance", self.agreement_distance, 0.3, "m")
-        check_number("agreement_heading_deg", self.agreement_heading_deg, 1.0, "degrees")
-        check_steps("n_headings", self.n_headings, 1)
-        check_number("heading_spacing_deg", self.heading_spacing_deg, 1.0, "degrees")
-        check_number("overlap_distance", self.overlap_distance, 0.3, "m")
+        check_options(self)
 
     def starts(self, centre: Pose) -> list[Pose]:
         """Poses around `centre`, in map axes, in the order (heading, y, x); all else is that of `centre`."""
@@ -103,22 +90,9 @@ class MultiStart:
         return self.method.prepare(scan, point_map, around, self.largest_offset + spread)
 
     def estimates(self, scan: Scan, point_map: PointMap, centre: Pose) -> list[Estimate]:
-        """Where the method ends from each start.
+        """Return where the method ends from each of `starts` around `centre`: the prior, or a reference.
 
-        Parameters
-        ----------
-        scan : Scan
-            Points of one epoch, sensor frame.
-        point_map : PointMap
-            The map.
-        centre : Pose
-            T_map_sensor, local frame of the map: the prior, or the reference of an evaluation.
-
-        Returns
-        -------
-        list of Estimate
-            In the order of `starts`; with the choice `overlap`, `score` is how many points of the thinned scan
-            end near the map.
+        With the choice `overlap`, `score` is how many points of the thinned scan end near the map.
         """
         aligner = self.prepare(scan, point_map, centre)
         ends = [aligner.align(start) for start in self.starts(centre)]
@@ -130,14 +104,9 @@ class MultiStart:
     def choose(self, estimates: Sequence[Estimate]) -> Estimate:
         """Return the end with the highest score, the first of equal ones: correspondences, or the overlap.
 
-        By agreement, what would be `LOCALIZED` is `AMBIGUOUS` if not all starts ended within 0.3 m and 1 degree of
-        it (the options say how near). Most correspondences need not be the right place: in a street of equal houses
-        every house has about as many.
-
-        Raises
-        ------
-        OptionError
-            If there are no estimates.
+        By agreement, what would be `LOCALIZED` is `AMBIGUOUS` if not all starts ended within the agreement's distance
+        and heading of it. Most correspondences need not be the right place: in a street of equal houses every house has
+        about as many. OptionError if there are no estimates.
         """
         if not estimates:
             raise OptionError("Expected the estimates of at least one start, got none.")
@@ -149,7 +118,7 @@ class MultiStart:
         return best
 
     def localize(self, scan: Scan, point_map: PointMap, prior: Pose) -> Estimate:
-        """Find the pose of a scan in the map: what `choose` makes of `estimates` around the prior."""
+        """Return what `choose` makes of `estimates` around the prior."""
         return self.choose(self.estimates(scan, point_map, prior))
 
     def _agrees(self, pose: Pose, best: Pose) -> bool:

@@ -234,9 +234,9 @@ def _summary(result: MethodResult) -> MethodSummary:
         n_epochs=accuracy.n_epochs,
         n_localized=result.n_localized,
         n_success=accuracy.n_success,
-        median_error=accuracy.median_distance,
-        worst_error=accuracy.worst_distance,
-        worst_heading_error_deg=math.degrees(accuracy.worst_heading),
+        median_error=accuracy.distance.median,
+        worst_error=accuracy.distance.worst,
+        worst_heading_error_deg=math.degrees(accuracy.heading.worst),
         median_ms=result.median_milliseconds,
     )
 

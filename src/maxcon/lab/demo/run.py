@@ -15,7 +15,6 @@ from maxcon.geometry import Pose
 from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.dataset import Dataset
-from maxcon.lab.dataset_options import dataset_map_options
 from maxcon.lab.evaluation import Accuracy, PoseError, pose_error, summarize
 from maxcon.lab.report.pages import check_jinja2
 from maxcon.lab.simulation import simulate
@@ -135,7 +134,7 @@ def prepare_demo(folder: Path, *, n_epochs: int, seed: int, progress: Progress, 
         mapping_wait=MAPPING_WAIT,
         progress=lambda done, total: progress("simulating the city and its drives", done, total),
     )
-    build_map(dataset.map_clouds, folder / "city.map", dataset_map_options(dataset), progress=progress)
+    build_map(dataset.map_clouds, folder / "city.map", dataset.map_options(), progress=progress)
     return DemoDrive(
         PointMap.open(folder / "city.map"), dataset, read_trajectory(dataset.prior), read_trajectory(dataset.reference)
     )

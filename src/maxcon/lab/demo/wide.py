@@ -8,10 +8,9 @@ from pathlib import Path
 from maxcon._system.progress import Progress
 from maxcon.errors import MissingExtraError
 from maxcon.lab.baselines import check_small_gicp
-from maxcon.lab.dataset_options import dataset_map_options
 from maxcon.lab.demo.run import DemoDrive
 from maxcon.lab.simulation import PriorErrors
-from maxcon.lab.study.bench import BenchPlan
+from maxcon.lab.study.bench import Bench
 from maxcon.lab.study.methods import StudyMethod
 from maxcon.lab.study.prior_trials import (
     GICP_FROM_MANY,
@@ -105,10 +104,10 @@ def try_wide_priors(drive: DemoDrive, folder: Path, *, seed: int, progress: Prog
     seed: of the priors.
     progress: called with (step, done, of how many).
     """
-    options = dataset_map_options(drive.dataset, keeps_ground=True)
+    options = drive.dataset.map_options(keeps_ground=True)
     build_map(drive.dataset.map_clouds, folder / GROUND_MAP, options, progress=progress)
     maps = {"standard": folder / "city.map", "ground": folder / GROUND_MAP}
-    bench = BenchPlan(drive.dataset, maps).open()
+    bench = Bench.open(drive.dataset, maps)
     epochs = spread_epochs(len(bench.scans), min(len(bench.scans), MOST_EPOCHS))
     by_level = [(level, _methods(level)) for level in WIDE_LEVELS]
     trials: list[PriorTrial] = []

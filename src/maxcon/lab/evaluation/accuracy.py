@@ -10,17 +10,6 @@ import numpy as np
 
 from maxcon.geometry import Pose, wrap_angle
 
-__all__ = [
-    "SUCCESS_DISTANCE",
-    "SUCCESS_HEADING",
-    "SUCCESS_WORDS",
-    "Accuracy",
-    "PoseError",
-    "Quantiles",
-    "pose_error",
-    "summarize",
-]
-
 SUCCESS_DISTANCE = 0.3
 SUCCESS_HEADING = math.radians(1.0)
 SUCCESS_WORDS = f"{SUCCESS_DISTANCE:g} m and {math.degrees(SUCCESS_HEADING):g}°"
@@ -31,8 +20,7 @@ SUCCESS_WORDS = f"{SUCCESS_DISTANCE:g} m and {math.degrees(SUCCESS_HEADING):g}°
 class PoseError:
     """How far a pose is from the reference, in x, y and heading.
 
-    along: in the direction of the reference's heading, signed, m.
-    across: to the left of that direction, signed, m.
+    along, across: in the direction of the reference's heading, and to the left of it, signed, m.
     heading: counter-clockwise, signed, rad.
     """
 
@@ -102,21 +90,6 @@ class Accuracy:
     along: Quantiles
     across: Quantiles
     heading: Quantiles
-
-    @property
-    def median_distance(self) -> float:
-        """Median horizontal error, m; NaN where nothing was localized."""
-        return self.distance.median
-
-    @property
-    def worst_distance(self) -> float:
-        """Largest horizontal error, m; NaN where nothing was localized."""
-        return self.distance.worst
-
-    @property
-    def worst_heading(self) -> float:
-        """Largest absolute heading error, rad; NaN where nothing was localized."""
-        return self.heading.worst
 
 
 def summarize(errors: Sequence[PoseError | None]) -> Accuracy:

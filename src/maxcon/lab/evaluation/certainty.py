@@ -11,32 +11,30 @@ from numpy.typing import ArrayLike, NDArray
 from maxcon.errors import ArrayError, OptionError
 
 CONFIDENCE = 0.95
-NORMAL_QUANTILE_975 = 1.959963984540054
 
 
 def clopper_pearson(n_found: int, n_epochs: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Return the ends, 0 to 1, of Clopper and Pearson's confidence interval of a rate; (0, 1) where there is no epoch.
+    """Return the ends, 0 to 1, of Clopper and Pearson's interval of the rate of an event; (0, 1) without epochs.
 
-    n_found, n_epochs: in how many of how many epochs the event was found.
-    confidence: above 0, below 1: at least so often the interval holds the true rate.
-
-    It holds the rates at which finding at most `n_found`, and finding at least `n_found`, both have a probability of
-    (1 - confidence) / 2 or more (Clopper and Pearson, 1934): its ends are quantiles of beta distributions. Epochs are
-    taken for independent.
+    At least as often as `confidence` (0 to 1) it holds the true rate, if epochs are independent (Clopper and Pearson,
+    1934). OptionError for impossible counts.
     """
-    _check(n_found, n_epochs, confidence)
-    from scipy.special import betaincinv
+    if not 0 <= n_found <= n_epochs:
+        raise OptionError(f"Expected from 0 to {n_epochs} of {n_epochs} epochs, got {n_found}.")
+    if not 0.0 < confidence < 1.0:
+        raise OptionError(f"Expected `confidence` above 0 and below 1, got {confidence}. The default is {CONFIDENCE}.")
+    if n_epochs == 0:
+        return 0.0, 1.0
+    from scipy.stats import binomtest
 
-    tail = 0.5 * (1.0 - confidence)
-    low = 0.0 if n_found == 0 else float(betaincinv(n_found, n_epochs - n_found + 1, tail))
-    high = 1.0 if n_found == n_epochs else float(betaincinv(n_found + 1, n_epochs - n_found, 1.0 - tail))
-    return low, high
+    interval = binomtest(n_found, n_epochs).proportion_ci(confidence, method="exact")
+    return float(interval.low), float(interval.high)
 
 
 def upper_bound(n_found: int, n_epochs: int, confidence: float = CONFIDENCE) -> float:
     """Return the one-sided upper limit, 0 to 1, of the rate of an event found in `n_found` of `n_epochs`.
 
-    With 95 % about 3 / n_epochs where it was never found. The upper end of `clopper_pearson`, with 1 - confidence
+    With 95 % about 3 / n_epochs where it was never found: the upper end of `clopper_pearson`, with 1 - confidence
     beyond it and not half of that.
     """
     if not 0.5 < confidence < 1.0:
@@ -47,45 +45,33 @@ def upper_bound(n_found: int, n_epochs: int, confidence: float = CONFIDENCE) -> 
 
 
 def wilson_interval(
-    n_successes: ArrayLike, n_trials: ArrayLike, quantile: float = NORMAL_QUANTILE_975
+    n_successes: ArrayLike, n_trials: ArrayLike, confidence: float = CONFIDENCE
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the lower and upper ends of Wilson's interval of a success rate, 0 to 1.
+    """Return the lower and upper ends, 0 to 1, of Wilson's intervals of success rates (Wilson, 1927).
 
-    n_successes, n_trials: shape (m,); successes and trials of each rate.
-    quantile: z of the normal distribution; the default makes it an interval of 95 %.
-    Returns low, high: shape (m,); NaN where there was no trial.
-
-    (p + z^2 / 2n -+ z sqrt(p (1 - p) / n + z^2 / 4n^2)) / (1 + z^2 / n), p = successes / n (Wilson, 1927). Unlike
-    p -+ z sqrt(p (1 - p) / n) it does not shrink to nothing where all epochs succeed. It is
-    narrower than `clopper_pearson`: it holds the true rate that often on average over the rates, not for each.
+    Successes and trials, shape (m,); NaN without trials. It is narrower than that of `clopper_pearson`: it holds the
+    true rate that often on average over the rates, not for each.
     """
-    n = np.asarray(n_trials, dtype=np.float64)
-    n = np.where(n > 0.0, n, np.nan)
-    rate = np.asarray(n_successes, dtype=np.float64) / n
-    z2 = quantile * quantile
-    center = rate + z2 / (2.0 * n)
-    half = quantile * np.sqrt(rate * (1.0 - rate) / n + z2 / (4.0 * n * n))
-    low, high = (center - half) / (1.0 + z2 / n), (center + half) / (1.0 + z2 / n)
-    return np.clip(low, 0.0, 1.0), np.clip(high, 0.0, 1.0)
+    from scipy.stats import binomtest
+
+    ends = [
+        binomtest(int(k), int(n)).proportion_ci(confidence, method="wilson") if n else (math.nan, math.nan)
+        for k, n in zip(np.atleast_1d(n_successes), np.atleast_1d(n_trials), strict=True)
+    ]
+    low, high = np.array(ends, dtype=np.float64).reshape(-1, 2).T
+    return low, high
 
 
 def least_to_prove(rate: float, confidence: float = CONFIDENCE) -> int:
-    """Return how many epochs, none of them bad, prove that the rate of bad ones is at most `rate`, 0 to 1."""
+    """Return how many epochs, none of them bad, prove that at most a fraction `rate` is bad."""
     if not 0.0 < rate < 1.0:
         raise OptionError(f"Expected `rate` above 0 and below 1, got {rate}. None proves a rate of 0.")
     return math.ceil(math.log(1.0 - confidence) / math.log1p(-rate))
 
 
-def _check(n_found: int, n_epochs: int, confidence: float) -> None:
-    if not 0 <= n_found <= n_epochs:
-        raise OptionError(f"Expected from 0 to {n_epochs} of {n_epochs} epochs, got {n_found}.")
-    if not 0.0 < confidence < 1.0:
-        raise OptionError(f"Expected `confidence` above 0 and below 1, got {confidence}. The default is 0.95.")
-
-
 SIGMAS = (1.0, 2.0, 3.0)
 PROMISED = tuple(math.erf(k / math.sqrt(2.0)) for k in SIGMAS)
-"""Shares of normally distributed errors within 1, 2 and 3 sigma: 68.3, 95.4 and 99.7 %."""
+"""Fractions of normally distributed errors within 1, 2 and 3 sigma: 68.3, 95.4 and 99.7 %."""
 PROMISED_PLANE = tuple(1.0 - math.exp(-0.5 * k * k) for k in SIGMAS)
 """The same for two errors together, within ellipses of 1, 2 and 3 sigma: 39.3, 86.5 and 98.9 %."""
 
@@ -96,10 +82,8 @@ class Coverage:
 
     n_epochs: how many errors have a predicted sigma.
     n_within: of these, how many are at most 1, 2 and 3 sigma.
-    rms: root of the mean square of errors over sigmas: 1 where the sigmas hold; one gross error makes it large. NaN
-        without errors.
-    median: median of absolute errors over sigmas: 0.67 where the sigmas hold, 1.18 for the length of two errors
-        together. NaN without errors.
+    rms: of errors over sigmas: 1 where the sigmas hold; one gross error makes it large. NaN without errors.
+    median: of absolute errors over sigmas: 0.67 where the sigmas hold, 1.18 for the length of two errors together.
     """
 
     n_epochs: int
@@ -126,12 +110,12 @@ class Coverage:
 
     @property
     def shares(self) -> tuple[float, ...]:
-        """Shares of the errors within 1, 2 and 3 sigma, 0 to 1; NaN without epochs."""
+        """Fractions of the errors within 1, 2 and 3 sigma, 0 to 1; NaN without epochs."""
         return tuple(n / self.n_epochs if self.n_epochs else math.nan for n in self.n_within)
 
     @property
     def intervals(self) -> tuple[tuple[float, float], ...]:
-        """Ends of the 95 % interval of each share (`clopper_pearson`)."""
+        """Ends of the 95 % interval of each fraction (`clopper_pearson`)."""
         return tuple(clopper_pearson(n, self.n_epochs) for n in self.n_within)
 
 
@@ -140,9 +124,8 @@ class MeanSquare:
     """Normalized squared errors of x and y (NEES, e' P^-1 e) over a drive, halved: 1 where the covariances P hold.
 
     n_epochs: how many epochs have a NEES.
-    mean: mean of NEES / 2: above 1 where errors are larger than predicted; one gross error makes it large. NaN without
-        epochs.
-    median: median of NEES over the one expected, 2 ln 2: 1 where most covariances hold. NaN without epochs.
+    mean: of NEES / 2: above 1 where errors are larger than predicted; one gross error makes it large.
+    median: of NEES over the one expected, 2 ln 2: 1 where most covariances hold.
     low, high: if the covariances held, 95 % of the means over so many epochs would lie between these.
     """
 
@@ -160,10 +143,10 @@ class MeanSquare:
         n = len(values)
         if n == 0:
             return cls(0, math.nan, math.nan, math.nan, math.nan)
-        from scipy.special import chdtri
+        from scipy.stats import chi2
 
-        # The sum of n squares of two errors has a chi-square distribution of 2 n degrees of freedom.
-        low, high = (float(chdtri(2 * n, above)) / (2 * n) for above in (0.975, 0.025))
+        low, high = chi2.interval(0.95, 2 * n)  # of the sum of the squares of n times two errors
+        low, high = float(low) / (2 * n), float(high) / (2 * n)
         return cls(n, float(values.mean()) / 2.0, float(np.median(values)) / (2.0 * math.log(2.0)), low, high)
 
 
@@ -190,12 +173,10 @@ class ProtectionCounts:
 
     @classmethod
     def of(cls, errors: ArrayLike, levels: ArrayLike, alert_limit: float = ALERT_LIMIT) -> "ProtectionCounts":
-        """Count the epochs in each region.
+        """Count the epochs in each region, each by its worst direction.
 
-        errors: shape (n,) or (n, k); of each epoch, in k directions, in metres; the sign does not matter. An epoch
-            counts by its worst direction.
-        levels: shape as errors; protection levels, in metres; NaN where there is none.
-        alert_limit: largest error that is not dangerous, in metres.
+        errors, levels: shape (n,) or (n, k), of each epoch in k directions, m; a level is NaN where there is none.
+        alert_limit: largest error that is not dangerous, m.
         """
         wrong = np.abs(np.asarray(errors, dtype=np.float64))
         level = np.asarray(levels, dtype=np.float64)
@@ -205,8 +186,7 @@ class ProtectionCounts:
             )
         if not 0.0 < alert_limit < np.inf:
             raise OptionError(f"Expected `alert_limit` above 0 m, got {alert_limit}. The default is {ALERT_LIMIT}.")
-        if wrong.ndim == 1:
-            wrong, level = wrong[:, None], level[:, None]
+        wrong, level = (values[:, None] if values.ndim == 1 else values for values in (wrong, level))
         has_level = np.asarray((np.isfinite(level) & np.isfinite(wrong)).all(axis=1))
         is_used = has_level & (np.where(has_level[:, None], level, np.inf) <= alert_limit).all(axis=1)
         is_hazardous = is_used & (wrong > alert_limit).any(axis=1)
@@ -250,14 +230,13 @@ class ProtectionCounts:
         return upper_bound(self.n_hazardous, self.n_used)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class RiskCoverage:
     """How many answers are wrong among the k most trusted, for every k: the risk-coverage curve.
 
     n_epochs: all epochs, those without an answer too.
-    n_accepted: shape (k,); int64, rising: how many answers are accepted, one step per degree of trust; those of equal
-        trust are accepted together.
-    n_wrong: shape (k,); int64: how many of the accepted ones are wrong.
+    n_accepted, n_wrong: shape (k,); how many answers are accepted, those of equal trust together, and how many of these
+        are wrong.
     n_trusted, n_trusted_wrong: how many answers may be used as the method itself says, and how many of these are wrong.
     """
 
@@ -271,12 +250,11 @@ class RiskCoverage:
     def of(
         cls, is_right: ArrayLike, is_answer: ArrayLike, is_trusted: ArrayLike, runner_up: ArrayLike
     ) -> "RiskCoverage":
-        """Sort answers by trust: first those that the method trusts, then the others, both by their runner-up.
+        """Sort answers by trust: first those that the method trusts, then the others, both by their second best.
 
-        is_right, is_answer, is_trusted: shape (n,); bool: whether each epoch is a success, has a pose, and whether the
-            method says that it may be used.
-        runner_up: shape (n,); score of the next best place over that of the answer: lower is more trusted. NaN, where a
-            method has none, is trusted less than any number.
+        is_right, is_answer, is_trusted: shape (n,); whether an epoch is a success, has a pose, and may be used as the
+            method says.
+        runner_up: shape (n,); second best score over the best: lower is more trusted, NaN least.
         """
         right, answered, trusted = (np.asarray(each, dtype=bool) for each in (is_right, is_answer, is_trusted))
         rivals = np.asarray(runner_up, dtype=np.float64)

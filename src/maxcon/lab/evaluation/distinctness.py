@@ -14,13 +14,11 @@ from maxcon.search.accumulator import Accumulator, highest
 from maxcon.search.objectives import Objective, Scores, checked_scores
 from maxcon.search.space import Cell, SearchSpace
 
-__all__ = ["GUARD_RADIUS", "SPREAD_SHARE", "Distinctness", "distinctness", "significant_ray"]
-
 GUARD_RADIUS = 0.3
 """Cells nearer to the peak than this cannot be its rival, the second peak, m (design, section 4)."""
 
-SPREAD_SHARE = 0.9
-"""The spread is how far cells go that reach this share of the peak's score."""
+SPREAD_RATIO = 0.9
+"""The spread is how far cells go that reach this fraction of the peak's score."""
 
 # A Laplace distribution of standard deviation sigma falls by exp(-sqrt(2) / sigma) per unit; sigma = 1 cell.
 LAPLACE_DECAY = math.sqrt(2.0)
@@ -56,7 +54,10 @@ class Distinctness:
 def distinctness(
     accumulator: Accumulator, objective: Objective, *, guard_radius: float = GUARD_RADIUS, scores: Scores | None = None
 ) -> Distinctness:
-    """Measures of how distinct the best cell is.
+    """Return measures of how distinct the best cell is.
+
+    The ray ends where the search space ends, so kurtosis and divergence depend on where in the space the peak lies:
+    compare objectives on the same accumulator. The paper's search spaces are centred on the reference.
 
     Parameters
     ----------
@@ -69,22 +70,13 @@ def distinctness(
     scores : array, shape (headings, ny, nx), optional
         ``accumulator.score(objective)``, where it is known already; `objective` is not used then.
 
-    Returns
-    -------
-    Distinctness
-
     Raises
     ------
     ArrayError
-        If scores have another shape, are negative or not finite: a share of the peak needs a zero that
+        If scores have another shape, are negative or not finite: a fraction of the peak needs a zero that
         means "nothing". They are not shifted, as the measures would depend on the lowest cell then.
     OptionError
         If the guard radius is negative or not finite.
-
-    Notes
-    -----
-    The ray ends where the search space ends, so kurtosis and divergence depend on where in the space the peak lies:
-    compare objectives on the same accumulator. The paper's search spaces are centred on the reference.
     """
     if not 0.0 <= guard_radius < math.inf:
         raise OptionError(f"Expected `guard_radius` >= 0 m, got {guard_radius}. The default is {GUARD_RADIUS:g}.")
@@ -94,11 +86,11 @@ def distinctness(
     if scores[peak] == 0.0:
         return Distinctness(math.nan, math.nan, math.nan, math.nan)
     offsets, along = significant_ray(accumulator, scores, peak)
-    places, shares = offsets / space.cell_edge, along / along.sum()
+    places, fractions = offsets / space.cell_edge, along / along.sum()
     return Distinctness(
         peak_ratio=peak_ratio(scores, peak, space, guard_radius),
-        kurtosis=_kurtosis(places, shares),
-        divergence=_divergence(places, shares),
+        kurtosis=_kurtosis(places, fractions),
+        divergence=_divergence(places, fractions),
         spread=_spread(scores, peak, space),
     )
 
@@ -106,19 +98,19 @@ def distinctness(
 def significant_ray(
     accumulator: Accumulator, scores: Scores, cell: Cell
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Scores along the least determined direction through a cell (design, section 4).
+    """Return the scores along the least determined direction through a cell, and where they are (design, section 4).
 
     The line lies in the heading plane of the cell and points along the eigenvector of the cell's normal matrix N with
     the smallest eigenvalue: that of the largest of Q, but it exists where N is singular, too. Where N prefers no
     direction (no matches, or equal eigenvalues) it is the y axis.
 
-    accumulator: moments of all cells.
-    scores: shape (headings, ny, nx); score of each cell.
-    cell: (heading, y, x) that the line goes through: the best cell.
-    Returns offsets: shape (k,), m; signed distances from the cell, ascending, a cell edge apart, as far as the search
-        space goes; 0 is among them. Positive is towards +x; towards +y where the line is the y axis.
-    Returns scores: shape (k,); interpolated bilinearly between the four cells around each place; that of the cell
-        itself at 0.
+    Returns
+    -------
+    offsets : array, shape (k,)
+        Distances from the cell, a cell edge apart, as far as the search space goes, m; positive towards +x, or towards
+        +y where the line is the y axis.
+    scores : array, shape (k,)
+        Interpolated bilinearly between the four cells around each place.
     """
     scores = _checked(scores, accumulator.space)
     heading, iy, ix = cell
@@ -131,7 +123,7 @@ def significant_ray(
 
 
 def _checked(scores: Scores, space: SearchSpace) -> Scores:
-    """Scores as float64; an ArrayError where shares of the peak would mean nothing."""
+    """Scores as float64; ArrayError where fractions of the peak would mean nothing."""
     scores = checked_scores(np.asarray(scores, dtype=np.float64), space.shape)
     lowest, top = scores.min(), scores.max()
     if lowest < 0.0 or not np.isfinite(top):
@@ -170,34 +162,30 @@ def _interpolated(plane: NDArray[np.float64], x: NDArray[np.float64], y: NDArray
     return values
 
 
-def _kurtosis(places: NDArray[np.float64], shares: NDArray[np.float64]) -> float:
-    """Fourth central moment over the squared variance of a distribution; NaN where one place has it all.
-
-    places, shares : shape (k,), in cells, and summing to 1.
-    """
-    deviations = places - shares @ places
-    variance = float(shares @ deviations**2)
-    if np.count_nonzero(shares) < 2:
+def _kurtosis(places: NDArray[np.float64], fractions: NDArray[np.float64]) -> float:
+    """Fourth central moment over the squared variance of a distribution; NaN where one place has it all."""
+    deviations = places - fractions @ places
+    variance = float(fractions @ deviations**2)
+    if np.count_nonzero(fractions) < 2:
         return math.nan
-    return float(shares @ deviations**4) / variance / variance
+    return float(fractions @ deviations**4) / variance / variance
 
 
-def _divergence(places: NDArray[np.float64], shares: NDArray[np.float64]) -> float:
-    """Sum of p log(p / q), nats: p the shares, q the Laplace density at the same places, both summing to 1.
+def _divergence(places: NDArray[np.float64], fractions: NDArray[np.float64]) -> float:
+    """Sum of p log(p / q), nats: p the fractions, q the Laplace density at places in cells from the peak; NaN for one.
 
-    places : shape (k,), in cells from the peak. NaN for one place, where p = q = 1 whatever the scores. In logarithms,
-    since q underflows some 530 cells from the peak.
+    In logarithms, since q underflows some 530 cells from the peak.
     """
     if len(places) < 2:
         return math.nan
     log_density = -LAPLACE_DECAY * np.abs(places)
     log_density -= math.log(float(np.exp(log_density).sum()))
-    is_present = shares > 0.0
-    present = shares[is_present]
+    is_present = fractions > 0.0
+    present = fractions[is_present]
     return max(0.0, float(present @ (np.log(present) - log_density[is_present])))  # not -1e-17
 
 
 def _spread(scores: Scores, peak: Cell, space: SearchSpace) -> float:
     """Largest horizontal distance from the peak to a cell reaching 90 % of it, m."""
-    _, iy, ix = np.nonzero(scores >= SPREAD_SHARE * scores[peak])
+    _, iy, ix = np.nonzero(scores >= SPREAD_RATIO * scores[peak])
     return float(np.hypot(iy - peak[1], ix - peak[2]).max()) * space.cell_edge

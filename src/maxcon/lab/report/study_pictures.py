@@ -24,7 +24,7 @@ from maxcon.lab.report.plots.overview_plot import plot_overview
 from maxcon.lab.report.study_claims import HELMERT
 from maxcon.lab.report.study_statistics import common_epochs, draw_statistics
 from maxcon.lab.study import MethodRows, Study, known_methods
-from maxcon.lab.study.bench import REFERENCE, Bench, BenchPlan
+from maxcon.lab.study.bench import REFERENCE, Bench
 from maxcon.lab.study.configuration import check_parts, dataset_parts
 from maxcon.lab.study.methods import STANDARD
 from maxcon.localizer import MaximumConsensus
@@ -226,7 +226,7 @@ def open_scenes(
         if prior not in (*opened.priors, REFERENCE):
             raise FileError(f"Expected the prior {prior} in {opened.path}, got {', '.join(opened.priors)}.")
         path = opened.map_path or study.folder / "maps" / f"{STANDARD}.map"
-        bench = BenchPlan(opened, {STANDARD: path}, DriveOptions(**configuration.options)).open()
+        bench = Bench.open(opened, {STANDARD: path}, DriveOptions(**configuration.options))
         if len(bench.scans) != configuration.n_scans:
             raise FileError(
                 f"Expected the {configuration.n_scans} scans of the study in {opened.scans}, got {len(bench.scans)}."

@@ -10,7 +10,7 @@ import numpy as np
 
 from maxcon.io.crs import GeographicFrame
 from maxcon.io.recordings.writing import Entry, RecordingKind, open_writer
-from maxcon.io.scans import Scans, open_scans
+from maxcon.io.scans import Scans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.dataset import Dataset
 from maxcon.lab.simulation.dataset_files import CRS
@@ -35,7 +35,7 @@ def record_dataset(dataset: Dataset, kind: RecordingKind) -> Path:
     """
     path = dataset.folder / f"drive.{kind.value}"
     odometry = None if dataset.odometry is None else read_trajectory(dataset.odometry)
-    scans, prior = open_scans(dataset.scans, dataset.times), read_trajectory(dataset.prior)
+    scans, prior = dataset.open_scans(), read_trajectory(dataset.prior)
     with open_writer(path, kind) as writer:
         for entry in drive_messages(scans, prior, dataset.crs or CRS, odometry=odometry):
             writer.write(entry)

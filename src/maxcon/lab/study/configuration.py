@@ -7,10 +7,11 @@ import json
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 from maxcon._system.atomic import write_json
-from maxcon._system.regular_file import open_regular
+from maxcon._system.checked import checked, read_json
+from maxcon._system.regular_file import sha256_of_file
 from maxcon._system.resumable import differences
 from maxcon._system.version import __version__
 from maxcon.drive.localize import DriveOptions
@@ -19,14 +20,24 @@ from maxcon.errors import FileError, OptionError
 from maxcon.lab.dataset import Dataset
 from maxcon.lab.study.methods import MAP_VARIANTS, StudyMethod
 
-__all__ = ["CONFIGURATION", "Configuration", "check_parts", "dataset_parts"]
-
 CONFIGURATION = "study.json"
-LARGEST_CONFIGURATION = 2**24
+LARGEST = 2**24
+"""Bytes."""
 MAP_AND_SCANS = "description of map and scans"
 
 
-@dataclass(frozen=True)
+class Run(TypedDict, total=False):
+    """One run of a study; rows made, and seconds, once it is done."""
+
+    methods: list[str]
+    priors: list[str]
+    n_epochs: int
+    n_workers: int
+    n_rows: int
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
 class Configuration:
     """Everything that a study was run with.
 
@@ -37,17 +48,17 @@ class Configuration:
     options: range limits of the scans, and gaps of prior and reference to interpolate across.
     methods: description of each method, by its name, in the order of the table.
     maps: how each map differs, by its name.
-    runs: each run: methods, priors, number of epochs, processes; and seconds and rows made, once it is done.
+    runs: each run of the study.
     """
 
     version: str
     dataset: str
     parts: dict[str, str]
     n_scans: int
-    options: dict[str, Any] = field(default_factory=dict)
-    methods: dict[str, Any] = field(default_factory=dict)
-    maps: dict[str, Any] = field(default_factory=dict)
-    runs: list[dict[str, Any]] = field(default_factory=list)
+    options: dict[str, float] = field(default_factory=dict)
+    methods: dict[str, dict[str, Any]] = field(default_factory=dict)
+    maps: dict[str, dict[str, Any]] = field(default_factory=dict)
+    runs: list[Run] = field(default_factory=list)
 
     @classmethod
     def of(
@@ -76,47 +87,20 @@ class Configuration:
 
     @classmethod
     def read(cls, folder: Path) -> "Configuration":
-        """Return the configuration of the study in a folder."""
+        """Return the configuration of the study in a folder; FileError if there is none."""
+        what, advice = "a study", "Make one with maxcon study DATASET -o STUDY"
         path = folder / CONFIGURATION
-        try:
-            with open_regular(path) as stream:
-                text = stream.read(LARGEST_CONFIGURATION + 1)
-            named = json.loads(text.decode("utf-8"))
-            found = cls(**named)
-            found._check_kinds()
-        except (OSError, ValueError, TypeError, AttributeError, RecursionError) as error:
-            reason = error.strerror if isinstance(error, OSError) else error
-            raise FileError(
-                f"Expected a study in {folder}, got: {reason} ({path.name})."
-                " Make one with maxcon study DATASET -o STUDY."
-            ) from error
-        return found
-
-    def _check_kinds(self) -> None:
-        """Refuse what another program has put into the file where names and numbers are expected."""
-        tables = [self.parts, self.options, self.methods, self.maps]
-        tables += [*_listed(self.methods), *_listed(self.runs)]
-        words = [self.version, self.dataset, *_listed(self.parts)]
-        words += [name for run in self.runs for key in ("priors", "methods") for name in run.get(key, ())]
-        numbers = [self.n_scans, *_listed(self.options)]
-        numbers += [run.get(key, 0) for run in self.runs for key in ("n_epochs", "n_workers", "n_rows", "seconds")]
-        for values, kind, what in (
-            (tables, dict, "a table"), (words, str, "a name"), (numbers, int | float, "a number"),
-        ):  # fmt: skip
-            wrong = [value for value in values if not isinstance(value, kind)]
-            if wrong:
-                raise TypeError(f"{str(wrong[0])[:40]!r} where {what} should be")
+        return checked(read_json(path, what, advice, LARGEST), cls, path, what, advice)
 
     def write(self, folder: Path) -> None:
         """Write it into the folder of a study."""
         write_json(folder / CONFIGURATION, asdict(self))
 
     def joined(self, other: "Configuration", with_rows: Collection[str]) -> "Configuration":
-        """Return this configuration with the methods of another run of the same study.
+        """Return this configuration with the methods of the run that begins; OptionError if it is another study.
 
-        other: of the run that begins.
-        with_rows: methods that have rows already: they must be the same as before. Without any, priors and reference
-            may have changed: a run that was stopped, or refused, before its first row has made maps only.
+        Methods `with_rows` must be as before. Without any, priors and reference may have changed: a run that was
+        stopped, or refused, before its first row has made maps only.
         """
         for what, mine, theirs in (
             ("made by maxcon", self.version, other.version),
@@ -128,8 +112,8 @@ class Configuration:
                     f"Expected to go on with the study {what} {mine}, got {theirs}."
                     " Name another folder for a new study."
                 )
-        mine = self.parts if with_rows else {MAP_AND_SCANS: self.parts.get(MAP_AND_SCANS, "")}
-        check_parts(mine, other.parts)
+        parts = self.parts if with_rows else {MAP_AND_SCANS: self.parts.get(MAP_AND_SCANS, "")}
+        check_parts(parts, other.parts)
         for name in other.methods:
             if name in with_rows and self.methods.get(name) != other.methods[name]:
                 raise OptionError(
@@ -141,21 +125,10 @@ class Configuration:
         return replace(
             self,
             dataset=other.dataset,
-            parts=mine | other.parts,
+            parts=parts | other.parts,
             methods=kept | other.methods,
             maps=self.maps | other.maps,
         )
-
-    def with_run(self, run: dict[str, Any]) -> "Configuration":
-        """Return the configuration with one more run, which may be filled in later."""
-        return replace(self, runs=[*self.runs, run])
-
-
-def _listed(values: Any) -> list[Any]:
-    """Return the values of a table, or of a list; none of anything else."""
-    if isinstance(values, dict):
-        return list(values.values())
-    return values if isinstance(values, list) else []
 
 
 def dataset_parts(dataset: Dataset) -> dict[str, str]:
@@ -164,19 +137,13 @@ def dataset_parts(dataset: Dataset) -> dict[str, str]:
     inside = dataset.folder.resolve()
     words = json.dumps(described, default=lambda path: str(path.resolve()).removeprefix(str(inside)), sort_keys=True)
     files = {"reference": dataset.reference, **{f"prior {name}": path for name, path in dataset.priors.items()}}
-    return {
-        MAP_AND_SCANS: hashlib.sha256(words.encode()).hexdigest(),
-        **{name: _checksum(path) for name, path in files.items()},
-    }
-
-
-def _checksum(path: Path) -> str:
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
+        checksums = {name: sha256_of_file(path) for name, path in files.items()}
     except OSError as error:
         raise FileError(
-            f"Expected to be able to read {path}, got: {error.strerror or error}. Check it and its permissions."
+            f"Expected to be able to read {error.filename}, got: {error.strerror}. Check it and its permissions."
         ) from error
+    return {MAP_AND_SCANS: hashlib.sha256(words.encode()).hexdigest(), **checksums}
 
 
 def check_parts(mine: Mapping[str, str], theirs: Mapping[str, str]) -> None:

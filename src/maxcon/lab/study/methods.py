@@ -4,7 +4,8 @@
 
 import difflib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from maxcon.errors import MissingExtraError, OptionError
 from maxcon.lab.baselines import CountThenGicp, Gicp, Icp, MapTargets, MultiStart, check_small_gicp
 from maxcon.lab.dataset import Dataset
 from maxcon.localizer import MaximumConsensus
-from maxcon.search.objectives import OBJECTIVES, Count, Helmert, MaxEigenvalue
+from maxcon.search.objectives import OBJECTIVES, Count, MaxEigenvalue
 from maxcon.search.space import SearchSpace
 
 STANDARD = "standard"
@@ -50,15 +51,13 @@ MAP_VARIANTS: dict[str, MapVariant] = {
 def make_maps(
     dataset: Dataset, folder: Path, names: Iterable[str], progress: Progress | None = None
 ) -> dict[str, Path]:
-    """Build the maps that are not there yet; return the path of each.
+    """Build the maps, of `MAP_VARIANTS`, that are not in `folder` yet; return the path of each.
 
-    dataset: its clouds, or its built map, which is the standard one.
-    folder: where the maps go, a folder each.
-    names: of `MAP_VARIANTS`.
-    progress: called with (step, done, of how many).
+    A dataset with a built map has that one only, the standard one.
     """
-    from maxcon.lab.dataset_options import dataset_map_options
     from maxcon.mapping.build import build_map
+
+    report = progress or (lambda step, done, total: None)
 
     paths = {}
     for name in dict.fromkeys(names):
@@ -72,25 +71,15 @@ def make_maps(
             continue
         path = folder / f"{name.replace('/', '-')}.map"
         if not path.exists():
-            variant = MAP_VARIANTS[name]
-            options = dataset_map_options(
-                dataset, cell=variant.cell, keep_every=variant.keep_every, keeps_ground=variant.keeps_ground
-            )
             make_folder(folder)
-            build_map(dataset.map_clouds, path, options, progress=_named(progress, name))
+            options = dataset.map_options(**asdict(MAP_VARIANTS[name]))
+            build_map(dataset.map_clouds, path, options, progress=partial(_report_of_map, report, name))
         paths[name] = path
     return paths
 
 
-def _named(progress: Progress | None, name: str) -> Progress | None:
-    """Return a progress callback that names the map."""
-    if progress is None:
-        return None
-
-    def report(step: str, done: int, total: int) -> None:
-        progress(f"map {name}: {step}", done, total)
-
-    return report
+def _report_of_map(report: Progress, name: str, step: str, done: int, total: int) -> None:
+    report(f"map {name}: {step}", done, total)
 
 
 @dataclass(frozen=True)
@@ -175,13 +164,7 @@ def known_methods(space: SearchSpace) -> dict[str, StudyMethod]:
 
 
 def choose_methods(names: Sequence[str], space: SearchSpace) -> list[StudyMethod]:
-    """Return the methods of these names and names of sets, each once, in their order.
-
-    Raises
-    ------
-    OptionError
-        If a name is neither a method nor a set.
-    """
+    """Return the methods of names, and of names of sets, each once, in their order; OptionError for another name."""
     known = known_methods(space)
     chosen: dict[str, StudyMethod] = {}
     for name in names:
@@ -211,33 +194,31 @@ def _consensus_methods(space: SearchSpace) -> list[StudyMethod]:
     """The method as `localize` runs it; and the best cell alone, by every objective and with one thing changed."""
     as_localize = SearchSpace(space.half_width, heading_half_width_deg=space.heading_half_width_deg)
     methods = [StudyMethod("maxcon", MaximumConsensus(as_localize))]
-    for multiplicity, options in (("points", AS_PUBLISHED), ("occupied", CELL_ONLY)):
+
+    def best_cell(name: str, map_name: str = STANDARD, cells: SearchSpace = space, **options: Any) -> StudyMethod:
+        return StudyMethod(name, MaximumConsensus(cells, **CELL_ONLY | options), map_name)
+
+    for multiplicity, published in (("points", AS_PUBLISHED), ("occupied", {})):
+        options = published | {"multiplicity": multiplicity}
         for objective in OBJECTIVES:
-            method = MaximumConsensus(space, objective, multiplicity, **options)
+            densities = () if isinstance(objective, MaxEigenvalue) else ("density-1/4", "density-1/16")
             name = f"{objective.name}-{multiplicity}"
-            methods.append(StudyMethod(name, method))
-            if isinstance(objective, MaxEigenvalue):
-                continue
-            methods += [
-                StudyMethod(f"{name}-{density}", method, density) for density in ("density-1/4", "density-1/16")
-            ]
-        unweighted = MaximumConsensus(space, Helmert(), multiplicity, **{**options, "weighting": "one"})
-        methods.append(StudyMethod(f"helmert-{multiplicity}-unweighted", unweighted))
-    methods += [
-        StudyMethod("helmert-occupied-published", MaximumConsensus(space, **AS_PUBLISHED)),
-        StudyMethod("helmert-occupied-whole-scan", MaximumConsensus(space, thinning=0.0, **CELL_ONLY)),
-        StudyMethod("helmert-occupied-thinned-0.40", MaximumConsensus(space, thinning=0.4, **CELL_ONLY)),
-        StudyMethod("helmert-points-thinned", MaximumConsensus(space, multiplicity="points", **CELL_ONLY)),
-        StudyMethod("count-occupied-whole-scan", MaximumConsensus(space, Count(), thinning=0.0, **CELL_ONLY)),
+            methods.append(best_cell(name, objective=objective, **options))
+            methods += [best_cell(f"{name}-{map_}", map_, objective=objective, **options) for map_ in densities]
+        methods.append(best_cell(f"helmert-{multiplicity}-unweighted", **options | {"weighting": "one"}))
+    return [
+        *methods,
+        best_cell("helmert-occupied-published", **AS_PUBLISHED),
+        best_cell("helmert-occupied-whole-scan", thinning=0.0),
+        best_cell("helmert-occupied-thinned-0.40", thinning=0.4),
+        best_cell("helmert-points-thinned", multiplicity="points"),
+        best_cell("count-occupied-whole-scan", objective=Count(), thinning=0.0),
+        *(
+            best_cell(f"helmert-{name}", name, _in_cells_of(space, MAP_VARIANTS[name].cell))
+            for name in ("cell-0.03", "cell-0.12", "cell-0.20")
+        ),
+        best_cell("helmert-ground", "ground"),
     ]
-    methods += [
-        StudyMethod(
-            f"helmert-{name}", MaximumConsensus(_in_cells_of(space, MAP_VARIANTS[name].cell), **CELL_ONLY), name
-        )
-        for name in ("cell-0.03", "cell-0.12", "cell-0.20")
-    ]
-    methods.append(StudyMethod("helmert-ground", MaximumConsensus(space, **CELL_ONLY), "ground"))
-    return methods
 
 
 def _in_cells_of(space: SearchSpace, cell: float) -> SearchSpace:

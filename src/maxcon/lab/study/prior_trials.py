@@ -13,27 +13,23 @@ from pathlib import Path
 import numpy as np
 
 from maxcon._system.atomic import atomic_file
-from maxcon.drive.localize import DriveOptions
 from maxcon.errors import FileError, OptionError
 from maxcon.geometry import Pose
 from maxcon.lab.baselines import CountThenGicp, Gicp, Icp, MapTargets, MultiStart
 from maxcon.lab.evaluation import pose_error
 from maxcon.lab.simulation import PriorErrors
-from maxcon.lab.study.bench import REFERENCE, Bench, prepare_map
+from maxcon.lab.study.bench import Bench, prepare_map
 from maxcon.lab.study.methods import StudyMethod
 from maxcon.localizer import MaximumConsensus
 from maxcon.scan import Scan
 from maxcon.search.space import SearchSpace
 
 MAXCON, COUNT_THEN_GICP, GICP_FROM_MANY = "maxcon", "count 1 m, then GICP", "GICP from 75 starts"
-"""Names among `methods_at`: of what searches the level; the last takes longest."""
+"""Names among `methods_at`: of what searches the whole level; the last takes longest."""
 
 
 def prior_level(offset: float, heading_deg: float) -> PriorErrors:
-    """Return the level of priors wrong by up to `offset` (m) in x and in y and by up to `heading_deg` (degrees).
-
-    Height, roll and pitch are those of the reference.
-    """
+    """Return the level of priors wrong by up to `offset` (m) in x and in y and `heading_deg` (degrees), and no more."""
     return PriorErrors(offset, heading_deg, z=0.0, tilt_deg=0.0)
 
 
@@ -58,12 +54,7 @@ def parse_level(word: str) -> PriorErrors:
 
 
 def prior_at(reference: Pose, level: PriorErrors, seed: int, epoch: int) -> Pose:
-    """Draw the prior of an epoch: the same at every call, whatever else was drawn before.
-
-    reference: the pose held for true.
-    level: how far off it may be.
-    seed, epoch: from 0.
-    """
+    """Draw the prior of an epoch about its reference: the same at every call, whatever else was drawn before."""
     millis = (round(1e3 * level.offset), round(1e3 * level.heading_deg))
     return level.prior(reference, np.random.default_rng((seed, epoch, *millis)))
 
@@ -74,12 +65,11 @@ def space_of(level: PriorErrors) -> SearchSpace:
 
 
 def methods_at(level: PriorErrors, gates: Sequence[float] = (1.0, 3.0, 6.0)) -> list[StudyMethod]:
-    """Return maximum consensus and the methods it is compared with; those that search a window get the level's.
+    """Return the methods that are compared at a level, each told how wrong the prior may be.
 
-    level: how wrong the priors are.
-    gates: of registration from one start, m; ICP has all but those above 3.
-    Returns maximum consensus has all its defaults and the standard map. The peers get the ground too: it holds height
-        and tilt, which GICP solves for, and ICP is right more often with it (docs/prior_error.md).
+    Maximum consensus has all its defaults and the standard map. The peers get the ground too: it holds height and tilt,
+    which GICP solves for, and ICP is right more often with it (docs/prior_error.md). `gates` (m) are of registration
+    from one start; ICP has all but those above 3.
     """
     targets = MapTargets()
     # Seventy-five starts of a scan thinned as usual take seconds; coarser, they end at the same places.
@@ -112,7 +102,7 @@ class PriorTrial:
     epoch: number of the scan.
     method: its name.
     status: the method's own word.
-    is_good: whether the method itself calls its pose good.
+    is_good: whether the method itself reports its pose as good.
     is_right: whether the pose is within 0.3 m and 1 degree of the reference.
     distance: of the pose from the reference in x and y, m.
     heading_error_deg: signed, degrees.
@@ -141,16 +131,10 @@ def try_epoch(
 ) -> list[PriorTrial]:
     """Let methods localize one epoch from the same prior, drawn around the reference.
 
-    bench: scans, reference and maps.
-    epoch: number of the scan.
-    level: how wrong the prior may be.
-    methods: each is timed on its own copy of the scan, with all it computes from the scan; its part of the map is
-        loaded before.
-    seed: of the priors.
+    Each is timed on its own copy of the scan, with all it computes from the scan; its part of the map is loaded before.
     """
-    options = DriveOptions()
-    points = bench.scans.read(epoch, options.min_range, options.max_range).points
-    true_pose = bench.priors[REFERENCE].at(float(bench.scans.times[epoch]))
+    points = bench.scans.read(epoch, bench.options.min_range, bench.options.max_range).points
+    true_pose = bench.reference.at(float(bench.scans.times[epoch]))
     trials = []
     for method in methods:
         point_map = bench.maps[method.map_name]
@@ -179,21 +163,15 @@ def write_trials(path: str | os.PathLike[str], trials: Iterable[PriorTrial]) -> 
 
 
 def read_trials(path: str | os.PathLike[str]) -> list[PriorTrial]:
-    """Return the trials of a file; none if there is no file."""
+    """Return the trials of a file; none if there is no file; FileError if it holds something else."""
+    import msgspec
+
     if not Path(path).exists():
         return []
-    with Path(path).open(newline="", encoding="utf-8") as stream:
-        rows = list(csv.DictReader(stream))
     try:
-        return [
-            PriorTrial(
-                float(row["offset"]), float(row["heading_deg"]), int(row["epoch"]), row["method"], row["status"],
-                row["is_good"] == "True", row["is_right"] == "True", float(row["distance"]),
-                float(row["heading_error_deg"]), float(row["ms"]),
-            )
-            for row in rows
-        ]  # fmt: skip
-    except (KeyError, TypeError, ValueError) as error:
+        with Path(path).open(newline="", encoding="utf-8") as stream:
+            return msgspec.convert(list(csv.DictReader(stream)), list[PriorTrial], strict=False)
+    except (msgspec.ValidationError, UnicodeDecodeError) as error:
         raise FileError(
             f"Expected the trials of an earlier run in {path}, got something else ({error}). Move the file away."
         ) from error
@@ -201,11 +179,8 @@ def read_trials(path: str | os.PathLike[str]) -> list[PriorTrial]:
 
 @dataclass(frozen=True, slots=True)
 class TrialSummary:
-    """The results of one method from all priors of one level.
+    """The results of one method from all priors of one level (see `PriorTrial`).
 
-    offset, heading_deg: the level, m and degrees.
-    method: its name.
-    n_epochs, n_right, n_good, n_wrong_but_good: of `PriorTrial.is_right` and `is_good`.
     median_error: distance of the right ones, m; NaN where none is right.
     median_ms, p95_ms: processor time.
     """

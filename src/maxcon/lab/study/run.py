@@ -5,7 +5,7 @@
 import os
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,24 +16,21 @@ from maxcon._system.progress import Progress
 from maxcon._system.resumable import work_folder
 from maxcon.drive.localize import DriveOptions
 from maxcon.errors import OptionError
-from maxcon.io.scans import open_scans
 from maxcon.lab.baselines import check_small_gicp
 from maxcon.lab.dataset import Dataset
-from maxcon.lab.study.bench import REFERENCE, BenchPlan, StudyJob, StudyTask
-from maxcon.lab.study.configuration import CONFIGURATION, Configuration
+from maxcon.lab.study.bench import REFERENCE, Bench
+from maxcon.lab.study.configuration import CONFIGURATION, Configuration, Run
 from maxcon.lab.study.methods import StudyMethod, make_maps
-from maxcon.lab.study.table import Key, TableParts, keys_of
+from maxcon.lab.study.table import Key, Row, keys_of, table_of
 
 if TYPE_CHECKING:
     import pyarrow
-
-__all__ = ["Study", "run_study", "spread_epochs"]
 
 # Consecutive epochs need the same tiles; but all rows of a task are lost when a study is stopped.
 ROWS_PER_TASK = 3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Study:
     """A study on disk.
 
@@ -48,9 +45,67 @@ class Study:
 
     @classmethod
     def open(cls, folder: str | os.PathLike[str]) -> "Study":
-        """Open a study, done or not."""
+        """Open a study, done or not; FileError if there is none."""
         root = Path(folder)
-        return cls(root, Configuration.read(root), TableParts(root).read())
+        return cls(root, Configuration.read(root), table_of(root).read())
+
+
+@dataclass(frozen=True, slots=True)
+class StudyTask:
+    """Some epochs of one prior, and the names of the methods that are to answer them."""
+
+    prior: str
+    epochs: tuple[int, ...]
+    methods: tuple[str, ...]
+
+    @property
+    def n_rows(self) -> int:
+        """How many rows it makes."""
+        return len(self.epochs) * len(self.methods)
+
+
+@dataclass(frozen=True, slots=True)
+class StudyJob:
+    """The work on a `StudyTask`: rows of the table.
+
+    The methods stay in each process, and with them what they keep of the map for later epochs.
+    """
+
+    dataset: Dataset
+    maps: dict[str, Path]
+    options: DriveOptions
+    methods: tuple[StudyMethod, ...]
+    name: str = "epochs"
+
+    def bench(self) -> Bench:
+        """Open dataset and maps."""
+        return Bench.open(self.dataset, self.maps, self.options)
+
+    def open(self) -> Callable[[StudyTask], list[Row]]:
+        """Open dataset and maps, load what is compiled, and return the function that does a task."""
+        from maxcon.localizer import MaximumConsensus
+        from maxcon.warmup import SPACE, search_room
+
+        bench, known = self.bench(), {method.name: method for method in self.methods}
+        search_room(  # what is compiled is not charged to the first epoch
+            MaximumConsensus(SPACE, multiplicity=multiplicity, search="exhaustive")
+            for multiplicity in ("points", "occupied")
+        )
+
+        def answer(task: StudyTask) -> list[Row]:
+            methods = [known[name] for name in task.methods]
+            return [row for epoch in task.epochs for row in bench.evaluate(task.prior, epoch, methods)]
+
+        return answer
+
+    def split(self, task: StudyTask) -> Sequence[StudyTask]:
+        """Return a task for each row."""
+        return [StudyTask(task.prior, (epoch,), (method,)) for epoch in task.epochs for method in task.methods]
+
+    def lost(self, task: StudyTask, reason: str) -> list[Row]:
+        """Return the rows of a task whose worker ended before it was done, with the reason."""
+        bench, methods = self.bench(), [method for method in self.methods if method.name in task.methods]
+        return [row for epoch in task.epochs for row in bench.failed(task.prior, epoch, methods, reason)]
 
 
 def run_study(
@@ -91,10 +146,6 @@ def run_study(
     warn : callable, optional
         Called with a line for the user: that the scheduler is waited for.
 
-    Returns
-    -------
-    Study
-
     Raises
     ------
     OptionError
@@ -102,54 +153,38 @@ def run_study(
     FileError, MapError, TrajectoryError, CrsError, MissingExtraError
         If the dataset cannot be used, or the folder cannot be written.
     """
-    root, options = Path(folder), options or DriveOptions()
+    root, options, report = Path(folder), options or DriveOptions(), progress or (lambda step, done, total: None)
     engine = Engine(n_workers, scheduler) if warn is None else Engine(n_workers, scheduler, warn)
     names = _checked(dataset, methods, priors)
-    scans = open_scans(dataset.scans, dataset.times)
-    numbers = spread_epochs(len(scans), n_epochs)
-    wanted = Configuration.of(dataset, len(scans), options, methods)
+    n_scans = len(dataset.open_scans())
+    numbers = spread_epochs(n_scans, n_epochs)
     with work_folder(root, "a study", CONFIGURATION):
-        parts = TableParts(root)
-        done = set(keys_of(parts.read()))
+        table = table_of(root)
+        done = set(keys_of(table.read()))
+        configuration = Configuration.of(dataset, n_scans, options, methods)
         if (root / CONFIGURATION).exists():
-            wanted = Configuration.read(root).joined(wanted, {method for _, method, _ in done})
+            configuration = Configuration.read(root).joined(configuration, {method for _, method, _ in done})
         else:
-            wanted.write(root)
-        map_names = [method.map_name for method in methods]
-        plan = BenchPlan(dataset, make_maps(dataset, root / "maps", map_names, progress), options)
-        # Errors that concern all epochs are raised here, not in a worker.
-        plan.open().check_times(names, numbers)
+            configuration.write(root)
+        maps = make_maps(dataset, root / "maps", [method.map_name for method in methods], progress)
+        job = StudyJob(dataset, maps, options, tuple(methods))
+        job.bench().check_times(names, numbers)  # what concerns all epochs is raised here, not in a worker
         tasks = _missing(methods, names, numbers, done)
-        run = {"methods": [method.name for method in methods], "priors": names, "n_epochs": len(numbers)}
+        run = Run(methods=[method.name for method in methods], priors=names, n_epochs=len(numbers))
         run["n_workers"] = engine.n_local(len(tasks))
-        wanted = wanted.with_run(run) if tasks else wanted
-        wanted.write(root)
-        _work_off(tasks, StudyJob(plan, tuple(methods)), engine, parts, wanted, progress)
-        return Study(root, Configuration.read(root), parts.merge())
-
-
-def _work_off(
-    tasks: Sequence[StudyTask],
-    job: StudyJob,
-    engine: Engine,
-    parts: TableParts,
-    configuration: Configuration,
-    progress: Progress | None,
-) -> None:
-    """Let the engine do the tasks; write their rows as they come, and the time that all took."""
-    started, n_done, n_total = time.perf_counter(), 0, sum(task.n_rows for task in tasks)
-    report = progress or (lambda step, done, total: None)
-    if not tasks:
-        return
-    report("localizing", 0, n_total)
-    for _, rows in engine.run(job, tasks, len(tasks)):
-        parts.add(rows)
-        n_done += len(rows)
-        report("localizing", n_done, n_total)
-        if n_done == n_total:
-            seconds = round(time.perf_counter() - started, 1)
-            configuration.runs[-1].update(n_rows=n_done, seconds=seconds)
-            configuration.write(parts.folder)
+        if tasks:
+            configuration = replace(configuration, runs=[*configuration.runs, run])
+        configuration.write(root)
+        if tasks:
+            started, n_done, n_total = time.perf_counter(), 0, sum(task.n_rows for task in tasks)
+            report("localizing", 0, n_total)
+            for _, rows in engine.run(job, tasks, len(tasks)):
+                table.add(rows)
+                n_done += len(rows)
+                report("localizing", n_done, n_total)
+            run["n_rows"], run["seconds"] = n_done, round(time.perf_counter() - started, 1)
+            configuration.write(root)
+        return Study(root, configuration, table.merge())
 
 
 def spread_epochs(n_scans: int, n_epochs: int | None) -> list[int]:

@@ -3,8 +3,6 @@
 """The table of a study: read, written, and summarized by method."""
 
 import math
-import shutil
-import uuid
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon._system.atomic import atomic_file, make_folder
-from maxcon.errors import FileError
+from maxcon._system.resumable import ResumableTable
 from maxcon.estimate import Status
 from maxcon.lab.evaluation import Quantiles
 
@@ -25,8 +22,10 @@ if TYPE_CHECKING:
 Row = Mapping[str, Any]
 """Values by the names of `COLUMNS`; what is left out is null."""
 
+KEY = ("prior", "method", "epoch")
+"""Columns that name a row; rows are in their order."""
+
 Key = tuple[str, str, int]
-"""(prior, method, epoch): unique for each row."""
 
 COLUMNS: dict[str, tuple[str, str]] = {
     "prior": ("string", "name of the prior in the dataset"),
@@ -82,82 +81,20 @@ def table_schema() -> "pyarrow.Schema":
     """Arrow schema of the table, the meaning of each column with it."""
     import pyarrow
 
-    types = {
-        "string": pyarrow.string(),
-        "int32": pyarrow.int32(),
-        "float64": pyarrow.float64(),
-        "bool": pyarrow.bool_(),
-    }
     return pyarrow.schema(
-        [pyarrow.field(name, types[kind], metadata={"meaning": meaning}) for name, (kind, meaning) in COLUMNS.items()]
+        pyarrow.field(name, pyarrow.type_for_alias(kind), metadata={"meaning": meaning})
+        for name, (kind, meaning) in COLUMNS.items()
     )
 
 
-class TableParts:
-    """The table of a study folder: `table.parquet` and, while it grows, the files in `parts/`.
-
-    folder: of the study.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.path = folder / "table.parquet"
-        self.parts_folder = folder / "parts"
-
-    def add(self, rows: Sequence[Row]) -> None:
-        """Write rows as one more part: whole, or not at all."""
-        import pyarrow
-
-        make_folder(self.parts_folder)
-        part = self.parts_folder / f"{uuid.uuid4().hex}.parquet"
-        self._write(part, pyarrow.Table.from_pylist([dict(row) for row in rows], schema=table_schema()))
-
-    def read(self) -> "pyarrow.Table":
-        """Return all rows that are there, in order of prior, method and epoch; the first of equal keys."""
-        import pyarrow
-        import pyarrow.compute
-
-        tables = [_read(path) for path in [self.path, *sorted(self.parts_folder.glob("*.parquet"))] if path.exists()]
-        table = pyarrow.concat_tables([table_schema().empty_table(), *tables])
-        first = {key: row for row, key in reversed(list(enumerate(keys_of(table))))}
-        table = table.take(pyarrow.array(sorted(first.values()), pyarrow.int64()))
-        order = [(name, "ascending") for name in ("prior", "method", "epoch")]
-        return table.sort_by(order)
-
-    def merge(self) -> "pyarrow.Table":
-        """Put all parts into one table, and remove them."""
-        table = self.read()
-        if any(self.parts_folder.glob("*.parquet")):
-            self._write(self.path, table)
-        if self.parts_folder.exists():  # with what a kill may have left half written in it
-            shutil.rmtree(self.parts_folder)
-        return table
-
-    @staticmethod
-    def _write(path: Path, table: "pyarrow.Table") -> None:
-        import pyarrow.parquet
-
-        with atomic_file(path) as partial:
-            pyarrow.parquet.write_table(table, partial, compression="zstd")
+def table_of(folder: Path) -> ResumableTable:
+    """Return the table of a study's folder: `table.parquet` and, while it grows, the files in `parts/`."""
+    return ResumableTable(folder / "table.parquet", folder / "parts", table_schema(), KEY, "a part of a study's table")
 
 
 def keys_of(table: "pyarrow.Table") -> Iterable[Key]:
     """(prior, method, epoch) of each row."""
-    columns = (table.column(name).to_pylist() for name in ("prior", "method", "epoch"))
-    return zip(*columns, strict=True)
-
-
-def _read(path: Path) -> "pyarrow.Table":
-    import pyarrow
-    import pyarrow.parquet
-
-    try:
-        return pyarrow.parquet.read_table(path, schema=table_schema())
-    except (OSError, pyarrow.ArrowException) as error:
-        raise FileError(
-            f"Expected a part of a study's table in {path}, got: {error}. Is it readable? If it is broken, remove it:"
-            " the same study command makes its rows anew."
-        ) from error
+    return zip(*(table.column(name).to_pylist() for name in KEY), strict=True)
 
 
 NOT_TRIED = frozenset(
@@ -166,17 +103,9 @@ NOT_TRIED = frozenset(
 """Statuses of epochs that no method can localize."""
 
 
-Column = NDArray[np.float64]
-"""One value per epoch; NaN where there is none."""
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class MethodRows:
-    """The rows of one method with one prior, in order of epochs.
-
-    prior, method: which.
-    table: its rows.
-    """
+    """The rows of one method with one prior, in order of epochs."""
 
     prior: str
     method: str
@@ -185,7 +114,7 @@ class MethodRows:
     def __len__(self) -> int:
         return len(self.table)
 
-    def numbers(self, name: str) -> Column:
+    def numbers(self, name: str) -> NDArray[np.float64]:
         """Return a column as float64, NaN where it is null; of booleans, 1 and 0."""
         values = self.table.column(name).to_numpy(zero_copy_only=False)
         return np.asarray(values, dtype=np.float64)
@@ -203,10 +132,8 @@ class MethodRows:
 
 @dataclass(frozen=True, slots=True)
 class MethodStatistics:
-    """Statistics of one method over all its epochs.
+    """Statistics of one method with one prior over all its epochs, the rows.
 
-    prior, method: which.
-    n_epochs: rows.
     n_tried: epochs that say something about the method: the reference is known, the scan could be read, and the start
         lay inside the map.
     n_answers: epochs with a pose, trusted or not.
@@ -245,11 +172,7 @@ class MethodStatistics:
 
 
 def rows_by_method(table: "pyarrow.Table", order: Sequence[str] = ()) -> list[MethodRows]:
-    """Return the table of a study method by method, prior by prior.
-
-    table: of a study.
-    order: methods in this order first, others behind them by name.
-    """
+    """Return a study's table prior by prior and method by method: those of `order` first, others by name."""
     import pyarrow.compute
 
     pairs = set(zip(table.column("prior").to_pylist(), table.column("method").to_pylist(), strict=True))
@@ -265,41 +188,35 @@ def rows_by_method(table: "pyarrow.Table", order: Sequence[str] = ()) -> list[Me
 
 def statistics(rows: MethodRows) -> MethodStatistics:
     """Summarize the rows of a method."""
+
+    def known(name: str) -> NDArray[np.float64]:
+        values = rows.numbers(name)
+        return values[np.isfinite(values)]
+
+    def quantile(name: str, fraction: float = 0.5) -> float:
+        return float(np.quantile(values, fraction)) if len(values := known(name)) else math.nan
+
     is_localized, is_success = rows.numbers("is_localized") == 1.0, rows.numbers("is_success") == 1.0
     return MethodStatistics(
         prior=rows.prior,
         method=rows.method,
         n_epochs=len(rows),
         n_tried=int(rows.is_tried.sum()),
-        n_answers=int(np.isfinite(rows.numbers("x")).sum()),
+        n_answers=len(known("x")),
         n_success=int(is_success.sum()),
         n_localized=int(is_localized.sum()),
         n_false=int((is_localized & ~is_success & np.isfinite(rows.numbers("distance"))).sum()),
         statuses=dict(Counter(str(word) for word in rows.words("status"))),
-        distance=_quantiles(rows.numbers("distance")),
-        along=_quantiles(rows.numbers("along")),
-        across=_quantiles(rows.numbers("across")),
-        heading=_quantiles(rows.numbers("heading_error")),
-        peak_ratio=_median(rows.numbers("peak_ratio")),
-        kurtosis=_median(rows.numbers("kurtosis")),
-        divergence=_median(rows.numbers("divergence")),
-        spread=_median(rows.numbers("spread")),
-        n_starts=int(np.nansum(rows.numbers("n_starts"))),
-        n_converged=int(np.nansum(rows.numbers("n_converged"))),
-        ms=_median(rows.numbers("ms")),
-        ms_95=_quantile(rows.numbers("ms"), 0.95),
+        distance=Quantiles.of(known("distance")),
+        along=Quantiles.of(known("along")),
+        across=Quantiles.of(known("across")),
+        heading=Quantiles.of(known("heading_error")),
+        peak_ratio=quantile("peak_ratio"),
+        kurtosis=quantile("kurtosis"),
+        divergence=quantile("divergence"),
+        spread=quantile("spread"),
+        n_starts=int(known("n_starts").sum()),
+        n_converged=int(known("n_converged").sum()),
+        ms=quantile("ms"),
+        ms_95=quantile("ms", 0.95),
     )
-
-
-def _median(values: Column) -> float:
-    return _quantile(values, 0.5)
-
-
-def _quantile(values: Column, share: float) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.quantile(known, share)) if len(known) else math.nan
-
-
-def _quantiles(errors: Column) -> Quantiles:
-    """Quantiles of absolute errors, over the answers."""
-    return Quantiles.of(errors[np.isfinite(errors)])

@@ -10,7 +10,6 @@ from maxcon import MaximumConsensus, PointMap, Scan, SearchSpace
 from maxcon.errors import OptionError
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.dataset import Dataset
-from maxcon.lab.dataset_options import dataset_map_options
 from maxcon.lab.simulation import LasClass, ProfileScanner, SuburbWorld, simulate_suburb
 from maxcon.mapping.build import build_map
 
@@ -77,7 +76,7 @@ def test_fewer_epochs_are_the_same_scans(dataset, tmp_path):
 
 
 def test_an_epoch_is_localized(dataset, tmp_path):
-    build_map(dataset.map_clouds, tmp_path / "suburb.map", dataset_map_options(dataset))
+    build_map(dataset.map_clouds, tmp_path / "suburb.map", dataset.map_options())
     point_map = PointMap.open(tmp_path / "suburb.map")
     reference, priors = (read_trajectory(path) for path in (dataset.reference, dataset.priors["uniform"]))
     origin = -np.asarray(point_map.frame.origin)
