@@ -29,7 +29,7 @@ os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 from drives import NamedDataset, points_of, prior_and_reference
 from scene import header
 
-from maxcon import MaximumConsensus, Scan, SearchSpace, cell_search, maximum_consensus
+from maxcon import MaximumConsensus, Scan, SearchSpace, cell_search, localizer
 from maxcon._system.atomic import atomic_file, make_folder
 from maxcon.errors import MaxconError
 from maxcon.lab.baselines import check_small_gicp
@@ -86,10 +86,10 @@ class StageTimes:
         functions = [
             (scan_module, "estimate_scan_normals", "normals"),
             (scan_module, "one_per_cube", "thinning"),
-            (maximum_consensus, "fit_ground", "ground"),
+            (localizer, "fit_ground", "ground"),
             (cell_search, "branch_and_bound", _kind_of_search),
             (cell_search, "judge", "judging"),
-            (maximum_consensus, "validate", "refining"),
+            (localizer, "validate", "refining"),
         ]
         with ExitStack() as stack:
             for module, name, stage in functions:

@@ -102,7 +102,11 @@ def test_how_well_the_map_is_known_becomes_an_option(folder, sigma):
         ('folder = "scans"', "", "at `scans`: object missing required field `folder`"),
         ('"reference.txt"', '"nowhere.txt"', "to name what exists"),
         ('"gnss.txt"', "7", r"at `priors.*`: expected `str`, got `int`"),
-        ('"map/*.laz"', '"map/*.laz"\nvehicle_classes = [true]', r"at `map.vehicle_classes\[0\]`: expected `int`, got `bool`"),
+        (
+            '"map/*.laz"',
+            '"map/*.laz"\nvehicle_classes = [true]',
+            r"at `map.vehicle_classes\[0\]`: expected `int`, got `bool`",
+        ),
         ('"map/*.laz"', '"map/*.laz"\nsigma = -0.01', "at `map.sigma`: expected `float` >= 0.0"),
         ('"map/*.laz"', '"map/*.laz"\nsigma = nan', "expected `float` >= 0.0"),
         ('"map/*.laz"', '"map/*.laz"\nsigma = inf', "expected `float` <= 1000.0"),
