@@ -161,7 +161,7 @@ def _quiet() -> Iterator[None]:
     """Keep what dask logs off stderr: a worker that ended is told by what becomes of its tasks."""
     import distributed  # noqa: F401 - sets levels of its own, when it is loaded
 
-    parts = ("distributed", "tornado", "bokeh", "asyncio")
+    parts = ("distributed", "tornado", "asyncio")
     names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] in parts]
     loggers = [logging.getLogger(name) for name in names]
     levels = [logger.level for logger in loggers]
