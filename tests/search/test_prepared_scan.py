@@ -6,8 +6,9 @@ import pickle
 
 import numpy as np
 import pytest
-from hypothesis import event, given, settings
+from hypothesis import event, given
 from hypothesis import strategies as st
+from searches import SEEDS, unit_vectors
 
 from maxcon import PointMap, Pose, Scan, SearchSpace
 from maxcon.errors import ArrayError
@@ -21,16 +22,14 @@ from maxcon.search.prepared_scan import PreparedScan, TileTable, _aligned_zeros
 CELL = 0.25
 TILE = TILE_VOXELS * CELL
 SPACE = SearchSpace(2.0, CELL, 2.0, 0.5)
+SIDES = [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)]
 
 
 def random_scan(rng, n_points, spread, height):
     """Points of which some share a voxel, a quarter of them without a normal."""
     points = rng.uniform(-1.0, 1.0, (n_points, 3)) * [spread, spread, height]
     points = points[rng.integers(0, max(1, n_points // 2), n_points)] + rng.normal(0.0, CELL, (n_points, 3))
-    normals = rng.normal(size=(n_points, 3))
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    normals[rng.random(n_points) < 0.25] = 0.0
-    return Scan(points, normals)
+    return Scan(points, unit_vectors(rng, n_points, 0.25))
 
 
 def random_map(rng, prior, n_points, spread):
@@ -40,6 +39,10 @@ def random_map(rng, prior, n_points, spread):
 
 def random_prior(rng):
     return Pose(*rng.uniform(-3 * TILE, 3 * TILE, 2), *rng.uniform(-0.1, 0.1, 3), rng.uniform(-4.0, 4.0))
+
+
+def prepared_with(scan, point_map, prior, weighting=Weighting.COSINE):
+    return PreparedScan.prepare(scan, point_map, prior, SPACE, Multiplicity.OCCUPIED, weighting)
 
 
 def plainly(scan, prior, weighting):
@@ -59,19 +62,18 @@ def plainly(scan, prior, weighting):
 
 
 @given(
-    seed=st.integers(0, 2**32),
+    seed=SEEDS,
     n_points=st.integers(1, 80) | st.just(400),
     spread=st.sampled_from([0.0, 2.0, 60.0, 3000.0, 1e8]),
     height=st.sampled_from([0.0, 3.0, 1e8]),
     weighting=st.sampled_from(list(Weighting)),
 )
-@settings(max_examples=150)
 def test_groups_and_tiles_are_those_of_the_definition(seed, n_points, spread, height, weighting):
     rng = np.random.default_rng(seed)
     prior = random_prior(rng)
     scan = random_scan(rng, n_points, spread, height)
     point_map = random_map(rng, prior, 60, 3 * TILE)
-    prepared = PreparedScan.prepare(scan, point_map, prior, SPACE, Multiplicity.OCCUPIED, weighting)
+    prepared = prepared_with(scan, point_map, prior, weighting)
 
     points, normals, columns, layers, groups, n_with_normal = plainly(scan, prior, weighting)
     assert (prepared.points == points[:, :2].T).all()
@@ -100,13 +102,13 @@ def test_groups_and_tiles_are_those_of_the_definition(seed, n_points, spread, he
         assert numbers.tolist() == [wanted.get(layer, -1) for layer in scan_layers.tolist()]
 
 
-@given(seed=st.integers(0, 2**32), n_points=st.integers(0, 60), n_headings=st.integers(1, 4))
+@given(seed=SEEDS, n_points=st.integers(0, 60), n_headings=st.integers(1, 4))
 def test_turned_is_what_the_definition_turns(seed, n_points, n_headings):
     rng = np.random.default_rng(seed)
     prior = random_prior(rng)
     scan = random_scan(rng, n_points, 30.0, 3.0)
     point_map = random_map(rng, prior, 10, 10.0)
-    prepared = PreparedScan.prepare(scan, point_map, prior, SPACE, Multiplicity.OCCUPIED, Weighting.COSINE)
+    prepared = prepared_with(scan, point_map, prior)
     headings = rng.integers(0, len(SPACE.headings), n_headings)
     turns = np.array([(np.cos(a), np.sin(a)) for a in prior.heading + SPACE.headings[headings]])
     columns = group_kernels.turn_to_columns(prepared.points, turns, (prior.x, prior.y), CELL)
@@ -118,7 +120,7 @@ def test_turned_is_what_the_definition_turns(seed, n_points, n_headings):
         assert (turned[i] == turn(prepared.normals.T, heading).T.astype(np.float32)).all()
 
 
-@given(seed=st.integers(0, 2**32), n=st.integers(0, 300), n_bits=st.integers(0, 64), has_ties=st.booleans())
+@given(seed=SEEDS, n=st.integers(0, 300), n_bits=st.integers(0, 64), has_ties=st.booleans())
 def test_keys_are_sorted_as_numpy_does(seed, n, n_bits, has_ties):
     rng = np.random.default_rng(seed)
     keys = rng.integers(0, 2**n_bits - 1, n, dtype=np.uint64, endpoint=True)
@@ -130,41 +132,34 @@ def test_keys_are_sorted_as_numpy_does(seed, n, n_bits, has_ties):
 
 
 def test_an_empty_scan_has_no_groups_and_loads_no_tile():
-    rng = np.random.default_rng(1)
     prior = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    nothing = np.empty((0, 3))
-    prepared = PreparedScan.prepare(
-        Scan(nothing, nothing), random_map(rng, prior, 5, 1.0), prior, SPACE, Multiplicity.POINTS, Weighting.COSINE
-    )  # fmt: skip
+    nothing = Scan(np.empty((0, 3)), np.empty((0, 3)))
+    prepared = prepared_with(nothing, random_map(np.random.default_rng(1), prior, 5, 1.0), prior)
     assert prepared.starts.tolist() == [0]
     assert (prepared.points.shape, prepared.normals.shape) == ((2, 0), (3, 0))
     assert (len(prepared.middles), len(prepared.ranks), prepared.tiles, prepared.shape) == (0, 0, {}, (0, 0))
 
 
-@pytest.mark.parametrize("far", [[3e8, 0.0, 0.0], [0.0, 0.0, -3e8]])
-def test_points_and_priors_beyond_all_indices_are_refused(far):
-    here = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    point_map = random_map(np.random.default_rng(1), here, 5, 1.0)
-    for place, prior in ((far, here), ([1.0, 2.0, 3.0], here.translated(far))):
-        scan = Scan([place], [[1.0, 0.0, 0.0]])
+END = 2.0**30 * CELL  # indices end there
+
+
+@pytest.mark.parametrize(
+    ("direction", "length", "fits", "refused"),
+    [  # the space reaches 2 m, and one cell more is kept free; no cell lies higher or lower
+        *(([x, y, 0.0], *reach) for x, y in SIDES for reach in ((0.0, 3.0, 2.0), (4.0, 7.0, 5.5))),
+        *(([0.0, 0.0, z], 0.0, 0.5, -0.5) for z in (1.0, -1.0)),
+    ],
+)
+def test_priors_from_which_a_point_or_a_cell_reaches_beyond_all_indices_are_refused(direction, length, fits, refused):
+    here = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.7)
+    scan, point_map = Scan([[0.0, length, 0.0]], [[1.0, 0.0, 0.0]]), random_map(np.random.default_rng(1), here, 5, 1.0)
+    near, far, out = (here.translated(at * np.array(direction)) for at in (END - fits, END - refused, 3e8))
+    assert prepared_with(scan, point_map, near).n_points == 1
+    with pytest.raises(ArrayError, match="of the local origin"):
+        prepared_with(scan, point_map, far)
+    for place, prior in ((3e8 * np.array(direction), here), ([1.0, 2.0, 3.0], out)):
         with pytest.raises(ArrayError, match=r"within 2\.68e\+08 m of the local origin, got 3e\+08 m"):
-            PreparedScan.prepare(scan, point_map, prior, SPACE, Multiplicity.OCCUPIED, Weighting.COSINE)
-
-
-@pytest.mark.parametrize("direction", [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-def test_priors_from_which_a_point_or_a_cell_reaches_beyond_all_indices_are_refused(direction):
-    """Indices end at 2^30 voxels; the space reaches 2 m, and one cell more is kept free."""
-    point_map = random_map(np.random.default_rng(1), Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 5, 1.0)
-    for length, fits, refused in ((0.0, 3.0, 2.0), (4.0, 7.0, 5.5)):
-        scan = Scan([[0.0, length, 0.0]], [[1.0, 0.0, 0.0]])
-        for left, is_refused in ((fits, False), (refused, True)):
-            x, y = (2.0**30 * CELL - left) * np.array(direction)
-            options = (Pose(x, y, 0.0, 0.0, 0.0, 0.7), SPACE, Multiplicity.OCCUPIED, Weighting.COSINE)
-            if is_refused:
-                with pytest.raises(ArrayError, match="of the local origin"):
-                    PreparedScan.prepare(scan, point_map, *options)
-            else:
-                assert PreparedScan.prepare(scan, point_map, *options).matches_nothing
+            prepared_with(Scan([place], [[1.0, 0.0, 0.0]]), point_map, prior)
 
 
 def test_sums_of_cells_begin_with_a_cache_line():
@@ -173,38 +168,15 @@ def test_sums_of_cells_begin_with_a_cache_line():
         assert (zeros.shape, zeros.any(), zeros.ctypes.data % 64) == ((n, 3, 4), False, 0)
 
 
-def test_heights_end_where_indices_do():
-    point_map = random_map(np.random.default_rng(1), Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 5, 1.0)
-    scan, options = (Scan([[0.0, 0.0, 0.0]], [[1.0, 0.0, 0.0]]), (SPACE, Multiplicity.OCCUPIED, Weighting.COSINE))
-    for sign in (1.0, -1.0):
-        highest, too_high = (Pose(0.0, 0.0, sign * (2.0**30 * CELL + up), 0.0, 0.0, 0.0) for up in (-0.5, 0.5))
-        assert PreparedScan.prepare(scan, point_map, highest, *options).n_points == 1
-        with pytest.raises(ArrayError, match="of the local origin"):
-            PreparedScan.prepare(scan, point_map, too_high, *options)
-
-
 @pytest.mark.parametrize("x", [-300.5, 300.5])
 @pytest.mark.parametrize("y", [-200.0, 200.0])
 def test_the_grid_is_as_large_as_the_tiles_in_reach_wherever_they_are(x, y):
     prior = Pose(x * TILE, y * TILE, 0.0, 0.0, 0.0, 0.3)
     rng = np.random.default_rng(2)
     scan, point_map = random_scan(rng, 50, 3.0, 1.0), random_map(rng, prior, 400, 3.0)
-    prepared = PreparedScan.prepare(scan, point_map, prior, SPACE, Multiplicity.OCCUPIED, Weighting.COSINE)
+    prepared = prepared_with(scan, point_map, prior)
     assert [tile.key for tile, _ in prepared.tiles.values()] == [(int(x - 0.5), int(y) - 1), (int(x - 0.5), int(y))]
     assert (prepared.corner, prepared.shape) == ((int(x - 0.5), int(y) - 1), (2, 1))
-
-
-def test_a_scan_from_another_process_needs_no_other_code():
-    rng = np.random.default_rng(1)
-    prior = random_prior(rng)
-    scan, point_map = random_scan(rng, 20, 3.0, 1.0), random_map(rng, prior, 5, 1.0)
-    options = (prior, SPACE, Multiplicity.OCCUPIED, Weighting.COSINE)
-    wanted = PreparedScan.prepare(scan, point_map, *options)
-    before = list(group_kernels.group_scan.signatures)
-    copied = pickle.loads(pickle.dumps(scan))
-    prepared = PreparedScan.prepare(copied, point_map, *options)
-    assert (prepared.points == wanted.points).all() and (prepared.normals == wanted.normals).all()
-    assert group_kernels.group_scan.signatures == before
 
 
 @pytest.mark.parametrize("weighting", list(Weighting))
@@ -212,7 +184,7 @@ def test_the_field_of_the_points_that_constrain(weighting):
     rng = np.random.default_rng(0)
     prior = random_prior(rng)
     scan, point_map = random_scan(rng, 500, 20.0, 2.0), random_map(rng, prior, 500, 20.0)
-    whole = PreparedScan.prepare(scan, point_map, prior, SPACE, Multiplicity.OCCUPIED, weighting)
+    whole = prepared_with(scan, point_map, prior, weighting)
     part = whole.constraining()
     ends = whole.middles if weighting is Weighting.PUBLISHED else whole.starts[1:]
     numbers = [np.arange(start, end) for start, end in zip(whole.starts[:-1], ends, strict=True)]
@@ -238,3 +210,14 @@ def test_where_there_is_no_tile_no_patch_of_it_holds_anything():
     assert nothing.size == n_held * (TILE_VOXELS // PATCH_VOXELS) ** 2  # a word of 64 layers for each patch
     assert (nothing.dtype, nothing.any()) == (np.uint64, False)
     assert arrays == [nothing.ctypes.data] * 6
+
+
+def test_a_scan_from_another_process_needs_no_other_code():
+    rng = np.random.default_rng(1)
+    prior = random_prior(rng)
+    scan, point_map = random_scan(rng, 20, 3.0, 1.0), random_map(rng, prior, 5, 1.0)
+    wanted = prepared_with(scan, point_map, prior)
+    before = list(group_kernels.group_scan.signatures)
+    prepared = prepared_with(pickle.loads(pickle.dumps(scan)), point_map, prior)
+    assert (prepared.points == wanted.points).all() and (prepared.normals == wanted.normals).all()
+    assert group_kernels.group_scan.signatures == before
