@@ -1,13 +1,16 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Which search a space is given, and what is told of the runner-up."""
+"""Which search a space is given, and what is said of a best cell: its ratios, what lies beyond, what casts doubt."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from maxcon import Accumulator, MaximumConsensus, PointMap, Pose, Scan, SearchSpace, Trust
+from maxcon import Accumulator, MaximumConsensus, PointMap, Pose, Scan, SearchSpace, Status, Trust, cell_search
+from maxcon.cell_search import CellSearch
+from maxcon.integrity import reasons_to_doubt_answer
 from maxcon.search.coarse_to_fine import BestCell
 
 CELL = 0.06
@@ -41,28 +44,26 @@ def test_the_search_that_is_asked_for_is_made(corner, monkeypatch):
     assert bounded.best(*corner, HERE, SPACE).score == wanted.score > 1.0
 
 
+@pytest.mark.parametrize(("more", "is_coarse_to_fine"), [(-1, True), (0, False), (1, False)])
 def test_only_open_spaces_of_more_than_a_few_cells_are_searched_coarse_to_fine_and_only_with_bounds(
-    corner, monkeypatch
+    corner, monkeypatch, more, is_coarse_to_fine
 ):
     _, point_map = corner
     bounded, exhaustive = (MaximumConsensus(search=name).cell_search for name in ("branch-and-bound", "exhaustive"))
     is_open = SearchSpace(1.0, heading_half_width_deg=2.0)
-    n_cells = is_open.n_cells_at(CELL)
-    for few, is_few in ((n_cells - 1, False), (n_cells, True), (n_cells + 1, True)):
-        monkeypatch.setattr("maxcon.cell_search.FEW_CELLS", few)
-        assert bounded.is_coarse_to_fine(is_open, point_map) is not is_few
-        assert not exhaustive.is_coarse_to_fine(is_open, point_map)
-        assert not bounded.is_coarse_to_fine(is_open.at(CELL), point_map)
+    monkeypatch.setattr("maxcon.cell_search.FEW_CELLS", is_open.n_cells_at(CELL) + more)
+    assert bounded.is_coarse_to_fine(is_open, point_map) is is_coarse_to_fine
+    assert not exhaustive.is_coarse_to_fine(is_open, point_map)
+    assert not bounded.is_coarse_to_fine(is_open.at(CELL), point_map)
 
 
-def test_of_several_places_the_best_is_the_answer(corner, monkeypatch):
-    moments = np.array([300.0, 150.0, 0.0, 150.0])
-    one_cell = SearchSpace(0.0, CELL, 0.0, 0.5)
-    places = [
+def test_of_several_candidates_the_best_is_the_answer(corner, monkeypatch):
+    moments, one_cell = np.array([300.0, 150.0, 0.0, 150.0]), SearchSpace(0.0, CELL, 0.0, 0.5)
+    found = [
         BestCell(one_cell, HERE.translated([x, 0.0, 0.0]), (0, 0, 0), 9.0 - x, moments, 0.1, False)
         for x in (0.0, 1.0, 2.0)
     ]
-    monkeypatch.setattr("maxcon.cell_search.best_candidates", lambda *_: places)
+    monkeypatch.setattr("maxcon.cell_search.best_candidates", lambda *_: found)
     estimate = MaximumConsensus().cell_search.best(*corner, HERE, SearchSpace())
     assert (estimate.score, estimate.pose, estimate.cell) == (9.0, HERE, None)
 
@@ -82,3 +83,94 @@ def test_the_runner_up_is_a_ratio_of_helmert_s_scores_however_low_these_are(corn
     moments[2, 10, 19] = [50.0, 0.5 * least, 0.0, 0.5 * least]
     estimate = MaximumConsensus(SPACE).cell_search.conclude(Accumulator(moments, SPACE, HERE), scan, point_map)
     assert estimate.runner_up == pytest.approx(runner_up)
+
+
+# --- the estimate of a best cell ----------------------------------------------------------------------
+
+PRIOR = Pose(4.0, -3.0, 1.0, 0.0, 0.0, 0.3)
+SMALL = SearchSpace(0.3, CELL, 1.0, 0.5)
+MIDDLE = (2, 5, 5)
+FEW = np.array([4.0, 1.2, 0.0, 2.5])
+
+
+def scene(cell, n_matching=4, n_points=16):
+    """Points of which the first few lie in voxels of three map points, and the others in none, at a cell."""
+    pose = SMALL.pose(cell, PRIOR)
+    at = pose.position + np.column_stack([np.arange(n_points) + 1.0, 2.0 * np.arange(n_points), np.zeros(n_points)])
+    matching = np.repeat(at[:n_matching], 3, axis=0)
+    point_map = PointMap.from_points(matching, np.tile([1.0, 0.0, 0.0], (len(matching), 1)), CELL)
+    return Scan((at - pose.position) @ pose.rotation, np.zeros_like(at)), point_map  # weights of a half
+
+
+class Constant:
+    """An objective of one score for all cells, which remembers what it was asked."""
+
+    def __init__(self, score):
+        self.of_all, self.shapes = score, []
+
+    def score(self, moments):
+        self.shapes.append(moments.shape)
+        return np.full(moments.shape[:-1], self.of_all)
+
+
+def best_cell(cell=MIDDLE, score=1.0, runner_up=0.1, is_at_boundary=None):
+    return BestCell(SMALL, PRIOR, cell, score, FEW, runner_up, is_at_boundary)
+
+
+def judged(best, multiplicity="occupied", objective=None):
+    search = CellSearch(objective or Constant(0.0), multiplicity, "cosine", "branch-and-bound", 0.0, 1, Trust())
+    return search.estimate(best, *scene(best.cell))
+
+
+@pytest.mark.parametrize("cell", [MIDDLE, (1, 3, 8)])
+def test_the_matched_ratio_is_that_of_the_points_however_often_a_voxel_counts(cell):
+    once = best_cell(cell)
+    assert judged(once).share == judged(replace(once, moments=3.0 * FEW), "points").share == 4 / 16
+
+
+def test_what_is_known_of_the_cell_is_passed_on():
+    best = best_cell((1, 3, 8), 7.5, 0.25)
+    estimate = judged(best)
+    assert (estimate.pose, estimate.score, estimate.cell) == (SMALL.pose((1, 3, 8), PRIOR), 7.5, (1, 3, 8))
+    assert (estimate.runner_up, estimate.status) == (0.25, Status.LOCALIZED)
+    np.testing.assert_allclose(estimate.cofactor, [[1 / 1.2, 0.0], [0.0, 1 / 2.5]])
+    assert judged(replace(best, runner_up=0.9)).status is Status.AMBIGUOUS
+    (words,) = reasons_to_doubt_answer(FEW)  # few matches in a direction: only where matches are what is counted
+    assert words in estimate.reason
+    assert words not in judged(best, "points").reason
+
+
+@pytest.mark.parametrize(("heading", "turn_deg"), [(0, -1.5), (4, 1.5)])
+@pytest.mark.parametrize(("beyond", "status"), [(0.9, Status.LOCALIZED), (1.0, Status.LOCALIZED), (1.1, Status.AT_RIM)])
+def test_one_heading_beyond_the_last_is_scored_and_only_a_higher_score_there_is_the_boundary(
+    monkeypatch, heading, turn_deg, beyond, status
+):
+    priors, real = [], cell_search.exhaustive
+
+    def exhaustive(scan, point_map, prior, space, **options):
+        priors.append(prior)
+        return real(scan, point_map, prior, space, **options)
+
+    monkeypatch.setattr(cell_search, "exhaustive", exhaustive)
+    objective = Constant(beyond)
+    assert judged(best_cell((heading, 5, 5)), objective=objective).status is status
+    assert objective.shapes == [(1, 10, 10, 4)]
+    assert [prior.heading for prior in priors] == pytest.approx([PRIOR.heading + math.radians(turn_deg)])
+    assert (priors[0].x, priors[0].y, priors[0].z) == (PRIOR.x, PRIOR.y, PRIOR.z)
+
+
+@pytest.mark.parametrize(
+    ("cell", "told", "status"),
+    [
+        *(((heading, 5, 5), None, Status.LOCALIZED) for heading in (1, 2, 3)),
+        ((2, 0, 5), None, Status.AT_RIM),
+        ((2, 5, 9), None, Status.AT_RIM),
+        ((2, 0, 5), False, Status.LOCALIZED),
+        (MIDDLE, True, Status.AT_RIM),
+        ((0, 5, 5), False, Status.LOCALIZED),
+    ],
+)
+def test_whoever_looked_beyond_tells_the_boundary_and_otherwise_the_cell_does(cell, told, status):
+    objective = Constant(5.0)
+    assert judged(best_cell(cell, is_at_boundary=told), objective=objective).status is status
+    assert objective.shapes == []

@@ -10,6 +10,7 @@ import pytest
 
 from maxcon import Helmert, MaximumConsensus, PointMap, Pose, Scan, SearchSpace, Status
 from maxcon.refine import fit_ground
+from maxcon.search import branch_and_bound
 
 CELL = 0.06
 SPACE = SearchSpace(0.6, CELL, 1.0, 0.5)
@@ -119,14 +120,14 @@ def test_without_ground_the_height_is_searched(yard, search):
 
 
 @pytest.mark.parametrize("search", ["branch-and-bound", "exhaustive"])
-def test_the_outermost_height_is_the_rim(yard, search):
+def test_the_outermost_height_is_the_boundary(yard, search):
     scan, _, without, truth = yard
     method = MaximumConsensus(replace(SPACE, height_half_width=0.3), search=search)
     assert method.localize(scan, without, wrong(truth, 0.42)).status is Status.AT_RIM
     assert method.localize(scan, without, wrong(truth, 0.24)).status is Status.LOCALIZED
 
 
-def test_a_height_that_the_ground_of_the_answer_confirms_is_not_at_the_rim(yard, monkeypatch):
+def test_a_height_that_the_ground_of_the_answer_confirms_is_not_at_the_boundary(yard, monkeypatch):
     """Around the prior the ground cannot be told, so that heights are searched; at the answer it can."""
     scan, point_map, _, truth = yard
     told = []
@@ -148,8 +149,6 @@ def test_with_ground_heights_are_not_searched(yard, monkeypatch):
     heights = []
 
     def search(scan, point_map, prior, space, *args, **options):
-        from maxcon.search import branch_and_bound
-
         heights.append(space.n_heights)
         return branch_and_bound(scan, point_map, prior, space, *args, **options)
 

@@ -1,9 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Which answers are not to be trusted, on scenes where the reason is known."""
+"""Which answers are not to be trusted: where exactly trust ends, and on scenes where the reason is known."""
 
 import math
-from dataclasses import replace
+from dataclasses import FrozenInstanceError, replace
+from statistics import NormalDist
 
 import numpy as np
 import pytest
@@ -11,7 +12,17 @@ import pytest
 from maxcon import Count, MaximumConsensus, PointMap, Pose, Scan, SearchSpace, Status, Trust
 from maxcon.errors import OptionError
 from maxcon.geometry import rotation_matrices
-from maxcon.integrity import peak_ratio, protection_level, reasons_to_doubt_answer, reasons_to_doubt_scan
+from maxcon.integrity import (
+    FEWEST_POINTS,
+    LEAST_EIGENVALUE_RATIO,
+    along_and_across,
+    highest_beyond,
+    invert,
+    peak_ratio,
+    protection_level,
+    reasons_to_doubt_answer,
+    reasons_to_doubt_scan,
+)  # fmt: skip
 from maxcon.scan.normal_kernels import count_normals
 
 SPACE = SearchSpace(1.2, 0.06, 1.0)
@@ -38,40 +49,39 @@ def corner():
     return joined(wall((5.01, -6), (5.01, 6), 60_000, 0), wall((6, 5.01), (-6, 5.01), 60_000, 1))
 
 
+@pytest.fixture(scope="module")
+def point_map(corner):
+    return PointMap.from_points(*corner)
+
+
 def scan_of(points, normals, n=3000, seed=2):
     chosen = np.random.default_rng(seed).permutation(len(points))[:n]
     return Scan(points[chosen], normals[chosen])
 
 
-def test_a_corner_is_localized_and_tells_its_share_and_runner_up(corner):
+def test_a_corner_is_localized_and_tells_how_much_matches_and_its_second_best(corner, point_map):
     for search, most in (("exhaustive", 0.5), ("branch-and-bound", 0.8)):  # bounds prove what is asked for
-        method = MaximumConsensus(SPACE, search=search)
-        estimate = method.localize(scan_of(*corner), PointMap.from_points(*corner), HERE)
-        assert estimate.status is Status.LOCALIZED
+        estimate = MaximumConsensus(SPACE, search=search).localize(scan_of(*corner), point_map, HERE)
+        assert (estimate.status, estimate.reason) == (Status.LOCALIZED, "")
         assert estimate.share > 0.9
         assert 0.0 <= estimate.runner_up < most
 
 
 @pytest.mark.parametrize("multiplicity", ["occupied", "points"])
-def test_the_share_counts_scan_points_whatever_the_multiplicity(corner, multiplicity):
+def test_the_matched_ratio_counts_scan_points_whatever_the_multiplicity(corner, point_map, multiplicity):
     """Half of the scan lies where the map has nothing; a count of map points must not hide it."""
-    points, normals = corner
-    scan = scan_of(*corner)
+    scan, method = scan_of(*corner), MaximumConsensus(SPACE, multiplicity=multiplicity)
     stray = Scan(np.concatenate([scan.points, scan.points + [0, 0, 50.0]]), np.tile(scan.normals, (2, 1)))
-    method = MaximumConsensus(SPACE, multiplicity=multiplicity)
-    point_map = PointMap.from_points(points, normals)
     share = method.localize(scan, point_map, HERE).share
     assert method.localize(stray, point_map, HERE).share == pytest.approx(share / 2, rel=0.02)
 
 
-def test_few_matches(corner):
+def test_few_matches(corner, point_map):
     scan = scan_of(*corner, n=300)
     elsewhere = np.random.default_rng(3).uniform(-40, 40, (20_000, 3)) + [0, 0, 100.0]
     mostly_new = Scan(np.concatenate([scan.points, elsewhere]), np.concatenate([scan.normals, 0 * elsewhere]))
-    point_map = PointMap.from_points(*corner)
-    assert MaximumConsensus(SPACE).localize(mostly_new, point_map, HERE).status is Status.FEW_MATCHES
-    trusting = MaximumConsensus(SPACE, trust=Trust(least_share=0.0))
-    assert trusting.localize(mostly_new, point_map, HERE).status is Status.LOCALIZED
+    for trust, status in ((Trust(), Status.FEW_MATCHES), (Trust(least_share=0.0), Status.LOCALIZED)):
+        assert MaximumConsensus(SPACE, trust=trust).localize(mostly_new, point_map, HERE).status is status
 
 
 @pytest.mark.parametrize("objective", [None, Count()])
@@ -89,32 +99,24 @@ def test_a_facade_that_repeats_is_ambiguous(objective):
     assert sure.localize(scan, point_map, HERE).status in (Status.LOCALIZED, Status.AMBIGUOUS)
 
 
-@pytest.mark.parametrize("turn_deg", [-1.6, 1.6])
-def test_a_heading_beyond_the_space_is_at_the_rim(corner, turn_deg):
-    prior = replace(HERE, heading=math.radians(turn_deg))
-    method, point_map = MaximumConsensus(SPACE, wider=0.0), PointMap.from_points(*corner)
-    estimate = method.localize(scan_of(*corner), point_map, prior)
-    assert estimate.cell[0] in (0, SPACE.shape[0] - 1)
-    assert estimate.status is Status.AT_RIM
+@pytest.mark.parametrize(
+    ("prior", "headings", "status"),
+    [
+        (replace(HERE, heading=math.radians(-1.6)), (4,), Status.AT_RIM),
+        (replace(HERE, heading=math.radians(1.6)), (0,), Status.AT_RIM),
+        (replace(HERE, heading=math.radians(1.0)), (0,), Status.LOCALIZED),  # the outermost one may be the answer
+        (replace(HERE, x=1.2), range(5), Status.AT_RIM),
+    ],
+)
+def test_an_answer_beyond_the_space_is_at_the_boundary(corner, point_map, prior, headings, status):
+    estimate = MaximumConsensus(SPACE, wider=0.0).localize(scan_of(*corner), point_map, prior)
+    assert estimate.status is status
+    assert estimate.cell[0] in headings
 
 
-def test_the_outermost_heading_may_be_the_answer(corner):
-    prior = replace(HERE, heading=math.radians(1.0))
-    estimate = MaximumConsensus(SPACE).localize(scan_of(*corner), PointMap.from_points(*corner), prior)
-    assert estimate.cell[0] == 0
-    assert estimate.status is Status.LOCALIZED
-
-
-def test_an_offset_at_the_rim_is_told(corner):
-    prior = replace(HERE, x=1.2)
-    estimate = MaximumConsensus(SPACE, wider=0.0).localize(scan_of(*corner), PointMap.from_points(*corner), prior)
-    assert estimate.status is Status.AT_RIM
-
-
-def test_walls_that_are_missing_are_told(corner):
+def test_walls_that_are_missing_are_told(corner, point_map):
     """Two walls fit; a third one, askew, stands in the scan but not in the map."""
-    points, normals = joined(corner, wall((-2, 3), (-5, 0), 60_000, 7))
-    scan, point_map = scan_of(points, normals, n=6000), PointMap.from_points(*corner)
+    scan = scan_of(*joined(corner, wall((-2, 3), (-5, 0), 60_000, 7)), n=6000)
     estimate = MaximumConsensus(SPACE).localize(scan, point_map, HERE)
     assert (estimate.status, estimate.was_widened) == (Status.WALLS_MISSING, True)
     assert "wall points facing 135 degrees from +x (of 180) 0 lie on the map" in estimate.reason
@@ -138,14 +140,10 @@ def test_walls_that_are_missing_are_told(corner):
 def test_what_a_best_cell_is_judged_by(evidence, status):
     good = {"is_determined": True, "share": 0.5, "is_at_boundary": False, "runner_up": 0.5}
     assert Trust().status_of_cell(**{**good, **evidence}) is status
-
-
-def test_with_a_largest_runner_up_of_one_a_place_as_good_is_no_doubt():
-    judged = [
-        Trust(largest_runner_up=1.0).status_of_cell(is_determined=True, share=0.5, is_at_boundary=False, runner_up=each)
-        for each in (1.0, 1.001)
-    ]
-    assert judged == [Status.LOCALIZED, Status.AMBIGUOUS]
+    limit = evidence.get("runner_up", 0.5)  # what just reaches a limit is no doubt
+    assert (Trust(largest_runner_up=limit).status_of_cell(**{**good, "runner_up": limit})) is Status.LOCALIZED
+    with pytest.raises(TypeError, match="positional argument"):
+        Trust().status_of_cell(True, 0.5, False, 0.5)
 
 
 @pytest.mark.parametrize(
@@ -168,122 +166,147 @@ def test_with_a_largest_runner_up_of_one_a_place_as_good_is_no_doubt():
 def test_what_a_refined_pose_is_judged_by(evidence, status):
     good = {"n_planes": 500, "moved": 0.05, "wall_share": 0.5, "is_confirmed": False}
     assert Trust().status_of_pose(**{**good, **evidence}) is status
+    with pytest.raises(TypeError, match="positional argument"):
+        Trust().status_of_pose(500, 0.05, 0.5, False)
 
 
-def test_the_protection_level_is_along_and_across_the_heading():
+@pytest.mark.parametrize("risk", [0.006, 0.01, 0.02, 0.1])
+def test_the_protection_level_is_along_and_across_the_heading_and_of_two_directions_of_two_sides(risk):
     covariance = np.diag([0.04, 0.01, 9.0, 1.0, 1.0, 1.0]) ** 2
-    along, across = protection_level(covariance, 0.0, 0.01)
-    assert along == pytest.approx(4.0 * across)
-    assert across / 0.01 == pytest.approx(3.02, abs=0.01)  # 0.5 % of 1 % is left, for two directions of two sides
-    assert protection_level(covariance, math.pi / 2, 0.01) == pytest.approx((across, along))
-    assert protection_level(covariance, 0.0, 0.02)[0] < along
+    factor = NormalDist().inv_cdf(1.0 - (risk - 0.005) / 4.0)  # of 1 % half is left
+    along, across = protection_level(covariance, 0.0, risk)
+    assert (along, across) == pytest.approx((0.04 * factor, 0.01 * factor))
+    assert protection_level(covariance, math.pi / 2, risk) == pytest.approx((across, along))
     assert protection_level(covariance, 0.0, 0.005) == (math.inf, math.inf)
 
 
-def test_the_runner_up_by_hand():
-    space = SearchSpace(0.6, 0.06, 0.5)
+@pytest.mark.parametrize(
+    ("best", "others", "guard_radius", "highest"),
+    [  # cells of 0.125 m
+        ((1, 8, 8), [((1, 8, 9), 3.9), ((0, 8, 13), 3.0), ((2, 2, 2), 2.0)], 0.5, 3.0),  # next to it: its slope
+        ((1, 8, 8), [((1, 8, 9), 3.9), ((0, 8, 13), 3.0), ((2, 2, 2), 2.0)], 0.7, 2.0),
+        ((1, 8, 8), [((1, 8, 9), 3.9), ((0, 8, 13), 3.0), ((2, 2, 2), 2.0)], 5.0, 0.0),
+        ((1, 8, 8), [((0, 8, 12), 3.0), ((0, 3, 8), 2.0)], 0.5, 2.0),  # 0.5 m away, not farther; and 0.625 m
+        ((1, 8, 8), [((0, 8, 12), 3.0), ((0, 3, 8), 2.0)], 0.49, 3.0),
+        ((1, 12, 3), [((1, 12, 7), 1.0), ((1, 3, 12), 3.0), ((1, 9, 3), 2.0)], 0.4, 3.0),  # rows are not columns
+        ((1, 12, 3), [((1, 12, 7), 1.0), ((1, 9, 3), 2.0)], 0.4, 1.0),
+        ((1, 12, 3), [((1, 12, 7), 1.0), ((1, 9, 3), 2.0)], 0.3, 2.0),
+        ((1, 8, 8), [((1, 0, 0), 3.0), ((1, 15, 15), 2.0)], 0.5, 3.0),  # at the corner of the space
+    ],
+)
+def test_the_second_best_lies_beyond_the_guard_radius_and_not_on_it(best, others, guard_radius, highest):
+    space = SearchSpace(1.0, 0.125, 0.5)
     scores = np.zeros(space.shape)
-    scores[1, 10, 10] = 8.0  # the best cell
-    scores[1, 10, 11] = 7.9  # its slope, next to it
-    scores[0, 10, 18] = 6.0  # another peak, 0.48 m away, at another heading
-    scores[2, 2, 2] = 4.0  # a lower one, farther away
-    assert peak_ratio(scores, (1, 10, 10), space, 0.3) == 6.0 / 8.0
-    assert peak_ratio(scores, (1, 10, 10), space, 0.5) == 4.0 / 8.0
-    assert peak_ratio(scores, (1, 10, 10), space, 5.0) == 0.0
-    with np.errstate(all="raise"):
-        assert peak_ratio(scores, (1, 0, 0), space, 0.3) == math.inf
-        assert peak_ratio(np.zeros(space.shape), (1, 0, 0), space, 0.3) == math.inf
+    scores[best] = 4.0
+    for cell, score in others:
+        scores[cell] = score
+    assert highest_beyond(scores, best, space, guard_radius) == highest
+    assert peak_ratio(scores, best, space, guard_radius) == highest / 4.0
+    assert peak_ratio(scores / 8.0, best, space, guard_radius) == highest / 4.0  # low scores like high ones
 
 
-def test_a_slope_is_no_runner_up():
-    """Cells beyond the guard radius that only lead up to the peak are no place of their own."""
+def test_a_slope_is_no_second_best_and_without_a_score_there_is_no_ratio():
+    """Cells beyond the guard radius that only lead up to the peak are no candidates of their own."""
     space = SearchSpace(0.6, 0.06, 0.0)
     y, x = np.mgrid[:20, :20]
     scores = 20.0 - np.hypot(y - 10, x - 10)[None]
     assert peak_ratio(scores, (0, 10, 10), space, 0.3) == 0.0
+    scores[0, 0, 0], scores[0, 1, 1] = 14.0, 15.0  # the corner is a slope of its neighbour
+    assert peak_ratio(scores, (0, 10, 10), space, 0.3) == 15.0 / 20.0
+    with np.errstate(all="raise"):
+        for each in (np.zeros(space.shape), np.eye(20)[None]):
+            assert peak_ratio(each, (0, 0, 3), space, 0.3) == math.inf
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"least_share": -0.1}, "`least_share` from 0 to 1, got -0.1. The default is 0.05"),
-        ({"largest_runner_up": 1.5}, "`largest_runner_up` from 0 to 1, got 1.5. The default is 0.8"),
-        ({"least_share": math.nan}, "`least_share` from 0 to 1, got nan"),
-        ({"guard_radius": math.inf}, "`guard_radius` >= 0, got inf. The default is 0.5"),
-    ],
-)
-def test_what_trust_cannot_be(options, words):
-    with pytest.raises(OptionError, match=words):
-        Trust(**options)
+@pytest.mark.parametrize("name", ["least_share", "largest_runner_up", "least_wall_share", "least_confirmed_share"])
+def test_ratios_are_from_0_to_1(name):
+    for ratio in (0.0, 1.0):
+        assert getattr(Trust(**{name: ratio}), name) == ratio
+    for ratio in (-1e-9, 1.0 + 1e-9, math.nan):
+        default = getattr(Trust(), name)
+        with pytest.raises(OptionError, match=rf"`{name}` from 0 to 1, got {ratio}\. The default is {default}"):
+            Trust(**{name: ratio})
+
+
+@pytest.mark.parametrize("name", ["guard_radius", "fewest_planes", "farthest_move"])
+def test_lengths_and_numbers_are_not_negative(name):
+    assert getattr(Trust(**{name: 0}), name) == 0
+    for value in (-1, math.inf, math.nan):
+        with pytest.raises(OptionError, match=rf"`{name}` >= 0, got {value}\. The default is"):
+            Trust(**{name: value})
+
+
+def test_the_defaults_are_those_of_the_decisions():
+    assert Trust() == Trust(0.05, 0.8, 0.5, 0.05, 0.02, 50, 0.25)
+    assert pytest.approx(0.002739, abs=1e-6) == LEAST_EIGENVALUE_RATIO  # walls that are three degrees off
+    with pytest.raises(FrozenInstanceError):
+        Trust().least_share = 0.0
 
 
 # --- what casts doubt ---------------------------------------------------------------------------------
 
 
-def a_scan(n, share_upright, share_level):
+def with_normals(n, n_horizontal, n_upright):
     """Points of which some have a horizontal normal, some an upright one, and the others none."""
     normals = np.zeros((n, 3))
-    n_upright, n_level = round(share_upright * n), round(share_level * n)
-    normals[:n_upright] = [-1.0, 0.0, 0.0]
-    normals[n_upright : n_upright + n_level] = [0.0, 0.0, 1.0]
-    return Scan(np.random.default_rng(0).uniform(1.0, 9.0, (n, 3)), normals)
+    normals[:n_horizontal, 0] = 1.0
+    normals[n_horizontal : n_horizontal + n_upright, 2] = 1.0
+    return Scan(np.ones((n, 3)), normals)
 
 
-def test_an_ordinary_scan_is_not_doubted():
-    assert reasons_to_doubt_scan(a_scan(1000, 0.1, 0.1), HERE) == []
+@pytest.mark.parametrize(
+    ("scan", "words"),
+    [
+        ((499, 400, 0), "only 499 points"),
+        ((500, 400, 0), None),
+        ((1000, 30, 70), None),  # 10 % with a normal, 3 % a horizontal one
+        ((1000, 30, 69), "normals on 10 % of the points, horizontal ones on 3.0 %"),
+        ((1000, 29, 71), "normals on 10 % of the points, horizontal ones on 2.9 %"),
+        ((1000, 0, 900), "normals on 90 % of the points, none horizontal"),
+        ((1000, 1, 500), "horizontal ones on 0.1 %"),
+        ((1000, 95, 0), "horizontal ones on 9.5 %"),
+        ((1000, 0, 0), "normals on 0 % of the points, none horizontal"),
+    ],
+)
+def test_scans_that_are_just_ordinary_and_just_not(scan, words):
+    reasons = reasons_to_doubt_scan(with_normals(*scan), HERE)
+    assert len(reasons) == (words is not None)
+    assert words is None or words in reasons[0]
 
 
 def test_the_likely_cause_is_named():
     cause = "few walls around, single rings, or a sensor frame that is not z up?"
-    for upright, level, words in (
-        (0.0, 0.03, "normals on 3 % of the points, none horizontal"),
-        (0.02, 0.3, "normals on 32 % of the points, horizontal ones on 2.0 %"),
-        (0.05, 0.0, "normals on 5 % of the points, horizontal ones on 5.0 %"),
-        (0.0, 0.0, "normals on 0 % of the points, none horizontal"),
-    ):
-        assert reasons_to_doubt_scan(a_scan(1000, upright, level), HERE) == [f"{words}: {cause}"]
-    assert reasons_to_doubt_scan(a_scan(30, 1.0, 0.0), HERE) == [
-        "only 30 points: is the scan cut, or are range limits too narrow?"
-    ]
+    words = "normals on 32 % of the points, horizontal ones on 2.0 %"
+    assert reasons_to_doubt_scan(with_normals(1000, 20, 300), HERE) == [f"{words}: {cause}"]
+    short = "only 30 points: is the scan cut, or are range limits too narrow?"
+    assert reasons_to_doubt_scan(with_normals(30, 30, 0), HERE) == [short]
 
 
 def test_what_is_horizontal_is_said_by_the_roll_and_pitch_of_the_prior():
     lying = replace(HERE, pitch=math.radians(90.0))  # a sensor mounted on its nose
-    assert reasons_to_doubt_scan(a_scan(1000, 0.5, 0.0), HERE) == []
-    assert "none horizontal" in reasons_to_doubt_scan(a_scan(1000, 0.5, 0.0), lying)[0]
-    assert reasons_to_doubt_scan(a_scan(1000, 0.0, 0.5), lying) == []
+    assert reasons_to_doubt_scan(with_normals(1000, 500, 0), HERE) == []
+    assert "none horizontal" in reasons_to_doubt_scan(with_normals(1000, 500, 0), lying)[0]
+    assert reasons_to_doubt_scan(with_normals(1000, 0, 500), lying) == []
 
 
-def test_few_matches_along_a_direction_are_named_with_it():
-    assert reasons_to_doubt_answer(np.array([300.0, 200.0, 0.0, 50.0])) == []
-    (words,) = reasons_to_doubt_answer(np.array([300.0, 200.0, 0.0, 4.25]))
-    assert words == "only 4.2 full matches fix the position along 90 degrees from +x (of 180)"
-    c, s = math.cos(math.radians(31.0)), math.sin(math.radians(31.0))
-    (words,) = reasons_to_doubt_answer(
-        np.array([300.0, 100 * s * s + 2 * c * c, (2.0 - 100.0) * s * c, 100 * c * c + 2 * s * s])
-    )
-    assert "only 2.0 full matches fix the position along 31 degrees" in words
-    assert reasons_to_doubt_answer(np.zeros(4)) == []
+@pytest.mark.parametrize(("azimuth_deg", "least"), [(0.0, 9.9), (30.0, 9.9), (31.0, 2.0), (90.0, 4.25), (135.0, 9.9)])
+def test_few_matches_along_a_direction_are_named_with_it(azimuth_deg, least):
+    azimuth = math.radians(azimuth_deg)
+    weak, strong = (np.array([math.cos(a), math.sin(a)]) for a in (azimuth, azimuth + math.pi / 2))
+    (xx, xy), (_, yy) = least * np.outer(weak, weak) + 50.0 * np.outer(strong, strong)
+    (reason,) = reasons_to_doubt_answer(np.array([100.0, xx, xy, yy]))
+    assert reason == f"only {least:.1f} full matches fix the position along {azimuth_deg:.0f} degrees from +x (of 180)"
 
 
 @pytest.mark.parametrize("search", ["exhaustive", "branch-and-bound"])
-def test_a_scan_without_normals_says_so_beside_its_answer(corner, search):
-    points, normals = corner
-    bare = Scan(scan_of(points, normals).points, np.zeros((3000, 3)))
-    estimate = MaximumConsensus(SPACE, search=search).localize(bare, PointMap.from_points(*corner), HERE)
+def test_a_scan_without_normals_says_so_beside_its_answer(corner, point_map, search):
+    bare = Scan(scan_of(*corner).points, np.zeros((3000, 3)))
+    method = MaximumConsensus(SPACE, search=search)
+    estimate = method.localize(bare, point_map, HERE)
     assert estimate.status is Status.LOCALIZED
     assert estimate.reason.startswith("normals on 0 % of the points, none horizontal")
-    assert (
-        MaximumConsensus(SPACE, search=search)
-        .localize(scan_of(points, normals), PointMap.from_points(*corner), HERE)
-        .reason
-        == ""
-    )
-    nowhere = MaximumConsensus(SPACE, search=search).localize(
-        bare, PointMap.from_points(*corner), replace(HERE, z=500.0)
-    )
-    assert nowhere.status is Status.NO_MATCH
-    assert nowhere.reason == estimate.reason
+    nowhere = method.localize(bare, point_map, replace(HERE, z=500.0))
+    assert (nowhere.status, nowhere.reason) == (Status.NO_MATCH, estimate.reason)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -295,3 +318,52 @@ def test_normals_are_counted_as_they_are(seed):
     up = rotation_matrices(0.1, -0.2, 0.0)[2]
     is_horizontal = normals.any(axis=1) & (np.abs(normals @ up) < 0.5)
     assert count_normals(normals, up, 0.5) == (normals.any(axis=1).sum(), is_horizontal.sum())
+
+
+# --- where trust ends ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("least", "most", "is_determined"),
+    [
+        (1.0, 10.0, True),  # a match in full, in the least determined direction
+        (0.999, 10.0, False),
+        (1.001, 1.0 / LEAST_EIGENVALUE_RATIO, True),
+        (4.001 * LEAST_EIGENVALUE_RATIO * 1_000.0, 4_000.0, True),  # walls whose normals are 3 degrees off
+        (3.999 * LEAST_EIGENVALUE_RATIO * 1_000.0, 4_000.0, False),
+    ],
+)
+def test_what_determines_a_position(least, most, is_determined):
+    found, cofactor = invert(np.diag([most, least]))
+    assert found is is_determined
+    np.testing.assert_allclose(cofactor, np.diag([1.0 / most, 1.0 / least]))
+
+
+def test_what_is_singular_has_no_cofactor():
+    for matrix in (np.diag([0.9e-6 * 1e9, 1e9]), np.zeros((2, 2)), np.full((2, 2), 7.0)):
+        is_determined, cofactor = invert(matrix)
+        assert not is_determined
+        np.testing.assert_array_equal(cofactor, np.diag([np.inf, np.inf]))
+    assert np.isfinite(invert(np.diag([1.1e-6 * 1e9, 1e9]))[1]).all()
+
+
+def test_errors_along_and_across_a_heading():
+    covariance = np.zeros((6, 6))
+    covariance[:2, :2] = [[5.0, 4.0], [4.0, 5.0]]  # 9 along 45 degrees, 1 across
+    np.testing.assert_allclose(along_and_across(covariance, math.radians(45.0)), np.diag([9.0, 1.0]), atol=1e-12)
+    np.testing.assert_allclose(along_and_across(covariance, math.radians(-45.0)), np.diag([1.0, 9.0]), atol=1e-12)
+    np.testing.assert_allclose(along_and_across(covariance, math.radians(90.0)), [[5.0, -4.0], [-4.0, 5.0]])
+
+
+@pytest.mark.parametrize(("smallest", "n"), [(0.0, 0), (0.1, 1), (9.9, 1), (10.0, 0)])
+def test_so_many_matches_are_enough(smallest, n):
+    assert len(reasons_to_doubt_answer(np.array([99.0, smallest, 0.0, 50.0]))) == n
+
+
+def test_horizontal_is_within_30_degrees():
+    def doubted(degrees):
+        normal = [math.cos(math.radians(degrees)), 0.0, math.sin(math.radians(degrees))]
+        return reasons_to_doubt_scan(Scan(np.ones((FEWEST_POINTS, 3)), [normal] * FEWEST_POINTS), HERE)
+
+    assert not doubted(29.9)
+    assert "none horizontal" in doubted(30.1)[0]

@@ -342,7 +342,7 @@ def test_the_consensus_set_of_a_cell_is_what_its_count_counts(seed, n_scan, n_ma
     assert n_other <= 1  # a point on the border of two voxels may fall to either side
 
 
-def test_levelling_and_turning_are_the_rotation_of_the_prior():
+def test_upright_and_turned_are_the_rotation_of_the_prior():
     rng = np.random.default_rng(3)
     scan = Scan(rng.normal(size=(50, 3)), unit_vectors(rng, 50))
     prior = Pose(1.0, 2.0, 3.0, 0.3, -0.4, 2.5)
