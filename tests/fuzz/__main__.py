@@ -15,28 +15,24 @@ import time
 from collections import Counter
 from pathlib import Path
 
-from fuzz_seeds import make_seeds
-from fuzz_watch import watched
-from fuzz_worker import input_of, work_off
+sys.path.append(str(Path(__file__).parents[1]))
+
+from fuzz_seeds import Seed, make_seeds
+from fuzz_watch import input_of, watched, work_off
 
 
 def main() -> int:
     """Fuzz, and return 1 if something was found."""
     arguments = _arguments()
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        seeds = make_seeds(folder, arguments.others)
-        if arguments.worker:
-            numbers = range(arguments.first, arguments.inputs)
-            work_off(seeds, arguments.seed, numbers, folder, sys.stdout)
-            return 0
-        if arguments.only is not None:
-            chosen, data = input_of(seeds, arguments.seed, arguments.only)
-            file = Path(f"input_{arguments.only}_{Path(chosen.name).name or 'message'}")
-            file.write_bytes(data)
-            print(f"{file}: {chosen.label}, for the reader {chosen.reader}")
-            return 0
-    return _fuzz(arguments)
+        seeds = make_seeds(Path(name), arguments.others)
+        if arguments.only is None:
+            return _fuzz(arguments, seeds, Path(name))
+        chosen, data = input_of(seeds, arguments.seed, arguments.only)
+        file = Path(f"input_{arguments.only}_{Path(chosen.name).name or 'message'}")
+        file.write_bytes(data)
+        print(f"{file}: {chosen.label}, for the reader {chosen.reader}")
+        return 0
 
 
 def _arguments() -> argparse.Namespace:
@@ -47,17 +43,15 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--others", type=Path, help="folder of more good files, up to 150 kB each")
     parser.add_argument("--out", type=Path, help="file for the findings, a JSON line each")
     parser.add_argument("--only", type=int, help="write this input into a file, and read nothing")
-    parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
     return parser.parse_args()
 
 
-def _fuzz(arguments: argparse.Namespace) -> int:
+def _fuzz(arguments: argparse.Namespace, seeds: list[Seed], folder: Path) -> int:
     """Start a process that reads, and another one wherever it ended early or took too long."""
     counts: Counter[tuple[str, str]] = Counter()
     findings, slowest, at, began = [], (0.0, ""), arguments.first, time.perf_counter()
     while at < arguments.inputs:
-        before = at
-        for said in watched(_command(arguments, at)):
+        for said in watched(work_off, seeds, arguments.seed, range(at, arguments.inputs), folder):
             at = said.number + 1
             counts[said.reader, said.words if said.is_fine else "found"] += 1
             slowest = max(slowest, (said.seconds, f"{said.number} ({said.label})"))
@@ -66,8 +60,6 @@ def _fuzz(arguments: argparse.Namespace) -> int:
                 print(findings[-1], flush=True)
                 if arguments.out:
                     arguments.out.write_text("".join(json.dumps(found) + "\n" for found in findings))
-        if at == before:
-            raise SystemExit("The process that reads ended before its first input.")
     print(f"{'reader':<12} {'read':>8} {'refused':>8} {'found':>6}")
     for reader in sorted({reader for reader, _ in counts}):
         row = [counts[reader, words] for words in ("read", "refused", "found")]
@@ -76,14 +68,6 @@ def _fuzz(arguments: argparse.Namespace) -> int:
     total = time.perf_counter() - began
     print(f"{sum(counts.values()):,} inputs in {total:.0f} s; slowest {seconds:.2f} s: {which}")
     return 1 if findings else 0
-
-
-def _command(arguments: argparse.Namespace, first: int) -> list[str]:
-    command = [sys.executable, __file__, "--worker", "--first", str(first)]
-    for name in ("inputs", "seed", "others"):
-        if getattr(arguments, name) is not None:
-            command += [f"--{name}", str(getattr(arguments, name))]
-    return command
 
 
 if __name__ == "__main__":

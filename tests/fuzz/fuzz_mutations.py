@@ -7,8 +7,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-__all__ = ["mutated"]
-
 Mutation = Callable[[bytearray, random.Random], None]
 
 EXTREMES = (0, 1, 2, 0x7F, 0x80, 0xFF, 0x7FFF, 0x8000, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF, 2**63 - 1, 2**63)
@@ -50,12 +48,9 @@ def _overwrite(data: bytearray, rng: random.Random, part: bytes) -> None:
     data[at : at + len(part)] = part
 
 
-def _random_bytes(data: bytearray, rng: random.Random) -> None:
-    _overwrite(data, rng, rng.randbytes(rng.choice((1, 2, 4, 16, 200))))
-
-
-def _zeros(data: bytearray, rng: random.Random) -> None:
-    _overwrite(data, rng, bytes(rng.choice((1, 4, 64, 4096))))
+def _other_bytes(data: bytearray, rng: random.Random) -> None:
+    n = rng.choice((1, 2, 4, 16, 200))
+    _overwrite(data, rng, rng.choice((rng.randbytes(n), bytes(n), bytes(20 * n))))
 
 
 def _extreme_integer(data: bytearray, rng: random.Random) -> None:
@@ -109,6 +104,6 @@ def _splice(data: bytearray, other: bytes, rng: random.Random) -> None:
 
 
 MUTATIONS: tuple[Mutation, ...] = (
-    _flip_bits, _flip_bits, _random_bytes, _truncate, _remove, _repeat, _zeros,
+    _flip_bits, _flip_bits, _other_bytes, _other_bytes, _truncate, _remove, _repeat,
     _extreme_integer, _extreme_integer, _extreme_float, _word, _word, _swap_lines,
 )  # fmt: skip

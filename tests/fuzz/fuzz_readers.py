@@ -3,7 +3,6 @@
 """Everything that reads a file from outside: what is called with each mutated one, by name."""
 
 import shutil
-import struct
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -13,7 +12,6 @@ from maxcon.errors import MaxconError
 from maxcon.export import read_rows
 from maxcon.io.clouds import open_cloud
 from maxcon.io.geographic_priors import is_geographic, read_geographic_prior
-from maxcon.io.recordings.point_cloud2 import CloudRecord, FieldDescription, decode_cloud
 from maxcon.io.scans.description import describe
 from maxcon.io.trajectories import read_prior
 from maxcon.lab.dataset import Dataset
@@ -22,8 +20,6 @@ from maxcon.map.manifest import read_manifest
 from maxcon.map.storage import Folder
 from maxcon.map.store import GroundStore
 from maxcon.scan.mounting import read_mounting
-
-__all__ = ["READERS", "Reader", "record_as_bytes"]
 
 Reader = Callable[[bytes, str, Path, Path], None]
 """Given the mutated bytes, the name of the file, an empty folder, and that of the seeds. Raises what it raises."""
@@ -94,33 +90,6 @@ def _dataset(path: Path) -> None:
     Dataset.open(path)
 
 
-HEAD_OF_FIELD, HEAD_OF_RECORD = struct.Struct("<12sIBI"), struct.Struct("<IIII?q")
-
-
-def record_as_bytes(record: CloudRecord) -> bytes:
-    """Return a cloud message as bytes whose mutations are messages."""
-    fields = [HEAD_OF_FIELD.pack(f.name.encode(), f.offset, f.datatype, f.count) for f in record.fields]
-    head = HEAD_OF_RECORD.pack(
-        record.width, record.height, record.point_step, record.row_step, record.is_big_endian, record.stamp
-    )
-    return bytes([len(fields)]) + b"".join(fields) + head + bytes(record.data)
-
-
-def _message(data: bytes, name: str, folder: Path, seeds: Path) -> None:
-    n_fields = data[0] % 16 if data else 0
-    at = 1 + n_fields * HEAD_OF_FIELD.size
-    if len(data) < at + HEAD_OF_RECORD.size:
-        return
-    fields = []
-    for number in range(n_fields):
-        text, offset, datatype, count = HEAD_OF_FIELD.unpack_from(data, 1 + number * HEAD_OF_FIELD.size)
-        label = text.rstrip(b"\0").decode("latin-1")
-        fields.append(FieldDescription(label, offset, datatype, count))
-    head = HEAD_OF_RECORD.unpack_from(data, at)
-    rest = data[at + HEAD_OF_RECORD.size :]
-    decode_cloud(CloudRecord(tuple(fields), *head[:5], rest, head[5]))
-
-
 READERS: dict[str, Reader] = {
     "cloud": _of_file(_cloud, _scans),
     "survey": _of_file(_cloud),  # clouds of a map only: no scan comes so
@@ -137,5 +106,4 @@ READERS: dict[str, Reader] = {
     "manifest": _manifest,
     "dataset": _of_file(_dataset),
     "study": _of_file(lambda path: Study.open(path.parent)),
-    "message": _message,
 }
