@@ -19,54 +19,65 @@ class Interrupted(BaseException):
     """As KeyboardInterrupt: no Exception."""
 
 
-def full_disk():
-    return OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-
 def names(folder):
     return sorted(path.name for path in folder.iterdir())
 
 
-def test_a_file_appears_whole(tmp_path):
-    target = tmp_path / "poses.csv"
-    with atomic_file(target) as partial:
-        partial.write_text("half")
-        assert not target.exists()
-        assert partial.parent.parent == target.parent  # the same file system, so that renaming is one step
-        partial.write_text("whole")
-    assert target.read_text() == "whole"
-    assert names(tmp_path) == ["poses.csv"]
+def write(partial, text):
+    """Fill a file, or a folder with a file."""
+    (partial / "a" if partial.is_dir() else partial).write_text(text)
 
 
-def test_a_file_is_replaced_at_the_end_only(tmp_path):
-    target = tmp_path / "poses.csv"
-    target.write_text("old")
-    with atomic_file(str(target)) as partial:
-        partial.write_text("new")
-        assert target.read_text() == "old"
-    assert target.read_text() == "new"
+def written(target):
+    return {path.name: path.read_text() for path in (target.iterdir() if target.is_dir() else [target])}
 
 
-@pytest.mark.parametrize("error", [ValueError("no"), KeyboardInterrupt(), Interrupted()])
-def test_an_exception_inside_leaves_the_old_file(tmp_path, error):
-    target = tmp_path / "poses.csv"
-    target.write_text("old")
-    with pytest.raises(type(error)), atomic_file(target) as partial:
-        partial.write_text("half")
+@pytest.fixture(params=["file", "folder", "file there", "folder there"])
+def output(request, tmp_path):
+    """How something is written, to where, and what is there before."""
+    kind, _, is_there = request.param.partition(" ")
+    target = tmp_path / "city.map"
+    if is_there:
+        (target.mkdir if kind == "folder" else target.touch)()
+        (target / "old" if kind == "folder" else target).write_text("old")
+    context = (lambda: atomic_file(str(target))) if kind == "file" else lambda: atomic_folder(target, overwrite=True)
+    return target, context, written(target) if is_there else None
+
+
+def is_as_before(target, before):
+    return names(target.parent) == ([target.name] if before else []) and (not before or written(target) == before)
+
+
+def test_what_is_written_appears_whole_in_the_end_only(output):
+    target, context, before = output
+    with context() as partial:
+        assert partial.is_relative_to(target.parent)  # the same file system, so that renaming is one step
+        write(partial, "half")
+        assert target.exists() == (before is not None) and (not before or written(target) == before)
+        write(partial, "whole")
+    assert list(written(target).values()) == ["whole"]
+    assert names(target.parent) == [target.name]
+
+
+@pytest.mark.parametrize("error", [ValueError("no"), KeyboardInterrupt(), Interrupted(), MaxconError("exactly this")])
+def test_an_exception_inside_passes_unchanged_and_leaves_what_was_there(output, error):
+    target, context, before = output
+    with pytest.raises(type(error)) as caught, context() as partial:
+        write(partial, "half")
         raise error
-    assert target.read_text() == "old"
-    assert names(tmp_path) == ["poses.csv"]
+    assert caught.value is error
+    assert is_as_before(target, before)
 
 
-def test_a_full_disk_while_writing_a_file(tmp_path):
-    target = tmp_path / "poses.csv"
+def test_a_full_disk_leaves_what_was_there(output):
+    target, context, before = output
     with (
-        pytest.raises(FileError, match=r"able to write .*poses\.csv, got: No space left on device\..*nothing was"),
-        atomic_file(target) as partial,
+        pytest.raises(FileError, match=r"able to write .*city\.map, got: No space left on device\..*nothing was"),
+        context() as partial,
     ):
-        partial.write_text("half")
-        raise full_disk()
-    assert names(tmp_path) == []
+        write(partial, "half")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    assert is_as_before(target, before)
 
 
 def test_a_file_in_no_folder_or_over_a_folder(tmp_path):
@@ -75,29 +86,9 @@ def test_a_file_in_no_folder_or_over_a_folder(tmp_path):
     (tmp_path / "folder").mkdir()
     with pytest.raises(FileError, match="got the folder"), atomic_file(tmp_path / "folder") as partial:
         partial.write_text("x")
-    assert names(tmp_path) == ["folder"]
-
-
-def test_a_block_that_writes_nothing_is_an_error(tmp_path):
-    with pytest.raises(FileError, match="able to write"), atomic_file(tmp_path / "a"):
+    with pytest.raises(FileError, match="able to write"), atomic_file(tmp_path / "nothing"):
         pass
-    assert names(tmp_path) == []
-
-
-def test_errors_of_our_own_pass_unchanged(tmp_path):
-    for context in (atomic_file(tmp_path / "a"), atomic_folder(tmp_path / "b")):
-        with pytest.raises(MaxconError, match=r"^exactly this$"), context:
-            raise MaxconError("exactly this")
-    assert names(tmp_path) == []
-
-
-def test_a_folder_appears_whole(tmp_path):
-    target = tmp_path / "city.map"
-    with atomic_folder(target) as partial:
-        (partial / "a").write_text("1")
-        assert not target.exists()
-    assert names(target) == ["a"]
-    assert names(tmp_path) == ["city.map"]
+    assert names(tmp_path) == ["folder"]
 
 
 def test_a_folder_that_exists_is_refused_before_the_work(tmp_path):
@@ -136,44 +127,28 @@ def test_a_signal_anywhere_in_the_exchange_loses_neither_folder(tmp_path, monkey
     assert names(tmp_path) == ["city.map"]
 
 
-@pytest.mark.kills
-def test_what_a_killed_process_left_is_swept_up(tmp_path):
-    target = tmp_path / "city.map"
+def killed_while_writing(context):
     child = os.fork()
     if child == 0:
-        with atomic_folder(target) as partial:
-            (partial / "half").write_text("half")
-            os.kill(os.getpid(), signal.SIGKILL)
-    os.waitpid(child, 0)
-    assert len(names(tmp_path)) == 1
-    (tmp_path / ".other.map.partial-12345678").mkdir()
-    with atomic_folder(target):
-        pass
-    assert names(tmp_path) == [".other.map.partial-12345678", "city.map"]
-
-
-def _killed_while_writing(target):
-    child = os.fork()
-    if child == 0:
-        with atomic_file(target) as partial:
-            partial.write_text("half")
+        with context as partial:
+            write(partial, "half")
             os.kill(os.getpid(), signal.SIGKILL)
     os.waitpid(child, 0)
 
 
 @pytest.mark.kills
-def test_what_a_killed_process_left_of_a_file_is_swept_up(tmp_path):
-    target = tmp_path / "poses.laz"
-    _killed_while_writing(target)
-    assert len(names(tmp_path)) == 1 and not target.exists()
-    _killed_while_writing(tmp_path / "other.laz")
-    with atomic_file(target) as at_work:
-        at_work.write_text("whole")
-        check_writable(target)
-    assert target.read_text() == "whole"
-    assert len(names(tmp_path)) == 2
+@pytest.mark.parametrize("context", [atomic_file, atomic_folder])
+def test_what_a_killed_process_left_is_swept_up(tmp_path, context):
+    for name in ("city.map", "other.map"):
+        killed_while_writing(context(tmp_path / name))
+    assert len(names(tmp_path)) == 2 and not (tmp_path / "city.map").exists()
+    with context(tmp_path / "city.map") as at_work:
+        write(at_work, "whole")
+        if context is atomic_file:
+            check_writable(tmp_path / "city.map")
+    assert len(names(tmp_path)) == 2  # the other's is left to it
     sweep(tmp_path)
-    assert names(tmp_path) == ["poses.laz"]
+    assert names(tmp_path) == ["city.map"]
 
 
 @pytest.mark.parametrize("overwrite", [True, False])
@@ -192,15 +167,15 @@ def test_a_folder_that_a_killed_process_moved_aside_returns(tmp_path, overwrite)
     assert names(target) == ["a"]
 
 
-def test_the_folder_of_a_process_at_work_is_left_alone(tmp_path):
-    target = tmp_path / "city.map"
-    with atomic_folder(target, overwrite=True) as one:
-        with atomic_folder(target, overwrite=True) as other:
-            assert one.exists()
-            (other / "other").touch()
-        (one / "one").touch()
-    assert names(target) == ["one"]
-    assert names(tmp_path) == ["city.map"]
+def test_two_writers_do_not_meet_and_the_last_to_end_counts(output):
+    target, context, _ = output
+    with context() as one:
+        with context() as other:
+            assert one != other and one.parent.exists()
+            write(other, "other")
+        write(one, "one")
+    assert list(written(target).values()) == ["one"]
+    assert names(target.parent) == [target.name]
 
 
 @pytest.fixture(params=["FIFO", "socket"])
@@ -238,19 +213,17 @@ def test_what_became_special_while_it_was_written_is_not_replaced(tmp_path):
     assert stat.S_ISFIFO(path.stat().st_mode)
 
 
-@pytest.mark.parametrize("exists", [True, False])
-def test_a_file_behind_a_link_is_written_there(tmp_path, exists):
-    (tmp_path / "there").mkdir()
-    file, link = tmp_path / "there" / "poses.csv", tmp_path / "link.csv"
-    link.symlink_to(file)
-    if exists:
-        file.write_text("old")
-    check_writable(link)
-    with atomic_file(link) as partial:
-        partial.write_text("new")
-    assert link.is_symlink()
-    assert file.read_text() == "new"
-    assert names(tmp_path / "there") == ["poses.csv"]
+def test_behind_a_link_the_target_is_written(output):
+    target, _, _ = output
+    link = target.parent / "link"
+    link.symlink_to(target)
+    is_folder = target.is_dir()
+    if not is_folder:
+        check_writable(link)
+    with atomic_folder(link, overwrite=True) if is_folder else atomic_file(link) as partial:
+        write(partial, "new")
+    assert link.is_symlink() and list(written(target).values()) == ["new"]
+    assert names(target.parent) == ["city.map", "link"]
 
 
 def test_links_in_a_circle(tmp_path):
@@ -261,55 +234,11 @@ def test_links_in_a_circle(tmp_path):
     assert names(tmp_path) == ["a", "b"]
 
 
-def test_a_folder_behind_a_link_is_overwritten_there(tmp_path):
-    folder, link = tmp_path / "disk" / "city.map", tmp_path / "link.map"
-    folder.mkdir(parents=True)
-    link.symlink_to(folder)
-    with atomic_folder(link, overwrite=True) as partial:
-        (partial / "new").touch()
-    assert link.is_symlink()
-    assert names(folder) == ["new"]
-    assert names(tmp_path / "disk") == ["city.map"]
-
-
 def test_a_file_is_no_folder_to_overwrite(tmp_path):
     (tmp_path / "file").write_text("old")
     with pytest.raises(FileError, match="got the file"), atomic_folder(tmp_path / "file", overwrite=True):
         pass
     assert (tmp_path / "file").read_text() == "old"
-
-
-@pytest.mark.parametrize("error", [ValueError("no"), KeyboardInterrupt(), full_disk()])
-def test_overwriting_keeps_the_old_folder_when_the_new_one_fails(tmp_path, error):
-    target = tmp_path / "city.map"
-    target.mkdir()
-    (target / "old").write_text("old")
-    expected = FileError if isinstance(error, OSError) else type(error)
-    with pytest.raises(expected), atomic_folder(target, overwrite=True) as partial:
-        (partial / "new").write_text("half")
-        raise error
-    assert (target / "old").read_text() == "old"
-    assert names(tmp_path) == ["city.map"]
-
-
-def test_overwriting_replaces_the_whole_folder(tmp_path):
-    target = tmp_path / "city.map"
-    target.mkdir()
-    (target / "old").write_text("old")
-    with atomic_folder(target, overwrite=True) as partial:
-        (partial / "new").write_text("new")
-        assert (target / "old").exists()
-    assert names(target) == ["new"]
-    assert names(tmp_path) == ["city.map"]
-
-
-def test_two_writers_do_not_meet(tmp_path):
-    with atomic_file(tmp_path / "a") as one, atomic_file(tmp_path / "a") as other:
-        assert one != other
-        one.write_text("1")
-        other.write_text("2")
-    assert (tmp_path / "a").read_text() == "1"  # the last to end
-    assert names(tmp_path) == ["a"]
 
 
 def test_make_folder(tmp_path):

@@ -42,6 +42,7 @@ class Squares:
     def _squares(self, task):
         for number in task:
             if number in self.deadly:
+                time.sleep(0.5)  # dask gives a worker up that ends while its nanny starts it
                 os.kill(os.getpid(), signal.SIGKILL)
             if number in self.wrong:
                 raise ArrayError(f"Expected another number, got {number}. Take one.")
@@ -59,8 +60,22 @@ class Squares:
         return [int(path.name.split("-")[1]) for path in self.folder.glob("opened-*")]
 
 
-def squares(engine, job):
-    return dict(pair for _, pairs in engine.run(job, TASKS, len(TASKS)) for pair in pairs)
+def squares(engine, job, n_kills=0):
+    """What comes of the tasks, while so many workers are killed."""
+    found = {}
+    for _, pairs in engine.run(job, TASKS, len(TASKS)):
+        found.update(pairs)
+        if n_kills and (victims := [pid for pid in job.processes() if is_alive(pid)]):
+            os.kill(victims[n_kills % len(victims)], signal.SIGKILL)
+            n_kills -= 1
+    assert n_kills == 0
+    return found
+
+
+def assert_only_seven_is_lost(engine, folder):
+    found = squares(engine, Squares(folder, deadly=(7,)))
+    assert "each worker that was given it ended" in found.pop(7)
+    assert found == {number: square for number, square in RIGHT.items() if number != 7}
 
 
 def is_alive(pid):
@@ -108,22 +123,15 @@ def test_an_error_arrives_in_words_and_ends_all(tmp_path, n_workers):
 
 @pytest.mark.kills
 def test_a_worker_that_is_killed_loses_nothing(tmp_path):
-    job, n_killed, found = Squares(tmp_path), 0, {}
-    for _, pairs in Engine(2).run(job, TASKS, len(TASKS)):
-        found.update(pairs)
-        if n_killed < 3 and (victims := [pid for pid in job.processes() if is_alive(pid)]):
-            os.kill(victims[n_killed % len(victims)], signal.SIGKILL)
-            n_killed += 1
-    assert found == RIGHT and n_killed == 3
+    job = Squares(tmp_path)
+    assert squares(Engine(2), job, n_kills=3) == RIGHT
     assert len(job.processes()) > 2
     assert all_ended(job.processes())
 
 
 @pytest.mark.kills
 def test_what_ends_every_worker_is_told_from_its_neighbours(tmp_path):
-    found = squares(Engine(2), Squares(tmp_path, deadly=(7,)))
-    assert "each worker that was given it ended" in found.pop(7)
-    assert found == {number: square for number, square in RIGHT.items() if number != 7}
+    assert_only_seven_is_lost(Engine(2), tmp_path)
 
 
 ENDED_WITH_PARENT = """
@@ -146,11 +154,8 @@ def test_workers_end_with_the_process_that_started_them(tmp_path):
     folder.mkdir()
     script.write_text(ENDED_WITH_PARENT.format(folder=str(Path(__file__).parent)))
     assert subprocess.run([sys.executable, script, folder], timeout=300).returncode == -signal.SIGKILL
-    assert job_processes(folder) and all_ended(job_processes(folder))
-
-
-def job_processes(folder):
-    return Squares(folder).processes()
+    processes = Squares(folder).processes()
+    assert processes and all_ended(processes)
 
 
 @pytest.mark.kills
@@ -174,11 +179,8 @@ def test_a_job_is_opened_once_for_all_its_tasks_and_closed(tmp_path):
     do_task(opening, TASKS[0])
     assert len(job.processes()) == 2
     close_jobs()
-
-
-def test_a_worker_of_another_version_is_refused(tmp_path):
     with pytest.raises(OptionError, match=r"Expected workers with maxcon 0\.0\.0, as here, got one with"):
-        do_task(Opening("another", Squares(tmp_path), "0.0.0"), TASKS[0])
+        do_task(Opening("another", job, "0.0.0"), TASKS[0])
 
 
 def test_options_that_contradict_each_other_are_refused(monkeypatch):
@@ -219,19 +221,10 @@ def dask(monkeypatch):
 def test_workers_of_a_cluster_do_the_same_and_are_left_as_they_were(tmp_path, dask):
     """Killed, wrong, deadly: three jobs, one after the other."""
     engine = Engine(scheduler=dask(2).scheduler_address)
-    job, n_killed, found = Squares(tmp_path), 0, {}
-    for _, pairs in engine.run(job, TASKS, len(TASKS)):
-        found.update(pairs)
-        if n_killed < 2:
-            victims = [pid for pid in job.processes() if is_alive(pid)]
-            os.kill(victims[n_killed % len(victims)], signal.SIGKILL)
-            n_killed += 1
-    assert found == RIGHT
+    assert squares(engine, Squares(tmp_path), n_kills=2) == RIGHT
     with pytest.raises(ArrayError, match="Expected another number, got 10"):
         squares(engine, Squares(tmp_path, wrong=(10,)))
-    found = squares(engine, Squares(tmp_path, deadly=(7,)))
-    assert "each worker that was given it ended" in found.pop(7)
-    assert found == {number: square for number, square in RIGHT.items() if number != 7}
+    assert_only_seven_is_lost(engine, tmp_path)
 
 
 @pytest.mark.clusters
