@@ -4,31 +4,25 @@
 
 import csv
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from court_drive import POSE, made_epoch
 
-from maxcon import Estimate, Pose, Scan, Status
-from maxcon.drive.localize import EpochEstimate
+from maxcon import Status
 from maxcon.drive.poses_dataset import PosesDataset, poses_schema
 from maxcon.drive.poses_table import COVARIANCES, FORMATS, write_poses
 from maxcon.errors import FileError, OptionError
-from maxcon.io.scans import RawScan
 
-NOTHING = np.empty((0, 3))
-POSE = Pose(549936.51934567, 5801960.09217654, 62.00561111, 0.0012345678, -0.004494209, 3.0430433691)
 SOME = np.random.default_rng(0).normal(0.0, 0.03, (9, 6))
 
 
-def epoch(number, status=Status.LOCALIZED, protection=(0.1234567, math.inf)):
-    """An answer with a covariance, and a protection level that is known along the heading only."""
-    raw = RawScan(NOTHING, 100.0 + number, f"{number:06d}.bin", 10, 1, 2)
-    estimate = Estimate(
-        POSE, 256.07712345, (4, 50, 50), status, np.eye(2), covariance=SOME.T @ SOME, protection_level=protection
-    )
-    pose = POSE if status is Status.LOCALIZED else None
-    return EpochEstimate(number, raw, status, 12.3456, Scan(NOTHING, time=raw.time), None, estimate, pose, "a\nreason")
+def epoch(number, status=Status.LOCALIZED):
+    """With a covariance, and a protection level that is known along the heading only."""
+    made = made_epoch(number, status, covariance=SOME.T @ SOME, protection_level=(0.1234567, math.inf))
+    return replace(made, reason="a\nreason")
 
 
 def test_rows_are_published_once_and_whole(tmp_path):
@@ -58,7 +52,7 @@ def test_rows_are_those_of_the_table_of_poses_before_rounding(tmp_path):
     assert found[0]["x"] == POSE.x and rows[0]["x"] == "549936.5193"
     assert (found[0]["protection_along"], found[0]["protection_across"]) == (0.1234567, None)
     assert found[0][COVARIANCES[0]] == (SOME.T @ SOME)[0, 0]
-    assert found[1]["x"] is None and found[1]["score"] == 256.07712345 and found[1]["reason"] == "a reason"
+    assert found[1]["x"] is None and found[1]["score"] == 256.0771 and found[1]["reason"] == "a reason"
     for numbers, cells in zip(found, rows, strict=True):
         del numbers["epoch"]
         assert {name: format_of(name, value) for name, value in numbers.items()} == cells

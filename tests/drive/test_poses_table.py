@@ -12,43 +12,26 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from court_drive import POSE, START, made_epoch
 
-from maxcon import Estimate, Pose, Scan, Status
-from maxcon.drive.localize import EpochEstimate
+from maxcon import Pose, Status
 from maxcon.drive.poses_table import COLUMNS, GrowingTable, localized_trajectory, rows_there, write_poses
 from maxcon.errors import FileError
-from maxcon.io.scans import RawScan
 from maxcon.io.trajectories import read_trajectory
-
-NOTHING = np.empty((0, 3))
-# ETRS89 / UTM 32N, where a float32 has steps of half a metre.
-POSE = Pose(549936.5193, 5801960.0921, 62.0056, 0.0012345678, -0.004494209, 3.0430433691)
-
-
-def _epoch(number, status=Status.LOCALIZED, pose=POSE, score=256.0771):
-    """An epoch as `localize_drive` yields it; a pose only where it is localized."""
-    raw = RawScan(NOTHING, 386_400.123456789 + number, f"{number:06d}.bin", 10, 1, 2)
-    estimate = Estimate(Pose(1.0, 2.0, 3.0, 0.0, 0.0, 0.0), score, (4, 50, 50), status, np.eye(2))
-    is_searched = status not in (Status.NO_PRIOR, Status.NO_POINTS, Status.OUTSIDE_MAP)
-    is_localized = status is Status.LOCALIZED
-    return EpochEstimate(
-        number, raw, status, 12.345, Scan(NOTHING, time=raw.time), None,
-        estimate if is_searched else None, pose if is_localized else None,
-    )  # fmt: skip
 
 
 def test_the_table_reads_back_as_a_trajectory(tmp_path):
     turned = Pose(POSE.x + 10.0, POSE.y, POSE.z, -0.01, 0.02, -math.pi)
-    write_poses(tmp_path / "poses.csv", [_epoch(0), _epoch(1, pose=turned)])
+    write_poses(tmp_path / "poses.csv", [made_epoch(0), made_epoch(1, pose=turned)])
     found = read_trajectory(tmp_path / "poses.csv")
-    np.testing.assert_allclose(found.times, [386_400.123456789, 386_401.123456789], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.times, [START, START + 1], rtol=0, atol=1e-9)
     for read, written in zip(found.poses(), (POSE, turned), strict=True):
         np.testing.assert_allclose(read.position, written.position, rtol=0, atol=5e-5)
         np.testing.assert_allclose(read.rotation, written.rotation, rtol=0, atol=1e-8)
 
 
 def test_columns_and_text(tmp_path):
-    write_poses(tmp_path / "poses.csv", [_epoch(0)])
+    write_poses(tmp_path / "poses.csv", [made_epoch(0)])
     header, row = (tmp_path / "poses.csv").read_text().splitlines()
     assert header.split(",") == list(COLUMNS)
     assert header.startswith("time,x,y,z,roll,pitch,heading,score,status,ms,protection_along,protection_across,cov_x_x")
@@ -62,7 +45,7 @@ def test_columns_and_text(tmp_path):
 
 def test_the_covariance_is_written_as_its_upper_triangle(tmp_path):
     half = np.triu(np.arange(36.0).reshape(6, 6) + 1.0)
-    epoch = _epoch(0)
+    epoch = made_epoch(0)
     sure = replace(epoch.estimate, covariance=half + np.triu(half, 1).T, protection_level=(0.12345, math.inf))
     write_poses(tmp_path / "poses.csv", [replace(epoch, estimate=sure)])
     with (tmp_path / "poses.csv").open() as file:
@@ -74,7 +57,7 @@ def test_the_covariance_is_written_as_its_upper_triangle(tmp_path):
 
 def test_a_reason_of_many_words_is_read_back_and_does_not_disturb_the_others(tmp_path):
     reason = 'Expected a "scan", got 3 bytes,\nof 16. Copy it again.'
-    write_poses(tmp_path / "poses.csv", [_epoch(0), replace(_epoch(1), reason=reason)])
+    write_poses(tmp_path / "poses.csv", [made_epoch(0), replace(made_epoch(1), reason=reason)])
     with (tmp_path / "poses.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["reason"] for row in rows] == ["", 'Expected a "scan", got 3 bytes, of 16. Copy it again.']
@@ -83,7 +66,7 @@ def test_a_reason_of_many_words_is_read_back_and_does_not_disturb_the_others(tmp
 
 @pytest.mark.parametrize("status", list(Status))
 def test_only_localized_epochs_have_a_pose(tmp_path, status):
-    write_poses(tmp_path / "poses.csv", [_epoch(0, status)])
+    write_poses(tmp_path / "poses.csv", [made_epoch(0, status)])
     with (tmp_path / "poses.csv").open() as file:
         (row,) = csv.DictReader(file)
     assert row["status"] == status.value
@@ -93,61 +76,61 @@ def test_only_localized_epochs_have_a_pose(tmp_path, status):
 
 
 def test_epochs_without_a_pose_are_passed_over_when_read(tmp_path):
-    write_poses(tmp_path / "poses.csv", [_epoch(0, Status.NO_PRIOR), _epoch(1), _epoch(2, Status.AT_RIM)])
+    write_poses(tmp_path / "poses.csv", [made_epoch(0, Status.NO_PRIOR), made_epoch(1), made_epoch(2, Status.AT_RIM)])
     assert len(read_trajectory(tmp_path / "poses.csv")) == 1
 
 
 def test_the_trajectory_of_the_localized_epochs():
     assert localized_trajectory([]) is None
-    assert localized_trajectory([_epoch(0, Status.NO_MATCH)]) is None
-    found = localized_trajectory([_epoch(0), _epoch(1, Status.UNDETERMINED), _epoch(2)])
-    np.testing.assert_array_equal(found.times, [386_400.123456789, 386_402.123456789])
+    assert localized_trajectory([made_epoch(0, Status.NO_MATCH)]) is None
+    found = localized_trajectory([made_epoch(0), made_epoch(1, Status.UNDETERMINED), made_epoch(2)])
+    np.testing.assert_array_equal(found.times, [START, START + 2])
     np.testing.assert_array_equal(found.positions[0], POSE.position)
 
 
 def test_the_table_is_written_whole_or_not_at_all(tmp_path):
     path = tmp_path / "poses.csv"
-    write_poses(path, [_epoch(0)])
+    write_poses(path, [made_epoch(0)])
     before = path.read_bytes()
     with pytest.raises(AttributeError):
-        write_poses(path, [_epoch(0), None])
+        write_poses(path, [made_epoch(0), None])
     assert path.read_bytes() == before
     with pytest.raises(FileError, match=r"poses\.csv, got: No such file or directory.*nothing was written"):
-        write_poses(tmp_path / "missing" / "poses.csv", [_epoch(0)])
+        write_poses(tmp_path / "missing" / "poses.csv", [made_epoch(0)])
     assert [name.name for name in tmp_path.iterdir()] == ["poses.csv"]
 
 
 def test_a_reason_in_any_letters_is_written_the_same_under_any_locale(tmp_path):
     script = (
-        "from test_poses_table import _epoch, replace, write_poses; import sys;"
-        "write_poses(sys.argv[1], [replace(_epoch(0), reason='Stra\\u00dfe')])"
+        "from test_poses_table import made_epoch, replace, write_poses; import sys;"
+        "write_poses(sys.argv[1], [replace(made_epoch(0), reason='Stra\\u00dfe')])"
     )
     plain = {"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0", "PYTHONPATH": str(Path(__file__).parent)}
     plain["PYTHONPATH"] += os.pathsep + os.environ.get("PYTHONPATH", "")
     subprocess.run([sys.executable, "-c", script, tmp_path / "p.csv"], env=os.environ | plain, check=True)
     assert (tmp_path / "p.csv").read_bytes().endswith("Straße\r\n".encode())
-    assert rows_there(tmp_path / "p.csv", np.array([386_400.123456789])).n_rows == 1
+    assert rows_there(tmp_path / "p.csv", np.array([START])).n_rows == 1
 
 
 def test_another_process_at_the_same_table_is_refused(tmp_path):
     path = tmp_path / "poses.csv"
     with GrowingTable(path) as one, GrowingTable(path) as other:
-        one.add(_epoch(0))
+        one.add(made_epoch(0))
         with pytest.raises(FileError, match="another process is at work on it"):
-            other.add(_epoch(0))
+            other.add(made_epoch(0))
     assert len(path.read_text().splitlines()) == 2
     assert [name.name for name in tmp_path.iterdir()] == ["poses.csv"]
 
 
 def test_rows_go_on_behind_those_that_are_whole(tmp_path):
-    path, times = tmp_path / "poses.csv", np.array([_epoch(number).raw.time for number in range(3)])
-    write_poses(path, [_epoch(number) for number in range(3)])
+    path, times = tmp_path / "poses.csv", np.array([made_epoch(number).raw.time for number in range(3)])
+    write_poses(path, [made_epoch(number) for number in range(3)])
     whole = path.read_bytes()
     path.write_bytes(whole[:-20])  # killed in the third row
     there = rows_there(path, times)
     assert (there.n_rows, there.n_localized) == (2, 2)
     with GrowingTable(path, there) as table:
-        table.add(_epoch(2))
+        table.add(made_epoch(2))
     assert path.read_bytes() == whole
     with GrowingTable(path, there) as table, pytest.raises(FileError, match="it has grown"):
-        table.add(_epoch(2))
+        table.add(made_epoch(2))

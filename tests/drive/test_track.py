@@ -6,60 +6,27 @@ import math
 
 import numpy as np
 import pytest
+from court_drive import CELL, FRAME, N_SCANS, prior_of, truth
 
-from maxcon import LocalFrame, MaximumConsensus, PointMap, Pose, SearchSpace, Status, Trajectory
+from maxcon import MaximumConsensus, Pose, SearchSpace, Status, Trajectory
 from maxcon.drive.localize import DriveOptions
 from maxcon.drive.motion import MotionNoise
 from maxcon.drive.track import track_drive
 from maxcon.drive.tracker import Tracker
 from maxcon.errors import TrajectoryError
-from maxcon.io.scans import open_scans
+from maxcon.io.scans.folder import ScanFolder
 
-FRAME = LocalFrame((458_800.0, 5_429_000.0, 100.0))
-CELL = 0.06
-TIMES = [10.0 + 0.2 * epoch for epoch in range(10)]
+TIMES = [10.0 + 0.2 * epoch for epoch in range(N_SCANS)]
 METHOD = MaximumConsensus(SearchSpace(1.5, CELL, 1.0, 0.5))
 
 
-def truth(epoch):
-    return Pose(11.0 + 0.8 * epoch, 15.0 + 0.1 * epoch, 1.5, 0.01, -0.01, 0.05 * epoch)
-
-
 @pytest.fixture(scope="module")
-def court():
-    """A map of four walls with a nook, around (15, 15): points and normals, local frame."""
-    at, z = (grid.ravel() for grid in np.meshgrid(np.arange(5, 25.1, 0.05), np.arange(0.0, 4.0, 0.05)))
-    points, normals = [], []
-    for axis, place, towards in ((0, 5.03, 1.0), (0, 25.03, -1.0), (1, 5.03, 1.0), (1, 25.03, -1.0)):
-        wall = np.column_stack([at, at, z])
-        wall[:, axis] = place
-        points.append(wall)
-        normals.append(np.tile(towards * np.eye(3)[axis], (len(wall), 1)))
-    return np.concatenate(points), np.concatenate(normals)
+def scans(scan_paths):
+    return ScanFolder(scan_paths, np.array(TIMES))
 
 
-@pytest.fixture(scope="module")
-def point_map(court):
-    return PointMap.from_points(*court, CELL, frame=FRAME)
-
-
-@pytest.fixture(scope="module")
-def scans(court, tmp_path_factory):
-    """Ten scans of the court in KITTI's format; the fifth is no file of points, the last one empty."""
-    folder = tmp_path_factory.mktemp("scans")
-    for epoch in range(len(TIMES)):
-        pose, rng = truth(epoch), np.random.default_rng(epoch)
-        seen = court[0][rng.choice(len(court[0]), 4000, replace=False)]
-        sensor = (seen - pose.position) @ pose.rotation * (1e-3 if epoch == 9 else 1.0)
-        np.column_stack([sensor, np.zeros(len(sensor))]).astype("<f4").tofile(folder / f"{epoch:06d}.bin")
-    (folder / "000004.bin").write_bytes(b"none")
-    (folder / "times.txt").write_text("\n".join(map(str, TIMES)) + "\n")
-    return open_scans(folder)
-
-
-def prior(epochs=range(10), off=(0.5, -0.4, 0.0)):
-    poses = [FRAME.pose_to_global(truth(epoch)).translated(off) for epoch in epochs]
-    return Trajectory.from_poses([TIMES[epoch] for epoch in epochs], poses)
+def prior(epochs=range(N_SCANS)):
+    return prior_of([TIMES[epoch] for epoch in epochs], epochs, (0.5, -0.4, 0.0))
 
 
 def odometry(epochs=range(10)):

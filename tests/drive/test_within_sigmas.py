@@ -6,32 +6,21 @@ import math
 
 import numpy as np
 import pytest
+from court_drive import FRAME, seen, walls
 
-from maxcon import LocalFrame, MaximumConsensus, PointMap, Pose, Scan, SearchSpace, Trajectory
+from maxcon import MaximumConsensus, PointMap, Pose, Scan, SearchSpace, Trajectory
 from maxcon.drive.within_sigmas import WithinSigmas
 from maxcon.errors import OptionError, TrajectoryError
 
-FRAME = LocalFrame((458_800.0, 5_429_000.0, 100.0))
+# 40 m by 26 m, one of its corners cut off.
+YARD = walls([(5.03, 5.03), (45.03, 5.03), (45.03, 24.03), (36.03, 31.03), (5.03, 31.03)], 0.06)
 TIMES = [10.0 + 0.5 * epoch for epoch in range(5)]
 UNKNOWN = np.full((3, 3), np.nan)
 
 
-def yard():
-    """Walls of a yard of 40 m by 26 m, one of its corners cut off: points and normals, local frame."""
-    corners = np.array([[5.03, 5.03], [45.03, 5.03], [45.03, 24.03], [36.03, 31.03], [5.03, 31.03]])
-    points, normals = [], []
-    for first, last in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        length = np.linalg.norm(last - first)
-        along = (last - first) / length
-        at, z = (grid.ravel() for grid in np.meshgrid(np.arange(0.0, length, 0.06), np.arange(0.0, 4.0, 0.06)))
-        points.append(np.column_stack([first + at[:, None] * along, z]))
-        normals.append(np.tile([-along[1], along[0], 0.0], (len(at), 1)))
-    return np.concatenate(points), np.concatenate(normals)
-
-
 @pytest.fixture(scope="module")
 def point_map():
-    return PointMap.from_points(*yard(), 0.06, frame=FRAME)
+    return PointMap.from_points(*YARD, 0.06, frame=FRAME)
 
 
 def truth(epoch):
@@ -40,14 +29,7 @@ def truth(epoch):
 
 @pytest.fixture(scope="module")
 def scans():
-    points, normals = yard()
-    rng = np.random.default_rng(0)
-    found = []
-    for epoch, time in enumerate(TIMES):
-        pose, rows = truth(epoch), rng.choice(len(points), 4000, replace=False)
-        sensor = (points[rows] - pose.position) @ pose.rotation
-        found.append(Scan(sensor, normals[rows] @ pose.rotation, time=time))
-    return found
+    return [Scan(*seen(*YARD, truth(epoch), seed=epoch), time=time) for epoch, time in enumerate(TIMES)]
 
 
 def covariance(sigma, sigma_heading_deg):

@@ -10,7 +10,7 @@ from pathlib import Path
 from maxcon import PointMap, open_scans, read_recorded_poses, read_trajectory
 from maxcon.errors import MaxconError
 from maxcon.export import read_rows
-from maxcon.io.clouds import open_cloud
+from maxcon.io.clouds import Bounds, open_cloud
 from maxcon.io.geographic_priors import is_geographic, read_geographic_prior
 from maxcon.io.scans.description import describe
 from maxcon.io.trajectories import read_prior
@@ -55,6 +55,12 @@ def _cloud(path: Path) -> None:
             pass
 
 
+def _part(path: Path) -> None:
+    with open_cloud(path) as reader:
+        for _ in reader.chunks(100_000, Bounds(1.0, 1.0, 15.0, 15.0)):
+            pass
+
+
 def _scans(path: Path) -> None:
     list(open_scans(path).scans())
 
@@ -94,6 +100,7 @@ READERS: dict[str, Reader] = {
     "cloud": _of_file(_cloud, _scans),
     "survey": _of_file(_cloud),  # clouds of a map only: no scan comes so
     "scan": _of_file(_scans),
+    "part": _of_file(_part),
     "times": _of_file(_times),
     "trajectory": _of_file(read_trajectory, read_prior),
     "positions": _of_file(_positions),

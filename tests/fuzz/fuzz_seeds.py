@@ -12,6 +12,7 @@ import numpy as np
 import pyarrow
 import pyarrow.parquet
 import pye57
+import pypcd4
 from pyproj import CRS
 
 from maxcon import Pose, Trajectory
@@ -24,6 +25,7 @@ from maxcon.io.trajectories import write_csv, write_tum
 from maxcon.mapping.build import MapOptions, build_map
 from nmea_sentences import clock, gga, rmc, sentence, zda
 from recorded_drives import NAMES, MadeScans, made_prior, record_drive, write_capture, write_recording
+from written_copc import SIDE, write_copc
 
 N_POINTS = 60
 LARGEST = 150_000
@@ -81,7 +83,7 @@ def make_seeds(folder: Path, others: Path | None = None) -> list[Seed]:
     made = [
         *_clouds(folder),
         *_surveys(folder),
-        *_scans(),
+        *_scans(folder),
         *_trajectories(folder),
         *_texts(),
         *_recordings(folder),
@@ -141,7 +143,7 @@ def _surveys(folder: Path) -> Iterator[Seed]:
     yield Seed("csv cloud", "survey", "1.5.csv", named.encode())
 
 
-def _scans() -> Iterator[Seed]:
+def _scans(folder: Path) -> Iterator[Seed]:
     single = POINTS.astype("<f4")
     yield Seed("kitti", "scan", "1.5.bin", np.hstack([single, single[:, :1]]).tobytes())
     rows = "\n".join(f"{x} {y} {z}" for x, y, z in POINTS).encode()
@@ -151,6 +153,11 @@ def _scans() -> Iterator[Seed]:
             f"WIDTH {N_POINTS}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {N_POINTS}\nDATA {kind}\n"
         )
         yield Seed(f"pcd {kind}", "scan", "1.5.pcd", head.encode() + body)
+    few = np.round(single / 4.0)  # what does not compress, pypcd4 writes uncompressed
+    compressed = pypcd4.PointCloud.from_xyz_points(few)
+    compressed.save(folder / "1.5.pcd", encoding=pypcd4.Encoding.BINARY_COMPRESSED)
+    yield _of_file("pcd compressed", "scan", folder / "1.5.pcd")
+    yield _of_file("copc", "part", write_copc(folder / "1.5.copc.laz", np.tile(10.0 * POINTS, (4, 1)) % SIDE))
 
 
 def _trajectories(folder: Path) -> Iterator[Seed]:

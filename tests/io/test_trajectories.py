@@ -202,12 +202,6 @@ def test_no_folder_to_write_to(tmp_path):
             save(tmp_path / "missing" / "a.txt", sample())
 
 
-@pytest.mark.parametrize(("suffix", "save"), [(".txt", write_tum), (".csv", write_csv)])
-def test_broken_files_end_in_an_error_of_ours(tmp_path, survives_breaking, suffix, save):
-    save(tmp_path / f"whole{suffix}", sample(8, np.tile(np.diag([0.25, 0.04, 1e-4]), (8, 1, 1))))
-    survives_breaking((tmp_path / f"whole{suffix}").read_bytes(), suffix, read_trajectory, n_copies=100)
-
-
 @given(st.binary(max_size=300), st.sampled_from([".txt", ".csv"]))
 def test_junk_ends_in_an_error_of_ours(content, suffix):
     with tempfile.TemporaryDirectory() as folder:

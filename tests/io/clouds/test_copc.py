@@ -5,66 +5,19 @@
 import struct
 
 import laspy
-import lazrs
 import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from maxcon.errors import FileError, MaxconError
+from maxcon.errors import FileError
 from maxcon.io.clouds import Bounds
 from maxcon.mapping.build import Area, MapOptions, build_map
 from read_clouds import read_cloud
+from written_copc import SIDE, write_copc
 
-N_POINTS, SIDE = 3000, 64.0
+N_POINTS = 3000
 EVERYWHERE = Bounds(-1e6, -1e6, 1e6, 1e6)
-
-
-def write_copc(path, points, levels=2, twist=lambda entries: entries):
-    """Write points within a cube from (0, 0, 0) as COPC: points of each node of the last level, and none above."""
-    n = 2**levels
-    keys = np.clip((points / SIDE * n).astype(int), 0, n - 1)
-    header = laspy.LasHeader(point_format=6, version="1.4")
-    header.scales = np.full(3, 1e-3)
-    octree = struct.pack("<5d2Q2d", SIDE / 2, SIDE / 2, SIDE / 2, SIDE / 2, 1.0, 0, 0, 0.0, 0.0).ljust(160, b"\0")
-    laszip = lazrs.LazVlr.new_for_compression(6, 0, True)
-    for user, number, data in (("copc", 1, octree), ("laszip encoded", 22204, laszip.record_data())):
-        header.vlrs.append(laspy.VLR(user, number, "", data))
-    header.set_compressed(True)
-    header.partial_reset()
-    with path.open("w+b") as stream:
-        header.point_count = len(points)
-        header.write_to(stream)
-        start = stream.tell()
-        compressor = lazrs.LasZipCompressor(stream, laszip)
-        compressor.reserve_offset_to_chunk_table()
-        nodes, ends = np.unique(keys, axis=0).tolist(), []
-        for number, key in enumerate(nodes):
-            mine = points[(keys == key).all(axis=1)]
-            record = laspy.ScaleAwarePointRecord.zeros(len(mine), header=header)
-            record.x, record.y, record.z = mine.T
-            record["classification"], record["gps_time"] = np.full(len(mine), 6), mine[:, 0]
-            compressor.compress_many(np.frombuffer(record.array.tobytes(), np.uint8))
-            if number < len(nodes) - 1:  # the last one is finished with the file
-                compressor.finish_current_chunk()
-                ends.append((stream.tell(), len(mine)))
-        compressor.done()
-        stream.seek(start)
-        ends.append((struct.unpack("<q", stream.read(8))[0], len(mine)))
-        entries, at = [], start + 8
-        for key, (end, n_of_node) in zip(nodes, ends, strict=True):
-            entries.append((levels, *key, at, end - at, n_of_node))
-            at = end
-        stream.seek(0, 2)
-        page = stream.tell() + 60
-        entries = twist(entries)
-        body = b"".join(struct.pack("<4iQ2i", *entry) for entry in entries)
-        stream.write(struct.pack("<H16sHQ32s", 0, b"copc", 1000, len(body), b"") + body)
-        stream.seek(375 + 54 + 40)
-        stream.write(struct.pack("<2Q", page, len(body)))
-        stream.seek(235)
-        stream.write(struct.pack("<QI", page - 60, 1))
-    return path
 
 
 def points_of(path, bounds=None, max_points=1_000_000):
@@ -155,19 +108,6 @@ def test_pages_that_lead_in_circles_end(tmp_path, cloud):
     (tmp_path / "b.copc.laz").write_bytes(data)
     with pytest.raises(FileError, match="octree"):
         points_of(tmp_path / "b.copc.laz", EVERYWHERE)
-
-
-@given(data=st.data())
-def test_damaged_bytes_are_read_or_refused(tmp_path_factory, cloud, data):
-    content = bytearray(cloud[0].read_bytes())
-    for _ in range(3):
-        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
-    path = tmp_path_factory.mktemp("damaged") / "a.copc.laz"
-    path.write_bytes(content)
-    try:
-        points_of(path, Bounds(1.0, 1.0, 15.0, 15.0))
-    except MaxconError as error:
-        assert len(str(error).splitlines()) == 1
 
 
 def test_real_files(real_data):

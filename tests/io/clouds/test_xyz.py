@@ -1,11 +1,12 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Points as text: separators, headers, comments, chunks, and what is refused."""
+"""Points as text: separators, headers, comments, chunks, what is refused; and suffixes of all clouds."""
 
 import numpy as np
 import pytest
 
 from maxcon.errors import FileError
+from maxcon.io.clouds import CLOUD_SUFFIXES, open_cloud
 from read_clouds import read_cloud
 
 ROWS = [
@@ -72,3 +73,20 @@ def test_what_is_no_cloud_is_refused(tmp_path, lines, words):
     with pytest.raises(FileError, match=words) as error:
         read_cloud(_write(tmp_path, lines))
     assert "a.xyz" in str(error.value) and "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("name", ["a.pts", "a", "a.dxf"])
+def test_other_suffixes_are_refused_with_a_list_of_what_is_read(tmp_path, name):
+    (tmp_path / name).write_text("0 0 0")
+    suffixes = r"\.las, \.laz, \.ply, \.npz, \.e57, \.xyz, \.csv, \.txt"
+    with pytest.raises(FileError, match=rf"suffix {suffixes}, got .*a.* Convert"):
+        open_cloud(tmp_path / name)
+
+
+@pytest.mark.parametrize("suffix", CLOUD_SUFFIXES)
+def test_no_file_a_folder_and_an_empty_file(tmp_path, suffix):
+    (tmp_path / f"b{suffix}").mkdir()
+    (tmp_path / f"c{suffix}").touch()
+    for name, words in (("a", "no such file"), ("b", "got the folder"), ("c", rf"c\{suffix}, got an empty file")):
+        with pytest.raises(FileError, match=words):
+            open_cloud(tmp_path / f"{name}{suffix}")
