@@ -14,8 +14,7 @@ from pathlib import Path
 import pytest
 
 from maxcon._system import cluster
-from maxcon._system.engine import Engine
-from maxcon._system.job import Opening, close_jobs, do_task
+from maxcon._system.engine import Engine, Opening, close_jobs, do_task
 from maxcon.errors import ArrayError, MaxconError, MissingExtraError, OptionError
 
 if sys.platform == "win32":

@@ -9,8 +9,8 @@ import pytest
 
 from localized_poses import localized_poses
 from maxcon.geometry import Pose
+from maxcon.io.raw_scan import DeskewedScans
 from maxcon.io.scans import Scans, open_scans
-from maxcon.io.scans.derived import DeskewedScans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.simulation.dataset_files import CRS
 from maxcon.lab.simulation.recordings import cloud_message

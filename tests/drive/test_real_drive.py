@@ -7,8 +7,8 @@ import pytest
 
 from maxcon import MaximumConsensus, PointMap, Scan, SearchSpace
 from maxcon.drive.localize import localize_drive
+from maxcon.io.raw_scan import DeskewedScans
 from maxcon.io.scans import open_scans
-from maxcon.io.scans.derived import DeskewedScans
 from maxcon.io.scans.folder import ScanFolder
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.evaluation import pose_error

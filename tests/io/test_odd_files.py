@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from maxcon.errors import MaxconError
-from maxcon.io.scans.scan_files import read_scan_file
+from maxcon.io.scans.folder import read_scan_file
 from read_clouds import read_cloud
 
 RECORDERS = Path(os.environ.get("MAXCON_DATA", Path(__file__).parents[2] / "../shared/data")) / "recorders"

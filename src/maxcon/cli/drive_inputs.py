@@ -16,8 +16,8 @@ from maxcon.errors import OptionError
 
 if TYPE_CHECKING:
     from maxcon.drive.many import DriveEntry
+    from maxcon.io.raw_scan import MergedScans
     from maxcon.io.scans import Scans
-    from maxcon.io.scans.derived import MergedScans
     from maxcon.map import PointMap
     from maxcon.scan.mounting import Mounting
     from maxcon.scan.trajectory import Trajectory
@@ -50,8 +50,8 @@ class DriveInputs:
 
         OptionError if there is no prior, or an option has nothing to act on.
         """
+        from maxcon.io.raw_scan import DeskewedScans
         from maxcon.io.scans import open_scans
-        from maxcon.io.scans.derived import DeskewedScans
         from maxcon.scan.mounting import read_mounting
 
         options.check()
@@ -83,8 +83,8 @@ def _of_scanners(
     entry: "DriveEntry", options: RecordingOptions, motion: MotionOptions, mounting: "Mounting"
 ) -> "MergedScans":
     """The scans of several scanners, in the vehicle's frame."""
+    from maxcon.io.raw_scan import MergedScans
     from maxcon.io.scans import open_scans
-    from maxcon.io.scans.derived import MergedScans
 
     given = {"--topic": options.topic, "--times": entry.times, "--turn-time": motion.turn_time}
     for name in [name for name, value in given.items() if value is not None]:
@@ -112,8 +112,8 @@ def _frame_of(scans: "Scans") -> str:
 
 def _words_of(scans: "Scans", quiet: bool) -> list[str]:
     """What was taken from a recording; the times of its scans are found here, with a bar of progress."""
+    from maxcon.io.raw_scan import MergedScans
     from maxcon.io.recordings.recorded_scans import RecordedScans
-    from maxcon.io.scans.derived import MergedScans
 
     parts = scans.scanners if isinstance(scans, MergedScans) else (scans,)
     words = []
@@ -135,8 +135,8 @@ def _prior(
     """The prior, of a file or a recording; what it is in words where it is of a recording; rows that are no poses."""
     from maxcon.drive.diagnosis import check_heights
     from maxcon.io.geographic_priors import is_geographic
-    from maxcon.io.recordings.opening import CAPTURE_SUFFIX, is_recording
     from maxcon.io.recordings.poses import read_recorded_poses
+    from maxcon.io.recordings.recording import CAPTURE_SUFFIX, is_recording
     from maxcon.io.recordings.transforms import parse_frames
     from maxcon.io.trajectories import read_prior
 
@@ -198,8 +198,8 @@ def _geographic_prior(
 
 
 def _odometry(odometry: Path | None, options: RecordingOptions, sensor_frame: str) -> "tuple[Trajectory | None, str]":
-    from maxcon.io.recordings.opening import is_recording
     from maxcon.io.recordings.poses import read_recorded_poses
+    from maxcon.io.recordings.recording import is_recording
     from maxcon.io.recordings.transforms import parse_frames
     from maxcon.io.trajectories import read_trajectory
 

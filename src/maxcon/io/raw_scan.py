@@ -1,18 +1,22 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""RawScan: the returns of one epoch; Scans: those of a drive, wherever they come from."""
+"""Scans of a drive, wherever they come from, the returns of each, and scans that are deskewed or merged of others."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.errors import OptionError
+from maxcon.errors import FileError, OptionError, TrajectoryError
+from maxcon.geometry import Pose
+from maxcon.scan.deskew import deskew, times_of_turn
 from maxcon.scan.normals import Viewpoints
+from maxcon.scan.trajectory import Trajectory
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,3 +118,136 @@ def nearest_in_time(times: NDArray[np.float64], wanted: NDArray[np.float64]) -> 
     after = np.searchsorted(times, wanted).clip(max=len(times) - 1)
     before = (after - 1).clip(min=0)
     return np.where(wanted - times[before] <= times[after] - wanted, before, after)
+
+
+LONELY_GAP = 0.1
+"""Where the first scanner has a single scan: largest distance in time to scans of the others, s."""
+
+
+class DeskewedScans(Scans):
+    """Scans whose points have times, deskewed by a motion when they are read.
+
+    scans: as they were recorded.
+    motion: T_fixed_sensor in any fixed frame, on the clock of the scans.
+    max_gap: largest time between two of its poses to interpolate across, s.
+    turn_time: for scans whose points have no times: how long a turn of the scanner takes, s, clockwise seen from above,
+        and negative for counter-clockwise. The time of a scan is that of the middle of its turn, which looks forward.
+    """
+
+    def __init__(self, scans: Scans, motion: Trajectory, max_gap: float = 0.5, turn_time: float | None = None) -> None:
+        self._scans, self._motion, self._max_gap, self._turn_time = scans, motion, max_gap, turn_time
+        self.times = scans.times
+
+    def name(self, i: int) -> str:
+        """Return the name of scan number `i`."""
+        return self._scans.name(i)
+
+    def read(self, i: int, min_range: float = 1.0, max_range: float = 120.0) -> RawScan:
+        """Return scan number `i`, deskewed; range limits apply to the ranges as measured.
+
+        FileError if it cannot be read, its points have no times, or the motion does not cover it.
+        """
+        raw = self._scans.read(i, min_range, max_range)
+        offsets = raw.point_times
+        if offsets is None and self._turn_time is not None:
+            offsets = times_of_turn(raw.points, self._turn_time)
+        if offsets is None:
+            raise FileError(
+                f"Expected a time for each point of {raw.name}, to deskew it, got none that is understood"
+                " (maxcon scans info). If it is a turn of a spinning scanner, say how long that takes: --turn-time."
+            )
+        try:
+            points = deskew(raw.points, offsets + raw.time, self._motion, raw.time, self._max_gap)
+        except TrajectoryError as error:
+            raise FileError(f"{raw.name}: {error}") from error
+        return replace(raw, points=points, point_times=offsets)
+
+
+class MergedScans(Scans):
+    """Scans of several scanners, matched by their times, their points in the frame of the vehicle.
+
+    OptionError if there are not as many poses and names as scanners, or none.
+
+    scanners: each scan of the first one is an epoch; of each other scanner the scan nearest in time is added, if it is
+        within half of the first one's usual interval.
+    poses: T_vehicle_sensor of each.
+    names: names of the scanners, for messages.
+    """
+
+    def __init__(self, scanners: Sequence[Scans], poses: Sequence[Pose], names: Sequence[str]) -> None:
+        if not len(scanners) == len(poses) == len(names) or not scanners:
+            raise OptionError(
+                f"Expected a pose and a name for each of one or more scanners, got {len(poses)} and {len(names)} for"
+                f" {len(scanners)}."
+            )
+        self.scanners, self.poses, self.names = tuple(scanners), tuple(poses), tuple(names)
+
+    @property
+    def times(self) -> NDArray[np.float64]:  # type: ignore[override]
+        """Times of the first scanner's scans, shape (n,), s, strictly increasing."""
+        return self.scanners[0].times
+
+    @cached_property
+    def _rows(self) -> NDArray[np.int64]:
+        """Which scan of each scanner belongs to each epoch, shape (n, n_scanners); -1 where none does."""
+        times = self.times
+        reach = 0.5 * float(np.median(np.diff(times))) if len(times) > 1 else LONELY_GAP
+        rows = np.empty((len(times), len(self.scanners)), dtype=np.int64)
+        for number, scans in enumerate(self.scanners):
+            own = scans.times
+            nearest = nearest_in_time(own, times)
+            rows[:, number] = np.where(np.abs(own[nearest] - times) <= reach, nearest, -1)
+            if (rows[:, number] < 0).all():
+                raise FileError(
+                    f"Expected scans of the scanner {self.names[number]} within {reach:.3f} s of those of"
+                    f" {self.names[0]}, got none: {own[0]:.3f} to {own[-1]:.3f} s and {times[0]:.3f} to"
+                    f" {times[-1]:.3f} s. Do both use the same clock?"
+                )
+        return rows
+
+    @property
+    def words(self) -> str:
+        """How many scans of each scanner were matched, and how far apart they are, in a line."""
+        parts = []
+        for number, (name, scans) in enumerate(zip(self.names, self.scanners, strict=True)):
+            rows = self._rows[:, number]
+            apart = np.abs(scans.times[rows[rows >= 0]] - self.times[rows >= 0]).max()
+            parts.append(f"{name} in {np.count_nonzero(rows >= 0)} epochs, up to {1e3 * apart:.1f} ms off")
+        return f"scans of {len(parts)} scanners: " + "; ".join(parts)
+
+    def name(self, i: int) -> str:
+        """Return the names of the scans of epoch number `i`."""
+        return " + ".join(
+            scans.name(int(row)) for scans, row in zip(self.scanners, self._rows[i], strict=True) if row >= 0
+        )
+
+    def read(self, i: int, min_range: float = 1.0, max_range: float = 120.0) -> RawScan:
+        """Return epoch number `i`, in the frame of the vehicle; ranges are those of each scanner.
+
+        Points without times of their own get the time of their scan, if scans of the epoch differ in time.
+
+        FileError if one of its scans is broken; OptionError if not 0 <= min_range < max_range.
+        """
+        time = float(self.times[i])
+        raws, points, offsets, scanners = [], [], [], []
+        for number, row in enumerate(self._rows[i]):
+            if row < 0:
+                continue
+            raw = self.scanners[number].read(int(row), min_range, max_range)
+            own = np.zeros(len(raw.points)) if raw.point_times is None else raw.point_times
+            raws.append(raw)
+            points.append(self.poses[number].apply(raw.points))
+            offsets.append(own + (raw.time - time))
+            scanners.append(np.full(len(raw.points), number))
+        is_known = any(raw.point_times is not None or raw.time != time for raw in raws)
+        return RawScan(
+            points=np.concatenate(points),
+            time=time,
+            name=self.name(i),
+            n_returns=sum(raw.n_returns for raw in raws),
+            n_dropped_invalid=sum(raw.n_dropped_invalid for raw in raws),
+            n_dropped_range=sum(raw.n_dropped_range for raw in raws),
+            n_dropped_duplicates=sum(raw.n_dropped_duplicates for raw in raws),
+            point_times=np.concatenate(offsets) if is_known else None,
+            viewpoints=Viewpoints(np.concatenate(scanners), self.poses),
+        )

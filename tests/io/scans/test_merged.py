@@ -9,8 +9,8 @@ import pytest
 
 from maxcon.errors import FileError, OptionError
 from maxcon.geometry import Pose
+from maxcon.io.raw_scan import DeskewedScans, MergedScans
 from maxcon.io.scans import RawScan, Scans
-from maxcon.io.scans.derived import DeskewedScans, MergedScans
 from maxcon.lab.simulation import RotatingScanner
 from maxcon.scan import Scan
 from maxcon.scan.normals import estimate_scan_normals

@@ -9,7 +9,7 @@ import pytest
 from maxcon.errors import FileError, OptionError
 from maxcon.io.scans import open_scans, scan_files
 from maxcon.io.scans.description import describe
-from maxcon.io.scans.scan_files import read_scan_file
+from maxcon.io.scans.folder import read_scan_file
 
 POINTS = np.array(
     [[5.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 130.0, 0.0], [np.nan, 1.0, 1.0], [3.0, 4.0, 0.0]]
