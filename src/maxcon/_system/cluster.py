@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-from maxcon._system.engine import Opening, close_jobs, do_task, workers_gone
+from maxcon._system.job import Opening, close_jobs, do_task, workers_gone
 from maxcon.errors import MissingExtraError, OptionError
 
 if TYPE_CHECKING:

@@ -135,8 +135,8 @@ def _prior(
     """The prior, of a file or a recording; what it is in words where it is of a recording; rows that are no poses."""
     from maxcon.drive.diagnosis import check_heights
     from maxcon.io.geographic_priors import is_geographic
+    from maxcon.io.recordings.opening import CAPTURE_SUFFIX, is_recording
     from maxcon.io.recordings.poses import read_recorded_poses
-    from maxcon.io.recordings.recording import CAPTURE_SUFFIX, is_recording
     from maxcon.io.recordings.transforms import parse_frames
     from maxcon.io.trajectories import read_prior
 
@@ -198,8 +198,8 @@ def _geographic_prior(
 
 
 def _odometry(odometry: Path | None, options: RecordingOptions, sensor_frame: str) -> "tuple[Trajectory | None, str]":
+    from maxcon.io.recordings.opening import is_recording
     from maxcon.io.recordings.poses import read_recorded_poses
-    from maxcon.io.recordings.recording import is_recording
     from maxcon.io.recordings.transforms import parse_frames
     from maxcon.io.trajectories import read_trajectory
 

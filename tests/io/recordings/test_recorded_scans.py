@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 
 from maxcon.errors import FileError, OptionError
-from maxcon.io.recordings.mcap_files import unpacked_records
+from maxcon.io.recordings.opening import open_recording, unpacked_records
 from maxcon.io.recordings.recorded_scans import open_clouds
-from maxcon.io.recordings.recording import open_recording
 from maxcon.io.scans import open_scans
 from maxcon.lab.simulation.recordings import cloud_message
 from recorded_drives import NAMES, START, MadeScans, made_prior, record_drive, recording_writer, write_recording
@@ -149,7 +148,7 @@ def test_chunks_that_unpack_hugely_are_refused(tmp_path, monkeypatch):
     from mcap.records import Chunk
 
     monkeypatch.setattr("maxcon.io.recordings.recording.LARGEST_CHUNK", 2**20)
-    monkeypatch.setattr("maxcon.io.recordings.mcap_files.LARGEST_CHUNK", 2**20)
+    monkeypatch.setattr("maxcon.io.recordings.opening.LARGEST_CHUNK", 2**20)
     for compression in ("BZ2", "LZ4"):
         path = _text_bag(tmp_path / f"{compression}.bag", "/text", "\0" * 2**22, compression)
         assert path.stat().st_size < 2**17

@@ -10,8 +10,8 @@ import pytest
 from maxcon.errors import FileError, OptionError, TrajectoryError
 from maxcon.geometry import Pose
 from maxcon.geometry.quaternions import quaternions_from_angles
+from maxcon.io.recordings.opening import open_recording
 from maxcon.io.recordings.poses import read_recorded_poses
-from maxcon.io.recordings.recording import open_recording
 from maxcon.io.recordings.transforms import TransformTree, parse_frames
 from maxcon.io.recordings.writing import Entry, header_of
 from recorded_drives import NAMES, write_recording

@@ -19,15 +19,8 @@ from maxcon.geometry import Pose
 from maxcon.io.clouds.base import as_file_error
 from maxcon.io.crs import GeographicFrame
 from maxcon.io.fixes import Fixes, Heights, Orientations, is_place, place_fixes
-from maxcon.io.recordings.recording import (
-    Recording,
-    Topic,
-    decode_message,
-    frame_name,
-    frame_of,
-    open_recording,
-    stamp_of,
-)
+from maxcon.io.recordings.opening import open_recording
+from maxcon.io.recordings.recording import Recording, Topic, decode_message, frame_name, frame_of, stamp_of
 from maxcon.io.recordings.transforms import TRANSFORMS, TransformTree
 from maxcon.io.text import printable
 from maxcon.scan.mounting import sensor_trajectory

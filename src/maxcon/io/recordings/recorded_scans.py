@@ -20,18 +20,9 @@ from maxcon.errors import FileError, OptionError
 from maxcon.io.clouds.base import as_file_error
 from maxcon.io.raw_scan import RawScan, Scans, check_range, returns_in_range
 from maxcon.io.recordings.captures import VelodyneCapture, record_of_packets
+from maxcon.io.recordings.opening import CAPTURE_SUFFIX, existing_file, open_recording
 from maxcon.io.recordings.point_cloud2 import CloudRecord, CloudSource, FieldDescription, RecordedCloud
-from maxcon.io.recordings.recording import (
-    CAPTURE_SUFFIX,
-    Message,
-    Recording,
-    Topic,
-    decode_message,
-    existing_file,
-    frame_of,
-    open_recording,
-    stamp_of,
-)
+from maxcon.io.recordings.recording import Message, Recording, Topic, decode_message, frame_of, stamp_of
 from maxcon.io.text import printable
 
 CLOUD, VELODYNE = "sensor_msgs/msg/PointCloud2", "velodyne_msgs/msg/VelodyneScan"

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from maxcon.errors import FileError
 from maxcon.io.raw_scan import returns_in_range
-from maxcon.io.recordings.recording import CAPTURE_SUFFIX, Topic, is_recording
+from maxcon.io.recordings.opening import CAPTURE_SUFFIX, is_recording
+from maxcon.io.recordings.recording import Topic
 from maxcon.scan import Scan
 
 if TYPE_CHECKING:
@@ -88,8 +89,8 @@ def describe(path: str | os.PathLike[str], topic: str | None = None) -> Recordin
     topic: the only topic to describe; all with clouds if None.
     """
     from maxcon.io.recordings.captures import topics_of_capture
+    from maxcon.io.recordings.opening import open_recording
     from maxcon.io.recordings.recorded_scans import CLOUD, VELODYNE, TopicOfClouds, chosen_topic, open_clouds
-    from maxcon.io.recordings.recording import open_recording
 
     if not is_recording(path):
         return RecordingDescription((), (), (_of_folder(path),))

@@ -126,7 +126,7 @@ def open_scans(
     OptionError
         If times are given for a recording, or a topic for a folder.
     """
-    from maxcon.io.recordings.recording import is_recording
+    from maxcon.io.recordings.opening import is_recording
 
     if not is_recording(path):
         if topic is not None or at_stamp:
