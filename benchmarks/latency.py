@@ -88,7 +88,7 @@ class StageTimes:
             (scan_module, "one_per_cube", "thinning"),
             (localizer, "fit_ground", "ground"),
             (cell_search, "branch_and_bound", _kind_of_search),
-            (cell_search, "judge", "judging"),
+            (cell_search.CellSearch, "estimate", "judging"),
             (localizer, "validate", "refining"),
         ]
         with ExitStack() as stack:

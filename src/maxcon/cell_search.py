@@ -136,7 +136,7 @@ class CellSearch:
         )  # fmt: skip
 
     def _by_bounds(self, scan: Scan, point_map: PointMap, prior: Pose, space: SearchSpace) -> BestCell | None:
-        """The best cell by branch and bound; None where nothing scores, and all cells have to be looked at."""
+        """The best cell by branch and bound; None where nothing scores: all cells are scored then."""
         share = self._asked_ratio
         found = self._branch_and_bound(self.objective)(scan, point_map, prior, space, share=share)
         raised, plane = space.raised(prior, found.height), space.plane

@@ -35,7 +35,6 @@ FEWEST_CARRYING = 10.0
 # Fraction of wrong answers among those localized that trials could exclude (D12).
 WRONG_PLACE = 0.005
 
-
 RATIOS = ("least_share", "largest_runner_up", "least_wall_share", "least_confirmed_share")
 
 
@@ -57,7 +56,7 @@ class Trust:
         This fraction of the wall points of each orientation bin must lie on walls of the map at the refined pose, 0 to
         1; where less do, a wider search has to find the same pose.
     least_confirmed_share : float
-        The same once a wider search found that place.
+        The same once a wider search found the same pose.
     fewest_planes : int
         So many points must lie on planes of the map at the refined pose.
     farthest_move : float
@@ -153,7 +152,7 @@ def invert(normal_matrix: NDArray[np.float64]) -> tuple[bool, NDArray[np.float64
 def protection_level(covariance: NDArray[np.float64], heading: float, risk: float) -> tuple[float, float]:
     """How large the error of a localized pose may be, along and across its heading, m, with at most a stated risk.
 
-    Part of the risk is that of another place altogether, `WRONG_PLACE`: no level covers that, so that it is infinite
+    Part of the risk is that of a wrong candidate altogether, `WRONG_PLACE`: no level covers that, so that it is infinite
     where the stated risk is smaller. The rest is shared by the two directions, normally distributed. `covariance` is
     that of x, y, z, roll, pitch and heading in map axes, shape (6, 6); `heading` in rad; `risk` above 0 and below 1.
     """
@@ -184,8 +183,8 @@ def peak_ratio(scores: Scores, cell: Cell, space: SearchSpace, guard_radius: flo
     ny, nx = highest.shape
     padded = np.pad(highest, 1, constant_values=-np.inf)
     around = np.max([padded[y : y + ny, x : x + nx] for y in range(3) for x in range(3)], axis=0)
-    is_rival = (highest == around) & _is_beyond(cell, space, guard_radius)
-    return float(highest[is_rival].max(initial=0.0) / scores[cell])
+    is_other = (highest == around) & _is_beyond(cell, space, guard_radius)
+    return float(highest[is_other].max(initial=0.0) / scores[cell])
 
 
 def highest_beyond(scores: Scores, cell: Cell, space: SearchSpace, guard_radius: float) -> float:
@@ -194,7 +193,7 @@ def highest_beyond(scores: Scores, cell: Cell, space: SearchSpace, guard_radius:
 
 
 def _is_beyond(cell: Cell, space: SearchSpace, guard_radius: float) -> NDArray[np.bool_]:
-    """Whether each place, shape (ny, nx), lies farther than the guard radius (m) from a cell."""
+    """Whether each offset, shape (ny, nx), lies farther than the guard radius (m) from a cell."""
     _, ny, nx = space.shape
     distance = np.hypot(np.arange(ny)[:, None] - cell[1], np.arange(nx)[None, :] - cell[2]) * space.cell_edge
     return np.asarray(distance > guard_radius)

@@ -5,7 +5,7 @@
 The paper's method in the order of the paper: every cell of a search space around the prior is a candidate
 pose; each match of a scan point with the map adds to its cell; the cell whose matches determine the
 position best is the answer. Then what the paper does not have: its pose is adjusted to the surfaces of the
-map, examined, and where in doubt searched for once more, wider (D12).
+map, validated, and where in doubt searched for once more, wider (D12).
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class MaximumConsensus:
     ----------
     space : SearchSpace
         The candidate poses around each prior; 12 m and 10 degrees if not given. An open space, without a cell, is
-        searched coarse to fine: in a level of the map first, then in the map's own cells around the places left open.
+        searched coarse to fine: in a level of the map first, then in the map's own cells around the candidates.
         One with a cell is searched in these cells alone, `SearchSpace.paper()` in the paper's.
     objective : Objective or {"helmert", "count", "max-eigenvalue"}
         What a cell is worth; Helmert's point error if not given. Any object with ``score(moments)``.
@@ -57,17 +57,17 @@ class MaximumConsensus:
         there, as published; or 1 (D5).
     search : {"branch-and-bound", "exhaustive"}
         How the best cell is found; in given cells it is the same one. Branch and bound takes a fraction of the time. Of
-        the runner-up it proves what `trust` asks for, not what it scores. An objective without bounds
-        (`BoundedByAxes`, `BoundedByCount`) is searched exhaustively. "exhaustive" looks at every cell; of an open
-        space at all of the map's own.
+        the second best it proves what `trust` asks for, not what it scores. An objective without bounds
+        (`BoundedByAxes`, `BoundedByCount`) is searched exhaustively. "exhaustive" scores every cell; of an open
+        space all of the map's own.
     thinning : float
         One point of the scan is searched with in each cube of this edge, m; 0 for all, as published. Near surfaces
         have most of the points, and would outvote the far ones.
     refinement : bool
-        Whether the pose of the best cell is adjusted to the surfaces of the map and examined there, and a covariance
+        Whether the pose of the best cell is adjusted to the surfaces of the map and validated there, and a covariance
         given. Without, the answer is the cell, as published.
     wider : float
-        Where an answer is in doubt, all places within so much of it along x and y are searched too, coarse to fine, m;
+        Where an answer is in doubt, all poses within so much of it along x and y are searched too, coarse to fine, m;
         0 for never, as where the prior is certain to hold the true pose.
     risk : float
         The error may be larger than the protection level with at most this probability.
@@ -119,7 +119,7 @@ class MaximumConsensus:
 
     @property
     def cell_search(self) -> CellSearch:
-        """How the best cell of a space is found and judged."""
+        """How the best cell of a space is found and validated."""
         return CellSearch(
             as_objective(self.objective), self.multiplicity, self.weighting, self.search, self.thinning,
             self.n_threads, self.trust,
@@ -173,7 +173,7 @@ class MaximumConsensus:
     def _on_ground(
         self, found: Estimate, around: Pose, scan: Scan, point_map: PointMap
     ) -> tuple[Estimate, GroundFit | None]:
-        """An answer and its ground. Where that is far off, the answer from there if it scores higher, or no ground."""
+        """An answer and its ground. Where that lies far off: the answer from there if it scores higher, or no ground."""
         ground = self._ground_at(found, scan, point_map)
         if ground is None or abs(ground.height) <= OTHER_GROUND:
             return found, ground
@@ -181,7 +181,7 @@ class MaximumConsensus:
         return (other, self._ground_at(other, scan, point_map)) if other.score > found.score else (found, None)
 
     def _ground_at(self, found: Estimate, scan: Scan, point_map: PointMap) -> GroundFit | None:
-        """The ground of the place that was found, where that can be told."""
+        """The ground plane fit at an answer, where there is one."""
         if not self.is_levelled or found.status is Status.NO_MATCH:
             return None
         return fit_ground(scan, point_map, found.pose)
@@ -189,23 +189,23 @@ class MaximumConsensus:
     def _settle(
         self, found: Estimate, ground: GroundFit | None, start: Pose, scan: Scan, point_map: PointMap
     ) -> Estimate:
-        """Lay an answer on its ground, adjust it to the map, and search wider where it is in doubt (D12)."""
+        """Align an answer to its ground, adjust and validate it, and search farther around where it is in doubt (D12)."""
         if not self.refinement:
             return found if ground is None else replace(found, pose=ground.pose)
         # A street that leaves a direction open does so from farther around too.
         is_street = found.status is Status.UNDETERMINED and found.share >= self.trust.least_share
-        examined = validate(found, ground, scan, point_map, self.trust, self.risk)
-        if examined.is_localized or is_street:
-            return examined
-        return self._search_wider(examined, start, scan, point_map)
+        validated = validate(found, ground, scan, point_map, self.trust, self.risk)
+        if validated.is_localized or is_street:
+            return validated
+        return self._search_wider(validated, start, scan, point_map)
 
     def _search_wider(self, doubted: Estimate, start: Pose, scan: Scan, point_map: PointMap) -> Estimate:
-        """Search all around an answer in doubt: the same place may win, or another one."""
+        """Search around an answer in doubt with larger half widths: the same pose may win, or another one."""
         answer, farthest = doubted, 0.0
         offset = max(abs(doubted.pose.x - start.x), abs(doubted.pose.y - start.y))
         for space in self._wider_spaces():
             if doubted.status is Status.AMBIGUOUS and space.half_width < offset + self.space.half_width:
-                continue  # the other place, which is as good, may not be in it
+                continue  # the other candidate, which is as good, may not be in it
             answer, farthest = self._search_around(doubted, space, start, scan, point_map), space.half_width
             if answer.is_localized:
                 return answer
@@ -215,7 +215,7 @@ class MaximumConsensus:
         return replace(answer, reason="; ".join(filter(None, [answer.reason, reason])), was_widened=True)
 
     def _wider_spaces(self) -> Iterator[SearchSpace]:
-        """What is searched around an answer in doubt, one after the other: at twice the headings, and twice as far."""
+        """Fallback search spaces around an answer in doubt: twice the headings, then again and again twice as far."""
         if self.wider == 0.0:
             return
         half_width, turn_deg = max(self.wider, self.space.half_width), self.space.heading_half_width_deg
@@ -230,12 +230,12 @@ class MaximumConsensus:
     def _search_around(
         self, doubted: Estimate, space: SearchSpace, start: Pose, scan: Scan, point_map: PointMap
     ) -> Estimate:
-        """Search around an answer in doubt, in a space wider than that of its own search.
+        """Search around an answer in doubt, in a fallback space.
 
-        What wins is examined in its turn; the same place needs less evidence then. Another place is the answer if it is
-        localized; otherwise it is one more reason to doubt.
+        Its best candidate is validated too. The same pose as before needs less evidence now. Another pose is the answer
+        if it is localized; otherwise it is one more reason to doubt.
         """
-        around = replace(doubted.pose, heading=start.heading)  # a wrong place has a wrong heading
+        around = replace(doubted.pose, heading=start.heading)  # a wrong pose has a wrong heading
         wide = self.cell_search if self.cell_search.has_bounds else replace(self.cell_search, objective=Helmert())
         candidates = wide.candidates(scan, point_map, around, space)
         if not candidates:
@@ -245,12 +245,14 @@ class MaximumConsensus:
         found, ground = self._on_ground(found, found.pose, scan, point_map)
         moved = math.hypot(found.pose.x - doubted.pose.x, found.pose.y - doubted.pose.y)
         is_same = doubted.status is not Status.NO_MATCH and moved <= self.trust.guard_radius
-        examined = validate(found, ground, scan, point_map, self.trust, self.risk, is_confirmed=is_same)
-        if not (is_same or examined.is_localized):
+        validated = validate(found, ground, scan, point_map, self.trust, self.risk, is_confirmed=is_same)
+        if not (is_same or validated.is_localized):
             reason = f"from farther around another place, {moved:.1f} m away, fits better"
             return replace(doubted, reason="; ".join(filter(None, [doubted.reason, reason])), was_widened=True)
-        score = examined.score if self.cell_search.has_bounds else float(self.cell_search.objective.score(best.moments))
-        return replace(examined, score=score, cell=doubted.cell if is_same else None, was_widened=True)
+        score = (
+            validated.score if self.cell_search.has_bounds else float(self.cell_search.objective.score(best.moments))
+        )
+        return replace(validated, score=score, cell=doubted.cell if is_same else None, was_widened=True)
 
     def accumulate(self, scan: Scan, point_map: PointMap, prior: Pose) -> Accumulator:
         """Moments of every cell; of several heights those of the best. What `conclude` decides on, and what plots show.

@@ -41,7 +41,7 @@ def test_thin_walls_at_any_offset_from_the_voxels(yard, seed, share_with_normals
 
 def test_there_is_no_bias_over_offsets_and_noise(yard):
     errors = []
-    for seed in range(12):
+    for seed in range(8):
         scan, point_map, truth = yard(100 + seed, noise=0.015)
         error = pose_error(refine(scan, point_map, off(truth, np.random.default_rng(seed))).pose, truth)
         errors.append((error.along, error.across))

@@ -177,21 +177,16 @@ def test_fences_below_and_reflections_do_not_pull_it_down(maps):
 def test_where_it_cannot_be_told_nothing_is_said(maps):
     here, ground = on(flat), maps[flat]
     scan = scan_of(flat, here)
+    rng = np.random.default_rng(0)
+    azimuths, heights, far = (rng.uniform(*ends, 20_000) for ends in ((-math.pi, math.pi), (2.0, 15.0), (5.0, 25.0)))
+    walls_around = np.column_stack([far * np.cos(azimuths), far * np.sin(azimuths), heights])
     speck = map_of(flat, keep=lambda x, y: np.hypot(x - 6.0, y) < 1.5)
     assert fit_ground(scan, PointMap.from_points(WALL, FACING, CELL), here) is None  # no ground in the map
     assert fit_ground(scan, ground, on(flat, 500.0)) is None
     assert fit_ground(scan, ground, off_by(here, 6.0, 0.0, 0.0)) is None
     assert fit_ground(scan, speck, here) is None
-    for points in (np.empty((0, 3)), [[5.0, 0.0, -HEIGHT]]):
+    for points in (np.empty((0, 3)), [[5.0, 0.0, -HEIGHT]], walls_around):
         assert fit_ground(Scan(points), ground, here) is None
-
-
-def test_walls_all_around_are_no_ground(maps):
-    rng = np.random.default_rng(0)
-    azimuths, heights = rng.uniform(-math.pi, math.pi, 20_000), rng.uniform(-1.0, 12.0, 20_000)
-    far = rng.uniform(5.0, 25.0, 20_000)
-    scan = Scan(np.column_stack([far * np.cos(azimuths), far * np.sin(azimuths), heights + 3.0]))
-    assert fit_ground(scan, maps[flat], on(flat)) is None
 
 
 @given(seed=st.integers(0, 2**32), height=st.floats(-1.0, 1.0))

@@ -92,12 +92,3 @@ def test_squares_across_are_what_a_line_leaves_of_the_elevations(seed, n):
         expected.append(((e - (a @ e) / (a @ a) * a) ** 2).mean())
     squares_across(n, centers.ravel(), moments.ravel(), squares)
     np.testing.assert_allclose(squares[:n], expected, rtol=1e-8, atol=1e-12)
-
-
-def test_a_sloping_line_of_points_has_nothing_across():
-    centers, moments, squares = np.ones(3 * BLOCK), np.ones((10, BLOCK)), np.zeros(BLOCK)
-    offsets = np.outer(np.linspace(-1.0, 1.0, 9), [0.3, -0.5, 0.1])
-    count, sums, outers = moments_of(offsets)
-    moments[:, 0] = [count, *sums, *outers]
-    squares_across(1, centers, moments.ravel(), squares)
-    assert abs(squares[0]) < 1e-15

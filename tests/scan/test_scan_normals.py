@@ -114,48 +114,20 @@ def test_a_step_in_depth_is_not_bridged():
     assert np.quantile(errors, 0.99) < 15.0
 
 
-def test_rings_of_unequal_spacing_as_kittis_every_fourth():
-    """64 layers in two blocks, every fourth kept, with jitter, 0.17 degrees apart."""
-    layers = np.concatenate([np.linspace(2.0, -8.33, 32), np.linspace(-8.87, -24.33, 32)])[::4]
-    beams = np.concatenate([directions(1, low, low, 0.17, 0.02, seed=number) for number, low in enumerate(layers)])
-    points, true = cast(beams, [wall(8.0, STREET), (GROUND[0], 1.73, (-2.0, 9.0))])
-    normals = estimate_scan_normals(points)
-    assert_unit_and_turned_to_the_sensor(points, normals)
-    is_wall = (true[:, 2] == 0.0) & (points[:, 2] > -1.2)
-    ranges = np.linalg.norm(points, axis=1)
-    errors = angle_errors_deg(normals, true)
-    for low, high, bound in ((8.0, 10.0, 3.0), (10.0, 20.0, 1.5)):
-        chosen = is_wall & (ranges >= low) & (ranges < high)
-        assert normals[chosen].any(axis=1).mean() > 0.8
-        assert np.median(errors[chosen & normals.any(axis=1)]) < bound
-
-
-def test_turning_the_scan_turns_its_normals():
-    points, _ = cast(directions(), [wall(6.0)])
-    normals = estimate_scan_normals(points)
-    for angle in (0.7, np.pi, -2.0):
-        c, s = np.cos(angle), np.sin(angle)
-        rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        turned = estimate_scan_normals(points @ rotation.T)
-        both = turned.any(axis=1) & normals.any(axis=1)
-        assert both.mean() > 0.95
-        assert np.median(angle_errors_deg(turned[both], (normals @ rotation.T)[both])) < 2.0
-
-
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_a_wall_behind_the_seam_of_azimuths(side):
     """At 180 degrees azimuth jumps from pi to -pi; points there have neighbours on both sides all the same."""
     errors = {}
     for middle in (0.0, np.pi):
         normal = np.array([-np.cos(middle), 0.0, 0.0])
-        for seed in range(8):
+        for seed in range(4):
             points, true = cast(directions(), [(normal, 6.0, (-1.7, 8.0))], seed=seed)
             across = side * points[:, 1] / (points @ -normal)  # tangent of the angle from the middle
             is_beside = (across > 0.0) & (across < np.radians(1.0)) & (points @ normal < 0.0)
             normals = estimate_scan_normals(points)
             assert normals[is_beside].any(axis=1).all()
             errors.setdefault(middle, []).extend(angle_errors_deg(normals, true)[is_beside])
-    assert len(errors[np.pi]) > 400
+    assert len(errors[np.pi]) > 200
     assert np.median(errors[np.pi]) < 1.3 * np.median(errors[0.0]) < 3.0
 
 

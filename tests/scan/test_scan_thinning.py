@@ -74,13 +74,6 @@ def test_a_thinned_scan_has_measured_points_with_the_normals_of_the_whole_scan()
     assert (again.normals == thinned.normals).all()
 
 
-def test_a_point_with_a_normal_comes_first():
-    points = [[0.5, 0.5, 0.5], [0.9, 0.9, 0.9], [0.1, 0.1, 0.1]]
-    normals = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
-    assert Scan(points, normals).thinned(1.0).points.tolist() == [points[1]]
-    assert Scan(points, np.zeros((3, 3))).thinned(1.0).points.tolist() == [points[0]]
-
-
 def test_points_on_both_sides_of_the_sensor_and_far_away():
     points = np.array([[-0.1, 0.0, 0.0], [0.1, 0.0, 0.0], [1e300, 0.0, 0.0], [-1e18, 3.0, 0.0], [-1e18, 3.1, 0.0]])
     assert one_per_cube(points, np.zeros((5, 3)), 0.25).tolist() == [0, 1, 2, 4]  # 4 is nearer to the middle
@@ -94,7 +87,7 @@ def test_all_points_are_kept_with_an_edge_of_0_and_of_an_empty_scan():
 
 
 @pytest.mark.parametrize("edge", [-0.1, np.nan, np.inf])
-def test_refusals(edge):
+def test_edges_that_are_none_are_refused(edge):
     with pytest.raises(OptionError, match="Expected `edge` of thinning >= 0 m"):
         Scan([[1.0, 2.0, 3.0]], [[1.0, 0.0, 0.0]]).thinned(edge)
 

@@ -7,7 +7,7 @@ from dataclasses import FrozenInstanceError
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -19,7 +19,7 @@ from maxcon.scan.trajectory import Trajectory
 UTM = np.array([458888.4217, 5429081.5413, 115.0739])
 ANGLE = st.floats(-math.pi, math.pi)
 STEEP = st.floats(-math.pi / 2, math.pi / 2)
-IDENTITY = (0.0, 0.0, 0.0, 1.0)
+IDENTITY, KNOWN = (0.0, 0.0, 0.0, 1.0), np.eye(3)
 
 
 def drive(times, positions=None):
@@ -62,13 +62,16 @@ def test_poses_come_back_at_utm_coordinates(heading):
         assert abs(math.remainder(got.heading - wanted.heading, 2 * math.pi)) < 1e-12
 
 
-def test_arrays_are_copies_and_read_only():
+def test_a_trajectory_does_not_change():
     times = np.array([0.0, 1.0])
     trajectory = drive(times)
     times[0] = 5.0
     assert trajectory.times[0] == 0.0
     with pytest.raises(ValueError, match="read-only"):
         trajectory.positions[0, 0] = 1.0
+    with pytest.raises(FrozenInstanceError):
+        trajectory.times = times
+    assert {trajectory: 1, drive([0.0, 1.0]): 2}[trajectory] == 1  # each is itself: arrays are not compared
 
 
 def test_nearly_unit_quaternions_are_normalized():
@@ -78,41 +81,61 @@ def test_nearly_unit_quaternions_are_normalized():
 
 
 @pytest.mark.parametrize(
-    ("times", "quaternion", "words"),
+    ("times", "quaternion", "covariance", "words"),
     [
-        ([0.0, 1.0, 1.0], IDENTITY, r"Row 2 .*increase, got 1\.0+ s after 1\.0+ s.*Sort"),
-        ([0.0, 1.0, 0.5], IDENTITY, r"Row 2 .*increase"),
-        ([0.0, math.nan, 2.0], IDENTITY, "Row 1 .*finite"),
-        ([0.0, 1.0, math.inf], IDENTITY, "Row 2 .*finite"),
-        ([0.0, 1.0, 2.0], (0.0, 0.0, 0.0, 0.0), "Row 1 .*unit quaternion.*length 0"),
-        ([0.0, 1.0, 2.0], (0.0, 0.0, 0.0, 2.0), "Row 1 .*unit quaternion.*length 2.*order of the columns"),
-        ([0.0, 1.0, 2.0], (0.0, 0.0, 0.0, math.nan), "Row 1 .*finite"),
-        ([0.0, 1.0, 2.0], (0.0, 1e300, 1e300, 1.0), "Row 1 .*unit quaternion"),
+        ([0.0, 1.0, 1.0], IDENTITY, KNOWN, r"Row 2 .*increase, got 1\.0+ s after 1\.0+ s.*Sort"),
+        ([0.0, 1.0, 0.5], IDENTITY, KNOWN, r"Row 2 .*increase"),
+        ([0.0, math.nan, 2.0], IDENTITY, KNOWN, "Row 1 .*finite"),
+        ([0.0, 1.0, math.inf], IDENTITY, KNOWN, "Row 2 .*finite"),
+        ([0.0, 1.0, 2.0], (0.0, 0.0, 0.0, 0.0), KNOWN, "Row 1 .*unit quaternion.*length 0"),
+        ([0.0, 1.0, 2.0], (0.0, 0.0, 0.0, 2.0), KNOWN, "Row 1 .*unit quaternion.*length 2.*order of the columns"),
+        ([0.0, 1.0, 2.0], (0.0, 0.0, 0.0, math.nan), KNOWN, "Row 1 .*finite"),
+        ([0.0, 1.0, 2.0], (0.0, 1e300, 1e300, 1.0), KNOWN, "Row 1 .*unit quaternion"),
+        ([0.0, 1.0, 2.0], IDENTITY, np.diag([1.0, -1.0, 1.0]), "Row 1 .*variances >= 0 .*got -1"),
+        ([0.0, 1.0, 2.0], IDENTITY, np.diag([1.0, np.nan, 1.0]), "Row 1 .*finite numbers"),
+        ([0.0, 1.0, 2.0], IDENTITY, np.ones((3, 3)) - np.diag([0.0, 0.0, 0.5]), "Row 1 .*positive semidefinite"),
     ],
 )
-def test_rows_that_cannot_be_used_are_named(times, quaternion, words):
-    quaternions = [IDENTITY, quaternion, IDENTITY]
+def test_rows_that_cannot_be_used_are_named(times, quaternion, covariance, words):
     with pytest.raises(TrajectoryError, match=words):
-        Trajectory(times, np.zeros((3, 3)), quaternions)
+        Trajectory(times, np.zeros((3, 3)), [IDENTITY, quaternion, IDENTITY], [KNOWN, covariance, KNOWN])
 
 
-def test_an_empty_trajectory_is_refused():
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (([[0.0]], [[0.0] * 3], [IDENTITY]), r"`times` to have shape \(n,\), got \(1, 1\)"),
+        (([0.0, 1.0], [[0.0] * 3], [IDENTITY] * 2), r"`positions` to have shape \(2, 3\), got \(1, 3\)"),
+        (([0.0], [[0.0] * 3], [[0.0] * 3]), r"`quaternions_xyzw` to have shape \(1, 4\)"),
+        ((["a"], [[0.0] * 3], [IDENTITY]), "`times` to be numbers"),
+        (([0.0], [[0.0] * 3], [IDENTITY], [np.eye(6)]), r"`covariances` to have shape \(1, 3, 3\), got \(1, 6, 6\)"),
+    ],
+)
+def test_wrong_shapes_are_refused(arguments, words):
+    with pytest.raises(ArrayError, match=words):
+        Trajectory(*arguments)
     with pytest.raises(TrajectoryError, match="at least one pose"):
         Trajectory.from_poses([], [])
 
 
+OUTSIDE = r"within the trajectory, 0\.0+ to 1\.0+ s, got .* from the nearest pose\..*clock"
+
+
 @pytest.mark.parametrize(
-    ("times", "positions", "quaternions", "words"),
+    ("time", "max_gap", "error", "words"),
     [
-        ([[0.0]], [[0.0] * 3], [IDENTITY], r"`times` to have shape \(n,\), got \(1, 1\)"),
-        ([0.0, 1.0], [[0.0] * 3], [IDENTITY] * 2, r"`positions` to have shape \(2, 3\), got \(1, 3\)"),
-        ([0.0], [[0.0] * 3], [[0.0] * 3], r"`quaternions_xyzw` to have shape \(1, 4\)"),
-        (["a"], [[0.0] * 3], [IDENTITY], "`times` to be numbers"),
+        *((time, 10.0, TrajectoryError, OUTSIDE) for time in (-0.01, 1.01, 1.7e9)),
+        (math.nan, 0.5, TrajectoryError, "finite time"),
+        (0.5, -1.0, OptionError, "max_gap >= 0"),
+        (0.5, math.nan, OptionError, "max_gap >= 0"),
     ],
 )
-def test_wrong_shapes_are_refused(times, positions, quaternions, words):
-    with pytest.raises(ArrayError, match=words):
-        Trajectory(times, positions, quaternions)
+def test_times_that_are_refused(time, max_gap, error, words):
+    with pytest.raises(error, match=words):
+        drive([0.0, 1.0]).at(time, max_gap=max_gap)
+    if error is OptionError:
+        with pytest.raises(error, match=words):
+            drive([0.0, 1.0]).positions_at([time], max_gap=max_gap)
 
 
 def test_between_two_poses_position_is_linear_and_heading_takes_the_short_way():
@@ -120,18 +143,6 @@ def test_between_two_poses_position_is_linear_and_heading_takes_the_short_way():
     middle = Trajectory.from_poses([10.0, 10.4], [first, second]).at(10.1)
     np.testing.assert_allclose(middle.position, UTM + np.array([0.25, 0.5, 1.0]), atol=1e-9)
     assert middle.heading == pytest.approx(math.pi - 0.05)
-
-
-@given(ANGLE, STEEP, ANGLE, ANGLE, STEEP, ANGLE, st.floats(0.01, 0.99))
-def test_orientation_between_poses_agrees_with_an_independent_slerp(r1, p1, h1, r2, p2, h2, part):
-    from scipy.spatial.transform import Slerp
-
-    trajectory = Trajectory.from_poses([0.0, 1.0], [Pose(0, 0, 0, r1, p1, h1), Pose(0, 0, 0, r2, p2, h2)])
-    rotations = Rotation.from_quat(trajectory.quaternions_xyzw)
-    if (rotations[0].inv() * rotations[1]).magnitude() > math.pi - 1e-3:
-        return  # opposite orientations: both ways round are as short
-    wanted = Slerp([0.0, 1.0], rotations)(part).as_matrix()
-    np.testing.assert_allclose(trajectory.at(part, max_gap=1.0).rotation, wanted, atol=1e-6)
 
 
 def test_at_a_pose_it_is_that_pose_whatever_the_gaps():
@@ -152,24 +163,6 @@ def test_a_gap_longer_than_allowed_is_refused_and_can_be_allowed():
         known_drive([np.eye(3), np.eye(3)]).covariance_at(0.25)
 
 
-@pytest.mark.parametrize("time", [-0.01, 1.01, 1.7e9])
-def test_a_time_outside_is_refused(time):
-    with pytest.raises(
-        TrajectoryError, match=r"within the trajectory, 0\.0+ to 1\.0+ s, got .* from the nearest pose\..*clock"
-    ):
-        drive([0.0, 1.0]).at(time, max_gap=10.0)
-
-
-def test_a_time_that_is_no_number_and_a_gap_below_zero_are_refused():
-    with pytest.raises(TrajectoryError, match="finite time"):
-        drive([0.0, 1.0]).at(math.nan)
-    for gap in (-1.0, math.nan):
-        with pytest.raises(OptionError, match="max_gap >= 0"):
-            drive([0.0, 1.0]).at(0.5, max_gap=gap)
-        with pytest.raises(OptionError, match="max_gap >= 0"):
-            drive([0.0, 1.0]).positions_at([0.5], max_gap=gap)
-
-
 def test_without_a_gap_only_poses_themselves_are_taken():
     trajectory = drive([0.0, 0.4])
     assert trajectory.at(0.4, max_gap=0.0).x == pytest.approx(UTM[0] + 4.0)
@@ -188,13 +181,6 @@ def test_close_to_a_pose_it_is_between_the_two_where_they_are_close():
     assert trajectory.at(1000.1005).x == pytest.approx(UTM[0] + 1.0, abs=1e-6)  # a gap begins
 
 
-def test_a_trajectory_does_not_change():
-    with pytest.raises(FrozenInstanceError):
-        drive([0.0, 1.0]).times = np.array([0.0, 2.0])
-    one, other = drive([0.0, 1.0]), drive([0.0, 1.0])
-    assert {one: 1, other: 2}[one] == 1  # each is itself: arrays are not compared
-
-
 def test_positions_at_many_times():
     trajectory = drive([0.0, 0.4, 2.0, 2.2])
     times = [0.0, 0.1, 0.4, 0.6, 0.7, 1.2, 1.8, 2.0, 2.1, 2.4, 2.5, -0.2, -0.3, math.nan, math.inf, -math.inf]
@@ -209,10 +195,9 @@ def test_positions_at_agrees_with_at():
     rng = np.random.default_rng(3)
     trajectory = drive(np.cumsum(rng.uniform(0.05, 0.45, 50)), rng.normal(size=(50, 3)) + UTM)
     times = rng.uniform(trajectory.times[0], trajectory.times[-1], 200)
+    times = times[np.abs(times[:, None] - trajectory.times).min(axis=1) > 1e-3]  # nearer `at` gives the pose itself
     wanted = [trajectory.at(t).position for t in times]
-    np.testing.assert_allclose(trajectory.positions_at(times), wanted, rtol=0, atol=0.03)  # 1 ms rule of `at`
-    apart = np.abs(times[:, None] - trajectory.times).min(axis=1) > 1e-3
-    np.testing.assert_allclose(trajectory.positions_at(times)[apart], np.array(wanted)[apart], rtol=0, atol=1e-8)
+    np.testing.assert_allclose(trajectory.positions_at(times), wanted, rtol=0, atol=1e-8)
 
 
 def test_one_pose_and_no_times():
@@ -234,6 +219,7 @@ UNKNOWN = np.full((3, 3), np.nan)
 
 def test_covariances_are_linear_between_poses_and_may_be_unknown():
     first, second = np.diag([1.0, 4.0, 0.01]), np.diag([3.0, 0.0, 0.03])
+    assert drive([0.0, 0.1]).covariance_at(0.05) is None  # without covariances none is known
     trajectory = known_drive([first, second, UNKNOWN, first])
     np.testing.assert_allclose(trajectory.covariance_at(0.25, 2.0), 0.75 * first + 0.25 * second)
     np.testing.assert_array_equal(trajectory.covariance_at(1.0, 2.0), second)  # beside one that is unknown
@@ -247,12 +233,6 @@ def test_covariances_are_linear_between_poses_and_may_be_unknown():
         trajectory.covariances[0, 0, 0] = 1.0
 
 
-def test_without_covariances_none_is_known():
-    trajectory = drive([0.0, 0.1])
-    assert trajectory.covariances is None
-    assert trajectory.covariance_at(0.05) is None
-
-
 @given(st.lists(st.floats(-2.0, 2.0), min_size=36, max_size=36), st.floats(0.0, 1.0))
 def test_a_covariance_between_poses_is_never_too_small(factors, part):
     """However the errors of two poses are correlated: what it is larger by than that of their mean is semidefinite."""
@@ -264,16 +244,11 @@ def test_a_covariance_between_poses_is_never_too_small(factors, part):
     assert np.linalg.eigvalsh(surplus).min() > -1e-9 * max(1.0, np.abs(joint).max())
 
 
-@pytest.mark.parametrize(
-    ("covariance", "words"),
-    [
-        (np.diag([1.0, -1.0, 1.0]), "Row 1 .*variances >= 0 .*got -1"),
-        (np.diag([1.0, np.nan, 1.0]), "Row 1 .*finite numbers"),
-        (np.ones((3, 3)) + np.diag([0.0, 0.0, -0.5]), "Row 1 .*positive semidefinite"),
-    ],
-)
-def test_covariances_that_are_none_are_named(covariance, words):
-    with pytest.raises(TrajectoryError, match=words):
-        known_drive([np.eye(3), covariance])
-    with pytest.raises(ArrayError, match=r"`covariances` to have shape \(2, 3, 3\), got \(2, 6, 6\)"):
-        known_drive([np.eye(6), np.eye(6)])
+@given(ANGLE, STEEP, ANGLE, ANGLE, STEEP, ANGLE, st.floats(0.01, 0.99))
+def test_orientation_between_poses_turns_evenly(r1, p1, h1, r2, p2, h2, part):
+    trajectory = Trajectory.from_poses([0.0, 1.0], [Pose(0, 0, 0, r1, p1, h1), Pose(0, 0, 0, r2, p2, h2)])
+    first, last = Rotation.from_quat(trajectory.quaternions_xyzw)
+    turn = (first.inv() * last).as_rotvec()
+    assume(np.linalg.norm(turn) < math.pi - 1e-3)  # opposite orientations: both ways round are as short
+    wanted = (first * Rotation.from_rotvec(part * turn)).as_matrix()
+    np.testing.assert_allclose(trajectory.at(part, max_gap=1.0).rotation, wanted, atol=1e-6)

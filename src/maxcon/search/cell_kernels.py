@@ -1,6 +1,23 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Compiled: the moments of single cells, each by itself; to the last bit those of a whole window."""
+"""Compiled: the moments of single cells, each by itself; to the last bit those of a whole window.
+
+At one cell every scan point falls in one voxel, which the map has or has not; mostly it has not. Points are taken
+CAPACITY at a time through four short loops, almost without branches, each over what the one before kept:
+
+1. `_find` keeps the points in patches (16 x 16 voxels of a layer) that hold anything: `held` of the tile's `Occupancy`
+   has one bit for each layer, 64 layers a word.
+2. `_keep_matches` keeps those whose own voxel is there: `words` has one bit for each voxel, four words a patch.
+3. `_fetch` gathers the normals, and how often voxels count.
+4. `_add` adds what the matches add.
+
+Words come with the number of all bits before them (`numbers`, `firsts`): that, and the bits set before its own, is the
+number of a patch or voxel in the arrays of the tile.
+
+Numbers that say where something is are packed into uint64, for then one addition or one mask does. A voxel (x, y) is
+x + y * 2^32: adding an offset moves both, and bits outside the tile show that a point left it. A bit of a tile is row
+of the tile, word, bit, see BIT_BITS; a voxel of a tile is row of the tile, number, see WORD_BITS.
+"""
 
 import numpy as np
 
@@ -18,10 +35,10 @@ PATCH_BITS = PATCH_VOXELS.bit_length() - 1
 # Columns of the table of tiles, see `moments_of_cells`.
 LAYERS, N_HELD, HELD, NUMBERS, WORDS, FIRSTS, NORMALS, COUNTS = range(8)
 
-# A voxel (x, y) of a tile is one number, x + y * 2^32. The same bits of both:
+# A mask of x times this is a mask of x and y.
 BOTH = 2**32 + 1
 
-# A bit of a tile is one number too: row of the tile, number of the word in it, number of the bit in that.
+# Bits below the number of the word, and below the row of the tile.
 BIT_BITS, WORD_BITS = 6, 34
 
 
@@ -99,8 +116,8 @@ def _find(first, end, offset, voxels, ranks, tiles, edge_bits, grid, corner, fou
 
 
 @njit(nogil=True, cache=True)
-def _sift(n, tiles, found, matched):
-    """Keep those of n points that fall in a voxel. Returns how many.
+def _keep_matches(n, tiles, found, matched):
+    """Keep those of n points whose own voxel is in the map. Returns how many.
 
     found : (c,) int32, in and out; matched : (c,) uint64, in and out, instead of bits then the voxels they are of.
     """
@@ -121,9 +138,8 @@ def _sift(n, tiles, found, matched):
 def _fetch(n, found, matched, normals, tiles, fetched, times):
     """Fetch what belongs to n points that match.
 
-    fetched : (7, c) float32, out: normal of the point, normal of its voxel, weight added where the point has none.
-
-    times : (c,) int32, out, how often each voxel counts; empty where once.
+    fetched : (7, c) float32, out: normal of the point, normal of its voxel, weight added where the point has none;
+    times : (c,) int32, out: how often each voxel counts; empty where once.
     """
     for number in range(n):
         m = np.uint64(number)
@@ -185,6 +201,6 @@ def moments_of_cells(
         for c in range(offsets.shape[0]):
             offset = (offsets[c, 0], offsets[c, 1])
             n = _find(first, end, offset, voxels, ranks, tiles, edge_bits, grid, corner, found, matched)
-            n = _sift(n, tiles, found, matched)
+            n = _keep_matches(n, tiles, found, matched)
             _fetch(n, found, matched, normals, tiles, fetched, times)
             _add(n, fetched, times, back, moments[c])

@@ -1,6 +1,20 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Compiled: scan points set upright, sorted into groups of one height layer and one voxel square, and turned."""
+"""Compiled: a scan turned upright and sorted into groups of neighbouring points, which are then turned together.
+
+The points of a group lie in one height layer of voxels and in one square of 16 x 16 voxels (at the prior's heading).
+At any cell they fall in nearly the same voxels of the map, so that these are read once for all of them.
+
+Groups are made by sorting (`group_scan`). Each point gets one integer as its key, from the highest bits on:
+
+    number of the square and layer | has no normal: 1 bit | y in the square: 4 bits | x in the square: 4 bits
+
+In the order of the keys, the points of group g are starts[g] : starts[g + 1]. Those with a normal come first, up to
+middles[g]; those in one voxel follow each other. Neighbouring groups lie in neighbouring squares.
+
+Arrays of points have a row for each coordinate, (2, n) or (3, n), and of turned points one more axis for the heading,
+so that loops over points read memory in a row.
+"""
 
 from typing import Any, NamedTuple
 

@@ -85,7 +85,7 @@ class Checked:
         scores = checked_scores(self.objective.score(moments), moments.shape[:-1])
         if scores.min(initial=0) < 0:
             raise ArrayError(
-                f"Expected scores of 0 or more where shares of the best one are looked for, got {scores.min():g}. Let"
+                f"Expected scores of 0 or more where ratios to the best one are looked for, got {scores.min():g}. Let"
                 " the objective return 0 where a cell is worth nothing, or search given cells exhaustively."
             )
         return scores

@@ -256,10 +256,7 @@ class PreparedScan:
     def _stops(
         self, visits: NDArray[np.int64], window: Window
     ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], tuple[Any, ...]]]:
-        """Yield, for each tile, where visits look for its voxels at the offsets of a window.
-
-        These are stops and runs, see `visit_kernels.stops_in_tile`, and the fields of `visit_kernels.TileVoxels`.
-        """
+        """Yield stops and runs in each tile at the offsets of a window (`visit_kernels`), and the `TileVoxels`."""
         from maxcon.search import visit_kernels
 
         firsts, numbers, rectangles = visit_kernels.visits_of_tiles(
@@ -287,7 +284,7 @@ class PreparedScan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TileTable:
-    """The tiles around a scan in one array, so that one call of the kernel looks up points in all of them.
+    """The tiles around a scan in one array of addresses: one call of `moments_of_cells` looks up points in all of them.
 
     rows: shape (n_tiles + 1, 8), uint64; addresses of the arrays of each tile, as `cell_kernels.moments_of_cells` reads
         them. The first row is for where there is no tile.

@@ -48,7 +48,7 @@ class CellGrid:
         return cells, float(highest)
 
     def highest(self, n_cells: int) -> NDArray[np.int64]:
-        """The cells (n, 3) of the highest numbers; only rows with the highest ones are looked at."""
+        """The cells (n, 3) of the highest numbers; from the rows that have the highest ones."""
         highest_of_rows = self.numbers.max(axis=2)
         n_rows = min(n_cells, highest_of_rows.size)
         rows = np.unravel_index(np.argpartition(highest_of_rows, -n_rows, axis=None)[-n_rows:], highest_of_rows.shape)
@@ -255,6 +255,5 @@ class ScoredCells:
         if self.lists_all:
             scored = self._scored()
             reaching = scored[scored.upper >= self.asked]
-        return Found(
-            self._cell, self._best, self._moments.copy(), self.best, rest, n_scored, reaching=reaching
-        )  # fmt: skip
+        moments = self._moments.copy()
+        return Found(self._cell, self._best, moments, self.best, rest, n_scored, reaching=reaching)

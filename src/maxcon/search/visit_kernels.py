@@ -1,11 +1,21 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Compiled: which scan points look at which voxels of the map together.
+"""Compiled: which groups of scan points can match which voxels of a tile, and at which headings.
 
-A visit is a group of scan points, at a run of headings, and the box of voxels that they cover there. Its voxels are
-read from the map once, for all its points and headings. A stop is a visit in one tile: which voxels of
-the tile it looks at. Both kernels that sum over all cells of a window, `window_kernels` and `sum_kernels`, go from
-stop to stop.
+At the offsets of a window, the points of a group can match the voxels in their own box (x first to x last, y first to
+y last voxel), grown by the window. From one heading to the next the box hardly moves, so that a group at several
+headings shares one box, and its voxels are read from the map once. Three tables of integers say what is read:
+
+Visits (`plan_visits`): a group at a run of headings. Columns: group, first heading, end of headings, box at offset 0. A
+    new visit begins where the box would become wider than RIM.
+Visits of each tile (`visits_of_tiles`): those of tile t are numbers[starts[t] : starts[t + 1]], and `rectangles` has
+    the part of the tile that each can reach, in voxels from the tile's corner.
+Stops in one tile (`stops_in_tile`): its visits that can reach any voxel there. Columns: points (first, first without a
+    normal, end), headings (first, end), rectangle, runs (first, end).
+
+A run (first, end) is a row of neighbouring patches. A tile keeps its voxels layer by layer, in a layer patch by patch,
+row by row: so the patches of a rectangle in one row are one piece of memory. The two kernels of `window_kernels`
+go from stop to stop.
 """
 
 from typing import Any, NamedTuple
