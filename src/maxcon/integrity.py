@@ -152,7 +152,7 @@ def invert(normal_matrix: NDArray[np.float64]) -> tuple[bool, NDArray[np.float64
 def protection_level(covariance: NDArray[np.float64], heading: float, risk: float) -> tuple[float, float]:
     """How large the error of a localized pose may be, along and across its heading, m, with at most a stated risk.
 
-    Part of the risk is that of a wrong candidate altogether, `WRONG_PLACE`: no level covers that, so that it is infinite
+    Part of the risk is that of a wrong candidate, `WRONG_PLACE`: no level covers that, so that it is infinite
     where the stated risk is smaller. The rest is shared by the two directions, normally distributed. `covariance` is
     that of x, y, z, roll, pitch and heading in map axes, shape (6, 6); `heading` in rad; `risk` above 0 and below 1.
     """

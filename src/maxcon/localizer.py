@@ -173,7 +173,7 @@ class MaximumConsensus:
     def _on_ground(
         self, found: Estimate, around: Pose, scan: Scan, point_map: PointMap
     ) -> tuple[Estimate, GroundFit | None]:
-        """An answer and its ground. Where that lies far off: the answer from there if it scores higher, or no ground."""
+        """An answer and its ground; where that is far off, the answer from there if it scores higher, or no ground."""
         ground = self._ground_at(found, scan, point_map)
         if ground is None or abs(ground.height) <= OTHER_GROUND:
             return found, ground
@@ -189,7 +189,7 @@ class MaximumConsensus:
     def _settle(
         self, found: Estimate, ground: GroundFit | None, start: Pose, scan: Scan, point_map: PointMap
     ) -> Estimate:
-        """Align an answer to its ground, adjust and validate it, and search farther around where it is in doubt (D12)."""
+        """Align an answer to its ground, adjust and validate it; search farther around where it is in doubt (D12)."""
         if not self.refinement:
             return found if ground is None else replace(found, pose=ground.pose)
         # A street that leaves a direction open does so from farther around too.
