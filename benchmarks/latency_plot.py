@@ -14,8 +14,7 @@ from drives import DOCS
 from latency import MAXCON, STAGES
 from latency_table import read_series
 
-from maxcon.plotting.canvas.figure import INK, MUTED, SERIES, draw_titles, saved_figure
-from maxcon.plotting.canvas.method_style import draw_number_ticks
+from maxcon.plotting.figure import INK, MUTED, SERIES, add_axes, draw_grid, draw_number_ticks, saved_figure
 
 # Inches: the picture is read on phones, so it is narrow and its letters are large.
 WIDTH, LEFT, RIGHT, TOP, BOTTOM, ROW, PANEL_TITLE = 6.4, 2.4, 1.4, 1.13, 0.45, 0.26, 0.66
@@ -64,18 +63,15 @@ def plot(path, panels):
     values = np.array([row.percentiles for rows in panels.values() for row in rows if row.percentiles is not None])
     nice = np.outer(10.0 ** np.arange(-3, 2), (1, 2, 5)).ravel()
     limits = nice[nice < 0.95 * values.min()].max(), 1.25 * values.max()
-    with saved_figure(path, WIDTH, height) as figure:
-        draw_titles(
-            figure,
-            "One epoch in one thread",
-            "Processor time. Mark: median of epochs; thick line: to p95, thin: to p99.\n"
-            "Right: epochs within 0.3 m and 1° of the reference.",
-        )
+    words = (
+        "Processor time. Mark: median of epochs; thick line: to p95, thin: to p99.\n"
+        "Right: epochs within 0.3 m and 1° of the reference."
+    )
+    with saved_figure(path, WIDTH, height, "One epoch in one thread", words) as figure:
         _draw_key(figure, height)
         top = height - TOP
         for (name, rows), panel_height in zip(panels.items(), heights, strict=True):
-            box = (LEFT, top - panel_height, WIDTH - LEFT - RIGHT, panel_height - PANEL_TITLE)
-            axes = figure.add_axes((box[0] / WIDTH, box[1] / height, box[2] / WIDTH, box[3] / height))
+            axes = add_axes(figure, LEFT, top - panel_height, WIDTH - LEFT - RIGHT, panel_height - PANEL_TITLE)
             _draw_panel(axes, name, rows, limits)
             top -= panel_height
         axes.set_xlabel("ms, logarithmic")
@@ -103,8 +99,7 @@ def _draw_panel(axes, title, rows, limits):
         axes.annotate(words, at, xycoords="axes fraction", fontsize=11, color=MUTED, **place)
     draw_number_ticks(axes.xaxis, *limits)
     axes.tick_params(labelsize=10.5)
-    axes.grid(axis="x", color="#dfe2e8", lw=0.7)
-    axes.set_axisbelow(True)
+    draw_grid(axes, axis="x")
     axes.spines[["top", "right", "left"]].set_visible(False)
     for y, row in zip(places, rows, strict=True):
         _draw_row(axes, y, row, names_at)

@@ -26,7 +26,7 @@ from maxcon._system.atomic import atomic_file, make_folder
 from maxcon.drive.poses_dataset import describe
 from maxcon.errors import MaxconError, OptionError
 from maxcon.lab.baselines import check_small_gicp
-from maxcon.lab.report.plots.prior_error_plot import plot_prior_error
+from maxcon.lab.report.prior_error import plot_prior_error
 from maxcon.lab.study.prior_trials import (
     LEVELS,
     methods_at,

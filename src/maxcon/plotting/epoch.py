@@ -6,13 +6,18 @@ from __future__ import annotations
 
 import math
 import os
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose, wrap_angle
 from maxcon.map import PointMap
-from maxcon.plotting.canvas.figure import draw_titles, saved_figure
-from maxcon.plotting.scene import Scene, draw_scene
+from maxcon.plotting.figure import INK, add_axes, saved_figure
+from maxcon.plotting.from_above import Window, draw_map, draw_scale_bar, map_patch
 from maxcon.plotting.score_panel import (
     SearchSpaceView,
     cell_marks,
@@ -26,14 +31,16 @@ from maxcon.plotting.score_panel import (
     unit_of,
 )  # fmt: skip
 from maxcon.scan import Scan
+from maxcon.search import consensus_set
 from maxcon.search.accumulator import Accumulator
 from maxcon.search.objectives import Objective, as_objective
+from maxcon.search.space import SearchSpace
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
-
-__all__ = ["plot_epoch"]
 
 WIDTH, HEIGHT = 15.1, 9.35
 # Inches: where the panels and the scene lie.
@@ -69,7 +76,7 @@ def plot_epoch(
     point_map : PointMap
         The map that was searched.
     title : str
-        What is written above all.
+        Written above all.
     reference : Pose, optional
         The pose held for true, local frame; marked, and the distance to it is stated.
 
@@ -79,17 +86,13 @@ def plot_epoch(
     """
     view = SearchSpaceView(accumulator, as_objective(objective))
     scene = Scene(scan, point_map, accumulator.prior, accumulator.space, estimate, reference)
-    with saved_figure(path, WIDTH, HEIGHT) as figure:
-        draw_titles(figure, title, _answer_words(estimate, accumulator.prior, reference))
+    words = answer_words(estimate, accumulator.prior, reference)
+    with saved_figure(path, WIDTH, HEIGHT, title, words) as figure:
         _draw_panels(figure, view, reference)
-        axes = figure.add_axes((SCENE_LEFT / WIDTH, BOTTOM / HEIGHT, SIDE / WIDTH, SIDE / HEIGHT))
-        handles = draw_scene(axes, scene)
+        handles = draw_scene(add_axes(figure, SCENE_LEFT, BOTTOM, SIDE, SIDE), scene)
+        middle = (SCENE_LEFT + 0.5 * SIDE) / WIDTH
         figure.legend(
-            handles=handles,
-            loc="lower center",
-            bbox_to_anchor=((SCENE_LEFT + 0.5 * SIDE) / WIDTH, 0.04 / HEIGHT),
-            ncols=3,
-            columnspacing=1.4,
+            handles=handles, loc="lower center", bbox_to_anchor=(middle, 0.04 / HEIGHT), ncols=3, columnspacing=1.4
         )
 
 
@@ -101,8 +104,8 @@ def _draw_panels(figure: Figure, view: SearchSpaceView, reference: Pose | None) 
     marked = -1 if reference is None else view.heading_nearest(reference, headings)
     norm = Normalize(*view.limits)
     first_of_row: dict[float, float] = {}
-    for heading, (left, bottom, side) in zip(headings, _panel_places(len(headings)), strict=True):
-        axes = figure.add_axes((left / WIDTH, bottom / HEIGHT, side / WIDTH, side / HEIGHT))
+    for heading, (left, bottom, side) in zip(headings, panel_places(len(headings)), strict=True):
+        axes = add_axes(figure, left, bottom, side, side)
         image = draw_heading(axes, view, heading, norm, reference if heading == marked else None)
         is_best = view.has_best_at(heading)
         axes.set_title(
@@ -116,7 +119,7 @@ def _draw_panels(figure: Figure, view: SearchSpaceView, reference: Pose | None) 
     _draw_scale(figure, view, image, len(headings), reference)
 
 
-def _panel_places(n_panels: int) -> list[tuple[float, float, float]]:
+def panel_places(n_panels: int) -> list[tuple[float, float, float]]:
     """Left, bottom and side of each panel, inches: rows are centred and of nearly equal length."""
     n_rows = math.isqrt(n_panels - 1) + 1
     lengths = [len(range(row, n_panels, n_rows)) for row in range(n_rows)]
@@ -139,32 +142,19 @@ def _draw_scale(figure: Figure, view: SearchSpaceView, image: AxesImage, n_drawn
     cells = f"cells of {100.0 * view.space.cell_edge:g} cm"
     figure.text(PANELS_LEFT / WIDTH, top, f"{drawn}, {cells}", fontsize=11)
     figure.legend(
-        handles=cell_marks()[0 if view.has_best else 1 : 1 if reference is None else 2],
-        loc="center right",
-        bbox_to_anchor=((PANELS_LEFT + SIDE) / WIDTH, top + 0.07 / HEIGHT),
-        ncols=2,
-        borderpad=0.0,
-        handletextpad=1.0,
+        handles=cell_marks()[0 if view.has_best else 1 : 1 if reference is None else 2], loc="center right",
+        bbox_to_anchor=((PANELS_LEFT + SIDE) / WIDTH, top + 0.07 / HEIGHT), ncols=2, borderpad=0.0, handletextpad=1.0,
         borderaxespad=0.0,
-    )
-    center = (PANELS_LEFT + 0.5 * SIDE) / WIDTH
-    figure.text(center, 0.76 / HEIGHT, "x from the prior [m]", ha="center", fontsize=10.5)
-    figure.text(
-        0.2 / WIDTH, (BOTTOM + 0.5 * SIDE) / HEIGHT, "y from the prior [m]", va="center", rotation=90, fontsize=10.5
-    )
-    bar = figure.add_axes((PANELS_LEFT / WIDTH, 0.46 / HEIGHT, 3.7 / WIDTH, 0.15 / HEIGHT))
-    draw_color_bar(figure, image, bar, "horizontal")
-    figure.text(
-        (PANELS_LEFT + 3.85) / WIDTH,
-        0.53 / HEIGHT,
-        f"{title_of(view.objective)} [{unit_of(view.objective)}]",
-        fontsize=10.5,
-        va="center",
-        parse_math=False,
-    )
+    )  # fmt: skip
+    across, up = (PANELS_LEFT + 0.5 * SIDE) / WIDTH, (BOTTOM + 0.5 * SIDE) / HEIGHT
+    figure.text(across, 0.76 / HEIGHT, "x from the prior [m]", ha="center", fontsize=10.5)
+    figure.text(0.2 / WIDTH, up, "y from the prior [m]", va="center", rotation=90, fontsize=10.5)
+    draw_color_bar(figure, image, add_axes(figure, PANELS_LEFT, 0.46, 3.7, 0.15), "horizontal")
+    words, left = f"{title_of(view.objective)} [{unit_of(view.objective)}]", (PANELS_LEFT + 3.85) / WIDTH
+    figure.text(left, 0.53 / HEIGHT, words, fontsize=10.5, va="center", parse_math=False)
 
 
-def _answer_words(estimate: Estimate, prior: Pose, reference: Pose | None) -> str:
+def answer_words(estimate: Estimate, prior: Pose, reference: Pose | None) -> str:
     """Return the answer in plain words, in two lines; the reason to doubt it in a third."""
     reason = f"\n{estimate.reason[:1].upper()}{estimate.reason[1:]}" if estimate.reason else ""
     if estimate.status is Status.NO_MATCH:
@@ -183,3 +173,125 @@ def _answer_words(estimate: Estimate, prior: Pose, reference: Pose | None) -> st
         words += f"; {error:.2f} m and {error_deg:.2f}° from the reference"
     headline = "Localized." if estimate.is_localized else f"NOT LOCALIZED: {estimate.status.value}."
     return f"{headline} {estimate.status.explanation}\n{words}{reason}"
+
+
+# The scene from above: the map, the scan at the prior and at the answer, and which points agree.
+
+PRIOR_COLOR, SCAN_COLOR, CONSENSUS_COLOR = "#d55e00", "#56b4e9", "#00468b"
+# Horizontal part of a normal above which a surface is no ground: it is inclined by 30 degrees.
+STANDING_NORMAL = 0.5
+# Points without a normal are drawn from this height above ground on, m: kerbs and the crown of the road are lower.
+ABOVE_GROUND = 0.4
+# Farther points are few, and would make the street too small to see the search space in it.
+MOST_HALF_WIDTH, LEAST_HALF_WIDTH = 45.0, 5.0
+ONE_CELL = SearchSpace(half_width=0.0, heading_half_width_deg=0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Everything that is drawn of one epoch; poses and points in the local frame, the scan in the sensor frame."""
+
+    scan: Scan
+    point_map: PointMap
+    prior: Pose
+    space: SearchSpace
+    estimate: Estimate
+    reference: Pose | None = None
+
+    @property
+    def has_answer(self) -> bool:
+        """Whether anything matched at all."""
+        return self.estimate.status is not Status.NO_MATCH
+
+    @property
+    def is_matched(self) -> NDArray[np.bool_]:
+        """Whether each scan point falls in a voxel of the map at the best cell, or else at the answer, shape (n,)."""
+        if not self.has_answer:
+            return np.zeros(len(self.scan), bool)
+        if self.estimate.cell is not None:
+            return consensus_set(self.scan, self.point_map, self.prior, self.space, self.estimate.cell)
+        return consensus_set(self.scan, self.point_map, self.estimate.pose, ONE_CELL, (0, 0, 0))
+
+    @property
+    def is_drawn(self) -> NDArray[np.bool_]:
+        """Whether each scan point is drawn, shape (n,): not those on level ground."""
+        return is_off_the_ground(self.scan, self.prior)
+
+
+def half_width_of(scan: Scan, most: float) -> float:
+    """Half width, m, of the square around the sensor that holds 92 of 100 points of a scan: from 5 m to `most`."""
+    ranges = np.abs(scan.points[:, :2]).max(axis=1, initial=0.0)
+    half_width = float(np.percentile(ranges, 92)) if len(ranges) else 0.0
+    return min(max(half_width, LEAST_HALF_WIDTH), most)
+
+
+def is_off_the_ground(scan: Scan, pose: Pose) -> NDArray[np.bool_]:
+    """Whether each scan point is drawn from above, shape (n,): not those that lie, or may lie, on level ground.
+
+    Points without a normal are drawn if they are higher than the level surfaces below the sensor; all are, if no point
+    lies on such a surface.
+    """
+    normals, heights = scan.normals @ pose.rotation.T, scan.points @ pose.rotation[2]
+    has_normal = normals.any(axis=1)
+    is_standing = np.hypot(normals[:, 0], normals[:, 1]) > STANDING_NORMAL
+    is_ground = has_normal & ~is_standing & (heights < 0.0)
+    ground = float(np.median(heights[is_ground])) if is_ground.any() else -np.inf
+    return np.asarray(is_standing | (~has_normal & (heights > ground + ABOVE_GROUND)))
+
+
+def draw_scene(axes: Axes, scene: Scene) -> list[Artist]:
+    """Draw the scene from above; return what its legend shows, in order."""
+    from matplotlib.patches import Rectangle
+
+    prior, pose, half = scene.prior, scene.estimate.pose, scene.space.reach
+    window = Window.around(prior.x, prior.y, max(half_width_of(scene.scan, MOST_HALF_WIDTH), 1.25 * half))
+    draw_map(axes, scene.point_map, window)
+    handles = [map_patch(), *draw_points(axes, _point_sets(scene))]
+    square = Rectangle(
+        (prior.x - half, prior.y - half), 2.0 * half, 2.0 * half, fill=False, ec="black", lw=1.3, label="search space",
+        zorder=6,
+    )  # fmt: skip
+    axes.add_patch(square)
+
+    def mark(at: Pose, label: str, **style: Any) -> None:
+        handles.extend(axes.plot(at.x, at.y, ls="", label=label, zorder=8, **style))
+
+    handles.append(square)
+    mark(prior, "prior", marker="X", ms=9, mfc=PRIOR_COLOR, mec="white", mew=1.0)
+    if scene.has_answer:
+        arrow = 0.16 * window.size[0]
+        tip = (pose.x + arrow * math.cos(pose.heading), pose.y + arrow * math.sin(pose.heading))
+        line = {"arrowstyle": "-|>", "color": INK, "lw": 2.0, "shrinkA": 0.0}
+        axes.annotate("", tip, (pose.x, pose.y), arrowprops=line, zorder=7)
+        mark(pose, "sensor and heading", marker="o", ms=8, mfc="#f0e442", mec="black", mew=1.0)
+    if scene.reference is not None:
+        mark(scene.reference, "reference", marker="+", ms=15, mec="black", mew=1.4)
+    draw_scale_bar(axes, window)
+    axes.set_title("From above (scan without level ground)", loc="left")
+    return handles
+
+
+def _point_sets(scene: Scene) -> list[tuple[str, str, NDArray[np.float64], float]]:
+    """The scan at the prior and, if anything matched, at the answer, for `draw_points`."""
+    is_drawn = scene.is_drawn
+    sets = [("scan at the prior", PRIOR_COLOR, scene.prior.apply(scene.scan.points[is_drawn]), 1.3)]
+    if scene.has_answer:
+        points, is_matched = scene.estimate.pose.apply(scene.scan.points), scene.is_matched
+        sets.append(("scan at the answer", SCAN_COLOR, points[~is_matched & is_drawn], 1.3))
+        sets.append((f"consensus set ({is_matched.sum():,} points)", CONSENSUS_COLOR, points[is_matched], 2.0))
+    return sets
+
+
+def draw_points(axes: Axes, sets: Sequence[tuple[str, str, NDArray[np.float64], float]]) -> list[Artist]:
+    """Draw sets of points from above, one over the other; return what the legend shows of them.
+
+    sets : label, colour, points of shape (n, 3), local frame, m, and diameter of a dot, points.
+    """
+    from matplotlib.lines import Line2D
+
+    handles: list[Artist] = []
+    for number, (label, color, points, size) in enumerate(sets):
+        style: dict[str, Any] = {"ls": "", "marker": "o", "mew": 0, "color": color}
+        axes.plot(*points[:, :2].T, ms=size, zorder=2 + number, rasterized=True, **style)
+        handles.append(Line2D([], [], ms=7, label=label, **style))
+    return handles

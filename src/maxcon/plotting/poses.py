@@ -10,19 +10,16 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from maxcon.map import PointMap
-from maxcon.plotting.canvas.figure import INK, MUTED, SERIES, draw_titles, saved_figure
-from maxcon.plotting.canvas.from_above import Window, as_places, draw_map, draw_scale_bar
-from maxcon.plotting.canvas.method_style import as_epoch_values
+from maxcon.plotting.figure import INK, MUTED, SERIES, add_axes, as_epoch_values, saved_figure
+from maxcon.plotting.from_above import Window, as_places, draw_map, draw_scale_bar
 from maxcon.scan.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-__all__ = ["plot_drive", "plot_poses"]
 
 # Inches: the longer side of the map, and room to its left.
 SIDE, LEFT = 6.6, 0.85
@@ -51,17 +48,23 @@ def plot_poses(
     prior : Trajectory, optional
         Rough poses, likewise; drawn as a line.
     title : str
-        What is written above.
+        Written above.
     """
     places = point_map.frame.to_local(poses.positions)
     window = Window.with_room(places)
     east, north, _ = point_map.frame.origin
     words = f"{len(poses)} poses. Local frame: {east:.0f} m east and {north:.0f} m north are (0, 0)."
-    with _map_figure(path, window, point_map, (title, words), right=1.2, below=0.95) as (_, axes):
+    with _map_axes(path, window, point_map, title, words, right=1.2, below=0.95) as (_, axes):
         if prior is not None:
             rough = point_map.frame.to_local(prior.positions)
             axes.plot(*rough[:, :2].T, color=SERIES[1], lw=1.4, zorder=3, label="prior")
-        _draw_arrows(axes, places, poses.angles[:, 2], max(window.size))
+        axes.plot(*places[:, :2].T, "o", color=SERIES[0], ms=4.5, mec="white", mew=0.6, zorder=5, label="poses")
+        step = -(-len(places) // N_ARROWS)
+        headings = poses.angles[::step, 2]
+        axes.quiver(
+            *places[::step, :2].T, np.cos(headings), np.sin(headings), color=INK, angles="xy", scale_units="xy",
+            scale=18.0 / max(window.size), width=0.004, zorder=6,
+        )  # fmt: skip
 
 
 def plot_drive(
@@ -86,62 +89,48 @@ def plot_drive(
     point_map : PointMap, optional
         Drawn below, in grey.
     title : str
-        What is written above.
+        Written above.
     success : float
         Errors above it are drawn as failures, m.
     """
     places = as_places(positions)
     values = as_epoch_values(errors, "`errors`", 0.0, n_epochs=len(places))
-    words = f"{int((values <= success).sum())} of {len(values)} epochs within {success:g} m of the reference."
-    with _map_figure(path, Window.with_room(places), point_map, (title, words), right=2.0, below=1.2) as (figure, axes):
-        _draw_epochs(axes, places, values, success)
-        width, _ = figure.get_size_inches()
-        box = axes.get_position()
+    is_good, is_missing = values <= success, np.isnan(values)
+    words = f"{int(is_good.sum())} of {len(values)} epochs within {success:g} m of the reference."
+    with _map_axes(path, Window.with_room(places), point_map, title, words, right=2.0, below=1.2) as (figure, axes):
+        axes.plot(*places.T, color=MUTED, lw=1.0, zorder=3)
+        colors = axes.scatter(
+            places[is_good, 0], places[is_good, 1], c=values[is_good], cmap="viridis", vmin=0.0, vmax=success, s=42, edgecolors="black",
+            linewidths=0.5, zorder=4, label=f"within {success:g} m",
+        )  # fmt: skip
+        is_wrong = ~is_good & ~is_missing
+        axes.plot(
+            *places[is_wrong].T, "D", ms=9, mfc=SERIES[1], mec="black", mew=0.8, zorder=5, label="farther: failed"
+        )
+        axes.plot(*places[is_missing].T, "x", ms=9, mec="black", mew=2.2, zorder=5, label="not localized")
+        box, width = axes.get_position(), figure.get_size_inches()[0]
         bar = figure.add_axes((box.x1 + 0.15 / width, box.y0, 0.15 / width, box.height))
-        figure.colorbar(axes.collections[0], cax=bar).set_label("error [m]")
+        figure.colorbar(colors, cax=bar).set_label("error [m]")
 
 
 @contextmanager
-def _map_figure(
+def _map_axes(
     path: str | os.PathLike[str],
     window: Window,
     point_map: PointMap | None,
-    titles: tuple[str, str],
+    title: str,
+    words: str,
     *,
     right: float,
     below: float,
 ) -> Iterator[tuple[Figure, Axes]]:
-    """A figure with the map of a window, and the legend of what is drawn on it; room right and below in inches."""
+    """A figure and axes with the map of a window, and below the legend of what is drawn on it; room right and below in inches."""
     scale = SIDE / max(window.size)
     drawn_width, drawn_height = window.size[0] * scale, window.size[1] * scale
     width, height = max(drawn_width + right, 5.6), drawn_height + below + 1.15
-    with saved_figure(path, width, height) as figure:
-        draw_titles(figure, *titles)
-        axes = figure.add_axes((LEFT / width, below / height, drawn_width / width, drawn_height / height))
+    with saved_figure(path, width, height, title, words) as figure:
+        axes = add_axes(figure, LEFT, below, drawn_width, drawn_height)
         draw_map(axes, point_map, window)
         yield figure, axes
         draw_scale_bar(axes, window)
         figure.legend(*axes.get_legend_handles_labels(), loc="lower left", bbox_to_anchor=(0.6 / width, 0.0), ncols=2)
-
-
-def _draw_arrows(axes: Axes, places: NDArray[np.float64], headings: NDArray[np.float64], extent: float) -> None:
-    """Draw all positions as dots, and at most `N_ARROWS` headings as arrows; `extent` of the picture, m."""
-    axes.plot(*places[:, :2].T, "o", color=SERIES[0], ms=4.5, mec="white", mew=0.6, zorder=5, label="poses")
-    step = -(-len(places) // N_ARROWS)
-    axes.quiver(
-        *places[::step, :2].T, np.cos(headings[::step]), np.sin(headings[::step]), color=INK, angles="xy",
-        scale_units="xy", scale=18.0 / extent, width=0.004, zorder=6,
-    )  # fmt: skip
-
-
-def _draw_epochs(axes: Axes, places: NDArray[np.float64], errors: NDArray[np.float64], success: float) -> None:
-    """Draw the drive as a line, epochs that succeeded in the colour of their error, and others with other marks."""
-    axes.plot(*places.T, color=MUTED, lw=1.0, zorder=3)
-    is_good, is_missing = errors <= success, np.isnan(errors)
-    is_wrong = ~is_good & ~is_missing
-    axes.scatter(
-        places[is_good, 0], places[is_good, 1], c=errors[is_good], cmap="viridis", vmin=0.0, vmax=success, s=42,
-        edgecolors="black", linewidths=0.5, zorder=4, label=f"within {success:g} m",
-    )  # fmt: skip
-    axes.plot(*places[is_wrong].T, "D", ms=9, mfc=SERIES[1], mec="black", mew=0.8, zorder=5, label="farther: failed")
-    axes.plot(*places[is_missing].T, "x", ms=9, mec="black", mew=2.2, zorder=5, label="not localized")

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from maxcon.geometry import Pose, wrap_angle
-from maxcon.plotting.canvas.figure import INK, MUTED
-from maxcon.plotting.canvas.from_above import Window
+from maxcon.plotting.figure import INK, MUTED
+from maxcon.plotting.from_above import Window
 from maxcon.search.accumulator import Accumulator, highest
 from maxcon.search.objectives import Objective, Scores
 from maxcon.search.space import Cell, SearchSpace
@@ -24,29 +24,13 @@ if TYPE_CHECKING:
     from matplotlib.image import AxesImage
     from matplotlib.lines import Line2D
 
-__all__ = [
-    "COLORS", "SearchSpaceView", "cell_marks", "chosen_headings", "draw_color_bar", "draw_frame", "draw_heading",
-    "draw_scores", "ground_of", "offset_words", "put_mark", "scale_words", "score_words", "title_of", "turn_words",
-    "unit_of",
-]  # fmt: skip
-
 COLORS = "plasma"
 """From cold blue to warm yellow, in steps that are even to every eye, and in grey print."""
 
 
 @dataclass(frozen=True, eq=False)
 class SearchSpaceView:
-    """An accumulator, scored by an objective.
-
-    Parameters
-    ----------
-    accumulator : Accumulator
-        The moments of every cell.
-    objective : Objective
-        Scores the cells.
-    title : str
-        Title of its panel; the objective's if empty.
-    """
+    """An accumulator, scored by an objective; `title` is that of its panel, the objective's if empty."""
 
     accumulator: Accumulator
     objective: Objective

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: MIT
 """Running the demo, by the same road as real data: dataset, map, poses."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,32 +23,14 @@ from maxcon.lab.simulation.ray_caster import check_embreex
 from maxcon.localizer import MaximumConsensus
 from maxcon.map import PointMap
 from maxcon.mapping.build import build_map
-from maxcon.plotting.canvas.figure import check_matplotlib
+from maxcon.plotting.figure import check_matplotlib
 from maxcon.scan.trajectory import Trajectory
 from maxcon.search.objectives import Count, Helmert
 from maxcon.search.space import SearchSpace
 
-__all__ = [
-    "DEMO_METHODS",
-    "DEMO_NAMES",
-    "MAPPING_WAIT",
-    "DemoDrive",
-    "DemoMethod",
-    "MethodResult",
-    "check_extras",
-    "localize_demo",
-    "prepare_demo",
-]
-
 DEMO_NAMES = (
-    "report.html",
-    "dataset",
-    "city.map",
-    "city-with-ground.map",
-    "prior-error.csv",
-    "pictures",
-    "poses-*.csv",
-)
+    "report.html", "dataset", "city.map", "city-with-ground.map", "prior-error.csv", "pictures", "poses-*.csv"
+)  # fmt: skip
 """All that the folder of a demo holds."""
 
 
@@ -65,16 +48,10 @@ MAPPING_WAIT = 10.0
 """The mapping vehicle stands before a red light for so long, s: the map is denser there, as real ones are."""
 
 DEMO_METHODS = (
-    DemoMethod(
-        "Count, every map point", "count-points", MaximumConsensus(PAPER, objective=Count(), multiplicity="points")
-    ),
-    DemoMethod(
-        "Helmert, every map point",
-        "helmert-points",
-        MaximumConsensus(PAPER, objective=Helmert(), multiplicity="points"),
-    ),
-    DemoMethod("Count, a voxel once", "count-occupied", MaximumConsensus(PAPER, objective=Count())),
-    DemoMethod("Helmert, a voxel once", "helmert-occupied", MaximumConsensus(PAPER, objective=Helmert())),
+    DemoMethod("Count, every map point", "count-points", MaximumConsensus(PAPER, Count(), multiplicity="points")),
+    DemoMethod("Helmert, every map point", "helmert-points", MaximumConsensus(PAPER, Helmert(), multiplicity="points")),
+    DemoMethod("Count, a voxel once", "count-occupied", MaximumConsensus(PAPER, Count())),
+    DemoMethod("Helmert, a voxel once", "helmert-occupied", MaximumConsensus(PAPER, Helmert())),
 )
 
 
@@ -101,6 +78,11 @@ class MethodResult:
     errors: tuple[PoseError | None, ...]
 
     @property
+    def distances(self) -> list[float]:
+        """Distance of each answer to the reference, m; NaN where there is none."""
+        return [math.nan if error is None else error.distance for error in self.errors]
+
+    @property
     def accuracy(self) -> Accuracy:
         """Success, median and worst error."""
         return summarize(self.errors)
@@ -112,7 +94,7 @@ class MethodResult:
 
     @property
     def median_milliseconds(self) -> float:
-        """From points in memory to the pose, the first epoch (compilation, first look at the map) left out."""
+        """From points in memory to the pose, the first epoch (compilation, first read of the map) left out."""
         taken = [epoch.milliseconds for epoch in self.epochs]
         return float(np.median(taken[1:] or taken))
 
@@ -151,15 +133,10 @@ def localize_demo(
         errors: list[PoseError | None] = []
         for epoch in localize_drive(drive.point_map, scans, drive.prior, method.method):
             epochs.append(epoch.without_points())
-            errors.append(_error(epoch, drive))
+            # Of the answer, whether the method trusts it or not.
+            pose = epoch.estimate.pose if epoch.estimate is not None else None
+            errors.append(pose and pose_error(pose, drive.reference_at(epoch.raw.time)))
             progress("localizing", number * len(scans) + len(epochs), len(methods) * len(scans))
         write_poses(folder / f"poses-{method.slug}.csv", epochs)
         results.append(MethodResult(method, tuple(epochs), tuple(errors)))
     return results
-
-
-def _error(epoch: EpochEstimate, drive: DemoDrive) -> PoseError | None:
-    """Error of the answer, whether the method trusts it or not."""
-    if epoch.estimate is None:
-        return None
-    return pose_error(epoch.estimate.pose, drive.reference_at(epoch.raw.time))

@@ -26,8 +26,6 @@ from maxcon.lab.study.prior_trials import (
 from maxcon.lab.study.run import spread_epochs
 from maxcon.mapping.build import build_map
 
-__all__ = ["WIDE_LEVELS", "WideResult", "try_wide_priors"]
-
 WIDE_LEVELS = (prior_level(3.0, 2.0), prior_level(6.0, 5.0), prior_level(12.0, 10.0))
 GROUND_MAP, TABLE = "city-with-ground.map", "prior-error.csv"
 MOST_EPOCHS = 8
@@ -36,10 +34,7 @@ MOST_EPOCHS = 8
 
 @dataclass(frozen=True, slots=True)
 class WideResult:
-    """All trials with wide priors.
-
-    trials: epoch by epoch; those of GICP only where small_gicp is installed.
-    """
+    """All trials with wide priors, epoch by epoch; those of GICP only where small_gicp is installed."""
 
     trials: tuple[PriorTrial, ...]
 
@@ -82,28 +77,18 @@ class WideResult:
         )
 
 
-def _has_small_gicp() -> bool:
-    try:
-        check_small_gicp()
-    except MissingExtraError:
-        return False
-    return True
-
-
 def _methods(level: PriorErrors) -> list[StudyMethod]:
     """Methods of a level that can run here, without the many starts, which take too long."""
-    left_out = GICP_FROM_MANY if _has_small_gicp() else "GICP"
+    try:
+        check_small_gicp()
+        left_out = GICP_FROM_MANY
+    except MissingExtraError:
+        left_out = "GICP"
     return [method for method in methods_at(level, gates=(1.0, 3.0)) if left_out not in method.name]
 
 
 def try_wide_priors(drive: DemoDrive, folder: Path, *, seed: int, progress: Progress) -> WideResult:
-    """Localize some epochs of the drive from ever wider priors and write the trials to `folder`.
-
-    drive: the simulated drive.
-    folder: of the demo; the map with ground, for the peers, is built there.
-    seed: of the priors.
-    progress: called with (step, done, of how many).
-    """
+    """Localize some epochs of the drive from ever wider priors; write trials and the map with ground to `folder`."""
     options = drive.dataset.map_options(keeps_ground=True)
     build_map(drive.dataset.map_clouds, folder / GROUND_MAP, options, progress=progress)
     maps = {"standard": folder / "city.map", "ground": folder / GROUND_MAP}

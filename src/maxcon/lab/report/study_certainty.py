@@ -2,18 +2,27 @@
 # SPDX-License-Identifier: MIT
 """Certainty on a study's page: coverage, protection levels, risk."""
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from maxcon.lab.evaluation import ALERT_LIMIT, Coverage, MeanSquare, ProtectionCounts, RiskCoverage
+from maxcon.lab.evaluation import (
+    ALERT_LIMIT,
+    PROMISED,
+    PROMISED_PLANE,
+    Coverage,
+    MeanSquare,
+    ProtectionCounts,
+    RiskCoverage,
+    least_to_prove,
+)
+from maxcon.lab.report.certainty_plots import SigmaPanel, plot_risk_coverage, plot_sigmas, plot_stanford
 from maxcon.lab.report.pages import Picture
-from maxcon.lab.report.plots.certainty_plots import SigmaPanel, plot_sigmas, plot_stanford
-from maxcon.lab.report.plots.risk_coverage_plot import plot_risk_coverage
-from maxcon.lab.report.plots.timeline_plot import ErrorRow, plot_timeline
-from maxcon.lab.report.study_page import Certainty, CoverageRow, CoverageTable, ProtectionTable
 from maxcon.lab.report.study_statistics import NAMES, own_methods, shown_methods
+from maxcon.lab.report.timeline import ErrorRow, plot_timeline
 from maxcon.lab.study import MethodRows
 
 KINDS = {
@@ -24,6 +33,8 @@ KINDS = {
 }
 """Columns of error and predicted sigma in the table of a study, by kind of error."""
 DIRECTIONS = ("along", "across")
+UNITS = {"along": ("cm", 100.0), "across": ("cm", 100.0), "heading": ("°", np.degrees(1.0))}
+"""Kinds of error that are drawn, the unit in which they are, and its factor."""
 
 
 def certainty_of(
@@ -31,8 +42,8 @@ def certainty_of(
     by_prior: Mapping[str, Mapping[str, MethodRows]],
     prior: str,
     configured: Mapping[str, Mapping[str, object]],
-) -> Certainty:
-    """Return tables and pictures of how certain methods are; the pictures are drawn into a folder, as SVG.
+) -> dict[str, Any]:
+    """Return tables and pictures of how certain methods are, for the page; pictures are drawn into a folder, as SVG.
 
     folder: where the pictures go; must exist.
     by_prior: rows by prior and by method.
@@ -42,7 +53,6 @@ def certainty_of(
     The pictures that need a covariance are of one method: the first that has one, the user's own before others.
     """
     methods = by_prior[prior]
-    predicting = _predicting(methods)
     coverage, protection = [], []
     for name, found in by_prior.items():
         for method in _predicting(found):
@@ -56,20 +66,21 @@ def certainty_of(
         path = folder / ("timeline.svg" if number == 1 else f"timeline-{number}.svg")
         pictures.append(_timeline(path, name, found[(_predicting(found) or shown_methods(found))[0]]))
     notes, sigmas, stanford = [], [], []
-    for method in predicting[:1]:
+    for method in _predicting(methods)[:1]:
         sigmas.append(_sigmas(folder / "sigmas.svg", methods[method]))
         if _has(methods[method], "protection_along"):
             stanford.append(_stanford(folder / "stanford.svg", methods[method]))
         else:
             notes.append(f"No Stanford diagram: {method} gives no protection levels.")
-    if not predicting:
+    if not sigmas:
         notes.append(
             "No errors against predicted sigmas, no protection levels: no method predicts its errors here, with the"
             f" prior “{prior}”. The method “maxcon” does: maxcon study --methods maxcon."
         )
-    return Certainty(
-        tuple(coverage), tuple(protection), ALERT_LIMIT, tuple(sigmas), tuple(stanford), tuple(pictures), tuple(notes)
-    )
+    return {
+        "coverage": coverage, "protection": protection, "alert_limit": ALERT_LIMIT, "coverage_pictures": sigmas,
+        "protection_pictures": stanford, "status_pictures": pictures, "notes": notes,
+    }  # fmt: skip
 
 
 def _has(rows: MethodRows, column: str) -> bool:
@@ -91,35 +102,58 @@ def _risk(configured: Mapping[str, Mapping[str, object]], name: str) -> float | 
     return float(risk) if isinstance(risk, float) and 0.0 < risk < 1.0 else None
 
 
-def _coverage(title: str, rows: MethodRows) -> CoverageTable:
-    """Shares of the errors of one method within their sigmas, for each kind of error, and for x and y together."""
+def _coverage(title: str, rows: MethodRows) -> dict[str, Any]:
+    """How many errors of a method lie within their sigmas, for each kind of error, and for x and y together."""
     squares = rows.numbers("nees")
     found = [
-        CoverageRow(name, Coverage.of(rows.numbers(error), rows.numbers(sigma)))
+        coverage_row(name, Coverage.of(rows.numbers(error), rows.numbers(sigma)))
         for name, (error, sigma) in KINDS.items()
     ]
-    found.append(CoverageRow("x and y", Coverage.of(np.sqrt(squares), np.ones(len(squares))), n_errors=2))
-    return CoverageTable(title, tuple(found), MeanSquare.of(squares))
+    found.append(coverage_row("x and y", Coverage.of(np.sqrt(squares), np.ones(len(squares))), n_errors=2))
+    return {"title": title, "rows": found, "squares": MeanSquare.of(squares)}
 
 
-def _protection(title: str, rows: MethodRows, risk: float | None) -> ProtectionTable:
-    """How many epochs lie in each region of the Stanford diagram, along, across, and by the worse of both."""
+def coverage_row(name: str, coverage: Coverage, n_errors: int = 1) -> dict[str, Any]:
+    """Return a row of a table of coverage, with what is expected if the sigmas hold.
+
+    name: kind of error. n_errors: number of errors taken together: 2 for x and y within ellipses.
+    """
+    promised = PROMISED if n_errors == 1 else PROMISED_PLANE
+    # By the 95 % intervals of the three fractions.
+    verdict = "as promised"
+    if any(low > fraction for (low, _), fraction in zip(coverage.intervals, promised, strict=True)):
+        verdict = "too large"
+    if any(high < fraction for (_, high), fraction in zip(coverage.intervals, promised, strict=True)):
+        verdict = "too small"
+    return {
+        "name": name, "coverage": coverage, "n_errors": n_errors, "promised": promised,
+        "promised_rms": math.sqrt(n_errors), "verdict": verdict,
+    }  # fmt: skip
+
+
+def _protection(title: str, rows: MethodRows, risk: float | None) -> dict[str, Any]:
+    """How many epochs lie in each region of the Stanford diagram, along, across, and by the worse of both.
+
+    risk: how often the method says that its levels are exceeded, 0 to 1, if it says so.
+    """
     errors, levels = (
         np.column_stack([rows.numbers(f"{prefix}{name}")[rows.is_tried] for name in DIRECTIONS])
         for prefix in ("", "protection_")
     )
-    found = [
-        (name, ProtectionCounts.of(errors[:, number], levels[:, number])) for number, name in enumerate(DIRECTIONS)
-    ]
-    found.append(("either", ProtectionCounts.of(errors, levels)))
-    return ProtectionTable(title, tuple(found), risk)
+    counts = {name: ProtectionCounts.of(errors[:, number], levels[:, number]) for number, name in enumerate(DIRECTIONS)}
+    return {
+        "title": title,
+        "counts": counts | {"either": ProtectionCounts.of(errors, levels)},
+        "risk": risk,
+        "n_to_prove": None if risk is None else least_to_prove(risk),
+    }
 
 
 def _sigmas(path: Path, rows: MethodRows) -> Picture:
-    panels = []
-    for name, unit, factor in (("along", "cm", 100.0), ("across", "cm", 100.0), ("heading", "°", np.degrees(1.0))):
-        error, sigma = (factor * rows.numbers(column) for column in KINDS[name])
-        panels.append(SigmaPanel(name, unit, error, sigma))
+    panels = [
+        SigmaPanel(name, unit, *(factor * rows.numbers(column) for column in KINDS[name]))
+        for name, (unit, factor) in UNITS.items()
+    ]
     plot_sigmas(path, panels, title=f"Error against predicted sigma: {rows.method}")
     return Picture(
         "Error against predicted sigma",
@@ -177,17 +211,17 @@ def _risk_coverage(path: Path, methods: Mapping[str, MethodRows]) -> list[Pictur
 
 
 def _timeline(path: Path, prior: str, rows: MethodRows) -> Picture:
-    def error_row(name: str, unit: str, factor: float) -> ErrorRow:
+    errors = []
+    for name, (unit, factor) in UNITS.items():
         error, sigma = (factor * rows.numbers(column) for column in KINDS[name])
-        level = factor * rows.numbers(f"protection_{name}") if name in DIRECTIONS else None
-        return ErrorRow(name, unit, error, sigma, level)
-
+        level = rows.numbers(f"protection_{name}") if name in DIRECTIONS else np.full(len(error), np.nan)
+        errors.append(ErrorRow(name, unit, error, sigma, factor * level))
     plot_timeline(
         path,
         rows.numbers("epoch"),
         [str(word) for word in rows.words("status")],
         rows.numbers("is_success") == 0.0,
-        [error_row("along", "cm", 100.0), error_row("across", "cm", 100.0), error_row("heading", "°", np.degrees(1.0))],
+        errors,
         title=f"The drive, epoch by epoch: {rows.method}, prior “{prior}”",
     )
     return Picture(

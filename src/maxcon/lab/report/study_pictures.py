@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Pictures of a study's page: epochs picked, scenes, figures."""
+"""Single epochs of a study, searched again for its page: overview, headings, count beside Helmert."""
 
 import math
 import os
@@ -11,18 +11,16 @@ from typing import cast
 
 import numpy as np
 
-from maxcon._system.progress import Progress
 from maxcon.drive.localize import DriveOptions, scan_of
 from maxcon.errors import FileError, MaxconError
 from maxcon.estimate import Estimate
 from maxcon.geometry import Pose
 from maxcon.lab.dataset import Dataset
+from maxcon.lab.paper.claims import HELMERT
+from maxcon.lab.paper.overview import plot_overview
+from maxcon.lab.paper.search_spaces import ComparisonRow, plot_comparison, plot_headings
 from maxcon.lab.report.pages import Picture
-from maxcon.lab.report.plots.comparison_plot import ComparisonRow, plot_comparison
-from maxcon.lab.report.plots.headings_plot import plot_headings
-from maxcon.lab.report.plots.overview_plot import plot_overview
-from maxcon.lab.report.study_claims import HELMERT
-from maxcon.lab.report.study_statistics import common_epochs, draw_statistics
+from maxcon.lab.report.study_statistics import common_epochs
 from maxcon.lab.study import MethodRows, Study, known_methods
 from maxcon.lab.study.bench import REFERENCE, Bench
 from maxcon.lab.study.configuration import check_parts, dataset_parts
@@ -39,22 +37,12 @@ from maxcon.search.space import SearchSpace
 NEAR = 1.5
 
 
-@dataclass(frozen=True, slots=True)
-class PictureEpochs:
-    """Which epochs the pictures show, chosen by the table of the study.
+def pick_epochs(count: MethodRows, helmert: MethodRows) -> dict[str, int]:
+    """Pick the epochs to show, by the table of the study; none if both count and Helmert's score succeed in none.
 
     crossing: where the count is the most distinct: surfaces face in several directions.
     street: where the count is right and the least distinct: nearly all surfaces face across.
-    failure: where the count is farthest off while Helmert's score is right; None if there is no such epoch.
-    """
-
-    crossing: int
-    street: int
-    failure: int | None
-
-
-def pick_epochs(count: MethodRows, helmert: MethodRows) -> PictureEpochs | None:
-    """Pick the epochs to show; None if there is none in which both count and Helmert's score succeed.
+    count fails: where the count is farthest off while Helmert's score is right, if there is such an epoch.
 
     Crossing and street are taken from epochs whose prior is within 1.5 m of the reference, if there are any: their
     peak is not at the border of the search space.
@@ -64,16 +52,16 @@ def pick_epochs(count: MethodRows, helmert: MethodRows) -> PictureEpochs | None:
     succeeds = [rows.numbers("is_success")[at] == 1.0 for rows, at in zip((count, helmert), here, strict=True)]
     is_good, is_lost = succeeds[0] & succeeds[1], ~succeeds[0] & succeeds[1]
     if not is_good.any():
-        return None
+        return {}
     is_near = is_good & (np.nan_to_num(count.numbers("prior_distance")[here[0]]) <= NEAR)
     is_shown = is_near if is_near.any() else is_good
     distinct = np.nan_to_num(count.numbers("kurtosis")[here[0]])
     errors = np.where(is_lost, np.nan_to_num(count.numbers("distance")[here[0]]), 0.0)
-    return PictureEpochs(
-        crossing=int(epochs[np.argmax(np.where(is_shown, distinct, -1.0))]),
-        street=int(epochs[np.argmin(np.where(is_shown, distinct, np.inf))]),
-        failure=int(epochs[np.argmax(errors)]) if errors.any() else None,
-    )
+    picked = {
+        "crossing": int(epochs[np.argmax(np.where(is_shown, distinct, -1.0))]),
+        "street": int(epochs[np.argmin(np.where(is_shown, distinct, np.inf))]),
+    }
+    return picked | ({"count fails": int(epochs[np.argmax(errors)])} if errors.any() else {})
 
 
 # Epochs whose search spaces may be drawn on the map: at least this far apart, and at most this far away, m.
@@ -85,32 +73,20 @@ SHOWN_BECAUSE = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class StudyScenes:
     """Epochs of a study, searched again for its pictures.
 
-    bench: the dataset, opened.
-    prior: name of the prior.
-    point_map: the standard map.
-    space: what was searched.
+    bench, prior, point_map: the dataset, opened; the prior's name; the standard map.
+    method: the study's method with Helmert's score, in its search space.
     multiplicity: `occupied` or `points`: whether a match counts once, or as often as its voxel has map points.
     """
 
     bench: Bench
     prior: str
     point_map: PointMap
-    space: SearchSpace
+    method: MaximumConsensus
     multiplicity: str
-
-    @property
-    def method(self) -> MaximumConsensus:
-        """The study's method with Helmert's score, in its search space."""
-        return cast(MaximumConsensus, known_methods(self.space)[f"helmert-{self.multiplicity}"].method)
-
-    def scan(self, epoch: int) -> Scan:
-        """Read the scan of an epoch."""
-        raw = self.bench.scans.read(epoch, self.bench.options.min_range, self.bench.options.max_range)
-        return scan_of(raw)
 
     def poses(self, epoch: int) -> tuple[Pose, Pose]:
         """Prior and reference of an epoch, local frame."""
@@ -121,7 +97,8 @@ class StudyScenes:
 
     def search(self, epoch: int) -> tuple[Scan, Accumulator, Estimate]:
         """Search an epoch around its prior; return its scan, its accumulator and the answer."""
-        scan = self.scan(epoch)
+        raw = self.bench.scans.read(epoch, self.bench.options.min_range, self.bench.options.max_range)
+        scan = scan_of(raw)
         accumulator = self.method.accumulate(scan, self.point_map, self.poses(epoch)[0])
         return scan, accumulator, self.method.conclude(accumulator, scan, self.point_map)
 
@@ -130,7 +107,7 @@ class StudyScenes:
         scan, accumulator, estimate = self.search(epoch)
         others = [self.search(other)[1:] for other in self._neighbours(epoch, helmert)]
         plot_overview(
-            path, point_map=self.point_map, scan=scan, prior=accumulator.prior, estimate=estimate,
+            path, point_map=self.point_map, scan=scan, estimate=estimate,
             accumulator=accumulator, objective=Helmert(), others=others, title=f"Epoch {epoch} and its neighbours",
         )  # fmt: skip
         return Picture(
@@ -155,13 +132,10 @@ class StudyScenes:
             path,
         )
 
-    def comparison(self, path: Path, epochs: PictureEpochs) -> Picture:
+    def comparison(self, path: Path, epochs: Mapping[str, int]) -> Picture:
         """Draw crossing and street, and where the count fails, count beside Helmert (the paper's figure 4)."""
-        chosen = {"crossing": epochs.crossing, "street": epochs.street, "count fails": epochs.failure}
         rows, words = [], []
-        for label, epoch in chosen.items():
-            if epoch is None:
-                continue
+        for label, epoch in epochs.items():
             scan, accumulator, _ = self.search(epoch)
             views = (SearchSpaceView(accumulator, Count()), SearchSpaceView(accumulator, Helmert()))
             reference = self.poses(epoch)[1]
@@ -236,45 +210,26 @@ def open_scenes(
             raise
         notes.append(f"No scenes: {error} If the dataset was moved: maxcon report --dataset DATASET.")
         return None
-    return StudyScenes(bench, prior, bench.maps[STANDARD], space, name.partition("-")[2])
+    multiplicity = name.partition("-")[2]
+    method = cast(MaximumConsensus, known_methods(space)[f"helmert-{multiplicity}"].method)
+    return StudyScenes(bench, prior, bench.maps[STANDARD], method, multiplicity)
 
 
-def draw_pictures(
-    folder: Path, scenes: StudyScenes | None, methods: Mapping[str, MethodRows], notes: list[str], progress: Progress
-) -> tuple[list[Picture], list[Picture]]:
-    """Draw scenes and statistics into a folder; return both.
-
-    folder: must exist.
-    scenes: the dataset, opened.
-    methods: by name, one prior.
-    notes: what cannot be shown, and why, is added.
-    progress: called with (step, done, of how many).
-    """
-    progress("drawing", 0, 2)
-    drawn = _draw_scenes(folder, scenes, methods, notes) if scenes is not None else []
-    progress("drawing", 1, 2)
-    pictures = draw_statistics(folder, methods, scenes.point_map if scenes is not None else None)
-    if not pictures:
-        notes.append("No figures over all epochs: no epoch has an answer and a reference.")
-    progress("drawing", 2, 2)
-    return drawn, pictures
-
-
-def _draw_scenes(
+def draw_scenes(
     folder: Path, scenes: StudyScenes, methods: Mapping[str, MethodRows], notes: list[str]
 ) -> list[Picture]:
-    """Draw overview, headings and comparison."""
+    """Draw overview, headings and comparison into a folder; what cannot be shown, and why, is added to the notes."""
     helmert, count = (methods.get(f"{name}-{scenes.multiplicity}") for name in ("helmert", "count"))
-    epochs = pick_epochs(count, helmert) if count is not None and helmert is not None else None
-    if epochs is None or helmert is None:
+    epochs = pick_epochs(count, helmert) if count is not None and helmert is not None else {}
+    if not epochs or helmert is None:
         notes.append(
             f"No scenes: no epoch where both count-{scenes.multiplicity} and helmert-{scenes.multiplicity} succeed."
         )
         return []
     try:
         return [
-            scenes.overview(folder / "scene.svg", epochs.street, helmert),
-            scenes.headings(folder / "headings.svg", epochs.crossing),
+            scenes.overview(folder / "scene.svg", epochs["street"], helmert),
+            scenes.headings(folder / "headings.svg", epochs["crossing"]),
             scenes.comparison(folder / "comparison.svg", epochs),
         ]
     except MaxconError as error:

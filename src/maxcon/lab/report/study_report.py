@@ -7,7 +7,9 @@ import math
 import os
 import shlex
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from maxcon._system.atomic import check_folder, check_writable, make_folder, sweep
 from maxcon._system.progress import Progress
@@ -15,19 +17,36 @@ from maxcon._system.version import __version__
 from maxcon.errors import OptionError
 from maxcon.lab.dataset import DESCRIPTION
 from maxcon.lab.evaluation import SUCCESS_WORDS
-from maxcon.lab.report.pages import check_jinja2
+from maxcon.lab.paper.claims import COUNT, HELMERT, paper_claims
+from maxcon.lab.report.pages import check_jinja2, write_page
 from maxcon.lab.report.study_certainty import certainty_of
-from maxcon.lab.report.study_claims import COUNT, HELMERT, paper_claims
-from maxcon.lab.report.study_page import StudyPage, method_tables, write_study_page
-from maxcon.lab.report.study_pictures import draw_pictures, open_scenes, space_of
-from maxcon.lab.report.study_statistics import own_methods
-from maxcon.lab.study import MethodRows, Study, rows_by_method, statistics
+from maxcon.lab.report.study_pictures import draw_scenes, open_scenes, space_of
+from maxcon.lab.report.study_statistics import draw_statistics, own_methods
+from maxcon.lab.study import METHOD_SETS, MethodRows, MethodStatistics, Study, rows_by_method, statistics
 from maxcon.lab.study.bench import REFERENCE
-from maxcon.plotting.canvas.figure import check_matplotlib
+from maxcon.plotting.figure import check_matplotlib
 from maxcon.search.space import SearchSpace
 
-MAXCON = "maxcon"
 FEW_EPOCHS = 50
+QUESTIONS = {
+    "weights": (
+        "Weights of normals",
+        "With w = max(0, n_scan · n_map), where a scan point has no normal 0 (published) or 1/2; and with w = 1.",
+    ),
+    "thinning": (
+        "Thinning of the scan",
+        "All its points, and one in each cube of 0.25 m (the default) or 0.40 m; every map point counted (points).",
+    ),
+    "cells": ("Edge of a cell", "The map's voxels and the search's cells together; a voxel counts once."),
+    "density": ("Density of the map", "The whole cloud, every fourth and every sixteenth point of it."),
+    "ground": (
+        "With the ground in the map",
+        "A baseline that leans on the ground may have it; maximum consensus gets the same map.",
+    ),
+}
+"""Sets of methods that answer a question, each with the title and the words of its table."""
+WITHOUT_GROUND = ("helmert-occupied", "icp-plane-1m", "icp-plane-3m", "gicp-3m")
+"""Methods that are shown beside those with the ground in the map."""
 
 
 def report_study(
@@ -65,27 +84,34 @@ def report_study(
     report = progress or (lambda step, done, total: None)
     notes = _cautions(study, methods)
     scenes = open_scenes(study, dataset, prior, notes)
-    drawn, pictures = draw_pictures(folder, scenes, methods, notes, report)
+    report("drawing", 0, 2)
+    drawn = [] if scenes is None else draw_scenes(folder, scenes, methods, notes)
+    report("drawing", 1, 2)
+    pictures = draw_statistics(folder, methods, None if scenes is None else scenes.point_map)
+    if not pictures:
+        notes.append("No figures over all epochs: no epoch has an answer and a reference.")
+    report("drawing", 2, 2)
     certainty = certainty_of(folder, by_prior, prior, study.configuration.methods)
     space = space_of(study.configuration.methods, HELMERT) or SearchSpace.paper()
     numbers = {name: [statistics(rows) for rows in methods.values()] for name, methods in by_prior.items()}
-    write_study_page(
+    write_page(
         page,
-        StudyPage(
-            title=f"maxcon study: {_name(study)}",
-            headline=_headline(methods, prior),
-            facts=_facts(study, methods),
-            claims=tuple(paper_claims(methods, space.cell_edge, by_prior.get(REFERENCE))),
-            tables=tuple(table for name, found in numbers.items() for table in method_tables(name, found)),
-            scenes=tuple(drawn),
-            statistics=tuple(pictures),
-            certainty=certainty,
-            notes=tuple(notes),
-            reasons=_reasons(by_prior),
-            command=_command(study_folder, path, figures=figures, dataset=dataset, prior=prior),
-            configuration=json.dumps(study.configuration.runs, indent=1),
-            version=__version__,
-        ),
+        "study.html.j2",
+        {
+            "title": f"maxcon study: {_name(study)}",
+            "headline": _headline(methods, prior),
+            "facts": _facts(study, methods),
+            "claims": paper_claims(methods, space.cell_edge, by_prior.get(REFERENCE)),
+            "tables": [table for name, found in numbers.items() for table in method_tables(name, found)],
+            "scenes": drawn,
+            "statistics": pictures,
+            "certainty": certainty,
+            "notes": notes,
+            "reasons": _reasons(by_prior),
+            "command": _command(study_folder, path, figures=figures, dataset=dataset, prior=prior),
+            "configuration": json.dumps(study.configuration.runs, indent=1),
+            "version": __version__,
+        },
     )
     return folder
 
@@ -126,7 +152,7 @@ def _cautions(study: Study, methods: dict[str, MethodRows]) -> list[str]:
 
 def _headline(methods: dict[str, MethodRows], prior: str) -> str:
     """Return the successes of the main methods as a sentence."""
-    known = (MAXCON, HELMERT, COUNT, "helmert-occupied", "icp-plane-1m", "icp-plane-3m", "gicp-3m")
+    known = ("maxcon", HELMERT, COUNT, "helmert-occupied", "icp-plane-1m", "icp-plane-3m", "gicp-3m")
     names = [*own_methods(methods), *(name for name in known if name in methods)] or list(methods)[:6]
     found = [statistics(methods[name]) for name in names]
     words = "; ".join(f"{method.method} {method.n_success:,} of {method.n_epochs:,}" for method in found)
@@ -147,17 +173,17 @@ def _name(study: Study) -> str:
     return path.parent.name if path.name == DESCRIPTION else path.stem
 
 
-def _facts(study: Study, methods: dict[str, MethodRows]) -> tuple[tuple[str, str], ...]:
+def _facts(study: Study, methods: dict[str, MethodRows]) -> dict[str, str]:
     epochs = {epoch for rows in methods.values() for epoch in rows.numbers("epoch").tolist()}
     n_runs = len(study.configuration.runs)
     seconds = sum(float(run.get("seconds", 0.0)) for run in study.configuration.runs)
-    return (
-        ("Dataset", _name(study)),
-        ("Epochs", f"{len(epochs):,} of {study.configuration.n_scans:,} scans"),
-        ("Methods", f"{len(study.configuration.methods)}"),
-        ("Rows", f"{len(study.table):,}"),
-        ("Time", f"{seconds / 60.0:.1f} min, {n_runs} run{'s' * (n_runs != 1)}"),
-    )
+    return {
+        "Dataset": _name(study),
+        "Epochs": f"{len(epochs):,} of {study.configuration.n_scans:,} scans",
+        "Methods": f"{len(study.configuration.methods)}",
+        "Rows": f"{len(study.table):,}",
+        "Time": f"{seconds / 60.0:.1f} min, {n_runs} run{'s' * (n_runs != 1)}",
+    }
 
 
 def _reasons(by_prior: dict[str, dict[str, MethodRows]]) -> tuple[tuple[str, int], ...]:
@@ -176,3 +202,28 @@ def _reasons(by_prior: dict[str, dict[str, MethodRows]]) -> tuple[tuple[str, int
         (f"{status}, such as: {example[status]}" if status in example else status, n_rows)
         for status, n_rows in counted.most_common()
     )
+
+
+def method_tables(prior: str, found: Sequence[MethodStatistics]) -> list[dict[str, Any]]:
+    """Return the tables of one prior: that of the methods, and one for each question that the study answers."""
+    by_name = {method.method: method for method in found}
+    asked = {name: [by_name[one] for one in METHOD_SETS[name] if one in by_name] for name in QUESTIONS}
+    asked["ground"] += [by_name[name] for name in WITHOUT_GROUND if name in by_name]
+    only_asked = {name for question in QUESTIONS for name in METHOD_SETS[question]} - set(METHOD_SETS["consensus"])
+    plain = [method for method in found if method.method not in only_asked]
+    tables = [_table(f"Methods, prior “{prior}”", "", plain)] if plain else []
+    for name, (title, words) in QUESTIONS.items():
+        if any(method.method in only_asked for method in asked[name]):
+            tables.append(_table(f"{title}, prior “{prior}”", words, asked[name]))
+    return tables
+
+
+def _table(title: str, words: str, methods: Sequence[MethodStatistics]) -> dict[str, Any]:
+    """A table: what is compared and how to read it, a row per method, and which columns have values."""
+    return {
+        "title": title,
+        "words": words,
+        "methods": methods,
+        "has_distinctness": any(not math.isnan(method.kurtosis) for method in methods),
+        "has_starts": any(method.n_starts for method in methods),
+    }

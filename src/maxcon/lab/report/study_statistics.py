@@ -10,12 +10,10 @@ from numpy.typing import NDArray
 
 from maxcon.lab.evaluation import SUCCESS_WORDS
 from maxcon.lab.evaluation.distinctness import GUARD_RADIUS
+from maxcon.lab.paper.claims import COUNT, HELMERT
+from maxcon.lab.paper.distinctness import Distinctnesses, plot_distinctness, plot_kurtosis_map
+from maxcon.lab.report.errors import plot_error_distributions, plot_success
 from maxcon.lab.report.pages import Picture
-from maxcon.lab.report.plots.distinctness_plot import Distinctnesses, plot_distinctness
-from maxcon.lab.report.plots.errors_plot import plot_error_shares
-from maxcon.lab.report.plots.kurtosis_map import plot_kurtosis_map
-from maxcon.lab.report.plots.success_plot import plot_success
-from maxcon.lab.report.study_claims import COUNT, HELMERT
 from maxcon.lab.study import MethodRows, known_methods
 from maxcon.map import PointMap
 from maxcon.search.space import SearchSpace
@@ -57,7 +55,7 @@ def draw_statistics(folder: Path, methods: Mapping[str, MethodRows], point_map: 
     shown = shown_methods(methods)
     pictures += _success(folder / "success.svg", methods, shown)
     if len(common_epochs(methods, shown)):
-        pictures.append(_error_shares(folder / "errors.svg", methods, shown))
+        pictures.append(_error_distributions(folder / "errors.svg", methods, shown))
     return pictures
 
 
@@ -161,9 +159,11 @@ def _success(path: Path, methods: Mapping[str, MethodRows], shown: Sequence[str]
     ]
 
 
-def _error_shares(path: Path, methods: Mapping[str, MethodRows], shown: Sequence[str]) -> Picture:
+def _error_distributions(path: Path, methods: Mapping[str, MethodRows], shown: Sequence[str]) -> Picture:
     epochs = common_epochs(methods, shown)
-    plot_error_shares(path, {NAMES.get(name, name): _column(methods[name], "distance", epochs) for name in shown})
+    plot_error_distributions(
+        path, {NAMES.get(name, name): _column(methods[name], "distance", epochs) for name in shown}
+    )
     return Picture(
         "How many epochs stay within which error",
         "Of all epochs, trusted or not; an epoch without an answer is within no error.",

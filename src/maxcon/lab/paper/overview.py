@@ -7,14 +7,13 @@ import os
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from maxcon.errors import OptionError
+import numpy as np
+
 from maxcon.estimate import Estimate
-from maxcon.geometry import Pose
-from maxcon.lab.report.plots.search_spaces import apart, highest_of_blocks, window_around
 from maxcon.map import PointMap
-from maxcon.plotting.canvas.figure import MUTED, draw_titles, saved_figure
-from maxcon.plotting.canvas.from_above import Window, draw_map, draw_scale_bar, map_patch
-from maxcon.plotting.scene import CONSENSUS_COLOR, PRIOR_COLOR, Scene, draw_points
+from maxcon.plotting.epoch import CONSENSUS_COLOR, PRIOR_COLOR, Scene, draw_points
+from maxcon.plotting.figure import MUTED, add_axes, saved_figure
+from maxcon.plotting.from_above import Window, draw_map, draw_scale_bar, map_patch
 from maxcon.plotting.score_panel import (
     COLORS,
     SearchSpaceView,
@@ -24,10 +23,10 @@ from maxcon.plotting.score_panel import (
     put_mark,
     scale_words,
     title_of,
-)
+)  # fmt: skip
 from maxcon.scan import Scan
 from maxcon.search.accumulator import Accumulator
-from maxcon.search.objectives import Objective
+from maxcon.search.objectives import Objective, Scores
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -35,15 +34,20 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
-__all__ = ["plot_overview"]
-
 # More squares along a search space would be finer than the picture's pixels.
 MOST_BLOCKS = 50
 # Exponent of the colour scale: in squares this small, all but the peak would be dark on a linear one.
 COLOR_POWER = 0.5
-WIDTH = 9.2
 # Inches: the map from above, and what stands around it.
-LEFT, RIGHT, BOTTOM, TOP = 0.8, 0.2, 1.95, 1.05
+WIDTH, LEFT, RIGHT, BOTTOM, TOP = 9.2, 0.8, 0.2, 1.95, 1.05
+# Colour and line width of the frame of a search space: of this epoch, and of others.
+FRAMES = (("black", 2.6), (MUTED, 0.8))
+# Half width of the picture over the reach of a search space: it shows 75 m for the paper's space of 6 m.
+WINDOW_REACHES, LEAST_HALF_WIDTH = 12.5, 5.0
+# Least height of the picture over its width, for drives that run east or west.
+FLATTEST = 0.7
+# Least gap between two search spaces, as a part of their edge.
+LEAST_GAP = 0.1
 
 
 def plot_overview(
@@ -51,7 +55,6 @@ def plot_overview(
     *,
     point_map: PointMap,
     scan: Scan,
-    prior: Pose,
     estimate: Estimate,
     accumulator: Accumulator,
     objective: Objective,
@@ -61,27 +64,17 @@ def plot_overview(
     """Draw one epoch from above, with its search space and those of other epochs on the ground.
 
     path: a .png or .svg to write.
-    point_map: the map, drawn in grey.
     scan: sensor frame; drawn at the prior, without level ground.
-    prior: T_map_sensor before localization, local frame.
     estimate: the answer; the consensus set is drawn at its pose.
     accumulator: the moments of every cell of this epoch.
-    objective: scores the cells, for their colours.
     others: other epochs of the drive. Those are left out whose search space would overlap or nearly touch that of an
         epoch nearer by, or would not fit into the picture.
-    title: what is written above all.
 
     Each search space is drawn at the heading of its best cell, in colours from 0 (the lowest score, if
     negative) to its own highest; they follow the root of the score, which shows rays of a few tenths of the peak.
     Cells too small for the picture are drawn as blocks, each with its highest score: no peak is lost.
     """
-    if prior != accumulator.prior:
-        raise OptionError(
-            "Expected `prior` to be the one that was searched around,"
-            f" x {accumulator.prior.x:.3f}, y {accumulator.prior.y:.3f} m, got x {prior.x:.3f}, y {prior.y:.3f} m."
-            " Give the accumulator of this scan."
-        )
-    scene = Scene(scan, point_map, prior, accumulator.space, estimate)
+    scene = Scene(scan, point_map, accumulator.prior, accumulator.space, estimate)
     rest = [other for other, _ in others]
     window = window_around(accumulator, rest)
     epochs = [(accumulator, estimate), *(others[number] for number in apart(accumulator, rest, window))]
@@ -89,30 +82,28 @@ def plot_overview(
     are_localized = [found.is_localized for _, found in epochs]
     side = WIDTH - LEFT - RIGHT
     drawn_height = side * window.size[1] / window.size[0]
-    height = drawn_height + BOTTOM + TOP
-    with saved_figure(path, WIDTH, height) as figure:
-        draw_titles(figure, title, _words(estimate, objective, accumulator))
-        axes = figure.add_axes((LEFT / WIDTH, BOTTOM / height, side / WIDTH, drawn_height / height))
+    words = overview_words(estimate, objective, accumulator)
+    with saved_figure(path, WIDTH, drawn_height + BOTTOM + TOP, title, words) as figure:
+        axes = add_axes(figure, LEFT, BOTTOM, side, drawn_height)
         draw_map(axes, point_map, window)
-        handles = _draw_scan(axes, scene)
+        handles = [map_patch(), *draw_matches(axes, scene)]
         for number, (view, is_localized) in enumerate(zip(views, are_localized, strict=True)):
-            _draw_space(axes, view, is_localized, is_this=number == 0)
+            draw_space(axes, view, is_localized, is_this=number == 0)
         draw_scale_bar(axes, window)
         _draw_legend(figure, handles, views, are_localized)
 
 
-def _draw_scan(axes: "Axes", scene: Scene) -> list["Artist"]:
+def draw_matches(axes: "Axes", scene: Scene) -> list["Artist"]:
     """Draw the scan at the prior and, if anything matched, the consensus set at the answer."""
     is_matched = scene.is_matched
-    points = scene.prior.apply(scene.scan.points[scene.is_drawn])
-    sets = [("scan at the prior", PRIOR_COLOR, points, 1.3)]
+    sets = [("scan at the prior", PRIOR_COLOR, scene.prior.apply(scene.scan.points[scene.is_drawn]), 1.3)]
     if scene.has_answer:
         points = scene.estimate.pose.apply(scene.scan.points[is_matched])
         sets.append((f"consensus set ({is_matched.sum():,} points)", CONSENSUS_COLOR, points, 2.0))
-    return [map_patch(), *draw_points(axes, sets)]
+    return draw_points(axes, sets)
 
 
-def _draw_space(axes: "Axes", view: SearchSpaceView, is_localized: bool, is_this: bool) -> None:
+def draw_space(axes: "Axes", view: SearchSpaceView, is_localized: bool, is_this: bool) -> None:
     """Draw the scores of the best heading on the ground, in a frame, with a mark at the best cell."""
     from matplotlib.colors import PowerNorm
     from matplotlib.patches import Rectangle
@@ -122,22 +113,15 @@ def _draw_space(axes: "Axes", view: SearchSpaceView, is_localized: bool, is_this
     edge = math.ceil(space.shape[2] / MOST_BLOCKS)
     blocks = highest_of_blocks(view.scores[view.best[0]], edge)
     ny, nx = blocks.shape
-    covered = Window(
-        ground.west, ground.west + nx * edge * space.cell_edge, ground.south, ground.south + ny * edge * space.cell_edge
-    )
+    side_x, side_y = nx * edge * space.cell_edge, ny * edge * space.cell_edge
+    covered = Window(ground.west, ground.west + side_x, ground.south, ground.south + side_y)
     draw_scores(axes, blocks, covered, PowerNorm(COLOR_POWER, *view.limits), zorder=5.0)
-    color, line_width = _frame(is_this)
-    axes.add_patch(
-        Rectangle((covered.west, covered.south), *covered.size, fill=False, ec=color, lw=line_width, zorder=5.5)
-    )
+    color, line_width = FRAMES[0 if is_this else 1]
+    corner = (covered.west, covered.south)
+    axes.add_patch(Rectangle(corner, *covered.size, fill=False, ec=color, lw=line_width, zorder=5.5))
     if view.has_best:
         x, y = view.best_offset
         put_mark(axes, _mark(is_localized), prior.x + x, prior.y + y)
-
-
-def _frame(is_this: bool) -> tuple[str, float]:
-    """Colour and width of the frame around a search space."""
-    return ("black", 2.6) if is_this else (MUTED, 0.8)
 
 
 def _mark(is_localized: bool) -> "Line2D":
@@ -157,28 +141,22 @@ def _draw_legend(
     from matplotlib.colors import PowerNorm
     from matplotlib.patches import Patch
 
-    width, height = figure.get_size_inches()
-    bar = figure.add_axes((LEFT / width, 1.2 / height, 2.6 / width, 0.15 / height))
+    height = figure.get_size_inches()[1]
     scale = ScalarMappable(PowerNorm(COLOR_POWER, 0.0, 1.0), cmap=COLORS)
+    bar = add_axes(figure, LEFT, 1.2, 2.6, 0.15)
     figure.colorbar(scale, cax=bar, orientation="horizontal", ticks=[0.0, 0.1, 0.25, 0.5, 1.0], format="%g")
     words = f"{scale_words(views)} (root scale)"
-    figure.text((LEFT + 2.75) / width, 1.27 / height, words, fontsize=10, va="center")
-    names = ["search space of this epoch", "search spaces of other epochs"]
-    for number, name in enumerate(names[: len(views)]):
-        color, line_width = _frame(number == 0)
+    figure.text((LEFT + 2.75) / WIDTH, 1.27 / height, words, fontsize=10, va="center")
+    names = ["search space of this epoch", "search spaces of other epochs"][: len(views)]
+    for name, (color, line_width) in zip(names, FRAMES, strict=False):
         handles.append(Patch(fill=False, ec=color, lw=line_width, label=name))
     marked = {good for view, good in zip(views, are_localized, strict=True) if view.has_best}
     handles += [_mark(is_localized) for is_localized in sorted(marked, reverse=True)]
-    figure.legend(
-        handles=handles,
-        loc="upper left",
-        bbox_to_anchor=((LEFT - 0.1) / width, 0.93 / height),
-        ncols=3,
-        columnspacing=1.4,
-    )
+    corner = ((LEFT - 0.1) / WIDTH, 0.93 / height)
+    figure.legend(handles=handles, loc="upper left", bbox_to_anchor=corner, ncols=3, columnspacing=1.4)
 
 
-def _words(estimate: Estimate, objective: Objective, accumulator: Accumulator) -> str:
+def overview_words(estimate: Estimate, objective: Objective, accumulator: Accumulator) -> str:
     """Return the subtitle: what the squares are, and whether this epoch is localized."""
     edge = 2.0 * accumulator.space.reach
     headline = "localized" if estimate.is_localized else f"NOT LOCALIZED: {estimate.status.value}"
@@ -187,3 +165,53 @@ def _words(estimate: Estimate, objective: Objective, accumulator: Accumulator) -
         f" heading;\ncolours: {title_of(objective)}. This epoch is {headline}."
         " Its scan is drawn without level ground."
     )
+
+
+def window_around(accumulator: Accumulator, others: Sequence[Accumulator]) -> Window:
+    """Return the ground to draw around an epoch: as flat as the drive allows.
+
+    It reaches 12.5 times the reach of the search space to the east and west (37.5 m for 3 m), and 0.7 to 1 times as
+    much to the north and south: as far as the search spaces in the picture go.
+    """
+    prior = accumulator.prior
+    half = max(WINDOW_REACHES * accumulator.space.reach, LEAST_HALF_WIDTH)
+    square = Window.around(prior.x, prior.y, half)
+    inside = [other for other in others if _is_inside(other, square)]
+    farthest = max((abs(other.prior.y - prior.y) + 1.5 * other.space.reach for other in inside), default=0.0)
+    flat = min(half, max(FLATTEST * half, farthest))
+    return Window(square.west, square.east, prior.y - flat, prior.y + flat)
+
+
+def apart(accumulator: Accumulator, others: Sequence[Accumulator], window: Window) -> list[int]:
+    """Return which of `others` can be drawn whole in a window, clear of `accumulator` and of each other.
+
+    The nearest is taken first. Returns indices into `others`, ascending.
+    """
+    here = accumulator.prior
+
+    def distance(number: int) -> float:
+        return float(np.hypot(others[number].prior.x - here.x, others[number].prior.y - here.y))
+
+    kept: list[int] = []
+    for number in sorted(range(len(others)), key=distance):
+        drawn = [accumulator, *(others[index] for index in kept)]
+        if _is_inside(others[number], window) and not any(_are_close(others[number], one) for one in drawn):
+            kept.append(number)
+    return sorted(kept)
+
+
+def _is_inside(accumulator: Accumulator, window: Window) -> bool:
+    west, east, south, north = ground_of(accumulator.space, accumulator.prior.x, accumulator.prior.y)
+    return window.west <= west and east <= window.east and window.south <= south and north <= window.north
+
+
+def _are_close(one: Accumulator, other: Accumulator) -> bool:
+    between = (1.0 + LEAST_GAP) * (one.space.reach + other.space.reach)
+    return abs(one.prior.x - other.prior.x) < between and abs(one.prior.y - other.prior.y) < between
+
+
+def highest_of_blocks(scores: Scores, edge: int) -> Scores:
+    """Return the highest score of each square block of `edge` cells, shape (ceil(ny / edge), ceil(nx / edge))."""
+    rows, columns = (np.arange(0, length, edge) for length in scores.shape)
+    blocks: Scores = np.maximum.reduceat(np.maximum.reduceat(scores, rows, axis=0), columns, axis=1)
+    return blocks

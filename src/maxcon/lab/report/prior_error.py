@@ -11,8 +11,17 @@ import numpy as np
 
 from maxcon.errors import OptionError
 from maxcon.lab.evaluation import SUCCESS_WORDS
-from maxcon.plotting.canvas.figure import INK, MUTED, SERIES, draw_titles, saved_figure
-from maxcon.plotting.canvas.method_style import METHOD_STYLES, check_methods, draw_number_ticks
+from maxcon.plotting.figure import (
+    INK,
+    METHOD_STYLES,
+    MUTED,
+    SERIES,
+    add_axes,
+    check_count,
+    draw_grid,
+    draw_number_ticks,
+    saved_figure,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,14 +29,9 @@ if TYPE_CHECKING:
 
     from maxcon.lab.study.prior_trials import TrialSummary
 
-__all__ = ["plot_prior_error"]
-
-MOST_DRIVES = 4
-# Inches.
-PANEL, GAP, LEFT, RIGHT, TITLES = 2.72, 0.22, 1.05, 0.2, 1.2
-RIGHT_HEIGHT, WRONG_HEIGHT, MS_HEIGHT, BETWEEN, BELOW, LEGEND_ROW = 2.1, 1.05, 1.5, 0.22, 0.72, 0.235
-NARROWEST = 7.4
-LABEL_AT = 0.5
+# Inches: the panels of a drive (right, wrong, ms), and what stands around them.
+NARROWEST, PANEL, GAP, LEFT, RIGHT, TITLES = 7.4, 2.72, 0.22, 1.05, 0.2, 1.2
+HEIGHTS, BETWEEN, BELOW, LEGEND_ROW = (2.1, 1.05, 1.5), 0.22, 0.84, 0.235
 LABELS = ("right [%]", "wrong, but\ncalled good [%]", "one epoch,\nmedian [ms]")
 LEAST_MS = 0.1
 """Shorter times, ms, are drawn at this one: the axis is logarithmic."""
@@ -57,51 +61,42 @@ LOOKS = {
 """Methods that search a window have wide lines, each wider than the next, as all lie at 100 %; others thin ones."""
 
 
-def plot_prior_error(
-    path: str | os.PathLike[str],
-    summaries_by_drive: Mapping[str, Sequence["TrialSummary"]],
-    *,
-    title: str = "How wrong may the prior be?",
-) -> None:
+def plot_prior_error(path: str | os.PathLike[str], summaries_by_drive: Mapping[str, Sequence["TrialSummary"]]) -> None:
     """Draw how many epochs are right, how many wrong but called good, and the time of one, over the prior's error.
 
     path: a .png or .svg to write.
     summaries_by_drive: one column per drive, at most 4, by its name; of at most 8 methods, the first emphasized.
-    title: what is written above.
     """
-    names = dict.fromkeys(one.method for found in summaries_by_drive.values() for one in found)
-    check_methods(names)
-    n_drives = len(summaries_by_drive)
-    if n_drives > MOST_DRIVES:
-        raise OptionError(f"Expected 1 to {MOST_DRIVES} drives, got {n_drives}. Draw several pictures.")
-    styles = {name: _look(name, number) for number, name in enumerate(names)}
-    width = max(NARROWEST, LEFT + n_drives * PANEL + (n_drives - 1) * GAP + RIGHT)
-    panel = (width - LEFT - RIGHT - (n_drives - 1) * GAP) / n_drives
-    n_rows = -(-len(names) // _n_columns(width))
-    foot = BELOW + 0.12 + LEGEND_ROW * n_rows
-    rows = (RIGHT_HEIGHT, WRONG_HEIGHT, MS_HEIGHT)
-    height = foot + sum(rows) + 2.0 * BETWEEN + TITLES
-    with saved_figure(path, width, height) as figure:
-        draw_titles(
-            figure,
-            title,
-            f"Right: within {SUCCESS_WORDS} of the reference. Called good: by the method itself.\n"
-            "Epochs and priors are the same for all. ms: in one thread; below at the widest prior.",
-        )
-        limits = _limits(summaries_by_drive)
+    everything = [one for found in summaries_by_drive.values() for one in found]
+    names = list(dict.fromkeys(one.method for one in everything))
+    check_count(len(names), len(METHOD_STYLES), "methods")
+    check_count(len(summaries_by_drive), 4, "drives")
+    looks = {name: _look(name, number) for number, name in enumerate(names)}
+    n_gaps = len(summaries_by_drive) - 1
+    width = max(NARROWEST, LEFT + (n_gaps + 1) * PANEL + n_gaps * GAP + RIGHT)
+    panel = (width - LEFT - RIGHT - n_gaps * GAP) / (n_gaps + 1)
+    n_columns = max(2, int(width / 2.9))
+    height = BELOW + LEGEND_ROW * -(-len(names) // n_columns) + sum(HEIGHTS) + 2.0 * BETWEEN + TITLES
+    words = (
+        f"Right: within {SUCCESS_WORDS} of the reference. Called good: by the method itself.\n"
+        "Epochs and priors are the same for all. ms: in one thread; below at the widest prior."
+    )
+    with saved_figure(path, width, height, "How wrong may the prior be?", words) as figure:
+        limits = _limits(everything)
         for number, (drive, found) in enumerate(summaries_by_drive.items()):
-            left, panels, top = (LEFT + number * (panel + GAP)) / width, [], height - TITLES
-            for row in rows:
-                panels.append(figure.add_axes((left, (top - row) / height, panel / width, row / height)))
+            panels, top = [], height - TITLES
+            for row in HEIGHTS:
+                panels.append(add_axes(figure, LEFT + number * (panel + GAP), top - row, panel, row))
                 top -= row + BETWEEN
-            _draw_drive(panels, drive, found, styles, limits)
+            _draw_drive(panels, drive, found, looks, limits)
             for axes, label in zip(panels, LABELS, strict=True):
                 if number:
                     axes.tick_params(labelleft=False)
                 else:
                     axes.set_ylabel(label)
-                    axes.yaxis.set_label_coords(-LABEL_AT / panel, 0.5)
-        _draw_legend(figure, styles, {name: _median_ms(name, summaries_by_drive) for name in styles})
+                    axes.yaxis.set_label_coords(-0.5 / panel, 0.5)
+        ms = {name: _median_ms(name, summaries_by_drive) for name in looks}
+        _draw_legend(figure, looks, ms, n_columns)
 
 
 def _look(name: str, number: int) -> _Look:
@@ -110,12 +105,16 @@ def _look(name: str, number: int) -> _Look:
     return FIRST if number == 0 else LOOKS.get(name, _Look(style.color, 1.5, style.line, style.marker, 6.0))
 
 
-def _limits(summaries_by_drive: Mapping[str, Sequence["TrialSummary"]]) -> list[tuple[float, float]]:
+def _values(one: "TrialSummary") -> tuple[float, float, float]:
+    """What is drawn of a method at a level: right, %; wrong but called good, %; ms."""
+    right, wrong = one.n_right / one.n_epochs, one.n_wrong_but_good / one.n_epochs
+    return 100.0 * right, 100.0 * wrong, max(one.median_ms, LEAST_MS)
+
+
+def _limits(found: Sequence["TrialSummary"]) -> list[tuple[float, float]]:
     """Limits of the y axes: right, %; wrong, %, up to a multiple of 20; time, ms."""
-    found = [one for of_drive in summaries_by_drive.values() for one in of_drive]
-    wrong = max(one.n_wrong_but_good / one.n_epochs for one in found)
-    ms = [max(one.median_ms, LEAST_MS) for one in found]
-    highest = max(20.0, 20.0 * math.ceil(5.0 * wrong - 1e-9))
+    _, wrong, ms = zip(*map(_values, found), strict=True)
+    highest = max(20.0, 20.0 * math.ceil(max(wrong) / 20.0 - 1e-9))
     return [(0.0, 103.0), (0.0, highest + 1.0), (0.7 * min(ms), 1.4 * max(ms))]
 
 
@@ -137,7 +136,7 @@ def _draw_drive(
     panels: Sequence["Axes"],
     drive: str,
     found: Sequence["TrialSummary"],
-    styles: Mapping[str, _Look],
+    looks: Mapping[str, _Look],
     limits: Sequence[tuple[float, float]],
 ) -> None:
     """Draw one column of panels; the levels of the prior's error stand at equal distances, whatever their values."""
@@ -145,25 +144,18 @@ def _draw_drive(
     panels[0].set_title(f"{drive}, {n_epochs} epochs", loc="left", fontweight="bold", parse_math=False)
     panels[2].set_yscale("log")
     levels = sorted({(one.offset, one.heading_deg) for one in found})
-    for rank, (name, look) in enumerate(reversed(list(styles.items()))):
+    for rank, (name, look) in enumerate(reversed(list(looks.items()))):
         rows = sorted((one for one in found if one.method == name), key=lambda one: one.offset)
         places = [levels.index((one.offset, one.heading_deg)) for one in rows]
-        for axes, values in zip(
-            panels,
-            (
-                [100.0 * one.n_right / one.n_epochs for one in rows],
-                [100.0 * one.n_wrong_but_good / one.n_epochs for one in rows],
-                [max(one.median_ms, LEAST_MS) for one in rows],
-            ),
-            strict=True,
-        ):
-            axes.plot(places, values, zorder=_rank(look, rank), **_line(look))
+        # Wide lines lie below thin ones, the first method above all.
+        above = 9.0 if look is FIRST else 2.0 + 0.1 * rank + (2.0 if look.width < 2.0 else 0.0)
+        for axes, values in zip(panels, np.array([_values(one) for one in rows]).reshape(-1, 3).T, strict=True):
+            axes.plot(places, values, zorder=above, **_line(look))
     for axes, (low, high) in zip(panels, limits, strict=True):
         axes.set_xlim(-0.3, len(levels) - 0.7)
         axes.set_ylim(low, high)
         axes.set_xticks(range(len(levels)))
-        axes.grid(color="#e3e6eb", lw=0.7)
-        axes.set_axisbelow(True)
+        draw_grid(axes, color="#e3e6eb")
         axes.spines[["top", "right"]].set_visible(False)
         axes.tick_params(labelbottom=False)
     draw_number_ticks(panels[2].yaxis, *limits[2])
@@ -173,53 +165,25 @@ def _draw_drive(
     panels[2].set_xlabel("prior wrong by up to", labelpad=2.0)
 
 
-def _rank(look: _Look, rank: int) -> float:
-    """Drawing order of a line: wide lines lie below thin ones, the first method above all."""
-    return 9.0 if look is FIRST else 2.0 + 0.1 * rank + (2.0 if look.width < 2.0 else 0.0)
-
-
 def _line(look: _Look) -> dict[str, Any]:
     """Look of a line, as matplotlib's keywords."""
     return {
-        "color": look.color,
-        "lw": look.width,
-        "ls": look.dashes,
-        "marker": look.marker if look.size else "",
-        "ms": look.size,
-        "mec": "white",
-        "mew": 0.8,
-        "solid_capstyle": "round",
-        "clip_on": False,
-    }
+        "color": look.color, "lw": look.width, "ls": look.dashes, "marker": look.marker if look.size else "",
+        "ms": look.size, "mec": "white", "mew": 0.8, "solid_capstyle": "round", "clip_on": False,
+    }  # fmt: skip
 
 
-def _rounded(ms: float) -> str:
-    """A time to two digits: on a shared machine, more would not be repeatable."""
-    return f"{float(f'{ms:.2g}'):,.0f}"
-
-
-def _n_columns(width: float) -> int:
-    return max(2, int(width / 2.9))
-
-
-def _draw_legend(figure: "Figure", styles: Mapping[str, _Look], ms: Mapping[str, float]) -> None:
-    """Name the methods below, with their times, the first in bold."""
+def _draw_legend(figure: "Figure", looks: Mapping[str, _Look], ms: Mapping[str, float], n_columns: int) -> None:
+    """Name the methods below, with their times to two digits, as more would not be repeatable; the first in bold."""
     from matplotlib.lines import Line2D
 
-    width = figure.get_size_inches()[0]
-    handles = [Line2D([], [], **_line(look)) for look in styles.values()]
     legend = figure.legend(
-        handles,
-        [f"{name}: {_rounded(ms[name])} ms" for name in styles],
-        loc="lower left",
-        bbox_to_anchor=(0.2 / width, 0.0),
-        ncols=_n_columns(width),
-        handlelength=2.6,
-        columnspacing=1.6,
-        labelspacing=0.45,
-    )
+        [Line2D([], [], **_line(look)) for look in looks.values()],
+        [f"{name}: {float(f'{ms[name]:.2g}'):,.0f} ms" for name in looks],
+        loc="lower left", bbox_to_anchor=(0.2 / figure.get_size_inches()[0], 0.0), ncols=n_columns, handlelength=2.6,
+        columnspacing=1.6, labelspacing=0.45,
+    )  # fmt: skip
     for text in legend.get_texts():
         text.set_parse_math(False)
         text.set_color(MUTED)
-    legend.get_texts()[0].set_color(INK)
-    legend.get_texts()[0].set_fontweight("bold")
+    legend.get_texts()[0].set(color=INK, fontweight="bold")

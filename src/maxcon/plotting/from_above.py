@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Ground from above: the map as grey squares, dark where many voxels lie above each other, as in walls; a scale bar."""
+"""The map from above, as grey squares: dark where many voxels lie above each other, as in walls; a scale bar."""
 
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -13,8 +13,6 @@ from maxcon.map import PointMap
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.patches import Patch
-
-__all__ = ["Window", "as_places", "count_voxels", "draw_map", "draw_scale_bar", "map_patch"]
 
 # Squares along the longer side of a window; finer ones than a picture's pixels would only make it larger.
 N_SQUARES = 700
@@ -56,9 +54,9 @@ class Window(NamedTuple):
 
 
 def count_voxels(point_map: PointMap, window: Window) -> tuple[Window, NDArray[np.int64]]:
-    """How many voxels of a map lie above each square of the ground, shape (ny, nx), south to north, west to east.
+    """Count the voxels of a map above each square of the ground, shape (ny, nx), south to north, west to east.
 
-    With the window that the squares cover, which may be a little larger than the one asked for.
+    Returned with the window that the squares cover, which may be a little larger than the one asked for.
     """
     width, height = window.size
     edge = max(point_map.cell, max(width, height) / N_SQUARES)
@@ -78,21 +76,18 @@ def count_voxels(point_map: PointMap, window: Window) -> tuple[Window, NDArray[n
 def draw_map(axes: "Axes", point_map: PointMap | None, window: Window) -> None:
     """Draw the map, if there is one, in light greys; fix the axes to the window, equal in x and y."""
     if point_map is not None:
-        _draw_squares(axes, *count_voxels(point_map, window))
+        covered, n_voxels = count_voxels(point_map, window)
+        top = max(2.0, float(np.percentile(n_voxels[n_voxels > 0], 95))) if n_voxels.any() else 2.0
+        shades = 0.28 + 0.72 * np.clip(np.log1p(n_voxels) / np.log1p(top), 0.0, 1.0)
+        axes.imshow(
+            np.ma.masked_where(n_voxels == 0, shades), origin="lower", extent=covered, cmap="Greys", vmin=0.0, vmax=1.9,
+            interpolation="nearest", zorder=0,
+        )  # fmt: skip
     axes.set_xlim(window.west, window.east)
     axes.set_ylim(window.south, window.north)
     axes.set_aspect("equal")
     axes.set_xlabel("x, local frame [m]")
     axes.set_ylabel("y, local frame [m]")
-
-
-def _draw_squares(axes: "Axes", covered: Window, n_voxels: NDArray[np.int64]) -> None:
-    top = max(2.0, float(np.percentile(n_voxels[n_voxels > 0], 95))) if n_voxels.any() else 2.0
-    shades = 0.28 + 0.72 * np.clip(np.log1p(n_voxels) / np.log1p(top), 0.0, 1.0)
-    axes.imshow(
-        np.ma.masked_where(n_voxels == 0, shades), origin="lower", extent=covered, cmap="Greys", vmin=0.0, vmax=1.9,
-        interpolation="nearest", zorder=0,
-    )  # fmt: skip
 
 
 def map_patch() -> "Patch":
@@ -107,7 +102,7 @@ def draw_scale_bar(axes: "Axes", window: Window) -> None:
     from matplotlib.patches import Rectangle
 
     width, height = window.size
-    length = _round_length(width / 6.0)
+    length = round_length(width / 6.0)
     margin, thick = 0.02 * width, 0.006 * height
     x, y = window.west + 1.6 * margin, window.south + 0.025 * height
     corner, size = (x - margin, y - 1.6 * thick), (length + 2.0 * margin, 0.065 * height)
@@ -116,7 +111,7 @@ def draw_scale_bar(axes: "Axes", window: Window) -> None:
     axes.text(x + 0.5 * length, y + 2.0 * thick, f"{length:g} m", ha="center", va="bottom", fontsize=9.5, zorder=9)
 
 
-def _round_length(length: float) -> float:
+def round_length(length: float) -> float:
     """Return the longest of 1, 2 and 5 times a power of ten that is not above `length`."""
     power = 10.0 ** np.floor(np.log10(length))
     return float(max(digit * power for digit in (1.0, 2.0, 5.0) if digit * power <= length * (1.0 + 1e-9)))

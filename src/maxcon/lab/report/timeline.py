@@ -1,0 +1,217 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""A drive epoch by epoch: what the method said of each answer, and its errors beside what it predicted."""
+
+import os
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from maxcon.errors import ArrayError
+from maxcon.estimate import Status
+from maxcon.lab.evaluation import SUCCESS_WORDS
+from maxcon.plotting.figure import INK, MUTED, SERIES, add_axes, check_count, draw_grid, saved_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+BAND, TRUSTED, WITHHELD = "#bcd9ee", SERIES[0], "#9aa1ad"
+STATUS_COLORS = {
+    Status.LOCALIZED.value: SERIES[2],
+    Status.AMBIGUOUS.value: SERIES[4],
+    Status.WALLS_MISSING.value: SERIES[3],
+    Status.NOT_CONFIRMED.value: SERIES[5],
+    Status.AT_RIM.value: SERIES[0],
+    Status.UNDETERMINED.value: SERIES[1],
+    Status.NOT_CONVERGED.value: SERIES[1],
+}
+"""Colours of the statuses that an answer can have; others are drawn in `MUTED`."""
+# The axis ends at so many times what 98 % of the epochs stay below; errors beyond are marked at its end.
+ROOM = 1.25
+# Strokes of protection levels are at least as long as the width of the row over this.
+MOST_STROKES = 400
+# More epochs are drawn as pixels, as their strokes would take megabytes.
+MANY_EPOCHS = 300
+# Inches.
+WIDTH, LEFT, RIGHT, BELOW, TITLES, BETWEEN = 11.5, 1.75, 0.25, 1.0, 1.08, 0.12
+STATUS_ROW, ERROR_ROW = 0.24, 1.35
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorRow:
+    """One kind of error over a drive, with its predicted standard deviations and protection levels.
+
+    name, unit: name of the error ("along"), and the unit in which it is given and drawn.
+    errors: shape (n,); signed, in that unit; NaN where there is no answer.
+    sigmas: shape (n,); predicted standard deviations in that unit; NaN where there is none.
+    levels: shape (n,); protection levels in that unit; NaN where there is none.
+    """
+
+    name: str
+    unit: str
+    errors: NDArray[np.float64]
+    sigmas: NDArray[np.float64]
+    levels: NDArray[np.float64]
+
+    def check(self, n_epochs: int) -> None:
+        """Raise an ArrayError unless all arrays have shape (n_epochs,)."""
+        shapes = [np.shape(values) for values in (self.errors, self.sigmas, self.levels)]
+        if any(shape != (n_epochs,) for shape in shapes):
+            raise ArrayError(
+                f"Expected errors, sigmas and levels {self.name} of shape ({n_epochs},),"
+                f" got {', '.join(map(str, shapes))}."
+            )
+
+    @property
+    def limit(self) -> float:
+        """The row is drawn from -limit to limit, a range that is not dominated by gross errors."""
+        errors, *predicted = [
+            float(np.nanquantile(values, 0.98)) if _is_any(values) else None
+            for values in (np.abs(self.errors), 2.0 * self.sigmas, self.levels)
+        ]
+        known = [value for value in predicted if value is not None]
+        limit = max([value for value in (errors, *known) if value is not None], default=1.0)
+        if errors is not None and known:  # a few gross errors must not flatten all others
+            limit = min(limit, 4.0 * max(known))
+        return ROOM * max(limit, 1e-3)
+
+
+def _is_any(values: NDArray[np.float64]) -> bool:
+    """Whether there is any value."""
+    return not bool(np.isnan(values).all())
+
+
+def plot_timeline(
+    path: str | os.PathLike[str],
+    epochs: ArrayLike,
+    statuses: Sequence[str],
+    is_wrong: ArrayLike,
+    rows: Sequence[ErrorRow],
+    *,
+    title: str,
+) -> None:
+    """Draw a drive: a row for each status that occurs, and one for each kind of error.
+
+    path: a .png or .svg to write.
+    epochs: shape (n,); numbers of the scans, rising.
+    statuses: status of each answer, as the method says.
+    is_wrong: shape (n,); bool: whether the answer is known to be beyond the limits of success.
+    rows: at most 4.
+    """
+    numbers, wrong = np.asarray(epochs, dtype=np.float64), np.asarray(is_wrong, dtype=bool)
+    check_count(len(rows), 4, "rows")
+    if numbers.ndim != 1 or len(numbers) == 0 or wrong.shape != numbers.shape or len(statuses) != len(numbers):
+        raise ArrayError(
+            f"Expected one status, and whether it is wrong, for each of n > 0 epochs, got {numbers.shape},"
+            f" {len(statuses)} and {wrong.shape}."
+        )
+    for row in rows:
+        row.check(len(numbers))
+    said = np.array(statuses)
+    trusted = said == Status.LOCALIZED.value
+    words = [word for word, _ in Counter(statuses).most_common()]
+    words.sort(key=lambda word: word != Status.LOCALIZED.value)
+    lines = [(word, said == word, STATUS_COLORS.get(word, MUTED)) for word in words]
+    lines.append(("trusted and wrong", trusted & wrong, "#c00000"))
+    height = BELOW + len(rows) * (ERROR_ROW + BETWEEN) + len(lines) * STATUS_ROW + TITLES
+    subtitle = _words(rows, len(numbers), int((trusted & wrong).sum()))
+    with saved_figure(path, WIDTH, height, title, subtitle) as figure:
+        stroke = _stroke(numbers)
+        bottom = height - TITLES - len(lines) * STATUS_ROW
+        first = _add_row(figure, bottom, len(lines) * STATUS_ROW, None)
+        _draw_statuses(first, numbers, lines, stroke)
+        for row in rows:
+            bottom -= ERROR_ROW + BETWEEN
+            axes = _add_row(figure, bottom, ERROR_ROW, first)
+            _draw_errors(axes, row, numbers, trusted, stroke)
+            axes.set_ylabel(f"{row.name}\n[{row.unit}]", labelpad=8)
+        axes.set_xlabel("epoch (number of the scan)")
+        axes.tick_params(labelbottom=True)
+        margin = max(0.6, 0.012 * float(np.ptp(numbers)))
+        first.set_xlim(numbers[0] - margin, numbers[-1] + margin)
+        _draw_legend(figure, rows)
+
+
+def _words(rows: Sequence[ErrorRow], n_epochs: int, n_wrong: int) -> str:
+    """Return the subtitle: how many trusted answers are wrong, and what to look for."""
+    wrong = "No trusted answer is wrong" if n_wrong == 0 else f"Trusted and wrong: {n_wrong:,}"
+    if any(_is_any(row.sigmas) for row in rows):
+        look = "About 95 % of the dots should lie within the band, and hardly any beyond the lines."
+    else:
+        look = "The method predicts no errors: there are no bands."
+    return f"{n_epochs:,} epochs. {wrong} ({SUCCESS_WORDS}).\n{look}"
+
+
+def _stroke(numbers: NDArray[np.float64]) -> float:
+    """Width of the stroke of an epoch, points: without gaps between neighbours, and never too thin to be seen."""
+    if len(numbers) == 1:
+        return 8.0
+    step = float(np.median(np.diff(numbers))) / max(float(np.ptp(numbers)), 1.0)
+    return float(np.clip(0.9 * 72.0 * (WIDTH - LEFT - RIGHT) * step, 0.9, 8.0))
+
+
+def _add_row(figure: "Figure", bottom: float, height: float, first: "Axes | None") -> "Axes":
+    """Add axes over the whole width, sharing the x axis of the first row."""
+    axes = add_axes(figure, LEFT, bottom, WIDTH - LEFT - RIGHT, height, sharex=first)
+    axes.tick_params(labelbottom=False)
+    draw_grid(axes)
+    return axes
+
+
+def _draw_statuses(
+    axes: "Axes", numbers: NDArray[np.float64], lines: Sequence[tuple[str, NDArray[np.bool_], str]], stroke: float
+) -> None:
+    """Draw a line of strokes for each status; the last, of wrong answers, is never too thin to be seen."""
+    for number, (_, is_here, color) in enumerate(lines):
+        width = stroke if number < len(lines) - 1 else max(stroke, 2.0)
+        is_many = len(numbers) > MANY_EPOCHS
+        axes.vlines(numbers[is_here], number - 0.36, number + 0.36, color=color, lw=width, rasterized=is_many)
+    axes.set(ylim=(len(lines) - 0.5, -0.5))
+    axes.set_yticks(range(len(lines)), [f"{word}: {int(is_here.sum()):,}" for word, is_here, _ in lines])
+    axes.tick_params(axis="y", length=0, labelsize=9)
+    axes.grid(visible=False, axis="y")
+
+
+def _draw_errors(
+    axes: "Axes", row: ErrorRow, numbers: NDArray[np.float64], trusted: NDArray[np.bool_], stroke: float
+) -> None:
+    """Draw band, levels and errors; errors beyond the axis are marked at its end."""
+    is_many, limit = len(numbers) > MANY_EPOCHS, row.limit
+    axes.vlines(numbers, -2.0 * row.sigmas, 2.0 * row.sigmas, color=BAND, lw=stroke, zorder=1, rasterized=is_many)
+    step = float(np.median(np.diff(numbers))) if len(numbers) > 1 else 1.0
+    half = 0.5 * max(step, float(np.ptp(numbers)) / MOST_STROKES)
+    for sign in (-1.0, 1.0):
+        axes.hlines(sign * row.levels, numbers - half, numbers + half, color=INK, lw=0.9, zorder=2, rasterized=is_many)
+    size = 5.0 if len(numbers) <= 120 else 3.2 if len(numbers) <= 600 else 1.8
+    for is_here, color, above in ((trusted, TRUSTED, 3), (~trusted, WITHHELD, 4)):
+        here = is_here & (np.abs(row.errors) <= limit)
+        look: dict[str, Any] = {"ls": "", "mew": 0, "color": color}
+        axes.plot(numbers[here], row.errors[here], marker="o", ms=size, zorder=above, rasterized=is_many, **look)
+        for sign, marker in ((1.0, "^"), (-1.0, "v")):
+            beyond = numbers[is_here & (sign * row.errors > limit)]
+            axes.plot(beyond, np.full(len(beyond), sign * 0.93 * limit), marker=marker, ms=5.5, zorder=5, **look)
+    axes.axhline(0.0, color=MUTED, lw=0.7, zorder=1.5)
+    axes.set_ylim(-limit, limit)
+    axes.locator_params(axis="y", nbins=5)
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}".replace("-", "−"))
+
+
+def _draw_legend(figure: "Figure", rows: Sequence[ErrorRow]) -> None:
+    """Say what the marks of the error rows mean."""
+    from matplotlib.lines import Line2D
+
+    handles = [
+        Line2D([], [], ls="", marker="o", ms=6, color=TRUSTED, label="error, trusted answer"),
+        Line2D([], [], ls="", marker="o", ms=6, color=WITHHELD, label="error, withheld answer"),
+        Line2D([], [], ls="", marker="^", ms=6, color=MUTED, label="beyond the axis"),
+    ]
+    if any(_is_any(row.sigmas) for row in rows):
+        handles.append(Line2D([], [], color=BAND, lw=7, label="±2 predicted sigmas"))
+    if any(_is_any(row.levels) for row in rows):
+        handles.append(Line2D([], [], color=INK, lw=0.9, label="protection level"))
+    figure.legend(handles=handles, loc="lower left", bbox_to_anchor=(0.2 / WIDTH, 0.0), ncols=len(handles))
