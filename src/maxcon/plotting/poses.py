@@ -100,8 +100,8 @@ def plot_drive(
     with _map_axes(path, Window.with_room(places), point_map, title, words, right=2.0, below=1.2) as (figure, axes):
         axes.plot(*places.T, color=MUTED, lw=1.0, zorder=3)
         colors = axes.scatter(
-            places[is_good, 0], places[is_good, 1], c=values[is_good], cmap="viridis", vmin=0.0, vmax=success, s=42, edgecolors="black",
-            linewidths=0.5, zorder=4, label=f"within {success:g} m",
+            places[is_good, 0], places[is_good, 1], c=values[is_good], cmap="viridis", vmin=0.0, vmax=success, s=42,
+            edgecolors="black", linewidths=0.5, zorder=4, label=f"within {success:g} m",
         )  # fmt: skip
         is_wrong = ~is_good & ~is_missing
         axes.plot(
@@ -124,7 +124,7 @@ def _map_axes(
     right: float,
     below: float,
 ) -> Iterator[tuple[Figure, Axes]]:
-    """A figure and axes with the map of a window, and below the legend of what is drawn on it; room right and below in inches."""
+    """A figure with the map of a window, and a legend of what is drawn on it; room right and below in inches."""
     scale = SIDE / max(window.size)
     drawn_width, drawn_height = window.size[0] * scale, window.size[1] * scale
     width, height = max(drawn_width + right, 5.6), drawn_height + below + 1.15

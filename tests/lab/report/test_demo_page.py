@@ -4,11 +4,13 @@ import re
 import sys
 from dataclasses import replace
 from html.parser import HTMLParser
+from types import SimpleNamespace
 
 import pytest
 
 from maxcon.errors import FileError, MissingExtraError
-from maxcon.lab.report import DemoPage, MethodSummary, Picture, plot_errors, write_demo_page
+from maxcon.lab.report.errors import plot_errors
+from maxcon.lab.report.pages import Picture, write_page
 
 HOSTILE = "<script>alert(1)</script>\"'><img src=x onerror=alert(2)>{{ 7 * 7 }}"
 
@@ -31,32 +33,46 @@ class Tags(HTMLParser):
         return [attributes for tag, attributes in self.tags if tag == name]
 
 
-@pytest.fixture(scope="module")
-def page(tiny_png, tmp_path_factory):
-    svg = tmp_path_factory.mktemp("svg") / "errors.svg"
-    plot_errors(svg, [0.0, 1.0], {"Count": [0.1, 3.0]})
-    picture = Picture("A street", "Count fails.", "Two squares.", tiny_png)
-    return DemoPage(
-        title="maxcon demo",
-        headline="A car was localized in 40 of 40 epochs.",
-        methods=(
-            MethodSummary("Count", "points", 40, 40, 31, 0.052, 5.54, 1.9, 81.0),
-            MethodSummary("ICP", "", 40, 0, 0, None, None, None, None),
-        ),
-        epochs=(picture, replace(picture, title="A crossing", source=tiny_png.read_bytes())),
-        command="maxcon demo --seed 3",
-        version="0.1.0",
-        seed=3,
-        errors=Picture("Errors", "Over the drive.", "A chart.", svg),
-        drive=replace(picture, title="The drive"),
-        facts=(("Map", "4.1 million points"),),
+def summary(objective, multiplicity, n_epochs, n_localized, n_success, median, worst, heading, ms):
+    """What the table shows of a method's results."""
+    named = SimpleNamespace(objective=type(objective, (), {})(), multiplicity=multiplicity)
+    accuracy = SimpleNamespace(
+        n_epochs=n_epochs, n_success=n_success, median_distance=median, worst_distance=worst, worst_heading=heading
     )
+    return SimpleNamespace(
+        method=SimpleNamespace(method=named), accuracy=accuracy, n_localized=n_localized, median_milliseconds=ms
+    )
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pictures")
+    for name in ("errors.svg", "tiny.png"):
+        plot_errors(folder / name, [0.0, 1.0], {"Count": [0.1, 3.0]})
+    picture = Picture("A street", "Count fails.", "Two squares.", folder / "tiny.png")
+    return {
+        "title": "maxcon demo",
+        "headline": "A car was localized in 40 of 40 epochs.",
+        "results": [
+            summary("Count", "points", 40, 40, 31, 0.052, 5.54, 0.0331613, 81.0),
+            summary("Helmert", "<&>", 40, 0, 0, float("nan"), float("nan"), float("nan"), 7.0),
+        ],
+        "why": picture,
+        "wide": picture,
+        "epochs": [picture, replace(picture, title="A crossing")],
+        "errors": Picture("Errors", "Over the drive.", "A chart.", folder / "errors.svg"),
+        "drive": replace(picture, title="The drive"),
+        "facts": {"Map": "4.1 million points"},
+        "command": "maxcon demo --seed 3",
+        "version": "0.1.0",
+        "seed": 3,
+    }
 
 
 @pytest.fixture(scope="module")
 def written(page, tmp_path_factory):
     path = tmp_path_factory.mktemp("page") / "demo.html"
-    write_demo_page(path, page)
+    write_page(path, "demo.html.j2", page)
     return path
 
 
@@ -73,28 +89,21 @@ def test_table_has_a_row_per_method_and_a_dash_for_no_number(written):
     cells = [re.sub(r"<[^>]+>", "|", row).replace("||", "|").strip("|").split("|") for row in rows]
     assert cells == [
         ["Count", "points", "40 of 40", "31 of 40", "0.052", "5.54", "1.90", "81"],
-        ["ICP", "–", "0 of 40", "0 of 40", "–", "–", "–", "–"],
+        ["Helmert", "&lt;&amp;&gt;", "0 of 40", "0 of 40", "–", "–", "–", "7"],
     ]
 
 
 def test_everything_is_escaped(page, tmp_path):
-    picture = replace(page.epochs[0], title=HOSTILE, caption=HOSTILE, alt=HOSTILE)
-    hostile = replace(
-        page,
-        title=HOSTILE,
-        headline=HOSTILE,
-        command=HOSTILE,
-        version=HOSTILE,
-        epochs=(picture,),
-        methods=(replace(page.methods[0], name=HOSTILE, multiplicity=HOSTILE),),
-        facts=((HOSTILE, HOSTILE),),
+    picture = replace(page["why"], title=HOSTILE, caption=HOSTILE, alt=HOSTILE)
+    words = dict.fromkeys(("title", "headline", "command", "version", "seed"), HOSTILE)
+    write_page(
+        tmp_path / "demo.html", "demo.html.j2", page | words | {"epochs": [picture], "facts": {HOSTILE: HOSTILE}}
     )
-    write_demo_page(tmp_path / "demo.html", hostile)
     tags = Tags((tmp_path / "demo.html").read_text("utf-8"))
     assert not tags.named("script")
     assert all(set(attributes) == {"src", "alt"} for attributes in tags.named("img"))
     assert tags.named("img")[-1]["alt"] == HOSTILE
-    assert HOSTILE in tags.text
+    assert tags.text.count(HOSTILE) >= 8
 
 
 def test_nothing_is_fetched_from_anywhere(written):
@@ -103,7 +112,7 @@ def test_nothing_is_fetched_from_anywhere(written):
     tags = Tags(text)
     assert not tags.named("script")
     addresses = [tag[1][key] for tag in tags.tags for key in ("src", "href", "srcset") if key in tag[1]]
-    assert len(addresses) == 5
+    assert len(addresses) == 7
     assert all(address.startswith("data:") for address in addresses)
     assert "url(" not in text and "@import" not in text
 
@@ -116,25 +125,21 @@ def test_page_is_ready_for_phones_and_for_those_who_cannot_see(written):
 
 
 def test_same_input_gives_the_same_bytes(page, written, tmp_path):
-    write_demo_page(tmp_path / "demo.html", page)
+    write_page(tmp_path / "demo.html", "demo.html.j2", page)
     assert (tmp_path / "demo.html").read_bytes() == written.read_bytes()
 
 
-def test_page_without_pictures_is_written(page, tmp_path):
-    write_demo_page(tmp_path / "demo.html", replace(page, epochs=(), errors=None, drive=None, seed=None))
-    text = (tmp_path / "demo.html").read_text("utf-8")
-    assert "<img" not in text and "seed " not in text.replace("--seed ", "")
-
-
-@pytest.mark.parametrize("source", [b"", b"GIF89a", b"<html></html>", "missing.png"])
-def test_a_picture_that_is_none_leaves_no_page(page, tmp_path, source):
-    broken = replace(page, epochs=(Picture("Broken", "", "", source),))
+@pytest.mark.parametrize("content", [b"", b"GIF89a", b"<html></html>", None])
+def test_a_picture_that_is_none_leaves_no_page(page, tmp_path, content):
+    path = tmp_path / "broken.png"
+    if content is not None:
+        path.write_bytes(content)
     with pytest.raises(FileError, match=r"Expected .*(to be a PNG or an SVG|to read the picture)"):
-        write_demo_page(tmp_path / "demo.html", broken)
-    assert list(tmp_path.iterdir()) == []
+        write_page(tmp_path / "demo.html", "demo.html.j2", page | {"epochs": [Picture("Broken", "", "", path)]})
+    assert not (tmp_path / "demo.html").exists()
 
 
 def test_without_jinja2_the_extra_is_named(page, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "jinja2", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'maxcon\[demo\]'"):
-        write_demo_page(tmp_path / "demo.html", page)
+        write_page(tmp_path / "demo.html", "demo.html.j2", page)

@@ -5,8 +5,12 @@
 import shutil
 
 import pytest
+from test_demo_page import summary
 
-from maxcon.lab.report import DemoPage, MethodSummary, Picture, plot_drive, plot_epoch, plot_errors, write_demo_page
+import maxcon
+from drawn_figures import parts, yard
+from maxcon.lab.report.errors import plot_errors
+from maxcon.lab.report.pages import Picture, write_page
 
 pytestmark = pytest.mark.browser
 
@@ -25,28 +29,27 @@ def browser():
 
 
 @pytest.fixture(scope="module")
-def page_file(epoch, space, tmp_path_factory):
+def page_file(tmp_path_factory):
     folder = tmp_path_factory.mktemp("page")
-    plot_epoch(
-        folder / "epoch.png", **epoch.conclude(space), scan=epoch.scan, point_map=epoch.point_map, title="A yard"
-    )
+    maxcon.plot_epoch(folder / "epoch.png", **parts(), title="A yard")
     plot_errors(folder / "errors.svg", [0.0, 1.0], {"Count": [0.1, 3.0], "Helmert": [0.1, 0.1]})
-    plot_drive(folder / "drive.png", [[-5.0, 0.0], [5.0, 0.0]], [0.1, 0.2], point_map=epoch.point_map)
-    method = MethodSummary("Count", "points", 40, 40, 31, 0.052, 5.54, 1.9, 81.0)
-    write_demo_page(
-        folder / "demo.html",
-        DemoPage(
-            title="A page with AVeryLongWordThatDoesNotFitOnAPhoneAndCannotBeBrokenAnywhere",
-            headline="A headline. " * 20,
-            methods=(method, method),
-            epochs=(Picture("Yard", "Caption.", "Squares.", folder / "epoch.png"),),
-            command="maxcon demo --out " + "folder/" * 30,
-            version="0.1.0",
-            errors=Picture("Errors", "Caption.", "Chart.", folder / "errors.svg"),
-            drive=Picture("Drive", "Caption.", "Map.", folder / "drive.png"),
-            facts=(("Map", "4.1 million points"),),
-        ),
-    )
+    maxcon.plot_drive(folder / "drive.png", [[-5.0, 0.0], [5.0, 0.0]], [0.1, 0.2], point_map=yard().point_map)
+    epoch = Picture("Yard", "Caption.", "Squares.", folder / "epoch.png")
+    page = {
+        "title": "A page with AVeryLongWordThatDoesNotFitOnAPhoneAndCannotBeBrokenAnywhere",
+        "headline": "A headline. " * 20,
+        "results": [summary("Count", "points", 40, 40, 31, 0.052, 5.54, 0.03, 81.0)] * 2,
+        "why": epoch,
+        "wide": epoch,
+        "epochs": [epoch],
+        "errors": Picture("Errors", "Caption.", "Chart.", folder / "errors.svg"),
+        "drive": Picture("Drive", "Caption.", "Map.", folder / "drive.png"),
+        "facts": {"Map": "4.1 million points"},
+        "command": "maxcon demo --out " + "folder/" * 30,
+        "version": "0.1.0",
+        "seed": 0,
+    }
+    write_page(folder / "demo.html", "demo.html.j2", page)
     return folder / "demo.html"
 
 
@@ -60,7 +63,7 @@ def test_page_opens_whole_and_asks_for_nothing(browser, page_file, width, scheme
     page.on("request", lambda request: requests.append(request.url))
     page.on("requestfailed", lambda request: complaints.append(request.url))
     page.goto(page_file.as_uri(), wait_until="load")
-    assert page.evaluate("Array.from(document.images, image => image.naturalWidth > 0)") == [True] * 3
+    assert page.evaluate("Array.from(document.images, image => image.naturalWidth > 0)") == [True] * 5
     assert page.evaluate("document.documentElement.scrollWidth") == width
     assert complaints == []
     assert [url for url in requests if not url.startswith("data:")] == [page_file.as_uri()]

@@ -38,44 +38,44 @@ def test_errors_are_held_to_sigmas_and_levels(tmp_path):
     sure = ANSWER | SIGMAS | LEVELS
     rows = by_prior({"maxcon": [sure] * 9 + [sure | {"across": 0.004}, WITHHELD, UNREADABLE]})
     found = certainty_of(tmp_path, rows, "gnss", CONFIGURED)
-    coverage, protection = found.coverage[0], found.protection[0]
-    assert {row.name: row.coverage.n_within for row in coverage.rows} == {
+    coverage, protection = found["coverage"][0], found["protection"][0]
+    assert {row["name"]: row["coverage"].n_within for row in coverage["rows"]} == {
         "along": (10, 10, 10), "across": (1, 10, 10), "height": (10, 10, 10), "heading": (10, 10, 10),
         "x and y": (0, 0, 10),
     }  # fmt: skip
-    assert [row.verdict for row in coverage.rows] == [
+    assert [row["verdict"] for row in coverage["rows"]] == [
         "too large", "too small", "too large", "too large", "too small"
     ]  # fmt: skip
-    assert coverage.squares.mean == pytest.approx(4.25 / 2.0)
-    assert dict(protection.rows) == {
+    assert coverage["squares"].mean == pytest.approx(4.25 / 2.0)
+    assert protection["counts"] == {
         "along": ProtectionCounts(10, 0, 0, 0, 1),
         "across": ProtectionCounts(1, 9, 0, 0, 1),
         "either": ProtectionCounts(1, 9, 0, 0, 1),
     }
-    assert (protection.risk, protection.n_to_prove) == (0.02, 149)
+    assert (protection["risk"], protection["n_to_prove"]) == (0.02, 149)
     assert {path.stem for path in tmp_path.iterdir()} == {"sigmas", "stanford", "risk-coverage", "timeline"}
-    assert found.notes == ()
+    assert found["notes"] == []
 
 
 def test_baselines_alone_are_shown_without_sigmas_and_the_page_says_so(tmp_path):
     found = certainty_of(tmp_path, by_prior({"gicp-3m": [ANSWER, WITHHELD]}), "gnss", {})
-    assert (found.coverage, found.protection, found.coverage_pictures, found.protection_pictures) == ((),) * 4
+    assert [found[name] for name in ("coverage", "protection", "coverage_pictures", "protection_pictures")] == [[]] * 4
     assert {path.stem for path in tmp_path.iterdir()} == {"risk-coverage", "timeline"}
-    assert "no method predicts its errors here, with the prior “gnss”" in found.notes[0]
+    assert "no method predicts its errors here, with the prior “gnss”" in found["notes"][0]
 
 
 def test_sigmas_without_levels_have_no_stanford_diagram(tmp_path):
     found = certainty_of(tmp_path, by_prior({"maxcon": [ANSWER | SIGMAS]}), "gnss", CONFIGURED)
-    assert len(found.coverage) == 1 and found.protection == ()
+    assert len(found["coverage"]) == 1 and found["protection"] == []
     assert {path.stem for path in tmp_path.iterdir()} == {"sigmas", "risk-coverage", "timeline"}
-    assert found.notes == ("No Stanford diagram: maxcon gives no protection levels.",)
+    assert found["notes"] == ["No Stanford diagram: maxcon gives no protection levels."]
 
 
 def test_every_prior_has_its_tables_and_its_timeline(tmp_path):
     rows = by_prior({"maxcon": [ANSWER | SIGMAS | LEVELS] * 3}, ("gnss", "uniform", "reference"))
     found = certainty_of(tmp_path, rows, "uniform", CONFIGURED)
-    assert len(found.coverage) == len(found.protection) == 3
-    assert [picture.title.rpartition(" ")[2] for picture in found.status_pictures[1:]] == [
+    assert len(found["coverage"]) == len(found["protection"]) == 3
+    assert [picture.title.rpartition(" ")[2] for picture in found["status_pictures"][1:]] == [
         "“uniform”", "“gnss”", "“reference”"
     ]  # fmt: skip
     assert {"timeline", "timeline-2", "timeline-3"} <= {path.stem for path in tmp_path.iterdir()}
@@ -84,11 +84,11 @@ def test_every_prior_has_its_tables_and_its_timeline(tmp_path):
 def test_a_method_of_one_s_own_goes_first_and_states_no_risk(tmp_path):
     rows = by_prior({"maxcon": [ANSWER | SIGMAS | LEVELS], "mine": [ANSWER | SIGMAS | LEVELS]})
     found = certainty_of(tmp_path, rows, "gnss", CONFIGURED | {"mine": {"method": {"class": "Mine"}}})
-    assert found.coverage[0].title == "Errors within predicted sigmas: mine, prior “gnss”"
-    assert (found.protection[0].risk, found.protection[0].n_to_prove) == (None, None)
+    assert found["coverage"][0]["title"] == "Errors within predicted sigmas: mine, prior “gnss”"
+    assert [found["protection"][0][name] for name in ("risk", "n_to_prove")] == [None, None]
 
 
 def test_epochs_that_say_nothing_leave_a_page(tmp_path):
     found = certainty_of(tmp_path, by_prior({"maxcon": [UNREADABLE] * 2}), "gnss", CONFIGURED)
     assert {path.stem for path in tmp_path.iterdir()} == {"timeline"}
-    assert len(found.notes) == 1
+    assert len(found["notes"]) == 1

@@ -2,9 +2,11 @@
 # SPDX-License-Identifier: MIT
 import pyarrow
 
-from maxcon.lab.report.study_pictures import pick_epochs
+from maxcon.drive.poses_dataset import describe
+from maxcon.lab.report.study_pictures import pick_epochs, space_of
 from maxcon.lab.study import rows_by_method
 from maxcon.lab.study.table import table_schema
+from maxcon.search.space import SearchSpace
 
 GOOD = {"is_success": True, "distance": 0.05, "kurtosis": 2.0}
 LOST = {"is_success": False, "distance": 2.96, "kurtosis": 30.0}
@@ -26,18 +28,24 @@ def picked(*count, helmert=GOOD):
 
 def test_pictures_show_the_most_distinct_and_the_worst_epoch():
     epochs = picked(GOOD, GOOD | {"kurtosis": 7.0}, GOOD | {"kurtosis": 1.8}, LOST)
-    assert (epochs.crossing, epochs.street, epochs.failure) == (1, 2, 3)
+    assert epochs == {"crossing": 1, "street": 2, "count fails": 3}
 
 
 def test_there_may_be_no_epoch_where_the_count_fails():
     epochs = picked(GOOD, GOOD | {"kurtosis": 1.8})
-    assert (epochs.crossing, epochs.street, epochs.failure) == (0, 1, None)
+    assert epochs == {"crossing": 0, "street": 1}
 
 
 def test_pictures_show_epochs_whose_whole_neighbourhood_is_in_the_search_space():
     epochs = picked(GOOD | {"kurtosis": 9.0, "prior_distance": 2.9}, GOOD | {"prior_distance": 1.0})
-    assert (epochs.crossing, epochs.street) == (1, 1)
+    assert epochs == {"crossing": 1, "street": 1}
 
 
 def test_nothing_is_shown_where_nothing_succeeds():
-    assert picked(LOST, helmert=LOST) is None
+    assert picked(LOST, helmert=LOST) == {}
+
+
+def test_the_search_space_is_read_from_the_configuration():
+    space = SearchSpace(1.2, 0.12, 1.0, 0.25)
+    assert space_of({"mine": {"method": {"class": "Mine", "space": describe(space)}}}, "mine") == space
+    assert space_of({}, "mine") is None

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import maxcon
+from drawn_figures import SPACE, BelowZero, parts, yard
 from maxcon.plotting.score_panel import (
     SearchSpaceView,
     cell_marks,
@@ -17,11 +18,6 @@ from maxcon.plotting.score_panel import (
     title_of,
     unit_of,
 )  # fmt: skip
-
-
-class BelowZero:
-    def score(self, moments):
-        return moments[..., 0] - 3.0
 
 
 @pytest.fixture
@@ -69,8 +65,8 @@ def test_scores_are_written_with_four_digits(score, words):
     assert score_words(score) == words
 
 
-def test_scale_says_so_when_scores_may_be_negative(epoch, space):
-    accumulator = epoch.accumulate(space)
+def test_scale_says_so_when_scores_may_be_negative():
+    accumulator = parts()["accumulator"]
     views = [SearchSpaceView(accumulator, maxcon.Helmert()), SearchSpaceView(accumulator, maxcon.Count())]
     assert scale_words(views) == "score, over the highest of the square"
     assert "from the lowest (0)" in scale_words([*views, SearchSpaceView(accumulator, BelowZero())])
@@ -98,17 +94,17 @@ def test_of_many_headings_nine_are_drawn_in_even_steps_with_the_best(n_headings)
         assert min(chosen) >= 0 and max(chosen) < n_headings
 
 
-def test_colours_run_from_nothing_to_the_best(epoch, space):
-    view = SearchSpaceView(epoch.accumulate(space), maxcon.Helmert())
+def test_colours_run_from_nothing_to_the_best():
+    view = SearchSpaceView(parts()["accumulator"], maxcon.Helmert())
     assert view.limits == (0.0, view.scores[view.best])
     assert SearchSpaceView(view.accumulator, BelowZero()).limits[0] < 0.0
-    empty = SearchSpaceView(maxcon.Accumulator(np.zeros((*space.shape, 4)), space, epoch.prior), maxcon.Count())
+    empty = SearchSpaceView(maxcon.Accumulator(np.zeros((*SPACE.shape, 4)), SPACE, yard().prior), maxcon.Count())
     assert empty.limits == (0.0, 1.0)
     assert not empty.has_best
 
 
-def test_reference_is_marked_at_its_offset_in_the_nearest_heading(epoch, space):
-    view = SearchSpaceView(epoch.accumulate(space), maxcon.Helmert())
-    assert view.offset(epoch.reference) == pytest.approx((0.18, -0.24))
-    assert view.heading_nearest(epoch.reference, range(5)) == 3
-    assert view.best == space.nearest_cell(epoch.reference, epoch.prior)
+def test_reference_is_marked_at_its_offset_in_the_nearest_heading():
+    view = SearchSpaceView(parts()["accumulator"], maxcon.Helmert())
+    assert view.offset(yard().reference) == pytest.approx((0.18, -0.24))
+    assert view.heading_nearest(yard().reference, range(5)) == 3
+    assert view.best == SPACE.nearest_cell(yard().reference, yard().prior)

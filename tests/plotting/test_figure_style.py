@@ -1,19 +1,61 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
+import sys
+
+import matplotlib
 import numpy as np
 import pytest
 
 import maxcon
-from maxcon.errors import ArrayError, OptionError
-from maxcon.plotting.canvas.figure import saved_figure
-from maxcon.plotting.canvas.from_above import Window, _round_length, count_voxels
-from maxcon.plotting.canvas.method_style import (
+from drawn_figures import yard
+from maxcon.errors import ArrayError, FileError, MissingExtraError, OptionError
+from maxcon.plotting.figure import (
     METHOD_STYLES,
     LegendShape,
+    add_axes,
     as_epoch_values,
-    check_methods,
+    check_count,
     draw_number_ticks,
+    saved_figure,
 )
+from maxcon.plotting.from_above import Window, count_voxels, round_length
+
+
+def draw(path):
+    with saved_figure(path, 4.0, 1.0, "T", "words") as figure:
+        add_axes(figure, 0.5, 0.3, 3.0, 0.5).imshow([[0.0, 1.0]])
+
+
+def test_users_own_settings_change_nothing_and_are_left_alone(tmp_path):
+    draw(tmp_path / "a.png")
+    with matplotlib.rc_context({"font.size": 30.0, "image.cmap": "jet", "axes.grid": True}):
+        draw(tmp_path / "b.png")
+        assert matplotlib.rcParams["font.size"] == 30.0
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+def test_a_missing_folder_is_named(tmp_path):
+    with pytest.raises(FileError, match="Check the folder"):
+        draw(tmp_path / "missing" / "a.png")
+
+
+def test_nothing_is_left_behind_when_writing_fails(tmp_path, monkeypatch):
+    from matplotlib.figure import Figure
+
+    def half_written(self, path, **options):
+        path.write_bytes(b"half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Figure, "savefig", half_written)
+    with pytest.raises(FileError, match="No space left on device"):
+        draw(tmp_path / "a.png")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_without_matplotlib_the_extra_is_named(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'maxcon\[demo\]'"):
+        draw(tmp_path / "a.png")
 
 
 def test_voxels_over_each_square_are_counted():
@@ -26,15 +68,15 @@ def test_voxels_over_each_square_are_counted():
     assert covered == (-2.0, 2.0, -1.0, 3.0)
 
 
-def test_large_windows_have_larger_squares(epoch):
-    _, n_voxels = count_voxels(epoch.point_map, Window.around(0.0, 0.0, 500.0))
+def test_large_windows_have_larger_squares():
+    _, n_voxels = count_voxels(yard().point_map, Window.around(0.0, 0.0, 500.0))
     assert max(n_voxels.shape) <= 701
-    assert n_voxels.sum() == len(epoch.point_map.all_voxels()[0])
+    assert n_voxels.sum() == len(yard().point_map.all_voxels()[0])
 
 
 @pytest.mark.parametrize(("length", "expected"), [(0.7, 0.5), (1.0, 1.0), (4.9, 2.0), (15.0, 10.0), (350.0, 200.0)])
-def test_scale_bars_are_of_round_length(length, expected):
-    assert _round_length(length) == pytest.approx(expected)
+def test_scale_bars_are_ofround_length(length, expected):
+    assert round_length(length) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("field", ["color", "line", "marker", "hatch"])
@@ -43,11 +85,10 @@ def test_each_mark_alone_tells_the_methods_apart(field):
 
 
 def test_one_to_eight_methods_fit_a_picture():
-    check_methods(dict.fromkeys("abcdefgh"))
-    with pytest.raises(OptionError, match="1 to 8 methods, got 9"):
-        check_methods(dict.fromkeys("abcdefghi"))
-    with pytest.raises(OptionError, match="1 to 4 methods, got 0"):
-        check_methods({}, 4)
+    check_count(8, 8, "methods")
+    for n_given in (0, 9):
+        with pytest.raises(OptionError, match=f"1 to 8 methods, got {n_given}. Draw several"):
+            check_count(n_given, 8, "methods")
 
 
 @pytest.mark.parametrize(
@@ -84,7 +125,7 @@ def test_values_are_checked():
     ],
 )
 def test_ticks_are_round_numbers(tmp_path, low, high, expected):
-    with saved_figure(tmp_path / "ticks.png", 4.0, 1.0) as figure:
+    with saved_figure(tmp_path / "ticks.png", 4.0, 1.0, "", "") as figure:
         axes = figure.add_subplot()
         axes.set_xscale("log")
         axes.set_xlim(low, high)

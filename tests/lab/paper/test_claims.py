@@ -5,7 +5,7 @@
 import pyarrow
 import pytest
 
-from maxcon.lab.report.study_claims import Verdict, paper_claims
+from maxcon.lab.paper.claims import Verdict, paper_claims
 from maxcon.lab.study import rows_by_method
 from maxcon.lab.study.table import table_schema
 

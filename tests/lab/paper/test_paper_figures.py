@@ -1,0 +1,349 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""What the paper's figures show: where cells, marks and words stand."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import maxcon
+from drawn_figures import SPACE, parts, png_size, words, yard
+from maxcon.lab.paper.distinctness import (
+    Distinctnesses,
+    bin_percents,
+    color_limits,
+    plot_distinctness,
+    plot_kurtosis_map,
+    spaced_epochs,
+)
+from maxcon.lab.paper.overview import (
+    apart,
+    draw_matches,
+    draw_space,
+    highest_of_blocks,
+    overview_words,
+    plot_overview,
+    window_around,
+)
+from maxcon.lab.paper.search_spaces import (
+    ComparisonRow,
+    best_from,
+    draw_section,
+    draw_view,
+    highest_in_section,
+    plot_comparison,
+    section_places,
+    section_words,
+    view_words,
+)
+from maxcon.plotting.epoch import Scene
+from maxcon.plotting.from_above import Window
+from maxcon.plotting.score_panel import SearchSpaceView
+
+PRIOR = maxcon.Pose(100.0, 50.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@pytest.fixture
+def panel():
+    from matplotlib.figure import Figure
+
+    return Figure().add_axes((0.0, 0.0, 1.0, 1.0))
+
+
+def view(objective=None):
+    return SearchSpaceView(parts()["accumulator"], objective or maxcon.Helmert())
+
+
+def counted(matches, n_headings=3):
+    """A view by count on a search space of 12 x 12 cells of 0.5 m, with matches at a few cells."""
+    space = maxcon.SearchSpace(3.0, 0.5, 0.25 * (n_headings - 1), 0.5)
+    moments = np.zeros((*space.shape, 4))
+    for cell, number in matches.items():
+        moments[cell][0] = number
+    return SearchSpaceView(maxcon.Accumulator(moments, space, PRIOR), maxcon.Count())
+
+
+# Figure 2: one epoch, heading by heading.
+
+
+def test_highest_score_is_that_of_the_section():
+    found = counted({(1, 6, 4): 9.0, (0, 8, 2): 5.0, (0, 9, 4): 7.0, (2, 6, 7): 8.0, (2, 0, 0): 1.0})
+    # 1 m is two cells: (0, 8, 2) lies at the corner of the section, (0, 9, 4) and (2, 6, 7) just outside.
+    assert [highest_in_section(found, heading) for heading in range(3)] == [5.0, 9.0, 0.0]
+
+
+def test_best_cell_lies_in_the_middle_of_its_panel(panel):
+    from matplotlib.colors import Normalize
+
+    # 0.5 m north and 1 m west of the prior
+    image = draw_section(panel, counted({(1, 7, 4): 9.0}), 1, Normalize(0.0, 9.0))
+    assert panel.get_xlim() == (-1.0, 1.0) and panel.get_ylim() == (-1.0, 1.0)
+    # The whole space: 3.25 m to the west and south of the prior, 2.75 m to the east and north.
+    assert image.get_extent() == [-2.25, 3.75, -3.75, 2.25]
+    assert (panel.get_title("left"), panel.get_title("right")) == ("0° (best)", "9")
+
+
+@pytest.mark.parametrize("n_panels", range(1, 10))
+def test_sections_do_not_overlap_and_stay_inside(n_panels):
+    side, places, height = section_places(n_panels)
+    assert len(places) == n_panels
+    for number, (left, bottom) in enumerate(places):
+        assert left >= 0.85 - 1e-9 and left + side <= 0.85 + 7.7 + 1e-9
+        assert bottom >= 0.65 - 1e-9 and bottom + side <= height - 1.35 + 1e-9
+        for other_left, other_bottom in places[:number]:
+            assert abs(left - other_left) > side or abs(bottom - other_bottom) > side
+
+
+@pytest.mark.parametrize(
+    ("cell", "n_headings", "n_drawn", "told"),
+    [
+        ((1, 6, 6), 3, 3, "Count. All 3 headings, ±1 m around the best cell."),
+        ((1, 6, 11), 3, 3, "Grey: outside the search space."),
+        ((1, 6, 6), 61, 9, "9 of 61 headings, ±1 m"),
+        ((0, 6, 6), 1, 1, "The prior's heading"),
+    ],
+)
+def test_sections_say_what_is_drawn_and_when_they_are_cut(cell, n_headings, n_drawn, told):
+    found = section_words(counted({cell: 9.0}, n_headings), n_drawn)
+    assert told in found
+    assert ("outside the search space" in found) == (cell[2] == 11)
+
+
+# Figure 4: objectives side by side.
+
+
+def test_offsets_count_from_the_reference_and_turns_are_the_short_way_round():
+    # The best cell is where the scan was made: at (0, 0), with heading 0.
+    assert best_from(view(), yard().reference) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+    elsewhere = maxcon.Pose(0.9, 2.82, 0.0, 0.0, 0.0, np.radians(-0.3))
+    assert best_from(view(), elsewhere) == pytest.approx((-0.9, -2.82, np.radians(0.3)))
+    assert view_words(view(), elsewhere) == "Helmert's score\n(x = −0.90, y = −2.82), turn 0.30°"
+    behind = maxcon.Pose(0.0, 0.0, 0.0, 0.0, 0.0, np.radians(359.8))
+    assert best_from(view(), behind)[2] == pytest.approx(np.radians(0.2))
+    assert view_words(replace(view(), title="Mine"), behind).startswith("Mine\n")
+
+
+@pytest.mark.parametrize(
+    ("reference", "xlim", "ylim", "best"),
+    [
+        # The prior lies 0.18 m west and 0.24 m north of the reference; cells reach 0.63 m west and 0.57 m east.
+        ((0.0, 0.0), (-0.81, 0.39), (-0.39, 0.81), (0.0, 0.0)),
+        ((2.0, -3.0), (-2.81, 0.0), (0.0, 3.81), (-2.0, 3.0)),  # outside, but in sight
+    ],
+)
+def test_the_reference_is_at_zero_and_the_whole_space_in_sight(panel, reference, xlim, ylim, best):
+    draw_view(panel, view(), maxcon.Pose(*reference, 0.0, 0.0, 0.0, 0.0))
+    assert panel.get_xlim() == pytest.approx(xlim) and panel.get_ylim() == pytest.approx(ylim)
+    marks = [line.get_xydata()[0] for line in panel.lines]
+    np.testing.assert_allclose(marks, [(0.0, 0.0), best], atol=1e-9)
+
+
+def test_nothing_matched_is_said_and_not_marked(panel):
+    empty = counted({})
+    draw_view(panel, empty, PRIOR)
+    assert len(panel.lines) == 1
+    assert view_words(empty, PRIOR) == "Count\nall cells score the same"
+
+
+def test_window_holds_most_of_the_scan_within_limits():
+    # The walls reach 9 m along x and 5 m along y.
+    row = ComparisonRow("yard", yard().scan, yard().point_map, yard().reference, (view(),))
+    assert row.window.size == pytest.approx((17.7, 17.7), abs=0.7)
+    far, near = (replace(row, scan=maxcon.Scan(points)) for points in ([[0.0, 100.0, 0.0]], np.empty((0, 3))))
+    assert (far.window.size[0], near.window.size[0]) == (70.0, 10.0)
+
+
+def test_rows_and_views_make_the_picture_larger(tmp_path):
+    row = ComparisonRow("yard", yard().scan, yard().point_map, yard().reference, (view(),))
+    for number, rows in enumerate([[row], [row, replace(row, views=(view(), view(), view()))]]):
+        plot_comparison(tmp_path / f"{number}.png", rows, title="Count beside Helmert")
+    assert png_size(tmp_path / "0.png") == (1218, 708)
+    assert png_size(tmp_path / "1.png") == (1218 + 396, 708 + 474)
+
+
+# Figure 3: the overview. 6 m by 6 m, as the paper's, in few cells.
+COARSE = maxcon.SearchSpace(half_width=3.0, cell=0.5, heading_half_width_deg=0.0)
+EVERYWHERE = Window.around(0.0, 0.0, 1000.0)
+
+
+def at(x, y=0.0, half_width=3.0):
+    space = replace(COARSE, half_width=half_width)
+    return maxcon.Accumulator(np.zeros((*space.shape, 4)), space, maxcon.Pose(x, y, 0.0, 0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("others", "expected"),
+    [
+        ([], (-37.5, 37.5, -26.25, 26.25)),  # alone: 75 m wide and flat
+        ([at(0.0, 30.0)], (-37.5, 37.5, -34.5, 34.5)),  # to the north: higher, up to a square
+        ([at(0.0, -34.0), at(5.0)], (-37.5, 37.5, -37.5, 37.5)),
+        ([at(30.0, 8.0)], (-37.5, 37.5, -26.25, 26.25)),
+        ([at(0.0, 100.0), at(60.0, 30.0)], (-37.5, 37.5, -26.25, 26.25)),  # out of sight
+    ],
+)
+def test_the_window_is_as_flat_as_the_drive_allows(others, expected):
+    assert window_around(at(0.0), others) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(("half_width", "size"), [(6.0, (150.0, 105.0)), (0.0, (10.0, 7.0))])
+def test_the_window_grows_with_the_search_space_and_is_never_nothing(half_width, size):
+    assert window_around(at(0.0, half_width=half_width), []).size == pytest.approx(size)
+
+
+def test_spaces_that_would_lie_on_or_close_to_a_nearer_one_or_reach_out_are_left_out():
+    # Edges are 6 m, and there is a gap of a tenth of that: 6 m is too near to 0, 13 m too near to 7.
+    others = [at(13.0), at(7.0), at(6.0), at(14.0), at(0.0, 6.5), at(0.0, -6.7)]
+    assert apart(at(0.0), others, EVERYWHERE) == [1, 3, 5]
+    # Cells are centred on the offsets: the ground reaches 3.25 m to the west and 2.75 m to the east.
+    others = [at(17.2), at(17.3), at(-16.7), at(-16.8), at(0.0, 7.3)]
+    assert apart(at(0.0), others, Window(-20.0, 20.0, -10.0, 10.0)) == [0, 2]
+
+
+# Half metres: none is at the very edge of what is near enough.
+HALVES = st.integers(-80, 80).map(lambda number: 0.5 * number)
+
+
+@given(st.lists(st.tuples(HALVES, HALVES), max_size=12))
+def test_spaces_that_are_drawn_never_touch_and_the_rest_would(places):
+    kept = apart(at(0.0), [at(x, y) for x, y in places], EVERYWHERE)
+    drawn = [(0.0, 0.0), *(places[number] for number in kept)]
+
+    def is_clear(one, other):
+        return max(abs(one[0] - other[0]), abs(one[1] - other[1])) >= 6.6
+
+    assert all(is_clear(one, other) for n, one in enumerate(drawn) for other in drawn[:n])
+    left_out = [place for number, place in enumerate(places) if number not in kept]
+    assert not any(all(is_clear(place, one) for one in drawn) for place in left_out)
+
+
+def test_blocks_hold_their_highest_score_also_where_they_are_cut():
+    scores = np.array([[1.0, 2.0, 9.0], [0.0, 5.0, 3.0], [4.0, -np.inf, 7.0]])
+    np.testing.assert_array_equal(highest_of_blocks(scores, 2), [[5.0, 9.0], [4.0, 7.0]])
+    np.testing.assert_array_equal(highest_of_blocks(scores, 1), scores)
+    np.testing.assert_array_equal(highest_of_blocks(scores, 5), [[9.0]])
+
+
+def test_best_cell_is_marked_on_the_ground(panel):
+    draw_space(panel, view(), is_localized=True, is_this=True)
+    draw_space(panel, view(), is_localized=False, is_this=False)
+    pose = parts()["estimate"].pose
+    for line, marker in zip(panel.lines, "ox", strict=True):
+        np.testing.assert_allclose(line.get_xydata()[0], [pose.x, pose.y], atol=1e-3)  # refined
+        assert line.get_marker() == marker
+    # Twenty cells of 6 cm around (-0.18, 0.24).
+    assert panel.images[0].get_extent() == pytest.approx([-0.81, 0.39, -0.39, 0.81])
+    assert panel.images[0].get_array().max() == parts()["estimate"].score
+
+
+def test_cells_too_small_for_the_picture_are_drawn_as_blocks(panel):
+    space = maxcon.SearchSpace(half_width=1.53, cell=0.03, heading_half_width_deg=0.0)
+    moments = np.zeros((*space.shape, 4))
+    moments[0, 101, 33, 0] = 5.0
+    fine = SearchSpaceView(maxcon.Accumulator(moments, space, PRIOR), maxcon.Count())
+    draw_space(panel, fine, is_localized=True, is_this=True)
+    # 102 cells in blocks of three.
+    blocks = panel.images[0].get_array()
+    assert blocks.shape == (34, 34)
+    assert np.argwhere(blocks).tolist() == [[33, 11]]
+    west, east, _, _ = panel.images[0].get_extent()
+    assert east - west == pytest.approx(102 * 0.03)
+
+
+def test_consensus_set_is_drawn_at_the_answer(panel):
+    def drawn(**changes):
+        estimate = replace(parts()["estimate"], **changes)
+        scene = Scene(yard().scan, yard().point_map, yard().prior, SPACE, estimate)
+        return [handle.get_label() for handle in draw_matches(panel, scene)]
+
+    matched = int(parts()["accumulator"].moments[parts()["estimate"].cell][0])
+    assert drawn() == ["scan at the prior", f"consensus set ({matched:,} points)"]
+    assert len(panel.lines[1].get_xydata()) == matched
+    assert np.abs(np.abs(panel.lines[1].get_xydata()).max(axis=0) - [9.03, 5.03]).max() < 0.06
+    assert drawn(status=maxcon.Status.NO_MATCH) == ["scan at the prior"]
+    at_the_pose = drawn(cell=None)[1]  # of automatic cells: where the answer lies
+    assert int(at_the_pose.split("(")[1].split()[0]) == pytest.approx(matched, rel=0.01)
+
+
+@pytest.mark.parametrize("status", list(maxcon.Status))
+def test_the_overview_says_how_the_epoch_ended(status):
+    estimate = replace(parts()["estimate"], status=status)
+    found = overview_words(estimate, maxcon.Helmert(), parts()["accumulator"]).replace("\n", " ")
+    assert "1.2 m × 1.2 m, at the best heading; colours: Helmert's score." in found
+    ending = "localized" if status is maxcon.Status.LOCALIZED else f"NOT LOCALIZED: {status.value}"
+    assert f"This epoch is {ending}." in found
+
+
+def test_the_legend_names_only_what_is_drawn(tmp_path):
+    nothing = np.empty((0, 3))
+    empty = yard()._replace(
+        scan=maxcon.Scan(nothing), point_map=maxcon.PointMap.from_points(nothing, nothing, cell=0.06)
+    )
+    plot_overview(tmp_path / "lost.svg", **empty.conclude(), title="Lost")
+    moved = replace(parts()["accumulator"], prior=yard().prior.translated([0.0, 6.5, 0.0]))
+    unsure = (moved, replace(parts()["estimate"], status=maxcon.Status.AT_RIM))
+    itself = (parts()["accumulator"], parts()["estimate"])  # not drawn twice
+    plot_overview(tmp_path / "both.svg", **parts(), others=[unsure, itself], title="Both")
+    alone, both = words(tmp_path / "lost.svg"), words(tmp_path / "both.svg")
+    assert alone[-3:] == ["map (darker: taller)", "scan at the prior", "search space of this epoch"]
+    ending = ["search space of this epoch", "search spaces of other epochs", "best cell", "best cell, not localized"]
+    assert both[-4:] == ending
+    # 8.2 inches of map and 3 inches around; the window is 7.5 m to either side, and ends 1.5 reaches behind the other.
+    height = float((tmp_path / "both.svg").read_text().split('viewBox="0 0 ')[1].split()[1].rstrip('"'))
+    assert height == pytest.approx(72 * (8.2 * (6.5 + 0.9) / 7.5 + 3.0), abs=1)
+
+
+# Figures 5 and 6: how distinct the answers are.
+
+
+def test_percents_of_bins_are_of_all_epochs():
+    values = np.array([0.0, 0.5, 1.0, 1.9, 2.0, 7.0, -3.0, np.nan, np.nan, np.nan])
+    # Lower edges belong to their bins, the last edge too; -3 and 7 fall into the outermost; 3 of 10 are undefined.
+    np.testing.assert_allclose(bin_percents(values, np.array([0.0, 1.0, 2.0])), [30.0, 40.0])
+    np.testing.assert_array_equal(bin_percents(np.full(4, np.nan), np.array([0.0, 1.0, 2.0])), [0.0, 0.0])
+
+
+def test_medians_the_undefined_and_what_is_better_are_stated(tmp_path):
+    odd = Distinctnesses([0.1, 0.25, 0.9], [2.0, np.nan, 40.0], [1.5, 3.25, 9.0], [0.0, 0.06, 6.0])
+    none = Distinctnesses(*(np.full(3, np.nan) for _ in range(4)))
+    plot_distinctness(tmp_path / "plot.svg", {"Count": odd, "None": none}, title="T")
+    written = words(tmp_path / "plot.svg")
+    medians = {"median 0.25", "median 21 (not defined in 1)", "median 3.25 nat", "median 0.06 m", "Count"}
+    assert medians <= set(written)
+    assert "Epochs of each method: 3. Upright lines: medians. Peak ratio: rivals more than 0.3 m away." in written
+    assert written.count("not defined in any epoch") == 4
+    assert written.count("← lower is more distinct") == 3
+    title = written.index("Kurtosis along the significant ray")
+    assert "higher is more distinct →" in written[title - 2 : title + 3]
+
+
+def test_epochs_keep_their_distance():
+    # It stands at 0, goes to 3, and comes back over its own way.
+    x = np.array([0.0, 0.0, 0.0, 0.9, 1.0, 1.9, 2.0, 3.0, 2.5, 1.5, 0.5, -1.0])
+    chosen = spaced_epochs(np.column_stack([x, np.zeros(12)]), 1.0)
+    np.testing.assert_array_equal(chosen, [0, 4, 6, 7, 11])
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"), [([3.0, np.nan, 7.0], (3.0, 7.0)), ([4.0, 4.0], (3.2, 5.0)), ([np.nan], (1.0, 10.0))]
+)
+def test_colors_span_the_values(values, expected):
+    assert color_limits(np.array(values)) == pytest.approx(expected)
+
+
+def test_medians_and_left_out_epochs_of_a_kurtosis_map_are_stated(tmp_path):
+    # 100 m x 50 m of window: 6.6 inches for 100 m, so circles of 13 points need 1.04 * 13 / 72 * 100 / 6.6 m.
+    x = np.linspace(0.0, 50.0, 501)
+    small = np.where(np.arange(501) == 7, np.nan, 2.5)
+    given = {"names": ("A", "B"), "point_map": None, "title": "T"}
+    plot_kurtosis_map(tmp_path / "x.svg", np.column_stack([x, 0.0 * x]), small, np.full(501, 25.0), **given)
+    written = words(tmp_path / "x.svg")
+    assert any("Medians of all epochs: A 2.5; B 25." in each for each in written)
+    assert any("18 of 501 epochs shown, 2.8 m apart or more." in each for each in written)
+    assert {"large: B", "small: A", "kurtosis", "5", "10", "20"} <= set(written)
+    assert "white: not defined" not in written
+    plot_kurtosis_map(tmp_path / "y.png", np.column_stack([0.0 * x, 9.0 * x]), small, small, **given)
+    width, height = png_size(tmp_path / "y.png")  # as long as the drive is
+    assert height > width
