@@ -110,7 +110,7 @@ FIGURES = {
     ),
     "risk": lambda path: plot_risk_coverage(path, {HOSTILE: risk(30, 20, 1), "none": risk(1, 0, 1)}),
     "timeline": lambda path: plot_timeline(path, np.arange(40), STATUSES, ALONG > 7.0, rows(), title=HOSTILE),
-    "prior error": lambda path: plot_prior_error(path, {"one": trials(["a", HOSTILE]), HOSTILE: trials(["a", HOSTILE])}),
+    "prior error": lambda path: plot_prior_error(path, dict.fromkeys(["a", HOSTILE], trials(["b", HOSTILE]))),
 }  # fmt: skip
 
 

@@ -37,7 +37,10 @@ def summary(objective, multiplicity, n_epochs, n_localized, n_success, median, w
     """What the table shows of a method's results."""
     named = SimpleNamespace(objective=type(objective, (), {})(), multiplicity=multiplicity)
     accuracy = SimpleNamespace(
-        n_epochs=n_epochs, n_success=n_success, median_distance=median, worst_distance=worst, worst_heading=heading
+        n_epochs=n_epochs,
+        n_success=n_success,
+        distance=SimpleNamespace(median=median, worst=worst),
+        heading=SimpleNamespace(worst=heading),
     )
     return SimpleNamespace(
         method=SimpleNamespace(method=named), accuracy=accuracy, n_localized=n_localized, median_milliseconds=ms

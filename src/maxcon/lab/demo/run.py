@@ -134,8 +134,8 @@ def localize_demo(
         for epoch in localize_drive(drive.point_map, scans, drive.prior, method.method):
             epochs.append(epoch.without_points())
             # Of the answer, whether the method trusts it or not.
-            pose = epoch.estimate.pose if epoch.estimate is not None else None
-            errors.append(pose and pose_error(pose, drive.reference_at(epoch.raw.time)))
+            found, reference = epoch.estimate, drive.reference_at(epoch.raw.time)
+            errors.append(None if found is None else pose_error(found.pose, reference))
             progress("localizing", number * len(scans) + len(epochs), len(methods) * len(scans))
         write_poses(folder / f"poses-{method.slug}.csv", epochs)
         results.append(MethodResult(method, tuple(epochs), tuple(errors)))
