@@ -12,7 +12,7 @@ import pytest
 
 import maxcon as library
 from maxcon.cli.localize import localize as command
-from maxcon.cli.poses_csv import parse_epochs
+from maxcon.cli.drive_output import parse_epochs
 from maxcon.cli.space_options import LARGEST_HALF_WIDTH, SIGMAS
 from maxcon.drive.within_sigmas import WithinSigmas
 from maxcon.errors import OptionError

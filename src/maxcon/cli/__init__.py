@@ -7,8 +7,11 @@ from typing import Annotated
 
 import typer
 
-from maxcon.cli import demo, export, localize, maps, relocalize, scans, simulate, study, warmup
+from maxcon.cli import laboratory, maps, preparation
+from maxcon.cli.export import export
 from maxcon.cli.flags import GroupedCommand
+from maxcon.cli.localize import localize
+from maxcon.cli.relocalize import relocalize
 from maxcon.cli.terminal import stopping_in_order
 from maxcon.errors import MaxconError
 
@@ -23,17 +26,15 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.add_typer(maps.app, name="map")
-app.add_typer(scans.app, name="scans")
-app.command("localize", cls=GroupedCommand, short_help="Localize every scan of a drive in a map.")(localize.localize)
-app.command("relocalize", cls=GroupedCommand, short_help="Find scans in a map without any prior.")(
-    relocalize.relocalize
-)
-app.command("export", short_help="Write poses as GeoJSON, GeoPackage, KML, TUM, KITTI.")(export.export)
-app.command("simulate", short_help="Simulate a city, its mapping and scans.")(simulate.simulate)
-app.command("study", cls=GroupedCommand, short_help="Compare methods over the epochs of a dataset.")(study.study)
-app.command("report", short_help="Write the page of a study.")(study.report)
-app.command("demo", short_help="Simulate, map, localize and report a small city.")(demo.demo)
-app.command("warmup", short_help="Compile once, so that the first call does not pause.")(warmup.warmup)
+app.add_typer(preparation.scans, name="scans")
+app.command(cls=GroupedCommand, short_help="Localize every scan of a drive in a map.")(localize)
+app.command(cls=GroupedCommand, short_help="Find scans in a map without any prior.")(relocalize)
+app.command(short_help="Write poses as GeoJSON, GeoPackage, KML, TUM, KITTI.")(export)
+app.command(short_help="Simulate a city, its mapping and scans.")(laboratory.simulate)
+app.command(cls=GroupedCommand, short_help="Compare methods over the epochs of a dataset.")(laboratory.study)
+app.command(short_help="Write the page of a study.")(laboratory.report)
+app.command(short_help="Simulate, map, localize and report a small city.")(laboratory.demo)
+app.command(short_help="Compile once, so that the first call does not pause.")(preparation.warmup)
 
 
 def _print_version(is_wanted: bool) -> None:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 """What `maxcon localize` reads: scans, priors and odometry, each from files or from a recording."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +12,7 @@ import typer
 
 from maxcon.cli.options import MotionOptions, RecordingOptions
 from maxcon.cli.terminal import step_bars
-from maxcon.errors import OptionError
+from maxcon.errors import MapError, OptionError, TrajectoryError
 
 if TYPE_CHECKING:
     from maxcon.drive.many import DriveEntry
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from maxcon.map import PointMap
     from maxcon.scan.mounting import Mounting
     from maxcon.scan.trajectory import Trajectory
-
-__all__ = ["DriveInputs", "check_outputs", "naming_files"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,10 +44,7 @@ class DriveInputs:
         *,
         quiet: bool = False,
     ) -> "DriveInputs":
-        """Return the inputs of a drive; scans are read when they are asked for.
-
-        OptionError if there is no prior, or an option has nothing to act on.
-        """
+        """Return the inputs of a drive; OptionError if there is no prior, or an option has nothing to act on."""
         from maxcon.io.raw_scan import DeskewedScans
         from maxcon.io.scans import open_scans
         from maxcon.scan.mounting import read_mounting
@@ -62,16 +57,15 @@ class DriveInputs:
         else:
             opened = open_scans(entry.scans, entry.times, topic=options.topic, at_stamp=options.at_stamp)
         frame = _frame_of(opened) if mounting is None else ""
-        prior_trajectory, prior_words, left_out = _prior(point_map, entry, options, mounting, frame)
-        odometry_trajectory, odometry_words = _odometry(entry.odometry, options, frame)
-        if mounting is not None and odometry_trajectory is not None:
-            odometry_trajectory = mounting.of_odometry(odometry_trajectory)
+        prior, prior_words, left_out = _prior(point_map, entry, options, mounting, frame)
+        odometry, odometry_words = _odometry(entry.odometry, options, frame)
+        if mounting is not None and odometry is not None:
+            odometry = mounting.of_odometry(odometry)
         words = [*_words_of(opened, quiet), prior_words, odometry_words]
         if motion.deskew:
-            by = prior_trajectory if odometry_trajectory is None else odometry_trajectory
-            opened = DeskewedScans(opened, by, max_gap, motion.turn_time)
-            words.append(f"deskewed by the {'prior' if odometry_trajectory is None else 'odometry'}")
-        return cls(opened, prior_trajectory, odometry_trajectory, tuple(line for line in words if line), left_out)
+            opened = DeskewedScans(opened, prior if odometry is None else odometry, max_gap, motion.turn_time)
+            words.append(f"deskewed by the {'prior' if odometry is None else 'odometry'}")
+        return cls(opened, prior, odometry, tuple(filter(None, words)), left_out)
 
     def tell(self) -> None:
         """Print what was taken from a recording."""
@@ -92,14 +86,12 @@ def _of_scanners(
             f"Expected several scanners, as {options.mounting} tells of them, got {name}, which is for one. Leave it"
             " out."
         )
+    scanners = mounting.scanners
     opened = [
-        open_scans(scanner.scans or entry.scans, topic=scanner.topic, at_stamp=options.at_stamp)
-        for scanner in mounting.scanners
+        open_scans(scanner.scans or entry.scans, topic=scanner.topic, at_stamp=options.at_stamp) for scanner in scanners
     ]
     return MergedScans(
-        opened,
-        [scanner.T_vehicle_sensor for scanner in mounting.scanners],
-        [scanner.name for scanner in mounting.scanners],
+        opened, [scanner.T_vehicle_sensor for scanner in scanners], [scanner.name for scanner in scanners]
     )
 
 
@@ -115,9 +107,8 @@ def _words_of(scans: "Scans", quiet: bool) -> list[str]:
     from maxcon.io.raw_scan import MergedScans
     from maxcon.io.recordings.recorded_scans import RecordedScans
 
-    parts = scans.scanners if isinstance(scans, MergedScans) else (scans,)
     words = []
-    for part in parts:
+    for part in scans.scanners if isinstance(scans, MergedScans) else (scans,):
         if isinstance(part, RecordedScans):
             with step_bars("scans", quiet) as report:
                 part.find_times(report)
@@ -132,29 +123,36 @@ def _prior(
     mounting: "Mounting | None",
     sensor_frame: str,
 ) -> "tuple[Trajectory, str, tuple[str, ...]]":
-    """The prior, of a file or a recording; what it is in words where it is of a recording; rows that are no poses."""
-    from maxcon.drive.diagnosis import check_heights
+    """The prior of the scanner; what it is in words, where that is not plain; rows that are no poses."""
     from maxcon.io.geographic_priors import is_geographic
     from maxcon.io.recordings.opening import CAPTURE_SUFFIX, is_recording
-    from maxcon.io.recordings.poses import read_recorded_poses
-    from maxcon.io.recordings.transforms import parse_frames
     from maxcon.io.trajectories import read_prior
 
-    scans, prior = entry.scans, entry.prior
-    source = scans if prior is None else prior
-    if prior is not None and not is_recording(prior) and is_geographic(prior):
-        return _geographic_prior(point_map, prior, options, mounting)
-    if not is_recording(source) or source.suffix.lower() == CAPTURE_SUFFIX:
-        if prior is None:
-            raise OptionError(
-                f"Expected --prior with rough poses beside {scans}, got none. Give it; only recordings with poses in"
-                " them do without."
-            )
-        _check_without("--prior-topic", options.prior_topic, "a recording", prior)
-        _check_without("--prior-frames", options.prior_frames, "a recording", prior)
-        _check_without("--geoid-height", options.geoid_height, "a receiver (in latitude and longitude)", prior)
-        read = read_prior(prior)
-        return _of_sensor(read.trajectory, mounting), "", read.left_out
+    prior = entry.prior
+    source = entry.scans if prior is None else prior
+    if is_recording(source) and source.suffix.lower() != CAPTURE_SUFFIX:
+        return _recorded_prior(source, point_map, options, mounting, sensor_frame)
+    if prior is None:
+        raise OptionError(
+            f"Expected --prior with rough poses beside {entry.scans}, got none. Give it; only recordings with poses in"
+            " them do without."
+        )
+    of_recordings = {"--prior-topic": options.prior_topic, "--prior-frames": options.prior_frames}
+    _check_without(of_recordings, "a recording", prior)
+    if not is_recording(prior) and is_geographic(prior):
+        return _geographic_prior(prior, point_map, options, mounting)
+    _check_without({"--geoid-height": options.geoid_height}, "a receiver (in latitude and longitude)", prior)
+    read = read_prior(prior)
+    return _of_sensor(read.trajectory, mounting), "", read.left_out
+
+
+def _recorded_prior(
+    source: Path, point_map: "PointMap", options: RecordingOptions, mounting: "Mounting | None", sensor_frame: str
+) -> "tuple[Trajectory, str, tuple[str, ...]]":
+    from maxcon.drive.diagnosis import check_heights
+    from maxcon.io.recordings.poses import read_recorded_poses
+    from maxcon.io.recordings.transforms import parse_frames
+
     frames = None if options.prior_frames is None else parse_frames(options.prior_frames, "--prior-frames")
     poses = read_recorded_poses(
         source, options.prior_topic, point_map.frame.crs, options.geoid_height,
@@ -166,9 +164,24 @@ def _prior(
     return trajectory, f"prior: {poses.words}", ()
 
 
-def _check_without(name: str, value: str | float | None, what: str, prior: Path) -> None:
-    """Refuse an option that acts on priors of another kind."""
-    if value is not None:
+def _geographic_prior(
+    prior: Path, point_map: "PointMap", options: RecordingOptions, mounting: "Mounting | None"
+) -> "tuple[Trajectory, str, tuple[str, ...]]":
+    from maxcon.drive.diagnosis import check_heights
+    from maxcon.io.fixes import Heights
+    from maxcon.io.geographic_priors import read_geographic_prior
+
+    read = read_geographic_prior(prior, point_map.frame.crs, options.geoid_height, are_sure=mounting is not None)
+    placed = read.placed
+    trajectory = _of_sensor(placed.trajectory, mounting, has_orientations=placed.has_orientations)
+    if placed.heights is not None:
+        check_heights(point_map, trajectory, are_orthometric=placed.heights is Heights.ORTHOMETRIC)
+    return trajectory, f"prior: {read.words}", read.left_out
+
+
+def _check_without(given: Mapping[str, object], what: str, prior: Path) -> None:
+    """Refuse options that act on priors of another kind."""
+    for name in [name for name, value in given.items() if value is not None]:
         raise OptionError(f"Expected {name} with priors of {what}, got it with {prior}. Leave it out.")
 
 
@@ -179,69 +192,32 @@ def _of_sensor(trajectory: "Trajectory", mounting: "Mounting | None", *, has_ori
     return mounting.of_prior(trajectory, has_orientations=has_orientations)
 
 
-def _geographic_prior(
-    point_map: "PointMap", prior: Path, options: RecordingOptions, mounting: "Mounting | None"
-) -> "tuple[Trajectory, str, tuple[str, ...]]":
-    """The prior of a file in latitude, longitude and height, likewise."""
-    from maxcon.drive.diagnosis import check_heights
-    from maxcon.io.fixes import Heights
-    from maxcon.io.geographic_priors import read_geographic_prior
-
-    _check_without("--prior-topic", options.prior_topic, "a recording", prior)
-    _check_without("--prior-frames", options.prior_frames, "a recording", prior)
-    read = read_geographic_prior(prior, point_map.frame.crs, options.geoid_height, are_sure=mounting is not None)
-    kind = read.placed.heights
-    trajectory = _of_sensor(read.placed.trajectory, mounting, has_orientations=read.placed.has_orientations)
-    if kind is not None:
-        check_heights(point_map, trajectory, are_orthometric=kind is Heights.ORTHOMETRIC)
-    return trajectory, f"prior: {read.words}", read.left_out
-
-
 def _odometry(odometry: Path | None, options: RecordingOptions, sensor_frame: str) -> "tuple[Trajectory | None, str]":
     from maxcon.io.recordings.opening import is_recording
     from maxcon.io.recordings.poses import read_recorded_poses
     from maxcon.io.recordings.transforms import parse_frames
     from maxcon.io.trajectories import read_trajectory
 
-    asked = {"topic": options.odometry_topic, "frames": options.odometry_frames}
+    topic, frames = options.odometry_topic, options.odometry_frames
     if odometry is None or not is_recording(odometry):
-        for name in [name for name, value in asked.items() if value is not None]:
-            raise OptionError(
-                f"Expected --odometry-{name} together with --odometry and a recording, got it alone. Add that, or leave"
-                " it out."
-            )
+        for name, value in (("topic", topic), ("frames", frames)):
+            if value is not None:
+                raise OptionError(
+                    f"Expected --odometry-{name} together with --odometry and a recording, got it alone. Add that, or"
+                    " leave it out."
+                )
         return None if odometry is None else read_trajectory(odometry), ""
-    frames = asked["frames"] and parse_frames(asked["frames"], "--odometry-frames")
-    poses = read_recorded_poses(
-        odometry, asked["topic"], is_odometry=True, frames=frames or None, sensor_frame=sensor_frame
-    )
+    parsed = None if frames is None else parse_frames(frames, "--odometry-frames")
+    poses = read_recorded_poses(odometry, topic, is_odometry=True, frames=parsed, sensor_frame=sensor_frame)
     return poses.trajectory, f"odometry: {poses.words}"
 
 
 @contextmanager
 def naming_files(prior: Path, scans: Path, map_folder: Path | str) -> Iterator[None]:
     """Put the names of the files before what the library says of a prior that fits neither scans nor map."""
-    from maxcon.errors import MapError, TrajectoryError
-
     try:
         yield
     except TrajectoryError as error:
         raise TrajectoryError(f"{prior} and {scans}: {error}") from error
     except MapError as error:
         raise MapError(f"{prior} and {map_folder}: {error}") from error
-
-
-def check_outputs(prior: Path | None, out: Path, tum: Path | None, plot: Path | None, numbers: str | None) -> None:
-    """Refuse outputs that cannot be written, or would replace each other or the prior, and options without effect."""
-    from maxcon._system.atomic import check_folder, check_writable
-
-    named = [path.resolve() for path in (prior, out, tum) if path is not None]
-    if len(set(named)) < len(named):
-        raise OptionError("Expected different files as --prior, --out and --tum, got one twice. Rename one.")
-    if numbers is not None and plot is None:
-        raise OptionError("Expected --plot DIR with --plot-epochs, got none. Name a folder for the pictures.")
-    for path in (out, tum):
-        if path is not None:
-            check_writable(path)
-    if plot is not None:
-        check_folder(plot)

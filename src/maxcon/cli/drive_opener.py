@@ -16,12 +16,10 @@ from maxcon.errors import MaxconError
 if TYPE_CHECKING:
     from maxcon._system.engine import Engine
     from maxcon.drive.localize import Drive, DriveOptions, EpochEstimate
-    from maxcon.drive.many import DriveEntry, DriveTask
+    from maxcon.drive.many import DriveEntry
     from maxcon.drive.within_sigmas import WithinSigmas
     from maxcon.localizer import MaximumConsensus
     from maxcon.map import PointMap
-
-__all__ = ["DriveOpener", "OpenedDrive", "several_workers"]
 
 
 @dataclass(frozen=True)
@@ -121,7 +119,7 @@ class OpenedDrive:
         return track_drive(self.point_map, self.inputs.scans, prior, tracker, odometry, self.opener.drive)
 
     def estimates(self, first: int, last: int) -> "Iterator[EpochEstimate]":
-        """Localize the epochs from `first` up to, not including, `last`; a track from its beginning to its end."""
+        """Localize the epochs `first` to `last` - 1; a track from its beginning to its end."""
         if self.opener.is_track:
             return self.started()
         return self.checked().estimates(first, last, self.opener.threads)
@@ -156,23 +154,22 @@ class OpenedDrive:
         return naming_files(entry.odometry or entry.prior or entry.scans, entry.scans, entry.map)
 
 
-def several_workers(
+def by_workers(
     opened: OpenedDrive, engine: "Engine", first: int, with_points: frozenset[int]
 ) -> "Iterator[EpochEstimate]":
     """Yield the epochs of a drive from one on, in order, localized by the workers of an engine.
 
     Points stay with the workers; those of the epochs `with_points` are read once more.
     """
-    from maxcon.drive.many import tasks_of
-
     opened.checked()  # what cannot work is said before anything is started
-    found = _in_order(opened, engine, list(tasks_of(opened.entry, range(first, opened.n_epochs))), first)
+    found = _in_order(opened, engine, first)
     return (opened.with_points(epoch) if epoch.epoch in with_points else epoch for epoch in found)
 
 
-def _in_order(opened: OpenedDrive, engine: "Engine", tasks: "list[DriveTask]", first: int) -> "Iterator[EpochEstimate]":
-    from maxcon.drive.many import ManyDrivesJob
+def _in_order(opened: OpenedDrive, engine: "Engine", first: int) -> "Iterator[EpochEstimate]":
+    from maxcon.drive.many import ManyDrivesJob, tasks_of
 
+    tasks = list(tasks_of(opened.entry, range(first, opened.n_epochs)))
     waiting: dict[int, EpochEstimate] = {}
     for _, found in engine.run(ManyDrivesJob(opened.opener), tasks, len(tasks)):
         if isinstance(found, str):

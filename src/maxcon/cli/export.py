@@ -7,85 +7,70 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from maxcon.cli.flags import flags
+from maxcon.cli.flags import OptionGroup, argument, flag, flags
 from maxcon.cli.options import AtStamp, RangeOptions, Topic
+from maxcon.errors import FileError, MapError, OptionError
 
 if TYPE_CHECKING:
     from maxcon.export import PoseRow
 
-__all__ = ["export"]
+
+class ExportOptions(OptionGroup):
+    """What is exported, and to where."""
+
+    table: Path = argument(..., "POSES.csv, or the folder of many drives, as `maxcon localize` writes them.", "POSES")
+    out: Path = flag(
+        ...,
+        "File to write: .geojson, .gpkg (extra export), .kml, .mcap (extra recordings), .tum, .kitti, or .csv with"
+        " degrees; with --scans .laz or .las.",
+        "--out", "-o", metavar="FILE",
+    )  # fmt: skip
+    drive: str | None = flag(None, "Which drive of the folder; the only one if not given.", metavar="NAME")
+    map_folder: Path | None = flag(None, "The map the poses are in: tells the CRS.", "--map", metavar="MAP")
+    crs: str | None = flag(None, "CRS of the poses, where the map tells none.", metavar="EPSG:N|WKT")
+    scans: Path | None = flag(
+        None, "The scans of the drive: their points are written, placed in the map, as LAZ.", metavar="SCANS"
+    )
+    topic: Topic = None
+    times: Path | None = flag(None, "Time of each scan, as for `maxcon localize`.", metavar="FILE")
+    at_stamp: AtStamp = False
 
 
 @flags
 def export(
-    *,
-    table: Annotated[
-        Path,
-        typer.Argument(
-            metavar="POSES", help="POSES.csv, or the folder of many drives, as `maxcon localize` writes them."
-        ),
-    ],
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out",
-            "-o",
-            metavar="FILE",
-            help="File to write: .geojson, .gpkg (extra export), .kml, .mcap (extra recordings), .tum, .kitti, or .csv"
-            " with degrees; with --scans .laz or .las.",
-        ),
-    ],
-    drive: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Which drive of the folder; the only one if not given.")
-    ] = None,
-    map_folder: Annotated[
-        Path | None, typer.Option("--map", metavar="MAP", help="The map the poses are in: tells the CRS.")
-    ] = None,
-    crs: Annotated[
-        str | None, typer.Option(metavar="EPSG:N|WKT", help="CRS of the poses, where the map tells none.")
-    ] = None,
-    scans: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="SCANS", help="The scans of the drive: their points are written, placed in the map, as LAZ."
-        ),
-    ] = None,
-    topic: Topic = None,
-    times: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Time of each scan, as for `maxcon localize`.")
-    ] = None,
-    at_stamp: AtStamp = False,
+    what: ExportOptions,
     ranges: RangeOptions,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file, if it is there.")] = False,
 ) -> None:
     """Write the poses of a drive for another program, or its scans where they are in the map; the suffix says which."""
-    from maxcon.errors import OptionError
     from maxcon.export import SCAN_SUFFIXES, export_poses, export_scans, read_rows
     from maxcon.io.scans import open_scans
 
-    if crs is not None and map_folder is not None:
+    out, crs = what.out, what.crs
+    if crs is not None and what.map_folder is not None:
         raise OptionError("Expected either --map or --crs, got both. Leave one out.")
-    table = _table(table, drive)
+    table = _table(what.table, what.drive)
     are_scans = out.suffix.lower() in SCAN_SUFFIXES
-    if are_scans != (scans is not None):
-        what = "--scans for" if are_scans else f"a {' or '.join(SCAN_SUFFIXES)} file with --scans, got"
-        raise OptionError(f"Expected {what} {out}{', got none' * are_scans}. Name the scans of the drive, or none.")
+    if are_scans != (what.scans is not None):
+        wanted = "--scans for" if are_scans else f"a {' or '.join(SCAN_SUFFIXES)} file with --scans, got"
+        raise OptionError(f"Expected {wanted} {out}{', got none' * are_scans}. Name the scans of the drive, or none.")
     _check_out(table, out, overwrite=overwrite)
-    if map_folder is not None:
-        crs = _crs_of_map(map_folder, table, read_rows(table))
-    if scans is not None:
-        opened = open_scans(scans, times, topic=topic, at_stamp=at_stamp)
-        rows, n_points = export_scans(table, out, opened, crs, min_range=ranges.min_range, max_range=ranges.max_range)
+    if what.map_folder is not None:
+        crs = _crs_of_map(what.map_folder, table, read_rows(table))
+    points = ""
+    if what.scans is not None:
+        scans = open_scans(what.scans, what.times, topic=what.topic, at_stamp=what.at_stamp)
+        rows, n_points = export_scans(table, out, scans, crs, min_range=ranges.min_range, max_range=ranges.max_range)
+        points = f", {n_points:,} points"
     else:
-        rows, n_points = export_poses(table, out, crs), 0
+        rows = export_poses(table, out, crs)
     n_localized = sum(row.pose is not None for row in rows)
-    points = f", {n_points:,} points" if scans is not None else ""
     typer.echo(f"{n_localized} of {len(rows)} epochs have a pose{points}; written to {out}")
 
 
 def _table(path: Path, drive: str | None) -> Path:
     """The file of a drive where a folder of many is named; else what is named."""
-    from maxcon.errors import OptionError
+    from maxcon.drive.poses_dataset import table_of_drive
 
     if not path.is_dir():
         if drive is not None:
@@ -93,15 +78,12 @@ def _table(path: Path, drive: str | None) -> Path:
                 f"Expected --drive with a folder of many drives (maxcon localize --drives), got {path}. Leave it out."
             )
         return path
-    from maxcon.drive.poses_dataset import table_of_drive
-
     return table_of_drive(path, drive)
 
 
 def _check_out(table: Path, out: Path, *, overwrite: bool) -> None:
     """Refuse a file that cannot be written, or that is there."""
     from maxcon._system.atomic import check_writable
-    from maxcon.errors import FileError, OptionError
     from maxcon.export import files_of_export
 
     for path in files_of_export(out):
@@ -117,7 +99,6 @@ def _check_out(table: Path, out: Path, *, overwrite: bool) -> None:
 def _crs_of_map(map_folder: Path, table: Path, rows: "list[PoseRow]") -> str | None:
     """The CRS of a map; refuses one that most of the poses lie outside of."""
     from maxcon.drive.localize import MAP_MARGIN
-    from maxcon.errors import MapError
     from maxcon.map import PointMap
 
     point_map = PointMap.open(map_folder)

@@ -6,13 +6,11 @@ import functools
 import inspect
 from collections.abc import Callable
 from copy import copy
-from dataclasses import MISSING, Field, field, fields, is_dataclass
-from typing import Annotated, Any, ClassVar, get_args
+from dataclasses import MISSING, Field, dataclass, field, fields
+from typing import Annotated, Any, ClassVar, dataclass_transform, get_args
 
 import typer
 from typer.core import TyperCommand
-
-__all__ = ["TITLES", "GroupedCommand", "OptionGroup", "flag", "flags"]
 
 TITLES = (
     "Arguments", "Inputs", "Recordings and scanners", "Rounds", "Classes", "Method", "Search space", "Motion",
@@ -21,32 +19,44 @@ TITLES = (
 """Titles in the help, in this order; options without a title stand under the last."""
 
 
+@dataclass_transform(frozen_default=True, kw_only_default=True)
+@dataclass(frozen=True, kw_only=True)
 class OptionGroup:
-    """Base of a frozen dataclass whose fields are made by `flag`, or annotated with a `typer.Option`."""
+    """Base of groups: frozen dataclasses, whose fields are made by `flag` and `argument`, or are `Annotated`."""
 
     title: ClassVar[str]
 
+    def __init_subclass__(cls, title: str = TITLES[-1]) -> None:
+        cls.title = title
+        dataclass(frozen=True, kw_only=True)(cls)
+
 
 def flag(default: Any, help: str, *names: str, **how: Any) -> Any:
-    """Return the field of an option group: a default, or `...` where it must be given, and what typer is told of it."""
-    option = {"option": typer.Option(*names, help=help, **how)}
-    return field(metadata=option) if default is ... else field(default=default, metadata=option)
+    """Return the field of an option: its default, or `...` where it must be given, and what typer is told of it."""
+    return _field(default, typer.Option(*names, help=help, **how))
+
+
+def argument(default: Any, help: str, metavar: str, **how: Any) -> Any:
+    """Return the field of an argument, likewise."""
+    return _field(default, typer.Argument(help=help, metavar=metavar, **how))
+
+
+def _field(default: Any, told: Any) -> Any:
+    return field(default=MISSING if default is ... else default, metadata={"told": told})
 
 
 def flags(command: Callable[..., None]) -> Callable[..., None]:
     """Return a command with a flag for each field of its parameters that are option groups."""
     parameters = inspect.signature(command).parameters
-    groups = {name: each.annotation for name, each in parameters.items() if _is_group(each.annotation)}
-    flat = []
+    groups = {
+        name: each.annotation
+        for name, each in parameters.items()
+        if isinstance(each.annotation, type) and issubclass(each.annotation, OptionGroup)
+    }
+    flat: list[inspect.Parameter] = []
     for name, each in parameters.items():
         if name in groups:
-            flat += [
-                inspect.Parameter(
-                    field.name, inspect.Parameter.KEYWORD_ONLY, default=_default(field),
-                    annotation=_titled(field, groups[name].title),
-                )
-                for field in fields(groups[name])
-            ]  # fmt: skip
+            flat += [_parameter(field, groups[name].title) for field in fields(groups[name])]
         else:
             flat.append(each.replace(kind=inspect.Parameter.KEYWORD_ONLY))
 
@@ -63,20 +73,16 @@ def flags(command: Callable[..., None]) -> Callable[..., None]:
     return run
 
 
-def _is_group(annotation: Any) -> bool:
-    return isinstance(annotation, type) and issubclass(annotation, OptionGroup) and is_dataclass(annotation)
-
-
-def _default(field: Field[Any]) -> Any:
-    return inspect.Parameter.empty if field.default is MISSING else field.default
-
-
-def _titled(field: Field[Any], title: str) -> Any:
-    """The type of a field with its option, which stands under a title in the help."""
-    kind, option = (field.type, field.metadata["option"]) if field.metadata else get_args(field.type)
-    option = copy(option)
-    option.rich_help_panel = title
-    return Annotated[kind, option]
+def _parameter(field: Field[Any], title: str) -> inspect.Parameter:
+    """The parameter of a field; a flag that is off if not given has no second name that turns it off."""
+    kind, told = (field.type, field.metadata["told"]) if field.metadata else get_args(field.type)
+    told = copy(told)
+    told.rich_help_panel = told.rich_help_panel or title
+    if field.default is False and told.default is ...:  # where typer keeps the first name that is given
+        told.param_decls = (f"--{field.name.replace('_', '-')}",)
+    default = inspect.Parameter.empty if field.default is MISSING else field.default
+    option = Annotated[kind, told]  # type: ignore[valid-type]
+    return inspect.Parameter(field.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=option)
 
 
 class GroupedCommand(TyperCommand):
@@ -86,10 +92,9 @@ class GroupedCommand(TyperCommand):
         """Write arguments and options."""
         sections: dict[str, list[tuple[str, str]]] = {title: [] for title in TITLES}
         for parameter in self.get_params(ctx):
-            record = parameter.get_help_record(ctx)
             is_argument = parameter.param_type_name == "argument"
             title = TITLES[0] if is_argument else getattr(parameter, "rich_help_panel", None) or TITLES[-1]
-            if record is not None:
+            if record := parameter.get_help_record(ctx):
                 sections[title].append(record)
         for title, records in sections.items():
             if records:

@@ -9,10 +9,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from maxcon.cli.drive_inputs import check_outputs
-from maxcon.cli.drive_opener import DriveOpener, several_workers
-from maxcon.cli.drive_summary import is_whole, print_alternative, print_summary
-from maxcon.cli.flags import flags
+from maxcon.cli.drive_opener import DriveOpener, by_workers
+from maxcon.cli.drive_output import (
+    check_outputs,
+    drawer,
+    is_whole,
+    parse_epochs,
+    print_alternative,
+    print_summary,
+    write_trajectory,
+    written,
+)
+from maxcon.cli.flags import OptionGroup, argument, flag, flags
 from maxcon.cli.options import (
     Certainty,
     MethodOptions,
@@ -25,7 +33,6 @@ from maxcon.cli.options import (
     WorkerOptions,
     parse_objective,
 )
-from maxcon.cli.poses_csv import check_table, drawer, parse_epochs, read_there, write_trajectory, written
 from maxcon.cli.space_options import SpaceOptions
 from maxcon.cli.terminal import step_bars, warn
 from maxcon.errors import MaxconError, OptionError
@@ -33,77 +40,65 @@ from maxcon.errors import MaxconError, OptionError
 if TYPE_CHECKING:
     from maxcon._system.engine import Engine
 
-__all__ = ["localize"]
+
+class DriveFiles(OptionGroup, title="Inputs"):
+    """The files of a drive, or the table of many."""
+
+    map_folder: Path | None = argument(None, "Map made by `maxcon map build`.", "MAP", show_default=False)
+    scans: Path | None = argument(
+        None,
+        "Folder of .bin (KITTI), .pcd, .ply, .npz, .las or .laz scans; or a recording: .bag, .mcap, .db3, .pcap, or the"
+        " folder of a ROS 2 bag.",
+        "SCANS",
+        show_default=False,
+    )
+    drives: Path | None = flag(
+        None,
+        "Instead of SCANS: a table of many drives, each with its name, scans, prior, and map where that is not MAP.",
+        metavar="CSV|TOML",
+    )
+    prior: Path | None = flag(
+        None,
+        "Rough poses T_map_sensor, in the CRS of the map; or by latitude and longitude, in a CSV, a log of NMEA"
+        " sentences (.nmea, .log, .txt), or a recording. Without it the poses in the recording of the scans.",
+        metavar="TUM|CSV|NMEA|RECORDING",
+    )
+    out: Path = flag(
+        ...,
+        "Table to write, a row per epoch; with --drives the folder of a Parquet dataset, which goes on.",
+        "--out", "-o", metavar="POSES.csv", rich_help_panel="Output",
+    )  # fmt: skip
+
+
+class TimeOptions(OptionGroup, title="Inputs"):
+    """How scans find their priors in time."""
+
+    max_gap: float = flag(0.5, "Largest gap in the prior to interpolate across.", metavar="S")
+    times: Times = None
+
+
+class PictureOptions(OptionGroup, title="Output"):
+    """Which epochs are drawn."""
+
+    plot: Path | None = flag(None, "Draw epochs into this folder.", metavar="DIR")
+    plot_epochs: str | None = flag(
+        None, "Epochs to draw: 0,5,10-20 or all. Default: ten over the drive.", metavar="LIST"
+    )
 
 
 @flags
 def localize(
     *,
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out",
-            "-o",
-            metavar="POSES.csv",
-            help="Table to write, a row per epoch; with --drives the folder of a Parquet dataset, which goes on.",
-            rich_help_panel="Output",
-        ),
-    ],
+    files: DriveFiles,
     method: MethodOptions,
     space: SpaceOptions,
     certainty: Certainty,
     motion: MotionOptions,
     recording: RecordingOptions,
-    map_folder: Annotated[
-        Path | None, typer.Argument(metavar="MAP", help="Map made by `maxcon map build`.", show_default=False)
-    ] = None,
-    scans: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="SCANS",
-            help="Folder of .bin (KITTI), .pcd, .ply, .npz, .las or .laz scans; or a recording: .bag, .mcap, .db3,"
-            " .pcap, or the folder of a ROS 2 bag.",
-            show_default=False,
-        ),
-    ] = None,
-    drives: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="CSV|TOML",
-            help="Instead of SCANS: a table of many drives, each with its name, scans, prior, and map where that is not"
-            " MAP.",
-            rich_help_panel="Inputs",
-        ),
-    ] = None,
-    prior: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="TUM|CSV|NMEA|RECORDING",
-            help="Rough poses T_map_sensor, in the CRS of the map; or by latitude and longitude, in a CSV, a"
-            " log of NMEA sentences (.nmea, .log, .txt), or a recording."
-            " Without it the poses in the recording of the scans.",
-            show_default=False,
-            rich_help_panel="Inputs",
-        ),
-    ] = None,
     ranges: RangeOptions,
-    max_gap: Annotated[
-        float,
-        typer.Option(metavar="S", help="Largest gap in the prior to interpolate across.", rich_help_panel="Inputs"),
-    ] = 0.5,
-    times: Times = None,
+    time: TimeOptions,
     table: TableOptions,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Draw epochs into this folder.", rich_help_panel="Output")
-    ] = None,
-    plot_epochs: Annotated[
-        str | None,
-        typer.Option(
-            metavar="LIST",
-            help="Epochs to draw: 0,5,10-20 or all. Default: ten over the drive.",
-            rich_help_panel="Output",
-        ),
-    ] = None,
+    pictures: PictureOptions,
     threads: Annotated[
         int,
         typer.Option(
@@ -125,38 +120,37 @@ def localize(
     from maxcon._system.engine import Engine
     from maxcon.drive.localize import DriveOptions
     from maxcon.drive.many import DriveEntry
+    from maxcon.drive.poses_table import RowsThere, rows_there
 
-    alone = {
-        "SCANS": scans, "--prior": prior, "--odometry": motion.odometry, "--times": times, "--tum": table.tum,
-        "--plot": plot, "--plot-epochs": plot_epochs, "--resume": table.resume, "--overwrite": table.overwrite,
-    }  # fmt: skip
-    _check_one_or_many(drives, map_folder, out, alone)
     if worker.scheduler is not None:  # its workers are in other folders
-        map_folder, scans, prior, times = (_absolute(path) for path in (map_folder, scans, prior, times))
+        map_folder, scans, prior = (_absolute(path) for path in (files.map_folder, files.scans, files.prior))
+        files = replace(files, map_folder=map_folder, scans=scans, prior=prior)
+        time = replace(time, times=_absolute(time.times))
         motion = replace(motion, odometry=_absolute(motion.odometry))
         recording = replace(recording, mounting=_absolute(recording.mounting))
-    engine = Engine(1 if drives is None and worker.is_alone else worker.workers, worker.scheduler, warn)
-    options = DriveOptions(ranges.min_range, ranges.max_range, max_gap)
-    opener = DriveOpener(method, space, recording, motion, options, certainty, threads)
+    is_one = files.drives is None and worker.workers is None and worker.scheduler is None
+    engine = Engine(1 if is_one else worker.workers, worker.scheduler, warn)
+    options = DriveOptions(ranges.min_range, ranges.max_range, time.max_gap)
     parse_objective(method.objective)  # a wrong name is said before anything is read
-    if drives is not None:
-        _localize_many(drives, map_folder, out, opener, engine, quiet)
+    opener = DriveOpener(method, space, recording, motion, options, certainty, threads)
+    if files.drives is not None:
+        _check_many(files, motion, time, table, pictures)
+        _localize_many(files.drives, files.map_folder, files.out, opener, engine, quiet)
         return
-    assert map_folder is not None and scans is not None  # noqa: S101 - checked above
-    check_outputs(prior, out, table.tum, plot, plot_epochs)
-    check_table(out, resume=table.resume, overwrite=table.overwrite, track=motion.track)
+    if files.map_folder is None or files.scans is None:
+        missing = "MAP" if files.map_folder is None else "SCANS"
+        raise OptionError(f"Expected MAP and SCANS, or --drives with a table of drives, got no {missing}. Name it.")
+    out, plot = files.out, pictures.plot
+    check_outputs(out, table, prior=files.prior, plot=plot, plot_epochs=pictures.plot_epochs, track=motion.track)
     motion.check(is_shared=not engine.is_in_process)
-    entry = DriveEntry("", scans, map_folder, prior, times, motion.odometry)
-    opened = opener.open(entry, opener.open_map(map_folder), quiet=quiet)
+    entry = DriveEntry("", files.scans, files.map_folder, files.prior, time.times, motion.odometry)
+    opened = opener.open(entry, opener.open_map(files.map_folder), quiet=quiet)
     point_map, inputs, searching = opened.point_map, opened.inputs, opened.windows or opened.method
-    there = read_there(out, inputs.scans.times, resume=table.resume)
-    wanted = parse_epochs(plot_epochs, opened.n_epochs) if plot is not None else frozenset()
-    draw = drawer(plot, point_map, searching, method.objective) if plot is not None else None
-    if engine.is_in_process:
-        drive = opened.started(there.n_rows)
-    else:
-        drive = several_workers(opened, engine, there.n_rows, wanted)
-    epochs = written(out, there, drive, opened.n_epochs, draw, wanted, quiet)
+    there = rows_there(out, inputs.scans.times) if table.resume else RowsThere()
+    wanted = frozenset() if plot is None else parse_epochs(pictures.plot_epochs, opened.n_epochs)
+    draw = None if plot is None else drawer(plot, wanted, point_map, searching, method.objective)
+    started = opened.started(there.n_rows) if engine.is_in_process else by_workers(opened, engine, there.n_rows, wanted)
+    epochs = written(out, there, started, opened.n_epochs, quiet, draw)
     inputs.tell()
     searched = space.words(opened.windows, inputs.prior, epochs)
     print_summary(epochs, out, searched, there=there, left_out=inputs.left_out, track=motion.track)
@@ -174,33 +168,34 @@ def _absolute(path: Path | None) -> Path | None:
     return path if path is None or address_of(path) else path.absolute()
 
 
-def _check_one_or_many(drives: Path | None, map_folder: Path | None, out: Path, alone: Mapping[str, object]) -> None:
-    """Refuse arguments of one drive beside a table of drives, and one drive without its arguments."""
-    if drives is None:
-        missing = "MAP" if map_folder is None else "SCANS"
-        if map_folder is None or alone["SCANS"] is None:
-            raise OptionError(f"Expected MAP and SCANS, or --drives with a table of drives, got no {missing}. Name it.")
-        return
-    name = next((name for name, value in alone.items() if value), None)
-    if name is None:
-        return
-    if name == "--resume":
+def _check_many(
+    files: DriveFiles, motion: MotionOptions, time: TimeOptions, table: TableOptions, pictures: PictureOptions
+) -> None:
+    """Refuse arguments of one drive beside a table of drives."""
+    alone: Mapping[str, object] = {
+        "SCANS": files.scans, "--prior": files.prior, "--odometry": motion.odometry, "--times": time.times,
+        "--tum": table.tum, "--plot": pictures.plot, "--plot-epochs": pictures.plot_epochs,
+        "--resume": table.resume, "--overwrite": table.overwrite,
+    }  # fmt: skip
+    for name in [name for name, value in alone.items() if value]:
+        if name == "--resume":
+            raise OptionError(
+                "Expected --drives without --resume, got both: the same command goes on by itself where it was stopped."
+                " Leave --resume out."
+            )
+        if name == "--overwrite":
+            raise OptionError(
+                "Expected --drives without --overwrite, got both: what is there of drives is never replaced. To"
+                f" localize all anew remove {files.out} yourself, to do so with one its drive=NAME there; and leave"
+                " --overwrite out."
+            )
+        if name in ("--tum", "--plot", "--plot-epochs"):
+            instead = f"; when all is done: maxcon export {files.out} --drive NAME -o FILE.tum" * (name == "--tum")
+            raise OptionError(f"Expected {name} with one drive only, got it beside --drives. Leave it out{instead}.")
         raise OptionError(
-            "Expected --drives without --resume, got both: the same command goes on by itself where it was stopped."
-            " Leave --resume out."
+            f"Expected each drive's files in the table of --drives and no {name} beside it, got both. Name the file in"
+            " the table, or leave --drives out."
         )
-    if name == "--overwrite":
-        raise OptionError(
-            "Expected --drives without --overwrite, got both: what is there of drives is never replaced. To localize"
-            f" all anew remove {out} yourself, to do so with one its drive=NAME there; and leave --overwrite out."
-        )
-    if name in ("--tum", "--plot", "--plot-epochs"):
-        instead = f"; when all is done: maxcon export {out} --drive NAME -o FILE.tum" if name == "--tum" else ""
-        raise OptionError(f"Expected {name} with one drive only, got it beside --drives. Leave it out{instead}.")
-    raise OptionError(
-        f"Expected each drive's files in the table of --drives and no {name} beside it, got both. Name the file in the"
-        " table, or leave --drives out."
-    )
 
 
 def _localize_many(

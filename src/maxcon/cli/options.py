@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: MIT
 """Options that several commands have, and the option groups of those that localize."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -14,11 +13,6 @@ from maxcon.errors import OptionError
 if TYPE_CHECKING:
     from maxcon.search.objectives import Objective
 
-__all__ = [
-    "AtStamp", "Certainty", "MethodOptions", "MotionOptions", "Quiet", "RangeOptions", "RecordingOptions", "Risk",
-    "Scheduler", "TableOptions", "Times", "Topic", "WorkerOptions", "parse_objective",
-]  # fmt: skip
-
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.", rich_help_panel="Output")]
 Times = Annotated[
     Path | None,
@@ -27,53 +21,31 @@ Times = Annotated[
     ),
 ]
 Risk = Annotated[
-    float,
-    typer.Option(
-        metavar="0..1",
-        help="Errors exceed the protection level with at most this probability.",
-        rich_help_panel="Certainty",
-    ),
+    float, typer.Option(metavar="0..1", help="Errors exceed the protection level with at most this probability.")
 ]
-
-
-Topic = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NAME", help="Which of several point clouds of a recording.", rich_help_panel="Recordings and scanners"
-    ),
-]
+Topic = Annotated[str | None, typer.Option(metavar="NAME", help="Which of several point clouds of a recording.")]
 AtStamp = Annotated[
     bool,
     typer.Option(
         "--at-stamp",
         help="The time of a recorded scan is its message's, not the middle between its first and its last point.",
-        rich_help_panel="Recordings and scanners",
     ),
 ]
 Scheduler = Annotated[
-    str | None,
-    typer.Option(
-        metavar="ADDRESS",
-        help="Of a dask scheduler, tcp://HOST:8786: its workers do the work.",
-        rich_help_panel="How it is done",
-    ),
+    str | None, typer.Option(metavar="ADDRESS", help="Of a dask scheduler, tcp://HOST:8786: its workers do the work.")
 ]
 
 
-@dataclass(frozen=True, slots=True)
-class RangeOptions(OptionGroup):
+class RangeOptions(OptionGroup, title="Inputs"):
     """Which points of a scan take part, by their distance from the sensor, m."""
 
-    title = "Inputs"
     min_range: float = flag(1.0, "Nearer points are left out.", metavar="M")
     max_range: float = flag(120.0, "Farther points are left out.", metavar="M")
 
 
-@dataclass(frozen=True, slots=True)
-class RecordingOptions(OptionGroup):
+class RecordingOptions(OptionGroup, title="Recordings and scanners"):
     """What of a recording is used, and how; None for what is not given."""
 
-    title = "Recordings and scanners"
     topic: Topic = None
     prior_topic: str | None = flag(
         None,
@@ -108,21 +80,17 @@ class RecordingOptions(OptionGroup):
                 raise OptionError(f"Expected either --{what}-topic or --{what}-frames, got both. Leave one out.")
 
 
-@dataclass(frozen=True, slots=True)
-class MotionOptions(OptionGroup):
+class MotionOptions(OptionGroup, title="Motion"):
     """What is known and made of the vehicle's motion."""
 
-    title = "Motion"
-    track: bool = flag(
-        False, "Search each scan only where the one before and the motion since allow it to be.", "--track"
-    )
+    track: bool = flag(False, "Search each scan only where the one before and the motion since allow it to be.")
     odometry: Path | None = flag(
         None,
         "With --track or --deskew: poses in any frame that tell the motion; else the prior's own does.",
         metavar="TUM|CSV|RECORDING",
     )
     drift: float | None = flag(None, "Of the way, by which the odometry is off; 0.02 if not given.", metavar="SHARE")
-    deskew: bool = flag(False, "Points have times: move them to where they were at the time of their scan.", "--deskew")
+    deskew: bool = flag(False, "Points have times: move them to where they were at the time of their scan.")
     turn_time: float | None = flag(
         None,
         "With --deskew, where points have no times: how long a turn of the scanner takes, from behind to behind,"
@@ -146,19 +114,15 @@ class MotionOptions(OptionGroup):
 
     def check_turn_time(self) -> None:
         """Refuse a time of a turn that is none, or without effect: OptionError."""
-        if self.turn_time is None:
-            return
-        if not self.deskew:
+        if self.turn_time is not None and not self.deskew:
             raise OptionError("Expected --turn-time together with --deskew, got it alone. Add --deskew.")
-        if not 0.0 < abs(self.turn_time) <= 2.0:
+        if self.turn_time is not None and not 0.0 < abs(self.turn_time) <= 2.0:
             raise OptionError(f"Expected --turn-time of up to 2 s, got {self.turn_time}. Most scanners take 0.1 s.")
 
 
-@dataclass(frozen=True, slots=True)
-class MethodOptions(OptionGroup):
+class MethodOptions(OptionGroup, title="Method"):
     """How a scan is searched for in the map."""
 
-    title = "Method"
     objective: str = flag(
         "helmert",
         "What a cell is worth: helmert, count, max-eigenvalue, or one of your own, package.module:Name.",
@@ -179,16 +143,12 @@ class MethodOptions(OptionGroup):
         "branch-and-bound", "How the best cell is found; it is the same one."
     )
     refinement: bool = flag(True, "Adjust the pose of the best cell to the surfaces of the map, and examine it there.")
-    known_only: bool = flag(
-        False, "In an updated map: leave out what is new, too, not only what is gone.", "--known-only"
-    )
+    known_only: bool = flag(False, "In an updated map: leave out what is new, too, not only what is gone.")
 
 
-@dataclass(frozen=True, slots=True)
-class Certainty(OptionGroup):
+class Certainty(OptionGroup, title="Certainty"):
     """From where on an answer is not trusted."""
 
-    title = "Certainty"
     risk: Risk = 0.01
     least_share: float = flag(
         0.05, "Fewer of the scan's points matched: not trusted. Lower it for thin maps.", metavar="0..1"
@@ -198,30 +158,21 @@ class Certainty(OptionGroup):
     )
 
 
-@dataclass(frozen=True, slots=True)
-class TableOptions(OptionGroup):
+class TableOptions(OptionGroup, title="Output"):
     """How POSES.csv is begun, and what is written beside it."""
 
-    title = "Output"
-    resume: bool = flag(False, "Go on with POSES.csv where a call that was stopped ended.", "--resume")
-    overwrite: bool = flag(False, "Replace POSES.csv, if it is there.", "--overwrite")
+    resume: bool = flag(False, "Go on with POSES.csv where a call that was stopped ended.")
+    overwrite: bool = flag(False, "Replace POSES.csv, if it is there.")
     tum: Path | None = flag(None, "Also write the localized poses as TUM.", metavar="FILE")
 
 
-@dataclass(frozen=True, slots=True)
-class WorkerOptions(OptionGroup):
+class WorkerOptions(OptionGroup, title="How it is done"):
     """Who does the work: this process if neither is given."""
 
-    title = "How it is done"
     workers: int | None = flag(
         None, "Processes, about 1 GiB each; 1: all in this one. Default: as many as processors.", metavar="N", min=1
     )
     scheduler: Scheduler = None
-
-    @property
-    def is_alone(self) -> bool:
-        """Whether neither is given."""
-        return self.workers is None and self.scheduler is None
 
 
 def parse_objective(word: str) -> "Objective":

@@ -3,7 +3,6 @@
 """Where `maxcon localize` searches: within fixed half widths, or standard deviations of the prior."""
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from maxcon.cli.flags import OptionGroup, flag
@@ -16,16 +15,12 @@ if TYPE_CHECKING:
     from maxcon.scan.trajectory import Trajectory
     from maxcon.search.space import SearchSpace
 
-__all__ = ["SpaceOptions"]
-
 SIGMAS, LARGEST_HALF_WIDTH = 3.0, 24.0
 
 
-@dataclass(frozen=True, slots=True)
-class SpaceOptions(OptionGroup):
+class SpaceOptions(OptionGroup, title="Search space"):
     """Where a scan is searched for around its prior; None for what is not given."""
 
-    title = "Search space"
     wider: float = flag(12.0, "Search so far around an answer that is in doubt, m; 0: never.", metavar="M")
     half_width: float | None = flag(
         None,
@@ -65,7 +60,7 @@ class SpaceOptions(OptionGroup):
     )
 
     def fixed(self) -> "SearchSpace":
-        """Return the space of the half widths, and of the usual ones for those not given, rounded up to whole steps."""
+        """Return the space of the half widths, the usual ones if not given, rounded up to whole steps."""
         from maxcon.search.space import PAPER_STEP_DEG, SearchSpace
 
         usual = SearchSpace()
@@ -85,9 +80,8 @@ class SpaceOptions(OptionGroup):
     ) -> "WithinSigmas | None":
         """Return what searches within given standard deviations, or those of the prior; None for half widths.
 
-        A track is searched within half widths, unless standard deviations are given.
-
-        OptionError if half widths are given beside standard deviations, or one of these without the other.
+        A track is searched within half widths, unless standard deviations are given. OptionError if both kinds are
+        given, or one standard deviation without the other.
         """
         from maxcon.drive.within_sigmas import WithinSigmas
 
@@ -162,7 +156,7 @@ class SpaceOptions(OptionGroup):
 
 
 def _in_steps(given: float | None, usual: float, step: float | None) -> float:
-    """Return a half width, rounded up to whole steps; what makes no sense stays as it is, to be refused in words."""
+    """A half width, rounded up to whole steps; what makes no sense stays as it is, to be refused in words."""
     from maxcon.search.space import rounded_up
 
     reach = usual if given is None else given

@@ -17,14 +17,10 @@ if TYPE_CHECKING:
 
     from maxcon._system.progress import Progress as StepProgress
 
-__all__ = ["STOPPING", "Stop", "compiling_told", "progress_bar", "step_bars", "stopping_in_order", "warn"]
-
 SPEED_PERIOD = 600.0
 """The time left is estimated from the last so many seconds: a step of a study may take a minute."""
 COMPILING = "compiling, once after installation: up to a minute (`maxcon warmup` does it before)"
-STOPPING = ("SIGINT", "SIGTERM", "SIGHUP")
-"""Of Windows, which has no hangup, the first two."""
-
+STOPPING = ("SIGINT", "SIGTERM", "SIGHUP")  # of Windows, which has no hangup, the first two
 LOOK_EVERY = 0.1
 """s between looks at whether the exception is still on its way."""
 
@@ -76,7 +72,14 @@ def step_bars(unit: str, is_quiet: bool, *, has_lines: bool = False) -> Iterator
     Where stderr is not a terminal there are none; with `has_lines` a line says when a step begins.
     """
     if is_quiet or not sys.stderr.isatty():
-        yield _Lines().tell if has_lines and not is_quiet else lambda step, done, total: None
+        told: set[str] = set()
+
+        def tell(step: str, done: int, total: int) -> None:
+            if has_lines and not is_quiet and step not in told:
+                told.add(step)
+                warn(f"{step} ...")
+
+        yield tell
         return
     bars = _new_bars(unit)
     tasks: dict[str, Any] = {}
@@ -93,18 +96,6 @@ def step_bars(unit: str, is_quiet: bool, *, has_lines: bool = False) -> Iterator
     finally:
         if tasks:
             bars.stop()
-
-
-class _Lines:
-    """A line on stderr for each step, when it begins."""
-
-    def __init__(self) -> None:
-        self._told: set[str] = set()
-
-    def tell(self, step: str, done: int, total: int) -> None:
-        if step not in self._told:
-            self._told.add(step)
-            warn(f"{step} ...")
 
 
 @contextmanager

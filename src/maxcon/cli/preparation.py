@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""`maxcon scans info`."""
+"""Before the first drive: `maxcon warmup` compiles, `maxcon scans info` says how a recording is understood."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,18 +11,56 @@ from maxcon.cli.options import Topic
 
 if TYPE_CHECKING:
     from maxcon.io.scans.description import ScansDescription
-
-__all__ = ["app"]
-
-app = typer.Typer(help="Say what is in scans or a recording.", no_args_is_help=True, rich_markup_mode=None)
+    from maxcon.warmup import Compiled
 
 
-@app.callback()
+def warmup(quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Only the last line.")] = False) -> None:
+    """Compile what `map build` and `localize` need, once after installation: the first real call does not pause then.
+
+    A call when all is compiled already says so, and where the code is kept.
+    """
+    from maxcon._system.compiled import check_code_folder
+    from maxcon._system.kernel_cache import code_folder
+    from maxcon.errors import FileError
+    from maxcon.warmup import warm_up
+
+    done: list[Compiled] = []
+
+    def report(part: str, compiled: "Compiled | None") -> None:
+        if compiled is not None:
+            done.append(compiled)
+        if quiet:
+            return
+        if compiled is None:
+            typer.echo(f"{part:<26}", nl=False)
+        elif compiled.n_functions:
+            typer.echo(f"compiled in {compiled.seconds:.1f} s")
+        else:
+            typer.echo("compiled already")
+
+    check_code_folder()
+    try:
+        warm_up(report)
+    except OSError as error:
+        raise FileError(
+            f"Expected to be able to write {error.filename or 'compiled code'}, got: {error.strerror or error}."
+            " Check the folder, its permissions and the free disk space."
+        ) from error
+    seconds = sum(compiled.seconds for compiled in done)
+    is_new = any(compiled.n_functions for compiled in done)
+    begin = f"compiled in {seconds:.0f} s" if is_new else "everything was compiled already"
+    typer.echo(f"{begin}; the code is kept in {code_folder()}")
+
+
+scans = typer.Typer(help="Say what is in scans or a recording.", no_args_is_help=True, rich_markup_mode=None)
+
+
+@scans.callback()
 def _group() -> None:
     """Say what is in scans or a recording."""
 
 
-@app.command()
+@scans.command()
 def info(
     path: Annotated[
         Path,
@@ -53,20 +91,25 @@ def info(
         console.print("no point cloud that can be read")
     for scanner in found.scanners:
         table = Table("", "", show_header=False, box=None, pad_edge=False)
-        for name, text in _rows(scanner):
-            table.add_row(name, text)
+        for row in _rows(scanner):
+            table.add_row(*row)
         console.print()
         console.print(table)
 
 
 def _rows(scanner: "ScansDescription") -> list[tuple[str, str]]:
     rate = "" if scanner.rate is None else f", {scanner.rate:.2f} a second"
+    n, each = max(scanner.n_points, 1), scanner.n_points / max(scanner.n_seen, 1)
+    points = (
+        f"{each:,.0f} a scan; {100.0 * scanner.n_invalid / n:.1f} % no returns,"
+        f" {100.0 * scanner.n_duplicates / n:.1f} % come twice"
+    )
     rows = [
         ("scans", f"{scanner.source}: {scanner.n_scans:,} scans{rate}; of the first {scanner.n_seen}:"),
         ("fields", scanner.fields),
         ("times", scanner.times),
         ("rings", scanner.rings),
-        ("points", _points(scanner)),
+        ("points", points),
     ]
     if scanner.ranges is not None:
         nearest, median, farthest = scanner.ranges
@@ -75,18 +118,8 @@ def _rows(scanner: "ScansDescription") -> list[tuple[str, str]]:
         extents = zip("xyz", scanner.low, scanner.high, strict=True)
         rows.append(("extent", ", ".join(f"{axis} {low:.1f} to {high:.1f}" for axis, low, high in extents) + " m"))
     if scanner.fraction_with_normal is not None:
-        rows.append(
-            ("normals", f"{100.0 * scanner.fraction_with_normal:.0f} % of the points of the first scan have one")
-        )
+        percent = 100.0 * scanner.fraction_with_normal
+        rows.append(("normals", f"{percent:.0f} % of the points of the first scan have one"))
     if scanner.problem:
         rows.append(("problem", scanner.problem))
     return rows
-
-
-def _points(scanner: "ScansDescription") -> str:
-    n = max(scanner.n_points, 1)
-    each = scanner.n_points / max(scanner.n_seen, 1)
-    return (
-        f"{each:,.0f} a scan; {100.0 * scanner.n_invalid / n:.1f} % no returns,"
-        f" {100.0 * scanner.n_duplicates / n:.1f} % come twice"
-    )

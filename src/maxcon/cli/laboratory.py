@@ -1,0 +1,321 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""`maxcon simulate`, `demo`, `study` and `report`: the commands of the laboratory."""
+
+import math
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from maxcon.cli.flags import OptionGroup, argument, flag, flags
+from maxcon.cli.options import Quiet, RangeOptions, WorkerOptions
+from maxcon.cli.terminal import compiling_told, step_bars, warn
+from maxcon.errors import OptionError
+
+if TYPE_CHECKING:
+    from maxcon.io.recordings.writing import RecordingKind
+    from maxcon.lab.dataset import Dataset
+    from maxcon.lab.demo import MethodResult, WideResult
+    from maxcon.lab.study import MethodStatistics, Study
+
+
+# --- simulate --------------------------------------------------------------------------------------------------
+
+
+class Scene(StrEnum):
+    """Where the drive goes."""
+
+    CITY = "city"
+    SUBURB = "suburb"
+
+
+class Simulated(OptionGroup):
+    """What is simulated."""
+
+    out: Path = argument(..., "Folder of the dataset to write.", "OUT")
+    campaign: bool = flag(False, "A circuit mapped in five rounds, and a round of up to 3001 scans.")
+    hard: bool = flag(False, "With --campaign: periodic facades, things gone, 30 % unmapped returns.")
+    scene: Scene = flag(Scene.CITY, "A city, or a suburb: hedges, gardens, slopes, a moving scanner.")
+    scanner: str | None = flag(
+        None, "The car's scanner: vlp-16 (the default), vlp-32c, hdl-64e or os1-64.", metavar="NAME"
+    )
+    epochs: int | None = flag(None, "How many scans; 40, 3001 with --campaign, 200 in a suburb.", min=1)
+    every: float | None = flag(
+        None,
+        "With --campaign: seconds between two scans, from the beginning of the round on. Else they are spread evenly"
+        " over it.",
+        metavar="S",
+    )
+    seed: int = flag(0, "The same seed gives the same dataset.", min=0)
+    recording: str | None = flag(
+        None,
+        "Also write the scans, with positions in latitude and longitude, as a recording: a ROS 1 bag or MCAP (extra"
+        " recordings).",
+        metavar="bag|mcap",
+    )
+    overwrite: bool = flag(False, "Replace the folder if there is one.")
+
+    def check(self) -> None:
+        """Refuse options without effect: OptionError."""
+        for name, is_given in (("--hard", self.hard), ("--every", self.every is not None)):
+            if is_given and not self.campaign:
+                raise OptionError(
+                    f"Expected {name} together with --campaign, got it alone. Add --campaign, or leave it out."
+                )
+        if self.campaign and self.scene is not Scene.CITY:
+            raise OptionError(
+                f"Expected --campaign in the city, got it with --scene {self.scene.value}. Leave one of them out."
+            )
+
+
+@flags
+def simulate(what: Simulated, quiet: Quiet = False) -> None:
+    """Simulate a city or a suburb: map clouds (LAZ), scans, reference and priors (TUM). Needs the extra demo."""
+    from maxcon.lab import simulation
+
+    what.check()
+    kind = None if what.recording is None else _recording_kind(what.recording)
+    options: dict[str, Any] = {"seed": what.seed, "overwrite": what.overwrite}
+    if what.scanner is not None:
+        options["scanner"] = simulation.ScannerLayout.parse(what.scanner).scanner()
+    with step_bars("", quiet) as report:
+        options["progress"] = lambda done, total: report("simulating", done, total)
+        if what.campaign:
+            options |= {"every": what.every, "is_hard": what.hard}
+            dataset = simulation.simulate_campaign(what.out, n_epochs=what.epochs or 3001, **options)
+        elif what.scene is Scene.SUBURB:
+            dataset = simulation.simulate_suburb(what.out, n_epochs=what.epochs or 200, **options)
+        else:
+            dataset = simulation.simulate(what.out, n_epochs=what.epochs or 40, **options)
+    _print_parts(dataset)
+    if kind is not None:
+        from maxcon.lab.simulation.recordings import record_dataset
+
+        typer.echo(f"{'recording':<12} {record_dataset(dataset, kind)}")
+
+
+def _recording_kind(name: str) -> "RecordingKind":
+    """The kind of recording of a name; what writes it is there, or it is said before the work is done."""
+    from maxcon.io.recordings.writing import RecordingKind, check_writers
+
+    kinds = [kind.value for kind in RecordingKind]
+    if name not in kinds:
+        raise OptionError(f"Expected --recording to be one of {', '.join(kinds)}, got {name!r}. Choose one of these.")
+    check_writers()
+    return RecordingKind(name)
+
+
+def _print_parts(dataset: "Dataset") -> None:
+    """Name the parts of a dataset, one per line; a prior has its name where there are several."""
+    typer.echo(f"{dataset.folder}")
+    clouds = f"{dataset.map_clouds[0].parent}/*.laz ({len(dataset.map_clouds)} files, vehicles are class 64)"
+    parts: list[tuple[str, object]] = [("map clouds", clouds), ("mapping", dataset.map_trajectory)]
+    if dataset.map_sigma is not None:
+        parts.append(("map sigma", f"{dataset.map_sigma:g} m (map build --sigma {dataset.map_sigma:g})"))
+    parts += [("scans", dataset.scans), ("reference", dataset.reference)]
+    is_only = len(dataset.priors) == 1
+    parts += [("prior" if is_only else f"prior {name}", path) for name, path in dataset.priors.items()]
+    if dataset.odometry is not None:
+        parts.append(("odometry", dataset.odometry))
+    width = max(12, *(len(name) for name, _ in parts))
+    for name, path in parts:
+        typer.echo(f"{name:<{width}} {path}")
+
+
+# --- demo ------------------------------------------------------------------------------------------------------
+
+
+class DemoOptions(OptionGroup):
+    """What the demo makes."""
+
+    out: Path = flag(Path("maxcon-demo"), "Folder for everything the demo makes.", metavar="DIR")
+    epochs: int = flag(40, "How many scans.", min=1)
+    seed: int = flag(0, "The same seed gives the same answers.", min=0)
+    quiet: bool = flag(False, "No progress bars.", "--quiet", "-q")
+
+
+@flags
+def demo(how: DemoOptions) -> None:
+    """Simulate a small city, map it, drive it, localize from near and from wide priors, and report.
+
+    Needs the extra demo. A demo that stands in DIR is replaced; anything else there is an error.
+    """
+    from maxcon._system.atomic import atomic_folder, check_replaceable
+    from maxcon.lab import demo as lab
+
+    lab.check_extras()
+    check_replaceable(how.out, "a demo", lab.DEMO_NAMES)
+    with (
+        step_bars("", how.quiet, has_lines=True) as progress,
+        compiling_told(how.quiet),
+        atomic_folder(how.out, overwrite=True) as folder,
+    ):
+        drive = lab.prepare_demo(folder, n_epochs=how.epochs, seed=how.seed, progress=progress)
+        results = lab.localize_demo(drive, folder, lab.DEMO_METHODS, progress=progress)
+        wide = lab.try_wide_priors(drive, folder, seed=how.seed, progress=progress)
+        lab.report_demo(folder, drive, results, wide, seed=how.seed, progress=progress)
+    _print_demo(results, wide)
+    typer.echo(f"\nThe report with pictures: {how.out / 'report.html'}")
+
+
+def _print_demo(results: "list[MethodResult]", wide: "WideResult") -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title="Within 0.3 m and 1 degree of the reference, from priors wrong by up to 2.5 m and 1.8 degrees")
+    table.add_column("method")
+    for name in ("success", "median m", "worst m", "worst deg", "ms per epoch"):
+        table.add_column(name, justify="right")
+    for result in results:
+        of = result.accuracy
+        numbers = (f"{of.median_distance:.3f}", f"{of.worst_distance:.3f}", f"{math.degrees(of.worst_heading):.2f}")
+        ms = f"{result.median_milliseconds:.0f}"
+        table.add_row(result.method.name, f"{of.n_success} of {of.n_epochs}", *numbers, ms)
+    Console().print(table)
+
+    level = f"{wide.widest[0].offset:g} m and {wide.widest[0].heading_deg:g} degrees"
+    table = Table(title=f"The same, from priors wrong by up to {level}, beside registration")
+    table.add_column("method")
+    for name in ("success", "wrong, but reported as good", "median ms"):
+        table.add_column(name, justify="right")
+    for one in wide.widest:
+        table.add_row(one.method, f"{one.n_right} of {one.n_epochs}", str(one.n_wrong_but_good), f"{one.median_ms:.0f}")
+    Console().print("", table)
+    Console(soft_wrap=True).print(wide.words, markup=False, highlight=False)
+
+
+# --- study and report ------------------------------------------------------------------------------------------
+
+
+class StudyOptions(OptionGroup, title="Inputs"):
+    """What is studied, and where."""
+
+    dataset: Path = argument(..., "Folder with a dataset.toml, or such a file.", "DATASET")
+    out: Path = flag(
+        ..., "Folder to write; a study there goes on.", "--out", "-o", metavar="STUDY", rich_help_panel="Output"
+    )
+    methods: str | None = flag(
+        None,
+        "Names of methods and sets (consensus, baselines, ground, weights, cells, density). Default:"
+        " consensus,baselines; without those whose packages are not installed.",
+        metavar="LIST",
+        rich_help_panel="Method",
+    )
+    prior: list[str] | None = flag(
+        None, "Prior of the dataset, or reference; repeatable. Default: all of the dataset.", metavar="NAME"
+    )
+    epochs: int | None = flag(None, "So many scans, evenly spread. Default: all.", metavar="N", min=1)
+
+
+class StudySpace(OptionGroup, title="Search space"):
+    """Where each method searches."""
+
+    half_width: float = flag(3.0, "Largest offset from the prior in x and y, m.", metavar="M")
+    heading_half_width_deg: float = flag(2.0, "Largest turn from the prior's heading, degrees.", metavar="DEG")
+    heading_step_deg: float = flag(0.5, "Step between headings, degrees.", metavar="DEG")
+    max_gap: float = flag(
+        0.5, "Largest gap in prior and reference to interpolate across.", metavar="S", rich_help_panel="Inputs"
+    )
+
+
+@flags
+def study(
+    what: StudyOptions, ranges: RangeOptions, space: StudySpace, worker: WorkerOptions, quiet: Quiet = False
+) -> None:
+    """Compare methods over the epochs of a dataset: one table, a row per epoch and method.
+
+    Stopped or killed, the same command goes on; with other methods, priors or epochs it adds to the table.
+    """
+    from maxcon.drive.localize import DriveOptions
+    from maxcon.lab.dataset import Dataset
+    from maxcon.lab.study import DEFAULT_SETS, choose_methods, installed_methods, run_study
+    from maxcon.search.space import SearchSpace
+
+    opened = Dataset.open(what.dataset)
+    cell = _cell_of(opened.map_path)
+    searched = SearchSpace(space.half_width, cell, space.heading_half_width_deg, space.heading_step_deg)
+    listed = what.methods
+    names = DEFAULT_SETS if listed is None else [name.strip() for name in listed.split(",") if name.strip()]
+    chosen = choose_methods(names, searched)
+    if listed is None:
+        chosen, missing = installed_methods(chosen)
+        if missing:
+            typer.echo(f"without {', '.join(missing)}: pip install 'maxcon[baselines]'")
+    with step_bars("", quiet) as report:
+        done = run_study(
+            opened,
+            what.out,
+            chosen,
+            priors=what.prior,
+            n_epochs=what.epochs,
+            n_workers=worker.workers,
+            options=DriveOptions(ranges.min_range, ranges.max_range, space.max_gap),
+            progress=report,
+            scheduler=worker.scheduler,
+            warn=warn,
+        )
+    _print_study(done)
+
+
+def _cell_of(map_path: Path | None) -> float:
+    """Voxel edge of a built map; that of the standard map where it is still to be built."""
+    from maxcon.lab.study.methods import MAP_VARIANTS, STANDARD
+    from maxcon.map.manifest import read_manifest
+
+    return MAP_VARIANTS[STANDARD].cell if map_path is None else read_manifest(map_path).cell
+
+
+_NO_ANSWER = ("unreadable scan", "failed", "no prior", "no points", "no match", "outside the map")
+
+
+def _print_study(done: "Study") -> None:
+    from maxcon.lab.study import rows_by_method, statistics
+
+    found = [statistics(rows) for rows in rows_by_method(done.table, tuple(done.configuration.methods))]
+    width = max(len(method.method) for method in found)
+    for number, method in enumerate(found):
+        if number == 0 or method.prior != found[number - 1].prior:
+            typer.echo(f"prior {method.prior}")
+            typer.echo(f"  {'method':<{width}}   success    trusted  wrong  median m  worst m      ms")
+        typer.echo(f"  {method.method:<{width}} {_numbers(method)}")
+        others = {status: n for status, n in method.statuses.items() if status in _NO_ANSWER}
+        if others:
+            typer.echo(f"  {'':<{width}}   " + ", ".join(f"{n} {status}" for status, n in others.items()))
+    typer.echo(f"{len(done.table):,} rows in {done.folder / 'table.parquet'}")
+    typer.echo(f"page         maxcon report {done.folder} -o report.html")
+
+
+def _numbers(method: "MethodStatistics") -> str:
+    def shown(value: float, digits: int) -> str:
+        return "-" if math.isnan(value) else f"{value:.{digits}f}"
+
+    return (
+        f"{f'{method.n_success}/{method.n_epochs}':>10} {method.n_localized:>9} {method.n_false:>6}"
+        f" {shown(method.distance.median, 3):>9} {shown(method.distance.worst, 2):>8} {shown(method.ms, 0):>7}"
+    )
+
+
+def report(
+    study: Annotated[Path, typer.Argument(metavar="STUDY", help="Folder made by `maxcon study`.")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="REPORT.html", help="Page to write.")],
+    figures: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder for the figures (SVG). Default: REPORT-figures beside the page."),
+    ] = None,
+    dataset: Annotated[
+        Path | None, typer.Option(metavar="DATASET", help="Where the dataset is now, if it was moved.")
+    ] = None,
+    prior: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Prior that figures and claims are about. Default: the first.")
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Write the page of a study: claims, tables and figures in one file. Needs the extra demo."""
+    from maxcon.lab.report.study_report import report_study
+
+    with step_bars("", quiet) as tell:
+        folder = report_study(study, out, figures=figures, dataset=dataset, prior=prior, progress=tell)
+    typer.echo(f"{out}")
+    typer.echo(f"figures      {folder}")

@@ -1,0 +1,177 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""What the map commands print of a map and of an alignment."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from maxcon.map.manifest import Manifest
+    from maxcon.mapping.align import Alignment
+
+MOST_PAIRS = 15
+"""In the printed table; residuals.csv has all."""
+
+
+def print_rows(rows: Iterable[tuple[str, str]]) -> None:
+    """Print names and words, a row each."""
+    for name, text in rows:
+        typer.echo(f"{name:<12} {text}")
+
+
+# --- a map -----------------------------------------------------------------------------------------------------
+
+
+def print_manifest(manifest: "Manifest") -> None:
+    """Say what a map is made of."""
+    from maxcon.io.crs import crs_name
+    from maxcon.map import TILE_VOXELS
+    from maxcon.map.manifest import FORMAT_VERSION
+
+    edge, keys, build = TILE_VOXELS * manifest.cell, manifest.tiles.keys, manifest.build
+    x_low, y_low = keys.min(axis=0) * edge + manifest.origin[:2]
+    x_high, y_high = (keys.max(axis=0) + 1) * edge + manifest.origin[:2]
+    signed = "turned to the sensor's side" if manifest.is_signed else "unsigned (no sensor side: w = |cos|)"
+    n_files = sum(len(section.files) for section in manifest.sections.values())
+    files = f"{n_files:,} file{'s' if n_files > 1 else ''} of format version {FORMAT_VERSION}"
+    rows = [
+        ("voxels", f"{manifest.n_voxels:,} of {manifest.cell:g} m, from {manifest.n_points:,} points"),
+        ("tiles", f"{len(keys):,} of {edge:g} m, in {files}"),
+        ("extent", f"x {x_low:.1f} to {x_high:.1f}, y {y_low:.1f} to {y_high:.1f} m"),
+        ("origin", ", ".join(f"{value:.12g}" for value in manifest.origin) + " m"),
+        ("CRS", crs_name(manifest.crs)),
+        ("normals", f"{build.get('normals', 'unknown')}, {signed}"),
+        ("ground", _ground(manifest)),
+    ]
+    if "found" in build:
+        rows.append(("found", _found(build["found"])))
+    rows += [("sigma", _sigma(manifest)), ("made by", str(build.get("program", "unknown")))]
+    rows += rows_of_updates(build.get("updates", []))
+    print_rows(rows)
+    print_rows(("source", _source(source, is_found="found" in build)) for source in build.get("sources", []))
+
+
+def rows_of_updates(updates: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
+    """Return what of a map is gone and new, and how it came so: names and words."""
+    if not updates:
+        return []
+    last = updates[-1]
+    total = max(last["n_known"] + last["n_gone"] + last["n_new"], 1)
+    rows = [
+        (name, f"{last[f'n_{name}']:,} voxels, {100.0 * last[f'n_{name}'] / total:.2f} %")
+        for name in ("known", "gone", "new")
+    ]
+    for number, each in enumerate(updates, 1):
+        drives = ", ".join(f"{drive['name']} ({drive['n_looks']:,} looks)" for drive in each["drives"])
+        changed = f"{each['n_now_gone']:,} gone, {each['n_now_new']:,} new, {each['n_back']:,} back"
+        parent = f"{each['parent']['name']} {each['parent']['sha256'][:8]}"
+        rows.append(("update", f"{number} of {parent} by {drives}: {each['n_judged']:,} seen, {changed}"))
+    return rows
+
+
+def _ground(manifest: "Manifest") -> str:
+    from maxcon.map.ground import ground_voxels
+
+    if not len(manifest.ground):
+        return "not known: heights and tilts of priors are taken as they are"
+    origin = manifest.build.get("ground", "unknown")
+    return f"{manifest.n_heights:,} heights in cells of {ground_voxels(manifest.cell) * manifest.cell:g} m, {origin}"
+
+
+def _found(found: Mapping[str, Any]) -> str:
+    """Ratios of the points in each class that the build found."""
+    from maxcon.mapping.build.classes import found_ratios
+
+    ratios = found_ratios(found["n_points"], found["dropped"])
+    text = ", ".join(f"{name} {100.0 * ratio:.0f} %" for name, ratio in ratios)
+    return text + (f"; temporary objects cannot be found: {found['temporary']}" if found["temporary"] else "")
+
+
+def _sigma(manifest: "Manifest") -> str:
+    """How well the map is known, and from what."""
+    known = manifest.build.get("sigma", {"from": "it does not say from what"})
+    if known["from"] == "passes":
+        return (
+            f"{manifest.sigma:.3f} m, from {known['n_passes']} passes of {known['sigma_of_pass']:.3f} m each,"
+            f" compared at {known['n_places']:,} places"
+        )
+    words = {
+        "assumed": f"assumed: {known.get('reason')}; say it with --sigma",
+        "alignment": "from alignment.json beside the clouds: aligned rounds agree better than that",
+    }
+    return f"{manifest.sigma:g} m, {words.get(known['from'], known['from'])}"
+
+
+def _source(source: Mapping[str, Any], *, is_found: bool) -> str:
+    """What was taken of a cloud and what not."""
+    from maxcon.mapping.build.classes import class_name
+
+    parts = [f"{source['name']}: {source['n_points']:,} points, {source['n_kept']:,} kept"]
+    if source["n_dropped"]:
+        dropped = ", ".join(f"{n:,} {class_name(int(key))}" for key, n in source["n_dropped"].items())
+        parts.append(f"dropped {dropped}")
+    if source["n_invalid"]:
+        parts.append(f"dropped {source['n_invalid']:,} without finite coordinates")
+    if source.get("n_outside"):
+        parts.append(f"{source['n_outside']:,} outside of the area")
+    if source.get("transform"):
+        parts.append(source["transform"])
+    for name, words in (
+        ("n_thinned", "thinned out"),
+        ("n_withheld", "marked as withheld"),
+        ("n_without_side", "without a pose near their time"),
+    ):
+        if source.get(name):
+            parts.append(f"{source[name]:,} {words}")
+    if not (source["is_classified"] or is_found):
+        parts.append("no ASPRS classes: ground, vegetation and vehicles were not dropped")
+    return "; ".join(parts)
+
+
+# --- an alignment ----------------------------------------------------------------------------------------------
+
+
+def print_alignment(found: "Alignment") -> None:
+    """Say how far passes lay apart and lie apart, and what that means for a map."""
+    drift = found.adjusted.drift_sigma
+    matches = (
+        f"{len(found.constraints):,} matched pairs of visits, {found.n_contradicted:,} of them contradict the others"
+    )
+    for words, number in sorted(found.refused.items()):
+        matches += f"; of {number:,} more {words}"
+    print_rows([
+        ("passes", f"{len(found.passes)}, told apart by {found.passes.by}"),
+        ("matches", matches),
+        ("corrections", f"a motion of each pass{f', and drift of {drift:g} m' if drift else ', rigid'}"),
+    ])  # fmt: skip
+    _print_pairs(found)
+    in_crs = math.hypot(found.sigma_of_map, found.sigma_of_datum)
+    print_rows([
+        (
+            "sigma",
+            f"one pass beside the others {found.sigma_before:.4f} m before, {found.sigma_of_pass:.4f} m after; a map of"
+            f" all of them {found.sigma_of_map:.4f} m: `map build` finds it in alignment.json",
+        ),
+        (
+            "datum",
+            f"the mean of the passes' georeference, known to {found.sigma_of_datum:.3f} m: where answers have to hold"
+            f" in the CRS, --sigma {in_crs:.3f}",
+        ),
+        *(("note", each.words) for each in found.connectivity if each.words),
+    ])  # fmt: skip
+
+
+def _print_pairs(found: "Alignment") -> None:
+    """Distances between passes, pair by pair."""
+    typer.echo(f"{'passes':<12} {'pairs':>5}  {'horizontal, median / 95 % m':>35}  {'height, median m':>18}")
+    for pair in found.pairs[:MOST_PAIRS]:
+        first, second = (number + 1 for number in pair.passes)
+        (before, before_95), (after, after_95) = pair.horizontal_before, pair.horizontal_after
+        horizontal = f"{before:>7.3f} / {before_95:.3f} -> {after:>7.4f} / {after_95:.4f}"
+        height = f"{pair.height_before[0]:>7.3f} -> {pair.height_after[0]:>7.4f}"
+        typer.echo(f"{f'{first} - {second}':<12} {pair.n_constraints:>5}  {horizontal}  {height}")
+    if len(found.pairs) > MOST_PAIRS:
+        typer.echo(f"{'':<12} {len(found.pairs) - MOST_PAIRS} more pairs in residuals.csv")
