@@ -66,29 +66,64 @@ def drive(built_once, thin_profiles):
     return Drive(dataset, str(folder / "city.map"), read_trajectory(dataset.reference))
 
 
-@pytest.fixture
-def maxcon(monkeypatch, capfd):
+def call(*arguments):
     """Run the command line in this process; a Python warning is a failure: its lines would stand on stderr."""
     numbers = [getattr(signal, name) for name in STOPPING if hasattr(signal, name)]
-    signals = {number: signal.getsignal(number) for number in numbers}
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["maxcon", *map(str, arguments)])
-        capfd.readouterr()
-        code = 0
+    signals, argv = {number: signal.getsignal(number) for number in numbers}, sys.argv
+    sys.argv = ["maxcon", *map(str, arguments)]
+    try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             # Of velodyne-decoder 3.1, on a newer numpy; Python shows it to nobody.
             warnings.filterwarnings("ignore", "Setting the (dtype|shape) on a NumPy array", DeprecationWarning)
-            try:
-                main()
-            except SystemExit as ended:
-                code = ended.code or 0
+            main()
+    except SystemExit as ended:
+        return ended.code or 0
+    finally:
+        sys.argv = argv
+        for number, handler in signals.items():
+            signal.signal(number, handler)
+    return 0
+
+
+@pytest.fixture
+def maxcon(capfd):
+    """Run the command line in this process; say how it ended."""
+
+    def run(*arguments):
+        capfd.readouterr()
+        code = call(*arguments)
         return Ended(code, *capfd.readouterr())
 
-    yield run
-    for number, handler in signals.items():
-        signal.signal(number, handler)
+    return run
+
+
+@pytest.fixture
+def localize(maxcon, drive, tmp_path):
+    """Localize the drive, or another prior, scans or map, into a file of the test's folder, with options."""
+
+    def run(*options, prior=drive.dataset.prior, scans=drive.dataset.scans, city=drive.city, out="poses.csv"):
+        by = () if prior is None else ("--prior", prior)
+        return maxcon("localize", city, scans, *by, "-o", tmp_path / out, *options)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def poses(drive, built_once):
+    """POSES.csv of the drive, localized with the defaults once per run."""
+
+    def make(folder):
+        arguments = ("--prior", drive.dataset.prior, "-o", folder / "poses.csv", "--tum", folder / "poses.txt", "-q")
+        assert call("localize", drive.city, drive.dataset.scans, *arguments) == 0
+
+    return built_once("poses", make) / "poses.csv"
+
+
+@pytest.fixture
+def prior_rows(drive):
+    """The prior's rows of numbers, as text."""
+    return [line.split() for line in drive.dataset.prior.read_text().splitlines() if not line.startswith("#")]
 
 
 @pytest.fixture(scope="session")
@@ -177,15 +212,3 @@ def write_las(tmp_path, street):
         return tmp_path / name
 
     return write
-
-
-@pytest.fixture
-def truncated():
-    """Cut a file to a part of its length."""
-
-    def cut(path, part=0.6):
-        content = path.read_bytes()
-        path.write_bytes(content[: int(part * len(content))])
-        return path
-
-    return cut

@@ -263,8 +263,8 @@ def _remove(path):
 # The steps of a demo take a minute; what is asked of the command is the same of quick ones.
 QUICK_DEMO = """
 import time
-from maxcon import demo
-from maxcon.cli import main
+from maxcon.cli import laboratory, main
+from maxcon.lab import demo
 
 def step(*names):
     def write(*arguments, **options):
@@ -278,8 +278,7 @@ def step(*names):
 demo.prepare_demo, demo.localize_demo = step("dataset", "city.map"), step("poses-a.csv")
 demo.try_wide_priors = step("city-with-ground.map", "prior-error.csv")
 demo.report_demo = step("pictures", "report.html")
-import maxcon.cli.demo as command
-command._print_table = command._print_wide = lambda results: None
+laboratory._print_demo = lambda results, wide: None
 main()
 """
 

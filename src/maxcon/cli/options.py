@@ -195,7 +195,7 @@ def parse_objective(word: str) -> "Objective":
     except Exception as error:  # the user's own code may fail in any way
         raise OptionError(
             f"Expected --objective {word!r} to name an objective in a module that can be imported, got"
-            f" {type(error).__name__}: {error}"
+            f" {type(error).__name__}: {error}. Write it as package.module:Name."
         ) from error
     finally:
         sys.path.remove("")

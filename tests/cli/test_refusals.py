@@ -1,0 +1,245 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""What a command cannot use is one line, and nothing is written; every way a file can be wrong is its reader's test."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from maxcon.map.manifest import read_manifest
+from written_maps import edit_manifest
+
+SIGMAS = ("--sigma-position", "1", "--sigma-heading-deg", "0.5")
+
+
+# --- localize --------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def not_localized(maxcon, refused, drive, out):
+    """Check that localizing is refused with these words, and that nothing was written."""
+
+    def check(*words, city=drive.city, scans=drive.dataset.scans, prior=drive.dataset.prior, options=()):
+        outputs = ("-o", out / "poses.csv", "--tum", out / "poses.txt", "--plot", out / "pictures")
+        refused(maxcon("localize", city, scans, "--prior", prior, *outputs, *options), *words)
+        assert list(out.iterdir()) == []
+
+    return check
+
+
+def shifted(rows, column, by):
+    return "".join(" ".join([*row[:column], str(float(row[column]) + by), *row[column + 1 :]]) + "\n" for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("none.txt", None, ("none.txt", "no such file", "Check the path")),
+        ("a.json", "1 2 3 4 0 0 0 1\n", (".txt, .tum or .csv", "Rename it")),
+        ("a.txt", "# only a comment\n", ("a.txt", "at least one pose")),
+        ("a.csv", "time,lat,lon\n1,2,3\n", ("a.csv", "time,x,y,z,roll,pitch,heading")),
+        ("a.txt", (0, 1e9), ("a.txt and ", "386400.000", "same clock", "--times")),
+        ("a.txt", (2, -1e6), ("a.txt and ", "city.map", "inside the map", "y 4801", "same CRS")),
+        ("a.txt", (1, 1e300), ("inside the map",)),
+    ],
+)
+def test_priors_of_no_use(not_localized, prior_rows, tmp_path, name, content, words):
+    if content is not None:
+        (tmp_path / name).write_text(content if isinstance(content, str) else shifted(prior_rows, *content))
+    not_localized(*words, prior=tmp_path / name)
+
+
+def test_scans_of_no_use(not_localized, drive, tmp_path):
+    scans, empty, times = (tmp_path / name for name in ("scans", "empty", "clock.txt"))
+    empty.mkdir()
+    not_localized(tmp_path / "missing", "no such folder or file", scans=tmp_path / "missing")
+    not_localized(empty, ".bin, .pcd", "got none", scans=empty)
+    not_localized("times.txt", scans=drive.dataset.map_clouds[0].parent)  # a map is no folder of scans
+    not_localized(times, "no such file", options=("--times", times))
+    times.write_text("1\n")
+    not_localized("4 times", times, "got 1", options=("--times", times))
+    shutil.copytree(drive.dataset.scans, scans)
+    for path in scans.glob("*.bin"):
+        path.write_bytes(path.read_bytes()[: int(0.5001 * path.stat().st_size)])
+    not_localized(scans / "000000.bin", "16 bytes per point", "truncated", scans=scans)  # not one can be read
+
+
+def test_maps_of_no_use(not_localized, maxcon, refused, drive, tmp_path):
+    (tmp_path / "notes.txt").touch()
+    for name, got in (("a" * 300, "too long"), ("missing.map", "no such folder"), ("notes.txt", "got a file")):
+        not_localized(name, got, city=tmp_path / name)
+        refused(maxcon("map", "info", tmp_path / name), name, got)
+    city = shutil.copytree(drive.city, tmp_path / "city.map")
+    (shard,) = (city / "tiles").glob("*.arrows")
+    content, table = bytearray(shard.read_bytes()), read_manifest(city).tiles
+    for middle in (table.offsets + table.lengths // 2).tolist():
+        content[middle] ^= 1
+    shard.write_bytes(content)
+    not_localized(shard, "tile (", "checksum", "Build the map again", city=city)
+    assert maxcon("map", "info", city).code == 0
+    ended = maxcon("map", "info", city, "--check")
+    assert ended.code == 2 and "checksum" in ended.err and "as they were written" not in ended.out
+    edit_manifest(city, format_version=4)
+    not_localized(city, "format version 3, got 4", "Update maxcon", city=city)
+    (city / "manifest.json").write_text("{")
+    refused(maxcon("map", "info", city), city / "manifest.json", "Build the map again")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ("--half-width 3000 --heading-half-width-deg 180 --cell 0.06", ("cells", "7.21e+12", "Narrow")),
+        ("--half-width -3", ("half width >= 0", "-3")),
+        ("--half-width nan", ("nan",)),
+        ("--half-width 60000", ("cells", "Narrow")),
+        ("--heading-half-width-deg -1", ("-1",)),
+        ("--cell 0.05 --half-width 1", ("voxel edge", "0.05")),
+        ("--cell 0", ("step > 0",)),
+        ("--sigma-position 1", ("--sigma-position and --sigma-heading-deg", "no --sigma-heading-deg")),
+        ("--sigma-heading-deg 1", ("together", "no --sigma-position", "0 if it is exact")),
+        ("--sigmas 3", ("together", "no --sigma-position")),
+        ("SIGMAS --half-width 3", ("either half widths or standard deviations", "--half-width")),
+        ("SIGMAS --heading-half-width-deg 2", ("either", "--heading-half-width-deg", "Leave one")),
+        ("--sigmas 3 --half-width 3", ("either", "--half-width")),
+        ("--sigma-position -1 --sigma-heading-deg 1", ("--sigma-position", ">= 0", "-1")),
+        ("--sigma-position 1 --sigma-heading-deg nan", ("--sigma-heading-deg", "nan")),
+        ("--sigma-position 1e200 --sigma-heading-deg 1", ("finite",)),
+        ("SIGMAS --sigmas 0", ("--sigmas > 0", "got 0.0", "3")),
+        ("SIGMAS --sigmas inf", ("--sigmas > 0", "inf")),
+        ("--largest-half-width 9", ("together with --largest-half-width", "CSV prior", "no --track")),
+        ("--largest-half-width 9 --half-width 3", ("either", "--half-width")),
+        ("SIGMAS --largest-half-width 0", ("largest half width above 0 m", "got 0.0", "24 m")),
+        ("SIGMAS --heading-step-deg 0", ("step > 0",)),
+        ("--heading-step-deg -0.5", ("step > 0",)),
+        ("--min-range -1", ("min_range", "-1")),
+        ("--min-range 5 --max-range 4", ("5.0 m and 4.0 m",)),
+        ("--max-gap -1", ("max_gap", "-1")),
+        ("--plot-epochs 4", ("--plot-epochs", "0 to 3", "'4'")),
+        ("--risk 2", ("risk",)),
+        ("--odometry o.txt", ("Expected --odometry together with --track or --deskew, got it alone.",)),
+        ("--track --drift 0.01", ("Expected --drift together with --odometry, got it alone.",)),
+        ("--track --odometry missing.txt", ("missing.txt",)),
+        ("--track --resume", ("--resume without --track",)),
+        ("--track --workers 2", ("each epoch needs the one before",)),
+        ("--turn-time 0.1", ("together with --deskew",)),
+        ("--deskew --turn-time 10", ("of up to 2 s, got 10",)),
+        ("--resume --overwrite", ("either --resume or --overwrite",)),
+        ("--workers 2 --scheduler tcp://127.0.0.1:1", ("Leave out --workers or --scheduler",)),
+        ("--mounting missing.toml", ("missing.toml",)),
+        ("--topic /a", ("asked of a recording",)),
+        ("--geoid-height 40", ("--geoid-height with priors of a",)),
+        ("--odometry-topic /a", ("--odometry-topic together",)),
+        ("--odometry-frames odom:base_link", ("--odometry-frames tog",)),
+        ("--prior-frames a:b", ("--prior-frames with priors of a",)),
+        ("--prior-topic /a", ("--prior-topic with priors of a",)),
+        ("--objective Helmert", ("'count', 'helmert', 'max-eigenvalue'",)),
+        ("--objective nowhere_at_all:Name", ("ModuleNotFoundError",)),
+        ("--objective math:Missing", ("AttributeError",)),
+        ("--objective math:pi", ("`score",)),
+        ("--objective :Name", ("ValueError",)),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_options_of_localize(not_localized, options, words):
+    given = [word for part in options.split() for word in (SIGMAS if part == "SIGMAS" else (part,))]
+    not_localized(*words, options=given)
+
+
+def test_epochs_to_plot_without_a_folder(localize, refused, tmp_path):
+    refused(localize("--plot-epochs", "0"), "--plot DIR")
+    assert list(tmp_path.iterdir()) == []
+
+
+# --- map build -------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def not_built(maxcon, refused, out):
+    """Check that building is refused with these words, and that nothing was written."""
+
+    def check(*arguments, words):
+        refused(maxcon("map", "build", *arguments, "-o", out / "city.map"), *words)
+        assert list(out.iterdir()) == []
+
+    return check
+
+
+def broken_half_way(path):
+    content = bytearray(path.read_bytes())
+    middle = len(content) // 2
+    content[middle : middle + 2000] = bytes(2000)
+    path.write_bytes(content)
+    return path
+
+
+def test_clouds_of_no_use(not_built, write_las, street, street_npz, tmp_path):
+    names = ("empty.laz", "a.dxf", "far.npz", "mm.npz", "zero.npz", "drive.txt")
+    empty, drawing, far, millimetres, zero, drive = (tmp_path / name for name in names)
+    empty.touch(), drawing.touch()
+    np.savez(millimetres, points=np.random.default_rng(0).uniform(0.0, 200_000.0, (50_000, 3)))
+    np.savez(zero, points=street, times=np.zeros(len(street)))
+    np.savez(far, points=np.concatenate([street, [[1e300, 0.0, 0.0]]]))
+    drive.write_text("0 550000 5802000 62 0 0 0 1\n9 550001 5802000 62 0 0 0 1\n")
+    not_built(tmp_path / "missing.laz", words=["missing.laz", "no such file"])
+    not_built(tmp_path / ("a" * 300), words=["too long"])
+    not_built(tmp_path, words=["got the folder", tmp_path, "Name the files in it"])
+    not_built(empty, words=[empty, "Expected", "got"])
+    not_built(drawing, words=[drawing, ".las, .laz, .ply, .npz", "Convert it"])
+    not_built(street_npz, street_npz, words=["street.npz", "more than once"])
+    not_built(street_npz, broken_half_way(write_las("b.laz", crs=None)), words=["b.laz"])  # the first was whole
+    not_built(far, words=[far, "farther away", "Remove it"])
+    not_built(millimetres, words=["mm.npz", "millimetres", "50,000 points"])
+    not_built(zero, "--trajectory", drive, words=["zero.npz", "gps_time is 0", "--trajectory"])
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ("--drop foo", ("'foo'", "ground", "vegetation", "--vehicle-class 64")),
+        ("--drop " + "9" * 5000, ("0 to 255",)),
+        ("--vehicle-class -1", ("0 to 255", "-1")),
+        ("--drop ground --keep-all", ("--drop or --keep-all",)),
+        ("--vehicle-class 64 --keep-all", ("--vehicle-class or --keep-all",)),
+        ("--drop building", ("none of the 3,000 points",)),
+        ("--cell nan", ("positive voxel edge", "0.06")),
+        ("--cell 1e-9", ("voxel edge", "0.0001 to 100 m")),
+        ("--sigma=-0.01", ("sigma", ">= 0 m", "-0.01", "Leave it out")),
+        ("--area 1,2,3", ("x_min,y_min,x_max,y_max", "1,2,3")),
+        ("--area 0,0,1,1", ("lie outside of the area", "street.laz")),
+        ("--crs EPSG:25833", ("street.laz", "EPSG:25833", "leave out --crs")),
+        ("--to-crs EPSG:4326", ("WGS 84",)),
+        ("--trajectory none.txt", ("none.txt", "no such file")),
+        ("--threads 2 --workers 2", ("either threads of this process or others", "Leave out --threads")),
+        ("--threads 2 --scheduler tcp://127.0.0.1:1", ("either threads of this process or others",)),
+    ],
+    ids=lambda value: value[:30] if isinstance(value, str) else "",
+)
+def test_options_of_map_build(not_built, write_las, options, words):
+    not_built(write_las(), *options.split(), words=words)
+
+
+def test_reference_systems_that_are_none_are_one_line_too(not_built, street_npz):
+    for crs in ("EPSG:99999999", "", "PROJCS[\n", "EPSG:25832\nEPSG:25833"):
+        not_built(street_npz, "--crs", crs, words=["EPSG:25832"])
+
+
+def test_what_is_there_is_kept_unless_it_is_to_be_replaced(maxcon, refused, street_npz, tmp_path):
+    city, home, empty = (tmp_path / name for name in ("city.map", "home", "empty"))
+    (home / "tiles").mkdir(parents=True), empty.mkdir()
+    build = ("map", "build", street_npz, "-o")
+    for path in (city, empty):
+        assert maxcon(*build, path, "--overwrite").code == 0
+    before = (city / "manifest.json").read_bytes()
+    refused(maxcon(*build, city), city, "not to exist", "--overwrite")
+    refused(maxcon("map", "build", tmp_path / "none.laz", "-o", city, "--overwrite"), "none.laz")
+    assert (city / "manifest.json").read_bytes() == before
+    ended = maxcon(*build, city, "--overwrite", "--sigma", "0.5")
+    assert (ended.code, ended.err) == (0, "") and (city / "manifest.json").read_bytes() != before
+    (home / "thesis.tex").touch(), (city / "notes.txt").touch()
+    refused(maxcon(*build, home, "--overwrite"), home, "a map", "thesis.tex")
+    refused(maxcon(*build, street_npz, "--overwrite"), street_npz, "Not a directory")
+    refused(maxcon(*build, city, "--overwrite"), city, "notes.txt", "Move that away")
+    assert (home / "thesis.tex").exists() and street_npz.exists() and (city / "notes.txt").exists()
+    names = ["city.map", "empty", "home", "street.npz"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == names
