@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""`maxcon localize`: options of the search, windows from the prior's certainty, and drives that are localized in part."""
+"""`maxcon localize`: options of the search, windows from the certainty of priors, drives that are localized in part."""
 
 import inspect
 import math
