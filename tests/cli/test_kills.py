@@ -39,24 +39,16 @@ FEW, SOME = MORE, 2 * MORE
 """Rounds, of one to three kills each."""
 
 
-# --- what each command writes, and what of it is whole -----------------------------------------------------
+# --- what each command writes, and what of it is whole ---------------------------------------------------------
 
 
 def is_whole_map(path, maxcon):
     return maxcon("map", "info", path, "--check").code == 0
 
 
-def is_whole_dataset(path, maxcon):
-    return len(list(Dataset.open(path).scans.glob("*.bin"))) == 2
-
-
 def is_whole_alignment(path, maxcon):
     files = json.loads((path / "alignment.json").read_text())["files"]
     return len(files) == 2 and all(len(laspy.read(path / name).points) > 1000 for name in files)
-
-
-def is_whole_geojson(path, maxcon):
-    return len(json.loads(path.read_text())["features"]) == 4
 
 
 def is_whole_geopackage(path, maxcon):
@@ -72,44 +64,12 @@ def is_whole_mcap(path, maxcon):
         return make_reader(stream).get_summary().statistics.message_count == 13
 
 
-def is_whole_laz(path, maxcon):
-    return len(np.unique(laspy.read(path).point_source_id)) == 4
-
-
-def is_whole_page(path, maxcon):
-    return path.read_text().rstrip().endswith("</html>")
-
-
-def map_build(drive, folder):
-    return "map", "build", *drive.dataset.map_clouds, "-o", folder / "out.map"
-
-
-def map_update(drive, folder):
-    return ("map", "update", drive.city, drive.dataset.scans, folder.parent / "poses.csv", "-o", folder / "out.map")
-
-
-def map_align(drive, folder):
-    return "map", "align", *sorted(folder.parent.glob("round-*.laz")), "-o", folder / "out"
-
-
-def map_copy(drive, folder):
-    return "map", "copy", drive.city, folder / "out.map"
-
-
-def simulate(drive, folder):
-    return "simulate", "--epochs", "2", folder / "out"
-
-
 def export_to(name):
     def export(drive, folder):
         scans = ("--scans", drive.dataset.scans) if name.endswith(".laz") else ()
         return "export", folder.parent / "poses.csv", "--crs", "EPSG:25832", *scans, "-o", folder / name
 
     return export
-
-
-def report(drive, folder):
-    return "report", folder.parent / "small.study", "-o", folder / "out.html"
 
 
 class Writer(NamedTuple):
@@ -124,17 +84,40 @@ class Writer(NamedTuple):
 
 OVERWRITE = ("--overwrite",)
 WRITERS = {
-    "map build": Writer(map_build, OVERWRITE, is_whole_map, n_rounds=FEW),
-    "map update": Writer(map_update, OVERWRITE, is_whole_map, n_rounds=FEW),
-    "map align": Writer(map_align, OVERWRITE, is_whole_alignment, n_rounds=FEW),
-    "map copy": Writer(map_copy, OVERWRITE, is_whole_map),
-    "simulate": Writer(simulate, OVERWRITE, is_whole_dataset, n_rounds=FEW),
-    "export geojson": Writer(export_to("out.geojson"), OVERWRITE, is_whole_geojson),
+    "map build": Writer(
+        lambda drive, folder: ("map", "build", *drive.dataset.map_clouds, "-o", folder / "out.map"),
+        OVERWRITE, is_whole_map, n_rounds=FEW,
+    ),
+    "map update": Writer(
+        lambda drive, folder: (
+            "map", "update", drive.city, drive.dataset.scans, folder.parent / "poses.csv", "-o", folder / "out.map",
+        ),
+        OVERWRITE, is_whole_map, n_rounds=FEW,
+    ),
+    "map align": Writer(
+        lambda drive, folder: ("map", "align", *sorted(folder.parent.glob("round-*.laz")), "-o", folder / "out"),
+        OVERWRITE, is_whole_alignment, n_rounds=FEW,
+    ),
+    "map copy": Writer(
+        lambda drive, folder: ("map", "copy", drive.city, folder / "out.map"), OVERWRITE, is_whole_map
+    ),
+    "simulate": Writer(
+        lambda drive, folder: ("simulate", "--epochs", "2", folder / "out"), OVERWRITE,
+        lambda path, maxcon: len(list(Dataset.open(path).scans.glob("*.bin"))) == 2, n_rounds=FEW,
+    ),
+    "export geojson": Writer(
+        export_to("out.geojson"), OVERWRITE, lambda path, maxcon: len(json.loads(path.read_text())["features"]) == 4
+    ),
     "export gpkg": Writer(export_to("out.gpkg"), OVERWRITE, is_whole_geopackage, package="pyogrio"),
     "export mcap": Writer(export_to("out.mcap"), OVERWRITE, is_whole_mcap, package="mcap"),
-    "export laz": Writer(export_to("out.laz"), OVERWRITE, is_whole_laz),
-    "report": Writer(report, (), is_whole_page),
-}
+    "export laz": Writer(
+        export_to("out.laz"), OVERWRITE, lambda path, maxcon: len(np.unique(laspy.read(path).point_source_id)) == 4
+    ),
+    "report": Writer(
+        lambda drive, folder: ("report", folder.parent / "small.study", "-o", folder / "out.html"), (),
+        lambda path, maxcon: path.read_text().rstrip().endswith("</html>"),
+    ),
+}  # fmt: skip
 
 
 # --- inputs, and how to kill -------------------------------------------------------------------------------
@@ -330,7 +313,7 @@ def test_rows_of_a_killed_drive_stay_and_are_gone_on_with(command, n_rounds, dri
     folder.mkdir()
     out, rng = folder / "poses.csv", random.Random(command.__name__)
     seconds = timed(*command(drive, out))
-    whole = _rows(out)
+    whole = _complete_rows(out)
     assert len(whole) == 4
     for _ in range(n_rounds):
         out.unlink()
@@ -339,16 +322,16 @@ def test_rows_of_a_killed_drive_stay_and_are_gone_on_with(command, n_rounds, dri
         for _ in range(2):
             killed((*command(drive, out), *resume), rng.uniform(0.5, 1.0) * seconds)
             if out.exists():
-                rows = _rows(out)
+                rows = _complete_rows(out)
                 assert rows[: len(kept)] == kept  # nothing that was finished is lost
                 assert rows == whole[: len(rows)]
                 kept, resume = rows, ("--resume",)
         timed(*command(drive, out), *resume)
-        assert _rows(out) == whole
+        assert _complete_rows(out) == whole
     assert [path.name for path in folder.iterdir()] == ["poses.csv"]
 
 
-def _rows(path):
+def _complete_rows(path):
     """Rows that are complete, without milliseconds."""
     text = path.read_text()
     complete = text[: text.rfind("\n") + 1].splitlines()

@@ -108,7 +108,7 @@ def test_many_drives_have_the_rows_of_single_calls_and_are_localized_once(many, 
     for name in ("a", "0013"):
         assert dataset_rows(out, name) == wanted
     options = json.loads((out / "_options.json").read_text())
-    assert options["options"]["thinning"] == 0.25 and "threads" not in options["options"]
+    assert options["options"]["method"]["thinning"] == 0.25 and "threads" not in options["options"]
     files = sorted(out.rglob("*"))
     assert [path.name for path in files if path.parent == out] == [
         ".lock", "_drives.json", "_options.json", "drive=0013", "drive=a",
@@ -139,7 +139,7 @@ def test_another_map_prior_or_option_is_refused(many, maxcon, refused, drive, pr
     assert many().code == 0
     refused(
         many("--thinning", "0.5", "--max-gap", "2"),
-        "with the same options", "options.drive.max_gap 0.5, got 2.0; options.thinning 0.25, got 0.5.",
+        "with the same options", "options.method.thinning 0.25, got 0.5; options.drive.max_gap 0.5, got 2.0.",
     )  # fmt: skip
     other = tmp_path / "other.map"
     assert maxcon("map", "copy", drive.city, other).code == 0

@@ -117,8 +117,8 @@ def test_what_is_not_given_is_what_the_method_takes():
             "--half-width 2.04 --heading-half-width-deg 1.5 --heading-step-deg 0.75",
         ),
         (
-            "--half-width 1.5 --heading-half-width-deg 1.2 --cell 0.06",  # rounded up to whole cells
-            "--half-width 1.56 --heading-half-width-deg 1.5 --cell 0.06",
+            "--half-width 1.45 --heading-half-width-deg 1.2 --cell 0.06",  # rounded up to whole cells
+            "--half-width 1.5 --heading-half-width-deg 1.5 --cell 0.06",
         ),
     ],
 )

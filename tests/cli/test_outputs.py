@@ -6,6 +6,8 @@ import signal
 
 import pytest
 
+from maxcon.cli import one_line
+
 # Windows has other words for what is wrong with a path, too.
 resource = pytest.importorskip("resource", reason="no POSIX limits to the size of files")
 
@@ -24,38 +26,30 @@ def _small_disk(limit=LIMIT):
 
 @pytest.fixture
 def localize(drive):
-    """The arguments that localize the drive."""
+    """The arguments that localize the drive, up to the table."""
     return ("localize", drive.city, drive.dataset.scans, "--prior", drive.dataset.prior, "-o")
 
 
 @pytest.fixture
 def build(drive):
-    """The arguments that build the map of the drive."""
+    """The arguments that build the map of the drive, up to its folder."""
     trajectory = ("--trajectory", drive.dataset.map_trajectory)
     return ("map", "build", *drive.dataset.map_clouds, *trajectory, "-o")
 
 
-def test_no_folder_for_the_map(maxcon, refused, build, out):
-    refused(maxcon(*build, out / "missing" / "city.map"), out / "missing" / "city.map", "No such file or directory")
-    assert list(out.iterdir()) == []
-
-
-def test_no_folder_for_the_dataset(maxcon, refused, out):
-    refused(maxcon("simulate", out / "missing" / "dataset"), out / "missing", "No such file or directory")
+def test_no_folder_for_a_map_or_a_dataset_and_nothing_is_written_over(maxcon, refused, drive, build, out):
+    for command in (build, ("simulate",)):
+        refused(maxcon(*command, out / "missing" / "a"), out / "missing", "No such file or directory")
     refused(maxcon("simulate", out), out, "not to exist", "--overwrite")
-    assert list(out.iterdir()) == []
-
-
-def test_a_dataset_is_not_written_over_something_else(maxcon, refused, drive, out):
     (out / "thesis.tex").touch()
     refused(maxcon("simulate", out, "--overwrite"), out, "a simulated dataset", "thesis.tex")
     refused(maxcon("simulate", drive.city, "--overwrite"), drive.city, "a simulated dataset", "ground")
-    assert sorted(path.name for path in out.iterdir()) == ["thesis.tex"]
+    assert [path.name for path in out.iterdir()] == ["thesis.tex"]
 
 
 @pytest.mark.parametrize("option", ["-o", "--tum"])
 def test_tables_that_cannot_be_written_are_told_first(maxcon, refused, localize, out, option, monkeypatch):
-    monkeypatch.setattr("maxcon.drive.localize.localize_drive", None)
+    monkeypatch.setattr("maxcon.drive.localize.Drive.of", None)
     (out / "file").touch()
     for path, got in (
         (out / "missing" / "poses.csv", "No such file or directory"),
@@ -69,32 +63,36 @@ def test_tables_that_cannot_be_written_are_told_first(maxcon, refused, localize,
     assert sorted(path.name for path in out.iterdir()) == ["file"]
 
 
-def test_outputs_that_replace_each_other_or_the_prior(maxcon, refused, localize, drive, out):
-    before = drive.dataset.prior.read_bytes()
-    words = ("--prior, --out and --tum", "twice")
-    refused(maxcon(*localize, drive.dataset.prior), *words)
-    refused(maxcon(*localize, out / "poses.txt", "--tum", out / "." / "poses.txt"), *words)
-    assert drive.dataset.prior.read_bytes() == before
-    assert list(out.iterdir()) == []
-
-
-def test_a_file_where_the_pictures_shall_go(maxcon, refused, localize, out):
-    (out / "pictures").touch()
-    refused(maxcon(*localize, out / "poses.csv", "--plot", out / "pictures"), "the file", out / "pictures")
-    refused(maxcon(*localize, out / "poses.csv", "--plot", out / "pictures" / "new"), out / "pictures" / "new")
-    assert sorted(path.name for path in out.iterdir()) == ["pictures"]
-
-
-def test_names_that_are_none(maxcon, refused, localize, build, out, monkeypatch):
+def test_outputs_that_replace_each_other_or_a_file(maxcon, refused, localize, build, drive, out, monkeypatch):
     monkeypatch.chdir(out)
-    for name in (".", "..", "/"):
-        refused(maxcon(*build, name), name, "Put a name")
-        refused(maxcon(*build, name, "--overwrite"), name)
-        refused(maxcon(*localize, name), name)
-        refused(maxcon("demo", "--out", name), name)
-        refused(maxcon("simulate", name), name)
+    before = drive.dataset.prior.read_bytes()
+    twice = ("--prior, --out and --tum", "twice")
+    refused(maxcon(*localize, drive.dataset.prior), *twice)
+    refused(maxcon(*localize, out / "poses.txt", "--tum", out / "." / "poses.txt"), *twice)
+    assert drive.dataset.prior.read_bytes() == before
     refused(maxcon(*localize, "poses.csv", "--plot", "a" * 300), "too long")
+    for name in (".", "..", "/"):
+        for command in (
+            (*build, name),
+            (*build, name, "--overwrite"),
+            (*localize, name),
+            ("demo", "--out", name),
+            ("simulate", name),
+        ):
+            refused(maxcon(*command), name)
     assert list(out.iterdir()) == []
+    (out / "file").touch()
+    refused(maxcon(*localize, "poses.csv", "--plot", out / "file"), "the file", out / "file")
+    refused(maxcon(*localize, "poses.csv", "--plot", out / "file" / "new"), out / "file" / "new")
+    assert [path.name for path in out.iterdir()] == ["file"]
+
+
+def test_names_with_line_ends_stay_in_one_line(maxcon, refused, tmp_path):
+    for name in ("a\nb.laz", "a\r\x1b[31mb.npz", "\u2028.ply"):
+        refused(maxcon("map", "build", tmp_path / name, "-o", tmp_path / "a.map"), "no such file")
+        (tmp_path / name).write_bytes(b"x")
+        refused(maxcon("map", "build", tmp_path / name, "-o", tmp_path / "a.map"), "Expected")
+    assert one_line("a\nb\x1b \u00e4") == "a\\nb\\x1b \u00e4"
 
 
 @pytest.mark.kills

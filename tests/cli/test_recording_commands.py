@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: MIT
 """Recordings on the command line: localized as the files are, described, and refused in a line."""
 
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -22,94 +23,72 @@ pytest.importorskip("mcap")
 
 
 @pytest.fixture(scope="module")
-def recordings(drive, tmp_path_factory):
+def recordings(drive, built_once):
     """The simulated drive in every format, by its kind."""
-    folder = tmp_path_factory.mktemp("recordings")
     dataset = drive.dataset
-    for name in NAMES.values():
+
+    def make(folder):
         prior = read_trajectory(dataset.prior)
-        record_drive(folder / name, open_scans(dataset.scans), prior, CRS, odometry=prior)
+        for name in NAMES.values():
+            record_drive(folder / name, open_scans(dataset.scans), prior, CRS, odometry=prior)
+
+    folder = built_once("recordings", make)
     return {kind: folder / name for kind, name in NAMES.items()}
 
 
-@pytest.fixture(scope="module")
-def of_files(drive, tmp_path_factory):
-    """The poses of the scans as files."""
-    import subprocess
-    import sys
+@pytest.fixture
+def assert_same(poses, tmp_path):
+    """Check that the poses are those of the drive's files, to a tenth of a millimetre."""
 
-    out = tmp_path_factory.mktemp("files") / "poses.csv"
-    arguments = ["localize", drive.city, drive.dataset.scans, "--prior", drive.dataset.prior, "-o", out, "-q"]
-    script = "from maxcon.cli import main; main()"
-    subprocess.run([sys.executable, "-c", script, *map(str, arguments)], check=True, capture_output=True)
-    return localized_poses(out)
+    def check(ended, name="poses.csv"):
+        assert (ended.code, ended.err) == (0, "")
+        np.testing.assert_allclose(localized_poses(tmp_path / name), localized_poses(poses), atol=1e-4)
+
+    return check
 
 
 @pytest.mark.parametrize("kind", NAMES)
-def test_a_recorded_drive_has_the_poses_of_its_files(maxcon, drive, recordings, of_files, kind, tmp_path):
-    ended = maxcon("localize", drive.city, recordings[kind], "-o", tmp_path / "poses.csv", "-q")
-    assert (ended.code, ended.err) == (0, "")
+def test_a_recorded_drive_has_the_poses_of_its_files(localize, maxcon, recordings, assert_same, kind):
+    ended = localize(scans=recordings[kind], prior=None)
+    assert_same(ended)
     assert "scans from /points" in ended.out and "prior: poses from /gnss/fix (NavSatFix)" in ended.out
-    poses = localized_poses(tmp_path / "poses.csv")
-    np.testing.assert_allclose(poses, of_files, atol=1e-4)  # a tenth of a millimetre
+    ended = maxcon("scans", "info", recordings[kind], "--topic", "/points")
+    assert (ended.code, ended.err) == (0, "")
+    for word in ("/gnss/fix", "sensor_msgs/msg/NavSatFix", "/points: 4 scans", "x float32 at 0", "normals"):
+        assert word in ended.out
 
 
-def test_a_recording_beside_files(maxcon, drive, recordings, of_files, tmp_path):
-    arguments = ("localize", drive.city, drive.dataset.scans, "--prior", recordings["mcap"])
-    assert maxcon(*arguments, "-o", tmp_path / "a.csv", "-q").code == 0
-    np.testing.assert_allclose(localized_poses(tmp_path / "a.csv"), of_files, atol=1e-4)
-    arguments = ("localize", drive.city, recordings["bag"], "--prior", drive.dataset.prior)
-    assert maxcon(*arguments, "-o", tmp_path / "b.csv", "-q").code == 0
-    np.testing.assert_allclose(localized_poses(tmp_path / "b.csv"), of_files, atol=1e-4)
+def test_a_recording_beside_files(localize, recordings, assert_same):
+    assert_same(localize(prior=recordings["mcap"]))
+    assert_same(localize(scans=recordings["bag"], out="b.csv"), "b.csv")
 
 
-def test_what_is_asked_of_a_recording_and_is_not_there(maxcon, refused, drive, recordings, tmp_path):
-    bag, scans = recordings["bag"], drive.dataset.scans
-    out = ("-o", tmp_path / "poses.csv")
-    for arguments, words in (
-        ((scans,), ("--prior with rough poses",)),
-        ((scans, "--prior", drive.dataset.prior, "--topic", "/a"), ("asked of a recording",)),
-        ((scans, "--prior", drive.dataset.prior, "--geoid-height", "40"), ("--geoid-height with priors of a",)),
-        ((scans, "--prior", drive.dataset.prior, "--odometry-topic", "/a"), ("--odometry-topic together",)),
-        ((scans, "--odometry-frames", "odom:base_link", "--prior", drive.dataset.prior), ("--odometry-frames tog",)),
-        ((scans, "--prior", drive.dataset.prior, "--prior-frames", "a:b"), ("--prior-frames with priors of a",)),
-        ((bag, "--prior-frames", "map"), ("FIXED:MOVING", "'map'")),
-        ((bag, "--prior-frames", "map:sensor"), ("a frame of", "no transforms")),
-        ((bag, "--prior-frames", "a:b", "--prior-topic", "/c"), ("either --prior-topic or --prior-frames",)),
-        ((bag, "--topic", "/a"), ("/points", "/a")),
-        ((bag, "--prior-topic", "/a"), ("/a", "no such topic", "/gnss/fix")),
-        ((bag, "--times", scans / "times.txt"), ("no times beside",)),
-        ((bag.with_name("missing.bag"),), ("no such file",)),
+def test_what_is_asked_of_a_recording_and_is_not_there(localize, refused, drive, recordings, tmp_path):
+    bag, times = recordings["bag"], drive.dataset.scans / "times.txt"
+    for options, words in (
+        (("--prior-frames", "map"), ("FIXED:MOVING", "'map'")),
+        (("--prior-frames", "map:sensor"), ("a frame of", "no transforms")),
+        (("--prior-frames", "a:b", "--prior-topic", "/c"), ("either --prior-topic or --prior-frames",)),
+        (("--topic", "/a"), ("/points", "/a")),
+        (("--prior-topic", "/a"), ("/a", "no such topic", "/gnss/fix")),
+        (("--times", times), ("no times beside",)),
+        (("--deskew",), ("a time for each point of /points#0", "--turn-time")),
     ):
-        refused(maxcon("localize", drive.city, *arguments, *out), *words)
-        assert not (tmp_path / "poses.csv").exists()
+        refused(localize(*options, scans=bag, prior=None), *words)
+    refused(localize(scans=bag.with_name("missing.bag"), prior=None), "no such file")
+    refused(localize(prior=None), "--prior with rough poses")
+    assert not (tmp_path / "poses.csv").exists()
 
 
-def test_heights_of_another_kind_are_refused(maxcon, refused, drive, tmp_path):
+def test_heights_of_another_kind_are_refused(localize, refused, drive, tmp_path):
     prior = read_trajectory(drive.dataset.prior)
     lifted = type(prior)(prior.times, prior.positions + [0.0, 0.0, 46.0], prior.quaternions_xyzw)
     path = tmp_path / "drive.mcap"
     record_drive(path, open_scans(drive.dataset.scans), lifted, CRS)
-    arguments = ("localize", drive.city, path, "-o", tmp_path / "poses.csv", "-q")
-    refused(maxcon(*arguments), "above it", "--geoid-height, about 46")
-    ended = maxcon(*arguments, "--geoid-height", "46")
+    refused(localize(scans=path, prior=None), "above it", "--geoid-height, about 46")
+    ended = localize("--geoid-height", "46", scans=path, prior=None)
     assert (ended.code, ended.err) == (0, "")
     assert "heights: the receiver's (ellipsoidal) less 46 m" in ended.out
-
-
-def test_scans_without_times_of_points_are_not_deskewed(maxcon, refused, drive, recordings, tmp_path):
-    bag = recordings["bag"]
-    ended = maxcon("localize", drive.city, bag, "--deskew", "-o", tmp_path / "poses.csv", "-q")
-    refused(ended, "a time for each point of /points#0", "--turn-time")
-
-
-@pytest.mark.parametrize("kind", NAMES)
-def test_info_of_a_recording(maxcon, recordings, kind):
-    ended = maxcon("scans", "info", recordings[kind])
-    assert (ended.code, ended.err) == (0, "")
-    for word in ("/gnss/fix", "sensor_msgs/msg/NavSatFix", "/points: 4 scans", "x float32 at 0", "normals"):
-        assert word in ended.out
-    assert maxcon("scans", "info", recordings[kind], "--topic", "/points").code == 0
 
 
 def test_info_of_a_folder_and_a_file(maxcon, refused, drive, tmp_path):
@@ -121,16 +100,13 @@ def test_info_of_a_folder_and_a_file(maxcon, refused, drive, tmp_path):
     refused(maxcon("scans", "info", tmp_path / "missing.mcap"), "no such file")
 
 
-def test_a_recording_needs_the_extra_recordings(maxcon, refused, drive, recordings, tmp_path, monkeypatch):
-    import sys
-
+def test_a_recording_needs_the_extra_recordings(localize, refused, recordings, monkeypatch):
     for name in ("rosbags", "mcap"):
         for loaded in [n for n in sys.modules if n == name or n.startswith(f"{name}.")]:
             monkeypatch.delitem(sys.modules, loaded)
         monkeypatch.setitem(sys.modules, name, None)
     for path in recordings.values():
-        ended = maxcon("localize", drive.city, path, "-o", tmp_path / "poses.csv")
-        refused(ended, path, "pip install 'maxcon[recordings]'")
+        refused(localize(scans=path, prior=None), path, "pip install 'maxcon[recordings]'")
 
 
 class MovingScans(Scans):
@@ -169,7 +145,7 @@ def _step(offset):
     return Pose(15.0 / rate * np.sin(turn), 15.0 / rate * (1.0 - np.cos(turn)), 0.0, 0.0, 0.0, turn)
 
 
-def test_scans_of_a_fast_car_are_deskewed_by_its_odometry(maxcon, drive, of_files, tmp_path):
+def test_scans_of_a_fast_car_are_deskewed_by_its_odometry(localize, drive, poses, tmp_path):
     dataset = drive.dataset
     moving = MovingScans(open_scans(dataset.scans), drive.reference)
     path = tmp_path / "moving.mcap"
@@ -186,31 +162,14 @@ def test_scans_of_a_fast_car_are_deskewed_by_its_odometry(maxcon, drive, of_file
             assert np.median(np.linalg.norm(skewed - true, axis=1)) > 0.3
             assert np.linalg.norm(points - true, axis=1).max() < 0.01
         assert len(points) >= len(rows)
-    arguments = ("localize", drive.city, path, "--odometry", path, "--deskew", "-o", tmp_path / "poses.csv", "-q")
-    ended = maxcon(*arguments)
+    ended = localize("--odometry", path, "--deskew", scans=path, prior=None)
     assert (ended.code, ended.err) == (0, "")
     assert "deskewed by the odometry" in ended.out
-    poses = localized_poses(tmp_path / "poses.csv")
-    assert np.abs(poses[:, 1:3] - of_files[:, 1:3]).max() < 0.02
+    found, wanted = localized_poses(tmp_path / "poses.csv"), localized_poses(poses)
+    assert np.abs(found[:, 1:3] - wanted[:, 1:3]).max() < 0.02
 
 
-def test_a_turn_time_needs_deskew(maxcon, refused, drive, recordings, tmp_path):
-    bag, out = recordings["bag"], ("-o", tmp_path / "poses.csv")
-    refused(maxcon("localize", drive.city, bag, "--turn-time", "0.1", *out), "together with --deskew")
-    refused(maxcon("localize", drive.city, bag, "--deskew", "--turn-time", "10", *out), "of up to 2 s, got 10")
-
-
-def test_simulating_a_recording(maxcon, refused, tmp_path):
-    refused(maxcon("simulate", tmp_path / "d", "--recording", "tape"), "bag, mcap, got 'tape'")
-    ended = maxcon("simulate", tmp_path / "d", "--epochs", "1", "--recording", "mcap", "-q")
-    assert (ended.code, ended.err) == (0, "")
-    assert f"recording    {tmp_path / 'd' / 'drive.mcap'}" in ended.out
-    assert "/points: 1 scans" in maxcon("scans", "info", tmp_path / "d" / "drive.mcap").out
-    again = ("simulate", tmp_path / "d", "--epochs", "1", "--recording", "mcap", "-q", "--overwrite")
-    assert maxcon(*again).code == 0
-
-
-def test_two_scanners_in_one_epoch(maxcon, refused, drive, tmp_path):
+def test_two_scanners_in_one_epoch(localize, refused, drive, tmp_path):
     """The scan's points left and right of the car as two scanners, each in a frame of its own: the same poses."""
     mounts = {"left": Pose(0.4, 1.1, -0.3, 0.0, 0.1, 0.7), "right": Pose(-0.2, -0.8, 0.1, 0.02, 0.0, -1.9)}
     whole, text = open_scans(drive.dataset.scans), "[prior]\n"
@@ -226,15 +185,15 @@ def test_two_scanners_in_one_epoch(maxcon, refused, drive, tmp_path):
         text += f"[scanner.{side}]\nscans = '{side}'\nposition = {mount.position.tolist()}\n"
         text += f"roll_deg = {roll}\npitch_deg = {pitch}\nheading_deg = {heading}\n"
     (tmp_path / "rig.toml").write_text(text)
-    arguments = ("localize", drive.city, tmp_path, "--prior", drive.dataset.prior)
-    arguments += ("--mounting", tmp_path / "rig.toml", "-o", tmp_path / "poses.csv")
-    ended = maxcon(*arguments, "-q")
+    rig = ("--mounting", tmp_path / "rig.toml")
+    ended = localize(*rig, scans=tmp_path)
     assert (ended.code, ended.err) == (0, "")
     assert "scans of 2 scanners: left in 4 epochs, up to 0.0 ms off; right in 4 epochs" in ended.out
     poses = localized_poses(tmp_path / "poses.csv")
     true = np.array([drive.reference.at(time).position for time in poses[:, 0]])
     assert np.linalg.norm(poses[:, 1:3] - true[:, :2], axis=1).max() < 0.02
-    refused(maxcon(*arguments, "--overwrite", "--turn-time", "0.1", "--deskew"), "got --turn-time, which is for one")
+    for_one = ("--overwrite", "--turn-time", "0.1", "--deskew")
+    refused(localize(*rig, *for_one, scans=tmp_path), "got --turn-time, which is for one")
 
     # The same as two topics of one recording.
     sides = {side: open_scans(tmp_path / side) for side in mounts}
@@ -243,8 +202,7 @@ def test_two_scanners_in_one_epoch(maxcon, refused, drive, tmp_path):
     for side in mounts:
         text = text.replace(f"scans = '{side}'", f"topic = '/{side}/points'")
     (tmp_path / "topics.toml").write_text(text)
-    arguments = ("localize", drive.city, tmp_path / "two.mcap", "--prior", drive.dataset.prior)
-    ended = maxcon(*arguments, "--mounting", tmp_path / "topics.toml", "-o", tmp_path / "topics.csv", "-q")
+    ended = localize("--mounting", tmp_path / "topics.toml", scans=tmp_path / "two.mcap", out="topics.csv")
     assert (ended.code, ended.err) == (0, "")
     assert "scans from /left/points" in ended.out and "scans of 2 scanners: left in 4 epochs" in ended.out
     np.testing.assert_allclose(localized_poses(tmp_path / "topics.csv"), poses, atol=1e-4)

@@ -7,26 +7,24 @@ import math
 import numpy as np
 import pytest
 
+from maxcon import PointMap
 from maxcon.geometry import Pose
 from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory
 
 
 @pytest.fixture
-def localized(maxcon, drive, tmp_path):
+def localized(localize, drive, tmp_path):
     """Localize the drive with rows of a prior as CSV, or with other scans."""
 
-    def run(rows=None, header="time,x,y,z,roll,pitch,heading", scans=None, name="prior.csv"):
+    def run(rows=None, header="time,x,y,z,roll,pitch,heading", scans=drive.dataset.scans, name="prior.csv"):
         prior = drive.dataset.prior
         if rows is not None:
             prior = tmp_path / name
             lines = [header] if name.endswith(".csv") else []
             prior.write_text("\n".join([*lines, *rows]) + "\n")
-        options = ("--half-width", "3", "--heading-half-width-deg", "3", "--wider", "0")
-        return maxcon(
-            "localize", drive.city, scans or drive.dataset.scans, "--prior", prior, "-o", tmp_path / "poses.csv",
-            *options,
-        )  # fmt: skip
+        narrow = ("--half-width", "3", "--heading-half-width-deg", "3", "--wider", "0", "--overwrite")
+        return localize(*narrow, prior=prior, scans=scans)
 
     return run
 
@@ -71,17 +69,14 @@ def test_what_would_fit_is_said_where_nothing_does(localized, priors, meant, wor
     assert words in ended.out
 
 
-def test_quaternions_with_the_scalar_first(localized, drive):
-    lines = [line.split() for line in drive.dataset.prior.read_text().splitlines() if not line.startswith("#")]
-    ended = localized([" ".join([*line[:4], line[7], *line[4:7]]) for line in lines], name="prior.txt")
+def test_quaternions_with_the_scalar_first(localized, prior_rows):
+    ended = localized([" ".join([*row[:4], row[7], *row[4:7]]) for row in prior_rows], name="prior.txt")
     assert ended.code == 1
     assert "would be localized were the quaternions of the prior qw qx qy qz: write them as qx qy qz qw" in ended.out
 
 
 @pytest.mark.parametrize("frame", ["global coordinates", "the map's local frame"])
 def test_scans_that_are_in_the_map_already(localized, drive, tmp_path, frame):
-    from maxcon import PointMap
-
     origin = np.array(PointMap.open(drive.city).frame.origin) * (frame != "global coordinates")
     scans, folder = open_scans(drive.dataset.scans), tmp_path / "placed"
     folder.mkdir()
@@ -100,46 +95,18 @@ def test_where_nothing_fits_that_is_said(localized, priors):
     assert "meant otherwise (axes, angles, frames) they are not localized either" in ended.out
 
 
-def test_angles_in_degrees_under_names_of_radians(localized, refused, priors):
-    rows = [row.rpartition(",")[0] + ",123.4" for row in rows_of(priors)]
-    refused(
-        localized(rows), "line 2", "roll,pitch,heading within one turn, got 123.4", "roll_deg,pitch_deg,heading_deg"
-    )
-    assert localized(rows_of(priors, scale=180.0 / math.pi), "time,x,y,z,roll_deg,pitch_deg,heading_deg").code == 0
-
-
 def test_columns_by_other_names(localized, refused, priors):
-    rows = rows_of(priors)
-    refused(localized(rows, "time,x,y,z,roll,pitch,yaw"), "Rename 'yaw'", "counter-clockwise", "compass")
-    assert localized(rows, "timestamp,x,y,z,roll,pitch,heading").code == 0
-
-
-def test_a_map_in_millimetres_is_refused_at_once(maxcon, refused, tmp_path):
-    rng = np.random.default_rng(0)
-    np.savez(tmp_path / "mm.npz", points=rng.uniform(0.0, 200_000.0, (50_000, 3)))
-    ended = maxcon("map", "build", tmp_path / "mm.npz", "-o", tmp_path / "mm.map")
-    refused(ended, "mm.npz", "millimetres", "50,000 points")
-    assert not list(tmp_path.glob("*.map"))
-
-
-def test_times_that_are_all_zero(maxcon, refused, tmp_path, street):
-    np.savez(tmp_path / "a.npz", points=street, times=np.zeros(len(street)))
-    (tmp_path / "drive.txt").write_text("0 550000 5802000 62 0 0 0 1\n9 550001 5802000 62 0 0 0 1\n")
-    arguments = ("map", "build", tmp_path / "a.npz", "--trajectory", tmp_path / "drive.txt", "-o", tmp_path / "a.map")
-    refused(maxcon(*arguments), "a.npz", "gps_time is 0", "--trajectory")
+    rows, poses = rows_of(priors), "time,x,y,z,"
+    one_turn = ["line 2", "roll,pitch,heading within one turn, got 123.4", "roll_deg,pitch_deg,heading_deg"]
+    refused(localized([row.rpartition(",")[0] + ",123.4" for row in rows]), *one_turn)
+    refused(localized(rows, f"{poses}roll,pitch,yaw"), "Rename 'yaw'", "counter-clockwise", "compass")
+    assert localized(rows_of(priors, scale=180.0 / math.pi), f"{poses}roll_deg,pitch_deg,heading_deg").code == 0
+    level = [f"{time!r},{pose.x!r},{pose.y!r},{pose.z!r},{pose.heading!r}" for time, pose in priors]
+    assert localized(level, "timestamp,x,y,z,heading")[::2] == (0, "")
 
 
 def test_heights_of_another_kind_are_named(localized, priors):
-    def lifted(pose):
-        return pose.translated([0.0, 0.0, 46.0])
-
-    ended = localized(rows_of(priors, lifted))
+    ended = localized(rows_of(priors, lambda pose: pose.translated([0.0, 0.0, 46.0])))
     assert ended.code == 1
     assert "m above the map's ground. Are its heights above the ellipsoid, and the map's above the geoid?" in ended.out
     assert "Take about 46 m off its z" in ended.out
-
-
-def test_a_prior_without_roll_and_pitch(localized, priors):
-    rows = [f"{time!r},{pose.x!r},{pose.y!r},{pose.z!r},{pose.heading!r}" for time, pose in priors]
-    ended = localized(rows, header="time,x,y,z,heading")
-    assert (ended.code, ended.err) == (0, "")

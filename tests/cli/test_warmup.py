@@ -45,6 +45,10 @@ def in_cache(maxcon_in_process_of_its_own):
     return run
 
 
+def _code(cache):
+    return {path.relative_to(cache): path.stat().st_mtime_ns for path in cache.rglob("*.nbc")}
+
+
 @pytest.fixture(scope="module")
 def warmed(tmp_path_factory, in_cache):
     """A folder that a first warm-up filled, and how that ended."""
@@ -52,8 +56,12 @@ def warmed(tmp_path_factory, in_cache):
     return cache, in_cache(cache, "warmup")
 
 
-def _code(cache):
-    return {path.relative_to(cache): path.stat().st_mtime_ns for path in cache.rglob("*.nbc")}
+@pytest.fixture
+def nothing_new(warmed):
+    """The folder of a warm-up; nothing else may be compiled into it."""
+    before = _code(warmed[0])
+    yield warmed[0]
+    assert _code(warmed[0]) == before
 
 
 def test_a_first_call_says_what_it_compiles_and_where_that_is_kept(warmed):
@@ -84,41 +92,25 @@ def test_a_second_call_has_nothing_to_compile_and_says_so(warmed, in_cache):
 
 
 @pytest.mark.parametrize("options", [(), ("--multiplicity", "points", "--objective", "count", "--threads", "2")])
-def test_nothing_is_left_to_compile_when_localizing(warmed, in_cache, drive, tmp_path, options):
-    cache, _ = warmed
-    before = _code(cache)
-    prior, out = ("--prior", drive.dataset.prior), ("-o", tmp_path / "poses.csv")
-    ended = in_cache(cache, "localize", drive.city, drive.dataset.scans, *prior, *out, *options)
+def test_nothing_is_left_to_compile_when_localizing(nothing_new, in_cache, drive, tmp_path, options):
+    files = (drive.city, drive.dataset.scans, "--prior", drive.dataset.prior, "-o", tmp_path / "poses.csv")
+    ended = in_cache(nothing_new, "localize", *files, *options)
     assert ended.code == 0 and ended.out.startswith("4 of 4 epochs localized"), ended
-    assert _code(cache) == before
 
 
-def test_nothing_is_left_to_compile_for_any_option_of_the_method(warmed, maxcon_in_process_of_its_own, drive, tmp_path):
-    cache, _ = warmed
-    before = _code(cache)
+def test_nothing_is_left_to_compile_for_any_option_of_the_method(nothing_new, maxcon_in_process_of_its_own, drive):
     folders = (drive.city, drive.dataset.scans, drive.dataset.prior)
-    ended = maxcon_in_process_of_its_own(*folders, script=ALL_OPTIONS, env={"NUMBA_CACHE_DIR": str(cache)})
+    ended = maxcon_in_process_of_its_own(*folders, script=ALL_OPTIONS, env={"NUMBA_CACHE_DIR": str(nothing_new)})
     assert (ended.code, ended.err) == (0, "")
     assert set(ended.out.split()) == {"localized"}
-    assert _code(cache) == before
 
 
-def test_nothing_is_left_to_compile_when_building_a_map(warmed, in_cache, drive, tmp_path):
-    cache, _ = warmed
-    before = _code(cache)
-    trajectory = ("--trajectory", drive.dataset.map_trajectory)
-    ended = in_cache(cache, "map", "build", *drive.dataset.map_clouds, *trajectory, "-o", tmp_path / "city.map")
-    assert ended.code == 0, ended
-    assert _code(cache) == before
-
-
-def test_a_tile_of_one_point_needs_nothing_else(warmed, in_cache, street, tmp_path):
-    cache, _ = warmed
-    before = _code(cache)
-    np.savez(tmp_path / "street.npz", points=np.concatenate([street, street[:1] + [100.0, 0.0, 0.0]]))
-    ended = in_cache(cache, "map", "build", tmp_path / "street.npz", "-o", tmp_path / "street.map")
-    assert ended.code == 0, ended
-    assert _code(cache) == before
+def test_nothing_is_left_to_compile_when_building_a_map(nothing_new, in_cache, drive, street, tmp_path):
+    trajectory = ("--trajectory", drive.dataset.map_trajectory, "-o", tmp_path / "city.map")
+    assert in_cache(nothing_new, "map", "build", *drive.dataset.map_clouds, *trajectory).code == 0
+    tile_of_one_point = np.concatenate([street, street[:1] + [100.0, 0.0, 0.0]])
+    np.savez(tmp_path / "street.npz", points=tile_of_one_point)
+    assert in_cache(nothing_new, "map", "build", tmp_path / "street.npz", "-o", tmp_path / "street.map").code == 0
 
 
 def test_a_named_folder_that_cannot_be_written_is_refused(in_cache, refused, tmp_path):

@@ -5,6 +5,7 @@
 from collections.abc import Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +17,7 @@ from maxcon.errors import MaxconError
 if TYPE_CHECKING:
     from maxcon._system.engine import Engine
     from maxcon.drive.localize import Drive, DriveOptions, EpochEstimate
-    from maxcon.drive.many import DriveEntry
+    from maxcon.drive.many import DriveEntry, DriveTask
     from maxcon.drive.within_sigmas import WithinSigmas
     from maxcon.localizer import MaximumConsensus
     from maxcon.map import PointMap
@@ -85,24 +86,30 @@ class OpenedDrive:
     inputs: DriveInputs
     method: "MaximumConsensus"
     windows: "WithinSigmas | None"
-    _drive: "Drive | None" = field(default=None, init=False)
 
     @property
     def n_epochs(self) -> int:
         """How many scans it has."""
         return len(self.inputs.scans)
 
-    def started(self, first: int = 0) -> "Iterator[EpochEstimate]":
-        """Return an iterator over the estimates from an epoch on; what cannot work is said at once, with the files."""
-        from maxcon.drive.localize import localize_drive
+    def estimates(self, first: int = 0, last: int | None = None) -> "Iterator[EpochEstimate]":
+        """Localize the epochs `first` to `last` - 1; a track from its beginning to its end.
 
-        with self._naming_files():
-            if self.opener.is_track:
+        What cannot work is said at once, with the files.
+        """
+        if self.opener.is_track:
+            with self._naming_files():
                 return self._tracked()
-            return localize_drive(
-                self.point_map, self.inputs.scans, self.inputs.prior, self.windows or self.method, self.opener.drive,
-                first=first, n_threads=self.opener.threads,
-            )  # fmt: skip
+        return self.drive.estimates(first, self.n_epochs if last is None else last, self.opener.threads)
+
+    @cached_property
+    def drive(self) -> "Drive":
+        """The drive with its priors found; what cannot work is said, with the files."""
+        from maxcon.drive.localize import Drive
+
+        searching = self.windows or self.method
+        with self._naming_files():
+            return Drive.of(self.point_map, self.inputs.scans, self.inputs.prior, searching, self.opener.drive)
 
     def _tracked(self) -> "Iterator[EpochEstimate]":
         """Return an iterator over the estimates of a track, by odometry or by what the prior says of motions."""
@@ -117,24 +124,6 @@ class OpenedDrive:
             noise = MotionNoise() if drift is None else MotionNoise(share=drift)
         tracker = Tracker(self.method, noise)
         return track_drive(self.point_map, self.inputs.scans, prior, tracker, odometry, self.opener.drive)
-
-    def estimates(self, first: int, last: int) -> "Iterator[EpochEstimate]":
-        """Localize the epochs `first` to `last` - 1; a track from its beginning to its end."""
-        if self.opener.is_track:
-            return self.started()
-        return self.checked().estimates(first, last, self.opener.threads)
-
-    def checked(self) -> "Drive":
-        """Return the drive with its priors found; what cannot work is said, with the files."""
-        from maxcon.drive.localize import Drive
-
-        if self._drive is None:
-            with self._naming_files():
-                self._drive = Drive.of(
-                    self.point_map, self.inputs.scans, self.inputs.prior, self.windows or self.method,
-                    self.opener.drive,
-                )  # fmt: skip
-        return self._drive
 
     def failed(self, epoch: int, reason: str) -> "EpochEstimate":
         """Return what stands for an epoch that no process came back from."""
@@ -161,15 +150,16 @@ def by_workers(
 
     Points stay with the workers; those of the epochs `with_points` are read once more.
     """
-    opened.checked()  # what cannot work is said before anything is started
-    found = _in_order(opened, engine, first)
+    from maxcon.drive.many import tasks_of
+
+    n_epochs = len(opened.drive.scans)  # what cannot work is said before anything is started
+    found = _in_order(opened, engine, list(tasks_of(opened.entry, range(first, n_epochs))), first)
     return (opened.with_points(epoch) if epoch.epoch in with_points else epoch for epoch in found)
 
 
-def _in_order(opened: OpenedDrive, engine: "Engine", first: int) -> "Iterator[EpochEstimate]":
-    from maxcon.drive.many import ManyDrivesJob, tasks_of
+def _in_order(opened: OpenedDrive, engine: "Engine", tasks: "list[DriveTask]", first: int) -> "Iterator[EpochEstimate]":
+    from maxcon.drive.many import ManyDrivesJob
 
-    tasks = list(tasks_of(opened.entry, range(first, opened.n_epochs)))
     waiting: dict[int, EpochEstimate] = {}
     for _, found in engine.run(ManyDrivesJob(opened.opener), tasks, len(tasks)):
         if isinstance(found, str):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from maxcon.cli.options import TableOptions
-from maxcon.cli.terminal import compiling_told, progress_bar
+from maxcon.cli.terminal import compiling_told, step_bars
 from maxcon.errors import FileError, MaxconError, OptionError
 
 if TYPE_CHECKING:
@@ -101,16 +101,13 @@ def written(
 
     epochs = []
     with GrowingTable(out, there) as table, _kept_told(out, table, n_epochs):
-        with (
-            progress_bar("localizing", n_epochs, "epochs", quiet, n_before=there.n_rows) as advance,
-            compiling_told(quiet),
-        ):
+        with step_bars("epochs", quiet) as report, compiling_told(quiet):
             for epoch in drive:
                 table.add(epoch)
                 if draw is not None:
                     draw(epoch)
                 epochs.append(epoch.without_points())
-                advance()
+                report("localizing", there.n_rows + len(epochs), n_epochs)
         if table.n_rows == 0:
             raise FileError(epochs[0].reason)
     return epochs

@@ -3,9 +3,8 @@
 """`maxcon simulate`, `demo`, `study` and `report`: the commands of the laboratory."""
 
 import math
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
@@ -24,20 +23,13 @@ if TYPE_CHECKING:
 # --- simulate --------------------------------------------------------------------------------------------------
 
 
-class Scene(StrEnum):
-    """Where the drive goes."""
-
-    CITY = "city"
-    SUBURB = "suburb"
-
-
 class Simulated(OptionGroup):
     """What is simulated."""
 
     out: Path = argument(..., "Folder of the dataset to write.", "OUT")
     campaign: bool = flag(False, "A circuit mapped in five rounds, and a round of up to 3001 scans.")
     hard: bool = flag(False, "With --campaign: periodic facades, things gone, 30 % unmapped returns.")
-    scene: Scene = flag(Scene.CITY, "A city, or a suburb: hedges, gardens, slopes, a moving scanner.")
+    scene: Literal["city", "suburb"] = flag("city", "A city, or a suburb: hedges, gardens, slopes, a moving scanner.")
     scanner: str | None = flag(
         None, "The car's scanner: vlp-16 (the default), vlp-32c, hdl-64e or os1-64.", metavar="NAME"
     )
@@ -64,9 +56,9 @@ class Simulated(OptionGroup):
                 raise OptionError(
                     f"Expected {name} together with --campaign, got it alone. Add --campaign, or leave it out."
                 )
-        if self.campaign and self.scene is not Scene.CITY:
+        if self.campaign and self.scene != "city":
             raise OptionError(
-                f"Expected --campaign in the city, got it with --scene {self.scene.value}. Leave one of them out."
+                f"Expected --campaign in the city, got it with --scene {self.scene}. Leave one of them out."
             )
 
 
@@ -85,7 +77,7 @@ def simulate(what: Simulated, quiet: Quiet = False) -> None:
         if what.campaign:
             options |= {"every": what.every, "is_hard": what.hard}
             dataset = simulation.simulate_campaign(what.out, n_epochs=what.epochs or 3001, **options)
-        elif what.scene is Scene.SUBURB:
+        elif what.scene == "suburb":
             dataset = simulation.simulate_suburb(what.out, n_epochs=what.epochs or 200, **options)
         else:
             dataset = simulation.simulate(what.out, n_epochs=what.epochs or 40, **options)
@@ -297,25 +289,26 @@ def _numbers(method: "MethodStatistics") -> str:
     )
 
 
-def report(
-    study: Annotated[Path, typer.Argument(metavar="STUDY", help="Folder made by `maxcon study`.")],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="REPORT.html", help="Page to write.")],
-    figures: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Folder for the figures (SVG). Default: REPORT-figures beside the page."),
-    ] = None,
-    dataset: Annotated[
-        Path | None, typer.Option(metavar="DATASET", help="Where the dataset is now, if it was moved.")
-    ] = None,
-    prior: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Prior that figures and claims are about. Default: the first.")
-    ] = None,
-    quiet: Quiet = False,
-) -> None:
+class ReportOptions(OptionGroup):
+    """What is reported, and where."""
+
+    study: Path = argument(..., "Folder made by `maxcon study`.", "STUDY")
+    out: Path = flag(..., "Page to write.", "--out", "-o", metavar="REPORT.html")
+    figures: Path | None = flag(
+        None, "Folder for the figures (SVG). Default: REPORT-figures beside the page.", metavar="DIR"
+    )
+    dataset: Path | None = flag(None, "Where the dataset is now, if it was moved.", metavar="DATASET")
+    prior: str | None = flag(None, "Prior that figures and claims are about. Default: the first.", metavar="NAME")
+
+
+@flags
+def report(what: ReportOptions, quiet: Quiet = False) -> None:
     """Write the page of a study: claims, tables and figures in one file. Needs the extra demo."""
     from maxcon.lab.report.study_report import report_study
 
     with step_bars("", quiet) as tell:
-        folder = report_study(study, out, figures=figures, dataset=dataset, prior=prior, progress=tell)
-    typer.echo(f"{out}")
+        folder = report_study(
+            what.study, what.out, figures=what.figures, dataset=what.dataset, prior=what.prior, progress=tell
+        )
+    typer.echo(f"{what.out}")
     typer.echo(f"figures      {folder}")

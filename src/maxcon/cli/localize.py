@@ -149,7 +149,9 @@ def localize(
     there = rows_there(out, inputs.scans.times) if table.resume else RowsThere()
     wanted = frozenset() if plot is None else parse_epochs(pictures.plot_epochs, opened.n_epochs)
     draw = None if plot is None else drawer(plot, wanted, point_map, searching, method.objective)
-    started = opened.started(there.n_rows) if engine.is_in_process else by_workers(opened, engine, there.n_rows, wanted)
+    started = (
+        opened.estimates(there.n_rows) if engine.is_in_process else by_workers(opened, engine, there.n_rows, wanted)
+    )
     epochs = written(out, there, started, opened.n_epochs, quiet, draw)
     inputs.tell()
     searched = space.words(opened.windows, inputs.prior, epochs)

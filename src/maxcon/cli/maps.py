@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: MIT
 """`maxcon map build`, `align`, `update`, `info` and `copy`."""
 
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -71,14 +70,6 @@ def update(
 # --- build -----------------------------------------------------------------------------------------------------
 
 
-class Classify(StrEnum):
-    """When classes are found: `MapOptions.classify`."""
-
-    AUTO = "auto"
-    ALWAYS = "always"
-    OFF = "off"
-
-
 class CloudOptions(OptionGroup, title="Inputs"):
     """Which points are taken, and where they are."""
 
@@ -120,8 +111,8 @@ class ClassOptions(OptionGroup, title="Classes"):
     asprs_classes: bool = flag(
         False, "Class numbers are those of LAS in other clouds too: ground, vegetation are dropped."
     )
-    classify: Classify = flag(
-        Classify.AUTO,
+    classify: Literal["auto", "always", "off"] = flag(
+        "auto",
         "Find ground, vegetation and what is not there in every pass: where no cloud has classes (auto), always, or"
         " not at all (off). Found ground and temporary objects are left out, unless --drop names others.",
     )
@@ -196,7 +187,7 @@ def build(
         sigma=output.sigma,
         to_crs=cloud.to_crs,
         classes_are_asprs=classes.asprs_classes,
-        classify=classes.classify.value,
+        classify=classes.classify,
         area=Area.parse(cloud.area) if cloud.area is not None else None,
     )
     with step_bars("", quiet) as report, compiling_told(quiet):

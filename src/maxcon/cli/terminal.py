@@ -5,7 +5,7 @@
 import signal
 import sys
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 from typing import TYPE_CHECKING, Any
@@ -49,20 +49,6 @@ def _new_bars(unit: str) -> "Progress":
         console=Console(stderr=True),
         speed_estimate_period=SPEED_PERIOD,
     )
-
-
-@contextmanager
-def progress_bar(title: str, total: int, unit: str, is_quiet: bool, n_before: int = 0) -> Iterator[Callable[[], None]]:
-    """Yield a function to call after each of `total` units, of which `n_before` were done before."""
-    n_done = n_before
-    with step_bars(unit, is_quiet) as report:
-
-        def advance() -> None:
-            nonlocal n_done
-            n_done += 1
-            report(title, n_done, total)
-
-        yield advance
 
 
 @contextmanager

@@ -1,0 +1,106 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""What `maxcon map build`, `info` and `copy` say of a map, in a folder and on an S3 server."""
+
+import json
+
+import numpy as np
+import pytest
+
+from localized_poses import rows_of
+from maxcon.map.manifest import read_manifest, write_manifest
+from s3_buckets import bucket_on, s3_server_here
+
+
+@pytest.fixture
+def build(maxcon, out):
+    """Build `city.map`; the lines that are printed, by their first word."""
+
+    def run(*arguments):
+        ended = maxcon("map", "build", *arguments, "-o", out / "city.map", "--overwrite", "-q")
+        assert (ended.code, ended.err) == (0, ""), ended
+        assert ended.out == f"{out / 'city.map'}\n{maxcon('map', 'info', out / 'city.map').out}"
+        return {line.split()[0]: line for line in ended.out.splitlines()[1:]}
+
+    return run
+
+
+def test_what_is_taken_of_a_cloud_and_what_not(build, write_las, street, tmp_path):
+    cloud = write_las()
+    street[:7, 0], street[7:10, 2] = np.nan, np.inf
+    np.savez(tmp_path / "more.npz", points=street)
+    said = build(cloud, tmp_path / "more.npz", "--crs", "EPSG:25832")
+    assert "from 5,990 points" in said["voxels"]
+    dropped = "3,000 points, 2,990 kept; dropped 10 without finite coordinates"
+    assert said["source"].endswith(
+        f"more.npz: {dropped}; no ASPRS classes: ground, vegetation and vehicles were not dropped"
+    )
+
+
+def test_what_is_found_of_clouds_without_classes_is_told_in_ratios(build, tmp_path):
+    x, y = (at.ravel() for at in np.meshgrid(np.arange(0.0, 10.0, 0.05), np.arange(0.0, 10.0, 0.05)))
+    floor, wall = (np.column_stack([x, y, np.zeros(x.size)]), np.column_stack([x, np.full(x.size, 9.0), y / 2.0]))
+    np.savez(tmp_path / "a.npz", points=np.concatenate([floor, wall]))
+    said = build(tmp_path / "a.npz")
+    assert "ground 5" in said["found"] and "vegetation 0 %, temporary 0 %, kept 4" in said["found"]
+    assert "temporary objects cannot be found: the clouds have no times to tell passes apart by" in said["found"]
+    assert "no ASPRS classes" not in said["source"]
+    said = build(tmp_path / "a.npz", "--classify", "off")
+    assert "found" not in said and "no ASPRS classes" in said["source"]
+
+
+def test_how_well_a_map_is_known_and_from_what(build, maxcon, refused, street_npz, out, tmp_path):
+    rng = np.random.default_rng(1)  # walls across a street of 30 m, passed twice at 0.25 m/s, with 0.02 m between
+    along = np.repeat(np.arange(0.0, 30.0, 1.1), 4000)
+    wall = np.column_stack([along, *rng.uniform(0.0, 3.0, (2, len(along)))])
+    points, times = np.concatenate([wall, wall + [0.02, 0.0, 0.0]]), np.concatenate([4 * along, 300 + 4 * along])
+    (tmp_path / "passes").mkdir()
+    passes, file = tmp_path / "passes" / "a.npz", tmp_path / "passes" / "alignment.json"
+    np.savez(passes, points=points, times=times)
+    words = build(street_npz)["sigma"]
+    assert words == "sigma        0.02 m, assumed: no planes of points with times; say it with --sigma"
+    manifest = read_manifest(out / "city.map")
+    del manifest.build["sigma"]
+    write_manifest(out / "city.map", manifest)
+    assert "sigma        0.02 m, it does not say from what\n" in maxcon("map", "info", out / "city.map").out
+    assert build(street_npz, "--sigma", "0.0075")["sigma"] == "sigma        0.0075 m, given"
+    words = build(passes)["sigma"]
+    assert words.startswith("sigma        0.010 m, from 2 passes of 0.014 m each, compared at ")
+    file.write_text(json.dumps({"sigma": {"of_map": 0.0125}, "n_rounds": 2, "n_ties": 100}))
+    assert build(passes)["sigma"].startswith("sigma        0.0125 m, from alignment.json beside the clouds")
+    file.write_text("{")
+    refused(maxcon("map", "build", passes, "-o", out / "b.map"), "alignment.json", "--sigma")
+
+
+# --- on a server -----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def server():
+    with s3_server_here() as address:
+        yield address
+
+
+@pytest.fixture
+def bucket(server, monkeypatch):
+    """Address of a bucket; credentials and server are in the environment."""
+    with bucket_on(server, monkeypatch) as address:
+        yield address
+
+
+def test_from_a_copy_on_a_server_to_the_same_poses(maxcon, localize, refused, drive, poses, bucket, tmp_path):
+    city = f"{bucket}/city"
+    assert maxcon("map", "copy", drive.city, city).out == f"{city}\n"
+    assert maxcon("map", "info", city, "--check").out == maxcon("map", "info", drive.city, "--check").out
+    assert localize(city=city).code == 0
+    assert rows_of(tmp_path / "poses.csv") == rows_of(poses)
+    refused(maxcon("map", "copy", drive.city, city, "-q"), city, "--overwrite")
+    assert maxcon("map", "copy", drive.city, city, "-q", "--overwrite").code == 0
+
+
+def test_what_is_not_on_a_server_and_what_is_not_built_there(maxcon, localize, bucket, refused, street_npz, tmp_path):
+    for city, words in ((f"{bucket}/none", "no manifest.json there"), ("s3://nobody/city", "no such bucket")):
+        refused(maxcon("map", "info", city), city, words)
+        refused(localize(city=city), city, words)
+    assert not (tmp_path / "poses.csv").exists()
+    refused(maxcon("map", "build", street_npz, "-o", f"{bucket}/a"), f"map copy FOLDER {bucket}/a")
