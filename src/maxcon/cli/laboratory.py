@@ -162,7 +162,7 @@ def _print_demo(results: "list[MethodResult]", wide: "WideResult") -> None:
         table.add_column(name, justify="right")
     for result in results:
         of = result.accuracy
-        numbers = (f"{of.median_distance:.3f}", f"{of.worst_distance:.3f}", f"{math.degrees(of.worst_heading):.2f}")
+        numbers = (f"{of.distance.median:.3f}", f"{of.distance.worst:.3f}", f"{math.degrees(of.heading.worst):.2f}")
         ms = f"{result.median_milliseconds:.0f}"
         table.add_row(result.method.name, f"{of.n_success} of {of.n_epochs}", *numbers, ms)
     Console().print(table)

@@ -54,7 +54,7 @@ def update(
     Only epochs called localized count. Searches in MAP2 leave out what is gone. MAP is not touched.
     """
     from maxcon.cli.map_words import print_rows, rows_of_updates
-    from maxcon.lab.dataset_drives import open_drives
+    from maxcon.lab.dataset import open_drives
     from maxcon.mapping.update import UpdateOptions, update_map
 
     options = UpdateOptions(
