@@ -51,7 +51,7 @@ def update(
 ) -> None:
     """Write a new version of a map, in which what drives saw through is gone, and what they saw newly is new.
 
-    Only epochs called localized count. Searches in MAP2 leave out what is gone. MAP is not touched.
+    Only epochs with the status localized count. Searches in MAP2 leave out what is gone. MAP is not touched.
     """
     from maxcon.cli.map_words import print_rows, rows_of_updates
     from maxcon.lab.dataset import open_drives

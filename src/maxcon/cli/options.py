@@ -32,7 +32,8 @@ AtStamp = Annotated[
     ),
 ]
 Scheduler = Annotated[
-    str | None, typer.Option(metavar="ADDRESS", help="Of a dask scheduler, tcp://HOST:8786: its workers do the work.")
+    str | None,
+    typer.Option(metavar="ADDRESS", help="Address of a dask scheduler, tcp://HOST:8786, whose workers do the work."),
 ]
 
 
@@ -60,7 +61,7 @@ class RecordingOptions(OptionGroup, title="Recordings and scanners"):
     odometry_topic: str | None = flag(None, "Which poses of a recording are the odometry.", metavar="NAME")
     odometry_frames: str | None = flag(None, "Likewise the odometry: odom:base_link.", metavar="FIXED:MOVING")
     geoid_height: float | None = flag(
-        None, "Of the geoid above the ellipsoid: subtracted from a receiver's heights, m.", metavar="M"
+        None, "Height of the geoid above the ellipsoid: subtracted from a receiver's heights, m.", metavar="M"
     )
     mounting: Path | None = flag(
         None,
@@ -89,7 +90,7 @@ class MotionOptions(OptionGroup, title="Motion"):
         "With --track or --deskew: poses in any frame that tell the motion; else the prior's own does.",
         metavar="TUM|CSV|RECORDING",
     )
-    drift: float | None = flag(None, "Of the way, by which the odometry is off; 0.02 if not given.", metavar="SHARE")
+    drift: float | None = flag(None, "Error of the odometry as a ratio of the way; 0.02 if not given.", metavar="SHARE")
     deskew: bool = flag(False, "Points have times: move them to where they were at the time of their scan.")
     turn_time: float | None = flag(
         None,
@@ -151,10 +152,10 @@ class Certainty(OptionGroup, title="Certainty"):
 
     risk: Risk = 0.01
     least_share: float = flag(
-        0.05, "Fewer of the scan's points matched: not trusted. Lower it for thin maps.", metavar="0..1"
+        0.05, "An answer that fewer of the scan's points match is not trusted. Lower it for thin maps.", metavar="0..1"
     )
     largest_runner_up: float = flag(
-        0.8, "A second place that scores more than this share: not trusted.", metavar="0..1"
+        0.8, "An answer is not trusted if the second best place scores more than this ratio of it.", metavar="0..1"
     )
 
 

@@ -40,7 +40,7 @@ class CircleOptions(OptionGroup, title="Search space"):
     around: str | None = flag(
         None, "Look in a circle around this place alone, m, in the CRS of the map.", metavar="X,Y"
     )
-    radius: float | None = flag(None, "Of that circle, m; 300 if not given.", metavar="M")
+    radius: float | None = flag(None, "Radius of that circle, m; 300 if not given.", metavar="M")
 
     def local_middle(self, point_map: "PointMap") -> tuple[float, float] | None:
         """Return the middle of the circle, local frame, m; None for the whole map."""
@@ -62,8 +62,10 @@ class CircleOptions(OptionGroup, title="Search space"):
 class PlaceCertainty(OptionGroup, title="Certainty"):
     """From where on an answer is not trusted."""
 
-    least_share: float = flag(0.1, "Fewer of the scan's points matched: not trusted.", metavar="0..1")
-    largest_runner_up: float = flag(0.8, "Another place that scores more than this share: ambiguous.", metavar="0..1")
+    least_share: float = flag(0.1, "An answer that fewer of the scan's points match is not trusted.", metavar="0..1")
+    largest_runner_up: float = flag(
+        0.8, "An answer is ambiguous if the second best place scores more than this ratio of it.", metavar="0..1"
+    )
     risk: Risk = 0.01
 
 

@@ -37,9 +37,9 @@ class SpaceOptions(OptionGroup, title="Search space"):
         metavar="M",
     )
     sigma_position: float | None = flag(
-        None, "Instead: standard deviation of every prior's x, and of its y, m.", metavar="M"
+        None, "Instead of half widths: standard deviation of every prior's x, and of its y, m.", metavar="M"
     )
-    sigma_heading_deg: float | None = flag(None, "And of its heading, degrees.", metavar="DEG")
+    sigma_heading_deg: float | None = flag(None, "Standard deviation of its heading, degrees.", metavar="DEG")
     sigmas: float | None = flag(
         None, "How many standard deviations to search, these or the prior's own; 3 if not given.", metavar="K"
     )
