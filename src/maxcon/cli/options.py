@@ -32,8 +32,7 @@ AtStamp = Annotated[
     ),
 ]
 Scheduler = Annotated[
-    str | None,
-    typer.Option(metavar="ADDRESS", help="Address of a dask scheduler, tcp://HOST:8786, whose workers do the work."),
+    str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler, tcp://HOST:8786: its workers do the work.")
 ]
 
 
@@ -90,7 +89,9 @@ class MotionOptions(OptionGroup, title="Motion"):
         "With --track or --deskew: poses in any frame that tell the motion; else the prior's own does.",
         metavar="TUM|CSV|RECORDING",
     )
-    drift: float | None = flag(None, "Error of the odometry as a ratio of the way; 0.02 if not given.", metavar="SHARE")
+    drift: float | None = flag(
+        None, "Error of the odometry as a fraction of the way; 0.02 if not given.", metavar="SHARE"
+    )
     deskew: bool = flag(False, "Points have times: move them to where they were at the time of their scan.")
     turn_time: float | None = flag(
         None,
@@ -155,7 +156,7 @@ class Certainty(OptionGroup, title="Certainty"):
         0.05, "An answer that fewer of the scan's points match is not trusted. Lower it for thin maps.", metavar="0..1"
     )
     largest_runner_up: float = flag(
-        0.8, "An answer is not trusted if the second best place scores more than this ratio of it.", metavar="0..1"
+        0.8, "Not trusted if the second best place scores more than this fraction of the best.", metavar="0..1"
     )
 
 

@@ -64,7 +64,7 @@ class PlaceCertainty(OptionGroup, title="Certainty"):
 
     least_share: float = flag(0.1, "An answer that fewer of the scan's points match is not trusted.", metavar="0..1")
     largest_runner_up: float = flag(
-        0.8, "An answer is ambiguous if the second best place scores more than this ratio of it.", metavar="0..1"
+        0.8, "Ambiguous if the second best place scores more than this fraction of the best.", metavar="0..1"
     )
     risk: Risk = 0.01
 
