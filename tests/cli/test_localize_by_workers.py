@@ -111,7 +111,7 @@ def test_many_drives_have_the_rows_of_single_calls_and_are_localized_once(many, 
     assert options["options"]["method"]["thinning"] == 0.25 and "threads" not in options["options"]
     files = sorted(out.rglob("*"))
     assert [path.name for path in files if path.parent == out] == [
-        ".lock", "_drives.json", "_options.json", "drive=0013", "drive=a",
+        "_drives.json", "_options.json", "drive=0013", "drive=a",
     ]  # fmt: skip
     before = {path: path.stat().st_mtime_ns for path in out.rglob("*.parquet")}
     assert many().out == f"8 of 8 epochs of 2 drives localized, 8 of them were there; in {out}\n"
