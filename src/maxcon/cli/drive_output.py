@@ -138,8 +138,8 @@ def drawer(
     """Return a function that draws an epoch into the folder, if it is wanted; `name` is that of the objective."""
     from maxcon._system.atomic import make_folder, sweep
     from maxcon.localizer import MaximumConsensus
-    from maxcon.plotting.canvas.figure import check_matplotlib
     from maxcon.plotting.epoch import plot_epoch
+    from maxcon.plotting.figure import check_matplotlib
 
     check_matplotlib()
     sweep(folder)
