@@ -50,14 +50,6 @@ def table(tmp_path):
     return path
 
 
-def test_rows_are_read_as_they_were_written(table):
-    rows = read_rows(table)
-    assert [row.status for row in rows] == ["localized", "ambiguous", "localized"]
-    assert [row.pose for row in rows] == POSES
-    assert rows[0].numbers["cov_x_x"] == 0.0001
-    assert rows[1].reason == "two, alike"
-
-
 @pytest.fixture
 def parquet(table, tmp_path):
     """The same rows as the Parquet file of a drive."""
@@ -75,15 +67,19 @@ def parquet(table, tmp_path):
     return path
 
 
-def test_rows_of_a_drive_among_many_are_the_same(table, parquet, tmp_path):
-    assert read_rows(parquet) == read_rows(table)
+def test_rows_are_read_as_they_were_written_by_a_drive_and_among_many(table, parquet, tmp_path):
+    rows = read_rows(table)
+    assert [row.status for row in rows] == ["localized", "ambiguous", "localized"]
+    assert [row.pose for row in rows] == POSES
+    assert (rows[0].numbers["cov_x_x"], rows[1].reason) == (0.0001, "two, alike")
+    assert read_rows(parquet) == rows
     for path in (table, parquet):
         export_poses(path, tmp_path / f"{path.suffix}.geojson", CRS)
     assert (tmp_path / ".csv.geojson").read_bytes() == (tmp_path / ".parquet.geojson").read_bytes()
 
 
-def _with(table, name, values):
-    return table.set_column(table.schema.get_field_index(name), name, [values])
+def _with(name, values):
+    return lambda table: table.set_column(table.schema.get_field_index(name), name, [values])
 
 
 @pytest.mark.parametrize(
@@ -91,30 +87,31 @@ def _with(table, name, values):
     [
         (lambda table: table.drop_columns(["cov_x_x"]), "no column cov_x_x"),
         (lambda table: table.slice(0, 0), "a row per epoch"),
-        (lambda table: _with(table, "time", [None, 1.0, 2.0]), "no time"),
-        (lambda table: _with(table, "x", [None, None, 2.0]), "a part of a pose"),
-        (lambda table: _with(table, "score", [math.inf, None, 2.0]), "inf"),
-        (lambda table: _with(table, "y", ["a", None, "b"]), "'a'"),
-        (lambda table: _with(table, "status", [1, 2, 3]), "got 1"),
+        (_with("time", [None, 1.0, 2.0]), "no time"),
+        (_with("x", [None, None, 2.0]), "a part of a pose"),
+        (_with("score", [math.inf, None, 2.0]), "inf"),
+        (_with("y", ["a", None, "b"]), "'a'"),
+        (_with("status", [1, 2, 3]), "got 1"),
+        (b"", "Expected the poses of a drive in"),
+        (100, "Expected the poses of a drive in"),
+        (-100, "Expected the poses of a drive in"),
+        ("removed", "No such file"),
+        ("a folder", "no file"),
     ],
 )
 def test_a_parquet_file_that_is_none_of_a_drive(parquet, change, words):
-    pq.write_table(change(pq.read_table(parquet, partitioning=None)), parquet)
-    with pytest.raises(FileError, match=re.escape(words)):
-        read_rows(parquet)
-
-
-def test_a_parquet_file_that_is_broken(parquet, tmp_path):
     content = parquet.read_bytes()
-    for broken in (b"", content[:100], content[: len(content) // 2] + bytes(9) + content[len(content) // 2 + 9 :]):
-        parquet.write_bytes(broken)
-        with pytest.raises(FileError, match=r"Expected the poses of a drive in .*poses\.parquet") as refused:
-            read_rows(parquet)
-        assert "\n" not in str(refused.value)
-    for path, words in ((tmp_path / "none.parquet", "No such file"), (tmp_path / "a.parquet", "no file")):
-        (tmp_path / "a.parquet").mkdir(exist_ok=True)
-        with pytest.raises(FileError, match=words):
-            read_rows(path)
+    if callable(change):
+        pq.write_table(change(pq.read_table(parquet, partitioning=None)), parquet)
+    elif isinstance(change, str):
+        parquet.unlink()
+        if change == "a folder":
+            parquet.mkdir()
+    else:
+        parquet.write_bytes(change if change == b"" else content[:change])
+    with pytest.raises(FileError, match=re.escape(words)) as refused:
+        read_rows(parquet)
+    assert str(parquet) in str(refused.value) and "\n" not in str(refused.value)
 
 
 def back_in_crs(*lonlats):
@@ -123,7 +120,7 @@ def back_in_crs(*lonlats):
     return [transformer.transform(*map(float, lonlat)) for lonlat in lonlats]
 
 
-LOCALIZED = [pose for pose in POSES if pose]
+LOCALIZED = [POSES[0], POSES[2]]
 POSITIONS = [pose.position for pose in LOCALIZED]
 
 
@@ -206,8 +203,7 @@ def test_scans_in_the_map(table, tmp_path, suffix):
     points = np.random.default_rng(0).uniform(-50, 50, (3, 200, 3))
     (tmp_path / "scans").mkdir()
     for number, scan in enumerate(points):
-        rows = np.column_stack([scan, np.zeros(200)]).astype("<f4")
-        (tmp_path / "scans" / f"{number}.bin").write_bytes(rows.tobytes())
+        np.column_stack([scan, np.zeros(200)]).astype("<f4").tofile(tmp_path / "scans" / f"{number}.bin")
     (tmp_path / "scans" / "times.txt").write_text("10\n11\n12\n")
     scans = open_scans(tmp_path / "scans")
     rows, n_points = export_scans(table, tmp_path / f"a{suffix}", scans, CRS, min_range=5.0, max_range=60.0)
@@ -229,11 +225,16 @@ def test_scans_in_the_map(table, tmp_path, suffix):
     assert not list(tmp_path.glob("b*"))
 
 
-def test_tum_and_kitti(table, tmp_path):
-    export_poses(table, tmp_path / "a.tum")
-    trajectory = read_trajectory(tmp_path / "a.tum")
-    assert trajectory.times.tolist() == [10.0, 12.0]
-    np.testing.assert_allclose(trajectory.positions, POSITIONS, atol=1e-9)
+def test_tum_kitti_and_csv_in_degrees(table, tmp_path):
+    for suffix in (".tum", ".csv"):
+        export_poses(table, tmp_path / f"a{suffix}")
+        trajectory = read_trajectory(tmp_path / f"a{suffix}")
+        assert trajectory.times.tolist() == [10.0, 12.0]
+        np.testing.assert_allclose(trajectory.positions, POSITIONS, atol=1e-4 if suffix == ".csv" else 1e-9)
+        np.testing.assert_allclose(trajectory.angles[:, 2], [0.5, -3.0], atol=1e-8)
+    rows = list(csv.DictReader((tmp_path / "a.csv").read_text().splitlines()))
+    assert float(rows[2]["bearing_deg"]) == pytest.approx((90.0 + math.degrees(3.0)) % 360.0)
+    assert (rows[1]["x"], rows[1]["status"], rows[1]["reason"]) == ("", "ambiguous", "two, alike")
     export_poses(table, tmp_path / "a.kitti")
     matrices = np.loadtxt(tmp_path / "a.kitti").reshape(-1, 3, 4)
     np.testing.assert_allclose(matrices[:, :, 3], POSITIONS, atol=1e-4)
@@ -262,17 +263,6 @@ def test_poses_of_kitti_never_stand_beside_the_times_of_others(table, tmp_path, 
         assert sorted(tmp_path.glob("*a.*")) == files
     else:
         assert files[0].read_text() != "before" and not files[1].exists()
-
-
-def test_csv_in_degrees_reads_back(table, tmp_path):
-    export_poses(table, tmp_path / "a.csv")
-    found = read_trajectory(tmp_path / "a.csv")
-    assert len(found) == 2
-    np.testing.assert_allclose(found.angles[:, 2], [0.5, -3.0], atol=1e-8)
-    with (tmp_path / "a.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert float(rows[2]["bearing_deg"]) == pytest.approx((90.0 + math.degrees(3.0)) % 360.0)
-    assert (rows[1]["x"], rows[1]["status"], rows[1]["reason"]) == ("", "ambiguous", "two, alike")
 
 
 def test_what_cannot_be_exported_is_said(table, tmp_path):

@@ -381,4 +381,8 @@ def _read_index(entry: _Section, storage: MapStorage) -> ShardTable:
         ) from None
     if hashlib.sha256(content).hexdigest() != entry.index_sha256:
         raise MapError(f"Expected {where} to be as it was written, got another checksum. {REBUILD}")
-    return ShardTable.from_bytes(content, entry.shards)
+    table = ShardTable.from_bytes(content, entry.shards)
+    if int(table.shards.max(initial=-1)) >= len(entry.shards):
+        n = len(entry.shards)
+        raise MapError(f"Expected all shards of {where} in {storage.where(MANIFEST)}, got {n} `shards`. {REBUILD}")
+    return table

@@ -82,7 +82,7 @@ def three_passes(tmp_path_factory, write_las):
     twists = np.column_stack([rng.normal(0.0, 0.06, (3, 3)), rng.normal(0.0, np.radians(0.1), (3, 3))])
     parts, times = [], []
     for number, twist in enumerate(twists):
-        points = points_on(CORNER, 120, 0.01, rng)
+        points = points_on(CORNER, 60, 0.01, rng)
         parts.append(moved(points, twist))
         times.append(300_000.0 + 100.0 * number + np.sort(rng.uniform(0.0, 8.0, len(points))))
     points, times = np.concatenate(parts), np.concatenate(times)

@@ -10,18 +10,21 @@ import shutil
 import laspy
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from maxcon.cli import app
 from maxcon.errors import CrsError, FileError, MapError, OptionError
 from maxcon.io.trajectories import read_trajectory, write_tum
 from maxcon.mapping.align import AlignmentOptions, align_files
 from maxcon.scan.trajectory import Trajectory
 
+ORIGIN = np.array([550_000.0, 5_802_000.0, 60.0])
 PRIOR = {"georeference_sigma": 0.1, "georeference_sigma_deg": 0.2}
 
 
 def coordinates(path):
     las = laspy.read(path)
-    return np.column_stack([las.x, las.y, las.z]) - [550_000.0, 5_802_000.0, 60.0], np.array(las.gps_time)
+    return np.column_stack([las.x, las.y, las.z]) - ORIGIN, np.array(las.gps_time)
 
 
 @pytest.fixture(scope="module")
@@ -31,15 +34,12 @@ def aligned(three_passes, tmp_path_factory):
     trajectory = folder / "vehicle.txt"
     times = np.concatenate([300_000.0 + 100.0 * i + np.arange(0.0, 8.0, 0.5) for i in range(3)])
     positions = np.column_stack([np.tile(np.arange(0.0, 8.0, 0.5), 3), np.zeros(len(times)), np.full(len(times), 2.0)])
-    write_tum(
-        trajectory,
-        Trajectory(times, positions + [550_000.0, 5_802_000.0, 60.0], np.tile([0, 0, 0, 1.0], (len(times), 1))),
-    )
+    write_tum(trajectory, Trajectory(times, positions + ORIGIN, np.tile([0, 0, 0, 1.0], (len(times), 1))))
     found = align_files(clouds, folder / "out", AlignmentOptions(**PRIOR), trajectories=[trajectory], n_threads=1)
     return found, folder / "out", trajectory
 
 
-def test_rounds_come_together(three_passes, aligned, scene):
+def test_passes_come_together(three_passes, aligned, scene):
     found, _out, _ = aligned
     assert found.adjusted.drift_sigma == 0.0
     assert found.sigma_before > 0.03
@@ -71,8 +71,7 @@ def test_only_coordinates_change(three_passes, aligned):
         np.testing.assert_array_equal(before.header.scales, after.header.scales)
         points, times = coordinates(source)
         passes = found.passes.at(times)
-        origin = np.array([550_000.0, 5_802_000.0, 60.0])
-        wanted = found.adjusted.corrections.moved(points + origin, times, passes) - origin
+        wanted = found.adjusted.corrections.moved(points + ORIGIN, times, passes) - ORIGIN
         np.testing.assert_allclose(coordinates(out / f"{source.stem}.laz")[0], wanted, atol=0.00051)
 
 
@@ -167,6 +166,11 @@ def test_a_pass_elsewhere_stays_and_is_told(tmp_path, write_las, scene):
     np.testing.assert_allclose(coordinates(tmp_path / "out/2.laz")[0], coordinates(clouds[2])[0], atol=1e-6)
     gap = coordinates(tmp_path / "out/1.laz")[0].mean(axis=0) - coordinates(tmp_path / "out/0.laz")[0].mean(axis=0)
     was = coordinates(clouds[1])[0].mean(axis=0) - coordinates(clouds[0])[0].mean(axis=0)
+    ended = run(*clouds, "-o", tmp_path / "again", "--rounds", "file")
+    assert ended.exit_code == 0, ended
+    note = ended.output.splitlines()[-1]
+    assert note.startswith("note         2.laz (") or note.startswith("note         pass 3 (")
+    assert note.endswith("cannot be connected to any other: it stays where it was")
     np.testing.assert_allclose(gap - was, [-0.08, -0.03, 0.0], atol=0.006)
 
 
@@ -183,13 +187,38 @@ def test_what_cannot_be_is_refused(three_passes, tmp_path, write_las, scene):
         align_files([clouds[0], twin], tmp_path / "out")
 
 
-def test_rounds_at_the_same_time_have_no_trajectory(tmp_path, write_las, scene):
-    rng = np.random.default_rng(0)
-    clouds = []
-    for number in range(2):
-        points = scene.points_on(scene.corner, 60, 0.01, rng)
-        clouds.append(write_las(tmp_path / f"{number}.laz", points, np.linspace(0.0, 8.0, len(points))))
+def test_passes_at_the_same_time_have_no_trajectory(tmp_path, write_las, scene):
+    points = [scene.points_on(scene.corner, 40, 0.01, np.random.default_rng(seed)) for seed in range(2)]
+    clouds = [write_las(tmp_path / f"{i}.laz", each, np.linspace(0.0, 8.0, len(each))) for i, each in enumerate(points)]
     trajectory = tmp_path / "t.txt"
     trajectory.write_text("0 0 0 0 0 0 0 1\n8 0 0 0 0 0 0 1\n")
     with pytest.raises(OptionError, match="at the same time"):
         align_files(clouds, tmp_path / "out", AlignmentOptions(passes_by="file"), trajectories=[trajectory])
+
+
+# --- `maxcon map align` -------------------------------------------------------------------------------
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, ["map", "align", *map(str, arguments), "-q"])
+
+
+def test_it_says_how_far_passes_lay_apart_and_what_that_makes_of_a_map(three_passes, tmp_path):
+    clouds, _ = three_passes
+    ended = run(*clouds, "-o", tmp_path / "out", "--georeference-sigma-deg", "0.2")
+    assert ended.exit_code == 0, ended
+    lines = ended.output.splitlines()
+    assert lines[0] == str(tmp_path / "out")
+    assert lines[1] == "passes       3, told apart by time"
+    assert lines[3] == "corrections  a motion of each pass, rigid"
+    assert [line[:5] for line in lines[5:8]] == ["1 - 2", "1 - 3", "2 - 3"]
+    assert lines[8].startswith("sigma        one pass beside the others 0.")
+    assert "the mean of the passes' georeference" in lines[9]
+    assert not any(line.startswith("note") for line in lines)
+
+
+def test_words_that_are_none_are_refused(three_passes, tmp_path):
+    clouds, _ = three_passes
+    ended = run(*clouds, "-o", tmp_path / "out", "--rounds", "colour")
+    assert isinstance(ended.exception, OptionError)
+    assert not (tmp_path / "out").exists()

@@ -10,7 +10,7 @@ from maxcon.mapping.align.passes import Pass, Passes
 
 
 def passes_of(durations, seed=0):
-    """Rounds of some seconds each, a hundred apart, along x."""
+    """Passes of some seconds each, a hundred apart, along x."""
     rng = np.random.default_rng(seed)
     passes = []
     for number, duration in enumerate(durations):
@@ -34,17 +34,13 @@ def some_points(seed, corrections, n=50):
     return rng.uniform(-200.0, 200.0, (n, 3)), times, passes
 
 
-def test_none_moves_nothing():
-    corrections = Corrections.none(passes_of((45, 3)), 10.0)
-    points, times, passes = some_points(0, corrections)
-    np.testing.assert_allclose(corrections.moved(points, times, passes), points, atol=1e-12)
-
-
 @given(st.integers(0, 1000))
-def test_without_drift_a_round_moves_as_one(seed):
+def test_without_drift_a_pass_moves_as_one_and_without_corrections_not_at_all(seed):
     corrections = some_corrections(seed)
-    corrections = corrections.changed(corrections.wholes, np.zeros_like(corrections.knots))
     points, times, passes = some_points(seed, corrections)
+    none = Corrections.none(passes_of((45, 3, 20)), 10.0)
+    np.testing.assert_allclose(none.moved(points, times, passes), points, atol=1e-12)
+    corrections = corrections.changed(corrections.wholes, np.zeros_like(corrections.knots))
     turns = Rotation.from_rotvec(corrections.wholes[passes, 3:])
     centres = corrections.centres[passes]
     wanted = turns.apply(points - centres) + centres + corrections.wholes[passes, :3]

@@ -32,7 +32,7 @@ def headers(tmp_path, write_las):
     return open_headers([one, other])
 
 
-def test_pauses_tell_rounds_apart_in_order_of_time(headers):
+def test_pauses_tell_passes_apart_in_order_of_time(headers):
     passes = survey(headers, "time", 20.0, silent)
     assert [each.name for each in passes] == ["pass 1", "pass 2", "pass 3"]
     assert [(each.start, each.end) for each in passes.passes] == [(7.0, 10.0), (100.0, 102.0), (160.0, 161.0)]
@@ -40,16 +40,13 @@ def test_pauses_tell_rounds_apart_in_order_of_time(headers):
     assert passes.are_apart
     assert passes.at(np.array([0.0, 50.0, 60.0, 140.0, 1e6])).tolist() == [0, 0, 1, 2, 2]
     assert len(survey(headers, "time", 70.0, silent)) == 2
-
-
-def test_a_second_has_the_mean_of_its_points(headers):
-    first = survey(headers, "time", 20.0, silent).passes[0]
+    first = passes.passes[0]  # a second has the mean of its points
     np.testing.assert_allclose(first.times, [7.5, 8.5, 9.5])
     np.testing.assert_allclose(first.middles - [550_000, 5_802_000, 60], POINTS[:3], atol=1e-6)
     np.testing.assert_allclose(first.centre - [550_000, 5_802_000, 60], POINTS[:3].mean(axis=0), atol=1e-6)
 
 
-def test_files_and_sources_tell_rounds_apart(headers):
+def test_files_and_sources_tell_passes_apart(headers):
     by_file, by_source = (survey(headers, by, 20.0, silent) for by in ("file", "source"))
     assert [each.name for each in by_file.passes] == ["a.las", "b.las"]
     assert numbers(by_file, headers) == [1, 1, 1, 0, 0, 0]
@@ -59,14 +56,11 @@ def test_files_and_sources_tell_rounds_apart(headers):
     assert not by_source.are_apart
 
 
-def test_without_times_files_have_to_tell(tmp_path, write_las):
-    headers = open_headers([write_las(tmp_path / "a.las", POINTS, TIMES, point_format=0, version="1.2")])
-    with pytest.raises(OptionError, match="--rounds file"):
-        survey(headers, "time", 20.0, silent)
-    assert survey(headers, "file", 20.0, silent).passes[0].times.tolist() == [0.5]
-
-
 def test_what_is_refused(tmp_path, headers, write_las, monkeypatch):
+    untimed = open_headers([write_las(tmp_path / "c.las", POINTS, TIMES, point_format=0, version="1.2")])
+    with pytest.raises(OptionError, match="--rounds file"):
+        survey(untimed, "time", 20.0, silent)
+    assert survey(untimed, "file", 20.0, silent).passes[0].times.tolist() == [0.5]
     text = tmp_path / "a.xyz"
     text.write_text("1 2 3\n4 5 6\n")
     with pytest.raises(FileError, match="Expected LAS or LAZ"):

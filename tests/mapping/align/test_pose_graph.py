@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Ties of known errors: what the graph makes of them, and whether its covariance holds."""
+"""Constraints of known errors: what the graph makes of them, and whether its covariance holds."""
 
 import math
 
@@ -30,7 +30,7 @@ def pose_of(twist):
 
 
 def campaign(seed, n_passes=4, duration=60, drift=0.0, every=4, noise=1.0):
-    """Rounds with the motions that would correct them, and exact or noisy constraints of all pairs along the way."""
+    """Passes with the motions that would correct them, and exact or noisy constraints of all pairs along the way."""
     rng = np.random.default_rng(seed)
     passes = passes_of([duration] * n_passes, seed)
     none = Corrections.none(passes, 10.0)
@@ -54,20 +54,22 @@ def constraint_of(true, place, passes, times, error):
     return Constraint(place, passes, times, pose, np.diag(SIGMAS**2), 0.8)
 
 
+def ends_of(constraint):
+    """Place, time and pass of both ends."""
+    return [(constraint.place, *end) for end in zip(constraint.times, constraint.passes, strict=True)]
+
+
 def spread(true, corrections, constraints):
     """How far passes that are corrected lie from where they are truly, beside each other, at constraints, m."""
     found = []
     for constraint in constraints:
-        left = [
-            corrections.twist_at(constraint.place, time, number)[:3] - true.twist_at(constraint.place, time, number)[:3]
-            for time, number in zip(constraint.times, constraint.passes, strict=True)
-        ]
+        left = [(corrections.twist_at(*end) - true.twist_at(*end))[:3] for end in ends_of(constraint)]
         found.append(np.linalg.norm(left[0] - left[1]))
     return np.array(found)
 
 
-def test_exact_ties_bring_rigid_rounds_together():
-    _rounds, none, true, constraints = campaign(0, noise=0.0)
+def test_exact_constraints_bring_rigid_passes_together():
+    _passes, none, true, constraints = campaign(0, noise=0.0)
     adjusted = adjust(Equations(none, constraints), PRIOR, 0.0)
     assert spread(true, none, constraints).max() > 0.1
     assert spread(true, adjusted.corrections, constraints).max() < 0.001  # the prior draws a little
@@ -76,15 +78,12 @@ def test_exact_ties_bring_rigid_rounds_together():
     np.testing.assert_allclose(adjusted.corrections.wholes[:, :3].mean(axis=0), 0.0, atol=0.02)
 
 
-def test_residuals_are_what_ties_say_of_corrected_rounds():
-    _rounds, _none, true, constraints = campaign(1)
+def test_residuals_are_what_constraints_say_of_corrected_passes():
+    _passes, _none, true, constraints = campaign(1)
     corrections = true.changed(true.wholes + 0.01, true.knots)
     adjusted = adjust(Equations(corrections, constraints), PRIOR, 0.0)
     for constraint, residual in list(zip(constraints, adjusted.residuals, strict=True))[:20]:
-        first, second = (
-            pose_of(adjusted.corrections.twist_at(constraint.place, time, number))
-            for time, number in zip(constraint.times, constraint.passes, strict=True)
-        )
+        first, second = (pose_of(adjusted.corrections.twist_at(*end)) for end in ends_of(constraint))
         left = first @ constraint.pose @ second.inverse
         np.testing.assert_allclose(residual[:3], left.position, atol=1e-12)
         np.testing.assert_allclose(pose_of(residual).rotation, left.rotation, atol=1e-12)
@@ -93,27 +92,20 @@ def test_residuals_are_what_ties_say_of_corrected_rounds():
 def test_the_covariance_holds():
     """Normalized squared errors of positions beside each other, over campaigns, are those of chi-squared."""
     squares = []
-    for seed in range(30):
-        _rounds, none, true, constraints = campaign(seed, n_passes=3, every=10)
+    for seed in range(20):
+        _passes, none, true, constraints = campaign(seed, n_passes=3, every=10)
         adjusted = adjust(Equations(none, constraints), PRIOR, 0.0)
         constraint = constraints[4]
-        rows = [
-            adjusted.twist_rows(constraint.place, time, number)[:3]
-            for time, number in zip(constraint.times, constraint.passes, strict=True)
-        ]
-        twists = [
-            adjusted.corrections.twist_at(constraint.place, time, number)
-            - true.twist_at(constraint.place, time, number)
-            for time, number in zip(constraint.times, constraint.passes, strict=True)
-        ]
+        rows = [adjusted.twist_rows(*where)[:3] for where in ends_of(constraint)]
+        twists = [adjusted.corrections.twist_at(*where) - true.twist_at(*where) for where in ends_of(constraint)]
         error = (twists[0] - twists[1])[:3]
         squares.append(error @ np.linalg.solve(adjusted.covariance(rows[0] - rows[1]), error))
     assert 1.8 < np.mean(squares) < 4.8  # three degrees of freedom
 
 
 @pytest.mark.parametrize("drift", [0.0, 0.02])
-def test_ties_tell_whether_rounds_drift(drift):
-    _rounds, none, true, constraints = campaign(2, drift=drift)
+def test_constraints_tell_whether_passes_drift(drift):
+    _passes, none, true, constraints = campaign(2, drift=drift)
     adjusted = adjust_by_evidence(none, constraints, PRIOR, None)
     assert (adjusted.drift_sigma == 0.0) == (drift == 0.0)
     if drift:
@@ -123,8 +115,8 @@ def test_ties_tell_whether_rounds_drift(drift):
     assert np.median(spread(true, adjusted.corrections, constraints)) < 0.005
 
 
-def test_wrong_ties_do_not_bend_the_graph():
-    _rounds, none, true, constraints = campaign(3)
+def test_wrong_constraints_do_not_bend_the_graph():
+    _passes, none, true, constraints = campaign(3)
     rng = np.random.default_rng(0)
     wrong = rng.choice(len(constraints), len(constraints) // 5, replace=False)
     for number in wrong.tolist():
@@ -140,9 +132,9 @@ def test_wrong_ties_do_not_bend_the_graph():
     assert remaining_sigma(constraints, adjusted, is_after=True) < 0.004
 
 
-def test_what_no_tie_tells_stays_at_its_prior():
+def test_what_no_constraint_tells_stays_at_its_prior():
     passes, none, _true, constraints = campaign(4, n_passes=3)
-    # a street along x, where matches are open; and a round that nobody met
+    # a street along x, where matches are open; and a pass that nobody met
     covariance = np.diag(SIGMAS**2)
     covariance[0, 0] = 1.0
     constraints = [
@@ -161,7 +153,7 @@ def test_what_no_tie_tells_stays_at_its_prior():
     np.testing.assert_allclose(third.sigma, 0.1, rtol=1e-6)
 
 
-def test_sets_of_rounds_that_never_met_are_told():
+def test_sets_of_passes_that_never_met_are_told():
     passes, none, _true, constraints = campaign(5, n_passes=5)
     constraints = [constraint for constraint in constraints if (constraint.passes[0] < 3) == (constraint.passes[1] < 3)]
     tied = connectivity_of_passes(passes, constraints, adjust(Equations(none, constraints), PRIOR, 0.0), PRIOR)
@@ -170,13 +162,9 @@ def test_sets_of_rounds_that_never_met_are_told():
     assert not any(each.words for each in tied[:3])
 
 
-def test_the_datum_is_known_as_the_mean_of_the_priors():
-    passes, none, _true, constraints = campaign(6, n_passes=4)
-    adjusted = adjust(Equations(none, constraints), PRIOR, 0.0)
-    assert datum_sigma(passes, adjusted) > 0.1 / math.sqrt(4)
-    assert datum_sigma(passes, adjusted) < 2.0 * 0.1 / math.sqrt(4)
-
-
-def test_noise_larger_than_said_makes_all_of_it_less_sure():
-    _rounds, none, _true, constraints = campaign(7, noise=3.0)
+def test_the_datum_is_the_mean_of_the_priors_and_larger_noise_makes_all_less_sure():
+    passes, none, _true, constraints = campaign(6)
+    mean = PRIOR.sigma / math.sqrt(4)
+    assert mean < datum_sigma(passes, adjust(Equations(none, constraints), PRIOR, 0.0)) < 2.0 * mean
+    _passes, none, _true, constraints = campaign(7, noise=3.0)
     assert adjust(Equations(none, constraints), PRIOR, 0.0).inflation == pytest.approx(3.0, rel=0.15)

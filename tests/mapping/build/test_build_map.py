@@ -8,6 +8,7 @@ from built_maps import CELL, assert_same_voxels, files_of, left_over
 
 from maxcon import PointMap
 from maxcon.errors import ArrayError, FileError, OptionError
+from maxcon.io.clouds import open_cloud
 from maxcon.io.clouds.base import CloudReader
 from maxcon.map.manifest import read_manifest
 from maxcon.mapping.build import MapOptions, build_map
@@ -22,8 +23,6 @@ def test_voxels_are_those_of_the_same_points_in_memory(tmp_path, cloud_files, sc
     opened = PointMap.open(tmp_path / "a.map")
     np.testing.assert_allclose(np.array(opened.frame.origin) % (512 * CELL) % (512 * CELL - 1e-6), 0.0, atol=1e-5)
     if kind in ("las", "laz"):
-        from maxcon.io.clouds import open_cloud
-
         with open_cloud(path) as reader:  # as they are read back: multiples of the scale, with rounding
             points = np.concatenate([chunk.points for chunk in reader.chunks()])
     local = points - np.array(opened.frame.origin)
@@ -50,16 +49,17 @@ def test_the_map_does_not_depend_on_chunks_files_their_order_or_threads(tmp_path
         opened = PointMap.open(tmp_path / f"{number}.map")
         assert opened.frame == wanted.frame
         assert_same_voxels(opened, wanted)
+    assert files_of(tmp_path / "0.map") == files_of(tmp_path / "whole.map")  # of the same source, the same bytes
 
 
 def test_a_thin_survey_of_thousands_of_tiles_makes_a_few_files(tmp_path, cloud_files):
     """Two points in a tile, as from an aeroplane: no tile costs a file, neither in the end nor on the way."""
     rng = np.random.default_rng(0)
-    points = rng.uniform(0.0, 1500.0, (3000, 3)) * [1.0, 1.0, 0.01]
+    points = rng.uniform(0.0, 1200.0, (2200, 3)) * [1.0, 1.0, 0.01]
     manifest = build_map([cloud_files.npz(tmp_path / "a.npz", points)], tmp_path / "a.map")
-    assert len(manifest.tiles) > 1500
+    assert len(manifest.tiles) > 1000
     assert len([path for path in (tmp_path / "a.map").rglob("*") if path.is_file()]) <= 5
-    assert PointMap.open(tmp_path / "a.map").all_voxels()[1].sum() == 3000
+    assert PointMap.open(tmp_path / "a.map").all_voxels()[1].sum() == 2200
 
 
 @pytest.mark.parametrize("keep_every", [2, 7])
@@ -87,13 +87,6 @@ def test_the_voxels_of_a_large_map_do_not_depend_on_the_order_of_files(tmp_path,
     np.testing.assert_allclose(shift, np.round(shift), atol=1e-6)
     moved = {tuple(index) for index in (other.all_voxels()[0] + np.round(shift).astype(int)).tolist()}
     assert moved == {tuple(index) for index in one.all_voxels()[0].tolist()}
-
-
-def test_the_same_sources_make_the_same_bytes_whatever_the_threads(tmp_path, cloud_files, scene):
-    path = cloud_files.npz(tmp_path / "a.npz", scene)
-    for n_threads in (1, 2):
-        build_map([path], tmp_path / f"{n_threads}.map", n_threads=n_threads)
-    assert files_of(tmp_path / "1.map") == files_of(tmp_path / "2.map")
 
 
 def test_progress_counts_up_to_the_whole(tmp_path, cloud_files, scene):

@@ -40,11 +40,11 @@ def _shared(one, other):
 
 
 @pytest.mark.parametrize("crs", ["EPSG:25833", "EPSG:4258", "EPSG:3035"])
-def test_points_of_another_crs_are_where_they_would_be(tmp_path, points, crs):
-    np.savez(tmp_path / "here.npz", points=points)
-    np.savez(tmp_path / "there.npz", points=_other(points, crs))
-    build_map([tmp_path / "here.npz"], tmp_path / "here.map", MapOptions(crs=UTM))
-    manifest = build_map([tmp_path / "there.npz"], tmp_path / "there.map", MapOptions(crs=crs, to_crs=UTM))
+def test_points_of_another_crs_are_where_they_would_be(tmp_path, cloud_files, points, crs):
+    here = cloud_files.npz(tmp_path / "here.npz", points)
+    there = cloud_files.npz(tmp_path / "there.npz", _other(points, crs))
+    build_map([here], tmp_path / "here.map", MapOptions(crs=UTM))
+    manifest = build_map([there], tmp_path / "there.map", MapOptions(crs=crs, to_crs=UTM))
     assert _shared(_voxels(tmp_path / "here.map"), _voxels(tmp_path / "there.map")) > 0.99  # 0.1 mm of the projection
     assert pyproj.CRS(manifest.crs).to_epsg() == 25832
     assert manifest.build["sources"][0]["transform"].startswith("from ")
@@ -54,37 +54,26 @@ def test_sources_of_several_crs_make_one_map(tmp_path, cloud_files, points):
     one = cloud_files.las(tmp_path / "a.laz", points[:1500], crs=UTM)
     two = cloud_files.las(tmp_path / "b.laz", _other(points[1500:], "EPSG:25833"), crs="EPSG:25833")
     manifest = build_map([one, two], tmp_path / "ab.map", MapOptions(to_crs=UTM))
-    np.savez(tmp_path / "here.npz", points=points)
-    build_map([tmp_path / "here.npz"], tmp_path / "here.map", MapOptions(crs=UTM))
+    here = cloud_files.npz(tmp_path / "here.npz", points)
+    build_map([here], tmp_path / "here.map", MapOptions(crs=UTM))
     assert _shared(_voxels(tmp_path / "here.map"), _voxels(tmp_path / "ab.map")) > 0.9  # LAS rounds to 1 mm
     assert manifest.n_points == 3000
 
 
-def test_feet_are_scaled_by_the_crs():
+def test_feet_degrees_and_geocentric_coordinates_become_metres(points):
     """New York in feet of the US survey: what no CRS says of heights is in the unit of the plane."""
-    transform = PointTransform("EPSG:2263", "EPSG:32618")
-    placed = transform.apply(np.array([[1_000_000.0, 200_000.0, 100.0]]))
     plane = pyproj.Transformer.from_crs("EPSG:2263", "EPSG:32618", always_xy=True).transform(1_000_000.0, 200_000.0)
-    np.testing.assert_allclose(placed, [[*plane, 100.0 * FOOT]])
-    assert "heights times 0.3048006096" in transform.words
-    with_heights = PointTransform("EPSG:2263+6360", "EPSG:32618")  # NAVD88 in feet
-    np.testing.assert_allclose(with_heights.apply(np.array([[1e6, 2e5, 100.0]]))[0, 2], 100.0 * FOOT)
-    metres = PointTransform("EPSG:2263+5703", "EPSG:32618")  # NAVD88 in metres
-    np.testing.assert_allclose(metres.apply(np.array([[1e6, 2e5, 100.0]]))[0, 2], 100.0)
-
-
-def test_degrees_and_geocentric_coordinates():
+    place = np.array([[1_000_000.0, 200_000.0, 100.0]])
+    for crs, height in (("EPSG:2263", 100.0 * FOOT), ("EPSG:2263+6360", 100.0 * FOOT), ("EPSG:2263+5703", 100.0)):
+        np.testing.assert_allclose(PointTransform(crs, "EPSG:32618").apply(place), [[*plane, height]])
+    assert "heights times 0.3048006096" in PointTransform("EPSG:2263", "EPSG:32618").words
     degrees = PointTransform("EPSG:4326", "EPSG:32632").apply(np.array([[9.0, 52.0, 61.0]]))
     np.testing.assert_allclose(degrees[0, [0, 2]], [500_000.0, 61.0], atol=1e-6)
-    x, y, z = pyproj.Transformer.from_crs("EPSG:4979", "EPSG:4978", always_xy=True).transform(9.0, 52.0, 61.0)
-    np.testing.assert_allclose(
-        PointTransform("EPSG:4978", "EPSG:32632").apply(np.array([[x, y, z]])), degrees, atol=1e-6
-    )
-
-
-def test_the_same_crs_changes_nothing(points):
-    np.testing.assert_array_equal(PointTransform(UTM, UTM).apply(points), points)
-    np.testing.assert_array_equal(PointTransform("EPSG:25832+7837", UTM).apply(points), points)
+    geocentric = pyproj.Transformer.from_crs("EPSG:4979", "EPSG:4978", always_xy=True).transform(9.0, 52.0, 61.0)
+    placed = PointTransform("EPSG:4978", "EPSG:32632").apply(np.array([geocentric]))
+    np.testing.assert_allclose(placed, degrees, atol=1e-6)
+    for crs in (UTM, "EPSG:25832+7837"):
+        np.testing.assert_array_equal(PointTransform(crs, UTM).apply(points), points)
 
 
 def test_heights_are_not_mixed(tmp_path, cloud_files, points):
@@ -97,8 +86,7 @@ def test_heights_are_not_mixed(tmp_path, cloud_files, points):
 
 
 def test_what_cannot_be_transformed_is_refused(tmp_path, cloud_files, points):
-    np.savez(tmp_path / "none.npz", points=points)
-    none = tmp_path / "none.npz"
+    none = cloud_files.npz(tmp_path / "none.npz", points)
     for options, kind, words in (
         ({"to_crs": UTM}, CrsError, r"none\.npz.*got none\. Say which it is with --crs"),
         ({"crs": UTM, "to_crs": "EPSG:4326"}, CrsError, "projected CRS in metres, got WGS 84"),
@@ -122,17 +110,13 @@ def test_a_part_of_a_cloud(tmp_path, cloud_files, points):
     manifest = build_map([path], tmp_path / "part.map", MapOptions(area=area))
     assert manifest.n_points == inside.sum()
     assert manifest.build["sources"][0]["n_outside"] == (~inside).sum()
-    np.savez(tmp_path / "inside.npz", points=seen[inside])
-    build_map([tmp_path / "inside.npz"], tmp_path / "inside.map", MapOptions(crs=UTM))
+    build_map([cloud_files.npz(tmp_path / "inside.npz", seen[inside])], tmp_path / "inside.map", MapOptions(crs=UTM))
     assert _shared(_voxels(tmp_path / "part.map"), _voxels(tmp_path / "inside.map")) > 0.98  # LAS: on borders
     with pytest.raises(MapError, match="3,000 lie outside of the area"):
         build_map([path], tmp_path / "x.map", MapOptions(area=Area(0, 0, 1, 1)))
-
-
-@pytest.mark.parametrize("text", ["", "1,2,3", "1,2,3,x", "3,0,1,1", "0,0,0,1", "nan,0,1,1", "0,0,inf,1", "1,2,3,4,5"])
-def test_what_is_no_area(text):
-    with pytest.raises(OptionError, match="x_min,y_min,x_max,y_max"):
-        Area.parse(text)
+    for text in ("", "1,2,3", "1,2,3,x", "3,0,1,1", "0,0,0,1", "nan,0,1,1", "0,0,inf,1", "1,2,3,4,5"):
+        with pytest.raises(OptionError, match="x_min,y_min,x_max,y_max"):
+            Area.parse(text)
 
 
 def test_real_copc_files_as_a_whole_and_by_area(real_data, tmp_path):
@@ -160,7 +144,7 @@ def test_real_copc_files_as_a_whole_and_by_area(real_data, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["scalar_Classification", "label"])
-def test_classes_of_a_ply_are_those_of_las_if_one_says_so(tmp_path, points, name):
+def test_classes_of_a_ply_are_those_of_las_if_one_says_so(tmp_path, cloud_files, points, name):
     head = ["ply", "format ascii 1.0", "element vertex 3000", *(f"property double {axis}" for axis in "xyz")]
     classes = np.repeat([2, 5, 6], 1000)
     rows = [f"{x:.4f} {y:.4f} {z:.4f} {c}" for (x, y, z), c in zip(points.tolist(), classes, strict=True)]
@@ -170,6 +154,6 @@ def test_classes_of_a_ply_are_those_of_las_if_one_says_so(tmp_path, points, name
     manifest = build_map([path], tmp_path / "some.map", MapOptions(classes_are_asprs=True))
     assert manifest.n_points == 1000
     assert manifest.build["sources"][0]["n_dropped"] == {"2": 1000, "5": 1000}
-    np.savez(tmp_path / "none.npz", points=points)
+    none = cloud_files.npz(tmp_path / "none.npz", points)
     with pytest.raises(OptionError, match=r"none\.npz, said to be those of the ASPRS"):
-        build_map([tmp_path / "none.npz"], tmp_path / "x.map", MapOptions(classes_are_asprs=True))
+        build_map([none], tmp_path / "x.map", MapOptions(classes_are_asprs=True))

@@ -20,12 +20,7 @@ PAUSE = 300.0
 class Street:
     """Pieces of wall of all orientations, 1.5 m wide and 5 m apart, passed at 2 s each.
 
-    Parameters
-    ----------
-    errors : array, shape (n_passes, n_walls, 3)
-        Of each pass at each wall, m.
-    density : array_like, shape (n_passes,) or float
-        Points per pass and wall.
+    errors: of each pass at each wall, (n_passes, n_walls, 3), m; density: points per pass and wall.
     """
 
     def __init__(self, errors, density=600, noise=0.005, seed=0):
@@ -70,35 +65,27 @@ def test_the_errors_of_passes_are_found(n_passes, sigma):
     assert found.sigma_of_map == pytest.approx(found.sigma_of_pass / np.sqrt(n_passes), rel=0.03)
 
 
-def test_offsets_are_measured_across_the_walls_only():
+def test_offsets_are_measured_across_the_walls_and_noise_of_points_is_none():
     street = Street(drawn(2, 0.0))
     street.points[street.times > PAUSE] += [0.03, 0.0, 0.0]  # the same along the street, everywhere
     assert street.compared().sigma_of_pass == pytest.approx(0.03 / np.sqrt(3.0) / np.sqrt(2.0), rel=0.1)
-
-
-def test_noise_of_points_is_not_taken_for_an_error_of_passes():
     found = Street(drawn(3, 0.0), density=300, noise=0.02).compared()
     assert found.is_enough
     assert found.sigma_of_pass < 0.001  # a mean of 33 points is good to 0.0035 m
 
 
-def test_what_changed_between_passes_is_left_out():
+def test_what_changed_between_passes_or_is_rough_is_left_out():
     errors = drawn(3, 0.02)
     street = Street(errors)
-    wanted = street.compared().sigma_of_pass
-    errors[1, ::8] += 0.12  # doors that stood open, and cars
-    changed = Street(errors)
-    assert changed.sigma_of_pass > 1.5 * wanted
-    assert changed.compared().sigma_of_pass == pytest.approx(wanted, rel=0.15)
-
-
-def test_what_is_rough_is_left_out():
-    street = Street(drawn(3, 0.01))
-    bush = np.random.default_rng(2).uniform(-3.0, 3.0, (60_000, 3)) + [250.0, 20.0, 0.0]
     wanted = street.compared()
+    bush = np.random.default_rng(2).uniform(-3.0, 3.0, (60_000, 3)) + [250.0, 20.0, 0.0]
     street.points = np.concatenate([street.points, bush])
     street.times = np.concatenate([street.times, np.repeat(PAUSE * np.arange(3), 20_000)])
     assert street.compared() == wanted
+    errors[1, ::8] += 0.12  # doors that stood open, and cars
+    changed = Street(errors)
+    assert changed.sigma_of_pass > 1.5 * wanted.sigma_of_pass
+    assert changed.compared().sigma_of_pass == pytest.approx(wanted.sigma_of_pass, rel=0.15)
 
 
 def test_a_pass_that_left_most_of_the_points_decides_the_map():
@@ -117,16 +104,11 @@ def test_passes_that_cannot_be_compared():
     assert short.n_places > 0
     assert not short.is_enough
     assert "half minutes only" in short.shortcoming
-
-
-@pytest.mark.parametrize("n_points", [0, 1, 19, 1000])
-def test_points_without_planes_say_nothing(n_points):
-    sample = PlaceSample()
     rng = np.random.default_rng(0)
-    sample.add(rng.uniform(0.0, 0.5, (n_points, 3)), rng.uniform(0.0, 1000.0, n_points))
-    found = compare_passes(sample.records())
-    assert not found.is_enough
-    assert found.shortcoming == "no planes of points with times"
+    for n_points in (0, 1, 19, 1000):
+        records = sampled(rng.uniform(0.0, 0.5, (n_points, 3)), rng.uniform(0.0, 1000.0, n_points), 10_000)
+        assert not compare_passes(records).is_enough
+        assert compare_passes(records).shortcoming == "no planes of points with times"
 
 
 def points_and_times(n=20_000, seed=0):
@@ -141,21 +123,22 @@ def sampled(points, times, most_points, n_parts=1):
     return sample.records()
 
 
-def cubes(points):
-    return np.floor(points / PLACE_EDGE).astype(int)
-
-
 def test_all_points_are_kept_while_they_are_few_by_place_and_time():
     points, times = points_and_times()
     records = sampled(points, times, len(points), n_parts=7)
+    cubes = np.floor(points / PLACE_EDGE).astype(int)
     assert len(records) == len(points)
-    assert len(np.unique(records["place"])) == len(np.unique(cubes(points), axis=0))
-    order = np.argsort(records["time"])
-    inside = points - (cubes(points) + 0.5) * PLACE_EDGE
-    np.testing.assert_allclose(records["inside"][order], inside[np.argsort(times)], atol=1e-6)
+    assert len(np.unique(records["place"])) == len(np.unique(cubes, axis=0))
+    inside = points - (cubes + 0.5) * PLACE_EDGE
+    np.testing.assert_allclose(records["inside"][np.argsort(records["time"])], inside[np.argsort(times)], atol=1e-6)
     steps = np.diff(records["place"].astype(object))
     assert (steps >= 0).all()
     assert (np.diff(records["time"])[steps == 0] >= 0.0).all()
+    some = PlaceSample()
+    some.add(points[:100], None)  # what has no time is left out
+    some.add(points[:0], times[:0])
+    some.add(points[:100], np.where(np.arange(100) < 40, np.nan, times[:100]))
+    assert len(some.records()) == 60
 
 
 @pytest.mark.parametrize("most_points", [12_000, 700])
@@ -170,21 +153,11 @@ def test_of_many_points_those_of_some_places_are_kept_whole_and_evenly(most_poin
     assert abs(at[:, :2].mean(axis=0)).max() < 15.0 / np.sqrt(len(np.unique(records["place"])))
 
 
-@pytest.mark.parametrize("n_parts", [1, 50])
-def test_the_sample_depends_neither_on_parts_nor_on_their_order(n_parts):
+def test_the_sample_depends_neither_on_parts_nor_on_their_order():
     points, times = points_and_times()
-    wanted = sampled(points, times, 3_000)
-    order = np.random.default_rng(1).permutation(len(points))
-    np.testing.assert_array_equal(sampled(points[order], times[order], 3_000, n_parts), wanted)
-
-
-def test_points_without_times_are_left_out():
-    points, times = points_and_times(100)
-    sample = PlaceSample()
-    sample.add(points, None)
-    sample.add(points[:0], times[:0])
-    sample.add(points, np.where(np.arange(100) < 40, np.nan, times))
-    assert len(sample.records()) == 60
+    wanted, order = sampled(points, times, 3_000), np.random.default_rng(1).permutation(len(points))
+    for n_parts in (1, 50):
+        np.testing.assert_array_equal(sampled(points[order], times[order], 3_000, n_parts), wanted)
 
 
 def three_passes(surfaces, offsets=(0.0, 0.02, 0.04), n_walls=60):
@@ -194,8 +167,8 @@ def three_passes(surfaces, offsets=(0.0, 0.02, 0.04), n_walls=60):
         for wall in range(n_walls):
             x = 2.0 * wall
             across = offset if wall % 2 else -offset
-            points.append(surfaces.wall(1500, (x, 10.15 + across), (x + 1.5, 10.15 + across), noise=0.005)[0])
-            times.append(np.full(1500, 300.0 * number + 2.0 * wall))
+            points.append(surfaces.wall(700, (x, 10.15 + across), (x + 1.5, 10.15 + across), noise=0.005)[0])
+            times.append(np.full(700, 300.0 * number + 2.0 * wall))
     return np.concatenate(points), np.concatenate(times)
 
 
@@ -213,32 +186,28 @@ def test_passes_say_how_well_a_map_is_known(tmp_path, cloud_files, surfaces, kin
     assert PointMap.open(tmp_path / "a.map").sigma == manifest.sigma
 
 
-def test_what_leaves_it_assumed_or_given(tmp_path, cloud_files, surfaces):
+@pytest.mark.parametrize(
+    ("has_times", "options", "sigma", "said"),
+    [
+        (True, {}, 0.02, {"from": "assumed", "reason": "one pass only"}),
+        (False, {}, 0.02, {"from": "assumed", "reason": "no planes of points with times"}),
+        (True, {"sigma": 0.0}, 0.0, {"from": "given"}),
+        (True, {"sigma": 1}, 1.0, {"from": "given"}),
+    ],
+)
+def test_what_leaves_it_assumed_or_given(tmp_path, cloud_files, surfaces, has_times, options, sigma, said):
     points, times = three_passes(surfaces, offsets=(0.0,), n_walls=10)
-    timed = cloud_files.npz(tmp_path / "a.npz", points, times=times)
-    untimed = cloud_files.npz(tmp_path / "b.npz", points)
-    for number, (path, options, sigma, said) in enumerate(
-        [
-            (timed, {}, 0.02, {"from": "assumed", "reason": "one pass only"}),
-            (untimed, {}, 0.02, {"from": "assumed", "reason": "no planes of points with times"}),
-            (timed, {"sigma": 0.0}, 0.0, {"from": "given"}),
-            (timed, {"sigma": 1}, 1.0, {"from": "given"}),
-        ]
-    ):
-        manifest = build_map([path], tmp_path / f"{number}.map", MapOptions(**options))
-        assert (manifest.sigma, manifest.build["sigma"]) == (sigma, said)
-        assert read_manifest(tmp_path / f"{number}.map").sigma == sigma
+    path = cloud_files.npz(tmp_path / "a.npz", points, times=times if has_times else None)
+    manifest = build_map([path], tmp_path / "a.map", MapOptions(**options))
+    assert (manifest.sigma, manifest.build["sigma"]) == (sigma, said)
+    assert read_manifest(tmp_path / "a.map").sigma == sigma
 
 
 def test_alignments_beside_the_clouds(tmp_path, cloud_files, surfaces):
-    points, times = three_passes(surfaces, n_walls=60)
+    points, times = three_passes(surfaces, n_walls=6)
     path, file = cloud_files.npz(tmp_path / "a.npz", points, times=times), tmp_path / "alignment.json"
-    for sigma, n_ties, n_rounds, wanted in (
-        (0.03, 60, 3, 0.03),
-        (0.001, 60, 3, 0.001),
-        (0.001, 60, 1, 0.02),
-        (0, 9, 3, 0.02),
-    ):
+    cases = ((0.03, 60, 3, 0.03), (0.001, 60, 3, 0.001), (0.001, 60, 1, 0.02), (0, 9, 3, 0.02))
+    for sigma, n_ties, n_rounds, wanted in cases:
         file.write_text(json.dumps({"sigma": {"of_map": sigma}, "n_ties": n_ties, "n_rounds": n_rounds, "more": []}))
         assert aligned_sigma([path]) == wanted
     file.write_text(json.dumps({"sigma": {"of_map": 0.05}, "n_ties": 60, "n_rounds": 3}))
@@ -252,9 +221,9 @@ def test_alignments_beside_the_clouds(tmp_path, cloud_files, surfaces):
     assert aligned_sigma([path]) is None
 
 
-@pytest.mark.parametrize("sigma", [-0.001, float("nan"), float("inf")])
-def test_a_sigma_that_is_none_is_refused(sigma):
-    with pytest.raises(ArrayError, match=r"Expected `sigma` of the map >= 0 m, got .*Leave it out"):
-        MapOptions(sigma=sigma)
-    with pytest.raises(ArrayError, match="Expected `sigma` of the map >= 0 m"):
-        PointMap.from_points(np.zeros((1, 3)), np.zeros((1, 3)), sigma=sigma)
+def test_a_sigma_that_is_none_is_refused():
+    for sigma in (-0.001, float("nan"), float("inf")):
+        with pytest.raises(ArrayError, match=r"Expected `sigma` of the map >= 0 m, got .*Leave it out"):
+            MapOptions(sigma=sigma)
+        with pytest.raises(ArrayError, match="Expected `sigma` of the map >= 0 m"):
+            PointMap.from_points(np.zeros((1, 3)), np.zeros((1, 3)), sigma=sigma)

@@ -11,6 +11,7 @@ import pytest
 
 from maxcon import PointMap
 from maxcon.errors import FileError, MapError, OptionError
+from maxcon.export import PoseRow
 from maxcon.lab.dataset import open_drives
 from maxcon.map.layout import SurfaceClass
 from maxcon.map.manifest import read_manifest
@@ -80,21 +81,17 @@ def test_what_was_missed_is_gone_what_was_hit_is_new_and_the_rest_stays(street, 
     assert (new[:, 2] > 0.2).all()  # nor of the road
 
 
-def test_a_search_does_not_meet_what_is_gone(updated):
+def test_a_search_does_not_meet_what_is_gone_and_the_map_before_is_named(street, updated):
     opened = PointMap.open(updated)
     tiles = [opened.tile(key) for key in opened.tile_keys]
     points = np.concatenate([tile.mean_points(CELL) for tile in tiles])
-    assert inside(points, CAR, margin=0.0).sum() <= 0.1 * len(voxels_of(updated, SurfaceClass.GONE))
+    gone, new = (voxels_of(updated, each) for each in (SurfaceClass.GONE, SurfaceClass.NEW))
+    assert inside(points, CAR, margin=0.0).sum() <= 0.1 * len(gone)
     assert tiles[0].classes is None
-
-
-def test_the_map_is_not_touched_and_is_named(street, updated):
-    said = read_manifest(updated).build["updates"]
-    assert len(said) == 1
-    assert said[0]["parent"]["sha256"] == json.loads((street / "manifest.json").read_text())["sha256"]
-    assert said[0]["drives"][0]["n_looks"] == 40
-    assert said[0]["n_gone"] == len(voxels_of(updated, SurfaceClass.GONE))
-    assert said[0]["n_new"] == len(voxels_of(updated, SurfaceClass.NEW))
+    (said,) = read_manifest(updated).build["updates"]
+    assert said["parent"]["sha256"] == json.loads((street / "manifest.json").read_text())["sha256"]
+    assert said["drives"][0]["n_looks"] == 40
+    assert (said["n_gone"], said["n_new"]) == (len(gone), len(new))
 
 
 def test_a_car_that_comes_back_is_new_again(street, updated, tmp_path):
@@ -112,22 +109,22 @@ def test_a_car_that_comes_back_is_new_again(street, updated, tmp_path):
     assert said[1]["parent"]["sha256"] == json.loads((updated / "manifest.json").read_text())["sha256"]
 
 
-def test_the_same_street_does_not_change(street, tmp_path):
-    update_map(street, [drive(parked(CAR))], tmp_path / "same.map")
-    said = read_manifest(tmp_path / "same.map").build["updates"][0]
-    assert (said["n_gone"], said["n_new"]) == (0, 0)
-    assert said["n_judged"] > 10_000
+def with_rows(of, change):
+    """The same drive with other poses."""
+    rows = tuple((i, PoseRow(row.time, change(row.pose), "localized", "", {})) for i, row in of.rows)
+    return LocalizedDrive(of.scans, rows, 40, "poses.csv", "")
 
 
-def test_one_place_says_nothing_however_long(street, tmp_path):
+def test_the_same_street_does_not_change_and_one_place_says_nothing_however_long(street, tmp_path):
     """A vehicle that stands sees the same again and again: one look."""
     standing = drive(parked(OTHER_CAR))
-    rows = tuple(
-        (i, row.__class__(row.time, standing.rows[10][1].pose, "localized", "", {})) for i, row in standing.rows
-    )
-    update_map(street, [LocalizedDrive(standing.scans, rows, 40, "poses.csv", "")], tmp_path / "same.map")
-    said = read_manifest(tmp_path / "same.map").build["updates"][0]
-    assert (said["n_gone"], said["n_new"]) == (0, 0)
+    place = standing.rows[10][1].pose
+    drives = (drive(parked(CAR), n=20), with_rows(standing, lambda pose: place))
+    for number, (one, least) in enumerate(zip(drives, (5_000, 0), strict=True)):
+        update_map(street, [one], tmp_path / f"{number}.map")
+        said = read_manifest(tmp_path / f"{number}.map").build["updates"][0]
+        assert (said["n_gone"], said["n_new"]) == (0, 0)
+        assert said["n_judged"] > least
 
 
 def test_tiles_come_and_go_from_memory_without_a_trace(street, updated, tmp_path, monkeypatch):
@@ -138,33 +135,30 @@ def test_tiles_come_and_go_from_memory_without_a_trace(street, updated, tmp_path
 
 
 def test_what_cannot_be_is_refused(street, tmp_path):
-    with pytest.raises(OptionError, match="another folder"):
-        update_map(street, [drive(parked())], street, overwrite=True)
-    with pytest.raises(OptionError, match="at least one drive"):
-        update_map(street, [], tmp_path / "x.map")
-    far = drive(parked())
-    rows = tuple(
-        (i, row.__class__(row.time, row.pose.translated((1e5, 0, 0)), "localized", "", {})) for i, row in far.rows
-    )
-    with pytest.raises(MapError, match="no pose comes near"):
-        update_map(street, [LocalizedDrive(far.scans, rows, 40, "p", "")], tmp_path / "x.map")
-    assert not (tmp_path / "x.map").exists()
-    with pytest.raises(OptionError, match="gone_at"):
-        UpdateOptions(gone_at=-3.0)
-    with pytest.raises(OptionError, match="least_share"):
-        UpdateOptions(least_share=0.0)
+    one, out = drive(parked(), n=40), tmp_path / "x.map"
+    far = with_rows(one, lambda pose: pose.translated((1e5, 0, 0)))
+    for drives, target, kind, words in (
+        ([one], street, OptionError, "another folder"),
+        ([], out, OptionError, "at least one drive"),
+        ([far], out, MapError, "no pose comes near"),
+    ):
+        with pytest.raises(kind, match=words):
+            update_map(street, drives, target, overwrite=True)
+    assert not out.exists()
+    for wrong in ({"gone_at": -3.0}, {"least_share": 0.0}):
+        with pytest.raises(OptionError, match=next(iter(wrong))):
+            UpdateOptions(**wrong)
 
 
 def test_drives_are_named_in_turn(tmp_path):
     scans, poses = DriveOfBoxes(parked(), n=3).write(tmp_path)
     (one,) = open_drives([scans, poses])
     assert (one.n_epochs, len(one.rows), one.name) == (3, 3, "poses.csv")
-    with pytest.raises(OptionError, match="behind it"):
-        open_drives([scans])
-    with pytest.raises(OptionError, match="got it alone"):
-        open_drives([poses])
-    with pytest.raises(OptionError, match="at least one"):
-        open_drives([])
+    for wrong, words in (([scans], "behind it"), ([poses], "got it alone"), ([], "at least one")):
+        with pytest.raises(OptionError, match=words):
+            open_drives(wrong)
+    with pytest.raises(FileError, match="no such folder"):
+        open_drives([tmp_path / "none", poses])
     lines = poses.read_text().splitlines()
     poses.write_text("\n".join([lines[0], *(line.replace("localized", "weak") for line in lines[1:])]) + "\n")
     with pytest.raises(FileError, match="Expected a localized epoch"):
