@@ -99,7 +99,7 @@ class Kept:
 @given(st.integers(0, 2**32 - 1))
 def test_the_compiled_walk_is_the_definition(seed):
     rng = np.random.default_rng(seed)
-    tiles = random_map(rng, 200)
+    tiles = random_map(rng)
     kept = Kept(tiles)
     voxels = np.concatenate([tile.voxels for tile in tiles])
     means = np.concatenate([tile.mean_points(CELL) for tile in tiles])
@@ -108,9 +108,9 @@ def test_the_compiled_walk_is_the_definition(seed):
     hit_in = np.full((len(voxels), 2), -1)
     n_hits, n_misses = np.zeros(len(voxels), int), np.zeros(len(voxels), int)
     hit, miss, lowest, highest = WEIGHTS
-    for look in range(4):
+    for look in range(6):
         origin = rng.uniform(-3.0, 3.0, 3)
-        ends = rng.uniform(-4.0, 4.0, (40, 3))
+        ends = rng.uniform(-4.0, 4.0, (60, 3))
         margins = rng.uniform(0.02, 0.2, len(ends))
         kept.add(origin, ends, look, margins)
         near = [end for end in ends if ((end - origin) ** 2).sum() <= 16.0]
