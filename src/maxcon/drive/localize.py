@@ -45,12 +45,8 @@ class Method(Protocol):
 class DriveOptions:
     """Which points and which priors are used; OptionError if not 0 <= min_range < max_range.
 
-    Parameters
-    ----------
-    min_range, max_range : float
-        Points nearer or farther than this are left out, m.
-    max_gap : float
-        Largest time between two poses of the prior trajectory to interpolate across, s.
+    min_range, max_range: points nearer or farther than this are left out, m.
+    max_gap: largest time between two poses of the prior trajectory to interpolate across, s.
     """
 
     min_range: float = 1.0
@@ -61,30 +57,19 @@ class DriveOptions:
         check_range(self.min_range, self.max_range)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class EpochEstimate:
     """The answer for one epoch of a drive.
 
-    Parameters
-    ----------
-    epoch : int
-        Number of the scan in the drive, from 0.
-    raw : RawScan
-        What was read, and what was dropped of it.
-    status : Status
-        Whether the pose may be used, with words.
-    milliseconds : float
-        From points in memory to the pose, scan normals included.
-    scan : Scan
-        The points localized; none once `without_points`.
-    prior : Pose or None
-        Local frame; None without one.
-    estimate : Estimate or None
-        Local frame; None where nothing was searched.
-    pose_global : Pose or None
-        The pose in global coordinates; None unless localized.
-    reason : str
-        Why there is no answer, or what casts doubt on it, where the status does not say all.
+    epoch: number of the scan in the drive, from 0.
+    raw: what was read, and what was dropped of it.
+    status: whether the pose may be used, with words.
+    milliseconds: from points in memory to the pose, scan normals included.
+    scan: the points localized; none once `without_points`.
+    prior: local frame; None without one.
+    estimate: local frame; None where nothing was searched.
+    pose_global: the pose in global coordinates; None unless localized.
+    reason: why there is no answer, or what casts doubt on it, where the status does not say all.
     """
 
     epoch: int
@@ -119,35 +104,18 @@ def localize_drive(
 ) -> Iterator[EpochEstimate]:
     """Return an iterator over the estimates of all scans, in order of time; what cannot work is said at once.
 
-    Parameters
-    ----------
-    point_map : PointMap
-        The map.
-    scans : Scans
-        The scans; as many as threads are in memory at a time, and one more.
-    prior : Trajectory
-        T_map_sensor before localization, global coordinates in the CRS of the map.
-    method : Method
-        How each is localized.
-    options : DriveOptions, optional
-        Range limits and the largest gap of the prior.
-    first : int
-        Number of the epoch to begin with.
-    n_threads : int
-        Epochs localized at the same time; the answers and their order do not depend on it (D8). Each then takes longer
-        than by itself.
+    point_map: the map.
+    scans: the scans; as many as threads are in memory at a time, and one more.
+    prior: T_map_sensor before localization, global coordinates in the CRS of the map.
+    method: how each is localized.
+    options: range limits and the largest gap of the prior.
+    first: number of the epoch to begin with.
+    n_threads: epochs localized at the same time; the answers and their order do not depend on it (D8). Each then takes
+        longer than by itself.
 
-    Raises
-    ------
-    TrajectoryError
-        If the prior has no pose for any scan.
-    MapError
-        If the prior lies outside the map at every scan, or a tile cannot be read.
-    OptionError
-        If there is less than one thread.
+    TrajectoryError if the prior has no pose for any scan; MapError if the prior lies outside the map at every scan, or
+    a tile cannot be read; OptionError if there is less than one thread.
 
-    Notes
-    -----
     A scan that cannot be read, or whose prior cannot be searched around, is an epoch with a status and the reason, and
     the drive goes on.
     """

@@ -257,18 +257,11 @@ def localize_drives(
     A drive that cannot be localized is in `refused`; the others are localized all the same. FileError or OptionError if
     the folder cannot be written, holds something else, or was made with other options.
 
-    Parameters
-    ----------
-    entries : sequence of DriveEntry
-        The drives.
-    job : ManyDrivesJob
-        How they are localized.
-    out : path
-        Folder of the dataset; made if it is not there.
-    engine : Engine, optional
-        Who does the work; all processors of this machine if None.
-    progress : callable, optional
-        Called with (step, done, of how many).
+    entries: the drives.
+    job: how they are localized.
+    out: folder of the dataset; made if it is not there.
+    engine: who does the work; all processors of this machine if None.
+    progress: called with (step, done, of how many).
     """
     dataset = PosesDataset(Path(out))
     with work_folder(dataset.folder, "poses of drives", OPTIONS):

@@ -26,16 +26,10 @@ PLANAR = [0, 1, 5]
 class Motion:
     """A relative pose with the way and the time it took.
 
-    Parameters
-    ----------
-    pose : Pose
-        T_before_after: where the sensor is afterwards, in its own axes before; m and rad.
-    distance : float
-        Way driven, m; longer than the straight line where the drive turned.
-    seconds : float
-        Time taken, s.
-    turned : float
-        Turns of the heading to either side, added up, rad.
+    pose: T_before_after: where the sensor is afterwards, in its own axes before; m and rad.
+    distance: way driven, m; longer than the straight line where the drive turned.
+    seconds: time taken, s.
+    turned: turns of the heading to either side, added up, rad.
     """
 
     pose: Pose
@@ -71,20 +65,12 @@ class MotionNoise:
     The defaults are those of wheels and a gyroscope as cars have them, doubled. OptionError if one is negative or not
     finite.
 
-    Parameters
-    ----------
-    share : float
-        Of the way driven, in each direction: wheels are worn, or slip.
-    turn_share : float
-        Of the turns of the heading.
-    heading_drift_deg : float
-        Of the heading, degrees per second: the bias of a gyroscope.
-    heading_walk_deg : float
-        Of the heading, degrees per square root of a second.
-    walk : float
-        Of the position, m per square root of a second.
-    tilt_deg : float
-        Of roll and pitch, degrees, however long the motion: gravity holds them.
+    share: of the way driven, in each direction: wheels are worn, or slip.
+    turn_share: of the turns of the heading.
+    heading_drift_deg: of the heading, degrees per second: the bias of a gyroscope.
+    heading_walk_deg: of the heading, degrees per square root of a second.
+    walk: of the position, m per square root of a second.
+    tilt_deg: of roll and pitch, degrees, however long the motion: gravity holds them.
     """
 
     share: float = 0.02
@@ -107,8 +93,6 @@ class MotionNoise:
     def of_prior(cls, prior: Trajectory) -> Self:
         """Return the noise of a prior trajectory's own motion, measured by how far it is from smooth.
 
-        Notes
-        -----
         Over three successive poses the velocity changes by what the vehicle accelerates and by the errors of the two
         increments. The root mean square of all changes, over sqrt(2), is held for the error of one increment: too
         much, by the acceleration. Errors that grow slowly do not show; the default noise stands for them, and for a
@@ -148,12 +132,8 @@ def _root_mean_square(values: NDArray[np.float64]) -> float:
 class UncertainPose:
     """A pose and how well it is known.
 
-    Parameters
-    ----------
-    pose : Pose
-        T_map_sensor, local frame of the map.
-    covariance : array, shape (6, 6)
-        Of x, y, z, roll, pitch and heading, map axes, m^2, m rad and rad^2.
+    pose: T_map_sensor, local frame of the map.
+    covariance: shape (6, 6); of x, y, z, roll, pitch and heading, map axes, m^2, m rad and rad^2.
     """
 
     pose: Pose
@@ -189,12 +169,8 @@ class UncertainPose:
     def adjusted(self, measured: Pose, covariance: NDArray[np.float64]) -> UncertainPose:
         """Return the pose that a measurement of it leaves: the update of the filter, in Joseph's form.
 
-        Parameters
-        ----------
-        measured : Pose
-            Local frame.
-        covariance : array, shape (6, 6)
-            Of the measurement; what it does not measure has an infinite variance.
+        measured: local frame.
+        covariance: shape (6, 6); of the measurement; what it does not measure has an infinite variance.
         """
         known = np.flatnonzero(np.isfinite(np.diag(covariance)))
         observed = np.eye(6)[known]

@@ -36,31 +36,18 @@ def track_drive(
 ) -> Iterator[EpochEstimate]:
     """Return an iterator over the estimates of all scans, in order of time; what cannot work is said at once.
 
-    Parameters
-    ----------
-    point_map : PointMap
-        The map.
-    scans : Scans
-        The scans; one is in memory at a time.
-    prior : Trajectory
-        T_map_sensor before localization, global coordinates in the CRS of the map. It may have gaps: it is needed
+    point_map: the map.
+    scans: the scans; one is in memory at a time.
+    prior: T_map_sensor before localization, global coordinates in the CRS of the map. It may have gaps: it is needed
         where the track begins, and tells a wrong one.
-    tracker : Tracker
-        How each is localized; its noise is that of the motion's source.
-    odometry : Trajectory, optional
-        Source of the motion between scans, T_odometry_sensor: in any frame, and drifting. Without it the prior is.
-    options : DriveOptions, optional
-        Range limits and the largest gap of the trajectories.
+    tracker: how each is localized; its noise is that of the motion's source.
+    odometry: source of the motion between scans, T_odometry_sensor: in any frame, and drifting. Without it the prior
+        is.
+    options: range limits and the largest gap of the trajectories.
 
-    Raises
-    ------
-    TrajectoryError
-        If the prior, or the odometry, has no pose for any scan.
-    MapError
-        If the prior lies outside the map at every scan, or a tile cannot be read.
+    TrajectoryError if the prior, or the odometry, has no pose for any scan; MapError if the prior lies outside the map
+    at every scan, or a tile cannot be read.
 
-    Notes
-    -----
     A scan that cannot be read or searched, or whose motion is not known, is an epoch with that status, and the drive
     goes on.
     """

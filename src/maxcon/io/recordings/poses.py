@@ -44,18 +44,13 @@ VEHICLE = "base_link"
 class RecordedPoses:
     """Poses of one topic, or of a pair of frames.
 
-    Parameters
-    ----------
-    trajectory : Trajectory
-        With covariances, where they are stated.
-    words : str
-        Which topic, what headings and heights are, in a line.
-    has_ellipsoidal_heights : bool
-        Whether heights are left ellipsoidal, as of a GNSS receiver: the CRS of the map does not say what its own are.
-    has_orientations : bool
-        Whether headings are measured; if not, they are the course over ground.
-    position_frame, orientation_frame : str
-        Names of the frames whose positions and whose orientations these are; empty where not told.
+    trajectory: with covariances, where they are stated.
+    words: which topic, what headings and heights are, in a line.
+    has_ellipsoidal_heights: whether heights are left ellipsoidal, as of a GNSS receiver: the CRS of the map does not
+        say what its own are.
+    has_orientations: whether headings are measured; if not, they are the course over ground.
+    position_frame, orientation_frame: names of the frames whose positions and whose orientations these are; empty where
+        not told.
     """
 
     trajectory: Trajectory
@@ -79,37 +74,20 @@ def read_recorded_poses(
 ) -> RecordedPoses:
     """Return the poses in a recording.
 
-    Parameters
-    ----------
-    path : path
-        The recording.
-    topic : str, optional
-        Of NavSatFix, Odometry, PoseStamped or PoseWithCovarianceStamped. Found if there is one only; one of NavSatFix
-        comes before others.
-    crs : str, optional
-        Of the map, WKT or a code: for NavSatFix.
-    geoid_height : float, optional
-        Of the geoid above the ellipsoid, m: subtracted from the heights of NavSatFix.
-    is_odometry : bool
-        Whether a motion is wanted: a topic of Odometry comes before others then, and NavSatFix is not used.
-    are_sure : bool
-        Whether an IMU's orientations are used even if they disagree with the course over ground.
-    frames : tuple of 2 str, optional
-        Take the poses of the second of these frames in the first from the recording's transforms (TF).
-    sensor_frame : str
-        Name of the scanner's frame: if the recording's static transforms tell where it is on what the poses are of,
-        the scanner's are returned.
+    path: the recording.
+    topic: of NavSatFix, Odometry, PoseStamped or PoseWithCovarianceStamped. Found if there is one only; one of
+        NavSatFix comes before others.
+    crs: of the map, WKT or a code: for NavSatFix.
+    geoid_height: of the geoid above the ellipsoid, m: subtracted from the heights of NavSatFix.
+    is_odometry: whether a motion is wanted: a topic of Odometry comes before others then, and NavSatFix is not used.
+    are_sure: whether an IMU's orientations are used even if they disagree with the course over ground.
+    frames: take the poses of the second of these frames in the first from the recording's transforms (TF).
+    sensor_frame: name of the scanner's frame: if the recording's static transforms tell where it is on what the poses
+        are of, the scanner's are returned.
 
-    Raises
-    ------
-    FileError
-        If there are no poses, or several topics and none is asked for.
-    OptionError
-        If the topic asked for is not there, or holds no poses.
-    TrajectoryError
-        If they cannot be used.
-    CrsError
-        If positions in latitude and longitude come without the CRS of a map, or heights cannot be turned into its.
+    FileError if there are no poses, or several topics and none is asked for; OptionError if the topic asked for is not
+    there, or holds no poses; TrajectoryError if they cannot be used; CrsError if positions in latitude and longitude
+    come without the CRS of a map, or heights cannot be turned into its.
     """
     with open_recording(path) as recording:
         if frames is not None:
