@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from maxcon.errors import FileError, MaxconError, MissingExtraError
+from maxcon.errors import FileError, MissingExtraError
 from maxcon.geometry import Pose
 from maxcon.io.clouds import open_cloud
 from read_clouds import read_cloud
@@ -65,26 +65,8 @@ def test_without_the_extra(two_scans, monkeypatch):
         open_cloud(two_scans[0])
 
 
-def test_every_real_file_is_read_or_refused_in_a_line(real_data):
+def test_points_of_real_files(real_data):
     folder = real_data("recorders/e57")
-    expected = {
-        "A4_moved.e57": 4, "A_B_different_dims.e57": 2, "A_moved_B.e57": 6, "bunnyDouble.e57": 30_571,
-        "bunnyInt19.e57": 30_571, "bunnyInt24.e57": 30_571, "cartesian_invalid_state_single.e57": 1,
-        "float_intensity_without_min_max.e57": 1, "las2e57_no_images_tag.e57": 153, "original_guids.e57": 1,
-        "scaled_integer_intensity.e57": 2, "tiny_pc_and_images.e57": 2, "tiny_spherical.e57": 180,
-        "ColouredCubeFloat.e57": 7680, "translationWithoutRotation.e57": 4,
-        "empty.e57": "no scan", "PinholeImageWithDistortionParameters.e57": "no scan",
-        "ZeroPointsInvalid.e57": "1 scans without any",
-    }  # fmt: skip
-    seen = {}
-    for path in sorted(folder.rglob("*.e57")):
-        try:
-            seen[path.name] = int(np.isfinite(read_points(path)).all(axis=1).sum())
-        except MaxconError as error:
-            assert "\n" not in str(error) and path.name in str(error)
-            seen[path.name] = str(error)
-    for name, wanted in expected.items():
-        assert wanted == seen[name] if isinstance(wanted, int) else wanted in seen[name], (name, seen[name])
     moved = read_points(folder / "pye57" / "translationWithoutRotation.e57")
     np.testing.assert_allclose(moved.min(axis=0), [4.0, 5.0, 6.0])
     sphere = read_points(folder / "cry-inc" / "tiny_spherical.e57")

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from maxcon.errors import FileError, OptionError
-from maxcon.io.scans import open_scans, scan_files
+from maxcon.io.scans import folder as scan_folder
+from maxcon.io.scans import open_scans
 from maxcon.io.scans.description import describe
 from maxcon.io.scans.folder import read_scan_file
 
@@ -143,7 +144,7 @@ def test_files_that_are_missing_empty_or_truncated(fill, tmp_path):
 
 
 def test_a_map_is_not_a_scan(tmp_path, monkeypatch):
-    monkeypatch.setattr(scan_files, "MAX_SCAN_POINTS", 5)
+    monkeypatch.setattr(scan_folder, "MAX_SCAN_POINTS", 5)
     np.savez(tmp_path / "1.npz", points=POINTS)
     write_bin(tmp_path / "1.bin")
     for name in ("1.npz", "1.bin"):
