@@ -1,18 +1,20 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""What baselines keep of a map: no more than is reached, shared, bounded, and gone with the map."""
+"""The part of a map that a scan can meet, thinned, and the cache of it: shared, bounded, gone with the map."""
 
 import gc
-import pickle
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from maxcon import PointMap
+from maxcon import PointMap, Pose, Scan, Status
+from maxcon.errors import ArrayError
 from maxcon.geometry import LocalFrame
 from maxcon.geometry.frame import voxel_centers
-from maxcon.lab.baselines import Gicp, Icp, MapTargets
-from maxcon.lab.baselines.map_targets import N_TARGETS, Place
+from maxcon.lab.baselines import CountThenGicp, Gicp, Icp, MapTargets, MultiStart
+from maxcon.lab.baselines.map_targets import N_TARGETS, Place, merge_planes, thin
 
 
 @pytest.fixture(scope="module")
@@ -69,11 +71,6 @@ def test_no_tile_is_loaded_beyond_the_reach_and_none_twice(watched):
     assert len(tiles.loaded) == 18
 
 
-def test_a_place_outside_the_map_is_empty(plain):
-    points, normals = MapTargets().planes(plain, Place(1000, 1000, 40.0), 0.25)
-    assert points.shape == normals.shape == (0, 3)
-
-
 class Maker:
     """Makes numbers, and counts."""
 
@@ -84,16 +81,11 @@ class Maker:
         return self.n_made
 
 
-def test_what_was_made_is_kept_for_each_map_and_key(plain):
-    targets, make = MapTargets(), Maker()
-    other = PointMap.from_points([[0, 0, 0.0]], [[0, 0, 1.0]])
-    assert [targets.get(plain, key, make) for key in "abab"] == [1, 2, 1, 2]
-    assert targets.get(other, "a", make) == 3
-    assert targets.get(plain, "a", make) == 1
-
-
 def test_what_was_used_longest_ago_goes_first(plain):
     targets, make = MapTargets(), Maker()
+    other = PointMap.from_points([[0, 0, 0.0]], [[0, 0, 1.0]])
+    assert [targets.get(a_map, 0, make) for a_map in (plain, other, plain, other)] == [1, 2, 1, 2]
+    make.n_made = 1
     for key in range(N_TARGETS):
         targets.get(plain, key, make)
     assert targets.get(plain, 0, make) == 1
@@ -112,24 +104,112 @@ def test_a_map_that_is_gone_takes_its_targets_along(street_scan, street):
     assert len(targets._kept) == 0
 
 
-def test_a_pickled_one_is_empty_and_works(plain):
-    targets, make = MapTargets(), Maker()
-    targets.get(plain, "a", make)
-    pickle.loads(pickle.dumps(targets)).get(plain, "a", make)
-    assert make.n_made == 2
+METHODS = [
+    lambda **shared: Icp("plane", 1.0, **shared),
+    lambda **shared: Icp("point", 1.0, **shared),
+    lambda **shared: Icp("plane", 3.0, target_edge=0.5, **shared),
+    lambda **shared: Gicp(3.0, **shared),
+    lambda **shared: Gicp(3.0, n_neighbours=20, **shared),
+    lambda **shared: MultiStart(Icp("plane", 1.0, **shared), n_side=2),
+    lambda **shared: CountThenGicp(gicp=Gicp(3.0, **shared)),
+]
 
 
-def test_methods_that_share_answer_as_if_they_did_not(same, street, street_map, street_scan):
+def test_methods_that_share_answer_as_alone_whatever_was_localized_before(same, street, street_map, street_scan):
     pytest.importorskip("small_gicp")
     targets, prior = MapTargets(), street.prior(0.4, 0.2)
-    kinds = [
-        lambda **shared: Icp("plane", 1.0, **shared),
-        lambda **shared: Icp("point", 1.0, **shared),
-        lambda **shared: Icp("plane", 3.0, **shared),
-        lambda **shared: Icp("plane", target_edge=0.5, **shared),
-        lambda **shared: Gicp(3.0, **shared),
-        lambda **shared: Gicp(3.0, n_neighbours=20, **shared),
-    ]
-    for kind in kinds:
-        alone = kind().localize(street_scan, street_map, prior)
-        assert same(kind(targets=targets).localize(street_scan, street_map, prior), alone)
+    flat = PointMap.from_points([[0, 0, 0.0]], [[0, 0, 1.0]])
+    for x in (-70.0, -30.0, 50.0, 90.0):
+        METHODS[0](targets=targets).localize(street_scan, street_map, replace(prior, x=x))
+        METHODS[3](targets=targets).localize(street_scan, street_map, replace(prior, x=x))
+        METHODS[0](targets=targets).localize(street_scan, flat, prior)
+    shared = [make(targets=targets) for make in METHODS]
+    wanted = [make().localize(street_scan, street_map, prior) for make in METHODS]
+    with ThreadPoolExecutor(3) as pool:
+        found = list(pool.map(lambda method: method.localize(street_scan, street_map, prior), 2 * shared))
+    assert all(same(one, alone) for one, alone in zip(found, 2 * wanted, strict=True))
+
+
+@pytest.mark.parametrize("make", METHODS)
+def test_where_nothing_matches_the_prior_is_the_answer(street, street_map, street_scan, make):
+    method, nothing = make(), Scan(np.empty((0, 3)))
+    if not isinstance(method, Icp | MultiStart):
+        pytest.importorskip("small_gicp")
+    above, far = replace(street.sensor, z=street.sensor.z + 10.0), replace(street.sensor, x=1e5)
+    for scan, prior in ((street_scan, above), (street_scan, far), (nothing, street.sensor)):
+        found = method.localize(scan, street_map, prior)
+        assert (found.status, found.score, found.share) == (Status.NO_MATCH, 0.0, 0.0)
+        assert found.pose == prior or isinstance(method, MultiStart)
+        assert np.isinf(np.diag(found.cofactor)).all()
+
+
+# --- places and thinning --------------------------------------------------------------------------------------
+
+
+def at(x, y):
+    return Pose(x, y, 1.7, 0.0, 0.0, 0.0)
+
+
+def test_a_place_is_a_square_and_a_reach():
+    points = np.array([[30.0, 0.0, 40.0], [1.0, 2.0, 3.0]])  # 50 m, and 5 m of drift
+    assert Place.of_scan(points, at(39.9, -0.1), gate=1.0, spread=0.0) == Place(1, -1, 60.0)
+    assert Place.of_scan(points, at(40.0, 0.0), gate=3.0, spread=2.5) == Place(2, 0, 80.0)
+    assert Place(1, -1, 60.0).middle == (30.0, -10.0)
+    assert Place(1, -1, 60.0).half_width == 70.0
+    assert Place.of_scan(np.empty((0, 3)), at(0.0, 0.0), 1.0, 0.0) == Place(0, 0, 20.0)
+
+
+@pytest.mark.parametrize(("x", "y"), [(0.1, 0.1), (19.9, 19.9), (7.0, 12.0)])
+def test_all_that_a_sensor_in_the_square_reaches_is_there(x, y):
+    place = Place.of_scan(np.array([[50.0, 0.0, 0.0]]), at(x, y), 1.0, 0.0)
+    points = np.random.default_rng(0).uniform(-120.0, 120.0, (20_000, 3))
+    is_reached = place.reaches(points)
+    distance = np.hypot(points[:, 0] - x, points[:, 1] - y)
+    assert is_reached[distance <= 56.0].all()
+    assert not is_reached[distance > place.reach + 20.0 * np.sqrt(2.0)].any()
+    assert (np.abs(points[is_reached, :2] - place.middle) <= place.half_width).all()
+
+
+def test_a_place_is_rounded_at_its_corners():
+    corner = np.array([[20.0 + 29.0, 20.0 + 29.0, 0.0], [20.0 + 28.0, 20.0 + 28.0, 99.0], [60.0, 10.0, 0.0]])
+    assert Place(0, 0, 40.0).reaches(corner).tolist() == [False, True, True]
+
+
+def test_means_of_cubes_in_the_order_z_y_x():
+    points = np.array([[0.9, 0.1, 0.0], [-0.1, 0.1, 0.0], [0.1, 0.3, 0.0], [0.1, 0.1, 1.5], [0.3, 0.1, 0.2]])
+    assert thin(points, 0.0) is points
+    assert thin(points[:0], 0.5).shape == (0, 3)
+    np.testing.assert_allclose(
+        thin(points, 1.0), [[-0.1, 0.1, 0.0], [(0.9 + 0.1 + 0.3) / 3, 0.5 / 3, 0.2 / 3], [0.1, 0.1, 1.5]]
+    )
+
+
+@pytest.mark.parametrize("shift", [0.0, -7.0, 1e6])
+def test_every_point_lies_in_the_cube_of_its_mean(shift):
+    points = np.random.default_rng(0).uniform(-5.0, 5.0, (2000, 3)) + shift
+    means = thin(points, 0.7)
+    cubes = np.unique(np.floor(points / 0.7).astype(int), axis=0)
+    assert len(means) == len(cubes)
+    assert (np.unique(np.floor(means / 0.7).astype(int), axis=0) == cubes).all()
+
+
+def test_points_too_far_apart_are_refused():
+    far = np.array([[0.0, 0.0, 0.0], [0.0, 3e6, 0.0]])
+    with pytest.raises(ArrayError, match=r"within 1\.05e\+06 m of each other, got 3e\+06 m"):
+        thin(far, 0.5)
+    assert len(thin(far, 2.0)) == 2
+
+
+def test_normals_that_agree_are_averaged_and_those_of_an_edge_are_dropped():
+    points = np.array([[0.1, 0, 0], [0.3, 0, 0], [1.1, 0, 0], [1.2, 0, 0], [2.1, 0, 0], [2.2, 0, 0.0]])
+    tilted = [np.sin(0.2), np.cos(0.2), 0.0]
+    normals = np.array([[0, 1, 0], tilted, [0, 1, 0], [1, 0, 0], [0, 1, 0], [0, 0, 0.0]])
+    merged, found = merge_planes(points, normals, 1.0, is_signed=True)
+    np.testing.assert_allclose(merged[:, 0], [0.2, 1.15, 2.15])
+    np.testing.assert_allclose(found, [[np.sin(0.1), np.cos(0.1), 0.0], [0, 0, 0], [0, 0, 0]], atol=1e-15)
+
+
+def test_sides_matter_only_in_a_signed_map():
+    points, normals = np.array([[0.1, 0, 0], [0.2, 0, 0]]), np.array([[0, 1, 0], [0, -1, 0.0]])
+    assert not merge_planes(points, normals, 1.0, is_signed=True)[1].any()
+    assert merge_planes(points, normals, 1.0, is_signed=False)[1].tolist() == [[0.0, 1.0, 0.0]]
