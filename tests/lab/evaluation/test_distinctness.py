@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from maxcon import Accumulator, Count, Helmert, PointMap, Pose, Scan, SearchSpace
@@ -66,13 +66,6 @@ def test_kurtosis_by_hand(values, wanted):
     assert measured(row(values)).kurtosis == pytest.approx(wanted, rel=1e-12)
 
 
-@pytest.mark.parametrize("least", [1e-9, 1e-170, 1e-200])
-def test_kurtosis_grows_without_bound_towards_a_point(least):
-    values = np.zeros(10)
-    values[4:7] = least, 2.0, least
-    assert measured(row(values)).kurtosis == pytest.approx(1.0 / least, rel=1e-6)
-
-
 # --- divergence ---------------------------------------------------------------------------------------
 
 
@@ -90,14 +83,6 @@ def test_divergence_by_hand():
     assert measured(row(values)).divergence == pytest.approx(wanted, rel=1e-12)
 
 
-def test_divergence_counts_from_the_peak_and_not_from_the_middle():
-    values = np.zeros(10)
-    values[0:3] = 3.0, 1.0, 1.0
-    log_density = -ROOT_2 * np.arange(10) - math.log(sum(math.exp(-ROOT_2 * k) for k in range(10)))
-    wanted = sum(p * (math.log(p) - q) for p, q in zip([0.6, 0.2, 0.2], log_density, strict=False))
-    assert measured(row(values)).divergence == pytest.approx(wanted, rel=1e-12)
-
-
 def test_divergence_is_finite_where_the_laplace_distribution_underflows():
     assert math.exp(-ROOT_2 * 600) == 0.0
     space = SearchSpace(600 * CELL, CELL, 0.0, 0.5)
@@ -107,12 +92,6 @@ def test_divergence_is_finite_where_the_laplace_distribution_underflows():
     wanted = 2 / 3 * math.log(2 / 3) + 1 / 3 * math.log(1 / 3) + 600 * ROOT_2 / 3
     wanted += math.log(1 / math.tanh(ROOT_2 / 2))  # the sum of the density
     assert found.divergence == pytest.approx(wanted, rel=1e-9)
-
-
-def test_the_ray_keeps_to_the_heading_of_the_peak():
-    scores = row(LAPLACE)
-    scores[0] = scores[2] = 0.3
-    assert measured(scores).divergence == pytest.approx(0.0, abs=1e-12)
 
 
 # --- peak ratio and spread ----------------------------------------------------------------------------
@@ -183,7 +162,6 @@ def test_without_a_peak_there_is_no_measure():
 
 
 @given(st.integers(0, 2**32), st.sampled_from([2.0**-20, 0.5, 4.0, 2.0**30]))
-@settings(max_examples=30)
 def test_the_unit_of_the_score_does_not_matter(seed, factor):
     rng = np.random.default_rng(seed)
     scores, normals = rng.random(SPACE.shape), rng.normal(size=2)
@@ -251,13 +229,6 @@ def test_scores_that_have_no_shares_are_refused(value, words):
         distinctness(made(scores), Count())
     with pytest.raises(ArrayError, match=words):
         significant_ray(made(scores), scores, MIDDLE)
-
-
-def test_scores_of_another_shape_are_refused():
-    with pytest.raises(ArrayError, match=r"scores of shape \(3, 10, 10\), got \(10, 10\)"):
-        distinctness(made(1.0), Count(), scores=np.ones((10, 10)))
-    with pytest.raises(ArrayError, match=r"scores of shape \(3, 10, 10\), got \(1, 10, 10\)"):
-        significant_ray(made(1.0), np.ones((1, 10, 10)), MIDDLE)
 
 
 @pytest.mark.parametrize("guard_radius", [-0.1, math.inf, math.nan])

@@ -4,7 +4,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from maxcon import Accumulator, Pose, SearchSpace
@@ -59,7 +59,7 @@ def test_the_ray_at_45_degrees_lies_between_cells(normal_sums, sign):
 
 
 @pytest.mark.parametrize("cell", [(1, 0, 0), (1, 0, 9), (1, 9, 0), (1, 9, 9)])
-def test_a_ray_along_the_rim_is_not_cut_by_rounding(cell):
+def test_a_ray_along_the_boundary_is_not_cut_by_rounding(cell):
     scores = np.arange(300.0).reshape(SPACE.shape)
     for normal_sums, wanted in ((ALONG_X, scores[1, cell[1]]), (ALONG_Y, scores[1, :, cell[2]])):
         _, along = significant_ray(made(normal_sums), scores, cell)
@@ -67,7 +67,6 @@ def test_a_ray_along_the_rim_is_not_cut_by_rounding(cell):
 
 
 @given(st.integers(0, 2**32), st.integers(0, 9), st.integers(0, 9))
-@settings(max_examples=60)
 def test_the_ray_is_the_eigenvector_of_the_largest_eigenvalue_of_q(seed, iy, ix):
     normals = np.random.default_rng(seed).normal(size=(3, 2))
     normal_matrix = normals.T @ normals
@@ -85,22 +84,6 @@ def test_the_ray_is_the_eigenvector_of_the_largest_eigenvalue_of_q(seed, iy, ix)
     for beyond in (steps[0] - 1, steps[-1] + 1):  # it goes on as far as the space
         end_x, end_y = ix + beyond * open_x, iy + beyond * open_y
         assert min(end_x, end_y) < 1e-9 or max(end_x, end_y) > 9 - 1e-9
-
-
-@pytest.mark.parametrize(
-    ("cell", "normal_sums", "n_places"),
-    [
-        ((1, 0, 0), (1.0, 1.0, 1.0), 1),  # along (1, -1): it only touches the corner
-        ((1, 0, 9), (1.0, 1.0, 1.0), 13),  # from corner to corner: 9 sqrt(2) = 12.7
-        ((1, 9, 9), (1.0, -1.0, 1.0), 13),
-        ((1, 0, 0), (1.0, -1.0, 1.0), 13),
-    ],
-)
-def test_the_ray_from_a_corner(cell, normal_sums, n_places):
-    scores = np.arange(300.0).reshape(SPACE.shape)
-    offsets, along = significant_ray(made(normal_sums), scores, cell)
-    assert len(offsets) == len(along) == n_places
-    assert along[offsets == 0.0] == scores[cell]
 
 
 def test_the_scores_that_are_refused():

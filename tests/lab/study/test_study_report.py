@@ -9,7 +9,6 @@ import pytest
 
 from maxcon.errors import FileError, OptionError
 from maxcon.lab.report.study_report import report_study
-from maxcon.lab.study import choose_methods, run_study
 from maxcon.lab.study.table import table_of
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -38,6 +37,7 @@ def test_the_page_has_every_claim_method_and_figure(page_file, methods):
     assert "://" not in re.sub(r"data:[^\"]*", "", text)
 
 
+@pytest.mark.browser
 @pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "light"), (1280, "dark")])
 def test_a_browser_shows_it_whole(page_file, width, scheme):
     if CHROMIUM is None:
@@ -62,81 +62,62 @@ def test_a_browser_shows_it_whole(page_file, width, scheme):
     assert [url for url in asked if not url.startswith(("file:", "data:"))] == []
 
 
-def test_a_method_that_predicts_its_errors_is_held_to_it(copied, small_space, tmp_path):
-    run_study(copied, tmp_path / "study", choose_methods(["maxcon", "icp-plane-1m"], small_space), n_workers=1)
-    folder = report_study(tmp_path / "study", tmp_path / "page.html")
-    assert {"sigmas", "stanford", "risk-coverage", "timeline"} <= {path.stem for path in folder.iterdir()}
+def test_a_method_that_predicts_its_errors_is_held_to_it(copied, tried, tmp_path):
+    sorted(copied.scans.glob("*.bin"))[1].write_bytes(b"123")
+    study = tried(["maxcon", "count-points", "helmert-points"])
+    folder = report_study(study.folder, tmp_path / "page.html")
+    assert {path.stem for path in folder.iterdir()} == FIGURES | {"sigmas", "stanford"}
     text = (tmp_path / "page.html").read_text()
-    assert "maxcon 6 of 6" in text
-    assert "Errors within predicted sigmas: maxcon, prior “uniform”" in text
-    assert "To prove that takes 299 independent epochs without a single one beyond its level; this study has 6." in text
+    for words in (
+        "Errors within predicted sigmas: maxcon, prior “uniform”",
+        "To prove that takes 299 independent epochs without a single one beyond its level; this study has 5.",
+        "unreadable scan, such as: Expected float32",
+        "5 of 5 (100.0 %) epochs within 0.3 m and 1° (1 more could not be tried)",
+    ):
+        assert words in text, words
     assert "no method predicts its errors" not in text
 
 
-def test_a_moved_dataset_leaves_the_scenes_out_and_says_so(copied, small_space, tmp_path):
-    names = ["count-points", "helmert-points"]
-    run_study(copied, tmp_path / "study", choose_methods(names, small_space), n_epochs=3, n_workers=1)
+def test_a_moved_or_changed_dataset_leaves_the_scenes_out_and_says_so(copied, tried, tmp_path):
+    study = tried(["count-points", "helmert-points"], n_epochs=3)
     copied.folder.rename(tmp_path / "moved")
-    folder = report_study(tmp_path / "study", tmp_path / "gone.html", figures=tmp_path / "pictures")
+    folder = report_study(study.folder, tmp_path / "gone.html", figures=tmp_path / "pictures")
     assert folder == tmp_path / "pictures"
     assert {path.stem for path in folder.iterdir()} == FIGURES - {"scene", "headings", "comparison"}
     assert "No scenes: Expected a dataset" in (tmp_path / "gone.html").read_text()
-    report_study(tmp_path / "study", tmp_path / "found.html", dataset=tmp_path / "moved")
+    report_study(study.folder, tmp_path / "found.html", dataset=tmp_path / "moved")
     assert {path.stem for path in (tmp_path / "found-figures").iterdir()} == FIGURES
-    assert "No scenes" not in (tmp_path / "found.html").read_text()
-    with pytest.raises(FileError, match="Expected a dataset"):
-        report_study(tmp_path / "study", tmp_path / "no.html", dataset=tmp_path / "nowhere")
+    text = (tmp_path / "found.html").read_text()
+    assert "No scenes" not in text and "Some methods have 3 epochs only" in text
+    description = tmp_path / "moved" / "dataset.toml"
+    description.write_text(description.read_text().replace("uniform =", "other ="))
+    for dataset, words in ((tmp_path / "nowhere", "Expected a dataset"), (description, "the prior uniform in")):
+        with pytest.raises(FileError, match=words):
+            report_study(study.folder, tmp_path / "no.html", dataset=dataset)
     assert not (tmp_path / "no.html").exists()
-    assert "Some methods have 3 epochs only" in (tmp_path / "found.html").read_text()
 
 
-def test_a_bad_epoch_leaves_the_page_whole(copied, small_space, tmp_path):
-    scans = sorted(copied.scans.glob("*.bin"))
-    names = ["count-points", "helmert-points"]
-    scans[1].write_bytes(b"123")
-    run_study(copied, tmp_path / "study", choose_methods(names, small_space), n_workers=1)
-    folder = report_study(tmp_path / "study", tmp_path / "page.html")
-    assert {path.stem for path in folder.iterdir()} == FIGURES
-    text = (tmp_path / "page.html").read_text()
-    assert "2: unreadable scan, such as: Expected float32" in text
-    assert "5 of 5 (100.0 %) epochs within 0.3 m and 1° (1 more could not be tried)" in text
-
-
-def test_a_dataset_that_was_changed_gives_no_scenes(copied, small_space, tmp_path):
-    names = ["count-points", "helmert-points"]
-    run_study(copied, tmp_path / "study", choose_methods(names, small_space), n_epochs=2, n_workers=1)
-    copied.path.write_text(copied.path.read_text().replace("uniform =", "other ="))
-    report_study(tmp_path / "study", tmp_path / "page.html")
-    assert "No scenes: Expected the prior uniform in" in (tmp_path / "page.html").read_text()
-    with pytest.raises(FileError, match="Expected the prior uniform in"):
-        report_study(tmp_path / "study", tmp_path / "page.html", dataset=copied.path)
-
-
-def test_methods_without_common_epochs_still_make_a_page(copied, small_space, tmp_path):
-    first, second = (choose_methods([name], small_space) for name in ("count-points", "helmert-points"))
-    run_study(copied, tmp_path / "study", first, n_epochs=1, n_workers=1)
-    run_study(copied, tmp_path / "study", second, n_epochs=2, n_workers=1)
-    table = table_of(tmp_path / "study")
-    kept = [row for row in table.read().to_pylist() if row["method"] == "count-points" or row["epoch"] > 0]
+def test_methods_without_common_epochs_still_make_a_page(tried, tmp_path):
+    study = tried(["count-points", "helmert-points"], n_epochs=2)
+    table = table_of(study.folder)
+    kept = [row for row in table.read().to_pylist() if (row["method"] == "count-points") == (row["epoch"] == 0)]
     table.path.unlink()
     table.add(kept)
-    report_study(tmp_path / "study", tmp_path / "page.html")
+    report_study(study.folder, tmp_path / "page.html")
     assert "No scenes: no epoch where both" in (tmp_path / "page.html").read_text()
 
 
-def test_rows_without_an_answer_are_told(copied, small_space, tmp_path):
-    scans = sorted(copied.scans.glob("*.bin"))
-    for scan in scans:
+def test_rows_without_an_answer_are_told(copied, tried, tmp_path):
+    for scan in copied.scans.glob("*.bin"):
         scan.write_bytes(b"")
-    names = ["count-points", "helmert-points"]
-    run_study(copied, tmp_path / "study", choose_methods(names, small_space), n_workers=1)
-    report_study(tmp_path / "study", tmp_path / "bad.html")
+    study = tried(["count-points", "helmert-points"])
+    report_study(study.folder, tmp_path / "bad.html")
     text = (tmp_path / "bad.html").read_text()
     assert "12: unreadable scan, such as: Expected float32" in text
     assert "0 of 6" in text
 
 
-def test_what_cannot_be_reported_is_said(study, simulated, small_space, tmp_path):
+def test_what_cannot_be_reported_is_said(study, tmp_path):
     with pytest.raises(FileError, match="Expected a study in"):
         report_study(tmp_path, tmp_path / "report.html")
     with pytest.raises(OptionError, match="Expected a prior of the study, uniform, got 'gnss'"):

@@ -1,0 +1,197 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Stated certainty, by values computed by hand, by random errors, and against the binomial distribution itself."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from maxcon.errors import ArrayError, OptionError
+from maxcon.lab.evaluation import (
+    ALERT_LIMIT,
+    PROMISED,
+    PROMISED_PLANE,
+    Coverage,
+    MeanSquare,
+    ProtectionCounts,
+    RiskCoverage,
+    clopper_pearson,
+    least_to_prove,
+    upper_bound,
+    wilson_interval,
+)
+
+# --- what samples prove -----------------------------------------------------------------------------------------
+
+
+def at_most(n_found, n_epochs, rate):
+    """Probability of at most so many, by the sum of its terms."""
+    return sum(math.comb(n_epochs, k) * rate**k * (1.0 - rate) ** (n_epochs - k) for k in range(n_found + 1))
+
+
+@pytest.mark.parametrize(("n_found", "n_epochs"), [(0, 3), (1, 10), (5, 24), (24, 24), (40, 100)])
+def test_the_ends_of_an_interval_have_the_probability_they_shall(n_found, n_epochs):
+    low, high = clopper_pearson(n_found, n_epochs)
+    assert low <= n_found / n_epochs <= high
+    if n_found == 0:
+        assert low == 0.0
+    else:
+        assert 1.0 - at_most(n_found - 1, n_epochs, low) == pytest.approx(0.025, abs=1e-9)
+    if n_found == n_epochs:
+        assert high == 1.0
+    else:
+        assert at_most(n_found, n_epochs, high) == pytest.approx(0.025, abs=1e-9)
+
+
+def test_none_of_n_proves_three_over_n():
+    assert upper_bound(0, 100) == pytest.approx(1.0 - 0.05**0.01)
+    assert upper_bound(0, 3001) == pytest.approx(3.0 / 3001, rel=0.01)
+    assert at_most(2, 60, upper_bound(2, 60)) == pytest.approx(0.05, abs=1e-9)
+
+
+@pytest.mark.parametrize(("rate", "expected"), [(0.01, 299), (0.1, 29), (1e-3, 2995)])
+def test_a_small_rate_takes_many_epochs(rate, expected):
+    assert least_to_prove(rate) == expected
+    assert upper_bound(0, expected) <= rate < upper_bound(0, expected - 1)
+
+
+@given(st.integers(1, 4000).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
+def test_wilson_interval_solves_its_equation(case):
+    k, n = case
+    for end in np.concatenate(wilson_interval([k], [n])):
+        # The ends are where the observed rate is z standard deviations off: (p - x)^2 = z^2 x (1 - x) / n.
+        assert (k / n - end) ** 2 == pytest.approx(1.959963984540054**2 * end * (1 - end) / n, abs=1e-12)
+
+
+# --- errors in sigmas -------------------------------------------------------------------------------------------
+
+
+def test_errors_are_counted_within_their_own_sigmas():
+    found = Coverage.of([0.1, -0.3, 0.5, 9.0, np.nan, 1.0], [0.1, 0.2, 0.2, 1.0, 1.0, np.nan])
+    assert (found.n_epochs, found.n_within) == (4, (1, 2, 3))
+    assert found.shares == (0.25, 0.5, 0.75)
+    assert found.rms == pytest.approx(math.sqrt((1.0 + 1.5**2 + 2.5**2 + 81.0) / 4.0))
+    assert found.median == pytest.approx(2.0)
+    assert all(low < share < high for share, (low, high) in zip(found.shares, found.intervals, strict=True))
+
+
+def test_errors_as_predicted_are_within_as_promised():
+    generator = np.random.default_rng(7)
+    sigmas = generator.uniform(0.01, 0.1, 20_000)
+    found = Coverage.of(sigmas * generator.standard_normal(20_000), sigmas)
+    np.testing.assert_allclose(PROMISED, [0.6827, 0.9545, 0.9973], atol=5e-5)
+    np.testing.assert_allclose(PROMISED_PLANE, [0.3935, 0.8647, 0.9889], atol=5e-5)
+    np.testing.assert_allclose(found.shares, PROMISED, atol=0.01)
+    assert found.rms == pytest.approx(1.0, abs=0.02)
+    radii = np.linalg.norm(generator.standard_normal((20_000, 2)), axis=1)
+    np.testing.assert_allclose(Coverage.of(radii, np.ones(20_000)).shares, PROMISED_PLANE, atol=0.01)
+
+
+def test_no_epoch_says_nothing():
+    found = Coverage.of([np.nan], [1.0])
+    assert found.n_epochs == 0 and np.isnan([*found.shares, found.rms, found.median]).all()
+    assert found.intervals == ((0.0, 1.0),) * 3
+    assert np.isnan(MeanSquare.of([np.nan]).mean)
+    assert clopper_pearson(0, 0) == (0.0, 1.0) and upper_bound(0, 0) == 1.0
+    assert np.isnan(wilson_interval([0], [0])).all()
+    counts = ProtectionCounts.of([], [])
+    assert (counts.n_epochs, counts.exceeded_bound) == (0, 1.0)
+    curve = RiskCoverage.of([False], [False], [False], [np.nan])
+    assert (curve.n_epochs, len(curve.rates), curve.n_trusted) == (1, 0, 0)
+
+
+def test_mean_square_is_halved():
+    found = MeanSquare.of([1.0, 2.0, 9.0, np.nan])
+    assert (found.n_epochs, found.mean) == (3, 2.0)
+    assert found.median == pytest.approx(2.0 / (2.0 * math.log(2.0)))
+
+
+def test_mean_squares_as_predicted_lie_between_the_limits():
+    generator = np.random.default_rng(3)
+    squares = (generator.standard_normal((1_000, 40, 2)) ** 2).sum(axis=2)
+    found = [MeanSquare.of(drive) for drive in squares]
+    inside = np.mean([one.low <= one.mean <= one.high for one in found])
+    assert inside == pytest.approx(0.95, abs=0.02)
+    assert np.mean([one.median for one in found]) == pytest.approx(1.0, abs=0.03)
+
+
+# --- the Stanford diagram ---------------------------------------------------------------------------------------
+
+ERRORS = [0.05, -0.1, 0.2, -0.5, 0.1, 0.9, 3.0, np.nan]
+LEVELS = [0.10, 0.10, 0.1, 0.10, 0.4, 0.4, np.nan, np.nan]
+
+
+def test_each_epoch_lies_in_one_region():
+    found = ProtectionCounts.of(ERRORS, LEVELS)
+    assert found == ProtectionCounts(n_nominal=2, n_misleading=1, n_hazardous=1, n_large=2, n_withheld=2)
+    assert (found.n_epochs, found.n_used, found.n_unavailable, found.n_exceeded) == (8, 4, 4, 2)
+    assert found.exceeded_bound == upper_bound(2, 4)
+    assert found.hazardous_bound == upper_bound(1, 4)
+
+
+def test_the_alert_limit_is_that_of_local_streets_and_may_be_another():
+    assert ALERT_LIMIT == 0.29
+    found = ProtectionCounts.of(ERRORS, LEVELS, alert_limit=1.0)
+    assert found == ProtectionCounts(n_nominal=3, n_misleading=3, n_hazardous=0, n_large=0, n_withheld=2)
+
+
+def test_an_epoch_is_as_bad_as_its_worst_direction():
+    errors = [[0.05, 0.05], [0.05, 0.2], [0.2, 0.5], [0.05, 0.05], [0.05, 0.05]]
+    levels = [[0.10, 0.10], [0.10, 0.1], [0.1, 0.1], [0.10, 0.40], [0.10, np.nan]]
+    found = ProtectionCounts.of(errors, levels)
+    assert found == ProtectionCounts(n_nominal=1, n_misleading=1, n_hazardous=1, n_large=1, n_withheld=1)
+
+
+# --- risk against coverage --------------------------------------------------------------------------------------
+
+
+def test_trusted_answers_go_first_and_each_by_its_runner_up():
+    found = RiskCoverage.of(
+        is_right=[True, False, True, False, True, False],
+        is_answer=[True, True, True, True, True, False],
+        is_trusted=[True, True, True, False, False, False],
+        runner_up=[0.5, 0.7, 0.2, 0.1, np.nan, np.nan],
+    )
+    np.testing.assert_array_equal(found.n_accepted, [1, 2, 3, 4, 5])
+    np.testing.assert_array_equal(found.n_wrong, [0, 0, 1, 2, 2])
+    np.testing.assert_allclose(found.shares, np.arange(1, 6) / 6.0)
+    np.testing.assert_allclose(found.rates, [0.0, 0.0, 1 / 3, 0.5, 0.4])
+    assert (found.n_epochs, found.n_trusted, found.n_trusted_wrong) == (6, 3, 1)
+    assert found.trusted_interval == clopper_pearson(1, 3)
+
+
+def test_answers_of_equal_trust_are_accepted_together():
+    nothing = [np.nan] * 4
+    found = RiskCoverage.of([True, False, True, False], [True] * 4, [True, True, False, False], nothing)
+    np.testing.assert_array_equal(found.n_accepted, [2, 4])
+    np.testing.assert_array_equal(found.n_wrong, [1, 2])
+
+
+def test_the_word_of_the_method_is_a_place_of_the_order():
+    generator = np.random.default_rng(2)
+    right, answered, trusted = (generator.random((3, 200)) < [[0.9], [0.95], [0.8]])[:3]
+    found = RiskCoverage.of(right, answered, trusted, generator.random(200))
+    place = np.searchsorted(found.n_accepted, found.n_trusted)
+    assert (found.n_accepted[place], found.n_wrong[place]) == (found.n_trusted, found.n_trusted_wrong)
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "words"),
+    [
+        (lambda: clopper_pearson(4, 3), OptionError, "from 0 to 3 of 3 epochs, got 4"),
+        (lambda: clopper_pearson(1, 3, 1.0), OptionError, "`confidence` above 0 and below 1, got 1"),
+        (lambda: upper_bound(1, 3, 0.5), OptionError, r"`confidence` above 0\.5 and below 1, got 0\.5\."),
+        (lambda: least_to_prove(0.0), OptionError, "`rate` above 0 and below 1, got 0"),
+        (lambda: Coverage.of([1.0, 1.0], [1.0, 0.0]), ArrayError, "sigmas above 0, got 0"),
+        (lambda: Coverage.of([1.0], [1.0, 1.0]), ArrayError, r"one shape \(n,\), got \(1,\) and \(2,\)"),
+        (lambda: ProtectionCounts.of([0.1], [0.1, 0.2]), ArrayError, r"\(n,\) or \(n, m\), got \(1,\) and \(2,\)"),
+        (lambda: ProtectionCounts.of([0.1], [0.1], alert_limit=0.0), OptionError, "`alert_limit` above 0 m, got 0"),
+        (lambda: RiskCoverage.of([True], [True], [True], [0.1, 0.2]), ArrayError, r"four arrays of one shape"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(make, error, words):
+    with pytest.raises(error, match=words):
+        make()
