@@ -36,27 +36,19 @@ def road(x, y):
     return 0.08 * x - 0.02 * np.abs(y - 5.0)  # a slope, with a crown
 
 
-def test_classified_ground_is_kept_though_it_is_dropped_from_the_voxels(tmp_path, cloud_files):
+def test_classified_ground_is_kept_whether_its_points_are_voxels_too_or_not(tmp_path, cloud_files):
     ground, walls = surface((1.0, 14.0), (1.0, 9.0), road), wall(9.5)
-    points = np.concatenate([ground, walls])
-    cloud = cloud_files.las(tmp_path / "a.las", points, np.repeat([2, 6], [len(ground), len(walls)]))
-    manifest = build_map([cloud], tmp_path / "a.map")
-    assert manifest.n_points == len(walls)
-    assert manifest.build["ground"] == "of its classes"
-    for x, y in ((3.0, 3.0), (8.0, 5.0), (13.0, 8.0)):
-        assert abs(heights_at(tmp_path / "a.map", x, y) - road(x, y)) < 0.03
-    assert np.isnan(heights_at(tmp_path / "a.map", 7.0, 12.0))
-
-
-def test_the_ground_does_not_depend_on_whether_its_points_are_voxels_too(tmp_path, cloud_files):
-    ground, walls = surface((1.0, 6.0), (1.0, 6.0), road), wall(9.5)
     points, classes = np.concatenate([ground, walls]), np.repeat([2, 6], [len(ground), len(walls)])
     cloud = cloud_files.las(tmp_path / "a.las", points, classes)
     without, with_it = (
         build_map([cloud], tmp_path / name, MapOptions(drop=drop)) for name, drop in (("a.map", None), ("b.map", ()))
     )
-    assert without.n_points < with_it.n_points
+    assert without.n_points == len(walls) < with_it.n_points
+    assert without.build["ground"] == "of its classes"
     assert files_of(tmp_path / "a.map" / "ground") == files_of(tmp_path / "b.map" / "ground")
+    for x, y in ((3.0, 3.0), (8.0, 5.0), (13.0, 8.0)):
+        assert abs(heights_at(tmp_path / "a.map", x, y) - road(x, y)) < 0.03
+    assert np.isnan(heights_at(tmp_path / "a.map", 7.0, 12.0))
 
 
 def test_a_bridge_is_another_level(tmp_path, cloud_files):
@@ -90,16 +82,13 @@ def test_without_classes_the_ground_is_the_lowest_of_level_surfaces(tmp_path, cl
     for x, y in ((3.0, 3.0), (12.0, 5.0), (7.0, 3.9), (4.0, 8.4)):
         wanted = road(x, y) + 0.12 * (y > 7.0)
         assert abs(heights_at(tmp_path / "a.map", x, y) - wanted) < 0.04
-
-
-def test_a_cars_roof_without_ground_below_is_no_ground(tmp_path, cloud_files, street):
+    # A car's roof without ground below is no ground.
     relative = street - ORIGIN
     is_under = (np.abs(relative[:, :2] - [7.0, 3.85]) < [2.1, 0.95]).all(axis=1)
     is_low = relative[:, 2] < road(relative[:, 0], relative[:, 1]) + 0.3
-    cloud = cloud_files.npz(tmp_path / "a.npz", street[~(is_under & is_low)])
-    build_map([cloud], tmp_path / "a.map")
-    assert np.isnan(heights_at(tmp_path / "a.map", 7.0, 3.9))
-    assert abs(heights_at(tmp_path / "a.map", 3.0, 3.0) - road(3.0, 3.0)) < 0.04
+    build_map([cloud_files.npz(tmp_path / "b.npz", street[~(is_under & is_low)])], tmp_path / "b.map")
+    assert np.isnan(heights_at(tmp_path / "b.map", 7.0, 3.9))
+    assert abs(heights_at(tmp_path / "b.map", 3.0, 3.0) - road(3.0, 3.0)) < 0.04
 
 
 def test_roofs_at_a_tiles_border_are_told_by_the_ground_beyond():

@@ -112,25 +112,16 @@ def test_own_normals_with_sides_are_averaged_as_in_memory(tmp_path, cloud_files,
     assert manifest.build["normals"] == "of the sources"
 
 
-def test_own_normals_whose_side_is_not_known_are_fitted_anew(tmp_path, cloud_files, surfaces):
+def test_own_normals_whose_side_is_not_known_are_fitted_anew_or_turned_by_a_trajectory(tmp_path, cloud_files, surfaces):
     points, true = surfaces.wall(8000, (10, 20), (20, 20), noise=0.003)
-    signs = np.random.default_rng(0).choice([-1.0, 1.0], (len(points), 1))
-    path = cloud_files.npz(tmp_path / "a.npz", points, normals=true * signs)
-    manifest = build_map([path], tmp_path / "a.map")
-    opened = PointMap.open(tmp_path / "a.map")
-    assert not opened.is_signed
-    assert manifest.build["normals"] == "from neighbourhoods"
-    _, _, normals = opened.all_voxels()
-    assert np.median(axis_errors_deg(normals, true[0])[normals.any(axis=1)]) < 3.0
-
-
-def test_a_trajectory_turns_own_normals(tmp_path, cloud_files, surfaces):
-    points, true = surfaces.wall(4000, (10, 20), (20, 20), noise=0.003)
-    signs = np.random.default_rng(0).choice([-1.0, 1.0], (len(points), 1))
-    times = np.linspace(0, 9.9, len(points))
-    path = cloud_files.npz(tmp_path / "a.npz", points, normals=true * signs, times=times)
-    at = np.arange(0, 10.1, 0.2)
+    signs, times = np.random.default_rng(0).choice([-1.0, 1.0], (len(points), 1)), np.linspace(0, 9.9, len(points))
+    path, at = cloud_files.npz(tmp_path / "a.npz", points, normals=true * signs, times=times), np.arange(0, 10.1, 0.2)
     trajectory = trajectory_at(at, surfaces.origin + np.column_stack([10 + at, 0 * at + 14, 0 * at + 1.8]))
-    build_map([path], tmp_path / "a.map", MapOptions(trajectory=trajectory))
-    _, _, normals = PointMap.open(tmp_path / "a.map").all_voxels()
+    fitted = build_map([path], tmp_path / "a.map")
+    turned = build_map([path], tmp_path / "b.map", MapOptions(trajectory=trajectory))
+    assert (fitted.is_signed, turned.is_signed) == (False, True)
+    assert (fitted.build["normals"], turned.build["normals"]) == ("from neighbourhoods", "of the sources")
+    normals = PointMap.open(tmp_path / "a.map").all_voxels()[2]
+    assert np.median(axis_errors_deg(normals, true[0])[normals.any(axis=1)]) < 3.0
+    normals = PointMap.open(tmp_path / "b.map").all_voxels()[2]
     np.testing.assert_allclose(normals, np.tile([0.0, -1.0, 0.0], (len(normals), 1)), atol=1e-6)

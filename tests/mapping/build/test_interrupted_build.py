@@ -17,7 +17,7 @@ from maxcon.map.writer import MapWriter
 from maxcon.mapping.build import build_map
 
 
-def test_a_map_that_exists_is_replaced_only_if_asked(tmp_path, cloud_files, some_points, surfaces):
+def test_a_map_that_exists_is_replaced_only_if_asked_and_nothing_else_is(tmp_path, cloud_files, some_points, surfaces):
     one = cloud_files.npz(tmp_path / "one.npz", some_points)
     other = cloud_files.npz(tmp_path / "other.npz", surfaces.wall(70, (0, 0), (3, 0))[0])
     build_map([one], tmp_path / "a.map")
@@ -25,18 +25,13 @@ def test_a_map_that_exists_is_replaced_only_if_asked(tmp_path, cloud_files, some
         build_map([other], tmp_path / "a.map")
     assert read_manifest(tmp_path / "a.map").n_points == 200
     build_map([other], tmp_path / "a.map", overwrite=True)
-    assert read_manifest(tmp_path / "a.map").n_points == 70
-    assert PointMap.open(tmp_path / "a.map").all_voxels()[1].sum() == 70
-    assert left_over(tmp_path) == ["a.map", "one.npz", "other.npz"]
-
-
-def test_overwriting_replaces_maps_only(tmp_path, cloud_files, some_points):
-    path = cloud_files.npz(tmp_path / "a.npz", some_points)
+    assert read_manifest(tmp_path / "a.map").n_points == 70 == PointMap.open(tmp_path / "a.map").all_voxels()[1].sum()
     (tmp_path / "photos").mkdir()
     (tmp_path / "photos" / "summer.jpg").write_text("dear")
     with pytest.raises(FileError, match=r"photos to be a map, to overwrite it, but it holds summer\.jpg"):
-        build_map([path], tmp_path / "photos", overwrite=True)
+        build_map([one], tmp_path / "photos", overwrite=True)
     assert (tmp_path / "photos" / "summer.jpg").read_text() == "dear"
+    assert left_over(tmp_path) == ["a.map", "one.npz", "other.npz", "photos"]
 
 
 @pytest.mark.parametrize("where", ["put", "finish"])

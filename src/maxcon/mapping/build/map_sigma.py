@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: MIT
 """Standard deviation of a map: how far passes of the mapping vehicle differ where they saw the same wall."""
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,8 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon._system.checked import checked
-from maxcon._system.regular_file import read_regular
+from maxcon._system.checked import checked, read_json
 from maxcon.errors import FileError
 from maxcon.map.layout import UNKNOWN_SIGMA
 
@@ -100,11 +98,7 @@ class _Alignment:
 
 def _sigma_of_alignment(file: Path) -> float:
     what, advice = "what `maxcon map align` writes", "Give --sigma, or move the clouds elsewhere"
-    try:
-        content = json.loads(read_regular(file, LARGEST_ALIGNMENT))
-    except (OSError, ValueError, RecursionError) as error:
-        raise FileError(f"Expected {file} to be {what}, got: {str(error)[:80]!r}. {advice}.") from None
-    alignment = checked(content, _Alignment, file, what, advice)
+    alignment = checked(read_json(file, what, advice, LARGEST_ALIGNMENT), _Alignment, file, what, advice)
     sigma = alignment.sigma.of_map
     if not 0.0 <= sigma < math.inf:
         raise FileError(f"Expected a sigma of the map of 0 m or more in {file}, got {sigma}. Give --sigma.")
