@@ -4,13 +4,19 @@
 
 import csv
 import math
+import os
 import re
+import subprocess
+import sys
+from types import SimpleNamespace
 
 import pytest
 
+from maxcon.cli import main
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.dataset import Dataset
 from maxcon.lab.demo import DEMO_METHODS, DEMO_NAMES
+from maxcon.lab.demo.report import worst_of_the_count
 from maxcon.lab.study.prior_trials import read_trials, summarize_trials
 from maxcon.map import PointMap
 
@@ -26,61 +32,76 @@ def _poses(folder):
     return tables
 
 
-@pytest.fixture(scope="module")
-def demo(tmp_path_factory, run_demo):
-    folder = tmp_path_factory.mktemp("demo") / "out"
-    return folder, run_demo("--epochs", "4", "--out", folder)
-
-
-def test_it_ends_well(demo):
-    _, ended = demo
-    assert ended.returncode == 0
+def run_demo(*arguments):
+    """Run `maxcon demo` in a process of its own."""
+    command = [sys.executable, "-m", "maxcon", "demo", "--epochs", "4", *map(str, arguments)]
+    environment = {**os.environ, "COLUMNS": "120"}
+    ended = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=900)
+    assert ended.returncode == 0, ended.stderr
     assert all(line.endswith(" ...") for line in ended.stderr.splitlines())
+    return ended.stdout
 
 
+@pytest.fixture(scope="module")
+def demo(built_once):
+    """The folder of a demo, and what the command printed."""
+
+    def make(folder):
+        printed = run_demo("--out", folder / "out")
+        assert [path.name for path in folder.iterdir()] == ["out"]
+        (folder / "printed.txt").write_text(printed)
+
+    folder = built_once("demo", make)
+    return folder / "out", (folder / "printed.txt").read_text()
+
+
+@pytest.mark.documents
 def test_the_table_has_a_row_for_each_method(demo):
-    _, ended = demo
+    _, printed = demo
     for method in DEMO_METHODS:
-        rows = [line for line in ended.stdout.splitlines() if method.name in line]
+        rows = [line for line in printed.splitlines() if method.name in line]
         assert len(rows) == 1
         assert re.search(r"\d of 4 .*\d\.\d{3} .*\d\.\d{3} .*\d\.\d\d .*\d+", rows[0])
-    assert re.search(r"Helmert, a voxel once\D+4 of 4", ended.stdout)
+    assert re.search(r"Helmert, a voxel once\D+4 of 4", printed)
 
 
+@pytest.mark.documents
 def test_from_wide_priors_maximum_consensus_is_right_and_one_start_is_not(demo):
-    folder, ended = demo
+    folder, printed = demo
     trials = [trial for trial in read_trials(folder / "prior-error.csv") if trial.offset == 12.0]
     widest = {one.method: one for one in summarize_trials(trials)}
     assert (widest["maxcon"].n_right, widest["maxcon"].n_wrong_but_good) == (4, 0)
     assert sum(one.n_wrong_but_good for name, one in widest.items() if name.startswith("ICP")) > 0
     assert min(one.n_right for name, one in widest.items() if name.startswith("ICP")) < 4
     for name, one in widest.items():
-        assert re.search(rf"{name} .* {one.n_right} of 4 .* {one.n_wrong_but_good} ", ended.stdout)
-    told = " ".join(ended.stdout.split())
+        assert re.search(rf"{name} .* {one.n_right} of 4 .* {one.n_wrong_but_good} ", printed)
+    told = " ".join(printed.split())
     assert "maximum consensus is right in 4 of 4 epochs; registration from one start in" in told
     assert "What searches the window first can do it too" in told
 
 
+@pytest.mark.documents
 def test_everything_it_made_is_there(demo):
-    folder, ended = demo
+    folder, printed = demo
     assert sorted(path.name for path in folder.iterdir()) == sorted([*DEMO_NAMES[:-1], *TABLES])
-    assert f"The report with pictures: {folder / 'report.html'}" in " ".join(ended.stdout.split("\n"))
-    assert sorted(path.name for path in folder.parent.iterdir()) == ["out"]
+    assert f"The report with pictures: {folder / 'report.html'}" in " ".join(printed.split("\n"))
     assert len(PointMap.open(folder / "city.map").tile_keys) > 1
     assert len(list(Dataset.open(folder / "dataset").scans.glob("*.bin"))) == 4
     assert len(read_trajectory(folder / TABLES[-1])) == 4
 
 
+@pytest.mark.documents
 def test_the_report_shows_the_figures_of_the_table(demo):
-    folder, ended = demo
+    folder, printed = demo
     page = (folder / "report.html").read_text()
     assert "<title>maxcon demo: a simulated street</title>" in page
     assert "maxcon demo --epochs 4 --seed 0" in page
     assert page.count("<img") == 7
-    row = next(line for line in ended.stdout.splitlines() if "Helmert, a voxel once" in line)
+    row = next(line for line in printed.splitlines() if "Helmert, a voxel once" in line)
     assert re.findall(r"\d\.\d{3}", row)[0] in page
 
 
+@pytest.mark.documents
 def test_the_first_picture_shows_where_the_count_is_wrong_and_helmert_is_not(demo):
     folder, _ = demo
     page = (folder / "report.html").read_text()
@@ -95,34 +116,53 @@ def test_the_first_picture_shows_where_the_count_is_wrong_and_helmert_is_not(dem
     assert of_ours == pytest.approx(math.hypot(float(row["x"]) - truth.x, float(row["y"]) - truth.y), abs=0.001)
 
 
-def test_a_second_run_replaces_it_by_the_same_poses(demo, run_demo):
+@pytest.mark.documents
+def test_a_second_run_replaces_it_by_the_same_poses(demo):
     folder, _ = demo
     before, page = _poses(folder), (folder / "report.html").stat().st_mtime_ns
-    ended = run_demo("--epochs", "4", "--out", folder, "--quiet")
-    assert ended.returncode == 0
-    assert all(line.endswith(" ...") for line in ended.stderr.splitlines())
+    run_demo("--out", folder, "--quiet")
     assert _poses(folder) == before
     assert (folder / "report.html").stat().st_mtime_ns > page
-    assert sorted(path.name for path in folder.parent.iterdir()) == ["out"]
+    assert sorted(path.name for path in folder.parent.iterdir()) == ["out", "printed.txt"]
 
 
-def _assert_refused(ended, *words):
-    assert (ended.returncode, ended.stdout) == (2, "")
-    assert ended.stderr.startswith("maxcon: Expected") and ended.stderr.count("\n") == 1
-    for word in words:
-        assert str(word) in ended.stderr
+@pytest.mark.parametrize(
+    ("out", "words"),
+    [
+        ("", ("a demo", "no report.html")),
+        ("old", ("a demo", "thesis.tex", "name another folder")),
+        ("old/thesis.tex", ("a demo", "Not a directory")),
+        ("missing/demo", ("missing", "No such file or directory")),
+    ],
+)
+def test_anything_else_is_not_replaced(out, words, tmp_path, monkeypatch, capfd):
+    (tmp_path / "old").mkdir()
+    for name in ("report.html", "thesis.tex"):
+        (tmp_path / "old" / name).touch()
+    monkeypatch.setattr(sys, "argv", ["maxcon", "demo", "--out", str(tmp_path / out)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    printed, told = capfd.readouterr()
+    assert (ended.value.code, printed) == (2, "")
+    assert told.startswith("maxcon: Expected") and told.count("\n") == 1
+    assert all(word in told for word in words)
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["old", "report.html", "thesis.tex"]
 
 
-def test_anything_else_is_not_replaced(run_demo, tmp_path):
-    (tmp_path / "pictures").mkdir()
-    _assert_refused(run_demo("--out", tmp_path), tmp_path, "a demo", "no report.html")
-    (tmp_path / "report.html").touch()
-    (tmp_path / "thesis.tex").touch()
-    _assert_refused(run_demo("--out", tmp_path), tmp_path, "a demo", "thesis.tex", "name another folder")
-    _assert_refused(run_demo("--out", tmp_path / "thesis.tex"), "thesis.tex", "a demo", "Not a directory")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["pictures", "report.html", "thesis.tex"]
+def error(distance):
+    return None if distance is None else SimpleNamespace(distance=distance, is_success=distance < 0.3)
 
 
-def test_a_missing_parent_folder(run_demo, tmp_path):
-    _assert_refused(run_demo("--out", tmp_path / "missing" / "demo"), tmp_path / "missing", "No such file or directory")
-    assert list(tmp_path.iterdir()) == []
+@pytest.mark.parametrize(
+    ("of_count", "of_helmert", "expected"),
+    [
+        ([0.1, 2.0, 3.0, None], [0.1, 0.1, 3.0, 0.1], 1),  # the worst that Helmert's score gets right
+        ([0.1, 0.2, None], [0.1, 0.1, 0.1], 1),  # none is wrong
+    ],
+)
+def test_the_epoch_shown_first_is_the_worst_of_the_count(of_count, of_helmert, expected):
+    results = [
+        SimpleNamespace(errors=[error(d) for d in found], distances=[math.nan if d is None else d for d in found])
+        for found in (of_count, of_helmert)
+    ]
+    assert worst_of_the_count(results) == expected

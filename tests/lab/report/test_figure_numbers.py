@@ -10,7 +10,13 @@ from hypothesis import strategies as st
 from drawn_figures import words
 from maxcon.lab.evaluation import RiskCoverage
 from maxcon.lab.report.certainty_plots import SigmaPanel, bar_places, plot_risk_coverage, plot_sigmas, plot_stanford
-from maxcon.lab.report.errors import SuccessBins, percents_within, plot_error_distributions, plot_success, round_width
+from maxcon.lab.report.errors import (
+    count_by_distance,
+    percents_within,
+    plot_error_distributions,
+    plot_success,
+    round_width,
+)
 from maxcon.lab.report.prior_error import plot_prior_error
 from maxcon.lab.report.timeline import ErrorRow, plot_timeline
 from maxcon.lab.study.prior_trials import TrialSummary
@@ -39,9 +45,8 @@ def test_distributions_state_the_epochs_within_the_limit(tmp_path):
 
 def test_epochs_are_counted_by_distance():
     offsets = np.array([0.0, 0.49, 0.5, 0.99, 1.6, 1.5])
-    bins = SuccessBins.of(offsets, np.array([True, False, True, True, False, False]), 0.5, 5)
-    np.testing.assert_array_equal(bins.n_epochs, [2, 2, 0, 2, 0])
-    np.testing.assert_array_equal(bins.n_successes, [1, 2, 0, 0, 0])
+    counts = count_by_distance(offsets, np.array([True, False, True, True, False, False]), 0.5, 5)
+    np.testing.assert_array_equal(counts, [[2, 2, 0, 2, 0], [1, 2, 0, 0, 0]])
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: MIT
 """The paper's claims, and what a study says of them."""
 
+import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
@@ -37,12 +38,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """One statement of the paper beside what a study shows.
-
-    paper: what the paper says, in our words.
-    study: what this study shows, in numbers.
-    verdict: whether they agree.
-    """
+    """What the paper says, in our words, beside what a study shows, in numbers; and whether they agree."""
 
     paper: str
     study: str
@@ -70,23 +66,22 @@ def paper_claims(
         _compared(
             "The ratio of second highest to highest score is lower for Helmert's score in general; some critical"
             " epochs remain.",
-            methods, "peak_ratio", "Median ratio", lambda helmert, count: helmert < count,
+            methods, "peak_ratio", "Median ratio", operator.lt,
         ),
         _compared(
             "The kurtosis along the significant ray is much higher for Helmert's score.",
-            along_ray, "kurtosis", "median kurtosis", lambda helmert, count: helmert > count,
-            where=where, factor=MUCH,
+            along_ray, "kurtosis", f"{where}median kurtosis", operator.gt, factor=MUCH,
         ),
         _compared(
             "The divergence from a Laplace distribution is lower for Helmert's score.",
-            along_ray, "divergence", "median divergence", lambda helmert, count: helmert < count, where=where,
+            along_ray, "divergence", f"{where}median divergence", operator.lt,
         ),
         _spread(methods, cell),
         _precision(methods),
     ]  # fmt: skip
 
 
-def _share(part: int, whole: int) -> str:
+def _ratio(part: int, whole: int) -> str:
     return f"{part:,} of {whole:,} ({100.0 * part / whole:.1f} %)" if whole else "none"
 
 
@@ -103,6 +98,11 @@ def _lacking(found: Mapping[str, MethodStatistics], name: str) -> str:
     return "" if found[name].n_tried else f"an answer of {name}"
 
 
+def _lacking_pair(methods: Mapping[str, MethodRows], other: str) -> str:
+    """Say that Helmert's score or the method beside it is missing; empty if neither is."""
+    return "" if HELMERT in methods and other in methods else f"both {other} and {HELMERT}"
+
+
 def _not_studied(paper: str, names: str) -> Claim:
     return Claim(paper, f"No epoch with {names}.", Verdict.NOT_STUDIED)
 
@@ -112,14 +112,11 @@ def _helmert_succeeds(found: Mapping[str, MethodStatistics]) -> Claim:
     if lacking := _lacking(found, HELMERT):
         return _not_studied(paper, lacking)
     method = found[HELMERT]
-    words = f"{_share(method.n_success, method.n_tried)} epochs within {SUCCESS_WORDS}"
-    if "helmert-occupied" in found:
-        other = found["helmert-occupied"]
-        words += f"; {_share(other.n_success, other.n_tried)} by our defaults"
-    words += _left_out(method)
-    is_all = method.n_success == method.n_tried
-    is_most = method.n_success >= 0.99 * method.n_tried
-    return Claim(paper, words + ".", Verdict.of(is_all, is_most))
+    words = f"{_ratio(method.n_success, method.n_tried)} epochs within {SUCCESS_WORDS}"
+    if other := found.get("helmert-occupied"):
+        words += f"; {_ratio(other.n_success, other.n_tried)} by our defaults"
+    verdict = Verdict.of(method.n_success == method.n_tried, method.n_success >= 0.99 * method.n_tried)
+    return Claim(paper, f"{words}{_left_out(method)}.", verdict)
 
 
 def _count_fails(found: Mapping[str, MethodStatistics]) -> Claim:
@@ -128,13 +125,11 @@ def _count_fails(found: Mapping[str, MethodStatistics]) -> Claim:
         return _not_studied(paper, lacking)
     method = found[COUNT]
     n_failed = method.n_tried - method.n_success
-    words = f"The count fails in {_share(n_failed, method.n_tried)} epochs"
+    words = f"The count fails in {_ratio(n_failed, method.n_tried)} epochs"
     words += f", by up to {method.distance.worst:.2f} m" if method.distance.worst > SUCCESS_DISTANCE else ""
-    if "count-occupied" in found:
-        other = found["count-occupied"]
-        words += f"; in {_share(other.n_tried - other.n_success, other.n_tried)} by our defaults"
-    words += _left_out(method)
-    return Claim(paper, words + ".", Verdict.of(n_failed > 0))
+    if other := found.get("count-occupied"):
+        words += f"; in {_ratio(other.n_tried - other.n_success, other.n_tried)} by our defaults"
+    return Claim(paper, f"{words}{_left_out(method)}.", Verdict.of(n_failed > 0))
 
 
 def _icp_fails(found: Mapping[str, MethodStatistics]) -> Claim:
@@ -147,7 +142,7 @@ def _icp_fails(found: Mapping[str, MethodStatistics]) -> Claim:
         return _not_studied(paper, " or ".join(STARTS[:2]))
     shares = [1.0 - method.n_success / method.n_tried for method in studied]
     words = "; ".join(
-        f"{method.method}: fails in {_share(method.n_tried - method.n_success, method.n_tried)} epochs"
+        f"{method.method}: fails in {_ratio(method.n_tried - method.n_success, method.n_tried)} epochs"
         for method in studied
     ) + _left_out(studied[0])
     exceeds = [share > 0.2 for share in shares]
@@ -160,17 +155,15 @@ def _compared(
     column: str,
     words: str,
     is_better: Callable[[float, float], bool],
-    *,
-    where: str = "",
     factor: float = 1.0,
 ) -> Claim:
     """Check whether a measure is better for Helmert's score than for the count, in its median and in most epochs.
 
     The claim holds if the median is better, by `factor` if above 1, and nine tenths of the epochs; partly if the median
-    is better. `where` and `words` begin the sentence about the study.
+    is better. `words` begin the sentence about the study.
     """
-    if HELMERT not in methods or COUNT not in methods:
-        return _not_studied(paper, f"both {COUNT} and {HELMERT}")
+    if lacking := _lacking_pair(methods, COUNT):
+        return _not_studied(paper, lacking)
     helmert, count = (_by_epoch(methods[name], column) for name in (HELMERT, COUNT))
     both = sorted(helmert.keys() & count.keys())
     if not both:
@@ -181,8 +174,8 @@ def _compared(
     is_general &= medians[0] >= factor * medians[1] if factor > 1.0 else True
     return Claim(
         paper,
-        f"{where}{words} of Helmert's score {medians[0]:.3g}, of the count {medians[1]:.3g}; Helmert's is the more"
-        f" distinct in {_share(n_better, len(both))} epochs.",
+        f"{words} of Helmert's score {medians[0]:.3g}, of the count {medians[1]:.3g}; Helmert's is the more"
+        f" distinct in {_ratio(n_better, len(both))} epochs.",
         Verdict.of(is_so and is_general, is_so),
     )
 
@@ -197,14 +190,14 @@ def _spread(methods: Mapping[str, MethodRows], cell: float) -> Claim:
         "Only neighbours of the best cell reach 90 % of Helmert's highest score; for the count such cells lie all"
         " over the search space."
     )
-    if HELMERT not in methods or COUNT not in methods:
-        return _not_studied(paper, f"both {COUNT} and {HELMERT}")
+    if lacking := _lacking_pair(methods, COUNT):
+        return _not_studied(paper, lacking)
     spreads = [np.array(list(_by_epoch(methods[name], "spread").values())) for name in (HELMERT, COUNT)]
     if not all(map(len, spreads)):
         return _not_studied(paper, "a spread of both")
     n_near = [int((values <= NEIGHBOURS * cell).sum()) for values in spreads]
     words = " ".join(
-        f"{name}: only neighbours in {_share(near, len(values))} epochs, 95 % of the spreads below"
+        f"{name}: only neighbours in {_ratio(near, len(values))} epochs, 95 % of the spreads below"
         f" {np.quantile(values, 0.95):.2f} m, largest {values.max():.2f} m."
         for name, near, values in zip(("Helmert's score", "The count"), n_near, spreads, strict=True)
     )

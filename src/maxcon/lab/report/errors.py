@@ -4,7 +4,7 @@
 
 import os
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -151,23 +151,15 @@ MOST_BINS = 20
 AXES_HEIGHT, ROW = 4.1, 0.21
 
 
-class SuccessBins(NamedTuple):
-    """Epochs and successes of one method, by the distance of the prior from the reference.
+def count_by_distance(
+    offsets: NDArray[np.float64], is_success: NDArray[np.bool_], bin_width: float, n_bins: int
+) -> NDArray[np.int64]:
+    """Count epochs and successes, shape (2, n_bins), by the distance of the prior from the reference.
 
-    n_epochs, n_successes: shape (n_bins,); int64; bin k holds the distances from k to below k + 1 bin widths.
+    Bin k holds the distances from k to below k + 1 bin widths; all offsets are below n_bins bin widths.
     """
-
-    n_epochs: NDArray[np.int64]
-    n_successes: NDArray[np.int64]
-
-    @classmethod
-    def of(
-        cls, offsets: NDArray[np.float64], is_success: NDArray[np.bool_], bin_width: float, n_bins: int
-    ) -> "SuccessBins":
-        """Count the epochs of each bin; all offsets are below n_bins bin widths."""
-        bins = np.floor(offsets / bin_width).astype(np.int64)
-        n_epochs = np.bincount(bins, minlength=n_bins).astype(np.int64)
-        return cls(n_epochs, np.bincount(bins[is_success], minlength=n_bins).astype(np.int64))
+    bins = np.floor(offsets / bin_width).astype(np.int64)
+    return np.array([np.bincount(chosen, minlength=n_bins) for chosen in (bins, bins[is_success])])
 
 
 def plot_success(
@@ -197,10 +189,11 @@ def plot_success(
     farthest = max(float(values.max()) for values in offsets.values())
     bin_width = round_width(farthest)
     n_bins = int(farthest / bin_width) + 1
-    bins = {name: SuccessBins.of(offsets[name], success_by_method[name], bin_width, n_bins) for name in offsets}
-    first, *others = bins.values()
-    rows = [first] if all((one.n_epochs == first.n_epochs).all() for one in others) else [first, *others]
-    labels = [f"{name}: {100.0 * one.n_successes.sum() / one.n_epochs.sum():.1f} %" for name, one in bins.items()]
+    bins = {name: count_by_distance(offsets[name], success_by_method[name], bin_width, n_bins) for name in offsets}
+    rows = [n_epochs for n_epochs, _ in bins.values()]
+    if all((row == rows[0]).all() for row in rows):
+        rows = rows[:1]
+    labels = [f"{name}: {100.0 * one[1].sum() / one[0].sum():.1f} %" for name, one in bins.items()]
     words = (
         f"Success: within {SUCCESS_WORDS} of the reference. Bins of {bin_width:g} m; bars: Wilson's 95 % intervals.\n"
         "Numbers above: epochs in each bin. Below: success over all epochs."
@@ -227,13 +220,14 @@ def round_width(farthest: float) -> float:
     return width
 
 
-def _draw_rates(axes: "Axes", number: int, n_methods: int, bins: SuccessBins, bin_width: float) -> "Line2D":
+def _draw_rates(axes: "Axes", number: int, n_methods: int, counts: NDArray[np.int64], bin_width: float) -> "Line2D":
     """Draw the rates of one method with their intervals, set apart from the others' within each bin."""
     style = METHOD_STYLES[number]
     apart = (number - 0.5 * (n_methods - 1)) * min(0.12, 0.7 / n_methods)
-    places = (np.arange(len(bins.n_epochs)) + 0.5 + apart) * bin_width
-    low, high = wilson_interval(bins.n_successes, bins.n_epochs)
-    rates = np.divide(bins.n_successes, bins.n_epochs, out=np.full(len(places), np.nan), where=bins.n_epochs > 0)
+    n_epochs, n_successes = counts
+    places = (np.arange(len(n_epochs)) + 0.5 + apart) * bin_width
+    low, high = wilson_interval(n_successes, n_epochs)
+    rates = np.divide(n_successes, n_epochs, out=np.full(len(places), np.nan), where=n_epochs > 0)
     axes.vlines(places, 100.0 * low, 100.0 * high, color=style.color, lw=1.5, alpha=0.75, zorder=2)
     (line,) = axes.plot(
         places, 100.0 * rates, color=style.color, ls=style.line, lw=1.3, marker=style.marker, ms=6.5, mec="white",
@@ -242,16 +236,16 @@ def _draw_rates(axes: "Axes", number: int, n_methods: int, bins: SuccessBins, bi
     return line
 
 
-def _draw_numbers(axes: "Axes", rows: list[SuccessBins], bin_width: float) -> None:
+def _draw_numbers(axes: "Axes", rows: list[NDArray[np.int64]], bin_width: float) -> None:
     """Write how many epochs each bin holds above it: one row for all methods, or one for each."""
     place: dict[str, Any] = {
         "xycoords": ("data", "axes fraction"), "textcoords": "offset points", "va": "center", "fontsize": 9,
         "color": MUTED,
     }  # fmt: skip
-    for number, bins in enumerate(rows):
+    for number, row in enumerate(rows):
         above = 72.0 * ROW * (len(rows) - number - 0.35)
-        for middle, n_epochs in zip((np.arange(len(bins.n_epochs)) + 0.5) * bin_width, bins.n_epochs, strict=True):
-            axes.annotate(f"{n_epochs}", (middle, 1.0), (0.0, above), ha="center", **place)
+        for bin_number, n_epochs in enumerate(row):
+            axes.annotate(f"{n_epochs}", ((bin_number + 0.5) * bin_width, 1.0), (0.0, above), ha="center", **place)
         if number == 0:
             axes.annotate("epochs", (0.0, 1.0), (-20.0, above), ha="right", **place)
         if len(rows) > 1:
