@@ -7,12 +7,13 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import event, given
 from hypothesis import strategies as st
 from searches import SEEDS, unit_vectors
 
 from maxcon import Count, Helmert, MaxEigenvalue, MaximumConsensus, PointMap, Pose, Scan, SearchSpace
 from maxcon.errors import ArrayError, OptionError
+from maxcon.map import TILE_VOXELS
 from maxcon.search import Weighting, reference
 
 CELL = 0.06
@@ -20,7 +21,7 @@ HERE = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 ONE_CELL = SearchSpace(0.0, CELL, 0.0, 0.5)
 SMALL = SearchSpace(0.3, CELL, 0.0, 0.5)  # 10 x 10 cells
 STREET = math.radians(31.0)
-X, Y, SLANTED = [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.6, 0.0, 0.8]
+X, Y, SLANTED, NONE = [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.6, 0.0, 0.8], [0.0, 0.0, 0.0]
 MULTIPLICITIES = ("points", "occupied")
 
 
@@ -253,25 +254,6 @@ def test_the_threshold_itself_still_matches():
     assert not accumulator.moments.any()
 
 
-@given(SEEDS, st.integers(0, 8), st.integers(0, 12))
-def test_half_the_edge_is_rounding_each_pair_to_its_nearest_cell(seed, n_scan, n_map):
-    cell = 0.0625
-    scan, map_points, map_normals = random_pairs(seed, n_scan, n_map, cell)
-    prior = Pose(cell / 32, cell / 32, cell / 64, 0.0, 0.0, 0.0)  # off all ties
-    space = SearchSpace(8 * cell, cell, 0.0, 0.5)
-    accumulator = reference.pairs(scan, map_points, map_normals, prior, space, threshold=cell / 2)
-    counts = np.zeros(space.shape)
-    n_inside = 0
-    for point, q in itertools.product(scan.points + prior.position, map_points):
-        dx, dy, dz = (q - point) / cell
-        ix, iy = round(dx) + 8, round(dy) + 8
-        if abs(dz) <= 0.5 and 0 <= ix < 16 and 0 <= iy < 16:
-            counts[0, iy, ix] += 1
-            n_inside += 1
-    np.testing.assert_array_equal(accumulator.moments[..., 0], counts)
-    assert accumulator.moments[..., 0].sum() == n_inside  # one vote each
-
-
 @given(SEEDS, st.integers(0, 10), st.integers(1, 12))
 def test_voxels_are_pairs_where_map_points_are_voxel_centres(seed, n_scan, n_map):
     """The two models agree where the rasterized map has moved no point."""
@@ -341,21 +323,18 @@ def test_the_weight_is_the_cosine_between_the_normals(n_scan, n_map, is_signed, 
 
 @both_multiplicities
 @pytest.mark.parametrize("is_signed", [True, False])
-def test_as_published_a_scan_point_without_a_normal_counts_and_constrains_nothing(is_signed, multiplicity):
-    options = {"is_signed": is_signed, "multiplicity": multiplicity, "weighting": "published"}
-    np.testing.assert_array_equal(one_match([0.0, 0.0, 0.0], X, **options), [1.0, 0.0, 0.0, 0.0])
-    np.testing.assert_allclose(one_match(SLANTED, X, **options), [1.0, 0.6, 0.0, 0.0], atol=1e-6)
-
-
-@both_multiplicities
-@pytest.mark.parametrize("is_signed", [True, False])
-@pytest.mark.parametrize("n_scan", [X, [-1.0, 0.0, 0.0], SLANTED, Y, [0.0, 0.0, 0.0]])
-def test_with_weights_of_one_the_scan_normal_does_not_matter(n_scan, is_signed, multiplicity):
-    options = {"is_signed": is_signed, "multiplicity": multiplicity, "weighting": "one"}
-    np.testing.assert_allclose(one_match(n_scan, X, **options), [1.0, 1.0, 0.0, 0.0], atol=1e-6)
-    np.testing.assert_allclose(one_match(n_scan, SLANTED, **options), [1.0, 0.36, 0.0, 0.0], atol=1e-6)
-    nothing = one_match(n_scan, [0.0, 0.0, 0.0], **options)  # the map's normal still does
-    np.testing.assert_array_equal(nothing, [1.0, 0.0, 0.0, 0.0])
+@pytest.mark.parametrize(
+    ("weighting", "n_scan", "on_x", "on_slanted"),
+    [
+        ("published", NONE, 0.0, 0.0),  # it counts, and constrains nothing
+        ("published", SLANTED, 0.6, 0.36),
+        *(("one", n_scan, 1.0, 0.36) for n_scan in (X, [-1.0, 0.0, 0.0], SLANTED, Y, NONE)),
+    ],
+)
+def test_other_weightings(weighting, n_scan, on_x, on_slanted, is_signed, multiplicity):
+    options = {"is_signed": is_signed, "multiplicity": multiplicity, "weighting": weighting}
+    for n_map, added in ((X, on_x), (SLANTED, on_slanted), (NONE, 0.0)):  # the map's normal always matters
+        np.testing.assert_allclose(one_match(n_scan, n_map, **options), [1.0, added, 0.0, 0.0], atol=1e-6)
 
 
 @pytest.mark.parametrize("weighting", ["cosine", "one"])
@@ -413,3 +392,49 @@ def test_no_points_match_nothing(multiplicity):
 def test_what_pairs_refuse(points, normals, options, error, words):
     with pytest.raises(error, match=words):
         reference.pairs(Scan([[0.0, 0.0, 0.0]], [X]), points, normals, HERE, SMALL, threshold=CELL, **options)
+
+
+# --- the consensus set: points whose own voxel is in the map, whatever else is around -------------------------
+
+FINE = 0.0625
+AROUND = SearchSpace(5 * FINE, FINE, 1.0, 0.5)
+EDGES = st.sampled_from([0, -3, -TILE_VOXELS, 3 * TILE_VOXELS])
+
+
+@given(
+    seed=SEEDS,
+    size=st.tuples(*3 * [st.integers(1, 6)]),
+    edge=st.tuples(EDGES, EDGES, st.just(-2)),
+    offset=st.tuples(*2 * [st.integers(-5, 4)]),
+    n_points=st.integers(0, 60),
+)
+def test_points_match_where_their_own_voxel_is_in_the_map(seed, size, edge, offset, n_points):
+    rng = np.random.default_rng(seed)
+    block = np.array(list(itertools.product(*(range(-1, n + 1) for n in size))))  # all around the scan too
+    held = block[rng.random(len(block)) < 0.5] + edge
+    point_map = PointMap.from_points((held + 0.5) * FINE, np.tile([1.0, 0.0, 0.0], (len(held), 1)), FINE)
+    voxels = rng.integers(0, size, (n_points, 3)) + edge
+    prior = Pose(*(np.array(edge) + rng.uniform(-3.0, 3.0, 3)) * FINE, 0.0, 0.0, 0.0)
+    shift = np.array([*offset, 0]) * FINE
+    points = (voxels + rng.uniform(0.1, 0.9, (n_points, 3))) * FINE - shift - prior.position
+    matched = reference.consensus_set(
+        Scan(points, np.zeros_like(points)), point_map, prior, AROUND, (2, 5 + offset[1], 5 + offset[0])
+    )
+    in_map = {*map(tuple, held.tolist())}
+    assert matched.dtype == bool
+    assert matched.tolist() == [tuple(voxel) in in_map for voxel in voxels.tolist()]
+    event(f"some do: {matched.any()}, some do not: {not matched.all()}")
+
+
+def test_the_prior_and_the_heading_of_the_cell_turn_the_scan():
+    prior = Pose(3.0, -2.0, 1.0, 0.1, -0.05, 0.7)
+    pose = AROUND.pose((4, 7, 1), prior)
+    places = (np.array([[40, 3, 20], [-25, 30, 2], [7, -60, 12]]) + 0.5) * FINE
+    point_map = PointMap.from_points(places, np.tile([1.0, 0.0, 0.0], (3, 1)), FINE)
+    points = np.concatenate([places, places + [FINE, 0.0, 0.0]])
+    scan = Scan((points - pose.position) @ pose.rotation, np.zeros_like(points))
+    matched = reference.consensus_set(scan, point_map, prior, AROUND, (4, 7, 1))
+    assert matched.tolist() == [True, True, True, False, False, False]
+    one = Scan(np.zeros((1, 3)), np.zeros((1, 3)))  # an open space is given the cells of the map
+    at_point = Pose(*places[0], 0.0, 0.0, 0.0)
+    assert reference.consensus_set(one, point_map, at_point, SearchSpace(0.0), (20, 0, 0)).tolist() == [True]

@@ -249,7 +249,6 @@ def test_a_covariance_printed_with_few_digits_is_taken():
     ("covariance", "words"),
     [
         (np.eye(2), r"shape \(3, 3\), got \(2, 2\)\. Take its rows"),
-        (np.eye(6), r"shape \(3, 3\), got \(6, 6\)"),
         ([1.0, 1.0, 0.1], r"shape \(3, 3\), got \(3,\)"),
         ("exact", r"numbers of shape \(3, 3\), got str"),
         ([[1.0], [1.0, 2.0], [3.0]], r"numbers of shape \(3, 3\), got list"),
@@ -257,8 +256,6 @@ def test_a_covariance_printed_with_few_digits_is_taken():
         (np.diag([1.0, np.inf, 0.1]), "finite numbers"),
         (np.diag([1.0, 1.0, -0.1]), "variances >= 0 .*got -0.1"),
         ([[1.0, 0.1, 0.0], [0.2, 1.0, 0.0], [0.0, 0.0, 0.1]], "symmetric .*mean of it and its transpose"),
-        ([[1.0, 1.1, 0.0], [1.1, 1.0, 0.0], [0.0, 0.0, 0.1]], "positive semidefinite"),
-        ([[1.0, 0.0, 0.1], [0.0, 1.0, 0.0], [0.1, 0.0, 0.0]], "positive semidefinite"),
         ([[1.0, 0.0, 2e-3], [0.0, 1.0, 0.0], [2e-3, 0.0, 1e-6]], "positive semidefinite"),
     ],
 )
