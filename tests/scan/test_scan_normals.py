@@ -120,14 +120,14 @@ def test_a_wall_behind_the_seam_of_azimuths(side):
     errors = {}
     for middle in (0.0, np.pi):
         normal = np.array([-np.cos(middle), 0.0, 0.0])
-        for seed in range(4):
+        for seed in range(8):
             points, true = cast(directions(), [(normal, 6.0, (-1.7, 8.0))], seed=seed)
             across = side * points[:, 1] / (points @ -normal)  # tangent of the angle from the middle
             is_beside = (across > 0.0) & (across < np.radians(1.0)) & (points @ normal < 0.0)
             normals = estimate_scan_normals(points)
             assert normals[is_beside].any(axis=1).all()
             errors.setdefault(middle, []).extend(angle_errors_deg(normals, true)[is_beside])
-    assert len(errors[np.pi]) > 200
+    assert len(errors[np.pi]) > 400
     assert np.median(errors[np.pi]) < 1.3 * np.median(errors[0.0]) < 3.0
 
 
