@@ -129,13 +129,14 @@ def test_a_second_run_replaces_it_by_the_same_poses(demo):
 @pytest.mark.parametrize(
     ("out", "words"),
     [
-        ("", ("a demo", "no report.html")),
+        ("part", ("a demo", "no report.html")),
         ("old", ("a demo", "thesis.tex", "name another folder")),
         ("old/thesis.tex", ("a demo", "Not a directory")),
         ("missing/demo", ("missing", "No such file or directory")),
     ],
 )
 def test_anything_else_is_not_replaced(out, words, tmp_path, monkeypatch, capfd):
+    (tmp_path / "part" / "pictures").mkdir(parents=True)
     (tmp_path / "old").mkdir()
     for name in ("report.html", "thesis.tex"):
         (tmp_path / "old" / name).touch()
@@ -146,7 +147,8 @@ def test_anything_else_is_not_replaced(out, words, tmp_path, monkeypatch, capfd)
     assert (ended.value.code, printed) == (2, "")
     assert told.startswith("maxcon: Expected") and told.count("\n") == 1
     assert all(word in told for word in words)
-    assert sorted(path.name for path in tmp_path.rglob("*")) == ["old", "report.html", "thesis.tex"]
+    left = ["old", "part", "pictures", "report.html", "thesis.tex"]
+    assert sorted(path.name for path in tmp_path.rglob("*")) == left
 
 
 def error(distance):
