@@ -224,7 +224,7 @@ def test_after_a_gap_the_track_is_found_again(street, method, prior):
 def test_scans_that_show_nothing_are_bridged_for_a_while_and_then_it_is_lost(street, method):
     ride = Ride(Tracker(method), street)
     answers(ride, np.arange(30.0, 38.0, 1.0))
-    hidden = answers(ride, np.arange(38.0, 60.0, 1.0), scan=street.clutter(), prior=None)
+    hidden = answers(ride, np.arange(38.0, 48.0, 1.0), scan=street.clutter(), prior=None)
     assert hidden[0][1].is_localized and "for the scan itself" in hidden[0][1].reason
     assert not any(estimate is not None and estimate.is_localized for _, estimate in hidden[3:])
     assert hidden[2][1] is not None and hidden[2][1].covariance[0, 0] > hidden[0][1].covariance[0, 0]
