@@ -9,17 +9,14 @@ parked, of class 64. Then `python benchmarks/found_classes.py OUT/*.laz --tempor
 """
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from maxcon.geometry import LocalFrame
-from maxcon.lab.simulation.campaign_world import CAMPAIGN_GRID, CampaignWorld
-from maxcon.lab.simulation.city import build_city
-from maxcon.lab.simulation.dataset_files import CITY_ORIGIN, CRS, MapTiles
-from maxcon.lab.simulation.ray_caster import RayCaster
-from maxcon.lab.simulation.scanners import mobile_mapping_scanners
-from maxcon.lab.simulation.world import map_echoes, map_pieces
+from maxcon.lab.simulation import CAMPAIGN_GRID, MAPPING_SCANNERS, CampaignWorld, RayCaster, build_city
+from maxcon.lab.simulation.datasets import CITY_ORIGIN, CRS, MapTiles
 
 
 def main():
@@ -36,14 +33,15 @@ def main():
     with MapTiles(arguments.out, LocalFrame(CITY_ORIGIN, CRS)) as tiles:
         for number, drive in enumerate(world.mapping.drives):
             caster = RayCaster(city.with_parked_cars([arguments.seed, 100 + number], arguments.occupancy))
-            pieces = map_pieces([drive], mobile_mapping_scanners())
+            seed = [arguments.seed, 5, number]
+            mapping = replace(world.mapping, caster=caster, drives=[drive], seed=seed)
+            pieces = mapping.pieces(MAPPING_SCANNERS)
             times = np.array([drive.times[0] + piece.first / piece.scanner.line_rate for piece in pieces])
             places = np.array([[pose.x, pose.y] for pose in drive.poses(times)])
             is_near = np.hypot(*(places - places[0]).T) < arguments.reach
             near = [piece for piece, wanted in zip(pieces, is_near, strict=True) if wanted]
-            for echoes in map_echoes(caster, near, [arguments.seed, 5, number]):
-                offsets = world.mapping.georeferencing.at(echoes.times)
-                tiles.write(echoes._replace(points=echoes.points + offsets))
+            for returns in mapping.returns(near):
+                tiles.write(returns)
 
 
 if __name__ == "__main__":

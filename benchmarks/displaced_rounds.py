@@ -17,9 +17,8 @@ import numpy as np
 
 from maxcon.geometry import rotation_matrices
 from maxcon.io.trajectories import read_trajectory, write_tum
-from maxcon.lab.simulation.campaign_world import CampaignWorld
-from maxcon.lab.simulation.dataset_files import CITY_ORIGIN
-from maxcon.lab.simulation.passes import GeoreferencingErrors, draw_georeferencing_errors
+from maxcon.lab.simulation import CampaignWorld, GeoreferencingErrors, draw_georeferencing_errors
+from maxcon.lab.simulation.datasets import CITY_ORIGIN
 from maxcon.scan.trajectory import Trajectory
 
 PAUSE = 20.0

@@ -35,12 +35,9 @@ from maxcon.drive.localize import DriveOptions
 from maxcon.io.scans import open_scans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.dataset import open_drives
-from maxcon.lab.simulation.campaign_world import MOST_EPOCHS, CampaignWorld
-from maxcon.lab.simulation.dataset_files import CITY_ORIGIN, write_epochs
-from maxcon.lab.simulation.furniture import LasClass
-from maxcon.lab.simulation.measured_poses import GnssErrors
-from maxcon.lab.simulation.scanners import RotatingScanner
-from maxcon.lab.simulation.world import EPOCH_STEP, SCAN_START
+from maxcon.lab.simulation import CampaignWorld, LasClass, RotatingScanner
+from maxcon.lab.simulation.datasets import CITY_ORIGIN, write_epochs
+from maxcon.lab.simulation.worlds import EPOCH_STEP, MOST_EPOCHS, SCAN_START
 from maxcon.map.layout import ALL_BUT_KNOWN, NOT_SEARCHED, SurfaceClass
 from maxcon.mapping.build import Area
 from maxcon.mapping.update import UpdateOptions
@@ -62,8 +59,8 @@ def simulate_drives(args):
         epochs = again.epochs(args.epochs)
         folder = args.folder / name
         folder.mkdir(parents=True)
-        priors = {"gnss": again.gnss_priors(epochs, GnssErrors())}
-        write_epochs(folder, epochs, (again.scan(epoch, scanner) for epoch in epochs), priors, lambda: None)
+        priors = {"prior_gnss.txt": again.gnss_priors(epochs)}
+        write_epochs(folder, epochs, (again.scan(epoch, scanner) for epoch in epochs), priors)
         print(f"{folder}: {len(epochs)} scans")
 
 
@@ -185,10 +182,10 @@ def scan_points_on_cars(world, observations, ticks, origin, cell, reach):
     scanner, parts = RotatingScanner(), []
     epochs = world.epochs(MOST_EPOCHS)
     for tick in ticks:
-        echoes = world.scan(epochs[tick], scanner)
-        is_chosen = echoes.classes == LasClass.VEHICLE
-        is_chosen &= np.linalg.norm(echoes.points - echoes.origins, axis=1) <= reach
-        points = echoes.points[is_chosen] + CITY_ORIGIN - origin
+        returns = world.scan(epochs[tick], scanner)
+        is_chosen = returns.classes == LasClass.VEHICLE
+        is_chosen &= np.linalg.norm(returns.points - returns.origins, axis=1) <= reach
+        points = returns.points[is_chosen] + CITY_ORIGIN - origin
         parts.append(np.unique(numbers(np.floor(points / cell))))
     there, n_looks = np.unique(np.concatenate(parts), return_counts=True)
     return there[n_looks >= LEAST_LOOKS]

@@ -11,7 +11,7 @@ import numpy as np
 import maxcon
 from maxcon.geometry import Pose
 from maxcon.lab.demo import DemoDrive, prepare_demo
-from maxcon.lab.simulation import LasClass, PriorErrors, RotatingScanner, SimulatedWorld
+from maxcon.lab.simulation import LasClass, RotatingScanner, SimulatedWorld
 
 N_POINTS = 24_000
 BEFORE = 120.0
@@ -27,18 +27,19 @@ def scans(drive: DemoDrive, n_scans: int, azimuth_step_deg: float = 0.13) -> lis
 
     A VLP-16 has 28,800 rays, a third on the ground: to get so many off it, the rays lie closer here.
     """
-    from maxcon.lab.simulation.dataset_files import CITY_ORIGIN
+    from maxcon.lab.simulation.datasets import CITY_ORIGIN
 
     world = SimulatedWorld.build(0, BEFORE, 50.0)
     scanner = RotatingScanner(azimuth_step_deg=azimuth_step_deg)
     rng = np.random.default_rng(0)
     found = []
-    for epoch in world.epochs(n_scans, PriorErrors()):
-        echoes = world.scan(epoch, scanner)
-        is_off_ground = echoes.classes != LasClass.GROUND
-        points = (echoes.points[is_off_ground] - epoch.reference.position) @ epoch.reference.rotation
+    epochs = world.epochs(n_scans)
+    for epoch, rough in zip(epochs, world.uniform_priors(epochs), strict=True):
+        returns = world.scan(epoch, scanner)
+        is_off_ground = returns.classes != LasClass.GROUND
+        points = (returns.points[is_off_ground] - epoch.reference.position) @ epoch.reference.rotation
         chosen = np.sort(rng.permutation(len(points))[:N_POINTS])
-        prior = drive.point_map.frame.pose_to_local(epoch.prior.translated(CITY_ORIGIN))
+        prior = drive.point_map.frame.pose_to_local(rough.translated(CITY_ORIGIN))
         found.append((maxcon.Scan(points[chosen]), prior))
     return found
 

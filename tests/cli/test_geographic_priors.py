@@ -9,7 +9,7 @@ from localized_poses import localized_poses
 from maxcon.geometry import Pose
 from maxcon.io.crs import GeographicFrame
 from maxcon.io.trajectories import read_trajectory, write_tum
-from maxcon.lab.simulation.dataset_files import CRS
+from maxcon.lab.simulation.datasets import CRS
 from maxcon.scan.trajectory import Trajectory
 from nmea_sentences import clock, gga, sentence, zda
 

@@ -13,7 +13,7 @@ from maxcon.geometry import Pose
 from maxcon.io.raw_scan import DeskewedScans
 from maxcon.io.scans import Scans, open_scans
 from maxcon.io.trajectories import read_trajectory
-from maxcon.lab.simulation.dataset_files import CRS
+from maxcon.lab.simulation.datasets import CRS
 from maxcon.lab.simulation.recordings import cloud_message
 from maxcon.scan.trajectory import Trajectory
 from recorded_drives import NAMES, record_drive, write_recording

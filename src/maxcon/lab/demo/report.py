@@ -21,7 +21,7 @@ from maxcon.lab.paper.search_spaces import plot_search_spaces
 from maxcon.lab.report.errors import plot_errors
 from maxcon.lab.report.pages import Picture, write_page
 from maxcon.lab.report.prior_error import plot_prior_error
-from maxcon.lab.simulation.dataset_files import CITY_ORIGIN
+from maxcon.lab.simulation.datasets import CITY_ORIGIN
 from maxcon.plotting import plot_drive, plot_epoch
 from maxcon.plotting.score_panel import SearchSpaceView
 from maxcon.scan import Scan

@@ -19,7 +19,7 @@ from maxcon.lab.dataset import Dataset
 from maxcon.lab.evaluation import Accuracy, PoseError, pose_error, summarize
 from maxcon.lab.report.pages import check_jinja2
 from maxcon.lab.simulation import simulate
-from maxcon.lab.simulation.ray_caster import check_embreex
+from maxcon.lab.simulation.scanners import check_embreex
 from maxcon.localizer import MaximumConsensus
 from maxcon.map import PointMap
 from maxcon.mapping.build import build_map

@@ -5,13 +5,12 @@
 import math
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.lab.simulation.drive import Seed
-from maxcon.lab.simulation.facades import HOUSE_DEPTH, balcony, draw_style, house, rain_pipe, relief, steps
+from maxcon.lab.simulation.facades import HOUSE_DEPTH, balcony, draw_town_house, rain_pipe, relief, steps
 from maxcon.lab.simulation.furniture import (
     LasClass,
     Patch,
@@ -32,12 +31,9 @@ CAR_SIDE = 1.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class City:
-    """Triangles with classes in city metres: z is up, the main crossing is the origin.
+class City(Patch):
+    """Triangles with classes in city metres: z is up, the main crossing is the origin. Parked cars come last.
 
-    vertices: shape (v, 3); m.
-    triangles: shape (t, 3), int32; rows of `vertices`. Parked cars come last.
-    classes: shape (t,), uint8; LasClass of each triangle.
     street_lines: shape (k, 2, 2); start and end (x, y) of each street's centre line, m; the main street is the first,
         the cross street the second.
     parking_lanes: shape (k, 2, 2); start and end (x, y) of each row of parked cars, m.
@@ -46,29 +42,24 @@ class City:
         no parked car.
     """
 
-    vertices: NDArray[np.float64]
-    triangles: NDArray[np.int32]
-    classes: NDArray[np.uint8]
     street_lines: NDArray[np.float64]
     parking_lanes: NDArray[np.float64]
     street_angle: float
     car_numbers: NDArray[np.int32]
 
-    @property
-    def corners(self) -> NDArray[np.float64]:
-        """Corners of each triangle, shape (t, 3, 3), m."""
-        return self.vertices[self.triangles]
-
     def with_parked_cars(self, seed: Seed, occupancy: float = 0.7) -> "City":
         """Return the same city on another day: other cars stand at the kerbs.
 
         seed: the same seed gives the same cars.
-        occupancy: approximate share of the parking lanes that is taken, 0 to 1.
+        occupancy: approximate ratio of the parking lanes that is taken, 0 to 1.
         """
         rng = np.random.default_rng(seed)
         cars = [car for lane in self.parking_lanes for car in _cars_along(lane, occupancy, rng)]
         stays = self.classes != LasClass.VEHICLE
-        return _city(Patch(self.corners[stays], self.classes[stays]), cars, self)
+        fixed = Patch(self.corners[stays], self.classes[stays])
+        patch = join([fixed, *cars])
+        numbers = np.repeat(np.arange(-1, len(cars), dtype=np.int32), [len(fixed), *map(len, cars)])
+        return City(patch.corners, patch.classes, self.street_lines, self.parking_lanes, self.street_angle, numbers)
 
 
 def build_city(seed: Seed, *, street_angle_deg: float = 31.0, grid: StreetGrid | None = None) -> City:
@@ -82,45 +73,20 @@ def build_city(seed: Seed, *, street_angle_deg: float = 31.0, grid: StreetGrid |
     streets = grid or StreetGrid()
     rng = np.random.default_rng(seed)
     parts = [streets.ground()]
-    for side in streets.all_frontages():
-        parts += [*_houses(side, rng), *pavement(side, streets.sidewalk, rng)]
-    return city_of(parts, streets, math.radians(street_angle_deg))
+    for side in streets.frontages():
+        parts += [*_houses(side, rng), *_pavement(side, streets.sidewalk, rng)]
+    return _city_of(parts, streets, math.radians(street_angle_deg))
 
 
-def city_of(parts: Sequence[Patch], grid: StreetGrid, street_angle: float) -> City:
-    """Return the city made of `parts`, without parked cars.
-
-    parts: ground, houses and street furniture, in the frame of the grid.
-    grid: its streets.
-    street_angle: direction of the main street, rad, counter-clockwise from +x.
-    """
+def _city_of(parts: Sequence[Patch], grid: StreetGrid, street_angle: float) -> City:
+    """Return the city made of `parts`, in the frame of the grid, without parked cars."""
     out = grid.sidewalk + CAR_SIDE
     lanes = np.array(
-        [
-            [side.point(x, out) for x in (grid.no_parking, side.length - grid.no_parking)]
-            for side in grid.all_frontages()
-        ]
+        [[side.point(x, out) for x in (grid.no_parking, side.length - grid.no_parking)] for side in grid.frontages()]
     )
     whole = join(parts).placed(0.0, 0.0, heading=street_angle)
-    bare = City(
-        np.empty((0, 3)),
-        np.empty((0, 3), np.int32),
-        np.empty(0, np.uint8),
-        in_city(grid.centre_lines(), street_angle),
-        in_city(lanes, street_angle),
-        street_angle,
-        np.empty(0, np.int32),
-    )
-    return _city(whole, [], bare)
-
-
-def _city(fixed: Patch, cars: Sequence[Patch], like: City) -> City:
-    """Return the city of `fixed` parts and parked cars, with streets and parking lanes of `like`."""
-    patch = join([fixed, *cars])
-    numbers = np.repeat(np.arange(-1, len(cars), dtype=np.int32), [len(fixed), *map(len, cars)])
-    vertices = patch.corners.reshape(-1, 3)
-    triangles = np.arange(len(vertices), dtype=np.int32).reshape(-1, 3)
-    return City(vertices, triangles, patch.classes, like.street_lines, like.parking_lanes, like.street_angle, numbers)
+    lines, lanes = (in_city(places, street_angle) for places in (grid.centre_lines(), lanes))
+    return City(whole.corners, whole.classes, lines, lanes, street_angle, np.full(len(whole), -1, np.int32))
 
 
 def _houses(side: Frontage, rng: np.random.Generator) -> Iterator[Patch]:
@@ -129,21 +95,16 @@ def _houses(side: Frontage, rng: np.random.Generator) -> Iterator[Patch]:
     start = 0.0 if runs_along_u else HOUSE_DEPTH
     length = side.length - 2.0 * start
     n_houses = max(2, round(length / HOUSE_WIDTH))
-    shares = rng.uniform(0.7, 1.3, n_houses)
-    edges = start + np.concatenate([[0.0], np.cumsum(shares)]) * length / shares.sum()
+    parts = rng.uniform(0.7, 1.3, n_houses)
+    edges = start + np.concatenate([[0.0], np.cumsum(parts)]) * length / parts.sum()
     gap_after, garden = rng.integers(1, n_houses - 1, 2) if n_houses > 3 else (-1, -1)
     has_garden = rng.random() < 0.4
     for i in range(n_houses):
-        is_corner = runs_along_u and i in (0, n_houses - 1)
-        setback = 0.0 if is_corner else _setback(rng, has_garden=has_garden and i == garden)
+        is_first, is_last = runs_along_u and i == 0, runs_along_u and i == n_houses - 1
+        setback = 0.0 if is_first or is_last else _setback(rng, has_garden=has_garden and i == garden)
         width = edges[i + 1] - edges[i] - (3.2 if i == gap_after else 0.0)
-        building = house(
-            draw_style(width, rng),
-            rng,
-            shows_left=runs_along_u and i == 0,
-            shows_right=runs_along_u and i == n_houses - 1,
-        )
-        yield side.placed(building, edges[i], -setback)
+        house = draw_town_house(width, rng, shows_left=is_first, shows_right=is_last)
+        yield side.placed(house, edges[i], -setback)
         if setback > 1.0:
             yield side.placed(draw_hedge(0.4 * width, rng), edges[i] + 0.25 * width, -0.6)
 
@@ -155,13 +116,8 @@ def _setback(rng: np.random.Generator, *, has_garden: bool) -> float:
     return float(rng.uniform(0.0, 0.12) if rng.random() < 0.7 else rng.uniform(0.15, 0.6))
 
 
-def pavement(side: Frontage, sidewalk: float, rng: np.random.Generator) -> Iterator[Patch]:
-    """Yield lamp poles, trees and signs along the kerb and tubs with bushes along the houses, one by one.
-
-    side: what they stand along.
-    sidewalk: from the kerb to the building line, m.
-    rng: draws places and sizes.
-    """
+def _pavement(side: Frontage, sidewalk: float, rng: np.random.Generator) -> Iterator[Patch]:
+    """Yield lamp poles, trees and signs along the kerb and tubs with bushes along the houses, one by one."""
     for x in np.arange(12.0 + rng.uniform(0.0, 8.0), side.length - 8.0, 28.0):
         yield side.placed(lamp_pole(), x, sidewalk - 0.4)
     for x in np.arange(18.0 + rng.uniform(0.0, 6.0), side.length - 12.0, 17.0):
@@ -177,6 +133,7 @@ def _cars_along(lane: NDArray[np.float64], occupancy: float, rng: np.random.Gene
     """Yield parked cars along a lane, shape (2, 2), m, each a little off its line; one in four faces the other way."""
     (x0, y0), (x1, y1) = lane
     length, heading = math.hypot(x1 - x0, y1 - y0), math.atan2(y1 - y0, x1 - x0)
+    side = Frontage(x0, y0, heading, length)
     along = rng.uniform(0.0, 3.0)
     while True:
         car, size = draw_car(rng)
@@ -184,13 +141,10 @@ def _cars_along(lane: NDArray[np.float64], occupancy: float, rng: np.random.Gene
         along += size + rng.uniform(0.5, 1.3)
         if along > length:
             return
-        if rng.random() > occupancy:
-            continue
-        out = rng.normal(0.0, 0.07)
-        turn = heading + rng.normal(0.0, math.radians(1.0)) + (math.pi if rng.random() < 0.25 else 0.0)
-        x = x0 + place * math.cos(heading) - out * math.sin(heading)
-        y = y0 + place * math.sin(heading) + out * math.cos(heading)
-        yield car.placed(x, y, heading=turn)
+        if rng.random() <= occupancy:
+            x, y = side.point(place, rng.normal(0.0, 0.07))
+            turn = heading + rng.normal(0.0, math.radians(1.0)) + (math.pi if rng.random() < 0.25 else 0.0)
+            yield car.placed(x, y, heading=turn)
 
 
 PERIOD = 3.0
@@ -206,13 +160,8 @@ HEIGHT = 13.8
 ROOF_DEPTH, ROOF_RISE, EAVES = 6.0, 4.2, 0.35
 ITEM_SPACING = 14.0
 """Mean distance along a frontage from one balcony to the next, m; the same for steps and for rain pipes."""
-
-
-class Item(NamedTuple):
-    """Something that breaks the period: its number, and its triangles in the frame of the grid."""
-
-    number: int
-    patch: Patch
+GONE = 0.25
+"""Ratio of the items that is removed from one day to the other."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -222,24 +171,23 @@ class PeriodicCity:
     grid: its streets.
     street_angle: direction of the main street, rad, counter-clockwise from +x.
     fabric: ground and facades, in the frame of the grid.
-    items: balconies, steps, rain pipes, lamp poles, signs, trees and tubs.
+    items: balconies, steps, rain pipes, lamp poles, signs, trees and tubs, in the frame of the grid.
     """
 
     grid: StreetGrid
     street_angle: float
     fabric: Patch
-    items: tuple[Item, ...]
+    items: tuple[Patch, ...]
 
     def city(self, gone: Collection[int] = ()) -> City:
         """Return the city without the items whose numbers are `gone`, and without parked cars."""
-        stay = [item.patch for item in self.items if item.number not in gone]
-        return city_of([self.fabric, *stay], self.grid, self.street_angle)
+        stay = [item for number, item in enumerate(self.items) if number not in gone]
+        return _city_of([self.fabric, *stay], self.grid, self.street_angle)
 
-    def draw_gone(self, seed: Seed, share: float = 0.25) -> frozenset[int]:
-        """Draw a `share` (0 to 1) of the items, rounded to whole ones; return their numbers."""
-        numbers = [item.number for item in self.items]
-        rng = np.random.default_rng(seed)
-        return frozenset(rng.choice(numbers, round(share * len(numbers)), replace=False).tolist())
+    def draw_gone(self, seed: Seed) -> frozenset[int]:
+        """Draw a quarter of the items; return their numbers."""
+        n_items = len(self.items)
+        return frozenset(np.random.default_rng(seed).choice(n_items, round(GONE * n_items), replace=False).tolist())
 
 
 def build_periodic_city(
@@ -254,12 +202,11 @@ def build_periodic_city(
     """
     rng = np.random.default_rng(seed)
     parts = [grid.ground()]
-    patches: list[Patch] = []
-    for side in grid.all_frontages():
+    items: list[Patch] = []
+    for side in grid.frontages():
         parts.append(side.placed(periodic_front(side.length), 0.0, 0.0))
-        patches += [*_fittings(side, rng), *pavement(side, grid.sidewalk, rng)]
-    items = tuple(Item(number, patch) for number, patch in enumerate(patches))
-    return PeriodicCity(grid, math.radians(street_angle_deg), join(parts), items)
+        items += [*_fittings(side, rng), *_pavement(side, grid.sidewalk, rng)]
+    return PeriodicCity(grid, math.radians(street_angle_deg), join(parts), tuple(items))
 
 
 def periodic_front(length: float) -> Patch:
@@ -272,27 +219,20 @@ def periodic_front(length: float) -> Patch:
     in_period = np.array([0.0, half, window, PERIOD - window, PERIOD - half])
     n_periods = math.ceil(length / PERIOD - 1e-9)
     columns = (PERIOD * np.arange(n_periods)[:, None] + in_period).ravel()
-    depths = np.tile([-PILASTER_DEPTH, 0.0, REVEAL, 0.0, -PILASTER_DEPTH], n_periods)
     is_before_end = columns < length - 1e-9
     x_edges = np.append(columns[is_before_end], length)
-    rows = [0.0, 1.1, 2.6]
-    for floor in FLOORS:
-        rows += [floor + 0.85, floor + 2.5]
-    z_edges = np.array([*rows, HEIGHT])
+    rows = [0.0, 1.1, 2.6, *(floor + edge for floor in FLOORS for edge in (0.85, 2.5))]
+    depths = np.tile([-PILASTER_DEPTH, 0.0, REVEAL, 0.0, -PILASTER_DEPTH], n_periods)[is_before_end, None]
     is_window_row = np.arange(len(rows)) % 2 == 1
-    column_depths = depths[is_before_end]
-    grid = np.where(
-        (column_depths[:, None] > 0.0) & ~is_window_row, 0.0, np.repeat(column_depths[:, None], len(rows), 1)
-    )
-    ridge = HEIGHT + ROOF_RISE
-    eave_z = HEIGHT - EAVES * ROOF_RISE / ROOF_DEPTH
+    grid = np.where((depths > 0.0) & ~is_window_row, 0.0, depths)
+    ridge, eave_z = HEIGHT + ROOF_RISE, HEIGHT - EAVES * ROOF_RISE / ROOF_DEPTH
     roof = [
         [-EAVES, EAVES, eave_z],
         [length + EAVES, EAVES, eave_z],
         [length - ROOF_DEPTH, -ROOF_DEPTH, ridge],
         [ROOF_DEPTH, -ROOF_DEPTH, ridge],
     ]
-    return join([relief(x_edges, z_edges, grid), quads([roof], LasClass.BUILDING)])
+    return join([relief(x_edges, np.array([*rows, HEIGHT]), grid), quads([roof], LasClass.BUILDING)])
 
 
 def _fittings(side: Frontage, rng: np.random.Generator) -> Iterator[Patch]:

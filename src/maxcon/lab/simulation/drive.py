@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Drives: poses and times of a vehicle along a route."""
+"""Drives: poses and times of a vehicle along a route once, or round a circuit."""
 
 import math
 from collections.abc import Sequence
@@ -14,12 +14,10 @@ from maxcon.geometry import Pose
 
 Seed = int | Sequence[int]
 """A seed as numpy.random.default_rng takes it; the same seed draws the same."""
-
-
-def check_seed(seed: int) -> None:
-    """Check the seed of a world, from which all its streams begin."""
-    if seed < 0:
-        raise OptionError(f"Expected a seed of 0 or more, got {seed}. Take another whole number.")
+STOP_LINE = 9.0
+"""Distance from a stop line to the middle of its crossing, m."""
+SLOWEST = 0.4
+"""Speed just before and after a halt in a round, m/s."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,8 +34,43 @@ class Route:
     @property
     def distances(self) -> NDArray[np.float64]:
         """Distance of each point along the route, shape (k,), m."""
-        steps = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
-        return np.concatenate([[0.0], np.cumsum(steps)])
+        return distances_along(self.points)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Circuit:
+    """A closed line along streets; its last point equals the first.
+
+    points: shape (k, 2); (x, y) evenly spaced, about 5 cm apart, city metres.
+    turns: shape (n, 2); distance along the line at which each turn begins and ends, m, rising.
+    crossings: shape (m,); distance along the line of each crossing that it passes straight over, m, rising.
+    """
+
+    points: NDArray[np.float64]
+    turns: NDArray[np.float64]
+    crossings: NDArray[np.float64]
+
+    @property
+    def distances(self) -> NDArray[np.float64]:
+        """Distance of each point along the line, shape (k,), m."""
+        return np.linspace(0.0, self.length, len(self.points))
+
+    @property
+    def length(self) -> float:
+        """Length of one round, m."""
+        return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
+
+    @property
+    def directions(self) -> NDArray[np.float64]:
+        """Unit vector of travel at each point, shape (k, 2); the last equals the first."""
+        around = np.concatenate([self.points[-2:-1], self.points, self.points[1:2]])
+        ways = around[2:] - around[:-2]
+        return np.asarray(ways / np.linalg.norm(ways, axis=1, keepdims=True))
+
+    @property
+    def headings(self) -> NDArray[np.float64]:
+        """Direction of travel at each point, shape (k,), rad from +x, without jumps at pi."""
+        return np.unwrap(np.arctan2(self.directions[:, 1], self.directions[:, 0]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,20 +88,17 @@ class Drive:
 
     def at(self, times: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Positions and angles at `times` (s), shape (n, 3) each, m and rad."""
-        wanted = np.asarray(times, dtype=np.float64)
-        both = np.concatenate([self.positions, self.angles], axis=1)
-        found = np.stack([np.interp(wanted, self.times, column) for column in both.T], axis=1)
+        found = interpolated(times, self.times, np.concatenate([self.positions, self.angles], axis=1))
         return found[:, :3], found[:, 3:]
 
     def poses(self, times: ArrayLike) -> list[Pose]:
         """Return the poses at `times` (s)."""
-        positions, angles = self.at(times)
-        return [Pose(*position, *angle) for position, angle in zip(positions.tolist(), angles.tolist(), strict=True)]
+        return [Pose(*row) for row in np.concatenate(self.at(times), axis=1).tolist()]
 
 
 def drive_along(
     route: Route,
-    seed: int | Sequence[int],
+    seed: Seed,
     *,
     speed: float = 8.0,
     slowest: float = 0.12,
@@ -97,20 +127,124 @@ def drive_along(
     distances = route.distances
     dip = 1.0 - (1.0 - slowest) * np.exp(-(((distances - route.stop_at) / 6.0) ** 2))
     speeds = speed * dip * (1.0 + sway(distances, 0.2, (25.0, 80.0), rng))
-    times = start_time + np.concatenate([[0.0], np.cumsum(np.diff(distances) * 2.0 / (speeds[1:] + speeds[:-1]))])
-    steps = np.gradient(route.points, axis=0)
-    heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
-    roll = sway(distances, math.radians(0.8), (6.0, 40.0), rng)
-    pitch = sway(distances, math.radians(0.8), (6.0, 40.0), rng)
-    z = height + sway(distances, 0.02, (5.0, 30.0), rng)
-    positions, angles = np.column_stack([route.points, z]), np.column_stack([roll, pitch, heading])
+    drive = _swaying(route.points, start_time + _times(distances, speeds), distances, height, rng)
     if wait == 0.0:
-        return Drive(times, positions, angles)
-    # The pose of the stop stands twice in a row: at the arrival and at the departure.
-    stop = int(np.searchsorted(distances, route.stop_at))
-    order = np.insert(np.arange(len(times)), stop, stop)
-    times = times[order] + np.where(np.arange(len(order)) > stop, wait, 0.0)
-    return Drive(times, positions[order], angles[order])
+        return drive
+    return _with_halts(drive, np.searchsorted(distances, [route.stop_at]), np.array([wait]))
+
+
+@dataclass(frozen=True, slots=True)
+class RoundDriver:
+    """How a round is driven.
+
+    speed: on free stretches, m/s; it varies by up to a fifth.
+    turn_speed: in turns, m/s.
+    crossing_speed: speed straight over crossings, as a part of `speed`, 0 to 1.
+    acceleration: of starting and braking, m/s^2.
+    n_stops: number of turns and crossings before which the vehicle waits.
+    waits: shortest and longest wait, s.
+    wander: largest distance to the left or right of the circuit, m.
+    """
+
+    speed: float
+    turn_speed: float = 3.5
+    crossing_speed: float = 0.7
+    acceleration: float = 1.5
+    n_stops: int = 0
+    waits: tuple[float, float] = (4.0, 15.0)
+    wander: float = 0.3
+
+    def __post_init__(self) -> None:
+        if not min(self.speed, self.turn_speed, self.crossing_speed, self.acceleration) > 0.0:
+            raise OptionError(
+                "Expected speeds, the part of it at crossings and an acceleration above 0, got"
+                f" {self.speed} m/s, {self.turn_speed} m/s, {self.crossing_speed} and {self.acceleration} m/s^2."
+                " Leave them out for the defaults."
+            )
+
+
+def drive_round(
+    circuit: Circuit,
+    driver: RoundDriver,
+    seed: Seed,
+    *,
+    height: float,
+    start_time: float,
+    duration: float | None = None,
+) -> Drive:
+    """Return the drive of `driver` once round `circuit`.
+
+    circuit: the line to follow.
+    driver: speeds and stops.
+    seed: of speed, stops and sway: the same seed gives the same drive.
+    height: of the sensor above the carriageway, m.
+    start_time: of the first pose, s.
+    duration: how long the round takes, s: speeds are scaled to fit, waits are not. If None, speeds are not scaled.
+    """
+    rng = np.random.default_rng(seed)
+    distances = circuit.distances
+    # Vehicles wait before turns and crossings.
+    places = np.sort(np.concatenate([circuit.turns[:, 0], circuit.crossings - STOP_LINE]))
+    stops = np.sort(rng.choice(places, min(driver.n_stops, len(places)), replace=False))
+    waits = rng.uniform(*driver.waits, len(stops))
+    times = _times(distances, _speeds_round(circuit, driver, stops, rng))
+    if duration is not None:
+        if not duration > waits.sum():
+            raise OptionError(
+                f"Expected a round longer than its waits of {waits.sum():.1f} s, got {duration} s. Make it longer."
+            )
+        times *= (duration - waits.sum()) / times[-1]
+    left = np.column_stack([-circuit.directions[:, 1], circuit.directions[:, 0]])
+    points = circuit.points + left * sway(distances, driver.wander, (40.0, 200.0), rng)[:, None]
+    drive = _swaying(points, times, distances, height, rng)
+    return _with_halts(drive, np.searchsorted(distances, stops), waits, start_time)
+
+
+def _speeds_round(
+    circuit: Circuit, driver: RoundDriver, stops: NDArray[np.float64], rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Speed at each point, m/s: as fast as limits allow, braking in time for turns, crossings and stops."""
+    distances = circuit.distances
+    speeds = driver.speed * (1.0 + sway(distances, 0.2, (25.0, 150.0), rng))
+    slow_parts = [(begin, end, driver.turn_speed * rng.uniform(0.85, 1.15)) for begin, end in circuit.turns]
+    slow_parts += [
+        (place, place, driver.speed * driver.crossing_speed * rng.uniform(0.7, 1.3)) for place in circuit.crossings
+    ]
+    slow_parts += [(place, place, SLOWEST) for place in stops]
+    for begin, end, slow in slow_parts:
+        away = np.maximum(np.maximum(begin - distances, distances - end), 0.0)
+        speeds = np.minimum(speeds, np.sqrt(slow**2 + 2.0 * driver.acceleration * away))
+    return speeds
+
+
+def _times(distances: NDArray[np.float64], speeds: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Times from 0 on, s, at which a vehicle with `speeds` (m/s) is at `distances` (m)."""
+    return np.concatenate([[0.0], np.cumsum(np.diff(distances) * 2.0 / (speeds[1:] + speeds[:-1]))])
+
+
+def _swaying(
+    points: NDArray[np.float64],
+    times: NDArray[np.float64],
+    distances: NDArray[np.float64],
+    height: float,
+    rng: np.random.Generator,
+) -> Drive:
+    """Drive that is at `points`, shape (k, 2), at `times`: it rolls and pitches, and its height sways, a little."""
+    steps = np.gradient(points, axis=0)
+    heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+    roll, pitch = (sway(distances, math.radians(0.8), (6.0, 40.0), rng) for _ in range(2))
+    z = height + sway(distances, 0.02, (5.0, 30.0), rng)
+    return Drive(times, np.column_stack([points, z]), np.column_stack([roll, pitch, heading]))
+
+
+def _with_halts(drive: Drive, halts: NDArray[np.int64], waits: NDArray[np.float64], start_time: float = 0.0) -> Drive:
+    """Drive that begins later by `start_time` (s) and waits (s) at its rows `halts`: there a pose stands twice."""
+    times = drive.times + np.bincount(halts + 1, weights=waits, minlength=len(drive.times)).cumsum()[: len(drive.times)]
+    return Drive(
+        np.insert(start_time + times, halts + 1, start_time + times[halts] + waits),
+        np.insert(drive.positions, halts + 1, drive.positions[halts], axis=0),
+        np.insert(drive.angles, halts + 1, drive.angles[halts], axis=0),
+    )
 
 
 def sway(
@@ -124,3 +258,13 @@ def sway(
     phases = rng.uniform(0.0, 2.0 * math.pi, 4)
     sines = np.sin(2.0 * math.pi * distances[:, None] / waves + phases)
     return np.asarray(amplitude * sines.mean(axis=1), dtype=np.float64)
+
+
+def distances_along(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distance of each of `points`, shape (k, d), along the line through them, shape (k,), m."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+
+
+def interpolated(wanted: ArrayLike, known: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Columns of `values`, shape (k, d), known at `known`, shape (k,), at `wanted`, shape (n,): shape (n, d)."""
+    return np.stack([np.interp(np.asarray(wanted, np.float64), known, column) for column in values.T], axis=1)

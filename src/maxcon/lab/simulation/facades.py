@@ -4,6 +4,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,44 +50,52 @@ class HouseStyle:
     balcony_column: int | None
     archway_column: int | None
 
+    @classmethod
+    def drawn(cls, width: float, rng: np.random.Generator) -> Self:
+        """Draw the style of an inner-city house of `width` (m)."""
+        n_columns = max(2, int(width / rng.uniform(2.3, 3.1)))
+        columns = rng.permutation(n_columns)
+        draw = rng.random(4)
+        return cls(
+            width=width,
+            n_storeys=int(rng.integers(3, 6)),
+            storey_height=rng.uniform(3.0, 3.7),
+            n_columns=n_columns,
+            window_width=min(rng.uniform(1.0, 1.4), 0.6 * width / n_columns),
+            window_height=rng.uniform(1.4, 1.9),
+            reveal=rng.uniform(0.1, 0.25),
+            plinth=rng.uniform(0.03, 0.07) if draw[0] < 0.5 else 0.0,
+            door_column=int(columns[0]),
+            bay=rng.uniform(0.5, 0.9) if draw[1] < 0.1 else 0.0,
+            balcony_column=int(columns[1]) if draw[2] < 0.4 else None,
+            archway_column=int(columns[-1]) if draw[3] < 0.08 and n_columns > 3 else None,
+        )
+
     @property
-    def ground_height(self) -> float:
-        """Height of the first upper floor, m."""
-        return self.storey_height + 0.5
+    def floors(self) -> NDArray[np.float64]:
+        """Height of each upper floor, m."""
+        return np.asarray(self.storey_height + 0.5 + np.arange(self.n_storeys - 1) * self.storey_height)
 
     @property
     def height(self) -> float:
         """Height of the eaves, m."""
-        return self.ground_height + (self.n_storeys - 1) * self.storey_height + 0.4
+        return self.storey_height + 0.5 + (self.n_storeys - 1) * self.storey_height + 0.4
+
+    def column_center(self, column: int) -> float:
+        """Middle of a column of windows, m along the front."""
+        return (column + 0.5) * self.width / self.n_columns
 
 
-def draw_style(width: float, rng: np.random.Generator) -> HouseStyle:
-    """Return the style of an inner-city house of `width` (m)."""
-    n_columns = max(2, int(width / rng.uniform(2.3, 3.1)))
-    columns = rng.permutation(n_columns)
-    draw = rng.random(4)
-    return HouseStyle(
-        width=width,
-        n_storeys=int(rng.integers(3, 6)),
-        storey_height=rng.uniform(3.0, 3.7),
-        n_columns=n_columns,
-        window_width=min(rng.uniform(1.0, 1.4), 0.6 * width / n_columns),
-        window_height=rng.uniform(1.4, 1.9),
-        reveal=rng.uniform(0.1, 0.25),
-        plinth=rng.uniform(0.03, 0.07) if draw[0] < 0.5 else 0.0,
-        door_column=int(columns[0]),
-        bay=rng.uniform(0.5, 0.9) if draw[1] < 0.1 else 0.0,
-        balcony_column=int(columns[1]) if draw[2] < 0.4 else None,
-        archway_column=int(columns[-1]) if draw[3] < 0.08 and n_columns > 3 else None,
-    )
-
-
-def house(style: HouseStyle, rng: np.random.Generator, *, shows_left: bool, shows_right: bool) -> Patch:
-    """Return a whole house; its left and right sides have windows where they face a street."""
+def draw_town_house(width: float, rng: np.random.Generator, *, shows_left: bool, shows_right: bool) -> Patch:
+    """Return a whole house of `width` (m); its left and right sides have windows where they face a street."""
+    style = HouseStyle.drawn(width, rng)
     side = _window_grid(style, HOUSE_DEPTH, max(2, round(HOUSE_DEPTH / 3.0)))
-    parts = [relief(*_front_grid(style)), *_roof(style), *_entrance(style), *_balconies(style, rng)]
-    back = [[0.0, -HOUSE_DEPTH, 0.0], [style.width, -HOUSE_DEPTH, 0.0]]
-    parts.append(_upright([back], style.height))
+    parts = [relief(*_front_grid(style)), *_roof(style), steps(style.column_center(style.door_column))]
+    if style.balcony_column is not None:
+        center = style.column_center(style.balcony_column)
+        half, out = rng.uniform(1.0, 1.5), rng.uniform(0.9, 1.3)
+        parts += [balcony(center, half, out, z) for z in style.floors]
+    parts.append(_wall((0.0, -HOUSE_DEPTH), (style.width, -HOUSE_DEPTH), style.height))
     for x, heading, start, shows in (
         (0.0, math.pi / 2.0, -HOUSE_DEPTH, shows_left),
         (style.width, -math.pi / 2.0, 0.0, shows_right),
@@ -94,9 +103,8 @@ def house(style: HouseStyle, rng: np.random.Generator, *, shows_left: bool, show
         if shows:
             parts.append(relief(*side).placed(x, start, heading=heading))
         else:
-            parts.append(_upright([[[x, 0.0, 0.0], [x, -HOUSE_DEPTH, 0.0]]], style.height))
-    pipe_x = 0.15 if rng.random() < 0.5 else style.width - 0.15
-    parts.append(rain_pipe(pipe_x, style.height))
+            parts.append(_wall((x, 0.0), (x, -HOUSE_DEPTH), style.height))
+    parts.append(rain_pipe(0.15 if rng.random() < 0.5 else style.width - 0.15, style.height))
     return join(parts)
 
 
@@ -112,37 +120,26 @@ def relief(x_edges: NDArray[np.float64], z_edges: NDArray[np.float64], depths: N
     i, j = np.nonzero(padded[:-1, 1:-1] != padded[1:, 1:-1])
     faces.append(_face(x_edges[i], x_edges[i], -padded[i, j + 1], -padded[i + 1, j + 1], z_edges[j], z_edges[j + 1]))
     i, j = np.nonzero(padded[1:-1, 1:-1] != padded[1:-1, 2:])  # not below the first row: the ground closes the foot
-    low, high = -padded[i + 1, j + 1], -padded[i + 1, j + 2]
-    z = z_edges[j + 1]
+    low, high, z = -padded[i + 1, j + 1], -padded[i + 1, j + 2], z_edges[j + 1]
     left, right = x_edges[i], x_edges[i + 1]
-    faces.append(
-        np.stack(
-            [np.stack(corner, 1) for corner in ((left, low, z), (right, low, z), (right, high, z), (left, high, z))], 1
-        )
-    )
+    faces.append(_quads((left, low, z), (right, low, z), (right, high, z), (left, high, z)))
     return quads(np.concatenate(faces), LasClass.BUILDING)
 
 
-def _face(
-    x0: NDArray[np.float64],
-    x1: NDArray[np.float64],
-    y0: NDArray[np.float64],
-    y1: NDArray[np.float64],
-    z0: NDArray[np.float64],
-    z1: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Upright rectangles from (x0, y0) to (x1, y1) between z0 and z1: corners, shape (n, 4, 3)."""
-    corners = ((x0, y0, z0), (x1, y1, z0), (x1, y1, z1), (x0, y0, z1))
+def _quads(*corners: tuple[NDArray[np.float64], ...]) -> NDArray[np.float64]:
+    """Four corners of many faces, each given as columns (x, y, z), in one array of shape (n, 4, 3)."""
     return np.stack([np.stack(corner, axis=1) for corner in corners], axis=1)
 
 
-def _upright(feet: list[list[list[float]]], top: float) -> Patch:
-    """Plain walls over pairs of foot points, up to `top`."""
-    foot = np.array(feet)
-    return quads(
-        _face(foot[:, 0, 0], foot[:, 1, 0], foot[:, 0, 1], foot[:, 1, 1], foot[:, 0, 2], np.full(len(foot), top)),
-        LasClass.BUILDING,
-    )
+def _face(*edges: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Upright rectangles from (x0, y0) to (x1, y1) between z0 and z1, given as x0, x1, y0, y1, z0, z1."""
+    x0, x1, y0, y1, z0, z1 = edges
+    return _quads((x0, y0, z0), (x1, y1, z0), (x1, y1, z1), (x0, y0, z1))
+
+
+def _wall(foot: tuple[float, float], end: tuple[float, float], top: float) -> Patch:
+    """Plain wall from the ground up to `top`."""
+    return quads([[[*foot, 0.0], [*end, 0.0], [*end, top], [*foot, top]]], LasClass.BUILDING)
 
 
 def _window_grid(style: HouseStyle, length: float, n_columns: int) -> Grid:
@@ -151,7 +148,7 @@ def _window_grid(style: HouseStyle, length: float, n_columns: int) -> Grid:
     centers = (np.arange(n_columns) + 0.5) * pitch
     half = 0.5 * style.window_width
     x_edges = np.concatenate([[0.0], np.stack([centers - half, centers + half], 1).ravel(), [length]])
-    sills = style.ground_height + np.arange(style.n_storeys - 1) * style.storey_height + 0.85
+    sills = style.floors + 0.85
     upper = np.stack([sills, sills + style.window_height], 1).ravel()
     z_edges = np.concatenate([[0.0, THRESHOLD, SILL, LINTEL], upper, [style.height]])
     depths = np.zeros((len(x_edges) - 1, len(z_edges) - 1))
@@ -171,30 +168,11 @@ def _front_grid(style: HouseStyle) -> Grid:
     return x_edges, z_edges, depths
 
 
-def _column_center(style: HouseStyle, column: int) -> float:
-    return (column + 0.5) * style.width / style.n_columns
-
-
-def _entrance(style: HouseStyle) -> list[Patch]:
-    """Two steps up to the door."""
-    return [steps(_column_center(style, style.door_column))]
-
-
 def steps(center: float) -> Patch:
     """Return two door steps, their middle at `center` (m) along the front."""
     lows = [[center - 0.8, -DOOR_RECESS, 0.0], [center - 0.8, -DOOR_RECESS, 0.0]]
     highs = [[center + 0.8, 0.6, 0.15], [center + 0.8, 0.3, 0.3]]
     return boxes(lows, highs, LasClass.BUILDING)
-
-
-def _balconies(style: HouseStyle, rng: np.random.Generator) -> list[Patch]:
-    """One balcony on each upper floor."""
-    if style.balcony_column is None:
-        return []
-    center = _column_center(style, style.balcony_column)
-    half, out = rng.uniform(1.0, 1.5), rng.uniform(0.9, 1.3)
-    floors = [style.ground_height + storey * style.storey_height for storey in range(style.n_storeys - 1)]
-    return [balcony(center, half, out, z) for z in floors]
 
 
 def balcony(center: float, half: float, out: float, z: float) -> Patch:

@@ -32,19 +32,6 @@ class LasClass(IntEnum):
     """Lamp poles and traffic signs."""
 
 
-REFLECTANCES: dict[LasClass, float] = {
-    LasClass.UNCLASSIFIED: 0.45,
-    LasClass.GROUND: 0.25,
-    LasClass.LOW_VEGETATION: 0.5,
-    LasClass.MEDIUM_VEGETATION: 0.45,
-    LasClass.HIGH_VEGETATION: 0.4,
-    LasClass.BUILDING: 0.6,
-    LasClass.VEHICLE: 0.35,
-    LasClass.POLE: 0.7,
-}
-"""Part of the light that comes back from a surface hit at a right angle, 0 to 1."""
-
-
 _ANGLES = (np.arange(8) + 0.5) * math.pi / 4.0
 OCTAGON = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 """Corners of an octagon around the origin, 1 m from it, shape (8, 2); its sides lie along and across the axes."""
@@ -72,9 +59,7 @@ class Patch:
 
 
 def join(patches: Sequence[Patch]) -> Patch:
-    """Return one patch with the triangles of all patches, in their order."""
-    if not patches:
-        return Patch(np.empty((0, 3, 3)), np.empty(0, dtype=np.uint8))
+    """Return one patch with the triangles of all patches, of which there is at least one, in their order."""
     return Patch(
         np.concatenate([patch.corners for patch in patches]), np.concatenate([patch.classes for patch in patches])
     )
@@ -100,28 +85,24 @@ def grid_faces(grid: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def boxes(lows: ArrayLike, highs: ArrayLike, las_class: LasClass) -> Patch:
     """Boxes parallel to the axes from their lowest and highest corners, shape (n, 3) each, m."""
-    low, high = (np.asarray(corner, dtype=np.float64).reshape(-1, 3) for corner in (lows, highs))
-    outline = np.stack(
-        [low[:, :2], np.stack([high[:, 0], low[:, 1]], 1), high[:, :2], np.stack([low[:, 0], high[:, 1]], 1)], 1
+    pairs = zip(np.reshape(lows, (-1, 3)).tolist(), np.reshape(highs, (-1, 3)).tolist(), strict=True)
+    return join(
+        [prism([[x0, y0], [x1, y0], [x1, y1], [x0, y1]], z0, z1, las_class) for (x0, y0, z0), (x1, y1, z1) in pairs]
     )
-    return join([prism(outline[i], float(low[i, 2]), float(high[i, 2]), las_class) for i in range(len(low))])
 
 
 def prism(outline: ArrayLike, bottom: float, top: float, las_class: LasClass) -> Patch:
     """Upright prism over a convex outline, shape (k, 2), m, closed at bottom and top."""
-    base = np.asarray(outline, dtype=np.float64)
-    return _between(
-        np.column_stack([base, np.full(len(base), bottom)]), np.column_stack([base, np.full(len(base), top)]), las_class
-    )
+    x, y = np.asarray(outline, dtype=np.float64).T
+    first, second = (np.column_stack([x, y, np.full(len(x), z)]) for z in (bottom, top))
+    return _between(first, second, las_class)
 
 
 def extruded(profile: ArrayLike, half_width: float, las_class: LasClass) -> Patch:
     """Convex profile in (x, z), shape (k, 2), m, extruded along y from -half_width to +half_width, m."""
-    shape = np.asarray(profile, dtype=np.float64)
-    side = np.full(len(shape), half_width)
-    return _between(
-        np.column_stack([shape[:, 0], -side, shape[:, 1]]), np.column_stack([shape[:, 0], side, shape[:, 1]]), las_class
-    )
+    x, z = np.asarray(profile, dtype=np.float64).T
+    first, second = (np.column_stack([x, np.full(len(x), y), z]) for y in (-half_width, half_width))
+    return _between(first, second, las_class)
 
 
 def _between(first: NDArray[np.float64], second: NDArray[np.float64], las_class: LasClass) -> Patch:
@@ -145,61 +126,48 @@ def draw_car(rng: np.random.Generator) -> tuple[Patch, float]:
     height = (1.48, 1.46, 2.1)[kind] + rng.uniform(-0.06, 0.06)
     half_width = (0.85, 0.9, 0.98)[kind] + rng.uniform(-0.03, 0.03)
     bonnet = (0.95, 0.95, 1.15)[kind]
+    screen, tail = (0.55, 0.1) if kind == 2 else (0.27 * length, 0.35)
     front, back = 0.5 * length, -0.5 * length
     body = [
-        [back, 0.3],
-        [back + 0.3, 0.18],
-        [front - 0.3, 0.18],
-        [front, 0.3],
-        [front - 0.05, 0.75],
-        [front - 0.4, bonnet],
-    ]
-    body += [[back + 0.15, bonnet], [back, 0.8]]
-    screen = 0.55 if kind == 2 else 0.27 * length
-    tail = 0.1 if kind == 2 else 0.35
+        [back, 0.3], [back + 0.3, 0.18], [front - 0.3, 0.18], [front, 0.3],
+        [front - 0.05, 0.75], [front - 0.4, bonnet], [back + 0.15, bonnet], [back, 0.8],
+    ]  # fmt: skip
     cabin = [[back + 0.12, bonnet], [front - screen, bonnet], [front - screen - 0.55, height], [back + tail, height]]
-    wheels = [
-        extruded(0.3 * OCTAGON + [x, 0.3], half_width - 0.02, LasClass.VEHICLE) for x in (back + 0.75, front - 0.8)
-    ]
-    parts = [extruded(body, half_width, LasClass.VEHICLE), extruded(cabin, half_width - 0.1, LasClass.VEHICLE)]
-    return join(parts + wheels), length
+    wheels = [0.3 * OCTAGON + [x, 0.3] for x in (back + 0.75, front - 0.8)]
+    solids = [extruded(body, half_width, LasClass.VEHICLE), extruded(cabin, half_width - 0.1, LasClass.VEHICLE)]
+    return join(solids + [extruded(wheel, half_width - 0.02, LasClass.VEHICLE) for wheel in wheels]), length
 
 
 def draw_tree(rng: np.random.Generator) -> Patch:
     """Return a street tree: a trunk, and a canopy of loose leaves that light goes through."""
-    trunk = rng.uniform(2.6, 3.4)
-    radius = rng.uniform(0.1, 0.18)
-    canopy = rng.uniform(1.2, 1.7)
+    trunk, radius, canopy = rng.uniform(2.6, 3.4), rng.uniform(0.1, 0.18), rng.uniform(1.2, 1.7)
     centers = np.column_stack([rng.normal(0.0, 0.35, (4, 2)), trunk + canopy * np.array([0.6, 1.1, 1.6, 2.1])])
     sizes = canopy * np.array([[0.8], [1.0], [0.9], [0.6]]) * np.array([1.0, 1.0, 0.8])
-    blobs = [
-        _leaves(center, size, 260, LasClass.HIGH_VEGETATION, rng) for center, size in zip(centers, sizes, strict=True)
-    ]
-    stem = prism(radius * OCTAGON, 0.0, trunk + canopy, LasClass.HIGH_VEGETATION)
-    return join([stem, *blobs])
+    parts = [prism(radius * OCTAGON, 0.0, trunk + canopy, LasClass.HIGH_VEGETATION)]
+    for center, half_axes in zip(centers, sizes, strict=True):
+        rng.uniform(-1.0, 1.0, (260, 3))  # drawn and not used: the same seed gives the same trees as ever
+        directions = rng.normal(size=(260, 3))
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        places = directions * rng.random((260, 1)) ** 0.25  # denser towards the hull
+        parts.append(_leaves(center + places * half_axes, LasClass.HIGH_VEGETATION, rng))
+    return join(parts)
 
 
 def draw_hedge(length: float, rng: np.random.Generator) -> Patch:
     """Return a hedge of `length` (m) with a strip of flowers before it (+y)."""
-    height = rng.uniform(0.8, 1.3)
-    middle = np.array([0.0, 0.0, 0.5 * height])
-    hedge = _leaves(
-        middle,
-        np.array([0.5 * length, 0.25, 0.5 * height]),
-        int(120 * length),
-        LasClass.MEDIUM_VEGETATION,
-        rng,
-        square=True,
-    )
-    flowers = _leaves(
-        np.array([0.0, 0.4, 0.1]),
-        np.array([0.5 * length, 0.15, 0.1]),
-        int(40 * length),
-        LasClass.LOW_VEGETATION,
-        rng,
-        square=True,
-    )
-    return join([hedge, flowers])
+    half_height = 0.5 * rng.uniform(0.8, 1.3)
+    parts = []
+    for las_class, per_metre, y, half_depth, half in (
+        (LasClass.MEDIUM_VEGETATION, 120, 0.0, 0.25, half_height),
+        (LasClass.LOW_VEGETATION, 40, 0.4, 0.15, 0.1),
+    ):
+        places = rng.uniform(-1.0, 1.0, (int(per_metre * length), 3)) * np.array([0.5 * length, half_depth, half])
+        parts.append(_leaves(np.array([0.0, y, half]) + places, las_class, rng))
+    return join(parts)
+
+
+def _leaves(centers: NDArray[np.float64], las_class: LasClass, rng: np.random.Generator) -> Patch:
+    return triangles(centers[:, None] + rng.normal(0.0, LEAF, (len(centers), 3, 3)), las_class)
 
 
 def lamp_pole() -> Patch:
@@ -215,21 +183,3 @@ def draw_sign(rng: np.random.Generator) -> Patch:
     pole = prism(0.03 * OCTAGON, 0.0, height + 0.6, LasClass.POLE)
     plate = boxes([[-0.05, -0.3, height]], [[-0.03, 0.3, height + 0.6]], LasClass.POLE)
     return join([pole, plate]).placed(0.0, 0.0, heading=rng.normal(0.0, math.radians(5.0)))
-
-
-def _leaves(
-    center: NDArray[np.float64],
-    half_axes: NDArray[np.float64],
-    n_leaves: int,
-    las_class: LasClass,
-    rng: np.random.Generator,
-    *,
-    square: bool = False,
-) -> Patch:
-    """Loose triangles in an ellipsoid, denser towards its hull, or in a box if `square`."""
-    places = rng.uniform(-1.0, 1.0, (n_leaves, 3))
-    if not square:
-        directions = rng.normal(size=(n_leaves, 3))
-        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-        places = directions * rng.random((n_leaves, 1)) ** 0.25
-    return triangles((center + places * half_axes)[:, None] + rng.normal(0.0, LEAF, (n_leaves, 3, 3)), las_class)

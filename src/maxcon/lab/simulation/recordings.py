@@ -13,10 +13,8 @@ from maxcon.io.recordings.writing import Entry, RecordingKind, open_writer
 from maxcon.io.scans import Scans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.dataset import Dataset
-from maxcon.lab.simulation.dataset_files import CRS
+from maxcon.lab.simulation.datasets import CRS
 from maxcon.scan.trajectory import Trajectory
-
-__all__ = ["cloud_message", "drive_messages", "record_dataset"]
 
 POINTS, FIX, IMU, ODOMETRY = "/points", "/gnss/fix", "/imu/data", "/odometry"
 """Topics of a recorded drive."""

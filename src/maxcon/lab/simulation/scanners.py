@@ -1,24 +1,86 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Scanners: where their rays go, how their ranges are disturbed, and how they move while they turn."""
+"""Scanners: rays cast into a scene (Embree), where they go, how their ranges are disturbed, how the car moves."""
 
 import math
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.errors import OptionError
+from maxcon.errors import MissingExtraError, OptionError
 from maxcon.geometry import Pose, rotation_matrices
 from maxcon.lab.simulation.drive import Drive
-from maxcon.lab.simulation.furniture import REFLECTANCES
-from maxcon.lab.simulation.ray_caster import Caster, Hits
+from maxcon.lab.simulation.furniture import LasClass, Patch
 from maxcon.search.accumulator import NamedOption
 
 
-class Echoes(NamedTuple):
+class Hits(NamedTuple):
+    """Where rays met triangles; rays that met nothing have triangle -1.
+
+    ranges: shape (n,), float32; m; meaningless where nothing was met.
+    triangles: shape (n,), int32; row of the triangle, or -1.
+    """
+
+    ranges: NDArray[np.float32]
+    triangles: NDArray[np.int32]
+
+
+def check_embreex() -> None:
+    """Check that embreex is installed, before the work whose last step needs it."""
+    try:
+        import embreex  # noqa: F401
+    except ImportError as error:
+        raise MissingExtraError(
+            "Expected embreex to cast rays in a simulated city, but it is not installed."
+            " Run: pip install 'maxcon[demo]'"
+        ) from error
+
+
+class Caster(Protocol):
+    """A scene that a scanner can cast its rays into.
+
+    `normals`, shape (t, 3), and `classes`, shape (t,), are those of its triangles, to which `Hits.triangles` are rows.
+    """
+
+    @property
+    def normals(self) -> NDArray[np.float32]: ...  # noqa: D102
+
+    @property
+    def classes(self) -> NDArray[np.uint8]: ...  # noqa: D102
+
+    def cast(self, origins: NDArray[np.float32], directions: NDArray[np.float32]) -> Hits: ...  # noqa: D102
+
+
+class RayCaster:
+    """A city, a suburb or a road user, made ready for casting rays (Embree).
+
+    city: its coordinates must be small, m: rays are cast in float32, whose steps are 0.01 mm at 150 m.
+    """
+
+    def __init__(self, city: Patch) -> None:
+        check_embreex()
+        from embreex import rtcore_scene
+        from embreex.mesh_construction import TriangleMesh
+
+        corners = city.corners
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+        self.city = city
+        self.classes = city.classes
+        self.normals: NDArray[np.float32] = (normals / np.where(lengths > 0.0, lengths, 1.0)).astype(np.float32)
+        self._scene = rtcore_scene.EmbreeScene()
+        self._mesh = TriangleMesh(self._scene, corners.astype(np.float32))
+
+    def cast(self, origins: NDArray[np.float32], directions: NDArray[np.float32]) -> Hits:
+        """First hit of each ray, origins and unit directions of shape (n, 3), in the frame of the corners, m."""
+        found = self._scene.run(np.ascontiguousarray(origins), np.ascontiguousarray(directions), output=True)
+        return Hits(found["tfar"], found["primID"])
+
+
+class Returns(NamedTuple):
     """Points that a scanner measured, in order of time.
 
     points: shape (n, 3); city metres, with range noise.
@@ -37,13 +99,18 @@ class Echoes(NamedTuple):
     intensities: NDArray[np.float32]
 
 
+REFLECTANCES = np.zeros(256)
+"""Part of the light that comes back from a surface of each class hit at a right angle, 0 to 1."""
+REFLECTANCES[list(LasClass)] = [0.45, 0.25, 0.5, 0.45, 0.4, 0.6, 0.35, 0.7]
+
+
 @dataclass(frozen=True, slots=True)
 class RangeFinder:
     """Limits and errors of a scanner's range measurement.
 
     noise: standard deviation of a range, m.
-    dropout: share of the echoes that is lost at random, 0 to 1.
-    min_range, max_range: echoes nearer or farther are lost, m.
+    dropout: ratio of the returns that is lost at random, 0 to 1.
+    min_range, max_range: returns nearer or farther are lost, m.
     """
 
     noise: float
@@ -59,8 +126,8 @@ class RangeFinder:
                 f" {self.max_range}. Leave them out for the scanner's own."
             )
 
-    def returns(self, hits: Hits) -> NDArray[np.bool_]:
-        """Which hits give an echo if none drops out, shape (n,): those within the limits of the range."""
+    def are_returns(self, hits: Hits) -> NDArray[np.bool_]:
+        """Which hits give a return if none drops out, shape (n,): those within the limits of the range."""
         is_near = (hits.ranges >= self.min_range) & (hits.ranges <= self.max_range)
         return np.asarray((hits.triangles >= 0) & is_near)
 
@@ -71,46 +138,44 @@ class RangeFinder:
         directions: NDArray[np.float64],
         times: NDArray[np.float64],
         rng: np.random.Generator,
-    ) -> Echoes:
-        """Return the echoes of rays: origins, city metres, and unit directions, (n, 3), at `times`, (n,), s."""
+    ) -> Returns:
+        """Return what rays measure: origins, city metres, and unit directions, (n, 3), at `times`, (n,), s."""
         hits = caster.cast(origins.astype(np.float32), directions.astype(np.float32))
-        rows = np.flatnonzero(self.returns(hits) & (rng.random(len(origins)) >= self.dropout))
+        rows = np.flatnonzero(self.are_returns(hits) & (rng.random(len(origins)) >= self.dropout))
         triangles = hits.triangles[rows]
         starts, ways = origins[rows], directions[rows]
         ranges = hits.ranges[rows] + self.noise * rng.standard_normal(len(rows))
         classes = caster.classes[triangles]
         cosines = np.abs(np.einsum("ij,ij->i", caster.normals[triangles], ways))
-        reflectances = np.zeros(256)
-        reflectances[list(REFLECTANCES)] = list(REFLECTANCES.values())
-        intensities = (reflectances[classes] * cosines).astype(np.float32)
-        return Echoes(starts + ranges[:, None] * ways, starts, times[rows], triangles, classes, intensities)
+        intensities = (REFLECTANCES[classes] * cosines).astype(np.float32)
+        return Returns(starts + ranges[:, None] * ways, starts, times[rows], triangles, classes, intensities)
 
 
 @dataclass(frozen=True, slots=True)
-class RotatingScanner:
+class RotatingScanner(RangeFinder):
     """A scanner with layers of fixed elevation that turns about its z axis; the default is a Velodyne VLP-16.
 
     Sensor axes: x forward, y left, z up. The rays of one turn start at one place: scans are taken for perfectly
-    deskewed (`MovingScanner` simulates the motion within a scan, and a deskewing with errors).
+    deskewed (`scan_moving` simulates the motion within a scan, and a deskewing with errors).
 
     n_layers, lowest_deg, highest_deg: layers, evenly spaced in elevation; without effect where `elevations_deg` are
         given.
     azimuth_step_deg: from one column of points to the next, degrees.
-    noise, dropout, min_range, max_range: see `RangeFinder`: m, 0 to 1, m, m.
     elevations_deg: elevation of each layer, rising, degrees, where they are not evenly spaced.
     """
 
-    n_layers: int = 16
-    lowest_deg: float = -15.0
-    highest_deg: float = 15.0
-    azimuth_step_deg: float = 0.2
     noise: float = 0.03
     dropout: float = 0.03
     min_range: float = 1.0
     max_range: float = 100.0
+    n_layers: int = 16
+    lowest_deg: float = -15.0
+    highest_deg: float = 15.0
+    azimuth_step_deg: float = 0.2
     elevations_deg: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
+        RangeFinder.__post_init__(self)
         is_rising = all(low < high for low, high in pairwise(self.elevations_deg))
         if not is_rising or not all(abs(elevation) <= 90.0 for elevation in self.elevations_deg):
             raise OptionError(f"Expected rising elevations of -90 to 90 degrees, got {self.elevations_deg}. Sort them?")
@@ -119,19 +184,11 @@ class RotatingScanner:
                 "Expected at least one layer and an azimuth step above 0 and up to 360 degrees, got"
                 f" {self.n_layers} layers and {self.azimuth_step_deg} degrees. Leave them out for a VLP-16."
             )
-        _ = self.range_finder
-
-    @property
-    def range_finder(self) -> RangeFinder:
-        """Limits and errors of the range measurement."""
-        return RangeFinder(self.noise, self.dropout, self.min_range, self.max_range)
 
     @property
     def elevations(self) -> NDArray[np.float64]:
         """Elevation of each layer, lowest first, shape (n_layers,), rad."""
-        if self.elevations_deg:
-            return np.radians(self.elevations_deg)
-        return np.radians(np.linspace(self.lowest_deg, self.highest_deg, self.n_layers))
+        return np.radians(self.elevations_deg or np.linspace(self.lowest_deg, self.highest_deg, self.n_layers))
 
     @property
     def n_columns(self) -> int:
@@ -146,15 +203,15 @@ class RotatingScanner:
         level = np.cos(elevation)
         return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=1)
 
-    def scan(self, caster: Caster, pose: Pose, time: float, rng: np.random.Generator) -> Echoes:
+    def scan(self, caster: Caster, pose: Pose, time: float, rng: np.random.Generator) -> Returns:
         """Return one scan from `pose` (T_city_sensor) at `time` (s)."""
         directions = self.directions @ pose.rotation.T
         origins = np.broadcast_to(pose.position, directions.shape)
-        return self.range_finder.measure(caster, origins, directions, np.full(len(directions), time), rng)
+        return self.measure(caster, origins, directions, np.full(len(directions), time), rng)
 
 
 @dataclass(frozen=True, slots=True)
-class ProfileScanner:
+class ProfileScanner(RangeFinder):
     """A scanner whose ray turns in a vertical plane; the motion of the vehicle spaces its profiles.
 
     turn_deg: angle from the driving direction to the plane, degrees, counter-clockwise.
@@ -162,50 +219,46 @@ class ProfileScanner:
     line_rate: profiles per second: the slower the drive, the denser the points.
     points_per_line: rays of a whole turn, the blind ones included.
     blind_deg: half angle about the nadir that the vehicle itself hides, degrees.
-    noise, dropout, min_range, max_range: see `RangeFinder`: m, 0 to 1, m, m.
     """
 
+    noise: float = 0.01
+    dropout: float = 0.01
+    min_range: float = 1.5
+    max_range: float = 60.0
     turn_deg: float = 45.0
     side: float = 0.0
     line_rate: float = 100.0
     points_per_line: int = 960
     blind_deg: float = 45.0
-    noise: float = 0.01
-    dropout: float = 0.01
-    min_range: float = 1.5
-    max_range: float = 60.0
 
     def __post_init__(self) -> None:
+        RangeFinder.__post_init__(self)
         if not self.line_rate > 0.0 or self.points_per_line < 1 or not 0.0 <= self.blind_deg < 180.0:
             raise OptionError(
                 "Expected a line rate above 0, at least one point per line and a blind angle of 0 to 180"
                 f" degrees, got {self.line_rate}, {self.points_per_line} and {self.blind_deg}."
                 " Leave them out for the defaults."
             )
-        RangeFinder(self.noise, self.dropout, self.min_range, self.max_range)
 
     @property
     def angles(self) -> NDArray[np.float64]:
         """Angle of each ray of a profile from the nadir, shape (k,), rad, without the blind part."""
         angles = (np.arange(self.points_per_line) + 0.5) * (2.0 * math.pi / self.points_per_line)
         blind = math.radians(self.blind_deg)
-        seen = (angles >= blind) & (angles <= 2.0 * math.pi - blind)
-        return np.asarray(angles[seen], dtype=np.float64)
+        return np.asarray(angles[(angles >= blind) & (angles <= 2.0 * math.pi - blind)])
 
     @property
     def directions(self) -> NDArray[np.float64]:
         """Unit rays of one profile in the vehicle frame, shape (k, 3)."""
         turn = math.radians(self.turn_deg)
-        across = np.array([math.cos(turn), math.sin(turn), 0.0])
-        up = np.array([0.0, 0.0, 1.0])
-        rays = np.outer(np.sin(self.angles), across) - np.outer(np.cos(self.angles), up)
-        return np.asarray(rays, dtype=np.float64)
+        across, up = np.array([math.cos(turn), math.sin(turn), 0.0]), np.array([0.0, 0.0, 1.0])
+        return np.outer(np.sin(self.angles), across) - np.outer(np.cos(self.angles), up)
 
     def n_lines(self, drive: Drive) -> int:
         """Number of whole profiles in `drive`."""
         return int((drive.times[-1] - drive.times[0]) * self.line_rate)
 
-    def scan(self, caster: Caster, drive: Drive, first: int, n_lines: int, rng: np.random.Generator) -> Echoes:
+    def scan(self, caster: Caster, drive: Drive, first: int, n_lines: int, rng: np.random.Generator) -> Returns:
         """Return `n_lines` profiles of a drive, city metres, from number `first` on; the vehicle moves within each."""
         starts = drive.times[0] + np.arange(first, first + n_lines + 1) / self.line_rate
         positions, angles = drive.at(starts)
@@ -215,15 +268,11 @@ class ProfileScanner:
         origins = mounts[:-1, None] + part[:, None] * np.diff(mounts, axis=0)[:, None]
         times = starts[:-1, None] + part / self.line_rate
         directions = self.directions @ rotations[:-1].transpose(0, 2, 1)
-        finder = RangeFinder(self.noise, self.dropout, self.min_range, self.max_range)
-        return finder.measure(caster, origins.reshape(-1, 3), directions.reshape(-1, 3), times.ravel(), rng)
+        return self.measure(caster, origins.reshape(-1, 3), directions.reshape(-1, 3), times.ravel(), rng)
 
 
-def mobile_mapping_scanners() -> tuple[ProfileScanner, ProfileScanner]:
-    """Return the two profile scanners of a mobile mapping vehicle, turned 45 degrees to either side."""
-    return ProfileScanner(turn_deg=45.0, side=0.3), ProfileScanner(turn_deg=-45.0, side=-0.3)
-
-
+MAPPING_SCANNERS = ProfileScanner(turn_deg=45.0, side=0.3), ProfileScanner(turn_deg=-45.0, side=-0.3)
+"""The two profile scanners of a mobile mapping vehicle, turned 45 degrees to either side."""
 VLP_32C_DEG = (
     -25.0, -15.639, -11.31, -8.843, -7.254, -6.148, -5.333, -4.667, -4.0, -3.667, -3.333, -3.0, -2.667, -2.333,
     -2.0, -1.667, -1.333, -1.0, -0.667, -0.333, 0.0, 0.333, 0.667, 1.0, 1.333, 1.667, 2.333, 3.333, 4.667, 7.0,
@@ -244,26 +293,19 @@ class ScannerLayout(NamedOption, option="scanner"):
 
     def scanner(self) -> RotatingScanner:
         """Return the scanner with the elevations, columns and ranges of its data sheet."""
-        match self:
-            case ScannerLayout.VLP_16:
-                return RotatingScanner()
-            case ScannerLayout.VLP_32C:
-                return RotatingScanner(max_range=200.0, elevations_deg=VLP_32C_DEG)
-            case ScannerLayout.HDL_64E:
-                return RotatingScanner(
-                    azimuth_step_deg=360.0 / 2083, noise=0.02, max_range=120.0, elevations_deg=HDL_64E_DEG
-                )
-            case ScannerLayout.OS1_64:
-                return RotatingScanner(
-                    n_layers=64,
-                    lowest_deg=-22.5,
-                    highest_deg=22.5,
-                    azimuth_step_deg=360.0 / 1024,
-                    min_range=0.5,
-                    max_range=120.0,
-                )
+        return DATA_SHEETS[self]
 
 
+DATA_SHEETS = {
+    ScannerLayout.VLP_16: RotatingScanner(),
+    ScannerLayout.VLP_32C: RotatingScanner(max_range=200.0, elevations_deg=VLP_32C_DEG),
+    ScannerLayout.HDL_64E: RotatingScanner(
+        azimuth_step_deg=360.0 / 2083, noise=0.02, max_range=120.0, elevations_deg=HDL_64E_DEG
+    ),
+    ScannerLayout.OS1_64: RotatingScanner(
+        n_layers=64, lowest_deg=-22.5, highest_deg=22.5, azimuth_step_deg=360.0 / 1024, min_range=0.5, max_range=120.0
+    ),
+}
 TURN_TIME = 0.1
 """Duration of one turn of the scanner, s."""
 
@@ -282,51 +324,37 @@ class DeskewErrors:
     turn_rate_deg: float = 0.3
     tilt_rate_deg: float = 0.5
 
-    def __post_init__(self) -> None:
-        if not min(self.speed, self.turn_rate_deg, self.tilt_rate_deg) >= 0.0:
-            raise OptionError(f"Expected bounds of deskew errors of 0 or more, got {self}. Take 0 for none.")
 
-    def draw(self, rng: np.random.Generator) -> tuple[float, NDArray[np.float64]]:
-        """Relative error of the speed, and errors of the rates of roll, pitch and heading, shape (3,), rad/s."""
-        bounds = np.array([self.tilt_rate_deg, self.tilt_rate_deg, self.turn_rate_deg]) * math.pi / 180.0
-        return float(self.speed * rng.uniform(-1.0, 1.0)), bounds * rng.uniform(-1.0, 1.0, 3)
+def scan_moving(
+    scanner: RotatingScanner,
+    caster: Caster,
+    drive: Drive,
+    time: float,
+    rng: np.random.Generator,
+    errors: DeskewErrors | None = None,
+) -> Returns:
+    """Return one scan from a vehicle that moves, deskewed to `time` (s), in city metres.
 
-
-@dataclass(frozen=True, slots=True)
-class MovingScanner:
-    """A rotating scanner on a vehicle that moves while it turns, and the deskewing of its scans.
-
-    scanner: gives the rays. A turn begins in driving direction, half a turn before the time of the scan.
-    errors: of the motion that the scans are deskewed by.
+    A turn begins in driving direction, half a turn before `time`. Each column of rays starts where the vehicle is at
+    the column's own time. A point is then transformed from the sensor at that time to the sensor at `time` by the true
+    motion between both with `errors` (the defaults if None): its displacement is scaled, and a small rotation added.
+    For a vehicle that stands, and without errors, this is `RotatingScanner.scan`.
     """
-
-    scanner: RotatingScanner
-    errors: DeskewErrors = DeskewErrors()
-
-    def scan(self, caster: Caster, drive: Drive, time: float, rng: np.random.Generator) -> Echoes:
-        """Return one scan, deskewed to `time` (s), in city metres, with the errors of the deskewing.
-
-        Each column of rays starts where the vehicle is at the column's own time. A point is then transformed from
-        the sensor at that time to the sensor at `time` by the true motion between both with errors: its
-        displacement is scaled, and a small rotation added. For a vehicle that stands, and without errors, this is
-        `RotatingScanner.scan`.
-        """
-        n_columns = self.scanner.n_columns
-        offsets = ((np.arange(n_columns) + 0.5) / n_columns - 0.5) * TURN_TIME
-        positions, angles = drive.at(time + offsets)
-        rotations = rotation_matrices(*angles.T)
-        rays = self.scanner.directions.reshape(n_columns, -1, 3)
-        n_layers = rays.shape[1]
-        directions = (rays @ rotations.transpose(0, 2, 1)).reshape(-1, 3)
-        columns = np.repeat(np.arange(n_columns), n_layers)
-        numbers = np.repeat(time + offsets, n_layers)
-        echoes = self.scanner.range_finder.measure(caster, positions[columns], directions, numbers, rng)
-        speed_error, rate_errors = self.errors.draw(rng)
-        rows = np.rint((echoes.times - time - offsets[0]) / TURN_TIME * n_columns).astype(np.int64)
-        points_sensor = np.einsum("nji,nj->ni", rotations[rows], echoes.points - echoes.origins)
-        here, angles_here = (column[0] for column in drive.at([time]))
-        believed = rotation_matrices(*(np.outer(rate_errors, offsets)))
-        turns = rotation_matrices(*angles_here) @ believed @ rotation_matrices(*angles_here).T @ rotations
-        shifts = (1.0 + speed_error) * (positions - here)
-        deskewed = np.einsum("nij,nj->ni", turns[rows], points_sensor) + shifts[rows] + here
-        return echoes._replace(points=deskewed)
+    bounds, n_columns = errors or DeskewErrors(), scanner.n_columns
+    offsets = ((np.arange(n_columns) + 0.5) / n_columns - 0.5) * TURN_TIME
+    positions, angles = drive.at(time + offsets)
+    rotations = rotation_matrices(*angles.T)
+    rays = scanner.directions.reshape(n_columns, -1, 3)
+    directions = (rays @ rotations.transpose(0, 2, 1)).reshape(-1, 3)
+    columns = np.repeat(np.arange(n_columns), rays.shape[1])
+    returns = scanner.measure(caster, positions[columns], directions, (time + offsets)[columns], rng)
+    speed_error = bounds.speed * rng.uniform(-1.0, 1.0)
+    rates = np.array([bounds.tilt_rate_deg, bounds.tilt_rate_deg, bounds.turn_rate_deg]) * math.pi / 180.0
+    rates *= rng.uniform(-1.0, 1.0, 3)
+    rows = np.rint((returns.times - time - offsets[0]) / TURN_TIME * n_columns).astype(np.int64)
+    points_sensor = np.einsum("nji,nj->ni", rotations[rows], returns.points - returns.origins)
+    here, angles_here = (column[0] for column in drive.at([time]))
+    rotation_here, believed = rotation_matrices(*angles_here), rotation_matrices(*np.outer(rates, offsets))
+    turns = rotation_here @ believed @ rotation_here.T @ rotations
+    shifts = (1.0 + speed_error) * (positions - here)
+    return returns._replace(points=np.einsum("nij,nj->ni", turns[rows], points_sensor) + shifts[rows] + here)

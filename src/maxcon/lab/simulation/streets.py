@@ -1,25 +1,25 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Streets of the simulated city, and routes through them: the circuit of the campaign, the small city's crossing."""
+"""Streets of the simulated city, and lines through them: the circuit of the campaign, the small city's crossing."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from maxcon.errors import OptionError
-from maxcon.lab.simulation.drive import Route
+from maxcon.lab.simulation.drive import Circuit, Route, distances_along, interpolated
 from maxcon.lab.simulation.furniture import LasClass, Patch, boxes, join, quads
 
 KERB_HEIGHT = 0.12
 """Height of blocks and sidewalks above the carriageway, m."""
 
 
-@dataclass(frozen=True, slots=True)
-class Block:
+class Block(NamedTuple):
     """A rectangle of ground between streets, in the frame of the grid, m."""
 
     u_low: float
@@ -28,8 +28,7 @@ class Block:
     v_high: float
 
 
-@dataclass(frozen=True, slots=True)
-class Frontage:
+class Frontage(NamedTuple):
     """A side of a block along a street, with a frame: x runs along the building line and y out to the street, m.
 
     u, v: its origin, on the building line, in the frame of the grid, m.
@@ -42,10 +41,9 @@ class Frontage:
     heading: float
     length: float
 
-    def placed(self, patch: Patch, along: float, out: float, z: float = KERB_HEIGHT) -> Patch:
+    def placed(self, patch: Patch, along: float, out: float) -> Patch:
         """Return `patch`, turned with the frontage, its origin at x = `along`, y = `out` (m), in the grid's frame."""
-        u, v = self.point(along, out)
-        return patch.placed(u, v, z, self.heading)
+        return patch.placed(*self.point(along, out), KERB_HEIGHT, self.heading)
 
     def point(self, along: float, out: float) -> tuple[float, float]:
         """Return (u, v) of the point x = `along`, y = `out` of the frontage, m."""
@@ -77,21 +75,15 @@ class StreetGrid:
         """From a street's centre line to the building line, m."""
         return self.carriageway + self.sidewalk
 
-    @property
-    def u_ends(self) -> tuple[float, float]:
-        """Where the city ends along the main street, m."""
-        return self.u_lines[0] - self.margin, self.u_lines[-1] + self.margin
-
-    @property
-    def v_ends(self) -> tuple[float, float]:
-        """Where the city ends along the cross street, m."""
-        return self.v_lines[0] - self.margin, self.v_lines[-1] + self.margin
+    def ends(self, lines: tuple[float, ...]) -> tuple[float, float]:
+        """Where the city ends before and behind the streets at `lines`, m."""
+        return lines[0] - self.margin, lines[-1] + self.margin
 
     def centre_lines(self) -> NDArray[np.float64]:
         """Start and end of each street, shape (k, 2, 2), frame of the grid, m; the main street is the first."""
-        u_ends, v_ends = self.u_ends, self.v_ends
-        along_u = [[[u_ends[0], v], [u_ends[1], v]] for v in sorted(self.v_lines, key=abs)]
-        along_v = [[[u, v_ends[0]], [u, v_ends[1]]] for u in sorted(self.u_lines, key=abs)]
+        (u0, u1), (v0, v1) = self.ends(self.u_lines), self.ends(self.v_lines)
+        along_u = [[[u0, v], [u1, v]] for v in sorted(self.v_lines, key=abs)]
+        along_v = [[[u, v0], [u, v1]] for u in sorted(self.u_lines, key=abs)]
         return np.array([along_u[0], along_v[0], *along_u[1:], *along_v[1:]])
 
     def blocks(self, gap: float | None = None) -> list[Block]:
@@ -102,27 +94,24 @@ class StreetGrid:
         away = self.half_width if gap is None else gap
         return [Block(*u, *v) for u in self._intervals(self.u_lines, away) for v in self._intervals(self.v_lines, away)]
 
-    def frontages(self, block: Block) -> list[Frontage]:
-        """Return the sides of `block` along streets; houses at its corners belong to the sides along u."""
-        along_u, along_v = block.u_high - block.u_low, block.v_high - block.v_low
+    def frontages(self) -> list[Frontage]:
+        """Return the sides of all blocks along streets; houses at corners belong to the sides along u."""
         sides = []
-        if block.v_low > self.v_lines[0]:
-            sides.append(Frontage(block.u_high, block.v_low, math.pi, along_u))
-        if block.v_high < self.v_lines[-1]:
-            sides.append(Frontage(block.u_low, block.v_high, 0.0, along_u))
-        if block.u_low > self.u_lines[0]:
-            sides.append(Frontage(block.u_low, block.v_low, 0.5 * math.pi, along_v))
-        if block.u_high < self.u_lines[-1]:
-            sides.append(Frontage(block.u_high, block.v_high, -0.5 * math.pi, along_v))
+        for u_low, u_high, v_low, v_high in self.blocks():
+            along_u, along_v = u_high - u_low, v_high - v_low
+            if v_low > self.v_lines[0]:
+                sides.append(Frontage(u_high, v_low, math.pi, along_u))
+            if v_high < self.v_lines[-1]:
+                sides.append(Frontage(u_low, v_high, 0.0, along_u))
+            if u_low > self.u_lines[0]:
+                sides.append(Frontage(u_low, v_low, 0.5 * math.pi, along_v))
+            if u_high < self.u_lines[-1]:
+                sides.append(Frontage(u_high, v_high, -0.5 * math.pi, along_v))
         return sides
-
-    def all_frontages(self) -> list[Frontage]:
-        """Return the frontages of all blocks."""
-        return [side for block in self.blocks() for side in self.frontages(block)]
 
     def ground(self) -> Patch:
         """Return carriageways at z = 0, and blocks with their sidewalks one kerb higher."""
-        (u0, u1), (v0, v1) = self.u_ends, self.v_ends
+        (u0, u1), (v0, v1) = self.ends(self.u_lines), self.ends(self.v_lines)
         carriageway = quads([[[u0, v0, 0.0], [u1, v0, 0.0], [u1, v1, 0.0], [u0, v1, 0.0]]], LasClass.GROUND)
         raised = self.blocks(self.carriageway)
         lows = [[block.u_low, block.v_low, -0.1] for block in raised]
@@ -131,8 +120,8 @@ class StreetGrid:
 
     def _intervals(self, lines: tuple[float, ...], gap: float) -> list[tuple[float, float]]:
         """Return the intervals between streets, from margin to margin of the city, `gap` from each centre line, m."""
-        starts = [lines[0] - self.margin, *(line + gap for line in lines)]
-        ends = [*(line - gap for line in lines), lines[-1] + self.margin]
+        begin, end = self.ends(lines)
+        starts, ends = [begin, *(line + gap for line in lines)], [*(line - gap for line in lines), end]
         return list(zip(starts, ends, strict=True))
 
 
@@ -154,57 +143,18 @@ CAMPAIGN_GRID = StreetGrid(
     margin=60.0,
 )
 """Dense blocks and narrow streets; centre lines and building lines lie at multiples of 3 m."""
-
-
+CAMPAIGN_CORNERS = (
+    (0, 0), (3, 0), (3, 1), (4, 1), (4, 3), (2, 3), (2, 4), (1, 4), (1, 2), (0, 2),
+)  # fmt: skip
+"""Where the campaign turns: crossings of `CAMPAIGN_GRID`, as indices into its u_lines and v_lines."""
 STEP = 0.05
-"""Between two points of a circuit, m."""
+"""Between two points of a route or a circuit, m."""
 LEFT_RADIUS, RIGHT_RADIUS = 9.0, 6.0
 """Radii of turns, m: traffic keeps to the right, so that a right turn is the narrow one."""
 EASING = 1.0
 """Standard deviation, m, of the Gaussian that smooths the line, so that curvature comes and goes gradually."""
 START = 42.0
 """How far behind its first corner a circuit begins, m."""
-
-CAMPAIGN_CORNERS = (
-    (0, 0), (3, 0), (3, 1), (4, 1), (4, 3), (2, 3), (2, 4), (1, 4), (1, 2), (0, 2),
-)  # fmt: skip
-"""Where the campaign turns: crossings of `CAMPAIGN_GRID`, as indices into its u_lines and v_lines."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Circuit:
-    """A closed line along streets; its last point equals the first.
-
-    points: shape (k, 2); (x, y) evenly spaced, about 5 cm apart, city metres.
-    turns: shape (n, 2); distance along the line at which each turn begins and ends, m, rising.
-    crossings: shape (m,); distance along the line of each crossing that it passes straight over, m, rising.
-    """
-
-    points: NDArray[np.float64]
-    turns: NDArray[np.float64]
-    crossings: NDArray[np.float64]
-
-    @property
-    def distances(self) -> NDArray[np.float64]:
-        """Distance of each point along the line, shape (k,), m."""
-        return np.linspace(0.0, self.length, len(self.points))
-
-    @property
-    def length(self) -> float:
-        """Length of one round, m."""
-        return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
-
-    @property
-    def directions(self) -> NDArray[np.float64]:
-        """Unit vector of travel at each point, shape (k, 2); the last equals the first."""
-        around = np.concatenate([self.points[-2:-1], self.points, self.points[1:2]])
-        ways = around[2:] - around[:-2]
-        return np.asarray(ways / np.linalg.norm(ways, axis=1, keepdims=True))
-
-    @property
-    def headings(self) -> NDArray[np.float64]:
-        """Direction of travel at each point, shape (k,), rad from +x, without jumps at pi."""
-        return np.unwrap(np.arctan2(self.directions[:, 1], self.directions[:, 0]))
 
 
 def circuit_through(
@@ -227,17 +177,13 @@ def circuit_through(
     to_right = np.array([[0.0, -1.0], [1.0, 0.0]])
     vertices = places + lane * (ways @ to_right + ways_before @ to_right)
     arcs = [_arc(*of_corner) for of_corner in zip(vertices, ways_before, ways, strict=True)]
-    outline = np.concatenate([*arcs, arcs[0][:1]])
-    points = _eased(_evenly(outline))
+    points = _eased(_evenly(np.concatenate([*arcs, arcs[0][:1]])))
     first = np.argmin(np.linalg.norm(points - (vertices[0] + START * ways[0]), axis=1))
     points = np.roll(points[:-1], -first, axis=0)
     points = np.concatenate([points, points[:1]])
     turns = np.array([_nearest(points, arc[[0, -1]]) for arc in arcs])
-    return Circuit(
-        in_city(points, street_angle),
-        turns[np.argsort(turns[:, 0])],
-        np.sort(_nearest(points, _straight_over(corners, grid))),
-    )
+    crossings = np.sort(_nearest(points, _straight_over(corners, grid)))
+    return Circuit(in_city(points, street_angle), turns[np.argsort(turns[:, 0])], crossings)
 
 
 def _arc(vertex: NDArray[np.float64], way_in: NDArray[np.float64], way_out: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -251,9 +197,8 @@ def _arc(vertex: NDArray[np.float64], way_in: NDArray[np.float64], way_out: NDAr
 
 def _evenly(outline: NDArray[np.float64]) -> NDArray[np.float64]:
     """The same closed line, shape (k, 2), with points spaced evenly by about `STEP`."""
-    distances = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(outline, axis=0), axis=1))])
-    even = np.linspace(0.0, distances[-1], 1 + round(distances[-1] / STEP))
-    return np.stack([np.interp(even, distances, column) for column in outline.T], axis=1)
+    distances = distances_along(outline)
+    return interpolated(np.linspace(0.0, distances[-1], 1 + round(distances[-1] / STEP)), distances, outline)
 
 
 def _eased(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -261,8 +206,7 @@ def _eased(points: NDArray[np.float64]) -> NDArray[np.float64]:
     reach = round(4.0 * EASING / STEP)
     weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) * STEP / EASING) ** 2)
     weights /= weights.sum()
-    ring = points[:-1]
-    around = np.concatenate([ring[-reach:], ring, ring[:reach]])
+    around = np.pad(points[:-1], ((reach, reach), (0, 0)), mode="wrap")
     eased = np.stack([np.convolve(column, weights, mode="valid") for column in around.T], axis=1)
     return _evenly(np.concatenate([eased, eased[:1]]))
 
@@ -274,20 +218,15 @@ def _nearest(points: NDArray[np.float64], places: ArrayLike) -> NDArray[np.float
     return np.asarray(rows, dtype=np.float64) * step
 
 
-def _straight_over(corners: Sequence[tuple[int, int]], grid: StreetGrid) -> NDArray[np.float64]:
-    """Crossings passed between successive corners, shape (m, 2), frame of the grid, m."""
-    found: list[tuple[float, float]] = []
+def _straight_over(corners: Sequence[tuple[int, int]], grid: StreetGrid) -> list[tuple[float, float]]:
+    """Crossings (u, v) passed between successive corners, frame of the grid, m."""
+    found = []
     for (i0, j0), (i1, j1) in pairwise([*corners, corners[0]]):
         n_steps = abs(i1 - i0) + abs(j1 - j0)
         for k in range(1, n_steps):
             i, j = i0 + k * (i1 - i0) // n_steps, j0 + k * (j1 - j0) // n_steps
             found.append((grid.u_lines[i], grid.v_lines[j]))
-    return np.array(found).reshape(-1, 2)
-
-
-CROSSING_STEP = 0.05
-"""Between two points of a route, m."""
-TURN_RADIUS = 9.0
+    return found
 
 
 def route_over_crossing(street_angle: float, before: float, after: float, lane: float = 1.5) -> Route:
@@ -297,17 +236,15 @@ def route_over_crossing(street_angle: float, before: float, after: float, lane: 
     before, after: distance from the middle of the crossing at which it begins and ends, m.
     lane: distance of the route to the right of the centre line, m.
     """
-    reach = TURN_RADIUS - lane
+    reach = LEFT_RADIUS - lane
     if not (before > reach and after > reach):
         raise OptionError(
             f"Expected a route of more than {reach:g} m before and after the crossing, got {before} m and"
             f" {after} m. Take 75 m and 50 m?"
         )
-    u = np.arange(-before, -reach, CROSSING_STEP)
-    turn = np.arange(0.0, 0.5 * math.pi, CROSSING_STEP / TURN_RADIUS)
-    v = np.arange(reach, after, CROSSING_STEP)
-    arc = np.column_stack([TURN_RADIUS * np.sin(turn) - reach, -TURN_RADIUS * np.cos(turn) + reach])
-    grid = np.concatenate(
-        [np.column_stack([u, np.full(len(u), -lane)]), arc, np.column_stack([np.full(len(v), lane), v])]
-    )
-    return Route(in_city(grid, street_angle), stop_at=before - reach)
+    u = np.arange(-before, -reach, STEP)
+    turn = np.arange(0.0, 0.5 * math.pi, STEP / LEFT_RADIUS)
+    v = np.arange(reach, after, STEP)
+    arc = np.column_stack([LEFT_RADIUS * np.sin(turn) - reach, -LEFT_RADIUS * np.cos(turn) + reach])
+    there, on = np.column_stack([u, np.full(len(u), -lane)]), np.column_stack([np.full(len(v), lane), v])
+    return Route(in_city(np.concatenate([there, arc, on]), street_angle), stop_at=before - reach)

@@ -5,7 +5,6 @@
 import math
 from enum import Enum, auto
 from itertools import pairwise
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,11 +30,6 @@ class Cladding(Enum):
     BRICK = auto()
     BOARDS = auto()
 
-    @classmethod
-    def drawn(cls, rng: np.random.Generator) -> Self:
-        """Draw one; all are equally likely."""
-        return list(cls)[rng.integers(len(cls))]
-
     def depths(self, n_columns: int, n_rows: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """Draw the depths of the cells of a wall behind its plane, shape (n_columns, n_rows), m."""
         if self is Cladding.BOARDS:
@@ -45,7 +39,7 @@ class Cladding(Enum):
         return deviation * rng.standard_normal((n_columns, n_rows))
 
 
-def rough_wall(
+def _rough_wall(
     length: float, height: float, windows: list[Window], cladding: Cladding, rng: np.random.Generator
 ) -> Patch:
     """Return a wall along x, from `FOOT` up to `height` (m).
@@ -56,27 +50,24 @@ def rough_wall(
     z_edges = np.concatenate([[FOOT], _edges(0.0, height, [z for window in windows for z in window[2:]])])
     depths = cladding.depths(len(x_edges) - 1, len(z_edges) - 1, rng)
     x, z = 0.5 * (x_edges[1:] + x_edges[:-1]), 0.5 * (z_edges[1:] + z_edges[:-1])
-    sills = []
+    lows, highs = [], []
     for left, right, low, high in windows:
         is_inside = np.outer((x > left) & (x < right), (z > low) & (z < high))
         # Light goes through the glass and comes back from curtains, plants and furniture.
-        behind = rng.uniform(0.08, 0.2) + np.where(
-            rng.random(is_inside.sum()) < 0.5, rng.exponential(0.3, is_inside.sum()), 0.0
-        )
-        depths[is_inside] = behind
+        n = is_inside.sum()
+        depths[is_inside] = rng.uniform(0.08, 0.2) + np.where(rng.random(n) < 0.5, rng.exponential(0.3, n), 0.0)
         if low > 0.3:
-            sills.append(([left - 0.05, 0.0, low - 0.06], [right + 0.05, rng.uniform(0.05, 0.15), low]))
-    parts = [relief(x_edges, z_edges, depths)]
-    if sills:
-        parts.append(boxes([low for low, _ in sills], [high for _, high in sills], LasClass.BUILDING))
-    return join(parts)
+            lows.append([left - 0.05, 0.0, low - 0.06])
+            highs.append([right + 0.05, rng.uniform(0.05, 0.15), low])
+    wall = relief(x_edges, z_edges, depths)
+    return join([wall, boxes(lows, highs, LasClass.BUILDING)]) if lows else wall
 
 
 def draw_house(rng: np.random.Generator, day: np.random.Generator) -> tuple[Patch, float, float]:
     """Return a house, its width along the front and its depth, m; only ivy depends on the `day`."""
     width, depth = rng.uniform(8.0, 12.5), rng.uniform(7.0, 10.0)
     height = STOREY * (1 if rng.random() < 0.6 else 2) + rng.uniform(0.1, 0.6)
-    cladding = Cladding.drawn(rng)
+    cladding = list(Cladding)[rng.integers(3)]
     gable_in_front = bool(rng.random() < 0.4)
     parts = [
         _around(width, depth, height, cladding, rng, n_storeys=int(height / STOREY)),
@@ -84,14 +75,22 @@ def draw_house(rng: np.random.Generator, day: np.random.Generator) -> tuple[Patc
         rain_pipe(0.15 if rng.random() < 0.5 else width - 0.15, height),
     ]
     door = rng.uniform(1.5, width - 1.5)
-    parts += [steps(door)]
+    parts.append(steps(door))
     if rng.random() < 0.6:
-        parts.append(_porch(door, rng))
+        # A roof on two posts.
+        out, half, top = rng.uniform(1.0, 1.8), rng.uniform(0.9, 1.6), rng.uniform(2.3, 2.6)
+        lows = [[door - half, 0.0, top], [door - half, out - 0.12, FOOT], [door + half - 0.12, out - 0.12, FOOT]]
+        highs = [[door + half, out, top + 0.15], [door - half + 0.12, out, top], [door + half, out, top]]
+        parts.append(boxes(lows, highs, LasClass.BUILDING))
     if rng.random() < 0.25:
         start, span = rng.uniform(0.0, 0.5 * width), rng.uniform(1.5, 0.5 * width)
         parts.append(draw_ivy(span, rng.uniform(1.5, height), rng, day).placed(start, 0.0))
     if rng.random() < 0.4:
-        parts.append(_bay(rng.uniform(0.5, width - 3.5), rng))
+        # A bay with a flat roof before the ground floor.
+        start, out, span = rng.uniform(0.5, width - 3.5), rng.uniform(0.5, 1.2), rng.uniform(2.0, 3.0)
+        lows = [[start, 0.0, FOOT], [start - 0.1, 0.0, 2.4]]
+        highs = [[start + span, out, 2.4], [start + span + 0.1, out + 0.15, 2.5]]
+        parts.append(boxes(lows, highs, LasClass.BUILDING))
     chimney = rng.uniform(0.3, 0.7, 2) * np.array([width, -depth])
     lows, highs = [[*(chimney - 0.3), height]], [[*(chimney + 0.3), height + 0.45 * depth + 0.6]]
     parts.append(boxes(lows, highs, LasClass.BUILDING))
@@ -102,7 +101,7 @@ def draw_shed(rng: np.random.Generator, *, is_garage: bool) -> Patch:
     """Return a garage, or a smaller shed of boards, with its door in front."""
     width, depth = (rng.uniform(2.8, 3.4), rng.uniform(5.2, 6.5)) if is_garage else rng.uniform(1.8, 3.0, 2)
     height = rng.uniform(2.3, 2.7)
-    cladding = Cladding.drawn(rng) if is_garage else Cladding.BOARDS
+    cladding = list(Cladding)[rng.integers(3)] if is_garage else Cladding.BOARDS
     door = (0.3, width - 0.3, 0.0, 2.1) if is_garage else (0.4, 1.2, 0.0, 1.9)
     walls = _around(width, depth, height, cladding, rng, n_storeys=0, door=door)
     roof = boxes([[-0.2, -depth - 0.2, height]], [[width + 0.2, 0.2, height + 0.15]], LasClass.BUILDING)
@@ -137,7 +136,7 @@ def _around(
         windows = _draw_windows(length, n_storeys, rng)
         if door is not None and not walls:
             windows.append(door)
-        wall = rough_wall(length, height, windows, cladding, rng)
+        wall = _rough_wall(length, height, windows, cladding, rng)
         walls.append(wall.placed(x, y, heading=heading))
     return join(walls)
 
@@ -165,9 +164,8 @@ def _gabled_roof(width: float, depth: float, height: float, rng: np.random.Gener
     for side in (-1.0, 1.0):
         y = side * (0.5 * span + eaves) * (1.0 - part)
         z = height + rise * part - eaves * rise / (0.5 * span) * (1.0 - part)
-        grid = np.empty((len(x), len(part), 3))
-        grid[..., 0], grid[..., 1], grid[..., 2] = x[:, None], y, z
-        grid[..., 2] += 0.02 * rng.standard_normal(grid.shape[:2])
+        rough = z + 0.02 * rng.standard_normal((len(x), len(z)))
+        grid = np.stack([*np.broadcast_arrays(x[:, None], y, rough)], axis=-1)
         parts.append(quads(grid_faces(grid), LasClass.BUILDING))
     gables = [[[at, -0.5 * span, height], [at, 0.5 * span, height], [at, 0.0, height + rise]] for at in (0, length)]
     parts.append(triangles(gables, LasClass.BUILDING))
@@ -175,22 +173,6 @@ def _gabled_roof(width: float, depth: float, height: float, rng: np.random.Gener
     if gable_in_front:
         return roof.placed(0.5 * width, -depth, heading=math.pi / 2.0)
     return roof.placed(0.0, -0.5 * depth)
-
-
-def _porch(door: float, rng: np.random.Generator) -> Patch:
-    """A roof on two posts before the door."""
-    out, half, top = rng.uniform(1.0, 1.8), rng.uniform(0.9, 1.6), rng.uniform(2.3, 2.6)
-    lows = [[door - half, 0.0, top], [door - half, out - 0.12, FOOT], [door + half - 0.12, out - 0.12, FOOT]]
-    highs = [[door + half, out, top + 0.15], [door - half + 0.12, out, top], [door + half, out, top]]
-    return boxes(lows, highs, LasClass.BUILDING)
-
-
-def _bay(start: float, rng: np.random.Generator) -> Patch:
-    """A bay with a flat roof before the ground floor, `start` (m) along the front."""
-    out, width = rng.uniform(0.5, 1.2), rng.uniform(2.0, 3.0)
-    lows = [[start, 0.0, FOOT], [start - 0.1, 0.0, 2.4]]
-    highs = [[start + width, out, 2.4], [start + width + 0.1, out + 0.15, 2.5]]
-    return boxes(lows, highs, LasClass.BUILDING)
 
 
 PIECE = 0.5
@@ -203,18 +185,16 @@ def draw_picket_fence(length: float, rng: np.random.Generator) -> Patch:
     x = np.arange(0.0, length - 0.08, pitch)
     tops = height + rng.normal(0.0, 0.015, len(x))
     y = rng.normal(0.0, 0.01, len(x))
-    pickets = _boxes(x, x + rng.uniform(0.06, 0.09), y, y + 0.02, np.full(len(x), 0.05), tops)
+    pickets = _boxes(x, x + rng.uniform(0.06, 0.09), y, y + 0.02, 0.05, tops)
     return join([pickets, _rail(length, 0.3), _rail(length, height - 0.25)])
 
 
 def draw_wire_fence(length: float, rng: np.random.Generator) -> Patch:
     """Return posts and wires, through which nearly all light goes."""
     height = rng.uniform(1.0, 1.4)
-    posts = np.arange(0.0, length, 2.2)
-    width = np.full(len(posts), 0.05)
-    bodies = _boxes(posts, posts + width, -0.5 * width, 0.5 * width, 0.0 * width, 0.0 * width + height)
-    wires = [_rail(length, z, thickness=0.006) for z in np.linspace(0.15, height, 8)]
-    return join([bodies, *wires])
+    x = np.arange(0.0, length, 2.2)
+    posts = _boxes(x, x + 0.05, -0.025, 0.025, 0.0, height)
+    return join([posts, *(_rail(length, z, thickness=0.006) for z in np.linspace(0.15, height, 8))])
 
 
 def draw_garden_wall(length: float, rng: np.random.Generator) -> Patch:
@@ -225,8 +205,7 @@ def draw_garden_wall(length: float, rng: np.random.Generator) -> Patch:
         edges = np.unique(np.clip(np.cumsum(rng.uniform(0.2, 0.5, 2 + int(length / 0.2))), 0.0, length))
         edges = np.concatenate([[0.0], edges])
         out = 0.12 + rng.normal(0.0, 0.015, (2, len(edges) - 1))
-        low = np.full(len(edges) - 1, course * height / n_courses - (0.3 if course == 0 else 0.0))
-        top = np.full(len(edges) - 1, (course + 1) * height / n_courses)
+        low, top = course * height / n_courses - (0.3 if course == 0 else 0.0), (course + 1) * height / n_courses
         stones.append(_boxes(edges[:-1], edges[1:], -out[0], out[1], low, top))
     return join(stones)
 
@@ -234,10 +213,8 @@ def draw_garden_wall(length: float, rng: np.random.Generator) -> Patch:
 def draw_mail_box(rng: np.random.Generator) -> Patch:
     """Return a box on a post."""
     half, z = rng.uniform(0.12, 0.22), rng.uniform(0.9, 1.2)
-    lows, highs = (
-        [[-0.03, -0.03, 0.0], [-half, -0.15, z]],
-        [[0.03, 0.03, z], [half, 0.15, z + rng.uniform(0.25, 0.4)]],
-    )
+    lows = [[-0.03, -0.03, 0.0], [-half, -0.15, z]]
+    highs = [[0.03, 0.03, z], [half, 0.15, z + rng.uniform(0.25, 0.4)]]
     return boxes(lows, highs, LasClass.UNCLASSIFIED)
 
 
@@ -257,19 +234,11 @@ def draw_weeds(length: float, day: np.random.Generator) -> Patch:
 def _rail(length: float, z: float, thickness: float = 0.04) -> Patch:
     """A rail at the height `z` (m)."""
     x = np.linspace(0.0, length, 1 + max(1, round(length / PIECE)))
-    none = np.zeros(len(x) - 1)
     half = 0.5 * thickness
-    return _boxes(x[:-1], x[1:], none - half, none + half, none + z - half, none + z + half)
+    return _boxes(x[:-1], x[1:], -half, half, z - half, z + half)
 
 
-def _boxes(
-    x0: NDArray[np.float64],
-    x1: NDArray[np.float64] | float,
-    y0: NDArray[np.float64],
-    y1: NDArray[np.float64],
-    z0: NDArray[np.float64],
-    z1: NDArray[np.float64],
-) -> Patch:
-    """Return unclassified boxes from x0 to x1, y0 to y1 and z0 to z1, shape (n,) each, m."""
-    lows, highs = np.column_stack([x0, y0, z0]), np.column_stack([np.broadcast_to(x1, x0.shape), y1, z1])
-    return boxes(lows, highs, LasClass.UNCLASSIFIED)
+def _boxes(x0: NDArray[np.float64], *others: NDArray[np.float64] | float) -> Patch:
+    """Return unclassified boxes from x0 to x1, y0 to y1 and z0 to z1, given in this order, (n,) or one for all, m."""
+    x0, x1, y0, y1, z0, z1 = np.broadcast_arrays(x0, *others)
+    return boxes(np.column_stack([x0, y0, z0]), np.column_stack([x1, y1, z1]), LasClass.UNCLASSIFIED)

@@ -60,21 +60,15 @@ class ResidentialRoad:
         """Distance along the road of each point of the centre line, shape (k,), m; below 0 before its begin."""
         return np.arange(len(self.centers), dtype=np.float64) * STEP - BEYOND
 
-    def heading(self, along: float) -> float:
-        """Direction of the road `along` (m) it, rad from +x."""
-        return float(np.interp(along, self.alongs, self.headings))
-
     def places(self, along: ArrayLike, left: ArrayLike) -> NDArray[np.float64]:
         """Positions (x, y), shape (..., 2), m, of places `along` and to the `left` of the road, shape (...), m."""
-        along, left = np.broadcast_arrays(np.asarray(along, dtype=np.float64), np.asarray(left, dtype=np.float64))
-        x, y, heading = (
-            np.interp(along, self.alongs, column) for column in (self.centers[:, 0], self.centers[:, 1], self.headings)
-        )
+        along, left = np.broadcast_arrays(along, left)
+        x, y, heading = (np.interp(along, self.alongs, column) for column in (*self.centers.T, self.headings))
         return np.stack([x - left * np.sin(heading), y + left * np.cos(heading)], axis=-1)
 
     def ground_heights(self, along: ArrayLike, left: ArrayLike) -> NDArray[np.float64]:
         """Heights of the smooth ground, shape (...), m, at places `along` and to the `left` of the road, m."""
-        along, left = np.broadcast_arrays(np.asarray(along, dtype=np.float64), np.asarray(left, dtype=np.float64))
+        along, left = np.broadcast_arrays(along, left)
         heights, tilts, bank_left, bank_right = (
             np.interp(along, self.alongs, column) for column in (self.heights, self.tilts, *self.banks.T)
         )
@@ -105,7 +99,7 @@ class ResidentialRoad:
         heading : counter-clockwise from the direction of the road, rad.
         """
         (x, y), z = self.places(along, left).tolist(), float(self.ground_heights(along, left))
-        return patch.placed(x, y, z, self.heading(along) + heading)
+        return patch.placed(x, y, z, float(np.interp(along, self.alongs, self.headings)) + heading)
 
     def ground(self, seed: Seed) -> Patch:
         """Return carriageway, kerbs, verges, sidewalks and gardens; grass is rougher than asphalt."""
@@ -164,25 +158,21 @@ class ResidentialRoad:
         return (self.alongs[rows] + away[:, 0] * cosine + away[:, 1] * sine, away[:, 1] * cosine - away[:, 0] * sine)
 
 
-def check_road_length(length: float) -> None:
-    """Check that a road is long enough for a drive, and short enough for its map."""
+def draw_road(length: float, seed: Seed) -> ResidentialRoad:
+    """Return a random road of `length` (m) that winds and climbs; `OptionError` if it is too short or too long."""
     if not 60.0 <= length <= 2000.0:
         raise OptionError(f"Expected a road of 60 to 2000 m, got {length} m. The default is 460 m.")
-
-
-def draw_road(length: float, seed: Seed) -> ResidentialRoad:
-    """Return a random road of `length` (m) that winds and climbs."""
-    check_road_length(length)
     rng = np.random.default_rng(seed)
     along = STEP * np.arange(round((length + 2.0 * BEYOND) / STEP) + 1, dtype=np.float64)
-    bends = rng.uniform(0.35, 0.6) * np.sin(2.0 * math.pi * along / rng.uniform(180.0, 260.0) + rng.uniform(0, 6))
-    bends += rng.uniform(0.1, 0.2) * np.sin(2.0 * math.pi * along / rng.uniform(70.0, 110.0) + rng.uniform(0, 6))
+    bends = np.zeros(len(along))
+    for amplitudes, wavelengths in (((0.35, 0.6), (180.0, 260.0)), ((0.1, 0.2), (70.0, 110.0))):
+        amplitude, wavelength, phase = rng.uniform(*amplitudes), rng.uniform(*wavelengths), rng.uniform(0, 6)
+        bends += amplitude * np.sin(2.0 * math.pi * along / wavelength + phase)
     bends *= min(1.0, STEP / MIN_RADIUS / np.abs(np.diff(bends)).max())
     headings = bends + rng.uniform(-math.pi, math.pi)
     steps = STEP * np.column_stack([np.cos(headings), np.sin(headings)])
     centers = np.cumsum(steps, axis=0) - steps.sum(axis=0) / 2.0
-    slopes = STEEPEST * sway(along, 1.0, (130.0, 320.0), rng)
-    heights = STEP * np.cumsum(slopes)
+    heights = STEP * np.cumsum(STEEPEST * sway(along, 1.0, (130.0, 320.0), rng))
     return ResidentialRoad(
         length=length,
         centers=centers,
@@ -198,19 +188,14 @@ HEDGE_STEP = 0.1
 BUMPS, TWIGS = 0.1, 0.09
 """Standard deviations of a hedge's surface, m: smooth bumps of its cut, and twigs that stand out or are missing."""
 GAPS = 0.3
-"""Share of a hedge's surface that is open: light goes on to the twigs inside, or through the hedge."""
+"""Ratio of a hedge's surface that is open: light goes on to the twigs inside, or through the hedge."""
 MOVING = 0.5
-"""Share of the leaves, and of the roughness of twigs, that differs from day to day."""
+"""Ratio of the leaves, and of the roughness of twigs, that differs from day to day."""
 
 
-def survey_class(las_class: LasClass, share: float, rng: np.random.Generator) -> LasClass:
-    """Return the class that a survey gives to a plant: the right one, or none, drawn at random.
-
-    las_class: the right class.
-    share: share of such plants that the survey classifies, 0 to 1.
-    rng: draws whether it does.
-    """
-    return las_class if rng.random() < share else LasClass.UNCLASSIFIED
+def _survey_class(las_class: LasClass, ratio: float, rng: np.random.Generator) -> LasClass:
+    """Return the class that a survey gives to a plant: the right one to this ratio of them, none to the others."""
+    return las_class if rng.random() < ratio else LasClass.UNCLASSIFIED
 
 
 def leaves_at(centers: NDArray[np.float64], size: float, las_class: LasClass, day: np.random.Generator) -> Patch:
@@ -220,7 +205,7 @@ def leaves_at(centers: NDArray[np.float64], size: float, las_class: LasClass, da
 
 def draw_hedge_row(length: float, height: float, rng: np.random.Generator, day: np.random.Generator) -> Patch:
     """Return a hedge of `length` along x and `height` (m): a bumpy surface of twigs, with leaves standing out."""
-    las_class = survey_class(LasClass.MEDIUM_VEGETATION, 0.3, rng)
+    las_class = _survey_class(LasClass.MEDIUM_VEGETATION, 0.3, rng)
     half = rng.uniform(0.25, 0.45)
     x = np.linspace(0.0, length, max(2, round(length / HEDGE_STEP)))
     outline = np.array([[half, 0.0], [half, height - 0.1], [half - 0.1, height]])
@@ -232,24 +217,22 @@ def draw_hedge_row(length: float, height: float, rng: np.random.Generator, day: 
     outward = np.column_stack([np.sign(y) * (np.abs(z - middle) < middle - 0.12), z > height - 0.12])
     bulge = BUMPS * _bumps(x, around, rng)
     bulge += TWIGS * (MOVING * day.standard_normal(bulge.shape) + (1.0 - MOVING) * rng.standard_normal(bulge.shape))
-    grid = np.empty((len(x), len(around), 3))
-    grid[..., 0] = x[:, None]
-    grid[..., 1:] = np.column_stack([y, z]) + bulge[..., None] * outward
+    surface = np.column_stack([y, z]) + bulge[..., None] * outward
+    grid = np.concatenate([np.broadcast_to(x[:, None, None], (*bulge.shape, 1)), surface], axis=-1)
     core = grid[::2, ::2] * np.array([1.0, 0.4, 0.9])
-    sheets = [_sheet(grid, las_class, rng, day), _sheet(core, las_class, rng, day)]
+    parts = [_sheet(surface, las_class, rng, day) for surface in (grid, core)]
     n_leaves = int(90 * length * height)
     rows, columns = day.integers(0, len(x), n_leaves), day.integers(0, len(around), n_leaves)
     away = np.zeros((n_leaves, 3))
     away[:, 1:] = outward[columns] * day.exponential(0.1, (n_leaves, 1))
     ends = day.uniform([0.0, -half, 0.0], [0.0, half, height], (int(150 * height), 3))
     ends[::2, 0] = length
-    leaves = leaves_at(np.concatenate([grid[rows, columns] + away, ends]), 0.05, las_class, day)
-    return join([*sheets, leaves])
+    return join([*parts, leaves_at(np.concatenate([grid[rows, columns] + away, ends]), 0.05, las_class, day)])
 
 
 def draw_bush(rng: np.random.Generator, day: np.random.Generator) -> Patch:
     """Return a bush, 0.5 to 2.2 m high."""
-    las_class = survey_class(LasClass.MEDIUM_VEGETATION, 0.3, rng)
+    las_class = _survey_class(LasClass.MEDIUM_VEGETATION, 0.3, rng)
     height = rng.uniform(0.5, 2.2)
     half = np.array([*(height * rng.uniform(0.35, 0.6, 2)), 0.5 * height])
     n_leaves = int(320 * height)
@@ -258,25 +241,22 @@ def draw_bush(rng: np.random.Generator, day: np.random.Generator) -> Patch:
 
 def draw_garden_tree(rng: np.random.Generator, day: np.random.Generator, height: float) -> Patch:
     """Return a tree of `height` (m): broad-leaved, or a conifer with branches down to the ground."""
-    las_class = survey_class(LasClass.HIGH_VEGETATION, 0.6, rng)
+    las_class = _survey_class(LasClass.HIGH_VEGETATION, 0.6, rng)
     is_conifer = rng.random() < 0.3
     trunk = 0.1 * height if is_conifer else rng.uniform(0.2, 0.3) * height
-    radius = 0.012 * height + 0.05
-    stem = prism(radius * OCTAGON, -0.3, 0.8 * height, las_class)
-    parts = [stem]
+    parts = [prism((0.012 * height + 0.05) * OCTAGON, -0.3, 0.8 * height, las_class)]
     for k in range(5):
         part = (k + 0.5) / 5.0
         spread = (1.0 - part) * 0.22 if is_conifer else 0.26 * math.sin(math.pi * (0.25 + 0.65 * part))
         center = np.array([*rng.normal(0.0, 0.05 * height, 2), trunk + part * (height - trunk)])
         half = np.array([spread * height, spread * height, 0.15 * height])
-        blob = center + half * _in_ball(int(70 * height), rng, day)
-        parts.append(leaves_at(blob, 0.11, las_class, day))
+        parts.append(leaves_at(center + half * _in_ball(int(70 * height), rng, day), 0.11, las_class, day))
     return join(parts)
 
 
 def draw_ivy(width: float, height: float, rng: np.random.Generator, day: np.random.Generator) -> Patch:
     """Return ivy on the wall y = 0, `width` along x and up to `height` (m), denser below."""
-    las_class = survey_class(LasClass.HIGH_VEGETATION, 0.2, rng)
+    las_class = _survey_class(LasClass.HIGH_VEGETATION, 0.2, rng)
     n_leaves = int(120 * width * height)
     x, z = day.uniform(0.0, width, n_leaves), height * (1.0 - np.sqrt(day.random(n_leaves)))
     out = np.abs(day.normal(0.0, 0.1, n_leaves))

@@ -3,7 +3,8 @@
 """Suburb: a winding road with houses, gardens and hedges on a slope."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,57 +41,53 @@ PARKED_LEFT, PARKED_RIGHT = 2.2, -4.0
 """Where cars stand, m to the left of the centre line: at the left kerb, and on the verge on the right."""
 BAY, TREE_EVERY = 6.5, 3
 """Length of a parking bay, m; every third bay on the verge has a tree instead."""
-PARKED_SHARE = 0.2
-"""Share of the parking bays that is taken."""
+PARKED_RATIO = 0.2
+"""Ratio of the parking bays that is taken."""
 
 
-def suburb_on_day(road: ResidentialRoad, seed: int, stream: int, day_stream: int) -> Patch:
+def suburb_on_day(road: ResidentialRoad, scene: Sequence[int], day_seed: Sequence[int]) -> Patch:
     """Return all surfaces along `road`, in city metres.
 
-    road: where everything stands.
-    seed, stream: of what stays from day to day: gardens, houses, hedges and stems.
-    day_stream: with `seed`, of what changes from day to day: leaves, twigs, cars and bins.
+    scene: seed of what stays from day to day: gardens, houses, hedges and stems.
+    day_seed: of what changes from day to day: leaves, twigs, cars and bins.
     """
-    day = np.random.default_rng([seed, day_stream])
-    parts = [road.ground([seed, stream, 0])]
-    for is_left in (True, False):
-        parts += _side(road, np.random.default_rng([seed, stream, 1 + is_left]), day, is_left=is_left)
-        parts += _back_row(road, np.random.default_rng([seed, stream, 3 + is_left]), day, is_left=is_left)
-    parts += _along_kerbs(road, np.random.default_rng([seed, stream, 5]), day)
+    day = np.random.default_rng(day_seed)
+    left, right = _Side(road, GARDEN_LEFT, 1.0, math.pi), _Side(road, GARDEN_RIGHT, -1.0, 0.0)
+    parts = [road.ground([*scene, 0])]
+    for side, number in ((left, 2), (right, 1)):
+        parts += _plots(side, np.random.default_rng([*scene, number]), day)
+        parts += _back_row(side, np.random.default_rng([*scene, 2 + number]), day)
+    parts += _along_kerbs(left, right, np.random.default_rng([*scene, 5]), day)
     parts += _cars(road, day)
     return join(parts)
 
 
-class _Side:
-    """One side of the road: places are given along the road and by their distance inside the garden's border, m."""
+class _Side(NamedTuple):
+    """One side of the road: places are given along the road and by their distance inside the garden's border, m.
 
-    def __init__(self, road: ResidentialRoad, *, is_left: bool) -> None:
-        self.road = road
-        self.border = GARDEN_LEFT if is_left else GARDEN_RIGHT
-        self.outward = 1.0 if is_left else -1.0
-        # Seen along the road, the left side has the road on its right: its patches are turned by pi to face it.
-        self.turn = math.pi if is_left else 0.0
+    border: where gardens begin, m to the left of the centre line.
+    outward: 1 on the left, -1 on the right.
+    turn: of patches whose y axis is towards the road, rad: seen along it, the left side has it on its right.
+    """
 
-    def left(self, inside: float) -> float:
-        """Distance to the left of the centre line, m, of a place `inside` (m) of the garden's border."""
-        return self.border + self.outward * inside
+    road: ResidentialRoad
+    border: float
+    outward: float
+    turn: float
 
     def laid(self, patch: Patch, along: float, inside: float, heading: float = 0.0) -> Patch:
         """Return `patch` bent to follow road and ground: see `ResidentialRoad.laid`."""
-        return self.road.laid(patch, along, self.left(inside), heading)
+        return self.road.laid(patch, along, self.border + self.outward * inside, heading)
 
     def stood(self, patch: Patch, along: float, inside: float, turn: float = 0.0) -> Patch:
         """Return `patch` rigid and upright, its y axis towards the road, turned further by `turn` (rad)."""
-        return self.road.stood(patch, along, self.left(inside), self.turn + turn)
+        return self.road.stood(patch, along, self.border + self.outward * inside, self.turn + turn)
 
 
-def _side(
-    road: ResidentialRoad, rng: np.random.Generator, day: np.random.Generator, *, is_left: bool
-) -> Iterator[Patch]:
+def _plots(side: _Side, rng: np.random.Generator, day: np.random.Generator) -> Iterator[Patch]:
     """Yield the plots on one side of the road, one after the other."""
-    side = _Side(road, is_left=is_left)
     begin, edge = -BEYOND + rng.uniform(1.0, 8.0), "hedge"
-    while begin < road.length + BEYOND - PLOT_WIDTH[1]:
+    while begin < side.road.length + BEYOND - PLOT_WIDTH[1]:
         width = rng.uniform(*PLOT_WIDTH)
         if rng.random() > LIKE_NEIGHBOUR:
             edge = str(rng.choice(list(EDGES), p=list(EDGES.values())))
@@ -154,28 +151,24 @@ def _between_gardens(side: _Side, along: float, rng: np.random.Generator, day: n
         yield side.laid(draw_picket_fence(length, rng), along, 0.5, away)
 
 
-def _back_row(
-    road: ResidentialRoad, rng: np.random.Generator, day: np.random.Generator, *, is_left: bool
-) -> Iterator[Patch]:
+def _back_row(side: _Side, rng: np.random.Generator, day: np.random.Generator) -> Iterator[Patch]:
     """Yield trees in the gardens behind the houses, and houses of the next road."""
-    side = _Side(road, is_left=is_left)
-    for along in np.arange(-BEYOND, road.length + BEYOND, 9.0):
+    length = side.road.length
+    for along in np.arange(-BEYOND, length + BEYOND, 9.0):
         tree = draw_garden_tree(rng, day, rng.uniform(5.0, 12.0))
         yield side.laid(tree, along + rng.uniform(-4.0, 4.0), rng.uniform(22.0, 36.0))
-    for along in np.arange(-BEYOND + 15.0, road.length + BEYOND - 15.0, 34.0):
+    for along in np.arange(-BEYOND + 15.0, length + BEYOND - 15.0, 34.0):
         house, _, _ = draw_house(rng, day)
         yield side.stood(house, along + rng.uniform(-6.0, 6.0), rng.uniform(26.0, 30.0), rng.normal(0.0, 0.2))
 
 
-def _along_kerbs(road: ResidentialRoad, rng: np.random.Generator, day: np.random.Generator) -> Iterator[Patch]:
+def _along_kerbs(left: _Side, right: _Side, rng: np.random.Generator, day: np.random.Generator) -> Iterator[Patch]:
     """Yield lamp posts on the left, and trees on the verge on the right."""
-    left, right = _Side(road, is_left=True), _Side(road, is_left=False)
-    for along in np.arange(-BEYOND + rng.uniform(3.0, 20.0), road.length + BEYOND, 38.0):
+    for along in np.arange(-BEYOND + rng.uniform(3.0, 20.0), left.road.length + BEYOND, 38.0):
         yield left.stood(lamp_pole(), along, -0.25)
-    for along in _bays(road)[TREE_EVERY - 1 :: TREE_EVERY]:
+    for along in _bays(left.road)[TREE_EVERY - 1 :: TREE_EVERY]:
         if rng.random() < 0.7:
-            tree = draw_garden_tree(rng, day, rng.uniform(4.0, 8.0))
-            yield right.stood(tree, along, -2.4)
+            yield right.stood(draw_garden_tree(rng, day, rng.uniform(4.0, 8.0)), along, -2.4)
 
 
 def _bays(road: ResidentialRoad) -> NDArray[np.float64]:
@@ -191,5 +184,5 @@ def _cars(road: ResidentialRoad, day: np.random.Generator) -> Iterator[Patch]:
             turn = day.normal(0.0, math.radians(1.5)) + (math.pi if day.random() < 0.25 else 0.0)
             place = along + day.uniform(-0.6, 0.6), left + day.normal(0.0, 0.1)
             is_for_tree = left == PARKED_RIGHT and number % TREE_EVERY == TREE_EVERY - 1
-            if day.random() < PARKED_SHARE and not is_for_tree:
+            if day.random() < PARKED_RATIO and not is_for_tree:
                 yield road.laid(car, *place, turn)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Road users: parked, moving and walking, and those that the mapping vehicle met."""
+"""Road users around the car: vehicles and pedestrians that are not in the map, drawn anew for each scan."""
 
 import math
 from collections.abc import Sequence
@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import ArrayError
-from maxcon.geometry import Pose
+from maxcon.geometry import Pose, rotation_matrices
 from maxcon.lab.simulation.drive import Seed
 from maxcon.lab.simulation.furniture import OCTAGON, LasClass, Patch, boxes, draw_car, join, prism
-from maxcon.lab.simulation.ray_caster import Caster, Hits, TriangleScene
-from maxcon.lab.simulation.scanners import RotatingScanner
-from maxcon.lab.simulation.streets import KERB_HEIGHT, StreetGrid
+from maxcon.lab.simulation.scanners import Caster, Hits, RayCaster, RotatingScanner
+from maxcon.lab.simulation.streets import KERB_HEIGHT, StreetGrid, in_city
 
 
 class RoadUserShape:
@@ -25,11 +24,9 @@ class RoadUserShape:
     """
 
     def __init__(self, patch: Patch) -> None:
-        extent = np.abs(patch.corners).max(axis=(0, 1))
-        self.half_length, self.half_width = float(extent[0]), float(extent[1])
-        self.height = float(extent[2])
+        self.half_length, self.half_width, self.height = np.abs(patch.corners).max(axis=(0, 1)).tolist()
         self.patch = patch
-        self.scene = TriangleScene(patch.corners)
+        self.scene = RayCaster(patch)
 
     @property
     def radius(self) -> float:
@@ -49,8 +46,7 @@ class RoadUser(NamedTuple):
     @property
     def rotation(self) -> NDArray[np.float32]:
         """R_city_user, shape (3, 3)."""
-        cosine, sine = math.cos(self.heading), math.sin(self.heading)
-        return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]], np.float32)
+        return rotation_matrices(0.0, 0.0, self.heading).astype(np.float32)
 
     def cast(self, origin: NDArray[np.float32], directions: NDArray[np.float32]) -> tuple[NDArray[np.int64], Hits]:
         """Return which rays from `origin`, (3,), with `directions`, (n, 3), hit it: their rows, (k,), and the hits."""
@@ -108,33 +104,31 @@ def draw_vehicle_shape(rng: np.random.Generator) -> RoadUserShape:
     width = rng.uniform(1.0, 1.15)
     lows = [[-half, -width, 0.5], [half - 1.6, -width + 0.05, 0.4]]
     highs = [[half - 1.7, width, height], [half, width - 0.05, 2.4]]
-    wheels = [[[x - 0.45, -width + 0.05, 0.0], [x + 0.45, width - 0.05, 0.5]] for x in (1.0 - half, half - 1.0)]
-    lows += [wheel[0] for wheel in wheels]
-    highs += [wheel[1] for wheel in wheels]
+    for x in (1.0 - half, half - 1.0):
+        lows.append([x - 0.45, -width + 0.05, 0.0])
+        highs.append([x + 0.45, width - 0.05, 0.5])
     return RoadUserShape(boxes(lows, highs, LasClass.VEHICLE))
 
 
 def draw_pedestrian_shape(rng: np.random.Generator) -> RoadUserShape:
     """Return a person of 1.5 to 1.95 m: legs and body, shoulders, head."""
     height = rng.uniform(1.5, 1.95)
-    parts = [
-        _round(0.14, 0.2, 0.0, 0.5 * height),
-        _round(0.16, 0.26, 0.5 * height, height - 0.27),
-        _round(0.1, 0.09, height - 0.27, height),
-    ]
-    return RoadUserShape(join(parts))
+    parts = (
+        (0.14, 0.2, 0.0, 0.5 * height),
+        (0.16, 0.26, 0.5 * height, height - 0.27),
+        (0.1, 0.09, height - 0.27, height),
+    )
+    return RoadUserShape(
+        join([prism(OCTAGON * [depth, width], low, top, LasClass.VEHICLE) for depth, width, low, top in parts])
+    )
 
 
-def _round(half_depth: float, half_width: float, bottom: float, top: float) -> Patch:
-    return prism(OCTAGON * [half_depth, half_width], bottom, top, LasClass.VEHICLE)
-
-
-UNMAPPED_SHARE = 0.3
-"""Share of the returns of a scan that are on vehicles, parked ones included, and pedestrians."""
+UNMAPPED_RATIO = 0.3
+"""Ratio of the returns of a scan that are on vehicles, parked ones included, and pedestrians."""
 MOST_TRIES = 400
-"""Places tried before a scan is left with a smaller share: in the open, too few returns can be hidden."""
+"""Places tried before a scan is left with a smaller ratio: in the open, too few returns can be hidden."""
 LEAST_SEEN = 0.002
-"""A road user is placed only if it hides at least this share of the rays: others would not be seen."""
+"""A road user is placed only if it hides at least this ratio of the rays: others would not be seen."""
 CLEARANCE = 2.6
 """From the middle of the car to the nearest part of a road user, m."""
 GAP = 0.4
@@ -185,7 +179,7 @@ class Traffic:
         scanner: RotatingScanner,
         pose: Pose,
         rng: np.random.Generator,
-        share: float = UNMAPPED_SHARE,
+        ratio: float = UNMAPPED_RATIO,
     ) -> list[RoadUser]:
         """Return road users for one scan.
 
@@ -193,15 +187,15 @@ class Traffic:
         scanner: on the car.
         pose: of the scanner, T_city_sensor.
         rng: draws their places.
-        share: road users are added one by one until this share of the returns, before dropouts, is on triangles of
+        ratio: road users are added one by one until this ratio of the returns, before dropouts, is on triangles of
             class VEHICLE: theirs, or those of parked cars. Where parked cars alone exceed it, none is added.
         """
         view = _View(caster, scanner, pose)
         found: list[RoadUser] = []
         taken: list[_Rectangle] = []
-        ego_u, ego_v = self._turned(pose.x, pose.y, -self._street_angle)
+        ego_u, ego_v = in_city(pose.position[:2], -self._street_angle).tolist()
         for _ in range(MOST_TRIES):
-            if view.share >= share:
+            if view.ratio >= ratio:
                 break
             user, place = self._candidate(ego_u, ego_v, rng)
             is_free = not any(place.meets(other) for other in taken)
@@ -212,70 +206,55 @@ class Traffic:
 
     def _candidate(self, u: float, v: float, rng: np.random.Generator) -> tuple[RoadUser, _Rectangle]:
         """Draw a vehicle in a lane or a pedestrian on a sidewalk near (u, v), m; return it and the ground it covers."""
-        is_vehicle = rng.random() < 0.6
+        grid, is_vehicle = self._grid, rng.random() < 0.6
         shapes = self._vehicles if is_vehicle else self._pedestrians
         shape = shapes[rng.integers(len(shapes))]
         reach = DRIVERS_REACH if is_vehicle else WALKERS_REACH
-        runs_along_u = self._draws_street_along_u(u, v, reach, rng)
-        lines, ends = (
-            (self._grid.v_lines, self._grid.u_ends) if runs_along_u else (self._grid.u_lines, self._grid.v_ends)
+        near_u, near_v = (
+            [line for line in lines if abs(line - place) <= reach]
+            for lines, place in ((grid.v_lines, v), (grid.u_lines, u))
         )
-        along, across = (u, v) if runs_along_u else (v, u)
-        near = [line for line in lines if abs(line - across) <= reach]
+        # At least one street is in reach.
+        runs_along_u = bool(rng.random() < 0.5) if near_u and near_v else bool(near_u)
+        near, ends = (near_u, grid.ends(grid.u_lines)) if runs_along_u else (near_v, grid.ends(grid.v_lines))
         line = near[rng.integers(len(near))]
         # Near places are more likely, as road users there hide more.
-        place = float(np.clip(along + reach * rng.uniform(-1.0, 1.0) * rng.random(), *ends))
+        along = (u if runs_along_u else v) + reach * rng.uniform(-1.0, 1.0) * rng.random()
+        place = min(max(along, ends[0]), ends[1])
         is_forward = bool(rng.random() < 0.5)
         # To the right of +u is -v, but to the right of +v is +u.
         to_right = -1.0 if is_forward == runs_along_u else 1.0
-        side = LANE if is_vehicle else self._walkers_side(rng)
+        side = LANE if is_vehicle else float(rng.uniform(grid.carriageway + 0.35, grid.half_width - 0.5))
+        across = line + to_right * side
+        at_u, at_v = (place, across) if runs_along_u else (across, place)
         heading = (0.0 if runs_along_u else 0.5 * math.pi) + (0.0 if is_forward else math.pi)
-        at_u, at_v = (place, line + to_right * side) if runs_along_u else (line + to_right * side, place)
-        user = self._user(shape, at_u, at_v, heading, is_vehicle=is_vehicle)
-        half_u, half_v = shape.half_length, shape.half_width
-        return user, _Rectangle(at_u, at_v, *((half_u, half_v) if runs_along_u else (half_v, half_u)))
-
-    def _draws_street_along_u(self, u: float, v: float, reach: float, rng: np.random.Generator) -> bool:
-        """Draw whether the street is one along u, of the streets in reach; at least one is."""
-        has_along_u = any(abs(line - v) <= reach for line in self._grid.v_lines)
-        has_along_v = any(abs(line - u) <= reach for line in self._grid.u_lines)
-        return bool(rng.random() < 0.5) if has_along_u and has_along_v else has_along_u
-
-    def _walkers_side(self, rng: np.random.Generator) -> float:
-        """Draw the distance of a pedestrian from the centre line, m."""
-        return float(rng.uniform(self._grid.carriageway + 0.35, self._grid.half_width - 0.5))
-
-    def _user(self, shape: RoadUserShape, u: float, v: float, heading: float, *, is_vehicle: bool) -> RoadUser:
-        x, y = self._turned(u, v, self._street_angle)
-        return RoadUser(shape, x, y, 0.0 if is_vehicle else KERB_HEIGHT, heading + self._street_angle)
-
-    @staticmethod
-    def _turned(x: float, y: float, angle: float) -> tuple[float, float]:
-        cosine, sine = math.cos(angle), math.sin(angle)
-        return cosine * x - sine * y, sine * x + cosine * y
+        x, y = in_city(np.array([at_u, at_v]), self._street_angle).tolist()
+        user = RoadUser(shape, x, y, 0.0 if is_vehicle else KERB_HEIGHT, heading + self._street_angle)
+        halves = (shape.half_length, shape.half_width)
+        return user, _Rectangle(at_u, at_v, *(halves if runs_along_u else halves[::-1]))
 
 
 class _View:
     """Ranges of a scan, and which returns are on vehicles or pedestrians, updated as road users are added."""
 
     def __init__(self, caster: Caster, scanner: RotatingScanner, pose: Pose) -> None:
-        self._finder = scanner.range_finder
+        self._scanner = scanner
         directions = scanner.directions @ pose.rotation.T
         self._directions: NDArray[np.float32] = directions.astype(np.float32)
         self._origin: NDArray[np.float32] = pose.position.astype(np.float32)
         hits = caster.cast(np.broadcast_to(self._origin, directions.shape), self._directions)
-        self._ranges = np.where(self._finder.returns(hits), hits.ranges, np.float32(np.inf))
+        self._ranges = np.where(scanner.are_returns(hits), hits.ranges, np.float32(np.inf))
         self._is_unmapped = np.isfinite(self._ranges) & (caster.classes[hits.triangles] == LasClass.VEHICLE)
 
     @property
-    def share(self) -> float:
-        """Share of the returns that are on vehicles and pedestrians; 0 where nothing returns."""
+    def ratio(self) -> float:
+        """Ratio of the returns that are on vehicles and pedestrians; 0 where nothing returns."""
         return float(self._is_unmapped.sum() / max(int(np.isfinite(self._ranges).sum()), 1))
 
     def add(self, user: RoadUser) -> bool:
         """Add `user` if it hides enough rays; return whether it was added."""
         rows, hits = user.cast(self._origin, self._directions)
-        is_seen = self._finder.returns(hits) & (hits.ranges < self._ranges[rows])
+        is_seen = self._scanner.are_returns(hits) & (hits.ranges < self._ranges[rows])
         if is_seen.sum() < LEAST_SEEN * len(self._ranges):
             return False
         self._ranges[rows[is_seen]] = hits.ranges[is_seen]

@@ -6,11 +6,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from maxcon.lab.simulation.world import map_echoes, map_pieces
 
 from maxcon.errors import OptionError
 from maxcon.geometry import wrap_angle
 from maxcon.lab.simulation import CampaignWorld, GnssErrors, LasClass, PriorErrors, ProfileScanner
-from maxcon.lab.simulation.world import map_echoes, map_pieces
 
 THIN = (ProfileScanner(line_rate=1.0, points_per_line=90),)
 

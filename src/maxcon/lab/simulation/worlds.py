@@ -1,0 +1,416 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Simulated worlds: a scene, the drives that map it, and another day's drive whose epochs are scanned."""
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maxcon.errors import OptionError
+from maxcon.geometry import Pose
+from maxcon.lab.simulation.city import City, build_city, build_periodic_city
+from maxcon.lab.simulation.drive import Circuit, Drive, RoundDriver, Seed, drive_along, drive_round
+from maxcon.lab.simulation.measured_poses import (
+    GeoreferencingErrors,
+    OdometryErrors,
+    PriorErrors,
+    draw_georeferencing_errors,
+    draw_gnss_errors,
+    off_by,
+)
+from maxcon.lab.simulation.scanners import (
+    ProfileScanner,
+    RayCaster,
+    Returns,
+    RotatingScanner,
+    check_embreex,
+    scan_moving,
+)
+from maxcon.lab.simulation.streets import CAMPAIGN_GRID, circuit_through, route_over_crossing
+from maxcon.lab.simulation.suburb_ground import ResidentialRoad, draw_road
+from maxcon.lab.simulation.suburb_scene import suburb_on_day
+from maxcon.lab.simulation.traffic import CrowdedCaster, Traffic
+
+MAP_START, SCAN_START = 300_000.0, 386_400.0
+"""When the mapping vehicle and the car set out, seconds of the GPS week: the car comes a day later."""
+PAUSE = 60.0
+"""From the end of one drive of the mapping vehicle to the start of the next, s."""
+MAP_HEIGHT = 2.4
+"""Of its profile scanners above the carriageway, m."""
+TRAJECTORY_STEP = 0.02
+"""Between two poses of its trajectory, s."""
+LINES_PER_PIECE = 250
+EPOCH_STEP = 0.1
+"""Between two epochs when all are taken, s: the scanner turns ten times a second."""
+
+
+class MapPiece(NamedTuple):
+    """At most 250 successive profiles of one scanner on one drive, from number `first` on."""
+
+    drive: Drive
+    scanner: ProfileScanner
+    first: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MappingDrives:
+    """The drives of the mapping vehicle, before anything is measured on them.
+
+    caster: the scene on the day of the map.
+    drives: true drives, one after the other.
+    seed: of the scanners' noise.
+    georeferencing: errors of the vehicle's post-processed trajectory, and so of the map; none if None.
+    """
+
+    caster: RayCaster
+    drives: Sequence[Drive]
+    seed: Sequence[int]
+    georeferencing: GeoreferencingErrors | None = None
+
+    def pieces(self, scanners: Sequence[ProfileScanner]) -> list[MapPiece]:
+        """Return what is measured, piece by piece, in order of time."""
+        pieces = [
+            MapPiece(drive, scanner, first)
+            for drive in self.drives
+            for scanner in scanners
+            for first in range(0, scanner.n_lines(drive), LINES_PER_PIECE)
+        ]
+        return sorted(pieces, key=lambda piece: piece.drive.times[0] + piece.first / piece.scanner.line_rate)
+
+    def returns(self, pieces: Iterable[MapPiece]) -> Iterator[Returns]:
+        """Measure `pieces` one by one, placed by the vehicle's trajectory with its errors."""
+        for i, (drive, scanner, first) in enumerate(pieces):
+            n_lines = min(LINES_PER_PIECE, scanner.n_lines(drive) - first)
+            found = scanner.scan(self.caster, drive, first, n_lines, np.random.default_rng([*self.seed, i]))
+            if self.georeferencing is not None:
+                offsets = self.georeferencing.at(found.times)
+                found = found._replace(points=found.points + offsets, origins=found.origins + offsets)
+            yield found
+
+    def poses(self) -> tuple[NDArray[np.float64], list[Pose]]:
+        """Times (s) and poses (T_city_vehicle) of the vehicle, 0.02 s apart, with the errors of its trajectory."""
+        of_drives = [np.arange(drive.times[0], drive.times[-1], TRAJECTORY_STEP) for drive in self.drives]
+        poses = [pose for drive, times in zip(self.drives, of_drives, strict=True) for pose in drive.poses(times)]
+        times = np.concatenate(of_drives)
+        if self.georeferencing is None:
+            return times, poses
+        offsets = self.georeferencing.at(times)
+        return times, [pose.translated(offset) for pose, offset in zip(poses, offsets, strict=True)]
+
+
+class Epoch(NamedTuple):
+    """A scan to take: its number, in steps of the scanner from 0 (tick), time (s), reference pose T_city_sensor."""
+
+    tick: int
+    time: float
+    reference: Pose
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class World:
+    """A scene with its drives, before anything is measured.
+
+    seed: everything random is drawn from it.
+    mapping: drives of the mapping vehicle through the scene on the day of the map.
+    scan_caster: the scene on the day of the scans.
+    scan_drive: drive of the car with the rotating scanner.
+    n_epochs_of_drive: number of scans of the whole drive, 0.1 s apart.
+    start: time of the first of them, s.
+    drive_number: number of the car's drive, from 0.
+    """
+
+    STREAMS: ClassVar[tuple[str, ...]]
+    """Random streams of a seed, one per thing that is drawn, so that one can change without the others."""
+
+    seed: int
+    mapping: MappingDrives
+    scan_caster: RayCaster
+    scan_drive: Drive
+    n_epochs_of_drive: int = 0
+    start: float = SCAN_START
+    drive_number: int = 0
+
+    @classmethod
+    def _stream(cls, seed: int, name: str, *more: int) -> list[int]:
+        """Seed of the stream of that name."""
+        return [seed, cls.STREAMS.index(name), *more]
+
+    def _of_drive(self, name: str, *more: int) -> list[int]:
+        """Seed of what is drawn anew for every drive; that of drive 0 goes without the number of the drive."""
+        return self._stream(self.seed, name, *more, *([self.drive_number] if self.drive_number else []))
+
+    def epochs(self, n_epochs: int, ticks_apart: int | None = None) -> list[Epoch]:
+        """Return `n_epochs`, spread evenly over the drive; or from the beginning on, `ticks_apart` of them apart."""
+        if ticks_apart is None:
+            ticks = np.rint(np.linspace(0, self.n_epochs_of_drive - 1, n_epochs)).astype(np.int64)
+        else:
+            ticks = ticks_apart * np.arange(n_epochs, dtype=np.int64)
+        return self._epochs_at(ticks, np.asarray(self.start + EPOCH_STEP * ticks))
+
+    def _epochs_at(self, ticks: NDArray[np.int64], times: NDArray[np.float64]) -> list[Epoch]:
+        rounded = np.round(times, 6)
+        return list(map(Epoch, ticks.tolist(), rounded.tolist(), self.scan_drive.poses(rounded)))
+
+    def gnss_priors(self, epochs: Sequence[Epoch]) -> list[Pose]:
+        """Priors, T_city_sensor, whose errors change slowly over the drive."""
+        rows = draw_gnss_errors(self.n_epochs_of_drive, EPOCH_STEP, self._of_drive("gnss priors"))
+        return [off_by(epoch.reference, rows[epoch.tick]) for epoch in epochs]
+
+    def uniform_priors(self, epochs: Sequence[Epoch], errors: PriorErrors | None = None) -> list[Pose]:
+        """Priors, T_city_sensor, whose errors are independent from epoch to epoch."""
+        seed = self._of_drive("uniform priors")
+        return [
+            (errors or PriorErrors()).prior(epoch.reference, np.random.default_rng([*seed, epoch.tick]))
+            for epoch in epochs
+        ]
+
+    def scan(self, epoch: Epoch, scanner: RotatingScanner) -> Returns:
+        """Measure the scan of one epoch from its reference pose; it does not depend on which other epochs are taken."""
+        return scanner.scan(self.scan_caster, epoch.reference, epoch.time, self._noise(epoch))
+
+    def _noise(self, epoch: Epoch) -> np.random.Generator:
+        return np.random.default_rng(self._of_drive("scan noise", epoch.tick))
+
+
+def _check_seed(seed: int) -> None:
+    if seed < 0:
+        raise OptionError(f"Expected a seed of 0 or more, got {seed}. Take another whole number.")
+    check_embreex()
+
+
+def _georeferencing(drives: Sequence[Drive], seed: Seed) -> GeoreferencingErrors:
+    return draw_georeferencing_errors(seed, float(drives[0].times[0]), float(drives[-1].times[-1]))
+
+
+MAP_BEYOND = 35.0
+"""How far the first mapping drive extends beyond the drive of the scans at either end, m."""
+MAP_BRANCHES = (50.0, 40.0)
+"""Distance from the crossing at which the second mapping drive, over the other two branches, begins and ends, m."""
+
+
+class SimulatedWorld(World):
+    """The small city of the demo: a street and a crossing, each branch of which is mapped."""
+
+    STREAMS = (
+        "city", "cars of map", "cars of scans", "map drive", "scan drive", "map noise", "scan noise", "uniform priors",
+    )  # fmt: skip
+
+    @classmethod
+    def build(cls, seed: int, before: float = 75.0, after: float = 50.0, mapping_wait: float = 0.0) -> Self:
+        """Return the world of `seed`.
+
+        The scans begin `before` and end `after` (m) from the middle of the crossing; the mapping vehicle stops in front
+        of it for `mapping_wait` (s).
+        """
+        _check_seed(seed)
+        city = build_city(cls._stream(seed, "city"))
+        angle = city.street_angle
+        route = route_over_crossing(angle, before, after)
+        map_routes = (
+            route_over_crossing(angle, before + MAP_BEYOND, after + MAP_BEYOND, lane=1.7),
+            route_over_crossing(angle + math.pi, *MAP_BRANCHES, lane=1.6),
+        )
+        drives: list[Drive] = []
+        for i, (map_route, wait) in enumerate(zip(map_routes, (mapping_wait, 0.0), strict=True)):
+            start, stream = _next_start(drives), cls._stream(seed, "map drive", i)
+            drives.append(drive_along(map_route, stream, slowest=0.2, wait=wait, height=MAP_HEIGHT, start_time=start))
+        map_city, scan_city = (
+            city.with_parked_cars(cls._stream(seed, name)) for name in ("cars of map", "cars of scans")
+        )
+        return cls(
+            seed=seed,
+            mapping=MappingDrives(RayCaster(map_city), drives, cls._stream(seed, "map noise")),
+            scan_caster=RayCaster(scan_city),
+            scan_drive=drive_along(route, cls._stream(seed, "scan drive"), slowest=0.25, start_time=SCAN_START),
+        )
+
+    def epochs(self, n_epochs: int, ticks_apart: int | None = None) -> list[Epoch]:
+        """Return `n_epochs` epochs evenly spaced in time, numbered one by one."""
+        first, last = self.scan_drive.times[[0, -1]]
+        return self._epochs_at(np.arange(n_epochs), np.linspace(first, last, n_epochs))
+
+    def uniform_priors(self, epochs: Sequence[Epoch], errors: PriorErrors | None = None) -> list[Pose]:
+        """Priors, T_city_sensor, drawn one after the other."""
+        rng = np.random.default_rng(self._of_drive("uniform priors"))
+        return [(errors or PriorErrors()).prior(epoch.reference, rng) for epoch in epochs]
+
+
+def _next_start(drives: Sequence[Drive]) -> float:
+    """When the next drive of the mapping vehicle begins, s."""
+    return float(drives[-1].times[-1]) + PAUSE if drives else MAP_START
+
+
+MOST_EPOCHS = 3001
+"""Of the campaign: the round of the car takes 300 s."""
+OCCUPANCY, HARD_OCCUPANCY = 0.85, 0.95
+"""Which part of the kerbs is taken by parked cars, 0 to 1."""
+SCAN_DRIVER = RoundDriver(speed=5.5, turn_speed=2.8, n_stops=1)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class CampaignWorld(World):
+    """The campaign: a circuit mapped in rounds, driven on another day, when other cars are parked.
+
+    scan_city: the city on the day of the scans.
+    circuit: the line that all rounds follow.
+    traffic: vehicles and pedestrians around the car; none if None.
+    """
+
+    STREAMS = (
+        "city", "cars of map", "cars of scans", "map drive", "scan drive", "map noise", "scan noise", "uniform priors",
+        "gnss priors", "georeferencing", "gone", "road users", "traffic", "odometry",
+    )  # fmt: skip
+
+    scan_city: City
+    circuit: Circuit
+    traffic: Traffic | None = None
+
+    @classmethod
+    def build(cls, seed: int, n_rounds: int = 5, *, is_hard: bool = False) -> Self:
+        """Return the world of `seed`, mapped in `n_rounds`.
+
+        is_hard: whether the facades are periodic, a quarter of the items before them is gone on the day of the scans,
+            cars are parked more densely, and 30 % of the returns of each scan are on vehicles and pedestrians.
+        """
+        _check_seed(seed)
+        if n_rounds < 1:
+            raise OptionError(f"Expected at least one round of mapping, got {n_rounds}. The default is 5.")
+        if is_hard:
+            periodic = build_periodic_city(cls._stream(seed, "city"))
+            map_city, scan_city = periodic.city(), periodic.city(periodic.draw_gone(cls._stream(seed, "gone")))
+        else:
+            map_city = scan_city = build_city(cls._stream(seed, "city"), grid=CAMPAIGN_GRID)
+        map_city = map_city.with_parked_cars(cls._stream(seed, "cars of map"), OCCUPANCY)
+        scan_city = scan_city.with_parked_cars(
+            cls._stream(seed, "cars of scans"), HARD_OCCUPANCY if is_hard else OCCUPANCY
+        )
+        circuit = circuit_through(street_angle=map_city.street_angle)
+        drives: list[Drive] = []
+        for i in range(n_rounds):
+            rng = np.random.default_rng(cls._stream(seed, "map drive", i, 0))
+            driver = RoundDriver(
+                speed=rng.uniform(9.0, 14.0),
+                turn_speed=rng.uniform(3.5, 4.5),
+                acceleration=2.0,
+                n_stops=int(rng.integers(0, 4)),
+            )
+            start, stream = _next_start(drives), cls._stream(seed, "map drive", i, 1)
+            drives.append(drive_round(circuit, driver, stream, height=MAP_HEIGHT, start_time=start))
+        errors = _georeferencing(drives, cls._stream(seed, "georeferencing"))
+        angle = map_city.street_angle
+        return cls(
+            seed=seed,
+            mapping=MappingDrives(RayCaster(map_city), drives, cls._stream(seed, "map noise"), errors),
+            scan_caster=RayCaster(scan_city),
+            scan_drive=_round_of_car(circuit, cls._stream(seed, "scan drive"), SCAN_START),
+            n_epochs_of_drive=MOST_EPOCHS,
+            scan_city=scan_city,
+            circuit=circuit,
+            traffic=Traffic(CAMPAIGN_GRID, angle, cls._stream(seed, "road users")) if is_hard else None,
+        )
+
+    def again(self, drive_number: int, day: int = 1) -> Self:
+        """Return the same world on another drive of the car, with another speed profile, other noise and other priors.
+
+        drive_number: from 0, the first drive.
+        day: 1 for the day of the first drive; on each other day, other cars are parked.
+        """
+        if drive_number < 0 or day < 1:
+            raise OptionError(
+                f"Expected the number of a drive >= 0 and a day >= 1, got {drive_number} and {day}."
+                " Drive 0 of day 1 is the first."
+            )
+        start = SCAN_START + 86_400.0 * (day - 1)
+        world = replace(self, start=start, drive_number=drive_number)
+        if day > 1:
+            occupancy = OCCUPANCY if self.traffic is None else HARD_OCCUPANCY
+            city = self.scan_city.with_parked_cars(self._stream(self.seed, "cars of scans", day), occupancy)
+            world = replace(world, scan_city=city, scan_caster=RayCaster(city))
+        return replace(world, scan_drive=_round_of_car(self.circuit, world._of_drive("scan drive"), start))
+
+    def odometry(self, errors: OdometryErrors) -> tuple[NDArray[np.float64], list[Pose]]:
+        """Times (s) and poses (T_odometry_sensor) over the whole round, ten a second, whichever epochs are taken."""
+        times = np.round(self.start + EPOCH_STEP * np.arange(MOST_EPOCHS), 6)
+        return times, errors.draw(self.scan_drive, times, self._of_drive("odometry"))
+
+    def scan(self, epoch: Epoch, scanner: RotatingScanner) -> Returns:
+        """Measure the scan of one epoch in its traffic; it does not depend on which other epochs are taken."""
+        if self.traffic is None:
+            return scanner.scan(self.scan_caster, epoch.reference, epoch.time, self._noise(epoch))
+        rng = np.random.default_rng(self._of_drive("traffic", epoch.tick))
+        road_users = self.traffic.draw(self.scan_caster, scanner, epoch.reference, rng)
+        caster = CrowdedCaster(self.scan_caster, road_users)
+        return scanner.scan(caster, epoch.reference, epoch.time, self._noise(epoch))
+
+
+def _round_of_car(circuit: Circuit, seed: Seed, start: float) -> Drive:
+    duration = (MOST_EPOCHS - 1) * EPOCH_STEP
+    return drive_round(circuit, SCAN_DRIVER, seed, height=2.0, start_time=start, duration=duration)
+
+
+ROAD_LENGTH = 460.0
+"""Default, m: a minute at 28 km/h."""
+MEAN_SPEED = ROAD_LENGTH / 60.0
+"""Mean speed of the car, m/s: a road of the default length has 601 epochs."""
+LANE_THERE, LANE_BACK = -1.2, 0.1
+"""Lanes, m to the left of the centre line: on the way back, parked cars force the vehicle to the middle."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SuburbWorld(World):
+    """The suburb: a road mapped there and back, driven on another day, when leaves, cars and bins differ.
+
+    road: the road that all drives follow. That of the car begins about a second before the first epoch and ends as
+        long after the last.
+    """
+
+    STREAMS = (
+        "road", "scene", "day of map", "day of scans", "map drive", "scan drive", "map noise", "scan noise",
+        "uniform priors", "gnss priors", "georeferencing",
+    )  # fmt: skip
+
+    road: ResidentialRoad
+
+    @classmethod
+    def build(cls, seed: int, road_length: float = ROAD_LENGTH) -> Self:
+        """Return the world of `seed` along a road of `road_length` (m)."""
+        _check_seed(seed)
+        road = draw_road(road_length, cls._stream(seed, "road"))
+        map_caster, scan_caster = (
+            RayCaster(suburb_on_day(road, cls._stream(seed, "scene"), cls._stream(seed, day)))
+            for day in ("day of map", "day of scans")
+        )
+        drives: list[Drive] = []
+        for i, lane in enumerate((LANE_THERE, LANE_BACK)):
+            stream, start = cls._stream(seed, "map drive", i), _next_start(drives)
+            route = road.route(lane, [*stream, 0], start=MAP_BEYOND, is_back=i == 1)
+            level = drive_along(route, [*stream, 1], slowest=0.3, height=MAP_HEIGHT, start_time=start)
+            drives.append(road.on_ground(level))
+        # The car begins 8 m before the road and ends 8 m after it, where there is no epoch.
+        stream, n_epochs = cls._stream(seed, "scan drive"), n_epochs_on(road_length)
+        route = road.route(LANE_THERE, [*stream, 0], start=8.0)
+        level = road.on_ground(drive_along(route, [*stream, 1], slowest=0.4, height=1.8))
+        first, last = np.interp([8.0, 8.0 + road_length], route.distances, level.times)
+        times = SCAN_START + (level.times - first) * (EPOCH_STEP * (n_epochs - 1)) / (last - first)
+        errors = _georeferencing(drives, cls._stream(seed, "georeferencing"))
+        return cls(
+            seed=seed,
+            mapping=MappingDrives(map_caster, drives, cls._stream(seed, "map noise"), errors),
+            scan_caster=scan_caster,
+            scan_drive=replace(level, times=times),
+            n_epochs_of_drive=n_epochs,
+            road=road,
+        )
+
+    def scan(self, epoch: Epoch, scanner: RotatingScanner) -> Returns:
+        """Measure the scan of one epoch while the car moves; it does not depend on which other epochs are taken."""
+        return scan_moving(scanner, self.scan_caster, self.scan_drive, epoch.time, self._noise(epoch))
+
+
+def n_epochs_on(road_length: float) -> int:
+    """Number of scans, 0.1 s apart, of the drive along a road of `road_length` (m)."""
+    return 1 + round(road_length / MEAN_SPEED / EPOCH_STEP)
