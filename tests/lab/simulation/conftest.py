@@ -2,18 +2,13 @@
 # SPDX-License-Identifier: MIT
 """One small world and one small dataset, the two campaigns, and a piece of a suburb, built once."""
 
-import sys
-
 import pytest
 
-from maxcon.cli import main
+from maxcon.lab.dataset import Dataset
 from maxcon.lab.simulation import CampaignWorld, ProfileScanner, RotatingScanner, SimulatedWorld, SuburbWorld, simulate
 
 SEED = 3
-THIN_PROFILES = (
-    ProfileScanner(turn_deg=45.0, line_rate=25.0, points_per_line=300),
-    ProfileScanner(turn_deg=-45.0, line_rate=25.0, points_per_line=300),
-)
+THIN_PROFILES = tuple(ProfileScanner(turn_deg=turn, line_rate=25.0, points_per_line=300) for turn in (45.0, -45.0))
 
 
 @pytest.fixture(scope="session")
@@ -24,38 +19,6 @@ def world():
 @pytest.fixture(scope="session")
 def city(world):
     return world.mapping.caster.city
-
-
-@pytest.fixture
-def thin_profiles():
-    return THIN_PROFILES
-
-
-@pytest.fixture
-def thinnest_profiles():
-    """A profile scanner of so few points that its map is of no use, but written at once."""
-    return (ProfileScanner(line_rate=2.0, points_per_line=30),)
-
-
-@pytest.fixture
-def simulate_command(monkeypatch, capsys):
-    """Run `maxcon simulate` in this process; return its exit code and what it printed."""
-
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["maxcon", "simulate", *map(str, arguments)])
-        try:
-            main()
-        except SystemExit as ended:
-            return ended.code or 0, capsys.readouterr()
-        return 0, capsys.readouterr()
-
-    return call
-
-
-@pytest.fixture(scope="session")
-def dataset(tmp_path_factory):
-    out = tmp_path_factory.mktemp("simulated") / "dataset"
-    return simulate(out, n_epochs=3, seed=SEED, before=30.0, after=20.0, mapping_scanners=THIN_PROFILES)
 
 
 @pytest.fixture(scope="session")
@@ -77,3 +40,15 @@ def suburb():
 def thin_scanner():
     """A VLP-16 with a tenth of the points."""
     return RotatingScanner(azimuth_step_deg=2.0)
+
+
+@pytest.fixture(scope="session")
+def small():
+    """Options of the small dataset."""
+    return {"n_epochs": 3, "seed": SEED, "before": 30.0, "after": 20.0, "mapping_scanners": THIN_PROFILES}
+
+
+@pytest.fixture(scope="session")
+def dataset(built_once, small):
+    folder = built_once("simulated", lambda folder: simulate(folder / "dataset", **small))
+    return Dataset.open(folder / "dataset")

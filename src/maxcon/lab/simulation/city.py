@@ -22,7 +22,7 @@ from maxcon.lab.simulation.furniture import (
     lamp_pole,
     quads,
 )
-from maxcon.lab.simulation.streets import CAMPAIGN_GRID, Frontage, StreetGrid, in_city
+from maxcon.lab.simulation.streets import CAMPAIGN_GRID, DEMO_GRID, STREET_ANGLE, Frontage, StreetGrid, in_city
 
 HOUSE_WIDTH = 13.0
 """Typical width of a house along the street, m."""
@@ -37,56 +37,43 @@ class City(Patch):
     street_lines: shape (k, 2, 2); start and end (x, y) of each street's centre line, m; the main street is the first,
         the cross street the second.
     parking_lanes: shape (k, 2, 2); start and end (x, y) of each row of parked cars, m.
-    street_angle: direction of the main street, rad, counter-clockwise from +x.
     car_numbers: shape (t,), int32; number of the parked car that each triangle belongs to, from 0; -1 for all that is
         no parked car.
     """
 
     street_lines: NDArray[np.float64]
     parking_lanes: NDArray[np.float64]
-    street_angle: float
     car_numbers: NDArray[np.int32]
 
     def with_parked_cars(self, seed: Seed, occupancy: float = 0.7) -> "City":
-        """Return the same city on another day: other cars stand at the kerbs.
-
-        seed: the same seed gives the same cars.
-        occupancy: approximate ratio of the parking lanes that is taken, 0 to 1.
-        """
+        """Return the same city on another day: other cars take about `occupancy`, 0 to 1, of the parking lanes."""
         rng = np.random.default_rng(seed)
         cars = [car for lane in self.parking_lanes for car in _cars_along(lane, occupancy, rng)]
         stays = self.classes != LasClass.VEHICLE
         fixed = Patch(self.corners[stays], self.classes[stays])
         patch = join([fixed, *cars])
         numbers = np.repeat(np.arange(-1, len(cars), dtype=np.int32), [len(fixed), *map(len, cars)])
-        return City(patch.corners, patch.classes, self.street_lines, self.parking_lanes, self.street_angle, numbers)
+        return City(patch.corners, patch.classes, self.street_lines, self.parking_lanes, numbers)
 
 
-def build_city(seed: Seed, *, street_angle_deg: float = 31.0, grid: StreetGrid | None = None) -> City:
-    """Return a city without parked cars.
-
-    seed: the same seed gives the same city.
-    street_angle_deg: direction of the main street, degrees, counter-clockwise from +x; by default nothing is parallel
-        to an axis.
-    grid: where its streets are; those of the demo if None.
-    """
-    streets = grid or StreetGrid()
+def build_city(seed: Seed, grid: StreetGrid = DEMO_GRID) -> City:
+    """Return a city without parked cars; the same seed gives the same city."""
     rng = np.random.default_rng(seed)
-    parts = [streets.ground()]
-    for side in streets.frontages():
-        parts += [*_houses(side, rng), *_pavement(side, streets.sidewalk, rng)]
-    return _city_of(parts, streets, math.radians(street_angle_deg))
+    parts = [grid.ground()]
+    for side in grid.frontages():
+        parts += [*_houses(side, rng), *_pavement(side, grid.sidewalk, rng)]
+    return _city_of(parts, grid)
 
 
-def _city_of(parts: Sequence[Patch], grid: StreetGrid, street_angle: float) -> City:
+def _city_of(parts: Sequence[Patch], grid: StreetGrid) -> City:
     """Return the city made of `parts`, in the frame of the grid, without parked cars."""
     out = grid.sidewalk + CAR_SIDE
     lanes = np.array(
         [[side.point(x, out) for x in (grid.no_parking, side.length - grid.no_parking)] for side in grid.frontages()]
     )
-    whole = join(parts).placed(0.0, 0.0, heading=street_angle)
-    lines, lanes = (in_city(places, street_angle) for places in (grid.centre_lines(), lanes))
-    return City(whole.corners, whole.classes, lines, lanes, street_angle, np.full(len(whole), -1, np.int32))
+    whole = join(parts).placed(0.0, 0.0, heading=STREET_ANGLE)
+    lines, lanes = (in_city(places, STREET_ANGLE) for places in (grid.centre_lines(), lanes))
+    return City(whole.corners, whole.classes, lines, lanes, np.full(len(whole), -1, np.int32))
 
 
 def _houses(side: Frontage, rng: np.random.Generator) -> Iterator[Patch]:
@@ -169,20 +156,18 @@ class PeriodicCity:
     """A city whose facades repeat, so that only the items before them tell where along a street one is.
 
     grid: its streets.
-    street_angle: direction of the main street, rad, counter-clockwise from +x.
     fabric: ground and facades, in the frame of the grid.
     items: balconies, steps, rain pipes, lamp poles, signs, trees and tubs, in the frame of the grid.
     """
 
     grid: StreetGrid
-    street_angle: float
     fabric: Patch
     items: tuple[Patch, ...]
 
     def city(self, gone: Collection[int] = ()) -> City:
         """Return the city without the items whose numbers are `gone`, and without parked cars."""
         stay = [item for number, item in enumerate(self.items) if number not in gone]
-        return _city_of([self.fabric, *stay], self.grid, self.street_angle)
+        return _city_of([self.fabric, *stay], self.grid)
 
     def draw_gone(self, seed: Seed) -> frozenset[int]:
         """Draw a quarter of the items; return their numbers."""
@@ -190,15 +175,11 @@ class PeriodicCity:
         return frozenset(np.random.default_rng(seed).choice(n_items, round(GONE * n_items), replace=False).tolist())
 
 
-def build_periodic_city(
-    seed: Seed, *, street_angle_deg: float = 31.0, grid: StreetGrid = CAMPAIGN_GRID
-) -> PeriodicCity:
-    """Return a city of periodic facades.
+def build_periodic_city(seed: Seed, grid: StreetGrid = CAMPAIGN_GRID) -> PeriodicCity:
+    """Return a city of periodic facades, the same for every seed; its items are drawn.
 
-    seed: of the items; facades are the same for every seed.
-    street_angle_deg: direction of the main street, degrees, counter-clockwise from +x.
-    grid: the streets. If centre lines and building lines lie at multiples of 3 m, as in `CAMPAIGN_GRID`, the period
-        continues beyond crossings.
+    If centre lines and building lines of the grid lie at multiples of 3 m, as here, the period continues beyond
+    crossings.
     """
     rng = np.random.default_rng(seed)
     parts = [grid.ground()]
@@ -206,7 +187,7 @@ def build_periodic_city(
     for side in grid.frontages():
         parts.append(side.placed(periodic_front(side.length), 0.0, 0.0))
         items += [*_fittings(side, rng), *_pavement(side, grid.sidewalk, rng)]
-    return PeriodicCity(grid, math.radians(street_angle_deg), join(parts), tuple(items))
+    return PeriodicCity(grid, join(parts), tuple(items))
 
 
 def periodic_front(length: float) -> Patch:

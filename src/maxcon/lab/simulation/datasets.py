@@ -78,27 +78,15 @@ def simulate(
 ) -> Dataset:
     """Write a seeded dataset: a city is mapped, and driven through on another day.
 
-    Parameters
-    ----------
-    out : path
-        Folder to write; it appears only when all in it is complete.
-    n_epochs : int
-        How many scans, evenly spaced in time.
-    before, after : float
-        How far from the middle of the crossing the scans begin and end, m.
-    mapping_wait : float
-        How long the mapping vehicle stands before the crossing, s: there the map is far denser than elsewhere.
-    prior_errors : PriorErrors, optional
-        How far the priors are off; up to 2.5 m and 1.8 degrees if None.
-    **options
-        See `DatasetOptions`.
+    out: folder to write; it appears only when all in it is complete.
+    n_epochs: how many scans, evenly spaced in time.
+    before, after: how far from the middle of the crossing the scans begin and end, m.
+    mapping_wait: how long the mapping vehicle stands before the crossing, s: there the map is far denser.
+    prior_errors: how far the priors are off; up to 2.5 m and 1.8 degrees if None.
 
-    An OptionError if `n_epochs` is below 1, the seed or `mapping_wait` is negative or the route is too short; a
+    The default has some 4 million map points within 60 m of the mapping vehicle and 27,000 points per scan. An
+    OptionError if `n_epochs` is below 1, the seed or `mapping_wait` is negative or the route is too short; a
     MissingExtraError without embreex; a FileError if `out` exists and `overwrite` is False, or cannot be written.
-
-    Notes
-    -----
-    The default has some 4 million map points within 60 m of the mapping vehicle and 27,000 points per scan.
     """
     if n_epochs < 1:
         raise OptionError(f"Expected at least one epoch, got n_epochs = {n_epochs}. The default is 40.")
@@ -123,33 +111,17 @@ def simulate_campaign(
 ) -> Dataset:
     """Write a seeded campaign: a circuit through an inner city is mapped in rounds, and driven on another day.
 
-    Parameters
-    ----------
-    out : path
-        Folder to write; it appears only when all in it is complete.
-    n_epochs : int
-        How many scans. 3001 are 0.1 s apart and take the 300 s of the round; fewer are chosen from these,
-        spread evenly over the same round.
-    every : float, optional
-        Seconds between two scans, a multiple of 0.1, from the beginning of the round on: for tracking.
-        Without it the scans are spread evenly.
-    is_hard : bool
-        Whether the facades repeat every 3 m, a quarter of the objects that break their period has been removed
+    n_epochs: how many scans. 3001 are 0.1 s apart and take the 300 s of the round; fewer are chosen from these, spread
+        evenly over the same round.
+    every: seconds between two scans, a multiple of 0.1, from the beginning of the round on: for tracking.
+    is_hard: whether the facades repeat every 3 m, a quarter of the objects that break their period has been removed
         since the mapping, and 30 % of the returns are on objects that are not in the map.
-    n_rounds : int
-        How often the circuit is mapped.
-    **options
-        See `DatasetOptions`.
+    n_rounds: how often the circuit is mapped.
 
-    Returns
-    -------
-    Dataset
-        Its priors are `gnss` (slowly changing errors of about 1.2 m, see `draw_gnss_errors`) and `uniform` (independent
-        errors of up to 2.5 m, see `PriorErrors`). Its odometry is of the whole round, ten poses a second, and drifts
-        (see `OdometryErrors`).
-
-    An OptionError if `n_epochs` is not 1 to 3001, or so many scans `every` seconds apart take longer than the round, or
-    if `n_rounds` is below 1 or the seed negative; other errors as of `simulate`.
+    The priors are `gnss` (slowly changing errors of about 1.2 m, see `draw_gnss_errors`) and `uniform` (independent
+    errors of up to 2.5 m, see `PriorErrors`). Odometry is of the whole round, ten poses a second, and drifts (see
+    `OdometryErrors`). An OptionError if `n_epochs` is not 1 to 3001, or so many scans `every` seconds apart take longer
+    than the round, or if `n_rounds` is below 1; other errors as of `simulate`.
     """
     if not 1 <= n_epochs <= MOST_EPOCHS:
         raise OptionError(
@@ -189,20 +161,12 @@ def simulate_suburb(
 ) -> Dataset:
     """Write a seeded suburb: a residential road is mapped there and back, and driven on another day.
 
-    Parameters
-    ----------
-    out : path
-        Folder to write; it appears only when all in it is complete.
-    n_epochs : int
-        How many scans. 601 are 0.1 s apart and take the minute of the drive; fewer are chosen from these,
-        spread evenly over the same drive.
-    road_length : float
-        60 to 2000 m.
-    **options
-        See `DatasetOptions`.
+    n_epochs: how many scans. 601 are 0.1 s apart and take the minute of the drive; fewer are chosen from these, spread
+        evenly over the same drive.
+    road_length: 60 to 2000 m.
 
-    An OptionError if the road has fewer than `n_epochs` epochs, is too short or too long, or the seed is negative;
-    other errors as of `simulate`. The priors of the dataset are those of `simulate_campaign`.
+    The priors are those of `simulate_campaign`. An OptionError if the road has fewer than `n_epochs` epochs, or is too
+    short or too long; other errors as of `simulate`.
     """
     if not 1 <= n_epochs <= n_epochs_on(road_length):
         raise OptionError(

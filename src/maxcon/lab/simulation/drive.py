@@ -5,6 +5,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,14 +15,21 @@ from maxcon.geometry import Pose
 
 Seed = int | Sequence[int]
 """A seed as numpy.random.default_rng takes it; the same seed draws the same."""
+SPEED = 8.0
+"""Of a drive along a route on its straight parts, m/s; it varies by about a fifth."""
+CROSSING_SPEED = 0.7
+"""Speed of a round straight over crossings, as a part of its speed on free stretches."""
+WAITS = (4.0, 15.0)
+"""Shortest and longest wait of a round, s."""
+WANDER = 0.3
+"""Largest distance of a round to the left or right of its circuit, m."""
 STOP_LINE = 9.0
 """Distance from a stop line to the middle of its crossing, m."""
 SLOWEST = 0.4
 """Speed just before and after a halt in a round, m/s."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Route:
+class Route(NamedTuple):
     """The line a vehicle follows.
 
     points: shape (k, 2); (x, y) every few centimetres, city metres.
@@ -67,11 +75,6 @@ class Circuit:
         ways = around[2:] - around[:-2]
         return np.asarray(ways / np.linalg.norm(ways, axis=1, keepdims=True))
 
-    @property
-    def headings(self) -> NDArray[np.float64]:
-        """Direction of travel at each point, shape (k,), rad from +x, without jumps at pi."""
-        return np.unwrap(np.arctan2(self.directions[:, 1], self.directions[:, 0]))
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drive:
@@ -97,70 +100,40 @@ class Drive:
 
 
 def drive_along(
-    route: Route,
-    seed: Seed,
-    *,
-    speed: float = 8.0,
-    slowest: float = 0.12,
-    wait: float = 0.0,
-    height: float = 2.0,
-    start_time: float = 0.0,
+    route: Route, seed: Seed, *, slowest: float = 0.12, wait: float = 0.0, height: float = 2.0, start_time: float = 0.0
 ) -> Drive:
     """Return a drive along `route` that changes speed, slows down for the crossing and sways a little.
 
-    route: the line to follow.
-    seed: of speed and sway: the same seed gives the same drive.
-    speed: on the straight parts, m/s; it varies by about a fifth.
-    slowest: lowest speed, at the crossing, as a part of `speed`, above 0 and up to 1.
-    wait: how long it stands at the crossing, as at a red light, s.
+    slowest: lowest speed, at the crossing, as a part of `SPEED`, above 0 and up to 1.
+    wait: how long it stands at the crossing, as at a red light, s; `OptionError` if below 0.
     height: of the sensor above the carriageway, m.
     start_time: of the first pose, s.
     """
     if not 0.0 <= wait < math.inf:
         raise OptionError(f"Expected a wait of 0 s or more, got {wait}. With 0 the vehicle does not stop.")
-    if not (speed > 0.0 and 0.0 < slowest <= 1.0):
-        raise OptionError(
-            f"Expected a speed above 0 m/s and a slowest part of it above 0 and up to 1, got {speed}"
-            f" and {slowest}. Leave them out for the defaults."
-        )
     rng = np.random.default_rng(seed)
     distances = route.distances
     dip = 1.0 - (1.0 - slowest) * np.exp(-(((distances - route.stop_at) / 6.0) ** 2))
-    speeds = speed * dip * (1.0 + sway(distances, 0.2, (25.0, 80.0), rng))
+    speeds = SPEED * dip * (1.0 + sway(distances, 0.2, (25.0, 80.0), rng))
     drive = _swaying(route.points, start_time + _times(distances, speeds), distances, height, rng)
     if wait == 0.0:
         return drive
     return _with_halts(drive, np.searchsorted(distances, [route.stop_at]), np.array([wait]))
 
 
-@dataclass(frozen=True, slots=True)
-class RoundDriver:
+class RoundDriver(NamedTuple):
     """How a round is driven.
 
     speed: on free stretches, m/s; it varies by up to a fifth.
     turn_speed: in turns, m/s.
-    crossing_speed: speed straight over crossings, as a part of `speed`, 0 to 1.
     acceleration: of starting and braking, m/s^2.
     n_stops: number of turns and crossings before which the vehicle waits.
-    waits: shortest and longest wait, s.
-    wander: largest distance to the left or right of the circuit, m.
     """
 
     speed: float
     turn_speed: float = 3.5
-    crossing_speed: float = 0.7
     acceleration: float = 1.5
     n_stops: int = 0
-    waits: tuple[float, float] = (4.0, 15.0)
-    wander: float = 0.3
-
-    def __post_init__(self) -> None:
-        if not min(self.speed, self.turn_speed, self.crossing_speed, self.acceleration) > 0.0:
-            raise OptionError(
-                "Expected speeds, the part of it at crossings and an acceleration above 0, got"
-                f" {self.speed} m/s, {self.turn_speed} m/s, {self.crossing_speed} and {self.acceleration} m/s^2."
-                " Leave them out for the defaults."
-            )
 
 
 def drive_round(
@@ -172,13 +145,8 @@ def drive_round(
     start_time: float,
     duration: float | None = None,
 ) -> Drive:
-    """Return the drive of `driver` once round `circuit`.
+    """Return the drive of `driver` once round `circuit`: see `drive_along`.
 
-    circuit: the line to follow.
-    driver: speeds and stops.
-    seed: of speed, stops and sway: the same seed gives the same drive.
-    height: of the sensor above the carriageway, m.
-    start_time: of the first pose, s.
     duration: how long the round takes, s: speeds are scaled to fit, waits are not. If None, speeds are not scaled.
     """
     rng = np.random.default_rng(seed)
@@ -186,16 +154,12 @@ def drive_round(
     # Vehicles wait before turns and crossings.
     places = np.sort(np.concatenate([circuit.turns[:, 0], circuit.crossings - STOP_LINE]))
     stops = np.sort(rng.choice(places, min(driver.n_stops, len(places)), replace=False))
-    waits = rng.uniform(*driver.waits, len(stops))
+    waits = rng.uniform(*WAITS, len(stops))
     times = _times(distances, _speeds_round(circuit, driver, stops, rng))
     if duration is not None:
-        if not duration > waits.sum():
-            raise OptionError(
-                f"Expected a round longer than its waits of {waits.sum():.1f} s, got {duration} s. Make it longer."
-            )
         times *= (duration - waits.sum()) / times[-1]
     left = np.column_stack([-circuit.directions[:, 1], circuit.directions[:, 0]])
-    points = circuit.points + left * sway(distances, driver.wander, (40.0, 200.0), rng)[:, None]
+    points = circuit.points + left * sway(distances, WANDER, (40.0, 200.0), rng)[:, None]
     drive = _swaying(points, times, distances, height, rng)
     return _with_halts(drive, np.searchsorted(distances, stops), waits, start_time)
 
@@ -207,9 +171,7 @@ def _speeds_round(
     distances = circuit.distances
     speeds = driver.speed * (1.0 + sway(distances, 0.2, (25.0, 150.0), rng))
     slow_parts = [(begin, end, driver.turn_speed * rng.uniform(0.85, 1.15)) for begin, end in circuit.turns]
-    slow_parts += [
-        (place, place, driver.speed * driver.crossing_speed * rng.uniform(0.7, 1.3)) for place in circuit.crossings
-    ]
+    slow_parts += [(place, place, driver.speed * CROSSING_SPEED * rng.uniform(0.7, 1.3)) for place in circuit.crossings]
     slow_parts += [(place, place, SLOWEST) for place in stops]
     for begin, end, slow in slow_parts:
         away = np.maximum(np.maximum(begin - distances, distances - end), 0.0)
@@ -250,10 +212,7 @@ def _with_halts(drive: Drive, halts: NDArray[np.int64], waits: NDArray[np.float6
 def sway(
     distances: NDArray[np.float64], amplitude: float, wavelengths: tuple[float, float], rng: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Return a smooth random function of the distance (m), shape (k,): a mean of four sines, within +-`amplitude`.
-
-    wavelengths : least and largest, m.
-    """
+    """Return a smooth random function of the distance (m), shape (k,): a mean of four sines, within +-`amplitude`."""
     waves = rng.uniform(*wavelengths, 4)
     phases = rng.uniform(0.0, 2.0 * math.pi, 4)
     sines = np.sin(2.0 * math.pi * distances[:, None] / waves + phases)

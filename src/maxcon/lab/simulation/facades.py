@@ -111,8 +111,7 @@ def draw_town_house(width: float, rng: np.random.Generator, *, shows_left: bool,
 def relief(x_edges: NDArray[np.float64], z_edges: NDArray[np.float64], depths: NDArray[np.float64]) -> Patch:
     """Wall of rectangles, each at its own depth behind y = 0, with faces that close the steps between neighbours.
 
-    x_edges, z_edges: shape (nx + 1,) and (nz + 1,); edges of columns and rows, m, rising.
-    depths: shape (nx, nz); m; negative where a rectangle stands out of the wall. Outside the wall the depth is 0.
+    Edges of columns, (nx + 1,), and of rows, (nz + 1,), rise; depths, (nx, nz), are negative where it stands out, m.
     """
     padded = np.pad(depths, 1)
     i, j = (index.ravel() for index in np.indices(depths.shape))
@@ -176,12 +175,7 @@ def steps(center: float) -> Patch:
 
 
 def balcony(center: float, half: float, out: float, z: float) -> Patch:
-    """Return a balcony: slab, parapet and its two sides.
-
-    center, half: its middle along the front, and half of its width, m.
-    out: how far it stands out, m.
-    z: height of its floor, m.
-    """
+    """Return a balcony of slab and parapets, `half` to either side of `center`, `out` before the front, at `z` (m)."""
     wall = 0.06
     lows = [[center - half, 0.0, z - 0.15], [center - half, out - wall, z]]
     highs = [[center + half, out, z], [center + half, out, z + 1.0]]

@@ -4,6 +4,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -44,8 +45,7 @@ def _bounded(errors: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(bounds - np.abs((errors + bounds) % (4.0 * bounds) - 2.0 * bounds))
 
 
-@dataclass(frozen=True, slots=True)
-class OdometryErrors:
+class OdometryErrors(NamedTuple):
     """Errors of the motions that odometry measures.
 
     scale: relative error of all distances, 0.01 for 1 %; its sign is drawn at random.
@@ -120,13 +120,8 @@ GEOREFERENCING_TIME = 30.0
 """s; two errors this far apart in time correlate by exp(-1/4), and a round apart not at all."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class GeoreferencingErrors:
-    """Errors of a trajectory, and so of the points that were placed by it, over time.
-
-    times: shape (k,); s, rising.
-    offsets: shape (k, 3); what is added to true positions, m.
-    """
+class GeoreferencingErrors(NamedTuple):
+    """Errors of a trajectory, and of the points placed by it: `offsets`, (k, 3), m, are added at `times`, (k,), s."""
 
     times: NDArray[np.float64]
     offsets: NDArray[np.float64]

@@ -24,12 +24,7 @@ ZERO = {"x": 0.0, "y": 0.0, "z": 0.0}
 def record_dataset(dataset: Dataset, kind: RecordingKind) -> Path:
     """Write the scans of a dataset, its first prior and its odometry as a recording into its folder; return the path.
 
-    Raises
-    ------
-    MissingExtraError
-        If the extra `recordings` is not installed.
-    FileError
-        If the recording cannot be written.
+    A MissingExtraError without the extra `recordings`; a FileError if it cannot be written.
     """
     path = dataset.folder / f"drive.{kind.value}"
     odometry = None if dataset.odometry is None else read_trajectory(dataset.odometry)
@@ -45,18 +40,11 @@ def drive_messages(
 ) -> Iterator[Entry]:
     """Yield the messages of a drive in order of time; at equal times poses come before clouds.
 
-    Parameters
-    ----------
-    scans : Scans
-        All their returns are written, with the time of each point where it is known.
-    prior : Trajectory
-        T_map_sensor, written as NavSatFix and Imu.
-    crs : str
-        CRS of the prior's coordinates; heights are taken for ellipsoidal ones, unless the CRS says otherwise.
-    sigma : float
-        Standard deviation along each axis that the receiver states for its positions, m; it states none if 0.
-    odometry : Trajectory, optional
-        T_odometry_sensor, written as Odometry.
+    scans: all their returns are written, with the time of each point where it is known.
+    prior: T_map_sensor, written as NavSatFix and Imu.
+    crs: of the prior's coordinates; heights are taken for ellipsoidal ones, unless the CRS says otherwise.
+    sigma: standard deviation along each axis that the receiver states for its positions, m; it states none if 0.
+    odometry: T_odometry_sensor, written as Odometry.
     """
     poses = _fixes(prior, GeographicFrame(crs), sigma) + ([] if odometry is None else _odometry(odometry))
     poses.sort(key=lambda entry: entry.time)

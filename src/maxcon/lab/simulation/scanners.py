@@ -18,11 +18,7 @@ from maxcon.search.accumulator import NamedOption
 
 
 class Hits(NamedTuple):
-    """Where rays met triangles; rays that met nothing have triangle -1.
-
-    ranges: shape (n,), float32; m; meaningless where nothing was met.
-    triangles: shape (n,), int32; row of the triangle, or -1.
-    """
+    """Ranges, shape (n,), m, and rows of the triangles that rays met, shape (n,); -1 where a ray met nothing."""
 
     ranges: NDArray[np.float32]
     triangles: NDArray[np.int32]
@@ -40,16 +36,10 @@ def check_embreex() -> None:
 
 
 class Caster(Protocol):
-    """A scene that a scanner can cast its rays into.
+    """A scene that a scanner can cast its rays into: normals, shape (t, 3), and classes, (t,), of its triangles."""
 
-    `normals`, shape (t, 3), and `classes`, shape (t,), are those of its triangles, to which `Hits.triangles` are rows.
-    """
-
-    @property
-    def normals(self) -> NDArray[np.float32]: ...  # noqa: D102
-
-    @property
-    def classes(self) -> NDArray[np.uint8]: ...  # noqa: D102
+    normals: NDArray[np.float32]
+    classes: NDArray[np.uint8]
 
     def cast(self, origins: NDArray[np.float32], directions: NDArray[np.float32]) -> Hits: ...  # noqa: D102
 
@@ -310,14 +300,11 @@ TURN_TIME = 0.1
 """Duration of one turn of the scanner, s."""
 
 
-@dataclass(frozen=True, slots=True)
-class DeskewErrors:
+class DeskewErrors(NamedTuple):
     """Bounds of the errors of the motion that a scan is deskewed by: each is uniform within plus and minus its bound.
 
-    speed: relative, 0.02 for 2 %. At 8 m/s the first and the last points of a scan are off by up to 8 mm.
-    turn_rate_deg: of the rotation about the sensor's up axis, degrees per second. With 0.3, points 20 m away at either
-        end of the scan are off by up to 5 mm.
-    tilt_rate_deg: of roll and of pitch, degrees per second. With 0.5, points 20 m away are off by up to 9 mm.
+    The speed is relative, rates are in degrees per second. By default the first and the last points of a scan are off
+    by up to 8 mm at 8 m/s, and by up to 5 mm (heading) and 9 mm (tilt) 20 m away.
     """
 
     speed: float = 0.02

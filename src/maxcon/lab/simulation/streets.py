@@ -4,7 +4,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -51,20 +50,18 @@ class Frontage(NamedTuple):
         return self.u + along * cosine - out * sine, self.v + along * sine + out * cosine
 
 
-@dataclass(frozen=True, slots=True)
-class StreetGrid:
-    """Straight streets that cross at right angles; the default is the grid of the demo.
+class StreetGrid(NamedTuple):
+    """Straight streets that cross at right angles.
 
-    u_lines, v_lines: where streets cross the main street and the cross street, m, rising; both contain 0. By default
-        they are far apart, so that a street looks endless.
+    u_lines, v_lines: where streets cross the main street and the cross street, m, rising; both contain 0.
     carriageway: from a street's centre line to its kerb, m: a lane and a row of parked cars.
     sidewalk: from the kerb to the building line, m.
     no_parking: from the corner of a block to its first parked car, m.
     margin: how far the city continues beyond the outermost streets, m.
     """
 
-    u_lines: tuple[float, ...] = (-150.0, 0.0, 110.0)
-    v_lines: tuple[float, ...] = (-95.0, 0.0, 100.0)
+    u_lines: tuple[float, ...]
+    v_lines: tuple[float, ...]
     carriageway: float = 5.0
     sidewalk: float = 2.75
     no_parking: float = 9.0
@@ -87,10 +84,7 @@ class StreetGrid:
         return np.array([along_u[0], along_v[0], *along_u[1:], *along_v[1:]])
 
     def blocks(self, gap: float | None = None) -> list[Block]:
-        """Return all blocks.
-
-        gap: distance of their sides from the centre lines of the streets around, m; up to the building lines if None.
-        """
+        """Return all blocks, `gap` (m) from the centre lines of the streets around; if None, up to building lines."""
         away = self.half_width if gap is None else gap
         return [Block(*u, *v) for u in self._intervals(self.u_lines, away) for v in self._intervals(self.v_lines, away)]
 
@@ -126,14 +120,15 @@ class StreetGrid:
 
 
 def in_city(places: NDArray[np.float64], street_angle: float) -> NDArray[np.float64]:
-    """Return places (u, v) in the frame of a grid, shape (..., 2), as (x, y) in that of its city, m.
-
-    street_angle : direction of the main street, rad, counter-clockwise from +x.
-    """
+    """Return places (u, v) in the frame of a grid, shape (..., 2), as (x, y) in that of its city, m."""
     cosine, sine = math.cos(street_angle), math.sin(street_angle)
     return np.asarray(places @ np.array([[cosine, sine], [-sine, cosine]]))
 
 
+STREET_ANGLE = math.radians(31.0)
+"""Direction of the main street of a city, rad, counter-clockwise from +x: nothing is parallel to an axis."""
+DEMO_GRID = StreetGrid(u_lines=(-150.0, 0.0, 110.0), v_lines=(-95.0, 0.0, 100.0))
+"""Streets so far apart that they look endless."""
 CAMPAIGN_GRID = StreetGrid(
     u_lines=(-150.0, -66.0, 0.0, 81.0, 156.0),
     v_lines=(-144.0, -81.0, 0.0, 69.0, 147.0),
@@ -160,14 +155,13 @@ START = 42.0
 def circuit_through(
     corners: Sequence[tuple[int, int]] = CAMPAIGN_CORNERS,
     grid: StreetGrid = CAMPAIGN_GRID,
-    street_angle: float = 0.0,
+    street_angle: float = STREET_ANGLE,
     lane: float = 0.9,
 ) -> Circuit:
     """Return the circuit that turns at `corners`, driven in the right lane.
 
     corners: indices into `grid.u_lines` and `grid.v_lines`; successive corners share one of the two.
-    grid: the streets.
-    street_angle: direction of the main street, rad, counter-clockwise from +x.
+    street_angle: direction of the main street, rad.
     lane: distance of the circuit to the right of the centre line, m.
     """
     places = np.array([[grid.u_lines[i], grid.v_lines[j]] for i, j in corners])

@@ -84,9 +84,7 @@ class ResidentialRoad:
     def laid(self, patch: Patch, along: float, left: float, heading: float = 0.0) -> Patch:
         """Return `patch` bent to follow the road and the slopes of the ground, as fences and hedges do.
 
-        patch: x along the road, y to the left, z above the ground, m, before it is turned by `heading`.
-        along, left: place of its origin, m.
-        heading: counter-clockwise from the direction of the road, rad.
+        Its x is along the road, y to the left and z above the ground, m, before it is turned by `heading` (rad).
         """
         turned = patch.placed(along, left, heading=heading).corners
         level = self.places(turned[..., 0], turned[..., 1])
@@ -94,10 +92,7 @@ class ResidentialRoad:
         return Patch(np.concatenate([level, heights[..., None]], axis=-1), patch.classes)
 
     def stood(self, patch: Patch, along: float, left: float, heading: float = 0.0) -> Patch:
-        """Return `patch` rigid and upright, as houses stand, its origin on the ground at `along` and `left` (m).
-
-        heading : counter-clockwise from the direction of the road, rad.
-        """
+        """Return `patch` rigid and upright, as houses stand, its origin on the ground; `heading` is from the road's."""
         (x, y), z = self.places(along, left).tolist(), float(self.ground_heights(along, left))
         return patch.placed(x, y, z, float(np.interp(along, self.alongs, self.headings)) + heading)
 
@@ -118,12 +113,10 @@ class ResidentialRoad:
         return quads(grid_faces(grid), LasClass.GROUND)
 
     def route(self, lane: float, seed: Seed, *, start: float = 0.0, is_back: bool = False) -> Route:
-        """Return a route along the road.
+        """Return a route along the road, or back: it wanders by up to 0.2 m, and a vehicle slows down at some place.
 
-        lane: its distance to the left of the centre line, m; it wanders by up to 0.2 m.
-        seed: of where it wanders, and of where a vehicle slows down.
+        lane: its distance to the left of the centre line, m.
         start: how far before the begin of the road it begins, and after the end of the road it ends, m.
-        is_back: whether it runs from the end to the begin.
         """
         rng = np.random.default_rng(seed)
         along = np.arange(-start, self.length + start, 0.05)
@@ -133,10 +126,7 @@ class ResidentialRoad:
         return Route(points[::-1] if is_back else points, slows_at)
 
     def on_ground(self, drive: Drive) -> Drive:
-        """Return a drive on level ground moved onto this ground: heights are added, and its slopes to pitch and roll.
-
-        Positions, city metres, must lie within `BEYOND` of the road.
-        """
+        """Return a drive on level ground moved onto this one: heights are added, and its slopes to pitch and roll."""
         along, left = self.addresses(drive.positions[:, :2])
         turn = np.cos(drive.angles[:, 2] - np.interp(along, self.alongs, self.headings))
         forward = np.where(turn > 0.0, 1.0, -1.0)

@@ -4,6 +4,7 @@
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -14,14 +15,11 @@ from maxcon.geometry import Pose, rotation_matrices
 from maxcon.lab.simulation.drive import Seed
 from maxcon.lab.simulation.furniture import OCTAGON, LasClass, Patch, boxes, draw_car, join, prism
 from maxcon.lab.simulation.scanners import Caster, Hits, RayCaster, RotatingScanner
-from maxcon.lab.simulation.streets import KERB_HEIGHT, StreetGrid, in_city
+from maxcon.lab.simulation.streets import KERB_HEIGHT, STREET_ANGLE, StreetGrid, in_city
 
 
 class RoadUserShape:
-    """The shape of a road user, made ready for casting rays; it stands on the origin and faces along x.
-
-    patch: its triangles, m; all are taken for class VEHICLE.
-    """
+    """The shape of a road user, made ready for casting rays; it stands on the origin and faces along x."""
 
     def __init__(self, patch: Patch) -> None:
         self.half_length, self.half_width, self.height = np.abs(patch.corners).max(axis=(0, 1)).tolist()
@@ -65,11 +63,7 @@ class RoadUser(NamedTuple):
 
 
 class CrowdedCaster:
-    """A city with road users in it, for one scan.
-
-    caster: the city.
-    road_users: those around the car; their triangles follow those of the city, one road user after the other.
-    """
+    """A city with road users in it, for one scan; their triangles follow those of the city, user after user."""
 
     def __init__(self, caster: Caster, road_users: Sequence[RoadUser]) -> None:
         self._caster = caster
@@ -96,31 +90,26 @@ class CrowdedCaster:
         return Hits(ranges, triangles)
 
 
-def draw_vehicle_shape(rng: np.random.Generator) -> RoadUserShape:
+def draw_vehicle(rng: np.random.Generator) -> Patch:
     """Return a car, a van or a lorry, drawn at random."""
     if rng.random() < 0.5:
-        return RoadUserShape(draw_car(rng)[0])
-    half, height = rng.uniform(2.6, 4.0), rng.uniform(2.6, 3.3)
-    width = rng.uniform(1.0, 1.15)
+        return draw_car(rng)[0]
+    half, height, width = rng.uniform(2.6, 4.0), rng.uniform(2.6, 3.3), rng.uniform(1.0, 1.15)
     lows = [[-half, -width, 0.5], [half - 1.6, -width + 0.05, 0.4]]
     highs = [[half - 1.7, width, height], [half, width - 0.05, 2.4]]
     for x in (1.0 - half, half - 1.0):
         lows.append([x - 0.45, -width + 0.05, 0.0])
         highs.append([x + 0.45, width - 0.05, 0.5])
-    return RoadUserShape(boxes(lows, highs, LasClass.VEHICLE))
+    return boxes(lows, highs, LasClass.VEHICLE)
 
 
-def draw_pedestrian_shape(rng: np.random.Generator) -> RoadUserShape:
+def draw_pedestrian(rng: np.random.Generator) -> Patch:
     """Return a person of 1.5 to 1.95 m: legs and body, shoulders, head."""
     height = rng.uniform(1.5, 1.95)
-    parts = (
-        (0.14, 0.2, 0.0, 0.5 * height),
-        (0.16, 0.26, 0.5 * height, height - 0.27),
-        (0.1, 0.09, height - 0.27, height),
-    )
-    return RoadUserShape(
-        join([prism(OCTAGON * [depth, width], low, top, LasClass.VEHICLE) for depth, width, low, top in parts])
-    )
+    edges = (0.0, 0.5 * height, height - 0.27, height)
+    halves = ([0.14, 0.2], [0.16, 0.26], [0.1, 0.09])
+    parts = zip(halves, pairwise(edges), strict=True)
+    return join([prism(OCTAGON * half, *between, LasClass.VEHICLE) for half, between in parts])
 
 
 UNMAPPED_RATIO = 0.3
@@ -158,20 +147,17 @@ class _Rectangle(NamedTuple):
 
 
 class Traffic:
-    """Vehicles and pedestrians in the streets of a grid, drawn anew for each scan.
+    """Vehicles and pedestrians in the streets of a grid, drawn anew for each scan; the seed is of their shapes.
 
-    grid: the streets: vehicles keep to their right lanes, pedestrians to the sidewalks and their prolongations over the
-        crossings, so that they overlap neither houses nor parked cars.
-    street_angle: direction of the main street, rad, counter-clockwise from +x.
-    seed: of the shapes.
+    Vehicles keep to their right lanes, pedestrians to the sidewalks and their prolongations over the crossings, so that
+    they overlap neither houses nor parked cars.
     """
 
-    def __init__(self, grid: StreetGrid, street_angle: float, seed: Seed) -> None:
+    def __init__(self, grid: StreetGrid, seed: Seed) -> None:
         rng = np.random.default_rng(seed)
         self._grid = grid
-        self._street_angle = street_angle
-        self._vehicles = [draw_vehicle_shape(rng) for _ in range(40)]
-        self._pedestrians = [draw_pedestrian_shape(rng) for _ in range(20)]
+        self._vehicles = [RoadUserShape(draw_vehicle(rng)) for _ in range(40)]
+        self._pedestrians = [RoadUserShape(draw_pedestrian(rng)) for _ in range(20)]
 
     def draw(
         self,
@@ -181,19 +167,15 @@ class Traffic:
         rng: np.random.Generator,
         ratio: float = UNMAPPED_RATIO,
     ) -> list[RoadUser]:
-        """Return road users for one scan.
+        """Return road users for one scan from `pose` (T_city_sensor) in a city with parked cars.
 
-        caster: the city on the day of the scan with its parked cars.
-        scanner: on the car.
-        pose: of the scanner, T_city_sensor.
-        rng: draws their places.
-        ratio: road users are added one by one until this ratio of the returns, before dropouts, is on triangles of
-            class VEHICLE: theirs, or those of parked cars. Where parked cars alone exceed it, none is added.
+        They are added one by one until this `ratio` of the returns, before dropouts, is on triangles of class VEHICLE:
+        theirs, or those of parked cars. Where parked cars alone exceed it, none is added.
         """
         view = _View(caster, scanner, pose)
         found: list[RoadUser] = []
         taken: list[_Rectangle] = []
-        ego_u, ego_v = in_city(pose.position[:2], -self._street_angle).tolist()
+        ego_u, ego_v = in_city(pose.position[:2], -STREET_ANGLE).tolist()
         for _ in range(MOST_TRIES):
             if view.ratio >= ratio:
                 break
@@ -228,8 +210,8 @@ class Traffic:
         across = line + to_right * side
         at_u, at_v = (place, across) if runs_along_u else (across, place)
         heading = (0.0 if runs_along_u else 0.5 * math.pi) + (0.0 if is_forward else math.pi)
-        x, y = in_city(np.array([at_u, at_v]), self._street_angle).tolist()
-        user = RoadUser(shape, x, y, 0.0 if is_vehicle else KERB_HEIGHT, heading + self._street_angle)
+        x, y = in_city(np.array([at_u, at_v]), STREET_ANGLE).tolist()
+        user = RoadUser(shape, x, y, 0.0 if is_vehicle else KERB_HEIGHT, heading + STREET_ANGLE)
         halves = (shape.half_length, shape.half_width)
         return user, _Rectangle(at_u, at_v, *(halves if runs_along_u else halves[::-1]))
 

@@ -30,7 +30,7 @@ from maxcon.lab.simulation.scanners import (
     check_embreex,
     scan_moving,
 )
-from maxcon.lab.simulation.streets import CAMPAIGN_GRID, circuit_through, route_over_crossing
+from maxcon.lab.simulation.streets import CAMPAIGN_GRID, STREET_ANGLE, circuit_through, route_over_crossing
 from maxcon.lab.simulation.suburb_ground import ResidentialRoad, draw_road
 from maxcon.lab.simulation.suburb_scene import suburb_on_day
 from maxcon.lab.simulation.traffic import CrowdedCaster, Traffic
@@ -201,18 +201,13 @@ class SimulatedWorld(World):
 
     @classmethod
     def build(cls, seed: int, before: float = 75.0, after: float = 50.0, mapping_wait: float = 0.0) -> Self:
-        """Return the world of `seed`.
-
-        The scans begin `before` and end `after` (m) from the middle of the crossing; the mapping vehicle stops in front
-        of it for `mapping_wait` (s).
-        """
+        """Return the world of `seed`; distances are from the middle of the crossing: see `simulate`."""
         _check_seed(seed)
         city = build_city(cls._stream(seed, "city"))
-        angle = city.street_angle
-        route = route_over_crossing(angle, before, after)
+        route = route_over_crossing(STREET_ANGLE, before, after)
         map_routes = (
-            route_over_crossing(angle, before + MAP_BEYOND, after + MAP_BEYOND, lane=1.7),
-            route_over_crossing(angle + math.pi, *MAP_BRANCHES, lane=1.6),
+            route_over_crossing(STREET_ANGLE, before + MAP_BEYOND, after + MAP_BEYOND, lane=1.7),
+            route_over_crossing(STREET_ANGLE + math.pi, *MAP_BRANCHES, lane=1.6),
         )
         drives: list[Drive] = []
         for i, (map_route, wait) in enumerate(zip(map_routes, (mapping_wait, 0.0), strict=True)):
@@ -271,11 +266,7 @@ class CampaignWorld(World):
 
     @classmethod
     def build(cls, seed: int, n_rounds: int = 5, *, is_hard: bool = False) -> Self:
-        """Return the world of `seed`, mapped in `n_rounds`.
-
-        is_hard: whether the facades are periodic, a quarter of the items before them is gone on the day of the scans,
-            cars are parked more densely, and 30 % of the returns of each scan are on vehicles and pedestrians.
-        """
+        """Return the world of `seed`, mapped in `n_rounds`; what `is_hard` means stands at `simulate_campaign`."""
         _check_seed(seed)
         if n_rounds < 1:
             raise OptionError(f"Expected at least one round of mapping, got {n_rounds}. The default is 5.")
@@ -288,7 +279,7 @@ class CampaignWorld(World):
         scan_city = scan_city.with_parked_cars(
             cls._stream(seed, "cars of scans"), HARD_OCCUPANCY if is_hard else OCCUPANCY
         )
-        circuit = circuit_through(street_angle=map_city.street_angle)
+        circuit = circuit_through()
         drives: list[Drive] = []
         for i in range(n_rounds):
             rng = np.random.default_rng(cls._stream(seed, "map drive", i, 0))
@@ -301,7 +292,6 @@ class CampaignWorld(World):
             start, stream = _next_start(drives), cls._stream(seed, "map drive", i, 1)
             drives.append(drive_round(circuit, driver, stream, height=MAP_HEIGHT, start_time=start))
         errors = _georeferencing(drives, cls._stream(seed, "georeferencing"))
-        angle = map_city.street_angle
         return cls(
             seed=seed,
             mapping=MappingDrives(RayCaster(map_city), drives, cls._stream(seed, "map noise"), errors),
@@ -310,7 +300,7 @@ class CampaignWorld(World):
             n_epochs_of_drive=MOST_EPOCHS,
             scan_city=scan_city,
             circuit=circuit,
-            traffic=Traffic(CAMPAIGN_GRID, angle, cls._stream(seed, "road users")) if is_hard else None,
+            traffic=Traffic(CAMPAIGN_GRID, cls._stream(seed, "road users")) if is_hard else None,
         )
 
     def again(self, drive_number: int, day: int = 1) -> Self:

@@ -1,0 +1,134 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""The campaign before it is written: rounds, epochs, priors, and what changed between the days."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from maxcon.errors import OptionError
+from maxcon.geometry import wrap_angle
+from maxcon.lab.simulation import CampaignWorld, LasClass, ProfileScanner
+
+THIN = (ProfileScanner(line_rate=1.0, points_per_line=90),)
+
+
+@pytest.fixture(scope="module")
+def everything(campaign):
+    """All epochs of the round."""
+    return campaign.epochs(3001)
+
+
+def test_the_round_takes_300_s_and_ends_where_it_began(campaign, everything):
+    drive = campaign.scan_drive
+    assert drive.times[-1] - drive.times[0] == pytest.approx(300.0, abs=1e-6)
+    assert np.linalg.norm(drive.positions[-1] - drive.positions[0]) < 0.7  # it wanders in its lane
+    assert abs(wrap_angle(drive.angles[-1, 2] - drive.angles[0, 2])) < np.radians(3.0)
+    times = np.array([epoch.time for epoch in everything])
+    assert len(times) == 3001
+    np.testing.assert_allclose(np.diff(times), 0.1, atol=1e-6)
+    places = np.array([epoch.reference.position for epoch in everything])
+    assert np.linalg.norm(np.diff(places, axis=0), axis=1).max() < 0.7
+
+
+@pytest.mark.parametrize("n_epochs", [1, 2, 7, 200, 3000])
+def test_fewer_epochs_are_some_of_all_over_the_same_round(campaign, everything, n_epochs):
+    some = campaign.epochs(n_epochs)
+    assert all(epoch == everything[epoch.tick] for epoch in some)
+    ticks = [epoch.tick for epoch in some]
+    assert len(set(ticks)) == n_epochs
+    assert (ticks[0], ticks[-1]) == (0, 3000 if n_epochs > 1 else 0)
+    assert n_epochs < 3 or np.ptp(np.diff(ticks)) <= 1
+
+
+@pytest.mark.parametrize(("name", "bound"), [("gnss_priors", 2.7), ("uniform_priors", 2.5)])
+def test_priors_are_off_by_their_errors_whatever_the_number_of_epochs(campaign, everything, name, bound):
+    priors = getattr(campaign, name)
+    few, all_priors = campaign.epochs(4), priors(everything)
+    assert priors(few) == [all_priors[epoch.tick] for epoch in few]
+    off = np.array([prior.values - epoch.reference.values for prior, epoch in zip(all_priors, everything, strict=True)])
+    assert 0.8 < np.abs(off[:, :2]).max() <= bound
+    assert np.abs(off[:, 2]).max() <= 0.04
+    assert 0.2 < np.degrees(np.abs(wrap_angle(off[:, 5]))).max() <= 1.8 + 1e-9
+    step = np.median(np.linalg.norm(np.diff(off[:, :2], axis=0), axis=1))
+    assert step < 0.3 if name == "gnss_priors" else step > 1.0  # slowly, or at once
+
+
+def test_five_rounds_of_differing_speed_lie_decimetres_apart(campaign):
+    drives = campaign.mapping.drives
+    assert len(drives) == 5
+    durations = np.array([drive.times[-1] - drive.times[0] for drive in drives])
+    means = campaign.circuit.length / durations
+    assert ((means > 5.5) & (means < 9.0)).all()
+    assert np.diff(np.sort(durations)).min() > 0.5
+    assert all(late.times[0] > early.times[-1] for early, late in pairwise(drives))
+    away = []
+    for drive in drives:
+        positions, _ = drive.at(np.arange(drive.times[0], drive.times[-1], 0.5))
+        speeds = np.linalg.norm(np.diff(positions, axis=0), axis=1) / 0.5
+        assert np.percentile(speeds, 95) > 2.0 * np.percentile(speeds, 5)
+        away.append(np.linalg.norm(campaign.circuit.points[:, None] - positions[None, :5, :2], axis=2).min(axis=0))
+    assert 0.02 < np.mean(away) < 0.3
+
+
+def test_rounds_are_off_by_2_cm_and_points_as_much_as_the_trajectory(campaign):
+    mapping, errors = campaign.mapping, campaign.mapping.georeferencing
+    pieces, true_mapping = mapping.pieces(THIN), replace(mapping, georeferencing=None)
+    for true, placed in zip(true_mapping.returns(pieces), mapping.returns(pieces), strict=True):
+        offsets = errors.at(true.times)
+        np.testing.assert_allclose(placed.points - true.points, offsets, atol=1e-9)
+        np.testing.assert_array_equal(placed.classes, true.classes)
+        assert 0.0 < np.abs(offsets).max() < 0.1
+    (times, poses), (_, true_poses) = mapping.poses(), true_mapping.poses()
+    for row in range(0, len(times), 5000):
+        np.testing.assert_allclose(
+            poses[row].position - true_poses[row].position, errors.at([times[row]])[0], atol=1e-9
+        )
+    between = np.array([errors.at(drive.times[0] + np.arange(0.0, 160.0, 40.0)) for drive in mapping.drives])
+    assert 0.012 < between.std(axis=0).mean() < 0.028
+
+
+def test_parked_cars_have_moved_and_none_is_in_the_way(campaign):
+    days = campaign.mapping.caster.city, campaign.scan_caster.city
+    cars = [city.corners[city.classes == LasClass.VEHICLE] for city in days]
+    assert min(len(car) for car in cars) > 50_000  # 100 and more triangles each
+    assert len(np.intersect1d(cars[0][:, 0, 0], cars[1][:, 0, 0])) == 0
+    np.testing.assert_array_equal(*(city.corners[city.classes != LasClass.VEHICLE] for city in days))
+    middles = cars[1].mean(axis=1)[:, :2]
+    for place in campaign.circuit.points[::100]:
+        assert np.linalg.norm(middles - place, axis=1).min() > 0.9
+
+
+def test_a_scan_is_the_same_whichever_others_are_taken(campaign, everything, thin_scanner):
+    first, second, other = (
+        campaign.scan(epoch, thin_scanner) for epoch in (campaign.epochs(3)[1], everything[1500], everything[1501])
+    )
+    np.testing.assert_array_equal(first.points, second.points)
+    assert not np.array_equal(other.points[:20], first.points[:20])
+
+
+def test_wrong_worlds_are_refused():
+    with pytest.raises(OptionError, match="Expected a seed of 0 or more, got -1"):
+        CampaignWorld.build(-1)
+    with pytest.raises(OptionError, match="Expected at least one round of mapping, got 0"):
+        CampaignWorld.build(1, 0)
+
+
+def test_the_car_comes_again_on_the_same_day_and_on_another(campaign):
+    same, other = campaign.again(1), campaign.again(2, day=2)
+    assert same.scan_caster is campaign.scan_caster
+    assert other.scan_drive.times[0] - campaign.scan_drive.times[0] == pytest.approx(86_400.0)
+    epochs = [world.epochs(5) for world in (campaign, same, other)]
+    assert len({epoch[2].reference for epoch in epochs}) == 3
+    cities = [world.scan_caster.city for world in (campaign, other)]
+    cars = [city.corners[city.car_numbers >= 0] for city in cities]
+    assert cars[0].shape != cars[1].shape or (cars[0] != cars[1]).any()
+    np.testing.assert_array_equal(*(city.corners[city.car_numbers < 0] for city in cities))
+    again = campaign.again(0)
+    assert again.epochs(5) == epochs[0]
+    assert again.gnss_priors(epochs[0]) == campaign.gnss_priors(epochs[0]) != same.gnss_priors(epochs[0])
+    for number, day in ((-1, 1), (0, 0)):
+        with pytest.raises(OptionError, match="number of a drive"):
+            campaign.again(number, day)

@@ -1,0 +1,163 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Streets and cities: seeded, turned, with every class; facades that repeat; cars and items that change."""
+
+import numpy as np
+import pytest
+
+from maxcon.lab.simulation import CAMPAIGN_GRID, LasClass, StreetGrid, build_city
+from maxcon.lab.simulation.city import build_periodic_city, periodic_front
+from maxcon.lab.simulation.facades import relief
+from maxcon.lab.simulation.furniture import boxes
+from maxcon.lab.simulation.streets import DEMO_GRID, STREET_ANGLE
+
+CROSS = StreetGrid(u_lines=(0.0,), v_lines=(0.0,), carriageway=4.0, sidewalk=2.0, margin=30.0)
+VEHICLES = LasClass.VEHICLE
+
+
+def _normals(patch):
+    """Normals of triangles, twice as long as their areas."""
+    return np.cross(patch.corners[:, 1] - patch.corners[:, 0], patch.corners[:, 2] - patch.corners[:, 0])
+
+
+def test_one_crossing_has_four_blocks_with_two_frontages_each():
+    blocks, sides = CROSS.blocks(), CROSS.frontages()
+    assert len(blocks) == 4
+    assert {(block.u_low, block.u_high) for block in blocks} == {(-30.0, -6.0), (6.0, 30.0)}
+    assert [side.length for side in sides] == [24.0] * 8
+    for side in sides:
+        (u, v), (to_u, to_v) = side.point(12.0, 0.0), side.point(12.0, 6.0)
+        assert min(abs(u), abs(v)) == pytest.approx(6.0)
+        assert min(abs(to_u), abs(to_v)) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_sidewalks_are_a_kerb_high():
+    corners = CROSS.ground().corners.reshape(-1, 3)
+    assert np.abs(corners[corners[:, 2] == 0.12, :2]).min() == 4.0
+    assert np.abs(corners[:, :2]).max() == 30.0
+    assert set(corners[:, 2]) == {-0.1, 0.0, 0.12}
+
+
+def test_streets_of_the_campaign_are_narrower_its_blocks_denser_and_its_lines_multiples_of_3_m():
+    assert CAMPAIGN_GRID.half_width < DEMO_GRID.half_width
+    assert np.diff(CAMPAIGN_GRID.u_lines).max() < np.diff(DEMO_GRID.u_lines).min()
+    assert len(np.unique(np.diff(CAMPAIGN_GRID.u_lines))) == 4
+    lengths = np.array([[side.u, side.v, side.length] for side in CAMPAIGN_GRID.frontages()]) / 3.0
+    np.testing.assert_allclose(lengths, np.round(lengths), atol=1e-9)
+
+
+def test_box_and_relief_have_the_surfaces_they_should():
+    box = _normals(boxes([[0.0, 0.0, 0.0]], [[1.0, 2.0, 3.0]], LasClass.POLE))
+    assert 0.5 * np.linalg.norm(box, axis=1).sum() == pytest.approx(2 * (2 + 3 + 6))
+    window = relief(np.arange(4.0), np.arange(4.0), np.pad([[0.2]], 1))
+    areas = 0.5 * np.abs(_normals(window)).sum(axis=0)
+    np.testing.assert_allclose(areas, [2 * 0.2, 9.0, 2 * 0.2])  # two reveals, the wall with its pane, lintel and sill
+    assert np.isclose(window.corners[:, :, 1].min(), -0.2)
+
+
+def test_same_seed_same_city():
+    first, second, other = (build_city(seed, CROSS) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first.corners, second.corners)
+    np.testing.assert_array_equal(first.classes, second.classes)
+    assert first.corners.shape != other.corners.shape or not np.array_equal(first.corners, other.corners)
+    main, cross = (line[1] - line[0] for line in first.street_lines[:2])
+    assert np.isclose(np.arctan2(main[1], main[0]), STREET_ANGLE)
+    assert np.isclose(main @ cross, 0.0, atol=1e-9)
+
+
+def test_every_class_is_there_and_no_facade_is_parallel_to_an_axis(city):
+    assert set(np.unique(city.classes)) == set(LasClass) - {LasClass.UNCLASSIFIED}
+    assert np.abs(city.corners).max() < 400.0  # finite, and float32 is good to 0.03 mm there
+    normals = _normals(city)
+    lengths = np.linalg.norm(normals, axis=1)
+    upright = (city.classes == LasClass.BUILDING) & (np.abs(normals[:, 2]) < 1e-6 * lengths) & (lengths > 1.0)
+    assert upright.sum() > 1000
+    assert (np.abs(normals[upright, :2]) / lengths[upright, None]).min() > 0.4
+
+
+def test_parked_cars_change_and_nothing_else():
+    city = build_city(1, CROSS)
+    monday, tuesday = city.with_parked_cars(1), city.with_parked_cars(2)
+    np.testing.assert_array_equal(monday.corners, tuesday.with_parked_cars(1).corners)
+    assert (monday.classes == VEHICLES).sum() != (tuesday.classes == VEHICLES).sum()
+    np.testing.assert_array_equal(*(one.corners[one.classes != VEHICLES] for one in (monday, tuesday)))
+    assert not (city.with_parked_cars(1, occupancy=0.0).classes == VEHICLES).any()
+
+
+def test_every_triangle_of_a_car_has_its_number(city):
+    np.testing.assert_array_equal(city.car_numbers >= 0, city.classes == VEHICLES)
+    assert set(np.unique(city.car_numbers)) == set(range(-1, city.car_numbers.max() + 1))
+    assert np.ptp(city.corners[city.car_numbers == 0].reshape(-1, 3)[:, :2], axis=0).max() < 6.0
+
+
+def test_cars_stand_at_the_kerbs(city):
+    cars = city.corners[city.classes == VEHICLES].reshape(-1, 3)[:, :2]
+    along = cars @ np.array([np.cos(STREET_ANGLE), np.sin(STREET_ANGLE)])
+    across = np.abs(cars @ np.array([-np.sin(STREET_ANGLE), np.cos(STREET_ANGLE)]))
+    offset = across[(across < 20.0) & (along > -120.0) & (along < -20.0)]
+    assert offset.min() > 2.3  # the lane stays free
+    assert offset.max() < 5.4
+
+
+@pytest.fixture(scope="module")
+def periodic_city():
+    return build_periodic_city(1)
+
+
+def _triangles(corners):
+    """Triangles as a set: corners in order of their coordinates, rounded to the millimetre."""
+    rows = np.round(corners.reshape(len(corners), -1), 3).astype(np.float32) + np.float32(0.0)
+    return {tuple(row) for row in rows.tolist()}
+
+
+def _wall(length):
+    """The front without its roof, which is mitred at the corners."""
+    corners = periodic_front(length).corners
+    return corners[corners[..., 2].max(axis=1) <= 13.8 + 1e-9]
+
+
+def test_relief_of_a_front_is_real_and_repeats_every_3_m():
+    wall = _wall(27.0)
+    np.testing.assert_allclose(np.unique(np.round(wall[..., 1], 3)), [-0.18, 0.0, 0.2])
+    inner = wall[(wall[..., 0].min(axis=1) > 2.9) & (wall[..., 0].max(axis=1) < 21.1)]
+    assert len(inner) > 500
+    for n_periods in (1, 2):
+        assert _triangles(inner + np.array([3.0 * n_periods, 0.0, 0.0])) <= _triangles(wall)
+    for shift in (1.0, 1.5, 2.0):
+        assert len(_triangles(inner + np.array([shift, 0.0, 0.0])) & _triangles(wall)) < 0.2 * len(inner)
+    for length in (9.0, 10.0):
+        x = _wall(length)[..., 0]
+        assert (x.min(), x.max()) == (0.0, length)
+
+
+def test_facades_keep_the_period_along_the_whole_street_whatever_the_seed(periodic_city):
+    fabric = periodic_city.fabric
+    fronts = fabric.corners[fabric.classes == LasClass.BUILDING]
+    v = CAMPAIGN_GRID.v_lines[0] + CAMPAIGN_GRID.half_width
+    on_line = np.abs(fronts[..., 1] - v + 0.2).max(axis=1) < 1e-6  # pilasters of one side of the first street
+    edges = np.unique(np.round(fronts[on_line][..., 0], 6))
+    assert np.ptp(edges) > 300.0
+    assert set(np.round(edges % 3.0, 6) % 3.0) == {0.0, 0.25, 2.75}
+    one, other = (build_periodic_city(seed, CROSS) for seed in (1, 2))
+    np.testing.assert_array_equal(one.fabric.corners, other.fabric.corners)
+    assert not np.array_equal(one.items[0].corners, other.items[0].corners)
+
+
+def test_items_have_every_class_and_keep_no_period(periodic_city):
+    classes = {int(value) for item in periodic_city.items for value in np.unique(item.classes)}
+    assert classes == set(LasClass) - {LasClass.UNCLASSIFIED, LasClass.GROUND, LasClass.VEHICLE}
+    middles = np.array([item.corners.mean(axis=(0, 1))[0] for item in periodic_city.items])
+    counts, _ = np.histogram(middles % 3.0, bins=6, range=(0.0, 3.0))
+    assert counts.min() > 0.08 * len(middles)
+    assert len(np.unique(np.round(middles, 3))) > 0.4 * len(middles)
+
+
+def test_a_quarter_of_the_items_goes_and_nothing_else():
+    city = build_periodic_city(1, CROSS._replace(margin=60.0))
+    gone = city.draw_gone(5)
+    assert len(gone) == round(0.25 * len(city.items))
+    assert gone == city.draw_gone(5)
+    assert gone != city.draw_gone(6)
+    before, after = city.city(), city.city(gone)
+    assert len(before) - len(after) == sum(len(city.items[number]) for number in gone)
+    assert _triangles(after.corners) < _triangles(before.corners)

@@ -1,0 +1,243 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""What scanners measure, held against the triangles they hit; their layouts; scans from a vehicle that moves."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from maxcon.errors import MissingExtraError, OptionError
+from maxcon.lab.simulation import (
+    DeskewErrors,
+    Drive,
+    LasClass,
+    ProfileScanner,
+    RayCaster,
+    RotatingScanner,
+    ScannerLayout,
+    scan_moving,
+)
+from maxcon.lab.simulation.streets import STREET_ANGLE
+
+
+def _distances_to_hit_planes(returns, caster):
+    """Signed distance of each point from the plane of the triangle it hit, and the cosine of incidence."""
+    first_corners = caster.city.corners[returns.triangles, 0]
+    normals = caster.normals[returns.triangles].astype(float)
+    rays = returns.points - returns.origins
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    distances = np.einsum("ij,ij->i", returns.points - first_corners, normals)
+    return distances, np.einsum("ij,ij->i", rays, normals)
+
+
+def _rng(seed=0):
+    return np.random.default_rng(seed)
+
+
+@pytest.fixture(scope="module")
+def epoch(world):
+    return world.epochs(3)[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "n_layers", "lowest", "highest", "n_columns"),
+    [
+        ("vlp-16", 16, -15.0, 15.0, 1800),
+        ("vlp-32c", 32, -25.0, 15.0, 1800),
+        ("hdl-64e", 64, -24.33, 2.0, 2083),
+        ("os1-64", 64, -22.5, 22.5, 1024),
+    ],
+)
+def test_layers_and_columns_by_name(name, n_layers, lowest, highest, n_columns):
+    scanner = ScannerLayout.parse(name).scanner()
+    elevations = np.degrees(scanner.elevations)
+    assert len(elevations) == n_layers
+    assert (np.diff(elevations) > 0.0).all()
+    np.testing.assert_allclose(elevations[[0, -1]], [lowest, highest])
+    assert scanner.n_columns == n_columns
+    assert scanner.directions.shape == (n_columns * n_layers, 3)
+    np.testing.assert_allclose(np.linalg.norm(scanner.directions, axis=1), 1.0)
+
+
+def test_layers_are_spaced_as_the_data_sheets_say():
+    scanner = ScannerLayout.VLP_16.scanner()
+    assert scanner == RotatingScanner()
+    np.testing.assert_allclose(np.degrees(scanner.elevations), np.arange(-15.0, 16.0, 2.0))
+    np.testing.assert_allclose(scanner.directions[7], [np.cos(np.radians(1)), 0.0, np.sin(np.radians(-1))])
+    elevations = np.degrees(ScannerLayout.VLP_32C.scanner().elevations)
+    assert (np.abs(elevations) < 3.5).sum() == 18
+    np.testing.assert_allclose(elevations[[1, 20, 30]], [-15.639, 0.0, 10.333])
+    steps = np.diff(np.degrees(ScannerLayout.HDL_64E.scanner().elevations))
+    np.testing.assert_allclose(steps[:32], 0.5, atol=1e-3)
+    np.testing.assert_allclose(steps[32:], 1.0 / 3.0, atol=1e-3)
+
+
+def test_a_noise_free_scan_lies_on_the_mesh(world, epoch):
+    returns = world.scan(epoch, RotatingScanner(noise=0.0))
+    distances, _ = _distances_to_hit_planes(returns, world.scan_caster)
+    assert len(returns.points) > 20_000
+    assert np.abs(distances).max() < 1e-3  # float32
+    assert 0.0 <= returns.intensities.min() <= returns.intensities.max() <= 1.0
+    points_sensor = (returns.points - epoch.reference.position) @ epoch.reference.rotation
+    elevations = np.degrees(np.arcsin(points_sensor[:, 2] / np.linalg.norm(points_sensor, axis=1)))
+    assert np.abs(elevations[:, None] - np.arange(-15.0, 16.0, 2.0)).min(axis=1).max() < 1e-3
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.03])
+def test_noise_has_the_stated_size(world, epoch, noise):
+    returns = world.scan(epoch, RotatingScanner(noise=noise))
+    distances, cosines = _distances_to_hit_planes(returns, world.scan_caster)
+    steep = np.abs(cosines) > 0.3
+    along_ray = distances[steep] / cosines[steep]
+    assert abs(along_ray.mean()) < 0.001
+    assert np.isclose(along_ray.std(), noise, rtol=0.05)
+
+
+def test_dropouts_and_ranges(world, epoch):
+    full, some, near = (
+        world.scan(epoch, RotatingScanner(noise=0.0, **options))
+        for options in ({"dropout": 0.0}, {"dropout": 0.1}, {"min_range": 5.0, "max_range": 20.0})
+    )
+    assert np.isclose(len(some.points) / len(full.points), 0.9, atol=0.01)
+    ranges = np.linalg.norm(near.points - near.origins, axis=1)
+    assert 5.0 - 1e-3 <= ranges.min() <= ranges.max() <= 20.0 + 1e-3
+
+
+def test_scans_are_seeded(world, epoch, thin_scanner):
+    first, second, other = (world.scan(epoch._replace(tick=tick), thin_scanner) for tick in (0, 0, 9))
+    np.testing.assert_array_equal(first.points, second.points)
+    assert not np.array_equal(other.points[:9], first.points[:9])
+
+
+def test_profiles_are_upright_turned_and_blind_below(world):
+    drive, caster = world.mapping.drives[0], world.mapping.caster
+    scanner = ProfileScanner(turn_deg=45.0, noise=0.0, blind_deg=45.0)
+    assert np.allclose(scanner.directions @ np.array([-1.0, 1.0, 0.0]), 0.0)
+    returns = scanner.scan(caster, drive, 0, 50, _rng())
+    distances, _ = _distances_to_hit_planes(returns, caster)
+    assert np.abs(distances).max() < 1e-3
+    positions, _ = drive.at(returns.times)
+    np.testing.assert_allclose(returns.origins, positions, atol=1e-3)
+    assert (np.diff(returns.times) > 0.0).all()
+    rays = returns.points - returns.origins
+    angles = np.degrees(np.arccos(-rays[:, 2] / np.linalg.norm(rays, axis=1)))
+    assert angles.min() > 43.5  # less the tilt of the vehicle
+
+
+def test_the_map_is_denser_where_the_drive_is_slower(world):
+    drive, scanner = world.mapping.drives[0], ProfileScanner(line_rate=25.0, points_per_line=300)
+    speeds = np.linalg.norm(np.diff(drive.positions, axis=0), axis=1) / np.diff(drive.times)
+    returns = scanner.scan(world.mapping.caster, drive, 0, scanner.n_lines(drive), _rng())
+    slow, fast = (
+        (np.linalg.norm(returns.origins - drive.positions[place], axis=1) < 2.0).sum()
+        for place in (np.argmin(speeds), np.argmax(speeds))
+    )
+    assert slow > 2.5 * fast
+
+
+def test_a_straight_street_is_weak_along_its_axis_and_the_crossing_is_not(world):
+    axis = np.array([np.cos(STREET_ANGLE), np.sin(STREET_ANGLE)])
+    drive, caster = world.mapping.drives[0], world.mapping.caster
+    u = drive.positions[:, :2] @ axis
+    ratios = []
+    for place in (-55.0, -4.0):
+        (pose,) = drive.poses([drive.times[np.argmin(np.abs(u - place))]])
+        returns = RotatingScanner().scan(caster, pose, 0.0, _rng())
+        normals = caster.normals[returns.triangles[returns.classes == LasClass.BUILDING], :2]
+        ratios.append(((normals @ axis) ** 2).sum() / (normals**2).sum())
+    assert 0.005 < ratios[0] < 0.15
+    assert ratios[1] > 0.25
+
+
+@pytest.mark.parametrize(
+    ("kind", "wrong", "words"),
+    [
+        (RotatingScanner, {"noise": -0.1}, "Leave them out"),
+        (RotatingScanner, {"dropout": 1.5}, "Leave them out"),
+        (RotatingScanner, {"min_range": 5.0, "max_range": 2.0}, "Leave them out"),
+        (RotatingScanner, {"n_layers": 0}, "Leave them out"),
+        (RotatingScanner, {"azimuth_step_deg": 0.0}, "Leave them out"),
+        (RotatingScanner, {"elevations_deg": (1.0, 0.0)}, "Expected rising elevations"),
+        (RotatingScanner, {"elevations_deg": (0.0, 91.0)}, "Expected rising elevations of -90 to 90 degrees"),
+        (ProfileScanner, {"line_rate": 0.0}, "Leave them out"),
+        (ProfileScanner, {"points_per_line": 0}, "Leave them out"),
+        (ProfileScanner, {"blind_deg": 180.0}, "Leave them out"),
+        (ProfileScanner, {"noise": -1.0}, "Leave them out"),
+    ],
+)
+def test_wrong_scanners_are_refused(kind, wrong, words):
+    with pytest.raises(OptionError, match=words):
+        kind(**wrong)
+
+
+def test_without_embreex_the_extra_is_named(city, monkeypatch):
+    monkeypatch.setitem(sys.modules, "embreex", None)
+    with pytest.raises(MissingExtraError, match=r"Run: pip install 'maxcon\[demo\]'"):
+        RayCaster(city)
+
+
+NONE = DeskewErrors(0.0, 0.0, 0.0)
+NOISE_FREE = RotatingScanner(azimuth_step_deg=1.0, noise=0.0, dropout=0.0)
+
+
+@pytest.fixture(scope="module")
+def start(world):
+    """Where the drive through the city begins: position and angles."""
+    positions, angles = world.scan_drive.at([world.scan_drive.times[0]])
+    return positions[0], angles[0]
+
+
+def _driving(start, *, speed=0.0, turn_rate=0.0):
+    """A drive that passes `start` at 10 s, straight on (m/s) and turning (rad/s)."""
+    position, angles = start
+    times = np.linspace(9.0, 11.0, 2001)
+    away = times - 10.0
+    way = np.array([np.cos(angles[2]), np.sin(angles[2]), 0.0])
+    return Drive(times, position + speed * away[:, None] * way, angles + np.outer(away, [0.0, 0.0, turn_rate]))
+
+
+def test_a_vehicle_that_stands_measures_an_instant_scan(world, start):
+    drive, scanner = _driving(start), RotatingScanner(azimuth_step_deg=1.0)
+    moving = scan_moving(scanner, world.scan_caster, drive, 10.0, _rng(5), NONE)
+    instant = scanner.scan(world.scan_caster, drive.poses([10.0])[0], 10.0, _rng(5))
+    np.testing.assert_array_equal(moving.triangles, instant.triangles)
+    np.testing.assert_allclose(moving.points, instant.points, atol=1e-4)  # float32 rays
+    assert 9.95 < moving.times.min() < moving.times.max() < 10.05
+
+
+def test_without_errors_the_points_lie_where_they_were_hit(world, start):
+    drive = _driving(start, speed=10.0, turn_rate=0.3)
+    returns = scan_moving(NOISE_FREE, world.scan_caster, drive, 10.0, _rng(5), NONE)
+    distances, _ = _distances_to_hit_planes(returns, world.scan_caster)
+    assert np.abs(distances).max() < 1e-3
+    origins, _ = drive.at(returns.times)
+    np.testing.assert_allclose(returns.origins, origins, atol=1e-9)
+    assert np.ptp(origins[:, :2], axis=0).max() > 0.5
+
+
+def test_the_residual_is_what_an_error_of_the_speed_says(world, start):
+    drive = _driving(start, speed=10.0)
+    right, wrong = (
+        scan_moving(NOISE_FREE, world.scan_caster, drive, 10.0, _rng(5), errors)
+        for errors in (NONE, DeskewErrors(0.02, 0.0, 0.0))
+    )
+    shifts = wrong.points - right.points
+    way = np.array([np.cos(start[1][2]), np.sin(start[1][2]), 0.0])
+    speed_errors = shifts @ way / (10.0 * (right.times - 10.0))
+    assert 0.0 < np.abs(speed_errors).max() <= 0.02
+    np.testing.assert_allclose(speed_errors, speed_errors[0], atol=1e-9)
+    np.testing.assert_allclose(shifts - np.outer(shifts @ way, way), 0.0, atol=1e-9)
+
+
+def test_an_error_of_the_turn_rate_turns_points_by_their_time(world, start):
+    drive = _driving(start)
+    right, wrong = (
+        scan_moving(NOISE_FREE, world.scan_caster, drive, 10.0, _rng(5), errors)
+        for errors in (NONE, DeskewErrors(0.0, 0.3, 0.0))
+    )
+    points, moved = ((each.points - start[0]) @ drive.poses([10.0])[0].rotation for each in (right, wrong))
+    turns = np.arctan2(moved[:, 1], moved[:, 0]) - np.arctan2(points[:, 1], points[:, 0])
+    rates = ((turns + np.pi) % (2.0 * np.pi) - np.pi) / (right.times - 10.0)
+    assert 0.0 < np.abs(rates).max() <= np.radians(0.3)
+    np.testing.assert_allclose(rates, rates[0], atol=1e-8)

@@ -1,0 +1,362 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Datasets on disk: readable, whole or absent, the same for the same seed, and true; `maxcon simulate`."""
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import laspy
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from maxcon import MaximumConsensus, PointMap, Scan, SearchSpace
+from maxcon.cli import main
+from maxcon.errors import FileError, OptionError
+from maxcon.io.trajectories import read_trajectory
+from maxcon.lab import simulation
+from maxcon.lab.dataset import Dataset
+from maxcon.lab.simulation import (
+    CampaignWorld,
+    LasClass,
+    ProfileScanner,
+    RotatingScanner,
+    ScannerLayout,
+    SuburbWorld,
+    simulate,
+    simulate_campaign,
+    simulate_suburb,
+)
+from maxcon.mapping.build import build_map
+
+THINNEST = {
+    "mapping_scanners": (ProfileScanner(line_rate=2.0, points_per_line=30),),
+    "scanner": RotatingScanner(azimuth_step_deg=2.0),
+}
+"""Of so few points that the dataset is of no use, but written at once."""
+PROFILES = {
+    name: tuple(ProfileScanner(turn_deg=turn, line_rate=rate, points_per_line=n) for turn in (45.0, -45.0))
+    for name, rate, n in (("campaign", 20.0, 120), ("suburb", 60.0, 600))
+}
+CAMPAIGN = {**THINNEST, "n_epochs": 7, "seed": 3, "n_rounds": 2, "mapping_scanners": PROFILES["campaign"]}
+
+
+@pytest.fixture(scope="module")
+def campaign_dataset(built_once):
+    folder = built_once("simulated_campaign", lambda folder: simulate_campaign(folder / "dataset", **CAMPAIGN))
+    return Dataset.open(folder / "dataset")
+
+
+@pytest.fixture(scope="module")
+def suburb_dataset(built_once, suburb):
+    def make(folder):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(SuburbWorld, "build", lambda *_: suburb)
+            options = {"n_epochs": 3, "seed": 3, "road_length": 60.0, "mapping_scanners": PROFILES["suburb"]}
+            simulate_suburb(folder / "dataset", **options)
+
+    return Dataset.open(built_once("simulated_suburb", make) / "dataset")
+
+
+@pytest.fixture
+def built(monkeypatch, campaign, suburb):
+    """The worlds are there already, mapped in one round: building them is not what is tested."""
+    world = replace(campaign, mapping=replace(campaign.mapping, drives=campaign.mapping.drives[:1]))
+    monkeypatch.setattr(CampaignWorld, "build", lambda *_, **__: world)
+    monkeypatch.setattr(SuburbWorld, "build", lambda *_: suburb)
+
+
+def _map_points(dataset):
+    clouds = [laspy.read(path) for path in dataset.map_clouds]
+    columns = ([np.asarray(getattr(each, name)) for each in clouds] for name in ("xyz", "classification", "gps_time"))
+    return [np.concatenate(column) for column in columns]
+
+
+def _scan(dataset, epoch):
+    return np.fromfile(dataset.scans / f"{epoch:06d}.bin", dtype="<f4").reshape(-1, 4)
+
+
+def _assert_same(one, other):
+    """Two datasets have the same files, but for the dates in those of LAZ."""
+    names = [sorted(path.relative_to(each.folder) for path in each.folder.rglob("*.*")) for each in (one, other)]
+    assert names[0] == names[1]
+    for name in names[0]:
+        if name.suffix != ".laz":
+            assert (one.folder / name).read_bytes() == (other.folder / name).read_bytes(), name
+    for first, second in zip(_map_points(one), _map_points(other), strict=True):
+        np.testing.assert_array_equal(first, second)
+
+
+def test_map_clouds_are_las_1_4_with_class_time_and_crs_in_tiles(dataset):
+    assert len(dataset.map_clouds) > 1
+    for path in dataset.map_clouds:
+        east, north = (int(part) for part in path.stem.split("_")[1:])
+        with laspy.open(path) as cloud:
+            assert (str(cloud.header.version), cloud.header.point_format.id) == ("1.4", 6)
+            assert cloud.header.parse_crs().to_epsg() == 25832
+            assert (cloud.header.mins[:2] >= [east - 1e-3, north - 1e-3]).all()
+            assert (cloud.header.maxs[:2] <= [east + 50.001, north + 50.001]).all()
+    points, classes, times = _map_points(dataset)
+    assert {LasClass.GROUND, LasClass.BUILDING, LasClass.VEHICLE} <= set(classes) <= set(LasClass)
+    origins = read_trajectory(dataset.map_trajectory).positions_at(times)
+    assert np.linalg.norm(points - origins, axis=1).max() < 60.2
+
+
+def test_the_map_of_a_campaign_is_the_union_of_its_rounds(campaign_dataset):
+    _, classes, times = _map_points(campaign_dataset)
+    assert set(classes) == set(LasClass) - {LasClass.UNCLASSIFIED}
+    for between in (np.diff(np.sort(times)), np.diff(read_trajectory(campaign_dataset.map_trajectory).times)):
+        assert (between > 30.0).sum() == 1  # the pause between two rounds
+
+
+def test_the_map_of_a_suburb_has_classes_and_hedges_without_one(suburb_dataset):
+    _, classes, _ = _map_points(suburb_dataset)
+    counts = np.bincount(classes, minlength=66)
+    assert counts[LasClass.GROUND] > counts[LasClass.BUILDING] > 0
+    assert counts[LasClass.UNCLASSIFIED] > 0.05 * len(classes)
+
+
+TWO_PRIORS = {"gnss": "prior_gnss.txt", "uniform": "prior_uniform.txt"}
+
+
+@pytest.mark.parametrize(
+    ("name", "words", "n_epochs", "priors", "sigma"),
+    [
+        ("dataset", "seed 3, 3 epochs.", 3, {"uniform": "prior.txt"}, 0.0),
+        ("campaign_dataset", "campaign, seed 3, 2 rounds of mapping, 7 epochs.", 7, TWO_PRIORS, None),
+        ("suburb_dataset", "suburb, seed 3, 3 epochs.", 3, TWO_PRIORS, None),
+    ],
+)
+def test_it_says_what_it_is_and_has_a_pose_per_scan(request, name, words, n_epochs, priors, sigma):
+    dataset = request.getfixturevalue(name)
+    assert (dataset.folder / "dataset.toml").read_text().splitlines()[0].endswith(f": {words}")
+    assert Dataset.open(dataset.folder) == dataset
+    assert dataset.vehicle_classes == (64,)
+    assert dataset.map_sigma == sigma  # if None, its rounds say
+    assert {name: path.name for name, path in dataset.priors.items()} == priors
+    times = np.loadtxt(dataset.scans / "times.txt")
+    assert len(sorted(dataset.scans.glob("*.bin"))) == len(times) == n_epochs
+    reference = read_trajectory(dataset.reference)
+    for path in (dataset.reference, *dataset.priors.values()):
+        trajectory = read_trajectory(path)
+        np.testing.assert_array_equal(trajectory.times, times)
+        errors = np.abs(trajectory.positions - reference.positions)
+        assert errors[:, :2].max() <= 2.7
+        assert errors[:, 2].max() <= 0.0401
+
+
+@pytest.mark.parametrize("name", ["dataset", "campaign_dataset"])
+def test_reference_poses_explain_the_scans(request, name):
+    dataset = request.getfixturevalue(name)
+    points, classes, _ = _map_points(dataset)
+    reference = read_trajectory(dataset.reference)
+    origin = reference.positions[0]
+    tree = cKDTree(points[classes == LasClass.BUILDING] - origin)
+    right, wrong = [], []
+    for number in range(len(reference)):
+        scan = _scan(dataset, number).astype(float)
+        above_cars = scan[(np.linalg.norm(scan[:, :3], axis=1) < 20.0) & (scan[:, 2] > 0.7), :3]
+        pose = reference.pose(number).translated(-origin)
+        for distances, offset in ((right, [0.0, 0.0, 0.0]), (wrong, [0.9, -0.9, 0.0])):
+            distances.append(np.median(tree.query(pose.translated(offset).apply(above_cars))[0]))
+    assert np.median(right) < 0.25  # the thin map of the tests has points 0.3 m apart
+    assert np.median(wrong) > 1.5 * np.median(right)
+
+
+def test_same_seed_same_files(dataset, small, suburb, tmp_path, monkeypatch):
+    _assert_same(dataset, simulate(tmp_path / "city", **small))
+    options = {**THINNEST, "n_epochs": 2, "seed": 3, "road_length": 60.0}
+    rebuilt = simulate_suburb(tmp_path / "rebuilt", **options)
+    monkeypatch.setattr(SuburbWorld, "build", lambda *_: suburb)
+    _assert_same(simulate_suburb(tmp_path / "suburb", **options), rebuilt)
+
+
+@pytest.mark.usefixtures("built")
+def test_fewer_epochs_are_the_same_scans(campaign_dataset, suburb_dataset, tmp_path):
+    fewer = simulate_campaign(tmp_path / "campaign", **{**CAMPAIGN, **THINNEST, "n_epochs": 3})
+    profiles = THINNEST["mapping_scanners"]
+    few = simulate_suburb(tmp_path / "suburb", n_epochs=2, seed=3, road_length=60.0, mapping_scanners=profiles)
+    for some, whole, rows in ((fewer, campaign_dataset, [0, 3, 6]), (few, suburb_dataset, [0, 2])):
+        np.testing.assert_array_equal(_scan(some, 1), _scan(whole, rows[1]))
+        for name in ("gnss", "uniform"):
+            priors = [read_trajectory(each.priors[name]).positions for each in (some, whole)]
+            np.testing.assert_array_equal(priors[0], priors[1][rows])
+
+
+@pytest.mark.usefixtures("built")
+def test_successive_epochs_and_the_odometry_of_the_whole_round(campaign_dataset, tmp_path):
+    successive = simulate_campaign(tmp_path / "out", **{**CAMPAIGN, **THINNEST, "n_epochs": 3}, every=0.2)
+    times = np.loadtxt(successive.scans / "times.txt")
+    np.testing.assert_allclose(np.diff(times), 0.2, atol=1e-6)
+    np.testing.assert_array_equal(_scan(successive, 0), _scan(campaign_dataset, 0))
+    assert successive.odometry.name == campaign_dataset.odometry.name == "odometry.txt"
+    told, same = read_trajectory(successive.odometry), read_trajectory(campaign_dataset.odometry)
+    np.testing.assert_array_equal(told.positions, same.positions)
+    assert len(told) == 3001
+    assert np.isin(np.round(times, 6), np.round(told.times, 6)).all()
+    reference = read_trajectory(campaign_dataset.reference)
+    first, second = reference.times[1:3]
+    moved = [np.linalg.norm(each.at(second).position - each.at(first).position) for each in (told, reference)]
+    assert 0.0 < abs(moved[0] / moved[1] - 1.0) < 0.05
+
+
+@pytest.mark.usefixtures("built")
+def test_progress_counts_to_the_end(tmp_path):
+    seen = []
+    simulate_campaign(tmp_path / "out", n_epochs=2, **THINNEST, progress=lambda *step: seen.append(step))
+    assert seen == [(done, len(seen)) for done in range(1, 1 + len(seen))]
+
+
+@pytest.mark.usefixtures("built")
+@pytest.mark.parametrize("stop_at", [1, 10_000])
+def test_a_failure_leaves_nothing(tmp_path, stop_at):
+    def fail(done, total):
+        if done >= min(stop_at, total):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        simulate_campaign(tmp_path / "out", n_epochs=1, **THINNEST, progress=fail)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.usefixtures("built")
+def test_only_a_dataset_is_overwritten(dataset, tmp_path):
+    with pytest.raises(FileError, match="not to exist yet"):
+        simulate(dataset.folder)
+    assert dataset.reference.exists()
+    options = {**THINNEST, "n_epochs": 1, "is_hard": True, "n_rounds": 2}
+    simulate_campaign(tmp_path / "out", **options)
+    assert ": hard campaign, seed 0, 2 rounds of mapping, 1 epochs." in (tmp_path / "out/dataset.toml").read_text()
+    simulate_campaign(tmp_path / "out", **options, overwrite=True)
+    (tmp_path / "out" / "thesis.tex").touch()
+    with pytest.raises(FileError, match=r"holds thesis\.tex"):
+        simulate_campaign(tmp_path / "out", **options, overwrite=True)
+
+
+def test_an_epoch_of_the_suburb_is_localized(suburb_dataset, tmp_path):
+    build_map(suburb_dataset.map_clouds, tmp_path / "suburb.map", suburb_dataset.map_options())
+    point_map = PointMap.open(tmp_path / "suburb.map")
+    paths = suburb_dataset.priors["uniform"], suburb_dataset.reference
+    origin = -np.asarray(point_map.frame.origin)
+    prior, wanted = (read_trajectory(path).pose(1).translated(origin) for path in paths)
+    scan = Scan(_scan(suburb_dataset, 1)[:, :3])
+    estimate = MaximumConsensus(SearchSpace.paper()).localize(scan, point_map, prior)
+    assert np.hypot(estimate.pose.x - wanted.x, estimate.pose.y - wanted.y) < 0.15
+
+
+@pytest.mark.parametrize(
+    ("make", "wrong", "words"),
+    [
+        (simulate, {"n_epochs": 0}, "Expected at least one epoch, got n_epochs = 0"),
+        (simulate, {"seed": -1}, "Expected a seed of 0 or more, got -1"),
+        (simulate, {"before": 3.0}, "Expected a route of more than"),
+        (simulate_campaign, {"n_epochs": 0}, r"Expected 1 to 3001 epochs of a campaign, got n_epochs = 0\."),
+        (simulate_campaign, {"n_epochs": 10, "every": 0.25}, r"`every` to be a multiple of 0\.1 s .* got 0\.25 s"),
+        (simulate_campaign, {"n_epochs": 1000, "every": 0.5}, r"1000 epochs fit into the round of 300 s, got 0\.5 s"),
+        (simulate_campaign, {"n_epochs": 2, "every": 0.0}, r"got 0\.0 s"),
+        (simulate_suburb, {"n_epochs": 0}, "Expected 1 to 601 epochs of a suburb, got n_epochs = 0"),
+        (simulate_suburb, {"seed": -1}, "Expected a seed of 0 or more, got -1"),
+        (simulate_suburb, {"n_epochs": 1, "road_length": 10.0}, "Expected a road of 60 to 2000 m"),
+    ],
+)
+def test_wrong_options_are_refused(tmp_path, make, wrong, words):
+    with pytest.raises(OptionError, match=words):
+        make(tmp_path / "out", **wrong)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_importing_is_light():
+    heavy = "embreex trimesh laspy pyproj scipy numba"
+    code = f"import sys, maxcon.lab.simulation; print(*[m for m in '{heavy}'.split() if m in sys.modules])"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == ""
+
+
+@pytest.fixture
+def command(monkeypatch, capsys):
+    """Run `maxcon simulate` in this process; return its exit code and what it printed."""
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["maxcon", "simulate", *map(str, arguments)])
+        try:
+            main()
+        except SystemExit as ended:
+            return ended.code or 0, capsys.readouterr()
+        return 0, capsys.readouterr()
+
+    return call
+
+
+PARTS = ["map clouds", "mapping", "scans", "reference", "prior gnss", "prior uniform"]
+
+
+@pytest.mark.parametrize(
+    ("name", "dataset_name", "options", "asked", "parts"),
+    [
+        ("simulate", "dataset", (), {"n_epochs": 40}, ["map clouds", "mapping", "map sigma", *PARTS[2:4], "prior"]),
+        (
+            "simulate_campaign",
+            "campaign_dataset",
+            ("--campaign",),
+            {"n_epochs": 3001, "every": None, "is_hard": False},
+            [*PARTS, "odometry"],
+        ),
+        (
+            "simulate_campaign",
+            "campaign_dataset",
+            ("--campaign", "--hard", "--epochs", "200", "--every", "0.5", "--seed", "4", "--scanner", "os1-64"),
+            {"n_epochs": 200, "every": 0.5, "is_hard": True, "seed": 4, "scanner": ScannerLayout.OS1_64.scanner()},
+            [*PARTS, "odometry"],
+        ),
+        (
+            "simulate_suburb",
+            "suburb_dataset",
+            ("--scene", "suburb", "--scanner", "vlp-32c", "--overwrite"),
+            {"n_epochs": 200, "scanner": ScannerLayout.VLP_32C.scanner(), "overwrite": True},
+            PARTS,
+        ),
+    ],
+)
+def test_options_are_passed_on_and_the_parts_are_said(
+    request, command, monkeypatch, tmp_path, name, dataset_name, options, asked, parts
+):
+    dataset, calls = request.getfixturevalue(dataset_name), []
+    monkeypatch.setattr(simulation, name, lambda out, **given: calls.append((out, given)) or dataset)
+    code, printed = command(tmp_path / "out", *options)
+    assert (code, printed.err) == (0, "")
+    ((out, given),) = calls
+    del given["progress"]
+    assert out == tmp_path / "out"
+    assert given == {"seed": 0, "overwrite": False, **asked}
+    first, *lines = printed.out.splitlines()
+    assert first == str(dataset.folder)
+    assert [line[:13].strip() for line in lines] == parts
+    assert all(line[13:].startswith(f"{dataset.folder}/") for line in lines if not line.startswith("map sigma"))
+
+
+@pytest.mark.usefixtures("built")
+def test_a_suburb_is_written_by_the_command(command, monkeypatch, tmp_path):
+    monkeypatch.setattr(simulation.datasets, "MAPPING_SCANNERS", THINNEST["mapping_scanners"])
+    code, printed = command(tmp_path / "out", "--scene", "suburb", "--epochs", "1", "--quiet")
+    assert (code, printed.err) == (0, "")
+    assert Dataset.open(tmp_path / "out").priors.keys() == {"gnss", "uniform"}
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--hard",), "maxcon: Expected --hard together with --campaign, got it alone."),
+        (("--every", "0.1"), "maxcon: Expected --every together with --campaign, got it alone."),
+        (("--campaign", "--epochs", "3002"), "maxcon: Expected 1 to 3001 epochs of a campaign"),
+        (("--scene", "suburb", "--campaign"), "maxcon: Expected --campaign in the city, got it with --scene suburb."),
+        (("--scene", "suburb", "--epochs", "602"), "maxcon: Expected 1 to 601 epochs of a suburb"),
+        (("--scanner", "vlp16"), "maxcon: Expected `scanner` to be 'vlp-16', 'vlp-32c', 'hdl-64e' or 'os1-64'"),
+    ],
+)
+def test_wrong_options_of_the_command_are_refused(command, tmp_path, options, words):
+    code, printed = command(tmp_path / "out", *options)
+    assert code == 2
+    assert printed.err.startswith(words)
+    assert printed.err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
