@@ -76,7 +76,7 @@ def test_every_class_is_there_and_no_facade_is_parallel_to_an_axis(city):
 
 
 def test_parked_cars_change_and_nothing_else():
-    city = build_city(1, CROSS)
+    city = build_city(1, CROSS._replace(margin=60.0))
     monday, tuesday = city.with_parked_cars(1), city.with_parked_cars(2)
     np.testing.assert_array_equal(monday.corners, tuesday.with_parked_cars(1).corners)
     assert (monday.classes == VEHICLES).sum() != (tuesday.classes == VEHICLES).sum()
