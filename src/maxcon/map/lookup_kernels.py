@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: MIT
 """Compiled look-ups of single voxels in many tiles, by the addresses of the tiles' arrays.
 
-How long an address is valid: see `tile.Addresses`.
+Addresses, since tiles come and go: an array of all tiles in reach would be a copy of 11 MB, 1.3 to 2.7 ms of processor
+time where a whole epoch takes 32 to 34 ms (kitti360-suburb, default method). How long an address is valid: see
+`tile.Addresses`.
 """
 
 import numpy as np
