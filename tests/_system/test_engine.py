@@ -219,12 +219,16 @@ def dask(monkeypatch):
 
 @pytest.mark.clusters
 def test_workers_of_a_cluster_do_the_same_and_are_left_as_they_were(tmp_path, dask):
-    """Killed, wrong, deadly: three jobs, one after the other."""
+    """Killed and wrong: two jobs, one after the other."""
     engine = Engine(scheduler=dask(2).scheduler_address)
     assert squares(engine, Squares(tmp_path), n_kills=1) == RIGHT  # the second might begin just now
     with pytest.raises(ArrayError, match="Expected another number, got 10"):
         squares(engine, Squares(tmp_path, wrong=(10,)))
-    assert_only_seven_is_lost(engine, tmp_path)
+
+
+@pytest.mark.clusters
+def test_what_ends_every_worker_of_a_cluster_is_told_from_its_neighbours(tmp_path, dask):
+    assert_only_seven_is_lost(Engine(scheduler=dask(2).scheduler_address), tmp_path)
 
 
 @pytest.mark.clusters
