@@ -5,7 +5,8 @@
 The paper's method in the order of the paper: every cell of a search space around the prior is a candidate
 pose; each match of a scan point with the map adds to its cell; the cell whose matches determine the
 position best is the answer. Then what the paper does not have: its pose is adjusted to the surfaces of the
-map, validated, and where in doubt searched for once more, wider (D12).
+map, validated, and where in doubt searched for once more, wider (D12). By default the cells are searched coarse
+to fine, over a thinned scan (`maxcon.cell_search`).
 """
 
 from __future__ import annotations
