@@ -16,11 +16,18 @@ def by_index(point_map):
 
 
 def assert_same_voxels(one, other, *, normals_too=True):
-    one, other = by_index(one), by_index(other)
-    assert {i: count for i, (count, _) in one.items()} == {i: count for i, (count, _) in other.items()}
+    (indices, counts, normals), (others, other_counts, other_normals) = (_sorted(each) for each in (one, other))
+    np.testing.assert_array_equal(indices, others)
+    np.testing.assert_array_equal(counts, other_counts)
     if normals_too:
-        for index, (_, normal) in one.items():
-            np.testing.assert_allclose(normal, other[index][1], atol=1e-5)
+        np.testing.assert_allclose(normals, other_normals, atol=1e-5)
+
+
+def _sorted(point_map):
+    """Indices, counts and normals of the voxels, in order of the indices."""
+    indices, counts, normals = point_map.all_voxels()
+    order = np.lexsort(indices.T)
+    return indices[order], counts[order], normals[order]
 
 
 def files_of(folder):
