@@ -104,14 +104,14 @@ def localize_drive(
 ) -> Iterator[EpochEstimate]:
     """Return an iterator over the estimates of all scans, in order of time; what cannot work is said at once.
 
-    point_map: the map.
-    scans: the scans; as many as threads are in memory at a time, and one more.
-    prior: T_map_sensor before localization, global coordinates in the CRS of the map.
-    method: how each is localized.
-    options: range limits and the largest gap of the prior.
-    first: number of the epoch to begin with.
-    n_threads: epochs localized at the same time; the answers and their order do not depend on it (D8). Each then takes
-        longer than by itself.
+    - point_map: the map.
+    - scans: the scans; as many as threads are in memory at a time, and one more.
+    - prior: T_map_sensor before localization, global coordinates in the CRS of the map.
+    - method: how each is localized.
+    - options: range limits and the largest gap of the prior.
+    - first: number of the epoch to begin with.
+    - n_threads: epochs localized at the same time; the answers and their order do not depend on it (D8). Each then
+      takes longer than by itself.
 
     TrajectoryError if the prior has no pose for any scan; MapError if the prior lies outside the map at every scan, or
     a tile cannot be read; OptionError if there is less than one thread.

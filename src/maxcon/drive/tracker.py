@@ -49,14 +49,14 @@ UNKNOWN = np.diag([np.inf, np.inf])
 class TrackingOptions:
     """What the tracker asks for before it calls a pose localized; OptionError if a number is not above 0.
 
-    sigmas: A scan is searched within so many standard deviations of the prediction.
-    largest_sigma: of a position, in the direction that is known worst, m: a pose known less well is not called
-        localized.
-    least_agreement: before a place is called localized, the matched ratios of the scans that agreed with it have to add
-        up to this: half a scan, which takes two scans that match by 25 %, or five that match by 10 %.
-    check_distance: every so many metres the whole search space is searched for a place that fits better.
-    patience: A track that stays outside of the prior's search space for so many metres is lost. A single motion as long
-        is a gap, after which scans have to agree anew.
+    - sigmas: A scan is searched within so many standard deviations of the prediction.
+    - largest_sigma: of a position, in the direction that is known worst, m: a pose known less well is not called
+      localized.
+    - least_agreement: before a place is called localized, the matched ratios of the scans that agreed with it have to
+      add up to this: half a scan, which takes two scans that match by 25 %, or five that match by 10 %.
+    - check_distance: every so many metres the whole search space is searched for a place that fits better.
+    - patience: A track that stays outside of the prior's search space for so many metres is lost. A single motion as
+      long is a gap, after which scans have to agree anew.
     """
 
     sigmas: float = 3.0
@@ -80,11 +80,11 @@ class Tracker:
     each prediction leaves, and adjusts it. Of several, the scores over the way decide. A wide search begins the track,
     begins it anew where a prediction is too uncertain, and looks every few metres whether another place fits better.
 
-    method: how scans are compared with the map. Its space is the wide one, around the prior.
-    noise: of the motions that it is told.
-    options: what it asks for before it calls a pose localized.
-    start: where the sensor is when `localize` is first called, local frame; it is checked there. Without it the prior
-        says where to begin.
+    - method: how scans are compared with the map. Its space is the wide one, around the prior.
+    - noise: of the motions that it is told.
+    - options: what it asks for before it calls a pose localized.
+    - start: where the sensor is when `localize` is first called, local frame; it is checked there. Without it the prior
+      says where to begin.
 
     The filter is an extended Kalman filter of x, y, z, roll, pitch and heading. Height, roll and pitch follow the
     motion, the prior's own and, where an estimate measures them, the estimate.
@@ -125,10 +125,10 @@ class Tracker:
     def localize(self, scan: Scan, point_map: PointMap, prior: Pose | None) -> Estimate | None:
         """Find the pose of a scan.
 
-        scan: points of one epoch, sensor frame.
-        point_map: the map; its voxel edge is that of the method's space.
-        prior: T_map_sensor from another source such as GNSS, local frame, if there is one. It begins a track, and tells
-            a wrong one.
+        - scan: points of one epoch, sensor frame.
+        - point_map: the map; its voxel edge is that of the method's space.
+        - prior: T_map_sensor from another source such as GNSS, local frame, if there is one. It begins a track, and
+          tells a wrong one.
 
         Returns
         -------

@@ -23,16 +23,16 @@ from maxcon.scan.trajectory import Trajectory
 class RawScan:
     """The points of one epoch as they stand in a file, without those that are no returns or out of range.
 
-    points: shape (n, 3), float64; Sensor frame, m. May be empty.
-    time: time of the scan, s.
-    name: name of the file.
-    n_returns: points in the file.
-    n_dropped_invalid: points at (0, 0, 0) (no return) or with NaN or infinite coordinates.
-    n_dropped_range: points nearer than the smallest or farther than the largest range.
-    n_dropped_duplicates: points with the same coordinates as another; only those of recordings are checked.
-    point_times: shape (n,); When each point was measured, s after `time`; None where that is not known.
-    viewpoints: where each point was measured from, if there are several scanners; points are in the vehicle's frame
-        then.
+    - points: shape (n, 3), float64; Sensor frame, m. May be empty.
+    - time: time of the scan, s.
+    - name: name of the file.
+    - n_returns: points in the file.
+    - n_dropped_invalid: points at (0, 0, 0) (no return) or with NaN or infinite coordinates.
+    - n_dropped_range: points nearer than the smallest or farther than the largest range.
+    - n_dropped_duplicates: points with the same coordinates as another; only those of recordings are checked.
+    - point_times: shape (n,); When each point was measured, s after `time`; None where that is not known.
+    - viewpoints: where each point was measured from, if there are several scanners; points are in the vehicle's frame
+      then.
     """
 
     points: NDArray[np.float64]

@@ -44,13 +44,13 @@ VEHICLE = "base_link"
 class RecordedPoses:
     """Poses of one topic, or of a pair of frames.
 
-    trajectory: with covariances, where they are stated.
-    words: which topic, what headings and heights are, in a line.
-    has_ellipsoidal_heights: whether heights are left ellipsoidal, as of a GNSS receiver: the CRS of the map does not
-        say what its own are.
-    has_orientations: whether headings are measured; if not, they are the course over ground.
-    position_frame, orientation_frame: names of the frames whose positions and whose orientations these are; empty where
-        not told.
+    - trajectory: with covariances, where they are stated.
+    - words: which topic, what headings and heights are, in a line.
+    - has_ellipsoidal_heights: whether heights are left ellipsoidal, as of a GNSS receiver: the CRS of the map does not
+      say what its own are.
+    - has_orientations: whether headings are measured; if not, they are the course over ground.
+    - position_frame, orientation_frame: names of the frames whose positions and whose orientations these are; empty
+      where not told.
     """
 
     trajectory: Trajectory
@@ -74,16 +74,16 @@ def read_recorded_poses(
 ) -> RecordedPoses:
     """Return the poses in a recording.
 
-    path: the recording.
-    topic: of NavSatFix, Odometry, PoseStamped or PoseWithCovarianceStamped. Found if there is one only; one of
-        NavSatFix comes before others.
-    crs: of the map, WKT or a code: for NavSatFix.
-    geoid_height: of the geoid above the ellipsoid, m: subtracted from the heights of NavSatFix.
-    is_odometry: whether a motion is wanted: a topic of Odometry comes before others then, and NavSatFix is not used.
-    are_sure: whether an IMU's orientations are used even if they disagree with the course over ground.
-    frames: take the poses of the second of these frames in the first from the recording's transforms (TF).
-    sensor_frame: name of the scanner's frame: if the recording's static transforms tell where it is on what the poses
-        are of, the scanner's are returned.
+    - path: the recording.
+    - topic: of NavSatFix, Odometry, PoseStamped or PoseWithCovarianceStamped. Found if there is one only; one of
+      NavSatFix comes before others.
+    - crs: of the map, WKT or a code: for NavSatFix.
+    - geoid_height: of the geoid above the ellipsoid, m: subtracted from the heights of NavSatFix.
+    - is_odometry: whether a motion is wanted: a topic of Odometry comes before others then, and NavSatFix is not used.
+    - are_sure: whether an IMU's orientations are used even if they disagree with the course over ground.
+    - frames: take the poses of the second of these frames in the first from the recording's transforms (TF).
+    - sensor_frame: name of the scanner's frame: if the recording's static transforms tell where it is on what the poses
+      are of, the scanner's are returned.
 
     FileError if there are no poses, or several topics and none is asked for; OptionError if the topic asked for is not
     there, or holds no poses; TrajectoryError if they cannot be used; CrsError if positions in latitude and longitude

@@ -101,14 +101,14 @@ def open_scans(
 ) -> Scans:
     """Return the scans in a folder, a recording, or the one scan in a file; none is read yet.
 
-    path: A folder of scans of one kind: .bin (float32 x, y, z, and reflectance as KITTI has it), .pcd, .ply, .npz, .las
-        or .laz; or one such file. Files with other suffixes are left alone. Or a recording: .bag, .mcap, .db3, .pcap,
-        or the folder of a ROS 2 bag.
-    times: file with one time per line, s. If None: `times.txt` in the folder if there is one, else the names are the
-        times: decimals are seconds, integers of 19, 16, 13 digits are ns, us, ms, others seconds.
-    topic: which of several clouds of a recording.
-    at_stamp: whether the time of a recorded scan is that of its message, and not the middle between its first and its
-        last point where these have times.
+    - path: A folder of scans of one kind: .bin (float32 x, y, z, and reflectance as KITTI has it), .pcd, .ply, .npz,
+      .las or .laz; or one such file. Files with other suffixes are left alone. Or a recording: .bag, .mcap, .db3,
+      .pcap, or the folder of a ROS 2 bag.
+    - times: file with one time per line, s. If None: `times.txt` in the folder if there is one, else the names are the
+      times: decimals are seconds, integers of 19, 16, 13 digits are ns, us, ms, others seconds.
+    - topic: which of several clouds of a recording.
+    - at_stamp: whether the time of a recorded scan is that of its message, and not the middle between its first and its
+      last point where these have times.
 
     FileError if there is no scan, scans are of several kinds, times are missing or do not fit the scans, or a recording
     has no cloud, or several and none is asked for; MissingExtraError if it is a recording, and the extra `recordings`
