@@ -150,21 +150,19 @@ def by_workers(
 
     Points stay with the workers; those of the epochs `with_points` are read once more.
     """
+    from maxcon._system.ordered_map import in_order_of
     from maxcon.drive.many import tasks_of
 
-    n_epochs = len(opened.drive.scans)  # what cannot work is said before anything is started
-    found = _in_order(opened, engine, list(tasks_of(opened.entry, range(first, n_epochs))), first)
+    epochs = range(first, len(opened.drive.scans))  # what cannot work is said before anything is started
+    found = in_order_of(epochs, _done(opened, engine, list(tasks_of(opened.entry, epochs))))
     return (opened.with_points(epoch) if epoch.epoch in with_points else epoch for epoch in found)
 
 
-def _in_order(opened: OpenedDrive, engine: "Engine", tasks: "list[DriveTask]", first: int) -> "Iterator[EpochEstimate]":
+def _done(opened: OpenedDrive, engine: "Engine", tasks: "list[DriveTask]") -> "Iterator[tuple[int, EpochEstimate]]":
+    """Yield epochs with their numbers as they are done; MaxconError where a task cannot be."""
     from maxcon.drive.many import ManyDrivesJob
 
-    waiting: dict[int, EpochEstimate] = {}
     for _, found in engine.run(ManyDrivesJob(opened.opener), tasks, len(tasks)):
         if isinstance(found, str):
             raise MaxconError(found)
-        waiting.update((epoch.epoch, epoch) for epoch in found)
-        while first in waiting:
-            yield waiting.pop(first)
-            first += 1
+        yield from ((epoch.epoch, epoch) for epoch in found)
