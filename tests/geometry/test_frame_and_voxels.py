@@ -41,12 +41,6 @@ def test_an_origin_is_three_finite_numbers(origin):
         LocalFrame(origin)
 
 
-def test_points_of_another_shape_are_refused():
-    for convert in (UTM.to_local, UTM.to_global):
-        with pytest.raises(ArrayError, match=r"shape \(n, 3\), got \(2, 2\)"):
-            convert(np.zeros((2, 2)))
-
-
 def test_indices_are_floors_also_below_zero():
     points = np.array([[0.0, -0.0, 0.0599], [-1e-9, 0.06, -0.06], [-0.0601, 0.1199, 12.3]])
     np.testing.assert_array_equal(voxel_indices(points, 0.06), [[0, 0, 0], [-1, 1, -1], [-2, 1, 205]])
@@ -71,8 +65,7 @@ def test_a_shift_by_a_cell_is_a_shift_by_a_voxel(at, cells):
     np.testing.assert_array_equal(voxel_indices(shifted, cell) - voxel_indices(points, cell), [[cells, 0, 0]])
 
 
-@pytest.mark.parametrize("sign", [-1, 1])
-@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize(("sign", "axis"), [(-1, 0), (1, 1), (-1, 2)])
 def test_indices_end_where_int32_would_not_hold_a_window(sign, axis):
     points = np.zeros((2, 3))
     points[1, axis] = sign * (INDEX_LIMIT - 1) * 0.5
@@ -80,8 +73,5 @@ def test_indices_end_where_int32_would_not_hold_a_window(sign, axis):
     points[1, axis] = sign * INDEX_LIMIT * 0.5
     with pytest.raises(ArrayError, match=r"within 5\.37e\+08 m of the local origin, got 5\.37e\+08 m\. Express them"):
         voxel_indices(points, 0.5)
-
-
-def test_coordinates_beyond_all_bounds_are_refused():
     with np.errstate(over="ignore"), pytest.raises(ArrayError, match="of the local origin"):
         voxel_indices(np.array([[1e308, 0.0, 0.0]]), 0.06)

@@ -173,9 +173,12 @@ def test_csv_takes_covariances_in_any_order_of_columns(tmp_path):
         ("a.csv", SIGMAS + "1,2,3,4,0,0,0,1,1,1\n2,2,3,4,0,0,0,1,-1,1\n", r"line 3: Expected 'sigma_x,.*>= 0, got -1"),
         ("a.csv", SIGMAS + "1,2,3,4,0,0,0,1,nan,1\n", r"line 2: Expected finite numbers for 'sigma_x,.*got 'nan'"),
         ("a.csv", SIGMAS + "1,2,3,4,0,0,0,1,,1\n", r"line 2: Expected finite numbers for 'sigma_x,.*got ''"),
-        ("a.csv", SIGMAS + "1,2,3,4,0,0,0,1,1e200,1\n", r"line 2: Expected finite numbers in a covariance"),
-        ("a.csv", COVARIANCES + "1,2,3,4,0,0,0,1,0,0,-2,0,1,0\n", r"line 2: Expected variances >= 0 .*got -2"),
-        ("a.csv", COVARIANCES + "1,2,3,4,0,0,0,1,5,0,2,0,1,0\n", r"line 2: Expected a positive semidefinite"),
+        ("a.csv", SIGMAS + "1,2,3,4,0,0,0,1,1e200,1\n", r"line 2: Expected a covariance .*got .*inf"),
+        (
+            "a.csv",
+            COVARIANCES + "1,2,3,4,0,0,0,1,5,0,2,0,1,0\n",
+            r"line 2: Expected a covariance .*positive semidefinite",
+        ),
     ],
 )
 def test_a_malformed_file_is_refused_with_file_and_line(tmp_path, name, content, words):

@@ -250,12 +250,9 @@ def test_a_covariance_printed_with_few_digits_is_taken():
     [
         (np.eye(2), r"shape \(3, 3\), got \(2, 2\)\. Take its rows"),
         ([1.0, 1.0, 0.1], r"shape \(3, 3\), got \(3,\)"),
-        ("exact", r"numbers of shape \(3, 3\), got str"),
-        ([[1.0], [1.0, 2.0], [3.0]], r"numbers of shape \(3, 3\), got list"),
-        (np.diag([1.0, np.nan, 0.1]), "finite numbers .* Without a covariance, give half widths"),
-        (np.diag([1.0, np.inf, 0.1]), "finite numbers"),
-        (np.diag([1.0, 1.0, -0.1]), "variances >= 0 .*got -0.1"),
-        ([[1.0, 0.1, 0.0], [0.2, 1.0, 0.0], [0.0, 0.0, 0.1]], "symmetric .*mean of it and its transpose"),
+        ("exact", r"numbers of shape \(3, 3\)"),
+        ([[1.0], [1.0, 2.0], [3.0]], r"numbers of shape \(3, 3\)"),
+        (np.diag([1.0, np.nan, 0.1]), "finite, symmetric and positive semidefinite, got .*nan"),
         ([[1.0, 0.0, 2e-3], [0.0, 1.0, 0.0], [2e-3, 0.0, 1e-6]], "positive semidefinite"),
     ],
 )

@@ -21,14 +21,8 @@ INDEX_LIMIT = 2**30
 class LocalFrame:
     """The frame everything inside a map is expressed in: metres about a float64 origin, with a CRS.
 
-    Global coordinates stay float64: a float32 at a UTM northing of 5.8e6 m has steps of 0.5 m.
-
-    Parameters
-    ----------
-    origin : tuple of 3 float
-        Global coordinates of the local (0, 0, 0), m.
-    crs : str or None
-        WKT of the global coordinate reference system; None where it is not known.
+    - origin: global coordinates of the local (0, 0, 0), m, float64: a float32 northing of 5.8e6 m has steps of 0.5 m.
+    - crs: WKT of the global coordinate reference system; None where it is not known.
     """
 
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)

@@ -53,13 +53,9 @@ class Pose:
 
     `T_a_b` maps from b to a, so `pose.apply(points_sensor)` are the points in the map's frame.
 
-    Parameters
-    ----------
-    x, y, z : float
-        Position of the sensor, m. z is up.
-    roll, pitch, heading : float
-        Orientation, rad: R = Rz(heading) Ry(pitch) Rx(roll). Heading is counter-clockwise from +x
-        and is kept in [-pi, pi).
+    - x, y, z: position of the sensor, m. z is up.
+    - roll, pitch, heading: orientation, rad: R = Rz(heading) Ry(pitch) Rx(roll). Heading is counter-clockwise from +x
+      and is kept in [-pi, pi).
 
     An ArrayError if a value is not a finite number.
     """

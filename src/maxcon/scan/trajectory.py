@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from maxcon.errors import ArrayError, OptionError, TrajectoryError
 from maxcon.geometry import Pose, interpolate_poses
-from maxcon.geometry.covariances import first_covariance_fault
+from maxcon.geometry.arrays import first_covariance_fault
 from maxcon.geometry.quaternions import angles_from_quaternions, quaternions_from_angles
 
 # A time this near to a pose's is that pose's: loggers round to the millisecond.
@@ -52,7 +52,7 @@ def first_fault(
             return None
         rows = np.flatnonzero(~np.isnan(covariances).all(axis=(1, 2)))
         fault = first_covariance_fault(covariances[rows])
-        return None if fault is None else TrajectoryFault(int(rows[fault.row]), fault.words)
+        return None if fault is None else TrajectoryFault(int(rows[fault[0]]), fault[1])
     row = int(np.argmin(is_good))
     if not is_finite[row]:
         return TrajectoryFault(row, "Expected finite numbers, got NaN or infinity. Leave this pose out.")

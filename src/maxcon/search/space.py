@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from maxcon.errors import SearchSpaceError
 from maxcon.geometry import Pose, wrap_angle
-from maxcon.geometry.covariances import sigmas_of
+from maxcon.geometry.arrays import sigmas_of
 
 __all__ = ["PAPER_CELL", "PAPER_STEP_DEG", "Cell", "SearchSpace", "Window", "rounded_up"]
 
