@@ -25,8 +25,7 @@ from maxcon import MaximumConsensus, PointMap, Scan, SearchSpace, open_scans, re
 from maxcon.map import TILE_VOXELS
 from maxcon.map.manifest import GROUND, TILES, read_manifest
 from maxcon.map.storage import open_storage
-from maxcon.map.store import Section
-from maxcon.map.writer import MapWriter
+from maxcon.map.store import MapWriter, Section
 
 # Tiles of 6 cm that a block of the campaign takes along x and y.
 BLOCK = (15, 16)
@@ -45,10 +44,10 @@ def write(out, maps, n_blocks):
             for x, y in product(range(n_blocks), repeat=2):
                 section = sections[(x * n_blocks + y) % len(sections)]
                 low = np.array(sorted(section.keys)).min(axis=0)
-                for key in section.keys_in_order():
-                    moved = (key[0] - int(low[0]) + BLOCK[0] * x, key[1] - int(low[1]) + BLOCK[1] * y)
+                for record in section.records():
+                    moved = (record.key[0] - int(low[0]) + BLOCK[0] * x, record.key[1] - int(low[1]) + BLOCK[1] * y)
                     if moved[0] < BLOCK[0] * (x + 1) and moved[1] < BLOCK[1] * (y + 1):
-                        writer.put(replace(section.record(key), key=moved))
+                        writer.put(replace(record, key=moved))
         written = writer.finish(
             cell=first.cell, origin=(0.0, 0.0, 0.0), crs=first.crs, is_signed=first.is_signed,
             sigma=first.sigma, build={"program": "benchmarks/large_map.py"},
@@ -65,7 +64,7 @@ def write(out, maps, n_blocks):
 
 def read(place, small_path, scans_folder, prior_file, times, n_places, n_blocks, n_maps):
     small = read_manifest(open_storage(small_path))
-    low = small.tiles.keys.min(axis=0)
+    low = small.tiles.rows["key"].min(axis=0)
     start = time.perf_counter()
     large = PointMap.open(place, cache_bytes=2**28)
     opened = time.perf_counter() - start

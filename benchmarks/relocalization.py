@@ -32,9 +32,8 @@ from maxcon.lab.dataset import Dataset
 from maxcon.lab.evaluation import pose_error
 from maxcon.refine import fit_ground_plane
 from maxcon.relocalization import Relocalizer, kernels
-from maxcon.relocalization.coarse_filter import filter_cells
+from maxcon.relocalization.coarse_filter import HEADINGS, PARTS, STEP_DEG, CoarseScan, filter_cells
 from maxcon.relocalization.coarse_map import REGION
-from maxcon.relocalization.coarse_scan import HEADINGS, STEP_DEG, CoarseScan
 from maxcon.relocalization.relocalizer import COARSE
 
 WITHIN, WITHIN_DEG = 0.3, 1.0
@@ -102,13 +101,15 @@ def best_of_all(scan, regions):
     turned, best, cell = scan.turned(HEADINGS, regions.tiles.cell), -1, None
     for key in regions.keys:
         region = regions.load(key)
-        allowed = np.argwhere(region.is_allowed)
+        squares = 2 * np.argwhere(region.is_allowed.reshape(REGION // 2, 2, REGION // 2, 2).any(axis=(1, 3)))
         for heading in range(len(HEADINGS)):
-            cells = np.column_stack([np.full(len(allowed), heading), allowed])
-            counts = np.empty(len(cells), np.int64)
-            kernels.count_cells(
-                region.voxels.bins, turned.layers, turned.columns, turned.bins, cells, region.margin, counts
+            nodes = np.column_stack([np.full(len(squares), heading), squares])
+            cells, counts = nodes[:, None] + PARTS, np.empty((len(nodes), 4), np.uint16)
+            kernels.count_children(
+                region.voxels.bins, turned.layers, turned.columns, turned.bins, nodes, 1, region.margin, counts
             )
+            is_allowed = region.is_allowed[cells[..., 1], cells[..., 2]]
+            cells, counts = cells[is_allowed], counts[is_allowed]
             if counts.max() > best:
                 best = counts.max()
                 cell = cells[counts.argmax()] + [0, key[1] * REGION, key[0] * REGION]

@@ -20,9 +20,8 @@ from maxcon import PointMap, Scan
 from maxcon.lab.dataset import Dataset
 from maxcon.refine import fit_ground_plane
 from maxcon.relocalization import Relocalizer
-from maxcon.relocalization.coarse_filter import filter_cells
+from maxcon.relocalization.coarse_filter import CoarseScan, filter_cells
 from maxcon.relocalization.coarse_map import REGION
-from maxcon.relocalization.coarse_scan import CoarseScan
 from maxcon.relocalization.relocalizer import COARSE, COARSE_RATIO
 
 COLOURS = {"localized": "#1b7f3b", "ambiguous": "#d98a00"}

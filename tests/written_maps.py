@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from maxcon.map import manifest as manifests
-from maxcon.map.manifest import TILES, Manifest, ShardFile, ShardTable
-from maxcon.map.store import ground_record, tile_record
-from maxcon.map.writer import SHARD_BYTES, MapWriter
+from maxcon.map.manifest import INDEX, TILES, Manifest, ShardFile, ShardTable
+from maxcon.map.store import SHARD_BYTES, MapWriter, ground_record, tile_record
 
 SAID = {"origin": (458_800.0, 5_429_000.0, 100.0), "crs": None, "is_signed": True, "sigma": 0.02, "build": {}}
 
@@ -54,17 +53,20 @@ def edit_manifest(folder, **changes):
     path.write_text(json.dumps({**content, "sha256": manifests.checksum_of_manifest(content)}))
 
 
-def edit_index(folder, section, **changes):
-    """Change columns of the index of a section, and all checksums that depend on it."""
+def edit_index(folder, section, schema=None, **columns):
+    """Change columns of the index of a section, or its schema, and all checksums that depend on it."""
     manifest = manifests.read_manifest(folder)
-    table = replace(manifest.sections[section], **changes)
+    table = manifest.sections[section]
+    for name, values in columns.items():
+        table.rows[name] = values
+    table = replace(table, schema=schema or table.schema)
     manifests.write_manifest(folder, replace(manifest, sections={**manifest.sections, section: table}))
 
 
 def table_of(n, section=TILES, schema=b"some schema"):
     """Return the table of n records that lie behind each other in one file."""
     rows = [((k, -k), 10 + k, 20 + k, 0, 100 + 50 * k, 50, bytes([k % 256]) * 32) for k in range(n)]
-    return ShardTable.of_rows(schema, (ShardFile(f"{section}/00000-0.arrows", 200 + 50 * n),), rows)
+    return ShardTable(schema, (ShardFile(f"{section}/00000-0.arrows", 200 + 50 * n),), np.array(rows, INDEX))
 
 
 def tile_shard(folder):

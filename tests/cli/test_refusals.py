@@ -67,13 +67,17 @@ def test_scans_of_no_use(not_localized, drive, tmp_path):
 
 def test_maps_of_no_use(not_localized, maxcon, refused, drive, tmp_path):
     (tmp_path / "notes.txt").touch()
-    for name, got in (("a" * 300, "too long"), ("missing.map", "no such folder"), ("notes.txt", "got a file")):
+    for name, got in (
+        ("a" * 300, "too long"),
+        ("missing.map", "no manifest.json there"),
+        ("notes.txt", "Not a directory"),
+    ):
         not_localized(name, got, city=tmp_path / name)
         refused(maxcon("map", "info", tmp_path / name), name, got)
     city = shutil.copytree(drive.city, tmp_path / "city.map")
     (shard,) = (city / "tiles").glob("*.arrows")
     content, table = bytearray(shard.read_bytes()), read_manifest(city).tiles
-    for middle in (table.offsets + table.lengths // 2).tolist():
+    for middle in (table.rows["offset"] + table.rows["length"] // 2).tolist():
         content[middle] ^= 1
     shard.write_bytes(content)
     not_localized(shard, "tile (", "checksum", "Build the map again", city=city)

@@ -17,8 +17,8 @@ from maxcon.io.trajectories import read_prior
 from maxcon.lab.dataset import Dataset
 from maxcon.lab.study.run import Study
 from maxcon.map.manifest import read_manifest
+from maxcon.map.point_map import stored_ground
 from maxcon.map.storage import Folder
-from maxcon.map.store import GroundStore
 from maxcon.scan.mounting import read_mounting
 
 Reader = Callable[[bytes, str, Path, Path], None]
@@ -84,7 +84,7 @@ def _manifest(data: bytes, name: str, folder: Path, seeds: Path) -> None:
     shutil.copytree(seeds / "city.map", there)
     (there / name).write_bytes(data)
     point_map = PointMap.open(there)
-    ground = GroundStore(Folder(there), read_manifest(there))
+    ground = stored_ground(Folder(there), read_manifest(there))
     keys = sorted(ground.keys)[:9]
     _each(partial(point_map.tiles_within, 0.0, 0.0, 100.0), *(partial(ground.load, key) for key in keys))
 

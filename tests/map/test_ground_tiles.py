@@ -12,8 +12,8 @@ from maxcon.errors import MapError
 from maxcon.map import TILE_VOXELS
 from maxcon.map.ground import HEADROOM, GroundTile, ground_in_memory, ground_of_points, ground_patch, ground_voxels
 from maxcon.map.manifest import read_manifest
+from maxcon.map.point_map import stored_ground
 from maxcon.map.storage import Folder
-from maxcon.map.store import GroundStore
 
 SEEDS = st.integers(0, 2**32)
 CELL = 0.06
@@ -85,7 +85,7 @@ def test_a_map_of_points_has_ground_only_if_it_is_given():
 
 def test_ground_on_disk_is_that_in_memory_read_when_asked_for_and_checked(copy, in_memory):
     opened, ground = PointMap.open(copy), in_memory._ground
-    store = GroundStore(Folder(copy), read_manifest(copy))
+    store = stored_ground(Folder(copy), read_manifest(copy))
     assert opened.has_ground and store.keys == ground.keys and len(store.keys) > 1
     for key in ground.keys:
         np.testing.assert_array_equal(store.load(key).heights, ground.load(key).heights)

@@ -11,10 +11,9 @@ from hypothesis import strategies as st
 from towns import HEIGHT, Town
 
 from maxcon import PointMap, Pose, Scan
-from maxcon.relocalization import coarse_filter, reference
-from maxcon.relocalization.coarse_filter import filter_cells
+from maxcon.relocalization import coarse_filter
+from maxcon.relocalization.coarse_filter import HEADINGS, CoarseScan, count_all, counts_of_region, filter_cells
 from maxcon.relocalization.coarse_map import REGION, Area, CoarseTiles, Regions
-from maxcon.relocalization.coarse_scan import HEADINGS, CoarseScan
 from maxcon.relocalization.relocalizer import COARSE
 
 FEW = HEADINGS[::15]
@@ -36,14 +35,13 @@ def regions_of(point_map):
 def few_headings():
     """Every 15th heading only: the definition takes its time."""
     with pytest.MonkeyPatch.context() as patch:
-        for module in (coarse_filter, reference):
-            patch.setattr(module, "HEADINGS", FEW)
+        patch.setattr(coarse_filter, "HEADINGS", FEW)
         yield
 
 
 def assert_as_defined(scan, regions, ratio, **options):
     """The cells that are found, which are those of the definition."""
-    found, wanted = filter_cells(scan, regions, ratio, **options), reference.filter_cells(scan, regions, ratio)
+    found, wanted = filter_cells(scan, regions, ratio, **options), count_all(scan, regions, ratio)
     assert np.array_equal(found.cells, wanted.cells)
     assert np.array_equal(found.counts, wanted.counts)
     assert found.left_out == wanted.left_out
@@ -84,7 +82,7 @@ def test_it_does_so_in_a_circle(towns):
 def test_without_room_for_all_it_keeps_the_highest_and_says_how_high_others_come(towns, monkeypatch):
     town, regions = towns[0]
     scan = coarse_scan(town, town.pose(3.0, 4.0, 0.1), 6, 40)
-    every = reference.filter_cells(scan, regions, 0.3)
+    every = count_all(scan, regions, 0.3)
     monkeypatch.setattr(coarse_filter, "MOST_KEPT", 50)
     found = filter_cells(scan, regions, 0.3)
     assert len(every) > len(found) >= 50
@@ -105,7 +103,7 @@ def a_wall(normal):
 def test_a_point_counts_where_the_voxel_it_falls_in_has_its_orientation(normal, counted):
     scan = CoarseScan(np.array([[10.0 * 0.96, 0.0, 1.5]]), np.array([normal]))
     regions = regions_of(a_wall((-1.0, 0.0, 0.0)))
-    counts = reference.counts_of_region(scan, regions.load((0, 0)), regions.tiles.cell)
+    counts = counts_of_region(scan, regions.load((0, 0)), regions.tiles.cell)
     ahead = len(FEW) // 2
     assert counts[ahead, 0, 0] == counted
     assert counts[ahead, 0, 1] == 0  # a cell farther on the point falls beyond the wall
@@ -115,7 +113,7 @@ def test_a_point_counts_where_the_voxel_it_falls_in_has_its_orientation(normal, 
 def test_a_scanner_that_is_turned_sees_the_wall_elsewhere():
     # 10 cells to the left of the scanner; it stands below the wall, and looks along x.
     scan = CoarseScan(np.array([[0.0, 10.0 * 0.96, 1.5]]), np.array([[0.0, -1.0, 0.0]]))
-    found = reference.filter_cells(scan, regions_of(a_wall((0.0, -1.0, 0.0))), 1.0)
+    found = count_all(scan, regions_of(a_wall((0.0, -1.0, 0.0))), 1.0)
     assert [len(FEW) // 2, -10, 10] in found.cells.tolist()
     assert [0, 10, 10] not in found.cells.tolist()  # turned about, its orientation is another
     assert found.counts.tolist() == [1] * len(found)

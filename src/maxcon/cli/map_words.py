@@ -31,7 +31,7 @@ def print_manifest(manifest: "Manifest") -> None:
     from maxcon.map import TILE_VOXELS
     from maxcon.map.manifest import FORMAT_VERSION
 
-    edge, keys, build = TILE_VOXELS * manifest.cell, manifest.tiles.keys, manifest.build
+    edge, keys, build = TILE_VOXELS * manifest.cell, manifest.tiles.rows["key"], manifest.build
     x_low, y_low = keys.min(axis=0) * edge + manifest.origin[:2]
     x_high, y_high = (keys.max(axis=0) + 1) * edge + manifest.origin[:2]
     signed = "turned to the sensor's side" if manifest.is_signed else "unsigned (no sensor side: w = |cos|)"
@@ -78,7 +78,8 @@ def _ground(manifest: "Manifest") -> str:
     if not len(manifest.ground):
         return "not known: heights and tilts of priors are taken as they are"
     origin = manifest.build.get("ground", "unknown")
-    return f"{manifest.n_heights:,} heights in cells of {ground_voxels(manifest.cell) * manifest.cell:g} m, {origin}"
+    n_heights = manifest.ground.rows["n_rows"].sum()
+    return f"{n_heights:,} heights in cells of {ground_voxels(manifest.cell) * manifest.cell:g} m, {origin}"
 
 
 def _found(found: Mapping[str, Any]) -> str:

@@ -297,19 +297,18 @@ def info(
     """Print what a map is made of."""
     from maxcon.cli.map_words import print_manifest
     from maxcon.map.manifest import read_manifest
+    from maxcon.map.point_map import stored_ground, stored_tiles
     from maxcon.map.storage import open_storage
-    from maxcon.map.store import GroundStore, TileStore
 
     files = open_storage(path)
     manifest = read_manifest(files)
     print_manifest(manifest)
     if check:
-        store, ground = TileStore(files, manifest, cache_bytes=0), GroundStore(files, manifest)
-        for key in sorted(store.keys):
-            store.load(key)
-        for key in sorted(ground.keys):
-            ground.load(key)
-        typer.echo(f"checked      all {len(store.keys)} tiles are as they were written")
+        tiles = stored_tiles(files, manifest, cache_bytes=0)
+        for each in (tiles, stored_ground(files, manifest)):
+            for key in sorted(each.keys):
+                each.load(key)
+        typer.echo(f"checked      all {len(tiles.keys)} tiles are as they were written")
 
 
 @app.command()
@@ -326,7 +325,7 @@ def copy(
     Credentials and server of s3:// are those of the usual variables: AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY,
     AWS_REGION, AWS_ENDPOINT_URL.
     """
-    from maxcon.map.writer import copy_map
+    from maxcon.map.store import copy_map
 
     with step_bars("", quiet) as report:
         copy_map(source, target, overwrite=overwrite, progress=report)

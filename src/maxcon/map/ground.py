@@ -14,10 +14,8 @@ from maxcon.map.tile import TilesInMemory, TileSource
 
 GROUND_EDGE = 0.5
 """The edge of a cell of the grid is a power of two of voxels, the nearest to this, m."""
-
 HEADROOM = 2.0
 """Ground that lies farther than this above other ground of the same cell is another level, m: a bridge."""
-
 LEAST_SHARE = 0.1
 """A level has at least this share of the points of the fullest one of its cell: a stray point is none."""
 
@@ -50,7 +48,7 @@ class GroundTile:
         cls, key: TileKey, columns: NDArray[np.integer], heights: NDArray[np.floating], n: int
     ) -> "GroundTile":
         """Return the tile whose `rows` these are, of n cells along an edge."""
-        return cls(key, stack_levels(columns[:, 1].astype(np.int64) * n + columns[:, 0], heights, n))
+        return cls(key, _stack_levels(columns[:, 1].astype(np.int64) * n + columns[:, 0], heights, n))
 
     @property
     def n_heights(self) -> int:
@@ -63,7 +61,7 @@ class GroundTile:
         return self.heights.nbytes
 
 
-def stack_levels(cells: NDArray[np.integer], heights: NDArray[np.floating], n: int) -> NDArray[np.float32]:
+def _stack_levels(cells: NDArray[np.integer], heights: NDArray[np.floating], n: int) -> NDArray[np.float32]:
     """Heights by (level, y, x) from those of cells y * n + x, which come ascending in (cell, height)."""
     is_first = np.diff(cells, prepend=-1) != 0
     first = np.flatnonzero(is_first)[np.cumsum(is_first) - 1] if len(cells) else np.empty(0, np.int64)
@@ -87,12 +85,10 @@ def ground_of_points(columns: NDArray[np.integer], heights: NDArray[np.floating]
     starts = np.flatnonzero(is_new_cell | (np.diff(heights, prepend=0.0) > HEADROOM))
     counts = np.diff(starts, append=len(cells))
     cells, medians = cells[starts], heights[starts + (counts - 1) // 2]
-    if len(cells):
-        fullest = np.zeros(n * n, np.int64)
-        np.maximum.at(fullest, cells, counts)
-        is_level = counts >= LEAST_SHARE * fullest[cells]
-        cells, medians = cells[is_level], medians[is_level]
-    return stack_levels(cells, medians, n)
+    fullest = np.zeros(n * n, np.int64)
+    np.maximum.at(fullest, cells, counts)
+    is_level = counts >= LEAST_SHARE * fullest[cells]
+    return _stack_levels(cells[is_level], medians[is_level], n)
 
 
 def ground_in_memory(points: NDArray[np.float64], cell: float) -> TilesInMemory[GroundTile]:
@@ -125,22 +121,17 @@ class GroundPatch:
 def ground_patch(source: TileSource[GroundTile], cell: float, x: float, y: float, reach: float) -> GroundPatch:
     """Return the ground in the square of half width `reach` (m) around (x, y), of a map of edge `cell` (m)."""
     edge, n = ground_voxels(cell) * cell, TILE_VOXELS // ground_voxels(cell)
-    x_first, x_last, y_first, y_last = (
-        math.floor(value / edge) for value in (x - reach, x + reach, y - reach, y + reach)
+    (x_first, y_first), (x_last, y_last) = (
+        [math.floor(value / edge) for value in (x + side, y + side)] for side in (-reach, reach)
     )
-    shape = (y_last - y_first + 1, x_last - x_first + 1)
-    tiles = [
-        source.load((key_x, key_y))
-        for key_y in range(y_first // n, y_last // n + 1)
-        for key_x in range(x_first // n, x_last // n + 1)
-        if (key_x, key_y) in source.keys
-    ]
-    heights = np.full((max((len(tile.heights) for tile in tiles), default=1), *shape), np.nan, np.float32)
+    keys = [(kx, ky) for ky in range(y_first // n, y_last // n + 1) for kx in range(x_first // n, x_last // n + 1)]
+    tiles = [source.load(key) for key in keys if key in source.keys]
+    # Whole tiles, of which the patch is cut out.
+    nx, ny = x_last // n - x_first // n + 1, y_last // n - y_first // n + 1
+    heights = np.full((max((len(tile.heights) for tile in tiles), default=1), ny * n, nx * n), np.nan, np.float32)
     for tile in tiles:
-        left, low = tile.key[0] * n - x_first, tile.key[1] * n - y_first
-        rows = slice(max(low, 0), min(low + n, shape[0]))
-        columns = slice(max(left, 0), min(left + n, shape[1]))
-        heights[: len(tile.heights), rows, columns] = tile.heights[
-            :, rows.start - low : rows.stop - low, columns.start - left : columns.stop - left
-        ]
-    return GroundPatch(heights, (x_first, y_first), edge)
+        column, row = (tile.key[0] - x_first // n) * n, (tile.key[1] - y_first // n) * n
+        heights[: len(tile.heights), row : row + n, column : column + n] = tile.heights
+    row, column = y_first % n, x_first % n
+    cut = heights[:, row : row + y_last - y_first + 1, column : column + x_last - x_first + 1]
+    return GroundPatch(np.ascontiguousarray(cut), (x_first, y_first), edge)

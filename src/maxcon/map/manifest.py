@@ -7,6 +7,7 @@ import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -21,13 +22,7 @@ from maxcon.map.ground import ground_voxels
 from maxcon.map.layout import CELLS, TILE_VOXELS, UNKNOWN_SIGMA, TileKey
 from maxcon.map.storage import ByteRange, MapStorage, open_storage
 
-__all__ = [
-    "CLASSES", "FORMAT", "FORMAT_VERSION", "GROUND", "MANIFEST", "MAP_NAMES", "MAX_MANIFEST_BYTES", "REBUILD", "TILES",
-    "Manifest", "ShardFile", "ShardTable", "checksum_of_manifest", "file_names", "read_manifest", "write_manifest",
-]  # fmt: skip
-
-FORMAT = "maxcon map"
-FORMAT_VERSION = 3
+FORMAT, FORMAT_VERSION = "maxcon map", 3
 MANIFEST = "manifest.json"
 MAX_MANIFEST_BYTES = 2**30
 TILES, GROUND = "tiles", "ground"
@@ -37,14 +32,17 @@ CLASSES = "classes"
 MAP_NAMES = (MANIFEST, TILES, GROUND, CLASSES)
 """Names of the files and folders in the folder of a map."""
 REBUILD = "Build the map again with `maxcon map build`."
-CHECKSUM_BYTES = 32
-NUMBERS = {
-    "x": "int32", "y": "int32", "n_rows": "int32", "n_points": "int64",
-    "shard": "int32", "offset": "int64", "length": "int64",
-}  # fmt: skip
-"""Columns of an index and their types; that of the checksums follows."""
 RECORDS = b"records"
 """Key in the metadata of an index whose value is the schema of the records."""
+INDEX = np.dtype(
+    [
+        ("key", np.int32, 2), ("n_rows", np.int32), ("n_points", np.int64), ("shard", np.int32),
+        ("offset", np.int64), ("length", np.int64), ("sha256", "V32"),
+    ]
+)  # fmt: skip
+"""A row of an index: key (x, y) of the tile; rows of the record, voxels or heights, and map points they stand for;
+number of the file that it lies in, its first byte there, its number of bytes, and their SHA-256."""
+NUMBERS = ("n_rows", "n_points", "shard", "offset", "length")
 
 
 class ShardFile(Struct, frozen=True):
@@ -54,66 +52,46 @@ class ShardFile(Struct, frozen=True):
     n_bytes: Annotated[int, Meta(ge=0, lt=2**62)] = msgspec.field(name="bytes")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class ShardTable:
     """The index of a section: a row for each record, by ascending key.
 
     schema: arrow IPC message of the schema of all records.
     files: the shards.
-    keys: shape (n, 2), int32; (x, y) of the tiles.
-    n_rows, n_points: shape (n,), int32 and int64; rows of each record, voxels or heights, and map points in its voxels.
-    shards, offsets, lengths: shape (n,), int32, int64, int64; number of the file that each record lies in, its first
-        byte there, and its number of bytes.
-    checksums: shape (n, 32), uint8; SHA-256 of its bytes.
+    rows: shape (n,), of the type INDEX.
+    name: of its own file, where it was read.
     """
 
-    schema: bytes
-    files: tuple[ShardFile, ...]
-    keys: NDArray[np.int32]
-    n_rows: NDArray[np.int32]
-    n_points: NDArray[np.int64]
-    shards: NDArray[np.int32]
-    offsets: NDArray[np.int64]
-    lengths: NDArray[np.int64]
-    checksums: NDArray[np.uint8]
+    schema: bytes = b""
+    files: tuple[ShardFile, ...] = ()
+    rows: NDArray[np.void] = field(default_factory=lambda: np.empty(0, INDEX))
+    name: str = ""
 
     def __len__(self) -> int:
-        return len(self.keys)
+        return len(self.rows)
 
-    @classmethod
-    def of_rows(cls, schema: bytes, files: tuple[ShardFile, ...], rows: list[tuple[Any, ...]]) -> "ShardTable":
-        """Return the table of rows (key, n_rows, n_points, shard, offset, length, SHA-256) in any order."""
-        keys, *numbers, checksums = zip(*sorted(rows), strict=True) if rows else [()] * 7
-        n_rows, n_points, shards, offsets, lengths = (np.array(column, np.int64) for column in numbers)
-        packed = np.frombuffer(b"".join(checksums), np.uint8).reshape(-1, CHECKSUM_BYTES)
-        tiles = np.array(keys, np.int32).reshape(-1, 2)
-        return cls(
-            schema, files, tiles, n_rows.astype(np.int32), n_points, shards.astype(np.int32), offsets, lengths, packed
-        )
+    @cached_property
+    def numbers(self) -> dict[TileKey, int]:
+        """Number of the row of each key."""
+        return {(x, y): number for number, (x, y) in enumerate(self.rows["key"].tolist())}
 
-    @classmethod
-    def empty(cls) -> "ShardTable":
-        """Return the table of a section without records."""
-        return cls.of_rows(b"", (), [])
-
-    def rows_by_key(self) -> dict[TileKey, int]:
-        """Return the number of each record's row."""
-        return dict(zip(zip(*self.keys.T.tolist(), strict=True), range(len(self)), strict=True))
-
-    def range_of(self, row: int) -> ByteRange:
-        """Return where the record of a row lies."""
-        return ByteRange(self.files[self.shards[row]].name, int(self.offsets[row]), int(self.lengths[row]))
+    def range_of(self, key: TileKey) -> ByteRange:
+        """Return where a record lies."""
+        row = self.rows[self.numbers[key]]
+        return ByteRange(self.files[row["shard"]].name, int(row["offset"]), int(row["length"]))
 
     def to_bytes(self) -> bytes:
         """Return the table as an Arrow IPC file, the schema of the records among its metadata."""
         import pyarrow as pa
 
-        checksums = [None, pa.py_buffer(self.checksums.tobytes())]
-        packed = pa.FixedSizeBinaryArray.from_buffers(pa.binary(CHECKSUM_BYTES), len(self), checksums)
-        x, y = np.ascontiguousarray(self.keys.T)
-        numbers = (x, y, self.n_rows, self.n_points, self.shards, self.offsets, self.lengths)
-        batch = pa.record_batch([*map(pa.array, numbers), packed], schema=_index_schema())
-        batch = batch.replace_schema_metadata({RECORDS: self.schema})
+        columns = dict(zip("xy", self.rows["key"].T, strict=True))
+        columns |= {name: self.rows[name] for name in NUMBERS}
+        arrays = [pa.array(np.ascontiguousarray(column)) for column in columns.values()]
+        kind = pa.binary(INDEX["sha256"].itemsize)
+        buffers = [None, pa.py_buffer(self.rows["sha256"].tobytes())]
+        arrays.append(pa.FixedSizeBinaryArray.from_buffers(kind, len(self), buffers))
+        fields = [pa.field(name, a.type, nullable=False) for name, a in zip([*columns, "sha256"], arrays, strict=True)]
+        batch = pa.record_batch(arrays, schema=pa.schema(fields, metadata={RECORDS: self.schema}))
         sink = pa.BufferOutputStream()
         with pa.ipc.new_file(sink, batch.schema) as writer:
             writer.write_batch(batch)
@@ -121,24 +99,18 @@ class ShardTable:
         return content
 
     @classmethod
-    def from_bytes(cls, content: Any, files: tuple[ShardFile, ...]) -> "ShardTable":
+    def from_bytes(cls, content: Any, files: tuple[ShardFile, ...], name: str = "") -> "ShardTable":
         """Return the table that `to_bytes` wrote, of records in these files; their checksum was verified before."""
         import pyarrow as pa
 
         with pa.ipc.open_file(pa.py_buffer(content)) as file:
             schema, batch = file.schema.metadata[RECORDS], file.get_batch(0)
-        *numbers, checksums = batch.columns
-        x, y, n_rows, n_points, shards, offsets, lengths = (column.to_numpy() for column in numbers)
-        packed = np.frombuffer(checksums.buffers()[1], np.uint8, CHECKSUM_BYTES * len(checksums))
-        packed = packed.reshape(-1, CHECKSUM_BYTES)
-        return cls(schema, files, np.column_stack([x, y]), n_rows, n_points, shards, offsets, lengths, packed)
-
-
-def _index_schema() -> Any:
-    import pyarrow as pa
-
-    numbers = [pa.field(name, getattr(pa, kind)(), nullable=False) for name, kind in NUMBERS.items()]
-    return pa.schema([*numbers, pa.field("sha256", pa.binary(CHECKSUM_BYTES), nullable=False)])
+        rows = np.empty(len(batch), INDEX)
+        rows["key"] = np.column_stack([batch.column("x"), batch.column("y")])
+        for each in NUMBERS:
+            rows[each] = batch.column(each)
+        rows["sha256"] = np.frombuffer(batch.column("sha256").buffers()[1], INDEX["sha256"], len(batch))
+        return cls(schema, files, rows, name)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -178,24 +150,12 @@ class Manifest:
     @property
     def n_points(self) -> int:
         """Points in all voxels."""
-        return int(self.tiles.n_points.sum())
+        return int(self.tiles.rows["n_points"].sum())
 
     @property
     def n_voxels(self) -> int:
         """Occupied voxels."""
-        return int(self.tiles.n_rows.sum())
-
-    @property
-    def n_heights(self) -> int:
-        """Heights of the ground."""
-        return int(self.ground.n_rows.sum())
-
-
-# What JSON must hold for `maxcon map info` to print it and a search to use it; other entries are kept as they are.
-Count = Annotated[int, Meta(ge=0, lt=2**62)]
-ClassNumber = Annotated[int, Meta(ge=0, lt=256)]
-ClassText = Annotated[str, Meta(pattern=r"\A[0-9]{1,3}\Z")]
-Metres = Annotated[float, Meta(ge=-1e12, le=1e12)]
+        return int(self.tiles.rows["n_rows"].sum())
 
 
 class _Section(Struct):
@@ -205,72 +165,12 @@ class _Section(Struct):
     shards: tuple[ShardFile, ...]
 
 
-class _Source(Struct):
-    name: str
-    n_points: Count
-    n_kept: Count
-    n_invalid: Count
-    n_without_side: Count
-    n_dropped: dict[ClassText, Count]
-    is_classified: bool
-    n_thinned: Count = 0
-    n_withheld: Count = 0
-
-
-class _Found(Struct):
-    n_points: dict[ClassText, Count]
-    dropped: list[ClassNumber]
-    temporary: str
-
-
-class _Given(Struct, tag_field="from", tag="given"):
-    pass
-
-
-class _Aligned(Struct, tag_field="from", tag="alignment"):
-    pass
-
-
-class _Assumed(Struct, tag_field="from", tag="assumed"):
-    reason: str
-
-
-class _FromPasses(Struct, tag_field="from", tag="passes"):
-    n_passes: int
-    sigma_of_pass: float
-    n_places: int
-
-
-class _UpdateDrive(Struct):
-    name: str
-    n_looks: int
-
-
-class _Parent(Struct):
-    name: str
-    sha256: str
-
-
-class _Update(Struct):
-    drives: list[_UpdateDrive]
-    parent: _Parent
-    n_judged: int
-    n_now_gone: int
-    n_now_new: int
-    n_back: int
-    n_known: int
-    n_gone: int
-    n_new: int
-
-
-class _Build(Struct):
-    sources: list[_Source] = []
-    found: _Found | None = None
-    sigma: _Given | _Aligned | _Assumed | _FromPasses | None = None
-    updates: list[_Update] = []
+Metres = Annotated[float, Meta(ge=-1e12, le=1e12)]
 
 
 class _Content(Struct):
+    """What the manifest must hold for a search; how the map was built is believed to its checksum."""
+
     cell: Annotated[float, Meta(ge=CELLS[0], le=CELLS[1])]
     origin: tuple[Metres, Metres, Metres]
     crs: str | None
@@ -278,7 +178,7 @@ class _Content(Struct):
     sigma: Annotated[float, Meta(ge=0.0, le=1e12)]
     tile_voxels: Literal[512]
     ground_voxels: int
-    build: _Build
+    build: dict[str, Any]
     sections: dict[Annotated[str, Meta(pattern=r"\A[a-z][a-z_]*\Z")], _Section]
 
 
@@ -335,54 +235,39 @@ def read_manifest(map_: str | os.PathLike[str] | MapStorage) -> Manifest:
     if content.get("sha256") != checksum_of_manifest(content):
         raise MapError(f"Expected {file} to be as it was written, got another checksum. {REBUILD}")
     found = checked(content, _Content, file, "a whole manifest", REBUILD.rstrip("."), MapError)
-    sections = {name: _read_index(entry, storage) for name, entry in found.sections.items()}
-    if TILES not in sections:
-        raise MapError(f"Expected a map of at least one tile in {file}, got no tiles. {REBUILD}")
-    if GROUND in sections and found.ground_voxels != ground_voxels(found.cell):
-        wanted, got = ground_voxels(found.cell), found.ground_voxels
-        raise MapError(f"Expected `ground_voxels` of {wanted} for these voxels in {file}, got {got}. {REBUILD}")
-    sections = {GROUND: ShardTable.empty(), **sections}
+    if TILES not in found.sections or found.ground_voxels != ground_voxels(found.cell):
+        what = "`ground_voxels` that suit `cell`" if TILES in found.sections else "a map of at least one tile"
+        raise MapError(f"Expected {what} in {file}, got none. {REBUILD}")
+    sections = {GROUND: ShardTable()} | {name: _read_index(entry, storage) for name, entry in found.sections.items()}
     return Manifest(
-        found.cell, found.origin, found.crs, found.is_signed, sections, content["build"], found.sigma, content["sha256"]
+        found.cell, found.origin, found.crs, found.is_signed, sections, found.build, found.sigma, content["sha256"]
     )
 
 
-def file_names(storage: MapStorage) -> list[str]:
-    """Return the names of the files of a map, without the manifest, which was read before."""
-    sections = _read_json(storage)["sections"].values()
-    return [name for entry in sections for name in (*(shard["name"] for shard in entry["shards"]), entry["index"])]
-
-
 def _read_json(storage: MapStorage) -> Any:
-    file = storage.where(MANIFEST)
     try:
         return msgspec.json.decode(storage.read(MANIFEST, MAX_MANIFEST_BYTES))
     except (FileNotFoundError, NotADirectoryError) as error:
         raise MapError(
-            f"Expected {storage.where('')} to be a map, got {storage.what_is_there(MANIFEST, error)}."
+            f"Expected {storage.where('')} to be a map, got no {MANIFEST} there ({error.strerror})."
             " Build one with `maxcon map build`."
         ) from None
-    except OSError as error:
+    except (OSError, ValueError, RecursionError) as error:
+        words = getattr(error, "strerror", None) or error
         raise MapError(
-            f"Expected to be able to read {file}, got: {error.strerror or error}. Check the path and its permissions."
+            f"Expected {storage.where(MANIFEST)} to be the manifest of a map, got: {words}. {storage.remedy}"
         ) from None
-    except (ValueError, RecursionError) as error:
-        raise MapError(f"Expected {file} to be the manifest of a map, got: {error}. {REBUILD}") from None
 
 
 def _read_index(entry: _Section, storage: MapStorage) -> ShardTable:
     """Read the index of a section, and verify its checksum."""
     where = storage.where(entry.index)
     try:
-        content = storage.read(entry.index, entry.index_bytes)
+        content = storage.read_range(ByteRange(entry.index, 0, entry.index_bytes))
     except OSError as error:
         raise MapError(
             f"Expected {where} to be the index of the map, got: {error.strerror or error}. {storage.remedy}"
         ) from None
     if hashlib.sha256(content).hexdigest() != entry.index_sha256:
         raise MapError(f"Expected {where} to be as it was written, got another checksum. {REBUILD}")
-    table = ShardTable.from_bytes(content, entry.shards)
-    if int(table.shards.max(initial=-1)) >= len(entry.shards):
-        n = len(entry.shards)
-        raise MapError(f"Expected all shards of {where} in {storage.where(MANIFEST)}, got {n} `shards`. {REBUILD}")
-    return table
+    return ShardTable.from_bytes(content, entry.shards, entry.index)

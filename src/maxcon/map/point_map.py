@@ -7,18 +7,19 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, SupportsIndex
+from typing import TYPE_CHECKING, Any, SupportsIndex
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from maxcon._system.compiled import read_only_view
-from maxcon.errors import ArrayError, OptionError
+from maxcon.errors import ArrayError, MapError, OptionError
 from maxcon.geometry import LocalFrame
 from maxcon.geometry.arrays import as_points, as_unit_normals
-from maxcon.map.ground import GroundPatch, GroundTile, ground_in_memory, ground_patch
+from maxcon.map.ground import GroundPatch, GroundTile, ground_in_memory, ground_patch, ground_voxels
 from maxcon.map.layout import (
     LEVEL_FACTORS,
     NOT_SEARCHED,
@@ -29,38 +30,16 @@ from maxcon.map.layout import (
     check_sigma,
 )
 from maxcon.map.tile import TileCache, TilesInMemory, TileSource, VoxelTile
-from maxcon.map.voxelize import split_into_tiles, voxelize
+from maxcon.map.voxelize import voxelize
 
-LEVEL_BYTES = 2**28
-"""Size of the tiles of a level that are kept, with their indices."""
+if TYPE_CHECKING:
+    from maxcon.map.manifest import Manifest
+    from maxcon.map.storage import MapStorage
 
-
-class _MergedTiles:
-    """Tiles of a level: those of the map in voxels `factor` times as large, merged when asked for."""
-
-    def __init__(self, source: TileSource[VoxelTile], factor: int, is_signed: bool) -> None:
-        self._source = source
-        self._factor = factor
-        self._is_signed = is_signed
-        self._cache: TileCache[VoxelTile] = TileCache(LEVEL_BYTES)
-
-    @property
-    def keys(self) -> frozenset[TileKey]:
-        return self._source.keys
-
-    def load(self, key: TileKey) -> VoxelTile:
-        return self._cache.load(key, lambda: self._merged(self._source.load(key)))
-
-    def _merged(self, tile: VoxelTile) -> VoxelTile:
-        """Merge voxels: numbers of points add up; positions and normals are means, each as often as it has points."""
-        from maxcon.map import tile_kernels
-
-        edge = tile.edge // self._factor
-        columns, layers, counts, normals, means = tile_kernels.merge(
-            read_only_view(tile.columns), read_only_view(tile.layers), read_only_view(tile.counts),
-            read_only_view(tile.normals), read_only_view(tile.means), edge, self._factor, self._is_signed,
-        )  # fmt: skip
-        return VoxelTile(tile.key, columns, layers, counts, normals, means, edge)
+LEVEL_BYTES, GROUND_BYTES = 2**28, 2**24
+"""Sizes of the caches of the tiles of a level and of the ground."""
+PREFETCHED_AROUND = 2
+"""With the ground of a tile, that of so many tiles on each side is prefetched: it is likely to be needed next."""
 
 
 class PointMap:
@@ -107,6 +86,9 @@ class PointMap:
     def __reduce_ex__(self, protocol: SupportsIndex) -> Any:
         return super().__reduce_ex__(protocol) if self._made_by is None else self._made_by
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_levels": {}}
+
     @classmethod
     def from_points(
         cls,
@@ -136,16 +118,14 @@ class PointMap:
         ground : array_like, shape (k, 3), optional
             Points on the ground, local frame, m: their heights are kept in a grid beside the voxels.
 
-        Raises
-        ------
-        ArrayError: if a shape is wrong, a value not finite or a normal no unit vector, `cell` <= 0 or `sigma` < 0.
+        An ArrayError if a shape is wrong, a value not finite or a normal no unit vector, `cell` <= 0 or `sigma` < 0.
         """
         check_sigma(sigma)
         if not (math.isfinite(cell) and cell > 0.0):
             raise ArrayError(f"Expected a positive voxel edge `cell` in m, got {cell}.")
         points = as_points(points, "points")
         normals = as_unit_normals(normals, len(points), "normals")
-        tiles = split_into_tiles(*voxelize(points, normals, cell, is_signed=is_signed))
+        tiles = voxelize(points, normals, cell, is_signed=is_signed)
         on_ground = None if ground is None else ground_in_memory(as_points(ground, "ground"), cell)
         return cls(frame or LocalFrame(), float(cell), is_signed, TilesInMemory(tiles), float(sigma), on_ground)
 
@@ -169,23 +149,20 @@ class PointMap:
         left_out : collection of SurfaceClass, optional
             What of an updated map is left out: by default what is gone. Nothing if None, and tiles have classes then.
 
-        Raises
-        ------
-        MapError: if it is not a map, is of another format version, or its manifest is broken.
+        A MapError if it is not a map, is of another format version, or its manifest is broken.
         """
         from maxcon.map.manifest import read_manifest
         from maxcon.map.storage import address_of, open_storage
-        from maxcon.map.store import GroundStore, TileStore
 
         storage = open_storage(path)
         manifest = read_manifest(storage)
-        store = TileStore(storage, manifest, cache_bytes=cache_bytes, left_out=left_out)
-        frame, ground = LocalFrame(manifest.origin, manifest.crs), GroundStore(storage, manifest)
-        opened = cls(frame, manifest.cell, manifest.is_signed, store, manifest.sigma, ground)
+        tiles = stored_tiles(storage, manifest, cache_bytes=cache_bytes, left_out=left_out)
+        frame, ground = LocalFrame(manifest.origin, manifest.crs), stored_ground(storage, manifest)
+        opened = cls(frame, manifest.cell, manifest.is_signed, tiles, manifest.sigma, ground)
         address = address_of(path)
         name = address or str(Path(path).absolute())
         opened._made_by = partial(PointMap.open, name, cache_bytes=cache_bytes, left_out=left_out), ()
-        opened._prefetch = store.prefetch if address else None
+        opened._prefetch = tiles.prefetch if address else None
         return opened
 
     def level(self, factor: int) -> PointMap:
@@ -201,7 +178,7 @@ class PointMap:
                     f"Expected the voxels of a level to be 1, 2, 4, ... or {LEVEL_FACTORS[-1]} times as large as the"
                     f" map's, got {factor}. Choose one of these."
                 )
-            merged = _MergedTiles(self._tiles, factor, self.is_signed)
+            merged = _merged_tiles(self._tiles, factor, self.is_signed)
             level = PointMap(
                 self.frame, self.cell * factor, self.is_signed, merged, self.sigma,
                 tile_voxels=self.tile_voxels // factor,
@@ -235,23 +212,34 @@ class PointMap:
         (x_low, y_low), (x_high, y_high) = keys.min(axis=0) * edge, (keys.max(axis=0) + 1) * edge
         return (float(x_low), float(y_low)), (float(x_high), float(y_high))
 
+    def keys_within(self, x: float, y: float, reach: float) -> list[TileKey]:
+        """Keys of the tiles that meet the square of half width `reach` (m) around (x, y), local frame, in order."""
+        edge = self.tile_voxels * self.cell
+        x_first, x_last = math.floor((x - reach) / edge), math.floor((x + reach) / edge)
+        y_first, y_last = math.floor((y - reach) / edge), math.floor((y + reach) / edge)
+        keys = self._tiles.keys
+        if (x_last - x_first + 1) * (y_last - y_first + 1) <= len(keys):
+            columns, rows = range(x_first, x_last + 1), range(y_first, y_last + 1)
+            return [(kx, ky) for kx in columns for ky in rows if (kx, ky) in keys]
+        return sorted((kx, ky) for kx, ky in keys if x_first <= kx <= x_last and y_first <= ky <= y_last)
+
     def tiles_within(self, x: float, y: float, reach: float) -> list[VoxelTile]:
-        """Tiles that meet the square of half width `reach` (m) around (x, y), local frame, ordered by key."""
+        """Tiles of `keys_within`."""
         return self._load(self.keys_within(x, y, reach))
+
+    def covers(self, x: float, y: float, reach: float = 0.0) -> bool:
+        """Whether any tile meets the square of half width `reach` (m) around (x, y), local frame; loads nothing."""
+        return bool(self.keys_within(x, y, reach))
 
     def prefetch_around(self, positions: Iterable[tuple[float, float]], reach: float) -> None:
         """Begin to fetch the tiles within `reach` (m) of positions (x, y), local frame, if the map is on a network."""
         if self._prefetch is not None:
-            self._prefetch(sorted({key for x, y in positions for key in self._keys_within(x, y, reach)}))
+            self._prefetch(sorted({key for x, y in positions for key in self.keys_within(x, y, reach)}))
 
     def _load(self, keys: Sequence[TileKey]) -> list[VoxelTile]:
         if len(keys) > 1 and self._prefetch is not None:
             self._prefetch(keys)
         return [self._tiles.load(key) for key in keys]
-
-    def keys_within(self, x: float, y: float, reach: float) -> list[TileKey]:
-        """Keys of the tiles that `tiles_within` gives, in order; loads nothing."""
-        return sorted(self._keys_within(x, y, reach))
 
     def tile(self, key: TileKey) -> VoxelTile:
         """Load one tile, a key of `tile_keys`."""
@@ -272,20 +260,6 @@ class PointMap:
         x, y = (self._sorted_keys - corner).T
         return self._load([(kx, ky) for kx, ky in self._sorted_keys[is_met[y, x]].tolist()])
 
-    def covers(self, x: float, y: float, reach: float = 0.0) -> bool:
-        """Whether any tile meets the square of half width `reach` (m) around (x, y), local frame; loads nothing."""
-        return bool(self._keys_within(x, y, reach))
-
-    def _keys_within(self, x: float, y: float, reach: float) -> list[TileKey]:
-        edge = self.tile_voxels * self.cell
-        x_first, x_last = math.floor((x - reach) / edge), math.floor((x + reach) / edge)
-        y_first, y_last = math.floor((y - reach) / edge), math.floor((y + reach) / edge)
-        keys = self._tiles.keys
-        if (x_last - x_first + 1) * (y_last - y_first + 1) <= len(keys):
-            columns, rows = range(x_first, x_last + 1), range(y_first, y_last + 1)
-            return [(kx, ky) for kx in columns for ky in rows if (kx, ky) in keys]
-        return [(kx, ky) for kx, ky in keys if x_first <= kx <= x_last and y_first <= ky <= y_last]
-
     def all_voxels(self) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]:
         """Indices (m, 3), counts (m,) and normals (m, 3) of every voxel: for small maps and tests."""
         tiles = [self._tiles.load(key) for key in sorted(self._tiles.keys)]
@@ -294,3 +268,80 @@ class PointMap:
             np.concatenate([tile.counts for tile in tiles] or [np.empty(0, np.int32)]),
             np.concatenate([tile.normals for tile in tiles] or [np.empty((0, 3), np.float32)]),
         )
+
+
+def stored_tiles(
+    storage: MapStorage, manifest: Manifest, *, cache_bytes: int, left_out: Collection[SurfaceClass] | None = None
+) -> TileCache[VoxelTile]:
+    """Return the tiles of a map, checked when they are read, behind an LRU cache.
+
+    cache_bytes: size of the tiles that are kept, and of their indices.
+    left_out: voxels of these classes are left out, and tiles have no classes then. Nothing is left out if None.
+    """
+    from maxcon.map.manifest import CLASSES, REBUILD, TILES
+    from maxcon.map.store import Section
+
+    tiles, classes = Section(storage, manifest, TILES), Section(storage, manifest, CLASSES)
+
+    def read(key: TileKey) -> VoxelTile:
+        columns, layers, counts, normals, means = tiles.columns(key)  # views of the record
+        tile = VoxelTile(key, columns, layers, counts, normals, means)
+        if not tile.is_in_order:
+            raise MapError(
+                f"Expected the voxels of {tiles.where(key)} in the order of the search, got another. {REBUILD}"
+            )
+        if key not in classes.keys:
+            return tile
+        (of_voxels,) = classes.columns(key)
+        if len(of_voxels) != len(tile) or not np.isin(of_voxels, list(SurfaceClass)).all():
+            raise MapError(
+                f"Expected a class for each of {len(tile):,} voxels in {classes.where(key)}, got other numbers."
+                " Update the map it was made of again with `maxcon map update`."
+            )
+        tile = replace(tile, classes=of_voxels)
+        return tile if left_out is None else tile.without(left_out)
+
+    def prefetch(keys: Iterable[TileKey]) -> None:
+        wanted = list(keys)
+        tiles.prefetch(wanted)
+        classes.prefetch(wanted)
+
+    return TileCache(read, cache_bytes, tiles.keys, prefetch)
+
+
+def stored_ground(storage: MapStorage, manifest: Manifest) -> TileCache[GroundTile]:
+    """Return the ground of a map, checked when it is read, behind an LRU cache."""
+    from maxcon.map.manifest import GROUND
+    from maxcon.map.store import Section
+
+    section, n_cells = Section(storage, manifest, GROUND), TILE_VOXELS // ground_voxels(manifest.cell)
+    around, prefetched = range(-PREFETCHED_AROUND, PREFETCHED_AROUND + 1), set[TileKey]()
+
+    def read(key: TileKey) -> GroundTile:
+        near = {(key[0] + x, key[1] + y) for x in around for y in around} - prefetched
+        section.prefetch(near)
+        prefetched.update(near)
+        columns, heights = section.columns(key)
+        return GroundTile.from_rows(key, columns, heights, n_cells)
+
+    return TileCache(read, GROUND_BYTES, section.keys)
+
+
+def _merged_tiles(source: TileSource[VoxelTile], factor: int, is_signed: bool) -> TileCache[VoxelTile]:
+    """Return the tiles of a level: voxels `factor` times as large, merged when asked for.
+
+    Numbers of points add up; positions and normals are means, each as often as it has points.
+    """
+
+    def merge(key: TileKey) -> VoxelTile:
+        from maxcon.map import tile_kernels
+
+        tile = source.load(key)
+        given = (tile.columns, tile.layers, tile.counts, tile.normals, tile.means)
+        edge = tile.edge // factor
+        columns, layers, counts, normals, means = tile_kernels.merge(
+            *(read_only_view(array) for array in given), edge, factor, is_signed
+        )
+        return VoxelTile(key, columns, layers, counts, normals, means, edge)
+
+    return TileCache(merge, LEVEL_BYTES, source.keys)

@@ -17,15 +17,11 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from datetime import timedelta
 from functools import cached_property
-from io import BufferedReader
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
-from maxcon._system.regular_file import open_regular
+from maxcon._system.regular_file import open_regular, read_regular
 from maxcon.errors import MissingExtraError, OptionError
-
-if TYPE_CHECKING:
-    from obstore.store import ClientConfig, RetryConfig, S3Config
 
 ADDRESS = re.compile(r"(s3|https?):/{1,2}(?=[^/])")
 """How an address begins; a `Path` of one has lost a slash."""
@@ -40,21 +36,13 @@ CONNECT_SECONDS, READ_SECONDS, REQUEST_SECONDS = 5.0, 15.0, 120.0
 """Time-outs of a connection, between two pieces of an answer, and of a whole request."""
 RETRIES, RETRY_SECONDS = 2, 20.0
 """How often a request is repeated, and for how long."""
-NO_BUCKET = "no such bucket"
-NO_RANGES = (
-    "the server sends no ranges of files, by which tiles are read: serve the map by one that does, or copy its folder"
-    " to this machine"
-)
-KEYS = "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY"
-ANONYMOUS = "AWS_SKIP_SIGNATURE"
-NO_KEYS = (
-    f"no keys were found: set {KEYS} (AWS_SESSION_TOKEN too, where they are temporary), or {ANONYMOUS}=true for a"
-    " bucket that anybody may read"
-)
+KEYS, ANONYMOUS = "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY", "AWS_SKIP_SIGNATURE"
 CAUSES = {
-    NO_RANGES: r"Range request not supported",
+    "the server sends no ranges of files, by which tiles are read: serve the map by one that does, or copy its folder"
+    " to this machine": r"Range request not supported",
     # A machine of Amazon would have them from there.
-    NO_KEYS: r"169\.254\.169\.254|/latest/(api/token|meta-data)|instance metadata",
+    f"no keys were found: set {KEYS} (AWS_SESSION_TOKEN too, where they are temporary), or {ANONYMOUS}=true for a"
+    " bucket that anybody may read": r"169\.254\.169\.254|/latest/(api/token|meta-data)|instance metadata",
     f"half of the keys: set both, {KEYS}": r"Missing ?(SecretAccessKey|AccessKeyId)",
     "no permission": r"PermissionDenied|Forbidden|AccessDenied|\b403\b",
     "the server does not know these credentials": r"Unauthenticated|InvalidAccessKeyId|SignatureDoesNotMatch|\b401\b",
@@ -99,39 +87,27 @@ class Folder:
         """Return the file's path."""
         return str(self._path / name)
 
-    def what_is_there(self, name: str, error: OSError) -> str:
-        """Return what there is instead of a file that was not found, in words for a message."""
-        if self._path.is_dir():
-            return f"no {name} in it"
-        return "a file" if self._path.is_file() else "no such folder"
-
-    def read(self, name: str, max_bytes: int) -> memoryview:
-        """Return all of a file, in memory of its own; one that is larger is refused."""
-        with open_regular(self._path / name) as file:
-            size = os.fstat(file.fileno()).st_size
-            if size > max_bytes:
-                raise OSError(errno.EFBIG, f"{size:,} bytes, more than there can be in it")
-            return _read(file, 0, size)
+    def read(self, name: str, max_bytes: int) -> bytes | memoryview:
+        """Return all of a file; one that is larger is cut."""
+        return read_regular(self._path / name, max_bytes)
 
     def read_range(self, wanted: ByteRange) -> memoryview:
-        """Return some bytes of a file, in memory of their own; fewer where the file ends before."""
+        """Return some bytes of a file, in memory of their own; fewer where the file ends before.
+
+        The memory has large pages where the system has them: it takes half the time to get.
+        """
         with open_regular(self._path / wanted.name) as file:
-            size = os.fstat(file.fileno()).st_size
-            return _read(file, wanted.offset, max(min(wanted.length, size - wanted.offset), 0))
+            length = max(min(wanted.length, os.fstat(file.fileno()).st_size - wanted.offset), 0)
+            memory = mmap.mmap(-1, max(length, 1))
+            if length >= LARGE_PAGE and hasattr(mmap, "MADV_HUGEPAGE"):
+                with suppress(OSError):
+                    memory.madvise(mmap.MADV_HUGEPAGE)
+            content = memoryview(memory)[:length]
+            file.seek(wanted.offset)
+            return content[: file.readinto(content)]
 
     def prefetch(self, ranges: Iterable[ByteRange]) -> None:
         """Do nothing: files of this machine need no fetching ahead."""
-
-
-def _read(file: BufferedReader, offset: int, length: int) -> memoryview:
-    """Read into private memory, in large pages where the system has them: it takes half the time to get."""
-    memory = mmap.mmap(-1, max(length, 1))
-    if length >= LARGE_PAGE and hasattr(mmap, "MADV_HUGEPAGE"):
-        with suppress(OSError):
-            memory.madvise(mmap.MADV_HUGEPAGE)
-    content = memoryview(memory)[:length]
-    file.seek(offset)
-    return content[: file.readinto(content)]
 
 
 class Remote:
@@ -153,7 +129,6 @@ class Remote:
         self._obstore = obstore
         self._address = address
         self._is_s3 = address.startswith("s3:")
-        self._has_ranges = False  # whether a web server has sent one
         self._coming: OrderedDict[ByteRange, Future[memoryview]] = OrderedDict()
         self._lock = threading.Lock()
 
@@ -161,12 +136,8 @@ class Remote:
         """Return the file's address."""
         return f"{self._address}/{name}" if name else self._address
 
-    def what_is_there(self, name: str, error: OSError) -> str:
-        """Return what there is instead of a file that was not found, in words for a message."""
-        return error.strerror if error.strerror == NO_BUCKET else f"no {name} there"
-
-    def read(self, name: str, max_bytes: int) -> memoryview:
-        """Return all of a file; one that is larger is refused, and so is a web server that sends no ranges."""
+    def read(self, name: str, max_bytes: int) -> bytes | memoryview:
+        """Return all of a file; one that is larger is refused."""
 
         def ask() -> memoryview:
             result = self._obstore.get(self._store, name)
@@ -174,11 +145,7 @@ class Remote:
                 raise OSError(errno.EFBIG, f"{result.meta['size']:,} bytes, more than there can be in it")
             return memoryview(result.bytes())
 
-        content = self._asked(ask)
-        if not (self._is_s3 or self._has_ranges) and len(content):
-            self._fetch(ByteRange(name, 0, 1))
-            self._has_ranges = True
-        return content
+        return self._asked(ask)
 
     def prefetch(self, ranges: Iterable[ByteRange]) -> None:
         """Begin to fetch what will be read soon, several at a time, up to MAX_PREFETCH_BYTES in all."""
@@ -240,17 +207,18 @@ class Remote:
         from obstore.store import HTTPStore, S3Store
 
         endpoint = os.environ.get("AWS_ENDPOINT_URL_S3") or os.environ.get("AWS_ENDPOINT_URL", "")
-        client: ClientConfig = {
-            "connect_timeout": timedelta(seconds=CONNECT_SECONDS),
-            "read_timeout": timedelta(seconds=READ_SECONDS),
-            "timeout": timedelta(seconds=REQUEST_SECONDS),
-            "allow_http": (endpoint if self._is_s3 else self._address).startswith("http:"),
+        options: dict[str, Any] = {
+            "client_options": {
+                "connect_timeout": timedelta(seconds=CONNECT_SECONDS),
+                "read_timeout": timedelta(seconds=READ_SECONDS),
+                "timeout": timedelta(seconds=REQUEST_SECONDS),
+                "allow_http": (endpoint if self._is_s3 else self._address).startswith("http:"),
+            },
+            "retry_config": {"max_retries": RETRIES, "retry_timeout": timedelta(seconds=RETRY_SECONDS)},
         }
-        retry: RetryConfig = {"max_retries": RETRIES, "retry_timeout": timedelta(seconds=RETRY_SECONDS)}
         if not self._is_s3:
-            return HTTPStore(self._address, client_options=client, retry_config=retry)
-        config: S3Config = {"endpoint": endpoint} if endpoint else {}
-        return S3Store.from_url(self._address, config=config, client_options=client, retry_config=retry)
+            return HTTPStore(self._address, **options)
+        return S3Store.from_url(self._address, config={"endpoint": endpoint} if endpoint else {}, **options)
 
     def _asked(self, ask: Callable[[], Answer]) -> Answer:
         """Return the answer of the server; its errors become OSError with words for the user."""
@@ -259,7 +227,7 @@ class Remote:
         try:
             return ask()
         except FileNotFoundError as error:
-            missing = NO_BUCKET if "NoSuchBucket" in str(error) else os.strerror(errno.ENOENT)
+            missing = "no such bucket" if "NoSuchBucket" in str(error) else os.strerror(errno.ENOENT)
             raise FileNotFoundError(errno.ENOENT, missing) from None
         except (BaseError, ValueError) as error:
             raise OSError(errno.EIO, _in_words(error, is_s3=self._is_s3)) from None

@@ -1,33 +1,50 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Records of tiles, and the tiles and the ground of a map on disk: read when asked for, and checked (D10).
+"""Records of tiles: written into the shards of a map, read from them when asked for and checked, and copied (D10).
 
 A record is what a section of a map keeps of one tile: one message of the Arrow IPC stream format, its buffers
 compressed with LZ4 (docs/map_format.md). Records do not depend on the thread or process that makes them.
 """
 
 import hashlib
-from collections.abc import Collection, Iterable
-from dataclasses import dataclass, replace
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from pathlib import Path
+from typing import Any, BinaryIO, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.errors import MapError
-from maxcon.map.ground import GroundTile, ground_voxels
-from maxcon.map.layout import TILE_VOXELS, SurfaceClass, TileKey
-from maxcon.map.manifest import CLASSES, GROUND, REBUILD, TILES, Manifest, ShardTable
-from maxcon.map.storage import MapStorage
-from maxcon.map.tile import TileCache, VoxelTile
+from maxcon._system.atomic import atomic_folder, check_replaceable
+from maxcon._system.progress import Progress
+from maxcon.errors import FileError, MapError, OptionError
+from maxcon.map.ground import GroundTile
+from maxcon.map.layout import TileKey
+from maxcon.map.manifest import (
+    CLASSES,
+    GROUND,
+    INDEX,
+    MANIFEST,
+    MAP_NAMES,
+    REBUILD,
+    TILES,
+    Manifest,
+    ShardFile,
+    ShardTable,
+    read_manifest,
+    write_manifest,
+)
+from maxcon.map.storage import Folder, MapStorage, Remote, address_of, open_storage
+from maxcon.map.tile import VoxelTile
 
 END_OF_STREAM = b"\xff\xff\xff\xff\0\0\0\0"
 """How a stream of the Arrow IPC format ends."""
-GROUND_CACHE_BYTES = 2**24
-PREFETCHED_AROUND = 2
-"""With the ground of a tile, that of so many tiles on each side is prefetched: it is likely to be needed next."""
-UPDATE = "Update the map it was made of again with `maxcon map update`."
+SHARD_BYTES = 2**27
+"""Largest size of a shard of several records."""
+PREFETCHED = 16
+"""Records that are prefetched while one is copied."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +64,7 @@ class Record:
     n_rows: int
     n_points: int
     schema: bytes
-    content: bytes
+    content: bytes | memoryview
     sha256: bytes
 
     @classmethod
@@ -104,12 +121,6 @@ def classes_record(tile: VoxelTile) -> Record:
     return Record.of(CLASSES, tile.key, [tile.classes])
 
 
-def classes_of_batch(batch: Any) -> NDArray[np.uint8]:
-    """Return the classes of a record batch of the section of classes."""
-    classes: NDArray[np.uint8] = batch.column("class").to_numpy()
-    return classes
-
-
 class Section:
     """The records of one section of a map, read when asked for and checked against their checksums.
 
@@ -121,11 +132,10 @@ class Section:
 
         self.name = name
         self._storage = storage
-        self._table = manifest.sections.get(name) or ShardTable.empty()
-        self._rows = self._table.rows_by_key()
-        self.keys = frozenset(self._rows)
+        self._table = manifest.sections.get(name) or ShardTable()
+        self.keys = frozenset(self._table.numbers)
         """Keys of the tiles that have a record."""
-        if not self._rows:
+        if not self.keys:
             return
         self._schema = pa.ipc.read_schema(pa.py_buffer(self._table.schema))
         if name in (TILES, GROUND, CLASSES) and not self._schema.equals(_schema(name)):
@@ -136,125 +146,212 @@ class Section:
 
     def prefetch(self, keys: Iterable[TileKey]) -> None:
         """Begin to fetch records that will be read soon, where the map is on a network."""
-        self._storage.prefetch([self._table.range_of(self._rows[key]) for key in keys if key in self._rows])
-
-    def keys_in_order(self) -> list[TileKey]:
-        """Return the keys in the order in which the records lie in the shards."""
-        order = np.lexsort((self._table.offsets, self._table.shards))
-        return [(x, y) for x, y in self._table.keys[order].tolist()]
+        self._storage.prefetch([self._table.range_of(key) for key in keys if key in self.keys])
 
     def where(self, key: TileKey) -> str:
         """Return where a record lies, for messages."""
-        return f"tile {key} in {self._storage.where(self._table.range_of(self._rows[key]).name)}"
+        return f"tile {key} in {self._storage.where(self._table.range_of(key).name)}"
 
-    def batch(self, key: TileKey) -> Any:
-        """Return the Arrow record batch of a tile, in private memory: later changes of the file do no harm."""
+    def columns(self, key: TileKey) -> list[NDArray[Any]]:
+        """Return the columns of a record, in private memory: later changes of the file do no harm."""
         import pyarrow as pa
 
-        return pa.ipc.read_record_batch(pa.py_buffer(self._content(key)), self._schema)
+        batch = pa.ipc.read_record_batch(pa.py_buffer(self.record(key).content), self._schema)
+        return [
+            column.flatten().to_numpy().reshape(-1, column.type.list_size)
+            if pa.types.is_fixed_size_list(column.type)
+            else column.to_numpy()
+            for column in batch.columns
+        ]
 
     def record(self, key: TileKey) -> Record:
-        """Return the record of a tile, checked as by `batch`, to write it into another map."""
-        table, row = self._table, self._rows[key]
-        n_rows, n_points = int(table.n_rows[row]), int(table.n_points[row])
-        checksum = table.checksums[row].tobytes()
-        return Record(self.name, key, n_rows, n_points, table.schema, bytes(self._content(key)), checksum)
-
-    def _content(self, key: TileKey) -> memoryview:
-        """Return the bytes of a record."""
-        row = self._rows[key]
+        """Return the record of a tile, checked, to write it into another map."""
+        table, row = self._table, self._table.rows[self._table.numbers[key]]
         try:
-            content = self._storage.read_range(self._table.range_of(row))
+            content = self._storage.read_range(table.range_of(key))
         except OSError as error:
             words = f"got: {error.strerror or error}. {self._storage.remedy}"
             raise MapError(f"Expected {self.where(key)} to be of the map, {words}") from None
-        if hashlib.sha256(content).digest() != self._table.checksums[row].tobytes():
+        checksum = hashlib.sha256(content).digest()
+        if checksum != row["sha256"].tobytes():
             raise MapError(f"Expected {self.where(key)} to be as it was written, got another checksum. {REBUILD}")
-        return content
+        return Record(self.name, key, int(row["n_rows"]), int(row["n_points"]), table.schema, content, checksum)
+
+    def records(self) -> Iterator[Record]:
+        """Yield all records, checked, in the order in which they lie in the shards."""
+        rows = self._table.rows
+        keys = [(x, y) for x, y in rows["key"][np.lexsort((rows["offset"], rows["shard"]))].tolist()]
+        for number, key in enumerate(keys):
+            self.prefetch(keys[number : number + PREFETCHED])
+            yield self.record(key)
 
 
-class TileStore:
-    """The tiles of a map on disk or on a network, checked when they are read, behind an LRU cache.
+class MapWriter:
+    """Writes a map into a folder: `put` the records of its tiles, then `finish`.
 
-    storage: the map's files.
-    manifest: its manifest.
-    cache_bytes: size of the tiles that are kept, and of their indices.
-    left_out: voxels of these classes are left out, and tiles have no classes then. Nothing is left out if None.
+    The files are the same if records come in the same order, whoever made them. Before `finish` there is no manifest,
+    and the folder is no map: fill it under `atomic_folder`.
+
+    folder: an empty folder.
+    shard_bytes: largest size of a file of several records.
     """
 
-    def __init__(
+    def __init__(self, folder: Path, *, shard_bytes: int = SHARD_BYTES) -> None:
+        self._folder = folder
+        self._shard_bytes = shard_bytes
+        self._sections: dict[str, _SectionWriter] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for section in self._sections.values():
+            section.close()
+
+    def put(self, record: Record) -> None:
+        """Write a record into its section: one of each tile, all of one schema."""
+        if record.section not in self._sections:
+            self._sections[record.section] = _SectionWriter(self._folder, record, self._shard_bytes)
+        self._sections[record.section].put(record)
+
+    def finish(
         self,
-        storage: MapStorage,
-        manifest: Manifest,
         *,
-        cache_bytes: int,
-        left_out: Collection[SurfaceClass] | None = None,
-    ) -> None:
-        self._section = Section(storage, manifest, TILES)
-        self._classes = Section(storage, manifest, CLASSES)
-        self._left_out = left_out
-        self._cache: TileCache[VoxelTile] = TileCache(cache_bytes)
+        cell: float,
+        origin: tuple[float, float, float],
+        crs: str | None,
+        is_signed: bool,
+        sigma: float,
+        build: Mapping[str, Any],
+    ) -> Manifest:
+        """Complete the shards, write their indices and the manifest, and return it; see `Manifest` for what it says."""
+        sections = {TILES: ShardTable(), GROUND: ShardTable()}
+        sections |= {name: section.finish() for name, section in self._sections.items()}
+        manifest = Manifest(cell, origin, crs, is_signed, sections, build, sigma)
+        write_manifest(self._folder, manifest)
+        return manifest
 
-    @property
-    def keys(self) -> frozenset[TileKey]:
-        """Keys of the tiles there are."""
-        return self._section.keys
 
-    def load(self, key: TileKey) -> VoxelTile:
-        """Return a tile; a MapError if its file is missing, or is not what was written."""
-        return self._cache.load(key, lambda: self._read(key))
+class _SectionWriter:
+    """Writes the shards of one section, whose records have the schema of the first."""
 
-    def prefetch(self, keys: Iterable[TileKey]) -> None:
-        """Begin to fetch tiles that will be needed soon, where the map is on a network."""
-        wanted = [key for key in keys if key not in self._cache]
-        self._section.prefetch(wanted)
-        self._classes.prefetch(wanted)
+    def __init__(self, folder: Path, first: Record, shard_bytes: int) -> None:
+        self._folder = folder
+        self._name = first.section
+        self._schema = first.schema
+        self._shard_bytes = shard_bytes
+        self._files: list[ShardFile] = []
+        self._rows: list[tuple[Any, ...]] = []
+        self._partial = folder / first.section / "partial"
+        self._partial.parent.mkdir()
+        self._shard: BinaryIO | None = None
+        self._n_bytes = 0
 
-    def _read(self, key: TileKey) -> VoxelTile:
-        batch = self._section.batch(key)
-        columns, normals, means = (
-            batch.column(name).flatten().to_numpy().reshape(-1, n)
-            for name, n in (("column", 2), ("normal", 3), ("mean", 3))
+    def put(self, record: Record) -> None:
+        if self._n_bytes + len(record.content) + len(END_OF_STREAM) > self._shard_bytes:
+            self._complete()
+        if self._shard is None:
+            self._shard = self._partial.open("wb")
+            self._n_bytes = self._shard.write(self._schema)
+            self._checksums = hashlib.sha256(self._schema)
+        place = (len(self._files), self._n_bytes, len(record.content), record.sha256)
+        self._n_bytes += self._shard.write(record.content)
+        self._checksums.update(record.sha256)
+        self._rows.append((record.key, record.n_rows, record.n_points, *place))
+
+    def finish(self) -> ShardTable:
+        """Return the table of all records."""
+        self._complete()
+        return ShardTable(self._schema, tuple(self._files), np.array(sorted(self._rows), INDEX))
+
+    def close(self) -> None:
+        """Close what is open, after an error too."""
+        if self._shard is not None:
+            self._shard.close()
+
+    def _complete(self) -> None:
+        """Give the shard its name, of its number and its checksums: shards of two maps have different names."""
+        if self._shard is None:
+            return
+        self._n_bytes += self._shard.write(END_OF_STREAM)
+        self._shard.close()
+        self._shard = None
+        name = f"{self._name}/{len(self._files):05}-{self._checksums.hexdigest()[:8]}.arrows"
+        self._partial.rename(self._folder / name)
+        self._files.append(ShardFile(name, self._n_bytes))
+
+
+def copy_map(
+    source: str | os.PathLike[str],
+    target: str | os.PathLike[str],
+    *,
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> Manifest:
+    """Copy a map to a folder, or from a folder to an address; every record is checked. Return its manifest.
+
+    At an address the manifest is written last, so that nobody sees half a map; files of a map that was there before
+    stay, for those who are still reading it.
+
+    source, target: a folder, or `s3://bucket/prefix`; a source may be `http://` or `https://` too. One is a folder.
+    overwrite: whether a map that is there is replaced.
+    progress: called with (step, done, of how many).
+
+    FileError if a map is there, or it cannot be written; MapError if a record of the source is not what was written.
+    """
+    report = progress or (lambda step, done, total: None)
+    address, storage = address_of(target), open_storage(source)
+    if address is not None and not (address.startswith("s3://") and isinstance(storage, Folder)):
+        raise OptionError(
+            f"Expected to copy to a folder, or from a folder to s3://, got {source} and {address}. A web server is only"
+            " read; between two object stores, copy to a folder first."
         )
-        layers, counts = (batch.column(name).to_numpy() for name in ("layer", "count"))
-        tile = VoxelTile(key, columns, layers, counts, normals, means)  # views of the batch
-        if not tile.is_in_order:
-            raise MapError(
-                f"Expected the voxels of {self._section.where(key)} in the order of the search, got another. {REBUILD}"
+    manifest = read_manifest(storage)
+    if address is None:
+        if overwrite:
+            check_replaceable(target, "a map", MAP_NAMES)
+        with atomic_folder(target, overwrite=overwrite) as folder, MapWriter(folder) as writer:
+            for record in _records(storage, manifest, "copying tiles", report):
+                writer.put(record)
+            return writer.finish(
+                cell=manifest.cell, origin=manifest.origin, crs=manifest.crs, is_signed=manifest.is_signed,
+                sigma=manifest.sigma, build=manifest.build,
+            )  # fmt: skip
+    for _ in _records(storage, manifest, "checking tiles", report):
+        pass
+    _publish(Path(source), manifest, address, overwrite, report)
+    return manifest
+
+
+def _records(storage: MapStorage, manifest: Manifest, step: str, report: Progress) -> Iterator[Record]:
+    """Yield all records of a map, checked."""
+    sections = [Section(storage, manifest, name) for name in manifest.sections]
+    n_records = sum(len(section.keys) for section in sections)
+    for done, record in enumerate((each for section in sections for each in section.records()), 1):
+        yield record
+        report(step, done, n_records)
+
+
+def _publish(folder: Path, manifest: Manifest, address: str, overwrite: bool, report: Progress) -> None:
+    """Write the files of a map to an address, without those that are there already, and the manifest last."""
+    remote, tables = Remote(address), [table for table in manifest.sections.values() if len(table)]
+    paths = {name: folder / name for table in tables for name in (*(file.name for file in table.files), table.name)}
+    try:
+        sizes = {name: path.stat().st_size for name, path in paths.items()}
+        if not overwrite and remote.size(MANIFEST) is not None:
+            raise FileError(
+                f"Expected no map at {address} yet, but there is one. Name another place, or allow"
+                " replacing it (--overwrite)."
             )
-        if key not in self._classes.keys:
-            return tile
-        classes = classes_of_batch(self._classes.batch(key))
-        if len(classes) != len(tile) or not np.isin(classes, list(SurfaceClass)).all():
-            raise MapError(
-                f"Expected a class for each of {len(tile):,} voxels in {self._classes.where(key)}, got other"
-                f" numbers. {UPDATE}"
-            )
-        tile = replace(tile, classes=classes)
-        return tile if self._left_out is None else tile.without(self._left_out)
-
-
-class GroundStore:
-    """The ground of a map on disk or on a network, behind an LRU cache."""
-
-    def __init__(self, storage: MapStorage, manifest: Manifest) -> None:
-        self._section = Section(storage, manifest, GROUND)
-        self._n_cells = TILE_VOXELS // ground_voxels(manifest.cell)
-        self._cache: TileCache[GroundTile] = TileCache(GROUND_CACHE_BYTES)
-
-    @property
-    def keys(self) -> frozenset[TileKey]:
-        """Keys of the tiles that have ground."""
-        return self._section.keys
-
-    def load(self, key: TileKey) -> GroundTile:
-        """Return the ground of a tile; a MapError if its file is missing, or is not what was written."""
-        return self._cache.load(key, lambda: self._read(key))
-
-    def _read(self, key: TileKey) -> GroundTile:
-        around = range(-PREFETCHED_AROUND, PREFETCHED_AROUND + 1)
-        near = [(key[0] + x, key[1] + y) for x in around for y in around]
-        self._section.prefetch([other for other in near if other not in self._cache])
-        batch = self._section.batch(key)
-        columns = batch.column("column").flatten().to_numpy().reshape(-1, 2)
-        return GroundTile.from_rows(key, columns, batch.column("height").to_numpy(), self._n_cells)
+        done = 0
+        for name, path in paths.items():
+            if remote.size(name) != sizes[name]:
+                remote.write(name, path)
+            done += sizes[name]
+            report("copying bytes", done, sum(sizes.values()))
+        remote.write(MANIFEST, (folder / MANIFEST).read_bytes())
+    except OSError as error:
+        raise FileError(
+            f"Expected to be able to write to {address}, got: {error.strerror or error}. What was written is no map"
+            " yet; the same command goes on with it."
+        ) from None

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""VoxelTile: the voxels of one square of the map, in the order the search reads them; look-ups in several of them."""
+"""VoxelTile: the voxels of one square of the map, in the order the search reads them, and the cache of tiles."""
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -261,16 +261,7 @@ class VoxelLookup:
         return cls(rows, grid, (int(low[0]), int(low[1])), tuple(kept))
 
 
-class Sized(Protocol):
-    """A tile of voxels or of ground, or something derived from one."""
-
-    @property
-    def n_bytes(self) -> int:
-        """Memory it holds, with its indices."""
-        ...
-
-
-TileT = TypeVar("TileT", bound=Sized)
+TileT = TypeVar("TileT")
 TileOut = TypeVar("TileOut", covariant=True)
 
 
@@ -300,39 +291,50 @@ class TilesInMemory(Generic[TileT]):
 
 
 class TileCache(Generic[TileT]):
-    """LRU cache of map tiles, bounded in bytes.
+    """Tiles that are made when asked for, in an LRU cache bounded in bytes.
 
-    Threads load different tiles at once; a tile that several ask for is made once, and the others wait for it.
+    Threads make different tiles at once; a tile that several ask for is made once, and the others wait for it.
 
-    max_bytes: size of all tiles kept and their indices; the last one is kept whatever its size.
+    make: returns the tile of a key; a tile has `n_bytes`, its memory with its indices.
+    max_bytes: size of all tiles kept; the last one is kept whatever its size.
+    keys: of the tiles that can be made.
+    fetch: begins to fetch what tiles are made of, where it comes through a network.
     """
 
-    def __init__(self, max_bytes: int) -> None:
+    def __init__(
+        self,
+        make: Callable[[TileKey], TileT],
+        max_bytes: int,
+        keys: Iterable[TileKey] = (),
+        fetch: Callable[[list[TileKey]], None] | None = None,
+    ) -> None:
+        self.keys = frozenset(keys)
+        self._make = make
         self._max_bytes = max_bytes
+        self._fetch = fetch
         self._n_bytes = 0
-        self._tiles: OrderedDict[TileKey, TileT] = OrderedDict()
+        self._tiles: OrderedDict[TileKey, Any] = OrderedDict()
         self._loading: dict[TileKey, Future[TileT]] = {}
         self._lock = threading.Lock()
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return TileCache, (self._max_bytes,)  # a copy, as in another process, begins empty
+    def prefetch(self, keys: Iterable[TileKey]) -> None:
+        """Begin to fetch tiles that will be needed soon."""
+        if self._fetch is not None:
+            self._fetch([key for key in keys if key not in self._tiles])
 
-    def __contains__(self, key: TileKey) -> bool:
-        return key in self._tiles
-
-    def load(self, key: TileKey, make: Callable[[], TileT]) -> TileT:
-        """Return the tile of a key from the cache, or else make it, and keep it."""
+    def load(self, key: TileKey) -> TileT:
+        """Return a tile that is kept, or else make it."""
         with self._lock:
             if key in self._tiles:
                 self._tiles.move_to_end(key)
-                return self._tiles[key]
+                return self._tiles[key]  # type: ignore[no-any-return]
             loading, mine = self._loading.get(key), Future[TileT]()
             if loading is None:
                 self._loading[key] = mine
         if loading is not None:
             return loading.result()
         try:
-            tile = make()
+            tile: Any = self._make(key)
             n_bytes = tile.n_bytes  # makes the index of a tile
         except BaseException as error:
             del self._loading[key]
@@ -345,4 +347,4 @@ class TileCache(Generic[TileT]):
                 self._n_bytes -= self._tiles.popitem(last=False)[1].n_bytes
             del self._loading[key]
         mine.set_result(tile)
-        return tile
+        return tile  # type: ignore[no-any-return]

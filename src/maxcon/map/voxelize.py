@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""From points with normals to voxels with a count, a mean unit normal and a mean point (D4), and on to tiles."""
+"""From points with normals to tiles of voxels with a count, a mean unit normal and a mean point (D4)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,22 +15,17 @@ MOST_LAYERS = 16_384
 
 def voxelize(
     points: NDArray[np.float64], normals: NDArray[np.float64], cell: float, *, is_signed: bool
-) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32], NDArray[np.uint8]]:
-    """Gather points into voxels of edge `cell`.
+) -> dict[TileKey, VoxelTile]:
+    """Gather points into voxels of edge `cell`, with a count, a mean unit normal and a mean point (D4), and into tiles.
 
     points, normals: shape (n, 3); local frame, m; unit normals, zeros for none.
     cell: voxel edge, m.
     is_signed: whether normals are turned to the sensor's side; otherwise n and -n mean the same.
-    Returns indices: shape (m, 3), int32; (x, y, z) voxel indices, each once.
-    Returns counts: shape (m,), int32; points in each.
-    Returns normals: shape (m, 3), float32; mean unit normal of each; zeros where there is none or they cancel.
-    Returns means: shape (m, 3), uint8; where in the voxel the mean of its points lies, see `mean_steps`.
     """
     of_points = voxel_indices(points, cell)
     indices, voxel, counts = _unique_rows(of_points)
     if not is_signed:
         normals = turn_alike(normals, voxel, len(indices))
-    inside = points - of_points * cell
 
     def sums(values: NDArray[np.float64]) -> NDArray[np.float64]:
         summed = np.zeros((len(indices), 3))
@@ -38,8 +33,18 @@ def voxelize(
             summed[:, axis] = np.bincount(voxel, weights=values[:, axis], minlength=len(indices))
         return summed
 
-    means = mean_steps(sums(inside), counts, cell)
-    return indices, counts.astype(np.int32), mean_normals(sums(normals), counts), means
+    means = mean_steps(sums(points - of_points * cell), counts, cell)
+    unit, counts_32 = mean_normals(sums(normals), counts), counts.astype(np.int32)
+    keys, tile, _ = _unique_rows(indices[:, :2] // TILE_VOXELS)
+    order = np.argsort(tile, kind="stable")
+    groups = np.split(order, np.flatnonzero(np.diff(tile[order])) + 1) if len(order) else []
+    tiles = {}
+    for (x, y), members in zip(keys.tolist(), groups, strict=True):
+        columns = (indices[members, :2] - np.array([x, y]) * TILE_VOXELS).astype(np.int16)
+        tiles[(x, y)] = tile_of_voxels(
+            (x, y), columns, indices[members, 2], counts_32[members], unit[members], means[members]
+        )
+    return tiles
 
 
 def _unique_rows(indices: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.int64]]:
@@ -95,19 +100,3 @@ def tile_of_voxels(
         )
     order = search_order(columns, layers)
     return VoxelTile(key, columns, layers, counts, normals, means, classes=classes).rows(order)
-
-
-def split_into_tiles(
-    indices: NDArray[np.int32], counts: NDArray[np.int32], normals: NDArray[np.float32], means: NDArray[np.uint8]
-) -> dict[TileKey, VoxelTile]:
-    """Tiles of voxels with (x, y, z) `indices`, shape (n, 3)."""
-    keys, tile, _ = _unique_rows(indices[:, :2] // TILE_VOXELS)
-    order = np.argsort(tile, kind="stable")
-    groups = np.split(order, np.flatnonzero(np.diff(tile[order])) + 1) if len(order) else []
-    tiles = {}
-    for (x, y), members in zip(keys.tolist(), groups, strict=True):
-        columns = (indices[members, :2] - np.array([x, y]) * TILE_VOXELS).astype(np.int16)
-        tiles[(x, y)] = tile_of_voxels(
-            (x, y), columns, indices[members, 2], counts[members], normals[members], means[members]
-        )
-    return tiles

@@ -2,37 +2,198 @@
 # SPDX-License-Identifier: MIT
 """The coarse filter: large cells of a whole map that match nearly as many points as the best one, by branch and bound.
 
-`recount` then counts around the places that are left in cells half as large.
+`count_all` is its definition (D7). `recount` counts around the cells that are left in cells half as large.
 """
 
 import math
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.relocalization.coarse_map import BLOCK, N_BLOCKS, REGION, Region, Regions
-from maxcon.relocalization.coarse_scan import HEADINGS, STEP_DEG, CandidateCells, CandidatePoses, CoarseScan, TurnedScan
+from maxcon.geometry import Pose, wrap_angle
+from maxcon.relocalization.coarse_map import (
+    ANY_BIN,
+    BIN_WIDTH,
+    BLOCK,
+    HIGHEST,
+    N_BINS,
+    N_BLOCKS,
+    REACH,
+    REGION,
+    Region,
+    Regions,
+)
+from maxcon.scan import Scan
+from maxcon.search.accumulator import upright
 
+STEP_DEG = 2.0
+HEADINGS = np.radians(np.arange(-180.0, 180.0, STEP_DEG))
+"""Headings that are tried, rad."""
+HALF_HEADINGS = np.radians(np.arange(-180.0, 180.0, 0.5 * STEP_DEG))
+# Points lower than this above the scan's ground do not take part, m: what is there may be the ground itself.
+LOWEST = 0.4
+# A point of the scan has an orientation bin where its normal is within 60 degrees of horizontal.
+LEAST_HORIZONTAL = 0.5
 # Squares that are split at a time: few at first, as a good count rules out most others.
 FIRST_SPLIT, MOST_SPLIT = 256, 2**16
 MOST_KEPT = 2**18
 """Cells that are kept at most, the highest: where more fit, nothing stands out."""
+PARTS = np.array([[0, 0, 0], [0, 0, 1], [0, 1, 0], [0, 1, 1]])
+"""The four parts of a square, (heading, y, x)."""
+# `recount`: squares of 2 x 2 cells around the middle of a large cell, (heading, y, x), and their cells in index order.
+SQUARES = np.array(list(product(range(-2, 3), (-1, 1), (-1, 1))))
+IN_ORDER = np.lexsort((SQUARES[:, None] + PARTS).reshape(-1, 3).T[::-1])
 
 Nodes = NDArray[np.int64]
-"""Squares (m, 3): heading, first cell (y, x) in the region."""
+"""Cells or squares (m, 3): heading, first cell (y, x)."""
 Counts = NDArray[np.int64]
 
-# `recount`: offsets around the middle of a large cell, in cells of half the edge and headings of half the step.
-HALF_STEP_DEG = 0.5 * STEP_DEG
-HALF_HEADINGS = np.radians(np.arange(-180.0, 180.0, HALF_STEP_DEG))
-AROUND = np.array(list(product(range(-2, 3), range(-1, 3), range(-1, 3))))
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TurnedScan:
+    """Points of a scan at some headings, in voxels.
+
+    layers: shape (n,), int64; height of each point above the ground.
+    columns: shape (h, n, 2), int32; (x, y) from the cell in whose middle the scanner stands to that of the point.
+    bins: shape (h, n), uint8; number of the bit that a voxel must have to match: that of the point's orientation.
+    """
+
+    layers: NDArray[np.int64]
+    columns: NDArray[np.int32]
+    bins: NDArray[np.uint8]
 
 
-def filter_cells(scan: CoarseScan, regions: Regions, ratio: float, *, n_threads: int = 1) -> CandidateCells:
-    """Find every cell whose count reaches a ratio of the highest one: the same as `reference.filter_cells` finds.
+@dataclass(frozen=True, slots=True, eq=False)
+class CoarseScan:
+    """Points of a scan that take part, with roll and pitch applied, from the ground up.
+
+    points: shape (n, 3); x and y about the scanner, z above the ground, m.
+    normals: shape (n, 3); same axes, zeros for none.
+    """
+
+    points: NDArray[np.float64]
+    normals: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, scan: Scan, T_ground_sensor: Pose) -> "CoarseScan":
+        """Align a scan with its ground plane; points far off, on the ground or above `HIGHEST` are left out.
+
+        Points come from the lowest to the highest, so that what is read of a map lies together.
+        """
+        aligned = upright(scan, T_ground_sensor)
+        points = aligned.points
+        away = np.hypot(points[:, 0], points[:, 1])
+        takes_part = (points[:, 2] >= LOWEST) & (points[:, 2] < HIGHEST) & (away < REACH)
+        order = np.argsort(points[takes_part, 2], kind="stable")
+        return cls(points[takes_part][order], aligned.normals[takes_part][order])
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def turned(self, headings: NDArray[np.float64], cell: float) -> TurnedScan:
+        """Voxels (edge `cell`, m) of the points at headings (h,), rad, of a scanner in the middle of a cell."""
+        cosines = np.array([math.cos(heading) for heading in headings.tolist()])[:, None]
+        sines = np.array([math.sin(heading) for heading in headings.tolist()])[:, None]
+        x, y, z = self.points.T
+        turned = np.stack([x * cosines - y * sines, x * sines + y * cosines], axis=2)
+        columns = np.floor(turned / cell + 0.5).astype(np.int32)
+        # A point whose normal is not nearly horizontal matches any voxel.
+        is_upright = np.hypot(self.normals[:, 0], self.normals[:, 1]) > LEAST_HORIZONTAL
+        azimuths = np.arctan2(self.normals[:, 1], self.normals[:, 0])
+        bins = np.floor((azimuths + headings[:, None]) / BIN_WIDTH + 0.5).astype(np.int64) % N_BINS
+        bins = np.where(is_upright, bins, ANY_BIN)
+        return TurnedScan(np.floor(z / cell).astype(np.int64), columns, bins.astype(np.uint8))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidates:
+    """Cells in which a scan may have been taken, the highest count first.
+
+    cells: shape (n, 3), int64; (heading, y, x): number of the heading, index of the cell in the local frame.
+    counts: shape (n,), int64; points that match there.
+    left_out: ratio to the highest count that none of the other cells reaches.
+    headings: shape (h,); rad.
+    edge: of a cell, m.
+    """
+
+    cells: Nodes
+    counts: Counts
+    left_out: float
+    headings: NDArray[np.float64]
+    edge: float
+
+    @classmethod
+    def sorted(cls, cells: Nodes, counts: Counts, left_out: float, edge: float) -> "Candidates":
+        """Put large cells in order: the first in index order where counts are the same."""
+        order = np.lexsort((cells[:, 2], cells[:, 1], cells[:, 0], -counts))
+        return cls(cells[order], counts[order], left_out, HEADINGS, edge)
+
+    def __len__(self) -> int:
+        return len(self.cells)
+
+    @property
+    def poses(self) -> NDArray[np.float64]:
+        """Middles of the cells, shape (n, 3): x, y (local frame, m) and heading (rad)."""
+        return np.column_stack([(self.cells[:, [2, 1]] + 0.5) * self.edge, self.headings[self.cells[:, 0]]])
+
+    def reaching(self, ratio: float) -> "Candidates":
+        """Those that reach a ratio of the highest count."""
+        kept = self.counts >= ratio * self.counts.max(initial=0)
+        left_out = max(self.left_out, ratio)
+        return replace(self, cells=self.cells[kept], counts=self.counts[kept], left_out=left_out)
+
+    def distinct(self, same: float, same_turn: float, most: int) -> "Candidates":
+        """One of each place, the first of those within `same` (m) and `same_turn` (rad); at most `most`."""
+        kept: list[int] = []
+        poses, left_out, is_left = self.poses, self.left_out, np.ones(len(self), bool)
+        for number in range(len(self)):
+            if not is_left[number]:
+                continue
+            if len(kept) == most:
+                left_out = max(left_out, float(self.counts[number] / self.counts[0]))
+                break
+            kept.append(number)
+            others = poses[number:]
+            away = np.hypot(others[:, 0] - others[0, 0], others[:, 1] - others[0, 1])
+            turns = np.abs(wrap_angle(others[:, 2] - others[0, 2]))
+            is_left[number:] &= (away > same) | (turns > same_turn)
+        return replace(self, cells=self.cells[kept], counts=self.counts[kept], left_out=left_out)
+
+
+def counts_of_region(scan: CoarseScan, region: Region, cell: float) -> NDArray[np.int32]:
+    """Points that match at each heading and cell of a region, shape (headings, REGION, REGION).
+
+    Cells in which no scanner may stand have -1. A point matches where the voxel that it falls in has its orientation
+    bin. The scanner stands in the middle of the cell.
+    """
+    turned = scan.turned(HEADINGS, cell)
+    counts = np.zeros((len(HEADINGS), REGION, REGION), np.int32)
+    for heading in range(len(HEADINGS)):
+        columns = turned.columns[heading] + region.margin
+        for layer, (x, y), bit in zip(turned.layers, columns, turned.bins[heading], strict=True):
+            counts[heading] += (region.voxels.bins[layer, y : y + REGION, x : x + REGION] & (1 << int(bit))) != 0
+    counts[:, ~region.is_allowed] = -1
+    return counts
+
+
+def count_all(scan: CoarseScan, regions: Regions, ratio: float) -> Candidates:
+    """Find every cell whose count reaches a ratio of the highest one: every cell at every heading is counted."""
+    counts = {key: counts_of_region(scan, regions.load(key), regions.tiles.cell) for key in regions.keys}
+    best = max((int(each.max()) for each in counts.values()), default=0)
+    cells, scores = [np.empty((0, 3), np.int64)], [np.empty(0, np.int64)]
+    if best > 0:
+        for (key_x, key_y), each in counts.items():
+            reaching = np.argwhere(each >= ratio * best)
+            cells.append(reaching + np.array([0, key_y * REGION, key_x * REGION]))
+            scores.append(each[tuple(reaching.T)].astype(np.int64))
+    return Candidates.sorted(np.concatenate(cells), np.concatenate(scores), ratio, regions.tiles.cell)
+
+
+def filter_cells(scan: CoarseScan, regions: Regions, ratio: float, *, n_threads: int = 1) -> Candidates:
+    """Find every cell whose count reaches a ratio of the highest one: the same as `count_all` finds.
 
     In each region, the bound of a block of 4 x 4 cells counts every point that matches at any cell of the block. Blocks
     that may reach the ratio of the best count so far, of all regions, are split into squares of 2 x 2 cells, the
@@ -44,10 +205,8 @@ def filter_cells(scan: CoarseScan, regions: Regions, ratio: float, *, n_threads:
     n_threads: threads that share headings and squares; what is found does not depend on their number (D8).
     Returns at most the `MOST_KEPT` highest cells; then `left_out` says how high the others may count.
     """
-    turned = scan.turned(HEADINGS, regions.tiles.cell)
-    kept = _Kept(ratio)
     with ThreadPoolExecutor(n_threads) as pool:
-        search = _RegionSearch(turned, kept, pool, n_threads)
+        search = _Filter(scan.turned(HEADINGS, regions.tiles.cell), ratio, pool, n_threads)
         blocks = {}
         for key in regions.keys:
             region = regions.load(key)
@@ -58,17 +217,21 @@ def filter_cells(scan: CoarseScan, regions: Regions, ratio: float, *, n_threads:
             nodes, bounds = search.open(*blocks.pop(key))
             if len(nodes):
                 search.split(regions.load(key), nodes, bounds)
-    return kept.candidates()
+    search.drop()
+    left_out = max(ratio, search.dropped / search.best) if search.best else ratio
+    return Candidates.sorted(search.cells[0], search.counts[0], left_out, regions.tiles.cell)
 
 
-@dataclass
-class _Kept:
+@dataclass(eq=False)
+class _Filter:
     """Cells found so far, the best count, and the highest count that was dropped for lack of room."""
 
+    turned: TurnedScan
     ratio: float
+    pool: ThreadPoolExecutor
+    n_threads: int
     best: int = 0
     dropped: int = 0
-    n_counted: int = 0
     cells: list[Nodes] = field(default_factory=lambda: [np.empty((0, 3), np.int64)])
     counts: list[Counts] = field(default_factory=lambda: [np.empty(0, np.int64)])
 
@@ -77,16 +240,7 @@ class _Kept:
         """Least count of a cell to be kept."""
         return max(self.ratio * self.best, 1.0, self.dropped)
 
-    def add(self, cells: Nodes, counts: Counts) -> None:
-        """Take in cells (global indices) that may be kept."""
-        self.best = max(self.best, int(counts.max(initial=0)))
-        reaches = counts >= self.least
-        self.cells.append(cells[reaches])
-        self.counts.append(counts[reaches])
-        if sum(map(len, self.counts)) > 2 * MOST_KEPT:
-            self._drop()
-
-    def _drop(self) -> None:
+    def drop(self) -> None:
         """Drop cells below the ratio of the best count, and the lowest for which there is no room."""
         cells, counts = np.concatenate(self.cells), np.concatenate(self.counts)
         reaches = counts >= max(self.ratio * self.best, 1.0)
@@ -97,28 +251,12 @@ class _Kept:
             cells, counts = cells[order[:MOST_KEPT]], counts[order[:MOST_KEPT]]
         self.cells, self.counts = [cells], [counts]
 
-    def candidates(self) -> CandidateCells:
-        """The cells left, of all regions."""
-        self._drop()
-        left_out = max(self.ratio, self.dropped / self.best) if self.best else self.ratio
-        return CandidateCells.sorted(self.cells[0], self.counts[0], left_out, self.n_counted)
-
-
-@dataclass(frozen=True, eq=False)
-class _RegionSearch:
-    """Bounds the blocks of a region, and splits them."""
-
-    turned: TurnedScan
-    kept: _Kept
-    pool: ThreadPoolExecutor
-    n_threads: int
-
     def blocks(self, region: Region) -> tuple[Nodes, Counts]:
         """Blocks that may hold cells to be kept, the highest bound first, and their bounds."""
         from maxcon.relocalization import kernels
 
         bounds = np.zeros((len(HEADINGS), N_BLOCKS, N_BLOCKS), np.uint16)
-        least, turned, rows = math.ceil(self.kept.least), self.turned, region.rows
+        least, turned, rows = math.ceil(self.least), self.turned, region.rows
 
         def bound(some: NDArray[np.int64]) -> None:
             part = slice(int(some[0]), int(some[-1]) + 1)
@@ -129,7 +267,6 @@ class _RegionSearch:
 
         n_parts = min(self.n_threads, len(HEADINGS))
         list(self.pool.map(bound, np.array_split(np.arange(len(HEADINGS)), n_parts)))
-        self.kept.n_counted += int(np.bitwise_count(rows).sum()) * len(HEADINGS)
         nodes = np.argwhere(bounds)
         found = bounds[tuple(nodes.T)].astype(np.int64)
         order = np.argsort(-found, kind="stable")
@@ -138,71 +275,68 @@ class _RegionSearch:
     def split(self, region: Region, nodes: Nodes, bounds: Counts) -> None:
         """Split blocks, the highest bounds first, and keep the cells that may reach the ratio."""
         at_once, place = FIRST_SPLIT, 0
-        while place < len(nodes) and bounds[place] >= self.kept.least:
-            some = nodes[place : place + at_once][bounds[place : place + at_once] >= self.kept.least]
+        while place < len(nodes) and bounds[place] >= self.least:
+            some, _ = self.open(nodes[place : place + at_once], bounds[place : place + at_once])
             halves, _ = self.open(*self._children(region, some, region.voxels.pooled, BLOCK // 2))
             cells, counts = self._children(region, halves, region.voxels.bins, 1)
             is_allowed = region.is_allowed[cells[:, 1], cells[:, 2]]
-            corner = np.array([0, region.first[1], region.first[0]])
-            self.kept.add(cells[is_allowed] + corner, counts[is_allowed])
+            cells, counts = cells[is_allowed] + np.array([0, region.first[1], region.first[0]]), counts[is_allowed]
+            self.best = max(self.best, int(counts.max(initial=0)))
+            cells, counts = self.open(cells, counts)
+            self.cells.append(cells)
+            self.counts.append(counts)
+            if sum(map(len, self.counts)) > 2 * MOST_KEPT:
+                self.drop()
             place += at_once
             at_once = min(2 * at_once, MOST_SPLIT)
 
     def open(self, nodes: Nodes, bounds: Counts) -> tuple[Nodes, Counts]:
         """Squares that may still hold cells to be kept."""
-        is_open = bounds >= self.kept.least
+        is_open = bounds >= self.least
         return nodes[is_open], bounds[is_open]
 
     def _children(self, region: Region, nodes: Nodes, grid: NDArray[np.uint8], step: int) -> tuple[Nodes, Counts]:
         """The four parts of each square, and a bound of the count of each."""
-        from maxcon.relocalization import kernels
-
-        turned, counts = self.turned, np.empty((len(nodes), 4), np.uint16)
-
-        def count(part: slice) -> None:
-            kernels.count_children(
-                grid, turned.layers, turned.columns, turned.bins, nodes[part], step, region.margin, counts[part]
-            )
-
         size = max(1, -(-len(nodes) // self.n_threads))
-        list(self.pool.map(count, [slice(k, k + size) for k in range(0, len(nodes), size)]))
-        self.kept.n_counted += counts.size
-        parts = nodes[:, None, :] + step * np.array([[0, 0, 0], [0, 0, 1], [0, 1, 0], [0, 1, 1]])
-        return parts.reshape(-1, 3), counts.reshape(-1).astype(np.int64)
+        some = [nodes[k : k + size] for k in range(0, len(nodes), size)]
+        counts = list(self.pool.map(lambda part: _count_parts(grid, self.turned, part, step, region.margin), some))
+        parts = nodes[:, None, :] + step * PARTS
+        return parts.reshape(-1, 3), np.concatenate([np.empty(0, np.int64), *counts])
 
 
-def recount(scan: CoarseScan, candidates: CandidatePoses, cell: float, regions: Regions) -> CandidatePoses:
-    """Count the cells around candidates once more, in voxels of half the edge.
+def _count_parts(grid: NDArray[np.uint8], turned: TurnedScan, nodes: Nodes, step: int, margin: int) -> Counts:
+    """Count the matches of the four parts of squares of a region, one after the other, shape (4 m,)."""
+    from maxcon.relocalization import kernels
+
+    counts = np.empty((len(nodes), 4), np.uint16)
+    kernels.count_children(grid, turned.layers, turned.columns, turned.bins, nodes, step, margin, counts)
+    return counts.reshape(-1).astype(np.int64)
+
+
+def recount(scan: CoarseScan, candidates: Candidates, regions: Regions) -> Candidates:
+    """Count the cells around large ones once more, in voxels of half the edge.
 
     scan: the scan, with more points than the coarse filter had.
-    candidates: middles of large cells, at headings of `HEADINGS`.
-    cell: edge of these cells, m.
+    candidates: large cells, at headings of `HEADINGS`.
     regions: of half the edge.
     Returns for each candidate the best cell around it, the first in index order; the highest count first.
     """
-    from maxcon.relocalization import kernels
-
-    if not len(candidates):
-        return candidates
-    middles = np.round(candidates.poses[:, [2, 1, 0]] / [math.radians(HALF_STEP_DEG), 0.5 * cell, 0.5 * cell])
-    cells = middles.astype(np.int64)[:, None, :] + AROUND
-    cells[..., 0] = (cells[..., 0] + len(HALF_HEADINGS) // 2) % len(HALF_HEADINGS)
-    used, heading = np.unique(cells[..., 0], return_inverse=True)
+    squares = (2 * candidates.cells + [0, 1, 1])[:, None, :] + SQUARES
+    squares[..., 0] %= len(HALF_HEADINGS)
+    used, heading = np.unique(squares[..., 0], return_inverse=True)
     turned = scan.turned(HALF_HEADINGS[used], regions.tiles.cell)
-    keys, counts = cells[:, 0, 1:] // REGION, np.empty(cells.shape[:2], np.int64)
+    keys = (2 * candidates.cells[:, 1:] + 1) // REGION
+    counts = np.empty((len(candidates), 4 * len(SQUARES)), np.int64)
     for key_y, key_x in np.unique(keys, axis=0).tolist():
         mine = (keys == [key_y, key_x]).all(axis=1)
         region = regions.load((key_x, key_y))
-        inside = cells[mine] - [0, key_y * REGION, key_x * REGION]
-        inside[..., 0] = heading.reshape(counts.shape)[mine]
-        found = np.empty(inside.shape[0] * inside.shape[1], np.int64)
-        kernels.count_cells(
-            region.voxels.bins, turned.layers, turned.columns, turned.bins, inside.reshape(-1, 3), region.margin, found
-        )
+        inside = squares[mine] - [0, key_y * REGION, key_x * REGION]
+        inside[..., 0] = heading.reshape(squares.shape[:2])[mine]
+        found = _count_parts(region.voxels.bins, turned, inside.reshape(-1, 3), 1, region.margin)
         counts[mine] = found.reshape(len(inside), -1)
-    each, best = np.arange(len(cells)), np.argmax(counts, axis=1)
-    heading_of_best, y, x = cells[each, best].T
-    edge = regions.tiles.cell
-    poses = np.stack([(x + 0.5) * edge, (y + 0.5) * edge, HALF_HEADINGS[heading_of_best]], 1)
+    each, best = np.arange(len(candidates)), IN_ORDER[np.argmax(counts[:, IN_ORDER], axis=1)]
+    cells = (squares[:, :, None, :] + PARTS).reshape(len(candidates), -1, 3)[each, best]
     order = np.argsort(-counts[each, best], kind="stable")
-    return CandidatePoses(poses[order], counts[each, best][order], candidates.left_out)
+    return Candidates(
+        cells[order], counts[each, best][order], candidates.left_out, HALF_HEADINGS, regions.tiles.cell
+    )  # fmt: skip

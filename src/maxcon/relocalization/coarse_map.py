@@ -7,9 +7,9 @@ orientation bins they are in.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,9 +54,10 @@ TILE_BYTES, REGION_BYTES = 2**27, 2**28
 class CoarseTile:
     """One tile of the map, with heights above the ground.
 
-    columns : (n, 2) int32, (x, y) index of each voxel, local frame; layers : (n,) int16, its height above the ground in
-    voxels; bins : (n,) uint8, see `_bins_of_voxels`; is_allowed : (edge, edge) bool, whether a scanner may stand at the
-    middle of cell (y, x) of the tile.
+    columns: shape (n, 2), int32; (x, y) index of each voxel, local frame.
+    layers: shape (n,), int16; its height above the ground in voxels.
+    bins: shape (n,), uint8; see `_bins_of_voxels`.
+    is_allowed: shape (edge, edge); whether a scanner may stand at the middle of cell (y, x) of the tile.
     """
 
     columns: NDArray[np.int32]
@@ -86,36 +87,32 @@ class CoarseTiles:
         self.cell = self.level.cell
         """Edge of a voxel, and of a cell, m."""
         self.n_layers = int(np.ceil(HIGHEST / self.cell))
-        self._kept: TileCache[CoarseTile] = TileCache(TILE_BYTES)
+        self.load = TileCache(partial(_coarse_tile, point_map, self.level, self.n_layers), TILE_BYTES).load
 
     @cached_property
     def keys(self) -> frozenset[TileKey]:
         """Keys of all tiles and of their neighbours: where there is nothing but ground the map has no tile."""
         return frozenset((x + i, y + j) for x, y in self.map.tile_keys for i in (-1, 0, 1) for j in (-1, 0, 1))
 
-    def load(self, key: TileKey) -> CoarseTile:
-        """Return the tile of a key."""
-        return self._kept.load(key, lambda: self._made(key))
 
-    def _made(self, key: TileKey) -> CoarseTile:
-        half = 0.5 * self.edge * self.cell
-        middle = (2 * key[0] + 1) * half, (2 * key[1] + 1) * half
-        patch = self.map.ground_around(*middle, half + GROUND_MARGIN)
-        heights, distances = _filled(patch)
-        cells = np.arange(self.edge) + 0.5
-        x, y = (key[0] * self.edge + cells) * self.cell, (key[1] * self.edge + cells) * self.cell
-        is_allowed = distances[_nearest_cells(patch, x[None, :], y[:, None])] <= BESIDE_GROUND
-        if key not in self.map.tile_keys:
-            return CoarseTile(np.empty((0, 2), np.int32), np.empty(0, np.int16), np.empty(0, np.uint8), is_allowed)
-        tile = self.level.tile(key)
-        points = tile.mean_points(self.cell)
-        above = points[:, 2] - heights[_nearest_cells(patch, points[:, 0], points[:, 1])]
-        layers = np.floor(above / self.cell)
-        takes_part = (layers >= 0) & (layers < self.n_layers)
-        bins = _bins_of_voxels(tile.normals, is_signed=self.map.is_signed)
-        return CoarseTile(
-            tile.voxels[takes_part, :2], layers[takes_part].astype(np.int16), bins[takes_part], is_allowed
-        )
+def _coarse_tile(point_map: PointMap, level: PointMap, n_layers: int, key: TileKey) -> CoarseTile:
+    """Return a tile of a level of a map, with heights above the ground of the map."""
+    edge, cell = level.tile_voxels, level.cell
+    half = 0.5 * edge * cell
+    patch = point_map.ground_around((2 * key[0] + 1) * half, (2 * key[1] + 1) * half, half + GROUND_MARGIN)
+    heights, distances = _filled(patch)
+    cells = np.arange(edge) + 0.5
+    x, y = (key[0] * edge + cells) * cell, (key[1] * edge + cells) * cell
+    is_allowed = distances[_nearest_cells(patch, x[None, :], y[:, None])] <= BESIDE_GROUND
+    if key not in point_map.tile_keys:
+        return CoarseTile(np.empty((0, 2), np.int32), np.empty(0, np.int16), np.empty(0, np.uint8), is_allowed)
+    tile = level.tile(key)
+    points = tile.mean_points(cell)
+    above = points[:, 2] - heights[_nearest_cells(patch, points[:, 0], points[:, 1])]
+    layers = np.floor(above / cell)
+    takes_part = (layers >= 0) & (layers < n_layers)
+    bins = _bins_of_voxels(tile.normals, is_signed=point_map.is_signed)
+    return CoarseTile(tile.voxels[takes_part, :2], layers[takes_part].astype(np.int16), bins[takes_part], is_allowed)
 
 
 def _bins_of_voxels(normals: NDArray[np.float32], *, is_signed: bool) -> NDArray[np.uint8]:
@@ -152,8 +149,7 @@ def _nearest_cells(
     return rows, columns
 
 
-@dataclass(frozen=True, slots=True)
-class Area:
+class Area(NamedTuple):
     """A circle in which a scanner is known to stand: its middle (x, y), local frame, and its radius, m."""
 
     x: float
@@ -165,8 +161,8 @@ class Area:
 class Voxels:
     """The voxels of a region and of a margin around it, and unions of them for bounds.
 
-    bins : (n_layers, ny, nx) uint8, bits of orientation bins, 0 where there is no voxel; is_allowed : (REGION, REGION)
-    bool, whether a scanner may stand in cell (y, x).
+    bins: shape (n_layers, ny, nx), uint8; bits of orientation bins, 0 where there is no voxel.
+    is_allowed: shape (REGION, REGION); whether a scanner may stand in cell (y, x).
     """
 
     bins: NDArray[np.uint8]
@@ -191,8 +187,7 @@ class Voxels:
         for number in range(8):
             bits[:, :, :, number, :, :n] = parts & (1 << number)
         bytes_of_rows = np.packbits(bits, axis=-1, bitorder="little")
-        words = bytes_of_rows.view("<u8").astype(np.uint64).transpose(0, 3, 1, 2, 4, 5)
-        return np.ascontiguousarray(words)
+        return np.ascontiguousarray(bytes_of_rows.view("<u8").astype(np.uint64).transpose(0, 3, 1, 2, 4, 5))
 
     @property
     def n_bytes(self) -> int:
@@ -211,10 +206,11 @@ def _pooled(bins: NDArray[np.uint8], step: int) -> NDArray[np.uint8]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Region:
-    """A square of REGION x REGION cells in which a scanner may stand.
+    """A square of REGION x REGION cells, `first` the (x, y) index of the first, in which a scanner may stand.
 
-    first : (x, y) index of its first cell; margin : cells that the voxels reach beyond it on every side; voxels : those
-    of the region and its margin; is_allowed : (REGION, REGION) bool, whether a scanner may stand in cell (y, x).
+    margin: cells that the voxels reach beyond it on every side.
+    voxels: those of the region and its margin.
+    is_allowed: shape (REGION, REGION); whether a scanner may stand in cell (y, x), inside of the area.
     """
 
     first: tuple[int, int]
@@ -235,7 +231,9 @@ class Regions:
     def __init__(self, tiles: CoarseTiles, area: Area | None = None) -> None:
         self.tiles = tiles
         self.area = area
-        self._kept: TileCache[Voxels] = TileCache(REGION_BYTES)
+        # Cells that the voxels of a region reach beyond it: the reach of a scan from BORDER beyond; whole blocks.
+        self.margin = -(-(int(REACH / tiles.cell) + 1 + BORDER) // BLOCK) * BLOCK
+        self._kept = TileCache(partial(_voxels_of_region, tiles, self.margin), REGION_BYTES)
 
     def within(self, area: Area | None) -> "Regions":
         """The same regions with another area, or none; the cache is shared."""
@@ -243,18 +241,16 @@ class Regions:
         regions._kept = self._kept
         return regions
 
-    @property
-    def margin(self) -> int:
-        """Cells that the voxels of a region reach beyond it: the reach of a scan from BORDER beyond; whole blocks."""
-        return -(-(int(REACH / self.tiles.cell) + 1 + BORDER) // BLOCK) * BLOCK
-
     @cached_property
     def n_allowed(self) -> dict[TileKey, int]:
         """Number of cells in which a scanner may stand, of each region that has any, by key in order."""
         edge = self.tiles.edge
         keys = {key for x, y in self.tiles.keys for key in _squares(x * edge, y * edge, edge, REGION)}
-        allowed = ((key, self._standable(key) & self._is_inside(key)) for key in sorted(keys) if self._meets_area(key))
-        return {key: int(each.sum()) for key, each in allowed if each.any()}
+        inside = ((key, self._is_inside(key)) for key in sorted(keys))
+        counts = {
+            key: int((is_inside & _standable(self.tiles, key)).sum()) for key, is_inside in inside if is_inside.any()
+        }
+        return {key: count for key, count in counts.items() if count}
 
     @property
     def keys(self) -> list[TileKey]:
@@ -263,37 +259,9 @@ class Regions:
 
     def load(self, key: TileKey) -> Region:
         """Return a region by its key: (x, y) of its first cell, divided by REGION."""
-        voxels = self._kept.load(key, lambda: self._made(key))
+        voxels = self._kept.load(key)
         is_allowed = voxels.is_allowed & self._is_inside(key)
         return Region((key[0] * REGION, key[1] * REGION), self.margin, voxels, is_allowed)
-
-    def _made(self, key: TileKey) -> Voxels:
-        width = REGION + 2 * self.margin
-        corner = np.array(key) * REGION - self.margin
-        bins = np.zeros((self.tiles.n_layers, width, width), np.uint8)
-        for tile_key in _squares(int(corner[0]), int(corner[1]), width, self.tiles.edge):
-            if tile_key not in self.tiles.map.tile_keys:
-                continue
-            tile = self.tiles.load(tile_key)
-            x, y = (tile.columns - corner).T
-            inside = (x >= 0) & (x < width) & (y >= 0) & (y < width)
-            # Two voxels above each other may fall into one layer: it has the bins of both.
-            np.bitwise_or.at(bins, (tile.layers[inside], y[inside], x[inside]), tile.bins[inside])
-        return Voxels(bins, self._standable(key))
-
-    def _standable(self, key: TileKey) -> NDArray[np.bool_]:
-        """Where a scanner may stand in a region, shape (REGION, REGION)."""
-        edge, first = self.tiles.edge, np.array(key) * REGION
-        is_allowed = np.zeros((REGION, REGION), bool)
-        for x, y in _squares(int(first[0]), int(first[1]), REGION, edge):
-            if (x, y) not in self.tiles.keys:
-                continue
-            left, low = x * edge - first[0], y * edge - first[1]
-            rows = slice(max(low, 0), min(low + edge, REGION))
-            columns = slice(max(left, 0), min(left + edge, REGION))
-            mine = slice(rows.start - low, rows.stop - low), slice(columns.start - left, columns.stop - left)
-            is_allowed[rows, columns] = self.tiles.load((x, y)).is_allowed[mine]
-        return is_allowed
 
     def _is_inside(self, key: TileKey) -> NDArray[np.bool_]:
         """Which cells of a region lie in the area, shape (REGION, REGION)."""
@@ -302,12 +270,34 @@ class Regions:
         x, y = ((key[axis] * REGION + np.arange(REGION) + 0.5) * self.tiles.cell for axis in (0, 1))
         return np.asarray(np.hypot(x[None, :] - self.area.x, y[:, None] - self.area.y) <= self.area.radius)
 
-    def _meets_area(self, key: TileKey) -> bool:
-        if self.area is None:
-            return True
-        half = 0.5 * REGION * self.tiles.cell
-        away = [abs((2 * key[axis] + 1) * half - (self.area.x, self.area.y)[axis]) - half for axis in (0, 1)]
-        return max(away) <= self.area.radius
+
+def _voxels_of_region(tiles: CoarseTiles, margin: int, key: TileKey) -> Voxels:
+    """Return the voxels of a region and of a margin around it, and where a scanner may stand in it."""
+    width = REGION + 2 * margin
+    corner = np.array(key) * REGION - margin
+    bins = np.zeros((tiles.n_layers, width, width), np.uint8)
+    for tile_key in _squares(int(corner[0]), int(corner[1]), width, tiles.edge):
+        if tile_key not in tiles.map.tile_keys:
+            continue
+        tile = tiles.load(tile_key)
+        x, y = (tile.columns - corner).T
+        inside = (x >= 0) & (x < width) & (y >= 0) & (y < width)
+        # Two voxels above each other may fall into one layer: it has the bins of both.
+        np.bitwise_or.at(bins, (tile.layers[inside], y[inside], x[inside]), tile.bins[inside])
+    return Voxels(bins, _standable(tiles, key))
+
+
+def _standable(tiles: CoarseTiles, key: TileKey) -> NDArray[np.bool_]:
+    """Where a scanner may stand in a region, shape (REGION, REGION)."""
+    edge, (first_x, first_y) = tiles.edge, (key[0] * REGION, key[1] * REGION)
+    is_allowed = np.zeros((REGION, REGION), bool)
+    for x, y in _squares(first_x, first_y, REGION, edge):
+        if (x, y) in tiles.keys:
+            left, low = x * edge - first_x, y * edge - first_y
+            rows, columns = (slice(max(at, 0), min(at + edge, REGION)) for at in (low, left))
+            mine = slice(rows.start - low, rows.stop - low), slice(columns.start - left, columns.stop - left)
+            is_allowed[rows, columns] = tiles.load((x, y)).is_allowed[mine]
+    return is_allowed
 
 
 def _squares(x: int, y: int, width: int, edge: int) -> list[TileKey]:

@@ -129,22 +129,3 @@ def count_children(grid, layers, columns, bins, nodes, step, margin, counts):
             n2 += (flat[place + up] & bit) != 0
             n3 += (flat[place + up + right] & bit) != 0
         counts[m, 0], counts[m, 1], counts[m, 2], counts[m, 3] = n0, n1, n2, n3
-
-
-@njit(nogil=True, cache=True)
-def count_cells(grid, layers, columns, bins, cells, margin, counts):
-    """Count the matches of single cells.
-
-    cells : (m, 3) int64, heading by its number here and cell (y, x) in the region; counts : (m,) int64, out; the others
-    as of `count_children`.
-    """
-    width = grid.shape[2]
-    flat = grid.reshape(-1)
-    for m in range(cells.shape[0]):
-        h = cells[m, 0]
-        start = (cells[m, 1] + margin) * width + cells[m, 2] + margin
-        n = 0
-        for i in range(layers.shape[0]):
-            place = (layers[i] * width + columns[h, i, 1]) * width + columns[h, i, 0] + start
-            n += (flat[place] & (1 << bins[h, i])) != 0
-        counts[m] = n

@@ -22,9 +22,8 @@ from maxcon.geometry import Pose
 from maxcon.integrity import Trust, reasons_to_doubt_scan
 from maxcon.map import PointMap
 from maxcon.refine import fit_ground, fit_ground_plane, pose_above_ground, refine, validate
-from maxcon.relocalization.coarse_filter import filter_cells, recount
+from maxcon.relocalization.coarse_filter import HEADINGS, STEP_DEG, Candidates, CoarseScan, filter_cells, recount
 from maxcon.relocalization.coarse_map import Area, CoarseTiles, Regions
-from maxcon.relocalization.coarse_scan import HEADINGS, STEP_DEG, CandidatePoses, CoarseScan
 from maxcon.scan import Scan
 from maxcon.search import Incumbent, branch_and_bound, exhaustive
 from maxcon.search.accumulator import Multiplicity, SearchMethod, Weighting, check_threads
@@ -58,19 +57,12 @@ FEWEST_POINTS = 50
 class Relocalization:
     """Where a scan was taken, and what is known of all other places of the map.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        The best place, judged; its second best is the best of all other places.
-    n_cells : int
-        Large cells, at all headings, that were searched: those in which a scanner may stand.
-    n_coarse, n_half : int
-        Places left by large cells, and by half as large ones.
-    n_others : int
-        Places that could not be excluded, beside the best one: those whose score exceeds the ratio to the best one
-        from which on an answer is ambiguous.
-    places : tuple of Pose
-        Those that were searched in the map's own cells, the highest score first.
+    - estimate: the best place, judged; its second best is the best of all other places.
+    - n_cells: large cells, at all headings, that were searched: those in which a scanner may stand.
+    - n_coarse, n_half: places left by large cells, and by half as large ones.
+    - n_others: places that could not be excluded, beside the best one: those whose score exceeds the ratio to the best
+      one from which on an answer is ambiguous.
+    - places: those that were searched in the map's own cells, the highest score first.
     """
 
     estimate: Estimate
@@ -87,21 +79,13 @@ class Relocalizer:
     The map in large voxels is made tile by tile, when first needed; what was used last is kept, at most three quarters
     of a gigabyte.
 
-    Parameters
-    ----------
-    point_map : PointMap
-        With ground: a scanner stands above it.
-    around : tuple of 2 float, optional
-        Middle (x, y) of a circle in which the scanner stands, local frame, m; anywhere in the map if not given.
-    radius : float
-        Of that circle, m.
-    n_threads : int
-        Headings and places searched at the same time; the answer does not depend on it.
-    trust : Trust
-        Thresholds for an answer to be called localized; those of a search around a prior, but with a least share of
-        matches of 0.1, if not given.
-    risk : float
-        The error may be larger than the protection level with at most this probability.
+    - point_map: with ground, above which a scanner stands.
+    - around: middle (x, y) of a circle in which the scanner stands, local frame, m; anywhere in the map if not given.
+    - radius: of that circle, m.
+    - n_threads: headings and places searched at the same time; the answer does not depend on it.
+    - trust: thresholds for an answer to be called localized; those of a search around a prior, but with a least share
+      of matches of 0.1, if not given.
+    - risk: the error may be larger than the protection level with at most this probability.
 
     A MapError if the map has no ground, or voxels of more than half a metre.
     """
@@ -157,42 +141,31 @@ class Relocalizer:
         return self.search(scan).estimate
 
     def search(self, scan: Scan) -> Relocalization:
-        """Find the pose of a scan, and what is known of all other places.
+        """Find the pose of a scan (sensor frame, z within some degrees of up), and what is known of all other places.
 
-        Parameters
-        ----------
-        scan : Scan
-            Points (and normals) of one epoch, sensor frame; z within some degrees of up.
-
-        Returns
-        -------
-        Relocalization
-            Poses in the local frame of the map. Without a place, that of the estimate is the origin.
+        Poses are in the local frame of the map. Without a place, that of the estimate is the origin.
         """
         self.check()
         T_ground_sensor = fit_ground_plane(scan)
         if T_ground_sensor is None:
             return _nothing(scan, "the scan shows no ground around it")
         candidates, n_coarse = self._candidates(scan, T_ground_sensor)
-        if not len(candidates):
+        if not candidates:
             return _nothing(scan, "few of the points are above the ground, or none matches anywhere")
         found = self._best_cells(scan, T_ground_sensor, candidates)
         return self._concluded(scan, found, candidates, n_coarse)
 
-    def _candidates(self, scan: Scan, T_ground_sensor: Pose) -> tuple[CandidatePoses, int]:
+    def _candidates(self, scan: Scan, T_ground_sensor: Pose) -> tuple[Candidates | None, int]:
         """Places left by cells of half a metre, the highest count first; and how many large cells left."""
         few, many = (CoarseScan.of(scan.thinned(level.thinning), T_ground_sensor) for level in (COARSE, HALF))
         if len(few) < FEWEST_POINTS:
-            return CandidatePoses(np.empty((0, 3)), np.empty(0, np.int64), 0.0), 0
-        large = filter_cells(few, self.coarse, COARSE_RATIO * self._followed / FOLLOWED, n_threads=self.n_threads)
-        cell = self.coarse.tiles.cell
-        poses = np.column_stack([(large.cells[:, [2, 1]] + 0.5) * cell, HEADINGS[large.cells[:, 0]]])
-        coarse = CandidatePoses(poses, large.counts, large.left_out)
+            return None, 0
+        coarse = filter_cells(few, self.coarse, COARSE_RATIO * self._followed / FOLLOWED, n_threads=self.n_threads)
         coarse = coarse.distinct(SAME_COARSE, math.radians(SAME_COARSE_DEG), MOST_COARSE)
-        half = recount(many, coarse, cell, self._half).reaching(HALF_RATIO * self._followed / FOLLOWED)
+        half = recount(many, coarse, self._half).reaching(HALF_RATIO * self._followed / FOLLOWED)
         return half.distinct(SAME_HALF, math.radians(SAME_HALF_DEG), MOST_HALF), len(coarse)
 
-    def _best_cells(self, scan: Scan, T_ground_sensor: Pose, candidates: CandidatePoses) -> list[BestCell]:
+    def _best_cells(self, scan: Scan, T_ground_sensor: Pose, candidates: Candidates) -> list[BestCell]:
         """The best of the map's own cells around each candidate whose score is followed, the best first."""
         found: list[BestCell] = []
         incumbent: Incumbent | None = None
@@ -223,9 +196,7 @@ class Relocalizer:
             pose = best.pose
         return best
 
-    def _concluded(
-        self, scan: Scan, found: list[BestCell], candidates: CandidatePoses, n_coarse: int
-    ) -> Relocalization:
+    def _concluded(self, scan: Scan, found: list[BestCell], candidates: Candidates, n_coarse: int) -> Relocalization:
         """Judge the best place, with all others for rivals."""
         if not found:
             return _nothing(scan, "no place of the map determines x and y")

@@ -13,7 +13,7 @@ from built_maps import left_over
 from maxcon import PointMap
 from maxcon.errors import FileError, MapError
 from maxcon.map.manifest import read_manifest
-from maxcon.map.writer import MapWriter
+from maxcon.map.store import MapWriter
 from maxcon.mapping.build import build_map
 
 

@@ -22,8 +22,7 @@ from maxcon.io.clouds import CloudHeader
 from maxcon.map import TILE_VOXELS, TileKey
 from maxcon.map.ground import GroundTile, ground_of_points, ground_voxels
 from maxcon.map.manifest import MAP_NAMES, Manifest
-from maxcon.map.store import ground_record
-from maxcon.map.writer import MapWriter
+from maxcon.map.store import MapWriter, ground_record
 from maxcon.mapping.build.bucketing import GROUND_POINT, POINT, TileBuckets, ground_records, point_records
 from maxcon.mapping.build.classes import FOUND, class_name
 from maxcon.mapping.build.found_classes import OBSERVATION, FoundClasses, observation_records

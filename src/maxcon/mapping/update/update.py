@@ -21,8 +21,7 @@ from maxcon.map import PointMap, TileKey
 from maxcon.map.layout import SurfaceClass
 from maxcon.map.manifest import CLASSES, GROUND, MAP_NAMES, TILES, Manifest, read_manifest
 from maxcon.map.storage import MapStorage, open_storage
-from maxcon.map.store import Section, classes_of_batch, classes_record, tile_record
-from maxcon.map.writer import MapWriter
+from maxcon.map.store import MapWriter, Section, classes_record, tile_record
 from maxcon.mapping.update.classification import classify
 from maxcon.mapping.update.evidence import CANDIDATE, Surfaces, gather_evidence
 from maxcon.mapping.update.observations import LocalizedDrive, Observation, observations_of
@@ -151,7 +150,7 @@ class _Copier:
         classes = np.full(record.n_rows, SurfaceClass.KNOWN, np.uint8)
         if key in self._classes.keys:
             self._writer.put(self._classes.record(key))
-            classes = classes_of_batch(self._classes.batch(key))
+            (classes,) = self._classes.columns(key)
         self._count(classes)
 
     def put_classified(self, surfaces: Surfaces, classes: NDArray[np.uint8]) -> None:
