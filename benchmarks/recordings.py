@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from maxcon.geometry import Pose
-from maxcon.io.recordings.writing import RecordingKind, open_writer
+from maxcon.io.recordings.writing import RecordingKind, write_recording
 from maxcon.io.scans import RawScan, Scans, open_scans
 from maxcon.lab.simulation.recordings import drive_messages
 from maxcon.scan.trajectory import Trajectory
@@ -50,9 +50,7 @@ def main() -> None:
     for kind in RecordingKind:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / f"drive.{kind}"
-            with open_writer(path, kind) as writer:
-                for entry in drive_messages(made, prior, "EPSG:25832"):
-                    writer.write(entry)
+            write_recording(path, kind, drive_messages(made, prior, "EPSG:25832"))
             scans = open_scans(path)
             begin = time.perf_counter()
             n_scans = len(scans)  # the pass that finds their times

@@ -3,12 +3,11 @@
 """Recordings for tests: drives of random scans as bags of ROS 1 and ROS 2 and as MCAP, and captures of a VLP-16."""
 
 import struct
-from contextlib import contextmanager
 
 import numpy as np
 
 from maxcon.geometry import Pose
-from maxcon.io.recordings.writing import RecordingKind, bag_writer, open_writer
+from maxcon.io.recordings.writing import RecordingKind, write_bag, write_recording
 from maxcon.io.scans import RawScan, Scans
 from maxcon.lab.simulation.recordings import drive_messages
 from maxcon.scan.trajectory import Trajectory
@@ -40,33 +39,24 @@ def made_prior(times):
     return Trajectory.from_poses(times, poses)
 
 
-@contextmanager
-def recording_writer(path):
-    """Open a writer of the kind that a path is named for."""
+def write_entries(path, entries):
+    """Write messages in the order given, as the kind of recording that a path is named for; return the path."""
     if path.suffix:
-        with open_writer(path, RecordingKind(path.suffix[1:])) as writer:
-            yield writer
-        return
+        write_recording(path, RecordingKind(path.suffix[1:]), entries)
+        return path
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
     with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as bag:
-        yield bag_writer(store, bag, store.serialize_cdr)
-
-
-def write_recording(path, entries):
-    """Write messages in the order given, and return the path."""
-    with recording_writer(path) as writer:
-        for entry in entries:
-            writer.write(entry)
+        write_bag(bag, store, store.serialize_cdr, entries)
     return path
 
 
 def record_drive(path, scans, prior=None, crs="EPSG:25832", **options):
     """Write scans, a prior and odometry as a recording, and return its path."""
     prior = made_prior(scans.times) if prior is None else prior
-    return write_recording(path, drive_messages(scans, prior, crs, **options))
+    return write_entries(path, drive_messages(scans, prior, crs, **options))
 
 
 # A VLP-16 turns clockwise by 0.4 degrees from one block of a packet to the next; each block has two firings of its

@@ -21,7 +21,8 @@ def geographic(drive):
     """Times, places and true orientations of the drive's prior."""
     prior = read_trajectory(drive.dataset.prior)
     places = FRAME.to_geographic(prior.positions)
-    true = type(prior)(prior.times, prior.positions, FRAME.quaternions_to_enu(places, prior.quaternions_xyzw))
+    turns = FRAME.quaternions_to_map(places, prior.quaternions_xyzw, inverse=True)
+    true = type(prior)(prior.times, prior.positions, turns)
     return prior.times, places, np.degrees(true.angles)
 
 

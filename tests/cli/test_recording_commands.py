@@ -16,7 +16,7 @@ from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.simulation.datasets import CRS
 from maxcon.lab.simulation.recordings import cloud_message
 from maxcon.scan.trajectory import Trajectory
-from recorded_drives import NAMES, record_drive, write_recording
+from recorded_drives import NAMES, record_drive, write_entries
 
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
@@ -96,7 +96,7 @@ def test_info_of_a_folder_and_a_file(maxcon, refused, drive, tmp_path):
     assert (ended.code, ended.err) == (0, "")
     assert "4 scans" in ended.out and "range" in ended.out
     assert maxcon("scans", "info", drive.dataset.scans / "000000.bin").code == 0
-    refused(maxcon("scans", "info", tmp_path / "missing"), "no such folder or file")
+    refused(maxcon("scans", "info", tmp_path / "missing"), "no such file")
     refused(maxcon("scans", "info", tmp_path / "missing.mcap"), "no such file")
 
 
@@ -198,7 +198,7 @@ def test_two_scanners_in_one_epoch(localize, refused, drive, tmp_path):
     # The same as two topics of one recording.
     sides = {side: open_scans(tmp_path / side) for side in mounts}
     clouds = (cloud_message(scans, i, f"/{side}/points") for i in range(len(whole)) for side, scans in sides.items())
-    write_recording(tmp_path / "two.mcap", clouds)
+    write_entries(tmp_path / "two.mcap", clouds)
     for side in mounts:
         text = text.replace(f"scans = '{side}'", f"topic = '/{side}/points'")
     (tmp_path / "topics.toml").write_text(text)

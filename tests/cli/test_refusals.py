@@ -35,7 +35,7 @@ def shifted(rows, column, by):
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
-        ("none.txt", None, ("none.txt", "no such file", "Check the path")),
+        ("none.txt", None, ("none.txt", "no such file", "Check its path")),
         ("a.json", "1 2 3 4 0 0 0 1\n", (".txt, .tum or .csv", "Rename it")),
         ("a.txt", "# only a comment\n", ("a.txt", "at least one pose")),
         ("a.csv", "time,lat,lon\n1,2,3\n", ("a.csv", "time,x,y,z,roll,pitch,heading")),
@@ -53,7 +53,7 @@ def test_priors_of_no_use(not_localized, prior_rows, tmp_path, name, content, wo
 def test_scans_of_no_use(not_localized, drive, tmp_path):
     scans, empty, times = (tmp_path / name for name in ("scans", "empty", "clock.txt"))
     empty.mkdir()
-    not_localized(tmp_path / "missing", "no such folder or file", scans=tmp_path / "missing")
+    not_localized(tmp_path / "missing", "no such file", scans=tmp_path / "missing")
     not_localized(empty, ".bin, .pcd", "got none", scans=empty)
     not_localized("times.txt", scans=drive.dataset.map_clouds[0].parent)  # a map is no folder of scans
     not_localized(times, "no such file", options=("--times", times))
@@ -187,7 +187,7 @@ def test_clouds_of_no_use(not_built, write_las, street, street_npz, tmp_path):
     drive.write_text("0 550000 5802000 62 0 0 0 1\n9 550001 5802000 62 0 0 0 1\n")
     not_built(tmp_path / "missing.laz", words=["missing.laz", "no such file"])
     not_built(tmp_path / ("a" * 300), words=["too long"])
-    not_built(tmp_path, words=["got the folder", tmp_path, "Name the files in it"])
+    not_built(tmp_path, words=["is a directory", tmp_path])
     not_built(empty, words=[empty, "Expected", "got"])
     not_built(drawing, words=[drawing, ".las, .laz, .ply, .npz", "Convert it"])
     not_built(street_npz, street_npz, words=["street.npz", "more than once"])

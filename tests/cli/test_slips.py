@@ -97,7 +97,7 @@ def test_where_nothing_fits_that_is_said(localized, priors):
 
 def test_columns_by_other_names(localized, refused, priors):
     rows, poses = rows_of(priors), "time,x,y,z,"
-    one_turn = ["line 2", "roll,pitch,heading within one turn, got 123.4", "roll_deg,pitch_deg,heading_deg"]
+    one_turn = ["line 2", "'heading' within one turn, got 123.4", "heading_deg"]
     refused(localized([row.rpartition(",")[0] + ",123.4" for row in rows]), *one_turn)
     refused(localized(rows, f"{poses}roll,pitch,yaw"), "Rename 'yaw'", "counter-clockwise", "compass")
     assert localized(rows_of(priors, scale=180.0 / math.pi), f"{poses}roll_deg,pitch_deg,heading_deg").code == 0

@@ -91,12 +91,12 @@ def _with(name, values):
         (_with("x", [None, None, 2.0]), "a part of a pose"),
         (_with("score", [math.inf, None, 2.0]), "inf"),
         (_with("y", ["a", None, "b"]), "'a'"),
-        (_with("status", [1, 2, 3]), "got 1"),
-        (b"", "Expected the poses of a drive in"),
-        (100, "Expected the poses of a drive in"),
-        (-100, "Expected the poses of a drive in"),
+        (_with("status", [1, 2, 3]), "in row 1: 1"),
+        (b"", "to be a table such as POSES.csv"),
+        (100, "to be a table such as POSES.csv"),
+        (-100, "to be a table such as POSES.csv"),
         ("removed", "No such file"),
-        ("a folder", "no file"),
+        ("a folder", "Is a directory"),
     ],
 )
 def test_a_parquet_file_that_is_none_of_a_drive(parquet, change, words):
@@ -277,7 +277,7 @@ def test_what_cannot_be_exported_is_said(table, tmp_path):
     for content, words in (
         ("", "a row per epoch"),
         (lines[0], "a row per epoch"),
-        ("time,x\n1,2", "2 columns"),
+        ("time,x\n1,2", "2 other columns"),
         ("\n".join([lines[0], lines[1].replace("localized", "localized,")]), "line 2"),
         ("\n".join([lines[0], lines[1].replace("550000", "west")]), "line 2.*'west"),
         ("\n".join([lines[0], lines[1].replace("550000.123400000", "")]), "line 2.*a part of a pose"),

@@ -19,12 +19,12 @@ from maxcon import Pose, Trajectory
 from maxcon.drive.poses_dataset import poses_schema
 from maxcon.drive.poses_table import COLUMNS
 from maxcon.io.clouds import CLOUD_SUFFIXES
-from maxcon.io.recordings.opening import CAPTURE_SUFFIX, RECORDING_SUFFIXES
+from maxcon.io.recordings.recording import CAPTURE_SUFFIX, RECORDING_SUFFIXES
 from maxcon.io.recordings.writing import Entry, header_of
 from maxcon.io.trajectories import write_csv, write_tum
 from maxcon.mapping.build import MapOptions, build_map
 from nmea_sentences import clock, gga, rmc, sentence, zda
-from recorded_drives import NAMES, MadeScans, made_prior, record_drive, write_capture, write_recording
+from recorded_drives import NAMES, MadeScans, made_prior, record_drive, write_capture, write_entries
 from written_copc import SIDE, write_copc
 
 N_POINTS = 60
@@ -217,7 +217,7 @@ def _recordings(folder: Path) -> Iterator[Seed]:
     turn = np.random.default_rng(1).uniform(2.0, 90.0, (1, 1800, 16))
     yield _of_file("pcap", "recording", write_capture(folder / "drive.pcap", turn, [1_600_000_000.0]))
     for name in ("tf.bag", "tf.mcap"):
-        yield _of_file(name, "transforms", write_recording(folder / name, _transforms()))
+        yield _of_file(name, "transforms", write_entries(folder / name, _transforms()))
 
 
 def _transforms() -> Iterator[Entry]:

@@ -35,7 +35,7 @@ def _fixes(way, sigma=math.nan):
 
 def _imu(way, off=0.0, sigma=math.nan, as_bearings=False):
     """Orientations towards true north, wrong by `off` (rad), at other times than the fixes."""
-    turned = FRAME.quaternions_to_enu(FRAME.to_geographic(way.positions), way.quaternions_xyzw)
+    turned = FRAME.quaternions_to_map(FRAME.to_geographic(way.positions), way.quaternions_xyzw, inverse=True)
     wrong = (Rotation.from_rotvec([0.0, 0.0, off]) * Rotation.from_quat(turned)).as_quat()
     if as_bearings:
         roll, pitch, heading = angles_from_quaternions(turned).T

@@ -98,10 +98,10 @@ def test_rows_without_a_position_or_a_sigma(tmp_path):
         ("time,latitude,longitude,height,heading,azimuth_deg", "1,52,13,60,1,1", "got both"),
         ("time,latitude,longitude,height,roll", "1,52,13,60,1", "both roll and pitch"),
         ("time,latitude,longitude,height,sigma_east", "1,52,13,60,1", "both sigma_east and sigma_north"),
-        ("time,latitude,longitude,height", "1,520000,130000,60", "a latitude and a longitude in degrees"),
+        ("time,latitude,longitude,height", "1,520000,130000,60", "degrees as latitude and longitude"),
         ("time,latitude,longitude,height,heading", "1,52,13,60,90", "within one turn"),
         ("time,latitude,longitude,height,sigma_east,sigma_north", "1,52,13,60,-1,1", ">= 0"),
-        ("time,latitude,longitude,height", "1,,,", "at least one position"),
+        ("time,latitude,longitude,height", "1,,,", "at least one pose"),
     ],
 )
 def test_what_is_not_clear_is_refused(tmp_path, header, row, words):

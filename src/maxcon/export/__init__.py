@@ -27,7 +27,7 @@ __all__ = [
     "read_rows",
 ]  # fmt: skip
 
-_WRITERS: dict[str, Callable[..., Any]] = {
+_WRITERS: dict[str, Callable[[Path, list[PoseRow], Any], None]] = {
     ".geojson": write_geojson, ".gpkg": write_geopackage, ".kml": write_kml, ".mcap": write_mcap,
     ".csv": write_degrees, ".tum": write_tum_rows, ".kitti": write_kitti,
 }  # fmt: skip
@@ -68,15 +68,8 @@ def export_poses(table: str | os.PathLike[str], out: str | os.PathLike[str], crs
     MissingExtraError: if the package for the format is not installed.
     """
     suffix = Path(out).suffix.lower()
-    if suffix not in _WRITERS:
-        raise OptionError(
-            f"Expected a file to export to with suffix {', '.join(EXPORT_SUFFIXES)}, or for scans"
-            f" {' or '.join(SCAN_SUFFIXES)}, got {os.fspath(out)!r}. Rename it."
-        )
-    rows = _localized_rows(table)
-    if suffix in _NEEDING_CRS:
-        _check_crs(crs)
-    _WRITERS[suffix](out, rows, crs)
+    rows = _rows_to_export(table, suffix, EXPORT_SUFFIXES)
+    _WRITERS[suffix](Path(out), rows, _check_crs(crs) if suffix in _NEEDING_CRS else crs)
     return rows
 
 
@@ -89,12 +82,14 @@ def export_scans(
     min_range: float = 1.0,
     max_range: float = 120.0,
 ) -> tuple[list[PoseRow], int]:
-    """Write the scans of the localized epochs, placed in the map, as LAZ; return all rows, and how many points.
+    """Write the scans of the localized epochs, placed in the map, as .laz or .las; return all rows and how many points.
 
-    Errors as of `write_placed_scans` and `export_poses`.
+    scans: those of the table: a localized row without a scan of its time is a TrajectoryError.
+    min_range, max_range: points nearer or farther than this are left out, m.
+    Other errors as of `export_poses`.
     """
-    rows = _localized_rows(table)
-    return rows, write_placed_scans(out, rows, scans, _check_crs(crs), min_range=min_range, max_range=max_range)
+    rows = _rows_to_export(table, Path(out).suffix.lower(), SCAN_SUFFIXES)
+    return rows, write_placed_scans(Path(out), rows, scans, _check_crs(crs), min_range, max_range)
 
 
 def _check_crs(crs: str | None) -> str:
@@ -106,8 +101,13 @@ def _check_crs(crs: str | None) -> str:
     return crs
 
 
-def _localized_rows(table: str | os.PathLike[str]) -> list[PoseRow]:
+def _rows_to_export(table: str | os.PathLike[str], suffix: str, suffixes: tuple[str, ...]) -> list[PoseRow]:
     """All rows of a table in which some epoch is localized."""
+    if suffix not in suffixes:
+        raise OptionError(
+            f"Expected a file to export to with suffix {', '.join(EXPORT_SUFFIXES)}, or for scans"
+            f" {' or '.join(SCAN_SUFFIXES)}, got {suffix!r}. Rename it."
+        )
     rows = read_rows(table)
     if not any(row.pose is not None for row in rows):
         raise TrajectoryError(f"Expected localized epochs in {table}, got none of {len(rows)}. Nothing is exported.")

@@ -4,7 +4,6 @@
 
 import csv
 import json
-import os
 import struct
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,7 +20,6 @@ from maxcon.io.crs import metric_crs, to_wgs84
 from maxcon.io.trajectories import write_tum
 from maxcon.scan.trajectory import Trajectory
 
-PathLike = str | os.PathLike[str]
 ISO_POINT_Z = 1001
 """Kind of geometry in well-known binary."""
 ON_THE_GROUND = "clampToGround"
@@ -36,7 +34,7 @@ def _position(row: PoseRow) -> dict[str, float | None]:
     return dict(zip("xyz", (None,) * 3 if row.pose is None else row.pose.position.tolist(), strict=True))
 
 
-def write_geojson(path: PathLike, rows: Sequence[PoseRow], crs: str) -> None:
+def write_geojson(path: Path, rows: Sequence[PoseRow], crs: str) -> None:
     """Write GeoJSON (RFC 7946), a feature per epoch: a point in WGS 84 where it is localized, else no geometry.
 
     Position and covariance in the CRS of the map stand among the properties, as does the CRS. The height of a point is
@@ -51,10 +49,11 @@ def write_geojson(path: PathLike, rows: Sequence[PoseRow], crs: str) -> None:
             geometry = {"type": "Point", "coordinates": [*lonlat, round(row.pose.z, 4)]}
         features.append({"type": "Feature", "geometry": geometry, "properties": {**_position(row), **properties(row)}})
     content = {"type": "FeatureCollection", "crs_of_xyz": crs, "features": features}
-    _write(path, json.dumps(content, allow_nan=False))
+    with atomic_file(path) as partial:
+        _put(partial, json.dumps(content, allow_nan=False))
 
 
-def write_geopackage(path: PathLike, rows: Sequence[PoseRow], crs: str) -> None:
+def write_geopackage(path: Path, rows: Sequence[PoseRow], crs: str) -> None:
     """Write a layer `poses` of points with height, in the CRS; epochs that are not localized have no point."""
     try:
         from pyogrio.raw import write
@@ -85,7 +84,7 @@ def _column(values: list[float | str | None]) -> NDArray[np.generic]:
     return np.array(values, dtype=np.float64)  # None is NaN
 
 
-def write_kml(path: PathLike, rows: Sequence[PoseRow], crs: str) -> None:
+def write_kml(path: Path, rows: Sequence[PoseRow], crs: str) -> None:
     """Write KML: the way as a line and each localized epoch as a point with its heading.
 
     Heights are those of the map, and viewers are told to draw on the ground: KML counts heights from the sea, and a
@@ -113,7 +112,7 @@ def write_kml(path: PathLike, rows: Sequence[PoseRow], crs: str) -> None:
         ElementTree.ElementTree(root).write(partial, encoding="utf-8", xml_declaration=True)
 
 
-def write_degrees(path: PathLike, rows: Sequence[PoseRow], crs: str | None = None) -> None:
+def write_degrees(path: Path, rows: Sequence[PoseRow], crs: str | None = None) -> None:
     """Write CSV of every epoch: time (s), position (m), angles (degrees) and all else; `read_trajectory` reads it, too.
 
     Here and in the formats below the CRS is not used.
@@ -135,18 +134,18 @@ def _text(name: str, value: float | str) -> str:
     return f"{value:.6g}" if decimals is None else f"{value:.{decimals}f}"
 
 
-def write_tum_rows(path: PathLike, rows: Sequence[PoseRow], crs: str | None = None) -> None:
+def write_tum_rows(path: Path, rows: Sequence[PoseRow], crs: str | None = None) -> None:
     """Write the localized poses as lines `time x y z qx qy qz qw`, s and m."""
     times, poses = zip(*[(row.time, pose) for row, pose in _localized(rows)], strict=True)
     write_tum(path, Trajectory.from_poses(times, poses), "T_map_sensor, localized by maxcon")
 
 
-def times_beside(path: PathLike) -> Path:
+def times_beside(path: Path) -> Path:
     """Return the file of the times of poses in KITTI's format."""
-    return Path(path).with_suffix(".times.txt")
+    return path.with_suffix(".times.txt")
 
 
-def write_kitti(path: PathLike, rows: Sequence[PoseRow], crs: str | None = None) -> None:
+def write_kitti(path: Path, rows: Sequence[PoseRow], crs: str | None = None) -> None:
     """Write the localized poses as the twelve numbers of [R t], row by row, a line each; their times beside it.
 
     T_map_sensor, in global coordinates: the first pose is not the origin, as in KITTI's own.
@@ -157,11 +156,6 @@ def write_kitti(path: PathLike, rows: Sequence[PoseRow], crs: str | None = None)
         _put(poses_partial, "\n".join(" ".join(f"{value:.12g}" for value in matrix) for matrix in matrices))
         _put(times_partial, "\n".join(f"{row.time:.9f}" for row, _ in found))
         times.unlink(missing_ok=True)  # a kill from here on leaves poses without times, not with those of others
-
-
-def _write(path: PathLike, text: str) -> None:
-    with atomic_file(path) as partial:
-        _put(partial, text)
 
 
 def _put(path: Path, text: str) -> None:

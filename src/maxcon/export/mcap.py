@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: MIT
 """MCAP with messages of ROS 2: poses with covariances, transforms, and positions in latitude and longitude."""
 
-import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +13,7 @@ from maxcon.export.pose_rows import PoseRow
 from maxcon.geometry import Pose
 from maxcon.geometry.quaternions import quaternions_from_angles
 from maxcon.io.crs import to_wgs84
-from maxcon.io.recordings.writing import Entry, RecordingKind, header_of, open_writer
-
-__all__ = ["CRS_FRAME", "MAP_FRAME", "SENSOR_FRAME", "write_mcap"]
+from maxcon.io.recordings.writing import Entry, RecordingKind, header_of, write_recording
 
 CRS_FRAME, MAP_FRAME, SENSOR_FRAME = "crs", "map", "sensor"
 """Names of the frames: that of the CRS, a local one near the drive, in which viewers can draw, and the scanner's."""
@@ -24,25 +21,27 @@ ROUND = 100.0
 """The local frame's origin is a multiple of this, m."""
 
 
-def write_mcap(path: str | os.PathLike[str], rows: Sequence[PoseRow], crs: str | None = None) -> None:
+def write_mcap(path: Path, rows: Sequence[PoseRow], crs: str | None = None) -> None:
     """Write the localized epochs as topics of an MCAP file; each message has the time of its epoch.
 
     /pose (PoseWithCovarianceStamped, in the frame `map`), /tf (`map` to `sensor`), /tf_static (`crs` to `map`), and if
     the CRS is known /fix (NavSatFix, heights as the map has them). Needs the extra `recordings`.
     """
+    write_recording(path, RecordingKind.MCAP, _entries(rows, crs))
+
+
+def _entries(rows: Sequence[PoseRow], crs: str | None) -> Iterator[Entry]:
     found = [(row, row.pose) for row in rows if row.pose is not None]
     origin = np.floor(found[0][1].position / ROUND) * ROUND
     lonlats = None if crs is None else to_wgs84(crs, [(pose.x, pose.y) for _, pose in found])
-    with open_writer(Path(path), RecordingKind.MCAP) as writer:
-        first = found[0][0].time
-        T_crs_map = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0).translated(origin)
-        writer.write(_transform(first, "/tf_static", CRS_FRAME, MAP_FRAME, T_crs_map))
-        for number, (row, pose) in enumerate(found):
-            local = pose.translated(-origin)
-            writer.write(_pose(row, local))
-            writer.write(_transform(row.time, "/tf", MAP_FRAME, SENSOR_FRAME, local))
-            if lonlats is not None:
-                writer.write(_fix(row, pose.z, lonlats[number]))
+    T_crs_map = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0).translated(origin)
+    yield _transform(found[0][0].time, "/tf_static", CRS_FRAME, MAP_FRAME, T_crs_map)
+    for number, (row, pose) in enumerate(found):
+        local = pose.translated(-origin)
+        yield _pose(row, local)
+        yield _transform(row.time, "/tf", MAP_FRAME, SENSOR_FRAME, local)
+        if lonlats is not None:
+            yield _fix(row, pose.z, lonlats[number])
 
 
 def _covariance(row: PoseRow) -> NDArray[np.float64]:

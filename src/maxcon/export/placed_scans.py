@@ -2,14 +2,13 @@
 # SPDX-License-Identifier: MIT
 """LAZ of the scans of a drive, placed in the map where they were localized."""
 
-import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from maxcon._system.atomic import atomic_file
-from maxcon.errors import OptionError, TrajectoryError
+from maxcon.errors import TrajectoryError
 from maxcon.export.pose_rows import PoseRow
 from maxcon.geometry import Pose
 from maxcon.io.clouds.laz import laz_as_os_error
@@ -19,7 +18,6 @@ from maxcon.io.scans import Scans
 
 SCAN_SUFFIXES = (".laz", ".las")
 """Of scans placed in the map."""
-
 RESOLUTION = 0.001
 """Of the stored coordinates, m."""
 SAME_TIME = 1e-3
@@ -27,26 +25,13 @@ MAX_SOURCES = 2**16
 
 
 def write_placed_scans(
-    path: str | os.PathLike[str],
-    rows: Sequence[PoseRow],
-    scans: Scans,
-    crs: str,
-    *,
-    min_range: float = 1.0,
-    max_range: float = 120.0,
+    path: Path, rows: Sequence[PoseRow], scans: Scans, crs: str, min_range: float, max_range: float
 ) -> int:
-    """Write the points of all localized epochs in the map's frame as .laz or .las; return how many they are.
+    """Write the points of all localized epochs in the map's frame, whose CRS is given; return how many they are.
 
     LAS 1.4, point format 6: gps_time is the time of the epoch, or of the point where it is known, s as in the table;
     point_source_id is the number of the epoch, counted on from 0 after 65,535. One epoch is in memory at a time.
-
-    scans: those of the table: a localized row without a scan of its time is a TrajectoryError.
-    crs: of the poses, projected and in metres.
-    min_range, max_range: points nearer or farther than this are left out, m.
     """
-    suffix = Path(path).suffix.lower()
-    if suffix not in SCAN_SUFFIXES:
-        raise OptionError(f"Expected a .laz or .las file for scans in the map, got {os.fspath(path)!r}. Rename it.")
     import laspy
     import pyproj
 
@@ -60,7 +45,7 @@ def write_placed_scans(
         atomic_file(path) as partial,
         partial.open("wb") as stream,
         laz_as_os_error(),
-        laspy.open(stream, mode="w", header=header, do_compress=suffix == ".laz", closefd=False) as writer,
+        laspy.open(stream, "w", header=header, do_compress=path.suffix.lower() == ".laz", closefd=False) as writer,
     ):
         for row, epoch, pose in epochs:
             raw = scans.read(epoch, min_range, max_range)

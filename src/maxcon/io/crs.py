@@ -5,7 +5,7 @@
 import math
 from collections.abc import Sequence
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,26 +21,54 @@ NORTHWARDS = 1e-4
 """Degrees, some 11 m: over such a way the direction of north on the grid is found."""
 
 
+class FileCrs(NamedTuple):
+    """The CRS that a file names, as WKT; None, and in words what the file has instead, if it cannot be used."""
+
+    crs: str | None = None
+    crs_fault: str = ""
+
+
+def read_wkt(content: str | bytes) -> FileCrs:
+    """Return the CRS of WKT in a file; empty text names none."""
+    import pyproj
+
+    try:
+        text = content if isinstance(content, str) else content.rstrip(b"\0").decode("utf-8")
+        return FileCrs(pyproj.CRS.from_wkt(text).to_wkt()) if text else FileCrs()
+    except (UnicodeDecodeError, pyproj.exceptions.CRSError) as error:
+        return FileCrs(None, f"a WKT that it does not: {_first_line(error)}")
+
+
+def read_epsg_code(code: int) -> FileCrs:
+    """Return the CRS of a code in a file."""
+    import pyproj
+
+    try:
+        return FileCrs(pyproj.CRS.from_epsg(code).to_wkt())
+    except pyproj.exceptions.CRSError as error:
+        return FileCrs(None, f"EPSG:{code}: {_first_line(error)}")
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0][:120]
+
+
 @lru_cache(maxsize=32)
 def parse_crs(text: str) -> Any:
     """Return the pyproj.CRS of a code or WKT; CrsError if it is unknown."""
     import pyproj
-    from pyproj.exceptions import CRSError
 
     try:
         return pyproj.CRS.from_user_input(text)
-    except CRSError as error:
-        reason = str(error).splitlines()[0][:120]
+    except pyproj.exceptions.CRSError as error:
         raise CrsError(
-            f"Expected a coordinate reference system such as EPSG:25832, or WKT, got {text[:80]!r}: {reason}."
+            f"Expected a coordinate reference system such as EPSG:25832, or WKT, got {text[:80]!r}:"
+            f" {_first_line(error)}."
         ) from None
 
 
 def metric_crs(text: str) -> str:
-    """Return the WKT of a projected (or local) CRS, of which all axes are in metres, given as a code or WKT.
-
-    CrsError if it is unknown, or another one.
-    """
+    """Return the WKT of a projected (or local) CRS in metres, given as code or WKT; CrsError if it is another."""
     crs = parse_crs(text)
     units = {axis.unit_name for axis in crs.axis_info}
     if crs.is_geographic or crs.is_geocentric or not units <= {"metre", "meter", "m"}:
@@ -67,14 +95,10 @@ def crs_name(wkt: str | None) -> str:
 
 
 def to_wgs84(crs: str, places: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Return longitude and latitude, degrees of WGS 84, of places (x, y) in a projected CRS in metres.
+    """Return longitude and latitude, degrees of WGS 84, of places (x, y) in a projected CRS in metres."""
+    from pyproj import Transformer
 
-    CrsError if that is unknown or not one.
-    """
-    import pyproj
-
-    horizontal = parse_crs(metric_crs(crs)).to_2d()
-    transformer = pyproj.Transformer.from_crs(horizontal, "EPSG:4326", always_xy=True)
+    transformer = Transformer.from_crs(parse_crs(metric_crs(crs)).to_2d(), GEOGRAPHIC, always_xy=True)
     x, y = zip(*places, strict=True) if places else ((), ())
     longitudes, latitudes = transformer.transform(x, y)
     return list(zip(longitudes, latitudes, strict=True))
@@ -134,13 +158,11 @@ class PointTransform:
             return None
         if self._transformer is None:
             return bounds
-        found = self._transformer.transform_bounds(*bounds, densify_pts=MARKS, direction="INVERSE")
-        if not np.isfinite(found).all():
-            return None
-        x_min, y_min, x_max, y_max = map(float, found)
+        found = np.array(self._transformer.transform_bounds(*bounds, densify_pts=MARKS, direction="INVERSE"))
         # Between marks the sides bend by far less than this.
-        x_slack, y_slack = (x_max - x_min) / MARKS, (y_max - y_min) / MARKS
-        return x_min - x_slack, y_min - y_slack, x_max + x_slack, y_max + y_slack
+        slack = np.tile((found[2:] - found[:2]) / MARKS, 2) * [-1.0, -1.0, 1.0, 1.0]
+        x_min, y_min, x_max, y_max = (found + slack).tolist()
+        return (x_min, y_min, x_max, y_max) if np.isfinite(found).all() else None
 
     def _with_heights(self) -> tuple[Any, float]:
         target = self._target
@@ -174,8 +196,8 @@ def _transformer(source: Any, target: Any, *, only_best: bool = False) -> Any:
         return Transformer.from_crs(source, target, always_xy=True, allow_ballpark=False, only_best=only_best)
     except ProjError as error:
         raise CrsError(
-            f"Expected a way from {source.name} to {target.name}, got: {str(error).splitlines()[0][:100]}. Choose"
-            " another CRS, or transform the points first."
+            f"Expected a way from {source.name} to {target.name}, got: {_first_line(error)}. Choose another CRS, or"
+            " transform the points first."
         ) from error
 
 
@@ -253,16 +275,17 @@ class GeographicFrame:
         return np.asarray(np.arctan2(np.subtract(further_y, y), np.subtract(further_x, x)) - math.pi / 2.0, np.float64)
 
     def quaternions_to_map(
-        self, places: NDArray[np.float64], quaternions_xyzw: NDArray[np.float64]
+        self, places: NDArray[np.float64], quaternions_xyzw: NDArray[np.float64], *, inverse: bool = False
     ) -> NDArray[np.float64]:
-        """Return orientations towards the axes of the map, shape (n, 4), of those towards true east, north and up."""
-        return _turned_about_up(self.convergence(places), quaternions_xyzw)
+        """Return orientations towards the axes of the map, shape (n, 4), of those towards true east, north and up.
 
-    def quaternions_to_enu(
-        self, places: NDArray[np.float64], quaternions_xyzw: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return orientations towards true east, north and up, shape (n, 4), of those towards the axes of the map."""
-        return _turned_about_up(-self.convergence(places), quaternions_xyzw)
+        If `inverse`, the other way round.
+        """
+        from scipy.spatial.transform import Rotation
+
+        angles = self.convergence(places)[:, None] * (-1.0 if inverse else 1.0)
+        turned = Rotation.from_euler("z", angles) * Rotation.from_quat(quaternions_xyzw)
+        return np.asarray(turned.as_quat(), dtype=np.float64)
 
     @cached_property
     def _plane(self) -> Any:
@@ -286,15 +309,8 @@ class GeographicFrame:
             if np.isfinite(found.transform(place[0], place[1], 0.0, errcheck=True)).all():
                 return found
         except ProjError as error:
-            why = str(error).splitlines()[0][:100]
+            why = _first_line(error)
         raise CrsError(
             f"Expected to be able to turn ellipsoidal heights into those of {self._crs.name}, got: {why}. Say how high"
             " the geoid is there: --geoid-height."
         )
-
-
-def _turned_about_up(angles: NDArray[np.float64], quaternions_xyzw: NDArray[np.float64]) -> NDArray[np.float64]:
-    from scipy.spatial.transform import Rotation
-
-    turned = Rotation.from_euler("z", angles[:, None]) * Rotation.from_quat(quaternions_xyzw)
-    return np.asarray(turned.as_quat(), dtype=np.float64)

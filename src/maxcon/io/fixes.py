@@ -5,6 +5,7 @@
 import math
 from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +26,6 @@ ASSUMED_SIGMA = math.radians(2.0)
 """Of an IMU's heading, where it states none, rad."""
 MAX_GAP = 0.5
 """Between two orientations to interpolate across, s."""
-COURSE = "headings: course over ground"
 
 
 class Heights(Enum):
@@ -53,6 +53,21 @@ class Fixes:
     n_left_out: int
     heights: Heights = Heights.ELLIPSOIDAL
     frame: str = ""
+
+    @classmethod
+    def of_sigmas(
+        cls,
+        times: NDArray[np.float64],
+        places: NDArray[np.float64],
+        sigmas: NDArray[np.float64],
+        n_left_out: int,
+        heights: Heights,
+    ) -> Self:
+        """Return positions with standard deviations of east and north, shape (n, 2), m; NaN where none is stated."""
+        covariances = np.zeros((len(times), 2, 2))
+        covariances[:, [0, 1], [0, 1]] = sigmas**2
+        covariances[np.isnan(sigmas).any(axis=1)] = np.nan
+        return cls(times, places, covariances, n_left_out, heights)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,18 +119,15 @@ def place_fixes(
 ) -> PlacedFixes:
     """Return poses in the map's CRS, and what is to be said of them.
 
-    fixes: the positions.
     orientations: towards true north, where there are any.
     frame: of the map.
     geoid_height: of the geoid above the ellipsoid, m.
     label: where they come from, for messages.
     are_sure: whether orientations are believed even if they are nothing like the course over ground.
     """
-    _check_heights(fixes, frame, geoid_height, label)
-    positions = _positions(fixes, frame, geoid_height, label)
+    positions, words_of_heights = _positions(fixes, frame, geoid_height, label)
     courses = _courses(fixes.times, positions)
     turns = None if orientations is None else _of_imu(fixes, orientations, frame, None if are_sure else courses)
-    is_course = turns is None or turns.words.startswith(COURSE)
     if turns is None:
         if courses is None:
             raise TrajectoryError(
@@ -123,57 +135,41 @@ def place_fixes(
                 " headings from, got neither. Give the poses as a file: --prior."
             )
         level = quaternions_from_angles(0.0, 0.0, courses)
-        turns = _Turns(np.arange(len(courses)), level, _course_sigmas(fixes), f"{COURSE}; roll and pitch 0")
-    heights = _words_of_heights(fixes.heights, frame, geoid_height)
+        words = "headings: course over ground; roll and pitch 0"
+        turns = _Turns(np.arange(len(courses)), level, _course_sigmas(fixes), words, has_headings=False)
+    rows = turns.rows
+    covariances = np.zeros((len(rows), 3, 3))
+    covariances[:, :2, :2] = fixes.covariances[rows]
+    covariances[:, 2, 2] = turns.sigmas**2
+    covariances[np.isnan(covariances).any(axis=(1, 2))] = np.nan
+    known = None if np.isnan(covariances).all() else covariances
     left = f"; {fixes.n_left_out} messages without a fix left out" if fixes.n_left_out else ""
     return PlacedFixes(
-        _trajectory(fixes, positions, turns, label),
-        f"{turns.words}; heights: {heights}{left}",
+        checked_trajectory(label, fixes.times[rows], positions[rows], turns.quaternions_xyzw, known),
+        f"{turns.words}; heights: {words_of_heights}{left}",
         None if frame.has_heights or geoid_height is not None else fixes.heights,
-        not is_course,
+        turns.has_headings,
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Turns:
-    """Orientations of some of the fixes (rows) towards the axes of the map, sigmas of their headings, and in words."""
-
-    rows: NDArray[np.intp]
-    quaternions_xyzw: NDArray[np.float64]
-    sigmas: NDArray[np.float64]
-    words: str
-
-
-def _check_heights(fixes: Fixes, frame: GeographicFrame, geoid_height: float | None, label: str) -> None:
-    """Refuse heights above the geoid where they would be mixed with ellipsoidal ones."""
-    if fixes.heights is not Heights.ORTHOMETRIC:
-        return
-    if frame.has_ellipsoidal_heights and geoid_height is None:
-        raise CrsError(
-            f"Expected ellipsoidal heights as the map's CRS has, got heights above the geoid in {label}. Say how high"
-            " the geoid is above the ellipsoid there: --geoid-height."
-        )
-    if geoid_height is not None and not frame.has_ellipsoidal_heights:
-        raise OptionError(
-            f"Expected --geoid-height with ellipsoidal heights, got it with heights above the geoid in {label}."
-            " Leave it out."
-        )
+def checked_trajectory(
+    label: str,
+    times: NDArray[np.float64],
+    positions: NDArray[np.float64],
+    quaternions_xyzw: NDArray[np.float64],
+    covariances: NDArray[np.float64] | None,
+) -> Trajectory:
+    """Return a trajectory; TrajectoryError names where it comes from, and the time of a pose that cannot be used."""
+    fault = first_fault(times, positions, quaternions_xyzw, covariances)
+    if fault is not None:
+        raise TrajectoryError(f"{label}, at {times[fault.row]:.6f} s: {fault.words}")
+    return Trajectory(times, positions, quaternions_xyzw, covariances)
 
 
-def _words_of_heights(kind: Heights, frame: GeographicFrame, geoid_height: float | None) -> str:
-    if kind is Heights.ORTHOMETRIC and frame.has_ellipsoidal_heights:
-        return f"above the geoid, and {geoid_height:g} m added"
-    if kind is Heights.ORTHOMETRIC:
-        return "above the geoid, as they are"
-    if geoid_height is not None:
-        return f"the receiver's (ellipsoidal) less {geoid_height:g} m"
-    if frame.has_heights:
-        return "the receiver's (ellipsoidal), turned into those of the map's CRS"
-    return "the receiver's (ellipsoidal) as they are, for the map's CRS does not say what its own are"
-
-
-def _positions(fixes: Fixes, frame: GeographicFrame, geoid_height: float | None, label: str) -> NDArray[np.float64]:
-    """Return positions in the map's CRS, shape (n, 3), m; refuse such as fit it only the other way round, or not."""
+def _positions(
+    fixes: Fixes, frame: GeographicFrame, geoid_height: float | None, label: str
+) -> tuple[NDArray[np.float64], str]:
+    """Positions in the map's CRS, shape (n, 3), m, and what their heights are in words."""
     places, swapped = fixes.places, fixes.places[:, [1, 0]]
     got = f"got latitude {places[0, 0]:.5f}, longitude {places[0, 1]:.5f}"
     if not frame.contains(places).any() and frame.contains(swapped).all():
@@ -181,28 +177,45 @@ def _positions(fixes: Fixes, frame: GeographicFrame, geoid_height: float | None,
             f"{label}: Expected positions where the map's CRS is meant for, {got}. Are the two swapped? The other way"
             " round they would be."
         )
-    if fixes.heights is Heights.ORTHOMETRIC and frame.has_ellipsoidal_heights:
+    is_orthometric, is_known = fixes.heights is Heights.ORTHOMETRIC, geoid_height is not None
+    if is_orthometric and frame.has_ellipsoidal_heights and not is_known:
+        raise CrsError(
+            f"Expected ellipsoidal heights as the map's CRS has, got heights above the geoid in {label}. Say how high"
+            " the geoid is above the ellipsoid there: --geoid-height."
+        )
+    if is_orthometric and is_known and not frame.has_ellipsoidal_heights:
+        raise OptionError(
+            f"Expected --geoid-height with ellipsoidal heights, got it with heights above the geoid in {label}."
+            " Leave it out."
+        )
+    if is_orthometric and frame.has_ellipsoidal_heights:
         positions = frame.to_map(places + [0.0, 0.0, geoid_height or 0.0])
+        words = f"above the geoid, and {geoid_height:g} m added"
+    elif is_orthometric:
+        positions, words = frame.to_map(places, 0.0), "above the geoid, as they are"
     else:
-        positions = frame.to_map(places, 0.0 if fixes.heights is Heights.ORTHOMETRIC else geoid_height)
+        positions, words = frame.to_map(places, geoid_height), "the receiver's (ellipsoidal)"
+        if is_known:
+            words += f" less {geoid_height:g} m"
+        elif frame.has_heights:
+            words += ", turned into those of the map's CRS"
+        else:
+            words += " as they are, for the map's CRS does not say what its own are"
     if not np.isfinite(positions).all():
         raise TrajectoryError(
             f"{label}: Expected positions where the map's CRS is defined, {got}. Is it the right map?"
         )
-    return positions
+    return positions, words
 
 
-def _trajectory(fixes: Fixes, positions: NDArray[np.float64], turns: _Turns, label: str) -> Trajectory:
-    rows = turns.rows
-    covariances = np.zeros((len(rows), 3, 3))
-    covariances[:, :2, :2] = fixes.covariances[rows]
-    covariances[:, 2, 2] = turns.sigmas**2
-    covariances[np.isnan(covariances).any(axis=(1, 2))] = np.nan
-    known = None if np.isnan(covariances).all() else covariances
-    fault = first_fault(fixes.times[rows], positions[rows], turns.quaternions_xyzw, known)
-    if fault is not None:
-        raise TrajectoryError(f"{label}, at {fixes.times[rows][fault.row]:.6f} s: {fault.words}")
-    return Trajectory(fixes.times[rows], positions[rows], turns.quaternions_xyzw, known)
+class _Turns(NamedTuple):
+    """Orientations of some of the fixes (rows) towards the axes of the map, sigmas of their headings, and in words."""
+
+    rows: NDArray[np.intp]
+    quaternions_xyzw: NDArray[np.float64]
+    sigmas: NDArray[np.float64]
+    words: str
+    has_headings: bool = True
 
 
 def _of_imu(
@@ -216,27 +229,21 @@ def _of_imu(
         roll, pitch, headings = angles_from_quaternions(turns).T
         off = float(np.median(np.abs(wrap_angle(headings - courses[rows]))))
         if off > ALIKE:
+            mixed_up = float(np.median(np.abs(wrap_angle(np.pi / 2.0 - headings - courses[rows]))))
+            compass = (
+                f" (but {math.degrees(mixed_up):.0f} if they are mixed up: bearings count clockwise from north,"
+                " headings counter-clockwise from east)"
+            )
             words = (
-                f"{COURSE}, for those of {orientations.topic} are {math.degrees(off):.0f} degrees off"
-                f" it{_of_a_compass(headings, courses[rows])}; roll and pitch of the latter"
+                f"headings: course over ground, for those of {orientations.topic} are {math.degrees(off):.0f} degrees"
+                f" off it{compass if mixed_up <= COMPASS_ALIKE else ''}; roll and pitch of the latter"
             )
             turned = quaternions_from_angles(roll, pitch, courses[rows])
-            return _Turns(rows, turned, _course_sigmas(fixes)[rows], words)
+            return _Turns(rows, turned, _course_sigmas(fixes)[rows], words, has_headings=False)
     words = f"orientations of {orientations.topic}"
     if np.isnan(sigmas).any():
         words += f", whose headings state no sigma: {math.degrees(ASSUMED_SIGMA):g} degrees assumed"
     return _Turns(rows, turns, np.where(np.isnan(sigmas), ASSUMED_SIGMA, sigmas), words)
-
-
-def _of_a_compass(headings: NDArray[np.float64], courses: NDArray[np.float64]) -> str:
-    """Say so where headings would be right if they were counted the other way, from the other axis."""
-    off = float(np.median(np.abs(wrap_angle(np.pi / 2.0 - headings - courses))))
-    if off > COMPASS_ALIKE:
-        return ""
-    return (
-        f" (but {math.degrees(off):.0f} if they are mixed up: bearings count clockwise from north, headings"
-        " counter-clockwise from east)"
-    )
 
 
 def _turns_at(
@@ -247,11 +254,10 @@ def _turns_at(
     rows, angles = [], []
     for row, time in enumerate(fixes.times.tolist()):
         try:
-            pose = trajectory.at(time, MAX_GAP)
+            angles.append(trajectory.at(time, MAX_GAP).values[3:])
         except TrajectoryError:
             continue
         rows.append(row)
-        angles.append((pose.roll, pose.pitch, pose.heading))
     if not rows:
         return np.empty(0, np.intp), np.empty((0, 4)), np.empty(0)
     chosen = np.array(rows)

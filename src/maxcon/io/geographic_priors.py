@@ -1,9 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Priors in latitude, longitude and height, from tables and logs of receivers, in the coordinates of a map."""
+"""Rough poses from positions in latitude and longitude, of tables and logs of receivers, in a map's coordinates."""
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,9 +14,9 @@ from maxcon.geometry.quaternions import quaternions_from_angles
 from maxcon.io.crs import GeographicFrame
 from maxcon.io.fixes import Fixes, Heights, Orientations, PlacedFixes, is_place, place_fixes
 from maxcon.io.nmea import is_nmea, read_nmea
-from maxcon.io.pose_tables import UNCLEAR_HEADINGS, PoseTable, TableColumn, read_pose_table
+from maxcon.io.pose_tables import UNCLEAR_HEADINGS, PoseTable, read_pose_table
 from maxcon.io.text import numbered_lines
-from maxcon.scan.trajectory import Trajectory
+from maxcon.scan.trajectory import Trajectory, first_fault
 
 HEIGHT_COLUMNS = {
     "ellipsoidal_height": Heights.ELLIPSOIDAL,
@@ -29,14 +28,8 @@ UNCLEAR_HEIGHTS = ("altitude", "alt", "elevation", "z", "h")
 SIGMAS = (("sigma_east", "sigma_north"), ("sigma_x", "sigma_y"))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class GeographicPrior:
-    """Rough poses from positions in latitude, longitude and height.
-
-    placed: in the coordinates of the map.
-    words: where they come from, what headings and heights are, in a line.
-    left_out: what is wrong with rows that are no positions.
-    """
+class GeographicPrior(NamedTuple):
+    """Rough poses in the coordinates of the map, where they come from in a line, and rows that are no positions."""
 
     placed: PlacedFixes
     words: str
@@ -76,14 +69,14 @@ def read_geographic_prior(
             f"Expected a map with a CRS, to place {path}, which is in latitude and longitude; got one without. Build"
             " it with --crs."
         )
-    frame = GeographicFrame(crs)
+    words, left_out = f"positions from {path.name}", tuple[str, ...]()
     if is_nmea(path):
-        log = read_nmea(path)
-        placed = place_fixes(log.fixes, log.orientations, frame, geoid_height, str(path), are_sure=are_sure)
-        return GeographicPrior(placed, f"positions from {path.name} (NMEA); {log.words}; {placed.words}")
-    rows = read_geographic_csv(path)
-    placed = place_fixes(rows.fixes, rows.orientations, frame, geoid_height, str(path), are_sure=are_sure)
-    return GeographicPrior(placed, f"positions from {path.name}; {placed.words}", rows.left_out)
+        fixes, orientations, words_of_log = read_nmea(path)
+        words += f" (NMEA); {words_of_log}"
+    else:
+        fixes, orientations, left_out = read_geographic_csv(path)
+    placed = place_fixes(fixes, orientations, GeographicFrame(crs), geoid_height, str(path), are_sure=are_sure)
+    return GeographicPrior(placed, f"{words}; {placed.words}", left_out)
 
 
 def read_geographic_csv(file: Path) -> GeographicRows:
@@ -97,110 +90,54 @@ def read_geographic_csv(file: Path) -> GeographicRows:
     """
     table = read_pose_table(file, "positions")
     if not table.names:
-        raise _no_position(file)
-    height = _height_column(table)
-    heading, is_compass = _heading(table)
-    east, north = next((pair for pair in SIGMAS if any(name in table.names for name in pair)), SIGMAS[0])
-    columns = {name: table.find(name) for name in ("time", "latitude", "longitude", height)}
-    for name, column in columns.items():
-        if column is None:
-            table.refuse(f"Expected columns time, latitude, longitude and a height, got no {name!r}. Add it.")
-    others = {name: table.find(name) for name in ("roll", "pitch", east, north, "sigma_heading")}
-    for one, other in (("roll", "pitch"), (east, north)):
-        if (others[one] is None) != (others[other] is None):
-            table.refuse(f"Expected both {one} and {other}, or neither, got one. Add the other, or remove it.")
-
+        raise TrajectoryError(f"{file}: Expected at least one position, got none. Was it written to its end?")
+    sigma_names = next((pair for pair in SIGMAS if any(name in table.names for name in pair)), SIGMAS[0])
+    height, heading = _check_header(table, sigma_names)
     n_rows = len(table.rows)
     table.keep(table.texts("latitude"))
     n_empty = n_rows - len(table.rows)
-    places = np.column_stack([table.numbers([column], name) for name, column in columns.items()])
-    sigmas = _optional(table, [others[east], others[north], others["sigma_heading"]])
-    angles = _optional(table, [others["roll"], others["pitch"], heading])
-    if is_compass:
+    places = table.numbers(["time", "latitude", "longitude", height])
+    sigmas = table.numbers([*sigma_names, "sigma_heading"], may_be_empty=True)
+    angles = table.numbers(["roll", "pitch", heading], may_be_empty=True)
+    if heading == "azimuth":
         angles[:, 2] = math.pi / 2.0 - angles[:, 2]
-    _check_rows(table, places, angles, sigmas)
-    times, places, angles, sigmas = table.good(places[:, 0], places[:, 1:], angles, sigmas)
-    left_out = table.told_faults()
-    if len(left_out) > len(times):
-        raise TrajectoryError(left_out[0])
-    if not len(times):
-        raise _no_position(file)
-    late = np.flatnonzero(times[1:] <= times[:-1])
-    if len(late):
-        at = int(late[0]) + 1
-        table.refuse(
-            f"Expected times that increase, got {times[at]:.6f} s after {times[at - 1]:.6f} s. Sort the rows by time"
-            " and keep one of each time.",
-            table.lines[at],
-        )
-    covariances = np.zeros((len(times), 2, 2))
-    covariances[:, [0, 1], [0, 1]] = sigmas[:, :2] ** 2
-    covariances[np.isnan(sigmas[:, :2]).any(axis=1)] = np.nan
-    fixes = Fixes(times, places, covariances, n_empty, HEIGHT_COLUMNS[height])
-    return GeographicRows(fixes, _orientations(file.name, times, angles, sigmas[:, 2]), tuple(left_out))
+    for row, place in enumerate(places[:, 1:].tolist()):
+        if not is_place(place):
+            table.add_fault(row, f"Expected degrees as latitude and longitude, got {place[0]:g}, {place[1]:g}.")
+    places, angles, sigmas = table.good([places, angles, sigmas], may_leave_out=True)
+    times = places[:, 0]
+    fault = first_fault(times, places[:, 1:], np.tile([0.0, 0.0, 0.0, 1.0], (len(times), 1)))
+    if fault is not None:
+        table.refuse(fault.words, table.lines[fault.row])
+    fixes = Fixes.of_sigmas(times, places[:, 1:], sigmas[:, :2], n_empty, HEIGHT_COLUMNS[height])
+    return GeographicRows(fixes, _orientations(file.name, times, angles, sigmas[:, 2]), table.told_faults())
 
 
-def _no_position(file: Path) -> TrajectoryError:
-    return TrajectoryError(f"{file}: Expected at least one position, got none. Was it written to its end?")
-
-
-def _height_column(table: PoseTable) -> str:
-    """Name of the column of heights; one that leaves open what they are counted from is refused."""
+def _check_header(table: PoseTable, sigma_names: tuple[str, str]) -> tuple[str, str]:
+    """Quantities of heights and of headings; columns that leave open what they are counted from are refused."""
     height = next((name for name in HEIGHT_COLUMNS if name in table.names), None)
+    heading, azimuth = table.name_of("heading"), table.name_of("azimuth")
+    unclear_height = next((name for name in UNCLEAR_HEIGHTS if name in table.names), None)
+    unclear_heading = next((name for name in UNCLEAR_HEADINGS if name in table.names), None)
     if height is None:
-        unclear = next((name for name in UNCLEAR_HEIGHTS if name in table.names), None)
-        got = "none" if unclear is None else f"{unclear!r}, which may be either"
+        got = "none" if unclear_height is None else f"{unclear_height!r}, which may be either"
         table.refuse(
             f"Expected heights as ellipsoidal_height or orthometric_height (above the geoid), got {got}. Name the"
             " column so."
         )
-    return height
-
-
-def _heading(table: PoseTable) -> tuple[TableColumn | None, bool]:
-    """The column of headings, and whether a compass counts them; names that leave that open are refused."""
-    heading, azimuth = table.find("heading"), table.find("azimuth")
-    if heading is not None and azimuth is not None:
-        table.refuse("Expected either heading or azimuth, got both. Remove one.")
-    unclear = next((name for name in UNCLEAR_HEADINGS if name in table.names), None)
-    if heading is None and azimuth is None and unclear is not None:
+    if (heading and azimuth) or (not heading and not azimuth and unclear_heading):
+        got = "both" if heading else f"{unclear_heading!r}, which may be either"
         table.refuse(
             f"Expected headings as azimuth_deg (clockwise from true north) or heading_deg (counter-clockwise from true"
-            f" east), got {unclear!r}, which may be either. Rename it."
+            f" east), got {got}. Rename or remove it."
         )
-    return heading or azimuth, azimuth is not None
-
-
-def _optional(table: PoseTable, columns: list[TableColumn | None]) -> NDArray[np.float64]:
-    """Numbers of columns, a row each; NaN where a cell is empty or the column is not there."""
-    names = [None if column is None else table.names[column.place] for column in columns]
-    missing = np.full((len(table.rows), 1), np.nan)
-    found = [
-        missing if name is None else table.numbers([column], name, may_be_empty=True)
-        for name, column in zip(names, columns, strict=True)
-    ]
-    return np.column_stack(found)
-
-
-def _check_rows(
-    table: PoseTable, places: NDArray[np.float64], angles: NDArray[np.float64], sigmas: NDArray[np.float64]
-) -> None:
-    """Tell of rows that are no places, whose angles are degrees, or whose sigmas are negative."""
-    is_wrong = np.array([not is_place(place) for place in places[:, 1:].tolist()], dtype=bool)
-    table.add_faults(
-        is_wrong,
-        lambda row: (
-            "Expected a latitude and a longitude in degrees, got"
-            f" {places[row, 1]:g}, {places[row, 2]:g}. Correct this line."
-        ),
-    )
-    table.add_faults(
-        np.any(np.abs(angles) > 2.5 * math.pi + 1e-6, axis=1),
-        "Expected angles within one turn. Are they degrees? Then name them roll_deg, pitch_deg, heading_deg.",
-    )
-    table.add_faults(
-        np.any(sigmas < 0.0, axis=1), "Expected standard deviations >= 0, got a negative one. Correct or empty it."
-    )
+    for name in ("time", "latitude", "longitude", height):
+        if table.name_of(name) is None:
+            table.refuse(f"Expected columns time, latitude, longitude and a height, got no {name!r}. Add it.")
+    for one, other in (("roll", "pitch"), sigma_names):
+        if (table.name_of(one) is None) != (table.name_of(other) is None):
+            table.refuse(f"Expected both {one} and {other}, or neither, got one. Add the other, or remove it.")
+    return height, "azimuth" if azimuth else "heading"
 
 
 def _orientations(
@@ -211,5 +148,4 @@ def _orientations(
     if not is_known.any():
         return None
     quaternions = quaternions_from_angles(*np.nan_to_num(angles[is_known]).T)
-    zeros = np.zeros((len(quaternions), 3))
-    return Orientations(name, Trajectory(times[is_known], zeros, quaternions), sigmas[is_known])
+    return Orientations(name, Trajectory(times[is_known], np.zeros((is_known.sum(), 3)), quaternions), sigmas[is_known])

@@ -21,7 +21,7 @@ from maxcon._system.regular_file import open_regular
 from maxcon.errors import FileError, TrajectoryError
 from maxcon.geometry.quaternions import quaternions_from_angles
 from maxcon.io.fixes import Fixes, Heights, Orientations, is_place
-from maxcon.io.text import parse_float
+from maxcon.io.text import parse_float, reading
 from maxcon.scan.trajectory import Trajectory
 
 SUFFIXES = (".nmea", ".log")
@@ -55,10 +55,9 @@ def is_nmea(file: Path) -> bool:
         return suffix in SUFFIXES
     try:
         with open_regular(file) as stream:
-            beginning = stream.read(BEGINNING)
+            return re.search(rb"(?:^|[\r\n])[$!][A-Z]{5},", stream.read(BEGINNING)) is not None
     except OSError:
         return False  # said where it is read
-    return re.search(rb"(?:^|[\r\n])[$!][A-Z]{5},", beginning) is not None
 
 
 def read_nmea(file: Path) -> NmeaLog:
@@ -69,14 +68,9 @@ def read_nmea(file: Path) -> NmeaLog:
         are added; or above the geoid, if it never states the latter.
     """
     log = _Log()
-    try:
-        with open_regular(file) as stream:
-            for content, checksum in _sentences(stream):
-                log.take(content, checksum)
-    except FileNotFoundError as error:
-        raise FileError(f"Expected a log of NMEA sentences at {file}, got no such file. Check the path.") from error
-    except OSError as error:
-        raise FileError(f"Expected to be able to read {file}, got: {error.strerror}. Check the path.") from error
+    with reading(file, "a log of NMEA sentences"), open_regular(file) as stream:
+        for content, checksum in _sentences(stream):
+            log.take(content, checksum)
     if not log.n_sentences:
         broken = f"{log.n_broken} with a wrong checksum, or without" if log.n_broken else "none"
         raise FileError(f"Expected NMEA sentences in {file}, got {broken}. Is it the right file?")
@@ -112,7 +106,7 @@ class _Log:
         name, *texts = content.decode("ascii").split(",")
         kind = name if name == "PASHR" else name[2:]
         texts += [""] * 12
-        time = math.nan if kind == "HDT" else _time_of_day(texts[0])
+        time = _time_of_day(texts[0])
         if kind in ("GGA", "GNS", "RMC", "ZDA", "GST", "PASHR"):
             self._add("time", time)
         if kind in ("GGA", "GNS"):
@@ -125,7 +119,7 @@ class _Log:
         elif kind == "GST" and _number(texts[5]) >= 0.0 and _number(texts[6]) >= 0.0:
             self._add("sigmas", time, _number(texts[6]), _number(texts[5]))
         elif kind == "HDT" and not math.isnan(_number(texts[0])):
-            self._rows[kind].append((self.n_sentences, time, _number(texts[0]), 0.0, 0.0, math.nan))
+            self._rows[kind].append((self.n_sentences, math.nan, _number(texts[0]), 0.0, 0.0, math.nan))
         elif kind == "PASHR" and texts[2] == "T" and not math.isnan(sum(_number(texts[i]) for i in (1, 3, 4))):
             self._add(kind, time, *(_number(texts[i]) for i in (1, 3, 4, 8)))
 
@@ -153,7 +147,7 @@ class _Log:
 
 
 def _finished(file: Path, log: _Log) -> NmeaLog:
-    """Return what was read, sorted by time; GGA and GNS of one time are one."""
+    """What was read, sorted by time; GGA and GNS of one time are one."""
     positions, dates = log.rows("position"), log.rows("date")
     n_positions = len(positions)
     kind = Heights.ELLIPSOIDAL if np.isfinite(positions[:, 4] + positions[:, 5]).any() else Heights.ORTHOMETRIC
@@ -173,21 +167,20 @@ def _finished(file: Path, log: _Log) -> NmeaLog:
     of_time = dict(zip(_dated(stated, dates).tolist(), stated[:, 2:].tolist(), strict=True))
     assumed = np.repeat(positions[:, 6:], 2, axis=1).tolist()
     sigmas = np.array([of_time.get(time, beside) for time, beside in zip(times.tolist(), assumed, strict=True)])
+    sigmas[~(sigmas.sum(axis=1) > 0.0)] = np.nan
+    n_left_out = log.n_without_fix + n_positions - len(times)
+    places = np.column_stack([positions[:, 2:4], heights])
+    fixes = Fixes.of_sigmas(times, places, sigmas, n_left_out, kind)
     n_stated = sum(time in of_time for time in times.tolist())
-    covariances = np.zeros((len(times), 2, 2))
-    covariances[:, [0, 1], [0, 1]] = sigmas**2
-    covariances[~(sigmas.sum(axis=1) > 0.0)] = np.nan
-    n_known = int((~np.isnan(covariances[:, 0, 0])).sum())
+    n_known = int((~np.isnan(sigmas[:, 0])).sum())
     words = f"times: UTC; sigmas: {n_stated} of GST, {n_known - n_stated} of HDOP, {len(times) - n_known} unknown"
     if log.n_broken:
         words += f"; {log.n_broken} sentences with a wrong checksum, or without, left out"
-    n_left_out = log.n_without_fix + n_positions - len(times)
-    fixes = Fixes(times, np.column_stack([positions[:, 2:4], heights]), covariances, n_left_out, kind)
     return NmeaLog(fixes, _orientations(file, log, dates), words)
 
 
 def _dated(rows: NDArray[np.float64], dates: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return seconds since 1970, of times of a day: the day nearest to the date said last, or first."""
+    """Seconds since 1970, of times of a day: the day nearest to the date said last, or first."""
     said = dates[np.maximum(np.searchsorted(dates[:, 0], rows[:, 0], side="right") - 1, 0), 1]
     return np.asarray(rows[:, 1] + DAY * np.round((said - rows[:, 1]) / DAY), dtype=np.float64)
 
@@ -211,7 +204,7 @@ def _orientations(file: Path, log: _Log, dates: NDArray[np.float64]) -> Orientat
 
 
 def _midnight(day: str, month: str, year: str) -> float:
-    """Return seconds since 1970; NaN where it is no date, as before the first fix."""
+    """Seconds since 1970; NaN where it is no date, as before the first fix."""
     try:
         return datetime(int(year), int(month), int(day), tzinfo=UTC).timestamp()
     except (ValueError, OverflowError):
@@ -224,7 +217,7 @@ def _number(text: str) -> float:
 
 
 def _time_of_day(text: str) -> float:
-    """Return seconds of a day, of hhmmss.ss; NaN where it is none."""
+    """Seconds of a day, of hhmmss.ss; NaN where it is none."""
     if not re.fullmatch(r"\d{6}(\.\d*)?", text):
         return math.nan
     hours, minutes, seconds = int(text[:2]), int(text[2:4]), float(text[4:])
@@ -232,7 +225,7 @@ def _time_of_day(text: str) -> float:
 
 
 def _degrees(text: str, side: str, sides: str) -> float:
-    """Return degrees, of dddmm.mmmm and a side such as N; NaN where it is none."""
+    """Degrees, of dddmm.mmmm and a side such as N; NaN where it is none."""
     if not re.fullmatch(r"\d{3,5}(\.\d*)?", text) or side not in tuple(sides):
         return math.nan
     whole, minutes = divmod(float(text), 100.0)

@@ -60,21 +60,22 @@ def find_point_times(columns: Mapping[str, Column], stamp: int) -> PointTimes:
     several units are possible, floating-point numbers are in the largest, integers in the smallest of them.
     """
     names = {name.lower(): name for name in reversed(list(columns))}
-    for seconds, nanoseconds in PAIRS:
-        if seconds in names and nanoseconds in names:
-            pair = columns[names[seconds]][1], columns[names[nanoseconds]][1]
-            label = f"{names[seconds]} + {names[nanoseconds]}"
-            return _of_pair(label, *pair, stamp)
+    pair = next(([names[name] for name in pair] for pair in PAIRS if set(pair) <= set(names)), None)
     name = next((names[name] for name in NAMES if name in names), None)
-    if name is None:
+    if pair is not None:
+        label = " + ".join(pair)
+        values = columns[pair[0]][1]
+    elif name is not None:
+        label = f"{name} ({columns[name][0]})"
+        values = columns[name][1]
+    else:
         return PointTimes(None, "no field", "the points have no field of times")
-    kind, values = columns[name]
-    return _of_field(f"{name} ({kind})", values, stamp)
+    if not len(values):
+        return PointTimes(np.empty(0), label, f"{label}: no points")
+    return _of_field(label, values, stamp) if pair is None else _of_pair(label, values, columns[pair[1]][1], stamp)
 
 
 def _of_pair(label: str, seconds: NDArray[np.generic], nanoseconds: NDArray[np.generic], stamp: int) -> PointTimes:
-    if not len(seconds):
-        return PointTimes(np.empty(0), label, f"{label}: no points")
     # A float64 of seconds since 1970 has steps of 0.2 us; whole seconds less those of the message are exact.
     whole, begin = divmod(stamp, 10**9)
     offsets = (seconds.astype(np.float64) - whole) + (nanoseconds.astype(np.float64) - begin) * 1e-9
@@ -85,8 +86,6 @@ def _of_pair(label: str, seconds: NDArray[np.generic], nanoseconds: NDArray[np.g
 
 
 def _of_field(label: str, values: NDArray[np.generic], stamp: int) -> PointTimes:
-    if not len(values):
-        return PointTimes(np.empty(0), label, f"{label}: no points")
     low, high = values.min(), values.max()
     is_float = values.dtype.kind == "f"
     if is_float and not (np.isfinite(low) and np.isfinite(high)):
@@ -99,9 +98,12 @@ def _of_field(label: str, values: NDArray[np.generic], stamp: int) -> PointTimes
     unit = _unit(begin, span, stamp, is_float=is_float)
     if unit is None:
         return _not_understood(label, f"they range over {span:.6g}: between 1 ms and 2 s in no unit")
-    first = _from_stamp(low, UNITS[unit], stamp, is_float=is_float)
     scale = UNITS[unit] * 1e-9
     offsets, begin_seconds = exact * scale, begin * scale
+    if is_float:
+        first = (float(low) * scale - stamp // 10**9) - stamp % 10**9 * 1e-9
+    else:
+        first = (int(low) * UNITS[unit] - stamp) * 1e-9
     words = f"{UNIT_WORDS[unit]}, as they range over {span:.6g}"
     if abs(first) <= SAME_CLOCK * 1e-9 < abs(begin_seconds):
         return _absolute(label, f"{unit}, absolute", words, first + offsets)
@@ -127,14 +129,6 @@ def _unit(begin: float, span: float, stamp: int, *, is_float: bool) -> str | Non
     if not possible:
         return None
     return possible[0] if is_float else possible[-1]
-
-
-def _from_stamp(low: np.generic, unit: int, stamp: int, *, is_float: bool) -> float:
-    """Time of the first point from the message's, s."""
-    if is_float:
-        seconds = float(low) * (unit * 1e-9)
-        return (seconds - stamp // 10**9) - stamp % 10**9 * 1e-9
-    return (int(low) * unit - stamp) * 1e-9
 
 
 def _absolute(label: str, kind: str, words: str, offsets: NDArray[np.float64]) -> PointTimes:

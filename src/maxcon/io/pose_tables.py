@@ -1,13 +1,16 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Tables of poses as text: cells by the names of their columns, numbers in SI units, and faults by line."""
+"""Tables of poses as text: columns by their names, numbers in s, m and rad, and faults by line.
+
+A CSV reader of columns (pyarrow.csv) was tried: a quote that is not closed swallows all rows that follow.
+"""
 
 import csv
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple, NoReturn
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,39 +18,27 @@ from numpy.typing import NDArray
 from maxcon.errors import TrajectoryError
 from maxcon.io.text import numbered_lines, parse_float
 
-CSV_COLUMNS = ("time", "x", "y", "z", "roll", "pitch", "heading")
-COVARIANCE_COLUMNS = (
-    "cov_x_x", "cov_x_y", "cov_x_heading", "cov_y_y", "cov_y_heading", "cov_heading_heading",
-)  # fmt: skip
 ANGLES = ("roll", "pitch", "heading", "azimuth", "sigma_heading")
 """In rad, or in degrees as NAME_deg."""
-OTHER_NAMES = {"time": ("timestamp",)}
+OTHER_NAMES = {"time": "timestamp"}
 UNCLEAR_HEADINGS = ("yaw", "yaw_deg", "azimuth", "bearing", "course", "theta")
 """Headings of other programs: some count from the north, or clockwise."""
-
-
-class TableColumn(NamedTuple):
-    """Where a quantity stands in a row, and the factor to s, m, rad."""
-
-    place: int
-    scale: float = 1.0
 
 
 @dataclass(slots=True, eq=False)
 class PoseTable:
     """Rows of a table, as texts.
 
-    file: for messages.
     names: of the columns, in small letters; empty if the file holds no line.
     header_line: counted from 1.
     lines: of each row.
     rows: cells, as many as there are names.
-    faults: what is wrong with lines that are no rows.
+    faults: what is wrong with lines that are no rows, by their numbers.
     """
 
     file: Path
     names: list[str]
-    header_line: int
+    header_line: int = 0
     lines: list[int] = field(default_factory=list)
     rows: list[list[str]] = field(default_factory=list)
     faults: dict[int, str] = field(default_factory=dict)
@@ -56,20 +47,26 @@ class PoseTable:
         """Raise TrajectoryError because of a line, that of the header if none is given."""
         raise TrajectoryError(f"{self.file}, line {self.header_line if line is None else line}: {words}")
 
-    def add_faults(self, is_wrong: NDArray[np.bool_], words: str | Callable[[int], str]) -> None:
-        """Tell of rows that are wrong; the first fault of a line counts."""
-        for row in np.flatnonzero(is_wrong).tolist():
-            self.faults.setdefault(self.lines[row], words if isinstance(words, str) else words(row))
+    def add_fault(self, row: int, words: str) -> None:
+        """Tell what is wrong with a row; the first fault of a line counts."""
+        self.faults.setdefault(self.lines[row], f"{words} Correct or remove this line.")
 
-    def good(self, *arrays: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-        """Leave out rows with faults, also in arrays of a row each, which are returned."""
+    def good(self, arrays: Sequence[NDArray[np.float64]], *, may_leave_out: bool) -> list[NDArray[np.float64]]:
+        """Leave out rows with faults, also in arrays of a row each, which are returned.
+
+        TrajectoryError if there are faults but none `may_leave_out`, if most rows have one, or if no row is left.
+        """
         is_good = np.array([line not in self.faults for line in self.lines], dtype=bool)
         self.keep(is_good)
+        if self.faults and (not may_leave_out or len(self.faults) > len(self.rows)):
+            raise TrajectoryError(self.told_faults()[0])
+        if not self.rows:
+            raise TrajectoryError(f"{self.file}: Expected at least one pose, got none. Was it written to its end?")
         return [array[is_good] for array in arrays]
 
-    def told_faults(self) -> list[str]:
+    def told_faults(self) -> tuple[str, ...]:
         """Faults in order of their lines, with file and line."""
-        return [f"{self.file}, line {line}: {words}" for line, words in sorted(self.faults.items())]
+        return tuple(f"{self.file}, line {line}: {words}" for line, words in sorted(self.faults.items()))
 
     def keep(self, is_kept: Iterable[object]) -> None:
         """Leave out the rows for which the value is not true."""
@@ -81,84 +78,76 @@ class PoseTable:
         index = self.names.index(name)
         return [cells[index] for cells in self.rows]
 
-    def find(self, quantity: str) -> TableColumn | None:
-        """Return the column of a quantity, None if there is none; TrajectoryError if there are several."""
-        scales = {quantity: 1.0, **({f"{quantity}_deg": math.pi / 180.0} if quantity in ANGLES else {})}
-        for names in (scales, dict.fromkeys(OTHER_NAMES.get(quantity, ()), 1.0)):
-            found = [TableColumn(index, names[name]) for index, name in enumerate(self.names) if name in names]
-            if len(found) > 1:
-                self.refuse(
-                    f"Expected one column of each name, got more than one {quantity!r} in"
-                    f" {','.join(self.names)[:80]!r}. Rename or remove one."
-                )
-            if found:
-                return found[0]
-        return None
+    def name_of(self, quantity: str) -> str | None:
+        """Return the name of the column of a quantity, None if there is none; TrajectoryError if there are several."""
+        possible = (quantity, f"{quantity}_deg") if quantity in ANGLES else (quantity,)
+        found = [name for name in self.names if name in possible] or [
+            name for name in self.names if name == OTHER_NAMES.get(quantity)
+        ]
+        if len(found) > 1:
+            self.refuse(
+                f"Expected one column of each name, got more than one {quantity!r} in {','.join(self.names)[:80]!r}."
+                " Rename or remove one."
+            )
+        return found[0] if found else None
 
-    def numbers(
-        self, columns: Sequence[TableColumn | None], label: str, *, may_be_empty: bool = False
-    ) -> NDArray[np.float64]:
-        """Numbers of columns, shape (n, k), s, m, rad; 0 for a column that is not there.
+    def numbers(self, quantities: Sequence[str], *, may_be_empty: bool = False) -> NDArray[np.float64]:
+        """Return quantities in s, m and rad, shape (n, k); NaN where there is no such column, or its cell is empty.
 
-        A cell that is no finite number is a fault, and NaN; an empty one is NaN if it `may_be_empty`.
+        Faults: a cell that is no finite number, or is empty unless it `may_be_empty`; an angle of more than a turn; a
+        standard deviation below 0.
         """
-        found = np.zeros((len(self.rows), len(columns)))
-        for k, column in enumerate(columns):
-            if column is None:
+        found = np.full((len(self.rows), len(quantities)), np.nan)
+        for k, quantity in enumerate(quantities):
+            name = self.name_of(quantity)
+            if name is None:
                 continue
-            for row, cells in enumerate(self.rows):
-                text = cells[column.place]
+            scale = math.pi / 180.0 if name.endswith("_deg") else 1.0
+            is_sigma = quantity.startswith("sigma")
+            largest = 2.0 * math.pi + 1e-6 if quantity in ANGLES and not is_sigma else math.inf
+            for row, text in enumerate(self.texts(name)):
                 value = parse_float(text)
-                if value is None and (text or not may_be_empty):
-                    words = f"Expected finite numbers for '{label}', got {text[:40]!r}. Correct or remove this line."
-                    self.faults.setdefault(self.lines[row], words)
-                found[row, k] = math.nan if value is None else value * column.scale
+                if value is None:
+                    if text or not may_be_empty:
+                        self.add_fault(row, f"Expected finite numbers as {name!r}, got {text[:40]!r}.")
+                    continue
+                found[row, k] = value * scale
+                if abs(found[row, k]) > largest:
+                    advice = "" if name != quantity else f" Is it in degrees? Then name the column {name}_deg."
+                    self.add_fault(row, f"Expected {name!r} within one turn, got {value:g}.{advice}")
+                if is_sigma and value < 0.0:
+                    self.add_fault(row, f"Expected {name!r} >= 0, got {value:g}.")
         return found
 
 
-def read_pose_table(file: Path, what: str = "a trajectory") -> PoseTable:
-    """Return a CSV table with a header; `#` begins a comment line. `what` it should hold is for messages."""
-    lines = ((number, line) for number, line in numbered_lines(file, what) if not line.startswith("#"))
-    first = next(lines, None)
-    if first is None:
-        return PoseTable(file, [], 0)
-    table = PoseTable(file, [], first[0])
-    try:
-        table.names = [name.lower() for name in _cells(first[1])]
-    except csv.Error as error:
-        table.refuse(_not_csv(error))
-    n_columns = len(table.names)
+def read_pose_table(file: Path, what: str = "a trajectory", names: Sequence[str] = ()) -> PoseTable:
+    """Return a CSV table with a header, or one of given `names` with blanks between columns; `#` begins a comment.
 
-    def of_count(cells: list[str]) -> str:
-        return f"Expected {n_columns} columns as in the header, got {len(cells)}. Correct this line."
-
-    rows_of_lines(table, lines, _cells, of_count)
+    `what` it should hold is for messages.
+    """
+    table = PoseTable(file, list(names))
+    for number, line in numbered_lines(file, what):
+        try:
+            cells = _cells(line, is_csv=not names)
+        except csv.Error as error:
+            table.faults[number] = f"Expected comma-separated values, got: {error}. Correct or remove this line."
+            continue
+        if not cells:
+            continue
+        if not table.names:
+            table.names, table.header_line = [name.lower() for name in cells], number
+        elif len(cells) == len(table.names):
+            table.lines.append(number)
+            table.rows.append(cells)
+        else:
+            table.faults[number] = (
+                f"Expected {len(table.names)} columns '{','.join(table.names)[:80]}', got {len(cells)}. Correct this"
+                f" line{'' if not names else ', or name the file .csv if it is CSV'}."
+            )
     return table
 
 
-def rows_of_lines(
-    table: PoseTable,
-    lines: Iterable[tuple[int, str]],
-    split: Callable[[str], list[str]],
-    of_count: Callable[[list[str]], str],
-) -> None:
-    """Add the rows in numbered lines to a table; lines with another count of cells are faults, in words `of_count`."""
-    for number, line in lines:
-        try:
-            cells = split(line)
-        except csv.Error as error:
-            table.faults[number] = _not_csv(error)
-            continue
-        if len(cells) == len(table.names):
-            table.lines.append(number)
-            table.rows.append(cells)
-        elif cells:
-            table.faults[number] = of_count(cells)
-
-
-def _cells(line: str) -> list[str]:
-    return [text.strip() for text in next(csv.reader([line], strict=True))]
-
-
-def _not_csv(error: csv.Error) -> str:
-    return f"Expected comma-separated values, got: {error}. Correct or remove this line."
+def _cells(line: str, *, is_csv: bool) -> list[str]:
+    if not is_csv:
+        return line.partition("#")[0].split()
+    return [] if line.startswith("#") else [text.strip() for text in next(csv.reader([line], strict=True))]

@@ -1,11 +1,14 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Text that people or other programs wrote: lines, numbers, tables, numbered names; nothing is read without bounds."""
+"""Text of other programs: lines, numbers, tables, numbered names; nothing is read without bounds."""
 
 import io
 import math
 import re
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
 from typing import TextIO
 
@@ -19,6 +22,8 @@ from maxcon.errors import FileError
 MAX_LINE = 10_000
 # A row of a cloud may have hundreds of numbers.
 MAX_ROW = 100_000
+# Lines of text are heavier in memory than their numbers: a quarter of a million take about 100 MB.
+MAX_LINES = 250_000
 
 SCAN_SUFFIXES = (".bin", ".pcd", ".las", ".laz", ".ply", ".npz")
 NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?")
@@ -29,15 +34,24 @@ def printable(text: str) -> str:
     return "".join(sign if sign.isprintable() else "?" for sign in text[:100])
 
 
+@contextmanager
+def reading(file: Path, what: str) -> Iterator[None]:
+    """Turn errors of the operating system into FileError; `what` there should be is for messages."""
+    try:
+        yield
+    except OSError as error:
+        got = str(error.strerror or error).lower()
+        raise FileError(f"Expected {what} at {file}, got: {got}. Check its path and permissions.") from error
+
+
 def numbered_lines(file: Path, what: str) -> Iterator[tuple[int, str]]:
     """Yield each line of UTF-8 text with its number from 1, without blanks around it; empty lines are left out.
 
-    `what` the file should hold is for messages, e.g. "a trajectory". FileError if it is missing, a folder, not
-    readable, or not text.
+    `what` the file should hold is for messages, e.g. "a trajectory". FileError if it cannot be read, or is not text.
     """
     number = 0
     try:
-        with io.TextIOWrapper(open_regular(file), encoding="utf-8-sig") as stream:
+        with reading(file, what), io.TextIOWrapper(open_regular(file), encoding="utf-8-sig") as stream:
             while line := stream.readline(MAX_LINE):
                 number += 1
                 if len(line) == MAX_LINE and not line.endswith("\n"):
@@ -47,17 +61,9 @@ def numbered_lines(file: Path, what: str) -> Iterator[tuple[int, str]]:
                     )
                 if line := line.strip():
                     yield number, line
-    except FileNotFoundError as error:
-        raise FileError(f"Expected {what} at {file}, got no such file. Check the path.") from error
-    except IsADirectoryError as error:
-        raise FileError(f"Expected {what} in a file, got the folder {file}. Name a file in it.") from error
     except UnicodeDecodeError as error:
         raise FileError(
             f"{file}, after line {number}: Expected {what} as UTF-8 text, got other bytes. Is it the right file?"
-        ) from error
-    except OSError as error:
-        raise FileError(
-            f"Expected to be able to read {file}, got: {error.strerror}. Check its path and permissions."
         ) from error
 
 
@@ -70,42 +76,36 @@ def parse_float(text: str) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def read_table(file: Path, text: TextIO, n_rows: int, n_columns: int) -> NDArray[np.float64]:
-    """Return the next rows of numbers, shape (n, n_columns); n is less than `n_rows` at the end of the file.
+def read_table(text: TextIO, n_rows: int, n_columns: int) -> NDArray[np.float64]:
+    """Return the next rows of numbers between blanks, shape (n_rows, n_columns); ValueError if they are none."""
+    lines = list(islice(_lines(text), n_rows))
+    if len(lines) < n_rows:
+        raise ValueError(f"{n_rows - len(lines)} rows of numbers fewer: truncated")
+    return table_of(lines, n_columns)
 
-    One row per line, numbers apart by blanks; empty lines are passed over. FileError if a row has another count of
-    numbers, or something that is none.
-    """
-    lines = read_lines(file, text, n_rows)
+
+def pass_over_rows(text: TextIO, n_rows: int) -> None:
+    """Read on behind the next lines that are not empty."""
+    deque(islice(_lines(text), n_rows), maxlen=0)
+
+
+def table_of(lines: Sequence[str], n_columns: int, separator: str | None = None) -> NDArray[np.float64]:
+    """Return rows of numbers, shape (n, n_columns); ValueError if a row has others, or another count of them."""
     if not lines:
         return np.empty((0, n_columns))
-    try:
-        values = np.loadtxt(lines, dtype=np.float64, comments=None, ndmin=2)
-    except ValueError as error:
-        raise _not_numbers(file, n_columns, str(error).partition(";")[0]) from error
+    values = np.loadtxt(lines, dtype=np.float64, comments=None, delimiter=separator, ndmin=2)
     if values.shape[1] != n_columns:
-        raise _not_numbers(file, n_columns, f"{values.shape[1]} in a row")
+        raise ValueError(f"{values.shape[1]} numbers in a row, not {n_columns}")
     return values
 
 
-def read_lines(file: Path, text: TextIO, n_lines: int, *, keep: bool = True) -> list[str]:
-    """Return the next lines that are not empty, or pass over them; fewer at the end of the file."""
-    lines: list[str] = []
-    n_found = 0
-    while n_found < n_lines and (line := text.readline(MAX_ROW)):
+def _lines(text: TextIO) -> Iterator[str]:
+    """Yield the lines that are not empty."""
+    while line := text.readline(MAX_ROW):
         if len(line) == MAX_ROW:
-            raise _not_numbers(file, None, f"one of over {MAX_ROW} characters")
-        if line.isspace():
-            continue
-        n_found += 1
-        if keep:
-            lines.append(line)
-    return lines
-
-
-def _not_numbers(file: Path, n_columns: int | None, got: str) -> FileError:
-    wanted = "rows of numbers" if n_columns is None else f"{n_columns} numbers per point"
-    return FileError(f"Expected {wanted} in {file}, got: {got[:100]}. Write it anew with the program it comes from.")
+            raise ValueError(f"a line of over {MAX_ROW} characters")
+        if not line.isspace():
+            yield line
 
 
 def in_natural_order(paths: list[Path]) -> list[Path]:

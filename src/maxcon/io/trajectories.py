@@ -13,21 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon._system.atomic import atomic_file
-from maxcon.errors import FileError, TrajectoryError
+from maxcon.errors import FileError
 from maxcon.geometry.quaternions import quaternions_from_angles
-from maxcon.io.pose_tables import (
-    COVARIANCE_COLUMNS,
-    CSV_COLUMNS,
-    UNCLEAR_HEADINGS,
-    PoseTable,
-    TableColumn,
-    read_pose_table,
-    rows_of_lines,
-)
-from maxcon.io.text import numbered_lines
+from maxcon.io.pose_tables import UNCLEAR_HEADINGS, PoseTable, read_pose_table
 from maxcon.scan.trajectory import Trajectory, first_fault
 
-TUM_COLUMNS = "time x y z qx qy qz qw"
+TUM_COLUMNS = ("time", "x", "y", "z", "qx", "qy", "qz", "qw")
+CSV_COLUMNS = ("time", "x", "y", "z", "roll", "pitch", "heading")
+COVARIANCE_COLUMNS = (
+    "cov_x_x", "cov_x_y", "cov_x_heading", "cov_y_y", "cov_y_heading", "cov_heading_heading",
+)  # fmt: skip
 SIGMA_COLUMNS = ("sigma_x", "sigma_y", "sigma_heading")
 
 
@@ -36,16 +31,6 @@ class Prior(NamedTuple):
 
     trajectory: Trajectory
     left_out: tuple[str, ...]
-
-
-def read_prior(path: str | os.PathLike[str]) -> Prior:
-    """Return the trajectory in `path` without the rows that are no poses: loggers end in the middle of a line.
-
-    Files and errors are those of `read_trajectory`; roll and pitch may be missing, and single rows are refused only
-    where most are no poses, or times do not increase.
-    """
-    left_out: list[str] = []
-    return Prior(_read(Path(path), left_out), tuple(left_out))
 
 
 def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
@@ -62,150 +47,105 @@ def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
     not a pose, times do not increase, a covariance is none, some of its columns are missing, or there is no pose; file
     and line are named.
     """
-    return _read(Path(path), None)
+    return _read(Path(path), is_prior=False).trajectory
 
 
-def _read(file: Path, left_out: list[str] | None) -> Trajectory:
-    """Return the trajectory in a file; rows that are no poses are told in `left_out`, or refused if it is None."""
-    table, arrays = _read_rows(file, is_prior=left_out is not None)
-    if left_out is None and table.faults:
-        raise TrajectoryError(table.told_faults()[0])
-    arrays = table.good(*arrays)
-    if left_out is not None:
-        arrays = _good_poses(table, arrays)
-        left_out += table.told_faults()
-        if len(left_out) > len(table.rows):
-            raise TrajectoryError(left_out[0])
-    if not table.rows:
-        raise TrajectoryError(f"{file}: Expected at least one pose, got none. Was it written to its end?")
-    fault = first_fault(*arrays)
-    if fault is not None:
-        table.refuse(fault.words, table.lines[fault.row])
-    return Trajectory(*arrays)
+def read_prior(path: str | os.PathLike[str]) -> Prior:
+    """Return the trajectory in `path` without the rows that are no poses: loggers end in the middle of a line.
+
+    Files and errors are those of `read_trajectory`; roll and pitch may be missing, and single rows are refused only
+    where most are no poses, or times do not increase.
+    """
+    return _read(Path(path), is_prior=True)
 
 
-def _good_poses(table: PoseTable, arrays: list[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
-    """Leave out rows that are no poses, whatever the order of their times."""
-    if not table.rows or first_fault(*arrays) is None:
-        return arrays
-    for row, line in enumerate(table.lines):
-        fault = first_fault(*(array[row : row + 1] for array in arrays))
-        if fault is not None:
-            table.faults[line] = fault.words
-    return table.good(*arrays)
-
-
-def _read_rows(file: Path, *, is_prior: bool) -> tuple[PoseTable, list[NDArray[np.float64]]]:
-    """Table, and times, positions, quaternions, covariances if any, of its rows."""
+def _read(file: Path, *, is_prior: bool) -> Prior:
     suffix = file.suffix.lower()
     if suffix in (".txt", ".tum"):
-        return _read_tum(file)
-    if suffix == ".csv":
-        return _read_csv(file, is_prior=is_prior)
-    raise FileError(
-        f"Expected a trajectory with suffix .txt, .tum or .csv, got {file}."
-        f" Rename it: .txt for lines of '{TUM_COLUMNS}', .csv for a table with a header."
-    )
-
-
-def _read_tum(file: Path) -> tuple[PoseTable, list[NDArray[np.float64]]]:
-    """As `_read_rows`, of lines of eight numbers."""
-
-    def of_count(cells: list[str]) -> str:
-        is_csv = any("," in cell for cell in cells)
-        hint = "Is it CSV? Then name it .csv." if is_csv else "Correct or remove this line."
-        return f"Expected 8 columns '{TUM_COLUMNS}', got {len(cells)}. {hint}"
-
-    table = PoseTable(file, TUM_COLUMNS.split(), 0)
-    rows_of_lines(table, numbered_lines(file, "a trajectory"), lambda line: line.partition("#")[0].split(), of_count)
-    values = table.numbers([TableColumn(index) for index in range(8)], TUM_COLUMNS)
-    return table, [values[:, 0], values[:, 1:4], values[:, 4:]]
+        table = read_pose_table(file, names=TUM_COLUMNS)
+        values = table.numbers(TUM_COLUMNS)
+        arrays = [values[:, 0], values[:, 1:4], values[:, 4:]]
+    elif suffix == ".csv":
+        table, arrays = _read_csv(file, is_prior=is_prior)
+    else:
+        raise FileError(
+            f"Expected a trajectory with suffix .txt, .tum or .csv, got {file}. Rename it: .txt for lines of"
+            f" '{' '.join(TUM_COLUMNS)}', .csv for a table with a header."
+        )
+    arrays = table.good(arrays, may_leave_out=is_prior)
+    fault = first_fault(*arrays)
+    if fault is not None and is_prior:  # leave out rows that are no poses, whatever the order of their times
+        for row, line in enumerate(table.lines):
+            if own := first_fault(*(array[row : row + 1] for array in arrays)):
+                table.faults[line] = own.words
+        arrays = table.good(arrays, may_leave_out=True)
+        fault = first_fault(*arrays)
+    if fault is not None:
+        table.refuse(fault.words, table.lines[fault.row])
+    return Prior(Trajectory(*arrays), table.told_faults())
 
 
 def _read_csv(file: Path, *, is_prior: bool) -> tuple[PoseTable, list[NDArray[np.float64]]]:
-    """As `_read_rows`, of a table with a header; epochs not localized are left out."""
+    """Table, and times, positions, quaternions, covariances if any, of its rows; those not localized are left out."""
     table = read_pose_table(file)
     if not table.names:
-        return table, [np.empty(0), np.empty((0, 3)), np.empty((0, 4))]
-    columns = _pose_columns(table, is_prior=is_prior)
+        return table, []
+    names = {name: table.name_of(name) for name in CSV_COLUMNS}
+    needed = [name for name in CSV_COLUMNS if name not in ("roll", "pitch")]
+    if not is_prior or names["roll"] or names["pitch"]:
+        needed = list(CSV_COLUMNS)
+    missing = [name for name in needed if names[name] is None]
+    if missing:
+        unclear = [name for name in UNCLEAR_HEADINGS if name in table.names]
+        advice = "Name the columns so, separated by commas."
+        if "latitude" in table.names:
+            advice = "In latitude and longitude it can only be the --prior of `maxcon localize`."
+        elif missing[0] == "heading" and unclear:
+            advice = (
+                f"Rename {unclear[0]!r}, if it is counted from +x (east) counter-clockwise; a compass counts from north"
+                " clockwise: 90 degrees less that."
+            )
+        table.refuse(
+            f"Expected a header with {','.join(CSV_COLUMNS)} (angles in rad, or as roll_deg,pitch_deg,heading_deg), got"
+            f" no {missing[0]!r} in {','.join(table.names)[:80]!r}. {advice}"
+        )
     certainty = _certainty_columns(table)
     table.keep(table.texts("x"))
-    values = table.numbers(columns, ",".join(CSV_COLUMNS))
-    angles = [column for column in columns[4:] if column is not None]
-    names = ",".join(table.names[column.place] for column in angles)
-    most = np.abs(values[:, 4:]).max(axis=1, initial=0.0)
-    table.add_faults(
-        most > 2.0 * math.pi + 1e-6,
-        lambda row: (
-            f"Expected {names} within one turn, got {_farthest(table.rows[row], angles)}. Are these degrees? Then name"
-            " the columns roll_deg,pitch_deg,heading_deg; turns on end have to be taken off."
-        ),
-    )
+    values = table.numbers(needed)
+    if len(needed) < len(CSV_COLUMNS):
+        values = np.insert(values, [4, 4], 0.0, axis=1)
     arrays = [values[:, 0], values[:, 1:4], quaternions_from_angles(*values[:, 4:].T)]
     return table, [*arrays, _covariances(table, certainty)] if certainty else arrays
 
 
-def _farthest(cells: list[str], angles: list[TableColumn]) -> str:
-    return f"{float(max((cells[column.place] for column in angles), key=lambda text: abs(float(text)))):g}"
-
-
-def _pose_columns(table: PoseTable, *, is_prior: bool) -> list[TableColumn | None]:
-    """The columns of time, x, y, z, roll, pitch and heading; a prior may do without both of roll and pitch."""
-    columns = {name: table.find(name) for name in CSV_COLUMNS}
-    needed = set(CSV_COLUMNS)
-    if is_prior and columns["roll"] is None and columns["pitch"] is None:
-        needed -= {"roll", "pitch"}
-    missing = next((name for name in CSV_COLUMNS if name in needed and columns[name] is None), None)
-    if missing is not None:
-        advice = "Name the columns so, separated by commas."
-        other = next((other for other in UNCLEAR_HEADINGS if missing == "heading" and other in table.names), None)
-        if other is not None:
-            advice = (
-                f"Rename {other!r}, if it is counted from +x (east) counter-clockwise; a compass counts from north"
-                " clockwise: 90 degrees less that."
-            )
-        elif "latitude" in table.names:
-            advice = "In latitude and longitude it can only be the --prior of `maxcon localize`."
-        table.refuse(
-            f"Expected a header with {','.join(CSV_COLUMNS)} (angles in rad, or as roll_deg,pitch_deg,heading_deg), got"
-            f" no {missing!r} in {','.join(table.names)[:80]!r}. {advice}"
-        )
-    return list(columns.values())
-
-
-def _certainty_columns(table: PoseTable) -> list[TableColumn]:
+def _certainty_columns(table: PoseTable) -> tuple[str, ...]:
     """The columns of a covariance, those of three standard deviations, or none."""
-    found = [[table.find(name) for name in kind] for kind in (COVARIANCE_COLUMNS, SIGMA_COLUMNS)]
-    given = [kind for kind in found if any(kind)]
+    given = [
+        kind for kind in (COVARIANCE_COLUMNS, SIGMA_COLUMNS) if any(table.name_of(name) is not None for name in kind)
+    ]
     if not given:
-        return []
-    columns = [column for column in given[0] if column is not None]
-    if len(given) == 2 or len(columns) < len(given[0]):
-        names = COVARIANCE_COLUMNS if given[0] is found[0] else SIGMA_COLUMNS
-        got = "both" if len(given) == 2 else f"no {names[given[0].index(None)]!r}"
+        return ()
+    missing = [name for name in given[0] if table.name_of(name) is None]
+    if missing or len(given) == 2:
         table.refuse(
             f"Expected either {','.join(COVARIANCE_COLUMNS)} (m^2, m rad, rad^2) or {','.join(SIGMA_COLUMNS)} (m, rad;"
-            f" or sigma_heading_deg), got {got}. Give all columns of one kind, or none."
+            f" or sigma_heading_deg), got {'both' if len(given) == 2 else f'no {missing[0]!r}'}. Give all columns of"
+            " one kind, or none."
         )
-    return columns
+    return given[0]
 
 
-def _covariances(table: PoseTable, columns: list[TableColumn]) -> NDArray[np.float64]:
+def _covariances(table: PoseTable, names: tuple[str, ...]) -> NDArray[np.float64]:
     """Covariances of all rows, shape (n, 3, 3); NaN where all columns are empty."""
-    names = ",".join(table.names[column.place] for column in columns)
-    is_known = np.array([any(cells[column.place] for column in columns) for cells in table.rows], dtype=bool)
-    values = table.numbers(columns, names, may_be_empty=True)
-    is_part = is_known & np.isnan(values).any(axis=1)
-    table.add_faults(is_part, f"Expected finite numbers for '{names}', got ''. Give all of them, or none.")
+    values = table.numbers(names, may_be_empty=True)
+    is_empty = np.isnan(values)
+    for row in np.flatnonzero(is_empty.any(axis=1) & ~is_empty.all(axis=1)).tolist():
+        table.add_fault(row, f"Expected finite numbers as '{','.join(names)}', all of them or none, got ''.")
     covariances = np.zeros((len(values), 3, 3))
-    if len(columns) == len(SIGMA_COLUMNS):
-        table.add_faults(
-            values.min(axis=1, initial=0.0) < 0.0,
-            lambda row: f"Expected '{names}' >= 0, got {values[row].min():g}. Correct or empty them.",
-        )
+    if names is SIGMA_COLUMNS:
         with np.errstate(over="ignore"):
             covariances[:, range(3), range(3)] = values**2
-        covariances[~is_known] = np.nan
+        covariances[is_empty.all(axis=1)] = np.nan
         return covariances
     rows, others = np.triu_indices(3)
     covariances[:, rows, others] = covariances[:, others, rows] = values

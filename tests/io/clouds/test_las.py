@@ -13,7 +13,7 @@ import numpy as np
 import pyproj
 import pytest
 
-from maxcon.errors import CrsError, FileError, OptionError
+from maxcon.errors import CrsError, FileError
 from maxcon.io.clouds import las as las_reader
 from maxcon.io.clouds import open_cloud
 from maxcon.mapping.build.sources import common_crs
@@ -73,8 +73,6 @@ def test_each_iteration_begins_anew_and_leaving_the_block_ends_it(tmp_path):
         first = next(reader.chunks(10)).points
         running = reader.chunks(10)
         np.testing.assert_array_equal(next(running).points, first)
-        with pytest.raises(OptionError, match="max_points >= 1"):
-            reader.chunks(0)
     assert list(running) == []
 
 
@@ -111,7 +109,7 @@ def test_the_crs_is_found_behind_the_points(tmp_path):
 def test_an_extended_record_that_is_not_there_is_refused(tmp_path):
     write_las(tmp_path / "a.las", 10)
     with_evlr(tmp_path / "a.las", b"someone", 1, b"abc", claimed=2**62)
-    with pytest.raises(FileError, match=r"Expected 1 extended records in .*a\.las.*truncated"):
+    with pytest.raises(FileError, match=r"a\.las .*the last of 1 extended records: truncated"):
         open_cloud(tmp_path / "a.las")
 
 
@@ -125,13 +123,13 @@ def patched(path, offset, layout, *values):
 @pytest.mark.parametrize(
     ("offset", "layout", "value", "words"),
     [
-        (0, "<I", 0, "begin with a LAS header"),
-        (96, "<I", 2**32 - 1, "Is the file complete"),
-        (100, "<I", 2**32 - 1, "Is the file complete"),
+        (0, "<I", 0, "no LAS header"),
+        (96, "<I", 2**32 - 1, "points of 30 bytes from byte 4294967295"),
+        (100, "<I", 2**32 - 1, "4294967295 records"),
         (105, "<H", 0, "points of 0 bytes"),
-        (131, "<d", 0.0, "finite scales"),
-        (155, "<d", float("nan"), "finite scales"),
-        (247, "<Q", 0, "header that says 0 points"),
+        (131, "<d", 0.0, "scales and offsets of"),
+        (155, "<d", float("nan"), "scales and offsets of"),
+        (247, "<Q", 0, "says 0 points"),
         (243, "<I", 2**32 - 1, "extended records"),
     ],
 )
@@ -147,7 +145,7 @@ def test_a_header_that_cannot_be_is_refused(tmp_path, suffix, offset, layout, va
 @pytest.mark.parametrize(
     ("suffix", "n_claimed", "words"),
     [
-        (".las", 2**40, r"Expected 1099511627776 points .*got bytes for 1000"),
+        (".las", 2**40, "1099511627776 points in its header, and bytes for 1000"),
         (".laz", 2**40, "chunks of 50000"),
         (".laz", 40_000, r"a\.laz"),
     ],
@@ -181,7 +179,7 @@ def test_layers_longer_than_the_file_are_refused_without_allocating(tmp_path):
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     for layer in range(9):
         patched(path, start + 8 + 30 + 4 + 4 * layer, "<I", 0xE0000000)
-    with pytest.raises(FileError, match=r"chunk 0 to have .* layers of"):
+    with pytest.raises(FileError, match=r"layers of .* bytes in chunk 0"):
         read_cloud(path)
     unit = 1.0 if sys.platform == "darwin" else 1e3  # bytes there, kB elsewhere
     assert (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * unit < 200e6
@@ -204,11 +202,11 @@ def with_record(path, content, number=34735, user=b"LASF_Projection"):
 @pytest.mark.parametrize(
     ("content", "number", "words"),
     [
-        (geo_keys((3072, 0, 1, 25833), n_keys=9), 34735, "9 GeoTIFF keys in 16 bytes"),
+        (geo_keys((3072, 0, 1, 25833), n_keys=9), 34735, "damaged directory of 9"),
         (geo_keys((3072, 0, 1, 25833), version=513), 34735, "damaged directory"),
         (geo_keys((3072, 0, 1, 9999)), 34735, "EPSG:9999"),
-        (geo_keys((3072, 0, 1, 32767)), 34735, "of its own, without WKT"),
-        (geo_keys((3072, 0, 1, 40000)), 34735, "the code 40000"),
+        (geo_keys((3072, 0, 1, 32767)), 34735, "EPSG:32767"),
+        (geo_keys((3072, 0, 1, 40000)), 34735, "EPSG:40000"),
         (geo_keys((1024, 0, 1, 1)), 34735, "without a code"),
         (b"\1\0\1", 34735, "damaged directory"),
         (b"PROJCS[cut", 2112, "WKT that it does not"),
@@ -248,7 +246,7 @@ def test_a_lowered_count_of_points_is_refused(tmp_path, suffix, point_format):
     if whole[25] >= 4:
         struct.pack_into("<Q", whole, 247, 1000)
     path.write_bytes(whole)
-    with pytest.raises(FileError, match=r"Expected 1000 points in .*a\.la.*got"):
+    with pytest.raises(FileError, match=r"a\.la.*(1000 points in its header|chunks of 150000 points for 1000)"):
         open_cloud(path)
 
 
@@ -260,7 +258,7 @@ def test_equal_points_that_unpack_hugely_are_refused(tmp_path, monkeypatch):
     las = laspy.LasData(header)
     las.x = las.y = las.z = np.zeros(1_000_000)
     las.write(tmp_path / "a.laz")
-    with pytest.raises(FileError, match=r"at most 300 times its size, got \d+ times"):
+    with pytest.raises(FileError, match=r"unpack to \d+ times their size, not at most 300"):
         open_cloud(tmp_path / "a.laz")
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as st_np
 
@@ -29,12 +29,6 @@ def npy(array, shape=None, descr=None):
     header = {"shape": shape or array.shape, "descr": descr or array.dtype.str, "fortran_order": False}
     np.lib.format.write_array_header_1_0(stream, header)
     return stream.getvalue() + array.tobytes()
-
-
-def archive(folder, content, compression=zipfile.ZIP_STORED):
-    with zipfile.ZipFile(folder / "a.npz", "w", compression) as stream:
-        stream.writestr("points.npy", content)
-    return folder / "a.npz"
 
 
 @pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
@@ -63,29 +57,25 @@ def test_everything_reads_back_in_chunks(tmp_path, save):
     ),
     st.integers(1, 4),
 )
+@example(np.array([[np.nan, 1.0, np.inf]]), 1)
 def test_any_type_of_number_reads_back(points, max_points):
     with tempfile.TemporaryDirectory() as folder:
         np.testing.assert_array_equal(read_cloud(saved(Path(folder), points=points), max_points).points, points)
 
 
-def test_nan_and_infinity_are_kept(tmp_path):
-    points = np.array([[np.nan, 1.0, np.inf]])
-    np.testing.assert_array_equal(read_cloud(saved(tmp_path, points=points)).points, points)
-
-
 @pytest.mark.parametrize(
     ("arrays", "words"),
     [
-        ({"arr_0": POINTS}, r"an array `points` in .*a\.npz, got arr_0\. Save it with numpy\.savez"),
-        ({"points": POINTS.T}, r"`points` in .*shape \(n, 3\), got \(3, 7\)"),
-        ({"points": POINTS[0]}, r"shape \(n, 3\), got \(3,\)"),
-        ({"points": POINTS[:0]}, "Expected points in .*got none"),
-        ({"points": POINTS, "normals": POINTS[:3]}, "`normals` in .*one row per point, 7, got 3"),
-        ({"points": POINTS, "classes": np.zeros((7, 1))}, r"`classes` in .*shape \(n,\), got \(7, 1\)"),
-        ({"points": POINTS, "classes": np.full(7, 300)}, "codes from 0 to 255 as 'classes' in .*got 300"),
-        ({"points": POINTS.astype(complex)}, "numbers as `points` in .*got complex128"),
+        ({"arr_0": POINTS}, r"numpy\.savez\(path, points=\.\.\.\).*no array `points` among arr_0"),
+        ({"points": POINTS.T}, r"`points` of shape \(3, 7\), not \(n, 3\)"),
+        ({"points": POINTS[0]}, r"`points` of shape \(3,\), not \(n, 3\)"),
+        ({"points": POINTS[:0]}, "0 of `points`"),
+        ({"points": POINTS, "normals": POINTS[:3]}, "not one per point: 7 of `points`, 3 of `normals`"),
+        ({"points": POINTS, "classes": np.zeros((7, 1))}, r"`classes` of shape \(7, 1\), not \(n,\)"),
+        ({"points": POINTS, "classes": np.full(7, 300)}, "300 as a class, which is no code from 0 to 255"),
+        ({"points": POINTS.astype(complex)}, "`points` of complex128"),
         ({"points": np.asfortranarray(POINTS)}, "Fortran order.*ascontiguousarray"),
-        ({"points": np.array([[1, 2, None]], dtype=object)}, "numbers as `points` in .*got object"),
+        ({"points": np.array([[1, 2, None]], dtype=object)}, "`points` of object"),
     ],
 )
 def test_arrays_that_cannot_be_used_are_refused(tmp_path, arrays, words):
@@ -94,29 +84,23 @@ def test_arrays_that_cannot_be_used_are_refused(tmp_path, arrays, words):
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    ("content", "compression", "words"),
     [
-        (npy(POINTS, shape=(8, 3)), "bytes of `points`"),
-        (npy(POINTS, shape=(2**60, 3)), "bytes of `points`"),
-        (npy(POINTS, shape=(-1, 3)), r"shape \(n, 3\)"),
-        (npy(POINTS, descr="|O"), r"a\.npz"),
-        (b"", r"a\.npz"),
-        (b"\x93NUMPY\x09\x00" + bytes(100), r"a\.npz"),
+        (npy(POINTS, shape=(8, 3)), zipfile.ZIP_STORED, "bytes of `points` than of its 8 rows"),
+        (npy(POINTS, shape=(2**60, 3)), zipfile.ZIP_STORED, "bytes of `points`"),
+        (npy(POINTS, shape=(-1, 3)), zipfile.ZIP_STORED, r"`points` of shape \(-1, 3\)"),
+        (npy(POINTS, descr="|O"), zipfile.ZIP_STORED, r"a\.npz"),
+        (b"", zipfile.ZIP_STORED, r"a\.npz"),
+        (b"\x93NUMPY\x09\x00" + bytes(100), zipfile.ZIP_STORED, r"a\.npz"),
+        (npy(np.zeros((800_000, 3))), zipfile.ZIP_DEFLATED, "unpack to .* times their size, not at most 100"),
+        (npy(POINTS), zipfile.ZIP_LZMA, "stored or deflated"),
     ],
 )
-def test_what_an_array_claims_is_held_against_its_bytes(tmp_path, content, words):
+def test_what_an_archive_claims_is_held_against_its_bytes(tmp_path, content, compression, words):
+    with zipfile.ZipFile(tmp_path / "a.npz", "w", compression) as stream:
+        stream.writestr("points.npy", content)
     with pytest.raises(FileError, match=words):
-        read_cloud(archive(tmp_path, content))
-
-
-def test_bombs_other_compressions_and_other_files_are_refused_when_opened(tmp_path):
-    with pytest.raises(FileError, match="unpack to at most 100 times its size"):
-        open_cloud(archive(tmp_path, npy(np.zeros((800_000, 3))), zipfile.ZIP_DEFLATED))
-    with pytest.raises(FileError, match="stored or deflated"):
-        open_cloud(archive(tmp_path, npy(POINTS), zipfile.ZIP_LZMA))
-    (tmp_path / "b.npz").write_bytes(b"PK but not really")
-    with pytest.raises(FileError, match=r"b\.npz to be an NPZ archive, complete"):
-        open_cloud(tmp_path / "b.npz")
+        open_cloud(tmp_path / "a.npz")
 
 
 def test_a_changed_byte_is_noticed_by_the_checksum(tmp_path):

@@ -105,13 +105,6 @@ def test_names_of_classes_and_times(tmp_path, name, what):
     np.testing.assert_array_equal(getattr(cloud, what), np.arange(7))
 
 
-@pytest.mark.parametrize("value", [-1, 256])
-def test_class_codes_that_do_not_fit_are_refused(tmp_path, value):
-    content = ply("ascii", [*XYZ, ("int", "label")], [*POINTS.T, np.full(7, value)])
-    with pytest.raises(FileError, match=rf"codes from 0 to 255 as 'label' in .*a\.ply, got {value}\. Rename it"):
-        read_bytes(tmp_path, content)
-
-
 @pytest.mark.parametrize("encoding", ENCODINGS)
 def test_other_elements_are_passed_over_but_for_lists_up_to_the_vertices(tmp_path, encoding):
     camera = b"1 2\n3 4\n" if encoding == "ascii" else np.array([(1, 2), (3, 4)], ENCODINGS[encoding] + "f4").tobytes()
@@ -126,71 +119,44 @@ def test_other_elements_are_passed_over_but_for_lists_up_to_the_vertices(tmp_pat
     before = ply(encoding, XYZ, POINTS.T, before="element face 1|property list uchar int i")
     within = ply(encoding, XYZ, POINTS.T, after="property list uchar int neighbours")
     for content, name in ((before, "face"), (within, "vertex")):
-        with pytest.raises(FileError, match=rf"a\.ply, got a list in '{name}'. Export the points alone"):
+        with pytest.raises(FileError, match=rf"a\.ply to be .*a list in '{name}': export the points alone"):
             read_bytes(tmp_path, content)
 
 
 HEAD = "ply\nformat ascii 1.0\n"
+THREE = "property float x\nproperty float y\nproperty float z\n"
 
 
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ("", "got an empty file"),
-        ("plx\n", "begin with the line 'ply'"),
+        ("plx\n", "instead of the line 'ply'"),
         ("ply\nformat ascii 1.0\nelement vertex 1\n", "ends with 'end_header'"),
         ("ply\n" + "comment\n" * 40_000, "ends with 'end_header'"),
-        ("ply\nelement vertex 1\nproperty float x\nend_header\n", "Expected a line 'format"),
-        ("ply\nformat binary_middle_endian 1.0\nend_header\n", "got the line 'format binary_middle"),
-        (HEAD + "end_header\n", "element 'vertex' in .*got none"),
-        (HEAD + "element face 0\nend_header\n", "element 'vertex' in .*got face"),
-        (HEAD + "element vertex -1\nend_header\n", "got the line 'element vertex -1'"),
-        (HEAD + "element vertex 1\nproperty quad x\nend_header\n", "got the line 'property quad x'"),
-        (HEAD + "property float x\nend_header\n", "got the line 'property float x'"),
-        (HEAD + "element vertex 0\nproperty float x\nend_header\n", "says 0 vertices"),
-        (
-            HEAD + "element vertex 1\nproperty float x\nproperty float y\nend_header\n1 2\n",
-            "one property 'z'.*got 0 in 'x y'",
-        ),
-        (HEAD + "element vertex 1\n" + "property float x\n" * 2 + "end_header\n1 2\n", "one property 'x'.*got 2"),
-        (
-            HEAD + "element vertex 99999999999\nproperty float x\nend_header\n1\n",
-            "Expected 99999999999 vertices.*truncated",
-        ),
+        ("ply\nelement vertex 1\nproperty float x\nend_header\n", "no header line 'format"),
+        ("ply\nformat binary_middle_endian 1.0\nend_header\n", "the header line 'format binary_middle"),
+        (HEAD + "end_header\n", "no element 'vertex' among none"),
+        (HEAD + "element vertex -1\nend_header\n", "the header line 'element vertex -1'"),
+        (HEAD + "element vertex 1\nproperty quad x\nend_header\n", "the header line 'property quad x'"),
+        (HEAD + "element vertex 0\nproperty float x\nend_header\n", "0 vertices in"),
+        (HEAD + "element vertex 1\n" + THREE[:34] + "end_header\n1 2\n", "0 properties 'z' of a vertex in 'x y'"),
+        (HEAD + "element vertex 1\n" + "property float x\n" * 2 + "end_header\n1 2\n", "2 properties 'x'"),
+        (HEAD + "element vertex 99999999999\n" + THREE + "end_header\n1\n", "99999999999 vertices in .*truncated"),
+        (HEAD + "element vertex 2\n" + THREE + "end_header\n1 2 3\n4.000 5\n", "number of columns changed"),
+        (HEAD + "element vertex 2\n" + THREE + "end_header\n1 2 3 4\n4 5 6 7\n", "4 numbers in a row, not 3"),
+        (HEAD + "element vertex 2\n" + THREE + "end_header\n1 2 3\n4 five 6\n", "five"),
+        (HEAD + "element vertex 2\n" + THREE + "end_header\n1 2 3 \n\n \n\n\n\n", "1 rows of numbers fewer"),
+        (HEAD + "element vertex 2\n" + THREE + "end_header\n1 2 3\n" + "4" * 200_000 + "\n", "over 100000 characters"),
     ],
 )
-def test_headers_that_cannot_be_are_refused(tmp_path, content, words):
-    with pytest.raises(FileError, match=words) as caught:
+def test_what_cannot_be_is_refused(tmp_path, content, words):
+    with pytest.raises(FileError, match=rf"a\.ply to be a PLY file of points, complete, got: .*{words}"):
         read_bytes(tmp_path, content.encode())
-    assert "a.ply" in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("rows", "words"),
-    [
-        ("1 2 3\n4.000 5\n", "3 numbers per point in .*a.ply, got: the number of columns changed"),
-        ("1 2.000\n4 5.000\n", "3 numbers per point in .*a.ply, got: 2 in a row"),
-        ("1 2 3 4\n4 5 6 7\n", "got: 4 in a row"),
-        ("1 2 3\n4 five 6\n", "five"),
-        ("1 2 3 \n\n \n\n\n\n", "Expected 2 vertices .*got 1 fewer: truncated"),
-        ("1 2 3\n" + "4" * 200_000 + "\n", "over 100000 characters"),
-    ],
-)
-def test_ascii_rows_that_cannot_be_are_refused(tmp_path, rows, words):
-    head = HEAD + "element vertex 2\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
-    with pytest.raises(FileError, match=words):
-        read_bytes(tmp_path, (head + rows).encode())
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
 def test_a_truncated_file_is_refused(tmp_path, encoding):
     content = ply(encoding, XYZ, POINTS.T)
-    for cut in (1, 30, 100):
-        with pytest.raises(FileError, match=r"a\.ply.*truncated|numbers per point in .*a\.ply"):
-            read_bytes(tmp_path, content[:-cut] if encoding != "ascii" or cut > 1 else content[:-40])
-
-
-def test_a_million_times_too_many_vertices_are_refused_before_they_are_read(tmp_path):
-    content = ply("binary_little_endian", XYZ, POINTS.T).replace(b"vertex 7", b"vertex 700000000000")
-    with pytest.raises(FileError, match="Expected 700000000000 vertices"):
-        read_bytes(tmp_path, content)
+    for cut in (30, 100):
+        with pytest.raises(FileError, match=r"a\.ply.*(truncated|columns changed)"):
+            read_bytes(tmp_path, content[:-cut])

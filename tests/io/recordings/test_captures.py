@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from maxcon.errors import FileError
-from maxcon.io.recordings import captures
+from maxcon.io.recordings import clouds
 from maxcon.io.scans import open_scans
 from maxcon.io.scans.description import describe
 from recorded_drives import velodyne_points, write_capture
@@ -46,14 +46,14 @@ def test_the_points_and_times_of_the_turns(capture, turns):
 def test_any_turn_is_decoded_from_its_own_packets(capture, monkeypatch):
     """They were decoded from the beginning of the capture, each time."""
     in_order = list(open_scans(capture).scans(0.0, 200.0))
-    scans, decode, n_packets = open_scans(capture), captures._decoded, []
+    scans, decode, n_packets = open_scans(capture), clouds._decoded, []
     assert len(scans) == 4
 
     def counted(package, packets, config):
         n_packets.append(len(packets))
         return decode(package, packets, config)
 
-    monkeypatch.setattr(captures, "_decoded", counted)
+    monkeypatch.setattr(clouds, "_decoded", counted)
     for i in (3, 1, 2, 0, 3):
         raw = scans.read(i, 0.0, 200.0)
         np.testing.assert_array_equal(raw.points, in_order[i].points)

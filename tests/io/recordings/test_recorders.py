@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial import cKDTree
 
 from maxcon.errors import MaxconError
-from maxcon.io.recordings.opening import is_recording
+from maxcon.io.recordings.clouds import open_clouds
 from maxcon.io.recordings.point_cloud2 import CloudRecord, FieldDescription, decode_cloud
-from maxcon.io.recordings.recorded_scans import open_clouds
+from maxcon.io.recordings.recording import is_recording
 from maxcon.io.scans import open_scans
 from maxcon.io.scans.folder import read_scan_file
 

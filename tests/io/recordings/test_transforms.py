@@ -10,11 +10,11 @@ import pytest
 from maxcon.errors import FileError, OptionError, TrajectoryError
 from maxcon.geometry import Pose
 from maxcon.geometry.quaternions import quaternions_from_angles
-from maxcon.io.recordings.opening import open_recording
 from maxcon.io.recordings.poses import read_recorded_poses
+from maxcon.io.recordings.recording import open_recording
 from maxcon.io.recordings.transforms import TransformTree, parse_frames
 from maxcon.io.recordings.writing import Entry, header_of
-from recorded_drives import NAMES, write_recording
+from recorded_drives import NAMES, write_entries
 
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
@@ -65,7 +65,7 @@ def drive(n=101):
 
 def written(folder, entries, kind="mcap"):
     folder.mkdir(exist_ok=True)
-    return write_recording(folder / NAMES[kind], sorted(entries, key=lambda entry: entry.time))
+    return write_entries(folder / NAMES[kind], sorted(entries, key=lambda entry: entry.time))
 
 
 @pytest.mark.parametrize("kind", NAMES)
@@ -109,7 +109,7 @@ def test_an_antenna_and_an_imu_with_frames_of_their_own(tmp_path):
         antenna = frame.to_geographic((T_map_base @ T_base_gnss).position[None])
         imu = T_map_base @ T_base_imu
         turn = quaternions_from_angles(imu.roll, imu.pitch, imu.heading)
-        (turn,) = frame.quaternions_to_enu(antenna, turn.reshape(1, 4))
+        (turn,) = frame.quaternions_to_map(antenna, turn.reshape(1, 4), inverse=True)
         latitude, longitude, height = antenna[0].tolist()
         entries.append(Entry(time, "/fix", "sensor_msgs/msg/NavSatFix", {
             "header": header_of(time, "gnss"), "status": dict(status=0, service=1), "latitude": latitude,

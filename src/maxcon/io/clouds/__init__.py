@@ -3,11 +3,10 @@
 """Point clouds from files, read chunk by chunk; the suffix says how."""
 
 import os
-import stat
 from collections.abc import Callable
 from pathlib import Path
 
-from maxcon._system.regular_file import special_kind
+from maxcon._system.regular_file import check_regular
 from maxcon.errors import FileError
 from maxcon.io.clouds.base import Bounds, CloudChunk, CloudHeader, CloudReader
 from maxcon.io.clouds.e57 import E57Reader
@@ -15,6 +14,7 @@ from maxcon.io.clouds.las import LasReader
 from maxcon.io.clouds.npz import NpzReader
 from maxcon.io.clouds.ply import PlyReader
 from maxcon.io.clouds.xyz import XyzReader
+from maxcon.io.text import reading
 
 __all__ = ["CLOUD_SUFFIXES", "Bounds", "CloudChunk", "CloudHeader", "CloudReader", "open_cloud"]
 
@@ -34,20 +34,13 @@ def open_cloud(path: str | os.PathLike[str]) -> CloudReader:
     path: a file with suffix .las, .laz (also .copc.laz), .ply, .npz, .e57, .xyz, .csv or .txt.
     """
     file = Path(path)
-    try:
-        status = file.stat()
-    except OSError as error:
-        got = " no such file" if isinstance(error, FileNotFoundError) else f": {error.strerror}"
-        raise FileError(f"Expected a point cloud at {file}, got{got}. Check the path.") from error
-    if stat.S_ISDIR(status.st_mode):
-        raise FileError(f"Expected a point-cloud file, got the folder {file}. Name the files in it.")
-    if not stat.S_ISREG(status.st_mode):
-        raise FileError(f"Expected a point-cloud file, got {file}, a {special_kind(status.st_mode)}. Name a file.")
+    with reading(file, "a point-cloud file"):
+        check_regular(file)
+        is_empty = file.stat().st_size == 0
     reader = _READERS.get(file.suffix.lower())
-    if reader is None:
+    if reader is None or is_empty:
         raise FileError(
-            f"Expected a point cloud with suffix {', '.join(CLOUD_SUFFIXES)}, got {file}. Convert it to one of these."
+            f"Expected a point cloud with suffix {', '.join(CLOUD_SUFFIXES)}, got {file}"
+            f"{', an empty file' if is_empty else ''}. Convert it to one of these, or leave it out."
         )
-    if status.st_size == 0:
-        raise FileError(f"Expected points in {file}, got an empty file. Copy it again, or leave it out.")
     return reader(file)

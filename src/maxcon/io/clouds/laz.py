@@ -10,13 +10,11 @@ is a node of an octree; nothing that the octree says is followed unless the tabl
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.errors import FileError
 from maxcon.io.clouds.base import Bounds, check_unpacked_size
 
 # Codes of the LASzip specification: pointwise chunked (formats 0-5) and layered chunked (6-10).
@@ -60,113 +58,85 @@ def laz_as_os_error() -> Iterator[None]:
         raise OSError(str(error)) from error
 
 
-def _broken(file: Path, expected: str, got: object) -> FileError:
-    return FileError(f"Expected {expected} in {file}, got {got}. Is the file complete? Copy it again.")
+def read_laz_chunks(stream: BinaryIO, start: int, record_length: int, n_points: int, laszip_record: bytes) -> LazChunks:
+    """Return the chunk table of an open file, checked; ValueError if it contradicts the LAS header or the bytes.
 
-
-def read_laz_chunks(
-    file: Path, stream: BinaryIO, start: int, record_length: int, n_points: int, laszip_record: bytes
-) -> LazChunks:
-    """Return the chunk table of an open file, checked.
-
-    file: for messages.
-    stream: the open file, seekable.
     start, record_length, n_points: offset of the points, bytes of one that is not compressed, and how many there are,
         as the LAS header says.
     laszip_record: the LASzip record of the header.
     """
     import lazrs
 
-    n_layers = _count_layers(file, laszip_record)
+    n_layers = _count_layers(laszip_record)
     vlr = lazrs.LazVlr(laszip_record)
     if vlr.item_size() != record_length:
-        raise _broken(file, f"compressed points of {record_length} bytes", f"{vlr.item_size()} bytes")
+        raise ValueError(f"compressed points of {vlr.item_size()} bytes, not {record_length}")
     size = stream.seek(0, 2)
-    table = _table_offset(file, stream, start, size)
+    table = _table_offset(stream, start, size)
     stream.seek(table)
     n_chunks = struct.unpack("<II", stream.read(8))[1]
     if n_chunks * record_length > size:  # each chunk begins with an uncompressed point
-        raise _broken(file, f"at most {size // record_length} chunks", n_chunks)
+        raise ValueError(f"{n_chunks} compressed chunks in {size} bytes")
     stream.seek(start)
     rows = lazrs.read_chunk_table(stream, vlr)
     chunks = LazChunks(start + 8, [row[0] for row in rows], [row[1] for row in rows], n_layers)
-    n_compressed = table - chunks.start
-    if sum(chunks.n_bytes) > n_compressed:
-        raise _broken(file, f"{n_compressed} bytes of compressed points", f"{sum(chunks.n_bytes)} in its table")
+    if sum(chunks.n_bytes) > table - chunks.start:
+        raise ValueError(f"chunks of {sum(chunks.n_bytes)} bytes where there are {table - chunks.start}")
     if not sum(chunks.n_points[:-1]) < n_points <= sum(chunks.n_points):
-        raise _broken(file, f"{n_points} points", f"chunks of {sum(chunks.n_points)}")
-    check_unpacked_size(f"the points of {file}", n_points * record_length, size, MAX_RATIO, "Write it as LAS.")
+        raise ValueError(f"chunks of {sum(chunks.n_points)} points for {n_points}")
+    check_unpacked_size(n_points * record_length, size, MAX_RATIO)
     return chunks
 
 
-def check_layers(file: Path, stream: BinaryIO, chunks: LazChunks, record_length: int) -> None:
-    """Check that the layers of each chunk (point formats 6 to 10) fit into it; FileError if they do not."""
+def check_layers(stream: BinaryIO, chunks: LazChunks, record_length: int) -> None:
+    """Check that the layers of each chunk (point formats 6 to 10) fit into it; ValueError if they do not."""
     if chunks.n_layers == 0:
         return
-    n_head = 4 + 4 * chunks.n_layers
+    sizes = struct.Struct(f"<4x{chunks.n_layers}I")
     rows = zip(chunks.starts.tolist(), chunks.n_points, chunks.n_bytes, strict=True)
     for number, (at, n_points, n_bytes) in enumerate(rows):
         if n_points == 0 or n_bytes == 0:
             continue
         stream.seek(at + record_length)
-        head = stream.read(n_head)
-        if len(head) < n_head:
-            raise _broken(file, f"chunk {number} of the points", "the end of the file")
-        needed = record_length + n_head + sum(struct.unpack(f"<{chunks.n_layers}I", head[4:]))
+        needed = record_length + sizes.size + sum(sizes.unpack(stream.read(sizes.size)))
         if needed > n_bytes:
-            raise _broken(file, f"chunk {number} to have {n_bytes} bytes", f"layers of {needed}")
+            raise ValueError(f"layers of {needed} bytes in chunk {number} of {n_bytes}")
 
 
-def _count_layers(file: Path, laszip_record: bytes) -> int:
+def _count_layers(laszip_record: bytes) -> int:
     """How many layers each chunk has; 0 for the older, pointwise compression."""
-    if len(laszip_record) < 34:
-        raise _broken(file, "a LASzip record of 34 bytes or more", len(laszip_record))
     (compressor,) = struct.unpack_from("<H", laszip_record)
     (n_items,) = struct.unpack_from("<H", laszip_record, 32)
-    if compressor not in (POINTWISE, LAYERED):
-        raise FileError(
-            f"Expected {file} to be compressed in chunks (LASzip 2 or later), got compressor {compressor}."
-            " Write it anew with a current LASzip, or as LAS."
-        )
-    if len(laszip_record) < 34 + 6 * n_items:
-        raise _broken(file, f"a LASzip record of {n_items} items", f"{len(laszip_record)} bytes")
+    if compressor not in (POINTWISE, LAYERED) or len(laszip_record) < 34 + 6 * n_items:
+        raise ValueError(f"a LASzip record of {len(laszip_record)} bytes, compressor {compressor}")
     if compressor == POINTWISE:
         return 0
     items = [struct.unpack_from("<HH", laszip_record, 34 + 6 * i) for i in range(n_items)]
     return sum(size if kind == EXTRA_BYTES else LAYERS.get(kind, 0) for kind, size in items)
 
 
-def _table_offset(file: Path, stream: BinaryIO, start: int, size: int) -> int:
+def _table_offset(stream: BinaryIO, start: int, size: int) -> int:
     """Offset of the chunk table; writers that could not seek put it at the very end of the file."""
     for position in (start, size - 8):
         stream.seek(position)
-        head = stream.read(8)
-        if len(head) < 8:
-            break
-        (table,) = struct.unpack("<q", head)
+        (table,) = struct.unpack("<q", stream.read(8))
         if start + 8 <= table <= size - 8:
             return int(table)
         if table != -1:
             break
-    raise _broken(file, "a table of the compressed chunks", "none within the file")
+    raise ValueError("no table of the compressed chunks within the file")
 
 
-def copc_chunks_within(file: Path, stream: BinaryIO, chunks: LazChunks, bounds: Bounds) -> NDArray[np.bool_] | None:
-    """Whether each chunk may have points in a rectangle, shape (n_chunks,); None for a file that is no COPC.
-
-    file: for messages.
-    stream: the open file, seekable.
-    chunks: its table of chunks, checked.
-    bounds: in the coordinates of the file.
-    """
+def copc_chunks_within(stream: BinaryIO, chunks: LazChunks, bounds: Bounds) -> NDArray[np.bool_] | None:
+    """Return whether each chunk may have points in a rectangle, shape (n_chunks,); None for a file that is no COPC."""
     stream.seek(HEADER_BYTES)
     record = stream.read(RECORD_HEAD + OCTREE.size)
     if len(record) < RECORD_HEAD + OCTREE.size or record[2:20] != b"copc".ljust(16, b"\0") + b"\x01\x00":
         return None
     x, y, _, half, _, start, n_bytes = OCTREE.unpack_from(record, RECORD_HEAD)
-    entries = _octree_entries(file, stream, start, n_bytes)
+    entries = _octree_entries(stream, start, n_bytes)
     nodes = entries[entries["n_points"] > 0]
-    numbers = _chunk_numbers(file, nodes, chunks)
+    numbers = _chunk_numbers(nodes, chunks)
     edges = 2.0 * half / 2.0 ** nodes["level"]
     x_low, y_low = x - half + nodes["key"][:, 0] * edges, y - half + nodes["key"][:, 1] * edges
     # A point on a face may be in the node on either side of it; scales round by far less than this.
@@ -178,7 +148,7 @@ def copc_chunks_within(file: Path, stream: BinaryIO, chunks: LazChunks, bounds: 
     return found
 
 
-def _octree_entries(file: Path, stream: BinaryIO, start: int, n_bytes: int) -> NDArray[np.void]:
+def _octree_entries(stream: BinaryIO, start: int, n_bytes: int) -> NDArray[np.void]:
     """All entries of the octree's pages, shape (n,)."""
     size = stream.seek(0, 2)
     pages, seen, found = [(start, n_bytes)], 0, []
@@ -187,24 +157,18 @@ def _octree_entries(file: Path, stream: BinaryIO, start: int, n_bytes: int) -> N
         seen += length
         # Pages do not overlap: together they are no longer than the file.
         if length < 0 or length % ENTRY.itemsize or at + length > size or seen > size:
-            raise FileError(
-                f"Expected the octree of {file} within its {size} bytes, got a page of {length} bytes at byte {at}."
-                " Is the file complete? Copy it again, or leave out the area."
-            )
+            raise ValueError(f"a page of its octree of {length} bytes at byte {at} of {size}")
         stream.seek(at)
         entries = np.frombuffer(stream.read(length), dtype=ENTRY)
         if ((entries["level"] < 0) | (entries["level"] > DEEPEST)).any():
-            raise FileError(
-                f"Expected an octree of {DEEPEST} levels at most in {file}, got another. Its header is broken; write"
-                " it anew, or leave out the area."
-            )
+            raise ValueError(f"an octree of more than {DEEPEST} levels")
         found.append(entries)
         leading = entries[(entries["n_points"] == PAGE) & (entries["n_bytes"] != 0)]
         pages += [(int(entry["offset"]), int(entry["n_bytes"])) for entry in leading]
     return np.concatenate(found)
 
 
-def _chunk_numbers(file: Path, nodes: NDArray[np.void], chunks: LazChunks) -> NDArray[np.int64]:
+def _chunk_numbers(nodes: NDArray[np.void], chunks: LazChunks) -> NDArray[np.int64]:
     """Which chunk each node is, shape (n,): by its offset, length and count."""
     n_points, n_bytes, starts = np.array(chunks.n_points), np.array(chunks.n_bytes), chunks.starts
     offsets = nodes["offset"].astype(np.int64)
@@ -212,9 +176,5 @@ def _chunk_numbers(file: Path, nodes: NDArray[np.void], chunks: LazChunks) -> ND
     fits = (starts[numbers] == offsets) & (n_bytes[numbers] == nodes["n_bytes"])
     fits &= n_points[numbers] == nodes["n_points"]
     if not fits.all() or len(np.unique(numbers)) != len(numbers) or nodes["n_points"].sum() != n_points.sum():
-        raise FileError(
-            f"Expected each chunk of points of {file} as a node of its octree, got an octree of {len(nodes)} nodes with"
-            f" {int(nodes['n_points'].sum())} points for {len(starts)} chunks with {n_points.sum()}. Write it anew with"
-            " the program it comes from, or leave out the area."
-        )
+        raise ValueError(f"an octree of {len(nodes)} nodes that are not its {len(starts)} chunks of points")
     return numbers

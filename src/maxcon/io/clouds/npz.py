@@ -11,19 +11,27 @@ from typing import IO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.errors import FileError
-from maxcon.io.clouds import base
-from maxcon.io.clouds.base import CloudChunk, CloudHeader, CloudReader, as_file_error, as_float64
+from maxcon.io.clouds.base import (
+    Bounds,
+    CloudChunk,
+    CloudHeader,
+    CloudReader,
+    as_classes,
+    as_file_error,
+    as_float64,
+    check_unpacked_size,
+    rows_at_a_time,
+)
 from maxcon.io.text import printable
 
 COLUMNS = {"points": 3, "normals": 3, "classes": 0, "times": 0}
 # Coordinates hardly compress; a large array that claims a higher ratio than this was made to exhaust memory.
 MAX_RATIO = 100
-KIND = "an NPZ archive"
+KIND = "an NPZ archive of numpy.savez(path, points=...)"
 
 
 class _Member(NamedTuple):
-    """One array of the archive: type and shape of a row, the number of rows, and a stream at the first."""
+    """One array of the archive: its name, type and shape of a row, number of rows, and a stream at the first."""
 
     name: str
     row: np.dtype[np.void]
@@ -43,92 +51,57 @@ class NpzReader(CloudReader):
         with as_file_error(file, KIND), zipfile.ZipFile(file) as archive, ExitStack() as streams:
             there = {info.filename.removesuffix(".npy") for info in archive.infolist()}
             if "points" not in there:
-                raise FileError(
-                    f"Expected an array `points` in {file}, got {printable(', '.join(sorted(there))[:80]) or 'none'}."
-                    " Save it with numpy.savez(path, points=points)."
-                )
+                raise ValueError(f"no array `points` among {printable(', '.join(sorted(there))) or 'none'}")
             self._names = [name for name in COLUMNS if name in there]
-            members = [_open_member(file, archive, name, streams) for name in self._names]
-        n_points = members[0].n_rows
-        for member in members:
-            if member.n_rows != n_points:
-                raise FileError(
-                    f"Expected `{member.name}` in {file} to have one row per point, {n_points}, got {member.n_rows}."
-                    " Save them together."
-                )
-        if n_points == 0:
-            raise FileError(f"Expected points in {file}, got none. Leave this file out.")
+            n_rows = [_open_member(archive, name, streams).n_rows for name in self._names]
+            if len(set(n_rows)) > 1 or n_rows[0] == 0:
+                counts = ", ".join(f"{n} of `{name}`" for name, n in zip(self._names, n_rows, strict=True))
+                raise ValueError(f"rows that are none, or not one per point: {counts}")
+        has_normals, has_classes, has_times = (name in there for name in ("normals", "classes", "times"))
         self.header = CloudHeader(
-            path=file,
-            n_points=n_points,
-            has_normals="normals" in there,
-            has_classes="classes" in there,
-            has_times="times" in there,
+            file, n_rows[0], has_normals=has_normals, has_classes=has_classes, has_times=has_times
         )
 
-    def _read(self, max_points: int) -> Generator[CloudChunk]:
+    def _read(self, max_points: int, bounds: Bounds | None) -> Generator[CloudChunk]:
         file, n_left = self.header.path, self.header.n_points
         with as_file_error(file, KIND), zipfile.ZipFile(file) as archive, ExitStack() as streams:
-            members = [_open_member(file, archive, name, streams) for name in self._names]
-            n_most = base.rows_at_a_time(max_points, sum(member.row.itemsize for member in members))
+            members = [_open_member(archive, name, streams) for name in self._names]
+            n_most = rows_at_a_time(max_points, sum(member.row.itemsize for member in members))
             while n_left > 0:
                 n_rows = min(n_left, n_most)
                 n_left -= n_rows
-                arrays = {member.name: _read_rows(file, member, n_rows) for member in members}
+                arrays = {member.name: _read_rows(member, n_rows) for member in members}
                 floats = {name: as_float64(array) for name, array in arrays.items() if name != "classes"}
-                classes = base.as_classes(file, "classes", arrays["classes"]) if "classes" in arrays else None
+                classes = as_classes(arrays["classes"]) if "classes" in arrays else None
                 yield CloudChunk(floats["points"], floats.get("normals"), classes, floats.get("times"))
             for member in members:
                 member.stream.read(1)  # at the end of a member its checksum is compared
 
 
-def _open_member(file: Path, archive: zipfile.ZipFile, name: str, streams: ExitStack) -> _Member:
-    """Return one array, checked against the archive."""
+def _open_member(archive: zipfile.ZipFile, name: str, streams: ExitStack) -> _Member:
+    """One array, checked against the archive."""
     info = archive.getinfo(f"{name}.npy")
     if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-        raise FileError(f"Expected {file} to be stored or deflated, got another compression. Save it with numpy.savez.")
+        raise ValueError("another compression than stored or deflated")
     if name == "points":  # classes that are all alike do compress
-        base.check_unpacked_size(
-            f"`points` in {file}", info.file_size, info.compress_size, MAX_RATIO, "Save it uncompressed."
-        )
+        check_unpacked_size(info.file_size, info.compress_size, MAX_RATIO)
     stream = streams.enter_context(archive.open(info))
-    shape, is_fortran, dtype = _read_array_header(file, name, stream)
-    n_columns = COLUMNS[name]
-    if len(shape) != (2 if n_columns else 1) or min(shape) < 0 or (n_columns and shape[1] != n_columns):
-        wanted = f"(n, {n_columns})" if n_columns else "(n,)"
-        raise FileError(
-            f"Expected `{name}` in {file} to have shape {wanted}, got {shape}. Save it with one row per point."
-        )
+    version = np.lib.format.read_magic(stream)
+    read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, is_fortran, dtype = read_header(stream)
+    wanted = tuple(filter(None, (-1, COLUMNS[name])))
+    if len(shape) != len(wanted) or shape[1:] != wanted[1:] or min(shape) < 0:
+        raise ValueError(f"`{name}` of shape {shape}, not (n{', 3' if COLUMNS[name] else ','})")
     if dtype.kind not in "fiu" or dtype.itemsize > 8:
-        raise FileError(f"Expected numbers as `{name}` in {file}, got {dtype}. Convert it with .astype(float).")
-    if is_fortran and n_columns and shape[0] > 1:
-        raise FileError(
-            f"Expected `{name}` in {file} row by row, got columns first (Fortran order), which cannot be read in"
-            " pieces. Save numpy.ascontiguousarray of it."
-        )
+        raise ValueError(f"`{name}` of {dtype}, no numbers: save .astype(float)")
+    if is_fortran and len(shape) > 1 and shape[0] > 1:
+        raise ValueError(f"`{name}` in Fortran order: save numpy.ascontiguousarray of it")
     row = np.dtype((dtype, shape[1:]))
-    n_bytes, n_there = shape[0] * row.itemsize, info.file_size - stream.tell()
-    if n_bytes != n_there:
-        raise FileError(
-            f"Expected {n_bytes} bytes of `{name}` in {file}, got {n_there}. The archive is broken; save it anew."
-        )
+    if shape[0] * row.itemsize != info.file_size - stream.tell():
+        raise ValueError(f"another number of bytes of `{name}` than of its {shape[0]} rows")
     return _Member(name, row, shape[0], stream)
 
 
-def _read_array_header(file: Path, name: str, stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[np.generic]]:
-    version = np.lib.format.read_magic(stream)
-    if version == (1, 0):
-        return np.lib.format.read_array_header_1_0(stream)
-    if version == (2, 0):
-        return np.lib.format.read_array_header_2_0(stream)
-    raise FileError(f"Expected `{name}` in {file} in NPY format 1.0 or 2.0, got {version}. Save it with numpy.savez.")
-
-
-def _read_rows(file: Path, member: _Member, n_rows: int) -> NDArray[np.generic]:
+def _read_rows(member: _Member, n_rows: int) -> NDArray[np.generic]:
     raw = member.stream.read(n_rows * member.row.itemsize)
-    if len(raw) < n_rows * member.row.itemsize:
-        raise FileError(
-            f"Expected {member.n_rows} rows of `{member.name}` in {file}, got fewer: truncated. Copy it again."
-        )
-    values = np.frombuffer(raw, member.row.base)
-    return values.reshape(n_rows, *member.row.shape)
+    return np.frombuffer(raw, member.row.base).reshape(n_rows, *member.row.shape)

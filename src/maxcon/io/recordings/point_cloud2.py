@@ -2,12 +2,8 @@
 # SPDX-License-Identifier: MIT
 """Point clouds as recorders store them: bytes, and a description of the fields in them (sensor_msgs/PointCloud2)."""
 
-from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,6 +63,28 @@ class CloudRecord:
     data: bytes | NDArray[np.uint8]
     stamp: int
 
+    @classmethod
+    def of_message(cls, content: Any, stamp: int) -> Self:
+        """Return the record of a decoded message."""
+        return cls(
+            fields=tuple(FieldDescription(f.name, f.offset, f.datatype, f.count) for f in content.fields),
+            width=content.width,
+            height=content.height,
+            point_step=content.point_step,
+            row_step=content.row_step,
+            is_big_endian=bool(content.is_bigendian),
+            data=content.data,
+            stamp=stamp,
+        )
+
+    @property
+    def words(self) -> str:
+        """Return "x float32 at 0, ring uint16 at 16" or the like."""
+        return ", ".join(
+            f"{printable(field.name)} {field.kind}{f'[{field.count}]' if field.count > 1 else ''} at {field.offset}"
+            for field in self.fields
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CloudPoints:
@@ -115,77 +133,6 @@ def decode_cloud(record: CloudRecord) -> CloudPoints:
 def decode_times(record: CloudRecord) -> PointTimes:
     """Return the times of the returns of a recorded cloud alone."""
     return find_point_times(_times_and_rings(record, _returns(_coordinates(record))), record.stamp)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RecordedCloud:
-    """One cloud of a recording, decoded when it is asked for its content.
-
-    label: file and topic, for messages.
-    recorded, stamp: when it was recorded, and the time of its message, ns.
-    record: the cloud as stored, or why it cannot be read.
-    """
-
-    label: str
-    recorded: int
-    stamp: int
-    record: CloudRecord | FileError
-
-    def points(self) -> CloudPoints:
-        """Return its returns; FileError if it is broken."""
-        with self._named() as record:
-            return decode_cloud(record)
-
-    def times(self) -> PointTimes:
-        """Return the times of its returns; FileError if it is broken."""
-        with self._named() as record:
-            return decode_times(record)
-
-    @property
-    def fields(self) -> tuple[FieldDescription, ...]:
-        """What was stored of each point."""
-        return () if isinstance(self.record, FileError) else self.record.fields
-
-    @contextmanager
-    def _named(self) -> Iterator[CloudRecord]:
-        if isinstance(self.record, FileError):
-            raise self.record
-        try:
-            yield self.record
-        except FileError as error:
-            raise FileError(f"{self.label}: {error}") from error
-
-
-class CloudSource(ABC):
-    """Clouds of one scanner; opening it reads none of them."""
-
-    path: Path
-    label: str
-    notes: tuple[str, ...] = ()
-    n_clouds: int = 0
-    """Number of clouds; 0 if it is not known without reading them all."""
-    n_passed_over: int = 10
-    """Clouds to read on up to a later one, rather than to read from that one's time on."""
-
-    @property
-    def frame(self) -> str:
-        """Name of the scanner's frame, from the first of its clouds that tells it."""
-        return ""
-
-    @abstractmethod
-    def clouds(self, start: int = 0) -> Iterator[RecordedCloud]:
-        """Yield the clouds recorded at `start` (ns) or later; which comes after which does not depend on `start`."""
-
-    def close(self) -> None:  # noqa: B027  (captures are open only while they are read)
-        """Close the files."""
-
-
-def fields_in_words(fields: Sequence[FieldDescription]) -> str:
-    """Return "x float32 at 0, ring uint16 at 16" or the like."""
-    return ", ".join(
-        f"{printable(field.name)} {field.kind}{f'[{field.count}]' if field.count > 1 else ''} at {field.offset}"
-        for field in fields
-    )
 
 
 def _coordinates(record: CloudRecord) -> list[NDArray[Any]]:

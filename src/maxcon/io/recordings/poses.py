@@ -6,9 +6,8 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,21 +15,19 @@ from numpy.typing import NDArray
 
 from maxcon.errors import CrsError, FileError, OptionError, TrajectoryError
 from maxcon.geometry import Pose
-from maxcon.io.clouds.base import as_file_error
 from maxcon.io.crs import GeographicFrame
-from maxcon.io.fixes import Fixes, Heights, Orientations, is_place, place_fixes
-from maxcon.io.recordings.opening import open_recording
-from maxcon.io.recordings.recording import Recording, Topic, decode_message, frame_name, frame_of, stamp_of
-from maxcon.io.recordings.transforms import TRANSFORMS, TransformTree
+from maxcon.io.fixes import Fixes, Heights, Orientations, checked_trajectory, is_place, place_fixes
+from maxcon.io.recordings.recording import Recording, Topic, frame_name, frame_of, open_recording
+from maxcon.io.recordings.transforms import TRANSFORMS, TransformTree, contents, numbers_of
 from maxcon.io.text import printable
 from maxcon.scan.mounting import sensor_trajectory
-from maxcon.scan.trajectory import Trajectory, first_fault
+from maxcon.scan.trajectory import Trajectory
 
 FIX, IMU = "sensor_msgs/msg/NavSatFix", "sensor_msgs/msg/Imu"
 ODOMETRY = "nav_msgs/msg/Odometry"
 POSES: dict[str, Callable[[Any], tuple[Any, Any]]] = {
     ODOMETRY: lambda content: (content.pose.pose, content.pose.covariance),
-    "geometry_msgs/msg/PoseStamped": lambda content: (content.pose, None),
+    "geometry_msgs/msg/PoseStamped": lambda content: (content.pose, np.zeros(36)),
     "geometry_msgs/msg/PoseWithCovarianceStamped": lambda content: (content.pose.pose, content.pose.covariance),
 }
 """Kinds of messages that hold a pose, and where in them it is, with its covariance."""
@@ -91,21 +88,17 @@ def read_recorded_poses(
     """
     with open_recording(path) as recording:
         if frames is not None:
-            poses = _of_transforms(recording, *frames)
+            trajectory, words = TransformTree.read(recording).trajectory(*frames)
+            words = f"poses from /tf ({printable(words)})"
+            poses = RecordedPoses(trajectory, words, position_frame=frames[1], orientation_frame=frames[1])
         else:
             chosen = _chosen(recording, topic, is_odometry=is_odometry)
+            label = f"{recording.path}, {printable(chosen.name)}"
             if chosen.type == FIX:
-                poses = _of_fixes(recording, chosen, crs, geoid_height, are_sure=are_sure)
+                poses = _of_fixes(recording, chosen, label, crs, geoid_height, are_sure=are_sure)
             else:
-                poses = _of_poses(recording, chosen)
+                poses = _of_poses(recording, chosen, label)
         return _of_sensor(recording, poses, sensor_frame)
-
-
-def _of_transforms(recording: Recording, fixed: str, moving: str) -> RecordedPoses:
-    trajectory, words = TransformTree.read(recording).trajectory(fixed, moving)
-    return RecordedPoses(
-        trajectory, f"poses from /tf ({printable(words)})", position_frame=moving, orientation_frame=moving
-    )
 
 
 def _of_sensor(recording: Recording, poses: RecordedPoses, sensor_frame: str) -> RecordedPoses:
@@ -132,6 +125,7 @@ def _of_sensor(recording: Recording, poses: RecordedPoses, sensor_frame: str) ->
 
 def _chosen(recording: Recording, name: str | None, *, is_odometry: bool) -> Topic:
     kinds = tuple(POSES) if is_odometry else (FIX, *POSES)
+    option = "--odometry" if is_odometry else "--prior"
     found = recording.of_type(*kinds)
     listed = ", ".join(topic.words for topic in found[:6])
     if name is not None:
@@ -139,8 +133,8 @@ def _chosen(recording: Recording, name: str | None, *, is_odometry: bool) -> Top
         if not named:
             got = next((printable(topic.type) for topic in recording.topics if topic.name == name), "no such topic")
             raise OptionError(
-                f"Expected poses in the topic {name} of {recording.path}, got {got}. "
-                + (f"Ask for {listed}." if found else "There are none in it.")
+                f"Expected poses in the topic {name} of {recording.path}, got {got}. Ask for"
+                f" {listed or 'none: there are none in it'}."
             )
         return named[0]
     first = [topic for topic in found if topic.type == (ODOMETRY if is_odometry else FIX)]
@@ -148,30 +142,16 @@ def _chosen(recording: Recording, name: str | None, *, is_odometry: bool) -> Top
         if len(topics) == 1:
             return topics[0]
     if found:
-        option = "--odometry-topic" if is_odometry else "--prior-topic"
-        raise FileError(f"Expected one topic of poses in {recording.path}, got {listed}. Choose one with {option}.")
-    wanted = ", ".join(kind.rpartition("/")[2] for kind in kinds)
-    option = "--odometry" if is_odometry else "--prior"
-    raise FileError(f"Expected poses ({wanted}) in {recording.path}, got none{_remedy(recording, option)}")
-
-
-def _remedy(recording: Recording, option: str) -> str:
-    """Advice where no topic has poses: two frames, if there are transforms, or a file."""
-    if not recording.of_type(*TRANSFORMS):
-        return f". Give them as a file: {option}."
-    frames = TransformTree.read(recording).frames
-    listed = printable(", ".join(frames[:12]))
-    return f", but transforms of {listed}. Choose two frames, {option}-frames FIXED:MOVING, or give a file: {option}."
-
-
-def _contents(recording: Recording, topic: Topic, what: str) -> Iterator[tuple[float, Any]]:
-    """Yield the messages of a topic with their times, s; FileError at one that cannot be decoded."""
-    label = Path(f"{recording.path}, {printable(topic.name)}")
-    for message in recording.messages([topic.name]):
-        with as_file_error(label, what):
-            content = decode_message(message)
-            time = stamp_of(content, message.recorded) / 1e9
-        yield time, content
+        raise FileError(
+            f"Expected one topic of poses in {recording.path}, got {listed}. Choose one with {option}-topic."
+        )
+    frames = TransformTree.read(recording).frames if recording.of_type(*TRANSFORMS) else ()
+    of_frames = printable(", ".join(frames[:12]))
+    raise FileError(
+        f"Expected poses ({', '.join(kind.rpartition('/')[2] for kind in kinds)}) in {recording.path}, got none"
+        + (f", but transforms of {of_frames}. Choose two frames, {option}-frames FIXED:MOVING, or" if frames else ".")
+        + f" give a file: {option}."
+    )
 
 
 def _table(rows: dict[float, list[float]]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -181,32 +161,17 @@ def _table(rows: dict[float, list[float]]) -> tuple[NDArray[np.float64], NDArray
 
 
 def _of_fixes(
-    recording: Recording, topic: Topic, crs: str | None, geoid_height: float | None, *, are_sure: bool
+    recording: Recording, topic: Topic, label: str, crs: str | None, geoid_height: float | None, *, are_sure: bool
 ) -> RecordedPoses:
+    """Poses from positions of NavSatFix, and from orientations of Imu if there are any."""
     if crs is None:
         raise CrsError(
-            f"Expected a map with a CRS, to place {printable(topic.name)} of {recording.path}, which is in"
-            " latitude and longitude; got one without. Build it with --crs, or choose poses in the map's coordinates"
-            " with --prior-topic."
+            f"Expected a map with a CRS, to place {label}, which is in latitude and longitude; got one without. Build"
+            " it with --crs, or choose poses in the map's coordinates with --prior-topic."
         )
-    fixes, orientations = _read_fixes(recording, topic), _read_orientations(recording)
-    label = f"{recording.path}, {printable(topic.name)}"
-    placed = place_fixes(fixes, orientations, GeographicFrame(crs), geoid_height, label, are_sure=are_sure)
-    return RecordedPoses(
-        placed.trajectory,
-        f"poses from {printable(topic.name)} (NavSatFix); {placed.words}",
-        placed.heights is Heights.ELLIPSOIDAL,
-        placed.has_orientations,
-        fixes.frame,
-        VEHICLE if orientations is None or not placed.has_orientations else orientations.frame,
-    )
-
-
-def _read_fixes(recording: Recording, topic: Topic) -> Fixes:
-    """The positions of a topic of NavSatFix; TrajectoryError if there is none."""
     rows: dict[float, list[float]] = {}
     n_left_out, frame = 0, ""
-    for time, content in _contents(recording, topic, "messages of positions"):
+    for _, time, content in contents(recording, [topic], "messages of positions"):
         frame = frame_of(content)
         place = [float(content.latitude), float(content.longitude), float(content.altitude)]
         if content.status.status < 0 or not is_place(place):
@@ -215,12 +180,19 @@ def _read_fixes(recording: Recording, topic: Topic) -> Fixes:
         stated = np.asarray(content.position_covariance, dtype=np.float64)[[0, 1, 3, 4]].tolist()
         rows.setdefault(time, place + (stated if content.position_covariance_type > 0 else [math.nan] * 4))
     if not rows:
-        raise TrajectoryError(
-            f"{recording.path}, {printable(topic.name)}: Expected at least one position, got none with a fix. Choose"
-            " another topic."
-        )
+        raise TrajectoryError(f"{label}: Expected at least one position, got none with a fix. Choose another topic.")
     times, values = _table(rows)
-    return Fixes(times, values[:, :3], values[:, 3:].reshape(-1, 2, 2), n_left_out, frame=frame)
+    fixes = Fixes(times, values[:, :3], values[:, 3:].reshape(-1, 2, 2), n_left_out, frame=frame)
+    orientations = _read_orientations(recording)
+    placed = place_fixes(fixes, orientations, GeographicFrame(crs), geoid_height, label, are_sure=are_sure)
+    return RecordedPoses(
+        placed.trajectory,
+        f"poses from {printable(topic.name)} (NavSatFix); {placed.words}",
+        placed.heights is Heights.ELLIPSOIDAL,
+        placed.has_orientations,
+        frame,
+        VEHICLE if orientations is None or not placed.has_orientations else orientations.frame,
+    )
 
 
 def _read_orientations(recording: Recording) -> Orientations | None:
@@ -228,7 +200,7 @@ def _read_orientations(recording: Recording) -> Orientations | None:
     for topic in recording.of_type(IMU):
         rows: dict[float, list[float]] = {}
         frame = ""
-        for time, content in _contents(recording, topic, "messages of an IMU"):
+        for _, time, content in contents(recording, [topic], "messages of an IMU"):
             frame, turn = frame_of(content), content.orientation
             values = [float(value) for value in (turn.x, turn.y, turn.z, turn.w)]
             first, *_, last = np.asarray(content.orientation_covariance, dtype=np.float64)
@@ -242,46 +214,30 @@ def _read_orientations(recording: Recording) -> Orientations | None:
     return None
 
 
-def _of_poses(recording: Recording, topic: Topic) -> RecordedPoses:
+def _of_poses(recording: Recording, topic: Topic, label: str) -> RecordedPoses:
     """Poses as they are written: in whatever frame their header names."""
     rows: dict[float, list[float]] = {}
     frames: set[str] = set()
     n_left_out, part = 0, ""
-    for time, content in _contents(recording, topic, "messages of poses"):
-        row = _row(*POSES[topic.type](content))
+    for _, time, content in contents(recording, [topic], "messages of poses"):
+        pose, covariance = POSES[topic.type](content)
+        numbers = numbers_of(pose.position, pose.orientation)
         frames.add(printable(frame_of(content))[:40])
         part = frame_name(content.child_frame_id) if topic.type == ODOMETRY else ""
-        if not np.isfinite(row[:7]).all() or not any(row[3:7]):
+        if not np.isfinite(numbers).all() or not any(numbers[3:]):
             n_left_out += 1
-        else:
-            rows.setdefault(time, row)
-    label = f"{recording.path}, {printable(topic.name)}"
+            continue
+        stated = np.asarray(covariance, dtype=np.float64).reshape(6, 6)[np.ix_(X_Y_HEADING, X_Y_HEADING)]
+        rows.setdefault(time, numbers + (stated if np.any(covariance) else np.full((3, 3), np.nan)).ravel().tolist())
     if not rows:
         raise TrajectoryError(f"{label}: Expected at least one pose, got none. Choose another topic.")
-    trajectory = _trajectory_of(*_table(rows), label)
+    times, values = _table(rows)
+    covariances = values[:, 7:].reshape(-1, 3, 3)
+    known = None if np.isnan(covariances).all() else covariances
+    trajectory = checked_trajectory(label, times, values[:, :3], values[:, 3:7], known)
     kind = topic.type.rpartition("/")[2]
     named = ", ".join(sorted(frames)) or "without a name"
     left = f"; {n_left_out} messages without a pose left out" if n_left_out else ""
-    stated = "" if trajectory.covariances is None else ", with covariances"
-    words = f"poses from {printable(topic.name)} ({kind}{stated}) in the frame {named}{left}"
+    stated_words = "" if known is None else ", with covariances"
+    words = f"poses from {printable(topic.name)} ({kind}{stated_words}) in the frame {named}{left}"
     return RecordedPoses(trajectory, words, position_frame=part, orientation_frame=part)
-
-
-def _row(pose: Any, covariance: NDArray[np.float64] | None) -> list[float]:
-    """x, y, z, qx, qy, qz, qw, and the nine numbers of the covariance of x, y, heading; NaN where none is stated."""
-    place, turn = pose.position, pose.orientation
-    values = [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w]
-    stated = np.full((3, 3), np.nan)
-    if covariance is not None and np.asarray(covariance).any():
-        stated = np.asarray(covariance, dtype=np.float64).reshape(6, 6)[np.ix_(X_Y_HEADING, X_Y_HEADING)]
-    return [*values, *stated.ravel().tolist()]
-
-
-def _trajectory_of(times: NDArray[np.float64], rows: NDArray[np.float64], label: str) -> Trajectory:
-    """The trajectory of rows of positions, quaternions and covariances; TrajectoryError names the time of a bad one."""
-    covariances = rows[:, 7:].reshape(-1, 3, 3)
-    known = None if np.isnan(covariances).all() else covariances
-    fault = first_fault(times, rows[:, :3], rows[:, 3:7], known)
-    if fault is not None:
-        raise TrajectoryError(f"{label}, at {times[fault.row]:.6f} s: {fault.words}")
-    return Trajectory(times, rows[:, :3], rows[:, 3:7], known)

@@ -5,10 +5,10 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from maxcon.errors import FileError, OptionError, TrajectoryError
 from maxcon.geometry import Pose, interpolate_poses
 from maxcon.io.clouds.base import as_file_error
-from maxcon.io.recordings.recording import Recording, decode_message, frame_name, frame_of, stamp_of
+from maxcon.io.recordings.recording import Recording, Topic, decode_message, frame_name, frame_of, stamp_of
 from maxcon.io.text import printable
 from maxcon.scan.trajectory import Trajectory
 
@@ -29,6 +29,22 @@ STATIC = "tf_static"
 """End of the names of topics with static transforms."""
 LARGEST_GAP = 2.0
 """Largest time between two transforms of a pair of frames to interpolate across, s."""
+
+
+def contents(recording: Recording, topics: Sequence[Topic], what: str) -> Iterator[tuple[str, float, Any]]:
+    """Yield topic, time (s) and content of messages; FileError at one that cannot be decoded, `what` is in messages."""
+    for message in recording.messages([topic.name for topic in topics]) if topics else ():
+        with as_file_error(Path(f"{recording.path}, {printable(message.topic)}"), what):
+            content = decode_message(message)
+            stamped = content.transforms if message.type in TRANSFORMS else [content]
+            pairs = [(stamp_of(one, message.recorded) / 1e9, one) for one in stamped]
+        for time, one in pairs:
+            yield message.topic, time, one
+
+
+def numbers_of(position: Any, turn: Any) -> list[float]:
+    """Return x, y, z, qx, qy, qz, qw of two parts of a message."""
+    return [float(value) for value in (position.x, position.y, position.z, turn.x, turn.y, turn.z, turn.w)]
 
 
 def parse_frames(text: str, option: str) -> tuple[str, str]:
@@ -73,21 +89,16 @@ class TransformTree:
     def read(cls, recording: Recording, *, is_static_only: bool = False) -> TransformTree:
         """Return the transforms of a recording, or the static ones only; FileError if a message is broken."""
         links: dict[str, dict[str, _Link]] = {}
-        topics = [t.name for t in recording.of_type(*TRANSFORMS) if not is_static_only or t.name.endswith(STATIC)]
-        for message in recording.messages(topics) if topics else ():
-            label = Path(f"{recording.path}, {printable(message.topic)}")
-            is_static = message.topic.endswith(STATIC)
-            with as_file_error(label, "messages of transforms"):
-                for content in decode_message(message).transforms:
-                    child, parent = frame_name(content.child_frame_id), frame_of(content)
-                    link = links.setdefault(child, {}).setdefault(parent, _Link(parent, is_static))
-                    # A link on both topics moves: its static transform is taken for the first of its poses.
-                    link.is_static &= is_static
-                    place, turn = content.transform.translation, content.transform.rotation
-                    row = [stamp_of(content, message.recorded) / 1e9, place.x, place.y, place.z]
-                    row += [turn.x, turn.y, turn.z, turn.w]
-                    if np.isfinite(row).all() and abs(np.linalg.norm(row[4:]) - 1.0) < 0.01:
-                        link.rows.extend(map(float, row))
+        topics = [t for t in recording.of_type(*TRANSFORMS) if not is_static_only or t.name.endswith(STATIC)]
+        for topic, time, content in contents(recording, topics, "messages of transforms"):
+            is_static = topic.endswith(STATIC)
+            child, parent = frame_name(content.child_frame_id), frame_of(content)
+            link = links.setdefault(child, {}).setdefault(parent, _Link(parent, is_static))
+            # A link on both topics moves: its static transform is taken for the first of its poses.
+            link.is_static &= is_static
+            row = [time, *numbers_of(content.transform.translation, content.transform.rotation)]
+            if np.isfinite(row).all() and abs(np.linalg.norm(row[4:]) - 1.0) < 0.01:
+                link.rows.extend(row)
         known = {child: [link for link in several.values() if link.rows] for child, several in links.items() if child}
         return cls(recording.path, {child: several for child, several in known.items() if several})
 
@@ -101,9 +112,9 @@ class TransformTree:
         """Return T_fixed_moving over time, and the path between the two frames in words.
 
         Its poses are at the times of all moving links together, as far as all of them reach; between two transforms
-        positions are linear, and turns take the shortest arc. OptionError if a frame is not there; FileError if the two
-        are not connected, a frame between them has several parents, or nothing between them moves; TrajectoryError if
-        the links have no time in common.
+        positions are linear, and turns take the shortest arc. An error of the package if a frame is not there, the two
+        are not connected, a frame between them has several parents, nothing between them moves, or only at different
+        times.
         """
         steps = self._path(fixed, moving)
         moved = [step.link.table() for step in steps if not step.link.is_static]

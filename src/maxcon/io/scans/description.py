@@ -3,24 +3,31 @@
 """Describes scans by the first few of them: fields, times of points, rings, rate, extent, normals."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.errors import FileError
 from maxcon.io.raw_scan import returns_in_range
-from maxcon.io.recordings.opening import CAPTURE_SUFFIX, is_recording
-from maxcon.io.recordings.recording import Topic
+from maxcon.io.recordings.clouds import (
+    CLOUD,
+    VELODYNE,
+    RecordedCloud,
+    TopicOfClouds,
+    chosen_topic,
+    open_clouds,
+    topics_of_capture,
+)
+from maxcon.io.recordings.recording import CAPTURE_SUFFIX, Topic, is_recording, open_recording
+from maxcon.io.scans.folder import ScanFolder, open_scan_folder
 from maxcon.scan import Scan
-
-if TYPE_CHECKING:
-    from maxcon.io.recordings.point_cloud2 import RecordedCloud
 
 N_SCANS = 10
 """Scans of each scanner that are read for it."""
@@ -53,9 +60,9 @@ class ScansDescription:
     n_points: int
     n_invalid: int
     n_duplicates: int
-    ranges: tuple[float, float, float] | None
-    low: tuple[float, float, float] | None
-    high: tuple[float, float, float] | None
+    ranges: tuple[float, ...] | None
+    low: tuple[float, ...] | None
+    high: tuple[float, ...] | None
     fraction_with_normal: float | None
     problem: str = ""
 
@@ -88,98 +95,66 @@ def describe(path: str | os.PathLike[str], topic: str | None = None) -> Recordin
     path: as `open_scans` takes it.
     topic: the only topic to describe; all with clouds if None.
     """
-    from maxcon.io.recordings.captures import topics_of_capture
-    from maxcon.io.recordings.opening import open_recording
-    from maxcon.io.recordings.recorded_scans import CLOUD, VELODYNE, TopicOfClouds, chosen_topic, open_clouds
-
     if not is_recording(path):
-        return RecordingDescription((), (), (_of_folder(path),))
+        scans = open_scan_folder(path)
+        reads = (partial(_seen_in_folder, scans, i) for i in range(len(scans)))
+        return RecordingDescription((), (), (_described(str(path), len(scans), reads),))
     if Path(path).suffix.lower() == CAPTURE_SUFFIX:
         with closing(open_clouds(path)) as source:
-            turns = source.clouds()
-            seen = list(_seen(turns))
-            scanner = _described(source.label, len(seen) + sum(1 for _ in turns), seen)
+            n_turns = sum(1 for _ in source.clouds())
+            scanner = _described(source.label, n_turns, (partial(_seen, cloud) for cloud in source.clouds()))
         return RecordingDescription(topics_of_capture(Path(path)), (), (scanner,))
     with open_recording(path) as recording:
         chosen = recording.of_type(CLOUD, VELODYNE) if topic is None else [chosen_topic(recording, topic)]
-        scanners = tuple(
-            _described(found.name, found.n_messages, list(_seen(TopicOfClouds(recording, found).clouds())))
-            for found in chosen
-        )
-        return RecordingDescription(recording.topics, recording.notes, scanners)
+        scanners = []
+        for found in chosen:
+            clouds = TopicOfClouds(recording, found).clouds()
+            scanners.append(_described(found.name, found.n_messages, (partial(_seen, cloud) for cloud in clouds)))
+        return RecordingDescription(recording.topics, recording.notes, tuple(scanners))
 
 
-def _seen(clouds: "Iterator[RecordedCloud]") -> Iterator[_Seen | FileError]:
-    """Read the first clouds."""
-    from maxcon.io.recordings.point_cloud2 import fields_in_words
+def _seen(cloud: RecordedCloud) -> _Seen:
+    found = cloud.points()
+    fields = "" if isinstance(cloud.record, FileError) else cloud.record.words
+    counts = found.n_points, found.n_invalid, found.n_duplicates
+    return _Seen(found.points, cloud.stamp * 1e-9, counts, fields, found.times.words, found.rings)
 
-    for cloud in islice(clouds, N_SCANS):
+
+def _seen_in_folder(scans: ScanFolder, i: int) -> _Seen:
+    raw, words = scans.read(i, 0.0, np.inf), scans.words(i) if i == 0 else ("", "")
+    return _Seen(raw.points, raw.time, (raw.n_returns, raw.n_dropped_invalid, 0), *words)
+
+
+def _described(source: str, n_scans: int, reads: Iterator[Callable[[], _Seen]]) -> ScansDescription:
+    """The description of the first scans that can be read."""
+    seen: list[_Seen] = []
+    problems: list[str] = []
+    for read in islice(reads, N_SCANS):
         try:
-            found = cloud.points()
+            seen.append(read())
         except FileError as error:
-            yield error
-        else:
-            counts = found.n_points, found.n_invalid, found.n_duplicates
-            fields = fields_in_words(cloud.fields)
-            yield _Seen(found.points, cloud.stamp * 1e-9, counts, fields, found.times.words, found.rings)
-
-
-def _of_folder(path: str | os.PathLike[str]) -> ScansDescription:
-    from maxcon.io.scans.folder import open_scan_folder
-
-    scans = open_scan_folder(path)
-    found: list[_Seen | FileError] = []
-    for i in range(min(len(scans), N_SCANS)):
-        try:
-            raw = scans.read(i, 0.0, np.inf)
-            fields, times = scans.words(i) if i == 0 else ("", "")
-        except FileError as error:
-            found.append(error)
-        else:
-            found.append(_Seen(raw.points, raw.time, (raw.n_returns, raw.n_dropped_invalid, 0), fields, times))
-    return _described(str(path), len(scans), found)
-
-
-def _described(source: str, n_scans: int, found: list[_Seen | FileError]) -> ScansDescription:
-    seen = [scan for scan in found if isinstance(scan, _Seen)]
-    problems = [str(scan) for scan in found if isinstance(scan, FileError)]
+            problems.append(str(error))
     full = [scan.points for scan in seen if len(scan.points)]
     points = np.concatenate(full) if full else np.empty((0, 3))
     times = sorted(scan.time for scan in seen)
     ranges = np.linalg.norm(points, axis=1)
     n_points, n_invalid, n_duplicates = np.sum([(0, 0, 0), *(scan.counts for scan in seen)], axis=0).tolist()
+    rings = np.unique(np.concatenate([np.empty(0, np.int64), *(s.rings for s in seen if s.rings is not None)]))
+    near = full[0][returns_in_range(full[0], 1.0, 120.0)[0]] if full else points
     return ScansDescription(
         source=source,
         n_scans=n_scans,
-        n_seen=len(found),
+        n_seen=len(seen) + len(problems),
         fields=(seen[0].fields if seen else "") or "x, y, z",
         times=(seen[0].times if seen else "") or "the points of these files have no times",
-        rings=_rings(seen),
+        rings=f"{len(rings)} ({rings[0]} to {rings[-1]})" if len(rings) else "not stored",
         rate=(len(times) - 1) / (times[-1] - times[0]) if times and times[-1] > times[0] else None,
         n_points=n_points,
         n_invalid=n_invalid,
         n_duplicates=n_duplicates,
         ranges=(float(ranges.min()), float(np.median(ranges)), float(ranges.max())) if full else None,
-        low=_triple(points.min(axis=0)) if full else None,
-        high=_triple(points.max(axis=0)) if full else None,
-        fraction_with_normal=_fraction_with_normal(full[0]) if full else None,
+        low=tuple(points.min(axis=0).tolist()) if full else None,
+        high=tuple(points.max(axis=0).tolist()) if full else None,
+        fraction_with_normal=float(Scan(near).normals.any(axis=1).mean()) if len(near) else None,
         problem=problems[0] if problems else "",
     )
-
-
-def _triple(values: NDArray[np.float64]) -> tuple[float, float, float]:
-    x, y, z = values.tolist()
-    return x, y, z
-
-
-def _rings(seen: list[_Seen]) -> str:
-    rings = [scan.rings for scan in seen if scan.rings is not None and len(scan.rings)]
-    if not rings:
-        return "not stored"
-    different = np.unique(np.concatenate(rings))
-    return f"{len(different)} ({different[0]} to {different[-1]})"
-
-
-def _fraction_with_normal(points: NDArray[np.float64]) -> float | None:
-    near = points[returns_in_range(points, 1.0, 120.0)[0]]
-    return float(Scan(near).normals.any(axis=1).mean()) if len(near) else None

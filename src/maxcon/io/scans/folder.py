@@ -14,9 +14,9 @@ from maxcon.errors import FileError, OptionError
 from maxcon.io.clouds import open_cloud
 from maxcon.io.clouds.base import as_float64
 from maxcon.io.point_times import PointTimes, find_point_times
-from maxcon.io.raw_scan import RawScan, Scans, check_range, returns_in_range
+from maxcon.io.raw_scan import RawScan, Scans, returns_in_range
 from maxcon.io.scans.pcd import ScanFile, read_pcd
-from maxcon.io.text import NUMBER, SCAN_SUFFIXES, in_natural_order, numbered_lines, parse_float
+from maxcon.io.text import NUMBER, SCAN_SUFFIXES, in_natural_order, numbered_lines, parse_float, reading
 
 # The densest scanners return some hundred thousand points per turn; more is a map in the wrong place, and would take
 # over a gigabyte (about 200 bytes a point) to localize.
@@ -26,6 +26,9 @@ BLOCK, N_BLOCKS = 12, 400
 LEAST_DIFFERENCE = 0.1
 """Between the distributions of x, y, z and reflectance in a file that is read with the right count of numbers. On 149
 real scans it is 0.41 to 1.0, and at most 0.02 with a wrong count: every column then holds x, y and z in turn."""
+# Unix times since 2001: digits of an integer name, and how many of its units make a second.
+UNITS_BY_DIGITS = {19: 1e9, 16: 1e6, 13: 1e3}
+ADVICE = "Write a times.txt with one time in seconds per scan, in the order of the names."
 
 
 def read_scan_file(file: Path) -> ScanFile:
@@ -35,7 +38,7 @@ def read_scan_file(file: Path) -> ScanFile:
     file and the extra `pcd` is not installed.
     """
     suffix = file.suffix.lower()
-    try:
+    with reading(file, "a scan"):
         check_regular(file)
         if suffix == ".bin":
             return _read_floats(file)
@@ -45,8 +48,6 @@ def read_scan_file(file: Path) -> ScanFile:
             _check_count(file, reader.header.n_points)
             chunks = [chunk.points for chunk in reader.chunks()]
         return ScanFile(np.concatenate(chunks) if chunks else np.empty((0, 3)))
-    except OSError as error:
-        raise FileError(f"Expected to be able to read {file}, got: {error.strerror}. Check the file.") from error
 
 
 def _check_count(file: Path, n_points: int) -> None:
@@ -87,56 +88,10 @@ def _difference(columns: NDArray[np.float32]) -> float:
     return float(max(np.ptp((columns <= level).mean(axis=0)) for level in levels))
 
 
-# Unix times since 2001: digits of an integer name, and how many of its units make a second.
-UNITS_BY_DIGITS = {19: 1e9, 16: 1e6, 13: 1e3}
-ADVICE = "Write a times.txt with one time in seconds per scan, in the order of the names."
-
-
-def open_scans(
-    path: str | os.PathLike[str],
-    times: str | os.PathLike[str] | None = None,
-    *,
-    topic: str | None = None,
-    at_stamp: bool = False,
-) -> Scans:
-    """Return the scans in a folder, a recording, or the one scan in a file; none is read yet.
-
-    - path: A folder of scans of one kind: .bin (float32 x, y, z, and reflectance as KITTI has it), .pcd, .ply, .npz,
-      .las or .laz; or one such file. Files with other suffixes are left alone. Or a recording: .bag, .mcap, .db3,
-      .pcap, or the folder of a ROS 2 bag.
-    - times: file with one time per line, s. If None: `times.txt` in the folder if there is one, else the names are the
-      times: decimals are seconds, integers of 19, 16, 13 digits are ns, us, ms, others seconds.
-    - topic: which of several clouds of a recording.
-    - at_stamp: whether the time of a recorded scan is that of its message, and not the middle between its first and its
-      last point where these have times.
-
-    FileError if there is no scan, scans are of several kinds, times are missing or do not fit the scans, or a recording
-    has no cloud, or several and none is asked for; MissingExtraError if it is a recording, and the extra `recordings`
-    is not installed; OptionError if times are given for a recording, or a topic for a folder.
-    """
-    from maxcon.io.recordings.opening import is_recording
-
-    if not is_recording(path):
-        if topic is not None or at_stamp:
-            raise OptionError(
-                f"Expected a topic, or times of messages, to be asked of a recording, got {os.fspath(path)}. Leave"
-                " that out."
-            )
-        return open_scan_folder(path, times)
-    if times is not None:
-        raise OptionError(
-            f"Expected no times beside the recording {os.fspath(path)}: its messages have their own. Leave them out."
-        )
-    from maxcon.io.recordings.recorded_scans import RecordedScans
-
-    return RecordedScans.open(path, topic, at_stamp=at_stamp)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class ScanFolder(Scans):
-    """Scans of one drive in order of time; each is read when asked for.
+    """Scans of one drive, with one file per epoch.
 
-    paths: one file per epoch.
     times: shape (n,); s, strictly increasing.
     """
 
@@ -149,7 +104,6 @@ class ScanFolder(Scans):
 
     def read(self, i: int, min_range: float = 1.0, max_range: float = 120.0) -> RawScan:
         """Return scan number `i`; parameters and errors as of any scans, MissingExtraError besides (PCD)."""
-        check_range(min_range, max_range)
         content = read_scan_file(self.paths[i])
         points = content.points
         is_kept, n_returns = returns_in_range(points, min_range, max_range)
@@ -179,37 +133,64 @@ class ScanFolder(Scans):
         return content.fields, "" if times is None else times.words
 
 
+def open_scans(
+    path: str | os.PathLike[str],
+    times: str | os.PathLike[str] | None = None,
+    *,
+    topic: str | None = None,
+    at_stamp: bool = False,
+) -> Scans:
+    """Return the scans in a folder, a recording, or the one scan in a file; none is read yet.
+
+    - path: A folder of scans of one kind: .bin (float32 x, y, z, and reflectance as KITTI has it), .pcd, .ply, .npz,
+      .las or .laz; or one such file. Files with other suffixes are left alone. Or a recording: .bag, .mcap, .db3,
+      .pcap, or the folder of a ROS 2 bag.
+    - times: file with one time per line, s. If None: `times.txt` in the folder if there is one, else the names are the
+      times: decimals are seconds, integers of 19, 16, 13 digits are ns, us, ms, others seconds.
+    - topic: which of several clouds of a recording.
+    - at_stamp: whether the time of a recorded scan is that of its message, and not the middle between its first and its
+      last point where these have times.
+
+    FileError if there is no scan, scans are of several kinds, times are missing or do not fit the scans, or a recording
+    has no cloud, or several and none is asked for; MissingExtraError if it is a recording, and the extra `recordings`
+    is not installed; OptionError if times are given for a recording, or a topic for a folder.
+    """
+    from maxcon.io.recordings.recorded_scans import RecordedScans
+    from maxcon.io.recordings.recording import is_recording
+
+    if not is_recording(path):
+        if topic is not None or at_stamp:
+            raise OptionError(
+                f"Expected a topic, or times of messages, to be asked of a recording, got {os.fspath(path)}. Leave"
+                " that out."
+            )
+        return open_scan_folder(path, times)
+    if times is not None:
+        raise OptionError(
+            f"Expected no times beside the recording {os.fspath(path)}: its messages have their own. Leave them out."
+        )
+    return RecordedScans.open(path, topic, at_stamp=at_stamp)
+
+
 def open_scan_folder(path: str | os.PathLike[str], times: str | os.PathLike[str] | None = None) -> ScanFolder:
     """Return the scans in a folder, or the one scan in a file; parameters and errors as of `open_scans`."""
     root = Path(path)
-    try:
+    with reading(root, "a folder of scans"):
         root.stat()
-    except FileNotFoundError as error:
-        raise FileError(f"Expected a folder of scans at {root}, got no such folder or file. Check the path.") from error
-    except OSError as error:
-        raise FileError(f"Expected a folder of scans at {root}, got: {error.strerror}. Check the path.") from error
-    paths = tuple(in_natural_order(_scan_paths(root)))
-    if times is None and root.is_dir() and (root / "times.txt").exists():
+        there = sorted(root.iterdir()) if root.is_dir() else [root]
+        found = [
+            p for p in there if p.suffix.lower() in SCAN_SUFFIXES and not p.name.startswith(".") and not p.is_dir()
+        ]
+    suffixes = sorted({p.suffix.lower() for p in found})
+    if len(suffixes) != 1:
+        raise FileError(
+            f"Expected scans of one kind ({', '.join(SCAN_SUFFIXES)}) in {root}, got {', '.join(suffixes) or 'none'}."
+            " Name a folder with one kind in it."
+        )
+    paths = tuple(in_natural_order(found))
+    if times is None and root / "times.txt" in there:
         times = root / "times.txt"
     return ScanFolder(paths, _times_from_names(paths) if times is None else _times_from_file(Path(times), len(paths)))
-
-
-def _scan_paths(root: Path) -> list[Path]:
-    """List the scans in a folder, or the one scan that `root` is; all of one kind."""
-    kinds = ", ".join(SCAN_SUFFIXES)
-    try:
-        there = sorted(root.iterdir()) if root.is_dir() else [root]
-    except OSError as error:
-        raise FileError(f"Expected to be able to list {root}, got: {error.strerror}. Check its permissions.") from error
-    paths = [p for p in there if p.suffix.lower() in SCAN_SUFFIXES and not p.name.startswith(".") and not p.is_dir()]
-    if not paths:
-        raise FileError(f"Expected scans with suffix {kinds} in {root}, got none. Name the folder they are in.")
-    suffixes = sorted({p.suffix.lower() for p in paths})
-    if len(suffixes) > 1:
-        raise FileError(
-            f"Expected scans of one kind in {root}, got {', '.join(suffixes)}. Put each kind in its own folder."
-        )
-    return paths
 
 
 def _times_from_file(file: Path, n_scans: int) -> NDArray[np.float64]:
@@ -220,14 +201,10 @@ def _times_from_file(file: Path, n_scans: int) -> NDArray[np.float64]:
         if not text:
             continue
         value = parse_float(text)
-        if value is None:
+        if value is None or (times and value <= times[-1]):
             raise FileError(
-                f"{file}, line {number}: Expected one time in seconds, got {text[:40]!r}. Correct this line."
-            )
-        if times and value <= times[-1]:
-            raise FileError(
-                f"{file}, line {number}: Expected times that increase, got {value:.9f} s after {times[-1]:.9f} s. Put"
-                " scans and times in order."
+                f"{file}, line {number}: Expected one time in seconds, later than the one before, got {text[:40]!r}."
+                " Correct this line, or put scans and times in order."
             )
         times.append(value)
     if len(times) != n_scans:
@@ -237,23 +214,20 @@ def _times_from_file(file: Path, n_scans: int) -> NDArray[np.float64]:
 
 def _times_from_names(paths: tuple[Path, ...]) -> NDArray[np.float64]:
     """Times in the names of files, shape (n,), s, increasing: seconds, or Unix time in ns, us or ms by their digits."""
-    for path in paths:
-        if not NUMBER.fullmatch(path.stem):
-            raise FileError(
-                f"Expected a time as the name of each scan, or a times.txt beside them, got {path.name} in"
-                f" {path.parent}. {ADVICE}"
-            )
-    units = [1.0 if "." in path.stem else UNITS_BY_DIGITS.get(len(path.stem.lstrip("-")), 1.0) for path in paths]
-    if len(set(units)) > 1:
-        other = next(path for path, unit in zip(paths, units, strict=True) if unit != units[0])
+    are_numbers = [NUMBER.fullmatch(path.stem) is not None for path in paths]
+    if not all(are_numbers):
+        other = paths[are_numbers.index(False)]
         raise FileError(
-            f"Expected names of the same unit in {other.parent}, got {paths[0].name} and {other.name}. {ADVICE}"
+            f"Expected a time as the name of each scan, or a times.txt beside them, got {other.name} in"
+            f" {other.parent}. {ADVICE}"
         )
+    units = [1.0 if "." in path.stem else UNITS_BY_DIGITS.get(len(path.stem.lstrip("-")), 1.0) for path in paths]
     times = np.array([float(path.stem) for path in paths]) / units[0]
-    rows = np.flatnonzero(~(np.diff(times) > 0.0))
-    if len(rows):
-        first, second = paths[rows[0]], paths[rows[0] + 1]
+    is_wrong = ~(np.diff(times) > 0.0) | (np.diff(units) != 0.0)
+    if is_wrong.any():
+        first, second = paths[np.argmax(is_wrong)], paths[np.argmax(is_wrong) + 1]
         raise FileError(
-            f"Expected names of increasing times in {first.parent}, got {first.name} and {second.name}. {ADVICE}"
+            f"Expected names of increasing times of the same unit in {first.parent}, got {first.name} and"
+            f" {second.name}. {ADVICE}"
         )
     return times

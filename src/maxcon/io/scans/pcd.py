@@ -7,12 +7,12 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.errors import FileError, MissingExtraError
+from maxcon.errors import MissingExtraError
 from maxcon.io.clouds.base import as_file_error, as_float64
 from maxcon.io.point_times import TIME_FIELDS, Column
 from maxcon.io.text import printable, read_table
@@ -42,29 +42,7 @@ class ScanFile:
     fields: str = ""
 
 
-def read_pcd(file: Path, n_most: int) -> ScanFile:
-    """Return the points of a PCD file (ascii, binary or binary_compressed), and the fields that may be their times.
-
-    FileError if the header is broken or does not fit the file, or there are no points or more than `n_most`;
-    MissingExtraError if the points are compressed and the extra `pcd` is not installed.
-    """
-    with as_file_error(file, "a PCD file"), file.open("rb") as stream:
-        layout = _read_layout(file, stream, n_most)
-        if layout.encoding == "ascii":
-            text = io.TextIOWrapper(stream, encoding="latin-1", newline="\n")
-            table = read_table(file, text, layout.n_points, sum(layout.counts))
-            if len(table) < layout.n_points:
-                raise _broken(file, f"{layout.n_points} points", f"{len(table)}: truncated")
-            return _content(layout, lambda name: table[:, sum(layout.counts[: layout.fields.index(name)])])
-        if layout.encoding == "binary":
-            records = np.fromfile(stream, layout.dtype, layout.n_points)
-        else:
-            records = _read_compressed(file, stream, layout)
-        return _content(layout, lambda name: records[f"f{layout.fields.index(name)}"])
-
-
-@dataclass(frozen=True, slots=True)
-class _Layout:
+class _Layout(NamedTuple):
     """Where the points of a PCD file begin, how many there are, and name, type (F4) and count of each field."""
 
     encoding: str
@@ -81,6 +59,25 @@ class _Layout:
         return np.dtype(
             [(f"f{i}", f"({count},)<{kind.lower()}" if count > 1 else f"<{kind.lower()}") for i, (kind, count) in rows]
         )
+
+
+def read_pcd(file: Path, n_most: int) -> ScanFile:
+    """Return the points of a PCD file (ascii, binary or binary_compressed), and the fields that may be their times.
+
+    FileError if the header is broken or does not fit the file, or there are no points or more than `n_most`;
+    MissingExtraError if the points are compressed and the extra `pcd` is not installed.
+    """
+    with as_file_error(file, f"a PCD file of 1 to {n_most:,} points"), file.open("rb") as stream:
+        layout = _read_layout(stream, n_most)
+        if layout.encoding == "ascii":
+            text = io.TextIOWrapper(stream, encoding="latin-1", newline="\n")
+            table = read_table(text, layout.n_points, sum(layout.counts))
+            return _content(layout, lambda name: table[:, sum(layout.counts[: layout.fields.index(name)])])
+        if layout.encoding == "binary":
+            records = np.fromfile(stream, layout.dtype, layout.n_points)
+        else:
+            records = _read_compressed(file, stream, layout)
+        return _content(layout, lambda name: records[f"f{layout.fields.index(name)}"])
 
 
 def _content(layout: _Layout, column: Callable[[str], NDArray[Any]]) -> ScanFile:
@@ -109,83 +106,65 @@ def _read_compressed(file: Path, stream: BinaryIO, layout: _Layout) -> NDArray[n
         "FIELDS " + " ".join(f"f{i}" for i in range(len(layout.fields))),
         "SIZE " + " ".join(kind[1:] for kind in layout.types),
         "TYPE " + " ".join(kind[0] for kind in layout.types),
-        "COUNT " + " ".join(str(count) for count in layout.counts),
-        f"WIDTH {layout.n_points}",
-        "HEIGHT 1",
-        f"POINTS {layout.n_points}",
-        "DATA binary_compressed\n",
+        "COUNT " + " ".join(map(str, layout.counts)),
+        f"WIDTH {layout.n_points}\nHEIGHT 1\nPOINTS {layout.n_points}\nDATA binary_compressed\n",
     ]
     plain: Any = io.BytesIO("\n".join(header).encode("ascii") + stream.read())
     records: NDArray[np.void] = PointCloud.from_fileobj(plain).pc_data
     return records
 
 
-def _read_layout(file: Path, stream: BinaryIO, n_most: int) -> _Layout:
+def _read_layout(stream: BinaryIO, n_most: int) -> _Layout:
     """Read the header, and check it against the size of the file; the stream is left at the first point."""
-    header = _header(file, stream)
+    header = _header(stream)
     fields = tuple(header.get("FIELDS", []))
     if not any(name in fields for name in "xyz"):
         fields = tuple(name.lower() if name in ("X", "Y", "Z") else name for name in fields)
     sizes, kinds = header.get("SIZE", []), header.get("TYPE", [])
     types = tuple(kind + size for kind, size in zip(kinds, sizes, strict=False))
-    counts = tuple(_whole(file, "COUNT", text) for text in header.get("COUNT", ["1"] * len(fields)))
+    counts = tuple(_whole_numbers(header, "COUNT", [1] * len(fields)))
     n_each = {len(fields), len(sizes), len(kinds), len(counts)}
     if len(n_each) != 1 or not set(types) <= TYPES or not 0 < sum(counts) <= MAX_COLUMNS or 0 in counts:
-        raise _broken(file, "FIELDS, SIZE, TYPE, COUNT of the same length, with types F, U, I", "others")
+        raise ValueError("FIELDS, SIZE, TYPE, COUNT of different lengths, or of types other than F, U, I")
     for name in "xyz":
         if fields.count(name) != 1 or counts[fields.index(name)] != 1:
-            raise _broken(file, f"one field {name!r}", f"FIELDS {printable(' '.join(fields)[:80])}")
-    encoding = header["DATA"][0] if header["DATA"] else ""
+            raise ValueError(f"not one field {name!r} in FIELDS {printable(' '.join(fields)[:80])}")
+    width, height = (_whole_numbers(header, key, default) for key, default in (("WIDTH", [0]), ("HEIGHT", [1])))
+    area = [width[0] * height[0]]
+    n_points = _whole_numbers(header, "POINTS", area)
+    if n_points != area or not 0 < n_points[0] <= n_most or len(width + height) != 2:
+        raise ValueError(f"{n_points[0]:,} points, WIDTH {width[0]:,} and HEIGHT {height[0]:,}")
+    encoding = " ".join(header["DATA"])
     if encoding not in ENCODINGS:
-        raise _broken(file, f"DATA {', '.join(ENCODINGS)}", repr(encoding))
-    layout = _Layout(encoding, stream.tell(), _count_points(file, header, n_most), fields, types, counts)
-    _check_size(file, stream, layout)
+        raise ValueError(f"DATA {encoding[:40]!r}, not {', '.join(ENCODINGS)}")
+    layout = _Layout(encoding, stream.tell(), n_points[0], fields, types, counts)
+    _check_size(stream, layout)
     return layout
 
 
-def _broken(file: Path, expected: str, got: str) -> FileError:
-    return FileError(f"Expected {expected} in the PCD file {file}, got {got}. Write it anew, or copy it again.")
-
-
-def _whole(file: Path, key: str, text: str) -> int:
-    if not (text.isascii() and text.isdigit() and len(text) < 19):
-        raise _broken(file, f"whole numbers as {key}", repr(text[:40]))
-    return int(text)
-
-
-def _header(file: Path, stream: BinaryIO) -> dict[str, list[str]]:
+def _header(stream: BinaryIO) -> dict[str, list[str]]:
     """Words behind each key; the stream stands behind the header afterwards."""
     header: dict[str, list[str]] = {}
     while "DATA" not in header:
         raw = stream.readline(MAX_HEADER_BYTES)
         if not raw.endswith(b"\n") or stream.tell() > MAX_HEADER_BYTES:
-            raise _broken(file, f"a header of at most {MAX_HEADER_BYTES} bytes that ends with DATA", "none")
+            raise ValueError(f"no header of at most {MAX_HEADER_BYTES} bytes that ends with DATA")
         words = raw.decode("latin-1").partition("#")[0].split()
-        if not words:
-            continue
-        if words[0] not in KEYS or words[0] in header:
-            raise _broken(file, f"header lines {', '.join(KEYS)}, each once", repr(words[0][:40]))
-        header[words[0]] = words[1:]
+        if words and (words[0] not in KEYS or words[0] in header):
+            raise ValueError(f"the header line {words[0][:40]!r}, not {', '.join(KEYS)}, each once")
+        if words:
+            header[words[0]] = words[1:]
     return header
 
 
-def _count_points(file: Path, header: dict[str, list[str]], n_most: int) -> int:
-    sizes = {}
-    for key in ("WIDTH", "HEIGHT", "POINTS"):
-        if key in header:
-            if len(header[key]) != 1:
-                raise _broken(file, f"one number as {key}", repr(" ".join(header[key])[:40]))
-            sizes[key] = _whole(file, key, header[key][0])
-    area = sizes.get("WIDTH", 0) * sizes.get("HEIGHT", 1)
-    n_points = sizes.get("POINTS", area)
-    if n_points != area:
-        raise _broken(file, "POINTS to be WIDTH times HEIGHT", f"{n_points} and {area}")
-    if not 0 < n_points <= n_most:
-        raise _broken(file, f"1 to {n_most:,} points", f"{n_points:,}")
-    return n_points
+def _whole_numbers(header: dict[str, list[str]], key: str, default: list[int]) -> list[int]:
+    texts = header.get(key)
+    if texts is not None and not (texts and all(t.isascii() and t.isdigit() and len(t) < 19 for t in texts)):
+        raise ValueError(f"no whole numbers as {key}: {' '.join(texts)[:40]!r}")
+    return default if texts is None else [int(text) for text in texts]
 
 
-def _check_size(file: Path, stream: BinaryIO, layout: _Layout) -> None:
+def _check_size(stream: BinaryIO, layout: _Layout) -> None:
     """Check the number of points against the bytes that are there; the stream is left at their start."""
     n_there = stream.seek(0, 2) - layout.start
     stream.seek(layout.start)
@@ -193,13 +172,10 @@ def _check_size(file: Path, stream: BinaryIO, layout: _Layout) -> None:
     if layout.encoding == "ascii":
         n_needed = layout.n_points * 2 * sum(layout.counts) - 1  # a digit and a blank or line end each
     elif layout.encoding == "binary_compressed":
-        sizes = stream.read(8)
+        n_packed, n_unpacked = struct.unpack("<II", stream.read(8))
         stream.seek(layout.start)
-        if len(sizes) < 8:
-            raise _broken(file, "the sizes of the compressed points", "the end of the file: truncated")
-        n_packed, n_unpacked = struct.unpack("<II", sizes)
         if n_unpacked != n_needed or n_unpacked > MAX_RATIO * n_packed:
-            raise _broken(file, f"points that unpack to {n_needed} bytes", f"{n_unpacked} from {n_packed} bytes")
+            raise ValueError(f"{n_packed} bytes that unpack to {n_unpacked}, for points of {n_needed} bytes")
         n_needed = 8 + n_packed
     if n_there < n_needed:
-        raise _broken(file, f"{n_needed} bytes of points", f"{n_there}: truncated")
+        raise ValueError(f"{n_there} bytes of points, not {n_needed}: truncated")

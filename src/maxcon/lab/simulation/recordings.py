@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from maxcon.io.crs import GeographicFrame
-from maxcon.io.recordings.writing import Entry, RecordingKind, open_writer
+from maxcon.io.recordings.writing import Entry, RecordingKind, write_recording
 from maxcon.io.scans import Scans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.dataset import Dataset
@@ -29,9 +29,7 @@ def record_dataset(dataset: Dataset, kind: RecordingKind) -> Path:
     path = dataset.folder / f"drive.{kind.value}"
     odometry = None if dataset.odometry is None else read_trajectory(dataset.odometry)
     scans, prior = dataset.open_scans(), read_trajectory(dataset.prior)
-    with open_writer(path, kind) as writer:
-        for entry in drive_messages(scans, prior, dataset.crs or CRS, odometry=odometry):
-            writer.write(entry)
+    write_recording(path, kind, drive_messages(scans, prior, dataset.crs or CRS, odometry=odometry))
     return path
 
 
@@ -76,7 +74,7 @@ def cloud_message(scans: Scans, i: int, topic: str = POINTS) -> Entry:
 def _fixes(prior: Trajectory, frame: GeographicFrame, sigma: float) -> list[Entry]:
     """Messages of a GNSS receiver and an IMU for each pose; both refer to true north, not to that of the map grid."""
     places = frame.to_geographic(prior.positions)
-    turns = frame.quaternions_to_enu(places, prior.quaternions_xyzw)
+    turns = frame.quaternions_to_map(places, prior.quaternions_xyzw, inverse=True)
     covariance = np.diag([sigma**2] * 3).ravel()
     entries = []
     for time, (latitude, longitude, height), turn in zip(prior.times.tolist(), places.tolist(), turns, strict=True):

@@ -1,0 +1,343 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+"""Where the clouds of a scanner come from: a topic of a recording, or a capture (.pcap) of a Velodyne's packets."""
+
+import io
+import os
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from maxcon.errors import FileError, MissingExtraError, OptionError
+from maxcon.io.clouds.base import as_file_error
+from maxcon.io.point_times import PointTimes
+from maxcon.io.recordings.point_cloud2 import (
+    FORMATS,
+    CloudPoints,
+    CloudRecord,
+    FieldDescription,
+    decode_cloud,
+    decode_times,
+)
+from maxcon.io.recordings.recording import (
+    CAPTURE_SUFFIX,
+    Message,
+    Recording,
+    Topic,
+    as_extra_missing,
+    decode_message,
+    existing_file,
+    frame_of,
+    open_recording,
+    stamp_of,
+)
+from maxcon.io.text import printable
+
+CLOUD, VELODYNE = "sensor_msgs/msg/PointCloud2", "velodyne_msgs/msg/VelodyneScan"
+PACKET_BYTES, POSITION_BYTES = 1206, (512, 554)
+"""Bytes of a Velodyne's data packets, and of those with the position of its GNSS receiver."""
+LOOKED_AT = 2000
+"""UDP packets that are read to find out whether they are a Velodyne's."""
+HEADER_BYTES = 24
+"""Of a capture file."""
+CODES = {name: code for code, name in FORMATS.items()}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedCloud:
+    """One cloud of a recording, decoded when it is asked for its content.
+
+    label: file and topic, for messages.
+    recorded, stamp: when it was recorded, and the time of its message, ns.
+    record: the cloud as stored, or why it cannot be read.
+    """
+
+    label: str
+    recorded: int
+    stamp: int
+    record: CloudRecord | FileError
+
+    def points(self) -> CloudPoints:
+        """Return its returns; FileError if it is broken."""
+        with self._named() as record:
+            return decode_cloud(record)
+
+    def times(self) -> PointTimes:
+        """Return the times of its returns; FileError if it is broken."""
+        with self._named() as record:
+            return decode_times(record)
+
+    @contextmanager
+    def _named(self) -> Iterator[CloudRecord]:
+        if isinstance(self.record, FileError):
+            raise self.record
+        try:
+            yield self.record
+        except FileError as error:
+            raise FileError(f"{self.label}: {error}") from error
+
+
+class CloudSource(ABC):
+    """Clouds of one scanner; opening it reads none of them."""
+
+    path: Path
+    label: str
+    notes: tuple[str, ...] = ()
+    n_clouds: int = 0
+    """Number of clouds; 0 if it is not known without reading them all."""
+    n_passed_over: int = 10
+    """Clouds to read on up to a later one, rather than to read from that one's time on."""
+
+    @property
+    def frame(self) -> str:
+        """Name of the scanner's frame, from the first of its clouds that tells it."""
+        return ""
+
+    @abstractmethod
+    def clouds(self, start: int = 0) -> Iterator[RecordedCloud]:
+        """Yield the clouds recorded at `start` (ns) or later; which comes after which does not depend on `start`."""
+
+    def close(self) -> None:  # noqa: B027  (captures are open only while they are read)
+        """Close the files."""
+
+
+def open_clouds(path: str | os.PathLike[str], topic: str | None = None) -> CloudSource:
+    """Return the clouds of a recording or capture; none is read yet.
+
+    FileError if there is no recording, it is broken, it has no clouds, or several and none is asked for;
+    MissingExtraError if an extra is not installed.
+    """
+    if Path(path).suffix.lower() == CAPTURE_SUFFIX and topic is None:
+        return VelodyneCapture(existing_file(path))
+    recording = open_recording(path)
+    try:
+        return TopicOfClouds(recording, chosen_topic(recording, topic))
+    except BaseException:
+        recording.close()
+        raise
+
+
+def chosen_topic(recording: Recording, name: str | None) -> Topic:
+    """Return the topic with the clouds: the one asked for (OptionError if it has none), or the only one (FileError)."""
+    clouds = recording.of_type(CLOUD, VELODYNE)
+    if name is not None:
+        found = [topic for topic in recording.topics if topic.name == name]
+        if found and found[0] in clouds:
+            return found[0]
+        got = f"messages of type {printable(found[0].type)}" if found else "no such topic"
+        raise OptionError(
+            f"Expected point clouds in the topic {name} of {recording.path}, got {got}. Ask for"
+            f" {_listed(clouds) or 'none: there is no cloud in it'}."
+        )
+    plain = [topic for topic in clouds if topic.type == CLOUD]
+    for topics in (clouds, plain):  # packets of the scanner may have been recorded beside its cloud
+        if len(topics) == 1:
+            return topics[0]
+    if clouds:
+        raise FileError(
+            f"Expected one point cloud in {recording.path}, got {_listed(clouds)}. Choose one with --topic."
+        )
+    packets = [topic for topic in recording.topics if "packet" in f"{topic.name}{topic.type}".lower()]
+    if packets:
+        raise FileError(
+            f"Expected a point cloud in {recording.path}, got packets, no point cloud: {_listed(packets)}. Record the"
+            " cloud of the scanner's driver, or play these packets through it."
+        )
+    raise FileError(
+        f"Expected a topic of type {CLOUD} in {recording.path}, got {_listed(recording.topics) or 'no messages'}. Is it"
+        " the right recording?"
+    )
+
+
+def _listed(topics: Sequence[Topic]) -> str:
+    """Names and types, at most six of them."""
+    words = ", ".join(topic.words for topic in topics[:6])
+    return f"{words} and {len(topics) - 6} more" if len(topics) > 6 else words
+
+
+class TopicOfClouds(CloudSource):
+    """The clouds of one topic."""
+
+    def __init__(self, recording: Recording, topic: Topic) -> None:
+        self.path, self.label, self._topic = recording.path, printable(topic.name), topic
+        self.notes, self.n_clouds = recording.notes, topic.n_messages
+        self._recording = recording
+
+    def clouds(self, start: int = 0) -> Iterator[RecordedCloud]:
+        """Yield the clouds recorded at `start` (ns) or later."""
+        for message in self._recording.messages([self._topic.name], start):
+            yield _cloud(message, f"{self.path}, {self.label}")
+
+    @property
+    def frame(self) -> str:
+        """Name of the scanner's frame, from the first of its messages that can be read."""
+        for message in self._recording.messages([self._topic.name]):
+            with suppress(FileError), as_file_error(self.path, "a message of a cloud"):
+                return frame_of(decode_message(message))
+        return ""
+
+    def close(self) -> None:
+        """Close the recording."""
+        self._recording.close()
+
+
+def _cloud(message: Message, label: str) -> RecordedCloud:
+    stamp = message.recorded
+    try:
+        with as_file_error(Path(label), "a message of a cloud"):
+            content = decode_message(message)
+            stamp = stamp_of(content, message.recorded)
+            if message.type == VELODYNE:
+                record = _record_of_packets(content, stamp)
+                return RecordedCloud(label, message.recorded, record.stamp, record)
+            return RecordedCloud(label, message.recorded, stamp, CloudRecord.of_message(content, stamp))
+    except FileError as error:
+        return RecordedCloud(label, message.recorded, stamp, error)
+
+
+class _Turn(NamedTuple):
+    """One turn in a capture: when its last packet was captured, ns, and the bytes of the file that hold its packets."""
+
+    captured: int
+    begin: int
+    end: int
+
+
+class VelodyneCapture(CloudSource):
+    """The packets of one Velodyne scanner; each cloud is one turn.
+
+    The first pass through the file finds where the packets of each turn are; later ones read only the turns they want.
+    Times are those at which packets were captured: the scanner's own clock counts from the full hour, and is set only
+    where a GNSS receiver is connected. FileError if it is no capture, or one of other packets.
+    """
+
+    n_passed_over = 1
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.label = path, path.name
+        self._turns: list[_Turn] = []
+        seen = Counter(islice(_datagrams(path), LOOKED_AT))
+        if not any(n_bytes == PACKET_BYTES for _, n_bytes in seen):
+            listed = ", ".join(f"{n} of {size} bytes to port {port}" for (port, size), n in seen.most_common(3))
+            raise FileError(
+                f"Expected packets of a Velodyne in {path}, got {listed or 'no UDP packets'}. Record that scanner's"
+                " point cloud as a bag or MCAP."
+            )
+        self._package = _decoder_package(path)
+
+    def clouds(self, start: int = 0) -> Iterator[RecordedCloud]:
+        """Yield the turns captured at `start` (ns) or later, in the order of their capture."""
+        with as_file_error(self.path, "a capture of a Velodyne's packets"), self.path.open("rb") as stream:
+            turns = self._known(stream, start) if self._turns else self._found(stream)
+            for captured, points in turns:
+                if captured >= start:
+                    yield RecordedCloud(self.label, captured, captured, _record_of_points(points, captured))
+
+    def _found(self, stream: Any) -> Iterator[tuple[int, Any]]:
+        """Decode all packets one after the other, and note where each turn is."""
+        turns: list[_Turn] = []
+        self._config = self._package.Config()
+        self._config.model, self._config.calibration = self._package.hdl64e.detect_hdl64e(stream)
+        stream.seek(0)
+        decoder = self._package.StreamDecoder(self._config)
+        begin = end = HEADER_BYTES
+        for time, data in self._package.util.iter_pcap(stream):
+            packet, end = end, stream.tell()
+            if len(data) != PACKET_BYTES:
+                continue
+            turn = decoder.decode(time, data, True)
+            if turn is not None:
+                # After a gap the packet that ended a turn is the first of the next one, which is later.
+                turns.append(_Turn(_captured(turn), begin, end if turn[0].host == float(time) else packet))
+                begin = turns[-1].end
+                yield turns[-1].captured, turn[1]
+        turn = decoder.finish(True)
+        if turn is not None:
+            turns.append(_Turn(_captured(turn), begin, end))
+            yield turns[-1].captured, turn[1]
+        if not turns:
+            raise FileError(f"Expected a turn of a Velodyne scanner in {self.path}, got none. Was it recorded whole?")
+        self._turns = turns
+
+    def _known(self, stream: Any, start: int) -> Iterator[tuple[int, Any]]:
+        """Decode the turns captured at `start` or later, each from its own packets."""
+        header = stream.read(HEADER_BYTES)
+        for turn in self._turns:
+            if turn.captured >= start:
+                stream.seek(turn.begin)
+                own = io.BytesIO(header + stream.read(turn.end - turn.begin))
+                packets = [(t, data) for t, data in self._package.util.iter_pcap(own) if len(data) == PACKET_BYTES]
+                yield turn.captured, _decoded(self._package, packets, self._config)[1]
+
+
+def topics_of_capture(path: Path) -> tuple[Topic, ...]:
+    """Return the ports of a capture as topics: kind and number of packets."""
+    kinds = {PACKET_BYTES: ": returns of a Velodyne"}
+    kinds |= dict.fromkeys(POSITION_BYTES, ": position of a Velodyne's receiver")
+    seen = sorted(Counter(_datagrams(path)).items())[:20]
+    return tuple(Topic(f"port {port}", f"{size} bytes{kinds.get(size, '')}", n) for (port, size), n in seen)
+
+
+def _datagrams(path: Path) -> Iterator[tuple[int, int]]:
+    """Yield port and bytes of payload (of the whole, if IP has split it) of the UDP packets of a capture."""
+    try:
+        import dpkt
+    except ImportError as error:
+        raise as_extra_missing(path, "dpkt") from error
+    with as_file_error(path, "a capture of packets (.pcap)"), path.open("rb") as stream:
+        for _, data in dpkt.pcap.Reader(stream):
+            try:
+                packet = dpkt.ethernet.Ethernet(data).data.data
+            except (dpkt.dpkt.UnpackError, AttributeError):
+                continue
+            if isinstance(packet, dpkt.udp.UDP):
+                yield packet.dport, max(packet.ulen - 8, 0)
+
+
+def _record_of_packets(content: Any, stamp: int) -> CloudRecord:
+    """The points of a velodyne_msgs/VelodyneScan message, with the time of its last packet, or else `stamp`, ns."""
+    package = _decoder_package(None)
+    if not len(content.packets):
+        raise ValueError("no packets")
+    times = [packet.stamp.sec + packet.stamp.nanosec * 1e-9 or stamp * 1e-9 for packet in content.packets]
+    turn = _decoded(package, zip(times, (packet.data for packet in content.packets), strict=True), package.Config())
+    return _record_of_points(turn[1], _captured(turn))
+
+
+def _decoded(package: Any, packets: Iterable[tuple[float, bytes]], config: Any) -> Any:
+    """Decode the packets of one turn: its time and a structured array of points."""
+    vector = package.PacketVector()
+    for time, data in packets:
+        vector.append(package.VelodynePacket(float(time), data))
+    return package.ScanDecoder(config).decode(vector, as_pcl_structs=True)
+
+
+def _captured(turn: Any) -> int:
+    return round(float(turn[0].host) * 1e9)
+
+
+def _record_of_points(points: Any, stamp: int) -> CloudRecord:
+    """A structured array of points, shape (n,), as a PointCloud2 record of time `stamp` (ns)."""
+    places = points.dtype.fields
+    fields = tuple(FieldDescription(name, place[1], CODES[place[0].str[1:]]) for name, place in places.items())
+    step = points.dtype.itemsize
+    data = np.ascontiguousarray(points).view(np.uint8)
+    return CloudRecord(fields, len(points), 1, step, step * len(points), False, data, stamp)
+
+
+def _decoder_package(path: Path | None) -> Any:
+    try:
+        import velodyne_decoder
+    except ImportError as error:
+        raise MissingExtraError(
+            f"Expected the package velodyne-decoder to read {path or 'packets of a Velodyne'}, got none installed."
+            " pip install 'maxcon[velodyne]'"
+        ) from error
+    return velodyne_decoder
