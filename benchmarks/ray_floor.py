@@ -16,7 +16,7 @@ import numpy as np
 import maxcon
 from maxcon.geometry import voxel_indices
 from maxcon.lab.dataset import Dataset
-from maxcon.lab.evaluation import significant_ray
+from maxcon.lab.distinctness import significant_ray
 from maxcon.lab.study import Study
 from maxcon.lab.study.bench import Bench
 from maxcon.search.accumulator import turn, upright

@@ -35,7 +35,7 @@ def without(monkeypatch):
 def test_what_is_not_installed_is_said_before_the_work(
     maxcon, refused, without, drive, poses, out, monkeypatch, package, command, extra
 ):
-    monkeypatch.setattr("maxcon.lab.demo.run.simulate", None)
+    monkeypatch.setattr("maxcon.lab.demo.simulate", None)
     without(package)
     files = {"MAP": drive.city, "SCANS": drive.dataset.scans, "PRIOR": drive.dataset.prior, "POSES": poses}
     files |= {name: out / name for name in ("OUT", "OUT.gpkg", "PICTURES")}

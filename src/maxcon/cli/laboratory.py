@@ -136,6 +136,7 @@ def demo(how: DemoOptions) -> None:
     """
     from maxcon._system.atomic import atomic_folder, check_replaceable
     from maxcon.lab import demo as lab
+    from maxcon.lab.demo_page import report_demo
 
     lab.check_extras()
     check_replaceable(how.out, "a demo", lab.DEMO_NAMES)
@@ -147,7 +148,7 @@ def demo(how: DemoOptions) -> None:
         drive = lab.prepare_demo(folder, n_epochs=how.epochs, seed=how.seed, progress=progress)
         results = lab.localize_demo(drive, folder, lab.DEMO_METHODS, progress=progress)
         wide = lab.try_wide_priors(drive, folder, seed=how.seed, progress=progress)
-        lab.report_demo(folder, drive, results, wide, seed=how.seed, progress=progress)
+        report_demo(folder, drive, results, wide, seed=how.seed, progress=progress)
     _print_demo(results, wide)
     typer.echo(f"\nThe report with pictures: {how.out / 'report.html'}")
 

@@ -16,7 +16,7 @@ from maxcon.cli import main
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.dataset import Dataset
 from maxcon.lab.demo import DEMO_METHODS, DEMO_NAMES
-from maxcon.lab.demo.report import worst_of_the_count
+from maxcon.lab.demo_page import worst_of_the_count
 from maxcon.lab.study.prior_trials import read_trials, summarize_trials
 from maxcon.map import PointMap
 
@@ -96,7 +96,7 @@ def test_the_report_shows_the_figures_of_the_table(demo):
     page = (folder / "report.html").read_text()
     assert "<title>maxcon demo: a simulated street</title>" in page
     assert "maxcon demo --epochs 4 --seed 0" in page
-    assert page.count("<img") == 7
+    assert page.count("<img") == 6
     row = next(line for line in printed.splitlines() if "Helmert, a voxel once" in line)
     assert re.findall(r"\d\.\d{3}", row)[0] in page
 

@@ -6,43 +6,30 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 import maxcon
-from drawn_figures import SPACE, parts, png_size, words, yard
+from drawn_figures import SPACE, parts, words, yard
 from maxcon.lab.paper.distinctness import (
-    Distinctnesses,
+    MEASURES,
     bin_percents,
     color_limits,
     plot_distinctness,
     plot_kurtosis_map,
     spaced_epochs,
 )
-from maxcon.lab.paper.overview import (
-    apart,
-    draw_matches,
-    draw_space,
-    highest_of_blocks,
-    overview_words,
-    plot_overview,
-    window_around,
-)
+from maxcon.lab.paper.overview import draw_matches, draw_space, highest_of_blocks, overview_words, plot_overview
 from maxcon.lab.paper.search_spaces import (
-    ComparisonRow,
     best_from,
     draw_section,
     draw_view,
     highest_in_section,
-    plot_comparison,
-    section_places,
     section_words,
     view_words,
 )
 from maxcon.plotting.epoch import Scene
-from maxcon.plotting.from_above import Window
 from maxcon.plotting.score_panel import SearchSpaceView
 
+NAN = np.full(3, np.nan)
 PRIOR = maxcon.Pose(100.0, 50.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -86,30 +73,9 @@ def test_best_cell_lies_in_the_middle_of_its_panel(panel):
     assert (panel.get_title("left"), panel.get_title("right")) == ("0° (best)", "9")
 
 
-@pytest.mark.parametrize("n_panels", range(1, 10))
-def test_sections_do_not_overlap_and_stay_inside(n_panels):
-    side, places, height = section_places(n_panels)
-    assert len(places) == n_panels
-    for number, (left, bottom) in enumerate(places):
-        assert left >= 0.85 - 1e-9 and left + side <= 0.85 + 7.7 + 1e-9
-        assert bottom >= 0.65 - 1e-9 and bottom + side <= height - 1.35 + 1e-9
-        for other_left, other_bottom in places[:number]:
-            assert abs(left - other_left) > side or abs(bottom - other_bottom) > side
-
-
-@pytest.mark.parametrize(
-    ("cell", "n_headings", "n_drawn", "told"),
-    [
-        ((1, 6, 6), 3, 3, "Count. All 3 headings, ±1 m around the best cell."),
-        ((1, 6, 11), 3, 3, "Grey: outside the search space."),
-        ((1, 6, 6), 61, 9, "9 of 61 headings, ±1 m"),
-        ((0, 6, 6), 1, 1, "The prior's heading"),
-    ],
-)
-def test_sections_say_what_is_drawn_and_when_they_are_cut(cell, n_headings, n_drawn, told):
-    found = section_words(counted({cell: 9.0}, n_headings), n_drawn)
-    assert told in found
-    assert ("outside the search space" in found) == (cell[2] == 11)
+@pytest.mark.parametrize(("n_headings", "n_drawn", "words"), [(3, 3, "All 3 headings, ±1 m"), (61, 9, "9 of 61 head")])
+def test_sections_say_what_is_drawn(n_headings, n_drawn, words):
+    assert words in section_words(counted({(1, 6, 6): 9.0}, n_headings), n_drawn)
 
 
 # Figure 4: objectives side by side.
@@ -148,75 +114,7 @@ def test_nothing_matched_is_said_and_not_marked(panel):
     assert view_words(empty, PRIOR) == "Count\nall cells score the same"
 
 
-def test_window_holds_most_of_the_scan_within_limits():
-    # The walls reach 9 m along x and 5 m along y.
-    row = ComparisonRow("yard", yard().scan, yard().point_map, yard().reference, (view(),))
-    assert row.window.size == pytest.approx((17.7, 17.7), abs=0.7)
-    far, near = (replace(row, scan=maxcon.Scan(points)) for points in ([[0.0, 100.0, 0.0]], np.empty((0, 3))))
-    assert (far.window.size[0], near.window.size[0]) == (70.0, 10.0)
-
-
-def test_rows_and_views_make_the_picture_larger(tmp_path):
-    row = ComparisonRow("yard", yard().scan, yard().point_map, yard().reference, (view(),))
-    for number, rows in enumerate([[row], [row, replace(row, views=(view(), view(), view()))]]):
-        plot_comparison(tmp_path / f"{number}.png", rows, title="Count beside Helmert")
-    assert png_size(tmp_path / "0.png") == (1218, 708)
-    assert png_size(tmp_path / "1.png") == (1218 + 396, 708 + 474)
-
-
-# Figure 3: the overview. 6 m by 6 m, as the paper's, in few cells.
-COARSE = maxcon.SearchSpace(half_width=3.0, cell=0.5, heading_half_width_deg=0.0)
-EVERYWHERE = Window.around(0.0, 0.0, 1000.0)
-
-
-def at(x, y=0.0, half_width=3.0):
-    space = replace(COARSE, half_width=half_width)
-    return maxcon.Accumulator(np.zeros((*space.shape, 4)), space, maxcon.Pose(x, y, 0.0, 0.0, 0.0, 0.0))
-
-
-@pytest.mark.parametrize(
-    ("others", "expected"),
-    [
-        ([], (-37.5, 37.5, -26.25, 26.25)),  # alone: 75 m wide and flat
-        ([at(0.0, 30.0)], (-37.5, 37.5, -34.5, 34.5)),  # to the north: higher, up to a square
-        ([at(0.0, -34.0), at(5.0)], (-37.5, 37.5, -37.5, 37.5)),
-        ([at(30.0, 8.0)], (-37.5, 37.5, -26.25, 26.25)),
-        ([at(0.0, 100.0), at(60.0, 30.0)], (-37.5, 37.5, -26.25, 26.25)),  # out of sight
-    ],
-)
-def test_the_window_is_as_flat_as_the_drive_allows(others, expected):
-    assert window_around(at(0.0), others) == pytest.approx(expected)
-
-
-@pytest.mark.parametrize(("half_width", "size"), [(6.0, (150.0, 105.0)), (0.0, (10.0, 7.0))])
-def test_the_window_grows_with_the_search_space_and_is_never_nothing(half_width, size):
-    assert window_around(at(0.0, half_width=half_width), []).size == pytest.approx(size)
-
-
-def test_spaces_that_would_lie_on_or_close_to_a_nearer_one_or_reach_out_are_left_out():
-    # Edges are 6 m, and there is a gap of a tenth of that: 6 m is too near to 0, 13 m too near to 7.
-    others = [at(13.0), at(7.0), at(6.0), at(14.0), at(0.0, 6.5), at(0.0, -6.7)]
-    assert apart(at(0.0), others, EVERYWHERE) == [1, 3, 5]
-    # Cells are centred on the offsets: the ground reaches 3.25 m to the west and 2.75 m to the east.
-    others = [at(17.2), at(17.3), at(-16.7), at(-16.8), at(0.0, 7.3)]
-    assert apart(at(0.0), others, Window(-20.0, 20.0, -10.0, 10.0)) == [0, 2]
-
-
-# Half metres: none is at the very edge of what is near enough.
-HALVES = st.integers(-80, 80).map(lambda number: 0.5 * number)
-
-
-@given(st.lists(st.tuples(HALVES, HALVES), max_size=12))
-def test_spaces_that_are_drawn_never_touch_and_the_rest_would(places):
-    kept = apart(at(0.0), [at(x, y) for x, y in places], EVERYWHERE)
-    drawn = [(0.0, 0.0), *(places[number] for number in kept)]
-
-    def is_clear(one, other):
-        return max(abs(one[0] - other[0]), abs(one[1] - other[1])) >= 6.6
-
-    assert all(is_clear(one, other) for n, one in enumerate(drawn) for other in drawn[:n])
-    left_out = [place for number, place in enumerate(places) if number not in kept]
-    assert not any(all(is_clear(place, one) for one in drawn) for place in left_out)
+# Figure 3: the overview.
 
 
 def test_blocks_hold_their_highest_score_also_where_they_are_cut():
@@ -267,7 +165,7 @@ def test_consensus_set_is_drawn_at_the_answer(panel):
     assert int(at_the_pose.split("(")[1].split()[0]) == pytest.approx(matched, rel=0.01)
 
 
-@pytest.mark.parametrize("status", list(maxcon.Status))
+@pytest.mark.parametrize("status", [maxcon.Status.LOCALIZED, maxcon.Status.AT_RIM])
 def test_the_overview_says_how_the_epoch_ended(status):
     estimate = replace(parts()["estimate"], status=status)
     found = overview_words(estimate, maxcon.Helmert(), parts()["accumulator"]).replace("\n", " ")
@@ -284,15 +182,11 @@ def test_the_legend_names_only_what_is_drawn(tmp_path):
     plot_overview(tmp_path / "lost.svg", **empty.conclude(), title="Lost")
     moved = replace(parts()["accumulator"], prior=yard().prior.translated([0.0, 6.5, 0.0]))
     unsure = (moved, replace(parts()["estimate"], status=maxcon.Status.AT_RIM))
-    itself = (parts()["accumulator"], parts()["estimate"])  # not drawn twice
-    plot_overview(tmp_path / "both.svg", **parts(), others=[unsure, itself], title="Both")
+    plot_overview(tmp_path / "both.svg", **parts(), others=[unsure], title="Both")
     alone, both = words(tmp_path / "lost.svg"), words(tmp_path / "both.svg")
     assert alone[-3:] == ["map (darker: taller)", "scan at the prior", "search space of this epoch"]
     ending = ["search space of this epoch", "search spaces of other epochs", "best cell", "best cell, not localized"]
     assert both[-4:] == ending
-    # 8.2 inches of map and 3 inches around; the window is 7.5 m to either side, and ends 1.5 reaches behind the other.
-    height = float((tmp_path / "both.svg").read_text().split('viewBox="0 0 ')[1].split()[1].rstrip('"'))
-    assert height == pytest.approx(72 * (8.2 * (6.5 + 0.9) / 7.5 + 3.0), abs=1)
 
 
 # Figures 5 and 6: how distinct the answers are.
@@ -306,9 +200,9 @@ def test_percents_of_bins_are_of_all_epochs():
 
 
 def test_medians_the_undefined_and_what_is_better_are_stated(tmp_path):
-    odd = Distinctnesses([0.1, 0.25, 0.9], [2.0, np.nan, 40.0], [1.5, 3.25, 9.0], [0.0, 0.06, 6.0])
-    none = Distinctnesses(*(np.full(3, np.nan) for _ in range(4)))
-    plot_distinctness(tmp_path / "plot.svg", {"Count": odd, "None": none}, title="T")
+    odd = ([0.1, 0.25, 0.9], [2.0, np.nan, 40.0], [1.5, 3.25, 9.0], [0.0, 0.06, 6.0])
+    found = {"Count": dict(zip(MEASURES, map(np.array, odd), strict=True)), "None": dict.fromkeys(MEASURES, NAN)}
+    plot_distinctness(tmp_path / "plot.svg", found, title="T")
     written = words(tmp_path / "plot.svg")
     medians = {"median 0.25", "median 21 (not defined in 1)", "median 3.25 nat", "median 0.06 m", "Count"}
     assert medians <= set(written)
@@ -323,7 +217,7 @@ def test_epochs_keep_their_distance():
     # It stands at 0, goes to 3, and comes back over its own way.
     x = np.array([0.0, 0.0, 0.0, 0.9, 1.0, 1.9, 2.0, 3.0, 2.5, 1.5, 0.5, -1.0])
     chosen = spaced_epochs(np.column_stack([x, np.zeros(12)]), 1.0)
-    np.testing.assert_array_equal(chosen, [0, 4, 6, 7, 11])
+    assert chosen == [0, 4, 6, 7, 11]
 
 
 @pytest.mark.parametrize(
@@ -336,14 +230,9 @@ def test_colors_span_the_values(values, expected):
 def test_medians_and_left_out_epochs_of_a_kurtosis_map_are_stated(tmp_path):
     # 100 m x 50 m of window: 6.6 inches for 100 m, so circles of 13 points need 1.04 * 13 / 72 * 100 / 6.6 m.
     x = np.linspace(0.0, 50.0, 501)
-    small = np.where(np.arange(501) == 7, np.nan, 2.5)
-    given = {"names": ("A", "B"), "point_map": None, "title": "T"}
-    plot_kurtosis_map(tmp_path / "x.svg", np.column_stack([x, 0.0 * x]), small, np.full(501, 25.0), **given)
+    small, large = ("A", np.where(np.arange(501) == 7, np.nan, 2.5)), ("B", np.full(501, 25.0))
+    plot_kurtosis_map(tmp_path / "x.svg", np.column_stack([x, 0.0 * x]), small, large, point_map=None, title="T")
     written = words(tmp_path / "x.svg")
-    assert any("Medians of all epochs: A 2.5; B 25." in each for each in written)
+    assert any("Medians of all epochs: A 2.5 (not defined in 1); B 25." in each for each in written)
     assert any("18 of 501 epochs shown, 2.8 m apart or more." in each for each in written)
-    assert {"large: B", "small: A", "kurtosis", "5", "10", "20"} <= set(written)
-    assert "white: not defined" not in written
-    plot_kurtosis_map(tmp_path / "y.png", np.column_stack([0.0 * x, 9.0 * x]), small, small, **given)
-    width, height = png_size(tmp_path / "y.png")  # as long as the drive is
-    assert height > width
+    assert {"large: B", "small: A", "white: not defined", "kurtosis", "5", "10", "20"} <= set(written)

@@ -4,13 +4,14 @@
 
 import shutil
 
+import numpy as np
 import pytest
 from test_demo_page import summary
 
 import maxcon
 from drawn_figures import parts, yard
-from maxcon.lab.report.errors import plot_errors
-from maxcon.lab.report.pages import Picture, write_page
+from maxcon.lab.report import Picture, write_page
+from maxcon.lab.report.study_statistics import plot_error_distributions
 
 pytestmark = pytest.mark.browser
 
@@ -32,7 +33,7 @@ def browser():
 def page_file(tmp_path_factory):
     folder = tmp_path_factory.mktemp("page")
     maxcon.plot_epoch(folder / "epoch.png", **parts(), title="A yard")
-    plot_errors(folder / "errors.svg", [0.0, 1.0], {"Count": [0.1, 3.0], "Helmert": [0.1, 0.1]})
+    plot_error_distributions(folder / "errors.svg", {"Count": np.array([0.1, 3.0]), "Helmert": np.array([0.1, 0.1])})
     maxcon.plot_drive(folder / "drive.png", [[-5.0, 0.0], [5.0, 0.0]], [0.1, 0.2], point_map=yard().point_map)
     epoch = Picture("Yard", "Caption.", "Squares.", folder / "epoch.png")
     page = {
@@ -41,7 +42,8 @@ def page_file(tmp_path_factory):
         "results": [summary("Count", "points", 40, 40, 31, 0.052, 5.54, 0.03, 81.0)] * 2,
         "why": epoch,
         "wide": epoch,
-        "epochs": [epoch],
+        "epoch": epoch,
+        "spaces": epoch,
         "errors": Picture("Errors", "Caption.", "Chart.", folder / "errors.svg"),
         "drive": Picture("Drive", "Caption.", "Map.", folder / "drive.png"),
         "facts": {"Map": "4.1 million points"},
@@ -63,7 +65,7 @@ def test_page_opens_whole_and_asks_for_nothing(browser, page_file, width, scheme
     page.on("request", lambda request: requests.append(request.url))
     page.on("requestfailed", lambda request: complaints.append(request.url))
     page.goto(page_file.as_uri(), wait_until="load")
-    assert page.evaluate("Array.from(document.images, image => image.naturalWidth > 0)") == [True] * 5
+    assert page.evaluate("Array.from(document.images, image => image.naturalWidth > 0)") == [True] * 6
     assert page.evaluate("document.documentElement.scrollWidth") == width
     assert complaints == []
     assert [url for url in requests if not url.startswith("data:")] == [page_file.as_uri()]

@@ -13,7 +13,8 @@ from maxcon.errors import ArrayError, FileError, MapError, OptionError, Trajecto
 from maxcon.estimate import Estimate, Status
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.dataset import Dataset
-from maxcon.lab.evaluation import distinctness, pose_error
+from maxcon.lab.distinctness import distinctness
+from maxcon.lab.evaluation import pose_error
 from maxcon.lab.study import COLUMNS, Study, StudyMethod, choose_methods, run_study
 from maxcon.lab.study.configuration import CONFIGURATION
 from maxcon.lab.study.methods import make_maps

@@ -6,8 +6,10 @@ import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from maxcon.lab.evaluation import SUCCESS_DISTANCE, SUCCESS_WORDS
 from maxcon.lab.study import MethodRows, MethodStatistics, statistics
@@ -30,10 +32,9 @@ class Verdict(StrEnum):
     DIFFERS = "differs"
     NOT_STUDIED = "not studied"
 
-    @classmethod
-    def of(cls, is_so: bool, is_partly: bool = False) -> "Verdict":
-        """Return AGREES if `is_so`, else PARTLY if `is_partly`, else DIFFERS."""
-        return cls.AGREES if is_so else cls.PARTLY if is_partly else cls.DIFFERS
+
+def _verdict(is_so: bool, is_partly: bool = False) -> Verdict:
+    return Verdict.AGREES if is_so else Verdict.PARTLY if is_partly else Verdict.DIFFERS
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +116,7 @@ def _helmert_succeeds(found: Mapping[str, MethodStatistics]) -> Claim:
     words = f"{_ratio(method.n_success, method.n_tried)} epochs within {SUCCESS_WORDS}"
     if other := found.get("helmert-occupied"):
         words += f"; {_ratio(other.n_success, other.n_tried)} by our defaults"
-    verdict = Verdict.of(method.n_success == method.n_tried, method.n_success >= 0.99 * method.n_tried)
+    verdict = _verdict(method.n_success == method.n_tried, method.n_success >= 0.99 * method.n_tried)
     return Claim(paper, f"{words}{_left_out(method)}.", verdict)
 
 
@@ -129,7 +130,7 @@ def _count_fails(found: Mapping[str, MethodStatistics]) -> Claim:
     words += f", by up to {method.distance.worst:.2f} m" if method.distance.worst > SUCCESS_DISTANCE else ""
     if other := found.get("count-occupied"):
         words += f"; in {_ratio(other.n_tried - other.n_success, other.n_tried)} by our defaults"
-    return Claim(paper, f"{words}{_left_out(method)}.", Verdict.of(n_failed > 0))
+    return Claim(paper, f"{words}{_left_out(method)}.", _verdict(n_failed > 0))
 
 
 def _icp_fails(found: Mapping[str, MethodStatistics]) -> Claim:
@@ -146,7 +147,7 @@ def _icp_fails(found: Mapping[str, MethodStatistics]) -> Claim:
         for method in studied
     ) + _left_out(studied[0])
     exceeds = [share > 0.2 for share in shares]
-    return Claim(paper, words + ".", Verdict.of(all(exceeds), any(exceeds)))
+    return Claim(paper, words + ".", _verdict(all(exceeds), any(exceeds)))
 
 
 def _compared(
@@ -154,7 +155,7 @@ def _compared(
     methods: Mapping[str, MethodRows],
     column: str,
     words: str,
-    is_better: Callable[[float, float], bool],
+    is_better: Callable[[Any, Any], Any],
     factor: float = 1.0,
 ) -> Claim:
     """Check whether a measure is better for Helmert's score than for the count, in its median and in most epochs.
@@ -164,25 +165,32 @@ def _compared(
     """
     if lacking := _lacking_pair(methods, COUNT):
         return _not_studied(paper, lacking)
-    helmert, count = (_by_epoch(methods[name], column) for name in (HELMERT, COUNT))
-    both = sorted(helmert.keys() & count.keys())
-    if not both:
+    helmert, count = _of_both(methods, HELMERT, COUNT, column)
+    if not len(helmert):
         return _not_studied(paper, f"{column} of both")
-    medians = [float(np.median([values[epoch] for epoch in both])) for values in (helmert, count)]
-    n_better = sum(is_better(helmert[epoch], count[epoch]) for epoch in both)
-    is_so, is_general = is_better(*medians), n_better >= 0.9 * len(both)
+    medians = float(np.median(helmert)), float(np.median(count))
+    n_better = int(is_better(helmert, count).sum())
+    is_so, is_general = is_better(*medians), n_better >= 0.9 * len(helmert)
     is_general &= medians[0] >= factor * medians[1] if factor > 1.0 else True
     return Claim(
         paper,
         f"{words} of Helmert's score {medians[0]:.3g}, of the count {medians[1]:.3g}; Helmert's is the more"
-        f" distinct in {_ratio(n_better, len(both))} epochs.",
-        Verdict.of(is_so and is_general, is_so),
+        f" distinct in {_ratio(n_better, len(helmert))} epochs.",
+        _verdict(is_so and is_general, is_so),
     )
 
 
-def _by_epoch(rows: MethodRows, column: str) -> dict[int, float]:
-    values = zip(rows.numbers("epoch"), rows.numbers(column), strict=True)
-    return {int(epoch): float(value) for epoch, value in values if np.isfinite(value)}
+def _of_both(
+    methods: Mapping[str, MethodRows], one: str, other: str, column: str, *, succeeds: bool = False
+) -> list[NDArray[np.float64]]:
+    """Values of a column by two methods in the epochs where both have one, and where both succeed if told so."""
+    found = []
+    for name in (one, other):
+        rows = methods[name]
+        is_here = np.isfinite(rows.numbers(column)) & ((rows.numbers("is_success") == 1.0) | (not succeeds))
+        found.append((rows.numbers("epoch")[is_here], rows.numbers(column)[is_here]))
+    both = np.intersect1d(found[0][0], found[1][0])
+    return [values[np.isin(epochs, both)] for epochs, values in found]
 
 
 def _spread(methods: Mapping[str, MethodRows], cell: float) -> Claim:
@@ -192,7 +200,7 @@ def _spread(methods: Mapping[str, MethodRows], cell: float) -> Claim:
     )
     if lacking := _lacking_pair(methods, COUNT):
         return _not_studied(paper, lacking)
-    spreads = [np.array(list(_by_epoch(methods[name], "spread").values())) for name in (HELMERT, COUNT)]
+    spreads = [values[np.isfinite(values)] for values in (methods[name].numbers("spread") for name in (HELMERT, COUNT))]
     if not all(map(len, spreads)):
         return _not_studied(paper, "a spread of both")
     n_near = [int((values <= NEIGHBOURS * cell).sum()) for values in spreads]
@@ -203,7 +211,7 @@ def _spread(methods: Mapping[str, MethodRows], cell: float) -> Claim:
     )
     shares = [near / len(values) for near, values in zip(n_near, spreads, strict=True)]
     is_so = shares[0] == 1.0 and shares[1] < 1.0
-    return Claim(paper, words, Verdict.of(is_so, shares[0] > shares[1]))
+    return Claim(paper, words, _verdict(is_so, shares[0] > shares[1]))
 
 
 def _precision(methods: Mapping[str, MethodRows]) -> Claim:
@@ -214,16 +222,9 @@ def _precision(methods: Mapping[str, MethodRows]) -> Claim:
     name = next((name for name in ("icp-plane-1m", "icp-plane-3m") if name in methods), None)
     if HELMERT not in methods or name is None:
         return _not_studied(paper, f"both {HELMERT} and icp-plane-1m or icp-plane-3m")
-    icp, helmert = (_successes(methods[one]) for one in (name, HELMERT))
-    both = sorted(icp.keys() & helmert.keys())
-    if not both:
+    icp, helmert = _of_both(methods, name, HELMERT, "distance", succeeds=True)
+    if not len(icp):
         return _not_studied(paper, f"success of both {HELMERT} and {name}")
-    medians = [float(np.median([errors[epoch] for epoch in both])) for errors in (icp, helmert)]
-    words = f"Where both succeed ({len(both):,} epochs), median error of {name} {medians[0]:.3f} m, of {HELMERT}"
-    return Claim(paper, f"{words} {medians[1]:.3f} m.", Verdict.of(medians[0] < medians[1]))
-
-
-def _successes(rows: MethodRows) -> dict[int, float]:
-    """Horizontal error, m, by epoch, of the epochs in which a method succeeds."""
-    is_success = {int(epoch) for epoch in rows.numbers("epoch")[rows.numbers("is_success") == 1.0]}
-    return {epoch: error for epoch, error in _by_epoch(rows, "distance").items() if epoch in is_success}
+    medians = float(np.median(icp)), float(np.median(helmert))
+    words = f"Where both succeed ({len(icp):,} epochs), median error of {name} {medians[0]:.3f} m, of {HELMERT}"
+    return Claim(paper, f"{words} {medians[1]:.3f} m.", _verdict(medians[0] < medians[1]))

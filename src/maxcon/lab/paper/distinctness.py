@@ -4,13 +4,12 @@
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from maxcon.lab.evaluation.distinctness import GUARD_RADIUS
+from maxcon.lab.distinctness import GUARD_RADIUS
 from maxcon.map import PointMap
 from maxcon.plotting.figure import (
     INK,
@@ -19,15 +18,12 @@ from maxcon.plotting.figure import (
     LegendShape,
     MethodStyle,
     add_axes,
-    as_epoch_values,
-    check_count,
-    common_length,
     draw_grid,
     draw_legend,
     draw_number_ticks,
     saved_figure,
 )
-from maxcon.plotting.from_above import Window, as_places, draw_map, draw_scale_bar
+from maxcon.plotting.from_above import Window, draw_map, draw_scale_bar
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,13 +31,11 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-MOST_METHODS = 4
+Floats = NDArray[np.float64]
 # Odd, so that where all values are equal they lie in the middle of a bin.
 N_BINS = 31
 # A logarithmic axis spans at least this factor, or equal values would make a bar as wide as the panel.
 LEAST_SPAN = 6.0
-# Rounding may bring a divergence of nothing this far below zero, and a kurtosis this far below one.
-ROUNDING = 1e-9
 # Inches: the panels, and what is kept free around them.
 PANEL_WIDTH, PANEL_HEIGHT = 3.72, 2.75
 LEFT, ACROSS, BELOW, ABOVE, TITLES = 0.78, 0.82, 0.6, 0.56, 0.8
@@ -51,7 +45,6 @@ LEGEND_ROW = 0.2
 class _Measure(NamedTuple):
     """What a panel shows; values up to `least` share the first bin of a logarithmic axis, a linear one has none."""
 
-    field: str
     title: str
     better: str
     label: str
@@ -60,88 +53,57 @@ class _Measure(NamedTuple):
 
 
 _LOWER, _HIGHER = "← lower is more distinct", "higher is more distinct →"
-_MEASURES = (
-    _Measure("peak_ratio", "Peak ratio", _LOWER, "second highest over highest score", "", None),
-    _Measure("kurtosis", "Kurtosis along the significant ray", _HIGHER, "kurtosis", "", 1.0),
-    _Measure("divergence", "Divergence from a Laplace peak", _LOWER, "KL divergence [nat]", " nat", 0.01),
-    _Measure("spread", "Spread at 90 %", _LOWER, "farthest cell with 90 % of the peak score [m]", " m", 0.05),
-)
+MEASURES = {
+    "peak_ratio": _Measure("Peak ratio", _LOWER, "second highest over highest score", "", None),
+    "kurtosis": _Measure("Kurtosis along the significant ray", _HIGHER, "kurtosis", "", 1.0),
+    "divergence": _Measure("Divergence from a Laplace peak", _LOWER, "KL divergence [nat]", " nat", 0.01),
+    "spread": _Measure("Spread at 90 %", _LOWER, "farthest cell with 90 % of the peak score [m]", " m", 0.05),
+}
+"""The panels by the fields of `maxcon.lab.distinctness.Distinctness`."""
 
 
-@dataclass(frozen=True, eq=False)
-class Distinctnesses:
-    """How distinct the answer of each epoch is, by four measures of shape (n,); NaN where one is not defined.
-
-    peak_ratio: score of the second highest place over the highest, 0 to 1: 0 without a rival, 1 where two are equal.
-    kurtosis: fourth standardized moment of the scores along the significant ray, 1 or more; 3 is a normal's.
-    divergence: Kullback-Leibler divergence of these scores from a Laplace distribution with sigma = 1 cell, nat.
-    spread: largest distance from the peak to a cell with at least 90 % of its score, m.
-    """
-
-    peak_ratio: NDArray[np.float64]
-    kurtosis: NDArray[np.float64]
-    divergence: NDArray[np.float64]
-    spread: NDArray[np.float64]
-
-    def __post_init__(self) -> None:
-        n_epochs = None
-        for name, low, high in (
-            ("peak_ratio", 0.0, 1.0),
-            ("kurtosis", 1.0 - ROUNDING, np.inf),
-            ("divergence", -ROUNDING, np.inf),
-            ("spread", 0.0, np.inf),
-        ):
-            values = as_epoch_values(getattr(self, name), f"`{name}`", low, high, n_epochs=n_epochs)
-            n_epochs = len(values)
-            object.__setattr__(self, name, values)
-
-    def __len__(self) -> int:
-        """Number of all epochs, those without a value too."""
-        return len(self.peak_ratio)
-
-
-def bin_percents(values: NDArray[np.float64], edges: NDArray[np.float64]) -> NDArray[np.float64]:
+def bin_percents(values: Floats, edges: Floats) -> Floats:
     """Percentage of all epochs in each bin; those without a value are in no bin, so the sum may be below 100.
 
     values: shape (n,); one per epoch, NaN where it is not defined; those beyond the edges fall into the outermost bins.
     edges: shape (n_bins + 1,); rising. A bin holds its lower edge; the last one its upper edge too.
     """
-    defined = np.clip(values[~np.isnan(values)], edges[0], edges[-1])
-    counts, _ = np.histogram(defined, edges)
+    counts, _ = np.histogram(np.clip(values[~np.isnan(values)], edges[0], edges[-1]), edges)
     return np.asarray(100.0 * counts / max(1, len(values)), dtype=np.float64)
 
 
-def plot_distinctness(path: str | os.PathLike[str], by_method: Mapping[str, Distinctnesses], *, title: str) -> None:
+def plot_distinctness(
+    path: str | os.PathLike[str], by_method: Mapping[str, Mapping[str, Floats]], *, title: str
+) -> None:
     """Draw the distributions of peak ratio, kurtosis, divergence and spread, with the median of each method.
 
     path: a .png or .svg to write.
-    by_method: by the method's name, at most 4, all of the same epochs.
+    by_method: by the method's name, values of shape (n,) by the names of `MEASURES`, all of the same epochs; NaN where
+        one is not defined.
     """
-    check_count(len(by_method), MOST_METHODS, "methods")
-    n_epochs = common_length(by_method, "value")
     row_height = ABOVE + PANEL_HEIGHT + BELOW
     width = 2 * (LEFT + PANEL_WIDTH) + 0.22
     height = TITLES + 2 * row_height + LegendShape.of(list(by_method), width).height
     words = (
-        f"Epochs of each method: {n_epochs}. Upright lines: medians."
+        f"Epochs of each method: {len(next(iter(by_method.values()))['spread'])}. Upright lines: medians."
         f" Peak ratio: rivals more than {GUARD_RADIUS:g} m away."
     )
     with saved_figure(path, width, height, title, words) as figure:
-        for number, measure in enumerate(_MEASURES):
+        for number, (field, measure) in enumerate(MEASURES.items()):
             row, column = divmod(number, 2)
             left = LEFT + column * (PANEL_WIDTH + ACROSS)
             bottom = height - TITLES - row * row_height - ABOVE - PANEL_HEIGHT
             axes = add_axes(figure, left, bottom, PANEL_WIDTH, PANEL_HEIGHT)
-            handles = _draw_measure(axes, measure, [getattr(values, measure.field) for values in by_method.values()])
+            handles = _draw_measure(axes, measure, [values[field] for values in by_method.values()])
             if column == 0:
                 axes.set_ylabel("share of all epochs [%]")
         draw_legend(figure, handles, list(by_method), handle_length=2.6)
 
 
-def _draw_measure(
-    axes: "Axes", measure: _Measure, by_method: list[NDArray[np.float64]]
-) -> list[tuple["Patch", "Line2D"]]:
+def _draw_measure(axes: "Axes", measure: _Measure, by_method: list[Floats]) -> list[tuple["Patch", "Line2D"]]:
     """Draw one panel: a histogram and a median for each method; return what stands for them in a legend."""
+    from matplotlib.ticker import MaxNLocator
+
     edges = _edges(measure.least, np.concatenate(by_method))
     percents = [bin_percents(values, edges) for values in by_method]
     highest = max(float(percent.max()) for percent in percents) or 1.0
@@ -152,18 +114,26 @@ def _draw_measure(
             place = float(np.clip(np.nanmedian(values), edges[0], edges[-1]))
             axes.plot([place, place], [0.0, highest], color=style.color, lw=1.8, ls=style.line, clip_on=False)
             axes.plot(place, highest, style.marker, color=style.color, ms=7, mec="white", mew=0.8, clip_on=False)
-    free = (0.24 + LEGEND_ROW * len(by_method)) / PANEL_HEIGHT
-    axes.set_ylim(0.0, highest / (1.0 - free))
     words = [_median_words(values, measure.unit) for values in by_method]
     axes.legend(
         [mark for _, mark in handles], words, loc="upper left", borderaxespad=0.3, labelspacing=0.25, fontsize=9.5,
         handlelength=1.2,
     )  # fmt: skip
-    _finish_measure(axes, measure, edges, highest)
+    # No ticks above the highest bin, where the medians are written.
+    ticks = np.asarray(MaxNLocator(5, steps=[1, 2, 5, 10]).tick_values(0.0, highest))
+    free = (0.24 + LEGEND_ROW * len(by_method)) / PANEL_HEIGHT
+    axes.set(yticks=ticks[ticks <= 1.001 * highest], ylim=(0.0, highest / (1.0 - free)))
+    if measure.least is not None:
+        axes.set_xscale("log")
+        draw_number_ticks(axes.xaxis, edges[0], edges[-1], least=measure.least)
+    axes.set(xlim=(edges[0], edges[-1]), xlabel=measure.label)
+    axes.set_title(measure.title, loc="left", pad=21, fontweight="bold")
+    axes.annotate(measure.better, (0.0, 1.0), (0, 6), xycoords="axes fraction", textcoords="offset points", color=MUTED)
+    draw_grid(axes, axis="y")
     return handles
 
 
-def _edges(least: float | None, values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _edges(least: float | None, values: Floats) -> Floats:
     """Edges of the bins that all methods of a panel share."""
     if least is None:
         return np.linspace(0.0, 1.0, N_BINS + 1)
@@ -174,9 +144,7 @@ def _edges(least: float | None, values: NDArray[np.float64]) -> NDArray[np.float
     return np.geomspace(low, max(high * np.sqrt(missing), LEAST_SPAN * low), N_BINS + 1)
 
 
-def _draw_histogram(
-    axes: "Axes", style: MethodStyle, edges: NDArray[np.float64], percents: NDArray[np.float64]
-) -> tuple["Patch", "Line2D"]:
+def _draw_histogram(axes: "Axes", style: MethodStyle, edges: Floats, percents: Floats) -> tuple["Patch", "Line2D"]:
     """Draw the histogram of one method; return what stands for it in the legend."""
     from matplotlib.colors import to_rgba
     from matplotlib.lines import Line2D
@@ -189,29 +157,12 @@ def _draw_histogram(
     return Patch(facecolor=face, edgecolor=pale, hatch=style.hatch, lw=0.0), mark
 
 
-def _median_words(values: NDArray[np.float64], unit: str) -> str:
+def _median_words(values: Floats, unit: str) -> str:
     """Return the median, and in how many epochs there is no value."""
     n_missing = int(np.isnan(values).sum())
     if n_missing == len(values):
         return "not defined in any epoch"
     return f"median {np.nanmedian(values):.3g}{unit}" + (f" (not defined in {n_missing})" if n_missing else "")
-
-
-def _finish_measure(axes: "Axes", measure: _Measure, edges: NDArray[np.float64], highest: float) -> None:
-    """Scale and label the axes of one panel; no ticks above the highest bin, where the medians are written."""
-    from matplotlib.ticker import MaxNLocator
-
-    ticks = np.asarray(MaxNLocator(5, steps=[1, 2, 5, 10]).tick_values(0.0, highest))
-    axes.set_yticks(ticks[ticks <= 1.001 * highest])
-    axes.set_xlim(edges[0], edges[-1])
-    if measure.least is not None:
-        axes.set_xscale("log")
-        axes.set_xlim(edges[0], edges[-1])
-        draw_number_ticks(axes.xaxis, edges[0], edges[-1], least=measure.least)
-    axes.set_title(measure.title, loc="left", pad=21, fontweight="bold")
-    axes.annotate(measure.better, (0.0, 1.0), (0, 6), xycoords="axes fraction", textcoords="offset points", color=MUTED)
-    axes.set_xlabel(measure.label)
-    draw_grid(axes, axis="y")
 
 
 # Kurtosis on the map (figure 6). Diameters of the circles, points; and the longer side of the window, inches.
@@ -221,7 +172,7 @@ MAP_LEFT, MAP_RIGHT, MAP_BELOW, MAP_TITLES, LEAST_WIDTH = 0.85, 1.15, 0.62, 1.12
 SKEWED = 5.0
 
 
-def spaced_epochs(places: NDArray[np.float64], distance: float) -> NDArray[np.intp]:
+def spaced_epochs(places: Floats, distance: float) -> list[int]:
     """Return indices of epochs at least `distance` (m) apart: the first, and each that is far from all chosen.
 
     places: shape (n, 2); m, n > 0.
@@ -230,23 +181,15 @@ def spaced_epochs(places: NDArray[np.float64], distance: float) -> NDArray[np.in
     for epoch in range(1, len(places)):
         if (((places[chosen] - places[epoch]) ** 2).sum(axis=1) >= distance * distance).all():
             chosen.append(epoch)
-    return np.array(chosen, dtype=np.intp)
-
-
-def color_limits(values: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the ends of the colour scale: the least and the largest value, or a range around both if equal."""
-    known = values[~np.isnan(values)]
-    low, high = (float(known.min()), float(known.max())) if known.size else (1.0, 10.0)
-    return (low, high) if high > 1.01 * low else (0.8 * low, 1.25 * high)
+    return chosen
 
 
 def plot_kurtosis_map(
     path: str | os.PathLike[str],
-    positions: ArrayLike,
-    small: ArrayLike,
-    large: ArrayLike,
+    places: Floats,
+    small: tuple[str, Floats],
+    large: tuple[str, Floats],
     *,
-    names: tuple[str, str],
     point_map: PointMap | None,
     title: str,
 ) -> None:
@@ -256,64 +199,62 @@ def plot_kurtosis_map(
     those of an earlier one are left out; the picture says how many are shown.
 
     path: a .png or .svg to write.
-    positions: shape (n, 2) or (n, 3); reference positions, local frame, m.
-    small, large: shape (n,); kurtosis along the significant ray, in the small and in the large circles; NaN where it
-        is not defined.
-    names: what the small and the large circles stand for.
+    places: shape (n, 2), n > 0; reference positions, local frame, m.
+    small, large: what the small and the large circles stand for, and the kurtosis along the significant ray, shape
+        (n,); NaN where it is not defined.
     point_map: drawn below, in grey.
     """
-    places = as_places(positions)
-    low, n_epochs = 1.0 - ROUNDING, len(places)
-    values = [as_epoch_values(given, "the kurtosis", low, n_epochs=n_epochs) for given in (small, large)]
     window = Window.with_room(places)
     scale = SIDE / max(window.size)
     spacing = 1.04 * LARGE / 72.0 / scale
     shown = spaced_epochs(places, spacing)
     drawn_width, drawn_height = window.size[0] * scale, window.size[1] * scale
     width = max(MAP_LEFT + drawn_width + MAP_RIGHT, LEAST_WIDTH)
-    labels = [f"large: {names[1]}", f"small: {names[0]}"]
-    if any(np.isnan(one[shown]).any() for one in values):
-        labels.append("white: not defined")
+    labels = [f"large: {large[0]}", f"small: {small[0]}", "white: not defined"]
     bottom = MAP_BELOW + LegendShape.of(labels, width).height
     medians = "; ".join(
-        f"{name} {np.nanmedian(one):.3g}" if np.isfinite(one).any() else f"{name} not defined"
-        for name, one in zip(names, values, strict=True)
+        f"{name} {_median_words(values, '').removeprefix('median ')}" for name, values in (small, large)
     )
     words = (
-        f"Medians of all epochs: {medians}.\n{len(shown)} of {n_epochs} epochs shown, {spacing:.2g} m apart or more."
+        f"Medians of all epochs: {medians}.\n{len(shown)} of {len(places)} epochs shown, {spacing:.2g} m apart or more."
     )
     with saved_figure(path, width, bottom + drawn_height + MAP_TITLES, title, words) as figure:
         left = MAP_LEFT + 0.5 * (width - MAP_LEFT - drawn_width - MAP_RIGHT)
         axes = add_axes(figure, left, bottom, drawn_width, drawn_height)
         draw_map(axes, point_map, window)
-        colors = _draw_circles(axes, places, values, shown)
+        colors = _draw_circles(axes, places, small[1], large[1], shown)
         draw_scale_bar(axes, window)
         bar = add_axes(figure, left + (drawn_width + 0.15), bottom, 0.16, drawn_height)
         figure.colorbar(colors, cax=bar).set_label("kurtosis")
         limits = colors.get_clim()
         if limits[1] > SKEWED * limits[0]:
             draw_number_ticks(bar.yaxis, *limits)
-        draw_legend(figure, _legend_circles()[: len(labels)], labels, handle_length=1.6)
+        draw_legend(figure, _legend_circles(), labels, handle_length=1.6)
 
 
-def _draw_circles(
-    axes: "Axes", places: NDArray[np.float64], values: list[NDArray[np.float64]], shown: NDArray[np.intp]
-) -> "ScalarMappable":
+def _draw_circles(axes: "Axes", places: Floats, small: Floats, large: Floats, shown: list[int]) -> "ScalarMappable":
     """Draw the drive as a line and the circles of the shown epochs; return their colour scale."""
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LogNorm, Normalize
 
-    low, high = color_limits(np.concatenate(values))
+    low, high = color_limits(np.concatenate([small, large]))
     norm = LogNorm(low, high) if high > SKEWED * low else Normalize(low, high)
     colors = ScalarMappable(norm, colormaps["viridis"].with_extremes(bad="white"))
     axes.plot(*places.T, color=MUTED, lw=1.0, zorder=3)
-    for kurtosis, diameter, edge, layer in ((values[1], LARGE, INK, 4), (values[0], SMALL, "white", 5)):
+    for kurtosis, diameter, edge, layer in ((large[shown], LARGE, INK, 4), (small[shown], SMALL, "white", 5)):
         axes.scatter(
-            places[shown, 0], places[shown, 1], c=colors.to_rgba(np.ma.masked_invalid(kurtosis[shown])), s=diameter**2,
-            edgecolors=list(np.where(np.isnan(kurtosis[shown]), INK, edge)), linewidths=0.7, zorder=layer,
+            places[shown, 0], places[shown, 1], c=colors.to_rgba(np.ma.masked_invalid(kurtosis)), s=diameter**2,
+            edgecolors=list(np.where(np.isnan(kurtosis), INK, edge)), linewidths=0.7, zorder=layer,
         )  # fmt: skip
     return colors
+
+
+def color_limits(values: Floats) -> tuple[float, float]:
+    """Return the ends of the colour scale: the least and the largest value, or a range around both if equal."""
+    known = values[~np.isnan(values)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (1.0, 10.0)
+    return (low, high) if high > 1.01 * low else (0.8 * low, 1.25 * high)
 
 
 def _legend_circles() -> "list[Line2D]":

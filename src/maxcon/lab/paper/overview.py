@@ -38,16 +38,12 @@ if TYPE_CHECKING:
 MOST_BLOCKS = 50
 # Exponent of the colour scale: in squares this small, all but the peak would be dark on a linear one.
 COLOR_POWER = 0.5
-# Inches: the map from above, and what stands around it.
-WIDTH, LEFT, RIGHT, BOTTOM, TOP = 9.2, 0.8, 0.2, 1.95, 1.05
+# Inches: the side of the map from above, and what stands around it.
+SIDE, LEFT, RIGHT, BOTTOM, TOP = 8.2, 0.8, 0.2, 1.95, 1.05
 # Colour and line width of the frame of a search space: of this epoch, and of others.
 FRAMES = (("black", 2.6), (MUTED, 0.8))
 # Half width of the picture over the reach of a search space: it shows 75 m for the paper's space of 6 m.
-WINDOW_REACHES, LEAST_HALF_WIDTH = 12.5, 5.0
-# Least height of the picture over its width, for drives that run east or west.
-FLATTEST = 0.7
-# Least gap between two search spaces, as a part of their edge.
-LEAST_GAP = 0.1
+WINDOW_REACHES = 12.5
 
 
 def plot_overview(
@@ -67,24 +63,20 @@ def plot_overview(
     scan: sensor frame; drawn at the prior, without level ground.
     estimate: the answer; the consensus set is drawn at its pose.
     accumulator: the moments of every cell of this epoch.
-    others: other epochs of the drive. Those are left out whose search space would overlap or nearly touch that of an
-        epoch nearer by, or would not fit into the picture.
+    others: other epochs of the drive, in the picture and clear of each other.
 
     Each search space is drawn at the heading of its best cell, in colours from 0 (the lowest score, if
     negative) to its own highest; they follow the root of the score, which shows rays of a few tenths of the peak.
     Cells too small for the picture are drawn as blocks, each with its highest score: no peak is lost.
     """
     scene = Scene(scan, point_map, accumulator.prior, accumulator.space, estimate)
-    rest = [other for other, _ in others]
-    window = window_around(accumulator, rest)
-    epochs = [(accumulator, estimate), *(others[number] for number in apart(accumulator, rest, window))]
+    window = Window.around(accumulator.prior.x, accumulator.prior.y, WINDOW_REACHES * accumulator.space.reach)
+    epochs = [(accumulator, estimate), *others]
     views = [SearchSpaceView(searched, objective) for searched, _ in epochs]
     are_localized = [found.is_localized for _, found in epochs]
-    side = WIDTH - LEFT - RIGHT
-    drawn_height = side * window.size[1] / window.size[0]
     words = overview_words(estimate, objective, accumulator)
-    with saved_figure(path, WIDTH, drawn_height + BOTTOM + TOP, title, words) as figure:
-        axes = add_axes(figure, LEFT, BOTTOM, side, drawn_height)
+    with saved_figure(path, LEFT + SIDE + RIGHT, BOTTOM + SIDE + TOP, title, words) as figure:
+        axes = add_axes(figure, LEFT, BOTTOM, SIDE, SIDE)
         draw_map(axes, point_map, window)
         handles = [map_patch(), *draw_matches(axes, scene)]
         for number, (view, is_localized) in enumerate(zip(views, are_localized, strict=True)):
@@ -109,16 +101,14 @@ def draw_space(axes: "Axes", view: SearchSpaceView, is_localized: bool, is_this:
     from matplotlib.patches import Rectangle
 
     prior, space = view.accumulator.prior, view.space
-    ground = ground_of(space, prior.x, prior.y)
+    west, _, south, _ = ground_of(space, prior.x, prior.y)
     edge = math.ceil(space.shape[2] / MOST_BLOCKS)
     blocks = highest_of_blocks(view.scores[view.best[0]], edge)
-    ny, nx = blocks.shape
-    side_x, side_y = nx * edge * space.cell_edge, ny * edge * space.cell_edge
-    covered = Window(ground.west, ground.west + side_x, ground.south, ground.south + side_y)
+    ny, nx = (n * edge * space.cell_edge for n in blocks.shape)
+    covered = Window(west, west + nx, south, south + ny)
     draw_scores(axes, blocks, covered, PowerNorm(COLOR_POWER, *view.limits), zorder=5.0)
     color, line_width = FRAMES[0 if is_this else 1]
-    corner = (covered.west, covered.south)
-    axes.add_patch(Rectangle(corner, *covered.size, fill=False, ec=color, lw=line_width, zorder=5.5))
+    axes.add_patch(Rectangle((west, south), nx, ny, fill=False, ec=color, lw=line_width, zorder=5.5))
     if view.has_best:
         x, y = view.best_offset
         put_mark(axes, _mark(is_localized), prior.x + x, prior.y + y)
@@ -141,18 +131,18 @@ def _draw_legend(
     from matplotlib.colors import PowerNorm
     from matplotlib.patches import Patch
 
-    height = figure.get_size_inches()[1]
+    width, height = figure.get_size_inches()
     scale = ScalarMappable(PowerNorm(COLOR_POWER, 0.0, 1.0), cmap=COLORS)
     bar = add_axes(figure, LEFT, 1.2, 2.6, 0.15)
     figure.colorbar(scale, cax=bar, orientation="horizontal", ticks=[0.0, 0.1, 0.25, 0.5, 1.0], format="%g")
     words = f"{scale_words(views)} (root scale)"
-    figure.text((LEFT + 2.75) / WIDTH, 1.27 / height, words, fontsize=10, va="center")
+    figure.text((LEFT + 2.75) / width, 1.27 / height, words, fontsize=10, va="center")
     names = ["search space of this epoch", "search spaces of other epochs"][: len(views)]
     for name, (color, line_width) in zip(names, FRAMES, strict=False):
         handles.append(Patch(fill=False, ec=color, lw=line_width, label=name))
     marked = {good for view, good in zip(views, are_localized, strict=True) if view.has_best}
     handles += [_mark(is_localized) for is_localized in sorted(marked, reverse=True)]
-    corner = ((LEFT - 0.1) / WIDTH, 0.93 / height)
+    corner = ((LEFT - 0.1) / width, 0.93 / height)
     figure.legend(handles=handles, loc="upper left", bbox_to_anchor=corner, ncols=3, columnspacing=1.4)
 
 
@@ -165,49 +155,6 @@ def overview_words(estimate: Estimate, objective: Objective, accumulator: Accumu
         f" heading;\ncolours: {title_of(objective)}. This epoch is {headline}."
         " Its scan is drawn without level ground."
     )
-
-
-def window_around(accumulator: Accumulator, others: Sequence[Accumulator]) -> Window:
-    """Return the ground to draw around an epoch: as flat as the drive allows.
-
-    It reaches 12.5 times the reach of the search space to the east and west (37.5 m for 3 m), and 0.7 to 1 times as
-    much to the north and south: as far as the search spaces in the picture go.
-    """
-    prior = accumulator.prior
-    half = max(WINDOW_REACHES * accumulator.space.reach, LEAST_HALF_WIDTH)
-    square = Window.around(prior.x, prior.y, half)
-    inside = [other for other in others if _is_inside(other, square)]
-    farthest = max((abs(other.prior.y - prior.y) + 1.5 * other.space.reach for other in inside), default=0.0)
-    flat = min(half, max(FLATTEST * half, farthest))
-    return Window(square.west, square.east, prior.y - flat, prior.y + flat)
-
-
-def apart(accumulator: Accumulator, others: Sequence[Accumulator], window: Window) -> list[int]:
-    """Return which of `others` can be drawn whole in a window, clear of `accumulator` and of each other.
-
-    The nearest is taken first. Returns indices into `others`, ascending.
-    """
-    here = accumulator.prior
-
-    def distance(number: int) -> float:
-        return float(np.hypot(others[number].prior.x - here.x, others[number].prior.y - here.y))
-
-    kept: list[int] = []
-    for number in sorted(range(len(others)), key=distance):
-        drawn = [accumulator, *(others[index] for index in kept)]
-        if _is_inside(others[number], window) and not any(_are_close(others[number], one) for one in drawn):
-            kept.append(number)
-    return sorted(kept)
-
-
-def _is_inside(accumulator: Accumulator, window: Window) -> bool:
-    west, east, south, north = ground_of(accumulator.space, accumulator.prior.x, accumulator.prior.y)
-    return window.west <= west and east <= window.east and window.south <= south and north <= window.north
-
-
-def _are_close(one: Accumulator, other: Accumulator) -> bool:
-    between = (1.0 + LEAST_GAP) * (one.space.reach + other.space.reach)
-    return abs(one.prior.x - other.prior.x) < between and abs(one.prior.y - other.prior.y) < between
 
 
 def highest_of_blocks(scores: Scores, edge: int) -> Scores:

@@ -5,10 +5,7 @@
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import count
-from string import ascii_lowercase
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -24,7 +21,6 @@ from maxcon.plotting.score_panel import (
     chosen_headings,
     draw_color_bar,
     draw_frame,
-    draw_heading,
     draw_scores,
     ground_of,
     offset_words,
@@ -46,66 +42,15 @@ if TYPE_CHECKING:
     from matplotlib.image import AxesImage
 
 OUTSIDE = "#d9d9d9"
-
-
-def plot_search_spaces(
-    path: str | os.PathLike[str], views: Sequence[SearchSpaceView], *, title: str, reference: Pose | None = None
-) -> None:
-    """Draw one or more objectives side by side, each at its own best heading: count beside Helmert, say.
-
-    path: a .png or .svg to write.
-    views: they need not share an accumulator.
-    reference: the pose held for true, local frame; marked, and each best cell's distance to it is stated.
-    """
-    panel, gap, bottom, height = 4.3, 1.75, 0.58, 6.1
-    words = "Each square: all positions at the best heading; warm cells score high."
-    with saved_figure(path, len(views) * (panel + gap) + 0.1, height, title, words) as figure:
-        from matplotlib.colors import Normalize
-
-        for number, view in enumerate(views):
-            left = 0.85 + number * (panel + gap)
-            axes = add_axes(figure, left, bottom, panel, panel)
-            image = draw_heading(axes, view, view.best[0], Normalize(*view.limits), reference)
-            axes.set_title(_space_words(view, reference), loc="left", parse_math=False)
-            axes.set_xlabel("x from the prior [m]")
-            axes.set_ylabel("y from the prior [m]")
-            bar = add_axes(figure, left + (panel + 0.1), bottom, 0.13, panel)
-            draw_color_bar(figure, image, bar, "vertical")
-            bar.set_title(unit_of(view.objective), fontsize=9, loc="left", color=MUTED, parse_math=False)
-        marks = cell_marks()[: 1 if reference is None else 2]
-        corner = (1.0, 1.0 - 0.1 / height)
-        figure.legend(handles=marks, loc="upper right", bbox_to_anchor=corner, ncols=2, handletextpad=1.0)
-
-
-def _space_words(view: SearchSpaceView, reference: Pose | None) -> str:
-    """Return title, turn and distance to the reference of a panel, in two lines."""
-    words = f"{view.title or title_of(view.objective)}\nheading {turn_words(view.space, view.best[0])}"
-    if reference is None:
-        return words
-    x, y, _ = best_from(view, reference)
-    return f"{words}, {math.hypot(x, y):.2f} m from the reference"
-
-
-def best_from(view: SearchSpaceView, reference: Pose) -> tuple[float, float, float]:
-    """Return offset x, y (m) and turn (rad) of the best cell's pose from the reference."""
-    pose = view.space.pose(view.best, view.accumulator.prior)
-    return pose.x - reference.x, pose.y - reference.y, wrap_angle(pose.heading - reference.heading)
-
-
-# One epoch, heading by heading (figure 2). Inches: width of all panels together, and the room around them.
-PANELS, LEFT, RIGHT, BOTTOM, TOP = 7.7, 0.85, 1.05, 0.65, 1.35
-GAP, ROW_GAP, MOST_SIDE, N_COLUMNS = 0.2, 0.4, 4.4, 3
+# One epoch, heading by heading (figure 2). Inches: a panel, and the room around all of them.
+PANEL, GAP, ROW_GAP, LEFT, RIGHT, BOTTOM, TOP = 2.43, 0.2, 0.4, 0.85, 1.05, 0.65, 1.35
+N_COLUMNS = 3
 # From the best cell to the edge of a panel, m.
 SECTION = 1.0
 
 
 def plot_headings(
-    path: str | os.PathLike[str],
-    accumulator: Accumulator,
-    objective: Objective,
-    *,
-    title: str,
-    reference: Pose | None = None,
+    path: str | os.PathLike[str], accumulator: Accumulator, objective: Objective, *, title: str, reference: Pose
 ) -> None:
     """Draw the square of 2 m around the best cell, one panel per heading, in one scale of colours.
 
@@ -117,37 +62,31 @@ def plot_headings(
     """
     view = SearchSpaceView(accumulator, objective)
     headings = chosen_headings(view.space.shape[0], view.best[0])
-    side, places, height = section_places(len(headings))
-    words = section_words(view, len(headings))
-    with saved_figure(path, LEFT + PANELS + RIGHT, height, title, words) as figure:
+    n_rows = math.ceil(len(headings) / N_COLUMNS)
+    width = LEFT + N_COLUMNS * (PANEL + GAP) + RIGHT
+    height = BOTTOM + n_rows * (PANEL + ROW_GAP) - ROW_GAP + TOP
+    with saved_figure(path, width, height, title, section_words(view, len(headings))) as figure:
         from matplotlib.colors import Normalize
 
         norm = Normalize(*view.limits)
-        for number, (heading, place) in enumerate(zip(headings, places, strict=True)):
-            axes = add_axes(figure, *place, side, side)
+        for number, heading in enumerate(headings):
+            row, column = divmod(number, N_COLUMNS)
+            left, bottom = LEFT + column * (PANEL + GAP), BOTTOM + (n_rows - 1 - row) * (PANEL + ROW_GAP)
+            axes = add_axes(figure, left, bottom, PANEL, PANEL)
             image = draw_section(axes, view, heading, norm)
-            if reference is not None and heading == view.heading_nearest(reference, headings):
+            if heading == view.heading_nearest(reference, headings):
                 (x, y), (best_x, best_y) = view.offset(reference), view.best_offset
                 if max(abs(x - best_x), abs(y - best_y)) <= SECTION:
                     put_mark(axes, cell_marks()[1], x - best_x, y - best_y)
-            axes.tick_params(labelleft=number % N_COLUMNS == 0, labelbottom=number + N_COLUMNS >= len(places))
-        _draw_around(figure, view, image, places[0][0])
-        if reference is not None:
-            corner = (1.0, 1.0 - 0.1 / height)
-            figure.legend(handles=cell_marks()[1:], loc="upper right", bbox_to_anchor=corner, handletextpad=1.0)
-
-
-def section_places(n_panels: int) -> tuple[float, list[tuple[float, float]], float]:
-    """Side of all panels, left and bottom of each, and height of the figure, inches; rows begin at the left."""
-    n_columns = min(n_panels, N_COLUMNS)
-    n_rows = math.ceil(n_panels / n_columns)
-    side = min(MOST_SIDE, (PANELS - GAP * (n_columns - 1)) / n_columns)
-    indent = LEFT + 0.5 * (PANELS - n_columns * (side + GAP) + GAP)
-    places = []
-    for number in range(n_panels):
-        row, column = divmod(number, n_columns)
-        places.append((indent + column * (side + GAP), BOTTOM + (n_rows - 1 - row) * (side + ROW_GAP)))
-    return side, places, BOTTOM + n_rows * (side + ROW_GAP) - ROW_GAP + TOP
+            axes.tick_params(labelleft=column == 0, labelbottom=number + N_COLUMNS >= len(headings))
+        figure.text(0.5, 0.2 / height, "x from the best cell [m]", ha="center", fontsize=10.5)
+        middle = (BOTTOM + 0.5 * (height - BOTTOM - TOP)) / height
+        figure.text(0.2 / width, middle, "y from the best cell [m]", va="center", rotation=90, fontsize=10.5)
+        bar = add_axes(figure, width - RIGHT + 0.05, BOTTOM, 0.15, height - BOTTOM - TOP)
+        draw_color_bar(figure, image, bar, "vertical")
+        bar.set_title(unit_of(view.objective), fontsize=9, loc="left", color=MUTED, parse_math=False)
+        corner = (1.0, 1.0 - 0.1 / height)
+        figure.legend(handles=cell_marks()[1:], loc="upper right", bbox_to_anchor=corner, handletextpad=1.0)
 
 
 def highest_in_section(view: SearchSpaceView, heading: int) -> float:
@@ -174,29 +113,13 @@ def draw_section(axes: "Axes", view: SearchSpaceView, heading: int, norm: "Norma
     return image
 
 
-def _draw_around(figure: "Figure", view: SearchSpaceView, image: "AxesImage", left: float) -> None:
-    """Draw the axes' labels and the colour scale at the right; panels begin at `left`."""
-    width, height = figure.get_size_inches()
-    middle = BOTTOM + 0.5 * (height - BOTTOM - TOP)
-    figure.text((LEFT + 0.5 * PANELS) / width, 0.2 / height, "x from the best cell [m]", ha="center", fontsize=10.5)
-    up = "y from the best cell [m]"
-    figure.text((left - 0.65) / width, middle / height, up, va="center", rotation=90, fontsize=10.5)
-    bar = add_axes(figure, 2.0 * LEFT + PANELS - left + 0.2, BOTTOM, 0.15, height - BOTTOM - TOP)
-    draw_color_bar(figure, image, bar, "vertical")
-    bar.set_title(unit_of(view.objective), fontsize=9, loc="left", color=MUTED, parse_math=False)
-
-
 def section_words(view: SearchSpaceView, n_drawn: int) -> str:
     """Return the subtitle, in two lines: what the panels show."""
     n_headings = view.space.shape[0]
     which = "All" if n_drawn == n_headings else f"{n_drawn} of"
-    drawn = "The prior's heading" if n_headings == 1 else f"{which} {n_headings} headings"
-    section, space = Window.around(*view.best_offset, SECTION), ground_of(view.space, 0.0, 0.0)
-    is_cut = min(section.west, section.south) < space.west or max(section.east, section.north) > space.east
-    outside = " Grey: outside the search space." if is_cut else ""
     return (
-        f"{title_of(view.objective)}. {drawn}, ±{SECTION:g} m around the best cell.\n"
-        f"Above each: turn from the prior's heading, and the highest score shown.{outside}"
+        f"{title_of(view.objective)}. {which} {n_headings} headings, ±{SECTION:g} m around the best cell.\n"
+        "Above each: turn from the prior's heading, and the highest score shown. Grey: not searched."
     )
 
 
@@ -209,26 +132,20 @@ FIRST_GAP, VIEW_GAP, ROW_HEIGHT = 0.85, 0.55, 3.95
 VIEWS_LEFT = ROW_LEFT + ROW_SIDE + FIRST_GAP
 
 
-@dataclass(frozen=True, eq=False)
-class ComparisonRow:
+class ComparisonRow(NamedTuple):
     """One epoch, scored by several objectives.
 
     label: what is special about it: "crossing", "straight street".
     scan: sensor frame.
     reference: the pose held for true, local frame: where the highest score should be.
-    views: at least one; they need not share an accumulator. Search around the reference to have it in the middle.
+    views: at least two; they need not share an accumulator. Search around the reference to have it in the middle.
     """
 
     label: str
     scan: Scan
     point_map: PointMap
     reference: Pose
-    views: tuple[SearchSpaceView, ...]
-
-    @property
-    def window(self) -> Window:
-        """The square around the reference that holds nine tenths of the scan, within limits."""
-        return Window.around(self.reference.x, self.reference.y, half_width_of(self.scan, MOST_HALF_WIDTH))
+    views: Sequence[SearchSpaceView]
 
 
 def plot_comparison(path: str | os.PathLike[str], rows: Sequence[ComparisonRow], *, title: str) -> None:
@@ -237,43 +154,38 @@ def plot_comparison(path: str | os.PathLike[str], rows: Sequence[ComparisonRow],
     A search space is drawn at the heading of its best cell, with (0, 0) at the reference. Its colours run from
     0 (the lowest score, if negative) to its own highest: scores of different objectives have different units.
     """
-    n_places = max(2, *(len(row.views) for row in rows))
-    width = ROW_LEFT + ROW_SIDE + FIRST_GAP + n_places * (ROW_SIDE + VIEW_GAP) - VIEW_GAP + ROW_RIGHT
+    n_places = max(len(row.views) for row in rows)
+    width = VIEWS_LEFT + n_places * (ROW_SIDE + VIEW_GAP) - VIEW_GAP + ROW_RIGHT
     words = (
         "Each square: all positions at the best heading, scored. Above it: where the best cell lies from the"
         "\nreference, in m and degrees. (0, 0) is right."
     )
     with saved_figure(path, width, ROW_TOP + len(rows) * ROW_HEIGHT + ROW_BOTTOM, title, words) as figure:
-        letters = (f"({ascii_lowercase[number % 26] * (number // 26 + 1)})" for number in count())
         for number, row in enumerate(rows):
             bottom = ROW_BOTTOM + (len(rows) - 1 - number) * ROW_HEIGHT + 0.55
             axes = add_axes(figure, ROW_LEFT, bottom, ROW_SIDE, ROW_SIDE)
             _draw_ground(axes, row)
-            _set_title(axes, f"{next(letters)} {row.label}", fontweight="bold")
+            axes.set_title(row.label, loc="left", pad=12, parse_math=False, fontweight="bold")
             for column, view in enumerate(row.views):
                 axes = add_axes(figure, VIEWS_LEFT + column * (ROW_SIDE + VIEW_GAP), bottom, ROW_SIDE, ROW_SIDE)
                 draw_view(axes, view, row.reference)
-                _set_title(axes, f"{next(letters)} {view_words(view, row.reference)}")
+                axes.set_title(view_words(view, row.reference), loc="left", pad=12, parse_math=False)
                 axes.set_xlabel("x from the reference [m]")
                 axes.set_ylabel("y from the reference [m]" if column == 0 else "")
         _draw_legend(figure, scale_words(view for row in rows for view in row.views))
 
 
-def _set_title(axes: "Axes", words: str, **style: Any) -> None:
-    """Write a title above room for half a mark on the border of the panel."""
-    axes.set_title(words, loc="left", pad=12, parse_math=False, **style)
-
-
 def _draw_ground(axes: "Axes", row: ComparisonRow) -> None:
-    """Draw the map from above with the scan at the reference, without level ground."""
+    """Draw the map around the reference, with nine tenths of the scan at the reference, without level ground."""
     points = row.reference.apply(row.scan.points[is_off_the_ground(row.scan, row.reference)])
-    draw_map(axes, row.point_map, row.window)
+    window = Window.around(row.reference.x, row.reference.y, half_width_of(row.scan, MOST_HALF_WIDTH))
+    draw_map(axes, row.point_map, window)
     axes.plot(*points[:, :2].T, ls="", marker="o", mew=0, ms=1.2, color=SCAN_COLOR, zorder=2, rasterized=True)
     mark = cell_marks()[1]
     mark.set_markersize(10)
     put_mark(axes, mark, row.reference.x, row.reference.y)
     axes.set(xlabel="", ylabel="", xticks=[], yticks=[])
-    draw_scale_bar(axes, row.window)
+    draw_scale_bar(axes, window)
 
 
 def draw_view(axes: "Axes", view: SearchSpaceView, reference: Pose) -> None:
@@ -290,6 +202,12 @@ def draw_view(axes: "Axes", view: SearchSpaceView, reference: Pose) -> None:
     if view.has_best:
         put_mark(axes, best_mark, *best_from(view, reference)[:2])
     axes.locator_params(nbins=5)
+
+
+def best_from(view: SearchSpaceView, reference: Pose) -> tuple[float, float, float]:
+    """Return offset x, y (m) and turn (rad) of the best cell's pose from the reference."""
+    pose = view.space.pose(view.best, view.accumulator.prior)
+    return pose.x - reference.x, pose.y - reference.y, wrap_angle(pose.heading - reference.heading)
 
 
 def view_words(view: SearchSpaceView, reference: Pose) -> str:

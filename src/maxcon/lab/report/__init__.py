@@ -1,3 +1,64 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Pages of studies and of the demo, and the pictures in them; they need ``pip install 'maxcon[demo]'``."""
+"""Pages of studies and of the demo, in one HTML file each with their pictures; they need ``maxcon[demo]``."""
+
+import base64
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from maxcon._system.atomic import atomic_file
+from maxcon.errors import MissingExtraError
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A PNG or SVG with its title, its caption, and what it shows for those who cannot see it (alt)."""
+
+    title: str
+    caption: str
+    alt: str
+    path: Path
+
+    @property
+    def data_uri(self) -> str:
+        """The picture as a data URI, to be embedded in a page."""
+        kind = {".png": "image/png", ".svg": "image/svg+xml"}[self.path.suffix]
+        return f"data:{kind};base64,{base64.b64encode(self.path.read_bytes()).decode('ascii')}"
+
+
+def check_jinja2() -> None:
+    """Check that jinja2 is installed, before the work whose result the page is to show."""
+    try:
+        import jinja2  # noqa: F401
+    except ImportError as error:
+        raise MissingExtraError(
+            "Expected jinja2 to write a page, but it is not installed. Run: pip install 'maxcon[demo]'"
+        ) from error
+
+
+def write_page(path: str | os.PathLike[str], template: str, page: Mapping[str, Any]) -> None:
+    """Write a page as one HTML file.
+
+    path: the file to write.
+    template: name of the template in `maxcon/lab/report/templates`: "demo.html.j2" or "study.html.j2".
+    page: all values that the template refers to as `page`; all of them are escaped.
+    """
+    check_jinja2()
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("maxcon.lab.report"), autoescape=True, undefined=jinja2.StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
+    )  # fmt: skip
+    environment.filters["number"] = _number
+    text = environment.get_template(template).render(page=page)
+    with atomic_file(path) as partial:
+        partial.write_text(text, encoding="utf-8", newline="\n")
+
+
+def _number(value: float | None, digits: int) -> str:
+    """Return a number for a table; a dash where there is none."""
+    return "–" if value is None or value != value else f"{value:,.{digits}f}"

@@ -5,13 +5,11 @@
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from maxcon.errors import ArrayError, OptionError
 from maxcon.lab.evaluation import (
     ALERT_LIMIT,
     PROMISED,
@@ -29,8 +27,6 @@ from maxcon.plotting.figure import (
     SERIES,
     MethodStyle,
     add_axes,
-    as_epoch_values,
-    check_count,
     draw_grid,
     draw_number_ticks,
     method_chart,
@@ -46,25 +42,16 @@ Floats = NDArray[np.float64]
 MANY_EPOCHS = 300
 
 
-def _known_pair(name: str, what: str, errors: ArrayLike, stated: ArrayLike) -> tuple[Floats, Floats]:
-    """Return absolute errors and what was stated of them (above 0), of one shape (n,); NaN where there is none."""
-    absolute = as_epoch_values(np.abs(np.asarray(errors, np.float64)), f"errors {name}", 0.0)
-    limits = as_epoch_values(stated, f"{what} {name}", np.finfo(float).tiny)
-    if absolute.shape != limits.shape:
-        raise ArrayError(f"Expected errors and {what} {name} of one shape, got {absolute.shape} and {limits.shape}.")
-    return absolute, limits
-
-
-def _draw_dots(
-    axes: "Axes", x: Floats, y: Floats, is_exceeded: NDArray[np.bool_], *, is_many: bool, alpha: float
-) -> None:
-    """Draw a dot per epoch, those whose error exceeds its limit with other marks."""
-    size, alpha = (9.0, 0.35) if is_many else (26.0, alpha)
+def _draw_dots(axes: "Axes", x: Floats, y: Floats, is_exceeded: NDArray[np.bool_]) -> None:
+    """Draw a dot per epoch on logarithmic axes, those whose error exceeds its limit with other marks."""
+    is_many = len(x) > MANY_EPOCHS
+    size, alpha = (9.0, 0.35) if is_many else (26.0, 0.55)
     for is_shown, color, marker in ((~is_exceeded, SERIES[0], "o"), (is_exceeded, SERIES[1], "D")):
         axes.scatter(
             x[is_shown], y[is_shown], s=size, color=color, marker=marker, alpha=alpha,
             linewidths=0.0, zorder=3, rasterized=is_many,
         )  # fmt: skip
+    axes.set(xscale="log", yscale="log")
 
 
 # Errors below this part of the smallest sigma are drawn at it: the axis is logarithmic.
@@ -76,27 +63,13 @@ LEFT, BETWEEN, RIGHT, BELOW, ABOVE_FRACTIONS, TITLES = 0.9, 1.0, 0.25, 0.62, 0.8
 FARTHEST = 4.0
 
 
-@dataclass(frozen=True, eq=False)
-class SigmaPanel:
-    """Errors of one kind, and their predicted standard deviations.
-
-    name, unit: name of the error ("along"), and the unit in which it is given and drawn.
-    errors: shape (n,); in that unit; the sign does not matter. NaN where there is none.
-    sigmas: shape (n,); in that unit, above 0; NaN where none is predicted.
-    """
+class SigmaPanel(NamedTuple):
+    """Errors of one kind, and their predicted standard deviations: shape (n,), in `unit`, NaN where there is none."""
 
     name: str
     unit: str
-    errors: ArrayLike
-    sigmas: ArrayLike
-
-    def known(self) -> tuple[Floats, Floats]:
-        """Absolute errors and sigmas of the epochs that have both, at least one."""
-        errors, sigmas = _known_pair(self.name, "sigmas", self.errors, self.sigmas)
-        is_known = ~np.isnan(errors) & ~np.isnan(sigmas)
-        if not is_known.any():
-            raise ArrayError(f"Expected an epoch with error and sigma {self.name}, got none. Leave the panel out.")
-        return errors[is_known], sigmas[is_known]
+    errors: Floats
+    sigmas: Floats
 
 
 def plot_sigmas(path: str | os.PathLike[str], panels: Sequence[SigmaPanel], *, title: str) -> None:
@@ -105,35 +78,30 @@ def plot_sigmas(path: str | os.PathLike[str], panels: Sequence[SigmaPanel], *, t
     Below, the fraction of errors within k sigmas, over k, beside that of a normal distribution.
 
     path: a .png or .svg to write.
-    panels: side by side, at most 4; each with at least one epoch that has an error and a sigma.
+    panels: side by side; each with at least one epoch that has an error and a sigma.
     """
-    check_count(len(panels), 4, "panels")
-    known = [panel.known() for panel in panels]
     width = max(LEFT + len(panels) * AXES_WIDTH + (len(panels) - 1) * BETWEEN + RIGHT, 8.2)
-    height = BELOW + FRACTIONS_HEIGHT + ABOVE_FRACTIONS + AXES_HEIGHT + TITLES
+    bottom = BELOW + FRACTIONS_HEIGHT + ABOVE_FRACTIONS
     promised = ", ".join(f"{100.0 * fraction:.1f}" for fraction in PROMISED)
     words = (
         f"Above: a dot for each epoch, lines at 1, 2 and 3 sigma; {promised} % of the dots should lie below them.\n"
         "Below: the share of errors within so many sigmas; shaded: what so many epochs leave possible (95 %)."
     )
-    with saved_figure(path, width, height, title, words) as figure:
-        for number, (panel, (errors, sigmas)) in enumerate(zip(panels, known, strict=True)):
+    with saved_figure(path, width, bottom + AXES_HEIGHT + TITLES, title, words) as figure:
+        for number, panel in enumerate(panels):
             left = LEFT + number * (AXES_WIDTH + BETWEEN)
-            bottom = BELOW + FRACTIONS_HEIGHT + ABOVE_FRACTIONS
+            is_known = np.isfinite(panel.errors) & np.isfinite(panel.sigmas)
+            errors, sigmas = np.abs(panel.errors[is_known]), panel.sigmas[is_known]
             _draw_sigmas(add_axes(figure, left, bottom, AXES_WIDTH, AXES_HEIGHT), panel, errors, sigmas)
             _draw_fractions(add_axes(figure, left, BELOW, AXES_WIDTH, FRACTIONS_HEIGHT), errors / sigmas)
 
 
 def _draw_sigmas(axes: "Axes", panel: SigmaPanel, errors: Floats, sigmas: Floats) -> None:
     """Draw errors over sigmas, with lines at 1, 2 and 3 sigma."""
-    low, high = 0.8 * float(sigmas.min()), 1.25 * float(sigmas.max())
-    middle = (low * high) ** 0.5
-    low, high = min(low, middle / 2.0), max(high, middle * 2.0)
+    middle = math.sqrt(float(sigmas.min()) * float(sigmas.max()))
+    low, high = min(0.8 * float(sigmas.min()), middle / 2.0), max(1.25 * float(sigmas.max()), middle * 2.0)
     least, most = LEAST * float(sigmas.min()), 1.6 * max(3.0 * high, float(errors.max()))
-    is_many = len(errors) > MANY_EPOCHS
-    _draw_dots(axes, sigmas, np.maximum(errors, least), errors > 3.0 * sigmas, is_many=is_many, alpha=0.55)
-    axes.set_xscale("log")
-    axes.set_yscale("log")
+    _draw_dots(axes, sigmas, np.maximum(errors, least), errors > 3.0 * sigmas)
     axes.set(xlim=(low, high), ylim=(least, most))
     for k, dashes in ((1, (0, (1.5, 1.5))), (2, (0, (5, 2))), (3, (0, None))):
         axes.plot([low, high], [k * low, k * high], color=INK, lw=1.1, ls=dashes, zorder=4)
@@ -144,13 +112,11 @@ def _draw_sigmas(axes: "Axes", panel: SigmaPanel, errors: Floats, sigmas: Floats
         )  # fmt: skip
     draw_number_ticks(axes.xaxis, low, high)
     draw_number_ticks(axes.yaxis, least, most, least)
-    axes.set_xlabel(f"predicted sigma [{panel.unit}]")
-    axes.set_ylabel(f"error [{panel.unit}]")
+    axes.set(xlabel=f"predicted sigma [{panel.unit}]", ylabel=f"error [{panel.unit}]")
     within = " · ".join(f"{100.0 * fraction:.1f}" for fraction in Coverage.of(errors, sigmas).shares)
     words = f"{panel.name}\nwithin: {within} % of {len(errors):,}"
     axes.set_title(words, loc="left", fontsize=10.5, parse_math=False)
     draw_grid(axes, which="major")
-    axes.tick_params(which="minor", color=MUTED, length=2)
 
 
 def _draw_fractions(axes: "Axes", ratios: Floats) -> None:
@@ -162,9 +128,7 @@ def _draw_fractions(axes: "Axes", ratios: Floats) -> None:
     axes.plot(limits, 100.0 * n_within / len(ratios), color=SERIES[0], lw=1.7, label="these errors", zorder=3)
     normal = [100.0 * math.erf(limit / math.sqrt(2.0)) for limit in limits]
     axes.plot(limits, normal, color=INK, lw=1.3, ls=(0, (5, 2)), label="promised", zorder=2)
-    axes.set(xlim=(0.0, FARTHEST), ylim=(0.0, 102.0))
-    axes.set_xlabel("error [predicted sigmas]")
-    axes.set_ylabel("epochs within [%]")
+    axes.set(xlim=(0.0, FARTHEST), ylim=(0.0, 102.0), xlabel="error [predicted sigmas]", ylabel="epochs within [%]")
     draw_grid(axes)
     axes.legend(loc="lower right", fontsize=9)
 
@@ -178,8 +142,8 @@ SIDE, STRIP, STANFORD_LEFT, STANFORD_BELOW, STANFORD_GAP = 4.2, 0.3, 1.0, 1.12, 
 
 def plot_stanford(
     path: str | os.PathLike[str],
-    errors_by_direction: Mapping[str, ArrayLike],
-    levels_by_direction: Mapping[str, ArrayLike],
+    errors_by_direction: Mapping[str, Floats],
+    levels_by_direction: Mapping[str, Floats],
     *,
     title: str,
 ) -> None:
@@ -188,39 +152,36 @@ def plot_stanford(
     Below each panel stands the upper limit, with 95 % confidence, of the rate at which errors exceed their level.
 
     path: a .png or .svg to write.
-    errors_by_direction: shape (n,); m, by the name of the direction, one or two; the sign does not matter. NaN where
-        there is no answer.
-    levels_by_direction: shape (n,); protection levels, m, above 0, under the same names; NaN where there is none: these
+    errors_by_direction: shape (n,); m, by the name of the direction; the sign does not matter. NaN without an answer.
+    levels_by_direction: shape (n,); protection levels, m, under the same names; NaN where there is none: these
         errors are drawn in a strip above the diagram.
     """
-    check_count(len(errors_by_direction), 2, "directions")
-    if set(errors_by_direction) != set(levels_by_direction):
-        raise OptionError(
-            f"Expected errors and levels of the same directions, got {sorted(errors_by_direction)} and"
-            f" {sorted(levels_by_direction)}. Use the same names."
-        )
-    found = {
-        name: _known_pair(name, "levels", errors, levels_by_direction[name])
-        for name, errors in errors_by_direction.items()
-    }
-    everything = np.concatenate([np.concatenate(pair) for pair in found.values()])
+    everything = np.abs(np.concatenate([*errors_by_direction.values(), *levels_by_direction.values()]))
     most = 1.6 * max(1.0, 2.0 * ALERT_LIMIT, float(np.nanmax(everything, initial=0.0)))
-    width = max(STANFORD_LEFT + len(found) * SIDE + (len(found) - 1) * STANFORD_GAP + 0.3, 7.4)
+    n_panels = len(errors_by_direction)
+    width = max(STANFORD_LEFT + n_panels * SIDE + (n_panels - 1) * STANFORD_GAP + 0.3, 7.4)
     words = (
         f"Right of the diagonal the error exceeds its protection level. Alert limit: {ALERT_LIMIT:g} m.\n"
         "Strip on top: errors of answers that the method withheld or gave no level for."
     )
-    with saved_figure(path, width, STANFORD_BELOW + SIDE + STRIP + 1.3, title, words) as figure:
-        for number, (name, (errors, levels)) in enumerate(found.items()):
-            left = STANFORD_LEFT + number * (SIDE + STANFORD_GAP)
+    height = STANFORD_BELOW + SIDE + STRIP + 1.3
+    with saved_figure(path, width, height, title, words) as figure:
+        for number, (name, errors) in enumerate(errors_by_direction.items()):
+            left, levels = STANFORD_LEFT + number * (SIDE + STANFORD_GAP), levels_by_direction[name]
             axes = add_axes(figure, left, STANFORD_BELOW, SIDE, SIDE)
             strip = add_axes(figure, left, STANFORD_BELOW + SIDE, SIDE, STRIP, sharex=axes)
-            counts = ProtectionCounts.of(errors, levels, ALERT_LIMIT)
+            counts = ProtectionCounts.of(errors, levels)
             _draw_regions(axes, counts, most)
-            _draw_levels(axes, strip, errors, levels)
-            _finish_stanford(axes, strip, name, most)
-            across, up = left / width, 0.5 / figure.get_size_inches()[1]
-            figure.text(across, up, _proof(counts), fontsize=9.5, color=MUTED, va="top", parse_math=False)
+            _draw_levels(axes, strip, np.abs(errors), levels)
+            axes.set(xlim=(LEAST_LEVEL, most), ylim=(LEAST_LEVEL, most))
+            for axis in (axes.xaxis, axes.yaxis):
+                draw_number_ticks(axis, LEAST_LEVEL, most, LEAST_LEVEL)
+            axes.set(xlabel=f"error {name} [m]", ylabel=f"protection level {name} [m]")
+            strip.set(ylim=(0.0, 1.0), yticks=[])
+            strip.tick_params(which="both", bottom=False, labelbottom=False)
+            strip.set_title(name, loc="left")
+            place = left / width, 0.5 / height
+            figure.text(*place, _proof(counts), fontsize=9.5, color=MUTED, va="top", parse_math=False)
 
 
 def _proof(counts: ProtectionCounts) -> str:
@@ -255,36 +216,19 @@ def _draw_regions(axes: "Axes", counts: ProtectionCounts, most: float) -> None:
 def _draw_levels(axes: "Axes", strip: "Axes", errors: Floats, levels: Floats) -> None:
     """Draw epochs with a level into the diagram, the errors of those without into the strip."""
     drawn, has_level = np.maximum(errors, LEAST_LEVEL), ~np.isnan(levels)
-    x, y = drawn[has_level], np.maximum(levels[has_level], LEAST_LEVEL)
-    is_above, is_many = errors[has_level] > levels[has_level], len(errors) > MANY_EPOCHS
-    _draw_dots(axes, x, y, is_above, is_many=is_many, alpha=0.6)
+    shown = np.maximum(levels[has_level], LEAST_LEVEL)
+    _draw_dots(axes, drawn[has_level], shown, errors[has_level] > levels[has_level])
     withheld = drawn[~has_level & ~np.isnan(errors)]
     if len(withheld):
         strip.plot(withheld, np.full(len(withheld), 0.5), "x", ms=5.5, mew=1.2, color=MUTED, clip_on=False)
-
-
-def _finish_stanford(axes: "Axes", strip: "Axes", name: str, most: float) -> None:
-    """Scale and label the axes."""
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    axes.set(xlim=(LEAST_LEVEL, most), ylim=(LEAST_LEVEL, most))
-    for axis in (axes.xaxis, axes.yaxis):
-        draw_number_ticks(axis, LEAST_LEVEL, most, LEAST_LEVEL)
-    axes.set_xlabel(f"error {name} [m]")
-    axes.set_ylabel(f"protection level {name} [m]")
-    strip.set(ylim=(0.0, 1.0), yticks=[])
-    strip.tick_params(which="both", bottom=False, labelbottom=False)
-    strip.set_title(name, loc="left")
 
 
 # Rates of fewer accepted answers are not drawn.
 FEWEST = 10
 # The axis of risk reaches at least so far, percent; for intervals alone it reaches no farther than this rate.
 LEAST_TOP, MOST_FOR_INTERVALS = 1.0, 0.2
-# Percent: bars that lie on each other are set apart so far.
-APART = 0.8
-# Half the height of a marker over that of the axes.
-MARKER = 0.015
+# Percent: markers of methods, many of which trust every epoch, are set apart so far.
+APART = 0.5
 
 
 def plot_risk_coverage(path: str | os.PathLike[str], by_method: Mapping[str, RiskCoverage]) -> None:
@@ -294,29 +238,20 @@ def plot_risk_coverage(path: str | os.PathLike[str], by_method: Mapping[str, Ris
     answers, if it withholds any. Lines: the most trusted answers first; a method without measures of trust has none.
 
     path: a .png or .svg to write.
-    by_method: by the method's name, at most 8.
+    by_method: by the method's name, at most 8, each of some epochs.
     """
-    check_count(len(by_method), len(METHOD_STYLES), "methods")
-    for name, found in by_method.items():
-        if found.n_epochs == 0:
-            raise ArrayError(f"Expected epochs of {name!r}, got none. Leave the method out.")
     labels = [f"{name}: {found.n_trusted_wrong:,} of {found.n_trusted:,}" for name, found in by_method.items()]
     words = (
         f"Wrong: not within {SUCCESS_WORDS} of the reference. Filled: what the method itself trusts, with 95 %\n"
         "intervals; open: all answers, if it withholds any. Lines: the most trusted first.\n"
-        "Bars that would lie on each other are set apart. Below: how many of the trusted are wrong."
+        "Markers are set apart, by up to 2 %. Below: how many of the trusted are wrong."
     )
     titles = ("Wrong answers among those accepted", words)
     top = min(102.0, 1.25 * max(LEAST_TOP, *(_highest(found) for found in by_method.values())))
-    places = bar_places(list(by_method.values()), top)
     with method_chart(path, labels, titles, height=4.1, above=1.4, right=0.3) as (axes, handles):
-        handles += [
-            _draw_risk(axes, style, found, place)
-            for style, found, place in zip(METHOD_STYLES, by_method.values(), places, strict=False)
-        ]
-        axes.set_xlim(0.0, 100.0 + 4.5 * APART)
-        axes.set_ylim(-0.02 * top, top)
-        axes.set_xticks(np.arange(0, 101, 10))
+        for number, (style, found) in enumerate(zip(METHOD_STYLES, by_method.values(), strict=False)):
+            handles.append(_draw_risk(axes, style, found, APART * (number - 0.5 * (len(by_method) - 1))))
+        axes.set(xlim=(0.0, 100.0 + 4.5 * APART), ylim=(-0.02 * top, top), xticks=np.arange(0, 101, 10))
         axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
         axes.set_xlabel("share of all epochs whose answer is accepted [%]")
         axes.set_ylabel("wrong among those accepted [%]")
@@ -331,31 +266,8 @@ def _highest(found: RiskCoverage) -> float:
     return 100.0 * max(trusted, end, float(np.append(line, found.rates[-1:]).max(initial=0.0)))
 
 
-def bar_places(by_method: Sequence[RiskCoverage], top: float) -> list[float]:
-    """Places of the bars, percent: the epochs each method trusts, moved aside where a bar would cover another.
-
-    NaN where a method trusts nothing. top : upper end of the y axis, percent.
-    """
-    places: list[float] = []
-    bars: list[tuple[float, float, float]] = []
-    for found in by_method:
-        if not found.n_trusted:
-            places.append(math.nan)
-            continue
-        fraction = 100.0 * found.n_trusted / found.n_epochs
-        low, high = (100.0 * end for end in found.trusted_interval)
-        reach = low - MARKER * top, high + MARKER * top
-        near = [x for x, below, above in bars if reach[0] < above and below < reach[1]]
-        candidates = (fraction + APART * step for step in sorted(range(-len(near), len(near) + 1), key=abs))
-        # A bar is less than 0.99 steps from at most two of these places, so one of them is free.
-        place = next(place for place in candidates if all(abs(place - x) > 0.99 * APART for x in near))
-        bars.append((place, low, high))
-        places.append(place)
-    return places
-
-
-def _draw_risk(axes: "Axes", style: MethodStyle, found: RiskCoverage, place: float) -> "Line2D":
-    """Draw the curve of one method, and at `place`, percent, the rate and interval of the answers that it trusts."""
+def _draw_risk(axes: "Axes", style: MethodStyle, found: RiskCoverage, aside: float) -> "Line2D":
+    """Draw the curve of one method and, `aside` by so many percent, rate and interval of the answers it trusts."""
     fractions, rates = 100.0 * found.shares, 100.0 * found.rates
     is_drawn = found.n_accepted >= FEWEST
     if is_drawn.sum() > 2:
@@ -365,6 +277,7 @@ def _draw_risk(axes: "Axes", style: MethodStyle, found: RiskCoverage, place: flo
     if len(fractions) and found.n_accepted[-1] > found.n_trusted:
         axes.plot(fractions[-1], rates[-1], color=style.color, mfc="white", mew=1.5, zorder=4, **marks)
     if found.n_trusted:
+        place = 100.0 * found.n_trusted / found.n_epochs + aside
         low, high = (100.0 * end for end in found.trusted_interval)
         axes.vlines(place, low, high, color=style.color, lw=1.8, alpha=0.6, zorder=2)
         rate = 100.0 * found.n_trusted_wrong / found.n_trusted

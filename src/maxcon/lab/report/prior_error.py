@@ -5,11 +5,10 @@
 import math
 import os
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from maxcon.errors import OptionError
 from maxcon.lab.evaluation import SUCCESS_WORDS
 from maxcon.plotting.figure import (
     INK,
@@ -17,7 +16,6 @@ from maxcon.plotting.figure import (
     MUTED,
     SERIES,
     add_axes,
-    check_count,
     draw_grid,
     draw_number_ticks,
     saved_figure,
@@ -37,26 +35,26 @@ LEAST_MS = 0.1
 """Shorter times, ms, are drawn at this one: the axis is logarithmic."""
 
 
-class _Look(NamedTuple):
-    """Look of a line: colour, width, dashes, marker, and size of the marker."""
-
-    color: str
-    width: float
-    dashes: tuple[float, tuple[float, ...] | None]
-    marker: str
-    size: float
-
-
-FIRST = _Look(SERIES[0], 2.6, (0, None), "o", 7.5)
 DOTTED, SOLID, DASHED = (0.0, (1.2, 1.2)), (0.0, None), (0.0, (6.0, 2.0))
+
+
+def _look(color: str, width: float, dashes: Any, marker: str, size: float) -> dict[str, Any]:
+    """Look of a line, as matplotlib's keywords."""
+    return {
+        "color": color, "lw": width, "ls": dashes, "marker": marker, "ms": size, "mec": "white", "mew": 0.8,
+        "solid_capstyle": "round", "clip_on": False,
+    }  # fmt: skip
+
+
+FIRST = _look(SERIES[0], 2.6, SOLID, "o", 7.5)
 LOOKS = {
-    "count 1 m, then GICP": _Look(SERIES[2], 5.5, SOLID, "D", 9.5),
-    "GICP from 75 starts": _Look("#9fd4c3", 9.0, SOLID, "s", 0.0),
-    "GICP, gate 1 m": _Look(SERIES[1], 1.5, DOTTED, "^", 5.5),
-    "GICP, gate 3 m": _Look(SERIES[1], 1.5, SOLID, "^", 6.5),
-    "GICP, gate 6 m": _Look(SERIES[1], 1.5, DASHED, "^", 5.5),
-    "ICP, gate 1 m": _Look(SERIES[3], 1.5, DOTTED, "v", 5.5),
-    "ICP, gate 3 m": _Look(SERIES[3], 1.5, SOLID, "v", 6.5),
+    "count 1 m, then GICP": _look(SERIES[2], 5.5, SOLID, "D", 9.5),
+    "GICP from 75 starts": _look("#9fd4c3", 9.0, SOLID, "", 0.0),
+    "GICP, gate 1 m": _look(SERIES[1], 1.5, DOTTED, "^", 5.5),
+    "GICP, gate 3 m": _look(SERIES[1], 1.5, SOLID, "^", 6.5),
+    "GICP, gate 6 m": _look(SERIES[1], 1.5, DASHED, "^", 5.5),
+    "ICP, gate 1 m": _look(SERIES[3], 1.5, DOTTED, "v", 5.5),
+    "ICP, gate 3 m": _look(SERIES[3], 1.5, SOLID, "v", 6.5),
 }
 """Methods that search a window have wide lines, each wider than the next, as all lie at 100 %; others thin ones."""
 
@@ -65,13 +63,15 @@ def plot_prior_error(path: str | os.PathLike[str], summaries_by_drive: Mapping[s
     """Draw how many epochs are right, how many wrong but called good, and the time of one, over the prior's error.
 
     path: a .png or .svg to write.
-    summaries_by_drive: one column per drive, at most 4, by its name; of at most 8 methods, the first emphasized.
+    summaries_by_drive: one column per drive by its name; of the same methods, at most 8, the first emphasized.
     """
     everything = [one for found in summaries_by_drive.values() for one in found]
     names = list(dict.fromkeys(one.method for one in everything))
-    check_count(len(names), len(METHOD_STYLES), "methods")
-    check_count(len(summaries_by_drive), 4, "drives")
-    looks = {name: _look(name, number) for number, name in enumerate(names)}
+    others = {
+        name: LOOKS.get(name, _look(style.color, 1.5, style.line, style.marker, 6.0))
+        for name, style in zip(names[1:], METHOD_STYLES[1:], strict=False)
+    }
+    looks = {names[0]: FIRST, **others}
     n_gaps = len(summaries_by_drive) - 1
     width = max(NARROWEST, LEFT + (n_gaps + 1) * PANEL + n_gaps * GAP + RIGHT)
     panel = (width - LEFT - RIGHT - n_gaps * GAP) / (n_gaps + 1)
@@ -99,12 +99,6 @@ def plot_prior_error(path: str | os.PathLike[str], summaries_by_drive: Mapping[s
         _draw_legend(figure, looks, ms, n_columns)
 
 
-def _look(name: str, number: int) -> _Look:
-    """Return the look of a method: known ones always look the same, whatever they stand beside."""
-    style = METHOD_STYLES[number]
-    return FIRST if number == 0 else LOOKS.get(name, _Look(style.color, 1.5, style.line, style.marker, 6.0))
-
-
 def _values(one: "TrialSummary") -> tuple[float, float, float]:
     """What is drawn of a method at a level: right, %; wrong but called good, %; ms."""
     right, wrong = one.n_right / one.n_epochs, one.n_wrong_but_good / one.n_epochs
@@ -120,23 +114,15 @@ def _limits(found: Sequence["TrialSummary"]) -> list[tuple[float, float]]:
 
 def _median_ms(name: str, summaries_by_drive: Mapping[str, Sequence["TrialSummary"]]) -> float:
     """Median over the drives of a method's median time at the widest level, ms."""
-    widest = []
-    for drive, found in summaries_by_drive.items():
-        mine = [one for one in found if one.method == name]
-        if not mine:
-            raise OptionError(
-                f"Expected every drive to have trials of the same methods, got none of {name!r} in {drive!r}."
-                " Finish its trials."
-            )
-        widest.append(max(mine, key=lambda one: one.offset))
-    return float(np.median([one.median_ms for one in widest]))
+    of_drives = ([one for one in found if one.method == name] for found in summaries_by_drive.values())
+    return float(np.median([max(mine, key=lambda one: one.offset).median_ms for mine in of_drives]))
 
 
 def _draw_drive(
     panels: Sequence["Axes"],
     drive: str,
     found: Sequence["TrialSummary"],
-    looks: Mapping[str, _Look],
+    looks: Mapping[str, dict[str, Any]],
     limits: Sequence[tuple[float, float]],
 ) -> None:
     """Draw one column of panels; the levels of the prior's error stand at equal distances, whatever their values."""
@@ -148,9 +134,9 @@ def _draw_drive(
         rows = sorted((one for one in found if one.method == name), key=lambda one: one.offset)
         places = [levels.index((one.offset, one.heading_deg)) for one in rows]
         # Wide lines lie below thin ones, the first method above all.
-        above = 9.0 if look is FIRST else 2.0 + 0.1 * rank + (2.0 if look.width < 2.0 else 0.0)
+        above = 9.0 if look is FIRST else 2.0 + 0.1 * rank + (2.0 if look["lw"] < 2.0 else 0.0)
         for axes, values in zip(panels, np.array([_values(one) for one in rows]).reshape(-1, 3).T, strict=True):
-            axes.plot(places, values, zorder=above, **_line(look))
+            axes.plot(places, values, zorder=above, **look)
     for axes, (low, high) in zip(panels, limits, strict=True):
         axes.set_xlim(-0.3, len(levels) - 0.7)
         axes.set_ylim(low, high)
@@ -165,20 +151,14 @@ def _draw_drive(
     panels[2].set_xlabel("prior wrong by up to", labelpad=2.0)
 
 
-def _line(look: _Look) -> dict[str, Any]:
-    """Look of a line, as matplotlib's keywords."""
-    return {
-        "color": look.color, "lw": look.width, "ls": look.dashes, "marker": look.marker if look.size else "",
-        "ms": look.size, "mec": "white", "mew": 0.8, "solid_capstyle": "round", "clip_on": False,
-    }  # fmt: skip
-
-
-def _draw_legend(figure: "Figure", looks: Mapping[str, _Look], ms: Mapping[str, float], n_columns: int) -> None:
+def _draw_legend(
+    figure: "Figure", looks: Mapping[str, dict[str, Any]], ms: Mapping[str, float], n_columns: int
+) -> None:
     """Name the methods below, with their times to two digits, as more would not be repeatable; the first in bold."""
     from matplotlib.lines import Line2D
 
     legend = figure.legend(
-        [Line2D([], [], **_line(look)) for look in looks.values()],
+        [Line2D([], [], **look) for look in looks.values()],
         [f"{name}: {float(f'{ms[name]:.2g}'):,.0f} ms" for name in looks],
         loc="lower left", bbox_to_anchor=(0.2 / figure.get_size_inches()[0], 0.0), ncols=n_columns, handlelength=2.6,
         columnspacing=1.6, labelspacing=0.45,

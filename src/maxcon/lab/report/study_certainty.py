@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from maxcon.lab.evaluation import (
     ALERT_LIMIT,
@@ -19,8 +20,8 @@ from maxcon.lab.evaluation import (
     RiskCoverage,
     least_to_prove,
 )
+from maxcon.lab.report import Picture
 from maxcon.lab.report.certainty_plots import SigmaPanel, plot_risk_coverage, plot_sigmas, plot_stanford
-from maxcon.lab.report.pages import Picture
 from maxcon.lab.report.study_statistics import NAMES, own_methods, shown_methods
 from maxcon.lab.report.timeline import ErrorRow, plot_timeline
 from maxcon.lab.study import MethodRows
@@ -106,25 +107,22 @@ def _coverage(title: str, rows: MethodRows) -> dict[str, Any]:
     """How many errors of a method lie within their sigmas, for each kind of error, and for x and y together."""
     squares = rows.numbers("nees")
     found = [
-        coverage_row(name, Coverage.of(rows.numbers(error), rows.numbers(sigma)))
+        _coverage_row(name, Coverage.of(rows.numbers(error), rows.numbers(sigma)))
         for name, (error, sigma) in KINDS.items()
     ]
-    found.append(coverage_row("x and y", Coverage.of(np.sqrt(squares), np.ones(len(squares))), n_errors=2))
+    found.append(_coverage_row("x and y", Coverage.of(np.sqrt(squares), np.ones(len(squares))), n_errors=2))
     return {"title": title, "rows": found, "squares": MeanSquare.of(squares)}
 
 
-def coverage_row(name: str, coverage: Coverage, n_errors: int = 1) -> dict[str, Any]:
-    """Return a row of a table of coverage, with what is expected if the sigmas hold.
-
-    name: kind of error. n_errors: number of errors taken together: 2 for x and y within ellipses.
-    """
+def _coverage_row(name: str, coverage: Coverage, n_errors: int = 1) -> dict[str, Any]:
+    """A row of a table of coverage, of `n_errors` errors taken together, with what is expected if the sigmas hold."""
     promised = PROMISED if n_errors == 1 else PROMISED_PLANE
-    # By the 95 % intervals of the three fractions.
     verdict = "as promised"
-    if any(low > fraction for (low, _), fraction in zip(coverage.intervals, promised, strict=True)):
-        verdict = "too large"
-    if any(high < fraction for (_, high), fraction in zip(coverage.intervals, promised, strict=True)):
-        verdict = "too small"
+    for (low, high), fraction in zip(coverage.intervals, promised, strict=True):
+        if high < fraction:
+            verdict = "too small"
+        elif low > fraction and verdict != "too small":
+            verdict = "too large"
     return {
         "name": name, "coverage": coverage, "n_errors": n_errors, "promised": promised,
         "promised_rms": math.sqrt(n_errors), "verdict": verdict,
@@ -136,10 +134,7 @@ def _protection(title: str, rows: MethodRows, risk: float | None) -> dict[str, A
 
     risk: how often the method says that its levels are exceeded, 0 to 1, if it says so.
     """
-    errors, levels = (
-        np.column_stack([rows.numbers(f"{prefix}{name}")[rows.is_tried] for name in DIRECTIONS])
-        for prefix in ("", "protection_")
-    )
+    errors, levels = (np.column_stack(list(found.values())) for found in _errors_and_levels(rows))
     counts = {name: ProtectionCounts.of(errors[:, number], levels[:, number]) for number, name in enumerate(DIRECTIONS)}
     return {
         "title": title,
@@ -147,6 +142,11 @@ def _protection(title: str, rows: MethodRows, risk: float | None) -> dict[str, A
         "risk": risk,
         "n_to_prove": None if risk is None else least_to_prove(risk),
     }
+
+
+def _errors_and_levels(rows: MethodRows) -> list[dict[str, NDArray[np.float64]]]:
+    """Errors and protection levels of the epochs that were tried, m, by direction."""
+    return [{name: rows.numbers(f"{of}{name}")[rows.is_tried] for name in DIRECTIONS} for of in ("", "protection_")]
 
 
 def _sigmas(path: Path, rows: MethodRows) -> Picture:
@@ -167,9 +167,7 @@ def _sigmas(path: Path, rows: MethodRows) -> Picture:
 
 
 def _stanford(path: Path, rows: MethodRows) -> Picture:
-    errors = {name: rows.numbers(name)[rows.is_tried] for name in DIRECTIONS}
-    levels = {name: rows.numbers(f"protection_{name}")[rows.is_tried] for name in DIRECTIONS}
-    plot_stanford(path, errors, levels, title=f"Protection level against true error: {rows.method}")
+    plot_stanford(path, *_errors_and_levels(rows), title=f"Protection level against true error: {rows.method}")
     return Picture(
         "Stanford diagram: protection level against true error",
         "The protection level is what the error shall not exceed, but for the method's stated risk. Green: it did not,"

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: MIT
 """Single epochs of a study, searched again for its page: overview, headings, count beside Helmert."""
 
-import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,9 +16,10 @@ from maxcon.estimate import Estimate
 from maxcon.geometry import Pose
 from maxcon.lab.dataset import Dataset
 from maxcon.lab.paper.claims import HELMERT
-from maxcon.lab.paper.overview import plot_overview
+from maxcon.lab.paper.distinctness import spaced_epochs
+from maxcon.lab.paper.overview import WINDOW_REACHES, plot_overview
 from maxcon.lab.paper.search_spaces import ComparisonRow, plot_comparison, plot_headings
-from maxcon.lab.report.pages import Picture
+from maxcon.lab.report import Picture
 from maxcon.lab.report.study_statistics import common_epochs
 from maxcon.lab.study import MethodRows, Study, known_methods
 from maxcon.lab.study.bench import REFERENCE, Bench
@@ -64,8 +64,8 @@ def pick_epochs(count: MethodRows, helmert: MethodRows) -> dict[str, int]:
     return picked | ({"count fails": int(epochs[np.argmax(errors)])} if errors.any() else {})
 
 
-# Epochs whose search spaces may be drawn on the map: at least this far apart, and at most this far away, m.
-SPACE_EVERY, SPACES_REACH = 3.0, 45.0
+# Least distance between the middles of two search spaces on the map over their reach: more than a diagonal.
+SPACES_APART = 3.0
 SHOWN_BECAUSE = {
     "crossing": "where the count is the most distinct",
     "street": "where the count is right and the least distinct",
@@ -150,23 +150,14 @@ class StudyScenes:
         )
 
     def _neighbours(self, epoch: int, rows: MethodRows) -> list[int]:
-        """Other epochs with an answer, at steps along the drive, after and before this one."""
-        numbers = rows.numbers("epoch").astype(int)
-        places = np.column_stack([rows.numbers("reference_x"), rows.numbers("reference_y")])
-        has_answer = np.isfinite(rows.numbers("x")) & np.isfinite(places).all(axis=1)
-        numbers, places = numbers[has_answer], places[has_answer]
-        here = places[numbers == epoch][0]
-        chosen: list[int] = []
-        for side in (numbers[numbers > epoch], numbers[numbers < epoch][::-1]):
-            last = here
-            for number in side.tolist():
-                place = places[numbers == number][0]
-                if math.dist(place, here) > SPACES_REACH:
-                    break
-                if math.dist(place, last) >= SPACE_EVERY:
-                    chosen.append(number)
-                    last = place
-        return chosen
+        """Other epochs with an answer whose search spaces can be drawn beside that of this one, the nearest first."""
+        has_both = np.isfinite(rows.numbers("x")) & np.isfinite(rows.numbers("reference_x"))
+        numbers = rows.numbers("epoch")[has_both].astype(int)
+        places = np.array([self.poses(number)[0].position[:2] for number in numbers.tolist()])
+        away, reach = places - self.poses(epoch)[0].position[:2], self.method.space.reach
+        is_inside = np.abs(away).max(axis=1) <= (WINDOW_REACHES - 1.5) * reach
+        order = np.flatnonzero(is_inside)[np.argsort(np.hypot(*away[is_inside].T), kind="stable")]
+        return [int(numbers[order[place]]) for place in spaced_epochs(places[order], SPACES_APART * reach)[1:]]
 
 
 def space_of(configuration_methods: Mapping[str, dict[str, object]], name: str) -> SearchSpace | None:

@@ -18,7 +18,7 @@ from maxcon.errors import OptionError
 from maxcon.lab.dataset import DESCRIPTION
 from maxcon.lab.evaluation import SUCCESS_WORDS
 from maxcon.lab.paper.claims import COUNT, HELMERT, paper_claims
-from maxcon.lab.report.pages import check_jinja2, write_page
+from maxcon.lab.report import check_jinja2, write_page
 from maxcon.lab.report.study_certainty import certainty_of
 from maxcon.lab.report.study_pictures import draw_scenes, open_scenes, space_of
 from maxcon.lab.report.study_statistics import draw_statistics, own_methods
@@ -77,7 +77,9 @@ def report_study(
     check_folder(folder)
     study = Study.open(study_folder)
     by_prior = _by_prior(study)
-    prior = _checked_prior(by_prior, prior)
+    if prior is not None and prior not in by_prior:
+        raise OptionError(f"Expected a prior of the study, {', '.join(by_prior)}, got {prior!r}.")
+    prior = prior or next(iter(by_prior))
     methods = by_prior[prior]
     make_folder(folder)
     sweep(folder)
@@ -126,15 +128,8 @@ def _by_prior(study: Study) -> dict[str, dict[str, MethodRows]]:
             f"Expected rows in the study {study.folder}, got none yet. Let it run: maxcon study DATASET -o STUDY."
         )
     studied = [str(name) for run in study.configuration.runs for name in run.get("priors", ())]
-    place = {name: number for number, name in reversed(list(enumerate(studied)))}
-    order = sorted(found, key=lambda name: (name == REFERENCE, place.get(name, len(place)), name))
+    order = sorted(found, key=lambda name: (name == REFERENCE, (*studied, name).index(name), name))
     return {name: found[name] for name in order}
-
-
-def _checked_prior(by_prior: dict[str, dict[str, MethodRows]], prior: str | None) -> str:
-    if prior is not None and prior not in by_prior:
-        raise OptionError(f"Expected a prior of the study, {', '.join(by_prior)}, got {prior!r}.")
-    return prior or next(iter(by_prior))
 
 
 def _cautions(study: Study, methods: dict[str, MethodRows]) -> list[str]:
@@ -190,14 +185,12 @@ def _reasons(by_prior: dict[str, dict[str, MethodRows]]) -> tuple[tuple[str, int
     """Why rows have no answer: each status with how many rows it has, and one reason as an example."""
     counted: Counter[str] = Counter()
     example: dict[str, str] = {}
-    for methods in by_prior.values():
-        for rows in methods.values():
-            words = zip(rows.words("status"), rows.words("reason"), rows.numbers("x"), strict=True)
-            for status, reason, x in words:
-                if math.isnan(x):
-                    counted[str(status)] += 1
-                    if reason:
-                        example.setdefault(str(status), reason)
+    for rows in (rows for methods in by_prior.values() for rows in methods.values()):
+        for status, reason, x in zip(rows.words("status"), rows.words("reason"), rows.numbers("x"), strict=True):
+            if math.isnan(x):
+                counted[str(status)] += 1
+                if reason:
+                    example.setdefault(str(status), reason)
     return tuple(
         (f"{status}, such as: {example[status]}" if status in example else status, n_rows)
         for status, n_rows in counted.most_common()

@@ -5,22 +5,20 @@
 import os
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from maxcon.errors import ArrayError
 from maxcon.estimate import Status
 from maxcon.lab.evaluation import SUCCESS_WORDS
-from maxcon.plotting.figure import INK, MUTED, SERIES, add_axes, check_count, draw_grid, saved_figure
+from maxcon.plotting.figure import INK, MUTED, SERIES, add_axes, draw_grid, saved_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-BAND, TRUSTED, WITHHELD = "#bcd9ee", SERIES[0], "#9aa1ad"
+BAND, TRUSTED, WITHHELD, WRONG = "#bcd9ee", SERIES[0], "#9aa1ad", "#c00000"
 STATUS_COLORS = {
     Status.LOCALIZED.value: SERIES[2],
     Status.AMBIGUOUS.value: SERIES[4],
@@ -42,14 +40,11 @@ WIDTH, LEFT, RIGHT, BELOW, TITLES, BETWEEN = 11.5, 1.75, 0.25, 1.0, 1.08, 0.12
 STATUS_ROW, ERROR_ROW = 0.24, 1.35
 
 
-@dataclass(frozen=True, eq=False)
-class ErrorRow:
+class ErrorRow(NamedTuple):
     """One kind of error over a drive, with its predicted standard deviations and protection levels.
 
     name, unit: name of the error ("along"), and the unit in which it is given and drawn.
-    errors: shape (n,); signed, in that unit; NaN where there is no answer.
-    sigmas: shape (n,); predicted standard deviations in that unit; NaN where there is none.
-    levels: shape (n,); protection levels in that unit; NaN where there is none.
+    errors, sigmas, levels: shape (n,); in that unit, errors signed; NaN where there is none.
     """
 
     name: str
@@ -58,26 +53,16 @@ class ErrorRow:
     sigmas: NDArray[np.float64]
     levels: NDArray[np.float64]
 
-    def check(self, n_epochs: int) -> None:
-        """Raise an ArrayError unless all arrays have shape (n_epochs,)."""
-        shapes = [np.shape(values) for values in (self.errors, self.sigmas, self.levels)]
-        if any(shape != (n_epochs,) for shape in shapes):
-            raise ArrayError(
-                f"Expected errors, sigmas and levels {self.name} of shape ({n_epochs},),"
-                f" got {', '.join(map(str, shapes))}."
-            )
-
     @property
     def limit(self) -> float:
         """The row is drawn from -limit to limit, a range that is not dominated by gross errors."""
-        errors, *predicted = [
-            float(np.nanquantile(values, 0.98)) if _is_any(values) else None
+        errors, *predicted = (
+            float(np.nanquantile(values, 0.98)) if _is_any(values) else 0.0
             for values in (np.abs(self.errors), 2.0 * self.sigmas, self.levels)
-        ]
-        known = [value for value in predicted if value is not None]
-        limit = max([value for value in (errors, *known) if value is not None], default=1.0)
-        if errors is not None and known:  # a few gross errors must not flatten all others
-            limit = min(limit, 4.0 * max(known))
+        )
+        limit = max(errors, *predicted) or 1.0
+        if errors and max(predicted):  # a few gross errors must not flatten all others
+            limit = min(limit, 4.0 * max(predicted))
         return ROOM * max(limit, 1e-3)
 
 
@@ -88,9 +73,9 @@ def _is_any(values: NDArray[np.float64]) -> bool:
 
 def plot_timeline(
     path: str | os.PathLike[str],
-    epochs: ArrayLike,
+    epochs: NDArray[np.float64],
     statuses: Sequence[str],
-    is_wrong: ArrayLike,
+    is_wrong: NDArray[np.bool_],
     rows: Sequence[ErrorRow],
     *,
     title: str,
@@ -98,61 +83,44 @@ def plot_timeline(
     """Draw a drive: a row for each status that occurs, and one for each kind of error.
 
     path: a .png or .svg to write.
-    epochs: shape (n,); numbers of the scans, rising.
+    epochs: shape (n,), n > 0; numbers of the scans, rising.
     statuses: status of each answer, as the method says.
     is_wrong: shape (n,); bool: whether the answer is known to be beyond the limits of success.
-    rows: at most 4.
     """
-    numbers, wrong = np.asarray(epochs, dtype=np.float64), np.asarray(is_wrong, dtype=bool)
-    check_count(len(rows), 4, "rows")
-    if numbers.ndim != 1 or len(numbers) == 0 or wrong.shape != numbers.shape or len(statuses) != len(numbers):
-        raise ArrayError(
-            f"Expected one status, and whether it is wrong, for each of n > 0 epochs, got {numbers.shape},"
-            f" {len(statuses)} and {wrong.shape}."
-        )
-    for row in rows:
-        row.check(len(numbers))
     said = np.array(statuses)
     trusted = said == Status.LOCALIZED.value
-    words = [word for word, _ in Counter(statuses).most_common()]
-    words.sort(key=lambda word: word != Status.LOCALIZED.value)
+    words = sorted(Counter(statuses), key=lambda word: (word != Status.LOCALIZED.value, -statuses.count(word)))
     lines = [(word, said == word, STATUS_COLORS.get(word, MUTED)) for word in words]
-    lines.append(("trusted and wrong", trusted & wrong, "#c00000"))
+    lines.append(("trusted and wrong", trusted & is_wrong, WRONG))
     height = BELOW + len(rows) * (ERROR_ROW + BETWEEN) + len(lines) * STATUS_ROW + TITLES
-    subtitle = _words(rows, len(numbers), int((trusted & wrong).sum()))
+    subtitle = _words(rows, len(epochs), int((trusted & is_wrong).sum()))
+    # Width of the stroke of an epoch, points: without gaps between neighbours, and never too thin to be seen.
+    step = float(np.median(np.diff(epochs))) if len(epochs) > 1 else 1.0
+    extent = max(float(np.ptp(epochs)), 1.0)
+    stroke = float(np.clip(0.9 * 72.0 * (WIDTH - LEFT - RIGHT) * step / extent, 0.9, 8.0))
     with saved_figure(path, WIDTH, height, title, subtitle) as figure:
-        stroke = _stroke(numbers)
         bottom = height - TITLES - len(lines) * STATUS_ROW
         first = _add_row(figure, bottom, len(lines) * STATUS_ROW, None)
-        _draw_statuses(first, numbers, lines, stroke)
+        _draw_statuses(first, epochs, lines, stroke)
         for row in rows:
             bottom -= ERROR_ROW + BETWEEN
             axes = _add_row(figure, bottom, ERROR_ROW, first)
-            _draw_errors(axes, row, numbers, trusted, stroke)
+            _draw_errors(axes, row, epochs, trusted, stroke, 0.5 * max(step, extent / MOST_STROKES))
             axes.set_ylabel(f"{row.name}\n[{row.unit}]", labelpad=8)
         axes.set_xlabel("epoch (number of the scan)")
         axes.tick_params(labelbottom=True)
-        margin = max(0.6, 0.012 * float(np.ptp(numbers)))
-        first.set_xlim(numbers[0] - margin, numbers[-1] + margin)
+        margin = max(0.6, 0.012 * extent)
+        first.set_xlim(epochs[0] - margin, epochs[-1] + margin)
         _draw_legend(figure, rows)
 
 
 def _words(rows: Sequence[ErrorRow], n_epochs: int, n_wrong: int) -> str:
     """Return the subtitle: how many trusted answers are wrong, and what to look for."""
     wrong = "No trusted answer is wrong" if n_wrong == 0 else f"Trusted and wrong: {n_wrong:,}"
+    look = "The method predicts no errors: there are no bands."
     if any(_is_any(row.sigmas) for row in rows):
         look = "About 95 % of the dots should lie within the band, and hardly any beyond the lines."
-    else:
-        look = "The method predicts no errors: there are no bands."
     return f"{n_epochs:,} epochs. {wrong} ({SUCCESS_WORDS}).\n{look}"
-
-
-def _stroke(numbers: NDArray[np.float64]) -> float:
-    """Width of the stroke of an epoch, points: without gaps between neighbours, and never too thin to be seen."""
-    if len(numbers) == 1:
-        return 8.0
-    step = float(np.median(np.diff(numbers))) / max(float(np.ptp(numbers)), 1.0)
-    return float(np.clip(0.9 * 72.0 * (WIDTH - LEFT - RIGHT) * step, 0.9, 8.0))
 
 
 def _add_row(figure: "Figure", bottom: float, height: float, first: "Axes | None") -> "Axes":
@@ -164,13 +132,13 @@ def _add_row(figure: "Figure", bottom: float, height: float, first: "Axes | None
 
 
 def _draw_statuses(
-    axes: "Axes", numbers: NDArray[np.float64], lines: Sequence[tuple[str, NDArray[np.bool_], str]], stroke: float
+    axes: "Axes", epochs: NDArray[np.float64], lines: Sequence[tuple[str, NDArray[np.bool_], str]], stroke: float
 ) -> None:
-    """Draw a line of strokes for each status; the last, of wrong answers, is never too thin to be seen."""
+    """Draw a line of strokes for each status; those of wrong answers are never too thin to be seen."""
+    is_many = len(epochs) > MANY_EPOCHS
     for number, (_, is_here, color) in enumerate(lines):
-        width = stroke if number < len(lines) - 1 else max(stroke, 2.0)
-        is_many = len(numbers) > MANY_EPOCHS
-        axes.vlines(numbers[is_here], number - 0.36, number + 0.36, color=color, lw=width, rasterized=is_many)
+        width = max(stroke, 2.0) if color == WRONG else stroke
+        axes.vlines(epochs[is_here], number - 0.36, number + 0.36, color=color, lw=width, rasterized=is_many)
     axes.set(ylim=(len(lines) - 0.5, -0.5))
     axes.set_yticks(range(len(lines)), [f"{word}: {int(is_here.sum()):,}" for word, is_here, _ in lines])
     axes.tick_params(axis="y", length=0, labelsize=9)
@@ -178,22 +146,20 @@ def _draw_statuses(
 
 
 def _draw_errors(
-    axes: "Axes", row: ErrorRow, numbers: NDArray[np.float64], trusted: NDArray[np.bool_], stroke: float
+    axes: "Axes", row: ErrorRow, epochs: NDArray[np.float64], trusted: NDArray[np.bool_], stroke: float, half: float
 ) -> None:
-    """Draw band, levels and errors; errors beyond the axis are marked at its end."""
-    is_many, limit = len(numbers) > MANY_EPOCHS, row.limit
-    axes.vlines(numbers, -2.0 * row.sigmas, 2.0 * row.sigmas, color=BAND, lw=stroke, zorder=1, rasterized=is_many)
-    step = float(np.median(np.diff(numbers))) if len(numbers) > 1 else 1.0
-    half = 0.5 * max(step, float(np.ptp(numbers)) / MOST_STROKES)
+    """Draw band, levels (`half` an epoch to either side) and errors; those beyond the axis are marked at its end."""
+    is_many, limit = len(epochs) > MANY_EPOCHS, row.limit
+    axes.vlines(epochs, -2.0 * row.sigmas, 2.0 * row.sigmas, color=BAND, lw=stroke, zorder=1, rasterized=is_many)
     for sign in (-1.0, 1.0):
-        axes.hlines(sign * row.levels, numbers - half, numbers + half, color=INK, lw=0.9, zorder=2, rasterized=is_many)
-    size = 5.0 if len(numbers) <= 120 else 3.2 if len(numbers) <= 600 else 1.8
+        axes.hlines(sign * row.levels, epochs - half, epochs + half, color=INK, lw=0.9, zorder=2, rasterized=is_many)
+    size = 5.0 if len(epochs) <= 120 else 3.2 if len(epochs) <= 600 else 1.8
     for is_here, color, above in ((trusted, TRUSTED, 3), (~trusted, WITHHELD, 4)):
         here = is_here & (np.abs(row.errors) <= limit)
         look: dict[str, Any] = {"ls": "", "mew": 0, "color": color}
-        axes.plot(numbers[here], row.errors[here], marker="o", ms=size, zorder=above, rasterized=is_many, **look)
+        axes.plot(epochs[here], row.errors[here], marker="o", ms=size, zorder=above, rasterized=is_many, **look)
         for sign, marker in ((1.0, "^"), (-1.0, "v")):
-            beyond = numbers[is_here & (sign * row.errors > limit)]
+            beyond = epochs[is_here & (sign * row.errors > limit)]
             axes.plot(beyond, np.full(len(beyond), sign * 0.93 * limit), marker=marker, ms=5.5, zorder=5, **look)
     axes.axhline(0.0, color=MUTED, lw=0.7, zorder=1.5)
     axes.set_ylim(-limit, limit)

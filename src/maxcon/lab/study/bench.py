@@ -21,7 +21,8 @@ from maxcon.io.scans import Scans
 from maxcon.io.trajectories import read_trajectory
 from maxcon.lab.baselines import CountThenGicp, Gicp, Icp, MultiStart
 from maxcon.lab.dataset import Dataset
-from maxcon.lab.evaluation import Distinctness, distinctness, pose_error
+from maxcon.lab.distinctness import Distinctness, distinctness
+from maxcon.lab.evaluation import pose_error
 from maxcon.lab.study.methods import StudyMethod
 from maxcon.lab.study.table import Row
 from maxcon.localizer import MaximumConsensus

@@ -15,12 +15,11 @@ from maxcon._system.version import __version__
 from maxcon.drive.localize import EpochEstimate, scan_of
 from maxcon.geometry import Pose
 from maxcon.io.scans import open_scans
-from maxcon.lab.demo.run import MAPPING_WAIT, DemoDrive, MethodResult
-from maxcon.lab.demo.wide import WideResult
-from maxcon.lab.paper.search_spaces import plot_search_spaces
-from maxcon.lab.report.errors import plot_errors
-from maxcon.lab.report.pages import Picture, write_page
+from maxcon.lab.demo import MAPPING_WAIT, DemoDrive, MethodResult, WideResult
+from maxcon.lab.paper.search_spaces import ComparisonRow, plot_comparison
+from maxcon.lab.report import Picture, write_page
 from maxcon.lab.report.prior_error import plot_prior_error
+from maxcon.lab.report.study_statistics import plot_error_distributions
 from maxcon.lab.simulation.datasets import CITY_ORIGIN
 from maxcon.plotting import plot_drive, plot_epoch
 from maxcon.plotting.score_panel import SearchSpaceView
@@ -37,30 +36,25 @@ def report_demo(
     pictures = DemoPictures(folder / "pictures", drive, results)
     make_folder(pictures.folder)
     epochs = results[-1].epochs
-    street, crossing = epochs[int(STREET_PART * (len(epochs) - 1))], _at_crossing(drive, epochs)
-    steps: list[Callable[[], Picture]] = [
-        pictures.why,
-        lambda: pictures.epoch(street),
-        lambda: pictures.spaces_in_street(street),
-        lambda: pictures.spaces_at_crossing(crossing),
-        pictures.errors,
-        pictures.drive_from_above,
-        lambda: pictures.wide_priors(wide),
-    ]
-    drawn = []
-    for number, step in enumerate(steps, 1):
-        drawn.append(step())
+    street = epochs[int(STREET_PART * (len(epochs) - 1))]
+    steps: dict[str, Callable[[], Picture]] = {
+        "why": pictures.why,
+        "wide": lambda: pictures.wide_priors(wide),
+        "errors": pictures.errors,
+        "drive": pictures.drive_from_above,
+        "epoch": lambda: pictures.epoch(street),
+        "spaces": lambda: pictures.street_and_crossing(street, _at_crossing(drive, epochs)),
+    }
+    drawn = {}
+    for number, (name, step) in enumerate(steps.items(), 1):
+        drawn[name] = step()
         progress("drawing", number, len(steps))
     path = folder / "report.html"
     page = {
         "title": "maxcon demo: a simulated street",
         "headline": _headline(results[-1]),
         "results": results,
-        "why": drawn[0],
-        "epochs": drawn[1:4],
-        "errors": drawn[4],
-        "drive": drawn[5],
-        "wide": drawn[6],
+        **drawn,
         "facts": _facts(drive, results[0]),
         "command": f"maxcon demo --epochs {len(epochs)} --seed {seed}",
         "version": __version__,
@@ -130,15 +124,16 @@ class DemoPictures:
     def why(self) -> Picture:
         """Draw the epoch that the count puts farthest off, and say what came out, whatever it is."""
         position = worst_of_the_count(self.results)
-        epoch = self.results[0].epochs[position]
-        path = self._spaces("why", epoch, "where the map is denser in one place")
+        row = self._row("where the map is denser in one place", self.results[0].epochs[position])
+        path = self.folder / "why.png"
+        plot_comparison(path, [row], title="Why Helmert's point error, and a voxel once")
         off = {result.method.slug: result.distances[position] for result in self.results}
         found = [(result.method.name, result.accuracy) for result in self.results]
         wrong = "; ".join(f"{name}: {accuracy.n_epochs - accuracy.n_success}" for name, accuracy in found)
         return Picture(
             "Why Helmert's point error, and a voxel once",
             f"The mapping vehicle stood before a red light for {MAPPING_WAIT:g} s, and the map is denser there. At"
-            f" epoch {epoch.epoch} the count of map points ends {off['count-points']:.2f} m from the reference,"
+            f" {row.label.split(',')[0]} the count of map points ends {off['count-points']:.2f} m from the reference,"
             f" Helmert's score of the same matches {off['helmert-points']:.2f} m, and Helmert's score with each voxel"
             f" counting once, which is maxcon's default, {off['helmert-occupied']:.3f} m. Wrong by more than 0.3 m or"
             f" 1 degree, of {found[0][1].n_epochs} epochs: {wrong}.",
@@ -146,49 +141,35 @@ class DemoPictures:
             path,
         )
 
-    def spaces_in_street(self, epoch: EpochEstimate) -> Picture:
-        """Draw the count beside Helmert, on the same matches, in the street."""
+    def street_and_crossing(self, street: EpochEstimate, crossing: EpochEstimate) -> Picture:
+        """Draw the count beside Helmert, on the same matches, in the street and at the crossing."""
+        rows = [self._row("in the street", street), self._row("at the crossing", crossing)]
+        path = self.folder / "street-and-crossing.png"
+        plot_comparison(path, rows, title="Count beside Helmert")
         return Picture(
-            "Count beside Helmert, in the street",
+            "Count beside Helmert, in the street and at the crossing",
             "In a street the count leaves a bright ray along the facades: every position on it matches about as many"
-            " points. Helmert's score asks how well the matches fix the position, and leaves a peak.",
-            "The search space of the best heading, scored by count and by Helmert's point error.",
-            self._spaces("street", epoch, "in the street"),
+            " points. At a crossing facades face both ways: the count's two rays meet in one peak. Helmert's score asks"
+            " how well the matches fix the position, and leaves the peak alone.",
+            "The search spaces of the best heading, scored by count and by Helmert's point error.",
+            path,
         )
 
-    def spaces_at_crossing(self, epoch: EpochEstimate) -> Picture:
-        """Draw the count beside Helmert, on the same matches, at the crossing."""
-        return Picture(
-            "Count beside Helmert, at the crossing",
-            "At a crossing facades face both ways: the count's two rays meet in one peak, and Helmert's score keeps the"
-            " peak alone.",
-            "The search space of the best heading, scored by count and by Helmert's point error.",
-            self._spaces("crossing", epoch, "at the crossing"),
-        )
-
-    def _spaces(self, stem: str, epoch: EpochEstimate, where: str) -> Path:
-        """Draw the search spaces of an epoch by the paper's two methods and the default; return the file."""
+    def _row(self, where: str, epoch: EpochEstimate) -> ComparisonRow:
+        """An epoch by the paper's two methods and the default."""
         scan, prior = self._scan_and_prior(epoch)
         views = []
         for chosen in (result.method for result in self.results):
             if chosen.slug in ("count-points", "helmert-points", "helmert-occupied"):
                 accumulator = chosen.method.accumulate(scan, self.drive.point_map, prior)
                 views.append(SearchSpaceView(accumulator, chosen.method.cell_search.objective, chosen.name))
-        path, reference = self.folder / f"{stem}.png", self.drive.reference_at(epoch.raw.time)
-        plot_search_spaces(path, views, title=f"Epoch {epoch.epoch}, {where}", reference=reference)
-        return path
+        reference = self.drive.reference_at(epoch.raw.time)
+        return ComparisonRow(f"epoch {epoch.epoch}, {where}", scan, self.drive.point_map, reference, views)
 
     def errors(self) -> Picture:
         """Draw the errors of all methods."""
-        path = self.folder / "errors.svg"
-        times = [epoch.raw.time for epoch in self.results[0].epochs]
-        plot_errors(path, times, {result.method.name: result.distances for result in self.results})
-        return Picture(
-            "Errors over the drive",
-            "Distance of each answer to the reference: the best cell, of 6 cm, adjusted to the surfaces of the map.",
-            "Errors of each method over time, and their distribution.",
-            path,
-        )
+        errors = {result.method.name: np.array(result.distances) for result in self.results}
+        return plot_error_distributions(self.folder / "errors.svg", errors)
 
     def drive_from_above(self) -> Picture:
         """Draw the drive by the default method."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.errors import ArrayError, OptionError
+from maxcon.errors import ArrayError
 from maxcon.integrity import peak_ratio
 from maxcon.search.accumulator import Accumulator, highest
 from maxcon.search.objectives import Objective, Scores, checked_scores
@@ -51,35 +51,17 @@ class Distinctness:
     spread: float
 
 
-def distinctness(
-    accumulator: Accumulator, objective: Objective, *, guard_radius: float = GUARD_RADIUS, scores: Scores | None = None
-) -> Distinctness:
+def distinctness(accumulator: Accumulator, objective: Objective, scores: Scores | None = None) -> Distinctness:
     """Return measures of how distinct the best cell is.
 
     The ray ends where the search space ends, so kurtosis and divergence depend on where in the space the peak lies:
     compare objectives on the same accumulator. The paper's search spaces are centred on the reference.
 
-    Parameters
-    ----------
-    accumulator : Accumulator
-        Moments of all cells.
-    objective : Objective
-        What a cell is worth; its scores must not be negative.
-    guard_radius : float
-        Cells nearer to the peak than this cannot be the second peak, m. State it with every ratio.
-    scores : array, shape (headings, ny, nx), optional
-        ``accumulator.score(objective)``, where it is known already; `objective` is not used then.
-
-    Raises
-    ------
-    ArrayError
-        If scores have another shape, are negative or not finite: a fraction of the peak needs a zero that
-        means "nothing". They are not shifted, as the measures would depend on the lowest cell then.
-    OptionError
-        If the guard radius is negative or not finite.
+    accumulator: moments of all cells.
+    objective: what a cell is worth. ArrayError if scores are negative or not finite: a fraction of the peak needs a
+        zero that means "nothing". They are not shifted, as the measures would depend on the lowest cell then.
+    scores: ``accumulator.score(objective)``, where it is known already; `objective` is not used then.
     """
-    if not 0.0 <= guard_radius < math.inf:
-        raise OptionError(f"Expected `guard_radius` >= 0 m, got {guard_radius}. The default is {GUARD_RADIUS:g}.")
     space = accumulator.space
     scores = _checked(accumulator.score(objective) if scores is None else scores, space)
     peak = highest(scores)
@@ -88,7 +70,7 @@ def distinctness(
     offsets, along = significant_ray(accumulator, scores, peak)
     places, fractions = offsets / space.cell_edge, along / along.sum()
     return Distinctness(
-        peak_ratio=peak_ratio(scores, peak, space, guard_radius),
+        peak_ratio=peak_ratio(scores, peak, space, GUARD_RADIUS),
         kurtosis=_kurtosis(places, fractions),
         divergence=_divergence(places, fractions),
         spread=_spread(scores, peak, space),
@@ -104,13 +86,8 @@ def significant_ray(
     the smallest eigenvalue: that of the largest of Q, but it exists where N is singular, too. Where N prefers no
     direction (no matches, or equal eigenvalues) it is the y axis.
 
-    Returns
-    -------
-    offsets : array, shape (k,)
-        Distances from the cell, a cell edge apart, as far as the search space goes, m; positive towards +x, or towards
-        +y where the line is the y axis.
-    scores : array, shape (k,)
-        Interpolated bilinearly between the four cells around each place.
+    Returns distances from the cell, a cell edge apart, as far as the search space goes, shape (k,), m, positive towards
+    +x, or towards +y where the line is the y axis; and the scores there, interpolated bilinearly, shape (k,).
     """
     scores = _checked(scores, accumulator.space)
     heading, iy, ix = cell

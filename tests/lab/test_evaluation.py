@@ -1,7 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Stated certainty, by values computed by hand, by random errors, and against the binomial distribution itself."""
+"""Errors and stated certainty, by values computed by hand, by random errors, and by the binomial distribution."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -9,20 +10,110 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from maxcon.errors import ArrayError, OptionError
+from maxcon import Pose
 from maxcon.lab.evaluation import (
     ALERT_LIMIT,
     PROMISED,
     PROMISED_PLANE,
     Coverage,
     MeanSquare,
+    PoseError,
     ProtectionCounts,
+    Quantiles,
     RiskCoverage,
     clopper_pearson,
     least_to_prove,
+    pose_error,
+    summarize,
     upper_bound,
     wilson_interval,
 )
+
+# --- errors -----------------------------------------------------------------------------------------------------
+
+
+def _pose(x, y, z=0.0, heading_deg=0.0):
+    return Pose(x, y, z, 0.1, -0.1, math.radians(heading_deg))
+
+
+@pytest.mark.parametrize(
+    ("heading", "reference", "wanted"),
+    [(10.0, 8.0, 2.0), (8.0, 10.0, -2.0), (179.0, -179.0, -2.0), (-179.0, 179.0, 2.0), (0.0, 360.0, 0.0)],
+)
+def test_heading_is_signed_and_takes_the_shorter_way(heading, reference, wanted):
+    error = pose_error(_pose(0.0, 0.0, 0.0, heading), _pose(0.0, 0.0, 0.0, reference))
+    assert math.degrees(error.heading) == pytest.approx(wanted, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "reference_heading", "along", "across"),
+    [
+        (2.0, 1.0, 0.0, 2.0, 1.0),
+        (-1.0, 2.0, 90.0, 2.0, 1.0),  # driving north: west is to the left
+        (1.0, -2.0, 90.0, -2.0, -1.0),
+        (3.0, 0.5, 180.0, -3.0, -0.5),
+        (1.0, 1.0, 45.0, math.sqrt(2.0), 0.0),
+        (1.0, 0.0, 30.0, math.sqrt(0.75), -0.5),
+    ],
+)
+def test_along_and_across_are_those_of_the_reference(x, y, reference_heading, along, across):
+    reference = _pose(100.0, -50.0, -9.0, reference_heading)
+    error = pose_error(_pose(100.0 + x, -50.0 + y, 9.0, reference_heading + 1.0), reference)
+    assert error.along == pytest.approx(along, abs=1e-12)
+    assert error.across == pytest.approx(across, abs=1e-12)
+    assert error.distance == pytest.approx(math.hypot(x, y))
+
+
+@pytest.mark.parametrize(
+    ("along", "across", "heading_deg", "wanted"),
+    [
+        (0.3, 0.0, 0.0, True),
+        (0.3001, 0.0, 0.0, False),
+        (-0.18, 0.24, 0.0, True),
+        (0.25, 0.25, 0.0, False),
+        (0.0, 0.0, -1.0, True),
+        (0.0, 0.0, 1.001, False),
+        (0.31, 0.0, 1.1, False),
+        (math.nan, 0.0, 0.0, False),
+    ],
+)
+def test_success_is_0_3_m_and_1_degree(along, across, heading_deg, wanted):
+    assert PoseError(along, across, math.radians(heading_deg)).is_success is wanted
+
+
+def test_quantiles_are_of_absolute_errors():
+    errors = [(-1) ** k * k / 100 for k in range(101)]
+    assert Quantiles.of(errors) == pytest.approx(Quantiles(0.5, 0.95, 0.99, 1.0))
+    assert Quantiles.of([3.0, 0.0, -1.0]).median == 1.0
+
+
+def test_quantiles_of_nothing_or_of_nan_are_nan():
+    for errors in ([], [0.1, math.nan, 0.2]):
+        assert all(math.isnan(value) for value in dataclasses.astuple(Quantiles.of(errors)))
+    accuracy = summarize([None, None])
+    assert (accuracy.n_epochs, accuracy.n_success) == (2, 0)
+    assert math.isnan(accuracy.distance.median) and math.isnan(accuracy.heading.worst)
+
+
+def test_summary():
+    errors = [
+        PoseError(0.06, -0.08, math.radians(-0.5)),
+        None,
+        PoseError(-0.2, 0.0, math.radians(0.25)),
+        PoseError(0.0, 0.6, 0.0),
+        PoseError(0.03, 0.04, math.radians(-2.0)),
+    ]
+    accuracy = summarize(errors)
+    assert (accuracy.n_epochs, accuracy.n_success) == (5, 2)
+    assert accuracy.distance.median == pytest.approx(0.15)
+    assert accuracy.distance.worst == pytest.approx(0.6)
+    assert accuracy.heading.worst == pytest.approx(math.radians(2.0))
+    assert accuracy.along.median == pytest.approx(0.045)  # of 0, 0.03, 0.06 and 0.2
+    assert accuracy.along.worst == pytest.approx(0.2)
+    assert accuracy.across.median == pytest.approx(0.06)  # of 0, 0.04, 0.08 and 0.6
+    assert accuracy.across.p95 == pytest.approx(0.08 + 0.85 * 0.52)  # rank 2.85 of 0 to 3
+    assert accuracy.heading.median == pytest.approx(math.radians(0.375))
+
 
 # --- what samples prove -----------------------------------------------------------------------------------------
 
@@ -98,7 +189,7 @@ def test_no_epoch_says_nothing():
     assert clopper_pearson(0, 0) == (0.0, 1.0) and upper_bound(0, 0) == 1.0
     assert np.isnan(wilson_interval([0], [0])).all()
     counts = ProtectionCounts.of([], [])
-    assert (counts.n_epochs, counts.exceeded_bound) == (0, 1.0)
+    assert (counts.n_used, counts.exceeded_bound) == (0, 1.0)
     curve = RiskCoverage.of([False], [False], [False], [np.nan])
     assert (curve.n_epochs, len(curve.rates), curve.n_trusted) == (1, 0, 0)
 
@@ -127,15 +218,10 @@ LEVELS = [0.10, 0.10, 0.1, 0.10, 0.4, 0.4, np.nan, np.nan]
 def test_each_epoch_lies_in_one_region():
     found = ProtectionCounts.of(ERRORS, LEVELS)
     assert found == ProtectionCounts(n_nominal=2, n_misleading=1, n_hazardous=1, n_large=2, n_withheld=2)
-    assert (found.n_epochs, found.n_used, found.n_unavailable, found.n_exceeded) == (8, 4, 4, 2)
+    assert (found.n_used, found.n_unavailable, found.n_exceeded) == (4, 4, 2)
+    assert ALERT_LIMIT == 0.29
     assert found.exceeded_bound == upper_bound(2, 4)
     assert found.hazardous_bound == upper_bound(1, 4)
-
-
-def test_the_alert_limit_is_that_of_local_streets_and_may_be_another():
-    assert ALERT_LIMIT == 0.29
-    found = ProtectionCounts.of(ERRORS, LEVELS, alert_limit=1.0)
-    assert found == ProtectionCounts(n_nominal=3, n_misleading=3, n_hazardous=0, n_large=0, n_withheld=2)
 
 
 def test_an_epoch_is_as_bad_as_its_worst_direction():
@@ -164,10 +250,8 @@ def test_trusted_answers_go_first_and_each_by_its_runner_up():
 
 
 def test_answers_of_equal_trust_are_accepted_together():
-    nothing = [np.nan] * 4
-    found = RiskCoverage.of([True, False, True, False], [True] * 4, [True, True, False, False], nothing)
-    np.testing.assert_array_equal(found.n_accepted, [2, 4])
-    np.testing.assert_array_equal(found.n_wrong, [1, 2])
+    found = RiskCoverage.of([True, False, True, False], [True] * 4, [True, True, False, False], [np.nan] * 4)
+    np.testing.assert_array_equal([found.n_accepted, found.n_wrong], [[2, 4], [1, 2]])
 
 
 def test_the_word_of_the_method_is_a_place_of_the_order():
@@ -176,22 +260,3 @@ def test_the_word_of_the_method_is_a_place_of_the_order():
     found = RiskCoverage.of(right, answered, trusted, generator.random(200))
     place = np.searchsorted(found.n_accepted, found.n_trusted)
     assert (found.n_accepted[place], found.n_wrong[place]) == (found.n_trusted, found.n_trusted_wrong)
-
-
-@pytest.mark.parametrize(
-    ("make", "error", "words"),
-    [
-        (lambda: clopper_pearson(4, 3), OptionError, "from 0 to 3 of 3 epochs, got 4"),
-        (lambda: clopper_pearson(1, 3, 1.0), OptionError, "`confidence` above 0 and below 1, got 1"),
-        (lambda: upper_bound(1, 3, 0.5), OptionError, r"`confidence` above 0\.5 and below 1, got 0\.5\."),
-        (lambda: least_to_prove(0.0), OptionError, "`rate` above 0 and below 1, got 0"),
-        (lambda: Coverage.of([1.0, 1.0], [1.0, 0.0]), ArrayError, "sigmas above 0, got 0"),
-        (lambda: Coverage.of([1.0], [1.0, 1.0]), ArrayError, r"one shape \(n,\), got \(1,\) and \(2,\)"),
-        (lambda: ProtectionCounts.of([0.1], [0.1, 0.2]), ArrayError, r"\(n,\) or \(n, m\), got \(1,\) and \(2,\)"),
-        (lambda: ProtectionCounts.of([0.1], [0.1], alert_limit=0.0), OptionError, "`alert_limit` above 0 m, got 0"),
-        (lambda: RiskCoverage.of([True], [True], [True], [0.1, 0.2]), ArrayError, r"four arrays of one shape"),
-    ],
-)
-def test_what_makes_no_sense_is_refused(make, error, words):
-    with pytest.raises(error, match=words):
-        make()

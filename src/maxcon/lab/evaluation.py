@@ -1,14 +1,110 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Whether stated certainty holds: coverage of sigmas, protection levels, risk against coverage, what samples prove."""
+"""How good answers are: errors, coverage of sigmas, protection levels, risk against coverage, what samples prove."""
 
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from maxcon.errors import ArrayError, OptionError
+from maxcon.geometry import Pose, wrap_angle
+
+SUCCESS_DISTANCE = 0.3
+SUCCESS_HEADING = math.radians(1.0)
+SUCCESS_WORDS = f"{SUCCESS_DISTANCE:g} m and {math.degrees(SUCCESS_HEADING):g}°"
+"""The limits of success, in words: "within ... of the reference"."""
+
+
+@dataclass(frozen=True, slots=True)
+class PoseError:
+    """How far a pose is from the reference, in x, y and heading.
+
+    along, across: in the direction of the reference's heading, and to the left of it, signed, m.
+    heading: counter-clockwise, signed, rad.
+    """
+
+    along: float
+    across: float
+    heading: float
+
+    @property
+    def distance(self) -> float:
+        """Horizontal distance from the reference, m."""
+        return math.hypot(self.along, self.across)
+
+    @property
+    def is_success(self) -> bool:
+        """Within 0.3 m and 1 degree of the reference (design, section 4)."""
+        return self.distance <= SUCCESS_DISTANCE and abs(self.heading) <= SUCCESS_HEADING
+
+
+def pose_error(pose: Pose, reference: Pose) -> PoseError:
+    """Return the error of `pose`; both in the same frame."""
+    dx, dy = pose.x - reference.x, pose.y - reference.y
+    cosine, sine = math.cos(reference.heading), math.sin(reference.heading)
+    return PoseError(
+        along=dx * cosine + dy * sine,
+        across=dy * cosine - dx * sine,
+        heading=wrap_angle(pose.heading - reference.heading),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Quantiles:
+    """Quantiles of absolute errors, in the unit of the errors; all NaN where there is no error.
+
+    median, p95, p99: the error that 50, 95 and 99 % of the epochs do not exceed, interpolated linearly between the two
+        epochs next to that rank. Of fewer than 100 epochs, `p99` is nearly the worst.
+    worst: the largest.
+    """
+
+    median: float
+    p95: float
+    p99: float
+    worst: float
+
+    @classmethod
+    def of(cls, errors: Iterable[float]) -> "Quantiles":
+        """Return the quantiles of the absolute values of `errors`; NaN among them makes all NaN."""
+        absolute = np.abs(list(errors))
+        if len(absolute) == 0:
+            return cls(math.nan, math.nan, math.nan, math.nan)
+        median, p95, p99, worst = np.quantile(absolute, [0.5, 0.95, 0.99, 1.0])
+        return cls(float(median), float(p95), float(p99), float(worst))
+
+
+@dataclass(frozen=True, slots=True)
+class Accuracy:
+    """Errors of a method over the epochs it localized.
+
+    n_epochs: all epochs, those without an answer too.
+    n_success: localized within 0.3 m and 1 degree.
+    distance, along, across: of the absolute errors of the epochs that were localized, m.
+    heading: of the absolute heading errors of these epochs, rad.
+    """
+
+    n_epochs: int
+    n_success: int
+    distance: Quantiles
+    along: Quantiles
+    across: Quantiles
+    heading: Quantiles
+
+
+def summarize(errors: Sequence[PoseError | None]) -> Accuracy:
+    """Summarize the errors of all epochs, None for those that were not localized."""
+    known = [error for error in errors if error is not None]
+    return Accuracy(
+        n_epochs=len(errors),
+        n_success=sum(error.is_success for error in known),
+        distance=Quantiles.of(error.distance for error in known),
+        along=Quantiles.of(error.along for error in known),
+        across=Quantiles.of(error.across for error in known),
+        heading=Quantiles.of(error.heading for error in known),
+    )
+
 
 CONFIDENCE = 0.95
 
@@ -17,12 +113,8 @@ def clopper_pearson(n_found: int, n_epochs: int, confidence: float = CONFIDENCE)
     """Return the ends, 0 to 1, of Clopper and Pearson's interval of the rate of an event; (0, 1) without epochs.
 
     At least as often as `confidence` (0 to 1) it holds the true rate, if epochs are independent (Clopper and Pearson,
-    1934). OptionError for impossible counts.
+    1934).
     """
-    if not 0 <= n_found <= n_epochs:
-        raise OptionError(f"Expected from 0 to {n_epochs} of {n_epochs} epochs, got {n_found}.")
-    if not 0.0 < confidence < 1.0:
-        raise OptionError(f"Expected `confidence` above 0 and below 1, got {confidence}. The default is {CONFIDENCE}.")
     if n_epochs == 0:
         return 0.0, 1.0
     from scipy.stats import binomtest
@@ -31,23 +123,17 @@ def clopper_pearson(n_found: int, n_epochs: int, confidence: float = CONFIDENCE)
     return float(interval.low), float(interval.high)
 
 
-def upper_bound(n_found: int, n_epochs: int, confidence: float = CONFIDENCE) -> float:
+def upper_bound(n_found: int, n_epochs: int) -> float:
     """Return the one-sided upper limit, 0 to 1, of the rate of an event found in `n_found` of `n_epochs`.
 
-    With 95 % about 3 / n_epochs where it was never found: the upper end of `clopper_pearson`, with 1 - confidence
-    beyond it and not half of that.
+    With 95 % about 3 / n_epochs where it was never found: the upper end of `clopper_pearson`, with 5 % beyond it and
+    not half of that.
     """
-    if not 0.5 < confidence < 1.0:
-        raise OptionError(
-            f"Expected `confidence` above 0.5 and below 1, got {confidence}. The default is {CONFIDENCE}."
-        )
-    return clopper_pearson(n_found, n_epochs, 2.0 * confidence - 1.0)[1]
+    return clopper_pearson(n_found, n_epochs, 2.0 * CONFIDENCE - 1.0)[1]
 
 
-def wilson_interval(
-    n_successes: ArrayLike, n_trials: ArrayLike, confidence: float = CONFIDENCE
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the lower and upper ends, 0 to 1, of Wilson's intervals of success rates (Wilson, 1927).
+def wilson_interval(n_successes: ArrayLike, n_trials: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the lower and upper ends, 0 to 1, of Wilson's 95 % intervals of success rates (Wilson, 1927).
 
     Successes and trials, shape (m,); NaN without trials. It is narrower than that of `clopper_pearson`: it holds the
     true rate that often on average over the rates, not for each.
@@ -55,18 +141,16 @@ def wilson_interval(
     from scipy.stats import binomtest
 
     ends = [
-        binomtest(int(k), int(n)).proportion_ci(confidence, method="wilson") if n else (math.nan, math.nan)
+        binomtest(int(k), int(n)).proportion_ci(CONFIDENCE, method="wilson") if n else (math.nan, math.nan)
         for k, n in zip(np.atleast_1d(n_successes), np.atleast_1d(n_trials), strict=True)
     ]
     low, high = np.array(ends, dtype=np.float64).reshape(-1, 2).T
     return low, high
 
 
-def least_to_prove(rate: float, confidence: float = CONFIDENCE) -> int:
-    """Return how many epochs, none of them bad, prove that at most a fraction `rate` is bad."""
-    if not 0.0 < rate < 1.0:
-        raise OptionError(f"Expected `rate` above 0 and below 1, got {rate}. None proves a rate of 0.")
-    return math.ceil(math.log(1.0 - confidence) / math.log1p(-rate))
+def least_to_prove(rate: float) -> int:
+    """Return how many epochs, none of them bad, prove with 95 % confidence that at most a fraction `rate` is bad."""
+    return math.ceil(math.log(1.0 - CONFIDENCE) / math.log1p(-rate))
 
 
 SIGMAS = (1.0, 2.0, 3.0)
@@ -94,15 +178,8 @@ class Coverage:
     @classmethod
     def of(cls, errors: ArrayLike, sigmas: ArrayLike) -> "Coverage":
         """Count errors, shape (n,), within their sigmas, shape (n,), same unit; NaN in either is left out."""
-        wrong, predicted = np.asarray(errors, dtype=np.float64), np.asarray(sigmas, dtype=np.float64)
-        if wrong.shape != predicted.shape or wrong.ndim != 1:
-            raise ArrayError(f"Expected errors and sigmas of one shape (n,), got {wrong.shape} and {predicted.shape}.")
-        is_known = np.isfinite(wrong) & np.isfinite(predicted)
-        if (predicted[is_known] <= 0.0).any():
-            raise ArrayError(
-                f"Expected sigmas above 0, got {predicted[is_known].min():g}. Use NaN where none is known."
-            )
-        ratios = np.abs(wrong[is_known]) / predicted[is_known]
+        ratios = np.abs(np.asarray(errors, np.float64)) / np.asarray(sigmas, np.float64)
+        ratios = ratios[np.isfinite(ratios)]
         if len(ratios) == 0:
             return cls(0, (0,) * len(SIGMAS), math.nan, math.nan)
         n_within = tuple(int((ratios <= k).sum()) for k in SIGMAS)
@@ -172,24 +249,16 @@ class ProtectionCounts:
     n_withheld: int
 
     @classmethod
-    def of(cls, errors: ArrayLike, levels: ArrayLike, alert_limit: float = ALERT_LIMIT) -> "ProtectionCounts":
+    def of(cls, errors: ArrayLike, levels: ArrayLike) -> "ProtectionCounts":
         """Count the epochs in each region, each by its worst direction.
 
         errors, levels: shape (n,) or (n, k), of each epoch in k directions, m; a level is NaN where there is none.
-        alert_limit: largest error that is not dangerous, m.
         """
-        wrong = np.abs(np.asarray(errors, dtype=np.float64))
-        level = np.asarray(levels, dtype=np.float64)
-        if wrong.shape != level.shape or wrong.ndim not in (1, 2):
-            raise ArrayError(
-                f"Expected errors and levels of one shape (n,) or (n, m), got {wrong.shape} and {level.shape}."
-            )
-        if not 0.0 < alert_limit < np.inf:
-            raise OptionError(f"Expected `alert_limit` above 0 m, got {alert_limit}. The default is {ALERT_LIMIT}.")
-        wrong, level = (values[:, None] if values.ndim == 1 else values for values in (wrong, level))
+        wrong, level = (np.asarray(given, dtype=np.float64) for given in (errors, levels))
+        wrong, level = (values[:, None] if values.ndim == 1 else values for values in (np.abs(wrong), level))
         has_level = np.asarray((np.isfinite(level) & np.isfinite(wrong)).all(axis=1))
-        is_used = has_level & (np.where(has_level[:, None], level, np.inf) <= alert_limit).all(axis=1)
-        is_hazardous = is_used & (wrong > alert_limit).any(axis=1)
+        is_used = has_level & (np.where(has_level[:, None], level, np.inf) <= ALERT_LIMIT).all(axis=1)
+        is_hazardous = is_used & (wrong > ALERT_LIMIT).any(axis=1)
         is_misleading = is_used & (wrong > level).any(axis=1) & ~is_hazardous
         return cls(
             n_nominal=int((is_used & ~is_misleading & ~is_hazardous).sum()),
@@ -198,11 +267,6 @@ class ProtectionCounts:
             n_large=int((has_level & ~is_used).sum()),
             n_withheld=int((~has_level).sum()),
         )
-
-    @property
-    def n_epochs(self) -> int:
-        """All epochs, used or not."""
-        return self.n_used + self.n_unavailable
 
     @property
     def n_used(self) -> int:
@@ -258,11 +322,6 @@ class RiskCoverage:
         """
         right, answered, trusted = (np.asarray(each, dtype=bool) for each in (is_right, is_answer, is_trusted))
         rivals = np.asarray(runner_up, dtype=np.float64)
-        if not right.shape == answered.shape == trusted.shape == rivals.shape or right.ndim != 1:
-            raise ArrayError(
-                f"Expected four arrays of one shape (n,), got {right.shape}, {answered.shape}, {trusted.shape}"
-                f" and {rivals.shape}. Give one value per epoch."
-            )
         doubt = np.column_stack([~trusted, np.where(np.isnan(rivals), np.inf, rivals)])[answered]
         order = np.lexsort((doubt[:, 1], doubt[:, 0]))
         is_last = np.ones(len(order), dtype=bool)

@@ -2,22 +2,24 @@
 # SPDX-License-Identifier: MIT
 """How distinct a peak is, on accumulators made by hand."""
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from maxcon import Accumulator, Count, Helmert, PointMap, Pose, Scan, SearchSpace
-from maxcon.errors import ArrayError, OptionError
-from maxcon.lab.evaluation import Distinctness, distinctness, significant_ray
+from maxcon.errors import ArrayError
+from maxcon.lab.distinctness import distinctness, significant_ray
 from maxcon.search import exhaustive
 
 CELL = 0.06
 HERE = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 SPACE = SearchSpace(5 * CELL, CELL, 0.5, 0.5)  # 3 headings of 10 x 10 cells
 MIDDLE = (1, 5, 5)
+ALONG_Y = (9.0, 0.0, 0.0)
 ALONG_X = (0.0, 0.0, 9.0)  # Nxx, Nxy, Nyy of facades along x: they leave x open
 ROOT_2 = math.sqrt(2.0)
 LAPLACE = np.exp(-ROOT_2 * np.abs(np.arange(-5, 5)))
@@ -38,8 +40,8 @@ def row(values):
     return scores
 
 
-def measured(scores, **options):
-    return distinctness(made(scores), Count(), **options)
+def measured(scores):
+    return distinctness(made(scores), Count())
 
 
 # --- kurtosis -----------------------------------------------------------------------------------------
@@ -97,14 +99,12 @@ def test_divergence_is_finite_where_the_laplace_distribution_underflows():
 # --- peak ratio and spread ----------------------------------------------------------------------------
 
 
-def test_the_peak_ratio_is_second_over_highest_outside_the_guard_radius():
+def test_the_peak_ratio_is_second_over_highest_beyond_0_3_m():
     scores = row([4.0, 0, 0, 0, 7.9, 8.0, 0, 0, 0, 0])
     scores[2, 5, 9] = 6.0  # 0.24 m away, at another heading
-    scores[0, 1, 8] = 3.0  # 0.3 m away: on the guard radius itself it does not count
-    assert measured(scores, guard_radius=0.2).peak_ratio == 6.0 / 8.0
-    assert measured(scores, guard_radius=0.27).peak_ratio == 4.0 / 8.0
-    assert measured(scores, guard_radius=0.0).peak_ratio == 6.0 / 8.0  # 7.9 is the slope of the peak
-    assert measured(scores).peak_ratio == 0.0
+    assert measured(scores).peak_ratio == 0.0  # on the radius itself it does not count
+    scores[0, 0, 0] = 3.0
+    assert measured(scores).peak_ratio == 3.0 / 8.0
 
 
 @pytest.mark.parametrize(
@@ -153,9 +153,7 @@ def test_a_ray_that_only_touches_the_corner_of_the_space_tells_nothing():
 
 
 def test_without_a_peak_there_is_no_measure():
-    found = measured(np.zeros(SPACE.shape))
-    values = (found.peak_ratio, found.kurtosis, found.divergence, found.spread)
-    assert all(math.isnan(value) for value in values)
+    assert all(math.isnan(value) for value in dataclasses.astuple(measured(np.zeros(SPACE.shape))))
 
 
 # --- all four -----------------------------------------------------------------------------------------
@@ -172,18 +170,6 @@ def test_the_unit_of_the_score_does_not_matter(seed, factor):
     assert distinctness(accumulator, Count(), scores=factor * scores) == once
     assert once.divergence >= 0.0 and once.kurtosis >= 1.0
     assert 0.0 <= once.peak_ratio <= 1.0
-
-
-def test_known_scores_are_not_computed_again():
-    class Unasked:
-        def score(self, moments):
-            raise AssertionError
-
-    scores = row([0, 0, 0, 0, 1, 6, 1, 0, 0, 0])
-    found = distinctness(made(0.0), Unasked(), scores=scores)
-    assert found == distinctness(made(scores), Count())
-    assert isinstance(found, Distinctness)
-    assert distinctness(made(0.0), Unasked(), scores=scores.astype(np.int64)) == found
 
 
 def test_in_a_street_helmert_is_more_distinct_than_the_count():
@@ -231,7 +217,65 @@ def test_scores_that_have_no_shares_are_refused(value, words):
         significant_ray(made(scores), scores, MIDDLE)
 
 
-@pytest.mark.parametrize("guard_radius", [-0.1, math.inf, math.nan])
-def test_guard_radii_that_are_refused(guard_radius):
-    with pytest.raises(OptionError, match=r"`guard_radius` >= 0 m, got .*\. The default is 0\.3"):
-        measured(row(1.0), guard_radius=guard_radius)
+# --- the significant ray --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("normal_sums", "n_y", "n_x"),
+    [
+        (ALONG_X, 0, 1),
+        ((1.0, 0.0, 9.0), 0, 1),
+        (ALONG_Y, 1, 0),
+        ((9.0, 0.0, 1.0), 1, 0),
+        ((0.0, 0.0, 0.0), 1, 0),  # no direction: the y axis
+        ((4.0, 0.0, 4.0), 1, 0),
+    ],
+)
+def test_the_ray_of_a_street_along_an_axis(normal_sums, n_y, n_x):
+    scores = np.arange(300.0).reshape(SPACE.shape)
+    cell = (1, 3, 6)
+    offsets, along = significant_ray(made(0.0, normal_sums), scores, cell)
+    np.testing.assert_array_equal(along, scores[1, 3] if n_x else scores[1, :, 6])
+    np.testing.assert_allclose(offsets, (np.arange(10) - (6 * n_x + 3 * n_y)) * CELL, atol=1e-15)
+
+
+@pytest.mark.parametrize(("normal_sums", "sign"), [((2.0, -2.0, 2.0), 1), ((3.0, 2.0, 3.0), -1)])
+def test_the_ray_at_45_degrees_lies_between_cells(normal_sums, sign):
+    """Bilinear scores, a + b x + c y + d x y, are interpolated exactly."""
+    y, x = np.mgrid[:10, :10].astype(float)
+    scores = np.broadcast_to(1.0 + 2.0 * x + 3.0 * y + 0.5 * x * y, SPACE.shape)
+    offsets, along = significant_ray(made(0.0, normal_sums), scores, (2, 5, 4))
+    # along (1, 1) / sqrt(2) x runs from 4 down to 0 and y up to 9; along (1, -1) y from 5 down to 0, up to 9
+    k = np.arange(-5, 6) if sign > 0 else np.arange(-5, 8)
+    at_x, at_y = 4 + k / ROOT_2, 5 + sign * k / ROOT_2
+    np.testing.assert_allclose(offsets, k * CELL, atol=1e-15)
+    np.testing.assert_allclose(along, 1 + 2 * at_x + 3 * at_y + 0.5 * at_x * at_y, rtol=1e-13)
+    assert along[k == 0] == scores[2, 5, 4]
+
+
+@pytest.mark.parametrize("cell", [(1, 0, 0), (1, 0, 9), (1, 9, 0), (1, 9, 9)])
+def test_a_ray_along_the_boundary_is_not_cut_by_rounding(cell):
+    scores = np.arange(300.0).reshape(SPACE.shape)
+    for normal_sums, wanted in ((ALONG_X, scores[1, cell[1]]), (ALONG_Y, scores[1, :, cell[2]])):
+        _, along = significant_ray(made(0.0, normal_sums), scores, cell)
+        np.testing.assert_array_equal(along, wanted)
+
+
+@given(st.integers(0, 2**32), st.integers(0, 9), st.integers(0, 9))
+def test_the_ray_is_the_eigenvector_of_the_largest_eigenvalue_of_q(seed, iy, ix):
+    normals = np.random.default_rng(seed).normal(size=(3, 2))
+    normal_matrix = normals.T @ normals
+    values, vectors = np.linalg.eigh(np.linalg.inv(normal_matrix))
+    assume(values[1] > 1.1 * values[0])
+    y, x = (np.broadcast_to(plane, SPACE.shape).astype(float) for plane in np.mgrid[:10, :10])
+    accumulator = made(0.0, normal_matrix[[0, 0, 1], [0, 1, 1]])
+    offsets, at_x = significant_ray(accumulator, x, (1, iy, ix))  # scores that say where they are
+    _, at_y = significant_ray(accumulator, y, (1, iy, ix))
+    open_x, open_y = vectors[:, 1] * (1 if vectors[0, 1] > 0 else -1)
+    np.testing.assert_allclose(at_x, ix + offsets / CELL * open_x, atol=1e-9)
+    np.testing.assert_allclose(at_y, iy + offsets / CELL * open_y, atol=1e-9)
+    steps = np.rint(offsets / CELL)
+    assert (np.diff(steps) == 1).all()
+    for beyond in (steps[0] - 1, steps[-1] + 1):  # it goes on as far as the space
+        end_x, end_y = ix + beyond * open_x, iy + beyond * open_y
+        assert min(end_x, end_y) < 1e-9 or max(end_x, end_y) > 9 - 1e-9
