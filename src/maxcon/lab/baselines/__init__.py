@@ -2,12 +2,10 @@
 # SPDX-License-Identifier: MIT
 """What maximum consensus is compared with: iterative methods that need a start, all with `localize` (D6)."""
 
-from maxcon.lab.baselines.count_then_gicp import CountThenGicp
-from maxcon.lab.baselines.gicp import Gicp, check_small_gicp
+from maxcon.lab.baselines.gicp import CountThenGicp, Gicp, check_small_gicp
 from maxcon.lab.baselines.icp import Icp, Residual
 from maxcon.lab.baselines.map_targets import MapTargets
-from maxcon.lab.baselines.multistart import Choice, MultiStart
-from maxcon.lab.baselines.started import Aligner, StartedMethod
+from maxcon.lab.baselines.started import Aligner, Choice, MultiStart, StartedMethod
 
 __all__ = [
     "Aligner",

@@ -13,7 +13,7 @@ from maxcon.estimate import Estimate, Status
 from maxcon.geometry import Pose
 from maxcon.integrity import invert
 from maxcon.lab.baselines.map_targets import MapTargets, Place, thin
-from maxcon.lab.baselines.started import StartedMethod, check_options, no_answer, number, whole_number
+from maxcon.lab.baselines.started import StartedMethod, check_options, no_answer
 from maxcon.map import PointMap
 from maxcon.scan import Scan
 from maxcon.search.accumulator import NamedOption, turn, upright
@@ -98,13 +98,10 @@ class Icp(StartedMethod):
     gate : float
         A scan point farther than this from every map point (in x, y and z together) has no partner, m.
         **State it with every figure**: from the paper's 5 x 5 starts, point-to-plane fails in 37 of 40 epochs
-        of a simulated drive with 1 m and in none with 3 m; wrong partners within 3 m cost precision instead
-        (median error from a wrong prior 0.7 cm and 4 cm; on a real drive 4 cm and 15 cm).
+        of a simulated drive with 1 m and in none with 3 m; wrong partners within 3 m cost precision instead.
     thinning : float
-        The scan is thinned to one point, the mean, per cube of this edge, m; 0 for all points. The near
-        ground and the nearest facade have most of a scan's points, and without thinning outvote the rest: on
-        a real drive point-to-plane ends right from 65 of 70 wrong priors with 0.75 m, from three quarters with
-        0.25 m. In a simulated street with a gate of 1 m it costs a few per cent of the starts.
+        The scan is thinned to one point, the mean, per cube of this edge, m; 0 for all points. Without thinning
+        the near ground and the nearest facade outvote the rest.
     max_iterations : int
         Largest number of steps. Point-to-point slides along a wall by a little in each step: 50 are too few.
     step_tolerance, turn_tolerance : float
@@ -124,17 +121,17 @@ class Icp(StartedMethod):
     """
 
     residual: str | Residual = Residual.PLANE
-    gate: float = number(1.0, "m")
-    thinning: float = number(0.75, "m", may_be_zero=True)
-    max_iterations: int = whole_number(100)
-    step_tolerance: float = number(3e-3, "m")
-    turn_tolerance: float = number(5e-4, "rad")
-    target_edge: float = number(0.25, "m")
+    gate: float = 1.0
+    thinning: float = 0.75
+    max_iterations: int = 100
+    step_tolerance: float = 3e-3
+    turn_tolerance: float = 5e-4
+    target_edge: float = 0.25
     targets: MapTargets = field(default_factory=MapTargets, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "residual", Residual.parse(self.residual))
-        check_options(self)
+        check_options(self, "thinning")
 
     def prepare(self, scan: Scan, point_map: PointMap, around: Pose, spread: float = 0.0) -> "_IcpAligner":
         """Thin the scan and find the map around it: what all starts within `spread` (m) of `around` share."""

@@ -14,7 +14,6 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.errors import ArrayError
 from maxcon.geometry import Pose
 from maxcon.geometry.frame import voxel_centers
 from maxcon.map import PointMap, TileKey
@@ -62,9 +61,6 @@ class Place:
         return np.asarray(np.hypot(beyond[:, 0], beyond[:, 1]) <= self.reach)
 
 
-# Cubes are numbered in int64: 2^21 along each axis.
-MOST_CUBES = 2**21
-
 LEAST_AGREEMENT = 0.8
 """Length of the mean normal of a cube's points (0 for one without) from which they are called a plane."""
 
@@ -99,15 +95,8 @@ def _cubes(points: NDArray[np.float64], edge: float) -> tuple[NDArray[np.int64],
     """Return the number of the cube of each point, 0, 1, ... in the order (z, y, x), and how many there are."""
     if not len(points):
         return np.empty(0, np.int64), 0
-    indices = [np.floor(column / edge) for column in points.T]
-    firsts = [index.min() for index in indices]
-    if max(index.max() - first for index, first in zip(indices, firsts, strict=True)) >= MOST_CUBES:
-        extent = float(np.ptp(points, axis=0).max())
-        raise ArrayError(
-            f"Expected points within {MOST_CUBES * edge:.3g} m of each other, got {extent:.3g} m. Drop stray points,"
-            " or thin less finely."
-        )
-    x, y, z = ((index - first).astype(np.int64) for index, first in zip(indices, firsts, strict=True))
+    # Within 1.5e6 cubes of each other along each axis their numbers fit into int64.
+    x, y, z = (np.floor(points / edge) - np.floor(points / edge).min(axis=0)).astype(np.int64).T
     n_x, n_y = int(x.max()) + 1, int(y.max()) + 1
     found, cube = np.unique((z * n_y + y) * n_x + x, return_inverse=True)
     return cube, len(found)

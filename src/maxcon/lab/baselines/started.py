@@ -1,18 +1,23 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Methods that iterate from a start: their interface, and how their options are declared and checked."""
+"""Methods that iterate from a start: their interface, the check of their options, and many starts (MultiStart)."""
 
 import math
-from dataclasses import Field, field, fields
-from typing import Any, ClassVar, Protocol
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from maxcon.errors import OptionError
 from maxcon.estimate import Estimate, Status
-from maxcon.geometry import Pose
+from maxcon.geometry import Pose, wrap_angle
 from maxcon.map import PointMap
 from maxcon.scan import Scan
+from maxcon.search.accumulator import NamedOption
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 
 class Aligner(Protocol):
@@ -47,32 +52,125 @@ def no_answer(start: Pose, status: Status = Status.NO_MATCH) -> Estimate:
     return Estimate(start, 0.0, None, status, np.diag([np.inf, np.inf]))
 
 
-def number(default: float, unit: str, *, may_be_zero: bool = False) -> Any:
-    """Return the field of an option that is a finite number of a unit, above zero."""
-    return field(default=default, metadata={"unit": unit, "may_be_zero": may_be_zero})
-
-
-def whole_number(default: int, least: int = 1) -> Any:
-    """Return the field of an option that is a whole number, from `least`."""
-    return field(default=default, metadata={"least": least})
-
-
-class _WithOptions(Protocol):
-    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
-
-
-def check_options(method: _WithOptions) -> None:
-    """Refuse options, fields made by `number` and `whole_number`, that are out of their range; OptionError."""
+def check_options(method: "DataclassInstance", *may_be_zero: str) -> None:
+    """Refuse numbers of a method that are not finite and above 0 (or 0, if they may be), and whole ones below 1."""
     for option in fields(method):
-        value, limits = getattr(method, option.name), option.metadata
-        if "unit" in limits:
-            sign = ">=" if limits["may_be_zero"] else ">"
-            is_good = math.isfinite(value) and (value > 0.0 or (limits["may_be_zero"] and value == 0.0))
-            wanted = f"{sign} 0 {limits['unit']}"
-        elif "least" in limits:
-            is_good = value >= limits["least"] and value == int(value)
-            wanted = f"to be a whole number from {limits['least']}"
+        value = getattr(method, option.name)
+        if isinstance(option.default, int):
+            is_good, wanted = value >= 1 and value == int(value), "a whole number from 1"
+        elif isinstance(option.default, float):
+            is_good = 0.0 < value < math.inf or (value == 0.0 and option.name in may_be_zero)
+            wanted = "finite, and 0 or more" if option.name in may_be_zero else "finite, and above 0"
         else:
             continue
         if not is_good:
-            raise OptionError(f"Expected `{option.name}` {wanted}, got {value}. The default is {option.default:g}.")
+            raise OptionError(f"Expected `{option.name}` to be {wanted}, got {value}. The default is {option.default}.")
+
+
+NEAR, SAME_HEADING = 0.3, math.radians(1.0)
+"""Ends within these, m and rad, are one place; a scan point so near to the map counts for the overlap."""
+
+
+class Choice(NamedOption, option="choice"):
+    """Which end of many starts is the answer, and when it may be used."""
+
+    AGREEMENT = "agreement"
+    """The one with the most correspondences; it may be used if all starts ended there."""
+
+    OVERLAP = "overlap"
+    """The one that leaves the most scan points near the map; it may be used if the method itself says so."""
+
+
+@dataclass(frozen=True)
+class MultiStart(StartedMethod):
+    """Localizes scans from a grid of starts; the default is the paper's 5 x 5 at 1 m, all at the prior's heading.
+
+    In the paper's evaluation the grid is centred at the reference, and ICP fails in an epoch if not all starts
+    end at the reference: take `estimates` for that. `localize` is what can be had without a reference.
+
+    Parameters
+    ----------
+    method : StartedMethod
+        `Icp` or `Gicp`. The work that does not depend on the start is done once.
+    n_side : int
+        Starts along each side of the grid.
+    spacing : float
+        Between starts, m.
+    n_headings : int
+        Every place of the grid is tried at so many headings.
+    heading_spacing_deg : float
+        Between headings, degrees.
+    choice : {"agreement", "overlap"}
+        Which end is the answer. Correspondences within a wide gate are about as many at a wrong place as at the
+        right one: where most starts are expected to fail, take `overlap`.
+    """
+
+    method: StartedMethod
+    n_side: int = 5
+    spacing: float = 1.0
+    n_headings: int = 1
+    heading_spacing_deg: float = 1.0
+    choice: str | Choice = Choice.AGREEMENT
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "choice", Choice.parse(self.choice))
+        check_options(self)
+
+    def starts(self, centre: Pose) -> list[Pose]:
+        """Poses around `centre`, in map axes, in the order (heading, y, x); all else is that of `centre`."""
+        offsets = _steps_about_zero(self.n_side, self.spacing)
+        turns = _steps_about_zero(self.n_headings, math.radians(self.heading_spacing_deg))
+        return [
+            replace(centre, x=centre.x + dx, y=centre.y + dy, heading=centre.heading + turn)
+            for turn in turns
+            for dy in offsets
+            for dx in offsets
+        ]
+
+    @property
+    def largest_offset(self) -> float:
+        """How far from the centre the corners of the grid lie, m."""
+        return math.sqrt(0.5) * self.spacing * (self.n_side - 1)
+
+    def prepare(self, scan: Scan, point_map: PointMap, around: Pose, spread: float = 0.0) -> Aligner:
+        """Do once what all starts share, those around any centre within `spread` (m) of `around`."""
+        return self.method.prepare(scan, point_map, around, self.largest_offset + spread)
+
+    def estimates(self, scan: Scan, point_map: PointMap, centre: Pose) -> list[Estimate]:
+        """Return where the method ends from each of `starts` around `centre`: the prior, or a reference.
+
+        With the choice `overlap`, `score` is how many points of the thinned scan end near the map.
+        """
+        aligner = self.prepare(scan, point_map, centre)
+        ends = [aligner.align(start) for start in self.starts(centre)]
+        if self.choice is Choice.AGREEMENT:
+            return ends
+        overlaps = [aligner.n_near_map(end.pose, NEAR) for end in ends]
+        return [replace(end, score=float(overlap)) for end, overlap in zip(ends, overlaps, strict=True)]
+
+    def choose(self, estimates: Sequence[Estimate]) -> Estimate:
+        """Return the end with the highest score, the first of equal ones: correspondences, or the overlap.
+
+        By agreement, what would be `LOCALIZED` is `AMBIGUOUS` if not all starts ended within 0.3 m and 1 degree of it.
+        Most correspondences need not be the right place: in a street of equal houses every house has about as many.
+        """
+        best = max(estimates, key=lambda estimate: estimate.score)
+        if self.choice is Choice.OVERLAP:
+            return best
+        if best.is_localized and not all(self._agrees(estimate.pose, best.pose) for estimate in estimates):
+            return replace(best, status=Status.AMBIGUOUS)
+        return best
+
+    def localize(self, scan: Scan, point_map: PointMap, prior: Pose) -> Estimate:
+        """Return what `choose` makes of `estimates` around the prior."""
+        return self.choose(self.estimates(scan, point_map, prior))
+
+    def _agrees(self, pose: Pose, best: Pose) -> bool:
+        distance = math.hypot(pose.x - best.x, pose.y - best.y)
+        turned = abs(wrap_angle(pose.heading - best.heading))
+        return distance <= NEAR and turned <= SAME_HEADING
+
+
+def _steps_about_zero(n_steps: int, spacing: float) -> list[float]:
+    """`n_steps` numbers, `spacing` apart, with the mean 0."""
+    return [spacing * (step - 0.5 * (n_steps - 1)) for step in range(n_steps)]
