@@ -22,10 +22,10 @@ from maxcon.io.clouds import open_cloud
 from maxcon.map import TILE_VOXELS
 from maxcon.map.ground import ground_of_points, ground_voxels
 from maxcon.mapping.build import Area
-from maxcon.mapping.build.bucketing import GROUND_POINT, POINT, TileBuckets, ground_records, point_records
-from maxcon.mapping.build.found_classes import OBSERVATION, FoundClasses, observation_records
+from maxcon.mapping.build.found_classes import OBSERVATION, describe_found, observation_records
+from maxcon.mapping.build.ground import GROUND_POINT, ground_records
+from maxcon.mapping.build.tile_points import POINT, TileBuckets, VoxelMoments, point_records
 from maxcon.mapping.build.tiles import TileJob, TileMaker
-from maxcon.mapping.build.voxel_moments import VoxelMoments
 
 TRUTH = ("ground", "vegetation", "temporary", "unsure", "other")
 
@@ -89,23 +89,22 @@ def main():
         maker = TileMaker(job, one, seen)
         for key in one.keys:
             maker.gather(key)
-        found = FoundClasses(has_times=bool(seen.n_tiles))
-        for key in one.keys:
-            found.add(maker.find_classes(key))
+        found = [maker.find_classes(key) for key in one.keys]
+        said = describe_found(found, frozenset(), has_times=bool(seen.keys))
         table = np.zeros((256, len(TRUTH)))
         for key in one.keys:
             first = maker.moments(key).sides
             second = VoxelMoments.from_records(other.records(key)).sides[:, :2]
-            np.add.at(table, maker.finder.classes(key), np.column_stack([first, second]))
-        report(table, found, time.process_time() - start)
+            np.add.at(table, maker.classes(key), np.column_stack([first, second]))
+        report(table, said, time.process_time() - start)
         heights(found, true_ground, arguments.cell)
 
 
-def report(table, found, seconds):
+def report(table, said, seconds):
     """Print what became of the points of each true class, and precision and recall."""
     rows = {"ground": [2], "vegetation": [3, 4, 5], "temporary": [22], "none": [1]}
     counts = {name: table[numbers].sum(axis=0) for name, numbers in rows.items()}
-    print(f"{table.sum():,.0f} points, {seconds:.0f} s of processor time; {found.describe()}")
+    print(f"{table.sum():,.0f} points, {seconds:.0f} s of processor time; {said}")
     print("| found | " + " | ".join(TRUTH) + " |\n|---" + "|---" * len(TRUTH) + "|")
     for name, row in counts.items():
         print(f"| {name} | " + " | ".join(f"{number:,.0f}" for number in row) + " |")
@@ -118,7 +117,7 @@ def report(table, found, seconds):
 def heights(found, true_ground, cell):
     """Print how far the found ground lies from the true one."""
     n, differences, n_true = TILE_VOXELS // ground_voxels(cell), [np.empty(0)], 0
-    tiles = {tile.key: tile for tile in found.ground if tile.n_heights}
+    tiles = {each.ground.key: each.ground for each in found if each.ground.n_heights}
     for key in true_ground.keys:
         records = true_ground.load(key)
         true = ground_of_points(records["column"], records["height"], n)[0]

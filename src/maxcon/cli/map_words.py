@@ -84,7 +84,7 @@ def _ground(manifest: "Manifest") -> str:
 
 def _found(found: Mapping[str, Any]) -> str:
     """Ratios of the points in each class that the build found."""
-    from maxcon.mapping.build.classes import found_ratios
+    from maxcon.mapping.build.options import found_ratios
 
     ratios = found_ratios(found["n_points"], found["dropped"])
     text = ", ".join(f"{name} {100.0 * ratio:.0f} %" for name, ratio in ratios)
@@ -108,7 +108,7 @@ def _sigma(manifest: "Manifest") -> str:
 
 def _source(source: Mapping[str, Any], *, is_found: bool) -> str:
     """What was taken of a cloud and what not."""
-    from maxcon.mapping.build.classes import class_name
+    from maxcon.mapping.build.options import class_name
 
     parts = [f"{source['name']}: {source['n_points']:,} points, {source['n_kept']:,} kept"]
     if source["n_dropped"]:

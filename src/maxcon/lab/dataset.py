@@ -141,8 +141,7 @@ class Dataset:
         keep_every: of so many points one is kept.
         keeps_ground: whether the ground stays in the map: a baseline that needs it may have it.
         """
-        from maxcon.mapping.build.classes import DEFAULT_DROP, parse_classes
-        from maxcon.mapping.build.options import MapOptions
+        from maxcon.mapping.build.options import DEFAULT_DROP, MapOptions, parse_classes
 
         drop, ground = self.drop, parse_classes(["ground"])
         if keeps_ground:

@@ -112,7 +112,7 @@ ORIGIN = np.array([550_000.0, 5_802_000.0, 60.0])
 def sorted_points(request, tmp_path, monkeypatch):
     """Points of which two parts went into places, with the places."""
     if request.param == "on disk":
-        monkeypatch.setattr("maxcon.mapping.build.bucketing.BUFFER_BYTES", 10_000)
+        monkeypatch.setattr("maxcon.mapping.build.tile_points.BUFFER_BYTES", 10_000)
     points = ORIGIN + np.random.default_rng(4).uniform([-60.0, -30.0, -2.0], [50.0, 70.0, 9.0], (3000, 3))
     places = Places(tmp_path, ORIGIN)
     for part in np.split(np.arange(3000), [1700]):

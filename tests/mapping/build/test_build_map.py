@@ -42,7 +42,7 @@ def test_the_map_does_not_depend_on_chunks_files_their_order_or_threads(tmp_path
     files = [cloud_files.npz(tmp_path / f"{k}.npz", scene[part]) for k, part in enumerate(parts)]
     chunks = CloudReader.chunks
     monkeypatch.setattr(CloudReader, "chunks", lambda self, max_points=517, bounds=None: chunks(self, max_points))
-    monkeypatch.setattr("maxcon.mapping.build.bucketing.BUFFER_BYTES", 10_000)
+    monkeypatch.setattr("maxcon.mapping.build.tile_points.BUFFER_BYTES", 10_000)
     monkeypatch.setattr("maxcon.mapping.build.tiles.MEMORY_BYTES", 10_000)
     for number, (sources, n_threads) in enumerate([([whole], 4), (files, 1), (files[::-1], 3)]):
         build_map(sources, tmp_path / f"{number}.map", n_threads=n_threads)
@@ -109,7 +109,7 @@ def test_what_is_refused(tmp_path, cloud_files, some_points):
         build_map([tmp_path / "b.npz"], tmp_path / "a.map")
     with pytest.raises(FileError, match="able to write"):
         build_map([path], tmp_path / "no" / "such" / "folder" / "a.map")
-    with pytest.raises(OptionError, match=r"normals in .*a\.npz, said to be turned to the sensor, but it has none"):
+    with pytest.raises(OptionError, match=r"normals in .*a\.npz, got none\. Leave out --signed-normals"):
         build_map([path], tmp_path / "a.map", MapOptions(normals_have_sides=True))
     for cell in (0.0, -1.0, float("nan")):
         with pytest.raises(ArrayError, match="positive voxel edge"):

@@ -10,11 +10,10 @@ from maxcon.errors import OptionError
 from maxcon.geometry import voxel_indices
 from maxcon.map import TILE_VOXELS
 from maxcon.mapping.build import MapOptions, build_map
-from maxcon.mapping.build.bucketing import POINT, TileBuckets, point_records
-from maxcon.mapping.build.found_classes import OBSERVATION, FoundClasses, observation_records, pass_of
+from maxcon.mapping.build.found_classes import OBSERVATION, describe_found, observation_records, pass_of
 from maxcon.mapping.build.ground import ground_heights, lowest_heights
+from maxcon.mapping.build.tile_points import POINT, TileBuckets, VoxelMoments, point_records
 from maxcon.mapping.build.tiles import TileJob, TileMaker
-from maxcon.mapping.build.voxel_moments import VoxelMoments
 
 CELL = 0.06
 ORIGIN = np.array([458_800.0, 5_429_000.0, 100.0])
@@ -58,7 +57,7 @@ def slope(x, y):
 
 
 def found_in(folder, points, times=None, order=None, n_parts=1):
-    """Class of each point, shape (n,), and what was found; points (n, 3) taken in an `order`, in parts."""
+    """Class of each point, shape (n,), and why none is temporary; points (n, 3) taken in an `order`, in parts."""
     folder.mkdir()
     buckets, seen = TileBuckets(folder, POINT, "points"), TileBuckets(folder, OBSERVATION, "seen")
     for rows in np.array_split(np.arange(len(points)) if order is None else order, n_parts):
@@ -66,20 +65,19 @@ def found_in(folder, points, times=None, order=None, n_parts=1):
         if times is not None:
             seen.add(*observation_records(points[rows], times[rows], CELL))
     maker = TileMaker(TileJob(folder, CELL, has_normals=False, is_signed=False, drop=frozenset()), buckets, seen)
-    found = FoundClasses(has_times=bool(seen.n_tiles))
     for key in buckets.keys:
         maker.gather(key)
     indices, classes = voxel_indices(points, CELL), np.zeros(len(points), np.uint8)
+    found = [maker.find_classes(key) for key in buckets.keys]
     for key in buckets.keys:
-        found.add(maker.find_classes(key))
         rows = np.flatnonzero((indices[:, :2] // TILE_VOXELS == key).all(axis=1))
         voxels, wanted = (
             numbers % [TILE_VOXELS, TILE_VOXELS, 2**31] @ [1, TILE_VOXELS, TILE_VOXELS**2]
             for numbers in (maker.moments(key).indices.astype(np.int64), indices[rows].astype(np.int64))
         )
         order = np.argsort(voxels)
-        classes[rows] = maker.finder.classes(key)[order][np.searchsorted(voxels[order], wanted)]
-    return classes, found
+        classes[rows] = maker.classes(key)[order][np.searchsorted(voxels[order], wanted)]
+    return classes, describe_found(found, frozenset(), has_times=bool(seen.keys))["temporary"]
 
 
 def share(classes, *wanted):
@@ -156,20 +154,20 @@ def two_passes():
 
 def test_what_one_of_two_passes_saw_is_temporary_and_nothing_else_is(tmp_path, two_passes):
     parts, times = two_passes
-    classes, found = found_in(tmp_path / "a", np.concatenate(parts), times)
+    classes, reason = found_in(tmp_path / "a", np.concatenate(parts), times)
     ground, house, car, bin_, *_ = split(classes, *parts)
     assert share(car[parts[2][:, 2] > 0.8], TEMPORARY) > 0.95
     assert share(house, TEMPORARY) == 0.0
     assert share(bin_, TEMPORARY) == 0.0
     assert share(ground, GROUND) > 0.97
-    assert found.describe()["temporary"] == ""
+    assert reason == ""
     for name, of_points, reason in (
         ("light", np.minimum(times, 60.0), "one pass only"),  # 40 s apart: a red light
         ("none", None, "the clouds have no times to tell passes apart by"),
     ):
-        classes, found = found_in(tmp_path / name, np.concatenate(parts), of_points)
+        classes, said = found_in(tmp_path / name, np.concatenate(parts), of_points)
         assert share(classes, TEMPORARY) == 0.0
-        assert found.describe()["temporary"] == reason
+        assert said == reason
 
 
 def test_the_order_of_the_points_and_their_parts_change_nothing(tmp_path, two_passes):
@@ -242,5 +240,5 @@ def test_when_classes_are_found_and_which_are_dropped(tmp_path, cloud_files, two
 def test_classes_are_not_found_in_large_voxels_or_by_other_words():
     with pytest.raises(OptionError, match=r"at most 0.25 m .* got 0.5 m"):
         MapOptions(cell=0.5, classify="always")
-    with pytest.raises(OptionError, match="auto, always or off, got 'yes'"):
+    with pytest.raises(OptionError, match="auto, always or off, got 1 and 'yes'"):
         MapOptions(classify="yes")

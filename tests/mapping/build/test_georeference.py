@@ -155,5 +155,5 @@ def test_classes_of_a_ply_are_those_of_las_if_one_says_so(tmp_path, cloud_files,
     assert manifest.n_points == 1000
     assert manifest.build["sources"][0]["n_dropped"] == {"2": 1000, "5": 1000}
     none = cloud_files.npz(tmp_path / "none.npz", points)
-    with pytest.raises(OptionError, match=r"none\.npz, said to be those of the ASPRS"):
+    with pytest.raises(OptionError, match=r"none\.npz, got none\. Leave out --asprs-classes"):
         build_map([none], tmp_path / "x.map", MapOptions(classes_are_asprs=True))

@@ -135,7 +135,6 @@ def test_all_points_are_kept_while_they_are_few_by_place_and_time():
     assert (steps >= 0).all()
     assert (np.diff(records["time"])[steps == 0] >= 0.0).all()
     some = PlaceSample()
-    some.add(points[:100], None)  # what has no time is left out
     some.add(points[:0], times[:0])
     some.add(points[:100], np.where(np.arange(100) < 40, np.nan, times[:100]))
     assert len(some.records()) == 60

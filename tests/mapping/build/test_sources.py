@@ -10,7 +10,7 @@ from built_maps import CELL, left_over, trajectory_at
 from maxcon import PointMap
 from maxcon.errors import CrsError, MapError, OptionError, TrajectoryError
 from maxcon.mapping.build import MapOptions, build_map
-from maxcon.mapping.build.classes import class_name, parse_classes
+from maxcon.mapping.build.options import class_name, parse_classes
 
 ALL_CLASSES = {1, 2, 3, 4, 5, 6, 7, 18, 22, 64}
 
@@ -34,8 +34,8 @@ def test_sources_of_different_crs_are_refused(tmp_path, cloud_files, some_points
     degrees = cloud_files.las(tmp_path / "degrees.laz", some_points, crs="EPSG:4326")
     for sources, crs, words in (
         ([a, b], None, r"in one CRS, but .*a\.laz and .*b\.laz name different ones\. Reproject"),
-        ([a, none], None, r"to name their CRS as .*a\.laz does, but .*none\.npz names none\. Say it with --crs"),
-        ([a], "EPSG:25833", r"a\.laz to be in the CRS given, EPSG:25833, but it names another"),
+        ([a, none], None, r"PROJ knows in .*none\.npz, as in .*a\.laz, got none\. Say which it is with --crs"),
+        ([a], "EPSG:25833", r"in one CRS, but --crs EPSG:25833 and .*a\.laz name different ones"),
         ([degrees], None, r"projected CRS in metres, got WGS 84 in degree.*Reproject"),
         ([none], "EPSG:4326", "projected CRS in metres, got WGS 84"),
         ([none], "EPSG:2263", "projected CRS in metres, got .* in US survey foot"),
@@ -114,7 +114,7 @@ def test_the_default_drops_nothing_where_classes_are_not_the_asprs_s(tmp_path, c
     assert manifest.build["drop"]["2"] == "ground"
     with pytest.raises(MapError, match="none of the"):
         build_map(files[2:], tmp_path / "b.map", MapOptions(drop=["ground"]))
-    with pytest.raises(OptionError, match=r"classes in .*a\.npz to drop ground, 6, but it has none\. Leave out --drop"):
+    with pytest.raises(OptionError, match=r"classes in .*a\.npz, got none\. Leave out --drop"):
         build_map(files[:1], tmp_path / "a.map", MapOptions(drop=["ground", "6"]))
 
 

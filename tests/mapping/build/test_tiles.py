@@ -14,8 +14,8 @@ from maxcon._system.engine import Engine
 from maxcon.errors import MapError
 from maxcon.map import PointMap
 from maxcon.mapping.build import MapOptions, build_map
-from maxcon.mapping.build.bucketing import POINT, TileBuckets, point_records
 from maxcon.mapping.build.found_classes import OBSERVATION, observation_records
+from maxcon.mapping.build.tile_points import POINT, TileBuckets, point_records
 from maxcon.mapping.build.tiles import TileJob, TileStep, TileTask, by_threads
 
 if sys.platform == "win32":

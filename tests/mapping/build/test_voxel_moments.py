@@ -11,8 +11,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from maxcon.map import TILE_VOXELS
-from maxcon.mapping.build.bucketing import POINT, TileArrays, TileBuckets, point_records
-from maxcon.mapping.build.voxel_moments import HALO_VOXELS, PADDING, VoxelMoments, plane_normals, turn_to_side
+from maxcon.mapping.build.tile_points import (
+    HALO_VOXELS,
+    PADDING,
+    POINT,
+    TileArrays,
+    TileBuckets,
+    VoxelMoments,
+    plane_normals,
+    point_records,
+    turn_to_side,
+)
 
 SEEDS = st.integers(0, 2**32)
 

@@ -34,9 +34,9 @@ from maxcon.mapping.align.output import (
 from maxcon.mapping.align.passes import Passes, read_passes, survey
 from maxcon.mapping.align.pose_graph import Georeference, adjust_by_evidence
 from maxcon.mapping.align.visits import Constraint, Places, Visit, match_visits, visits_of
-from maxcon.mapping.build.bucketing import TileArrays
-from maxcon.mapping.build.classes import parse_classes
+from maxcon.mapping.build.options import parse_classes
 from maxcon.mapping.build.sources import common_crs, open_headers
+from maxcon.mapping.build.tile_points import TileArrays
 
 DEFAULT_DROP = ("vegetation", "noise", "temporal-exclusion")
 """Classes without a firm surface, or that change from pass to pass. Ground determines height, roll and pitch."""
@@ -104,8 +104,7 @@ class AlignmentOptions:
 
     def dropped_classes(self) -> frozenset[int]:
         """Class numbers that are not matched."""
-        named = parse_classes(DEFAULT_DROP if self.drop is None else self.drop, self.vehicle_classes)
-        return named | parse_classes([str(number) for number in self.vehicle_classes])
+        return parse_classes(DEFAULT_DROP if self.drop is None else self.drop, self.vehicle_classes)
 
 
 def align(

@@ -104,7 +104,7 @@ class Corrections:
         self, points: NDArray[np.float64], times: NDArray[np.float64], passes: NDArray[np.integer]
     ) -> NDArray[np.float64]:
         """Where points, shape (n, 3), global, m, measured at times, (n,), s, by passes, (n,), lie after correction."""
-        from maxcon.mapping.align.correction_kernels import move
+        from maxcon.mapping.kernels import move
 
         moved = np.empty((len(points), 3))
         move(

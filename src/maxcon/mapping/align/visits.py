@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from maxcon.geometry import Pose
 from maxcon.map import PointMap, TileKey
 from maxcon.mapping.align.corrections import Corrections, pose_of_twist
-from maxcon.mapping.build.bucketing import POINT, TileBuckets
-from maxcon.mapping.build.voxel_moments import VoxelMoments, plane_normals, voxel_keys
+from maxcon.mapping.build.tile_points import POINT, TileBuckets, VoxelMoments, plane_normals, voxel_keys
 from maxcon.refine import Refined, covariance, refine
 from maxcon.refine.adjustment import THINNING
 from maxcon.scan import Scan, one_per_cube

@@ -23,13 +23,12 @@ from maxcon.map import TILE_VOXELS, TileKey
 from maxcon.map.ground import GroundTile, ground_of_points, ground_voxels
 from maxcon.map.manifest import MAP_NAMES, Manifest
 from maxcon.map.store import MapWriter, ground_record
-from maxcon.mapping.build.bucketing import GROUND_POINT, POINT, TileBuckets, ground_records, point_records
-from maxcon.mapping.build.classes import FOUND, class_name
-from maxcon.mapping.build.found_classes import OBSERVATION, FoundClasses, observation_records
-from maxcon.mapping.build.ground import ground_among
+from maxcon.mapping.build.found_classes import OBSERVATION, FoundInTile, describe_found, observation_records
+from maxcon.mapping.build.ground import GROUND_POINT, ground_among, ground_records
 from maxcon.mapping.build.map_sigma import PlaceSample, aligned_sigma, map_sigma
-from maxcon.mapping.build.options import MapOptions
+from maxcon.mapping.build.options import FOUND, MapOptions, class_name
 from maxcon.mapping.build.sources import SidedPoints, Source, check_sides, open_headers, read_source, sources_in_crs
+from maxcon.mapping.build.tile_points import POINT, TileBuckets, point_records
 from maxcon.mapping.build.tiles import TileJob, TileStep, TileSteps, by_engine, by_threads
 
 # Each thread holds a part of a tile's points and its voxels, about 0.25 GiB: more threads only on demand.
@@ -52,33 +51,18 @@ def build_map(
 ) -> Manifest:
     """Build a map on disk; memory is bounded by the tiles, not by the sources.
 
-    Parameters
-    ----------
-    sources : sequence of path
-        Point clouds of any kind that `open_cloud` reads.
-    out : path
-        Folder of the map; it appears when all is done.
-    options : MapOptions, optional
-        The defaults if None.
-    overwrite : bool
-        Whether a map that is there is replaced; anything else there is an error.
-    n_threads : int, optional
-        Tiles made at the same time in this process; the number of processors, but at most 4, if None, and one where
-        tiles have few points. Each takes about 0.25 GiB. The map does not depend on it.
-    engine : Engine, optional
-        Whose workers make the tiles instead, or one thread if it has no other than this process; the map does not
-        depend on it. They find points and voxels in files beside `out`, which has the same path for all.
-    progress : callable, optional
-        Called with (step, done, of how many).
+    - sources: point clouds of any kind that `open_cloud` reads.
+    - out: folder of the map; it appears when all is done.
+    - options: how it is made of its points; the defaults if None.
+    - overwrite: whether a map that is there is replaced; anything else there is an error.
+    - n_threads: tiles made at the same time in this process; the number of processors, but at most 4, if None, and one
+      where tiles have few points. Each takes about 0.25 GiB. The map does not depend on it.
+    - engine: whose workers make the tiles instead, or one thread if it has no other than this process; the map does not
+      depend on it. They find points and voxels in files beside `out`, which has the same path for all.
+    - progress: called with (step, done, of how many).
 
-    Returns
-    -------
-    Manifest
-
-    Raises
-    ------
-    FileError, CrsError, OptionError, TrajectoryError, MapError
-        If a source, an option or their combination cannot be used, or `out` cannot be written.
+    FileError, CrsError, OptionError, TrajectoryError or MapError if a source, an option or their combination cannot be
+    used, or `out` cannot be written.
     """
     options = options or MapOptions()
     report = progress or (lambda step, done, total: None)
@@ -97,19 +81,17 @@ def build_map(
         buckets = _Buckets(folder.absolute() / "points", _origin(read, options), options)
         _sort_into_tiles(read, buckets, use_normals, report)
         sigma, how_known = map_sigma(options.sigma, buckets.sample, aligned)
-        found, drop_found = None, options.dropped_found_classes()
-        if buckets.may_find_classes(read):
-            found = FoundClasses(has_times=bool(buckets.observations.n_tiles), drop=drop_found)
-        ground = "found by a morphological filter" if found is not None else "of level surfaces"
-        ground = "of its classes" if buckets.ground.n_tiles else ground
+        finds_classes, drop = buckets.may_find_classes(read), options.dropped_found_classes() & FOUND
+        ground = "found by a morphological filter" if finds_classes else "of level surfaces"
+        ground = "of its classes" if buckets.ground.keys else ground
         job = TileJob(
             buckets.folder, options.cell, use_normals, is_signed,
-            finds_surfaces=ground == "of level surfaces", drop=None if found is None else drop_found,
+            finds_surfaces=ground == "of level surfaces", drop=drop if finds_classes else None,
         )  # fmt: skip
         with MapWriter(folder) as writer:
             with _makers(job, buckets, sum(source.n_kept for source in read), engine, n_threads) as do:
-                surfaces = _write_tiles(writer, do, buckets.points.keys, found, report)
-            for tile in _ground_tiles(buckets, surfaces, found):
+                surfaces, found = _write_tiles(writer, do, job, buckets.points.keys, report)
+            for tile in [each.ground for each in found] or _ground_tiles(buckets, surfaces):
                 if tile.n_heights:
                     writer.put(ground_record(tile))
             build = {
@@ -119,8 +101,9 @@ def build_map(
                 "drop": {str(number): class_name(number) for number in sorted(options.dropped_classes())},
                 "sources": [source.describe() for source in read],
                 "sigma": how_known,
-                **({} if found is None else {"found": found.describe()}),
             }
+            if finds_classes:
+                build["found"] = describe_found(found, drop, has_times=bool(buckets.observations.keys))
             rmtree(buckets.folder)
             return writer.finish(
                 cell=options.cell, origin=buckets.origin, crs=crs, is_signed=is_signed, sigma=sigma, build=build
@@ -131,21 +114,13 @@ def _check_contents(headers: Sequence[CloudHeader], options: MapOptions) -> None
     """Refuse options about normals or classes that a source does not have: they would silently have no effect."""
     may_be_found = options.may_find_classes and options.dropped_found_classes() <= FOUND
     for header in headers:
-        if options.normals_have_sides and not header.has_normals:
-            raise OptionError(
-                f"Expected normals in {header.path}, said to be turned to the sensor, but it has none."
-                " Leave out --signed-normals."
-            )
-        if options.classes_are_asprs and not header.has_classes:
-            raise OptionError(
-                f"Expected classes in {header.path}, said to be those of the ASPRS, but it has none. Leave out"
-                " --asprs-classes, or classify it."
-            )
-        if options.drop and not (header.has_classes or may_be_found):
-            raise OptionError(
-                f"Expected classes in {header.path} to drop {', '.join(options.drop)}, but it has none."
-                " Leave out --drop, or classify it."
-            )
+        for is_asked, has, what, flag in (
+            (options.normals_have_sides, header.has_normals, "normals", "--signed-normals"),
+            (options.classes_are_asprs, header.has_classes, "classes", "--asprs-classes"),
+            (bool(options.drop), header.has_classes or may_be_found, "classes", "--drop"),
+        ):
+            if is_asked and not has:
+                raise OptionError(f"Expected {what} in {header.path}, got none. Leave out {flag}, or add them.")
 
 
 def _origin(sources: Sequence[Source], options: MapOptions) -> tuple[float, float, float]:
@@ -207,7 +182,7 @@ def _sort_into_tiles(sources: Sequence[Source], buckets: _Buckets, use_normals: 
                     f" first, got one in {source.header.path} farther away. Remove it from the cloud, or enlarge the"
                     " cell."
                 ) from error
-            n_points, n_tiles = sum(each.n_kept for each in sources), buckets.points.n_tiles
+            n_points, n_tiles = sum(each.n_kept for each in sources), len(buckets.points.keys)
             if n_tiles > MOST_SPARSE_TILES and n_points < LEAST_POINTS_OF_TILE * n_tiles:
                 raise MapError(
                     f"Expected a dense cloud in metres, got {n_points:,} points in {n_tiles:,} squares of"
@@ -216,30 +191,26 @@ def _sort_into_tiles(sources: Sequence[Source], buckets: _Buckets, use_normals: 
                 )
             report("reading points", sum(each.n_points for each in sources), n_total)
     buckets.ground.complete()
-    if not buckets.points.n_tiles:
-        raise _nothing_left(sources, options)
+    if not buckets.points.keys:
+        n_read = sum(source.n_points - source.n_thinned for source in sources)
+        n_outside = sum(source.n_outside for source in sources)
+        n_invalid = sum(source.n_invalid for source in sources)
+        outside = f"{n_outside:,} lie outside of the area, " if options.area is not None else ""
+        names = ", ".join(source.header.path.name for source in sources)
+        raise MapError(
+            f"Expected points for the map, but none of the {n_read:,} points in {names} is left: {outside}{n_invalid:,}"
+            f" have no finite coordinates, {n_read - n_invalid - n_outside:,} are of classes that are dropped. Check"
+            " the files, or keep more classes."
+        )
     if options.trajectory is not None:
         check_sides(sources, options.trajectory)
-
-
-def _nothing_left(sources: Sequence[Source], options: MapOptions) -> MapError:
-    n_read = sum(source.n_points - source.n_thinned for source in sources)
-    n_outside = sum(source.n_outside for source in sources)
-    n_invalid = sum(source.n_invalid for source in sources)
-    outside = f"{n_outside:,} lie outside of the area, " if options.area is not None else ""
-    return MapError(
-        f"Expected points for the map, but none of the {n_read:,} points in"
-        f" {', '.join(source.name for source in sources)} is left: {outside}{n_invalid:,} have no finite"
-        f" coordinates, {n_read - n_invalid - n_outside:,} are of classes that are dropped. Check the files, or"
-        " keep more classes."
-    )
 
 
 def _makers(
     job: TileJob, buckets: _Buckets, n_points: int, engine: Engine | None, n_threads: int | None
 ) -> AbstractContextManager[TileSteps]:
     """Threads or workers that make the tiles, with all buckets where they find them."""
-    n_tiles = buckets.points.n_tiles
+    n_tiles = len(buckets.points.keys)
     has_workers = engine is not None and not engine.is_in_process
     buckets.complete(to_disk=has_workers)
     if engine is not None and has_workers:
@@ -251,10 +222,11 @@ def _makers(
 
 
 def _write_tiles(
-    writer: MapWriter, do: TileSteps, keys: Sequence[TileKey], found: FoundClasses | None, report: Progress
-) -> dict[TileKey, NDArray[np.float32]]:
-    """Make every tile, step by step, and write them in order; return their level surfaces, if they were asked for."""
-    n_done, n_steps = 0, (2 if found is None else 3) * len(keys)
+    writer: MapWriter, do: TileSteps, job: TileJob, keys: Sequence[TileKey], report: Progress
+) -> tuple[dict[TileKey, NDArray[np.float32]], list[FoundInTile]]:
+    """Make every tile, step by step, and write them in order; return level surfaces and classes, if asked for."""
+    found, kept, surfaces = list[FoundInTile](), keys, {}
+    n_done, n_steps = 0, (2 if job.drop is None else 3) * len(keys)
 
     def one_more(n_more: int = 1) -> None:
         nonlocal n_done
@@ -263,41 +235,33 @@ def _write_tiles(
 
     for _ in do(TileStep.GATHER, keys):
         one_more()
-    kept = keys
-    if found is not None:
-        kept = []
+    if job.drop is not None:
         for of_tile in do(TileStep.FIND_CLASSES, keys):
-            found.add(of_tile)
-            kept += [of_tile.key] if of_tile.keeps_any else []
+            found.append(of_tile)
             one_more()
+        kept = [of_tile.ground.key for of_tile in found if of_tile.keeps_any]
         one_more(len(keys) - len(kept))
     if not kept:
         raise MapError(
             "Expected points for the map, but all of them were found to be ground, vegetation or temporary. Keep them:"
             " --classify off."
         )
-    surfaces = {}
     for key, made in zip(kept, do(TileStep.MAKE, kept), strict=True):
         writer.put(made.record)
         if made.surfaces is not None and np.isfinite(made.surfaces).any():
             surfaces[key] = made.surfaces
         one_more()
-    return surfaces
+    return surfaces, found
 
 
-def _ground_tiles(
-    buckets: _Buckets, surfaces: dict[TileKey, NDArray[np.float32]], found: FoundClasses | None
-) -> Iterable[GroundTile]:
-    """Ground of all tiles: as it was found, of points that are classified as ground, or among level surfaces."""
+def _ground_tiles(buckets: _Buckets, surfaces: dict[TileKey, NDArray[np.float32]]) -> Iterable[GroundTile]:
+    """Ground of all tiles: of points that are classified as ground, or else among level surfaces."""
     cell = buckets.options.cell
-    if found is not None:
-        yield from found.ground
-    elif buckets.ground.n_tiles:
-        for key in buckets.ground.keys:
-            records = buckets.ground.load(key)
-            buckets.ground.remove(key)
-            n = TILE_VOXELS // ground_voxels(cell)
-            yield GroundTile(key, ground_of_points(records["column"], records["height"], n))
-    else:
+    for key in buckets.ground.keys:
+        records = buckets.ground.load(key)
+        buckets.ground.remove(key)
+        n = TILE_VOXELS // ground_voxels(cell)
+        yield GroundTile(key, ground_of_points(records["column"], records["height"], n))
+    if not buckets.ground.keys:
         for key in sorted(surfaces):
             yield ground_among(surfaces, key, cell)

@@ -8,7 +8,9 @@ what another pass saw in it was temporary. Nothing is said of places that were s
 
 import math
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,203 +18,131 @@ from numpy.typing import NDArray
 from maxcon.geometry import voxel_indices
 from maxcon.map import TILE_VOXELS, TileKey
 from maxcon.map.ground import GroundTile, ground_of_points, ground_voxels
-from maxcon.mapping.build.bucketing import TileArrays, TileBuckets
-from maxcon.mapping.build.classes import FOUND
-from maxcon.mapping.build.ground import ground_heights, heights_at, lowest_heights
+from maxcon.mapping.build.ground import HeightsOf, ground_heights, heights_at
 from maxcon.mapping.build.map_sigma import LEAST_PAUSE
-from maxcon.mapping.build.voxel_moments import VoxelMoments, is_vegetation, plane_normals
+from maxcon.mapping.build.tile_points import VoxelMoments, is_vegetation, plane_normals
 
-UNCLASSIFIED, GROUND, LOW_VEGETATION, TEMPORARY = 1, 2, 3, 22
-"""Codes of ASPRS LAS 1.4; behind low vegetation come medium and high."""
-VEGETATION_HEIGHTS = (0.5, 2.0)
-"""Up to these heights above the ground vegetation is low and medium, m."""
-GROUND_DEPTH = 0.2
-"""Largest height of a voxel of the ground above it, m."""
-UPRIGHT = 0.5
-"""|z| of the normal below which a surface is upright, and no ground: the foot of a wall."""
-NEIGHBOUR_VOXELS = 14
-"""Margin of voxels of the tiles around that is looked at; less than the padding of rows."""
+UNCLASSIFIED, GROUND, LOW_VEGETATION, TEMPORARY = 1, 2, 3, 22  # behind low vegetation come medium and high
+VEGETATION_HEIGHTS = (0.5, 2.0)  # m above the ground: up to these vegetation is low and medium
+GROUND_DEPTH = 0.2  # m, largest height of a voxel of the ground above it
+UPRIGHT = 0.5  # |z| of the normal below which a surface is upright, and no ground: the foot of a wall
+NEIGHBOUR_VOXELS = 14  # margin of the tiles around that is looked at; less than the padding of rows
 
-BLOCK_EDGE = 0.25
-"""The edge of a block is a power of two of voxels, the nearest to this, m."""
-STRETCH = 5.0
-"""s; within it a block is noted once. A fraction of the pause between two passes."""
+BLOCK_EDGE = 0.25  # m; the edge of a block is a power of two of voxels, the nearest to this
+STRETCH = 5.0  # s; within it a block is noted once. A fraction of the pause between two passes
+# A stretch of time in which points lay in a block: its column in the tile, its layer, and when it began (s).
 OBSERVATION = np.dtype([("column", "<i2", 2), ("layer", "<i4"), ("time", "<f8")])
-"""A stretch of time in which points lay in a block: its column in the tile, its layer, and when it began (s)."""
 
-HIGHEST = 4.0
-"""Above the ground, m: higher up is no car, and the ground is seen past what hangs over it."""
-LEAST_SEEN = 5
-"""Of nine columns around a block, fewest in which a pass saw the ground where it looked through."""
-LEAST_GONE = 3
-"""Fewest blocks within cubes of `AROUND` in which a pass saw nothing where others did."""
-GONE_RATIO = 0.8
-"""Smallest ratio of these to all blocks there that the pass looked through or saw."""
-AROUND = 5
-"""Blocks: 1.2 m."""
+HIGHEST = 4.0  # m above the ground: higher up is no car, and the ground is seen past what hangs over it
+LEAST_SEEN = 5  # of nine columns around a block, fewest in which a pass saw the ground where it looked through
+LEAST_GONE = 3  # fewest blocks within cubes of `AROUND` in which a pass saw nothing where others did
+GONE_RATIO = 0.8  # smallest ratio of these to all blocks there that the pass looked through or saw
+AROUND = 5  # blocks: 1.2 m
+
+# Gives the observations (`OBSERVATION`) in a tile; None where there is no tile.
+ObservedIn = Callable[[TileKey], NDArray[np.void] | None]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FoundInTile:
-    """Classes found in one tile: points of each class, points where several passes saw the ground, and the ground."""
+class FoundInTile(NamedTuple):
+    """Classes found in one tile."""
 
-    key: TileKey
-    n_points: dict[int, int]
-    n_repeated: int
+    n_points: dict[int, int]  # Points of each class
+    n_repeated: int  # Points where several passes saw the ground
     ground: GroundTile
-    keeps_any: bool
+    keeps_any: bool  # Whether any voxel is for the map
 
 
-class FoundClasses:
-    """Sum of the classes found in all tiles of a map.
+def describe_found(found: Sequence[FoundInTile], drop: frozenset[int], *, has_times: bool) -> dict[str, object]:
+    """Return the entry `found` of the manifest's `build` (docs/map_format.md).
 
-    `has_times`: whether any point has a time to tell passes apart by; `drop`: classes that are left out of the map.
+    `drop`: classes that are left out of the map; `has_times`: whether any point has a time to tell passes apart by.
     """
-
-    def __init__(self, *, has_times: bool, drop: frozenset[int] = frozenset()) -> None:
-        self._has_times = has_times
-        self._drop = sorted(drop & FOUND)
-        self._n_points: Counter[int] = Counter()
-        self._n_repeated = 0
-        self.ground: list[GroundTile] = []
-
-    def add(self, found: FoundInTile) -> None:
-        """Add the classes found in a tile."""
-        self._n_points.update(found.n_points)
-        self._n_repeated += found.n_repeated
-        self.ground.append(found.ground)
-
-    def describe(self) -> dict[str, object]:
-        """Return the entry `found` of the manifest's `build` (docs/map_format.md)."""
-        reason = "" if self._n_repeated else "one pass only"
-        return {
-            "n_points": {str(number): self._n_points[number] for number in sorted(self._n_points)},
-            "dropped": self._drop,
-            "n_repeated": self._n_repeated,
-            "temporary": reason if self._has_times else "the clouds have no times to tell passes apart by",
-        }
+    n_points = sum((Counter(each.n_points) for each in found), Counter[int]())
+    n_repeated = sum(each.n_repeated for each in found)
+    reason = "" if n_repeated else "one pass only"
+    return {
+        "n_points": {str(number): n_points[number] for number in sorted(n_points)},
+        "dropped": sorted(drop),
+        "n_repeated": n_repeated,
+        "temporary": reason if has_times else "the clouds have no times to tell passes apart by",
+    }
 
 
-class ClassFinder:
-    """Finds the class of every voxel: first `prepare` every tile, then `find` in any of them, from any thread.
+def found_in_tile(
+    own: VoxelMoments, halo: Sequence[VoxelMoments], lowest: HeightsOf, observed: ObservedIn, key: TileKey,
+    cell: float, drop: frozenset[int],
+) -> tuple[NDArray[np.uint8], FoundInTile]:  # fmt: skip
+    """Find the class of each voxel of a tile.
 
-    `arrays`: keeps the lowest heights and the classes of tiles; `cell`: voxel edge, m; `drop`: classes that are left
-    out of the map.
+    `own`: its voxels; `halo`: those within `NEIGHBOUR_VOXELS` of it, x and y from the tile's corner; `lowest`,
+    `observed`: `lowest_heights` and observations (`OBSERVATION`) of a tile; `drop`: classes that are left out of the
+    map.
     """
+    moments, edge = VoxelMoments.concatenate([own, *halo]), ground_voxels(cell)
+    margin = math.ceil((NEIGHBOUR_VOXELS + 1) / edge) + 1
+    ground = ground_heights(lowest, key, cell, margin)
+    above = moments.mean_heights(cell) - heights_at(ground, (moments.indices[:, 1::-1] + 0.5) / edge + margin)
+    is_near = above <= GROUND_DEPTH  # above is NaN where the ground is not known
+    normals = plane_normals(moments, cell, is_near)
+    is_ground = is_near & ~(normals.any(axis=1) & (np.abs(normals[:, 2]) < UPRIGHT))
+    classes = np.where(is_ground, GROUND, UNCLASSIFIED).astype(np.uint8)
+    green = np.flatnonzero(~is_ground)[is_vegetation(moments.select(~is_ground), cell)]
+    classes[green] = LOW_VEGETATION + np.searchsorted(VEGETATION_HEIGHTS, np.nan_to_num(above[green], nan=np.inf))
+    is_own = moments.is_own
+    classes, moments, above = classes[is_own], moments.select(is_own), above[is_own]
+    is_temporary, n_repeated = _are_temporary(moments, above, ground, margin, observed, key, cell)
+    classes[is_temporary & (classes != GROUND)] = TEMPORARY
+    n_points, is_ground = np.bincount(classes, moments.counts), classes == GROUND
+    columns, heights = moments.indices[is_ground, :2] // edge, moments.mean_heights(cell)[is_ground]
+    return classes, FoundInTile(
+        {int(number): int(n_points[number]) for number in np.flatnonzero(n_points)},
+        n_repeated,
+        GroundTile(key, ground_of_points(columns, heights, TILE_VOXELS // edge)),
+        not np.isin(classes, sorted(drop)).all(),
+    )
 
-    def __init__(
-        self, arrays: TileArrays, cell: float, observations: TileBuckets, drop: frozenset[int] = frozenset()
-    ) -> None:
-        self._arrays = arrays
-        self._cell = cell
-        self._observations = observations
-        self._drop = sorted(drop & FOUND)
 
-    def prepare(self, key: TileKey, moments: VoxelMoments) -> None:
-        """Keep the lowest surfaces of a tile, and each of its observations once."""
-        self._arrays.put(key, "lowest", heights=lowest_heights(moments, self._cell))
-        if self._observations.has(key):
-            records = self._observations.load(key)
-            blocks = np.column_stack([records["column"], records["layer"]])
-            self._observations.replace(key, records[_first_of_each(blocks, records["time"])])
+def _are_temporary(
+    moments: VoxelMoments, above: NDArray[np.float64], ground: NDArray[np.float64], margin: int, observed: ObservedIn,
+    key: TileKey, cell: float,
+) -> tuple[NDArray[np.bool_], int]:  # fmt: skip
+    """Which voxels of a tile are temporary, and how many points lie where several passes saw the ground."""
+    edge = block_voxels(cell)
+    n = TILE_VOXELS // edge
+    halo = min(NEIGHBOUR_VOXELS // edge, n)
+    seen = _observed_around(observed, key, n, halo)
+    if not len(seen):
+        return np.zeros(len(moments), bool), 0
+    side, n_layers = n + 2 * halo, math.ceil(HIGHEST / (edge * cell))
+    middles = (np.mgrid[0:side, 0:side].reshape(2, -1).T + 0.5 - halo) * edge / ground_voxels(cell) + margin
+    heights = heights_at(ground, middles).reshape(side, side)
+    first = np.floor((heights + GROUND_DEPTH) / (edge * cell))  # layer in which the ground ends
+    columns = seen["column"].astype(np.int64) + halo
+    layers = _steps_above(seen["layer"], first[columns[:, 1], columns[:, 0]])
+    is_block_temporary, n_passes = temporary_blocks(layers, columns, seen["time"], (n_layers, side, side))
+    blocks = moments.indices.astype(np.int64) // edge
+    x, y = blocks[:, 0] + halo, blocks[:, 1] + halo
+    layer = _steps_above(blocks[:, 2], first[y, x])
+    is_low = (layer >= -1) & (layer < n_layers)
+    # An object on the ground begins in the layer in which the ground ends, of which nothing is known by itself.
+    is_temporary = is_low & is_block_temporary[np.where(is_low, np.maximum(layer, 1), 0), y, x]
+    is_repeated = is_low & (above > GROUND_DEPTH) & (n_passes[y, x] > 1)
+    return is_temporary, int(moments.counts[is_repeated].sum())
 
-    def find(self, key: TileKey, own: VoxelMoments, halo: list[VoxelMoments]) -> FoundInTile:
-        """Find and keep the class of each voxel of a tile; all tiles around have been prepared.
 
-        `key`: the tile; `own`: its voxels; `halo`: voxels within `NEIGHBOUR_VOXELS` of it, x and y from the tile's
-        corner.
-        """
-        moments = VoxelMoments.concatenate([own, *halo])
-        margin = math.ceil((NEIGHBOUR_VOXELS + 1) / ground_voxels(self._cell)) + 1
-        ground = ground_heights(self._lowest, key, self._cell, margin)
-        places = (moments.indices[:, 1::-1] + 0.5) / ground_voxels(self._cell) + margin
-        above = moments.mean_heights(self._cell) - heights_at(ground, places)  # NaN where the ground is not known
-        is_ground = self._is_ground(moments, above)
-        classes = np.full(len(moments), UNCLASSIFIED, np.uint8)
-        classes[is_ground] = GROUND
-        rest = np.flatnonzero(~is_ground)
-        green = rest[is_vegetation(moments.select(~is_ground), self._cell)]
-        height = np.nan_to_num(above[green], nan=np.inf)
-        classes[green] = LOW_VEGETATION + np.searchsorted(VEGETATION_HEIGHTS, height)
-        is_own = moments.is_own
-        classes, moments, above = classes[is_own], moments.select(is_own), above[is_own]
-        is_temporary, n_repeated = self._is_temporary(key, moments, above, ground, margin)
-        classes[is_temporary & (classes != GROUND)] = TEMPORARY
-        self._arrays.put(key, "classes", classes=classes)
-        return self._summed_up(key, moments, classes, n_repeated)
-
-    def classes(self, key: TileKey) -> NDArray[np.uint8]:
-        """Return the class of each voxel of a tile, as `find` found it."""
-        return self._arrays.get(key, "classes")["classes"]
-
-    def is_kept(self, key: TileKey) -> NDArray[np.bool_]:
-        """Which voxels of a tile are of a class that is not left out."""
-        return ~np.isin(self.classes(key), self._drop)
-
-    def _lowest(self, key: TileKey) -> NDArray[np.float64] | None:
-        return self._arrays.get(key, "lowest")["heights"] if self._arrays.has(key, "lowest") else None
-
-    def _is_ground(self, moments: VoxelMoments, above: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Which voxels are near the ground and no part of something upright."""
-        is_near = above <= GROUND_DEPTH
-        normals = plane_normals(moments, self._cell, is_near)
-        is_upright = normals.any(axis=1) & (np.abs(normals[:, 2]) < UPRIGHT)
-        return is_near & ~is_upright
-
-    def _is_temporary(
-        self, key: TileKey, moments: VoxelMoments, above: NDArray[np.float64], ground: NDArray[np.float64], margin: int
-    ) -> tuple[NDArray[np.bool_], int]:
-        """Which voxels of a tile are temporary, and how many points lie where several passes saw the ground."""
-        edge = block_voxels(self._cell)
-        n = TILE_VOXELS // edge
-        halo = min(NEIGHBOUR_VOXELS // edge, n)
-        seen = self._observations_around(key, n, halo)
-        if not len(seen):
-            return np.zeros(len(moments), bool), 0
-        side = n + 2 * halo
-        middles = (np.mgrid[0:side, 0:side].reshape(2, -1).T + 0.5 - halo) * edge / ground_voxels(self._cell) + margin
-        heights = heights_at(ground, middles).reshape(side, side)
-        first = np.floor((heights + GROUND_DEPTH) / (edge * self._cell))  # layer in which the ground ends
-        columns = seen["column"].astype(np.int64) + halo
-        layers = _steps_above(seen["layer"], first[columns[:, 1], columns[:, 0]])
-        n_layers = math.ceil(HIGHEST / (edge * self._cell))
-        is_block_temporary, n_passes = temporary_blocks(layers, columns, seen["time"], (n_layers, side, side))
-        blocks = moments.indices.astype(np.int64) // edge
-        x, y = blocks[:, 0] + halo, blocks[:, 1] + halo
-        layer = _steps_above(blocks[:, 2], first[y, x])
-        is_low = (layer >= -1) & (layer < n_layers)
-        # An object on the ground begins in the layer in which the ground ends, of which nothing is known by itself.
-        is_temporary = is_low & is_block_temporary[np.where(is_low, np.maximum(layer, 1), 0), y, x]
-        is_repeated = is_low & (above > GROUND_DEPTH) & (n_passes[y, x] > 1)
-        return is_temporary, int(moments.counts[is_repeated].sum())
-
-    def _observations_around(self, key: TileKey, n: int, halo: int) -> NDArray[np.void]:
-        """Observations of a tile and of `halo` blocks around it; columns from the tile's corner."""
-        parts = []
-        for dx in (-1, 0, 1):
-            for dy in (-1, 0, 1):
-                seen = self._observations.load((key[0] + dx, key[1] + dy))
-                columns = seen["column"] + np.array([dx * n, dy * n], np.int16)
-                is_near = ((columns >= -halo) & (columns < n + halo)).all(axis=1)
-                near = seen[is_near]
-                near["column"] = columns[is_near]
-                parts.append(near)
-        return np.concatenate(parts)
-
-    def _summed_up(
-        self, key: TileKey, moments: VoxelMoments, classes: NDArray[np.uint8], n_repeated: int
-    ) -> FoundInTile:
-        n_points = np.bincount(classes, moments.counts)
-        is_ground = classes == GROUND
-        edge = ground_voxels(self._cell)
-        columns, heights = moments.indices[is_ground, :2] // edge, moments.mean_heights(self._cell)[is_ground]
-        return FoundInTile(
-            key,
-            {int(number): int(n_points[number]) for number in np.flatnonzero(n_points)},
-            n_repeated,
-            GroundTile(key, ground_of_points(columns, heights, TILE_VOXELS // edge)),
-            not np.isin(classes, self._drop).all(),
-        )
+def _observed_around(observed: ObservedIn, key: TileKey, n: int, halo: int) -> NDArray[np.void]:
+    """Observations of a tile of n blocks and of `halo` blocks around it; columns from the tile's corner."""
+    parts = [np.empty(0, OBSERVATION)]
+    for dx, dy in product((-1, 0, 1), repeat=2):
+        seen = observed((key[0] + dx, key[1] + dy))
+        if seen is None:
+            continue
+        columns = seen["column"] + np.array([dx * n, dy * n], np.int16)
+        is_near = ((columns >= -halo) & (columns < n + halo)).all(axis=1)
+        near = seen[is_near]
+        near["column"] = columns[is_near]
+        parts.append(near)
+    return np.concatenate(parts)
 
 
 def _steps_above(layers: NDArray[np.integer], first: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -247,6 +177,11 @@ def observation_records(
     return keys, records
 
 
+def each_once(seen: NDArray[np.void]) -> NDArray[np.void]:
+    """Observations (`OBSERVATION`) without those that occur again."""
+    return seen[_first_of_each(np.column_stack([seen["column"], seen["layer"]]), seen["time"])]
+
+
 def _first_of_each(blocks: NDArray[np.integer], times: NDArray[np.float64]) -> NDArray[np.intp]:
     """Rows of different (x, y, z) of blocks, shape (n, 3), and times: the first of each."""
     columns = (*blocks.T, times)
@@ -270,11 +205,10 @@ def temporary_blocks(
 
     `layers` (n,): of each observation, from that in which the ground ends on: -1 (also ground), 0, 1, ...;
     `columns` (n, 2): (x, y) of each; `times` (n,): s; `shape`: how many layers, and columns along y and x. Observations
-    elsewhere are left out.
+    in other layers are left out.
 
-    Returns is_temporary: shape (layers, ny, nx), bool; whether what is in a block is temporary; nothing is said of
-        layer 0, in which the ground ends.
-    Returns n_passes: shape (ny, nx), int64; passes that saw the ground of a column.
+    Returns whether what is in a block is temporary, shape (layers, ny, nx): nothing is said of layer 0, in which the
+    ground ends; and how many passes saw the ground of each column, shape (ny, nx).
     """
     from scipy.ndimage import maximum_filter, uniform_filter
 
@@ -284,7 +218,7 @@ def temporary_blocks(
     n_layers, ny, nx = shape
     passes = pass_of(times)
     x, y = columns.T
-    is_inside = (layers >= -1) & (layers < n_layers) & (x >= 0) & (x < nx) & (y >= 0) & (y < ny)
+    is_inside = (layers >= -1) & (layers < n_layers)
     layers, x, y, passes = np.maximum(layers[is_inside], 0), x[is_inside], y[is_inside], passes[is_inside]
     is_seen = np.zeros((int(passes.max(initial=-1)) + 1, n_layers, ny, nx), bool)
     is_seen[passes, layers, y, x] = True

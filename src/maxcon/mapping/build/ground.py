@@ -13,37 +13,40 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon.geometry import voxel_indices
 from maxcon.map import TILE_VOXELS, TileKey, VoxelTile
 from maxcon.map.ground import GroundTile, ground_voxels
-from maxcon.mapping.build.voxel_moments import VoxelMoments
+from maxcon.mapping.build.tile_points import VoxelMoments
 
-LEAST_VOXELS = 3
-"""Fewest voxels of a surface in a cell of the ground grid: a stray point is none."""
-SURFACE_DEPTH = 0.3
-"""Largest height difference between these voxels, and between a level surface and the next, m."""
+LEAST_VOXELS = 3  # fewest voxels of a surface in a cell of the ground grid: a stray point is none
+SURFACE_DEPTH = 0.3  # m, largest height difference between these voxels, and between a level surface and the next
 
-LEVEL = math.cos(math.radians(20.0))
-"""Smallest |z| of the normals of a level surface."""
-NEARBY = 3.0
-"""Radius, m, in which level surfaces are compared."""
-STEEPEST = 0.25
-"""Slope of the ground: what rises faster above another surface, as a car's roof, is no ground; a ramp is."""
+LEVEL = math.cos(math.radians(20.0))  # smallest |z| of the normals of a level surface
+NEARBY = 3.0  # m, radius in which level surfaces are compared
+STEEPEST = 0.25  # slope of the ground: what rises faster above another surface, as a car's roof, is none; a ramp is
 
-LOWEST_PIT = 1.0
-"""A cell so far below all around it is no ground: a reflection in a puddle, m."""
-LARGEST_WINDOW = 14.0
-"""Half width of the largest window, m: buildings up to twice as wide are removed."""
-SLOPE = 0.2
-"""Largest slope of the ground, unless it is as wide as the windows."""
-STEP = 0.15
-"""m; kerbs are no objects, and noise is not."""
+LOWEST_PIT = 1.0  # m: a cell so far below all around it is no ground, but a reflection in a puddle
+LARGEST_WINDOW = 14.0  # m, half width of the largest window: buildings up to twice as wide are removed
+SLOPE = 0.2  # largest slope of the ground, unless it is as wide as the windows
+STEP = 0.15  # m; kerbs are no objects, and noise is not
+# Half widths, in cells, of the squares whose mean fills a hole in the ground: the first that has any ground.
 FILLS = (1, 2, 4, 8, 12)
-"""Half widths, in cells, of the squares whose mean fills a hole in the ground: the first that has any ground."""
-REACH = 2.0 * LARGEST_WINDOW
-"""How far the filter looks, m; filling looks no farther than the rest of a tile's edge."""
+REACH = 2.0 * LARGEST_WINDOW  # m: how far the filter looks; filling looks no farther than the rest of a tile's edge
 
-LowestOf = Callable[[TileKey], NDArray[np.float64] | None]
-"""Gives the `lowest_heights` of a tile; None where there is no tile."""
+# One point on the ground: its cell of the ground grid, and its height in the local frame (m).
+GROUND_POINT = np.dtype([("column", "<i2", 2), ("height", "<f4")])
+# Gives heights (y, x) of a tile's cells; None where there is no tile.
+HeightsOf = Callable[[TileKey], NDArray[np.floating] | None]
+
+
+def ground_records(points: NDArray[np.float64], cell: float) -> tuple[NDArray[np.int32], NDArray[np.void]]:
+    """Tiles, shape (n, 2), and records (`GROUND_POINT`) of points on the ground, shape (n, 3), local frame, m."""
+    columns = voxel_indices(points, cell)[:, :2]
+    keys = columns // TILE_VOXELS
+    records = np.empty(len(points), GROUND_POINT)
+    records["column"] = (columns - keys * TILE_VOXELS) // ground_voxels(cell)
+    records["height"] = points[:, 2]
+    return keys, records
 
 
 def level_surfaces(tile: VoxelTile, cell: float) -> NDArray[np.float32]:
@@ -98,19 +101,22 @@ def lowest_heights(moments: VoxelMoments, cell: float) -> NDArray[np.float64]:
     return lowest.reshape(n, n)
 
 
-def ground_heights(lowest: LowestOf, key: TileKey, cell: float, margin: int) -> NDArray[np.float64]:
+def ground_heights(lowest: HeightsOf, key: TileKey, cell: float, margin: int) -> NDArray[np.float64]:
     """Height of the ground in the cells of a tile and `margin` cells around it, m; NaN where nothing is near.
 
     `lowest`: `lowest_heights` of the tile and of all those within `REACH`, local frame; `key`: the tile; `cell`: voxel
     edge, m; `margin`: cells.
     """
+    from scipy.ndimage import maximum_filter, minimum_filter
+
     edge, n = ground_voxels(cell) * cell, TILE_VOXELS // ground_voxels(cell)
     reach = math.ceil(REACH / edge) + max(FILLS) + 1 + margin
     around = _around(lowest, key, n, reach)
-    around = np.where(_is_pit(around), np.nan, around)
-    ground = _filled(np.where(_is_object(around, edge), np.nan, around))
+    high = maximum_filter(np.nan_to_num(around, nan=-np.inf), size=3, mode="nearest")
+    closed = minimum_filter(np.where(np.isfinite(high), high, np.inf), size=3, mode="nearest")
+    around = np.where(closed - around > LOWEST_PIT, np.nan, around)
     inner = slice(reach - margin, reach + n + margin)
-    return ground[inner, inner]
+    return _filled(np.where(_is_object(around, edge), np.nan, around))[inner, inner]
 
 
 def heights_at(ground: NDArray[np.float64], rows: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -120,9 +126,7 @@ def heights_at(ground: NDArray[np.float64], rows: NDArray[np.float64]) -> NDArra
     return np.asarray(map_coordinates(ground, rows.T - 0.5, order=1, mode="nearest"), np.float64)
 
 
-def _around(
-    heights_of: Callable[[TileKey], NDArray[np.floating] | None], key: TileKey, n: int, reach: int
-) -> NDArray[np.float64]:
+def _around(heights_of: HeightsOf, key: TileKey, n: int, reach: int) -> NDArray[np.float64]:
     """Heights of a tile of (n, n) cells and `reach` cells around it."""
     tiles = math.ceil(reach / n)
     whole = np.full(((2 * tiles + 1) * n,) * 2, np.nan)
@@ -136,15 +140,6 @@ def _around(
     return whole[inner, inner]
 
 
-def _is_pit(heights: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which cells lie far below all those around them."""
-    from scipy.ndimage import maximum_filter, minimum_filter
-
-    high = maximum_filter(np.nan_to_num(heights, nan=-np.inf), size=3, mode="nearest")
-    closed = minimum_filter(np.where(np.isfinite(high), high, np.inf), size=3, mode="nearest")
-    return np.asarray(closed - heights > LOWEST_PIT)
-
-
 def _is_object(heights: NDArray[np.float64], edge: float) -> NDArray[np.bool_]:
     """Which cells an opening with growing windows removes by more than a slope explains.
 
@@ -156,7 +151,9 @@ def _is_object(heights: NDArray[np.float64], edge: float) -> NDArray[np.bool_]:
     is_known = np.isfinite(heights)
     high = np.where(is_known, heights, np.inf)
     before, is_object = high, np.zeros(heights.shape, bool)
-    for radius in _radii(math.ceil(LARGEST_WINDOW / edge)):
+    radius, largest = 0, max(1, math.ceil(LARGEST_WINDOW / edge))
+    while radius < largest:  # one by one, then in steps of a third
+        radius = min(largest, max(radius + 1, radius * 4 // 3))
         size = 2 * radius + 1
         low = minimum_filter(high, size=size, mode="constant", cval=np.inf)
         low[~maximum_filter(is_known, size=size, mode="constant", cval=False)] = -np.inf
@@ -165,14 +162,6 @@ def _is_object(heights: NDArray[np.float64], edge: float) -> NDArray[np.bool_]:
             is_object |= is_known & (before - opened > STEP + SLOPE * radius * edge)
         before = opened
     return is_object
-
-
-def _radii(largest: int) -> list[int]:
-    """Half widths of the windows, in cells: one by one, then in steps of a third."""
-    radii = [1]
-    while radii[-1] < largest:
-        radii.append(min(largest, max(radii[-1] + 1, radii[-1] * 4 // 3)))
-    return radii
 
 
 def _filled(ground: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -3,45 +3,37 @@
 """Standard deviation of a map: how far passes of the mapping vehicle differ where they saw the same wall."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
+from itertools import product
 from pathlib import Path
+from typing import Annotated, NamedTuple
 
 import numpy as np
+from msgspec import Meta, Struct
 from numpy.typing import NDArray
 
 from maxcon._system.checked import checked, read_json
-from maxcon.errors import FileError
 from maxcon.map.layout import UNKNOWN_SIGMA
 
 ALIGNMENT = "alignment.json"
-LARGEST_ALIGNMENT = 2**24
-LEAST_CONSTRAINTS = 50
-"""Fewer matches of passes, or one pass with itself, do not say how wrong all passes together are."""
+LARGEST_ALIGNMENT = 2**24  # bytes
+LEAST_CONSTRAINTS = 50  # fewer, or one pass with itself, do not say how wrong all passes together are
 
-PLACE_EDGE = 0.5
-"""Edge of the cubes in which passes are compared, m: a piece of wall, seen in one pass by some hundred points."""
-MOST_POINTS = 500_000
-"""14 MB."""
+PLACE_EDGE = 0.5  # m, of the cubes in which passes are compared: a piece of wall, seen in one pass by a hundred points
+MOST_POINTS = 500_000  # 14 MB
+# One point: the number of its place, its position from the place's middle (m), and its time (s).
 PLACE_POINT = np.dtype([("place", "<u8"), ("inside", "<f4", 3), ("time", "<f8")])
-"""One point: the number of its place, its position from the place's middle (m), and its time (s)."""
 
-LEAST_PAUSE = 60.0
-"""Between two passes at one place, s: a vehicle that waits at a light makes one."""
-LEAST_POINTS = 20
-"""Of a pass at a place."""
+LEAST_PAUSE = 60.0  # s, between two passes at one place: a vehicle that waits at a light makes one
+LEAST_POINTS = 20  # of a pass at a place
+# Of a pass's plane from the middle of the place, m: farther out the cube's faces cut noise off, and bias the mean.
 LARGEST_OFFSET = 0.3 * PLACE_EDGE
-"""Of a pass's plane from the middle of the place, m: farther out the cube's faces cut noise off, and bias the mean."""
-LARGEST_ROUGHNESS = 0.03
-"""Root mean square distance of a pass's points from its plane, m."""
+LARGEST_ROUGHNESS = 0.03  # m, root mean square distance of a pass's points from its plane
+# Root mean square extent of the points along the plane's shorter side, m; 0.29 edges where they fill it evenly.
 LEAST_WIDTH = 0.16 * PLACE_EDGE
-"""Root mean square extent of the points along the plane's shorter side, m; 0.29 edges where they fill it evenly."""
-OUTLIER = 3.0
-"""Robust standard deviations; beyond it something has changed: a door, a parked car, leaves."""
-NORMAL_MEDIAN = 0.6745
-"""Median of the absolute value of a standard normal deviate."""
-STRETCH = 30.0
-"""s; errors of a trajectory within such a stretch are much the same."""
+OUTLIER = 3.0  # robust standard deviations; beyond it something has changed: a door, a parked car, leaves
+NORMAL_MEDIAN = 0.6745  # median of the absolute value of a standard normal deviate
+STRETCH = 30.0  # s; errors of a trajectory within such a stretch are much the same
 LEAST_STRETCHES = 4
 LEAST_PLACES = 50
 
@@ -49,14 +41,11 @@ LEAST_PLACES = 50
 def map_sigma(
     given: float | None, sample: "PlaceSample", aligned: float | None = None
 ) -> tuple[float, dict[str, object]]:
-    """Return the standard deviation of a map's position along any axis, m, and where it is from.
+    """Return the standard deviation of a map's position along any axis, m, and where it is from, for the manifest.
 
-    given: from the options; it is taken as it is.
-    sample: points with times, from which it is estimated otherwise.
-    aligned: from `maxcon map align`, m: aligned passes differ less than they are wrong by, so that an estimate below it
-        is not believed.
-    Returns sigma: m; estimates are rounded to 0.1 mm, and where there are not enough passes it is `UNKNOWN_SIGMA`.
-    Returns build: the entry `sigma` of the manifest's `build` (docs/map_format.md).
+    `given`: from the options, taken as it is; `sample`: points with times, from which it is estimated otherwise;
+    `aligned`: from `maxcon map align`, m: aligned passes differ less than they are wrong by, so that an estimate below
+    it is not believed. Estimates are rounded to 0.1 mm; `UNKNOWN_SIGMA` where there are not enough passes.
     """
     if given is not None:
         return float(given), {"from": "given"}
@@ -73,60 +62,43 @@ def map_sigma(
     }
 
 
-def aligned_sigma(files: Sequence[Path]) -> float | None:
-    """Sigma of the map, m, that `maxcon map align` wrote beside each of these clouds; None where it did not.
-
-    FileError if an alignment.json beside them cannot be read.
-    """
-    folders = {file.parent for file in files}
-    if not all((folder / ALIGNMENT).exists() for folder in folders):
-        return None
-    return max(_sigma_of_alignment(folder / ALIGNMENT) for folder in folders)
+class _Sigmas(Struct):
+    of_map: Annotated[float, Meta(ge=0.0, le=1e3)]
 
 
-@dataclass(frozen=True, slots=True)
-class _Sigmas:
-    of_map: float
-
-
-@dataclass(frozen=True, slots=True)
-class _Alignment:
+class _Alignment(Struct):
     sigma: _Sigmas
     n_ties: int
     n_rounds: int
 
 
-def _sigma_of_alignment(file: Path) -> float:
+def aligned_sigma(files: Iterable[Path]) -> float | None:
+    """Sigma of the map, m, that `maxcon map align` wrote beside each of these clouds; None where it did not."""
     what, advice = "what `maxcon map align` writes", "Give --sigma, or move the clouds elsewhere"
-    alignment = checked(read_json(file, what, advice, LARGEST_ALIGNMENT), _Alignment, file, what, advice)
-    sigma = alignment.sigma.of_map
-    if not 0.0 <= sigma < math.inf:
-        raise FileError(f"Expected a sigma of the map of 0 m or more in {file}, got {sigma}. Give --sigma.")
-    is_known = alignment.n_rounds > 1 and alignment.n_ties >= LEAST_CONSTRAINTS
-    return sigma if is_known else max(sigma, UNKNOWN_SIGMA)
+    largest = 0.0
+    for file in {file.parent / ALIGNMENT for file in files}:
+        if not file.exists():
+            return None
+        found = checked(read_json(file, what, advice, LARGEST_ALIGNMENT), _Alignment, file, what, advice)
+        is_known = found.n_rounds > 1 and found.n_ties >= LEAST_CONSTRAINTS
+        largest = max(largest, found.sigma.of_map, 0.0 if is_known else UNKNOWN_SIGMA)
+    return largest
 
 
 class PlaceSample:
     """All points of an even sample of places, with their times; memory does not grow with the input.
 
-    `most_points`: kept at most. While there are more, every other place is left out, whatever the order of the points
-    and files.
+    While there are more than `most_points`, every other place is left out, whatever the order of points and files.
     """
 
     def __init__(self, most_points: int = MOST_POINTS) -> None:
         self._most_points = most_points
         self._n_halvings = 0
         self._parts: list[NDArray[np.void]] = []
-        self._n_points = 0
 
-    def add(self, points: NDArray[np.float64], times: NDArray[np.float64] | None) -> None:
-        """Take points, shape (n, 3), local frame, m, with their times, shape (n,), s, on a common clock.
-
-        Points without a finite time are left out.
-        """
-        if times is None or not len(points):
-            return
-        from maxcon.mapping.build.kernels import place_keys
+    def add(self, points: NDArray[np.float64], times: NDArray[np.float64]) -> None:
+        """Take points, (n, 3), local frame, m, with times, (n,), s, on a common clock; not finite ones are left out."""
+        from maxcon.mapping.kernels import place_keys
 
         keys = np.empty(len(points), np.uint64)
         place_keys(np.ascontiguousarray(points), PLACE_EDGE, keys)
@@ -135,11 +107,9 @@ class PlaceSample:
         records["place"], records["time"] = keys[chosen], times[chosen]
         records["inside"] = points[chosen] % PLACE_EDGE - 0.5 * PLACE_EDGE
         self._parts.append(records)
-        self._n_points += len(records)
-        while self._n_points > self._most_points:
+        while sum(map(len, self._parts)) > self._most_points:
             self._n_halvings += 1
             self._parts = [part[self._is_chosen(part["place"])] for part in self._parts]
-            self._n_points = sum(map(len, self._parts))
 
     def records(self) -> NDArray[np.void]:
         """Return the points that are kept (`PLACE_POINT`), place by place, in the order of their times."""
@@ -151,8 +121,7 @@ class PlaceSample:
         return np.asarray((places & np.uint64((1 << self._n_halvings) - 1)) == 0)
 
 
-@dataclass(frozen=True, slots=True)
-class PassDifferences:
+class PassDifferences(NamedTuple):
     """Differences between passes across planes."""
 
     n_passes: int  # That left points at a plane, in the median; 0 if there is no plane with times
@@ -194,13 +163,8 @@ def compare_passes(records: NDArray[np.void]) -> PassDifferences:
     offsets, noise, is_plane = _planes(inside, n_points[is_used], place_of_pass[is_used])
     if not is_plane.any():
         return PassDifferences(0)
-    rows = np.flatnonzero(is_used)[is_plane]
-    places, times, offsets, noise = (
-        place_of_pass[rows],
-        records["time"][starts[rows]],
-        offsets[is_plane],
-        noise[is_plane],
-    )
+    rows, offsets, noise = np.flatnonzero(is_used)[is_plane], offsets[is_plane], noise[is_plane]
+    places, times = place_of_pass[rows], records["time"][starts[rows]]
     at_planes = np.unique(places)
     n_passes = int(np.median(np.bincount(place_of_pass)[at_planes]))
     first, second = _pairs(places)
@@ -225,8 +189,12 @@ def _planes(
 
     Return for each pass at a place its offset (m), the variance of that from noise (m^2), and whether it is a plane.
     """
-    counts = n_points.astype(np.float64)
-    means, covariances = _moments(points, n_points)
+    counts, rows = n_points.astype(np.float64), np.cumsum(n_points) - n_points
+    means = np.add.reduceat(points, rows, axis=0) / counts[:, None]
+    centred = points - np.repeat(means, n_points, axis=0)
+    covariances = np.empty((len(counts), 3, 3))
+    for one, other in product(range(3), repeat=2):
+        covariances[:, one, other] = np.add.reduceat(centred[:, one] * centred[:, other], rows) / counts
     firsts = np.flatnonzero(np.diff(places, prepend=-1))
     weights = counts[:, None, None]
     pooled = np.add.reduceat(weights * covariances, firsts) / np.add.reduceat(weights, firsts)
@@ -238,18 +206,6 @@ def _planes(
     is_plane = (extents[:, 1] >= LEAST_WIDTH**2)[plane]
     is_plane &= (np.abs(offsets) <= LARGEST_OFFSET) & (roughness <= LARGEST_ROUGHNESS**2)
     return offsets, roughness / counts, is_plane
-
-
-def _moments(points: NDArray[np.float64], counts: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Means, shape (v, 3), and covariances, shape (v, 3, 3), of groups of points that follow each other."""
-    rows = np.cumsum(counts) - counts
-    means = np.add.reduceat(points, rows, axis=0) / counts[:, None]
-    centred = points - np.repeat(means, counts, axis=0)
-    covariances = np.empty((len(counts), 3, 3))
-    for one in range(3):
-        for other in range(3):
-            covariances[:, one, other] = np.add.reduceat(centred[:, one] * centred[:, other], rows) / counts
-    return means, covariances
 
 
 def _variance(differences: NDArray[np.float64], noise: NDArray[np.float64]) -> float:
@@ -267,12 +223,7 @@ def _variance(differences: NDArray[np.float64], noise: NDArray[np.float64]) -> f
 
 def _pairs(places: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Numbers of all pairs of rows with one place; `places` is sorted."""
-    first: list[NDArray[np.intp]] = [np.empty(0, np.intp)]
-    second: list[NDArray[np.intp]] = [np.empty(0, np.intp)]
-    for lag in range(1, len(places)):
-        pair = np.flatnonzero(places[lag:] == places[:-lag])
-        if not len(pair):
-            break
-        first.append(pair)
-        second.append(pair + lag)
-    return np.concatenate(first), np.concatenate(second)
+    most = int(np.unique(places, return_counts=True)[1].max())
+    pairs = [np.flatnonzero(places[lag:] == places[:-lag]) for lag in range(1, most)]
+    first = np.concatenate([np.empty(0, np.intp), *pairs])
+    return first, np.concatenate([first[:0], *(pair + lag for lag, pair in enumerate(pairs, 1))])

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Options of a map build: voxels, area, coordinate reference system, and which classes are dropped."""
+"""Options of a map build: voxels, area, coordinate reference system, and which classes of points are left out."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import astuple, dataclass
 from typing import Literal, get_args
 
@@ -12,12 +12,77 @@ from numpy.typing import NDArray
 
 from maxcon.errors import ArrayError, OptionError
 from maxcon.map.layout import CELLS, check_sigma
-from maxcon.mapping.build.classes import DEFAULT_DROP, FOUND, FOUND_DROP, parse_classes
 from maxcon.scan.trajectory import Trajectory
 
+# By ASPRS LAS 1.4 R15, table 17. There is no class for vehicles: 22 is for what changes between surveys, 64 and above
+# are the user's own.
+CLASS_NAMES: dict[str, tuple[int, ...]] = {
+    "unclassified": (0, 1),
+    "ground": (2, 11, 20),
+    "low-vegetation": (3,),
+    "medium-vegetation": (4,),
+    "high-vegetation": (5,),
+    "building": (6,),
+    "noise": (7, 18),
+    "water": (9,),
+    "rail": (10,),
+    "wire": (13, 14, 16),
+    "tower": (15,),
+    "bridge": (17,),
+    "overhead": (19,),
+    "snow": (21,),
+    "temporal-exclusion": (22,),
+    "vegetation": (3, 4, 5),
+}
+DEFAULT_DROP = ("ground", "vegetation", "noise", "temporal-exclusion")
+# Of classes that a build finds itself: hedges stay, as they help to localize on real roads.
+FOUND_DROP = ("ground", "temporal-exclusion")
+FOUND = frozenset({2, 3, 4, 5, 22})  # classes that a build can find itself
+
+# Vehicles drive on it: its heights are kept, whether its points are dropped or not.
+GROUND = frozenset(CLASS_NAMES["ground"] + CLASS_NAMES["bridge"])
+UNCLASSIFIED = frozenset(CLASS_NAMES["unclassified"])
+NOISE = frozenset(CLASS_NAMES["noise"])
+
 Classify = Literal["auto", "always", "off"]
-LARGEST_CLASSIFIED_CELL = 0.25
-"""Largest voxel edge, m, at which classes can be found from the shapes of surfaces."""
+LARGEST_CLASSIFIED_CELL = 0.25  # m: in larger voxels classes cannot be found from the shapes of surfaces
+
+
+def class_name(number: int) -> str:
+    """Return the name of a class number, "class 64" for one without a name."""
+    return next((name for name, numbers in CLASS_NAMES.items() if number in numbers), f"class {number}")
+
+
+def found_ratios(n_points: Mapping[str, int], dropped: Collection[int]) -> list[tuple[str, float]]:
+    """Ratios of the points found to be ground, vegetation and temporary, and of those kept in the map.
+
+    `n_points`: points by class number, as text; `dropped`: the classes that are left out of the map.
+    """
+    numbers = {int(number): n for number, n in n_points.items()}
+    groups = {name: CLASS_NAMES[name] for name in ("ground", "vegetation")}
+    groups |= {"temporary": CLASS_NAMES["temporal-exclusion"], "kept": tuple(numbers.keys() - set(dropped))}
+    total = max(1, sum(numbers.values()))
+    return [(name, sum(numbers.get(n, 0) for n in group) / total) for name, group in groups.items()]
+
+
+def parse_classes(names: Iterable[str], vehicle_classes: Iterable[int] = ()) -> frozenset[int]:
+    """Return the numbers of classes, and those of vehicles; OptionError if one is unknown.
+
+    `names`: names such as "vegetation", or numbers from 0 to 255 as text; `vehicle_classes`: numbers that mean
+    vehicles, which "vehicle" stands for.
+    """
+    vehicles = frozenset(vehicle_classes)
+    known = CLASS_NAMES | {str(number): (number,) for number in range(256)}
+    if vehicles:
+        known |= dict.fromkeys(("vehicle", "vehicles"), tuple(vehicles))
+    written = {name: name.strip().lower().replace("_", "-") for name in (*names, *map(str, vehicles))}
+    keys = {name: key.lstrip("0") or key for name, key in written.items()}
+    if unknown := [name for name, key in keys.items() if key not in known]:
+        raise OptionError(
+            f"Expected a class number from 0 to 255 or one of {', '.join(CLASS_NAMES)}, got {unknown[0]!r}."
+            " For vehicles, say which number they have: --vehicle-class 64."
+        )
+    return frozenset(number for key in keys.values() for number in known[key])
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,12 +95,8 @@ class Area:
     y_max: float
 
     def __post_init__(self) -> None:
-        sides = astuple(self)
-        if not all(map(math.isfinite, sides)) or not (self.x_min < self.x_max and self.y_min < self.y_max):
-            raise OptionError(
-                "Expected an area x_min,y_min,x_max,y_max, the smaller numbers first, got"
-                f" {','.join(f'{side:.12g}' for side in sides)}. Give it in the coordinates of the map."
-            )
+        if not all(map(math.isfinite, astuple(self))) or not (self.x_min < self.x_max and self.y_min < self.y_max):
+            raise self._refused(",".join(f"{side:.12g}" for side in astuple(self)))
 
     @classmethod
     def parse(cls, text: str) -> "Area":
@@ -43,11 +104,15 @@ class Area:
         try:
             x_min, y_min, x_max, y_max = map(float, text.split(","))
         except ValueError:
-            raise OptionError(
-                f"Expected an area as x_min,y_min,x_max,y_max, four numbers, got {text!r:.80}. Give it in the"
-                " coordinates of the map."
-            ) from None
+            raise cls._refused(f"{text!r:.80}") from None
         return cls(x_min, y_min, x_max, y_max)
+
+    @staticmethod
+    def _refused(got: str) -> OptionError:
+        return OptionError(
+            "Expected an area as four numbers x_min,y_min,x_max,y_max, the smaller ones first, got"
+            f" {got}. Give it in the coordinates of the map."
+        )
 
     def contains(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Which points, shape (n, 3), lie in it, its lower sides included."""
@@ -59,37 +124,24 @@ class Area:
 class MapOptions:
     """How a map is made of its points.
 
-    Parameters
-    ----------
-    cell : float
-        Voxel edge, m.
-    drop : sequence of str, optional
-        Classes to leave out, by name or number; ground, vegetation, noise, temporal exclusion and the
-        vehicle classes if None, and of these only the last where classes are not the ASPRS's (not LAS).
-    vehicle_classes : iterable of int
-        Class numbers that mean vehicles; they are left out whatever `drop` names.
-    trajectory : Trajectory, optional
-        Sensor positions, matched by the points' times, to turn normals to the sensor's side.
-    normals_have_sides : bool
-        Whether the sources' own normals are turned to the sensor's side already. Own normals are used if
-        their side is known, from this or from the trajectory; otherwise planes are fitted.
-    crs : str, optional
-        CRS of sources that name none.
-    keep_every : int
-        Only every n-th point of each source is taken: a thinner map to compare with.
-    sigma : float, optional
-        Standard deviation of the map's position along any axis, m. If None it is estimated from the differences
-        between passes of the mapping vehicle, and `UNKNOWN_SIGMA` where there is only one.
-    to_crs : str, optional
-        CRS of the map, into which all points are transformed; that of the sources if None. The trajectory is in it.
-    area : Area, optional
-        Only points in it are taken.
-    classes_are_asprs : bool
-        Whether class numbers of clouds that are not LAS are those of the ASPRS, too.
-    classify : str
-        Whether ground, vegetation and temporary objects are found from the points themselves: "auto" where no cloud
-        has classes (all points are 0 or 1, or noise), "always" also where they have (of these only noise and vehicles
-        count then), or "off". Where they are found, ground and temporary objects are left out if `drop` is None.
+    - cell: voxel edge, m.
+    - drop: classes to leave out, by name or number; ground, vegetation, noise, temporal exclusion and the vehicle
+      classes if None, and of these only the last where classes are not the ASPRS's (not LAS).
+    - vehicle_classes: numbers of classes that mean vehicles; they are left out whatever `drop` names.
+    - trajectory: sensor positions, matched by the points' times, to turn normals to the sensor's side.
+    - normals_have_sides: whether the sources' own normals are turned to the sensor's side already. Own normals are
+      used if their side is known, from this or from the trajectory; otherwise planes are fitted.
+    - crs: CRS of sources that name none.
+    - keep_every: only every n-th point of each source is taken: a thinner map to compare with.
+    - sigma: standard deviation of the map's position along any axis, m. If None it is estimated from the differences
+      between passes of the mapping vehicle, and `UNKNOWN_SIGMA` where there is only one.
+    - to_crs: CRS of the map, into which all points are transformed; that of the sources if None. The trajectory is
+      in it.
+    - area: only points in it are taken.
+    - classes_are_asprs: whether class numbers of clouds that are not LAS are those of the ASPRS, too.
+    - classify: whether ground, vegetation and temporary objects are found from the points themselves: "auto" where no
+      cloud has classes (all points are 0 or 1, or noise), "always" also where they have (of these only noise and
+      vehicles count then), or "off". Where they are found, ground and temporary objects are left out if `drop` is None.
     """
 
     cell: float = 0.06
@@ -111,15 +163,16 @@ class MapOptions:
             raise ArrayError(
                 f"Expected a positive voxel edge, {CELLS[0]:g} to {CELLS[1]:g} m, got {self.cell}. The default is 0.06."
             )
-        if self.keep_every < 1:
-            raise OptionError(f"Expected to keep one point of 1 or more, got {self.keep_every}. 1 keeps all.")
+        if self.keep_every < 1 or self.classify not in get_args(Classify):
+            raise OptionError(
+                "Expected to keep one point of 1 or more, and classify to be auto, always or off, got"
+                f" {self.keep_every} and {self.classify!r}. Correct it."
+            )
         if self.to_crs is not None and self.normals_have_sides:
             raise OptionError(
                 "Expected the clouds' own normals in the CRS of the map, got points that are to be transformed. Leave"
                 " out --signed-normals or --to-crs."
             )
-        if self.classify not in get_args(Classify):
-            raise OptionError(f"Expected classify to be auto, always or off, got {self.classify!r}. Correct it.")
         if self.classify == "always" and self.cell > LARGEST_CLASSIFIED_CELL:
             raise OptionError(
                 f"Expected voxels of at most {LARGEST_CLASSIFIED_CELL:g} m to tell shapes by, got {self.cell:g} m."
@@ -129,18 +182,10 @@ class MapOptions:
             check_sigma(self.sigma)
 
     @property
-    def vehicle_numbers(self) -> frozenset[int]:
-        """Class numbers that mean vehicles."""
-        return parse_classes([str(number) for number in self.vehicle_classes])
-
-    @property
     def may_find_classes(self) -> bool:
         """Whether classes are found, or may be once all points are read."""
-        return self.classify == "always" or (
-            self.classify == "auto"
-            and self.cell <= LARGEST_CLASSIFIED_CELL
-            and bool(self.dropped_found_classes() & FOUND)
-        )
+        is_possible = self.cell <= LARGEST_CLASSIFIED_CELL and bool(self.dropped_found_classes() & FOUND)
+        return self.classify == "always" or (self.classify == "auto" and is_possible)
 
     def dropped_found_classes(self) -> frozenset[int]:
         """Class numbers that are left out where classes are found: vegetation stays unless `drop` names it."""
@@ -149,4 +194,4 @@ class MapOptions:
     def dropped_classes(self, *, are_asprs: bool = True) -> frozenset[int]:
         """Class numbers that are left out of a source; the default speaks of ASPRS classes only."""
         default = DEFAULT_DROP if are_asprs else ()
-        return parse_classes(default if self.drop is None else self.drop, self.vehicle_classes) | self.vehicle_numbers
+        return parse_classes(default if self.drop is None else self.drop, self.vehicle_classes)

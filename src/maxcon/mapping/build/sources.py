@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,16 +15,12 @@ from numpy.typing import NDArray
 from maxcon.errors import CrsError, FileError, OptionError, TrajectoryError
 from maxcon.io.clouds import Bounds, CloudChunk, CloudHeader, open_cloud
 from maxcon.io.crs import PointTransform, metric_crs, same_crs
-from maxcon.mapping.build.classes import GROUND, NOISE, UNCLASSIFIED
-from maxcon.mapping.build.options import Area, MapOptions
+from maxcon.mapping.build.options import GROUND, NOISE, UNCLASSIFIED, Area, MapOptions, parse_classes
 from maxcon.scan.trajectory import Trajectory
 
-# No scanner sees so far (m), from an aeroplane neither.
-FARTHEST_SENSOR = 20_000.0
-# Farther from any pose of the trajectory than this, a point's sensor position is not known (s).
-LARGEST_TIME_GAP = 0.5
-# Among so many at the start of a source its first finite point is looked for.
-FIRST_POINTS = 1000
+FARTHEST_SENSOR = 20_000.0  # m; no scanner sees so far, from an aeroplane neither
+LARGEST_TIME_GAP = 0.5  # s; farther from any pose of the trajectory, a point's sensor position is not known
+FIRST_POINTS = 1000  # among so many at the start of a source its first finite point is looked for
 
 
 @dataclass(slots=True, eq=False)
@@ -41,11 +38,6 @@ class Source:
     n_without_side: int = 0
     n_dropped: Counter[int] = field(default_factory=Counter)
     is_classified: bool = False
-
-    @property
-    def name(self) -> str:
-        """Name of its file."""
-        return self.header.path.name
 
     @property
     def n_kept(self) -> int:
@@ -78,7 +70,7 @@ class Source:
     def describe(self) -> dict[str, object]:
         """Return its entry in the manifest (docs/map_format.md)."""
         return {
-            "name": self.name,
+            "name": self.header.path.name,
             "n_points": self.n_points,
             "n_kept": self.n_kept,
             "n_thinned": self.n_thinned,
@@ -92,15 +84,12 @@ class Source:
         }
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SidedPoints:
+class SidedPoints(NamedTuple):
     """Points for the map, global, m."""
 
     points: NDArray[np.float64]  # (n, 3): For its voxels
     sides: NDArray[np.float32]  # (n, 3): The side of the surface that each was seen from: a direction, or zeros
-    # (k, 3): For its grid of ground heights: those of a ground class, whether they are for the voxels too or
-    # not
-    ground: NDArray[np.float64]
+    ground: NDArray[np.float64]  # (k, 3): For its grid of ground heights: of a ground class, for the voxels too or not
     times: NDArray[np.float64] | None  # (n,): s; None where the source has none
 
 
@@ -120,41 +109,27 @@ def open_headers(paths: Sequence[str | os.PathLike[str]]) -> list[CloudHeader]:
 
 
 def common_crs(headers: Sequence[CloudHeader], crs: str | None) -> str | None:
-    """Return the one CRS of all sources as WKT; None where none is named.
+    """Return the one CRS of all sources as WKT; None where none is named; `crs`: that of sources that name none.
 
     CrsError if sources disagree, or some name a CRS and some none, or none that is known, and `crs` is None.
-
-    `crs`: the CRS of sources that name none.
     """
     wanted = metric_crs(crs) if crs is not None else None
-    first: tuple[CloudHeader, str] | None = None
+    named: list[tuple[object, str]] = [] if wanted is None else [(f"--crs {crs}", wanted)]
+    named += [(header.path, metric_crs(header.crs)) for header in headers if header.crs is not None]
+    for where, own in named[1:]:
+        if not same_crs(own, named[0][1]):
+            raise CrsError(
+                f"Expected all point clouds in one CRS, but {named[0][0]} and {where} name different ones. Reproject"
+                " them (--to-crs), or leave out --crs."
+            )
     for header in headers:
-        own = metric_crs(header.crs) if header.crs is not None else wanted
-        if own is None and header.crs_fault:
+        if header.crs is None and wanted is None and (named or header.crs_fault):
+            where = f"{header.path}, as in {named[0][0]}" if named else str(header.path)
             raise CrsError(
-                f"Expected a coordinate reference system that PROJ knows in {header.path}, got {header.crs_fault}."
-                " Say which it is with --crs, or assign it anew."
+                f"Expected a coordinate reference system that PROJ knows in {where}, got"
+                f" {header.crs_fault or 'none'}. Say which it is with --crs."
             )
-        if own is None:
-            continue
-        if wanted is not None and not same_crs(own, wanted):
-            raise CrsError(
-                f"Expected {header.path} to be in the CRS given, {crs}, but it names another itself."
-                " Reproject it (--to-crs), or leave out --crs."
-            )
-        if first is not None and not same_crs(own, first[1]):
-            raise CrsError(
-                f"Expected all point clouds in one CRS, but {first[0].path} and {header.path} name different"
-                " ones. Reproject them: --to-crs."
-            )
-        first = first or (header, own)
-    without = [header for header in headers if header.crs is None]
-    if first is not None and wanted is None and without:
-        raise CrsError(
-            f"Expected all point clouds to name their CRS as {first[0].path} does, but {without[0].path} names"
-            " none. Say it with --crs."
-        )
-    return first[1] if first is not None else None
+    return wanted if headers[0].crs is None else metric_crs(headers[0].crs)
 
 
 def sources_in_crs(headers: Sequence[CloudHeader], options: MapOptions) -> tuple[str | None, list[Source]]:
@@ -186,22 +161,19 @@ def sources_in_crs(headers: Sequence[CloudHeader], options: MapOptions) -> tuple
 def read_source(source: Source, options: MapOptions, *, use_normals: bool) -> Iterator[SidedPoints]:
     """Yield the points of a source that belong in the map, and count the others.
 
-    OptionError if the trajectory needs times and the source has none. `use_normals`: the sides are the normals of the
-    source, turned to the sensor where it is known.
+    `use_normals`: the sides are the normals of the source, turned to the sensor where it is known.
     """
     header, trajectory = source.header, options.trajectory
-    advice = "Leave out --trajectory, or export the points with gps_time."
-    if trajectory is not None and not header.has_times:
-        raise OptionError(f"Expected times in {header.path} to match with the trajectory, but it has none. {advice}")
     drop = options.dropped_classes(are_asprs=header.has_asprs_classes)
     if options.classify == "always":
-        drop &= NOISE | options.vehicle_numbers
+        drop &= NOISE | parse_classes((), options.vehicle_classes)
     are_known = header.has_asprs_classes or options.drop is not None or bool(drop)
     with open_cloud(header.path) as reader:
         for chunk in reader.chunks(bounds=source.bounds):
-            if trajectory is not None and chunk.times is not None and not chunk.times.any():
+            if trajectory is not None and (chunk.times is None or not chunk.times.any()):
                 raise OptionError(
-                    f"Expected times in {header.path} to match with the trajectory, but gps_time is 0 there. {advice}"
+                    f"Expected times in {header.path} to match with the trajectory, but it has none, or gps_time is 0."
+                    " Leave out --trajectory, or export the points with gps_time."
                 )
             placed = replace(chunk, points=source.placed(chunk.points))
             is_kept = _are_wanted(placed, source, options.keep_every)
@@ -291,8 +263,7 @@ def _check_near(to_sensor: NDArray[np.float64], points: NDArray[np.float64]) -> 
 
 def check_sides(sources: Sequence[Source], trajectory: Trajectory) -> None:
     """Refuse a trajectory, TrajectoryError, that has no pose near the time of any point."""
-    n_kept = sum(source.n_kept for source in sources)
-    if n_kept and sum(source.n_without_side for source in sources) == n_kept:
+    if all(source.n_without_side == source.n_kept for source in sources):
         raise TrajectoryError(
             f"Expected times of the points within those of the trajectory, {trajectory.times[0]:.3f} to"
             f" {trajectory.times[-1]:.3f} s, but no point has a pose within {LARGEST_TIME_GAP} s."

@@ -7,9 +7,10 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from enum import Enum
+from itertools import product
 from pathlib import Path
 from socket import gethostname
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,15 +22,21 @@ from maxcon.errors import MapError
 from maxcon.map import TILE_VOXELS, TileKey, VoxelTile
 from maxcon.map.store import Record, tile_record
 from maxcon.map.voxelize import mean_normals, mean_steps, tile_of_voxels
-from maxcon.mapping.build.bucketing import POINT, TileArrays, TileBuckets
-from maxcon.mapping.build.found_classes import NEIGHBOUR_VOXELS, OBSERVATION, ClassFinder, FoundInTile
-from maxcon.mapping.build.ground import level_surfaces
-from maxcon.mapping.build.voxel_moments import HALO_VOXELS, VoxelMoments, plane_normals, turn_to_side
+from maxcon.mapping.build.found_classes import NEIGHBOUR_VOXELS, OBSERVATION, FoundInTile, each_once, found_in_tile
+from maxcon.mapping.build.ground import level_surfaces, lowest_heights
+from maxcon.mapping.build.tile_points import (
+    HALO_VOXELS,
+    POINT,
+    TileArrays,
+    TileBuckets,
+    VoxelMoments,
+    plane_normals,
+    turn_to_side,
+)
 
-MEMORY_BYTES = 128 * 2**20
-"""Size of the arrays of tiles kept in memory, between steps done by threads."""
+MEMORY_BYTES = 128 * 2**20  # of the arrays of tiles kept in memory, between steps done by threads
+# Tiles with few points go together: handing out a task takes some milliseconds.
 POINTS_OF_TASK, MOST_TILES_OF_TASK = 100_000, 64
-"""Tiles with few points go together: handing out a task takes some milliseconds."""
 
 
 class TileStep(Enum):
@@ -40,20 +47,18 @@ class TileStep(Enum):
     MAKE = "make"
 
 
-@dataclass(frozen=True, slots=True)
-class TileTask:
+class TileTask(NamedTuple):
     """One step of some tiles."""
 
     step: TileStep
     keys: tuple[TileKey, ...]
 
 
+# Does a step for tiles, and yields what the method of `TileMaker` returns for each, in their order.
 TileSteps = Callable[[TileStep, Sequence[TileKey]], Iterator[Any]]
-"""Does a step for tiles, and yields what the method of `TileMaker` returns for each, in their order."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MadeTile:
+class MadeTile(NamedTuple):
     """Record of a tile, and its `level_surfaces`, shape (n, n), m, if they were asked for."""
 
     record: Record
@@ -88,14 +93,14 @@ class TileJob:
         """Write the content of a record into a file: all tiles but one may have to wait for that one."""
         with atomic_file(self._record_path(made.record.key)) as partial:
             partial.write_bytes(made.record.content)
-        return replace(made, record=replace(made.record, content=b""))
+        return made._replace(record=replace(made.record, content=b""))
 
     def fetched(self, made: MadeTile) -> MadeTile:
         """Return a tile that was put aside, whose file is removed."""
         path = self._record_path(made.record.key)
         content = path.read_bytes()
         path.unlink()
-        return replace(made, record=replace(made.record, content=content))
+        return made._replace(record=replace(made.record, content=content))
 
     def _record_path(self, key: TileKey) -> Path:
         return self.folder / f"{key[0]}_{key[1]}.record"
@@ -106,9 +111,8 @@ class TileJob:
 
     def lost(self, task: TileTask, reason: str) -> NoReturn:
         """Raise MapError: no map is made without one of its tiles."""
-        ((x, y),) = task.keys
         raise MapError(
-            f"Expected to {task.step.value} all tiles of the map, but of tile ({x}, {y}) {reason}. Take a"
+            f"Expected to {task.step.value} all tiles of the map, but of tile {task.keys[0]} {reason}. Take a"
             " smaller cell, or workers with more memory."
         )
 
@@ -121,22 +125,13 @@ class TileMaker:
     """
 
     def __init__(self, job: TileJob, points: TileBuckets, observations: TileBuckets, *, memory_bytes: int = 0) -> None:
-        self._job = job
-        self._points = points
+        self._job, self._points, self._observations = job, points, observations
         self._arrays = TileArrays(job.folder, memory_bytes)
-        self._finder = None if job.drop is None else ClassFinder(self._arrays, job.cell, observations, job.drop)
 
     @property
     def steps(self) -> dict[TileStep, Callable[[TileKey], Any]]:
         """The method that does each step of a tile."""
         return {TileStep.GATHER: self.gather, TileStep.FIND_CLASSES: self.find_classes, TileStep.MAKE: self.make}
-
-    @property
-    def finder(self) -> ClassFinder:
-        """Finder of classes; TypeError if the job drops none."""
-        if self._finder is None:
-            raise TypeError("Expected a job that finds classes.")
-        return self._finder
 
     def gather(self, key: TileKey) -> None:
         """Sum the points of a tile into its voxels, and keep these instead; FileNotFoundError if there are none."""
@@ -147,13 +142,23 @@ class TileMaker:
                 return
             raise
         self._arrays.put(key, "moments", **moments.arrays)
-        if self._finder is not None:
-            self._finder.prepare(key, moments)
+        if self._job.drop is not None:
+            lowest, seen = lowest_heights(moments, self._job.cell), each_once(self._observations.load(key))
+            self._arrays.put(key, "surroundings", lowest=lowest, seen=seen)
         self._points.remove(key)
 
     def find_classes(self, key: TileKey) -> FoundInTile:
-        """Find the classes of a tile; it and the tiles around it have been gathered."""
-        return self.finder.find(key, self.moments(key), self._halo(key, NEIGHBOUR_VOXELS, self.moments))
+        """Find and keep the class of each voxel of a tile; it and the tiles around it have been gathered."""
+
+        def around(name: str) -> Callable[[TileKey], Any]:
+            has, get = self._arrays.has, self._arrays.get
+            return lambda near: get(near, "surroundings")[name] if has(near, "surroundings") else None
+
+        own, halo = self.moments(key), self._halo(key, NEIGHBOUR_VOXELS, self.moments)
+        lowest, seen, drop = around("lowest"), around("seen"), self._job.drop or frozenset()
+        classes, found = found_in_tile(own, halo, lowest, seen, key, self._job.cell, drop)
+        self._arrays.put(key, "classes", classes=classes)
+        return found
 
     def make(self, key: TileKey) -> MadeTile:
         """Return a tile; it and the tiles around it have been gathered, and their classes found."""
@@ -174,24 +179,27 @@ class TileMaker:
         """Return the voxels of a gathered tile."""
         return VoxelMoments(**self._arrays.get(key, "moments"))
 
+    def classes(self, key: TileKey) -> NDArray[np.uint8]:
+        """Return the class of each voxel of a tile, as it was found."""
+        return self._arrays.get(key, "classes")["classes"]
+
     def _kept(self, key: TileKey) -> VoxelMoments:
         """Voxels of a gathered tile that are for the map."""
         moments = self.moments(key)
-        return moments if self._finder is None else moments.select(self._finder.is_kept(key))
+        if self._job.drop is None:
+            return moments
+        return moments.select(~np.isin(self.classes(key), sorted(self._job.drop)))
 
     def _halo(self, key: TileKey, reach: int, load: Callable[[TileKey], VoxelMoments]) -> list[VoxelMoments]:
         """Voxels of the tiles around, at most `reach` away; x and y from this tile's corner."""
         halo = []
-        for dx in (-1, 0, 1):
-            for dy in (-1, 0, 1):
-                neighbour = (key[0] + dx, key[1] + dy)
-                if (dx, dy) == (0, 0) or not self._arrays.has(neighbour, "moments"):
-                    continue
+        for dx, dy in product((-1, 0, 1), repeat=2):
+            neighbour = (key[0] + dx, key[1] + dy)
+            if (dx, dy) != (0, 0) and self._arrays.has(neighbour, "moments"):
                 moments, shift = load(neighbour), (dx * TILE_VOXELS, dy * TILE_VOXELS)
                 columns = moments.indices[:, :2] + np.array(shift)
                 is_near = ((columns >= -reach) & (columns < TILE_VOXELS + reach)).all(axis=1)
-                if is_near.any():
-                    halo.append(moments.select(is_near, shift))
+                halo += [moments.select(is_near, shift)] if is_near.any() else []
         return halo
 
 

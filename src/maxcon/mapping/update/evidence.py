@@ -22,9 +22,18 @@ from maxcon.map.ground import GroundPatch
 from maxcon.map.layout import SurfaceClass
 from maxcon.map.tile import VoxelLookup
 from maxcon.map.voxelize import tile_of_voxels
-from maxcon.mapping.build.bucketing import POINT, TileArrays, TileBuckets, point_records
+from maxcon.mapping.build.tile_points import (
+    LAYER,
+    POINT,
+    ROW,
+    TileArrays,
+    TileBuckets,
+    VoxelMoments,
+    plane_normals,
+    point_records,
+    turn_to_side,
+)
 from maxcon.mapping.build.tiles import voxel_tile
-from maxcon.mapping.build.voxel_moments import LAYER, ROW, VoxelMoments, plane_normals, turn_to_side
 from maxcon.mapping.update.observations import LocalizedDrive, Observation
 from maxcon.mapping.update.options import UpdateOptions
 
@@ -293,19 +302,12 @@ def _candidates_of_tile(
     buckets: TileBuckets, key: TileKey, cell: float, options: UpdateOptions, *, is_signed: bool
 ) -> VoxelTile:
     """Return the voxels of a tile that have at least `least_looks` unknown points in and around them."""
+    from maxcon.mapping.kernels import sums_near
+
     moments = VoxelMoments.from_records(buckets.records(key))
-    moments = moments.select(_n_points_around(moments) >= options.least_looks)
+    n_around = np.zeros((len(moments), 1))
+    sums_near(moments.keys, moments.counts[:, None], ROW, LAYER, 1, n_around)
+    moments = moments.select(n_around[:, 0] >= options.least_looks)
     fitted = plane_normals(moments, cell, np.ones(len(moments), bool))
     normals = turn_to_side(fitted, moments.sides) if is_signed else fitted
     return voxel_tile(key, moments, normals.astype(np.float32), cell)
-
-
-def _n_points_around(moments: VoxelMoments) -> NDArray[np.float64]:
-    """How many points lie in each voxel and the 26 around it."""
-    keys, before = moments.keys, np.concatenate([[0.0], np.cumsum(moments.counts)])
-    total = np.zeros(len(keys))
-    for dz in (-1, 0, 1):
-        for dy in (-1, 0, 1):
-            middle = keys + dz * LAYER + dy * ROW
-            total += before[np.searchsorted(keys, middle + 1, "right")] - before[np.searchsorted(keys, middle - 1)]
-    return total

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Compiled loops of the map build: moments of voxels, planes and shapes of their neighbourhoods, numbers of places."""
+"""Compiled loops of map building: moments of voxels, planes of neighbourhoods, numbers of places, corrected points."""
 
 import numpy as np
 
@@ -99,97 +99,57 @@ def _reach_line(line, key, keys, row, layer, reach, first):
 
 
 @njit(nogil=True, cache=True)
-def _sum_neighbourhood(
-    i, keys, counts, sums, outers, edge, row, layer, reach, count_cap, first, total_sums, total_outers
-):
-    """Sum the moments of the (2 reach + 1)^3 voxels around voxel `i`, from its own corner; call with `i` ascending.
-
-    Parameters as of `neighbourhood_normals`. first : as of `_reach_line`. total_sums, total_outers : out. Returns the
-    sum of weights and of occupied voxels.
-    """
-    total_sums[:] = 0.0
-    total_outers[:] = 0.0
-    weight_sum = 0.0
-    n_voxels = 0
-    n, width = keys.shape[0], 2 * reach + 1
-    for line in range(width * width):
-        dz, dy, middle, k = _reach_line(line, keys[i], keys, row, layer, reach, first)
-        while k < n and keys[k] <= middle + reach:
-            dx = keys[k] - middle
-            weight = min(1.0, count_cap / counts[k])
-            weight_sum += _add_shifted(
-                weight, counts[k], sums[k], outers[k], dx * edge, dy * edge, dz * edge, total_sums, total_outers
-            )
-            n_voxels += 1
-            k += 1
-    return weight_sum, n_voxels
-
-
-@njit(nogil=True, cache=True)
-def neighbourhood_normals(
-    keys, counts, sums, outers, wanted, edge, row, layer, reach, count_cap, least_voxels, flatness, normals
+def neighbourhood_planes(
+    keys, counts, sums, outers, wanted, edge, row, layer, reach, count_cap, least_voxels, values, normals
 ):
     """Fit a plane to the points of the (2 reach + 1)^3 voxels around each voxel.
 
-    keys : (n,) int64, ascending, (z layer + y row + x) of each voxel, rows padded by at least `reach`;
-    wanted : (n,) bool, whether the normal is asked for; edge : voxel edge, m; count_cap : a voxel weighs at
-    most as many points; least_voxels : fewer occupied voxels leave the normal open; flatness : so does a
-    smallest eigenvalue above this share of the middle one, or a middle one below (edge / 2)^2.
-    normals : (n, 3) float64, out, zeros where open.
+    keys : (n,) int64, ascending, (z layer + y row + x) of each voxel, rows padded by at least `reach`; counts (n,),
+    sums (n, 3), outers (n, 6) : their moments; wanted : (n,) bool, whether the plane is asked for; edge : voxel edge,
+    m; count_cap : a voxel weighs at most as many points; least_voxels : fewer occupied voxels leave the plane open.
+    values, normals : (n, 3) float64, out: eigenvalues of the covariance, ascending, m^2, and unit normals; where
+    the plane is open they stay as they are.
     """
-    first = np.zeros((2 * reach + 1) ** 2, np.int64)
+    width = 2 * reach + 1
+    n, first = keys.shape[0], np.zeros(width * width, np.int64)
     total_sums, total_outers = np.zeros(3), np.zeros(6)
     matrix, normal = np.zeros((3, 3)), np.zeros(3)
-    for i in range(keys.shape[0]):
+    for i in range(n):
         if not wanted[i]:
             continue
-        weight_sum, n_voxels = _sum_neighbourhood(
-            i, keys, counts, sums, outers, edge, row, layer, reach, count_cap, first, total_sums, total_outers
-        )
-        if n_voxels < least_voxels:
-            continue
-        covariance(weight_sum, total_sums, total_outers, matrix)
-        smallest, middle_value, _ = plane_normal(matrix, normal)
-        if middle_value >= 0.25 * edge * edge and smallest <= flatness * middle_value:
-            normals[i] = normal
-
-
-@njit(nogil=True, cache=True)
-def scatters(keys, counts, sums, outers, edge, row, layer, reach, count_cap, least_voxels, scatter):
-    """Smallest by largest eigenvalue of the points in the (2 reach + 1)^3 voxels around each voxel.
-
-    Parameters as of `neighbourhood_normals`. scatter : (n,) float64, out, from 0 for a plane to 1 for a ball; NaN where
-    fewer than `least_voxels` are occupied.
-    """
-    first = np.zeros((2 * reach + 1) ** 2, np.int64)
-    total_sums, total_outers = np.zeros(3), np.zeros(6)
-    matrix, normal = np.zeros((3, 3)), np.zeros(3)
-    for i in range(keys.shape[0]):
-        weight_sum, n_voxels = _sum_neighbourhood(
-            i, keys, counts, sums, outers, edge, row, layer, reach, count_cap, first, total_sums, total_outers
-        )
-        scatter[i] = np.nan
+        total_sums[:] = 0.0
+        total_outers[:] = 0.0
+        weight_sum = 0.0
+        n_voxels = 0
+        for line in range(width * width):
+            dz, dy, middle, k = _reach_line(line, keys[i], keys, row, layer, reach, first)
+            while k < n and keys[k] <= middle + reach:
+                dx = keys[k] - middle
+                weight = min(1.0, count_cap / counts[k])
+                weight_sum += _add_shifted(
+                    weight, counts[k], sums[k], outers[k], dx * edge, dy * edge, dz * edge, total_sums, total_outers
+                )
+                n_voxels += 1
+                k += 1
         if n_voxels >= least_voxels:
             covariance(weight_sum, total_sums, total_outers, matrix)
-            smallest, _, largest = plane_normal(matrix, normal)
-            if largest > 0.0:
-                scatter[i] = max(0.0, smallest / largest)
+            values[i, 0], values[i, 1], values[i, 2] = plane_normal(matrix, normal)
+            normals[i] = normal
 
 
 @njit(nogil=True, cache=True)
 def sums_near(keys, values, row, layer, reach, totals):
     """Sum values over the (2 reach + 1)^3 voxels around each voxel.
 
-    keys : (n,) int64, ascending, rows padded by at least `reach`; values : (n, m) float64. totals : (n, m), out,
+    keys : (n,) int64, ascending, rows padded by at least `reach`; values : (n, m) float64; totals : (n, m), out,
     zeroed.
     """
     width = 2 * reach + 1
     first = np.zeros(width * width, np.int64)
-    n = keys.shape[0]
-    for i in range(n):
+    for i in range(keys.shape[0]):
         for line in range(width * width):
             _, _, middle, k = _reach_line(line, keys[i], keys, row, layer, reach, first)
-            while k < n and keys[k] <= middle + reach:
+            while k < keys.shape[0] and keys[k] <= middle + reach:
                 for j in range(values.shape[1]):
                     totals[i, j] += values[k, j]
                 k += 1
@@ -211,3 +171,57 @@ def place_keys(points, edge, keys):
         key = (key ^ (key >> np.uint64(30))) * FIRST_FACTOR
         key = (key ^ (key >> np.uint64(27))) * SECOND_FACTOR
         keys[n] = key ^ (key >> np.uint64(31))
+
+
+# --- alignment ----------------------------------------------------------------------------------------------
+
+
+@njit(nogil=True, cache=True)
+def _rotated(x, y, z, a, b, c):
+    """Vector (x, y, z) turned by a rotation vector (a, b, c), rad (Rodrigues)."""
+    square = a * a + b * b + c * c
+    once, twice = 1.0, 0.5
+    if square > 1e-12:
+        angle = np.sqrt(square)
+        once, twice = np.sin(angle) / angle, (1.0 - np.cos(angle)) / square
+    ux, uy, uz = b * z - c * y, c * x - a * z, a * y - b * x
+    vx, vy, vz = b * uz - c * uy, c * ux - a * uz, a * uy - b * ux
+    return x + once * ux + twice * vx, y + once * uy + twice * vy, z + once * uz + twice * vz
+
+
+@njit(nogil=True, cache=True)
+def move(points, times, passes, centres, wholes, starts, steps, firsts, knot_centres, knots, moved):
+    """Move points as `Corrections.motions` says.
+
+    points : (n, 3), global, m; times : (n,), s; passes : (n,), numbers; then the arrays of `Corrections`; moved :
+    (n, 3), out, global, m.
+    """
+    for i in range(points.shape[0]):
+        number = passes[i]
+        n_knots = firsts[number + 1] - firsts[number]
+        at = (times[i] - starts[number]) / steps[number]
+        before = min(max(np.int64(np.floor(at)), 0), n_knots - 2)
+        part = min(max(at - before, 0.0), 1.0)
+        knot = firsts[number] + before
+        cx = (1.0 - part) * knot_centres[knot, 0] + part * knot_centres[knot + 1, 0]
+        cy = (1.0 - part) * knot_centres[knot, 1] + part * knot_centres[knot + 1, 1]
+        cz = (1.0 - part) * knot_centres[knot, 2] + part * knot_centres[knot + 1, 2]
+        a, b, c = wholes[number, 3], wholes[number, 4], wholes[number, 5]
+        rx, ry, rz = cx - centres[number, 0], cy - centres[number, 1], cz - centres[number, 2]
+        tx, ty, tz = _rotated(rx, ry, rz, a, b, c)
+        tx += wholes[number, 0] - rx
+        ty += wholes[number, 1] - ry
+        tz += wholes[number, 2] - rz
+        for k in range(2):
+            share = part if k == 1 else 1.0 - part
+            j = knot + k
+            p, q, r = knots[j, 3], knots[j, 4], knots[j, 5]
+            rx, ry, rz = cx - knot_centres[j, 0], cy - knot_centres[j, 1], cz - knot_centres[j, 2]
+            tx += share * (knots[j, 0] + q * rz - r * ry)
+            ty += share * (knots[j, 1] + r * rx - p * rz)
+            tz += share * (knots[j, 2] + p * ry - q * rx)
+            a += share * p
+            b += share * q
+            c += share * r
+        x, y, z = _rotated(points[i, 0] - cx, points[i, 1] - cy, points[i, 2] - cz, a, b, c)
+        moved[i, 0], moved[i, 1], moved[i, 2] = cx + tx + x, cy + ty + y, cz + tz + z
