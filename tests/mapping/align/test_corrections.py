@@ -5,8 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from maxcon.mapping.align.corrections import Corrections
-from maxcon.mapping.align.passes import Pass, Passes
+from maxcon.mapping.align.passes import Corrections, Pass, Passes
 
 
 def passes_of(durations, seed=0):
@@ -29,7 +28,7 @@ def some_corrections(seed, durations=(45, 3, 20), size=1.0):
 
 def some_points(seed, corrections, n=50):
     rng = np.random.default_rng(seed)
-    passes = rng.integers(0, corrections.n_passes, n)
+    passes = rng.integers(0, len(corrections.centres), n)
     times = 1000.0 * passes + rng.uniform(-5.0, 50.0, n)
     return rng.uniform(-200.0, 200.0, (n, 3)), times, passes
 

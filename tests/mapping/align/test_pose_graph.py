@@ -17,7 +17,7 @@ from maxcon.mapping.align.alignment import (
     pair_residuals,
     remaining_sigma,
 )
-from maxcon.mapping.align.corrections import Corrections
+from maxcon.mapping.align.passes import Corrections
 from maxcon.mapping.align.pose_graph import Equations, Georeference, adjust, adjust_by_evidence
 from maxcon.mapping.align.visits import Constraint
 

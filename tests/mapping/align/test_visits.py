@@ -5,8 +5,7 @@
 import numpy as np
 import pytest
 
-from maxcon.mapping.align.corrections import Corrections
-from maxcon.mapping.align.passes import Pass, Passes
+from maxcon.mapping.align.passes import Corrections, Pass, Passes
 from maxcon.mapping.align.visits import PLACE_EDGE, PLACE_POINT, Places, Visit, match_visits, visits_of
 
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from maxcon import PointMap
 from maxcon.map.tile import VoxelLookup
+from maxcon.mapping.update.evidence import is_hit, is_miss
 from maxcon.mapping.update.ray_kernels import add_observation, are_far_from_voxels, hide_known_surfaces, sum_around
-from maxcon.mapping.update.reference import is_hit, is_miss
 
 CELL = 0.1
 MARGIN = 0.15

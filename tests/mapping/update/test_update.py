@@ -31,7 +31,7 @@ def with_passing_car(seconds):
 
 def drive(boxes_at, **changes):
     scans = DriveOfBoxes(boxes_at, **changes)
-    return LocalizedDrive(scans, scans.rows(), len(scans), "poses.csv", "0" * 64)
+    return LocalizedDrive(scans, scans.rows(), "poses.csv", "0" * 64)
 
 
 def checksums(folder):
@@ -112,7 +112,7 @@ def test_a_car_that_comes_back_is_new_again(street, updated, tmp_path):
 def with_rows(of, change):
     """The same drive with other poses."""
     rows = tuple((i, PoseRow(row.time, change(row.pose), "localized", "", {})) for i, row in of.rows)
-    return LocalizedDrive(of.scans, rows, 40, "poses.csv", "")
+    return LocalizedDrive(of.scans, rows, "poses.csv", "")
 
 
 def test_the_same_street_does_not_change_and_one_place_says_nothing_however_long(street, tmp_path):
@@ -153,7 +153,7 @@ def test_what_cannot_be_is_refused(street, tmp_path):
 def test_drives_are_named_in_turn(tmp_path):
     scans, poses = DriveOfBoxes(parked(), n=3).write(tmp_path)
     (one,) = open_drives([scans, poses])
-    assert (one.n_epochs, len(one.rows), one.name) == (3, 3, "poses.csv")
+    assert (len(one.scans), len(one.rows), one.name) == (3, 3, "poses.csv")
     for wrong, words in (([scans], "behind it"), ([poses], "got it alone"), ([], "at least one")):
         with pytest.raises(OptionError, match=words):
             open_drives(wrong)

@@ -10,8 +10,9 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from glob import escape
+from itertools import chain, compress
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -19,31 +20,27 @@ from maxcon._system.atomic import atomic_folder, check_replaceable
 from maxcon._system.progress import Progress
 from maxcon.errors import FileError, MapError, OptionError
 from maxcon.io.clouds import CloudHeader
-from maxcon.io.trajectories import read_trajectory
+from maxcon.io.clouds.laz import laz_as_os_error
+from maxcon.io.trajectories import read_trajectory, write_csv, write_tum
 from maxcon.map import TileKey
-from maxcon.mapping.align.alignment import Alignment
-from maxcon.mapping.align.corrections import Corrections
-from maxcon.mapping.align.output import (
-    TABLES,
-    corrected_name,
-    files_there,
-    write_corrected_cloud,
-    write_corrected_trajectory,
-    write_tables,
-)
-from maxcon.mapping.align.passes import Passes, read_passes, survey
+from maxcon.mapping.align.alignment import TABLES, Alignment, files_there, write_tables
+from maxcon.mapping.align.passes import Corrections, Passes, read_passes, survey
 from maxcon.mapping.align.pose_graph import Georeference, adjust_by_evidence
 from maxcon.mapping.align.visits import Constraint, Places, Visit, match_visits, visits_of
 from maxcon.mapping.build.options import parse_classes
 from maxcon.mapping.build.sources import common_crs, open_headers
 from maxcon.mapping.build.tile_points import TileArrays
+from maxcon.scan.trajectory import Trajectory
 
+if TYPE_CHECKING:
+    import laspy
+    from laspy.vlrs.vlrlist import VLRList
+
+# Classes without a firm surface, or that change from pass to pass. Ground determines height, roll and pitch.
 DEFAULT_DROP = ("vegetation", "noise", "temporal-exclusion")
-"""Classes without a firm surface, or that change from pass to pass. Ground determines height, roll and pitch."""
-MOST_THREADS = 4
-"""By default; each thread holds the points of a place, some 0.4 GiB."""
-N_MATCHINGS = 2
-"""How often all visits are matched: from corrected poses more points find a partner."""
+MOST_THREADS = 4  # by default; each thread holds the points of a place, some 0.4 GiB
+N_MATCHINGS = 2  # how often all visits are matched: from corrected poses more points find a partner
+MOST_EXTENDED_BYTES = 2**28  # of the extended records (EVLRs) behind the points, which are copied as a whole
 
 ItemT = TypeVar("ItemT")
 ResultT = TypeVar("ResultT")
@@ -53,27 +50,17 @@ ResultT = TypeVar("ResultT")
 class AlignmentOptions:
     """How passes are aligned; OptionError if a number is out of range.
 
-    Parameters
-    ----------
-    passes_by : str
-        What tells passes apart: "time", by pauses in gps_time; "source", by point source ids; "file".
-    pause : float
-        Seconds without a point that separate two passes, where times tell passes apart.
-    georeference_sigma : float
-        How well each pass is georeferenced: standard deviation of its position along any axis, m.
-    georeference_sigma_deg : float
-        The same of its roll, pitch and heading, degrees.
-    drift_sigma : float or None
-        Standard deviation, m, of how a pass's errors change within it, along any axis; 0 for rigid passes, None to let
-        the matches decide.
-    knot_spacing : float
-        Largest time between two knots of a pass that drifts, s; corrections are interpolated between knots.
-    drop : sequence of str, optional
-        Classes that are not matched (they are moved like all others); vegetation, noise, temporal exclusion if None.
-    vehicle_classes : iterable of int
-        Class numbers that mean vehicles: not matched either.
-    crs : str, optional
-        CRS of clouds that name none.
+    - passes_by: what tells passes apart: "time", by pauses in gps_time; "source", by point source ids; "file".
+    - pause: seconds without a point that separate two passes, where times tell passes apart.
+    - georeference_sigma: how well each pass is georeferenced: standard deviation of its position along any axis, m.
+    - georeference_sigma_deg: the same of its roll, pitch and heading, degrees.
+    - drift_sigma: standard deviation, m, of how a pass's errors change within it, along any axis; 0 for rigid passes,
+      None to let the matches decide.
+    - knot_spacing: largest time between two knots of a pass that drifts, s; corrections are interpolated between knots.
+    - drop: classes that are not matched (they are moved like all others); vegetation, noise, temporal exclusion if
+      None.
+    - vehicle_classes: numbers of classes that mean vehicles: not matched either.
+    - crs: CRS of clouds that name none.
     """
 
     passes_by: str = "time"
@@ -88,14 +75,13 @@ class AlignmentOptions:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "vehicle_classes", tuple(self.vehicle_classes))
-        for name in ("pause", "georeference_sigma", "georeference_sigma_deg"):
-            value = getattr(self, name)
-            if not 0.0 < value < math.inf:
-                raise OptionError(f"Expected `{name}` above 0, got {value}.")
-        if not 1.0 <= self.knot_spacing < math.inf:
-            raise OptionError(f"Expected `knot_spacing` of 1 s or more, got {self.knot_spacing}. The default is 10.")
-        if self.drift_sigma is not None and not 0.0 <= self.drift_sigma < math.inf:
-            raise OptionError(f"Expected `drift_sigma` of 0 m or more, got {self.drift_sigma}. 0 is for rigid passes.")
+        above_0 = self.pause, self.georeference_sigma, self.georeference_sigma_deg
+        others = self.knot_spacing - 1.0, self.drift_sigma or 0.0
+        if not (min(above_0) > 0.0 <= min(others) and all(map(math.isfinite, above_0 + others))):
+            raise OptionError(
+                "Expected `pause`, `georeference_sigma` and `georeference_sigma_deg` above 0, `knot_spacing` of 1 s or"
+                f" more and `drift_sigma` of 0 m or more, got {above_0}, {self.knot_spacing} and {self.drift_sigma}."
+            )
 
     @property
     def georeference(self) -> Georeference:
@@ -110,28 +96,35 @@ class AlignmentOptions:
 def align(
     headers: Sequence[CloudHeader], options: AlignmentOptions, folder: Path, *, n_threads: int, report: Progress
 ) -> Alignment:
-    """Find the corrections that bring the passes of some clouds together.
-
-    MapError if no two visits to any place could be matched.
+    """Find the corrections that bring the passes of some clouds together; MapError if no two visits match anywhere.
 
     `n_threads`: places worked on at the same time; the outcome does not depend on it.
     """
     passes = survey(headers, options.passes_by, options.pause, report)
     corrections = Corrections.none(passes, options.knot_spacing)
-    places = _sort_into_places(headers, passes, options, folder, report)
-    visits = TileArrays(folder)
-    keys = _gather_visits(places, visits, n_threads, report)
+    places, visits = _sort_into_places(headers, passes, options, folder, report), TileArrays(folder)
+
+    def gather(key: TileKey) -> bool:
+        """Thin the points of a place to visits; return whether there are two or more."""
+        found = visits_of(places.points(key))
+        places.buckets.remove(key)
+        if len(found) > 1:
+            visits.put(key, "visits", **Visit.to_arrays(found))
+        return len(found) > 1
 
     def match(key: TileKey) -> list[Constraint]:
         """Match the visits to a place, from where the corrections put them."""
         return match_visits(places.middle(key), Visit.from_arrays(visits.get(key, "visits")), corrections)
 
+    keys = places.buckets.keys
+    are_matched = _in_threads(gather, keys, n_threads, "thinning", report)
+    keys = list(compress(keys, are_matched))
     drift_sigma = options.drift_sigma
     if drift_sigma is None and all(each.end - each.start <= options.knot_spacing for each in passes):
         drift_sigma = 0.0  # also of passes without times
     for _ in range(N_MATCHINGS):
         found = _in_threads(match, keys, n_threads, "matching", report)
-        matched = [constraint for constraints in found for constraint in constraints]
+        matched = list(chain.from_iterable(found))
         constraints = [constraint for constraint in matched if not constraint.fault]
         if not constraints:
             raise _nothing_matched(passes, matched)
@@ -152,39 +145,24 @@ def align_files(
 ) -> Alignment:
     """Bring the passes of some clouds together, and write corrected clouds, trajectories and tables.
 
-    Parameters
-    ----------
-    clouds : sequence of path
-        LAS or LAZ files, in any number of tiles.
-    out : path
-        Folder to write; it appears when all is done.
-    options : AlignmentOptions, optional
-        Options of the alignment; the defaults if None.
-    trajectories : sequence of path
-        Trajectories of the mapping sensor, TUM or CSV, on the clock of the points: corrected like these.
-    overwrite : bool
-        Whether an alignment that is there is replaced; anything else there is an error.
-    n_threads : int, optional
-        Places worked on at the same time; the number of processors, but at most 4, if None.
-    progress : callable, optional
-        Called with (step, done, of how many).
+    - clouds: LAS or LAZ files, in any number of tiles.
+    - out: folder to write; it appears when all is done.
+    - options: options of the alignment; the defaults if None.
+    - trajectories: of the mapping sensor, TUM or CSV, on the clock of the points: corrected like these.
+    - overwrite: whether an alignment that is there is replaced; anything else there is an error.
+    - n_threads: places worked on at the same time; the number of processors, but at most 4, if None.
+    - progress: called with (step, done, of how many).
 
-    Returns
-    -------
-    Alignment
-
-    Raises
-    ------
-    FileError, CrsError, OptionError, TrajectoryError, MapError
-        If an input or an option cannot be used, nothing can be matched, or `out` cannot be written.
+    FileError, CrsError, OptionError, TrajectoryError or MapError if an input or an option cannot be used, nothing can
+    be matched, or `out` cannot be written.
     """
     options = options or AlignmentOptions()
     report = progress or (lambda step, done, total: None)
     headers = open_headers(clouds)
     common_crs(headers, options.crs)
-    _check_apart([header.path for header in headers] + [Path(path) for path in trajectories], Path(out))
-    names = _distinct([corrected_name(header.path) for header in headers], "clouds")
-    trajectory_names = _distinct([Path(path).name for path in trajectories], "trajectories")
+    inputs = [header.path for header in headers] + [Path(path) for path in trajectories]
+    names = [corrected_name(header.path) for header in headers] + [path.name for path in inputs[len(headers) :]]
+    _check_names(inputs, names, Path(out))
     read = [read_trajectory(path) for path in trajectories]
     if overwrite:
         check_replaceable(out, "an alignment", [escape(name) for name in files_there(out)])
@@ -205,10 +183,11 @@ def align_files(
             n_done += n_points
             report("writing clouds", n_done, n_total)
 
-        for number, (header, name) in enumerate(zip(headers, names, strict=True)):
-            write_corrected_cloud(header, number, found.passes, corrections, folder / name, tick)
-        for trajectory, name in zip(read, trajectory_names, strict=True):
-            write_corrected_trajectory(folder / name, trajectory, found.passes, corrections)
+        outputs = [folder / name for name in names]
+        for number, (header, path) in enumerate(zip(headers, outputs, strict=False)):
+            write_corrected_cloud(header, number, found.passes, corrections, path, tick)
+        for trajectory, path in zip(read, outputs[len(headers) :], strict=True):
+            write_corrected_trajectory(path, trajectory, found.passes, corrections)
         summary: dict[str, object] = {
             "rounds_by": options.passes_by,
             "georeference_sigma": options.georeference_sigma,
@@ -216,27 +195,18 @@ def align_files(
             "drift_sigma": found.adjusted.drift_sigma,
             "drift_from": "the ties" if options.drift_sigma is None else "given",
         }
-        write_tables(folder, found, summary, [*names, *trajectory_names])
+        write_tables(folder, found, summary, names)
     return found
 
 
-def _check_apart(inputs: Sequence[Path], out: Path) -> None:
-    """Refuse to write into the folder of an input: none is ever overwritten."""
-    for path in inputs:
-        if path.resolve().parent == out.resolve():
-            raise FileError(
-                f"Expected a folder without what is to be aligned, got {out} with {path.name}. Name another folder."
-            )
-
-
-def _distinct(names: list[str], what: str) -> list[str]:
-    """Refuse outputs of the same name, or with the name of a table."""
-    for name, number in Counter(names).items():
-        if number > 1 or name in TABLES:
-            raise FileError(
-                f"Expected {what} with names that differ, got {name} twice, with those of the tables. Rename one."
-            )
-    return names
+def _check_names(inputs: Sequence[Path], names: Sequence[str], out: Path) -> None:
+    """Refuse outputs beside an input, as none is ever overwritten, and those of the same name, or a table's."""
+    if beside := [path.name for path in inputs if path.resolve().parent == out.resolve()]:
+        raise FileError(
+            f"Expected a folder without what is to be aligned, got {out} with {beside[0]}. Name another folder."
+        )
+    if twice := [name for name, number in Counter([*names, *TABLES]).items() if number > 1]:
+        raise FileError(f"Expected files with names that differ, got {twice[0]} twice, with the tables. Rename one.")
 
 
 def _sort_into_places(
@@ -255,21 +225,6 @@ def _sort_into_places(
             report("sorting points", n_done, n_total)
     places.buckets.complete()
     return places
-
-
-def _gather_visits(places: Places, visits: TileArrays, n_threads: int, report: Progress) -> list[TileKey]:
-    """Thin the points of each place to visits; return the places that have two or more."""
-
-    def gather(key: TileKey) -> TileKey | None:
-        found = visits_of(places.points(key))
-        places.buckets.remove(key)
-        if len(found) < 2:
-            return None
-        visits.put(key, "visits", **Visit.to_arrays(found))
-        return key
-
-    gathered = _in_threads(gather, places.buckets.keys, n_threads, "thinning", report)
-    return [key for key in gathered if key is not None]
 
 
 def _in_threads(
@@ -300,3 +255,82 @@ def _nothing_matched(passes: Passes, matched: Sequence[Constraint]) -> MapError:
         f"Expected places that {len(passes)} passes can be matched at, got {got}. Do they overlap, in one CRS, and are"
         " they within 0.6 m of each other?"
     )
+
+
+# --- corrected files --------------------------------------------------------------------------------------------
+
+
+def corrected_name(path: Path) -> str:
+    """Name of the corrected file of a cloud: plain LAZ, as a COPC orders its points by their coordinates."""
+    stem = path.name[: -len(path.suffix)]
+    return (stem[: -len(".copc")] if stem.lower().endswith(".copc") else stem) + ".laz"
+
+
+def write_corrected_cloud(
+    header: CloudHeader, file: int, passes: Passes, corrections: Corrections, out: Path, tick: Callable[[int], None]
+) -> None:
+    """Write a cloud with corrected coordinates, chunk by chunk; all other fields and records are copied.
+
+    `file`: its number among all clouds; `out`: file to write, LAZ; `tick`: called with the number of points after each
+    chunk.
+    """
+    import laspy
+
+    las_header, extended = _header(header.path)
+    scales, offsets = np.array(las_header.scales), np.array(las_header.offsets)
+    with (
+        laz_as_os_error(),
+        out.open("w+b") as stream,  # which laspy would leave open where a full disk stops it
+        laspy.open(stream, mode="w", header=las_header, do_compress=True, closefd=False) as writer,
+    ):
+        for part in read_passes(header):
+            numbers = passes.of_points(part.times, part.source_ids, file)
+            steps = np.rint((corrections.moved(part.points, part.times, numbers) - offsets) / scales)
+            if np.abs(steps).max() > np.iinfo(np.int32).max:
+                raise FileError(
+                    f"Expected room for corrected coordinates in {header.path}, whose scale and offset leave none."
+                    " Write it anew with another offset."
+                )
+            for axis, name in enumerate("XYZ"):
+                part.record.array[name] = steps[:, axis].astype(np.int32)
+            writer.write_points(part.record)
+            tick(len(numbers))
+        if len(extended):
+            writer.write_evlrs(extended)
+
+
+def _header(path: Path) -> tuple["laspy.LasHeader", "VLRList"]:
+    """Return the header of a LAS file with its VLRs, and its EVLRs; records of COPC are left out."""
+    import laspy
+    from laspy.vlrs.vlrlist import VLRList
+
+    with path.open("rb") as stream:
+        header = laspy.LasHeader.read_from(stream, read_evlrs=False)
+        if header.global_encoding.waveform_data_packets_internal:
+            raise FileError(
+                f"Expected {path} without waveforms inside, got some, which would be lost. Write them to a file aside."
+            )
+        n_extended = header.number_of_evlrs or 0
+        if n_extended and path.stat().st_size - header.start_of_first_evlr > MOST_EXTENDED_BYTES:
+            raise FileError(
+                f"Expected at most {MOST_EXTENDED_BYTES:,} bytes behind the points of {path}, got more."
+                " Write it anew without them."
+            )
+        if n_extended:
+            header.read_evlrs(stream)
+    extended = VLRList([record for record in header.evlrs or [] if record.user_id != "copc"])
+    header.vlrs = VLRList([record for record in header.vlrs if record.user_id != "copc"])
+    header.evlrs = None
+    return header, extended
+
+
+def write_corrected_trajectory(path: Path, trajectory: Trajectory, passes: Passes, corrections: Corrections) -> None:
+    """Write a trajectory of the mapping sensor, corrected like its points; TUM or CSV, as its suffix says."""
+    from scipy.spatial.transform import Rotation
+
+    times, numbers = trajectory.times, passes.at(trajectory.times)
+    _, _, turns = corrections.motions(times, numbers)
+    turned = Rotation.from_rotvec(turns) * Rotation.from_quat(trajectory.quaternions_xyzw)
+    positions = corrections.moved(trajectory.positions, times, numbers)
+    write = write_csv if path.suffix.lower() == ".csv" else write_tum
+    write(path, Trajectory(times, positions, turned.as_quat(), trajectory.covariances))

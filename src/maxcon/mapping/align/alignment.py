@@ -1,38 +1,49 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Outcome of an alignment: how far passes lie apart before and after, how sure that is, and what is left open."""
+"""Outcome of an alignment: how far passes lie apart before and after, how sure that is, and the files that say so."""
 
+import csv
+import json
 import math
-from collections import defaultdict
+import os
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import compress
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon._system.regular_file import read_regular
+from maxcon._system.version import __version__
 from maxcon.mapping.align.passes import Passes
 from maxcon.mapping.align.pose_graph import Adjusted, Georeference
 from maxcon.mapping.align.visits import Constraint
 
-LARGEST_SIGMA = 0.02
-"""Directions in which a constraint is less sure than this, m, are left out of residuals."""
-LEAST_WEIGHT = 0.2
-"""A constraint that weighs less contradicts the others: it is some seven sigmas off."""
-NORMAL_MEDIAN = 0.6745
-"""Median of the absolute value of a standard normal deviate."""
-OPEN_RATIO = 0.5
-"""A pass is open along a direction in which the ratio of its standard deviation to its prior's exceeds this."""
+LARGEST_SIGMA = 0.02  # m; directions in which a constraint is less sure than this are left out of residuals
+LEAST_WEIGHT = 0.2  # a constraint that weighs less contradicts the others: it is some seven sigmas off
+NORMAL_MEDIAN = 0.6745  # median of the absolute value of a standard normal deviate
+OPEN_RATIO = 0.5  # a pass is open along a direction in which its sigma exceeds this part of its prior's
+
+SUMMARY = "alignment.json"
+TABLES = (SUMMARY, "rounds.csv", "residuals.csv", "ties.csv", "corrections.csv")
+LARGEST_SUMMARY = 2**24  # bytes
+AXES = ("x", "y", "z")
+Row = Sequence[object]
 
 
-@dataclass(frozen=True, slots=True)
-class PairResiduals:
+# --- what was found ---------------------------------------------------------------------------------------------
+
+
+class PairResiduals(NamedTuple):
     """How far two passes lie apart where they were matched."""
 
     passes: tuple[int, int]  # Their numbers
     n_constraints: int  # Matched pairs of visits
     n_contradicted: int  # Of these, how many contradict the others
-    # Median and 95 % of the distances along horizontal directions in which a constraint is sure, m; NaN without
-    # any
+    # Median and 95 % of the distances along horizontal directions in which a constraint is sure, m; NaN without any
     horizontal_before: tuple[float, float]
     horizontal_after: tuple[float, float]
     # The same of heights, m
@@ -40,8 +51,7 @@ class PairResiduals:
     height_after: tuple[float, float]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PassConnectivity:
+class PassConnectivity(NamedTuple):
     """The correction of one pass, and how well the other passes determine it."""
 
     name: str  # Name of the pass
@@ -49,48 +59,35 @@ class PassConnectivity:
     component: int  # Number of its connected component in the graph of constraints; 0 is the largest one
     shift: NDArray[np.float64]  # (3,): By which its centre was moved, in the middle of its time, m
     turn: NDArray[np.float64]  # (3,): Rotation vector by which it was turned there, rad
-    # (3,): Standard deviations of that position along x, y and z, m, relative to the mean of the others of its
-    # component
+    # (3,): Standard deviations of that position along x, y and z, m, relative to the mean of its component's others
     sigma: NDArray[np.float64]
     words: str  # What the constraints leave open, for the user; empty where it is nothing
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Alignment:
-    """The outcome of an alignment.
-
-    passes: all passes.
-    constraints: matched pairs of visits that are used.
-    refused: number of the other matched pairs, by the reason why they are not used (`Constraint.fault`).
-    adjusted: corrections of the passes, and what remains.
-    connectivity: for each pass: its correction, how sure that is, and which passes it is connected to.
-    sigma_before, sigma_of_pass: standard deviation of one pass's position relative to the others, along a horizontal
-        axis, m, before and after.
-    sigma_of_map: standard deviation of a map of all passes, that is of their mean, along a horizontal axis, m: from the
-        differences that remain between passes and their mean drift, which no match reveals; without `sigma_of_datum`.
-    sigma_of_datum: standard deviation of a shift common to all passes, m: only their priors, not their matches,
-        determine it.
-    """
+    """The outcome of an alignment; sigmas are standard deviations along a horizontal axis, m."""
 
     passes: Passes
-    constraints: tuple[Constraint, ...]
-    refused: Mapping[str, int]
-    adjusted: Adjusted
-    connectivity: tuple[PassConnectivity, ...]
+    constraints: tuple[Constraint, ...]  # Matched pairs of visits that are used
+    refused: Mapping[str, int]  # Number of the other matched pairs, by the reason why they are not used
+    adjusted: Adjusted  # Corrections of the passes, and what remains
+    connectivity: tuple[PassConnectivity, ...]  # Of each pass
+    # Of one pass's position relative to the others, before and after
     sigma_before: float
     sigma_of_pass: float
+    # Of a map of all passes, that is of their mean: from the differences that remain between passes and their mean
+    # drift, which no match reveals; without `sigma_of_datum`
     sigma_of_map: float
-    sigma_of_datum: float
+    sigma_of_datum: float  # Of a shift common to all passes: only their priors, not their matches, determine it
 
     @classmethod
     def of(
         cls, passes: Passes, matched: Sequence[Constraint], adjusted: Adjusted, georeference: Georeference
     ) -> "Alignment":
         """Outcome of an adjustment to those matched pairs that have no fault."""
-        constraints, refused = tuple(each for each in matched if not each.fault), defaultdict[str, int](int)
-        for each in matched:
-            if each.fault:
-                refused[each.fault] += 1
+        constraints = tuple(each for each in matched if not each.fault)
+        refused = Counter(each.fault for each in matched if each.fault)
         connectivity = tuple(connectivity_of_passes(passes, constraints, adjusted, georeference))
         before, after = (remaining_sigma(constraints, adjusted, is_after=is_after) for is_after in (False, True))
         n_connected = sum(each.component == 0 for each in connectivity)
@@ -119,68 +116,61 @@ def pair_residuals(constraints: Sequence[Constraint], adjusted: Adjusted) -> lis
     pairs = defaultdict[tuple[int, int], list[int]](list)
     for number, each in enumerate(constraints):
         pairs[each.passes].append(number)
-    is_used = ~is_contradicted(adjusted.weights)
-    residuals = []
+    is_used, residuals = ~is_contradicted(adjusted.weights), []
     for passes, rows in sorted(pairs.items()):
         used = [row for row in rows if is_used[row]]
-        before, after = (_along_sure(constraints, shifts, used) for shifts in _shifts(constraints, adjusted))
-        sizes = (before[0], after[0], before[1], after[1])
-        residuals.append(PairResiduals(passes, len(rows), len(rows) - len(used), *map(_median_and_95, sizes)))
+        before, after = (_distances(constraints, adjusted, used, is_after=is_after) for is_after in (False, True))
+        residuals.append(
+            PairResiduals(passes, len(rows), len(rows) - len(used), before[0], after[0], before[1], after[1])
+        )
     return residuals
 
 
 def remaining_sigma(constraints: Sequence[Constraint], adjusted: Adjusted, *, is_after: bool) -> float:
     """Standard deviation of one pass's position relative to the others, along a horizontal axis, m.
 
-    NaN without constraints. From the median difference of pairs before or after the adjustment: wrong matches hardly
-    change a median.
+    From the median difference of pairs before or after the adjustment: wrong matches hardly change a median.
     """
-    shifts, used = _shifts(constraints, adjusted)[is_after], np.flatnonzero(~is_contradicted(adjusted.weights))
-    median, _ = _median_and_95(_along_sure(constraints, shifts, used.tolist())[0])
+    used = np.flatnonzero(~is_contradicted(adjusted.weights)).tolist()
+    (median, _), _ = _distances(constraints, adjusted, used, is_after=is_after)
     return median / (NORMAL_MEDIAN * math.sqrt(2.0))
 
 
-def _shifts(constraints: Sequence[Constraint], adjusted: Adjusted) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Shifts between visits before and after the adjustment, (n, 3) each, m."""
-    return np.array([each.pose.position for each in constraints]).reshape(-1, 3), adjusted.residuals[:, :3]
+def _distances(
+    constraints: Sequence[Constraint], adjusted: Adjusted, rows: Iterable[int], *, is_after: bool
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Median and 95 % of how far visits lie apart, m, before or after; NaN without any.
 
-
-def _along_sure(
-    constraints: Sequence[Constraint], shifts: NDArray[np.float64], rows: Iterable[int]
-) -> tuple[list[float], list[float]]:
-    """Shifts of some rows along those horizontal directions that each constraint determines, and of heights, m."""
-    horizontal, heights = [], []
+    First along those horizontal directions that each constraint determines, then of heights.
+    """
+    horizontal, heights = list[float](), list[float]()
     for row in rows:
-        covariance, shift = constraints[row].covariance, shifts[row]
+        covariance = constraints[row].covariance
+        shift = adjusted.residuals[row, :3] if is_after else constraints[row].pose.position
         variances, axes = np.linalg.eigh(covariance[:2, :2])
         horizontal += (axes.T @ shift[:2])[variances <= LARGEST_SIGMA**2].tolist()
-        if covariance[2, 2] <= LARGEST_SIGMA**2:
-            heights.append(float(shift[2]))
-    return horizontal, heights
+        heights += [float(shift[2])] if covariance[2, 2] <= LARGEST_SIGMA**2 else []
+    return _median_and_95(horizontal), _median_and_95(heights)
 
 
 def _median_and_95(values: Sequence[float]) -> tuple[float, float]:
     """Median and 95 % of absolute values; NaN without any."""
-    if not values:
-        return math.nan, math.nan
     sizes = np.abs(values)
-    return float(np.median(sizes)), float(np.percentile(sizes, 95.0))
+    return (float(np.median(sizes)), float(np.percentile(sizes, 95.0))) if values else (math.nan, math.nan)
 
 
 def connectivity_of_passes(
     passes: Passes, constraints: Sequence[Constraint], adjusted: Adjusted, georeference: Georeference
 ) -> list[PassConnectivity]:
     """Connectivity of each pass by constraints without a fault, which it was adjusted to."""
-    is_used = ~is_contradicted(adjusted.weights)
-    used = [each for each, use in zip(constraints, is_used.tolist(), strict=True) if use]
+    used = list(compress(constraints, ~is_contradicted(adjusted.weights)))
     components = _components(len(passes), used)
     found = []
     for number, each in enumerate(passes):
-        others = [other for other, component in enumerate(components) if component == components[number]]
-        others.remove(number)
-        rows = adjusted.twist_rows(each.centre, each.middle_time, number)[:3]
+        others = [other for other in range(len(passes)) if components[other] == components[number] and other != number]
+        rows = _position_rows(passes, each.centre, number, adjusted)
         if others:  # relative to their mean
-            rows = rows - np.mean([_rows_of_other(passes, each.centre, other, adjusted) for other in others], axis=0)
+            rows = rows - np.mean([_position_rows(passes, each.centre, other, adjusted) for other in others], axis=0)
         covariance = adjusted.covariance(rows)
         if components[number] > 0 and others:
             names = ", ".join(passes.passes[other].name for other in others)
@@ -195,8 +185,8 @@ def connectivity_of_passes(
     return found
 
 
-def _rows_of_other(passes: Passes, place: NDArray[np.float64], other: int, adjusted: Adjusted) -> NDArray[np.float64]:
-    return adjusted.twist_rows(place, passes.passes[other].middle_time, other)[:3]
+def _position_rows(passes: Passes, place: NDArray[np.float64], number: int, adjusted: Adjusted) -> NDArray[np.float64]:
+    return adjusted.twist_rows(place, passes.passes[number].middle_time, number)[:3]
 
 
 def _open_direction(name: str, covariance: NDArray[np.float64], georeference: Georeference) -> str:
@@ -213,7 +203,7 @@ def _open_direction(name: str, covariance: NDArray[np.float64], georeference: Ge
 def datum_sigma(passes: Passes, adjusted: Adjusted) -> float:
     """Standard deviation of a common shift of all passes along a horizontal axis, m: only their priors limit it."""
     place = np.average([each.centre for each in passes], axis=0, weights=[each.n_points for each in passes])
-    rows = np.mean([_rows_of_other(passes, place, number, adjusted)[:2] for number in range(len(passes))], axis=0)
+    rows = np.mean([_position_rows(passes, place, number, adjusted)[:2] for number in range(len(passes))], axis=0)
     return math.sqrt(float(np.trace(adjusted.covariance(rows))) / 2.0)
 
 
@@ -227,3 +217,106 @@ def _components(n_passes: int, constraints: Sequence[Constraint]) -> list[int]:
     _, labels = connected_components(graph, directed=False)
     order = np.argsort(-np.bincount(labels), kind="stable")
     return [int(component) for component in np.argsort(order)[labels]]
+
+
+# --- files ------------------------------------------------------------------------------------------------------
+
+
+def files_there(folder: str | os.PathLike[str]) -> tuple[str, ...]:
+    """Return the names of all files of the alignment in a folder, as it says itself; of its tables, if it says none."""
+    try:
+        named = json.loads(read_regular(Path(folder) / SUMMARY, LARGEST_SUMMARY))["files"]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        named = []
+    names = named if isinstance(named, list) else []
+    return (*TABLES, *(name for name in names if isinstance(name, str)))
+
+
+def write_tables(folder: Path, alignment: Alignment, summary: dict[str, object], files: Sequence[str]) -> None:
+    """Write all tables of an alignment; lengths in m, angles in degrees.
+
+    `summary`: options; `files`: names of the corrected clouds and trajectories: what replaces the alignment replaces
+    them, too.
+    """
+    for name, table in zip(TABLES[1:], (_passes, _pairs, _constraints, _corrections), strict=True):
+        with (folder / name).open("w", encoding="utf-8", newline="") as stream:
+            rows = ([_cell(value) for value in row] for row in table(alignment))
+            csv.writer(stream, lineterminator="\n").writerows(rows)
+    content = summary | {
+        "n_rounds": len(alignment.passes),
+        "n_ties": len(alignment.constraints),
+        "n_contradicted": alignment.n_contradicted,
+        "n_refused": dict(sorted(alignment.refused.items())),
+        "inflation": round(alignment.adjusted.inflation, 3),
+        "sigma": {
+            "of_round_before": round(alignment.sigma_before, 5),
+            "of_round": round(alignment.sigma_of_pass, 5),
+            "of_map": round(alignment.sigma_of_map, 5),
+            "of_datum": round(alignment.sigma_of_datum, 5),
+        },
+        "words": [each.words for each in alignment.connectivity if each.words],
+        "files": list(files),
+    }
+    text = json.dumps({"program": f"maxcon {__version__}", **content}, indent=2, allow_nan=False)
+    (folder / SUMMARY).write_text(text + "\n", encoding="utf-8", newline="\n")
+
+
+def _cell(value: object) -> object:
+    return "" if isinstance(value, float) and math.isnan(value) else value
+
+
+def _passes(alignment: Alignment) -> Iterable[Row]:
+    yield [
+        "round", "name", "n_points", "start_s", "end_s", "n_ties", "group",
+        *(f"{what}_{axis}" for what in ("shift", "turn_deg", "sigma") for axis in AXES), "words",
+    ]  # fmt: skip
+    for number, (each, found) in enumerate(zip(alignment.passes, alignment.connectivity, strict=True), 1):
+        values = np.concatenate([found.shift, np.degrees(found.turn), found.sigma])
+        yield [
+            number, each.name, each.n_points, each.start, each.end, found.n_constraints, found.component + 1,
+            *(round(value, 6) for value in values.tolist()), found.words,
+        ]  # fmt: skip
+
+
+def _pairs(alignment: Alignment) -> Iterable[Row]:
+    sizes = ("horizontal_before", "horizontal_after", "height_before", "height_after")
+    yield [
+        "round_a",
+        "round_b",
+        "n_ties",
+        "n_contradicted",
+        *(f"{size}_{of}" for size in sizes for of in ("median", "95")),
+    ]
+    for pair in alignment.pairs:
+        values = pair.horizontal_before + pair.horizontal_after + pair.height_before + pair.height_after
+        first, second = pair.passes
+        yield [first + 1, second + 1, pair.n_constraints, pair.n_contradicted, *(round(value, 5) for value in values)]
+
+
+def _constraints(alignment: Alignment) -> Iterable[Row]:
+    yield [
+        "x", "y", "round_a", "round_b", "time_a", "time_b", "share", "weight", "is_contradicted",
+        *(f"{what}_{axis}" for what in ("before", "after", "sigma") for axis in AXES),
+    ]  # fmt: skip
+    weights, residuals = alignment.adjusted.weights, alignment.adjusted.residuals
+    for each, residual, weight in zip(alignment.constraints, residuals, weights, strict=True):
+        values = np.concatenate([each.pose.position, residual[:3], np.sqrt(np.diag(each.covariance)[:3])])
+        yield [
+            *(round(value, 3) for value in each.place[:2].tolist()), *(number + 1 for number in each.passes),
+            *(round(time, 3) for time in each.times), round(each.ratio, 3), round(float(weight), 4),
+            int(is_contradicted(weight)), *(round(value, 5) for value in values.tolist()),
+        ]  # fmt: skip
+
+
+def _corrections(alignment: Alignment) -> Iterable[Row]:
+    """A row for each knot: how what was measured then, about there, is moved."""
+    yield ["round", "time", *(f"{what}{axis}" for what in ("", "shift_", "turn_deg_") for axis in AXES)]
+    corrections = alignment.adjusted.corrections
+    for number in range(len(corrections.centres)):
+        first, end = corrections.firsts[number], corrections.firsts[number + 1]
+        for knot in range(first, end):
+            time = float(corrections.starts[number] + (knot - first) * corrections.steps[number])
+            place = corrections.knot_centres[knot]
+            twist = corrections.twist_at(place, time, number)
+            twist[3:] = np.degrees(twist[3:])
+            yield [number + 1, round(time, 3), *np.round(place, 3).tolist(), *np.round(twist, 6).tolist()]

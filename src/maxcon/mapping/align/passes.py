@@ -1,24 +1,23 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Passes of the mapping vehicle: which points belong to each, and where it measured when."""
+"""Passes of the mapping vehicle: which points belong to each, where it measured when, and how each is corrected."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maxcon._system.progress import Progress
 from maxcon.errors import FileError, OptionError
+from maxcon.geometry import Pose
 from maxcon.io.clouds import CloudHeader, open_cloud
 from maxcon.io.clouds.las import LasReader, positions_of
 
-PASSES_BY = ("time", "source", "file")
-"""What tells passes apart: pauses in gps_time, point source ids, or files."""
-MOST_SECONDS = 2_000_000
-"""Three weeks of mapping; more different seconds cannot be times, and would fill the memory."""
+PASSES_BY = ("time", "source", "file")  # pauses in gps_time, point source ids, or files
+MOST_SECONDS = 2_000_000  # three weeks of mapping; more different ones cannot be times, and would fill the memory
 MOST_PASSES = 1000
 CHUNK = 1_000_000
 
@@ -83,8 +82,7 @@ class Passes:
         return all(next_.start >= each.end for each, next_ in zip(self.passes, self.passes[1:], strict=False))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PassPoints:
+class PassPoints(NamedTuple):
     """A chunk of the points of a file."""
 
     record: Any  # All fields of the points, as laspy reads them
@@ -96,10 +94,7 @@ class PassPoints:
 
 
 def read_passes(header: CloudHeader) -> Iterator[PassPoints]:
-    """Yield the points of a LAS or LAZ file, a million at a time, with all their fields.
-
-    FileError if it is of another kind, broken, or a time or coordinate in it is not finite.
-    """
+    """Yield the points of a LAS or LAZ file, a million at a time, with all their fields."""
     with open_cloud(header.path) as reader:
         if not isinstance(reader, LasReader):
             raise FileError(
@@ -119,10 +114,7 @@ def read_passes(header: CloudHeader) -> Iterator[PassPoints]:
 
 
 def survey(headers: Sequence[CloudHeader], by: str, pause: float, report: Progress) -> Passes:
-    """Read all clouds once, and tell their passes apart.
-
-    FileError if a cloud cannot be read; OptionError if there are no times to tell passes apart by, or far too many
-    seconds or passes.
+    """Read all clouds once, and tell their passes apart; OptionError if there are no times, or far too many of them.
 
     `by`: one of `PASSES_BY`; `pause`: seconds without a point that separate two passes by time.
     """
@@ -140,7 +132,16 @@ def survey(headers: Sequence[CloudHeader], by: str, pause: float, report: Progre
                     " --rounds file where each file is a pass, or --rounds source."
                 )
             keys = np.full(len(part.times), file if by == "file" else 0, np.int64)
-            _add_seconds(sums, part.source_ids.astype(np.int64) if by == "source" else keys, part, origin)
+            keys = part.source_ids.astype(np.int64) if by == "source" else keys
+            times = np.floor(part.times).astype(np.int64)
+            order = np.lexsort((times, keys))
+            is_first = np.ones(len(order), bool)
+            is_first[1:] = (np.diff(keys[order]) != 0) | (np.diff(times[order]) != 0)
+            starts = np.flatnonzero(is_first)
+            positions = np.add.reduceat((part.points - origin)[order], starts, axis=0)
+            counts = np.diff(starts, append=len(order))
+            for row, start in enumerate(order[starts].tolist()):
+                sums[int(keys[start]), int(times[start])] += (counts[row], *positions[row])
             n_done += len(part.times)
             report("finding passes", n_done, n_total)
             if len(sums) > MOST_SECONDS:
@@ -152,24 +153,6 @@ def survey(headers: Sequence[CloudHeader], by: str, pause: float, report: Progre
     values = np.array([sums[second] for second in seconds])
     values[:, 1:] = values[:, 1:] / values[:, :1] + origin
     return _passes(by, headers, np.array(seconds, np.int64), values, pause)
-
-
-def _add_seconds(
-    sums: defaultdict[tuple[int, int], NDArray[np.float64]],
-    keys: NDArray[np.int64],
-    part: PassPoints,
-    origin: NDArray[np.float64],
-) -> None:
-    """Add count and positions of points to the sums of their (key, second)."""
-    seconds = np.floor(part.times).astype(np.int64)
-    order = np.lexsort((seconds, keys))
-    is_first = np.ones(len(order), bool)
-    is_first[1:] = (np.diff(keys[order]) != 0) | (np.diff(seconds[order]) != 0)
-    starts = np.flatnonzero(is_first)
-    positions = np.add.reduceat((part.points - origin)[order], starts, axis=0)
-    counts = np.diff(starts, append=len(order))
-    for row, start in enumerate(order[starts].tolist()):
-        sums[int(keys[start]), int(seconds[start])] += (counts[row], *positions[row])
 
 
 def _passes(
@@ -190,3 +173,121 @@ def _passes(
         centre = np.average(values[rows, 1:], axis=0, weights=counts)
         passes.append(Pass(name, seconds[rows, 1] + 0.5, values[rows, 1:], int(counts.sum()), np.asarray(centre)))
     return Passes(by, tuple(passes), np.array(keys, np.int64))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Corrections:
+    """Motions of passes that bring them together; each is a twist: a shift (m) and a rotation vector (rad).
+
+    Each pass is shifted and turned about its centre, as a whole. In addition it has knots at regular times, each with
+    a twist about the mean of the points measured then; between two knots their twists are interpolated linearly. All
+    points of one pass and time are moved by the same rigid motion.
+    """
+
+    centres: NDArray[np.float64]  # (r, 3): Centres of the passes, global, m
+    wholes: NDArray[np.float64]  # (r, 6): Twist of each pass about its centre
+    starts: NDArray[np.float64]  # (r,): Time of the first knot of each pass, s
+    steps: NDArray[np.float64]  # (r,): Time between two knots of each pass, s
+    # (r + 1,): Number of the first knot of each pass; the last entry is the number of all knots
+    firsts: NDArray[np.int64]
+    knot_centres: NDArray[np.float64]  # (k, 3): Centres of the knots, global, m
+    knots: NDArray[np.float64]  # (k, 6): Twist of each knot about its centre
+
+    @classmethod
+    def none(cls, passes: Passes, spacing: float) -> Self:
+        """Corrections that move nothing yet, with knots at most `spacing` (s) apart."""
+        n_knots = [1 + int(np.ceil((each.end - each.start) / spacing)) for each in passes]
+        starts = np.array([each.start for each in passes])
+        steps = np.array([(each.end - each.start) / (n - 1) for each, n in zip(passes, n_knots, strict=True)])
+        knot_centres = [
+            np.column_stack([np.interp(start + step * np.arange(n), each.times, axis) for axis in each.middles.T])
+            for each, start, step, n in zip(passes, starts, steps, n_knots, strict=True)
+        ]
+        firsts = np.concatenate([[0], np.cumsum(n_knots)])
+        centres = np.array([each.centre for each in passes])
+        wholes, knots = np.zeros((len(passes), 6)), np.zeros((int(firsts[-1]), 6))
+        return cls(centres, wholes, starts, steps, firsts, np.concatenate(knot_centres), knots)
+
+    def changed(self, wholes: NDArray[np.float64], knots: NDArray[np.float64]) -> Self:
+        """The same with other twists."""
+        return replace(self, wholes=wholes, knots=knots)
+
+    def _between(
+        self, times: NDArray[np.float64], passes: NDArray[np.integer]
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Number of the knot before each time, shape (n,), and the weight of the next one, 0 to 1."""
+        n_knots = np.diff(self.firsts)[passes]
+        steps = (times - self.starts[passes]) / self.steps[passes]
+        before = np.clip(np.floor(steps), 0, n_knots - 2).astype(np.int64)
+        return self.firsts[passes] + before, np.clip(steps - before, 0.0, 1.0)
+
+    def derivatives(
+        self, place: NDArray[np.float64], time: float, number: int
+    ) -> list[tuple[int, NDArray[np.float64]]]:
+        """Derivatives (6, 6) of the twist at a place (global, m) that pass `number` measured at a time (s).
+
+        Unknowns are numbered six by six: the twist of each pass as a whole, then that of each knot. Derivatives come
+        with the first column of the six unknowns of the pass, and of each knot that takes part.
+        """
+        first, part = self._between(np.array([time]), np.array([number]))
+        blocks = [(6 * number, twist_matrix(place - self.centres[number]))]
+        for knot, weight in ((int(first[0]), 1.0 - float(part[0])), (int(first[0]) + 1, float(part[0]))):
+            if weight > 0.0:
+                block = weight * twist_matrix(place - self.knot_centres[knot])
+                blocks.append((6 * (len(self.centres) + knot), block))
+        return blocks
+
+    def motions(
+        self, times: NDArray[np.float64], passes: NDArray[np.integer]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Rigid motions of points at times, (n,), s, of passes, (n,).
+
+        Returned are (n, 3) each: centre of rotation (global, m), shift (m), rotation vector (rad).
+        """
+        from scipy.spatial.transform import Rotation
+
+        first, part = self._between(times, passes)
+        part = part[:, None]
+        about = (1.0 - part) * self.knot_centres[first] + part * self.knot_centres[first + 1]
+        shifts = np.zeros_like(about)
+        for knots, parts in ((first, 1.0 - part), (first + 1, part)):
+            turned = np.cross(self.knots[knots, 3:], about - self.knot_centres[knots])
+            shifts += parts * (self.knots[knots, :3] + turned)
+        turns = (1.0 - part) * self.knots[first, 3:] + part * self.knots[first + 1, 3:]
+        wholes, arms = self.wholes[passes], about - self.centres[passes]
+        shifts += wholes[:, :3] + Rotation.from_rotvec(wholes[:, 3:]).apply(arms) - arms
+        return about, shifts, turns + wholes[:, 3:]
+
+    def moved(
+        self, points: NDArray[np.float64], times: NDArray[np.float64], passes: NDArray[np.integer]
+    ) -> NDArray[np.float64]:
+        """Where points, shape (n, 3), global, m, measured at times, (n,), s, by passes, (n,), lie after correction."""
+        from maxcon.mapping.kernels import move
+
+        moved = np.empty((len(points), 3))
+        move(
+            np.ascontiguousarray(points, np.float64), np.asarray(times, np.float64), np.asarray(passes, np.int64),
+            self.centres, self.wholes, self.starts, self.steps, self.firsts, self.knot_centres, self.knots, moved,
+        )  # fmt: skip
+        return moved
+
+    def twist_at(self, place: NDArray[np.float64], time: float, number: int) -> NDArray[np.float64]:
+        """Twist, shape (6,), by which pass `number` moves a place (3,), global, m, that it measured at a time (s)."""
+        times, passes = np.array([time]), np.array([number])
+        turn = self.motions(times, passes)[2][0]
+        return np.concatenate([self.moved(place[None], times, passes)[0] - place, turn])
+
+
+def pose_of_twist(twist: NDArray[np.float64]) -> Pose:
+    """The rigid motion of a shift (m) and a rotation vector (rad), shape (6,)."""
+    from scipy.spatial.transform import Rotation
+
+    return Pose.from_rotation(twist[:3], Rotation.from_rotvec(twist[3:]).as_matrix())
+
+
+def twist_matrix(arm: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Matrix (6, 6) from a small twist about a centre to the twist of a point that lies `arm` (3,), m, from it."""
+    x, y, z = arm.tolist()
+    matrix = np.eye(6)
+    matrix[:3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
+    return matrix

@@ -10,21 +10,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maxcon.mapping.align.corrections import Corrections
+from maxcon.mapping.align.passes import Corrections
 from maxcon.mapping.align.visits import Constraint
 
-CORRELATION_TIME = 60.0
-"""s; errors of a trajectory so far apart in time correlate by 1/e."""
-DRIFTS = (0.0, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2)
-"""Standard deviations of the drift that are tried, m; 0: passes are rigid."""
-MARGIN = 3.0
-"""A larger drift is taken if the logarithm of the evidence grows by this: it is twenty times as likely."""
-FREEDOM = 4.0
-"""Degrees of freedom of the Student distribution of residuals: one of 5 sigmas weighs a third, of 20 a fortieth."""
-USUAL_SQUARE = 5.348
-"""Median of a chi-squared variable of six degrees of freedom."""
+CORRELATION_TIME = 60.0  # s; errors of a trajectory so far apart in time correlate by 1/e
+DRIFTS = (0.0, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2)  # m, sigmas of the drift that are tried; 0: passes are rigid
+MARGIN = 3.0  # of the logarithm of the evidence for a larger drift: it is twenty times as likely
+FREEDOM = 4.0  # degrees of a Student distribution of residuals: one of 5 sigmas weighs a third, of 20 a fortieth
+USUAL_SQUARE = 5.348  # median of a chi-squared variable of six degrees of freedom
+# Most steps of an adjustment; it ends before when no unknown changes by more than this part of its prior's sigma.
 MOST_STEPS, AT_REST = 50, 3e-4
-"""Most steps of an adjustment; it ends before when no unknown changes by more than this part of its prior's sigma."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,14 +108,11 @@ class Adjusted:
 
     corrections: Corrections  # Corrections of all passes
     drift_sigma: float  # Standard deviation of the drift that was allowed, m; 0 for rigid passes
-    # (n, 6): Of each constraint: the twist by which its second visit would still have to be moved onto its
-    # first
+    # (n, 6): Of each constraint: the twist by which its second visit would still have to be moved onto its first
     residuals: NDArray[np.float64]
     weights: NDArray[np.float64]  # (n,): Of each constraint, 0 to 1: small for those that contradict the others
-    # Factor on the standard deviations of all constraints that makes them agree with the residuals; at least 1
-    inflation: float
-    # Logarithm of the probability of the constraints under this drift, up to a constant equal for all drifts
-    evidence: float
+    inflation: float  # Factor on the sigmas of all constraints that makes them agree with the residuals; at least 1
+    evidence: float  # Logarithm of the probability of the constraints under this drift, up to a common constant
     _scales: NDArray[np.float64]
     _factor: Any
 
@@ -182,7 +174,7 @@ def adjust(
     from scipy.sparse.linalg import splu
 
     start = equations.corrections
-    n_wholes, n_knots = start.n_passes, len(start.knots) if drift_sigma > 0.0 else 0
+    n_wholes, n_knots = len(start.centres), len(start.knots) if drift_sigma > 0.0 else 0
     drifts = georeference.sigmas * (drift_sigma / georeference.sigma)
     scales = np.concatenate([np.tile(georeference.sigmas, n_wholes), np.tile(drifts, n_knots)])
     design, prior, log_prior = equations.design(scales), *_prior(start, has_drift=n_knots > 0)
@@ -228,7 +220,7 @@ def _prior(corrections: Corrections, *, has_drift: bool) -> tuple[Any, float]:
     """
     from scipy.sparse import block_diag, diags_array, eye_array, kron
 
-    parts, log_determinant = [eye_array(6 * corrections.n_passes)], 0.0
+    parts, log_determinant = [eye_array(6 * len(corrections.centres))], 0.0
     for step, n in zip(corrections.steps, np.diff(corrections.firsts).tolist(), strict=True):
         if has_drift:
             correlation = math.exp(-step / CORRELATION_TIME)

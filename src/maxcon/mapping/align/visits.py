@@ -13,49 +13,36 @@ from numpy.typing import NDArray
 
 from maxcon.geometry import Pose
 from maxcon.map import PointMap, TileKey
-from maxcon.mapping.align.corrections import Corrections, pose_of_twist
+from maxcon.mapping.align.passes import Corrections, pose_of_twist
 from maxcon.mapping.build.tile_points import POINT, TileBuckets, VoxelMoments, plane_normals, voxel_keys
 from maxcon.refine import Refined, covariance, refine
 from maxcon.refine.adjustment import THINNING
 from maxcon.scan import Scan, one_per_cube
 
-PLACE_EDGE = 24.0
-"""Edge of the squares in which passes are matched, m: both sides of a street fit in."""
+PLACE_EDGE = 24.0  # m, of the squares in which passes are matched: both sides of a street fit in
+# One point: its time (s), the number of its pass, and its position from the middle of its place (m).
 PLACE_POINT = np.dtype([("time", "<f8"), ("pass", "<i2"), ("inside", "<f4", 3)])
-"""One point: its time (s), the number of its pass, and its position from the middle of its place (m)."""
-MOST_POINTS = 4_000_000
-"""Points of a place in memory, 90 MB; of more, every n-th is taken."""
+MOST_POINTS = 4_000_000  # of a place in memory, 90 MB; of more, every n-th is taken
 
-CELL = 0.12
-"""Voxel edge of the planes, m: partners are looked for within five of them, as far as the first gate."""
-MARGIN = 16
-"""Voxels between the corner of the grid and that of the place."""
-LONGEST_GAP = 10.0
-"""A visit ends where no point of the place was measured for so long, s."""
-LONGEST_VISIT = 20.0
-"""s; longer ones, of a vehicle that stands, are split."""
-LEAST_POINTS = 2000
-LEAST_PLANES = 300
-"""Visits with fewer points, or fewer voxels with a normal, are left out."""
+CELL = 0.12  # m, voxel edge of the planes: partners are looked for within five of them, as far as the first gate
+MARGIN = 16  # voxels between the corner of the grid and that of the place
+LONGEST_GAP = 10.0  # s; a visit ends where no point of the place was measured for so long
+LONGEST_VISIT = 20.0  # s; longer ones, of a vehicle that stands, are split
+# Visits with fewer points, or fewer voxels with a normal, are left out.
+LEAST_POINTS, LEAST_PLANES = 2000, 300
 ARRAYS = ("planes", "normals", "points", "point_normals")
 
-LEAST_PAUSE = 60.0
-"""Visits of one pass are matched if so much time, s, lies between them: until then errors hardly change."""
-MATCH_FLOOR = 0.001
-"""Smallest standard deviation of a match, m: two visits see different points of rough walls."""
-LEAST_POINTS_ON_PLANES = 150
-LEAST_RATIO = 0.3
-"""Fewest points of a visit that must lie on planes of the other, and their ratio: with fewer it may be wrong."""
+LEAST_PAUSE = 60.0  # s; visits of one pass are matched if so much lies between them: until then errors hardly change
+MATCH_FLOOR = 0.001  # m, smallest sigma of a match: two visits see different points of rough walls
+# Fewest points of a visit that must lie on planes of the other, and their ratio: with fewer it may be wrong.
+LEAST_POINTS_ON_PLANES, LEAST_RATIO = 150, 0.3
+# Of fitted normals, rad. It alone lets thousands of points on walls along a street seem to fix a position along it.
 NORMAL_NOISE = math.radians(2.0)
-"""Of fitted normals, rad. It alone lets thousands of points on walls along a street seem to fix a position along it."""
-LEAST_OVER_NOISE = 5.0
-"""A direction counts as not determined if the points give less than so many times the information of such noise."""
+LEAST_OVER_NOISE = 5.0  # a direction is open if the points give less than so many times the information of such noise
+# Standard deviation along such a direction, m: ten times a usual prior's. That of turns holds at this arm, m.
 OPEN_SIGMA, OPEN_ARM = 1.0, 10.0
-"""Standard deviation along such a direction, m: ten times a usual prior's. That of turns holds at this arm, m."""
-FARTHEST = 0.6
-"""Largest distance of a partner in the adjustment, m."""
-MOST_VISITS = 8
-"""All pairs of up to so many visits to a place are matched; of more visits, each with the next four."""
+FARTHEST = 0.6  # m, largest distance of a partner in the adjustment
+MOST_VISITS = 8  # all pairs of up to so many visits to a place are matched; of more, each with the next four
 
 
 class Places:
@@ -187,10 +174,9 @@ class Constraint:
 
 
 def match_visits(middle: NDArray[np.float64], visits: Sequence[Visit], corrections: Corrections) -> list[Constraint]:
-    """Match the visits to a place with each other.
+    """Match the visits to a place, by pass and time, with each other; each starts from where the corrections put it.
 
-    `middle` (3,): of the place, global, m; `visits`: in order of passes and times; `corrections`: corrections found so
-    far: each match starts from poses corrected by them.
+    `middle` (3,): of the place, global, m.
 
     k visits have k (k - 1) / 2 pairs, but only k - 1 independent differences: covariances are made k / 2 times as
     large, so that all pairs together weigh as much as the independent ones.

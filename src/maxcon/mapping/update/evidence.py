@@ -2,13 +2,24 @@
 # SPDX-License-Identifier: MIT
 """Evidence: hits and misses of the voxels of a map, and of candidates for new ones, by the rays of all drives.
 
+A ray hits a voxel if it ended in it or in one of the 26 around: noise moves an end by less than that, mostly.
+
+A ray misses a voxel if it crossed the surface in it and ended clearly behind. The surface is the plane through the
+mean of the voxel's points, along their normal. The ray must cross this plane inside of the voxel, not at a flat angle,
+and both the sensor and the end must lie farther from the plane than noise explains, on either side. So a road seen at a
+flat angle is not carved: its rays end on the very plane that they pass through. A voxel without a normal is crossed if
+the ray passes its mean within half an edge, and ends twice as far behind.
+
+A pulse without a return is no ray: from glass, water and the sky nothing follows.
+
 The scans are read twice. First, points where the map has nothing are sorted into tiles; voxels that hold enough of
 them are candidates. Then every ray is walked through the voxels of map and candidates alike. Only the tiles in reach of
 a few observations are in memory at a time: an update of a whole city takes no more memory than one of a street.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -34,47 +45,71 @@ from maxcon.mapping.build.tile_points import (
     turn_to_side,
 )
 from maxcon.mapping.build.tiles import voxel_tile
-from maxcon.mapping.update.observations import LocalizedDrive, Observation
-from maxcon.mapping.update.options import UpdateOptions
+from maxcon.mapping.update.observations import LocalizedDrive, Observation, UpdateOptions
 
-CANDIDATE = 255
-"""In place of a class: a voxel that the map does not have, and drives have hit."""
-MOST_VOXELS = 6_000_000
-"""Voxels in memory at a time, some 70 bytes each with evidence, unless a single observation reaches more."""
-NEAR_VOXELS = 2
-"""A point up to so many voxels from one of the map, along each axis, may be of its surface: 12 cm at 6 cm."""
-GROUND_CLEARANCE = 0.25
-"""Above the ground, m: what lies lower is ground, whether the map has it or left it out."""
-GROUND_FILL = 5.0
-"""Where objects hid the ground, its height is that of the nearest known ground, up to so far away, m."""
+CANDIDATE = 255  # in place of a class: a voxel that the map does not have, and drives have hit
+MOST_VOXELS = 6_000_000  # in memory at a time, some 70 bytes each, unless a single observation reaches more
+NEAR_VOXELS = 2  # so near one of the map, along each axis, a point may be of its surface: 12 cm at 6 cm
+GROUND_CLEARANCE = 0.25  # m above the ground: what lies lower is ground, whether the map has it or left it out
+GROUND_FILL = 5.0  # m; where objects hid the ground, its height is that of the nearest known ground, up to so far away
+# Range behind a new surface, m, in which the extension of the ray must meet a surface that the map has.
 BEHIND = (0.5, 15.0)
-"""Range behind a new surface, m, in which the extension of the ray must meet a surface that the map has."""
 VOXEL_ARRAYS = ("columns", "layers", "counts", "normals", "means", "classes")
 
+# Evidence of observations for each voxel: `log_odds` (n,) float32, logarithm of the odds that there is a surface;
+# `n_hits`, `n_misses` (n,) int32, observations that hit and missed it; `hit_in` (n, 2) int32, the first and the last
+# observation that hit it, -1 for none.
+Evidence = dict[str, NDArray[Any]]
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Evidence:
-    """The evidence of observations for each voxel."""
 
-    log_odds: NDArray[np.float32]  # (n,): Logarithm of the odds that there is a surface
-    # (n,): Observations that hit it, and that missed it
-    n_hits: NDArray[np.int32]
-    n_misses: NDArray[np.int32]
-    hit_in: NDArray[np.int32]  # (n, 2): The first and the last observation that hit it; -1 for none
+# --- the definition, in plain NumPy; `ray_kernels` does the same for many (D7) ----------------------------------
 
-    @classmethod
-    def initial(cls, classes: NDArray[np.uint8], options: UpdateOptions) -> "Evidence":
-        """Evidence of voxels before the first observation: log-odds by their classes (or `CANDIDATE`)."""
-        start = np.zeros(256, np.float32)
-        start[[SurfaceClass.KNOWN, SurfaceClass.NEW]] = options.start
-        start[SurfaceClass.GONE] = -options.start
-        n = len(classes)
-        return cls(start[classes], np.zeros(n, np.int32), np.zeros(n, np.int32), np.full((n, 2), -1, np.int32))
 
-    @property
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """All arrays by name."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
+def is_hit(end: NDArray[np.float64], voxels: NDArray[np.integer], cell: float) -> NDArray[np.bool_]:
+    """Whether a ray that ended at `end`, shape (3,), m, hit each of the voxels, indices of shape (n, 3)."""
+    there = np.floor(end / cell).astype(np.int64)
+    return np.asarray((np.abs(voxels - there) <= 1).all(axis=1))
+
+
+def is_miss(
+    origin: NDArray[np.float64],
+    end: NDArray[np.float64],
+    voxels: NDArray[np.integer],
+    means: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    cell: float,
+    margin: float,
+    least_cosine: float,
+    reach: float,
+) -> NDArray[np.bool_]:
+    """Whether a ray missed each of the voxels: it saw through the surface there.
+
+    `origin`, `end` (3,): where the sensor was and where the ray ended, local frame, m; `voxels` (n, 3): indices;
+    `means`, `normals` (n, 3): of the points of each, local frame, m; unit normal, or zeros; `cell`: voxel edge, m;
+    `margin`: how far behind a surface the end must lie, m; `least_cosine`: of the angle between ray and normal;
+    `reach`: voxels farther along the ray are not judged, m.
+    """
+    length = float(np.sqrt(((end - origin) ** 2).sum()))
+    if length == 0.0:
+        return np.zeros(len(voxels), bool)
+    along = (end - origin) / length
+    cosines = normals @ along
+    has_normal = normals.any(axis=1)
+    is_steep = np.abs(cosines) >= least_cosine
+    to_mean = means - origin
+    to_plane = np.divide((to_mean * normals).sum(axis=1), cosines, out=np.full(len(voxels), np.inf), where=is_steep)
+    at = np.where(has_normal, to_plane, to_mean @ along)  # m along the ray
+    is_ahead = (at > 0.0) & (at < min(length, reach))
+    at = np.where(is_ahead, at, 0.0)
+    crossing = origin + at[:, None] * along
+    is_inside = (np.floor(crossing / cell).astype(np.int64) == voxels).all(axis=1)
+    steepness = np.where(has_normal, np.abs(cosines), 0.5)
+    is_clear = (at * steepness >= margin) & ((length - at) * steepness >= margin)
+    is_close = has_normal | (((crossing - means) ** 2).sum(axis=1) <= (0.5 * cell) ** 2)
+    return np.asarray(is_ahead & is_inside & is_clear & is_close & (is_steep | ~has_normal))
+
+
+# --- tiles and their evidence -----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,52 +138,52 @@ class SurfaceFiles:
         self.n_voxels: dict[TileKey, int] = {}
 
     def add(self, tile: VoxelTile, options: UpdateOptions) -> None:
-        """Take a tile in, without evidence."""
-        tile = replace(tile, classes=classes_of(tile))
-        self.n_voxels[tile.key] = len(tile)
-        self.arrays.put(tile.key, "voxels", **{name: getattr(tile, name) for name in VOXEL_ARRAYS})
-        self.save(tile.key, Evidence.initial(classes_of(tile), options))
+        """Take a tile in, with the evidence before the first observation: log-odds by classes."""
+        classes, start, n = classes_of(tile), np.zeros(256, np.float32), len(tile)
+        start[[SurfaceClass.KNOWN, SurfaceClass.NEW]] = options.start
+        start[SurfaceClass.GONE] = -options.start
+        counts, hit_in = np.zeros(n, np.int32), np.full((n, 2), -1, np.int32)
+        self.n_voxels[tile.key] = n
+        voxels = {name: getattr(tile, name) for name in VOXEL_ARRAYS} | {"classes": classes}
+        self.arrays.put(tile.key, "voxels", **voxels)
+        self.save(tile.key, {"log_odds": start[classes], "n_hits": counts, "n_misses": counts, "hit_in": hit_in})
 
     def save(self, key: TileKey, evidence: Evidence) -> None:
         """Write the evidence of a tile."""
-        self.arrays.put(key, "evidence", **evidence.arrays)
+        self.arrays.put(key, "evidence", **evidence)
 
     def load(self, key: TileKey) -> Surfaces:
         """Read a tile."""
         voxels: dict[str, Any] = self.arrays.get(key, "voxels")
-        return Surfaces(VoxelTile(key, **voxels), Evidence(**self.arrays.get(key, "evidence")))
+        return Surfaces(VoxelTile(key, **voxels), self.arrays.get(key, "evidence"))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class SurfacesInReach:
-    """Several tiles in one table, as the kernels take them."""
+    """Several tiles in one table, as the kernels take them; their evidence is copied.
 
-    tiles: tuple[VoxelTile, ...]  # The tiles
-    lookup: VoxelLookup  # Of the tiles
-    # (n_tiles + 1,): Place of the first voxel of each row of the lookup in the arrays of `evidence`
-    offsets: NDArray[np.int64]
-    evidence: Evidence  # Of all voxels, tile after tile
-    seen_in: NDArray[np.int32]  # (n,): The last observation that hit or missed a voxel
+    table: the lookup of the tiles (rows, grid, corner), and the place of the first voxel of each row of it in the
+        arrays of `evidence`.
+    evidence: of all voxels, tile after tile.
+    seen_in: (n,) the last observation that hit or missed a voxel.
+    """
 
-    @classmethod
-    def of(cls, surfaces: Sequence[Surfaces]) -> "SurfacesInReach":
-        """Table of some tiles; their evidence is copied."""
-        tiles, arrays = tuple(each.tile for each in surfaces), [each.evidence.arrays for each in surfaces]
-        evidence = Evidence(**{name: np.concatenate([each[name] for each in arrays]) for name in arrays[0]})
-        offsets = np.zeros(len(tiles) + 1, np.int64)
-        offsets[2:] = np.cumsum([len(tile) for tile in tiles])[:-1]
-        return cls(tiles, VoxelLookup.of(tiles), offsets, evidence, np.full(len(evidence.log_odds), -1, np.int32))
-
-    @property
-    def table(self) -> tuple[NDArray[np.uint64], NDArray[np.int32], NDArray[np.int64], NDArray[np.int64]]:
-        """The lookup and the offsets, as the kernels take them."""
-        return self.lookup.rows, self.lookup.grid, np.array(self.lookup.corner), self.offsets
+    def __init__(self, surfaces: Sequence[Surfaces]) -> None:
+        tiles = [each.tile for each in surfaces]
+        self._ends = np.cumsum([0, *map(len, tiles)])
+        lookup, offsets = VoxelLookup.of(tiles), np.concatenate([[0], self._ends[:-1]])
+        self.table = lookup.rows, lookup.grid, np.array(lookup.corner), offsets
+        names = surfaces[0].evidence
+        self.evidence = {name: np.concatenate([each.evidence[name] for each in surfaces]) for name in names}
+        self.seen_in = np.full(self._ends[-1], -1, np.int32)
+        self._lookup = lookup  # it holds the memory that `rows` points to
 
     def of_tile(self, number: int) -> Evidence:
         """Evidence of one of the tiles."""
-        first = int(self.offsets[number + 1])
-        rows = slice(first, first + len(self.tiles[number]))
-        return Evidence(**{name: values[rows] for name, values in self.evidence.arrays.items()})
+        rows = slice(self._ends[number], self._ends[number + 1])
+        return {name: values[rows] for name, values in self.evidence.items()}
+
+
+# --- gathering --------------------------------------------------------------------------------------------------
 
 
 def gather_evidence(
@@ -159,10 +194,9 @@ def gather_evidence(
     folder: Path,
     report: Progress,
 ) -> SurfaceFiles:
-    """Return all tiles that any observation reaches, with candidates and evidence, on disk.
+    """Return all tiles that any observation reaches, with candidates and evidence, on disk."""
+    from maxcon.mapping.update.ray_kernels import add_observation
 
-    FileError or MapError if a scan or a tile cannot be read.
-    """
     buckets = TileBuckets(folder, POINT, "points")
     for done, each in enumerate(observations, 1):
         _sort_unknown_points(each.ends(drives, options), each.pose, point_map, options, buckets)
@@ -173,19 +207,29 @@ def gather_evidence(
     in_reach = set[TileKey]().union(*(_keys_around(each, point_map, options) for each in observations))
     for key in sorted(in_reach & (known | found)):
         parts = [point_map.tile(key)] if key in known else []
+        classes = [classes_of(part) for part in parts]
         if key in found:
-            candidates = _candidates_of_tile(buckets, key, point_map.cell, options, is_signed=point_map.is_signed)
-            parts.append(replace(candidates, classes=np.full(len(candidates), CANDIDATE, np.uint8)))
+            parts.append(_candidates_of_tile(buckets, key, point_map.cell, options, is_signed=point_map.is_signed))
+            classes.append(np.full(len(parts[-1]), CANDIDATE, np.uint8))
             buckets.remove(key)
-        tile = _together(parts)
-        if len(tile):
-            files.add(tile, options)
+        arrays = [np.concatenate([getattr(part, name) for part in parts]) for name in VOXEL_ARRAYS[:-1]]
+        arrays.append(np.concatenate(classes))
+        if len(arrays[0]):
+            files.add(tile_of_voxels(key, *arrays), options)
     first = 0
+    weights = options.hit, options.miss, options.lowest, options.highest
     for part, keys in _stretches(observations, files, lambda each: _keys_around(each, point_map, options)):
         if keys:
-            within = SurfacesInReach.of([files.load(key) for key in keys])
+            within = SurfacesInReach([files.load(key) for key in keys])
+            evidence = [within.evidence[name] for name in ("log_odds", "n_hits", "n_misses", "hit_in")]
             for number, each in enumerate(part, first):
-                _add(number, each, each.ends(drives, options), within, point_map, options)
+                origin, ends = each.pose.position, each.ends(drives, options)
+                distances = np.linalg.norm(ends - origin, axis=1)
+                margins = options.margins(each.sigma_position, each.sigma_angle, point_map.sigma, distances)
+                add_observation(
+                    origin, ends, number, point_map.cell, margins, options.least_cosine, options.reach, weights,
+                    *within.table, *evidence, within.seen_in,
+                )  # fmt: skip
                 report("weighing observations", number + 1, len(observations))
             for number, key in enumerate(keys):
                 files.save(key, within.of_tile(number))
@@ -193,33 +237,11 @@ def gather_evidence(
     return files
 
 
-def _add(
-    number: int,
-    observation: Observation,
-    ends: NDArray[np.float64],
-    within: SurfacesInReach,
-    point_map: PointMap,
-    options: UpdateOptions,
-) -> None:
-    """Add an observation to the evidence of the voxels in reach."""
-    from maxcon.mapping.update.ray_kernels import add_observation
-
-    origin, evidence = observation.pose.position, within.evidence
-    distances = np.linalg.norm(ends - origin, axis=1)
-    margins = options.margins(observation.sigma_position, observation.sigma_angle, point_map.sigma, distances)
-    weights = options.hit, options.miss, options.lowest, options.highest
-    add_observation(
-        origin, ends, number, point_map.cell, margins, options.least_cosine, options.reach, weights, *within.table,
-        evidence.log_odds, evidence.n_hits, evidence.n_misses, evidence.hit_in, within.seen_in,
-    )  # fmt: skip
-
-
 def _keys_around(observation: Observation, point_map: PointMap, options: UpdateOptions) -> set[TileKey]:
     """Keys of the tiles in reach of an observation, whether the map has them or not."""
     edge, place = point_map.tile_voxels * point_map.cell, observation.pose.position[:2]
-    low = np.floor((place - options.reach) / edge).astype(int)
-    high = np.floor((place + options.reach) / edge).astype(int)
-    return {(x, y) for x in range(low[0], high[0] + 1) for y in range(low[1], high[1] + 1)}
+    low, high = (np.floor((place + side * options.reach) / edge).astype(int).tolist() for side in (-1, 1))
+    return set(product(range(low[0], high[0] + 1), range(low[1], high[1] + 1)))
 
 
 def _stretches(
@@ -238,25 +260,14 @@ def _stretches(
         yield part, sorted(keys)
 
 
-def _together(parts: Sequence[VoxelTile]) -> VoxelTile:
-    """Return the voxels of the same tile of the map and of candidates in one."""
-    columns, layers, counts, normals, means = (
-        np.concatenate([getattr(part, name) for part in parts]) for name in VOXEL_ARRAYS[:-1]
-    )
-    classes = np.concatenate([classes_of(part) for part in parts])
-    return tile_of_voxels(parts[0].key, columns, layers, counts, normals, means, classes)
-
-
 def _sort_unknown_points(
     ends: NDArray[np.float64], pose: Pose, point_map: PointMap, options: UpdateOptions, buckets: TileBuckets
 ) -> None:
     """Keep the ends of rays that lie near no surface of the map, above the ground, and in front of a known surface.
 
     The last condition tells a new object from surroundings that the map does not cover, such as the end of a side
-    street or a house seen through a gap: only behind the new object does the map go on.
-
-    `ends` (n, 3): local frame, m; `pose`: where the sensor was, local frame; `buckets`: takes the points with the
-    directions to the sensor (`POINT`).
+    street or a house seen through a gap: only behind the new object does the map go on. The points go into `buckets`
+    with the directions to the sensor (`POINT`).
     """
     from maxcon.mapping.update.ray_kernels import are_far_from_voxels, hide_known_surfaces
 

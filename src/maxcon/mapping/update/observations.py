@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Localized drives, and those of their scans that an update uses: its observations."""
+"""What goes into a map update: localized drives, those of their scans that are observations, and the options."""
 
 import math
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,16 +12,96 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon._system.regular_file import sha256_of_file
-from maxcon.errors import FileError
+from maxcon.errors import FileError, OptionError
 from maxcon.export import PARQUET, PoseRow, read_rows
 from maxcon.geometry import LocalFrame, Pose
 from maxcon.io.raw_scan import nearest_in_time
-from maxcon.io.scans import Scans, open_scans
+from maxcon.io.scans import Scans, check_range, open_scans
 from maxcon.io.trajectories import read_trajectory
-from maxcon.mapping.update.options import UpdateOptions
 
-# Times of the table are written to the nanosecond, those of scans are read from text.
-SAME_TIME = 1e-6
+SAME_TIME = 1e-6  # s: times of the table are written to the nanosecond, those of scans are read from text
+POSITIVE = ("reach", "sigma_range", "sigmas", "hit", "highest", "new_at", "least_cosine", "least_share", "least_looks")
+NOT_NEGATIVE = ("least_motion", "sigma_position", "sigma_angle_deg", "least_time", "start", "least_voxels")
+NEGATIVE = ("miss", "lowest", "gone_at")
+
+
+@dataclass(frozen=True, slots=True)
+class UpdateOptions:
+    """Which scans are observations, how they are weighed, and when a surface is gone or new.
+
+    - min_range, max_range: points nearer or farther than this are left out, m.
+    - reach: surfaces farther from the sensor are not judged, m: an angle of 0.1 degrees is 5 cm at 30 m.
+    - least_motion: an epoch is an observation of its own where the sensor has moved so far since the last one, m: while
+      it stands, its rays say the same again and again.
+    - sigma_range: standard deviation of a range, m.
+    - sigma_position: standard deviation of a pose along any axis, m, where the table of poses has none.
+    - sigma_angle_deg: the same of its angles, degrees.
+    - sigmas: a ray misses a surface if it ended so many standard deviations behind it.
+    - least_cosine: of the angle between a ray and the normal of a surface; flatter rays are no evidence.
+    - hit, miss: log-odds that an observation adds to a surface that it hit, and to one that it missed.
+    - start: log-odds of a surface of the map before the first observation; new ones begin at 0.
+    - lowest, highest: log-odds are kept between these: what was seen a hundred times can change within a few
+      observations.
+    - gone_at: a surface of the map is gone if the log-odds are at most this, in the mean over its neighbourhood, too.
+    - new_at: a surface that the map does not have is new if they are at least this.
+    - least_looks: fewest observations for either.
+    - least_time: from the first to the last hit of a new surface, s, where a single drive saw it: what passes is not
+      new.
+    - least_share: a neighbourhood is gone if at least this ratio of the observations of it missed it.
+    - least_voxels: a neighbourhood has at least so many voxels that changed the same way: single ones are noise.
+    """
+
+    min_range: float = 1.0
+    max_range: float = 120.0
+    reach: float = 30.0
+    least_motion: float = 0.5
+    sigma_range: float = 0.03
+    sigma_position: float = 0.03
+    sigma_angle_deg: float = 0.1
+    sigmas: float = 3.0
+    least_cosine: float = 0.1
+    hit: float = 0.85
+    miss: float = -0.4
+    start: float = 0.4
+    lowest: float = -2.0
+    highest: float = 3.5
+    gone_at: float = -0.3
+    new_at: float = 1.7
+    least_looks: int = 2
+    least_time: float = 1.0
+    least_share: float = 0.7
+    least_voxels: int = 6
+
+    def __post_init__(self) -> None:
+        checks: list[tuple[str, tuple[str, ...], Callable[[float], bool]]] = [
+            ("a number above 0", POSITIVE, lambda value: value > 0.0),
+            ("a number >= 0", NOT_NEGATIVE, lambda value: value >= 0.0),
+            ("a number below 0", NEGATIVE, lambda value: value < 0.0),
+            ("up to 1", ("least_cosine", "least_share"), lambda value: value <= 1.0),
+            ("at least `lowest`", ("gone_at",), lambda value: self.lowest <= value),
+            ("at most `highest`", ("new_at",), lambda value: value <= self.highest),
+        ]
+        for expected, names, is_valid in checks:
+            for name in names:
+                value = getattr(self, name)
+                if not (math.isfinite(value) and is_valid(value)):
+                    raise OptionError(
+                        f"Expected `{name}` of an update to be {expected}, got {value}. Leave it out for the default."
+                    )
+        check_range(self.min_range, self.max_range)
+
+    def margins(
+        self, sigma_position: float | None, sigma_angle: float | None, sigma_map: float, distances: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """How far behind a surface rays must end to be a miss of it, m.
+
+        `sigma_position` (m), `sigma_angle` (rad): of the pose, those of the options if None; `sigma_map`: of the map's
+        surfaces, m; `distances` (n,): how far from the sensor the rays ended, m.
+        """
+        position = self.sigma_position if sigma_position is None else sigma_position
+        angle = math.radians(self.sigma_angle_deg) if sigma_angle is None else sigma_angle
+        variances = self.sigma_range**2 + position**2 + sigma_map**2 + (angle * distances) ** 2
+        return np.asarray(self.sigmas * np.sqrt(variances))
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,27 +124,16 @@ class Observation:
 
 @dataclass(frozen=True, slots=True)
 class LocalizedDrive:
-    """Scans with poses.
+    """Scans with poses."""
 
-    scans: read when they are asked for.
-    rows: number of the scan, and row of the table of poses, of each localized epoch.
-    n_epochs: how many scans there are.
-    name: name of the file that the poses were read from.
-    sha256: checksum of that file.
-    """
-
-    scans: Scans
-    rows: tuple[tuple[int, PoseRow], ...]
-    n_epochs: int
-    name: str
-    sha256: str
+    scans: Scans  # Read when they are asked for
+    rows: tuple[tuple[int, PoseRow], ...]  # Number of the scan, and row of the table of poses, of each localized epoch
+    name: str  # Name of the file that the poses were read from
+    sha256: str  # Checksum of that file
 
     @classmethod
     def open(cls, scans: Scans | str | os.PathLike[str], poses: str | os.PathLike[str]) -> "LocalizedDrive":
-        """Return the drive of scans, or of a folder or recording of them, and the table of poses made of them.
-
-        FileError if either cannot be read, or the table is of other scans, or no epoch in it is localized.
-        """
+        """Return the drive of scans, or of a folder or recording of them, and the table of poses made of them."""
         opened = scans if isinstance(scans, Scans) else open_scans(scans)
         table = Path(poses)
         rows = tuple(_with_scans(opened, read_rows(table), table))
@@ -74,14 +143,11 @@ class LocalizedDrive:
                 " the drive again, or leave it out."
             )
         name = table.name if table.suffix.lower() != PARQUET else f"{table.absolute().parent.name}/{table.name}"
-        return cls(opened, rows, len(opened), name, sha256_of_file(table))
+        return cls(opened, rows, name, sha256_of_file(table))
 
     @classmethod
     def of_reference(cls, scans: Scans, reference: str | os.PathLike[str]) -> "LocalizedDrive":
-        """Return the drive of scans with the poses of a reference trajectory at their times.
-
-        FileError or TrajectoryError if the trajectory cannot be read, or has no pose at the time of a scan.
-        """
+        """Return the drive of scans with the poses of a reference trajectory at their times."""
         trajectory = read_trajectory(reference)
         nearest = nearest_in_time(trajectory.times, scans.times)
         is_there = np.abs(trajectory.times[nearest] - scans.times) <= SAME_TIME
@@ -93,7 +159,7 @@ class LocalizedDrive:
             raise FileError(
                 f"Expected reference poses at the times of the scans in {reference}, got none. Correct its times."
             )
-        return cls(scans, rows, len(scans), Path(reference).name, sha256_of_file(Path(reference)))
+        return cls(scans, rows, Path(reference).name, sha256_of_file(Path(reference)))
 
 
 def observations_of(drives: Sequence[LocalizedDrive], frame: LocalFrame, options: UpdateOptions) -> list[Observation]:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Compiled loops of a map update: which voxels the rays of an observation hit and missed (see `reference`)."""
+"""Compiled loops of a map update: which voxels the rays of an observation hit and missed (see `evidence`)."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from maxcon.map.lookup_kernels import PATCH_BITS, find_in_patch, find_patch, is_
 
 @njit(nogil=True, cache=True)
 def _is_miss(origin, along, length, plane, voxel, cell, margin, least_cosine, reach):
-    """Whether a ray saw through the surface in a voxel: `reference.is_miss` for one of them."""
+    """Whether a ray saw through the surface in a voxel: `evidence.is_miss` for one of them."""
     nx, ny, nz, mx, my, mz = plane
     ox, oy, oz = origin
     ax, ay, az = along
@@ -135,7 +135,7 @@ def add_observation(
     """Add one observation to the evidence of the voxels: first hits, then misses.
 
     origin : (3,) float64, the sensor; ends : (n, 3) float64, local frame, m; scan : number of the
-    observation, rising from 0; margins : (n,) float64, m, of each ray, see `reference.is_miss`;
+    observation, rising from 0; margins : (n,) float64, m, of each ray, see `evidence.is_miss`;
     weights : (hit, miss, lowest, highest).
     rows, grid, corner : of a `VoxelLookup`; offsets : (n_tiles + 1,) int64, place of the first voxel of each of its
     rows in the following, all of them out: log_odds (m,) float32; n_hits, n_misses (m,) int32, observations;

@@ -1,11 +1,18 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Map update: a new version of a map, in which surfaces that drives found gone or new have a class of their own."""
+"""Map update: a new version of a map, in which surfaces that drives found gone or new have a class of their own.
+
+Each voxel is classified by its own evidence and by its neighbourhood: single voxels that are missed are noise at an
+edge. Then voxels that were not clearly hit and lie among those that are gone go with them: no ray crosses the underside
+of a car, but the car is gone.
+"""
 
 import os
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
+from functools import lru_cache
+from itertools import product
 from pathlib import Path
 from shutil import rmtree
 from typing import Any
@@ -22,12 +29,15 @@ from maxcon.map.layout import SurfaceClass
 from maxcon.map.manifest import CLASSES, GROUND, MAP_NAMES, TILES, Manifest, read_manifest
 from maxcon.map.storage import MapStorage, open_storage
 from maxcon.map.store import MapWriter, Section, classes_record, tile_record
-from maxcon.mapping.update.classification import classify
-from maxcon.mapping.update.evidence import CANDIDATE, Surfaces, gather_evidence
-from maxcon.mapping.update.observations import LocalizedDrive, Observation, observations_of
-from maxcon.mapping.update.options import UpdateOptions
+from maxcon.mapping.update.evidence import CANDIDATE, SurfaceFiles, Surfaces, SurfacesInReach, gather_evidence
+from maxcon.mapping.update.observations import LocalizedDrive, Observation, UpdateOptions, observations_of
 
 CACHE_BYTES = 2**29
+CACHED_TILES = 12  # those around the classified one: of the nine, three are read anew for each
+NEIGHBOURHOOD = 2  # voxels to either side along each axis: 30 cm at 6 cm
+CUBE = 4  # voxels, 24 cm at 6 cm: a voxel goes with those that are gone in its cube and the 26 around
+UNTOUCHED, HIT, MISSED, NEW = range(4)  # first classes of a voxel
+AROUND = (-1, 0, 1)
 
 
 def update_map(
@@ -43,34 +53,16 @@ def update_map(
 
     Memory is bounded by the tiles in reach of a few observations, not by the drives.
 
-    Parameters
-    ----------
-    parent : path
-        The map.
-    drives : sequence of LocalizedDrive
-        Scans that were localized in it, or in an earlier version of it.
-    out : path
-        Folder of the new version; it appears when all is done.
-    options : UpdateOptions, optional
-        What counts as evidence, and when a surface is gone or new; the defaults if None.
-    overwrite : bool
-        Whether a map that is at `out` is replaced; anything else there is an error, and so is the map itself.
-    progress : callable, optional
-        Called with (step, done, of how many).
+    - parent: the map.
+    - drives: scans that were localized in it, or in an earlier version of it.
+    - out: folder of the new version; it appears when all is done.
+    - options: what counts as evidence, and when a surface is gone or new; the defaults if None.
+    - overwrite: whether a map that is at `out` is replaced; anything else there is an error, and so is the map itself.
+    - progress: called with (step, done, of how many).
 
-    Returns
-    -------
-    Manifest
-        Of the new version. Under `updates` of its `build` it names its parent by checksum, and the drives.
-
-    Raises
-    ------
-    OptionError
-        If `out` is the map itself, or there is no drive, or one is named twice.
-    MapError
-        If the map cannot be read, or no drive comes near it.
-    FileError
-        If a scan cannot be read, or `out` cannot be written.
+    The manifest returned names the parent by checksum, and the drives, under `updates` of its `build`. OptionError,
+    MapError or FileError if `out` is the map itself, there is no drive, or one is named twice, or comes nowhere near
+    the map; or if the map or a scan cannot be read, or `out` cannot be written.
     """
     options, report = options or UpdateOptions(), progress or (lambda step, done, total: None)
     _check(parent, drives, out)
@@ -100,7 +92,9 @@ def update_map(
                 else:
                     copier.put_unchanged(key)
                 report("writing tiles", done, len(keys))
-            copier.put_ground()
+            ground = Section(files, manifest, GROUND)
+            for key in sorted(ground.keys):
+                writer.put(ground.record(key))
             rmtree(work)
             update = {
                 "program": f"maxcon {__version__}",
@@ -137,7 +131,6 @@ class _Copier:
 
     def __init__(self, files: MapStorage, manifest: Manifest, writer: MapWriter) -> None:
         self._tiles = Section(files, manifest, TILES)
-        self._ground = Section(files, manifest, GROUND)
         self._classes = Section(files, manifest, CLASSES)
         self._writer = writer
         changes = ("n_judged", "n_now_gone", "n_now_new", "n_back")
@@ -164,7 +157,7 @@ class _Copier:
         if classes[is_kept].any():
             self._writer.put(classes_record(tile))
         self._count(classes[is_kept])
-        is_seen = surfaces.evidence.n_hits + surfaces.evidence.n_misses > 0
+        is_seen = surfaces.evidence["n_hits"] + surfaces.evidence["n_misses"] > 0
         was_gone = before == SurfaceClass.GONE
         for name, is_changed in (
             ("n_judged", is_seen & (before != CANDIDATE)),
@@ -173,11 +166,6 @@ class _Copier:
             ("n_back", (classes == SurfaceClass.NEW) & was_gone),
         ):
             self.counts[name] += int(is_changed.sum())
-
-    def put_ground(self) -> None:
-        """Write the ground as it is."""
-        for key in sorted(self._ground.keys):
-            self._writer.put(self._ground.record(key))
 
     def _count(self, classes: NDArray[np.uint8]) -> None:
         for each in SurfaceClass:
@@ -191,7 +179,7 @@ def _describe(drives: Sequence[LocalizedDrive], observations: Sequence[Observati
         {
             "name": drive.name,
             "sha256": drive.sha256,
-            "n_epochs": drive.n_epochs,
+            "n_epochs": len(drive.scans),
             "n_localized": len(drive.rows),
             "n_looks": n_observations[number],
             "from_time": drive.rows[0][1].time,
@@ -199,3 +187,95 @@ def _describe(drives: Sequence[LocalizedDrive], observations: Sequence[Observati
         }
         for number, drive in enumerate(drives)
     ]
+
+
+# --- classification --------------------------------------------------------------------------------------------
+
+
+def classify(
+    files: SurfaceFiles, observations: Sequence[Observation], options: UpdateOptions
+) -> Iterator[tuple[Surfaces, NDArray[np.uint8]]]:
+    """Yield each tile with the class of each voxel, `CANDIDATE` for a candidate that is not new."""
+    keys = sorted(files.n_voxels)
+    times, drives = (np.array([getattr(each, name) for each in observations]) for name in ("time", "drive"))
+
+    def around(key: TileKey) -> list[TileKey]:
+        """Keys of a tile and of those around it that there are."""
+        near = [(key[0] + dx, key[1] + dy) for dx, dy in product(AROUND, AROUND) if (dx, dy) != (0, 0)]
+        return [key, *(each for each in near if each in files.n_voxels)]
+
+    load = lru_cache(CACHED_TILES)(files.load)
+    for key in keys:
+        first = _first_classes([load(each) for each in around(key)], times, drives, options)
+        files.arrays.put(key, "classes", classes=first)
+    load_classes = lru_cache(CACHED_TILES)(lambda key: files.arrays.get(key, "classes")["classes"])
+    for key in keys:
+        within = [load(each) for each in around(key)]
+        yield within[0], _final_classes(within, [load_classes(each) for each in around(key)], options)
+
+
+def _first_classes(
+    around: Sequence[Surfaces], times: NDArray[np.float64], drives: NDArray[np.int64], options: UpdateOptions
+) -> NDArray[np.uint8]:
+    """Class each voxel of the first tile, from its own evidence and that of its neighbourhood."""
+    from maxcon.mapping.update.ray_kernels import sum_around
+
+    within = SurfacesInReach(around)
+    log_odds, n_hits, n_misses = (within.evidence[name] for name in ("log_odds", "n_hits", "n_misses"))
+    classes = np.concatenate([each.classes for each in around])
+    is_candidate = (classes == CANDIDATE) | (classes == SurfaceClass.GONE)
+    is_missed = ~is_candidate & (log_odds <= options.gone_at) & (n_misses >= options.least_looks)
+    is_new = is_candidate & (log_odds >= options.new_at) & (n_hits >= options.least_looks)
+    first, last = within.evidence["hit_in"].T
+    is_lasting = (np.abs(times[last] - times[first]) >= options.least_time) | (drives[last] != drives[first])
+    is_new &= (first >= 0) & is_lasting
+    is_hit = ~is_candidate & (log_odds > options.start)  # more often than it was missed
+    own = slice(0, len(around[0].tile))
+    found = np.where(is_hit, HIT, UNTOUCHED).astype(np.uint8)[own]
+    rows = np.flatnonzero((is_missed | is_new)[own])
+    of_map = np.where(is_candidate, 0, 1)
+    values = np.column_stack([is_missed, is_new, of_map * n_misses, of_map * n_hits])
+    sums, voxels = np.zeros((len(rows), 4)), np.ascontiguousarray(around[0].tile.voxels[rows])
+    sum_around(voxels, NEIGHBOURHOOD, *within.table, values.astype(np.float32), sums)
+    n_missed, n_new, misses, hits = sums.T
+    ratio = misses / np.maximum(misses + hits, 1.0)
+    is_gone = is_missed[rows] & (n_missed >= options.least_voxels) & (ratio >= options.least_share)
+    found[rows[is_gone]] = MISSED
+    found[rows[is_new[rows] & (n_new >= options.least_voxels)]] = NEW
+    return found
+
+
+def _final_classes(
+    around: Sequence[Surfaces], found: Sequence[NDArray[np.uint8]], options: UpdateOptions
+) -> NDArray[np.uint8]:
+    """Classes of the voxels of the first tile; untouched ones go with those that are gone around them."""
+    own, classes = found[0], around[0].classes.copy()
+    rows = np.flatnonzero((own == UNTOUCHED) & (classes != CANDIDATE) & (classes != SurfaceClass.GONE))
+    voxels = around[0].tile.voxels[rows]
+    n_gone, n_hit = (_n_in_cubes(around, found, which, voxels) for which in (MISSED, HIT))
+    is_gone = own == MISSED
+    is_gone[rows[(n_gone >= options.least_voxels) & (n_gone >= n_hit)]] = True
+    classes[is_gone] = SurfaceClass.GONE
+    classes[own == NEW] = SurfaceClass.NEW
+    return classes
+
+
+def _n_in_cubes(
+    around: Sequence[Surfaces], found: Sequence[NDArray[np.uint8]], which: int, voxels: NDArray[np.int32]
+) -> NDArray[np.int64]:
+    """How many voxels of one first class lie in the cube of each of some voxels and in the 26 around it."""
+    chosen = np.concatenate([each.tile.voxels[one == which] for each, one in zip(around, found, strict=True)])
+    cubes, counts = np.unique(_numbers(chosen // CUBE), return_counts=True)
+    own, cube_of_voxel = np.unique(voxels // CUBE, axis=0, return_inverse=True)
+    total = np.zeros(len(own), np.int64)
+    for step in product(AROUND, repeat=3) if len(cubes) else ():
+        wanted = _numbers(own + np.array(step, np.int32))
+        place = np.minimum(np.searchsorted(cubes, wanted), len(cubes) - 1)
+        total += np.where(cubes[place] == wanted, counts[place], 0)
+    return total[cube_of_voxel.reshape(-1)]
+
+
+def _numbers(cubes: NDArray[np.integer]) -> NDArray[np.int64]:
+    """One number for each cube."""
+    x, y, z = cubes.astype(np.int64).T
+    return np.asarray(((x & 0x1FFFFF) << 42) | ((y & 0x1FFFFF) << 21) | (z & 0x1FFFFF))
