@@ -33,7 +33,7 @@ from maxcon.lab.evaluation import pose_error
 from maxcon.refine import fit_ground_plane
 from maxcon.relocalization import Relocalizer, kernels
 from maxcon.relocalization.coarse_filter import HEADINGS, PARTS, STEP_DEG, CoarseScan, filter_cells
-from maxcon.relocalization.coarse_map import REGION
+from maxcon.relocalization.kernels import REGION
 from maxcon.relocalization.relocalizer import COARSE
 
 WITHIN, WITHIN_DEG = 0.3, 1.0

@@ -21,7 +21,7 @@ from maxcon.lab.dataset import Dataset
 from maxcon.refine import fit_ground_plane
 from maxcon.relocalization import Relocalizer
 from maxcon.relocalization.coarse_filter import CoarseScan, filter_cells
-from maxcon.relocalization.coarse_map import REGION
+from maxcon.relocalization.kernels import REGION
 from maxcon.relocalization.relocalizer import COARSE, COARSE_RATIO
 
 COLOURS = {"localized": "#1b7f3b", "ambiguous": "#d98a00"}

@@ -13,7 +13,8 @@ from towns import HEIGHT, Town
 from maxcon import PointMap, Pose, Scan
 from maxcon.relocalization import coarse_filter
 from maxcon.relocalization.coarse_filter import HEADINGS, CoarseScan, count_all, counts_of_region, filter_cells
-from maxcon.relocalization.coarse_map import REGION, Area, CoarseTiles, Regions
+from maxcon.relocalization.coarse_map import Area, CoarseTiles, Regions
+from maxcon.relocalization.kernels import REGION
 from maxcon.relocalization.relocalizer import COARSE
 
 FEW = HEADINGS[::15]

@@ -9,6 +9,7 @@ import os
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, SupportsIndex
 
@@ -47,18 +48,11 @@ class PointMap:
 
     A pickle of one that was opened holds its path, not its voxels: it is opened again where it is read.
 
-    Attributes
-    ----------
-    frame : LocalFrame
-        Where the local frame lies in global coordinates.
-    cell : float
-        Voxel edge, m: the cell edge of any search in this map.
-    is_signed : bool
-        Whether normals are turned to the sensor's side. If not, w = abs(n_scan . n_map) (D5).
-    sigma : float
-        How well the map is known: standard deviation of its position along any axis, m.
-    tile_voxels : int
-        Voxels along an edge of a tile.
+    - frame: where the local frame lies in global coordinates.
+    - cell: voxel edge, m: the cell edge of any search in this map.
+    - is_signed: whether normals are turned to the sensor's side. If not, w = abs(n_scan . n_map) (D5).
+    - sigma: how well the map is known: standard deviation of its position along any axis, m.
+    - tile_voxels: voxels along an edge of a tile.
     """
 
     def __init__(
@@ -103,20 +97,12 @@ class PointMap:
     ) -> PointMap:
         """Rasterize points with normals into a map in memory.
 
-        Parameters
-        ----------
-        points, normals : array_like, shape (m, 3)
-            Local frame, m; unit normals, a row of zeros where there is none.
-        cell : float
-            Voxel edge, m.
-        frame : LocalFrame, optional
-            Where the local frame lies; at the global origin, without a CRS, if not given.
-        is_signed : bool
-            Whether the normals are turned to the sensor's side.
-        sigma : float
-            How well the points are known: standard deviation of their common position along any axis, m.
-        ground : array_like, shape (k, 3), optional
-            Points on the ground, local frame, m: their heights are kept in a grid beside the voxels.
+        - points, normals: shape (m, 3); local frame, m; unit normals, a row of zeros where there is none.
+        - cell: voxel edge, m.
+        - frame: where the local frame lies; at the global origin, without a CRS, if not given.
+        - is_signed: whether the normals are turned to the sensor's side.
+        - sigma: how well the points are known: standard deviation of their common position along any axis, m.
+        - ground: shape (k, 3); points on the ground, local frame, m, whose heights are kept beside the voxels.
 
         An ArrayError if a shape is wrong, a value not finite or a normal no unit vector, `cell` <= 0 or `sigma` < 0.
         """
@@ -139,15 +125,11 @@ class PointMap:
     ) -> PointMap:
         """Open a map on disk; tiles are loaded when a search comes near them.
 
-        Parameters
-        ----------
-        path : path or str
-            The folder `maxcon map build` made; or the address it was copied to: `s3://bucket/prefix`, `http://`,
-            `https://`.
-        cache_bytes : int
-            Size of the LRU cache of tiles.
-        left_out : collection of SurfaceClass, optional
-            What of an updated map is left out: by default what is gone. Nothing if None, and tiles have classes then.
+        - path: the folder `maxcon map build` made, or the address it was copied to: `s3://bucket/prefix`, `http://`,
+          `https://`.
+        - cache_bytes: size of the LRU cache of tiles.
+        - left_out: what of an updated map is left out: by default what is gone. Nothing if None, and tiles have classes
+          then.
 
         A MapError if it is not a map, is of another format version, or its manifest is broken.
         """
@@ -205,8 +187,7 @@ class PointMap:
     @property
     def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """(x, y) of the lower and of the upper corner of all tiles, local frame, m."""
-        edge = self.tile_voxels * self.cell
-        keys = np.array(sorted(self._tiles.keys)).reshape(-1, 2)
+        edge, keys = self.tile_voxels * self.cell, self._sorted_keys
         if not len(keys):
             return (0.0, 0.0), (0.0, 0.0)
         (x_low, y_low), (x_high, y_high) = keys.min(axis=0) * edge, (keys.max(axis=0) + 1) * edge
@@ -248,17 +229,21 @@ class PointMap:
     def tiles_around(self, positions: NDArray[np.float64], margin: float) -> list[VoxelTile]:
         """Tiles within `margin` (m), along x and y, of any of the positions, shape (n, 2), local frame, ordered by key.
 
-        The margin is at most half the edge of a tile.
+        The margin is at most half the edge of a tile: then a corner of the square around a position lies in each.
         """
-        from maxcon.map import tile_kernels
-
         if not (len(positions) and len(self._sorted_keys)):
             return []
-        corner, end = self._sorted_keys.min(axis=0) - 1, self._sorted_keys.max(axis=0) + 1
-        is_met = np.zeros((end - corner + 1)[::-1], bool)  # with a border for what lies outside
-        tile_kernels.mark_tiles(positions, margin, self.tile_voxels * self.cell, corner, is_met)
-        x, y = (self._sorted_keys - corner).T
-        return self._load([(kx, ky) for kx, ky in self._sorted_keys[is_met[y, x]].tolist()])
+        edge = self.tile_voxels * self.cell
+        corner, last = self._sorted_keys.min(axis=0) - 1, self._sorted_keys.max(axis=0) + 1
+        is_met = np.zeros(last - corner + 1, bool)  # with a border for what lies outside
+        low, high = (
+            np.clip(np.floor((positions + side) / edge) - corner, 0, last - corner).astype(np.int64)
+            for side in (-margin, margin)
+        )
+        for x, y in product((low[:, 0], high[:, 0]), (low[:, 1], high[:, 1])):
+            is_met[x, y] = True
+        is_met_key = is_met[tuple((self._sorted_keys - corner).T)]
+        return self._load([(x, y) for x, y in self._sorted_keys[is_met_key].tolist()])
 
     def all_voxels(self) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]]:
         """Indices (m, 3), counts (m,) and normals (m, 3) of every voxel: for small maps and tests."""

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the maxcon authors
 # SPDX-License-Identifier: MIT
-"""Compiled: index and occupancy of a tile, its voxels merged to larger ones, and tiles around places.
+"""Compiled: index and occupancy of a tile, and its voxels merged to larger ones.
 
 Arrays in, arrays out. Voxels come in the order (z, patch y, patch x, y, x); a layer of a tile has n_patches x n_patches
 patches of PATCH_VOXELS x PATCH_VOXELS columns.
@@ -197,20 +197,3 @@ def merge(columns, layers, counts, normals, means, edge, factor, is_signed):
         to_columns[last].copy(), to_layers[last].copy(), to_counts[last].copy(), to_normals[last].copy(),
         to_means[last].copy(),
     )  # fmt: skip
-
-
-@njit(nogil=True, cache=True)
-def mark_tiles(positions, margin, edge, corner, is_met):
-    """Mark the tiles that hold a corner of a square around any of the positions.
-
-    positions : (n, 2) float64, m; margin : half the edge of a square, m; edge : of a tile, m; corner :
-    (2,) int64, key of the first tile; is_met : (ny, nx) bool, out, where tiles farther out are those at the boundary.
-    """
-    last_x, last_y = np.float64(is_met.shape[1] - 1), np.float64(is_met.shape[0] - 1)
-    for i in range(positions.shape[0]):
-        in_x, in_y = positions[i, 0], positions[i, 1]
-        x_low = np.int64(min(max(np.floor((in_x - margin) / edge) - corner[0], 0.0), last_x))
-        x_high = np.int64(min(max(np.floor((in_x + margin) / edge) - corner[0], 0.0), last_x))
-        y_low = np.int64(min(max(np.floor((in_y - margin) / edge) - corner[1], 0.0), last_y))
-        y_high = np.int64(min(max(np.floor((in_y + margin) / edge) - corner[1], 0.0), last_y))
-        is_met[y_low, x_low] = is_met[y_low, x_high] = is_met[y_high, x_low] = is_met[y_high, x_high] = True

@@ -61,27 +61,15 @@ def plot_epoch(
 ) -> None:
     """Draw the search space of an epoch, heading by heading, and the scan in the map from above.
 
-    Parameters
-    ----------
-    path : path
-        A .png or .svg to write.
-    accumulator : Accumulator
-        The moments of every cell, and the prior.
-    objective : Objective or {"helmert", "count", "max-eigenvalue"}
-        Scores the cells, for their colours.
-    estimate : Estimate
-        The answer that was found from them.
-    scan : Scan
-        Sensor frame.
-    point_map : PointMap
-        The map that was searched.
-    title : str
-        Written above all.
-    reference : Pose, optional
-        The pose held for true, local frame; marked, and the distance to it is stated.
+    - path: a .png or .svg to write.
+    - accumulator: the moments of every cell, and the prior.
+    - objective: scores the cells, for their colours: one of yours, "helmert", "count" or "max-eigenvalue".
+    - estimate: the answer that was found from them.
+    - scan: sensor frame.
+    - point_map: the map that was searched.
+    - title: written above all.
+    - reference: the pose held for true, local frame; marked, and the distance to it is stated.
 
-    Notes
-    -----
     At most 9 headings are drawn: the best, and others in even steps. The scene ends 45 m from the prior.
     """
     view = SearchSpaceView(accumulator, as_objective(objective))
@@ -108,11 +96,8 @@ def _draw_panels(figure: Figure, view: SearchSpaceView, reference: Pose | None) 
         axes = add_axes(figure, left, bottom, side, side)
         image = draw_heading(axes, view, heading, norm, reference if heading == marked else None)
         is_best = view.has_best_at(heading)
-        axes.set_title(
-            turn_words(view.space, heading) + (" (best)" if is_best else ""),
-            fontweight="bold" if is_best else "normal",
-            pad=5,
-        )
+        words = turn_words(view.space, heading) + (" (best)" if is_best else "")
+        axes.set_title(words, fontweight="bold" if is_best else "normal", pad=5)
         draw_frame(axes, is_best=is_best)
         is_first = first_of_row.setdefault(bottom, left) == left
         axes.tick_params(labelleft=is_first, labelbottom=bottom == BOTTOM)

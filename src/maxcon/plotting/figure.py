@@ -64,16 +64,10 @@ def check_matplotlib() -> None:
 def saved_figure(
     path: str | os.PathLike[str], width: float, height: float, title: str, lines: str
 ) -> Iterator["Figure"]:
-    """Yield a figure with a title to draw on; it is written to `path` when the block ends well.
+    """Yield a figure of some inches to draw on, with a title; it is written to `path` when the block ends well.
 
-    Parameters
-    ----------
-    path : path
-        Ends in .png or .svg.
-    width, height : float
-        Inches; a PNG has 120 pixels to the inch.
-    title, lines : str
-        Written at the top left; a $ in them begins no formula.
+    path: ends in .png, of 120 pixels to the inch, or .svg.
+    title, lines: written at the top left; a $ in them begins no formula.
     """
     kind = Path(path).suffix.lower().removeprefix(".")
     if kind not in _METADATA:
@@ -141,15 +135,14 @@ def as_epoch_values(
 ) -> NDArray[np.float64]:
     """Return values from `low` to `high` or NaN, as float64 of shape (n,): n = `n_epochs`, or any n > 0 if None."""
     array = np.asarray(values, dtype=np.float64)
-    if array.ndim != 1 or (len(array) == 0 if n_epochs is None else len(array) != n_epochs):
-        shape = "(n,), n > 0" if n_epochs is None else f"({n_epochs},)"
+    shape = "(n,), n > 0" if n_epochs is None else f"({n_epochs},)"
+    if array.ndim != 1 or len(array) != (n_epochs if n_epochs is not None else max(len(array), 1)):
         raise ArrayError(f"Expected {name} to have shape {shape}, got {array.shape}. Give one value per epoch.")
     is_wrong = (array < low) | (array > high) | np.isinf(array)
     if is_wrong.any():
         limits = f"{low:g} or more" if np.isinf(high) else f"from {low:g} to {high:g}"
-        raise ArrayError(
-            f"Expected {name} to be {limits}, got {array[is_wrong][0]:g}. Use NaN where it is not defined."
-        )
+        found = f"{array[is_wrong][0]:g}. Use NaN where it is not defined."
+        raise ArrayError(f"Expected {name} to be {limits}, got {found}")
     return array
 
 
@@ -162,49 +155,41 @@ def as_methods_values(
 ) -> dict[str, NDArray[np.float64]]:
     """Return values of 0 or more, or NaN, of 1 to `largest` methods by their names, each of shape (n,)."""
     check_count(len(by_method), largest, "methods")
-    return {
-        name: as_epoch_values(values, f"the {what} of {name!r}", 0.0, n_epochs=n_epochs)
-        for name, values in by_method.items()
-    }
+    named = ((name, f"the {what} of {name!r}", values) for name, values in by_method.items())
+    return {name: as_epoch_values(values, words, 0.0, n_epochs=n_epochs) for name, words, values in named}
 
 
 def common_length(by_method: Mapping[str, Any], missing: str) -> int:
     """Return the number of epochs, or raise an ArrayError if methods have different numbers of them."""
     n_epochs = {len(values) for values in by_method.values()}
     if len(n_epochs) > 1:
-        raise ArrayError(
-            f"Expected the same epochs of every method, got {sorted(n_epochs)} of them."
-            f" Use NaN where a method has no {missing}."
-        )
+        found = f"{sorted(n_epochs)} of them. Use NaN where a method has no {missing}."
+        raise ArrayError(f"Expected the same epochs of every method, got {found}")
     return n_epochs.pop()
 
 
 class LegendShape(NamedTuple):
-    """Rows and columns of a legend below a figure: as few rows as the labels fit into."""
+    """Rows, columns and height (inches) of a legend below a figure: as few rows as the labels fit into."""
 
     n_rows: int
     n_columns: int
+    height: float
 
     @classmethod
     def of(cls, labels: Sequence[str], width: float) -> "LegendShape":
         """Return the shape for labels in `width` inches."""
         widest = 0.85 + 0.078 * max(map(len, labels))
-        n_columns = max(1, min(len(labels), 4, int(width / widest)))
-        n_rows = math.ceil(len(labels) / n_columns)
-        return cls(n_rows, math.ceil(len(labels) / n_rows))
-
-    @property
-    def height(self) -> float:
-        """Height of the legend, inches."""
-        return 0.1 + 0.22 * self.n_rows
+        n_rows = math.ceil(len(labels) / max(1, min(len(labels), 4, int(width / widest))))
+        return cls(n_rows, math.ceil(len(labels) / n_rows), 0.1 + 0.22 * n_rows)
 
 
 def draw_legend(figure: "Figure", handles: Sequence[Any], labels: Sequence[str], handle_length: float = 3.4) -> None:
     """Write a legend at the lower left of a figure, in the shape that fits; a $ in labels begins no formula."""
     width = figure.get_size_inches()[0]
+    n_columns, place = LegendShape.of(labels, width).n_columns, (0.2 / width, 0.0)
     legend = figure.legend(
-        handles, labels, loc="lower left", bbox_to_anchor=(0.2 / width, 0.0),
-        ncols=LegendShape.of(labels, width).n_columns, handlelength=handle_length, labelspacing=0.35,
+        handles, labels, loc="lower left", bbox_to_anchor=place, ncols=n_columns, handlelength=handle_length,
+        labelspacing=0.35,
     )  # fmt: skip
     for text in legend.get_texts():
         text.set_parse_math(False)
@@ -236,17 +221,15 @@ def method_chart(
 def draw_number_ticks(axis: Any, low: float, high: float, least: float = 0.0) -> None:
     """Write 1, 2 and 5 times the powers of ten on a logarithmic axis; fewer over more than 3 decades.
 
-    axis : x or y axis, or the long axis of a colour bar; low, high : its limits; least : lower values are drawn at this
-    one, so its tick has a "≤".
+    axis: x or y axis, or the long axis of a colour bar, with the limits `low` and `high`.
+    least: lower values are drawn at this one, so its tick has a "≤".
     """
-    from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
+    from matplotlib.ticker import NullFormatter
 
     digits = (1.0, 2.0, 5.0) if high <= 1.001e3 * low else (1.0,)
     powers = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1.0)
     ticks = np.outer(powers, digits).ravel()
     is_shown = (ticks >= low * (1.0 - 1e-9)) & (ticks <= high * (1.0 + 1e-9))
-    axis.set_major_locator(FixedLocator(list(ticks[is_shown])))
-    axis.set_major_formatter(
-        FuncFormatter(lambda value, _: f"{'≤ ' if value <= least * (1.0 + 1e-9) else ''}{value:g}")
-    )
+    axis.set_ticks(list(ticks[is_shown]))
+    axis.set_major_formatter(lambda value, _: f"{'≤ ' if value <= least * (1.0 + 1e-9) else ''}{value:g}")
     axis.set_minor_formatter(NullFormatter())

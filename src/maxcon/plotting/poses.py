@@ -37,24 +37,17 @@ def plot_poses(
 ) -> None:
     """Draw poses on the map from above, with their headings.
 
-    Parameters
-    ----------
-    path : path
-        A .png or .svg to write.
-    poses : Trajectory
-        T_map_sensor, global coordinates in the CRS of the map, as `read_trajectory` reads them from POSES.csv.
-    point_map : PointMap
-        Drawn below, in grey.
-    prior : Trajectory, optional
-        Rough poses, likewise; drawn as a line.
-    title : str
-        Written above.
+    - path: a .png or .svg to write.
+    - poses: T_map_sensor, global coordinates in the CRS of the map, as `read_trajectory` reads them from POSES.csv.
+    - point_map: drawn below, in grey.
+    - prior: rough poses, likewise; drawn as a line.
+    - title: written above.
     """
     places = point_map.frame.to_local(poses.positions)
     window = Window.with_room(places)
     east, north, _ = point_map.frame.origin
     words = f"{len(poses)} poses. Local frame: {east:.0f} m east and {north:.0f} m north are (0, 0)."
-    with _map_axes(path, window, point_map, title, words, right=1.2, below=0.95) as (_, axes):
+    with _map_axes(path, window, point_map, (title, words), right=1.2, below=0.95) as (_, axes):
         if prior is not None:
             rough = point_map.frame.to_local(prior.positions)
             axes.plot(*rough[:, :2].T, color=SERIES[1], lw=1.4, zorder=3, label="prior")
@@ -78,26 +71,19 @@ def plot_drive(
 ) -> None:
     """Draw the drive from above, each epoch in the colour of its error.
 
-    Parameters
-    ----------
-    path : path
-        A .png or .svg to write.
-    positions : array_like, shape (n, 2) or (n, 3)
-        Reference positions, local frame, m.
-    errors : array_like, shape (n,)
-        Distance of each estimate to the reference, m; NaN where it did not localize.
-    point_map : PointMap, optional
-        Drawn below, in grey.
-    title : str
-        Written above.
-    success : float
-        Errors above it are drawn as failures, m.
+    - path: a .png or .svg to write.
+    - positions: shape (n, 2) or (n, 3); reference positions, local frame, m.
+    - errors: shape (n,); distance of each estimate to the reference, m; NaN where it did not localize.
+    - point_map: drawn below, in grey.
+    - title: written above.
+    - success: errors above it are drawn as failures, m.
     """
     places = as_places(positions)
     values = as_epoch_values(errors, "`errors`", 0.0, n_epochs=len(places))
     is_good, is_missing = values <= success, np.isnan(values)
     words = f"{int(is_good.sum())} of {len(values)} epochs within {success:g} m of the reference."
-    with _map_axes(path, Window.with_room(places), point_map, title, words, right=2.0, below=1.2) as (figure, axes):
+    window = Window.with_room(places)
+    with _map_axes(path, window, point_map, (title, words), right=2.0, below=1.2) as (figure, axes):
         axes.plot(*places.T, color=MUTED, lw=1.0, zorder=3)
         colors = axes.scatter(
             places[is_good, 0], places[is_good, 1], c=values[is_good], cmap="viridis", vmin=0.0, vmax=success, s=42,
@@ -118,8 +104,7 @@ def _map_axes(
     path: str | os.PathLike[str],
     window: Window,
     point_map: PointMap | None,
-    title: str,
-    words: str,
+    titles: tuple[str, str],
     *,
     right: float,
     below: float,
@@ -128,7 +113,7 @@ def _map_axes(
     scale = SIDE / max(window.size)
     drawn_width, drawn_height = window.size[0] * scale, window.size[1] * scale
     width, height = max(drawn_width + right, 5.6), drawn_height + below + 1.15
-    with saved_figure(path, width, height, title, words) as figure:
+    with saved_figure(path, width, height, *titles) as figure:
         axes = add_axes(figure, LEFT, below, drawn_width, drawn_height)
         draw_map(axes, point_map, window)
         yield figure, axes

@@ -115,14 +115,9 @@ def draw_scores(axes: "Axes", scores: Scores, ground: Window, norm: "Normalize",
     """Draw the scores of a heading, shape (ny, nx), over the ground they cover; keep the axes' limits."""
     limits = axes.get_xlim(), axes.get_ylim()
     image = axes.imshow(
-        np.ma.masked_invalid(scores),
-        origin="lower",
-        extent=ground,
-        norm=norm,
-        cmap=COLORS,
-        interpolation="nearest",
+        np.ma.masked_invalid(scores), origin="lower", extent=ground, norm=norm, cmap=COLORS, interpolation="nearest",
         zorder=zorder,
-    )
+    )  # fmt: skip
     axes.set(xlim=limits[0], ylim=limits[1])
     return image
 
@@ -173,13 +168,8 @@ def draw_color_bar(figure: "Figure", image: "AxesImage", axes: "Axes", orientati
     """Draw the colour scale of an image into axes of its own."""
     from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-    figure.colorbar(
-        image,
-        cax=axes,
-        orientation=orientation,
-        ticks=MaxNLocator(5),
-        format=FuncFormatter(lambda value, _: f"{value:,.6g}".replace("-", "−")),
-    )
+    words = FuncFormatter(lambda value, _: f"{value:,.6g}".replace("-", "−"))
+    figure.colorbar(image, cax=axes, orientation=orientation, ticks=MaxNLocator(5), format=words)
 
 
 def turn_words(space: SearchSpace, heading: int) -> str:

@@ -14,18 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.geometry import Pose, wrap_angle
-from maxcon.relocalization.coarse_map import (
-    ANY_BIN,
-    BIN_WIDTH,
-    BLOCK,
-    HIGHEST,
-    N_BINS,
-    N_BLOCKS,
-    REACH,
-    REGION,
-    Region,
-    Regions,
-)
+from maxcon.relocalization import kernels
+from maxcon.relocalization.coarse_map import ANY_BIN, BIN_WIDTH, HIGHEST, N_BINS, REACH, Region, Regions
+from maxcon.relocalization.kernels import BLOCK, N_BLOCKS, REGION
 from maxcon.scan import Scan
 from maxcon.search.accumulator import upright
 
@@ -253,8 +244,6 @@ class _Filter:
 
     def blocks(self, region: Region) -> tuple[Nodes, Counts]:
         """Blocks that may hold cells to be kept, the highest bound first, and their bounds."""
-        from maxcon.relocalization import kernels
-
         bounds = np.zeros((len(HEADINGS), N_BLOCKS, N_BLOCKS), np.uint16)
         least, turned, rows = math.ceil(self.least), self.turned, region.rows
 
@@ -306,8 +295,6 @@ class _Filter:
 
 def _count_parts(grid: NDArray[np.uint8], turned: TurnedScan, nodes: Nodes, step: int, margin: int) -> Counts:
     """Count the matches of the four parts of squares of a region, one after the other, shape (4 m,)."""
-    from maxcon.relocalization import kernels
-
     counts = np.empty((len(nodes), 4), np.uint16)
     kernels.count_children(grid, turned.layers, turned.columns, turned.bins, nodes, step, margin, counts)
     return counts.reshape(-1).astype(np.int64)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from maxcon.errors import MapError
 from maxcon.map import PointMap, TileKey
 from maxcon.map.tile import TileCache
+from maxcon.relocalization.kernels import BLOCK, N_BLOCKS, REGION
 from maxcon.search.coarse_to_fine import Level
 
 if TYPE_CHECKING:
@@ -36,14 +37,8 @@ ANY_BIN = N_BINS
 # A voxel is in every bin whose middle is within 60 degrees of its normal, flattened.
 LEAST_COSINE = 0.5
 
-REGION = 256
-"""Cells along an edge of a region."""
 REACH = 84.0
 """Farthest points of a scan that take part, m, horizontally."""
-BLOCK = 4
-"""Cells along an edge of the blocks that are bounded first."""
-N_BLOCKS = REGION // BLOCK
-"""Blocks in a row of a region: as many as a word has bits."""
 # Cells up to so many beyond a region can be counted with its voxels, too, as `recount` does.
 BORDER = 3
 # Tiles and regions are kept up to these sizes in all; the ones used longest ago go first.

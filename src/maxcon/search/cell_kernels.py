@@ -22,7 +22,7 @@ of the tile, word, bit, see BIT_BITS; a voxel of a tile is row of the tile, numb
 import numpy as np
 
 from maxcon._system.kernel_cache import njit
-from maxcon.map import PATCH_VOXELS
+from maxcon.map.layout import PATCH_VOXELS
 from maxcon.map.lookup_kernels import float32_at, int32_at, n_bits, uint64_at
 from maxcon.search.accumulator import CONTRIBUTION_STEP, ROUNDER
 from maxcon.search.group_kernels import turn_normals, turn_to_columns

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from maxcon._system.kernel_cache import njit
-from maxcon.map import PATCH_VOXELS
+from maxcon.map.layout import PATCH_VOXELS
 
 # A group visits the map at all headings between which its box grows by no more than 25 voxels from first to last; that
 # of a turned square of 16 is 23 wide. Sums have so many cells more on each side, for votes beside the window.
