@@ -14,7 +14,8 @@ from drives import DOCS
 from latency import MAXCON, STAGES
 from latency_table import read_series
 
-from maxcon.plotting.figure import INK, MUTED, SERIES, add_axes, draw_grid, draw_number_ticks, saved_figure
+from maxcon.lab.charts import draw_grid, draw_number_ticks
+from maxcon.plotting.figure import INK, MUTED, SERIES, add_axes, saved_figure
 
 # Inches: the picture is read on phones, so it is narrow and its letters are large.
 WIDTH, LEFT, RIGHT, TOP, BOTTOM, ROW, PANEL_TITLE = 6.4, 2.4, 1.4, 1.13, 0.45, 0.26, 0.66

@@ -24,12 +24,16 @@ def test_an_objective_may_be_named(tmp_path):
         draw(tmp_path / "c.png", parts(), objective="highest")
 
 
-def test_nothing_matched_is_drawn_at_the_prior(tmp_path):
+def test_what_matched_is_the_consensus_set_and_without_any_the_scan_is_drawn_at_the_prior(tmp_path):
     lost = yard()._replace(prior=maxcon.Pose(0.0, 0.0, 500.0, 0.0, 0.0, 0.0))
     given = lost.conclude()
     assert given["estimate"].status is maxcon.Status.NO_MATCH
     draw(tmp_path / "lost.png", given)
     assert not Scene(lost.scan, lost.point_map, lost.prior, SPACE, given["estimate"]).has_answer
+    estimate = parts()["estimate"]
+    scene = Scene(yard().scan, yard().point_map, yard().prior, SPACE, estimate)
+    assert scene.is_matched.sum() == parts()["accumulator"].moments[estimate.cell][0] > 900
+    assert scene.is_drawn.all()
 
 
 def test_map_and_scan_may_be_empty(tmp_path):
@@ -72,7 +76,7 @@ def test_points_on_level_ground_are_not_drawn():
     assert is_drawn[300:].all()
 
 
-@pytest.mark.parametrize("n_panels", range(1, 10))
+@pytest.mark.parametrize("n_panels", [1, 5, 9])
 def test_panels_do_not_overlap_and_stay_inside(n_panels):
     places = panel_places(n_panels)
     assert len(places) == n_panels
@@ -81,10 +85,3 @@ def test_panels_do_not_overlap_and_stay_inside(n_panels):
         assert bottom >= 1.25 - 1e-9 and bottom + side <= 1.25 + 6.5 + 1e-9
         for other_left, other_bottom, _ in places[:number]:
             assert abs(left - other_left) > side or abs(bottom - other_bottom) > side
-
-
-def test_consensus_set_is_what_the_best_cell_counted():
-    estimate = parts()["estimate"]
-    scene = Scene(yard().scan, yard().point_map, yard().prior, SPACE, estimate)
-    assert scene.is_matched.sum() == parts()["accumulator"].moments[estimate.cell][0] > 900
-    assert scene.is_drawn.all()

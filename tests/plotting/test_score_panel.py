@@ -11,9 +11,7 @@ from maxcon.plotting.score_panel import (
     chosen_headings,
     draw_scores,
     ground_of,
-    offset_words,
     put_mark,
-    scale_words,
     score_words,
     title_of,
     unit_of,
@@ -43,19 +41,9 @@ def test_scores_lie_on_their_ground_and_the_axes_keep_their_limits(axes):
     assert image.get_extent() == [3.5, 5.5, -0.5, 1.5]
     assert image.origin == "lower"
     np.testing.assert_array_equal(image.get_array().mask, [[False, False], [True, False]])
-    assert axes.get_xlim() == (-7.0, 9.0) and axes.get_ylim() == (-3.0, 4.0)
-
-
-def test_marks_are_put_where_they_belong(axes):
     put_mark(axes, cell_marks()[0], 1.5, -0.5)
+    assert axes.get_xlim() == (-7.0, 9.0) and axes.get_ylim() == (-3.0, 4.0)
     assert axes.lines[0].get_xydata().tolist() == [[1.5, -0.5]]
-
-
-@pytest.mark.parametrize(
-    ("offset", "words"), [(-0.9, "−0.90"), (2.824, "2.82"), (-0.004, "0.00"), (0.0, "0.00"), (-2.816, "−2.82")]
-)
-def test_offsets_are_written_to_the_centimetre(offset, words):
-    assert offset_words(offset) == words
 
 
 @pytest.mark.parametrize(
@@ -65,32 +53,18 @@ def test_scores_are_written_with_four_digits(score, words):
     assert score_words(score) == words
 
 
-def test_scale_says_so_when_scores_may_be_negative():
-    accumulator = parts()["accumulator"]
-    views = [SearchSpaceView(accumulator, maxcon.Helmert()), SearchSpaceView(accumulator, maxcon.Count())]
-    assert scale_words(views) == "score, over the highest of the square"
-    assert "from the lowest (0)" in scale_words([*views, SearchSpaceView(accumulator, BelowZero())])
-
-
 def test_objectives_have_names_and_a_users_own_has_its_classs():
     assert unit_of(maxcon.Helmert()) == "1/tr Q"
     assert (title_of(maxcon.Count()), unit_of(maxcon.Count())) == ("Count", "matches")
     assert (title_of(BelowZero()), unit_of(BelowZero())) == ("BelowZero", "score")
 
 
-@pytest.mark.parametrize("n_headings", [1, 3, 5, 9])
-def test_few_headings_are_all_drawn(n_headings):
-    for best in range(n_headings):
-        assert chosen_headings(n_headings, best) == list(range(n_headings))
-
-
-@pytest.mark.parametrize("n_headings", [11, 13, 17, 61, 181])
-def test_of_many_headings_nine_are_drawn_in_even_steps_with_the_best(n_headings):
+@pytest.mark.parametrize("n_headings", [1, 9, 11, 17, 181])
+def test_few_headings_are_all_drawn_and_of_many_nine_in_even_steps_with_the_best(n_headings):
     for best in range(n_headings):
         chosen = chosen_headings(n_headings, best)
-        assert len(chosen) == 9
-        assert best in chosen
-        assert len(set(np.diff(chosen))) == 1
+        assert len(chosen) == min(n_headings, 9) and best in chosen
+        assert len(set(np.diff(chosen))) <= 1
         assert min(chosen) >= 0 and max(chosen) < n_headings
 
 

@@ -5,9 +5,8 @@
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from maxcon.errors import ArrayError
 from maxcon.map import PointMap
 
 if TYPE_CHECKING:
@@ -16,14 +15,6 @@ if TYPE_CHECKING:
 
 # Squares along the longer side of a window; finer ones than a picture's pixels would only make it larger.
 N_SQUARES = 700
-
-
-def as_places(positions: ArrayLike) -> NDArray[np.float64]:
-    """Return x and y of positions, shape (n, 2) or (n, 3), n > 0, finite, as float64 of shape (n, 2), m."""
-    places = np.asarray(positions, dtype=np.float64)
-    if places.ndim != 2 or len(places) == 0 or places.shape[1] not in (2, 3) or not np.isfinite(places).all():
-        raise ArrayError(f"Expected `positions` to have shape (n, 2) or (n, 3), finite, got {places.shape}.")
-    return places[:, :2]
 
 
 class Window(NamedTuple):

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from maxcon.errors import ArrayError
 from maxcon.map import PointMap
-from maxcon.plotting.figure import INK, MUTED, SERIES, add_axes, as_epoch_values, saved_figure
-from maxcon.plotting.from_above import Window, as_places, draw_map, draw_scale_bar
+from maxcon.plotting.figure import INK, MUTED, SERIES, add_axes, saved_figure
+from maxcon.plotting.from_above import Window, draw_map, draw_scale_bar
 from maxcon.scan.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -78,8 +79,12 @@ def plot_drive(
     - title: written above.
     - success: errors above it are drawn as failures, m.
     """
-    places = as_places(positions)
-    values = as_epoch_values(errors, "`errors`", 0.0, n_epochs=len(places))
+    places, values = np.asarray(positions, np.float64), np.asarray(errors, np.float64)
+    if places.ndim != 2 or not len(places) or places.shape[1] not in (2, 3) or not np.isfinite(places).all():
+        raise ArrayError(f"Expected `positions` to have shape (n, 2) or (n, 3), finite, got {places.shape}.")
+    if values.shape != (len(places),):
+        raise ArrayError(f"Expected `errors` to have shape ({len(places)},), got {values.shape}.")
+    places = places[:, :2]
     is_good, is_missing = values <= success, np.isnan(values)
     words = f"{int(is_good.sum())} of {len(values)} epochs within {success:g} m of the reference."
     window = Window.with_room(places)

@@ -3,7 +3,7 @@
 """Scores of a search space: which headings are drawn, one heading as an image, its marks, scale and words."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -178,19 +178,7 @@ def turn_words(space: SearchSpace, heading: int) -> str:
     return f"{turn_deg:+.3g}°".replace("-", "−") if turn_deg else "0°"
 
 
-def scale_words(views: Iterable[SearchSpaceView]) -> str:
-    """Return the label of a colour scale from 0 to 1 that search spaces share, each from 0 to its own highest score."""
-    if any(view.limits[0] < 0.0 for view in views):
-        return "score, from the lowest (0) to the highest (1) of the square"
-    return "score, over the highest of the square"
-
-
 def score_words(score: float) -> str:
     """Return a score with four digits, or with all digits before the point."""
     words = f"{score:,.0f}" if abs(score) >= 1000.0 else f"{score:.4g}"
     return words.replace("-", "−")
-
-
-def offset_words(offset: float) -> str:
-    """Return an offset (m) to the centimetre, with a minus that is as wide as a digit, and none before 0."""
-    return f"{round(offset, 2) + 0.0:.2f}".replace("-", "−")

@@ -9,20 +9,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon.lab.charts import METHOD_STYLES, LegendShape, MethodStyle, draw_grid, draw_legend, draw_number_ticks
 from maxcon.lab.distinctness import GUARD_RADIUS
 from maxcon.map import PointMap
-from maxcon.plotting.figure import (
-    INK,
-    METHOD_STYLES,
-    MUTED,
-    LegendShape,
-    MethodStyle,
-    add_axes,
-    draw_grid,
-    draw_legend,
-    draw_number_ticks,
-    saved_figure,
-)
+from maxcon.plotting.figure import INK, MUTED, add_axes, saved_figure
 from maxcon.plotting.from_above import Window, draw_map, draw_scale_bar
 
 if TYPE_CHECKING:

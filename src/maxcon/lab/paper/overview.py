@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from maxcon.estimate import Estimate
+from maxcon.lab.charts import scale_words
 from maxcon.map import PointMap
 from maxcon.plotting.epoch import CONSENSUS_COLOR, PRIOR_COLOR, Scene, draw_points
 from maxcon.plotting.figure import MUTED, add_axes, saved_figure
@@ -21,7 +22,6 @@ from maxcon.plotting.score_panel import (
     draw_scores,
     ground_of,
     put_mark,
-    scale_words,
     title_of,
 )  # fmt: skip
 from maxcon.scan import Scan

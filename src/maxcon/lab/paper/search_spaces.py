@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from maxcon.geometry import Pose, wrap_angle
+from maxcon.lab.charts import offset_words, scale_words
 from maxcon.map import PointMap
 from maxcon.plotting.epoch import half_width_of, is_off_the_ground
 from maxcon.plotting.figure import MUTED, SERIES, add_axes, saved_figure
@@ -23,9 +24,7 @@ from maxcon.plotting.score_panel import (
     draw_frame,
     draw_scores,
     ground_of,
-    offset_words,
     put_mark,
-    scale_words,
     score_words,
     title_of,
     turn_words,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon.lab.charts import DASHES, METHOD_STYLES, MethodStyle, draw_grid, draw_number_ticks, method_chart
 from maxcon.lab.evaluation import (
     ALERT_LIMIT,
     PROMISED,
@@ -19,19 +20,7 @@ from maxcon.lab.evaluation import (
     RiskCoverage,
     clopper_pearson,
 )
-from maxcon.plotting.figure import (
-    DASHES,
-    INK,
-    METHOD_STYLES,
-    MUTED,
-    SERIES,
-    MethodStyle,
-    add_axes,
-    draw_grid,
-    draw_number_ticks,
-    method_chart,
-    saved_figure,
-)
+from maxcon.plotting.figure import INK, MUTED, SERIES, add_axes, saved_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

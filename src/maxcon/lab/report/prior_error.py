@@ -9,17 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from maxcon.lab.charts import METHOD_STYLES, draw_grid, draw_number_ticks
 from maxcon.lab.evaluation import SUCCESS_WORDS
-from maxcon.plotting.figure import (
-    INK,
-    METHOD_STYLES,
-    MUTED,
-    SERIES,
-    add_axes,
-    draw_grid,
-    draw_number_ticks,
-    saved_figure,
-)
+from maxcon.plotting.figure import INK, MUTED, SERIES, add_axes, saved_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

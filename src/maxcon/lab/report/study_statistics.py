@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from maxcon.lab.charts import DASHES, METHOD_STYLES, draw_grid, draw_number_ticks, method_chart
 from maxcon.lab.distinctness import GUARD_RADIUS
 from maxcon.lab.evaluation import SUCCESS_DISTANCE, SUCCESS_WORDS, wilson_interval
 from maxcon.lab.paper.claims import COUNT, HELMERT
@@ -17,7 +18,7 @@ from maxcon.lab.paper.distinctness import MEASURES, plot_distinctness, plot_kurt
 from maxcon.lab.report import Picture
 from maxcon.lab.study import MethodRows, known_methods
 from maxcon.map import PointMap
-from maxcon.plotting.figure import DASHES, INK, METHOD_STYLES, MUTED, draw_grid, draw_number_ticks, method_chart
+from maxcon.plotting.figure import INK, MUTED
 from maxcon.search.space import SearchSpace
 
 if TYPE_CHECKING:

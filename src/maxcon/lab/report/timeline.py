@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maxcon.estimate import Status
+from maxcon.lab.charts import draw_grid
 from maxcon.lab.evaluation import SUCCESS_WORDS
-from maxcon.plotting.figure import INK, MUTED, SERIES, add_axes, draw_grid, saved_figure
+from maxcon.plotting.figure import INK, MUTED, SERIES, add_axes, saved_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,0 +1,48 @@
+# SPDX-FileCopyrightText: 2026 the maxcon authors
+# SPDX-License-Identifier: MIT
+import pytest
+
+import maxcon
+from drawn_figures import BelowZero, parts
+from maxcon.lab.charts import METHOD_STYLES, LegendShape, draw_number_ticks, offset_words, scale_words
+from maxcon.plotting.figure import saved_figure
+from maxcon.plotting.score_panel import SearchSpaceView
+
+
+@pytest.mark.parametrize("field", ["color", "line", "marker", "hatch"])
+def test_each_mark_alone_tells_the_methods_apart(field):
+    assert len({getattr(style, field) for style in METHOD_STYLES}) == 8
+
+
+@pytest.mark.parametrize(
+    ("labels", "expected"),
+    [(["a"], (1, 1)), (["a"] * 4, (1, 4)), (["a"] * 5, (2, 3)), (["a" * 40] * 3, (2, 2)), (["a" * 80, "b"], (2, 1))],
+)
+def test_legends_have_as_many_columns_as_fit(labels, expected):
+    assert LegendShape.of(labels, 9.2)[:2] == expected
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "expected"),
+    [
+        (1.8, 60.0, ["2", "5", "10", "20", "50"]),
+        (0.01, 10.0, ["≤ 0.01", "0.02", "0.05", "0.1", "0.2", "0.5", "1", "2", "5", "10"]),
+        (0.02, 50.0, ["0.1", "1", "10"]),
+    ],
+)
+def test_ticks_are_round_numbers(tmp_path, low, high, expected):
+    with saved_figure(tmp_path / "ticks.png", 4.0, 1.0, "", "") as figure:
+        axes = figure.add_subplot()
+        axes.set_xscale("log")
+        axes.set_xlim(low, high)
+        draw_number_ticks(axes.xaxis, low, high, least=0.01)
+        assert [label.get_text() for label in axes.get_xticklabels()] == expected
+
+
+def test_offsets_and_scales_are_put_in_words():
+    given = [-0.9, 2.824, -0.004, 0.0, -2.816]
+    assert [offset_words(offset) for offset in given] == ["−0.90", "2.82", "0.00", "0.00", "−2.82"]
+    accumulator = parts()["accumulator"]
+    views = [SearchSpaceView(accumulator, maxcon.Helmert()), SearchSpaceView(accumulator, maxcon.Count())]
+    assert scale_words(views) == "score, over the highest of the square"
+    assert "from the lowest (0)" in scale_words([*views, SearchSpaceView(accumulator, BelowZero())])
